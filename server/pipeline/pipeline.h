@@ -1,0 +1,49 @@
+// Calls the stages in order. One page; see docs in README.md for the drawing.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/base/stop_token.h"
+#include "server/pipeline/scene.h"
+#include "server/vision/geometry/object_model.h"
+
+namespace horopter {
+
+// Immutable view of the catalog that a request works on: everything recognition derives from the models is computed
+// once, when an object is enrolled or changed. Readers hold a shared_ptr and are never blocked.
+struct CatalogSnapshot {
+  long generation = 0;
+  std::vector<std::shared_ptr<const PreparedObject>> objects;  // ordered by id
+};
+
+// Prepares one object (about 50-100 ms). Errors: INVALID_ARGUMENT when the model has no usable edges.
+absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(ObjectModel model);
+
+// The model inside a prepared object.
+const ObjectModel& ModelOf(const PreparedObject& object);
+
+struct PipelineOptions {
+  FeatureOptions features;
+  MatchingOptions matching;
+  ReconstructionOptions reconstruction;
+  RecognitionOptions recognition;
+  EuclideanOptions euclidean;
+  int threads = 2;  // per request
+};
+
+struct PipelineResult {
+  SceneAnswer answer;
+  SceneTrace trace;
+};
+
+// Recognises the catalog's objects in a set of images of one static scene.
+// Errors: INVALID_ARGUMENT (no image, wrong type or size, hint count), NOT_FOUND (candidate or reference id unknown),
+// CANCELLED (stop was requested). Everything the images cannot decide is a SceneState, not an error.
+absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
+                                              const CatalogSnapshot& catalog,
+                                              const PipelineOptions& options,
+                                              const StopRequested& stop = {});
+
+}  // namespace horopter

@@ -1,0 +1,76 @@
+// Request and answer of the pipeline, free of any wire format.
+#pragma once
+
+#include <Eigen/Core>
+#include <map>
+#include <opencv2/core/mat.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "server/vision/euclidean/euclidean.h"
+#include "server/vision/matching/matching.h"
+#include "server/vision/recognition/recognition.h"
+#include "server/vision/reconstruction/reconstruction.h"
+
+namespace horopter {
+
+// An object of the catalog whose pose in the robot's base frame is known (a fixture).
+struct ReferenceObject {
+  std::string object_id;
+  Rigid3 base_from_object;
+};
+
+struct SceneRequest {
+  std::vector<cv::Mat> images;           // CV_8UC1 or CV_8UC3 (BGR)
+  std::vector<CameraHint> hints;         // empty or one per image
+  std::vector<std::string> candidates;   // empty: the whole catalog
+  std::optional<ReferenceObject> reference;
+};
+
+enum class SceneState {
+  kRecognized,
+  kNothingFound,
+  kAmbiguous,
+  kTooFewFeatures,
+  kNoParallax,         // images too alike to measure depth between parts
+  kReferenceNotFound,  // objects recognised, the reference is not among them: no base frame
+  kEmptyCatalog,
+};
+
+struct StageReport {
+  std::string stage;  // features, matching, reconstruction, recognition, euclidean
+  double seconds = 0.0;
+  std::map<std::string, double> counts;
+};
+
+struct AnswerObject {
+  std::string object_id;
+  int instance = 0;  // 0-based among the objects of the same id, best score first
+  double score = 0.0;
+  Rigid3 scene_from_object;
+  Matrix6d covariance = Matrix6d::Zero();  // see PosedObject
+  std::vector<double> view_scores;         // negative: not visible or camera not recovered
+  std::vector<std::string> alternatives;   // ids the images do not exclude
+  std::vector<SceneGrasp> grasps;
+};
+
+struct SceneAnswer {
+  SceneState state = SceneState::kNothingFound;
+  std::string detail;
+  std::vector<std::optional<PosedCamera>> cameras;  // one per image; empty: not recovered
+  std::vector<AnswerObject> objects;
+  std::optional<Rigid3> base_from_scene;  // when a reference was given and found
+  std::vector<StageReport> stages;
+};
+
+// What every stage saw, for the stage report and overlays.
+struct SceneTrace {
+  std::vector<ImageFeatures> features;
+  MatchingResult matching;
+  Reconstruction reconstruction;
+  RecognitionResult recognition;
+  std::optional<MetricScene> metric;
+};
+
+}  // namespace horopter

@@ -1,0 +1,68 @@
+// What the matching stage gives: supporting-plane homographies, feature matches and epipolar geometry (thesis 2.7).
+#pragma once
+
+#include <Eigen/Core>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/base/stop_token.h"
+#include "server/vision/features/features.h"
+
+namespace horopter {
+
+// Homography of the supporting plane between two views: x_b ~ H x_a in pixels.
+struct PlaneHomography {
+  int view_a = -1;
+  int view_b = -1;
+  Eigen::Matrix3d b_from_a = Eigen::Matrix3d::Identity();
+  std::vector<Eigen::Vector2d> inliers_a;  // matched points, pixels
+  std::vector<Eigen::Vector2d> inliers_b;
+};
+
+// Junction match between two views (indices into ImageFeatures::junctions).
+struct JunctionMatch {
+  int junction_a = -1;
+  int junction_b = -1;
+};
+
+// Epipolar geometry of two views, x_b^T F x_a = 0, with the junction matches that support it.
+struct PairGeometry {
+  int view_a = -1;
+  int view_b = -1;
+  std::optional<Eigen::Matrix3d> F;
+  std::vector<JunctionMatch> matches;
+  std::string refusal;  // why F is empty
+};
+
+struct MatchingResult {
+  std::vector<PlaneHomography> planes;  // accepted pairs only
+  std::vector<PairGeometry> pairs;
+  // Chained supporting plane: component[i] is the id of view i's plane component (-1: none); view_from_plane[i] maps
+  // the component's first view's pixels to view i's pixels (identity for that view itself).
+  std::vector<int> component;
+  std::vector<Eigen::Matrix3d> view_from_plane;
+  std::map<std::string, double> counts;
+};
+
+struct MatchingOptions {
+  double sift_contrast = 0.004;   // on the locally normalised image; lower: more, weaker points
+  double ratio = 0.87;            // Lowe's ratio; higher: more, wronger matches
+  double ransac_px = 2.0;         // MAGSAC threshold of the plane homography
+  int min_plane_inliers = 14;     // measured: all sets >= 14 were right within 2.7 px
+  double loop_max_px = 4.0;       // chained homographies must agree with direct ones within this
+  double epipolar_px = 2.0;       // inlier distance to the epipolar line
+  unsigned seed = 1;
+};
+
+// Matches N views of one static scene. images: CV_8UC3 or CV_8UC1, same order as features. Views without any link keep
+// component -1. Errors: INVALID_ARGUMENT for sizes that do not agree, CANCELLED.
+absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
+                                          std::span<const ImageFeatures> features,
+                                          const MatchingOptions& options,
+                                          const StopRequested& stop = {});
+
+}  // namespace horopter

@@ -1,0 +1,97 @@
+// Which catalog objects are in the scene, and where: hypotheses in single views, linked and judged over all views
+// (thesis 4, frontend.md 4-5).
+#pragma once
+
+#include <Eigen/Core>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/base/stop_token.h"
+#include "server/vision/features/features.h"
+#include "server/vision/geometry/object_model.h"
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/rigid3.h"
+#include "server/vision/matching/matching.h"
+#include "server/vision/reconstruction/reconstruction.h"
+
+namespace horopter {
+
+struct PreparedObject;  // recognition/prepared_object.h: what recognition derives from an ObjectModel, once
+
+// What the caller happens to know about a camera. Unset fields are unknown.
+struct CameraHint {
+  std::optional<double> focal_px;
+  std::optional<double> focal_log_sigma;  // default 0.02 when focal_px is given
+  std::optional<Eigen::Vector2d> principal_point;
+  std::optional<double> k1;
+};
+
+// One pose of one object in one view, before the views are joined.
+struct ViewHypothesis {
+  int object = -1;  // index into the list of prepared objects
+  int view = -1;
+  PinholeCamera camera;         // with the focal length assumed or refined
+  Rigid3 camera_from_object;    // metres
+  double score = 0.0;           // 0..1, F1 of edge support
+};
+
+struct RecognizedView {
+  PinholeCamera camera;
+  Rigid3 camera_from_scene;
+};
+
+// An accepted object. scene: metric frame shared by all recognised views.
+struct SceneObject {
+  int object = -1;
+  Rigid3 scene_from_object;
+  double score = 0.0;                // joint over the views, 0..1
+  std::vector<double> view_scores;   // per view; negative: not visible or camera not recovered
+  std::vector<int> alternatives;     // objects the images do not tell apart from this one
+};
+
+enum class RecognitionState {
+  kRecognized,      // at least one object
+  kNothingFound,    // cameras or not: no catalog object has support
+  kAmbiguous,       // objects found, but at least one has alternatives that the images do not exclude
+  kTooFewFeatures,  // no view has enough edges
+};
+
+struct RecognitionResult {
+  RecognitionState state = RecognitionState::kNothingFound;
+  std::string detail;  // numbers behind the state, readable
+  std::vector<std::optional<RecognizedView>> views;
+  std::vector<SceneObject> objects;
+  std::vector<ViewHypothesis> hypotheses;  // kept per view, best first; for the stage report
+  std::vector<SceneObject> verified;       // joint hypotheses before consolidation; for the stage report
+  std::map<std::string, double> counts;
+};
+
+struct RecognitionOptions {
+  double focal_start_widths = 1.5;      // first focal length tried, in image widths
+  double focal_log_sigma = 0.35;        // prior width of log f; larger: weaker prior
+  int hypotheses_per_object = 8;        // distinct poses kept per object and view
+  double accept_score = 0.60;           // joint score of an accepted object; higher: fewer, surer objects
+  double ambiguity_gap = 0.03;          // a rival closer than this makes the answer ambiguous
+  int threads = 2;
+};
+
+struct RecognitionInput {
+  std::span<const cv::Mat> images;
+  std::span<const ImageFeatures> features;
+  std::span<const CameraHint> hints;  // empty or one per image
+  const MatchingResult* matching = nullptr;
+  const Reconstruction* reconstruction = nullptr;
+  std::span<const std::shared_ptr<const PreparedObject>> objects;
+};
+
+// Errors: INVALID_ARGUMENT (sizes do not agree), CANCELLED.
+absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
+                                                   const RecognitionOptions& options,
+                                                   const StopRequested& stop = {});
+
+}  // namespace horopter

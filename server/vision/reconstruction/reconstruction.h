@@ -1,0 +1,62 @@
+// Cameras from matches alone, before any part is recognised (thesis 3, geometry.md 3 and 7.3).
+#pragma once
+
+#include <Eigen/Core>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/base/stop_token.h"
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/rigid3.h"
+#include "server/vision/matching/matching.h"
+
+namespace horopter {
+
+struct ReconstructedView {
+  PinholeCamera camera;
+  Rigid3 camera_from_world;  // similarity gauge: the scale of t is arbitrary
+  double focal_log_sigma = 0.0;
+};
+
+struct ReconstructedPoint {
+  Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
+  std::vector<std::pair<int, int>> observations;  // (view, junction index) or (view, -1) for plane points
+  bool on_plane = false;
+};
+
+// world: z = 0 is the supporting plane when one was found, z up towards the cameras.
+struct Reconstruction {
+  std::vector<std::optional<ReconstructedView>> views;  // empty: not registered
+  std::vector<ReconstructedPoint> points;
+  double rms_px = 0.0;
+  bool trusted = false;   // focal lengths and rotations are determined by the images, not by the prior
+  std::string refusal;    // why not, in numbers, when nothing was reconstructed or it is not trusted
+  std::map<std::string, double> counts;
+};
+
+struct ReconstructionOptions {
+  double focal_prior_widths = 1.5;   // prior focal length in image widths
+  double focal_prior_log_sigma = 0.5;
+  double max_rms_px = 1.5;           // accepted reprojection error of the inliers
+  int min_views = 2;
+  unsigned seed = 1;
+};
+
+struct ImageSize {
+  int width = 0;
+  int height = 0;
+};
+
+// Reconstructs cameras and points from the matches. "Not enough" is a result with `refusal`, not an error.
+// Errors: INVALID_ARGUMENT for sizes that do not agree, CANCELLED.
+absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
+                                                std::span<const ImageFeatures> features,
+                                                std::span<const ImageSize> sizes,
+                                                const ReconstructionOptions& options,
+                                                const StopRequested& stop = {});
+
+}  // namespace horopter
