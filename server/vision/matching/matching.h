@@ -1,4 +1,5 @@
-// What the matching stage gives: supporting-plane homographies, feature matches and epipolar geometry (thesis 2.7).
+// What the matching stage gives: supporting-plane homographies, feature matches and epipolar
+// geometry (thesis 2.7).
 #pragma once
 
 #include <Eigen/Core>
@@ -41,25 +42,30 @@ struct PairGeometry {
 struct MatchingResult {
   std::vector<PlaneHomography> planes;  // accepted pairs only
   std::vector<PairGeometry> pairs;
-  // Chained supporting plane: component[i] is the id of view i's plane component (-1: none); view_from_plane[i] maps
-  // the component's first view's pixels to view i's pixels (identity for that view itself).
+  // Chained supporting plane: component[i] is the id of view i's plane component (-1: none);
+  // view_from_plane[i] maps the component's first view's pixels to view i's pixels (identity for
+  // that view itself).
   std::vector<int> component;
   std::vector<Eigen::Matrix3d> view_from_plane;
   std::map<std::string, double> counts;
 };
 
 struct MatchingOptions {
-  double sift_contrast = 0.004;   // on the locally normalised image; lower: more, weaker points
-  double ratio = 0.87;            // Lowe's ratio; higher: more, wronger matches
-  double ransac_px = 2.0;         // MAGSAC threshold of the plane homography
-  int min_plane_inliers = 14;     // measured: all sets >= 14 were right within 2.7 px
-  double loop_max_px = 4.0;       // chained homographies must agree with direct ones within this
-  double epipolar_px = 2.0;       // inlier distance to the epipolar line
+  double sift_contrast = 0.004;  // on the locally normalised image; lower: more, weaker points
+  double ratio = 0.87;           // Lowe's ratio; higher: more, wronger matches
+  double ransac_px = 2.0;        // MAGSAC threshold of the plane homography
+  int min_plane_inliers = 14;    // measured: all sets >= 14 were right within 2.7 px
+  double loop_max_px = 4.0;      // chained homographies must agree with direct ones within this
+  double epipolar_px = 2.0;      // inlier distance to the epipolar line
+  int max_keypoints =
+      4000;         // strongest per image; higher: surer on large textured images, slower (square)
+  int threads = 2;  // the result does not depend on it
   unsigned seed = 1;
 };
 
-// Matches N views of one static scene. images: CV_8UC3 or CV_8UC1, same order as features. Views without any link keep
-// component -1. Errors: INVALID_ARGUMENT for sizes that do not agree, CANCELLED.
+// Matches N views of one static scene. images: CV_8UC3 or CV_8UC1, same order as features. Views
+// without any link keep component -1. Errors: INVALID_ARGUMENT for sizes that do not agree,
+// CANCELLED.
 absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
                                           std::span<const ImageFeatures> features,
                                           const MatchingOptions& options,

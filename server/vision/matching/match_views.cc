@@ -1,0 +1,117 @@
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <opencv2/core.hpp>
+#include <utility>
+
+#include "server/base/status_macros.h"
+#include "server/vision/matching/homography.h"
+#include "server/vision/matching/matching.h"
+#include "server/vision/matching/parallel_for.h"
+#include "server/vision/matching/plane_chain.h"
+#include "server/vision/matching/plane_homography.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kAllPairsUpTo =
+    8;  // views; with more, only near ones in the given order are compared
+constexpr int kNeighbourReach = 3;
+
+absl::Status ValidateInput(std::span<const cv::Mat> images,
+                           std::span<const ImageFeatures> features,
+                           const MatchingOptions& options) {
+  if (images.size() != features.size()) {
+    return absl::InvalidArgumentError("matching: " + std::to_string(images.size()) +
+                                      " images but " + std::to_string(features.size()) +
+                                      " feature sets");
+  }
+  for (size_t i = 0; i < images.size(); ++i) {
+    const cv::Mat& image = images[i];
+    if (image.empty() || (image.type() != CV_8UC1 && image.type() != CV_8UC3)) {
+      return absl::InvalidArgumentError("matching: image " + std::to_string(i) +
+                                        " is neither CV_8UC1 nor CV_8UC3");
+    }
+    if (image.cols != features[i].width || image.rows != features[i].height) {
+      return absl::InvalidArgumentError("matching: image " + std::to_string(i) +
+                                        " and its features differ in size");
+    }
+  }
+  if (!(options.ratio > 0.0 && options.ratio <= 1.0)) {
+    return absl::InvalidArgumentError("matching: ratio must be in (0, 1]");
+  }
+  if (!(options.ransac_px > 0.0) || options.min_plane_inliers < 4 || options.max_keypoints < 16) {
+    return absl::InvalidArgumentError(
+        "matching: ransac_px > 0, min_plane_inliers >= 4 and max_keypoints >= 16 required");
+  }
+  return absl::OkStatus();
+}
+
+std::vector<std::pair<int, int>> PairsToCompare(int views) {
+  std::vector<std::pair<int, int>> pairs;
+  for (int a = 0; a < views; ++a) {
+    for (int b = a + 1; b < views; ++b) {
+      if (views <= kAllPairsUpTo || b - a <= kNeighbourReach) pairs.emplace_back(a, b);
+    }
+  }
+  return pairs;
+}
+
+std::vector<PlaneHomography> FindPlanes(std::span<const cv::Mat> images,
+                                        const std::vector<std::pair<int, int>>& pairs,
+                                        const MatchingOptions& options,
+                                        const StopRequested& stop) {
+  std::vector<PlaneKeypoints> keypoints(images.size());
+  ParallelFor(static_cast<int>(images.size()), options.threads, [&](int i) {
+    if (!IsStopRequested(stop)) keypoints[i] = DetectPlaneKeypoints(images[i], options);
+  });
+  std::vector<std::optional<PlaneEstimate>> estimates(pairs.size());
+  ParallelFor(static_cast<int>(pairs.size()), options.threads, [&](int k) {
+    if (IsStopRequested(stop)) return;
+    estimates[k] = EstimatePlane(keypoints[pairs[k].first], keypoints[pairs[k].second], options);
+  });
+  std::vector<PlaneHomography> planes;
+  for (size_t k = 0; k < pairs.size(); ++k) {
+    if (!estimates[k]) continue;
+    PlaneHomography plane;
+    plane.view_a = pairs[k].first;
+    plane.view_b = pairs[k].second;
+    plane.b_from_a = estimates[k]->b_from_a;
+    for (const PointPair& p : estimates[k]->inliers) {
+      plane.inliers_a.push_back(p.a);
+      plane.inliers_b.push_back(p.b);
+    }
+    planes.push_back(std::move(plane));
+  }
+  return planes;
+}
+
+}  // namespace
+
+absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
+                                          std::span<const ImageFeatures> features,
+                                          const MatchingOptions& options,
+                                          const StopRequested& stop) {
+  HOROPTER_RETURN_IF_ERROR(ValidateInput(images, features, options));
+  const int views = static_cast<int>(images.size());
+  const std::vector<std::pair<int, int>> pairs = PairsToCompare(views);
+  MatchingResult result;
+  result.planes = FindPlanes(images, pairs, options, stop);
+  if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
+
+  PlaneChain chain = ChainPlanes(result.planes, views, options.loop_max_px);
+  result.counts["pairs_compared"] = static_cast<double>(pairs.size());
+  result.counts["planes"] = static_cast<double>(result.planes.size());
+  result.counts["planes_contradicted"] = chain.contradicted;
+  result.counts["plane_rms_px"] = chain.rms_px;
+  std::vector<PlaneHomography> kept;
+  for (size_t k = 0; k < result.planes.size(); ++k) {
+    if (chain.consistent[k]) kept.push_back(std::move(result.planes[k]));
+  }
+  result.planes = std::move(kept);
+  result.component = std::move(chain.component);
+  result.view_from_plane = std::move(chain.view_from_plane);
+  return result;
+}
+
+}  // namespace horopter

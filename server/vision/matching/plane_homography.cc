@@ -1,0 +1,212 @@
+#include "server/vision/matching/plane_homography.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/features2d.hpp>
+#include <opencv2/imgproc.hpp>
+#include <set>
+#include <utility>
+
+namespace horopter {
+namespace {
+
+constexpr double kMeanSigmaPx = 12.0;
+constexpr double kDeviationSigmaPx = 20.0;
+constexpr double kDeviationFloor = 1.0;  // grey levels: below it there is only noise
+constexpr double kBlurSigmaPx = 1.0;
+constexpr double kGreyPerDeviation = 40.0;  // +-3 deviations fill the byte
+constexpr int kDescriptorLength = 128;
+
+KeypointSet DetectKeypoints(const cv::Mat& grey, const MatchingOptions& options) {
+  KeypointSet set;
+  std::vector<cv::KeyPoint> keypoints;
+  cv::Mat descriptors;
+  try {
+    const auto sift = cv::SIFT::create(options.max_keypoints, 3, options.sift_contrast, 10.0, 1.6);
+    sift->detectAndCompute(grey, cv::noArray(), keypoints, descriptors);
+  } catch (const cv::Exception&) {
+    return set;  // images too small for one octave
+  }
+  const int n = std::min<int>(descriptors.rows, options.max_keypoints);
+  set.points.reserve(n);
+  set.descriptors.resize(static_cast<size_t>(n) * kDescriptorLength);
+  set.squared_norms.resize(n);
+  for (int i = 0; i < n; ++i) {
+    set.points.emplace_back(keypoints[i].pt.x, keypoints[i].pt.y);
+    const float* from = descriptors.ptr<float>(i);
+    std::int16_t* to = &set.descriptors[static_cast<size_t>(i) * kDescriptorLength];
+    std::int32_t norm = 0;
+    for (int k = 0; k < kDescriptorLength; ++k) {
+      to[k] = static_cast<std::int16_t>(std::clamp(from[k], 0.0f, 255.0f) + 0.5f);
+      norm += to[k] * to[k];
+    }
+    set.squared_norms[i] = norm;
+  }
+  return set;
+}
+
+struct Nearest {
+  std::int32_t best = std::numeric_limits<std::int32_t>::max();
+  std::int32_t second = std::numeric_limits<std::int32_t>::max();
+  int index = -1;
+
+  void Offer(std::int32_t distance, int i) {
+    if (distance < best) {
+      second = best;
+      best = distance;
+      index = i;
+    } else if (distance < second) {
+      second = distance;
+    }
+  }
+};
+
+std::int32_t Dot(const std::int16_t* a, const std::int16_t* b) {
+  std::int32_t sum = 0;
+  for (int k = 0; k < kDescriptorLength; ++k) sum += static_cast<std::int32_t>(a[k]) * b[k];
+  return sum;
+}
+
+// Several descriptors at one place (SIFT's second orientations) are one observation.
+std::vector<PointPair> DistinctPairs(std::vector<PointPair> pairs) {
+  std::set<std::pair<std::int64_t, std::int64_t>> seen_a, seen_b;
+  const auto cell = [](const Eigen::Vector2d& x) {
+    return std::make_pair(std::llround(x.x() * 2.0), std::llround(x.y() * 2.0));
+  };
+  std::vector<PointPair> distinct;
+  for (const PointPair& p : pairs) {
+    if (seen_a.insert(cell(p.a)).second && seen_b.insert(cell(p.b)).second) distinct.push_back(p);
+  }
+  return distinct;
+}
+
+std::vector<PointPair> InliersOf(const Eigen::Matrix3d& H,
+                                 const std::vector<PointPair>& pairs,
+                                 double max_px) {
+  const Eigen::Matrix3d H_inverse = H.inverse();
+  std::vector<PointPair> inliers;
+  for (const PointPair& p : pairs) {
+    if (SymmetricTransferError(H, H_inverse, p) < max_px) inliers.push_back(p);
+  }
+  return inliers;
+}
+
+std::optional<PlaneEstimate> EstimateFromPairs(const std::vector<PointPair>& pairs,
+                                               const MatchingOptions& options) {
+  if (static_cast<int>(pairs.size()) < options.min_plane_inliers) return std::nullopt;
+  std::vector<cv::Point2d> from, to;
+  for (const PointPair& p : pairs) {
+    from.emplace_back(p.a.x(), p.a.y());
+    to.emplace_back(p.b.x(), p.b.y());
+  }
+  cv::UsacParams usac;
+  usac.confidence = 0.999;
+  usac.isParallel = false;
+  usac.maxIterations = 5000;
+  usac.randomGeneratorState = static_cast<int>(options.seed);
+  usac.sampler = cv::SAMPLING_UNIFORM;
+  usac.score = cv::SCORE_METHOD_MAGSAC;
+  usac.loMethod = cv::LOCAL_OPTIM_SIGMA;
+  usac.loIterations = 10;
+  usac.threshold = options.ransac_px;
+  cv::Mat mask, estimate;
+  try {
+    estimate = cv::findHomography(from, to, mask, usac);
+  } catch (const cv::Exception&) {
+    return std::nullopt;
+  }
+  if (estimate.rows != 3 || estimate.cols != 3) return std::nullopt;
+  Eigen::Matrix3d H;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) H(r, c) = estimate.at<double>(r, c);
+  }
+  PlaneEstimate plane;
+  for (int round = 0; round < 3; ++round) {
+    plane.inliers = DistinctPairs(InliersOf(H, pairs, options.ransac_px));
+    if (static_cast<int>(plane.inliers.size()) < options.min_plane_inliers) return std::nullopt;
+    H = RefineHomography(H, plane.inliers);
+  }
+  plane.b_from_a = H;
+  if (!ImplausibleHomography(H, plane.inliers).empty()) return std::nullopt;
+  return plane;
+}
+
+}  // namespace
+
+cv::Mat NormalizeLocalContrast(const cv::Mat& grey) {
+  cv::Mat value, mean, deviation, result;
+  grey.convertTo(value, CV_32F);
+  cv::GaussianBlur(value, mean, cv::Size(), kMeanSigmaPx, kMeanSigmaPx, cv::BORDER_REFLECT);
+  value -= mean;
+  cv::GaussianBlur(value.mul(value),
+                   deviation,
+                   cv::Size(),
+                   kDeviationSigmaPx,
+                   kDeviationSigmaPx,
+                   cv::BORDER_REFLECT);
+  cv::max(deviation, kDeviationFloor * kDeviationFloor, deviation);
+  cv::sqrt(deviation, deviation);
+  cv::divide(value, deviation, value);
+  cv::GaussianBlur(value, value, cv::Size(), kBlurSigmaPx);
+  value.convertTo(result, CV_8U, kGreyPerDeviation, 128.0);
+  return result;
+}
+
+PlaneKeypoints DetectPlaneKeypoints(const cv::Mat& image, const MatchingOptions& options) {
+  cv::Mat grey = image;
+  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
+  PlaneKeypoints keypoints;
+  keypoints.normalized = DetectKeypoints(NormalizeLocalContrast(grey), options);
+  keypoints.raw = DetectKeypoints(grey, options);
+  return keypoints;
+}
+
+std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b, double ratio) {
+  std::vector<Nearest> of_a(a.size()), of_b(b.size());
+  constexpr int kBlock = 64;  // rows of b that stay in the cache while all of a passes
+  for (int j0 = 0; j0 < b.size(); j0 += kBlock) {
+    const int j1 = std::min(j0 + kBlock, b.size());
+    for (int i = 0; i < a.size(); ++i) {
+      const std::int16_t* row = &a.descriptors[static_cast<size_t>(i) * kDescriptorLength];
+      for (int j = j0; j < j1; ++j) {
+        const std::int32_t distance =
+            a.squared_norms[i] + b.squared_norms[j] -
+            2 * Dot(row, &b.descriptors[static_cast<size_t>(j) * kDescriptorLength]);
+        of_a[i].Offer(distance, j);
+        of_b[j].Offer(distance, i);
+      }
+    }
+  }
+  std::vector<std::pair<double, int>> order;
+  for (int i = 0; i < a.size(); ++i) {
+    const Nearest& n = of_a[i];
+    if (n.index < 0 || of_b[n.index].index != i) continue;
+    const double squared_ratio = n.best / std::max(1.0, static_cast<double>(n.second));
+    if (squared_ratio < ratio * ratio) order.emplace_back(squared_ratio, i);
+  }
+  std::sort(order.begin(), order.end());
+  std::vector<PointPair> pairs;
+  pairs.reserve(order.size());
+  for (const auto& [unused, i] : order) pairs.push_back({a.points[i], b.points[of_a[i].index]});
+  return pairs;
+}
+
+std::optional<PlaneEstimate> EstimatePlane(const PlaneKeypoints& a,
+                                           const PlaneKeypoints& b,
+                                           const MatchingOptions& options) {
+  std::optional<PlaneEstimate> best =
+      EstimateFromPairs(MatchKeypoints(a.normalized, b.normalized, options.ratio), options);
+  std::optional<PlaneEstimate> raw =
+      EstimateFromPairs(MatchKeypoints(a.raw, b.raw, options.ratio), options);
+  if (raw && (!best || raw->inliers.size() > best->inliers.size())) {
+    best = std::move(raw);
+    best->from_raw = true;
+  }
+  return best;
+}
+
+}  // namespace horopter

@@ -1,0 +1,55 @@
+// The homography of the supporting plane between two views, from its (often almost invisible)
+// texture.
+#pragma once
+
+#include <cstdint>
+#include <opencv2/core/mat.hpp>
+#include <optional>
+#include <vector>
+
+#include "server/vision/matching/homography.h"
+#include "server/vision/matching/matching.h"
+
+namespace horopter {
+
+// SIFT points of one image version with descriptors as integers, so that distances are exact on
+// every machine.
+struct KeypointSet {
+  std::vector<Eigen::Vector2d> points;    // pixels
+  std::vector<std::int16_t> descriptors;  // 128 per point
+  std::vector<std::int32_t> squared_norms;
+
+  int size() const { return static_cast<int>(points.size()); }
+};
+
+// The two versions of an image that are matched: locally normalised, and raw.
+struct PlaneKeypoints {
+  KeypointSet normalized;
+  KeypointSet raw;
+};
+
+// Grey image with its local mean subtracted and its local deviation divided out (Gaussian sigma 12
+// and 20 px, deviation at least 1 grey level), slightly blurred; CV_8UC1 around 128. Makes texture
+// of one or two grey levels visible.
+cv::Mat NormalizeLocalContrast(const cv::Mat& grey);
+
+// image: CV_8UC1 or CV_8UC3. Images without texture give empty sets.
+PlaneKeypoints DetectPlaneKeypoints(const cv::Mat& image, const MatchingOptions& options);
+
+// Mutual nearest neighbours that pass the ratio test on one side, best ratio first.
+std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b, double ratio);
+
+struct PlaneEstimate {
+  Eigen::Matrix3d b_from_a = Eigen::Matrix3d::Identity();
+  std::vector<PointPair> inliers;
+  bool from_raw = false;
+};
+
+// Robust homography of the dominant plane; nullopt when there are fewer than
+// options.min_plane_inliers distinct inliers or the homography is implausible. Deterministic for a
+// given options.seed.
+std::optional<PlaneEstimate> EstimatePlane(const PlaneKeypoints& a,
+                                           const PlaneKeypoints& b,
+                                           const MatchingOptions& options);
+
+}  // namespace horopter
