@@ -1,0 +1,52 @@
+// CAD file -> ObjectModel: vertices, sharp edges, mesh, symmetries and diameter, in metres.
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/vision/geometry/object_model.h"
+
+namespace horopter {
+
+struct CadImportOptions {
+  // Unit of a file that does not name one (PLY, STL, OBJ): mm, cm, m, in, ft or um. Empty: mm. STEP
+  // and IGES carry their unit; naming a different one here is an error, not an override.
+  std::string unit;
+  // An edge is sharp when the outward normals of its two faces differ by at least this angle (15
+  // degrees). Raising it drops chamfer and draft edges; lowering it turns the facets of coarse
+  // round surfaces into edges.
+  double sharp_angle_rad = 0.2617993877991494;
+  double max_chord_error =
+      1e-3;  // of mesh and curves, as a share of the diameter; raising: coarser curves
+  // Largest deviation that still counts as symmetric, as a share of the diameter. Raising it calls
+  // nearly symmetric parts symmetric.
+  double symmetry_tolerance = 1e-3;
+};
+
+struct CadImport {
+  ObjectModel model;           // id, display_name and grasps are left empty
+  std::string format;          // STEP, IGES, PLY, STL or OBJ
+  std::string unit_name;       // mm, cm, m, in, ft, um, or the file's own word for an unusual unit
+  double metres_per_unit = 0;  // of unit_name
+  bool unit_from_file = false;
+  std::vector<std::string> warnings;
+  std::map<std::string, int>
+      counts;  // vertices, lines, circles, other_curves, triangles, symmetries
+};
+
+// Metres in one unit (mm, cm, m, in, ft, um and their long names, any case), or 0 for an unknown
+// word.
+double MetresPerUnit(const std::string& unit);
+
+// Reads a CAD file by its extension (.step .stp .iges .igs .ply .stl .obj).
+// Circles come as one kCircle edge each (closed ones without vertices); seam vertices and the
+// vertices of tessellated rims are no part corners; collinear pieces are one edge. The mesh is
+// welded and oriented outward. Errors: NOT_FOUND (no such file), INVALID_ARGUMENT naming the file
+// (empty, truncated, not CAD, no sharp edges, non-finite coordinates, diameter outside 1 mm .. 10
+// m, unknown or contradicting unit). Not thread-safe for STEP and IGES: OpenCASCADE keeps global
+// state while it reads.
+absl::StatusOr<CadImport> ImportCad(const std::string& path, const CadImportOptions& options = {});
+
+}  // namespace horopter

@@ -1,0 +1,282 @@
+#include "client/mesh_import.h"
+
+#include <assimp/config.h>
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <assimp/Importer.hpp>
+#include <cmath>
+#include <exception>
+#include <map>
+#include <numeric>
+#include <set>
+
+#include "absl/strings/str_cat.h"
+#include "client/edge_chains.h"
+#include "client/mesh_topology.h"
+#include "server/base/status_macros.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kWeldShare = 1e-5;    // of the bounding box diagonal: float coordinates of a part
+constexpr double kCircleShare = 2e-4;  // rim points may lie this far off their circle
+constexpr double kCoplanarRad = 0.0175;                 // 1 degree
+constexpr double kSmoothTurnRad = 25.0 * M_PI / 180.0;  // joints of a free-form edge
+
+absl::StatusOr<TriangleMesh> ReadTriangles(const std::string& path, double metres_per_unit) {
+  Assimp::Importer importer;
+  importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE,
+                              aiPrimitiveType_POINT | aiPrimitiveType_LINE);
+  const aiScene* scene =
+      importer.ReadFile(path, aiProcess_Triangulate | aiProcess_PreTransformVertices);
+  if (scene == nullptr) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": cannot be read as a mesh: ", importer.GetErrorString()));
+  }
+  TriangleMesh soup;
+  for (unsigned m = 0; m < scene->mNumMeshes; ++m) {
+    const aiMesh& mesh = *scene->mMeshes[m];
+    const int offset = static_cast<int>(soup.vertices.size());
+    for (unsigned v = 0; v < mesh.mNumVertices; ++v) {
+      const aiVector3D& p = mesh.mVertices[v];
+      if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z)) {
+        return absl::InvalidArgumentError(
+            absl::StrCat(path, ": vertex ", v, " has a coordinate that is not finite"));
+      }
+      soup.vertices.push_back(metres_per_unit * Eigen::Vector3d(p.x, p.y, p.z));
+    }
+    for (unsigned f = 0; f < mesh.mNumFaces; ++f) {
+      const aiFace& face = mesh.mFaces[f];
+      if (face.mNumIndices != 3) continue;
+      Eigen::Vector3i t;
+      for (int k = 0; k < 3; ++k) {
+        if (face.mIndices[k] >= mesh.mNumVertices) {
+          return absl::InvalidArgumentError(absl::StrCat(
+              path, ": face ", f, " names vertex ", face.mIndices[k], " of ", mesh.mNumVertices));
+        }
+        t[k] = offset + static_cast<int>(face.mIndices[k]);
+      }
+      soup.triangles.push_back(t);
+    }
+  }
+  if (soup.triangles.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": holds no triangles"));
+  }
+  return soup;
+}
+
+// Region id per triangle: triangles joined over edges without an angle.
+std::vector<int> PlanarRegions(const TriangleMesh& mesh, const std::vector<MeshEdge>& edges) {
+  std::vector<int> parent(mesh.triangles.size());
+  std::iota(parent.begin(), parent.end(), 0);
+  const auto root = [&](int t) {
+    while (parent[t] != t) t = parent[t] = parent[parent[t]];
+    return t;
+  };
+  for (const MeshEdge& e : edges) {
+    if (e.triangle_2 >= 0 && e.dihedral_rad < kCoplanarRad) {
+      parent[root(e.triangle_1)] = root(e.triangle_2);
+    }
+  }
+  for (size_t t = 0; t < parent.size(); ++t) parent[t] = root(static_cast<int>(t));
+  return parent;
+}
+
+// Drops the edges between the wall facets of a coarse cylinder or cone: they start inside a rim (an
+// arc run on the border of one plane) and fold no more than the rim turns.
+std::vector<MeshEdge> DropWallEdges(const TriangleMesh& mesh,
+                                    const std::vector<MeshEdge>& sharp,
+                                    const std::vector<int>& region,
+                                    double tolerance) {
+  std::map<int, std::vector<std::pair<int, int>>> border;
+  for (const MeshEdge& e : sharp) {
+    border[region[e.triangle_1]].push_back({e.a, e.b});
+    if (e.triangle_2 >= 0 && region[e.triangle_2] != region[e.triangle_1]) {
+      border[region[e.triangle_2]].push_back({e.a, e.b});
+    }
+  }
+  constexpr double kMargin = 0.035;   // 2 degrees
+  std::map<int, double> turn_inside;  // rim vertex -> turn of its rim
+  std::set<std::pair<int, int>> rim_edges;
+  for (const auto& [id, edges] : border) {
+    for (const ArcRun& run : FindArcRuns(mesh.vertices, edges, tolerance)) {
+      for (size_t i = 0; i < run.vertices.size(); ++i) {
+        const bool inside = run.closed() || (i > 0 && i + 1 < run.vertices.size());
+        if (inside) {
+          double& turn = turn_inside[run.vertices[i]];
+          turn = std::max(turn, run.largest_turn_rad);
+        }
+        if (i > 0) rim_edges.insert(std::minmax(run.vertices[i - 1], run.vertices[i]));
+      }
+    }
+  }
+  const auto folds_with_rim = [&](int v, double dihedral) {
+    const auto it = turn_inside.find(v);
+    return it != turn_inside.end() && dihedral <= it->second + kMargin;
+  };
+  std::vector<MeshEdge> kept;
+  for (const MeshEdge& e : sharp) {
+    const bool wall = !rim_edges.contains({e.a, e.b}) &&
+                      (folds_with_rim(e.a, e.dihedral_rad) || folds_with_rim(e.b, e.dihedral_rad));
+    if (!wall) kept.push_back(e);
+  }
+  return kept;
+}
+
+ModelEdge StraightEdge(const ObjectModel& model, int a, int b, double dihedral) {
+  return {CurveKind::kLine, a, b, dihedral, {model.vertices[a], model.vertices[b]}};
+}
+
+// One edge from a run of vertices of the mesh.
+ModelEdge CurvedEdge(const ObjectModel& model,
+                     const std::vector<int>& run,
+                     CurveKind kind,
+                     const std::map<std::pair<int, int>, double>& dihedral) {
+  ModelEdge edge;
+  edge.kind = kind;
+  for (size_t i = 0; i < run.size(); ++i) {
+    edge.polyline.push_back(model.vertices[run[i]]);
+    if (i > 0) {
+      edge.dihedral_rad +=
+          dihedral.at(std::minmax(run[i - 1], run[i])) / static_cast<double>(run.size() - 1);
+    }
+  }
+  if (run.front() != run.back()) {
+    edge.start_vertex = run.front();
+    edge.end_vertex = run.back();
+  }
+  return edge;
+}
+
+// Joins the straight pieces of a free-form edge (three or more, each joint turning a little) into
+// kOther curves.
+void JoinFreeForm(ObjectModel& model) {
+  std::map<int, std::vector<int>> incident;
+  for (int e = 0; e < static_cast<int>(model.edges.size()); ++e) {
+    if (model.edges[e].start_vertex < 0) continue;
+    incident[model.edges[e].start_vertex].push_back(e);
+    incident[model.edges[e].end_vertex].push_back(e);
+  }
+  const auto other_end = [&](int e, int v) {
+    return model.edges[e].start_vertex == v ? model.edges[e].end_vertex
+                                            : model.edges[e].start_vertex;
+  };
+  const auto passes = [&](int v) {
+    const auto& list = incident[v];
+    if (list.size() != 2 || list[0] == list[1]) return false;
+    for (const int e : list) {
+      if (model.edges[e].kind != CurveKind::kLine) return false;
+    }
+    const Eigen::Vector3d p = model.vertices[v];
+    const Eigen::Vector3d u = p - model.vertices[other_end(list[0], v)];
+    const Eigen::Vector3d w = model.vertices[other_end(list[1], v)] - p;
+    return std::atan2(u.cross(w).norm(), u.dot(w)) <= kSmoothTurnRad &&
+           std::max(u.norm(), w.norm()) <= 3.0 * std::min(u.norm(), w.norm());
+  };
+  std::vector<bool> used(model.edges.size(), false);
+  std::vector<ModelEdge> result;
+  const auto walk = [&](int e, int v) {
+    std::vector<int> vertices{v}, pieces;
+    while (e >= 0) {
+      used[e] = true;
+      pieces.push_back(e);
+      v = other_end(e, v);
+      vertices.push_back(v);
+      if (!passes(v)) break;
+      const auto& list = incident[v];
+      const int next = list[0] == e ? list[1] : list[0];
+      e = used[next] ? -1 : next;
+    }
+    if (pieces.size() < 3) {
+      for (const int piece : pieces) result.push_back(model.edges[piece]);
+      return;
+    }
+    std::map<std::pair<int, int>, double> dihedral;
+    for (size_t i = 0; i < pieces.size(); ++i) {
+      dihedral[std::minmax(vertices[i], vertices[i + 1])] = model.edges[pieces[i]].dihedral_rad;
+    }
+    result.push_back(CurvedEdge(model, vertices, CurveKind::kOther, dihedral));
+  };
+  for (const auto& [v, list] : incident) {
+    if (passes(v)) continue;
+    for (const int e : list) {
+      if (!used[e]) walk(e, v);
+    }
+  }
+  for (int e = 0; e < static_cast<int>(model.edges.size()); ++e) {
+    if (used[e]) continue;
+    if (model.edges[e].start_vertex < 0) {
+      result.push_back(model.edges[e]);
+    } else {
+      walk(e, model.edges[e].start_vertex);
+    }
+  }
+  model.edges = std::move(result);
+}
+
+void BuildEdges(ObjectModel& model, double diagonal, double sharp_angle_rad) {
+  const double tolerance = kCircleShare * diagonal;
+  std::vector<MeshEdge> edges = MeshEdges(model.mesh);
+  const std::vector<int> region = PlanarRegions(model.mesh, edges);
+  std::erase_if(edges, [&](const MeshEdge& e) { return e.dihedral_rad < sharp_angle_rad; });
+  edges = DropWallEdges(model.mesh, edges, region, tolerance);
+  model.vertices = model.mesh.vertices;
+  std::map<std::pair<int, int>, double> dihedral;
+  std::vector<std::pair<int, int>> pairs;
+  for (const MeshEdge& e : edges) {
+    dihedral[{e.a, e.b}] = e.dihedral_rad;
+    pairs.push_back({e.a, e.b});
+  }
+  std::set<std::pair<int, int>> in_arc;
+  for (const ArcRun& run : FindArcRuns(model.vertices, pairs, tolerance)) {
+    model.edges.push_back(CurvedEdge(model, run.vertices, CurveKind::kCircle, dihedral));
+    for (size_t i = 1; i < run.vertices.size(); ++i) {
+      in_arc.insert(std::minmax(run.vertices[i - 1], run.vertices[i]));
+    }
+  }
+  for (const auto& [a, b] : pairs) {
+    if (!in_arc.contains({a, b})) {
+      model.edges.push_back(StraightEdge(model, a, b, dihedral.at({a, b})));
+    }
+  }
+  MergeSmoothJoints(model, 0.5 * tolerance);
+  JoinFreeForm(model);
+  DropUnusedVertices(model);
+}
+
+}  // namespace
+
+absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOptions& options) {
+  CadImport import;
+  import.unit_name = options.unit.empty() ? "mm" : options.unit;
+  import.metres_per_unit = MetresPerUnit(import.unit_name);
+  if (import.metres_per_unit <= 0.0) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("units: unknown unit '", options.unit, "' (use mm, cm, m, in, ft or um)"));
+  }
+  try {
+    HOROPTER_ASSIGN_OR_RETURN(const TriangleMesh soup, ReadTriangles(path, import.metres_per_unit));
+    Eigen::AlignedBox3d box;
+    for (const Eigen::Vector3d& v : soup.vertices) box.extend(v);
+    const double diagonal = box.diagonal().norm();
+    CleanMesh clean = CleanTriangleSoup(soup, kWeldShare * diagonal);
+    if (clean.mesh.triangles.empty()) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ": all triangles are degenerate"));
+    }
+    if (!clean.closed) import.warnings.push_back("the mesh is not closed");
+    if (clean.degenerate_triangles > 0) {
+      import.warnings.push_back(
+          absl::StrCat(clean.degenerate_triangles, " degenerate triangles dropped"));
+    }
+    import.model.mesh = std::move(clean.mesh);
+    BuildEdges(import.model, diagonal, options.sharp_angle_rad);
+  } catch (const std::exception& e) {  // assimp and the allocator throw on hostile files
+    return absl::InvalidArgumentError(absl::StrCat(path, ": cannot be read: ", e.what()));
+  }
+  return import;
+}
+
+}  // namespace horopter

@@ -1,0 +1,39 @@
+// Triangle soup -> welded, consistently oriented mesh with edge adjacency.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "server/vision/geometry/object_model.h"
+
+namespace horopter {
+
+// Result of cleaning a triangle soup.
+struct CleanMesh {
+  TriangleMesh mesh;
+  int degenerate_triangles = 0;  // dropped
+  int split_triangles = 0;       // T-junctions repaired
+  bool closed = true;            // every edge has two triangles
+};
+
+// Welds vertices closer than `weld_distance`, drops degenerate triangles, splits triangles whose
+// edge carries another open edge's vertex, orients the triangles consistently and, when the mesh is
+// closed, outward.
+CleanMesh CleanTriangleSoup(const TriangleMesh& soup, double weld_distance);
+
+// An edge of the mesh with its triangles; `dihedral_rad` is the angle of their normals, pi at an
+// open border.
+struct MeshEdge {
+  int a = -1;  // a < b, vertex indices
+  int b = -1;
+  int triangle_1 = -1;
+  int triangle_2 = -1;  // -1 at an open border; of more than two triangles the first two are kept
+  double dihedral_rad = 0.0;
+};
+
+std::vector<MeshEdge> MeshEdges(const TriangleMesh& mesh);
+
+// Unit normal of every triangle.
+std::vector<Eigen::Vector3d> TriangleNormals(const TriangleMesh& mesh);
+
+}  // namespace horopter
