@@ -1,4 +1,5 @@
-// What the features stage gives: edge chains, segments, arcs and junctions of one image (thesis 2.2-2.6).
+// What the features stage gives: edge chains, segments, arcs and junctions of one image
+// (thesis 2.2-2.6).
 #pragma once
 
 #include <Eigen/Core>
@@ -21,15 +22,17 @@ struct EdgeChain {
   int channel = 0;
 };
 
-// A straight piece of edge, sub-pixel. Walking from start to end, the brighter side is on the right (image axes, y
-// down) in the channel it was found in; `contrast` is the mean grey-level step of that channel.
+// A straight piece of edge, sub-pixel. Walking from start to end, the brighter side is on the right
+// (image axes, y down) in the channel it was found in; `contrast` is the mean grey-level step of
+// that channel.
 struct Segment {
   Eigen::Vector2d start = Eigen::Vector2d::Zero();
   Eigen::Vector2d end = Eigen::Vector2d::Zero();
   double contrast = 0.0;
   double rms_px = 0.0;  // of the edge points about the line
   int channel = 0;
-  Eigen::Vector3f left_bgr = Eigen::Vector3f::Zero();   // median colour about 3 px to the left of start -> end
+  Eigen::Vector3f left_bgr =
+      Eigen::Vector3f::Zero();  // median colour about 3 px to the left of start -> end
   Eigen::Vector3f right_bgr = Eigen::Vector3f::Zero();  // and to the right
   bool in_texture = false;  // belongs to fine texture; starts no hypothesis, is not deleted
 
@@ -47,11 +50,13 @@ struct EllipseArc {
   double rms_px = 0.0;
 };
 
-// Where segments meet. `ends` names which end of each segment meets here.
+// Where segments meet. `ends` names which end of each segment meets here. At a T the segment that
+// passes through is named with `interior` set (then at_start means nothing).
 struct Junction {
   struct End {
     int segment = -1;
     bool at_start = false;
+    bool interior = false;
   };
   Eigen::Vector2d point = Eigen::Vector2d::Zero();
   std::vector<End> ends;
@@ -68,7 +73,8 @@ struct ImageFeatures {
   std::map<std::string, double> counts;  // for the stage report
 };
 
-// The defaults are the recipe of the front-end study: EDLines on five channels, gradient 20, anchor 4, sigma 1.
+// The defaults are the recipe of the front-end study: EDLines on five channels, gradient 20, anchor
+// 4, sigma 1.
 struct FeatureOptions {
   double gradient_threshold = 20.0;        // Sobel units; higher: fewer, stronger edges
   double anchor_threshold = 4.0;           // higher: fewer, longer chains
@@ -84,8 +90,8 @@ struct FeatureOptions {
 };
 
 // Detects the features of one image.
-// image: CV_8UC1 or CV_8UC3 (BGR), at least 16x16 px. Errors: INVALID_ARGUMENT for another type or size.
-// An image without structure gives empty lists, not an error.
+// image: CV_8UC1 or CV_8UC3 (BGR), at least 16x16 px. Errors: INVALID_ARGUMENT for another type or
+// size. An image without structure gives empty lists, not an error.
 absl::StatusOr<ImageFeatures> DetectFeatures(const cv::Mat& image, const FeatureOptions& options);
 
 }  // namespace horopter

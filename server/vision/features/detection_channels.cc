@@ -1,0 +1,60 @@
+#include "server/vision/features/detection_channels.h"
+
+#include <algorithm>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+namespace horopter {
+namespace {
+
+constexpr double kOpponentGain = 1.5;
+
+cv::Mat Opponent(const cv::Mat& bgr, double weight_b, double weight_g, double weight_r) {
+  cv::Mat out;
+  const cv::Matx14f mix(static_cast<float>(kOpponentGain * weight_b),
+                        static_cast<float>(kOpponentGain * weight_g),
+                        static_cast<float>(kOpponentGain * weight_r),
+                        128.0f);
+  cv::transform(bgr, out, mix);
+  return out;
+}
+
+}  // namespace
+
+std::vector<DetectionChannel> MakeDetectionChannels(const cv::Mat& image,
+                                                    double smoothing_sigma_px) {
+  std::vector<DetectionChannel> channels;
+  if (image.channels() == 1) {
+    channels.push_back({image, {}});
+  } else {
+    cv::Mat planes[3];
+    cv::split(image, planes);
+    for (const cv::Mat& plane : planes) {
+      channels.push_back({plane, {}});
+    }
+    channels.push_back({Opponent(image, 0.0, -1.0, 1.0), {}});
+    channels.push_back({Opponent(image, -1.0, 0.5, 0.5), {}});
+  }
+  for (DetectionChannel& channel : channels) {
+    cv::Mat as_float;
+    channel.grey.convertTo(as_float, CV_32F);
+    cv::GaussianBlur(as_float, channel.smooth, cv::Size(), smoothing_sigma_px);
+  }
+  return channels;
+}
+
+float SampleBilinear(const cv::Mat& image, float x, float y) {
+  x = std::clamp(x, 0.0f, static_cast<float>(image.cols - 1));
+  y = std::clamp(y, 0.0f, static_cast<float>(image.rows - 1));
+  const int x0 = std::min(static_cast<int>(x), image.cols - 2);
+  const int y0 = std::min(static_cast<int>(y), image.rows - 2);
+  const float fx = x - static_cast<float>(x0);
+  const float fy = y - static_cast<float>(y0);
+  const float* top = image.ptr<float>(y0) + x0;
+  const float* bottom = image.ptr<float>(y0 + 1) + x0;
+  const float upper = top[0] + fx * (top[1] - top[0]);
+  const float lower = bottom[0] + fx * (bottom[1] - bottom[0]);
+  return upper + fy * (lower - upper);
+}
+
+}  // namespace horopter

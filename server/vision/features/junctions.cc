@@ -1,0 +1,247 @@
+#include "server/vision/features/junctions.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <tuple>
+#include <unordered_map>
+
+namespace horopter {
+namespace {
+
+constexpr double kCellPx = 16.0;
+constexpr double kJoinPx = 2.0;  // another line through the junction must pass this near
+constexpr int kMaxJunctionsPerSegment = 12;
+
+using CellMap = std::unordered_map<long, std::vector<int>>;
+
+long CellKey(double x, double y) {
+  return (static_cast<long>(std::floor(y / kCellPx)) + 1024) * 1048576 +
+         static_cast<long>(std::floor(x / kCellPx)) + 1024;
+}
+
+template <typename Visit>
+void ForNeighbours(const CellMap& cells, const Eigen::Vector2d& p, const Visit& visit) {
+  for (int dy = -1; dy <= 1; ++dy) {
+    for (int dx = -1; dx <= 1; ++dx) {
+      const auto it = cells.find(CellKey(p.x() + dx * kCellPx, p.y() + dy * kCellPx));
+      if (it != cells.end()) {
+        for (int id : it->second) {
+          visit(id);
+        }
+      }
+    }
+  }
+}
+
+struct Line {
+  Eigen::Vector2d start;
+  Eigen::Vector2d end;
+  Eigen::Vector2d direction;
+  Eigen::Vector2d normal;
+  double offset = 0.0;  // normal . x = offset
+  double reach = 0.0;   // how far an end may be from the intersection
+  double weight = 1.0;
+};
+
+Line MakeLine(const Segment& segment, const FeatureOptions& options) {
+  Line line;
+  line.start = segment.start;
+  line.end = segment.end;
+  line.direction = (segment.end - segment.start).normalized();
+  line.normal = {-line.direction.y(), line.direction.x()};
+  line.offset = line.normal.dot(segment.start);
+  line.reach = std::min(options.junction_gap_px, options.junction_gap_fraction * segment.Length());
+  // A line's position at its end is about as good as its number of samples.
+  line.weight = segment.Length();
+  return line;
+}
+
+double Cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+const Eigen::Vector2d& EndOf(const Line& line, bool at_start) {
+  return at_start ? line.start : line.end;
+}
+
+struct Candidate {
+  double cost = 0.0;  // sum of the gaps
+  Eigen::Vector2d point = Eigen::Vector2d::Zero();
+  Junction::End a, b;
+};
+
+std::optional<Eigen::Vector2d> Intersect(const Line& a, const Line& b, double min_sine) {
+  const double sine = Cross(a.direction, b.direction);
+  if (std::abs(sine) < min_sine) {
+    return std::nullopt;
+  }
+  return Eigen::Vector2d(a.start + a.direction * (Cross(b.start - a.start, b.direction) / sine));
+}
+
+// End-to-end meetings of pairs.
+void CollectCorners(const std::vector<Line>& lines, double min_sine, std::vector<Candidate>* out) {
+  CellMap cells;
+  for (size_t i = 0; i < lines.size(); ++i) {
+    for (int k = 0; k < 2; ++k) {
+      const Eigen::Vector2d& p = EndOf(lines[i], k == 1);
+      cells[CellKey(p.x(), p.y())].push_back(static_cast<int>(2 * i + k));
+    }
+  }
+  for (size_t i = 0; i < lines.size(); ++i) {
+    for (int k = 0; k < 2; ++k) {
+      const Eigen::Vector2d& p = EndOf(lines[i], k == 1);
+      ForNeighbours(cells, p, [&](int other) {
+        const int j = other / 2;
+        if (j <= static_cast<int>(i)) {
+          return;
+        }
+        const std::optional<Eigen::Vector2d> x = Intersect(lines[i], lines[j], min_sine);
+        if (!x) {
+          return;
+        }
+        const double gap_a = (*x - p).norm();
+        const double gap_b = (*x - EndOf(lines[j], other % 2 == 1)).norm();
+        if (gap_a <= lines[i].reach && gap_b <= lines[j].reach) {
+          out->push_back({gap_a + gap_b,
+                          *x,
+                          {static_cast<int>(i), k == 1, false},
+                          {j, other % 2 == 1, false}});
+        }
+      });
+    }
+  }
+}
+
+// Ends on the middle of another segment.
+void CollectTees(const std::vector<Line>& lines, double min_sine, std::vector<Candidate>* out) {
+  CellMap cells;
+  for (size_t j = 0; j < lines.size(); ++j) {
+    const int steps =
+        static_cast<int>((lines[j].end - lines[j].start).norm() / (0.5 * kCellPx)) + 1;
+    long last = -1;
+    for (int s = 0; s <= steps; ++s) {
+      const Eigen::Vector2d p =
+          lines[j].start + (lines[j].end - lines[j].start) * (static_cast<double>(s) / steps);
+      const long key = CellKey(p.x(), p.y());
+      if (key != last) {
+        cells[key].push_back(static_cast<int>(j));
+        last = key;
+      }
+    }
+  }
+  std::vector<int> seen(lines.size(), -1);
+  for (size_t i = 0; i < lines.size(); ++i) {
+    for (int k = 0; k < 2; ++k) {
+      const Eigen::Vector2d& p = EndOf(lines[i], k == 1);
+      ForNeighbours(cells, p, [&](int j) {
+        const int stamp = static_cast<int>(2 * i + k);
+        if (j == static_cast<int>(i) || seen[j] == stamp) {
+          return;
+        }
+        seen[j] = stamp;
+        const std::optional<Eigen::Vector2d> x = Intersect(lines[i], lines[j], min_sine);
+        if (!x) {
+          return;
+        }
+        const double along = lines[j].direction.dot(*x - lines[j].start);
+        const double length = lines[j].direction.dot(lines[j].end - lines[j].start);
+        const double gap = (*x - p).norm();
+        // Nearer than its reach to an end it is a corner, not a tee.
+        if (gap <= lines[i].reach && along > lines[j].reach && along < length - lines[j].reach) {
+          out->push_back(
+              {gap + lines[j].reach, *x, {static_cast<int>(i), k == 1, false}, {j, false, true}});
+        }
+      });
+    }
+  }
+}
+
+// Least-squares point of the lines; rms of the distances.
+void Relocate(const std::vector<Line>& lines, Junction* junction) {
+  Eigen::Matrix2d normal_matrix = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d right_side = Eigen::Vector2d::Zero();
+  for (const Junction::End& end : junction->ends) {
+    const Line& line = lines[end.segment];
+    normal_matrix += line.weight * line.normal * line.normal.transpose();
+    right_side += line.weight * line.offset * line.normal;
+  }
+  junction->point = normal_matrix.inverse() * right_side;
+  double square = 0.0;
+  for (const Junction::End& end : junction->ends) {
+    const double d = lines[end.segment].normal.dot(junction->point) - lines[end.segment].offset;
+    square += d * d;
+  }
+  junction->rms_px = std::sqrt(square / static_cast<double>(junction->ends.size()));
+}
+
+long PairKey(int a, int b) {
+  return static_cast<long>(std::min(a, b)) * 1048576 + std::max(a, b);
+}
+
+}  // namespace
+
+std::vector<Junction> FindJunctions(const std::vector<Segment>& segments,
+                                    const FeatureOptions& options) {
+  std::vector<Line> lines;
+  lines.reserve(segments.size());
+  for (const Segment& segment : segments) {
+    lines.push_back(MakeLine(segment, options));
+  }
+  const double min_sine = std::sin(options.junction_min_angle_rad);
+  std::vector<Candidate> candidates;
+  CollectCorners(lines, min_sine, &candidates);
+  CollectTees(lines, min_sine, &candidates);
+  std::sort(candidates.begin(), candidates.end(), [](const Candidate& a, const Candidate& b) {
+    return std::tie(a.cost, a.a.segment, a.b.segment) < std::tie(b.cost, b.a.segment, b.b.segment);
+  });
+  // Candidates of each segment, to find the third and fourth line of a junction.
+  std::vector<std::vector<int>> of_segment(lines.size());
+  for (size_t c = 0; c < candidates.size(); ++c) {
+    of_segment[candidates[c].a.segment].push_back(static_cast<int>(c));
+    of_segment[candidates[c].b.segment].push_back(static_cast<int>(c));
+  }
+  std::vector<Junction> junctions;
+  std::vector<int> count(lines.size(), 0);
+  std::unordered_map<long, bool> joined;
+  for (const Candidate& candidate : candidates) {
+    if (joined.count(PairKey(candidate.a.segment, candidate.b.segment)) > 0 ||
+        std::max(count[candidate.a.segment], count[candidate.b.segment]) >=
+            kMaxJunctionsPerSegment) {
+      continue;
+    }
+    Junction junction;
+    junction.point = candidate.point;
+    junction.ends = {candidate.a, candidate.b};
+    for (size_t e = 0; e < 2; ++e) {
+      for (int c : of_segment[junction.ends[e].segment]) {
+        const Candidate& other = candidates[c];
+        if ((other.point - candidate.point).norm() > 2.0 * kJoinPx) {
+          continue;
+        }
+        for (const Junction::End& end : {other.a, other.b}) {
+          const bool known =
+              std::any_of(junction.ends.begin(), junction.ends.end(), [&](const Junction::End& k) {
+                return k.segment == end.segment;
+              });
+          const Line& line = lines[end.segment];
+          if (!known && std::abs(line.normal.dot(candidate.point) - line.offset) <= kJoinPx) {
+            junction.ends.push_back(end);
+          }
+        }
+      }
+    }
+    Relocate(lines, &junction);
+    for (size_t e = 0; e < junction.ends.size(); ++e) {
+      ++count[junction.ends[e].segment];
+      for (size_t f = e + 1; f < junction.ends.size(); ++f) {
+        joined[PairKey(junction.ends[e].segment, junction.ends[f].segment)] = true;
+      }
+    }
+    junctions.push_back(std::move(junction));
+  }
+  return junctions;
+}
+
+}  // namespace horopter

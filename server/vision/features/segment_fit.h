@@ -1,0 +1,42 @@
+// Sub-pixel fit of a straight edge piece to the gradient peaks across it.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "server/vision/features/detection_channels.h"
+#include "server/vision/features/edge_drawing.h"
+#include "server/vision/features/features.h"
+
+namespace horopter {
+
+// One gradient peak on a segment.
+struct EdgeSample {
+  Eigen::Vector2f point = Eigen::Vector2f::Zero();
+  float gradient = 0.0f;  // grey levels per pixel, positive towards the right of the segment
+};
+
+// A segment with the samples it was fitted to.
+struct FittedSegment {
+  Segment segment;
+  std::vector<EdgeSample> samples;
+};
+
+// Searches the strongest gradient within +-3 px across the line at every pixel along it (parabola
+// through the peak) and fits a line with Tukey weights. Orients the segment so that the brighter
+// side is on its right. Empty when fewer than half of the positions have a peak of at least
+// `min_gradient` or the line is shorter than `min_length_px`.
+std::optional<FittedSegment> FitSegment(const RawLine& line,
+                                        const DetectionChannel& channel,
+                                        int channel_index,
+                                        double min_gradient,
+                                        double min_length_px);
+
+// Fits the line anew to the samples (gradient-weighted, Tukey) and spans it over the projections of
+// `ends`. Keeps the orientation of `like`. Used when pieces are joined.
+Segment FitLineToSamples(const std::vector<EdgeSample>& samples,
+                         const std::vector<Eigen::Vector2d>& ends,
+                         const Segment& like);
+
+}  // namespace horopter
