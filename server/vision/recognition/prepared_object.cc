@@ -1,0 +1,180 @@
+#include "server/vision/recognition/prepared_object.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "server/vision/geometry/depth_buffer.h"
+#include "server/vision/geometry/pinhole_camera.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kAspectPixels = 160;
+// A point this far behind the nearest surface (share of the diameter) is hidden.
+constexpr double kHiddenTolerance = 0.012;
+
+struct CubeCell {
+  int face;
+  double s;  // -1..1
+  double t;
+};
+
+CubeCell ToCube(const Eigen::Vector3f& d) {
+  const Eigen::Vector3f a = d.cwiseAbs();
+  int axis = 0;
+  if (a.y() > a.x()) axis = 1;
+  if (a.z() > a[axis]) axis = 2;
+  const double m = a[axis] > 0 ? a[axis] : 1.0;
+  return {2 * axis + (d[axis] < 0 ? 1 : 0), d[(axis + 1) % 3] / m, d[(axis + 2) % 3] / m};
+}
+
+int GridCell(double x) {
+  return std::clamp(static_cast<int>((x + 1.0) * 0.5 * kAspectGrid), 0, kAspectGrid - 1);
+}
+
+void SampleEdges(const PrepareOptions& options, PreparedObject* object) {
+  const std::vector<ModelEdge>& edges = object->model.edges;
+  double total = 0.0;
+  for (const ModelEdge& e : edges) {
+    for (std::size_t i = 1; i < e.polyline.size(); ++i) total += (e.polyline[i] - e.polyline[i - 1]).norm();
+  }
+  object->sample_spacing_m = std::max(total / options.max_samples, object->model.diameter_m / 120.0);
+  const double spacing = object->sample_spacing_m;
+  for (int index = 0; index < static_cast<int>(edges.size()); ++index) {
+    const auto& line = edges[index].polyline;
+    double length = 0.0;
+    for (std::size_t i = 1; i < line.size(); ++i) length += (line[i] - line[i - 1]).norm();
+    const int count = std::max(1, static_cast<int>(std::lround(length / spacing)));
+    double next = 0.5 * length / count;  // samples sit in the middle of equal pieces
+    double walked = 0.0;
+    for (std::size_t i = 1; i < line.size(); ++i) {
+      const Eigen::Vector3d step = line[i] - line[i - 1];
+      const double piece = step.norm();
+      while (piece > 0 && next <= walked + piece) {
+        EdgeSample s;
+        s.point = (line[i - 1] + step * ((next - walked) / piece)).cast<float>();
+        s.tangent = (step / piece).cast<float>();
+        s.edge = index;
+        object->samples.push_back(s);
+        next += length / count;
+      }
+      walked += piece;
+    }
+  }
+}
+
+void ComputeAspects(const PrepareOptions& options, PreparedObject* object) {
+  const int n = static_cast<int>(object->samples.size());
+  const int edges = static_cast<int>(object->model.edges.size());
+  object->words = (n + 63) / 64;
+  object->visible.assign(static_cast<std::size_t>(kAspectCount) * object->words, 0);
+  object->edge_visible.assign(static_cast<std::size_t>(kAspectCount) * edges, 0);
+
+  const double diameter = object->model.diameter_m;
+  const double distance = options.aspect_distance_diameters * diameter;
+  const double focal = 0.9 * kAspectPixels * options.aspect_distance_diameters;
+  const PinholeCamera camera = CenteredCamera(kAspectPixels, kAspectPixels, focal);
+  DepthBuffer buffer = MakeDepthBuffer(kAspectPixels, kAspectPixels);
+  std::vector<int> per_edge(edges, 0);
+  for (const EdgeSample& s : object->samples) ++per_edge[s.edge];
+
+  for (int aspect = 0; aspect < kAspectCount; ++aspect) {
+    const Eigen::Vector3d direction = AspectDirection(aspect);
+    Rigid3 camera_from_object;
+    const Eigen::Vector3d x = direction.unitOrthogonal();
+    camera_from_object.R.row(0) = x;
+    camera_from_object.R.row(1) = (-direction).cross(x);
+    camera_from_object.R.row(2) = -direction;
+    camera_from_object.t = -(camera_from_object.R * (object->center + direction * distance));
+    ClearDepth(&buffer);
+    RenderDepth(object->model.mesh, camera, camera_from_object, &buffer);
+    std::vector<int> seen(edges, 0);
+    for (int i = 0; i < n; ++i) {
+      const Eigen::Vector3d p = camera_from_object * object->samples[i].point.cast<double>();
+      if (!IsVisible(buffer, Project(camera, p), p.z(), kHiddenTolerance * diameter)) continue;
+      object->visible[static_cast<std::size_t>(aspect) * object->words + i / 64] |= 1ull << (i % 64);
+      ++seen[object->samples[i].edge];
+    }
+    for (int e = 0; e < edges; ++e) {
+      object->edge_visible[static_cast<std::size_t>(aspect) * edges + e] =
+          per_edge[e] ? static_cast<std::uint8_t>(255 * seen[e] / per_edge[e]) : 0;
+    }
+  }
+}
+
+void FindPaths(const PrepareOptions& options, PreparedObject* object) {
+  const ObjectModel& model = object->model;
+  std::vector<std::vector<std::pair<int, int>>> incident(model.vertices.size());  // (edge, other vertex)
+  for (int e = 0; e < static_cast<int>(model.edges.size()); ++e) {
+    const ModelEdge& edge = model.edges[e];
+    if (edge.kind != CurveKind::kLine || edge.start_vertex < 0 || edge.end_vertex < 0) continue;
+    incident[edge.start_vertex].emplace_back(e, edge.end_vertex);
+    incident[edge.end_vertex].emplace_back(e, edge.start_vertex);
+  }
+  for (int b = 0; b < static_cast<int>(incident.size()); ++b) {
+    for (std::size_t i = 0; i < incident[b].size(); ++i) {
+      for (std::size_t j = i + 1; j < incident[b].size(); ++j) {
+        VertexPath p;
+        p.a = incident[b][i].second;
+        p.b = b;
+        p.c = incident[b][j].second;
+        p.edge_ab = incident[b][i].first;
+        p.edge_bc = incident[b][j].first;
+        const Eigen::Vector3d u = model.vertices[p.a] - model.vertices[b];
+        const Eigen::Vector3d v = model.vertices[p.c] - model.vertices[b];
+        p.length_ab = u.norm();
+        p.length_bc = v.norm();
+        p.length_ac = (u - v).norm();
+        if (!(u.cross(v).norm() > std::sin(options.min_path_angle_rad) * p.length_ab * p.length_bc)) continue;
+        Eigen::Matrix3d frame;
+        frame << u, v, u.cross(v);
+        p.inverse_frame = frame.inverse();
+        object->paths.push_back(p);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+int AspectIndex(const Eigen::Vector3f& direction) {
+  const CubeCell c = ToCube(direction);
+  return (c.face * kAspectGrid + GridCell(c.s)) * kAspectGrid + GridCell(c.t);
+}
+
+Eigen::Vector3d AspectDirection(int index) {
+  const int face = index / (kAspectGrid * kAspectGrid);
+  const int axis = face / 2;
+  const double s = ((index / kAspectGrid) % kAspectGrid + 0.5) * 2.0 / kAspectGrid - 1.0;
+  const double t = (index % kAspectGrid + 0.5) * 2.0 / kAspectGrid - 1.0;
+  Eigen::Vector3d d;
+  d[axis] = face % 2 ? -1.0 : 1.0;
+  d[(axis + 1) % 3] = s;
+  d[(axis + 2) % 3] = t;
+  return d.normalized();
+}
+
+absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel model,
+                                                                    const PrepareOptions& options) {
+  auto object = std::make_shared<PreparedObject>();
+  object->model = std::move(model);
+  const ObjectModel& m = object->model;
+  if (m.edges.empty()) return absl::InvalidArgumentError("object " + m.id + " has no sharp edges");
+  if (m.mesh.triangles.empty()) return absl::InvalidArgumentError("object " + m.id + " has no mesh");
+  Eigen::Vector3d low = m.mesh.vertices[0], high = low;
+  for (const auto& v : m.mesh.vertices) low = low.cwiseMin(v), high = high.cwiseMax(v);
+  object->center = 0.5 * (low + high);
+  if (!((high - low).norm() > 0) || !(m.diameter_m > 0)) {
+    return absl::InvalidArgumentError("object " + m.id + " has no extent");
+  }
+  object->radius_m = 0.5 * m.diameter_m;
+  SampleEdges(options, object.get());
+  ComputeAspects(options, object.get());
+  FindPaths(options, object.get());
+  object->stable_poses = FindStablePoses(m.mesh);
+  return std::shared_ptr<const PreparedObject>(std::move(object));
+}
+
+}  // namespace horopter

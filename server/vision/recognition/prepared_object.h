@@ -1,0 +1,87 @@
+// What recognition derives from an ObjectModel once, at enrolment: edge samples, what is visible from where, vertex
+// paths and stable poses.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/vision/geometry/object_model.h"
+
+namespace horopter {
+
+// The view sphere is a cube map of kAspectGrid^2 cells per face (cells are 5 to 9 degrees wide).
+inline constexpr int kAspectGrid = 12;
+inline constexpr int kAspectCount = 6 * kAspectGrid * kAspectGrid;
+
+// Cell of a direction (need not be of unit length; not zero), and a cell's central unit direction.
+int AspectIndex(const Eigen::Vector3f& direction);
+Eigen::Vector3d AspectDirection(int index);
+
+struct EdgeSample {
+  Eigen::Vector3f point = Eigen::Vector3f::Zero();    // object frame, metres
+  Eigen::Vector3f tangent = Eigen::Vector3f::UnitX(); // unit
+  int edge = -1;                                      // index into model.edges
+};
+
+// Two straight edges a-b and b-c that share the vertex b. inverse_frame maps two image-space vectors to a rotation:
+// R = [q1 q2 q1xq2] * inverse_frame for q1 = R(A-B), q2 = R(C-B).
+struct VertexPath {
+  int a = -1;
+  int b = -1;
+  int c = -1;
+  int edge_ab = -1;
+  int edge_bc = -1;
+  double length_ab = 0.0;
+  double length_bc = 0.0;
+  double length_ac = 0.0;
+  Eigen::Matrix3d inverse_frame = Eigen::Matrix3d::Identity();
+};
+
+// A pose in which the part rests on a plane: `up` is the plane's normal in the object frame, the plane is
+// {x : up.x = -height} below the part.
+struct StablePose {
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  double height_m = 0.0;   // of the object origin above the plane
+  double margin_m = 0.0;   // distance of the projected centre of mass from the border of the support polygon
+};
+
+struct PreparedObject {
+  ObjectModel model;
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();  // of the bounding box, object frame
+  double radius_m = 0.0;                             // half the diameter
+
+  std::vector<EdgeSample> samples;
+  double sample_spacing_m = 0.0;
+  int words = 0;                          // 64-bit words per aspect in `visible`
+  std::vector<std::uint64_t> visible;     // kAspectCount * words, bit i: samples[i] is visible
+  std::vector<std::uint8_t> edge_visible; // kAspectCount * edges, visible share of the edge * 255
+
+  std::vector<VertexPath> paths;
+  std::vector<StablePose> stable_poses;
+
+  const std::uint64_t* VisibleBits(int aspect) const {
+    return visible.data() + static_cast<std::size_t>(aspect) * words;
+  }
+  double EdgeVisible(int aspect, int edge) const {
+    return edge_visible[static_cast<std::size_t>(aspect) * model.edges.size() + edge] / 255.0;
+  }
+};
+
+struct PrepareOptions {
+  int max_samples = 448;               // edge samples per object; more: finer scores, slower
+  double min_path_angle_rad = 0.2618;  // paths straighter than this are no corner
+  double aspect_distance_diameters = 6.0;  // camera distance at which visibility is computed
+};
+
+// Errors: INVALID_ARGUMENT when the model has no edges, no mesh or no extent.
+absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel model,
+                                                                    const PrepareOptions& options = {});
+
+// Stable resting poses of a mesh on a plane: facets of the convex hull above which the centre of mass lies, largest
+// margin first.
+std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh);
+
+}  // namespace horopter
