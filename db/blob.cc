@@ -1,0 +1,105 @@
+#include "db/blob.h"
+
+#include <bit>
+#include <cstdint>
+#include <cstring>
+
+#include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
+
+namespace horopter {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "blobs are copied as they are in memory");
+static_assert(sizeof(Eigen::Vector3d) == 24 && sizeof(Eigen::Vector3i) == 12);
+
+constexpr std::string_view kPolylineMagic = "HPOL";
+constexpr std::string_view kMeshMagic = "HMSH";
+constexpr uint16_t kVersion = 1;
+
+template <typename T>
+void Append(std::string& out, T value) {
+  out.append(reinterpret_cast<const char*>(&value), sizeof(value));
+}
+
+template <typename V>
+void AppendVectors(std::string& out, const std::vector<V>& values) {
+  if (values.empty()) return;
+  out.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(V));
+}
+
+void AppendHeader(std::string& out, std::string_view magic) {
+  out.append(magic);
+  Append(out, kVersion);
+  Append(out, uint16_t{0});
+}
+
+absl::Status DataLoss(std::string_view magic, std::string_view what) {
+  return absl::DataLossError(
+      absl::StrCat("stored ", std::string(magic), " blob: ", std::string(what)));
+}
+
+// Takes magic, version and `count` 32-bit sizes off the front of the blob.
+absl::StatusOr<std::vector<uint32_t>> TakeHeader(std::string_view& blob,
+                                                 std::string_view magic,
+                                                 int count) {
+  const size_t size = 8 + 4 * static_cast<size_t>(count);
+  if (blob.size() < size) return DataLoss(magic, "shorter than its header");
+  if (blob.substr(0, 4) != magic) return DataLoss(magic, "wrong magic");
+  uint16_t version = 0;
+  std::memcpy(&version, blob.data() + 4, sizeof(version));
+  if (version != kVersion) return DataLoss(magic, "unknown version " + std::to_string(version));
+  std::vector<uint32_t> sizes(count);
+  std::memcpy(sizes.data(), blob.data() + 8, sizes.size() * 4);
+  blob.remove_prefix(size);
+  return sizes;
+}
+
+// The caller has checked that the blob is long enough.
+template <typename V>
+std::vector<V> TakeVectors(std::string_view& blob, uint32_t count) {
+  std::vector<V> values(count);
+  const size_t size = count * sizeof(V);
+  if (size > 0) std::memcpy(static_cast<void*>(values.data()), blob.data(), size);
+  blob.remove_prefix(size);
+  return values;
+}
+
+}  // namespace
+
+std::string EncodePolyline(const std::vector<Eigen::Vector3d>& points) {
+  std::string out;
+  AppendHeader(out, kPolylineMagic);
+  Append(out, static_cast<uint32_t>(points.size()));
+  AppendVectors(out, points);
+  return out;
+}
+
+std::string EncodeMesh(const TriangleMesh& mesh) {
+  std::string out;
+  AppendHeader(out, kMeshMagic);
+  Append(out, static_cast<uint32_t>(mesh.vertices.size()));
+  Append(out, static_cast<uint32_t>(mesh.triangles.size()));
+  AppendVectors(out, mesh.vertices);
+  AppendVectors(out, mesh.triangles);
+  return out;
+}
+
+absl::StatusOr<std::vector<Eigen::Vector3d>> DecodePolyline(std::string_view blob) {
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<uint32_t> sizes, TakeHeader(blob, kPolylineMagic, 1));
+  if (blob.size() != uint64_t{sizes[0]} * 24) return DataLoss(kPolylineMagic, "wrong size");
+  return TakeVectors<Eigen::Vector3d>(blob, sizes[0]);
+}
+
+absl::StatusOr<TriangleMesh> DecodeMesh(std::string_view blob) {
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<uint32_t> sizes, TakeHeader(blob, kMeshMagic, 2));
+  if (blob.size() != uint64_t{sizes[0]} * 24 + uint64_t{sizes[1]} * 12) {
+    return DataLoss(kMeshMagic, "wrong size");
+  }
+  TriangleMesh mesh;
+  mesh.vertices = TakeVectors<Eigen::Vector3d>(blob, sizes[0]);
+  mesh.triangles = TakeVectors<Eigen::Vector3i>(blob, sizes[1]);
+  return mesh;
+}
+
+}  // namespace horopter

@@ -1,0 +1,214 @@
+#include "db/catalog.h"
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "db/migrations.h"
+#include "db/object_rows.h"
+#include "db/open_database.h"
+#include "db/sha256.h"
+#include "db/sqlite.h"
+#include "server/base/status_macros.h"
+
+namespace horopter {
+namespace {
+
+absl::Status NotFound(const std::string& id) {
+  return absl::NotFoundError(absl::StrCat("object '", id, "' is not in the catalog"));
+}
+
+// The source with its hash filled in. Errors: INVALID_ARGUMENT.
+absl::StatusOr<CadSource> WithHash(const CadSource& source) {
+  HOROPTER_RETURN_IF_ERROR(ValidateSource(source));
+  CadSource hashed = source;
+  const std::string expected = source.content.empty() ? "" : Sha256Hex(source.content);
+  if (!source.sha256.empty() && source.sha256 != expected) {
+    return absl::InvalidArgumentError("source.sha256: differs from the content's SHA-256 " +
+                                      expected);
+  }
+  hashed.sha256 = expected;
+  return hashed;
+}
+
+absl::StatusOr<bool> Exists(sqlite3* db, const std::string& id) {
+  Statement select(db, "SELECT 1 FROM object WHERE object_id = ?");
+  select.Bind(std::string_view(id));
+  return select.Step();
+}
+
+absl::Status DeleteRows(sqlite3* db, const char* table, const std::string& id) {
+  Statement statement(db, absl::StrCat("DELETE FROM ", table, " WHERE object_id = ?"));
+  statement.Bind(std::string_view(id));
+  return statement.Run();
+}
+
+absl::Status ReplaceGeometry(sqlite3* db, const ObjectModel& model) {
+  for (const char* table : {"edge", "vertex", "mesh"}) {
+    HOROPTER_RETURN_IF_ERROR(DeleteRows(db, table, model.id));
+  }
+  HOROPTER_RETURN_IF_ERROR(InsertGeometry(db, model));
+  Statement update(
+      db,
+      "UPDATE object SET diameter_m = ?, vertex_count = ?, edge_count = ?, triangle_count = ? "
+      "WHERE object_id = ?");
+  update.Bind(model.diameter_m)
+      .Bind(static_cast<int64_t>(model.vertices.size()))
+      .Bind(static_cast<int64_t>(model.edges.size()))
+      .Bind(static_cast<int64_t>(model.mesh.triangles.size()))
+      .Bind(std::string_view(model.id));
+  return update.Run();
+}
+
+absl::StatusOr<CatalogRecord> ReadRecord(sqlite3* db, CatalogRecord record) {
+  HOROPTER_RETURN_IF_ERROR(ReadGeometry(db, record.model));
+  return record;
+}
+
+}  // namespace
+
+struct Catalog::Connection {
+  SqliteHandle handle;
+};
+
+Catalog::Catalog(std::unique_ptr<Connection> connection) : connection_(std::move(connection)) {}
+Catalog::~Catalog() = default;
+
+absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
+                                                       const CatalogOptions& options) {
+  HOROPTER_ASSIGN_OR_RETURN(SqliteHandle handle,
+                            OpenDatabase(path, options.busy_timeout_ms, CatalogMigrations()));
+  auto connection = std::make_unique<Connection>();
+  connection->handle = std::move(handle);
+  return std::unique_ptr<Catalog>(new Catalog(std::move(connection)));
+}
+
+absl::Status Catalog::CreateObject(const CatalogRecord& record) {
+  HOROPTER_RETURN_IF_ERROR(ValidateModel(record.model));
+  HOROPTER_ASSIGN_OR_RETURN(const CadSource source, WithHash(record.source));
+  const std::lock_guard lock(mutex_);
+  sqlite3* db = connection_->handle.get();
+  return RunInTransaction(db, [&]() -> absl::Status {
+    HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, record.model.id));
+    if (exists) {
+      return absl::AlreadyExistsError(
+          absl::StrCat("object '", record.model.id, "' is already in the catalog"));
+    }
+    HOROPTER_RETURN_IF_ERROR(InsertObjectRow(db, record));
+    HOROPTER_RETURN_IF_ERROR(InsertGeometry(db, record.model));
+    HOROPTER_RETURN_IF_ERROR(InsertSymmetries(db, record.model));
+    HOROPTER_RETURN_IF_ERROR(InsertGrasps(db, record.model));
+    return InsertSource(db, record.model.id, source);
+  });
+}
+
+absl::Status Catalog::UpdateObject(const CatalogRecord& record, const UpdateParts& parts) {
+  HOROPTER_RETURN_IF_ERROR(ValidateModel(record.model));
+  CadSource source;
+  if (parts.source) {
+    HOROPTER_ASSIGN_OR_RETURN(source, WithHash(record.source));
+  }
+  const ObjectModel& model = record.model;
+  const std::lock_guard lock(mutex_);
+  sqlite3* db = connection_->handle.get();
+  return RunInTransaction(db, [&]() -> absl::Status {
+    HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, model.id));
+    if (!exists) return NotFound(model.id);
+    Statement touch(db, "UPDATE object SET update_time = ? WHERE object_id = ?");
+    touch.Bind(std::string_view(record.update_time)).Bind(std::string_view(model.id));
+    HOROPTER_RETURN_IF_ERROR(touch.Run());
+    if (parts.display_name) {
+      Statement rename(db, "UPDATE object SET display_name = ? WHERE object_id = ?");
+      rename.Bind(std::string_view(model.display_name)).Bind(std::string_view(model.id));
+      HOROPTER_RETURN_IF_ERROR(rename.Run());
+    }
+    if (parts.geometry) {
+      HOROPTER_RETURN_IF_ERROR(ReplaceGeometry(db, model));
+    }
+    if (parts.symmetries) {
+      HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "symmetry", model.id));
+      HOROPTER_RETURN_IF_ERROR(InsertSymmetries(db, model));
+    }
+    if (parts.grasps) {
+      HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "grasp", model.id));
+      HOROPTER_RETURN_IF_ERROR(InsertGrasps(db, model));
+    }
+    if (parts.source) {
+      HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "cad_source", model.id));
+      HOROPTER_RETURN_IF_ERROR(InsertSource(db, model.id, source));
+    }
+    return absl::OkStatus();
+  });
+}
+
+absl::Status Catalog::DeleteObject(const std::string& id) {
+  const std::lock_guard lock(mutex_);
+  sqlite3* db = connection_->handle.get();
+  return RunInTransaction(db, [&]() -> absl::Status {
+    HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
+    if (!exists) return NotFound(id);
+    return DeleteRows(db, "object", id);
+  });
+}
+
+absl::StatusOr<ObjectSummary> Catalog::GetSummary(const std::string& id) {
+  const std::lock_guard lock(mutex_);
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
+                            ReadSummaries(connection_->handle.get(), id, /*exactly=*/true, 1));
+  if (found.empty()) return NotFound(id);
+  return std::move(found.front());
+}
+
+absl::StatusOr<CatalogRecord> Catalog::GetObject(const std::string& id) {
+  const std::lock_guard lock(mutex_);
+  sqlite3* db = connection_->handle.get();
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
+                            ReadSummaries(db, id, /*exactly=*/true, 1));
+  if (found.empty()) return NotFound(id);
+  return ReadRecord(db, std::move(found.front().record));
+}
+
+absl::StatusOr<std::string> Catalog::GetCadFile(const std::string& id) {
+  const std::lock_guard lock(mutex_);
+  Statement select(connection_->handle.get(),
+                   "SELECT content, sha256 FROM cad_source WHERE object_id = ?");
+  select.Bind(std::string_view(id));
+  HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
+  if (!row) return NotFound(id);
+  std::string content = select.Text(0);
+  if (!content.empty() && Sha256Hex(content) != select.Text(1)) {
+    return absl::DataLossError(
+        absl::StrCat("object ", id, ": the stored CAD file differs from its SHA-256"));
+  }
+  return content;
+}
+
+absl::StatusOr<std::vector<ObjectSummary>> Catalog::ListObjects(const std::string& after_id,
+                                                                int limit) {
+  if (limit < 1) return absl::InvalidArgumentError("page_size: must be positive");
+  const std::lock_guard lock(mutex_);
+  return ReadSummaries(connection_->handle.get(), after_id, /*exactly=*/false, limit);
+}
+
+absl::StatusOr<int> Catalog::CountObjects() {
+  const std::lock_guard lock(mutex_);
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t count,
+                            QueryInt(connection_->handle.get(), "SELECT count(*) FROM object"));
+  return static_cast<int>(count);
+}
+
+absl::StatusOr<std::vector<ObjectModel>> Catalog::LoadAll() {
+  const std::lock_guard lock(mutex_);
+  sqlite3* db = connection_->handle.get();
+  constexpr int kNoLimit = -1;
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
+                            ReadSummaries(db, "", /*exactly=*/false, kNoLimit));
+  std::vector<ObjectModel> models;
+  models.reserve(found.size());
+  for (ObjectSummary& summary : found) {
+    HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, ReadRecord(db, std::move(summary.record)));
+    models.push_back(std::move(record.model));
+  }
+  return models;
+}
+
+}  // namespace horopter

@@ -1,0 +1,87 @@
+// The catalog of known parts in a SQLite file: the source of truth of every object.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "db/catalog_record.h"
+
+struct sqlite3;
+
+namespace horopter {
+
+struct CatalogOptions {
+  int busy_timeout_ms =
+      1000;  // waits this long for a file another process has locked; larger: later refusal
+};
+
+// Which parts of a record UpdateObject writes; the others stay as they are.
+struct UpdateParts {
+  bool display_name = false;
+  bool geometry = false;  // diameter, vertices, edges, mesh
+  bool symmetries = false;
+  bool grasps = false;
+  bool source = false;
+};
+
+// Owns the file exclusively: a second server on it is refused. A write that returned OK is on disk
+// (WAL, synchronous=FULL); one that did not has changed nothing. Thread-safe: calls are serialised.
+//
+//   HOROPTER_ASSIGN_OR_RETURN(std::unique_ptr<Catalog> catalog, Catalog::Open("parts.db"));
+//   HOROPTER_RETURN_IF_ERROR(catalog->CreateObject(record));
+//
+// Every call may also return DATA_LOSS (a stored blob or page is damaged), RESOURCE_EXHAUSTED (disk
+// full) or INTERNAL.
+class Catalog {
+ public:
+  // Creates the file when it is not there; ":memory:" for tests. Errors, each naming the file:
+  // UNAVAILABLE (locked), PERMISSION_DENIED (read-only), FAILED_PRECONDITION (cannot be opened, not
+  // a database, not a catalog, from a newer version), DATA_LOSS (damaged).
+  static absl::StatusOr<std::unique_ptr<Catalog>> Open(const std::string& path,
+                                                       const CatalogOptions& options = {});
+  ~Catalog();
+  Catalog(const Catalog&) = delete;
+  Catalog& operator=(const Catalog&) = delete;
+
+  // The hash is computed; a given one must agree. Errors: INVALID_ARGUMENT (names the field),
+  // ALREADY_EXISTS.
+  absl::Status CreateObject(const CatalogRecord& record);
+
+  // Writes the chosen parts and update_time; create_time stays. Errors: as CreateObject, NOT_FOUND.
+  absl::Status UpdateObject(const CatalogRecord& record, const UpdateParts& parts);
+
+  // Errors: NOT_FOUND.
+  absl::Status DeleteObject(const std::string& id);
+
+  // source.content stays empty (see GetCadFile). Errors: NOT_FOUND.
+  absl::StatusOr<CatalogRecord> GetObject(const std::string& id);
+
+  // Errors: NOT_FOUND.
+  absl::StatusOr<ObjectSummary> GetSummary(const std::string& id);
+
+  // The CAD file's bytes; empty when the object was not made from a file. Errors: NOT_FOUND,
+  // DATA_LOSS (hash differs).
+  absl::StatusOr<std::string> GetCadFile(const std::string& id);
+
+  // At most `limit` objects with id > after_id, ordered by id. Errors: INVALID_ARGUMENT (limit <
+  // 1).
+  absl::StatusOr<std::vector<ObjectSummary>> ListObjects(const std::string& after_id, int limit);
+
+  absl::StatusOr<int> CountObjects();
+
+  // All models, ordered by id.
+  absl::StatusOr<std::vector<ObjectModel>> LoadAll();
+
+ private:
+  struct Connection;
+  explicit Catalog(std::unique_ptr<Connection> connection);
+
+  std::mutex mutex_;
+  std::unique_ptr<Connection> connection_;  // guarded by mutex_
+};
+
+}  // namespace horopter

@@ -1,0 +1,63 @@
+// What the catalog keeps of one object.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "absl/status/status.h"
+#include "server/vision/geometry/object_model.h"
+
+namespace horopter {
+
+// The file an object was made from.
+struct CadSource {
+  std::string file_name;  // without folders
+  std::string format;     // step, iges, stl, ply, obj, cao
+  std::string unit;       // of the file's coordinates, e.g. "mm"
+  std::string content;    // the file's bytes; empty when not asked for
+  std::string sha256;     // of content, lower-case hex
+  int64_t size_bytes = 0;
+};
+
+struct CatalogRecord {
+  ObjectModel model;
+  CadSource source;
+  std::string create_time;  // RFC 3339, UTC
+  std::string update_time;
+};
+
+// An object without its bulk: model.vertices, model.edges, model.mesh and source.content are empty.
+struct ObjectSummary {
+  CatalogRecord record;
+  int vertex_count = 0;
+  int edge_count = 0;
+  int triangle_count = 0;
+};
+
+// Limits of a record; what lies outside is refused before it reaches the database.
+inline constexpr size_t kMaxDisplayNameBytes = 200;
+inline constexpr size_t kMaxGraspNameBytes = 63;
+inline constexpr size_t kMaxGrasps = 1000;
+inline constexpr size_t kMaxSymmetries = 1000;
+inline constexpr size_t kMaxModelVertices = 1'000'000;
+inline constexpr size_t kMaxEdges = 200'000;
+inline constexpr size_t kMaxPolylinePoints = 100'000;
+inline constexpr size_t kMaxMeshVertices = 2'000'000;
+inline constexpr size_t kMaxTriangles = 4'000'000;
+inline constexpr size_t kMaxCadBytes = size_t{128} << 20;
+// Parts a camera set can measure; a size outside means a wrong unit.
+inline constexpr double kMinDiameterM = 1e-4;
+inline constexpr double kMaxDiameterM = 100.0;
+// Ends of an edge agree with its vertices within this (STEP writers stay below 10 micrometres).
+inline constexpr double kEdgeEndToleranceM = 1e-5;
+
+// True for [a-z0-9_-]{1,63}.
+bool IsObjectId(const std::string& id);
+
+// Checks everything but source.content's hash. Errors: INVALID_ARGUMENT; the message begins with
+// the offending field as the wire names it ("edges[3].polyline_m: ...").
+absl::Status ValidateModel(const ObjectModel& model);
+absl::Status ValidateGrasps(const std::vector<Grasp>& grasps);
+absl::Status ValidateSource(const CadSource& source);
+
+}  // namespace horopter

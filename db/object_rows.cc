@@ -1,0 +1,235 @@
+#include "db/object_rows.h"
+
+#include "absl/strings/str_cat.h"
+#include "db/blob.h"
+#include "server/base/status_macros.h"
+
+namespace horopter {
+namespace {
+
+void BindRigid(Statement& statement, const Rigid3& transform) {
+  for (int row = 0; row < 3; ++row) {
+    for (int col = 0; col < 3; ++col) statement.Bind(transform.R(row, col));
+  }
+  for (int i = 0; i < 3; ++i) statement.Bind(transform.t[i]);
+}
+
+Rigid3 ReadRigid(const Statement& statement, int first_column) {
+  Rigid3 transform;
+  for (int row = 0; row < 3; ++row) {
+    for (int col = 0; col < 3; ++col)
+      transform.R(row, col) = statement.Double(first_column + 3 * row + col);
+  }
+  for (int i = 0; i < 3; ++i) transform.t[i] = statement.Double(first_column + 9 + i);
+  return transform;
+}
+
+// Calls row(statement) for each row.
+template <typename RowFunction>
+absl::Status ForEachRow(Statement& statement, const RowFunction& row) {
+  while (true) {
+    HOROPTER_ASSIGN_OR_RETURN(const bool more, statement.Step());
+    if (!more) return absl::OkStatus();
+    HOROPTER_RETURN_IF_ERROR(row(statement));
+  }
+}
+
+absl::Status NameObject(const absl::Status& status, const std::string& id) {
+  return absl::Status(status.code(),
+                      absl::StrCat("object ", id, ": ", std::string(status.message())));
+}
+
+}  // namespace
+
+absl::Status InsertObjectRow(sqlite3* db, const CatalogRecord& record) {
+  const ObjectModel& model = record.model;
+  Statement insert(db, "INSERT INTO object VALUES (?, ?, ?, ?, ?, ?, ?, ?)");
+  insert.Bind(std::string_view(model.id))
+      .Bind(std::string_view(model.display_name))
+      .Bind(model.diameter_m);
+  insert.Bind(std::string_view(record.create_time)).Bind(std::string_view(record.update_time));
+  insert.Bind(static_cast<int64_t>(model.vertices.size()))
+      .Bind(static_cast<int64_t>(model.edges.size()))
+      .Bind(static_cast<int64_t>(model.mesh.triangles.size()));
+  return insert.Run();
+}
+
+absl::Status InsertGeometry(sqlite3* db, const ObjectModel& model) {
+  Statement vertex(db, "INSERT INTO vertex VALUES (?, ?, ?, ?, ?)");
+  for (size_t i = 0; i < model.vertices.size(); ++i) {
+    const Eigen::Vector3d& v = model.vertices[i];
+    vertex.Bind(std::string_view(model.id))
+        .Bind(static_cast<int64_t>(i))
+        .Bind(v.x())
+        .Bind(v.y())
+        .Bind(v.z());
+    HOROPTER_RETURN_IF_ERROR(vertex.Run());
+  }
+  Statement edge(db, "INSERT INTO edge VALUES (?, ?, ?, ?, ?, ?, ?)");
+  for (size_t i = 0; i < model.edges.size(); ++i) {
+    const ModelEdge& e = model.edges[i];
+    edge.Bind(std::string_view(model.id))
+        .Bind(static_cast<int64_t>(i))
+        .Bind(static_cast<int64_t>(e.kind));
+    for (const int end : {e.start_vertex, e.end_vertex}) {
+      end < 0 ? edge.BindNull() : edge.Bind(static_cast<int64_t>(end));
+    }
+    const std::string polyline = EncodePolyline(e.polyline);
+    edge.Bind(e.dihedral_rad).BindBlob(polyline);
+    HOROPTER_RETURN_IF_ERROR(edge.Run());
+  }
+  const std::string data = EncodeMesh(model.mesh);
+  Statement mesh(db, "INSERT INTO mesh VALUES (?, ?)");
+  mesh.Bind(std::string_view(model.id)).BindBlob(data);
+  return mesh.Run();
+}
+
+absl::Status InsertSymmetries(sqlite3* db, const ObjectModel& model) {
+  Statement insert(db, "INSERT INTO symmetry VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+  for (size_t i = 0; i < model.symmetries.size(); ++i) {
+    insert.Bind(std::string_view(model.id)).Bind(static_cast<int64_t>(i));
+    BindRigid(insert, model.symmetries[i]);
+    HOROPTER_RETURN_IF_ERROR(insert.Run());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status InsertGrasps(sqlite3* db, const ObjectModel& model) {
+  Statement insert(
+      db, "INSERT INTO grasp VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+  for (size_t i = 0; i < model.grasps.size(); ++i) {
+    const Grasp& grasp = model.grasps[i];
+    insert.Bind(std::string_view(model.id)).Bind(static_cast<int64_t>(i));
+    BindRigid(insert, grasp.object_from_gripper);
+    insert.Bind(std::string_view(grasp.name))
+        .Bind(grasp.jaw_opening_m)
+        .Bind(grasp.grip_width_m)
+        .Bind(grasp.quality);
+    HOROPTER_RETURN_IF_ERROR(insert.Run());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status InsertSource(sqlite3* db, const std::string& id, const CadSource& source) {
+  Statement insert(db, "INSERT INTO cad_source VALUES (?, ?, ?, ?, ?, ?)");
+  insert.Bind(std::string_view(id))
+      .Bind(std::string_view(source.file_name))
+      .Bind(std::string_view(source.format));
+  insert.Bind(std::string_view(source.unit))
+      .Bind(std::string_view(source.sha256))
+      .BindBlob(source.content);
+  return insert.Run();
+}
+
+absl::Status ReadGeometry(sqlite3* db, ObjectModel& model) {
+  Statement vertex(db, "SELECT x, y, z FROM vertex WHERE object_id = ? ORDER BY idx");
+  vertex.Bind(std::string_view(model.id));
+  HOROPTER_RETURN_IF_ERROR(ForEachRow(vertex, [&](const Statement& row) {
+    model.vertices.emplace_back(row.Double(0), row.Double(1), row.Double(2));
+    return absl::OkStatus();
+  }));
+  Statement edge(db,
+                 "SELECT kind, start_vertex, end_vertex, dihedral_rad, polyline FROM edge "
+                 "WHERE object_id = ? ORDER BY idx");
+  edge.Bind(std::string_view(model.id));
+  const absl::Status edges = ForEachRow(edge, [&](const Statement& row) -> absl::Status {
+    ModelEdge e;
+    e.kind = static_cast<CurveKind>(row.Int(0));
+    e.start_vertex = row.IsNull(1) ? -1 : static_cast<int>(row.Int(1));
+    e.end_vertex = row.IsNull(2) ? -1 : static_cast<int>(row.Int(2));
+    e.dihedral_rad = row.Double(3);
+    absl::StatusOr<std::vector<Eigen::Vector3d>> polyline = DecodePolyline(row.Bytes(4));
+    if (!polyline.ok()) return NameObject(polyline.status(), model.id);
+    e.polyline = *std::move(polyline);
+    model.edges.push_back(std::move(e));
+    return absl::OkStatus();
+  });
+  if (!edges.ok()) return edges;
+  Statement mesh(db, "SELECT data FROM mesh WHERE object_id = ?");
+  mesh.Bind(std::string_view(model.id));
+  return ForEachRow(mesh, [&](const Statement& row) -> absl::Status {
+    absl::StatusOr<TriangleMesh> decoded = DecodeMesh(row.Bytes(0));
+    if (!decoded.ok()) return NameObject(decoded.status(), model.id);
+    model.mesh = *std::move(decoded);
+    return absl::OkStatus();
+  });
+}
+
+absl::Status ReadSymmetries(sqlite3* db, ObjectModel& model) {
+  Statement select(db,
+                   "SELECT r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz FROM symmetry "
+                   "WHERE object_id = ? ORDER BY idx");
+  select.Bind(std::string_view(model.id));
+  return ForEachRow(select, [&](const Statement& row) {
+    model.symmetries.push_back(ReadRigid(row, 0));
+    return absl::OkStatus();
+  });
+}
+
+absl::Status ReadGrasps(sqlite3* db, ObjectModel& model) {
+  Statement select(
+      db,
+      "SELECT r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz, name, jaw_opening_m, "
+      "grip_width_m, quality FROM grasp WHERE object_id = ? ORDER BY idx");
+  select.Bind(std::string_view(model.id));
+  return ForEachRow(select, [&](const Statement& row) {
+    Grasp grasp;
+    grasp.object_from_gripper = ReadRigid(row, 0);
+    grasp.name = row.Text(12);
+    grasp.jaw_opening_m = row.Double(13);
+    grasp.grip_width_m = row.Double(14);
+    grasp.quality = row.Double(15);
+    model.grasps.push_back(std::move(grasp));
+    return absl::OkStatus();
+  });
+}
+
+absl::Status ReadSource(sqlite3* db, const std::string& id, CadSource& source) {
+  Statement select(db,
+                   "SELECT file_name, format, unit, sha256, length(content) FROM cad_source WHERE "
+                   "object_id = ?");
+  select.Bind(std::string_view(id));
+  return ForEachRow(select, [&](const Statement& row) {
+    source.file_name = row.Text(0);
+    source.format = row.Text(1);
+    source.unit = row.Text(2);
+    source.sha256 = row.Text(3);
+    source.size_bytes = row.Int(4);
+    return absl::OkStatus();
+  });
+}
+
+absl::StatusOr<std::vector<ObjectSummary>> ReadSummaries(sqlite3* db,
+                                                         const std::string& after,
+                                                         bool exactly,
+                                                         int limit) {
+  Statement select(
+      db,
+      absl::StrCat("SELECT object_id, display_name, diameter_m, create_time, update_time, "
+                   "vertex_count, edge_count, triangle_count FROM object WHERE object_id ",
+                   exactly ? "=" : ">",
+                   " ? ORDER BY object_id LIMIT ?"));
+  select.Bind(std::string_view(after)).Bind(static_cast<int64_t>(limit));
+  std::vector<ObjectSummary> summaries;
+  HOROPTER_RETURN_IF_ERROR(ForEachRow(select, [&](const Statement& row) {
+    ObjectSummary summary;
+    summary.record.model.id = row.Text(0);
+    summary.record.model.display_name = row.Text(1);
+    summary.record.model.diameter_m = row.Double(2);
+    summary.record.create_time = row.Text(3);
+    summary.record.update_time = row.Text(4);
+    summary.vertex_count = static_cast<int>(row.Int(5));
+    summary.edge_count = static_cast<int>(row.Int(6));
+    summary.triangle_count = static_cast<int>(row.Int(7));
+    summaries.push_back(std::move(summary));
+    return absl::OkStatus();
+  }));
+  for (ObjectSummary& summary : summaries) {
+    HOROPTER_RETURN_IF_ERROR(ReadSymmetries(db, summary.record.model));
+    HOROPTER_RETURN_IF_ERROR(ReadGrasps(db, summary.record.model));
+    HOROPTER_RETURN_IF_ERROR(ReadSource(db, summary.record.model.id, summary.record.source));
+  }
+  return summaries;
+}
+
+}  // namespace horopter

@@ -1,0 +1,35 @@
+// One object's rows in the tables; internal to db/. Callers open the transaction.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "db/catalog_record.h"
+#include "db/sqlite.h"
+
+namespace horopter {
+
+// Each insert expects that the object's row exists and that it has no rows of that kind yet.
+absl::Status InsertObjectRow(sqlite3* db, const CatalogRecord& record);
+absl::Status InsertGeometry(sqlite3* db, const ObjectModel& model);
+absl::Status InsertSymmetries(sqlite3* db, const ObjectModel& model);
+absl::Status InsertGrasps(sqlite3* db, const ObjectModel& model);
+absl::Status InsertSource(sqlite3* db, const std::string& id, const CadSource& source);
+
+// Errors: DATA_LOSS (damaged blob).
+absl::Status ReadGeometry(sqlite3* db, ObjectModel& model);
+absl::Status ReadSymmetries(sqlite3* db, ObjectModel& model);
+absl::Status ReadGrasps(sqlite3* db, ObjectModel& model);
+// Without content.
+absl::Status ReadSource(sqlite3* db, const std::string& id, CadSource& source);
+
+// Summaries of the objects with id > after (or id == after when `exactly`), at most limit, ordered
+// by id.
+absl::StatusOr<std::vector<ObjectSummary>> ReadSummaries(sqlite3* db,
+                                                         const std::string& after,
+                                                         bool exactly,
+                                                         int limit);
+
+}  // namespace horopter

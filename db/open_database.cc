@@ -1,0 +1,130 @@
+#include "db/open_database.h"
+
+#include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
+
+namespace horopter {
+namespace {
+
+// Adds the file and, for the codes an operator meets, what to do about it.
+absl::Status Explain(const absl::Status& status, const std::string& path) {
+  std::string advice;
+  if (absl::IsUnavailable(status)) {
+    advice = "is locked by another process (is a horopterd already running on it?)";
+  } else if (absl::IsPermissionDenied(status)) {
+    advice = "is read-only";
+  } else if (absl::IsFailedPrecondition(status)) {
+    advice = "cannot be opened as a database";
+  } else {
+    advice = "cannot be used";
+  }
+  return absl::Status(
+      status.code(),
+      absl::StrCat("database ", path, " ", advice, ": ", std::string(status.message())));
+}
+
+// Refuses foreign and newer files. Reads only.
+absl::Status CheckOwnership(sqlite3* db, const std::string& path, int newest_version) {
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t application, QueryInt(db, "PRAGMA application_id"));
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t version, QueryInt(db, "PRAGMA user_version"));
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t tables,
+                            QueryInt(db, "SELECT count(*) FROM sqlite_schema"));
+  const bool empty = application == 0 && version == 0 && tables == 0;
+  if (!empty && application != kCatalogApplicationId) {
+    return absl::FailedPreconditionError(absl::StrCat("database ",
+                                                      path,
+                                                      " is not a horopter catalog: application_id ",
+                                                      application,
+                                                      ", expected ",
+                                                      kCatalogApplicationId));
+  }
+  if (version > newest_version) {
+    return absl::FailedPreconditionError(absl::StrCat("database ",
+                                                      path,
+                                                      " has schema version ",
+                                                      version,
+                                                      ", this program knows up to ",
+                                                      newest_version,
+                                                      "; use a newer horopterd"));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status Configure(sqlite3* db) {
+  HOROPTER_RETURN_IF_ERROR(Execute(db, "PRAGMA foreign_keys=ON"));
+  HOROPTER_RETURN_IF_ERROR(Execute(db, "PRAGMA trusted_schema=OFF"));
+  HOROPTER_ASSIGN_OR_RETURN(const std::string mode, QueryText(db, "PRAGMA journal_mode=WAL"));
+  if (mode != "wal" && mode != "memory") {
+    return absl::InternalError(absl::StrCat("journal mode is '", mode, "', not WAL"));
+  }
+  return Execute(db, "PRAGMA synchronous=FULL");
+}
+
+absl::Status CheckIntegrity(sqlite3* db, const std::string& path) {
+  const absl::StatusOr<std::string> result = QueryText(db, "PRAGMA quick_check(1)");
+  if (!result.ok()) return Explain(result.status(), path);
+  if (*result != "ok") {
+    return absl::DataLossError(absl::StrCat("database ", path, " is damaged: ", *result));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status Migrate(sqlite3* db, const std::vector<std::string>& migrations) {
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t version, QueryInt(db, "PRAGMA user_version"));
+  for (size_t i = version; i < migrations.size(); ++i) {
+    const absl::Status migrated = RunInTransaction(db, [&]() -> absl::Status {
+      HOROPTER_RETURN_IF_ERROR(Execute(db, migrations[i]));
+      HOROPTER_RETURN_IF_ERROR(
+          Execute(db, absl::StrCat("PRAGMA application_id=", kCatalogApplicationId)));
+      return Execute(db, absl::StrCat("PRAGMA user_version=", i + 1));
+    });
+    if (!migrated.ok()) return migrated;
+  }
+  return absl::OkStatus();
+}
+
+// With locking_mode=EXCLUSIVE a lock once taken stays; an empty write transaction takes it.
+absl::Status TakeOwnership(sqlite3* db) {
+  HOROPTER_RETURN_IF_ERROR(Execute(db, "BEGIN EXCLUSIVE"));
+  return Execute(db, "COMMIT");
+}
+
+}  // namespace
+
+absl::StatusOr<SqliteHandle> OpenDatabase(const std::string& path,
+                                          int busy_timeout_ms,
+                                          const std::vector<std::string>& migrations) {
+  sqlite3* raw = nullptr;
+  const int opened =
+      sqlite3_open_v2(path.c_str(),
+                      &raw,
+                      SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX,
+                      nullptr);
+  SqliteHandle handle(raw);
+  if (raw == nullptr) return absl::ResourceExhaustedError("out of memory");
+  if (opened != SQLITE_OK) return Explain(SqliteError(raw, "open"), path);
+  sqlite3_extended_result_codes(raw, 1);
+  sqlite3_busy_timeout(raw, busy_timeout_ms);
+
+  if (const absl::Status status = Execute(raw, "PRAGMA locking_mode=EXCLUSIVE"); !status.ok()) {
+    return Explain(status, path);
+  }
+  // Touches the file for the first time: locked files and files that are no database are noticed
+  // here.
+  if (const auto tables = QueryInt(raw, "SELECT count(*) FROM sqlite_schema"); !tables.ok()) {
+    return Explain(tables.status(), path);
+  }
+  HOROPTER_RETURN_IF_ERROR(CheckOwnership(raw, path, static_cast<int>(migrations.size())));
+  if (sqlite3_db_readonly(raw, "main") == 1) {
+    return absl::PermissionDeniedError(absl::StrCat("database ", path, " is read-only"));
+  }
+  HOROPTER_RETURN_IF_ERROR(CheckIntegrity(raw, path));
+  for (const auto& step : {Configure, TakeOwnership}) {
+    if (const absl::Status status = step(raw); !status.ok()) return Explain(status, path);
+  }
+  if (const absl::Status status = Migrate(raw, migrations); !status.ok())
+    return Explain(status, path);
+  return handle;
+}
+
+}  // namespace horopter
