@@ -1,0 +1,212 @@
+#!/usr/bin/env python3
+"""Checks every #include of the sources against the layers of the architecture.
+
+    layering.py [ROOT]        prints one line per violation; exit 0 none, 1 some, 2 nothing to check
+
+What may include what is data, at the top of this file: FOLDERS for the project's own headers, LIBRARIES for everybody
+else's, EXCEPTIONS for what breaks a rule on purpose. A folder, a library or a system header nobody has placed yet is a
+violation too, so that a new one gets its rule on the day it appears.
+"""
+import collections
+import os
+import re
+import sys
+
+# Folder -> folders whose headers it may include, besides its own. In the order of the dependency: a folder may only name
+# folders above it. `server/main.cc` is the one file that is a layer of its own.
+FOLDERS = collections.OrderedDict([
+    ("server/base", []),
+    ("server/index", ["server/base"]),
+    ("server/vision/geometry", ["server/base"]),
+    ("server/vision/features", ["server/base", "server/vision/geometry"]),
+    ("server/vision/matching", ["server/base", "server/vision/geometry", "server/vision/features"]),
+    ("server/vision/reconstruction",
+     ["server/base", "server/vision/geometry", "server/vision/features", "server/vision/matching"]),
+    ("server/vision/recognition",
+     ["server/base", "server/index", "server/vision/geometry", "server/vision/features", "server/vision/matching",
+      "server/vision/reconstruction"]),
+    ("server/vision/euclidean",
+     ["server/base", "server/vision/geometry", "server/vision/features", "server/vision/matching",
+      "server/vision/reconstruction", "server/vision/recognition"]),
+    # The catalog stores value types, which all live in geometry; it knows no stage.
+    ("db", ["server/base", "server/vision/geometry"]),
+    ("proto", []),
+    ("server/pipeline",
+     ["server/base", "db", "server/vision/geometry", "server/vision/features", "server/vision/matching",
+      "server/vision/reconstruction", "server/vision/recognition", "server/vision/euclidean"]),
+    # Handlers convert and call: they see the pipeline and value types, no stage.
+    ("server/service", ["server/base", "db", "proto", "server/vision/geometry", "server/pipeline"]),
+    ("server/main.cc", ["server/base", "db", "proto", "server/pipeline", "server/service"]),
+    # The client talks to the server over the wire; it shares value types and the status macros.
+    ("client", ["server/base", "proto", "server/vision/geometry"]),
+])
+
+STAGES = ["server/vision/features", "server/vision/matching", "server/vision/reconstruction",
+          "server/vision/recognition", "server/vision/euclidean"]
+VISION = ["server/vision/geometry"] + STAGES
+EVERYWHERE = list(FOLDERS)
+EDGE = ["server/service", "server/main.cc", "client"]
+
+# Library -> (pattern of its headers, folders that may include them).
+LIBRARIES = collections.OrderedDict([
+    ("Protobuf", (r"google/protobuf/|google/rpc/", EDGE + ["proto"])),
+    ("gRPC", (r"grpc/|grpcpp/|grpc\+\+/", EDGE + ["proto"])),
+    ("SQLite", (r"sqlite3(ext)?\.h$", ["db"])),
+    # Everybody below may forward-declare cv::Mat and pass it on; these look into images.
+    ("OpenCV umbrella header", (r"opencv2/opencv\.hpp$", [])),
+    ("OpenCV core", (r"opencv2/core(\.hpp$|/)",
+                     ["server/vision/features", "server/vision/matching", "server/pipeline", "server/service",
+                      "client"])),
+    ("OpenCV image files", (r"opencv2/imgcodecs(\.hpp$|/)", ["server/service", "client"])),
+    ("OpenCV", (r"opencv2/", ["server/vision/features", "server/vision/matching", "client"])),
+    ("Ceres", (r"ceres/", STAGES + ["server/vision/geometry"])),
+    ("OpenCASCADE", (r"[A-Za-z0-9]+_?[A-Za-z0-9_]*\.hxx$", ["client"])),
+    ("assimp", (r"assimp/", ["client"])),
+    ("CLI11", (r"CLI/", ["server/main.cc", "client"])),
+    ("spdlog", (r"spdlog/|fmt/", EDGE)),
+    ("JSON", (r"nlohmann/", EDGE)),
+    ("glog", (r"glog/", ["server/main.cc"])),
+    ("Eigen", (r"Eigen/", EVERYWHERE)),
+    ("Abseil", (r"absl/", EVERYWHERE)),
+    # No stage reads a file or a clock, and none prints.
+    ("files, clocks and streams of the standard library",
+     (r"(fstream|filesystem|iostream|chrono|ctime|time\.h|sys/time\.h)$",
+      ["db", "server/pipeline", "server/service", "server/main.cc", "client"])),
+    ("operating system", (r"(unistd|fcntl|signal|dirent|poll|pthread|dlfcn)\.h$|csignal$|(sys|netinet|arpa|linux)/",
+                          ["db", "server/service", "server/main.cc", "client"])),
+])
+ONLY_IN_SOURCES = ["Ceres"]  # too heavy for our headers
+
+# (file or folder, library or folder, why). The only place where a rule may be broken.
+EXCEPTIONS = [
+    ("server/vision/recognition", "OpenCV core", "edge maps and verification read the pixels of the request's images"),
+    ("server/vision/recognition", "OpenCV", "edge maps need gradients and distance transforms"),
+    ("server/vision/euclidean", "OpenCV core", "refinement looks for edge points along the normals in the images"),
+]
+
+STANDARD = re.compile(r"[a-z0-9_]+$|(std(int|lib|io|def)|string|math|assert|errno|limits|float)\.h$")
+INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^">]+)[">]')
+SOURCES = (".h", ".cc")
+
+
+def folder_of(path):
+    """The layer a file of the project belongs to, or None."""
+    if path in FOLDERS:
+        return path
+    best = None
+    for folder in FOLDERS:
+        if path.startswith(folder + "/") and (best is None or len(folder) > len(best)):
+            best = folder
+    # A file directly in server/, or in a folder without a rule, belongs nowhere.
+    return best
+
+
+def library_of(header):
+    for name, (pattern, _) in LIBRARIES.items():
+        if re.match(pattern, header):
+            return name
+    return None
+
+
+def excepted(path, folder, what):
+    return any(what == allowed and where in (path, folder) for where, allowed, _ in EXCEPTIONS)
+
+
+def check_include(root, path, folder, quote, header):
+    """Returns why the include breaks a rule, or None."""
+    generated = re.match(r"horopter/v\d+/\w+(\.grpc)?\.pb\.h$", header)
+    if generated:
+        target = "proto"
+    elif header.startswith(("server/", "db/", "client/", "proto/", "tests/")):
+        if quote == "<":
+            return "the project's own headers are included with quotes"
+        if not os.path.exists(os.path.join(root, header)):
+            return "no such file"
+        target = folder_of(header)
+        if target is None:
+            return "is in no known layer"
+    else:
+        target = None
+    if target is not None:
+        if target == folder or target in FOLDERS[folder] or excepted(path, folder, target):
+            return None
+        return "%s may not include %s" % (folder, target)
+
+    library = library_of(header)
+    if library is not None:
+        allowed = LIBRARIES[library][1]
+        if folder not in allowed and not excepted(path, folder, library):
+            return "%s may not include %s" % (folder, library)
+        if library in ONLY_IN_SOURCES and path.endswith(".h"):
+            return "%s only in .cc files" % library
+        return None
+    if quote == '"':
+        return "include from the root of the project (or name the library in LIBRARIES)"
+    if not STANDARD.match(header):
+        return "unknown library: name it in LIBRARIES"
+    return None
+
+
+def check_file(root, path):
+    folder = folder_of(path)
+    if folder is None:
+        return [(path, 1, "is in no known layer: give it a rule in FOLDERS")]
+    found = []
+    with open(os.path.join(root, path), encoding="utf-8") as source:
+        for number, line in enumerate(source, 1):
+            match = INCLUDE.match(line)
+            if not match:
+                continue
+            why = check_include(root, path, folder, match.group(1), match.group(2))
+            if why:
+                found.append((path, number, "%s: %s" % (match.group(2), why)))
+    return found
+
+
+def sources(root):
+    for top in ("server", "db", "client", "proto"):
+        for where, folders, files in os.walk(os.path.join(root, top)):
+            folders.sort()
+            for name in sorted(files):
+                if name.endswith(SOURCES):
+                    yield os.path.relpath(os.path.join(where, name), root)
+
+
+def check_table():
+    """The table itself: folders name only folders above them, exceptions name real things."""
+    found = []
+    seen = set()
+    for folder, allowed in FOLDERS.items():
+        found += ["%s names %s, which is not above it" % (folder, a) for a in allowed if a not in seen]
+        seen.add(folder)
+    for where, what, why in EXCEPTIONS:
+        if folder_of(where) is None or (what not in LIBRARIES and what not in FOLDERS) or not why:
+            found.append("exception (%s, %s) names nothing or gives no reason" % (where, what))
+    return found
+
+
+def check_tree(root):
+    """All violations below root as (path, line, text), and the number of files read."""
+    paths = list(sources(root))
+    found = []
+    for path in paths:
+        found += check_file(root, path)
+    return found, len(paths)
+
+
+def main():
+    root = sys.argv[1] if len(sys.argv) > 1 else os.path.join(os.path.dirname(__file__), "..", "..")
+    table = check_table()
+    found, count = check_tree(root)
+    for text in table:
+        print("layering.py: " + text)
+    for path, line, text in found:
+        print("%s:%d: %s" % (path, line, text))
+    print("%d files, %d violations" % (count, len(found) + len(table)))
+    if count == 0:
+        return 2
+    return 1 if found or table else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
