@@ -1,0 +1,29 @@
+#!/usr/bin/env bash
+# Configures a preset and builds it.
+#
+#   deploy/build.sh [--preset NAME] [TARGET...]
+#     --preset NAME   a configure preset of CMakePresets.json (default: release)
+#     TARGET          what to build (default: everything)
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+preset=release
+targets=()
+while [[ $# -gt 0 ]]; do
+  case $1 in
+    --preset) preset=${2:?--preset needs a name}; shift 2 ;;
+    -*) sed -n '2,7s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
+    *) targets+=("$1"); shift ;;
+  esac
+done
+
+log=build/$preset-configure.log
+mkdir -p build
+if ! cmake --preset "$preset" >"$log" 2>&1; then
+  cat "$log" >&2
+  echo "build.sh: the configuration failed; does deploy/install.sh --list name missing packages?" >&2
+  exit 1
+fi
+args=(--build --preset "$preset" --parallel "$(nproc)")
+[[ ${#targets[@]} -eq 0 ]] || args+=(--target "${targets[@]}")
+cmake "${args[@]}"
