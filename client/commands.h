@@ -1,0 +1,71 @@
+// The sub-commands of the `horopter` program. They print their result to stdout, progress and
+// warnings to stderr.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "client/api.h"
+
+namespace horopter {
+
+struct ObjectAddArguments {
+  std::string cad_path;
+  std::string id;
+  std::string grasps_path;  // empty: none
+  std::string unit;         // empty: the file's, or mm
+  std::string display_name;
+};
+absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& arguments);
+
+struct ObjectUpdateArguments {
+  std::string id;
+  std::optional<std::string> cad_path;
+  std::optional<std::string> grasps_path;
+  std::optional<std::string> display_name;
+  std::string unit;
+};
+absl::Status ObjectUpdateCommand(HoropterClient& client, const ObjectUpdateArguments& arguments);
+
+absl::Status ObjectList(HoropterClient& client);
+absl::Status ObjectShow(HoropterClient& client, const std::string& id, bool json);
+absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>& ids);
+
+// Enrols every object of a BOP dataset, or updates those that are in the catalog already.
+absl::Status DatasetEnroll(HoropterClient& client, const std::string& dataset);
+
+struct DatasetRecognizeArguments {
+  std::string dataset;
+  std::string split;
+  std::string out;
+  std::vector<int> scenes;  // empty: all
+  int max_images = 0;       // per scene, spread evenly; 0: all
+};
+absl::Status DatasetRecognize(HoropterClient& client, const DatasetRecognizeArguments& arguments);
+
+struct DatasetEvaluateArguments {
+  std::string dataset;
+  std::string split;
+  std::string results;
+  std::vector<int> scenes;  // empty: all
+  bool json = false;
+};
+absl::Status DatasetEvaluate(const DatasetEvaluateArguments& arguments);  // needs no server
+
+struct RecognizeArguments {
+  std::vector<std::string> images;
+  std::string overlay_path;  // empty: none
+  bool json = false;
+  std::vector<std::string> candidates;  // empty: the whole catalog
+  // Object id, then optionally its pose in the robot base: x y z (metres) qw qx qy qz. Empty: no
+  // reference.
+  std::vector<std::string> reference;
+};
+absl::Status Recognize(HoropterClient& client, const RecognizeArguments& arguments);
+
+// Whole file as bytes. Errors: NOT_FOUND, INVALID_ARGUMENT (empty).
+absl::StatusOr<std::string> ReadFileBytes(const std::string& path);
+
+}  // namespace horopter

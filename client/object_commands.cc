@@ -1,0 +1,230 @@
+#include <google/protobuf/util/json_util.h>
+#include <google/protobuf/util/time_util.h>
+
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/bop_dataset.h"
+#include "client/cad_import.h"
+#include "client/commands.h"
+#include "client/convert.h"
+#include "server/base/status_macros.h"
+
+namespace horopter {
+namespace {
+
+struct LoadedCad {
+  CadImport import;
+  CadFile file;
+};
+
+absl::StatusOr<LoadedCad> LoadCad(const std::string& path, const std::string& unit) {
+  LoadedCad cad;
+  CadImportOptions options;
+  options.unit = unit;
+  HOROPTER_ASSIGN_OR_RETURN(cad.import, ImportCad(path, options));
+  HOROPTER_ASSIGN_OR_RETURN(cad.file.content, ReadFileBytes(path));
+  cad.file.file_name = std::filesystem::path(path).filename().string();
+  cad.file.format = absl::AsciiStrToLower(cad.import.format);
+  cad.file.unit = cad.import.unit_name;
+  for (const std::string& w : cad.import.warnings) {
+    std::fprintf(stderr, "warning: %s: %s\n", path.c_str(), w.c_str());
+  }
+  return cad;
+}
+
+std::string Describe(const CadImport& import) {
+  const auto& c = import.counts;
+  return absl::StrFormat(
+      "%s, unit %s (%s), diameter %.1f mm, %d corners, %d lines, %d circles, %d other curves, "
+      "%d triangles, %d symmetries",
+      import.format,
+      import.unit_name,
+      import.unit_from_file ? "from the file" : "assumed",
+      import.model.diameter_m * 1e3,
+      c.at("vertices"),
+      c.at("lines"),
+      c.at("circles"),
+      c.at("other_curves"),
+      c.at("triangles"),
+      import.model.symmetries.size());
+}
+
+// Model and CAD file of one dataset object: exact CAD when there is one, symmetries as the dataset
+// states them.
+absl::StatusOr<LoadedCad> LoadDatasetObject(const BopObject& object) {
+  const std::string path = object.cad_path.empty() ? object.mesh_path : object.cad_path;
+  HOROPTER_ASSIGN_OR_RETURN(LoadedCad cad, LoadCad(path, object.cad_path.empty() ? "mm" : ""));
+  ObjectModel& model = cad.import.model;
+  model.id = BopObjectName(object.obj_id);
+  model.display_name = object.name;
+  if (object.in_models_info) model.symmetries = object.symmetries;
+  if (!object.grasps_path.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(model.grasps, ReadGrasps(object.grasps_path));
+  }
+  return cad;
+}
+
+}  // namespace
+
+absl::StatusOr<std::string> ReadFileBytes(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::error_code error;
+  if (!file || !std::filesystem::is_regular_file(path, error)) {
+    return absl::NotFoundError(absl::StrCat(path, ": cannot be opened"));
+  }
+  std::string bytes{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+  if (bytes.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": empty file"));
+  return bytes;
+}
+
+absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& arguments) {
+  HOROPTER_ASSIGN_OR_RETURN(LoadedCad cad, LoadCad(arguments.cad_path, arguments.unit));
+  ObjectModel& model = cad.import.model;
+  model.id = arguments.id;
+  model.display_name = arguments.display_name;
+  if (!arguments.grasps_path.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(model.grasps, ReadGrasps(arguments.grasps_path));
+  }
+  HOROPTER_RETURN_IF_ERROR(client.CreateObject(model, cad.file).status());
+  std::printf("%s added: %s, %zu grasps\n",
+              model.id.c_str(),
+              Describe(cad.import).c_str(),
+              model.grasps.size());
+  return absl::OkStatus();
+}
+
+absl::Status ObjectUpdateCommand(HoropterClient& client, const ObjectUpdateArguments& arguments) {
+  LoadedCad cad;
+  ObjectUpdate what;
+  if (arguments.cad_path) {
+    HOROPTER_ASSIGN_OR_RETURN(cad, LoadCad(*arguments.cad_path, arguments.unit));
+    what.geometry = true;
+  }
+  ObjectModel& model = cad.import.model;
+  model.id = arguments.id;
+  if (arguments.grasps_path) {
+    HOROPTER_ASSIGN_OR_RETURN(model.grasps, ReadGrasps(*arguments.grasps_path));
+    what.grasps = true;
+  }
+  if (arguments.display_name) {
+    model.display_name = *arguments.display_name;
+    what.display_name = true;
+  }
+  if (!what.geometry && !what.grasps && !what.display_name) {
+    return absl::InvalidArgumentError("nothing to update: give --cad, --grasps or --name");
+  }
+  HOROPTER_RETURN_IF_ERROR(client.UpdateObject(model, cad.file, what).status());
+  std::printf("%s updated\n", model.id.c_str());
+  return absl::OkStatus();
+}
+
+absl::Status ObjectList(HoropterClient& client) {
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<v1::Object> objects, client.ListObjects());
+  std::printf("%-20s %-24s %9s %8s %6s %10s %7s  %s\n",
+              "id",
+              "name",
+              "diameter",
+              "corners",
+              "edges",
+              "symmetries",
+              "grasps",
+              "source");
+  for (const v1::Object& o : objects) {
+    std::printf("%-20s %-24s %6.1f mm %8d %6d %10d %7d  %s\n",
+                IdOfResource(o.name()).c_str(),
+                o.display_name().c_str(),
+                o.diameter_m() * 1e3,
+                o.vertex_count(),
+                o.edge_count(),
+                o.object_from_symmetric_object_size(),
+                o.grasps_size(),
+                o.source().file_name().c_str());
+  }
+  std::printf("%zu objects\n", objects.size());
+  return absl::OkStatus();
+}
+
+absl::Status ObjectShow(HoropterClient& client, const std::string& id, bool json) {
+  HOROPTER_ASSIGN_OR_RETURN(const v1::Object o, client.GetObject(id, v1::OBJECT_VIEW_BASIC));
+  if (json) {
+    google::protobuf::util::JsonPrintOptions options;
+    options.add_whitespace = true;
+    options.preserve_proto_field_names = true;
+    std::string text;
+    const auto status = google::protobuf::util::MessageToJsonString(o, &text, options);
+    if (!status.ok()) return absl::InternalError(status.ToString());
+    std::printf("%s", text.c_str());
+    return absl::OkStatus();
+  }
+  using google::protobuf::util::TimeUtil;
+  std::printf("id          %s\n", IdOfResource(o.name()).c_str());
+  std::printf("name        %s\n", o.display_name().c_str());
+  std::printf("diameter    %.2f mm\n", o.diameter_m() * 1e3);
+  std::printf("geometry    %d corners, %d edges, %d triangles, %d symmetries\n",
+              o.vertex_count(),
+              o.edge_count(),
+              o.triangle_count(),
+              o.object_from_symmetric_object_size());
+  std::printf("source      %s (%s, unit %s, %lld bytes, sha256 %s)\n",
+              o.source().file_name().c_str(),
+              o.source().format().c_str(),
+              o.source().unit().c_str(),
+              static_cast<long long>(o.source().size_bytes()),
+              o.source().sha256().c_str());
+  std::printf("created     %s\nupdated     %s\n",
+              TimeUtil::ToString(o.create_time()).c_str(),
+              TimeUtil::ToString(o.update_time()).c_str());
+  for (const v1::Grasp& g : o.grasps()) {
+    const Eigen::Vector3d t = FromProto(g.object_from_gripper()).t * 1e3;
+    std::printf("grasp       %s at (%.1f, %.1f, %.1f) mm, opening %.1f mm, grip %.1f mm\n",
+                g.name().c_str(),
+                t.x(),
+                t.y(),
+                t.z(),
+                g.jaw_opening_m() * 1e3,
+                g.grip_width_m() * 1e3);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>& ids) {
+  for (const std::string& id : ids) {
+    HOROPTER_RETURN_IF_ERROR(client.DeleteObject(id));
+    std::printf("%s removed\n", id.c_str());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status DatasetEnroll(HoropterClient& client, const std::string& folder) {
+  HOROPTER_ASSIGN_OR_RETURN(const BopDataset dataset, ReadBopDataset(folder));
+  size_t number = 0;
+  for (const BopObject& object : dataset.objects) {
+    HOROPTER_ASSIGN_OR_RETURN(const LoadedCad cad, LoadDatasetObject(object));
+    const ObjectModel& model = cad.import.model;
+    const char* verb = "added";
+    absl::Status status = client.CreateObject(model, cad.file).status();
+    if (absl::IsAlreadyExists(status)) {
+      verb = "updated";
+      status = client.UpdateObject(model, cad.file, {true, true, true}).status();
+    }
+    HOROPTER_RETURN_IF_ERROR(status);
+    std::printf("[%zu/%zu] %s %s %s: %s, %zu grasps\n",
+                ++number,
+                dataset.objects.size(),
+                model.id.c_str(),
+                model.display_name.c_str(),
+                verb,
+                Describe(cad.import).c_str(),
+                model.grasps.size());
+    std::fflush(stdout);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace horopter
