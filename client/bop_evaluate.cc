@@ -103,6 +103,13 @@ double Mssd(const Rigid3& estimate, const Rigid3& truth, const EvaluatedObject& 
   return std::sqrt(best);
 }
 
+// Rotations from files are rounded, symmetries to four digits: the inverse, not the transpose,
+// keeps the figures equal to those of the BOP tools.
+Rigid3 TrueInverse(const Rigid3& a_from_b) {
+  const Eigen::Matrix3d inverse = a_from_b.R.inverse();
+  return {inverse, -(inverse * a_from_b.t)};
+}
+
 struct RelativeError {
   double mm = 0.0;
   double deg = 0.0;
@@ -116,13 +123,11 @@ RelativeError RelativePoseError(const Rigid3& estimate_x,
                                 const Rigid3& truth_y,
                                 const EvaluatedObject& x,
                                 const EvaluatedObject& y) {
-  // The file's rotations are rounded; a true inverse keeps the figures comparable with other tools.
-  const Eigen::Matrix3d inverse = estimate_x.R.inverse();
-  const Rigid3 rel{inverse * estimate_y.R, inverse * (estimate_y.t - estimate_x.t)};
+  const Rigid3 rel = TrueInverse(estimate_x) * estimate_y;
   RelativeError best{1e300, 0.0};
   for (const Rigid3& sx : x.symmetries) {
     for (const Rigid3& sy : y.symmetries) {
-      const Rigid3 g = (truth_x * sx).Inverse() * (truth_y * sy);
+      const Rigid3 g = TrueInverse(truth_x * sx) * (truth_y * sy);
       const double mm = kMmPerMetre * (rel * y.centre - g * y.centre).norm();
       const double cosine = ((rel.R.transpose() * g.R).trace() - 1.0) / 2.0;
       const double deg = std::acos(std::clamp(cosine, -1.0, 1.0)) * 180.0 / M_PI;

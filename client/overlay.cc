@@ -65,7 +65,13 @@ struct Painter {
 
 void PutText(
     const std::string& text, cv::Point at, double scale, const cv::Scalar& color, cv::Mat* image) {
-  cv::putText(*image, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, {0, 0, 0}, 3, cv::LINE_AA);
+  int baseline = 0;
+  const cv::Size size = cv::getTextSize(text, cv::FONT_HERSHEY_SIMPLEX, scale, 1, &baseline);
+  cv::rectangle(*image,
+                at + cv::Point(-2, baseline),
+                at + cv::Point(size.width + 2, -size.height - 2),
+                {25, 25, 25},
+                cv::FILLED);
   cv::putText(*image, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, color, 1, cv::LINE_AA);
 }
 
