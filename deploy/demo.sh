@@ -1,0 +1,107 @@
+#!/usr/bin/env bash
+# Shows the whole path on sample data: installs, builds, starts a server, enrols 20 CAD parts, recognises a scene from its
+# images alone, draws the result and checks it against the scene's ground truth. Not 0 when the check fails.
+#
+#   deploy/demo.sh [SCENE]       a scene of tests/data/parts/val: 1, 5 (default), 11 or 13
+#                                1 and 5 must come out right; 11 and 13 are hard and are only shown and scored
+#
+# Nothing is left behind but build/demo/ (overlay, results, server log). May be run as often as you like.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+scene=${1:-5}
+dataset=tests/data/parts
+folder=$(printf '%s/val/%06d' "$dataset" "$scene" 2>/dev/null) && [[ -d $folder ]] || {
+  sed -n '2,8s/^# \{0,1\}//p' "$0" >&2
+  exit 2
+}
+tier=$(python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["tier"])' "$folder/scene_meta.json" 2>/dev/null ||
+  grep -o 'T[0-9]' "$folder/scene_meta.json" | head -n 1)
+
+began=$SECONDS
+step() { printf '\n[%d/6] %s  (%d s)\n' "$1" "$2" $((SECONDS - began)); }
+
+step 1 "packages"
+deploy/install.sh
+
+step 2 "build"
+deploy/build.sh horopterd horopter
+find_program() {
+  local found
+  found=$(find build/release -type f -name "$1" -perm -u+x -print -quit)
+  [[ -n $found ]] || { echo "demo.sh: the build made no $1" >&2; exit 1; }
+  echo "$found"
+}
+horopterd=$(find_program horopterd)
+horopter=$(find_program horopter)
+
+out=build/demo
+mkdir -p "$out"
+rm -f "$out"/*
+temporary=$(mktemp -d)
+server=
+stop_server() {
+  if [[ -n $server ]] && kill -TERM "$server" 2>/dev/null; then
+    for _ in $(seq 100); do
+      kill -0 "$server" 2>/dev/null || break
+      sleep 0.1
+    done
+    kill -KILL "$server" 2>/dev/null || true
+  fi
+  wait "$server" 2>/dev/null || true
+  server=
+}
+trap 'stop_server; rm -rf "$temporary"' EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM
+
+# The port was free a moment ago; should somebody take it, the next one is tried.
+start_server() {
+  local port attempt
+  for attempt in 1 2 3; do
+    port=$(python3 -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
+    address=127.0.0.1:$port
+    "$horopterd" --db "$temporary/catalog.db" --listen "$address" >"$out/server.log" 2>&1 &
+    server=$!
+    for _ in $(seq 100); do
+      kill -0 "$server" 2>/dev/null || break
+      if "$horopter" --server "$address" --timeout 2 object list >/dev/null 2>&1; then return 0; fi
+      sleep 0.1
+    done
+    stop_server
+    echo "attempt $attempt: the server did not come up" >&2
+  done
+  cat "$out/server.log" >&2
+  return 1
+}
+
+step 3 "start the server"
+start_server
+echo "horopterd listens on $address, catalog in a temporary file, log in $out/server.log"
+
+step 4 "enrol the parts of $dataset"
+"$horopter" --server "$address" dataset enroll "$dataset"
+
+step 5 "recognise scene $scene ($tier) from its images"
+images=("$folder"/rgb/*)
+printf 'image: %s\n' "${images[@]}"
+echo
+"$horopter" --server "$address" recognize "${images[@]}" --out "$out/overlay-scene-$scene.png"
+
+step 6 "compare with the ground truth"
+results=$out/results.csv
+"$horopter" --server "$address" dataset recognize "$dataset" val --scenes "$scene" --out "$results"
+"$horopter" dataset evaluate "$dataset" val "$results" --scenes "$scene"
+"$horopter" dataset evaluate "$dataset" val "$results" --scenes "$scene" --json >"$out/scores.json"
+kill -0 "$server" || { echo "demo.sh: the server died" >&2; exit 1; }
+verdict=0
+python3 -B deploy/demo_verdict.py "$dataset" "$scene" "$results" "$out/scores.json" || verdict=$?
+
+echo
+echo "Overlay: $PWD/$out/overlay-scene-$scene.png"
+if [[ $verdict -ne 0 && $tier == T1 ]]; then
+  echo "Demo FAILED: scene $scene was not recognised correctly."
+  exit 1
+fi
+[[ $verdict -eq 0 ]] && echo "Demo passed in $((SECONDS - began)) s." ||
+  echo "Demo done in $((SECONDS - began)) s; scene $scene ($tier) is not fully recognised yet."
