@@ -8,15 +8,16 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
-#include <fstream>
+#include <cstdlib>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <string>
 #include <vector>
 
+#include "client/bop_dataset.h"
+#include "client/cad_import.h"
+#include "server/base/status_macros.h"
 #include "server/vision/features/features.h"
 #include "server/vision/matching/homography.h"
 #include "server/vision/matching/matching.h"
@@ -24,84 +25,34 @@
 namespace horopter {
 namespace {
 
-namespace fs = std::filesystem;
-using nlohmann::json;
-
-struct TrueCamera {
-  Eigen::Matrix3d K, R;
-  Eigen::Vector3d t;  // mm
-  double k1 = 0.0;
-  int width = 0, height = 0;
-
-  Eigen::Vector2d Project(const Eigen::Vector3d& x_world) const {
-    const Eigen::Vector3d c = R * x_world + t;
-    Eigen::Vector2d n = c.head<2>() / c.z();
-    n *= 1.0 + k1 * n.squaredNorm();
-    return {K(0, 0) * n.x() + K(0, 2), K(1, 1) * n.y() + K(1, 2)};
-  }
-  bool Sees(const Eigen::Vector3d& x_world) const {
-    if ((R * x_world + t).z() <= 0.0) return false;
-    const Eigen::Vector2d p = Project(x_world);
-    return p.x() >= 0 && p.y() >= 0 && p.x() <= width - 1 && p.y() <= height - 1;
-  }
-};
-
 struct Scene {
   int id = 0;
   std::string tier;
   std::vector<cv::Mat> images;
-  std::vector<TrueCamera> cameras;
+  std::vector<BopImage> truth;
 };
 
-json ReadJson(const fs::path& path) {
-  std::ifstream in(path);
-  return json::parse(in);
+Eigen::Vector2d ProjectWorld(const BopImage& view, const Eigen::Vector3d& point_in_world) {
+  return Project(view.camera, view.camera_from_world * point_in_world);
 }
 
-Eigen::Matrix3d Matrix(const json& j) {
-  Eigen::Matrix3d m;
-  for (int i = 0; i < 9; ++i) m(i / 3, i % 3) = j[i].get<double>();
-  return m;
-}
-
-Scene LoadScene(const fs::path& folder, int id) {
-  Scene scene;
-  scene.id = id;
-  scene.tier = ReadJson(folder / "scene_meta.json").value("tier", "?");
-  const json cameras = ReadJson(folder / "scene_camera.json");
-  std::map<int, json> by_id;
-  for (const auto& [key, value] : cameras.items()) by_id[std::stoi(key)] = value;
-  for (const auto& [im, c] : by_id) {
-    char name[32];
-    std::snprintf(name, sizeof(name), "%06d", im);
-    for (const char* ext : {".png", ".jpg"}) {
-      const fs::path path = folder / "rgb" / (std::string(name) + ext);
-      if (!fs::exists(path)) continue;
-      scene.images.push_back(cv::imread(path.string(), cv::IMREAD_COLOR));
-      TrueCamera camera;
-      camera.K = Matrix(c["cam_K"]);
-      camera.R = Matrix(c["cam_R_w2c"]);
-      for (int i = 0; i < 3; ++i) camera.t(i) = c["cam_t_w2c"][i].get<double>();
-      if (c.contains("cam_dist")) camera.k1 = c["cam_dist"][0].get<double>();
-      camera.width = scene.images.back().cols;
-      camera.height = scene.images.back().rows;
-      scene.cameras.push_back(camera);
-      break;
-    }
-  }
-  return scene;
+bool InImage(const BopImage& view, const Eigen::Vector3d& point_in_camera) {
+  if (point_in_camera.z() <= 0.0) return false;
+  const Eigen::Vector2d p = Project(view.camera, point_in_camera);
+  return p.x() >= 0 && p.y() >= 0 && p.x() <= view.camera.width - 1 &&
+         p.y() <= view.camera.height - 1;
 }
 
 // Median and 90 % transfer error over table points seen in both views, pixels; negative: none.
-std::pair<double, double> TableError(const TrueCamera& a,
-                                     const TrueCamera& b,
+std::pair<double, double> TableError(const BopImage& a,
+                                     const BopImage& b,
                                      const Eigen::Matrix3d& H) {
   std::vector<double> errors;
-  for (int x = -200; x <= 200; x += 20) {
-    for (int y = -200; y <= 200; y += 20) {
-      const Eigen::Vector3d p(x, y, 0);
-      if (!a.Sees(p) || !b.Sees(p)) continue;
-      const double e = (Transfer(H, a.Project(p)) - b.Project(p)).norm();
+  for (int x = -10; x <= 10; ++x) {
+    for (int y = -10; y <= 10; ++y) {
+      const Eigen::Vector3d p(0.02 * x, 0.02 * y, 0);
+      if (!InImage(a, a.camera_from_world * p) || !InImage(b, b.camera_from_world * p)) continue;
+      const double e = (Transfer(H, ProjectWorld(a, p)) - ProjectWorld(b, p)).norm();
       errors.push_back(std::isfinite(e) ? e : 1e9);
     }
   }
@@ -110,20 +61,115 @@ std::pair<double, double> TableError(const TrueCamera& a,
   return {errors[errors.size() / 2], errors[errors.size() * 9 / 10]};
 }
 
+double LineDistance(const Eigen::Vector3d& line, const Eigen::Vector2d& x) {
+  return std::abs(line.dot(x.homogeneous())) / line.head<2>().norm();
+}
+
+// Larger distance (px) of the two points of a match from their epipolar lines.
+double EpipolarDistance(const Eigen::Matrix3d& F,
+                        const Eigen::Vector2d& a,
+                        const Eigen::Vector2d& b) {
+  const double in_b = LineDistance(F * a.homogeneous(), b);
+  const double in_a = LineDistance(F.transpose() * b.homogeneous(), a);
+  return std::max(in_a, in_b);
+}
+
+Eigen::Matrix3d TrueFundamental(const BopImage& a, const BopImage& b) {
+  const Rigid3 b_from_a = b.camera_from_world * a.camera_from_world.Inverse();
+  Eigen::Matrix3d t;
+  t << 0, -b_from_a.t.z(), b_from_a.t.y(), b_from_a.t.z(), 0, -b_from_a.t.x(), -b_from_a.t.y(),
+      b_from_a.t.x(), 0;
+  return b.camera.K().inverse().transpose() * t * b_from_a.R * a.camera.K().inverse();
+}
+
+using Models = std::map<int, std::vector<Eigen::Vector3d>>;  // obj_id -> vertices, object frame
+
+// Share of the annotated parts' vertices (inside both images, hidden ones too) within 2 px of F,
+// and the 95 % distance.
+std::pair<double, double> FundamentalQuality(const Models& models,
+                                             const BopImage& a,
+                                             const BopImage& b,
+                                             const Eigen::Matrix3d& F) {
+  std::vector<double> distances;
+  for (size_t k = 0; k < std::min(a.instances.size(), b.instances.size()); ++k) {
+    if (a.instances[k].visib_fract < 0.1 || b.instances[k].visib_fract < 0.1) continue;
+    const auto model = models.find(a.instances[k].obj_id);
+    if (model == models.end()) continue;
+    for (const Eigen::Vector3d& v : model->second) {
+      const Eigen::Vector3d in_a = a.instances[k].camera_from_object * v;
+      const Eigen::Vector3d in_b = b.instances[k].camera_from_object * v;
+      if (!InImage(a, in_a) || !InImage(b, in_b)) continue;
+      distances.push_back(EpipolarDistance(F, Project(a.camera, in_a), Project(b.camera, in_b)));
+    }
+  }
+  if (distances.empty()) return {0, -1};
+  std::sort(distances.begin(), distances.end());
+  const auto within = std::lower_bound(distances.begin(), distances.end(), 2.0) - distances.begin();
+  return {static_cast<double>(within) / static_cast<double>(distances.size()),
+          distances[distances.size() * 95 / 100]};
+}
+
 struct Tally {
   int neighbours = 0, neighbours_right = 0, neighbours_found = 0, neighbours_chained = 0;
   int pairs = 0, found = 0, right = 0;
   std::vector<double> errors;
+  int f_found = 0, f_right = 0, f_neighbours_found = 0, f_neighbours_right = 0;
+  int matches = 0, matches_right = 0;
 };
 
-void ReportScene(const Scene& scene, std::map<std::string, Tally>* tallies) {
+void ReportPairs(const Scene& scene,
+                 const Models& models,
+                 const std::vector<ImageFeatures>& features,
+                 const MatchingResult& matching,
+                 std::map<std::string, Tally>* tallies) {
+  for (const PairGeometry& p : matching.pairs) {
+    const BopImage& a = scene.truth[p.view_a];
+    const BopImage& b = scene.truth[p.view_b];
+    if (!p.F) {
+      std::printf("  pair %d-%d: refused: %s\n", p.view_a, p.view_b, p.refusal.c_str());
+      continue;
+    }
+    const auto [share, p95] = FundamentalQuality(models, a, b, *p.F);
+    const Eigen::Matrix3d F_true = TrueFundamental(a, b);
+    int right = 0;
+    for (const JunctionMatch& m : p.matches) {
+      right += EpipolarDistance(F_true,
+                                features[p.view_a].junctions[m.junction_a].point,
+                                features[p.view_b].junctions[m.junction_b].point) < 2.0;
+    }
+    std::printf(
+        "  pair %d-%d: F %s, %.0f %% of vertices < 2 px, 95 %% < %.2f px; %d of %zu matches "
+        "right\n",
+        p.view_a,
+        p.view_b,
+        share >= 0.95 ? "right" : "WRONG",
+        100 * share,
+        p95,
+        right,
+        p.matches.size());
+    for (Tally* tally : {&(*tallies)[scene.tier], &(*tallies)["ALL"]}) {
+      ++tally->f_found;
+      tally->f_right += share >= 0.95;
+      tally->matches += static_cast<int>(p.matches.size());
+      tally->matches_right += right;
+      if (p.view_b - p.view_a == 1) {
+        ++tally->f_neighbours_found;
+        tally->f_neighbours_right += share >= 0.95;
+      }
+    }
+  }
+}
+
+void ReportScene(const Scene& scene, const Models& models, std::map<std::string, Tally>* tallies) {
   using Clock = std::chrono::steady_clock;
   std::vector<ImageFeatures> features;
   for (const cv::Mat& image : scene.images) {
-    ImageFeatures f;
-    f.width = image.cols;
-    f.height = image.rows;
-    features.push_back(f);
+    auto detected = DetectFeatures(image, FeatureOptions());
+    if (!detected.ok()) {
+      std::printf("scene %d: %s\n", scene.id, std::string(detected.status().message()).c_str());
+      return;
+    }
+    features.push_back(*std::move(detected));
   }
   const auto begin = Clock::now();
   const auto matching = MatchViews(scene.images, features, MatchingOptions());
@@ -148,7 +194,7 @@ void ReportScene(const Scene& scene, std::map<std::string, Tally>* tallies) {
     tally->neighbours += n - 1;
     for (const PlaneHomography& p : matching->planes) {
       const auto [median, p90] =
-          TableError(scene.cameras[p.view_a], scene.cameras[p.view_b], p.b_from_a);
+          TableError(scene.truth[p.view_a], scene.truth[p.view_b], p.b_from_a);
       ++tally->found;
       tally->right += median >= 0 && median < 2.0;
       tally->errors.push_back(median);
@@ -162,15 +208,15 @@ void ReportScene(const Scene& scene, std::map<std::string, Tally>* tallies) {
         continue;
       const Eigen::Matrix3d H =
           matching->view_from_plane[a + 1] * matching->view_from_plane[a].inverse();
-      const double e = TableError(scene.cameras[a], scene.cameras[a + 1], H).first;
+      const double e = TableError(scene.truth[a], scene.truth[a + 1], H).first;
       tally->neighbours_chained += e >= 0 && e < 2.0;
     }
   }
   for (const PlaneHomography& p : matching->planes) {
-    const auto direct = TableError(scene.cameras[p.view_a], scene.cameras[p.view_b], p.b_from_a);
+    const auto direct = TableError(scene.truth[p.view_a], scene.truth[p.view_b], p.b_from_a);
     const auto chained = TableError(
-        scene.cameras[p.view_a],
-        scene.cameras[p.view_b],
+        scene.truth[p.view_a],
+        scene.truth[p.view_b],
         matching->view_from_plane[p.view_b] * matching->view_from_plane[p.view_a].inverse());
     std::printf("  plane %d-%d: %4zu inliers, error %.2f / %.2f px, chained %.2f / %.2f px\n",
                 p.view_a,
@@ -181,27 +227,39 @@ void ReportScene(const Scene& scene, std::map<std::string, Tally>* tallies) {
                 chained.first,
                 chained.second);
   }
+  ReportPairs(scene, models, features, *matching, tallies);
 }
 
-int Run(int argc, char** argv) {
-  if (argc < 3) {
-    std::fprintf(stderr, "usage: matching_report DATASET SPLIT [SCENE...]\n");
-    return 2;
+absl::StatusOr<Scene> LoadScene(const std::string& dataset, const std::string& split, int id) {
+  HOROPTER_ASSIGN_OR_RETURN(const BopScene bop, ReadBopScene(dataset, split, id));
+  Scene scene;
+  scene.id = id;
+  scene.tier = bop.tier;
+  for (const BopImage& image : bop.images) {
+    cv::Mat pixels = cv::imread(image.path, cv::IMREAD_COLOR);
+    if (pixels.empty()) return absl::NotFoundError("no image " + image.path);
+    scene.images.push_back(pixels);
+    scene.truth.push_back(image);
   }
-  const fs::path split = fs::path(argv[1]) / argv[2];
-  std::vector<int> ids;
-  for (int i = 3; i < argc; ++i) ids.push_back(std::stoi(argv[i]));
+  return scene;
+}
+
+absl::Status Report(const std::string& dataset, const std::string& split, std::vector<int> ids) {
+  HOROPTER_ASSIGN_OR_RETURN(const BopDataset bop, ReadBopDataset(dataset));
   if (ids.empty()) {
-    for (const auto& entry : fs::directory_iterator(split)) {
-      if (entry.is_directory()) ids.push_back(std::stoi(entry.path().filename().string()));
-    }
-    std::sort(ids.begin(), ids.end());
+    HOROPTER_ASSIGN_OR_RETURN(ids, ListBopScenes(dataset, split));
+  }
+  Models models;
+  for (const BopObject& object : bop.objects) {
+    HOROPTER_ASSIGN_OR_RETURN(
+        const CadImport cad,
+        ImportCad(object.cad_path.empty() ? object.mesh_path : object.cad_path));
+    models[object.obj_id] = cad.model.vertices;
   }
   std::map<std::string, Tally> tallies;
   for (int id : ids) {
-    char name[32];
-    std::snprintf(name, sizeof(name), "%06d", id);
-    ReportScene(LoadScene(split / name, id), &tallies);
+    HOROPTER_ASSIGN_OR_RETURN(const Scene scene, LoadScene(dataset, split, id));
+    ReportScene(scene, models, &tallies);
   }
   for (auto& [tier, t] : tallies) {
     std::sort(t.errors.begin(), t.errors.end());
@@ -218,18 +276,32 @@ int Run(int argc, char** argv) {
         t.found,
         t.pairs,
         t.errors.empty() ? -1.0 : t.errors[t.errors.size() / 2]);
+    std::printf(
+        "%-4s F: neighbours right %d of %d found; all pairs right %d of %d found; matches right %d "
+        "of %d\n",
+        tier.c_str(),
+        t.f_neighbours_right,
+        t.f_neighbours_found,
+        t.f_right,
+        t.f_found,
+        t.matches_right,
+        t.matches);
   }
-  return 0;
+  return absl::OkStatus();
 }
 
 }  // namespace
 }  // namespace horopter
 
 int main(int argc, char** argv) {
-  try {
-    return horopter::Run(argc, argv);
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "matching_report: %s\n", e.what());
-    return 1;
+  if (argc < 3) {
+    std::fprintf(stderr, "usage: matching_report DATASET SPLIT [SCENE...]\n");
+    return 2;
   }
+  std::vector<int> ids;
+  for (int i = 3; i < argc; ++i) ids.push_back(std::atoi(argv[i]));
+  const absl::Status status = horopter::Report(argv[1], argv[2], ids);
+  if (status.ok()) return 0;
+  std::fprintf(stderr, "matching_report: %s\n", std::string(status.message()).c_str());
+  return 1;
 }

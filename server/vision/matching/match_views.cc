@@ -7,6 +7,8 @@
 #include "server/base/status_macros.h"
 #include "server/vision/matching/homography.h"
 #include "server/vision/matching/matching.h"
+#include "server/vision/matching/on_plane.h"
+#include "server/vision/matching/pair_geometry.h"
 #include "server/vision/matching/parallel_for.h"
 #include "server/vision/matching/plane_chain.h"
 #include "server/vision/matching/plane_homography.h"
@@ -17,6 +19,8 @@ namespace {
 constexpr int kAllPairsUpTo =
     8;  // views; with more, only near ones in the given order are compared
 constexpr int kNeighbourReach = 3;
+constexpr double kIdenticalMeanDifference =
+    0.5;  // grey levels; two exposures of one view differ by more
 
 absl::Status ValidateInput(std::span<const cv::Mat> images,
                            std::span<const ImageFeatures> features,
@@ -86,6 +90,19 @@ std::vector<PlaneHomography> FindPlanes(std::span<const cv::Mat> images,
   return planes;
 }
 
+// Pairs of views whose pixels are the same but for compression noise: they show one view twice.
+int CountIdenticalViews(std::span<const cv::Mat> images,
+                        const std::vector<std::pair<int, int>>& pairs) {
+  int identical = 0;
+  for (const auto& [a, b] : pairs) {
+    if (images[a].size() != images[b].size() || images[a].type() != images[b].type()) continue;
+    const double mean = cv::norm(images[a], images[b], cv::NORM_L1) /
+                        (static_cast<double>(images[a].total()) * images[a].channels());
+    identical += mean < kIdenticalMeanDifference;
+  }
+  return identical;
+}
+
 }  // namespace
 
 absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
@@ -111,6 +128,25 @@ absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
   result.planes = std::move(kept);
   result.component = std::move(chain.component);
   result.view_from_plane = std::move(chain.view_from_plane);
+
+  result.pairs.resize(pairs.size());
+  ParallelFor(static_cast<int>(pairs.size()), options.threads, [&](int k) {
+    if (IsStopRequested(stop)) return;
+    const auto [a, b] = pairs[k];
+    std::optional<Eigen::Matrix3d> b_from_a;
+    if (result.component[a] >= 0 && result.component[a] == result.component[b]) {
+      b_from_a = result.view_from_plane[b] * result.view_from_plane[a].inverse();
+    }
+    result.pairs[k] = EstimatePairGeometry(
+        a, b, {&images[a], &features[a]}, {&images[b], &features[b]}, b_from_a, options);
+  });
+  if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
+  result.segment_on_plane = FindSegmentsOnPlane(features, result);
+  result.counts["identical_views"] = CountIdenticalViews(images, pairs);
+  for (const PairGeometry& pair : result.pairs) {
+    result.counts["pairs_with_epipolar"] += pair.F.has_value();
+    result.counts["junction_matches"] += static_cast<double>(pair.matches.size());
+  }
   return result;
 }
 

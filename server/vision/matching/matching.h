@@ -47,6 +47,9 @@ struct MatchingResult {
   // that view itself).
   std::vector<int> component;
   std::vector<Eigen::Matrix3d> view_from_plane;
+  // Per view and segment: moves with the supporting plane, so it lies on it (texture, shadow,
+  // contact edge). Judged only against views whose epipolar geometry proves parallax; else false.
+  std::vector<std::vector<bool>> segment_on_plane;
   std::map<std::string, double> counts;
 };
 
