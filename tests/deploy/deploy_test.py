@@ -1,0 +1,109 @@
+#!/usr/bin/env python3
+"""The scripts of deploy/ that decide whether a run was good: they must be able to say no."""
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+
+ROOT = os.path.abspath(os.path.join(os.path.dirname(__file__), "..", ".."))
+DEPLOY = os.path.join(ROOT, "deploy")
+DATASET = os.path.join(ROOT, "tests", "data", "parts")
+
+
+def run(script, *arguments, **options):
+    return subprocess.run([sys.executable, "-B", os.path.join(DEPLOY, script), *arguments],
+                          capture_output=True, text=True, **options)
+
+
+class Summary(unittest.TestCase):
+
+    def summarise(self, cases):
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "r.xml")
+            with open(path, "w", encoding="utf-8") as out:
+                out.write('<testsuite name="x">%s</testsuite>' % "".join(cases))
+            return run("summary.py", path)
+
+    OK = '<testcase name="ok" time="0.5" status="run"></testcase>'
+    BAD = '<testcase name="bad" time="1" status="fail"><failure message=""/></testcase>'
+    GONE = '<testcase name="gone" time="0" status="notrun"><skipped message="Unable to find executable"/></testcase>'
+    SKIPPED = ('<testcase name="data" time="0" status="notrun">'
+               '<skipped message="SKIP_REGULAR_EXPRESSION_MATCHED"/></testcase>')
+
+    def test_all_passed_is_a_pass_and_skips_are_named(self):
+        said = self.summarise([self.OK, self.SKIPPED])
+        self.assertEqual(said.returncode, 0)
+        self.assertIn("skipped: data", said.stdout)
+        self.assertEqual(said.stdout.splitlines()[-1], "1 passed, 0 failed, 1 skipped")
+
+    def test_a_failure_or_a_missing_program_fails(self):
+        for bad, name in ((self.BAD, "bad"), (self.GONE, "gone")):
+            said = self.summarise([self.OK, bad])
+            self.assertEqual(said.returncode, 1)
+            self.assertIn("failed: " + name, said.stdout)
+            self.assertEqual(said.stdout.splitlines()[-1], "1 passed, 1 failed, 0 skipped")
+
+    def test_no_test_that_ran_fails(self):
+        self.assertEqual(self.summarise([]).returncode, 1)
+        self.assertEqual(self.summarise([self.SKIPPED]).returncode, 1)
+        self.assertEqual(run("summary.py", "no such file").returncode, 1)
+
+
+class DemoVerdict(unittest.TestCase):
+
+    def judge(self, scene, rows, recall):
+        """rows: (im_id, obj_id) of the results."""
+        with tempfile.TemporaryDirectory() as folder:
+            results, scores = os.path.join(folder, "r.csv"), os.path.join(folder, "s.json")
+            with open(results, "w", encoding="utf-8") as out:
+                out.write("scene_id,im_id,obj_id,score,R,t,time\n")
+                for im_id, obj_id in rows:
+                    out.write("%d,%d,%d,0.9,1 0 0 0 1 0 0 0 1,0 0 500,1\n" % (scene, im_id, obj_id))
+            with open(scores, "w", encoding="utf-8") as out:
+                json.dump({"scenes": {str(scene): {"R@10": recall}}}, out)
+            return run("demo_verdict.py", DATASET, str(scene), results, scores)
+
+    def test_the_right_object_alone_is_right(self):
+        self.assertEqual(self.judge(5, [(i, 19) for i in range(4)], 1.0).returncode, 0)
+
+    def test_repeated_parts_are_counted(self):
+        scene_13 = [(i, o) for i in range(4) for o in (3, 9, 9, 10, 14, 16)]
+        self.assertEqual(self.judge(13, scene_13, 1.0).returncode, 0)
+        self.assertEqual(self.judge(13, [row for row in scene_13 if row[1] != 9] + [(0, 9)], 1.0).returncode, 1)
+
+    def test_wrong_missing_or_further_objects_are_wrong(self):
+        self.assertEqual(self.judge(5, [(i, 18) for i in range(4)], 1.0).returncode, 1)
+        self.assertEqual(self.judge(5, [], 1.0).returncode, 1)
+        said = self.judge(5, [(i, o) for i in range(4) for o in (19, 2)], 1.0)
+        self.assertEqual(said.returncode, 1)
+        self.assertIn("l_bracket_long", said.stdout)
+
+    def test_a_pose_that_is_off_is_wrong(self):
+        self.assertEqual(self.judge(5, [(i, 19) for i in range(4)], 0.75).returncode, 1)
+        self.assertEqual(self.judge(5, [(i, 19) for i in range(4)], None).returncode, 1)
+
+
+class Scripts(unittest.TestCase):
+
+    def test_unknown_arguments_print_the_usage(self):
+        for script in ("install.sh", "build.sh", "check.sh", "demo.sh"):
+            said = subprocess.run(["bash", os.path.join(DEPLOY, script), "--no-such-option"],
+                                  capture_output=True, text=True)
+            self.assertEqual(said.returncode, 2, script)
+            self.assertIn("deploy/" + script, said.stderr, script)
+
+    def test_packages_are_named_once_with_group_and_reason(self):
+        names = []
+        with open(os.path.join(DEPLOY, "packages.txt"), encoding="utf-8") as file:
+            for line in file:
+                if line.strip() and not line.startswith("#"):
+                    self.assertRegex(line, r"^\S+ +(build|dev) +# \S")
+                    names.append(line.split()[0])
+        self.assertEqual(len(names), len(set(names)))
+        self.assertGreater(len(names), 10)
+
+
+if __name__ == "__main__":
+    unittest.main()
