@@ -159,15 +159,6 @@ absl::Status ValidateModel(const ObjectModel& model) {
   if (model.display_name.size() > kMaxDisplayNameBytes) {
     return Bad("display_name", absl::StrCat("longer than ", kMaxDisplayNameBytes, " bytes"));
   }
-  if (!(model.diameter_m >= kMinDiameterM && model.diameter_m <= kMaxDiameterM)) {
-    return Bad("diameter_m",
-               absl::StrCat(model.diameter_m,
-                            " m is outside ",
-                            kMinDiameterM,
-                            "..",
-                            kMaxDiameterM,
-                            " m; is the unit right?"));
-  }
   if (model.vertices.size() > kMaxModelVertices) {
     return Bad("vertices_m", absl::StrCat("more than ", kMaxModelVertices, " vertices"));
   }
@@ -179,6 +170,16 @@ absl::Status ValidateModel(const ObjectModel& model) {
     HOROPTER_RETURN_IF_ERROR(ValidateEdge(model.edges[i], model, At("edges", i)));
   }
   HOROPTER_RETURN_IF_ERROR(ValidateMesh(model.mesh));
+  // After the mesh: a bad mesh makes a bad diameter.
+  if (!(model.diameter_m >= kMinDiameterM && model.diameter_m <= kMaxDiameterM)) {
+    return Bad("diameter_m",
+               absl::StrCat(model.diameter_m,
+                            " m is outside ",
+                            kMinDiameterM,
+                            "..",
+                            kMaxDiameterM,
+                            " m; is the unit right?"));
+  }
   if (model.symmetries.size() > kMaxSymmetries) {
     return Bad("object_from_symmetric_object", absl::StrCat("more than ", kMaxSymmetries));
   }

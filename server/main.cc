@@ -1,0 +1,112 @@
+// horopterd: flags, wiring, shutdown.
+#include <pthread.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <csignal>
+#include <iostream>
+#include <string>
+#include <thread>
+
+#include "db/catalog.h"
+#include "server/pipeline/pipeline.h"
+#include "server/service/server.h"
+
+namespace horopter {
+namespace {
+
+struct Flags {
+  std::string db;
+  std::string log_level = "info";
+  int threads_per_request = 2;
+  double drain_seconds = 30.0;
+  ServerOptions server;
+};
+
+void AddFlags(CLI::App& app, Flags& flags) {
+  app.set_config("--config", "", "Read options from a TOML or INI file; the command line wins");
+  app.add_option("--db", flags.db, "Catalog file, created when it is not there")->required();
+  app.add_option("--listen", flags.server.listen, "HOST:PORT; port 0 takes a free one")
+      ->capture_default_str();
+  app.add_option("--workers", flags.server.workers, "Scenes recognised at the same time")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str();
+  app.add_option(
+         "--threads-per-request", flags.threads_per_request, "Threads that work on one scene")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str();
+  app.add_option("--queue", flags.server.queue, "Scenes that may wait before new ones are refused")
+      ->check(CLI::Range(0, 10000))
+      ->capture_default_str();
+  app.add_option("--max-message-mb", flags.server.max_message_mb, "Largest request or answer, MiB")
+      ->check(CLI::Range(1, 2047))
+      ->capture_default_str();
+  app.add_option("--max-image-pixels", flags.server.images.max_pixels, "Largest image")
+      ->capture_default_str();
+  app.add_option("--drain-seconds", flags.drain_seconds, "Time for running requests after SIGTERM")
+      ->check(CLI::Range(0.0, 3600.0))
+      ->capture_default_str();
+  app.add_option("--log-level", flags.log_level, "debug, info, warning, error")
+      ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
+      ->capture_default_str();
+}
+
+int WaitForStopSignal(const sigset_t& signals) {
+  int signal = 0;
+  sigwait(&signals, &signal);
+  return signal;
+}
+
+int Fail(const absl::Status& status) {
+  std::cerr << "horopterd: " << status.message() << std::endl;
+  return 1;
+}
+
+int Serve(const Flags& flags, const sigset_t& signals) {
+  absl::StatusOr<std::unique_ptr<Catalog>> catalog = Catalog::Open(flags.db);
+  if (!catalog.ok()) return Fail(catalog.status());
+
+  PipelineOptions options;
+  options.threads = flags.threads_per_request;
+  const Recognizer recognizer = [options](const SceneRequest& request,
+                                          const CatalogSnapshot& snapshot,
+                                          const StopRequested& stop) {
+    return RecognizeScene(request, snapshot, options, stop);
+  };
+  absl::StatusOr<std::unique_ptr<HoropterServer>> server =
+      HoropterServer::Start(*std::move(catalog), PrepareCatalogObject, recognizer, flags.server);
+  if (!server.ok()) return Fail(server.status());
+
+  spdlog::info(
+      "catalog {}: {} objects ready", flags.db, (*server)->store().Published()->ids.size());
+  spdlog::info("listening on {}", (*server)->address());
+  const int signal = WaitForStopSignal(signals);
+  spdlog::info("signal {}: draining for at most {} s", signal, flags.drain_seconds);
+  (*server)->Stop(flags.drain_seconds);
+  spdlog::info("stopped");
+  return 0;
+}
+
+}  // namespace
+}  // namespace horopter
+
+int main(int argc, char** argv) {
+  // Before any thread exists, so that all of them inherit the mask and sigwait gets the signal.
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGTERM);
+  sigaddset(&signals, SIGINT);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+
+  horopter::Flags flags;
+  flags.server.listen = "localhost:50051";
+  flags.server.load_threads =
+      static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 64u));
+  CLI::App app("horopterd: recognises known parts in images from uncalibrated cameras");
+  horopter::AddFlags(app, flags);
+  CLI11_PARSE(app, argc, argv);
+  spdlog::set_level(spdlog::level::from_str(flags.log_level));
+  spdlog::flush_on(spdlog::level::info);
+  return horopter::Serve(flags, signals);
+}

@@ -1,0 +1,265 @@
+#include "server/service/convert.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+
+#include "absl/strings/str_cat.h"
+#include "db/catalog_record.h"
+#include "horopter/v1/recognition.pb.h"
+#include "horopter/v1/types.pb.h"
+#include "server/base/status_macros.h"
+#include "server/service/rpc_status.h"
+
+namespace horopter {
+namespace {
+
+constexpr char kObjectPrefix[] = "objects/";
+constexpr double kQuaternionNormTolerance = 0.01;
+constexpr double kMaxFocalPx = 1e7;
+constexpr double kMaxFocalLogSigma = 2.0;
+constexpr double kMaxDistortion = 10.0;
+
+absl::StatusOr<CameraHint> HintFromProto(const v1::CameraHint& proto, const std::string& field) {
+  CameraHint hint;
+  if (proto.has_focal_px()) {
+    if (!(proto.focal_px() > 0.0 && proto.focal_px() <= kMaxFocalPx)) {
+      return InvalidField(field + ".focal_px",
+                          absl::StrCat(proto.focal_px(), " is not a focal length in pixels"));
+    }
+    hint.focal_px = proto.focal_px();
+  }
+  if (proto.has_focal_log_sigma()) {
+    if (!hint.focal_px) return InvalidField(field + ".focal_log_sigma", "set without focal_px");
+    if (!(proto.focal_log_sigma() > 0.0 && proto.focal_log_sigma() <= kMaxFocalLogSigma)) {
+      return InvalidField(
+          field + ".focal_log_sigma",
+          absl::StrCat(proto.focal_log_sigma(), " is outside 0..", kMaxFocalLogSigma));
+    }
+    hint.focal_log_sigma = proto.focal_log_sigma();
+  }
+  if (proto.has_principal_point_x_px() != proto.has_principal_point_y_px()) {
+    return InvalidField(field + ".principal_point_x_px", "x and y must be set together");
+  }
+  if (proto.has_principal_point_x_px()) {
+    const Eigen::Vector2d point(proto.principal_point_x_px(), proto.principal_point_y_px());
+    if (!point.allFinite()) return InvalidField(field + ".principal_point_x_px", "not finite");
+    hint.principal_point = point;
+  }
+  if (proto.has_k1()) {
+    if (!(std::abs(proto.k1()) <= kMaxDistortion)) {
+      return InvalidField(field + ".k1", absl::StrCat(proto.k1(), " is out of range"));
+    }
+    hint.k1 = proto.k1();
+  }
+  return hint;
+}
+
+v1::SceneState StateToProto(SceneState state) {
+  switch (state) {
+    case SceneState::kRecognized:
+      return v1::SCENE_STATE_RECOGNIZED;
+    case SceneState::kNothingFound:
+      return v1::SCENE_STATE_NOTHING_FOUND;
+    case SceneState::kAmbiguous:
+      return v1::SCENE_STATE_AMBIGUOUS;
+    case SceneState::kTooFewFeatures:
+      return v1::SCENE_STATE_TOO_FEW_FEATURES;
+    case SceneState::kNoParallax:
+      return v1::SCENE_STATE_NO_PARALLAX;
+    case SceneState::kReferenceNotFound:
+      return v1::SCENE_STATE_REFERENCE_NOT_FOUND;
+    case SceneState::kEmptyCatalog:
+      return v1::SCENE_STATE_EMPTY_CATALOG;
+  }
+  return v1::SCENE_STATE_UNSPECIFIED;
+}
+
+void CameraToProto(const PosedCamera& posed, v1::Camera* proto) {
+  proto->set_recovered(true);
+  proto->set_focal_px(posed.camera.focal_px);
+  proto->set_principal_point_x_px(posed.camera.cx);
+  proto->set_principal_point_y_px(posed.camera.cy);
+  proto->set_k1(posed.camera.k1);
+  proto->set_focal_log_sigma(posed.focal_log_sigma);
+  RigidToProto(posed.camera_from_scene, proto->mutable_camera_from_scene());
+}
+
+void ObjectToProto(const AnswerObject& object,
+                   const SceneAnswer& answer,
+                   v1::RecognizedObject* proto) {
+  proto->set_object(ObjectName(object.object_id));
+  proto->set_instance(object.instance);
+  proto->set_score(object.score);
+  RigidToProto(object.scene_from_object, proto->mutable_scene_from_object());
+  for (int row = 0; row < 6; ++row) {
+    for (int col = 0; col < 6; ++col) proto->add_pose_covariance(object.covariance(row, col));
+  }
+  for (size_t view = 0; view < answer.cameras.size(); ++view) {
+    v1::ObjectInImage* image = proto->add_images();
+    if (view < object.view_scores.size() && object.view_scores[view] >= 0.0) {
+      image->set_score(object.view_scores[view]);
+    }
+    if (answer.cameras[view]) {
+      RigidToProto(answer.cameras[view]->camera_from_scene * object.scene_from_object,
+                   image->mutable_camera_from_object());
+    }
+  }
+  for (const std::string& id : object.alternatives) proto->add_alternative_objects(ObjectName(id));
+  for (const SceneGrasp& grasp : object.grasps) {
+    v1::RecognizedGrasp* out = proto->add_grasps();
+    out->set_name(grasp.name);
+    out->set_symmetry_index(grasp.symmetry);
+    RigidToProto(grasp.scene_from_gripper, out->mutable_scene_from_gripper());
+    if (answer.base_from_scene) {
+      RigidToProto(*answer.base_from_scene * grasp.scene_from_gripper,
+                   out->mutable_base_from_gripper());
+    }
+    out->set_jaw_opening_m(grasp.jaw_opening_m);
+    out->set_grip_width_m(grasp.grip_width_m);
+    out->set_quality(grasp.quality);
+  }
+  if (answer.base_from_scene) {
+    RigidToProto(*answer.base_from_scene * object.scene_from_object,
+                 proto->mutable_base_from_object());
+  }
+}
+
+void StageToProto(const StageReport& stage, v1::StageReport* proto) {
+  proto->set_stage(stage.stage);
+  const double whole = std::floor(stage.seconds);
+  proto->mutable_elapsed()->set_seconds(static_cast<int64_t>(whole));
+  proto->mutable_elapsed()->set_nanos(static_cast<int32_t>((stage.seconds - whole) * 1e9));
+  for (const auto& [name, count] : stage.counts) (*proto->mutable_counts())[name] = count;
+}
+
+}  // namespace
+
+std::string ObjectName(std::string_view id) {
+  return absl::StrCat(kObjectPrefix, std::string(id));
+}
+
+absl::StatusOr<std::string> ObjectIdFromName(std::string_view name, std::string_view field) {
+  constexpr size_t kPrefixSize = sizeof(kObjectPrefix) - 1;
+  const std::string id(name.substr(std::min(kPrefixSize, name.size())));
+  if (name.substr(0, kPrefixSize) != kObjectPrefix || !IsObjectId(id)) {
+    return InvalidField(
+        field,
+        absl::StrCat("'",
+                     std::string(name.substr(0, 80)),
+                     "' is not objects/{object} with {object} of [a-z0-9_-]{1,63}"));
+  }
+  return id;
+}
+
+absl::StatusOr<Rigid3> RigidFromProto(const v1::RigidTransform& proto, std::string_view field) {
+  if (!proto.has_rotation())
+    return InvalidField(absl::StrCat(std::string(field), ".rotation"), "missing");
+  const v1::Quaternion& q = proto.rotation();
+  const Eigen::Quaterniond quaternion(q.w(), q.x(), q.y(), q.z());
+  const double norm = quaternion.norm();
+  if (!(std::abs(norm - 1.0) <= kQuaternionNormTolerance)) {
+    return InvalidField(absl::StrCat(std::string(field), ".rotation"),
+                        absl::StrCat("quaternion has norm ", norm, ", not 1"));
+  }
+  const v1::Vector3& t = proto.translation_m();
+  const Rigid3 transform{quaternion.normalized().toRotationMatrix(), {t.x(), t.y(), t.z()}};
+  if (!transform.t.allFinite())
+    return InvalidField(absl::StrCat(std::string(field), ".translation_m"), "not finite");
+  return transform;
+}
+
+void RigidToProto(const Rigid3& a_from_b, v1::RigidTransform* proto) {
+  Eigen::Quaterniond q(a_from_b.R);
+  q.normalize();
+  if (q.w() < 0.0) q.coeffs() *= -1.0;
+  v1::Quaternion* rotation = proto->mutable_rotation();
+  rotation->set_w(q.w());
+  rotation->set_x(q.x());
+  rotation->set_y(q.y());
+  rotation->set_z(q.z());
+  v1::Vector3* translation = proto->mutable_translation_m();
+  translation->set_x(a_from_b.t.x());
+  translation->set_y(a_from_b.t.y());
+  translation->set_z(a_from_b.t.z());
+}
+
+absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneRequest& proto,
+                                                   const ImageLimits& limits,
+                                                   const StopRequested& stop) {
+  if (proto.images_size() < 1) return InvalidField("images", "need at least one image");
+  if (proto.images_size() > kMaxImages) {
+    return InvalidField("images",
+                        absl::StrCat(proto.images_size(), " images, at most ", kMaxImages));
+  }
+  if (proto.candidate_objects_size() > kMaxCandidates) {
+    return InvalidField("candidate_objects", absl::StrCat("more than ", kMaxCandidates));
+  }
+  SceneRequest request;
+  for (int i = 0; i < proto.candidate_objects_size(); ++i) {
+    HOROPTER_ASSIGN_OR_RETURN(
+        std::string id,
+        ObjectIdFromName(proto.candidate_objects(i), absl::StrCat("candidate_objects[", i, "]")));
+    // A name given twice means the same as once.
+    if (std::find(request.candidates.begin(), request.candidates.end(), id) ==
+        request.candidates.end()) {
+      request.candidates.push_back(std::move(id));
+    }
+  }
+  if (proto.has_reference()) {
+    ReferenceObject reference;
+    HOROPTER_ASSIGN_OR_RETURN(reference.object_id,
+                              ObjectIdFromName(proto.reference().object(), "reference.object"));
+    HOROPTER_ASSIGN_OR_RETURN(
+        reference.base_from_object,
+        RigidFromProto(proto.reference().base_from_object(), "reference.base_from_object"));
+    request.reference = std::move(reference);
+  }
+  bool any_hint = false;
+  std::vector<CameraHint> hints(proto.images_size());
+  for (int i = 0; i < proto.images_size(); ++i) {
+    if (!proto.images(i).has_camera_hint()) continue;
+    any_hint = true;
+    HOROPTER_ASSIGN_OR_RETURN(
+        hints[i],
+        HintFromProto(proto.images(i).camera_hint(), absl::StrCat("images[", i, "].camera_hint")));
+  }
+  if (any_hint) request.hints = std::move(hints);
+
+  int64_t pixels_left = limits.max_total_pixels;
+  for (int i = 0; i < proto.images_size(); ++i) {
+    if (IsStopRequested(stop)) return absl::CancelledError("stopped while decoding images");
+    HOROPTER_ASSIGN_OR_RETURN(cv::Mat image,
+                              DecodeImage(proto.images(i).content(),
+                                          absl::StrCat("images[", i, "].content"),
+                                          limits,
+                                          pixels_left));
+    request.images.push_back(std::move(image));
+  }
+  return request;
+}
+
+void SceneAnswerToProto(const SceneAnswer& answer,
+                        const SceneRequest& request,
+                        v1::RecognizeSceneResponse* proto) {
+  proto->set_state(StateToProto(answer.state));
+  proto->set_detail(answer.detail);
+  for (size_t i = 0; i < request.images.size(); ++i) {
+    v1::Camera* camera = proto->add_cameras();
+    camera->set_image_width_px(request.images[i].cols);
+    camera->set_image_height_px(request.images[i].rows);
+    if (i < answer.cameras.size() && answer.cameras[i]) CameraToProto(*answer.cameras[i], camera);
+  }
+  std::vector<const AnswerObject*> objects;
+  for (const AnswerObject& object : answer.objects) objects.push_back(&object);
+  std::sort(objects.begin(), objects.end(), [](const AnswerObject* a, const AnswerObject* b) {
+    return std::tie(a->object_id, a->instance) < std::tie(b->object_id, b->instance);
+  });
+  for (const AnswerObject* object : objects) ObjectToProto(*object, answer, proto->add_objects());
+  if (answer.base_from_scene)
+    RigidToProto(*answer.base_from_scene, proto->mutable_base_from_scene());
+  for (const StageReport& stage : answer.stages) StageToProto(stage, proto->add_stages());
+}
+
+}  // namespace horopter

@@ -1,0 +1,86 @@
+#include "server/service/recognition_service.h"
+
+#include <spdlog/spdlog.h>
+
+#include <chrono>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
+#include "server/service/convert.h"
+#include "server/service/rpc_status.h"
+#include "server/service/unary_call.h"
+
+namespace horopter {
+namespace {
+
+absl::Status NotInCatalog(const std::string& field, const std::string& id) {
+  return FieldError(absl::StatusCode::kNotFound,
+                    field,
+                    absl::StrCat("'", ObjectName(id), "' is not in the catalog"));
+}
+
+// The position in the request is only known here: the pipeline sees ids.
+absl::Status CheckIds(const v1::RecognizeSceneRequest& proto,
+                      const SceneRequest& request,
+                      const PublishedCatalog& published) {
+  for (int i = 0; i < proto.candidate_objects_size(); ++i) {
+    const std::string field = absl::StrCat("candidate_objects[", i, "]");
+    HOROPTER_ASSIGN_OR_RETURN(const std::string id,
+                              ObjectIdFromName(proto.candidate_objects(i), field));
+    if (!published.Contains(id)) return NotInCatalog(field, id);
+  }
+  if (request.reference && !published.Contains(request.reference->object_id)) {
+    return NotInCatalog("reference.object", request.reference->object_id);
+  }
+  return absl::OkStatus();
+}
+
+StageReport DecodeReport(std::chrono::steady_clock::time_point start, const SceneRequest& request) {
+  StageReport report;
+  report.stage = "decode";
+  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  double pixels = 0.0;
+  for (const cv::Mat& image : request.images) pixels += static_cast<double>(image.total());
+  report.counts = {{"images", static_cast<double>(request.images.size())}, {"pixels", pixels}};
+  return report;
+}
+
+}  // namespace
+
+RecognitionService::RecognitionService(CatalogStore& store,
+                                       WorkerPool& pool,
+                                       Recognizer recognizer,
+                                       ImageLimits limits)
+    : store_(store), pool_(pool), recognizer_(std::move(recognizer)), limits_(limits) {}
+
+grpc::ServerUnaryReactor* RecognitionService::RecognizeScene(
+    grpc::CallbackServerContext* context,
+    const v1::RecognizeSceneRequest* request,
+    v1::RecognizeSceneResponse* response) {
+  return RunUnaryCall(
+      "RecognizeScene", context, pool_, [=, this](const CallInfo& call) -> absl::Status {
+        const auto start = std::chrono::steady_clock::now();
+        const std::shared_ptr<const PublishedCatalog> published = store_.Published();
+        HOROPTER_ASSIGN_OR_RETURN(const SceneRequest scene,
+                                  SceneRequestFromProto(*request, limits_, call.stop));
+        HOROPTER_RETURN_IF_ERROR(CheckIds(*request, scene, *published));
+        StageReport decode = DecodeReport(start, scene);
+
+        HOROPTER_ASSIGN_OR_RETURN(PipelineResult result,
+                                  recognizer_(scene, published->snapshot, call.stop));
+        if (call.stop()) return absl::CancelledError("stopped");
+        result.answer.stages.insert(result.answer.stages.begin(), std::move(decode));
+        SceneAnswerToProto(result.answer, scene, response);
+        response->set_request_id(call.request_id);
+        response->set_catalog_generation(published->snapshot.generation);
+        spdlog::info("request={} images={} state={} objects={}",
+                     call.request_id,
+                     scene.images.size(),
+                     v1::SceneState_Name(response->state()),
+                     response->objects_size());
+        return absl::OkStatus();
+      });
+}
+
+}  // namespace horopter

@@ -1,0 +1,71 @@
+#include "server/service/rpc_status.h"
+
+#include <grpcpp/server_context.h>
+#include <grpcpp/support/status.h>
+
+#include "absl/strings/cord.h"
+#include "absl/strings/str_cat.h"
+
+namespace horopter {
+namespace {
+
+constexpr char kFieldPayload[] = "horopter/error-field";
+constexpr char kRetryPayload[] = "horopter/retry-after-ms";
+
+std::string Payload(const absl::Status& status, const char* url) {
+  const auto payload = status.GetPayload(url);
+  return payload.has_value() ? std::string(*payload) : std::string();
+}
+
+// Metadata values must be printable ASCII; field names may quote user input.
+std::string Printable(std::string text) {
+  for (char& c : text) {
+    if (c < 32 || c > 126) c = '?';
+  }
+  return text;
+}
+
+}  // namespace
+
+absl::Status FieldError(absl::StatusCode code, std::string_view field, std::string_view what) {
+  absl::Status status(code, absl::StrCat(std::string(field), ": ", std::string(what)));
+  status.SetPayload(kFieldPayload, absl::Cord(std::string(field)));
+  return status;
+}
+
+absl::Status InvalidField(std::string_view field, std::string_view what) {
+  return FieldError(absl::StatusCode::kInvalidArgument, field, what);
+}
+
+absl::Status QueueFull(int retry_after_ms) {
+  absl::Status status = absl::ResourceExhaustedError(
+      absl::StrCat("the request queue is full; try again in ", retry_after_ms, " ms"));
+  status.SetPayload(kRetryPayload, absl::Cord(absl::StrCat(retry_after_ms)));
+  return status;
+}
+
+std::string ErrorField(const absl::Status& status) {
+  const std::string field = Payload(status, kFieldPayload);
+  if (!field.empty() || !absl::IsInvalidArgument(status)) return field;
+  const std::string message(status.message());
+  const size_t end = message.find(": ");
+  if (end == std::string::npos) return "";
+  const std::string prefix = message.substr(0, end);
+  const bool is_field =
+      prefix.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789_.[]") == std::string::npos;
+  return is_field ? prefix : "";
+}
+
+grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext* context) {
+  if (status.ok()) return grpc::Status::OK;
+  if (const std::string field = ErrorField(status); !field.empty()) {
+    context->AddTrailingMetadata(kErrorFieldKey, Printable(field));
+  }
+  if (const std::string retry = Payload(status, kRetryPayload); !retry.empty()) {
+    context->AddTrailingMetadata(kRetryAfterKey, retry);
+  }
+  // absl and gRPC number the canonical codes alike.
+  return grpc::Status(static_cast<grpc::StatusCode>(status.code()), std::string(status.message()));
+}
+
+}  // namespace horopter

@@ -1,0 +1,38 @@
+// absl::Status -> gRPC, with the offending field beside the message.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "absl/status/status.h"
+
+namespace grpc {
+class CallbackServerContext;
+class Status;
+}  // namespace grpc
+
+namespace horopter {
+
+// Keys of the trailing metadata and of the initial metadata of an answer.
+inline constexpr char kErrorFieldKey[] = "horopter-error-field";
+inline constexpr char kRetryAfterKey[] = "retry-after-ms";
+inline constexpr char kRequestIdKey[] = "horopter-request-id";
+
+// INVALID_ARGUMENT "field: what"; the field also travels by itself (see ErrorField).
+absl::Status InvalidField(std::string_view field, std::string_view what);
+
+// The same for any code, e.g. NOT_FOUND of a candidate.
+absl::Status FieldError(absl::StatusCode code, std::string_view field, std::string_view what);
+
+// RESOURCE_EXHAUSTED with the time after which to try again.
+absl::Status QueueFull(int retry_after_ms);
+
+// The field set by InvalidField, or the one that begins the message of an INVALID_ARGUMENT
+// ("edges[3].kind: ..."); empty when there is none.
+std::string ErrorField(const absl::Status& status);
+
+// Puts field and retry time into the context's trailing metadata and returns the status in gRPC's
+// type.
+grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext* context);
+
+}  // namespace horopter

@@ -1,0 +1,61 @@
+// The whole server behind one object: catalog store, services, worker pools, health and reflection.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "server/service/catalog_store.h"
+#include "server/service/image_decode.h"
+#include "server/service/recognition_service.h"
+
+namespace grpc {
+class Channel;
+}
+
+namespace horopter {
+
+struct ServerOptions {
+  std::string listen;       // host:port, port 0: any free one; empty: in-process only (tests)
+  int workers = 1;          // scenes at once; more: more throughput, slower single answers
+  int queue = 8;            // scenes that may wait; more: longer waits before a refusal
+  int catalog_workers = 2;  // catalog calls at once
+  int catalog_queue = 64;
+  int max_message_mb = 256;  // of one request or answer
+  int load_threads = 2;      // prepare the catalog at start
+  ImageLimits images;
+};
+
+// Errors: INVALID_ARGUMENT naming the option.
+absl::Status Validate(const ServerOptions& options);
+
+// Serves from Start until Stop or destruction.
+class HoropterServer {
+ public:
+  // Errors: INVALID_ARGUMENT (options), UNAVAILABLE (the address cannot be bound), those of
+  // CatalogStore::Load.
+  static absl::StatusOr<std::unique_ptr<HoropterServer>> Start(std::unique_ptr<Catalog> catalog,
+                                                               PrepareFunction prepare,
+                                                               Recognizer recognizer,
+                                                               const ServerOptions& options);
+  ~HoropterServer();
+
+  // host:port with the port that was bound; empty without a listener.
+  const std::string& address() const;
+  const CatalogStore& store() const;
+
+  // A client connected without the network.
+  std::shared_ptr<grpc::Channel> InProcessChannel();
+
+  // Health becomes NOT_SERVING, new calls are refused with UNAVAILABLE, accepted ones may finish
+  // for `drain_seconds`; then they are cancelled. Returns when the last one is done.
+  void Stop(double drain_seconds);
+
+ private:
+  struct Parts;
+  explicit HoropterServer(std::unique_ptr<Parts> parts);
+  std::unique_ptr<Parts> parts_;
+};
+
+}  // namespace horopter

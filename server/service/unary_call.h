@@ -1,0 +1,34 @@
+// Runs a unary rpc of the callback API on a worker pool, with deadline, cancellation and a request
+// id.
+#pragma once
+
+#include <grpcpp/server_context.h>
+#include <grpcpp/support/server_callback.h>
+
+#include <functional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "server/base/stop_token.h"
+#include "server/service/worker_pool.h"
+
+namespace horopter {
+
+struct CallInfo {
+  std::string request_id;
+  StopRequested
+      stop;  // true once the client cancelled or its deadline passed; usable after the call as well
+};
+
+// The handler fills the response and returns its status. It runs on a pool thread, or not at all: a
+// full queue answers RESOURCE_EXHAUSTED, a closed pool UNAVAILABLE, a call that is over before its
+// turn CANCELLED or DEADLINE_EXCEEDED. A CANCELLED of the handler becomes DEADLINE_EXCEEDED when
+// the deadline was the reason; an exception becomes INTERNAL. Writes one log line.
+using CallHandler = std::function<absl::Status(const CallInfo&)>;
+
+grpc::ServerUnaryReactor* RunUnaryCall(const char* method,
+                                       grpc::CallbackServerContext* context,
+                                       WorkerPool& pool,
+                                       CallHandler handler);
+
+}  // namespace horopter
