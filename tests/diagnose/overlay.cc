@@ -1,0 +1,119 @@
+#include "tests/diagnose/overlay.h"
+
+#include <opencv2/imgproc.hpp>
+
+namespace horopter {
+namespace {
+
+constexpr int kScale = 2;
+
+cv::Point2d At(const Eigen::Vector2d& p) {
+  return {(p.x() + 0.5) * kScale - 0.5, (p.y() + 0.5) * kScale - 0.5};
+}
+
+cv::Mat Canvas(const cv::Mat& image) {
+  cv::Mat bgr, out;
+  if (image.channels() == 1) {
+    cv::cvtColor(image, bgr, cv::COLOR_GRAY2BGR);
+  } else {
+    bgr = image;
+  }
+  cv::resize(bgr * 0.5, out, {}, kScale, kScale, cv::INTER_LINEAR);
+  return out;
+}
+
+void Line(cv::Mat* canvas,
+          const Eigen::Vector2d& a,
+          const Eigen::Vector2d& b,
+          const cv::Scalar& colour,
+          int width = 1) {
+  cv::line(*canvas, At(a), At(b), colour, width, cv::LINE_AA);
+}
+
+}  // namespace
+
+cv::Mat DrawFeatures(const cv::Mat& image, const ImageFeatures& features) {
+  cv::Mat canvas = Canvas(image);
+  for (const Segment& segment : features.segments) {
+    Line(&canvas,
+         segment.start,
+         segment.end,
+         segment.in_texture ? cv::Scalar(70, 90, 140) : cv::Scalar(0, 255, 255));
+  }
+  for (const EllipseArc& arc : features.arcs) {
+    const double degrees = 180.0 / CV_PI;
+    cv::ellipse(canvas,
+                At(arc.center),
+                cv::Size2d(arc.semi_major_px * kScale, arc.semi_minor_px * kScale),
+                arc.angle_rad * degrees,
+                arc.start_rad * degrees,
+                (arc.start_rad + arc.sweep_rad) * degrees,
+                cv::Scalar(255, 255, 255),
+                1,
+                cv::LINE_AA);
+  }
+  for (const Junction& junction : features.junctions) {
+    bool tee = false;
+    for (const Junction::End& end : junction.ends) {
+      tee |= end.interior;
+    }
+    cv::circle(canvas,
+               At(junction.point),
+               tee ? 2 : 4,
+               tee ? cv::Scalar(255, 128, 0) : cv::Scalar(0, 0, 255),
+               1,
+               cv::LINE_AA);
+  }
+  return canvas;
+}
+
+cv::Mat DrawTruth(const cv::Mat& image,
+                  const ImageFeatures& features,
+                  const TrueView& truth,
+                  const FeatureFinding& finding,
+                  const std::vector<Wireframe>& answer) {
+  cv::Mat canvas = Canvas(image);
+  for (const Segment& segment : features.segments) {
+    Line(&canvas,
+         segment.start,
+         segment.end,
+         segment.in_texture ? cv::Scalar(70, 70, 70) : cv::Scalar(150, 150, 60));
+  }
+  for (size_t e = 0; e < truth.edges.size(); ++e) {
+    const bool found = finding.edges[e].covered >= kFoundShare;
+    const TrueEdge& edge = truth.edges[e];
+    for (size_t k = 0; k < edge.points.size(); ++k) {
+      cv::circle(canvas,
+                 At(edge.points[k]),
+                 found ? 0 : 1,
+                 found ? cv::Scalar(0, 255, 0) : cv::Scalar(0, 0, 255),
+                 -1);
+    }
+  }
+  for (size_t c = 0; c < truth.corners.size(); ++c) {
+    const bool found = finding.corner_error_px[c] < kCornerPx;
+    cv::circle(canvas,
+               At(truth.corners[c].point),
+               6,
+               found ? cv::Scalar(0, 255, 0) : cv::Scalar(0, 0, 255),
+               1,
+               cv::LINE_AA);
+  }
+  for (const Wireframe& wireframe : answer) {
+    for (const ModelEdge& edge : wireframe.model->edges) {
+      for (size_t k = 0; k + 1 < edge.polyline.size(); ++k) {
+        const Eigen::Vector3d a = wireframe.camera_from_object * edge.polyline[k];
+        const Eigen::Vector3d b = wireframe.camera_from_object * edge.polyline[k + 1];
+        if (a.z() > 1e-3 && b.z() > 1e-3) {
+          Line(&canvas,
+               Project(wireframe.camera, a),
+               Project(wireframe.camera, b),
+               cv::Scalar(255, 0, 255));
+        }
+      }
+    }
+  }
+  return canvas;
+}
+
+}  // namespace horopter

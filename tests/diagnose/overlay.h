@@ -1,0 +1,32 @@
+// Pictures of what the features stage saw and what the answer says, over the image.
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+#include <vector>
+
+#include "server/vision/features/features.h"
+#include "tests/diagnose/feature_report.h"
+#include "tests/diagnose/ground_truth.h"
+
+namespace horopter {
+
+// One object drawn as wireframe.
+struct Wireframe {
+  const ObjectModel* model = nullptr;
+  PinholeCamera camera;
+  Rigid3 camera_from_object;
+};
+
+// The image at half brightness and double size with: segments yellow (texture: grey-brown),
+// junctions red circles (tees: small blue), arcs white.
+cv::Mat DrawFeatures(const cv::Mat& image, const ImageFeatures& features);
+
+// ... with: true edges green where covered, red where missed (an edge below 70 % is thick); corners
+// found green, missed red; wireframes of the answer magenta.
+cv::Mat DrawTruth(const cv::Mat& image,
+                  const ImageFeatures& features,
+                  const TrueView& truth,
+                  const FeatureFinding& finding,
+                  const std::vector<Wireframe>& answer);
+
+}  // namespace horopter
