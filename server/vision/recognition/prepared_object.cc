@@ -174,6 +174,7 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel 
   ComputeAspects(options, object.get());
   FindPaths(options, object.get());
   object->stable_poses = FindStablePoses(m.mesh);
+  object->occupancy = ComputeOccupancy(m.mesh);
   return std::shared_ptr<const PreparedObject>(std::move(object));
 }
 

@@ -48,6 +48,17 @@ struct StablePose {
   double margin_m = 0.0;   // distance of the projected centre of mass from the border of the support polygon
 };
 
+// Which cells of the bounding box lie inside the part: objects are solid, two of them cannot share space.
+struct Occupancy {
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  // corner of cell (0,0,0), object frame
+  double cell_m = 0.0;
+  Eigen::Vector3i size = Eigen::Vector3i::Zero();
+  std::vector<bool> inside;                     // x fastest
+  std::vector<Eigen::Vector3f> interior;        // centres of at most 300 inside cells
+
+  bool Contains(const Eigen::Vector3d& point) const;
+};
+
 struct PreparedObject {
   ObjectModel model;
   Eigen::Vector3d center = Eigen::Vector3d::Zero();  // of the bounding box, object frame
@@ -61,6 +72,7 @@ struct PreparedObject {
 
   std::vector<VertexPath> paths;
   std::vector<StablePose> stable_poses;
+  Occupancy occupancy;
 
   const std::uint64_t* VisibleBits(int aspect) const {
     return visible.data() + static_cast<std::size_t>(aspect) * words;
@@ -83,5 +95,14 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel 
 // Stable resting poses of a mesh on a plane: facets of the convex hull above which the centre of mass lies, largest
 // margin first.
 std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh);
+
+// Cells of a closed mesh by ray parity along z; cells of an open mesh may be wrong.
+Occupancy ComputeOccupancy(const TriangleMesh& mesh);
+
+// Share (0..1) of the smaller part's interior that lies inside the other one.
+double SharedVolume(const PreparedObject& a,
+                    const Rigid3& scene_from_a,
+                    const PreparedObject& b,
+                    const Rigid3& scene_from_b);
 
 }  // namespace horopter

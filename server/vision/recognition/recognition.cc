@@ -1,0 +1,206 @@
+#include "server/vision/recognition/recognition.h"
+
+#include <algorithm>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/scene_expansion.h"
+#include "server/vision/recognition/scene_model.h"
+#include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/view_hypotheses.h"
+#include "server/vision/recognition/view_linking.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kMinSegments = 5;           // fewer in every view: nothing can be said
+constexpr int kExpandedSeeds = 8;
+constexpr int kRounds = 2;                // expansion, refinement, expansion with the better cameras
+constexpr double kSameSeedPx = 10.0;      // working pixels
+
+JointContext MakeContext(const RecognitionInput& input, const RecognitionOptions& options, const StopRequested& stop) {
+  JointContext context;
+  context.objects = input.objects;
+  context.matching = input.matching;
+  context.options = options;
+  context.stop = stop;
+  const int views = static_cast<int>(input.features.size());
+  context.views.resize(views);
+  ParallelFor(views, options.threads, [&](int v) { context.views[v] = BuildViewEvidence(input.features[v]); });
+  for (int v = 0; v < views; ++v) {
+    const ImageFeatures& f = input.features[v];
+    PinholeCamera camera = CenteredCamera(f.width, f.height, options.focal_start_widths * f.width);
+    double sigma = options.focal_log_sigma;
+    if (!input.hints.empty()) {
+      const CameraHint& hint = input.hints[v];
+      if (hint.focal_px) {
+        camera.focal_px = *hint.focal_px;
+        sigma = hint.focal_log_sigma.value_or(0.02);
+      }
+      if (hint.principal_point) camera.cx = hint.principal_point->x(), camera.cy = hint.principal_point->y();
+      if (hint.k1) camera.k1 = *hint.k1;
+    }
+    context.start_cameras.push_back(camera);
+    context.focal_log_sigma.push_back(sigma);
+  }
+  return context;
+}
+
+void FindAllViewHypotheses(JointContext* context) {
+  const int views = static_cast<int>(context->views.size());
+  const int objects = static_cast<int>(context->objects.size());
+  std::vector<std::vector<ImagePath>> paths(views);
+  ViewHypothesisOptions options;
+  for (int v = 0; v < views; ++v) {
+    paths[v] = FindImagePaths(*context->views[v].features, context->views[v].maps.working_from_image,
+                              options.max_paths);
+  }
+  context->hypotheses.assign(views, std::vector<ViewHypotheses>(objects));
+  ParallelFor(views * objects, context->options.threads, [&](int i) {
+    const int v = i / objects, k = i % objects;
+    ViewHypothesisOptions of_view = options;
+    of_view.focal_log_sigma = context->focal_log_sigma[v];
+    context->hypotheses[v][k] = FindViewHypotheses(*context->objects[k], k, context->views[v], v, paths[v],
+                                                   context->start_cameras[v], of_view, context->stop);
+  });
+}
+
+bool SameSeed(const JointContext& context, const SceneModel& a, const SceneModel& b) {
+  if (a.objects[0].object != b.objects[0].object) return false;
+  const PreparedObject& object = *context.objects[a.objects[0].object];
+  for (std::size_t v = 0; v < a.views.size(); ++v) {
+    if (a.views[v].has_value() != b.views[v].has_value()) return false;
+    if (!a.views[v]) continue;
+    if (ProjectionDistance(object, a.views[v]->camera, a.views[v]->camera_from_scene, b.views[v]->camera,
+                           b.views[v]->camera_from_scene, context.views[v].maps.working_from_image) > kSameSeedPx) {
+      return false;
+    }
+  }
+  return true;
+}
+
+SceneModel Expand(const JointContext& context, SceneModel scene, bool thorough, std::vector<PlacedObject>* verified) {
+  ExpansionOptions options;
+  options.accept_score = context.options.accept_score;
+  options.use_pool = thorough;
+  for (int round = 0; round < (thorough ? kRounds : 1); ++round) {
+    std::vector<PlacedObject> placements = CollectPlacements(context, scene, options);
+    if (verified != nullptr) *verified = placements;
+    Consolidate(context, options, std::move(placements), &scene);
+    if (scene.objects.empty()) break;
+    RefineScene(context, {}, &scene);
+    if (RegisterMissingViews(context, &scene) > 0) RefineScene(context, {}, &scene);
+    VerifyScratch scratch;
+    scene.gain = 0.0;
+    for (PlacedObject& o : scene.objects) {
+      EvaluatePlacement(context, scene.views, {}, &scratch, &o);
+      scene.gain += o.gain;
+    }
+  }
+  return scene;
+}
+
+RecognitionResult ToResult(const JointContext& context, const SceneModel& scene,
+                           const std::vector<PlacedObject>& verified) {
+  RecognitionResult result;
+  result.views = scene.views;
+  auto to_object = [&](const PlacedObject& p) {
+    SceneObject o;
+    o.object = p.object;
+    o.scene_from_object = p.scene_from_object;
+    o.score = p.score;
+    for (std::size_t v = 0; v < p.support.size(); ++v) {
+      o.view_scores.push_back(scene.views[v] && p.support[v].visible > 0 ? SilhouetteF1(p.support[v]) : -1.0);
+    }
+    return o;
+  };
+  for (const PlacedObject& p : scene.objects) result.objects.push_back(to_object(p));
+  for (const PlacedObject& p : verified) result.verified.push_back(to_object(p));
+  for (std::size_t i = 0; i < scene.objects.size(); ++i) {
+    const PlacedObject& accepted = scene.objects[i];
+    for (const PlacedObject& rival : verified) {
+      if (rival.object == accepted.object || rival.score < accepted.score - context.options.ambiguity_gap) continue;
+      if (SharedVolume(*context.objects[accepted.object], accepted.scene_from_object, *context.objects[rival.object],
+                       rival.scene_from_object) < 0.3) {
+        continue;
+      }
+      auto& alternatives = result.objects[i].alternatives;
+      if (std::find(alternatives.begin(), alternatives.end(), rival.object) == alternatives.end()) {
+        alternatives.push_back(rival.object);
+      }
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
+absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
+                                                   const RecognitionOptions& options,
+                                                   const StopRequested& stop) {
+  if (!input.hints.empty() && input.hints.size() != input.features.size()) {
+    return absl::InvalidArgumentError("hints: one per image or none");
+  }
+  if (input.matching == nullptr) return absl::InvalidArgumentError("matching: missing");
+  RecognitionResult result;
+  result.views.resize(input.features.size());
+  std::size_t most_segments = 0;
+  for (const ImageFeatures& f : input.features) most_segments = std::max(most_segments, f.segments.size());
+  if (most_segments < kMinSegments) {
+    result.state = RecognitionState::kTooFewFeatures;
+    result.detail = absl::StrCat("at most ", most_segments, " segments in an image, need ", kMinSegments);
+    return result;
+  }
+
+  JointContext context = MakeContext(input, options, stop);
+  FindAllViewHypotheses(&context);
+  if (IsStopRequested(stop)) return absl::CancelledError("stopped during view hypotheses");
+  std::vector<SceneModel> seeds = LinkSeeds(context);
+  if (IsStopRequested(stop)) return absl::CancelledError("stopped while views were linked");
+
+  std::vector<SceneModel> distinct;
+  for (SceneModel& s : seeds) {
+    if (static_cast<int>(distinct.size()) >= kExpandedSeeds) break;
+    if (std::none_of(distinct.begin(), distinct.end(), [&](const SceneModel& d) { return SameSeed(context, d, s); })) {
+      distinct.push_back(std::move(s));
+    }
+  }
+  std::vector<SceneModel> expanded(distinct.size());
+  ParallelFor(static_cast<int>(distinct.size()), options.threads,
+              [&](int i) { expanded[i] = Expand(context, distinct[i], false, nullptr); });
+  const auto best = std::max_element(expanded.begin(), expanded.end(),
+                                     [](const auto& x, const auto& y) { return x.gain < y.gain; });
+  std::vector<PlacedObject> verified;
+  SceneModel scene;
+  scene.views.resize(input.features.size());
+  if (best != expanded.end() && !best->objects.empty()) scene = Expand(context, *best, true, &verified);
+  if (IsStopRequested(stop)) return absl::CancelledError("stopped during the joint search");
+
+  result = ToResult(context, scene, verified);
+  double hypotheses = 0;
+  for (auto& view : context.hypotheses) {
+    for (ViewHypotheses& object : view) {
+      hypotheses += static_cast<double>(object.pool.size());
+      const int kept = std::min<int>(options.hypotheses_per_object, static_cast<int>(object.best.size()));
+      result.hypotheses.insert(result.hypotheses.end(), object.best.begin(), object.best.begin() + kept);
+    }
+  }
+  result.counts["view_hypotheses"] = hypotheses;
+  result.counts["seeds"] = static_cast<double>(seeds.size());
+  result.counts["placements"] = static_cast<double>(verified.size());
+  result.counts["objects"] = static_cast<double>(result.objects.size());
+  result.counts["views"] = scene.registered();
+  if (result.objects.empty()) {
+    result.state = RecognitionState::kNothingFound;
+    result.detail = absl::StrCat(seeds.size(), " linked hypotheses, none with a joint score of ",
+                                 options.accept_score);
+    return result;
+  }
+  const bool ambiguous = std::any_of(result.objects.begin(), result.objects.end(),
+                                     [](const SceneObject& o) { return !o.alternatives.empty(); });
+  result.state = ambiguous ? RecognitionState::kAmbiguous : RecognitionState::kRecognized;
+  return result;
+}
+
+}  // namespace horopter

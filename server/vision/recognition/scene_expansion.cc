@@ -1,0 +1,252 @@
+#include "server/vision/recognition/scene_expansion.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "server/vision/recognition/pose_refine.h"
+#include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/view_linking.h"
+
+namespace horopter {
+namespace {
+
+// Two placements of one object are the same below these (with its symmetries).
+constexpr double kSameDistanceM = 0.006;
+constexpr double kSameTurnRad = 0.12;
+// A plane is shared by objects whose stable plane agrees within these.
+constexpr double kPlaneCos = 0.9945;  // 6 degrees
+constexpr double kPlaneOffsetM = 0.008;
+constexpr double kMinRawScore = 0.35;  // placements below are not worth keeping
+
+std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel& scene) {
+  std::vector<KnownView> known;
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!scene.views[v]) continue;
+    known.push_back({&context.views[v].maps, scene.views[v]->camera, scene.views[v]->camera_from_scene});
+  }
+  return known;
+}
+
+bool SamePlacement(const PreparedObject& object, const Rigid3& a, const Rigid3& b) {
+  auto close = [&](const Rigid3& x) {
+    if ((x * object.center - b * object.center).norm() > kSameDistanceM) return false;
+    const double c = 0.5 * ((x.R.transpose() * b.R).trace() - 1.0);
+    return c > std::cos(kSameTurnRad);
+  };
+  if (close(a)) return true;
+  return std::any_of(object.model.symmetries.begin(), object.model.symmetries.end(),
+                     [&](const Rigid3& s) { return close(a * s); });
+}
+
+// Mean quick score over the views in which the object's centre is inside the image.
+double QuickOverViews(const PreparedObject& object, std::span<const KnownView> views, const Rigid3& scene_from_object,
+                      const ExpansionOptions& options) {
+  double sum = 0.0;
+  int n = 0;
+  for (const KnownView& view : views) {
+    const Rigid3 pose = view.camera_from_scene * scene_from_object;
+    const Eigen::Vector3d c = pose * object.center;
+    if (c.z() <= object.radius_m) return 0.0;
+    const Eigen::Vector2d u = Project(view.camera, c);
+    if (u.x() < 0 || u.y() < 0 || u.x() >= view.camera.width || u.y() >= view.camera.height) continue;
+    sum += QuickScore(object, *view.maps, view.camera, pose, options.quick_reach_px, 0.2f);
+    ++n;
+  }
+  return n > 0 ? sum / n : 0.0;
+}
+
+std::vector<PlacedObject> PlacementsOfObject(const JointContext& context, const SceneModel& scene, int k,
+                                             std::span<const KnownView> known, const ExpansionOptions& options) {
+  const PreparedObject& object = *context.objects[k];
+  struct Candidate {
+    double quick;
+    Rigid3 pose;
+  };
+  std::vector<Candidate> candidates;
+  RefineOptions settle;
+  settle.iterations = 3;
+  settle.start_reach_px = 6.0;
+  settle.focal_log_sigma = 0.0;
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!scene.views[v]) continue;
+    const RecognizedView& view = *scene.views[v];
+    const Rigid3 scene_from_camera = view.camera_from_scene.Inverse();
+    const ViewHypotheses& hypotheses = context.hypotheses[v][k];
+    for (const ViewHypothesis& h : options.use_pool ? hypotheses.pool : hypotheses.best) {
+      const Rigid3 start = WithFocal(h.camera_from_object, h.camera.focal_px, view.camera.focal_px);
+      const auto settled = RefineInView(object, context.views[v].maps, view.camera, start, settle);
+      if (!settled) continue;
+      const Rigid3 pose = scene_from_camera * settled->camera_from_object;
+      const double quick = QuickOverViews(object, known, pose, options);
+      if (quick >= options.min_quick) candidates.push_back({quick, pose});
+    }
+  }
+  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& x, const auto& y) { return x.quick > y.quick; });
+
+  std::vector<PlacedObject> placed;
+  VerifyScratch scratch;
+  RefineOptions refine;
+  refine.start_reach_px = 10.0;
+  int tried = 0;
+  std::vector<Rigid3> starts;
+  for (const Candidate& c : candidates) {
+    if (tried >= options.kept_per_object || IsStopRequested(context.stop)) break;
+    if (std::any_of(starts.begin(), starts.end(), [&](const Rigid3& p) { return SamePlacement(object, p, c.pose); })) {
+      continue;
+    }
+    starts.push_back(c.pose);
+    ++tried;
+    const auto refined = RefineInScene(object, known, c.pose, refine);
+    if (!refined) continue;
+    if (std::any_of(placed.begin(), placed.end(), [&](const PlacedObject& p) {
+          return SamePlacement(object, p.scene_from_object, *refined);
+        })) {
+      continue;
+    }
+    PlacedObject p;
+    p.object = k;
+    p.scene_from_object = *refined;
+    EvaluatePlacement(context, scene.views, {}, &scratch, &p);
+    if (p.score >= kMinRawScore) placed.push_back(std::move(p));
+  }
+  return placed;
+}
+
+// What decides which placement is accepted next: sure and large ones first.
+double Priority(const PlacedObject& p) { return (p.score - 0.45) * std::sqrt(std::max(0.0, p.total.supported)); }
+
+bool RestsOn(const PreparedObject& object, const Rigid3& scene_from_object, const ScenePlane& plane) {
+  return std::any_of(object.stable_poses.begin(), object.stable_poses.end(), [&](const StablePose& s) {
+    const double height = plane.normal.dot(scene_from_object.t) - plane.offset_m - s.height_m;
+    return (scene_from_object.R * s.up).dot(plane.normal) > kPlaneCos && std::abs(height) < kPlaneOffsetM;
+  });
+}
+
+}  // namespace
+
+double HeightAbovePlane(const PreparedObject& object, const Rigid3& scene_from_object, const ScenePlane& plane) {
+  double lowest = 1e9;
+  for (const auto& v : object.model.mesh.vertices) {
+    lowest = std::min(lowest, plane.normal.dot(scene_from_object * v) - plane.offset_m);
+  }
+  return lowest;
+}
+
+std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
+                                           const std::vector<std::optional<RecognizedView>>& views,
+                                           std::span<const PlacedObject> placements,
+                                           const ExpansionOptions& options) {
+  std::vector<const PlacedObject*> voters;
+  for (const PlacedObject& p : placements) {
+    if (p.gain > 0 && p.score >= options.accept_score) voters.push_back(&p);
+  }
+  std::stable_sort(voters.begin(), voters.end(),
+                   [](const auto* x, const auto* y) { return Priority(*x) > Priority(*y); });
+  if (static_cast<int>(voters.size()) > options.plane_voters) voters.resize(options.plane_voters);
+  std::vector<Eigen::Vector3d> eyes;
+  for (const auto& view : views) {
+    if (view) eyes.push_back(view->camera_from_scene.Inverse().t);
+  }
+  std::optional<ScenePlane> best;
+  double best_votes = 0.0;
+  for (const PlacedObject* o : voters) {
+    for (const StablePose& stable : context.objects[o->object]->stable_poses) {
+      ScenePlane plane;
+      plane.normal = o->scene_from_object.R * stable.up;
+      plane.offset_m = plane.normal.dot(o->scene_from_object.t) - stable.height_m;
+      if (std::any_of(eyes.begin(), eyes.end(),
+                      [&](const auto& eye) { return plane.normal.dot(eye) < plane.offset_m; })) {
+        continue;
+      }
+      std::vector<const PlacedObject*> resting;
+      double votes = 0.0;
+      for (const PlacedObject* other : voters) {
+        if (!RestsOn(*context.objects[other->object], other->scene_from_object, plane)) continue;
+        if (std::any_of(resting.begin(), resting.end(), [&](const PlacedObject* r) {
+              return SharedVolume(*context.objects[r->object], r->scene_from_object, *context.objects[other->object],
+                                  other->scene_from_object) > options.max_shared_volume;
+            })) {
+          continue;
+        }
+        resting.push_back(other);
+        votes += Priority(*other);
+      }
+      if (resting.size() >= 2 && votes > best_votes) {
+        best_votes = votes;
+        best = plane;
+      }
+    }
+  }
+  return best;
+}
+
+std::vector<PlacedObject> CollectPlacements(const JointContext& context,
+                                            const SceneModel& scene,
+                                            const ExpansionOptions& options) {
+  const std::vector<KnownView> known = KnownViews(context, scene);
+  std::vector<std::vector<PlacedObject>> per_object(context.objects.size());
+  for (std::size_t k = 0; k < per_object.size(); ++k) {
+    if (IsStopRequested(context.stop)) break;
+    per_object[k] = PlacementsOfObject(context, scene, static_cast<int>(k), known, options);
+  }
+  std::vector<PlacedObject> all;
+  for (auto& list : per_object) {
+    for (PlacedObject& p : list) all.push_back(std::move(p));
+  }
+  std::stable_sort(all.begin(), all.end(), [](const auto& x, const auto& y) { return x.score > y.score; });
+  return all;
+}
+
+void Consolidate(const JointContext& context,
+                 const ExpansionOptions& options,
+                 std::vector<PlacedObject> candidates,
+                 SceneModel* scene) {
+  scene->objects.clear();
+  scene->gain = 0.0;
+  scene->plane = FindSupportPlane(context, scene->views, candidates, options);
+  std::vector<DepthBuffer> occluders;
+  for (const ViewEvidence& view : context.views) occluders.push_back(MakeDepthBuffer(view.maps.width, view.maps.height));
+  VerifyScratch scratch;
+  std::vector<bool> stale(candidates.size(), false);
+  std::vector<bool> dead(candidates.size(), false);
+  auto acceptable = [&](const PlacedObject& p) {
+    if (p.gain <= 0 || p.score < options.accept_score) return false;
+    if (!scene->plane) return true;
+    const double height = HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene->plane);
+    if (height < -2 * options.plane_tolerance_m) return false;  // below the table
+    return std::abs(height) < options.plane_tolerance_m || p.score >= options.off_plane_score;
+  };
+  while (!IsStopRequested(context.stop)) {
+    int best = -1;
+    for (int i = 0; i < static_cast<int>(candidates.size()); ++i) {
+      if (dead[i]) continue;
+      if (stale[i]) {
+        EvaluatePlacement(context, scene->views, occluders, &scratch, &candidates[i]);
+        stale[i] = false;
+      }
+      if (!acceptable(candidates[i])) continue;
+      if (best < 0 || Priority(candidates[i]) > Priority(candidates[best])) best = i;
+    }
+    if (best < 0) break;
+    const PlacedObject accepted = candidates[best];
+    const PreparedObject& object = *context.objects[accepted.object];
+    scene->objects.push_back(accepted);
+    scene->gain += accepted.gain;
+    dead[best] = true;
+    for (std::size_t v = 0; v < occluders.size(); ++v) {
+      if (!scene->views[v]) continue;
+      RenderDepth(object.model.mesh, WorkingCamera(scene->views[v]->camera, context.views[v].maps),
+                  scene->views[v]->camera_from_scene * accepted.scene_from_object, &occluders[v]);
+    }
+    for (std::size_t i = 0; i < candidates.size(); ++i) {
+      if (dead[i]) continue;
+      stale[i] = true;
+      if (SharedVolume(object, accepted.scene_from_object, *context.objects[candidates[i].object],
+                       candidates[i].scene_from_object) > options.max_shared_volume) {
+        dead[i] = true;
+      }
+    }
+  }
+}
+
+}  // namespace horopter

@@ -1,0 +1,64 @@
+#include "server/vision/recognition/scene_model.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+
+namespace horopter {
+namespace {
+
+// Price of a predicted edge that is not there, and of an image edge inside the silhouette that stays unexplained, in
+// units of an explained edge.
+constexpr double kMissingPrice = 1.5;
+constexpr double kUnexplainedPrice = 0.5;
+constexpr double kFootprintTouch = 0.006;  // share of the diameter
+
+}  // namespace
+
+double SupportGain(const EdgeSupport& s) {
+  return s.supported - kMissingPrice * (s.visible - s.supported) -
+         kUnexplainedPrice * (s.inside - s.explained);
+}
+
+void EvaluatePlacement(const JointContext& context,
+                       const std::vector<std::optional<RecognizedView>>& views,
+                       std::span<const DepthBuffer> occluders,
+                       VerifyScratch* scratch,
+                       PlacedObject* placed) {
+  const PreparedObject& object = *context.objects[placed->object];
+  placed->support.assign(views.size(), {});
+  placed->total = {};
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!views[v]) continue;
+    placed->support[v] = VerifyPose(object,
+                                    context.views[v],
+                                    views[v]->camera,
+                                    views[v]->camera_from_scene * placed->scene_from_object,
+                                    occluders.empty() ? nullptr : &occluders[v],
+                                    scratch);
+    placed->total += placed->support[v];
+  }
+  placed->score = SilhouetteF1(placed->total);
+  placed->gain = SupportGain(placed->total);
+}
+
+std::vector<Eigen::Vector3d> Footprint(const PreparedObject& object, const StablePose& pose) {
+  const Eigen::Vector3d u = pose.up.unitOrthogonal();
+  const Eigen::Vector3d w = pose.up.cross(u);
+  std::vector<Eigen::Vector3d> touching;
+  for (const auto& v : object.model.mesh.vertices) {
+    if (pose.up.dot(v) + pose.height_m < kFootprintTouch * object.model.diameter_m) touching.push_back(v);
+  }
+  std::vector<Eigen::Vector3d> out;
+  for (int k = 0; k < 8 && !touching.empty(); ++k) {
+    const double a = k * 3.14159265358979 / 4;
+    const Eigen::Vector3d d = std::cos(a) * u + std::sin(a) * w;
+    const auto it = std::max_element(touching.begin(), touching.end(),
+                                     [&](const auto& x, const auto& y) { return d.dot(x) < d.dot(y); });
+    if (std::none_of(out.begin(), out.end(), [&](const auto& x) { return (x - *it).norm() < 1e-6; })) {
+      out.push_back(*it);
+    }
+  }
+  return out;
+}
+
+}  // namespace horopter

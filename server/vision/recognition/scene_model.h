@@ -1,0 +1,69 @@
+// The joint hypothesis about a scene: cameras and placed objects in one metric frame.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/vision/recognition/pose_score.h"
+#include "server/vision/recognition/recognition.h"
+#include "server/vision/recognition/view_evidence.h"
+#include "server/vision/recognition/view_hypotheses.h"
+
+namespace horopter {
+
+// Plane {x : normal . x = offset} in the scene frame, normal towards the cameras.
+struct ScenePlane {
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+  double offset_m = 0.0;
+};
+
+struct PlacedObject {
+  int object = -1;
+  Rigid3 scene_from_object;
+  std::vector<EdgeSupport> support;  // per view, zero where the view is not registered
+  EdgeSupport total;
+  double score = 0.0;  // pooled silhouette F1
+  double gain = 0.0;   // see SupportGain
+};
+
+struct SceneModel {
+  std::vector<std::optional<RecognizedView>> views;
+  std::vector<PlacedObject> objects;
+  std::optional<ScenePlane> plane;
+  double gain = 0.0;  // sum over the objects
+  int registered() const {
+    int n = 0;
+    for (const auto& v : views) n += v.has_value();
+    return n;
+  }
+};
+
+// Everything the joint search reads; nothing of it changes.
+struct JointContext {
+  std::span<const std::shared_ptr<const PreparedObject>> objects;
+  std::vector<ViewEvidence> views;
+  std::vector<std::vector<ViewHypotheses>> hypotheses;  // [view][object]
+  std::vector<PinholeCamera> start_cameras;
+  std::vector<double> focal_log_sigma;  // prior about the start camera, per view
+  const MatchingResult* matching = nullptr;
+  RecognitionOptions options;
+  StopRequested stop;
+};
+
+// Description-length gain of an object in working pixels: edges it explains minus what it predicts in vain and what it
+// leaves unexplained inside its silhouette. Positive for poses that are more right than wrong.
+double SupportGain(const EdgeSupport& support);
+
+// Verifies a placed object in every registered view. occluders: one depth buffer per view (empty: none).
+void EvaluatePlacement(const JointContext& context,
+                       const std::vector<std::optional<RecognizedView>>& views,
+                       std::span<const DepthBuffer> occluders,
+                       VerifyScratch* scratch,
+                       PlacedObject* placed);
+
+// Up to 8 points of the object that touch the plane of a stable pose (object frame): its footprint.
+std::vector<Eigen::Vector3d> Footprint(const PreparedObject& object, const StablePose& pose);
+
+}  // namespace horopter

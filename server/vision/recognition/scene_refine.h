@@ -1,0 +1,19 @@
+// Joint Gauss-Newton over cameras and objects of a scene hypothesis. Quick and without covariance: the euclidean stage
+// does the final adjustment.
+#pragma once
+
+#include "server/vision/recognition/scene_model.h"
+
+namespace horopter {
+
+struct SceneRefineOptions {
+  int iterations = 8;
+  double start_reach_px = 8.0;
+  double end_reach_px = 3.0;
+};
+
+// Refines focal lengths, camera poses and object poses (the first object is held, it fixes the gauge) on the visible
+// edges. Leaves the scene unchanged and returns false when the system cannot be solved.
+bool RefineScene(const JointContext& context, const SceneRefineOptions& options, SceneModel* scene);
+
+}  // namespace horopter

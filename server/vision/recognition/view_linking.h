@@ -1,0 +1,38 @@
+// Links the views of a set through one part: the part's pose in every view gives the cameras.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "server/vision/recognition/scene_model.h"
+
+namespace horopter {
+
+// Camera and pose of a plane's metric frame (z = 0) from the homography M that maps plane coordinates (x, y, 1) in
+// metres to pixels. The focal length comes from the orthogonality of the axes where that lies within a factor
+// of 1.5 of the start camera's, else from the start camera.
+struct PlaneCamera {
+  PinholeCamera camera;
+  Rigid3 camera_from_plane;
+};
+std::optional<PlaneCamera> CameraFromPlane(const Eigen::Matrix3d& M, const PinholeCamera& start);
+
+// The homography of the supporting plane from view a to view b (pixels), when both hang in one chain.
+std::optional<Eigen::Matrix3d> PlaneTransfer(const MatchingResult& matching, int a, int b);
+
+// Scene hypotheses of one placed object each, best gain first: every seed is a hypothesis of one view, continued into
+// the other views by the plane homography and by that view's own hypotheses of the same object.
+std::vector<SceneModel> LinkSeeds(const JointContext& context);
+
+// Adds views that are not registered yet: resects them from the placed objects' hypotheses in those views or through
+// the plane. Returns the number of views added.
+int RegisterMissingViews(const JointContext& context, SceneModel* scene);
+
+// A hypothesis moved to another focal length: the depth scales with it, the image stays.
+Rigid3 WithFocal(const Rigid3& camera_from_object, double old_focal, double new_focal);
+
+// Runs f(0) ... f(n-1) on up to `threads` threads.
+void ParallelFor(int n, int threads, const std::function<void(int)>& f);
+
+}  // namespace horopter
