@@ -1,0 +1,198 @@
+#include "server/pipeline/pipeline.h"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <map>
+#include <thread>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
+#include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/view_linking.h"
+
+namespace horopter {
+namespace {
+
+// Times one stage and keeps its counts.
+class StageClock {
+ public:
+  StageClock(std::string stage, std::vector<StageReport>* reports)
+      : reports_(reports), report_{std::move(stage), 0.0, {}}, start_(std::chrono::steady_clock::now()) {}
+  void Finish(std::map<std::string, double> counts) {
+    report_.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    report_.counts = std::move(counts);
+    reports_->push_back(std::move(report_));
+  }
+
+ private:
+  std::vector<StageReport>* reports_;
+  StageReport report_;
+  std::chrono::steady_clock::time_point start_;
+};
+
+absl::Status ValidateRequest(const SceneRequest& request) {
+  if (request.images.empty()) return absl::InvalidArgumentError("images: at least one is needed");
+  if (!request.hints.empty() && request.hints.size() != request.images.size()) {
+    return absl::InvalidArgumentError("hints: one per image or none");
+  }
+  for (std::size_t i = 0; i < request.images.size(); ++i) {
+    const int type = request.images[i].type();
+    if (request.images[i].empty() || (type != CV_8UC1 && type != CV_8UC3)) {
+      return absl::InvalidArgumentError(absl::StrCat("images[", i, "]: need 8-bit grey or BGR"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::vector<std::shared_ptr<const PreparedObject>>> SelectObjects(const SceneRequest& request,
+                                                                                 const CatalogSnapshot& catalog) {
+  auto find = [&](const std::string& id) {
+    return std::find_if(catalog.objects.begin(), catalog.objects.end(),
+                        [&](const auto& o) { return o->model.id == id; });
+  };
+  if (request.reference && find(request.reference->object_id) == catalog.objects.end()) {
+    return absl::NotFoundError(absl::StrCat("reference: object ", request.reference->object_id, " is not enrolled"));
+  }
+  if (request.candidates.empty()) return catalog.objects;
+  std::vector<std::string> wanted = request.candidates;
+  if (request.reference) wanted.push_back(request.reference->object_id);
+  std::sort(wanted.begin(), wanted.end());
+  wanted.erase(std::unique(wanted.begin(), wanted.end()), wanted.end());
+  std::vector<std::shared_ptr<const PreparedObject>> selected;
+  for (const std::string& id : wanted) {
+    const auto it = find(id);
+    if (it == catalog.objects.end()) {
+      return absl::NotFoundError(absl::StrCat("candidates: object ", id, " is not enrolled"));
+    }
+    selected.push_back(*it);
+  }
+  return selected;
+}
+
+absl::StatusOr<std::vector<ImageFeatures>> DetectAll(const SceneRequest& request, const PipelineOptions& options,
+                                                     const StopRequested& stop) {
+  const int n = static_cast<int>(request.images.size());
+  std::vector<absl::StatusOr<ImageFeatures>> found(n, absl::CancelledError("stopped during features"));
+  ParallelFor(n, options.threads, [&](int i) {
+    if (!IsStopRequested(stop)) found[i] = DetectFeatures(request.images[i], options.features);
+  });
+  std::vector<ImageFeatures> features;
+  for (int i = 0; i < n; ++i) {
+    if (!found[i].ok()) {
+      return absl::Status(found[i].status().code(),
+                          absl::StrCat("images[", i, "]: ", std::string(found[i].status().message())));
+    }
+    features.push_back(std::move(*found[i]));
+  }
+  return features;
+}
+
+std::map<std::string, double> SumCounts(const std::vector<ImageFeatures>& features) {
+  std::map<std::string, double> sum;
+  for (const ImageFeatures& f : features) {
+    sum["segments"] += static_cast<double>(f.segments.size());
+    sum["junctions"] += static_cast<double>(f.junctions.size());
+    sum["arcs"] += static_cast<double>(f.arcs.size());
+    for (const auto& [name, value] : f.counts) sum[name] += value;
+  }
+  return sum;
+}
+
+SceneState StateOf(RecognitionState state) {
+  switch (state) {
+    case RecognitionState::kRecognized: return SceneState::kRecognized;
+    case RecognitionState::kNothingFound: return SceneState::kNothingFound;
+    case RecognitionState::kAmbiguous: return SceneState::kAmbiguous;
+    case RecognitionState::kTooFewFeatures: return SceneState::kTooFewFeatures;
+  }
+  return SceneState::kNothingFound;
+}
+
+void FillAnswer(const MetricScene& metric, const std::vector<std::shared_ptr<const PreparedObject>>& objects,
+                const SceneRequest& request, SceneAnswer* answer) {
+  answer->cameras = metric.cameras;
+  std::vector<const PosedObject*> order;
+  for (const PosedObject& o : metric.objects) order.push_back(&o);
+  std::stable_sort(order.begin(), order.end(), [](const auto* x, const auto* y) { return x->score > y->score; });
+  std::map<std::string, int> instances;
+  for (const PosedObject* posed : order) {
+    const ObjectModel& model = objects[posed->object]->model;
+    AnswerObject o;
+    o.object_id = model.id;
+    o.instance = instances[model.id]++;
+    o.score = posed->score;
+    o.scene_from_object = posed->scene_from_object;
+    o.covariance = posed->covariance;
+    o.view_scores = posed->view_scores;
+    for (int a : posed->alternatives) o.alternatives.push_back(objects[a]->model.id);
+    o.grasps = GraspsInScene(model, posed->scene_from_object);
+    answer->objects.push_back(std::move(o));
+  }
+  if (!request.reference) return;
+  for (const AnswerObject& o : answer->objects) {
+    if (o.object_id != request.reference->object_id) continue;
+    answer->base_from_scene = request.reference->base_from_object * o.scene_from_object.Inverse();
+    return;
+  }
+  answer->state = SceneState::kReferenceNotFound;
+  answer->detail = absl::StrCat("reference ", request.reference->object_id, " is not among the recognised objects");
+}
+
+}  // namespace
+
+absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(ObjectModel model) {
+  return PrepareObject(std::move(model));
+}
+
+const ObjectModel& ModelOf(const PreparedObject& object) { return object.model; }
+
+absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
+                                              const CatalogSnapshot& catalog,
+                                              const PipelineOptions& options,
+                                              const StopRequested& stop) {
+  HOROPTER_RETURN_IF_ERROR(ValidateRequest(request));
+  HOROPTER_ASSIGN_OR_RETURN(const auto objects, SelectObjects(request, catalog));
+  PipelineResult result;
+  SceneAnswer& answer = result.answer;
+  SceneTrace& trace = result.trace;
+  answer.cameras.resize(request.images.size());
+  if (objects.empty()) {
+    answer.state = SceneState::kEmptyCatalog;
+    answer.detail = "no object is enrolled";
+    return result;
+  }
+
+  StageClock features_clock("features", &answer.stages);
+  HOROPTER_ASSIGN_OR_RETURN(trace.features, DetectAll(request, options, stop));
+  features_clock.Finish(SumCounts(trace.features));
+
+  StageClock matching_clock("matching", &answer.stages);
+  HOROPTER_ASSIGN_OR_RETURN(trace.matching, MatchViews(request.images, trace.features, options.matching, stop));
+  matching_clock.Finish(trace.matching.counts);
+
+  StageClock reconstruction_clock("reconstruction", &answer.stages);
+  std::vector<ImageSize> sizes;
+  for (const cv::Mat& image : request.images) sizes.push_back({image.cols, image.rows});
+  HOROPTER_ASSIGN_OR_RETURN(trace.reconstruction, ReconstructViews(trace.matching, trace.features, sizes,
+                                                                   options.reconstruction, stop));
+  reconstruction_clock.Finish(trace.reconstruction.counts);
+
+  StageClock recognition_clock("recognition", &answer.stages);
+  const RecognitionInput input{request.images, trace.features, request.hints, &trace.matching, &trace.reconstruction,
+                               objects};
+  HOROPTER_ASSIGN_OR_RETURN(trace.recognition, RecognizeObjects(input, options.recognition, stop));
+  recognition_clock.Finish(trace.recognition.counts);
+  answer.state = StateOf(trace.recognition.state);
+  answer.detail = trace.recognition.detail;
+  if (trace.recognition.objects.empty()) return result;
+
+  StageClock euclidean_clock("euclidean", &answer.stages);
+  HOROPTER_ASSIGN_OR_RETURN(trace.metric, RefineMetricScene(input, trace.recognition, options.euclidean, stop));
+  euclidean_clock.Finish(trace.metric->counts);
+  FillAnswer(*trace.metric, objects, request, &answer);
+  return result;
+}
+
+}  // namespace horopter
