@@ -85,18 +85,20 @@ double LargestTurn(const Points& points, const std::vector<int>& v) {
   return turn;
 }
 
-// Rotates a closed chain so that it starts where an arc cannot run through.
+// Rotates a closed chain so that it starts where an arc begins.
 void StartAtBreak(const Points& points, std::vector<int>& chain, double tol) {
   const int n = static_cast<int>(chain.size()) - 1;
-  for (int i = 0; i < n; ++i) {
+  const auto arc_from = [&](int i) {
     const std::vector<int> window{
-        chain[(i + n - 1) % n], chain[i], chain[(i + 1) % n], chain[(i + 2) % n]};
-    if (!IsArc(points, window, 0, 3, tol)) {
-      chain.pop_back();
-      std::rotate(chain.begin(), chain.begin() + (i + 1) % n, chain.end());
-      chain.push_back(chain.front());
-      return;
-    }
+        chain[i % n], chain[(i + 1) % n], chain[(i + 2) % n], chain[(i + 3) % n]};
+    return IsArc(points, window, 0, 3, tol);
+  };
+  for (int i = 1; i <= n; ++i) {
+    if (arc_from(i - 1) || !arc_from(i)) continue;
+    chain.pop_back();
+    std::rotate(chain.begin(), chain.begin() + i % n, chain.end());
+    chain.push_back(chain.front());
+    return;
   }
 }
 

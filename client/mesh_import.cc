@@ -1,7 +1,5 @@
 #include "client/mesh_import.h"
 
-#include <assimp/config.h>
-#include <assimp/postprocess.h>
 #include <assimp/scene.h>
 
 #include <Eigen/Geometry>
@@ -28,10 +26,8 @@ constexpr double kSmoothTurnRad = 25.0 * M_PI / 180.0;  // joints of a free-form
 
 absl::StatusOr<TriangleMesh> ReadTriangles(const std::string& path, double metres_per_unit) {
   Assimp::Importer importer;
-  importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE,
-                              aiPrimitiveType_POINT | aiPrimitiveType_LINE);
-  const aiScene* scene =
-      importer.ReadFile(path, aiProcess_Triangulate | aiProcess_PreTransformVertices);
+  // No post-processing: it asserts on damaged files, and these formats have no node transforms.
+  const aiScene* scene = importer.ReadFile(path, 0);
   if (scene == nullptr) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": cannot be read as a mesh: ", importer.GetErrorString()));
@@ -50,16 +46,16 @@ absl::StatusOr<TriangleMesh> ReadTriangles(const std::string& path, double metre
     }
     for (unsigned f = 0; f < mesh.mNumFaces; ++f) {
       const aiFace& face = mesh.mFaces[f];
-      if (face.mNumIndices != 3) continue;
-      Eigen::Vector3i t;
-      for (int k = 0; k < 3; ++k) {
+      std::vector<int> polygon;
+      for (unsigned k = 0; k < face.mNumIndices; ++k) {
         if (face.mIndices[k] >= mesh.mNumVertices) {
           return absl::InvalidArgumentError(absl::StrCat(
               path, ": face ", f, " names vertex ", face.mIndices[k], " of ", mesh.mNumVertices));
         }
-        t[k] = offset + static_cast<int>(face.mIndices[k]);
+        polygon.push_back(offset + static_cast<int>(face.mIndices[k]));
       }
-      soup.triangles.push_back(t);
+      const auto triangles = TriangulatePolygon(soup.vertices, polygon);
+      soup.triangles.insert(soup.triangles.end(), triangles.begin(), triangles.end());
     }
   }
   if (soup.triangles.empty()) {

@@ -1,0 +1,296 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <random>
+
+#include "client/cad_import.h"
+#include "tests/client/mesh_samples.h"
+#include "tests/client/temp_folder.h"
+
+namespace horopter {
+namespace {
+
+using testing::HasSubstr;
+
+CadImport MustImport(const std::string& path, const CadImportOptions& options = {}) {
+  auto import = ImportCad(path, options);
+  EXPECT_TRUE(import.ok()) << import.status();
+  return import.ok() ? *std::move(import) : CadImport{};
+}
+
+double SignedVolume(const TriangleMesh& mesh) {
+  double volume = 0.0;
+  for (const auto& t : mesh.triangles) {
+    volume += mesh.vertices[t[0]].dot(mesh.vertices[t[1]].cross(mesh.vertices[t[2]])) / 6.0;
+  }
+  return volume;
+}
+
+// Laws every model must obey (object_model.h).
+void ExpectInvariants(const ObjectModel& model) {
+  for (const ModelEdge& e : model.edges) {
+    ASSERT_GE(e.polyline.size(), 2u);
+    if (e.start_vertex < 0) {
+      EXPECT_EQ(e.end_vertex, -1);
+      EXPECT_EQ(e.polyline.front(), e.polyline.back());
+    } else {
+      EXPECT_NE(e.start_vertex, e.end_vertex);
+      EXPECT_EQ(e.polyline.front(), model.vertices.at(static_cast<size_t>(e.start_vertex)));
+      EXPECT_EQ(e.polyline.back(), model.vertices.at(static_cast<size_t>(e.end_vertex)));
+    }
+  }
+}
+
+TEST(MeshImport, BoxIsTheSamePartInEveryFormat) {
+  const TempFolder folder;
+  const TriangleMesh box = Box(40, 30, 20);
+  for (const std::string& path : {folder.Write("b.ply", AsPly(box)),
+                                  folder.Write("b.obj", AsObj(box)),
+                                  folder.Write("b.STL", AsStl(box))}) {
+    const CadImport import = MustImport(path);
+    EXPECT_EQ(import.counts.at("vertices"), 8) << path;
+    EXPECT_EQ(import.counts.at("lines"), 12) << path;
+    EXPECT_EQ(import.counts.at("circles"), 0) << path;
+    EXPECT_EQ(import.model.symmetries.size(), 3u) << path;
+    EXPECT_NEAR(import.model.diameter_m, std::sqrt(40. * 40 + 30 * 30 + 20 * 20) * 1e-3, 1e-8);
+    EXPECT_NEAR(SignedVolume(import.model.mesh), 24e-6, 1e-11);
+    EXPECT_TRUE(import.warnings.empty()) << import.warnings[0];
+    EXPECT_FALSE(import.unit_from_file);
+    for (const ModelEdge& e : import.model.edges) EXPECT_NEAR(e.dihedral_rad, M_PI / 2, 1e-6);
+    ExpectInvariants(import.model);
+  }
+}
+
+TEST(MeshImport, UnitsAreOnlyAScale) {
+  const TempFolder folder;
+  for (const auto& [unit, metres] : std::vector<std::pair<std::string, double>>{
+           {"mm", 1e-3}, {"cm", 1e-2}, {"m", 1.0}, {"in", 0.0254}, {"ft", 0.3048}, {"um", 1e-6}}) {
+    CadImportOptions options;
+    options.unit = unit;
+    const CadImport import = MustImport(
+        folder.Write("b.ply", AsPly(Scaled(Box(0.04, 0.03, 0.02), 1.0 / metres))), options);
+    EXPECT_EQ(import.unit_name, unit);
+    EXPECT_DOUBLE_EQ(import.metres_per_unit, metres);
+    EXPECT_NEAR(import.model.diameter_m, std::sqrt(29e-4), 1e-8) << unit;
+  }
+}
+
+TEST(MeshImport, RimsOfTessellatedCylindersAreCirclesWithoutCorners) {
+  const TempFolder folder;
+  for (const int n : {10, 12, 17, 24, 64}) {
+    const CadImport import =
+        MustImport(folder.Write("c.stl", AsStl(Prism(RegularPolygon(n, 15), 30))));
+    EXPECT_EQ(import.counts.at("circles"), 2) << n;
+    EXPECT_EQ(import.counts.at("lines"), 0) << n;
+    EXPECT_EQ(import.counts.at("vertices"), 0) << n;
+    ExpectInvariants(import.model);
+  }
+}
+
+TEST(MeshImport, PolygonalPrismsKeepTheirEdges) {
+  const TempFolder folder;
+  for (const int n : {3, 5, 6, 8}) {
+    const CadImport import =
+        MustImport(folder.Write("p.obj", AsObj(Prism(RegularPolygon(n, 15), 30))));
+    EXPECT_EQ(import.counts.at("lines"), 3 * n) << n;
+    EXPECT_EQ(import.counts.at("vertices"), 2 * n) << n;
+    EXPECT_EQ(import.model.symmetries.size(), static_cast<size_t>(2 * n - 1)) << n;
+  }
+}
+
+// A bar with half-round ends: two straight edges and two arcs on each face, joined tangentially, no
+// wall edges.
+TEST(MeshImport, TangentArcsAndLinesAreSplitAtTheirJoints) {
+  std::vector<Eigen::Vector2d> stadium;
+  for (int i = 0; i <= 12; ++i) {
+    const double a = -M_PI / 2 + M_PI * i / 12;
+    stadium.emplace_back(20 + 10 * std::cos(a), 10 * std::sin(a));
+  }
+  for (int i = 0; i <= 12; ++i) {
+    const double a = M_PI / 2 + M_PI * i / 12;
+    stadium.emplace_back(-20 + 10 * std::cos(a), 10 * std::sin(a));
+  }
+  const TempFolder folder;
+  const CadImport import = MustImport(folder.Write("s.ply", AsPly(Prism(stadium, 8))));
+  EXPECT_EQ(import.counts.at("circles"), 4);
+  EXPECT_EQ(import.counts.at("lines"), 4);
+  EXPECT_EQ(import.counts.at("vertices"), 8);
+  EXPECT_EQ(import.model.symmetries.size(), 3u);
+  ExpectInvariants(import.model);
+}
+
+TEST(MeshImport, CountsDoNotDependOnThePose) {
+  std::mt19937 rng(7);
+  SCOPED_TRACE("seed 7");
+  std::normal_distribution<double> normal;
+  const TempFolder folder;
+  TriangleMesh part =
+      Prism({{0, 0}, {50, 0}, {50, 12}, {14, 12}, {9, 17}, {9, 40}, {0, 40}}, 22, {5, 5});
+  for (int i = 0; i < 20; ++i) {
+    Rigid3 motion;
+    motion.R = Eigen::Quaterniond(normal(rng), normal(rng), normal(rng), normal(rng))
+                   .normalized()
+                   .toRotationMatrix();
+    motion.t = 100.0 * Eigen::Vector3d(normal(rng), normal(rng), normal(rng));
+    const CadImport import = MustImport(folder.Write("l.stl", AsStl(Moved(part, motion))));
+    EXPECT_EQ(import.counts.at("vertices"), 14);
+    EXPECT_EQ(import.counts.at("lines"), 21);
+    EXPECT_TRUE(import.model.symmetries.empty() || import.model.symmetries.size() == 1);
+    EXPECT_NEAR(SignedVolume(import.model.mesh), SignedVolume(part) * 1e-9, 1e-9 * 5);
+  }
+}
+
+TEST(MeshImport, TurnsAnInsideOutMeshAndMixedOrientations) {
+  std::mt19937 rng(3);
+  TriangleMesh box = Box(40, 30, 20);
+  for (auto& t : box.triangles) {
+    if (rng() % 3 != 0) std::swap(t[0], t[1]);
+  }
+  const TempFolder folder;
+  const CadImport import = MustImport(folder.Write("b.ply", AsPly(box)));
+  EXPECT_NEAR(SignedVolume(import.model.mesh), 24e-6, 1e-11);
+  EXPECT_EQ(import.counts.at("lines"), 12);
+}
+
+// A side of the box split by a point on its border that the neighbour does not have.
+TEST(MeshImport, RepairsTJunctionsAndDropsDegenerateTriangles) {
+  TriangleMesh box = Box(40, 30, 20);
+  const Eigen::Vector3i split = box.triangles[2];  // wall triangle i, j, n + j
+  const int middle = static_cast<int>(box.vertices.size());
+  box.vertices.push_back(0.5 * (box.vertices[split[0]] + box.vertices[split[1]]));
+  box.triangles[2] = {split[0], middle, split[2]};
+  box.triangles.emplace_back(middle, split[1], split[2]);
+  box.triangles.emplace_back(split[0], split[0], split[1]);
+  const TempFolder folder;
+  const CadImport import = MustImport(folder.Write("b.ply", AsPly(box)));
+  EXPECT_EQ(import.counts.at("lines"), 12);
+  EXPECT_EQ(import.counts.at("vertices"), 8);
+  EXPECT_NEAR(SignedVolume(import.model.mesh), 24e-6, 1e-11);
+  ASSERT_EQ(import.warnings.size(), 1u);
+  EXPECT_THAT(import.warnings[0], HasSubstr("1 degenerate"));
+}
+
+// One face per side, the top and bottom not convex.
+TEST(MeshImport, PolygonsAreTriangulated) {
+  const std::vector<Eigen::Vector2d> profile = {
+      {0, 0}, {50, 0}, {50, 12}, {12, 12}, {12, 40}, {0, 40}};
+  const int n = static_cast<int>(profile.size());
+  std::string text, bottom = "f", top = "f", walls;
+  for (const double z : {0.0, 20.0}) {
+    for (const auto& p : profile) text += "v " + Line({p.x(), p.y(), z}) + "\n";
+  }
+  for (int i = 0; i < n; ++i) {
+    bottom += " " + std::to_string(n - i);
+    top += " " + std::to_string(n + i + 1);
+    const int j = (i + 1) % n;
+    walls += "f " + std::to_string(i + 1) + " " + std::to_string(j + 1) + " " +
+             std::to_string(n + j + 1) + " " + std::to_string(n + i + 1) + "\n";
+  }
+  const TempFolder folder;
+  const CadImport import =
+      MustImport(folder.Write("l.obj", text + bottom + "\n" + top + "\n" + walls));
+  EXPECT_EQ(import.counts.at("lines"), 18);
+  EXPECT_EQ(import.counts.at("vertices"), 12);
+  EXPECT_NEAR(SignedVolume(import.model.mesh), (50 * 12 + 12 * 28) * 20e-9, 1e-12);
+  EXPECT_TRUE(import.warnings.empty());
+}
+
+TEST(MeshImport, OpenBordersAreEdgesAndAreReported) {
+  TriangleMesh box = Box(40, 30, 20);
+  std::erase_if(box.triangles, [](const Eigen::Vector3i& t) { return (t.array() == 9).any(); });
+  const TempFolder folder;
+  const CadImport import = MustImport(folder.Write("b.ply", AsPly(box)));
+  EXPECT_EQ(import.counts.at("lines"), 12);
+  ASSERT_EQ(import.warnings.size(), 1u);
+  EXPECT_THAT(import.warnings[0], HasSubstr("not closed"));
+}
+
+struct BadFile {
+  const char* name;
+  std::string content;
+  const char* expected;
+};
+
+TEST(MeshImport, BadFilesAreRefusedByName) {
+  const TempFolder folder;
+  const std::string box = AsPly(Box(40, 30, 20));
+  std::string nan = box;
+  nan.replace(nan.find("\n-20 ") + 1, 3, "nan");
+  std::string range = box;
+  range.replace(range.rfind("3 "), std::string::npos, "3 0 1 9999\n");
+  TriangleMesh sphere;  // every dihedral angle is small
+  {
+    constexpr int kRings = 36, kSectors = 72;
+    for (int i = 0; i <= kRings; ++i) {
+      for (int j = 0; j < kSectors; ++j) {
+        const double a = M_PI * i / kRings, b = 2 * M_PI * j / kSectors;
+        sphere.vertices.emplace_back(
+            20 * std::sin(a) * std::cos(b), 20 * std::sin(a) * std::sin(b), 20 * std::cos(a));
+      }
+    }
+    for (int i = 0; i < kRings; ++i) {
+      for (int j = 0; j < kSectors; ++j) {
+        const int k = (j + 1) % kSectors;
+        sphere.triangles.emplace_back(
+            i * kSectors + j, (i + 1) * kSectors + j, (i + 1) * kSectors + k);
+        sphere.triangles.emplace_back(i * kSectors + j, (i + 1) * kSectors + k, i * kSectors + k);
+      }
+    }
+  }
+  const BadFile files[] = {
+      {"empty.ply", "", "empty file"},
+      {"text.ply", "this is a letter\n", ""},
+      {"text.stl", "this is a letter\n", ""},
+      {"text.obj", "this is a letter\n", ""},
+      {"short.ply", box.substr(0, box.size() / 2), ""},
+      {"header.ply", box.substr(0, 60), ""},
+      {"nan.ply", nan, "finite"},
+      {"range.ply", range, ""},
+      {"sphere.ply", AsPly(sphere), "no sharp edges"},
+      {"point.ply", AsPly(Scaled(Box(1, 1, 1), 1e-9)), ""},
+      {"small.ply", AsPly(Scaled(Box(1, 1, 1), 0.1)), "mm"},
+      {"large.ply", AsPly(Box(1e5, 1e5, 1e5)), "mm"},
+      {"part.dwg", box, "unknown CAD format"},
+      {"part", box, "unknown CAD format"},
+  };
+  for (const BadFile& file : files) {
+    const std::string path = folder.Write(file.name, file.content);
+    const auto import = ImportCad(path);
+    ASSERT_FALSE(import.ok()) << file.name;
+    EXPECT_EQ(import.status().code(), absl::StatusCode::kInvalidArgument) << import.status();
+    EXPECT_THAT(std::string(import.status().message()), HasSubstr(path));
+    EXPECT_THAT(std::string(import.status().message()), HasSubstr(file.expected));
+  }
+  EXPECT_EQ(ImportCad(folder.path() + "/absent.ply").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(ImportCad(folder.path()).status().code(), absl::StatusCode::kInvalidArgument);
+  CadImportOptions options;
+  options.unit = "parsec";
+  EXPECT_THAT(std::string(ImportCad(folder.Write("b.ply", box), options).status().message()),
+              HasSubstr("parsec"));
+}
+
+// Whatever a broken file does, it must not take the program down.
+TEST(MeshImport, RandomlyDamagedFilesGiveAStatus) {
+  constexpr unsigned kSeed = 11;
+  SCOPED_TRACE(testing::Message() << "seed " << kSeed);
+  std::mt19937 rng(kSeed);
+  const TempFolder folder;
+  const std::string originals[][2] = {{"d.ply", AsPly(Box(40, 30, 20))},
+                                      {"d.stl", AsStl(Box(40, 30, 20))},
+                                      {"d.obj", AsObj(Box(40, 30, 20))}};
+  int refused = 0;
+  for (int i = 0; i < 150; ++i) {
+    const auto& [name, original] = originals[i % 3];
+    std::string text = original;
+    for (int k = 0; k < 4; ++k) text[rng() % text.size()] = static_cast<char>(32 + rng() % 95);
+    if (rng() % 4 == 0) text.resize(rng() % text.size());
+    const auto import = ImportCad(folder.Write(name, text));
+    refused += !import.ok();
+    if (import.ok()) ExpectInvariants(import->model);
+  }
+  EXPECT_GT(refused, 0);
+}
+
+}  // namespace
+}  // namespace horopter

@@ -1,0 +1,200 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <BRepAlgoAPI_Cut.hxx>
+#include <BRepAlgoAPI_Fuse.hxx>
+#include <BRepFilletAPI_MakeFillet.hxx>
+#include <BRepPrimAPI_MakeBox.hxx>
+#include <BRepPrimAPI_MakeCylinder.hxx>
+#include <BRepPrimAPI_MakeSphere.hxx>
+#include <Eigen/Geometry>
+#include <IGESControl_Writer.hxx>
+#include <Interface_Static.hxx>
+#include <Message.hxx>
+#include <Message_Messenger.hxx>
+#include <Message_PrinterOStream.hxx>
+#include <STEPControl_Writer.hxx>
+#include <TopExp_Explorer.hxx>
+#include <TopoDS.hxx>
+#include <TopoDS_Edge.hxx>
+#include <cmath>
+#include <fstream>
+#include <gp_Ax2.hxx>
+#include <sstream>
+
+#include "client/cad_import.h"
+#include "tests/client/temp_folder.h"
+
+namespace horopter {
+namespace {
+
+using testing::HasSubstr;
+
+// Writes a shape (in mm) as STEP in the given unit and returns the path.
+std::string WriteStep(const TempFolder& folder,
+                      const TopoDS_Shape& shape,
+                      const char* unit = "MM") {
+  Message::DefaultMessenger()->RemovePrinters(STANDARD_TYPE(Message_PrinterOStream));
+  STEPControl_Writer();  // makes the settings known
+  Interface_Static::SetCVal("xstep.cascade.unit", "MM");
+  Interface_Static::SetCVal("write.step.unit", unit);
+  STEPControl_Writer writer;  // and this one reads them
+  writer.Transfer(shape, STEPControl_AsIs);
+  const std::string path = folder.path() + "/part.step";
+  writer.Write(path.c_str());
+  return path;
+}
+
+std::string ReadAll(const std::string& path) {
+  std::ostringstream text;
+  text << std::ifstream(path, std::ios::binary).rdbuf();
+  return text.str();
+}
+
+// A 40 x 30 x 20 plate with a through hole of radius 5, off the middle.
+TopoDS_Shape PlateWithHole() {
+  const TopoDS_Shape box = BRepPrimAPI_MakeBox(40.0, 30.0, 20.0).Shape();
+  const gp_Ax2 axis(gp_Pnt(12, 10, -1), gp_Dir(0, 0, 1));
+  return BRepAlgoAPI_Cut(box, BRepPrimAPI_MakeCylinder(axis, 5.0, 30.0).Shape()).Shape();
+}
+
+CadImport MustImport(const std::string& path) {
+  auto import = ImportCad(path);
+  EXPECT_TRUE(import.ok()) << import.status();
+  return import.ok() ? *std::move(import) : CadImport{};
+}
+
+double SignedVolume(const TriangleMesh& mesh) {
+  double volume = 0.0;
+  for (const auto& t : mesh.triangles) {
+    volume += mesh.vertices[t[0]].dot(mesh.vertices[t[1]].cross(mesh.vertices[t[2]])) / 6.0;
+  }
+  return volume;
+}
+
+TEST(StepImport, GeometryIsInMetresWhateverTheFilesUnit) {
+  for (const auto& [word, name, metres] : std::vector<std::tuple<const char*, std::string, double>>{
+           {"MM", "mm", 1e-3}, {"INCH", "in", 0.0254}, {"M", "m", 1.0}, {"CM", "cm", 1e-2}}) {
+    const TempFolder folder;
+    const CadImport import = MustImport(WriteStep(folder, PlateWithHole(), word));
+    EXPECT_EQ(import.unit_name, name);
+    EXPECT_DOUBLE_EQ(import.metres_per_unit, metres);
+    EXPECT_TRUE(import.unit_from_file);
+    EXPECT_NEAR(import.model.diameter_m, std::sqrt(29e-4), 1e-7) << word;
+    EXPECT_EQ(import.counts.at("lines"), 12);
+    EXPECT_EQ(import.counts.at("circles"), 2);
+    EXPECT_EQ(import.counts.at("vertices"), 8);
+  }
+}
+
+TEST(StepImport, CirclesAreClosedOnTheirRadiusAndSeamsAreNoCorners) {
+  const TempFolder folder;
+  const CadImport import = MustImport(WriteStep(folder, PlateWithHole()));
+  int circles = 0;
+  for (const ModelEdge& e : import.model.edges) {
+    if (e.kind != CurveKind::kCircle) continue;
+    ++circles;
+    EXPECT_EQ(e.start_vertex, -1);
+    EXPECT_EQ(e.end_vertex, -1);
+    EXPECT_EQ(e.polyline.front(), e.polyline.back());
+    EXPECT_NEAR(e.dihedral_rad, M_PI / 2, 1e-6);
+    for (size_t i = 0; i < e.polyline.size(); ++i) {
+      const Eigen::Vector2d r = e.polyline[i].head<2>() - Eigen::Vector2d(0.012, 0.010);
+      EXPECT_NEAR(r.norm(), 0.005, 1e-9);
+      if (i == 0) continue;
+      const Eigen::Vector2d middle = 0.5 * (e.polyline[i] + e.polyline[i - 1]).head<2>();
+      EXPECT_GE((middle - Eigen::Vector2d(0.012, 0.010)).norm(), 0.99 * 0.005);
+    }
+  }
+  EXPECT_EQ(circles, 2);
+  EXPECT_NEAR(SignedVolume(import.model.mesh), (24000 - M_PI * 25 * 20) * 1e-9, 3e-9 * M_PI * 25);
+  EXPECT_TRUE(import.model.symmetries.empty());
+}
+
+// The fillet is tangent to both faces: the sharp edge is gone, its ends become arcs.
+TEST(StepImport, SmoothEdgesAreDropped) {
+  const TopoDS_Shape box = BRepPrimAPI_MakeBox(40.0, 30.0, 20.0).Shape();
+  BRepFilletAPI_MakeFillet fillet(box);
+  fillet.Add(4.0, TopoDS::Edge(TopExp_Explorer(box, TopAbs_EDGE).Current()));
+  const TempFolder folder;
+  const CadImport import = MustImport(WriteStep(folder, fillet.Shape()));
+  EXPECT_EQ(import.counts.at("lines"), 11);
+  EXPECT_EQ(import.counts.at("circles"), 2);
+  EXPECT_EQ(import.counts.at("vertices"), 10);
+}
+
+// Two boxes side by side: the lines along the joint are one edge each, the joint itself is none.
+TEST(StepImport, CollinearPiecesAreOneEdge) {
+  const TopoDS_Shape a = BRepPrimAPI_MakeBox(20.0, 30.0, 20.0).Shape();
+  const TopoDS_Shape b = BRepPrimAPI_MakeBox(gp_Pnt(20, 0, 0), 20.0, 30.0, 20.0).Shape();
+  const TempFolder folder;
+  const CadImport import = MustImport(WriteStep(folder, BRepAlgoAPI_Fuse(a, b).Shape()));
+  EXPECT_EQ(import.counts.at("lines"), 12);
+  EXPECT_EQ(import.counts.at("vertices"), 8);
+  EXPECT_EQ(import.model.symmetries.size(), 3u);
+}
+
+TEST(StepImport, CylinderIsListedAsASurfaceOfRevolution) {
+  const TempFolder folder;
+  const CadImport import =
+      MustImport(WriteStep(folder, BRepPrimAPI_MakeCylinder(10.0, 30.0).Shape()));
+  EXPECT_EQ(import.counts.at("circles"), 2);
+  EXPECT_EQ(import.counts.at("lines"), 0);
+  EXPECT_EQ(import.counts.at("vertices"), 0);
+  EXPECT_EQ(import.model.symmetries.size(),
+            71u);  // 36 rotations, each with a flip, without the identity
+}
+
+TEST(StepImport, IgesGivesTheSameEdges) {
+  const TempFolder folder;
+  IGESControl_Writer writer("MM", 1);
+  writer.AddShape(PlateWithHole());
+  const std::string path = folder.path() + "/part.igs";
+  ASSERT_TRUE(writer.Write(path.c_str()));
+  const CadImport import = MustImport(path);
+  EXPECT_EQ(import.format, "IGES");
+  EXPECT_EQ(import.unit_name, "mm");
+  EXPECT_EQ(import.counts.at("lines"), 12);
+  EXPECT_EQ(import.counts.at("circles"), 2);
+  EXPECT_EQ(import.counts.at("vertices"), 8);
+}
+
+TEST(StepImport, BadFilesAreRefusedByName) {
+  const TempFolder folder;
+  const std::string good = ReadAll(WriteStep(folder, PlateWithHole()));
+  const std::string sphere = ReadAll(WriteStep(folder, BRepPrimAPI_MakeSphere(10.0).Shape()));
+  const std::string tiny = ReadAll(WriteStep(folder, BRepPrimAPI_MakeBox(0.1, 0.1, 0.1).Shape()));
+  const std::string data = good.substr(0, good.find("DATA;"));
+  const std::vector<std::tuple<const char*, std::string, const char*>> files = {
+      {"empty.step", "", "empty"},
+      {"letter.stp", "Dear Sir or Madam", "not a STEP file"},
+      {"cut.step", good.substr(0, good.size() / 2), "cut short"},
+      {"hollow.step", data + "DATA;\nENDSEC;\nEND-ISO-10303-21;\n", ""},
+      {"sphere.step", sphere, "no sharp edges"},
+      {"tiny.step", tiny, "1 mm"},
+      {"letter.igs", "Dear Sir or Madam", "IGES"},
+  };
+  for (const auto& [name, content, expected] : files) {
+    const std::string path = folder.Write(name, content);
+    const auto import = ImportCad(path);
+    ASSERT_FALSE(import.ok()) << name;
+    EXPECT_EQ(import.status().code(), absl::StatusCode::kInvalidArgument) << import.status();
+    EXPECT_THAT(std::string(import.status().message()), HasSubstr(path));
+    EXPECT_THAT(std::string(import.status().message()), HasSubstr(expected));
+  }
+}
+
+TEST(StepImport, ContradictingUnitIsAnErrorNotAnOverride) {
+  const TempFolder folder;
+  const std::string path = WriteStep(folder, PlateWithHole(), "MM");
+  CadImportOptions options;
+  options.unit = "in";
+  const auto import = ImportCad(path, options);
+  EXPECT_EQ(import.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(import.status().message()), HasSubstr("mm"));
+  options.unit = "mm";
+  EXPECT_TRUE(ImportCad(path, options).ok());
+}
+
+}  // namespace
+}  // namespace horopter
