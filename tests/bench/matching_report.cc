@@ -21,6 +21,8 @@
 #include "server/vision/features/features.h"
 #include "server/vision/matching/homography.h"
 #include "server/vision/matching/matching.h"
+#include "server/vision/reconstruction/bundle_adjustment.h"
+#include "server/vision/reconstruction/reconstruction.h"
 
 namespace horopter {
 namespace {
@@ -115,6 +117,8 @@ struct Tally {
   std::vector<double> errors;
   int f_found = 0, f_right = 0, f_neighbours_found = 0, f_neighbours_right = 0;
   int matches = 0, matches_right = 0;
+  int scenes = 0, scenes_all_in = 0, scenes_registered_right = 0, trusted = 0;
+  std::vector<double> focal_errors, trusted_focal_errors;
 };
 
 void ReportPairs(const Scene& scene,
@@ -157,6 +161,95 @@ void ReportPairs(const Scene& scene,
         tally->f_neighbours_right += share >= 0.95;
       }
     }
+  }
+}
+
+// 95 % over the annotated parts' vertices of the worst reprojection after triangulating the vertex
+// from its true images: zero for the true cameras and for any collineation of them. Negative: fewer
+// than two views. Pixels.
+double VertexReprojection(const Models& models,
+                          const Scene& scene,
+                          const Reconstruction& reconstruction) {
+  Bundle bundle;
+  std::vector<int> views;
+  for (size_t v = 0; v < reconstruction.views.size(); ++v) {
+    if (!reconstruction.views[v]) continue;
+    const ReconstructedView& r = *reconstruction.views[v];
+    bundle.views.push_back({{r.camera.width, r.camera.height},
+                            r.camera.focal_px,
+                            r.camera.k1,
+                            r.camera_from_world,
+                            0.0});
+    views.push_back(static_cast<int>(v));
+  }
+  std::vector<double> errors;
+  const size_t instances = scene.truth.front().instances.size();
+  for (size_t k = 0; k < instances; ++k) {
+    const auto model = models.find(scene.truth.front().instances[k].obj_id);
+    if (model == models.end()) continue;
+    for (const Eigen::Vector3d& vertex : model->second) {
+      Track track;
+      for (size_t i = 0; i < views.size(); ++i) {
+        const BopImage& image = scene.truth[views[i]];
+        const Eigen::Vector3d c = image.instances[k].camera_from_object * vertex;
+        if (InImage(image, c))
+          track.observations.push_back({static_cast<int>(i), -1, Project(image.camera, c)});
+      }
+      if (track.observations.size() < 2) continue;
+      const auto x = Triangulate(bundle, track, 0.0);
+      errors.push_back(x ? WorstReprojection(bundle, {track, *x, false}) : 1e9);
+    }
+  }
+  if (errors.empty()) return -1.0;
+  std::sort(errors.begin(), errors.end());
+  return errors[errors.size() * 95 / 100];
+}
+
+void ReportReconstruction(const Scene& scene,
+                          const Models& models,
+                          const std::vector<ImageFeatures>& features,
+                          const MatchingResult& matching,
+                          std::map<std::string, Tally>* tallies) {
+  std::vector<ImageSize> sizes;
+  for (const cv::Mat& image : scene.images) sizes.push_back({image.cols, image.rows});
+  const auto begin = std::chrono::steady_clock::now();
+  const auto r = ReconstructViews(matching, features, sizes, ReconstructionOptions());
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  if (!r.ok()) {
+    std::printf("  reconstruction: %s\n", std::string(r.status().message()).c_str());
+    return;
+  }
+  std::vector<double> errors;
+  std::string list;
+  for (size_t v = 0; v < r->views.size(); ++v) {
+    if (!r->views[v]) continue;
+    const double e = std::log(r->views[v]->camera.focal_px / scene.truth[v].camera.focal_px);
+    errors.push_back(std::abs(e));
+    char text[64];
+    std::snprintf(text, sizeof(text), " %+.0f(%.0f)", 100 * e, 100 * r->views[v]->focal_log_sigma);
+    list += text;
+  }
+  const double p95 = errors.empty() ? -1.0 : VertexReprojection(models, scene, *r);
+  const bool all_in = errors.size() == scene.images.size() && p95 >= 0 && p95 <= 2.0;
+  std::printf(
+      "  reconstruction %.2f s: %zu of %zu views, rms %.2f px, %s; vertices 95 %% < %.2f px; f "
+      "error (sigma) in %%:%s\n",
+      seconds,
+      errors.size(),
+      scene.images.size(),
+      r->rms_px,
+      r->trusted ? "trusted" : r->refusal.c_str(),
+      p95,
+      list.c_str());
+  std::sort(errors.begin(), errors.end());
+  for (Tally* tally : {&(*tallies)[scene.tier], &(*tallies)["ALL"]}) {
+    ++tally->scenes;
+    tally->scenes_all_in += all_in;
+    tally->scenes_registered_right += p95 >= 0 && p95 <= 2.0;
+    tally->trusted += r->trusted;
+    if (!errors.empty()) tally->focal_errors.push_back(errors[errors.size() / 2]);
+    if (r->trusted) tally->trusted_focal_errors.push_back(errors.back());
   }
 }
 
@@ -228,6 +321,7 @@ void ReportScene(const Scene& scene, const Models& models, std::map<std::string,
                 chained.second);
   }
   ReportPairs(scene, models, features, *matching, tallies);
+  ReportReconstruction(scene, models, features, *matching, tallies);
 }
 
 absl::StatusOr<Scene> LoadScene(const std::string& dataset, const std::string& split, int id) {
@@ -286,6 +380,18 @@ absl::Status Report(const std::string& dataset, const std::string& split, std::v
         t.f_found,
         t.matches_right,
         t.matches);
+    std::sort(t.focal_errors.begin(), t.focal_errors.end());
+    std::sort(t.trusted_focal_errors.begin(), t.trusted_focal_errors.end());
+    std::printf(
+        "%-4s cameras: all images in and vertices < 2 px in %d of %d scenes (registered views "
+        "right in %d); focal error median %.1f %%; trusted %d, their worst view %.1f %%\n",
+        tier.c_str(),
+        t.scenes_all_in,
+        t.scenes,
+        t.scenes_registered_right,
+        t.focal_errors.empty() ? -1.0 : 100 * t.focal_errors[t.focal_errors.size() / 2],
+        t.trusted,
+        t.trusted_focal_errors.empty() ? -1.0 : 100 * t.trusted_focal_errors.back());
   }
   return absl::OkStatus();
 }

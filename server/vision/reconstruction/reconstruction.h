@@ -24,7 +24,8 @@ struct ReconstructedView {
 
 struct ReconstructedPoint {
   Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
-  std::vector<std::pair<int, int>> observations;  // (view, junction index) or (view, -1) for plane points
+  std::vector<std::pair<int, int>>
+      observations;  // (view, junction index) or (view, -1) for plane points
   bool on_plane = false;
 };
 
@@ -33,15 +34,16 @@ struct Reconstruction {
   std::vector<std::optional<ReconstructedView>> views;  // empty: not registered
   std::vector<ReconstructedPoint> points;
   double rms_px = 0.0;
-  bool trusted = false;   // focal lengths and rotations are determined by the images, not by the prior
-  std::string refusal;    // why not, in numbers, when nothing was reconstructed or it is not trusted
+  bool trusted =
+      false;  // focal lengths and rotations are determined by the images, not by the prior
+  std::string refusal;  // why not, in numbers, when nothing was reconstructed or it is not trusted
   std::map<std::string, double> counts;
 };
 
 struct ReconstructionOptions {
-  double focal_prior_widths = 1.5;   // prior focal length in image widths
+  double focal_prior_widths = 1.5;  // prior focal length in image widths
   double focal_prior_log_sigma = 0.5;
-  double max_rms_px = 1.5;           // accepted reprojection error of the inliers
+  double max_rms_px = 1.5;  // accepted reprojection error of the inliers
   int min_views = 2;
   unsigned seed = 1;
 };
@@ -51,8 +53,8 @@ struct ImageSize {
   int height = 0;
 };
 
-// Reconstructs cameras and points from the matches. "Not enough" is a result with `refusal`, not an error.
-// Errors: INVALID_ARGUMENT for sizes that do not agree, CANCELLED.
+// Reconstructs cameras and points from the matches. "Not enough" is a result with `refusal`, not an
+// error. Errors: INVALID_ARGUMENT for sizes that do not agree, CANCELLED.
 absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
                                                 std::span<const ImageFeatures> features,
                                                 std::span<const ImageSize> sizes,

@@ -1,0 +1,69 @@
+// Metric bundle adjustment of cameras, plane points (z = 0) and free points.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "server/vision/geometry/rigid3.h"
+#include "server/vision/reconstruction/reconstruction.h"
+#include "server/vision/reconstruction/tracks.h"
+
+namespace horopter {
+
+struct BundleView {
+  ImageSize size;
+  double focal_px = 0.0;
+  double k1 = 0.0;
+  Rigid3 camera_from_world;
+  double focal_log_sigma =
+      0.0;  // out: posterior of log f, scaled by the residuals; 0 until computed
+};
+
+struct BundlePoint {
+  Track track;  // observation.view indexes Bundle::views
+  Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
+  bool on_plane = false;  // z is kept 0
+};
+
+struct Bundle {
+  std::vector<BundleView> views;
+  std::vector<BundlePoint> points;
+};
+
+struct BundleOptions {
+  double focal_prior_widths = 1.5;
+  double focal_prior_log_sigma = 0.5;
+  double k1_sigma = 0.04;  // prior of the radial coefficient about 0
+  double loss_px = 1.0;    // Cauchy scale
+  int max_iterations = 40;
+  bool covariance = false;  // fill focal_log_sigma
+};
+
+struct BundleSummary {
+  bool usable = false;
+  double cost = 0.0;  // robust, pixels^2 / 2
+};
+
+// Minimises the robust reprojection error in place. Gauge: the first view's centre stays where it
+// is, and its rotation about the world's z stays. The bundle is left unchanged when the solver
+// fails.
+BundleSummary AdjustBundle(const BundleOptions& options, Bundle* bundle);
+
+// Projection of a world point, pixels; nullopt behind the camera.
+std::optional<Eigen::Vector2d> ProjectInto(const BundleView& view,
+                                           const Eigen::Vector3d& point_in_world);
+
+// Largest reprojection error (px) over the track's observations; 1e9 when behind a camera.
+double WorstReprojection(const Bundle& bundle, const BundlePoint& point);
+
+// Least-squares point of a track (linear, then Gauss-Newton); nullopt when the rays are parallel
+// within min_angle_rad or the point is behind a camera.
+std::optional<Eigen::Vector3d> Triangulate(const Bundle& bundle,
+                                           const Track& track,
+                                           double min_angle_rad);
+
+// Intersection of an observation's ray with the plane z = 0; nullopt when it points away.
+std::optional<Eigen::Vector3d> PointOnPlane(const BundleView& view, const Eigen::Vector2d& pixel);
+
+}  // namespace horopter

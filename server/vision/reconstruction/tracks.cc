@@ -1,0 +1,125 @@
+#include "server/vision/reconstruction/tracks.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <map>
+#include <numeric>
+#include <set>
+#include <tuple>
+
+namespace horopter {
+namespace {
+
+constexpr double kCellPx = 16.0;  // thinning: tracks per cell of the first view they are seen in
+
+class UnionFind {
+ public:
+  int Add() {
+    parent_.push_back(static_cast<int>(parent_.size()));
+    return parent_.back();
+  }
+  int Find(int i) {
+    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
+    return i;
+  }
+  void Join(int a, int b) {
+    a = Find(a);
+    b = Find(b);
+    parent_[std::max(a, b)] = std::min(a, b);
+  }
+  int size() const { return static_cast<int>(parent_.size()); }
+
+ private:
+  std::vector<int> parent_;
+};
+
+// Groups observations by their root; groups that see a view twice are dropped.
+std::vector<Track> Collect(UnionFind* sets,
+                           const std::vector<TrackObservation>& observations,
+                           bool on_plane) {
+  std::map<int, Track> by_root;
+  for (int i = 0; i < sets->size(); ++i)
+    by_root[sets->Find(i)].observations.push_back(observations[i]);
+  std::vector<Track> tracks;
+  for (auto& [root, track] : by_root) {
+    std::set<int> views;
+    for (const TrackObservation& o : track.observations) views.insert(o.view);
+    if (views.size() < 2 || views.size() != track.observations.size()) continue;
+    track.on_plane = on_plane;
+    tracks.push_back(std::move(track));
+  }
+  return tracks;
+}
+
+}  // namespace
+
+std::vector<Track> PlaneTracks(const MatchingResult& matching, int component, int max_tracks) {
+  // The same keypoint has the same coordinates in every pair it takes part in.
+  std::map<std::tuple<int, std::int64_t, std::int64_t>, int> ids;
+  UnionFind sets;
+  std::vector<TrackObservation> observations;
+  const auto id_of = [&](int view, const Eigen::Vector2d& x) {
+    const auto key = std::make_tuple(view, std::llround(x.x() * 64.0), std::llround(x.y() * 64.0));
+    const auto it = ids.find(key);
+    if (it != ids.end()) return it->second;
+    observations.push_back({view, -1, x});
+    return ids[key] = sets.Add();
+  };
+  for (const PlaneHomography& plane : matching.planes) {
+    if (matching.component[plane.view_a] != component) continue;
+    if (matching.component[plane.view_b] != component) continue;
+    for (size_t i = 0; i < plane.inliers_a.size(); ++i) {
+      sets.Join(id_of(plane.view_a, plane.inliers_a[i]), id_of(plane.view_b, plane.inliers_b[i]));
+    }
+  }
+  std::vector<Track> tracks = Collect(&sets, observations, true);
+  std::stable_sort(tracks.begin(), tracks.end(), [](const Track& x, const Track& y) {
+    return x.observations.size() > y.observations.size();
+  });
+  // Round by round one more track per cell, so that dense texture does not crowd out the rest.
+  std::map<std::tuple<int, int, int>, int> used;
+  std::vector<std::vector<Track>> rounds;
+  for (Track& track : tracks) {
+    const TrackObservation& o = track.observations.front();
+    const int round = used[{o.view,
+                            static_cast<int>(o.point.x() / kCellPx),
+                            static_cast<int>(o.point.y() / kCellPx)}]++;
+    if (round >= static_cast<int>(rounds.size())) rounds.resize(round + 1);
+    rounds[round].push_back(std::move(track));
+  }
+  std::vector<Track> thinned;
+  for (std::vector<Track>& round : rounds) {
+    for (Track& track : round) {
+      if (static_cast<int>(thinned.size()) >= max_tracks) return thinned;
+      thinned.push_back(std::move(track));
+    }
+  }
+  return thinned;
+}
+
+std::vector<Track> JunctionTracks(const MatchingResult& matching,
+                                  std::span<const ImageFeatures> features,
+                                  int component) {
+  std::map<std::pair<int, int>, int> ids;
+  UnionFind sets;
+  std::vector<TrackObservation> observations;
+  const auto id_of = [&](int view, int junction) {
+    const auto it = ids.find({view, junction});
+    if (it != ids.end()) return it->second;
+    observations.push_back({view, junction, features[view].junctions[junction].point});
+    return ids[{view, junction}] = sets.Add();
+  };
+  for (const PairGeometry& pair : matching.pairs) {
+    if (!pair.F || matching.component[pair.view_a] != component ||
+        matching.component[pair.view_b] != component) {
+      continue;
+    }
+    for (const JunctionMatch& m : pair.matches) {
+      sets.Join(id_of(pair.view_a, m.junction_a), id_of(pair.view_b, m.junction_b));
+    }
+  }
+  return Collect(&sets, observations, false);
+}
+
+}  // namespace horopter
