@@ -1,5 +1,11 @@
 #include "db/open_database.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <filesystem>
+
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
 
@@ -21,6 +27,25 @@ absl::Status Explain(const absl::Status& status, const std::string& path) {
   return absl::Status(
       status.code(),
       absl::StrCat("database ", path, " ", advice, ": ", std::string(status.message())));
+}
+
+// SQLite reports a WAL file it may not write in several ways; asking first gives one answer. The
+// folder counts too: the log lies beside the file.
+absl::Status CheckWritable(const std::string& path) {
+  if (path == ":memory:") return absl::OkStatus();
+  const auto refused = [](const std::string& what, int mode) {
+    return faccessat(AT_FDCWD, what.c_str(), mode, AT_EACCESS) != 0 &&
+           (errno == EACCES || errno == EROFS);
+  };
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  if (refused(path, R_OK | W_OK)) {
+    return absl::PermissionDeniedError(absl::StrCat("database ", path, " is read-only"));
+  }
+  if (refused(folder.empty() ? "." : folder, W_OK | X_OK)) {
+    return absl::PermissionDeniedError(
+        absl::StrCat("database ", path, ": its folder is read-only"));
+  }
+  return absl::OkStatus();
 }
 
 // Refuses foreign and newer files. Reads only.
@@ -94,6 +119,7 @@ absl::Status TakeOwnership(sqlite3* db) {
 absl::StatusOr<SqliteHandle> OpenDatabase(const std::string& path,
                                           int busy_timeout_ms,
                                           const std::vector<std::string>& migrations) {
+  HOROPTER_RETURN_IF_ERROR(CheckWritable(path));
   sqlite3* raw = nullptr;
   const int opened =
       sqlite3_open_v2(path.c_str(),

@@ -1,0 +1,168 @@
+#include "db/catalog.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <thread>
+
+#include "db/sha256.h"
+#include "tests/support/sample_record.h"
+#include "tests/support/scratch_dir.h"
+
+namespace horopter {
+namespace {
+
+using absl::StatusCode;
+
+std::unique_ptr<Catalog> OpenOrDie(const std::string& path = ":memory:") {
+  absl::StatusOr<std::unique_ptr<Catalog>> catalog = Catalog::Open(path);
+  EXPECT_TRUE(catalog.ok()) << catalog.status();
+  return *std::move(catalog);
+}
+
+std::vector<std::string> Ids(Catalog& catalog) {
+  std::vector<std::string> ids;
+  const auto models = catalog.LoadAll();
+  EXPECT_TRUE(models.ok()) << models.status();
+  for (const ObjectModel& model : *models) ids.push_back(model.id);
+  return ids;
+}
+
+TEST(Catalog, GivesBackBitByBitWhatItWasGivenAlsoAfterReopening) {
+  const ScratchDir dir;
+  const CatalogRecord record = SampleRecord("box", 7);
+  for (const bool create : {true, false}) {
+    const std::unique_ptr<Catalog> catalog = OpenOrDie(dir.File("a.db"));
+    if (create) {
+      ASSERT_TRUE(catalog->CreateObject(record).ok());
+    }
+    const auto read = catalog->GetObject("box");
+    ASSERT_TRUE(read.ok()) << read.status();
+    EXPECT_EQ(FirstDifference(*read, record), "");
+    EXPECT_EQ(read->source.sha256, Sha256Hex(record.source.content));
+    EXPECT_EQ(*catalog->GetCadFile("box"), record.source.content);
+    const auto models = catalog->LoadAll();
+    ASSERT_EQ(models->size(), 1u);
+    EXPECT_EQ((*models)[0].mesh.triangles, record.model.mesh.triangles);
+  }
+}
+
+TEST(Catalog, ASummaryHasCountsAndGraspsButNoGeometry) {
+  const auto catalog = OpenOrDie();
+  ASSERT_TRUE(catalog->CreateObject(SampleRecord("box")).ok());
+  const auto summary = catalog->GetSummary("box");
+  ASSERT_TRUE(summary.ok());
+  EXPECT_EQ(summary->vertex_count, 8);
+  EXPECT_EQ(summary->edge_count, 13);
+  EXPECT_EQ(summary->triangle_count, 12);
+  EXPECT_EQ(summary->record.model.grasps.size(), 2u);
+  EXPECT_TRUE(summary->record.model.vertices.empty());
+  EXPECT_TRUE(summary->record.source.content.empty());
+  EXPECT_GT(summary->record.source.size_bytes, 0);
+}
+
+TEST(Catalog, ADuplicateIdIsRefusedAndChangesNothing) {
+  const auto catalog = OpenOrDie();
+  const CatalogRecord first = SampleRecord("box", 1);
+  ASSERT_TRUE(catalog->CreateObject(first).ok());
+  const absl::Status status = catalog->CreateObject(SampleRecord("box", 2));
+  EXPECT_EQ(status.code(), StatusCode::kAlreadyExists);
+  EXPECT_THAT(std::string(status.message()), testing::HasSubstr("'box'"));
+  EXPECT_EQ(FirstDifference(*catalog->GetObject("box"), first), "");
+}
+
+TEST(Catalog, AMissingObjectIsNotFoundByEveryCall) {
+  const auto catalog = OpenOrDie();
+  ASSERT_TRUE(catalog->CreateObject(SampleRecord("box")).ok());
+  UpdateParts parts;
+  parts.grasps = true;
+  EXPECT_EQ(catalog->GetObject("nut").status().code(), StatusCode::kNotFound);
+  EXPECT_EQ(catalog->GetSummary("nut").status().code(), StatusCode::kNotFound);
+  EXPECT_EQ(catalog->GetCadFile("nut").status().code(), StatusCode::kNotFound);
+  EXPECT_EQ(catalog->DeleteObject("nut").code(), StatusCode::kNotFound);
+  EXPECT_EQ(catalog->UpdateObject(SampleRecord("nut"), parts).code(), StatusCode::kNotFound);
+  EXPECT_EQ(*catalog->CountObjects(), 1);
+}
+
+TEST(Catalog, AnInvalidRecordIsRefusedAndNothingIsWritten) {
+  const auto catalog = OpenOrDie();
+  CatalogRecord record = SampleRecord("box");
+  record.model.mesh.triangles.back()[2] = 99;
+  EXPECT_EQ(catalog->CreateObject(record).code(), StatusCode::kInvalidArgument);
+  record = SampleRecord("box");
+  record.source.sha256 = std::string(64, '0');
+  EXPECT_EQ(catalog->CreateObject(record).code(), StatusCode::kInvalidArgument);
+  EXPECT_EQ(*catalog->CountObjects(), 0);
+}
+
+TEST(Catalog, AnUpdateWritesTheChosenPartsOnly) {
+  const auto catalog = OpenOrDie();
+  const CatalogRecord before = SampleRecord("box", 1);
+  ASSERT_TRUE(catalog->CreateObject(before).ok());
+  CatalogRecord other = SampleRecord("box", 2);
+  other.model.display_name = "other";
+  other.update_time = "2025-05-05T05:05:05Z";
+
+  UpdateParts grasps;
+  grasps.grasps = true;
+  ASSERT_TRUE(catalog->UpdateObject(other, grasps).ok());
+  CatalogRecord expected = before;
+  expected.model.grasps = other.model.grasps;
+  expected.update_time = other.update_time;
+  EXPECT_EQ(FirstDifference(*catalog->GetObject("box"), expected), "");
+  EXPECT_EQ(*catalog->GetCadFile("box"), before.source.content);
+
+  ASSERT_TRUE(catalog->UpdateObject(other, {true, true, true, true, true}).ok());
+  other.create_time = before.create_time;
+  EXPECT_EQ(FirstDifference(*catalog->GetObject("box"), other), "");
+  EXPECT_EQ(*catalog->GetCadFile("box"), other.source.content);
+}
+
+TEST(Catalog, DeletingRemovesEverythingSoThatTheIdCanBeUsedAgain) {
+  const auto catalog = OpenOrDie();
+  ASSERT_TRUE(catalog->CreateObject(SampleRecord("box", 1)).ok());
+  ASSERT_TRUE(catalog->DeleteObject("box").ok());
+  EXPECT_EQ(*catalog->CountObjects(), 0);
+  const CatalogRecord again = SampleRecord("box", 2);
+  ASSERT_TRUE(catalog->CreateObject(again).ok());
+  EXPECT_EQ(FirstDifference(*catalog->GetObject("box"), again), "");
+}
+
+TEST(Catalog, PagesVisitEveryObjectOnceInOrder) {
+  const auto catalog = OpenOrDie();
+  for (const int i : {5, 3, 9, 1, 7, 0, 2}) {
+    ASSERT_TRUE(catalog->CreateObject(SampleRecord("obj_" + std::to_string(i), i)).ok());
+  }
+  for (const int limit : {1, 2, 3, 7, 100}) {
+    std::vector<std::string> seen;
+    std::string after;
+    while (true) {
+      const auto page = catalog->ListObjects(after, limit);
+      ASSERT_TRUE(page.ok());
+      if (page->empty()) break;
+      for (const ObjectSummary& summary : *page) seen.push_back(summary.record.model.id);
+      after = seen.back();
+    }
+    EXPECT_EQ(seen, Ids(*catalog)) << limit;
+  }
+  EXPECT_EQ(catalog->ListObjects("", 0).status().code(), StatusCode::kInvalidArgument);
+}
+
+TEST(Catalog, ManyThreadsMayWriteAndRead) {
+  const auto catalog = OpenOrDie();
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 4; ++t) {
+    threads.emplace_back([&, t] {
+      for (int i = 0; i < 8; ++i) {
+        const std::string id = "obj_" + std::to_string(t) + "_" + std::to_string(i);
+        EXPECT_TRUE(catalog->CreateObject(SampleRecord(id, i)).ok());
+        EXPECT_TRUE(catalog->GetObject(id).ok());
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(*catalog->CountObjects(), 32);
+}
+
+}  // namespace
+}  // namespace horopter
