@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "absl/strings/str_cat.h"
+#include "client/ply_vertices.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {

@@ -57,8 +57,4 @@ absl::StatusOr<BopEvaluation> EvaluateBopResults(const BopDataset& dataset,
                                                  const BopResults& results,
                                                  const BopEvaluateOptions& options = {});
 
-// Vertices of a PLY file (ASCII or binary), in the file's unit. Errors: NOT_FOUND,
-// INVALID_ARGUMENT.
-absl::StatusOr<std::vector<Eigen::Vector3d>> ReadPlyVertices(const std::string& path);
-
 }  // namespace horopter

@@ -11,9 +11,11 @@
 #include <numeric>
 #include <set>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "client/edge_chains.h"
 #include "client/mesh_topology.h"
+#include "client/ply_vertices.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -252,6 +254,10 @@ absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOpt
   if (import.metres_per_unit <= 0.0) {
     return absl::InvalidArgumentError(
         absl::StrCat("units: unknown unit '", options.unit, "' (use mm, cm, m, in, ft or um)"));
+  }
+  if (absl::EndsWithIgnoreCase(path, ".ply")) {
+    // assimp never returns from a header without an end, and takes missing vertices for zeros.
+    HOROPTER_RETURN_IF_ERROR(ReadPlyVertices(path).status());
   }
   try {
     HOROPTER_ASSIGN_OR_RETURN(const TriangleMesh soup, ReadTriangles(path, import.metres_per_unit));

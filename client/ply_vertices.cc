@@ -1,3 +1,5 @@
+#include "client/ply_vertices.h"
+
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -7,7 +9,6 @@
 #include <sstream>
 
 #include "absl/strings/str_cat.h"
-#include "client/bop_evaluate.h"
 
 namespace horopter {
 namespace {
@@ -129,7 +130,7 @@ absl::StatusOr<std::vector<Eigen::Vector3d>> ReadPlyVertices(const std::string& 
             &record[offset[c]], header.properties[c].type, header.format == "binary_big_endian");
       }
     }
-    if (!file || !p.allFinite()) return broken(absl::StrCat("vertex ", i, " cannot be read"));
+    if (!file || !p.allFinite()) return broken(absl::StrCat("vertex ", i, " is missing or not finite"));
     points.push_back(p);
   }
   return points;

@@ -1,0 +1,16 @@
+// The vertices of a PLY file as they are written, before any welding.
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+namespace horopter {
+
+// Vertices of a PLY file (ASCII or binary, vertices before faces), in the file's unit, all finite.
+// Errors: NOT_FOUND, INVALID_ARGUMENT naming the file (no or broken header, truncated, not finite).
+absl::StatusOr<std::vector<Eigen::Vector3d>> ReadPlyVertices(const std::string& path);
+
+}  // namespace horopter
