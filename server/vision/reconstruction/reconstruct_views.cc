@@ -13,10 +13,12 @@ namespace horopter {
 namespace {
 
 constexpr int kStarts = 5;
-constexpr int kMaxPlaneTracks = 300;
+constexpr int kMaxPlaneTracks = 240;
+constexpr int kStartTracks = 80;                 // of them used to choose among the starts
 constexpr double kMinRayAngle = 0.0175;          // 1 degree: below it depth is noise
 constexpr double kGatesPx[] = {12.0, 5.0, 3.0};  // kept tracks, round by round
 constexpr int kMinObservations = 12;             // of a registered view
+constexpr double kMinParallaxPx = 4.0;           // of a point off the plane
 constexpr double kMinBaseline = 0.02;            // of the distance to the plane
 constexpr double kTruncationPx = 3.0;            // of the cost that compares two solutions
 // The posterior deviation of log f knows neither wrong matches that survive nor the camera model's
@@ -248,6 +250,16 @@ double BaselineRatio(const Bundle& bundle) {
   return widest / std::max(height, 1e-12);
 }
 
+// A free point has parallax when no point of the plane explains its images.
+bool HasParallax(const Bundle& bundle, const BundlePoint& point) {
+  const TrackObservation& first = point.track.observations.front();
+  const auto on_plane = PointOnPlane(bundle.views[first.view], first.point);
+  if (!on_plane) return true;
+  BundlePoint flat = point;
+  flat.point_in_world = *on_plane;
+  return WorstReprojection(bundle, flat) > kMinParallaxPx;
+}
+
 void Export(const Bundle& bundle, const Component& component, Reconstruction* result) {
   double squared = 0.0;
   int observations = 0, off_plane = 0;
@@ -255,14 +267,14 @@ void Export(const Bundle& bundle, const Component& component, Reconstruction* re
   for (const BundlePoint& p : bundle.points) {
     ReconstructedPoint out;
     out.point_in_world = p.point_in_world;
-    out.on_plane = p.on_plane;
+    out.on_plane = p.on_plane || !HasParallax(bundle, p);
     for (const TrackObservation& o : p.track.observations) {
       out.observations.emplace_back(component.views[o.view], o.junction);
       squared += (*ProjectInto(bundle.views[o.view], p.point_in_world) - o.point).squaredNorm();
       ++observations;
       ++per_view[o.view];
     }
-    off_plane += !p.on_plane;
+    off_plane += !out.on_plane;
     result->points.push_back(std::move(out));
   }
   result->rms_px = observations > 0 ? std::sqrt(squared / observations) : 0.0;
@@ -349,7 +361,9 @@ absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
   result.counts["plane_tracks"] = static_cast<double>(plane.size());
   result.counts["junction_tracks"] = static_cast<double>(junctions.size());
 
-  std::vector<Solution> solutions = SolvePlane(component, maps, sizes, plane, options, stop);
+  const std::span<const Track> few(plane.data(), std::min<size_t>(plane.size(), kStartTracks));
+  std::vector<Solution> solutions =
+      SolvePlane(component, maps, sizes, {few.begin(), few.end()}, options, stop);
   if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");
   if (solutions.empty()) {
     result.refusal =

@@ -1,0 +1,246 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+
+#include "server/vision/reconstruction/reconstruction.h"
+#include "tests/support/synthetic_scene.h"
+
+namespace horopter {
+namespace {
+
+Reconstruction Reconstruct(const SyntheticScene& scene, const SyntheticMatches& matches) {
+  const auto r =
+      ReconstructViews(matches.matching, matches.features, scene.Sizes(), ReconstructionOptions());
+  EXPECT_TRUE(r.ok()) << r.status();
+  return r.ok() ? *r : Reconstruction();
+}
+
+int Registered(const Reconstruction& r) {
+  int n = 0;
+  for (const auto& v : r.views) n += v.has_value();
+  return n;
+}
+
+void ExpectFinite(const Reconstruction& r) {
+  for (const auto& v : r.views) {
+    if (!v) continue;
+    EXPECT_TRUE(std::isfinite(v->camera.focal_px) && v->camera.focal_px > 0.0);
+    EXPECT_TRUE(std::isfinite(v->camera.k1));
+    EXPECT_TRUE(std::isfinite(v->focal_log_sigma));
+    EXPECT_TRUE(v->camera_from_world.R.allFinite() && v->camera_from_world.t.allFinite());
+    EXPECT_NEAR(
+        (v->camera_from_world.R * v->camera_from_world.R.transpose() - Eigen::Matrix3d::Identity())
+            .norm(),
+        0.0,
+        1e-6);
+  }
+  for (const ReconstructedPoint& p : r.points) EXPECT_TRUE(p.point_in_world.allFinite());
+  EXPECT_TRUE(std::isfinite(r.rms_px));
+  EXPECT_EQ(r.trusted, r.refusal.empty());
+}
+
+double WorstFocalError(const SyntheticScene& scene, const Reconstruction& r) {
+  double worst = 0.0;
+  for (size_t i = 0; i < r.views.size(); ++i) {
+    if (!r.views[i]) return 1e9;
+    worst = std::max(worst,
+                     std::abs(std::log(r.views[i]->camera.focal_px / scene.cameras[i].focal_px)));
+  }
+  return worst;
+}
+
+// Largest rotation error (radians) of the relative poses to the first view.
+double WorstRotationError(const SyntheticScene& scene, const Reconstruction& r) {
+  double worst = 0.0;
+  for (size_t i = 1; i < r.views.size(); ++i) {
+    const Eigen::Matrix3d found =
+        r.views[i]->camera_from_world.R * r.views[0]->camera_from_world.R.transpose();
+    const Eigen::Matrix3d truth =
+        scene.camera_from_world[i].R * scene.camera_from_world[0].R.transpose();
+    worst = std::max(worst, Eigen::AngleAxisd(found * truth.transpose()).angle());
+  }
+  return worst;
+}
+
+class NoiseTest : public testing::TestWithParam<double> {};
+
+TEST_P(NoiseTest, ErrorGrowsNoFasterThanNoise) {
+  const double sigma = GetParam();
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    SyntheticSceneOptions options;
+    options.seed = seed;
+    const SyntheticScene scene = MakeSyntheticScene(options);
+    const Reconstruction r = Reconstruct(scene, MatchSyntheticScene(scene, {seed, sigma, 0.0}));
+    ExpectFinite(r);
+    ASSERT_EQ(Registered(r), 5);
+    // Shape: 1 % of focal length and half a degree at 0.1 px, in proportion above; k1 is free and
+    // costs some of it.
+    EXPECT_LT(WorstFocalError(scene, r), 0.02 + 0.15 * sigma);
+    EXPECT_LT(WorstRotationError(scene, r), 0.01 + 0.05 * sigma);
+    EXPECT_LT(r.rms_px, 0.1 + 1.5 * sigma);
+    EXPECT_TRUE(r.trusted) << r.refusal;
+    // The world's plane is z = 0, cameras and points above it.
+    for (const auto& v : r.views) EXPECT_GT(v->camera_from_world.Inverse().t.z(), 0.0);
+    for (const ReconstructedPoint& p : r.points) {
+      EXPECT_TRUE(p.on_plane ? std::abs(p.point_in_world.z()) < 0.02 : p.point_in_world.z() > 0.0);
+    }
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Sweep, NoiseTest, testing::Values(0.02, 0.1, 0.3, 0.6));
+
+TEST(ReconstructViews, FocalErrorsStayWithinTheirPredictedDeviations) {
+  double squared = 0.0;
+  int n = 0;
+  for (unsigned seed = 11; seed <= 20; ++seed) {
+    SyntheticSceneOptions options;
+    options.seed = seed;
+    const SyntheticScene scene = MakeSyntheticScene(options);
+    const Reconstruction r = Reconstruct(scene, MatchSyntheticScene(scene, {seed, 0.4, 0.0}));
+    ASSERT_EQ(Registered(r), 5) << "seed " << seed;
+    for (size_t i = 0; i < r.views.size(); ++i) {
+      const double e = std::log(r.views[i]->camera.focal_px / scene.cameras[i].focal_px);
+      squared += e * e / (r.views[i]->focal_log_sigma * r.views[i]->focal_log_sigma);
+      ++n;
+    }
+  }
+  EXPECT_LT(std::sqrt(squared / n), 1.5);
+}
+
+TEST(ReconstructViews, SurvivesFortyPercentWrongJunctionMatches) {
+  for (unsigned seed = 1; seed <= 3; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    SyntheticSceneOptions options;
+    options.seed = seed;
+    options.off_plane_points = 60;
+    const SyntheticScene scene = MakeSyntheticScene(options);
+    const Reconstruction r = Reconstruct(scene, MatchSyntheticScene(scene, {seed, 0.3, 0.4}));
+    ExpectFinite(r);
+    ASSERT_EQ(Registered(r), 5);
+    EXPECT_LT(WorstFocalError(scene, r), 0.12);
+    EXPECT_LT(r.rms_px, 1.0);
+  }
+}
+
+TEST(ReconstructViews, PlanarSceneIsNotTrusted) {
+  SyntheticSceneOptions options;
+  options.off_plane_points = 0;
+  const SyntheticScene scene = MakeSyntheticScene(options);
+  const Reconstruction r = Reconstruct(scene, MatchSyntheticScene(scene, {1, 0.3, 0.0}));
+  ExpectFinite(r);
+  EXPECT_FALSE(r.trusted);
+  EXPECT_THAT(r.refusal, testing::HasSubstr("0 points off the plane"));
+}
+
+TEST(ReconstructViews, TwoViewsGiveCamerasButNoTrustWithoutEvidence) {
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    SyntheticSceneOptions options;
+    options.seed = seed;
+    options.views = 2;
+    options.arc_rad = 0.25;
+    options.off_plane_points = 10;
+    const SyntheticScene scene = MakeSyntheticScene(options);
+    const Reconstruction r = Reconstruct(scene, MatchSyntheticScene(scene, {seed, 0.5, 0.0}));
+    ExpectFinite(r);
+    // Either it knows, and then it is right, or it says that it does not.
+    if (r.trusted) {
+      EXPECT_LT(WorstFocalError(scene, r), 0.25) << "seed " << seed;
+    }
+  }
+}
+
+TEST(ReconstructViews, PureRotationIsRefusedWithNumbers) {
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    SyntheticSceneOptions options;
+    options.seed = seed;
+    options.pure_rotation = true;
+    const SyntheticScene scene = MakeSyntheticScene(options);
+    const Reconstruction r = Reconstruct(scene, MatchSyntheticScene(scene, {seed, 0.2, 0.0}));
+    ExpectFinite(r);
+    EXPECT_FALSE(r.trusted) << "seed " << seed;
+    EXPECT_THAT(r.refusal, testing::ContainsRegex("[0-9]"));
+  }
+}
+
+TEST(ReconstructViews, DuplicatedViewAddsNothingAndBreaksNothing) {
+  SyntheticSceneOptions options;
+  SyntheticScene scene = MakeSyntheticScene(options);
+  scene.cameras[1] = scene.cameras[0];
+  scene.camera_from_world[1] = scene.camera_from_world[0];
+  const Reconstruction r = Reconstruct(scene, MatchSyntheticScene(scene, {1, 0.3, 0.0}));
+  ExpectFinite(r);
+  ASSERT_EQ(Registered(r), 5);
+  EXPECT_LT((r.views[0]->camera_from_world.Inverse().t - r.views[1]->camera_from_world.Inverse().t)
+                .norm(),
+            0.02);
+}
+
+TEST(ReconstructViews, AllViewsIdenticalHaveNoParallax) {
+  SyntheticScene scene = MakeSyntheticScene({});
+  for (size_t i = 1; i < scene.cameras.size(); ++i) {
+    scene.cameras[i] = scene.cameras[0];
+    scene.camera_from_world[i] = scene.camera_from_world[0];
+  }
+  const Reconstruction r = Reconstruct(scene, MatchSyntheticScene(scene, {1, 0.2, 0.0}));
+  ExpectFinite(r);
+  EXPECT_FALSE(r.trusted);
+  EXPECT_EQ(Registered(r), 0);
+  EXPECT_THAT(r.refusal, testing::HasSubstr("no parallax"));
+}
+
+TEST(ReconstructViews, SameInputGivesTheSameBytes) {
+  const SyntheticScene scene = MakeSyntheticScene({});
+  const SyntheticMatches matches = MatchSyntheticScene(scene, {3, 0.4, 0.2});
+  const Reconstruction a = Reconstruct(scene, matches), b = Reconstruct(scene, matches);
+  ASSERT_EQ(a.points.size(), b.points.size());
+  for (size_t i = 0; i < a.views.size(); ++i)
+    EXPECT_EQ(a.views[i]->camera.focal_px, b.views[i]->camera.focal_px);
+}
+
+TEST(ReconstructViews, UnlinkedViewsAreARefusalNotAnError) {
+  MatchingResult matching;
+  matching.component = {-1, -1};
+  matching.view_from_plane.assign(2, Eigen::Matrix3d::Identity());
+  const std::vector<ImageFeatures> features(2);
+  const std::vector<ImageSize> sizes(2, {640, 480});
+  const auto r = ReconstructViews(matching, features, sizes, ReconstructionOptions());
+  ASSERT_TRUE(r.ok());
+  EXPECT_FALSE(r->trusted);
+  EXPECT_THAT(r->refusal, testing::HasSubstr("0 views"));
+}
+
+TEST(ReconstructViews, SingularHomographiesAreARefusal) {
+  const SyntheticScene scene = MakeSyntheticScene({});
+  SyntheticMatches matches = MatchSyntheticScene(scene, {1, 0.3, 0.0});
+  for (Eigen::Matrix3d& H : matches.matching.view_from_plane) H.setZero();
+  ExpectFinite(Reconstruct(scene, matches));
+  for (Eigen::Matrix3d& H : matches.matching.view_from_plane)
+    H.setConstant(std::numeric_limits<double>::quiet_NaN());
+  ExpectFinite(Reconstruct(scene, matches));
+}
+
+TEST(ReconstructViews, BadInputNamesTheOffender) {
+  const SyntheticScene scene = MakeSyntheticScene({});
+  const SyntheticMatches matches = MatchSyntheticScene(scene, {1, 0.3, 0.0});
+  std::vector<ImageSize> sizes = scene.Sizes();
+  sizes.pop_back();
+  const auto few =
+      ReconstructViews(matches.matching, matches.features, sizes, ReconstructionOptions());
+  EXPECT_EQ(few.status().code(), absl::StatusCode::kInvalidArgument);
+  sizes = scene.Sizes();
+  sizes[2].width = 0;
+  const auto empty =
+      ReconstructViews(matches.matching, matches.features, sizes, ReconstructionOptions());
+  EXPECT_EQ(empty.status().code(), absl::StatusCode::kInvalidArgument);
+  const auto cancelled = ReconstructViews(
+      matches.matching, matches.features, scene.Sizes(), ReconstructionOptions(), [] {
+        return true;
+      });
+  EXPECT_EQ(cancelled.status().code(), absl::StatusCode::kCancelled);
+}
+
+}  // namespace
+}  // namespace horopter
