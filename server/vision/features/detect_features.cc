@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <opencv2/core.hpp>
 #include <string>
 
@@ -19,6 +20,13 @@ constexpr int kMinSidePx = 16;
 // must reach half of the detector's threshold.
 constexpr double kPeakPerThreshold = 0.5 / 6.0;
 
+// Quiet channels show weaker edges.
+double ChannelThreshold(const DetectionChannel& channel, const FeatureOptions& options) {
+  return std::clamp(options.noise_factor * channel.median_gradient,
+                    std::min(options.min_gradient_threshold, options.gradient_threshold),
+                    options.gradient_threshold);
+}
+
 ImageFeatures Detect(const cv::Mat& image, const FeatureOptions& options) {
   ImageFeatures features;
   features.width = image.cols;
@@ -29,15 +37,15 @@ ImageFeatures Detect(const cv::Mat& image, const FeatureOptions& options) {
   std::vector<FittedSegment> pieces;
   double raw = 0.0;
   for (size_t c = 0; c < channels.size(); ++c) {
-    edges.push_back(DrawEdges(channels[c].grey, options));
+    const double threshold = ChannelThreshold(channels[c], options);
+    edges.push_back(DrawEdges(channels[c].grey, threshold, options));
     raw += static_cast<double>(edges.back().lines.size());
     for (const RawLine& line : edges.back().lines) {
-      if (std::optional<FittedSegment> piece =
-              FitSegment(line,
-                         channels[c],
-                         static_cast<int>(c),
-                         options.gradient_threshold * kPeakPerThreshold,
-                         options.min_segment_length_px)) {
+      if (std::optional<FittedSegment> piece = FitSegment(line,
+                                                          channels[c],
+                                                          static_cast<int>(c),
+                                                          threshold * kPeakPerThreshold,
+                                                          options.min_segment_length_px)) {
         pieces.push_back(*std::move(piece));
       }
     }

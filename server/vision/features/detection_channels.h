@@ -11,6 +11,7 @@ namespace horopter {
 struct DetectionChannel {
   cv::Mat grey;    // CV_8UC1, what the detector sees
   cv::Mat smooth;  // CV_32FC1, grey after a Gaussian; sub-pixel positions come from it
+  double median_gradient = 0.0;  // see MedianGradient
 };
 
 // Colour: B, G, R, 128 + 1.5 (R - G), 128 + 1.5 ((R + G) / 2 - B); grey: the image itself. `image`
@@ -18,6 +19,11 @@ struct DetectionChannel {
 // different hue.
 std::vector<DetectionChannel> MakeDetectionChannels(const cv::Mat& image,
                                                     double smoothing_sigma_px);
+
+// Median over the image of |dx| + |dy| (sums over 3x3 pixels, the edge detector's measure) of the
+// smoothed channel: what noise and fine texture give where no edge is. A mask on neighbouring
+// pixels would miss the noise that JPEG leaves.
+double MedianGradient(const cv::Mat& smooth);
 
 // Bilinear value of a CV_32FC1 image; positions outside are clamped to the border.
 float SampleBilinear(const cv::Mat& image, float x, float y);

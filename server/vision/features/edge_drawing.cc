@@ -1,16 +1,22 @@
 #include "server/vision/features/edge_drawing.h"
 
+#include <algorithm>
 #include <cmath>
 #include <opencv2/core.hpp>
 #include <opencv2/ximgproc/edge_drawing.hpp>
 
 namespace horopter {
 
-DrawnEdges DrawEdges(const cv::Mat& grey, const FeatureOptions& options) {
+DrawnEdges DrawEdges(const cv::Mat& grey,
+                     double gradient_threshold,
+                     const FeatureOptions& options) {
   const cv::Ptr<cv::ximgproc::EdgeDrawing> detector = cv::ximgproc::createEdgeDrawing();
   cv::ximgproc::EdgeDrawing::Params params;
-  params.GradientThresholdValue = static_cast<int>(std::lround(options.gradient_threshold));
-  params.AnchorThresholdValue = static_cast<int>(std::lround(options.anchor_threshold));
+  params.GradientThresholdValue = static_cast<int>(std::lround(gradient_threshold));
+  params.AnchorThresholdValue =
+      std::max(1,
+               static_cast<int>(std::lround(options.anchor_threshold * gradient_threshold /
+                                            options.gradient_threshold)));
   params.Sigma = static_cast<float>(options.smoothing_sigma_px);
   params.MinPathLength = 10;
   params.MinLineLength = static_cast<int>(std::lround(options.min_segment_length_px));

@@ -21,6 +21,7 @@ struct DrawnEdges {
 };
 
 // grey: CV_8UC1. One detector object per call: OpenCV's is not safe to share between threads.
-DrawnEdges DrawEdges(const cv::Mat& grey, const FeatureOptions& options);
+// `gradient_threshold` replaces the one of the options; the anchor threshold scales with it.
+DrawnEdges DrawEdges(const cv::Mat& grey, double gradient_threshold, const FeatureOptions& options);
 
 }  // namespace horopter

@@ -76,7 +76,12 @@ struct ImageFeatures {
 // The defaults are the recipe of the front-end study: EDLines on five channels, gradient 20, anchor
 // 4, sigma 1.
 struct FeatureOptions {
-  double gradient_threshold = 20.0;        // Sobel units; higher: fewer, stronger edges
+  // Threshold of a channel's gradient (sum of |dx| + |dy| over 3x3 pixels: 6 x the slope per pixel)
+  // = noise_factor x the channel's noise sigma, between the two bounds; higher: fewer, stronger
+  // edges.
+  double gradient_threshold = 20.0;
+  double min_gradient_threshold = 6.0;
+  double noise_factor = 5.0;
   double anchor_threshold = 4.0;           // higher: fewer, longer chains
   double smoothing_sigma_px = 1.0;         // higher: less noise, rounder corners
   double min_segment_length_px = 12.0;     // shorter pieces are dropped
