@@ -65,6 +65,7 @@ struct Painter {
 
 void PutText(
     const std::string& text, cv::Point at, double scale, const cv::Scalar& color, cv::Mat* image) {
+  if (text.empty()) return;
   int baseline = 0;
   const cv::Size size = cv::getTextSize(text, cv::FONT_HERSHEY_SIMPLEX, scale, 1, &baseline);
   cv::rectangle(*image,

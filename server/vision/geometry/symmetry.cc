@@ -122,9 +122,9 @@ void SampleSurface(Part& part) {
   for (const ModelEdge& e : part.model->edges) {
     for (size_t i = 1; i < e.polyline.size(); ++i) {
       const Eigen::Vector3d &a = e.polyline[i - 1], &b = e.polyline[i];
-      const int n = e.polyline.size() == 2 ? 9 : 1;  // inner points of lines, midpoints of chords
+      const int n = e.polyline.size() == 2 ? 10 : 2;  // points of lines, of chords
       for (int k = 1; k <= n; ++k) {
-        part.edge_samples.push_back(a + (b - a) * k / (n + 1.0) - part.centroid);
+        part.edge_samples.push_back(a + (b - a) * (static_cast<double>(k) / n) - part.centroid);
       }
     }
   }
