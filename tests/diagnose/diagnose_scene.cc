@@ -9,7 +9,10 @@
 
 #include "server/base/status_macros.h"
 #include "server/pipeline/pipeline.h"
+#include "tests/diagnose/camera_report.h"
 #include "tests/diagnose/feature_report.h"
+#include "tests/diagnose/match_report.h"
+#include "tests/diagnose/object_report.h"
 #include "tests/diagnose/overlay.h"
 
 namespace horopter {
@@ -84,6 +87,138 @@ void ReportFeatures(const LoadedScene& scene,
   SetShare("texture_on_parts", found - usable, found, report);
 }
 
+void ReportMatches(const MatchFinding& finding, SceneReport* report) {
+  SetShare("match_precision", finding.matches_right, finding.matches, report);
+  SetShare("match_recall", finding.corners_matched, finding.shared_corners, report);
+}
+
+// Reconstructed points that belong to a true corner by the junctions they were made of.
+std::vector<double> ReconstructedCornerErrors(const Reconstruction& reconstruction,
+                                              const std::vector<WorldCorner>& corners,
+                                              const LoadedScene& scene,
+                                              const std::vector<FeatureFinding>& findings,
+                                              const CameraFinding& alignment) {
+  std::vector<double> errors;
+  for (const ReconstructedPoint& point : reconstruction.points) {
+    std::map<std::pair<int, int>, int> votes;
+    for (const auto& [view, junction] : point.observations) {
+      for (size_t c = 0; junction >= 0 && c < scene.truth[view].corners.size(); ++c) {
+        if (findings[view].nearest_junction[c] == junction &&
+            findings[view].corner_error_px[c] < kCornerPx) {
+          const TrueCorner& corner = scene.truth[view].corners[c];
+          ++votes[{corner.instance, corner.vertex}];
+        }
+      }
+    }
+    for (const WorldCorner& corner : corners) {
+      const auto it = votes.find({corner.instance, corner.vertex});
+      if (it != votes.end() && it->second >= 2) {
+        errors.push_back(DistanceMm(alignment, point.point_in_world, corner.point_in_world));
+      }
+    }
+  }
+  return errors;
+}
+
+void ReportCameras(const PipelineResult& result,
+                   const BopScene& scene,
+                   const LoadedScene& loaded,
+                   const TrueModels& models,
+                   const std::vector<FeatureFinding>& findings,
+                   SceneReport* report) {
+  const std::vector<WorldCorner> corners = TrueWorldCorners(scene, models);
+  std::vector<std::optional<EstimatedView>> before(scene.images.size()), after(scene.images.size());
+  for (size_t v = 0; v < result.trace.reconstruction.views.size(); ++v) {
+    if (const auto& view = result.trace.reconstruction.views[v]) {
+      before[v] = {view->camera, view->camera_from_world};
+    }
+  }
+  for (size_t v = 0; v < result.answer.cameras.size(); ++v) {
+    if (const auto& view = result.answer.cameras[v]) {
+      after[v] = {view->camera, view->camera_from_scene};
+    }
+  }
+  const CameraFinding model_free = CompareCameras(before, scene, corners, Freedom::kCollineation);
+  report->figures["cameras_model_free"] = model_free.recovered;
+  report->figures["views_model_free"] =
+      static_cast<double>(model_free.registered) / scene.images.size();
+  if (model_free.aligned) {
+    report->figures["model_free_px"] = model_free.worst_view_px;
+    const std::vector<double> errors = ReconstructedCornerErrors(
+        result.trace.reconstruction, corners, loaded, findings, model_free);
+    if (!errors.empty()) {
+      report->figures["corner_error_mm"] = Median(errors);
+    }
+  }
+  if (const auto error = FocalError(before, scene)) {
+    report->figures["focal_error_model_free"] = *error;
+  }
+  const CameraFinding recovered = CompareCameras(after, scene, corners, Freedom::kSimilarity);
+  report->figures["cameras_recovered"] = recovered.recovered;
+  report->figures["views_recovered"] =
+      static_cast<double>(recovered.registered) / scene.images.size();
+  if (recovered.aligned) {
+    report->figures["recovered_px"] = recovered.worst_view_px;
+  }
+  if (const auto error = FocalError(after, scene)) {
+    report->figures["focal_error"] = *error;
+  }
+}
+
+void ReportWords(const PipelineResult& result, SceneReport* report) {
+  if (!result.answer.detail.empty()) {
+    report->notes.push_back("answer: " + result.answer.detail);
+  }
+  if (!result.trace.reconstruction.refusal.empty()) {
+    report->notes.push_back("reconstruction: " + result.trace.reconstruction.refusal);
+  }
+  for (const StageReport& stage : result.answer.stages) {
+    report->figures["seconds_" + stage.stage] = stage.seconds;
+  }
+}
+
+std::vector<std::vector<Wireframe>> AnswerWireframes(const PipelineResult& result,
+                                                     const CatalogSnapshot& catalog,
+                                                     size_t views) {
+  std::vector<std::vector<Wireframe>> wireframes(views);
+  for (size_t v = 0; v < std::min(views, result.answer.cameras.size()); ++v) {
+    if (!result.answer.cameras[v]) {
+      continue;
+    }
+    for (const AnswerObject& object : result.answer.objects) {
+      for (const auto& prepared : catalog.objects) {
+        if (ModelOf(*prepared).id == object.object_id) {
+          wireframes[v].push_back(
+              {&ModelOf(*prepared),
+               result.answer.cameras[v]->camera,
+               result.answer.cameras[v]->camera_from_scene * object.scene_from_object});
+        }
+      }
+    }
+  }
+  return wireframes;
+}
+
+// The first stage alone.
+absl::StatusOr<PipelineResult> RunFeatures(const std::vector<cv::Mat>& images) {
+  PipelineResult result;
+  for (const cv::Mat& image : images) {
+    HOROPTER_ASSIGN_OR_RETURN(ImageFeatures one, DetectFeatures(image, FeatureOptions()));
+    result.trace.features.push_back(std::move(one));
+  }
+  return result;
+}
+
+absl::StatusOr<PipelineResult> RunAll(const std::vector<cv::Mat>& images,
+                                      const CatalogSnapshot& catalog,
+                                      const DiagnoseOptions& options) {
+  SceneRequest request;
+  request.images = images;
+  PipelineOptions pipeline;
+  pipeline.threads = options.threads;
+  return RecognizeScene(request, catalog, pipeline);
+}
+
 void WritePictures(const BopScene& scene,
                    const LoadedScene& loaded,
                    const std::vector<ImageFeatures>& features,
@@ -111,26 +246,34 @@ absl::StatusOr<SceneReport> DiagnoseScene(const BopScene& scene,
   SceneReport report;
   report.scene_id = scene.scene_id;
   report.tier = scene.tier;
-  std::vector<ImageFeatures> features;
   const auto begin = std::chrono::steady_clock::now();
-  (void)catalog;
-  for (const cv::Mat& image : loaded.images) {
-    HOROPTER_ASSIGN_OR_RETURN(ImageFeatures one, DetectFeatures(image, FeatureOptions()));
-    features.push_back(std::move(one));
-  }
+  HOROPTER_ASSIGN_OR_RETURN(
+      const PipelineResult result,
+      options.features_only ? RunFeatures(loaded.images) : RunAll(loaded.images, catalog, options));
   report.figures["seconds"] =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  const std::vector<ImageFeatures>& features = result.trace.features;
   std::vector<FeatureFinding> findings;
   for (size_t v = 0; v < features.size(); ++v) {
     findings.push_back(CompareFeatures(features[v], loaded.truth[v]));
   }
   ReportFeatures(loaded, findings, &report);
+  if (!options.features_only && features.size() == scene.images.size()) {
+    std::vector<std::string> ids;
+    for (const auto& prepared : catalog.objects) {
+      ids.push_back(ModelOf(*prepared).id);
+    }
+    ReportMatches(CompareMatches(result.trace.matching, scene, features, loaded.truth), &report);
+    ReportCameras(result, scene, loaded, models, findings, &report);
+    report.objects = FollowObjects(result, ids, scene, models, loaded.truth, findings);
+    ReportWords(result, &report);
+  }
   if (!options.overlay_folder.empty()) {
     WritePictures(scene,
                   loaded,
                   features,
                   findings,
-                  std::vector<std::vector<Wireframe>>(features.size()),
+                  AnswerWireframes(result, catalog, features.size()),
                   options.overlay_folder);
   }
   return report;

@@ -43,6 +43,16 @@ int Run(const Arguments& arguments) {
     return Fail(models.status());
   }
   CatalogSnapshot catalog;
+  for (const auto& [obj_id, model] : *models) {  // ascending obj_id: ordered by catalog id
+    if (arguments.options.features_only) {
+      break;
+    }
+    auto prepared = PrepareCatalogObject(model);
+    if (!prepared.ok()) {
+      return Fail(prepared.status());
+    }
+    catalog.objects.push_back(*std::move(prepared));
+  }
   std::vector<SceneReport> reports;
   for (int id : ids) {
     const absl::StatusOr<BopScene> scene =
@@ -54,7 +64,7 @@ int Run(const Arguments& arguments) {
     if (!report.ok()) {
       return Fail(report.status());
     }
-    std::cerr << "scene " << id << " done\n";
+    std::cerr << "scene " << id << ": " << report->figures["seconds"] << " s\n";
     reports.push_back(*std::move(report));
   }
   PrintTable(reports, std::cout);
