@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <map>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -265,18 +266,22 @@ void ReportScene(const Scene& scene, const Models& models, std::map<std::string,
     features.push_back(*std::move(detected));
   }
   const auto begin = Clock::now();
+  const std::clock_t cpu_begin = std::clock();
   const auto matching = MatchViews(scene.images, features, MatchingOptions());
   const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+  const double cpu_seconds = static_cast<double>(std::clock() - cpu_begin) / CLOCKS_PER_SEC;
   if (!matching.ok()) {
     std::printf("scene %d: %s\n", scene.id, std::string(matching.status().message()).c_str());
     return;
   }
   std::printf(
-      "scene %2d %s: %zu views, matching %.2f s, chain rms %.2f px, contradicted %.0f, component",
+      "scene %2d %s: %zu views, matching %.2f s (CPU %.2f s), chain rms %.2f px, contradicted "
+      "%.0f, component",
       scene.id,
       scene.tier.c_str(),
       scene.images.size(),
       seconds,
+      cpu_seconds,
       matching->counts.at("plane_rms_px"),
       matching->counts.at("planes_contradicted"));
   for (int c : matching->component) std::printf(" %d", c);

@@ -19,6 +19,7 @@ namespace {
 constexpr int kAllPairsUpTo =
     8;  // views; with more, only near ones in the given order are compared
 constexpr int kNeighbourReach = 3;
+constexpr int kSureInliers = 80;  // enough that the raw image need not be tried
 constexpr double kIdenticalMeanDifference =
     0.5;  // grey levels; two exposures of one view differ by more
 
@@ -61,19 +62,48 @@ std::vector<std::pair<int, int>> PairsToCompare(int views) {
   return pairs;
 }
 
+using PlaneEstimates = std::vector<std::optional<PlaneEstimate>>;
+
+// Detects points in the images of the pairs marked in `wanted` and keeps the estimates that have
+// more inliers than those already there.
+void EstimatePlanes(std::span<const cv::Mat> images,
+                    const std::vector<std::pair<int, int>>& pairs,
+                    const std::vector<char>& wanted,
+                    bool normalize,
+                    const MatchingOptions& options,
+                    const StopRequested& stop,
+                    PlaneEstimates* estimates) {
+  std::vector<char> needed(images.size(), 0);
+  for (size_t k = 0; k < pairs.size(); ++k) {
+    if (wanted[k]) needed[pairs[k].first] = needed[pairs[k].second] = 1;
+  }
+  std::vector<KeypointSet> keypoints(images.size());
+  ParallelFor(static_cast<int>(images.size()), options.threads, [&](int i) {
+    if (needed[i] && !IsStopRequested(stop)) {
+      keypoints[i] = DetectPlaneKeypoints(images[i], normalize, options);
+    }
+  });
+  ParallelFor(static_cast<int>(pairs.size()), options.threads, [&](int k) {
+    if (!wanted[k] || IsStopRequested(stop)) return;
+    auto found = EstimatePlane(keypoints[pairs[k].first], keypoints[pairs[k].second], options);
+    std::optional<PlaneEstimate>& slot = (*estimates)[k];
+    if (found && (!slot || found->inliers.size() > slot->inliers.size())) slot = std::move(found);
+  });
+}
+
 std::vector<PlaneHomography> FindPlanes(std::span<const cv::Mat> images,
                                         const std::vector<std::pair<int, int>>& pairs,
                                         const MatchingOptions& options,
                                         const StopRequested& stop) {
-  std::vector<PlaneKeypoints> keypoints(images.size());
-  ParallelFor(static_cast<int>(images.size()), options.threads, [&](int i) {
-    if (!IsStopRequested(stop)) keypoints[i] = DetectPlaneKeypoints(images[i], options);
-  });
-  std::vector<std::optional<PlaneEstimate>> estimates(pairs.size());
-  ParallelFor(static_cast<int>(pairs.size()), options.threads, [&](int k) {
-    if (IsStopRequested(stop)) return;
-    estimates[k] = EstimatePlane(keypoints[pairs[k].first], keypoints[pairs[k].second], options);
-  });
+  PlaneEstimates estimates(pairs.size());
+  std::vector<char> wanted(pairs.size(), 1);
+  EstimatePlanes(images, pairs, wanted, /*normalize=*/true, options, stop, &estimates);
+  // The raw image is a second chance for weak pairs: coarse texture survives there that normalising
+  // drowns in noise.
+  for (size_t k = 0; k < pairs.size(); ++k) {
+    wanted[k] = !estimates[k] || static_cast<int>(estimates[k]->inliers.size()) < kSureInliers;
+  }
+  EstimatePlanes(images, pairs, wanted, /*normalize=*/false, options, stop, &estimates);
   std::vector<PlaneHomography> planes;
   for (size_t k = 0; k < pairs.size(); ++k) {
     if (!estimates[k]) continue;

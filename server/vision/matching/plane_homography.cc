@@ -156,13 +156,12 @@ cv::Mat NormalizeLocalContrast(const cv::Mat& grey) {
   return result;
 }
 
-PlaneKeypoints DetectPlaneKeypoints(const cv::Mat& image, const MatchingOptions& options) {
+KeypointSet DetectPlaneKeypoints(const cv::Mat& image,
+                                 bool normalize,
+                                 const MatchingOptions& options) {
   cv::Mat grey = image;
   if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
-  PlaneKeypoints keypoints;
-  keypoints.normalized = DetectKeypoints(NormalizeLocalContrast(grey), options);
-  keypoints.raw = DetectKeypoints(grey, options);
-  return keypoints;
+  return DetectKeypoints(normalize ? NormalizeLocalContrast(grey) : grey, options);
 }
 
 std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b, double ratio) {
@@ -195,18 +194,10 @@ std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b
   return pairs;
 }
 
-std::optional<PlaneEstimate> EstimatePlane(const PlaneKeypoints& a,
-                                           const PlaneKeypoints& b,
+std::optional<PlaneEstimate> EstimatePlane(const KeypointSet& a,
+                                           const KeypointSet& b,
                                            const MatchingOptions& options) {
-  std::optional<PlaneEstimate> best =
-      EstimateFromPairs(MatchKeypoints(a.normalized, b.normalized, options.ratio), options);
-  std::optional<PlaneEstimate> raw =
-      EstimateFromPairs(MatchKeypoints(a.raw, b.raw, options.ratio), options);
-  if (raw && (!best || raw->inliers.size() > best->inliers.size())) {
-    best = std::move(raw);
-    best->from_raw = true;
-  }
-  return best;
+  return EstimateFromPairs(MatchKeypoints(a, b, options.ratio), options);
 }
 
 }  // namespace horopter

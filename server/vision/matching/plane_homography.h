@@ -22,19 +22,16 @@ struct KeypointSet {
   int size() const { return static_cast<int>(points.size()); }
 };
 
-// The two versions of an image that are matched: locally normalised, and raw.
-struct PlaneKeypoints {
-  KeypointSet normalized;
-  KeypointSet raw;
-};
-
 // Grey image with its local mean subtracted and its local deviation divided out (Gaussian sigma 12
 // and 20 px, deviation at least 1 grey level), slightly blurred; CV_8UC1 around 128. Makes texture
 // of one or two grey levels visible.
 cv::Mat NormalizeLocalContrast(const cv::Mat& grey);
 
-// image: CV_8UC1 or CV_8UC3. Images without texture give empty sets.
-PlaneKeypoints DetectPlaneKeypoints(const cv::Mat& image, const MatchingOptions& options);
+// Points of the locally normalised or of the raw image. image: CV_8UC1 or CV_8UC3. Images without
+// texture give empty sets.
+KeypointSet DetectPlaneKeypoints(const cv::Mat& image,
+                                 bool normalize,
+                                 const MatchingOptions& options);
 
 // Mutual nearest neighbours that pass the ratio test on one side, best ratio first.
 std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b, double ratio);
@@ -42,14 +39,13 @@ std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b
 struct PlaneEstimate {
   Eigen::Matrix3d b_from_a = Eigen::Matrix3d::Identity();
   std::vector<PointPair> inliers;
-  bool from_raw = false;
 };
 
 // Robust homography of the dominant plane; nullopt when there are fewer than
 // options.min_plane_inliers distinct inliers or the homography is implausible. Deterministic for a
 // given options.seed.
-std::optional<PlaneEstimate> EstimatePlane(const PlaneKeypoints& a,
-                                           const PlaneKeypoints& b,
+std::optional<PlaneEstimate> EstimatePlane(const KeypointSet& a,
+                                           const KeypointSet& b,
                                            const MatchingOptions& options);
 
 }  // namespace horopter
