@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 
 #include "server/vision/geometry/depth_buffer.h"
 
@@ -76,6 +77,22 @@ void PutText(
   cv::putText(*image, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, color, 1, cv::LINE_AA);
 }
 
+// Lowest point of the object in the image: the label goes below it. Nothing when it is behind the
+// camera.
+std::optional<cv::Point> LabelPosition(const PinholeCamera& camera, const OverlayObject& o) {
+  std::optional<cv::Point> lowest;
+  for (const Eigen::Vector3d& v : o.model->mesh.vertices) {
+    const Eigen::Vector3d p = o.camera_from_object * v;
+    if (p.z() < kNearM) return std::nullopt;
+    const Eigen::Vector2d pixel = Project(camera, p);
+    if (!(pixel.cwiseAbs().maxCoeff() < 1e6)) return std::nullopt;
+    if (!lowest || pixel.y() > lowest->y) {
+      lowest = cv::Point(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
+    }
+  }
+  return lowest;
+}
+
 }  // namespace
 
 void DrawOverlay(const PinholeCamera& camera,
@@ -101,17 +118,10 @@ void DrawOverlay(const PinholeCamera& camera,
                       ColorOf(o.color));
       }
     }
-    Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-    for (const auto& v : o.model->mesh.vertices) {
-      centre += v / static_cast<double>(o.model->mesh.vertices.size());
-    }
-    centre = o.camera_from_object * centre;
-    if (centre.z() < kNearM) continue;
-    const Eigen::Vector2d at = Project(camera, centre);
-    const int x = std::clamp(static_cast<int>(at.x()) - static_cast<int>(60 * text_scale),
-                             2,
-                             std::max(2, image->cols - 80));
-    const int y = std::clamp(static_cast<int>(at.y()), 12, image->rows - 4);
+    const auto at = LabelPosition(camera, o);
+    if (!at) continue;
+    const int x = std::clamp(at->x, 2, std::max(2, image->cols - 80));
+    const int y = std::clamp(at->y + static_cast<int>(30 * text_scale), 12, image->rows - 4);
     PutText(o.label, {x, y}, text_scale, ColorOf(o.color), image);
   }
 }

@@ -105,8 +105,9 @@ std::string GraspText(const v1::RecognizedObject& object, const Rigid3& table_fr
 void PrintTable(const v1::RecognizeSceneResponse& response,
                 const std::vector<std::string>& paths,
                 const std::map<std::string, ObjectModel>& models) {
-  std::printf("%s: %s\n",
+  std::printf("%s%s%s\n",
               v1::SceneState_Name(response.state()).substr(12).c_str(),
+              response.detail().empty() ? "" : ": ",
               response.detail().c_str());
   for (int i = 0; i < response.cameras_size(); ++i) {
     const v1::Camera& c = response.cameras(i);

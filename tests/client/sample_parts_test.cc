@@ -1,7 +1,6 @@
 // The parts of a BOP dataset with exact CAD beside meshes: both roads must give the same part.
 #include <gtest/gtest.h>
 
-#include <cstdlib>
 #include <string>
 
 #include "client/bop_dataset.h"
@@ -18,12 +17,10 @@ bool Contains(const std::vector<Rigid3>& b, const Rigid3& a, double diameter_m) 
   return false;
 }
 
-class PartsDev : public testing::TestWithParam<int> {};
+class SampleParts : public testing::TestWithParam<int> {};
 
-TEST_P(PartsDev, StepAndMeshGiveTheSamePart) {
-  const char* root = std::getenv("HOROPTER_DATA");
-  if (root == nullptr) GTEST_SKIP() << "HOROPTER_DATA is not set";
-  const auto dataset = ReadBopDataset(std::string(root) + "/parts-dev");
+TEST_P(SampleParts, StepAndMeshGiveTheSamePart) {
+  const auto dataset = ReadBopDataset(HOROPTER_TEST_DATA "/parts");
   ASSERT_TRUE(dataset.ok()) << dataset.status();
   const BopObject* object = dataset->Find(GetParam());
   ASSERT_NE(object, nullptr);
@@ -48,7 +45,7 @@ TEST_P(PartsDev, StepAndMeshGiveTheSamePart) {
   RecordProperty("counts", testing::PrintToString(step->counts));
 }
 
-INSTANTIATE_TEST_SUITE_P(All, PartsDev, testing::Range(1, 21));
+INSTANTIATE_TEST_SUITE_P(All, SampleParts, testing::Range(1, 21));
 
 }  // namespace
 }  // namespace horopter
