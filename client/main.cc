@@ -31,7 +31,7 @@ int ExitCode(const absl::Status& status) {
 
 struct Arguments {
   std::string server = "localhost:50051";
-  double timeout_s = 300.0;
+  double timeout_s = 600.0;
   ObjectAddArguments add;
   ObjectUpdateArguments update;
   std::string show_id;

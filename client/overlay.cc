@@ -78,19 +78,24 @@ void PutText(
 }
 
 // Lowest point of the object in the image: the label goes below it. Nothing when it is behind the
-// camera.
-std::optional<cv::Point> LabelPosition(const PinholeCamera& camera, const OverlayObject& o) {
+// camera or wholly outside the image.
+std::optional<cv::Point> LabelPosition(const PinholeCamera& camera,
+                                       const OverlayObject& o,
+                                       cv::Size size) {
   std::optional<cv::Point> lowest;
+  bool inside = false;
   for (const Eigen::Vector3d& v : o.model->mesh.vertices) {
     const Eigen::Vector3d p = o.camera_from_object * v;
     if (p.z() < kNearM) return std::nullopt;
     const Eigen::Vector2d pixel = Project(camera, p);
     if (!(pixel.cwiseAbs().maxCoeff() < 1e6)) return std::nullopt;
+    inside = inside || (pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() < size.width &&
+                        pixel.y() < size.height);
     if (!lowest || pixel.y() > lowest->y) {
       lowest = cv::Point(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
     }
   }
-  return lowest;
+  return inside ? lowest : std::nullopt;
 }
 
 }  // namespace
@@ -118,7 +123,7 @@ void DrawOverlay(const PinholeCamera& camera,
                       ColorOf(o.color));
       }
     }
-    const auto at = LabelPosition(camera, o);
+    const auto at = LabelPosition(camera, o, image->size());
     if (!at) continue;
     const int x = std::clamp(at->x, 2, std::max(2, image->cols - 80));
     const int y = std::clamp(at->y + static_cast<int>(30 * text_scale), 12, image->rows - 4);
