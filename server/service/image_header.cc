@@ -149,7 +149,8 @@ absl::StatusOr<ImageHeader> ReadImageHeader(std::string_view bytes) {
   MaybeHeader header;
   if (starts("\x89PNG\r\n\x1a\n")) {
     format = "PNG";
-    if (bytes.substr(12, 4) == "IHDR") header = Make("png", reader.Big(16, 4), reader.Big(20, 4));
+    if (bytes.size() >= 24 && bytes.substr(12, 4) == "IHDR")
+      header = Make("png", reader.Big(16, 4), reader.Big(20, 4));
   } else if (starts("\xff\xd8\xff")) {
     format = "JPEG";
     header = ReadJpeg(bytes);

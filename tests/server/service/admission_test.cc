@@ -1,0 +1,239 @@
+// Deadlines, cancellation, a full queue, draining, health: what a call meets before and around the
+// pipeline.
+#include <gmock/gmock.h>
+#include <grpcpp/generic/generic_stub.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <future>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <thread>
+
+#include "server/service/rpc_status.h"
+#include "tests/support/scratch_dir.h"
+#include "tests/support/service_fixture.h"
+
+namespace horopter {
+namespace {
+
+using namespace std::chrono_literals;
+
+v1::RecognizeSceneRequest OneImage() {
+  std::vector<unsigned char> bytes;
+  cv::imencode(".png", cv::Mat(32, 32, CV_8UC1, cv::Scalar(90)), bytes);
+  v1::RecognizeSceneRequest request;
+  request.add_images()->set_content(bytes.data(), bytes.size());
+  return request;
+}
+
+// Holds every call until it is opened or the call is stopped.
+class Gate {
+ public:
+  ~Gate() { Open(); }
+  void Open() { open_ = true; }
+  int entered() const { return entered_; }
+  int stopped() const { return stopped_; }
+  bool AwaitEntered(int count) const {
+    return Await([&] { return entered_ >= count; });
+  }
+  bool AwaitStopped(int count) const {
+    return Await([&] { return stopped_ >= count; });
+  }
+
+  Recognizer recognizer() {
+    return [this](const SceneRequest& request,
+                  const CatalogSnapshot&,
+                  const StopRequested& stop) -> absl::StatusOr<PipelineResult> {
+      ++entered_;
+      while (!open_) {
+        if (stop()) {
+          ++stopped_;
+          return absl::CancelledError("stopped");
+        }
+        std::this_thread::sleep_for(1ms);
+      }
+      PipelineResult result;
+      result.answer.cameras.resize(request.images.size());
+      return result;
+    };
+  }
+
+ private:
+  // The limit only ends a test that has failed.
+  template <typename Condition>
+  static bool Await(const Condition& condition) {
+    for (int i = 0; i < 20000 && !condition(); ++i) std::this_thread::sleep_for(1ms);
+    return condition();
+  }
+
+  std::atomic<bool> open_{false};
+  std::atomic<int> entered_{0}, stopped_{0};
+};
+
+grpc::Status Recognize(TestServer& server, grpc::ClientContext& context) {
+  v1::RecognizeSceneResponse answer;
+  return server.recognition().RecognizeScene(&context, OneImage(), &answer);
+}
+
+TEST(Admission, ADeadlineStopsTheRunningStages) {
+  Gate gate;
+  TestServer server(gate.recognizer());
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + 50ms);
+  EXPECT_EQ(Recognize(server, context).error_code(), grpc::StatusCode::DEADLINE_EXCEEDED);
+  // A slow machine may pass the deadline before the stages begin; then there is nothing to stop.
+  if (gate.entered() > 0) {
+    EXPECT_TRUE(gate.AwaitStopped(1));
+  }
+}
+
+TEST(Admission, ACancelStopsTheRunningStages) {
+  Gate gate;
+  TestServer server(gate.recognizer());
+  grpc::ClientContext context;
+  auto call = std::async(std::launch::async, [&] { return Recognize(server, context); });
+  ASSERT_TRUE(gate.AwaitEntered(1));
+  context.TryCancel();
+  EXPECT_EQ(call.get().error_code(), grpc::StatusCode::CANCELLED);
+  EXPECT_TRUE(gate.AwaitStopped(1));
+}
+
+TEST(Admission, ACallCancelledInTheQueueNeverReachesTheStages) {
+  Gate gate;
+  TestServer server(gate.recognizer());
+  grpc::ClientContext first, second;
+  auto running = std::async(std::launch::async, [&] { return Recognize(server, first); });
+  ASSERT_TRUE(gate.AwaitEntered(1));
+  second.set_deadline(std::chrono::system_clock::now() + 20ms);
+  EXPECT_EQ(Recognize(server, second).error_code(), grpc::StatusCode::DEADLINE_EXCEEDED);
+  gate.Open();
+  EXPECT_TRUE(running.get().ok());
+  server.server().Stop(20.0);
+  EXPECT_EQ(gate.entered(), 1);
+}
+
+TEST(Admission, AFullQueueIsRefusedAtOnceWithARetryHintAndTheOthersFinish) {
+  Gate gate;
+  ServerOptions options;
+  options.workers = 1;
+  options.queue = 2;
+  TestServer server(gate.recognizer(), options);
+  std::vector<grpc::ClientContext> contexts(6);
+  std::vector<std::future<grpc::Status>> calls;
+  for (grpc::ClientContext& context : contexts) {
+    calls.push_back(std::async(std::launch::async, [&] { return Recognize(server, context); }));
+  }
+  // Three fit in; the other three end while the gate is still closed.
+  int refused = 0;
+  while (refused < 3) {
+    for (size_t i = 0; i < calls.size(); ++i) {
+      if (!calls[i].valid() || calls[i].wait_for(1ms) != std::future_status::ready) continue;
+      EXPECT_EQ(calls[i].get().error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+      EXPECT_GE(std::atoi(Trailing(contexts[i], kRetryAfterKey).c_str()), 100);
+      ++refused;
+    }
+  }
+  // The catalog answers meanwhile.
+  EXPECT_TRUE(server.Enrol("box"));
+  gate.Open();
+  for (auto& call : calls) {
+    if (call.valid()) {
+      EXPECT_TRUE(call.get().ok());
+    }
+  }
+  EXPECT_EQ(gate.entered(), 3);
+}
+
+// Over the network: gRPC's in-process transport cannot begin a call on a server that shuts down.
+TEST(Admission, DrainingFinishesWhatRunsAndRefusesWhatComes) {
+  Gate gate;
+  ServerOptions options;
+  options.listen = "127.0.0.1:0";
+  TestServer server(gate.recognizer(), options);
+  const auto stub = v1::RecognitionService::NewStub(
+      grpc::CreateChannel(server.server().address(), grpc::InsecureChannelCredentials()));
+  const auto recognize = [&] {
+    grpc::ClientContext context;
+    v1::RecognizeSceneResponse answer;
+    return stub->RecognizeScene(&context, OneImage(), &answer);
+  };
+  auto running = std::async(std::launch::async, recognize);
+  ASSERT_TRUE(gate.AwaitEntered(1));
+  auto stop = std::async(std::launch::async, [&] { server.server().Stop(20.0); });
+  // Calls that come before Stop has begun are let in; they wait behind the first one until their
+  // deadline.
+  const auto refused = [&] {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + 200ms);
+    v1::RecognizeSceneResponse answer;
+    const grpc::Status status = stub->RecognizeScene(&context, OneImage(), &answer);
+    return status.error_code() == grpc::StatusCode::UNAVAILABLE;
+  };
+  bool was_refused = false;
+  for (int i = 0; i < 50 && !was_refused; ++i) was_refused = refused();
+  EXPECT_TRUE(was_refused);
+  EXPECT_EQ(stop.wait_for(0ms), std::future_status::timeout)
+      << "Stop must wait for the running call";
+  gate.Open();
+  EXPECT_TRUE(running.get().ok());
+  stop.get();
+  EXPECT_EQ(gate.entered(), 1);
+}
+
+TEST(Admission, AfterTheDrainTimeRunningCallsAreCancelled) {
+  Gate gate;
+  TestServer server(gate.recognizer());
+  grpc::ClientContext context;
+  auto running = std::async(std::launch::async, [&] { return Recognize(server, context); });
+  ASSERT_TRUE(gate.AwaitEntered(1));
+  server.server().Stop(0.01);
+  EXPECT_FALSE(running.get().ok());
+  EXPECT_EQ(gate.stopped(), 1);
+}
+
+// grpc.health.v1.Health/Check with an empty request; the answer is field 1, varint: 1 = SERVING.
+std::string HealthAnswer(TestServer& server, const std::string& service) {
+  grpc::GenericStub stub(server.channel());
+  grpc::ClientContext context;
+  const std::string bytes =
+      service.empty() ? "" : std::string("\x0a") + static_cast<char>(service.size()) + service;
+  const grpc::Slice slice(bytes);
+  grpc::ByteBuffer request(&slice, 1), response;
+  std::promise<grpc::Status> done;
+  stub.UnaryCall(
+      &context, "/grpc.health.v1.Health/Check", {}, &request, &response, [&](grpc::Status status) {
+        done.set_value(std::move(status));
+      });
+  if (!done.get_future().get().ok()) return "error";
+  grpc::Slice answer;
+  response.TrySingleSlice(&answer);
+  return {reinterpret_cast<const char*>(answer.begin()), answer.size()};
+}
+
+TEST(Admission, HealthSaysServingForTheServerAndEachService) {
+  TestServer server(Gate().recognizer());
+  for (const char* service : {"", "horopter.v1.RecognitionService", "horopter.v1.CatalogService"}) {
+    EXPECT_EQ(HealthAnswer(server, service), "\x08\x01") << service;
+  }
+  EXPECT_EQ(HealthAnswer(server, "nonsense"), "error");
+}
+
+TEST(Admission, ATakenPortAndBadOptionsAreRefused) {
+  ServerOptions options;
+  options.listen = "127.0.0.1:0";
+  TestServer first(Gate().recognizer(), options);
+  EXPECT_THAT(first.server().address(), testing::StartsWith("127.0.0.1:"));
+  options.listen = first.server().address();
+  const auto start = [](const ServerOptions& chosen) {
+    return HoropterServer::Start(*Catalog::Open(":memory:"), {}, {}, chosen).status();
+  };
+  EXPECT_EQ(start(options).code(), absl::StatusCode::kUnavailable);
+  options.workers = 0;
+  EXPECT_EQ(start(options).code(), absl::StatusCode::kInvalidArgument);
+}
+
+}  // namespace
+}  // namespace horopter

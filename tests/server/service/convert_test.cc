@@ -1,0 +1,236 @@
+#include "server/service/convert.h"
+
+#include <gmock/gmock.h>
+#include <google/protobuf/field_mask.pb.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <limits>
+#include <opencv2/core.hpp>
+#include <random>
+
+#include "horopter/v1/catalog.pb.h"
+#include "horopter/v1/recognition.pb.h"
+#include "server/service/catalog_convert.h"
+#include "server/service/rpc_status.h"
+#include "tests/support/sample_record.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kRounding = 1e-14;
+
+Rigid3 RandomRigid(std::mt19937& rng) {
+  std::normal_distribution<double> normal;
+  const Eigen::Quaterniond q(normal(rng), normal(rng), normal(rng), normal(rng));
+  return {q.normalized().toRotationMatrix(), {normal(rng), normal(rng), normal(rng)}};
+}
+
+TEST(ConvertRigid, SurvivesTheRoundTrip) {
+  constexpr unsigned kSeed = 11;
+  std::mt19937 rng(kSeed);
+  for (int i = 0; i < 1000; ++i) {
+    const Rigid3 before = RandomRigid(rng);
+    v1::RigidTransform proto;
+    RigidToProto(before, &proto);
+    EXPECT_GE(proto.rotation().w(), 0.0);
+    const auto after = RigidFromProto(proto, "pose");
+    ASSERT_TRUE(after.ok()) << after.status();
+    EXPECT_TRUE(NearlyEqual(*after, before, kRounding)) << "seed " << kSeed << " draw " << i;
+  }
+}
+
+// Half turns: w = 0, where a careless conversion divides by it.
+TEST(ConvertRigid, SurvivesHalfTurns) {
+  for (const Eigen::Vector3d axis :
+       {Eigen::Vector3d::UnitX(), Eigen::Vector3d::UnitY(), Eigen::Vector3d::UnitZ()}) {
+    Rigid3 before;
+    before.R = Eigen::AngleAxisd(M_PI, axis).toRotationMatrix();
+    v1::RigidTransform proto;
+    RigidToProto(before, &proto);
+    EXPECT_TRUE(NearlyEqual(*RigidFromProto(proto, "pose"), before, kRounding));
+  }
+}
+
+TEST(ConvertRigid, QuaternionIsWFirstAndRightHanded) {
+  v1::RigidTransform proto;
+  proto.mutable_rotation()->set_w(std::sqrt(0.5));
+  proto.mutable_rotation()->set_z(std::sqrt(0.5));
+  proto.mutable_translation_m()->set_y(2.0);
+  const auto transform = RigidFromProto(proto, "pose");
+  ASSERT_TRUE(transform.ok());
+  EXPECT_LT((*transform * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(0, 3, 0)).norm(), kRounding);
+}
+
+TEST(ConvertRigid, RefusesWhatIsNoRotation) {
+  v1::RigidTransform proto;
+  EXPECT_EQ(ErrorField(RigidFromProto(proto, "pose").status()), "pose.rotation");
+  proto.mutable_rotation()->set_w(0.9);
+  EXPECT_EQ(ErrorField(RigidFromProto(proto, "pose").status()), "pose.rotation");
+  proto.mutable_rotation()->set_w(kNan);
+  EXPECT_EQ(ErrorField(RigidFromProto(proto, "pose").status()), "pose.rotation");
+  proto.mutable_rotation()->set_w(1.0);
+  EXPECT_TRUE(RigidFromProto(proto, "pose").ok());
+  proto.mutable_translation_m()->set_x(std::numeric_limits<double>::infinity());
+  EXPECT_EQ(ErrorField(RigidFromProto(proto, "pose").status()), "pose.translation_m");
+}
+
+TEST(ConvertName, TakesResourceNamesOnly) {
+  EXPECT_EQ(*ObjectIdFromName("objects/obj_000001", "name"), "obj_000001");
+  EXPECT_EQ(*ObjectIdFromName(ObjectName("a-b"), "name"), "a-b");
+  for (const char* bad :
+       {"", "objects/", "obj_000001", "objects/A", "objects/a/b", "parts/a", "objects/a "}) {
+    EXPECT_EQ(ErrorField(ObjectIdFromName(bad, "name").status()), "name") << bad;
+  }
+}
+
+TEST(ConvertObject, SurvivesTheRoundTrip) {
+  for (unsigned seed = 1; seed <= 20; ++seed) {
+    const CatalogRecord before = SampleRecord("box", seed);
+    v1::Object proto;
+    RecordToProto(before, &proto);
+    proto.mutable_source()->set_content(before.source.content);
+    const auto after = RecordFromProto("box", proto);
+    ASSERT_TRUE(after.ok()) << after.status();
+    // Rotations pass through quaternions and lose the last bits; the rest is exact.
+    CatalogRecord settled = *after;
+    settled.create_time = before.create_time;
+    settled.update_time = before.update_time;
+    for (size_t i = 0; i < before.model.grasps.size(); ++i) {
+      Rigid3& pose = settled.model.grasps[i].object_from_gripper;
+      EXPECT_TRUE(NearlyEqual(pose, before.model.grasps[i].object_from_gripper, kRounding));
+      pose = before.model.grasps[i].object_from_gripper;
+    }
+    EXPECT_TRUE(NearlyEqual(settled.model.symmetries[0], before.model.symmetries[0], kRounding));
+    settled.model.symmetries = before.model.symmetries;
+    EXPECT_EQ(FirstDifference(settled, before), "") << "seed " << seed;
+    EXPECT_EQ(settled.source.content, before.source.content);
+  }
+}
+
+TEST(ConvertObject, ComputesAMissingDiameterAndRefusesAWrongOne) {
+  const CatalogRecord record = SampleRecord("box");
+  v1::Object proto;
+  RecordToProto(record, &proto);
+  proto.clear_diameter_m();
+  EXPECT_NEAR(RecordFromProto("box", proto)->model.diameter_m, record.model.diameter_m, 1e-12);
+  proto.set_diameter_m(1000 * record.model.diameter_m);  // millimetres
+  EXPECT_EQ(ErrorField(RecordFromProto("box", proto).status()), "diameter_m");
+}
+
+TEST(ConvertObject, DiameterAgreesWithAllPairs) {
+  std::mt19937 rng(3);
+  std::normal_distribution<double> normal;
+  for (int trial = 0; trial < 5; ++trial) {
+    std::vector<Eigen::Vector3d> points(400);
+    for (auto& p : points) p = Eigen::Vector3d(normal(rng), normal(rng), normal(rng)).normalized();
+    double exact = 0.0;
+    for (const auto& p : points) {
+      for (const auto& q : points) exact = std::max(exact, (p - q).norm());
+    }
+    const double measured = PointSetDiameter(points);
+    EXPECT_LE(measured, exact + 1e-12);
+    EXPECT_GE(measured, 0.998 * exact);
+  }
+}
+
+TEST(ConvertObject, NamesTheOffendingField) {
+  const auto field_after = [](const std::function<void(v1::Object&)>& damage) {
+    v1::Object proto;
+    RecordToProto(SampleRecord("box"), &proto);
+    damage(proto);
+    return ErrorField(RecordFromProto("box", proto).status());
+  };
+  EXPECT_EQ(field_after([](v1::Object& o) { o.add_vertices_m(1.0); }), "vertices_m");
+  EXPECT_EQ(field_after([](v1::Object& o) { o.set_vertices_m(0, kNan); }), "vertices_m");
+  EXPECT_EQ(field_after([](v1::Object& o) { o.mutable_edges(1)->clear_kind(); }), "edges[1].kind");
+  EXPECT_EQ(field_after([](v1::Object& o) { o.mutable_edges(1)->clear_end_vertex(); }),
+            "edges[1].start_vertex");
+  EXPECT_EQ(field_after([](v1::Object& o) { o.mutable_edges(1)->set_end_vertex(-1); }),
+            "edges[1].start_vertex");
+  EXPECT_EQ(field_after([](v1::Object& o) { o.clear_edges(); }), "edges");
+  EXPECT_EQ(field_after([](v1::Object& o) { o.clear_mesh(); }), "mesh.vertices_m");
+  EXPECT_EQ(field_after([](v1::Object& o) { o.mutable_mesh()->add_triangles(0); }),
+            "mesh.triangles");
+  EXPECT_EQ(field_after([](v1::Object& o) { o.mutable_grasps(0)->clear_object_from_gripper(); }),
+            "grasps[0].object_from_gripper.rotation");
+}
+
+TEST(ConvertMask, KnowsEveryWritableFieldAndNoOther) {
+  google::protobuf::FieldMask mask;
+  EXPECT_TRUE(MaskFromProto(mask)->mesh);
+  mask.add_paths("grasps");
+  EXPECT_TRUE(MaskFromProto(mask)->grasps);
+  EXPECT_FALSE(MaskFromProto(mask)->mesh);
+  for (const char* bad : {"name", "create_time", "grasps.name", "", "vertex_count"}) {
+    google::protobuf::FieldMask wrong;
+    wrong.add_paths(bad);
+    EXPECT_EQ(ErrorField(MaskFromProto(wrong).status()), "update_mask") << bad;
+  }
+}
+
+TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
+  std::mt19937 rng(8);
+  SceneRequest request;
+  request.images = {cv::Mat(20, 30, CV_8UC1), cv::Mat(40, 50, CV_8UC3)};
+  SceneAnswer answer;
+  answer.state = SceneState::kAmbiguous;
+  answer.detail = "two";
+  answer.base_from_scene = RandomRigid(rng);
+  answer.cameras.resize(2);
+  answer.cameras[1] = PosedCamera{{50, 40, 77.5, 24.0, 19.5, -0.03}, RandomRigid(rng), 0.02};
+  AnswerObject object;
+  object.object_id = "box";
+  object.instance = 1;
+  object.score = 0.75;
+  object.scene_from_object = RandomRigid(rng);
+  for (int i = 0; i < 36; ++i) object.covariance(i / 6, i % 6) = i;
+  object.view_scores = {-1.0, 0.5};
+  object.alternatives = {"bar"};
+  object.grasps = {{"top", 2, RandomRigid(rng), 0.05, 0.04, 0.9}};
+  AnswerObject first = object;
+  first.instance = 0;
+  answer.objects = {object, first};
+  answer.stages = {{"features", 1.25, {{"edges", 412.0}}}};
+
+  v1::RecognizeSceneResponse proto;
+  SceneAnswerToProto(answer, request, &proto);
+  EXPECT_EQ(proto.state(), v1::SCENE_STATE_AMBIGUOUS);
+  EXPECT_EQ(proto.detail(), "two");
+  ASSERT_EQ(proto.cameras_size(), 2);
+  EXPECT_FALSE(proto.cameras(0).recovered());
+  EXPECT_EQ(proto.cameras(0).image_width_px(), 30);
+  EXPECT_FALSE(proto.cameras(0).has_camera_from_scene());
+  EXPECT_TRUE(proto.cameras(1).recovered());
+  EXPECT_EQ(proto.cameras(1).focal_px(), 77.5);
+  EXPECT_EQ(proto.cameras(1).principal_point_y_px(), 19.5);
+  EXPECT_EQ(proto.cameras(1).k1(), -0.03);
+  ASSERT_EQ(proto.objects_size(), 2);
+  EXPECT_EQ(proto.objects(0).instance(), 0);
+  const v1::RecognizedObject& out = proto.objects(1);
+  EXPECT_EQ(out.object(), "objects/box");
+  ASSERT_EQ(out.pose_covariance_size(), 36);
+  EXPECT_EQ(out.pose_covariance(7), 7.0);
+  EXPECT_FALSE(out.images(0).has_score());
+  EXPECT_FALSE(out.images(0).has_camera_from_object());
+  EXPECT_EQ(out.images(1).score(), 0.5);
+  EXPECT_TRUE(NearlyEqual(*RigidFromProto(out.images(1).camera_from_object(), "x"),
+                          answer.cameras[1]->camera_from_scene * object.scene_from_object,
+                          kRounding));
+  EXPECT_TRUE(NearlyEqual(*RigidFromProto(out.base_from_object(), "x"),
+                          *answer.base_from_scene * object.scene_from_object,
+                          kRounding));
+  EXPECT_TRUE(NearlyEqual(*RigidFromProto(out.grasps(0).base_from_gripper(), "x"),
+                          *answer.base_from_scene * object.grasps[0].scene_from_gripper,
+                          kRounding));
+  EXPECT_EQ(out.grasps(0).symmetry_index(), 2);
+  EXPECT_EQ(out.alternative_objects(0), "objects/bar");
+  EXPECT_EQ(proto.stages(0).elapsed().seconds(), 1);
+  EXPECT_EQ(proto.stages(0).elapsed().nanos(), 250000000);
+  EXPECT_EQ(proto.stages(0).counts().at("edges"), 412.0);
+}
+
+}  // namespace
+}  // namespace horopter

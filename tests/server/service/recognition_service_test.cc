@@ -1,0 +1,225 @@
+#include "server/service/recognition_service.h"
+
+#include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "server/service/rpc_status.h"
+#include "tests/support/fake_objects.h"
+#include "tests/support/service_fixture.h"
+
+namespace horopter {
+namespace {
+
+std::string Png(int rows, int cols, int type = CV_8UC3) {
+  cv::Mat image(rows, cols, type, cv::Scalar::all(0));
+  cv::RNG rng(1);
+  rng.fill(image, cv::RNG::UNIFORM, 0, 255);
+  std::vector<unsigned char> bytes;
+  cv::imencode(".png", image, bytes);
+  return {bytes.begin(), bytes.end()};
+}
+
+// What the recognizer was given, and an answer that says so.
+struct Seen {
+  int calls = 0;
+  std::vector<cv::Mat> images;
+  std::vector<CameraHint> hints;
+  std::vector<std::string> candidates;
+  std::optional<ReferenceObject> reference;
+  std::vector<std::string> catalog_ids;
+};
+
+Recognizer Recording(Seen& seen) {
+  return
+      [&seen](const SceneRequest& request, const CatalogSnapshot& catalog, const StopRequested&) {
+        ++seen.calls;
+        seen.images = request.images;
+        seen.hints = request.hints;
+        seen.candidates = request.candidates;
+        seen.reference = request.reference;
+        seen.catalog_ids.clear();
+        for (const auto& object : catalog.objects)
+          seen.catalog_ids.push_back(ModelOfFake(*object).id);
+        PipelineResult result;
+        result.answer.state =
+            catalog.objects.empty() ? SceneState::kEmptyCatalog : SceneState::kNothingFound;
+        result.answer.cameras.resize(request.images.size());
+        result.answer.stages = {{"features", 0.5, {}}};
+        return absl::StatusOr<PipelineResult>(std::move(result));
+      };
+}
+
+class RecognitionServiceTest : public testing::Test {
+ protected:
+  RecognitionServiceTest() : server_(Recording(seen_)) {}
+
+  grpc::Status Call(const v1::RecognizeSceneRequest& request) {
+    grpc::ClientContext context;
+    answer_.Clear();
+    const grpc::Status status = server_.recognition().RecognizeScene(&context, request, &answer_);
+    field_ = Trailing(context, kErrorFieldKey);
+    return status;
+  }
+
+  // INVALID_ARGUMENT that names the field; the recognizer is not bothered.
+  void ExpectRefused(const v1::RecognizeSceneRequest& request,
+                     const std::string& field,
+                     const std::string& says) {
+    const int calls = seen_.calls;
+    const grpc::Status status = Call(request);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
+    EXPECT_EQ(field_, field);
+    EXPECT_THAT(status.error_message(),
+                testing::AllOf(testing::HasSubstr(field), testing::HasSubstr(says)));
+    EXPECT_EQ(seen_.calls, calls);
+  }
+
+  static v1::RecognizeSceneRequest WithImages(const std::vector<std::string>& images) {
+    v1::RecognizeSceneRequest request;
+    for (const std::string& image : images) request.add_images()->set_content(image);
+    return request;
+  }
+
+  Seen seen_;
+  TestServer server_;
+  v1::RecognizeSceneResponse answer_;
+  std::string field_;
+};
+
+TEST_F(RecognitionServiceTest, OneImageIsEnoughAndTheEmptyCatalogIsAState) {
+  ASSERT_TRUE(Call(WithImages({Png(48, 64)})).ok());
+  EXPECT_EQ(answer_.state(), v1::SCENE_STATE_EMPTY_CATALOG);
+  ASSERT_EQ(answer_.cameras_size(), 1);
+  EXPECT_EQ(answer_.cameras(0).image_width_px(), 64);
+  EXPECT_FALSE(answer_.request_id().empty());
+  ASSERT_EQ(answer_.stages_size(), 2);
+  EXPECT_EQ(answer_.stages(0).stage(), "decode");
+  EXPECT_EQ(answer_.stages(1).stage(), "features");
+  EXPECT_TRUE(seen_.hints.empty());
+}
+
+TEST_F(RecognitionServiceTest, IdenticalImagesAreThePipelinesBusiness) {
+  const std::string image = Png(48, 64);
+  ASSERT_TRUE(Call(WithImages({image, image, image})).ok());
+  EXPECT_EQ(seen_.images.size(), 3u);
+}
+
+TEST_F(RecognitionServiceTest, GreyAndSixteenBitImagesArriveAsEightBit) {
+  ASSERT_TRUE(
+      Call(WithImages({Png(20, 20, CV_8UC1), Png(20, 20, CV_16UC1), Png(20, 20, CV_16UC3)})).ok());
+  EXPECT_EQ(seen_.images[0].type(), CV_8UC1);
+  EXPECT_EQ(seen_.images[1].type(), CV_8UC1);
+  EXPECT_EQ(seen_.images[2].type(), CV_8UC3);
+}
+
+TEST_F(RecognitionServiceTest, RefusesBadImagesByTheirIndexAndStaysUp) {
+  const std::string good = Png(32, 32);
+  ExpectRefused({}, "images", "at least one");
+  ExpectRefused(WithImages(std::vector<std::string>(33, good)), "images", "at most 32");
+  ExpectRefused(WithImages({good, ""}), "images[1].content", "empty");
+  ExpectRefused(WithImages({good, good, "junk"}), "images[2].content", "not an image");
+  ExpectRefused(WithImages({Png(1, 1), good}), "images[0].content", "too small");
+  ExpectRefused(WithImages({good, good.substr(0, good.size() / 2)}), "images[1].content", "");
+  std::string huge = good;
+  huge.replace(16, 8, std::string("\x00\x00\xff\xff\x00\x00\xff\xff", 8));
+  ExpectRefused(WithImages({good, huge}), "images[1].content", "65535x65535 pixels is too large");
+  EXPECT_TRUE(Call(WithImages({good})).ok());
+}
+
+TEST_F(RecognitionServiceTest, HintsArriveAsGivenAndBadOnesAreRefused) {
+  v1::RecognizeSceneRequest request = WithImages({Png(32, 32), Png(32, 32)});
+  v1::CameraHint* hint = request.mutable_images(1)->mutable_camera_hint();
+  hint->set_focal_px(800.0);
+  hint->set_k1(-0.05);
+  ASSERT_TRUE(Call(request).ok());
+  ASSERT_EQ(seen_.hints.size(), 2u);
+  EXPECT_FALSE(seen_.hints[0].focal_px.has_value());
+  EXPECT_EQ(seen_.hints[1].focal_px, 800.0);
+  EXPECT_EQ(seen_.hints[1].k1, -0.05);
+  EXPECT_FALSE(seen_.hints[1].principal_point.has_value());
+
+  hint->set_principal_point_x_px(16.0);
+  ExpectRefused(request, "images[1].camera_hint.principal_point_x_px", "together");
+  hint->set_principal_point_y_px(16.0);
+  EXPECT_TRUE(Call(request).ok());
+  for (const double bad : {0.0, -1.0, std::nan(""), 1e300}) {
+    hint->set_focal_px(bad);
+    ExpectRefused(request, "images[1].camera_hint.focal_px", "");
+  }
+  hint->clear_focal_px();
+  hint->set_focal_log_sigma(0.1);
+  ExpectRefused(request, "images[1].camera_hint.focal_log_sigma", "without focal_px");
+}
+
+TEST_F(RecognitionServiceTest, CandidatesAndReferenceMustBeInTheCatalog) {
+  ASSERT_TRUE(server_.Enrol("box"));
+  v1::RecognizeSceneRequest request = WithImages({Png(32, 32)});
+  request.add_candidate_objects("objects/box");
+  request.mutable_reference()->set_object("objects/box");
+  request.mutable_reference()->mutable_base_from_object()->mutable_rotation()->set_w(1.0);
+  ASSERT_TRUE(Call(request).ok());
+  EXPECT_THAT(seen_.candidates, testing::ElementsAre("box"));
+  EXPECT_EQ(seen_.reference->object_id, "box");
+  EXPECT_GE(answer_.catalog_generation(), 2);
+
+  request.add_candidate_objects("objects/nut");
+  grpc::Status status = Call(request);
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::NOT_FOUND);
+  EXPECT_EQ(field_, "candidate_objects[1]");
+  EXPECT_THAT(status.error_message(), testing::HasSubstr("objects/nut"));
+
+  request.mutable_candidate_objects()->RemoveLast();
+  request.mutable_reference()->set_object("objects/nut");
+  EXPECT_EQ(Call(request).error_code(), grpc::StatusCode::NOT_FOUND);
+  EXPECT_EQ(field_, "reference.object");
+
+  request.mutable_reference()->set_object("box");
+  ExpectRefused(request, "reference.object", "objects/{object}");
+  request.mutable_reference()->set_object("objects/box");
+  request.mutable_reference()->mutable_base_from_object()->clear_rotation();
+  ExpectRefused(request, "reference.base_from_object.rotation", "missing");
+}
+
+TEST_F(RecognitionServiceTest, AnEnrolledObjectIsSeenByTheNextRequestAndADeletedOneIsNot) {
+  for (const char* id : {"nut", "box", "rod"}) ASSERT_TRUE(server_.Enrol(id));
+  ASSERT_TRUE(Call(WithImages({Png(32, 32)})).ok());
+  EXPECT_THAT(seen_.catalog_ids, testing::ElementsAre("box", "nut", "rod"));
+  grpc::ClientContext context;
+  v1::DeleteObjectRequest request;
+  request.set_name("objects/nut");
+  google::protobuf::Empty empty;
+  ASSERT_TRUE(server_.catalog().DeleteObject(&context, request, &empty).ok());
+  ASSERT_TRUE(Call(WithImages({Png(32, 32)})).ok());
+  EXPECT_THAT(seen_.catalog_ids, testing::ElementsAre("box", "rod"));
+}
+
+TEST(RecognitionServiceErrors, StatusAndExceptionsOfThePipelineReachTheClient) {
+  absl::Status status = absl::OkStatus();
+  TestServer server([&](const SceneRequest&,
+                        const CatalogSnapshot&,
+                        const StopRequested&) -> absl::StatusOr<PipelineResult> {
+    if (status.ok()) throw std::runtime_error("boom");
+    return status;
+  });
+  v1::RecognizeSceneRequest request;
+  request.add_images()->set_content(Png(32, 32));
+  v1::RecognizeSceneResponse answer;
+  {
+    grpc::ClientContext context;
+    const grpc::Status result = server.recognition().RecognizeScene(&context, request, &answer);
+    EXPECT_EQ(result.error_code(), grpc::StatusCode::INTERNAL);
+    EXPECT_THAT(result.error_message(), testing::HasSubstr("boom"));
+  }
+  status = absl::FailedPreconditionError("5 point matches, need 7");
+  grpc::ClientContext context;
+  const grpc::Status result = server.recognition().RecognizeScene(&context, request, &answer);
+  EXPECT_EQ(result.error_code(), grpc::StatusCode::FAILED_PRECONDITION);
+  EXPECT_EQ(result.error_message(), "5 point matches, need 7");
+}
+
+}  // namespace
+}  // namespace horopter
