@@ -55,22 +55,17 @@ trap 'stop_server; rm -rf "$temporary"' EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
 
-# The port was free a moment ago; should somebody take it, the next one is tried.
+# Port 0: the system picks a free one and the log says which.
 start_server() {
-  local port attempt
-  for attempt in 1 2 3; do
-    port=$(python3 -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
-    address=127.0.0.1:$port
-    "$horopterd" --db "$temporary/catalog.db" --listen "$address" >"$out/server.log" 2>&1 &
-    server=$!
-    for _ in $(seq 100); do
-      kill -0 "$server" 2>/dev/null || break
-      if "$horopter" --server "$address" --timeout 2 object list >/dev/null 2>&1; then return 0; fi
-      sleep 0.1
-    done
-    stop_server
-    echo "attempt $attempt: the server did not come up" >&2
+  "$horopterd" --db "$temporary/catalog.db" --listen 127.0.0.1:0 >"$out/server.log" 2>&1 &
+  server=$!
+  for _ in $(seq 300); do
+    address=$(sed -n 's/.*listening on \([^ ]*\)$/\1/p' "$out/server.log")
+    if [[ -n $address ]] && "$horopter" --server "$address" --timeout 2 object list >/dev/null 2>&1; then return 0; fi
+    kill -0 "$server" 2>/dev/null || break
+    sleep 0.1
   done
+  echo "demo.sh: the server did not come up:" >&2
   cat "$out/server.log" >&2
   return 1
 }
