@@ -146,7 +146,8 @@ CadSource SourceFromProto(const v1::CadSource& proto) {
 
 absl::Status SettleDiameter(ObjectModel& model) {
   const double measured = PointSetDiameter(model.mesh.vertices);
-  if (measured == 0.0) return absl::OkStatus();  // the catalog's check names what is wrong with the mesh
+  if (measured == 0.0)
+    return absl::OkStatus();  // the catalog's check names what is wrong with the mesh
   if (model.diameter_m == 0.0) {
     model.diameter_m = measured;
     return absl::OkStatus();
