@@ -3,6 +3,7 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "server/vision/features/arcs.h"
 #include "server/vision/features/detection_channels.h"
 #include "server/vision/features/edge_chains.h"
 #include "server/vision/features/edge_drawing.h"
@@ -11,6 +12,7 @@
 #include "server/vision/features/segment_fit.h"
 #include "server/vision/features/segment_merging.h"
 #include "server/vision/features/side_colours.h"
+#include "server/vision/features/texture.h"
 
 namespace horopter {
 namespace {
@@ -62,6 +64,14 @@ ImageFeatures Detect(const cv::Mat& image, const FeatureOptions& options) {
   MeasureSideColours(image, &features.segments);
   features.junctions = FindJunctions(features.segments, options);
   features.chains = JoinChains(edges, channels);
+  features.counts["segments_in_texture"] = MarkTexture(features.chains,
+                                                       features.junctions,
+                                                       options,
+                                                       features.width,
+                                                       features.height,
+                                                       &features.segments);
+  features.arcs = FindArcs(features.chains, options.max_arcs);
+  features.counts["arcs"] = static_cast<double>(features.arcs.size());
   features.counts["segments"] = static_cast<double>(features.segments.size());
   features.counts["junctions"] = static_cast<double>(features.junctions.size());
   features.counts["chains"] = static_cast<double>(features.chains.size());

@@ -77,8 +77,8 @@ struct ImageFeatures {
 // 4, sigma 1.
 struct FeatureOptions {
   // Threshold of a channel's gradient (sum of |dx| + |dy| over 3x3 pixels: 6 x the slope per pixel)
-  // = noise_factor x the channel's noise sigma, between the two bounds; higher: fewer, stronger
-  // edges.
+  // = noise_factor x the channel's median gradient, between the two bounds: quiet images show
+  // weaker edges. Higher: fewer, stronger edges.
   double gradient_threshold = 20.0;
   double min_gradient_threshold = 6.0;
   double noise_factor = 5.0;
@@ -91,7 +91,10 @@ struct FeatureOptions {
   double junction_gap_px = 14.0;           // end to intersection, at most
   double junction_gap_fraction = 0.35;     // ... and at most this share of the segment
   double junction_min_angle_rad = 0.2618;  // 15 degrees
-  int max_segments = 4000;                 // the strongest are kept; the cut is said in counts
+  double texture_max_length_px = 40.0;     // longer segments are never texture
+  double texture_density = 0.07;  // points of short chains per pixel; higher: fewer segments marked
+  int max_arcs = 400;             // the longest are kept
+  int max_segments = 4000;        // the strongest are kept; the cut is said in counts
 };
 
 // Detects the features of one image.

@@ -10,29 +10,44 @@
 namespace horopter {
 namespace {
 
-constexpr double kCellPx = 16.0;
 constexpr double kJoinPx = 2.0;  // another line through the junction must pass this near
 constexpr int kMaxJunctionsPerSegment = 12;
 
-using CellMap = std::unordered_map<long, std::vector<int>>;
+// Buckets of ids over the image; a point's neighbourhood of 3x3 cells holds everything within one
+// cell size.
+class CellMap {
+ public:
+  explicit CellMap(double cell_px) : cell_px_(cell_px) {}
 
-long CellKey(double x, double y) {
-  return (static_cast<long>(std::floor(y / kCellPx)) + 1024) * 1048576 +
-         static_cast<long>(std::floor(x / kCellPx)) + 1024;
-}
+  double CellSize() const { return cell_px_; }
+  long Key(const Eigen::Vector2d& p) const {
+    return (static_cast<long>(std::floor(p.y() / cell_px_)) + 1024) * 1048576 +
+           static_cast<long>(std::floor(p.x() / cell_px_)) + 1024;
+  }
+  void Insert(long key, int id) { cells_[key].push_back(id); }
 
-template <typename Visit>
-void ForNeighbours(const CellMap& cells, const Eigen::Vector2d& p, const Visit& visit) {
-  for (int dy = -1; dy <= 1; ++dy) {
-    for (int dx = -1; dx <= 1; ++dx) {
-      const auto it = cells.find(CellKey(p.x() + dx * kCellPx, p.y() + dy * kCellPx));
-      if (it != cells.end()) {
-        for (int id : it->second) {
-          visit(id);
+  template <typename Visit>
+  void ForNeighbours(const Eigen::Vector2d& p, const Visit& visit) const {
+    for (int dy = -1; dy <= 1; ++dy) {
+      for (int dx = -1; dx <= 1; ++dx) {
+        const auto it = cells_.find(Key(p + Eigen::Vector2d(dx, dy) * cell_px_));
+        if (it != cells_.end()) {
+          for (int id : it->second) {
+            visit(id);
+          }
         }
       }
     }
   }
+
+ private:
+  double cell_px_;
+  std::unordered_map<long, std::vector<int>> cells_;
+};
+
+// Ends may be two gaps apart.
+double CellSizeFor(const FeatureOptions& options) {
+  return std::max(2.0 * options.junction_gap_px, 4.0);
 }
 
 struct Line {
@@ -81,18 +96,21 @@ std::optional<Eigen::Vector2d> Intersect(const Line& a, const Line& b, double mi
 }
 
 // End-to-end meetings of pairs.
-void CollectCorners(const std::vector<Line>& lines, double min_sine, std::vector<Candidate>* out) {
-  CellMap cells;
+void CollectCorners(const std::vector<Line>& lines,
+                    double min_sine,
+                    double cell_px,
+                    std::vector<Candidate>* out) {
+  CellMap cells(cell_px);
   for (size_t i = 0; i < lines.size(); ++i) {
     for (int k = 0; k < 2; ++k) {
       const Eigen::Vector2d& p = EndOf(lines[i], k == 1);
-      cells[CellKey(p.x(), p.y())].push_back(static_cast<int>(2 * i + k));
+      cells.Insert(cells.Key(p), static_cast<int>(2 * i + k));
     }
   }
   for (size_t i = 0; i < lines.size(); ++i) {
     for (int k = 0; k < 2; ++k) {
       const Eigen::Vector2d& p = EndOf(lines[i], k == 1);
-      ForNeighbours(cells, p, [&](int other) {
+      cells.ForNeighbours(p, [&](int other) {
         const int j = other / 2;
         if (j <= static_cast<int>(i)) {
           return;
@@ -115,18 +133,21 @@ void CollectCorners(const std::vector<Line>& lines, double min_sine, std::vector
 }
 
 // Ends on the middle of another segment.
-void CollectTees(const std::vector<Line>& lines, double min_sine, std::vector<Candidate>* out) {
-  CellMap cells;
+void CollectTees(const std::vector<Line>& lines,
+                 double min_sine,
+                 double cell_px,
+                 std::vector<Candidate>* out) {
+  CellMap cells(cell_px);
   for (size_t j = 0; j < lines.size(); ++j) {
     const int steps =
-        static_cast<int>((lines[j].end - lines[j].start).norm() / (0.5 * kCellPx)) + 1;
+        static_cast<int>((lines[j].end - lines[j].start).norm() / (0.5 * cells.CellSize())) + 1;
     long last = -1;
     for (int s = 0; s <= steps; ++s) {
       const Eigen::Vector2d p =
           lines[j].start + (lines[j].end - lines[j].start) * (static_cast<double>(s) / steps);
-      const long key = CellKey(p.x(), p.y());
+      const long key = cells.Key(p);
       if (key != last) {
-        cells[key].push_back(static_cast<int>(j));
+        cells.Insert(key, static_cast<int>(j));
         last = key;
       }
     }
@@ -135,7 +156,7 @@ void CollectTees(const std::vector<Line>& lines, double min_sine, std::vector<Ca
   for (size_t i = 0; i < lines.size(); ++i) {
     for (int k = 0; k < 2; ++k) {
       const Eigen::Vector2d& p = EndOf(lines[i], k == 1);
-      ForNeighbours(cells, p, [&](int j) {
+      cells.ForNeighbours(p, [&](int j) {
         const int stamp = static_cast<int>(2 * i + k);
         if (j == static_cast<int>(i) || seen[j] == stamp) {
           return;
@@ -191,8 +212,8 @@ std::vector<Junction> FindJunctions(const std::vector<Segment>& segments,
   }
   const double min_sine = std::sin(options.junction_min_angle_rad);
   std::vector<Candidate> candidates;
-  CollectCorners(lines, min_sine, &candidates);
-  CollectTees(lines, min_sine, &candidates);
+  CollectCorners(lines, min_sine, CellSizeFor(options), &candidates);
+  CollectTees(lines, min_sine, CellSizeFor(options), &candidates);
   std::sort(candidates.begin(), candidates.end(), [](const Candidate& a, const Candidate& b) {
     return std::tie(a.cost, a.a.segment, a.b.segment) < std::tie(b.cost, b.a.segment, b.b.segment);
   });

@@ -11,7 +11,10 @@ constexpr int kReachPx = 3;       // peaks are looked for this far across the li
 constexpr int kMaxSamples = 160;  // along one segment; longer ones are sampled more coarsely
 constexpr double kTukeyPx = 1.0;  // samples farther than this from the line do not count
 constexpr int kTukeyRounds = 5;
-constexpr double kMinPeakShare = 0.5;  // of the positions along the line
+constexpr int kMaxExtensionPx = 16;         // the detector's ends are drawn out at most this far
+constexpr double kExtensionOffsetPx = 0.8;  // ... while the peak stays this near the line
+constexpr float kExtensionShare = 0.5f;     // ... and has this share of the segment's mean gradient
+constexpr double kMinPeakShare = 0.5;       // of the positions along the line
 
 struct Profile {
   std::array<float, 2 * kReachPx + 1> gradient{};  // per pixel, towards `across`
@@ -108,6 +111,34 @@ RobustLine FitRobustLine(const std::vector<EdgeSample>& samples,
   return line;
 }
 
+// Walks outward from `end` along the fitted line as long as the same edge goes on; returns the new
+// end and appends the samples met. `right_to_bright` is the unit normal towards the brighter side.
+Eigen::Vector2d ExtendEnd(const cv::Mat& smooth,
+                          const Eigen::Vector2d& end,
+                          const Eigen::Vector2d& outward,
+                          const Eigen::Vector2d& right_to_bright,
+                          float min_gradient,
+                          std::vector<EdgeSample>* samples) {
+  Eigen::Vector2d last = end;
+  int misses = 0;
+  for (int step = 1; step <= kMaxExtensionPx && misses < 2; ++step) {
+    const Eigen::Vector2d at = end + step * outward;
+    if (at.x() < 1.0 || at.y() < 1.0 || at.x() > smooth.cols - 2.0 || at.y() > smooth.rows - 2.0) {
+      break;
+    }
+    const Profile profile = SampleProfile(smooth, at, right_to_bright);
+    const std::optional<float> offset = PeakOffset(profile, 1.0f, min_gradient);
+    if (!offset || std::abs(*offset) > kExtensionOffsetPx) {
+      ++misses;
+      continue;
+    }
+    misses = 0;
+    last = at;
+    samples->push_back({(at + *offset * right_to_bright).cast<float>(), min_gradient});
+  }
+  return last;
+}
+
 }  // namespace
 
 std::optional<FittedSegment> FitSegment(const RawLine& raw,
@@ -152,6 +183,7 @@ std::optional<FittedSegment> FitSegment(const RawLine& raw,
   if (fitted.samples.size() < std::max(4.0, kMinPeakShare * count)) {
     return std::nullopt;
   }
+  const auto peaks = static_cast<double>(fitted.samples.size());
   const RobustLine line = FitRobustLine(fitted.samples, 0.5 * (raw.start + raw.end), direction);
   if (line.inlier_share < kMinPeakShare || std::abs(line.direction.dot(direction)) < 0.97) {
     return std::nullopt;
@@ -162,7 +194,17 @@ std::optional<FittedSegment> FitSegment(const RawLine& raw,
   if (sign < 0.0f) {
     std::swap(segment.start, segment.end);
   }
-  segment.contrast = std::max(step / static_cast<double>(fitted.samples.size()), 0.0);
+  double mean_gradient = 0.0;
+  for (const EdgeSample& sample : fitted.samples) {
+    mean_gradient += sample.gradient / static_cast<double>(fitted.samples.size());
+  }
+  const float enough = std::max(static_cast<float>(min_gradient),
+                                kExtensionShare * static_cast<float>(mean_gradient));
+  const Eigen::Vector2d along = (segment.end - segment.start).normalized();
+  const Eigen::Vector2d bright(-along.y(), along.x());
+  segment.start = ExtendEnd(channel.smooth, segment.start, -along, bright, enough, &fitted.samples);
+  segment.end = ExtendEnd(channel.smooth, segment.end, along, bright, enough, &fitted.samples);
+  segment.contrast = std::max(step / peaks, 0.0);
   segment.rms_px = line.rms_px;
   segment.channel = channel_index;
   return fitted;

@@ -24,9 +24,9 @@ struct FittedSegment {
 };
 
 // Searches the strongest gradient within +-3 px across the line at every pixel along it (parabola
-// through the peak) and fits a line with Tukey weights. Orients the segment so that the brighter
-// side is on its right. Empty when fewer than half of the positions have a peak of at least
-// `min_gradient` or the line is shorter than `min_length_px`.
+// through the peak) and fits a line with Tukey weights. Draws its ends out while the same edge goes
+// on. Orients the segment so that the brighter side is on its right. Empty when fewer than half of
+// the positions have a peak of at least `min_gradient` or the line is shorter than `min_length_px`.
 std::optional<FittedSegment> FitSegment(const RawLine& line,
                                         const DetectionChannel& channel,
                                         int channel_index,

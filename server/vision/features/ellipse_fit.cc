@@ -1,0 +1,170 @@
+#include "server/vision/features/ellipse_fit.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace horopter {
+namespace {
+
+// Semi-axes, centre and angle of a x^2 + b xy + c y^2 + d x + e y + f = 0; empty when it is no real
+// ellipse.
+std::optional<EllipseArc> FromConic(double a, double b, double c, double d, double e, double f) {
+  const double determinant = 4.0 * a * c - b * b;
+  if (!(determinant > 0.0)) {
+    return std::nullopt;
+  }
+  EllipseArc arc;
+  arc.center = {(b * e - 2.0 * c * d) / determinant, (b * d - 2.0 * a * e) / determinant};
+  const double at_center = f + 0.5 * (d * arc.center.x() + e * arc.center.y());
+  const double root = std::hypot(a - c, b);
+  // Eigenvalues of the quadratic part; the smaller one (in size) belongs to the major axis.
+  double small = 0.5 * (a + c - root), large = 0.5 * (a + c + root);
+  if (a + c < 0.0) {
+    std::swap(small, large);
+  }
+  const double major = -at_center / small, minor = -at_center / large;
+  if (!(major > 0.0) || !(minor > 0.0)) {
+    return std::nullopt;
+  }
+  arc.semi_major_px = std::sqrt(major);
+  arc.semi_minor_px = std::sqrt(minor);
+  // Direction of the major axis: eigenvector of `small`.
+  const double sign = a + c < 0.0 ? -1.0 : 1.0;
+  arc.angle_rad = 0.5 * std::atan2(-sign * b, -sign * (a - c));
+  return arc;
+}
+
+double AngleOf(const EllipseArc& arc, const Eigen::Vector2d& point) {
+  const double c = std::cos(arc.angle_rad), s = std::sin(arc.angle_rad);
+  const Eigen::Vector2d q = point - arc.center;
+  return std::atan2((-s * q.x() + c * q.y()) / arc.semi_minor_px,
+                    (c * q.x() + s * q.y()) / arc.semi_major_px);
+}
+
+}  // namespace
+
+std::optional<EllipseArc> FitEllipse(std::span<const Eigen::Vector2f> points) {
+  if (points.size() < 6) {
+    return std::nullopt;
+  }
+  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  for (const Eigen::Vector2f& p : points) {
+    mean += p.cast<double>();
+  }
+  mean /= static_cast<double>(points.size());
+  double scale = 0.0;
+  for (const Eigen::Vector2f& p : points) {
+    scale += (p.cast<double>() - mean).squaredNorm();
+  }
+  scale = std::sqrt(scale / static_cast<double>(points.size()));
+  if (!(scale > 1e-9)) {
+    return std::nullopt;
+  }
+  Eigen::Matrix3d S1 = Eigen::Matrix3d::Zero(), S2 = S1, S3 = S1;
+  for (const Eigen::Vector2f& p : points) {
+    const Eigen::Vector2d q = (p.cast<double>() - mean) / scale;
+    const Eigen::Vector3d quadratic(q.x() * q.x(), q.x() * q.y(), q.y() * q.y());
+    const Eigen::Vector3d linear(q.x(), q.y(), 1.0);
+    S1 += quadratic * quadratic.transpose();
+    S2 += quadratic * linear.transpose();
+    S3 += linear * linear.transpose();
+  }
+  if (std::abs(S3.determinant()) < 1e-12) {
+    return std::nullopt;
+  }
+  const Eigen::Matrix3d T = -S3.inverse() * S2.transpose();
+  const Eigen::Matrix3d reduced = S1 + S2 * T;
+  // Inverse of the constraint 4 a c - b^2 = 1.
+  Eigen::Matrix3d system;
+  system << 0.5 * reduced.row(2), -reduced.row(1), 0.5 * reduced.row(0);
+  if (!system.allFinite()) {
+    return std::nullopt;
+  }
+  const Eigen::EigenSolver<Eigen::Matrix3d> solver(system);
+  for (int k = 0; k < 3; ++k) {
+    const Eigen::Vector3d v = solver.eigenvectors().col(k).real();
+    if (std::abs(solver.eigenvalues()[k].imag()) > 1e-9 ||
+        !(4.0 * v[0] * v[2] - v[1] * v[1] > 0.0)) {
+      continue;
+    }
+    const Eigen::Vector3d w = T * v;
+    std::optional<EllipseArc> arc = FromConic(v[0], v[1], v[2], w[0], w[1], w[2]);
+    if (!arc) {
+      continue;
+    }
+    arc->center = mean + scale * arc->center;
+    arc->semi_major_px *= scale;
+    arc->semi_minor_px *= scale;
+    double square = 0.0;
+    for (const Eigen::Vector2f& p : points) {
+      const double distance = EllipseDistance(*arc, p.cast<double>());
+      square += distance * distance;
+    }
+    arc->rms_px = std::sqrt(square / static_cast<double>(points.size()));
+    // Signed travel along the points.
+    double travel = 0.0;
+    const double first = AngleOf(*arc, points.front().cast<double>());
+    double previous = first;
+    double lowest = 0.0, highest = 0.0;
+    for (const Eigen::Vector2f& p : points) {
+      const double angle = AngleOf(*arc, p.cast<double>());
+      travel += std::remainder(angle - previous, 2.0 * M_PI);
+      previous = angle;
+      lowest = std::min(lowest, travel);
+      highest = std::max(highest, travel);
+    }
+    arc->start_rad = first + lowest;
+    arc->sweep_rad = std::min(highest - lowest, 2.0 * M_PI);
+    return arc;
+  }
+  return std::nullopt;
+}
+
+double EllipseDistance(const EllipseArc& ellipse, const Eigen::Vector2d& point) {
+  const double c = std::cos(ellipse.angle_rad), s = std::sin(ellipse.angle_rad);
+  const Eigen::Vector2d q = point - ellipse.center;
+  const double u = (c * q.x() + s * q.y()) / ellipse.semi_major_px;
+  const double v = (-s * q.x() + c * q.y()) / ellipse.semi_minor_px;
+  const double radius = std::hypot(u, v);
+  if (radius < 1e-9) {
+    return ellipse.semi_minor_px;
+  }
+  // g = radius - 1 is homogeneous of degree one, so g / |grad g| is accurate near the curve.
+  const double slope = std::hypot(u / ellipse.semi_major_px, v / ellipse.semi_minor_px) / radius;
+  return std::abs(radius - 1.0) / slope;
+}
+
+double SpanOf(std::span<const Eigen::Vector2f> points, EllipseArc* arc) {
+  constexpr int kBins = 72;  // 5 degrees
+  std::array<bool, kBins> filled{};
+  for (const Eigen::Vector2f& p : points) {
+    const double turn = AngleOf(*arc, p.cast<double>()) / (2.0 * M_PI);
+    filled[static_cast<int>((turn - std::floor(turn)) * kBins) % kBins] = true;
+  }
+  int longest = 0, gap_end = 0, run = 0;
+  for (int k = 0; k < 2 * kBins; ++k) {
+    run = filled[k % kBins] ? 0 : run + 1;
+    if (run > longest && run <= kBins) {
+      longest = run;
+      gap_end = (k + 1) % kBins;
+    }
+  }
+  if (longest <= 2) {
+    longest = 0;  // closed up to the bin size
+  }
+  const double width = 2.0 * M_PI / kBins;
+  arc->start_rad = gap_end * width;
+  arc->sweep_rad = (kBins - longest) * width;
+  int covered = 0;
+  for (int k = 0; k < kBins - longest; ++k) {
+    const int bin = (gap_end + k) % kBins;
+    covered +=
+        filled[bin] || filled[(bin + 1) % kBins] || filled[(bin + kBins - 1) % kBins] ? 1 : 0;
+  }
+  return longest == kBins ? 0.0 : static_cast<double>(covered) / (kBins - longest);
+}
+
+}  // namespace horopter
