@@ -57,9 +57,10 @@ std::vector<JunctionPatch> SampleJunctionPatches(const cv::Mat& image,
                                                  const PatchShape& shape) {
   std::vector<JunctionPatch> patches(junctions.size());
   if (image.rows < 2 || image.cols < 2) return patches;
-  cv::Mat smooth = image;
-  if (image.channels() == 1) cv::cvtColor(image, smooth, cv::COLOR_GRAY2BGR);
-  cv::GaussianBlur(smooth, smooth, cv::Size(), 1.2);
+  // A copied cv::Mat shares its pixels: the blur must write into one of its own.
+  cv::Mat colour = image, smooth;
+  if (image.channels() == 1) cv::cvtColor(image, colour, cv::COLOR_GRAY2BGR);
+  cv::GaussianBlur(colour, smooth, cv::Size(), 1.2);
   for (size_t i = 0; i < junctions.size(); ++i) {
     const Eigen::Vector2d& p = junctions[i].point;
     const Eigen::Matrix2d A = shape ? shape(p) : Eigen::Matrix2d::Identity().eval();

@@ -135,6 +135,37 @@ TEST(MatchViews, ResultDoesNotDependOnThreadsOrRepetition) {
   for (size_t v = 0; v < 3; ++v) EXPECT_EQ(a.view_from_plane[v], b.view_from_plane[v]);
 }
 
+TEST(MatchViews, LeavesItsImagesAloneAndRepeatsItself) {
+  const SyntheticScene scene = Scene(2);
+  const cv::Mat texture = Texture(8, 20.0);
+  std::vector<cv::Mat> images, before;
+  std::vector<ImageFeatures> features;
+  for (int v = 0; v < 2; ++v) {
+    cv::Mat colour;
+    cv::cvtColor(Render(scene, v, texture, 1.0), colour, cv::COLOR_GRAY2BGR);
+    images.push_back(colour);
+    before.push_back(colour.clone());
+    ImageFeatures f;
+    f.width = colour.cols;
+    f.height = colour.rows;
+    for (int k = 0; k < 40; ++k) {
+      Junction junction;
+      junction.point = {40.0 + 14.0 * k, 60.0 + 9.0 * ((7 * k) % 40)};
+      f.junctions.push_back(junction);
+    }
+    features.push_back(f);
+  }
+  const auto a = MatchViews(images, features, {});
+  for (int v = 0; v < 2; ++v) EXPECT_EQ(cv::norm(images[v], before[v], cv::NORM_INF), 0.0);
+  const auto b = MatchViews(images, features, {});
+  ASSERT_TRUE(a.ok() && b.ok());
+  ASSERT_EQ(a->pairs[0].matches.size(), b->pairs[0].matches.size());
+  for (size_t k = 0; k < a->pairs[0].matches.size(); ++k) {
+    EXPECT_EQ(a->pairs[0].matches[k].junction_a, b->pairs[0].matches[k].junction_a);
+    EXPECT_EQ(a->pairs[0].matches[k].junction_b, b->pairs[0].matches[k].junction_b);
+  }
+}
+
 TEST(MatchViews, IdenticalImagesAreCountedAndShowNoParallax) {
   const SyntheticScene scene = Scene(1);
   const std::vector<cv::Mat> images(3, Render(scene, 0, Texture(3, 20.0), 1.0));
