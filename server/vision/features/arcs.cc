@@ -13,6 +13,7 @@ constexpr int kMinPoints = 14;
 constexpr double kMaxRmsPx = 0.6;
 constexpr double kMinSweep = M_PI / 3.0;
 constexpr double kMinSagittaPx = 2.0;
+constexpr double kStraightSagittaPx = 0.6;  // over 28 points: radius above 160 px
 constexpr double kMinSemiMinorPx = 2.5;
 constexpr double kMaxAspect = 8.0;
 constexpr double kMaxSemiMajorPx = 2000.0;
@@ -25,7 +26,7 @@ constexpr double kCornerCosine =
     0.3;  // a turn by over 70 degrees within 8 points ends a smooth piece
 constexpr double kMinJoinedCover = 0.75;  // of the joined sweep must be seen
 constexpr size_t kMaxCandidates = 1500;
-constexpr size_t kMaxFitPoints = 120;  // longer arcs are thinned for the fit
+constexpr size_t kMaxFitPoints = 60;  // longer arcs are thinned for the fit
 
 using Points = std::vector<Eigen::Vector2f>;
 
@@ -146,6 +147,11 @@ size_t Grow(const Eigen::Vector2f* begin, size_t available, std::optional<Ellips
 void FromSmoothPiece(const Eigen::Vector2f* begin, size_t count, std::vector<Candidate>* out) {
   size_t i = 0;
   while (i + kMinPoints <= count && out->size() < kMaxCandidates) {
+    const size_t window = std::min<size_t>(2 * kMinPoints, count - i);
+    if (Sagitta(begin + i, window) < kStraightSagittaPx) {
+      i += kMinPoints / 2;  // cheap way over straight parts
+      continue;
+    }
     std::optional<EllipseArc> arc;
     const size_t length = Grow(begin + i, count - i, &arc);
     if (length > 0 && arc->sweep_rad >= kMinSweep && Sagitta(begin + i, length) >= kMinSagittaPx &&
@@ -164,7 +170,8 @@ void FromChain(const EdgeChain& chain, std::vector<Candidate>* out) {
   const int n = static_cast<int>(p.size());
   if (n >= kMinPoints) {
     // The ends of a small flat ellipse turn as fast as a corner: take the chain as a whole first.
-    const std::optional<EllipseArc> whole = TryFit(p.data(), p.size());
+    const std::optional<EllipseArc> whole =
+        Sagitta(p.data(), p.size()) < kMinSagittaPx ? std::nullopt : TryFit(p.data(), p.size());
     if (whole && whole->sweep_rad > kSurelyRound) {
       out->push_back({*whole, Thin(p.data(), p.size())});
       return;

@@ -9,7 +9,7 @@ namespace {
 
 constexpr double kCellPx = 32.0;
 constexpr int kMaxRounds = 3;
-constexpr size_t kMaxJoinedSamples = 600;  // bounds the cost of long edges seen in all channels
+constexpr size_t kMaxJoinedSamples = 300;  // bounds the cost of long edges seen in all channels
 
 double Strength(const Segment& segment) {
   return segment.Length() * (segment.contrast + 1.0);
