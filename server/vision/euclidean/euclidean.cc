@@ -8,7 +8,7 @@
 #include <bit>
 #include <cmath>
 
-#include "server/vision/euclidean/plane_points.h"
+#include "server/vision/recognition/plane_points.h"
 #include "server/vision/euclidean/scene_costs.h"
 #include "server/vision/geometry/depth_buffer.h"
 #include "server/vision/recognition/edge_maps.h"

@@ -92,14 +92,6 @@ class NearestMap {
 
 }  // namespace
 
-int OrientationBin(float dx, float dy) {
-  // Comparisons with the tangents of the bin borders: called for every projected sample, atan2 would dominate.
-  const float ax = std::abs(dx), ay = std::abs(dy);
-  const int q = (ay > 0.19891237f * ax) + (ay > 0.66817864f * ax) + (ay > 1.49660576f * ax) +
-                (ay > 5.02733949f * ax);
-  return (dx < 0) == (dy < 0) ? q : (kOrientationBins - q) % kOrientationBins;
-}
-
 EdgeMaps BuildEdgeMaps(const ImageFeatures& features) {
   EdgeMaps maps;
   maps.working_from_image = features.width > EdgeMaps::kWorkingWidth

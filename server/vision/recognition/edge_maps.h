@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -44,8 +45,14 @@ struct EdgeMaps {
   float scale_f = 1.0f;
 };
 
-// Bin of a direction vector (sign does not matter, need not be of unit length).
-int OrientationBin(float dx, float dy);
+// Bin of a direction vector (sign does not matter, need not be of unit length). Comparisons with the tangents of the bin
+// borders: called for every projected sample, atan2 would dominate.
+inline int OrientationBin(float dx, float dy) {
+  const float ax = std::abs(dx), ay = std::abs(dy);
+  const int q = (ay > 0.19891237f * ax) + (ay > 0.66817864f * ax) + (ay > 1.49660576f * ax) +
+                (ay > 5.02733949f * ax);
+  return (dx < 0) == (dy < 0) ? q : (kOrientationBins - q) % kOrientationBins;
+}
 
 // Builds the maps from the chains and segments of an image. Linear in cells + points.
 EdgeMaps BuildEdgeMaps(const ImageFeatures& features);

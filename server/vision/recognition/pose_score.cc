@@ -44,25 +44,44 @@ int AspectOf(const PreparedObject& object, const FloatPose& pose) {
   return AspectIndex(pose.R.transpose() * -pose.t - object.center.cast<float>());
 }
 
+// Sizes the buffers to the projected bounding box plus a margin; false when nothing of it is in the image.
+bool FitScratch(const PreparedObject& object, const PinholeCamera& working, const Rigid3& pose, VerifyScratch* scratch) {
+  constexpr double kMargin = kExplainPx + 2;
+  double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
+  for (const auto& v : object.model.mesh.vertices) {
+    const Eigen::Vector3d p = pose * v;
+    if (p.z() < kMinDepth) return false;
+    const Eigen::Vector2d u = Project(working, p);
+    left = std::min(left, u.x()), right = std::max(right, u.x());
+    top = std::min(top, u.y()), bottom = std::max(bottom, u.y());
+  }
+  scratch->x0 = static_cast<int>(std::clamp(left - kMargin, 0.0, static_cast<double>(working.width)));
+  scratch->y0 = static_cast<int>(std::clamp(top - kMargin, 0.0, static_cast<double>(working.height)));
+  const int x1 = static_cast<int>(std::clamp(right + kMargin + 1, 0.0, static_cast<double>(working.width)));
+  const int y1 = static_cast<int>(std::clamp(bottom + kMargin + 1, 0.0, static_cast<double>(working.height)));
+  if (x1 <= scratch->x0 || y1 <= scratch->y0) return false;
+  DepthBuffer& depth = scratch->depth;
+  depth.width = x1 - scratch->x0;
+  depth.height = y1 - scratch->y0;
+  const std::size_t cells = static_cast<std::size_t>(depth.width) * depth.height;
+  depth.depth.assign(cells, DepthBuffer::kNoDepth);
+  scratch->model_mask.assign(cells, 0);
+  return true;
+}
+
 // Marks the cells around a visible model edge point, for its own and the neighbouring orientation bins.
-void MarkModelEdge(const EdgeMaps& maps, float x, float y, int bin, std::vector<std::uint8_t>* mask) {
+void MarkModelEdge(float x, float y, int bin, VerifyScratch* scratch) {
   const std::uint8_t bits = static_cast<std::uint8_t>(
       (1u << bin) | (1u << ((bin + 1) % kOrientationBins)) |
       (1u << ((bin + kOrientationBins - 1) % kOrientationBins)));
-  const int cx = static_cast<int>(std::lround(x));
-  const int cy = static_cast<int>(std::lround(y));
-  for (int v = std::max(0, cy - kExplainPx); v <= std::min(maps.height - 1, cy + kExplainPx); ++v) {
-    for (int u = std::max(0, cx - kExplainPx); u <= std::min(maps.width - 1, cx + kExplainPx); ++u) {
-      (*mask)[maps.Cell(u, v)] |= bits;
+  const int width = scratch->depth.width, height = scratch->depth.height;
+  const int cx = static_cast<int>(std::lround(x)) - scratch->x0;
+  const int cy = static_cast<int>(std::lround(y)) - scratch->y0;
+  for (int v = std::max(0, cy - kExplainPx); v <= std::min(height - 1, cy + kExplainPx); ++v) {
+    for (int u = std::max(0, cx - kExplainPx); u <= std::min(width - 1, cx + kExplainPx); ++u) {
+      scratch->model_mask[static_cast<std::size_t>(v) * width + u] |= bits;
     }
   }
-}
-
-bool InsideSilhouette(const DepthBuffer& depth, const Eigen::Vector2f& p) {
-  const int x = static_cast<int>(std::lround(p.x()));
-  const int y = static_cast<int>(std::lround(p.y()));
-  if (x < 0 || y < 0 || x >= depth.width || y >= depth.height) return false;
-  return depth.At(x, y) < DepthBuffer::kNoDepth;
 }
 
 }  // namespace
@@ -93,11 +112,13 @@ float QuickScore(const PreparedObject& object,
   const float width = static_cast<float>(camera.width), height = static_cast<float>(camera.height);
   float sum = 0;
   int inside = 0, outside = 0;
-  // Two passes: every fourth sample of every edge first, so that a bad pose is left early.
-  for (int pass = 0; pass < 2; ++pass) {
+  // Every sixteenth sample of every edge first, then every fourth, then all: a bad pose is left early.
+  constexpr std::uint64_t kSixteenth = 0x0001000100010001ull, kFourth = 0x1111111111111111ull;
+  constexpr std::uint64_t kMasks[3] = {kSixteenth, kFourth & ~kSixteenth, ~kFourth};
+  constexpr float kFirstLook = 0.6f;  // share of give_up that a sixteenth of the samples must reach
+  for (int pass = 0; pass < 3; ++pass) {
     for (int w = 0; w < object.words; ++w) {
-      constexpr std::uint64_t kEveryFourth = 0x1111111111111111ull;
-      std::uint64_t word = bits[w] & (pass == 0 ? kEveryFourth : ~kEveryFourth);
+      std::uint64_t word = bits[w] & kMasks[pass];
       while (word != 0) {
         const EdgeSample& s = object.samples[w * 64 + std::countr_zero(word)];
         word &= word - 1;
@@ -117,10 +138,11 @@ float QuickScore(const PreparedObject& object,
         sum += std::max(0.0f, 1.0f - d * inverse_reach);
       }
     }
-    if (inside < 4 || outside * 3 > inside * 2) return 0.0f;
-    if (pass == 0 && sum < give_up * static_cast<float>(inside)) break;
+    if (pass == 0 && sum < kFirstLook * give_up * static_cast<float>(inside)) break;
+    if (pass > 0 && (inside < 4 || outside * 3 > inside * 2)) return 0.0f;
+    if (pass == 1 && sum < give_up * static_cast<float>(inside)) break;
   }
-  return sum / static_cast<float>(inside);
+  return inside > 0 ? sum / static_cast<float>(inside) : 0.0f;
 }
 
 PinholeCamera WorkingCamera(const PinholeCamera& camera, const EdgeMaps& maps) {
@@ -138,22 +160,21 @@ EdgeSupport VerifyPose(const PreparedObject& object,
   EdgeSupport support;
   const EdgeMaps& maps = view.maps;
   const PinholeCamera working = WorkingCamera(camera, maps);
-  DepthBuffer& depth = scratch->depth;
-  if (depth.width != maps.width || depth.height != maps.height) {
-    depth = MakeDepthBuffer(maps.width, maps.height);
-  } else {
-    ClearDepth(&depth);
-  }
-  RenderDepth(object.model.mesh, working, camera_from_object, &depth);
-  scratch->model_mask.assign(static_cast<std::size_t>(maps.width) * maps.height, 0);
+  if (explained_segments != nullptr) explained_segments->assign(view.segment_samples.size(), 0);
+  if (!FitScratch(object, working, camera_from_object, scratch)) return support;
+  const DepthBuffer& depth = scratch->depth;
+  const Eigen::Vector2d origin(scratch->x0, scratch->y0);
+  PinholeCamera shifted = working;
+  shifted.cx -= scratch->x0;
+  shifted.cy -= scratch->y0;
+  RenderDepth(object.model.mesh, shifted, camera_from_object, &scratch->depth);
 
   const double tolerance = kHiddenTolerance * object.model.diameter_m;
   const std::size_t cells = static_cast<std::size_t>(maps.width) * maps.height;
   for (const EdgeSample& s : object.samples) {
     const Eigen::Vector3d p = camera_from_object * s.point.cast<double>();
-    if (p.z() < kMinDepth) return {};
     const Eigen::Vector2d u = Project(working, p);
-    if (!IsVisible(depth, u, p.z(), tolerance)) continue;
+    if (!IsVisible(depth, u - origin, p.z(), tolerance)) continue;
     const Eigen::Vector3d q = camera_from_object.R * s.tangent.cast<double>();
     const Eigen::Vector2d along(q.x() * p.z() - p.x() * q.z(), q.y() * p.z() - p.y() * q.z());
     const double length =
@@ -166,7 +187,7 @@ EdgeSupport VerifyPose(const PreparedObject& object,
     const int cx = std::clamp(static_cast<int>(std::lround(u.x())), 0, maps.width - 1);
     const int cy = std::clamp(static_cast<int>(std::lround(u.y())), 0, maps.height - 1);
     support.visible += length;
-    MarkModelEdge(maps, static_cast<float>(u.x()), static_cast<float>(u.y()), bin, &scratch->model_mask);
+    MarkModelEdge(static_cast<float>(u.x()), static_cast<float>(u.y()), bin, scratch);
     const std::int32_t nearest = maps.nearest[cells * bin + maps.Cell(cx, cy)];
     if (nearest < 0) continue;
     const EdgePoint& e = maps.points[nearest];
@@ -176,23 +197,23 @@ EdgeSupport VerifyPose(const PreparedObject& object,
     if (off.norm() < kSupportPx && turn < kSupportRad) support.supported += length;
   }
 
-  if (explained_segments != nullptr) explained_segments->assign(view.segment_samples.size(), 0);
+  support.segments = ViewEvidence::kSegmentSampleStep * static_cast<double>(view.segment_samples.size());
   for (std::size_t i = 0; i < view.segment_samples.size(); ++i) {
     const SegmentSample& s = view.segment_samples[i];
-    support.segments += ViewEvidence::kSegmentSampleStep;
-    const int x = std::clamp(static_cast<int>(std::lround(s.point.x())), 0, maps.width - 1);
-    const int y = std::clamp(static_cast<int>(std::lround(s.point.y())), 0, maps.height - 1);
-    const bool explained = scratch->model_mask[maps.Cell(x, y)] >> s.bin & 1;
+    const int x = static_cast<int>(std::lround(s.point.x())) - scratch->x0;
+    const int y = static_cast<int>(std::lround(s.point.y())) - scratch->y0;
+    if (x < 0 || y < 0 || x >= depth.width || y >= depth.height) continue;
+    const bool explained = scratch->model_mask[static_cast<std::size_t>(y) * depth.width + x] >> s.bin & 1;
     if (explained) {
       support.all_explained += ViewEvidence::kSegmentSampleStep;
       if (explained_segments != nullptr) (*explained_segments)[i] = 1;
-    }
-    if (explained || InsideSilhouette(depth, s.point)) {
+    } else {
+      if (!(depth.At(x, y) < DepthBuffer::kNoDepth)) continue;
       // What another object hides asks for no explanation by this one.
-      if (!explained && occluders != nullptr && occluders->At(x, y) < depth.At(x, y)) continue;
-      support.inside += ViewEvidence::kSegmentSampleStep;
-      if (explained) support.explained += ViewEvidence::kSegmentSampleStep;
+      if (occluders != nullptr && occluders->At(x + scratch->x0, y + scratch->y0) < depth.At(x, y)) continue;
     }
+    support.inside += ViewEvidence::kSegmentSampleStep;
+    if (explained) support.explained += ViewEvidence::kSegmentSampleStep;
   }
   return support;
 }

@@ -14,8 +14,8 @@
 namespace horopter {
 
 // Mean support (0..1) of the samples visible in the nearest aspect: 1 on an edge of like orientation, falling
-// linearly to 0 at `reach_px` working pixels. Gives up and returns the partial mean when the first quarter of the
-// samples scores below `give_up`. Poses of which less than 60 % lies inside the image, or behind the camera, score 0.
+// linearly to 0 at `reach_px` working pixels. Gives up and returns the partial mean when the first sixteenth or
+// quarter of the samples scores too far below `give_up`. Poses of which less than 60 % lies inside the image, or behind the camera, score 0.
 float QuickScore(const PreparedObject& object,
                  const EdgeMaps& maps,
                  const PinholeCamera& camera,
@@ -44,8 +44,10 @@ double SilhouetteF1(const EdgeSupport& support);
 // The same with R over the whole image: right when the part is alone in the image.
 double WholeImageF1(const EdgeSupport& support);
 
-// Reusable buffers of Verify, one per thread.
+// Reusable buffers of VerifyPose, one per thread. They cover the cells around the object only, from (x0, y0).
 struct VerifyScratch {
+  int x0 = 0;
+  int y0 = 0;
   DepthBuffer depth;
   std::vector<std::uint8_t> model_mask;  // per cell: bit b = a visible model edge of orientation bin b is near
 };

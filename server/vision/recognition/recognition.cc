@@ -53,7 +53,10 @@ void FindAllViewHypotheses(JointContext* context) {
   std::vector<std::vector<ImagePath>> paths(views);
   ViewHypothesisOptions options;
   for (int v = 0; v < views; ++v) {
-    paths[v] = FindImagePaths(*context->views[v].features, context->views[v].maps.working_from_image,
+    const auto& flags = context->matching->segment_on_plane;
+    paths[v] = FindImagePaths(*context->views[v].features,
+                              v < static_cast<int>(flags.size()) ? flags[v] : std::vector<bool>{},
+                              context->views[v].maps.working_from_image,
                               options.max_paths);
   }
   context->hypotheses.assign(views, std::vector<ViewHypotheses>(objects));
@@ -90,6 +93,7 @@ SceneModel Expand(const JointContext& context, SceneModel scene, bool thorough, 
     Consolidate(context, options, std::move(placements), &scene);
     if (scene.objects.empty()) break;
     RefineScene(context, {}, &scene);
+    DropContradictedViews(context, &scene);
     if (RegisterMissingViews(context, &scene) > 0) RefineScene(context, {}, &scene);
     VerifyScratch scratch;
     scene.gain = 0.0;
@@ -99,6 +103,23 @@ SceneModel Expand(const JointContext& context, SceneModel scene, bool thorough, 
     }
   }
   return scene;
+}
+
+// Expands the best distinct seeds with the verified hypotheses only and returns the scene that explains most.
+SceneModel BestExpansion(const JointContext& context, const std::vector<SceneModel>& seeds) {
+  std::vector<SceneModel> distinct;
+  for (const SceneModel& s : seeds) {
+    if (static_cast<int>(distinct.size()) >= kExpandedSeeds) break;
+    if (std::none_of(distinct.begin(), distinct.end(), [&](const SceneModel& d) { return SameSeed(context, d, s); })) {
+      distinct.push_back(s);
+    }
+  }
+  std::vector<SceneModel> expanded(distinct.size());
+  ParallelFor(static_cast<int>(distinct.size()), context.options.threads,
+              [&](int i) { expanded[i] = Expand(context, distinct[i], false, nullptr); });
+  const auto best = std::max_element(expanded.begin(), expanded.end(),
+                                     [](const auto& x, const auto& y) { return x.gain < y.gain; });
+  return best == expanded.end() ? SceneModel{} : *best;
 }
 
 RecognitionResult ToResult(const JointContext& context, const SceneModel& scene,
@@ -156,25 +177,22 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   JointContext context = MakeContext(input, options, stop);
   FindAllViewHypotheses(&context);
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during view hypotheses");
-  std::vector<SceneModel> seeds = LinkSeeds(context);
-  if (IsStopRequested(stop)) return absl::CancelledError("stopped while views were linked");
-
-  std::vector<SceneModel> distinct;
-  for (SceneModel& s : seeds) {
-    if (static_cast<int>(distinct.size()) >= kExpandedSeeds) break;
-    if (std::none_of(distinct.begin(), distinct.end(), [&](const SceneModel& d) { return SameSeed(context, d, s); })) {
-      distinct.push_back(std::move(s));
-    }
+  SceneModel start;
+  std::size_t seed_count = 0;
+  for (const bool through_plane : {true, false}) {
+    const std::vector<SceneModel> seeds = LinkSeeds(context, through_plane);
+    if (IsStopRequested(stop)) return absl::CancelledError("stopped while views were linked");
+    seed_count += seeds.size();
+    start = BestExpansion(context, seeds);
+    if (!start.objects.empty()) break;
   }
-  std::vector<SceneModel> expanded(distinct.size());
-  ParallelFor(static_cast<int>(distinct.size()), options.threads,
-              [&](int i) { expanded[i] = Expand(context, distinct[i], false, nullptr); });
-  const auto best = std::max_element(expanded.begin(), expanded.end(),
-                                     [](const auto& x, const auto& y) { return x.gain < y.gain; });
   std::vector<PlacedObject> verified;
   SceneModel scene;
   scene.views.resize(input.features.size());
-  if (best != expanded.end() && !best->objects.empty()) scene = Expand(context, *best, true, &verified);
+  if (!start.objects.empty()) {
+    scene = Expand(context, start, true, &verified);
+    if (scene.gain < start.gain) scene = std::move(start);
+  }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the joint search");
 
   result = ToResult(context, scene, verified);
@@ -187,13 +205,13 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     }
   }
   result.counts["view_hypotheses"] = hypotheses;
-  result.counts["seeds"] = static_cast<double>(seeds.size());
+  result.counts["seeds"] = static_cast<double>(seed_count);
   result.counts["placements"] = static_cast<double>(verified.size());
   result.counts["objects"] = static_cast<double>(result.objects.size());
   result.counts["views"] = scene.registered();
   if (result.objects.empty()) {
     result.state = RecognitionState::kNothingFound;
-    result.detail = absl::StrCat(seeds.size(), " linked hypotheses, none with a joint score of ",
+    result.detail = absl::StrCat(seed_count, " linked hypotheses, none with a joint score of ",
                                  options.accept_score);
     return result;
   }

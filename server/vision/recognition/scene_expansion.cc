@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/pose_refine.h"
 #include "server/vision/recognition/scene_refine.h"
 #include "server/vision/recognition/view_linking.h"
@@ -16,6 +17,7 @@ constexpr double kSameTurnRad = 0.12;
 // A plane is shared by objects whose stable plane agrees within these.
 constexpr double kPlaneCos = 0.9945;  // 6 degrees
 constexpr double kPlaneOffsetM = 0.008;
+constexpr int kMinPlaneMatches = 20;
 constexpr double kMinRawScore = 0.35;  // placements below are not worth keeping
 
 std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel& scene) {
@@ -132,6 +134,18 @@ double HeightAbovePlane(const PreparedObject& object, const Rigid3& scene_from_o
   return lowest;
 }
 
+std::optional<ScenePlane> PlaneFromMatches(const JointContext& context,
+                                           const std::vector<std::optional<RecognizedView>>& views) {
+  const PlanePoints points = FindPlanePoints(*context.matching, views);
+  if (static_cast<int>(points.matches.size()) < kMinPlaneMatches) return std::nullopt;
+  // plane.(X - anchor) = -1: the normal points from the plane to the anchor, the mean camera centre.
+  ScenePlane plane;
+  const double norm = points.plane.norm();
+  plane.normal = points.plane / norm;
+  plane.offset_m = plane.normal.dot(points.anchor) - 1.0 / norm;
+  return plane;
+}
+
 std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
                                            const std::vector<std::optional<RecognizedView>>& views,
                                            std::span<const PlacedObject> placements,
@@ -203,7 +217,8 @@ void Consolidate(const JointContext& context,
                  SceneModel* scene) {
   scene->objects.clear();
   scene->gain = 0.0;
-  scene->plane = FindSupportPlane(context, scene->views, candidates, options);
+  scene->plane = PlaneFromMatches(context, scene->views);
+  if (!scene->plane) scene->plane = FindSupportPlane(context, scene->views, candidates, options);
   std::vector<DepthBuffer> occluders;
   for (const ViewEvidence& view : context.views) occluders.push_back(MakeDepthBuffer(view.maps.width, view.maps.height));
   VerifyScratch scratch;

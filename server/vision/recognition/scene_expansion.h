@@ -32,6 +32,10 @@ void Consolidate(const JointContext& context,
                  std::vector<PlacedObject> candidates,
                  SceneModel* scene);
 
+// The supporting plane from the matched points of its texture; empty with fewer than 20 that agree.
+std::optional<ScenePlane> PlaneFromMatches(const JointContext& context,
+                                           const std::vector<std::optional<RecognizedView>>& views);
+
 // Plane on which the best placements that do not share space rest in stable poses, at least two of them; empty
 // otherwise (a single part has several stable poses that its image does not tell apart).
 std::optional<ScenePlane> FindSupportPlane(const JointContext& context,

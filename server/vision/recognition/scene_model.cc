@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 
 namespace horopter {
 namespace {
@@ -12,7 +13,29 @@ constexpr double kMissingPrice = 1.5;
 constexpr double kUnexplainedPrice = 0.5;
 constexpr double kFootprintTouch = 0.006;  // share of the diameter
 
+// Views in which less is predicted to be visible (working pixels) have no say.
+constexpr double kMinVisible = 40.0;
+// Floor of a view's F1 in the geometric mean: one view hidden by something unknown must not decide alone.
+constexpr double kViewFloor = 0.12;
+
 }  // namespace
+
+double JointScore(std::span<const EdgeSupport> support, const std::vector<std::optional<RecognizedView>>& views) {
+  int registered = 0, seen = 0, hidden = 0;
+  double log_sum = 0.0;
+  for (std::size_t v = 0; v < support.size(); ++v) {
+    if (!views[v]) continue;
+    ++registered;
+    if (support[v].visible >= kMinVisible) {
+      ++seen;
+      log_sum += std::log(std::max(kViewFloor, SilhouetteF1(support[v])));
+    } else if (support[v].hidden_by_others > 0) {
+      ++hidden;
+    }
+  }
+  if (seen == 0 || (registered >= 2 && seen < 2) || 3 * (seen + hidden) < 2 * registered) return 0.0;
+  return std::exp(log_sum / seen);
+}
 
 double SupportGain(const EdgeSupport& s) {
   return s.supported - kMissingPrice * (s.visible - s.supported) -
@@ -37,7 +60,7 @@ void EvaluatePlacement(const JointContext& context,
                                     scratch);
     placed->total += placed->support[v];
   }
-  placed->score = SilhouetteF1(placed->total);
+  placed->score = JointScore(placed->support, views);
   placed->gain = SupportGain(placed->total);
 }
 

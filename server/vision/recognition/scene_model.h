@@ -24,7 +24,7 @@ struct PlacedObject {
   Rigid3 scene_from_object;
   std::vector<EdgeSupport> support;  // per view, zero where the view is not registered
   EdgeSupport total;
-  double score = 0.0;  // pooled silhouette F1
+  double score = 0.0;  // see JointScore
   double gain = 0.0;   // see SupportGain
 };
 
@@ -55,6 +55,11 @@ struct JointContext {
 // Description-length gain of an object in working pixels: edges it explains minus what it predicts in vain and what it
 // leaves unexplained inside its silhouette. Positive for poses that are more right than wrong.
 double SupportGain(const EdgeSupport& support);
+
+// Geometric mean of the silhouette F1 over the views in which the object should be seen; 0 when it lies outside the
+// image in most registered views, or is seen in one of several only: wrong cameras push objects out of the images
+// that contradict them.
+double JointScore(std::span<const EdgeSupport> support, const std::vector<std::optional<RecognizedView>>& views);
 
 // Verifies a placed object in every registered view. occluders: one depth buffer per view (empty: none).
 void EvaluatePlacement(const JointContext& context,

@@ -15,6 +15,9 @@ constexpr double kMinPathVisible = 0.45;
 // Ends that are no junction make a path less likely to end at a model vertex.
 constexpr double kFreeEndFactor = 0.55;
 
+// A corner of two edges on the table is texture or shadow more often than the foot of a part.
+constexpr double kOnPlaneFactor = 0.4;
+
 struct PooledPose {
   float score;
   Rigid3 pose;
@@ -80,7 +83,10 @@ std::vector<PooledPose> CollectPool(const PreparedObject& object,
 
 }  // namespace
 
-std::vector<ImagePath> FindImagePaths(const ImageFeatures& features, double working_from_image, int max_paths) {
+std::vector<ImagePath> FindImagePaths(const ImageFeatures& features,
+                                      const std::vector<bool>& on_plane,
+                                      double working_from_image,
+                                      int max_paths) {
   std::vector<std::vector<int>> junction_at(features.segments.size(), std::vector<int>(2, -1));
   for (int j = 0; j < static_cast<int>(features.junctions.size()); ++j) {
     for (const Junction::End& end : features.junctions[j].ends) {
@@ -110,6 +116,9 @@ std::vector<ImagePath> FindImagePaths(const ImageFeatures& features, double work
         const double lc = (path.c - path.b).norm() * working_from_image;
         if (la < 6 || lc < 6) continue;
         path.rank = std::sqrt(la * lc) * (a_junction ? 1.0 : kFreeEndFactor) * (c_junction ? 1.0 : kFreeEndFactor);
+        if (!on_plane.empty() && on_plane[junction.ends[i].segment] && on_plane[junction.ends[k].segment]) {
+          path.rank *= kOnPlaneFactor;
+        }
         paths.push_back(path);
       }
     }

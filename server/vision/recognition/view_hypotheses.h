@@ -21,7 +21,11 @@ struct ImagePath {
 };
 
 // The image's paths, best rank first, at most max_paths. Segments in fine texture take no part.
-std::vector<ImagePath> FindImagePaths(const ImageFeatures& features, double working_from_image, int max_paths);
+// on_plane (empty or one per segment): segments that lie on the supporting plane; paths of two such rank low.
+std::vector<ImagePath> FindImagePaths(const ImageFeatures& features,
+                                      const std::vector<bool>& on_plane,
+                                      double working_from_image,
+                                      int max_paths);
 
 // The up to two poses in which a weak-perspective view, corrected to full perspective, shows the model path along the
 // image path. `reversed` matches the image's a with the model's c.
@@ -36,7 +40,7 @@ PathPoses PosesFromPath(const ObjectModel& model,
                         const ImagePath& image_path);
 
 struct ViewHypothesisOptions {
-  int max_paths = 700;          // image paths tried; more: slower, finds smaller and more hidden parts
+  int max_paths = 450;          // image paths tried; more: slower, finds smaller and more hidden parts
   float quick_reach_px = 6.0f;  // working pixels
   float give_up = 0.25f;        // mean support of the first quarter below which a pose is dropped
   int pool = 600;               // poses kept by quick score before non-maximum suppression

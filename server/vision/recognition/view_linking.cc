@@ -171,6 +171,17 @@ SceneModel ToScene(const JointContext& context, int object, const std::vector<Li
   return scene;
 }
 
+// Summed gain of the scene's objects in one view under a camera.
+double ViewGain(const JointContext& context, const SceneModel& scene, int v, const RecognizedView& view,
+                VerifyScratch* scratch) {
+  double gain = 0.0;
+  for (const PlacedObject& o : scene.objects) {
+    gain += SupportGain(VerifyPose(*context.objects[o.object], context.views[v], view.camera,
+                                   view.camera_from_scene * o.scene_from_object, nullptr, scratch));
+  }
+  return gain;
+}
+
 }  // namespace
 
 void ParallelFor(int n, int threads, const std::function<void(int)>& f) {
@@ -226,7 +237,7 @@ std::optional<PlaneCamera> CameraFromPlane(const Eigen::Matrix3d& M, const Pinho
   return out;
 }
 
-std::vector<SceneModel> LinkSeeds(const JointContext& context) {
+std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plane) {
   std::vector<ViewHypothesis> seeds;
   for (const auto& view : context.hypotheses) {
     std::vector<ViewHypothesis> of_view;
@@ -248,17 +259,26 @@ std::vector<SceneModel> LinkSeeds(const JointContext& context) {
     Linker linker(context, seed.object);
     VerifyScratch scratch;
     std::vector<std::vector<Link>> alternatives;
-    std::vector<Link> alone(context.views.size());
-    alone[seed.view] = {seed.camera, seed.camera_from_object, seed.score};
-    alternatives.push_back(alone);
+    bool has_mate = false;
+    for (int j = 0; j < static_cast<int>(context.views.size()); ++j) {
+      has_mate = has_mate || (j != seed.view && PlaneTransfer(*context.matching, seed.view, j).has_value());
+    }
+    if (has_mate != through_plane) return;
     const Eigen::Vector3d to_camera =
         (seed.camera_from_object.R.transpose() * -seed.camera_from_object.t - object.center).normalized();
     for (const StablePose& stable : object.stable_poses) {
-      if (stable.up.dot(to_camera) < kMinElevationSine) continue;
-      alternatives.push_back(linker.ThroughPlane(seed, stable, &scratch));
+      if (!has_mate || stable.up.dot(to_camera) < kMinElevationSine) continue;
+      std::vector<Link> links = linker.ThroughPlane(seed, stable, &scratch);
+      const auto linked = std::count_if(links.begin(), links.end(), [](const Link& l) { return l.score >= 0; });
+      if (linked >= 2) alternatives.push_back(std::move(links));
     }
-    for (std::vector<Link>& links : alternatives) {
-      linker.ThroughHypotheses(seed, &links);
+    if (!has_mate) {
+      std::vector<Link> alone(context.views.size());
+      alone[seed.view] = {seed.camera, seed.camera_from_object, seed.score};
+      linker.ThroughHypotheses(seed, &alone);
+      alternatives.push_back(std::move(alone));
+    }
+    for (const std::vector<Link>& links : alternatives) {
       scenes[i].push_back(ToScene(context, seed.object, links, &scratch));
     }
     std::stable_sort(scenes[i].begin(), scenes[i].end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
@@ -270,6 +290,17 @@ std::vector<SceneModel> LinkSeeds(const JointContext& context) {
   }
   std::stable_sort(out.begin(), out.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
   return out;
+}
+
+int DropContradictedViews(const JointContext& context, SceneModel* scene) {
+  int dropped = 0;
+  VerifyScratch scratch;
+  for (int v = 0; v < static_cast<int>(scene->views.size()) && scene->registered() > 2; ++v) {
+    if (!scene->views[v] || ViewGain(context, *scene, v, *scene->views[v], &scratch) > 0) continue;
+    scene->views[v].reset();
+    ++dropped;
+  }
+  return dropped;
 }
 
 int RegisterMissingViews(const JointContext& context, SceneModel* scene) {
@@ -286,11 +317,7 @@ int RegisterMissingViews(const JointContext& context, SceneModel* scene) {
         for (const Rigid3& s : context.objects[placed.object]->model.symmetries) poses.push_back(poses[0] * s);
         for (const Rigid3& pose : poses) {
           const RecognizedView view{hypotheses[i].camera, pose * placed.scene_from_object.Inverse()};
-          double gain = 0.0;
-          for (const PlacedObject& other : scene->objects) {
-            gain += SupportGain(VerifyPose(*context.objects[other.object], context.views[v], view.camera,
-                                           view.camera_from_scene * other.scene_from_object, nullptr, &scratch));
-          }
+          const double gain = ViewGain(context, *scene, v, view, &scratch);
           if (gain > best_gain) {
             best_gain = gain;
             best = view;

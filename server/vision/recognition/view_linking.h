@@ -22,12 +22,17 @@ std::optional<PlaneCamera> CameraFromPlane(const Eigen::Matrix3d& M, const Pinho
 std::optional<Eigen::Matrix3d> PlaneTransfer(const MatchingResult& matching, int a, int b);
 
 // Scene hypotheses of one placed object each, best gain first: every seed is a hypothesis of one view, continued into
-// the other views by the plane homography and by that view's own hypotheses of the same object.
-std::vector<SceneModel> LinkSeeds(const JointContext& context);
+// the other views by the plane homography (through_plane: seeds of views that have one) or by those views' own
+// hypotheses of the same object (seeds of the other views). Links through the plane are the surer ones: a texture that
+// repeats can fit a part in every single view.
+std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plane);
 
-// Adds views that are not registered yet: resects them from the placed objects' hypotheses in those views or through
-// the plane. Returns the number of views added.
+// Adds views that are not registered yet: resects them from the placed objects' hypotheses in those views. Returns the
+// number of views added.
 int RegisterMissingViews(const JointContext& context, SceneModel* scene);
+
+// Removes views in which the placed objects together predict more wrong than right, as long as more than two remain.
+int DropContradictedViews(const JointContext& context, SceneModel* scene);
 
 // A hypothesis moved to another focal length: the depth scales with it, the image stays.
 Rigid3 WithFocal(const Rigid3& camera_from_object, double old_focal, double new_focal);

@@ -1,4 +1,4 @@
-#include "server/vision/euclidean/plane_points.h"
+#include "server/vision/recognition/plane_points.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
