@@ -124,6 +124,18 @@ bool RestsOn(const PreparedObject& object, const Rigid3& scene_from_object, cons
   });
 }
 
+// Share of what `explained` holds that is taken already; 0 when it holds nothing.
+double SharedEdges(const ExplainedSegments& explained, const ExplainedSegments& taken) {
+  int own = 0, shared = 0;
+  for (std::size_t v = 0; v < explained.size(); ++v) {
+    for (std::size_t i = 0; i < explained[v].size(); ++i) {
+      own += explained[v][i];
+      shared += explained[v][i] & taken[v][i];
+    }
+  }
+  return own > 0 ? static_cast<double>(shared) / own : 0.0;
+}
+
 }  // namespace
 
 double HeightAbovePlane(const PreparedObject& object, const Rigid3& scene_from_object, const ScenePlane& plane) {
@@ -222,6 +234,8 @@ void Consolidate(const JointContext& context,
   std::vector<DepthBuffer> occluders;
   for (const ViewEvidence& view : context.views) occluders.push_back(MakeDepthBuffer(view.maps.width, view.maps.height));
   VerifyScratch scratch;
+  ExplainedSegments explained, taken;
+  for (const ViewEvidence& view : context.views) taken.emplace_back(view.segment_samples.size(), 0);
   std::vector<bool> stale(candidates.size(), false);
   std::vector<bool> dead(candidates.size(), false);
   auto acceptable = [&](const PlacedObject& p) {
@@ -236,14 +250,24 @@ void Consolidate(const JointContext& context,
     for (int i = 0; i < static_cast<int>(candidates.size()); ++i) {
       if (dead[i]) continue;
       if (stale[i]) {
-        EvaluatePlacement(context, scene->views, occluders, &scratch, &candidates[i]);
+        EvaluatePlacement(context, scene->views, occluders, &scratch, &candidates[i], &explained);
         stale[i] = false;
+        // One scene feature serves one object.
+        if (SharedEdges(explained, taken) > options.max_shared_edges) {
+          dead[i] = true;
+          continue;
+        }
       }
       if (!acceptable(candidates[i])) continue;
       if (best < 0 || Priority(candidates[i]) > Priority(candidates[best])) best = i;
     }
     if (best < 0) break;
     const PlacedObject accepted = candidates[best];
+    PlacedObject again = accepted;
+    EvaluatePlacement(context, scene->views, occluders, &scratch, &again, &explained);
+    for (std::size_t v = 0; v < taken.size(); ++v) {
+      for (std::size_t i = 0; i < explained[v].size(); ++i) taken[v][i] |= explained[v][i];
+    }
     const PreparedObject& object = *context.objects[accepted.object];
     scene->objects.push_back(accepted);
     scene->gain += accepted.gain;

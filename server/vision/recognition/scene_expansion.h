@@ -16,6 +16,7 @@ struct ExpansionOptions {
   double off_plane_score = 0.78; // of objects that rest on nothing we know
   double plane_tolerance_m = 0.006;
   double max_shared_volume = 0.08;
+  double max_shared_edges = 0.5;     // share of an object's explained edges that accepted objects explain already
   int plane_voters = 40;            // best placements that vote for the plane
 };
 

@@ -46,10 +46,12 @@ void EvaluatePlacement(const JointContext& context,
                        const std::vector<std::optional<RecognizedView>>& views,
                        std::span<const DepthBuffer> occluders,
                        VerifyScratch* scratch,
-                       PlacedObject* placed) {
+                       PlacedObject* placed,
+                       ExplainedSegments* explained) {
   const PreparedObject& object = *context.objects[placed->object];
   placed->support.assign(views.size(), {});
   placed->total = {};
+  if (explained != nullptr) explained->assign(views.size(), {});
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!views[v]) continue;
     placed->support[v] = VerifyPose(object,
@@ -57,7 +59,8 @@ void EvaluatePlacement(const JointContext& context,
                                     views[v]->camera,
                                     views[v]->camera_from_scene * placed->scene_from_object,
                                     occluders.empty() ? nullptr : &occluders[v],
-                                    scratch);
+                                    scratch,
+                                    explained == nullptr ? nullptr : &(*explained)[v]);
     placed->total += placed->support[v];
   }
   placed->score = JointScore(placed->support, views);

@@ -61,12 +61,17 @@ double SupportGain(const EdgeSupport& support);
 // that contradict them.
 double JointScore(std::span<const EdgeSupport> support, const std::vector<std::optional<RecognizedView>>& views);
 
-// Verifies a placed object in every registered view. occluders: one depth buffer per view (empty: none).
+// One byte per segment sample of every view: 1 where an object explains it.
+using ExplainedSegments = std::vector<std::vector<std::uint8_t>>;
+
+// Verifies a placed object in every registered view. occluders: one depth buffer per view (empty: none). explained: if
+// not null, receives what the object explains.
 void EvaluatePlacement(const JointContext& context,
                        const std::vector<std::optional<RecognizedView>>& views,
                        std::span<const DepthBuffer> occluders,
                        VerifyScratch* scratch,
-                       PlacedObject* placed);
+                       PlacedObject* placed,
+                       ExplainedSegments* explained = nullptr);
 
 // Up to 8 points of the object that touch the plane of a stable pose (object frame): its footprint.
 std::vector<Eigen::Vector3d> Footprint(const PreparedObject& object, const StablePose& pose);

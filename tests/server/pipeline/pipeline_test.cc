@@ -1,0 +1,69 @@
+#include "server/pipeline/pipeline.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/support/synthetic_part.h"
+
+namespace horopter {
+namespace {
+
+CatalogSnapshot OnePart() { return {1, {PrepareCatalogObject(LBracket()).value()}}; }
+
+SceneRequest Images(const std::vector<cv::Mat>& images) {
+  SceneRequest request;
+  request.images = images;
+  return request;
+}
+
+TEST(RecognizeScene, BadRequestsNameTheField) {
+  const CatalogSnapshot catalog = OnePart();
+  const cv::Mat image(120, 160, CV_8UC3, cv::Scalar(90, 90, 90));
+  EXPECT_EQ(RecognizeScene({}, catalog, {}).status().code(), absl::StatusCode::kInvalidArgument);
+  const auto deep = RecognizeScene(Images({image, cv::Mat(120, 160, CV_16UC1, cv::Scalar(0))}), catalog, {});
+  EXPECT_EQ(deep.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(std::string(deep.status().message()).find("images[1]"), std::string::npos);
+  SceneRequest hints = Images({image});
+  hints.hints.resize(2);
+  EXPECT_EQ(RecognizeScene(hints, catalog, {}).status().code(), absl::StatusCode::kInvalidArgument);
+  SceneRequest unknown = Images({image});
+  unknown.candidates = {"nobody"};
+  const auto missing = RecognizeScene(unknown, catalog, {});
+  EXPECT_EQ(missing.status().code(), absl::StatusCode::kNotFound);
+  EXPECT_NE(std::string(missing.status().message()).find("nobody"), std::string::npos);
+  SceneRequest reference = Images({image});
+  reference.reference = ReferenceObject{"nobody", {}};
+  EXPECT_EQ(RecognizeScene(reference, catalog, {}).status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST(RecognizeScene, BlankImagesAndEmptyCatalogsAreStatesNotErrors) {
+  const cv::Mat image(120, 160, CV_8UC3, cv::Scalar(90, 90, 90));
+  const auto blank = RecognizeScene(Images({image, image}), OnePart(), {});
+  ASSERT_TRUE(blank.ok()) << blank.status();
+  EXPECT_EQ(blank->answer.state, SceneState::kTooFewFeatures);
+  EXPECT_TRUE(blank->answer.objects.empty());
+  EXPECT_EQ(blank->answer.cameras.size(), 2u);
+  const auto empty = RecognizeScene(Images({image}), {}, {});
+  ASSERT_TRUE(empty.ok());
+  EXPECT_EQ(empty->answer.state, SceneState::kEmptyCatalog);
+}
+
+TEST(RecognizeScene, StagesReportTheirTimesInOrder) {
+  const cv::Mat grey(120, 160, CV_8UC1, cv::Scalar(90));
+  const auto result = RecognizeScene(Images({grey}), OnePart(), {});
+  ASSERT_TRUE(result.ok()) << result.status();
+  ASSERT_GE(result->answer.stages.size(), 4u);
+  EXPECT_EQ(result->answer.stages[0].stage, "features");
+  EXPECT_EQ(result->answer.stages[1].stage, "matching");
+  EXPECT_EQ(result->answer.stages[2].stage, "reconstruction");
+  EXPECT_EQ(result->answer.stages[3].stage, "recognition");
+  for (const StageReport& s : result->answer.stages) EXPECT_GE(s.seconds, 0.0);
+}
+
+TEST(RecognizeScene, AStopIsHonoured) {
+  const cv::Mat image(120, 160, CV_8UC3, cv::Scalar(90, 90, 90));
+  EXPECT_EQ(RecognizeScene(Images({image}), OnePart(), {}, [] { return true; }).status().code(),
+            absl::StatusCode::kCancelled);
+}
+
+}  // namespace
+}  // namespace horopter

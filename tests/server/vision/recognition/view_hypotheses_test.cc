@@ -1,0 +1,92 @@
+#include "server/vision/recognition/view_hypotheses.h"
+
+#include <gtest/gtest.h>
+
+#include "server/vision/recognition/view_linking.h"
+#include "tests/support/synthetic_part.h"
+
+namespace horopter {
+namespace {
+
+const PinholeCamera kCamera = CenteredCamera(640, 480, 900.0);
+
+// Random poses in front of the camera: one of the two solutions is the truth, whatever the perspective.
+TEST(PosesFromPath, RecoversThePoseFromThreeExactPoints) {
+  const auto part = PrepareObject(LBracket()).value();
+  std::mt19937 rng(5);
+  std::uniform_real_distribution<double> u(-1, 1);
+  int found = 0, tried = 0;
+  for (int trial = 0; trial < 300; ++trial) {
+    Rigid3 pose;
+    pose.R = Eigen::Quaterniond(u(rng), u(rng), u(rng), u(rng)).normalized().toRotationMatrix();
+    pose.t = {0.08 * u(rng), 0.06 * u(rng), 0.5 + 0.2 * u(rng)};
+    const VertexPath& path = part->paths[trial % part->paths.size()];
+    ImagePath image;
+    image.a = Project(kCamera, pose * part->model.vertices[path.a]);
+    image.b = Project(kCamera, pose * part->model.vertices[path.b]);
+    image.c = Project(kCamera, pose * part->model.vertices[path.c]);
+    if ((image.a - image.b).norm() < 15 || (image.c - image.b).norm() < 15) continue;
+    ++tried;
+    const PathPoses poses = PosesFromPath(part->model, path, false, kCamera, image);
+    double best = 1e9;
+    for (int k = 0; k < poses.count; ++k) {
+      EXPECT_NEAR(poses.camera_from_object[k].R.determinant(), 1.0, 1e-3);
+      best = std::min(best, ProjectionDistance(*part, kCamera, poses.camera_from_object[k], kCamera, pose, 1.0));
+    }
+    found += best < 4.0;
+  }
+  EXPECT_GT(found, 0.9 * tried) << found << " of " << tried;
+}
+
+TEST(PosesFromPath, DegenerateImagePathsGiveFinitePosesOrNone) {
+  const auto part = PrepareObject(LBracket()).value();
+  ImagePath point;
+  point.a = point.b = point.c = {100, 100};
+  for (const VertexPath& path : part->paths) {
+    const PathPoses poses = PosesFromPath(part->model, path, false, kCamera, point);
+    for (int k = 0; k < poses.count; ++k) EXPECT_TRUE(poses.camera_from_object[k].R.allFinite());
+  }
+}
+
+TEST(FindViewHypotheses, TheRightPoseLeadsWithUnknownFocalLength) {
+  const auto part = PrepareObject(LBracket()).value();
+  for (unsigned seed = 1; seed <= 3; ++seed) {
+    std::mt19937 rng(seed);
+    const Rigid3 pose = LookAt({0.30, -0.32, 0.30 + 0.02 * seed}, {0.03, 0.02, 0.02});
+    ImageFeatures features;
+    AddSyntheticFeatures(*part, kCamera, pose, 0.3, &rng, &features);
+    const ViewEvidence view = BuildViewEvidence(features);
+    const auto hypotheses = FindViewHypotheses(*part, 0, view, 0, FindImagePaths(features, {}, 1.0, 450),
+                                               CenteredCamera(640, 480, 1.1 * kCamera.focal_px), {}, {});
+    ASSERT_FALSE(hypotheses.best.empty());
+    const ViewHypothesis& first = hypotheses.best[0];
+    EXPECT_LT(ProjectionDistance(*part, first.camera, first.camera_from_object, kCamera, pose, 1.0), 4.0)
+        << "seed " << seed;
+    EXPECT_GT(first.score, 0.7);
+  }
+}
+
+TEST(FindImagePaths, TextureStartsNoPathAndTheNumberIsBounded) {
+  const auto part = PrepareObject(LBracket()).value();
+  std::mt19937 rng(1);
+  ImageFeatures features;
+  AddSyntheticFeatures(*part, kCamera, LookAt({0.3, -0.32, 0.34}, {0.03, 0.02, 0.02}), 0.0, &rng, &features);
+  EXPECT_EQ(FindImagePaths(features, {}, 1.0, 3).size(), 3u);
+  for (Segment& s : features.segments) s.in_texture = true;
+  EXPECT_TRUE(FindImagePaths(features, {}, 1.0, 100).empty());
+}
+
+// A plane seen by a camera of unknown focal length: the homography alone gives focal length and pose.
+TEST(CameraFromPlane, RecoversFocalLengthAndPose) {
+  const Rigid3 camera_from_plane = LookAt({0.4, -0.5, 0.45}, {0, 0, 0});
+  Eigen::Matrix3d M;
+  M << camera_from_plane.R.col(0), camera_from_plane.R.col(1), camera_from_plane.t;
+  const auto found = CameraFromPlane(-2.5 * (kCamera.K() * M), CenteredCamera(640, 480, 1050.0));
+  ASSERT_TRUE(found.has_value());
+  EXPECT_NEAR(found->camera.focal_px, kCamera.focal_px, 1e-3 * kCamera.focal_px);
+  EXPECT_LT((found->camera_from_plane.t - camera_from_plane.t).norm(), 1e-4);
+  EXPECT_LT((found->camera_from_plane.R - camera_from_plane.R).norm(), 1e-4);
+}
+
+}  // namespace
+}  // namespace horopter
