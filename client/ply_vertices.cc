@@ -130,7 +130,8 @@ absl::StatusOr<std::vector<Eigen::Vector3d>> ReadPlyVertices(const std::string& 
             &record[offset[c]], header.properties[c].type, header.format == "binary_big_endian");
       }
     }
-    if (!file || !p.allFinite()) return broken(absl::StrCat("vertex ", i, " is missing or not finite"));
+    if (!file || !p.allFinite())
+      return broken(absl::StrCat("vertex ", i, " is missing or not finite"));
     points.push_back(p);
   }
   return points;

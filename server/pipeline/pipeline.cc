@@ -19,9 +19,12 @@ namespace {
 class StageClock {
  public:
   StageClock(std::string stage, std::vector<StageReport>* reports)
-      : reports_(reports), report_{std::move(stage), 0.0, {}}, start_(std::chrono::steady_clock::now()) {}
+      : reports_(reports),
+        report_{std::move(stage), 0.0, {}},
+        start_(std::chrono::steady_clock::now()) {}
   void Finish(std::map<std::string, double> counts) {
-    report_.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    report_.seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
     report_.counts = std::move(counts);
     reports_->push_back(std::move(report_));
   }
@@ -46,14 +49,16 @@ absl::Status ValidateRequest(const SceneRequest& request) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::vector<std::shared_ptr<const PreparedObject>>> SelectObjects(const SceneRequest& request,
-                                                                                 const CatalogSnapshot& catalog) {
+absl::StatusOr<std::vector<std::shared_ptr<const PreparedObject>>> SelectObjects(
+    const SceneRequest& request, const CatalogSnapshot& catalog) {
   auto find = [&](const std::string& id) {
-    return std::find_if(catalog.objects.begin(), catalog.objects.end(),
-                        [&](const auto& o) { return o->model.id == id; });
+    return std::find_if(catalog.objects.begin(), catalog.objects.end(), [&](const auto& o) {
+      return o->model.id == id;
+    });
   };
   if (request.reference && find(request.reference->object_id) == catalog.objects.end()) {
-    return absl::NotFoundError(absl::StrCat("reference: object ", request.reference->object_id, " is not enrolled"));
+    return absl::NotFoundError(
+        absl::StrCat("reference: object ", request.reference->object_id, " is not enrolled"));
   }
   if (request.candidates.empty()) return catalog.objects;
   std::vector<std::string> wanted = request.candidates;
@@ -71,18 +76,21 @@ absl::StatusOr<std::vector<std::shared_ptr<const PreparedObject>>> SelectObjects
   return selected;
 }
 
-absl::StatusOr<std::vector<ImageFeatures>> DetectAll(const SceneRequest& request, const PipelineOptions& options,
+absl::StatusOr<std::vector<ImageFeatures>> DetectAll(const SceneRequest& request,
+                                                     const PipelineOptions& options,
                                                      const StopRequested& stop) {
   const int n = static_cast<int>(request.images.size());
-  std::vector<absl::StatusOr<ImageFeatures>> found(n, absl::CancelledError("stopped during features"));
+  std::vector<absl::StatusOr<ImageFeatures>> found(n,
+                                                   absl::CancelledError("stopped during features"));
   ParallelFor(n, options.threads, [&](int i) {
     if (!IsStopRequested(stop)) found[i] = DetectFeatures(request.images[i], options.features);
   });
   std::vector<ImageFeatures> features;
   for (int i = 0; i < n; ++i) {
     if (!found[i].ok()) {
-      return absl::Status(found[i].status().code(),
-                          absl::StrCat("images[", i, "]: ", std::string(found[i].status().message())));
+      return absl::Status(
+          found[i].status().code(),
+          absl::StrCat("images[", i, "]: ", std::string(found[i].status().message())));
     }
     features.push_back(std::move(*found[i]));
   }
@@ -102,20 +110,27 @@ std::map<std::string, double> SumCounts(const std::vector<ImageFeatures>& featur
 
 SceneState StateOf(RecognitionState state) {
   switch (state) {
-    case RecognitionState::kRecognized: return SceneState::kRecognized;
-    case RecognitionState::kNothingFound: return SceneState::kNothingFound;
-    case RecognitionState::kAmbiguous: return SceneState::kAmbiguous;
-    case RecognitionState::kTooFewFeatures: return SceneState::kTooFewFeatures;
+    case RecognitionState::kRecognized:
+      return SceneState::kRecognized;
+    case RecognitionState::kNothingFound:
+      return SceneState::kNothingFound;
+    case RecognitionState::kAmbiguous:
+      return SceneState::kAmbiguous;
+    case RecognitionState::kTooFewFeatures:
+      return SceneState::kTooFewFeatures;
   }
   return SceneState::kNothingFound;
 }
 
-void FillAnswer(const MetricScene& metric, const std::vector<std::shared_ptr<const PreparedObject>>& objects,
-                const SceneRequest& request, SceneAnswer* answer) {
+void FillAnswer(const MetricScene& metric,
+                const std::vector<std::shared_ptr<const PreparedObject>>& objects,
+                const SceneRequest& request,
+                SceneAnswer* answer) {
   answer->cameras = metric.cameras;
   std::vector<const PosedObject*> order;
   for (const PosedObject& o : metric.objects) order.push_back(&o);
-  std::stable_sort(order.begin(), order.end(), [](const auto* x, const auto* y) { return x->score > y->score; });
+  std::stable_sort(
+      order.begin(), order.end(), [](const auto* x, const auto* y) { return x->score > y->score; });
   std::map<std::string, int> instances;
   for (const PosedObject* posed : order) {
     const ObjectModel& model = objects[posed->object]->model;
@@ -137,7 +152,8 @@ void FillAnswer(const MetricScene& metric, const std::vector<std::shared_ptr<con
     return;
   }
   answer->state = SceneState::kReferenceNotFound;
-  answer->detail = absl::StrCat("reference ", request.reference->object_id, " is not among the recognised objects");
+  answer->detail = absl::StrCat(
+      "reference ", request.reference->object_id, " is not among the recognised objects");
 }
 
 }  // namespace
@@ -146,7 +162,9 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(Objec
   return PrepareObject(std::move(model));
 }
 
-const ObjectModel& ModelOf(const PreparedObject& object) { return object.model; }
+const ObjectModel& ModelOf(const PreparedObject& object) {
+  return object.model;
+}
 
 absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                               const CatalogSnapshot& catalog,
@@ -169,18 +187,24 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
   features_clock.Finish(SumCounts(trace.features));
 
   StageClock matching_clock("matching", &answer.stages);
-  HOROPTER_ASSIGN_OR_RETURN(trace.matching, MatchViews(request.images, trace.features, options.matching, stop));
+  HOROPTER_ASSIGN_OR_RETURN(trace.matching,
+                            MatchViews(request.images, trace.features, options.matching, stop));
   matching_clock.Finish(trace.matching.counts);
 
   StageClock reconstruction_clock("reconstruction", &answer.stages);
   std::vector<ImageSize> sizes;
   for (const cv::Mat& image : request.images) sizes.push_back({image.cols, image.rows});
-  HOROPTER_ASSIGN_OR_RETURN(trace.reconstruction, ReconstructViews(trace.matching, trace.features, sizes,
-                                                                   options.reconstruction, stop));
+  HOROPTER_ASSIGN_OR_RETURN(
+      trace.reconstruction,
+      ReconstructViews(trace.matching, trace.features, sizes, options.reconstruction, stop));
   reconstruction_clock.Finish(trace.reconstruction.counts);
 
   StageClock recognition_clock("recognition", &answer.stages);
-  const RecognitionInput input{request.images, trace.features, request.hints, &trace.matching, &trace.reconstruction,
+  const RecognitionInput input{request.images,
+                               trace.features,
+                               request.hints,
+                               &trace.matching,
+                               &trace.reconstruction,
                                objects};
   HOROPTER_ASSIGN_OR_RETURN(trace.recognition, RecognizeObjects(input, options.recognition, stop));
   recognition_clock.Finish(trace.recognition.counts);
@@ -189,7 +213,8 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
   if (trace.recognition.objects.empty()) return result;
 
   StageClock euclidean_clock("euclidean", &answer.stages);
-  HOROPTER_ASSIGN_OR_RETURN(trace.metric, RefineMetricScene(input, trace.recognition, options.euclidean, stop));
+  HOROPTER_ASSIGN_OR_RETURN(trace.metric,
+                            RefineMetricScene(input, trace.recognition, options.euclidean, stop));
   euclidean_clock.Finish(trace.metric->counts);
   FillAnswer(*trace.metric, objects, request, &answer);
   return result;

@@ -11,14 +11,16 @@
 
 namespace horopter {
 
-// Immutable view of the catalog that a request works on: everything recognition derives from the models is computed
-// once, when an object is enrolled or changed. Readers hold a shared_ptr and are never blocked.
+// Immutable view of the catalog that a request works on: everything recognition derives from the
+// models is computed once, when an object is enrolled or changed. Readers hold a shared_ptr and are
+// never blocked.
 struct CatalogSnapshot {
   long generation = 0;
   std::vector<std::shared_ptr<const PreparedObject>> objects;  // ordered by id
 };
 
-// Prepares one object (about 50-100 ms). Errors: INVALID_ARGUMENT when the model has no usable edges.
+// Prepares one object (about 50-100 ms). Errors: INVALID_ARGUMENT when the model has no usable
+// edges.
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(ObjectModel model);
 
 // The model inside a prepared object.
@@ -39,8 +41,9 @@ struct PipelineResult {
 };
 
 // Recognises the catalog's objects in a set of images of one static scene.
-// Errors: INVALID_ARGUMENT (no image, wrong type or size, hint count), NOT_FOUND (candidate or reference id unknown),
-// CANCELLED (stop was requested). Everything the images cannot decide is a SceneState, not an error.
+// Errors: INVALID_ARGUMENT (no image, wrong type or size, hint count), NOT_FOUND (candidate or
+// reference id unknown), CANCELLED (stop was requested). Everything the images cannot decide is a
+// SceneState, not an error.
 absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                               const CatalogSnapshot& catalog,
                                               const PipelineOptions& options,

@@ -22,9 +22,9 @@ struct ReferenceObject {
 };
 
 struct SceneRequest {
-  std::vector<cv::Mat> images;           // CV_8UC1 or CV_8UC3 (BGR)
-  std::vector<CameraHint> hints;         // empty or one per image
-  std::vector<std::string> candidates;   // empty: the whole catalog
+  std::vector<cv::Mat> images;          // CV_8UC1 or CV_8UC3 (BGR)
+  std::vector<CameraHint> hints;        // empty or one per image
+  std::vector<std::string> candidates;  // empty: the whole catalog
   std::optional<ReferenceObject> reference;
 };
 

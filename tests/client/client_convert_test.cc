@@ -1,11 +1,10 @@
-#include "client/convert.h"
-
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
 #include <random>
 
 #include "client/cad_import.h"
+#include "client/convert.h"
 #include "tests/client/mesh_samples.h"
 #include "tests/client/temp_folder.h"
 

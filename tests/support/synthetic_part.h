@@ -15,9 +15,11 @@
 
 namespace horopter {
 
-// A prism over a polygon (counter-clockwise, metres), extruded from z = 0 to height. The polygon must be star-shaped
-// about its first vertex (caps are triangulated as a fan).
-inline ObjectModel Prism(const std::string& id, const std::vector<Eigen::Vector2d>& polygon, double height) {
+// A prism over a polygon (counter-clockwise, metres), extruded from z = 0 to height. The polygon
+// must be star-shaped about its first vertex (caps are triangulated as a fan).
+inline ObjectModel Prism(const std::string& id,
+                         const std::vector<Eigen::Vector2d>& polygon,
+                         double height) {
   ObjectModel m;
   m.id = id;
   const int n = static_cast<int>(polygon.size());
@@ -53,11 +55,15 @@ inline ObjectModel Prism(const std::string& id, const std::vector<Eigen::Vector2
 
 // An L-shaped bracket without symmetry, 80 x 60 x 40 mm.
 inline ObjectModel LBracket() {
-  return Prism("l_bracket", {{0, 0}, {0.08, 0}, {0.08, 0.015}, {0.02, 0.02}, {0.015, 0.06}, {0, 0.06}}, 0.04);
+  return Prism("l_bracket",
+               {{0, 0}, {0.08, 0}, {0.08, 0.015}, {0.02, 0.02}, {0.015, 0.06}, {0, 0.06}},
+               0.04);
 }
 
 // A wedge, 70 x 30 x 50 mm.
-inline ObjectModel Wedge() { return Prism("wedge", {{0, 0}, {0.07, 0}, {0.015, 0.03}}, 0.05); }
+inline ObjectModel Wedge() {
+  return Prism("wedge", {{0, 0}, {0.07, 0}, {0.015, 0.03}}, 0.05);
+}
 
 // Camera looking at a target from `eye`, image x roughly along the world's horizontal.
 inline Rigid3 LookAt(const Eigen::Vector3d& eye, const Eigen::Vector3d& target) {
@@ -72,8 +78,11 @@ inline Rigid3 LookAt(const Eigen::Vector3d& eye, const Eigen::Vector3d& target) 
 }
 
 // The segments and junctions of the straight edges seen in full, end points with Gaussian noise.
-inline void AddSyntheticFeatures(const PreparedObject& object, const PinholeCamera& camera,
-                                 const Rigid3& camera_from_object, double noise_px, std::mt19937* rng,
+inline void AddSyntheticFeatures(const PreparedObject& object,
+                                 const PinholeCamera& camera,
+                                 const Rigid3& camera_from_object,
+                                 double noise_px,
+                                 std::mt19937* rng,
                                  ImageFeatures* features) {
   features->width = camera.width;
   features->height = camera.height;

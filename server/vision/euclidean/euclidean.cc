@@ -8,17 +8,18 @@
 #include <bit>
 #include <cmath>
 
-#include "server/vision/recognition/plane_points.h"
 #include "server/vision/euclidean/scene_costs.h"
 #include "server/vision/geometry/depth_buffer.h"
 #include "server/vision/recognition/edge_maps.h"
+#include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/pose_refine.h"
 #include "server/vision/recognition/prepared_object.h"
 
 namespace horopter {
 namespace {
 
-// Neighbouring samples of one edge share the edge's error; samples closer than this (pixels) count as one.
+// Neighbouring samples of one edge share the edge's error; samples closer than this (pixels) count
+// as one.
 constexpr double kCorrelationPx = 12.0;
 constexpr double kCauchySigmas = 2.0;
 constexpr double kK1Sigma = 0.03;
@@ -83,10 +84,13 @@ std::vector<EdgeObservation> Observe(const Adjustment& a, double reach_px) {
     const EdgeMaps& maps = a.maps[v];
     const double s = maps.working_from_image;
     const PinholeCamera& camera = a.cameras[v].camera;
-    PinholeCamera working{maps.width, maps.height, camera.focal_px * s, camera.cx * s, camera.cy * s, camera.k1};
+    PinholeCamera working{
+        maps.width, maps.height, camera.focal_px * s, camera.cx * s, camera.cy * s, camera.k1};
     DepthBuffer depth = MakeDepthBuffer(maps.width, maps.height);
     for (std::size_t k = 0; k < a.objects.size(); ++k) {
-      RenderDepth(a.models[k]->model.mesh, working, a.cameras[v].camera_from_scene * a.objects[k].scene_from_object,
+      RenderDepth(a.models[k]->model.mesh,
+                  working,
+                  a.cameras[v].camera_from_scene * a.objects[k].scene_from_object,
                   &depth);
     }
     const std::size_t cells = static_cast<std::size_t>(maps.width) * maps.height;
@@ -102,7 +106,8 @@ std::vector<EdgeObservation> Observe(const Adjustment& a, double reach_px) {
         const double norm = along.norm();
         if (norm < 0.05 * p.z()) continue;  // seen nearly end-on
         along /= norm;
-        const int bin = OrientationBin(static_cast<float>(along.x()), static_cast<float>(along.y()));
+        const int bin =
+            OrientationBin(static_cast<float>(along.x()), static_cast<float>(along.y()));
         const int cx = std::clamp(static_cast<int>(std::lround(u.x())), 0, maps.width - 1);
         const int cy = std::clamp(static_cast<int>(std::lround(u.y())), 0, maps.height - 1);
         const std::int32_t nearest = maps.nearest[cells * bin + maps.Cell(cx, cy)];
@@ -112,7 +117,12 @@ std::vector<EdgeObservation> Observe(const Adjustment& a, double reach_px) {
         const Eigen::Vector2d off = u - e.point.cast<double>() * s;
         if (off.norm() > reach_px || std::abs(turn) > kMaxTurnRad) continue;
         const Eigen::Vector2d normal(-along.y(), along.x());
-        out.push_back({v, k, sample.point.cast<double>(), e.point.cast<double>(), normal, normal.dot(off),
+        out.push_back({v,
+                       k,
+                       sample.point.cast<double>(),
+                       e.point.cast<double>(),
+                       normal,
+                       normal.dot(off),
                        norm / (p.z() * p.z()) * working.focal_px * a.models[k]->sample_spacing_m});
       }
     }
@@ -155,28 +165,44 @@ CameraPrior PriorOf(const Adjustment& a, int v) {
   return prior;
 }
 
-void AddResiduals(Adjustment* a, const std::vector<EdgeObservation>& observations, double sigma_px,
+void AddResiduals(Adjustment* a,
+                  const std::vector<EdgeObservation>& observations,
+                  double sigma_px,
                   ceres::Problem* problem) {
   for (const EdgeObservation& o : observations) {
     auto* cost = new ceres::AutoDiffCostFunction<EdgeCost, 1, kCameraBlock, kObjectBlock>(
-        new EdgeCost{o.point_in_object, a->cameras[o.view].camera_from_scene, a->objects[o.object].scene_from_object,
-                     o.edge_point, o.normal, EdgeWeight(o, sigma_px, a->maps[o.view].working_from_image)});
-    problem->AddResidualBlock(cost, new ceres::CauchyLoss(kCauchySigmas), a->cameras[o.view].block.data(),
+        new EdgeCost{o.point_in_object,
+                     a->cameras[o.view].camera_from_scene,
+                     a->objects[o.object].scene_from_object,
+                     o.edge_point,
+                     o.normal,
+                     EdgeWeight(o, sigma_px, a->maps[o.view].working_from_image)});
+    problem->AddResidualBlock(cost,
+                              new ceres::CauchyLoss(kCauchySigmas),
+                              a->cameras[o.view].block.data(),
                               a->objects[o.object].block.data());
   }
   for (int v = 0; v < static_cast<int>(a->cameras.size()); ++v) {
     if (!a->cameras[v].known) continue;
-    problem->AddResidualBlock(
-        new ceres::AutoDiffCostFunction<CameraPrior, 4, kCameraBlock>(new CameraPrior(PriorOf(*a, v))), nullptr,
-        a->cameras[v].block.data());
+    problem->AddResidualBlock(new ceres::AutoDiffCostFunction<CameraPrior, 4, kCameraBlock>(
+                                  new CameraPrior(PriorOf(*a, v))),
+                              nullptr,
+                              a->cameras[v].block.data());
   }
   for (const PlanePoints::Match& m : a->plane.matches) {
     const double weight = a->maps[m.view_b].working_from_image / kPlaneSigmaPx;
     auto* cost = new ceres::AutoDiffCostFunction<PlanePointCost, 2, kCameraBlock, kCameraBlock, 3>(
-        new PlanePointCost{a->cameras[m.view_a].camera_from_scene, a->cameras[m.view_b].camera_from_scene,
-                           a->plane.anchor, m.pixel_a, m.pixel_b, weight});
-    problem->AddResidualBlock(cost, new ceres::CauchyLoss(kCauchySigmas), a->cameras[m.view_a].block.data(),
-                              a->cameras[m.view_b].block.data(), a->plane.plane.data());
+        new PlanePointCost{a->cameras[m.view_a].camera_from_scene,
+                           a->cameras[m.view_b].camera_from_scene,
+                           a->plane.anchor,
+                           m.pixel_a,
+                           m.pixel_b,
+                           weight});
+    problem->AddResidualBlock(cost,
+                              new ceres::CauchyLoss(kCauchySigmas),
+                              a->cameras[m.view_a].block.data(),
+                              a->cameras[m.view_b].block.data(),
+                              a->plane.plane.data());
   }
   // The first object is the scene frame.
   if (problem->HasParameterBlock(a->objects[0].block.data())) {
@@ -210,13 +236,16 @@ double RobustRms(const std::vector<EdgeObservation>& observations) {
   return 1.4826 * r[r.size() / 2];
 }
 
-// Covariance of the increments of all blocks at the solution, by the pseudo-inverse of the normal matrix.
+// Covariance of the increments of all blocks at the solution, by the pseudo-inverse of the normal
+// matrix.
 struct BlockCovariance {
   Eigen::MatrixXd full;
   std::vector<int> camera_at, object_at;  // first column, -1: fixed or absent
 };
 
-BlockCovariance ComputeCovariance(Adjustment* a, const std::vector<EdgeObservation>& observations, double sigma_px) {
+BlockCovariance ComputeCovariance(Adjustment* a,
+                                  const std::vector<EdgeObservation>& observations,
+                                  double sigma_px) {
   BlockCovariance out;
   ceres::Problem problem;
   AddResiduals(a, observations, sigma_px, &problem);
@@ -244,19 +273,22 @@ BlockCovariance ComputeCovariance(Adjustment* a, const std::vector<EdgeObservati
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(size, size);
   for (int r = 0; r < J.num_rows; ++r) {
     for (int i = J.rows[r]; i < J.rows[r + 1]; ++i) {
-      for (int j = J.rows[r]; j < J.rows[r + 1]; ++j) A(J.cols[i], J.cols[j]) += J.values[i] * J.values[j];
+      for (int j = J.rows[r]; j < J.rows[r + 1]; ++j)
+        A(J.cols[i], J.cols[j]) += J.values[i] * J.values[j];
     }
   }
   // Equilibrated, so that radians, metres and pixels are treated alike.
   const Eigen::VectorXd scale = A.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scale.asDiagonal() * A * scale.asDiagonal());
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scale.asDiagonal() * A *
+                                                             scale.asDiagonal());
   const Eigen::VectorXd inverse = eigen.eigenvalues().cwiseMax(1e-9).cwiseInverse();
-  out.full = scale.asDiagonal() * eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose() *
-             scale.asDiagonal();
+  out.full = scale.asDiagonal() * eigen.eigenvectors() * inverse.asDiagonal() *
+             eigen.eigenvectors().transpose() * scale.asDiagonal();
   return out;
 }
 
-Adjustment MakeAdjustment(const RecognitionInput& input, const RecognitionResult& recognition,
+Adjustment MakeAdjustment(const RecognitionInput& input,
+                          const RecognitionResult& recognition,
                           const EuclideanOptions& options) {
   Adjustment a;
   a.input = &input;
@@ -269,7 +301,8 @@ Adjustment MakeAdjustment(const RecognitionInput& input, const RecognitionResult
     a.maps[v] = BuildEdgeMaps(input.features[v]);
     a.cameras[v].known = true;
     a.cameras[v].camera = recognition.views[v]->camera;
-    a.cameras[v].camera_from_scene = recognition.views[v]->camera_from_scene * scene_from_old.Inverse();
+    a.cameras[v].camera_from_scene =
+        recognition.views[v]->camera_from_scene * scene_from_old.Inverse();
     a.cameras[v].Load();
   }
   for (const SceneObject& o : recognition.objects) {
@@ -286,7 +319,9 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                                               const EuclideanOptions& options,
                                               const StopRequested& stop) {
   if (recognition.objects.empty()) return absl::FailedPreconditionError("no recognised object");
-  if (std::none_of(recognition.views.begin(), recognition.views.end(), [](const auto& v) { return v.has_value(); })) {
+  if (std::none_of(recognition.views.begin(), recognition.views.end(), [](const auto& v) {
+        return v.has_value();
+      })) {
     return absl::FailedPreconditionError("no recovered camera");
   }
   if (recognition.views.size() != input.features.size()) {
@@ -296,7 +331,8 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   if (input.matching != nullptr) {
     std::vector<std::optional<RecognizedView>> views(a.cameras.size());
     for (std::size_t v = 0; v < views.size(); ++v) {
-      if (a.cameras[v].known) views[v] = RecognizedView{a.cameras[v].camera, a.cameras[v].camera_from_scene};
+      if (a.cameras[v].known)
+        views[v] = RecognizedView{a.cameras[v].camera, a.cameras[v].camera_from_scene};
     }
     a.plane = FindPlanePoints(*input.matching, views);
   }
@@ -305,8 +341,10 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   for (int round = 0; round < options.rounds; ++round) {
     if (IsStopRequested(stop)) return absl::CancelledError("stopped during the metric adjustment");
     observations = Observe(a, options.search_px);
-    if (observations.size() < 8) return absl::FailedPreconditionError("fewer than 8 edge points support the objects");
-    if (!Solve(&a, observations, sigma)) return absl::FailedPreconditionError("the metric adjustment failed");
+    if (observations.size() < 8)
+      return absl::FailedPreconditionError("fewer than 8 edge points support the objects");
+    if (!Solve(&a, observations, sigma))
+      return absl::FailedPreconditionError("the metric adjustment failed");
   }
   observations = Observe(a, options.search_px);
   sigma = std::max(0.3, RobustRms(observations));
@@ -354,7 +392,11 @@ std::vector<SceneGrasp> GraspsInScene(const ObjectModel& model, const Rigid3& sc
   for (int s = 0; s <= static_cast<int>(model.symmetries.size()); ++s) {
     const Rigid3 symmetry = s == 0 ? Rigid3{} : model.symmetries[s - 1];
     for (const Grasp& g : model.grasps) {
-      out.push_back({g.name, s, scene_from_object * symmetry * g.object_from_gripper, g.jaw_opening_m, g.grip_width_m,
+      out.push_back({g.name,
+                     s,
+                     scene_from_object * symmetry * g.object_from_gripper,
+                     g.jaw_opening_m,
+                     g.grip_width_m,
                      g.quality});
     }
   }

@@ -26,8 +26,8 @@ struct PosedCamera {
 struct PosedObject {
   int object = -1;
   Rigid3 scene_from_object;
-  // Of (rotation vector about the scene axes at the object's origin [rad], translation [m]), left perturbation:
-  // scene_from_object = (exp(w) R, t + dt).
+  // Of (rotation vector about the scene axes at the object's origin [rad], translation [m]), left
+  // perturbation: scene_from_object = (exp(w) R, t + dt).
   Matrix6d covariance = Matrix6d::Zero();
   double score = 0.0;
   std::vector<double> view_scores;
@@ -44,22 +44,24 @@ struct MetricScene {
 };
 
 struct EuclideanOptions {
-  double focal_log_sigma = 0.35;       // weak prior on log f about its start
-  double principal_point_sigma = 0.02; // of the image width, prior on the offset from the centre
-  double search_px = 4.0;              // edge points are looked for this far along the edge normal
-  double edge_sigma_px = 0.5;          // of one edge point; the residual rescales it
-  int rounds = 3;                      // re-association rounds
+  double focal_log_sigma = 0.35;        // weak prior on log f about its start
+  double principal_point_sigma = 0.02;  // of the image width, prior on the offset from the centre
+  double search_px = 4.0;               // edge points are looked for this far along the edge normal
+  double edge_sigma_px = 0.5;           // of one edge point; the residual rescales it
+  int rounds = 3;                       // re-association rounds
 };
 
-// Joint bundle adjustment of focal lengths, camera poses and object poses on the CAD edges seen in the images.
-// The scene frame is fixed to the first object (its pose stays the identity-covariance reference of the answer).
-// Errors: INVALID_ARGUMENT, CANCELLED, FAILED_PRECONDITION (no object or no camera).
+// Joint bundle adjustment of focal lengths, camera poses and object poses on the CAD edges seen in
+// the images. The scene frame is fixed to the first object (its pose stays the identity-covariance
+// reference of the answer). Errors: INVALID_ARGUMENT, CANCELLED, FAILED_PRECONDITION (no object or
+// no camera).
 absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                                               const RecognitionResult& recognition,
                                               const EuclideanOptions& options,
                                               const StopRequested& stop = {});
 
-// A grasp of a recognised object in the scene frame, expanded over the object's symmetries by the caller's wish.
+// A grasp of a recognised object in the scene frame, expanded over the object's symmetries by the
+// caller's wish.
 struct SceneGrasp {
   std::string name;
   int symmetry = 0;  // 0: identity, k: ObjectModel::symmetries[k-1]

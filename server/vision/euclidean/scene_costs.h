@@ -1,5 +1,6 @@
-// Ceres cost functors of the metric bundle adjustment. Parameters are increments about a base that the solver's caller
-// folds in after each round, so that covariances are left perturbations at the solution.
+// Ceres cost functors of the metric bundle adjustment. Parameters are increments about a base that
+// the solver's caller folds in after each round, so that covariances are left perturbations at the
+// solution.
 #pragma once
 
 #include <ceres/rotation.h>
@@ -11,13 +12,17 @@
 
 namespace horopter {
 
-// Camera block: rotation vector and translation increments (camera frame), log f, cx, cy, k1 (the last three absolute).
+// Camera block: rotation vector and translation increments (camera frame), log f, cx, cy, k1 (the
+// last three absolute).
 inline constexpr int kCameraBlock = 10;
-// Object block: rotation vector about the scene axes through the object's origin, translation increment.
+// Object block: rotation vector about the scene axes through the object's origin, translation
+// increment.
 inline constexpr int kObjectBlock = 6;
 
 template <typename T>
-Eigen::Matrix<T, 3, 1> ToCamera(const T* camera, const Rigid3& base, const Eigen::Matrix<T, 3, 1>& point_in_scene) {
+Eigen::Matrix<T, 3, 1> ToCamera(const T* camera,
+                                const Rigid3& base,
+                                const Eigen::Matrix<T, 3, 1>& point_in_scene) {
   const Eigen::Matrix<T, 3, 1> turned = base.R.cast<T>() * point_in_scene;
   Eigen::Matrix<T, 3, 1> out;
   ceres::AngleAxisRotatePoint(camera, turned.data(), out.data());
@@ -32,7 +37,8 @@ Eigen::Matrix<T, 2, 1> ToPixel(const T* camera, const Eigen::Matrix<T, 3, 1>& p)
   return {s * x + camera[7], s * y + camera[8]};
 }
 
-// Signed distance of a projected CAD edge sample from the image edge point it was associated with, in sigmas.
+// Signed distance of a projected CAD edge sample from the image edge point it was associated with,
+// in sigmas.
 struct EdgeCost {
   Eigen::Vector3d point_in_object;
   Rigid3 camera_from_scene;
@@ -50,13 +56,14 @@ struct EdgeCost {
     const Eigen::Matrix<T, 3, 1> p = ToCamera(camera, camera_from_scene, in_scene);
     if (p.z() < T(1e-4)) return false;
     const Eigen::Matrix<T, 2, 1> u = ToPixel(camera, p);
-    residual[0] = T(weight) * (T(normal.x()) * (u.x() - T(edge_point.x())) + T(normal.y()) * (u.y() - T(edge_point.y())));
+    residual[0] = T(weight) * (T(normal.x()) * (u.x() - T(edge_point.x())) +
+                               T(normal.y()) * (u.y() - T(edge_point.y())));
     return true;
   }
 };
 
-// Transfer of a matched point of the supporting plane m.(X - anchor) = -1 (scene frame) from view a to view b, in
-// sigmas. The anchor lies off the plane (the mean camera centre does).
+// Transfer of a matched point of the supporting plane m.(X - anchor) = -1 (scene frame) from view a
+// to view b, in sigmas. The anchor lies off the plane (the mean camera centre does).
 struct PlanePointCost {
   Rigid3 a_from_scene;
   Rigid3 b_from_scene;

@@ -1,4 +1,5 @@
-// A catalog object as every stage sees it: vertices, sharp edges, mesh, symmetries and grasps, in metres.
+// A catalog object as every stage sees it: vertices, sharp edges, mesh, symmetries and grasps, in
+// metres.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,14 +12,15 @@ namespace horopter {
 
 enum class CurveKind { kLine = 0, kCircle = 1, kOther = 2 };
 
-// A sharp edge of the part. Invariants: polyline has >= 2 points, its ends equal the named vertices; a closed curve
-// has start_vertex == end_vertex == -1 and repeats its first point at the end. Circles are sampled so that the chord
-// error is at most 1 % of the radius.
+// A sharp edge of the part. Invariants: polyline has >= 2 points, its ends equal the named
+// vertices; a closed curve has start_vertex == end_vertex == -1 and repeats its first point at the
+// end. Circles are sampled so that the chord error is at most 1 % of the radius.
 struct ModelEdge {
   CurveKind kind = CurveKind::kLine;
   int start_vertex = -1;  // index into ObjectModel::vertices
   int end_vertex = -1;
-  double dihedral_rad = 0.0;  // angle between the outward normals of the two faces; 0 = smooth, pi/2 = cube edge
+  double dihedral_rad =
+      0.0;  // angle between the outward normals of the two faces; 0 = smooth, pi/2 = cube edge
   std::vector<Eigen::Vector3d> polyline;
 };
 
@@ -28,7 +30,8 @@ struct TriangleMesh {
   std::vector<Eigen::Vector3i> triangles;
 };
 
-// Gripper frame: origin between the finger tips, z = approach direction (gripper to part), x = closing direction.
+// Gripper frame: origin between the finger tips, z = approach direction (gripper to part), x =
+// closing direction.
 struct Grasp {
   std::string name;
   Rigid3 object_from_gripper;
@@ -37,8 +40,8 @@ struct Grasp {
   double quality = 1.0;        // 0..1, larger is better
 };
 
-// All geometry in the object's own frame, metres. `symmetries` lists every rotation of the discrete symmetry group
-// except the identity (object_from_object: x -> S x leaves the part unchanged).
+// All geometry in the object's own frame, metres. `symmetries` lists every rotation of the discrete
+// symmetry group except the identity (object_from_object: x -> S x leaves the part unchanged).
 struct ObjectModel {
   std::string id;            // e.g. "obj_000001": [a-z0-9_-]{1,63}
   std::string display_name;  // free text

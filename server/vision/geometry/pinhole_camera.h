@@ -6,8 +6,8 @@
 
 namespace horopter {
 
-// Pixels: the centre of the top-left pixel is (0, 0), x right, y down. Camera frame: z forward (OpenCV).
-// u = focal_px * x_d / z + cx with the normalised point x scaled by (1 + k1 r^2).
+// Pixels: the centre of the top-left pixel is (0, 0), x right, y down. Camera frame: z forward
+// (OpenCV). u = focal_px * x_d / z + cx with the normalised point x scaled by (1 + k1 r^2).
 struct PinholeCamera {
   int width = 0;
   int height = 0;
@@ -28,9 +28,10 @@ inline PinholeCamera CenteredCamera(int width, int height, double focal_px) {
   return {width, height, focal_px, 0.5 * (width - 1), 0.5 * (height - 1), 0.0};
 }
 
-// Projects a point given in the camera frame (metres) to pixels. Points with z <= 0 have no meaningful image; the
-// caller checks z.
-inline Eigen::Vector2d Project(const PinholeCamera& camera, const Eigen::Vector3d& point_in_camera) {
+// Projects a point given in the camera frame (metres) to pixels. Points with z <= 0 have no
+// meaningful image; the caller checks z.
+inline Eigen::Vector2d Project(const PinholeCamera& camera,
+                               const Eigen::Vector3d& point_in_camera) {
   const Eigen::Vector2d n = point_in_camera.head<2>() / point_in_camera.z();
   const double d = 1.0 + camera.k1 * n.squaredNorm();
   return {camera.focal_px * d * n.x() + camera.cx, camera.focal_px * d * n.y() + camera.cy};

@@ -43,7 +43,8 @@ void AddSegments(const ImageFeatures& features, std::vector<EdgePoint>* out) {
   }
 }
 
-// Nearest-point propagation over the 8 neighbours, two passes (Danielsson); exact up to a fraction of a pixel.
+// Nearest-point propagation over the 8 neighbours, two passes (Danielsson); exact up to a fraction
+// of a pixel.
 class NearestMap {
  public:
   NearestMap(const EdgeMaps& maps, std::int32_t* nearest) : maps_(maps), nearest_(nearest) {}
@@ -99,7 +100,8 @@ EdgeMaps BuildEdgeMaps(const ImageFeatures& features) {
                                 : 1.0;
   maps.scale_f = static_cast<float>(maps.working_from_image);
   maps.width = std::max(1, static_cast<int>(std::lround(features.width * maps.working_from_image)));
-  maps.height = std::max(1, static_cast<int>(std::lround(features.height * maps.working_from_image)));
+  maps.height =
+      std::max(1, static_cast<int>(std::lround(features.height * maps.working_from_image)));
   AddSegments(features, &maps.points);
   AddChains(features, &maps.points);
 
@@ -117,7 +119,8 @@ EdgeMaps BuildEdgeMaps(const ImageFeatures& features) {
       const int y = static_cast<int>(std::lround(maps.points[i].point.y() * maps.scale_f));
       if (x < 0 || y < 0 || x >= maps.width || y >= maps.height) continue;
       std::int32_t& cell = nearest[maps.Cell(x, y)];
-      if (map.SquaredDistance(x, y, static_cast<std::int32_t>(i)) < map.SquaredDistance(x, y, cell)) {
+      if (map.SquaredDistance(x, y, static_cast<std::int32_t>(i)) <
+          map.SquaredDistance(x, y, cell)) {
         cell = static_cast<std::int32_t>(i);
       }
     }

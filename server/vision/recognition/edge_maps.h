@@ -19,23 +19,25 @@ struct EdgePoint {
   float direction = 0.0f;
 };
 
-// Working pixels: the image scaled so that its width is at most kWorkingWidth; thresholds of recognition are in
-// working pixels. Map cells are working pixels; a cell holds the distance (working pixels * kDistanceScale, saturated)
-// and the index of the nearest edge point whose direction is within about 33 degrees of the bin.
+// Working pixels: the image scaled so that its width is at most kWorkingWidth; thresholds of
+// recognition are in working pixels. Map cells are working pixels; a cell holds the distance
+// (working pixels * kDistanceScale, saturated) and the index of the nearest edge point whose
+// direction is within about 33 degrees of the bin.
 struct EdgeMaps {
   static constexpr int kWorkingWidth = 640;
   static constexpr float kDistanceScale = 8.0f;
   static constexpr float kMaxDistance = 255.0f / 8.0f;
 
-  int width = 0;   // cells
+  int width = 0;  // cells
   int height = 0;
-  double working_from_image = 1.0;  // scale, both about pixel centres
-  std::vector<EdgePoint> points;    // in image pixels
+  double working_from_image = 1.0;     // scale, both about pixel centres
+  std::vector<EdgePoint> points;       // in image pixels
   std::vector<std::uint8_t> distance;  // [cell][bin]
   std::vector<std::int32_t> nearest;   // [bin][cell], -1: none within kMaxDistance
 
   std::size_t Cell(int x, int y) const { return static_cast<std::size_t>(y) * width + x; }
-  // Distance in working pixels for a projected point (image pixels) with an image direction; kMaxDistance outside.
+  // Distance in working pixels for a projected point (image pixels) with an image direction;
+  // kMaxDistance outside.
   float DistanceAt(float x, float y, int bin) const {
     const int cx = static_cast<int>(x * scale_f + 0.5f);
     const int cy = static_cast<int>(y * scale_f + 0.5f);
@@ -45,8 +47,8 @@ struct EdgeMaps {
   float scale_f = 1.0f;
 };
 
-// Bin of a direction vector (sign does not matter, need not be of unit length). Comparisons with the tangents of the bin
-// borders: called for every projected sample, atan2 would dominate.
+// Bin of a direction vector (sign does not matter, need not be of unit length). Comparisons with
+// the tangents of the bin borders: called for every projected sample, atan2 would dominate.
 inline int OrientationBin(float dx, float dy) {
   const float ax = std::abs(dx), ay = std::abs(dy);
   const int q = (ay > 0.19891237f * ax) + (ay > 0.66817864f * ax) + (ay > 1.49660576f * ax) +

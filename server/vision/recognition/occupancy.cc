@@ -11,7 +11,11 @@ constexpr int kLongestSide = 40;  // cells along the longest side of the boundin
 constexpr std::size_t kInterior = 300;
 
 // z of the triangle above (x, y), if it covers that point.
-bool HeightAt(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c, double x, double y,
+bool HeightAt(const Eigen::Vector3d& a,
+              const Eigen::Vector3d& b,
+              const Eigen::Vector3d& c,
+              double x,
+              double y,
               double* z) {
   const double area = (b.x() - a.x()) * (c.y() - a.y()) - (c.x() - a.x()) * (b.y() - a.y());
   if (area == 0.0) return false;
@@ -42,7 +46,8 @@ Occupancy ComputeOccupancy(const TriangleMesh& mesh) {
   if (!(longest > 0)) return out;
   out.cell_m = longest / kLongestSide;
   out.origin = low;
-  for (int k = 0; k < 3; ++k) out.size[k] = std::max(1, static_cast<int>(std::ceil((high - low)[k] / out.cell_m)));
+  for (int k = 0; k < 3; ++k)
+    out.size[k] = std::max(1, static_cast<int>(std::ceil((high - low)[k] / out.cell_m)));
   out.inside.assign(static_cast<std::size_t>(out.size.prod()), false);
   // An irrational shift keeps the rays off vertices and edges, which lie at round numbers.
   const double shift = 0.4142135 * out.cell_m;
@@ -52,12 +57,14 @@ Occupancy ComputeOccupancy(const TriangleMesh& mesh) {
       std::vector<double> crossings;
       for (const auto& t : mesh.triangles) {
         double z;
-        if (HeightAt(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]], px, py, &z)) crossings.push_back(z);
+        if (HeightAt(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]], px, py, &z))
+          crossings.push_back(z);
       }
       std::sort(crossings.begin(), crossings.end());
       for (int z = 0; z < out.size.z(); ++z) {
         const double pz = low.z() + (z + 0.5) * out.cell_m;
-        const auto below = std::lower_bound(crossings.begin(), crossings.end(), pz) - crossings.begin();
+        const auto below =
+            std::lower_bound(crossings.begin(), crossings.end(), pz) - crossings.begin();
         if (below % 2 == 0) continue;
         out.inside[(static_cast<std::size_t>(z) * out.size.y() + y) * out.size.x() + x] = true;
         out.interior.push_back(Eigen::Vector3d(px, py, pz).cast<float>());
@@ -66,7 +73,8 @@ Occupancy ComputeOccupancy(const TriangleMesh& mesh) {
   }
   if (out.interior.size() > kInterior) {
     std::vector<Eigen::Vector3f> fewer;
-    for (std::size_t i = 0; i < kInterior; ++i) fewer.push_back(out.interior[i * out.interior.size() / kInterior]);
+    for (std::size_t i = 0; i < kInterior; ++i)
+      fewer.push_back(out.interior[i * out.interior.size() / kInterior]);
     out.interior = std::move(fewer);
   }
   return out;
@@ -76,13 +84,17 @@ double SharedVolume(const PreparedObject& a,
                     const Rigid3& scene_from_a,
                     const PreparedObject& b,
                     const Rigid3& scene_from_b) {
-  if ((scene_from_a * a.center - scene_from_b * b.center).norm() > a.radius_m + b.radius_m) return 0.0;
-  auto share = [](const PreparedObject& of, const Rigid3& scene_from_of, const PreparedObject& in,
+  if ((scene_from_a * a.center - scene_from_b * b.center).norm() > a.radius_m + b.radius_m)
+    return 0.0;
+  auto share = [](const PreparedObject& of,
+                  const Rigid3& scene_from_of,
+                  const PreparedObject& in,
                   const Rigid3& scene_from_in) {
     if (of.occupancy.interior.empty() || in.occupancy.inside.empty()) return 0.0;
     const Rigid3 in_from_of = scene_from_in.Inverse() * scene_from_of;
     int hits = 0;
-    for (const auto& p : of.occupancy.interior) hits += in.occupancy.Contains(in_from_of * p.cast<double>());
+    for (const auto& p : of.occupancy.interior)
+      hits += in.occupancy.Contains(in_from_of * p.cast<double>());
     return static_cast<double>(hits) / static_cast<double>(of.occupancy.interior.size());
   };
   return std::max(share(a, scene_from_a, b, scene_from_b), share(b, scene_from_b, a, scene_from_a));

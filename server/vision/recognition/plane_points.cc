@@ -26,7 +26,8 @@ Eigen::Vector3d SceneRay(const RecognizedView& view, const Eigen::Vector2d& pixe
 }
 
 // Midpoint of the common perpendicular; empty for nearly parallel rays or points behind a camera.
-std::optional<Eigen::Vector3d> Triangulate(const RecognizedView& a, const RecognizedView& b,
+std::optional<Eigen::Vector3d> Triangulate(const RecognizedView& a,
+                                           const RecognizedView& b,
                                            const PlanePoints::Match& m) {
   const Eigen::Vector3d ca = a.camera_from_scene.Inverse().t, cb = b.camera_from_scene.Inverse().t;
   const Eigen::Vector3d u = SceneRay(a, m.pixel_a), v = SceneRay(b, m.pixel_b);
@@ -38,7 +39,9 @@ std::optional<Eigen::Vector3d> Triangulate(const RecognizedView& a, const Recogn
   return Eigen::Vector3d(0.5 * (ca + s * u + cb + t * v));
 }
 
-double TransferError(const RecognizedView& a, const RecognizedView& b, const PlanePoints& plane,
+double TransferError(const RecognizedView& a,
+                     const RecognizedView& b,
+                     const PlanePoints& plane,
                      const PlanePoints::Match& m) {
   const Eigen::Vector3d origin = a.camera_from_scene.Inverse().t, ray = SceneRay(a, m.pixel_a);
   const double denominator = plane.plane.dot(ray);
@@ -85,9 +88,10 @@ PlanePoints FindPlanePoints(const MatchingResult& matching,
     const Eigen::FullPivLU<Eigen::Matrix3d> lu(P.transpose());
     if (!lu.isInvertible()) continue;
     const Eigen::Vector3d m = lu.solve(Eigen::Vector3d::Constant(-1.0));
-    const int inliers = static_cast<int>(std::count_if(candidates.begin(), candidates.end(), [&](const Candidate& c) {
-      return std::abs(m.dot(c.point) + 1.0) < kPlaneShare;
-    }));
+    const int inliers = static_cast<int>(
+        std::count_if(candidates.begin(), candidates.end(), [&](const Candidate& c) {
+          return std::abs(m.dot(c.point) + 1.0) < kPlaneShare;
+        }));
     if (inliers > most) {
       most = inliers;
       out.plane = m;

@@ -1,4 +1,5 @@
-// The supporting plane's matched points in the metric frame: the best calibration object in the scene.
+// The supporting plane's matched points in the metric frame: the best calibration object in the
+// scene.
 #pragma once
 
 #include <Eigen/Core>
@@ -23,8 +24,9 @@ struct PlanePoints {
   std::vector<Match> matches;
 };
 
-// Triangulates the plane matches between known cameras, fits a plane (RANSAC, fixed seed) and keeps at most 60 matches
-// per pair that agree with it within 12 px. No matches when fewer than 12 agree: the plane then plays no part.
+// Triangulates the plane matches between known cameras, fits a plane (RANSAC, fixed seed) and keeps
+// at most 60 matches per pair that agree with it within 12 px. No matches when fewer than 12 agree:
+// the plane then plays no part.
 PlanePoints FindPlanePoints(const MatchingResult& matching,
                             const std::vector<std::optional<RecognizedView>>& views);
 

@@ -33,7 +33,8 @@ std::vector<EdgeResidual> AssociateEdges(const PreparedObject& object,
                                          const Rigid3& camera_from_object,
                                          double reach_px) {
   std::vector<EdgeResidual> out;
-  const Eigen::Vector3d to_camera = camera_from_object.R.transpose() * -camera_from_object.t - object.center;
+  const Eigen::Vector3d to_camera =
+      camera_from_object.R.transpose() * -camera_from_object.t - object.center;
   const std::uint64_t* bits = object.VisibleBits(AspectIndex(to_camera.cast<float>()));
   const double scale = maps.working_from_image;
   const double focal = camera.focal_px * scale;
@@ -84,8 +85,8 @@ std::optional<RefinedPose> RefineInView(const PreparedObject& object,
   using Vector7d = Eigen::Matrix<double, 7, 1>;
   using Matrix7d = Eigen::Matrix<double, 7, 7>;
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
-    const std::vector<EdgeResidual> residuals =
-        AssociateEdges(object, maps, pose.camera, pose.camera_from_object, Reach(options, iteration));
+    const std::vector<EdgeResidual> residuals = AssociateEdges(
+        object, maps, pose.camera, pose.camera_from_object, Reach(options, iteration));
     if (static_cast<int>(residuals.size()) < kMinAssociated) return std::nullopt;
     const Eigen::Vector3d center = pose.camera_from_object * object.center;
     Matrix7d A = Matrix7d::Zero();
@@ -111,7 +112,8 @@ std::optional<RefinedPose> RefineInView(const PreparedObject& object,
     A.diagonal() *= 1.0 + kDamping;
     A.diagonal().array() += 1e-9;
     const Vector7d step = -A.ldlt().solve(b);
-    if (!step.allFinite() || step.head<3>().norm() > 1.0 || std::abs(step(6)) > 1.0) return std::nullopt;
+    if (!step.allFinite() || step.head<3>().norm() > 1.0 || std::abs(step(6)) > 1.0)
+      return std::nullopt;
     const Eigen::Matrix3d dR = RotationFromVector(step.head<3>());
     Rigid3& T = pose.camera_from_object;
     T = {dR * T.R, dR * (T.t - center) + center + step.segment<3>(3)};
@@ -136,8 +138,8 @@ std::optional<Rigid3> RefineInScene(const PreparedObject& object,
     for (const KnownView& view : views) {
       const Rigid3 camera_from_object = view.camera_from_scene * pose;
       const Eigen::Matrix3d Rt = view.camera_from_scene.R.transpose();
-      for (const EdgeResidual& r :
-           AssociateEdges(object, *view.maps, view.camera, camera_from_object, Reach(options, iteration))) {
+      for (const EdgeResidual& r : AssociateEdges(
+               object, *view.maps, view.camera, camera_from_object, Reach(options, iteration))) {
         const Eigen::Vector3d g = Rt * r.g;
         const Eigen::Vector3d arm = Rt * (r.point_in_camera - view.camera_from_scene.t) - center;
         Vector6d J;

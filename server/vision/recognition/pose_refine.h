@@ -13,8 +13,8 @@
 
 namespace horopter {
 
-// One associated sample: residual = normal . (projection - edge point) in working pixels, g = d residual / d point in
-// the camera frame, weight from Tukey's function.
+// One associated sample: residual = normal . (projection - edge point) in working pixels, g = d
+// residual / d point in the camera frame, weight from Tukey's function.
 struct EdgeResidual {
   Eigen::Vector3d point_in_camera;
   Eigen::Vector3d g;
@@ -23,8 +23,8 @@ struct EdgeResidual {
   double weight = 0.0;
 };
 
-// Associates the visible samples (nearest aspect) of a pose with the nearest like-oriented image edge points within
-// `reach_px` working pixels.
+// Associates the visible samples (nearest aspect) of a pose with the nearest like-oriented image
+// edge points within `reach_px` working pixels.
 std::vector<EdgeResidual> AssociateEdges(const PreparedObject& object,
                                          const EdgeMaps& maps,
                                          const PinholeCamera& camera,
@@ -33,9 +33,9 @@ std::vector<EdgeResidual> AssociateEdges(const PreparedObject& object,
 
 struct RefineOptions {
   int iterations = 8;
-  double start_reach_px = 10.0;  // association radius of the first iteration, working pixels
-  double end_reach_px = 3.0;     // ... and of the last
-  double focal_log_sigma = 0.35; // prior of log f about focal_prior_px; 0 keeps f fixed
+  double start_reach_px = 10.0;   // association radius of the first iteration, working pixels
+  double end_reach_px = 3.0;      // ... and of the last
+  double focal_log_sigma = 0.35;  // prior of log f about focal_prior_px; 0 keeps f fixed
   double focal_prior_px = 0.0;
 };
 
@@ -46,8 +46,8 @@ struct RefinedPose {
   int associated = 0;
 };
 
-// Refines one object's pose (and the focal length) in one view. Empty when fewer than 8 samples find an edge or the
-// pose leaves the image.
+// Refines one object's pose (and the focal length) in one view. Empty when fewer than 8 samples
+// find an edge or the pose leaves the image.
 std::optional<RefinedPose> RefineInView(const PreparedObject& object,
                                         const EdgeMaps& maps,
                                         const PinholeCamera& camera,

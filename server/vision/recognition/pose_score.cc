@@ -44,8 +44,12 @@ int AspectOf(const PreparedObject& object, const FloatPose& pose) {
   return AspectIndex(pose.R.transpose() * -pose.t - object.center.cast<float>());
 }
 
-// Sizes the buffers to the projected bounding box plus a margin; false when nothing of it is in the image.
-bool FitScratch(const PreparedObject& object, const PinholeCamera& working, const Rigid3& pose, VerifyScratch* scratch) {
+// Sizes the buffers to the projected bounding box plus a margin; false when nothing of it is in the
+// image.
+bool FitScratch(const PreparedObject& object,
+                const PinholeCamera& working,
+                const Rigid3& pose,
+                VerifyScratch* scratch) {
   constexpr double kMargin = kExplainPx + 2;
   double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
   for (const auto& v : object.model.mesh.vertices) {
@@ -55,10 +59,14 @@ bool FitScratch(const PreparedObject& object, const PinholeCamera& working, cons
     left = std::min(left, u.x()), right = std::max(right, u.x());
     top = std::min(top, u.y()), bottom = std::max(bottom, u.y());
   }
-  scratch->x0 = static_cast<int>(std::clamp(left - kMargin, 0.0, static_cast<double>(working.width)));
-  scratch->y0 = static_cast<int>(std::clamp(top - kMargin, 0.0, static_cast<double>(working.height)));
-  const int x1 = static_cast<int>(std::clamp(right + kMargin + 1, 0.0, static_cast<double>(working.width)));
-  const int y1 = static_cast<int>(std::clamp(bottom + kMargin + 1, 0.0, static_cast<double>(working.height)));
+  scratch->x0 =
+      static_cast<int>(std::clamp(left - kMargin, 0.0, static_cast<double>(working.width)));
+  scratch->y0 =
+      static_cast<int>(std::clamp(top - kMargin, 0.0, static_cast<double>(working.height)));
+  const int x1 =
+      static_cast<int>(std::clamp(right + kMargin + 1, 0.0, static_cast<double>(working.width)));
+  const int y1 =
+      static_cast<int>(std::clamp(bottom + kMargin + 1, 0.0, static_cast<double>(working.height)));
   if (x1 <= scratch->x0 || y1 <= scratch->y0) return false;
   DepthBuffer& depth = scratch->depth;
   depth.width = x1 - scratch->x0;
@@ -69,11 +77,12 @@ bool FitScratch(const PreparedObject& object, const PinholeCamera& working, cons
   return true;
 }
 
-// Marks the cells around a visible model edge point, for its own and the neighbouring orientation bins.
+// Marks the cells around a visible model edge point, for its own and the neighbouring orientation
+// bins.
 void MarkModelEdge(float x, float y, int bin, VerifyScratch* scratch) {
-  const std::uint8_t bits = static_cast<std::uint8_t>(
-      (1u << bin) | (1u << ((bin + 1) % kOrientationBins)) |
-      (1u << ((bin + kOrientationBins - 1) % kOrientationBins)));
+  const std::uint8_t bits =
+      static_cast<std::uint8_t>((1u << bin) | (1u << ((bin + 1) % kOrientationBins)) |
+                                (1u << ((bin + kOrientationBins - 1) % kOrientationBins)));
   const int width = scratch->depth.width, height = scratch->depth.height;
   const int cx = static_cast<int>(std::lround(x)) - scratch->x0;
   const int cy = static_cast<int>(std::lround(y)) - scratch->y0;
@@ -97,8 +106,12 @@ EdgeSupport& EdgeSupport::operator+=(const EdgeSupport& o) {
   return *this;
 }
 
-double SilhouetteF1(const EdgeSupport& s) { return F1(s.Precision(), s.RecallInside(), s.supported); }
-double WholeImageF1(const EdgeSupport& s) { return F1(s.Precision(), s.RecallAll(), s.supported); }
+double SilhouetteF1(const EdgeSupport& s) {
+  return F1(s.Precision(), s.RecallInside(), s.supported);
+}
+double WholeImageF1(const EdgeSupport& s) {
+  return F1(s.Precision(), s.RecallAll(), s.supported);
+}
 
 float QuickScore(const PreparedObject& object,
                  const EdgeMaps& maps,
@@ -112,7 +125,8 @@ float QuickScore(const PreparedObject& object,
   const float width = static_cast<float>(camera.width), height = static_cast<float>(camera.height);
   float sum = 0;
   int inside = 0, outside = 0;
-  // Every sixteenth sample of every edge first, then every fourth, then all: a bad pose is left early.
+  // Every sixteenth sample of every edge first, then every fourth, then all: a bad pose is left
+  // early.
   constexpr std::uint64_t kSixteenth = 0x0001000100010001ull, kFourth = 0x1111111111111111ull;
   constexpr std::uint64_t kMasks[3] = {kSixteenth, kFourth & ~kSixteenth, ~kFourth};
   constexpr float kFirstLook = 0.6f;  // share of give_up that a sixteenth of the samples must reach
@@ -133,7 +147,8 @@ float QuickScore(const PreparedObject& object,
         }
         ++inside;
         const Eigen::Vector3f q = pose.R * s.tangent;
-        const int bin = OrientationBin(q.x() * p.z() - p.x() * q.z(), q.y() * p.z() - p.y() * q.z());
+        const int bin =
+            OrientationBin(q.x() * p.z() - p.x() * q.z(), q.y() * p.z() - p.y() * q.z());
         const float d = maps.DistanceAt(x, y, bin);
         sum += std::max(0.0f, 1.0f - d * inverse_reach);
       }
@@ -197,20 +212,23 @@ EdgeSupport VerifyPose(const PreparedObject& object,
     if (off.norm() < kSupportPx && turn < kSupportRad) support.supported += length;
   }
 
-  support.segments = ViewEvidence::kSegmentSampleStep * static_cast<double>(view.segment_samples.size());
+  support.segments =
+      ViewEvidence::kSegmentSampleStep * static_cast<double>(view.segment_samples.size());
   for (std::size_t i = 0; i < view.segment_samples.size(); ++i) {
     const SegmentSample& s = view.segment_samples[i];
     const int x = static_cast<int>(std::lround(s.point.x())) - scratch->x0;
     const int y = static_cast<int>(std::lround(s.point.y())) - scratch->y0;
     if (x < 0 || y < 0 || x >= depth.width || y >= depth.height) continue;
-    const bool explained = scratch->model_mask[static_cast<std::size_t>(y) * depth.width + x] >> s.bin & 1;
+    const bool explained =
+        scratch->model_mask[static_cast<std::size_t>(y) * depth.width + x] >> s.bin & 1;
     if (explained) {
       support.all_explained += ViewEvidence::kSegmentSampleStep;
       if (explained_segments != nullptr) (*explained_segments)[i] = 1;
     } else {
       if (!(depth.At(x, y) < DepthBuffer::kNoDepth)) continue;
       // What another object hides asks for no explanation by this one.
-      if (occluders != nullptr && occluders->At(x + scratch->x0, y + scratch->y0) < depth.At(x, y)) continue;
+      if (occluders != nullptr && occluders->At(x + scratch->x0, y + scratch->y0) < depth.At(x, y))
+        continue;
     }
     support.inside += ViewEvidence::kSegmentSampleStep;
     if (explained) support.explained += ViewEvidence::kSegmentSampleStep;

@@ -13,9 +13,10 @@
 
 namespace horopter {
 
-// Mean support (0..1) of the samples visible in the nearest aspect: 1 on an edge of like orientation, falling
-// linearly to 0 at `reach_px` working pixels. Gives up and returns the partial mean when the first sixteenth or
-// quarter of the samples scores too far below `give_up`. Poses of which less than 60 % lies inside the image, or behind the camera, score 0.
+// Mean support (0..1) of the samples visible in the nearest aspect: 1 on an edge of like
+// orientation, falling linearly to 0 at `reach_px` working pixels. Gives up and returns the partial
+// mean when the first sixteenth or quarter of the samples scores too far below `give_up`. Poses of
+// which less than 60 % lies inside the image, or behind the camera, score 0.
 float QuickScore(const PreparedObject& object,
                  const EdgeMaps& maps,
                  const PinholeCamera& camera,
@@ -25,11 +26,11 @@ float QuickScore(const PreparedObject& object,
 
 // Edge support counted with hidden lines removed. Lengths in working pixels.
 struct EdgeSupport {
-  double visible = 0.0;     // length of the model edges visible in the image
-  double supported = 0.0;   // ... that lie on an image edge of like direction
-  double inside = 0.0;      // length of image segments inside the silhouette
-  double explained = 0.0;   // ... that lie on a visible model edge
-  double segments = 0.0;    // length of all image segments
+  double visible = 0.0;    // length of the model edges visible in the image
+  double supported = 0.0;  // ... that lie on an image edge of like direction
+  double inside = 0.0;     // length of image segments inside the silhouette
+  double explained = 0.0;  // ... that lie on a visible model edge
+  double segments = 0.0;   // length of all image segments
   double all_explained = 0.0;
   double hidden_by_others = 0.0;  // length hidden by `occluders`
 
@@ -39,21 +40,25 @@ struct EdgeSupport {
   double RecallAll() const { return segments > 0 ? all_explained / segments : 0.0; }
 };
 
-// 2PR/(P+R) with R inside the silhouette, times n/(n+20) for n supported 4 px samples (frontend.md 4).
+// 2PR/(P+R) with R inside the silhouette, times n/(n+20) for n supported 4 px samples (frontend.md
+// 4).
 double SilhouetteF1(const EdgeSupport& support);
 // The same with R over the whole image: right when the part is alone in the image.
 double WholeImageF1(const EdgeSupport& support);
 
-// Reusable buffers of VerifyPose, one per thread. They cover the cells around the object only, from (x0, y0).
+// Reusable buffers of VerifyPose, one per thread. They cover the cells around the object only, from
+// (x0, y0).
 struct VerifyScratch {
   int x0 = 0;
   int y0 = 0;
   DepthBuffer depth;
-  std::vector<std::uint8_t> model_mask;  // per cell: bit b = a visible model edge of orientation bin b is near
+  std::vector<std::uint8_t>
+      model_mask;  // per cell: bit b = a visible model edge of orientation bin b is near
 };
 
-// Counts the support of a pose. `occluders`: depth of other accepted objects in this view at working resolution, or
-// null. Marks in `explained_segments` (one byte per segment sample; may be null) what the pose explains.
+// Counts the support of a pose. `occluders`: depth of other accepted objects in this view at
+// working resolution, or null. Marks in `explained_segments` (one byte per segment sample; may be
+// null) what the pose explains.
 EdgeSupport VerifyPose(const PreparedObject& object,
                        const ViewEvidence& view,
                        const PinholeCamera& camera,
@@ -65,8 +70,8 @@ EdgeSupport VerifyPose(const PreparedObject& object,
 // The camera of the working-resolution image.
 PinholeCamera WorkingCamera(const PinholeCamera& camera, const EdgeMaps& maps);
 
-// Largest displacement (working pixels) between the projections of two poses, over the bounding box's corners; a large
-// number when a corner lies behind the camera.
+// Largest displacement (working pixels) between the projections of two poses, over the bounding
+// box's corners; a large number when a corner lies behind the camera.
 double ProjectionDistance(const PreparedObject& object,
                           const PinholeCamera& camera_a,
                           const Rigid3& a,

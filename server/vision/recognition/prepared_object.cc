@@ -38,9 +38,11 @@ void SampleEdges(const PrepareOptions& options, PreparedObject* object) {
   const std::vector<ModelEdge>& edges = object->model.edges;
   double total = 0.0;
   for (const ModelEdge& e : edges) {
-    for (std::size_t i = 1; i < e.polyline.size(); ++i) total += (e.polyline[i] - e.polyline[i - 1]).norm();
+    for (std::size_t i = 1; i < e.polyline.size(); ++i)
+      total += (e.polyline[i] - e.polyline[i - 1]).norm();
   }
-  object->sample_spacing_m = std::max(total / options.max_samples, object->model.diameter_m / 120.0);
+  object->sample_spacing_m =
+      std::max(total / options.max_samples, object->model.diameter_m / 120.0);
   const double spacing = object->sample_spacing_m;
   for (int index = 0; index < static_cast<int>(edges.size()); ++index) {
     const auto& line = edges[index].polyline;
@@ -94,7 +96,8 @@ void ComputeAspects(const PrepareOptions& options, PreparedObject* object) {
     for (int i = 0; i < n; ++i) {
       const Eigen::Vector3d p = camera_from_object * object->samples[i].point.cast<double>();
       if (!IsVisible(buffer, Project(camera, p), p.z(), kHiddenTolerance * diameter)) continue;
-      object->visible[static_cast<std::size_t>(aspect) * object->words + i / 64] |= 1ull << (i % 64);
+      object->visible[static_cast<std::size_t>(aspect) * object->words + i / 64] |= 1ull
+                                                                                    << (i % 64);
       ++seen[object->samples[i].edge];
     }
     for (int e = 0; e < edges; ++e) {
@@ -106,7 +109,8 @@ void ComputeAspects(const PrepareOptions& options, PreparedObject* object) {
 
 void FindPaths(const PrepareOptions& options, PreparedObject* object) {
   const ObjectModel& model = object->model;
-  std::vector<std::vector<std::pair<int, int>>> incident(model.vertices.size());  // (edge, other vertex)
+  std::vector<std::vector<std::pair<int, int>>> incident(
+      model.vertices.size());  // (edge, other vertex)
   for (int e = 0; e < static_cast<int>(model.edges.size()); ++e) {
     const ModelEdge& edge = model.edges[e];
     if (edge.kind != CurveKind::kLine || edge.start_vertex < 0 || edge.end_vertex < 0) continue;
@@ -127,7 +131,8 @@ void FindPaths(const PrepareOptions& options, PreparedObject* object) {
         p.length_ab = u.norm();
         p.length_bc = v.norm();
         p.length_ac = (u - v).norm();
-        if (!(u.cross(v).norm() > std::sin(options.min_path_angle_rad) * p.length_ab * p.length_bc)) continue;
+        if (!(u.cross(v).norm() > std::sin(options.min_path_angle_rad) * p.length_ab * p.length_bc))
+          continue;
         Eigen::Matrix3d frame;
         frame << u, v, u.cross(v);
         p.inverse_frame = frame.inverse();
@@ -162,7 +167,8 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel 
   object->model = std::move(model);
   const ObjectModel& m = object->model;
   if (m.edges.empty()) return absl::InvalidArgumentError("object " + m.id + " has no sharp edges");
-  if (m.mesh.triangles.empty()) return absl::InvalidArgumentError("object " + m.id + " has no mesh");
+  if (m.mesh.triangles.empty())
+    return absl::InvalidArgumentError("object " + m.id + " has no mesh");
   Eigen::Vector3d low = m.mesh.vertices[0], high = low;
   for (const auto& v : m.mesh.vertices) low = low.cwiseMin(v), high = high.cwiseMax(v);
   object->center = 0.5 * (low + high);

@@ -1,5 +1,5 @@
-// What recognition derives from an ObjectModel once, at enrolment: edge samples, what is visible from where, vertex
-// paths and stable poses.
+// What recognition derives from an ObjectModel once, at enrolment: edge samples, what is visible
+// from where, vertex paths and stable poses.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,13 +21,13 @@ int AspectIndex(const Eigen::Vector3f& direction);
 Eigen::Vector3d AspectDirection(int index);
 
 struct EdgeSample {
-  Eigen::Vector3f point = Eigen::Vector3f::Zero();    // object frame, metres
-  Eigen::Vector3f tangent = Eigen::Vector3f::UnitX(); // unit
-  int edge = -1;                                      // index into model.edges
+  Eigen::Vector3f point = Eigen::Vector3f::Zero();     // object frame, metres
+  Eigen::Vector3f tangent = Eigen::Vector3f::UnitX();  // unit
+  int edge = -1;                                       // index into model.edges
 };
 
-// Two straight edges a-b and b-c that share the vertex b. inverse_frame maps two image-space vectors to a rotation:
-// R = [q1 q2 q1xq2] * inverse_frame for q1 = R(A-B), q2 = R(C-B).
+// Two straight edges a-b and b-c that share the vertex b. inverse_frame maps two image-space
+// vectors to a rotation: R = [q1 q2 q1xq2] * inverse_frame for q1 = R(A-B), q2 = R(C-B).
 struct VertexPath {
   int a = -1;
   int b = -1;
@@ -40,21 +40,23 @@ struct VertexPath {
   Eigen::Matrix3d inverse_frame = Eigen::Matrix3d::Identity();
 };
 
-// A pose in which the part rests on a plane: `up` is the plane's normal in the object frame, the plane is
-// {x : up.x = -height} below the part.
+// A pose in which the part rests on a plane: `up` is the plane's normal in the object frame, the
+// plane is {x : up.x = -height} below the part.
 struct StablePose {
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
-  double height_m = 0.0;   // of the object origin above the plane
-  double margin_m = 0.0;   // distance of the projected centre of mass from the border of the support polygon
+  double height_m = 0.0;  // of the object origin above the plane
+  double margin_m =
+      0.0;  // distance of the projected centre of mass from the border of the support polygon
 };
 
-// Which cells of the bounding box lie inside the part: objects are solid, two of them cannot share space.
+// Which cells of the bounding box lie inside the part: objects are solid, two of them cannot share
+// space.
 struct Occupancy {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();  // corner of cell (0,0,0), object frame
   double cell_m = 0.0;
   Eigen::Vector3i size = Eigen::Vector3i::Zero();
-  std::vector<bool> inside;                     // x fastest
-  std::vector<Eigen::Vector3f> interior;        // centres of at most 300 inside cells
+  std::vector<bool> inside;               // x fastest
+  std::vector<Eigen::Vector3f> interior;  // centres of at most 300 inside cells
 
   bool Contains(const Eigen::Vector3d& point) const;
 };
@@ -66,9 +68,9 @@ struct PreparedObject {
 
   std::vector<EdgeSample> samples;
   double sample_spacing_m = 0.0;
-  int words = 0;                          // 64-bit words per aspect in `visible`
-  std::vector<std::uint64_t> visible;     // kAspectCount * words, bit i: samples[i] is visible
-  std::vector<std::uint8_t> edge_visible; // kAspectCount * edges, visible share of the edge * 255
+  int words = 0;                           // 64-bit words per aspect in `visible`
+  std::vector<std::uint64_t> visible;      // kAspectCount * words, bit i: samples[i] is visible
+  std::vector<std::uint8_t> edge_visible;  // kAspectCount * edges, visible share of the edge * 255
 
   std::vector<VertexPath> paths;
   std::vector<StablePose> stable_poses;
@@ -83,17 +85,17 @@ struct PreparedObject {
 };
 
 struct PrepareOptions {
-  int max_samples = 448;               // edge samples per object; more: finer scores, slower
-  double min_path_angle_rad = 0.2618;  // paths straighter than this are no corner
+  int max_samples = 448;                   // edge samples per object; more: finer scores, slower
+  double min_path_angle_rad = 0.2618;      // paths straighter than this are no corner
   double aspect_distance_diameters = 6.0;  // camera distance at which visibility is computed
 };
 
 // Errors: INVALID_ARGUMENT when the model has no edges, no mesh or no extent.
-absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel model,
-                                                                    const PrepareOptions& options = {});
+absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(
+    ObjectModel model, const PrepareOptions& options = {});
 
-// Stable resting poses of a mesh on a plane: facets of the convex hull above which the centre of mass lies, largest
-// margin first.
+// Stable resting poses of a mesh on a plane: facets of the convex hull above which the centre of
+// mass lies, largest margin first.
 std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh);
 
 // Cells of a closed mesh by ray parity along z; cells of an open mesh may be wrong.

@@ -14,12 +14,14 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinSegments = 5;           // fewer in every view: nothing can be said
+constexpr int kMinSegments = 5;  // fewer in every view: nothing can be said
 constexpr int kExpandedSeeds = 8;
-constexpr int kRounds = 2;                // expansion, refinement, expansion with the better cameras
-constexpr double kSameSeedPx = 10.0;      // working pixels
+constexpr int kRounds = 2;            // expansion, refinement, expansion with the better cameras
+constexpr double kSameSeedPx = 10.0;  // working pixels
 
-JointContext MakeContext(const RecognitionInput& input, const RecognitionOptions& options, const StopRequested& stop) {
+JointContext MakeContext(const RecognitionInput& input,
+                         const RecognitionOptions& options,
+                         const StopRequested& stop) {
   JointContext context;
   context.objects = input.objects;
   context.matching = input.matching;
@@ -27,7 +29,9 @@ JointContext MakeContext(const RecognitionInput& input, const RecognitionOptions
   context.stop = stop;
   const int views = static_cast<int>(input.features.size());
   context.views.resize(views);
-  ParallelFor(views, options.threads, [&](int v) { context.views[v] = BuildViewEvidence(input.features[v]); });
+  ParallelFor(views, options.threads, [&](int v) {
+    context.views[v] = BuildViewEvidence(input.features[v]);
+  });
   for (int v = 0; v < views; ++v) {
     const ImageFeatures& f = input.features[v];
     PinholeCamera camera = CenteredCamera(f.width, f.height, options.focal_start_widths * f.width);
@@ -38,7 +42,8 @@ JointContext MakeContext(const RecognitionInput& input, const RecognitionOptions
         camera.focal_px = *hint.focal_px;
         sigma = hint.focal_log_sigma.value_or(0.02);
       }
-      if (hint.principal_point) camera.cx = hint.principal_point->x(), camera.cy = hint.principal_point->y();
+      if (hint.principal_point)
+        camera.cx = hint.principal_point->x(), camera.cy = hint.principal_point->y();
       if (hint.k1) camera.k1 = *hint.k1;
     }
     context.start_cameras.push_back(camera);
@@ -64,8 +69,14 @@ void FindAllViewHypotheses(JointContext* context) {
     const int v = i / objects, k = i % objects;
     ViewHypothesisOptions of_view = options;
     of_view.focal_log_sigma = context->focal_log_sigma[v];
-    context->hypotheses[v][k] = FindViewHypotheses(*context->objects[k], k, context->views[v], v, paths[v],
-                                                   context->start_cameras[v], of_view, context->stop);
+    context->hypotheses[v][k] = FindViewHypotheses(*context->objects[k],
+                                                   k,
+                                                   context->views[v],
+                                                   v,
+                                                   paths[v],
+                                                   context->start_cameras[v],
+                                                   of_view,
+                                                   context->stop);
   });
 }
 
@@ -75,15 +86,22 @@ bool SameSeed(const JointContext& context, const SceneModel& a, const SceneModel
   for (std::size_t v = 0; v < a.views.size(); ++v) {
     if (a.views[v].has_value() != b.views[v].has_value()) return false;
     if (!a.views[v]) continue;
-    if (ProjectionDistance(object, a.views[v]->camera, a.views[v]->camera_from_scene, b.views[v]->camera,
-                           b.views[v]->camera_from_scene, context.views[v].maps.working_from_image) > kSameSeedPx) {
+    if (ProjectionDistance(object,
+                           a.views[v]->camera,
+                           a.views[v]->camera_from_scene,
+                           b.views[v]->camera,
+                           b.views[v]->camera_from_scene,
+                           context.views[v].maps.working_from_image) > kSameSeedPx) {
       return false;
     }
   }
   return true;
 }
 
-SceneModel Expand(const JointContext& context, SceneModel scene, bool thorough, std::vector<PlacedObject>* verified) {
+SceneModel Expand(const JointContext& context,
+                  SceneModel scene,
+                  bool thorough,
+                  std::vector<PlacedObject>* verified) {
   ExpansionOptions options;
   options.accept_score = context.options.accept_score;
   options.use_pool = thorough;
@@ -105,24 +123,30 @@ SceneModel Expand(const JointContext& context, SceneModel scene, bool thorough, 
   return scene;
 }
 
-// Expands the best distinct seeds with the verified hypotheses only and returns the scene that explains most.
+// Expands the best distinct seeds with the verified hypotheses only and returns the scene that
+// explains most.
 SceneModel BestExpansion(const JointContext& context, const std::vector<SceneModel>& seeds) {
   std::vector<SceneModel> distinct;
   for (const SceneModel& s : seeds) {
     if (static_cast<int>(distinct.size()) >= kExpandedSeeds) break;
-    if (std::none_of(distinct.begin(), distinct.end(), [&](const SceneModel& d) { return SameSeed(context, d, s); })) {
+    if (std::none_of(distinct.begin(), distinct.end(), [&](const SceneModel& d) {
+          return SameSeed(context, d, s);
+        })) {
       distinct.push_back(s);
     }
   }
   std::vector<SceneModel> expanded(distinct.size());
-  ParallelFor(static_cast<int>(distinct.size()), context.options.threads,
-              [&](int i) { expanded[i] = Expand(context, distinct[i], false, nullptr); });
-  const auto best = std::max_element(expanded.begin(), expanded.end(),
+  ParallelFor(static_cast<int>(distinct.size()), context.options.threads, [&](int i) {
+    expanded[i] = Expand(context, distinct[i], false, nullptr);
+  });
+  const auto best = std::max_element(expanded.begin(),
+                                     expanded.end(),
                                      [](const auto& x, const auto& y) { return x.gain < y.gain; });
   return best == expanded.end() ? SceneModel{} : *best;
 }
 
-RecognitionResult ToResult(const JointContext& context, const SceneModel& scene,
+RecognitionResult ToResult(const JointContext& context,
+                           const SceneModel& scene,
                            const std::vector<PlacedObject>& verified) {
   RecognitionResult result;
   result.views = scene.views;
@@ -132,7 +156,8 @@ RecognitionResult ToResult(const JointContext& context, const SceneModel& scene,
     o.scene_from_object = p.scene_from_object;
     o.score = p.score;
     for (std::size_t v = 0; v < p.support.size(); ++v) {
-      o.view_scores.push_back(scene.views[v] && p.support[v].visible > 0 ? SilhouetteF1(p.support[v]) : -1.0);
+      o.view_scores.push_back(
+          scene.views[v] && p.support[v].visible > 0 ? SilhouetteF1(p.support[v]) : -1.0);
     }
     return o;
   };
@@ -141,8 +166,12 @@ RecognitionResult ToResult(const JointContext& context, const SceneModel& scene,
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
     const PlacedObject& accepted = scene.objects[i];
     for (const PlacedObject& rival : verified) {
-      if (rival.object == accepted.object || rival.score < accepted.score - context.options.ambiguity_gap) continue;
-      if (SharedVolume(*context.objects[accepted.object], accepted.scene_from_object, *context.objects[rival.object],
+      if (rival.object == accepted.object ||
+          rival.score < accepted.score - context.options.ambiguity_gap)
+        continue;
+      if (SharedVolume(*context.objects[accepted.object],
+                       accepted.scene_from_object,
+                       *context.objects[rival.object],
                        rival.scene_from_object) < 0.3) {
         continue;
       }
@@ -167,10 +196,12 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   RecognitionResult result;
   result.views.resize(input.features.size());
   std::size_t most_segments = 0;
-  for (const ImageFeatures& f : input.features) most_segments = std::max(most_segments, f.segments.size());
+  for (const ImageFeatures& f : input.features)
+    most_segments = std::max(most_segments, f.segments.size());
   if (most_segments < kMinSegments) {
     result.state = RecognitionState::kTooFewFeatures;
-    result.detail = absl::StrCat("at most ", most_segments, " segments in an image, need ", kMinSegments);
+    result.detail =
+        absl::StrCat("at most ", most_segments, " segments in an image, need ", kMinSegments);
     return result;
   }
 
@@ -200,8 +231,10 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   for (auto& view : context.hypotheses) {
     for (ViewHypotheses& object : view) {
       hypotheses += static_cast<double>(object.pool.size());
-      const int kept = std::min<int>(options.hypotheses_per_object, static_cast<int>(object.best.size()));
-      result.hypotheses.insert(result.hypotheses.end(), object.best.begin(), object.best.begin() + kept);
+      const int kept =
+          std::min<int>(options.hypotheses_per_object, static_cast<int>(object.best.size()));
+      result.hypotheses.insert(
+          result.hypotheses.end(), object.best.begin(), object.best.begin() + kept);
     }
   }
   result.counts["view_hypotheses"] = hypotheses;
@@ -211,11 +244,12 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   result.counts["views"] = scene.registered();
   if (result.objects.empty()) {
     result.state = RecognitionState::kNothingFound;
-    result.detail = absl::StrCat(seed_count, " linked hypotheses, none with a joint score of ",
-                                 options.accept_score);
+    result.detail = absl::StrCat(
+        seed_count, " linked hypotheses, none with a joint score of ", options.accept_score);
     return result;
   }
-  const bool ambiguous = std::any_of(result.objects.begin(), result.objects.end(),
+  const bool ambiguous = std::any_of(result.objects.begin(),
+                                     result.objects.end(),
                                      [](const SceneObject& o) { return !o.alternatives.empty(); });
   result.state = ambiguous ? RecognitionState::kAmbiguous : RecognitionState::kRecognized;
   return result;

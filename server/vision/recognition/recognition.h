@@ -1,5 +1,5 @@
-// Which catalog objects are in the scene, and where: hypotheses in single views, linked and judged over all views
-// (thesis 4, frontend.md 4-5).
+// Which catalog objects are in the scene, and where: hypotheses in single views, linked and judged
+// over all views (thesis 4, frontend.md 4-5).
 #pragma once
 
 #include <Eigen/Core>
@@ -21,7 +21,8 @@
 
 namespace horopter {
 
-struct PreparedObject;  // recognition/prepared_object.h: what recognition derives from an ObjectModel, once
+struct PreparedObject;  // recognition/prepared_object.h: what recognition derives from an
+                        // ObjectModel, once
 
 // What the caller happens to know about a camera. Unset fields are unknown.
 struct CameraHint {
@@ -35,9 +36,9 @@ struct CameraHint {
 struct ViewHypothesis {
   int object = -1;  // index into the list of prepared objects
   int view = -1;
-  PinholeCamera camera;         // with the focal length assumed or refined
-  Rigid3 camera_from_object;    // metres
-  double score = 0.0;           // 0..1, F1 of edge support
+  PinholeCamera camera;       // with the focal length assumed or refined
+  Rigid3 camera_from_object;  // metres
+  double score = 0.0;         // 0..1, F1 of edge support
 };
 
 struct RecognizedView {
@@ -49,15 +50,15 @@ struct RecognizedView {
 struct SceneObject {
   int object = -1;
   Rigid3 scene_from_object;
-  double score = 0.0;                // joint over the views, 0..1
-  std::vector<double> view_scores;   // per view; negative: not visible or camera not recovered
-  std::vector<int> alternatives;     // objects the images do not tell apart from this one
+  double score = 0.0;               // joint over the views, 0..1
+  std::vector<double> view_scores;  // per view; negative: not visible or camera not recovered
+  std::vector<int> alternatives;    // objects the images do not tell apart from this one
 };
 
 enum class RecognitionState {
-  kRecognized,      // at least one object
-  kNothingFound,    // cameras or not: no catalog object has support
-  kAmbiguous,       // objects found, but at least one has alternatives that the images do not exclude
+  kRecognized,    // at least one object
+  kNothingFound,  // cameras or not: no catalog object has support
+  kAmbiguous,     // objects found, but at least one has alternatives that the images do not exclude
   kTooFewFeatures,  // no view has enough edges
 };
 
@@ -67,16 +68,16 @@ struct RecognitionResult {
   std::vector<std::optional<RecognizedView>> views;
   std::vector<SceneObject> objects;
   std::vector<ViewHypothesis> hypotheses;  // kept per view, best first; for the stage report
-  std::vector<SceneObject> verified;       // joint hypotheses before consolidation; for the stage report
+  std::vector<SceneObject> verified;  // joint hypotheses before consolidation; for the stage report
   std::map<std::string, double> counts;
 };
 
 struct RecognitionOptions {
-  double focal_start_widths = 1.5;      // first focal length tried, in image widths
-  double focal_log_sigma = 0.35;        // prior width of log f; larger: weaker prior
-  int hypotheses_per_object = 8;        // distinct poses kept per object and view
-  double accept_score = 0.60;           // joint score of an accepted object; higher: fewer, surer objects
-  double ambiguity_gap = 0.03;          // a rival closer than this makes the answer ambiguous
+  double focal_start_widths = 1.5;  // first focal length tried, in image widths
+  double focal_log_sigma = 0.35;    // prior width of log f; larger: weaker prior
+  int hypotheses_per_object = 8;    // distinct poses kept per object and view
+  double accept_score = 0.60;   // joint score of an accepted object; higher: fewer, surer objects
+  double ambiguity_gap = 0.03;  // a rival closer than this makes the answer ambiguous
   int threads = 2;
 };
 

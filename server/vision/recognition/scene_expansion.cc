@@ -24,7 +24,8 @@ std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel&
   std::vector<KnownView> known;
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
-    known.push_back({&context.views[v].maps, scene.views[v]->camera, scene.views[v]->camera_from_scene});
+    known.push_back(
+        {&context.views[v].maps, scene.views[v]->camera, scene.views[v]->camera_from_scene});
   }
   return known;
 }
@@ -36,12 +37,15 @@ bool SamePlacement(const PreparedObject& object, const Rigid3& a, const Rigid3& 
     return c > std::cos(kSameTurnRad);
   };
   if (close(a)) return true;
-  return std::any_of(object.model.symmetries.begin(), object.model.symmetries.end(),
+  return std::any_of(object.model.symmetries.begin(),
+                     object.model.symmetries.end(),
                      [&](const Rigid3& s) { return close(a * s); });
 }
 
 // Mean quick score over the views in which the object's centre is inside the image.
-double QuickOverViews(const PreparedObject& object, std::span<const KnownView> views, const Rigid3& scene_from_object,
+double QuickOverViews(const PreparedObject& object,
+                      std::span<const KnownView> views,
+                      const Rigid3& scene_from_object,
                       const ExpansionOptions& options) {
   double sum = 0.0;
   int n = 0;
@@ -50,15 +54,19 @@ double QuickOverViews(const PreparedObject& object, std::span<const KnownView> v
     const Eigen::Vector3d c = pose * object.center;
     if (c.z() <= object.radius_m) return 0.0;
     const Eigen::Vector2d u = Project(view.camera, c);
-    if (u.x() < 0 || u.y() < 0 || u.x() >= view.camera.width || u.y() >= view.camera.height) continue;
+    if (u.x() < 0 || u.y() < 0 || u.x() >= view.camera.width || u.y() >= view.camera.height)
+      continue;
     sum += QuickScore(object, *view.maps, view.camera, pose, options.quick_reach_px, 0.2f);
     ++n;
   }
   return n > 0 ? sum / n : 0.0;
 }
 
-std::vector<PlacedObject> PlacementsOfObject(const JointContext& context, const SceneModel& scene, int k,
-                                             std::span<const KnownView> known, const ExpansionOptions& options) {
+std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
+                                             const SceneModel& scene,
+                                             int k,
+                                             std::span<const KnownView> known,
+                                             const ExpansionOptions& options) {
   const PreparedObject& object = *context.objects[k];
   struct Candidate {
     double quick;
@@ -83,7 +91,9 @@ std::vector<PlacedObject> PlacementsOfObject(const JointContext& context, const 
       if (quick >= options.min_quick) candidates.push_back({quick, pose});
     }
   }
-  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& x, const auto& y) { return x.quick > y.quick; });
+  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& x, const auto& y) {
+    return x.quick > y.quick;
+  });
 
   std::vector<PlacedObject> placed;
   VerifyScratch scratch;
@@ -93,7 +103,9 @@ std::vector<PlacedObject> PlacementsOfObject(const JointContext& context, const 
   std::vector<Rigid3> starts;
   for (const Candidate& c : candidates) {
     if (tried >= options.kept_per_object || IsStopRequested(context.stop)) break;
-    if (std::any_of(starts.begin(), starts.end(), [&](const Rigid3& p) { return SamePlacement(object, p, c.pose); })) {
+    if (std::any_of(starts.begin(), starts.end(), [&](const Rigid3& p) {
+          return SamePlacement(object, p, c.pose);
+        })) {
       continue;
     }
     starts.push_back(c.pose);
@@ -115,13 +127,19 @@ std::vector<PlacedObject> PlacementsOfObject(const JointContext& context, const 
 }
 
 // What decides which placement is accepted next: sure and large ones first.
-double Priority(const PlacedObject& p) { return (p.score - 0.45) * std::sqrt(std::max(0.0, p.total.supported)); }
+double Priority(const PlacedObject& p) {
+  return (p.score - 0.45) * std::sqrt(std::max(0.0, p.total.supported));
+}
 
-bool RestsOn(const PreparedObject& object, const Rigid3& scene_from_object, const ScenePlane& plane) {
-  return std::any_of(object.stable_poses.begin(), object.stable_poses.end(), [&](const StablePose& s) {
-    const double height = plane.normal.dot(scene_from_object.t) - plane.offset_m - s.height_m;
-    return (scene_from_object.R * s.up).dot(plane.normal) > kPlaneCos && std::abs(height) < kPlaneOffsetM;
-  });
+bool RestsOn(const PreparedObject& object,
+             const Rigid3& scene_from_object,
+             const ScenePlane& plane) {
+  return std::any_of(
+      object.stable_poses.begin(), object.stable_poses.end(), [&](const StablePose& s) {
+        const double height = plane.normal.dot(scene_from_object.t) - plane.offset_m - s.height_m;
+        return (scene_from_object.R * s.up).dot(plane.normal) > kPlaneCos &&
+               std::abs(height) < kPlaneOffsetM;
+      });
 }
 
 // Share of what `explained` holds that is taken already; 0 when it holds nothing.
@@ -138,7 +156,9 @@ double SharedEdges(const ExplainedSegments& explained, const ExplainedSegments& 
 
 }  // namespace
 
-double HeightAbovePlane(const PreparedObject& object, const Rigid3& scene_from_object, const ScenePlane& plane) {
+double HeightAbovePlane(const PreparedObject& object,
+                        const Rigid3& scene_from_object,
+                        const ScenePlane& plane) {
   double lowest = 1e9;
   for (const auto& v : object.model.mesh.vertices) {
     lowest = std::min(lowest, plane.normal.dot(scene_from_object * v) - plane.offset_m);
@@ -146,11 +166,12 @@ double HeightAbovePlane(const PreparedObject& object, const Rigid3& scene_from_o
   return lowest;
 }
 
-std::optional<ScenePlane> PlaneFromMatches(const JointContext& context,
-                                           const std::vector<std::optional<RecognizedView>>& views) {
+std::optional<ScenePlane> PlaneFromMatches(
+    const JointContext& context, const std::vector<std::optional<RecognizedView>>& views) {
   const PlanePoints points = FindPlanePoints(*context.matching, views);
   if (static_cast<int>(points.matches.size()) < kMinPlaneMatches) return std::nullopt;
-  // plane.(X - anchor) = -1: the normal points from the plane to the anchor, the mean camera centre.
+  // plane.(X - anchor) = -1: the normal points from the plane to the anchor, the mean camera
+  // centre.
   ScenePlane plane;
   const double norm = points.plane.norm();
   plane.normal = points.plane / norm;
@@ -166,8 +187,9 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
   for (const PlacedObject& p : placements) {
     if (p.gain > 0 && p.score >= options.accept_score) voters.push_back(&p);
   }
-  std::stable_sort(voters.begin(), voters.end(),
-                   [](const auto* x, const auto* y) { return Priority(*x) > Priority(*y); });
+  std::stable_sort(voters.begin(), voters.end(), [](const auto* x, const auto* y) {
+    return Priority(*x) > Priority(*y);
+  });
   if (static_cast<int>(voters.size()) > options.plane_voters) voters.resize(options.plane_voters);
   std::vector<Eigen::Vector3d> eyes;
   for (const auto& view : views) {
@@ -180,8 +202,9 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
       ScenePlane plane;
       plane.normal = o->scene_from_object.R * stable.up;
       plane.offset_m = plane.normal.dot(o->scene_from_object.t) - stable.height_m;
-      if (std::any_of(eyes.begin(), eyes.end(),
-                      [&](const auto& eye) { return plane.normal.dot(eye) < plane.offset_m; })) {
+      if (std::any_of(eyes.begin(), eyes.end(), [&](const auto& eye) {
+            return plane.normal.dot(eye) < plane.offset_m;
+          })) {
         continue;
       }
       std::vector<const PlacedObject*> resting;
@@ -189,7 +212,9 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
       for (const PlacedObject* other : voters) {
         if (!RestsOn(*context.objects[other->object], other->scene_from_object, plane)) continue;
         if (std::any_of(resting.begin(), resting.end(), [&](const PlacedObject* r) {
-              return SharedVolume(*context.objects[r->object], r->scene_from_object, *context.objects[other->object],
+              return SharedVolume(*context.objects[r->object],
+                                  r->scene_from_object,
+                                  *context.objects[other->object],
                                   other->scene_from_object) > options.max_shared_volume;
             })) {
           continue;
@@ -219,7 +244,8 @@ std::vector<PlacedObject> CollectPlacements(const JointContext& context,
   for (auto& list : per_object) {
     for (PlacedObject& p : list) all.push_back(std::move(p));
   }
-  std::stable_sort(all.begin(), all.end(), [](const auto& x, const auto& y) { return x.score > y.score; });
+  std::stable_sort(
+      all.begin(), all.end(), [](const auto& x, const auto& y) { return x.score > y.score; });
   return all;
 }
 
@@ -232,7 +258,8 @@ void Consolidate(const JointContext& context,
   scene->plane = PlaneFromMatches(context, scene->views);
   if (!scene->plane) scene->plane = FindSupportPlane(context, scene->views, candidates, options);
   std::vector<DepthBuffer> occluders;
-  for (const ViewEvidence& view : context.views) occluders.push_back(MakeDepthBuffer(view.maps.width, view.maps.height));
+  for (const ViewEvidence& view : context.views)
+    occluders.push_back(MakeDepthBuffer(view.maps.width, view.maps.height));
   VerifyScratch scratch;
   ExplainedSegments explained, taken;
   for (const ViewEvidence& view : context.views) taken.emplace_back(view.segment_samples.size(), 0);
@@ -241,7 +268,8 @@ void Consolidate(const JointContext& context,
   auto acceptable = [&](const PlacedObject& p) {
     if (p.gain <= 0 || p.score < options.accept_score) return false;
     if (!scene->plane) return true;
-    const double height = HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene->plane);
+    const double height =
+        HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene->plane);
     if (height < -2 * options.plane_tolerance_m) return false;  // below the table
     return std::abs(height) < options.plane_tolerance_m || p.score >= options.off_plane_score;
   };
@@ -274,13 +302,17 @@ void Consolidate(const JointContext& context,
     dead[best] = true;
     for (std::size_t v = 0; v < occluders.size(); ++v) {
       if (!scene->views[v]) continue;
-      RenderDepth(object.model.mesh, WorkingCamera(scene->views[v]->camera, context.views[v].maps),
-                  scene->views[v]->camera_from_scene * accepted.scene_from_object, &occluders[v]);
+      RenderDepth(object.model.mesh,
+                  WorkingCamera(scene->views[v]->camera, context.views[v].maps),
+                  scene->views[v]->camera_from_scene * accepted.scene_from_object,
+                  &occluders[v]);
     }
     for (std::size_t i = 0; i < candidates.size(); ++i) {
       if (dead[i]) continue;
       stale[i] = true;
-      if (SharedVolume(object, accepted.scene_from_object, *context.objects[candidates[i].object],
+      if (SharedVolume(object,
+                       accepted.scene_from_object,
+                       *context.objects[candidates[i].object],
                        candidates[i].scene_from_object) > options.max_shared_volume) {
         dead[i] = true;
       }

@@ -8,26 +8,28 @@
 namespace horopter {
 
 struct ExpansionOptions {
-  bool use_pool = true;          // also the refined but unverified hypotheses
-  int kept_per_object = 12;      // distinct placements refined over all views
-  float quick_reach_px = 9.0f;   // working pixels, of the transfer into the other views
-  float min_quick = 0.40f;       // mean quick score over the views
-  double accept_score = 0.60;    // of objects on the supporting plane, or when no plane is known
-  double off_plane_score = 0.78; // of objects that rest on nothing we know
+  bool use_pool = true;           // also the refined but unverified hypotheses
+  int kept_per_object = 12;       // distinct placements refined over all views
+  float quick_reach_px = 9.0f;    // working pixels, of the transfer into the other views
+  float min_quick = 0.40f;        // mean quick score over the views
+  double accept_score = 0.60;     // of objects on the supporting plane, or when no plane is known
+  double off_plane_score = 0.78;  // of objects that rest on nothing we know
   double plane_tolerance_m = 0.006;
   double max_shared_volume = 0.08;
-  double max_shared_edges = 0.5;     // share of an object's explained edges that accepted objects explain already
-  int plane_voters = 40;            // best placements that vote for the plane
+  double max_shared_edges =
+      0.5;  // share of an object's explained edges that accepted objects explain already
+  int plane_voters = 40;  // best placements that vote for the plane
 };
 
-// Placements of all objects suggested by the hypotheses of the registered views, refined and verified over all
-// registered views (no occlusion considered), best score first.
+// Placements of all objects suggested by the hypotheses of the registered views, refined and
+// verified over all registered views (no occlusion considered), best score first.
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const SceneModel& scene,
                                             const ExpansionOptions& options);
 
-// Chooses the placements that together explain the scene: greedily by score and size, solid parts exclude each other,
-// accepted parts hide what lies behind them, parts stand on the common plane. Replaces scene->objects, scene->plane.
+// Chooses the placements that together explain the scene: greedily by score and size, solid parts
+// exclude each other, accepted parts hide what lies behind them, parts stand on the common plane.
+// Replaces scene->objects, scene->plane.
 void Consolidate(const JointContext& context,
                  const ExpansionOptions& options,
                  std::vector<PlacedObject> candidates,
@@ -37,14 +39,17 @@ void Consolidate(const JointContext& context,
 std::optional<ScenePlane> PlaneFromMatches(const JointContext& context,
                                            const std::vector<std::optional<RecognizedView>>& views);
 
-// Plane on which the best placements that do not share space rest in stable poses, at least two of them; empty
-// otherwise (a single part has several stable poses that its image does not tell apart).
+// Plane on which the best placements that do not share space rest in stable poses, at least two of
+// them; empty otherwise (a single part has several stable poses that its image does not tell
+// apart).
 std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
                                            const std::vector<std::optional<RecognizedView>>& views,
                                            std::span<const PlacedObject> placements,
                                            const ExpansionOptions& options);
 
 // Height of the object's lowest point above a plane, metres.
-double HeightAbovePlane(const PreparedObject& object, const Rigid3& scene_from_object, const ScenePlane& plane);
+double HeightAbovePlane(const PreparedObject& object,
+                        const Rigid3& scene_from_object,
+                        const ScenePlane& plane);
 
 }  // namespace horopter

@@ -7,20 +7,22 @@
 namespace horopter {
 namespace {
 
-// Price of a predicted edge that is not there, and of an image edge inside the silhouette that stays unexplained, in
-// units of an explained edge.
+// Price of a predicted edge that is not there, and of an image edge inside the silhouette that
+// stays unexplained, in units of an explained edge.
 constexpr double kMissingPrice = 1.5;
 constexpr double kUnexplainedPrice = 0.5;
 constexpr double kFootprintTouch = 0.006;  // share of the diameter
 
 // Views in which less is predicted to be visible (working pixels) have no say.
 constexpr double kMinVisible = 40.0;
-// Floor of a view's F1 in the geometric mean: one view hidden by something unknown must not decide alone.
+// Floor of a view's F1 in the geometric mean: one view hidden by something unknown must not decide
+// alone.
 constexpr double kViewFloor = 0.12;
 
 }  // namespace
 
-double JointScore(std::span<const EdgeSupport> support, const std::vector<std::optional<RecognizedView>>& views) {
+double JointScore(std::span<const EdgeSupport> support,
+                  const std::vector<std::optional<RecognizedView>>& views) {
   int registered = 0, seen = 0, hidden = 0;
   double log_sum = 0.0;
   for (std::size_t v = 0; v < support.size(); ++v) {
@@ -33,7 +35,8 @@ double JointScore(std::span<const EdgeSupport> support, const std::vector<std::o
       ++hidden;
     }
   }
-  if (seen == 0 || (registered >= 2 && seen < 2) || 3 * (seen + hidden) < 2 * registered) return 0.0;
+  if (seen == 0 || (registered >= 2 && seen < 2) || 3 * (seen + hidden) < 2 * registered)
+    return 0.0;
   return std::exp(log_sum / seen);
 }
 
@@ -72,15 +75,19 @@ std::vector<Eigen::Vector3d> Footprint(const PreparedObject& object, const Stabl
   const Eigen::Vector3d w = pose.up.cross(u);
   std::vector<Eigen::Vector3d> touching;
   for (const auto& v : object.model.mesh.vertices) {
-    if (pose.up.dot(v) + pose.height_m < kFootprintTouch * object.model.diameter_m) touching.push_back(v);
+    if (pose.up.dot(v) + pose.height_m < kFootprintTouch * object.model.diameter_m)
+      touching.push_back(v);
   }
   std::vector<Eigen::Vector3d> out;
   for (int k = 0; k < 8 && !touching.empty(); ++k) {
     const double a = k * 3.14159265358979 / 4;
     const Eigen::Vector3d d = std::cos(a) * u + std::sin(a) * w;
-    const auto it = std::max_element(touching.begin(), touching.end(),
-                                     [&](const auto& x, const auto& y) { return d.dot(x) < d.dot(y); });
-    if (std::none_of(out.begin(), out.end(), [&](const auto& x) { return (x - *it).norm() < 1e-6; })) {
+    const auto it =
+        std::max_element(touching.begin(), touching.end(), [&](const auto& x, const auto& y) {
+          return d.dot(x) < d.dot(y);
+        });
+    if (std::none_of(
+            out.begin(), out.end(), [&](const auto& x) { return (x - *it).norm() < 1e-6; })) {
       out.push_back(*it);
     }
   }

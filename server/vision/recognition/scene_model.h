@@ -52,20 +52,22 @@ struct JointContext {
   StopRequested stop;
 };
 
-// Description-length gain of an object in working pixels: edges it explains minus what it predicts in vain and what it
-// leaves unexplained inside its silhouette. Positive for poses that are more right than wrong.
+// Description-length gain of an object in working pixels: edges it explains minus what it predicts
+// in vain and what it leaves unexplained inside its silhouette. Positive for poses that are more
+// right than wrong.
 double SupportGain(const EdgeSupport& support);
 
-// Geometric mean of the silhouette F1 over the views in which the object should be seen; 0 when it lies outside the
-// image in most registered views, or is seen in one of several only: wrong cameras push objects out of the images
-// that contradict them.
-double JointScore(std::span<const EdgeSupport> support, const std::vector<std::optional<RecognizedView>>& views);
+// Geometric mean of the silhouette F1 over the views in which the object should be seen; 0 when it
+// lies outside the image in most registered views, or is seen in one of several only: wrong cameras
+// push objects out of the images that contradict them.
+double JointScore(std::span<const EdgeSupport> support,
+                  const std::vector<std::optional<RecognizedView>>& views);
 
 // One byte per segment sample of every view: 1 where an object explains it.
 using ExplainedSegments = std::vector<std::vector<std::uint8_t>>;
 
-// Verifies a placed object in every registered view. occluders: one depth buffer per view (empty: none). explained: if
-// not null, receives what the object explains.
+// Verifies a placed object in every registered view. occluders: one depth buffer per view (empty:
+// none). explained: if not null, receives what the object explains.
 void EvaluatePlacement(const JointContext& context,
                        const std::vector<std::optional<RecognizedView>>& views,
                        std::span<const DepthBuffer> occluders,

@@ -53,18 +53,24 @@ struct NormalEquations {
 
 }  // namespace
 
-bool RefineScene(const JointContext& context, const SceneRefineOptions& options, SceneModel* scene) {
+bool RefineScene(const JointContext& context,
+                 const SceneRefineOptions& options,
+                 SceneModel* scene) {
   if (scene->objects.empty()) return false;
   SceneModel trial = *scene;
   const Layout layout = MakeLayout(trial);
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
-    const double s = options.iterations > 1 ? static_cast<double>(iteration) / (options.iterations - 1) : 1.0;
-    const double reach = options.start_reach_px * std::pow(options.end_reach_px / options.start_reach_px, s);
+    const double s =
+        options.iterations > 1 ? static_cast<double>(iteration) / (options.iterations - 1) : 1.0;
+    const double reach =
+        options.start_reach_px * std::pow(options.end_reach_px / options.start_reach_px, s);
     Eigen::Vector3d pivot = Eigen::Vector3d::Zero();  // scene frame
     for (const PlacedObject& o : trial.objects) {
-      pivot += o.scene_from_object * context.objects[o.object]->center / static_cast<double>(trial.objects.size());
+      pivot += o.scene_from_object * context.objects[o.object]->center /
+               static_cast<double>(trial.objects.size());
     }
-    NormalEquations normal{Eigen::MatrixXd::Zero(layout.size, layout.size), Eigen::VectorXd::Zero(layout.size)};
+    NormalEquations normal{Eigen::MatrixXd::Zero(layout.size, layout.size),
+                           Eigen::VectorXd::Zero(layout.size)};
     for (std::size_t v = 0; v < trial.views.size(); ++v) {
       if (!trial.views[v]) continue;
       const RecognizedView& view = *trial.views[v];
@@ -74,12 +80,16 @@ bool RefineScene(const JointContext& context, const SceneRefineOptions& options,
         const PreparedObject& object = *context.objects[trial.objects[k].object];
         const Rigid3& pose = trial.objects[k].scene_from_object;
         const Eigen::Vector3d center = pose * object.center;
-        for (const EdgeResidual& r : AssociateEdges(
-                 object, context.views[v].maps, view.camera, view.camera_from_scene * pose, reach)) {
+        for (const EdgeResidual& r : AssociateEdges(object,
+                                                    context.views[v].maps,
+                                                    view.camera,
+                                                    view.camera_from_scene * pose,
+                                                    reach)) {
           const Eigen::Vector3d g = Rt * r.g;
           const Eigen::Vector3d arm = Rt * (r.point_in_camera - view.camera_from_scene.t) - center;
           Eigen::Matrix<double, 13, 1> J;
-          J << (r.point_in_camera - pivot_in_camera).cross(r.g), r.g, r.d_log_focal, arm.cross(g), g;
+          J << (r.point_in_camera - pivot_in_camera).cross(r.g), r.g, r.d_log_focal, arm.cross(g),
+              g;
           normal.Add(J, r.residual, r.weight, layout.camera[v], layout.object[k]);
         }
       }

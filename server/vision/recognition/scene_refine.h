@@ -1,5 +1,5 @@
-// Joint Gauss-Newton over cameras and objects of a scene hypothesis. Quick and without covariance: the euclidean stage
-// does the final adjustment.
+// Joint Gauss-Newton over cameras and objects of a scene hypothesis. Quick and without covariance:
+// the euclidean stage does the final adjustment.
 #pragma once
 
 #include "server/vision/recognition/scene_model.h"
@@ -12,8 +12,9 @@ struct SceneRefineOptions {
   double end_reach_px = 3.0;
 };
 
-// Refines focal lengths, camera poses and object poses (the first object is held, it fixes the gauge) on the visible
-// edges. Leaves the scene unchanged and returns false when the system cannot be solved.
+// Refines focal lengths, camera poses and object poses (the first object is held, it fixes the
+// gauge) on the visible edges. Leaves the scene unchanged and returns false when the system cannot
+// be solved.
 bool RefineScene(const JointContext& context, const SceneRefineOptions& options, SceneModel* scene);
 
 }  // namespace horopter

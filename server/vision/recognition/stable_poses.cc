@@ -122,7 +122,8 @@ double InsideMargin(std::vector<Eigen::Vector2d> q) {
   for (int pass = 0; pass < 2; ++pass) {
     const std::size_t start = hull.size();
     for (const auto& x : q) {
-      while (hull.size() >= start + 2 && cross(hull[hull.size() - 2], hull.back(), x) <= 0) hull.pop_back();
+      while (hull.size() >= start + 2 && cross(hull[hull.size() - 2], hull.back(), x) <= 0)
+        hull.pop_back();
       hull.push_back(x);
     }
     hull.pop_back();
@@ -157,10 +158,12 @@ std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh) {
   std::vector<Eigen::Vector3d> seen;
   for (const Facet& f : ConvexHull(points)) {
     if (f.normal.squaredNorm() < 0.5) continue;
-    if (std::any_of(seen.begin(), seen.end(), [&](const auto& n) { return n.dot(f.normal) > kMergeCos; })) {
+    if (std::any_of(
+            seen.begin(), seen.end(), [&](const auto& n) { return n.dot(f.normal) > kMergeCos; })) {
       continue;
     }
-    // The facet's own normal carries jitter; the touching points define the plane's support polygon.
+    // The facet's own normal carries jitter; the touching points define the plane's support
+    // polygon.
     const Eigen::Vector3d u = f.normal.unitOrthogonal();
     const Eigen::Vector3d w = f.normal.cross(u);
     std::vector<Eigen::Vector2d> polygon;
@@ -175,7 +178,9 @@ std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh) {
     seen.push_back(f.normal);
     poses.push_back({-f.normal, offset, margin});
   }
-  std::sort(poses.begin(), poses.end(), [](const auto& a, const auto& b) { return a.margin_m > b.margin_m; });
+  std::sort(poses.begin(), poses.end(), [](const auto& a, const auto& b) {
+    return a.margin_m > b.margin_m;
+  });
   return poses;
 }
 

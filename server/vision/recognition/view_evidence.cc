@@ -15,7 +15,8 @@ ViewEvidence BuildViewEvidence(const ImageFeatures& features) {
     const Segment& s = features.segments[i];
     if (s.in_texture) continue;
     const Eigen::Vector2d d = s.end - s.start;
-    const int n = std::max(1, static_cast<int>(std::lround(d.norm() * scale / ViewEvidence::kSegmentSampleStep)));
+    const int n = std::max(
+        1, static_cast<int>(std::lround(d.norm() * scale / ViewEvidence::kSegmentSampleStep)));
     const int bin = OrientationBin(static_cast<float>(d.x()), static_cast<float>(d.y()));
     for (int k = 0; k < n; ++k) {
       SegmentSample sample;

@@ -1,4 +1,5 @@
-// One image as recognition sees it: oriented edge maps and the segments that ask for an explanation.
+// One image as recognition sees it: oriented edge maps and the segments that ask for an
+// explanation.
 #pragma once
 
 #include <Eigen/Core>

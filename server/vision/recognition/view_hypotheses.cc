@@ -23,7 +23,9 @@ struct PooledPose {
   Rigid3 pose;
 };
 
-bool ByScore(const PooledPose& x, const PooledPose& y) { return x.score > y.score; }
+bool ByScore(const PooledPose& x, const PooledPose& y) {
+  return x.score > y.score;
+}
 
 // Rotation that takes the ray of a pixel to the optical axis.
 Eigen::Matrix3d AxisFromRay(const Eigen::Vector3d& ray) {
@@ -31,7 +33,8 @@ Eigen::Matrix3d AxisFromRay(const Eigen::Vector3d& ray) {
 }
 
 Eigen::Vector3d Ray(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
-  return {(pixel.x() - camera.cx) / camera.focal_px, (pixel.y() - camera.cy) / camera.focal_px, 1.0};
+  return {
+      (pixel.x() - camera.cx) / camera.focal_px, (pixel.y() - camera.cy) / camera.focal_px, 1.0};
 }
 
 // Collects poses over the image and model paths into a bounded pool of the best.
@@ -49,7 +52,8 @@ std::vector<PooledPose> CollectPool(const PreparedObject& object,
     if (IsStopRequested(stop)) return {};
     for (const VertexPath& path : object.paths) {
       for (int reversed = 0; reversed < 2; ++reversed) {
-        const PathPoses poses = PosesFromPath(object.model, path, reversed != 0, camera, image_path);
+        const PathPoses poses =
+            PosesFromPath(object.model, path, reversed != 0, camera, image_path);
         for (int k = 0; k < poses.count; ++k) {
           const Rigid3& pose = poses.camera_from_object[k];
           const Eigen::Vector3d center = pose * object.center;
@@ -62,16 +66,21 @@ std::vector<PooledPose> CollectPool(const PreparedObject& object,
               object.EdgeVisible(aspect, path.edge_bc) < kMinPathVisible) {
             continue;
           }
-          const float score = QuickScore(object, view.maps, camera, pose, options.quick_reach_px,
+          const float score = QuickScore(object,
+                                         view.maps,
+                                         camera,
+                                         pose,
+                                         options.quick_reach_px,
                                          std::max(options.give_up, 0.75f * threshold));
           if (score < threshold) continue;
           pool.push_back({score, pose});
           if (pool.size() >= limit) {
             std::nth_element(pool.begin(), pool.begin() + options.pool, pool.end(), ByScore);
             pool.resize(options.pool);
-            threshold = std::min_element(pool.begin(), pool.end(), [](const auto& x, const auto& y) {
-                          return x.score < y.score;
-                        })->score;
+            threshold =
+                std::min_element(pool.begin(), pool.end(), [](const auto& x, const auto& y) {
+                  return x.score < y.score;
+                })->score;
           }
         }
       }
@@ -115,15 +124,18 @@ std::vector<ImagePath> FindImagePaths(const ImageFeatures& features,
         const double la = (path.a - path.b).norm() * working_from_image;
         const double lc = (path.c - path.b).norm() * working_from_image;
         if (la < 6 || lc < 6) continue;
-        path.rank = std::sqrt(la * lc) * (a_junction ? 1.0 : kFreeEndFactor) * (c_junction ? 1.0 : kFreeEndFactor);
-        if (!on_plane.empty() && on_plane[junction.ends[i].segment] && on_plane[junction.ends[k].segment]) {
+        path.rank = std::sqrt(la * lc) * (a_junction ? 1.0 : kFreeEndFactor) *
+                    (c_junction ? 1.0 : kFreeEndFactor);
+        if (!on_plane.empty() && on_plane[junction.ends[i].segment] &&
+            on_plane[junction.ends[k].segment]) {
           path.rank *= kOnPlaneFactor;
         }
         paths.push_back(path);
       }
     }
   }
-  std::stable_sort(paths.begin(), paths.end(), [](const auto& x, const auto& y) { return x.rank > y.rank; });
+  std::stable_sort(
+      paths.begin(), paths.end(), [](const auto& x, const auto& y) { return x.rank > y.rank; });
   if (static_cast<int>(paths.size()) > max_paths) paths.resize(max_paths);
   return paths;
 }
@@ -134,7 +146,8 @@ PathPoses PosesFromPath(const ObjectModel& model,
                         const PinholeCamera& camera,
                         const ImagePath& image_path) {
   PathPoses out;
-  // In a camera turned so that b lies on its axis: w (R U)_xy = a' (1 + w (R U)_z), w = 1 / depth of b.
+  // In a camera turned so that b lies on its axis: w (R U)_xy = a' (1 + w (R U)_z), w = 1 / depth
+  // of b.
   const Eigen::Matrix3d axis_from_camera = AxisFromRay(Ray(camera, image_path.b));
   auto turned = [&](const Eigen::Vector2d& pixel) -> Eigen::Vector2d {
     const Eigen::Vector3d r = axis_from_camera * Ray(camera, pixel);
@@ -191,7 +204,8 @@ ViewHypotheses FindViewHypotheses(const PreparedObject& object,
   const double scale = view.maps.working_from_image;
   auto is_new = [&](const std::vector<ViewHypothesis>& kept, const ViewHypothesis& h) {
     return std::none_of(kept.begin(), kept.end(), [&](const ViewHypothesis& k) {
-      return ProjectionDistance(object, k.camera, k.camera_from_object, h.camera, h.camera_from_object, scale) <
+      return ProjectionDistance(
+                 object, k.camera, k.camera_from_object, h.camera, h.camera_from_object, scale) <
              options.distinct_px;
     });
   };
@@ -213,9 +227,12 @@ ViewHypotheses FindViewHypotheses(const PreparedObject& object,
     if (!refined) continue;
     h.camera = refined->camera;
     h.camera_from_object = refined->camera_from_object;
-    h.score = QuickScore(object, view.maps, h.camera, h.camera_from_object, 0.5f * options.quick_reach_px, 0.0f);
+    h.score = QuickScore(
+        object, view.maps, h.camera, h.camera_from_object, 0.5f * options.quick_reach_px, 0.0f);
   }
-  std::stable_sort(distinct.begin(), distinct.end(), [](const auto& x, const auto& y) { return x.score > y.score; });
+  std::stable_sort(distinct.begin(), distinct.end(), [](const auto& x, const auto& y) {
+    return x.score > y.score;
+  });
   for (const ViewHypothesis& h : distinct) {
     if (is_new(out.pool, h)) out.pool.push_back(h);
   }
@@ -227,7 +244,9 @@ ViewHypotheses FindViewHypotheses(const PreparedObject& object,
     out.best.back().score =
         SilhouetteF1(VerifyPose(object, view, h.camera, h.camera_from_object, nullptr, &scratch));
   }
-  std::stable_sort(out.best.begin(), out.best.end(), [](const auto& x, const auto& y) { return x.score > y.score; });
+  std::stable_sort(out.best.begin(), out.best.end(), [](const auto& x, const auto& y) {
+    return x.score > y.score;
+  });
   return out;
 }
 

@@ -1,5 +1,5 @@
-// Hypotheses of one object in one view: two connected image edges held against two connected model edges
-// (thesis 4.6, frontend.md 4).
+// Hypotheses of one object in one view: two connected image edges held against two connected model
+// edges (thesis 4.6, frontend.md 4).
 #pragma once
 
 #include <Eigen/Core>
@@ -21,14 +21,15 @@ struct ImagePath {
 };
 
 // The image's paths, best rank first, at most max_paths. Segments in fine texture take no part.
-// on_plane (empty or one per segment): segments that lie on the supporting plane; paths of two such rank low.
+// on_plane (empty or one per segment): segments that lie on the supporting plane; paths of two such
+// rank low.
 std::vector<ImagePath> FindImagePaths(const ImageFeatures& features,
                                       const std::vector<bool>& on_plane,
                                       double working_from_image,
                                       int max_paths);
 
-// The up to two poses in which a weak-perspective view, corrected to full perspective, shows the model path along the
-// image path. `reversed` matches the image's a with the model's c.
+// The up to two poses in which a weak-perspective view, corrected to full perspective, shows the
+// model path along the image path. `reversed` matches the image's a with the model's c.
 struct PathPoses {
   int count = 0;
   Rigid3 camera_from_object[2];
@@ -40,7 +41,7 @@ PathPoses PosesFromPath(const ObjectModel& model,
                         const ImagePath& image_path);
 
 struct ViewHypothesisOptions {
-  int max_paths = 450;          // image paths tried; more: slower, finds smaller and more hidden parts
+  int max_paths = 450;  // image paths tried; more: slower, finds smaller and more hidden parts
   float quick_reach_px = 6.0f;  // working pixels
   float give_up = 0.25f;        // mean support of the first quarter below which a pose is dropped
   int pool = 600;               // poses kept by quick score before non-maximum suppression
@@ -54,7 +55,8 @@ struct ViewHypothesisOptions {
 
 struct ViewHypotheses {
   std::vector<ViewHypothesis> best;  // verified, distinct, best F1 first
-  std::vector<ViewHypothesis> pool;  // refined, distinct, best quick score first; score = quick score
+  std::vector<ViewHypothesis>
+      pool;  // refined, distinct, best quick score first; score = quick score
 };
 
 // All hypotheses of one object in one view with the given start camera.

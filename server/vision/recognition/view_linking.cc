@@ -52,7 +52,9 @@ class Linker {
   Linker(const JointContext& context, int object) : context_(context), object_index_(object) {}
 
   // Links via the plane for one stable pose; empty links where a view does not follow.
-  std::vector<Link> ThroughPlane(const ViewHypothesis& seed, const StablePose& stable, VerifyScratch* scratch) {
+  std::vector<Link> ThroughPlane(const ViewHypothesis& seed,
+                                 const StablePose& stable,
+                                 VerifyScratch* scratch) {
     std::vector<Link> links(context_.views.size());
     links[seed.view] = {seed.camera, seed.camera_from_object, seed.score};
     const std::vector<Eigen::Vector3d> footprint = Footprint(object(), stable);
@@ -70,14 +72,15 @@ class Linker {
           }
         });
       }
-      if (links[j].score < 0) links[j] = FollowPlane(links[seed.view], stable, *transfer, j, scratch);
+      if (links[j].score < 0)
+        links[j] = FollowPlane(links[seed.view], stable, *transfer, j, scratch);
       if (links[j].score < kMinLinkScore) links[j] = {};
     }
     return links;
   }
 
-  // Fills the views that have no link with that view's own hypotheses of the object; the other objects' hypotheses of
-  // the seed view, carried over, decide between them.
+  // Fills the views that have no link with that view's own hypotheses of the object; the other
+  // objects' hypotheses of the seed view, carried over, decide between them.
   void ThroughHypotheses(const ViewHypothesis& seed, std::vector<Link>* links) {
     for (int j = 0; j < static_cast<int>(links->size()); ++j) {
       if ((*links)[j].score >= 0) continue;
@@ -110,31 +113,46 @@ class Linker {
     for (const Rigid3& s : object().model.symmetries) f(pose * s);
   }
 
-  Link FollowPlane(const Link& seed, const StablePose& stable, const Eigen::Matrix3d& transfer, int view,
+  Link FollowPlane(const Link& seed,
+                   const StablePose& stable,
+                   const Eigen::Matrix3d& transfer,
+                   int view,
                    VerifyScratch* scratch) const {
     Rigid3 object_from_plane;
     object_from_plane.R.col(2) = stable.up;
     object_from_plane.R.col(0) = stable.up.unitOrthogonal();
     object_from_plane.R.col(1) = stable.up.cross(object_from_plane.R.col(0));
-    object_from_plane.t = object().center - stable.up * (stable.up.dot(object().center) + stable.height_m);
+    object_from_plane.t =
+        object().center - stable.up * (stable.up.dot(object().center) + stable.height_m);
     const Rigid3 camera_from_plane = seed.camera_from_object * object_from_plane;
     Eigen::Matrix3d M;
     M << camera_from_plane.R.col(0), camera_from_plane.R.col(1), camera_from_plane.t;
-    const auto plane = CameraFromPlane(transfer * seed.camera.K() * M, context_.start_cameras[view]);
+    const auto plane =
+        CameraFromPlane(transfer * seed.camera.K() * M, context_.start_cameras[view]);
     if (!plane) return {};
     RefineOptions refine;
     refine.start_reach_px = 14.0;
     refine.focal_log_sigma = context_.focal_log_sigma[view];
     refine.focal_prior_px = context_.start_cameras[view].focal_px;
-    const auto refined = RefineInView(object(), context_.views[view].maps, plane->camera,
-                                      plane->camera_from_plane * object_from_plane.Inverse(), refine);
+    const auto refined = RefineInView(object(),
+                                      context_.views[view].maps,
+                                      plane->camera,
+                                      plane->camera_from_plane * object_from_plane.Inverse(),
+                                      refine);
     if (!refined) return {};
-    const double score = SilhouetteF1(VerifyPose(object(), context_.views[view], refined->camera,
-                                                 refined->camera_from_object, nullptr, scratch));
+    const double score = SilhouetteF1(VerifyPose(object(),
+                                                 context_.views[view],
+                                                 refined->camera,
+                                                 refined->camera_from_object,
+                                                 nullptr,
+                                                 scratch));
     return {refined->camera, refined->camera_from_object, score};
   }
 
-  double TransferVotes(const ViewHypothesis& seed, int view, const PinholeCamera& camera, const Rigid3& pose) const {
+  double TransferVotes(const ViewHypothesis& seed,
+                       int view,
+                       const PinholeCamera& camera,
+                       const Rigid3& pose) const {
     const Rigid3 j_from_seed = pose * seed.camera_from_object.Inverse();
     double votes = 0.0;
     for (std::size_t k = 0; k < context_.objects.size(); ++k) {
@@ -142,8 +160,13 @@ class Linker {
       double best = 0.0;
       const auto& rivals = context_.hypotheses[seed.view][k].best;
       for (std::size_t i = 0; i < rivals.size() && i < 3 && rivals[i].score > 0.5; ++i) {
-        const Rigid3 here = WithFocal(rivals[i].camera_from_object, rivals[i].camera.focal_px, seed.camera.focal_px);
-        const float s = QuickScore(*context_.objects[k], context_.views[view].maps, camera, j_from_seed * here, 8.0f,
+        const Rigid3 here = WithFocal(
+            rivals[i].camera_from_object, rivals[i].camera.focal_px, seed.camera.focal_px);
+        const float s = QuickScore(*context_.objects[k],
+                                   context_.views[view].maps,
+                                   camera,
+                                   j_from_seed * here,
+                                   8.0f,
                                    0.3f);
         best = std::max(best, static_cast<double>(s));
       }
@@ -156,7 +179,10 @@ class Linker {
   int object_index_;
 };
 
-SceneModel ToScene(const JointContext& context, int object, const std::vector<Link>& links, VerifyScratch* scratch) {
+SceneModel ToScene(const JointContext& context,
+                   int object,
+                   const std::vector<Link>& links,
+                   VerifyScratch* scratch) {
   SceneModel scene;
   scene.views.resize(links.size());
   for (std::size_t v = 0; v < links.size(); ++v) {
@@ -172,12 +198,19 @@ SceneModel ToScene(const JointContext& context, int object, const std::vector<Li
 }
 
 // Summed gain of the scene's objects in one view under a camera.
-double ViewGain(const JointContext& context, const SceneModel& scene, int v, const RecognizedView& view,
+double ViewGain(const JointContext& context,
+                const SceneModel& scene,
+                int v,
+                const RecognizedView& view,
                 VerifyScratch* scratch) {
   double gain = 0.0;
   for (const PlacedObject& o : scene.objects) {
-    gain += SupportGain(VerifyPose(*context.objects[o.object], context.views[v], view.camera,
-                                   view.camera_from_scene * o.scene_from_object, nullptr, scratch));
+    gain += SupportGain(VerifyPose(*context.objects[o.object],
+                                   context.views[v],
+                                   view.camera,
+                                   view.camera_from_scene * o.scene_from_object,
+                                   nullptr,
+                                   scratch));
   }
   return gain;
 }
@@ -203,7 +236,8 @@ Rigid3 WithFocal(const Rigid3& camera_from_object, double old_focal, double new_
 
 std::optional<Eigen::Matrix3d> PlaneTransfer(const MatchingResult& matching, int a, int b) {
   const int n = static_cast<int>(matching.component.size());
-  if (a >= n || b >= n || matching.component[a] < 0 || matching.component[a] != matching.component[b]) {
+  if (a >= n || b >= n || matching.component[a] < 0 ||
+      matching.component[a] != matching.component[b]) {
     return std::nullopt;
   }
   return Eigen::Matrix3d(matching.view_from_plane[b] * matching.view_from_plane[a].inverse());
@@ -216,7 +250,8 @@ std::optional<PlaneCamera> CameraFromPlane(const Eigen::Matrix3d& M, const Pinho
   // With q = 1/f^2 the axes are orthogonal and of equal length: two equations a q + b = 0.
   const Eigen::Vector3d m1 = centered.col(0), m2 = centered.col(1);
   const double a1 = m1.head<2>().dot(m2.head<2>()), b1 = m1.z() * m2.z();
-  const double a2 = m1.head<2>().squaredNorm() - m2.head<2>().squaredNorm(), b2 = m1.z() * m1.z() - m2.z() * m2.z();
+  const double a2 = m1.head<2>().squaredNorm() - m2.head<2>().squaredNorm(),
+               b2 = m1.z() * m1.z() - m2.z() * m2.z();
   const double q = -(a1 * b1 + a2 * b2) / (a1 * a1 + a2 * a2);
   PlaneCamera out{start, {}};
   if (q > 0) {
@@ -246,7 +281,9 @@ std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plan
         if (object.best[i].score >= kMinSeedScore) of_view.push_back(object.best[i]);
       }
     }
-    std::stable_sort(of_view.begin(), of_view.end(), [](const auto& x, const auto& y) { return x.score > y.score; });
+    std::stable_sort(of_view.begin(), of_view.end(), [](const auto& x, const auto& y) {
+      return x.score > y.score;
+    });
     if (of_view.size() > kSeedsPerView) of_view.resize(kSeedsPerView);
     seeds.insert(seeds.end(), of_view.begin(), of_view.end());
   }
@@ -261,15 +298,18 @@ std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plan
     std::vector<std::vector<Link>> alternatives;
     bool has_mate = false;
     for (int j = 0; j < static_cast<int>(context.views.size()); ++j) {
-      has_mate = has_mate || (j != seed.view && PlaneTransfer(*context.matching, seed.view, j).has_value());
+      has_mate = has_mate ||
+                 (j != seed.view && PlaneTransfer(*context.matching, seed.view, j).has_value());
     }
     if (has_mate != through_plane) return;
     const Eigen::Vector3d to_camera =
-        (seed.camera_from_object.R.transpose() * -seed.camera_from_object.t - object.center).normalized();
+        (seed.camera_from_object.R.transpose() * -seed.camera_from_object.t - object.center)
+            .normalized();
     for (const StablePose& stable : object.stable_poses) {
       if (!has_mate || stable.up.dot(to_camera) < kMinElevationSine) continue;
       std::vector<Link> links = linker.ThroughPlane(seed, stable, &scratch);
-      const auto linked = std::count_if(links.begin(), links.end(), [](const Link& l) { return l.score >= 0; });
+      const auto linked =
+          std::count_if(links.begin(), links.end(), [](const Link& l) { return l.score >= 0; });
       if (linked >= 2) alternatives.push_back(std::move(links));
     }
     if (!has_mate) {
@@ -281,14 +321,17 @@ std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plan
     for (const std::vector<Link>& links : alternatives) {
       scenes[i].push_back(ToScene(context, seed.object, links, &scratch));
     }
-    std::stable_sort(scenes[i].begin(), scenes[i].end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
+    std::stable_sort(scenes[i].begin(), scenes[i].end(), [](const auto& x, const auto& y) {
+      return x.gain > y.gain;
+    });
     if (scenes[i].size() > 2) scenes[i].resize(2);
   });
   std::vector<SceneModel> out;
   for (auto& list : scenes) {
     for (SceneModel& s : list) out.push_back(std::move(s));
   }
-  std::stable_sort(out.begin(), out.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
+  std::stable_sort(
+      out.begin(), out.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
   return out;
 }
 
@@ -314,9 +357,11 @@ int RegisterMissingViews(const JointContext& context, SceneModel* scene) {
       const auto& hypotheses = context.hypotheses[v][placed.object].best;
       for (std::size_t i = 0; i < hypotheses.size() && i < kCandidatesPerView; ++i) {
         std::vector<Rigid3> poses{hypotheses[i].camera_from_object};
-        for (const Rigid3& s : context.objects[placed.object]->model.symmetries) poses.push_back(poses[0] * s);
+        for (const Rigid3& s : context.objects[placed.object]->model.symmetries)
+          poses.push_back(poses[0] * s);
         for (const Rigid3& pose : poses) {
-          const RecognizedView view{hypotheses[i].camera, pose * placed.scene_from_object.Inverse()};
+          const RecognizedView view{hypotheses[i].camera,
+                                    pose * placed.scene_from_object.Inverse()};
           const double gain = ViewGain(context, *scene, v, view, &scratch);
           if (gain > best_gain) {
             best_gain = gain;

@@ -7,7 +7,9 @@
 namespace horopter {
 namespace {
 
-CatalogSnapshot OnePart() { return {1, {PrepareCatalogObject(LBracket()).value()}}; }
+CatalogSnapshot OnePart() {
+  return {1, {PrepareCatalogObject(LBracket()).value()}};
+}
 
 SceneRequest Images(const std::vector<cv::Mat>& images) {
   SceneRequest request;
@@ -19,7 +21,8 @@ TEST(RecognizeScene, BadRequestsNameTheField) {
   const CatalogSnapshot catalog = OnePart();
   const cv::Mat image(120, 160, CV_8UC3, cv::Scalar(90, 90, 90));
   EXPECT_EQ(RecognizeScene({}, catalog, {}).status().code(), absl::StatusCode::kInvalidArgument);
-  const auto deep = RecognizeScene(Images({image, cv::Mat(120, 160, CV_16UC1, cv::Scalar(0))}), catalog, {});
+  const auto deep =
+      RecognizeScene(Images({image, cv::Mat(120, 160, CV_16UC1, cv::Scalar(0))}), catalog, {});
   EXPECT_EQ(deep.status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_NE(std::string(deep.status().message()).find("images[1]"), std::string::npos);
   SceneRequest hints = Images({image});

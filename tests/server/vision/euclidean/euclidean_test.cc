@@ -30,10 +30,16 @@ struct Scene {
     for (int v = 0; v < 5; ++v) {
       const double a = -0.8 + 0.35 * v;
       cameras.push_back(CenteredCamera(640, 480, 880.0 + 40 * v));
-      camera_from_world.push_back(LookAt({0.5 * std::sin(a), -0.5 * std::cos(a), 0.40}, {0.06, 0.02, 0.02}));
+      camera_from_world.push_back(
+          LookAt({0.5 * std::sin(a), -0.5 * std::cos(a), 0.40}, {0.06, 0.02, 0.02}));
       ImageFeatures f;
       for (int k = 0; k < 2; ++k) {
-        AddSyntheticFeatures(*objects[k], cameras[v], camera_from_world[v] * world_from_object[k], noise_px, &rng, &f);
+        AddSyntheticFeatures(*objects[k],
+                             cameras[v],
+                             camera_from_world[v] * world_from_object[k],
+                             noise_px,
+                             &rng,
+                             &f);
       }
       features.push_back(std::move(f));
     }
@@ -52,7 +58,8 @@ struct Scene {
     for (int k = 0; k < 2; ++k) {
       SceneObject o;
       o.object = k;
-      o.scene_from_object = disturb(world_from_object[k], k == 0 ? 0.0 : 0.004, k == 0 ? 0.0 : 0.0008);
+      o.scene_from_object =
+          disturb(world_from_object[k], k == 0 ? 0.0 : 0.004, k == 0 ? 0.0 : 0.0008);
       recognition.objects.push_back(o);
     }
   }
@@ -87,9 +94,11 @@ TEST(RefineMetricScene, RelativePoseOfTwoPartsWithinTwoMillimetresAtHalfAPixel) 
     Scene scene(0.5, seed);
     const auto metric = RefineMetricScene(scene.Input(), scene.recognition, {});
     ASSERT_TRUE(metric.ok()) << metric.status();
-    const Rigid3 estimated = metric->objects[0].scene_from_object.Inverse() * metric->objects[1].scene_from_object;
+    const Rigid3 estimated =
+        metric->objects[0].scene_from_object.Inverse() * metric->objects[1].scene_from_object;
     const Rigid3 truth = scene.world_from_object[0].Inverse() * scene.world_from_object[1];
-    EXPECT_LT((estimated * scene.objects[1]->center - truth * scene.objects[1]->center).norm(), 0.002)
+    EXPECT_LT((estimated * scene.objects[1]->center - truth * scene.objects[1]->center).norm(),
+              0.002)
         << "seed " << seed;
   }
 }
@@ -140,12 +149,15 @@ TEST(RefineMetricScene, NothingToRefineIsAPrecondition) {
   Scene scene(0.3, 8);
   RecognitionResult none = scene.recognition;
   none.objects.clear();
-  EXPECT_EQ(RefineMetricScene(scene.Input(), none, {}).status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(RefineMetricScene(scene.Input(), none, {}).status().code(),
+            absl::StatusCode::kFailedPrecondition);
   RecognitionResult blind = scene.recognition;
   for (auto& v : blind.views) v.reset();
-  EXPECT_EQ(RefineMetricScene(scene.Input(), blind, {}).status().code(), absl::StatusCode::kFailedPrecondition);
-  EXPECT_EQ(RefineMetricScene(scene.Input(), scene.recognition, {}, [] { return true; }).status().code(),
-            absl::StatusCode::kCancelled);
+  EXPECT_EQ(RefineMetricScene(scene.Input(), blind, {}).status().code(),
+            absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(
+      RefineMetricScene(scene.Input(), scene.recognition, {}, [] { return true; }).status().code(),
+      absl::StatusCode::kCancelled);
   for (ImageFeatures& f : scene.features) {
     f.segments.clear();
     f.chains.clear();
@@ -158,7 +170,8 @@ TEST(FindPlanePoints, PlaneOfTheTableAndNothingFromTooFewMatches) {
   Scene scene(0.0, 9);
   std::mt19937 rng(9);
   std::vector<std::optional<RecognizedView>> views;
-  for (int v = 0; v < 5; ++v) views.push_back(RecognizedView{scene.cameras[v], scene.camera_from_world[v]});
+  for (int v = 0; v < 5; ++v)
+    views.push_back(RecognizedView{scene.cameras[v], scene.camera_from_world[v]});
   EXPECT_TRUE(FindPlanePoints(scene.matching, views).matches.empty());
   scene.AddTable(&rng);
   const PlanePoints plane = FindPlanePoints(scene.matching, views);

@@ -44,7 +44,8 @@ TEST(EdgeMaps, AnImageWithoutEdgesIsFarFromEverything) {
   f.width = 64;
   f.height = 48;
   const EdgeMaps maps = BuildEdgeMaps(f);
-  for (int bin = 0; bin < kOrientationBins; ++bin) EXPECT_EQ(maps.DistanceAt(30, 20, bin), EdgeMaps::kMaxDistance);
+  for (int bin = 0; bin < kOrientationBins; ++bin)
+    EXPECT_EQ(maps.DistanceAt(30, 20, bin), EdgeMaps::kMaxDistance);
 }
 
 TEST(OrientationBin, IgnoresTheSignAndFollowsTheAngle) {
@@ -85,14 +86,16 @@ TEST(VerifyPose, TruePoseExplainsItsEdgesAndNothingElseIsAsked) {
 TEST(VerifyPose, AnEdgeInsideTheSilhouetteThatNobodyPredictsLowersTheScore) {
   OnePartView s(0.2);
   VerifyScratch scratch;
-  const double clean = SilhouetteF1(VerifyPose(*s.part, s.view, kCamera, s.pose, nullptr, &scratch));
+  const double clean =
+      SilhouetteF1(VerifyPose(*s.part, s.view, kCamera, s.pose, nullptr, &scratch));
   const Eigen::Vector2d c = Project(kCamera, s.pose * Eigen::Vector3d(0.0075, 0.03, 0.04));
   Segment scratch_mark;
   scratch_mark.start = c + Eigen::Vector2d(-25, -12);
   scratch_mark.end = c + Eigen::Vector2d(25, 12);
   s.features.segments.push_back(scratch_mark);
   const ViewEvidence marked = BuildViewEvidence(s.features);
-  EXPECT_LT(SilhouetteF1(VerifyPose(*s.part, marked, kCamera, s.pose, nullptr, &scratch)), clean - 0.005);
+  EXPECT_LT(SilhouetteF1(VerifyPose(*s.part, marked, kCamera, s.pose, nullptr, &scratch)),
+            clean - 0.005);
 }
 
 TEST(VerifyPose, EdgesHiddenByAnotherObjectAreNotMissed) {
@@ -105,7 +108,8 @@ TEST(VerifyPose, EdgesHiddenByAnotherObjectAreNotMissed) {
   EXPECT_GT(support.hidden_by_others, 100.0);
 }
 
-// Refinement recovers the pose from a disturbed start; the error grows with the noise no faster than stated.
+// Refinement recovers the pose from a disturbed start; the error grows with the noise no faster
+// than stated.
 TEST(RefineInView, ErrorStaysBelowThreeTimesTheNoise) {
   for (const double noise : {0.1, 0.3, 0.6}) {
     for (unsigned seed = 1; seed <= 5; ++seed) {
@@ -117,8 +121,9 @@ TEST(RefineInView, ErrorStaysBelowThreeTimesTheNoise) {
       options.focal_log_sigma = 0.0;
       const auto refined = RefineInView(*s.part, s.view.maps, kCamera, start, options);
       ASSERT_TRUE(refined.has_value());
-      EXPECT_LT(ProjectionDistance(*s.part, kCamera, refined->camera_from_object, kCamera, s.pose, 1.0),
-                0.5 + 3 * noise)
+      EXPECT_LT(
+          ProjectionDistance(*s.part, kCamera, refined->camera_from_object, kCamera, s.pose, 1.0),
+          0.5 + 3 * noise)
           << "noise " << noise << " seed " << seed;
     }
   }

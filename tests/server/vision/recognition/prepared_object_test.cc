@@ -9,10 +9,13 @@
 namespace horopter {
 namespace {
 
-ObjectModel Box(double x, double y, double z) { return Prism("box", {{0, 0}, {x, 0}, {x, y}, {0, y}}, z); }
+ObjectModel Box(double x, double y, double z) {
+  return Prism("box", {{0, 0}, {x, 0}, {x, y}, {0, y}}, z);
+}
 
 TEST(Aspects, CentralDirectionFallsIntoItsOwnCell) {
-  for (int i = 0; i < kAspectCount; ++i) EXPECT_EQ(AspectIndex(AspectDirection(i).cast<float>()), i);
+  for (int i = 0; i < kAspectCount; ++i)
+    EXPECT_EQ(AspectIndex(AspectDirection(i).cast<float>()), i);
 }
 
 TEST(Aspects, CellsAreNarrow) {
@@ -20,7 +23,8 @@ TEST(Aspects, CellsAreNarrow) {
   std::normal_distribution<double> g;
   for (int i = 0; i < 2000; ++i) {
     const Eigen::Vector3d d = Eigen::Vector3d(g(rng), g(rng), g(rng)).normalized();
-    EXPECT_GT(d.dot(AspectDirection(AspectIndex(d.cast<float>()))), std::cos(0.13)) << d.transpose();
+    EXPECT_GT(d.dot(AspectDirection(AspectIndex(d.cast<float>()))), std::cos(0.13))
+        << d.transpose();
   }
 }
 
@@ -95,7 +99,8 @@ TEST(Occupancy, VolumeOfTheLBracketWithinAFewPercent) {
   for (const bool inside : o.inside) cells += inside;
   double volume = 0;
   for (const auto& t : part.mesh.triangles) {
-    volume += part.mesh.vertices[t[0]].dot(part.mesh.vertices[t[1]].cross(part.mesh.vertices[t[2]])) / 6;
+    volume +=
+        part.mesh.vertices[t[0]].dot(part.mesh.vertices[t[1]].cross(part.mesh.vertices[t[2]])) / 6;
   }
   EXPECT_NEAR(cells * std::pow(o.cell_m, 3) / volume, 1.0, 0.06);
 }

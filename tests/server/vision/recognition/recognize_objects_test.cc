@@ -1,8 +1,7 @@
-#include "server/vision/recognition/recognition.h"
-
 #include <gtest/gtest.h>
 
 #include "server/vision/recognition/pose_score.h"
+#include "server/vision/recognition/recognition.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {
@@ -32,15 +31,20 @@ Scene MakeScene(const std::vector<int>& shown, int views, double noise_px, unsig
   for (int v = 0; v < views; ++v) {
     const double a = -0.9 + 0.3 * v;
     scene.cameras.push_back(CenteredCamera(640, 480, 900.0 + 30 * v));
-    scene.camera_from_world.push_back(LookAt({0.48 * std::sin(a), -0.48 * std::cos(a), 0.40}, {0.03, 0.02, 0.02}));
+    scene.camera_from_world.push_back(
+        LookAt({0.48 * std::sin(a), -0.48 * std::cos(a), 0.40}, {0.03, 0.02, 0.02}));
     ImageFeatures f;
     f.width = 640;
     f.height = 480;
     for (std::size_t i = 0; i < shown.size(); ++i) {
       Rigid3 world_from_object;
       world_from_object.t.x() = 0.11 * static_cast<double>(i) - 0.04;
-      AddSyntheticFeatures(*scene.objects[shown[i]], scene.cameras[v], scene.camera_from_world[v] * world_from_object,
-                           noise_px, &rng, &f);
+      AddSyntheticFeatures(*scene.objects[shown[i]],
+                           scene.cameras[v],
+                           scene.camera_from_world[v] * world_from_object,
+                           noise_px,
+                           &rng,
+                           &f);
     }
     scene.features.push_back(std::move(f));
   }
@@ -59,9 +63,13 @@ TEST(RecognizeObjects, FindsTheOnePartThatIsThereAndItsCameras) {
   world_from_object.t.x() = -0.04;
   for (int v = 0; v < 4; ++v) {
     ASSERT_TRUE(result->views[v].has_value()) << "view " << v;
-    EXPECT_LT(ProjectionDistance(*scene.objects[0], result->views[v]->camera,
-                                 result->views[v]->camera_from_scene * result->objects[0].scene_from_object,
-                                 scene.cameras[v], scene.camera_from_world[v] * world_from_object, 1.0),
+    EXPECT_LT(ProjectionDistance(
+                  *scene.objects[0],
+                  result->views[v]->camera,
+                  result->views[v]->camera_from_scene * result->objects[0].scene_from_object,
+                  scene.cameras[v],
+                  scene.camera_from_world[v] * world_from_object,
+                  1.0),
               5.0);
   }
 }

@@ -10,7 +10,8 @@ namespace {
 
 const PinholeCamera kCamera = CenteredCamera(640, 480, 900.0);
 
-// Random poses in front of the camera: one of the two solutions is the truth, whatever the perspective.
+// Random poses in front of the camera: one of the two solutions is the truth, whatever the
+// perspective.
 TEST(PosesFromPath, RecoversThePoseFromThreeExactPoints) {
   const auto part = PrepareObject(LBracket()).value();
   std::mt19937 rng(5);
@@ -31,7 +32,9 @@ TEST(PosesFromPath, RecoversThePoseFromThreeExactPoints) {
     double best = 1e9;
     for (int k = 0; k < poses.count; ++k) {
       EXPECT_NEAR(poses.camera_from_object[k].R.determinant(), 1.0, 1e-3);
-      best = std::min(best, ProjectionDistance(*part, kCamera, poses.camera_from_object[k], kCamera, pose, 1.0));
+      best = std::min(
+          best,
+          ProjectionDistance(*part, kCamera, poses.camera_from_object[k], kCamera, pose, 1.0));
     }
     found += best < 4.0;
   }
@@ -56,11 +59,18 @@ TEST(FindViewHypotheses, TheRightPoseLeadsWithUnknownFocalLength) {
     ImageFeatures features;
     AddSyntheticFeatures(*part, kCamera, pose, 0.3, &rng, &features);
     const ViewEvidence view = BuildViewEvidence(features);
-    const auto hypotheses = FindViewHypotheses(*part, 0, view, 0, FindImagePaths(features, {}, 1.0, 450),
-                                               CenteredCamera(640, 480, 1.1 * kCamera.focal_px), {}, {});
+    const auto hypotheses = FindViewHypotheses(*part,
+                                               0,
+                                               view,
+                                               0,
+                                               FindImagePaths(features, {}, 1.0, 450),
+                                               CenteredCamera(640, 480, 1.1 * kCamera.focal_px),
+                                               {},
+                                               {});
     ASSERT_FALSE(hypotheses.best.empty());
     const ViewHypothesis& first = hypotheses.best[0];
-    EXPECT_LT(ProjectionDistance(*part, first.camera, first.camera_from_object, kCamera, pose, 1.0), 4.0)
+    EXPECT_LT(ProjectionDistance(*part, first.camera, first.camera_from_object, kCamera, pose, 1.0),
+              4.0)
         << "seed " << seed;
     EXPECT_GT(first.score, 0.7);
   }
@@ -70,13 +80,15 @@ TEST(FindImagePaths, TextureStartsNoPathAndTheNumberIsBounded) {
   const auto part = PrepareObject(LBracket()).value();
   std::mt19937 rng(1);
   ImageFeatures features;
-  AddSyntheticFeatures(*part, kCamera, LookAt({0.3, -0.32, 0.34}, {0.03, 0.02, 0.02}), 0.0, &rng, &features);
+  AddSyntheticFeatures(
+      *part, kCamera, LookAt({0.3, -0.32, 0.34}, {0.03, 0.02, 0.02}), 0.0, &rng, &features);
   EXPECT_EQ(FindImagePaths(features, {}, 1.0, 3).size(), 3u);
   for (Segment& s : features.segments) s.in_texture = true;
   EXPECT_TRUE(FindImagePaths(features, {}, 1.0, 100).empty());
 }
 
-// A plane seen by a camera of unknown focal length: the homography alone gives focal length and pose.
+// A plane seen by a camera of unknown focal length: the homography alone gives focal length and
+// pose.
 TEST(CameraFromPlane, RecoversFocalLengthAndPose) {
   const Rigid3 camera_from_plane = LookAt({0.4, -0.5, 0.45}, {0, 0, 0});
   Eigen::Matrix3d M;
