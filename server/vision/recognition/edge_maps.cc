@@ -106,7 +106,12 @@ EdgeMaps BuildEdgeMaps(const ImageFeatures& features) {
   AddChains(features, &maps.points);
 
   const std::size_t cells = static_cast<std::size_t>(maps.width) * maps.height;
-  maps.distance.assign(cells * kOrientationBins, 255);
+  maps.half_scale_f = 0.5f * maps.scale_f;
+  maps.half_width = (maps.width + 1) / 2;
+  maps.half_height = (maps.height + 1) / 2;
+  const std::size_t half_cells = static_cast<std::size_t>(maps.half_width) * maps.half_height;
+  maps.distance.assign(half_cells * kOrientationBins, 255);
+  std::vector<float> distance(cells);
   maps.nearest.assign(cells * kOrientationBins, -1);
   for (int bin = 0; bin < kOrientationBins; ++bin) {
     std::int32_t* nearest = maps.nearest.data() + cells * bin;
@@ -129,12 +134,18 @@ EdgeMaps BuildEdgeMaps(const ImageFeatures& features) {
       for (int x = 0; x < maps.width; ++x) {
         const std::size_t cell = maps.Cell(x, y);
         const float d = std::sqrt(map.SquaredDistance(x, y, nearest[cell]));
-        if (d >= EdgeMaps::kMaxDistance) {
-          nearest[cell] = -1;
-        } else {
-          maps.distance[cell * kOrientationBins + bin] =
-              static_cast<std::uint8_t>(d * EdgeMaps::kDistanceScale);
-        }
+        if (d >= EdgeMaps::kMaxDistance) nearest[cell] = -1;
+        distance[cell] = std::min(d, EdgeMaps::kMaxDistance);
+      }
+    }
+    for (int y = 0; y < maps.half_height; ++y) {
+      const int y0 = 2 * y, y1 = std::min(2 * y + 1, maps.height - 1);
+      for (int x = 0; x < maps.half_width; ++x) {
+        const int x0 = 2 * x, x1 = std::min(2 * x + 1, maps.width - 1);
+        const float mean = 0.25f * (distance[maps.Cell(x0, y0)] + distance[maps.Cell(x1, y0)] +
+                                    distance[maps.Cell(x0, y1)] + distance[maps.Cell(x1, y1)]);
+        maps.distance[half_cells * bin + static_cast<std::size_t>(y) * maps.half_width + x] =
+            static_cast<std::uint8_t>(mean * EdgeMaps::kDistanceScale);
       }
     }
   }

@@ -5,6 +5,8 @@
 #include <bit>
 #include <cmath>
 
+#include "absl/container/inlined_vector.h"
+
 namespace horopter {
 namespace {
 
@@ -43,6 +45,70 @@ FloatPose ToFloat(const PinholeCamera& camera, const Rigid3& pose) {
 int AspectOf(const PreparedObject& object, const FloatPose& pose) {
   return AspectIndex(pose.R.transpose() * -pose.t - object.center.cast<float>());
 }
+
+// Every sixteenth sample of every edge first, then every fourth, then all: a bad pose is left
+// early.
+constexpr int kPasses = 3;
+constexpr std::uint64_t kSixteenth = 0x0001000100010001ull, kFourth = 0x1111111111111111ull;
+constexpr std::uint64_t kMasks[kPasses] = {kSixteenth, kFourth & ~kSixteenth, ~kFourth};
+
+// Support of one pose in one view, summed pass by pass. Plain floats: this is the innermost loop of
+// recognition.
+struct QuickSum {
+  QuickSum(const PreparedObject& object,
+           const EdgeMaps& edge_maps,
+           const PinholeCamera& camera,
+           const Rigid3& camera_from_object,
+           float reach_px)
+      : maps(&edge_maps),
+        pose(ToFloat(camera, camera_from_object)),
+        bits(object.VisibleBits(AspectOf(object, pose))),
+        inverse_reach(1.0f / reach_px),
+        width(static_cast<float>(camera.width)),
+        height(static_cast<float>(camera.height)) {}
+
+  // False when a sample lies behind the camera.
+  bool Add(const PreparedObject& object, int pass) {
+    const float* r = pose.R.data();  // column-major
+    const float tx = pose.t.x(), ty = pose.t.y(), tz = pose.t.z();
+    for (int w = 0; w < object.words; ++w) {
+      std::uint64_t word = bits[w] & kMasks[pass];
+      while (word != 0) {
+        const EdgeSample& s = object.samples[w * 64 + std::countr_zero(word)];
+        word &= word - 1;
+        const float a = s.point.x(), b = s.point.y(), c = s.point.z();
+        const float pz = r[2] * a + r[5] * b + r[8] * c + tz;
+        if (pz < kMinDepth) return false;
+        const float px = r[0] * a + r[3] * b + r[6] * c + tx;
+        const float py = r[1] * a + r[4] * b + r[7] * c + ty;
+        const float focal_over_z = pose.f / pz;
+        const float x = focal_over_z * px + pose.cx;
+        const float y = focal_over_z * py + pose.cy;
+        if (!(x >= 0 && y >= 0 && x < width && y < height)) {
+          ++outside;
+          continue;
+        }
+        ++inside;
+        const float d = s.tangent.x(), e = s.tangent.y(), g = s.tangent.z();
+        const float qz = r[2] * d + r[5] * e + r[8] * g;
+        const float qx = r[0] * d + r[3] * e + r[6] * g;
+        const float qy = r[1] * d + r[4] * e + r[7] * g;
+        const int bin = OrientationBin(qx * pz - px * qz, qy * pz - py * qz);
+        sum += std::max(0.0f, 1.0f - maps->DistanceAt(x, y, bin) * inverse_reach);
+      }
+    }
+    return true;
+  }
+  bool MostlyOutside() const { return inside < 4 || outside * 3 > inside * 2; }
+  float Mean() const { return inside > 0 ? sum / static_cast<float>(inside) : 0.0f; }
+
+  const EdgeMaps* maps;
+  FloatPose pose;
+  const std::uint64_t* bits;
+  float inverse_reach, width, height;
+  float sum = 0;
+  int inside = 0, outside = 0;
+};
 
 // Sizes the buffers to the projected bounding box plus a margin; false when nothing of it is in the
 // image.
@@ -119,45 +185,47 @@ float QuickScore(const PreparedObject& object,
                  const Rigid3& camera_from_object,
                  float reach_px,
                  float give_up) {
-  const FloatPose pose = ToFloat(camera, camera_from_object);
-  const std::uint64_t* bits = object.VisibleBits(AspectOf(object, pose));
-  const float inverse_reach = 1.0f / reach_px;
-  const float width = static_cast<float>(camera.width), height = static_cast<float>(camera.height);
-  float sum = 0;
-  int inside = 0, outside = 0;
-  // Every sixteenth sample of every edge first, then every fourth, then all: a bad pose is left
-  // early.
-  constexpr std::uint64_t kSixteenth = 0x0001000100010001ull, kFourth = 0x1111111111111111ull;
-  constexpr std::uint64_t kMasks[3] = {kSixteenth, kFourth & ~kSixteenth, ~kFourth};
+  QuickSum sum(object, maps, camera, camera_from_object, reach_px);
   constexpr float kFirstLook = 0.6f;  // share of give_up that a sixteenth of the samples must reach
-  for (int pass = 0; pass < 3; ++pass) {
-    for (int w = 0; w < object.words; ++w) {
-      std::uint64_t word = bits[w] & kMasks[pass];
-      while (word != 0) {
-        const EdgeSample& s = object.samples[w * 64 + std::countr_zero(word)];
-        word &= word - 1;
-        const Eigen::Vector3f p = pose.R * s.point + pose.t;
-        if (p.z() < kMinDepth) return 0.0f;
-        const float inverse_z = 1.0f / p.z();
-        const float x = pose.f * p.x() * inverse_z + pose.cx;
-        const float y = pose.f * p.y() * inverse_z + pose.cy;
-        if (!(x >= 0 && y >= 0 && x < width && y < height)) {
-          ++outside;
-          continue;
-        }
-        ++inside;
-        const Eigen::Vector3f q = pose.R * s.tangent;
-        const int bin =
-            OrientationBin(q.x() * p.z() - p.x() * q.z(), q.y() * p.z() - p.y() * q.z());
-        const float d = maps.DistanceAt(x, y, bin);
-        sum += std::max(0.0f, 1.0f - d * inverse_reach);
-      }
-    }
-    if (pass == 0 && sum < kFirstLook * give_up * static_cast<float>(inside)) break;
-    if (pass > 0 && (inside < 4 || outside * 3 > inside * 2)) return 0.0f;
-    if (pass == 1 && sum < give_up * static_cast<float>(inside)) break;
+  for (int pass = 0; pass < kPasses; ++pass) {
+    if (!sum.Add(object, pass)) return 0.0f;
+    const float inside = static_cast<float>(sum.inside);
+    if (pass == 0 && sum.sum < kFirstLook * give_up * inside) break;
+    if (pass > 0 && sum.MostlyOutside()) return 0.0f;
+    if (pass == 1 && sum.sum < give_up * inside) break;
   }
-  return inside > 0 ? sum / static_cast<float>(inside) : 0.0f;
+  return sum.Mean();
+}
+
+float QuickScoreOverViews(const PreparedObject& object,
+                          std::span<const QuickView> views,
+                          float reach_px,
+                          float give_up) {
+  constexpr float kSlack[kPasses] = {0.14f, 0.06f, 0.0f};  // sampling error of the partial means
+  constexpr int kFew = 3;  // views after which the first pass may give up
+  absl::InlinedVector<QuickSum, 8> sums;
+  float mean = 0.0f;
+  for (int pass = 0; pass < kPasses; ++pass) {
+    float total = 0.0f;
+    int seen = 0;
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      if (pass == 0) {
+        sums.emplace_back(
+            object, *views[v].maps, *views[v].camera, views[v].camera_from_object, reach_px);
+      }
+      QuickSum& sum = sums[v];
+      if (!sum.Add(object, pass)) return 0.0f;
+      if (sum.MostlyOutside()) continue;
+      total += sum.Mean();
+      ++seen;
+      if (pass == 0 && seen >= kFew && total < (give_up - kSlack[0]) * static_cast<float>(seen))
+        return total / static_cast<float>(seen);
+    }
+    if (seen == 0) return 0.0f;
+    mean = total / static_cast<float>(seen);
+    if (mean < give_up - kSlack[pass]) break;
+  }
+  return mean;
 }
 
 PinholeCamera WorkingCamera(const PinholeCamera& camera, const EdgeMaps& maps) {

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "server/vision/geometry/depth_buffer.h"
@@ -23,6 +24,20 @@ float QuickScore(const PreparedObject& object,
                  const Rigid3& camera_from_object,
                  float reach_px,
                  float give_up);
+
+// A pose in one of several views.
+struct QuickView {
+  const EdgeMaps* maps = nullptr;
+  const PinholeCamera* camera = nullptr;
+  Rigid3 camera_from_object;
+};
+// Mean of the views' quick scores; all views are asked a sixteenth of their samples first, then a
+// quarter, then all, and the pose is given up (partial mean returned) as soon as the mean falls too
+// far below `give_up`. 0 when a view has the pose behind the camera.
+float QuickScoreOverViews(const PreparedObject& object,
+                          std::span<const QuickView> views,
+                          float reach_px,
+                          float give_up);
 
 // Edge support counted with hidden lines removed. Lengths in working pixels.
 struct EdgeSupport {

@@ -8,6 +8,7 @@
 #include "server/vision/recognition/scene_expansion.h"
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/table_search.h"
 #include "server/vision/recognition/view_hypotheses.h"
 #include "server/vision/recognition/view_linking.h"
 
@@ -16,8 +17,10 @@ namespace {
 
 constexpr int kMinSegments = 5;  // fewer in every view: nothing can be said
 constexpr int kExpandedSeeds = 8;
-constexpr int kRounds = 2;            // expansion, refinement, expansion with the better cameras
-constexpr double kSameSeedPx = 10.0;  // working pixels
+constexpr int kTableScales = 3;
+constexpr double kRivalScaleGain = 0.5;  // of the best scene's gain: below it a seed is not tried
+constexpr int kRounds = 2;               // expansion, refinement, expansion with the better cameras
+constexpr double kSameSeedPx = 10.0;     // working pixels
 
 JointContext MakeContext(const RecognitionInput& input,
                          const RecognitionOptions& options,
@@ -29,6 +32,7 @@ JointContext MakeContext(const RecognitionInput& input,
   context.stop = stop;
   const int views = static_cast<int>(input.features.size());
   context.views.resize(views);
+  context.hypotheses.assign(views, std::vector<ViewHypotheses>(input.objects.size()));
   ParallelFor(views, options.threads, [&](int v) {
     context.views[v] = BuildViewEvidence(input.features[v]);
   });
@@ -36,6 +40,11 @@ JointContext MakeContext(const RecognitionInput& input,
     const ImageFeatures& f = input.features[v];
     PinholeCamera camera = CenteredCamera(f.width, f.height, options.focal_start_widths * f.width);
     double sigma = options.focal_log_sigma;
+    if (input.reconstruction != nullptr && input.reconstruction->trusted &&
+        input.reconstruction->views[v]) {
+      camera = input.reconstruction->views[v]->camera;
+      sigma = std::min(sigma, std::max(0.02, input.reconstruction->views[v]->focal_log_sigma));
+    }
     if (!input.hints.empty()) {
       const CameraHint& hint = input.hints[v];
       if (hint.focal_px) {
@@ -52,21 +61,25 @@ JointContext MakeContext(const RecognitionInput& input,
   return context;
 }
 
-void FindAllViewHypotheses(JointContext* context) {
+// Searches the given views (one flag each) for the given objects.
+void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
+                           const std::vector<bool>& wanted_objects,
+                           JointContext* context) {
   const int views = static_cast<int>(context->views.size());
   const int objects = static_cast<int>(context->objects.size());
   std::vector<std::vector<ImagePath>> paths(views);
   ViewHypothesisOptions options;
   for (int v = 0; v < views; ++v) {
+    if (!wanted_views[v]) continue;
     const auto& flags = context->matching->segment_on_plane;
     paths[v] = FindImagePaths(*context->views[v].features,
                               v < static_cast<int>(flags.size()) ? flags[v] : std::vector<bool>{},
                               context->views[v].maps.working_from_image,
                               options.max_paths);
   }
-  context->hypotheses.assign(views, std::vector<ViewHypotheses>(objects));
   ParallelFor(views * objects, context->options.threads, [&](int i) {
     const int v = i / objects, k = i % objects;
+    if (!wanted_views[v] || !wanted_objects[k]) return;
     ViewHypothesisOptions of_view = options;
     of_view.focal_log_sigma = context->focal_log_sigma[v];
     context->hypotheses[v][k] = FindViewHypotheses(*context->objects[k],
@@ -105,7 +118,9 @@ SceneModel Expand(const JointContext& context,
   ExpansionOptions options;
   options.accept_score = context.options.accept_score;
   options.use_pool = thorough;
+  options.threads = thorough ? context.options.threads : 1;
   for (int round = 0; round < (thorough ? kRounds : 1); ++round) {
+    if (const auto plane = PlaneFromMatches(context, scene.views)) scene.plane = plane;
     std::vector<PlacedObject> placements = CollectPlacements(context, scene, options);
     if (verified != nullptr) *verified = placements;
     Consolidate(context, options, std::move(placements), &scene);
@@ -120,6 +135,39 @@ SceneModel Expand(const JointContext& context,
       scene.gain += o.gain;
     }
   }
+  return scene;
+}
+
+// The route over the supporting plane: cameras from the reconstruction, parts standing on it.
+SceneModel TableRoute(const RecognitionInput& input,
+                      JointContext* context,
+                      std::vector<PlacedObject>* verified) {
+  if (input.reconstruction == nullptr) return {};
+  const std::vector<SceneModel> seeds =
+      TableSeeds(*context, *input.reconstruction, {}, kTableScales);
+  SceneModel best;
+  for (const SceneModel& seed : seeds) {
+    if (IsStopRequested(context->stop)) return {};
+    if (!best.objects.empty() && seed.gain < kRivalScaleGain * best.gain) break;
+    std::vector<PlacedObject> placements;
+    SceneModel scene = Expand(*context, seed, true, &placements);
+    if (scene.gain <= best.gain) continue;
+    best = std::move(scene);
+    *verified = std::move(placements);
+  }
+  if (best.objects.empty() || best.registered() == static_cast<int>(best.views.size())) return best;
+  // Views that show no part of the plane's texture: the parts found say where they are.
+  std::vector<bool> missing, found(context->objects.size(), false);
+  for (const auto& view : best.views) missing.push_back(!view.has_value());
+  for (const PlacedObject& o : best.objects) found[o.object] = true;
+  FindAllViewHypotheses(missing, found, context);
+  if (RegisterMissingViews(*context, &best) == 0) return best;
+  SceneModel scene = best;
+  RefineScene(*context, {}, &scene);
+  std::vector<PlacedObject> placements;
+  scene = Expand(*context, scene, true, &placements);
+  if (scene.gain <= best.gain) return best;
+  *verified = std::move(placements);
   return scene;
 }
 
@@ -206,19 +254,26 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   }
 
   JointContext context = MakeContext(input, options, stop);
-  FindAllViewHypotheses(&context);
-  if (IsStopRequested(stop)) return absl::CancelledError("stopped during view hypotheses");
+  std::vector<PlacedObject> verified;
+  SceneModel scene = TableRoute(input, &context, &verified);
+  if (IsStopRequested(stop)) return absl::CancelledError("stopped during the search on the plane");
+  const bool on_table = !scene.objects.empty();
   SceneModel start;
   std::size_t seed_count = 0;
+  if (!on_table) {
+    FindAllViewHypotheses(std::vector<bool>(context.views.size(), true),
+                          std::vector<bool>(context.objects.size(), true),
+                          &context);
+  }
+  if (IsStopRequested(stop)) return absl::CancelledError("stopped during view hypotheses");
   for (const bool through_plane : {true, false}) {
+    if (on_table) break;
     const std::vector<SceneModel> seeds = LinkSeeds(context, through_plane);
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while views were linked");
     seed_count += seeds.size();
     start = BestExpansion(context, seeds);
     if (!start.objects.empty()) break;
   }
-  std::vector<PlacedObject> verified;
-  SceneModel scene;
   scene.views.resize(input.features.size());
   if (!start.objects.empty()) {
     scene = Expand(context, start, true, &verified);

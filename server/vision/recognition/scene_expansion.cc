@@ -18,6 +18,7 @@ constexpr double kSameTurnRad = 0.12;
 constexpr double kPlaneCos = 0.9945;  // 6 degrees
 constexpr double kPlaneOffsetM = 0.008;
 constexpr int kMinPlaneMatches = 20;
+constexpr double kSameHeightM = 0.001;
 constexpr double kMinRawScore = 0.35;  // placements below are not worth keeping
 
 std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel& scene) {
@@ -66,6 +67,7 @@ std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
                                              const SceneModel& scene,
                                              int k,
                                              std::span<const KnownView> known,
+                                             std::span<const TablePose> on_table,
                                              const ExpansionOptions& options) {
   const PreparedObject& object = *context.objects[k];
   struct Candidate {
@@ -73,6 +75,10 @@ std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
     Rigid3 pose;
   };
   std::vector<Candidate> candidates;
+  for (const TablePose& pose : on_table) {
+    candidates.push_back(
+        {QuickOverViews(object, known, pose.scene_from_object, options), pose.scene_from_object});
+  }
   RefineOptions settle;
   settle.iterations = 3;
   settle.start_reach_px = 6.0;
@@ -142,6 +148,22 @@ bool RestsOn(const PreparedObject& object,
       });
 }
 
+// The plane itself and the tops of the objects placed on it, distinct.
+std::vector<double> SurfaceHeights(const JointContext& context, const SceneModel& scene) {
+  std::vector<double> heights{0.0};
+  if (!scene.plane) return heights;
+  for (const PlacedObject& o : scene.objects) {
+    const double top =
+        HeightAbovePlane(*context.objects[o.object], o.scene_from_object, *scene.plane).highest_m;
+    if (std::none_of(heights.begin(), heights.end(), [&](double h) {
+          return std::abs(h - top) < kSameHeightM;
+        })) {
+      heights.push_back(top);
+    }
+  }
+  return heights;
+}
+
 // Share of what `explained` holds that is taken already; 0 when it holds nothing.
 double SharedEdges(const ExplainedSegments& explained, const ExplainedSegments& taken) {
   int own = 0, shared = 0;
@@ -156,14 +178,16 @@ double SharedEdges(const ExplainedSegments& explained, const ExplainedSegments& 
 
 }  // namespace
 
-double HeightAbovePlane(const PreparedObject& object,
-                        const Rigid3& scene_from_object,
-                        const ScenePlane& plane) {
-  double lowest = 1e9;
+HeightRange HeightAbovePlane(const PreparedObject& object,
+                             const Rigid3& scene_from_object,
+                             const ScenePlane& plane) {
+  HeightRange range{1e9, -1e9};
   for (const auto& v : object.model.mesh.vertices) {
-    lowest = std::min(lowest, plane.normal.dot(scene_from_object * v) - plane.offset_m);
+    const double h = plane.normal.dot(scene_from_object * v) - plane.offset_m;
+    range.lowest_m = std::min(range.lowest_m, h);
+    range.highest_m = std::max(range.highest_m, h);
   }
-  return lowest;
+  return range;
 }
 
 std::optional<ScenePlane> PlaneFromMatches(
@@ -236,10 +260,15 @@ std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const ExpansionOptions& options) {
   const std::vector<KnownView> known = KnownViews(context, scene);
   std::vector<std::vector<PlacedObject>> per_object(context.objects.size());
-  for (std::size_t k = 0; k < per_object.size(); ++k) {
-    if (IsStopRequested(context.stop)) break;
-    per_object[k] = PlacementsOfObject(context, scene, static_cast<int>(k), known, options);
-  }
+  std::optional<TableSearch> table;
+  const std::vector<double> bases = SurfaceHeights(context, scene);
+  if (scene.plane) table.emplace(context, scene, options.table);
+  ParallelFor(static_cast<int>(per_object.size()), options.threads, [&](int k) {
+    if (IsStopRequested(context.stop)) return;
+    std::vector<TablePose> on_table;
+    if (table) on_table = table->Find(k, bases);
+    per_object[k] = PlacementsOfObject(context, scene, k, known, on_table, options);
+  });
   std::vector<PlacedObject> all;
   for (auto& list : per_object) {
     for (PlacedObject& p : list) all.push_back(std::move(p));
@@ -269,9 +298,13 @@ void Consolidate(const JointContext& context,
     if (p.gain <= 0 || p.score < options.accept_score) return false;
     if (!scene->plane) return true;
     const double height =
-        HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene->plane);
+        HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene->plane).lowest_m;
     if (height < -2 * options.plane_tolerance_m) return false;  // below the table
-    return std::abs(height) < options.plane_tolerance_m || p.score >= options.off_plane_score;
+    if (p.score >= options.off_plane_score) return true;
+    const std::vector<double> surfaces = SurfaceHeights(context, *scene);
+    return std::any_of(surfaces.begin(), surfaces.end(), [&](double h) {
+      return std::abs(height - h) < options.plane_tolerance_m;
+    });
   };
   while (!IsStopRequested(context.stop)) {
     int best = -1;

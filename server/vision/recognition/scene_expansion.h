@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "server/vision/recognition/scene_model.h"
+#include "server/vision/recognition/table_search.h"
 
 namespace horopter {
 
@@ -19,10 +20,13 @@ struct ExpansionOptions {
   double max_shared_edges =
       0.5;  // share of an object's explained edges that accepted objects explain already
   int plane_voters = 40;  // best placements that vote for the plane
+  TableSearchOptions table;
+  int threads = 1;
 };
 
-// Placements of all objects suggested by the hypotheses of the registered views, refined and
-// verified over all registered views (no occlusion considered), best score first.
+// Placements of all objects suggested by the hypotheses of the registered views and, where the
+// scene has a plane, by the edges seen on it and on the objects placed so far; refined and verified
+// over all registered views (no occlusion considered), best score first.
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const SceneModel& scene,
                                             const ExpansionOptions& options);
@@ -47,9 +51,13 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
                                            std::span<const PlacedObject> placements,
                                            const ExpansionOptions& options);
 
-// Height of the object's lowest point above a plane, metres.
-double HeightAbovePlane(const PreparedObject& object,
-                        const Rigid3& scene_from_object,
-                        const ScenePlane& plane);
+// Heights of the object's lowest and highest point above a plane, metres.
+struct HeightRange {
+  double lowest_m = 0.0;
+  double highest_m = 0.0;
+};
+HeightRange HeightAbovePlane(const PreparedObject& object,
+                             const Rigid3& scene_from_object,
+                             const ScenePlane& plane);
 
 }  // namespace horopter

@@ -119,6 +119,8 @@ std::vector<ImagePath> FindImagePaths(const ImageFeatures& features,
         bool a_junction, c_junction;
         ImagePath path;
         path.b = junction.point;
+        path.segment_ab = junction.ends[i].segment;
+        path.segment_bc = junction.ends[k].segment;
         path.a = other_end(junction.ends[i], &a_junction);
         path.c = other_end(junction.ends[k], &c_junction);
         const double la = (path.a - path.b).norm() * working_from_image;

@@ -17,6 +17,8 @@ struct ImagePath {
   Eigen::Vector2d a = Eigen::Vector2d::Zero();
   Eigen::Vector2d b = Eigen::Vector2d::Zero();
   Eigen::Vector2d c = Eigen::Vector2d::Zero();
+  int segment_ab = -1;  // indices into ImageFeatures::segments
+  int segment_bc = -1;
   double rank = 0.0;  // larger: longer edges, ends that are junctions
 };
 
