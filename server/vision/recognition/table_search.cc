@@ -24,6 +24,7 @@ constexpr double kLengthShare = 0.04;
 constexpr double kEndPx = 3.0;
 // Edges above this height (metres) do not move with the table.
 constexpr double kOnPlaneHeight = 0.004;
+constexpr double kPartialWeight = 0.5;  // vote of an edge of which one end is hidden
 constexpr double kMinSeedScore = 0.42;
 constexpr double kTwinCos = 0.9999;
 // Parts are looked for up to this share of the lowest camera's height.
@@ -84,18 +85,15 @@ class Pool {
   double floor_;
 };
 
-// Mean quick score over the views that show the part's centre, at least two. Views are asked from
-// `first` on.
+// Mean quick score over the views that show the part's centre, at least two.
 double MeanQuick(const PreparedObject& object,
                  std::span<const KnownView> views,
-                 std::size_t first,
                  double units_per_metre,
                  const Rigid3& table_from_object,
                  float reach_px,
                  double give_up) {
   absl::InlinedVector<QuickView, 8> seen;
-  for (std::size_t i = 0; i < views.size(); ++i) {
-    const KnownView& view = views[(first + i) % views.size()];
+  for (const KnownView& view : views) {
     Rigid3 camera_from_table = view.camera_from_scene;
     camera_from_table.t /= units_per_metre;
     const Rigid3 pose = camera_from_table * table_from_object;
@@ -215,49 +213,55 @@ HeightMask SupportedHeights(std::span<const KnownView> views,
   return mask;
 }
 
-// Poses of one object suggested by the paths of one view.
-void PoolPaths(const PreparedObject& object,
-               std::span<const StandingPart> parts,
-               std::span<const KnownView> views,
-               std::size_t own_view,
-               const std::vector<SightedPath>& paths,
-               double max_height,
-               const TableSearchOptions& options,
-               const StopRequested& stop,
-               Pool* pool) {
-  for (const StandingPart& part : parts) {
-    if (IsStopRequested(stop)) return;
-    for (const VertexPath& path : object.paths) {
-      for (const bool reversed : {false, true}) {
-        const Eigen::Vector3d vertices[3] = {part.vertices[reversed ? path.c : path.a],
-                                             part.vertices[path.b],
-                                             part.vertices[reversed ? path.a : path.c]};
-        const bool level_ab = std::abs(vertices[0].z() - vertices[1].z()) < kLevel;
-        const bool level_bc = std::abs(vertices[2].z() - vertices[1].z()) < kLevel;
-        for (const SightedPath& seen : paths) {
-          TableYaw yaws[2];
-          const int n = PosesFromSightings(vertices, seen.points, options.path_tolerance, yaws);
-          for (int i = 0; i < n; ++i) {
-            const double share = yaws[i].units_per_metre / max_height;
-            if (level_ab && !seen.heights_ab.At(share * vertices[1].z())) continue;
-            if (level_bc && !seen.heights_bc.At(share * vertices[1].z())) continue;
-            const Rigid3 pose = PlaceOnTable(part, yaws[i]);
-            Rigid3 camera_from_table = views[own_view].camera_from_scene;
-            camera_from_table.t /= yaws[i].units_per_metre;
-            if (!EdgesVisible(object, camera_from_table * pose, path.edge_ab, path.edge_bc))
-              continue;
-            const double quick = MeanQuick(object,
-                                           views,
-                                           own_view + 1,
-                                           yaws[i].units_per_metre,
-                                           pose,
-                                           options.quick_reach_px,
-                                           pool->floor());
-            if (quick >= pool->floor()) pool->Add({pose, yaws[i].units_per_metre, quick});
+// Votes of one view's paths for a standing part.
+void VoteByPaths(const PreparedObject& object,
+                 const StandingPart& part,
+                 std::span<const KnownView> views,
+                 std::size_t own_view,
+                 const std::vector<SightedPath>& paths,
+                 double max_height,
+                 double tolerance,
+                 PoseVotes* votes) {
+  for (const VertexPath& path : object.paths) {
+    for (const bool reversed : {false, true}) {
+      const Eigen::Vector3d vertices[3] = {part.vertices[reversed ? path.c : path.a],
+                                           part.vertices[path.b],
+                                           part.vertices[reversed ? path.a : path.c]};
+      const bool level_ab = std::abs(vertices[0].z() - vertices[1].z()) < kLevel;
+      const bool level_bc = std::abs(vertices[2].z() - vertices[1].z()) < kLevel;
+      for (const SightedPath& seen : paths) {
+        TableYaw yaws[2];
+        const int n = PosesFromSightings(vertices, seen.points, tolerance, yaws);
+        for (int i = 0; i < n; ++i) {
+          const double share = yaws[i].units_per_metre / max_height;
+          if (level_ab && !seen.heights_ab.At(share * vertices[1].z())) continue;
+          if (level_bc && !seen.heights_bc.At(share * vertices[1].z())) continue;
+          Rigid3 camera_from_table = views[own_view].camera_from_scene;
+          camera_from_table.t /= yaws[i].units_per_metre;
+          if (EdgesVisible(object,
+                           camera_from_table * PlaceOnTable(part, yaws[i]),
+                           path.edge_ab,
+                           path.edge_bc)) {
+            votes->Add(yaws[i], 1.0);
           }
         }
       }
     }
+  }
+}
+
+// Holds the suggested poses against the edge maps of all views.
+void ScorePeaks(const PreparedObject& object,
+                const StandingPart& part,
+                std::span<const KnownView> views,
+                const std::vector<PoseVotes::Peak>& peaks,
+                const TableSearchOptions& options,
+                Pool* pool) {
+  for (const PoseVotes::Peak& peak : peaks) {
+    const Rigid3 pose = PlaceOnTable(part, peak.pose);
+    const double quick = MeanQuick(
+        object, views, peak.pose.units_per_metre, pose, options.quick_reach_px, pool->floor());
+    if (quick >= pool->floor()) pool->Add({pose, peak.pose.units_per_metre, quick});
   }
 }
 
@@ -421,8 +425,15 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
     const PreparedObject& object = *context.objects[k];
     const std::vector<StandingPart> parts = StandingParts(object);
     Pool pool(options.min_quick);
-    for (std::size_t v = 0; v < views.size(); ++v)
-      PoolPaths(object, parts, views, v, paths[v], max_height, options, context.stop, &pool);
+    for (const StandingPart& part : parts) {
+      if (IsStopRequested(context.stop)) return;
+      PoseVotes votes;
+      for (std::size_t v = 0; v < views.size(); ++v) {
+        VoteByPaths(object, part, views, v, paths[v], max_height, options.path_tolerance, &votes);
+      }
+      ScorePeaks(
+          object, part, views, votes.Peaks(options.min_path_votes, options.peaks), options, &pool);
+    }
     found[k] = Distinct(object, views, std::move(pool).Sorted(), options.kept_per_object);
   });
 
@@ -558,6 +569,7 @@ std::vector<TablePose> TableSearch::Find(int k, std::span<const double> base_m) 
     }
   }
   for (const StandingPart& part : parts) {
+    PoseVotes votes;
     for (std::size_t e = 0; e < object.model.edges.size(); ++e) {
       const ModelEdge& edge = object.model.edges[e];
       if (edge.kind != CurveKind::kLine || edge.start_vertex < 0 || edge.end_vertex < 0) continue;
@@ -591,7 +603,8 @@ std::vector<TablePose> TableSearch::Find(int k, std::span<const double> base_m) 
             int n = 0;
             const Eigen::Vector2d from_p = at_p - Turned(yaw.cos_yaw, yaw.sin_yaw, p.head<2>());
             const Eigen::Vector2d from_q = at_q - Turned(yaw.cos_yaw, yaw.sin_yaw, q.head<2>());
-            if (seen_length > length - slack) {
+            const bool whole = seen_length > length - slack;
+            if (whole) {
               positions[n++] = 0.5 * (from_p + from_q);
             } else if (level) {
               // One end is hidden: a tilted edge would then not even give the yaw.
@@ -600,21 +613,23 @@ std::vector<TablePose> TableSearch::Find(int k, std::span<const double> base_m) 
             }
             for (int i = 0; i < n; ++i) {
               yaw.position = positions[i];
-              const Rigid3 pose = PlaceOnTable(part, yaw);
-              if (!EdgesVisible(object,
-                                views_[v].camera_from_scene * pose,
-                                static_cast<int>(e),
-                                static_cast<int>(e))) {
-                continue;
+              if (EdgesVisible(object,
+                               views_[v].camera_from_scene * PlaceOnTable(part, yaw),
+                               static_cast<int>(e),
+                               static_cast<int>(e))) {
+                votes.Add(yaw, whole ? 1.0 : kPartialWeight);
               }
-              const double quick = MeanQuick(
-                  object, views_, v + 1, 1.0, pose, options_.quick_reach_px, pool.floor());
-              if (quick >= pool.floor()) pool.Add({pose, 1.0, quick});
             }
           }
         }
       }
     }
+    ScorePeaks(object,
+               part,
+               views_,
+               votes.Peaks(options_.min_edge_votes, options_.peaks),
+               options_,
+               &pool);
   }
   std::vector<TablePose> out;
   for (const Pooled& p :

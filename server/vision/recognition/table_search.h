@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "server/vision/recognition/pose_refine.h"
+#include "server/vision/recognition/pose_votes.h"
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/reconstruction/reconstruction.h"
 
@@ -48,14 +49,6 @@ class HeightMask {
   std::uint64_t bits_[2] = {0, 0};
 };
 
-// Yaw and position of a standing part, and the table units that one metre has.
-struct TableYaw {
-  double cos_yaw = 1.0;
-  double sin_yaw = 0.0;
-  Eigen::Vector2d position = Eigen::Vector2d::Zero();  // table units
-  double units_per_metre = 1.0;
-};
-
 // Poses, up to two, in which the vertices a, b, c of a standing part are seen at the sightings of
 // the same names, scale unknown: a and b are met exactly, c within `tolerance` of the path's
 // length.
@@ -73,6 +66,9 @@ struct TableSearchOptions {
   int refined_seeds = 40;        // ... of all objects that are verified as seeds
   double min_edge_px = 14.0;     // working pixels, scale known
   double min_partial = 0.5;      // seen share of an edge of which one end is hidden
+  double min_path_votes = 2.0;   // of two-edge paths, scale unknown
+  double min_edge_votes = 2.2;   // of edges seen whole; 0.5 for one of which an end is hidden
+  int peaks = 150;               // poses scored per standing pose of an object
 };
 
 // Scenes of one part each, cameras from the reconstruction and scaled by the part; best first, at

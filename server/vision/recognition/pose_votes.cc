@@ -1,0 +1,90 @@
+#include "server/vision/recognition/pose_votes.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace horopter {
+namespace {
+
+constexpr double kTwoPi = 6.283185307179586;
+
+}  // namespace
+
+int PoseVotes::YawBins() const {
+  return std::max(3, static_cast<int>(std::lround(kTwoPi / options_.cell_rad)));
+}
+
+int PoseVotes::ScaleBin(double units_per_metre) const {
+  return static_cast<int>(std::floor(std::log(units_per_metre) / options_.cell_log));
+}
+
+// Positions are voted for in units: they hardly depend on the scale. The cells' size does, so that
+// every scale bin has a grid of its own.
+PoseVotes::Key PoseVotes::KeyOf(const TableYaw& pose, int scale) const {
+  const double cell = options_.cell_m * std::exp((scale + 0.5) * options_.cell_log);
+  const double yaw = std::atan2(pose.sin_yaw, pose.cos_yaw) / kTwoPi + 0.5;
+  const int bins = YawBins();
+  return {static_cast<std::int32_t>(std::floor(pose.position.x() / cell)),
+          static_cast<std::int32_t>(std::floor(pose.position.y() / cell)),
+          std::clamp(static_cast<int>(yaw * bins), 0, bins - 1),
+          scale};
+}
+
+void PoseVotes::Add(const TableYaw& pose, double weight) {
+  Cell& cell = cells_[KeyOf(pose, ScaleBin(pose.units_per_metre))];
+  cell.weight += weight;
+  cell.x += weight * pose.position.x();
+  cell.y += weight * pose.position.y();
+  cell.c += weight * pose.cos_yaw;
+  cell.s += weight * pose.sin_yaw;
+  cell.log_units += weight * std::log(pose.units_per_metre);
+}
+
+TableYaw PoseVotes::MeanOf(const Cell& cell) const {
+  TableYaw mean;
+  mean.position = Eigen::Vector2d(cell.x, cell.y) / cell.weight;
+  const double norm = std::hypot(cell.c, cell.s);
+  mean.cos_yaw = cell.c / norm;
+  mean.sin_yaw = cell.s / norm;
+  mean.units_per_metre = std::exp(cell.log_units / cell.weight);
+  return mean;
+}
+
+std::vector<PoseVotes::Peak> PoseVotes::Peaks(double min_weight, int most) const {
+  std::vector<Peak> peaks;
+  const int bins = YawBins();
+  for (const auto& [key, cell] : cells_) {
+    const TableYaw mean = MeanOf(cell);
+    double weight = 0.0;
+    bool heaviest = true;
+    for (int ds = -1; ds <= 1 && heaviest; ++ds) {
+      const Key middle = KeyOf(mean, key.scale + ds);
+      for (int dyaw = -1; dyaw <= 1 && heaviest; ++dyaw) {
+        for (int dy = -1; dy <= 1 && heaviest; ++dy) {
+          for (int dx = -1; dx <= 1; ++dx) {
+            const Key near{
+                middle.x + dx, middle.y + dy, (key.yaw + dyaw + bins) % bins, key.scale + ds};
+            const auto it = cells_.find(near);
+            if (it == cells_.end()) continue;
+            weight += it->second.weight;
+            if (it->second.weight > cell.weight) {
+              heaviest = false;
+              break;
+            }
+          }
+        }
+      }
+    }
+    if (heaviest && weight >= min_weight) peaks.push_back({mean, weight});
+  }
+  std::sort(peaks.begin(), peaks.end(), [](const Peak& a, const Peak& b) {
+    if (a.weight != b.weight) return a.weight > b.weight;
+    if (a.pose.position.x() != b.pose.position.x())
+      return a.pose.position.x() < b.pose.position.x();
+    return a.pose.position.y() < b.pose.position.y();
+  });
+  if (static_cast<int>(peaks.size()) > most) peaks.resize(most);
+  return peaks;
+}
+
+}  // namespace horopter

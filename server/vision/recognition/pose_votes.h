@@ -1,0 +1,64 @@
+// Votes of edges for the poses of one standing part: a part that is there is suggested by several
+// of its edges in several views, a chance agreement by one.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "absl/container/flat_hash_map.h"
+
+namespace horopter {
+
+// Yaw and position of a standing part, and the table units that one metre has.
+struct TableYaw {
+  double cos_yaw = 1.0;
+  double sin_yaw = 0.0;
+  Eigen::Vector2d position = Eigen::Vector2d::Zero();  // table units
+  double units_per_metre = 1.0;
+};
+
+struct PoseVoteOptions {
+  double cell_m = 0.006;    // of position
+  double cell_rad = 0.087;  // of yaw
+  double cell_log = 0.04;   // of log scale
+};
+
+// An accumulator over position, yaw and scale whose cells know the mean of their votes.
+class PoseVotes {
+ public:
+  explicit PoseVotes(const PoseVoteOptions& options = {}) : options_(options) {}
+
+  void Add(const TableYaw& pose, double weight);
+
+  struct Peak {
+    TableYaw pose;        // weighted mean of the cell
+    double weight = 0.0;  // of the cell and its neighbours
+  };
+  // Cells whose neighbourhood holds at least min_weight and that are the heaviest of it, at most
+  // `most`; heaviest first.
+  std::vector<Peak> Peaks(double min_weight, int most) const;
+
+ private:
+  struct Key {
+    std::int32_t x, y, yaw, scale;
+    bool operator==(const Key&) const = default;
+    template <typename H>
+    friend H AbslHashValue(H h, const Key& k) {
+      return H::combine(std::move(h), k.x, k.y, k.yaw, k.scale);
+    }
+  };
+  struct Cell {
+    double weight = 0.0;
+    double x = 0.0, y = 0.0, c = 0.0, s = 0.0, log_units = 0.0;  // weighted sums
+  };
+  Key KeyOf(const TableYaw& pose, int scale) const;
+  int ScaleBin(double units_per_metre) const;
+  int YawBins() const;
+  TableYaw MeanOf(const Cell& cell) const;
+
+  PoseVoteOptions options_;
+  absl::flat_hash_map<Key, Cell> cells_;
+};
+
+}  // namespace horopter
