@@ -21,7 +21,8 @@ namespace {
 // Neighbouring samples of one edge share the edge's error; samples closer than this (pixels) count
 // as one.
 constexpr double kCorrelationPx = 12.0;
-constexpr double kCauchySigmas = 2.0;
+constexpr double kCauchySigmas =
+    0.5;  // edges of a rounded or shaded part err in common: hard on outliers
 constexpr double kK1Sigma = 0.03;
 constexpr double kPlaneSigmaPx = 0.7;
 constexpr double kHiddenTolerance = 0.012;  // share of the diameter

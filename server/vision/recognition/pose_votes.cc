@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace horopter {
 namespace {
 
 constexpr double kTwoPi = 6.283185307179586;
+// A peak's own cell holds at least this share of what its neighbourhood must.
+constexpr double kPeakShare = 0.3;
 
 }  // namespace
 
@@ -53,11 +56,18 @@ TableYaw PoseVotes::MeanOf(const Cell& cell) const {
 std::vector<PoseVotes::Peak> PoseVotes::Peaks(double min_weight, int most) const {
   std::vector<Peak> peaks;
   const int bins = YawBins();
+  int lowest = std::numeric_limits<int>::max(), highest = std::numeric_limits<int>::min();
   for (const auto& [key, cell] : cells_) {
+    lowest = std::min(lowest, key.scale);
+    highest = std::max(highest, key.scale);
+  }
+  const int reach = lowest < highest ? 1 : 0;
+  for (const auto& [key, cell] : cells_) {
+    if (cell.weight < kPeakShare * min_weight) continue;
     const TableYaw mean = MeanOf(cell);
     double weight = 0.0;
     bool heaviest = true;
-    for (int ds = -1; ds <= 1 && heaviest; ++ds) {
+    for (int ds = -reach; ds <= reach && heaviest; ++ds) {
       const Key middle = KeyOf(mean, key.scale + ds);
       for (int dyaw = -1; dyaw <= 1 && heaviest; ++dyaw) {
         for (int dy = -1; dy <= 1 && heaviest; ++dy) {

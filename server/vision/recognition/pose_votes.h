@@ -35,8 +35,8 @@ class PoseVotes {
     TableYaw pose;        // weighted mean of the cell
     double weight = 0.0;  // of the cell and its neighbours
   };
-  // Cells whose neighbourhood holds at least min_weight and that are the heaviest of it, at most
-  // `most`; heaviest first.
+  // Cells whose neighbourhood holds at least min_weight and that are the heaviest of it (and hold
+  // 0.3 of min_weight themselves), at most `most`; heaviest first.
   std::vector<Peak> Peaks(double min_weight, int most) const;
 
  private:

@@ -132,7 +132,7 @@ SceneModel Expand(const JointContext& context,
     scene.gain = 0.0;
     for (PlacedObject& o : scene.objects) {
       EvaluatePlacement(context, scene.views, {}, &scratch, &o);
-      scene.gain += o.gain;
+      scene.gain += std::max(0.0, o.gain);
     }
   }
   return scene;

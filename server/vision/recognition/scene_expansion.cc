@@ -295,12 +295,13 @@ void Consolidate(const JointContext& context,
   std::vector<bool> stale(candidates.size(), false);
   std::vector<bool> dead(candidates.size(), false);
   auto acceptable = [&](const PlacedObject& p) {
-    if (p.gain <= 0 || p.score < options.accept_score) return false;
-    if (!scene->plane) return true;
+    if (p.score < options.accept_score) return false;
+    if (!scene->plane) return p.gain > 0;
     const double height =
         HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene->plane).lowest_m;
     if (height < -2 * options.plane_tolerance_m) return false;  // below the table
-    if (p.score >= options.off_plane_score) return true;
+    if (p.score >= options.off_plane_score) return p.gain > 0;
+    // Camouflaged parts lack edges that they should show: what they stand on speaks for them.
     const std::vector<double> surfaces = SurfaceHeights(context, *scene);
     return std::any_of(surfaces.begin(), surfaces.end(), [&](double h) {
       return std::abs(height - h) < options.plane_tolerance_m;
@@ -331,7 +332,7 @@ void Consolidate(const JointContext& context,
     }
     const PreparedObject& object = *context.objects[accepted.object];
     scene->objects.push_back(accepted);
-    scene->gain += accepted.gain;
+    scene->gain += std::max(0.0, accepted.gain);
     dead[best] = true;
     for (std::size_t v = 0; v < occluders.size(); ++v) {
       if (!scene->views[v]) continue;

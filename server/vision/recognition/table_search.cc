@@ -110,24 +110,31 @@ double MeanQuick(const PreparedObject& object,
   return QuickScoreOverViews(object, seen, reach_px, static_cast<float>(give_up));
 }
 
+// Largest displacement in any view, over the symmetry that makes it smallest.
 double LargestShift(const PreparedObject& object,
                     std::span<const KnownView> views,
                     const Pooled& a,
                     const Pooled& b) {
-  double largest = 0.0;
-  for (const KnownView& view : views) {
-    Rigid3 of_a = view.camera_from_scene, of_b = view.camera_from_scene;
-    of_a.t /= a.units_per_metre;
-    of_b.t /= b.units_per_metre;
-    largest = std::max(largest,
-                       ProjectionDistance(object,
-                                          view.camera,
-                                          of_a * a.table_from_object,
-                                          view.camera,
-                                          of_b * b.table_from_object,
-                                          view.maps->working_from_image));
-  }
-  return largest;
+  auto shift = [&](const Rigid3& turned_b) {
+    double largest = 0.0;
+    for (const KnownView& view : views) {
+      Rigid3 of_a = view.camera_from_scene, of_b = view.camera_from_scene;
+      of_a.t /= a.units_per_metre;
+      of_b.t /= b.units_per_metre;
+      largest = std::max(largest,
+                         ProjectionDistance(object,
+                                            view.camera,
+                                            of_a * a.table_from_object,
+                                            view.camera,
+                                            of_b * turned_b,
+                                            view.maps->working_from_image));
+    }
+    return largest;
+  };
+  double smallest = shift(b.table_from_object);
+  for (const Rigid3& s : object.model.symmetries)
+    smallest = std::min(smallest, shift(b.table_from_object * s));
+  return smallest;
 }
 
 std::vector<Pooled> Distinct(const PreparedObject& object,
@@ -255,12 +262,12 @@ void ScorePeaks(const PreparedObject& object,
                 const StandingPart& part,
                 std::span<const KnownView> views,
                 const std::vector<PoseVotes::Peak>& peaks,
-                const TableSearchOptions& options,
+                float reach_px,
                 Pool* pool) {
   for (const PoseVotes::Peak& peak : peaks) {
     const Rigid3 pose = PlaceOnTable(part, peak.pose);
-    const double quick = MeanQuick(
-        object, views, peak.pose.units_per_metre, pose, options.quick_reach_px, pool->floor());
+    const double quick =
+        MeanQuick(object, views, peak.pose.units_per_metre, pose, reach_px, pool->floor());
     if (quick >= pool->floor()) pool->Add({pose, peak.pose.units_per_metre, quick});
   }
 }
@@ -431,8 +438,12 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
       for (std::size_t v = 0; v < views.size(); ++v) {
         VoteByPaths(object, part, views, v, paths[v], max_height, options.path_tolerance, &votes);
       }
-      ScorePeaks(
-          object, part, views, votes.Peaks(options.min_path_votes, options.peaks), options, &pool);
+      ScorePeaks(object,
+                 part,
+                 views,
+                 votes.Peaks(options.min_path_votes, options.peaks),
+                 options.quick_reach_px,
+                 &pool);
     }
     found[k] = Distinct(object, views, std::move(pool).Sorted(), options.kept_per_object);
   });
@@ -556,86 +567,96 @@ TableSearch::TableSearch(const JointContext& context,
   });
 }
 
-std::vector<TablePose> TableSearch::Find(int k, std::span<const double> base_m) const {
-  const PreparedObject& object = *context_.objects[k];
-  Pool pool(options_.min_quick);
-  std::vector<StandingPart> parts;
-  for (const StandingPart& on_plane : StandingParts(object)) {
-    for (const double base : base_m) {
-      StandingPart part = on_plane;
-      part.table_from_object.t.z() += base;
-      for (Eigen::Vector3d& v : part.vertices) v.z() += base;
-      parts.push_back(std::move(part));
-    }
-  }
-  for (const StandingPart& part : parts) {
-    PoseVotes votes;
-    for (std::size_t e = 0; e < object.model.edges.size(); ++e) {
-      const ModelEdge& edge = object.model.edges[e];
-      if (edge.kind != CurveKind::kLine || edge.start_vertex < 0 || edge.end_vertex < 0) continue;
-      const Eigen::Vector3d& p = part.vertices[edge.start_vertex];
-      const Eigen::Vector3d& q = part.vertices[edge.end_vertex];
-      const Eigen::Vector2d model = (q - p).head<2>();
-      const double length = model.norm();
-      if (length < kUprightShare * (q - p).norm() || length <= 0) continue;
-      const bool level = std::abs(p.z() - q.z()) < kLevel;
-      const bool raised = std::max(p.z(), q.z()) > kOnPlaneHeight;
-      for (std::size_t v = 0; v < views_.size(); ++v) {
-        if (IsStopRequested(context_.stop)) return {};
-        for (const SightedEdge& sighted : edges_[v]) {
-          if (raised && sighted.on_plane) continue;
-          if (level && !sighted.heights.At(p.z() / max_height_)) continue;
-          for (const bool swapped : {false, true}) {
-            const TableSighting& sp = sighted.ends[swapped ? 1 : 0];
-            const TableSighting& sq = sighted.ends[swapped ? 0 : 1];
-            const Eigen::Vector2d at_p = sp.base + p.z() * sp.shift;
-            const Eigen::Vector2d at_q = sq.base + q.z() * sq.shift;
-            const Eigen::Vector2d seen = at_q - at_p;
-            const double seen_length = seen.norm();
-            const double slack =
-                kLengthShare * length + kEndPx * (sighted.pixel[0] + sighted.pixel[1]) / 2;
-            if (seen_length > length + slack || seen_length < options_.min_partial * length)
-              continue;
-            TableYaw yaw;
-            yaw.cos_yaw = model.dot(seen) / (length * seen_length);
-            yaw.sin_yaw = (model.x() * seen.y() - model.y() * seen.x()) / (length * seen_length);
-            Eigen::Vector2d positions[2];
-            int n = 0;
-            const Eigen::Vector2d from_p = at_p - Turned(yaw.cos_yaw, yaw.sin_yaw, p.head<2>());
-            const Eigen::Vector2d from_q = at_q - Turned(yaw.cos_yaw, yaw.sin_yaw, q.head<2>());
-            const bool whole = seen_length > length - slack;
-            if (whole) {
-              positions[n++] = 0.5 * (from_p + from_q);
-            } else if (level) {
-              // One end is hidden: a tilted edge would then not even give the yaw.
-              if (sighted.corner[swapped ? 1 : 0]) positions[n++] = from_p;
-              if (sighted.corner[swapped ? 0 : 1]) positions[n++] = from_q;
-            }
-            for (int i = 0; i < n; ++i) {
-              yaw.position = positions[i];
-              if (EdgesVisible(object,
-                               views_[v].camera_from_scene * PlaceOnTable(part, yaw),
-                               static_cast<int>(e),
-                               static_cast<int>(e))) {
-                votes.Add(yaw, whole ? 1.0 : kPartialWeight);
-              }
+PoseVotes TableSearch::VoteByEdges(const PreparedObject& object, const StandingPart& part) const {
+  PoseVotes votes;
+  for (std::size_t e = 0; e < object.model.edges.size(); ++e) {
+    const ModelEdge& edge = object.model.edges[e];
+    if (edge.kind != CurveKind::kLine || edge.start_vertex < 0 || edge.end_vertex < 0) continue;
+    const Eigen::Vector3d& p = part.vertices[edge.start_vertex];
+    const Eigen::Vector3d& q = part.vertices[edge.end_vertex];
+    const Eigen::Vector2d model = (q - p).head<2>();
+    const double length = model.norm();
+    if (length < kUprightShare * (q - p).norm() || length <= 0) continue;
+    const bool level = std::abs(p.z() - q.z()) < kLevel;
+    const bool raised = std::max(p.z(), q.z()) > kOnPlaneHeight;
+    for (std::size_t v = 0; v < views_.size(); ++v) {
+      for (const SightedEdge& sighted : edges_[v]) {
+        if (raised && sighted.on_plane) continue;
+        if (level && !sighted.heights.At(p.z() / max_height_)) continue;
+        for (const bool swapped : {false, true}) {
+          const TableSighting& sp = sighted.ends[swapped ? 1 : 0];
+          const TableSighting& sq = sighted.ends[swapped ? 0 : 1];
+          const Eigen::Vector2d at_p = sp.base + p.z() * sp.shift;
+          const Eigen::Vector2d at_q = sq.base + q.z() * sq.shift;
+          const Eigen::Vector2d seen = at_q - at_p;
+          const double seen_length = seen.norm();
+          const double slack =
+              kLengthShare * length + kEndPx * (sighted.pixel[0] + sighted.pixel[1]) / 2;
+          if (seen_length > length + slack || seen_length < options_.min_partial * length) continue;
+          TableYaw yaw;
+          yaw.cos_yaw = model.dot(seen) / (length * seen_length);
+          yaw.sin_yaw = (model.x() * seen.y() - model.y() * seen.x()) / (length * seen_length);
+          Eigen::Vector2d positions[2];
+          int n = 0;
+          const Eigen::Vector2d from_p = at_p - Turned(yaw.cos_yaw, yaw.sin_yaw, p.head<2>());
+          const Eigen::Vector2d from_q = at_q - Turned(yaw.cos_yaw, yaw.sin_yaw, q.head<2>());
+          const bool whole = seen_length > length - slack;
+          if (whole) {
+            positions[n++] = 0.5 * (from_p + from_q);
+          } else if (level) {
+            // One end is hidden: a tilted edge would then not even give the yaw.
+            if (sighted.corner[swapped ? 1 : 0]) positions[n++] = from_p;
+            if (sighted.corner[swapped ? 0 : 1]) positions[n++] = from_q;
+          }
+          for (int i = 0; i < n; ++i) {
+            yaw.position = positions[i];
+            if (EdgesVisible(object,
+                             views_[v].camera_from_scene * PlaceOnTable(part, yaw),
+                             static_cast<int>(e),
+                             static_cast<int>(e))) {
+              votes.Add(yaw, whole ? 1.0 : kPartialWeight);
             }
           }
         }
       }
     }
-    ScorePeaks(object,
-               part,
-               views_,
-               votes.Peaks(options_.min_edge_votes, options_.peaks),
-               options_,
-               &pool);
   }
+  return votes;
+}
+
+std::vector<TablePose> TableSearch::Find(int k, std::span<const double> base_m) const {
+  const PreparedObject& object = *context_.objects[k];
+  Pool pool(options_.min_quick);
+  for (const StandingPart& on_plane : StandingParts(object)) {
+    for (const double base : base_m) {
+      if (IsStopRequested(context_.stop)) return {};
+      StandingPart part = on_plane;
+      part.table_from_object.t.z() += base;
+      for (Eigen::Vector3d& v : part.vertices) v.z() += base;
+      ScorePeaks(object,
+                 part,
+                 views_,
+                 VoteByEdges(object, part).Peaks(options_.min_edge_votes, options_.peaks),
+                 options_.known_reach_px,
+                 &pool);
+    }
+  }
+  // Fine texture supports anything within the first reach: settled poses tell truth from chance.
+  RefineOptions settle;
+  settle.iterations = 4;
+  settle.start_reach_px = options_.known_reach_px;
   std::vector<TablePose> out;
   for (const Pooled& p :
-       Distinct(object, views_, std::move(pool).Sorted(), options_.kept_per_object)) {
-    out.push_back({scene_from_table_ * p.table_from_object, p.quick});
+       Distinct(object, views_, std::move(pool).Sorted(), options_.settled_per_object)) {
+    const auto settled = RefineInScene(object, views_, p.table_from_object, settle);
+    if (!settled) continue;
+    const double quick = MeanQuick(object, views_, 1.0, *settled, options_.settled_reach_px, 0.0);
+    out.push_back({scene_from_table_ * *settled, quick});
   }
+  std::stable_sort(out.begin(), out.end(), [](const TablePose& a, const TablePose& b) {
+    return a.quick > b.quick;
+  });
+  if (static_cast<int>(out.size()) > options_.kept_per_object) out.resize(options_.kept_per_object);
   return out;
 }
 

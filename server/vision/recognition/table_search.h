@@ -58,17 +58,20 @@ int PosesFromSightings(const Eigen::Vector3d vertices[3],
                        TableYaw out[2]);
 
 struct TableSearchOptions {
-  int max_paths = 700;           // image paths per view, scale unknown
-  double path_tolerance = 0.12;  // misfit of the third point, share of the path
-  float quick_reach_px = 10.0f;  // working pixels
-  float min_quick = 0.42f;       // mean over the views
-  int kept_per_object = 8;       // distinct poses
-  int refined_seeds = 40;        // ... of all objects that are verified as seeds
-  double min_edge_px = 14.0;     // working pixels, scale known
-  double min_partial = 0.5;      // seen share of an edge of which one end is hidden
-  double min_path_votes = 2.0;   // of two-edge paths, scale unknown
-  double min_edge_votes = 2.2;   // of edges seen whole; 0.5 for one of which an end is hidden
-  int peaks = 150;               // poses scored per standing pose of an object
+  int max_paths = 700;            // image paths per view, scale unknown
+  double path_tolerance = 0.12;   // misfit of the third point, share of the path
+  float quick_reach_px = 10.0f;   // working pixels
+  float min_quick = 0.42f;        // mean over the views
+  float known_reach_px = 7.0f;    // ... once the cameras are known well
+  float settled_reach_px = 3.0f;  // ... of poses refined over all views
+  int settled_per_object = 24;    // distinct poses refined
+  int kept_per_object = 8;        // distinct poses
+  int refined_seeds = 40;         // ... of all objects that are verified as seeds
+  double min_edge_px = 14.0;      // working pixels, scale known
+  double min_partial = 0.5;       // seen share of an edge of which one end is hidden
+  double min_path_votes = 2.0;    // of two-edge paths, scale unknown
+  double min_edge_votes = 2.2;    // of edges seen whole; 0.5 for one of which an end is hidden
+  int peaks = 150;                // poses scored per standing pose of an object
 };
 
 // Scenes of one part each, cameras from the reconstruction and scaled by the part; best first, at
@@ -94,6 +97,8 @@ class TableSearch {
   std::vector<TablePose> Find(int object, std::span<const double> base_m) const;
 
  private:
+  PoseVotes VoteByEdges(const PreparedObject& object, const StandingPart& part) const;
+
   struct SightedEdge {
     TableSighting ends[2];
     HeightMask heights;

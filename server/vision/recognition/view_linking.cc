@@ -338,7 +338,14 @@ std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plan
 int DropContradictedViews(const JointContext& context, SceneModel* scene) {
   int dropped = 0;
   VerifyScratch scratch;
-  for (int v = 0; v < static_cast<int>(scene->views.size()) && scene->registered() > 2; ++v) {
+  const int views = static_cast<int>(scene->views.size());
+  for (int v = 0; v < views && scene->registered() > 2; ++v) {
+    // The plane's texture ties a view surer than a part that others may hide in it.
+    bool tied = false;
+    for (int other = 0; other < views && !tied; ++other) {
+      tied = other != v && scene->views[other] && PlaneTransfer(*context.matching, v, other);
+    }
+    if (tied) continue;
     if (!scene->views[v] || ViewGain(context, *scene, v, *scene->views[v], &scratch) > 0) continue;
     scene->views[v].reset();
     ++dropped;

@@ -32,7 +32,8 @@ std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plan
 // views. Returns the number of views added.
 int RegisterMissingViews(const JointContext& context, SceneModel* scene);
 
-// Removes views in which the placed objects together predict more wrong than right, as long as more
+// Removes views that no plane texture ties to another and in which the placed objects together
+// predict more wrong than right, as long as more
 // than two remain.
 int DropContradictedViews(const JointContext& context, SceneModel* scene);
 
