@@ -37,8 +37,8 @@ struct XTreeOptions {
   IndexMode mode = IndexMode::kXTree;
   // Entries of a leaf and of a directory node, >= 4. Larger: fewer nodes to jump between, more
   // entries tested by each query.
-  int leaf_capacity = 32;
-  int directory_capacity = 32;
+  int leaf_capacity = 24;
+  int directory_capacity = 24;
   double min_fill = 0.35;     // share of the capacity a split leaves on each side (paper: 35 %)
   double max_overlap = 0.20;  // of a topological directory split before the history is asked
   // A query that meets more than this share of the first directory nodes' children stops testing

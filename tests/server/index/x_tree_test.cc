@@ -65,7 +65,7 @@ TEST(XTreeTest, RefusesAnEllipsoidThatIsNone) {
 }
 
 TEST(XTreeTest, BulkLoadedTreeHoldsEverythingAndIsSound) {
-  for (const int n : {0, 1, 31, 32, 33, 1000, 20000}) {
+  for (const int n : {0, 1, 22, 24, 25, 1000, 20000}) {
     for (const int dimensions : {1, 3, 16}) {
       const std::vector<double> points = RandomPoints(n, dimensions, 7);
       const XTree tree = XTree::BulkLoad({.dimensions = dimensions}, points, Iota(n)).value();
