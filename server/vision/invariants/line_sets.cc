@@ -45,13 +45,16 @@ Vector6d Dual(const Vector6d& l) {
   return dual;
 }
 
+// Products of unit features below this are rounding, whatever their ratios.
+constexpr double kVanishing = 1e-10;
+
 bool WellSpread(std::initializer_list<double> products, double min_ratio) {
   double least = INFINITY, most = 0.0;
   for (const double p : products) {
     least = std::min(least, std::abs(p));
     most = std::max(most, std::abs(p));
   }
-  return std::isfinite(most) && most > 0.0 && least >= min_ratio * most;
+  return std::isfinite(most) && most > kVanishing && least >= min_ratio * most;
 }
 
 // Sorted entries move together with their derivatives: the order is found once, at the given set,
@@ -121,10 +124,11 @@ std::array<double, 3> LineProducts(const Vector6d* l) {
           Incidence(l[0], l[3]) * Incidence(l[1], l[2])};
 }
 
-// l12 l34, l13 l42, l14 l23 of a line in the basis of four points; they sum to 0.
+// l12 l34, l13 l42, l14 l23 of a line in the basis of four points; they sum to 0. Scaled so that
+// the largest coordinate is of order 1: products that are all tiny mean a line through a point.
 std::array<double, 3> BasisProducts(const Eigen::Matrix4d& basis, const Vector6d& line) {
   const Eigen::Matrix4d inverse = basis.inverse();
-  const Eigen::Matrix4d l = inverse * MatrixOf(line) * inverse.transpose();
+  const Eigen::Matrix4d l = (inverse * MatrixOf(line) * inverse.transpose()).normalized();
   return {l(0, 1) * l(2, 3), l(0, 2) * l(3, 1), l(0, 3) * l(1, 2)};
 }
 
@@ -251,6 +255,7 @@ std::optional<InvariantKey> ThreePointsTwoLines(std::span<const Eigen::Vector4d,
     return Eigen::Vector2d(sign * logs(order[1]), 0.5 * (logs(order[2]) - logs(order[0])));
   };
   InvariantKey key{values(s.x), {}};
+  if (key.values(1) <= 0.5 * options.min_ratio) return std::nullopt;  // the lines meet in the plane
   if (covariance.size() > 0) key.covariance = PropagateCovariance(values, s.x, s.covariance);
   return key;
 }
