@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "db/connection.h"
 #include "db/migrations.h"
 #include "db/object_rows.h"
 #include "db/open_database.h"
@@ -65,10 +66,6 @@ absl::StatusOr<CatalogRecord> ReadRecord(sqlite3* db, CatalogRecord record) {
 }
 
 }  // namespace
-
-struct Catalog::Connection {
-  SqliteHandle handle;
-};
 
 Catalog::Catalog(std::unique_ptr<Connection> connection) : connection_(std::move(connection)) {}
 Catalog::~Catalog() = default;
