@@ -47,6 +47,9 @@ class Catalog {
   Catalog(const Catalog&) = delete;
   Catalog& operator=(const Catalog&) = delete;
 
+  // As given to Open.
+  const std::string& path() const { return path_; }
+
   // The hash is computed; a given one must agree. Errors: INVALID_ARGUMENT (names the field),
   // ALREADY_EXISTS.
   absl::Status CreateObject(const CatalogRecord& record);
@@ -91,8 +94,9 @@ class Catalog {
 
  private:
   struct Connection;
-  explicit Catalog(std::unique_ptr<Connection> connection);
+  Catalog(std::string path, std::unique_ptr<Connection> connection);
 
+  const std::string path_;
   std::mutex mutex_;
   std::unique_ptr<Connection> connection_;  // guarded by mutex_
 };
