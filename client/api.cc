@@ -106,6 +106,26 @@ absl::StatusOr<v1::Object> HoropterClient::UpdateObject(const ObjectModel& model
   return response;
 }
 
+absl::Status HoropterClient::PutObject(const v1::Object& object) {
+  v1::Object response;
+  absl::Status created;
+  {
+    grpc::ClientContext context;
+    SetDeadline(context, timeout_s_);
+    v1::CreateObjectRequest request;
+    request.set_object_id(IdOfResource(object.name()));
+    *request.mutable_object() = object;
+    created =
+        ToAbsl(stubs_->catalog->CreateObject(&context, request, &response), context, address_);
+  }
+  if (!absl::IsAlreadyExists(created)) return created;
+  grpc::ClientContext context;
+  SetDeadline(context, timeout_s_);
+  v1::UpdateObjectRequest request;
+  *request.mutable_object() = object;
+  return ToAbsl(stubs_->catalog->UpdateObject(&context, request, &response), context, address_);
+}
+
 absl::StatusOr<v1::Object> HoropterClient::GetObject(const std::string& id, v1::ObjectView view) {
   grpc::ClientContext context;
   SetDeadline(context, timeout_s_);

@@ -43,6 +43,8 @@ class HoropterClient {
   absl::StatusOr<v1::Object> UpdateObject(const ObjectModel& model,
                                           const CadFile& file,
                                           const ObjectUpdate& what);
+  // Creates the object, or replaces all of it when its name is taken.
+  absl::Status PutObject(const v1::Object& object);
   absl::StatusOr<v1::Object> GetObject(const std::string& id, v1::ObjectView view);
   absl::StatusOr<std::vector<v1::Object>> ListObjects();  // all pages, basic view
   absl::Status DeleteObject(const std::string& id);

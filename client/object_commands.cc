@@ -96,7 +96,7 @@ absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& argumen
               model.id.c_str(),
               Describe(cad.import).c_str(),
               model.grasps.size());
-  return absl::OkStatus();
+  return ReportLookAlikes(client, model.id);
 }
 
 absl::Status ObjectUpdateCommand(HoropterClient& client, const ObjectUpdateArguments& arguments) {
@@ -223,6 +223,7 @@ absl::Status DatasetEnroll(HoropterClient& client, const std::string& folder) {
                 Describe(cad.import).c_str(),
                 model.grasps.size());
     std::fflush(stdout);
+    HOROPTER_RETURN_IF_ERROR(ReportLookAlikes(client, model.id));
   }
   return absl::OkStatus();
 }
