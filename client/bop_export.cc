@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "client/isaac_grasp.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {

@@ -1,5 +1,5 @@
 // Writes objects in BOP layout: models/obj_NNNNNN.ply, models/models_info.json, models/names.json,
-// cad/, grasps/. Files are in millimetres.
+// cad/, grasps/ (JSON and isaac_grasp YAML). Files are in millimetres.
 #pragma once
 
 #include <string>

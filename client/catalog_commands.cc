@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/bop_export.h"
+#include "client/cao_file.h"
 #include "client/commands.h"
 #include "client/convert.h"
 #include "server/base/status_macros.h"
@@ -116,6 +117,7 @@ absl::Status Export(HoropterClient& client,
   }
   fs::create_directories(fs::path(folder) / kObjectsFolder, error);
   if (error) return absl::FailedPreconditionError(absl::StrCat(folder, ": ", error.message()));
+  fs::create_directories(fs::path(folder) / "cao", error);
   const std::vector<int> numbers = NumbersFor(ids);
   std::vector<BopExportEntry> entries;
   for (size_t i = 0; i < ids.size(); ++i) {
@@ -137,6 +139,8 @@ absl::Status Export(HoropterClient& client,
       entry.low = entry.low.cwiseMin(v);
       entry.high = entry.high.cwiseMax(v);
     }
+    HOROPTER_RETURN_IF_ERROR(
+        WriteCao(absl::StrCat(folder, "/cao/", BopObjectName(numbers[i]), ".cao"), entry.model));
     entry.model.mesh = {};
     entry.model.edges.clear();
     entry.cad_content.clear();

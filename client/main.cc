@@ -53,9 +53,9 @@ void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
   object->fallthrough();
 
   CLI::App* add = object->add_subcommand("add", "enrol a CAD file")->fallthrough();
-  add->add_option("CAD_FILE", a.add.cad_path, "STEP, IGES, PLY, STL or OBJ")->required();
+  add->add_option("CAD_FILE", a.add.cad_path, "STEP, IGES, PLY, STL, OBJ or CAO")->required();
   add->add_option("--id", a.add.id, "[a-z0-9_-]{1,63}")->required();
-  add->add_option("--grasps", a.add.grasps_path, "JSON file with grasp poses");
+  add->add_option("--grasps", a.add.grasps_path, "grasp poses: JSON or isaac_grasp YAML");
   add->add_option(
       "--units", a.add.unit, "of a file that does not say: mm (default), cm, m, in, ft");
   add->add_option("--name", a.add.display_name, "free text");

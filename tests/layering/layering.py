@@ -65,6 +65,7 @@ LIBRARIES = collections.OrderedDict([
     ("Ceres", (r"ceres/", STAGES + ["server/vision/geometry"])),
     ("OpenCASCADE", (r"[A-Za-z0-9]+_?[A-Za-z0-9_]*\.hxx$", ["client"])),
     ("assimp", (r"assimp/", ["client"])),
+    ("yaml-cpp", (r"yaml-cpp/", ["client"])),
     ("CLI11", (r"CLI/", ["server/main.cc", "client"])),
     ("spdlog", (r"spdlog/|fmt/", EDGE)),
     ("JSON", (r"nlohmann/", EDGE)),
