@@ -143,8 +143,8 @@ grpc::ServerUnaryReactor* CatalogService::ListLookAlikes(grpc::CallbackServerCon
               if (other_id == id) return absl::OkStatus();
               response->set_compared(response->compared() + 1);
               // Too different in size to be told in full.
-              if (summary.vertex_count < options.min_vertex_share * vertices ||
-                  vertices < options.min_vertex_share * summary.vertex_count) {
+              if (summary.vertex_count < options.min_similar_share * vertices ||
+                  vertices < options.min_similar_share * summary.vertex_count) {
                 return absl::OkStatus();
               }
               const absl::StatusOr<CatalogRecord> other = catalog.GetObject(other_id);

@@ -95,8 +95,8 @@ class Search {
       : a_(a.vertices),
         b_(b.vertices),
         within_(options.tolerance * b.diameter_m),
-        needed_(static_cast<int>(std::ceil(options.min_vertex_share *
-                                           static_cast<double>(std::max(a_.size(), b_.size()))))),
+        needed_(Needed(options.min_vertex_share)),
+        needed_similar_(Needed(options.min_similar_share)),
         stretch_tolerance_(options.stretch_tolerance) {}
 
   void Try(Eigen::Matrix4d map) {
@@ -108,7 +108,7 @@ class Search {
     const LookAlikeKind kind = KindOf(map, stretch, stretch_tolerance_);
     if (best_ && kind > best_->kind) return;
     Matching matching = Match(map, a_, b_, within_);
-    if (matching.count < needed_) return;
+    if (matching.count < (kind <= LookAlikeKind::kMirror ? needed_similar_ : needed_)) return;
     if (best_ && kind == best_->kind && matching.count <= best_->matching.count) return;
     best_ = Best{map, stretch, kind, std::move(matching)};
   }
@@ -116,10 +116,15 @@ class Search {
   const std::optional<Best>& best() const { return best_; }
 
  private:
+  int Needed(double share) const {
+    return static_cast<int>(std::ceil(share * static_cast<double>(std::max(a_.size(), b_.size()))));
+  }
+
   const Vertices& a_;
   const Vertices& b_;
   double within_;
   int needed_;
+  int needed_similar_;
   double stretch_tolerance_;
   std::optional<Best> best_;
 };
@@ -144,7 +149,7 @@ std::optional<LookAlike> FindLookAlike(const ObjectModel& a,
   const size_t least = std::min(a.vertices.size(), b.vertices.size());
   const size_t most = std::max(a.vertices.size(), b.vertices.size());
   if (least < kMinVertices || most > kMaxVertices || !(b.diameter_m > 0.0) ||
-      static_cast<double>(least) < options.min_vertex_share * static_cast<double>(most)) {
+      static_cast<double>(least) < options.min_similar_share * static_cast<double>(most)) {
     return std::nullopt;
   }
   const std::vector<FourVertices> chains_a = VertexChains(a);

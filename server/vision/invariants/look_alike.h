@@ -24,8 +24,11 @@ struct LookAlikeOptions {
   double tolerance = 5e-3;
   // Singular values of the linear part that count as equal (a similarity), as a ratio - 1.
   double stretch_tolerance = 2e-2;
-  double min_vertex_share = 0.75;  // of both parts' vertices that must find a partner
-  bool projective = true;          // also look for collineations: slower
+  // Share of both parts' vertices that must find a partner: under a similarity, which four corners
+  // seldom fit by chance, and under a stretch or collineation, which they always do.
+  double min_similar_share = 0.6;
+  double min_vertex_share = 0.75;
+  bool projective = true;  // also look for collineations: slower
 };
 
 struct LookAlike {
