@@ -106,6 +106,26 @@ absl::StatusOr<v1::Object> HoropterClient::UpdateObject(const ObjectModel& model
   return response;
 }
 
+absl::Status HoropterClient::PutObject(const v1::Object& object) {
+  v1::Object response;
+  absl::Status created;
+  {
+    grpc::ClientContext context;
+    SetDeadline(context, timeout_s_);
+    v1::CreateObjectRequest request;
+    request.set_object_id(IdOfResource(object.name()));
+    *request.mutable_object() = object;
+    created =
+        ToAbsl(stubs_->catalog->CreateObject(&context, request, &response), context, address_);
+  }
+  if (!absl::IsAlreadyExists(created)) return created;
+  grpc::ClientContext context;
+  SetDeadline(context, timeout_s_);
+  v1::UpdateObjectRequest request;
+  *request.mutable_object() = object;
+  return ToAbsl(stubs_->catalog->UpdateObject(&context, request, &response), context, address_);
+}
+
 absl::StatusOr<v1::Object> HoropterClient::GetObject(const std::string& id, v1::ObjectView view) {
   grpc::ClientContext context;
   SetDeadline(context, timeout_s_);
@@ -141,6 +161,49 @@ absl::Status HoropterClient::DeleteObject(const std::string& id) {
   request.set_name(ResourceName(id));
   google::protobuf::Empty response;
   return ToAbsl(stubs_->catalog->DeleteObject(&context, request, &response), context, address_);
+}
+
+absl::StatusOr<v1::ListLookAlikesResponse> HoropterClient::ListLookAlikes(const std::string& id) {
+  grpc::ClientContext context;
+  SetDeadline(context, timeout_s_);
+  v1::ListLookAlikesRequest request;
+  request.set_name(ResourceName(id));
+  v1::ListLookAlikesResponse response;
+  HOROPTER_RETURN_IF_ERROR(
+      ToAbsl(stubs_->catalog->ListLookAlikes(&context, request, &response), context, address_));
+  return response;
+}
+
+absl::StatusOr<v1::VerifyCatalogResponse> HoropterClient::VerifyCatalog() {
+  grpc::ClientContext context;
+  SetDeadline(context, timeout_s_);
+  v1::VerifyCatalogResponse response;
+  HOROPTER_RETURN_IF_ERROR(
+      ToAbsl(stubs_->catalog->VerifyCatalog(&context, {}, &response), context, address_));
+  return response;
+}
+
+absl::Status HoropterClient::BackupCatalog(
+    const std::function<absl::Status(const std::string& chunk)>& write) {
+  grpc::ClientContext context;
+  SetDeadline(context, timeout_s_);
+  const auto reader = stubs_->catalog->BackupCatalog(&context, {});
+  v1::BackupCatalogResponse response;
+  int64_t received = 0, total = 0;
+  while (reader->Read(&response)) {
+    received += static_cast<int64_t>(response.chunk().size());
+    total = response.total_bytes();
+    if (const absl::Status status = write(response.chunk()); !status.ok()) {
+      context.TryCancel();
+      reader->Finish();
+      return status;
+    }
+  }
+  HOROPTER_RETURN_IF_ERROR(ToAbsl(reader->Finish(), context, address_));
+  if (received != total || total == 0) {
+    return absl::DataLossError(absl::StrCat("received ", received, " of ", total, " bytes"));
+  }
+  return absl::OkStatus();
 }
 
 absl::StatusOr<v1::RecognizeSceneResponse> HoropterClient::RecognizeScene(

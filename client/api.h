@@ -1,6 +1,7 @@
 // The C++ client of a Horopter server: one call per rpc, errors as absl::Status.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -42,9 +43,15 @@ class HoropterClient {
   absl::StatusOr<v1::Object> UpdateObject(const ObjectModel& model,
                                           const CadFile& file,
                                           const ObjectUpdate& what);
+  // Creates the object, or replaces all of it when its name is taken.
+  absl::Status PutObject(const v1::Object& object);
   absl::StatusOr<v1::Object> GetObject(const std::string& id, v1::ObjectView view);
   absl::StatusOr<std::vector<v1::Object>> ListObjects();  // all pages, basic view
   absl::Status DeleteObject(const std::string& id);
+  absl::StatusOr<v1::ListLookAlikesResponse> ListLookAlikes(const std::string& id);
+  absl::StatusOr<v1::VerifyCatalogResponse> VerifyCatalog();
+  // Hands the catalog file over piece by piece; an error of `write` ends the call with it.
+  absl::Status BackupCatalog(const std::function<absl::Status(const std::string& chunk)>& write);
   absl::StatusOr<v1::RecognizeSceneResponse> RecognizeScene(
       const v1::RecognizeSceneRequest& request);
 

@@ -15,6 +15,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/isaac_grasp.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -369,6 +370,8 @@ absl::StatusOr<BopScene> ReadBopScene(const std::string& folder,
 }
 
 absl::StatusOr<std::vector<Grasp>> ReadGrasps(const std::string& path) {
+  const std::string extension = fs::path(path).extension().string();
+  if (extension == ".yaml" || extension == ".yml") return ReadIsaacGrasps(path);
   HOROPTER_ASSIGN_OR_RETURN(const Json file, ReadJson(path));
   std::vector<Grasp> grasps;
   HOROPTER_RETURN_IF_ERROR(Guarded(path, [&] {

@@ -116,7 +116,8 @@ absl::StatusOr<CadImport> ImportCad(const std::string& path, const CadImportOpti
   } else if (extension == ".iges" || extension == ".igs") {
     HOROPTER_ASSIGN_OR_RETURN(import, ImportBrep(path, true, options));
     import.format = "IGES";
-  } else if (extension == ".ply" || extension == ".stl" || extension == ".obj") {
+  } else if (extension == ".ply" || extension == ".stl" || extension == ".obj" ||
+             extension == ".cao") {
     HOROPTER_ASSIGN_OR_RETURN(import, ImportMesh(path, options));
     import.format = absl::AsciiStrToUpper(extension.substr(1));
   } else {
@@ -124,7 +125,7 @@ absl::StatusOr<CadImport> ImportCad(const std::string& path, const CadImportOpti
         absl::StrCat(path,
                      ": unknown CAD format '",
                      extension,
-                     "' (known: .step .stp .iges .igs .ply .stl .obj)"));
+                     "' (known: .step .stp .iges .igs .ply .stl .obj .cao)"));
   }
   ObjectModel& model = import.model;
   model.diameter_m = Diameter(model.mesh.vertices);

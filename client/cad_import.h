@@ -11,8 +11,9 @@
 namespace horopter {
 
 struct CadImportOptions {
-  // Unit of a file that does not name one (PLY, STL, OBJ): mm, cm, m, in, ft or um. Empty: mm. STEP
-  // and IGES carry their unit; naming a different one here is an error, not an override.
+  // Unit of a file that does not name one (PLY, STL, OBJ, CAO): mm, cm, m, in, ft or um. Empty: mm,
+  // CAO: m. STEP and IGES carry their unit; naming a different one here is an error, not an
+  // override.
   std::string unit;
   // An edge is sharp when the outward normals of its two faces differ by at least this angle (15
   // degrees). Raising it drops chamfer and draft edges; lowering it turns the facets of coarse
@@ -27,7 +28,7 @@ struct CadImportOptions {
 
 struct CadImport {
   ObjectModel model;           // id, display_name and grasps are left empty
-  std::string format;          // STEP, IGES, PLY, STL or OBJ
+  std::string format;          // STEP, IGES, PLY, STL, OBJ or CAO
   std::string unit_name;       // mm, cm, m, in, ft, um, or the file's own word for an unusual unit
   double metres_per_unit = 0;  // of unit_name
   bool unit_from_file = false;
@@ -40,7 +41,7 @@ struct CadImport {
 // word.
 double MetresPerUnit(const std::string& unit);
 
-// Reads a CAD file by its extension (.step .stp .iges .igs .ply .stl .obj).
+// Reads a CAD file by its extension (.step .stp .iges .igs .ply .stl .obj .cao).
 // Circles come as one kCircle edge each (closed ones without vertices); seam vertices and the
 // vertices of tessellated rims are no part corners; collinear pieces are one edge. The mesh is
 // welded and oriented outward. Errors: NOT_FOUND (no such file), INVALID_ARGUMENT naming the file

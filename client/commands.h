@@ -33,6 +33,20 @@ absl::Status ObjectList(HoropterClient& client);
 absl::Status ObjectShow(HoropterClient& client, const std::string& id, bool json);
 absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>& ids);
 
+// Prints the objects that the named one can be taken for.
+absl::Status ReportLookAlikes(HoropterClient& client, const std::string& id);
+
+// DATA_LOSS when a problem is found.
+absl::Status CatalogVerify(HoropterClient& client);
+// Both write to new files and folders only.
+absl::Status CatalogBackup(HoropterClient& client, const std::string& path);
+absl::Status CatalogExport(HoropterClient& client, const std::string& folder);
+absl::Status ObjectExport(HoropterClient& client,
+                          const std::vector<std::string>& ids,
+                          const std::string& folder);
+// What CatalogExport wrote comes back exactly; any other BOP dataset is enrolled.
+absl::Status CatalogImport(HoropterClient& client, const std::string& folder);
+
 // Enrols every object of a BOP dataset, or updates those that are in the catalog already.
 absl::Status DatasetEnroll(HoropterClient& client, const std::string& dataset);
 

@@ -37,6 +37,9 @@ struct Arguments {
   std::string show_id;
   bool show_json = false;
   std::vector<std::string> rm_ids;
+  std::vector<std::string> export_ids;
+  std::string folder;
+  std::string backup_path;
   std::string enroll_dataset;
   DatasetRecognizeArguments recognize_dataset;
   DatasetEvaluateArguments evaluate;
@@ -50,9 +53,9 @@ void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
   object->fallthrough();
 
   CLI::App* add = object->add_subcommand("add", "enrol a CAD file")->fallthrough();
-  add->add_option("CAD_FILE", a.add.cad_path, "STEP, IGES, PLY, STL or OBJ")->required();
+  add->add_option("CAD_FILE", a.add.cad_path, "STEP, IGES, PLY, STL, OBJ or CAO")->required();
   add->add_option("--id", a.add.id, "[a-z0-9_-]{1,63}")->required();
-  add->add_option("--grasps", a.add.grasps_path, "JSON file with grasp poses");
+  add->add_option("--grasps", a.add.grasps_path, "grasp poses: JSON or isaac_grasp YAML");
   add->add_option(
       "--units", a.add.unit, "of a file that does not say: mm (default), cm, m, in, ft");
   add->add_option("--name", a.add.display_name, "free text");
@@ -79,6 +82,49 @@ void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
   CLI::App* rm = object->add_subcommand("rm", "remove objects")->fallthrough();
   rm->add_option("ID", a.rm_ids)->required();
   rm->callback([&] { command = [&](HoropterClient& c) { return ObjectRemove(c, a.rm_ids); }; });
+
+  CLI::App* verify =
+      object->add_subcommand("verify", "check everything that is stored")->fallthrough();
+  verify->callback([&] { command = [](HoropterClient& c) { return CatalogVerify(c); }; });
+
+  CLI::App* write = object->add_subcommand("export", "write objects to a folder")->fallthrough();
+  write->add_option("ID", a.export_ids)->required();
+  write->add_option("--out", a.folder, "new folder, BOP layout")->required();
+  write->callback([&] {
+    command = [&](HoropterClient& c) { return ObjectExport(c, a.export_ids, a.folder); };
+  });
+
+  CLI::App* like =
+      object->add_subcommand("look-alikes", "objects it can be taken for")->fallthrough();
+  like->add_option("ID", a.show_id)->required();
+  like->callback(
+      [&] { command = [&](HoropterClient& c) { return ReportLookAlikes(c, a.show_id); }; });
+}
+
+void AddCatalogCommands(CLI::App& app, Arguments& a, Command& command) {
+  CLI::App* catalog =
+      app.add_subcommand("catalog", "the catalog as a whole")->require_subcommand(1);
+  catalog->fallthrough();
+
+  CLI::App* backup =
+      catalog->add_subcommand("backup", "copy the running catalog to a file")->fallthrough();
+  backup->add_option("FILE", a.backup_path, "new file; horopterd --db FILE opens it")->required();
+  backup->callback(
+      [&] { command = [&](HoropterClient& c) { return CatalogBackup(c, a.backup_path); }; });
+
+  CLI::App* write =
+      catalog->add_subcommand("export", "write all objects to a folder")->fallthrough();
+  write->add_option("FOLDER", a.folder, "new folder, BOP layout")->required();
+  write->callback([&] { command = [&](HoropterClient& c) { return CatalogExport(c, a.folder); }; });
+
+  CLI::App* read = catalog->add_subcommand("import", "enrol a folder's objects")->fallthrough();
+  read->add_option("FOLDER", a.folder, "of `catalog export`, or any dataset in BOP layout")
+      ->required();
+  read->callback([&] { command = [&](HoropterClient& c) { return CatalogImport(c, a.folder); }; });
+
+  CLI::App* verify =
+      catalog->add_subcommand("verify", "check everything that is stored")->fallthrough();
+  verify->callback([&] { command = [](HoropterClient& c) { return CatalogVerify(c); }; });
 }
 
 void AddDatasetCommands(CLI::App& app, Arguments& a, Command& command) {
@@ -147,6 +193,7 @@ int Main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
   AddObjectCommands(app, a, command);
+  AddCatalogCommands(app, a, command);
   AddDatasetCommands(app, a, command);
   AddRecognizeCommand(app, a, command);
   try {

@@ -13,6 +13,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "client/cao_file.h"
 #include "client/edge_chains.h"
 #include "client/mesh_topology.h"
 #include "client/ply_vertices.h"
@@ -249,7 +250,9 @@ void BuildEdges(ObjectModel& model, double diagonal, double sharp_angle_rad) {
 
 absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOptions& options) {
   CadImport import;
-  import.unit_name = options.unit.empty() ? "mm" : options.unit;
+  const bool cao = absl::EndsWithIgnoreCase(path, ".cao");
+  // ViSP works in metres.
+  import.unit_name = !options.unit.empty() ? options.unit : cao ? "m" : "mm";
   import.metres_per_unit = MetresPerUnit(import.unit_name);
   if (import.metres_per_unit <= 0.0) {
     return absl::InvalidArgumentError(
@@ -260,7 +263,9 @@ absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOpt
     HOROPTER_RETURN_IF_ERROR(ReadPlyVertices(path).status());
   }
   try {
-    HOROPTER_ASSIGN_OR_RETURN(const TriangleMesh soup, ReadTriangles(path, import.metres_per_unit));
+    HOROPTER_ASSIGN_OR_RETURN(
+        const TriangleMesh soup,
+        cao ? ReadCao(path, import.metres_per_unit) : ReadTriangles(path, import.metres_per_unit));
     Eigen::AlignedBox3d box;
     for (const Eigen::Vector3d& v : soup.vertices) box.extend(v);
     const double diagonal = box.diagonal().norm();

@@ -14,6 +14,7 @@
 #include "client/commands.h"
 #include "client/convert.h"
 #include "server/base/status_macros.h"
+#include "server/vision/geometry/grasp_check.h"
 
 namespace horopter {
 namespace {
@@ -22,6 +23,12 @@ struct LoadedCad {
   CadImport import;
   CadFile file;
 };
+
+void WarnAboutGrasps(const ObjectModel& model) {
+  for (const std::string& problem : CheckGrasps(model)) {
+    std::fprintf(stderr, "warning: grasp %s\n", problem.c_str());
+  }
+}
 
 absl::StatusOr<LoadedCad> LoadCad(const std::string& path, const std::string& unit) {
   LoadedCad cad;
@@ -66,6 +73,7 @@ absl::StatusOr<LoadedCad> LoadDatasetObject(const BopObject& object) {
   if (object.in_models_info) model.symmetries = object.symmetries;
   if (!object.grasps_path.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(model.grasps, ReadGrasps(object.grasps_path));
+    WarnAboutGrasps(model);
   }
   return cad;
 }
@@ -90,13 +98,14 @@ absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& argumen
   model.display_name = arguments.display_name;
   if (!arguments.grasps_path.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(model.grasps, ReadGrasps(arguments.grasps_path));
+    WarnAboutGrasps(model);
   }
   HOROPTER_RETURN_IF_ERROR(client.CreateObject(model, cad.file).status());
   std::printf("%s added: %s, %zu grasps\n",
               model.id.c_str(),
               Describe(cad.import).c_str(),
               model.grasps.size());
-  return absl::OkStatus();
+  return ReportLookAlikes(client, model.id);
 }
 
 absl::Status ObjectUpdateCommand(HoropterClient& client, const ObjectUpdateArguments& arguments) {
@@ -223,6 +232,7 @@ absl::Status DatasetEnroll(HoropterClient& client, const std::string& folder) {
                 Describe(cad.import).c_str(),
                 model.grasps.size());
     std::fflush(stdout);
+    HOROPTER_RETURN_IF_ERROR(ReportLookAlikes(client, model.id));
   }
   return absl::OkStatus();
 }

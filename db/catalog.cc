@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "db/connection.h"
 #include "db/migrations.h"
 #include "db/object_rows.h"
 #include "db/open_database.h"
@@ -66,11 +67,8 @@ absl::StatusOr<CatalogRecord> ReadRecord(sqlite3* db, CatalogRecord record) {
 
 }  // namespace
 
-struct Catalog::Connection {
-  SqliteHandle handle;
-};
-
-Catalog::Catalog(std::unique_ptr<Connection> connection) : connection_(std::move(connection)) {}
+Catalog::Catalog(std::string path, std::unique_ptr<Connection> connection)
+    : path_(std::move(path)), connection_(std::move(connection)) {}
 Catalog::~Catalog() = default;
 
 absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
@@ -79,7 +77,7 @@ absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
                             OpenDatabase(path, options.busy_timeout_ms, CatalogMigrations()));
   auto connection = std::make_unique<Connection>();
   connection->handle = std::move(handle);
-  return std::unique_ptr<Catalog>(new Catalog(std::move(connection)));
+  return std::unique_ptr<Catalog>(new Catalog(path, std::move(connection)));
 }
 
 absl::Status Catalog::CreateObject(const CatalogRecord& record) {

@@ -47,6 +47,9 @@ class Catalog {
   Catalog(const Catalog&) = delete;
   Catalog& operator=(const Catalog&) = delete;
 
+  // As given to Open.
+  const std::string& path() const { return path_; }
+
   // The hash is computed; a given one must agree. Errors: INVALID_ARGUMENT (names the field),
   // ALREADY_EXISTS.
   absl::Status CreateObject(const CatalogRecord& record);
@@ -76,10 +79,24 @@ class Catalog {
   // All models, ordered by id.
   absl::StatusOr<std::vector<ObjectModel>> LoadAll();
 
+  // Writes a copy of the whole catalog, as of one moment, to a new file while other calls go on.
+  // The copy is checked, synced and only then given its name; a failure leaves nothing behind.
+  // Errors: ALREADY_EXISTS (the file is there), PERMISSION_DENIED (its folder is read-only).
+  absl::Status Backup(const std::string& path);
+
+  // Reads everything there is: pages, indexes, foreign keys, and every object as if it were to be
+  // enrolled again (geometry, counts, the CAD file's hash). Empty: all is well.
+  struct Problem {
+    std::string object_id;  // empty: of the file as a whole
+    std::string what;
+  };
+  absl::StatusOr<std::vector<Problem>> Verify();
+
  private:
   struct Connection;
-  explicit Catalog(std::unique_ptr<Connection> connection);
+  Catalog(std::string path, std::unique_ptr<Connection> connection);
 
+  const std::string path_;
   std::mutex mutex_;
   std::unique_ptr<Connection> connection_;  // guarded by mutex_
 };

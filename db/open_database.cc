@@ -12,6 +12,10 @@
 namespace horopter {
 namespace {
 
+constexpr char kRestoreAdvice[] =
+    "; restore a backup (made by `horopter catalog backup`) or enrol the objects again into a new "
+    "file";
+
 // Adds the file and, for the codes an operator meets, what to do about it.
 absl::Status Explain(const absl::Status& status, const std::string& path) {
   std::string advice;
@@ -21,6 +25,9 @@ absl::Status Explain(const absl::Status& status, const std::string& path) {
     advice = "is read-only";
   } else if (absl::IsFailedPrecondition(status)) {
     advice = "cannot be opened as a database";
+  } else if (absl::IsDataLoss(status)) {
+    return absl::DataLossError(absl::StrCat(
+        "database ", path, " is damaged: ", std::string(status.message()), kRestoreAdvice));
   } else {
     advice = "cannot be used";
   }
@@ -89,7 +96,8 @@ absl::Status CheckIntegrity(sqlite3* db, const std::string& path) {
   const absl::StatusOr<std::string> result = QueryText(db, "PRAGMA quick_check(1)");
   if (!result.ok()) return Explain(result.status(), path);
   if (*result != "ok") {
-    return absl::DataLossError(absl::StrCat("database ", path, " is damaged: ", *result));
+    return absl::DataLossError(
+        absl::StrCat("database ", path, " is damaged: ", *result, kRestoreAdvice));
   }
   return absl::OkStatus();
 }

@@ -1,6 +1,7 @@
 #include "db/sqlite.h"
 
 #include "absl/strings/str_cat.h"
+#include "server/base/crash_point.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -133,8 +134,11 @@ absl::StatusOr<std::string> QueryText(sqlite3* db, std::string_view sql) {
 
 absl::Status RunInTransaction(sqlite3* db, const std::function<absl::Status()>& body) {
   HOROPTER_RETURN_IF_ERROR(Execute(db, "BEGIN IMMEDIATE"));
+  CrashPoint("transaction.begun");
   absl::Status status = body();
+  CrashPoint("transaction.before_commit");
   if (status.ok()) status = Execute(db, "COMMIT");
+  CrashPoint("transaction.after_commit");
   // Some errors (disk full) have rolled back already; a second rollback then fails and changes
   // nothing.
   if (!status.ok()) sqlite3_exec(db, "ROLLBACK", nullptr, nullptr, nullptr);

@@ -27,6 +27,14 @@ class CatalogService final : public v1::CatalogService::CallbackService {
   grpc::ServerUnaryReactor* DeleteObject(grpc::CallbackServerContext* context,
                                          const v1::DeleteObjectRequest* request,
                                          google::protobuf::Empty* response) override;
+  grpc::ServerUnaryReactor* ListLookAlikes(grpc::CallbackServerContext* context,
+                                           const v1::ListLookAlikesRequest* request,
+                                           v1::ListLookAlikesResponse* response) override;
+  grpc::ServerUnaryReactor* VerifyCatalog(grpc::CallbackServerContext* context,
+                                          const v1::VerifyCatalogRequest* request,
+                                          v1::VerifyCatalogResponse* response) override;
+  grpc::ServerWriteReactor<v1::BackupCatalogResponse>* BackupCatalog(
+      grpc::CallbackServerContext* context, const v1::BackupCatalogRequest* request) override;
 
  private:
   // Fills `response` with the object as stored.

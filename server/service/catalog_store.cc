@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/crash_point.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -101,6 +102,7 @@ absl::Status CatalogStore::Delete(const std::string& id) {
 }
 
 void CatalogStore::Publish(const std::string& id, std::shared_ptr<const PreparedObject> prepared) {
+  CrashPoint("store.before_publish");
   auto next = std::make_shared<PublishedCatalog>(*Published());
   ++next->snapshot.generation;
   const auto at = std::lower_bound(next->ids.begin(), next->ids.end(), id);
@@ -117,8 +119,11 @@ void CatalogStore::Publish(const std::string& id, std::shared_ptr<const Prepared
     next->snapshot.objects.insert(object, std::move(prepared));
     next->ids.insert(at, id);
   }
-  const std::lock_guard lock(published_mutex_);
-  published_ = std::move(next);
+  {
+    const std::lock_guard lock(published_mutex_);
+    published_ = std::move(next);
+  }
+  CrashPoint("store.after_publish");
 }
 
 }  // namespace horopter

@@ -104,5 +104,36 @@ TEST_F(CatalogE2e, AcknowledgedObjectsSurviveAKill) {
   EXPECT_EQ(server_->Terminate(), 0);
 }
 
+TEST_F(CatalogE2e, ABackupIsACatalogAndAnExportComesBackExactly) {
+  const std::string a = folder_.Write("a.stl", AsStl(Box(60, 40, 20)));
+  const std::string b = folder_.Write("b.stl", AsStl(Box(60, 40, 30)));
+  ASSERT_EQ(Run({"object", "add", a, "--id", "low"}).exit_code, 0);
+  Outcome o = Run({"object", "add", b, "--id", "high"});
+  ASSERT_EQ(o.exit_code, 0) << o.out;
+  EXPECT_THAT(o.out, HasSubstr("look-alike: low is the same part stretched"));
+  o = Run({"object", "verify"});
+  EXPECT_EQ(o.exit_code, 0) << o.out;
+  EXPECT_THAT(o.out, HasSubstr("2 objects checked, 0 problems"));
+
+  const std::string backup = folder_.path() + "/backup.db", dump = folder_.path() + "/dump";
+  EXPECT_EQ(Run({"catalog", "backup", backup}).exit_code, 0);
+  EXPECT_EQ(Run({"catalog", "backup", backup}).exit_code, 3);  // never replaces a file
+  EXPECT_EQ(Run({"catalog", "export", dump}).exit_code, 0);
+  const std::string before = Run({"object", "show", "high", "--json"}).out;
+
+  server_ = std::make_unique<Server>(backup, folder_.path() + "/log2");
+  ASSERT_FALSE(server_->address().empty()) << server_->Log();
+  EXPECT_EQ(Run({"object", "show", "high", "--json"}).out, before);
+
+  server_ = std::make_unique<Server>(folder_.path() + "/empty.db", folder_.path() + "/log3");
+  ASSERT_FALSE(server_->address().empty()) << server_->Log();
+  o = Run({"catalog", "import", dump});
+  EXPECT_EQ(o.exit_code, 0) << o.out;
+  EXPECT_THAT(Run({"object", "list"}).out, HasSubstr("2 objects"));
+  const std::string again = folder_.path() + "/again";
+  EXPECT_EQ(Run({"catalog", "export", again}).exit_code, 0);
+  EXPECT_EQ(Run({"catalog", "verify"}).exit_code, 0);
+}
+
 }  // namespace
 }  // namespace horopter

@@ -18,13 +18,15 @@ FOLDERS = collections.OrderedDict([
     ("server/base", []),
     ("server/index", ["server/base"]),
     ("server/vision/geometry", ["server/base"]),
+    # Keys of vertices and lines: pure functions of coordinates, beside the stages.
+    ("server/vision/invariants", ["server/base", "server/vision/geometry"]),
     ("server/vision/features", ["server/base", "server/vision/geometry"]),
     ("server/vision/matching", ["server/base", "server/vision/geometry", "server/vision/features"]),
     ("server/vision/reconstruction",
      ["server/base", "server/vision/geometry", "server/vision/features", "server/vision/matching"]),
     ("server/vision/recognition",
-     ["server/base", "server/index", "server/vision/geometry", "server/vision/features", "server/vision/matching",
-      "server/vision/reconstruction"]),
+     ["server/base", "server/index", "server/vision/geometry", "server/vision/invariants", "server/vision/features",
+      "server/vision/matching", "server/vision/reconstruction"]),
     ("server/vision/euclidean",
      ["server/base", "server/vision/geometry", "server/vision/features", "server/vision/matching",
       "server/vision/reconstruction", "server/vision/recognition"]),
@@ -35,7 +37,8 @@ FOLDERS = collections.OrderedDict([
      ["server/base", "db", "server/vision/geometry", "server/vision/features", "server/vision/matching",
       "server/vision/reconstruction", "server/vision/recognition", "server/vision/euclidean"]),
     # Handlers convert and call: they see the pipeline and value types, no stage.
-    ("server/service", ["server/base", "db", "proto", "server/vision/geometry", "server/pipeline"]),
+    ("server/service",
+     ["server/base", "db", "proto", "server/vision/geometry", "server/vision/invariants", "server/pipeline"]),
     ("server/main.cc", ["server/base", "db", "proto", "server/pipeline", "server/service"]),
     # The client talks to the server over the wire; it shares value types and the status macros.
     ("client", ["server/base", "proto", "server/vision/geometry"]),
@@ -43,7 +46,7 @@ FOLDERS = collections.OrderedDict([
 
 STAGES = ["server/vision/features", "server/vision/matching", "server/vision/reconstruction",
           "server/vision/recognition", "server/vision/euclidean"]
-VISION = ["server/vision/geometry"] + STAGES
+VISION = ["server/vision/geometry", "server/vision/invariants"] + STAGES
 EVERYWHERE = list(FOLDERS)
 EDGE = ["server/service", "server/main.cc", "client"]
 
@@ -62,6 +65,7 @@ LIBRARIES = collections.OrderedDict([
     ("Ceres", (r"ceres/", STAGES + ["server/vision/geometry"])),
     ("OpenCASCADE", (r"[A-Za-z0-9]+_?[A-Za-z0-9_]*\.hxx$", ["client"])),
     ("assimp", (r"assimp/", ["client"])),
+    ("yaml-cpp", (r"yaml-cpp/", ["client"])),
     ("CLI11", (r"CLI/", ["server/main.cc", "client"])),
     ("spdlog", (r"spdlog/|fmt/", EDGE)),
     ("JSON", (r"nlohmann/", EDGE)),

@@ -1,0 +1,241 @@
+// Backup, verification, export and import of the whole catalog, and the look-alike report.
+#include <google/protobuf/util/time_util.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/bop_export.h"
+#include "client/cao_file.h"
+#include "client/commands.h"
+#include "client/convert.h"
+#include "server/base/status_macros.h"
+
+namespace horopter {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Objects exactly as the server gave them, beside the BOP layout, which cannot say everything.
+constexpr char kObjectsFolder[] = "objects";
+constexpr char kObjectExtension[] = ".pb";
+
+std::string Percent(double stretch) {
+  return absl::StrFormat("%.1f %%", 100.0 * stretch);
+}
+
+std::string Explain(const v1::LookAlike& a) {
+  const std::string id = IdOfResource(a.name());
+  const double scale = a.stretch_size() == 3 ? a.stretch(0) : 1.0;
+  const size_t differing =
+      static_cast<size_t>(a.only_in_named_m_size() + a.only_in_other_m_size()) / 3;
+  std::string text;
+  switch (a.kind()) {
+    case v1::LookAlike::KIND_CONGRUENT:
+      text = differing == 0 ? absl::StrCat(id, " is the same part")
+                            : absl::StrCat(id, " is the same part but for some corners");
+      break;
+    case v1::LookAlike::KIND_SIMILAR:
+      text = absl::StrCat(id,
+                          " is the same part at ",
+                          Percent(scale),
+                          " of the size: only a known size tells them apart");
+      break;
+    case v1::LookAlike::KIND_MIRROR:
+      text = absl::StrCat(id, " is its mirror image at ", Percent(scale), " of the size");
+      break;
+    case v1::LookAlike::KIND_AFFINE:
+      text = absl::StrCat(id,
+                          " is the same part stretched by ",
+                          Percent(a.stretch(0)),
+                          ", ",
+                          Percent(a.stretch(1)),
+                          ", ",
+                          Percent(a.stretch(2)));
+      break;
+    default:
+      text = absl::StrCat(id, " is the same part up to a collineation");
+  }
+  if (differing > 0) {
+    absl::StrAppend(&text,
+                    "; ",
+                    a.matched_vertices(),
+                    " corners agree, ",
+                    a.only_in_named_m_size() / 3,
+                    " and ",
+                    a.only_in_other_m_size() / 3,
+                    " do not");
+    const auto& only = a.only_in_named_m_size() > 0 ? a.only_in_named_m() : a.only_in_other_m();
+    absl::StrAppend(
+        &text,
+        absl::StrFormat(
+            ", e.g. at (%.1f, %.1f, %.1f) mm", only[0] * 1e3, only[1] * 1e3, only[2] * 1e3));
+  }
+  return text;
+}
+
+absl::Status WriteFile(const fs::path& path, const std::string& bytes) {
+  std::ofstream out(path, std::ios::binary);
+  out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  out.close();
+  if (!out)
+    return absl::FailedPreconditionError(absl::StrCat(path.string(), ": cannot be written"));
+  return absl::OkStatus();
+}
+
+// "obj_000012" keeps its number; other ids take the smallest free ones.
+std::vector<int> NumbersFor(const std::vector<std::string>& ids) {
+  std::vector<int> numbers(ids.size(), 0);
+  std::vector<int> taken;
+  for (size_t i = 0; i < ids.size(); ++i) {
+    int number = 0, end = 0;
+    if (std::sscanf(ids[i].c_str(), "obj_%6d%n", &number, &end) == 1 &&
+        end == static_cast<int>(ids[i].size()) && number > 0 && BopObjectName(number) == ids[i]) {
+      numbers[i] = number;
+      taken.push_back(number);
+    }
+  }
+  int next = 1;
+  for (int& number : numbers) {
+    if (number > 0) continue;
+    while (std::find(taken.begin(), taken.end(), next) != taken.end()) ++next;
+    number = next++;
+  }
+  return numbers;
+}
+
+absl::Status Export(HoropterClient& client,
+                    const std::vector<std::string>& ids,
+                    const std::string& folder) {
+  std::error_code error;
+  if (fs::exists(folder, error) && !fs::is_empty(folder, error)) {
+    return absl::AlreadyExistsError(absl::StrCat(folder, ": is not empty"));
+  }
+  fs::create_directories(fs::path(folder) / kObjectsFolder, error);
+  if (error) return absl::FailedPreconditionError(absl::StrCat(folder, ": ", error.message()));
+  fs::create_directories(fs::path(folder) / "cao", error);
+  const std::vector<int> numbers = NumbersFor(ids);
+  std::vector<BopExportEntry> entries;
+  for (size_t i = 0; i < ids.size(); ++i) {
+    HOROPTER_ASSIGN_OR_RETURN(v1::Object object, client.GetObject(ids[i], v1::OBJECT_VIEW_FULL));
+    HOROPTER_RETURN_IF_ERROR(
+        WriteFile(fs::path(folder) / kObjectsFolder / (ids[i] + kObjectExtension),
+                  object.SerializeAsString()));
+    BopExportEntry entry;
+    entry.obj_id = numbers[i];
+    entry.model = FromProto(object);
+    entry.model.id = ids[i];
+    entry.model.display_name = object.display_name();
+    entry.cad_format = object.source().format();
+    entry.cad_content = std::move(*object.mutable_source()->mutable_content());
+    HOROPTER_RETURN_IF_ERROR(WriteBopObject(folder, entry));
+    const std::vector<Eigen::Vector3d>& vertices = entry.model.mesh.vertices;
+    if (!vertices.empty()) entry.low = entry.high = vertices[0];
+    for (const Eigen::Vector3d& v : vertices) {
+      entry.low = entry.low.cwiseMin(v);
+      entry.high = entry.high.cwiseMax(v);
+    }
+    HOROPTER_RETURN_IF_ERROR(
+        WriteCao(absl::StrCat(folder, "/cao/", BopObjectName(numbers[i]), ".cao"), entry.model));
+    entry.model.mesh = {};
+    entry.model.edges.clear();
+    entry.cad_content.clear();
+    entries.push_back(std::move(entry));
+  }
+  HOROPTER_RETURN_IF_ERROR(WriteBopLists(folder, entries));
+  std::printf("%zu objects in %s\n", ids.size(), folder.c_str());
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status ReportLookAlikes(HoropterClient& client, const std::string& id) {
+  HOROPTER_ASSIGN_OR_RETURN(const v1::ListLookAlikesResponse found, client.ListLookAlikes(id));
+  for (const v1::LookAlike& look_alike : found.look_alikes()) {
+    std::printf("look-alike: %s\n", Explain(look_alike).c_str());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CatalogVerify(HoropterClient& client) {
+  HOROPTER_ASSIGN_OR_RETURN(const v1::VerifyCatalogResponse result, client.VerifyCatalog());
+  for (const auto& problem : result.problems()) {
+    std::printf("%s: %s\n",
+                problem.name().empty() ? "catalog" : IdOfResource(problem.name()).c_str(),
+                problem.what().c_str());
+  }
+  std::printf("%d objects checked, %d problems\n", result.objects(), result.problems_size());
+  if (result.problems_size() == 0) return absl::OkStatus();
+  return absl::DataLossError("the catalog is damaged; restore a backup or enrol the objects again");
+}
+
+absl::Status CatalogBackup(HoropterClient& client, const std::string& path) {
+  std::error_code error;
+  if (fs::exists(path, error)) return absl::AlreadyExistsError(absl::StrCat(path, ": is there"));
+  const std::string unfinished = path + ".unfinished";
+  std::ofstream out(unfinished, std::ios::binary | std::ios::trunc);
+  if (!out) return absl::FailedPreconditionError(absl::StrCat(path, ": cannot be written"));
+  int64_t bytes = 0;
+  absl::Status status = client.BackupCatalog([&](const std::string& chunk) -> absl::Status {
+    out.write(chunk.data(), static_cast<std::streamsize>(chunk.size()));
+    bytes += static_cast<int64_t>(chunk.size());
+    if (!out) return absl::ResourceExhaustedError(absl::StrCat(path, ": cannot be written"));
+    return absl::OkStatus();
+  });
+  out.close();
+  if (status.ok() && !out) {
+    status = absl::ResourceExhaustedError(absl::StrCat(path, ": cannot be written"));
+  }
+  if (status.ok()) {
+    fs::rename(unfinished, path, error);
+    if (error) status = absl::FailedPreconditionError(absl::StrCat(path, ": ", error.message()));
+  }
+  if (!status.ok()) {
+    fs::remove(unfinished, error);
+    return status;
+  }
+  std::printf("%s: %lld bytes\n", path.c_str(), static_cast<long long>(bytes));
+  return absl::OkStatus();
+}
+
+absl::Status ObjectExport(HoropterClient& client,
+                          const std::vector<std::string>& ids,
+                          const std::string& folder) {
+  return Export(client, ids, folder);
+}
+
+absl::Status CatalogExport(HoropterClient& client, const std::string& folder) {
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<v1::Object> objects, client.ListObjects());
+  std::vector<std::string> ids;
+  for (const v1::Object& object : objects) ids.push_back(IdOfResource(object.name()));
+  return Export(client, ids, folder);
+}
+
+absl::Status CatalogImport(HoropterClient& client, const std::string& folder) {
+  std::vector<fs::path> files;
+  std::error_code error;
+  for (fs::directory_iterator it(fs::path(folder) / kObjectsFolder, error), end;
+       !error && it != end;
+       it.increment(error)) {
+    if (it->path().extension() == kObjectExtension) files.push_back(it->path());
+  }
+  // Any other dataset in BOP layout is enrolled from its CAD files and meshes.
+  if (files.empty()) return DatasetEnroll(client, folder);
+  std::sort(files.begin(), files.end());
+  for (const fs::path& file : files) {
+    HOROPTER_ASSIGN_OR_RETURN(const std::string bytes, ReadFileBytes(file.string()));
+    v1::Object object;
+    if (!object.ParseFromString(bytes)) {
+      return absl::InvalidArgumentError(absl::StrCat(file.string(), ": not an exported object"));
+    }
+    HOROPTER_RETURN_IF_ERROR(client.PutObject(object));
+  }
+  std::printf("%zu objects imported\n", files.size());
+  return absl::OkStatus();
+}
+
+}  // namespace horopter

@@ -1,0 +1,106 @@
+#include "client/isaac_grasp.h"
+
+#include <yaml-cpp/yaml.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include "absl/strings/str_cat.h"
+
+namespace horopter {
+namespace {
+
+// Distance between the fingers that a joint position stands for.
+double Opening(const YAML::Node& joints) {
+  if (!joints || !joints.IsMap()) return 0.0;
+  double sum = 0.0;
+  for (const auto& joint : joints) sum += joint.second.as<double>();
+  return joints.size() == 1 ? 2.0 * sum : sum;
+}
+
+YAML::Node Joints(double opening) {
+  YAML::Node joints;
+  joints["finger_joint"] = 0.5 * opening;
+  joints.SetStyle(YAML::EmitterStyle::Flow);
+  return joints;
+}
+
+}  // namespace
+
+absl::StatusOr<std::vector<Grasp>> ReadIsaacGrasps(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) {
+    return absl::NotFoundError(absl::StrCat(path, ": cannot be opened"));
+  }
+  std::string at = "the file";
+  try {
+    const YAML::Node file = YAML::LoadFile(path);
+    if (!file.IsMap() || file["format"].as<std::string>("") != "isaac_grasp") {
+      return absl::InvalidArgumentError(absl::StrCat(path, ": is no isaac_grasp file"));
+    }
+    std::vector<Grasp> grasps;
+    for (const auto& entry : file["grasps"]) {
+      Grasp grasp;
+      grasp.name = at = entry.first.as<std::string>();
+      const YAML::Node& node = entry.second;
+      const std::vector<double> t = node["position"].as<std::vector<double>>();
+      const std::vector<double> xyz = node["orientation"]["xyz"].as<std::vector<double>>();
+      const double w = node["orientation"]["w"].as<double>();
+      grasp.quality = node["confidence"].as<double>(1.0);
+      grasp.grip_width_m = Opening(node["cspace_position"]);
+      grasp.jaw_opening_m = Opening(node["pregrasp_cspace_position"]);
+      if (t.size() != 3 || xyz.size() != 3) {
+        return absl::InvalidArgumentError(
+            absl::StrCat(path, ": ", at, ": position and xyz need three numbers"));
+      }
+      const Eigen::Quaterniond q(w, xyz[0], xyz[1], xyz[2]);
+      if (!(std::abs(q.norm() - 1.0) < 0.01) || !std::isfinite(t[0] + t[1] + t[2])) {
+        return absl::InvalidArgumentError(
+            absl::StrCat(path, ": ", at, ": the orientation is no unit quaternion"));
+      }
+      grasp.object_from_gripper.R = q.normalized().toRotationMatrix();
+      grasp.object_from_gripper.t = {t[0], t[1], t[2]};
+      grasps.push_back(std::move(grasp));
+    }
+    return grasps;
+  } catch (const YAML::Exception& e) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": ", at, ": ", e.what()));
+  }
+}
+
+absl::Status WriteIsaacGrasps(const std::string& path,
+                              const std::string& object_frame,
+                              const std::vector<Grasp>& grasps) {
+  YAML::Emitter out;
+  out.SetDoublePrecision(17);
+  out << YAML::BeginMap << YAML::Key << "format" << YAML::Value << "isaac_grasp";
+  out << YAML::Key << "format_version" << YAML::Value << YAML::DoubleQuoted << "1.0";
+  out << YAML::Key << "object_frame_link" << YAML::Value << object_frame;
+  out << YAML::Key << "gripper_frame_link" << YAML::Value << "gripper";
+  out << YAML::Key << "grasps" << YAML::Value << YAML::BeginMap;
+  for (const Grasp& grasp : grasps) {
+    Eigen::Quaterniond q(grasp.object_from_gripper.R);
+    if (q.w() < 0.0) q.coeffs() = -q.coeffs();
+    const Eigen::Vector3d& t = grasp.object_from_gripper.t;
+    out << YAML::Key << grasp.name << YAML::Value << YAML::BeginMap;
+    out << YAML::Key << "confidence" << YAML::Value << grasp.quality;
+    out << YAML::Key << "position" << YAML::Value << YAML::Flow
+        << std::vector<double>{t.x(), t.y(), t.z()};
+    out << YAML::Key << "orientation" << YAML::Value << YAML::BeginMap << YAML::Key << "w"
+        << YAML::Value << q.w() << YAML::Key << "xyz" << YAML::Value << YAML::Flow
+        << std::vector<double>{q.x(), q.y(), q.z()} << YAML::EndMap;
+    out << YAML::Key << "cspace_position" << YAML::Value << Joints(grasp.grip_width_m);
+    out << YAML::Key << "pregrasp_cspace_position" << YAML::Value << Joints(grasp.jaw_opening_m);
+    out << YAML::EndMap;
+  }
+  out << YAML::EndMap << YAML::EndMap;
+  std::ofstream file(path);
+  file << out.c_str() << "\n";
+  file.close();
+  if (!file) return absl::FailedPreconditionError(absl::StrCat(path, ": cannot be written"));
+  return absl::OkStatus();
+}
+
+}  // namespace horopter

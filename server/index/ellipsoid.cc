@@ -1,0 +1,128 @@
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_cat.h"
+#include "server/index/box_kernels.h"
+#include "server/index/walk.h"
+
+namespace horopter {
+
+using index_internal::BoxExcess;
+using index_internal::Node;
+using index_internal::Walk;
+
+namespace {
+
+constexpr int kMaxTriangle = kMaxDimensions * (kMaxDimensions + 1) / 2;
+
+// Row by row, the lower triangle of L^-1 with covariance = L L': y = L^-1 (x - c) makes the
+// ellipsoid a ball. By hand, as a library's dynamic matrices cost more than a small query. False
+// when the covariance is not positive definite.
+bool InvertedCholesky(const Eigen::MatrixXd& covariance, double* inverse) {
+  const int n = static_cast<int>(covariance.rows());
+  double factor[kMaxTriangle];
+  const auto at = [](int r, int c) { return r * (r + 1) / 2 + c; };
+  for (int r = 0; r < n; ++r) {
+    for (int c = 0; c <= r; ++c) {
+      double sum = covariance(r, c);
+      for (int k = 0; k < c; ++k) sum -= factor[at(r, k)] * factor[at(c, k)];
+      if (r != c) {
+        factor[at(r, c)] = sum / factor[at(c, c)];
+        continue;
+      }
+      if (!(sum > 0.0) || !std::isfinite(sum)) return false;
+      factor[at(r, r)] = std::sqrt(sum);
+    }
+  }
+  for (int r = 0; r < n; ++r) {
+    for (int c = 0; c < r; ++c) {
+      double sum = 0.0;
+      for (int k = c; k < r; ++k) sum -= factor[at(r, k)] * inverse[at(k, c)];
+      inverse[at(r, c)] = sum / factor[at(r, r)];
+    }
+    inverse[at(r, r)] = 1.0 / factor[at(r, r)];
+  }
+  return true;
+}
+
+}  // namespace
+
+absl::StatusOr<std::vector<EllipsoidMatch>> XTreeSnapshot::Inside(const Ellipsoid& ellipsoid,
+                                                                  QueryStats* stats) const {
+  const int n = dimensions();
+  if (ellipsoid.center.size() != n || ellipsoid.covariance.rows() != n ||
+      ellipsoid.covariance.cols() != n) {
+    return absl::InvalidArgumentError(absl::StrCat("ellipsoid: not of dimension ", n));
+  }
+  double whiten[kMaxTriangle];
+  if (!ellipsoid.center.allFinite() || !InvertedCholesky(ellipsoid.covariance, whiten)) {
+    return absl::InvalidArgumentError("ellipsoid.covariance: not positive definite");
+  }
+  std::vector<EllipsoidMatch> found;
+  const double gate = ellipsoid.gate;
+  if (root_ == nullptr || !(gate >= 0.0)) return found;
+
+  // A hair wider than exact: rounding must not lose what the exact test would accept.
+  double low[kMaxDimensions], high[kMaxDimensions];
+  const double* center = ellipsoid.center.data();
+  for (int d = 0; d < n; ++d) {
+    const double half = std::sqrt(ellipsoid.covariance(d, d) * gate) * (1.0 + 1e-12);
+    low[d] = center[d] - half;
+    high[d] = center[d] + half;
+  }
+
+  // Lower bound of |y|^2 over child i's box, by interval arithmetic row by row.
+  const auto misses = [&](const Node& node, int i) {
+    double sum = 0.0;
+    const double* w = whiten;
+    for (int r = 0; r < n; ++r) {
+      double least = 0.0, most = 0.0;
+      for (int c = 0; c <= r; ++c, ++w) {
+        const double a = *w * (node.Low(c)[i] - center[c]);
+        const double b = *w * (node.High(c)[i] - center[c]);
+        least += std::min(a, b);
+        most += std::max(a, b);
+      }
+      const double t = least > 0.0 ? least : most < 0.0 ? most : 0.0;
+      sum += t * t;
+      if (sum > gate * (1.0 + 1e-9)) return true;
+    }
+    return false;
+  };
+  const auto squared_mahalanobis = [&](const Node& node, int i) {
+    double sum = 0.0;
+    const double* w = whiten;
+    for (int r = 0; r < n && sum <= gate; ++r) {
+      double y = 0.0;
+      for (int c = 0; c <= r; ++c, ++w) {
+        y += *w * (0.5 * (node.Low(c)[i] + node.High(c)[i]) - center[c]);
+      }
+      sum += y * y;
+    }
+    return sum;
+  };
+  QueryStats unused;
+  Walk(
+      *root_,
+      options_.scan_share,
+      stats != nullptr ? *stats : unused,
+      [&](const Node& node, double* values) {
+        BoxExcess(node, low, high, values);
+        for (int i = 0; i < node.count; ++i) {
+          if (values[i] <= 0.0 && misses(node, i)) values[i] = 1.0;
+        }
+      },
+      [&](const Node& node, double* values) {
+        // The bounding box of the ellipsoid thins the entries of points; a box is judged by its
+        // centre, which lies in it.
+        BoxExcess(node, low, high, values);
+        for (int i = 0; i < node.count; ++i) {
+          if (values[i] > 0.0) continue;
+          const double squared = squared_mahalanobis(node, i);
+          if (squared <= gate) found.push_back({node.ids[i], squared});
+        }
+      });
+  return found;
+}
+
+}  // namespace horopter

@@ -1,0 +1,85 @@
+#include "server/vision/geometry/grasp_check.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+namespace horopter {
+namespace {
+
+std::string Millimetres(double metres) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.1f mm", metres * 1e3);
+  return text;
+}
+
+// Parameters s in [0, length] at which the line from + s direction meets the mesh (Moeller,
+// Trumbore 1997), ascending. Hits on an edge of two triangles come twice.
+std::vector<double> Crossings(const TriangleMesh& mesh,
+                              const Eigen::Vector3d& from,
+                              const Eigen::Vector3d& direction,
+                              double length) {
+  constexpr double kParallel = 1e-12;
+  std::vector<double> crossings;
+  for (const Eigen::Vector3i& t : mesh.triangles) {
+    const Eigen::Vector3d& a = mesh.vertices[t(0)];
+    const Eigen::Vector3d e1 = mesh.vertices[t(1)] - a, e2 = mesh.vertices[t(2)] - a;
+    const Eigen::Vector3d p = direction.cross(e2);
+    const double det = e1.dot(p);
+    if (std::abs(det) < kParallel * e1.norm() * e2.norm()) continue;
+    const Eigen::Vector3d s = from - a, q = s.cross(e1);
+    const double u = s.dot(p) / det, v = direction.dot(q) / det, at = e2.dot(q) / det;
+    if (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && at >= 0.0 && at <= length) crossings.push_back(at);
+  }
+  std::sort(crossings.begin(), crossings.end());
+  return crossings;
+}
+
+}  // namespace
+
+std::vector<std::string> CheckGrasps(const ObjectModel& model, const GraspCheckOptions& options) {
+  std::vector<std::string> problems;
+  const double approach = options.approach_diameters * model.diameter_m;
+  for (const Grasp& grasp : model.grasps) {
+    const auto report = [&](const std::string& what) {
+      problems.push_back(grasp.name + ": " + what);
+    };
+    const Rigid3& pose = grasp.object_from_gripper;
+    const Eigen::Vector3d x = pose.R.col(0), z = pose.R.col(2);
+    if (!(grasp.jaw_opening_m > 0.0)) {
+      report("no jaw opening is given");
+      continue;
+    }
+    if (grasp.grip_width_m > grasp.jaw_opening_m) {
+      report("the part is wider (" + Millimetres(grasp.grip_width_m) + ") than the opening (" +
+             Millimetres(grasp.jaw_opening_m) + ")");
+    }
+    const double half = 0.5 * grasp.jaw_opening_m;
+    // Coordinates of a part are round numbers: a finger that slides along a face is moved off it by
+    // nothing that matters.
+    const double aside = 1e-7 * model.diameter_m;
+    for (const double side : {-1.0, 1.0}) {
+      const Eigen::Vector3d tip = pose * Eigen::Vector3d(side * half + side * aside, aside, aside);
+      if (!Crossings(model.mesh, tip - approach * z, z, approach).empty()) {
+        report("a finger passes through the part on its way");
+        break;
+      }
+    }
+    const Eigen::Vector3d start = pose * Eigen::Vector3d(-half, aside, aside);
+    const std::vector<double> hits = Crossings(model.mesh, start, x, grasp.jaw_opening_m);
+    if (hits.empty()) {
+      report("nothing is between the fingers");
+      continue;
+    }
+    const double width = hits.back() - hits.front();
+    if (grasp.grip_width_m > 0.0 &&
+        std::abs(width - grasp.grip_width_m) > options.width_tolerance * grasp.jaw_opening_m) {
+      report("the part is " + Millimetres(width) + " wide between the fingers, not " +
+             Millimetres(grasp.grip_width_m));
+    }
+  }
+  return problems;
+}
+
+}  // namespace horopter

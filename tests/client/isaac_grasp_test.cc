@@ -1,0 +1,75 @@
+#include "client/isaac_grasp.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "client/bop_dataset.h"
+#include "tests/client/temp_folder.h"
+
+namespace horopter {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr char kFile[] = R"(format: isaac_grasp
+format_version: "1.0"
+object_frame_link: /World/part
+gripper_frame_link: /World/hand
+grasps:
+  grasp_0:
+    confidence: 0.75
+    position: [0.01, -0.02, 0.03]
+    orientation: {w: 0.7071067811865476, xyz: [0.7071067811865476, 0.0, 0.0]}
+    cspace_position: {finger_joint: 0.01}
+    pregrasp_cspace_position: {left: 0.02, right: 0.03}
+)";
+
+TEST(IsaacGraspTest, ReadsPoseQualityAndOpenings) {
+  TempFolder folder;
+  const auto grasps = ReadGrasps(folder.Write("g.yaml", kFile));
+  ASSERT_TRUE(grasps.ok()) << grasps.status();
+  ASSERT_EQ(grasps->size(), 1u);
+  const Grasp& g = grasps->front();
+  EXPECT_EQ(g.name, "grasp_0");
+  EXPECT_DOUBLE_EQ(g.quality, 0.75);
+  EXPECT_DOUBLE_EQ(g.grip_width_m, 0.02);   // one joint: both fingers
+  EXPECT_DOUBLE_EQ(g.jaw_opening_m, 0.05);  // two joints: their sum
+  EXPECT_LT((g.object_from_gripper.R.col(2) - Eigen::Vector3d(0, -1, 0)).norm(), 1e-12);
+  EXPECT_LT((g.object_from_gripper.t - Eigen::Vector3d(0.01, -0.02, 0.03)).norm(), 1e-15);
+}
+
+TEST(IsaacGraspTest, WhatIsWrittenReadsBack) {
+  TempFolder folder;
+  const auto grasps = ReadIsaacGrasps(folder.Write("g.yaml", kFile)).value();
+  const std::string path = folder.path() + "/h.yaml";
+  ASSERT_TRUE(WriteIsaacGrasps(path, "part", grasps).ok());
+  const auto again = ReadIsaacGrasps(path);
+  ASSERT_TRUE(again.ok()) << again.status();
+  ASSERT_EQ(again->size(), 1u);
+  EXPECT_EQ((*again)[0].name, grasps[0].name);
+  EXPECT_DOUBLE_EQ((*again)[0].jaw_opening_m, grasps[0].jaw_opening_m);
+  EXPECT_DOUBLE_EQ((*again)[0].grip_width_m, grasps[0].grip_width_m);
+  EXPECT_LT(((*again)[0].object_from_gripper.R - grasps[0].object_from_gripper.R).norm(), 1e-12);
+}
+
+TEST(IsaacGraspTest, RefusalsNameTheGrasp) {
+  TempFolder folder;
+  const auto refusal = [&](const std::string& text) {
+    const auto status = ReadIsaacGrasps(folder.Write("bad.yaml", text)).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+    return std::string(status.message());
+  };
+  EXPECT_THAT(refusal("a: 1\n"), HasSubstr("isaac_grasp"));
+  EXPECT_THAT(refusal("[unclosed"), HasSubstr("bad.yaml"));
+  std::string text = kFile;
+  text.replace(text.find("0.7071067811865476"), 18, "7.0");
+  EXPECT_THAT(refusal(text), HasSubstr("grasp_0: the orientation"));
+  text = kFile;
+  text.replace(text.find("[0.01"), 5, "[x");
+  EXPECT_THAT(refusal(text), HasSubstr("grasp_0"));
+  EXPECT_EQ(ReadIsaacGrasps(folder.path() + "/none.yaml").status().code(),
+            absl::StatusCode::kNotFound);
+}
+
+}  // namespace
+}  // namespace horopter
