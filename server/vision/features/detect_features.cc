@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <iterator>
 #include <opencv2/core.hpp>
 #include <string>
 
@@ -6,18 +7,24 @@
 #include "server/vision/features/arcs.h"
 #include "server/vision/features/detection_channels.h"
 #include "server/vision/features/edge_chains.h"
+#include "server/vision/features/edge_cover.h"
 #include "server/vision/features/edge_drawing.h"
+#include "server/vision/features/edge_gradient.h"
+#include "server/vision/features/edge_linking.h"
 #include "server/vision/features/features.h"
 #include "server/vision/features/junctions.h"
 #include "server/vision/features/segment_fit.h"
 #include "server/vision/features/segment_merging.h"
 #include "server/vision/features/side_colours.h"
+#include "server/vision/features/split_and_merge.h"
 #include "server/vision/features/texture.h"
 
 namespace horopter {
 namespace {
 
 constexpr int kMinSidePx = 16;
+// A piece of which other pieces cover more than this tells nothing new.
+constexpr double kMaxCoveredShare = 0.85;
 // The detector's gradient is a sum over 3x3 pixels (6 x the slope per pixel); a peak of the fit
 // must reach half of the detector's threshold.
 constexpr double kPeakPerThreshold = 0.5 / 6.0;
@@ -29,32 +36,92 @@ double ChannelThreshold(const DetectionChannel& channel, const FeatureOptions& o
                     options.gradient_threshold);
 }
 
-ImageFeatures Detect(const cv::Mat& image, const FeatureOptions& options) {
-  ImageFeatures features;
-  features.width = image.cols;
-  features.height = image.rows;
+struct Pieces {
+  std::vector<EdgeChain> chains;
+  std::vector<FittedSegment> segments;
+  std::vector<EllipseArc> arcs;
+  double lines_detected = 0.0;
+};
+
+double CoveredShare(const EdgeChain& chain, const ChainPiece& piece, const EdgeCover& cover) {
+  int covered = 0;
+  for (int i = piece.begin; i < piece.end; ++i) {
+    covered += cover.Covers(chain.points[i], EdgeCover::EdgeDirection(chain.gradients[i])) ? 1 : 0;
+  }
+  return static_cast<double>(covered) / (piece.end - piece.begin);
+}
+
+Pieces DetectByLinking(const cv::Mat& image, const FeatureOptions& options) {
+  Pieces pieces;
+  for (const GradientField& field : MakeGradientFields(image, options.gradient)) {
+    std::vector<EdgeChain> chains = LinkEdges(field, options.linking);
+    std::move(chains.begin(), chains.end(), std::back_inserter(pieces.chains));
+  }
+  std::stable_sort(
+      pieces.chains.begin(), pieces.chains.end(), [](const EdgeChain& a, const EdgeChain& b) {
+        return a.points.size() > b.points.size();
+      });
+  // What another channel has already given is not fitted again.
+  EdgeCover cover(image.cols, image.rows);
+  for (const EdgeChain& chain : pieces.chains) {
+    for (const ChainPiece& piece : SplitAndMerge(chain.points, options.split)) {
+      pieces.lines_detected += 1.0;
+      if (CoveredShare(chain, piece, cover) > kMaxCoveredShare) {
+        continue;
+      }
+      std::optional<FittedSegment> fitted =
+          FitChainPiece(chain, piece.begin, piece.end, options.min_segment_length_px);
+      if (!fitted) {
+        continue;
+      }
+      for (int i = piece.begin; i < piece.end; ++i) {
+        cover.Mark(chain.points[i], EdgeCover::EdgeDirection(chain.gradients[i]));
+      }
+      pieces.segments.push_back(*std::move(fitted));
+    }
+  }
+  ArcOptions arcs;
+  arcs.max_arcs = options.max_arcs;
+  pieces.arcs = FindArcs(pieces.chains, image.cols, image.rows, arcs);
+  pieces.chains = JoinLinkedChains(std::move(pieces.chains), image.cols, image.rows);
+  return pieces;
+}
+
+Pieces DetectByChannels(const cv::Mat& image, const FeatureOptions& options) {
   const std::vector<DetectionChannel> channels =
       MakeDetectionChannels(image, options.smoothing_sigma_px);
+  Pieces pieces;
   std::vector<DrawnEdges> edges;
-  std::vector<FittedSegment> pieces;
-  double raw = 0.0;
   for (size_t c = 0; c < channels.size(); ++c) {
     const double threshold = ChannelThreshold(channels[c], options);
     edges.push_back(DrawEdges(channels[c].grey, threshold, options));
-    raw += static_cast<double>(edges.back().lines.size());
+    pieces.lines_detected += static_cast<double>(edges.back().lines.size());
     for (const RawLine& line : edges.back().lines) {
       if (std::optional<FittedSegment> piece = FitSegment(line,
                                                           channels[c],
                                                           static_cast<int>(c),
                                                           threshold * kPeakPerThreshold,
                                                           options.min_segment_length_px)) {
-        pieces.push_back(*std::move(piece));
+        pieces.segments.push_back(*std::move(piece));
       }
     }
   }
-  features.counts["lines_detected"] = raw;
-  features.counts["lines_fitted"] = static_cast<double>(pieces.size());
-  features.segments = MergeSegments(std::move(pieces), options);
+  pieces.chains = JoinChains(edges, channels);
+  ArcOptions arcs;
+  arcs.max_arcs = options.max_arcs;
+  pieces.arcs = FindArcs(pieces.chains, image.cols, image.rows, arcs);
+  return pieces;
+}
+
+ImageFeatures Detect(const cv::Mat& image, const FeatureOptions& options) {
+  ImageFeatures features;
+  features.width = image.cols;
+  features.height = image.rows;
+  Pieces pieces = options.detector == EdgeDetector::kLinkedField ? DetectByLinking(image, options)
+                                                                 : DetectByChannels(image, options);
+  features.counts["lines_detected"] = pieces.lines_detected;
+  features.counts["lines_fitted"] = static_cast<double>(pieces.segments.size());
+  features.segments = MergeSegments(std::move(pieces.segments), options);
   features.counts["segments_cut"] = 0.0;
   const auto limit = static_cast<size_t>(options.max_segments);
   if (features.segments.size() > limit) {
@@ -63,14 +130,14 @@ ImageFeatures Detect(const cv::Mat& image, const FeatureOptions& options) {
   }
   MeasureSideColours(image, &features.segments);
   features.junctions = FindJunctions(features.segments, options);
-  features.chains = JoinChains(edges, channels);
+  features.chains = std::move(pieces.chains);
   features.counts["segments_in_texture"] = MarkTexture(features.chains,
                                                        features.junctions,
                                                        options,
                                                        features.width,
                                                        features.height,
                                                        &features.segments);
-  features.arcs = FindArcs(features.chains, options.max_arcs);
+  features.arcs = std::move(pieces.arcs);
   features.counts["arcs"] = static_cast<double>(features.arcs.size());
   features.counts["segments"] = static_cast<double>(features.segments.size());
   features.counts["junctions"] = static_cast<double>(features.junctions.size());

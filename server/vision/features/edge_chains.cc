@@ -72,6 +72,13 @@ Eigen::Vector2f SubPixel(const cv::Mat& smooth, const cv::Point& p) {
   return Eigen::Vector2f(static_cast<float>(p.x), static_cast<float>(p.y)) + shift * gradient;
 }
 
+Eigen::Vector2f GradientAt(const cv::Mat& smooth, const cv::Point& p) {
+  const int x = std::clamp(p.x, 1, smooth.cols - 2), y = std::clamp(p.y, 1, smooth.rows - 2);
+  const float* row = smooth.ptr<float>(y) + x;
+  const auto stride = static_cast<ptrdiff_t>(smooth.step1());
+  return {0.5f * (row[1] - row[-1]), 0.5f * (row[stride] - row[-stride])};
+}
+
 bool IsClosed(const std::vector<cv::Point>& chain) {
   const cv::Point d = chain.front() - chain.back();
   return chain.size() > 12 && std::max(std::abs(d.x), std::abs(d.y)) <= 2;
@@ -115,6 +122,8 @@ std::vector<EdgeChain> JoinChains(const std::vector<DrawnEdges>& edges,
         run.points.reserve(i - begin);
         for (int k = begin; k < i; ++k) {
           run.points.push_back(SubPixel(channels[ref.channel].smooth, chain[k]));
+          run.gradients.push_back(GradientAt(channels[ref.channel].smooth, chain[k]));
+          run.channels.push_back(static_cast<uint8_t>(ref.channel));
         }
         joined.push_back(std::move(run));
       }

@@ -128,12 +128,13 @@ double EllipseDistance(const EllipseArc& ellipse, const Eigen::Vector2d& point) 
   const Eigen::Vector2d q = point - ellipse.center;
   const double u = (c * q.x() + s * q.y()) / ellipse.semi_major_px;
   const double v = (-s * q.x() + c * q.y()) / ellipse.semi_minor_px;
-  const double radius = std::hypot(u, v);
+  const double radius = std::sqrt(u * u + v * v);
   if (radius < 1e-9) {
     return ellipse.semi_minor_px;
   }
   // g = radius - 1 is homogeneous of degree one, so g / |grad g| is accurate near the curve.
-  const double slope = std::hypot(u / ellipse.semi_major_px, v / ellipse.semi_minor_px) / radius;
+  const double su = u / ellipse.semi_major_px, sv = v / ellipse.semi_minor_px;
+  const double slope = std::sqrt(su * su + sv * sv) / radius;
   return std::abs(radius - 1.0) / slope;
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <map>
 #include <string>
 #include <vector>
@@ -18,6 +19,10 @@ namespace horopter {
 // Ordered sub-pixel edge points of one detector channel; consecutive points are <= 2 px apart.
 struct EdgeChain {
   std::vector<Eigen::Vector2f> points;
+  // Per point: gradient (grey levels per pixel, towards the brighter side) and the channel it is
+  // of.
+  std::vector<Eigen::Vector2f> gradients;
+  std::vector<uint8_t> channels;
   bool closed = false;
   int channel = 0;
 };
@@ -30,6 +35,10 @@ struct Segment {
   Eigen::Vector2d end = Eigen::Vector2d::Zero();
   double contrast = 0.0;
   double rms_px = 0.0;  // of the edge points about the line
+  // Standard deviations of the fitted line: across itself at its middle, and of its direction; the
+  // two are independent.
+  double offset_sigma_px = 0.0;
+  double angle_sigma_rad = 0.0;
   int channel = 0;
   Eigen::Vector3f left_bgr =
       Eigen::Vector3f::Zero();  // median colour about 3 px to the left of start -> end
@@ -61,6 +70,7 @@ struct Junction {
   Eigen::Vector2d point = Eigen::Vector2d::Zero();
   std::vector<End> ends;
   double rms_px = 0.0;
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  // px^2, from the lines' deviations
 };
 
 struct ImageFeatures {
@@ -73,9 +83,64 @@ struct ImageFeatures {
   std::map<std::string, double> counts;  // for the stage report
 };
 
-// The defaults are the recipe of the front-end study: EDLines on five channels, gradient 20, anchor
-// 4, sigma 1.
+// How the gradients of a colour image become fields in which edges are linked.
+enum class ColourGradient {
+  // One field for each of B, G, R, 1.5 (R - G) and 1.5 ((R + G) / 2 - B): finds most, because two
+  // edges 2 px apart rarely hide each other in every channel.
+  kEachChannel,
+  // One field: the strongest of the five, each over its own noise threshold.
+  kStrongestChannel,
+  // Root of the largest eigenvalue of J^T J over B, G, R (Di Zenzo 1986).
+  kVectorValued,
+  // (1 - s) x intensity gradient + s x colour gradient, s the saturation (thesis 2.2).
+  kSaturationWeighted,
+  // Of 0.114 B + 0.587 G + 0.299 R.
+  kIntensity,
+};
+
+struct GradientOptions {
+  ColourGradient colour = ColourGradient::kEachChannel;
+  // A channel's threshold (of |dx| + |dy| summed over 3x3 pixels: 6 x the slope in grey levels per
+  // pixel) is noise_factor x its median gradient, between the two bounds, but never below
+  // noise_floor x the median that its quietest 5 % suggest: in an image full of noise a fixed
+  // bound would make all of it an edge.
+  double noise_factor = 5.0;
+  double min_threshold = 6.0;
+  double max_threshold = 20.0;
+  double noise_floor = 2.2;
+};
+
+struct LinkingOptions {
+  // Hysteresis in thresholds of the field: chains start at `high` and go on down to `low`. Higher:
+  // fewer edges, more gaps.
+  double high = 1.4;
+  double low = 0.7;
+  int max_gap_px = 4;     // pixels without a maximum across the edge that a chain may bridge
+  double gap_low = 0.35;  // ... while the gradient is at least this many thresholds
+  int min_chain_px = 8;   // shorter chains are dropped
+};
+
+struct SplitAndMergeOptions {
+  double split_px = 1.4;  // a piece whose points leave its chord by more is cut; higher: fewer cuts
+  double merge_rms_px = 0.7;  // neighbours that one line fits this well are joined again
+  int min_points = 6;         // shorter pieces are left out of the result
+};
+
+// Which edge detector feeds the stage.
+enum class EdgeDetector {
+  // One gradient field over all channels, ridge linking, split and merge.
+  kLinkedField,
+  // EDLines (OpenCV) on five channels, joined: the recipe of the front-end study.
+  kEdgeDrawingChannels,
+};
+
+// gradient_threshold to smoothing_sigma_px belong to kEdgeDrawingChannels and are the recipe of the
+// front-end study: gradient 20, anchor 4, sigma 1.
 struct FeatureOptions {
+  EdgeDetector detector = EdgeDetector::kLinkedField;
+  GradientOptions gradient;
+  LinkingOptions linking;
+  SplitAndMergeOptions split;
   // Threshold of a channel's gradient (sum of |dx| + |dy| over 3x3 pixels: 6 x the slope per pixel)
   // = noise_factor x the channel's median gradient, between the two bounds: quiet images show
   // weaker edges. Higher: fewer, stronger edges.
@@ -84,7 +149,7 @@ struct FeatureOptions {
   double noise_factor = 5.0;
   double anchor_threshold = 4.0;           // higher: fewer, longer chains
   double smoothing_sigma_px = 1.0;         // higher: less noise, rounder corners
-  double min_segment_length_px = 12.0;     // shorter pieces are dropped
+  double min_segment_length_px = 10.0;     // shorter pieces are dropped
   double merge_angle_rad = 0.0524;         // 3 degrees
   double merge_offset_px = 1.5;            // lateral
   double merge_gap_px = 10.0;              // along

@@ -58,6 +58,8 @@ struct Line {
   double offset = 0.0;  // normal . x = offset
   double reach = 0.0;   // how far an end may be from the intersection
   double weight = 1.0;
+  double offset_variance = 0.0;
+  double angle_variance = 0.0;
 };
 
 Line MakeLine(const Segment& segment, const FeatureOptions& options) {
@@ -70,6 +72,8 @@ Line MakeLine(const Segment& segment, const FeatureOptions& options) {
   line.reach = std::min(options.junction_gap_px, options.junction_gap_fraction * segment.Length());
   // A line's position at its end is about as good as its number of samples.
   line.weight = segment.Length();
+  line.offset_variance = segment.offset_sigma_px * segment.offset_sigma_px;
+  line.angle_variance = segment.angle_sigma_rad * segment.angle_sigma_rad;
   return line;
 }
 
@@ -188,7 +192,17 @@ void Relocate(const std::vector<Line>& lines, Junction* junction) {
     normal_matrix += line.weight * line.normal * line.normal.transpose();
     right_side += line.weight * line.offset * line.normal;
   }
-  junction->point = normal_matrix.inverse() * right_side;
+  const Eigen::Matrix2d inverse = normal_matrix.inverse();
+  junction->point = inverse * right_side;
+  // Each line's error across itself at the junction, carried through the weighted solution.
+  Eigen::Matrix2d spread = Eigen::Matrix2d::Zero();
+  for (const Junction::End& end : junction->ends) {
+    const Line& line = lines[end.segment];
+    const double lever = line.direction.dot(junction->point - 0.5 * (line.start + line.end));
+    const double variance = line.offset_variance + lever * lever * line.angle_variance;
+    spread += line.weight * line.weight * variance * line.normal * line.normal.transpose();
+  }
+  junction->covariance = inverse * spread * inverse;
   double square = 0.0;
   for (const Junction::End& end : junction->ends) {
     const double d = lines[end.segment].normal.dot(junction->point) - lines[end.segment].offset;

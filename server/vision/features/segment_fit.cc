@@ -10,11 +10,27 @@ namespace {
 constexpr int kReachPx = 3;       // peaks are looked for this far across the line
 constexpr int kMaxSamples = 160;  // along one segment; longer ones are sampled more coarsely
 constexpr double kTukeyPx = 1.0;  // samples farther than this from the line do not count
+// Neighbouring points err alike: the detector's smoothing along the edge, sigma^2 = 1 + 2/3.
+constexpr double kCorrelationPx = 4.8;
+constexpr double kMinSigmaPx = 0.05;  // what pixel sampling leaves without noise
+constexpr double kTukeyPerRms = 3.0;  // ... from the third round on
+constexpr double kMinTukeyPx = 0.3;
 constexpr int kTukeyRounds = 5;
 constexpr int kMaxExtensionPx = 16;         // the detector's ends are drawn out at most this far
 constexpr double kExtensionOffsetPx = 0.8;  // ... while the peak stays this near the line
 constexpr float kExtensionShare = 0.5f;     // ... and has this share of the segment's mean gradient
-constexpr double kMinPeakShare = 0.5;       // of the positions along the line
+constexpr int kChainRounds = 4;             // chain points start nearer to the line
+constexpr int kRoundedFrom = 16;            // pieces of this many points can spare
+constexpr int kRoundedPoints = 3;           // ... so many at each end
+constexpr double kMinInlierShare = 0.6;
+// Shorter pieces may be noise: they must be straighter and stronger.
+constexpr double kSurelyEdgePx = 20.0;
+constexpr double kMaxShortRms = 0.7;        // px, at kSurelyEdgePx
+constexpr double kMinShortStrength = 40.0;  // slope x length, grey levels
+// Height of a step over its steepest slope after the detector's smoothing: sqrt(2 pi) sigma with
+// sigma^2 = 1 (binomial) + 2/3 (differences) + 0.8^2 (optics, typical).
+constexpr float kStepPerSlope = 4.5f;
+constexpr double kMinPeakShare = 0.5;  // of the positions along the line
 
 struct Profile {
   std::array<float, 2 * kReachPx + 1> gradient{};  // per pixel, towards `across`
@@ -68,12 +84,17 @@ struct RobustLine {
 // Total least squares with weights gradient x Tukey.
 RobustLine FitRobustLine(const std::vector<EdgeSample>& samples,
                          const Eigen::Vector2d& start_point,
-                         const Eigen::Vector2d& start_direction) {
+                         const Eigen::Vector2d& start_direction,
+                         int rounds = kTukeyRounds) {
   RobustLine line = {start_point, start_direction, 0.0, 0.0};
-  for (int round = 0; round < kTukeyRounds; ++round) {
+  for (int round = 0; round < rounds; ++round) {
     const Eigen::Vector2d normal(-line.direction.y(), line.direction.x());
     // Wide at first: the detector's line may be half a pixel off and slightly turned.
-    const double width = kTukeyPx * (round == 0 ? 3.0 : round == 1 ? 1.5 : 1.0);
+    double width = kTukeyPx * (round == 0 ? 3.0 : round == 1 ? 1.5 : 1.0);
+    if (round >= 2) {
+      // Bent ends stand out from a clean edge.
+      width = std::clamp(kTukeyPerRms * line.rms_px, kMinTukeyPx, width);
+    }
     double sum = 0.0, square = 0.0;
     int inliers = 0;
     Eigen::Vector2d mean = Eigen::Vector2d::Zero();
@@ -109,6 +130,17 @@ RobustLine FitRobustLine(const std::vector<EdgeSample>& samples,
             static_cast<double>(inliers) / samples.size()};
   }
   return line;
+}
+
+// Total least squares over n points at one pixel's distance: var(offset at the middle) = s^2 / m
+// and var(angle) = 12 s^2 / (m L^2), with m = n / correlation length independent points.
+void SetDeviations(size_t samples, Segment* segment) {
+  const double length = std::max(segment->Length(), 1.0);
+  const double independent =
+      std::max(std::min<double>(static_cast<double>(samples), length) / kCorrelationPx, 2.0);
+  const double sigma = std::max(segment->rms_px, kMinSigmaPx);
+  segment->offset_sigma_px = sigma / std::sqrt(independent);
+  segment->angle_sigma_rad = sigma * std::sqrt(12.0 / independent) / length;
 }
 
 // Walks outward from `end` along the fitted line as long as the same edge goes on; returns the new
@@ -210,6 +242,62 @@ std::optional<FittedSegment> FitSegment(const RawLine& raw,
   return fitted;
 }
 
+std::optional<FittedSegment> FitChainPiece(const EdgeChain& chain,
+                                           int begin,
+                                           int end,
+                                           double min_length_px) {
+  const Eigen::Vector2d first = chain.points[begin].cast<double>();
+  const Eigen::Vector2d last = chain.points[end - 1].cast<double>();
+  const double length = (last - first).norm();
+  if (length < min_length_px) {
+    return std::nullopt;
+  }
+  const int n = end - begin;
+  const int skip = n >= kRoundedFrom ? kRoundedPoints : n > 8 ? 1 : 0;
+  FittedSegment fitted;
+  fitted.samples.reserve(n - 2 * skip);
+  int votes[5] = {0, 0, 0, 0, 0};
+  for (int i = begin; i < end; ++i) {
+    ++votes[chain.channels[i]];
+  }
+  const int channel = static_cast<int>(std::max_element(votes, votes + 5) - votes);
+  const Eigen::Vector2d direction = (last - first) / length;
+  const Eigen::Vector2f right(static_cast<float>(-direction.y()),
+                              static_cast<float>(direction.x()));
+  float slope = 0.0f, polarity = 0.0f;
+  for (int i = begin + skip; i < end - skip; ++i) {
+    const float across = right.dot(chain.gradients[i]);
+    slope += std::abs(across);
+    polarity += chain.channels[i] == channel ? across : 0.0f;
+    fitted.samples.push_back({chain.points[i], 1.0f});
+  }
+  slope /= static_cast<float>(fitted.samples.size());
+  // Not the chord's middle: a chain that runs into another ends on it, off its own line.
+  Eigen::Vector2d middle = Eigen::Vector2d::Zero();
+  for (const EdgeSample& sample : fitted.samples) {
+    middle += sample.point.cast<double>() / static_cast<double>(fitted.samples.size());
+  }
+  const RobustLine line = FitRobustLine(fitted.samples, middle, direction, kChainRounds);
+  if (line.inlier_share < kMinInlierShare || std::abs(line.direction.dot(direction)) < 0.97) {
+    return std::nullopt;
+  }
+  if (length < kSurelyEdgePx &&
+      (line.rms_px > kMaxShortRms * length / kSurelyEdgePx || slope * length < kMinShortStrength)) {
+    return std::nullopt;
+  }
+  Segment& segment = fitted.segment;
+  segment.start = line.point + line.direction * line.direction.dot(first - line.point);
+  segment.end = line.point + line.direction * line.direction.dot(last - line.point);
+  if (polarity < 0.0f) {
+    std::swap(segment.start, segment.end);
+  }
+  segment.contrast = kStepPerSlope * slope;
+  segment.rms_px = line.rms_px;
+  segment.channel = channel;
+  SetDeviations(fitted.samples.size(), &segment);
+  return fitted;
+}
+
 Segment FitLineToSamples(const std::vector<EdgeSample>& samples,
                          const std::vector<Eigen::Vector2d>& ends,
                          const Segment& like) {
@@ -225,6 +313,7 @@ Segment FitLineToSamples(const std::vector<EdgeSample>& samples,
   segment.start = line.point + lowest * line.direction;
   segment.end = line.point + highest * line.direction;
   segment.rms_px = line.rms_px;
+  SetDeviations(samples.size(), &segment);
   return segment;
 }
 

@@ -33,6 +33,14 @@ std::optional<FittedSegment> FitSegment(const RawLine& line,
                                         double min_gradient,
                                         double min_length_px);
 
+// Fits a line to points [begin, end) of a linked chain and spans it over them; oriented and with
+// the channel of the majority. Points next to a cut are left out: corners are rounded. Empty when
+// the line is shorter than `min_length_px`, or its points are no straight edge.
+std::optional<FittedSegment> FitChainPiece(const EdgeChain& chain,
+                                           int begin,
+                                           int end,
+                                           double min_length_px);
+
 // Fits the line anew to the samples (gradient-weighted, Tukey) and spans it over the projections of
 // `ends`. Keeps the orientation of `like`. Used when pieces are joined.
 Segment FitLineToSamples(const std::vector<EdgeSample>& samples,
