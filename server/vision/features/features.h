@@ -99,7 +99,7 @@ enum class ColourGradient {
 };
 
 struct GradientOptions {
-  ColourGradient colour = ColourGradient::kEachChannel;
+  ColourGradient colour = ColourGradient::kStrongestChannel;
   // A channel's threshold (of |dx| + |dy| summed over 3x3 pixels: 6 x the slope in grey levels per
   // pixel) is noise_factor x its median gradient, between the two bounds, but never below
   // noise_floor x the median that its quietest 5 % suggest: in an image full of noise a fixed
@@ -113,8 +113,8 @@ struct GradientOptions {
 struct LinkingOptions {
   // Hysteresis in thresholds of the field: chains start at `high` and go on down to `low`. Higher:
   // fewer edges, more gaps.
-  double high = 1.4;
-  double low = 0.7;
+  double high = 2.5;
+  double low = 1.2;
   int max_gap_px = 4;     // pixels without a maximum across the edge that a chain may bridge
   double gap_low = 0.35;  // ... while the gradient is at least this many thresholds
   int min_chain_px = 8;   // shorter chains are dropped

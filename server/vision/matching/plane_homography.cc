@@ -1,6 +1,7 @@
 #include "server/vision/matching/plane_homography.h"
 
 #include <Eigen/Dense>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -20,14 +21,24 @@ constexpr double kDeviationFloor = 1.0;  // grey levels: below it there is only 
 constexpr double kBlurSigmaPx = 1.0;
 constexpr double kGreyPerDeviation = 40.0;  // +-3 deviations fill the byte
 constexpr int kDescriptorLength = 128;
+// Views from above: of a camera with this focal length, cut where one pixel becomes longer than
+// kMaxStretch times what the middle of the image shows.
+constexpr double kAssumedFocalWidths = 1.5;
+constexpr double kMaxStretch = 2.5;
+constexpr double kAreaGrowth = 2.0;  // pixels of the view from above per pixel of the image
+constexpr int kMaxSide = 3000;
+constexpr int kBorderPx = 4;  // points this close to the cut are left out
 
-KeypointSet DetectKeypoints(const cv::Mat& grey, const MatchingOptions& options) {
+// within: CV_8UC1 mask of the pixels whose points are wanted; empty: all.
+KeypointSet DetectKeypoints(const cv::Mat& grey,
+                            const cv::Mat& within,
+                            const MatchingOptions& options) {
   KeypointSet set;
   std::vector<cv::KeyPoint> keypoints;
   cv::Mat descriptors;
   try {
     const auto sift = cv::SIFT::create(options.max_keypoints, 3, options.sift_contrast, 10.0, 1.6);
-    sift->detectAndCompute(grey, cv::noArray(), keypoints, descriptors);
+    sift->detectAndCompute(grey, within, keypoints, descriptors);
   } catch (const cv::Exception&) {
     return set;  // images too small for one octave
   }
@@ -47,6 +58,58 @@ KeypointSet DetectKeypoints(const cv::Mat& grey, const MatchingOptions& options)
     set.squared_norms[i] = norm;
   }
   return set;
+}
+
+// The image as a camera turned to look straight down sees it, and the homography from the image.
+struct ViewFromAbove {
+  cv::Mat grey;
+  cv::Mat within;
+  Eigen::Matrix3d above_from_image = Eigen::Matrix3d::Identity();
+};
+
+// elevation_rad: assumed angle between the optical axis and the plane, image upright. nullopt when
+// the view would be empty or too large.
+std::optional<ViewFromAbove> LookFromAbove(const cv::Mat& grey, double elevation_rad) {
+  const double w = grey.cols, h = grey.rows, f = kAssumedFocalWidths * w;
+  Eigen::Matrix3d K;
+  K << f, 0, w / 2, 0, f, h / 2, 0, 0, 1;
+  const double c = std::sin(elevation_rad), s = std::cos(elevation_rad);
+  Eigen::Matrix3d R;
+  R << 1, 0, 0, 0, c, -s, 0, s, c;
+  const Eigen::Matrix3d W = K * R * K.inverse();
+  const auto stretch = [&](double y) {
+    const double z = W.row(2).dot(Eigen::Vector3d(w / 2, y, 1));
+    return z > 0 ? 1.0 / z : std::numeric_limits<double>::infinity();
+  };
+  // Rows above the cut are too near to the horizon.
+  const double limit = kMaxStretch * stretch(h / 2);
+  int top = 0;
+  while (top < grey.rows / 2 && stretch(top) > limit) top += 4;
+  Eigen::AlignedBox2d box;
+  for (const double y : {static_cast<double>(top), h - 1}) {
+    for (const double x : {0.0, w - 1}) box.extend((W * Eigen::Vector3d(x, y, 1)).hnormalized());
+  }
+  const Eigen::Vector2d extent = box.sizes();
+  if (!(extent.x() > 0 && extent.y() > 0)) return std::nullopt;
+  const double scale = std::sqrt(kAreaGrowth * w * h / (extent.x() * extent.y()));
+  const int width = static_cast<int>(std::ceil(std::min(1e6, scale * extent.x())));
+  const int height = static_cast<int>(std::ceil(std::min(1e6, scale * extent.y())));
+  if (width > kMaxSide || height > kMaxSide) return std::nullopt;
+  Eigen::Matrix3d S;
+  S << scale, 0, -scale * box.min().x(), 0, scale, -scale * box.min().y(), 0, 0, 1;
+  ViewFromAbove view;
+  view.above_from_image = S * W;
+  cv::Matx33d M;
+  for (int r = 0; r < 3; ++r) {
+    for (int k = 0; k < 3; ++k) M(r, k) = view.above_from_image(r, k);
+  }
+  cv::Mat shown(grey.size(), CV_8UC1, cv::Scalar(255));
+  shown.rowRange(0, top).setTo(0);
+  const cv::Size size(width, height);
+  cv::warpPerspective(grey, view.grey, M, size, cv::INTER_LINEAR, cv::BORDER_CONSTANT, 128);
+  cv::warpPerspective(shown, view.within, M, size, cv::INTER_NEAREST);
+  cv::erode(view.within, view.within, cv::Mat::ones(2 * kBorderPx + 1, 2 * kBorderPx + 1, CV_8UC1));
+  return view;
 }
 
 struct Nearest {
@@ -189,7 +252,20 @@ KeypointSet DetectPlaneKeypoints(const cv::Mat& image,
                                  const MatchingOptions& options) {
   cv::Mat grey = image;
   if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
-  return DetectKeypoints(normalize ? NormalizeLocalContrast(grey) : grey, options);
+  return DetectKeypoints(normalize ? NormalizeLocalContrast(grey) : grey, {}, options);
+}
+
+KeypointSet DetectKeypointsFromAbove(const cv::Mat& image,
+                                     double elevation_rad,
+                                     const MatchingOptions& options) {
+  cv::Mat grey = image;
+  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
+  const auto above = LookFromAbove(NormalizeLocalContrast(grey), elevation_rad);
+  if (!above) return {};
+  KeypointSet set = DetectKeypoints(above->grey, above->within, options);
+  const Eigen::Matrix3d image_from_above = above->above_from_image.inverse();
+  for (Eigen::Vector2d& p : set.points) p = Transfer(image_from_above, p);
+  return set;
 }
 
 std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b, double ratio) {

@@ -33,6 +33,15 @@ KeypointSet DetectPlaneKeypoints(const cv::Mat& image,
                                  bool normalize,
                                  const MatchingOptions& options);
 
+// Points of the locally normalised image warped to what a camera looking straight down would see,
+// as pixels of the image itself. Oblique views of one plane that differ in azimuth look alike only
+// there (affine simulation, Morel and Yu 2009, with the tilt that a supporting plane has). The
+// image is taken to be upright and its optical axis elevation_rad above the plane; 10 degrees more
+// or less do little harm.
+KeypointSet DetectKeypointsFromAbove(const cv::Mat& image,
+                                     double elevation_rad,
+                                     const MatchingOptions& options);
+
 // Mutual nearest neighbours that pass the ratio test on one side, best ratio first.
 std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b, double ratio);
 

@@ -44,9 +44,13 @@ struct EdgeMaps {
   // kMaxDistance outside.
   float DistanceAt(float x, float y, int bin) const {
     // (u + 0.5) / 2 with u the working pixel, whose centre is a whole number.
-    const int cx = static_cast<int>(x * half_scale_f + 0.25f);
-    const int cy = static_cast<int>(y * half_scale_f + 0.25f);
-    if (!(x >= 0 && y >= 0) || cx >= half_width || cy >= half_height) return kMaxDistance;
+    const float hx = x * half_scale_f + 0.25f, hy = y * half_scale_f + 0.25f;
+    // In floats: points near the camera plane project beyond what an int holds.
+    if (!(x >= 0 && y >= 0 && hx < static_cast<float>(half_width) &&
+          hy < static_cast<float>(half_height))) {
+      return kMaxDistance;
+    }
+    const int cx = static_cast<int>(hx), cy = static_cast<int>(hy);
     return distance[(static_cast<std::size_t>(bin) * half_height + cy) * half_width + cx] *
            (1.0f / kDistanceScale);
   }
