@@ -29,7 +29,10 @@ constexpr int kSureInliers = 40;
 // this share of the matched ones, were right within 3 px (638) but for 8, within 8 px but for 2.
 constexpr int kMinPatches = 60;
 constexpr double kMinPatchShare = 0.65;
-constexpr int kFewKeypoints = 1500;
+// Links with fewer patches and a lower share do not end the search.
+constexpr int kSurePatches = 250;
+constexpr double kSurePatchShare = 0.85;
+constexpr int kFewKeypoints = 2000;
 // Elevations tried for views from above.
 constexpr double kElevationsRad[] = {0.44, 0.70, 1.05};  // 25, 40 and 60 degrees
 constexpr double kIdenticalMeanDifference =
@@ -83,7 +86,12 @@ class PlaneLinks {
              const std::vector<std::pair<int, int>>& pairs,
              const MatchingOptions& options,
              const StopRequested& stop)
-      : images_(images), pairs_(pairs), options_(options), stop_(stop), links_(pairs.size()) {
+      : images_(images),
+        pairs_(pairs),
+        options_(options),
+        stop_(stop),
+        links_(pairs.size()),
+        sure_(pairs.size(), 1) {
     patches_.resize(images.size());
     ParallelFor(static_cast<int>(images.size()), options.threads, [&](int i) {
       if (!IsStopRequested(stop_)) patches_[i] = PreparePatches(images_[i]);
@@ -93,7 +101,7 @@ class PlaneLinks {
   // `detect` gives keypoint sets of image i; each set of one image is matched with each of the
   // other.
   using Detect = std::function<std::vector<KeypointSet>(const cv::Mat& image)>;
-  // Proposes links for pairs that no chain of links joins yet.
+  // Proposes links for pairs that no chain of sure links joins yet.
   void Propose(const Detect& detect) {
     const std::vector<char> wanted = Apart();
     std::vector<char> needed(images_.size(), 0);
@@ -119,15 +127,15 @@ class PlaneLinks {
       }
       if (!best) return;
       if (Align(k, best->b_from_a)) return;
-      if (static_cast<int>(best->inliers.size()) >=
-          std::max(kSureInliers, options_.min_plane_inliers))
+      if (!links_[k] && static_cast<int>(best->inliers.size()) >=
+                            std::max(kSureInliers, options_.min_plane_inliers))
         links_[k] = ToPlane(k, *best);
     });
   }
 
   // Pairs that other links join: the chained homography is the proposal.
   void LinkThroughChain() {
-    const PlaneChain chain = Chain();
+    const PlaneChain chain = Chain(false);
     ParallelFor(static_cast<int>(pairs_.size()), options_.threads, [&](int k) {
       const auto [a, b] = pairs_[k];
       if (links_[k] || IsStopRequested(stop_)) return;
@@ -141,10 +149,10 @@ class PlaneLinks {
     return std::find(apart.begin(), apart.end(), 1) == apart.end();
   }
 
-  std::vector<PlaneHomography> Planes() const {
+  std::vector<PlaneHomography> Planes(bool sure_only) const {
     std::vector<PlaneHomography> planes;
-    for (const auto& link : links_) {
-      if (link) planes.push_back(*link);
+    for (size_t k = 0; k < links_.size(); ++k) {
+      if (links_[k] && (sure_[k] || !sure_only)) planes.push_back(*links_[k]);
     }
     return planes;
   }
@@ -169,16 +177,19 @@ class PlaneLinks {
     if (inliers < kMinPatches || inliers < kMinPatchShare * aligned.matched) return false;
     if (!ImplausibleHomography(aligned.estimate.b_from_a, aligned.estimate.inliers).empty())
       return false;
+    // A later proposal replaces only what fewer patches confirm.
+    if (links_[k] && links_[k]->inliers_a.size() >= aligned.estimate.inliers.size()) return true;
     links_[k] = ToPlane(k, aligned.estimate);
+    sure_[k] = inliers >= kSurePatches || inliers >= kSurePatchShare * aligned.matched;
     return true;
   }
 
-  PlaneChain Chain() const {
-    return ChainPlanes(Planes(), static_cast<int>(images_.size()), options_.loop_max_px);
+  PlaneChain Chain(bool sure_only) const {
+    return ChainPlanes(Planes(sure_only), static_cast<int>(images_.size()), options_.loop_max_px);
   }
 
   std::vector<char> Apart() const {
-    const std::vector<int> component = Chain().component;
+    const std::vector<int> component = Chain(true).component;
     std::vector<char> apart;
     for (const auto& [a, b] : pairs_)
       apart.push_back(component[a] < 0 || component[a] != component[b]);
@@ -191,6 +202,7 @@ class PlaneLinks {
   const StopRequested& stop_;
   std::vector<PatchImage> patches_;
   std::vector<std::optional<PlaneHomography>> links_;
+  std::vector<char> sure_;  // per link
 };
 
 // Proposals from ever more expensive keypoints until all views are joined.
@@ -222,7 +234,7 @@ std::vector<PlaneHomography> FindPlanes(std::span<const cv::Mat> images,
     links.Propose(detect);
   }
   if (!IsStopRequested(stop)) links.LinkThroughChain();
-  return links.Planes();
+  return links.Planes(false);
 }
 
 // Pairs of views whose pixels are the same but for compression noise: they show one view twice.

@@ -245,7 +245,8 @@ PatchImage PreparePatches(const cv::Mat& image) {
   if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
   PatchImage out;
   NormalizeLocalContrast(grey).convertTo(out.levels[0].value, CV_32F);
-  cv::resize(out.levels[0].value, out.levels[1].value, cv::Size(), 0.5, 0.5, cv::INTER_AREA);
+  const cv::Size half(std::max(1, grey.cols / 2), std::max(1, grey.rows / 2));
+  cv::resize(out.levels[0].value, out.levels[1].value, half, 0, 0, cv::INTER_AREA);
   for (PatchImage::Level& level : out.levels)
     cv::integral(level.value, level.sum, level.squares, CV_64F, CV_64F);
   return out;

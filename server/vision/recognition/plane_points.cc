@@ -20,9 +20,8 @@ struct Candidate {
 };
 
 Eigen::Vector3d SceneRay(const RecognizedView& view, const Eigen::Vector2d& pixel) {
-  const PinholeCamera& c = view.camera;
-  const Eigen::Vector3d ray((pixel.x() - c.cx) / c.focal_px, (pixel.y() - c.cy) / c.focal_px, 1.0);
-  return (view.camera_from_scene.R.transpose() * ray).normalized();
+  return (view.camera_from_scene.R.transpose() * NormalizedPoint(view.camera, pixel).homogeneous())
+      .normalized();
 }
 
 // Midpoint of the common perpendicular; empty for nearly parallel rays or points behind a camera.
@@ -39,20 +38,20 @@ std::optional<Eigen::Vector3d> Triangulate(const RecognizedView& a,
   return Eigen::Vector3d(0.5 * (ca + s * u + cb + t * v));
 }
 
-double TransferError(const RecognizedView& a,
-                     const RecognizedView& b,
-                     const PlanePoints& plane,
-                     const PlanePoints::Match& m) {
-  const Eigen::Vector3d origin = a.camera_from_scene.Inverse().t, ray = SceneRay(a, m.pixel_a);
-  const double denominator = plane.plane.dot(ray);
-  if (denominator == 0) return 1e9;
-  const double s = (-1.0 - plane.plane.dot(origin - plane.anchor)) / denominator;
-  const Eigen::Vector3d p = b.camera_from_scene * Eigen::Vector3d(origin + s * ray);
-  if (s <= 0 || p.z() <= 0) return 1e9;
-  return (Project(b.camera, p) - m.pixel_b).norm();
-}
-
 }  // namespace
+
+std::optional<Eigen::Vector2d> PlaneTransferError(const RecognizedView& a,
+                                                  const RecognizedView& b,
+                                                  const PlanePoints& points,
+                                                  const PlanePoints::Match& m) {
+  const Eigen::Vector3d origin = a.camera_from_scene.Inverse().t, ray = SceneRay(a, m.pixel_a);
+  const double denominator = points.plane.dot(ray);
+  if (denominator == 0) return std::nullopt;
+  const double s = (-1.0 - points.plane.dot(origin - points.anchor)) / denominator;
+  const Eigen::Vector3d p = b.camera_from_scene * Eigen::Vector3d(origin + s * ray);
+  if (!(s > 0 && p.z() > 0)) return std::nullopt;
+  return Eigen::Vector2d(Project(b.camera, p) - m.pixel_b);
+}
 
 PlanePoints FindPlanePoints(const MatchingResult& matching,
                             const std::vector<std::optional<RecognizedView>>& views) {
@@ -98,9 +97,8 @@ PlanePoints FindPlanePoints(const MatchingResult& matching,
     }
   }
   for (const Candidate& c : candidates) {
-    if (TransferError(*views[c.match.view_a], *views[c.match.view_b], out, c.match) < kAgreePx) {
-      out.matches.push_back(c.match);
-    }
+    const auto e = PlaneTransferError(*views[c.match.view_a], *views[c.match.view_b], out, c.match);
+    if (e && e->norm() < kAgreePx) out.matches.push_back(c.match);
   }
   if (static_cast<int>(out.matches.size()) < kMinMatches) out.matches.clear();
   return out;

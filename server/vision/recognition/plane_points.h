@@ -24,6 +24,13 @@ struct PlanePoints {
   std::vector<Match> matches;
 };
 
+// Where view b sees the plane's point that view a sees at m.pixel_a, minus m.pixel_b; empty when
+// there is no such point before both cameras.
+std::optional<Eigen::Vector2d> PlaneTransferError(const RecognizedView& a,
+                                                  const RecognizedView& b,
+                                                  const PlanePoints& points,
+                                                  const PlanePoints::Match& m);
+
 // Triangulates the plane matches between known cameras, fits a plane (RANSAC, fixed seed) and keeps
 // at most 60 matches per pair that agree with it within 12 px. No matches when fewer than 12 agree:
 // the plane then plays no part.

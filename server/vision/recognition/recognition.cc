@@ -1,6 +1,7 @@
 #include "server/vision/recognition/recognition.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -19,8 +20,9 @@ constexpr int kMinSegments = 5;  // fewer in every view: nothing can be said
 constexpr int kExpandedSeeds = 8;
 constexpr int kTableScales = 3;
 constexpr double kRivalScaleGain = 0.5;  // of the best scene's gain: below it a seed is not tried
-constexpr int kRounds = 2;               // expansion, refinement, expansion with the better cameras
-constexpr double kSameSeedPx = 10.0;     // working pixels
+constexpr int kRounds = 4;  // expansion and refinement in turn while objects are added, at most
+constexpr double kSameLogFocal = 0.01;
+constexpr double kSameSeedPx = 10.0;  // working pixels
 
 JointContext MakeContext(const RecognitionInput& input,
                          const RecognitionOptions& options,
@@ -111,6 +113,25 @@ bool SameSeed(const JointContext& context, const SceneModel& a, const SceneModel
   return true;
 }
 
+void Evaluate(const JointContext& context, SceneModel* scene) {
+  VerifyScratch scratch;
+  scene->gain = 0.0;
+  for (PlacedObject& o : scene->objects) {
+    EvaluatePlacement(context, scene->views, {}, &scratch, &o);
+    scene->gain += std::max(0.0, o.gain);
+  }
+}
+
+bool FocalLengthsMoved(const std::vector<std::optional<RecognizedView>>& before,
+                       const std::vector<std::optional<RecognizedView>>& after) {
+  for (std::size_t v = 0; v < before.size(); ++v) {
+    if (!before[v] || !after[v]) continue;
+    if (std::abs(std::log(after[v]->camera.focal_px / before[v]->camera.focal_px)) > kSameLogFocal)
+      return true;
+  }
+  return false;
+}
+
 SceneModel Expand(const JointContext& context,
                   SceneModel scene,
                   bool thorough,
@@ -119,21 +140,27 @@ SceneModel Expand(const JointContext& context,
   options.accept_score = context.options.accept_score;
   options.use_pool = thorough;
   options.threads = thorough ? context.options.threads : 1;
-  for (int round = 0; round < (thorough ? kRounds : 1); ++round) {
+  std::vector<PlacedObject> placements;
+  bool changed = true;
+  for (int round = 0; changed && round < (thorough ? kRounds : 1); ++round) {
+    const std::size_t objects = scene.objects.size();
+    const std::vector<std::optional<RecognizedView>> views = scene.views;
     if (const auto plane = PlaneFromMatches(context, scene.views)) scene.plane = plane;
-    std::vector<PlacedObject> placements = CollectPlacements(context, scene, options);
+    placements = CollectPlacements(context, scene, placements, options);
     if (verified != nullptr) *verified = placements;
-    Consolidate(context, options, std::move(placements), &scene);
+    Consolidate(context, options, placements, &scene);
     if (scene.objects.empty()) break;
     RefineScene(context, {}, &scene);
     DropContradictedViews(context, &scene);
     if (RegisterMissingViews(context, &scene) > 0) RefineScene(context, {}, &scene);
-    VerifyScratch scratch;
-    scene.gain = 0.0;
-    for (PlacedObject& o : scene.objects) {
-      EvaluatePlacement(context, scene.views, {}, &scratch, &o);
-      scene.gain += std::max(0.0, o.gain);
-    }
+    Evaluate(context, &scene);
+    // Twice at least: the first cameras know one part only.
+    changed = round == 0 || scene.objects.size() > objects || FocalLengthsMoved(views, scene.views);
+  }
+  if (thorough) {
+    // What lost its support in the refined cameras goes.
+    std::vector<PlacedObject> placed = scene.objects;
+    Consolidate(context, options, std::move(placed), &scene);
   }
   return scene;
 }
@@ -278,6 +305,13 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   if (!start.objects.empty()) {
     scene = Expand(context, start, true, &verified);
     if (scene.gain < start.gain) scene = std::move(start);
+    // Cameras that only the parts themselves tie give a wrong part much freedom: one must be sure.
+    if (std::none_of(scene.objects.begin(), scene.objects.end(), [&](const PlacedObject& o) {
+          return o.score >= options.sure_score;
+        })) {
+      scene.objects.clear();
+      scene.views.assign(input.features.size(), std::nullopt);
+    }
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the joint search");
 

@@ -1,5 +1,6 @@
 #include "server/vision/recognition/scene_expansion.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
@@ -18,8 +19,10 @@ constexpr double kSameTurnRad = 0.12;
 constexpr double kPlaneCos = 0.9945;  // 6 degrees
 constexpr double kPlaneOffsetM = 0.008;
 constexpr int kMinPlaneMatches = 20;
+constexpr double kOverhangM = 0.01;  // the middle of a stacked part may lie so far beside its base
 constexpr double kSameHeightM = 0.001;
-constexpr double kMinRawScore = 0.35;  // placements below are not worth keeping
+constexpr double kSameSearchHeightM = 0.004;  // one search covers both
+constexpr double kMinRawScore = 0.35;         // placements below are not worth keeping
 
 std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel& scene) {
   std::vector<KnownView> known;
@@ -148,6 +151,58 @@ bool RestsOn(const PreparedObject& object,
       });
 }
 
+using Outline = std::vector<Eigen::Vector2d>;  // convex, counter-clockwise
+
+// Outline of the object seen along the plane's normal.
+Outline OutlineOnPlane(const PreparedObject& object,
+                       const Rigid3& scene_from_object,
+                       const ScenePlane& plane) {
+  const Eigen::Vector3d x = plane.normal.unitOrthogonal(), y = plane.normal.cross(x);
+  std::vector<Eigen::Vector2d> points;
+  for (const Eigen::Vector3d& v : object.model.mesh.vertices) {
+    const Eigen::Vector3d p = scene_from_object * v;
+    points.push_back({x.dot(p), y.dot(p)});
+  }
+  std::sort(points.begin(), points.end(), [](const auto& a, const auto& b) {
+    return a.x() != b.x() ? a.x() < b.x() : a.y() < b.y();
+  });
+  const auto left_turn = [](const Eigen::Vector2d& a, const auto& b, const auto& c) {
+    return (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x()) > 0;
+  };
+  Outline hull;  // monotone chain
+  for (const bool upper : {false, true}) {
+    const std::size_t first = hull.size();
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const Eigen::Vector2d& p = points[upper ? points.size() - 1 - i : i];
+      while (hull.size() >= first + 2 && !left_turn(hull[hull.size() - 2], hull.back(), p))
+        hull.pop_back();
+      hull.push_back(p);
+    }
+    if (!hull.empty()) hull.pop_back();
+  }
+  return hull;
+}
+
+// Whether the middle of `above` lies over `below`, seen along the plane's normal.
+bool LiesOver(const JointContext& context,
+              const PlacedObject& above,
+              const PlacedObject& below,
+              const ScenePlane& plane) {
+  const Outline hull =
+      OutlineOnPlane(*context.objects[below.object], below.scene_from_object, plane);
+  Eigen::Vector2d middle = Eigen::Vector2d::Zero();
+  const Outline own =
+      OutlineOnPlane(*context.objects[above.object], above.scene_from_object, plane);
+  for (const Eigen::Vector2d& p : own) middle += p / static_cast<double>(own.size());
+  for (std::size_t i = 0; i < hull.size(); ++i) {
+    const Eigen::Vector2d &a = hull[i], &b = hull[(i + 1) % hull.size()];
+    const Eigen::Vector2d along = (b - a).normalized();
+    if (along.x() * (middle.y() - a.y()) - along.y() * (middle.x() - a.x()) < -kOverhangM)
+      return false;
+  }
+  return hull.size() > 2;
+}
+
 // The plane itself and the tops of the objects placed on it, distinct.
 std::vector<double> SurfaceHeights(const JointContext& context, const SceneModel& scene) {
   std::vector<double> heights{0.0};
@@ -160,6 +215,31 @@ std::vector<double> SurfaceHeights(const JointContext& context, const SceneModel
         })) {
       heights.push_back(top);
     }
+  }
+  return heights;
+}
+
+// ... and the tops of doubtful placements that rest on the plane.
+std::vector<double> SearchedHeights(const JointContext& context,
+                                    const SceneModel& scene,
+                                    std::span<const PlacedObject> doubtful,
+                                    const ExpansionOptions& options) {
+  std::vector<double> heights;
+  const auto add = [&](double height) {
+    if (static_cast<int>(heights.size()) < options.max_surfaces &&
+        std::none_of(heights.begin(), heights.end(), [&](double h) {
+          return std::abs(h - height) < kSameSearchHeightM;
+        })) {
+      heights.push_back(height);
+    }
+  };
+  for (const double h : SurfaceHeights(context, scene)) add(h);
+  if (!scene.plane) return heights;
+  for (const PlacedObject& p : doubtful) {
+    if (p.score < options.doubtful_score) continue;
+    const HeightRange range =
+        HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene.plane);
+    if (std::abs(range.lowest_m) < options.plane_tolerance_m) add(range.highest_m);
   }
   return heights;
 }
@@ -257,11 +337,12 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
 
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const SceneModel& scene,
+                                            std::span<const PlacedObject> doubtful,
                                             const ExpansionOptions& options) {
   const std::vector<KnownView> known = KnownViews(context, scene);
   std::vector<std::vector<PlacedObject>> per_object(context.objects.size());
   std::optional<TableSearch> table;
-  const std::vector<double> bases = SurfaceHeights(context, scene);
+  const std::vector<double> bases = SearchedHeights(context, scene, doubtful, options);
   if (scene.plane) table.emplace(context, scene, options.table);
   ParallelFor(static_cast<int>(per_object.size()), options.threads, [&](int k) {
     if (IsStopRequested(context.stop)) return;
@@ -302,9 +383,13 @@ void Consolidate(const JointContext& context,
     if (height < -2 * options.plane_tolerance_m) return false;  // below the table
     if (p.score >= options.off_plane_score) return p.gain > 0;
     // Camouflaged parts lack edges that they should show: what they stand on speaks for them.
-    const std::vector<double> surfaces = SurfaceHeights(context, *scene);
-    return std::any_of(surfaces.begin(), surfaces.end(), [&](double h) {
-      return std::abs(height - h) < options.plane_tolerance_m;
+    if (height < options.plane_tolerance_m) return true;
+    return std::any_of(scene->objects.begin(), scene->objects.end(), [&](const PlacedObject& o) {
+      const double top =
+          HeightAbovePlane(*context.objects[o.object], o.scene_from_object, *scene->plane)
+              .highest_m;
+      return std::abs(height - top) < options.plane_tolerance_m &&
+             LiesOver(context, p, o, *scene->plane);
     });
   };
   while (!IsStopRequested(context.stop)) {

@@ -19,16 +19,20 @@ struct ExpansionOptions {
   double max_shared_volume = 0.08;
   double max_shared_edges =
       0.5;  // share of an object's explained edges that accepted objects explain already
-  int plane_voters = 40;  // best placements that vote for the plane
+  double doubtful_score = 0.42;  // of parts whose tops are searched though they are not accepted
+  int max_surfaces = 6;          // heights searched, the plane included
+  int plane_voters = 40;         // best placements that vote for the plane
   TableSearchOptions table;
   int threads = 1;
 };
 
 // Placements of all objects suggested by the hypotheses of the registered views and, where the
 // scene has a plane, by the edges seen on it and on the objects placed so far; refined and verified
-// over all registered views (no occlusion considered), best score first.
+// over all registered views (no occlusion considered), best score first. doubtful: placements not
+// accepted whose tops parts may stand on all the same; what stands on a part hides it.
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const SceneModel& scene,
+                                            std::span<const PlacedObject> doubtful,
                                             const ExpansionOptions& options);
 
 // Chooses the placements that together explain the scene: greedily by score and size, solid parts

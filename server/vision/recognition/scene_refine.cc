@@ -2,8 +2,11 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
+#include <optional>
 
+#include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/pose_refine.h"
 
 namespace horopter {
@@ -51,6 +54,95 @@ struct NormalEquations {
   }
 };
 
+using CameraStep = Eigen::Matrix<double, kCameraSize, 1>;
+
+// The camera turned about the pivot (scene frame), moved, and its focal length scaled.
+RecognizedView Stepped(const RecognizedView& view,
+                       const Eigen::Vector3d& pivot,
+                       const CameraStep& d) {
+  RecognizedView out = view;
+  const Eigen::Vector3d pivot_in_camera = view.camera_from_scene * pivot;
+  const Eigen::Matrix3d dR = RotationFromVector(d.head<3>());
+  const Rigid3& T = view.camera_from_scene;
+  out.camera_from_scene = {dR * T.R,
+                           dR * (T.t - pivot_in_camera) + pivot_in_camera + d.segment<3>(3)};
+  out.camera.focal_px *= std::exp(d(6));
+  return out;
+}
+
+// Misfit of plane matches: where view b sees the point of the plane that view a sees, minus where
+// it was matched. Differentiated numerically: a few hundred evaluations cost less than they would
+// take to read in closed form.
+class PlaneTerms {
+ public:
+  PlaneTerms(const PlanePoints& points, int most, double weight)
+      : points_(points), weight_(weight) {
+    step_ = std::max<std::size_t>(1, points.matches.size() / std::max(1, most));
+  }
+
+  bool empty() const { return points_.matches.empty(); }
+
+  // at: first parameter of the plane.
+  void Add(const SceneModel& scene,
+           const Layout& layout,
+           int at,
+           const Eigen::Vector3d& pivot,
+           NormalEquations* normal) const {
+    for (std::size_t i = 0; i < points_.matches.size(); i += step_) {
+      const PlanePoints::Match& m = points_.matches[i];
+      if (!scene.views[m.view_a] || !scene.views[m.view_b]) continue;
+      const RecognizedView &a = *scene.views[m.view_a], &b = *scene.views[m.view_b];
+      const auto e = PlaneTransferError(a, b, points_, m);
+      if (!e) continue;
+      Eigen::Matrix<double, 2, 17> J;
+      for (int k = 0; k < 17; ++k) {
+        std::optional<Eigen::Vector2d> moved;
+        if (k < 14) {
+          CameraStep d = CameraStep::Zero();
+          d(k % 7) = kDifference;
+          moved = k < 7 ? PlaneTransferError(Stepped(a, pivot, d), b, points_, m)
+                        : PlaneTransferError(a, Stepped(b, pivot, d), points_, m);
+        } else {
+          PlanePoints plane;
+          plane.anchor = points_.anchor;
+          plane.plane = points_.plane;
+          plane.plane(k - 14) += kDifference;
+          moved = PlaneTransferError(a, b, plane, m);
+        }
+        if (!moved) break;
+        J.col(k) = (*moved - *e) / kDifference;
+      }
+      if (!J.allFinite()) continue;
+      const double w = weight_ / (1.0 + e->squaredNorm() / (kCauchyPx * kCauchyPx));
+      const int starts[3] = {layout.camera[m.view_a], layout.camera[m.view_b], at};
+      const int columns[3] = {0, 7, 14}, sizes[3] = {7, 7, 3};
+      for (int p = 0; p < 3; ++p) {
+        const auto Jp = J.middleCols(columns[p], sizes[p]);
+        normal->b.segment(starts[p], sizes[p]) += w * Jp.transpose() * *e;
+        for (int q = 0; q < 3; ++q) {
+          normal->A.block(starts[p], starts[q], sizes[p], sizes[q]) +=
+              w * Jp.transpose() * J.middleCols(columns[q], sizes[q]);
+        }
+      }
+    }
+  }
+
+  void Move(const Eigen::Vector3d& step) { points_.plane += step; }
+
+ private:
+  static constexpr double kDifference = 1e-6;
+  static constexpr double kCauchyPx = 1.0;
+  PlanePoints points_;
+  double weight_;
+  std::size_t step_;
+};
+
+double ReachAt(const SceneRefineOptions& options, int iteration) {
+  const double s =
+      options.iterations > 1 ? static_cast<double>(iteration) / (options.iterations - 1) : 1.0;
+  return options.start_reach_px * std::pow(options.end_reach_px / options.start_reach_px, s);
+}
+
 }  // namespace
 
 bool RefineScene(const JointContext& context,
@@ -58,12 +150,13 @@ bool RefineScene(const JointContext& context,
                  SceneModel* scene) {
   if (scene->objects.empty()) return false;
   SceneModel trial = *scene;
-  const Layout layout = MakeLayout(trial);
+  Layout layout = MakeLayout(trial);
+  PlaneTerms plane(
+      FindPlanePoints(*context.matching, trial.views), options.plane_matches, options.plane_weight);
+  const int plane_at = layout.size;
+  if (!plane.empty()) layout.size += 3;
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
-    const double s =
-        options.iterations > 1 ? static_cast<double>(iteration) / (options.iterations - 1) : 1.0;
-    const double reach =
-        options.start_reach_px * std::pow(options.end_reach_px / options.start_reach_px, s);
+    const double reach = ReachAt(options, iteration);
     Eigen::Vector3d pivot = Eigen::Vector3d::Zero();  // scene frame
     for (const PlacedObject& o : trial.objects) {
       pivot += o.scene_from_object * context.objects[o.object]->center /
@@ -98,6 +191,7 @@ bool RefineScene(const JointContext& context,
       normal.A(f, f) += prior;
       normal.b(f) += prior * std::log(view.camera.focal_px / context.start_cameras[v].focal_px);
     }
+    if (!plane.empty()) plane.Add(trial, layout, plane_at, pivot, &normal);
     normal.A.diagonal() *= 1.0 + kDamping;
     normal.A.diagonal().array() += 1e-9;
     const Eigen::VectorXd step = -normal.A.ldlt().solve(normal.b);
@@ -106,13 +200,9 @@ bool RefineScene(const JointContext& context,
       if (!trial.views[v]) continue;
       const auto d = step.segment<7>(layout.camera[v]);
       if (d.head<3>().norm() > kMaxTurn || std::abs(d(6)) > 1.0) return false;
-      RecognizedView& view = *trial.views[v];
-      const Eigen::Vector3d pivot_in_camera = view.camera_from_scene * pivot;
-      const Eigen::Matrix3d dR = RotationFromVector(d.head<3>());
-      Rigid3& T = view.camera_from_scene;
-      T = {dR * T.R, dR * (T.t - pivot_in_camera) + pivot_in_camera + d.segment<3>(3)};
-      view.camera.focal_px *= std::exp(d(6));
+      trial.views[v] = Stepped(*trial.views[v], pivot, d);
     }
+    if (!plane.empty()) plane.Move(step.segment<3>(plane_at));
     for (std::size_t k = 1; k < trial.objects.size(); ++k) {
       const auto d = step.segment<6>(layout.object[k]);
       if (d.head<3>().norm() > kMaxTurn) return false;

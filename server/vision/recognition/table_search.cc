@@ -18,7 +18,7 @@ constexpr double kMinRadiusPx = 10.0;  // projected, working pixels
 constexpr double kMaxRadiusPx = 420.0;
 constexpr double kDistinctPx = 14.0;     // working pixels, all views
 constexpr double kDistinctScale = 0.05;  // of log scale
-constexpr std::size_t kPool = 150;
+constexpr std::size_t kPool = 500;
 // Full edges must agree in length within this share plus kEndPx.
 constexpr double kLengthShare = 0.04;
 constexpr double kEndPx = 3.0;
@@ -32,15 +32,6 @@ constexpr double kMaxHeightShare = 0.5;
 constexpr float kHeightReachPx = 7.0f;   // working pixels
 constexpr float kHeightSupport = 0.45f;  // mean support of a segment in another view
 constexpr double kLevel = 1e-6;          // metres, model edges
-
-Eigen::Vector2d Undistorted(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
-  const Eigen::Vector2d d((pixel.x() - camera.cx) / camera.focal_px,
-                          (pixel.y() - camera.cy) / camera.focal_px);
-  Eigen::Vector2d n = d;
-  if (camera.k1 == 0.0) return n;
-  for (int i = 0; i < 5; ++i) n = d / (1.0 + camera.k1 * n.squaredNorm());
-  return n;
-}
 
 Eigen::Vector2d Turned(double c, double s, const Eigen::Vector2d& v) {
   return {c * v.x() - s * v.y(), s * v.x() + c * v.y()};
@@ -58,6 +49,7 @@ struct Pooled {
   Rigid3 table_from_object;  // metres
   double units_per_metre = 1.0;
   double quick = 0.0;
+  double votes = 0.0;
 };
 
 // Keeps the best of many poses.
@@ -150,6 +142,21 @@ std::vector<Pooled> Distinct(const PreparedObject& object,
         })) {
       out.push_back(p);
     }
+  }
+  return out;
+}
+
+// The best by quick score and the best by votes in turn: a cell's mean may lie some pixels off,
+// where fine texture scores as well, and votes of texture may outnumber those of a part.
+std::vector<Pooled> InTurn(std::vector<Pooled> by_quick) {
+  std::vector<Pooled> by_votes = by_quick;
+  std::stable_sort(by_votes.begin(), by_votes.end(), [](const Pooled& a, const Pooled& b) {
+    return a.votes > b.votes;
+  });
+  std::vector<Pooled> out;
+  for (std::size_t i = 0; i < by_quick.size(); ++i) {
+    out.push_back(by_votes[i]);
+    out.push_back(by_quick[i]);
   }
   return out;
 }
@@ -268,7 +275,7 @@ void ScorePeaks(const PreparedObject& object,
     const Rigid3 pose = PlaceOnTable(part, peak.pose);
     const double quick =
         MeanQuick(object, views, peak.pose.units_per_metre, pose, reach_px, pool->floor());
-    if (quick >= pool->floor()) pool->Add({pose, peak.pose.units_per_metre, quick});
+    if (quick >= pool->floor()) pool->Add({pose, peak.pose.units_per_metre, quick, peak.weight});
   }
 }
 
@@ -327,7 +334,7 @@ bool SightTable(const PinholeCamera& camera,
                 const Eigen::Vector2d& pixel,
                 TableSighting* sighting) {
   const Eigen::Vector3d ray =
-      camera_from_table.R.transpose() * Undistorted(camera, pixel).homogeneous();
+      camera_from_table.R.transpose() * NormalizedPoint(camera, pixel).homogeneous();
   if (ray.z() > -0.02 * ray.norm()) return false;
   const Eigen::Vector3d eye = -(camera_from_table.R.transpose() * camera_from_table.t);
   sighting->shift = ray.head<2>() / ray.z();
@@ -445,7 +452,7 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
                  options.quick_reach_px,
                  &pool);
     }
-    found[k] = Distinct(object, views, std::move(pool).Sorted(), options.kept_per_object);
+    found[k] = Distinct(object, views, InTurn(std::move(pool).Sorted()), options.kept_per_object);
   });
 
   std::vector<std::pair<int, Pooled>> best;
@@ -643,11 +650,11 @@ std::vector<TablePose> TableSearch::Find(int k, std::span<const double> base_m) 
   }
   // Fine texture supports anything within the first reach: settled poses tell truth from chance.
   RefineOptions settle;
-  settle.iterations = 4;
-  settle.start_reach_px = options_.known_reach_px;
+  settle.iterations = 6;
+  settle.start_reach_px = options_.settle_reach_px;
   std::vector<TablePose> out;
   for (const Pooled& p :
-       Distinct(object, views_, std::move(pool).Sorted(), options_.settled_per_object)) {
+       Distinct(object, views_, InTurn(std::move(pool).Sorted()), options_.settled_per_object)) {
     const auto settled = RefineInScene(object, views_, p.table_from_object, settle);
     if (!settled) continue;
     const double quick = MeanQuick(object, views_, 1.0, *settled, options_.settled_reach_px, 0.0);

@@ -63,7 +63,8 @@ struct TableSearchOptions {
   float quick_reach_px = 10.0f;   // working pixels
   float min_quick = 0.42f;        // mean over the views
   float known_reach_px = 7.0f;    // ... once the cameras are known well
-  float settled_reach_px = 3.0f;  // ... of poses refined over all views
+  double settle_reach_px = 14.0;  // first association when poses are refined over all views
+  float settled_reach_px = 3.0f;  // ... of the refined poses
   int settled_per_object = 24;    // distinct poses refined
   int kept_per_object = 8;        // distinct poses
   int refined_seeds = 40;         // ... of all objects that are verified as seeds
