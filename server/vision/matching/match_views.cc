@@ -219,8 +219,7 @@ std::vector<PlaneHomography> FindPlanes(std::span<const cv::Mat> images,
       },
       // Coarse texture survives in the raw image that normalising drowns in noise.
       [&](const cv::Mat& image) {
-        return std::vector<KeypointSet>{DetectPlaneKeypoints(image, /*normalize=*/true, options),
-                                        DetectPlaneKeypoints(image, /*normalize=*/false, options)};
+        return std::vector<KeypointSet>{DetectPlaneKeypoints(image, /*normalize=*/false, few)};
       },
       [&](const cv::Mat& image) {
         std::vector<KeypointSet> sets;

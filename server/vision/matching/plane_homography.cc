@@ -25,7 +25,7 @@ constexpr int kDescriptorLength = 128;
 // kMaxStretch times what the middle of the image shows.
 constexpr double kAssumedFocalWidths = 1.5;
 constexpr double kMaxStretch = 2.5;
-constexpr double kAreaGrowth = 2.0;  // pixels of the view from above per pixel of the image
+constexpr double kAreaGrowth = 1.2;  // pixels of the view from above per pixel of the image
 constexpr int kMaxSide = 3000;
 constexpr int kBorderPx = 4;  // points this close to the cut are left out
 

@@ -12,7 +12,12 @@
 namespace horopter {
 namespace {
 
-constexpr int kStarts = 5;
+constexpr int kStarts = 8;
+constexpr std::size_t kRefinedStarts = 2;
+// Three views of a plane leave one unknown to the prior: more starts are tried on the points off
+// it.
+constexpr std::size_t kRefinedStartsOfFew = 5;
+constexpr std::size_t kFewViews = 3;
 constexpr int kMaxPlaneTracks = 240;
 constexpr int kStartTracks = 80;                 // of them used to choose among the starts
 constexpr double kMinRayAngle = 0.0175;          // 1 degree: below it depth is noise
@@ -104,6 +109,16 @@ double TruncatedCost(const Bundle& bundle,
       }
       cost += std::min(e * e, limit);
     }
+  }
+  return cost;
+}
+
+double PriorCost(const Bundle& bundle, const ReconstructionOptions& options) {
+  double cost = 0.0;
+  for (const BundleView& view : bundle.views) {
+    const double d = std::log(view.focal_px / (options.focal_prior_widths * view.size.width)) /
+                     options.focal_prior_log_sigma;
+    cost += d * d;
   }
   return cost;
 }
@@ -370,10 +385,12 @@ absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
         "no camera geometry fits the plane in " + std::to_string(component.views.size()) + " views";
     return result;
   }
-  if (solutions.size() > 2) solutions.resize(2);
+  const std::size_t refined =
+      component.views.size() <= kFewViews ? kRefinedStartsOfFew : kRefinedStarts;
+  if (solutions.size() > refined) solutions.resize(refined);
   for (Solution& s : solutions) {
     s.cost = Refine(plane, junctions, options, stop, &s.bundle)
-                 ? TruncatedCost(s.bundle, plane, junctions)
+                 ? TruncatedCost(s.bundle, plane, junctions) + PriorCost(s.bundle, options)
                  : 1e300;
   }
   if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");

@@ -1,0 +1,326 @@
+#include "server/vision/recognition/table_search.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <numbers>
+#include <random>
+
+#include "server/vision/recognition/plane_points.h"
+#include "server/vision/recognition/scene_refine.h"
+#include "tests/support/synthetic_part.h"
+
+namespace horopter {
+namespace {
+
+struct Table {
+  std::vector<std::shared_ptr<const PreparedObject>> objects{PrepareObject(LBracket()).value(),
+                                                             PrepareObject(Wedge()).value()};
+  std::vector<PinholeCamera> cameras;
+  std::vector<Rigid3> camera_from_table;
+  std::vector<ImageFeatures> features;
+  MatchingResult matching;
+
+  JointContext Context() {
+    JointContext context;
+    context.objects = objects;
+    context.matching = &matching;
+    for (std::size_t v = 0; v < features.size(); ++v) {
+      context.views.push_back(BuildViewEvidence(features[v]));
+      context.start_cameras.push_back(cameras[v]);
+      context.focal_log_sigma.push_back(0.1);
+    }
+    context.hypotheses.assign(features.size(), std::vector<ViewHypotheses>(objects.size()));
+    return context;
+  }
+};
+
+struct Shown {
+  int object;
+  Rigid3 table_from_object;
+};
+
+Rigid3 Standing(double yaw, double x, double y, double z) {
+  return {Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()).toRotationMatrix(), {x, y, z}};
+}
+
+Table MakeTable(const std::vector<Shown>& shown, int views, double noise_px, unsigned seed) {
+  Table table;
+  std::mt19937 rng(seed);
+  for (int v = 0; v < views; ++v) {
+    const double a = -0.9 + 0.45 * v;
+    table.cameras.push_back(CenteredCamera(640, 480, 880.0 + 40 * v));
+    table.camera_from_table.push_back(
+        LookAt({0.5 * std::sin(a), -0.5 * std::cos(a), 0.42}, {0.02, 0.01, 0.02}));
+    ImageFeatures f;
+    f.width = 640;
+    f.height = 480;
+    for (const Shown& s : shown) {
+      AddSyntheticFeatures(*table.objects[s.object],
+                           table.cameras[v],
+                           table.camera_from_table[v] * s.table_from_object,
+                           noise_px,
+                           &rng,
+                           &f);
+    }
+    table.features.push_back(std::move(f));
+  }
+  table.matching.component.assign(views, 0);
+  table.matching.view_from_plane.assign(views, Eigen::Matrix3d::Identity());
+  return table;
+}
+
+double LargestError(const Table& table, int object, const Rigid3& a, const Rigid3& b) {
+  double largest = 0.0;
+  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+    largest = std::max(largest,
+                       ProjectionDistance(*table.objects[object],
+                                          table.cameras[v],
+                                          table.camera_from_table[v] * a,
+                                          table.cameras[v],
+                                          table.camera_from_table[v] * b,
+                                          1.0));
+  }
+  return largest;
+}
+
+TEST(SightTable, SaysWhereAPixelsPointStandsAtEveryHeight) {
+  PinholeCamera camera = CenteredCamera(640, 480, 900);
+  camera.k1 = -0.08;
+  const Rigid3 camera_from_table = LookAt({0.3, -0.5, 0.4}, {0, 0, 0});
+  for (const double z : {0.0, 0.03, 0.1}) {
+    const Eigen::Vector3d point(0.05, -0.02, z);
+    TableSighting s;
+    ASSERT_TRUE(
+        SightTable(camera, camera_from_table, Project(camera, camera_from_table * point), &s));
+    EXPECT_LT((s.base + z * s.shift - point.head<2>()).norm(), 1e-6);
+  }
+}
+
+TEST(SightTable, RefusesRaysThatDoNotGoDown) {
+  const PinholeCamera camera = CenteredCamera(640, 480, 300);
+  TableSighting s;
+  EXPECT_FALSE(SightTable(camera, LookAt({0, -0.5, 0.1}, {0, 0, 0.1}), {320, 10}, &s));
+}
+
+TEST(PosesFromSightings, RecoversPoseAndScaleOfRandomPaths) {
+  const unsigned seed = 11;
+  SCOPED_TRACE(testing::Message() << "seed " << seed);
+  std::mt19937 rng(seed);
+  std::uniform_real_distribution<double> u(-1.0, 1.0);
+  int solved = 0, tried = 0;
+  for (int trial = 0; trial < 500; ++trial) {
+    Eigen::Vector3d vertices[3];
+    for (Eigen::Vector3d& p : vertices) p << 0.05 * u(rng), 0.05 * u(rng), 0.03 * (1 + u(rng));
+    if (trial % 5 == 0) vertices[1].head<2>() = vertices[0].head<2>();  // an upright edge first
+    const double yaw = std::numbers::pi * u(rng), units = std::exp(u(rng));
+    const Rigid3 table_from_part = Standing(yaw, 0.1 * u(rng), 0.1 * u(rng), 0);
+    const PinholeCamera camera = CenteredCamera(640, 480, 900);
+    Rigid3 camera_from_table = LookAt({0.3 * u(rng), -0.5, 0.4}, {0, 0, 0});
+    camera_from_table.t *= units;  // table units
+    TableSighting sightings[3];
+    for (int k = 0; k < 3; ++k) {
+      const Eigen::Vector3d in_units = units * (table_from_part * vertices[k]);
+      ASSERT_TRUE(SightTable(
+          camera, camera_from_table, Project(camera, camera_from_table * in_units), &sightings[k]));
+    }
+    if ((vertices[2] - vertices[1]).head<2>().norm() < 0.01) continue;
+    ++tried;
+    TableYaw found[2];
+    const int n = PosesFromSightings(vertices, sightings, 0.05, found);
+    for (int k = 0; k < n; ++k) {
+      if (std::abs(found[k].units_per_metre / units - 1) < 1e-6 &&
+          std::abs(std::remainder(std::atan2(found[k].sin_yaw, found[k].cos_yaw) - yaw,
+                                  2 * std::numbers::pi)) < 1e-6 &&
+          (found[k].position - units * table_from_part.t.head<2>()).norm() < 1e-6) {
+        ++solved;
+        break;
+      }
+    }
+  }
+  // Edges between upright and level by the bound have no yaw of their own.
+  EXPECT_GT(solved, 0.93 * tried) << solved << " of " << tried;
+}
+
+TEST(PosesFromSightings, RefusesWhatNoPoseExplains) {
+  const Eigen::Vector3d vertices[3] = {{0, 0, 0}, {0.05, 0, 0}, {0.05, 0.05, 0}};
+  TableSighting sightings[3];
+  sightings[1].base = {0.05, 0};
+  sightings[2].base = {0.2, 0.0};
+  TableYaw found[2];
+  EXPECT_EQ(PosesFromSightings(vertices, sightings, 0.1, found), 0);
+  sightings[1].base = sightings[2].base = {0, 0};
+  EXPECT_EQ(PosesFromSightings(vertices, sightings, 0.1, found), 0);
+}
+
+TEST(PoseVotes, FindsTheHeaviestPosesAcrossCellBorders) {
+  const unsigned seed = 12;
+  SCOPED_TRACE(testing::Message() << "seed " << seed);
+  std::mt19937 rng(seed);
+  std::normal_distribution<double> noise(0.0, 1.0);
+  std::uniform_real_distribution<double> u(-1.0, 1.0);
+  PoseVotes votes;
+  const auto vote = [&](double x, double y, double yaw, double units) {
+    TableYaw pose;
+    pose.position = {x, y};
+    pose.cos_yaw = std::cos(yaw);
+    pose.sin_yaw = std::sin(yaw);
+    pose.units_per_metre = units;
+    votes.Add(pose, 1.0);
+  };
+  for (int i = 0; i < 12; ++i) {  // yaw at the seam
+    vote(0.1 + 0.001 * noise(rng),
+         -0.05 + 0.001 * noise(rng),
+         std::numbers::pi + 0.02 * noise(rng),
+         1.0 + 0.005 * noise(rng));
+  }
+  for (int i = 0; i < 200; ++i) vote(0.3 * u(rng), 0.3 * u(rng), 3.1 * u(rng), std::exp(u(rng)));
+  const auto peaks = votes.Peaks(4.0, 10);
+  ASSERT_FALSE(peaks.empty());
+  EXPECT_GE(peaks[0].weight, 8.0);
+  EXPECT_LT((peaks[0].pose.position - Eigen::Vector2d(0.1, -0.05)).norm(), 0.004);
+  EXPECT_LT(peaks[0].pose.cos_yaw, -0.99);
+  EXPECT_TRUE(PoseVotes().Peaks(1.0, 10).empty());
+}
+
+TEST(StandingParts, StandOnTheTable) {
+  const auto object = PrepareObject(LBracket()).value();
+  const std::vector<StandingPart> parts = StandingParts(*object);
+  ASSERT_GE(parts.size(), 3u);
+  for (const StandingPart& part : parts) {
+    double lowest = 1e9;
+    for (const Eigen::Vector3d& v : part.vertices) lowest = std::min(lowest, v.z());
+    EXPECT_NEAR(lowest, 0.0, 1e-9);
+    EXPECT_NEAR(part.table_from_object.R.determinant(), 1.0, 1e-9);
+  }
+}
+
+class Noise : public testing::TestWithParam<double> {};
+
+TEST_P(Noise, TableSeedsFindAPartAndTheScale) {
+  const Rigid3 truth = Standing(0.7, 0.02, -0.01, 0);
+  Table table = MakeTable({{0, truth}}, 4, GetParam(), 13);
+  const JointContext context = table.Context();
+  constexpr double kUnits = 2.7;  // per metre
+  Reconstruction reconstruction;
+  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+    ReconstructedView view;
+    view.camera = table.cameras[v];
+    view.camera_from_world = table.camera_from_table[v];
+    view.camera_from_world.t *= kUnits;
+    reconstruction.views.push_back(view);
+  }
+  const std::vector<SceneModel> seeds = TableSeeds(context, reconstruction, {}, 3);
+  ASSERT_FALSE(seeds.empty());
+  const SceneModel& best = seeds[0];
+  ASSERT_EQ(best.objects[0].object, 0);
+  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+    ASSERT_TRUE(best.views[v]);
+    EXPECT_LT(
+        ProjectionDistance(*table.objects[0],
+                           best.views[v]->camera,
+                           best.views[v]->camera_from_scene * best.objects[0].scene_from_object,
+                           table.cameras[v],
+                           table.camera_from_table[v] * truth,
+                           1.0),
+        5.0);
+  }
+}
+
+TEST_P(Noise, FindPlacesPartsOnTheTableAndOnOtherParts) {
+  const Rigid3 bracket = Standing(-0.4, 0.05, 0.02, 0), wedge = Standing(1.2, -0.07, -0.03, 0.04);
+  Table table = MakeTable({{0, bracket}, {1, wedge}}, 4, GetParam(), 14);
+  const JointContext context = table.Context();
+  SceneModel scene;
+  for (std::size_t v = 0; v < table.cameras.size(); ++v)
+    scene.views.push_back(RecognizedView{table.cameras[v], table.camera_from_table[v]});
+  scene.plane = ScenePlane{};
+  const TableSearch search(context, scene, {});
+  const double bases[] = {0.0, 0.04};
+  const auto brackets = search.Find(0, bases), wedges = search.Find(1, bases);
+  ASSERT_FALSE(brackets.empty());
+  ASSERT_FALSE(wedges.empty());
+  const double limit = 1.0 + 2.0 * GetParam();
+  EXPECT_LT(LargestError(table, 0, brackets[0].scene_from_object, bracket), limit);
+  EXPECT_LT(LargestError(table, 1, wedges[0].scene_from_object, wedge), limit);
+  const double only_table[] = {0.0};
+  for (const TablePose& pose : search.Find(1, only_table))
+    EXPECT_GT(LargestError(table, 1, pose.scene_from_object, wedge), 3.0);
+}
+INSTANTIATE_TEST_SUITE_P(Sweep, Noise, testing::Values(0.0, 0.3, 0.6));
+
+TEST(TableSeeds, NeedTwoViews) {
+  Table table = MakeTable({{0, Standing(0.7, 0.02, -0.01, 0)}}, 1, 0.0, 15);
+  Reconstruction reconstruction;
+  reconstruction.views.resize(1);
+  EXPECT_TRUE(TableSeeds(table.Context(), reconstruction, {}, 3).empty());
+}
+
+// Matched points of the plane hold the cameras where a small part alone would let focal length and
+// distance compensate each other.
+TEST(RefineScene, ThePlanesTextureKeepsTheFocalLengths) {
+  const Rigid3 truth = Standing(0.3, 0.0, 0.0, 0);
+  double error[2];
+  for (const bool textured : {false, true}) {
+    Table table = MakeTable({{1, truth}}, 4, 0.8, 16);
+    if (textured) {
+      for (int a = 0; a < 4; ++a) {
+        for (int b = a + 1; b < 4; ++b) {
+          PlaneHomography plane;
+          plane.view_a = a;
+          plane.view_b = b;
+          for (int i = -5; i <= 5; ++i) {
+            for (int k = -5; k <= 5; ++k) {
+              const Eigen::Vector3d p(0.03 * i, 0.03 * k, 0);
+              plane.inliers_a.push_back(Project(table.cameras[a], table.camera_from_table[a] * p));
+              plane.inliers_b.push_back(Project(table.cameras[b], table.camera_from_table[b] * p));
+            }
+          }
+          table.matching.planes.push_back(plane);
+        }
+      }
+    }
+    JointContext context = table.Context();
+    SceneModel scene;
+    for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+      context.focal_log_sigma[v] = 0.35;
+      RecognizedView view{table.cameras[v], table.camera_from_table[v]};
+      view.camera.focal_px *= 1.02;
+      scene.views.push_back(view);
+    }
+    PlacedObject placed;
+    placed.object = 1;
+    placed.scene_from_object = truth;
+    scene.objects.push_back(placed);
+    ASSERT_TRUE(RefineScene(context, {}, &scene));
+    double worst = 0.0;
+    for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+      worst = std::max(
+          worst, std::abs(std::log(scene.views[v]->camera.focal_px / table.cameras[v].focal_px)));
+    }
+    error[textured] = worst;
+  }
+  EXPECT_LT(error[1], 0.04);
+  EXPECT_LT(error[1], 0.7 * error[0]);
+}
+
+TEST(PlaneTransferError, IsZeroForTheTrueCamerasAndEmptyBehindThem) {
+  RecognizedView a{CenteredCamera(640, 480, 900), LookAt({0.3, -0.5, 0.4}, {0, 0, 0})};
+  RecognizedView b{CenteredCamera(640, 480, 700), LookAt({-0.2, -0.5, 0.5}, {0, 0, 0})};
+  a.camera.k1 = -0.06;
+  b.camera.k1 = 0.03;
+  PlanePoints plane;
+  plane.anchor = {0, -0.5, 0.45};
+  plane.plane = Eigen::Vector3d(0, 0, 1) / 0.45;  // z = 0
+  const Eigen::Vector3d p(0.04, 0.02, 0.0);
+  const PlanePoints::Match m{
+      0, 1, Project(a.camera, a.camera_from_scene * p), Project(b.camera, b.camera_from_scene * p)};
+  const auto e = PlaneTransferError(a, b, plane, m);
+  ASSERT_TRUE(e);
+  EXPECT_LT(e->norm(), 1e-5);
+  plane.plane = -plane.plane;  // above the cameras
+  EXPECT_FALSE(PlaneTransferError(a, b, plane, m));
+}
+
+}  // namespace
+}  // namespace horopter
