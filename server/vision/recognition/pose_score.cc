@@ -22,6 +22,9 @@ constexpr float kMinDepth = 1e-4f;
 constexpr double kSmallCount = 20.0;
 constexpr double kSampleLength = 4.0;
 
+// Worth of a pose whose own edges are all there, whatever else is inside its silhouette.
+constexpr double kPrintedWorth = 0.85;
+
 double F1(double p, double r, double supported) {
   if (p + r <= 0) return 0.0;
   const double n = supported / kSampleLength;
@@ -174,6 +177,10 @@ EdgeSupport& EdgeSupport::operator+=(const EdgeSupport& o) {
 
 double SilhouetteF1(const EdgeSupport& s) {
   return F1(s.Precision(), s.RecallInside(), s.supported);
+}
+double ViewScore(const EdgeSupport& s) {
+  const double p = s.Precision(), n = s.supported / kSampleLength;
+  return std::max(SilhouetteF1(s), kPrintedWorth * p * p * n / (n + kSmallCount));
 }
 double WholeImageF1(const EdgeSupport& s) {
   return F1(s.Precision(), s.RecallAll(), s.supported);

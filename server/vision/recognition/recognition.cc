@@ -231,8 +231,8 @@ RecognitionResult ToResult(const JointContext& context,
     o.scene_from_object = p.scene_from_object;
     o.score = p.score;
     for (std::size_t v = 0; v < p.support.size(); ++v) {
-      o.view_scores.push_back(
-          scene.views[v] && p.support[v].visible > 0 ? SilhouetteF1(p.support[v]) : -1.0);
+      o.view_scores.push_back(scene.views[v] && p.support[v].visible > 0 ? ViewScore(p.support[v])
+                                                                         : -1.0);
     }
     return o;
   };

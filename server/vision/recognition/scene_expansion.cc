@@ -19,6 +19,8 @@ constexpr double kSameTurnRad = 0.12;
 constexpr double kPlaneCos = 0.9945;  // 6 degrees
 constexpr double kPlaneOffsetM = 0.008;
 constexpr int kMinPlaneMatches = 20;
+// A placement behind the plane must be so much surer than any on it to disprove the plane.
+constexpr double kBehindFactor = 2.0;
 constexpr double kOverhangM = 0.01;  // the middle of a stacked part may lie so far beside its base
 constexpr double kSameHeightM = 0.001;
 constexpr double kSameSearchHeightM = 0.004;  // one search covers both
@@ -203,6 +205,23 @@ bool LiesOver(const JointContext& context,
   return hull.size() > 2;
 }
 
+// Whether a plane of matched texture carries parts. It may as well be a printed face of a part:
+// then the surest placements lie behind it.
+bool Supports(const JointContext& context,
+              const ExpansionOptions& options,
+              std::span<const PlacedObject> placements,
+              const ScenePlane& plane) {
+  double on = 0.0, behind = 0.0;
+  for (const PlacedObject& p : placements) {
+    if (p.gain <= 0 || p.score < options.accept_score) continue;
+    const double height =
+        HeightAbovePlane(*context.objects[p.object], p.scene_from_object, plane).lowest_m;
+    if (std::abs(height) < options.plane_tolerance_m) on = std::max(on, Priority(p));
+    if (height < -3 * options.plane_tolerance_m) behind = std::max(behind, Priority(p));
+  }
+  return behind <= kBehindFactor * on;
+}
+
 // The plane itself and the tops of the objects placed on it, distinct.
 std::vector<double> SurfaceHeights(const JointContext& context, const SceneModel& scene) {
   std::vector<double> heights{0.0};
@@ -366,6 +385,7 @@ void Consolidate(const JointContext& context,
   scene->objects.clear();
   scene->gain = 0.0;
   scene->plane = PlaneFromMatches(context, scene->views);
+  if (scene->plane && !Supports(context, options, candidates, *scene->plane)) scene->plane.reset();
   if (!scene->plane) scene->plane = FindSupportPlane(context, scene->views, candidates, options);
   std::vector<DepthBuffer> occluders;
   for (const ViewEvidence& view : context.views)

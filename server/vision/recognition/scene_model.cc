@@ -9,6 +9,8 @@ namespace {
 
 // Price of a predicted edge that is not there, and of an image edge inside the silhouette that
 // stays unexplained, in units of an explained edge.
+constexpr double kPrintedPrecision = 0.8;
+constexpr double kPrintedShare = 0.5;
 constexpr double kMissingPrice = 1.5;
 constexpr double kUnexplainedPrice = 0.5;
 constexpr double kFootprintTouch = 0.006;  // share of the diameter
@@ -30,7 +32,7 @@ double JointScore(std::span<const EdgeSupport> support,
     ++registered;
     if (support[v].visible >= kMinVisible) {
       ++seen;
-      log_sum += std::log(std::max(kViewFloor, SilhouetteF1(support[v])));
+      log_sum += std::log(std::max(kViewFloor, ViewScore(support[v])));
     } else if (support[v].hidden_by_others > 0) {
       ++hidden;
     }
@@ -41,8 +43,11 @@ double JointScore(std::span<const EdgeSupport> support,
 }
 
 double SupportGain(const EdgeSupport& s) {
-  return s.supported - kMissingPrice * (s.visible - s.supported) -
-         kUnexplainedPrice * (s.inside - s.explained);
+  double unexplained = s.inside - s.explained;
+  // Print on a part that is there beyond doubt is no evidence against it.
+  if (s.Precision() >= kPrintedPrecision)
+    unexplained = std::min(unexplained, kPrintedShare * s.supported);
+  return s.supported - kMissingPrice * (s.visible - s.supported) - kUnexplainedPrice * unexplained;
 }
 
 void EvaluatePlacement(const JointContext& context,

@@ -244,7 +244,7 @@ ViewHypotheses FindViewHypotheses(const PreparedObject& object,
     if (static_cast<int>(out.best.size()) >= options.verified || IsStopRequested(stop)) break;
     out.best.push_back(h);
     out.best.back().score =
-        SilhouetteF1(VerifyPose(object, view, h.camera, h.camera_from_object, nullptr, &scratch));
+        ViewScore(VerifyPose(object, view, h.camera, h.camera_from_object, nullptr, &scratch));
   }
   std::stable_sort(out.best.begin(), out.best.end(), [](const auto& x, const auto& y) {
     return x.score > y.score;

@@ -140,12 +140,12 @@ class Linker {
                                       plane->camera_from_plane * object_from_plane.Inverse(),
                                       refine);
     if (!refined) return {};
-    const double score = SilhouetteF1(VerifyPose(object(),
-                                                 context_.views[view],
-                                                 refined->camera,
-                                                 refined->camera_from_object,
-                                                 nullptr,
-                                                 scratch));
+    const double score = ViewScore(VerifyPose(object(),
+                                              context_.views[view],
+                                              refined->camera,
+                                              refined->camera_from_object,
+                                              nullptr,
+                                              scratch));
     return {refined->camera, refined->camera_from_object, score};
   }
 
