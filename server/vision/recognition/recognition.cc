@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/rig_seeds.h"
 #include "server/vision/recognition/scene_expansion.h"
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/recognition/scene_refine.h"
@@ -293,21 +294,29 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
                           &context);
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during view hypotheses");
+  bool tied = false;
   for (const bool through_plane : {true, false}) {
-    if (on_table) break;
-    const std::vector<SceneModel> seeds = LinkSeeds(context, through_plane);
+    if (on_table || !start.objects.empty()) break;
+    std::vector<SceneModel> seeds = LinkSeeds(context, through_plane);
+    if (through_plane && input.reconstruction != nullptr) {
+      for (SceneModel& seed : RigSeeds(context, *input.reconstruction, {}))
+        seeds.push_back(std::move(seed));
+      std::stable_sort(
+          seeds.begin(), seeds.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
+    }
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while views were linked");
     seed_count += seeds.size();
     start = BestExpansion(context, seeds);
-    if (!start.objects.empty()) break;
+    tied = through_plane;
   }
   scene.views.resize(input.features.size());
   if (!start.objects.empty()) {
     scene = Expand(context, start, true, &verified);
     if (scene.gain < start.gain) scene = std::move(start);
     // Cameras that only the parts themselves tie give a wrong part much freedom: one must be sure.
+    const double sure = tied ? options.tied_sure_score : options.sure_score;
     if (std::none_of(scene.objects.begin(), scene.objects.end(), [&](const PlacedObject& o) {
-          return o.score >= options.sure_score;
+          return o.score >= sure;
         })) {
       scene.objects.clear();
       scene.views.assign(input.features.size(), std::nullopt);

@@ -80,7 +80,8 @@ struct RecognitionOptions {
   // Joint score that one object must reach when nothing but the objects ties the views. On
   // parts-train and parts-dev right ones had 0.85 and more (bare scenes), wrong ones up to 0.73.
   double sure_score = 0.78;
-  double ambiguity_gap = 0.03;  // a rival closer than this makes the answer ambiguous
+  double tied_sure_score = 0.65;  // ... when matched texture ties them
+  double ambiguity_gap = 0.03;    // a rival closer than this makes the answer ambiguous
   int threads = 2;
 };
 

@@ -279,29 +279,6 @@ void ScorePeaks(const PreparedObject& object,
   }
 }
 
-SceneModel SeedScene(const JointContext& context,
-                     const Reconstruction& reconstruction,
-                     int object,
-                     const Pooled& pose) {
-  SceneModel scene;
-  scene.views.resize(reconstruction.views.size());
-  for (std::size_t v = 0; v < scene.views.size(); ++v) {
-    if (!reconstruction.views[v]) continue;
-    RecognizedView view{reconstruction.views[v]->camera,
-                        reconstruction.views[v]->camera_from_world};
-    view.camera_from_scene.t /= pose.units_per_metre;
-    scene.views[v] = view;
-  }
-  PlacedObject placed;
-  placed.object = object;
-  placed.scene_from_object = pose.table_from_object;
-  scene.objects.push_back(placed);
-  VerifyScratch scratch;
-  EvaluatePlacement(context, scene.views, {}, &scratch, &scene.objects[0]);
-  scene.gain = scene.objects[0].gain;
-  return scene;
-}
-
 }  // namespace
 
 std::vector<StandingPart> StandingParts(const PreparedObject& object) {
@@ -395,6 +372,30 @@ int PosesFromSightings(const Eigen::Vector3d vertices[3],
   return n;
 }
 
+SceneModel SeedScene(const JointContext& context,
+                     const Reconstruction& reconstruction,
+                     double units_per_metre,
+                     int object,
+                     const Rigid3& world_from_object) {
+  SceneModel scene;
+  scene.views.resize(reconstruction.views.size());
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!reconstruction.views[v]) continue;
+    RecognizedView view{reconstruction.views[v]->camera,
+                        reconstruction.views[v]->camera_from_world};
+    view.camera_from_scene.t /= units_per_metre;
+    scene.views[v] = view;
+  }
+  PlacedObject placed;
+  placed.object = object;
+  placed.scene_from_object = world_from_object;
+  scene.objects.push_back(placed);
+  VerifyScratch scratch;
+  EvaluatePlacement(context, scene.views, {}, &scratch, &scene.objects[0]);
+  scene.gain = scene.objects[0].gain;
+  return scene;
+}
+
 std::vector<SceneModel> TableSeeds(const JointContext& context,
                                    const Reconstruction& reconstruction,
                                    const TableSearchOptions& options,
@@ -467,7 +468,11 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
   std::vector<double> units(best.size(), 1.0);
   ParallelFor(static_cast<int>(best.size()), context.options.threads, [&](int i) {
     if (IsStopRequested(context.stop)) return;
-    SceneModel scene = SeedScene(context, reconstruction, best[i].first, best[i].second);
+    SceneModel scene = SeedScene(context,
+                                 reconstruction,
+                                 best[i].second.units_per_metre,
+                                 best[i].first,
+                                 best[i].second.table_from_object);
     SceneRefineOptions refine;
     refine.start_reach_px = 12.0;
     if (!RefineScene(context, refine, &scene)) return;

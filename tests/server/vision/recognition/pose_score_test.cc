@@ -23,6 +23,18 @@ struct OnePartView {
   }
 };
 
+TEST(EdgeMaps, PointsFarOutsideAreAtTheLargestDistance) {
+  ImageFeatures features;
+  features.width = 64;
+  features.height = 48;
+  const EdgeMaps maps = BuildEdgeMaps(features);
+  const float nan = std::nanf("");
+  for (const float x : {-1.0f, 64.0f, 3e9f, 1e30f, -1e30f, nan}) {
+    EXPECT_GE(maps.DistanceAt(x, 10.0f, 0), 25.0f) << x;
+    EXPECT_GE(maps.DistanceAt(10.0f, x, 0), 25.0f) << x;
+  }
+}
+
 TEST(EdgeMaps, DistanceIsTheDistanceToTheNearestLikeDirectedEdge) {
   ImageFeatures f;
   f.width = 200;

@@ -7,6 +7,7 @@
 #include <random>
 
 #include "server/vision/recognition/plane_points.h"
+#include "server/vision/recognition/rig_seeds.h"
 #include "server/vision/recognition/scene_refine.h"
 #include "tests/support/synthetic_part.h"
 
@@ -248,6 +249,64 @@ TEST_P(Noise, FindPlacesPartsOnTheTableAndOnOtherParts) {
     EXPECT_GT(LargestError(table, 1, pose.scene_from_object, wedge), 3.0);
 }
 INSTANTIATE_TEST_SUITE_P(Sweep, Noise, testing::Values(0.0, 0.3, 0.6));
+
+// A part that leans on nothing: its poses come from single views, its scale from the others.
+TEST(RigSeeds, FindAPartThatDoesNotStand) {
+  Rigid3 truth = Standing(0.4, 0.02, 0.0, 0.05);
+  truth.R =
+      Eigen::AngleAxisd(0.5, Eigen::Vector3d(1, 1, 0).normalized()).toRotationMatrix() * truth.R;
+  Table table = MakeTable({{0, truth}}, 4, 0.3, 17);
+  JointContext context = table.Context();
+  constexpr double kUnits = 0.6;  // per metre
+  Reconstruction reconstruction;
+  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+    ReconstructedView view;
+    view.camera = table.cameras[v];
+    view.camera_from_world = table.camera_from_table[v];
+    view.camera_from_world.t *= kUnits;
+    reconstruction.views.push_back(view);
+    ViewHypothesis h;
+    h.object = 0;
+    h.view = static_cast<int>(v);
+    h.camera = table.cameras[v];
+    h.camera.focal_px *= 1.1;  // as found with a wrong focal length, so farther away
+    h.camera_from_object = table.camera_from_table[v] * truth;
+    h.camera_from_object.t *= 1.1;
+    h.score = 0.8;
+    context.hypotheses[v][0].best.push_back(h);
+  }
+  const std::vector<SceneModel> seeds = RigSeeds(context, reconstruction, {});
+  ASSERT_FALSE(seeds.empty());
+  EXPECT_GT(seeds[0].objects[0].score, 0.6);
+  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+    EXPECT_LT(ProjectionDistance(
+                  *table.objects[0],
+                  seeds[0].views[v]->camera,
+                  seeds[0].views[v]->camera_from_scene * seeds[0].objects[0].scene_from_object,
+                  table.cameras[v],
+                  table.camera_from_table[v] * truth,
+                  1.0),
+              5.0);
+  }
+  reconstruction.views.resize(1);
+  reconstruction.views.resize(4);
+  EXPECT_TRUE(RigSeeds(context, reconstruction, {}).empty());  // one view has no scale
+}
+
+TEST(ViewScore, PrintInsideASureSilhouetteIsForgiven) {
+  EdgeSupport s;
+  s.visible = 1000;
+  s.supported = 950;
+  s.inside = 3000;
+  s.explained = 950;
+  EXPECT_LT(SilhouetteF1(s), 0.5);
+  EXPECT_GT(ViewScore(s), 0.65);
+  EXPECT_GT(SupportGain(s), 0.0);
+  s.supported = s.explained = 600;  // what chance finds in texture
+  EXPECT_LT(ViewScore(s), 0.4);
+  EXPECT_LT(SupportGain(s), 0.0);
+  EXPECT_EQ(ViewScore({}), 0.0);
+}
 
 TEST(TableSeeds, NeedTwoViews) {
   Table table = MakeTable({{0, Standing(0.7, 0.02, -0.01, 0)}}, 1, 0.0, 15);
