@@ -1,13 +1,12 @@
 #include "server/pipeline/pipeline.h"
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <map>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/prepared_object.h"
 #include "server/vision/recognition/view_linking.h"

@@ -5,12 +5,12 @@
 #include <opencv2/core.hpp>
 #include <utility>
 
+#include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/vision/matching/homography.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/matching/on_plane.h"
 #include "server/vision/matching/pair_geometry.h"
-#include "server/vision/matching/parallel_for.h"
 #include "server/vision/matching/plane_chain.h"
 #include "server/vision/matching/plane_homography.h"
 #include "server/vision/matching/plane_patches.h"
@@ -101,9 +101,8 @@ class PlaneLinks {
   // `detect` gives keypoint sets of image i; each set of one image is matched with each of the
   // other.
   using Detect = std::function<std::vector<KeypointSet>(const cv::Mat& image)>;
-  // Proposes links for pairs that no chain of sure links joins yet.
-  void Propose(const Detect& detect) {
-    const std::vector<char> wanted = Apart();
+  // Proposes links for the pairs marked in `wanted`.
+  void Propose(const Detect& detect, const std::vector<char>& wanted) {
     std::vector<char> needed(images_.size(), 0);
     for (size_t k = 0; k < pairs_.size(); ++k) {
       if (wanted[k]) needed[pairs_[k].first] = needed[pairs_[k].second] = 1;
@@ -144,9 +143,13 @@ class PlaneLinks {
     });
   }
 
-  bool AllJoined() const {
-    const std::vector<char> apart = Apart();
-    return std::find(apart.begin(), apart.end(), 1) == apart.end();
+  // Marks the pairs that no chain of sure links joins.
+  std::vector<char> Apart() const {
+    const std::vector<int> component = Chain(true).component;
+    std::vector<char> apart;
+    for (const auto& [a, b] : pairs_)
+      apart.push_back(component[a] < 0 || component[a] != component[b]);
+    return apart;
   }
 
   std::vector<PlaneHomography> Planes(bool sure_only) const {
@@ -188,14 +191,6 @@ class PlaneLinks {
     return ChainPlanes(Planes(sure_only), static_cast<int>(images_.size()), options_.loop_max_px);
   }
 
-  std::vector<char> Apart() const {
-    const std::vector<int> component = Chain(true).component;
-    std::vector<char> apart;
-    for (const auto& [a, b] : pairs_)
-      apart.push_back(component[a] < 0 || component[a] != component[b]);
-    return apart;
-  }
-
   std::span<const cv::Mat> images_;
   const std::vector<std::pair<int, int>>& pairs_;
   const MatchingOptions& options_;
@@ -229,8 +224,9 @@ std::vector<PlaneHomography> FindPlanes(std::span<const cv::Mat> images,
       },
   };
   for (const PlaneLinks::Detect& detect : efforts) {
-    if (IsStopRequested(stop) || links.AllJoined()) break;
-    links.Propose(detect);
+    const std::vector<char> apart = links.Apart();
+    if (IsStopRequested(stop) || std::count(apart.begin(), apart.end(), 1) == 0) break;
+    links.Propose(detect, apart);
   }
   if (!IsStopRequested(stop)) links.LinkThroughChain();
   return links.Planes(false);

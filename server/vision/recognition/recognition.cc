@@ -5,6 +5,7 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/parallel_for.h"
 #include "server/vision/recognition/prepared_object.h"
 #include "server/vision/recognition/rig_seeds.h"
 #include "server/vision/recognition/scene_expansion.h"

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "absl/container/inlined_vector.h"
-#include "server/vision/recognition/scene_refine.h"
+#include "server/base/parallel_for.h"
 #include "server/vision/recognition/table_search.h"
 #include "server/vision/recognition/view_linking.h"
 
@@ -88,15 +88,9 @@ std::vector<SceneModel> RigSeeds(const JointContext& context,
   std::vector<SceneModel> scenes(all.size());
   ParallelFor(static_cast<int>(all.size()), context.options.threads, [&](int i) {
     if (IsStopRequested(context.stop)) return;
-    SceneModel scene = SeedScene(
+    auto scene = RefinedSeed(
         context, reconstruction, all[i].units_per_metre, all[i].object, all[i].world_from_object);
-    SceneRefineOptions refine;
-    refine.start_reach_px = 12.0;
-    if (!RefineScene(context, refine, &scene)) return;
-    VerifyScratch scratch;
-    EvaluatePlacement(context, scene.views, {}, &scratch, &scene.objects[0]);
-    scene.gain = scene.objects[0].gain;
-    scenes[i] = std::move(scene);
+    if (scene) scenes[i] = *std::move(scene);
   });
   std::erase_if(scenes, [](const SceneModel& s) { return s.objects.empty(); });
   std::stable_sort(

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/base/parallel_for.h"
 #include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/pose_refine.h"
 #include "server/vision/recognition/scene_refine.h"

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "absl/container/inlined_vector.h"
+#include "server/base/parallel_for.h"
 #include "server/vision/recognition/scene_refine.h"
 #include "server/vision/recognition/view_linking.h"
 
@@ -372,11 +373,11 @@ int PosesFromSightings(const Eigen::Vector3d vertices[3],
   return n;
 }
 
-SceneModel SeedScene(const JointContext& context,
-                     const Reconstruction& reconstruction,
-                     double units_per_metre,
-                     int object,
-                     const Rigid3& world_from_object) {
+std::optional<SceneModel> RefinedSeed(const JointContext& context,
+                                      const Reconstruction& reconstruction,
+                                      double units_per_metre,
+                                      int object,
+                                      const Rigid3& world_from_object) {
   SceneModel scene;
   scene.views.resize(reconstruction.views.size());
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
@@ -390,6 +391,9 @@ SceneModel SeedScene(const JointContext& context,
   placed.object = object;
   placed.scene_from_object = world_from_object;
   scene.objects.push_back(placed);
+  SceneRefineOptions refine;
+  refine.start_reach_px = 12.0;
+  if (!RefineScene(context, refine, &scene)) return std::nullopt;
   VerifyScratch scratch;
   EvaluatePlacement(context, scene.views, {}, &scratch, &scene.objects[0]);
   scene.gain = scene.objects[0].gain;
@@ -468,19 +472,14 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
   std::vector<double> units(best.size(), 1.0);
   ParallelFor(static_cast<int>(best.size()), context.options.threads, [&](int i) {
     if (IsStopRequested(context.stop)) return;
-    SceneModel scene = SeedScene(context,
-                                 reconstruction,
-                                 best[i].second.units_per_metre,
-                                 best[i].first,
-                                 best[i].second.table_from_object);
-    SceneRefineOptions refine;
-    refine.start_reach_px = 12.0;
-    if (!RefineScene(context, refine, &scene)) return;
-    VerifyScratch scratch;
-    EvaluatePlacement(context, scene.views, {}, &scratch, &scene.objects[0]);
-    scene.gain = scene.objects[0].gain;
+    auto scene = RefinedSeed(context,
+                             reconstruction,
+                             best[i].second.units_per_metre,
+                             best[i].first,
+                             best[i].second.table_from_object);
+    if (!scene) return;
     units[i] = best[i].second.units_per_metre;
-    scenes[i] = std::move(scene);
+    scenes[i] = *std::move(scene);
   });
   // A scale is as good as the parts that share it explain; parts of one object vote once.
   std::vector<int> order;

@@ -5,6 +5,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -75,13 +76,13 @@ struct TableSearchOptions {
   int peaks = 150;                // poses scored per standing pose of an object
 };
 
-// The reconstruction's cameras in metres with one part placed and judged. world_from_object:
-// metres.
-SceneModel SeedScene(const JointContext& context,
-                     const Reconstruction& reconstruction,
-                     double units_per_metre,
-                     int object,
-                     const Rigid3& world_from_object);
+// The reconstruction's cameras in metres with one part placed, refined and judged; empty when the
+// refinement fails. world_from_object: metres.
+std::optional<SceneModel> RefinedSeed(const JointContext& context,
+                                      const Reconstruction& reconstruction,
+                                      double units_per_metre,
+                                      int object,
+                                      const Rigid3& world_from_object);
 
 // Scenes of one part each, cameras from the reconstruction and scaled by the part; best first, at
 // most `max_scales` different scales. Empty when the reconstruction has no two views.

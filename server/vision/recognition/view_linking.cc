@@ -2,12 +2,11 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <functional>
-#include <thread>
 #include <utility>
 
+#include "server/base/parallel_for.h"
 #include "server/vision/recognition/pose_refine.h"
 
 namespace horopter {
@@ -216,17 +215,6 @@ double ViewGain(const JointContext& context,
 }
 
 }  // namespace
-
-void ParallelFor(int n, int threads, const std::function<void(int)>& f) {
-  std::atomic<int> next{0};
-  auto work = [&] {
-    for (int i; (i = next++) < n;) f(i);
-  };
-  std::vector<std::thread> pool;
-  for (int t = 1; t < std::min(threads, n); ++t) pool.emplace_back(work);
-  work();
-  for (std::thread& t : pool) t.join();
-}
 
 Rigid3 WithFocal(const Rigid3& camera_from_object, double old_focal, double new_focal) {
   Rigid3 out = camera_from_object;

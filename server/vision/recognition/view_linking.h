@@ -1,7 +1,6 @@
 // Links the views of a set through one part: the part's pose in every view gives the cameras.
 #pragma once
 
-#include <functional>
 #include <optional>
 #include <vector>
 
@@ -39,8 +38,5 @@ int DropContradictedViews(const JointContext& context, SceneModel* scene);
 
 // A hypothesis moved to another focal length: the depth scales with it, the image stays.
 Rigid3 WithFocal(const Rigid3& camera_from_object, double old_focal, double new_focal);
-
-// Runs f(0) ... f(n-1) on up to `threads` threads.
-void ParallelFor(int n, int threads, const std::function<void(int)>& f);
 
 }  // namespace horopter
