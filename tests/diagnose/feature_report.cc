@@ -76,7 +76,8 @@ EdgeFinding CompareEdge(const ImageFeatures& features, const TrueEdge& edge) {
         ++covered;
       }
     }
-    finding.pieces += covered >= kMinPieceSamples ? 1 : 0;
+    // A chord of an arc is part of that piece.
+    finding.pieces += covered >= kMinPieceSamples && segment.arc < 0 ? 1 : 0;
   }
   for (const EllipseArc& arc : features.arcs) {
     int covered = 0;

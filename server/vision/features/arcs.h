@@ -1,25 +1,28 @@
-// Elliptic arcs on edge chains: images of the circles of bores and rounds.
+// Elliptic arcs: images of the circles of bores and rounds.
 #pragma once
 
+#include <span>
 #include <vector>
 
+#include "server/vision/features/arc_seeds.h"
+#include "server/vision/features/edge_gradient.h"
 #include "server/vision/features/features.h"
 
 namespace horopter {
 
 struct ArcOptions {
-  double max_rms_px = 0.7;      // of the points about the ellipse
-  double min_sweep_rad = 1.0;   // of one run of points; higher: fewer rounded corners taken
-  double min_sagitta_px = 1.5;  // how far a run must leave its chord
-  double min_semi_minor_px = 2.0;
-  double max_aspect = 10.0;
-  int max_arcs = 400;  // the longest are kept
+  ArcSeedOptions seeds;
+  double min_sweep_rad = 1.0;       // of an arc grown from one run
+  double min_pair_sweep_rad = 4.0;  // ... from two bows, which prove less by themselves
+  double min_seen_share = 0.7;      // of the arc's sweep with a gradient across it
+  double max_covered_share = 0.8;   // of an arc by better ones; more: it is dropped
+  int max_arcs = 400;               // those of which most is seen are kept
 };
 
-// Runs of chain that turn to one side give candidates, longest first; each ellipse then collects
-// all edge points that lie on it with its direction, wherever they were linked, is fitted again to
-// these (geometric distance) and spans what they cover. `chains` may hold an edge once per channel.
+// Seeds from the chains grow along the gradient across them (FitRim); of those that share their
+// rim the one of which most is seen stays. `chains` may hold an edge once per channel.
 std::vector<EllipseArc> FindArcs(const std::vector<EdgeChain>& chains,
+                                 std::span<const GradientField> fields,
                                  int width,
                                  int height,
                                  const ArcOptions& options);

@@ -5,6 +5,8 @@
 
 #include "absl/status/status.h"
 #include "server/vision/features/arcs.h"
+#include "server/vision/features/co_conic.h"
+#include "server/vision/features/conic_junctions.h"
 #include "server/vision/features/detection_channels.h"
 #include "server/vision/features/edge_chains.h"
 #include "server/vision/features/edge_cover.h"
@@ -53,7 +55,8 @@ double CoveredShare(const EdgeChain& chain, const ChainPiece& piece, const EdgeC
 
 Pieces DetectByLinking(const cv::Mat& image, const FeatureOptions& options) {
   Pieces pieces;
-  for (const GradientField& field : MakeGradientFields(image, options.gradient)) {
+  const std::vector<GradientField> fields = MakeGradientFields(image, options.gradient);
+  for (const GradientField& field : fields) {
     std::vector<EdgeChain> chains = LinkEdges(field, options.linking);
     std::move(chains.begin(), chains.end(), std::back_inserter(pieces.chains));
   }
@@ -82,7 +85,7 @@ Pieces DetectByLinking(const cv::Mat& image, const FeatureOptions& options) {
   }
   ArcOptions arcs;
   arcs.max_arcs = options.max_arcs;
-  pieces.arcs = FindArcs(pieces.chains, image.cols, image.rows, arcs);
+  pieces.arcs = FindArcs(pieces.chains, fields, image.cols, image.rows, arcs);
   pieces.chains = JoinLinkedChains(std::move(pieces.chains), image.cols, image.rows);
   return pieces;
 }
@@ -109,7 +112,11 @@ Pieces DetectByChannels(const cv::Mat& image, const FeatureOptions& options) {
   pieces.chains = JoinChains(edges, channels);
   ArcOptions arcs;
   arcs.max_arcs = options.max_arcs;
-  pieces.arcs = FindArcs(pieces.chains, image.cols, image.rows, arcs);
+  pieces.arcs = FindArcs(pieces.chains,
+                         MakeGradientFields(image, options.gradient),
+                         image.cols,
+                         image.rows,
+                         arcs);
   return pieces;
 }
 
@@ -128,8 +135,13 @@ ImageFeatures Detect(const cv::Mat& image, const FeatureOptions& options) {
     features.counts["segments_cut"] = static_cast<double>(features.segments.size() - limit);
     features.segments.resize(limit);  // strongest first
   }
+  features.arcs = std::move(pieces.arcs);
+  features.counts["arcs_straight"] =
+      ReconcileArcs(CoConicOptions(), &features.arcs, &features.segments);
   MeasureSideColours(image, &features.segments);
   features.junctions = FindJunctions(features.segments, options);
+  features.conic_junctions =
+      FindConicJunctions(features.segments, features.arcs, ConicJunctionOptions());
   features.chains = std::move(pieces.chains);
   features.counts["segments_in_texture"] = MarkTexture(features.chains,
                                                        features.junctions,
@@ -137,10 +149,10 @@ ImageFeatures Detect(const cv::Mat& image, const FeatureOptions& options) {
                                                        features.width,
                                                        features.height,
                                                        &features.segments);
-  features.arcs = std::move(pieces.arcs);
   features.counts["arcs"] = static_cast<double>(features.arcs.size());
   features.counts["segments"] = static_cast<double>(features.segments.size());
   features.counts["junctions"] = static_cast<double>(features.junctions.size());
+  features.counts["conic_junctions"] = static_cast<double>(features.conic_junctions.size());
   features.counts["chains"] = static_cast<double>(features.chains.size());
   return features;
 }

@@ -395,4 +395,38 @@ std::vector<GradientField> MakeGradientFields(const cv::Mat& image,
   return FieldMaker(image, options).Make();
 }
 
+GradientField StrongestOf(std::span<const GradientField> fields) {
+  GradientField best = fields.front();
+  if (fields.size() == 1) {
+    return best;
+  }
+  best.magnitude = best.magnitude.clone();
+  best.dx = best.dx.clone();
+  best.dy = best.dy.clone();
+  best.channel = cv::Mat(best.dx.size(), CV_8UC1, cv::Scalar(best.single_channel));
+  best.single_channel = -1;
+  for (const GradientField& field : fields.subspan(1)) {
+    best.threshold[field.single_channel] = field.threshold[field.single_channel];
+    best.median_gradient[field.single_channel] = field.median_gradient[field.single_channel];
+    const auto channel = static_cast<uint8_t>(field.single_channel);
+    for (int y = 0; y < best.dx.rows; ++y) {
+      const int16_t* __restrict magnitude = field.magnitude.ptr<int16_t>(y);
+      const int16_t* __restrict dx = field.dx.ptr<int16_t>(y);
+      const int16_t* __restrict dy = field.dy.ptr<int16_t>(y);
+      int16_t* __restrict best_magnitude = best.magnitude.ptr<int16_t>(y);
+      int16_t* __restrict best_dx = best.dx.ptr<int16_t>(y);
+      int16_t* __restrict best_dy = best.dy.ptr<int16_t>(y);
+      uint8_t* __restrict best_channel = best.channel.ptr<uint8_t>(y);
+      for (int x = 0; x < best.dx.cols; ++x) {
+        const bool wins = magnitude[x] > best_magnitude[x];
+        best_magnitude[x] = wins ? magnitude[x] : best_magnitude[x];
+        best_dx[x] = wins ? dx[x] : best_dx[x];
+        best_dy[x] = wins ? dy[x] : best_dy[x];
+        best_channel[x] = wins ? channel : best_channel[x];
+      }
+    }
+  }
+  return best;
+}
+
 }  // namespace horopter

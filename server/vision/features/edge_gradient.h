@@ -4,6 +4,7 @@
 
 #include <array>
 #include <opencv2/core/mat.hpp>
+#include <span>
 #include <vector>
 
 #include "server/vision/features/features.h"
@@ -27,5 +28,8 @@ constexpr double kSlopeUnits = 24.0;
 // pixels; the border is repeated. Five fields for kEachChannel, one otherwise; a grey image has one
 // field whatever `colour` says.
 std::vector<GradientField> MakeGradientFields(const cv::Mat& image, const GradientOptions& options);
+
+// One field that has at each pixel the strongest of `fields` (of one image, not empty).
+GradientField StrongestOf(std::span<const GradientField> fields);
 
 }  // namespace horopter

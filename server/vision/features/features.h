@@ -44,6 +44,7 @@ struct Segment {
       Eigen::Vector3f::Zero();  // median colour about 3 px to the left of start -> end
   Eigen::Vector3f right_bgr = Eigen::Vector3f::Zero();  // and to the right
   bool in_texture = false;  // belongs to fine texture; starts no hypothesis, is not deleted
+  int arc = -1;             // index of the arc of which it is a chord; -1: of none
 
   double Length() const { return (end - start).norm(); }
 };
@@ -59,6 +60,10 @@ struct EllipseArc {
   double rms_px = 0.0;
 };
 
+// What a junction looks like (thesis 2.5): two ends; an end on a passing segment; three ends within
+// less than a half turn of each other, or all around; two segments that cross; more.
+enum class JunctionType { kL, kT, kArrow, kY, kX, kMulti };
+
 // Where segments meet. `ends` names which end of each segment meets here. At a T the segment that
 // passes through is named with `interior` set (then at_start means nothing).
 struct Junction {
@@ -69,8 +74,21 @@ struct Junction {
   };
   Eigen::Vector2d point = Eigen::Vector2d::Zero();
   std::vector<End> ends;
+  JunctionType type = JunctionType::kL;
   double rms_px = 0.0;
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  // px^2, from the lines' deviations
+};
+
+// Where a segment's end meets an arc: the intersection of line and ellipse.
+struct ConicJunction {
+  int segment = -1;
+  bool at_start = false;
+  int arc = -1;
+  double angle_rad = 0.0;        // parameter s on the ellipse
+  bool at_arc_end = false;       // the arc ends here too: a corner; otherwise it passes: a T
+  bool tangent = false;          // the segment runs on smoothly into the arc
+  Eigen::Vector2d point = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  // px^2
 };
 
 struct ImageFeatures {
@@ -80,6 +98,7 @@ struct ImageFeatures {
   std::vector<Segment> segments;
   std::vector<EllipseArc> arcs;
   std::vector<Junction> junctions;
+  std::vector<ConicJunction> conic_junctions;
   std::map<std::string, double> counts;  // for the stage report
 };
 
@@ -134,6 +153,12 @@ enum class EdgeDetector {
   kEdgeDrawingChannels,
 };
 
+// When two pieces are the same straight edge.
+enum class MergeTest {
+  kTolerances,   // merge_angle_rad and merge_offset_px
+  kStatistical,  // chi-square of offset and angle under the deviations of both (thesis 2.5)
+};
+
 // gradient_threshold to smoothing_sigma_px belong to kEdgeDrawingChannels and are the recipe of the
 // front-end study: gradient 20, anchor 4, sigma 1.
 struct FeatureOptions {
@@ -150,6 +175,8 @@ struct FeatureOptions {
   double anchor_threshold = 4.0;           // higher: fewer, longer chains
   double smoothing_sigma_px = 1.0;         // higher: less noise, rounder corners
   double min_segment_length_px = 10.0;     // shorter pieces are dropped
+  MergeTest merge_test = MergeTest::kTolerances;
+  double merge_chi_square = 13.8;          // of two degrees of freedom: 0.1 % of true pairs refused
   double merge_angle_rad = 0.0524;         // 3 degrees
   double merge_offset_px = 1.5;            // lateral
   double merge_gap_px = 10.0;              // along

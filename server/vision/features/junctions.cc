@@ -268,6 +268,7 @@ std::vector<Junction> FindJunctions(const std::vector<Segment>& segments,
       }
     }
     Relocate(lines, &junction);
+    junction.type = TypeOf(junction, segments);
     for (size_t e = 0; e < junction.ends.size(); ++e) {
       ++count[junction.ends[e].segment];
       for (size_t f = e + 1; f < junction.ends.size(); ++f) {
@@ -277,6 +278,33 @@ std::vector<Junction> FindJunctions(const std::vector<Segment>& segments,
     junctions.push_back(std::move(junction));
   }
   return junctions;
+}
+
+JunctionType TypeOf(const Junction& junction, const std::vector<Segment>& segments) {
+  // Rays from the point along the segments; one that passes gives two.
+  std::vector<double> rays;
+  int passing = 0;
+  for (const Junction::End& end : junction.ends) {
+    const Segment& segment = segments[end.segment];
+    const Eigen::Vector2d along =
+        end.at_start || end.interior ? segment.end - segment.start : segment.start - segment.end;
+    rays.push_back(std::atan2(along.y(), along.x()));
+    if (end.interior) {
+      rays.push_back(std::atan2(-along.y(), -along.x()));
+      ++passing;
+    }
+  }
+  if (rays.size() == 2) return JunctionType::kL;
+  if (rays.size() == 4 && passing == 2) return JunctionType::kX;
+  if (rays.size() > 3) return JunctionType::kMulti;
+  if (passing == 1) return JunctionType::kT;
+  std::sort(rays.begin(), rays.end());
+  double widest = rays.front() + 2.0 * M_PI - rays.back();
+  for (size_t k = 0; k + 1 < rays.size(); ++k) widest = std::max(widest, rays[k + 1] - rays[k]);
+  // Two of three ends in one line within this: a passing edge that was cut at the junction.
+  constexpr double kStraightRad = 0.12;
+  if (std::abs(widest - M_PI) < kStraightRad) return JunctionType::kT;
+  return widest > M_PI ? JunctionType::kArrow : JunctionType::kY;
 }
 
 }  // namespace horopter

@@ -14,4 +14,7 @@ namespace horopter {
 std::vector<Junction> FindJunctions(const std::vector<Segment>& segments,
                                     const FeatureOptions& options);
 
+// Type of a junction from the directions in which its segments leave it.
+JunctionType TypeOf(const Junction& junction, const std::vector<Segment>& segments);
+
 }  // namespace horopter

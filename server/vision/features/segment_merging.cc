@@ -29,12 +29,41 @@ double GapAlong(const Segment& a, const Segment& b) {
   return std::max(std::min(s0, s1) - a.Length(), -std::max(s0, s1));
 }
 
+// What the deviations of a fit do not know: sampling and neighbouring edges pull a line about.
+constexpr double kModelOffsetPx = 0.15;
+constexpr double kModelEndPx = 0.3;  // across, at the ends of a piece: its angle
+
+// Offset of b's middle from a's line and difference of direction, each over its deviation.
+double ChiSquare(const Segment& a, const Segment& b) {
+  const Eigen::Vector2d da = (a.end - a.start).normalized();
+  const Eigen::Vector2d db = (b.end - b.start).normalized();
+  const Eigen::Vector2d between = 0.5 * (b.start + b.end - a.start - a.end);
+  const double lever = da.dot(between);
+  const double offset = da.x() * between.y() - da.y() * between.x();
+  const auto angle_variance = [](const Segment& s) {
+    const double model = kModelEndPx / (0.5 * s.Length());
+    return s.angle_sigma_rad * s.angle_sigma_rad + model * model;
+  };
+  const double offset_variance = a.offset_sigma_px * a.offset_sigma_px +
+                                 b.offset_sigma_px * b.offset_sigma_px +
+                                 2.0 * kModelOffsetPx * kModelOffsetPx +
+                                 lever * lever * angle_variance(a);
+  // Pieces may run either way.
+  const double angle = std::asin(std::clamp(da.x() * db.y() - da.y() * db.x(), -1.0, 1.0));
+  return offset * offset / offset_variance +
+         angle * angle / (angle_variance(a) + angle_variance(b));
+}
+
 bool SameEdge(const Segment& a, const Segment& b, const FeatureOptions& options) {
   const Eigen::Vector2d da = (a.end - a.start).normalized();
   const Eigen::Vector2d db = (b.end - b.start).normalized();
   if (std::abs(da.x() * db.y() - da.y() * db.x()) > std::sin(options.merge_angle_rad) ||
       GapAlong(a, b) > options.merge_gap_px) {
     return false;
+  }
+  if (options.merge_test == MergeTest::kStatistical) {
+    return a.Length() >= b.Length() ? ChiSquare(a, b) <= options.merge_chi_square
+                                    : ChiSquare(b, a) <= options.merge_chi_square;
   }
   // Both ends of the shorter must lie on the longer one's line.
   const bool a_longer = a.Length() >= b.Length();

@@ -1,0 +1,39 @@
+// First guesses of ellipses from edge chains.
+#pragma once
+
+#include <vector>
+
+#include "server/vision/features/features.h"
+
+namespace horopter {
+
+struct ArcSeedOptions {
+  double max_rms_px = 0.7;          // of the points about the ellipse
+  double min_sweep_rad = 1.0;       // of one run of points; higher: fewer rounded corners taken
+  double min_sagitta_px = 1.5;      // how far a run must leave its chord
+  double min_semi_minor_px = 2.0;
+  double max_aspect = 10.0;
+  int max_bows = 700;               // bows paired at most, the strongest
+  int partners = 8;                 // tried for each bow, the nearest
+  double max_bow_distance_px = 90;  // between the middles of two that are paired
+  double max_pair_rms_px = 0.4;
+  int max_pairs = 300;              // the best fits are kept
+};
+
+// Could this be the image of a part's circle?
+bool IsPlausibleEllipse(const EllipseArc& arc, const ArcSeedOptions& options);
+
+// Runs of chain that turn to one side, longest first: the whole of each, then what is left without
+// a few chords at its ends, which may be straight edges that run into the arc. Rounded corners of
+// two straight edges are left out.
+std::vector<EllipseArc> SeedsOfRuns(const std::vector<EdgeChain>& chains,
+                                    int width,
+                                    int height,
+                                    const ArcSeedOptions& options);
+
+// Pairs of short bows that face each other: the rim of a bore is often broken where light and
+// shade of its wall meet, and each chain then leaves the rim there.
+std::vector<EllipseArc> SeedsOfPairs(const std::vector<EdgeChain>& chains,
+                                     const ArcSeedOptions& options);
+
+}  // namespace horopter

@@ -1,0 +1,194 @@
+#include "server/vision/features/rim_evidence.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "server/vision/features/ellipse_fit.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kMaxReach = 4;
+constexpr int kOffsets = 2 * kMaxReach + 1;
+constexpr int kHalfWindow = 2;  // places averaged on each side
+constexpr int kMinPlaces = 16;
+constexpr int kMaxPlaces = 1500;
+constexpr float kMaxAlong = 0.6f;  // slope along the curve over the slope across: 31 degrees
+constexpr int kMinSeen = 10;
+constexpr double kFullStrength = 1.5;  // thresholds; stronger is not surer
+constexpr double kHopelessShare = 0.35;  // of all places seen in the first round
+constexpr size_t kMaxFitPoints = 96;
+// The field's sum over 3x3 pixels is 6 x the slope.
+constexpr float kSumPerSlope = 6.0f / static_cast<float>(kSlopeUnits);
+
+struct Place {
+  double angle_rad = 0.0;
+  Eigen::Vector2f at;
+  Eigen::Vector2f normal;
+};
+
+std::vector<Place> PlacesOn(const EllipseArc& arc) {
+  const double a = arc.semi_major_px, b = arc.semi_minor_px;
+  const double c = std::cos(arc.angle_rad), s = std::sin(arc.angle_rad);
+  const double perimeter = M_PI * (3.0 * (a + b) - std::sqrt((3.0 * a + b) * (a + 3.0 * b)));
+  const int n = std::clamp(static_cast<int>(perimeter), kMinPlaces, kMaxPlaces);
+  // Equal steps of arc length, not of the angle: a slim ellipse bends only at its ends.
+  std::vector<Place> places;
+  places.reserve(n + 8);
+  const double step = perimeter / n;
+  for (double t = 0.0; t < 2.0 * M_PI;) {
+    const double ct = std::cos(t), st = std::sin(t);
+    Place place;
+    place.angle_rad = t;
+    place.at = Eigen::Vector2d(arc.center.x() + c * a * ct - s * b * st,
+                               arc.center.y() + s * a * ct + c * b * st)
+                   .cast<float>();
+    const double nu = ct / a, nv = st / b;
+    place.normal =
+        Eigen::Vector2d(c * nu - s * nv, s * nu + c * nv).normalized().cast<float>();
+    places.push_back(place);
+    t += step / std::sqrt(a * a * st * st + b * b * ct * ct);
+  }
+  return places;
+}
+
+// Slopes across and along the curve, in thresholds.
+using Profile = std::array<Eigen::Vector2f, kOffsets>;
+
+// 0 outside the image.
+Eigen::Vector2f SlopeAt(const GradientField& field, const Eigen::Vector2f& p, const Eigen::Vector2f& normal) {
+  const int x = static_cast<int>(p.x() + 0.5f), y = static_cast<int>(p.y() + 0.5f);
+  if (p.x() < 0.0f || p.y() < 0.0f || x >= field.dx.cols || y >= field.dx.rows) {
+    return Eigen::Vector2f::Zero();
+  }
+  const int channel =
+      field.single_channel >= 0 ? field.single_channel : field.channel.at<uint8_t>(y, x);
+  const float dx = field.dx.at<int16_t>(y, x), dy = field.dy.at<int16_t>(y, x);
+  return kSumPerSlope / static_cast<float>(field.threshold[channel]) *
+         Eigen::Vector2f(normal.x() * dx + normal.y() * dy, normal.x() * dy - normal.y() * dx);
+}
+
+// Mean of each offset over the neighbouring places, across without sign.
+std::vector<Profile> Profiles(const std::vector<Place>& places,
+                              const GradientField& field,
+                              int reach) {
+  const int n = static_cast<int>(places.size());
+  std::vector<Profile> raw(n), mean(n);
+  for (int k = 0; k < n; ++k) {
+    for (int o = -reach; o <= reach; ++o) {
+      raw[k][o + kMaxReach] =
+          SlopeAt(field, places[k].at + static_cast<float>(o) * places[k].normal, places[k].normal);
+    }
+  }
+  for (int o = kMaxReach - reach; o <= kMaxReach + reach; ++o) {
+    Eigen::Vector2f sum = Eigen::Vector2f::Zero();
+    for (int k = -kHalfWindow; k <= kHalfWindow; ++k) sum += raw[(k + n) % n][o];
+    for (int k = 0; k < n; ++k) {
+      mean[k][o] = sum.cwiseAbs() / (2 * kHalfWindow + 1);
+      sum += raw[(k + kHalfWindow + 1) % n][o] - raw[(k - kHalfWindow + n) % n][o];
+    }
+  }
+  return mean;
+}
+
+}  // namespace
+
+std::vector<RimPoint> MeasureRim(const EllipseArc& ellipse,
+                                 std::span<const GradientField> fields,
+                                 double reach_px) {
+  const std::vector<Place> places = PlacesOn(ellipse);
+  const int reach = std::clamp(static_cast<int>(std::ceil(reach_px)), 1, kMaxReach);
+  std::vector<RimPoint> rim(places.size());
+  for (size_t k = 0; k < places.size(); ++k) rim[k].angle_rad = places[k].angle_rad;
+  for (const GradientField& field : fields) {
+    const std::vector<Profile> profiles = Profiles(places, field, reach);
+    for (size_t k = 0; k < places.size(); ++k) {
+      const Profile& v = profiles[k];
+      // An end of the reach is no peak: the slope may go on beyond.
+      for (int o = kMaxReach - reach + 1; o < kMaxReach + reach; ++o) {
+        const float before = v[o - 1].x(), here = v[o].x(), after = v[o + 1].x();
+        // An edge that crosses the curve is none of its own.
+        if (here <= rim[k].strength || here < before || here <= after ||
+            v[o].y() > kMaxAlong * here) {
+          continue;
+        }
+        const float bend = before - 2.0f * here + after;
+        const float shift = bend < 0.0f ? 0.5f * (before - after) / bend : 0.0f;
+        rim[k].strength = here;
+        rim[k].offset_px = static_cast<float>(o - kMaxReach) + shift;
+      }
+    }
+  }
+  for (size_t k = 0; k < places.size(); ++k) {
+    rim[k].peak = places[k].at + static_cast<float>(rim[k].offset_px) * places[k].normal;
+  }
+  return rim;
+}
+
+namespace {
+
+std::vector<Eigen::Vector2f> Thin(const std::vector<Eigen::Vector2f>& points) {
+  const size_t step = (points.size() + kMaxFitPoints - 1) / kMaxFitPoints;
+  if (step <= 1) return points;
+  std::vector<Eigen::Vector2f> thinned;
+  for (size_t i = 0; i < points.size(); i += step) thinned.push_back(points[i]);
+  return thinned;
+}
+
+// Fit, then once more without the points that lie off.
+std::optional<EllipseArc> FitRobustly(std::vector<Eigen::Vector2f> points, double max_offset_px) {
+  std::optional<EllipseArc> arc = FitEllipse(Thin(points));
+  for (int round = 0; arc && round < 2; ++round) {
+    std::vector<Eigen::Vector2f> near;
+    for (const Eigen::Vector2f& p : points) {
+      if (EllipseDistance(*arc, p.cast<double>()) <= max_offset_px) near.push_back(p);
+    }
+    if (static_cast<int>(near.size()) < kMinSeen) return std::nullopt;
+    arc = FitEllipse(Thin(near));
+  }
+  return arc;
+}
+
+}  // namespace
+
+std::optional<FittedRim> FitRim(const EllipseArc& seed,
+                                std::span<const GradientField> fields,
+                                const RimOptions& options) {
+  FittedRim rim;
+  rim.arc = seed;
+  const double min_share = std::min(kHopelessShare, seed.sweep_rad / (2.0 * M_PI));
+  for (int round = 0; round <= options.rounds; ++round) {
+    const bool last = round == options.rounds;
+    const std::vector<RimPoint> places = MeasureRim(rim.arc, fields, round == 0 ? 3.0 : 2.0);
+    std::vector<Eigen::Vector2f> seen;
+    rim.score = 0.0;
+    for (const RimPoint& place : places) {
+      if (place.strength >= options.min_strength &&
+          (!last || std::abs(place.offset_px) <= options.max_offset_px)) {
+        seen.push_back(place.peak);
+        const double r = place.offset_px / options.max_offset_px;
+        rim.score += std::min(place.strength / kFullStrength, 1.0) * (1.0 - r * r);
+      }
+    }
+    if (static_cast<int>(seen.size()) < kMinSeen ||
+        static_cast<double>(seen.size()) < min_share * static_cast<double>(places.size())) {
+      return std::nullopt;
+    }
+    if (last) {
+      rim.seen_px = static_cast<int>(seen.size());
+      rim.seen_share = SpanOf(seen, &rim.arc);
+      rim.score -= (1.0 - rim.seen_share) * rim.arc.sweep_rad / (2.0 * M_PI) *
+                   static_cast<double>(places.size());
+      return rim;
+    }
+    std::optional<EllipseArc> arc = FitRobustly(std::move(seen), options.max_offset_px);
+    if (!arc) {
+      return std::nullopt;
+    }
+    rim.arc = *arc;
+  }
+  return std::nullopt;
+}
+
+}  // namespace horopter
