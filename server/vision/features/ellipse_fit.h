@@ -10,6 +10,20 @@
 
 namespace horopter {
 
+// Coefficients of a x^2 + b xy + c y^2 + d x + e y + f = 0 in this order.
+using ConicCoefficients = Eigen::Matrix<double, 6, 1>;
+
+// The ellipse of least algebraic error from the scatter matrix (sum of m m^T over the points, m =
+// (x^2, xy, y^2, x, y, 1)); 4 a c - b^2 = 1. Coordinates should be centred and of size about 1. The
+// eigenproblem M v = lambda C v of the reduced scatter has, M being positive, exactly one positive
+// root; its cubic is solved in closed form. Empty when the points leave no ellipse: collinear or
+// too few.
+std::optional<ConicCoefficients> EllipseFromScatter(const Eigen::Matrix<double, 6, 6>& scatter);
+
+// Centre, semi-axes and angle (start, sweep and rms are left 0). Empty when the conic is no real
+// ellipse.
+std::optional<EllipseArc> EllipseFromConic(const ConicCoefficients& conic);
+
 // Fits an ellipse to at least 6 points (pixels). rms_px is of the first-order (Sampson) distances;
 // start and sweep span the points, which must follow each other along the arc for the sweep to mean
 // anything (SpanOf finds it for unordered ones). Empty for collinear or too few points.
