@@ -41,6 +41,15 @@ std::vector<double> Samples(const CurvatureTemplate& shape) {
 
 }  // namespace
 
+std::vector<CurvatureTemplate> DefaultTemplates() {
+  return {{TemplateShape::kPeak, 4, 7, 4},
+          {TemplateShape::kPeak, 6, 11, 6},
+          {TemplateShape::kStepUp, 8, 7, 8},
+          {TemplateShape::kStepUp, 14, 11, 14},
+          {TemplateShape::kStepDown, 8, 7, 8},
+          {TemplateShape::kStepDown, 14, 11, 14}};
+}
+
 absl::Status Validate(const TemplateSplittingOptions& options) {
   if (options.templates.empty() || options.templates.size() > kMaxTemplates) {
     return absl::InvalidArgumentError("templates: need 1 to 64, got " +
@@ -98,6 +107,7 @@ std::vector<double> TemplateCorrelation(std::span<const double> curvature,
 }
 
 std::vector<int> SuppressNonMaxima(std::span<const double> values,
+                                   std::span<const int> reach,
                                    bool closed,
                                    double threshold,
                                    int suppression) {
@@ -107,14 +117,24 @@ std::vector<int> SuppressNonMaxima(std::span<const double> values,
     if (values[i] > threshold) order.push_back(i);
   }
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return values[a] > values[b]; });
-  std::vector<bool> blocked(values.size(), false);
+  std::vector<bool> blocked(values.size(), false), sharp(values.size(), false);
+  const auto each_within = [&](int i, int distance, const auto& visit) {
+    distance = std::min(distance, n);
+    for (int k = -distance; k <= distance; ++k) {
+      const int j = closed ? (i + k + n) % n : i + k;
+      if (j >= 0 && j < n) visit(j);
+    }
+  };
   for (int i : order) {
     if (blocked[i]) continue;
-    kept.push_back(i);
-    for (int k = -std::min(suppression, n); k <= std::min(suppression, n); ++k) {
-      const int j = closed ? (i + k + n) % n : i + k;
-      if (j >= 0 && j < n) blocked[j] = true;
+    bool flank = false;
+    if (!reach.empty() && reach[i] > 0) {
+      each_within(i, reach[i], [&](int j) { flank = flank || sharp[j]; });
     }
+    if (flank) continue;
+    kept.push_back(i);
+    sharp[i] = reach.empty() || reach[i] == 0;
+    each_within(i, suppression, [&](int j) { blocked[j] = true; });
   }
   std::sort(kept.begin(), kept.end());
   return kept;
@@ -124,14 +144,17 @@ std::vector<int> FindTemplateCuts(std::span<const double> curvature,
                                   bool closed,
                                   const TemplateSplittingOptions& options) {
   std::vector<double> best(curvature.size(), 0.0);
+  std::vector<int> reach(curvature.size(), 0);
   for (const CurvatureTemplate& shape : options.templates) {
     const std::vector<double> correlation =
         TemplateCorrelation(curvature, closed, shape, options.noise_curvature);
     for (size_t i = 0; i < best.size(); ++i) {
-      best[i] = std::max(best[i], std::abs(correlation[i]));
+      if (std::abs(correlation[i]) <= best[i]) continue;
+      best[i] = std::abs(correlation[i]);
+      reach[i] = shape.shape == TemplateShape::kPeak ? 0 : shape.Length() / 2;
     }
   }
-  return SuppressNonMaxima(best, closed, options.threshold, options.suppression);
+  return SuppressNonMaxima(best, reach, closed, options.threshold, options.suppression);
 }
 
 }  // namespace horopter

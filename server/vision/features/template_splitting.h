@@ -23,19 +23,17 @@ struct CurvatureTemplate {
   int Length() const { return before + middle + after; }
 };
 
+// Two parametrisations of each shape, for curvature of half-width 5: short ones for features close
+// together, long ones that hear weaker steps.
+std::vector<CurvatureTemplate> DefaultTemplates();
+
 struct TemplateSplittingOptions {
-  // Two parametrisations of each shape, for curvature of half-width 5.
-  std::vector<CurvatureTemplate> templates = {{TemplateShape::kPeak, 4, 9, 4},
-                                              {TemplateShape::kPeak, 6, 13, 6},
-                                              {TemplateShape::kStepUp, 9, 9, 9},
-                                              {TemplateShape::kStepUp, 14, 11, 14},
-                                              {TemplateShape::kStepDown, 9, 9, 9},
-                                              {TemplateShape::kStepDown, 14, 11, 14}};
-  double threshold = 0.6;  // of the correlation; higher: fewer cuts
+  std::vector<CurvatureTemplate> templates = DefaultTemplates();
+  double threshold = 0.5;  // of the correlation; higher: fewer cuts
   // Curvature (1/px) that noise gives: it counts as part of the signal that no template explains,
   // so that the correlation of a shape no higher than it stays low. 0: the plain normalised
   // correlation, which cuts straight edges wherever their noise has one of the shapes.
-  double noise_curvature = 0.025;
+  double noise_curvature = 0.014;
   int suppression = 8;  // points on both sides of a cut in which there is no other
 };
 
@@ -51,14 +49,17 @@ std::vector<double> TemplateCorrelation(std::span<const double> curvature,
                                         double noise_curvature);
 
 // Points at which the largest |correlation| over all templates is above the threshold and no
-// larger one lies within `suppression`, ascending. Costs points x templates x length.
+// larger one lies within `suppression`, ascending. A step is no cut when a stronger peak lies under
+// its template: that is the peak's flank. Costs points x templates x length.
 std::vector<int> FindTemplateCuts(std::span<const double> curvature,
                                   bool closed,
                                   const TemplateSplittingOptions& options);
 
 // The points whose value is above the threshold and above all values within `suppression` points,
-// ascending; of equal ones the first.
+// ascending; of equal ones the first. `reach`, where given, is one number per point: a point also
+// gives way to an accepted one of reach 0 within its own reach.
 std::vector<int> SuppressNonMaxima(std::span<const double> values,
+                                   std::span<const int> reach,
                                    bool closed,
                                    double threshold,
                                    int suppression);
