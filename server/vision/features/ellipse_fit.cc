@@ -138,20 +138,7 @@ std::optional<EllipseArc> FitEllipse(std::span<const Eigen::Vector2f> points) {
     square += distance * distance;
   }
   arc->rms_px = std::sqrt(square / static_cast<double>(points.size()));
-  // Signed travel along the points.
-  double travel = 0.0;
-  const double first = AngleOf(*arc, points.front().cast<double>());
-  double previous = first;
-  double lowest = 0.0, highest = 0.0;
-  for (const Eigen::Vector2f& p : points) {
-    const double angle = AngleOf(*arc, p.cast<double>());
-    travel += std::remainder(angle - previous, 2.0 * M_PI);
-    previous = angle;
-    lowest = std::min(lowest, travel);
-    highest = std::max(highest, travel);
-  }
-  arc->start_rad = first + lowest;
-  arc->sweep_rad = std::min(highest - lowest, 2.0 * M_PI);
+  SpanInOrder(points, &*arc);
   return arc;
 }
 
@@ -168,6 +155,65 @@ double EllipseDistance(const EllipseArc& ellipse, const Eigen::Vector2d& point) 
   const double su = u / ellipse.semi_major_px, sv = v / ellipse.semi_minor_px;
   const double slope = std::sqrt(su * su + sv * sv) / radius;
   return std::abs(radius - 1.0) / slope;
+}
+
+Eigen::Vector2d NearestOnEllipse(const EllipseArc& ellipse, const Eigen::Vector2d& point) {
+  const double c = std::cos(ellipse.angle_rad), s = std::sin(ellipse.angle_rad);
+  const double a = ellipse.semi_major_px, b = ellipse.semi_minor_px;
+  const Eigen::Vector2d q = point - ellipse.center;
+  const double u = c * q.x() + s * q.y(), v = -s * q.x() + c * q.y();
+  const double x = std::abs(u), y = std::abs(v);
+  double px = 0.0, py = 0.0;
+  const double e = a * a - b * b;
+  if (y > 0.0) {
+    // The foot is (a^2 x / (s + e), b^2 y / s); s solves value(s) = 0 (Eberly 2013). Newton's steps
+    // on this convex falling function rise to the root from any s left of it; near the major axis,
+    // where they are short, halving the ratio of the bounds helps.
+    const auto value = [&](double s_at) {
+      const double r = a * x / (s_at + e), w = b * y / s_at;
+      return r * r + w * w - 1.0;
+    };
+    double low = std::max(b * y, a * x - e), high = std::hypot(a * x, b * y);
+    for (int i = 0; i < 60; ++i) {
+      const double r = a * x / (low + e), w = b * y / low;
+      double next = low + 0.5 * value(low) / (r * r / (low + e) + w * w / low);
+      if (const double middle = std::sqrt(low * high); next < middle) {
+        if (value(middle) >= 0.0) {
+          next = middle;
+        } else {
+          high = middle;
+        }
+      }
+      if (!(next > low * (1.0 + 1e-15))) break;
+      low = next;
+    }
+    px = a * a * x / (low + e);
+    py = b * b * y / low;
+  } else if (a * x < e) {
+    px = a * a * x / e;
+    py = b * std::sqrt(std::max(1.0 - px * px / (a * a), 0.0));
+  } else {
+    px = a;
+  }
+  px = std::copysign(px, u);
+  py = std::copysign(py, v);
+  return ellipse.center + Eigen::Vector2d(c * px - s * py, s * px + c * py);
+}
+
+void SpanInOrder(std::span<const Eigen::Vector2f> points, EllipseArc* arc) {
+  double travel = 0.0;
+  const double first = AngleOf(*arc, points.front().cast<double>());
+  double previous = first;
+  double lowest = 0.0, highest = 0.0;
+  for (const Eigen::Vector2f& p : points) {
+    const double angle = AngleOf(*arc, p.cast<double>());
+    travel += std::remainder(angle - previous, 2.0 * M_PI);
+    previous = angle;
+    lowest = std::min(lowest, travel);
+    highest = std::max(highest, travel);
+  }
+  arc->start_rad = first + lowest;
+  arc->sweep_rad = std::min(highest - lowest, 2.0 * M_PI);
 }
 
 double SpanOf(std::span<const Eigen::Vector2f> points, EllipseArc* arc) {

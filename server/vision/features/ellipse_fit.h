@@ -32,6 +32,12 @@ std::optional<EllipseArc> FitEllipse(std::span<const Eigen::Vector2f> points);
 // First-order distance of a point from the whole ellipse, pixels.
 double EllipseDistance(const EllipseArc& ellipse, const Eigen::Vector2d& point);
 
+// The point of the ellipse nearest to `point`, both in pixels.
+Eigen::Vector2d NearestOnEllipse(const EllipseArc& ellipse, const Eigen::Vector2d& point);
+
+// Sets start_rad and sweep_rad to what points that follow each other along the arc span.
+void SpanInOrder(std::span<const Eigen::Vector2f> points, EllipseArc* arc);
+
 // Sets start_rad and sweep_rad to the complement of the largest angular gap between the points and
 // returns the share of the sweep that lies within 10 degrees of a point.
 double SpanOf(std::span<const Eigen::Vector2f> points, EllipseArc* arc);
