@@ -224,7 +224,10 @@ struct EllipseResiduals {
   std::vector<double> distances;
 };
 
-EllipseResiduals ResidualsOf(const EllipseArc& arc, std::span<const Eigen::Vector2f> points) {
+EllipseResiduals ResidualsOf(const EllipseArc& arc,
+                             std::span<const Eigen::Vector2f> points,
+                             double blur_sigma_px) {
+  const double inside = 0.5 * blur_sigma_px * blur_sigma_px;  // per curvature
   const double c = std::cos(arc.angle_rad), s = std::sin(arc.angle_rad);
   const double a = arc.semi_major_px, b = arc.semi_minor_px;
   EllipseResiduals out;
@@ -232,9 +235,10 @@ EllipseResiduals ResidualsOf(const EllipseArc& arc, std::span<const Eigen::Vecto
     const Eigen::Vector2d p = point.cast<double>();
     const Eigen::Vector2d foot = NearestOnEllipse(arc, p), q = foot - arc.center;
     const double u = c * q.x() + s * q.y(), v = -s * q.x() + c * q.y();
-    const Eigen::Vector2d local = Eigen::Vector2d(u / (a * a), v / (b * b)).normalized();
+    const Eigen::Vector2d gradient(u / (a * a), v / (b * b)), local = gradient.normalized();
     const Eigen::Vector2d normal(c * local.x() - s * local.y(), s * local.x() + c * local.y());
-    const double d = normal.dot(p - foot);
+    const double curvature = 1.0 / (a * a * b * b * std::pow(gradient.norm(), 3.0));
+    const double d = normal.dot(p - foot) + inside * curvature;
     Vector5 row;  // of -d: how far the curve moves along its normal
     row << normal.x(), normal.y(), local.x() * u / a, local.y() * v / b,
         local.y() * u - local.x() * v;
@@ -260,6 +264,9 @@ EllipseArc Moved(const EllipseArc& arc, const Vector5& step) {
 absl::Status Validate(const ConicFitOptions& options) {
   if (!(options.sigma_px >= 0.0) || !std::isfinite(options.sigma_px)) {
     return absl::InvalidArgumentError("sigma_px: need a finite value >= 0");
+  }
+  if (!(options.blur_sigma_px >= 0.0) || !std::isfinite(options.blur_sigma_px)) {
+    return absl::InvalidArgumentError("blur_sigma_px: need a finite value >= 0");
   }
   if (!(options.decision_sigmas >= 0.0)) {
     return absl::InvalidArgumentError("decision_sigmas: need >= 0");
@@ -346,7 +353,7 @@ absl::StatusOr<EllipseFit> FitEllipseGeometric(std::span<const Eigen::Vector2f> 
   }
   EllipseFit fit;
   fit.arc = *start;
-  EllipseResiduals now = ResidualsOf(fit.arc, points);
+  EllipseResiduals now = ResidualsOf(fit.arc, points, options.blur_sigma_px);
   // Angles weigh as the arc they move, so that damping is the same for all five.
   double damping = 1e-6;
   while (fit.iterations < options.max_iterations) {
@@ -357,7 +364,8 @@ absl::StatusOr<EllipseFit> FitEllipseGeometric(std::span<const Eigen::Vector2f> 
     if (!step.allFinite()) break;
     const EllipseArc next = Moved(fit.arc, step);
     const bool valid = next.semi_major_px > 0.0 && next.semi_minor_px > 0.0;
-    EllipseResiduals moved = valid ? ResidualsOf(next, points) : EllipseResiduals();
+    EllipseResiduals moved =
+        valid ? ResidualsOf(next, points, options.blur_sigma_px) : EllipseResiduals();
     if (valid && moved.square <= now.square) {
       fit.arc = next;
       now = std::move(moved);

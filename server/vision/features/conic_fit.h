@@ -26,6 +26,11 @@ struct ConicFitOptions {
   // Take into account that the noise of neighbouring points is alike (edge points share pixels):
   // covariances grow by the sum of the residuals' autocorrelation. Points must be in order.
   bool correlated_noise = false;
+  // Blur along the edges the points were found on, optics and edge filter together (the features
+  // stage's own is sqrt(5 / 3)), for ellipses: the
+  // steepest place of a curved edge lies inside it by curvature x sigma^2 / 2 (Verbeek & van Vliet
+  // 1994), which the fit gives back. 0: points are taken as they are.
+  double blur_sigma_px = 0.0;
   // Deviations a discriminant must be away from 0 to decide the type. Higher: more parabolas and
   // line pairs.
   double decision_sigmas = 3.0;

@@ -307,6 +307,37 @@ TEST(FitEllipseGeometric, IsNearerTheTruthThanTheDirectFitOnShortArcs) {
   EXPECT_NEAR(noise / 300, 0.2, 0.01);
 }
 
+TEST(FitEllipseGeometric, GivesBackWhatBlurTakesFromACurvedEdge) {
+  std::mt19937 rng(42);
+  for (int trial = 0; trial < 50; ++trial) {
+    const EllipseArc truth = RandomArc(6.2, &rng);
+    const double a = truth.semi_major_px, b = truth.semi_minor_px, blur = 1.5;
+    // The edge lies inside by curvature x sigma^2 / 2 along the normal.
+    const Points points = Sample(
+        [&](double t) {
+          const Eigen::Vector2d n = Eigen::Vector2d(std::cos(t) / a, std::sin(t) / b).normalized();
+          const double root = std::hypot(b * std::cos(t), a * std::sin(t));
+          const double curvature = a * b / (root * root * root);
+          return Eigen::Vector2d(Eigen::Vector2d(a * std::cos(t), b * std::sin(t)) -
+                                 0.5 * blur * blur * curvature * n);
+        },
+        0.0,
+        6.2,
+        200,
+        truth.angle_rad,
+        truth.center,
+        0.0,
+        &rng);
+    ConicFitOptions options;
+    const auto plain = FitEllipseGeometric(points, options);
+    options.blur_sigma_px = blur;
+    const auto fit = FitEllipseGeometric(points, options);
+    ASSERT_TRUE(plain.ok() && fit.ok());
+    EXPECT_LT(Difference(fit->arc, truth).head<4>().norm(), 0.005);
+    EXPECT_GT(Difference(plain->arc, truth).head<4>().norm(), 0.01);
+  }
+}
+
 TEST(FitEllipseGeometric, OfACircleHasAFiniteCovarianceWithAnUnknownAngle) {
   std::mt19937 rng(38);
   EllipseArc circle = RandomArc(6.28, &rng);
