@@ -31,7 +31,7 @@ absl::Status CheckFinite(std::span<const Eigen::Vector2f> points) {
 // Points that a fit looks at: more do not change the comparison of two fits.
 constexpr int kMaxFitPoints = 200;
 // Blur rounds a corner off: points this near to a cut do not speak against the pieces beside it.
-constexpr int kCornerPoints = 2;
+constexpr int kCornerPoints = 3;
 // Deviations from a fit below this (rms) are the pixel grid's.
 constexpr double kGridRmsPx = 0.04;
 
@@ -218,7 +218,9 @@ absl::StatusOr<std::vector<ChainPiece>> SplitChain(std::span<const Eigen::Vector
   if (options.rejoin_factor > 0.0) Rejoin(points, options, &pieces);
   std::erase_if(pieces, [&](const ChainPiece& p) { return p.end - p.begin < options.min_points; });
   for (ChainPiece& p : pieces) {
-    p.curved = IsCurved(points.subspan(p.begin, p.end - p.begin), options.straight_sagitta_px);
+    const int skip = p.end - p.begin >= 6 * kCornerPoints ? kCornerPoints : 0;
+    p.curved = IsCurved(points.subspan(p.begin + skip, p.end - p.begin - 2 * skip),
+                        options.straight_sagitta_px);
   }
   return pieces;
 }
