@@ -48,9 +48,12 @@ class Accumulator {
       const double off = std::remainder(voter.angle - k * step, 2.0 * M_PI);
       const double weight = 1.0 - std::abs(off) / (options_.angle_spread_rad + step);
       if (weight <= 0.0) continue;
-      const double at = normals_[a].dot(voter.point) / options_.offset_step_px + 0.5 * offsets_;
-      const int low = std::clamp(static_cast<int>(std::floor(at)), 0, offsets_ - 2);
-      const double share = std::clamp(at - low, 0.0, 1.0);
+      const double at =
+          std::clamp(normals_[a].dot(voter.point) / options_.offset_step_px + 0.5 * offsets_,
+                     0.0,
+                     offsets_ - 1.0);
+      const int low = std::min(static_cast<int>(at), offsets_ - 2);
+      const double share = at - low;
       float* row = &votes_[static_cast<size_t>(a) * offsets_];
       row[low] += sign * static_cast<float>(weight * (1.0 - share));
       row[low + 1] += sign * static_cast<float>(weight * share);

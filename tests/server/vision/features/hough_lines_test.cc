@@ -129,7 +129,7 @@ TEST(DetectHoughLines, NothingAndNoiseGiveNothingOrBoundedLists) {
   Detect({noise}, options);
   // Points outside the image vote at its border but are no error.
   EdgeChain outside;
-  outside.points.assign(30, Eigen::Vector2f(1e6f, -1e6f));
+  outside.points.assign(30, Eigen::Vector2f(1e30f, -1e30f));
   outside.gradients.assign(30, Eigen::Vector2f(0, 0));
   EXPECT_TRUE(Detect({outside}).segments.empty());
   outside.gradients.assign(30, Eigen::Vector2f(1, 2));
