@@ -1,6 +1,6 @@
 #include "server/vision/features/ellipse_fit.h"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
@@ -9,9 +9,71 @@
 namespace horopter {
 namespace {
 
-// Semi-axes, centre and angle of a x^2 + b xy + c y^2 + d x + e y + f = 0; empty when it is no real
-// ellipse.
-std::optional<EllipseArc> FromConic(double a, double b, double c, double d, double e, double f) {
+// Least determinant of the scatter of (x, y, 1) per point cubed: below, the points lie on a line.
+constexpr double kMinSpread = 1e-14;
+
+// Largest real root of x^3 - trace x^2 + minors x - determinant, all of whose roots are real.
+double LargestRoot(double trace, double minors, double determinant) {
+  const double third = trace / 3.0;
+  const double q = std::max(third * third - minors / 3.0, 0.0);
+  const double r = third * third * third - 0.5 * (third * minors - determinant);
+  const double cube = q * std::sqrt(q);
+  const double angle = cube > 0.0 ? std::acos(std::clamp(r / cube, -1.0, 1.0)) : 0.0;
+  double x = third + 2.0 * std::sqrt(q) * std::cos(angle / 3.0);
+  for (int i = 0; i < 2; ++i) {  // what the cosine rounds off
+    const double value = ((x - trace) * x + minors) * x - determinant;
+    const double slope = (3.0 * x - 2.0 * trace) * x + minors;
+    if (!(std::abs(slope) > 1e-300)) break;
+    x -= value / slope;
+  }
+  return x;
+}
+
+double AngleOf(const EllipseArc& arc, const Eigen::Vector2d& point) {
+  const double c = std::cos(arc.angle_rad), s = std::sin(arc.angle_rad);
+  const Eigen::Vector2d q = point - arc.center;
+  return std::atan2((-s * q.x() + c * q.y()) / arc.semi_minor_px,
+                    (c * q.x() + s * q.y()) / arc.semi_major_px);
+}
+
+}  // namespace
+
+std::optional<ConicCoefficients> EllipseFromScatter(const Eigen::Matrix<double, 6, 6>& scatter) {
+  const Eigen::Matrix3d S1 = scatter.topLeftCorner<3, 3>(), S2 = scatter.topRightCorner<3, 3>(),
+                        S3 = scatter.bottomRightCorner<3, 3>();
+  const double count = scatter(5, 5);
+  if (!(std::abs(S3.determinant()) > kMinSpread * count * count * count)) {
+    return std::nullopt;
+  }
+  const Eigen::Matrix3d T = -S3.inverse() * S2.transpose();
+  const Eigen::Matrix3d M = S1 + S2 * T;
+  // Inverse of the constraint matrix C (4 a c - b^2 = v^T C v) times M.
+  Eigen::Matrix3d system;
+  system << 0.5 * M.row(2), -M.row(1), 0.5 * M.row(0);
+  if (!system.allFinite()) {
+    return std::nullopt;
+  }
+  const double minors = 0.5 * (system.trace() * system.trace() - (system * system).trace());
+  const double root = LargestRoot(system.trace(), minors, system.determinant());
+  const Eigen::Matrix3d rest = system - root * Eigen::Matrix3d::Identity();
+  Eigen::Vector3d v = Eigen::Vector3d::Zero();
+  for (int k = 0; k < 3; ++k) {
+    const Eigen::Vector3d cross =
+        rest.row(k).transpose().cross(Eigen::Vector3d(rest.row((k + 1) % 3).transpose()));
+    if (cross.squaredNorm() > v.squaredNorm()) v = cross;
+  }
+  v.normalize();
+  const double discriminant = 4.0 * v[0] * v[2] - v[1] * v[1];
+  if (!(discriminant > 0.0)) {
+    return std::nullopt;
+  }
+  ConicCoefficients conic;
+  conic << v, T * v;
+  return conic / std::sqrt(discriminant);
+}
+
+std::optional<EllipseArc> EllipseFromConic(const ConicCoefficients& conic) {
+  const double a = conic[0], b = conic[1], c = conic[2], d = conic[3], e = conic[4], f = conic[5];
   const double determinant = 4.0 * a * c - b * b;
   if (!(determinant > 0.0)) {
     return std::nullopt;
@@ -37,15 +99,6 @@ std::optional<EllipseArc> FromConic(double a, double b, double c, double d, doub
   return arc;
 }
 
-double AngleOf(const EllipseArc& arc, const Eigen::Vector2d& point) {
-  const double c = std::cos(arc.angle_rad), s = std::sin(arc.angle_rad);
-  const Eigen::Vector2d q = point - arc.center;
-  return std::atan2((-s * q.x() + c * q.y()) / arc.semi_minor_px,
-                    (c * q.x() + s * q.y()) / arc.semi_major_px);
-}
-
-}  // namespace
-
 std::optional<EllipseArc> FitEllipse(std::span<const Eigen::Vector2f> points) {
   if (points.size() < 6) {
     return std::nullopt;
@@ -63,64 +116,30 @@ std::optional<EllipseArc> FitEllipse(std::span<const Eigen::Vector2f> points) {
   if (!(scale > 1e-9)) {
     return std::nullopt;
   }
-  Eigen::Matrix3d S1 = Eigen::Matrix3d::Zero(), S2 = S1, S3 = S1;
+  Eigen::Matrix<double, 6, 6> scatter = Eigen::Matrix<double, 6, 6>::Zero();
   for (const Eigen::Vector2f& p : points) {
     const Eigen::Vector2d q = (p.cast<double>() - mean) / scale;
-    const Eigen::Vector3d quadratic(q.x() * q.x(), q.x() * q.y(), q.y() * q.y());
-    const Eigen::Vector3d linear(q.x(), q.y(), 1.0);
-    S1 += quadratic * quadratic.transpose();
-    S2 += quadratic * linear.transpose();
-    S3 += linear * linear.transpose();
+    ConicCoefficients monomials;
+    monomials << q.x() * q.x(), q.x() * q.y(), q.y() * q.y(), q.x(), q.y(), 1.0;
+    scatter.selfadjointView<Eigen::Upper>().rankUpdate(monomials);
   }
-  if (std::abs(S3.determinant()) < 1e-12) {
+  scatter.triangularView<Eigen::StrictlyLower>() = scatter.transpose();
+  const std::optional<ConicCoefficients> conic = EllipseFromScatter(scatter);
+  std::optional<EllipseArc> arc = conic ? EllipseFromConic(*conic) : std::nullopt;
+  if (!arc) {
     return std::nullopt;
   }
-  const Eigen::Matrix3d T = -S3.inverse() * S2.transpose();
-  const Eigen::Matrix3d reduced = S1 + S2 * T;
-  // Inverse of the constraint 4 a c - b^2 = 1.
-  Eigen::Matrix3d system;
-  system << 0.5 * reduced.row(2), -reduced.row(1), 0.5 * reduced.row(0);
-  if (!system.allFinite()) {
-    return std::nullopt;
+  arc->center = mean + scale * arc->center;
+  arc->semi_major_px *= scale;
+  arc->semi_minor_px *= scale;
+  double square = 0.0;
+  for (const Eigen::Vector2f& p : points) {
+    const double distance = EllipseDistance(*arc, p.cast<double>());
+    square += distance * distance;
   }
-  const Eigen::EigenSolver<Eigen::Matrix3d> solver(system);
-  for (int k = 0; k < 3; ++k) {
-    const Eigen::Vector3d v = solver.eigenvectors().col(k).real();
-    if (std::abs(solver.eigenvalues()[k].imag()) > 1e-9 ||
-        !(4.0 * v[0] * v[2] - v[1] * v[1] > 0.0)) {
-      continue;
-    }
-    const Eigen::Vector3d w = T * v;
-    std::optional<EllipseArc> arc = FromConic(v[0], v[1], v[2], w[0], w[1], w[2]);
-    if (!arc) {
-      continue;
-    }
-    arc->center = mean + scale * arc->center;
-    arc->semi_major_px *= scale;
-    arc->semi_minor_px *= scale;
-    double square = 0.0;
-    for (const Eigen::Vector2f& p : points) {
-      const double distance = EllipseDistance(*arc, p.cast<double>());
-      square += distance * distance;
-    }
-    arc->rms_px = std::sqrt(square / static_cast<double>(points.size()));
-    // Signed travel along the points.
-    double travel = 0.0;
-    const double first = AngleOf(*arc, points.front().cast<double>());
-    double previous = first;
-    double lowest = 0.0, highest = 0.0;
-    for (const Eigen::Vector2f& p : points) {
-      const double angle = AngleOf(*arc, p.cast<double>());
-      travel += std::remainder(angle - previous, 2.0 * M_PI);
-      previous = angle;
-      lowest = std::min(lowest, travel);
-      highest = std::max(highest, travel);
-    }
-    arc->start_rad = first + lowest;
-    arc->sweep_rad = std::min(highest - lowest, 2.0 * M_PI);
-    return arc;
-  }
-  return std::nullopt;
+  arc->rms_px = std::sqrt(square / static_cast<double>(points.size()));
+  SpanInOrder(points, &*arc);
+  return arc;
 }
 
 double EllipseDistance(const EllipseArc& ellipse, const Eigen::Vector2d& point) {
@@ -136,6 +155,65 @@ double EllipseDistance(const EllipseArc& ellipse, const Eigen::Vector2d& point) 
   const double su = u / ellipse.semi_major_px, sv = v / ellipse.semi_minor_px;
   const double slope = std::sqrt(su * su + sv * sv) / radius;
   return std::abs(radius - 1.0) / slope;
+}
+
+Eigen::Vector2d NearestOnEllipse(const EllipseArc& ellipse, const Eigen::Vector2d& point) {
+  const double c = std::cos(ellipse.angle_rad), s = std::sin(ellipse.angle_rad);
+  const double a = ellipse.semi_major_px, b = ellipse.semi_minor_px;
+  const Eigen::Vector2d q = point - ellipse.center;
+  const double u = c * q.x() + s * q.y(), v = -s * q.x() + c * q.y();
+  const double x = std::abs(u), y = std::abs(v);
+  double px = 0.0, py = 0.0;
+  const double e = a * a - b * b;
+  if (y > 0.0) {
+    // The foot is (a^2 x / (s + e), b^2 y / s); s solves value(s) = 0 (Eberly 2013). Newton's steps
+    // on this convex falling function rise to the root from any s left of it; near the major axis,
+    // where they are short, halving the ratio of the bounds helps.
+    const auto value = [&](double s_at) {
+      const double r = a * x / (s_at + e), w = b * y / s_at;
+      return r * r + w * w - 1.0;
+    };
+    double low = std::max(b * y, a * x - e), high = std::hypot(a * x, b * y);
+    for (int i = 0; i < 60; ++i) {
+      const double r = a * x / (low + e), w = b * y / low;
+      double next = low + 0.5 * value(low) / (r * r / (low + e) + w * w / low);
+      if (const double middle = std::sqrt(low * high); next < middle) {
+        if (value(middle) >= 0.0) {
+          next = middle;
+        } else {
+          high = middle;
+        }
+      }
+      if (!(next > low * (1.0 + 1e-15))) break;
+      low = next;
+    }
+    px = a * a * x / (low + e);
+    py = b * b * y / low;
+  } else if (a * x < e) {
+    px = a * a * x / e;
+    py = b * std::sqrt(std::max(1.0 - px * px / (a * a), 0.0));
+  } else {
+    px = a;
+  }
+  px = std::copysign(px, u);
+  py = std::copysign(py, v);
+  return ellipse.center + Eigen::Vector2d(c * px - s * py, s * px + c * py);
+}
+
+void SpanInOrder(std::span<const Eigen::Vector2f> points, EllipseArc* arc) {
+  double travel = 0.0;
+  const double first = AngleOf(*arc, points.front().cast<double>());
+  double previous = first;
+  double lowest = 0.0, highest = 0.0;
+  for (const Eigen::Vector2f& p : points) {
+    const double angle = AngleOf(*arc, p.cast<double>());
+    travel += std::remainder(angle - previous, 2.0 * M_PI);
+    previous = angle;
+    lowest = std::min(lowest, travel);
+    highest = std::max(highest, travel);
+  }
+  arc->start_rad = first + lowest;
+  arc->sweep_rad = std::min(highest - lowest, 2.0 * M_PI);
 }
 
 double SpanOf(std::span<const Eigen::Vector2f> points, EllipseArc* arc) {

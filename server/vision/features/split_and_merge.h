@@ -13,6 +13,7 @@ namespace horopter {
 struct ChainPiece {
   int begin = 0;
   int end = 0;
+  bool curved = false;  // a conic's arc rather than a line; SplitAndMerge gives lines only
 };
 
 // Straight pieces in chain order; neighbouring pieces share their end point. Points that no piece
