@@ -17,7 +17,7 @@ struct ArcSeedOptions {
   int partners = 8;                 // tried for each bow, the nearest
   double max_bow_distance_px = 90;  // between the middles of two that are paired
   double max_pair_rms_px = 0.4;
-  int max_pairs = 300;              // the best fits are kept
+  int max_pairs = 150;              // the best fits are kept
 };
 
 // Could this be the image of a part's circle?

@@ -12,12 +12,6 @@
 
 namespace horopter {
 
-enum class ChainSplittingMethod {
-  kSplitAndMerge,       // chord distance and joint line fits; straight pieces only
-  kCurvatureThreshold,  // maxima of |curvature| above one threshold for all chains
-  kCurvatureTemplates,  // correlation of the curvature with peaks and steps (thesis 2.3)
-};
-
 struct ChainSplittingOptions {
   ChainSplittingMethod method = ChainSplittingMethod::kSplitAndMerge;
   SplitAndMergeOptions split_and_merge;

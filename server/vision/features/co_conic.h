@@ -9,7 +9,7 @@ namespace horopter {
 
 struct CoConicOptions {
   double near_px = 1.2;       // of a segment's points from the arc
-  double angle_rad = 0.14;    // between directions
+  double angle_rad = 0.35;    // between directions; a chord's ends turn by half of what it spans
   double chord_share = 0.75;  // of a segment along the arc: the segment is one of its chords
   // Of the arc along segments that go on straight beyond it: the arc only touches them and is
   // dropped.

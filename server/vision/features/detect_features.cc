@@ -4,7 +4,10 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
 #include "server/vision/features/arcs.h"
+#include "server/vision/features/chain_splitting.h"
 #include "server/vision/features/co_conic.h"
 #include "server/vision/features/conic_junctions.h"
 #include "server/vision/features/detection_channels.h"
@@ -53,8 +56,11 @@ double CoveredShare(const EdgeChain& chain, const ChainPiece& piece, const EdgeC
   return static_cast<double>(covered) / (piece.end - piece.begin);
 }
 
-Pieces DetectByLinking(const cv::Mat& image, const FeatureOptions& options) {
+absl::StatusOr<Pieces> DetectByLinking(const cv::Mat& image, const FeatureOptions& options) {
   Pieces pieces;
+  ChainSplittingOptions splitting;
+  splitting.method = options.splitting;
+  splitting.split_and_merge = options.split;
   const std::vector<GradientField> fields = MakeGradientFields(image, options.gradient);
   for (const GradientField& field : fields) {
     std::vector<EdgeChain> chains = LinkEdges(field, options.linking);
@@ -67,7 +73,12 @@ Pieces DetectByLinking(const cv::Mat& image, const FeatureOptions& options) {
   // What another channel has already given is not fitted again.
   EdgeCover cover(image.cols, image.rows);
   for (const EdgeChain& chain : pieces.chains) {
-    for (const ChainPiece& piece : SplitAndMerge(chain.points, options.split)) {
+    absl::StatusOr<std::vector<ChainPiece>> cut = SplitChain(chain.points, chain.closed, splitting);
+    if (!cut.ok()) {
+      return cut.status();
+    }
+    for (const ChainPiece& piece : *cut) {
+      if (piece.curved) continue;  // FindArcs reads the chains themselves
       pieces.lines_detected += 1.0;
       if (CoveredShare(chain, piece, cover) > kMaxCoveredShare) {
         continue;
@@ -90,7 +101,7 @@ Pieces DetectByLinking(const cv::Mat& image, const FeatureOptions& options) {
   return pieces;
 }
 
-Pieces DetectByChannels(const cv::Mat& image, const FeatureOptions& options) {
+absl::StatusOr<Pieces> DetectByChannels(const cv::Mat& image, const FeatureOptions& options) {
   const std::vector<DetectionChannel> channels =
       MakeDetectionChannels(image, options.smoothing_sigma_px);
   Pieces pieces;
@@ -120,12 +131,14 @@ Pieces DetectByChannels(const cv::Mat& image, const FeatureOptions& options) {
   return pieces;
 }
 
-ImageFeatures Detect(const cv::Mat& image, const FeatureOptions& options) {
+absl::StatusOr<ImageFeatures> Detect(const cv::Mat& image, const FeatureOptions& options) {
   ImageFeatures features;
   features.width = image.cols;
   features.height = image.rows;
-  Pieces pieces = options.detector == EdgeDetector::kLinkedField ? DetectByLinking(image, options)
-                                                                 : DetectByChannels(image, options);
+  HOROPTER_ASSIGN_OR_RETURN(Pieces pieces,
+                            options.detector == EdgeDetector::kLinkedField
+                                ? DetectByLinking(image, options)
+                                : DetectByChannels(image, options));
   features.counts["lines_detected"] = pieces.lines_detected;
   features.counts["lines_fitted"] = static_cast<double>(pieces.segments.size());
   features.segments = MergeSegments(std::move(pieces.segments), options);
@@ -159,18 +172,49 @@ ImageFeatures Detect(const cv::Mat& image, const FeatureOptions& options) {
 
 }  // namespace
 
+absl::Status Validate(const FeatureOptions& options) {
+  const auto refuse = [](const char* field, double value) {
+    return absl::InvalidArgumentError(absl::StrCat(field, ": out of range: ", value));
+  };
+  // Written so that NaN is refused too.
+  if (!(options.linking.high > 0.0)) return refuse("linking.high", options.linking.high);
+  if (!(options.linking.low > 0.0 && options.linking.low <= options.linking.high)) {
+    return refuse("linking.low", options.linking.low);
+  }
+  if (!(options.gradient.min_threshold > 0.0)) {
+    return refuse("gradient.min_threshold", options.gradient.min_threshold);
+  }
+  if (!(options.gradient.max_threshold >= options.gradient.min_threshold)) {
+    return refuse("gradient.max_threshold", options.gradient.max_threshold);
+  }
+  if (!(options.split.split_px > 0.0)) return refuse("split.split_px", options.split.split_px);
+  if (!(options.min_segment_length_px >= 0.0)) {
+    return refuse("min_segment_length_px", options.min_segment_length_px);
+  }
+  if (!(options.merge_chi_square > 0.0)) {
+    return refuse("merge_chi_square", options.merge_chi_square);
+  }
+  if (options.max_segments < 0) return refuse("max_segments", options.max_segments);
+  if (options.max_arcs < 0) return refuse("max_arcs", options.max_arcs);
+  return absl::OkStatus();
+}
+
 absl::StatusOr<ImageFeatures> DetectFeatures(const cv::Mat& image, const FeatureOptions& options) {
-  if (image.type() != CV_8UC1 && image.type() != CV_8UC3) {
-    return absl::InvalidArgumentError("image: need 8-bit grey or BGR, got OpenCV type " +
-                                      std::to_string(image.type()));
+  HOROPTER_RETURN_IF_ERROR(Validate(options));
+  const bool deep = image.type() == CV_16UC1 || image.type() == CV_16UC3;
+  if (image.type() != CV_8UC1 && image.type() != CV_8UC3 && !deep) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("image: need 8 or 16 bits, grey or BGR, got OpenCV type ", image.type()));
   }
   if (image.cols < kMinSidePx || image.rows < kMinSidePx) {
-    return absl::InvalidArgumentError("image: need at least 16x16 px, got " +
-                                      std::to_string(image.cols) + "x" +
-                                      std::to_string(image.rows));
+    return absl::InvalidArgumentError(
+        absl::StrCat("image: need at least 16x16 px, got ", image.cols, "x", image.rows));
   }
   try {
-    return Detect(image, options);
+    if (!deep) return Detect(image, options);
+    cv::Mat shallow;
+    image.convertTo(shallow, CV_8U, 255.0 / 65535.0);
+    return Detect(shallow, options);
   } catch (const cv::Exception& error) {
     return absl::InternalError(std::string("feature detection: ") + error.what());
   }

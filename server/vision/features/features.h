@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 namespace cv {
@@ -153,6 +154,13 @@ enum class EdgeDetector {
   kEdgeDrawingChannels,
 };
 
+// How chains are cut into pieces; see chain_splitting.h.
+enum class ChainSplittingMethod {
+  kSplitAndMerge,       // chord distance and joint line fits; straight pieces only
+  kCurvatureThreshold,  // maxima of |curvature| above one threshold for all chains
+  kCurvatureTemplates,  // correlation of the curvature with peaks and steps (thesis 2.3)
+};
+
 // When two pieces are the same straight edge.
 enum class MergeTest {
   kTolerances,   // merge_angle_rad and merge_offset_px
@@ -165,6 +173,7 @@ struct FeatureOptions {
   EdgeDetector detector = EdgeDetector::kLinkedField;
   GradientOptions gradient;
   LinkingOptions linking;
+  ChainSplittingMethod splitting = ChainSplittingMethod::kSplitAndMerge;  // of kLinkedField
   SplitAndMergeOptions split;
   // Threshold of a channel's gradient (sum of |dx| + |dy| over 3x3 pixels: 6 x the slope per pixel)
   // = noise_factor x the channel's median gradient, between the two bounds: quiet images show
@@ -189,9 +198,12 @@ struct FeatureOptions {
   int max_segments = 4000;        // the strongest are kept; the cut is said in counts
 };
 
+// Errors: INVALID_ARGUMENT naming the field.
+absl::Status Validate(const FeatureOptions& options);
+
 // Detects the features of one image.
-// image: CV_8UC1 or CV_8UC3 (BGR), at least 16x16 px. Errors: INVALID_ARGUMENT for another type or
-// size. An image without structure gives empty lists, not an error.
+// image: CV_8UC1, CV_8UC3 (BGR) or the same with 16 bits, of which 65535 is taken for 255; at least
+// 16x16 px. Errors: INVALID_ARGUMENT for another type or size, or options (see Validate). An image without structure gives empty lists, not an error.
 absl::StatusOr<ImageFeatures> DetectFeatures(const cv::Mat& image, const FeatureOptions& options);
 
 }  // namespace horopter

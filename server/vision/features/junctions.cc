@@ -282,6 +282,7 @@ std::vector<Junction> FindJunctions(const std::vector<Segment>& segments,
 
 JunctionType TypeOf(const Junction& junction, const std::vector<Segment>& segments) {
   // Rays from the point along the segments; one that passes gives two.
+  constexpr double kStraightRad = 0.12;  // two ends this near to one line are one edge, cut here
   std::vector<double> rays;
   int passing = 0;
   for (const Junction::End& end : junction.ends) {
@@ -295,14 +296,16 @@ JunctionType TypeOf(const Junction& junction, const std::vector<Segment>& segmen
     }
   }
   if (rays.size() == 2) return JunctionType::kL;
-  if (rays.size() == 4 && passing == 2) return JunctionType::kX;
-  if (rays.size() > 3) return JunctionType::kMulti;
-  if (passing == 1) return JunctionType::kT;
   std::sort(rays.begin(), rays.end());
+  if (rays.size() == 4) {
+    const bool crossing = std::abs(rays[2] - rays[0] - M_PI) < kStraightRad &&
+                          std::abs(rays[3] - rays[1] - M_PI) < kStraightRad;
+    return crossing ? JunctionType::kX : JunctionType::kMulti;
+  }
+  if (rays.size() > 4) return JunctionType::kMulti;
+  if (passing == 1) return JunctionType::kT;
   double widest = rays.front() + 2.0 * M_PI - rays.back();
   for (size_t k = 0; k + 1 < rays.size(); ++k) widest = std::max(widest, rays[k + 1] - rays[k]);
-  // Two of three ends in one line within this: a passing edge that was cut at the junction.
-  constexpr double kStraightRad = 0.12;
   if (std::abs(widest - M_PI) < kStraightRad) return JunctionType::kT;
   return widest > M_PI ? JunctionType::kArrow : JunctionType::kY;
 }

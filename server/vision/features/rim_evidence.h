@@ -30,7 +30,7 @@ std::vector<RimPoint> MeasureRim(const EllipseArc& ellipse,
 struct RimOptions {
   double min_strength = 0.5;  // thresholds; of a place that counts as seen
   double max_offset_px = 1.0;
-  int rounds = 3;  // of measuring and fitting again
+  int rounds = 2;  // of measuring and fitting again
 };
 
 // The ellipse fitted to its own rim, with start and sweep of what is seen of it and the share of

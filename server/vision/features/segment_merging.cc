@@ -55,15 +55,16 @@ double ChiSquare(const Segment& a, const Segment& b) {
 }
 
 bool SameEdge(const Segment& a, const Segment& b, const FeatureOptions& options) {
+  if (options.merge_test == MergeTest::kStatistical) {
+    return GapAlong(a, b) <= options.merge_gap_px &&
+           (a.Length() >= b.Length() ? ChiSquare(a, b) : ChiSquare(b, a)) <=
+               options.merge_chi_square;
+  }
   const Eigen::Vector2d da = (a.end - a.start).normalized();
   const Eigen::Vector2d db = (b.end - b.start).normalized();
   if (std::abs(da.x() * db.y() - da.y() * db.x()) > std::sin(options.merge_angle_rad) ||
       GapAlong(a, b) > options.merge_gap_px) {
     return false;
-  }
-  if (options.merge_test == MergeTest::kStatistical) {
-    return a.Length() >= b.Length() ? ChiSquare(a, b) <= options.merge_chi_square
-                                    : ChiSquare(b, a) <= options.merge_chi_square;
   }
   // Both ends of the shorter must lie on the longer one's line.
   const bool a_longer = a.Length() >= b.Length();

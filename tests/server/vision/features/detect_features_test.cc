@@ -323,7 +323,7 @@ TEST(DetectFeatures, RefusesWrongTypesAndSizes) {
                                cv::Mat(15, 64, CV_8UC1),
                                cv::Mat(64, 15, CV_8UC3),
                                cv::Mat(1, 1, CV_8UC3),
-                               cv::Mat(64, 64, CV_16UC1),
+                               cv::Mat(64, 64, CV_16SC1),
                                cv::Mat(64, 64, CV_32FC3),
                                cv::Mat(64, 64, CV_8UC4),
                                cv::Mat(64, 64, CV_8UC2)}) {
@@ -375,6 +375,72 @@ TEST(DetectFeatures, SameBytesFromEveryThread) {
     }
     EXPECT_EQ(result.junctions.size(), expected.junctions.size());
     EXPECT_EQ(result.chains.size(), expected.chains.size());
+  }
+}
+
+TEST(DetectFeatures, SixteenBitsGiveWhatEightBitsGive) {
+  std::mt19937 rng(12);
+  const cv::Mat image = RenderPolygon(RandomQuad(&rng), RenderOptions(), &rng);
+  cv::Mat deep;
+  image.convertTo(deep, CV_16U, 257.0);
+  const ImageFeatures from_deep = Detect(deep), from_shallow = Detect(image);
+  ASSERT_EQ(from_deep.segments.size(), from_shallow.segments.size());
+  for (size_t i = 0; i < from_deep.segments.size(); ++i) {
+    EXPECT_EQ(from_deep.segments[i].start, from_shallow.segments[i].start);
+  }
+}
+
+TEST(DetectFeatures, RefusesOptionsThatMeanNothing) {
+  const cv::Mat image(64, 64, CV_8UC1, cv::Scalar(0));
+  FeatureOptions options;
+  options.linking.low = 2.0 * options.linking.high;
+  EXPECT_EQ(DetectFeatures(image, options).status().code(), absl::StatusCode::kInvalidArgument);
+  options = {};
+  options.linking.high = std::nan("");
+  EXPECT_EQ(DetectFeatures(image, options).status().code(), absl::StatusCode::kInvalidArgument);
+  options = {};
+  options.max_segments = -1;
+  EXPECT_EQ(DetectFeatures(image, options).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+// Edges between hues of one luminance, which the grey image does not show.
+TEST(DetectFeatures, EveryColourFieldFindsEqualLuminanceEdges) {
+  for (ColourGradient colour : {ColourGradient::kEachChannel,
+                                ColourGradient::kStrongestChannel,
+                                ColourGradient::kVectorValued,
+                                ColourGradient::kSaturationWeighted}) {
+    SCOPED_TRACE(static_cast<int>(colour));
+    FeatureOptions options;
+    options.gradient.colour = colour;
+    std::mt19937 rng(21);
+    std::uniform_real_distribution<double> u(0.0, 1.0);
+    int edges = 0, in_colour = 0, in_grey = 0;
+    for (int trial = 0; trial < 25; ++trial) {
+      RenderOptions render;
+      render.noise_sigma = 1.0;
+      // Red rises by 30 to 60 grey levels, green falls so that the luminance stays.
+      const double red = 30.0 + 30.0 * u(rng);
+      render.background = cv::Scalar(90, 120, 80);
+      render.foreground = cv::Scalar(90, 120 - red * 0.299 / 0.587, 80 + red);
+      const std::vector<Eigen::Vector2d> quad = RandomQuad(&rng);
+      const cv::Mat image = RenderPolygon(quad, render, &rng);
+      cv::Mat grey;
+      cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
+      const ImageFeatures with_colour = Detect(image, options), without = Detect(grey, options);
+      for (int k = 0; k < 4; ++k) {
+        const Eigen::Vector2d& a = quad[k];
+        const Eigen::Vector2d& b = quad[(k + 1) % 4];
+        const auto found = [&](const ImageFeatures& features) {
+          const Segment* segment = FindOn(features, a, b, 2.0);
+          return segment && segment->Length() > 0.7 * (b - a).norm();
+        };
+        ++edges;
+        in_colour += found(with_colour) ? 1 : 0;
+        in_grey += found(without) ? 1 : 0;
+      }
+    }
+    EXPECT_GE(in_colour, 0.95 * edges);
+    EXPECT_LT(in_grey, 0.3 * edges);
   }
 }
 

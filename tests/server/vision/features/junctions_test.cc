@@ -97,5 +97,24 @@ TEST(FindJunctions, MovesWithTheSegmentsUnderRotation) {
   }
 }
 
+TEST(TypeOf, NamesWhatTheRaysShow) {
+  const auto type = [](const std::vector<Segment>& segments) {
+    const std::vector<Junction> junctions = FindJunctions(segments, FeatureOptions());
+    EXPECT_EQ(junctions.size(), 1u);
+    return junctions.empty() ? JunctionType::kMulti : junctions[0].type;
+  };
+  const Segment west = Piece(20, 100, 99, 100), north = Piece(100, 20, 100, 99),
+                east = Piece(101, 100, 180, 100), south = Piece(100, 101, 100, 180),
+                north_east = Piece(101, 99, 160, 40), south_east = Piece(101, 101, 160, 160),
+                passing = Piece(0, 100, 200, 100);
+  EXPECT_EQ(type({west, north}), JunctionType::kL);
+  EXPECT_EQ(type({passing, north}), JunctionType::kT);
+  EXPECT_EQ(type({west, east, north}), JunctionType::kT);  // cut where the third meets it
+  EXPECT_EQ(type({north, north_east, east}), JunctionType::kArrow);
+  EXPECT_EQ(type({west, north_east, south_east}), JunctionType::kY);
+  EXPECT_EQ(type({west, east, north, south}), JunctionType::kX);
+  EXPECT_EQ(type({west, north, north_east, east}), JunctionType::kMulti);
+}
+
 }  // namespace
 }  // namespace horopter

@@ -83,5 +83,27 @@ TEST(MergeSegments, ManyFragmentsOfRandomLinesBecomeTheLines) {
   }
 }
 
+// The same cases by the deviations of the fits instead of fixed tolerances.
+TEST(MergeSegments, StatisticalTestFollowsTheDeviations) {
+  FeatureOptions options;
+  options.merge_test = MergeTest::kStatistical;
+  const auto count = [&](FittedSegment a, FittedSegment b, double offset_sigma_px) {
+    for (FittedSegment* piece : {&a, &b}) {
+      piece->segment.offset_sigma_px = offset_sigma_px;
+      piece->segment.angle_sigma_rad = offset_sigma_px / piece->segment.Length();
+    }
+    return MergeSegments({a, b}, options).size();
+  };
+  // Overlapping, gapped.
+  EXPECT_EQ(count(Piece(0, 50, 60, 50), Piece(40, 50.3, 100, 50.3), 0.05), 1u);
+  EXPECT_EQ(count(Piece(0, 50, 60, 50), Piece(69, 50, 130, 50), 0.05), 1u);
+  // Side by side: apart when both are sharp, one edge when neither knows better.
+  EXPECT_EQ(count(Piece(0, 50, 60, 50), Piece(0, 51.4, 60, 51.4), 0.05), 2u);
+  EXPECT_EQ(count(Piece(0, 50, 60, 50), Piece(0, 51.4, 60, 51.4), 0.6), 1u);
+  // A turn of 3.4 degrees: much for two long pieces, nothing for a stub.
+  EXPECT_EQ(count(Piece(0, 50, 60, 50), Piece(62, 50.1, 122, 53.7), 0.05), 2u);
+  EXPECT_EQ(count(Piece(0, 50, 60, 50), Piece(62, 50.1, 72, 50.7), 0.05), 1u);
+}
+
 }  // namespace
 }  // namespace horopter
