@@ -80,7 +80,7 @@ absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
   return std::unique_ptr<Catalog>(new Catalog(path, std::move(connection)));
 }
 
-absl::Status Catalog::CreateObject(const CatalogRecord& record) {
+absl::Status Catalog::CreateObject(const CatalogRecord& record, const DerivedData& derived) {
   HOROPTER_RETURN_IF_ERROR(ValidateModel(record.model));
   HOROPTER_ASSIGN_OR_RETURN(const CadSource source, WithHash(record.source));
   const std::lock_guard lock(mutex_);
@@ -95,11 +95,14 @@ absl::Status Catalog::CreateObject(const CatalogRecord& record) {
     HOROPTER_RETURN_IF_ERROR(InsertGeometry(db, record.model));
     HOROPTER_RETURN_IF_ERROR(InsertSymmetries(db, record.model));
     HOROPTER_RETURN_IF_ERROR(InsertGrasps(db, record.model));
-    return InsertSource(db, record.model.id, source);
+    HOROPTER_RETURN_IF_ERROR(InsertSource(db, record.model.id, source));
+    return ReplaceDerived(db, record.model.id, derived);
   });
 }
 
-absl::Status Catalog::UpdateObject(const CatalogRecord& record, const UpdateParts& parts) {
+absl::Status Catalog::UpdateObject(const CatalogRecord& record,
+                                   const UpdateParts& parts,
+                                   const DerivedData& derived) {
   HOROPTER_RETURN_IF_ERROR(ValidateModel(record.model));
   CadSource source;
   if (parts.source) {
@@ -121,6 +124,7 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record, const UpdatePart
     }
     if (parts.geometry) {
       HOROPTER_RETURN_IF_ERROR(ReplaceGeometry(db, model));
+      HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, model.id, derived));
     }
     if (parts.symmetries) {
       HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "symmetry", model.id));
@@ -136,6 +140,29 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record, const UpdatePart
     }
     return absl::OkStatus();
   });
+}
+
+absl::Status Catalog::StoreDerived(
+    const std::vector<std::pair<std::string, DerivedData>>& derived) {
+  const std::lock_guard lock(mutex_);
+  sqlite3* db = connection_->handle.get();
+  return RunInTransaction(db, [&]() -> absl::Status {
+    for (const auto& [id, data] : derived) {
+      HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
+      if (exists) HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, id, data));
+    }
+    return absl::OkStatus();
+  });
+}
+
+absl::StatusOr<DerivedData> Catalog::GetDerived(const std::string& id) {
+  const std::lock_guard lock(mutex_);
+  sqlite3* db = connection_->handle.get();
+  HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
+  if (!exists) return NotFound(id);
+  DerivedData derived;
+  HOROPTER_RETURN_IF_ERROR(ReadDerived(db, id, derived));
+  return derived;
 }
 
 absl::Status Catalog::DeleteObject(const std::string& id) {
@@ -194,19 +221,22 @@ absl::StatusOr<int> Catalog::CountObjects() {
   return static_cast<int>(count);
 }
 
-absl::StatusOr<std::vector<ObjectModel>> Catalog::LoadAll() {
+absl::StatusOr<std::vector<LoadedObject>> Catalog::LoadObjects(const std::string& after_id,
+                                                               int limit) {
+  if (limit < 1) return absl::InvalidArgumentError("limit: must be positive");
   const std::lock_guard lock(mutex_);
   sqlite3* db = connection_->handle.get();
-  constexpr int kNoLimit = -1;
   HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
-                            ReadSummaries(db, "", /*exactly=*/false, kNoLimit));
-  std::vector<ObjectModel> models;
-  models.reserve(found.size());
+                            ReadSummaries(db, after_id, /*exactly=*/false, limit));
+  std::vector<LoadedObject> objects;
+  objects.reserve(found.size());
   for (ObjectSummary& summary : found) {
     HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, ReadRecord(db, std::move(summary.record)));
-    models.push_back(std::move(record.model));
+    LoadedObject& object = objects.emplace_back();
+    object.model = std::move(record.model);
+    HOROPTER_RETURN_IF_ERROR(ReadDerived(db, object.model.id, object.derived));
   }
-  return models;
+  return objects;
 }
 
 }  // namespace horopter

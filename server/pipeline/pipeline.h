@@ -1,7 +1,10 @@
 // Calls the stages in order. One page; see docs in README.md for the drawing.
 #pragma once
 
+#include <functional>
 #include <memory>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -25,6 +28,19 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(Objec
 
 // The model inside a prepared object.
 const ObjectModel& ModelOf(const PreparedObject& object);
+
+// How the catalog makes prepared objects, keeps what was costly about them, and gets them back.
+// `restore` gives exactly what `prepare` would; its errors: FAILED_PRECONDITION (the data are of
+// another version or geometry), DATA_LOSS (damaged), those of `prepare`.
+struct ObjectPreparer {
+  using Prepared = std::shared_ptr<const PreparedObject>;
+  int version = 0;  // of the data that `encode` makes
+  std::function<absl::StatusOr<Prepared>(ObjectModel)> prepare;
+  std::function<std::string(const PreparedObject&)> encode;
+  std::function<absl::StatusOr<Prepared>(ObjectModel, std::string_view)> restore;
+  std::function<const ObjectModel&(const PreparedObject&)> model_of;
+};
+ObjectPreparer CatalogPreparer();
 
 struct PipelineOptions {
   FeatureOptions features;

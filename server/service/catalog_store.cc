@@ -1,33 +1,58 @@
 #include "server/service/catalog_store.h"
 
 #include <algorithm>
-#include <atomic>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "server/base/crash_point.h"
+#include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
 namespace {
 
-using Prepared = absl::StatusOr<std::shared_ptr<const PreparedObject>>;
+using Prepared = std::shared_ptr<const PreparedObject>;
 
-std::vector<Prepared> PrepareAll(std::vector<ObjectModel> models,
-                                 const PrepareFunction& prepare,
-                                 int threads) {
-  std::vector<Prepared> prepared(models.size(), absl::UnknownError("not prepared"));
-  std::atomic<size_t> next{0};
-  const auto work = [&] {
-    for (size_t i = next++; i < models.size(); i = next++)
-      prepared[i] = prepare(std::move(models[i]));
-  };
-  std::vector<std::thread> helpers;
-  for (int i = 1; i < threads; ++i) helpers.emplace_back(work);
-  work();
-  for (std::thread& helper : helpers) helper.join();
-  return prepared;
+// Objects read, prepared and stored together: enough to keep all threads busy, few enough that a
+// kill loses little of a long rebuild.
+constexpr int kLoadPage = 256;
+
+struct Loaded {
+  absl::StatusOr<Prepared> object = absl::UnknownError("not loaded");
+  std::string new_data;  // to be stored; empty: the stored ones are right
+};
+
+Loaded LoadOne(Catalog& catalog, LoadedObject stored, const ObjectPreparer& preparer) {
+  Loaded result;
+  const std::string id = stored.model.id;
+  bool taken = false;
+  if (stored.derived.version == preparer.version && !stored.derived.data.empty()) {
+    taken = true;
+    result.object = preparer.restore(std::move(stored.model), stored.derived.data);
+    if (result.object.ok()) return result;
+  }
+  if (taken) {  // damaged data, which is rare: the model is read once more
+    absl::StatusOr<CatalogRecord> record = catalog.GetObject(id);
+    if (!record.ok()) {
+      result.object = record.status();
+      return result;
+    }
+    stored.model = std::move(record->model);
+  }
+  result.object = preparer.prepare(std::move(stored.model));
+  if (result.object.ok()) result.new_data = preparer.encode(**result.object);
+  return result;
+}
+
+std::vector<Loaded> LoadPage(Catalog& catalog,
+                             std::vector<LoadedObject> page,
+                             const ObjectPreparer& preparer,
+                             int threads) {
+  std::vector<Loaded> loaded(page.size());
+  ParallelFor(static_cast<int>(page.size()), threads, [&](int i) {
+    loaded[i] = LoadOne(catalog, std::move(page[i]), preparer);
+  });
+  return loaded;
 }
 
 }  // namespace
@@ -36,28 +61,44 @@ bool PublishedCatalog::Contains(const std::string& id) const {
   return std::binary_search(ids.begin(), ids.end(), id);
 }
 
-CatalogStore::CatalogStore(std::unique_ptr<Catalog> catalog, PrepareFunction prepare)
-    : catalog_(std::move(catalog)), prepare_(std::move(prepare)) {}
+CatalogStore::CatalogStore(std::unique_ptr<Catalog> catalog, ObjectPreparer preparer)
+    : catalog_(std::move(catalog)), preparer_(std::move(preparer)) {}
 
 absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr<Catalog> catalog,
-                                                                 PrepareFunction prepare,
+                                                                 ObjectPreparer preparer,
                                                                  int threads) {
-  HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectModel> models, catalog->LoadAll());
-  std::vector<std::string> ids;
-  for (const ObjectModel& model : models) ids.push_back(model.id);
-  const std::vector<Prepared> prepared = PrepareAll(std::move(models), prepare, threads);
-
-  std::unique_ptr<CatalogStore> store(new CatalogStore(std::move(catalog), std::move(prepare)));
+  std::unique_ptr<CatalogStore> store(new CatalogStore(std::move(catalog), std::move(preparer)));
+  LoadReport& report = store->load_report_;
   auto published = std::make_shared<PublishedCatalog>();
   published->snapshot.generation = 1;
-  for (size_t i = 0; i < ids.size(); ++i) {
-    if (!prepared[i].ok()) {
-      store->failures_.push_back(
-          absl::StrCat("object ", ids[i], ": ", std::string(prepared[i].status().message())));
-      continue;
+  std::string after;
+  while (true) {
+    HOROPTER_ASSIGN_OR_RETURN(std::vector<LoadedObject> page,
+                              store->catalog_->LoadObjects(after, kLoadPage));
+    if (page.empty()) break;
+    std::vector<std::string> ids;
+    for (const LoadedObject& object : page) ids.push_back(object.model.id);
+    std::vector<Loaded> loaded =
+        LoadPage(*store->catalog_, std::move(page), store->preparer_, threads);
+    std::vector<std::pair<std::string, DerivedData>> made;
+    for (size_t i = 0; i < ids.size(); ++i) {
+      if (!loaded[i].object.ok()) {
+        report.failures.push_back(absl::StrCat(
+            "object ", ids[i], ": ", std::string(loaded[i].object.status().message())));
+        continue;
+      }
+      if (loaded[i].new_data.empty()) {
+        ++report.restored;
+      } else {
+        ++report.prepared;
+        made.push_back({ids[i], {store->preparer_.version, std::move(loaded[i].new_data)}});
+      }
+      published->ids.push_back(ids[i]);
+      published->snapshot.objects.push_back(*std::move(loaded[i].object));
     }
-    published->ids.push_back(ids[i]);
-    published->snapshot.objects.push_back(*prepared[i]);
+    // A full disk is no reason not to serve.
+    if (!made.empty()) report.stored.Update(store->catalog_->StoreDerived(made));
+    after = ids.back();
   }
   store->published_ = std::move(published);
   return store;
@@ -74,9 +115,10 @@ absl::Status CatalogStore::Create(const CatalogRecord& record) {
     return absl::AlreadyExistsError(
         absl::StrCat("object '", record.model.id, "' is already in the catalog"));
   }
-  HOROPTER_ASSIGN_OR_RETURN(std::shared_ptr<const PreparedObject> prepared, prepare_(record.model));
+  HOROPTER_ASSIGN_OR_RETURN(Prepared prepared, preparer_.prepare(record.model));
+  const DerivedData derived{preparer_.version, preparer_.encode(*prepared)};
   const std::lock_guard lock(write_mutex_);
-  HOROPTER_RETURN_IF_ERROR(catalog_->CreateObject(record));
+  HOROPTER_RETURN_IF_ERROR(catalog_->CreateObject(record, derived));
   Publish(record.model.id, std::move(prepared));
   return absl::OkStatus();
 }
@@ -87,10 +129,16 @@ absl::Status CatalogStore::Update(const std::string& id,
   const std::lock_guard lock(write_mutex_);
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord current, catalog_->GetObject(id));
   HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord changed, merge(std::move(current)));
-  HOROPTER_ASSIGN_OR_RETURN(std::shared_ptr<const PreparedObject> prepared,
-                            prepare_(changed.model));
-  HOROPTER_RETURN_IF_ERROR(catalog_->UpdateObject(changed, parts));
-  Publish(id, std::move(prepared));
+  absl::StatusOr<Prepared> prepared = absl::NotFoundError("no derived data");
+  if (!parts.geometry) {  // what was derived of it holds on
+    const absl::StatusOr<DerivedData> stored = catalog_->GetDerived(id);
+    if (stored.ok()) prepared = preparer_.restore(changed.model, stored->data);
+  }
+  if (!prepared.ok()) prepared = preparer_.prepare(changed.model);
+  if (!prepared.ok()) return prepared.status();
+  const DerivedData derived{preparer_.version, preparer_.encode(**prepared)};
+  HOROPTER_RETURN_IF_ERROR(catalog_->UpdateObject(changed, parts, derived));
+  Publish(id, *std::move(prepared));
   return absl::OkStatus();
 }
 
@@ -99,6 +147,32 @@ absl::Status CatalogStore::Delete(const std::string& id) {
   HOROPTER_RETURN_IF_ERROR(catalog_->DeleteObject(id));
   Publish(id, nullptr);
   return absl::OkStatus();
+}
+
+absl::StatusOr<bool> CatalogStore::Rebuild(const std::string& id) {
+  const std::lock_guard lock(write_mutex_);
+  HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, catalog_->GetObject(id));
+  // Data that cannot be read are as good as none: they are about to be replaced.
+  const absl::StatusOr<DerivedData> stored = catalog_->GetDerived(id);
+  HOROPTER_ASSIGN_OR_RETURN(Prepared prepared, preparer_.prepare(std::move(record.model)));
+  const DerivedData made{preparer_.version, preparer_.encode(*prepared)};
+  const bool differs =
+      !stored.ok() || stored->version != made.version || stored->data != made.data;
+  if (differs) HOROPTER_RETURN_IF_ERROR(catalog_->StoreDerived({{id, made}}));
+  Publish(id, std::move(prepared));
+  return differs;
+}
+
+absl::Status CatalogStore::CheckDerived(const std::string& id, bool recompute) {
+  HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, catalog_->GetObject(id));
+  HOROPTER_ASSIGN_OR_RETURN(const DerivedData stored, catalog_->GetDerived(id));
+  if (stored.data.empty()) return absl::FailedPreconditionError("has no derived data");
+  HOROPTER_ASSIGN_OR_RETURN(const Prepared restored,
+                            preparer_.restore(std::move(record.model), stored.data));
+  if (!recompute) return absl::OkStatus();
+  HOROPTER_ASSIGN_OR_RETURN(const Prepared made, preparer_.prepare(ModelOf(*restored)));
+  if (preparer_.encode(*made) == stored.data) return absl::OkStatus();
+  return absl::DataLossError("the derived data differ from what the geometry gives");
 }
 
 void CatalogStore::Publish(const std::string& id, std::shared_ptr<const PreparedObject> prepared) {

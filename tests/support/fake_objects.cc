@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+
 namespace horopter {
 
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareFake(ObjectModel model) {
@@ -15,6 +17,25 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareFake(ObjectModel mo
 
 const ObjectModel& ModelOfFake(const PreparedObject& object) {
   return reinterpret_cast<const ObjectModel&>(object);
+}
+
+ObjectPreparer FakePreparer(int version) {
+  ObjectPreparer preparer;
+  preparer.version = version;
+  preparer.prepare = PrepareFake;
+  preparer.encode = [version](const PreparedObject& object) {
+    return absl::StrCat(version, " ", ModelOfFake(object).diameter_m);
+  };
+  preparer.restore =
+      [version](ObjectModel model,
+                std::string_view data) -> absl::StatusOr<std::shared_ptr<const PreparedObject>> {
+    if (data != absl::StrCat(version, " ", model.diameter_m)) {
+      return absl::DataLossError("derived data of something else");
+    }
+    return PrepareFake(std::move(model));
+  };
+  preparer.model_of = ModelOfFake;
+  return preparer;
 }
 
 }  // namespace horopter

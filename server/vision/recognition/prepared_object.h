@@ -94,6 +94,13 @@ struct PrepareOptions {
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(
     ObjectModel model, const PrepareOptions& options = {});
 
+// The two cheap ends of PrepareObject, which what was stored is completed with (prepared_blob.h):
+// samples and vertex paths, everything else empty; then `edge_visible` from `visible`. Errors: as
+// PrepareObject.
+absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
+                                                              const PrepareOptions& options);
+void FillEdgeVisibility(PreparedObject* object);
+
 // Stable resting poses of a mesh on a plane: facets of the convex hull above which the centre of
 // mass lies, largest margin first.
 std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh);
