@@ -37,6 +37,10 @@ absl::StatusOr<bool> Exists(sqlite3* db, const std::string& id) {
   return select.Step();
 }
 
+absl::Status CountGeneration(sqlite3* db) {
+  return Execute(db, "UPDATE catalog_state SET generation = generation + 1");
+}
+
 absl::Status DeleteRows(sqlite3* db, const char* table, const std::string& id) {
   Statement statement(db, absl::StrCat("DELETE FROM ", table, " WHERE object_id = ?"));
   statement.Bind(std::string_view(id));
@@ -96,7 +100,8 @@ absl::Status Catalog::CreateObject(const CatalogRecord& record, const DerivedDat
     HOROPTER_RETURN_IF_ERROR(InsertSymmetries(db, record.model));
     HOROPTER_RETURN_IF_ERROR(InsertGrasps(db, record.model));
     HOROPTER_RETURN_IF_ERROR(InsertSource(db, record.model.id, source));
-    return ReplaceDerived(db, record.model.id, derived);
+    HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, record.model.id, derived));
+    return CountGeneration(db);
   });
 }
 
@@ -125,6 +130,7 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
     if (parts.geometry) {
       HOROPTER_RETURN_IF_ERROR(ReplaceGeometry(db, model));
       HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, model.id, derived));
+      HOROPTER_RETURN_IF_ERROR(CountGeneration(db));
     }
     if (parts.symmetries) {
       HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "symmetry", model.id));
@@ -171,7 +177,8 @@ absl::Status Catalog::DeleteObject(const std::string& id) {
   return RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
     if (!exists) return NotFound(id);
-    return DeleteRows(db, "object", id);
+    HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "object", id));
+    return CountGeneration(db);
   });
 }
 
@@ -219,6 +226,11 @@ absl::StatusOr<int> Catalog::CountObjects() {
   HOROPTER_ASSIGN_OR_RETURN(const int64_t count,
                             QueryInt(connection_->handle.get(), "SELECT count(*) FROM object"));
   return static_cast<int>(count);
+}
+
+absl::StatusOr<int64_t> Catalog::Generation() {
+  const std::lock_guard lock(mutex_);
+  return QueryInt(connection_->handle.get(), "SELECT generation FROM catalog_state");
 }
 
 absl::StatusOr<std::vector<LoadedObject>> Catalog::LoadObjects(const std::string& after_id,

@@ -87,6 +87,9 @@ class Catalog {
 
   absl::StatusOr<int> CountObjects();
 
+  // Number of writes so far that changed geometry or the set of objects.
+  absl::StatusOr<int64_t> Generation();
+
   // At most `limit` models with their derived data, id > after_id, ordered by id. Errors:
   // INVALID_ARGUMENT (limit < 1).
   absl::StatusOr<std::vector<LoadedObject>> LoadObjects(const std::string& after_id, int limit);

@@ -6,3 +6,11 @@ CREATE TABLE derived (
   version INTEGER NOT NULL,
   data BLOB NOT NULL
 ) STRICT;
+
+-- Counts the writes that changed an object's geometry or the set of objects; what is computed from the whole catalog
+-- names the generation it saw.
+CREATE TABLE catalog_state (
+  id INTEGER PRIMARY KEY CHECK (id = 0),
+  generation INTEGER NOT NULL
+) STRICT;
+INSERT INTO catalog_state VALUES (0, 0);

@@ -175,6 +175,7 @@ ObjectPreparer CatalogPreparer() {
     return RestorePrepared(std::move(model), data);
   };
   preparer.model_of = ModelOf;
+  preparer.keys_of = [](const PreparedObject& object) -> const ObjectKeys& { return object.keys; };
   return preparer;
 }
 

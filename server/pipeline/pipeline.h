@@ -11,6 +11,7 @@
 #include "server/base/stop_token.h"
 #include "server/pipeline/scene.h"
 #include "server/vision/geometry/object_model.h"
+#include "server/vision/recognition/key_index.h"
 
 namespace horopter {
 
@@ -20,6 +21,9 @@ namespace horopter {
 struct CatalogSnapshot {
   long generation = 0;
   std::vector<std::shared_ptr<const PreparedObject>> objects;  // ordered by id
+  // Invariant keys of the objects; objects[i] has slot slots[i] in it.
+  KeyIndexSnapshot keys;
+  std::vector<int> slots;
 };
 
 // Prepares one object (about 50-100 ms). Errors: INVALID_ARGUMENT when the model has no usable
@@ -39,6 +43,7 @@ struct ObjectPreparer {
   std::function<std::string(const PreparedObject&)> encode;
   std::function<absl::StatusOr<Prepared>(ObjectModel, std::string_view)> restore;
   std::function<const ObjectModel&(const PreparedObject&)> model_of;
+  std::function<const ObjectKeys&(const PreparedObject&)> keys_of;
 };
 ObjectPreparer CatalogPreparer();
 

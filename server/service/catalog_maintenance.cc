@@ -197,6 +197,9 @@ grpc::ServerUnaryReactor* CatalogService::VerifyCatalog(grpc::CallbackServerCont
             report(id, std::string(derived.message()));
           }
         }
+        if (const absl::Status index = store_.CheckIndex(); !index.ok()) {
+          report("", std::string(index.message()));
+        }
         for (const std::string& id : published) {
           if (stored.count(id) == 0) report(id, "recognition uses it, but it is not stored");
         }

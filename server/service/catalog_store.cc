@@ -1,5 +1,7 @@
 #include "server/service/catalog_store.h"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <utility>
 
@@ -100,6 +102,7 @@ absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr
     if (!made.empty()) report.stored.Update(store->catalog_->StoreDerived(made));
     after = ids.back();
   }
+  HOROPTER_RETURN_IF_ERROR(store->BuildIndex(published.get()));
   store->published_ = std::move(published);
   return store;
 }
@@ -156,8 +159,7 @@ absl::StatusOr<bool> CatalogStore::Rebuild(const std::string& id) {
   const absl::StatusOr<DerivedData> stored = catalog_->GetDerived(id);
   HOROPTER_ASSIGN_OR_RETURN(Prepared prepared, preparer_.prepare(std::move(record.model)));
   const DerivedData made{preparer_.version, preparer_.encode(*prepared)};
-  const bool differs =
-      !stored.ok() || stored->version != made.version || stored->data != made.data;
+  const bool differs = !stored.ok() || stored->version != made.version || stored->data != made.data;
   if (differs) HOROPTER_RETURN_IF_ERROR(catalog_->StoreDerived({{id, made}}));
   Publish(id, std::move(prepared));
   return differs;
@@ -175,24 +177,68 @@ absl::Status CatalogStore::CheckDerived(const std::string& id, bool recompute) {
   return absl::DataLossError("the derived data differ from what the geometry gives");
 }
 
-void CatalogStore::Publish(const std::string& id, std::shared_ptr<const PreparedObject> prepared) {
+absl::Status CatalogStore::BuildIndex(PublishedCatalog* published) {
+  CatalogSnapshot& snapshot = published->snapshot;
+  std::vector<const ObjectKeys*> keys;
+  for (size_t i = 0; i < snapshot.objects.size(); ++i) {
+    keys.push_back(&preparer_.keys_of(*snapshot.objects[i]));
+    snapshot.slots.push_back(static_cast<int>(i));
+  }
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, catalog_->Generation());
+  absl::StatusOr<KeyIndex> built = KeyIndex::Build(keys, static_cast<uint32_t>(generation));
+  if (!built.ok()) return built.status();
+  index_ = *std::move(built);
+  snapshot.keys = index_->Snapshot();
+  return absl::OkStatus();
+}
+
+absl::Status CatalogStore::CheckIndex() const {
+  const auto published = Published();
+  const CatalogSnapshot& snapshot = published->snapshot;
+  std::vector<const ObjectKeys*> keys;
+  for (size_t i = 0; i < snapshot.objects.size(); ++i) {
+    const size_t slot = static_cast<size_t>(snapshot.slots[i]);
+    if (keys.size() <= slot) keys.resize(slot + 1, nullptr);
+    keys[slot] = &preparer_.keys_of(*snapshot.objects[i]);
+  }
+  return snapshot.keys.CheckAgainst(keys);
+}
+
+void CatalogStore::Publish(const std::string& id, Prepared prepared) {
   CrashPoint("store.before_publish");
   auto next = std::make_shared<PublishedCatalog>(*Published());
-  ++next->snapshot.generation;
-  const auto at = std::lower_bound(next->ids.begin(), next->ids.end(), id);
-  const auto object = next->snapshot.objects.begin() + (at - next->ids.begin());
-  const bool known = at != next->ids.end() && *at == id;
-  if (prepared == nullptr) {
-    if (known) {
-      next->snapshot.objects.erase(object);
-      next->ids.erase(at);
+  CatalogSnapshot& snapshot = next->snapshot;
+  ++snapshot.generation;
+  const auto at = std::lower_bound(next->ids.begin(), next->ids.end(), id) - next->ids.begin();
+  const bool known = at != static_cast<long>(next->ids.size()) && next->ids[at] == id;
+  // Keys were checked when they were made or read: the tree has no reason to refuse them.
+  absl::Status indexed;
+  if (known) {
+    const int slot = snapshot.slots[at];
+    indexed.Update(index_->Erase(slot, preparer_.keys_of(*snapshot.objects[at])));
+    if (prepared != nullptr) {
+      indexed.Update(index_->Insert(slot, preparer_.keys_of(*prepared)));
+      snapshot.objects[at] = std::move(prepared);
+    } else {
+      free_slots_.push_back(slot);
+      snapshot.objects.erase(snapshot.objects.begin() + at);
+      snapshot.slots.erase(snapshot.slots.begin() + at);
+      next->ids.erase(next->ids.begin() + at);
     }
-  } else if (known) {
-    *object = std::move(prepared);
-  } else {
-    next->snapshot.objects.insert(object, std::move(prepared));
-    next->ids.insert(at, id);
+  } else if (prepared != nullptr) {
+    int slot = static_cast<int>(next->ids.size());  // every lower one is in use or free
+    if (!free_slots_.empty()) {
+      slot = free_slots_.back();
+      free_slots_.pop_back();
+    }
+    indexed.Update(index_->Insert(slot, preparer_.keys_of(*prepared)));
+    snapshot.objects.insert(snapshot.objects.begin() + at, std::move(prepared));
+    snapshot.slots.insert(snapshot.slots.begin() + at, slot);
+    next->ids.insert(next->ids.begin() + at, id);
   }
+  indexed.Update(index_->RefreshTransforms(static_cast<uint32_t>(snapshot.generation)));
+  if (!indexed.ok()) spdlog::error("index of {}: {}", id, std::string(indexed.message()));
+  snapshot.keys = index_->Snapshot();
   {
     const std::lock_guard lock(published_mutex_);
     published_ = std::move(next);

@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -71,8 +72,14 @@ class CatalogStore {
 
   const LoadReport& load_report() const { return load_report_; }
 
+  // Whether the published index holds the keys of exactly the published objects. Errors: INTERNAL.
+  absl::Status CheckIndex() const;
+
  private:
   CatalogStore(std::unique_ptr<Catalog> catalog, ObjectPreparer preparer);
+
+  // The index over all published objects, built at once. Errors: INTERNAL.
+  absl::Status BuildIndex(PublishedCatalog* published);
 
   // Replaces (prepared set) or removes (prepared empty) one object. Needs write_mutex_.
   void Publish(const std::string& id, std::shared_ptr<const PreparedObject> prepared);
@@ -81,7 +88,9 @@ class CatalogStore {
   const ObjectPreparer preparer_;
   LoadReport load_report_;
 
-  std::mutex write_mutex_;  // one writer from commit to publication
+  std::mutex write_mutex_;         // one writer from commit to publication
+  std::optional<KeyIndex> index_;  // guarded by write_mutex_; set by Load
+  std::vector<int> free_slots_;    // guarded by write_mutex_
   mutable std::mutex published_mutex_;
   std::shared_ptr<const PublishedCatalog> published_;  // guarded by published_mutex_
 };

@@ -6,17 +6,28 @@
 
 namespace horopter {
 
+namespace {
+
+struct FakeObject {
+  ObjectModel model;
+  ObjectKeys keys;
+};
+
+}  // namespace
+
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareFake(ObjectModel model) {
   if (model.display_name == "unpreparable")
     return absl::InvalidArgumentError("edges: no usable edge");
   // PreparedObject is incomplete here on purpose; the pointer is never followed as one.
-  auto held = std::make_shared<const ObjectModel>(std::move(model));
+  auto held = std::make_shared<FakeObject>();
+  held->keys = ComputeObjectKeys(model);
+  held->model = std::move(model);
   return std::shared_ptr<const PreparedObject>(held,
                                                reinterpret_cast<const PreparedObject*>(held.get()));
 }
 
 const ObjectModel& ModelOfFake(const PreparedObject& object) {
-  return reinterpret_cast<const ObjectModel&>(object);
+  return reinterpret_cast<const FakeObject&>(object).model;
 }
 
 ObjectPreparer FakePreparer(int version) {
@@ -35,6 +46,9 @@ ObjectPreparer FakePreparer(int version) {
     return PrepareFake(std::move(model));
   };
   preparer.model_of = ModelOfFake;
+  preparer.keys_of = [](const PreparedObject& object) -> const ObjectKeys& {
+    return reinterpret_cast<const FakeObject&>(object).keys;
+  };
   return preparer;
 }
 

@@ -50,6 +50,7 @@ std::uint64_t Fingerprint(const ObjectModel& model, const PrepareOptions& option
   hash.Add(options.min_path_angle_rad);
   hash.Add(options.aspect_distance_diameters);
   hash.Add(model.diameter_m);
+  hash.Add(model.vertices.data(), model.vertices.size() * sizeof(Eigen::Vector3d));
   for (const ModelEdge& e : model.edges) {
     hash.Add(static_cast<int>(e.kind));
     hash.Add(e.start_vertex);
@@ -132,6 +133,7 @@ class Reader {
 
   bool ok() const { return ok_; }
   std::size_t left() const { return blob_.size(); }
+  std::string_view rest() const { return blob_; }
 
  private:
   std::string_view blob_;
@@ -165,8 +167,8 @@ bool TakeOccupancy(Reader& reader, Occupancy& out) {
   out.cell_m = reader.Take<double>();
   for (int& n : out.size) n = reader.Take<std::int32_t>();
   if (!reader.ok() || out.size.minCoeff() < 0 || out.size.maxCoeff() > kMaxCells) return false;
-  const std::size_t cells =
-      static_cast<std::size_t>(out.size.x()) * out.size.y() * static_cast<std::size_t>(out.size.z());
+  const std::size_t cells = static_cast<std::size_t>(out.size.x()) * out.size.y() *
+                            static_cast<std::size_t>(out.size.z());
   const std::string bits = reader.TakeCoded((cells + 7) / 8);
   if (!reader.ok()) return false;
   out.inside.resize(cells);
@@ -196,6 +198,7 @@ std::string EncodePrepared(const PreparedObject& object, const PrepareOptions& o
     Append(out, pose.margin_m);
   }
   AppendOccupancy(out, object.occupancy);
+  out += EncodeObjectKeys(object.keys);
   Hash checksum;
   checksum.Add(out.data() + kHeaderBytes, out.size() - kHeaderBytes);
   const std::uint64_t value = checksum.value();
@@ -253,9 +256,12 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
     pose.height_m = reader.Take<double>();
     pose.margin_m = reader.Take<double>();
   }
-  if (!TakeOccupancy(reader, object->occupancy) || reader.left() > 0) {
+  if (!TakeOccupancy(reader, object->occupancy)) {
     return absl::DataLossError("derived data: cells of a wrong size");
   }
+  HOROPTER_ASSIGN_OR_RETURN(
+      object->keys,
+      DecodeObjectKeys(reader.rest(), static_cast<int>(object->model.vertices.size())));
   FillEdgeVisibility(object.get());
   return std::shared_ptr<const PreparedObject>(object);
 }

@@ -1,6 +1,6 @@
 // What is costly in a PreparedObject as bytes, so that a catalog of a thousand objects is ready in
-// a second: the view sphere, resting poses and solid cells. The rest (samples, vertex paths, shares
-// of visible edges) follows from the model in microseconds and is made anew.
+// a second: the view sphere, resting poses, solid cells and invariant keys. The rest (samples,
+// vertex paths, shares of visible edges) follows from the model in microseconds and is made anew.
 //
 // Byte layout, little-endian, no padding:
 //    0  4  magic "HPRE"
@@ -14,6 +14,7 @@
 //          resting poses: u32 count, then up (3 f64), height (f64), margin (f64) each
 //          cells: origin (3 f64), cell (f64), size (3 i32), u32 bytes, then the bits `inside`,
 //          coded as above; u32 count, then interior points (3 f32 each)
+//          invariant keys: as in server/vision/invariants/object_keys.h, to the end
 // Fingerprint and checksum are 64-bit FNV-1a over 8-byte words, the last one filled with zeros.
 #pragma once
 

@@ -198,6 +198,7 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel 
   FillEdgeVisibility(object.get());
   object->stable_poses = FindStablePoses(object->model.mesh);
   object->occupancy = ComputeOccupancy(object->model.mesh);
+  object->keys = ComputeObjectKeys(object->model);
   return std::shared_ptr<const PreparedObject>(object);
 }
 

@@ -9,6 +9,7 @@
 
 #include "absl/status/statusor.h"
 #include "server/vision/geometry/object_model.h"
+#include "server/vision/invariants/object_keys.h"
 
 namespace horopter {
 
@@ -75,6 +76,7 @@ struct PreparedObject {
   std::vector<VertexPath> paths;
   std::vector<StablePose> stable_poses;
   Occupancy occupancy;
+  ObjectKeys keys;  // for the catalog's index
 
   const std::uint64_t* VisibleBits(int aspect) const {
     return visible.data() + static_cast<std::size_t>(aspect) * words;

@@ -52,11 +52,13 @@ void ExpectSame(const PreparedObject& a, const PreparedObject& b) {
   EXPECT_EQ(a.occupancy.size, b.occupancy.size);
   EXPECT_EQ(a.occupancy.inside, b.occupancy.inside);
   EXPECT_EQ(a.occupancy.interior, b.occupancy.interior);
+  EXPECT_EQ(a.keys, b.keys);
 }
 
 TEST(PreparedBlob, RestoringGivesWhatPreparingGaveBitByBit) {
   for (const ObjectModel& model : {LBracket(), Wedge(), Turned()}) {
     const Prepared made = PrepareObject(model).value();
+    EXPECT_FALSE(made->keys.chains.empty());
     const std::string blob = EncodePrepared(*made);
     const auto restored = RestorePrepared(model, blob);
     ASSERT_TRUE(restored.ok()) << restored.status();
@@ -68,7 +70,8 @@ TEST(PreparedBlob, RestoringGivesWhatPreparingGaveBitByBit) {
 TEST(PreparedBlob, IsAFractionOfWhatItStandsFor) {
   const Prepared made = PrepareObject(Turned()).value();
   const std::size_t raw = made->visible.size() * 8 + made->edge_visible.size();
-  EXPECT_LT(EncodePrepared(*made).size(), raw / 4);
+  const std::size_t keys = EncodeObjectKeys(made->keys).size();
+  EXPECT_LT(EncodePrepared(*made).size() - keys, raw / 4);
 }
 
 TEST(PreparedBlob, AnyFlippedBitAnywhereAndAnyCutIsNoticed) {
