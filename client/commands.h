@@ -14,9 +14,11 @@ namespace horopter {
 struct ObjectAddArguments {
   std::string cad_path;
   std::string id;
-  std::string grasps_path;  // empty: none
-  std::string unit;         // empty: the file's, or mm
-  std::string display_name;
+  std::string grasps_path;   // empty: none
+  std::string unit;          // empty: the file's, or mm
+  std::string display_name;  // empty: what the file calls the solid
+  // An assembly becomes one object per different solid: ID-1, ID-2, ..; grasps belong to none.
+  bool split = false;
 };
 absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& arguments);
 

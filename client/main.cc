@@ -67,7 +67,8 @@ void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
   add->add_option("--grasps", a.add.grasps_path, "grasp poses: JSON or isaac_grasp YAML");
   add->add_option(
       "--units", a.add.unit, "of a file that does not say: mm (default), cm, m, in, ft");
-  add->add_option("--name", a.add.display_name, "free text");
+  add->add_option("--name", a.add.display_name, "free text (default: the solid's in the file)");
+  add->add_flag("--split", a.add.split, "one object per solid of an assembly: ID-1, ID-2, ..");
   add->callback([&] { command = [&](HoropterClient& c) { return ObjectAdd(c, a.add); }; });
 
   CLI::App* update = object->add_subcommand("update", "change an object")->fallthrough();
