@@ -330,8 +330,8 @@ absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOpt
                                              : "mm";
   import.metres_per_unit = MetresPerUnit(import.unit_name);
   if (import.metres_per_unit <= 0.0) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("units: unknown unit '", import.unit_name, "' (use mm, cm, m, in, ft or um)"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        "units: ", path, ": unknown unit '", import.unit_name, "' (use mm, cm, m, in, ft or um)"));
   }
   std::vector<Eigen::Vector3d> cloud;
   if (absl::EndsWithIgnoreCase(path, ".ply")) {

@@ -21,7 +21,12 @@ constexpr int kSeeds = 150;              // planes tried for each one found
 constexpr double kNormalCos = 0.90;      // 25 degrees: normals of a noisy patch
 constexpr double kMinDeterminant = 0.1;  // of three unit normals that fix a corner
 constexpr double kMinPairSine = 0.26;    // 15 degrees between two planes that make an edge
-constexpr double kSupportShare = 0.8;    // of an edge's length that both planes must have points at
+// Radius of the neighbourhood that gives a point its normal, and distance from a corner or edge at
+// which its planes must have points, in spacings: points nearer to an edge than the former have no
+// normal.
+constexpr double kNormalReach = 1.2;
+constexpr double kSupportReach = 2.5;
+constexpr double kSupportShare = 0.8;  // of an edge's length that both planes must have points at
 
 struct Plane {
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
@@ -91,23 +96,25 @@ class PointModel {
   const std::vector<Plane>& planes() const { return planes_; }
   double explained() const {
     size_t on = 0;
-    for (const int owner : owner_) on += owner >= 0;
+    for (const Eigen::Vector3d& p : points_) {
+      on += std::any_of(planes_.begin(), planes_.end(), [&](const Plane& plane) {
+        return plane.Distance(p) <= tolerance_;
+      });
+    }
     return static_cast<double>(on) / static_cast<double>(points_.size());
   }
 
   Wireframe Edges() {
-    std::vector<Grid> grids(planes_.size(), Grid(points_, 2.0 * spacing_));
-    // A point near an edge belongs to both of its planes.
+    // A plane's own points only: where it runs on through other faces it also meets theirs.
+    const double reach = kSupportReach * spacing_;
+    std::vector<Grid> grids(planes_.size(), Grid(points_, reach));
     for (int i = 0; i < static_cast<int>(points_.size()); ++i) {
-      for (size_t p = 0; p < planes_.size(); ++p) {
-        if (planes_[p].Distance(points_[i]) <= tolerance_) grids[p].Add(i);
-      }
+      if (owner_[i] >= 0) grids[static_cast<size_t>(owner_[i])].Add(i);
     }
     const auto supported = [&](int plane, const Eigen::Vector3d& at) {
       bool found = false;
-      grids[plane].Near(at, [&](int i) {
-        found = found || (points_[i] - at).squaredNorm() <= 4.0 * spacing_ * spacing_;
-      });
+      grids[plane].Near(
+          at, [&](int i) { found = found || (points_[i] - at).squaredNorm() <= reach * reach; });
       return found;
     };
     FindCorners(supported);
@@ -122,26 +129,32 @@ class PointModel {
   };
 
   void EstimateNormals() {
-    Grid grid(points_, spacing_ * 1.5);
+    const double reach = kNormalReach * spacing_;
+    Grid grid(points_, reach);
     for (int i = 0; i < static_cast<int>(points_.size()); ++i) grid.Add(i);
     normals_.assign(points_.size(), Eigen::Vector3d::Zero());
-    std::vector<double> thicknesses;
+    std::vector<double> thickness(points_.size(), INFINITY), known;
     for (size_t i = 0; i < points_.size(); ++i) {
       std::vector<int> near;
-      grid.Near(points_[i], [&](int k) { near.push_back(k); });
+      grid.Near(points_[i], [&](int k) {
+        if ((points_[k] - points_[i]).squaredNorm() <= reach * reach) near.push_back(k);
+      });
       if (near.size() < 6) continue;
-      double thickness = 0.0;
-      normals_[i] = FitPlane(points_, near, &thickness).normal;
-      thicknesses.push_back(thickness);
+      normals_[i] = FitPlane(points_, near, &thickness[i]).normal;
+      known.push_back(thickness[i]);
     }
     // Most neighbourhoods lie in one face: their median thickness is the noise.
     double noise = 0.0;
-    if (!thicknesses.empty()) {
-      const auto middle = thicknesses.begin() + static_cast<long>(thicknesses.size() / 2);
-      std::nth_element(thicknesses.begin(), middle, thicknesses.end());
+    if (!known.empty()) {
+      const auto middle = known.begin() + static_cast<long>(known.size() / 2);
+      std::nth_element(known.begin(), middle, known.end());
       noise = *middle;
     }
     tolerance_ = std::clamp(4.0 * noise, 0.02 * spacing_, 0.5 * spacing_);
+    // A thick neighbourhood lies about an edge: its normal belongs to neither face.
+    for (size_t i = 0; i < points_.size(); ++i) {
+      if (thickness[i] > std::max(2.0 * noise, 0.02 * spacing_)) normals_[i].setZero();
+    }
   }
 
   std::vector<int> Members(const Plane& plane) const {
@@ -162,11 +175,15 @@ class PointModel {
     const size_t least = std::max<size_t>(
         20, static_cast<size_t>(options_.min_plane_share * static_cast<double>(points_.size())));
     while (planes_.size() < kMaxPlanes) {
+      std::vector<int> free;
+      for (int i = 0; i < static_cast<int>(points_.size()); ++i) {
+        if (owner_[i] < 0 && !normals_[i].isZero()) free.push_back(i);
+      }
+      if (free.size() < least) return;
       Plane best;
       std::vector<int> members;
       for (int s = 0; s < kSeeds; ++s) {
-        const size_t seed = rng() % points_.size();
-        if (owner_[seed] >= 0 || normals_[seed].isZero()) continue;
+        const int seed = free[rng() % free.size()];
         const Plane plane{normals_[seed], normals_[seed].dot(points_[seed])};
         std::vector<int> found = Members(plane);
         if (found.size() > members.size()) best = plane, members = std::move(found);
