@@ -25,7 +25,7 @@ constexpr double kMinPairSine = 0.26;    // 15 degrees between two planes that m
 // which its planes must have points, in spacings: points nearer to an edge than the former have no
 // normal.
 constexpr double kNormalReach = 1.2;
-constexpr double kSupportReach = 2.5;
+constexpr double kSupportReach = 2.0;
 constexpr double kSupportShare = 0.8;  // of an edge's length that both planes must have points at
 
 struct Plane {
@@ -105,17 +105,30 @@ class PointModel {
   }
 
   Wireframe Edges() {
-    // A plane's own points only: where it runs on through other faces it also meets theirs.
+    // A plane's own points, and those of its plane that lie beside them: the ones at its edges,
+    // which have no normal. Where it runs on through other faces it also meets theirs.
     const double reach = kSupportReach * spacing_;
-    std::vector<Grid> grids(planes_.size(), Grid(points_, reach));
+    std::vector<Grid> own(planes_.size(), Grid(points_, reach));
     for (int i = 0; i < static_cast<int>(points_.size()); ++i) {
-      if (owner_[i] >= 0) grids[static_cast<size_t>(owner_[i])].Add(i);
+      if (owner_[i] >= 0) own[static_cast<size_t>(owner_[i])].Add(i);
+    }
+    const auto within = [&](const Grid& grid, const Eigen::Vector3d& at) {
+      bool found = false;
+      grid.Near(at,
+                [&](int i) { found = found || (points_[i] - at).squaredNorm() <= reach * reach; });
+      return found;
+    };
+    std::vector<Grid> grids = own;
+    for (int i = 0; i < static_cast<int>(points_.size()); ++i) {
+      for (size_t p = 0; p < planes_.size(); ++p) {
+        if (owner_[i] != static_cast<int>(p) && planes_[p].Distance(points_[i]) <= tolerance_ &&
+            within(own[p], points_[i])) {
+          grids[p].Add(i);
+        }
+      }
     }
     const auto supported = [&](int plane, const Eigen::Vector3d& at) {
-      bool found = false;
-      grids[plane].Near(
-          at, [&](int i) { found = found || (points_[i] - at).squaredNorm() <= reach * reach; });
-      return found;
+      return within(grids[static_cast<size_t>(plane)], at);
     };
     FindCorners(supported);
     return JoinCorners(supported);

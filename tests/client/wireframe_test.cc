@@ -236,6 +236,17 @@ TEST(RangeImage, PlanesMeetInTheEdgesAndCornersOfThePart) {
   }
 }
 
+TEST(RangeImage, OtherPointsOfThePartGiveTheSameCorners) {
+  const TempFolder folder;
+  const WireframeSurface truth = SurfaceOfWireframe(Turned(PrismEdges({LPolygon()}, 25), 7), 1e-6);
+  for (unsigned seed = 20; seed < 24; ++seed) {
+    const auto import = ImportCad(folder.Write("c.ply", SampledPly(truth.mesh, 15000, 0.05, seed)));
+    ASSERT_TRUE(import.ok()) << "seed " << seed << ": " << import.status();
+    EXPECT_EQ(import->counts.at("vertices"), 12) << "seed " << seed;
+    EXPECT_EQ(import->counts.at("lines"), 18) << "seed " << seed;
+  }
+}
+
 TEST(RangeImage, WhatIsNoPolyhedronIsRefused) {
   std::mt19937 rng(9);
   std::normal_distribution<double> g;
