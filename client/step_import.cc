@@ -105,7 +105,12 @@ std::string NameOf(const STEPControl_Reader& reader, const TopoDS_Shape& solid) 
   const auto item = Handle(StepRepr_RepresentationItem)::DownCast(entity);
   if (item.IsNull() || item->Name().IsNull()) return "";
   const std::string name = item->Name()->ToCString();
-  return absl::StrContains(name, "Open CASCADE") || name == "NONE" ? "" : name;
+  // Long words and bytes that may be no UTF-8 would be refused as a display name.
+  constexpr size_t kLongest = 100;
+  const bool plain = name.size() <= kLongest && std::all_of(name.begin(), name.end(), [](char c) {
+                       return absl::ascii_isprint(static_cast<unsigned char>(c));
+                     });
+  return !plain || absl::StrContains(name, "Open CASCADE") || name == "NONE" ? "" : name;
 }
 
 // names: of the solids in the order of TopExp_Explorer.

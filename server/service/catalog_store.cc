@@ -27,13 +27,10 @@ struct Loaded {
 Loaded LoadOne(Catalog& catalog, LoadedObject stored, const ObjectPreparer& preparer) {
   Loaded result;
   const std::string id = stored.model.id;
-  bool taken = false;
   if (stored.derived.version == preparer.version && !stored.derived.data.empty()) {
-    taken = true;
     result.object = preparer.restore(std::move(stored.model), stored.derived.data);
     if (result.object.ok()) return result;
-  }
-  if (taken) {  // damaged data, which is rare: the model is read once more
+    // Damaged data, which is rare: the model, which was given away, is read once more.
     absl::StatusOr<CatalogRecord> record = catalog.GetObject(id);
     if (!record.ok()) {
       result.object = record.status();
