@@ -174,13 +174,26 @@ absl::StatusOr<v1::ListLookAlikesResponse> HoropterClient::ListLookAlikes(const 
   return response;
 }
 
-absl::StatusOr<v1::VerifyCatalogResponse> HoropterClient::VerifyCatalog() {
+absl::StatusOr<v1::VerifyCatalogResponse> HoropterClient::VerifyCatalog(bool recompute) {
   grpc::ClientContext context;
   SetDeadline(context, timeout_s_);
+  v1::VerifyCatalogRequest request;
+  request.set_recompute(recompute);
   v1::VerifyCatalogResponse response;
   HOROPTER_RETURN_IF_ERROR(
-      ToAbsl(stubs_->catalog->VerifyCatalog(&context, {}, &response), context, address_));
+      ToAbsl(stubs_->catalog->VerifyCatalog(&context, request, &response), context, address_));
   return response;
+}
+
+absl::StatusOr<bool> HoropterClient::RebuildObject(const std::string& id) {
+  grpc::ClientContext context;
+  SetDeadline(context, timeout_s_);
+  v1::RebuildObjectRequest request;
+  request.set_name(ResourceName(id));
+  v1::RebuildObjectResponse response;
+  HOROPTER_RETURN_IF_ERROR(
+      ToAbsl(stubs_->catalog->RebuildObject(&context, request, &response), context, address_));
+  return response.changed();
 }
 
 absl::Status HoropterClient::BackupCatalog(

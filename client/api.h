@@ -49,7 +49,9 @@ class HoropterClient {
   absl::StatusOr<std::vector<v1::Object>> ListObjects();  // all pages, basic view
   absl::Status DeleteObject(const std::string& id);
   absl::StatusOr<v1::ListLookAlikesResponse> ListLookAlikes(const std::string& id);
-  absl::StatusOr<v1::VerifyCatalogResponse> VerifyCatalog();
+  absl::StatusOr<v1::VerifyCatalogResponse> VerifyCatalog(bool recompute);
+  // True: the stored derived data differed from the new ones.
+  absl::StatusOr<bool> RebuildObject(const std::string& id);
   // Hands the catalog file over piece by piece; an error of `write` ends the call with it.
   absl::Status BackupCatalog(const std::function<absl::Status(const std::string& chunk)>& write);
   absl::StatusOr<v1::RecognizeSceneResponse> RecognizeScene(

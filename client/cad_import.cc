@@ -86,47 +86,8 @@ absl::Status CheckModel(const std::string& path, const CadImport& import) {
   return absl::OkStatus();
 }
 
-}  // namespace
-
-double MetresPerUnit(const std::string& unit) {
-  const std::string u = absl::AsciiStrToLower(unit);
-  if (u == "mm" || u == "millimetre" || u == "millimeter") return 1e-3;
-  if (u == "cm" || u == "centimetre" || u == "centimeter") return 1e-2;
-  if (u == "m" || u == "metre" || u == "meter") return 1.0;
-  if (u == "in" || u == "inch" || u == "inches") return 0.0254;
-  if (u == "ft" || u == "foot" || u == "feet") return 0.3048;
-  if (u == "um" || u == "micrometre" || u == "micrometer" || u == "micron") return 1e-6;
-  if (u == "mil") return 25.4e-6;
-  if (u == "km" || u == "kilometre" || u == "kilometer") return 1e3;
-  return 0.0;
-}
-
-absl::StatusOr<CadImport> ImportCad(const std::string& path, const CadImportOptions& options) {
-  HOROPTER_RETURN_IF_ERROR(CheckFile(path));
-  if (!options.unit.empty() && MetresPerUnit(options.unit) <= 0.0) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("units: unknown unit '", options.unit, "' (use mm, cm, m, in, ft or um)"));
-  }
-  const std::string extension =
-      absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
-  CadImport import;
-  if (extension == ".step" || extension == ".stp") {
-    HOROPTER_ASSIGN_OR_RETURN(import, ImportBrep(path, false, options));
-    import.format = "STEP";
-  } else if (extension == ".iges" || extension == ".igs") {
-    HOROPTER_ASSIGN_OR_RETURN(import, ImportBrep(path, true, options));
-    import.format = "IGES";
-  } else if (extension == ".ply" || extension == ".stl" || extension == ".obj" ||
-             extension == ".cao") {
-    HOROPTER_ASSIGN_OR_RETURN(import, ImportMesh(path, options));
-    import.format = absl::AsciiStrToUpper(extension.substr(1));
-  } else {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path,
-                     ": unknown CAD format '",
-                     extension,
-                     "' (known: .step .stp .iges .igs .ply .stl .obj .cao)"));
-  }
+// Diameter, checks, symmetries and counts of what a reader filled in.
+absl::Status Finish(const std::string& path, const CadImportOptions& options, CadImport& import) {
   ObjectModel& model = import.model;
   model.diameter_m = Diameter(model.mesh.vertices);
   HOROPTER_RETURN_IF_ERROR(CheckModel(path, import));
@@ -145,7 +106,81 @@ absl::StatusOr<CadImport> ImportCad(const std::string& path, const CadImportOpti
                     : e.kind == CurveKind::kCircle ? "circles"
                                                    : "other_curves"];
   }
+  return absl::OkStatus();
+}
+
+absl::Status CheckRequest(const std::string& path, const CadImportOptions& options) {
+  HOROPTER_RETURN_IF_ERROR(CheckFile(path));
+  if (!options.unit.empty() && MetresPerUnit(options.unit) <= 0.0) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("units: unknown unit '", options.unit, "' (use mm, cm, m, in, ft or um)"));
+  }
+  return absl::OkStatus();
+}
+
+std::string ExtensionOf(const std::string& path) {
+  return absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
+}
+
+// STEP, IGES or nothing.
+std::string BrepFormat(const std::string& path) {
+  const std::string extension = ExtensionOf(path);
+  if (extension == ".step" || extension == ".stp") return "STEP";
+  return extension == ".iges" || extension == ".igs" ? "IGES" : "";
+}
+
+}  // namespace
+
+double MetresPerUnit(const std::string& unit) {
+  const std::string u = absl::AsciiStrToLower(unit);
+  if (u == "mm" || u == "millimetre" || u == "millimeter") return 1e-3;
+  if (u == "cm" || u == "centimetre" || u == "centimeter") return 1e-2;
+  if (u == "m" || u == "metre" || u == "meter") return 1.0;
+  if (u == "in" || u == "inch" || u == "inches") return 0.0254;
+  if (u == "ft" || u == "foot" || u == "feet") return 0.3048;
+  if (u == "um" || u == "micrometre" || u == "micrometer" || u == "micron") return 1e-6;
+  if (u == "mil") return 25.4e-6;
+  if (u == "km" || u == "kilometre" || u == "kilometer") return 1e3;
+  return 0.0;
+}
+
+absl::StatusOr<CadImport> ImportCad(const std::string& path, const CadImportOptions& options) {
+  HOROPTER_RETURN_IF_ERROR(CheckRequest(path, options));
+  const std::string extension = ExtensionOf(path), brep = BrepFormat(path);
+  CadImport import;
+  if (!brep.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(import, ImportBrep(path, brep == "IGES", options));
+    import.format = brep;
+  } else if (extension == ".ply" || extension == ".stl" || extension == ".obj" ||
+             extension == ".cao" || extension == ".json") {
+    HOROPTER_ASSIGN_OR_RETURN(import, ImportMesh(path, options));
+    import.format = absl::AsciiStrToUpper(extension.substr(1));
+  } else {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path,
+                     ": unknown CAD format '",
+                     extension,
+                     "' (known: .step .stp .iges .igs .ply .stl .obj .cao .json)"));
+  }
+  HOROPTER_RETURN_IF_ERROR(Finish(path, options, import));
   return import;
+}
+
+absl::StatusOr<std::vector<CadImport>> ImportCadParts(const std::string& path,
+                                                      const CadImportOptions& options) {
+  const std::string format = BrepFormat(path);
+  if (format.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(CadImport import, ImportCad(path, options));
+    return std::vector<CadImport>{std::move(import)};
+  }
+  HOROPTER_RETURN_IF_ERROR(CheckRequest(path, options));
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<CadImport> imports,
+                            ImportBrepSolids(path, format == "IGES", options));
+  for (CadImport& import : imports) {
+    import.format = format;
+    HOROPTER_RETURN_IF_ERROR(Finish(path, options, import));
+  }
+  return imports;
 }
 
 }  // namespace horopter

@@ -28,7 +28,8 @@ struct CadImportOptions {
 
 struct CadImport {
   ObjectModel model;           // id, display_name and grasps are left empty
-  std::string format;          // STEP, IGES, PLY, STL, OBJ or CAO
+  std::string name;            // of the solid, as the file calls it; often empty
+  std::string format;          // STEP, IGES, PLY, STL, OBJ, CAO or JSON
   std::string unit_name;       // mm, cm, m, in, ft, um, or the file's own word for an unusual unit
   double metres_per_unit = 0;  // of unit_name
   bool unit_from_file = false;
@@ -41,7 +42,9 @@ struct CadImport {
 // word.
 double MetresPerUnit(const std::string& unit);
 
-// Reads a CAD file by its extension (.step .stp .iges .igs .ply .stl .obj .cao).
+// Reads a CAD file by its extension (.step .stp .iges .igs .ply .stl .obj .cao), a calibrated
+// reconstruction (.json, client/reconstruction_file.h) or a point cloud (.ply without faces: plane
+// faces only).
 // Circles come as one kCircle edge each (closed ones without vertices); seam vertices and the
 // vertices of tessellated rims are no part corners; collinear pieces are one edge. The mesh is
 // welded and oriented outward. Errors: NOT_FOUND (no such file), INVALID_ARGUMENT naming the file
@@ -49,5 +52,10 @@ double MetresPerUnit(const std::string& unit);
 // m, unknown or contradicting unit). Not thread-safe for STEP and IGES: OpenCASCADE keeps global
 // state while it reads.
 absl::StatusOr<CadImport> ImportCad(const std::string& path, const CadImportOptions& options = {});
+
+// An assembly split into its different solids (STEP and IGES; other formats give one part). Errors:
+// as ImportCad, for the first solid that cannot be used.
+absl::StatusOr<std::vector<CadImport>> ImportCadParts(const std::string& path,
+                                                      const CadImportOptions& options = {});
 
 }  // namespace horopter

@@ -108,6 +108,13 @@ std::vector<int> NumbersFor(const std::vector<std::string>& ids) {
   return numbers;
 }
 
+absl::StatusOr<std::vector<std::string>> AllIds(HoropterClient& client) {
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<v1::Object> objects, client.ListObjects());
+  std::vector<std::string> ids;
+  for (const v1::Object& object : objects) ids.push_back(IdOfResource(object.name()));
+  return ids;
+}
+
 absl::Status Export(HoropterClient& client,
                     const std::vector<std::string>& ids,
                     const std::string& folder) {
@@ -161,8 +168,22 @@ absl::Status ReportLookAlikes(HoropterClient& client, const std::string& id) {
   return absl::OkStatus();
 }
 
-absl::Status CatalogVerify(HoropterClient& client) {
-  HOROPTER_ASSIGN_OR_RETURN(const v1::VerifyCatalogResponse result, client.VerifyCatalog());
+absl::Status CatalogRebuild(HoropterClient& client, std::vector<std::string> ids) {
+  if (ids.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(ids, AllIds(client));
+  }
+  int changed = 0;
+  for (const std::string& id : ids) {
+    HOROPTER_ASSIGN_OR_RETURN(const bool differed, client.RebuildObject(id));
+    changed += differed;
+  }
+  std::printf("%zu objects rebuilt, the derived data of %d changed\n", ids.size(), changed);
+  return absl::OkStatus();
+}
+
+absl::Status CatalogVerify(HoropterClient& client, bool recompute) {
+  HOROPTER_ASSIGN_OR_RETURN(const v1::VerifyCatalogResponse result,
+                            client.VerifyCatalog(recompute));
   for (const auto& problem : result.problems()) {
     std::printf("%s: %s\n",
                 problem.name().empty() ? "catalog" : IdOfResource(problem.name()).c_str(),
@@ -170,7 +191,9 @@ absl::Status CatalogVerify(HoropterClient& client) {
   }
   std::printf("%d objects checked, %d problems\n", result.objects(), result.problems_size());
   if (result.problems_size() == 0) return absl::OkStatus();
-  return absl::DataLossError("the catalog is damaged; restore a backup or enrol the objects again");
+  return absl::DataLossError(
+      "the catalog is damaged; `horopter catalog rebuild` makes derived data anew, for the rest "
+      "restore a backup or enrol the objects again");
 }
 
 absl::Status CatalogBackup(HoropterClient& client, const std::string& path) {
@@ -209,9 +232,7 @@ absl::Status ObjectExport(HoropterClient& client,
 }
 
 absl::Status CatalogExport(HoropterClient& client, const std::string& folder) {
-  HOROPTER_ASSIGN_OR_RETURN(const std::vector<v1::Object> objects, client.ListObjects());
-  std::vector<std::string> ids;
-  for (const v1::Object& object : objects) ids.push_back(IdOfResource(object.name()));
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<std::string> ids, AllIds(client));
   return Export(client, ids, folder);
 }
 

@@ -14,9 +14,11 @@ namespace horopter {
 struct ObjectAddArguments {
   std::string cad_path;
   std::string id;
-  std::string grasps_path;  // empty: none
-  std::string unit;         // empty: the file's, or mm
-  std::string display_name;
+  std::string grasps_path;   // empty: none
+  std::string unit;          // empty: the file's, or mm
+  std::string display_name;  // empty: what the file calls the solid
+  // An assembly becomes one object per different solid: ID-1, ID-2, ..; grasps belong to none.
+  bool split = false;
 };
 absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& arguments);
 
@@ -36,8 +38,10 @@ absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>
 // Prints the objects that the named one can be taken for.
 absl::Status ReportLookAlikes(HoropterClient& client, const std::string& id);
 
-// DATA_LOSS when a problem is found.
-absl::Status CatalogVerify(HoropterClient& client);
+// DATA_LOSS when a problem is found. recompute: derived data are made anew and compared.
+absl::Status CatalogVerify(HoropterClient& client, bool recompute);
+// Makes the derived data of the named objects anew; no ids: of all.
+absl::Status CatalogRebuild(HoropterClient& client, std::vector<std::string> ids);
 // Both write to new files and folders only.
 absl::Status CatalogBackup(HoropterClient& client, const std::string& path);
 absl::Status CatalogExport(HoropterClient& client, const std::string& folder);

@@ -37,6 +37,8 @@ struct Arguments {
   std::string show_id;
   bool show_json = false;
   std::vector<std::string> rm_ids;
+  std::vector<std::string> rebuild_ids;
+  bool recompute = false;
   std::vector<std::string> export_ids;
   std::string folder;
   std::string backup_path;
@@ -48,6 +50,13 @@ struct Arguments {
 
 using Command = std::function<absl::Status(HoropterClient&)>;
 
+void AddVerify(CLI::App* verify, Arguments& a, Command& command) {
+  verify->add_flag(
+      "--recompute", a.recompute, "also make derived data anew and compare: 0.1 s per object");
+  verify->callback(
+      [&] { command = [&](HoropterClient& c) { return CatalogVerify(c, a.recompute); }; });
+}
+
 void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
   CLI::App* object = app.add_subcommand("object", "parts in the catalog")->require_subcommand(1);
   object->fallthrough();
@@ -58,7 +67,8 @@ void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
   add->add_option("--grasps", a.add.grasps_path, "grasp poses: JSON or isaac_grasp YAML");
   add->add_option(
       "--units", a.add.unit, "of a file that does not say: mm (default), cm, m, in, ft");
-  add->add_option("--name", a.add.display_name, "free text");
+  add->add_option("--name", a.add.display_name, "free text (default: the solid's in the file)");
+  add->add_flag("--split", a.add.split, "one object per solid of an assembly: ID-1, ID-2, ..");
   add->callback([&] { command = [&](HoropterClient& c) { return ObjectAdd(c, a.add); }; });
 
   CLI::App* update = object->add_subcommand("update", "change an object")->fallthrough();
@@ -85,7 +95,7 @@ void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
 
   CLI::App* verify =
       object->add_subcommand("verify", "check everything that is stored")->fallthrough();
-  verify->callback([&] { command = [](HoropterClient& c) { return CatalogVerify(c); }; });
+  AddVerify(verify, a, command);
 
   CLI::App* write = object->add_subcommand("export", "write objects to a folder")->fallthrough();
   write->add_option("ID", a.export_ids)->required();
@@ -124,7 +134,13 @@ void AddCatalogCommands(CLI::App& app, Arguments& a, Command& command) {
 
   CLI::App* verify =
       catalog->add_subcommand("verify", "check everything that is stored")->fallthrough();
-  verify->callback([&] { command = [](HoropterClient& c) { return CatalogVerify(c); }; });
+  AddVerify(verify, a, command);
+
+  CLI::App* rebuild =
+      catalog->add_subcommand("rebuild", "make derived data anew from the geometry")->fallthrough();
+  rebuild->add_option("ID", a.rebuild_ids, "objects (default: all)");
+  rebuild->callback(
+      [&] { command = [&](HoropterClient& c) { return CatalogRebuild(c, a.rebuild_ids); }; });
 }
 
 void AddDatasetCommands(CLI::App& app, Arguments& a, Command& command) {

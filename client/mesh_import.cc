@@ -7,9 +7,11 @@
 #include <assimp/Importer.hpp>
 #include <cmath>
 #include <exception>
+#include <fstream>
 #include <map>
 #include <numeric>
 #include <set>
+#include <sstream>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -17,6 +19,7 @@
 #include "client/edge_chains.h"
 #include "client/mesh_topology.h"
 #include "client/ply_vertices.h"
+#include "client/reconstruction_file.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -65,6 +68,60 @@ absl::StatusOr<TriangleMesh> ReadTriangles(const std::string& path, double metre
     return absl::InvalidArgumentError(absl::StrCat(path, ": holds no triangles"));
   }
   return soup;
+}
+
+// Whether a PLY file holds points only. Its header was read before.
+bool IsPointCloud(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::string line;
+  while (std::getline(file, line) && line.rfind("end_header", 0) != 0) {
+    std::istringstream words(line);
+    std::string element, name;
+    long long count = 0;
+    words >> element >> name >> count;
+    if (element == "element" && (name == "face" || name == "tristrips") && count > 0) return false;
+  }
+  return true;
+}
+
+// The faces between the wireframe's edges; what bounds no two of them is told.
+absl::StatusOr<TriangleMesh> Surface(const Wireframe& wireframe,
+                                     const std::string& path,
+                                     double metres_per_unit,
+                                     double tolerance_share,
+                                     CadImport& import) {
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& p : wireframe.points) box.extend(p);
+  WireframeSurface surface = SurfaceOfWireframe(wireframe, tolerance_share * box.diagonal().norm());
+  if (surface.mesh.triangles.empty()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": the ", wireframe.edges.size(), " edges bound no plane face"));
+  }
+  if (surface.open_edges > 0) {
+    import.warnings.push_back(absl::StrCat(
+        surface.open_edges, " of ", wireframe.edges.size(), " edges do not bound two faces"));
+  }
+  for (Eigen::Vector3d& v : surface.mesh.vertices) v *= metres_per_unit;
+  return std::move(surface.mesh);
+}
+
+absl::StatusOr<TriangleMesh> ReadRangeImage(const std::string& path,
+                                            const std::vector<Eigen::Vector3d>& points,
+                                            CadImport& import) {
+  const absl::StatusOr<RangeImageModel> model = ModelFromPoints(points);
+  if (!model.ok()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": point cloud: ", std::string(model.status().message())));
+  }
+  import.warnings.push_back(absl::StrCat("a point cloud of ",
+                                         points.size(),
+                                         " points: ",
+                                         model->planes,
+                                         " planes explain ",
+                                         std::lround(100.0 * model->explained),
+                                         " % of them"));
+  constexpr double kScanTolerance = 5e-3;  // corners of noisy planes
+  return Surface(model->wireframe, path, import.metres_per_unit, kScanTolerance, import);
 }
 
 // Region id per triangle: triangles joined over edges without an angle.
@@ -250,22 +307,49 @@ void BuildEdges(ObjectModel& model, double diagonal, double sharp_angle_rad) {
 
 absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOptions& options) {
   CadImport import;
+  ReconstructionFile reconstruction;
+  const bool wireframe = absl::EndsWithIgnoreCase(path, ".json");
+  if (wireframe) {
+    HOROPTER_ASSIGN_OR_RETURN(reconstruction, ReadReconstruction(path));
+    import.unit_from_file = !reconstruction.unit.empty();
+    if (import.unit_from_file && !options.unit.empty() &&
+        MetresPerUnit(options.unit) != MetresPerUnit(reconstruction.unit)) {
+      return absl::InvalidArgumentError(absl::StrCat("units: ",
+                                                     path,
+                                                     " is in ",
+                                                     reconstruction.unit,
+                                                     " by its own word, not in ",
+                                                     options.unit));
+    }
+  }
   const bool cao = absl::EndsWithIgnoreCase(path, ".cao");
   // ViSP works in metres.
-  import.unit_name = !options.unit.empty() ? options.unit : cao ? "m" : "mm";
+  import.unit_name = import.unit_from_file   ? reconstruction.unit
+                     : !options.unit.empty() ? options.unit
+                     : cao                   ? "m"
+                                             : "mm";
   import.metres_per_unit = MetresPerUnit(import.unit_name);
   if (import.metres_per_unit <= 0.0) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("units: unknown unit '", options.unit, "' (use mm, cm, m, in, ft or um)"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        "units: ", path, ": unknown unit '", import.unit_name, "' (use mm, cm, m, in, ft or um)"));
   }
+  std::vector<Eigen::Vector3d> cloud;
   if (absl::EndsWithIgnoreCase(path, ".ply")) {
     // assimp never returns from a header without an end, and takes missing vertices for zeros.
-    HOROPTER_RETURN_IF_ERROR(ReadPlyVertices(path).status());
+    HOROPTER_ASSIGN_OR_RETURN(cloud, ReadPlyVertices(path));
+    if (!IsPointCloud(path)) cloud.clear();
   }
   try {
-    HOROPTER_ASSIGN_OR_RETURN(
-        const TriangleMesh soup,
-        cao ? ReadCao(path, import.metres_per_unit) : ReadTriangles(path, import.metres_per_unit));
+    constexpr double kReconstructionTolerance = 3e-3;  // corners, as a share of the extent
+    HOROPTER_ASSIGN_OR_RETURN(const TriangleMesh soup,
+                              wireframe        ? Surface(reconstruction.wireframe,
+                                                  path,
+                                                  import.metres_per_unit,
+                                                  kReconstructionTolerance,
+                                                  import)
+                              : cao            ? ReadCao(path, import.metres_per_unit)
+                              : !cloud.empty() ? ReadRangeImage(path, cloud, import)
+                                               : ReadTriangles(path, import.metres_per_unit));
     Eigen::AlignedBox3d box;
     for (const Eigen::Vector3d& v : soup.vertices) box.extend(v);
     const double diagonal = box.diagonal().norm();

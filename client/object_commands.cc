@@ -30,11 +30,9 @@ void WarnAboutGrasps(const ObjectModel& model) {
   }
 }
 
-absl::StatusOr<LoadedCad> LoadCad(const std::string& path, const std::string& unit) {
+absl::StatusOr<LoadedCad> WithFile(CadImport import, const std::string& path) {
   LoadedCad cad;
-  CadImportOptions options;
-  options.unit = unit;
-  HOROPTER_ASSIGN_OR_RETURN(cad.import, ImportCad(path, options));
+  cad.import = std::move(import);
   HOROPTER_ASSIGN_OR_RETURN(cad.file.content, ReadFileBytes(path));
   cad.file.file_name = std::filesystem::path(path).filename().string();
   cad.file.format = absl::AsciiStrToLower(cad.import.format);
@@ -43,6 +41,13 @@ absl::StatusOr<LoadedCad> LoadCad(const std::string& path, const std::string& un
     std::fprintf(stderr, "warning: %s: %s\n", path.c_str(), w.c_str());
   }
   return cad;
+}
+
+absl::StatusOr<LoadedCad> LoadCad(const std::string& path, const std::string& unit) {
+  CadImportOptions options;
+  options.unit = unit;
+  HOROPTER_ASSIGN_OR_RETURN(CadImport import, ImportCad(path, options));
+  return WithFile(std::move(import), path);
 }
 
 std::string Describe(const CadImport& import) {
@@ -91,11 +96,10 @@ absl::StatusOr<std::string> ReadFileBytes(const std::string& path) {
   return bytes;
 }
 
-absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& arguments) {
-  HOROPTER_ASSIGN_OR_RETURN(LoadedCad cad, LoadCad(arguments.cad_path, arguments.unit));
+// Sends it, prints what it is and what it can be taken for.
+absl::Status Add(HoropterClient& client, LoadedCad cad, const ObjectAddArguments& arguments) {
   ObjectModel& model = cad.import.model;
-  model.id = arguments.id;
-  model.display_name = arguments.display_name;
+  model.display_name = arguments.display_name.empty() ? cad.import.name : arguments.display_name;
   if (!arguments.grasps_path.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(model.grasps, ReadGrasps(arguments.grasps_path));
     WarnAboutGrasps(model);
@@ -106,6 +110,28 @@ absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& argumen
               Describe(cad.import).c_str(),
               model.grasps.size());
   return ReportLookAlikes(client, model.id);
+}
+
+absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& arguments) {
+  if (!arguments.split) {
+    HOROPTER_ASSIGN_OR_RETURN(LoadedCad cad, LoadCad(arguments.cad_path, arguments.unit));
+    cad.import.model.id = arguments.id;
+    return Add(client, std::move(cad), arguments);
+  }
+  if (!arguments.grasps_path.empty()) {
+    return absl::InvalidArgumentError(
+        "--grasps with --split: say by `object update` which solid they belong to");
+  }
+  CadImportOptions options;
+  options.unit = arguments.unit;
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<CadImport> imports,
+                            ImportCadParts(arguments.cad_path, options));
+  for (size_t i = 0; i < imports.size(); ++i) {
+    HOROPTER_ASSIGN_OR_RETURN(LoadedCad cad, WithFile(std::move(imports[i]), arguments.cad_path));
+    cad.import.model.id = absl::StrCat(arguments.id, "-", i + 1);
+    HOROPTER_RETURN_IF_ERROR(Add(client, std::move(cad), arguments));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status ObjectUpdateCommand(HoropterClient& client, const ObjectUpdateArguments& arguments) {

@@ -18,6 +18,7 @@
 #include <Poly_Triangulation.hxx>
 #include <STEPControl_Reader.hxx>
 #include <Standard_Failure.hxx>
+#include <StepRepr_RepresentationItem.hxx>
 #include <TColStd_SequenceOfAsciiString.hxx>
 #include <TCollection_HAsciiString.hxx>
 #include <TopExp.hxx>
@@ -28,6 +29,8 @@
 #include <TopoDS_Edge.hxx>
 #include <TopoDS_Face.hxx>
 #include <TopoDS_Vertex.hxx>
+#include <XSControl_TransferReader.hxx>
+#include <XSControl_WorkSession.hxx>
 #include <algorithm>
 #include <cmath>
 #include <exception>
@@ -35,6 +38,7 @@
 #include <sstream>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "client/edge_chains.h"
 #include "client/mesh_topology.h"
@@ -94,7 +98,25 @@ void SetUnit(CadImport& import, const std::string& word) {
   import.unit_from_file = true;
 }
 
-absl::StatusOr<TopoDS_Shape> ReadStep(const std::string& path, CadImport& import) {
+// What the file calls a solid; writers put their own program's words where no one named it.
+std::string NameOf(const STEPControl_Reader& reader, const TopoDS_Shape& solid) {
+  const Handle(Standard_Transient) entity =
+      reader.WS()->TransferReader()->EntityFromShapeResult(solid, 1);
+  const auto item = Handle(StepRepr_RepresentationItem)::DownCast(entity);
+  if (item.IsNull() || item->Name().IsNull()) return "";
+  const std::string name = item->Name()->ToCString();
+  // Long words and bytes that may be no UTF-8 would be refused as a display name.
+  constexpr size_t kLongest = 100;
+  const bool plain = name.size() <= kLongest && std::all_of(name.begin(), name.end(), [](char c) {
+                       return absl::ascii_isprint(static_cast<unsigned char>(c));
+                     });
+  return !plain || absl::StrContains(name, "Open CASCADE") || name == "NONE" ? "" : name;
+}
+
+// names: of the solids in the order of TopExp_Explorer.
+absl::StatusOr<TopoDS_Shape> ReadStep(const std::string& path,
+                                      CadImport& import,
+                                      std::vector<std::string>& names) {
   STEPControl_Reader reader;
   Interface_Static::SetCVal("xstep.cascade.unit", "MM");
   if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) {
@@ -116,7 +138,12 @@ absl::StatusOr<TopoDS_Shape> ReadStep(const std::string& path, CadImport& import
     }
   }
   reader.TransferRoots();
-  return reader.OneShape();
+  const TopoDS_Shape shape = reader.OneShape();
+  if (shape.IsNull()) return shape;
+  for (TopExp_Explorer it(shape, TopAbs_SOLID); it.More(); it.Next()) {
+    names.push_back(NameOf(reader, it.Current()));
+  }
+  return shape;
 }
 
 absl::StatusOr<TopoDS_Shape> ReadIges(const std::string& path, CadImport& import) {
@@ -303,30 +330,90 @@ absl::Status ImportShape(const std::string& path,
   return absl::OkStatus();
 }
 
-}  // namespace
-
-absl::StatusOr<CadImport> ImportBrep(const std::string& path,
-                                     bool iges,
-                                     const CadImportOptions& options) {
+// Reads the file and hands its shape to `use`; what OpenCASCADE throws becomes a status.
+template <typename Result, typename Use>
+absl::StatusOr<Result> WithShape(const std::string& path,
+                                 bool iges,
+                                 const CadImportOptions& options,
+                                 const Use& use) {
   HOROPTER_RETURN_IF_ERROR(CheckComplete(path, iges));
   Message::DefaultMessenger()->RemovePrinters(STANDARD_TYPE(Message_PrinterOStream));
   CadImport import;
+  std::vector<std::string> names;
   try {
     HOROPTER_ASSIGN_OR_RETURN(const TopoDS_Shape shape,
-                              iges ? ReadIges(path, import) : ReadStep(path, import));
+                              iges ? ReadIges(path, import) : ReadStep(path, import, names));
     if (!options.unit.empty() &&
         std::abs(MetresPerUnit(options.unit) - import.metres_per_unit) > 1e-12) {
       return absl::InvalidArgumentError(absl::StrCat(
           "units: ", path, " is in ", import.unit_name, " by its own word, not in ", options.unit));
     }
-    HOROPTER_RETURN_IF_ERROR(ImportShape(path, shape, options, import));
+    return use(shape, names, std::move(import));
   } catch (const Standard_Failure& failure) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": cannot be read: ", failure.GetMessageString()));
   } catch (const std::exception& e) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": cannot be read: ", e.what()));
   }
-  return import;
+}
+
+}  // namespace
+
+absl::StatusOr<CadImport> ImportBrep(const std::string& path,
+                                     bool iges,
+                                     const CadImportOptions& options) {
+  return WithShape<CadImport>(path,
+                              iges,
+                              options,
+                              [&](const TopoDS_Shape& shape,
+                                  const std::vector<std::string>& names,
+                                  CadImport import) -> absl::StatusOr<CadImport> {
+                                if (names.size() == 1) import.name = names[0];
+                                HOROPTER_RETURN_IF_ERROR(ImportShape(path, shape, options, import));
+                                return import;
+                              });
+}
+
+absl::StatusOr<std::vector<CadImport>> ImportBrepSolids(const std::string& path,
+                                                        bool iges,
+                                                        const CadImportOptions& options) {
+  using Imports = std::vector<CadImport>;
+  return WithShape<Imports>(
+      path,
+      iges,
+      options,
+      [&](const TopoDS_Shape& shape,
+          const std::vector<std::string>& names,
+          const CadImport& base) -> absl::StatusOr<Imports> {
+        std::vector<TopoDS_Shape> solids;
+        std::vector<int> copies;
+        Imports imports;
+        if (!shape.IsNull()) {
+          int number = 0;
+          for (TopExp_Explorer it(shape, TopAbs_SOLID); it.More(); it.Next(), ++number) {
+            const auto known = std::find_if(solids.begin(), solids.end(), [&](const auto& solid) {
+              return solid.IsPartner(it.Current());  // the same body, placed elsewhere
+            });
+            if (known != solids.end()) {
+              ++copies[static_cast<size_t>(known - solids.begin())];
+              continue;
+            }
+            solids.push_back(it.Current());
+            copies.push_back(1);
+            imports.push_back(base);
+            if (number < static_cast<int>(names.size())) imports.back().name = names[number];
+          }
+        }
+        if (solids.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": no solids"));
+        for (size_t i = 0; i < solids.size(); ++i) {
+          HOROPTER_RETURN_IF_ERROR(ImportShape(path, solids[i], options, imports[i]));
+          if (copies[i] > 1) {
+            imports[i].warnings.push_back(
+                absl::StrCat("solid ", i + 1, " is there ", copies[i], " times; taken once"));
+          }
+        }
+        return imports;
+      });
 }
 
 }  // namespace horopter

@@ -37,6 +37,10 @@ absl::StatusOr<bool> Exists(sqlite3* db, const std::string& id) {
   return select.Step();
 }
 
+absl::Status CountGeneration(sqlite3* db) {
+  return Execute(db, "UPDATE catalog_state SET generation = generation + 1");
+}
+
 absl::Status DeleteRows(sqlite3* db, const char* table, const std::string& id) {
   Statement statement(db, absl::StrCat("DELETE FROM ", table, " WHERE object_id = ?"));
   statement.Bind(std::string_view(id));
@@ -80,7 +84,7 @@ absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
   return std::unique_ptr<Catalog>(new Catalog(path, std::move(connection)));
 }
 
-absl::Status Catalog::CreateObject(const CatalogRecord& record) {
+absl::Status Catalog::CreateObject(const CatalogRecord& record, const DerivedData& derived) {
   HOROPTER_RETURN_IF_ERROR(ValidateModel(record.model));
   HOROPTER_ASSIGN_OR_RETURN(const CadSource source, WithHash(record.source));
   const std::lock_guard lock(mutex_);
@@ -95,11 +99,15 @@ absl::Status Catalog::CreateObject(const CatalogRecord& record) {
     HOROPTER_RETURN_IF_ERROR(InsertGeometry(db, record.model));
     HOROPTER_RETURN_IF_ERROR(InsertSymmetries(db, record.model));
     HOROPTER_RETURN_IF_ERROR(InsertGrasps(db, record.model));
-    return InsertSource(db, record.model.id, source);
+    HOROPTER_RETURN_IF_ERROR(InsertSource(db, record.model.id, source));
+    HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, record.model.id, derived));
+    return CountGeneration(db);
   });
 }
 
-absl::Status Catalog::UpdateObject(const CatalogRecord& record, const UpdateParts& parts) {
+absl::Status Catalog::UpdateObject(const CatalogRecord& record,
+                                   const UpdateParts& parts,
+                                   const DerivedData& derived) {
   HOROPTER_RETURN_IF_ERROR(ValidateModel(record.model));
   CadSource source;
   if (parts.source) {
@@ -121,6 +129,8 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record, const UpdatePart
     }
     if (parts.geometry) {
       HOROPTER_RETURN_IF_ERROR(ReplaceGeometry(db, model));
+      HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, model.id, derived));
+      HOROPTER_RETURN_IF_ERROR(CountGeneration(db));
     }
     if (parts.symmetries) {
       HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "symmetry", model.id));
@@ -138,13 +148,37 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record, const UpdatePart
   });
 }
 
+absl::Status Catalog::StoreDerived(
+    const std::vector<std::pair<std::string, DerivedData>>& derived) {
+  const std::lock_guard lock(mutex_);
+  sqlite3* db = connection_->handle.get();
+  return RunInTransaction(db, [&]() -> absl::Status {
+    for (const auto& [id, data] : derived) {
+      HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
+      if (exists) HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, id, data));
+    }
+    return absl::OkStatus();
+  });
+}
+
+absl::StatusOr<DerivedData> Catalog::GetDerived(const std::string& id) {
+  const std::lock_guard lock(mutex_);
+  sqlite3* db = connection_->handle.get();
+  HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
+  if (!exists) return NotFound(id);
+  DerivedData derived;
+  HOROPTER_RETURN_IF_ERROR(ReadDerived(db, id, derived));
+  return derived;
+}
+
 absl::Status Catalog::DeleteObject(const std::string& id) {
   const std::lock_guard lock(mutex_);
   sqlite3* db = connection_->handle.get();
   return RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
     if (!exists) return NotFound(id);
-    return DeleteRows(db, "object", id);
+    HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "object", id));
+    return CountGeneration(db);
   });
 }
 
@@ -194,19 +228,27 @@ absl::StatusOr<int> Catalog::CountObjects() {
   return static_cast<int>(count);
 }
 
-absl::StatusOr<std::vector<ObjectModel>> Catalog::LoadAll() {
+absl::StatusOr<int64_t> Catalog::Generation() {
+  const std::lock_guard lock(mutex_);
+  return QueryInt(connection_->handle.get(), "SELECT generation FROM catalog_state");
+}
+
+absl::StatusOr<std::vector<LoadedObject>> Catalog::LoadObjects(const std::string& after_id,
+                                                               int limit) {
+  if (limit < 1) return absl::InvalidArgumentError("limit: must be positive");
   const std::lock_guard lock(mutex_);
   sqlite3* db = connection_->handle.get();
-  constexpr int kNoLimit = -1;
   HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
-                            ReadSummaries(db, "", /*exactly=*/false, kNoLimit));
-  std::vector<ObjectModel> models;
-  models.reserve(found.size());
+                            ReadSummaries(db, after_id, /*exactly=*/false, limit));
+  std::vector<LoadedObject> objects;
+  objects.reserve(found.size());
   for (ObjectSummary& summary : found) {
     HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, ReadRecord(db, std::move(summary.record)));
-    models.push_back(std::move(record.model));
+    LoadedObject& object = objects.emplace_back();
+    object.model = std::move(record.model);
+    HOROPTER_RETURN_IF_ERROR(ReadDerived(db, object.model.id, object.derived));
   }
-  return models;
+  return objects;
 }
 
 }  // namespace horopter

@@ -4,6 +4,7 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -52,10 +53,20 @@ class Catalog {
 
   // The hash is computed; a given one must agree. Errors: INVALID_ARGUMENT (names the field),
   // ALREADY_EXISTS.
-  absl::Status CreateObject(const CatalogRecord& record);
+  absl::Status CreateObject(const CatalogRecord& record, const DerivedData& derived = {});
 
-  // Writes the chosen parts and update_time; create_time stays. Errors: as CreateObject, NOT_FOUND.
-  absl::Status UpdateObject(const CatalogRecord& record, const UpdateParts& parts);
+  // Writes the chosen parts and update_time; create_time stays. With new geometry the derived data
+  // are replaced by `derived`, else they stay. Errors: as CreateObject, NOT_FOUND.
+  absl::Status UpdateObject(const CatalogRecord& record,
+                            const UpdateParts& parts,
+                            const DerivedData& derived = {});
+
+  // Replaces the derived data of objects that are in the catalog, all in one transaction; ids that
+  // are not there any more are passed over.
+  absl::Status StoreDerived(const std::vector<std::pair<std::string, DerivedData>>& derived);
+
+  // Empty data when there are none. Errors: NOT_FOUND.
+  absl::StatusOr<DerivedData> GetDerived(const std::string& id);
 
   // Errors: NOT_FOUND.
   absl::Status DeleteObject(const std::string& id);
@@ -76,8 +87,12 @@ class Catalog {
 
   absl::StatusOr<int> CountObjects();
 
-  // All models, ordered by id.
-  absl::StatusOr<std::vector<ObjectModel>> LoadAll();
+  // Number of writes so far that changed geometry or the set of objects.
+  absl::StatusOr<int64_t> Generation();
+
+  // At most `limit` models with their derived data, id > after_id, ordered by id. Errors:
+  // INVALID_ARGUMENT (limit < 1).
+  absl::StatusOr<std::vector<LoadedObject>> LoadObjects(const std::string& after_id, int limit);
 
   // Writes a copy of the whole catalog, as of one moment, to a new file while other calls go on.
   // The copy is checked, synced and only then given its name; a failure leaves nothing behind.

@@ -34,6 +34,18 @@ struct ObjectSummary {
   int triangle_count = 0;
 };
 
+// What the program made of an object's geometry (server/vision/recognition/prepared_blob.h); the
+// catalog keeps the bytes and knows nothing of them.
+struct DerivedData {
+  int version = 0;
+  std::string data;  // empty: none
+};
+
+struct LoadedObject {
+  ObjectModel model;
+  DerivedData derived;
+};
+
 // Limits of a record; what lies outside is refused before it reaches the database.
 inline constexpr size_t kMaxDisplayNameBytes = 200;
 inline constexpr size_t kMaxGraspNameBytes = 63;

@@ -121,6 +121,29 @@ absl::Status InsertSource(sqlite3* db, const std::string& id, const CadSource& s
   return insert.Run();
 }
 
+absl::Status ReplaceDerived(sqlite3* db, const std::string& id, const DerivedData& derived) {
+  if (derived.data.empty()) {
+    Statement remove(db, "DELETE FROM derived WHERE object_id = ?");
+    remove.Bind(std::string_view(id));
+    return remove.Run();
+  }
+  Statement replace(db, "INSERT OR REPLACE INTO derived VALUES (?, ?, ?)");
+  replace.Bind(std::string_view(id))
+      .Bind(static_cast<int64_t>(derived.version))
+      .BindBlob(derived.data);
+  return replace.Run();
+}
+
+absl::Status ReadDerived(sqlite3* db, const std::string& id, DerivedData& derived) {
+  Statement select(db, "SELECT version, data FROM derived WHERE object_id = ?");
+  select.Bind(std::string_view(id));
+  return ForEachRow(select, [&](const Statement& row) {
+    derived.version = static_cast<int>(row.Int(0));
+    derived.data = row.Text(1);
+    return absl::OkStatus();
+  });
+}
+
 absl::Status ReadGeometry(sqlite3* db, ObjectModel& model) {
   Statement vertex(db, "SELECT x, y, z FROM vertex WHERE object_id = ? ORDER BY idx");
   vertex.Bind(std::string_view(model.id));

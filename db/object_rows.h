@@ -18,10 +18,14 @@ absl::Status InsertSymmetries(sqlite3* db, const ObjectModel& model);
 absl::Status InsertGrasps(sqlite3* db, const ObjectModel& model);
 absl::Status InsertSource(sqlite3* db, const std::string& id, const CadSource& source);
 
+// Replaces; empty data: removes.
+absl::Status ReplaceDerived(sqlite3* db, const std::string& id, const DerivedData& derived);
+
 // Errors: DATA_LOSS (damaged blob).
 absl::Status ReadGeometry(sqlite3* db, ObjectModel& model);
 absl::Status ReadSymmetries(sqlite3* db, ObjectModel& model);
 absl::Status ReadGrasps(sqlite3* db, ObjectModel& model);
+absl::Status ReadDerived(sqlite3* db, const std::string& id, DerivedData& derived);
 // Without content.
 absl::Status ReadSource(sqlite3* db, const std::string& id, CadSource& source);
 

@@ -75,7 +75,7 @@ int Serve(const Flags& flags, const sigset_t& signals) {
     return RecognizeScene(request, snapshot, options, stop);
   };
   absl::StatusOr<std::unique_ptr<HoropterServer>> server =
-      HoropterServer::Start(*std::move(catalog), PrepareCatalogObject, recognizer, flags.server);
+      HoropterServer::Start(*std::move(catalog), CatalogPreparer(), recognizer, flags.server);
   if (!server.ok()) return Fail(server.status());
 
   spdlog::info(

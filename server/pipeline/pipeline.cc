@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
+#include "server/vision/recognition/prepared_blob.h"
 #include "server/vision/recognition/prepared_object.h"
 #include "server/vision/recognition/view_linking.h"
 
@@ -163,6 +164,19 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(Objec
 
 const ObjectModel& ModelOf(const PreparedObject& object) {
   return object.model;
+}
+
+ObjectPreparer CatalogPreparer() {
+  ObjectPreparer preparer;
+  preparer.version = kPreparedVersion;
+  preparer.prepare = PrepareCatalogObject;
+  preparer.encode = [](const PreparedObject& object) { return EncodePrepared(object); };
+  preparer.restore = [](ObjectModel model, std::string_view data) {
+    return RestorePrepared(std::move(model), data);
+  };
+  preparer.model_of = ModelOf;
+  preparer.keys_of = [](const PreparedObject& object) -> const ObjectKeys& { return object.keys; };
+  return preparer;
 }
 
 absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,

@@ -1,13 +1,17 @@
 // Calls the stages in order. One page; see docs in README.md for the drawing.
 #pragma once
 
+#include <functional>
 #include <memory>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
 #include "server/pipeline/scene.h"
 #include "server/vision/geometry/object_model.h"
+#include "server/vision/recognition/key_index.h"
 
 namespace horopter {
 
@@ -17,6 +21,9 @@ namespace horopter {
 struct CatalogSnapshot {
   long generation = 0;
   std::vector<std::shared_ptr<const PreparedObject>> objects;  // ordered by id
+  // Invariant keys of the objects; objects[i] has slot slots[i] in it.
+  KeyIndexSnapshot keys;
+  std::vector<int> slots;
 };
 
 // Prepares one object (about 50-100 ms). Errors: INVALID_ARGUMENT when the model has no usable
@@ -25,6 +32,20 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(Objec
 
 // The model inside a prepared object.
 const ObjectModel& ModelOf(const PreparedObject& object);
+
+// How the catalog makes prepared objects, keeps what was costly about them, and gets them back.
+// `restore` gives exactly what `prepare` would; its errors: FAILED_PRECONDITION (the data are of
+// another version or geometry), DATA_LOSS (damaged), those of `prepare`.
+struct ObjectPreparer {
+  using Prepared = std::shared_ptr<const PreparedObject>;
+  int version = 0;  // of the data that `encode` makes
+  std::function<absl::StatusOr<Prepared>(ObjectModel)> prepare;
+  std::function<std::string(const PreparedObject&)> encode;
+  std::function<absl::StatusOr<Prepared>(ObjectModel, std::string_view)> restore;
+  std::function<const ObjectModel&(const PreparedObject&)> model_of;
+  std::function<const ObjectKeys&(const PreparedObject&)> keys_of;
+};
+ObjectPreparer CatalogPreparer();
 
 struct PipelineOptions {
   FeatureOptions features;

@@ -133,34 +133,23 @@ grpc::ServerUnaryReactor* CatalogService::ListLookAlikes(grpc::CallbackServerCon
   return RunUnaryCall(
       "ListLookAlikes", context, pool_, [=, this](const CallInfo& info) -> absl::Status {
         HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request->name(), "name"));
-        Catalog& catalog = store_.catalog();
-        HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord named, catalog.GetObject(id));
-        const LookAlikeOptions options;
-        const double vertices = static_cast<double>(named.model.vertices.size());
-        HOROPTER_RETURN_IF_ERROR(
-            ForEachObject(catalog, info.stop, [&](const ObjectSummary& summary) -> absl::Status {
-              const std::string& other_id = summary.record.model.id;
-              if (other_id == id) return absl::OkStatus();
-              response->set_compared(response->compared() + 1);
-              // Too different in size to be told in full.
-              if (summary.vertex_count < options.min_similar_share * vertices ||
-                  vertices < options.min_similar_share * summary.vertex_count) {
-                return absl::OkStatus();
-              }
-              const absl::StatusOr<CatalogRecord> other = catalog.GetObject(other_id);
-              if (absl::IsNotFound(other.status())) return absl::OkStatus();
-              if (!other.ok()) return other.status();
-              const auto found = FindLookAlike(named.model, other->model, options);
-              if (!found) return absl::OkStatus();
-              v1::LookAlike* look_alike = response->add_look_alikes();
-              look_alike->set_name(absl::StrCat("objects/", other_id));
-              look_alike->set_kind(ToProto(found->kind));
-              for (const double s : found->stretch) look_alike->add_stretch(s);
-              look_alike->set_matched_vertices(found->matched);
-              AddVertices(named.model, found->only_in_a, look_alike->mutable_only_in_named_m());
-              AddVertices(other->model, found->only_in_b, look_alike->mutable_only_in_other_m());
-              return absl::OkStatus();
-            }));
+        HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord named, store_.catalog().GetObject(id));
+        const auto published = store_.Published();
+        for (size_t i = 0; i < published->ids.size(); ++i) {
+          if (IsStopRequested(info.stop)) return absl::CancelledError("stopped");
+          if (published->ids[i] == id) continue;
+          response->set_compared(response->compared() + 1);
+          const ObjectModel& other = store_.ModelOf(*published->snapshot.objects[i]);
+          const auto found = FindLookAlike(named.model, other);
+          if (!found) continue;
+          v1::LookAlike* look_alike = response->add_look_alikes();
+          look_alike->set_name(absl::StrCat("objects/", published->ids[i]));
+          look_alike->set_kind(ToProto(found->kind));
+          for (const double s : found->stretch) look_alike->add_stretch(s);
+          look_alike->set_matched_vertices(found->matched);
+          AddVertices(named.model, found->only_in_a, look_alike->mutable_only_in_named_m());
+          AddVertices(other, found->only_in_b, look_alike->mutable_only_in_other_m());
+        }
         std::stable_sort(
             response->mutable_look_alikes()->begin(),
             response->mutable_look_alikes()->end(),
@@ -170,10 +159,11 @@ grpc::ServerUnaryReactor* CatalogService::ListLookAlikes(grpc::CallbackServerCon
 }
 
 grpc::ServerUnaryReactor* CatalogService::VerifyCatalog(grpc::CallbackServerContext* context,
-                                                        const v1::VerifyCatalogRequest*,
+                                                        const v1::VerifyCatalogRequest* request,
                                                         v1::VerifyCatalogResponse* response) {
   return RunUnaryCall(
       "VerifyCatalog", context, pool_, [=, this](const CallInfo& info) -> absl::Status {
+        const bool recompute = request->recompute();
         const auto report = [&](const std::string& id, const std::string& what) {
           auto* problem = response->add_problems();
           if (!id.empty()) problem->set_name(absl::StrCat("objects/", id));
@@ -201,12 +191,31 @@ grpc::ServerUnaryReactor* CatalogService::VerifyCatalog(grpc::CallbackServerCont
         }
         for (const std::string& id : stored) {
           if (published.count(id) == 0) report(id, "stored, but recognition does not use it");
+          if (IsStopRequested(info.stop)) return absl::CancelledError("stopped");
+          const absl::Status derived = store_.CheckDerived(id, recompute);
+          if (!derived.ok() && !absl::IsNotFound(derived)) {  // removed meanwhile
+            report(id, std::string(derived.message()));
+          }
+        }
+        if (const absl::Status index = store_.CheckIndex(); !index.ok()) {
+          report("", std::string(index.message()));
         }
         for (const std::string& id : published) {
           if (stored.count(id) == 0) report(id, "recognition uses it, but it is not stored");
         }
         return absl::OkStatus();
       });
+}
+
+grpc::ServerUnaryReactor* CatalogService::RebuildObject(grpc::CallbackServerContext* context,
+                                                        const v1::RebuildObjectRequest* request,
+                                                        v1::RebuildObjectResponse* response) {
+  return RunUnaryCall("RebuildObject", context, pool_, [=, this](const CallInfo&) -> absl::Status {
+    HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request->name(), "name"));
+    HOROPTER_ASSIGN_OR_RETURN(const bool changed, store_.Rebuild(id));
+    response->set_changed(changed);
+    return absl::OkStatus();
+  });
 }
 
 grpc::ServerWriteReactor<v1::BackupCatalogResponse>* CatalogService::BackupCatalog(

@@ -33,6 +33,9 @@ class CatalogService final : public v1::CatalogService::CallbackService {
   grpc::ServerUnaryReactor* VerifyCatalog(grpc::CallbackServerContext* context,
                                           const v1::VerifyCatalogRequest* request,
                                           v1::VerifyCatalogResponse* response) override;
+  grpc::ServerUnaryReactor* RebuildObject(grpc::CallbackServerContext* context,
+                                          const v1::RebuildObjectRequest* request,
+                                          v1::RebuildObjectResponse* response) override;
   grpc::ServerWriteReactor<v1::BackupCatalogResponse>* BackupCatalog(
       grpc::CallbackServerContext* context, const v1::BackupCatalogRequest* request) override;
 

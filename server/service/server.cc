@@ -71,7 +71,7 @@ HoropterServer::~HoropterServer() {
 
 absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
     std::unique_ptr<Catalog> catalog,
-    PrepareFunction prepare,
+    ObjectPreparer preparer,
     Recognizer recognizer,
     const ServerOptions& options) {
   HOROPTER_RETURN_IF_ERROR(Validate(options));
@@ -79,9 +79,18 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   auto parts = std::make_unique<Parts>();
   HOROPTER_ASSIGN_OR_RETURN(
       parts->store,
-      CatalogStore::Load(std::move(catalog), std::move(prepare), options.load_threads));
-  for (const std::string& failure : parts->store->failures()) {
+      CatalogStore::Load(std::move(catalog), std::move(preparer), options.load_threads));
+  const LoadReport& loaded = parts->store->load_report();
+  for (const std::string& failure : loaded.failures) {
     spdlog::error("left out of recognition: {}", failure);
+  }
+  if (loaded.prepared > 0) {
+    spdlog::info("{} objects prepared anew: their derived data were missing or out of date",
+                 loaded.prepared);
+  }
+  if (!loaded.stored.ok()) {
+    spdlog::warn("derived data cannot be stored, the next start is slow again: {}",
+                 std::string(loaded.stored.message()));
   }
   parts->scene_pool = std::make_unique<WorkerPool>(options.workers, options.queue);
   parts->catalog_pool =

@@ -36,7 +36,7 @@ class HoropterServer {
   // Errors: INVALID_ARGUMENT (options), UNAVAILABLE (the address cannot be bound), those of
   // CatalogStore::Load.
   static absl::StatusOr<std::unique_ptr<HoropterServer>> Start(std::unique_ptr<Catalog> catalog,
-                                                               PrepareFunction prepare,
+                                                               ObjectPreparer preparer,
                                                                Recognizer recognizer,
                                                                const ServerOptions& options);
   ~HoropterServer();

@@ -1,5 +1,5 @@
-// Writes the keys that recognition looks up, for index_report: the parts of a dataset, and copies
-// of them stretched along their axes, stand for a catalog.
+// Writes the keys that recognition looks up, for index_benchmark: the parts of a dataset, and
+// copies of them stretched along their axes, stand for a catalog.
 //
 //   key_data DATASET COPIES OUT_PREFIX
 //     writes OUT_PREFIX-chains (5 values, similarity), OUT_PREFIX-six (3 values, projective)

@@ -212,6 +212,23 @@ struct BadFile {
   const char* expected;
 };
 
+TEST(MeshImport, NonManifoldEdgesStayEdgesAndAreReported) {
+  const TempFolder folder;
+  TriangleMesh both =
+      Box(40, 30, 20);  // two boxes that touch along one edge: four faces meet there
+  const int first = static_cast<int>(both.vertices.size());
+  for (const Eigen::Vector3d& v : Box(40, 30, 20).vertices) {
+    both.vertices.push_back(v + Eigen::Vector3d(40, 30, 0));
+  }
+  for (const Eigen::Vector3i& t : Box(40, 30, 20).triangles) {
+    both.triangles.push_back(t.array() + first);
+  }
+  const CadImport import = MustImport(folder.Write("b.ply", AsPly(both)));
+  ExpectInvariants(import.model);
+  EXPECT_EQ(import.counts.at("lines"), 23);
+  EXPECT_THAT(import.warnings, testing::Contains(HasSubstr("not closed")));
+}
+
 TEST(MeshImport, BadFilesAreRefusedByName) {
   const TempFolder folder;
   const std::string box = AsPly(Box(40, 30, 20));

@@ -7,6 +7,7 @@
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
 #include <BRepPrimAPI_MakeSphere.hxx>
+#include <BRep_Builder.hxx>
 #include <Eigen/Geometry>
 #include <IGESControl_Writer.hxx>
 #include <Interface_Static.hxx>
@@ -15,11 +16,14 @@
 #include <Message_PrinterOStream.hxx>
 #include <STEPControl_Writer.hxx>
 #include <TopExp_Explorer.hxx>
+#include <TopLoc_Location.hxx>
 #include <TopoDS.hxx>
+#include <TopoDS_Compound.hxx>
 #include <TopoDS_Edge.hxx>
 #include <cmath>
 #include <fstream>
 #include <gp_Ax2.hxx>
+#include <gp_Trsf.hxx>
 #include <sstream>
 
 #include "client/cad_import.h"
@@ -194,6 +198,40 @@ TEST(StepImport, ContradictingUnitIsAnErrorNotAnOverride) {
   EXPECT_THAT(std::string(import.status().message()), HasSubstr("mm"));
   options.unit = "mm";
   EXPECT_TRUE(ImportCad(path, options).ok());
+}
+
+TEST(StepImport, AnAssemblyIsOnePartOrItsDifferentSolids) {
+  const TempFolder folder;
+  BRep_Builder builder;
+  TopoDS_Compound assembly;
+  builder.MakeCompound(assembly);
+  const TopoDS_Shape plate = PlateWithHole();
+  const TopoDS_Shape box = BRepPrimAPI_MakeBox(gp_Pnt(0, 0, 50), 10.0, 20.0, 30.0).Shape();
+  gp_Trsf away;
+  away.SetTranslation(gp_Vec(100, 0, 0));
+  builder.Add(assembly, plate);
+  builder.Add(assembly, box);
+  builder.Add(assembly, plate.Moved(TopLoc_Location(away)));
+  const std::string path = WriteStep(folder, assembly);
+
+  const CadImport merged = MustImport(path);
+  EXPECT_EQ(merged.counts.at("lines"), 36);
+  EXPECT_THAT(merged.warnings, testing::Contains(HasSubstr("3 solids")));
+
+  const auto parts = ImportCadParts(path);
+  ASSERT_TRUE(parts.ok()) << parts.status();
+  ASSERT_EQ(parts->size(), 2u);
+  EXPECT_NEAR(SignedVolume((*parts)[0].model.mesh), (24000 - M_PI * 25 * 20) * 1e-9, 50e-9);
+  EXPECT_NEAR(SignedVolume((*parts)[1].model.mesh), 6000e-9, 1e-12);
+  EXPECT_THAT((*parts)[0].warnings, testing::ElementsAre(HasSubstr("2 times")));
+  EXPECT_TRUE((*parts)[1].warnings.empty());
+  EXPECT_EQ((*parts)[1].counts.at("lines"), 12);
+
+  const auto single = ImportCadParts(WriteStep(folder, box));
+  ASSERT_TRUE(single.ok()) << single.status();
+  EXPECT_EQ(single->size(), 1u);
+  EXPECT_EQ(ImportCadParts(folder.path() + "/none.step").status().code(),
+            absl::StatusCode::kNotFound);
 }
 
 }  // namespace

@@ -1,12 +1,11 @@
 // A kill at any moment loses no acknowledged write and leaves nothing half-written.
 #include <gtest/gtest.h>
-#include <signal.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <set>
 
 #include "db/catalog.h"
+#include "tests/support/killed_writer.h"
 #include "tests/support/sample_record.h"
 #include "tests/support/scratch_dir.h"
 
@@ -17,14 +16,15 @@ std::string IdOf(int number) {
   return "obj_" + std::to_string(number);
 }
 
-// Writes object after object and acknowledges each through the pipe: n after object n was created.
-// Never returns.
-[[noreturn]] void WriteUntilKilled(const std::string& path, int first, int acknowledge) {
+// Writes object after object and acknowledges n after object n was created. Ends by a kill only.
+int WriteUntilKilled(const std::string& path,
+                     int first,
+                     const KilledWriter::Acknowledge& acknowledge) {
   auto catalog = Catalog::Open(path);
-  if (!catalog.ok()) _exit(3);
+  if (!catalog.ok()) return kWriterCannotOpen;
   for (int n = first;; ++n) {
-    if (!(*catalog)->CreateObject(SampleRecord(IdOf(n), n)).ok()) _exit(4);
-    if (write(acknowledge, &n, sizeof(n)) != sizeof(n)) _exit(5);
+    if (!(*catalog)->CreateObject(SampleRecord(IdOf(n), n)).ok()) return kWriterRefused;
+    acknowledge(n);
   }
 }
 
@@ -34,29 +34,20 @@ TEST(CatalogCrash, EveryAcknowledgedWriteIsThereAfterAKill) {
   std::set<int> acknowledged;
   int next = 0;
   for (int round = 0; round < 8; ++round) {
-    int ends[2];
-    ASSERT_EQ(pipe(ends), 0);
-    const pid_t child = fork();
-    ASSERT_GE(child, 0);
-    if (child == 0) {
-      close(ends[0]);
-      WriteUntilKilled(path, next, ends[1]);
-    }
-    close(ends[1]);
+    KilledWriter writer([&](const KilledWriter::Acknowledge& acknowledge) {
+      return WriteUntilKilled(path, next, acknowledge);
+    });
     // After a few acknowledgements the child is somewhere in its next write; the pauses differ from
     // round to round.
-    int n = 0;
     for (int i = 0; i <= round; ++i) {
-      ASSERT_EQ(read(ends[0], &n, sizeof(n)), static_cast<ssize_t>(sizeof(n)));
-      acknowledged.insert(n);
+      const std::optional<int> n = writer.Next();
+      ASSERT_TRUE(n.has_value());
+      acknowledged.insert(*n);
     }
     usleep(400 * round);
-    kill(child, SIGKILL);
-    while (read(ends[0], &n, sizeof(n)) == static_cast<ssize_t>(sizeof(n))) acknowledged.insert(n);
-    close(ends[0]);
-    int status = 0;
-    ASSERT_EQ(waitpid(child, &status, 0), child);
-    ASSERT_TRUE(WIFSIGNALED(status)) << "child ended by itself: " << WEXITSTATUS(status);
+    writer.Kill();
+    while (const std::optional<int> n = writer.Next()) acknowledged.insert(*n);
+    ASSERT_TRUE(writer.AwaitKilled());
 
     auto catalog = Catalog::Open(path);
     ASSERT_TRUE(catalog.ok()) << catalog.status();

@@ -22,9 +22,9 @@ std::unique_ptr<Catalog> OpenOrDie(const std::string& path = ":memory:") {
 
 std::vector<std::string> Ids(Catalog& catalog) {
   std::vector<std::string> ids;
-  const auto models = catalog.LoadAll();
-  EXPECT_TRUE(models.ok()) << models.status();
-  for (const ObjectModel& model : *models) ids.push_back(model.id);
+  const auto objects = catalog.LoadObjects("", 1000);
+  EXPECT_TRUE(objects.ok()) << objects.status();
+  for (const LoadedObject& object : *objects) ids.push_back(object.model.id);
   return ids;
 }
 
@@ -41,9 +41,9 @@ TEST(Catalog, GivesBackBitByBitWhatItWasGivenAlsoAfterReopening) {
     EXPECT_EQ(FirstDifference(*read, record), "");
     EXPECT_EQ(read->source.sha256, Sha256Hex(record.source.content));
     EXPECT_EQ(*catalog->GetCadFile("box"), record.source.content);
-    const auto models = catalog->LoadAll();
-    ASSERT_EQ(models->size(), 1u);
-    EXPECT_EQ((*models)[0].mesh.triangles, record.model.mesh.triangles);
+    const auto objects = catalog->LoadObjects("", 10);
+    ASSERT_EQ(objects->size(), 1u);
+    EXPECT_EQ((*objects)[0].model.mesh.triangles, record.model.mesh.triangles);
   }
 }
 

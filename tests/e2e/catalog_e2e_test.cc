@@ -116,6 +116,10 @@ TEST_F(CatalogE2e, ABackupIsACatalogAndAnExportComesBackExactly) {
   EXPECT_THAT(o.out, HasSubstr("2 objects checked, 0 problems"));
 
   const std::string backup = folder_.path() + "/backup.db", dump = folder_.path() + "/dump";
+  o = Run({"catalog", "rebuild"});
+  EXPECT_THAT(o.out, HasSubstr("2 objects rebuilt, the derived data of 0 changed"));
+  EXPECT_EQ(Run({"catalog", "verify", "--recompute"}).exit_code, 0);
+
   EXPECT_EQ(Run({"catalog", "backup", backup}).exit_code, 0);
   EXPECT_EQ(Run({"catalog", "backup", backup}).exit_code, 3);  // never replaces a file
   EXPECT_EQ(Run({"catalog", "export", dump}).exit_code, 0);

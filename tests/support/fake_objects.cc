@@ -2,19 +2,54 @@
 
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+
 namespace horopter {
+
+namespace {
+
+struct FakeObject {
+  ObjectModel model;
+  ObjectKeys keys;
+};
+
+}  // namespace
 
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareFake(ObjectModel model) {
   if (model.display_name == "unpreparable")
     return absl::InvalidArgumentError("edges: no usable edge");
   // PreparedObject is incomplete here on purpose; the pointer is never followed as one.
-  auto held = std::make_shared<const ObjectModel>(std::move(model));
+  auto held = std::make_shared<FakeObject>();
+  held->keys = ComputeObjectKeys(model);
+  held->model = std::move(model);
   return std::shared_ptr<const PreparedObject>(held,
                                                reinterpret_cast<const PreparedObject*>(held.get()));
 }
 
 const ObjectModel& ModelOfFake(const PreparedObject& object) {
-  return reinterpret_cast<const ObjectModel&>(object);
+  return reinterpret_cast<const FakeObject&>(object).model;
+}
+
+ObjectPreparer FakePreparer(int version) {
+  ObjectPreparer preparer;
+  preparer.version = version;
+  preparer.prepare = PrepareFake;
+  preparer.encode = [version](const PreparedObject& object) {
+    return absl::StrCat(version, " ", ModelOfFake(object).diameter_m);
+  };
+  preparer.restore =
+      [version](ObjectModel model,
+                std::string_view data) -> absl::StatusOr<std::shared_ptr<const PreparedObject>> {
+    if (data != absl::StrCat(version, " ", model.diameter_m)) {
+      return absl::DataLossError("derived data of something else");
+    }
+    return PrepareFake(std::move(model));
+  };
+  preparer.model_of = ModelOfFake;
+  preparer.keys_of = [](const PreparedObject& object) -> const ObjectKeys& {
+    return reinterpret_cast<const FakeObject&>(object).keys;
+  };
+  return preparer;
 }
 
 }  // namespace horopter

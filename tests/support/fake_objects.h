@@ -15,4 +15,7 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareFake(ObjectModel mo
 
 const ObjectModel& ModelOfFake(const PreparedObject& object);
 
+// Prepares, stores and restores such objects; the data are the diameter and `version`.
+ObjectPreparer FakePreparer(int version = 1);
+
 }  // namespace horopter

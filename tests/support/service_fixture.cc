@@ -15,7 +15,7 @@ TestServer::TestServer(Recognizer recognizer, const ServerOptions& options, cons
   auto opened = Catalog::Open(db);
   EXPECT_TRUE(opened.ok()) << opened.status();
   auto server =
-      HoropterServer::Start(*std::move(opened), PrepareFake, std::move(recognizer), options);
+      HoropterServer::Start(*std::move(opened), FakePreparer(), std::move(recognizer), options);
   EXPECT_TRUE(server.ok()) << server.status();
   server_ = *std::move(server);
   channel_ = server_->InProcessChannel();

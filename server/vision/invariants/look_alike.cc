@@ -38,7 +38,8 @@ std::vector<FourVertices> Reversed(std::vector<FourVertices> chains) {
   return chains;
 }
 
-// Matched pairs of a map, one to one by nearest vertex; -1: none.
+// Matched pairs of a map, one to one by nearest vertex; -1: none. A map that cannot reach `needed`
+// pairs any more is given up: nearly all maps are, after the first few vertices.
 struct Matching {
   std::vector<int> partner;
   int count = 0;
@@ -47,12 +48,14 @@ struct Matching {
 Matching Match(const Eigen::Matrix4d& b_from_a,
                const Vertices& a,
                const Vertices& b,
-               double within) {
+               double within,
+               int needed) {
   Matching result;
   result.partner.assign(a.size(), -1);
   std::vector<char> taken(b.size(), 0);
   double sign = 0.0;
   for (size_t i = 0; i < a.size(); ++i) {
+    if (result.count + static_cast<int>(a.size() - i) < needed) return result;
     const Eigen::Vector4d x = b_from_a * a[i].homogeneous();
     // A collineation that carries a part through the plane at infinity shows nothing real.
     if (sign == 0.0) sign = x.w();
@@ -102,12 +105,13 @@ class Search {
   void Try(Eigen::Matrix4d map) {
     if (!map.allFinite() || map(3, 3) == 0.0) return;
     map /= map(3, 3);
+    Matching matching = Match(map, a_, b_, within_, std::min(needed_, needed_similar_));
+    if (matching.count < std::min(needed_, needed_similar_)) return;
     const Eigen::Vector3d stretch =
         Eigen::JacobiSVD<Eigen::Matrix3d>(map.topLeftCorner<3, 3>()).singularValues();
     if (!(stretch(2) > 1e-3 * stretch(0))) return;
     const LookAlikeKind kind = KindOf(map, stretch, stretch_tolerance_);
     if (best_ && kind > best_->kind) return;
-    Matching matching = Match(map, a_, b_, within_);
     if (matching.count < (kind <= LookAlikeKind::kMirror ? needed_similar_ : needed_)) return;
     if (best_ && kind == best_->kind && matching.count <= best_->matching.count) return;
     best_ = Best{map, stretch, kind, std::move(matching)};
@@ -129,16 +133,24 @@ class Search {
   std::optional<Best> best_;
 };
 
-// The collineation that maps five points of a to five of b: scales of the four columns make the
-// fifth fit.
-std::optional<Eigen::Matrix4d> FivePointMap(const Eigen::Matrix4d& a4,
-                                            const Eigen::Vector4d& a5,
-                                            const Eigen::Matrix4d& b4,
-                                            const Eigen::Vector4d& b5) {
-  const Eigen::Vector4d la = a4.partialPivLu().solve(a5), lb = b4.partialPivLu().solve(b5);
+// Four points as a frame in which a fifth one has coordinates.
+struct Frame {
+  explicit Frame(const Eigen::Matrix4d& points) : columns(points), inverse(points.inverse()) {}
+  Eigen::Matrix4d columns;
+  Eigen::Matrix4d inverse;
+};
+
+// The collineation that maps five points of a to five of b, given their frames and the fifth
+// points' coordinates in them: scales of the four columns make the fifth fit.
+std::optional<Eigen::Matrix4d> FivePointMap(const Frame& a,
+                                            const Eigen::Vector4d& fifth_in_a,
+                                            const Frame& b,
+                                            const Eigen::Vector4d& fifth_in_b) {
   // A vanishing scale: the fifth point lies in a face of the tetrahedron.
-  if (!(la.cwiseAbs().minCoeff() > 1e-6) || !(lb.cwiseAbs().minCoeff() > 1e-6)) return std::nullopt;
-  return b4 * lb.cwiseQuotient(la).asDiagonal() * a4.inverse();
+  if (!(fifth_in_a.cwiseAbs().minCoeff() > 1e-6) || !(fifth_in_b.cwiseAbs().minCoeff() > 1e-6)) {
+    return std::nullopt;
+  }
+  return b.columns * fifth_in_b.cwiseQuotient(fifth_in_a).asDiagonal() * a.inverse;
 }
 
 }  // namespace
@@ -179,16 +191,16 @@ std::optional<LookAlike> FindLookAlike(const ObjectModel& a,
     // Collineations keep the vertex graph, which the equal counts suggest. One fifth corner of a
     // that is in general position, every one of b.
     const FourVertices& start = starts[0];
-    const Eigen::Matrix4d from = Homogeneous(a.vertices, start);
+    const Frame from(Homogeneous(a.vertices, start));
     if (Volume(a.vertices, start) > flat) {
       for (size_t fifth = 0; fifth < a.vertices.size(); ++fifth) {
-        const Eigen::Vector4d a5 = a.vertices[fifth].homogeneous();
-        if (!(from.partialPivLu().solve(a5).cwiseAbs().minCoeff() > 1e-3)) continue;
+        const Eigen::Vector4d in_a = from.inverse * a.vertices[fifth].homogeneous();
+        if (!(in_a.cwiseAbs().minCoeff() > 1e-3)) continue;
         for (const FourVertices& chain : chains_b) {
           if (!(Volume(b.vertices, chain) > 1e-9 * std::pow(b.diameter_m, 3))) continue;
-          const Eigen::Matrix4d to = Homogeneous(b.vertices, chain);
+          const Frame to(Homogeneous(b.vertices, chain));
           for (const Eigen::Vector3d& b5 : b.vertices) {
-            const auto map = FivePointMap(from, a5, to, b5.homogeneous());
+            const auto map = FivePointMap(from, in_a, to, to.inverse * b5.homogeneous());
             if (map) search.Try(*map);
           }
         }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "server/base/status_macros.h"
 #include "server/vision/geometry/depth_buffer.h"
 #include "server/vision/geometry/pinhole_camera.h"
 
@@ -69,18 +70,13 @@ void SampleEdges(const PrepareOptions& options, PreparedObject* object) {
 
 void ComputeAspects(const PrepareOptions& options, PreparedObject* object) {
   const int n = static_cast<int>(object->samples.size());
-  const int edges = static_cast<int>(object->model.edges.size());
-  object->words = (n + 63) / 64;
   object->visible.assign(static_cast<std::size_t>(kAspectCount) * object->words, 0);
-  object->edge_visible.assign(static_cast<std::size_t>(kAspectCount) * edges, 0);
 
   const double diameter = object->model.diameter_m;
   const double distance = options.aspect_distance_diameters * diameter;
   const double focal = 0.9 * kAspectPixels * options.aspect_distance_diameters;
   const PinholeCamera camera = CenteredCamera(kAspectPixels, kAspectPixels, focal);
   DepthBuffer buffer = MakeDepthBuffer(kAspectPixels, kAspectPixels);
-  std::vector<int> per_edge(edges, 0);
-  for (const EdgeSample& s : object->samples) ++per_edge[s.edge];
 
   for (int aspect = 0; aspect < kAspectCount; ++aspect) {
     const Eigen::Vector3d direction = AspectDirection(aspect);
@@ -92,17 +88,11 @@ void ComputeAspects(const PrepareOptions& options, PreparedObject* object) {
     camera_from_object.t = -(camera_from_object.R * (object->center + direction * distance));
     ClearDepth(&buffer);
     RenderDepth(object->model.mesh, camera, camera_from_object, &buffer);
-    std::vector<int> seen(edges, 0);
     for (int i = 0; i < n; ++i) {
       const Eigen::Vector3d p = camera_from_object * object->samples[i].point.cast<double>();
       if (!IsVisible(buffer, Project(camera, p), p.z(), kHiddenTolerance * diameter)) continue;
       object->visible[static_cast<std::size_t>(aspect) * object->words + i / 64] |= 1ull
                                                                                     << (i % 64);
-      ++seen[object->samples[i].edge];
-    }
-    for (int e = 0; e < edges; ++e) {
-      object->edge_visible[static_cast<std::size_t>(aspect) * edges + e] =
-          per_edge[e] ? static_cast<std::uint8_t>(255 * seen[e] / per_edge[e]) : 0;
     }
   }
 }
@@ -161,8 +151,26 @@ Eigen::Vector3d AspectDirection(int index) {
   return d.normalized();
 }
 
-absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel model,
-                                                                    const PrepareOptions& options) {
+void FillEdgeVisibility(PreparedObject* object) {
+  const std::size_t edges = object->model.edges.size();
+  object->edge_visible.assign(kAspectCount * edges, 0);
+  std::vector<int> per_edge(edges, 0), seen(edges, 0);
+  for (const EdgeSample& s : object->samples) ++per_edge[s.edge];
+  for (int aspect = 0; aspect < kAspectCount; ++aspect) {
+    const std::uint64_t* bits = object->VisibleBits(aspect);
+    std::fill(seen.begin(), seen.end(), 0);
+    for (std::size_t i = 0; i < object->samples.size(); ++i) {
+      seen[object->samples[i].edge] += (bits[i / 64] >> (i % 64)) & 1;
+    }
+    for (std::size_t e = 0; e < edges; ++e) {
+      object->edge_visible[aspect * edges + e] =
+          per_edge[e] ? static_cast<std::uint8_t>(255 * seen[e] / per_edge[e]) : 0;
+    }
+  }
+}
+
+absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
+                                                              const PrepareOptions& options) {
   auto object = std::make_shared<PreparedObject>();
   object->model = std::move(model);
   const ObjectModel& m = object->model;
@@ -177,11 +185,21 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel 
   }
   object->radius_m = 0.5 * m.diameter_m;
   SampleEdges(options, object.get());
-  ComputeAspects(options, object.get());
+  object->words = static_cast<int>((object->samples.size() + 63) / 64);
   FindPaths(options, object.get());
-  object->stable_poses = FindStablePoses(m.mesh);
-  object->occupancy = ComputeOccupancy(m.mesh);
-  return std::shared_ptr<const PreparedObject>(std::move(object));
+  return object;
+}
+
+absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel model,
+                                                                    const PrepareOptions& options) {
+  HOROPTER_ASSIGN_OR_RETURN(const std::shared_ptr<PreparedObject> object,
+                            BeginPrepared(std::move(model), options));
+  ComputeAspects(options, object.get());
+  FillEdgeVisibility(object.get());
+  object->stable_poses = FindStablePoses(object->model.mesh);
+  object->occupancy = ComputeOccupancy(object->model.mesh);
+  object->keys = ComputeObjectKeys(object->model);
+  return std::shared_ptr<const PreparedObject>(object);
 }
 
 }  // namespace horopter

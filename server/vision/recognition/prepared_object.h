@@ -9,6 +9,7 @@
 
 #include "absl/status/statusor.h"
 #include "server/vision/geometry/object_model.h"
+#include "server/vision/invariants/object_keys.h"
 
 namespace horopter {
 
@@ -75,6 +76,7 @@ struct PreparedObject {
   std::vector<VertexPath> paths;
   std::vector<StablePose> stable_poses;
   Occupancy occupancy;
+  ObjectKeys keys;  // for the catalog's index
 
   const std::uint64_t* VisibleBits(int aspect) const {
     return visible.data() + static_cast<std::size_t>(aspect) * words;
@@ -93,6 +95,13 @@ struct PrepareOptions {
 // Errors: INVALID_ARGUMENT when the model has no edges, no mesh or no extent.
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(
     ObjectModel model, const PrepareOptions& options = {});
+
+// The two cheap ends of PrepareObject, which what was stored is completed with (prepared_blob.h):
+// samples and vertex paths, everything else empty; then `edge_visible` from `visible`. Errors: as
+// PrepareObject.
+absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
+                                                              const PrepareOptions& options);
+void FillEdgeVisibility(PreparedObject* object);
 
 // Stable resting poses of a mesh on a plane: facets of the convex hull above which the centre of
 // mass lies, largest margin first.

@@ -8,7 +8,9 @@ namespace horopter {
 namespace {
 
 CatalogSnapshot OnePart() {
-  return {1, {PrepareCatalogObject(LBracket()).value()}};
+  CatalogSnapshot catalog;
+  catalog.objects.push_back(PrepareCatalogObject(LBracket()).value());
+  return catalog;
 }
 
 SceneRequest Images(const std::vector<cv::Mat>& images) {

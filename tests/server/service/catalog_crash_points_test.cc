@@ -1,9 +1,6 @@
 // SIGKILL at every named point of a write, again and again on one file: what was acknowledged is
 // there, nothing is there by half, and what recognition would use equals the file.
 #include <gtest/gtest.h>
-#include <signal.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <cstring>
 #include <map>
@@ -13,6 +10,7 @@
 #include "server/base/crash_point.h"
 #include "server/service/catalog_store.h"
 #include "tests/support/fake_objects.h"
+#include "tests/support/killed_writer.h"
 #include "tests/support/sample_record.h"
 #include "tests/support/scratch_dir.h"
 
@@ -71,18 +69,20 @@ absl::Status Apply(CatalogStore& store, const Operation& op) {
 absl::StatusOr<std::unique_ptr<CatalogStore>> OpenStore(const std::string& path) {
   absl::StatusOr<std::unique_ptr<Catalog>> catalog = Catalog::Open(path);
   if (!catalog.ok()) return catalog.status();
-  return CatalogStore::Load(*std::move(catalog), PrepareFake, 1);
+  return CatalogStore::Load(*std::move(catalog), FakePreparer(), 1);
 }
 
-[[noreturn]] void WriteUntilKilled(const std::string& path, int first, int acknowledge) {
+int WriteUntilKilled(const std::string& path,
+                     int first,
+                     const KilledWriter::Acknowledge& acknowledge) {
   auto store = OpenStore(path);
-  if (!store.ok()) _exit(3);
+  if (!store.ok()) return kWriterCannotOpen;
   crash_hook = KillAtPoint;
   for (int index = first; index < first + 40; ++index) {
-    if (!Apply(**store, OperationAt(index)).ok()) _exit(4);
-    if (write(acknowledge, &index, sizeof(index)) != sizeof(index)) _exit(5);
+    if (!Apply(**store, OperationAt(index)).ok()) return kWriterRefused;
+    acknowledge(index);
   }
-  _exit(6);  // the point was never passed
+  return kWriterFinished;  // the point was never passed
 }
 
 TEST(CatalogCrashPointsTest, TwoHundredKillsLoseNothing) {
@@ -102,25 +102,14 @@ TEST(CatalogCrashPointsTest, TwoHundredKillsLoseNothing) {
   for (int round = 0; round < 210; ++round) {
     kill_at = kPoints[round % std::size(kPoints)];
     kill_after = static_cast<int>(rng() % 4);
-    int ends[2];
-    ASSERT_EQ(pipe(ends), 0);
-    const pid_t child = fork();
-    ASSERT_GE(child, 0);
-    if (child == 0) {
-      close(ends[0]);
-      WriteUntilKilled(path, next, ends[1]);
+    KilledWriter writer([&](const KilledWriter::Acknowledge& acknowledge) {
+      return WriteUntilKilled(path, next, acknowledge);
+    });
+    while (const std::optional<int> acknowledged = writer.Next()) {
+      perform(*acknowledged);
+      next = *acknowledged + 1;
     }
-    close(ends[1]);
-    int acknowledged = 0;
-    while (read(ends[0], &acknowledged, sizeof(acknowledged)) ==
-           static_cast<ssize_t>(sizeof(acknowledged))) {
-      perform(acknowledged);
-      next = acknowledged + 1;
-    }
-    close(ends[0]);
-    int status = 0;
-    ASSERT_EQ(waitpid(child, &status, 0), child);
-    ASSERT_TRUE(WIFSIGNALED(status)) << kill_at << ": ended by itself: " << WEXITSTATUS(status);
+    ASSERT_TRUE(writer.AwaitKilled()) << kill_at;
     ++kills;
 
     auto store = OpenStore(path);
@@ -151,6 +140,8 @@ TEST(CatalogCrashPointsTest, TwoHundredKillsLoseNothing) {
     const auto published = (*store)->Published();
     ASSERT_EQ(published->ids.size(), expected.size());
     for (const std::string& id : published->ids) EXPECT_EQ(expected.count(id), 1u) << id;
+    EXPECT_EQ((*store)->load_report().prepared, 0) << kill_at << ": derived data lost";
+    EXPECT_TRUE((*store)->CheckIndex().ok()) << kill_at;
   }
   EXPECT_GE(kills, 200);
 }

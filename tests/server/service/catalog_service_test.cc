@@ -205,7 +205,8 @@ TEST(CatalogServiceRestart, ObjectsAreThereAfterARestartAndAnUnpreparableOneDoes
   }
   TestServer server(NeverRecognise, {}, path);
   EXPECT_THAT(server.server().store().Published()->ids, testing::ElementsAre("box", "nut"));
-  EXPECT_THAT(server.server().store().failures(), testing::ElementsAre(testing::HasSubstr("odd")));
+  EXPECT_THAT(server.server().store().load_report().failures,
+              testing::ElementsAre(testing::HasSubstr("odd")));
 }
 
 }  // namespace

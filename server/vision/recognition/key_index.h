@@ -1,0 +1,82 @@
+// The invariant keys of a whole catalog in X-trees: which object's vertices could these points be?
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "server/index/x_tree.h"
+#include "server/vision/invariants/feature_transform.h"
+#include "server/vision/invariants/object_keys.h"
+
+namespace horopter {
+
+enum class KeyTable { kChains = 0, kStars = 1, kSixPoints = 2 };
+inline constexpr int kKeyTables = 3;
+
+// A key of the catalog inside a query's gate: key `key` of the object in slot `slot`.
+struct KeyHit {
+  int slot = 0;
+  int key = 0;
+  double squared_mahalanobis = 0.0;
+
+  friend bool operator==(const KeyHit&, const KeyHit&) = default;
+};
+
+// One state of the index; immutable, any number of readers.
+class KeyIndexSnapshot {
+ public:
+  // Keys whose squared Mahalanobis distance to `key` is at most `gate`; handedness and size are for
+  // the caller to compare. Errors: INVALID_ARGUMENT (wrong length, covariance not positive
+  // definite).
+  absl::StatusOr<std::vector<KeyHit>> Find(KeyTable table,
+                                           const InvariantKey& key,
+                                           double gate) const;
+
+  // The transformation that makes the table's density flat, with the generation of the catalog it
+  // was computed from; empty (0 dimensions) while the table has fewer than two keys.
+  const FeatureTransform& Transform(KeyTable table) const;
+
+  int64_t size() const;
+  int64_t bytes() const;
+
+  // Whether it holds the keys of exactly these objects, objects[i] in slot i (null: a free slot).
+  // Errors: INTERNAL, says what differs.
+  absl::Status CheckAgainst(const std::vector<const ObjectKeys*>& objects) const;
+
+ private:
+  friend class KeyIndex;
+  std::array<XTreeSnapshot, kKeyTables> trees_;
+  std::shared_ptr<const std::array<FeatureTransform, kKeyTables>> transforms_ =
+      std::make_shared<const std::array<FeatureTransform, kKeyTables>>();
+};
+
+// The index that changes. One writer; snapshots share all but the nodes a write touches.
+class KeyIndex {
+ public:
+  // objects[i] gets slot i. generation: of the catalog, kept in the transformations.
+  static absl::StatusOr<KeyIndex> Build(const std::vector<const ObjectKeys*>& objects,
+                                        std::uint32_t generation);
+
+  // Errors: INVALID_ARGUMENT (slot out of range); NOT_FOUND (Erase of keys that are not there).
+  absl::Status Insert(int slot, const ObjectKeys& keys);
+  absl::Status Erase(int slot, const ObjectKeys& keys);
+
+  // Computes the transformations anew, if the number of keys has changed by a tenth since the last
+  // time: their quantiles hardly move by less.
+  absl::Status RefreshTransforms(std::uint32_t generation);
+
+  KeyIndexSnapshot Snapshot();
+
+ private:
+  explicit KeyIndex(std::array<XTree, kKeyTables> trees) : trees_(std::move(trees)) {}
+
+  std::array<XTree, kKeyTables> trees_;
+  std::shared_ptr<const std::array<FeatureTransform, kKeyTables>> transforms_;
+  int64_t keys_at_transform_ = 0;
+};
+
+}  // namespace horopter

@@ -1,0 +1,42 @@
+// What is costly in a PreparedObject as bytes, so that a catalog of a thousand objects is ready in
+// a second: the view sphere, resting poses, solid cells and invariant keys. The rest (samples,
+// vertex paths, shares of visible edges) follows from the model in microseconds and is made anew.
+//
+// Byte layout, little-endian, no padding:
+//    0  4  magic "HPRE"
+//    4  2  version, kPreparedVersion
+//    6  2  zero
+//    8  8  fingerprint of the model's geometry and of the options it was prepared with
+//   16  8  checksum of everything behind it
+//   24     view sphere: u32 bytes, then the bits of PreparedObject::visible, every aspect as its
+//          difference (xor) from the aspect before, zero bytes run-length coded: 00 n stands for n
+//          of them, 1..255
+//          resting poses: u32 count, then up (3 f64), height (f64), margin (f64) each
+//          cells: origin (3 f64), cell (f64), size (3 i32), u32 bytes, then the bits `inside`,
+//          coded as above; u32 count, then interior points (3 f32 each)
+//          invariant keys: as in server/vision/invariants/object_keys.h, to the end
+// Fingerprint and checksum are 64-bit FNV-1a over 8-byte words, the last one filled with zeros.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "absl/status/statusor.h"
+#include "server/vision/recognition/prepared_object.h"
+
+namespace horopter {
+
+// To be raised with every change of what PrepareObject computes or how it is written: stored blobs
+// of another version are made anew.
+inline constexpr int kPreparedVersion = 1;
+
+std::string EncodePrepared(const PreparedObject& object, const PrepareOptions& options = {});
+
+// The object that PrepareObject(model, options) returns, bit for bit. Errors: FAILED_PRECONDITION
+// (the blob is of another version, of another geometry or of other options), DATA_LOSS (damaged),
+// INVALID_ARGUMENT as PrepareObject.
+absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
+    ObjectModel model, std::string_view blob, const PrepareOptions& options = {});
+
+}  // namespace horopter
