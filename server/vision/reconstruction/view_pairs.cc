@@ -13,7 +13,8 @@ namespace horopter {
 namespace {
 
 constexpr int kScored = 400;  // matches that judge a hypothesis; more of them only cost time
-constexpr int kHomographyTrials = 60;
+constexpr int kHomographyTrials = 30;
+constexpr int kHomographyRefits = 3;
 constexpr double kParallaxCap = 50.0;  // sigmas
 constexpr int kStopEvery = 64;         // iterations between questions to the caller
 
@@ -117,6 +118,18 @@ std::optional<Eigen::Matrix3d> Ransac(const Matches& m,
   return best;
 }
 
+// Distances of matches from a homography in sigmas, capped; not a number is far.
+std::vector<double> HomographyDistances(const Matches& m,
+                                        const std::vector<int>& matches,
+                                        const Eigen::Matrix3d& H) {
+  std::vector<double> out;
+  for (const int k : matches) {
+    const double e = (Transfer(H, m.a[k]) - m.b[k]).squaredNorm() / m.variance[k];
+    out.push_back(e < kParallaxCap * kParallaxCap ? std::sqrt(e) : kParallaxCap);
+  }
+  return out;
+}
+
 // How many inliers of F the best of some homographies leaves unexplained, and by how much.
 void MeasureParallax(const Matches& m,
                      const ViewPairOptions& options,
@@ -128,24 +141,29 @@ void MeasureParallax(const Matches& m,
   }
   const int n = static_cast<int>(inliers.size());
   // Distance in b alone carries the noise of both images.
-  const double gate2 = 2.0 * options.gate_sigma * options.gate_sigma;
+  const double gate = std::sqrt(2.0) * options.gate_sigma;
   std::vector<double> best;
   int best_off = n + 1;
+  const auto consider = [&](const std::optional<Eigen::Matrix3d>& H) {
+    if (!H) return false;
+    std::vector<double> distance = HomographyDistances(m, inliers, *H);
+    const int off = static_cast<int>(
+        std::count_if(distance.begin(), distance.end(), [&](double d) { return d >= gate; }));
+    if (off >= best_off) return false;
+    best_off = off;
+    best = std::move(distance);
+    return true;
+  };
   for (int trial = 0; trial < kHomographyTrials && best_off > 0; ++trial) {
-    std::vector<PointPair> four;
-    for (const int k : Sample<4>(rng, n)) four.push_back({m.a[inliers[k]], m.b[inliers[k]]});
-    const auto H = FitHomography(four);
-    if (!H) continue;
-    std::vector<double> distance;
-    int off = 0;
-    for (const int k : inliers) {
-      const double e = (Transfer(*H, m.a[k]) - m.b[k]).squaredNorm() / m.variance[k];
-      off += !(e < gate2);
-      distance.push_back(e < kParallaxCap * kParallaxCap ? std::sqrt(e) : kParallaxCap);
-    }
-    if (off < best_off) {
-      best_off = off;
-      best = distance;
+    std::vector<PointPair> pairs;
+    for (const int k : Sample<4>(rng, n)) pairs.push_back({m.a[inliers[k]], m.b[inliers[k]]});
+    bool better = consider(FitHomography(pairs));
+    for (int refit = 0; refit < kHomographyRefits && better; ++refit) {
+      pairs.clear();
+      for (int k = 0; k < n; ++k) {
+        if (best[k] < 2.0 * gate) pairs.push_back({m.a[inliers[k]], m.b[inliers[k]]});
+      }
+      better = consider(FitHomography(pairs));
     }
   }
   pair->off_homography = std::min(best_off, n);
