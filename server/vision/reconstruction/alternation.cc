@@ -30,6 +30,37 @@ double LineWeight(
       loss, LineResidual(*scene.cameras[o.view], *scene.lines[o.line], o).norm(), c);
 }
 
+// Weighted squared image distances, by which a geometric sweep accepts a new feature: reweighted
+// linear steps usually lower them but need not.
+double PointCost(const std::vector<WeightedPoint>& observations, const Eigen::Vector4d& X) {
+  double cost = 0.0;
+  for (const WeightedPoint& o : observations) {
+    cost += o.weight * PointResidual(o.P, X, *o.observation).squaredNorm();
+  }
+  return cost;
+}
+
+double LineCost(const std::vector<WeightedLine>& observations, const PluckerLine& L) {
+  double cost = 0.0;
+  for (const WeightedLine& o : observations) {
+    cost += o.weight * LineResidual(o.P, L, *o.observation).squaredNorm();
+  }
+  return cost;
+}
+
+double CameraCost(const std::vector<WeightedPoint>& points,
+                  const std::vector<WeightedLine>& lines,
+                  const CameraMatrix& P) {
+  double cost = 0.0;
+  for (const WeightedPoint& o : points) {
+    cost += o.weight * PointResidual(P, o.X, *o.observation).squaredNorm();
+  }
+  for (const WeightedLine& o : lines) {
+    cost += o.weight * LineResidual(P, o.L, *o.observation).squaredNorm();
+  }
+  return cost;
+}
+
 struct Sweep {
   const MultiviewTracks& tracks;
   const TrackIndex& index;
@@ -50,9 +81,12 @@ void Intersect(const Sweep& sweep, ProjectiveScene* scene) {
     }
     if (points.size() < 2) {
       scene->points[j].reset();
-    } else {
-      scene->points[j] = IntersectPoint(
-          points, sweep.geometric ? scene->points[j] : std::optional<Eigen::Vector4d>());
+      continue;
+    }
+    const auto previous = sweep.geometric ? scene->points[j] : std::optional<Eigen::Vector4d>();
+    const auto next = IntersectPoint(points, previous);
+    if (!previous || (next && PointCost(points, *next) <= PointCost(points, *previous))) {
+      scene->points[j] = next;
     }
   }
   std::vector<WeightedLine> lines;
@@ -66,9 +100,12 @@ void Intersect(const Sweep& sweep, ProjectiveScene* scene) {
     }
     if (lines.size() < 2) {
       scene->lines[j].reset();
-    } else {
-      scene->lines[j] =
-          IntersectLine(lines, sweep.geometric ? scene->lines[j] : std::optional<PluckerLine>());
+      continue;
+    }
+    const auto previous = sweep.geometric ? scene->lines[j] : std::optional<PluckerLine>();
+    const auto next = IntersectLine(lines, previous);
+    if (!previous || (next && LineCost(lines, *next) <= LineCost(lines, *previous))) {
+      scene->lines[j] = next;
     }
   }
 }
@@ -94,7 +131,11 @@ void Resect(const Sweep& sweep, ProjectiveScene* scene) {
     }
     const auto previous = sweep.geometric ? scene->cameras[v] : std::optional<CameraMatrix>();
     // A camera that its features no longer determine stays where it was.
-    if (const auto P = ResectCamera(points, lines, previous)) scene->cameras[v] = P;
+    const auto P = ResectCamera(points, lines, previous);
+    if (!P) continue;
+    if (!previous || CameraCost(points, lines, *P) <= CameraCost(points, lines, *previous)) {
+      scene->cameras[v] = P;
+    }
   }
 }
 

@@ -17,7 +17,11 @@ constexpr int kMinimalFeatures = 6;  // 12 equations for a camera's 11 unknowns
 constexpr int kMinRegistered = 7;    // one more than minimal, or nothing is checked
 constexpr int kTripleIterations = 60;
 constexpr int kTripleEquations = 26;
-constexpr int kFinalRounds = 3;
+constexpr int kFinalRounds = 4;
+constexpr int kBundleIterations = 15;
+constexpr double kRoughGate = 3.0;  // chi^2 of the first round, before any adjustment
+// Fewer marks changed than this: another adjustment would find the same optimum.
+constexpr double kSettledShare = 0.005;
 constexpr int kMaxSubsets = 15;  // pairs of views tried for a feature with outliers
 
 // A known feature as a view sees it.
@@ -200,9 +204,10 @@ double OutlierGate(const GrowContext& c, const ProjectiveScene& scene) {
   return c.options.outlier_chi2 * std::max(1.0, squared[squared.size() / 2] / kMedianChi2);
 }
 
-// Every feature again from the observations that agree on it; marks all of them.
-void Reclassify(const GrowContext& c, ProjectiveScene* scene) {
-  const double gate = OutlierGate(c, *scene);
+// Every feature again from the observations that agree on it; marks all of them. `widening` of the
+// gate: above 1 while cameras are still rough.
+void Reclassify(const GrowContext& c, double widening, ProjectiveScene* scene) {
+  const double gate = widening * OutlierGate(c, *scene);
   ProjectiveScene all = *scene;  // with every observation allowed
   all.point_inlier.assign(all.point_inlier.size(), true);
   all.line_inlier.assign(all.line_inlier.size(), true);
@@ -244,6 +249,12 @@ void Reclassify(const GrowContext& c, ProjectiveScene* scene) {
     }
     for (const int k : seen) scene->line_inlier[k] = L && fits(*L, k);
   }
+}
+
+int Changes(const std::vector<bool>& before, const std::vector<bool>& after) {
+  int changed = 0;
+  for (size_t k = 0; k < before.size(); ++k) changed += before[k] != after[k];
+  return changed;
 }
 
 int KnownCameras(const ProjectiveScene& scene) {
@@ -455,15 +466,17 @@ double InlierShare(const GrowContext& c, const ProjectiveScene& scene, int view)
 bool Finish(const GrowContext& c, ProjectiveScene* scene) {
   for (int round = 0; round < kFinalRounds; ++round) {
     if (IsStopRequested(c.stop) || KnownCameras(*scene) < 2) return false;
-    Alternate(c.tracks, c.index, Sweeps(round == 0 ? 8 : 2, round == 0 ? 3.0 : 1.0), scene);
-    if (c.options.bundle_adjust) {
+    // The first round alternates only: it is cheap and sorts out what the adjustment should see.
+    if (round == 0 || !c.options.bundle_adjust) {
+      Alternate(c.tracks, c.index, Sweeps(round == 0 ? 12 : 25, round == 0 ? 3.0 : 1.0), scene);
+    } else {
       ProjectiveBundleOptions ba;
-      ba.loss = round == 0 ? RobustLoss::kCauchy : c.options.loss;
-      ba.max_iterations = round == 0 ? 15 : 30;
+      ba.loss = c.options.loss;
+      ba.max_iterations = kBundleIterations;
       if (!AdjustProjective(c.tracks, ba, scene).usable) return false;
     }
     const std::vector<bool> points = scene->point_inlier, lines = scene->line_inlier;
-    Reclassify(c, scene);
+    Reclassify(c, round == 0 ? kRoughGate : 1.0, scene);
     bool dropped = false;
     for (size_t v = 0; v < scene->cameras.size(); ++v) {
       if (!scene->cameras[v]) continue;
@@ -471,10 +484,9 @@ bool Finish(const GrowContext& c, ProjectiveScene* scene) {
       scene->cameras[v].reset();
       dropped = true;
     }
-    // Nothing changed: the next round would find the same optimum.
-    if (round > 0 && !dropped && points == scene->point_inlier && lines == scene->line_inlier) {
-      break;
-    }
+    const int changed = Changes(points, scene->point_inlier) + Changes(lines, scene->line_inlier);
+    const double share = changed / std::max(1.0, static_cast<double>(points.size() + lines.size()));
+    if (round > 0 && !dropped && share < kSettledShare) break;
   }
   return KnownCameras(*scene) >= 2;
 }

@@ -11,7 +11,7 @@ struct ProjectiveBundleOptions {
   RobustLoss loss = RobustLoss::kCauchy;
   double loss_scale = 1.0;  // times TuningConstant(loss), in sigmas
   int max_iterations = 30;
-  double function_tolerance = 1e-7;
+  double function_tolerance = 1e-6;
 };
 
 struct ProjectiveBundleSummary {

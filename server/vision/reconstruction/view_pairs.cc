@@ -15,6 +15,9 @@ namespace {
 constexpr int kScored = 400;  // matches that judge a hypothesis; more of them only cost time
 constexpr int kHomographyTrials = 30;
 constexpr int kHomographyRefits = 3;
+constexpr double kOffPlaneChi2 = 13.8;  // 2 degrees of freedom, 99.9 %
+// Where no F can be estimated: share of the matches that a homography must explain to blame it.
+constexpr double kOnPlaneShare = 0.9;
 constexpr double kParallaxCap = 50.0;  // sigmas
 constexpr int kStopEvery = 64;         // iterations between questions to the caller
 
@@ -124,24 +127,24 @@ std::vector<double> HomographyDistances(const Matches& m,
                                         const Eigen::Matrix3d& H) {
   std::vector<double> out;
   for (const int k : matches) {
-    const double e = (Transfer(H, m.a[k]) - m.b[k]).squaredNorm() / m.variance[k];
+    // Noise of a as H carries it over, and noise of b.
+    const Eigen::Matrix2d J = TransferJacobian(H, m.a[k]);
+    const Eigen::Matrix2d S = m.variance[k] * (J * J.transpose() + Eigen::Matrix2d::Identity());
+    const Eigen::Vector2d d = Transfer(H, m.a[k]) - m.b[k];
+    const double e = d.dot(S.inverse() * d);
     out.push_back(e < kParallaxCap * kParallaxCap ? std::sqrt(e) : kParallaxCap);
   }
   return out;
 }
 
 // How many inliers of F the best of some homographies leaves unexplained, and by how much.
-void MeasureParallax(const Matches& m,
-                     const ViewPairOptions& options,
-                     std::mt19937* rng,
-                     ViewPair* pair) {
+void MeasureParallax(const Matches& m, std::mt19937* rng, ViewPair* pair) {
   std::vector<int> inliers;
   for (size_t k = 0; k < m.a.size(); ++k) {
     if (pair->inlier[k]) inliers.push_back(static_cast<int>(k));
   }
   const int n = static_cast<int>(inliers.size());
-  // Distance in b alone carries the noise of both images.
-  const double gate = std::sqrt(2.0) * options.gate_sigma;
+  const double gate = std::sqrt(kOffPlaneChi2);
   std::vector<double> best;
   int best_off = n + 1;
   const auto consider = [&](const std::optional<Eigen::Matrix3d>& H) {
@@ -211,14 +214,20 @@ std::vector<ViewPair> EstimateViewPairs(const MultiviewTracks& tracks,
         m.variance.push_back(0.5 * (oa.sigma_px * oa.sigma_px + ob.sigma_px * ob.sigma_px));
       }
       if (static_cast<int>(m.a.size()) < std::max(8, options.min_inliers)) continue;
+      pair.motion = MedianMotion(m);
       const auto F = Ransac(m, options, stop, &rng);
-      if (!F) continue;
-      pair.F = *F;
-      pair.inlier = Inliers(m, *F, options.gate_sigma * options.gate_sigma);
+      if (F) {
+        pair.F = *F;
+        pair.inlier = Inliers(m, *F, options.gate_sigma * options.gate_sigma);
+      } else {
+        // Exact duplicates and exact planes: every F of a family fits, and none is found.
+        pair.inlier.assign(m.a.size(), true);
+      }
       pair.inliers = static_cast<int>(std::count(pair.inlier.begin(), pair.inlier.end(), true));
       if (pair.inliers < options.min_inliers) continue;
-      MeasureParallax(m, options, &rng, &pair);
-      pair.motion = MedianMotion(m);
+      MeasureParallax(m, &rng, &pair);
+      if (!F && pair.off_homography > (1.0 - kOnPlaneShare) * pair.inliers) continue;
+      if (!F) pair.off_homography = 0;
       pairs.push_back(std::move(pair));
     }
   }
