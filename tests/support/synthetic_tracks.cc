@@ -76,6 +76,7 @@ void AddPart(int index, int parts, Random* random, SyntheticTracks* out) {
     for (const Eigen::Vector2d& p : profile) {
       const Eigen::Vector3d local(size * (p.x() - 0.5), size * (p.y() - 0.5), level * height);
       out->points.push_back(R * local + t);
+      out->part_of_point.push_back(index);
     }
   }
   for (int i = 0; i < n; ++i) {
@@ -243,13 +244,14 @@ CollineationFit CompareWithTruth(const SyntheticTracks& truth, const ProjectiveS
   return FitTo(from, to);
 }
 
-double CameraCollineationRms(const SyntheticTracks& truth,
-                             const ProjectiveScene& scene,
-                             int count) {
-  Random random(12345);
+double CameraCollineationRms(const SyntheticTracks& truth, const ProjectiveScene& scene) {
+  std::vector<Eigen::Vector3d> exact = truth.points;
+  for (const auto& [a, b] : truth.lines) {
+    exact.push_back(a);
+    exact.push_back(b);
+  }
   std::vector<Eigen::Vector4d> from, to;
-  for (int k = 0; k < count; ++k) {
-    const Eigen::Vector3d x = random.InBox(Eigen::Vector3d(0.15, 0.15, 0.08));
+  for (const Eigen::Vector3d& x : exact) {
     std::vector<PointObservation> observations;
     for (size_t v = 0; v < truth.cameras.size(); ++v) {
       if (!scene.cameras[v]) continue;

@@ -43,6 +43,7 @@ struct SyntheticTracks {
   std::vector<PinholeCamera> cameras;
   std::vector<Rigid3> camera_from_world;
   std::vector<Eigen::Vector3d> points;                             // metres
+  std::vector<int> part_of_point;                                  // empty without parts
   std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> lines;  // two points on each
   MultiviewTracks tracks;
   std::vector<bool> point_outlier, line_outlier;  // per observation
@@ -64,8 +65,8 @@ struct CollineationFit {
 };
 CollineationFit CompareWithTruth(const SyntheticTracks& truth, const ProjectiveScene& scene);
 
-// How well the cameras alone carry the scene: `count` exact points of the scene's volume are
-// intersected from their true images; rms after the best collineation, metres.
-double CameraCollineationRms(const SyntheticTracks& truth, const ProjectiveScene& scene, int count);
+// How well the cameras alone carry the scene: the true points and line ends are intersected from
+// their exact images; rms after the best collineation, metres. Infinite with fewer than 2 cameras.
+double CameraCollineationRms(const SyntheticTracks& truth, const ProjectiveScene& scene);
 
 }  // namespace horopter

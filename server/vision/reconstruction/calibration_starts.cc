@@ -13,8 +13,9 @@ namespace {
 constexpr double kAspectSigma = 0.05;
 constexpr double kSkewSigma = 0.05;
 constexpr double kCenterSigma = 0.1;
-constexpr double kViewCap = 25.0;   // one wrong view does not decide
-constexpr double kDistinct = 0.08;  // log focal lengths
+constexpr double kViewCap = 25.0;          // one wrong view does not decide
+constexpr double kDistinct = 0.08;         // log focal lengths
+constexpr double kMinShareInFront = 0.65;  // of all points before all cameras; mirrored views fail
 
 // Cameras in units of the image width about its centre (or the given principal point).
 struct Frame {
@@ -179,6 +180,19 @@ std::optional<CalibratedScene> Upgrade(const MultiviewTracks& tracks,
   return out;
 }
 
+double ShareInFront(const CalibratedScene& scene) {
+  int front = 0, all = 0;
+  for (const auto& view : scene.views) {
+    if (!view) continue;
+    for (const auto& x : scene.points) {
+      if (!x) continue;
+      front += (view->camera_from_scene * *x).z() > 0.0;
+      ++all;
+    }
+  }
+  return all > 0 ? static_cast<double>(front) / all : 0.0;
+}
+
 }  // namespace
 
 std::optional<Eigen::Vector3d> PlaneAtInfinity(const CameraMatrix& P_b,
@@ -250,7 +264,7 @@ std::vector<CalibratedScene> FindCalibrationStarts(const MultiviewTracks& tracks
   });
   std::vector<CalibratedScene> starts;
   std::vector<std::vector<double>> taken;
-  constexpr size_t kExamined = 400;  // of the cheapest; the rest only repeats them
+  constexpr size_t kExamined = 200;  // of the cheapest; the rest only repeats them
   for (size_t k = 0; k < std::min(hypotheses.size(), kExamined); ++k) {
     if (static_cast<int>(starts.size()) >= options.max_starts) break;
     const Hypothesis& h = hypotheses[k];
@@ -262,8 +276,11 @@ std::vector<CalibratedScene> FindCalibrationStarts(const MultiviewTracks& tracks
       return worst < kDistinct;
     });
     if (known) continue;
+    auto start = Upgrade(tracks, unit, frames, priors, h);
+    // The other sign of the same plane, which has half of the scene behind its cameras.
+    if (!start || ShareInFront(*start) < kMinShareInFront) continue;
     taken.push_back(h.log_focal);
-    if (auto start = Upgrade(tracks, unit, frames, priors, h)) starts.push_back(std::move(*start));
+    starts.push_back(std::move(*start));
   }
   return starts;
 }

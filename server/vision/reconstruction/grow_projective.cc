@@ -103,10 +103,11 @@ ProjectiveResult ExplainNoStart(const MultiviewTracks& tracks, const std::vector
   return Refuse(tracks,
                 ProjectiveOutcome::kNoParallax,
                 Text("no parallax: one homography explains all but %d points in every one of %d "
-                     "pairs, need %d (planar scene or one centre)",
+                     "pairs, need %d and %.0f %% (planar scene or one centre)",
                      most,
                      static_cast<int>(pairs.size()),
-                     kMinOffHomography));
+                     kMinOffHomography,
+                     100.0 * kMinOffHomographyShare));
 }
 
 // Outcome, numbers and pixel cameras of the best scene.

@@ -43,7 +43,7 @@ struct GrowOptions {
   bool bundle_adjust = true;             // false: alternation alone, the thesis's result
   // Largest standard deviation of the least determined camera parameters (|P| = 1, balanced gauge)
   // that is still called a reconstruction.
-  double max_deviation = 0.2;
+  double max_deviation = 0.06;
   int min_views = 2;
   unsigned seed = 1;
 };

@@ -47,6 +47,7 @@ absl::Status CheckPriors(size_t views, std::span<const ViewPrior> priors) {
 
 struct Candidate {
   CalibratedScene scene;
+  int dropped = 0;  // views that saw it mirrored
   CalibratedBundleSummary summary;
 };
 
@@ -79,6 +80,27 @@ double InFront(const MultiviewTracks& tracks,
     front += (scene.views[o.view]->camera_from_scene * *scene.points[o.point]).z() > 0.0;
   }
   return all > 0 ? static_cast<double>(front) / all : 0.0;
+}
+
+// Takes out views with most of their points behind them: with square pixels and a proper rotation
+// only a mirrored image does that while the others are right. Returns how many.
+int DropMirroredViews(const MultiviewTracks& tracks,
+                      const ProjectiveScene& inliers,
+                      CalibratedScene* scene) {
+  std::vector<int> front(scene->views.size(), 0), all(scene->views.size(), 0);
+  for (size_t k = 0; k < tracks.point_observations.size(); ++k) {
+    const PointObservation& o = tracks.point_observations[k];
+    if (!inliers.point_inlier[k] || !scene->views[o.view] || !scene->points[o.point]) continue;
+    ++all[o.view];
+    front[o.view] += (scene->views[o.view]->camera_from_scene * *scene->points[o.point]).z() > 0.0;
+  }
+  int dropped = 0;
+  for (size_t v = 0; v < scene->views.size(); ++v) {
+    if (!scene->views[v] || all[v] == 0 || 5 * front[v] > all[v]) continue;
+    scene->views[v].reset();
+    ++dropped;
+  }
+  return dropped;
 }
 
 void Decide(const MultiviewTracks& tracks,
@@ -188,7 +210,9 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
   for (const CalibratedScene& start : FindCalibrationStarts(tracks, scene, priors, options)) {
     if (IsStopRequested(stop)) return absl::CancelledError("self-calibration: cancelled");
     ++result.starts;
-    Candidate candidate{start, {}};
+    Candidate candidate{start, 0, {}};
+    candidate.dropped = DropMirroredViews(tracks, scene, &candidate.scene);
+    if (3 * candidate.dropped > cameras) continue;
     AlignToPoses(priors, &candidate.scene);
     CalibratedBundleOptions bundle = options.bundle;
     bundle.loss = RobustLoss::kCauchy;
@@ -203,10 +227,13 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
     return result;
   }
   std::stable_sort(found.begin(), found.end(), [](const Candidate& x, const Candidate& y) {
+    if (x.dropped != y.dropped) return x.dropped < y.dropped;
     return x.summary.cost < y.summary.cost;
   });
   for (size_t k = 1; k < found.size(); ++k) {
-    if (SameCalibration(found[0].scene, found[k].scene)) continue;
+    if (found[k].dropped != found[0].dropped || SameCalibration(found[0].scene, found[k].scene)) {
+      continue;
+    }
     result.rival_gap = 2.0 * (found[k].summary.cost - found[0].summary.cost);
     break;
   }
@@ -214,6 +241,9 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
   last.loss = RobustLoss::kTukey;
   last.covariance = true;
   result.scene = std::move(found[0].scene);
+  for (size_t v = 0; v < scene.cameras.size(); ++v) {
+    if (scene.cameras[v] && !result.scene.views[v]) result.mirrored[v] = true;
+  }
   CalibratedBundleSummary summary = AdjustCalibrated(tracks, scene, priors, last, &result.scene);
   if (!summary.usable) summary = found[0].summary;
   result.rms_px = summary.rms_px;

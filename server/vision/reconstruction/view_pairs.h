@@ -37,10 +37,13 @@ struct ViewPair {
   double motion = 0.0;
 };
 
-// Inliers off the homography that a pair needs before its F is believed.
+// Inliers off the homography that a pair needs before its F is believed: five, and a share of all,
+// because before a plane F has two freedoms left and bends to wrong matches.
 inline constexpr int kMinOffHomography = 5;
+inline constexpr double kMinOffHomographyShare = 0.15;
 inline bool HasParallax(const ViewPair& pair) {
-  return pair.off_homography >= kMinOffHomography;
+  return pair.off_homography >= kMinOffHomography &&
+         pair.off_homography >= kMinOffHomographyShare * pair.inliers;
 }
 
 // Pairs with at least min_inliers consistent matches, 7-point RANSAC with refits by 8 points.

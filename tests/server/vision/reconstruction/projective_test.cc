@@ -110,7 +110,7 @@ TEST(Projective, LinesCarryScenesThatPointsCannot) {
         MakeSyntheticTracks({.seed = seed, .points = 6, .lines = 20}, {seed, 0.3, 0.0});
     const ProjectiveResult r = Reconstruct(truth.tracks);
     ASSERT_EQ(r.outcome, ProjectiveOutcome::kReconstructed) << r.reason;
-    with_lines.push_back(CameraCollineationRms(truth, r.scene, 100));
+    with_lines.push_back(CameraCollineationRms(truth, r.scene));
     // The points alone, from the best start they could have.
     MultiviewTracks points = NormalizeTracks(truth.tracks);
     points.line_observations.clear();
@@ -124,7 +124,7 @@ TEST(Projective, LinesCarryScenesThatPointsCannot) {
     scene.point_inlier.assign(points.point_observations.size(), true);
     ASSERT_TRUE(AdjustProjective(points, {.loss = RobustLoss::kNone}, &scene).usable);
     CamerasToPixels(truth.tracks.sizes, &scene);
-    without.push_back(CameraCollineationRms(truth, scene, 100));
+    without.push_back(CameraCollineationRms(truth, scene));
   }
   EXPECT_GT(Median(without), 3.0 * Median(with_lines));
 }
@@ -280,7 +280,7 @@ TEST(ProjectiveRefusals, FortyPercentWrongMatchesAreSurvivedOrRefused) {
     const ProjectiveResult r = Reconstruct(truth.tracks);
     ExpectSane(r);
     if (r.outcome == ProjectiveOutcome::kReconstructed) {
-      EXPECT_LT(CameraCollineationRms(truth, r.scene, 100), 8e-3);
+      EXPECT_LT(CameraCollineationRms(truth, r.scene), 8e-3);
     }
   }
 }

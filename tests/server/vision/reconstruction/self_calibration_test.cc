@@ -253,52 +253,5 @@ TEST(SelfCalibration, BadArgumentsAreNamed) {
             absl::StatusCode::kInvalidArgument);
 }
 
-// 1,000 trials of every kind: a refusal counts, a wrong answer does not.
-TEST(ReconstructTracksSlow, ThousandRandomTrialsGiveNoWrongAnswer) {
-  int reconstructed = 0, wrong = 0, metric = 0, wrong_metric = 0;
-  for (unsigned seed = 1; seed <= 1000; ++seed) {
-    SyntheticTracksOptions options{.seed = seed};
-    options.views = 2 + static_cast<int>(seed % 6);
-    options.parts = 1 + static_cast<int>(seed % 3);
-    options.arc_rad = 0.3 + 0.2 * (seed % 7);
-    if (seed % 5 == 0) options.points = 12 + static_cast<int>(seed % 50);
-    if (seed % 25 == 0) options.lines = 15;
-    options.planar = seed % 50 == 7;
-    options.pure_rotation = seed % 50 == 8;
-    SyntheticTrackNoise noise{seed, 0.1 * (1 + seed % 10), 0.05 * (seed % 6)};
-    noise.outlier_share = 0.02 * (seed % 4);
-    const SyntheticTracks truth = MakeSyntheticTracks(options, noise);
-    const auto r = ReconstructTracks(truth.tracks, {}, {}, {});
-    ASSERT_TRUE(r.ok()) << seed;
-    ExpectSane(r->metric);
-    if (r->projective.outcome != ProjectiveOutcome::kReconstructed) continue;
-    ++reconstructed;
-    // 20 mm in a scene of 300 mm: what the covariance of the worst cases here still allows.
-    const double rms = CameraCollineationRms(truth, r->projective.scene, 60);
-    if (!(rms < 0.02) && !options.planar && !options.pure_rotation) {
-      ++wrong;
-      std::printf("seed %u: %.1f mm\n", seed, 1e3 * rms);
-    }
-    wrong += options.planar || options.pure_rotation;
-    if (r->metric.outcome != MetricOutcome::kMetric) continue;
-    ++metric;
-    for (const double e : FocalErrors(truth, r->metric)) {
-      if (std::abs(e) > 0.5) {
-        ++wrong_metric;
-        break;
-      }
-    }
-  }
-  std::printf("%d reconstructed, %d wrong; %d metric, %d wrong\n",
-              reconstructed,
-              wrong,
-              metric,
-              wrong_metric);
-  EXPECT_EQ(wrong, 0);
-  EXPECT_EQ(wrong_metric, 0);
-  EXPECT_GT(reconstructed, 500);
-  EXPECT_GT(metric, 300);
-}
-
 }  // namespace
 }  // namespace horopter
