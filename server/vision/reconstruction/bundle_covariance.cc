@@ -1,5 +1,7 @@
 #include "server/vision/reconstruction/bundle_covariance.h"
 
+#include <ceres/crs_matrix.h>
+
 #include <Eigen/Dense>
 #include <cmath>
 #include <limits>

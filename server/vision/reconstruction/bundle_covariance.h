@@ -1,12 +1,14 @@
 // Covariance of a bundle with free gauge, from its Jacobian in tangent parameters.
 #pragma once
 
-#include <ceres/crs_matrix.h>
-
 #include <Eigen/Core>
 #include <optional>
 #include <span>
 #include <vector>
+
+namespace ceres {
+struct CRSMatrix;
+}
 
 namespace horopter {
 
