@@ -86,6 +86,7 @@ EXCEPTIONS = [
     ("server/vision/recognition", "OpenCV core", "edge maps and verification read the pixels of the request's images"),
     ("server/vision/recognition", "OpenCV", "edge maps need gradients and distance transforms"),
     ("server/vision/euclidean", "OpenCV core", "refinement looks for edge points along the normals in the images"),
+    ("server/vision/reconstruction/bundle_manifolds.h", "Ceres", "manifolds and losses that both adjustments share"),
     ("server/vision/euclidean/scene_costs.h", "Ceres", "cost functors split off euclidean.cc, their only user"),
 ]
 

@@ -272,6 +272,7 @@ std::vector<EllipseArc> SeedsOfRuns(const std::vector<EdgeChain>& chains,
   std::vector<EllipseArc> seeds;
   EdgeCover tried(width, height);
   for (const Run& run : runs) {
+    if (seeds.size() >= static_cast<size_t>(options.max_run_seeds)) break;
     const EdgeChain& chain = chains[run.chain];
     int known = 0;
     for (int i = run.cuts.front(); i <= run.cuts.back(); ++i) {

@@ -13,6 +13,7 @@ struct ArcSeedOptions {
   double min_sagitta_px = 1.5;      // how far a run must leave its chord
   double min_semi_minor_px = 2.0;
   double max_aspect = 10.0;
+  int max_run_seeds = 150;          // of the longest runs; higher: slower in texture
   int max_bows = 700;               // bows paired at most, the strongest
   int partners = 8;                 // tried for each bow, the nearest
   double max_bow_distance_px = 90;  // between the middles of two that are paired
@@ -25,7 +26,7 @@ bool IsPlausibleEllipse(const EllipseArc& arc, const ArcSeedOptions& options);
 
 // Runs of chain that turn to one side, longest first: the whole of each, then what is left without
 // a few chords at its ends, which may be straight edges that run into the arc. Rounded corners of
-// two straight edges are left out.
+// two straight edges are left out. Ends at max_run_seeds.
 std::vector<EllipseArc> SeedsOfRuns(const std::vector<EdgeChain>& chains,
                                     int width,
                                     int height,

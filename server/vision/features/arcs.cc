@@ -80,11 +80,7 @@ std::vector<EllipseArc> FindArcs(const std::vector<EdgeChain>& chains,
   if (chains.empty()) return {};
   const std::vector<GradientField> strongest = {StrongestOf(fields)};
   RimList list(strongest, options);
-  std::vector<EllipseArc> of_runs = SeedsOfRuns(chains, width, height, options.seeds);
-  // The longest come first; texture gives thousands of short ones.
-  const auto most = static_cast<size_t>(options.max_run_seeds);
-  if (of_runs.size() > most) of_runs.resize(most);
-  for (const EllipseArc& seed : of_runs) {
+  for (const EllipseArc& seed : SeedsOfRuns(chains, width, height, options.seeds)) {
     list.Try(seed, options.min_sweep_rad);
   }
   for (const EllipseArc& seed : SeedsOfPairs(chains, options.seeds)) {

@@ -16,7 +16,6 @@ struct ArcOptions {
   double min_pair_sweep_rad = 4.0;  // ... from two bows, which prove less by themselves
   double min_seen_share = 0.7;      // of the arc's sweep with a gradient across it
   double max_covered_share = 0.8;   // of an arc by better ones; more: it is dropped
-  int max_run_seeds = 150;          // grown, the longest; higher: slower in texture
   int max_arcs = 400;               // those of which most is seen are kept
 };
 

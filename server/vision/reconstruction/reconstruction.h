@@ -13,6 +13,7 @@
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/matching/matching.h"
+#include "server/vision/reconstruction/image_size.h"
 
 namespace horopter {
 
@@ -46,11 +47,6 @@ struct ReconstructionOptions {
   double max_rms_px = 1.5;  // accepted reprojection error of the inliers
   int min_views = 2;
   unsigned seed = 1;
-};
-
-struct ImageSize {
-  int width = 0;
-  int height = 0;
 };
 
 // Reconstructs cameras and points from the matches. "Not enough" is a result with `refusal`, not an

@@ -1,0 +1,73 @@
+// The thesis's reconstruction methods: decomposition of the projective depths, and alternating
+// intersection and resection of points and lines (thesis 3.2, 3.3; geometry.md 3.1, 3.2).
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/vision/reconstruction/multiview_tracks.h"
+#include "server/vision/reconstruction/robust_loss.h"
+
+namespace horopter {
+
+// All functions here work in normalised coordinates (NormalizeTracks).
+
+// Which observations belong to which feature or view: indices into the tracks' lists.
+struct TrackIndex {
+  std::vector<std::vector<int>> of_point, of_line;
+  std::vector<std::vector<int>> points_in_view, lines_in_view;
+};
+TrackIndex IndexTracks(const MultiviewTracks& tracks);
+
+struct DepthDecompositionOptions {
+  int rounds = 30;
+  // Views that see fewer than this share of the points are left out; raising it leaves less to
+  // impute.
+  double min_view_share = 0.5;
+};
+
+// Factorises the matrix of depths times image points into cameras and points of rank 4 (Sturm,
+// Triggs 1996; balanced, missing entries filled in by the current product). Points only. Nullopt
+// with fewer than 2 views or 7 points. An initialiser: with missing data it does not reach the
+// least-squares optimum.
+std::optional<ProjectiveScene> DecomposeDepths(const MultiviewTracks& tracks,
+                                               const DepthDecompositionOptions& options = {});
+
+struct AlternationOptions {
+  int max_sweeps = 25;
+  // Divides rows by the depths of the previous sweep, so that image distances are minimised.
+  // Without it the distances are algebraic, as first proposed.
+  bool geometric = true;
+  RobustLoss loss = RobustLoss::kTukey;
+  // Scale of the loss in the first sweep, in sigmas times its tuning constant; shrinks by `anneal`
+  // per sweep down to 1. Larger: a worse start is forgiven.
+  double start_scale = 8.0;
+  double anneal = 0.75;
+  double relative_change = 1e-4;  // of the rms between sweeps, at which it stops early
+};
+
+// Improves the scene in place: features with two or more inlier observations in known cameras are
+// intersected (again), then every known camera is resected. Features that cannot be determined
+// become empty. Keeps the gauge sum X X^T = I.
+void Alternate(const MultiviewTracks& tracks,
+               const TrackIndex& index,
+               const AlternationOptions& options,
+               ProjectiveScene* scene);
+
+// One feature from its inlier observations in known cameras, two rounds of depth reweighting.
+// Nothing when fewer than `min_views` see it.
+std::optional<Eigen::Vector4d> TriangulatePoint(const MultiviewTracks& tracks,
+                                                std::span<const int> observations,
+                                                const ProjectiveScene& scene,
+                                                int min_views);
+std::optional<PluckerLine> TriangulateLine(const MultiviewTracks& tracks,
+                                           std::span<const int> observations,
+                                           const ProjectiveScene& scene,
+                                           int min_views);
+
+// Moves the scene to the gauge sum X X^T = I over its points (and two points of each line when
+// there are fewer than 8 points). A degenerate set is left as it is.
+void BalanceGauge(ProjectiveScene* scene);
+
+}  // namespace horopter
