@@ -5,12 +5,17 @@
 #include <benchmark/benchmark.h>
 
 #include <cstdlib>
+#include <fstream>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/ximgproc.hpp>
+#include <string>
 
+#include "server/vision/features/edge_gradient.h"
+#include "server/vision/features/edge_linking.h"
+#include "server/vision/features/feature_graph.h"
 #include "server/vision/features/features.h"
 #include "tests/server/vision/features/rendered_shapes.h"
 
@@ -82,6 +87,59 @@ void BM_DetectFeaturesGrey(benchmark::State& state) {
   }
 }
 
+// Beside BM_OpenCvCanny, whose result is a bitmap: here ordered sub-pixel chains.
+void BM_EdgeChainsGrey(benchmark::State& state) {
+  const cv::Mat image = Grey(BenchImage(640, 480));
+  for (auto _ : state) {
+    size_t points = 0;
+    for (const GradientField& field : MakeGradientFields(image, GradientOptions())) {
+      for (const EdgeChain& chain : LinkEdges(field, LinkingOptions())) {
+        points += chain.points.size();
+      }
+    }
+    state.counters["points"] = static_cast<double>(points);
+  }
+}
+
+void BM_FeaturesAndGraphGrey(benchmark::State& state) {
+  const cv::Mat image = Grey(BenchImage(640, 480));
+  for (auto _ : state) {
+    const auto features = DetectFeatures(image, {});
+    const FeatureGraph graph = BuildFeatureGraph(*features, FeatureGraphOptions());
+    state.counters["edges"] = static_cast<double>(graph.EdgeCount());
+  }
+}
+
+void BM_FeatureGraph(benchmark::State& state) {
+  const auto features = DetectFeatures(
+      BenchImage(static_cast<int>(state.range(0)), static_cast<int>(state.range(0) * 3 / 4)), {});
+  for (auto _ : state) {
+    const FeatureGraph graph = BuildFeatureGraph(*features, FeatureGraphOptions());
+    state.counters["nodes"] = graph.NodeCount();
+    state.counters["bytes"] = static_cast<double>(graph.Bytes());
+  }
+}
+
+double PeakBytes() {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.rfind("VmHWM:", 0) == 0) return 1024.0 * std::atof(line.c_str() + 6);
+  }
+  return 0.0;
+}
+
+// Growth of the resident peak over what is there before the call.
+void BM_MemoryColour4096(benchmark::State& state) {
+  const cv::Mat image = BenchImage(4096, 3072);
+  for (auto _ : state) {
+    std::ofstream("/proc/self/clear_refs") << "5";  // the peak starts from here
+    const double before = PeakBytes();
+    const auto features = DetectFeatures(image, {});
+    benchmark::DoNotOptimize(features);
+    state.counters["bytes_per_pixel"] = (PeakBytes() - before) / static_cast<double>(image.total());
+  }
+}
+
 void BM_DetectFeaturesPureNoise(benchmark::State& state) {
   cv::Mat image(480, 640, CV_8UC3);
   cv::theRNG().state = 2;
@@ -132,8 +190,17 @@ void BM_OpenCvCanny(benchmark::State& state) {
   }
 }
 
-BENCHMARK(BM_DetectFeaturesColour)->Arg(640)->Arg(1280)->Arg(2560)->Unit(benchmark::kMillisecond);
-BENCHMARK(BM_DetectFeaturesGrey)->Arg(640)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_MemoryColour4096)->Unit(benchmark::kMillisecond)->Iterations(1);
+BENCHMARK(BM_DetectFeaturesColour)
+    ->Arg(640)
+    ->Arg(1280)
+    ->Arg(2560)
+    ->Arg(4096)
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_DetectFeaturesGrey)->Arg(640)->Arg(4096)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_EdgeChainsGrey)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_FeaturesAndGraphGrey)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_FeatureGraph)->Arg(640)->Arg(2560)->Unit(benchmark::kMillisecond);
 BENCHMARK(BM_DetectFeaturesPureNoise)->Unit(benchmark::kMillisecond);
 BENCHMARK(BM_OpenCvEdgeDrawing)->Unit(benchmark::kMillisecond);
 BENCHMARK(BM_OpenCvLineSegmentDetector)->Unit(benchmark::kMillisecond);

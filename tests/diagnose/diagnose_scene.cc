@@ -5,11 +5,14 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <fstream>
 #include <opencv2/imgcodecs.hpp>
 
 #include "server/base/status_macros.h"
 #include "server/pipeline/pipeline.h"
+#include "server/vision/features/feature_graph.h"
 #include "tests/diagnose/camera_report.h"
+#include "tests/diagnose/feature_json.h"
 #include "tests/diagnose/feature_report.h"
 #include "tests/diagnose/match_report.h"
 #include "tests/diagnose/object_report.h"
@@ -200,10 +203,11 @@ std::vector<std::vector<Wireframe>> AnswerWireframes(const PipelineResult& resul
 }
 
 // The first stage alone.
-absl::StatusOr<PipelineResult> RunFeatures(const std::vector<cv::Mat>& images) {
+absl::StatusOr<PipelineResult> RunFeatures(const std::vector<cv::Mat>& images,
+                                           const FeatureOptions& options) {
   PipelineResult result;
   for (const cv::Mat& image : images) {
-    HOROPTER_ASSIGN_OR_RETURN(ImageFeatures one, DetectFeatures(image, FeatureOptions()));
+    HOROPTER_ASSIGN_OR_RETURN(ImageFeatures one, DetectFeatures(image, options));
     result.trace.features.push_back(std::move(one));
   }
   return result;
@@ -215,6 +219,7 @@ absl::StatusOr<PipelineResult> RunAll(const std::vector<cv::Mat>& images,
   SceneRequest request;
   request.images = images;
   PipelineOptions pipeline;
+  pipeline.features = options.features;
   pipeline.threads = options.threads;
   return RecognizeScene(request, catalog, pipeline);
 }
@@ -230,6 +235,10 @@ void WritePictures(const BopScene& scene,
     char name[64];
     std::snprintf(name, sizeof name, "/%06d_%06d", scene.scene_id, scene.images[v].im_id);
     cv::imwrite(folder + name + "_features.png", DrawFeatures(loaded.images[v], features[v]));
+    const FeatureGraph graph = BuildFeatureGraph(features[v], FeatureGraphOptions());
+    cv::imwrite(folder + name + "_graph.png",
+                DrawFeatureGraph(loaded.images[v], features[v], graph));
+    std::ofstream(folder + name + "_features.json") << FeaturesToJson(features[v], graph);
     cv::imwrite(
         folder + name + "_truth.png",
         DrawTruth(loaded.images[v], features[v], loaded.truth[v], findings[v], wireframes[v]));
@@ -247,9 +256,9 @@ absl::StatusOr<SceneReport> DiagnoseScene(const BopScene& scene,
   report.scene_id = scene.scene_id;
   report.tier = scene.tier;
   const auto begin = std::chrono::steady_clock::now();
-  HOROPTER_ASSIGN_OR_RETURN(
-      const PipelineResult result,
-      options.features_only ? RunFeatures(loaded.images) : RunAll(loaded.images, catalog, options));
+  HOROPTER_ASSIGN_OR_RETURN(const PipelineResult result,
+                            options.features_only ? RunFeatures(loaded.images, options.features)
+                                                  : RunAll(loaded.images, catalog, options));
   report.figures["seconds"] =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   const std::vector<ImageFeatures>& features = result.trace.features;

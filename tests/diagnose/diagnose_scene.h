@@ -4,6 +4,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "server/vision/features/features.h"
 #include "tests/diagnose/ground_truth.h"
 #include "tests/diagnose/scene_report.h"
 
@@ -14,6 +15,7 @@ struct CatalogSnapshot;
 struct DiagnoseOptions {
   std::string split;
   bool features_only = false;
+  FeatureOptions features;
   std::string overlay_folder;  // empty: no pictures
   int threads = 2;
 };

@@ -88,10 +88,19 @@ int main(int argc, char** argv) {
   app.add_option("SPLIT", arguments.options.split, "Split, e.g. val")->required();
   app.add_option("--scenes", arguments.scenes, "Only these, e.g. 1,2")->delimiter(',');
   app.add_option("--json", arguments.json_file, "Also write the report here");
-  app.add_option("--overlay", arguments.options.overlay_folder, "Write two pictures per view here");
+  app.add_option("--overlay",
+                 arguments.options.overlay_folder,
+                 "Write pictures and the feature graph per view here");
   app.add_option("--threads", arguments.options.threads, "Per scene")->check(CLI::PositiveNumber);
   app.add_flag("--features-only", arguments.options.features_only, "Stop after the first stage");
+  bool every_channel = false;
+  app.add_flag("--every-channel",
+               every_channel,
+               "Features from a field per colour channel, weak edges kept: slower, finds more");
   CLI11_PARSE(app, argc, argv);
+  if (every_channel) {
+    arguments.options.features = horopter::CompleteFeatures();
+  }
   cv::setNumThreads(1);  // the stages run their own threads; times are comparable
   return horopter::Run(arguments);
 }

@@ -1,5 +1,6 @@
 #include "tests/diagnose/overlay.h"
 
+#include <cmath>
 #include <opencv2/imgproc.hpp>
 
 namespace horopter {
@@ -30,6 +31,21 @@ void Line(cv::Mat* canvas,
   cv::line(*canvas, At(a), At(b), colour, width, cv::LINE_AA);
 }
 
+void DrawArcs(const ImageFeatures& features, cv::Mat* canvas) {
+  for (const EllipseArc& arc : features.arcs) {
+    const double degrees = 180.0 / CV_PI;
+    cv::ellipse(*canvas,
+                At(arc.center),
+                cv::Size2d(arc.semi_major_px * kScale, arc.semi_minor_px * kScale),
+                arc.angle_rad * degrees,
+                arc.start_rad * degrees,
+                (arc.start_rad + arc.sweep_rad) * degrees,
+                cv::Scalar(255, 255, 255),
+                1,
+                cv::LINE_AA);
+  }
+}
+
 }  // namespace
 
 cv::Mat DrawFeatures(const cv::Mat& image, const ImageFeatures& features) {
@@ -40,18 +56,7 @@ cv::Mat DrawFeatures(const cv::Mat& image, const ImageFeatures& features) {
          segment.end,
          segment.in_texture ? cv::Scalar(70, 90, 140) : cv::Scalar(0, 255, 255));
   }
-  for (const EllipseArc& arc : features.arcs) {
-    const double degrees = 180.0 / CV_PI;
-    cv::ellipse(canvas,
-                At(arc.center),
-                cv::Size2d(arc.semi_major_px * kScale, arc.semi_minor_px * kScale),
-                arc.angle_rad * degrees,
-                arc.start_rad * degrees,
-                (arc.start_rad + arc.sweep_rad) * degrees,
-                cv::Scalar(255, 255, 255),
-                1,
-                cv::LINE_AA);
-  }
+  DrawArcs(features, &canvas);
   for (const Junction& junction : features.junctions) {
     bool tee = false;
     for (const Junction::End& end : junction.ends) {
@@ -63,6 +68,52 @@ cv::Mat DrawFeatures(const cv::Mat& image, const ImageFeatures& features) {
                tee ? cv::Scalar(255, 128, 0) : cv::Scalar(0, 0, 255),
                1,
                cv::LINE_AA);
+  }
+  return canvas;
+}
+
+cv::Mat DrawFeatureGraph(const cv::Mat& image,
+                         const ImageFeatures& features,
+                         const FeatureGraph& graph) {
+  cv::Mat canvas = Canvas(image);
+  const auto middle = [&](uint32_t node) -> Eigen::Vector2d {
+    const Segment& s = features.segments[graph.IndexOf(node)];
+    return 0.5 * (s.start + s.end);
+  };
+  for (uint32_t node = 0; node < static_cast<uint32_t>(graph.NodeCount()); ++node) {
+    for (const GraphEdge& edge : graph.EdgesOf(node)) {
+      if (edge.node < node) continue;
+      if (edge.relation == FeatureRelation::kParallel) {
+        Line(&canvas, middle(node), middle(edge.node), cv::Scalar(0, 140, 0));
+      } else if (edge.relation == FeatureRelation::kCollinear) {
+        Line(&canvas, middle(node), middle(edge.node), cv::Scalar(0, 200, 200));
+      }
+    }
+  }
+  for (const Segment& segment : features.segments) {
+    if (segment.in_texture) continue;
+    const Eigen::Vector2d d = segment.end - segment.start;
+    const double direction = std::atan2(d.y(), d.x());
+    // Opposite directions are different edges: the brighter side is on the right.
+    const auto level = [&](double phase) { return 140.0 + 115.0 * std::cos(direction + phase); };
+    Line(&canvas,
+         segment.start,
+         segment.end,
+         cv::Scalar(level(0.0), level(2.1), level(4.2)),
+         segment.arc >= 0 ? 1 : 2);
+  }
+  DrawArcs(features, &canvas);
+  for (const Junction& junction : features.junctions) {
+    cv::Scalar colour(255, 0, 255);
+    if (junction.type == JunctionType::kL) colour = cv::Scalar(0, 0, 255);
+    if (junction.type == JunctionType::kT) colour = cv::Scalar(255, 128, 0);
+    if (junction.type == JunctionType::kArrow || junction.type == JunctionType::kY) {
+      colour = cv::Scalar(0, 165, 255);
+    }
+    cv::circle(canvas, At(junction.point), 4, colour, cv::FILLED, cv::LINE_AA);
+  }
+  for (const ConicJunction& junction : features.conic_junctions) {
+    cv::circle(canvas, At(junction.point), 3, cv::Scalar(255, 255, 0), cv::FILLED, cv::LINE_AA);
   }
   return canvas;
 }

@@ -4,6 +4,7 @@
 #include <opencv2/core/mat.hpp>
 #include <vector>
 
+#include "server/vision/features/feature_graph.h"
 #include "server/vision/features/features.h"
 #include "tests/diagnose/feature_report.h"
 #include "tests/diagnose/ground_truth.h"
@@ -20,6 +21,13 @@ struct Wireframe {
 // The image at half brightness and double size with: segments yellow (texture: grey-brown),
 // junctions red circles (tees: small blue), arcs white.
 cv::Mat DrawFeatures(const cv::Mat& image, const ImageFeatures& features);
+
+// ... with the feature graph: segments coloured by direction, arcs white, shared junctions thick
+// dots by type (L red, T blue, arrow and Y orange, X and more magenta), conic junctions cyan, lines
+// between the middles of parallel (green) and collinear (yellow) segments.
+cv::Mat DrawFeatureGraph(const cv::Mat& image,
+                         const ImageFeatures& features,
+                         const FeatureGraph& graph);
 
 // ... with: true edges green where covered, red where missed (an edge below 70 % is thick); corners
 // found green, missed red; wireframes of the answer magenta.

@@ -1,5 +1,6 @@
 #include "tests/diagnose/scene_report.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -87,6 +88,20 @@ Json Figures(const std::map<std::string, double>& row, bool booleans) {
   return out;
 }
 
+// Over the scenes that have the figure.
+std::map<std::string, double> Medians(const std::vector<const SceneReport*>& scenes) {
+  std::map<std::string, std::vector<double>> values;
+  for (const SceneReport* scene : scenes) {
+    for (const auto& [name, value] : scene->figures) values[name].push_back(value);
+  }
+  std::map<std::string, double> medians;
+  for (auto& [name, list] : values) {
+    std::sort(list.begin(), list.end());
+    medians[name] = 0.5 * (list[(list.size() - 1) / 2] + list[list.size() / 2]);
+  }
+  return medians;
+}
+
 }  // namespace
 
 const std::vector<std::string>& FigureNames() {
@@ -172,6 +187,8 @@ void PrintTable(const std::vector<SceneReport>& scenes, std::ostream& out) {
                     means.at("objects"));
       out << text;
     }
+    out << "\n";
+    PrintRow(" median", Medians(members), out);
     out << "\n";
   }
 }

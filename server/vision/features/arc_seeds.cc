@@ -166,7 +166,9 @@ double Turn(const EdgeChain& chain, const Run& run, int front, int back) {
 
 // Seeds of a run: the whole of it, then what is left without chords at its ends, which may be
 // straight edges that run into the arc, or another rim.
-std::vector<EllipseArc> SeedsOf(const EdgeChain& chain, const Run& run, const ArcSeedOptions& options) {
+std::vector<EllipseArc> SeedsOf(const EdgeChain& chain,
+                                const Run& run,
+                                const ArcSeedOptions& options) {
   std::vector<EllipseArc> seeds;
   const int n = static_cast<int>(run.cuts.size());
   for (int dropped = 0; dropped <= std::min(n - 3, kMaxDropped); ++dropped) {

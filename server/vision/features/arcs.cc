@@ -62,10 +62,10 @@ int AlongArc(const EllipseArc& arc, const Visit& visit) {
     const double t = arc.start_rad + arc.sweep_rad * k / steps;
     const double u = arc.semi_major_px * std::cos(t), v = arc.semi_minor_px * std::sin(t);
     const double nu = std::cos(t) / arc.semi_major_px, nv = std::sin(t) / arc.semi_minor_px;
-    visit(Eigen::Vector2d(arc.center.x() + c * u - s * v, arc.center.y() + s * u + c * v)
-              .cast<float>(),
-          EdgeCover::EdgeDirection(
-              Eigen::Vector2d(c * nu - s * nv, s * nu + c * nv).cast<float>()));
+    visit(
+        Eigen::Vector2d(arc.center.x() + c * u - s * v, arc.center.y() + s * u + c * v)
+            .cast<float>(),
+        EdgeCover::EdgeDirection(Eigen::Vector2d(c * nu - s * nv, s * nu + c * nv).cast<float>()));
   }
   return steps + 1;
 }
@@ -98,9 +98,8 @@ std::vector<EllipseArc> FindArcs(const std::vector<EdgeChain>& chains,
       covered += found.Covers(p, direction) ? 1 : 0;
     });
     if (covered > options.max_covered_share * all) continue;
-    AlongArc(rim.arc, [&](const Eigen::Vector2f& p, uint8_t direction) {
-      found.Mark(p, direction);
-    });
+    AlongArc(rim.arc,
+             [&](const Eigen::Vector2f& p, uint8_t direction) { found.Mark(p, direction); });
     arcs.push_back(rim.arc);
   }
   if (static_cast<int>(arcs.size()) > options.max_arcs) {

@@ -121,12 +121,11 @@ std::vector<ConicJunction> FindConicJunctions(const std::vector<Segment>& segmen
           junction.at_start = at_start;
           junction.arc = static_cast<int>(a);
           junction.angle_rad = angle;
-          junction.at_arc_end = arc.sweep_rad < 2.0 * M_PI - 0.2 &&
-                                std::min(from_end, beyond > 0.0 ? beyond : from_end) <=
-                                    options.end_gap_px;
-          junction.tangent =
-              std::abs(along.x() * tangent.y() - along.y() * tangent.x()) <
-              std::sin(options.tangent_rad);
+          junction.at_arc_end =
+              arc.sweep_rad < 2.0 * M_PI - 0.2 &&
+              std::min(from_end, beyond > 0.0 ? beyond : from_end) <= options.end_gap_px;
+          junction.tangent = std::abs(along.x() * tangent.y() - along.y() * tangent.x()) <
+                             std::sin(options.tangent_rad);
           junction.point = point;
           junction.covariance = Covariance(segment, arc, point, along, tangent);
           best = junction;

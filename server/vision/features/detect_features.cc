@@ -123,11 +123,8 @@ absl::StatusOr<Pieces> DetectByChannels(const cv::Mat& image, const FeatureOptio
   pieces.chains = JoinChains(edges, channels);
   ArcOptions arcs;
   arcs.max_arcs = options.max_arcs;
-  pieces.arcs = FindArcs(pieces.chains,
-                         MakeGradientFields(image, options.gradient),
-                         image.cols,
-                         image.rows,
-                         arcs);
+  pieces.arcs = FindArcs(
+      pieces.chains, MakeGradientFields(image, options.gradient), image.cols, image.rows, arcs);
   return pieces;
 }
 
@@ -171,6 +168,14 @@ absl::StatusOr<ImageFeatures> Detect(const cv::Mat& image, const FeatureOptions&
 }
 
 }  // namespace
+
+FeatureOptions CompleteFeatures() {
+  FeatureOptions options;
+  options.gradient.colour = ColourGradient::kEachChannel;
+  options.linking.high = 1.4;
+  options.linking.low = 0.7;
+  return options;
+}
 
 absl::Status Validate(const FeatureOptions& options) {
   const auto refuse = [](const char* field, double value) {

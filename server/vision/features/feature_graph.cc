@@ -39,7 +39,11 @@ class FeatureGraphBuilder {
     AddConicJunctions();
     for (size_t i = 0; i < features_.segments.size(); ++i) {
       if (features_.segments[i].arc >= 0) {
-        Add({SegmentNode(i), ArcNode(features_.segments[i].arc), FeatureRelation::kChordOf, 0, 0.0f});
+        Add({SegmentNode(i),
+             ArcNode(features_.segments[i].arc),
+             FeatureRelation::kChordOf,
+             0,
+             0.0f});
       }
     }
     AddNeighbours();

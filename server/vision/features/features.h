@@ -85,9 +85,9 @@ struct ConicJunction {
   int segment = -1;
   bool at_start = false;
   int arc = -1;
-  double angle_rad = 0.0;        // parameter s on the ellipse
-  bool at_arc_end = false;       // the arc ends here too: a corner; otherwise it passes: a T
-  bool tangent = false;          // the segment runs on smoothly into the arc
+  double angle_rad = 0.0;   // parameter s on the ellipse
+  bool at_arc_end = false;  // the arc ends here too: a corner; otherwise it passes: a T
+  bool tangent = false;     // the segment runs on smoothly into the arc
   Eigen::Vector2d point = Eigen::Vector2d::Zero();
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  // px^2
 };
@@ -181,9 +181,9 @@ struct FeatureOptions {
   double gradient_threshold = 20.0;
   double min_gradient_threshold = 6.0;
   double noise_factor = 5.0;
-  double anchor_threshold = 4.0;           // higher: fewer, longer chains
-  double smoothing_sigma_px = 1.0;         // higher: less noise, rounder corners
-  double min_segment_length_px = 10.0;     // shorter pieces are dropped
+  double anchor_threshold = 4.0;        // higher: fewer, longer chains
+  double smoothing_sigma_px = 1.0;      // higher: less noise, rounder corners
+  double min_segment_length_px = 10.0;  // shorter pieces are dropped
   MergeTest merge_test = MergeTest::kTolerances;
   double merge_chi_square = 13.8;          // of two degrees of freedom: 0.1 % of true pairs refused
   double merge_angle_rad = 0.0524;         // 3 degrees
@@ -198,12 +198,17 @@ struct FeatureOptions {
   int max_segments = 4000;        // the strongest are kept; the cut is said in counts
 };
 
+// Options that find most: a field per channel and weak edges, two to four times slower in colour.
+// Recognition does no better with them (tests/bench/results.md).
+FeatureOptions CompleteFeatures();
+
 // Errors: INVALID_ARGUMENT naming the field.
 absl::Status Validate(const FeatureOptions& options);
 
 // Detects the features of one image.
 // image: CV_8UC1, CV_8UC3 (BGR) or the same with 16 bits, of which 65535 is taken for 255; at least
-// 16x16 px. Errors: INVALID_ARGUMENT for another type or size, or options (see Validate). An image without structure gives empty lists, not an error.
+// 16x16 px. Errors: INVALID_ARGUMENT for another type or size, or options (see Validate). An image
+// without structure gives empty lists, not an error.
 absl::StatusOr<ImageFeatures> DetectFeatures(const cv::Mat& image, const FeatureOptions& options);
 
 }  // namespace horopter

@@ -60,6 +60,7 @@ struct Line {
   double weight = 1.0;
   double offset_variance = 0.0;
   double angle_variance = 0.0;
+  int arc = -1;  // see Segment::arc
 };
 
 Line MakeLine(const Segment& segment, const FeatureOptions& options) {
@@ -73,12 +74,18 @@ Line MakeLine(const Segment& segment, const FeatureOptions& options) {
   // A line's position at its end is about as good as its number of samples.
   line.weight = segment.Length();
   line.offset_variance = segment.offset_sigma_px * segment.offset_sigma_px;
+  line.arc = segment.arc;
   line.angle_variance = segment.angle_sigma_rad * segment.angle_sigma_rad;
   return line;
 }
 
 double Cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
   return a.x() * b.y() - a.y() * b.x();
+}
+
+// Neighbouring chords of an arc meet in no corner.
+bool ChordsOfOneArc(const Line& a, const Line& b) {
+  return a.arc >= 0 && a.arc == b.arc;
 }
 
 const Eigen::Vector2d& EndOf(const Line& line, bool at_start) {
@@ -116,7 +123,7 @@ void CollectCorners(const std::vector<Line>& lines,
       const Eigen::Vector2d& p = EndOf(lines[i], k == 1);
       cells.ForNeighbours(p, [&](int other) {
         const int j = other / 2;
-        if (j <= static_cast<int>(i)) {
+        if (j <= static_cast<int>(i) || ChordsOfOneArc(lines[i], lines[j])) {
           return;
         }
         const std::optional<Eigen::Vector2d> x = Intersect(lines[i], lines[j], min_sine);
@@ -162,7 +169,7 @@ void CollectTees(const std::vector<Line>& lines,
       const Eigen::Vector2d& p = EndOf(lines[i], k == 1);
       cells.ForNeighbours(p, [&](int j) {
         const int stamp = static_cast<int>(2 * i + k);
-        if (j == static_cast<int>(i) || seen[j] == stamp) {
+        if (j == static_cast<int>(i) || seen[j] == stamp || ChordsOfOneArc(lines[i], lines[j])) {
           return;
         }
         seen[j] = stamp;

@@ -16,7 +16,7 @@ constexpr int kMinPlaces = 16;
 constexpr int kMaxPlaces = 1500;
 constexpr float kMaxAlong = 0.6f;  // slope along the curve over the slope across: 31 degrees
 constexpr int kMinSeen = 10;
-constexpr double kFullStrength = 1.5;  // thresholds; stronger is not surer
+constexpr double kFullStrength = 1.5;    // thresholds; stronger is not surer
 constexpr double kHopelessShare = 0.35;  // of all places seen in the first round
 constexpr size_t kMaxFitPoints = 96;
 // The field's sum over 3x3 pixels is 6 x the slope.
@@ -45,8 +45,7 @@ std::vector<Place> PlacesOn(const EllipseArc& arc) {
                                arc.center.y() + s * a * ct + c * b * st)
                    .cast<float>();
     const double nu = ct / a, nv = st / b;
-    place.normal =
-        Eigen::Vector2d(c * nu - s * nv, s * nu + c * nv).normalized().cast<float>();
+    place.normal = Eigen::Vector2d(c * nu - s * nv, s * nu + c * nv).normalized().cast<float>();
     places.push_back(place);
     t += step / std::sqrt(a * a * st * st + b * b * ct * ct);
   }
@@ -57,7 +56,9 @@ std::vector<Place> PlacesOn(const EllipseArc& arc) {
 using Profile = std::array<Eigen::Vector2f, kOffsets>;
 
 // 0 outside the image.
-Eigen::Vector2f SlopeAt(const GradientField& field, const Eigen::Vector2f& p, const Eigen::Vector2f& normal) {
+Eigen::Vector2f SlopeAt(const GradientField& field,
+                        const Eigen::Vector2f& p,
+                        const Eigen::Vector2f& normal) {
   const int x = static_cast<int>(p.x() + 0.5f), y = static_cast<int>(p.y() + 0.5f);
   if (p.x() < 0.0f || p.y() < 0.0f || x >= field.dx.cols || y >= field.dx.rows) {
     return Eigen::Vector2f::Zero();

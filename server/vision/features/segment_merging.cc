@@ -44,10 +44,9 @@ double ChiSquare(const Segment& a, const Segment& b) {
     const double model = kModelEndPx / (0.5 * s.Length());
     return s.angle_sigma_rad * s.angle_sigma_rad + model * model;
   };
-  const double offset_variance = a.offset_sigma_px * a.offset_sigma_px +
-                                 b.offset_sigma_px * b.offset_sigma_px +
-                                 2.0 * kModelOffsetPx * kModelOffsetPx +
-                                 lever * lever * angle_variance(a);
+  const double offset_variance =
+      a.offset_sigma_px * a.offset_sigma_px + b.offset_sigma_px * b.offset_sigma_px +
+      2.0 * kModelOffsetPx * kModelOffsetPx + lever * lever * angle_variance(a);
   // Pieces may run either way.
   const double angle = std::asin(std::clamp(da.x() * db.y() - da.y() * db.x(), -1.0, 1.0));
   return offset * offset / offset_variance +

@@ -30,8 +30,8 @@ Segment Piece(double x0, double y0, double x1, double y1) {
 }
 
 TEST(FindConicJunctions, SpokeEndsOnTheRim) {
-  const auto junctions = FindConicJunctions(
-      {Piece(20, 100, 67, 100)}, {Circle(100, 100, 30)}, ConicJunctionOptions());
+  const auto junctions =
+      FindConicJunctions({Piece(20, 100, 67, 100)}, {Circle(100, 100, 30)}, ConicJunctionOptions());
   ASSERT_EQ(junctions.size(), 1u);
   EXPECT_LT((junctions[0].point - Eigen::Vector2d(70, 100)).norm(), 1e-9);
   EXPECT_FALSE(junctions[0].at_start);
@@ -56,7 +56,8 @@ TEST(FindConicJunctions, StadiumRunsOnSmoothly) {
 
 TEST(FindConicJunctions, FarEndsMissingArcsAndOwnChordsDoNotMeet) {
   const ConicJunctionOptions options;
-  EXPECT_TRUE(FindConicJunctions({Piece(0, 100, 50, 100)}, {Circle(100, 100, 30)}, options).empty());
+  EXPECT_TRUE(
+      FindConicJunctions({Piece(0, 100, 50, 100)}, {Circle(100, 100, 30)}, options).empty());
   // The half of the rim that was not seen.
   EXPECT_TRUE(
       FindConicJunctions({Piece(0, 100, 68, 100)}, {Circle(100, 100, 30, -1.0, 2.0)}, options)

@@ -2,12 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include <limits>
-#include <nlohmann/json.hpp>
 #include <random>
 
-#include "server/vision/features/conic_junctions.h"
-#include "server/vision/features/feature_json.h"
 #include "server/vision/features/junctions.h"
 #include "tests/server/vision/features/rendered_shapes.h"
 
@@ -58,8 +54,7 @@ void ExpectSymmetric(const FeatureGraph& graph) {
 
 TEST(FeatureGraph, CornerRelatesItsSegmentsAndTheirSharedFace) {
   // A bright face to the right of both sides of a corner (y down).
-  const ImageFeatures features =
-      FeaturesOf({Piece(100, 100, 200, 100), Piece(200, 100, 200, 200)});
+  const ImageFeatures features = FeaturesOf({Piece(100, 100, 200, 100), Piece(200, 100, 200, 200)});
   ASSERT_EQ(features.junctions.size(), 1u);
   const FeatureGraph graph = BuildFeatureGraph(features, FeatureGraphOptions());
   ExpectSymmetric(graph);
@@ -94,8 +89,7 @@ TEST(FeatureGraph, TellsCollinearFromParallelAndLeavesTheRest) {
 
 TEST(FeatureGraph, FacingSidesOfDifferentColourAreNoRegion) {
   // Right of the first (below it, bright) faces left of the second (above it, dark).
-  const ImageFeatures features =
-      FeaturesOf({Piece(100, 100, 200, 100), Piece(100, 120, 200, 120)});
+  const ImageFeatures features = FeaturesOf({Piece(100, 100, 200, 100), Piece(100, 120, 200, 120)});
   const FeatureGraph graph = BuildFeatureGraph(features, FeatureGraphOptions());
   EXPECT_NE(Find(graph, 0, 1, FeatureRelation::kParallel), nullptr);
   EXPECT_EQ(Find(graph, 0, 1, FeatureRelation::kSameRegion), nullptr);
@@ -159,21 +153,6 @@ TEST(FeatureGraph, RenderedPlateWithBoreIsOneConnectedShape) {
     EXPECT_EQ(corners, 2);
   }
   EXPECT_EQ(sides, 4);
-}
-
-TEST(FeaturesToJson, WritesEveryFeatureAndEachEdgeOnce) {
-  ImageFeatures features =
-      FeaturesOf({Piece(100, 100, 200, 100), Piece(200, 100, 200, 200), Piece(0, 300, 50, 300)});
-  features.arcs.push_back({{300, 300}, 40, 20, 0.1, 0.0, 3.0, 0.2});
-  features.segments[2].rms_px = std::numeric_limits<double>::quiet_NaN();
-  const FeatureGraph graph = BuildFeatureGraph(features, FeatureGraphOptions());
-  const auto json = nlohmann::json::parse(FeaturesToJson(features, graph));
-  EXPECT_EQ(json["segments"].size(), 3u);
-  EXPECT_TRUE(json["segments"][2]["rms_px"].is_null());
-  EXPECT_EQ(json["arcs"].size(), 1u);
-  EXPECT_EQ(json["junctions"][0]["type"], "L");
-  EXPECT_EQ(json["edges"].size(), graph.EdgeCount());
-  EXPECT_EQ(json["edges"][0]["from"], "segment:0");
 }
 
 }  // namespace

@@ -39,10 +39,9 @@ TEST(FitRim, PullsARoughGuessOntoTheEdge) {
     RenderOptions render;
     render.noise_sigma = noise;
     const EllipseArc truth = Ellipse(160.3, 118.6, 40.0, 24.0, 0.4);
-    const auto fields = FieldOf(RenderPolygon(
-        EllipsePolygon(truth.center, 40.0, 24.0, 0.4), render, &rng));
-    const auto rim =
-        FitRim(Ellipse(161.5, 117.5, 41.5, 23.0, 0.43), fields, RimOptions());
+    const auto fields =
+        FieldOf(RenderPolygon(EllipsePolygon(truth.center, 40.0, 24.0, 0.4), render, &rng));
+    const auto rim = FitRim(Ellipse(161.5, 117.5, 41.5, 23.0, 0.43), fields, RimOptions());
     ASSERT_TRUE(rim.has_value());
     EXPECT_LT(ParameterError(rim->arc, truth), 0.3);
     EXPECT_GT(rim->seen_share, 0.95);

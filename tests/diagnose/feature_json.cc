@@ -1,4 +1,4 @@
-#include "server/vision/features/feature_json.h"
+#include "tests/diagnose/feature_json.h"
 
 #include <nlohmann/json.hpp>
 
@@ -46,7 +46,10 @@ json ToJson(const Junction& j) {
   json ends = json::array();
   for (const Junction::End& end : j.ends) {
     ends.push_back({{"segment", end.segment},
-                    {"at", end.interior ? "interior" : end.at_start ? "start" : "end"}});
+                    {"at",
+                     end.interior   ? "interior"
+                     : end.at_start ? "start"
+                                    : "end"}});
   }
   return {{"point", Array(j.point)},
           {"type", NameOf(j.type)},
