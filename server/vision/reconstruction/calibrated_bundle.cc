@@ -379,7 +379,9 @@ CalibratedBundleSummary AdjustCalibrated(const MultiviewTracks& tracks,
   ceres::Solver::Options solver;
   solver.linear_solver_type = ceres::DENSE_SCHUR;
   solver.max_num_iterations = options.max_iterations;
-  solver.num_threads = 1;  // same sums in the same order on every run
+  // One thread keeps the sums in order; the eliminated blocks are ordered by address, so that the
+  // last bits of two runs may still differ.
+  solver.num_threads = 1;
   solver.logging_type = ceres::SILENT;
   solver.function_tolerance = 1e-7;
   solver.max_trust_region_radius = kMaxTrustRegion;

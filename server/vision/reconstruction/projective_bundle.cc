@@ -239,7 +239,9 @@ ProjectiveBundleSummary AdjustProjective(const MultiviewTracks& tracks,
   solver.linear_solver_type = ceres::DENSE_SCHUR;
   solver.linear_solver_ordering = FeaturesFirst(problem, &p);
   solver.max_num_iterations = options.max_iterations;
-  solver.num_threads = 1;  // same sums in the same order on every run
+  // One thread keeps the sums in order; the eliminated blocks are ordered by address, so that the
+  // last bits of two runs may still differ.
+  solver.num_threads = 1;
   solver.logging_type = ceres::SILENT;
   solver.function_tolerance = options.function_tolerance;
   // The gauge is free: without damping the normal equations are singular.

@@ -132,7 +132,8 @@ TEST(Projective, LinesCarryScenesThatPointsCannot) {
 TEST(Projective, ResultDoesNotDependOnTheOrderOfViewsOrTheRun) {
   const SyntheticTracks truth = MakeSyntheticTracks({.seed = 3}, {3, 0.5, 0.2});
   const ProjectiveResult a = Reconstruct(truth.tracks), b = Reconstruct(truth.tracks);
-  EXPECT_EQ(a.summary.rms_px, b.summary.rms_px);
+  // Ceres orders the eliminated blocks by address, so the last bits may differ.
+  EXPECT_NEAR(a.summary.rms_px, b.summary.rms_px, 1e-9);
   MultiviewTracks reversed = truth.tracks;
   for (auto& o : reversed.point_observations) o.view = 5 - o.view;
   for (auto& o : reversed.line_observations) o.view = 5 - o.view;
