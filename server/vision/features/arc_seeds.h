@@ -14,8 +14,8 @@ struct ArcSeedOptions {
   double min_semi_minor_px = 2.0;
   double max_aspect = 10.0;
   int max_run_seeds = 150;          // of the longest runs; higher: slower in texture
-  int max_bows = 700;               // bows paired at most, the strongest
-  int partners = 8;                 // tried for each bow, the nearest
+  int max_bows = 500;               // bows paired at most, the strongest
+  int partners = 6;                 // tried for each bow, the nearest
   double max_bow_distance_px = 90;  // between the middles of two that are paired
   double max_pair_rms_px = 0.4;
   int max_pairs = 150;  // the best fits are kept

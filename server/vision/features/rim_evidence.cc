@@ -137,10 +137,10 @@ std::vector<Eigen::Vector2f> Thin(const std::vector<Eigen::Vector2f>& points) {
   return thinned;
 }
 
-// Fit, then once more without the points that lie off.
+// Fit, then again without the points that lie off.
 std::optional<EllipseArc> FitRobustly(std::vector<Eigen::Vector2f> points, double max_offset_px) {
   std::optional<EllipseArc> arc = FitEllipse(Thin(points));
-  for (int round = 0; arc && round < 2; ++round) {
+  if (arc) {
     std::vector<Eigen::Vector2f> near;
     for (const Eigen::Vector2f& p : points) {
       if (EllipseDistance(*arc, p.cast<double>()) <= max_offset_px) near.push_back(p);
@@ -151,6 +151,37 @@ std::optional<EllipseArc> FitRobustly(std::vector<Eigen::Vector2f> points, doubl
   return arc;
 }
 
+// A first look at a few places, without averaging: most guesses in clutter end here.
+bool IsHopeless(const EllipseArc& seed,
+                std::span<const GradientField> fields,
+                const RimOptions& options,
+                double min_share) {
+  constexpr int kLooks = 24;
+  constexpr int kReach = 2;
+  const double c = std::cos(seed.angle_rad), s = std::sin(seed.angle_rad);
+  int seen = 0;
+  for (int k = 0; k < kLooks; ++k) {
+    const double x = std::cos(2.0 * M_PI * k / kLooks), y = std::sin(2.0 * M_PI * k / kLooks);
+    const double u = seed.semi_major_px * x, v = seed.semi_minor_px * y;
+    const Eigen::Vector2f at(static_cast<float>(seed.center.x() + c * u - s * v),
+                             static_cast<float>(seed.center.y() + s * u + c * v));
+    const double nu = x / seed.semi_major_px, nv = y / seed.semi_minor_px;
+    const Eigen::Vector2f normal =
+        Eigen::Vector2d(c * nu - s * nv, s * nu + c * nv).normalized().cast<float>();
+    bool here = false;
+    for (const GradientField& field : fields) {
+      for (int o = -kReach; o <= kReach && !here; ++o) {
+        const Eigen::Vector2f slope =
+            SlopeAt(field, at + static_cast<float>(o) * normal, normal).cwiseAbs();
+        here = slope.x() >= static_cast<float>(options.min_strength) &&
+               slope.y() <= kMaxAlong * slope.x();
+      }
+    }
+    seen += here ? 1 : 0;
+  }
+  return seen < min_share * kLooks;
+}
+
 }  // namespace
 
 std::optional<FittedRim> FitRim(const EllipseArc& seed,
@@ -159,6 +190,10 @@ std::optional<FittedRim> FitRim(const EllipseArc& seed,
   FittedRim rim;
   rim.arc = seed;
   const double min_share = std::min(kHopelessShare, seed.sweep_rad / (2.0 * M_PI));
+  // What a guess claims of the rim it must show.
+  if (IsHopeless(seed, fields, options, options.first_look_share * min_share / kHopelessShare)) {
+    return std::nullopt;
+  }
   for (int round = 0; round <= options.rounds; ++round) {
     const bool last = round == options.rounds;
     const std::vector<RimPoint> places = MeasureRim(rim.arc, fields, round == 0 ? 3.0 : 2.0);

@@ -30,7 +30,8 @@ std::vector<RimPoint> MeasureRim(const EllipseArc& ellipse,
 struct RimOptions {
   double min_strength = 0.5;  // thresholds; of a place that counts as seen
   double max_offset_px = 1.0;
-  int rounds = 2;  // of measuring and fitting again
+  double first_look_share = 0.5;  // of a few places, on guesses that claim the whole rim
+  int rounds = 2;                 // of measuring and fitting again
 };
 
 // The ellipse fitted to its own rim, with start and sweep of what is seen of it and the share of
