@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "server/vision/features/edge_cover.h"
+#include "server/vision/features/ellipse_frame.h"
 #include "server/vision/features/rim_evidence.h"
 
 namespace horopter {
@@ -56,16 +57,12 @@ class RimList {
 // Calls visit(point, direction of the edge) about every half pixel of the arc.
 template <typename Visit>
 int AlongArc(const EllipseArc& arc, const Visit& visit) {
-  const double c = std::cos(arc.angle_rad), s = std::sin(arc.angle_rad);
+  const EllipseFrame frame(arc);
   const int steps = std::max(8, static_cast<int>(2.0 * ArcLength(arc)));
   for (int k = 0; k <= steps; ++k) {
-    const double t = arc.start_rad + arc.sweep_rad * k / steps;
-    const double u = arc.semi_major_px * std::cos(t), v = arc.semi_minor_px * std::sin(t);
-    const double nu = std::cos(t) / arc.semi_major_px, nv = std::sin(t) / arc.semi_minor_px;
-    visit(
-        Eigen::Vector2d(arc.center.x() + c * u - s * v, arc.center.y() + s * u + c * v)
-            .cast<float>(),
-        EdgeCover::EdgeDirection(Eigen::Vector2d(c * nu - s * nv, s * nu + c * nv).cast<float>()));
+    const Eigen::Vector2d unit = UnitAt(arc.start_rad + arc.sweep_rad * k / steps);
+    visit(frame.PointAt(unit).cast<float>(),
+          EdgeCover::EdgeDirection(frame.NormalAt(unit).cast<float>()));
   }
   return steps + 1;
 }

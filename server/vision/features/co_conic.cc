@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/vision/features/ellipse_frame.h"
+
 namespace horopter {
 namespace {
 
@@ -13,16 +15,14 @@ struct RimSample {
 };
 
 std::vector<RimSample> Sample(const EllipseArc& arc) {
-  const double a = arc.semi_major_px, b = arc.semi_minor_px;
-  const double c = std::cos(arc.angle_rad), s = std::sin(arc.angle_rad);
-  const int steps = std::clamp(static_cast<int>(arc.sweep_rad * 0.5 * (a + b)), 8, 4000);
+  const EllipseFrame frame(arc);
+  const double length = arc.sweep_rad * 0.5 * (arc.semi_major_px + arc.semi_minor_px);
+  const int steps = std::clamp(static_cast<int>(length), 8, 4000);
   std::vector<RimSample> samples(steps + 1);
   for (int k = 0; k <= steps; ++k) {
-    const double t = arc.start_rad + arc.sweep_rad * k / steps;
-    const double u = a * std::cos(t), v = b * std::sin(t);
-    const double du = -a * std::sin(t), dv = b * std::cos(t);
-    samples[k].point = {arc.center.x() + c * u - s * v, arc.center.y() + s * u + c * v};
-    samples[k].tangent = Eigen::Vector2d(c * du - s * dv, s * du + c * dv).normalized();
+    const Eigen::Vector2d unit = UnitAt(arc.start_rad + arc.sweep_rad * k / steps);
+    samples[k].point = frame.PointAt(unit);
+    samples[k].tangent = frame.DerivativeAt(unit).normalized();
   }
   return samples;
 }

@@ -4,24 +4,12 @@
 #include <cmath>
 #include <optional>
 
+#include "server/vision/features/ellipse_frame.h"
+
 namespace horopter {
 namespace {
 
 constexpr double kTouchPx = 1.0;
-
-// Into the frame in which the ellipse is the unit circle, and back.
-struct UnitFrame {
-  explicit UnitFrame(const EllipseArc& arc) : center(arc.center) {
-    const double c = std::cos(arc.angle_rad), s = std::sin(arc.angle_rad);
-    axes << c * arc.semi_major_px, -s * arc.semi_minor_px,  //
-        s * arc.semi_major_px, c * arc.semi_minor_px;
-    inverse << c / arc.semi_major_px, s / arc.semi_major_px,  //
-        -s / arc.semi_minor_px, c / arc.semi_minor_px;
-  }
-  Eigen::Vector2d center;
-  Eigen::Matrix2d axes;
-  Eigen::Matrix2d inverse;
-};
 
 double Wrapped(double angle) {
   const double turn = std::fmod(angle, 2.0 * M_PI);
@@ -30,7 +18,7 @@ double Wrapped(double angle) {
 
 // Parameters of the ellipse where the line through `from` along `direction` meets it; a near miss
 // gives the point nearest to the line.
-std::vector<double> Meetings(const UnitFrame& frame,
+std::vector<double> Meetings(const EllipseFrame& frame,
                              const Eigen::Vector2d& from,
                              const Eigen::Vector2d& direction) {
   const Eigen::Vector2d p = frame.inverse * (from - frame.center);
@@ -49,10 +37,6 @@ std::vector<double> Meetings(const UnitFrame& frame,
     angles.push_back(std::atan2(x.y(), x.x()));
   }
   return angles;
-}
-
-Eigen::Vector2d TangentAt(const UnitFrame& frame, double angle) {
-  return (frame.axes * Eigen::Vector2d(-std::sin(angle), std::cos(angle))).normalized();
 }
 
 Eigen::Matrix2d Covariance(const Segment& segment,
@@ -88,7 +72,7 @@ std::vector<ConicJunction> FindConicJunctions(const std::vector<Segment>& segmen
   std::vector<ConicJunction> junctions;
   for (size_t a = 0; a < arcs.size(); ++a) {
     const EllipseArc& arc = arcs[a];
-    const UnitFrame frame(arc);
+    const EllipseFrame frame(arc);
     const double reach = arc.semi_major_px + options.max_gap_px;
     for (size_t i = 0; i < segments.size(); ++i) {
       const Segment& segment = segments[i];
@@ -103,19 +87,19 @@ std::vector<ConicJunction> FindConicJunctions(const std::vector<Segment>& segmen
         double best_gap = max_gap;
         for (double angle : Meetings(frame, end, along)) {
           const double travel = Wrapped(angle - arc.start_rad);
-          const double radius =
-              (frame.axes * Eigen::Vector2d(-std::sin(angle), std::cos(angle))).norm();
+          const Eigen::Vector2d unit = UnitAt(angle);
+          const Eigen::Vector2d derivative = frame.DerivativeAt(unit);
+          const double radius = derivative.norm();
           const double beyond =
               travel <= arc.sweep_rad
                   ? 0.0
                   : std::min(travel - arc.sweep_rad, 2.0 * M_PI - travel) * radius;
           const double from_end = std::min(travel, std::abs(arc.sweep_rad - travel)) * radius;
-          const Eigen::Vector2d point =
-              frame.center + frame.axes * Eigen::Vector2d(std::cos(angle), std::sin(angle));
+          const Eigen::Vector2d point = frame.PointAt(unit);
           const double gap = (point - end).norm();
           if (gap > best_gap || beyond > options.end_gap_px) continue;
           best_gap = gap;
-          const Eigen::Vector2d tangent = TangentAt(frame, angle);
+          const Eigen::Vector2d tangent = derivative / radius;
           ConicJunction junction;
           junction.segment = static_cast<int>(i);
           junction.at_start = at_start;

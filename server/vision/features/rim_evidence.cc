@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "server/vision/features/ellipse_fit.h"
+#include "server/vision/features/ellipse_frame.h"
 
 namespace horopter {
 namespace {
@@ -29,25 +30,18 @@ struct Place {
 };
 
 std::vector<Place> PlacesOn(const EllipseArc& arc) {
+  const EllipseFrame frame(arc);
   const double a = arc.semi_major_px, b = arc.semi_minor_px;
-  const double c = std::cos(arc.angle_rad), s = std::sin(arc.angle_rad);
   const double perimeter = M_PI * (3.0 * (a + b) - std::sqrt((3.0 * a + b) * (a + 3.0 * b)));
   const int n = std::clamp(static_cast<int>(perimeter), kMinPlaces, kMaxPlaces);
-  // Equal steps of arc length, not of the angle: a slim ellipse bends only at its ends.
   std::vector<Place> places;
   places.reserve(n + 8);
+  // Equal steps of arc length, not of the angle: a slim ellipse bends only at its ends.
   const double step = perimeter / n;
   for (double t = 0.0; t < 2.0 * M_PI;) {
-    const double ct = std::cos(t), st = std::sin(t);
-    Place place;
-    place.angle_rad = t;
-    place.at = Eigen::Vector2d(arc.center.x() + c * a * ct - s * b * st,
-                               arc.center.y() + s * a * ct + c * b * st)
-                   .cast<float>();
-    const double nu = ct / a, nv = st / b;
-    place.normal = Eigen::Vector2d(c * nu - s * nv, s * nu + c * nv).normalized().cast<float>();
-    places.push_back(place);
-    t += step / std::sqrt(a * a * st * st + b * b * ct * ct);
+    const Eigen::Vector2d unit = UnitAt(t);
+    places.push_back({t, frame.PointAt(unit).cast<float>(), frame.NormalAt(unit).cast<float>()});
+    t += step / frame.DerivativeAt(unit).norm();
   }
   return places;
 }
@@ -158,16 +152,12 @@ bool IsHopeless(const EllipseArc& seed,
                 double min_share) {
   constexpr int kLooks = 24;
   constexpr int kReach = 2;
-  const double c = std::cos(seed.angle_rad), s = std::sin(seed.angle_rad);
+  const EllipseFrame frame(seed);
   int seen = 0;
   for (int k = 0; k < kLooks; ++k) {
-    const double x = std::cos(2.0 * M_PI * k / kLooks), y = std::sin(2.0 * M_PI * k / kLooks);
-    const double u = seed.semi_major_px * x, v = seed.semi_minor_px * y;
-    const Eigen::Vector2f at(static_cast<float>(seed.center.x() + c * u - s * v),
-                             static_cast<float>(seed.center.y() + s * u + c * v));
-    const double nu = x / seed.semi_major_px, nv = y / seed.semi_minor_px;
-    const Eigen::Vector2f normal =
-        Eigen::Vector2d(c * nu - s * nv, s * nu + c * nv).normalized().cast<float>();
+    const Eigen::Vector2d unit = UnitAt(2.0 * M_PI * k / kLooks);
+    const Eigen::Vector2f at = frame.PointAt(unit).cast<float>();
+    const Eigen::Vector2f normal = frame.NormalAt(unit).cast<float>();
     bool here = false;
     for (const GradientField& field : fields) {
       for (int o = -kReach; o <= kReach && !here; ++o) {
