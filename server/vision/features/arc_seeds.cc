@@ -6,7 +6,7 @@
 
 #include "server/vision/features/edge_cover.h"
 #include "server/vision/features/ellipse_fit.h"
-#include "server/vision/features/split_and_merge.h"
+#include "server/vision/features/line_scatter.h"
 
 namespace horopter {
 namespace {
@@ -59,21 +59,7 @@ std::pair<double, size_t> Sagitta(const Eigen::Vector2f* begin, size_t count) {
 
 // Rms distance of points from their own least-squares line.
 double LineRms(const Eigen::Vector2f* begin, size_t count) {
-  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
-  for (size_t i = 0; i < count; ++i) {
-    mean += begin[i].cast<double>();
-  }
-  mean /= static_cast<double>(count);
-  Eigen::Matrix2d moment = Eigen::Matrix2d::Zero();
-  for (size_t i = 0; i < count; ++i) {
-    const Eigen::Vector2d q = begin[i].cast<double>() - mean;
-    moment += q * q.transpose();
-  }
-  moment /= static_cast<double>(count);
-  const double half_trace = 0.5 * moment.trace();
-  const double skew = 0.5 * (moment(0, 0) - moment(1, 1));
-  const double root = std::sqrt(skew * skew + moment(0, 1) * moment(0, 1));
-  return std::sqrt(std::max(half_trace - root, 0.0));
+  return std::sqrt(ScatterOf({begin, count}).SquareAcross());
 }
 
 // An ellipse also hugs the rounded corner of two straight edges: two lines that meet at the point
@@ -95,12 +81,10 @@ bool IsCorner(const Eigen::Vector2f* begin, size_t count, const EllipseArc& arc)
 }
 
 // Cuts a chain into runs that turn to one side.
-void CollectRuns(const EdgeChain& chain, int index, std::vector<Run>* runs) {
-  SplitAndMergeOptions split;
-  split.split_px = kChordPx;
-  split.merge_rms_px = 0.0;
-  split.min_points = 2;
-  const std::vector<ChainPiece> pieces = SplitAndMerge(chain.points, split);
+void CollectRuns(const EdgeChain& chain,
+                 const std::vector<ChainPiece>& pieces,
+                 int index,
+                 std::vector<Run>* runs) {
   Run run;
   run.chain = index;
   double side = 0.0;
@@ -200,12 +184,9 @@ constexpr double kMaxBowTurn = 0.85;  // between its chords: more is a corner
 constexpr float kMinFacing = 0.25f;   // sine of half the angle between two bows of a rim
 constexpr size_t kMaxPairFitPoints = 24;
 
-void CollectBows(const EdgeChain& chain, std::vector<Bow>* bows) {
-  SplitAndMergeOptions split;
-  split.split_px = kChordPx;
-  split.merge_rms_px = 0.0;
-  split.min_points = 2;
-  const std::vector<ChainPiece> pieces = SplitAndMerge(chain.points, split);
+void CollectBows(const EdgeChain& chain,
+                 const std::vector<ChainPiece>& pieces,
+                 std::vector<Bow>* bows) {
   for (size_t k = 0; k + 1 < pieces.size(); ++k) {
     const ChainPiece& a = pieces[k];
     const ChainPiece& b = pieces[k + 1];
@@ -258,14 +239,26 @@ bool IsPlausibleEllipse(const EllipseArc& arc, const ArcSeedOptions& options) {
          arc.semi_major_px <= kMaxSemiMajorPx;
 }
 
+std::vector<std::vector<ChainPiece>> ChordsOf(const std::vector<EdgeChain>& chains) {
+  SplitAndMergeOptions split;
+  split.split_px = kChordPx;
+  split.merge_rms_px = 0.0;
+  split.min_points = 2;
+  std::vector<std::vector<ChainPiece>> chords;
+  chords.reserve(chains.size());
+  for (const EdgeChain& chain : chains) chords.push_back(SplitAndMerge(chain.points, split));
+  return chords;
+}
+
 std::vector<EllipseArc> SeedsOfRuns(const std::vector<EdgeChain>& chains,
+                                    const std::vector<std::vector<ChainPiece>>& chords,
                                     int width,
                                     int height,
                                     const ArcSeedOptions& options) {
   std::vector<Run> runs;
   for (size_t c = 0; c < chains.size(); ++c) {
     if (chains[c].points.size() >= static_cast<size_t>(kMinPoints)) {
-      CollectRuns(chains[c], static_cast<int>(c), &runs);
+      CollectRuns(chains[c], chords[c], static_cast<int>(c), &runs);
     }
   }
   std::stable_sort(
@@ -291,9 +284,10 @@ std::vector<EllipseArc> SeedsOfRuns(const std::vector<EdgeChain>& chains,
 }
 
 std::vector<EllipseArc> SeedsOfPairs(const std::vector<EdgeChain>& chains,
+                                     const std::vector<std::vector<ChainPiece>>& chords,
                                      const ArcSeedOptions& options) {
   std::vector<Bow> bows;
-  for (const EdgeChain& chain : chains) CollectBows(chain, &bows);
+  for (size_t c = 0; c < chains.size(); ++c) CollectBows(chains[c], chords[c], &bows);
   std::stable_sort(
       bows.begin(), bows.end(), [](const Bow& a, const Bow& b) { return a.weight > b.weight; });
   if (bows.size() > static_cast<size_t>(options.max_bows)) bows.resize(options.max_bows);

@@ -77,10 +77,11 @@ std::vector<EllipseArc> FindArcs(const std::vector<EdgeChain>& chains,
   if (chains.empty()) return {};
   const std::vector<GradientField> strongest = {StrongestOf(fields)};
   RimList list(strongest, options);
-  for (const EllipseArc& seed : SeedsOfRuns(chains, width, height, options.seeds)) {
+  const std::vector<std::vector<ChainPiece>> chords = ChordsOf(chains);
+  for (const EllipseArc& seed : SeedsOfRuns(chains, chords, width, height, options.seeds)) {
     list.Try(seed, options.min_sweep_rad);
   }
-  for (const EllipseArc& seed : SeedsOfPairs(chains, options.seeds)) {
+  for (const EllipseArc& seed : SeedsOfPairs(chains, chords, options.seeds)) {
     list.Try(seed, options.min_pair_sweep_rad);
   }
   std::vector<FittedRim> rims = list.Take();

@@ -10,6 +10,7 @@
 
 #include "server/base/status_macros.h"
 #include "server/vision/features/ellipse_fit.h"
+#include "server/vision/features/line_scatter.h"
 
 namespace horopter {
 namespace {
@@ -44,16 +45,7 @@ struct Residual {
 
 Residual LineResidual(std::span<const Eigen::Vector2f> points) {
   const auto n = static_cast<double>(points.size());
-  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
-  for (const Eigen::Vector2f& p : points) mean += p.cast<double>() / n;
-  Eigen::Matrix2d moment = Eigen::Matrix2d::Zero();
-  for (const Eigen::Vector2f& p : points) {
-    const Eigen::Vector2d q = p.cast<double>() - mean;
-    moment += q * q.transpose();
-  }
-  const double skew = 0.5 * (moment(0, 0) - moment(1, 1));
-  const double root = std::sqrt(skew * skew + moment(0, 1) * moment(0, 1));
-  return {std::max(0.5 * moment.trace() - root, 0.0), n - 2.0};
+  return {n * ScatterOf(points).SquareAcross(), n - 2.0};
 }
 
 std::optional<Residual> FitResidual(std::span<const Eigen::Vector2f> points,
@@ -148,13 +140,7 @@ absl::Status Validate(const ChainSplittingOptions& options) {
 bool IsCurved(std::span<const Eigen::Vector2f> points, double straight_sagitta_px) {
   if (points.size() < 5) return false;
   const auto n = static_cast<double>(points.size());
-  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
-  for (const Eigen::Vector2f& p : points) mean += p.cast<double>() / n;
-  Eigen::Matrix2d moment = Eigen::Matrix2d::Zero();
-  for (const Eigen::Vector2f& p : points) {
-    const Eigen::Vector2d q = p.cast<double>() - mean;
-    moment += q * q.transpose() / n;
-  }
+  const auto& [mean, moment] = ScatterOf(points);
   const Eigen::Matrix2d axes =
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(moment).eigenvectors();
   const Eigen::Vector2d along = axes.col(1), across = axes.col(0);

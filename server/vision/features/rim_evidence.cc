@@ -202,7 +202,6 @@ std::optional<FittedRim> FitRim(const EllipseArc& seed,
       return std::nullopt;
     }
     if (last) {
-      rim.seen_px = static_cast<int>(seen.size());
       rim.seen_share = SpanOf(seen, &rim.arc);
       rim.score -= (1.0 - rim.seen_share) * rim.arc.sweep_rad / (2.0 * M_PI) *
                    static_cast<double>(places.size());

@@ -39,7 +39,6 @@ struct RimOptions {
 struct FittedRim {
   EllipseArc arc;
   double seen_share = 0.0;
-  int seen_px = 0;
   double score = 0.0;  // places seen, each the less the weaker and farther off, minus unseen ones
 };
 

@@ -12,6 +12,7 @@
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/recognition/scene_refine.h"
 #include "server/vision/recognition/table_search.h"
+#include "server/vision/recognition/table_seeds.h"
 #include "server/vision/recognition/view_hypotheses.h"
 #include "server/vision/recognition/view_linking.h"
 

@@ -7,6 +7,7 @@
 #include "absl/container/inlined_vector.h"
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/table_search.h"
+#include "server/vision/recognition/table_seeds.h"
 #include "server/vision/recognition/view_linking.h"
 
 namespace horopter {

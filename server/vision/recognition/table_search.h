@@ -1,62 +1,17 @@
 // Poses of parts that stand on the supporting plane. With the cameras known in the plane's frame a
-// pose has three unknowns, and the scene's scale is a fourth: one or two edges of one image give
-// them all, and every view judges the result.
+// pose has three unknowns: one edge of one image gives them all, and every view judges the result.
+// Where the scale is unknown too, see table_seeds.h.
 #pragma once
 
 #include <Eigen/Core>
-#include <cstdint>
-#include <optional>
 #include <span>
 #include <vector>
 
-#include "server/vision/recognition/pose_refine.h"
 #include "server/vision/recognition/pose_votes.h"
 #include "server/vision/recognition/scene_model.h"
-#include "server/vision/reconstruction/reconstruction.h"
+#include "server/vision/recognition/table_sighting.h"
 
 namespace horopter {
-
-// A part at rest: lowest points on z = 0, turned in one of its stable poses, yaw zero.
-struct StandingPart {
-  Rigid3 table_from_object;
-  std::vector<Eigen::Vector3d> vertices;  // of the model, in the table frame, metres
-};
-std::vector<StandingPart> StandingParts(const PreparedObject& object);
-
-// Where a pixel's ray meets the table and how that point moves with height: the ray is at
-// base + z * shift, at height z (table frame).
-struct TableSighting {
-  Eigen::Vector2d base = Eigen::Vector2d::Zero();
-  Eigen::Vector2d shift = Eigen::Vector2d::Zero();
-};
-// False for rays that do not go down to the table.
-bool SightTable(const PinholeCamera& camera,
-                const Rigid3& camera_from_table,
-                const Eigen::Vector2d& pixel,
-                TableSighting* sighting);
-
-// The heights at which a level edge seen as one segment would also be seen in other views.
-class HeightMask {
- public:
-  static constexpr int kBins = 128;
-  void Set(int bin) { bits_[bin >> 6] |= 1ull << (bin & 63); }
-  // height_share: height / the largest height the mask covers.
-  bool At(double height_share) const {
-    const int bin = static_cast<int>(height_share * kBins);
-    return bin >= 0 && bin < kBins && (bits_[bin >> 6] >> (bin & 63) & 1);
-  }
-
- private:
-  std::uint64_t bits_[2] = {0, 0};
-};
-
-// Poses, up to two, in which the vertices a, b, c of a standing part are seen at the sightings of
-// the same names, scale unknown: a and b are met exactly, c within `tolerance` of the path's
-// length.
-int PosesFromSightings(const Eigen::Vector3d vertices[3],
-                       const TableSighting sightings[3],
-                       double tolerance,
-                       TableYaw out[2]);
 
 struct TableSearchOptions {
   int max_paths = 700;            // image paths per view, scale unknown
@@ -75,21 +30,6 @@ struct TableSearchOptions {
   double min_edge_votes = 2.2;    // of edges seen whole; 0.5 for one of which an end is hidden
   int peaks = 150;                // poses scored per standing pose of an object
 };
-
-// The reconstruction's cameras in metres with one part placed, refined and judged; empty when the
-// refinement fails. world_from_object: metres.
-std::optional<SceneModel> RefinedSeed(const JointContext& context,
-                                      const Reconstruction& reconstruction,
-                                      double units_per_metre,
-                                      int object,
-                                      const Rigid3& world_from_object);
-
-// Scenes of one part each, cameras from the reconstruction and scaled by the part; best first, at
-// most `max_scales` different scales. Empty when the reconstruction has no two views.
-std::vector<SceneModel> TableSeeds(const JointContext& context,
-                                   const Reconstruction& reconstruction,
-                                   const TableSearchOptions& options,
-                                   int max_scales);
 
 struct TablePose {
   Rigid3 scene_from_object;

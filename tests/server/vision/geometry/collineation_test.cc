@@ -4,19 +4,13 @@
 
 #include <Eigen/Dense>
 
+#include "tests/server/vision/geometry/up_to_scale.h"
 #include "tests/server/vision/invariants/random_space.h"
 
 namespace horopter {
 namespace {
 
 constexpr int kTrials = 100;
-
-template <typename A, typename B>
-double Apart(const A& a, const B& b) {
-  const auto x = (a / a.norm()).eval();
-  const auto y = (b / b.norm()).eval();
-  return std::min((x - y).norm(), (x + y).norm());
-}
 
 TEST(Collineation, JoinsAndMeetsCommuteWithMaps) {
   RandomSpace space(1);

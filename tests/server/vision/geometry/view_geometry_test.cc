@@ -8,19 +8,13 @@
 #include "server/vision/geometry/fundamental_matrix.h"
 #include "server/vision/geometry/projection.h"
 #include "server/vision/geometry/trifocal_tensor.h"
+#include "tests/server/vision/geometry/up_to_scale.h"
 #include "tests/server/vision/invariants/random_space.h"
 
 namespace horopter {
 namespace {
 
 constexpr int kTrials = 100;
-
-template <typename A, typename B>
-double Apart(const A& a, const B& b) {
-  const auto x = (a / a.norm()).eval();
-  const auto y = (b / b.norm()).eval();
-  return std::min((x - y).norm(), (x + y).norm());
-}
 
 CameraMatrix RandomCamera(RandomSpace* space) {
   CameraMatrix P;

@@ -9,6 +9,7 @@
 #include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/rig_seeds.h"
 #include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/table_seeds.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {

@@ -6,31 +6,11 @@
 #include <cstdio>
 
 #include "server/vision/reconstruction/self_calibration.h"
+#include "tests/server/vision/reconstruction/metric_checks.h"
 #include "tests/support/synthetic_tracks.h"
 
 namespace horopter {
 namespace {
-
-void ExpectSane(const MetricResult& r) {
-  EXPECT_EQ(r.outcome == MetricOutcome::kMetric, r.reason.empty()) << r.reason;
-  for (const auto& view : r.scene.views) {
-    if (!view) continue;
-    EXPECT_TRUE(std::isfinite(view->camera.focal_px) && view->camera.focal_px > 0.0);
-    EXPECT_TRUE(view->camera_from_scene.R.allFinite() && view->camera_from_scene.t.allFinite());
-    EXPECT_NEAR(view->camera_from_scene.R.determinant(), 1.0, 1e-6);
-  }
-  for (const auto& x : r.scene.points) EXPECT_TRUE(!x || x->allFinite());
-  for (const auto& l : r.scene.lines) EXPECT_TRUE(!l || l->allFinite());
-}
-
-std::vector<double> FocalErrors(const SyntheticTracks& truth, const MetricResult& r) {
-  std::vector<double> errors;
-  for (size_t v = 0; v < r.scene.views.size(); ++v) {
-    if (!r.scene.views[v]) continue;
-    errors.push_back(std::log(r.scene.views[v]->camera.focal_px / truth.cameras[v].focal_px));
-  }
-  return errors;
-}
 
 // 1,000 trials of every kind, in four blocks: a refusal counts, a wrong answer does not.
 class RandomTrials : public testing::TestWithParam<unsigned> {};

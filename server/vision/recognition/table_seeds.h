@@ -1,0 +1,27 @@
+// Scenes of one part each, when the scale of the cameras is not known yet.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "server/vision/recognition/table_search.h"
+#include "server/vision/reconstruction/reconstruction.h"
+
+namespace horopter {
+
+// The reconstruction's cameras in metres with one part placed, refined and judged; empty when the
+// refinement fails. world_from_object: metres.
+std::optional<SceneModel> RefinedSeed(const JointContext& context,
+                                      const Reconstruction& reconstruction,
+                                      double units_per_metre,
+                                      int object,
+                                      const Rigid3& world_from_object);
+
+// Scenes of one part each, cameras from the reconstruction and scaled by the part; best first, at
+// most `max_scales` different scales. Empty when the reconstruction has no two views.
+std::vector<SceneModel> TableSeeds(const JointContext& context,
+                                   const Reconstruction& reconstruction,
+                                   const TableSearchOptions& options,
+                                   int max_scales);
+
+}  // namespace horopter

@@ -1,0 +1,155 @@
+#include "server/vision/recognition/table_sighting.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+namespace horopter {
+namespace {
+
+constexpr double kTwinCos = 0.9999;
+constexpr double kMaxHeightShare = 0.5;
+constexpr float kHeightReachPx = 7.0f;   // working pixels
+constexpr float kHeightSupport = 0.45f;  // mean support of a segment in another view
+
+}  // namespace
+
+std::vector<StandingPart> StandingParts(const PreparedObject& object) {
+  std::vector<StandingPart> parts;
+  const auto& poses = object.stable_poses;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const StablePose& stable = poses[i];
+    // One of the poses that the part's symmetry takes into each other is enough.
+    const bool twin = std::any_of(poses.begin(), poses.begin() + i, [&](const StablePose& other) {
+      return std::any_of(
+          object.model.symmetries.begin(), object.model.symmetries.end(), [&](const Rigid3& s) {
+            return (s.R * other.up).dot(stable.up) > kTwinCos;
+          });
+    });
+    if (twin) continue;
+    StandingPart part;
+    const Eigen::Vector3d u = stable.up.unitOrthogonal();
+    part.table_from_object.R << u.transpose(), stable.up.cross(u).transpose(),
+        stable.up.transpose();
+    part.table_from_object.t << 0.0, 0.0, stable.height_m;
+    for (const Eigen::Vector3d& v : object.model.vertices)
+      part.vertices.push_back(part.table_from_object * v);
+    parts.push_back(std::move(part));
+  }
+  return parts;
+}
+
+bool SightTable(const PinholeCamera& camera,
+                const Rigid3& camera_from_table,
+                const Eigen::Vector2d& pixel,
+                TableSighting* sighting) {
+  const Eigen::Vector3d ray =
+      camera_from_table.R.transpose() * NormalizedPoint(camera, pixel).homogeneous();
+  if (ray.z() > -0.02 * ray.norm()) return false;
+  const Eigen::Vector3d eye = -(camera_from_table.R.transpose() * camera_from_table.t);
+  sighting->shift = ray.head<2>() / ray.z();
+  sighting->base = eye.head<2>() - eye.z() * sighting->shift;
+  return true;
+}
+
+double MaxHeight(std::span<const KnownView> views) {
+  double lowest = 1e300;
+  for (const KnownView& view : views)
+    lowest = std::min(lowest, view.camera_from_scene.Inverse().t.z());
+  return kMaxHeightShare * lowest;
+}
+
+HeightMask SupportedHeights(std::span<const KnownView> views,
+                            std::size_t own,
+                            const TableSighting& from,
+                            const TableSighting& to,
+                            double max_height) {
+  constexpr int kPoints = 5;
+  HeightMask mask;
+  const int needed = views.size() > 2 ? 2 : 1;
+  for (int bin = 0; bin < HeightMask::kBins; ++bin) {
+    const double z = (bin + 0.5) * max_height / HeightMask::kBins;
+    const Eigen::Vector2d a = from.base + z * from.shift, b = to.base + z * to.shift;
+    const Eigen::Vector3d tangent(b.x() - a.x(), b.y() - a.y(), 0.0);
+    int seen = 0;
+    for (std::size_t v = 0; v < views.size() && seen < needed; ++v) {
+      if (v == own) continue;
+      const KnownView& view = views[v];
+      const Eigen::Vector3d q = view.camera_from_scene.R * tangent;
+      float sum = 0.0f;
+      for (int k = 0; k < kPoints; ++k) {
+        const double w = (k + 0.5) / kPoints;
+        const Eigen::Vector3d p =
+            view.camera_from_scene *
+            Eigen::Vector3d((1 - w) * a.x() + w * b.x(), (1 - w) * a.y() + w * b.y(), z);
+        if (p.z() <= 0) break;
+        const Eigen::Vector2d u = Project(view.camera, p);
+        const int o = OrientationBin(static_cast<float>(q.x() * p.z() - p.x() * q.z()),
+                                     static_cast<float>(q.y() * p.z() - p.y() * q.z()));
+        const float d =
+            view.maps->DistanceAt(static_cast<float>(u.x()), static_cast<float>(u.y()), o);
+        sum += std::max(0.0f, 1.0f - d / kHeightReachPx);
+      }
+      seen += sum > kHeightSupport * kPoints;
+    }
+    if (seen < needed) continue;
+    for (int k = std::max(0, bin - 1); k <= std::min(HeightMask::kBins - 1, bin + 1); ++k)
+      mask.Set(k);
+  }
+  return mask;
+}
+
+int PosesFromSightings(const Eigen::Vector3d vertices[3],
+                       const TableSighting sightings[3],
+                       double tolerance,
+                       TableYaw out[2]) {
+  const Eigen::Vector3d &a = vertices[0], &b = vertices[1], &c = vertices[2];
+  const Eigen::Vector2d ab = (b - a).head<2>(), bc = (c - b).head<2>();
+  const double length_ab = (b - a).norm(), length_bc = (c - b).norm();
+  // The sighting of b minus that of a, at their heights, is A + scale * B.
+  const Eigen::Vector2d A = sightings[1].base - sightings[0].base;
+  const Eigen::Vector2d B = b.z() * sightings[1].shift - a.z() * sightings[0].shift;
+  const double limit = tolerance * (length_ab + length_bc);
+  const bool upright = ab.norm() < kUprightShare * length_ab;
+  double scales[2];
+  int found = 0;
+  if (upright) {
+    const double bb = B.squaredNorm();
+    if (bb <= 0) return 0;
+    scales[found++] = -A.dot(B) / bb;
+  } else {
+    const double q2 = B.squaredNorm() - ab.squaredNorm(), q1 = A.dot(B), q0 = A.squaredNorm();
+    const double d = q1 * q1 - q2 * q0;
+    if (d < 0 || std::abs(q2) < 1e-15) return 0;
+    const double root = std::sqrt(d);
+    scales[found++] = (-q1 + root) / q2;
+    scales[found++] = (-q1 - root) / q2;
+  }
+  int n = 0;
+  for (int i = 0; i < found; ++i) {
+    const double scale = scales[i];
+    if (!(scale > 1e-9)) continue;
+    const Eigen::Vector2d at_b = sightings[1].base + scale * b.z() * sightings[1].shift;
+    const Eigen::Vector2d at_c = sightings[2].base + scale * c.z() * sightings[2].shift;
+    // Rotation from whichever edge lies flatter, as a complex number seen / model.
+    const bool use_c = upright;
+    const Eigen::Vector2d seen =
+        use_c ? Eigen::Vector2d(at_c - at_b) : Eigen::Vector2d(A + scale * B);
+    const Eigen::Vector2d model = use_c ? bc : ab;
+    const double seen_norm = seen.norm(), model_norm = model.norm();
+    if (seen_norm <= 0 || model_norm < kUprightShare * (use_c ? length_bc : length_ab)) continue;
+    if (upright && (A + scale * B).norm() > limit * scale) continue;
+    TableYaw yaw;
+    yaw.units_per_metre = scale;
+    yaw.cos_yaw = model.dot(seen) / (seen_norm * model_norm);
+    yaw.sin_yaw = (model.x() * seen.y() - model.y() * seen.x()) / (seen_norm * model_norm);
+    yaw.position = at_b - scale * Turned(yaw.cos_yaw, yaw.sin_yaw, b.head<2>());
+    const Eigen::Vector2d miss =
+        yaw.position + scale * Turned(yaw.cos_yaw, yaw.sin_yaw, c.head<2>()) - at_c;
+    if (miss.norm() > limit * scale) continue;
+    out[n++] = yaw;
+  }
+  return n;
+}
+
+}  // namespace horopter
