@@ -26,7 +26,7 @@ enum class AssignmentMethod {
 };
 
 struct AssignmentOptions {
-  AssignmentMethod method = AssignmentMethod::kRandomWalks;
+  AssignmentMethod method = AssignmentMethod::kSpectral;
   int iterations = 30;       // of the power iteration, at most
   double reweighting = 0.2;  // share of the walk that follows the links; the rest jumps (alpha)
   double inflation = 30.0;   // how strongly jumps prefer likely candidates (beta)

@@ -32,7 +32,7 @@ constexpr int kMatchRelationCount = 6;
 
 struct FeatureMatchOptions {
   LikenessOptions likeness;
-  AssignmentOptions assignment;
+  AssignmentOptions assignment;  // the default finds most (tests/bench/results.md)
   // 2.7.3: neighbouring matches must imply like transformations; without it only that they are
   // neighbours in both views counts.
   bool transformations = true;

@@ -271,6 +271,10 @@ absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
   result.component = std::move(chain.component);
   result.view_from_plane = std::move(chain.view_from_plane);
 
+  std::vector<MatchingView> prepared(images.size());
+  ParallelFor(views, options.threads, [&](int i) {
+    if (!IsStopRequested(stop)) prepared[i] = PrepareMatchingView(images[i], features[i]);
+  });
   result.pairs.resize(pairs.size());
   ParallelFor(static_cast<int>(pairs.size()), options.threads, [&](int k) {
     if (IsStopRequested(stop)) return;
@@ -280,7 +284,7 @@ absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
       b_from_a = result.view_from_plane[b] * result.view_from_plane[a].inverse();
     }
     result.pairs[k] = EstimatePairGeometry(
-        a, b, {&images[a], &features[a]}, {&images[b], &features[b]}, b_from_a, options);
+        a, b, {&images[a], &prepared[a]}, {&images[b], &prepared[b]}, b_from_a, options);
   });
   if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
   result.segment_on_plane = FindSegmentsOnPlane(features, result);

@@ -30,12 +30,21 @@ struct JunctionMatch {
   int junction_b = -1;
 };
 
-// Epipolar geometry of two views, x_b^T F x_a = 0, with the junction matches that support it.
+// Segment match between two views (indices into ImageFeatures::segments): pieces of one edge, whose
+// ends need not correspond.
+struct SegmentMatch {
+  int segment_a = -1;
+  int segment_b = -1;
+};
+
+// Epipolar geometry of two views, x_b^T F x_a = 0, with the matches found along its lines; without
+// F the matches that likeness and neighbourhood alone give.
 struct PairGeometry {
   int view_a = -1;
   int view_b = -1;
   std::optional<Eigen::Matrix3d> F;
   std::vector<JunctionMatch> matches;
+  std::vector<SegmentMatch> segments;
   std::string refusal;  // why F is empty
 };
 

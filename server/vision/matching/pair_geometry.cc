@@ -3,200 +3,233 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
-#include <opencv2/calib3d.hpp>
+#include <cstdio>
 
-#include "server/vision/matching/homography.h"
-#include "server/vision/matching/junction_patches.h"
+#include "server/vision/matching/match_features.h"
+#include "server/vision/matching/plane_parallax.h"
+#include "server/vision/matching/robust_fundamental.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kMinInliersWithoutPlane =
-    24;  // 8-17 shared corners of one part are too few for a free F
-constexpr double kMaxHomographyShare = 0.6;  // of the inliers of a free F
+// What a free F needs. Learned on parts-train, all pairs, no plane used: 46 of the 57 right ones
+// pass, and 5 others, whose vertices lie within 2 px at 73 - 93 %.
+constexpr int kMinGuided = 13;             // inliers among the matches along its lines
+constexpr double kMinFirstShare = 0.45;    // of the first matches agree
+constexpr double kMinBeam = 0.4;           // mean overlap of the segments matched before F was known
+constexpr double kSureShare = 0.7;         // ... not asked when so many of
+constexpr int kSureInliers = 40;           // ... so many first matches agree
+constexpr double kMaxStrainCost = 0.1;     // per inlier: what plausible cameras add to the cost
+constexpr double kMinFocalWidths = 0.6, kMaxFocalWidths = 3.2, kMaxFocalRatio = 1.6;
+constexpr double kMaxSigmaPx = 0.8;
+constexpr double kRefineScalePx = 1.0;
+// A free F must explain so much more than plane and parallax, which has five freedoms less.
+constexpr double kFreeMustBeat = 1.15;
 
-Eigen::Matrix3d FromCv(const cv::Mat& m) {
-  Eigen::Matrix3d e;
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) e(r, c) = m.at<double>(r, c);
+struct Matches {
+  std::vector<FeatureMatch> all;
+  std::vector<WeightedMatch> junctions;  // pixels, in the order of `indices`
+  std::vector<JunctionMatch> indices;
+};
+
+Matches FindMatches(const PairComparison& compare) {
+  Matches matches;
+  matches.all = MatchFeatures(compare, FeatureMatchOptions());
+  for (const FeatureMatch& m : matches.all) {
+    if (m.kind != FeatureKind::kJunction) continue;
+    matches.junctions.push_back({compare.a().features->junctions[m.a].point,
+                                 compare.b().features->junctions[m.b].point,
+                                 std::max(0.5, m.log_ratio)});
+    matches.indices.push_back({m.a, m.b});
   }
-  return e;
+  return matches;
 }
 
-cv::UsacParams Magsac(double threshold_px, unsigned seed) {
-  cv::UsacParams usac;
-  usac.confidence = 0.999;
-  usac.isParallel = false;
-  usac.maxIterations = 5000;
-  usac.randomGeneratorState = static_cast<int>(seed);
-  usac.sampler = cv::SAMPLING_UNIFORM;
-  usac.score = cv::SCORE_METHOD_MAGSAC;
-  usac.loMethod = cv::LOCAL_OPTIM_SIGMA;
-  usac.loIterations = 10;
-  usac.threshold = threshold_px;
-  return usac;
+PairComparison Compare(const PairView& a, const PairView& b, const PairPrior& prior) {
+  return {*a.view, *b.view, WarpedPatches(*b.image, *b.view, prior), prior};
 }
 
-// Mutually best candidates only.
-std::vector<MatchCandidate> MutualBest(const std::vector<MatchCandidate>& candidates,
-                                       int na,
-                                       int nb) {
-  std::vector<int> best_a(na, -1), best_b(nb, -1);
-  const auto offer = [&](int* slot, int k) {
-    if (*slot < 0 || candidates[k].likeness > candidates[*slot].likeness) *slot = k;
-  };
-  for (size_t k = 0; k < candidates.size(); ++k) {
-    offer(&best_a[candidates[k].index_a], static_cast<int>(k));
-    offer(&best_b[candidates[k].index_b], static_cast<int>(k));
-  }
-  std::vector<MatchCandidate> mutual;
-  for (size_t k = 0; k < candidates.size(); ++k) {
-    if (best_a[candidates[k].index_a] == static_cast<int>(k) &&
-        best_b[candidates[k].index_b] == static_cast<int>(k)) {
-      mutual.push_back(candidates[k]);
-    }
-  }
-  return mutual;
+FocalPrior PriorOf(const PairView& a, const PairView& b) {
+  FocalPrior prior;
+  prior.width_a = a.view->features->width;
+  prior.height_a = a.view->features->height;
+  prior.width_b = b.view->features->width;
+  prior.height_b = b.view->features->height;
+  return prior;
 }
 
-// F without a plane.
-void EstimateFree(const std::vector<MatchCandidate>& matches,
+// Mean overlap with their beams of segments matched without F; texture repeats itself and does not
+// count. NaN: no segment can tell.
+double MeanBeam(const PairComparison& with_F, const std::vector<FeatureMatch>& matches) {
+  double sum = 0.0;
+  int count = 0;
+  for (const FeatureMatch& m : matches) {
+    if (m.kind != FeatureKind::kSegment) continue;
+    if (with_F.a().features->segments[m.a].in_texture) continue;
+    const float beam = with_F.Segments(m.a, m.b)[kBeam];
+    if (!std::isfinite(beam)) continue;
+    sum += beam;
+    ++count;
+  }
+  return count > 0 ? sum / count : std::nan("");
+}
+
+std::string Format(const char* format, double x, double y) {
+  char text[160];
+  std::snprintf(text, sizeof(text), format, x, y);
+  return text;
+}
+
+// A free F from matches made without one. Sets F or the refusal.
+void EstimateFree(const PairView& a,
+                  const PairView& b,
+                  const Matches& first,
                   const MatchingOptions& options,
                   PairGeometry* pair) {
-  const auto refuse = [&](std::string why) { pair->refusal = "no plane, and " + std::move(why); };
-  if (static_cast<int>(matches.size()) < kMinInliersWithoutPlane) {
-    return refuse(std::to_string(matches.size()) + " junction matches, need " +
-                  std::to_string(kMinInliersWithoutPlane));
+  RobustFundamentalOptions robust;
+  robust.inlier_px = options.epipolar_px;
+  robust.min_share = kMinFirstShare;
+  robust.max_sigma_px = 2.0 * kMaxSigmaPx;  // the matches along its lines make it sharper
+  robust.seed = options.seed;
+  const RobustFundamental estimate = EstimateFundamental(first.junctions, robust);
+  if (!estimate.F) {
+    pair->refusal = estimate.refusal;
+    return;
   }
-  std::vector<cv::Point2d> from, to;
-  for (const MatchCandidate& m : matches) {
-    from.emplace_back(m.a.x(), m.a.y());
-    to.emplace_back(m.b.x(), m.b.y());
+  PairPrior prior;
+  prior.F = estimate.F;
+  const PairComparison compare(*a.view, *b.view, b.view->patches, prior);
+  const size_t inliers = estimate.inliers.size();
+  const double beam = MeanBeam(compare, first.all);
+  const bool sure = inliers >= kSureInliers && inliers >= kSureShare * first.junctions.size();
+  if (!sure && !(beam >= kMinBeam)) {
+    pair->refusal =
+        Format("segments contradict it: they share %.2f of their epipolar beams, need %.2f",
+               beam, kMinBeam);
+    return;
   }
-  cv::Mat mask, h_mask, F, H;
-  std::vector<cv::Point2d> from_in, to_in;
-  std::vector<JunctionMatch> inliers;
-  try {
-    F = cv::findFundamentalMat(from, to, mask, Magsac(options.epipolar_px, options.seed));
-    if (F.rows != 3 || F.cols != 3) return refuse("no fundamental matrix");
-    for (size_t i = 0; i < matches.size(); ++i) {
-      if (!mask.at<unsigned char>(static_cast<int>(i))) continue;
-      from_in.push_back(from[i]);
-      to_in.push_back(to[i]);
-      inliers.push_back({matches[i].index_a, matches[i].index_b});
-    }
-    if (static_cast<int>(inliers.size()) < kMinInliersWithoutPlane) {
-      return refuse(std::to_string(inliers.size()) + " inliers of a fundamental matrix, need " +
-                    std::to_string(kMinInliersWithoutPlane));
-    }
-    H = cv::findHomography(from_in, to_in, h_mask, Magsac(2.0 * options.epipolar_px, options.seed));
-  } catch (const cv::Exception&) {
-    return refuse("a degenerate configuration");
+  const Matches guided = FindMatches(compare);
+  robust.min_inliers = kMinGuided;
+  const RobustFundamental again = EstimateFundamental(guided.junctions, robust);
+  if (!again.F) {
+    pair->refusal = again.refusal;
+    return;
   }
-  const int explained = h_mask.empty() ? 0 : cv::countNonZero(h_mask);
-  if (explained > kMaxHomographyShare * static_cast<double>(inliers.size())) {
-    return refuse("one homography explains " + std::to_string(explained) + " of " +
-                  std::to_string(inliers.size()) + " matches");
+  std::vector<WeightedMatch> agreeing;
+  for (int i : again.inliers) agreeing.push_back(guided.junctions[i]);
+  const CalibratedFundamental calibrated =
+      RefineCalibrated(*again.F, agreeing, kRefineScalePx, PriorOf(a, b));
+  const double free_cost = RefineFundamental(*again.F, agreeing, kRefineScalePx).cost;
+  const double strain = (calibrated.refined.cost - free_cost) / static_cast<double>(agreeing.size());
+  const double focal_a = calibrated.focal_a_px / a.view->features->width;
+  const double focal_b = calibrated.focal_b_px / b.view->features->width;
+  const double sigma = *std::max_element(calibrated.refined.line_sigma_px.begin(),
+                                         calibrated.refined.line_sigma_px.end());
+  if (!(strain <= kMaxStrainCost)) {
+    pair->refusal = Format("no plausible cameras have it: they cost %.2f a match more, allowed %.2f",
+                           strain, kMaxStrainCost);
+  } else if (!(std::min(focal_a, focal_b) >= kMinFocalWidths &&
+               std::max(focal_a, focal_b) <= kMaxFocalWidths &&
+               std::max(focal_a / focal_b, focal_b / focal_a) <= kMaxFocalRatio)) {
+    pair->refusal =
+        Format("focal lengths of %.2f and %.2f image widths are not plausible", focal_a, focal_b);
+  } else if (!(sigma <= kMaxSigmaPx)) {
+    pair->refusal = Format("epipolar lines uncertain by %.1f px, need %.2f px",
+                           std::min(sigma, 999.0), kMaxSigmaPx);
+  } else {
+    pair->F = calibrated.refined.F;
   }
-  // Chance: a match with an arbitrary partner falls within the band with about this probability.
-  const double share = static_cast<double>(inliers.size()) / static_cast<double>(matches.size());
-  if (share < 0.6)
-    return refuse("only " + std::to_string(static_cast<int>(100 * share)) +
-                  " % of the matches agree");
-  const Eigen::Matrix3d f = FromCv(F);
-  if (!f.allFinite() || f.norm() <= 0.0) return refuse("no finite fundamental matrix");
-  pair->F = f / f.norm();
-  pair->matches = std::move(inliers);
 }
 
-std::vector<std::vector<int>> TopPerRow(const std::vector<MatchCandidate>& all,
-                                        int rows,
-                                        bool by_a,
-                                        int keep) {
-  std::vector<std::vector<int>> top(rows);
-  for (size_t k = 0; k < all.size(); ++k)
-    top[by_a ? all[k].index_a : all[k].index_b].push_back(static_cast<int>(k));
-  for (std::vector<int>& row : top) {
-    std::stable_sort(
-        row.begin(), row.end(), [&](int x, int y) { return all[x].likeness > all[y].likeness; });
-    if (static_cast<int>(row.size()) > keep) row.resize(keep);
+double Explained(const Eigen::Matrix3d& F, const Matches& matches, double limit_px) {
+  double sum = 0.0;
+  for (const WeightedMatch& m : matches.junctions) {
+    const Eigen::Vector3d in_b = F * m.a.homogeneous();
+    const Eigen::Vector3d in_a = F.transpose() * m.b.homogeneous();
+    const double e = in_b.dot(m.b.homogeneous());
+    const double n = in_b.head<2>().squaredNorm() + in_a.head<2>().squaredNorm();
+    const double r2 = n > 0.0 ? e * e / (n * limit_px * limit_px) : 1.0;
+    sum += std::max(0.0, 1.0 - r2);
   }
-  return top;
+  return sum;
 }
 
-}  // namespace
-
-std::vector<MatchCandidate> FindCandidates(const JunctionView& a,
-                                           const JunctionView& b,
-                                           const std::optional<Eigen::Matrix3d>& b_from_a,
-                                           const CandidateOptions& options) {
-  const std::vector<Junction>& ja = a.features->junctions;
-  const std::vector<Junction>& jb = b.features->junctions;
-  const Eigen::Matrix3d H = b_from_a.value_or(Eigen::Matrix3d::Identity());
-  const Eigen::Matrix3d H_inverse = H.inverse();
-  const std::vector<JunctionPatch> pa = SampleJunctionPatches(*a.image, ja);
-  PatchShape shape;
-  if (b_from_a) {
-    shape = [&](const Eigen::Vector2d& p) { return TransferJacobian(H, Transfer(H_inverse, p)); };
-  }
-  const std::vector<JunctionPatch> pb = SampleJunctionPatches(*b.image, jb, shape);
-  std::vector<Eigen::Vector2d> b_in_a;
-  for (const Junction& j : jb) b_in_a.push_back(Transfer(H_inverse, j.point));
-  const double max_parallax = options.max_parallax_widths * a.features->width;
-  std::vector<MatchCandidate> all;
-  for (size_t i = 0; i < ja.size(); ++i) {
-    if (pa[i].empty) continue;
-    for (size_t k = 0; k < jb.size(); ++k) {
-      if (pb[k].empty) continue;
-      const double parallax = (b_in_a[k] - ja[i].point).norm();
-      if (!(parallax < max_parallax)) continue;
-      const double likeness = PatchLikeness(pa[i], pb[k]);
-      if (likeness < options.min_likeness) continue;
-      all.push_back(
-          {static_cast<int>(i), static_cast<int>(k), ja[i].point, jb[k].point, likeness, parallax});
-    }
-  }
-  const auto top_a = TopPerRow(all, static_cast<int>(ja.size()), true, options.per_junction);
-  const auto top_b = TopPerRow(all, static_cast<int>(jb.size()), false, options.per_junction);
-  std::vector<bool> in_b(all.size(), false);
-  for (const auto& row : top_b) {
-    for (int k : row) in_b[k] = true;
-  }
+std::vector<MatchCandidate> ToCandidates(const PairComparison& compare, const Matches& matches) {
   std::vector<MatchCandidate> candidates;
-  for (const auto& row : top_a) {
-    for (int k : row) {
-      if (in_b[k]) candidates.push_back(all[k]);
-    }
+  for (size_t k = 0; k < matches.indices.size(); ++k) {
+    const WeightedMatch& m = matches.junctions[k];
+    candidates.push_back({matches.indices[k].junction_a,
+                          matches.indices[k].junction_b,
+                          m.a,
+                          m.b,
+                          // Weight of a vote; likelihood ratios saturate.
+                          m.weight / (m.weight + 3.0),
+                          compare.PlaneDistance(m.a, m.b)});
   }
   return candidates;
 }
 
+}  // namespace
+
+void MatchAlongEpipolarLines(const PairView& a,
+                             const PairView& b,
+                             const std::optional<Eigen::Matrix3d>& b_from_a,
+                             PairGeometry* pair) {
+  PairPrior prior;
+  prior.b_from_a = b_from_a;
+  prior.F = pair->F;
+  const PairComparison compare = Compare(a, b, prior);
+  constexpr double kNearPx = 2.0;
+  pair->matches.clear();
+  pair->segments.clear();
+  for (const FeatureMatch& m : MatchFeatures(compare, FeatureMatchOptions())) {
+    if (m.kind == FeatureKind::kSegment) {
+      pair->segments.push_back({m.a, m.b});
+    } else if (compare.EpipolarDistance(a.view->features->junctions[m.a].point,
+                                        b.view->features->junctions[m.b].point) < kNearPx) {
+      pair->matches.push_back({m.a, m.b});
+    }
+  }
+}
+
 PairGeometry EstimatePairGeometry(int view_a,
                                   int view_b,
-                                  const JunctionView& a,
-                                  const JunctionView& b,
+                                  const PairView& a,
+                                  const PairView& b,
                                   const std::optional<Eigen::Matrix3d>& b_from_a,
                                   const MatchingOptions& options) {
   PairGeometry pair;
   pair.view_a = view_a;
   pair.view_b = view_b;
-  const std::vector<MatchCandidate> candidates = FindCandidates(a, b, b_from_a, {});
-  if (!b_from_a) {
-    EstimateFree(MutualBest(candidates,
-                            static_cast<int>(a.features->junctions.size()),
-                            static_cast<int>(b.features->junctions.size())),
-                 options,
-                 &pair);
+  PairPrior prior;
+  prior.b_from_a = b_from_a;
+  const PairComparison compare = Compare(a, b, prior);
+  const Matches first = FindMatches(compare);
+  EstimateFree(a, b, first, options, &pair);
+  if (b_from_a) {
+    ParallaxOptions parallax;
+    parallax.epipolar_px = options.epipolar_px;
+    parallax.seed = options.seed;
+    const ParallaxResult plane =
+        EstimatePlaneParallax(*b_from_a, ToCandidates(compare, first), parallax);
+    const auto explained = [&](const Eigen::Matrix3d& F) {
+      return Explained(F, first, options.epipolar_px);
+    };
+    if (plane.F && (!pair.F || explained(*pair.F) < kFreeMustBeat * explained(*plane.F)))
+      pair.F = plane.F;
+    if (!pair.F) pair.refusal = plane.refusal + "; without the plane: " + pair.refusal;
+  } else if (!pair.F) {
+    pair.refusal = "no plane, and " + pair.refusal;
+  }
+  if (pair.F) {
+    pair.refusal.clear();
+    MatchAlongEpipolarLines(a, b, b_from_a, &pair);
     return pair;
   }
-  ParallaxOptions parallax;
-  parallax.epipolar_px = options.epipolar_px;
-  parallax.seed = options.seed;
-  ParallaxResult result = EstimatePlaneParallax(*b_from_a, candidates, parallax);
-  pair.F = result.F;
-  pair.refusal = std::move(result.refusal);
-  for (const MatchCandidate& m : result.matches) pair.matches.push_back({m.index_a, m.index_b});
+  pair.matches = first.indices;
+  for (const FeatureMatch& m : first.all) {
+    if (m.kind == FeatureKind::kSegment) pair.segments.push_back({m.a, m.b});
+  }
   return pair;
 }
 

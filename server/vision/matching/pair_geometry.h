@@ -1,44 +1,40 @@
-// Junction matches and epipolar geometry of one pair of views.
+// Feature matches and epipolar geometry of one pair of views: likeness and neighbourhood give
+// matches, the matches a geometry, the geometry better matches (thesis 2.7, frontend study).
 #pragma once
 
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 #include <optional>
-#include <span>
 #include <vector>
 
 #include "server/vision/matching/matching.h"
-#include "server/vision/matching/plane_parallax.h"
+#include "server/vision/matching/matching_view.h"
 
 namespace horopter {
 
 // What one view brings to pair matching.
-struct JunctionView {
+struct PairView {
   const cv::Mat* image = nullptr;
-  const ImageFeatures* features = nullptr;
+  const MatchingView* view = nullptr;
 };
 
-struct CandidateOptions {
-  double max_parallax_widths =
-      0.25;  // displacement against the plane (or the image, without a plane), image widths
-  double min_likeness = 0.5;
-  int per_junction = 3;  // kept per junction, in both directions
-};
-
-// Candidate matches, patches of view b laid out by the plane's local affinity when b_from_a is
-// given.
-std::vector<MatchCandidate> FindCandidates(const JunctionView& a,
-                                           const JunctionView& b,
-                                           const std::optional<Eigen::Matrix3d>& b_from_a,
-                                           const CandidateOptions& options);
-
-// With the plane known: plane + parallax. Without: a robust F on mutually best junctions, refused
-// when one homography explains its inliers.
+// With the plane known: plane + parallax and a free F, chosen by how many of the matches they
+// explain. Without: a free F, refused when one homography explains its inliers, when no pair of
+// plausible cameras has it, or when segments that took no part in it contradict it. The matches of
+// an accepted F are made again along its epipolar lines.
 PairGeometry EstimatePairGeometry(int view_a,
                                   int view_b,
-                                  const JunctionView& a,
-                                  const JunctionView& b,
+                                  const PairView& a,
+                                  const PairView& b,
                                   const std::optional<Eigen::Matrix3d>& b_from_a,
                                   const MatchingOptions& options);
+
+// Matches along the epipolar lines of a known F: of an accepted pair, of cameras already
+// reconstructed, or of a recognised part (the second pass). pair.F must be set; its matches and
+// segments are replaced.
+void MatchAlongEpipolarLines(const PairView& a,
+                             const PairView& b,
+                             const std::optional<Eigen::Matrix3d>& b_from_a,
+                             PairGeometry* pair);
 
 }  // namespace horopter
