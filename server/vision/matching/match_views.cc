@@ -7,10 +7,12 @@
 
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
+#include "server/vision/matching/feature_tracks.h"
 #include "server/vision/matching/homography.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/matching/on_plane.h"
 #include "server/vision/matching/pair_geometry.h"
+#include "server/vision/matching/plane_centres.h"
 #include "server/vision/matching/plane_chain.h"
 #include "server/vision/matching/plane_homography.h"
 #include "server/vision/matching/plane_patches.h"
@@ -232,6 +234,62 @@ std::vector<PlaneHomography> FindPlanes(std::span<const cv::Mat> images,
   return links.Planes(false);
 }
 
+// Where the plane joins views, one set of camera centres gives all their pairs an F: pairs too weak
+// alone get theirs, and all agree with each other.
+void LinkThroughPlane(std::span<const cv::Mat> images,
+                      std::span<const ImageFeatures> features,
+                      const std::vector<MatchingView>& prepared,
+                      const MatchingOptions& options,
+                      MatchingResult* result) {
+  const int components =
+      1 + *std::max_element(result->component.begin(), result->component.end());
+  const std::vector<FeatureTrack> tracks =
+      JoinTracks(JunctionLinks(result->pairs, /*accepted_only=*/false));
+  for (int component = 0; component < components; ++component) {
+    std::vector<int> position(images.size(), -1);
+    std::vector<PlaneView> views;
+    std::vector<int> of_view;
+    for (size_t v = 0; v < images.size(); ++v) {
+      if (result->component[v] != component) continue;
+      position[v] = static_cast<int>(views.size());
+      views.push_back({result->view_from_plane[v]});
+      of_view.push_back(static_cast<int>(v));
+    }
+    if (views.size() < 3) continue;
+    std::vector<PlanePoint> points;
+    for (const FeatureTrack& track : tracks) {
+      PlanePoint point;
+      for (const FeatureTrack::Feature& f : track.features) {
+        if (position[f.view] >= 0)
+          point.observations.push_back(
+              {position[f.view], features[f.view].junctions[f.feature].point});
+      }
+      if (point.observations.size() >= 2) points.push_back(std::move(point));
+    }
+    PlaneCentresOptions centres_options;
+    centres_options.seed = options.seed;
+    const PlaneCentres centres = EstimatePlaneCentres(views, points, centres_options);
+    std::vector<PairGeometry*> wanted;
+    for (const PlaneCentres::Pair& p : centres.pairs) {
+      for (PairGeometry& pair : result->pairs) {
+        if (pair.view_a != of_view[p.view_a] || pair.view_b != of_view[p.view_b]) continue;
+        pair.F = p.F;
+        pair.refusal.clear();
+        wanted.push_back(&pair);
+      }
+    }
+    ParallelFor(static_cast<int>(wanted.size()), options.threads, [&](int k) {
+      PairGeometry& pair = *wanted[k];
+      const Eigen::Matrix3d b_from_a =
+          result->view_from_plane[pair.view_b] * result->view_from_plane[pair.view_a].inverse();
+      MatchAlongEpipolarLines({&images[pair.view_a], &prepared[pair.view_a]},
+                              {&images[pair.view_b], &prepared[pair.view_b]},
+                              b_from_a,
+                              &pair);
+    });
+  }
+}
+
 // Pairs of views whose pixels are the same but for compression noise: they show one view twice.
 int CountIdenticalViews(std::span<const cv::Mat> images,
                         const std::vector<std::pair<int, int>>& pairs) {
@@ -286,6 +344,8 @@ absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
     result.pairs[k] = EstimatePairGeometry(
         a, b, {&images[a], &prepared[a]}, {&images[b], &prepared[b]}, b_from_a, options);
   });
+  if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
+  LinkThroughPlane(images, features, prepared, options, &result);
   if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
   result.segment_on_plane = FindSegmentsOnPlane(features, result);
   result.counts["identical_views"] = CountIdenticalViews(images, pairs);

@@ -28,6 +28,7 @@ struct PlaneHomography {
 struct JunctionMatch {
   int junction_a = -1;
   int junction_b = -1;
+  double log_ratio = 0.0;  // log-likelihood ratio of being right, neighbours included
 };
 
 // Segment match between two views (indices into ImageFeatures::segments): pieces of one edge, whose
@@ -35,6 +36,16 @@ struct JunctionMatch {
 struct SegmentMatch {
   int segment_a = -1;
   int segment_b = -1;
+  double log_ratio = 0.0;
+};
+
+// One junction or segment of the scene as found in >= 2 views, at most once in each.
+struct FeatureTrack {
+  struct Feature {
+    int view = -1;
+    int feature = -1;  // index into ImageFeatures::junctions or ::segments
+  };
+  std::vector<Feature> features;  // by view
 };
 
 // Epipolar geometry of two views, x_b^T F x_a = 0, with the matches found along its lines; without

@@ -40,7 +40,7 @@ Matches FindMatches(const PairComparison& compare) {
     matches.junctions.push_back({compare.a().features->junctions[m.a].point,
                                  compare.b().features->junctions[m.b].point,
                                  std::max(0.5, m.log_ratio)});
-    matches.indices.push_back({m.a, m.b});
+    matches.indices.push_back({m.a, m.b, m.log_ratio});
   }
   return matches;
 }
@@ -184,10 +184,10 @@ void MatchAlongEpipolarLines(const PairView& a,
   pair->segments.clear();
   for (const FeatureMatch& m : MatchFeatures(compare, FeatureMatchOptions())) {
     if (m.kind == FeatureKind::kSegment) {
-      pair->segments.push_back({m.a, m.b});
+      pair->segments.push_back({m.a, m.b, m.log_ratio});
     } else if (compare.EpipolarDistance(a.view->features->junctions[m.a].point,
                                         b.view->features->junctions[m.b].point) < kNearPx) {
-      pair->matches.push_back({m.a, m.b});
+      pair->matches.push_back({m.a, m.b, m.log_ratio});
     }
   }
 }
@@ -228,7 +228,7 @@ PairGeometry EstimatePairGeometry(int view_a,
   }
   pair.matches = first.indices;
   for (const FeatureMatch& m : first.all) {
-    if (m.kind == FeatureKind::kSegment) pair.segments.push_back({m.a, m.b});
+    if (m.kind == FeatureKind::kSegment) pair.segments.push_back({m.a, m.b, m.log_ratio});
   }
   return pair;
 }
