@@ -84,20 +84,23 @@ class Solver {
     }
   }
 
-  // Views with too little evidence are forgotten again.
+  // Views that the others do not confirm are forgotten again: of the points that the other views
+  // fix, enough must be seen where this one sees them.
   void DropWeakViews() {
-    for (size_t v = 0; v < cameras_.size(); ++v) {
-      if (!cameras_[v].known) continue;
-      int consistent = 0, possible = 0;
-      for (const Point& point : points_) {
-        for (const Seen& s : point.seen) {
-          if (s.view != static_cast<int>(v)) continue;
-          possible += point.seen.size() >= 2;
-          consistent += point.valid && ErrorPx(cameras_[v], point.X, s.p) < options_.inlier_px;
-        }
+    for (bool dropped = true; dropped;) {
+      dropped = false;
+      double worst = 2.0;
+      int worst_view = -1;
+      for (size_t v = 0; v < cameras_.size(); ++v) {
+        if (!cameras_[v].known) continue;
+        const double margin = Margin(static_cast<int>(v));
+        if (margin >= worst) continue;
+        worst = margin;
+        worst_view = static_cast<int>(v);
       }
-      if (consistent < options_.min_off_plane || consistent < options_.min_share * possible)
-        cameras_[v].known = false;
+      if (worst >= 1.0 || worst_view < 0) break;
+      cameras_[worst_view].known = false;
+      dropped = true;
     }
     TriangulateAll();
   }
@@ -117,6 +120,24 @@ class Solver {
       }
     }
     return pairs;
+  }
+
+  // Evidence for a view over what is asked: at least 1 is enough.
+  double Margin(int view) {
+    int possible = 0, consistent = 0;
+    cameras_[view].known = false;
+    for (const Point& point : points_) {
+      const Seen* seen = In(point, view);
+      if (!seen) continue;
+      Point others = point;
+      Triangulate(&others);
+      if (!others.valid) continue;
+      ++possible;
+      consistent += ErrorPx(cameras_[view], others.X, seen->p) < 1.5 * options_.inlier_px;
+    }
+    cameras_[view].known = true;
+    return std::min(static_cast<double>(consistent) / options_.min_off_plane,
+                    possible > 0 ? consistent / (options_.min_share * possible) : 0.0);
   }
 
   const std::vector<Camera>& cameras() const { return cameras_; }
