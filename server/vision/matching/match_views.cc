@@ -83,7 +83,9 @@ absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
   const int views = static_cast<int>(images.size());
   const std::vector<std::pair<int, int>> pairs = PairsToCompare(views);
   MatchingResult result;
-  result.planes = FindPlanes(images, pairs, options, stop);
+  FoundPlanes found = FindPlanes(images, pairs, options, stop);
+  result.planes = std::move(found.planes);
+  result.counts["ambiguous_views"] = found.ambiguous_views;
   if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
 
   PlaneChain chain = ChainPlanes(result.planes, views, options.loop_max_px);
