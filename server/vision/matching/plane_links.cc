@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <cstddef>
 #include <functional>
 #include <optional>
 
@@ -36,7 +37,7 @@ constexpr int kFewKeypoints = 500;
 constexpr double kQuickContrast = 5.0;  // times MatchingOptions::sift_contrast: enough stay
 constexpr int kManyKeypoints = 2000;
 constexpr double kSlowScale = 0.5;
-constexpr size_t kFewViews = 2;  // so few are cheap enough to try everything
+constexpr std::size_t kFewViews = 2;  // so few are cheap enough to try everything
 // Elevations tried for views from above.
 constexpr double kElevationsRad[] = {0.44, 0.70, 1.05};  // 25, 40 and 60 degrees
 
