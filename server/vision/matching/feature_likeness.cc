@@ -134,10 +134,6 @@ Eigen::Vector2d PairComparison::Warp(const Eigen::Vector2d& x) const {
   return Transfer(homography_, x);
 }
 
-double PairComparison::PlaneDistance(const Eigen::Vector2d& x_a, const Eigen::Vector2d& x_b) const {
-  return (Transfer(homography_.inverse(), x_b) - x_a).norm();
-}
-
 double PairComparison::EpipolarDistance(const Eigen::Vector2d& x_a,
                                         const Eigen::Vector2d& x_b) const {
   const Eigen::Vector3d in_b = UnitLine(*prior_.F * x_a.homogeneous());

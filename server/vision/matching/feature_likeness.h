@@ -75,8 +75,6 @@ class PairComparison {
   bool has_epipolar() const { return prior_.F.has_value(); }
   // Where the prior homography puts a point of view a (itself without one).
   Eigen::Vector2d Warp(const Eigen::Vector2d& x) const;
-  // Distance of x_b from where the prior homography puts x_a, seen in view a: |H^-1 x_b - x_a|, px.
-  double PlaneDistance(const Eigen::Vector2d& x_a, const Eigen::Vector2d& x_b) const;
   // Larger distance of the two points from their epipolar lines, px. Needs an F.
   double EpipolarDistance(const Eigen::Vector2d& x_a, const Eigen::Vector2d& x_b) const;
 

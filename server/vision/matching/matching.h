@@ -62,6 +62,9 @@ struct PairGeometry {
 struct MatchingResult {
   std::vector<PlaneHomography> planes;  // accepted pairs only
   std::vector<PairGeometry> pairs;
+  // Over all views, from the pairs with an F; conflicts resolved for the likelier match.
+  std::vector<FeatureTrack> junction_tracks;
+  std::vector<FeatureTrack> segment_tracks;
   // Chained supporting plane: component[i] is the id of view i's plane component (-1: none);
   // view_from_plane[i] maps the component's first view's pixels to view i's pixels (identity for
   // that view itself).
@@ -80,8 +83,8 @@ struct MatchingOptions {
   int min_plane_inliers = 14;    // measured: all sets >= 14 were right within 2.7 px
   double loop_max_px = 4.0;      // chained homographies must agree with direct ones within this
   double epipolar_px = 2.0;      // inlier distance to the epipolar line
-  // Strongest kept per image; higher: surer on faint or large texture, slower (square). With 2500
-  // one in ten links of parts-dev is lost.
+  // Bound of the strongest kept per image; the efforts keep 500 to 2000 (plane_links.cc). Lower:
+  // faster, fewer links on faint or large texture.
   int max_keypoints = 4000;
   int threads = 2;  // the result does not depend on it
   unsigned seed = 1;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "server/vision/matching/homography.h"
 #include "server/vision/matching/match_features.h"
 #include "server/vision/matching/plane_parallax.h"
 #include "server/vision/matching/robust_fundamental.h"
@@ -23,26 +24,37 @@ constexpr double kMaxStrainCost = 0.1;     // per inlier: what plausible cameras
 constexpr double kMinFocalWidths = 0.6, kMaxFocalWidths = 3.2, kMaxFocalRatio = 1.6;
 constexpr double kMaxSigmaPx = 0.8;
 constexpr double kRefineScalePx = 1.0;
+constexpr double kNearPx = 2.0;  // of the epipolar line, for a match along it
+// Strain of F; right ones of parts-train stay under 0.07.
+constexpr double kMaxStrain = 0.12;
 // A free F must explain so much more than plane and parallax, which has five freedoms less.
 constexpr double kFreeMustBeat = 1.15;
 
-struct Matches {
-  std::vector<FeatureMatch> all;
-  std::vector<WeightedMatch> junctions;  // pixels, in the order of `indices`
-  std::vector<JunctionMatch> indices;
-};
-
-Matches FindMatches(const PairComparison& compare) {
-  Matches matches;
-  matches.all = MatchFeatures(compare, FeatureMatchOptions());
-  for (const FeatureMatch& m : matches.all) {
-    if (m.kind != FeatureKind::kJunction) continue;
-    matches.junctions.push_back({compare.a().features->junctions[m.a].point,
-                                 compare.b().features->junctions[m.b].point,
-                                 std::max(0.5, m.log_ratio)});
-    matches.indices.push_back({m.a, m.b, m.log_ratio});
+// Junction matches of a pair as points, in its order.
+std::vector<WeightedMatch> PointsOf(const PairView& a,
+                                    const PairView& b,
+                                    const std::vector<JunctionMatch>& matches) {
+  std::vector<WeightedMatch> points;
+  for (const JunctionMatch& m : matches) {
+    points.push_back({a.view->features->junctions[m.junction_a].point,
+                      b.view->features->junctions[m.junction_b].point,
+                      std::max(0.5, m.log_ratio)});
   }
-  return matches;
+  return points;
+}
+
+void FillMatches(const PairComparison& compare, PairGeometry* pair) {
+  pair->matches.clear();
+  pair->segments.clear();
+  for (const FeatureMatch& m : MatchFeatures(compare, FeatureMatchOptions())) {
+    if (m.kind == FeatureKind::kSegment) {
+      pair->segments.push_back({m.a, m.b, m.log_ratio});
+    } else if (!compare.has_epipolar() ||
+               compare.EpipolarDistance(compare.a().features->junctions[m.a].point,
+                                        compare.b().features->junctions[m.b].point) < kNearPx) {
+      pair->matches.push_back({m.a, m.b, m.log_ratio});
+    }
+  }
 }
 
 PairComparison Compare(const PairView& a, const PairView& b, const PairPrior& prior) {
@@ -60,13 +72,12 @@ FocalPrior PriorOf(const PairView& a, const PairView& b) {
 
 // Mean overlap with their beams of segments matched without F; texture repeats itself and does not
 // count. NaN: no segment can tell.
-double MeanBeam(const PairComparison& with_F, const std::vector<FeatureMatch>& matches) {
+double MeanBeam(const PairComparison& with_F, const std::vector<SegmentMatch>& segments) {
   double sum = 0.0;
   int count = 0;
-  for (const FeatureMatch& m : matches) {
-    if (m.kind != FeatureKind::kSegment) continue;
-    if (with_F.a().features->segments[m.a].in_texture) continue;
-    const float beam = with_F.Segments(m.a, m.b)[kBeam];
+  for (const SegmentMatch& m : segments) {
+    if (with_F.a().features->segments[m.segment_a].in_texture) continue;
+    const float beam = with_F.Segments(m.segment_a, m.segment_b)[kBeam];
     if (!std::isfinite(beam)) continue;
     sum += beam;
     ++count;
@@ -80,43 +91,46 @@ std::string Format(const char* format, double x, double y) {
   return text;
 }
 
-// A free F from matches made without one. Sets F or the refusal.
-void EstimateFree(const PairView& a,
-                  const PairView& b,
-                  const Matches& first,
-                  const MatchingOptions& options,
-                  PairGeometry* pair) {
+// A free F from matches made without one, or the refusal.
+std::optional<Eigen::Matrix3d> EstimateFree(const PairView& a,
+                                            const PairView& b,
+                                            const PairGeometry& pair,
+                                            const MatchingOptions& options,
+                                            std::string* refusal) {
+  const std::vector<WeightedMatch> first = PointsOf(a, b, pair.matches);
   RobustFundamentalOptions robust;
   robust.inlier_px = options.epipolar_px;
   robust.min_share = kMinFirstShare;
   robust.max_sigma_px = 2.0 * kMaxSigmaPx;  // the matches along its lines make it sharper
   robust.seed = options.seed;
-  const RobustFundamental estimate = EstimateFundamental(first.junctions, robust);
+  const RobustFundamental estimate = EstimateFundamental(first, robust);
   if (!estimate.F) {
-    pair->refusal = estimate.refusal;
-    return;
+    *refusal = estimate.refusal;
+    return std::nullopt;
   }
   PairPrior prior;
   prior.F = estimate.F;
   const PairComparison compare(*a.view, *b.view, b.view->patches, prior);
   const size_t inliers = estimate.inliers.size();
-  const double beam = MeanBeam(compare, first.all);
-  const bool sure = inliers >= kSureInliers && inliers >= kSureShare * first.junctions.size();
+  const double beam = MeanBeam(compare, pair.segments);
+  const bool sure = inliers >= kSureInliers && inliers >= kSureShare * first.size();
   if (!sure && !(beam >= kMinBeam)) {
-    pair->refusal =
+    *refusal =
         Format("segments contradict it: they share %.2f of their epipolar beams, need %.2f",
                beam, kMinBeam);
-    return;
+    return std::nullopt;
   }
-  const Matches guided = FindMatches(compare);
+  PairGeometry along;
+  FillMatches(compare, &along);
+  const std::vector<WeightedMatch> guided = PointsOf(a, b, along.matches);
   robust.min_inliers = kMinGuided;
-  const RobustFundamental again = EstimateFundamental(guided.junctions, robust);
+  const RobustFundamental again = EstimateFundamental(guided, robust);
   if (!again.F) {
-    pair->refusal = again.refusal;
-    return;
+    *refusal = again.refusal;
+    return std::nullopt;
   }
   std::vector<WeightedMatch> agreeing;
-  for (int i : again.inliers) agreeing.push_back(guided.junctions[i]);
+  for (int i : again.inliers) agreeing.push_back(guided[i]);
   const CalibratedFundamental calibrated =
       RefineCalibrated(*again.F, agreeing, kRefineScalePx, PriorOf(a, b));
   const double free_cost = RefineFundamental(*again.F, agreeing, kRefineScalePx).cost;
@@ -126,24 +140,27 @@ void EstimateFree(const PairView& a,
   const double sigma = *std::max_element(calibrated.refined.line_sigma_px.begin(),
                                          calibrated.refined.line_sigma_px.end());
   if (!(strain <= kMaxStrainCost)) {
-    pair->refusal = Format("no plausible cameras have it: they cost %.2f a match more, allowed %.2f",
-                           strain, kMaxStrainCost);
+    *refusal = Format("no plausible cameras have it: they cost %.2f a match more, allowed %.2f",
+                      strain, kMaxStrainCost);
   } else if (!(std::min(focal_a, focal_b) >= kMinFocalWidths &&
                std::max(focal_a, focal_b) <= kMaxFocalWidths &&
                std::max(focal_a / focal_b, focal_b / focal_a) <= kMaxFocalRatio)) {
-    pair->refusal =
+    *refusal =
         Format("focal lengths of %.2f and %.2f image widths are not plausible", focal_a, focal_b);
   } else if (!(sigma <= kMaxSigmaPx)) {
-    pair->refusal = Format("epipolar lines uncertain by %.1f px, need %.2f px",
-                           std::min(sigma, 999.0), kMaxSigmaPx);
+    *refusal = Format("epipolar lines uncertain by %.1f px, need %.2f px",
+                      std::min(sigma, 999.0), kMaxSigmaPx);
   } else {
-    pair->F = calibrated.refined.F;
+    return calibrated.refined.F;
   }
+  return std::nullopt;
 }
 
-double Explained(const Eigen::Matrix3d& F, const Matches& matches, double limit_px) {
+double Explained(const Eigen::Matrix3d& F,
+                 const std::vector<WeightedMatch>& matches,
+                 double limit_px) {
   double sum = 0.0;
-  for (const WeightedMatch& m : matches.junctions) {
+  for (const WeightedMatch& m : matches) {
     const Eigen::Vector3d in_b = F * m.a.homogeneous();
     const Eigen::Vector3d in_a = F.transpose() * m.b.homogeneous();
     const double e = in_b.dot(m.b.homogeneous());
@@ -154,17 +171,19 @@ double Explained(const Eigen::Matrix3d& F, const Matches& matches, double limit_
   return sum;
 }
 
-std::vector<MatchCandidate> ToCandidates(const PairComparison& compare, const Matches& matches) {
+std::vector<MatchCandidate> ToCandidates(const Eigen::Matrix3d& b_from_a,
+                                         const std::vector<JunctionMatch>& indices,
+                                         const std::vector<WeightedMatch>& points) {
+  const Eigen::Matrix3d a_from_b = b_from_a.inverse();
   std::vector<MatchCandidate> candidates;
-  for (size_t k = 0; k < matches.indices.size(); ++k) {
-    const WeightedMatch& m = matches.junctions[k];
-    candidates.push_back({matches.indices[k].junction_a,
-                          matches.indices[k].junction_b,
+  for (size_t k = 0; k < indices.size(); ++k) {
+    const WeightedMatch& m = points[k];
+    candidates.push_back({indices[k].junction_a,
+                          indices[k].junction_b,
                           m.a,
                           m.b,
-                          // Weight of a vote; likelihood ratios saturate.
-                          m.weight / (m.weight + 3.0),
-                          compare.PlaneDistance(m.a, m.b)});
+                          m.weight / (m.weight + 3.0),  // likelihood ratios saturate
+                          (Transfer(a_from_b, m.b) - m.a).norm()});
   }
   return candidates;
 }
@@ -175,62 +194,52 @@ void MatchAlongEpipolarLines(const PairView& a,
                              const PairView& b,
                              const std::optional<Eigen::Matrix3d>& b_from_a,
                              PairGeometry* pair) {
-  PairPrior prior;
-  prior.b_from_a = b_from_a;
-  prior.F = pair->F;
-  const PairComparison compare = Compare(a, b, prior);
-  constexpr double kNearPx = 2.0;
-  pair->matches.clear();
-  pair->segments.clear();
-  for (const FeatureMatch& m : MatchFeatures(compare, FeatureMatchOptions())) {
-    if (m.kind == FeatureKind::kSegment) {
-      pair->segments.push_back({m.a, m.b, m.log_ratio});
-    } else if (compare.EpipolarDistance(a.view->features->junctions[m.a].point,
-                                        b.view->features->junctions[m.b].point) < kNearPx) {
-      pair->matches.push_back({m.a, m.b, m.log_ratio});
-    }
-  }
+  FillMatches(Compare(a, b, {b_from_a, pair->F}), pair);
 }
 
-PairGeometry EstimatePairGeometry(int view_a,
-                                  int view_b,
-                                  const PairView& a,
-                                  const PairView& b,
-                                  const std::optional<Eigen::Matrix3d>& b_from_a,
-                                  const MatchingOptions& options) {
+PairGeometry MatchPair(int view_a,
+                       int view_b,
+                       const PairView& a,
+                       const PairView& b,
+                       const std::optional<Eigen::Matrix3d>& b_from_a) {
   PairGeometry pair;
   pair.view_a = view_a;
   pair.view_b = view_b;
-  PairPrior prior;
-  prior.b_from_a = b_from_a;
-  const PairComparison compare = Compare(a, b, prior);
-  const Matches first = FindMatches(compare);
-  EstimateFree(a, b, first, options, &pair);
-  if (b_from_a) {
-    ParallaxOptions parallax;
-    parallax.epipolar_px = options.epipolar_px;
-    parallax.seed = options.seed;
-    const ParallaxResult plane =
-        EstimatePlaneParallax(*b_from_a, ToCandidates(compare, first), parallax);
-    const auto explained = [&](const Eigen::Matrix3d& F) {
-      return Explained(F, first, options.epipolar_px);
-    };
-    if (plane.F && (!pair.F || explained(*pair.F) < kFreeMustBeat * explained(*plane.F)))
-      pair.F = plane.F;
-    if (!pair.F) pair.refusal = plane.refusal + "; without the plane: " + pair.refusal;
-  } else if (!pair.F) {
-    pair.refusal = "no plane, and " + pair.refusal;
-  }
-  if (pair.F) {
-    pair.refusal.clear();
-    MatchAlongEpipolarLines(a, b, b_from_a, &pair);
-    return pair;
-  }
-  pair.matches = first.indices;
-  for (const FeatureMatch& m : first.all) {
-    if (m.kind == FeatureKind::kSegment) pair.segments.push_back({m.a, m.b, m.log_ratio});
-  }
+  FillMatches(Compare(a, b, {b_from_a, std::nullopt}), &pair);
   return pair;
+}
+
+bool HasPlausibleCameras(const Eigen::Matrix3d& F, const PairView& a, const PairView& b) {
+  return CalibrationStrain(F, PriorOf(a, b)) <= kMaxStrain;
+}
+
+void EstimateEpipolarGeometry(const PairView& a,
+                              const PairView& b,
+                              const std::optional<Eigen::Matrix3d>& b_from_a,
+                              const MatchingOptions& options,
+                              PairGeometry* pair) {
+  pair->refusal.clear();
+  pair->F = EstimateFree(a, b, *pair, options, &pair->refusal);
+  if (!b_from_a) {
+    if (!pair->F) pair->refusal = "no plane, and " + pair->refusal;
+    return;
+  }
+  const std::vector<WeightedMatch> points = PointsOf(a, b, pair->matches);
+  ParallaxOptions parallax;
+  parallax.epipolar_px = options.epipolar_px;
+  parallax.seed = options.seed;
+  ParallaxResult plane =
+      EstimatePlaneParallax(*b_from_a, ToCandidates(*b_from_a, pair->matches, points), parallax);
+  if (plane.F && !HasPlausibleCameras(*plane.F, a, b)) {
+    plane.F.reset();
+    plane.refusal = "no plausible cameras have it";
+  }
+  const auto explained = [&](const Eigen::Matrix3d& F) {
+    return Explained(F, points, options.epipolar_px);
+  };
+  if (plane.F && (!pair->F || explained(*pair->F) < kFreeMustBeat * explained(*plane.F)))
+    pair->F = plane.F;
+  if (!pair->F) pair->refusal = plane.refusal + "; without the plane: " + pair->refusal;
 }
 
 }  // namespace horopter

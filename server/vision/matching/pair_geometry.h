@@ -18,16 +18,25 @@ struct PairView {
   const MatchingView* view = nullptr;
 };
 
-// With the plane known: plane + parallax and a free F, chosen by how many of the matches they
-// explain. Without: a free F, refused when one homography explains its inliers, when no pair of
-// plausible cameras has it, or when segments that took no part in it contradict it. The matches of
-// an accepted F are made again along its epipolar lines.
-PairGeometry EstimatePairGeometry(int view_a,
-                                  int view_b,
-                                  const PairView& a,
-                                  const PairView& b,
-                                  const std::optional<Eigen::Matrix3d>& b_from_a,
-                                  const MatchingOptions& options);
+// Matches by likeness and neighbourhood alone; no F.
+PairGeometry MatchPair(int view_a,
+                       int view_b,
+                       const PairView& a,
+                       const PairView& b,
+                       const std::optional<Eigen::Matrix3d>& b_from_a);
+
+// Sets F from the pair's matches, or the refusal. With the plane known: plane + parallax and a free
+// F, chosen by how many of the matches they explain. Without: a free F, refused when one homography
+// explains its inliers, when no pair of plausible cameras has it, or when segments that took no
+// part in it contradict it.
+void EstimateEpipolarGeometry(const PairView& a,
+                              const PairView& b,
+                              const std::optional<Eigen::Matrix3d>& b_from_a,
+                              const MatchingOptions& options,
+                              PairGeometry* pair);
+
+// Whether plausible cameras can have F (strain, see robust_fundamental.h).
+bool HasPlausibleCameras(const Eigen::Matrix3d& F, const PairView& a, const PairView& b);
 
 // Matches along the epipolar lines of a known F: of an accepted pair, of cameras already
 // reconstructed, or of a recognised part (the second pass). pair.F must be set; its matches and

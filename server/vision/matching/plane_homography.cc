@@ -19,6 +19,8 @@ constexpr double kMeanSigmaPx = 12.0;
 constexpr double kDeviationSigmaPx = 20.0;
 constexpr double kDeviationFloor = 1.0;  // grey levels: below it there is only noise
 constexpr double kBlurSigmaPx = 1.0;
+constexpr int kBlurSide = 7;
+constexpr int kReduction = 4;               // of the image for the wide blurs
 constexpr double kGreyPerDeviation = 40.0;  // +-3 deviations fill the byte
 constexpr int kDescriptorLength = 128;
 // Views from above: of a camera with this focal length, cut where one pixel becomes longer than
@@ -110,6 +112,12 @@ std::optional<ViewFromAbove> LookFromAbove(const cv::Mat& grey, double elevation
   cv::warpPerspective(shown, view.within, M, size, cv::INTER_NEAREST);
   cv::erode(view.within, view.within, cv::Mat::ones(2 * kBorderPx + 1, 2 * kBorderPx + 1, CV_8UC1));
   return view;
+}
+
+// Pixel of the image from that of a version of it at `scale` of its size; pixel centres are whole
+// numbers.
+Eigen::Vector2d FullSize(const Eigen::Vector2d& x, double scale) {
+  return ((x.array() + 0.5) / scale - 0.5).matrix();
 }
 
 struct Nearest {
@@ -226,45 +234,49 @@ std::optional<PlaneEstimate> EstimateFromPairs(const std::vector<PointPair>& pai
   return plane;
 }
 
+// Gaussian of many pixels, taken at reduced size, where it loses nothing.
+cv::Mat WideBlur(const cv::Mat& value, double sigma_px) {
+  cv::Mat reduced, blurred;
+  const cv::Size size((value.cols + kReduction - 1) / kReduction,
+                      (value.rows + kReduction - 1) / kReduction);
+  const double sigma = sigma_px / kReduction;
+  cv::resize(value, reduced, size, 0, 0, cv::INTER_AREA);
+  cv::GaussianBlur(reduced, reduced, cv::Size(), sigma, sigma, cv::BORDER_REFLECT);
+  cv::resize(reduced, blurred, value.size(), 0, 0, cv::INTER_LINEAR);
+  return blurred;
+}
+
 }  // namespace
 
 cv::Mat NormalizeLocalContrast(const cv::Mat& grey) {
-  cv::Mat value, mean, deviation, result;
+  cv::Mat value, deviation, result;
   grey.convertTo(value, CV_32F);
-  cv::GaussianBlur(value, mean, cv::Size(), kMeanSigmaPx, kMeanSigmaPx, cv::BORDER_REFLECT);
-  value -= mean;
-  cv::GaussianBlur(value.mul(value),
-                   deviation,
-                   cv::Size(),
-                   kDeviationSigmaPx,
-                   kDeviationSigmaPx,
-                   cv::BORDER_REFLECT);
-  cv::max(deviation, kDeviationFloor * kDeviationFloor, deviation);
-  cv::sqrt(deviation, deviation);
+  value -= WideBlur(value, kMeanSigmaPx);
+  cv::sqrt(WideBlur(value.mul(value), kDeviationSigmaPx), deviation);
+  cv::max(deviation, kDeviationFloor, deviation);
   cv::divide(value, deviation, value);
-  cv::GaussianBlur(value, value, cv::Size(), kBlurSigmaPx);
+  cv::GaussianBlur(value, value, cv::Size(kBlurSide, kBlurSide), kBlurSigmaPx);
   value.convertTo(result, CV_8U, kGreyPerDeviation, 128.0);
   return result;
 }
 
-KeypointSet DetectPlaneKeypoints(const cv::Mat& image,
-                                 bool normalize,
+KeypointSet DetectPlaneKeypoints(const cv::Mat& grey,
+                                 double scale,
                                  const MatchingOptions& options) {
-  cv::Mat grey = image;
-  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
-  return DetectKeypoints(normalize ? NormalizeLocalContrast(grey) : grey, {}, options);
+  KeypointSet set = DetectKeypoints(grey, {}, options);
+  for (Eigen::Vector2d& p : set.points) p = FullSize(p, scale);
+  return set;
 }
 
-KeypointSet DetectKeypointsFromAbove(const cv::Mat& image,
+KeypointSet DetectKeypointsFromAbove(const cv::Mat& grey,
+                                     double scale,
                                      double elevation_rad,
                                      const MatchingOptions& options) {
-  cv::Mat grey = image;
-  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
-  const auto above = LookFromAbove(NormalizeLocalContrast(grey), elevation_rad);
+  const auto above = LookFromAbove(grey, elevation_rad);
   if (!above) return {};
   KeypointSet set = DetectKeypoints(above->grey, above->within, options);
   const Eigen::Matrix3d image_from_above = above->above_from_image.inverse();
-  for (Eigen::Vector2d& p : set.points) p = Transfer(image_from_above, p);
+  for (Eigen::Vector2d& p : set.points) p = FullSize(Transfer(image_from_above, p), scale);
   return set;
 }
 

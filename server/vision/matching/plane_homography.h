@@ -27,18 +27,16 @@ struct KeypointSet {
 // of one or two grey levels visible.
 cv::Mat NormalizeLocalContrast(const cv::Mat& grey);
 
-// Points of the locally normalised or of the raw image. image: CV_8UC1 or CV_8UC3. Images without
-// texture give empty sets.
-KeypointSet DetectPlaneKeypoints(const cv::Mat& image,
-                                 bool normalize,
-                                 const MatchingOptions& options);
+// Points of an image given at `scale` of its size (locally normalised or raw, CV_8UC1), as pixels
+// of the full size. Images without texture give empty sets.
+KeypointSet DetectPlaneKeypoints(const cv::Mat& grey, double scale, const MatchingOptions& options);
 
-// Points of the locally normalised image warped to what a camera looking straight down would see,
-// as pixels of the image itself. Oblique views of one plane that differ in azimuth look alike only
-// there (affine simulation, Morel and Yu 2009, with the tilt that a supporting plane has). The
-// image is taken to be upright and its optical axis elevation_rad above the plane; 10 degrees more
-// or less do little harm.
-KeypointSet DetectKeypointsFromAbove(const cv::Mat& image,
+// As DetectPlaneKeypoints, of the image warped to what a camera looking straight down would see.
+// Oblique views of one plane that differ in azimuth look alike only there (affine simulation, Morel
+// and Yu 2009, with the tilt that a supporting plane has). The image is taken to be upright and its
+// optical axis elevation_rad above the plane; 10 degrees more or less do little harm.
+KeypointSet DetectKeypointsFromAbove(const cv::Mat& grey,
+                                     double scale,
                                      double elevation_rad,
                                      const MatchingOptions& options);
 

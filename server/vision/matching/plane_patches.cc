@@ -3,7 +3,12 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
 #include <opencv2/imgproc.hpp>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -12,8 +17,10 @@ namespace {
 
 constexpr int kSide = 16;  // of a patch, pixels of its level
 constexpr int kPixels = kSide * kSide;
-constexpr int kMaxSearch = 13;          // positions along one axis
+constexpr int kLanes = 8;               // positions correlated at once along a row
 constexpr double kMinDeviation = 12.0;  // grey levels of the normalised image, of a patch
+constexpr int kPadding = 24;            // columns and rows a block may read beyond its windows
+constexpr double kMiddle = 128.0;       // of the normalised image
 constexpr double kMaxAreaChange = 12.0;
 constexpr int kRefits = 3;
 constexpr std::size_t kMinInliers = 8;
@@ -26,13 +33,11 @@ struct Round {
   int radius;
   double inlier_px;
 };
-constexpr Round kRounds[] = {{1, 10, 6, 2.5}, {1, 10, 3, 1.5}, {0, 14, 3, 1.0}};
+constexpr Round kRounds[] = {{1, 14, 6, 3.5}, {1, 14, 6, 2.5}, {1, 14, 3, 1.5}, {0, 14, 3, 1.0}};
 constexpr double kLastInlierPx = 1.0;
 
 struct Template {
   float value[kPixels];  // zero mean, unit norm
-  // Structure tensor over its larger eigenvalue: 1 across the patch's edges, less along them.
-  Eigen::Matrix2d information;
 };
 
 struct PatchMatch {
@@ -40,6 +45,7 @@ struct PatchMatch {
   Eigen::Matrix2d information;  // of the point in b
 };
 
+// Structure tensor over its larger eigenvalue: 1 across the patch's edges, less along them.
 Eigen::Matrix2d RelativeStructure(const float* value) {
   double xx = 0, xy = 0, yy = 0;
   for (int v = 1; v + 1 < kSide; ++v) {
@@ -55,66 +61,157 @@ Eigen::Matrix2d RelativeStructure(const float* value) {
   return tensor / std::max(1e-12, mean + half);
 }
 
+// For functions that round every operation alone and add in one order, so that the faster
+// instruction set may be chosen at run time without another result.
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
+    !defined(__SANITIZE_ADDRESS__)
+#define HOROPTER_CLONES __attribute__((target_clones("avx2", "default")))
+#else
+#define HOROPTER_CLONES
+#endif
+
+// Bilinear values at first + u x_step + v y_step (pixels), row by row.
+HOROPTER_CLONES void SampleGrid(const float* origin,
+                                int stride,
+                                const Eigen::Vector2f& first,
+                                const Eigen::Vector2f& x_step,
+                                const Eigen::Vector2f& y_step,
+                                float* values) {
+  for (int v = 0; v < kSide; ++v, values += kSide) {
+    const float row_x = first.x() + static_cast<float>(v) * y_step.x();
+    const float row_y = first.y() + static_cast<float>(v) * y_step.y();
+    int offset[kSide];
+    float fx[kSide], fy[kSide];
+    for (int u = 0; u < kSide; ++u) {
+      const float px = row_x + static_cast<float>(u) * x_step.x();
+      const float py = row_y + static_cast<float>(u) * x_step.y();
+      const int x = static_cast<int>(px), y = static_cast<int>(py);
+      fx[u] = px - static_cast<float>(x);
+      fy[u] = py - static_cast<float>(y);
+      offset[u] = y * stride + x;
+    }
+    float corner[4][kSide];
+    for (int u = 0; u < kSide; ++u) {
+      const float* at = origin + offset[u];
+      corner[0][u] = at[0], corner[1][u] = at[1];
+      corner[2][u] = at[stride], corner[3][u] = at[stride + 1];
+    }
+    for (int u = 0; u < kSide; ++u) {
+      const float above = corner[0][u] + fx[u] * (corner[1][u] - corner[0][u]);
+      const float below = corner[2][u] + fx[u] * (corner[3][u] - corner[2][u]);
+      values[u] = above + fy[u] * (below - above);
+    }
+  }
+}
+
+// To zero mean and unit norm. Returns the squared norm before.
+HOROPTER_CLONES float Normalize(float* values) {
+  float sums[kSide] = {}, squares[kSide] = {};
+  for (int v = 0; v < kSide; ++v) {
+    for (int u = 0; u < kSide; ++u) sums[u] += values[v * kSide + u];
+  }
+  float sum = 0.0f, square = 0.0f;
+  for (const float s : sums) sum += s;
+  const float mean = sum / kPixels;
+  for (int v = 0; v < kSide; ++v) {
+    for (int u = 0; u < kSide; ++u) {
+      values[v * kSide + u] -= mean;
+      squares[u] += values[v * kSide + u] * values[v * kSide + u];
+    }
+  }
+  for (const float s : squares) square += s;
+  const float scale = 1.0f / std::sqrt(square);
+  for (int k = 0; k < kPixels; ++k) values[k] *= scale;
+  return square;
+}
+
 // Values of image a about `center`, sampled along the axes of b. False off the image or without
 // structure.
-bool SampleTemplate(const cv::Mat& a,
+bool SampleTemplate(const PatchImage::Level& a,
                     const Eigen::Vector2d& center,
                     const Eigen::Matrix2d& a_from_b,
                     Template* out) {
   const Eigen::Vector2d x_step = a_from_b.col(0), y_step = a_from_b.col(1);
   const Eigen::Vector2d first = center - 0.5 * (kSide - 1) * (x_step + y_step);
+  const int cols = a.inverse_spread.cols, rows = a.inverse_spread.rows;
   for (const double u : {0.0, kSide - 1.0}) {
     for (const double v : {0.0, kSide - 1.0}) {
       const Eigen::Vector2d p = first + u * x_step + v * y_step;
-      if (!(p.x() >= 0 && p.y() >= 0 && p.x() < a.cols - 1 && p.y() < a.rows - 1)) return false;
+      if (!(p.x() >= 0 && p.y() >= 0 && p.x() < cols - 1 && p.y() < rows - 1)) return false;
     }
   }
-  double sum = 0.0;
+  SampleGrid(a.value.ptr<float>(),
+             static_cast<int>(a.value.step1()),
+             first.cast<float>(),
+             x_step.cast<float>(),
+             y_step.cast<float>(),
+             out->value);
+  return Normalize(out->value) >= kPixels * kMinDeviation * kMinDeviation;
+}
+
+using Lanes = float __attribute__((vector_size(kLanes * sizeof(float))));
+
+// Inner products of the template with the kLanes windows that begin at `at`, one pixel apart, and
+// with those of the following rows: products[row][lane].
+template <int kRows>
+inline __attribute__((always_inline)) void CorrelateRows(const float* value,
+                                                         const float* at,
+                                                         std::ptrdiff_t stride,
+                                                         float (*products)[kLanes]) {
+  Lanes sums[kRows] = {};
   for (int v = 0; v < kSide; ++v) {
     for (int u = 0; u < kSide; ++u) {
-      const Eigen::Vector2d p = first + u * x_step + v * y_step;
-      const int x = static_cast<int>(p.x()), y = static_cast<int>(p.y());
-      const float fx = static_cast<float>(p.x() - x), fy = static_cast<float>(p.y() - y);
-      const float* row = a.ptr<float>(y) + x;
-      const float* below = a.ptr<float>(y + 1) + x;
-      const float value =
-          (1 - fy) * ((1 - fx) * row[0] + fx * row[1]) + fy * ((1 - fx) * below[0] + fx * below[1]);
-      out->value[v * kSide + u] = value;
-      sum += value;
+      const float weight = value[v * kSide + u];
+      for (int r = 0; r < kRows; ++r) {
+        Lanes window;
+        std::memcpy(&window, at + (v + r) * stride + u, sizeof(window));
+        sums[r] += weight * window;
+      }
     }
   }
-  const float mean = static_cast<float>(sum / kPixels);
-  double squares = 0.0;
-  for (float& value : out->value) {
-    value -= mean;
-    squares += static_cast<double>(value) * value;
-  }
-  if (squares < kPixels * kMinDeviation * kMinDeviation) return false;
-  const float scale = static_cast<float>(1.0 / std::sqrt(squares));
-  for (float& value : out->value) value *= scale;
-  out->information = RelativeStructure(out->value);
-  return true;
+  std::memcpy(products, sums, sizeof(sums));
 }
 
-double WindowSum(const cv::Mat& integral, int x, int y) {
-  return integral.at<double>(y + kSide, x + kSide) - integral.at<double>(y, x + kSide) -
-         integral.at<double>(y + kSide, x) + integral.at<double>(y, x);
+constexpr int kBlockRows = 7;  // as many sums as registers hold
+
+HOROPTER_CLONES void CorrelateBlock(const float* value,
+                                    const float* at,
+                                    std::ptrdiff_t stride,
+                                    float (*products)[kLanes]) {
+  CorrelateRows<kBlockRows>(value, at, stride, products);
 }
 
-// Normalised correlation with the window of b whose first pixel is (x, y).
-float Correlate(const PatchImage::Level& b, const Template& t, int x, int y) {
-  float sums[kSide] = {};
-  for (int v = 0; v < kSide; ++v) {
-    const float* row = b.value.ptr<float>(y + v) + x;
-    const float* of_template = t.value + v * kSide;
-    for (int u = 0; u < kSide; ++u) sums[u] += of_template[u] * row[u];
+constexpr int kMaxSearch = 2 * kBlockRows;  // positions along one axis, padded to whole blocks
+constexpr int kMapStride = 2 * kLanes;
+
+// Repeated texture: a patch is compared with its own image at a quarter of the size, up to
+// kSelfRadius away.
+constexpr int kSelfRadius = 24;
+constexpr int kSelfSide = 2 * kSelfRadius + 1;
+constexpr int kSelfPatches = 11;  // along a row of the image, at most
+constexpr int kSelfPeak = 3;      // half side of the peak of the patch itself
+constexpr float kSelfCorrelation = 0.85f;
+constexpr int kSelfLeast = 8;
+
+// Normalised correlations with the side x side windows of b from (first_x, first_y) on.
+template <int kStride>
+void CorrelationMap(const PatchImage::Level& b,
+                    const Template& t,
+                    int first_x,
+                    int first_y,
+                    int side,
+                    float (*map)[kStride]) {
+  const std::ptrdiff_t stride = static_cast<std::ptrdiff_t>(b.value.step1());
+  for (int y = 0; y < side; y += kBlockRows) {
+    for (int x = 0; x < side; x += kLanes) {
+      float products[kBlockRows][kLanes];
+      CorrelateBlock(t.value, b.value.ptr<float>(first_y + y) + first_x + x, stride, products);
+      for (int r = 0; r < kBlockRows && y + r < side; ++r) {
+        const float* inverse = b.inverse_spread.ptr<float>(first_y + y + r) + first_x + x;
+        for (int k = 0; k < kLanes; ++k) map[y + r][x + k] = products[r][k] * inverse[k];
+      }
+    }
   }
-  float product = 0.0f;
-  for (float s : sums) product += s;
-  const double mean = WindowSum(b.sum, x, y) / kPixels;
-  const double spread = WindowSum(b.squares, x, y) - mean * mean * kPixels;
-  if (spread < kPixels * kMinDeviation * kMinDeviation) return 0.0f;
-  return product / static_cast<float>(std::sqrt(spread));
 }
 
 // Where the template is found near `start` (first pixel of the window), with sub-pixel parabolas.
@@ -126,25 +223,27 @@ bool Search(const PatchImage::Level& b,
             const AlignOptions& options,
             Eigen::Vector2d* shift) {
   const int side = 2 * radius + 1;
-  float map[kMaxSearch * kMaxSearch] = {};
-  if (start_x - radius < 0 || start_y - radius < 0 || start_x + radius + kSide > b.value.cols ||
-      start_y + radius + kSide > b.value.rows) {
+  if (start_x - radius < 0 || start_y - radius < 0 ||
+      start_x + radius + kSide > b.inverse_spread.cols ||
+      start_y + radius + kSide > b.inverse_spread.rows) {
     return false;
   }
-  int best = 0;
-  for (int k = 0; k < side * side; ++k) {
-    map[k] = Correlate(b, t, start_x + k % side - radius, start_y + k / side - radius);
-    if (map[k] > map[best]) best = k;
+  float map[kMaxSearch][kMapStride];
+  CorrelationMap(b, t, start_x - radius, start_y - radius, side, map);
+  int bx = 0, by = 0;
+  for (int y = 0; y < side; ++y) {
+    for (int x = 0; x < side; ++x) {
+      if (map[y][x] > map[by][bx]) bx = x, by = y;
+    }
   }
-  if (map[best] < options.min_correlation) return false;
-  const int bx = best % side, by = best / side;
+  if (!(map[by][bx] >= options.min_correlation)) return false;
   if (bx == 0 || by == 0 || bx == side - 1 || by == side - 1) return false;
   const auto vertex = [](float before, float at, float after) {
     const float curvature = before - 2 * at + after;
     return curvature < 0 ? 0.5 * (before - after) / curvature : 0.0;
   };
-  *shift = Eigen::Vector2d(bx - radius + vertex(map[best - 1], map[best], map[best + 1]),
-                           by - radius + vertex(map[best - side], map[best], map[best + side]));
+  *shift = Eigen::Vector2d(bx - radius + vertex(map[by][bx - 1], map[by][bx], map[by][bx + 1]),
+                           by - radius + vertex(map[by - 1][bx], map[by][bx], map[by + 1][bx]));
   return true;
 }
 
@@ -169,13 +268,14 @@ std::vector<PatchMatch> MatchPatches(const PatchImage& a,
   const Eigen::Matrix3d H = AtLevel(b_from_a, round.level);
   std::vector<PatchMatch> matches;
   Template t;
-  for (int y = kSide / 2; y < level_a.value.rows - kSide / 2; y += round.step) {
-    for (int x = kSide / 2; x < level_a.value.cols - kSide / 2; x += round.step) {
+  const int rows_a = level_a.inverse_spread.rows, cols_a = level_a.inverse_spread.cols;
+  const int rows_b = level_b.inverse_spread.rows, cols_b = level_b.inverse_spread.cols;
+  for (int y = kSide / 2; y < rows_a - kSide / 2; y += round.step) {
+    for (int x = kSide / 2; x < cols_a - kSide / 2; x += round.step) {
       // The same points in all pairs of a view, so that they become tracks through many views.
       const Eigen::Vector2d center(x, y);
       const Eigen::Vector2d at = Transfer(H, center);
-      if (!(at.x() >= 0 && at.y() >= 0 && at.x() < level_b.value.cols &&
-            at.y() < level_b.value.rows)) {
+      if (!(at.x() >= 0 && at.y() >= 0 && at.x() < cols_b && at.y() < rows_b)) {
         continue;
       }
       // The window's middle lies between pixels.
@@ -185,11 +285,11 @@ std::vector<PatchMatch> MatchPatches(const PatchImage& a,
       const Eigen::Matrix2d a_from_b = TransferJacobian(H, center).inverse();
       const double area = std::abs(a_from_b.determinant());
       if (!(area < kMaxAreaChange && area > 1.0 / kMaxAreaChange)) continue;
-      if (!SampleTemplate(level_a.value, center, a_from_b, &t)) continue;
+      if (!SampleTemplate(level_a, center, a_from_b, &t)) continue;
       Eigen::Vector2d shift;
       if (!Search(level_b, t, first_x, first_y, round.radius, options, &shift)) continue;
       matches.push_back({{FullPixel(center, round.level), FullPixel(middle + shift, round.level)},
-                         t.information});
+                         RelativeStructure(t.value)});
     }
   }
   return matches;
@@ -216,19 +316,26 @@ Eigen::Matrix3d Refit(const Eigen::Matrix3d& H, const std::vector<PatchMatch>& m
   T << kScale, 0, -kScale * mean.x(), 0, kScale, -kScale * mean.y(), 0, 0, 1;
   Eigen::Matrix3d G = H * T.inverse();
   G /= G(2, 2);
-  Eigen::Matrix<double, 8, 8> A = Eigen::Matrix<double, 8, 8>::Zero();
-  Eigen::Matrix<double, 8, 1> g = Eigen::Matrix<double, 8, 1>::Zero();
+  // With J = [a' 0 -p_x a2'; 0 a' -p_y a2'] / z all blocks of J'WJ are sums of multiples of aa'.
+  Eigen::Matrix3d xx = Eigen::Matrix3d::Zero(), xy = xx, yy = xx, xp = xx, yp = xx, pp = xx;
+  Eigen::Vector3d gx = Eigen::Vector3d::Zero(), gy = gx, gp = gx;
   for (const PatchMatch& m : matches) {
-    const Eigen::Vector3d a = (T * m.pair.a.homogeneous());
+    const Eigen::Vector3d a = T * m.pair.a.homogeneous();
     const Eigen::Vector3d y = G * a;
     const Eigen::Vector2d p = y.head<2>() / y.z();
-    Eigen::Matrix<double, 2, 8> J = Eigen::Matrix<double, 2, 8>::Zero();
-    J.block<1, 3>(0, 0) = a.transpose() / y.z();
-    J.block<1, 3>(1, 3) = a.transpose() / y.z();
-    J.block<2, 2>(0, 6) = -(p / y.z()) * a.head<2>().transpose();
-    A += J.transpose() * m.information * J;
-    g += J.transpose() * m.information * (m.pair.b - p);
+    const Eigen::Matrix2d W = m.information / (y.z() * y.z());
+    const Eigen::Vector2d Wp = W * p;
+    const Eigen::Vector2d q = m.information * (m.pair.b - p) / y.z();
+    const Eigen::Matrix3d aa = a * a.transpose();
+    xx += W(0, 0) * aa, xy += W(0, 1) * aa, yy += W(1, 1) * aa;
+    xp -= Wp.x() * aa, yp -= Wp.y() * aa, pp += p.dot(Wp) * aa;
+    gx += q.x() * a, gy += q.y() * a, gp -= p.dot(q) * a;
   }
+  Eigen::Matrix<double, 8, 8> A;
+  A << xx, xy, xp.leftCols<2>(), xy, yy, yp.leftCols<2>(), xp.topRows<2>(), yp.topRows<2>(),
+      pp.topLeftCorner<2, 2>();
+  Eigen::Matrix<double, 8, 1> g;
+  g << gx, gy, gp.head<2>();
   A.diagonal() *= 1.0 + 1e-9;
   const Eigen::Matrix<double, 8, 1> step = A.ldlt().solve(g);
   if (!step.allFinite()) return H;
@@ -238,18 +345,109 @@ Eigen::Matrix3d Refit(const Eigen::Matrix3d& H, const std::vector<PatchMatch>& m
   return NormalizeDeterminant(G * T).value_or(H);
 }
 
+// Sums over kSide neighbours: out[x] = in[x] + ... + in[x + kSide - 1]; the last kSide - 1 of `in`
+// are lost.
+void SumAlong(std::vector<std::int32_t>* in) {
+  for (int step = 1; step < kSide; step *= 2) {
+    const int n = static_cast<int>(in->size()) - step;
+    std::int32_t* at = in->data();
+    for (int x = 0; x < n; ++x) at[x] += at[x + step];
+  }
+}
+
+// An odd last column or row is left out, so that u_half = (u - 0.5) / 2.
+cv::Mat HalfSize(const cv::Mat& grey) {
+  const cv::Size half(std::max(1, grey.cols / 2), std::max(1, grey.rows / 2));
+  const cv::Rect even(
+      0, 0, std::min(grey.cols, 2 * half.width), std::min(grey.rows, 2 * half.height));
+  cv::Mat out;
+  cv::resize(grey(even), out, half, 0, 0, cv::INTER_AREA);
+  return out;
+}
+
+// grey: CV_8UC1.
+PatchImage::Level PrepareLevel(const cv::Mat& grey) {
+  PatchImage::Level level;
+  // Blocks of windows read beyond the last one asked for.
+  cv::Mat padded;
+  cv::copyMakeBorder(
+      grey, padded, 0, kPadding, 0, kPadding, cv::BORDER_CONSTANT, cv::Scalar(kMiddle));
+  padded.convertTo(level.value, CV_32F, 1.0, -kMiddle);
+  level.inverse_spread = cv::Mat::zeros(grey.size(), CV_32FC1);
+  const int cols = grey.cols;
+  std::vector<std::int32_t> column(cols, 0), column_squares(cols, 0), sums, squares;
+  for (int y = 0; y < grey.rows; ++y) {
+    const float* enter = level.value.ptr<float>(y);
+    const float* leave = y >= kSide ? level.value.ptr<float>(y - kSide) : nullptr;
+    for (int x = 0; x < cols; ++x) {
+      const std::int32_t in = static_cast<std::int32_t>(enter[x]);
+      column[x] += in, column_squares[x] += in * in;
+    }
+    for (int x = 0; leave != nullptr && x < cols; ++x) {
+      const std::int32_t out = static_cast<std::int32_t>(leave[x]);
+      column[x] -= out, column_squares[x] -= out * out;
+    }
+    if (y + 1 < kSide || cols < kSide) continue;
+    sums = column, squares = column_squares;
+    SumAlong(&sums), SumAlong(&squares);
+    float* to = level.inverse_spread.ptr<float>(y + 1 - kSide);
+    for (int x = 0; x + kSide <= cols; ++x) {
+      const float mean = static_cast<float>(sums[x]) / kPixels;
+      const float spread = static_cast<float>(squares[x]) - mean * static_cast<float>(sums[x]);
+      constexpr float kLeast = kPixels * kMinDeviation * kMinDeviation;
+      to[x] = spread < kLeast ? 0.0f : 1.0f / std::sqrt(spread);
+    }
+  }
+  return level;
+}
+
+// Whether the template of the window at (x, y) is found again elsewhere about it: a maximum nearly
+// as high as its own. Opposite shifts find the same, so half of them are looked at.
+bool Repeats(const PatchImage::Level& level, const Template& t, int x, int y) {
+  float map[kSelfSide + kBlockRows][kSelfSide + kLanes];
+  CorrelationMap(level, t, x - kSelfRadius, y - kSelfRadius, kSelfSide, map);
+  for (int v = kSelfRadius; v + 1 < kSelfSide; ++v) {
+    for (int u = 1; u + 1 < kSelfSide; ++u) {
+      const float at = map[v][u];
+      const bool own = v - kSelfRadius <= kSelfPeak && std::abs(u - kSelfRadius) <= kSelfPeak;
+      if (own || at < kSelfCorrelation) continue;
+      if (at >= std::max({map[v][u - 1], map[v][u + 1], map[v - 1][u], map[v + 1][u]})) return true;
+    }
+  }
+  return false;
+}
+
 }  // namespace
 
 PatchImage PreparePatches(const cv::Mat& image) {
+  PatchImage out;
   cv::Mat grey = image;
   if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
-  PatchImage out;
-  NormalizeLocalContrast(grey).convertTo(out.levels[0].value, CV_32F);
-  const cv::Size half(std::max(1, grey.cols / 2), std::max(1, grey.rows / 2));
-  cv::resize(out.levels[0].value, out.levels[1].value, half, 0, 0, cv::INTER_AREA);
-  for (PatchImage::Level& level : out.levels)
-    cv::integral(level.value, level.sum, level.squares, CV_64F, CV_64F);
+  const cv::Mat normalized = NormalizeLocalContrast(grey);
+  out.normalized_half = HalfSize(normalized);
+  out.normalized_quarter = HalfSize(out.normalized_half);
+  out.levels[0] = PrepareLevel(normalized);
+  out.levels[1] = PrepareLevel(out.normalized_half);
   return out;
+}
+
+double RepeatedShare(const PatchImage& image) {
+  const PatchImage::Level level = PrepareLevel(image.normalized_quarter);
+  const int cols = level.inverse_spread.cols, rows = level.inverse_spread.rows;
+  const int step = std::max(kSide - 2, cols / kSelfPatches);
+  int asked = 0, repeated = 0;
+  Template t;
+  for (int y = kSelfRadius; y + kSelfRadius + kSide <= rows; y += step) {
+    for (int x = kSelfRadius; x + kSelfRadius + kSide <= cols; x += step) {
+      if (!(level.inverse_spread.at<float>(y, x) > 0.0f)) continue;
+      for (int v = 0; v < kSide; ++v)
+        std::memcpy(t.value + v * kSide, level.value.ptr<float>(y + v) + x, kSide * sizeof(float));
+      Normalize(t.value);
+      ++asked;
+      repeated += Repeats(level, t, x, y);
+    }
+  }
+  return asked < kSelfLeast ? 0.0 : static_cast<double>(repeated) / asked;
 }
 
 PlaneAlignment AlignPlane(const PatchImage& a,
@@ -260,7 +458,7 @@ PlaneAlignment AlignPlane(const PatchImage& a,
   Eigen::Matrix3d& H = out.estimate.b_from_a;
   H = b_from_a;
   std::vector<PatchMatch> matches, inliers;
-  for (const Round& round : kRounds) {
+  for (const Round& round : std::span(kRounds).subspan(options.start_is_aligned ? 1 : 0)) {
     matches = MatchPatches(a, b, H, round, options);
     out.matched = static_cast<int>(matches.size());
     const double limit = round.inlier_px * (1 << round.level);

@@ -9,21 +9,30 @@
 
 namespace horopter {
 
-// One image prepared for AlignPlane: locally normalised grey values at full and half size with
-// their integrals.
+// One image prepared for AlignPlane and for its keypoints: locally normalised grey values at full
+// and half size.
 struct PatchImage {
   struct Level {
-    cv::Mat value;    // CV_32FC1
-    cv::Mat sum;      // CV_64FC1, one row and column more
-    cv::Mat squares;  // CV_64FC1
+    cv::Mat value;           // CV_32FC1 about 0, padded to the right and below
+    cv::Mat inverse_spread;  // CV_32FC1, of the image's size: 1 / norm of the zero-mean window that
+                             // begins at a pixel, 0 where it is blank
   };
+  cv::Mat normalized_half;  // CV_8UC1, for detection
+  cv::Mat normalized_quarter;
   Level levels[2];
 };
 
 // image: CV_8UC1 or CV_8UC3.
 PatchImage PreparePatches(const cv::Mat& image);
 
+// Share of the patches with structure that look the same elsewhere within about 96 px of the image
+// (correlation above 0.85 at a quarter of the size): near 1 on checkers, tiles and grids, where an
+// alignment may be right but for a whole period and nothing would tell. 0 without structure.
+double RepeatedShare(const PatchImage& image);
+
 struct AlignOptions {
+  // The start comes from other alignments: its first, most generous search is left out.
+  bool start_is_aligned = false;
   double min_correlation = 0.7;  // NCC of 16x16 patches; locally normalised noise reaches 0.5
 };
 

@@ -269,6 +269,34 @@ double Strain(const Eigen::Matrix3d& F, const Eigen::Matrix3d& K_a, const Eigen:
   return s(0) > 0.0 ? 1.0 - s(1) / s(0) : 1.0;
 }
 
+struct CalibratedStart {
+  Motion motion;  // focal lengths only
+  double strain = 1.0;
+};
+
+CalibratedStart StartFrom(const Eigen::Matrix3d& F, const FocalPrior& prior) {
+  CalibratedStart start;
+  start.motion.prior = prior;
+  double best = std::numeric_limits<double>::infinity();
+  constexpr int kFocals = 11;
+  for (int i = 0; i < kFocals; ++i) {
+    for (int j = 0; j < kFocals; ++j) {
+      Motion m = start.motion;
+      m.log_focal_a = std::log(0.8) + i * std::log(2.5 / 0.8) / (kFocals - 1);
+      m.log_focal_b = std::log(0.8) + j * std::log(2.5 / 0.8) / (kFocals - 1);
+      const double strain = Strain(F, m.KA(), m.KB());
+      start.strain = std::min(start.strain, strain);
+      // Among nearly equal ones the likelier focal lengths.
+      const double rank = strain + 0.005 * m.Priors().squaredNorm();
+      if (rank >= best) continue;
+      best = rank;
+      start.motion.log_focal_a = m.log_focal_a;
+      start.motion.log_focal_b = m.log_focal_b;
+    }
+  }
+  return start;
+}
+
 // Off the homography that explains most of the inliers.
 int OffHomography(const std::vector<WeightedMatch>& inliers, double limit_px, unsigned seed) {
   const int n = static_cast<int>(inliers.size());
@@ -397,31 +425,17 @@ RefinedFundamental RefineFundamental(const Eigen::Matrix3d& F,
   return refiner.Result();
 }
 
+double CalibrationStrain(const Eigen::Matrix3d& F, const FocalPrior& prior) {
+  return StartFrom(F, prior).strain;
+}
+
 CalibratedFundamental RefineCalibrated(const Eigen::Matrix3d& F,
                                        std::span<const WeightedMatch> matches,
                                        double scale_px,
                                        const FocalPrior& prior) {
   CalibratedFundamental result;
-  Motion start;
-  start.prior = prior;
-  result.strain = 1.0;
-  double best = std::numeric_limits<double>::infinity();
-  constexpr int kFocals = 11;
-  for (int i = 0; i < kFocals; ++i) {
-    for (int j = 0; j < kFocals; ++j) {
-      Motion m = start;
-      m.log_focal_a = std::log(0.8) + i * std::log(2.5 / 0.8) / (kFocals - 1);
-      m.log_focal_b = std::log(0.8) + j * std::log(2.5 / 0.8) / (kFocals - 1);
-      const double strain = Strain(F, m.KA(), m.KB());
-      result.strain = std::min(result.strain, strain);
-      // Among nearly equal ones the likelier focal lengths.
-      const double rank = strain + 0.005 * m.Priors().squaredNorm();
-      if (rank >= best) continue;
-      best = rank;
-      start.log_focal_a = m.log_focal_a;
-      start.log_focal_b = m.log_focal_b;
-    }
-  }
+  auto [start, strain] = StartFrom(F, prior);
+  result.strain = strain;
   // Any of the four motions of an essential matrix gives its F.
   const Eigen::Matrix3d E = start.KB().transpose() * F * start.KA();
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(E, Eigen::ComputeFullU | Eigen::ComputeFullV);

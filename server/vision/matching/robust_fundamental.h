@@ -76,6 +76,8 @@ struct CalibratedFundamental {
   double strain = 0.0;
   double focal_a_px = 0.0, focal_b_px = 0.0;
 };
+// Of F alone.
+double CalibrationStrain(const Eigen::Matrix3d& F, const FocalPrior& prior);
 CalibratedFundamental RefineCalibrated(const Eigen::Matrix3d& F,
                                        std::span<const WeightedMatch> matches,
                                        double scale_px,

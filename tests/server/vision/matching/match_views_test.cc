@@ -165,8 +165,8 @@ TEST(MatchKeypoints, IsSymmetricInItsMutualPairs) {
   const SyntheticScene scene = Scene(2);
   const cv::Mat texture = PlaneTexture(7, 20.0);
   const MatchingOptions options;
-  const KeypointSet a = DetectPlaneKeypoints(RenderPlane(scene, 0, texture, 1.0), true, options);
-  const KeypointSet b = DetectPlaneKeypoints(RenderPlane(scene, 1, texture, 1.0), true, options);
+  const KeypointSet a = DetectPlaneKeypoints(RenderPlane(scene, 0, texture, 1.0), 1.0, options);
+  const KeypointSet b = DetectPlaneKeypoints(RenderPlane(scene, 1, texture, 1.0), 1.0, options);
   std::set<std::pair<double, double>> forward, backward;
   for (const PointPair& p : MatchKeypoints(a, b, 1.0)) forward.insert({p.a.x(), p.b.x()});
   for (const PointPair& p : MatchKeypoints(b, a, 1.0)) backward.insert({p.b.x(), p.a.x()});

@@ -151,7 +151,8 @@ TEST(DetectKeypointsFromAbove, GivesPixelsOfTheImageItself) {
     }
   }
   for (const double elevation : {0.44, 0.7, 1.05}) {
-    const KeypointSet found = DetectKeypointsFromAbove(image, elevation, {});
+    const KeypointSet found =
+        DetectKeypointsFromAbove(NormalizeLocalContrast(image), 1.0, elevation, {});
     int hit = 0;
     for (const Eigen::Vector2d& blob : blobs) {
       hit += std::any_of(found.points.begin(), found.points.end(), [&](const Eigen::Vector2d& p) {
