@@ -1,0 +1,233 @@
+#include "server/vision/matching/pair_geometry.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <random>
+#include <set>
+
+#include "server/vision/matching/match_features.h"
+#include "tests/support/synthetic_scene.h"
+
+namespace horopter {
+namespace {
+
+struct View {
+  cv::Mat image;
+  ImageFeatures features;
+  MatchingView prepared;
+
+  PairView pair_view() const { return {&image, &prepared}; }
+};
+
+// The view refers to its own features, so it is built in place.
+void Prepare(const cv::Mat& image, View* view) {
+  view->image = image;
+  view->features = *DetectFeatures(image, FeatureOptions());
+  view->prepared = PrepareMatchingView(view->image, view->features);
+}
+
+// Boxes of different colours standing on a grey plane, faces far to near, with sensor noise.
+cv::Mat RenderBoxes(const SyntheticScene& scene, int v, unsigned seed, int boxes) {
+  cv::Mat image(480, 640, CV_8UC3, cv::Scalar(105, 105, 105));
+  std::mt19937 rng(seed);
+  struct Face {
+    double distance;
+    std::vector<cv::Point> corners;
+    cv::Scalar colour;
+  };
+  std::vector<Face> faces;
+  for (int k = 0; k < boxes; ++k) {
+    const auto uniform = [&](double a, double b) {
+      return a + (b - a) * static_cast<double>(rng()) / 4294967296.0;
+    };
+    const double cx = 0.13 * (k % 3 - 1) + uniform(-0.02, 0.02);
+    const double cy = 0.13 * (k / 3 - 1) + uniform(-0.02, 0.02);
+    const double hx = uniform(0.02, 0.05), hy = uniform(0.02, 0.05), hz = uniform(0.03, 0.1);
+    const double turn = uniform(0.0, 1.5);
+    const auto corner = [&](int i) {
+      const double x = (i & 1 ? hx : -hx), y = (i & 2 ? hy : -hy);
+      return Eigen::Vector3d(cx + std::cos(turn) * x - std::sin(turn) * y,
+                             cy + std::sin(turn) * x + std::cos(turn) * y,
+                             i & 4 ? hz : 0.0);
+    };
+    const int sides[5][4] = {{4, 5, 7, 6}, {0, 1, 5, 4}, {1, 3, 7, 5}, {3, 2, 6, 7}, {2, 0, 4, 6}};
+    for (const auto& side : sides) {
+      const cv::Scalar colour(uniform(20, 240), uniform(20, 240), uniform(20, 240));
+      Face face{0.0, {}, colour};
+      Eigen::Vector3d in_camera[4];
+      for (int i = 0; i < 4; ++i) {
+        in_camera[i] = scene.camera_from_world[v] * corner(side[i]);
+        const Eigen::Vector2d p = Project(scene.cameras[v], in_camera[i]);
+        face.corners.emplace_back(cvRound(16 * p.x()), cvRound(16 * p.y()));
+        face.distance += in_camera[i].norm() / 4;
+      }
+      // Faces seen from behind are hidden.
+      const Eigen::Vector3d normal =
+          (in_camera[1] - in_camera[0]).cross(in_camera[3] - in_camera[0]);
+      if (normal.dot(in_camera[0]) < 0.0) faces.push_back(face);
+    }
+  }
+  std::sort(faces.begin(), faces.end(), [](const Face& a, const Face& b) {
+    return a.distance > b.distance;
+  });
+  for (const Face& face : faces)
+    cv::fillConvexPoly(image, face.corners, face.colour, cv::LINE_AA, 4);
+  cv::GaussianBlur(image, image, cv::Size(), 0.7);
+  cv::Mat noise(image.size(), CV_16SC3);
+  cv::theRNG().state = seed + 7 * v;
+  cv::randn(noise, 0, 2);
+  cv::add(image, noise, image, cv::noArray(), CV_8UC3);
+  return image;
+}
+
+SyntheticScene MakeScene(unsigned seed, bool pure_rotation = false) {
+  SyntheticSceneOptions options;
+  options.seed = seed;
+  options.views = 2;
+  options.arc_rad = 0.35;
+  options.pure_rotation = pure_rotation;
+  return MakeSyntheticScene(options);
+}
+
+double EpipolarDistance(const Eigen::Matrix3d& F, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+  const Eigen::Vector3d l = F * a.homogeneous();
+  return std::abs(l.dot(b.homogeneous())) / l.head<2>().norm();
+}
+
+PairGeometry Estimate(const View& a,
+                      const View& b,
+                      const std::optional<Eigen::Matrix3d>& plane) {
+  PairGeometry pair = MatchPair(0, 1, a.pair_view(), b.pair_view(), plane);
+  EstimateEpipolarGeometry(a.pair_view(), b.pair_view(), plane, {}, &pair);
+  return pair;
+}
+
+TEST(PairGeometry, TexturelessBoxesGiveRightGeometryOrARefusal) {
+  int found = 0;
+  for (unsigned seed = 1; seed <= 8; ++seed) {
+    const SyntheticScene scene = MakeScene(seed);
+    View a, b;
+    Prepare(RenderBoxes(scene, 0, seed, 9), &a);
+    Prepare(RenderBoxes(scene, 1, seed, 9), &b);
+    for (const bool with_plane : {false, true}) {
+      std::optional<Eigen::Matrix3d> plane;
+      if (with_plane) plane = scene.PlaneHomographyOf(0, 1);
+      PairGeometry pair = Estimate(a, b, plane);
+      if (!pair.F) {
+        EXPECT_FALSE(pair.refusal.empty());
+        continue;
+      }
+      ++found;
+      double worst = 0.0;
+      for (const Eigen::Vector3d& x : scene.off_plane_points) {
+        worst = std::max(worst,
+                         EpipolarDistance(
+                             *pair.F,
+                             Project(scene.cameras[0], scene.camera_from_world[0] * x),
+                             Project(scene.cameras[1], scene.camera_from_world[1] * x)));
+      }
+      EXPECT_LT(worst, 4.0) << "seed " << seed << " plane " << with_plane;
+    }
+  }
+  EXPECT_GE(found, 10);
+}
+
+TEST(PairGeometry, MatchesAlongKnownLinesAreOneToOneAndRight) {
+  for (unsigned seed = 1; seed <= 5; ++seed) {
+    const SyntheticScene scene = MakeScene(seed);
+    View a, b;
+    Prepare(RenderBoxes(scene, 0, seed, 9), &a);
+    Prepare(RenderBoxes(scene, 1, seed, 9), &b);
+    PairGeometry pair;
+    pair.F = scene.FundamentalOf(0, 1);
+    MatchAlongEpipolarLines(a.pair_view(), b.pair_view(), std::nullopt, &pair);
+    EXPECT_GE(pair.matches.size(), 12u) << "seed " << seed;
+    EXPECT_GE(pair.segments.size(), 15u) << "seed " << seed;
+    std::set<int> used_a, used_b;
+    for (const JunctionMatch& m : pair.matches) {
+      EXPECT_TRUE(used_a.insert(m.junction_a).second);
+      EXPECT_TRUE(used_b.insert(m.junction_b).second);
+      EXPECT_LT(EpipolarDistance(*pair.F,
+                                 a.features.junctions[m.junction_a].point,
+                                 b.features.junctions[m.junction_b].point),
+                2.0);
+    }
+  }
+}
+
+TEST(PairGeometry, IdenticalImagesMatchThemselvesAndShowNoParallax) {
+  const SyntheticScene scene = MakeScene(1);
+  View a;
+  Prepare(RenderBoxes(scene, 0, 1, 9), &a);
+  const PairGeometry pair = Estimate(a, a, std::nullopt);
+  EXPECT_FALSE(pair.F);
+  EXPECT_THAT(pair.refusal, testing::HasSubstr("no parallax"));
+  ASSERT_GE(pair.matches.size(), 20u);
+  for (const JunctionMatch& m : pair.matches) EXPECT_EQ(m.junction_a, m.junction_b);
+}
+
+TEST(PairGeometry, RotationAndZoomShowNoParallax) {
+  for (unsigned seed = 1; seed <= 3; ++seed) {
+    const SyntheticScene rotation = MakeScene(seed, /*pure_rotation=*/true);
+    View a, b, zoomed;
+    Prepare(RenderBoxes(rotation, 0, seed, 9), &a);
+    Prepare(RenderBoxes(rotation, 1, seed, 9), &b);
+    EXPECT_FALSE(Estimate(a, b, std::nullopt).F) << "seed " << seed;
+    cv::Mat zoom;
+    cv::warpAffine(a.image, zoom, cv::getRotationMatrix2D({320, 240}, 0, 1.25), a.image.size());
+    Prepare(zoom, &zoomed);
+    EXPECT_FALSE(Estimate(a, zoomed, std::nullopt).F) << "seed " << seed;
+  }
+}
+
+TEST(PairGeometry, ForeignMirroredAndRepeatedImagesAreRefused) {
+  cv::Mat stairs(480, 640, CV_8UC3, cv::Scalar(90, 90, 90));
+  for (int k = 0; k < 12; ++k) {
+    for (int i = 0; i < 9; ++i)
+      cv::rectangle(stairs, {20 + 50 * k, 20 + 50 * i}, {44 + 50 * k, 44 + 50 * i},
+                    cv::Scalar(180, 180, 180), cv::FILLED);
+  }
+  cv::Mat shifted;
+  cv::warpAffine(stairs, shifted, cv::Mat(cv::Matx23d(1, 0, 17, 0, 1, -9)), stairs.size());
+  View grid, moved_grid;
+  Prepare(stairs, &grid);
+  Prepare(shifted, &moved_grid);
+  EXPECT_FALSE(Estimate(grid, moved_grid, std::nullopt).F);
+  for (unsigned seed = 1; seed <= 5; ++seed) {
+    const SyntheticScene scene = MakeScene(seed), other = MakeScene(seed + 50);
+    View a, foreign, mirrored;
+    Prepare(RenderBoxes(scene, 0, seed, 9), &a);
+    Prepare(RenderBoxes(other, 1, seed + 50, 9), &foreign);
+    EXPECT_FALSE(Estimate(a, foreign, std::nullopt).F) << "seed " << seed;
+    cv::Mat flipped;
+    cv::flip(a.image, flipped, 1);
+    Prepare(flipped, &mirrored);
+    EXPECT_FALSE(Estimate(a, mirrored, std::nullopt).F) << "seed " << seed;
+  }
+}
+
+TEST(PairGeometry, BlankImagesGiveNoMatches) {
+  View blank;
+  Prepare(cv::Mat(480, 640, CV_8UC3, cv::Scalar(90, 90, 90)), &blank);
+  const PairGeometry pair = Estimate(blank, blank, std::nullopt);
+  EXPECT_FALSE(pair.F);
+  EXPECT_TRUE(pair.matches.empty());
+  EXPECT_TRUE(pair.segments.empty());
+}
+
+TEST(FeatureMatchOptions, BadFieldsAreNamed) {
+  FeatureMatchOptions options;
+  EXPECT_TRUE(Validate(options).ok());
+  options.per_feature = 0;
+  EXPECT_THAT(std::string(Validate(options).message()), testing::HasSubstr("per_feature"));
+  options = {};
+  options.assignment.reweighting = 2.0;
+  EXPECT_THAT(std::string(Validate(options).message()), testing::HasSubstr("reweighting"));
+}
+
+}  // namespace
+}  // namespace horopter
