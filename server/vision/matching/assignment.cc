@@ -61,10 +61,10 @@ std::vector<double> Confidences(const AssignmentProblem& problem,
     x.assign(n, 1.0 / n);
     for (int iteration = 0; iteration < options.iterations; ++iteration) {
       std::vector<double> y = Apply(problem, x);
-      ScaleToSum(&y);
+      ScaleToSum(&y);  // stays zero where nothing speaks for any candidate
       if (options.method == AssignmentMethod::kRandomWalks) {
         const double largest = *std::max_element(y.begin(), y.end());
-        if (!(largest > 0.0)) break;
+        if (!(largest > 0.0)) return y;
         std::vector<double> jump(n);
         for (int i = 0; i < n; ++i) jump[i] = std::exp(options.inflation * (y[i] / largest - 1.0));
         Balance(problem, rows, columns, &jump);

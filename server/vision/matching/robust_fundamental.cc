@@ -467,8 +467,17 @@ RobustFundamental EstimateFundamental(std::span<const WeightedMatch> matches,
     if (!m.a.allFinite() || !m.b.allFinite() || !(m.weight > 0.0))
       return refuse("a match is not finite");
   }
+  // Before a plane or without motion seven points determine nothing, and any F or none may come out.
+  const auto refuse_without_F = [&](std::string why) {
+    const std::vector<WeightedMatch> all(matches.begin(), matches.end());
+    const int planar = n - OffHomography(all, options.homography_px, options.seed);
+    if (planar >= needed && planar > (1.0 - options.min_off_homography_share) * n)
+      why = "no parallax: one homography explains " + std::to_string(planar) + " of " +
+            std::to_string(n) + " matches";
+    return refuse(std::move(why));
+  };
   Search search(matches, options);
-  if (!search.Run()) return refuse("no fundamental matrix agrees with any match");
+  if (!search.Run()) return refuse_without_F("no fundamental matrix agrees with any match");
   Eigen::Matrix3d F = search.F();
   RefinedFundamental refined;
   for (int round = 0; round < 2; ++round) {
@@ -480,7 +489,7 @@ RobustFundamental EstimateFundamental(std::span<const WeightedMatch> matches,
   const int inliers = static_cast<int>(result.inliers.size());
   const int agreeing = std::max(needed, static_cast<int>(std::ceil(options.min_share * n)));
   if (inliers < agreeing)
-    return refuse(std::to_string(inliers) + " of " + std::to_string(n) +
+    return refuse_without_F(std::to_string(inliers) + " of " + std::to_string(n) +
                   " matches agree, need " + std::to_string(agreeing));
   const std::vector<WeightedMatch> selected = Select(matches, result.inliers);
   result.off_homography = OffHomography(selected, options.homography_px, options.seed);
