@@ -52,42 +52,35 @@ std::optional<BundleCovariance> InvertBundle(const BundleLayout& layout,
   }
   const int size = row_of.back();
   if (size <= gauge_freedom) return std::nullopt;
-  Eigen::MatrixXd S = Eigen::MatrixXd::Zero(size, size);
-  const auto block = [&](int i, int j) {
-    return S.block(row_of[i], row_of[j], row_of[i + 1] - row_of[i], row_of[j + 1] - row_of[j]);
-  };
+  SchurComplement<C> schur;
+  if (!EliminateFeatures(layout, normal, 0.0, &schur)) return std::nullopt;
+  // Both triangles, in tangent parameters.
+  Eigen::MatrixXd S(size, size);
   for (int i = 0; i < layout.cameras; ++i) {
-    block(i, i) = bases.cameras[i].transpose() * normal.U[i] * bases.cameras[i];
+    for (int j = i; j < layout.cameras; ++j) {
+      const Eigen::MatrixXd block = bases.cameras[i].transpose() *
+                                    schur.S.template block<C, C>(C * i, C * j) * bases.cameras[j];
+      S.block(row_of[i], row_of[j], block.rows(), block.cols()) = block;
+      S.block(row_of[j], row_of[i], block.cols(), block.rows()) = block.transpose();
+    }
   }
+  if (!S.allFinite()) return std::nullopt;
   out.reach.resize(layout.Features());
-  using Cross = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, C, 4>;
-  std::vector<Cross> W;
   for (int f = 0; f < layout.Features(); ++f) {
     const auto& basis = bases.features[f];
     out.feature_size.push_back(static_cast<int>(basis.cols()));
     out.V_inverse.emplace_back(Eigen::MatrixXd::Zero(basis.cols(), basis.cols()));
     if (basis.cols() == 0) continue;
-    const Eigen::MatrixXd V = basis.transpose() * normal.V[f] * basis;
-    if (!V.allFinite()) return std::nullopt;
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(V);
-    const Eigen::VectorXd& values = solver.eigenvalues();
-    if (!(values(0) > kSingularFeature * values(values.size() - 1))) return std::nullopt;
-    out.V_inverse[f] = solver.eigenvectors() * values.cwiseInverse().asDiagonal() *
-                       solver.eigenvectors().transpose();
-    W.clear();
+    const Eigen::Vector4d pivots = schur.L[f].diagonal().cwiseAbs2();
+    if (!(pivots.minCoeff() > kSingularFeature * pivots.maxCoeff())) return std::nullopt;
+    const Eigen::Matrix<double, 4, Eigen::Dynamic, 0, 4, 4> half =
+        schur.L[f].template triangularView<Eigen::Lower>().solve(basis);
+    out.V_inverse[f] = half.transpose() * half;
     for (int k = layout.first[f]; k < layout.first[f + 1]; ++k) {
       const int i = layout.camera[k];
-      W.push_back(bases.cameras[i].transpose() * normal.W[k] * basis);
-      out.reach[f].emplace_back(row_of[i], W.back() * out.V_inverse[f]);
-      for (size_t b = 0; b < W.size(); ++b) {
-        block(layout.camera[layout.first[f] + static_cast<int>(b)], i) -=
-            W[b] * out.reach[f].back().second.transpose();
-      }
+      out.reach[f].emplace_back(row_of[i], bases.cameras[i].transpose() * (schur.Y[k] * half));
     }
   }
-  if (!S.allFinite()) return std::nullopt;
-  // Only blocks on and above the diagonal are filled, the diagonal's both ways.
-  S.triangularView<Eigen::StrictlyLower>() = S.transpose();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(S);
   if (solver.info() != Eigen::Success) return std::nullopt;
   out.camera_spectrum = solver.eigenvalues();

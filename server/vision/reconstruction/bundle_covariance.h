@@ -32,7 +32,8 @@ struct BundleCovariance {
   Eigen::MatrixXd Features(std::span<const int> features) const;
 };
 
-// Orthonormal columns: which directions of the solver's parameters are tangent. A feature that is
+// Orthonormal columns: which directions of the solver's parameters are tangent. No residual may
+// depend on the others of a feature (their share of V only has to be regular). A feature that is
 // not in the bundle has no column.
 template <int C>
 struct TangentBases {

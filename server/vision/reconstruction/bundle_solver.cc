@@ -15,59 +15,66 @@ void Damp(double damping, Matrix* A) {
   }
 }
 
-// What back-substitution needs of a feature: L of V = L L^T, and L^-1 g.
-struct Eliminated {
-  Eigen::Matrix4d L;
-  Eigen::Vector4d g;
-};
-
 }  // namespace
+
+template <int C>
+bool EliminateFeatures(const BundleLayout& layout,
+                       const NormalEquations<C>& normal,
+                       double damping,
+                       SchurComplement<C>* out) {
+  using CameraBlock = Eigen::Matrix<double, C, C>;
+  const int n = layout.cameras, features = layout.Features();
+  std::vector<CameraBlock> S(static_cast<size_t>(n) * n, CameraBlock::Zero());  // (i, j), i <= j
+  for (int i = 0; i < n; ++i) {
+    S[i * n + i] = normal.U[i];
+    Damp(damping, &S[i * n + i]);
+  }
+  out->L.assign(features, Eigen::Matrix4d::Identity());
+  out->Y.resize(normal.W.size());
+  for (int f = 0; f < features; ++f) {
+    const int first = layout.first[f], end = layout.first[f + 1];
+    if (first == end) continue;
+    Eigen::Matrix4d V = normal.V[f];
+    Damp(damping, &V);
+    const Eigen::LLT<Eigen::Matrix4d> llt(V);
+    if (llt.info() != Eigen::Success) return false;
+    out->L[f] = llt.matrixL();
+    const Eigen::Matrix4d inverse =
+        out->L[f].template triangularView<Eigen::Lower>().solve(Eigen::Matrix4d::Identity());
+    for (int a = first; a < end; ++a) {
+      out->Y[a].noalias() = normal.W[a].lazyProduct(inverse.transpose());
+      const int i = layout.camera[a];
+      for (int b = first; b <= a; ++b) {
+        S[layout.camera[b] * n + i].noalias() -= out->Y[b].lazyProduct(out->Y[a].transpose());
+      }
+    }
+  }
+  out->S.resize(n * C, n * C);
+  for (int i = 0; i < n; ++i) {
+    for (int j = i; j < n; ++j) out->S.template block<C, C>(C * i, C * j) = S[i * n + j];
+  }
+  return true;
+}
 
 template <int C>
 bool SolveDamped(const BundleLayout& layout,
                  const NormalEquations<C>& normal,
                  double damping,
                  BundleStep<C>* step) {
-  using CameraBlock = Eigen::Matrix<double, C, C>;
-  using CrossBlock = typename NormalEquations<C>::CrossBlock;
+  SchurComplement<C> schur;
+  if (!EliminateFeatures(layout, normal, damping, &schur)) return false;
   const int n = layout.cameras, features = layout.Features();
-  // Blocks (i, j), i <= j, of S = U - sum Y Y^T with Y = W L^-T.
-  std::vector<CameraBlock> S(static_cast<size_t>(n) * n, CameraBlock::Zero());
+  const Eigen::LLT<Eigen::MatrixXd, Eigen::Upper> llt(schur.S);
+  if (llt.info() != Eigen::Success) return false;
   Eigen::VectorXd rhs(n * C);
-  for (int i = 0; i < n; ++i) {
-    S[i * n + i] = normal.U[i];
-    Damp(damping, &S[i * n + i]);
-    rhs.segment<C>(C * i) = -normal.camera_gradient[i];
-  }
-  std::vector<Eliminated> eliminated(features);
-  std::vector<CrossBlock> Y;
+  for (int i = 0; i < n; ++i) rhs.segment<C>(C * i) = -normal.camera_gradient[i];
   for (int f = 0; f < features; ++f) {
-    const int first = layout.first[f], count = layout.first[f + 1] - first;
-    if (count == 0) continue;
-    Eigen::Matrix4d V = normal.V[f];
-    Damp(damping, &V);
-    const Eigen::LLT<Eigen::Matrix4d> llt(V);
-    if (llt.info() != Eigen::Success) return false;
-    eliminated[f].L = llt.matrixL();
-    eliminated[f].g = llt.matrixL().solve(normal.feature_gradient[f]);
-    const Eigen::Matrix4d to_unit =
-        eliminated[f].L.triangularView<Eigen::Lower>().solve(Eigen::Matrix4d::Identity());
-    Y.resize(count);
-    for (int a = 0; a < count; ++a) {
-      Y[a].noalias() = normal.W[first + a].lazyProduct(to_unit.transpose());
-      const int i = layout.camera[first + a];
-      rhs.segment<C>(C * i) += Y[a] * eliminated[f].g;
-      for (int b = 0; b <= a; ++b) {
-        S[layout.camera[first + b] * n + i].noalias() -= Y[b].lazyProduct(Y[a].transpose());
-      }
+    const Eigen::Vector4d g =
+        schur.L[f].template triangularView<Eigen::Lower>().solve(normal.feature_gradient[f]);
+    for (int k = layout.first[f]; k < layout.first[f + 1]; ++k) {
+      rhs.segment<C>(C * layout.camera[k]) += schur.Y[k] * g;
     }
   }
-  Eigen::MatrixXd dense(n * C, n * C);
-  for (int i = 0; i < n; ++i) {
-    for (int j = i; j < n; ++j) dense.block<C, C>(C * i, C * j) = S[i * n + j];
-  }
-  const Eigen::LLT<Eigen::MatrixXd, Eigen::Upper> llt(dense);
-  if (llt.info() != Eigen::Success) return false;
   const Eigen::VectorXd x = llt.solve(rhs);
   if (!x.allFinite()) return false;
 
@@ -92,7 +99,7 @@ bool SolveDamped(const BundleLayout& layout,
     for (int k = first; k < end; ++k) {
       sum += normal.W[k].transpose().lazyProduct(step->cameras[layout.camera[k]]);
     }
-    const Eigen::Matrix4d& L = eliminated[f].L;
+    const Eigen::Matrix4d& L = schur.L[f];
     const Eigen::Vector4d half = L.triangularView<Eigen::Lower>().solve(sum);
     step->features[f] = -L.transpose().triangularView<Eigen::Upper>().solve(half);
     if (!step->features[f].allFinite()) return false;
@@ -102,6 +109,14 @@ bool SolveDamped(const BundleLayout& layout,
   return std::isfinite(decrease) && decrease >= 0.0;
 }
 
+template bool EliminateFeatures<10>(const BundleLayout&,
+                                    const NormalEquations<10>&,
+                                    double,
+                                    SchurComplement<10>*);
+template bool EliminateFeatures<12>(const BundleLayout&,
+                                    const NormalEquations<12>&,
+                                    double,
+                                    SchurComplement<12>*);
 template bool SolveDamped<10>(const BundleLayout&,
                               const NormalEquations<10>&,
                               double,

@@ -58,6 +58,21 @@ struct NormalEquations {
   }
 };
 
+// The features eliminated: V = L L^T, Y = W L^-T, S = U - sum Y Y^T.
+template <int C>
+struct SchurComplement {
+  Eigen::MatrixXd S;               // upper triangle of blocks; below it nothing
+  std::vector<Eigen::Matrix4d> L;  // per feature
+  std::vector<typename NormalEquations<C>::CrossBlock> Y;  // per observation
+};
+
+// False when a V is not positive definite (nothing is damped without damping). For C = 10 and 12.
+template <int C>
+bool EliminateFeatures(const BundleLayout& layout,
+                       const NormalEquations<C>& normal,
+                       double damping,
+                       SchurComplement<C>* out);
+
 template <int C>
 struct BundleStep {
   std::vector<Eigen::Matrix<double, C, 1>> cameras;
@@ -77,7 +92,10 @@ bool SolveDamped(const BundleLayout& layout,
 struct BundleSolverOptions {
   int max_iterations = 30;
   double function_tolerance = 1e-6;  // relative decrease at which it stops
-  double min_damping = 1e-6;         // far from the limits of double precision
+  // Of the diagonal. The least is what keeps a free gauge solvable, and slows down directions that
+  // the observations hardly determine.
+  double first_damping = 1e-5;
+  double min_damping = 1e-8;
 };
 
 struct BundleReport {
@@ -97,13 +115,12 @@ BundleReport MinimizeBundle(const BundleLayout& layout,
                             const BundleSolverOptions& options,
                             const Model& model,
                             State* state) {
-  constexpr double kFirstDamping = 1e-4;
   constexpr double kGiveUp = 1e10;
   BundleReport report;
   report.cost = model.Cost(*state);
   if (!std::isfinite(report.cost)) return report;
   report.usable = true;
-  double damping = kFirstDamping, growth = 2.0;
+  double damping = options.first_damping, growth = 2.0;
   NormalEquations<C> normal;
   BundleStep<C> step;
   bool converged = false;
@@ -123,7 +140,7 @@ BundleReport MinimizeBundle(const BundleLayout& layout,
           report.cost = cost;
           moved = true;
           const double t = 2.0 * gain - 1.0;
-          damping = std::max(options.min_damping, damping * std::max(1.0 / 3.0, 1.0 - t * t * t));
+          damping = std::max(options.min_damping, damping * std::max(0.1, 1.0 - t * t * t));
           growth = 2.0;
           continue;
         }

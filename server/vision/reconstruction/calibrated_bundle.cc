@@ -10,7 +10,6 @@ namespace horopter {
 namespace {
 
 constexpr double kFunctionTolerance = 1e-7;
-constexpr double kMinDamping = 1e-7;  // keeps the free gauge solvable
 
 using State = BundleState<BundleCamera>;
 
@@ -230,7 +229,6 @@ CalibratedBundleSummary AdjustCalibrated(const MultiviewTracks& tracks,
   BundleSolverOptions solver;
   solver.max_iterations = options.max_iterations;
   solver.function_tolerance = kFunctionTolerance;
-  solver.min_damping = kMinDamping;
   const BundleReport report = MinimizeBundle<kMetricCamera>(used.layout, solver, model, &state);
   if (!report.usable) return summary;
   CalibratedScene next = *scene;
