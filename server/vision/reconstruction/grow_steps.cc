@@ -13,7 +13,8 @@ constexpr double kRegisterGate2 = 64.0;  // 8 sigma: structure of two views is s
 constexpr int kRegisterIterations = 200;
 constexpr int kMinimalFeatures = 6;  // 12 equations for a camera's 11 unknowns
 constexpr int kMinRegistered = 7;    // one more than minimal, or nothing is checked
-constexpr int kRegisterSweeps = 1;   // after each view; the adjustment follows
+// Sweeps after each view: the first ones decide what the others are registered to.
+constexpr int kEarlySweeps = 3, kLateSweeps = 1, kEarlyViews = 4;
 constexpr int kFinalRounds = 4;
 constexpr int kRoughIterations = 3;
 constexpr int kBundleIterations = 15;
@@ -303,7 +304,8 @@ void RegisterViews(const GrowContext& c, std::mt19937* rng, ProjectiveScene* sce
     }
     scene->cameras[next] = P;
     failed.assign(views, false);  // more is known now
-    Alternate(c.tracks, c.index, Sweeps(kRegisterSweeps, 4.0), scene);
+    const int sweeps = KnownCameras(*scene) <= kEarlyViews ? kEarlySweeps : kLateSweeps;
+    Alternate(c.tracks, c.index, Sweeps(sweeps, 4.0), scene);
   }
 }
 

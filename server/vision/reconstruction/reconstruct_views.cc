@@ -30,7 +30,9 @@ constexpr double kTruncationPx = 3.0;            // of the cost that compares tw
 // points' share beside it, the factor makes rms(error / deviation) about 1 on parts-train.
 constexpr double kFocalInflation = 3.0;
 constexpr double kFocalFloor = 0.005;
-constexpr double kMaxTrustedFocalSigma = 0.10;
+// Four views of a plane know the focal lengths to 15 % when the principal points are not known; a
+// search for parts works with that.
+constexpr double kMaxTrustedFocalSigma = 0.16;
 constexpr int kMinTrustedPoints = 8;  // off the plane
 
 absl::Status ValidateInput(const MatchingResult& matching,
