@@ -97,6 +97,20 @@ absl::StatusOr<std::vector<ImageFeatures>> DetectAll(const SceneRequest& request
   return features;
 }
 
+// What the caller says about the cameras, for the reconstruction.
+std::vector<ViewPrior> PriorsOf(const std::vector<CameraHint>& hints) {
+  std::vector<ViewPrior> priors;
+  for (const CameraHint& hint : hints) {
+    ViewPrior prior;
+    prior.focal_px = hint.focal_px;
+    prior.focal_log_sigma = hint.focal_log_sigma.value_or(prior.focal_log_sigma);
+    prior.principal_point_px = hint.principal_point;
+    prior.k1 = hint.k1;
+    priors.push_back(prior);
+  }
+  return priors;
+}
+
 std::map<std::string, double> SumCounts(const std::vector<ImageFeatures>& features) {
   std::map<std::string, double> sum;
   for (const ImageFeatures& f : features) {
@@ -207,9 +221,13 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
   StageClock reconstruction_clock("reconstruction", &answer.stages);
   std::vector<ImageSize> sizes;
   for (const cv::Mat& image : request.images) sizes.push_back({image.cols, image.rows});
-  HOROPTER_ASSIGN_OR_RETURN(
-      trace.reconstruction,
-      ReconstructViews(trace.matching, trace.features, sizes, options.reconstruction, stop));
+  HOROPTER_ASSIGN_OR_RETURN(trace.reconstruction,
+                            ReconstructViews(trace.matching,
+                                             trace.features,
+                                             sizes,
+                                             PriorsOf(request.hints),
+                                             options.reconstruction,
+                                             stop));
   reconstruction_clock.Finish(trace.reconstruction.counts);
 
   StageClock recognition_clock("recognition", &answer.stages);

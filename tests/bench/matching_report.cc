@@ -120,6 +120,8 @@ struct Tally {
   int matches = 0, matches_right = 0;
   int scenes = 0, scenes_all_in = 0, scenes_registered_right = 0, trusted = 0;
   std::vector<double> focal_errors, trusted_focal_errors;
+  std::vector<double> focal_ratios;  // error over stated deviation, every view of trusted scenes
+  std::vector<double> five_view_errors;  // scenes with five and more registered views
 };
 
 void ReportPairs(const Scene& scene,
@@ -176,11 +178,12 @@ double VertexReprojection(const Models& models,
   for (size_t v = 0; v < reconstruction.views.size(); ++v) {
     if (!reconstruction.views[v]) continue;
     const ReconstructedView& r = *reconstruction.views[v];
-    bundle.views.push_back({{r.camera.width, r.camera.height},
-                            r.camera.focal_px,
-                            r.camera.k1,
-                            r.camera_from_world,
-                            0.0});
+    BundleView view;
+    view.size = {r.camera.width, r.camera.height};
+    view.focal_px = r.camera.focal_px;
+    view.k1 = r.camera.k1;
+    view.camera_from_world = r.camera_from_world;
+    bundle.views.push_back(view);
     views.push_back(static_cast<int>(v));
   }
   std::vector<double> errors;
@@ -214,19 +217,20 @@ void ReportReconstruction(const Scene& scene,
   std::vector<ImageSize> sizes;
   for (const cv::Mat& image : scene.images) sizes.push_back({image.cols, image.rows});
   const auto begin = std::chrono::steady_clock::now();
-  const auto r = ReconstructViews(matching, features, sizes, ReconstructionOptions());
+  const auto r = ReconstructViews(matching, features, sizes, {}, ReconstructionOptions());
   const double seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   if (!r.ok()) {
     std::printf("  reconstruction: %s\n", std::string(r.status().message()).c_str());
     return;
   }
-  std::vector<double> errors;
+  std::vector<double> errors, ratios;
   std::string list;
   for (size_t v = 0; v < r->views.size(); ++v) {
     if (!r->views[v]) continue;
     const double e = std::log(r->views[v]->camera.focal_px / scene.truth[v].camera.focal_px);
     errors.push_back(std::abs(e));
+    ratios.push_back(std::abs(e) / r->views[v]->focal_log_sigma);
     char text[64];
     std::snprintf(text, sizeof(text), " %+.0f(%.0f)", 100 * e, 100 * r->views[v]->focal_log_sigma);
     list += text;
@@ -250,7 +254,10 @@ void ReportReconstruction(const Scene& scene,
     tally->scenes_registered_right += p95 >= 0 && p95 <= 2.0;
     tally->trusted += r->trusted;
     if (!errors.empty()) tally->focal_errors.push_back(errors[errors.size() / 2]);
-    if (r->trusted) tally->trusted_focal_errors.push_back(errors.back());
+    if (errors.size() >= 5) tally->five_view_errors.push_back(errors[errors.size() / 2]);
+    if (!r->trusted) continue;
+    tally->trusted_focal_errors.push_back(errors.back());
+    tally->focal_ratios.insert(tally->focal_ratios.end(), ratios.begin(), ratios.end());
   }
 }
 
@@ -397,6 +404,21 @@ absl::Status Report(const std::string& dataset, const std::string& split, std::v
         t.focal_errors.empty() ? -1.0 : 100 * t.focal_errors[t.focal_errors.size() / 2],
         t.trusted,
         t.trusted_focal_errors.empty() ? -1.0 : 100 * t.trusted_focal_errors.back());
+    std::sort(t.five_view_errors.begin(), t.five_view_errors.end());
+    std::sort(t.focal_ratios.begin(), t.focal_ratios.end());
+    if (t.five_view_errors.empty() || t.focal_ratios.empty()) continue;
+    double squared = 0.0;
+    for (const double ratio : t.focal_ratios) squared += ratio * ratio;
+    std::printf(
+        "%-4s five views and more: focal error median %.1f %% (%zu scenes); trusted: error / "
+        "stated "
+        "deviation rms %.2f, largest %.1f (%zu views)\n",
+        tier.c_str(),
+        100 * t.five_view_errors[t.five_view_errors.size() / 2],
+        t.five_view_errors.size(),
+        std::sqrt(squared / static_cast<double>(t.focal_ratios.size())),
+        t.focal_ratios.back(),
+        t.focal_ratios.size());
   }
   return absl::OkStatus();
 }

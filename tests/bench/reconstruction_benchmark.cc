@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "server/vision/reconstruction/bundle_adjustment.h"
+#include "server/vision/reconstruction/calibrated_bundle.h"
 #include "server/vision/reconstruction/self_calibration.h"
 #include "tests/support/synthetic_tracks.h"
 
@@ -125,13 +126,35 @@ void Time(benchmark::State& state) {
     return MakeSyntheticTracks({.seed = seed, .points = n, .lines = n}, {seed, 0.5, 0.0});
   });
 }
+// ... and with self-calibration behind it.
+void MetricTime(benchmark::State& state) {
+  const int n = static_cast<int>(state.range(0));
+  int metric = 0;
+  for (auto _ : state) {
+    for (unsigned seed = 1; seed <= kScenes; ++seed) {
+      state.PauseTiming();
+      const SyntheticTracks truth =
+          MakeSyntheticTracks({.seed = seed, .points = n, .lines = n}, {seed, 0.5, 0.0});
+      state.ResumeTiming();
+      const auto r = ReconstructTracks(truth.tracks, {}, {}, {});
+      metric += r.ok() && r->metric.outcome == MetricOutcome::kMetric;
+    }
+  }
+  state.counters["metric"] = static_cast<double>(metric) / kScenes;
+  state.counters["scene_ms"] = benchmark::Counter(
+      1e-3 * kScenes, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+}
+BENCHMARK(MetricTime)->Arg(150)->Iterations(1)->Unit(benchmark::kMillisecond);
+
 BENCHMARK(Time)->Arg(75)->Arg(150)->Arg(300)->Arg(600)->Iterations(1)->Unit(
     benchmark::kMillisecond);
 
-// Adjustment alone on the same point tracks from the same start: ours, projective, against the
-// points-only metric one.
+// Adjustment alone on the same point tracks from the same start: ours, projective and metric,
+// beside a points-only metric one of COLMAP's kind (Ceres, automatic derivatives, dense Schur).
+enum Adjuster { kProjective, kCeres, kMetric };
+
 void AdjustPoints(benchmark::State& state) {
-  const bool peer = state.range(0) != 0;
+  const auto adjuster = static_cast<Adjuster>(state.range(0));
   std::vector<double> rms;
   for (auto _ : state) {
     rms.clear();
@@ -144,36 +167,41 @@ void AdjustPoints(benchmark::State& state) {
       const auto jitter = [&] { return 0.005 * (static_cast<double>(rng()) / 2147483648.0 - 1.0); };
       Bundle bundle;
       ProjectiveScene scene = EmptyScene(truth.tracks);
+      const ProjectiveScene all = scene;  // every observation is an inlier
+      CalibratedScene metric;
       for (int v = 0; v < 6; ++v) {
-        bundle.views.push_back({truth.tracks.sizes[v],
-                                truth.cameras[v].focal_px,
-                                0.0,
-                                truth.camera_from_world[v],
-                                0.0});
+        BundleView view;
+        view.size = truth.tracks.sizes[v];
+        view.focal_px = truth.cameras[v].focal_px;
+        view.camera_from_world = truth.camera_from_world[v];
+        bundle.views.push_back(view);
         const CameraMatrix P = truth.TrueCamera(v);
         scene.cameras[v] = P / P.norm();
+        metric.views.push_back(CalibratedView{truth.cameras[v], truth.camera_from_world[v], 0.0});
       }
       bundle.points.resize(truth.points.size());
       for (size_t j = 0; j < truth.points.size(); ++j) {
         const Eigen::Vector3d x = truth.points[j] + Eigen::Vector3d(jitter(), jitter(), jitter());
         bundle.points[j].point_in_world = x;
         scene.points[j] = Eigen::Vector4d(x.homogeneous().normalized());
+        metric.points.push_back(x);
       }
       for (const PointObservation& o : truth.tracks.point_observations) {
         bundle.points[o.point].track.observations.push_back({o.view, -1, o.pixel});
       }
-      MultiviewTracks normalized = NormalizeTracks(truth.tracks);
+      const MultiviewTracks normalized = NormalizeTracks(truth.tracks);
       NormalizeCameras(truth.tracks.sizes, &scene);
       BalanceGauge(&scene);
+      CalibratedBundleOptions with_k1;
+      with_k1.estimate_k1 = true;
+      CalibratedBundleSummary summary;
       state.ResumeTiming();
-      if (peer) {
-        AdjustBundle({}, &bundle);
-      } else {
-        AdjustProjective(normalized, {}, &scene);
-      }
+      if (adjuster == kCeres) AdjustBundle({}, &bundle);
+      if (adjuster == kProjective) AdjustProjective(normalized, {}, &scene);
+      if (adjuster == kMetric) summary = AdjustCalibrated(truth.tracks, all, {}, with_k1, &metric);
       state.PauseTiming();
-      double squared = 0.0;
-      if (peer) {
+      if (adjuster == kCeres) {
+        double squared = 0.0;
         for (const BundlePoint& p : bundle.points) {
           for (const TrackObservation& o : p.track.observations) {
             const auto u = ProjectInto(bundle.views[o.view], p.point_in_world);
@@ -182,9 +210,11 @@ void AdjustPoints(benchmark::State& state) {
         }
         rms.push_back(std::sqrt(
             squared / (2.0 * static_cast<double>(truth.tracks.point_observations.size()))));
-      } else {
+      } else if (adjuster == kProjective) {
         CamerasToPixels(truth.tracks.sizes, &scene);
         rms.push_back(Summarize(truth.tracks, scene).rms_px);
+      } else {
+        rms.push_back(summary.rms_px);
       }
       state.ResumeTiming();
     }
@@ -193,7 +223,12 @@ void AdjustPoints(benchmark::State& state) {
   state.counters["scene_ms"] = benchmark::Counter(
       1e-3 * kScenes, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
 }
-BENCHMARK(AdjustPoints)->Arg(0)->Arg(1)->Iterations(3)->Unit(benchmark::kMillisecond);
+BENCHMARK(AdjustPoints)
+    ->Arg(kProjective)
+    ->Arg(kCeres)
+    ->Arg(kMetric)
+    ->Iterations(3)
+    ->Unit(benchmark::kMillisecond);
 
 // rms distance of the points of each part after its own best similarity, millimetres.
 std::vector<double> PartErrors(const SyntheticTracks& truth, const CalibratedScene& scene) {

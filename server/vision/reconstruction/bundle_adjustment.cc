@@ -4,9 +4,9 @@
 #include <ceres/rotation.h>
 
 #include <Eigen/Dense>
+#include <Eigen/Sparse>
 #include <algorithm>
 #include <cmath>
-#include <memory>
 
 namespace horopter {
 namespace {
@@ -19,8 +19,8 @@ struct ViewParameters {
 };
 
 struct ReprojectionError {
-  ReprojectionError(const Eigen::Vector2d& pixel, const ImageSize& size, const Eigen::Matrix3d& R0)
-      : pixel_(pixel), cx_(0.5 * (size.width - 1)), cy_(0.5 * (size.height - 1)), R0_(R0) {}
+  ReprojectionError(const Eigen::Vector2d& pixel, const BundleView& view)
+      : pixel_(pixel), center_(view.PrincipalPoint()), R0_(view.camera_from_world.R) {}
 
   template <typename T>
   bool operator()(
@@ -33,13 +33,12 @@ struct ReprojectionError {
     if (c[2] < T(1e-6)) return false;
     const T x = c[0] / c[2], y = c[1] / c[2];
     const T scale = exp(intrinsics[0]) * (T(1.0) + intrinsics[1] * (x * x + y * y));
-    residual[0] = scale * x + cx_ - pixel_.x();
-    residual[1] = scale * y + cy_ - pixel_.y();
+    residual[0] = scale * x + center_.x() - pixel_.x();
+    residual[1] = scale * y + center_.y() - pixel_.y();
     return true;
   }
 
-  Eigen::Vector2d pixel_;
-  double cx_, cy_;
+  Eigen::Vector2d pixel_, center_;
   Eigen::Matrix3d R0_;
 };
 
@@ -47,11 +46,28 @@ struct Prior {
   template <typename T>
   bool operator()(const T* intrinsics, T* residual) const {
     residual[0] = (intrinsics[0] - log_focal) / log_sigma;
-    residual[1] = intrinsics[1] / k1_sigma;
+    residual[1] = (intrinsics[1] - k1) / k1_sigma;
     return true;
   }
-  double log_focal, log_sigma, k1_sigma;
+  double log_focal, log_sigma, k1, k1_sigma;
 };
+
+Prior PriorOf(const BundleView& view, const BundleOptions& options) {
+  const ViewPrior& given = view.prior;
+  Prior out{std::log(options.focal_prior_widths * view.size.width),
+            options.focal_prior_log_sigma,
+            0.0,
+            options.k1_sigma};
+  if (given.focal_px) {
+    out.log_focal = std::log(*given.focal_px);
+    out.log_sigma = given.focal_log_sigma;
+  }
+  if (given.k1) {
+    out.k1 = *given.k1;
+    out.k1_sigma = given.k1_sigma;
+  }
+  return out;
+}
 
 struct Parameters {
   std::vector<ViewParameters> views;
@@ -80,14 +96,13 @@ void BuildProblem(const BundleOptions& options,
     for (const TrackObservation& o : point.track.observations) {
       ViewParameters& v = p->views[o.view];
       if (loss == nullptr) loss = new ceres::CauchyLoss(options.loss_px);
-      problem->AddResidualBlock(
-          new ceres::AutoDiffCostFunction<ReprojectionError, 2, 2, 3, 3, 3>(new ReprojectionError(
-              o.point, bundle.views[o.view].size, bundle.views[o.view].camera_from_world.R)),
-          loss,
-          v.intrinsics,
-          v.rotation,
-          v.center,
-          p->points[k].data());
+      problem->AddResidualBlock(new ceres::AutoDiffCostFunction<ReprojectionError, 2, 2, 3, 3, 3>(
+                                    new ReprojectionError(o.point, bundle.views[o.view])),
+                                loss,
+                                v.intrinsics,
+                                v.rotation,
+                                v.center,
+                                p->points[k].data());
     }
     if (point.on_plane && !point.track.observations.empty()) {
       if (plane_manifold == nullptr) plane_manifold = new ceres::SubsetManifold(3, {2});
@@ -95,11 +110,10 @@ void BuildProblem(const BundleOptions& options,
     }
   }
   for (size_t i = 0; i < bundle.views.size(); ++i) {
-    const double start = std::log(options.focal_prior_widths * bundle.views[i].size.width);
-    problem->AddResidualBlock(new ceres::AutoDiffCostFunction<Prior, 2, 2>(new Prior{
-                                  start, options.focal_prior_log_sigma, options.k1_sigma}),
-                              nullptr,
-                              p->views[i].intrinsics);
+    problem->AddResidualBlock(
+        new ceres::AutoDiffCostFunction<Prior, 2, 2>(new Prior(PriorOf(bundle.views[i], options))),
+        nullptr,
+        p->views[i].intrinsics);
   }
   if (problem->HasParameterBlock(p->views[0].center)) {
     problem->SetParameterBlockConstant(p->views[0].center);
@@ -137,27 +151,89 @@ bool AllFinite(const Parameters& p) {
   return std::all_of(p.points.begin(), p.points.end(), [](const auto& x) { return x.allFinite(); });
 }
 
-// Posterior deviation of every log f, scaled by the robust residual variance; negative: not
-// computable.
-std::vector<double> FocalDeviations(ceres::Problem* problem, const Parameters& p, double cost) {
-  std::vector<double> sigma(p.views.size(), -1.0);
-  ceres::Covariance::Options options;
-  options.algorithm_type = ceres::SPARSE_QR;
-  options.num_threads = 1;
-  ceres::Covariance covariance(options);
-  std::vector<std::pair<const double*, const double*>> blocks;
-  for (const ViewParameters& v : p.views) blocks.emplace_back(v.intrinsics, v.intrinsics);
-  if (!covariance.Compute(blocks, problem)) return sigma;
-  const double freedom = std::max(1, problem->NumResiduals() - problem->NumParameters());
-  const double variance = std::max(2.0 * cost / freedom, 0.01);
-  for (size_t i = 0; i < p.views.size(); ++i) {
-    double c[4];
-    if (covariance.GetCovarianceBlock(p.views[i].intrinsics, p.views[i].intrinsics, c) &&
-        c[0] >= 0.0) {
-      sigma[i] = std::sqrt(c[0] * variance);
+using SparseMatrix = Eigen::SparseMatrix<double>;
+
+SparseMatrix FromCeres(const ceres::CRSMatrix& crs) {
+  std::vector<Eigen::Triplet<double>> entries;
+  for (int r = 0; r < crs.num_rows; ++r) {
+    for (int k = crs.rows[r]; k < crs.rows[r + 1]; ++k) {
+      entries.emplace_back(r, crs.cols[k], crs.values[k]);
     }
   }
-  return sigma;
+  SparseMatrix out(crs.num_rows, crs.num_cols);
+  out.setFromTriplets(entries.begin(), entries.end());
+  return out;
+}
+
+// Fills the deviations of every log f. The principal points are held at the images' centres: what
+// their own deviation adds is propagated as that of consider parameters (Schmidt 1966),
+// C = s^2 N^-1 + S Sigma S^T with S = N^-1 J^T J_c.
+void FillFocalDeviations(const BundleOptions& options,
+                         double cost,
+                         ceres::Problem* problem,
+                         Parameters* p,
+                         Bundle* bundle) {
+  ceres::Problem::EvaluateOptions evaluate;
+  evaluate.num_threads = 1;
+  std::vector<Eigen::Index> column_of;  // of log f, per view
+  int columns = 0;
+  for (ViewParameters& v : p->views) {
+    if (!problem->HasParameterBlock(v.center)) return;  // a view without observations
+    column_of.push_back(columns);
+    for (double* block : {v.intrinsics, v.rotation, v.center}) {
+      if (problem->IsParameterBlockConstant(block)) continue;
+      evaluate.parameter_blocks.push_back(block);
+      columns += problem->ParameterBlockTangentSize(block);
+    }
+  }
+  for (Eigen::Vector3d& x : p->points) {
+    if (problem->HasParameterBlock(x.data())) evaluate.parameter_blocks.push_back(x.data());
+  }
+  ceres::CRSMatrix crs;
+  std::vector<double> residuals;
+  if (!problem->Evaluate(evaluate, nullptr, nullptr, nullptr, &crs)) return;
+  evaluate.apply_loss_function = false;
+  if (!problem->Evaluate(evaluate, nullptr, &residuals, nullptr, nullptr)) return;
+  const SparseMatrix J = FromCeres(crs);
+  // A pixel moves as its principal point does. Rows are in the order of BuildProblem, scaled as
+  // Ceres scales them by the loss.
+  const auto views = static_cast<Eigen::Index>(bundle->views.size());
+  SparseMatrix J_center(J.rows(), 2 * views);
+  std::vector<Eigen::Triplet<double>> entries;
+  int row = 0;
+  for (const BundlePoint& point : bundle->points) {
+    for (const TrackObservation& o : point.track.observations) {
+      const double r2 = residuals[row] * residuals[row] + residuals[row + 1] * residuals[row + 1];
+      const double weight = 1.0 / std::sqrt(1.0 + r2 / (options.loss_px * options.loss_px));
+      for (int k = 0; k < 2; ++k) entries.emplace_back(row + k, 2 * o.view + k, weight);
+      row += 2;
+    }
+  }
+  J_center.setFromTriplets(entries.begin(), entries.end());
+  const Eigen::SimplicialLDLT<SparseMatrix> normal(SparseMatrix(J.transpose() * J));
+  if (normal.info() != Eigen::Success) return;
+  Eigen::MatrixXd units = Eigen::MatrixXd::Zero(J.cols(), views);
+  for (Eigen::Index i = 0; i < views; ++i) units(column_of[i], i) = 1.0;
+  const Eigen::MatrixXd of_focals = normal.solve(units);  // columns of N^-1
+  if (normal.info() != Eigen::Success || !of_focals.allFinite()) return;
+  const Eigen::MatrixXd S = of_focals.transpose() * (J.transpose() * J_center);
+  const double freedom = std::max<double>(1.0, static_cast<double>(J.rows() - J.cols()));
+  const double variance = std::max(2.0 * cost / freedom, 0.01);
+  for (Eigen::Index i = 0; i < views; ++i) {
+    BundleView& view = bundle->views[i];
+    const double noise = of_focals(column_of[i], i) * variance;
+    if (!(noise >= 0.0)) continue;
+    double center = 0.0;
+    for (Eigen::Index k = 0; k < 2 * views; ++k) {
+      const BundleView& shifted = bundle->views[k / 2];
+      const double sigma_px = shifted.prior.principal_point_px
+                                  ? shifted.prior.principal_point_sigma_px
+                                  : options.principal_point_sigma_widths * shifted.size.width;
+      center += S(i, k) * S(i, k) * sigma_px * sigma_px;
+    }
+    view.focal_log_sigma = std::sqrt(noise);
+    view.focal_log_sigma_of_center = std::sqrt(center);
+  }
 }
 
 }  // namespace
@@ -180,10 +256,8 @@ BundleSummary AdjustBundle(const BundleOptions& options, Bundle* bundle) {
   if (!report.IsSolutionUsable() || !AllFinite(p)) return summary;
   summary.usable = true;
   summary.cost = report.final_cost;
-  std::vector<double> sigma;
-  if (options.covariance) sigma = FocalDeviations(&problem, p, report.final_cost);
+  if (options.covariance) FillFocalDeviations(options, report.final_cost, &problem, &p, bundle);
   WriteParameters(p, bundle);
-  for (size_t i = 0; i < sigma.size(); ++i) bundle->views[i].focal_log_sigma = sigma[i];
   return summary;
 }
 
@@ -191,9 +265,9 @@ std::optional<Eigen::Vector2d> ProjectInto(const BundleView& view,
                                            const Eigen::Vector3d& point_in_world) {
   const Eigen::Vector3d c = view.camera_from_world * point_in_world;
   if (!(c.z() > 1e-6)) return std::nullopt;
-  PinholeCamera camera = CenteredCamera(view.size.width, view.size.height, view.focal_px);
-  camera.k1 = view.k1;
-  return Project(camera, c);
+  const Eigen::Vector2d center = view.PrincipalPoint();
+  return Project(
+      {view.size.width, view.size.height, view.focal_px, center.x(), center.y(), view.k1}, c);
 }
 
 double WorstReprojection(const Bundle& bundle, const BundlePoint& point) {
@@ -212,8 +286,7 @@ namespace {
 
 // Unit ray of a pixel in the world, radial distortion undone by fixed-point iteration.
 Eigen::Vector3d WorldRay(const BundleView& view, const Eigen::Vector2d& pixel) {
-  const Eigen::Vector2d d((pixel.x() - 0.5 * (view.size.width - 1)) / view.focal_px,
-                          (pixel.y() - 0.5 * (view.size.height - 1)) / view.focal_px);
+  const Eigen::Vector2d d = (pixel - view.PrincipalPoint()) / view.focal_px;
   Eigen::Vector2d n = d;
   for (int i = 0; i < 5; ++i) n = d / std::max(0.2, 1.0 + view.k1 * n.squaredNorm());
   return (view.camera_from_world.R.transpose() * Eigen::Vector3d(n.x(), n.y(), 1.0)).normalized();

@@ -8,6 +8,7 @@
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/reconstruction/reconstruction.h"
 #include "server/vision/reconstruction/tracks.h"
+#include "server/vision/reconstruction/view_prior.h"
 
 namespace horopter {
 
@@ -16,8 +17,17 @@ struct BundleView {
   double focal_px = 0.0;
   double k1 = 0.0;
   Rigid3 camera_from_world;
-  double focal_log_sigma =
-      0.0;  // out: posterior of log f, scaled by the residuals; 0 until computed
+  // Out; 0 until computed. Posterior deviation of log f scaled by the residuals, and what the
+  // principal point's own deviation adds to it.
+  double focal_log_sigma = 0.0;
+  double focal_log_sigma_of_center = 0.0;
+  ViewPrior prior;  // what is known of focal length, principal point and k1; its pose is not used
+
+  // Given, or the image's centre.
+  Eigen::Vector2d PrincipalPoint() const {
+    return prior.principal_point_px.value_or(
+        Eigen::Vector2d(0.5 * (size.width - 1), 0.5 * (size.height - 1)));
+  }
 };
 
 struct BundlePoint {
@@ -35,9 +45,12 @@ struct BundleOptions {
   double focal_prior_widths = 1.5;
   double focal_prior_log_sigma = 0.5;
   double k1_sigma = 0.04;  // prior of the radial coefficient about 0
-  double loss_px = 1.0;    // Cauchy scale
+  // Of each coordinate of the principal point, which is held at the image's centre unless it is
+  // given. 0.012: uniform within 2 %.
+  double principal_point_sigma_widths = 0.012;
+  double loss_px = 1.0;  // Cauchy scale
   int max_iterations = 40;
-  bool covariance = false;  // fill focal_log_sigma
+  bool covariance = false;  // fill the deviations of log f
 };
 
 struct BundleSummary {

@@ -1,7 +1,5 @@
 #include "server/vision/reconstruction/bundle_covariance.h"
 
-#include <ceres/crs_matrix.h>
-
 #include <Eigen/Dense>
 #include <cmath>
 #include <limits>
@@ -24,13 +22,15 @@ Eigen::MatrixXd BundleCovariance::Features(std::span<const int> features) const 
   int total = 0;
   for (const int f : features) total += feature_size[f];
   // Columns W_f V_f^-1 side by side.
-  Eigen::MatrixXd reach(cameras.rows(), total);
+  Eigen::MatrixXd all = Eigen::MatrixXd::Zero(cameras.rows(), total);
   int at = 0;
   for (const int f : features) {
-    reach.middleCols(at, feature_size[f]) = W[f] * V_inverse[f];
+    for (const auto& [row, block] : reach[f]) {
+      all.block(row, at, block.rows(), block.cols()) = block;
+    }
     at += feature_size[f];
   }
-  Eigen::MatrixXd joint = reach.transpose() * cameras * reach;
+  Eigen::MatrixXd joint = all.transpose() * cameras * all;
   at = 0;
   for (const int f : features) {
     joint.block(at, at, feature_size[f], feature_size[f]) += V_inverse[f];
@@ -39,59 +39,68 @@ Eigen::MatrixXd BundleCovariance::Features(std::span<const int> features) const 
   return joint;
 }
 
-std::optional<BundleCovariance> InvertBundle(const ceres::CRSMatrix& J,
-                                             int camera_parameters,
-                                             std::span<const int> feature_size,
+template <int C>
+std::optional<BundleCovariance> InvertBundle(const BundleLayout& layout,
+                                             const NormalEquations<C>& normal,
+                                             const TangentBases<C>& bases,
                                              int gauge_freedom) {
   BundleCovariance out;
   out.gauge_freedom = gauge_freedom;
-  out.feature_size.assign(feature_size.begin(), feature_size.end());
-  std::vector<int> feature_of, offset_of;
-  for (size_t f = 0; f < feature_size.size(); ++f) {
-    for (int k = 0; k < feature_size[f]; ++k) {
-      feature_of.push_back(static_cast<int>(f));
-      offset_of.push_back(k);
-    }
-    out.W.emplace_back(Eigen::MatrixXd::Zero(camera_parameters, feature_size[f]));
-    out.V_inverse.emplace_back(Eigen::MatrixXd::Zero(feature_size[f], feature_size[f]));
+  std::vector<int> row_of = {0};  // per camera its first row; one past the end at the end
+  for (const auto& basis : bases.cameras) {
+    row_of.push_back(row_of.back() + static_cast<int>(basis.cols()));
   }
-  Eigen::MatrixXd S = Eigen::MatrixXd::Zero(camera_parameters, camera_parameters);
-  for (int r = 0; r < J.num_rows; ++r) {
-    for (int a = J.rows[r]; a < J.rows[r + 1]; ++a) {
-      for (int b = J.rows[r]; b < J.rows[r + 1]; ++b) {
-        const double product = J.values[a] * J.values[b];
-        if (!std::isfinite(product)) return std::nullopt;
-        const int ca = J.cols[a] - camera_parameters, cb = J.cols[b] - camera_parameters;
-        if (ca < 0 && cb < 0) {
-          S(J.cols[a], J.cols[b]) += product;
-        } else if (ca < 0) {
-          out.W[feature_of[cb]](J.cols[a], offset_of[cb]) += product;
-        } else if (cb >= 0) {
-          out.V_inverse[feature_of[ca]](offset_of[ca], offset_of[cb]) += product;
-        }
-      }
+  const int size = row_of.back();
+  if (size <= gauge_freedom) return std::nullopt;
+  SchurComplement<C> schur;
+  if (!EliminateFeatures(layout, normal, 0.0, &schur)) return std::nullopt;
+  // Both triangles, in tangent parameters.
+  Eigen::MatrixXd S(size, size);
+  for (int i = 0; i < layout.cameras; ++i) {
+    for (int j = i; j < layout.cameras; ++j) {
+      const Eigen::MatrixXd block = bases.cameras[i].transpose() *
+                                    schur.S.template block<C, C>(C * i, C * j) * bases.cameras[j];
+      S.block(row_of[i], row_of[j], block.rows(), block.cols()) = block;
+      S.block(row_of[j], row_of[i], block.cols(), block.rows()) = block.transpose();
     }
   }
-  for (size_t f = 0; f < feature_size.size(); ++f) {
-    if (feature_size[f] == 0) continue;
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(out.V_inverse[f]);
-    const Eigen::VectorXd& values = solver.eigenvalues();
-    if (!(values(0) > kSingularFeature * values(values.size() - 1))) return std::nullopt;
-    out.V_inverse[f] = solver.eigenvectors() * values.cwiseInverse().asDiagonal() *
-                       solver.eigenvectors().transpose();
-    S -= out.W[f] * out.V_inverse[f] * out.W[f].transpose();
+  if (!S.allFinite()) return std::nullopt;
+  out.reach.resize(layout.Features());
+  for (int f = 0; f < layout.Features(); ++f) {
+    const auto& basis = bases.features[f];
+    out.feature_size.push_back(static_cast<int>(basis.cols()));
+    out.V_inverse.emplace_back(Eigen::MatrixXd::Zero(basis.cols(), basis.cols()));
+    if (basis.cols() == 0) continue;
+    const Eigen::Vector4d pivots = schur.L[f].diagonal().cwiseAbs2();
+    if (!(pivots.minCoeff() > kSingularFeature * pivots.maxCoeff())) return std::nullopt;
+    const Eigen::Matrix<double, 4, Eigen::Dynamic, 0, 4, 4> half =
+        schur.L[f].template triangularView<Eigen::Lower>().solve(basis);
+    out.V_inverse[f] = half.transpose() * half;
+    for (int k = layout.first[f]; k < layout.first[f + 1]; ++k) {
+      const int i = layout.camera[k];
+      out.reach[f].emplace_back(row_of[i], bases.cameras[i].transpose() * (schur.Y[k] * half));
+    }
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(0.5 * (S + S.transpose()));
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(S);
   if (solver.info() != Eigen::Success) return std::nullopt;
   out.camera_spectrum = solver.eigenvalues();
-  Eigen::VectorXd inverse = Eigen::VectorXd::Zero(camera_parameters);
+  Eigen::VectorXd inverse = Eigen::VectorXd::Zero(size);
   const double floor = 1e-14 * std::max(0.0, out.camera_spectrum.maxCoeff());
-  for (int k = gauge_freedom; k < camera_parameters; ++k) {
+  for (int k = gauge_freedom; k < size; ++k) {
     inverse(k) = 1.0 / std::max(out.camera_spectrum(k), floor);
   }
   out.cameras = solver.eigenvectors() * inverse.asDiagonal() * solver.eigenvectors().transpose();
   if (!out.cameras.allFinite()) return std::nullopt;
   return out;
 }
+
+template std::optional<BundleCovariance> InvertBundle<10>(const BundleLayout&,
+                                                          const NormalEquations<10>&,
+                                                          const TangentBases<10>&,
+                                                          int);
+template std::optional<BundleCovariance> InvertBundle<12>(const BundleLayout&,
+                                                          const NormalEquations<12>&,
+                                                          const TangentBases<12>&,
+                                                          int);
 
 }  // namespace horopter

@@ -1,14 +1,13 @@
-// Covariance of a bundle with free gauge, from its Jacobian in tangent parameters.
+// Covariance of a bundle with free gauge, from its normal equations in tangent parameters.
 #pragma once
 
 #include <Eigen/Core>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
-namespace ceres {
-struct CRSMatrix;
-}
+#include "server/vision/reconstruction/bundle_solver.h"
 
 namespace horopter {
 
@@ -21,7 +20,8 @@ struct BundleCovariance {
   int gauge_freedom = 0;                   // how many of them were taken as null
   std::vector<int> feature_size;           // tangent parameters per feature; 0: not in the bundle
   std::vector<Eigen::MatrixXd> V_inverse;  // per feature
-  std::vector<Eigen::MatrixXd> W;          // per feature: camera parameters x its own
+  // W V^-1 per feature, and there per camera that sees it: first row among the cameras' parameters.
+  std::vector<std::vector<std::pair<int, Eigen::MatrixXd>>> reach;
   // Residual variance about the stated one: chi^2 / degrees of freedom.
   double variance_factor = 1.0;
   int redundancy = 0;
@@ -32,12 +32,21 @@ struct BundleCovariance {
   Eigen::MatrixXd Features(std::span<const int> features) const;
 };
 
-// J: rows in units of sigma; columns: `camera_parameters` first, then the features' one after the
-// other. Every row may touch one feature. Drops exactly `gauge_freedom` eigenvalues of S. Nullopt
-// when a feature's V is singular or something is not finite.
-std::optional<BundleCovariance> InvertBundle(const ceres::CRSMatrix& J,
-                                             int camera_parameters,
-                                             std::span<const int> feature_size,
+// Orthonormal columns: which directions of the solver's parameters are tangent. No residual may
+// depend on the others of a feature (their share of V only has to be regular). A feature that is
+// not in the bundle has no column.
+template <int C>
+struct TangentBases {
+  std::vector<Eigen::Matrix<double, C, Eigen::Dynamic, 0, C, C>> cameras;
+  std::vector<Eigen::Matrix<double, 4, Eigen::Dynamic, 0, 4, 4>> features;
+};
+
+// Residuals in units of sigma. Drops exactly `gauge_freedom` eigenvalues of S. Nullopt when a
+// feature's V is singular or something is not finite. For C = 10 and 12.
+template <int C>
+std::optional<BundleCovariance> InvertBundle(const BundleLayout& layout,
+                                             const NormalEquations<C>& normal,
+                                             const TangentBases<C>& bases,
                                              int gauge_freedom);
 
 }  // namespace horopter

@@ -1,174 +1,26 @@
 #include "server/vision/reconstruction/calibrated_bundle.h"
 
-#include <ceres/ceres.h>
-#include <ceres/rotation.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <map>
 
-#include "server/vision/reconstruction/bundle_manifolds.h"
+#include "server/vision/reconstruction/bundle_model.h"
 
 namespace horopter {
 namespace {
 
-// View block: rotation increment w (R <- exp(w) R0), translation, log f, cx, cy, k1.
-constexpr int kView = 10;
-constexpr int kLogFocal = 6;
-constexpr double kMaxTrustRegion = 1e7;  // keeps the damping that a free gauge needs
+constexpr double kFunctionTolerance = 1e-7;
 
-template <typename T>
-Eigen::Matrix<T, 3, 1> IntoCamera(const T* view, const Eigen::Matrix3d& R0, const T* X) {
-  const Eigen::Matrix<T, 3, 1> turned = R0.cast<T>() * Eigen::Map<const Eigen::Matrix<T, 3, 1>>(X);
-  Eigen::Matrix<T, 3, 1> out;
-  ceres::AngleAxisRotatePoint(view, turned.data(), out.data());
-  for (int i = 0; i < 3; ++i) out[i] += view[3 + i] * X[3];
-  return out;
-}
-
-struct PointCost {
-  PointObservation o;
-  Eigen::Matrix3d R0;
-
-  template <typename T>
-  bool operator()(const T* view, const T* X, T* residual) const {
-    const Eigen::Matrix<T, 3, 1> c = IntoCamera(view, R0, X);
-    if (c[2] == T(0)) return false;
-    const T x = c[0] / c[2], y = c[1] / c[2];
-    const T s = exp(view[kLogFocal]) * (T(1) + view[9] * (x * x + y * y));
-    residual[0] = (s * x + view[7] - T(o.pixel.x())) / T(o.sigma_px);
-    residual[1] = (s * y + view[8] - T(o.pixel.y())) / T(o.sigma_px);
-    return true;
-  }
-};
-
-struct LineCost {
-  LineObservation o;
-  Eigen::Matrix3d R0;
-
-  template <typename T>
-  bool operator()(const T* view, const T* span, T* residual) const {
-    const Eigen::Matrix<T, 3, 1> p = IntoCamera(view, R0, span);
-    const Eigen::Matrix<T, 3, 1> q = IntoCamera(view, R0, span + 4);
-    const Eigen::Matrix<T, 3, 1> l = p.cross(q);
-    const T f = exp(view[kLogFocal]);
-    const T norm = sqrt(l[0] * l[0] + l[1] * l[1]);
-    if (norm == T(0)) return false;
-    for (int e = 0; e < 2; ++e) {
-      const Eigen::Vector2d& end = e == 0 ? o.start : o.end;
-      const T dx = (T(end.x()) - view[7]) / f, dy = (T(end.y()) - view[8]) / f;
-      T x = dx, y = dy;
-      for (int i = 0; i < 2; ++i) {  // the ends are undistorted: the projected line is straight
-        const T scale = T(1) + view[9] * (x * x + y * y);
-        x = dx / scale;
-        y = dy / scale;
-      }
-      residual[e] = f * (l[0] * x + l[1] * y + l[2]) / (norm * T(o.sigma_px));
-    }
-    return true;
-  }
-};
+using State = BundleState<BundleCamera>;
 
 struct IntrinsicsPrior {
-  std::array<double, 4> mean, sigma;  // log f, cx, cy, k1
+  Eigen::Vector4d mean, sigma;  // log f, cx, cy, k1
 
-  template <typename T>
-  bool operator()(const T* view, T* residual) const {
-    for (int i = 0; i < 4; ++i) residual[i] = (view[kLogFocal + i] - T(mean[i])) / T(sigma[i]);
-    return true;
+  // In sigmas.
+  Eigen::Vector4d Residual(const PinholeCamera& c) const {
+    return (Eigen::Vector4d(std::log(c.focal_px), c.cx, c.cy, c.k1) - mean).cwiseQuotient(sigma);
   }
 };
-
-// R = exp(w) R0 about the given rotation, and the centre -R^T t about the given one.
-struct PosePrior {
-  Eigen::Matrix3d R0;
-  Rigid3 camera_from_world;
-  double rotation_sigma, position_sigma;
-
-  template <typename T>
-  bool operator()(const T* view, T* residual) const {
-    T R[9];
-    ceres::AngleAxisToRotationMatrix(view, ceres::ColumnMajorAdapter3x3(R));
-    const Eigen::Matrix<T, 3, 3> full = Eigen::Map<Eigen::Matrix<T, 3, 3>>(R) * R0.cast<T>();
-    const Eigen::Matrix<T, 3, 3> off = full * camera_from_world.R.transpose().cast<T>();
-    T w[3];
-    ceres::RotationMatrixToAngleAxis(ceres::ColumnMajorAdapter3x3(off.data()), w);
-    const Eigen::Matrix<T, 3, 1> center =
-        -(full.transpose() * Eigen::Map<const Eigen::Matrix<T, 3, 1>>(view + 3));
-    const Eigen::Vector3d given = camera_from_world.Inverse().t;
-    for (int i = 0; i < 3; ++i) {
-      residual[i] = w[i] / T(rotation_sigma);
-      residual[3 + i] = (center[i] - T(given[i])) / T(position_sigma);
-    }
-    return true;
-  }
-};
-
-struct Parameters {
-  std::vector<std::array<double, kView>> views;
-  std::vector<std::array<double, 4>> points;
-  std::vector<std::array<double, 8>> lines;
-};
-
-Parameters ReadScene(const CalibratedScene& scene) {
-  Parameters p;
-  p.views.resize(scene.views.size());
-  p.points.resize(scene.points.size());
-  p.lines.resize(scene.lines.size());
-  for (size_t v = 0; v < scene.views.size(); ++v) {
-    if (!scene.views[v]) continue;
-    const PinholeCamera& c = scene.views[v]->camera;
-    const Eigen::Vector3d& t = scene.views[v]->camera_from_scene.t;
-    p.views[v] = {0, 0, 0, t.x(), t.y(), t.z(), std::log(c.focal_px), c.cx, c.cy, c.k1};
-  }
-  for (size_t j = 0; j < scene.points.size(); ++j) {
-    if (scene.points[j]) {
-      Eigen::Map<Eigen::Vector4d>{p.points[j].data()} = scene.points[j]->homogeneous().normalized();
-    }
-  }
-  for (size_t j = 0; j < scene.lines.size(); ++j) {
-    if (!scene.lines[j]) continue;
-    const auto points = PointsOnLine(ToOrthonormal(*scene.lines[j]));
-    Eigen::Map<GrassmannLine::Span>{p.lines[j].data()} << points[0], points[1];
-  }
-  return p;
-}
-
-// False when something is not finite.
-bool WriteScene(const Parameters& p, CalibratedScene* scene) {
-  bool finite = true;
-  for (size_t v = 0; v < scene->views.size(); ++v) {
-    if (!scene->views[v]) continue;
-    const auto& x = p.views[v];
-    CalibratedView& view = *scene->views[v];
-    Eigen::Matrix3d dR;
-    ceres::AngleAxisToRotationMatrix(x.data(), ceres::ColumnMajorAdapter3x3(dR.data()));
-    view.camera_from_scene.R = dR * view.camera_from_scene.R;
-    view.camera_from_scene.t = Eigen::Vector3d(x[3], x[4], x[5]);
-    view.camera.focal_px = std::exp(x[kLogFocal]);
-    view.camera.cx = x[7];
-    view.camera.cy = x[8];
-    view.camera.k1 = x[9];
-    for (const double value : x) finite = finite && std::isfinite(value);
-    finite = finite && std::isfinite(view.camera.focal_px) && view.camera.focal_px > 0.0;
-  }
-  for (size_t j = 0; j < scene->points.size(); ++j) {
-    if (!scene->points[j]) continue;
-    const Eigen::Map<const Eigen::Vector4d> X(p.points[j].data());
-    const Eigen::Vector3d x = X.head<3>() / X.w();
-    // A point that went to infinity has no place in a metric scene.
-    scene->points[j] = x.allFinite() ? std::optional<Eigen::Vector3d>(x) : std::nullopt;
-  }
-  for (size_t j = 0; j < scene->lines.size(); ++j) {
-    if (!scene->lines[j]) continue;
-    const Eigen::Map<const GrassmannLine::Span> X(p.lines[j].data());
-    scene->lines[j] = JoinPoints(Eigen::Vector4d(X.col(0)), Eigen::Vector4d(X.col(1))).normalized();
-    finite = finite && scene->lines[j]->allFinite();
-  }
-  return finite;
-}
 
 IntrinsicsPrior PriorOf(const ImageSize& size,
                         const ViewPrior& given,
@@ -195,172 +47,169 @@ IntrinsicsPrior PriorOf(const ImageSize& size,
   return prior;
 }
 
-struct Observed {
-  std::vector<int> points, lines;
+struct Priors {
+  std::vector<IntrinsicsPrior> intrinsics;  // per view of the layout
+  std::vector<std::optional<PosePrior>> poses;
+  int Residuals() const {
+    return static_cast<int>(
+        4 * intrinsics.size() +
+        6 * std::count_if(poses.begin(), poses.end(), [](const auto& p) { return p.has_value(); }));
+  }
 };
 
-// Inlier observations of points in two and lines in three known views.
-Observed UsedObservations(const MultiviewTracks& tracks,
-                          const ProjectiveScene& inliers,
-                          const CalibratedScene& scene) {
-  std::vector<int> point_views(tracks.points, 0), line_views(tracks.lines, 0);
-  const auto use_point = [&](size_t k) {
-    const PointObservation& o = tracks.point_observations[k];
-    return inliers.point_inlier[k] && scene.views[o.view] && scene.points[o.point];
-  };
-  const auto use_line = [&](size_t k) {
-    const LineObservation& o = tracks.line_observations[k];
-    return inliers.line_inlier[k] && scene.views[o.view] && scene.lines[o.line];
-  };
-  Observed out;
-  for (size_t k = 0; k < tracks.point_observations.size(); ++k) {
-    point_views[tracks.point_observations[k].point] += use_point(k);
-  }
-  for (size_t k = 0; k < tracks.line_observations.size(); ++k) {
-    line_views[tracks.line_observations[k].line] += use_line(k);
-  }
-  for (size_t k = 0; k < tracks.point_observations.size(); ++k) {
-    if (use_point(k) && point_views[tracks.point_observations[k].point] >= 2) {
-      out.points.push_back(static_cast<int>(k));
-    }
-  }
-  for (size_t k = 0; k < tracks.line_observations.size(); ++k) {
-    if (use_line(k) && line_views[tracks.line_observations[k].line] >= 3) {
-      out.lines.push_back(static_cast<int>(k));
-    }
+Priors PriorsOf(const MultiviewTracks& tracks,
+                const BundleObservations& used,
+                std::span<const ViewPrior> priors,
+                const CalibratedBundleOptions& options) {
+  Priors out;
+  for (const int v : used.view) {
+    const ViewPrior given = priors.empty() ? ViewPrior() : priors[v];
+    out.intrinsics.push_back(PriorOf(tracks.sizes[v], given, options));
+    out.poses.emplace_back();
+    if (!given.camera_from_world) continue;
+    out.poses.back() =
+        PosePrior{*given.camera_from_world, given.rotation_sigma_rad, given.position_sigma_m};
   }
   return out;
 }
 
-void BuildProblem(const MultiviewTracks& tracks,
-                  const Observed& used,
-                  std::span<const ViewPrior> priors,
-                  const CalibratedBundleOptions& options,
-                  RobustLoss loss_kind,
-                  const CalibratedScene& scene,
-                  Parameters* p,
-                  ceres::Problem* problem) {
-  static const ViewPrior kNoPrior;
-  ceres::LossFunction* loss = nullptr;  // owned by the problem once used
-  const auto shared_loss = [&] {
-    if (loss == nullptr) loss = MakeCeresLoss(loss_kind, options.loss_scale);
-    return loss;
-  };
-  for (const int k : used.points) {
-    const PointObservation& o = tracks.point_observations[k];
-    const Eigen::Matrix3d& R0 = scene.views[o.view]->camera_from_scene.R;
-    problem->AddResidualBlock(
-        new ceres::AutoDiffCostFunction<PointCost, 2, kView, 4>(new PointCost{o, R0}),
-        shared_loss(),
-        p->views[o.view].data(),
-        p->points[o.point].data());
-  }
-  for (const int k : used.lines) {
-    const LineObservation& o = tracks.line_observations[k];
-    const Eigen::Matrix3d& R0 = scene.views[o.view]->camera_from_scene.R;
-    problem->AddResidualBlock(
-        new ceres::AutoDiffCostFunction<LineCost, 2, kView, 8>(new LineCost{o, R0}),
-        shared_loss(),
-        p->views[o.view].data(),
-        p->lines[o.line].data());
-  }
-  for (size_t v = 0; v < scene.views.size(); ++v) {
-    if (!scene.views[v] || !problem->HasParameterBlock(p->views[v].data())) continue;
-    const ViewPrior& given = priors.empty() ? kNoPrior : priors[v];
-    problem->AddResidualBlock(new ceres::AutoDiffCostFunction<IntrinsicsPrior, 4, kView>(
-                                  new IntrinsicsPrior(PriorOf(tracks.sizes[v], given, options))),
-                              nullptr,
-                              p->views[v].data());
-    if (given.camera_from_world) {
-      problem->AddResidualBlock(new ceres::AutoDiffCostFunction<PosePrior, 6, kView>(
-                                    new PosePrior{scene.views[v]->camera_from_scene.R,
-                                                  *given.camera_from_world,
-                                                  given.rotation_sigma_rad,
-                                                  given.position_sigma_m}),
-                                nullptr,
-                                p->views[v].data());
+class Model : public BundleModel<kMetricCamera, BundleCamera> {
+ public:
+  Model(const MultiviewTracks& tracks,
+        const BundleObservations& used,
+        const Priors& priors,
+        bool estimate_k1,
+        RobustLoss loss,
+        double loss_scale)
+      : BundleModel(tracks, used, loss, loss_scale), priors_(priors), estimate_k1_(estimate_k1) {}
+
+  double Cost(const State& state) const {
+    double cost = BundleModel::Cost(state);
+    for (size_t i = 0; i < state.cameras.size(); ++i) {
+      const auto& [camera, pose] = state.cameras[i];
+      cost += 0.5 * priors_.intrinsics[i].Residual(camera).squaredNorm();
+      if (priors_.poses[i]) cost += 0.5 * Residual(*priors_.poses[i], pose).squaredNorm();
     }
+    return cost;
   }
-  if (!options.estimate_k1) {
-    SetSharedManifold(new ceres::SubsetManifold(kView, {9}), &p->views, problem);
+
+  void Linearize(const State& state, NormalEquations<kMetricCamera>* normal) const {
+    BundleModel::Linearize(state, normal);
+    for (size_t i = 0; i < state.cameras.size(); ++i) {
+      const auto& [camera, pose] = state.cameras[i];
+      auto& U = normal->U[i];
+      auto& gradient = normal->camera_gradient[i];
+      const IntrinsicsPrior& prior = priors_.intrinsics[i];
+      const Eigen::Vector4d inverse = prior.sigma.cwiseInverse();
+      U.diagonal().tail<4>() += inverse.cwiseAbs2();
+      gradient.tail<4>() += inverse.cwiseProduct(prior.Residual(camera));
+      if (priors_.poses[i]) {
+        const Eigen::Matrix<double, 6, 6> J = Jacobian(*priors_.poses[i], pose);
+        U.topLeftCorner<6, 6>() += J.transpose() * J;
+        gradient.head<6>() += J.transpose() * Residual(*priors_.poses[i], pose);
+      }
+      if (estimate_k1_) continue;
+      U.row(kRadial).setZero();
+      U.col(kRadial).setZero();
+      gradient(kRadial) = 0.0;
+    }
+    if (estimate_k1_) return;
+    for (auto& W : normal->W) W.row(kRadial).setZero();
   }
-  SetSharedManifold(new ceres::SphereManifold<4>(), &p->points, problem);
-  SetSharedManifold(new GrassmannLine(), &p->lines, problem);
+
+  State Moved(const State& state, const BundleStep<kMetricCamera>& step) const {
+    State next = state;
+    for (size_t i = 0; i < next.cameras.size(); ++i) {
+      next.cameras[i] = MoveCamera(state.cameras[i], step.cameras[i]);
+    }
+    MoveFeatures(step, &next);
+    return next;
+  }
+
+ private:
+  const Priors& priors_;
+  bool estimate_k1_;
+};
+
+State ReadScene(const CalibratedScene& scene, const BundleObservations& used) {
+  State state;
+  for (const int v : used.view) {
+    state.cameras.push_back({scene.views[v]->camera, scene.views[v]->camera_from_scene});
+  }
+  for (const auto& X : scene.points) {
+    state.points.push_back(X ? Eigen::Vector4d(X->homogeneous().normalized())
+                             : Eigen::Vector4d(Eigen::Vector4d::Zero()));
+  }
+  for (const auto& L : scene.lines) state.lines.push_back(L ? SpanOf(*L) : LineSpan::Zero());
+  return state;
+}
+
+// False when something is not finite.
+bool WriteScene(const State& state, const BundleObservations& used, CalibratedScene* scene) {
+  bool finite = true;
+  for (size_t i = 0; i < used.view.size(); ++i) {
+    CalibratedView& view = *scene->views[used.view[i]];
+    const auto& [camera, pose] = state.cameras[i];
+    view.camera = camera;
+    view.camera_from_scene.R = Eigen::Quaterniond(pose.R).normalized().toRotationMatrix();
+    view.camera_from_scene.t = pose.t;
+    finite = finite && pose.R.allFinite() && pose.t.allFinite() && camera.focal_px > 0.0 &&
+             Eigen::Vector4d(camera.focal_px, camera.cx, camera.cy, camera.k1).allFinite();
+  }
+  for (size_t j = 0; j < scene->points.size(); ++j) {
+    if (!scene->points[j]) continue;
+    const Eigen::Vector3d x = state.points[j].hnormalized();
+    // A point that went to infinity has no place in a metric scene.
+    scene->points[j] = x.allFinite() ? std::optional<Eigen::Vector3d>(x) : std::nullopt;
+  }
+  for (size_t j = 0; j < scene->lines.size(); ++j) {
+    if (!scene->lines[j]) continue;
+    scene->lines[j] = LineOf(state.lines[j]);
+    finite = finite && scene->lines[j]->allFinite();
+  }
+  return finite;
 }
 
 // Freedoms that neither images nor pose priors fix.
-int GaugeFreedom(const CalibratedScene& scene, std::span<const ViewPrior> priors) {
-  int poses = 0;
-  for (size_t v = 0; v < priors.size(); ++v) poses += scene.views[v] && priors[v].camera_from_world;
+int GaugeFreedom(const Priors& priors) {
+  const auto poses = std::count_if(
+      priors.poses.begin(), priors.poses.end(), [](const auto& p) { return p.has_value(); });
   return poses == 0 ? 7 : poses == 1 ? 1 : 0;
 }
 
-void FillCovariance(const ceres::Problem::EvaluateOptions& base,
-                    const CalibratedBundleOptions& options,
-                    int gauge,
-                    ceres::Problem* problem,
-                    Parameters* p,
+void FillCovariance(const MultiviewTracks& tracks,
+                    const BundleObservations& used,
+                    const Priors& priors,
+                    bool estimate_k1,
+                    const State& state,
                     CalibratedScene* scene,
                     CalibratedBundleSummary* summary) {
-  ceres::Problem::EvaluateOptions evaluate = base;
-  const int tangent = options.estimate_k1 ? kView : kView - 1;
-  std::map<size_t, int> column_of;
-  int columns = 0;
-  for (size_t v = 0; v < p->views.size(); ++v) {
-    if (!problem->HasParameterBlock(p->views[v].data())) continue;
-    evaluate.parameter_blocks.push_back(p->views[v].data());
-    column_of[v] = columns;
-    columns += tangent;
-  }
-  std::vector<int> sizes;
-  for (auto& x : p->points) {
-    sizes.push_back(problem->HasParameterBlock(x.data()) ? 3 : 0);
-    if (sizes.back() > 0) evaluate.parameter_blocks.push_back(x.data());
-  }
-  for (auto& x : p->lines) {
-    sizes.push_back(problem->HasParameterBlock(x.data()) ? 4 : 0);
-    if (sizes.back() > 0) evaluate.parameter_blocks.push_back(x.data());
-  }
-  double cost = 0.0;
-  ceres::CRSMatrix J;
-  if (!problem->Evaluate(evaluate, &cost, nullptr, nullptr, &J)) return;
-  summary->covariance = InvertBundle(J, columns, sizes, gauge);
+  // Deviations of normal residuals: no loss.
+  const Model model(tracks, used, priors, estimate_k1, RobustLoss::kNone, 1.0);
+  const double cost = model.Cost(state);
+  if (!std::isfinite(cost)) return;
+  NormalEquations<kMetricCamera> normal;
+  normal.SetZero(used.layout);
+  model.Linearize(state, &normal);
+  const int tangent = estimate_k1 ? kMetricCamera : kMetricCamera - 1;  // k1 comes last
+  TangentBases<kMetricCamera> bases = model.FeatureBases(state);
+  bases.cameras.assign(
+      used.layout.cameras,
+      Eigen::Matrix<double, kMetricCamera, kMetricCamera>::Identity().leftCols(tangent));
+  const int gauge = GaugeFreedom(priors);
+  summary->covariance = InvertBundle<kMetricCamera>(used.layout, normal, bases, gauge);
   if (!summary->covariance) return;
-  summary->covariance->redundancy = J.num_rows - (J.num_cols - gauge);
-  summary->covariance->variance_factor = 2.0 * cost / std::max(1, summary->covariance->redundancy);
+  BundleCovariance& covariance = *summary->covariance;
+  covariance.redundancy = Redundancy(used, bases, gauge) + priors.Residuals();
+  covariance.variance_factor = 2.0 * cost / std::max(1, covariance.redundancy);
   summary->camera_tangent = tangent;
   // Residuals above the stated deviations widen the answer, smaller ones do not narrow it.
-  const double factor = std::max(1.0, summary->covariance->variance_factor);
-  for (const auto& [v, column] : column_of) {
-    const double variance =
-        summary->covariance->cameras(column + kLogFocal, column + kLogFocal) * factor;
-    (*scene).views[v]->focal_log_sigma = std::sqrt(std::max(0.0, variance));
+  const double factor = std::max(1.0, covariance.variance_factor);
+  for (int i = 0; i < used.layout.cameras; ++i) {
+    const int k = tangent * i + kLogFocal;
+    scene->views[used.view[i]]->focal_log_sigma =
+        std::sqrt(std::max(0.0, covariance.cameras(k, k) * factor));
   }
-}
-
-void Measure(const MultiviewTracks& tracks,
-             const Observed& used,
-             ceres::Problem* problem,
-             CalibratedBundleSummary* summary) {
-  // Residual blocks of observations come first, two residuals each.
-  ceres::Problem::EvaluateOptions evaluate;
-  evaluate.apply_loss_function = false;
-  std::vector<double> r;
-  double cost = 0.0;
-  if (!problem->Evaluate(evaluate, &cost, &r, nullptr, nullptr)) return;
-  double sigma2 = 0.0, px2 = 0.0;
-  size_t at = 0;
-  const auto add = [&](double sigma_px) {
-    const double e = r[at] * r[at] + r[at + 1] * r[at + 1];
-    at += 2;
-    sigma2 += e;
-    px2 += e * sigma_px * sigma_px;
-  };
-  for (const int k : used.points) add(tracks.point_observations[k].sigma_px);
-  for (const int k : used.lines) add(tracks.line_observations[k].sigma_px);
-  if (at == 0) return;
-  summary->rms_sigma = std::sqrt(sigma2 / static_cast<double>(at));
-  summary->rms_px = std::sqrt(px2 / static_cast<double>(at));
 }
 
 }  // namespace
@@ -371,42 +220,34 @@ CalibratedBundleSummary AdjustCalibrated(const MultiviewTracks& tracks,
                                          const CalibratedBundleOptions& options,
                                          CalibratedScene* scene) {
   CalibratedBundleSummary summary;
-  Parameters p = ReadScene(*scene);
-  const Observed used = UsedObservations(tracks, inliers, *scene);
-  if (used.points.empty() && used.lines.empty()) return summary;
-  ceres::Problem problem;
-  BuildProblem(tracks, used, priors, options, options.loss, *scene, &p, &problem);
-  ceres::Solver::Options solver;
-  solver.linear_solver_type = ceres::DENSE_SCHUR;
-  solver.max_num_iterations = options.max_iterations;
-  // One thread keeps the sums in order; the eliminated blocks are ordered by address, so that the
-  // last bits of two runs may still differ.
-  solver.num_threads = 1;
-  solver.logging_type = ceres::SILENT;
-  solver.function_tolerance = 1e-7;
-  solver.max_trust_region_radius = kMaxTrustRegion;
-  auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-  const auto group = [&](auto* blocks, int number) {
-    for (auto& x : *blocks) {
-      if (problem.HasParameterBlock(x.data())) ordering->AddElementToGroup(x.data(), number);
-    }
-  };
-  group(&p.points, 0);
-  group(&p.lines, 0);
-  group(&p.views, 1);
-  solver.linear_solver_ordering = ordering;
-  ceres::Solver::Summary report;
-  ceres::Solve(solver, &problem, &report);
-  if (!report.IsSolutionUsable()) return summary;
+  const BundleObservations used =
+      SelectObservations(tracks, inliers, Known(scene->views, scene->points, scene->lines));
+  if (used.observation.empty()) return summary;
+  const Priors of_views = PriorsOf(tracks, used, priors, options);
+  State state = ReadScene(*scene, used);
+  const Model model(tracks, used, of_views, options.estimate_k1, options.loss, options.loss_scale);
+  BundleSolverOptions solver;
+  solver.max_iterations = options.max_iterations;
+  solver.function_tolerance = kFunctionTolerance;
+  const BundleReport report = MinimizeBundle<kMetricCamera>(used.layout, solver, model, &state);
+  if (!report.usable) return summary;
   CalibratedScene next = *scene;
-  if (!WriteScene(p, &next)) return summary;
+  if (!WriteScene(state, used, &next)) return summary;
   summary.usable = true;
-  summary.cost = report.final_cost;
-  Measure(tracks, used, &problem, &summary);
+  summary.cost = report.cost;
+  double sigma2 = 0.0, px2 = 0.0;
+  model.ForEachResidual(state, [&](int k, int f, double squared) {
+    const int o = used.observation[k];
+    const double sigma_px = f < used.points ? tracks.point_observations[o].sigma_px
+                                            : tracks.line_observations[o].sigma_px;
+    sigma2 += squared;
+    px2 += squared * sigma_px * sigma_px;
+  });
+  const double rows = 2.0 * static_cast<double>(used.observation.size());
+  summary.rms_sigma = std::sqrt(sigma2 / rows);
+  summary.rms_px = std::sqrt(px2 / rows);
   if (options.covariance) {
-    ceres::Problem plain;  // deviations of normal residuals: no loss
-    BuildProblem(tracks, used, priors, options, RobustLoss::kNone, *scene, &p, &plain);
-    FillCovariance({}, options, GaugeFreedom(*scene, priors), &plain, &p, &next, &summary);
+    FillCovariance(tracks, used, of_views, options.estimate_k1, state, &next, &summary);
   }
   *scene = std::move(next);
   return summary;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <random>
 
 #include "server/base/status_macros.h"
@@ -39,19 +40,27 @@ int Inliers(const ProjectiveScene& scene) {
                           std::count(scene.line_inlier.begin(), scene.line_inlier.end(), true));
 }
 
-// All starts the options allow, best first.
-std::vector<ProjectiveScene> MakeStarts(const GrowContext& c,
-                                        const std::vector<ViewPair>& pairs,
-                                        const ProjectiveScene& screened) {
-  std::vector<ProjectiveScene> starts;
+using StartMaker = std::function<std::optional<ProjectiveScene>()>;
+
+std::optional<ProjectiveScene> StartFromDepths(const GrowContext& c,
+                                               const ProjectiveScene& screened) {
+  auto scene = DecomposeDepths(c.tracks);
+  if (!scene) return std::nullopt;
+  scene->point_inlier = screened.point_inlier;
+  BalanceGauge(&*scene);
+  Alternate(c.tracks, c.index, {}, &*scene);
+  return scene;
+}
+
+// All starts the options allow, best first; made when they are asked for. References must outlive
+// them.
+std::vector<StartMaker> ListStarts(const GrowContext& c,
+                                   const std::vector<ViewPair>& pairs,
+                                   const ProjectiveScene& screened) {
+  std::vector<StartMaker> starts;
   const ProjectiveStart kind = c.options.start;
   if (kind == ProjectiveStart::kFactorisation) {
-    if (auto scene = DecomposeDepths(c.tracks)) {
-      scene->point_inlier = screened.point_inlier;
-      BalanceGauge(&*scene);
-      Alternate(c.tracks, c.index, {}, &*scene);
-      starts.push_back(std::move(*scene));
-    }
+    starts.push_back([&] { return StartFromDepths(c, screened); });
   }
   if (kind == ProjectiveStart::kBestOf || kind == ProjectiveStart::kFundamental) {
     std::vector<const ViewPair*> order;
@@ -62,15 +71,14 @@ std::vector<ProjectiveScene> MakeStarts(const GrowContext& c,
       return x->parallax > y->parallax;
     });
     for (const ViewPair* pair : order) {
-      if (static_cast<int>(starts.size()) >= c.options.max_starts) break;
-      if (auto scene = StartFromPair(c, screened, *pair)) starts.push_back(std::move(*scene));
+      starts.push_back([&c, &screened, pair] { return StartFromPair(c, screened, *pair); });
     }
   }
   // Pairs that no parallax was found in say that triples would not find any either.
-  const bool few_points = kind == ProjectiveStart::kBestOf && starts.empty() && pairs.empty();
+  const bool few_points = kind == ProjectiveStart::kBestOf && pairs.empty();
   if (kind == ProjectiveStart::kTrifocal || few_points) {
     for (const auto& views : RankTriples(c, std::min(3, c.options.max_starts))) {
-      if (auto scene = StartFromTriple(c, screened, views)) starts.push_back(std::move(*scene));
+      starts.push_back([&c, &screened, views] { return StartFromTriple(c, screened, views); });
     }
   }
   return starts;
@@ -175,23 +183,26 @@ absl::StatusOr<ProjectiveResult> ReconstructProjective(const MultiviewTracks& tr
   const std::vector<ViewPair> pairs = EstimateViewPairs(normalized, index, options.pairs, stop);
   ProjectiveScene screened = EmptyScene(normalized);
   ScreenObservations(pairs, &screened);
-  std::vector<ProjectiveScene> starts = MakeStarts(context, pairs, screened);
-  if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");
-  if (starts.empty()) return ExplainNoStart(tracks, pairs);
 
   std::optional<ProjectiveScene> best;
   int tried = 0;
-  for (ProjectiveScene& scene : starts) {
+  for (const StartMaker& make : ListStarts(context, pairs, screened)) {
+    if (tried >= options.max_starts) break;
+    std::optional<ProjectiveScene> scene = make();
+    if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");
+    if (!scene) continue;
     ++tried;
     std::mt19937 rng(options.seed + static_cast<unsigned>(tried));
-    RegisterViews(context, &rng, &scene);
-    const bool finished = Finish(context, &scene);
+    RegisterViews(context, &rng, &*scene);
+    const bool finished = Finish(context, &*scene);
     if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");
     if (!finished) continue;
-    const bool complete = KnownCameras(scene) == static_cast<int>(tracks.sizes.size());
-    if (!best || Inliers(scene) > Inliers(*best)) best = std::move(scene);
+    const bool complete = KnownCameras(*scene) == static_cast<int>(tracks.sizes.size());
+    if (!best || Inliers(*scene) > Inliers(*best)) best = std::move(scene);
     if (complete && InlierShare(context, *best) > kSureShare) break;
   }
+  if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");
+  if (tried == 0) return ExplainNoStart(tracks, pairs);
   if (!best || KnownCameras(*best) < options.min_views) {
     ProjectiveResult refused =
         Refuse(tracks,

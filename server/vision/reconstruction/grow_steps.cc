@@ -13,9 +13,13 @@ constexpr double kRegisterGate2 = 64.0;  // 8 sigma: structure of two views is s
 constexpr int kRegisterIterations = 200;
 constexpr int kMinimalFeatures = 6;  // 12 equations for a camera's 11 unknowns
 constexpr int kMinRegistered = 7;    // one more than minimal, or nothing is checked
+// Sweeps after each view: the first ones decide what the others are registered to.
+constexpr int kEarlySweeps = 3, kLateSweeps = 1, kEarlyViews = 4;
 constexpr int kFinalRounds = 4;
+constexpr int kRoughIterations = 3;
 constexpr int kBundleIterations = 15;
-constexpr double kRoughGate = 3.0;  // chi^2 of the first round, before any adjustment
+constexpr double kBundleTolerance = 1e-5;  // of the cost: 1/50 of what one observation adds
+constexpr double kRoughGate = 3.0;         // chi^2 of the first round, before any adjustment
 // Fewer marks changed than this: another adjustment would find the same optimum.
 constexpr double kSettledShare = 0.005;
 constexpr int kMaxSubsets = 15;  // pairs of views tried for a feature with outliers
@@ -136,29 +140,43 @@ AlternationOptions Sweeps(int count, double start_scale) {
   return options;
 }
 
-// The feature that most of its observations support, from pairs of views, refined on all that fit.
+// The feature that most of its observations support: the present one, which the adjustment has
+// seen, unless another has more; that is found from pairs of views and refined on all that fit.
 template <typename Feature, typename Triangulate, typename Fits>
 std::optional<Feature> ConsensusFeature(const std::vector<int>& observations,
+                                        const std::optional<Feature>& present,
                                         size_t minimal,
                                         const Triangulate& triangulate,
                                         const Fits& fits) {
   std::optional<Feature> best;
   size_t most = minimal - 1;
-  const auto consider = [&](std::vector<int> subset) {
-    for (int refit = 0; refit < 2; ++refit) {
-      const std::optional<Feature> x = triangulate(subset);
-      if (!x) return;
-      std::vector<int> fitting;
-      for (const int k : observations) {
-        if (fits(*x, k)) fitting.push_back(k);
-      }
-      if (fitting.size() > most) {
-        most = fitting.size();
-        best = x;
-      }
-      if (fitting.size() < minimal || fitting.size() == subset.size()) return;
-      subset = std::move(fitting);
+  const auto fitting_of = [&](const Feature& x) {
+    std::vector<int> fitting;
+    for (const int k : observations) {
+      if (fits(x, k)) fitting.push_back(k);
     }
+    return fitting;
+  };
+  if (present) {
+    const size_t fitting = fitting_of(*present).size();
+    if (fitting >= minimal) {
+      best = present;
+      most = fitting;
+    }
+  }
+  const auto consider = [&](std::vector<int> subset) {
+    std::optional<Feature> x = triangulate(subset);
+    if (!x) return;
+    subset = fitting_of(*x);
+    if (subset.size() <= most) return;
+    most = subset.size();
+    best = x;
+    const std::optional<Feature> refined = triangulate(subset);
+    if (!refined) return;
+    const size_t fitting = fitting_of(*refined).size();
+    if (fitting < most) return;
+    most = fitting;
+    best = refined;
   };
   consider(observations);
   int tried = 0;
@@ -217,8 +235,10 @@ void Reclassify(const GrowContext& c, double widening, ProjectiveScene* scene) {
     std::optional<Eigen::Vector4d>& X = scene->points[j];
     if (!X || !std::all_of(seen.begin(), seen.end(), [&](int k) { return fits(*X, k); })) {
       // Where something is wrong, two of three views agree too easily: an epipolar line is long.
+      const std::optional<Eigen::Vector4d> before = X;
       X = ConsensusFeature<Eigen::Vector4d>(
           seen,
+          before,
           3,
           [&](const std::vector<int>& subset) {
             return TriangulatePoint(c.tracks, subset, all, 2);
@@ -237,8 +257,10 @@ void Reclassify(const GrowContext& c, double widening, ProjectiveScene* scene) {
     std::optional<PluckerLine>& L = scene->lines[j];
     if (!L || !std::all_of(seen.begin(), seen.end(), [&](int k) { return fits(*L, k); })) {
       // Two views of a line always agree, so three must.
+      const std::optional<PluckerLine> before = L;
       L = ConsensusFeature<PluckerLine>(
           seen,
+          before,
           3,
           [&](const std::vector<int>& subset) { return TriangulateLine(c.tracks, subset, all, 2); },
           fits);
@@ -282,7 +304,8 @@ void RegisterViews(const GrowContext& c, std::mt19937* rng, ProjectiveScene* sce
     }
     scene->cameras[next] = P;
     failed.assign(views, false);  // more is known now
-    Alternate(c.tracks, c.index, Sweeps(3, 4.0), scene);
+    const int sweeps = KnownCameras(*scene) <= kEarlyViews ? kEarlySweeps : kLateSweeps;
+    Alternate(c.tracks, c.index, Sweeps(sweeps, 4.0), scene);
   }
 }
 
@@ -316,13 +339,14 @@ double InlierShare(const GrowContext& c, const ProjectiveScene& scene, int view)
 bool Finish(const GrowContext& c, ProjectiveScene* scene) {
   for (int round = 0; round < kFinalRounds; ++round) {
     if (IsStopRequested(c.stop) || KnownCameras(*scene) < 2) return false;
-    // The first round alternates only: it is cheap and sorts out what the adjustment should see.
-    if (round == 0 || !c.options.bundle_adjust) {
+    if (!c.options.bundle_adjust) {
       Alternate(c.tracks, c.index, Sweeps(round == 0 ? 12 : 25, round == 0 ? 3.0 : 1.0), scene);
     } else {
+      // The first round is rough: it sorts out what the others should see.
       ProjectiveBundleOptions ba;
-      ba.loss = c.options.loss;
-      ba.max_iterations = kBundleIterations;
+      ba.loss = round == 0 ? RobustLoss::kCauchy : c.options.loss;
+      ba.max_iterations = round == 0 ? kRoughIterations : kBundleIterations;
+      ba.function_tolerance = kBundleTolerance;
       if (!AdjustProjective(c.tracks, ba, scene).usable) return false;
     }
     const std::vector<bool> points = scene->point_inlier, lines = scene->line_inlier;

@@ -31,8 +31,8 @@ std::vector<std::array<int, 3>> RankTriples(const GrowContext& context, int keep
 // Registers every view that its known features determine, most features first; refines in between.
 void RegisterViews(const GrowContext& context, std::mt19937* rng, ProjectiveScene* scene);
 
-// Alternation, adjustment and the outlier test, three times; drops views of which too little fits.
-// False when fewer than two views are left.
+// Adjustment (or alternation, as the options say) and the outlier test, up to four times; drops
+// views of which too little fits. False when fewer than two views are left.
 bool Finish(const GrowContext& context, ProjectiveScene* scene);
 
 // Share of the observations in known cameras, of features that two or more known cameras see, that

@@ -19,16 +19,24 @@ constexpr double kAnisotropySigma =
 constexpr double kDistinctAngle = 0.17;  // 10 degrees
 constexpr double kDistinctLogFocal = 0.2;
 
-double FocalWidths(int step) {
-  return kMinFocalWidths *
-         std::pow(kMaxFocalWidths / kMinFocalWidths, step / static_cast<double>(kFocalSteps - 1));
+// Focal lengths to try, image widths: the given one or a geometric series.
+std::vector<double> FocalGrid(const ImageSize& size, const ViewPrior& prior) {
+  if (prior.focal_px) return {*prior.focal_px / size.width};
+  std::vector<double> grid;
+  for (int step = 0; step < kFocalSteps; ++step) {
+    grid.push_back(kMinFocalWidths * std::pow(kMaxFocalWidths / kMinFocalWidths,
+                                              step / static_cast<double>(kFocalSteps - 1)));
+  }
+  return grid;
 }
 
-// Pixels to coordinates centred on the image and divided by its width.
-Eigen::Matrix3d CenteredFromPixels(const ImageSize& size) {
+// Pixels to coordinates about the principal point and divided by the image's width.
+Eigen::Matrix3d CenteredFromPixels(const ImageSize& size, const ViewPrior& prior) {
+  const Eigen::Vector2d center = prior.principal_point_px.value_or(
+      Eigen::Vector2d(0.5 * (size.width - 1), 0.5 * (size.height - 1)));
   Eigen::Matrix3d T;
   const double s = 1.0 / size.width;
-  T << s, 0, -s * 0.5 * (size.width - 1), 0, s, -s * 0.5 * (size.height - 1), 0, 0, 1;
+  T << s, 0, -s * center.x(), 0, s, -s * center.y(), 0, 0, 1;
   return T;
 }
 
@@ -108,39 +116,43 @@ std::optional<CalibrationStart> MakeStart(const GridPoint& point,
 
 std::vector<CalibrationStart> CalibrateFromPlane(std::span<const Eigen::Matrix3d> view_from_plane,
                                                  std::span<const ImageSize> sizes,
+                                                 std::span<const ViewPrior> priors,
                                                  const ReconstructionOptions& options,
                                                  int keep) {
   std::vector<Eigen::Matrix3d> maps;  // centred view from centred first view
   for (size_t i = 0; i < view_from_plane.size(); ++i) {
-    maps.push_back(CenteredFromPixels(sizes[i]) * view_from_plane[i] *
-                   CenteredFromPixels(sizes[0]).inverse());
+    maps.push_back(CenteredFromPixels(sizes[i], priors[i]) * view_from_plane[i] *
+                   CenteredFromPixels(sizes[0], priors[0]).inverse());
   }
-  const auto prior = [&](double focal_widths) {
+  std::vector<std::vector<double>> focals;
+  for (size_t i = 0; i < sizes.size(); ++i) focals.push_back(FocalGrid(sizes[i], priors[i]));
+  const auto prior = [&](size_t view, double focal_widths) {
+    if (priors[view].focal_px) return 0.0;
     const double d =
         std::log(focal_widths / options.focal_prior_widths) / options.focal_prior_log_sigma;
     return d * d;
   };
   std::vector<GridPoint> grid;
-  for (int f = 0; f < kFocalSteps; ++f) {
+  for (const double first_focal : focals[0]) {
     for (int tilt = 0; tilt < kTiltSteps; ++tilt) {
       for (int azimuth = 0; azimuth < kAzimuthSteps; ++azimuth) {
         const double t = (3.0 + 7.0 * tilt) * M_PI / 180.0,
                      z = 2.0 * M_PI * azimuth / kAzimuthSteps;
         GridPoint point;
-        point.focal_widths = FocalWidths(f);
+        point.focal_widths = first_focal;
         point.normal = {std::sin(t) * std::cos(z), std::sin(t) * std::sin(z), -std::cos(t)};
-        point.cost = prior(point.focal_widths);
+        point.cost = prior(0, point.focal_widths);
         const Eigen::Matrix3d M0 = CameraMatrix(point.focal_widths) * PlaneBasis(point.normal);
         point.focals.push_back(point.focal_widths);
         for (size_t i = 1; i < maps.size(); ++i) {
           const Eigen::Vector3d a = maps[i] * M0.col(0), b = maps[i] * M0.col(1);
           double best = 1e300, best_focal = 1.0;
-          for (int k = 0; k < kFocalSteps; ++k) {
-            const double r = Anisotropy(a, b, FocalWidths(k)) / kAnisotropySigma;
-            const double cost = r * r + prior(FocalWidths(k));
+          for (const double focal : focals[i]) {
+            const double r = Anisotropy(a, b, focal) / kAnisotropySigma;
+            const double cost = r * r + prior(i, focal);
             if (cost < best) {
               best = cost;
-              best_focal = FocalWidths(k);
+              best_focal = focal;
             }
           }
           point.focals.push_back(best_focal);

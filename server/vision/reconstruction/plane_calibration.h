@@ -7,6 +7,7 @@
 
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/reconstruction/reconstruction.h"
+#include "server/vision/reconstruction/view_prior.h"
 
 namespace horopter {
 
@@ -19,10 +20,12 @@ struct CalibrationStart {
 
 // Grid over the first view's focal length and the plane's normal; the other focal lengths follow
 // from the orthogonality of the plane's axes. view_from_plane: plane coordinates are the first
-// view's pixels, determinant 1 (w > 0 on the plane). Principal points in the image centres. Best
-// first, distinct, at most `keep`; empty when nothing is sane.
+// view's pixels, determinant 1 (w > 0 on the plane). priors: one per view; focal lengths that are
+// given are taken as they are, principal points that are not are the images' centres. Best first,
+// distinct, at most `keep`; empty when nothing is sane.
 std::vector<CalibrationStart> CalibrateFromPlane(std::span<const Eigen::Matrix3d> view_from_plane,
                                                  std::span<const ImageSize> sizes,
+                                                 std::span<const ViewPrior> priors,
                                                  const ReconstructionOptions& options,
                                                  int keep);
 

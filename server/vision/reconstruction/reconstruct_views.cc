@@ -26,11 +26,13 @@ constexpr int kMinObservations = 12;             // of a registered view
 constexpr double kMinParallaxPx = 4.0;           // of a point off the plane
 constexpr double kMinBaseline = 0.02;            // of the distance to the plane
 constexpr double kTruncationPx = 3.0;            // of the cost that compares two solutions
-// The posterior deviation of log f knows neither wrong matches that survive nor the camera model's
-// own error. The factor makes rms(error / deviation) about 1 on parts-train.
-constexpr double kFocalInflation = 4.0;
-constexpr double kFocalFloor = 0.02;
-constexpr double kMaxTrustedFocalSigma = 0.10;
+// The posterior deviation of log f knows nothing of wrong matches that survive. With the principal
+// points' share beside it, the factor makes rms(error / deviation) about 1 on parts-train.
+constexpr double kFocalInflation = 3.0;
+constexpr double kFocalFloor = 0.005;
+// Four views of a plane know the focal lengths to 15 % when the principal points are not known; a
+// search for parts works with that.
+constexpr double kMaxTrustedFocalSigma = 0.16;
 constexpr int kMinTrustedPoints = 8;  // off the plane
 
 absl::Status ValidateInput(const MatchingResult& matching,
@@ -116,8 +118,10 @@ double TruncatedCost(const Bundle& bundle,
 double PriorCost(const Bundle& bundle, const ReconstructionOptions& options) {
   double cost = 0.0;
   for (const BundleView& view : bundle.views) {
-    const double d = std::log(view.focal_px / (options.focal_prior_widths * view.size.width)) /
-                     options.focal_prior_log_sigma;
+    const ViewPrior& given = view.prior;
+    const double mean = given.focal_px.value_or(options.focal_prior_widths * view.size.width);
+    const double d = std::log(view.focal_px / mean) /
+                     (given.focal_px ? given.focal_log_sigma : options.focal_prior_log_sigma);
     cost += d * d;
   }
   return cost;
@@ -145,12 +149,17 @@ bool AddPlanePoints(const std::vector<Track>& tracks, Bundle* bundle) {
 }
 
 Bundle BundleFromStart(const CalibrationStart& start,
-                       const Component& component,
-                       std::span<const ImageSize> sizes) {
+                       std::span<const ImageSize> sizes,
+                       std::span<const ViewPrior> priors) {
   Bundle bundle;
-  for (size_t i = 0; i < component.views.size(); ++i) {
-    bundle.views.push_back(
-        {sizes[component.views[i]], start.focal_px[i], 0.0, start.camera_from_world[i], 0.0});
+  for (size_t i = 0; i < start.focal_px.size(); ++i) {
+    BundleView view;
+    view.size = sizes[i];
+    view.focal_px = start.focal_px[i];
+    view.k1 = priors[i].k1.value_or(0.0);
+    view.camera_from_world = start.camera_from_world[i];
+    view.prior = priors[i];
+    bundle.views.push_back(std::move(view));
   }
   return bundle;
 }
@@ -219,21 +228,26 @@ bool Refine(const std::vector<Track>& plane,
 std::vector<Solution> SolvePlane(const Component& component,
                                  const std::vector<Eigen::Matrix3d>& maps,
                                  std::span<const ImageSize> sizes,
+                                 std::span<const ViewPrior> priors,
                                  const std::vector<Track>& plane,
                                  const ReconstructionOptions& options,
                                  const StopRequested& stop) {
   std::vector<ImageSize> component_sizes;
-  for (int v : component.views) component_sizes.push_back(sizes[v]);
+  std::vector<ViewPrior> component_priors;
+  for (int v : component.views) {
+    component_sizes.push_back(sizes[v]);
+    component_priors.push_back(priors.empty() ? ViewPrior() : priors[v]);
+  }
   std::vector<Solution> solutions;
   BundleOptions ba;
   ba.focal_prior_widths = options.focal_prior_widths;
   ba.focal_prior_log_sigma = options.focal_prior_log_sigma;
   ba.max_iterations = 25;
   for (const CalibrationStart& start :
-       CalibrateFromPlane(maps, component_sizes, options, kStarts)) {
+       CalibrateFromPlane(maps, component_sizes, component_priors, options, kStarts)) {
     if (IsStopRequested(stop)) break;
     Solution s;
-    s.bundle = BundleFromStart(start, component, sizes);
+    s.bundle = BundleFromStart(start, component_sizes, component_priors);
     if (!AddPlanePoints(plane, &s.bundle)) continue;
     const BundleSummary summary = AdjustBundle(ba, &s.bundle);
     if (!summary.usable) continue;
@@ -297,11 +311,12 @@ void Export(const Bundle& bundle, const Component& component, Reconstruction* re
     if (per_view[i] < kMinObservations) continue;
     const BundleView& v = bundle.views[i];
     ReconstructedView out;
-    out.camera = CenteredCamera(v.size.width, v.size.height, v.focal_px);
-    out.camera.k1 = v.k1;
+    const Eigen::Vector2d center = v.PrincipalPoint();
+    out.camera = {v.size.width, v.size.height, v.focal_px, center.x(), center.y(), v.k1};
     out.camera_from_world = v.camera_from_world;
     out.focal_log_sigma = v.focal_log_sigma > 0.0
-                              ? std::hypot(kFocalFloor, kFocalInflation * v.focal_log_sigma)
+                              ? std::hypot(std::hypot(kFocalFloor, v.focal_log_sigma_of_center),
+                                           kFocalInflation * v.focal_log_sigma)
                               : 1e3;
     result->views[component.views[i]] = out;
   }
@@ -355,10 +370,12 @@ void DecideTrust(const ReconstructionOptions& options, double rival_ratio, Recon
 absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
                                                 std::span<const ImageFeatures> features,
                                                 std::span<const ImageSize> sizes,
+                                                std::span<const ViewPrior> priors,
                                                 const ReconstructionOptions& options,
                                                 const StopRequested& stop) {
   if (absl::Status status = ValidateInput(matching, features, sizes, options); !status.ok())
     return status;
+  if (absl::Status status = Validate(priors, sizes.size()); !status.ok()) return status;
   Reconstruction result;
   result.views.resize(sizes.size());
   const Component component = LargestComponent(matching.component);
@@ -378,7 +395,7 @@ absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
 
   const std::span<const Track> few(plane.data(), std::min<size_t>(plane.size(), kStartTracks));
   std::vector<Solution> solutions =
-      SolvePlane(component, maps, sizes, {few.begin(), few.end()}, options, stop);
+      SolvePlane(component, maps, sizes, priors, {few.begin(), few.end()}, options, stop);
   if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");
   if (solutions.empty()) {
     result.refusal =

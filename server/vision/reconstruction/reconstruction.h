@@ -14,6 +14,7 @@
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/reconstruction/image_size.h"
+#include "server/vision/reconstruction/view_prior.h"
 
 namespace horopter {
 
@@ -50,10 +51,13 @@ struct ReconstructionOptions {
 };
 
 // Reconstructs cameras and points from the matches. "Not enough" is a result with `refusal`, not an
-// error. Errors: INVALID_ARGUMENT for sizes that do not agree, CANCELLED.
+// error. priors: one per view or none; what they say of focal length, principal point and k1 is
+// believed to its deviation, their poses are not used: the frame is the plane's. Errors:
+// INVALID_ARGUMENT for sizes that do not agree and priors that are none, CANCELLED.
 absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
                                                 std::span<const ImageFeatures> features,
                                                 std::span<const ImageSize> sizes,
+                                                std::span<const ViewPrior> priors,
                                                 const ReconstructionOptions& options,
                                                 const StopRequested& stop = {});
 

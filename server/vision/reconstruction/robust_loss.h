@@ -52,7 +52,7 @@ inline double RobustCost(RobustLoss loss, double r, double c) {
   const double t = r / c;
   switch (loss) {
     case RobustLoss::kTukey:
-      return c * c / 6.0 * (t < 1.0 ? 1.0 - std::pow(1.0 - t * t, 3.0) : 1.0);
+      return c * c / 6.0 * (t < 1.0 ? 1.0 - (1.0 - t * t) * (1.0 - t * t) * (1.0 - t * t) : 1.0);
     case RobustLoss::kCauchy:
       return 0.5 * c * c * std::log1p(t * t);
     case RobustLoss::kHuber:

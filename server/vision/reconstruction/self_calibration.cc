@@ -24,27 +24,6 @@ std::string Text(const char* format, Arguments... arguments) {
   return text;
 }
 
-absl::Status CheckPriors(size_t views, std::span<const ViewPrior> priors) {
-  if (!priors.empty() && priors.size() != views) {
-    return absl::InvalidArgumentError("priors: one per view or none");
-  }
-  for (size_t v = 0; v < priors.size(); ++v) {
-    const ViewPrior& p = priors[v];
-    const bool fine = (!p.focal_px || (*p.focal_px > 0.0 && std::isfinite(*p.focal_px))) &&
-                      p.focal_log_sigma > 0.0 && p.principal_point_sigma_px > 0.0 &&
-                      p.k1_sigma > 0.0 && p.rotation_sigma_rad > 0.0 && p.position_sigma_m > 0.0 &&
-                      (!p.principal_point_px || p.principal_point_px->allFinite()) &&
-                      (!p.k1 || std::isfinite(*p.k1)) &&
-                      (!p.camera_from_world ||
-                       (p.camera_from_world->R.allFinite() && p.camera_from_world->t.allFinite()));
-    if (!fine) {
-      return absl::InvalidArgumentError("priors[" + std::to_string(v) +
-                                        "]: need finite values and positive deviations");
-    }
-  }
-  return absl::OkStatus();
-}
-
 struct Candidate {
   CalibratedScene scene;
   int dropped = 0;  // views that saw it mirrored
@@ -174,7 +153,7 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
                                            const StopRequested& stop) {
   HOROPTER_RETURN_IF_ERROR(Validate(options));
   HOROPTER_RETURN_IF_ERROR(Validate(tracks));
-  HOROPTER_RETURN_IF_ERROR(CheckPriors(tracks.sizes.size(), priors));
+  HOROPTER_RETURN_IF_ERROR(Validate(priors, tracks.sizes.size()));
   if (projective.cameras.size() != tracks.sizes.size() ||
       static_cast<int>(projective.points.size()) != tracks.points ||
       static_cast<int>(projective.lines.size()) != tracks.lines ||
@@ -269,7 +248,7 @@ absl::StatusOr<TracksResult> ReconstructTracks(const MultiviewTracks& tracks,
     result.metric.scene.lines.resize(tracks.lines);
     result.metric.mirrored.assign(tracks.sizes.size(), false);
     HOROPTER_RETURN_IF_ERROR(Validate(calibration));
-    HOROPTER_RETURN_IF_ERROR(CheckPriors(tracks.sizes.size(), priors));
+    HOROPTER_RETURN_IF_ERROR(Validate(priors, tracks.sizes.size()));
     return result;
   }
   HOROPTER_ASSIGN_OR_RETURN(

@@ -61,14 +61,17 @@ TEST_P(NoiseTest, ErrorGrowsInProportionToTheNoise) {
 INSTANTIATE_TEST_SUITE_P(Sweep, NoiseTest, testing::Values(0.05, 0.3, 0.5, 1.0));
 
 TEST(Projective, GrossOutliersAreFoundAndCostLittle) {
-  std::vector<double> errors;
+  std::vector<double> errors, clean;
   int missed = 0, outliers = 0, lost = 0, inliers = 0;
-  for (unsigned seed = 1; seed <= 8; ++seed) {
+  for (unsigned seed = 1; seed <= 20; ++seed) {
     SCOPED_TRACE(seed);
     const SyntheticTracks truth = MakeSyntheticTracks({.seed = seed}, {seed, 0.5, 0.2, 0.05});
     const ProjectiveResult r = Reconstruct(truth.tracks);
     ASSERT_EQ(r.outcome, ProjectiveOutcome::kReconstructed) << r.reason;
     errors.push_back(CompareWithTruth(truth, r.scene).rms_m);
+    // The same noise without the outliers.
+    const SyntheticTracks same = MakeSyntheticTracks({.seed = seed}, {seed, 0.5, 0.2, 0.0});
+    clean.push_back(CompareWithTruth(same, Reconstruct(same.tracks).scene).rms_m);
     for (size_t k = 0; k < truth.point_outlier.size(); ++k) {
       outliers += truth.point_outlier[k];
       inliers += !truth.point_outlier[k];
@@ -76,9 +79,9 @@ TEST(Projective, GrossOutliersAreFoundAndCostLittle) {
       lost += !truth.point_outlier[k] && !r.scene.point_inlier[k];
     }
   }
-  EXPECT_LT(Median(errors), 1.1e-3);
-  EXPECT_LT(missed, 0.1 * outliers);
-  EXPECT_LT(lost, 0.1 * inliers);
+  EXPECT_LT(Median(errors), 1.2 * Median(clean));
+  EXPECT_LT(missed, 0.02 * outliers);
+  EXPECT_LT(lost, 0.02 * inliers);
 }
 
 TEST(Projective, EveryStartReachesTheSameOptimum) {
@@ -249,6 +252,30 @@ TEST(ProjectiveRefusals, PlanesRotationsAndDuplicatesHaveNoParallax) {
   EXPECT_NE(r.reason.find("same"), std::string::npos) << r.reason;
 }
 
+TEST(Projective, ADuplicatedImageAddsNothingAndBreaksNothing) {
+  SyntheticTracks truth = MakeSyntheticTracks({.points = 60, .lines = 20}, {1, 0.5, 0.1});
+  const double error = CompareWithTruth(truth, Reconstruct(truth.tracks).scene).rms_m;
+  // The third view once more, as a seventh.
+  MultiviewTracks twice = truth.tracks;
+  twice.sizes.push_back(twice.sizes[2]);
+  for (const PointObservation& o : truth.tracks.point_observations) {
+    if (o.view == 2) twice.point_observations.push_back({6, o.point, o.pixel, o.sigma_px});
+  }
+  for (const LineObservation& o : truth.tracks.line_observations) {
+    if (o.view == 2) twice.line_observations.push_back({6, o.line, o.start, o.end, o.sigma_px});
+  }
+  ProjectiveResult r = Reconstruct(twice);
+  ExpectSane(r);
+  ASSERT_EQ(r.outcome, ProjectiveOutcome::kReconstructed) << r.reason;
+  ASSERT_TRUE(r.scene.cameras[2] && r.scene.cameras[6]);
+  const CameraMatrix& P = *r.scene.cameras[2];
+  const CameraMatrix& Q = *r.scene.cameras[6];
+  EXPECT_NEAR(std::abs((P.array() * Q.array()).sum()), P.norm() * Q.norm(), 1e-6);
+  r.scene.cameras.pop_back();
+  r.scene.point_inlier.resize(truth.tracks.point_observations.size());
+  EXPECT_LT(CompareWithTruth(truth, r.scene).rms_m, 1.5 * error);
+}
+
 TEST(ProjectiveRefusals, ParallelLinesAloneDetermineNothing) {
   SyntheticTracksOptions options{.points = 0, .lines = 30};
   options.parallel_lines = true;
@@ -269,7 +296,8 @@ TEST(ProjectiveRefusals, TracksOfOnePairGiveThatPairOnly) {
   });
   const ProjectiveResult r = Reconstruct(truth.tracks);
   ExpectSane(r);
-  EXPECT_LE(Registered(r), 2);
+  ASSERT_EQ(r.outcome, ProjectiveOutcome::kReconstructed) << r.reason;
+  EXPECT_EQ(Registered(r), 2);
 }
 
 TEST(ProjectiveRefusals, FortyPercentWrongMatchesAreSurvivedOrRefused) {

@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <limits>
+#include <random>
 
 #include "server/vision/reconstruction/reconstruction.h"
 #include "tests/support/synthetic_scene.h"
@@ -11,9 +12,11 @@
 namespace horopter {
 namespace {
 
-Reconstruction Reconstruct(const SyntheticScene& scene, const SyntheticMatches& matches) {
-  const auto r =
-      ReconstructViews(matches.matching, matches.features, scene.Sizes(), ReconstructionOptions());
+Reconstruction Reconstruct(const SyntheticScene& scene,
+                           const SyntheticMatches& matches,
+                           const std::vector<ViewPrior>& priors = {}) {
+  const auto r = ReconstructViews(
+      matches.matching, matches.features, scene.Sizes(), priors, ReconstructionOptions());
   EXPECT_TRUE(r.ok()) << r.status();
   return r.ok() ? *r : Reconstruction();
 }
@@ -108,6 +111,83 @@ TEST(ReconstructViews, FocalErrorsStayWithinTheirPredictedDeviations) {
     }
   }
   EXPECT_LT(std::sqrt(squared / n), 1.5);
+}
+
+// Principal points uniform within 2 % of the width, each view its own.
+SyntheticScene WithPrincipalPointsOff(unsigned seed) {
+  SyntheticSceneOptions options;
+  options.seed = seed;
+  SyntheticScene scene = MakeSyntheticScene(options);
+  std::mt19937 rng(seed);
+  const auto off = [&](double share) {
+    return share * scene.cameras[0].width * (static_cast<double>(rng()) / 2147483648.0 - 1.0);
+  };
+  for (PinholeCamera& camera : scene.cameras) {
+    camera.cx += off(0.02);
+    camera.cy += off(0.015);
+  }
+  return scene;
+}
+
+TEST(ReconstructViews, DeviationsHoldWithUnknownPrincipalPoints) {
+  double squared = 0.0;
+  int n = 0;
+  for (unsigned seed = 31; seed <= 42; ++seed) {
+    const SyntheticScene scene = WithPrincipalPointsOff(seed);
+    const Reconstruction r = Reconstruct(scene, MatchSyntheticScene(scene, {seed, 0.1, 0.0}));
+    ASSERT_EQ(Registered(r), 5) << "seed " << seed;
+    for (size_t i = 0; i < r.views.size(); ++i) {
+      const double e = std::log(r.views[i]->camera.focal_px / scene.cameras[i].focal_px) /
+                       r.views[i]->focal_log_sigma;
+      squared += e * e;
+      ++n;
+    }
+  }
+  const double ratio = std::sqrt(squared / n);
+  RecordProperty("error_per_sigma", std::to_string(ratio));
+  EXPECT_LT(ratio, 1.4);
+  EXPECT_GT(ratio, 0.4);  // nor are they stated so wide that they say nothing
+}
+
+TEST(ReconstructViews, HintsEnterAsPriors) {
+  double without = 0.0, with = 0.0;
+  for (unsigned seed = 31; seed <= 34; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    const SyntheticScene scene = WithPrincipalPointsOff(seed);
+    const SyntheticMatches matches = MatchSyntheticScene(scene, {seed, 0.1, 0.0});
+    std::vector<ViewPrior> priors(5);
+    for (size_t v = 0; v < 5; ++v) {
+      priors[v].principal_point_px = Eigen::Vector2d(scene.cameras[v].cx, scene.cameras[v].cy);
+    }
+    priors[2].focal_px = scene.cameras[2].focal_px;
+    priors[2].focal_log_sigma = 0.001;
+    const Reconstruction blind = Reconstruct(scene, matches);
+    const Reconstruction told = Reconstruct(scene, matches, priors);
+    ExpectFinite(told);
+    ASSERT_EQ(Registered(told), 5);
+    without += WorstFocalError(scene, blind);
+    with += WorstFocalError(scene, told);
+    EXPECT_NEAR(std::log(told.views[2]->camera.focal_px / scene.cameras[2].focal_px), 0.0, 0.005);
+    EXPECT_EQ(told.views[1]->camera.cx, scene.cameras[1].cx);
+    // The frame is common: what is known of one camera narrows the others.
+    EXPECT_LT(told.views[1]->focal_log_sigma, blind.views[1]->focal_log_sigma);
+  }
+  EXPECT_LT(with, 0.5 * without);
+}
+
+TEST(ReconstructViews, AWrongHintIsContradictedByItsDeviation) {
+  // A hint of 30 % too much with 30 % deviation gives way, one with 0.1 % does not.
+  const SyntheticScene scene = MakeSyntheticScene({});
+  const SyntheticMatches matches = MatchSyntheticScene(scene, {1, 0.1, 0.0});
+  std::vector<ViewPrior> priors(5);
+  priors[0].focal_px = 1.3 * scene.cameras[0].focal_px;
+  priors[0].focal_log_sigma = 0.3;
+  const Reconstruction loose = Reconstruct(scene, matches, priors);
+  ASSERT_EQ(Registered(loose), 5);
+  EXPECT_LT(WorstFocalError(scene, loose), 0.05);
+  priors[0].focal_log_sigma = 0.001;
+  const Reconstruction tight = Reconstruct(scene, matches, priors);
+  ExpectFinite(tight);
 }
 
 TEST(ReconstructViews, SurvivesFortyPercentWrongJunctionMatches) {
@@ -206,7 +286,7 @@ TEST(ReconstructViews, UnlinkedViewsAreARefusalNotAnError) {
   matching.view_from_plane.assign(2, Eigen::Matrix3d::Identity());
   const std::vector<ImageFeatures> features(2);
   const std::vector<ImageSize> sizes(2, {640, 480});
-  const auto r = ReconstructViews(matching, features, sizes, ReconstructionOptions());
+  const auto r = ReconstructViews(matching, features, sizes, {}, ReconstructionOptions());
   ASSERT_TRUE(r.ok());
   EXPECT_FALSE(r->trusted);
   EXPECT_THAT(r->refusal, testing::HasSubstr("0 views"));
@@ -228,15 +308,36 @@ TEST(ReconstructViews, BadInputNamesTheOffender) {
   std::vector<ImageSize> sizes = scene.Sizes();
   sizes.pop_back();
   const auto few =
-      ReconstructViews(matches.matching, matches.features, sizes, ReconstructionOptions());
+      ReconstructViews(matches.matching, matches.features, sizes, {}, ReconstructionOptions());
   EXPECT_EQ(few.status().code(), absl::StatusCode::kInvalidArgument);
   sizes = scene.Sizes();
   sizes[2].width = 0;
   const auto empty =
-      ReconstructViews(matches.matching, matches.features, sizes, ReconstructionOptions());
+      ReconstructViews(matches.matching, matches.features, sizes, {}, ReconstructionOptions());
   EXPECT_EQ(empty.status().code(), absl::StatusCode::kInvalidArgument);
+  const auto with_priors = [&](const std::vector<ViewPrior>& priors) {
+    return ReconstructViews(
+        matches.matching, matches.features, scene.Sizes(), priors, ReconstructionOptions());
+  };
+  EXPECT_EQ(with_priors(std::vector<ViewPrior>(3)).status().code(),
+            absl::StatusCode::kInvalidArgument);
+  for (int fault = 0; fault < 6; ++fault) {
+    std::vector<ViewPrior> priors(5);
+    if (fault == 0) priors[3].focal_px = -800.0;
+    if (fault == 1) priors[3].focal_log_sigma = 0.0;
+    if (fault == 2) priors[3].k1 = std::numeric_limits<double>::quiet_NaN();
+    if (fault == 3) priors[3].principal_point_px = Eigen::Vector2d(320.0, INFINITY);
+    if (fault == 4) priors[3].principal_point_sigma_px = -1.0;
+    if (fault == 5) {  // a reflection
+      priors[3].camera_from_world.emplace();
+      priors[3].camera_from_world->R.col(0) *= -1.0;
+    }
+    const auto refused = with_priors(priors);
+    EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument) << fault;
+    EXPECT_NE(std::string(refused.status().message()).find("priors[3]"), std::string::npos);
+  }
   const auto cancelled = ReconstructViews(
-      matches.matching, matches.features, scene.Sizes(), ReconstructionOptions(), [] {
+      matches.matching, matches.features, scene.Sizes(), {}, ReconstructionOptions(), [] {
         return true;
       });
   EXPECT_EQ(cancelled.status().code(), absl::StatusCode::kCancelled);

@@ -1,0 +1,158 @@
+// Levenberg-Marquardt for bundles: every residual has two rows and depends on one camera and one
+// feature, so that the features are eliminated one by one and only the cameras' system is dense
+// (Schur complement; Triggs et al. 2000, section 6). Blocks have fixed sizes, sums a fixed order:
+// the same input gives the same bits.
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace horopter {
+
+// Parameters of a feature: a homogeneous point, or the tangent of a line.
+inline constexpr int kFeatureParameters = 4;
+
+// Which observations there are, feature after feature, cameras ascending within a feature.
+struct BundleLayout {
+  int cameras = 0;
+  std::vector<int> first = {0};  // per feature its first observation; one past the end at the end
+  std::vector<int> camera;       // per observation
+  int Features() const { return static_cast<int>(first.size()) - 1; }
+};
+
+// J^T J and J^T r. C: parameters of a camera.
+template <int C>
+struct NormalEquations {
+  using CameraVector = Eigen::Matrix<double, C, 1>;
+  using CrossBlock = Eigen::Matrix<double, C, kFeatureParameters>;
+  std::vector<Eigen::Matrix<double, C, C>> U;  // per camera
+  std::vector<Eigen::Matrix4d> V;              // per feature
+  std::vector<CrossBlock> W;                   // per observation
+  std::vector<CameraVector> camera_gradient;
+  std::vector<Eigen::Vector4d> feature_gradient;
+
+  void SetZero(const BundleLayout& layout) {
+    U.assign(layout.cameras, Eigen::Matrix<double, C, C>::Zero());
+    V.assign(layout.Features(), Eigen::Matrix4d::Zero());
+    W.assign(layout.camera.size(), CrossBlock::Zero());
+    camera_gradient.assign(layout.cameras, CameraVector::Zero());
+    feature_gradient.assign(layout.Features(), Eigen::Vector4d::Zero());
+  }
+
+  // One observation's residual and Jacobians, its square counted `weight` times.
+  void Add(int observation,
+           int camera,
+           int feature,
+           double weight,
+           const Eigen::Vector2d& r,
+           const Eigen::Matrix<double, 2, C>& J_camera,
+           const Eigen::Matrix<double, 2, kFeatureParameters>& J_feature) {
+    const Eigen::Matrix<double, C, 2> Jt = weight * J_camera.transpose();
+    U[camera] += Jt.lazyProduct(J_camera);
+    W[observation] = Jt.lazyProduct(J_feature);
+    V[feature] += weight * J_feature.transpose().lazyProduct(J_feature);
+    camera_gradient[camera] += Jt.lazyProduct(r);
+    feature_gradient[feature] += weight * J_feature.transpose().lazyProduct(r);
+  }
+};
+
+// The features eliminated: V = L L^T, Y = W L^-T, S = U - sum Y Y^T.
+template <int C>
+struct SchurComplement {
+  Eigen::MatrixXd S;               // upper triangle of blocks; below it nothing
+  std::vector<Eigen::Matrix4d> L;  // per feature
+  std::vector<typename NormalEquations<C>::CrossBlock> Y;  // per observation
+};
+
+// False when a V is not positive definite (nothing is damped without damping). For C = 10 and 12.
+template <int C>
+bool EliminateFeatures(const BundleLayout& layout,
+                       const NormalEquations<C>& normal,
+                       double damping,
+                       SchurComplement<C>* out);
+
+template <int C>
+struct BundleStep {
+  std::vector<Eigen::Matrix<double, C, 1>> cameras;
+  std::vector<Eigen::Vector4d> features;
+  double predicted = 0.0;  // decrease of the cost by the linear model
+};
+
+// The step that solves (J^T J + damping diag(J^T J)) step = -J^T r. Damping > 0 is what makes a
+// free gauge solvable. Features without observations do not move. False when the system is not
+// positive definite or not finite. For C = 10 and 12.
+template <int C>
+bool SolveDamped(const BundleLayout& layout,
+                 const NormalEquations<C>& normal,
+                 double damping,
+                 BundleStep<C>* step);
+
+struct BundleSolverOptions {
+  int max_iterations = 30;
+  double function_tolerance = 1e-6;  // relative decrease at which it stops
+  // Of the diagonal. The least is what keeps a free gauge solvable, and slows down directions that
+  // the observations hardly determine.
+  double first_damping = 1e-5;
+  double min_damping = 1e-8;
+};
+
+struct BundleReport {
+  bool usable = false;
+  double cost = 0.0;
+  int iterations = 0;  // linearisations
+};
+
+// Minimises model.Cost(state), starting from *state. The model has
+//   double Cost(const State&) const                        not finite where it has no meaning,
+//   void Linearize(const State&, NormalEquations<C>*) const  at a place of finite cost,
+//   State Moved(const State&, const BundleStep<C>&) const.
+// Damping follows Nielsen (1999). Unusable, and *state unchanged, when the cost is not finite at
+// the start.
+template <int C, typename Model, typename State>
+BundleReport MinimizeBundle(const BundleLayout& layout,
+                            const BundleSolverOptions& options,
+                            const Model& model,
+                            State* state) {
+  constexpr double kGiveUp = 1e10;
+  BundleReport report;
+  report.cost = model.Cost(*state);
+  if (!std::isfinite(report.cost)) return report;
+  report.usable = true;
+  double damping = options.first_damping, growth = 2.0;
+  NormalEquations<C> normal;
+  BundleStep<C> step;
+  bool converged = false;
+  while (!converged && report.iterations < options.max_iterations) {
+    ++report.iterations;
+    normal.SetZero(layout);
+    model.Linearize(*state, &normal);
+    bool moved = false;
+    while (!moved && damping < kGiveUp) {
+      if (SolveDamped(layout, normal, damping, &step)) {
+        State next = model.Moved(*state, step);
+        const double cost = model.Cost(next);
+        const double gain = (report.cost - cost) / step.predicted;
+        if (cost <= report.cost && gain > 0.0) {
+          converged = report.cost - cost <= options.function_tolerance * report.cost;
+          *state = std::move(next);
+          report.cost = cost;
+          moved = true;
+          const double t = 2.0 * gain - 1.0;
+          damping = std::max(options.min_damping, damping * std::max(0.1, 1.0 - t * t * t));
+          growth = 2.0;
+          continue;
+        }
+        // Nothing left to gain: rounding decides.
+        if (step.predicted <= options.function_tolerance * report.cost * 1e-3) break;
+      }
+      damping *= growth;
+      growth *= 2.0;
+    }
+    if (!moved) break;
+  }
+  return report;
+}
+
+}  // namespace horopter
