@@ -92,7 +92,14 @@ void ReportFeatures(const LoadedScene& scene,
 
 void ReportMatches(const MatchFinding& finding, SceneReport* report) {
   SetShare("match_precision", finding.matches_right, finding.matches, report);
-  SetShare("match_recall", finding.corners_matched, finding.shared_corners, report);
+  SetShare("match_recall",
+           finding.corners_matched + finding.edges_matched,
+           finding.shared_corners + finding.shared_edges,
+           report);
+  std::vector<int> tracked = finding.tracked;
+  if (tracked.empty()) return;
+  std::sort(tracked.begin(), tracked.end());
+  report->figures["tracked"] = tracked[tracked.size() / 2];
 }
 
 // Reconstructed points that belong to a true corner by the junctions they were made of.
@@ -229,6 +236,7 @@ void WritePictures(const BopScene& scene,
                    const std::vector<ImageFeatures>& features,
                    const std::vector<FeatureFinding>& findings,
                    const std::vector<std::vector<Wireframe>>& wireframes,
+                   const MatchingResult& matching,
                    const std::string& folder) {
   std::filesystem::create_directories(folder);
   for (size_t v = 0; v < features.size(); ++v) {
@@ -242,6 +250,16 @@ void WritePictures(const BopScene& scene,
     cv::imwrite(
         folder + name + "_truth.png",
         DrawTruth(loaded.images[v], features[v], loaded.truth[v], findings[v], wireframes[v]));
+  }
+  for (size_t v = 0; v + 1 < features.size(); ++v) {
+    char name[64];
+    std::snprintf(name, sizeof name, "/%06d_%zu_%zu_tracks.png", scene.scene_id, v, v + 1);
+    const int a = static_cast<int>(v);
+    cv::imwrite(folder + name,
+                DrawTracks({loaded.images[v], loaded.images[v + 1]},
+                           {features[v], features[v + 1]},
+                           {a, a + 1},
+                           matching));
   }
 }
 
@@ -283,6 +301,7 @@ absl::StatusOr<SceneReport> DiagnoseScene(const BopScene& scene,
                   features,
                   findings,
                   AnswerWireframes(result, catalog, features.size()),
+                  result.trace.matching,
                   options.overlay_folder);
   }
   return report;

@@ -10,11 +10,16 @@
 
 namespace horopter {
 
+// Of the pairs with an F.
 struct MatchFinding {
   int matches = 0;
   int matches_right = 0;    // both points within 2 px of the true epipolar line of the other
-  int shared_corners = 0;   // true corners seen in two neighbouring views
+  int shared_corners = 0;   // true corners found as junctions in two neighbouring views
   int corners_matched = 0;  // ... whose junctions were matched with each other
+  int shared_edges = 0;     // true straight edges found as segments in two neighbouring views
+  int edges_matched = 0;    // ... of which segments were matched with each other
+  // Per part of the scene: corners and straight edges in tracks of >= 3 views, each once.
+  std::vector<int> tracked;
 };
 
 MatchFinding CompareMatches(const MatchingResult& matching,

@@ -118,6 +118,44 @@ cv::Mat DrawFeatureGraph(const cv::Mat& image,
   return canvas;
 }
 
+cv::Mat DrawTracks(const std::array<cv::Mat, 2>& images,
+                   const std::array<ImageFeatures, 2>& features,
+                   const std::array<int, 2>& views,
+                   const MatchingResult& matching) {
+  cv::Mat canvas[2] = {Canvas(images[0]), Canvas(images[1])};
+  const auto draw = [&](const std::vector<FeatureTrack>& tracks, const auto& draw_feature) {
+    for (size_t k = 0; k < tracks.size(); ++k) {
+      int feature[2] = {-1, -1};
+      for (const FeatureTrack::Feature& f : tracks[k].features) {
+        for (int v = 0; v < 2; ++v) {
+          if (f.view == views[v]) feature[v] = f.feature;
+        }
+      }
+      if (feature[0] < 0 || feature[1] < 0) continue;
+      // Hues far apart for neighbours in the list.
+      const double hue = std::fmod(0.381966 * static_cast<double>(k), 1.0);
+      const auto wave = [&](double shift) {
+        return 155.0 + 100.0 * std::cos(2.0 * CV_PI * (hue + shift));
+      };
+      const cv::Scalar colour(wave(0.0), wave(1.0 / 3.0), wave(2.0 / 3.0));
+      for (int v = 0; v < 2; ++v)
+        draw_feature(v, feature[v], colour, tracks[k].features.size() >= 3 ? 3 : 1);
+    }
+  };
+  draw(matching.segment_tracks, [&](int v, int i, const cv::Scalar& colour, int width) {
+    const Segment& s = features[v].segments[i];
+    Line(&canvas[v], s.start, s.end, colour, width);
+  });
+  draw(matching.junction_tracks, [&](int v, int i, const cv::Scalar& colour, int width) {
+    cv::circle(canvas[v], At(features[v].junctions[i].point), 7, colour, width, cv::LINE_AA);
+  });
+  cv::Mat both;
+  if (canvas[0].rows != canvas[1].rows)
+    cv::resize(canvas[1], canvas[1], cv::Size(canvas[1].cols, canvas[0].rows));
+  cv::hconcat(canvas[0], canvas[1], both);
+  return both;
+}
+
 cv::Mat DrawTruth(const cv::Mat& image,
                   const ImageFeatures& features,
                   const TrueView& truth,

@@ -36,6 +36,8 @@ double ShareCovered(const Segment& segment, const TrueEdge& edge) {
 
 }  // namespace
 
+int InstanceOf(FeatureLabel label) { return label / kPerInstance; }
+
 FeatureLabels LabelFeatures(const ImageFeatures& features, const TrueView& truth) {
   FeatureLabels labels;
   for (const Segment& segment : features.segments) {

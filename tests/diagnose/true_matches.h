@@ -11,6 +11,8 @@ namespace horopter {
 // (instance, edge) or (instance, vertex) as one number; kUnknown: of no known part.
 using FeatureLabel = int;
 constexpr FeatureLabel kUnknownFeature = -1;
+// Index into BopImage::instances of a known label.
+int InstanceOf(FeatureLabel label);
 
 struct FeatureLabels {
   std::vector<FeatureLabel> segments;

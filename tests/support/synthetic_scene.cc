@@ -5,6 +5,7 @@
 #include <cmath>
 #include <random>
 
+#include "server/vision/matching/feature_tracks.h"
 #include "server/vision/matching/homography.h"
 #include "server/vision/matching/plane_chain.h"
 
@@ -162,6 +163,7 @@ SyntheticMatches MatchSyntheticScene(const SyntheticScene& scene, const Syntheti
       matching.pairs.push_back(pair);
     }
   }
+  matching.junction_tracks = JoinTracks(JunctionLinks(matching.pairs, /*accepted_only=*/true));
   PlaneChain chain = ChainPlanes(matching.planes, views, 4.0);
   matching.component = chain.component;
   matching.view_from_plane = chain.view_from_plane;

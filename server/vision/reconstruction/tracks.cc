@@ -101,25 +101,17 @@ std::vector<Track> PlaneTracks(const MatchingResult& matching, int component, in
 std::vector<Track> JunctionTracks(const MatchingResult& matching,
                                   std::span<const ImageFeatures> features,
                                   int component) {
-  std::map<std::pair<int, int>, int> ids;
-  UnionFind sets;
-  std::vector<TrackObservation> observations;
-  const auto id_of = [&](int view, int junction) {
-    const auto it = ids.find({view, junction});
-    if (it != ids.end()) return it->second;
-    observations.push_back({view, junction, features[view].junctions[junction].point});
-    return ids[{view, junction}] = sets.Add();
-  };
-  for (const PairGeometry& pair : matching.pairs) {
-    if (!pair.F || matching.component[pair.view_a] != component ||
-        matching.component[pair.view_b] != component) {
-      continue;
+  std::vector<Track> tracks;
+  for (const FeatureTrack& joined : matching.junction_tracks) {
+    Track track;
+    for (const FeatureTrack::Feature& f : joined.features) {
+      if (matching.component[f.view] != component) continue;
+      track.observations.push_back(
+          {f.view, f.feature, features[f.view].junctions[f.feature].point});
     }
-    for (const JunctionMatch& m : pair.matches) {
-      sets.Join(id_of(pair.view_a, m.junction_a), id_of(pair.view_b, m.junction_b));
-    }
+    if (track.observations.size() >= 2) tracks.push_back(std::move(track));
   }
-  return Collect(&sets, observations, false);
+  return tracks;
 }
 
 }  // namespace horopter

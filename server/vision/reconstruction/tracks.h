@@ -25,8 +25,7 @@ struct Track {
 // over the images.
 std::vector<Track> PlaneTracks(const MatchingResult& matching, int component, int max_tracks);
 
-// Junction tracks from the pairs with an F within a component. Tracks that meet a view twice are
-// dropped.
+// The matching's junction tracks, as far as the views of a component see them.
 std::vector<Track> JunctionTracks(const MatchingResult& matching,
                                   std::span<const ImageFeatures> features,
                                   int component);
