@@ -29,8 +29,11 @@ constexpr double kSameSeedPx = 10.0;  // working pixels
 
 JointContext MakeContext(const RecognitionInput& input,
                          const RecognitionOptions& options,
-                         const StopRequested& stop) {
+                         const StopRequested& stop,
+                         const StepListener& on_step) {
   JointContext context;
+  context.on_step = on_step;
+  BeginStep(context, "edge_maps");
   context.objects = input.objects;
   context.matching = input.matching;
   context.options = options;
@@ -70,6 +73,7 @@ JointContext MakeContext(const RecognitionInput& input,
 void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
                            const std::vector<bool>& wanted_objects,
                            JointContext* context) {
+  BeginStep(*context, "view_hypotheses");
   const int views = static_cast<int>(context->views.size());
   const int objects = static_cast<int>(context->objects.size());
   std::vector<std::vector<ImagePath>> paths(views);
@@ -148,11 +152,14 @@ SceneModel Expand(const JointContext& context,
   for (int round = 0; changed && round < (thorough ? kRounds : 1); ++round) {
     const std::size_t objects = scene.objects.size();
     const std::vector<std::optional<RecognizedView>> views = scene.views;
+    if (thorough) BeginStep(context, "placements");
     if (const auto plane = PlaneFromMatches(context, scene.views)) scene.plane = plane;
     placements = CollectPlacements(context, scene, placements, options);
     if (verified != nullptr) *verified = placements;
+    if (thorough) BeginStep(context, "consolidation");
     Consolidate(context, options, placements, &scene);
     if (scene.objects.empty()) break;
+    if (thorough) BeginStep(context, "scene_refinement");
     RefineScene(context, {}, &scene);
     DropContradictedViews(context, &scene);
     if (RegisterMissingViews(context, &scene) > 0) RefineScene(context, {}, &scene);
@@ -161,6 +168,7 @@ SceneModel Expand(const JointContext& context,
     changed = round == 0 || scene.objects.size() > objects || FocalLengthsMoved(views, scene.views);
   }
   if (thorough) {
+    BeginStep(context, "consolidation");
     // What lost its support in the refined cameras goes.
     std::vector<PlacedObject> placed = scene.objects;
     Consolidate(context, options, std::move(placed), &scene);
@@ -266,7 +274,8 @@ RecognitionResult ToResult(const JointContext& context,
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
-                                                   const StopRequested& stop) {
+                                                   const StopRequested& stop,
+                                                   const StepListener& on_step) {
   if (!input.hints.empty() && input.hints.size() != input.features.size()) {
     return absl::InvalidArgumentError("hints: one per image or none");
   }
@@ -283,7 +292,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     return result;
   }
 
-  JointContext context = MakeContext(input, options, stop);
+  JointContext context = MakeContext(input, options, stop, on_step);
   std::vector<PlacedObject> verified;
   SceneModel scene = TableRoute(input, &context, &verified);
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the search on the plane");
@@ -299,6 +308,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   bool tied = false;
   for (const bool through_plane : {true, false}) {
     if (on_table || !start.objects.empty()) break;
+    BeginStep(context, "linking");
     std::vector<SceneModel> seeds = LinkSeeds(context, through_plane);
     if (through_plane && input.reconstruction != nullptr) {
       for (SceneModel& seed : RigSeeds(context, *input.reconstruction, {}))
@@ -308,6 +318,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     }
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while views were linked");
     seed_count += seeds.size();
+    BeginStep(context, "seed_expansion");
     start = BestExpansion(context, seeds);
     tied = through_plane;
   }
@@ -326,6 +337,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the joint search");
 
+  BeginStep(context, "result");
   result = ToResult(context, scene, verified);
   double hypotheses = 0;
   for (auto& view : context.hypotheses) {

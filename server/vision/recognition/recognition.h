@@ -3,11 +3,13 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -94,9 +96,14 @@ struct RecognitionInput {
   std::span<const std::shared_ptr<const PreparedObject>> objects;
 };
 
+// Told the name of each step of recognition as it begins, on the calling thread; may be empty. No
+// stage reads a clock: whoever wants times takes them here.
+using StepListener = std::function<void(std::string_view step)>;
+
 // Errors: INVALID_ARGUMENT (sizes do not agree), CANCELLED.
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
-                                                   const StopRequested& stop = {});
+                                                   const StopRequested& stop = {},
+                                                   const StepListener& on_step = {});
 
 }  // namespace horopter

@@ -89,6 +89,7 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
                                    const Reconstruction& reconstruction,
                                    const TableSearchOptions& options,
                                    int max_scales) {
+  BeginStep(context, "table_sightings");
   std::vector<KnownView> views;
   std::vector<int> index;
   for (std::size_t v = 0; v < reconstruction.views.size(); ++v) {
@@ -123,6 +124,7 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
     }
   });
 
+  BeginStep(context, "table_votes");
   const int objects = static_cast<int>(context.objects.size());
   std::vector<std::vector<PooledPose>> found(objects);
   ParallelFor(objects, context.options.threads, [&](int k) {
@@ -146,6 +148,7 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
         DistinctPoses(object, views, InTurn(std::move(pool).Sorted()), options.kept_per_object);
   });
 
+  BeginStep(context, "table_seeds");
   std::vector<std::pair<int, PooledPose>> best;
   for (int k = 0; k < objects; ++k) {
     for (const PooledPose& p : found[k]) best.push_back({k, p});
