@@ -41,9 +41,8 @@ JointContext MakeContext(const RecognitionInput& input,
   const int views = static_cast<int>(input.features.size());
   context.views.resize(views);
   context.hypotheses.assign(views, std::vector<ViewHypotheses>(input.objects.size()));
-  ParallelFor(views, options.threads, [&](int v) {
-    context.views[v] = BuildViewEvidence(input.features[v]);
-  });
+  for (int v = 0; v < views; ++v)
+    context.views[v] = BuildViewEvidence(input.features[v], options.threads);
   for (int v = 0; v < views; ++v) {
     const ImageFeatures& f = input.features[v];
     PinholeCamera camera = CenteredCamera(f.width, f.height, options.focal_start_widths * f.width);
