@@ -153,6 +153,7 @@ SceneModel Expand(const JointContext& context,
     const std::vector<std::optional<RecognizedView>> views = scene.views;
     if (thorough) BeginStep(context, "placements");
     if (const auto plane = PlaneFromMatches(context, scene.views)) scene.plane = plane;
+    options.tops_anywhere = round == 0;
     placements = CollectPlacements(context, scene, placements, options);
     if (verified != nullptr) *verified = placements;
     if (thorough) BeginStep(context, "consolidation");

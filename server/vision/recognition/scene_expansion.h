@@ -21,6 +21,9 @@ struct ExpansionOptions {
       0.5;  // share of an object's explained edges that accepted objects explain already
   double doubtful_score = 0.42;  // of parts whose tops are searched though they are not accepted
   int max_surfaces = 6;          // heights searched, the plane included
+  // Parts are looked for everywhere at the heights of the placed objects' tops, not over these
+  // objects alone: a part may stand on a like one that is not found yet.
+  bool tops_anywhere = false;
   int plane_voters = 40;         // best placements that vote for the plane
   TableSearchOptions table;
   int threads = 1;
@@ -54,14 +57,5 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
                                            const std::vector<std::optional<RecognizedView>>& views,
                                            std::span<const PlacedObject> placements,
                                            const ExpansionOptions& options);
-
-// Heights of the object's lowest and highest point above a plane, metres.
-struct HeightRange {
-  double lowest_m = 0.0;
-  double highest_m = 0.0;
-};
-HeightRange HeightAbovePlane(const PreparedObject& object,
-                             const Rigid3& scene_from_object,
-                             const ScenePlane& plane);
 
 }  // namespace horopter

@@ -22,8 +22,7 @@ struct SightedPath {
 // Votes of one view's paths for a standing part.
 void VoteByPaths(const PreparedObject& object,
                  const StandingPart& part,
-                 std::span<const KnownView> views,
-                 std::size_t own_view,
+                 const Eigen::Vector3d& eye,
                  const std::vector<SightedPath>& paths,
                  double max_height,
                  double tolerance,
@@ -42,14 +41,8 @@ void VoteByPaths(const PreparedObject& object,
           const double share = yaws[i].units_per_metre / max_height;
           if (level_ab && !seen.heights_ab.At(share * vertices[1].z())) continue;
           if (level_bc && !seen.heights_bc.At(share * vertices[1].z())) continue;
-          Rigid3 camera_from_table = views[own_view].camera_from_scene;
-          camera_from_table.t /= yaws[i].units_per_metre;
-          if (EdgesVisible(object,
-                           camera_from_table * PlaceOnTable(part, yaws[i]),
-                           path.edge_ab,
-                           path.edge_bc)) {
+          if (EdgesVisible(object, part, yaws[i], eye, path.edge_ab, path.edge_bc))
             votes->Add(yaws[i], 1.0);
-          }
         }
       }
     }
@@ -118,8 +111,8 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
           !SightTable(camera, pose, p.c, &seen.points[2])) {
         continue;
       }
-      seen.heights_ab = SupportedHeights(views, i, seen.points[0], seen.points[1], max_height);
-      seen.heights_bc = SupportedHeights(views, i, seen.points[1], seen.points[2], max_height);
+      seen.heights_ab = SupportedHeights(views, i, seen.points[0], seen.points[1], max_height, max_height);
+      seen.heights_bc = SupportedHeights(views, i, seen.points[1], seen.points[2], max_height, max_height);
       paths[i].push_back(seen);
     }
   });
@@ -135,7 +128,7 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
       if (IsStopRequested(context.stop)) return;
       PoseVotes votes;
       for (std::size_t v = 0; v < views.size(); ++v) {
-        VoteByPaths(object, part, views, v, paths[v], max_height, options.path_tolerance, &votes);
+        VoteByPaths(object, part, views[v].camera_from_scene.Inverse().t, paths[v], max_height, options.path_tolerance, &votes);
       }
       ScorePeaks(object,
                  part,

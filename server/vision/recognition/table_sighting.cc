@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/vision/recognition/support_surface.h"
+
 namespace horopter {
 namespace {
 
@@ -34,6 +36,9 @@ std::vector<StandingPart> StandingParts(const PreparedObject& object) {
     part.table_from_object.t << 0.0, 0.0, stable.height_m;
     for (const Eigen::Vector3d& v : object.model.vertices)
       part.vertices.push_back(part.table_from_object * v);
+    const Outline outline = OutlineOnPlane(object, part.table_from_object, ScenePlane{});
+    const Eigen::Vector2d middle = outline.Middle();
+    part.outline_middle = (outline.x * middle.x() + outline.y * middle.y()).head<2>();
     parts.push_back(std::move(part));
   }
   return parts;
@@ -63,12 +68,15 @@ HeightMask SupportedHeights(std::span<const KnownView> views,
                             std::size_t own,
                             const TableSighting& from,
                             const TableSighting& to,
-                            double max_height) {
+                            double max_height,
+                            double needed_height) {
   constexpr int kPoints = 5;
   HeightMask mask;
   const int needed = views.size() > 2 ? 2 : 1;
   for (int bin = 0; bin < HeightMask::kBins; ++bin) {
     const double z = (bin + 0.5) * max_height / HeightMask::kBins;
+    // Two bins more: a bin's support counts for its neighbours.
+    if (z > needed_height + 2.0 * max_height / HeightMask::kBins) break;
     const Eigen::Vector2d a = from.base + z * from.shift, b = to.base + z * to.shift;
     const Eigen::Vector3d tangent(b.x() - a.x(), b.y() - a.y(), 0.0);
     int seen = 0;
@@ -83,6 +91,8 @@ HeightMask SupportedHeights(std::span<const KnownView> views,
             view.camera_from_scene *
             Eigen::Vector3d((1 - w) * a.x() + w * b.x(), (1 - w) * a.y() + w * b.y(), z);
         if (p.z() <= 0) break;
+        // What the remaining points can add at most does not suffice.
+        if (sum + static_cast<float>(kPoints - k) <= kHeightSupport * kPoints) break;
         const Eigen::Vector2d u = Project(view.camera, p);
         const int o = OrientationBin(static_cast<float>(q.x() * p.z() - p.x() * q.z()),
                                      static_cast<float>(q.y() * p.z() - p.y() * q.z()));

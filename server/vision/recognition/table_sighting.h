@@ -23,6 +23,7 @@ inline constexpr double kLevel = 1e-6;
 struct StandingPart {
   Rigid3 table_from_object;
   std::vector<Eigen::Vector3d> vertices;  // of the model, in the table frame, metres
+  Eigen::Vector2d outline_middle = Eigen::Vector2d::Zero();  // seen from above, table frame, metres
 };
 std::vector<StandingPart> StandingParts(const PreparedObject& object);
 
@@ -58,12 +59,13 @@ class HeightMask {
 double MaxHeight(std::span<const KnownView> views);
 
 // Level edges between the two sightings of view `own` that other views show as well: two of them,
-// or one where there are only two views.
+// or one where there are only two views. Heights above `needed_height` are not looked at.
 HeightMask SupportedHeights(std::span<const KnownView> views,
                             std::size_t own,
                             const TableSighting& from,
                             const TableSighting& to,
-                            double max_height);
+                            double max_height,
+                            double needed_height);
 
 // v turned by the angle of which cosine and sine are given.
 inline Eigen::Vector2d Turned(double c, double s, const Eigen::Vector2d& v) {
