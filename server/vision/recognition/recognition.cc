@@ -11,6 +11,7 @@
 #include "server/vision/recognition/scene_expansion.h"
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/table_search.h"
 #include "server/vision/recognition/table_seeds.h"
 #include "server/vision/recognition/view_hypotheses.h"
@@ -26,6 +27,8 @@ constexpr double kRivalScaleGain = 0.5;  // of the best scene's gain: below it a
 constexpr int kRounds = 4;  // expansion and refinement in turn while objects are added, at most
 constexpr double kSameLogFocal = 0.01;
 constexpr double kSameSeedPx = 10.0;  // working pixels
+constexpr double kStillPx = 1.0;  // a search is not repeated when its cameras move less
+constexpr double kFarPx = 1e9;
 
 JointContext MakeContext(const RecognitionInput& input,
                          const RecognitionOptions& options,
@@ -138,6 +141,27 @@ bool FocalLengthsMoved(const std::vector<std::optional<RecognizedView>>& before,
   return false;
 }
 
+// How far (working pixels) the scene's objects are moved in the images by a refinement.
+double LargestMove(const JointContext& context, const SceneModel& before, const SceneModel& after) {
+  double largest = 0.0;
+  for (std::size_t v = 0; v < before.views.size(); ++v) {
+    if (before.views[v].has_value() != after.views[v].has_value()) return kFarPx;
+    if (!before.views[v]) continue;
+    for (std::size_t k = 0; k < before.objects.size(); ++k) {
+      const RecognizedView &a = *before.views[v], &b = *after.views[v];
+      largest = std::max(
+          largest,
+          ProjectionDistance(*context.objects[before.objects[k].object],
+                             a.camera,
+                             a.camera_from_scene * before.objects[k].scene_from_object,
+                             b.camera,
+                             b.camera_from_scene * after.objects[k].scene_from_object,
+                             context.views[v].maps.working_from_image));
+    }
+  }
+  return largest;
+}
+
 SceneModel Expand(const JointContext& context,
                   SceneModel scene,
                   bool thorough,
@@ -147,22 +171,42 @@ SceneModel Expand(const JointContext& context,
   options.use_pool = thorough;
   options.threads = thorough ? context.options.threads : 1;
   std::vector<PlacedObject> placements;
+  std::vector<SearchSurface> searched;  // in cameras that are still good
   bool changed = true;
   for (int round = 0; changed && round < (thorough ? kRounds : 1); ++round) {
     const std::size_t objects = scene.objects.size();
     const std::vector<std::optional<RecognizedView>> views = scene.views;
     if (thorough) BeginStep(context, "placements");
     if (const auto plane = PlaneFromMatches(context, scene.views)) scene.plane = plane;
-    options.tops_anywhere = round == 0;
-    placements = CollectPlacements(context, scene, placements, options);
+    std::vector<SearchSurface> surfaces;
+    if (scene.plane) {
+      surfaces = SearchSurfaces(context,
+                                scene,
+                                placements,
+                                options.doubtful_score,
+                                options.plane_tolerance_m,
+                                options.max_surfaces);
+      // A part may stand on one that is not found yet but as high as one that is.
+      if (round == 0) {
+        for (SearchSurface& s : surfaces) s.discs.clear();
+      }
+      surfaces = NotCovered(surfaces, searched);
+      searched.insert(searched.end(), surfaces.begin(), surfaces.end());
+    }
+    placements = CollectPlacements(context, scene, surfaces, placements, options);
     if (verified != nullptr) *verified = placements;
     if (thorough) BeginStep(context, "consolidation");
     Consolidate(context, options, placements, &scene);
     if (scene.objects.empty()) break;
     if (thorough) BeginStep(context, "scene_refinement");
+    const SceneModel before = scene;
     RefineScene(context, {}, &scene);
+    if (LargestMove(context, before, scene) > kStillPx) searched.clear();
     DropContradictedViews(context, &scene);
-    if (RegisterMissingViews(context, &scene) > 0) RefineScene(context, {}, &scene);
+    if (RegisterMissingViews(context, &scene) > 0) {
+      RefineScene(context, {}, &scene);
+      searched.clear();
+    }
     Evaluate(context, &scene);
     // Twice at least: the first cameras know one part only.
     changed = round == 0 || scene.objects.size() > objects || FocalLengthsMoved(views, scene.views);

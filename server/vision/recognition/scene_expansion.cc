@@ -250,27 +250,20 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
 
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const SceneModel& scene,
-                                            std::span<const PlacedObject> doubtful,
+                                            const std::vector<SearchSurface>& surfaces,
+                                            std::span<const PlacedObject> earlier,
                                             const ExpansionOptions& options) {
   const std::vector<KnownView> known = KnownViews(context, scene);
   std::vector<std::vector<PlacedObject>> per_object(context.objects.size());
   std::optional<TableSearch> table;
-  if (scene.plane) {
-    std::vector<SearchSurface> surfaces = SearchSurfaces(context,
-                                                         scene,
-                                                         doubtful,
-                                                         options.doubtful_score,
-                                                         options.plane_tolerance_m,
-                                                         options.max_surfaces);
-    if (options.tops_anywhere) {
-      for (SearchSurface& s : surfaces) s.discs.clear();
-    }
-    table.emplace(context, scene, surfaces, options.table);
-  }
+  if (scene.plane && !surfaces.empty()) table.emplace(context, scene, surfaces, options.table);
   ParallelFor(static_cast<int>(per_object.size()), options.threads, [&](int k) {
     if (IsStopRequested(context.stop)) return;
     std::vector<TablePose> on_table;
     if (table) on_table = table->Find(k);
+    for (const PlacedObject& p : earlier) {
+      if (p.object == k) on_table.push_back({p.scene_from_object});
+    }
     per_object[k] = PlacementsOfObject(context, scene, k, known, on_table, options);
   });
   std::vector<PlacedObject> all;

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "server/vision/recognition/scene_model.h"
+#include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/table_search.h"
 
 namespace horopter {
@@ -21,21 +22,19 @@ struct ExpansionOptions {
       0.5;  // share of an object's explained edges that accepted objects explain already
   double doubtful_score = 0.42;  // of parts whose tops are searched though they are not accepted
   int max_surfaces = 6;          // heights searched, the plane included
-  // Parts are looked for everywhere at the heights of the placed objects' tops, not over these
-  // objects alone: a part may stand on a like one that is not found yet.
-  bool tops_anywhere = false;
   int plane_voters = 40;         // best placements that vote for the plane
   TableSearchOptions table;
   int threads = 1;
 };
 
-// Placements of all objects suggested by the hypotheses of the registered views and, where the
-// scene has a plane, by the edges seen on it and on the objects placed so far; refined and verified
-// over all registered views (no occlusion considered), best score first. doubtful: placements not
-// accepted whose tops parts may stand on all the same; what stands on a part hides it.
+// Placements of all objects suggested by the hypotheses of the registered views, by `earlier`
+// placements in cameras that differ little, and, where the scene has a plane, by the edges seen on
+// the given surfaces; refined and verified over all registered views (no occlusion considered), best
+// score first.
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const SceneModel& scene,
-                                            std::span<const PlacedObject> doubtful,
+                                            const std::vector<SearchSurface>& surfaces,
+                                            std::span<const PlacedObject> earlier,
                                             const ExpansionOptions& options);
 
 // Chooses the placements that together explain the scene: greedily by score and size, solid parts

@@ -117,4 +117,23 @@ std::vector<SearchSurface> SearchSurfaces(const JointContext& context,
   return surfaces;
 }
 
+std::vector<SearchSurface> NotCovered(const std::vector<SearchSurface>& surfaces,
+                                      const std::vector<SearchSurface>& searched) {
+  const auto covers = [](const SearchSurface& by, const SearchSurface& s) {
+    if (std::abs(by.height_m - s.height_m) >= kSameHeightM) return false;
+    if (by.discs.empty() || s.discs.empty()) return by.discs.empty();
+    return std::all_of(s.discs.begin(), s.discs.end(), [&](const SearchSurface::Disc& d) {
+      return std::any_of(by.discs.begin(), by.discs.end(), [&](const SearchSurface::Disc& b) {
+        return (d.center - b.center).norm() + d.radius_m < b.radius_m + kDiscSlackM;
+      });
+    });
+  };
+  std::vector<SearchSurface> out;
+  for (const SearchSurface& s : surfaces) {
+    if (std::none_of(searched.begin(), searched.end(), [&](const auto& by) { return covers(by, s); }))
+      out.push_back(s);
+  }
+  return out;
+}
+
 }  // namespace horopter

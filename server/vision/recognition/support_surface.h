@@ -59,4 +59,8 @@ std::vector<SearchSurface> SearchSurfaces(const JointContext& context,
                                           double plane_tolerance_m,
                                           int max_surfaces);
 
+// The surfaces that none of `searched` covers.
+std::vector<SearchSurface> NotCovered(const std::vector<SearchSurface>& surfaces,
+                                      const std::vector<SearchSurface>& searched);
+
 }  // namespace horopter
