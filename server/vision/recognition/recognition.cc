@@ -27,7 +27,7 @@ constexpr double kRivalScaleGain = 0.5;  // of the best scene's gain: below it a
 constexpr int kRounds = 4;  // expansion and refinement in turn while objects are added, at most
 constexpr double kSameLogFocal = 0.01;
 constexpr double kSameSeedPx = 10.0;  // working pixels
-constexpr double kStillPx = 1.0;  // a search is not repeated when its cameras move less
+constexpr double kStillPx = 0.5;  // a search is not repeated when its cameras move less
 constexpr double kFarPx = 1e9;
 
 JointContext MakeContext(const RecognitionInput& input,

@@ -72,6 +72,21 @@ inline Eigen::Vector2d Turned(double c, double s, const Eigen::Vector2d& v) {
   return {c * v.x() - s * v.y(), s * v.x() + c * v.y()};
 }
 
+inline bool IsUpright(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return (b - a).head<2>().norm() < kUprightShare * (b - a).norm();
+}
+
+// Poses, up to two, in which the ends a, b of an edge that is not upright are seen at these
+// sightings, scale unknown.
+int YawsFromEdge(const Eigen::Vector3d& a,
+                 const Eigen::Vector3d& b,
+                 const TableSighting& at_a,
+                 const TableSighting& at_b,
+                 TableYaw out[2]);
+
+// Distance, metres on the table, between a vertex in a pose and what is sighted at its height.
+double MissOf(const TableYaw& yaw, const Eigen::Vector3d& vertex, const TableSighting& sighting);
+
 // Poses, up to two, in which the vertices a, b, c of a standing part are seen at the sightings of
 // the same names, scale unknown: a and b are met exactly, c within `tolerance` of the path's
 // length.
