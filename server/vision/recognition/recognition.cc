@@ -141,6 +141,14 @@ bool FocalLengthsMoved(const std::vector<std::optional<RecognizedView>>& before,
   return false;
 }
 
+TableSearchOptions FirstLook() {
+  TableSearchOptions options;
+  options.peaks = 50;
+  options.settled_per_object = 8;
+  options.kept_per_object = 4;
+  return options;
+}
+
 // How far (working pixels) the scene's objects are moved in the images by a refinement.
 double LargestMove(const JointContext& context, const SceneModel& before, const SceneModel& after) {
   double largest = 0.0;
@@ -191,7 +199,9 @@ SceneModel Expand(const JointContext& context,
         for (SearchSurface& s : surfaces) s.discs.clear();
       }
       surfaces = NotCovered(surfaces, searched);
-      searched.insert(searched.end(), surfaces.begin(), surfaces.end());
+      // The first cameras know one part only: a first look finds parts that tell more of them.
+      options.table = round == 0 ? FirstLook() : TableSearchOptions();
+      if (round > 0) searched.insert(searched.end(), surfaces.begin(), surfaces.end());
     }
     placements = CollectPlacements(context, scene, surfaces, placements, options);
     if (verified != nullptr) *verified = placements;

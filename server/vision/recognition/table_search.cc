@@ -201,7 +201,8 @@ std::vector<TablePose> TableSearch::Find(int k) const {
                  part,
                  views_,
                  VoteByEdges(object, part, surface, edges)
-                     .Peaks(options_.min_edge_votes, options_.peaks),
+                     .Peaks(options_.min_edge_votes,
+                            surface.discs.empty() ? options_.peaks : options_.peaks_over),
                  options_.known_reach_px,
                  &pool);
     }

@@ -29,6 +29,7 @@ struct TableSearchOptions {
   double min_path_votes = 2.0;    // of two-edge paths, scale unknown
   double min_edge_votes = 2.2;    // of edges seen whole; 0.5 for one of which an end is hidden
   int peaks = 150;                // poses scored per standing pose of an object
+  int peaks_over = 40;            // ... on a surface that is only searched over other parts
 };
 
 struct TablePose {
