@@ -118,6 +118,8 @@ SceneState StateOf(RecognitionState state) {
       return SceneState::kAmbiguous;
     case RecognitionState::kTooFewFeatures:
       return SceneState::kTooFewFeatures;
+    case RecognitionState::kNoParallax:
+      return SceneState::kNoParallax;
   }
   return SceneState::kNothingFound;
 }

@@ -8,12 +8,14 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/prepared_object.h"
 #include "server/vision/recognition/rig_seeds.h"
+#include "server/vision/recognition/rivals.h"
 #include "server/vision/recognition/scene_expansion.h"
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/recognition/scene_refine.h"
 #include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/table_search.h"
 #include "server/vision/recognition/table_seeds.h"
+#include "server/vision/recognition/verdict.h"
 #include "server/vision/recognition/view_hypotheses.h"
 #include "server/vision/recognition/view_linking.h"
 
@@ -285,45 +287,6 @@ SceneModel BestExpansion(const JointContext& context, const std::vector<SceneMod
   return best == expanded.end() ? SceneModel{} : *best;
 }
 
-RecognitionResult ToResult(const JointContext& context,
-                           const SceneModel& scene,
-                           const std::vector<PlacedObject>& verified) {
-  RecognitionResult result;
-  result.views = scene.views;
-  auto to_object = [&](const PlacedObject& p) {
-    SceneObject o;
-    o.object = p.object;
-    o.scene_from_object = p.scene_from_object;
-    o.score = p.score;
-    for (std::size_t v = 0; v < p.support.size(); ++v) {
-      o.view_scores.push_back(scene.views[v] && p.support[v].visible > 0 ? ViewScore(p.support[v])
-                                                                         : -1.0);
-    }
-    return o;
-  };
-  for (const PlacedObject& p : scene.objects) result.objects.push_back(to_object(p));
-  for (const PlacedObject& p : verified) result.verified.push_back(to_object(p));
-  for (std::size_t i = 0; i < scene.objects.size(); ++i) {
-    const PlacedObject& accepted = scene.objects[i];
-    for (const PlacedObject& rival : verified) {
-      if (rival.object == accepted.object ||
-          rival.score < accepted.score - context.options.ambiguity_gap)
-        continue;
-      if (SharedVolume(*context.objects[accepted.object],
-                       accepted.scene_from_object,
-                       *context.objects[rival.object],
-                       rival.scene_from_object) < 0.3) {
-        continue;
-      }
-      auto& alternatives = result.objects[i].alternatives;
-      if (std::find(alternatives.begin(), alternatives.end(), rival.object) == alternatives.end()) {
-        alternatives.push_back(rival.object);
-      }
-    }
-  }
-  return result;
-}
-
 }  // namespace
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
@@ -391,8 +354,12 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the joint search");
 
+  BeginStep(context, "rivals");
+  const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
+  // Whether the images fix the cameras without any part's help.
+  const bool trusted = input.reconstruction != nullptr && input.reconstruction->trusted;
   BeginStep(context, "result");
-  result = ToResult(context, scene, verified);
+  result = MakeResult(context, scene, verified, rivals, trusted);
   double hypotheses = 0;
   for (auto& view : context.hypotheses) {
     for (ViewHypotheses& object : view) {
@@ -408,16 +375,10 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   result.counts["placements"] = static_cast<double>(verified.size());
   result.counts["objects"] = static_cast<double>(result.objects.size());
   result.counts["views"] = scene.registered();
-  if (result.objects.empty()) {
-    result.state = RecognitionState::kNothingFound;
+  if (result.state == RecognitionState::kNothingFound) {
     result.detail = absl::StrCat(
         seed_count, " linked hypotheses, none with a joint score of ", options.accept_score);
-    return result;
   }
-  const bool ambiguous = std::any_of(result.objects.begin(),
-                                     result.objects.end(),
-                                     [](const SceneObject& o) { return !o.alternatives.empty(); });
-  result.state = ambiguous ? RecognitionState::kAmbiguous : RecognitionState::kRecognized;
   return result;
 }
 
