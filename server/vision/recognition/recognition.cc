@@ -31,6 +31,9 @@ constexpr double kSameLogFocal = 0.01;
 constexpr double kSameSeedPx = 10.0;  // working pixels
 constexpr double kStillPx = 0.5;  // a search is not repeated when its cameras move less
 constexpr double kFarPx = 1e9;
+// Objects that are sure together, and what they must exceed acceptance by, in excesses of a sure one.
+constexpr int kTogether = 3;
+constexpr double kTogetherFactor = 2.0;
 
 JointContext MakeContext(const RecognitionInput& input,
                          const RecognitionOptions& options,
@@ -265,6 +268,19 @@ SceneModel TableRoute(const RecognitionInput& input,
   return scene;
 }
 
+// Whether a scene whose cameras are known by its objects only is more than chance: one object is
+// sure, or several that share the cameras are together: wrong cameras place one wrong part well at
+// best.
+bool IsSure(const SceneModel& scene, double sure, double accept_score) {
+  double excess = 0.0;
+  for (const PlacedObject& o : scene.objects) {
+    if (o.score >= sure) return true;
+    excess += std::max(0.0, o.score - accept_score);
+  }
+  return static_cast<int>(scene.objects.size()) >= kTogether &&
+         excess >= kTogetherFactor * (sure - accept_score);
+}
+
 // Expands the best distinct seeds with the verified hypotheses only and returns the scene that
 // explains most.
 SceneModel BestExpansion(const JointContext& context, const std::vector<SceneModel>& seeds) {
@@ -345,9 +361,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     if (scene.gain < start.gain) scene = std::move(start);
     // Cameras that only the parts themselves tie give a wrong part much freedom: one must be sure.
     const double sure = tied ? options.tied_sure_score : options.sure_score;
-    if (std::none_of(scene.objects.begin(), scene.objects.end(), [&](const PlacedObject& o) {
-          return o.score >= sure;
-        })) {
+    if (!IsSure(scene, sure, options.accept_score)) {
       scene.objects.clear();
       scene.views.assign(input.features.size(), std::nullopt);
     }
@@ -356,8 +370,13 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
 
   BeginStep(context, "rivals");
   const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
-  // Whether the images fix the cameras without any part's help.
-  const bool trusted = input.reconstruction != nullptr && input.reconstruction->trusted;
+  if (ContradictsCameras(context, scene)) {
+    scene.objects.clear();
+    scene.views.assign(input.features.size(), std::nullopt);
+  }
+  // A single part that the cameras hang on leaves them free to adapt to a wrong pose of it.
+  const bool trusted = scene.objects.size() > 1 ||
+                       (input.reconstruction != nullptr && input.reconstruction->trusted);
   BeginStep(context, "result");
   result = MakeResult(context, scene, verified, rivals, trusted);
   double hypotheses = 0;

@@ -14,6 +14,7 @@ namespace {
 
 constexpr double kSameTurnRad = 0.25;
 constexpr double kSameShift = 0.1;  // diameters
+constexpr double kHarm = 0.1;  // of score
 constexpr double kHalfPi = 1.5707963267948966;
 
 // The turn about the object's centre.
@@ -67,6 +68,15 @@ std::optional<SceneModel> WithRival(const JointContext& context,
     trial.gain += std::max(0.0, o.gain);
   }
   return trial;
+}
+
+// Whether another object than the one in question loses its support.
+bool Harms(const SceneModel& scene, const SceneModel& trial, int place) {
+  for (std::size_t k = 0; k < scene.objects.size(); ++k) {
+    if (static_cast<int>(k) != place && trial.objects[k].score < scene.objects[k].score - kHarm)
+      return true;
+  }
+  return false;
 }
 
 }  // namespace
@@ -145,7 +155,7 @@ std::vector<Rival> ContestObjects(const JointContext& context,
     for (std::size_t i = 1; i < trials.size() && trials[0]; ++i) {
       if (!trials[i]) continue;
       if (trials[i]->objects[place].score > trials[best]->objects[place].score &&
-          trials[i]->gain > trials[best]->gain) {
+          trials[i]->gain > trials[best]->gain && !Harms(*scene, *trials[i], place)) {
         best = i;
       }
     }

@@ -38,6 +38,17 @@ double LargestParallax(const JointContext& context, const SceneModel& scene) {
   return std::acos(std::clamp(smallest_cosine, -1.0, 1.0));
 }
 
+bool ContradictsCameras(const JointContext& context, const SceneModel& scene) {
+  constexpr double kDeviations = 4.0;
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!scene.views[v]) continue;
+    const double off =
+        std::log(scene.views[v]->camera.focal_px / context.start_cameras[v].focal_px);
+    if (std::abs(off) > kDeviations * context.focal_log_sigma[v]) return true;
+  }
+  return false;
+}
+
 RecognitionResult MakeResult(const JointContext& context,
                              const SceneModel& scene,
                              std::span<const PlacedObject> verified,

@@ -13,8 +13,12 @@ namespace horopter {
 // than two views or without objects.
 double LargestParallax(const JointContext& context, const SceneModel& scene);
 
-// State, cameras, objects with alternatives, and what was verified. trusted: the images fix the
-// cameras without the objects. Several views without parallax answer nothing.
+// Whether a focal length lies more than four prior deviations from where the images alone, or the
+// caller, put it: objects that force a camera so far are wrong.
+bool ContradictsCameras(const JointContext& context, const SceneModel& scene);
+
+// State, cameras, objects with alternatives, and what was verified. trusted: the cameras do not hang
+// on a single object. Several views without parallax answer nothing.
 RecognitionResult MakeResult(const JointContext& context,
                              const SceneModel& scene,
                              std::span<const PlacedObject> verified,

@@ -144,6 +144,18 @@ TEST(MakeResult, AnswersNothingWithoutParallax) {
   }
 }
 
+TEST(ContradictsCameras, WhenAFocalLengthLeavesItsPrior) {
+  Views views(LBracket(), 3, 0.3, 0.0);
+  views.Place({});
+  EXPECT_FALSE(ContradictsCameras(views.context, views.scene));
+  views.scene.views[1]->camera.focal_px *= std::exp(3.5 * 0.05);
+  EXPECT_FALSE(ContradictsCameras(views.context, views.scene));
+  views.scene.views[1]->camera.focal_px *= std::exp(1.0 * 0.05);
+  EXPECT_TRUE(ContradictsCameras(views.context, views.scene));
+  views.scene.views[1].reset();
+  EXPECT_FALSE(ContradictsCameras(views.context, views.scene));
+}
+
 TEST(MakeResult, OneViewIsNotRefusedForParallax) {
   Views views(LBracket(), 1, 0.1, 0.0);
   views.Place({});
