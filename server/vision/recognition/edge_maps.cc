@@ -159,8 +159,8 @@ void FillBin(const std::vector<Eigen::Vector2f>& points, int bin, EdgeMaps* maps
   for (std::size_t cell = 0; cell < cells; ++cell) {
     distance[cell] = std::sqrt(distance[cell]);
   }
-  std::uint8_t* half = maps->distance.data() +
-                       static_cast<std::size_t>(maps->half_width) * maps->half_height * bin;
+  std::uint8_t* half =
+      maps->distance.data() + static_cast<std::size_t>(maps->half_width) * maps->half_height * bin;
   for (int y = 0; y < maps->half_height; ++y) {
     const int y0 = 2 * y, y1 = std::min(2 * y + 1, maps->height - 1);
     for (int x = 0; x < maps->half_width; ++x) {

@@ -42,8 +42,8 @@ class CoarseSums {
   static constexpr float kRounding = 1.001f;
   static std::size_t Slot(int x, int y, int yaw, int scale) {
     const auto u = [](int i) { return static_cast<std::uint32_t>(i); };
-    const std::uint32_t h = u(x) * 0x9e3779b1u ^ u(y) * 0x85ebca77u ^
-                            u(scale) * 0xc2b2ae3du ^ u(yaw) * 0x27d4eb2fu;
+    const std::uint32_t h =
+        u(x) * 0x9e3779b1u ^ u(y) * 0x85ebca77u ^ u(scale) * 0xc2b2ae3du ^ u(yaw) * 0x27d4eb2fu;
     return (h ^ h >> 15) % kSlots;
   }
   int yaw_bins_;
@@ -103,8 +103,7 @@ std::vector<PoseVotes::Peak> PoseVotes::Peaks(double min_weight, int most) const
   const int reach = lowest < highest ? 1 : 0;
   // Most cells are lonely: a bound from coarse sums spares them the look at their neighbours.
   CoarseSums coarse(bins);
-  for (const auto& [key, cell] : cells_)
-    coarse.Add(key.x, key.y, key.yaw, key.scale, cell.weight);
+  for (const auto& [key, cell] : cells_) coarse.Add(key.x, key.y, key.yaw, key.scale, cell.weight);
   for (const auto& [key, cell] : cells_) {
     if (cell.weight < kPeakShare * min_weight) continue;
     if (coarse.Around(key.x, key.y, key.yaw, key.scale, reach) < min_weight) continue;

@@ -29,9 +29,10 @@ constexpr double kRivalScaleGain = 0.5;  // of the best scene's gain: below it a
 constexpr int kRounds = 4;  // expansion and refinement in turn while objects are added, at most
 constexpr double kSameLogFocal = 0.01;
 constexpr double kSameSeedPx = 10.0;  // working pixels
-constexpr double kStillPx = 0.5;  // a search is not repeated when its cameras move less
+constexpr double kStillPx = 0.5;      // a search is not repeated when its cameras move less
 constexpr double kFarPx = 1e9;
-// Objects that are sure together, and what they must exceed acceptance by, in excesses of a sure one.
+// Objects that are sure together, and what they must exceed acceptance by, in excesses of a sure
+// one.
 constexpr int kTogether = 3;
 constexpr double kTogetherFactor = 2.0;
 
@@ -162,14 +163,14 @@ double LargestMove(const JointContext& context, const SceneModel& before, const 
     if (!before.views[v]) continue;
     for (std::size_t k = 0; k < before.objects.size(); ++k) {
       const RecognizedView &a = *before.views[v], &b = *after.views[v];
-      largest = std::max(
-          largest,
-          ProjectionDistance(*context.objects[before.objects[k].object],
-                             a.camera,
-                             a.camera_from_scene * before.objects[k].scene_from_object,
-                             b.camera,
-                             b.camera_from_scene * after.objects[k].scene_from_object,
-                             context.views[v].maps.working_from_image));
+      largest =
+          std::max(largest,
+                   ProjectionDistance(*context.objects[before.objects[k].object],
+                                      a.camera,
+                                      a.camera_from_scene * before.objects[k].scene_from_object,
+                                      b.camera,
+                                      b.camera_from_scene * after.objects[k].scene_from_object,
+                                      context.views[v].maps.working_from_image));
     }
   }
   return largest;

@@ -86,9 +86,9 @@ struct RecognitionOptions {
   double sure_score = 0.78;
   double tied_sure_score = 0.65;  // ... when matched texture ties them
   double ambiguity_gap = 0.03;    // a rival closer than this makes the answer ambiguous
-  // ... and another pose of the same object, where it alone determines the cameras: these then adapt
-  // to the wrong pose. On parts-dev such rivals of right poses lay 0.13 and more behind
-  // (one of 25 by 0.06), on the dotted box of the real photographs the right pose 0.11 behind.
+  // ... and another pose of the same object, where it alone determines the cameras: these then
+  // adapt to the wrong pose. On parts-dev such rivals of right poses lay 0.13 and more behind (one
+  // of 25 by 0.06), on the dotted box of the real photographs the right pose 0.11 behind.
   double loose_ambiguity_gap = 0.12;
   double min_parallax_rad = 0.035;  // between two views of an object; less is no parallax
   int threads = 2;

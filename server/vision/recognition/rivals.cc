@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kSameTurnRad = 0.25;
 constexpr double kSameShift = 0.1;  // diameters
-constexpr double kHarm = 0.1;  // of score
+constexpr double kHarm = 0.1;       // of score
 constexpr double kHalfPi = 1.5707963267948966;
 
 // The turn about the object's centre.
@@ -95,9 +95,8 @@ std::vector<Rigid3> NearSymmetries(const PreparedObject& object, double misfit_d
           first * Eigen::AngleAxisd(quarter * kHalfPi, axes[2]).toRotationMatrix();
       const Rigid3 turn = About(object.center, R);
       if (SamePose(object, Rigid3{}, turn)) continue;
-      if (std::any_of(out.begin(), out.end(), [&](const Rigid3& o) {
-            return SamePose(object, o, turn);
-          })) {
+      if (std::any_of(
+              out.begin(), out.end(), [&](const Rigid3& o) { return SamePose(object, o, turn); })) {
         continue;
       }
       if (Misfit(object, turn) < misfit_diameters * object.model.diameter_m) out.push_back(turn);
@@ -165,10 +164,9 @@ std::vector<Rival> ContestObjects(const JointContext& context,
       if (i == best || !trials[i]) continue;
       const PlacedObject& placed = trials[i]->objects[place];
       // Refined into the winner's place it is none.
-      if (placed.object == winner.object &&
-          SamePose(*context.objects[placed.object],
-                   placed.scene_from_object,
-                   winner.scene_from_object)) {
+      if (placed.object == winner.object && SamePose(*context.objects[placed.object],
+                                                     placed.scene_from_object,
+                                                     winner.scene_from_object)) {
         continue;
       }
       out.push_back({place, placed, placed.score, trials[i]->gain});

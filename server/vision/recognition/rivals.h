@@ -1,5 +1,5 @@
-// Rivals of an accepted object: other poses of it and other objects in its place that the images may
-// support as well.
+// Rivals of an accepted object: other poses of it and other objects in its place that the images
+// may support as well.
 #pragma once
 
 #include <span>
@@ -10,7 +10,8 @@
 namespace horopter {
 
 struct RivalOptions {
-  double misfit_diameters = 0.06;   // mean distance of the edges after a turn that is nearly a symmetry
+  double misfit_diameters =
+      0.06;  // mean distance of the edges after a turn that is nearly a symmetry
   double min_shared_volume = 0.3;   // placements that share less do not exclude each other
   double max_score_deficit = 0.15;  // before a rival's own refinement; worse ones are not looked at
   int most_per_object = 8;
@@ -28,8 +29,8 @@ struct Rival {
 };
 
 // Puts every rival in the place of its accepted object, refines cameras and objects as for an
-// answer, and judges it. rivals come from `placements` and from near symmetries. A rival that leads to
-// a better scene by both score and gain takes the place; the one that loses it becomes a rival.
+// answer, and judges it. rivals come from `placements` and from near symmetries. A rival that leads
+// to a better scene by both score and gain takes the place; the one that loses it becomes a rival.
 std::vector<Rival> ContestObjects(const JointContext& context,
                                   std::span<const PlacedObject> placements,
                                   const RivalOptions& options,

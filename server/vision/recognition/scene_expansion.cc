@@ -23,7 +23,7 @@ constexpr double kPlaneOffsetM = 0.008;
 constexpr int kMinPlaneMatches = 20;
 // A placement behind the plane must be so much surer than any on it to disprove the plane.
 constexpr double kBehindFactor = 2.0;
-constexpr double kMinRawScore = 0.35;         // placements below are not worth keeping
+constexpr double kMinRawScore = 0.35;  // placements below are not worth keeping
 
 std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel& scene) {
   std::vector<KnownView> known;

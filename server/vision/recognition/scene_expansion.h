@@ -29,8 +29,8 @@ struct ExpansionOptions {
 
 // Placements of all objects suggested by the hypotheses of the registered views, by `earlier`
 // placements in cameras that differ little, and, where the scene has a plane, by the edges seen on
-// the given surfaces; refined and verified over all registered views (no occlusion considered), best
-// score first.
+// the given surfaces; refined and verified over all registered views (no occlusion considered),
+// best score first.
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const SceneModel& scene,
                                             const std::vector<SearchSurface>& surfaces,

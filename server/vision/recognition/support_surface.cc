@@ -130,7 +130,8 @@ std::vector<SearchSurface> NotCovered(const std::vector<SearchSurface>& surfaces
   };
   std::vector<SearchSurface> out;
   for (const SearchSurface& s : surfaces) {
-    if (std::none_of(searched.begin(), searched.end(), [&](const auto& by) { return covers(by, s); }))
+    if (std::none_of(
+            searched.begin(), searched.end(), [&](const auto& by) { return covers(by, s); }))
       out.push_back(s);
   }
   return out;

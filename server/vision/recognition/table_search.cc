@@ -41,8 +41,7 @@ TableSearch::TableSearch(const JointContext& context,
   for (const SearchSurface& s : surfaces) {
     Surface& surface = surfaces_.emplace_back(Surface{s.height_m, {}});
     for (const SearchSurface::Disc& d : s.discs) {
-      surface.discs.push_back(
-          {(scene_from_table_.Inverse() * d.center).head<2>(), d.radius_m});
+      surface.discs.push_back({(scene_from_table_.Inverse() * d.center).head<2>(), d.radius_m});
     }
     highest = std::max(highest, s.height_m);
   }
@@ -89,8 +88,8 @@ TableSearch::TableSearch(const JointContext& context,
       }
       if (!seen) continue;
       edge.on_plane = v < flags.size() && s < flags[v].size() && flags[v][s];
-      edge.heights = SupportedHeights(
-          views_, i, edge.ends[0], edge.ends[1], max_height_, highest + tallest);
+      edge.heights =
+          SupportedHeights(views_, i, edge.ends[0], edge.ends[1], max_height_, highest + tallest);
       edges_[i].push_back(edge);
     }
   });

@@ -37,8 +37,8 @@ struct TablePose {
   double quick = 0.0;
 };
 
-// Poses of one object on the scene's plane and on level surfaces above it, suggested by single edges
-// of the registered views. The scene must have a plane.
+// Poses of one object on the scene's plane and on level surfaces above it, suggested by single
+// edges of the registered views. The scene must have a plane.
 class TableSearch {
  public:
   TableSearch(const JointContext& context,

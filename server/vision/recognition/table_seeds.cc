@@ -74,14 +74,11 @@ std::vector<SightedEdge> SightEdges(const JointContext& context,
         !SightTable(camera, pose, p.c, &c)) {
       continue;
     }
-    const auto [it, is_new] =
-        at[{p.b.x(), p.b.y()}].try_emplace({p.a.x(), p.a.y()}, out.size());
+    const auto [it, is_new] = at[{p.b.x(), p.b.y()}].try_emplace({p.a.x(), p.a.y()}, out.size());
     if (is_new) {
-      out.push_back(
-          {a, b, SupportedHeights(views, own, a, b, max_height, max_height), {}});
+      out.push_back({a, b, SupportedHeights(views, own, a, b, max_height, max_height), {}});
     }
-    out[it->second].next.push_back(
-        {c, SupportedHeights(views, own, b, c, max_height, max_height)});
+    out[it->second].next.push_back({c, SupportedHeights(views, own, b, c, max_height, max_height)});
   }
   return out;
 }

@@ -75,8 +75,7 @@ RecognitionResult MakeResult(const JointContext& context,
   for (const Rival& rival : rivals) {
     SceneObject& accepted = result.objects[rival.accepted];
     const bool itself = rival.placed.object == accepted.object;
-    const double gap =
-        itself && !trusted ? options.loose_ambiguity_gap : options.ambiguity_gap;
+    const double gap = itself && !trusted ? options.loose_ambiguity_gap : options.ambiguity_gap;
     if (rival.score < accepted.score - gap) continue;
     result.state = RecognitionState::kAmbiguous;
     auto& alternatives = accepted.alternatives;

@@ -17,8 +17,8 @@ double LargestParallax(const JointContext& context, const SceneModel& scene);
 // caller, put it: objects that force a camera so far are wrong.
 bool ContradictsCameras(const JointContext& context, const SceneModel& scene);
 
-// State, cameras, objects with alternatives, and what was verified. trusted: the cameras do not hang
-// on a single object. Several views without parallax answer nothing.
+// State, cameras, objects with alternatives, and what was verified. trusted: the cameras do not
+// hang on a single object. Several views without parallax answer nothing.
 RecognitionResult MakeResult(const JointContext& context,
                              const SceneModel& scene,
                              std::span<const PlacedObject> verified,

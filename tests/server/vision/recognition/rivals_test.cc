@@ -42,8 +42,7 @@ struct Views {
           LookAt({0.6 * std::sin(a), -0.6 * std::cos(a), 0.45}, {0.05, 0.05, 0.04});
       features[v].width = 640;
       features[v].height = 480;
-      AddSyntheticFeatures(
-          *objects[0], camera, camera_from_scene, noise_px, &rng, &features[v]);
+      AddSyntheticFeatures(*objects[0], camera, camera_from_scene, noise_px, &rng, &features[v]);
       scene.views.push_back(RecognizedView{camera, camera_from_scene});
     }
     for (const ImageFeatures& f : features) {
@@ -69,9 +68,8 @@ TEST(NearSymmetries, AreTheTurnsOfAnAlmostSquareBox) {
   const auto box = PrepareObject(Box(0.1, 0.104, 0.06)).value();
   const std::vector<Rigid3> turns = NearSymmetries(*box, 0.06);
   const auto has = [&](const Rigid3& turn) {
-    return std::any_of(turns.begin(), turns.end(), [&](const Rigid3& t) {
-      return (t.R - turn.R).norm() < 1e-9;
-    });
+    return std::any_of(
+        turns.begin(), turns.end(), [&](const Rigid3& t) { return (t.R - turn.R).norm() < 1e-9; });
   };
   EXPECT_TRUE(has(Turn(*box, std::numbers::pi / 2, Eigen::Vector3d::UnitZ())));
   EXPECT_TRUE(has(Turn(*box, std::numbers::pi, Eigen::Vector3d::UnitX())));
@@ -82,9 +80,8 @@ TEST(NearSymmetries, AreTheTurnsOfAnAlmostSquareBox) {
 TEST(NearSymmetries, LeaveOutWhatIsASymmetryOrNoneAtAll) {
   ObjectModel model = Box(0.1, 0.05, 0.02);
   const auto plain = PrepareObject(model).value();
-  for (const Eigen::Vector3d& axis : {Eigen::Vector3d(1, 0, 0),
-                                      Eigen::Vector3d(0, 1, 0),
-                                      Eigen::Vector3d(0, 0, 1)}) {
+  for (const Eigen::Vector3d& axis :
+       {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0), Eigen::Vector3d(0, 0, 1)}) {
     model.symmetries.push_back(Turn(*plain, std::numbers::pi, axis));
   }
   EXPECT_EQ(NearSymmetries(*plain, 0.06).size(), 3u);

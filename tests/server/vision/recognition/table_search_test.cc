@@ -270,13 +270,13 @@ TEST_P(Noise, FindPlacesPartsOnTheTableAndOnOtherParts) {
   const double limit = 1.0 + 2.0 * GetParam();
   const auto right = [&](int object, const Rigid3& truth, const std::vector<SearchSurface>& on) {
     const auto found = TableSearch(context, scene, on, {}).Find(object);
-    return !found.empty() &&
-           LargestError(table, object, found[0].scene_from_object, truth) < limit;
+    return !found.empty() && LargestError(table, object, found[0].scene_from_object, truth) < limit;
   };
   const SearchSurface plane, above{0.04, {}};
   EXPECT_TRUE(right(0, bracket, {plane, above}));
   EXPECT_TRUE(right(1, wedge, {plane, above}));
-  // Over the place where it stands, whatever the height the disc's centre is given at; not elsewhere.
+  // Over the place where it stands, whatever the height the disc's centre is given at; not
+  // elsewhere.
   EXPECT_TRUE(right(1, wedge, {{0.04, {{{-0.05, 0.0, 0.3}, 0.06}}}}));
   for (const auto& elsewhere : {SearchSurface{0.04, {{{0.3, 0.2, 0}, 0.06}}}, plane}) {
     for (const TablePose& pose : TableSearch(context, scene, {elsewhere}, {}).Find(1))
