@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <map>
+#include <string_view>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -33,6 +34,28 @@ class StageClock {
   std::vector<StageReport>* reports_;
   StageReport report_;
   std::chrono::steady_clock::time_point start_;
+};
+
+// Adds up the wall time of a stage's steps under "seconds_<step>".
+class StepClock {
+ public:
+  void Begin(std::string_view step) {
+    End();
+    step_ = std::string(step);
+    start_ = std::chrono::steady_clock::now();
+  }
+  void End() {
+    if (step_.empty()) return;
+    seconds_["seconds_" + step_] +=
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    step_.clear();
+  }
+  const std::map<std::string, double>& seconds() const { return seconds_; }
+
+ private:
+  std::string step_;
+  std::chrono::steady_clock::time_point start_;
+  std::map<std::string, double> seconds_;
 };
 
 absl::Status ValidateRequest(const SceneRequest& request) {
@@ -132,6 +155,8 @@ SceneState StateOf(RecognitionState state) {
       return SceneState::kAmbiguous;
     case RecognitionState::kTooFewFeatures:
       return SceneState::kTooFewFeatures;
+    case RecognitionState::kNoParallax:
+      return SceneState::kNoParallax;
   }
   return SceneState::kNothingFound;
 }
@@ -237,8 +262,15 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                &trace.matching,
                                &trace.reconstruction,
                                objects};
-  HOROPTER_ASSIGN_OR_RETURN(trace.recognition, RecognizeObjects(input, options.recognition, stop));
-  recognition_clock.Finish(trace.recognition.counts);
+  StepClock steps;
+  HOROPTER_ASSIGN_OR_RETURN(
+      trace.recognition,
+      RecognizeObjects(
+          input, options.recognition, stop, [&](std::string_view step) { steps.Begin(step); }));
+  steps.End();
+  std::map<std::string, double> recognition_counts = steps.seconds();
+  recognition_counts.insert(trace.recognition.counts.begin(), trace.recognition.counts.end());
+  recognition_clock.Finish(std::move(recognition_counts));
   answer.state = StateOf(trace.recognition.state);
   answer.detail = trace.recognition.detail;
   if (trace.recognition.objects.empty()) return result;

@@ -184,6 +184,11 @@ void ReportWords(const PipelineResult& result, SceneReport* report) {
   }
   for (const StageReport& stage : result.answer.stages) {
     report->figures["seconds_" + stage.stage] = stage.seconds;
+    for (const auto& [name, value] : stage.counts) {
+      if (name.starts_with("seconds_")) {
+        report->figures["seconds_" + stage.stage + name.substr(7)] = value;
+      }
+    }
   }
 }
 

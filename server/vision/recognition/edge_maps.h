@@ -67,7 +67,8 @@ inline int OrientationBin(float dx, float dy) {
   return (dx < 0) == (dy < 0) ? q : (kOrientationBins - q) % kOrientationBins;
 }
 
-// Builds the maps from the chains and segments of an image. Linear in cells + points.
-EdgeMaps BuildEdgeMaps(const ImageFeatures& features);
+// Builds the maps from the chains and segments of an image. Linear in cells + points; the bins are
+// shared out over `threads`.
+EdgeMaps BuildEdgeMaps(const ImageFeatures& features, int threads = 1);
 
 }  // namespace horopter

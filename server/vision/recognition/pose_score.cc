@@ -208,13 +208,19 @@ float QuickScoreOverViews(const PreparedObject& object,
                           std::span<const QuickView> views,
                           float reach_px,
                           float give_up) {
-  constexpr float kSlack[kPasses] = {0.14f, 0.06f, 0.0f};  // sampling error of the partial means
+  // A partial mean of n samples errs by its standard deviation, about 0.3 / sqrt(n), this often.
+  constexpr float kSlack = 2.5f * 0.3f;
   constexpr int kFew = 3;  // views after which the first pass may give up
   absl::InlinedVector<QuickSum, 8> sums;
   float mean = 0.0f;
   for (int pass = 0; pass < kPasses; ++pass) {
     float total = 0.0f;
-    int seen = 0;
+    int seen = 0, samples = 0;
+    const auto hopeless = [&] {
+      const float slack =
+          pass + 1 < kPasses ? kSlack / std::sqrt(static_cast<float>(samples)) : 0.0f;
+      return total < (give_up - slack) * static_cast<float>(seen);
+    };
     for (std::size_t v = 0; v < views.size(); ++v) {
       if (pass == 0) {
         sums.emplace_back(
@@ -225,12 +231,12 @@ float QuickScoreOverViews(const PreparedObject& object,
       if (sum.MostlyOutside()) continue;
       total += sum.Mean();
       ++seen;
-      if (pass == 0 && seen >= kFew && total < (give_up - kSlack[0]) * static_cast<float>(seen))
-        return total / static_cast<float>(seen);
+      samples += sum.inside;
+      if (pass == 0 && seen >= kFew && hopeless()) return total / static_cast<float>(seen);
     }
     if (seen == 0) return 0.0f;
     mean = total / static_cast<float>(seen);
-    if (mean < give_up - kSlack[pass]) break;
+    if (hopeless()) break;
   }
   return mean;
 }

@@ -11,6 +11,45 @@ constexpr double kTwoPi = 6.283185307179586;
 // A peak's own cell holds at least this share of what its neighbourhood must.
 constexpr double kPeakShare = 0.3;
 
+// Weights in blocks of 2 x 2 positions and kYaws yaws, hashed into few slots: what it says of a
+// neighbourhood is never too little.
+class CoarseSums {
+ public:
+  explicit CoarseSums(int yaw_bins) : yaw_bins_(yaw_bins) {}
+  void Add(int x, int y, int yaw, int scale, double weight) {
+    slots_[Slot(x >> 1, y >> 1, yaw / kYaws, scale)] += static_cast<float>(weight);
+  }
+  // Of the cells within one of (x, y, yaw) and `reach` of the scale.
+  float Around(int x, int y, int yaw, int scale, int reach) const {
+    const int low = (yaw + yaw_bins_ - 1) % yaw_bins_ / kYaws, own = yaw / kYaws,
+              high = (yaw + 1) % yaw_bins_ / kYaws;
+    float sum = 0.0f;
+    for (int s = scale - reach; s <= scale + reach; ++s) {
+      for (int j = (y - 1) >> 1; j <= (y + 1) >> 1; ++j) {
+        for (int i = (x - 1) >> 1; i <= (x + 1) >> 1; ++i) {
+          sum += slots_[Slot(i, j, own, s)];
+          if (low != own) sum += slots_[Slot(i, j, low, s)];
+          if (high != own) sum += slots_[Slot(i, j, high, s)];
+        }
+      }
+    }
+    return kRounding * sum;
+  }
+
+ private:
+  static constexpr int kYaws = 4;
+  static constexpr std::size_t kSlots = 1 << 15;
+  static constexpr float kRounding = 1.001f;
+  static std::size_t Slot(int x, int y, int yaw, int scale) {
+    const auto u = [](int i) { return static_cast<std::uint32_t>(i); };
+    const std::uint32_t h =
+        u(x) * 0x9e3779b1u ^ u(y) * 0x85ebca77u ^ u(scale) * 0xc2b2ae3du ^ u(yaw) * 0x27d4eb2fu;
+    return (h ^ h >> 15) % kSlots;
+  }
+  int yaw_bins_;
+  std::vector<float> slots_ = std::vector<float>(kSlots, 0.0f);
+};
+
 }  // namespace
 
 int PoseVotes::YawBins() const {
@@ -62,8 +101,12 @@ std::vector<PoseVotes::Peak> PoseVotes::Peaks(double min_weight, int most) const
     highest = std::max(highest, key.scale);
   }
   const int reach = lowest < highest ? 1 : 0;
+  // Most cells are lonely: a bound from coarse sums spares them the look at their neighbours.
+  CoarseSums coarse(bins);
+  for (const auto& [key, cell] : cells_) coarse.Add(key.x, key.y, key.yaw, key.scale, cell.weight);
   for (const auto& [key, cell] : cells_) {
     if (cell.weight < kPeakShare * min_weight) continue;
+    if (coarse.Around(key.x, key.y, key.yaw, key.scale, reach) < min_weight) continue;
     const TableYaw mean = MeanOf(cell);
     double weight = 0.0;
     bool heaviest = true;

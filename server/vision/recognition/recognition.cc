@@ -8,11 +8,14 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/prepared_object.h"
 #include "server/vision/recognition/rig_seeds.h"
+#include "server/vision/recognition/rivals.h"
 #include "server/vision/recognition/scene_expansion.h"
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/table_search.h"
 #include "server/vision/recognition/table_seeds.h"
+#include "server/vision/recognition/verdict.h"
 #include "server/vision/recognition/view_hypotheses.h"
 #include "server/vision/recognition/view_linking.h"
 
@@ -26,11 +29,20 @@ constexpr double kRivalScaleGain = 0.5;  // of the best scene's gain: below it a
 constexpr int kRounds = 4;  // expansion and refinement in turn while objects are added, at most
 constexpr double kSameLogFocal = 0.01;
 constexpr double kSameSeedPx = 10.0;  // working pixels
+constexpr double kStillPx = 0.5;      // a search is not repeated when its cameras move less
+constexpr double kFarPx = 1e9;
+// Objects that are sure together, and what they must exceed acceptance by, in excesses of a sure
+// one.
+constexpr int kTogether = 3;
+constexpr double kTogetherFactor = 2.0;
 
 JointContext MakeContext(const RecognitionInput& input,
                          const RecognitionOptions& options,
-                         const StopRequested& stop) {
+                         const StopRequested& stop,
+                         const StepListener& on_step) {
   JointContext context;
+  context.on_step = on_step;
+  BeginStep(context, "edge_maps");
   context.objects = input.objects;
   context.matching = input.matching;
   context.options = options;
@@ -38,9 +50,8 @@ JointContext MakeContext(const RecognitionInput& input,
   const int views = static_cast<int>(input.features.size());
   context.views.resize(views);
   context.hypotheses.assign(views, std::vector<ViewHypotheses>(input.objects.size()));
-  ParallelFor(views, options.threads, [&](int v) {
-    context.views[v] = BuildViewEvidence(input.features[v]);
-  });
+  for (int v = 0; v < views; ++v)
+    context.views[v] = BuildViewEvidence(input.features[v], options.threads);
   for (int v = 0; v < views; ++v) {
     const ImageFeatures& f = input.features[v];
     PinholeCamera camera = CenteredCamera(f.width, f.height, options.focal_start_widths * f.width);
@@ -70,6 +81,7 @@ JointContext MakeContext(const RecognitionInput& input,
 void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
                            const std::vector<bool>& wanted_objects,
                            JointContext* context) {
+  BeginStep(*context, "view_hypotheses");
   const int views = static_cast<int>(context->views.size());
   const int objects = static_cast<int>(context->objects.size());
   std::vector<std::vector<ImagePath>> paths(views);
@@ -135,6 +147,35 @@ bool FocalLengthsMoved(const std::vector<std::optional<RecognizedView>>& before,
   return false;
 }
 
+TableSearchOptions FirstLook() {
+  TableSearchOptions options;
+  options.peaks = 50;
+  options.settled_per_object = 8;
+  options.kept_per_object = 4;
+  return options;
+}
+
+// How far (working pixels) the scene's objects are moved in the images by a refinement.
+double LargestMove(const JointContext& context, const SceneModel& before, const SceneModel& after) {
+  double largest = 0.0;
+  for (std::size_t v = 0; v < before.views.size(); ++v) {
+    if (before.views[v].has_value() != after.views[v].has_value()) return kFarPx;
+    if (!before.views[v]) continue;
+    for (std::size_t k = 0; k < before.objects.size(); ++k) {
+      const RecognizedView &a = *before.views[v], &b = *after.views[v];
+      largest =
+          std::max(largest,
+                   ProjectionDistance(*context.objects[before.objects[k].object],
+                                      a.camera,
+                                      a.camera_from_scene * before.objects[k].scene_from_object,
+                                      b.camera,
+                                      b.camera_from_scene * after.objects[k].scene_from_object,
+                                      context.views[v].maps.working_from_image));
+    }
+  }
+  return largest;
+}
+
 SceneModel Expand(const JointContext& context,
                   SceneModel scene,
                   bool thorough,
@@ -144,23 +185,50 @@ SceneModel Expand(const JointContext& context,
   options.use_pool = thorough;
   options.threads = thorough ? context.options.threads : 1;
   std::vector<PlacedObject> placements;
+  std::vector<SearchSurface> searched;  // in cameras that are still good
   bool changed = true;
   for (int round = 0; changed && round < (thorough ? kRounds : 1); ++round) {
     const std::size_t objects = scene.objects.size();
     const std::vector<std::optional<RecognizedView>> views = scene.views;
+    if (thorough) BeginStep(context, "placements");
     if (const auto plane = PlaneFromMatches(context, scene.views)) scene.plane = plane;
-    placements = CollectPlacements(context, scene, placements, options);
+    std::vector<SearchSurface> surfaces;
+    if (scene.plane) {
+      surfaces = SearchSurfaces(context,
+                                scene,
+                                placements,
+                                options.doubtful_score,
+                                options.plane_tolerance_m,
+                                options.max_surfaces);
+      // A part may stand on one that is not found yet but as high as one that is.
+      if (round == 0) {
+        for (SearchSurface& s : surfaces) s.discs.clear();
+      }
+      surfaces = NotCovered(surfaces, searched);
+      // The first cameras know one part only: a first look finds parts that tell more of them.
+      options.table = round == 0 ? FirstLook() : TableSearchOptions();
+      if (round > 0) searched.insert(searched.end(), surfaces.begin(), surfaces.end());
+    }
+    placements = CollectPlacements(context, scene, surfaces, placements, options);
     if (verified != nullptr) *verified = placements;
+    if (thorough) BeginStep(context, "consolidation");
     Consolidate(context, options, placements, &scene);
     if (scene.objects.empty()) break;
+    if (thorough) BeginStep(context, "scene_refinement");
+    const SceneModel before = scene;
     RefineScene(context, {}, &scene);
+    if (LargestMove(context, before, scene) > kStillPx) searched.clear();
     DropContradictedViews(context, &scene);
-    if (RegisterMissingViews(context, &scene) > 0) RefineScene(context, {}, &scene);
+    if (RegisterMissingViews(context, &scene) > 0) {
+      RefineScene(context, {}, &scene);
+      searched.clear();
+    }
     Evaluate(context, &scene);
     // Twice at least: the first cameras know one part only.
     changed = round == 0 || scene.objects.size() > objects || FocalLengthsMoved(views, scene.views);
   }
   if (thorough) {
+    BeginStep(context, "consolidation");
     // What lost its support in the refined cameras goes.
     std::vector<PlacedObject> placed = scene.objects;
     Consolidate(context, options, std::move(placed), &scene);
@@ -201,6 +269,19 @@ SceneModel TableRoute(const RecognitionInput& input,
   return scene;
 }
 
+// Whether a scene whose cameras are known by its objects only is more than chance: one object is
+// sure, or several that share the cameras are together: wrong cameras place one wrong part well at
+// best.
+bool IsSure(const SceneModel& scene, double sure, double accept_score) {
+  double excess = 0.0;
+  for (const PlacedObject& o : scene.objects) {
+    if (o.score >= sure) return true;
+    excess += std::max(0.0, o.score - accept_score);
+  }
+  return static_cast<int>(scene.objects.size()) >= kTogether &&
+         excess >= kTogetherFactor * (sure - accept_score);
+}
+
 // Expands the best distinct seeds with the verified hypotheses only and returns the scene that
 // explains most.
 SceneModel BestExpansion(const JointContext& context, const std::vector<SceneModel>& seeds) {
@@ -223,50 +304,12 @@ SceneModel BestExpansion(const JointContext& context, const std::vector<SceneMod
   return best == expanded.end() ? SceneModel{} : *best;
 }
 
-RecognitionResult ToResult(const JointContext& context,
-                           const SceneModel& scene,
-                           const std::vector<PlacedObject>& verified) {
-  RecognitionResult result;
-  result.views = scene.views;
-  auto to_object = [&](const PlacedObject& p) {
-    SceneObject o;
-    o.object = p.object;
-    o.scene_from_object = p.scene_from_object;
-    o.score = p.score;
-    for (std::size_t v = 0; v < p.support.size(); ++v) {
-      o.view_scores.push_back(scene.views[v] && p.support[v].visible > 0 ? ViewScore(p.support[v])
-                                                                         : -1.0);
-    }
-    return o;
-  };
-  for (const PlacedObject& p : scene.objects) result.objects.push_back(to_object(p));
-  for (const PlacedObject& p : verified) result.verified.push_back(to_object(p));
-  for (std::size_t i = 0; i < scene.objects.size(); ++i) {
-    const PlacedObject& accepted = scene.objects[i];
-    for (const PlacedObject& rival : verified) {
-      if (rival.object == accepted.object ||
-          rival.score < accepted.score - context.options.ambiguity_gap)
-        continue;
-      if (SharedVolume(*context.objects[accepted.object],
-                       accepted.scene_from_object,
-                       *context.objects[rival.object],
-                       rival.scene_from_object) < 0.3) {
-        continue;
-      }
-      auto& alternatives = result.objects[i].alternatives;
-      if (std::find(alternatives.begin(), alternatives.end(), rival.object) == alternatives.end()) {
-        alternatives.push_back(rival.object);
-      }
-    }
-  }
-  return result;
-}
-
 }  // namespace
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
-                                                   const StopRequested& stop) {
+                                                   const StopRequested& stop,
+                                                   const StepListener& on_step) {
   if (!input.hints.empty() && input.hints.size() != input.features.size()) {
     return absl::InvalidArgumentError("hints: one per image or none");
   }
@@ -283,7 +326,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     return result;
   }
 
-  JointContext context = MakeContext(input, options, stop);
+  JointContext context = MakeContext(input, options, stop, on_step);
   std::vector<PlacedObject> verified;
   SceneModel scene = TableRoute(input, &context, &verified);
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the search on the plane");
@@ -299,6 +342,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   bool tied = false;
   for (const bool through_plane : {true, false}) {
     if (on_table || !start.objects.empty()) break;
+    BeginStep(context, "linking");
     std::vector<SceneModel> seeds = LinkSeeds(context, through_plane);
     if (through_plane && input.reconstruction != nullptr) {
       for (SceneModel& seed : RigSeeds(context, *input.reconstruction, {}))
@@ -308,6 +352,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     }
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while views were linked");
     seed_count += seeds.size();
+    BeginStep(context, "seed_expansion");
     start = BestExpansion(context, seeds);
     tied = through_plane;
   }
@@ -317,16 +362,24 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     if (scene.gain < start.gain) scene = std::move(start);
     // Cameras that only the parts themselves tie give a wrong part much freedom: one must be sure.
     const double sure = tied ? options.tied_sure_score : options.sure_score;
-    if (std::none_of(scene.objects.begin(), scene.objects.end(), [&](const PlacedObject& o) {
-          return o.score >= sure;
-        })) {
+    if (!IsSure(scene, sure, options.accept_score)) {
       scene.objects.clear();
       scene.views.assign(input.features.size(), std::nullopt);
     }
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the joint search");
 
-  result = ToResult(context, scene, verified);
+  BeginStep(context, "rivals");
+  const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
+  if (ContradictsCameras(context, scene)) {
+    scene.objects.clear();
+    scene.views.assign(input.features.size(), std::nullopt);
+  }
+  // A single part that the cameras hang on leaves them free to adapt to a wrong pose of it.
+  const bool trusted = scene.objects.size() > 1 ||
+                       (input.reconstruction != nullptr && input.reconstruction->trusted);
+  BeginStep(context, "result");
+  result = MakeResult(context, scene, verified, rivals, trusted);
   double hypotheses = 0;
   for (auto& view : context.hypotheses) {
     for (ViewHypotheses& object : view) {
@@ -342,16 +395,10 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   result.counts["placements"] = static_cast<double>(verified.size());
   result.counts["objects"] = static_cast<double>(result.objects.size());
   result.counts["views"] = scene.registered();
-  if (result.objects.empty()) {
-    result.state = RecognitionState::kNothingFound;
+  if (result.state == RecognitionState::kNothingFound) {
     result.detail = absl::StrCat(
         seed_count, " linked hypotheses, none with a joint score of ", options.accept_score);
-    return result;
   }
-  const bool ambiguous = std::any_of(result.objects.begin(),
-                                     result.objects.end(),
-                                     [](const SceneObject& o) { return !o.alternatives.empty(); });
-  result.state = ambiguous ? RecognitionState::kAmbiguous : RecognitionState::kRecognized;
   return result;
 }
 

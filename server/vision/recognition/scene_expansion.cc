@@ -8,6 +8,7 @@
 #include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/pose_refine.h"
 #include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/view_linking.h"
 
 namespace horopter {
@@ -22,10 +23,7 @@ constexpr double kPlaneOffsetM = 0.008;
 constexpr int kMinPlaneMatches = 20;
 // A placement behind the plane must be so much surer than any on it to disprove the plane.
 constexpr double kBehindFactor = 2.0;
-constexpr double kOverhangM = 0.01;  // the middle of a stacked part may lie so far beside its base
-constexpr double kSameHeightM = 0.001;
-constexpr double kSameSearchHeightM = 0.004;  // one search covers both
-constexpr double kMinRawScore = 0.35;         // placements below are not worth keeping
+constexpr double kMinRawScore = 0.35;  // placements below are not worth keeping
 
 std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel& scene) {
   std::vector<KnownView> known;
@@ -154,58 +152,6 @@ bool RestsOn(const PreparedObject& object,
       });
 }
 
-using Outline = std::vector<Eigen::Vector2d>;  // convex, counter-clockwise
-
-// Outline of the object seen along the plane's normal.
-Outline OutlineOnPlane(const PreparedObject& object,
-                       const Rigid3& scene_from_object,
-                       const ScenePlane& plane) {
-  const Eigen::Vector3d x = plane.normal.unitOrthogonal(), y = plane.normal.cross(x);
-  std::vector<Eigen::Vector2d> points;
-  for (const Eigen::Vector3d& v : object.model.mesh.vertices) {
-    const Eigen::Vector3d p = scene_from_object * v;
-    points.push_back({x.dot(p), y.dot(p)});
-  }
-  std::sort(points.begin(), points.end(), [](const auto& a, const auto& b) {
-    return a.x() != b.x() ? a.x() < b.x() : a.y() < b.y();
-  });
-  const auto left_turn = [](const Eigen::Vector2d& a, const auto& b, const auto& c) {
-    return (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x()) > 0;
-  };
-  Outline hull;  // monotone chain
-  for (const bool upper : {false, true}) {
-    const std::size_t first = hull.size();
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      const Eigen::Vector2d& p = points[upper ? points.size() - 1 - i : i];
-      while (hull.size() >= first + 2 && !left_turn(hull[hull.size() - 2], hull.back(), p))
-        hull.pop_back();
-      hull.push_back(p);
-    }
-    if (!hull.empty()) hull.pop_back();
-  }
-  return hull;
-}
-
-// Whether the middle of `above` lies over `below`, seen along the plane's normal.
-bool LiesOver(const JointContext& context,
-              const PlacedObject& above,
-              const PlacedObject& below,
-              const ScenePlane& plane) {
-  const Outline hull =
-      OutlineOnPlane(*context.objects[below.object], below.scene_from_object, plane);
-  Eigen::Vector2d middle = Eigen::Vector2d::Zero();
-  const Outline own =
-      OutlineOnPlane(*context.objects[above.object], above.scene_from_object, plane);
-  for (const Eigen::Vector2d& p : own) middle += p / static_cast<double>(own.size());
-  for (std::size_t i = 0; i < hull.size(); ++i) {
-    const Eigen::Vector2d &a = hull[i], &b = hull[(i + 1) % hull.size()];
-    const Eigen::Vector2d along = (b - a).normalized();
-    if (along.x() * (middle.y() - a.y()) - along.y() * (middle.x() - a.x()) < -kOverhangM)
-      return false;
-  }
-  return hull.size() > 2;
-}
-
 // Whether a plane of matched texture carries parts. It may as well be a printed face of a part:
 // then the surest placements lie behind it.
 bool Supports(const JointContext& context,
@@ -223,47 +169,6 @@ bool Supports(const JointContext& context,
   return behind <= kBehindFactor * on;
 }
 
-// The plane itself and the tops of the objects placed on it, distinct.
-std::vector<double> SurfaceHeights(const JointContext& context, const SceneModel& scene) {
-  std::vector<double> heights{0.0};
-  if (!scene.plane) return heights;
-  for (const PlacedObject& o : scene.objects) {
-    const double top =
-        HeightAbovePlane(*context.objects[o.object], o.scene_from_object, *scene.plane).highest_m;
-    if (std::none_of(heights.begin(), heights.end(), [&](double h) {
-          return std::abs(h - top) < kSameHeightM;
-        })) {
-      heights.push_back(top);
-    }
-  }
-  return heights;
-}
-
-// ... and the tops of doubtful placements that rest on the plane.
-std::vector<double> SearchedHeights(const JointContext& context,
-                                    const SceneModel& scene,
-                                    std::span<const PlacedObject> doubtful,
-                                    const ExpansionOptions& options) {
-  std::vector<double> heights;
-  const auto add = [&](double height) {
-    if (static_cast<int>(heights.size()) < options.max_surfaces &&
-        std::none_of(heights.begin(), heights.end(), [&](double h) {
-          return std::abs(h - height) < kSameSearchHeightM;
-        })) {
-      heights.push_back(height);
-    }
-  };
-  for (const double h : SurfaceHeights(context, scene)) add(h);
-  if (!scene.plane) return heights;
-  for (const PlacedObject& p : doubtful) {
-    if (p.score < options.doubtful_score) continue;
-    const HeightRange range =
-        HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene.plane);
-    if (std::abs(range.lowest_m) < options.plane_tolerance_m) add(range.highest_m);
-  }
-  return heights;
-}
-
 // Share of what `explained` holds that is taken already; 0 when it holds nothing.
 double SharedEdges(const ExplainedSegments& explained, const ExplainedSegments& taken) {
   int own = 0, shared = 0;
@@ -277,18 +182,6 @@ double SharedEdges(const ExplainedSegments& explained, const ExplainedSegments& 
 }
 
 }  // namespace
-
-HeightRange HeightAbovePlane(const PreparedObject& object,
-                             const Rigid3& scene_from_object,
-                             const ScenePlane& plane) {
-  HeightRange range{1e9, -1e9};
-  for (const auto& v : object.model.mesh.vertices) {
-    const double h = plane.normal.dot(scene_from_object * v) - plane.offset_m;
-    range.lowest_m = std::min(range.lowest_m, h);
-    range.highest_m = std::max(range.highest_m, h);
-  }
-  return range;
-}
 
 std::optional<ScenePlane> PlaneFromMatches(
     const JointContext& context, const std::vector<std::optional<RecognizedView>>& views) {
@@ -357,17 +250,20 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
 
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const SceneModel& scene,
-                                            std::span<const PlacedObject> doubtful,
+                                            const std::vector<SearchSurface>& surfaces,
+                                            std::span<const PlacedObject> earlier,
                                             const ExpansionOptions& options) {
   const std::vector<KnownView> known = KnownViews(context, scene);
   std::vector<std::vector<PlacedObject>> per_object(context.objects.size());
   std::optional<TableSearch> table;
-  const std::vector<double> bases = SearchedHeights(context, scene, doubtful, options);
-  if (scene.plane) table.emplace(context, scene, options.table);
+  if (scene.plane && !surfaces.empty()) table.emplace(context, scene, surfaces, options.table);
   ParallelFor(static_cast<int>(per_object.size()), options.threads, [&](int k) {
     if (IsStopRequested(context.stop)) return;
     std::vector<TablePose> on_table;
-    if (table) on_table = table->Find(k, bases);
+    if (table) on_table = table->Find(k);
+    for (const PlacedObject& p : earlier) {
+      if (p.object == k) on_table.push_back({p.scene_from_object});
+    }
     per_object[k] = PlacementsOfObject(context, scene, k, known, on_table, options);
   });
   std::vector<PlacedObject> all;
@@ -406,11 +302,11 @@ void Consolidate(const JointContext& context,
     // Camouflaged parts lack edges that they should show: what they stand on speaks for them.
     if (height < options.plane_tolerance_m) return true;
     return std::any_of(scene->objects.begin(), scene->objects.end(), [&](const PlacedObject& o) {
-      const double top =
-          HeightAbovePlane(*context.objects[o.object], o.scene_from_object, *scene->plane)
-              .highest_m;
+      const PreparedObject &above = *context.objects[p.object], &below = *context.objects[o.object];
+      const double top = HeightAbovePlane(below, o.scene_from_object, *scene->plane).highest_m;
       return std::abs(height - top) < options.plane_tolerance_m &&
-             LiesOver(context, p, o, *scene->plane);
+             LiesOver(OutlineOnPlane(above, p.scene_from_object, *scene->plane),
+                      OutlineOnPlane(below, o.scene_from_object, *scene->plane));
     });
   };
   while (!IsStopRequested(context.stop)) {

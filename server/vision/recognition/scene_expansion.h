@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "server/vision/recognition/scene_model.h"
+#include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/table_search.h"
 
 namespace horopter {
@@ -26,13 +27,14 @@ struct ExpansionOptions {
   int threads = 1;
 };
 
-// Placements of all objects suggested by the hypotheses of the registered views and, where the
-// scene has a plane, by the edges seen on it and on the objects placed so far; refined and verified
-// over all registered views (no occlusion considered), best score first. doubtful: placements not
-// accepted whose tops parts may stand on all the same; what stands on a part hides it.
+// Placements of all objects suggested by the hypotheses of the registered views, by `earlier`
+// placements in cameras that differ little, and, where the scene has a plane, by the edges seen on
+// the given surfaces; refined and verified over all registered views (no occlusion considered),
+// best score first.
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const SceneModel& scene,
-                                            std::span<const PlacedObject> doubtful,
+                                            const std::vector<SearchSurface>& surfaces,
+                                            std::span<const PlacedObject> earlier,
                                             const ExpansionOptions& options);
 
 // Chooses the placements that together explain the scene: greedily by score and size, solid parts
@@ -54,14 +56,5 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
                                            const std::vector<std::optional<RecognizedView>>& views,
                                            std::span<const PlacedObject> placements,
                                            const ExpansionOptions& options);
-
-// Heights of the object's lowest and highest point above a plane, metres.
-struct HeightRange {
-  double lowest_m = 0.0;
-  double highest_m = 0.0;
-};
-HeightRange HeightAbovePlane(const PreparedObject& object,
-                             const Rigid3& scene_from_object,
-                             const ScenePlane& plane);
 
 }  // namespace horopter

@@ -50,7 +50,13 @@ struct JointContext {
   const MatchingResult* matching = nullptr;
   RecognitionOptions options;
   StopRequested stop;
+  StepListener on_step;
 };
+
+// Says that a step begins; only from the thread that recognition was called on.
+inline void BeginStep(const JointContext& context, std::string_view step) {
+  if (context.on_step) context.on_step(step);
+}
 
 // Description-length gain of an object in working pixels: edges it explains minus what it predicts
 // in vain and what it leaves unexplained inside its silhouette. Positive for poses that are more

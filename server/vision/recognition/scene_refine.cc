@@ -54,6 +54,12 @@ struct NormalEquations {
   }
 };
 
+Eigen::Matrix3d CrossMatrix(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
 using CameraStep = Eigen::Matrix<double, kCameraSize, 1>;
 
 // The camera turned about the pivot (scene frame), moved, and its focal length scaled.
@@ -71,8 +77,7 @@ RecognizedView Stepped(const RecognizedView& view,
 }
 
 // Misfit of plane matches: where view b sees the point of the plane that view a sees, minus where
-// it was matched. Differentiated numerically: a few hundred evaluations cost less than they would
-// take to read in closed form.
+// it was matched.
 class PlaneTerms {
  public:
   PlaneTerms(const PlanePoints& points, int most, double weight)
@@ -94,24 +99,7 @@ class PlaneTerms {
       const RecognizedView &a = *scene.views[m.view_a], &b = *scene.views[m.view_b];
       const auto e = PlaneTransferError(a, b, points_, m);
       if (!e) continue;
-      Eigen::Matrix<double, 2, 17> J;
-      for (int k = 0; k < 17; ++k) {
-        std::optional<Eigen::Vector2d> moved;
-        if (k < 14) {
-          CameraStep d = CameraStep::Zero();
-          d(k % 7) = kDifference;
-          moved = k < 7 ? PlaneTransferError(Stepped(a, pivot, d), b, points_, m)
-                        : PlaneTransferError(a, Stepped(b, pivot, d), points_, m);
-        } else {
-          PlanePoints plane;
-          plane.anchor = points_.anchor;
-          plane.plane = points_.plane;
-          plane.plane(k - 14) += kDifference;
-          moved = PlaneTransferError(a, b, plane, m);
-        }
-        if (!moved) break;
-        J.col(k) = (*moved - *e) / kDifference;
-      }
+      const Eigen::Matrix<double, 2, 17> J = Derivatives(a, b, m, pivot);
       if (!J.allFinite()) continue;
       const double w = weight_ / (1.0 + e->squaredNorm() / (kCauchyPx * kCauchyPx));
       const int starts[3] = {layout.camera[m.view_a], layout.camera[m.view_b], at};
@@ -130,7 +118,41 @@ class PlaneTerms {
   void Move(const Eigen::Vector3d& step) { points_.plane += step; }
 
  private:
-  static constexpr double kDifference = 1e-6;
+  // Of the misfit after the steps of camera a and b (Stepped: turn, shift, log focal length) and of
+  // the plane. With C the centre of a and r = R_a^T q the ray of its pixel, the plane's point is
+  // P = C + s r, s = (-1 - n.(C - anchor)) / (n.r). k1 is taken as zero in the derivatives.
+  Eigen::Matrix<double, 2, 17> Derivatives(const RecognizedView& a,
+                                           const RecognizedView& b,
+                                           const PlanePoints::Match& m,
+                                           const Eigen::Vector3d& pivot) const {
+    const Eigen::Vector3d& n = points_.plane;
+    const Eigen::Matrix3d Rt = a.camera_from_scene.R.transpose();
+    const Eigen::Vector3d C = -(Rt * a.camera_from_scene.t);
+    const Eigen::Vector3d q = NormalizedPoint(a.camera, m.pixel_a).homogeneous();
+    const Eigen::Vector3d r = Rt * q;
+    const double nr = n.dot(r), s = (-1.0 - n.dot(C - points_.anchor)) / nr;
+    const Eigen::Vector3d P = C + s * r;
+    const Eigen::Vector3d p = b.camera_from_scene * P;
+    const double fz = b.camera.focal_px / p.z();
+    Eigen::Matrix<double, 2, 3> by_p;  // of the pixel in b by the point in its frame
+    by_p << fz, 0, -fz * p.x() / p.z(), 0, fz, -fz * p.y() / p.z();
+    // A move dC of the centre and dr of the ray shift the point by (I - r n^T / (n.r)) (dC + s dr).
+    const Eigen::Matrix<double, 2, 3> by_move =
+        by_p * b.camera_from_scene.R * (Eigen::Matrix3d::Identity() - r * n.transpose() / nr);
+    const Eigen::Vector3d pivot_in_a = a.camera_from_scene * pivot;
+    const Eigen::Vector3d arm_in_b = p - b.camera_from_scene * pivot;
+    Eigen::Matrix<double, 2, 17> J;
+    J.middleCols<3>(0) = by_move * Rt * CrossMatrix(s * q - pivot_in_a);
+    J.middleCols<3>(3) = -by_move * Rt;
+    J.col(6) = by_move * (Rt * Eigen::Vector3d(-s * q.x(), -s * q.y(), 0.0));
+    J.middleCols<3>(7) = -by_p * CrossMatrix(arm_in_b);
+    J.middleCols<3>(10) = by_p;
+    J.col(13) = fz * p.head<2>();
+    J.middleCols<3>(14) =
+        by_p * b.camera_from_scene.R * r * (-(P - points_.anchor) / nr).transpose();
+    return J;
+  }
+
   static constexpr double kCauchyPx = 1.0;
   PlanePoints points_;
   double weight_;

@@ -105,11 +105,18 @@ std::vector<PooledPose> InTurn(std::vector<PooledPose> by_quick) {
 }
 
 bool EdgesVisible(const PreparedObject& object,
-                  const Rigid3& camera_from_object,
+                  const StandingPart& part,
+                  const TableYaw& yaw,
+                  const Eigen::Vector3d& eye,
                   int first,
                   int second) {
+  const double metres = 1.0 / yaw.units_per_metre;
+  const Eigen::Vector2d level =
+      Turned(yaw.cos_yaw, -yaw.sin_yaw, metres * (eye.head<2>() - yaw.position));
+  const Eigen::Vector3d eye_at_rest(level.x(), level.y(), metres * eye.z());
   const Eigen::Vector3d to_camera =
-      camera_from_object.R.transpose() * -camera_from_object.t - object.center;
+      part.table_from_object.R.transpose() * (eye_at_rest - part.table_from_object.t) -
+      object.center;
   const int aspect = AspectIndex(to_camera.cast<float>());
   return object.EdgeVisible(aspect, first) >= kMinPathVisible &&
          object.EdgeVisible(aspect, second) >= kMinPathVisible;

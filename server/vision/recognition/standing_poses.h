@@ -45,7 +45,7 @@ class PosePool {
   }
 
  private:
-  static constexpr std::size_t kPool = 500;
+  static constexpr std::size_t kPool = 150;
   static bool Better(const PooledPose& a, const PooledPose& b) { return a.quick > b.quick; }
   std::vector<PooledPose> poses_;
   double floor_;
@@ -72,9 +72,12 @@ std::vector<PooledPose> DistinctPoses(const PreparedObject& object,
 // where fine texture scores as well, and votes of texture may outnumber those of a part.
 std::vector<PooledPose> InTurn(std::vector<PooledPose> by_quick);
 
-// Are both model edges mostly visible from the camera's side of the part?
+// Are both model edges of the standing part mostly visible from the camera centre `eye` (table
+// units)?
 bool EdgesVisible(const PreparedObject& object,
-                  const Rigid3& camera_from_object,
+                  const StandingPart& part,
+                  const TableYaw& yaw,
+                  const Eigen::Vector3d& eye,
                   int first,
                   int second);
 

@@ -4,11 +4,11 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <span>
 #include <vector>
 
 #include "server/vision/recognition/pose_votes.h"
 #include "server/vision/recognition/scene_model.h"
+#include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/table_sighting.h"
 
 namespace horopter {
@@ -29,6 +29,7 @@ struct TableSearchOptions {
   double min_path_votes = 2.0;    // of two-edge paths, scale unknown
   double min_edge_votes = 2.2;    // of edges seen whole; 0.5 for one of which an end is hidden
   int peaks = 150;                // poses scored per standing pose of an object
+  int peaks_over = 40;            // ... on a surface that is only searched over other parts
 };
 
 struct TablePose {
@@ -36,19 +37,18 @@ struct TablePose {
   double quick = 0.0;
 };
 
-// Poses of one object on the scene's plane, or on a level surface above it, suggested by single
+// Poses of one object on the scene's plane and on level surfaces above it, suggested by single
 // edges of the registered views. The scene must have a plane.
 class TableSearch {
  public:
   TableSearch(const JointContext& context,
               const SceneModel& scene,
+              const std::vector<SearchSurface>& surfaces,
               const TableSearchOptions& options);
-  // Best quick score first, distinct. base_m: heights of the surfaces above the plane, metres.
-  std::vector<TablePose> Find(int object, std::span<const double> base_m) const;
+  // Best quick score first, distinct.
+  std::vector<TablePose> Find(int object) const;
 
  private:
-  PoseVotes VoteByEdges(const PreparedObject& object, const StandingPart& part) const;
-
   struct SightedEdge {
     TableSighting ends[2];
     HeightMask heights;
@@ -56,10 +56,27 @@ class TableSearch {
     double pixel[2] = {0, 0};         // table metres per working pixel about the ends
     bool on_plane = false;
   };
+  struct Disc {
+    Eigen::Vector2d center = Eigen::Vector2d::Zero();  // table frame, metres
+    double radius_m = 0.0;
+  };
+  struct Surface {
+    double height_m = 0.0;
+    std::vector<Disc> discs;  // empty: anywhere
+  };
+  // Per view the edges that a part of this size (diameter) may show on the surface.
+  std::vector<std::vector<const SightedEdge*>> EdgesOver(const Surface& surface,
+                                                         double diameter_m) const;
+  PoseVotes VoteByEdges(const PreparedObject& object,
+                        const StandingPart& part,
+                        const Surface& surface,
+                        const std::vector<std::vector<const SightedEdge*>>& edges) const;
+
   const JointContext& context_;
   TableSearchOptions options_;
   Rigid3 scene_from_table_;
   double max_height_ = 0.0;
+  std::vector<Surface> surfaces_;
   std::vector<KnownView> views_;                 // in the table frame
   std::vector<std::vector<SightedEdge>> edges_;  // per entry of views_
 };

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <utility>
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/scene_refine.h"
@@ -13,42 +15,116 @@ namespace {
 
 constexpr double kMinSeedScore = 0.42;
 
-struct SightedPath {
-  TableSighting points[3];
-  HeightMask heights_ab;
-  HeightMask heights_bc;
+// An image edge that ends at a junction b, with the edges that go on from there.
+struct SightedEdge {
+  TableSighting a, b;
+  HeightMask heights;
+  struct Next {
+    TableSighting c;
+    HeightMask heights;
+  };
+  std::vector<Next> next;
 };
 
-// Votes of one view's paths for a standing part.
+// The same of a model: an edge a-b and the paths' edges b-c.
+struct ModelEdgeEnd {
+  int a = -1, b = -1, edge = -1;
+  struct Next {
+    int c = -1, edge = -1;
+  };
+  std::vector<Next> next;
+};
+
+// Both directions of every vertex path, grouped by their first edge: what the first edge says of a
+// pose is worked out once.
+std::vector<ModelEdgeEnd> EdgeEnds(const PreparedObject& object) {
+  std::vector<ModelEdgeEnd> ends;
+  std::map<std::pair<int, int>, std::size_t> at;  // by (edge, b)
+  const auto add = [&](int a, int b, int edge, ModelEdgeEnd::Next next) {
+    const auto [it, is_new] = at.try_emplace({edge, b}, ends.size());
+    if (is_new) ends.push_back({a, b, edge, {}});
+    ends[it->second].next.push_back(next);
+  };
+  for (const VertexPath& p : object.paths) {
+    add(p.a, p.b, p.edge_ab, {p.c, p.edge_bc});
+    add(p.c, p.b, p.edge_bc, {p.a, p.edge_ab});
+  }
+  return ends;
+}
+
+// The image's paths, grouped likewise; each path in one direction, the model's paths come in both.
+std::vector<SightedEdge> SightEdges(const JointContext& context,
+                                    std::span<const KnownView> views,
+                                    std::size_t own,
+                                    int view,
+                                    double max_height,
+                                    int max_paths) {
+  const auto& flags = context.matching->segment_on_plane;
+  std::vector<SightedEdge> out;
+  std::map<std::pair<double, double>, std::map<std::pair<double, double>, std::size_t>> at;
+  for (const ImagePath& p :
+       FindImagePaths(*context.views[view].features,
+                      view < static_cast<int>(flags.size()) ? flags[view] : std::vector<bool>{},
+                      context.views[view].maps.working_from_image,
+                      max_paths)) {
+    TableSighting a, b, c;
+    const PinholeCamera& camera = views[own].camera;
+    const Rigid3& pose = views[own].camera_from_scene;
+    if (!SightTable(camera, pose, p.a, &a) || !SightTable(camera, pose, p.b, &b) ||
+        !SightTable(camera, pose, p.c, &c)) {
+      continue;
+    }
+    const auto [it, is_new] = at[{p.b.x(), p.b.y()}].try_emplace({p.a.x(), p.a.y()}, out.size());
+    if (is_new) {
+      out.push_back({a, b, SupportedHeights(views, own, a, b, max_height, max_height), {}});
+    }
+    out[it->second].next.push_back({c, SupportedHeights(views, own, b, c, max_height, max_height)});
+  }
+  return out;
+}
+
+// Votes of one view's paths for a standing part. eye: the camera's centre.
 void VoteByPaths(const PreparedObject& object,
                  const StandingPart& part,
-                 std::span<const KnownView> views,
-                 std::size_t own_view,
-                 const std::vector<SightedPath>& paths,
+                 const std::vector<ModelEdgeEnd>& ends,
+                 const Eigen::Vector3d& eye,
+                 const std::vector<SightedEdge>& edges,
                  double max_height,
                  double tolerance,
                  PoseVotes* votes) {
-  for (const VertexPath& path : object.paths) {
-    for (const bool reversed : {false, true}) {
-      const Eigen::Vector3d vertices[3] = {part.vertices[reversed ? path.c : path.a],
-                                           part.vertices[path.b],
-                                           part.vertices[reversed ? path.a : path.c]};
-      const bool level_ab = std::abs(vertices[0].z() - vertices[1].z()) < kLevel;
-      const bool level_bc = std::abs(vertices[2].z() - vertices[1].z()) < kLevel;
-      for (const SightedPath& seen : paths) {
-        TableYaw yaws[2];
-        const int n = PosesFromSightings(vertices, seen.points, tolerance, yaws);
-        for (int i = 0; i < n; ++i) {
-          const double share = yaws[i].units_per_metre / max_height;
-          if (level_ab && !seen.heights_ab.At(share * vertices[1].z())) continue;
-          if (level_bc && !seen.heights_bc.At(share * vertices[1].z())) continue;
-          Rigid3 camera_from_table = views[own_view].camera_from_scene;
-          camera_from_table.t /= yaws[i].units_per_metre;
-          if (EdgesVisible(object,
-                           camera_from_table * PlaceOnTable(part, yaws[i]),
-                           path.edge_ab,
-                           path.edge_bc)) {
-            votes->Add(yaws[i], 1.0);
+  for (const ModelEdgeEnd& end : ends) {
+    const Eigen::Vector3d &a = part.vertices[end.a], &b = part.vertices[end.b];
+    const bool level_ab = std::abs(a.z() - b.z()) < kLevel, upright = IsUpright(a, b);
+    for (const SightedEdge& seen : edges) {
+      const auto vote = [&](const TableYaw& yaw,
+                            const ModelEdgeEnd::Next& next,
+                            const SightedEdge::Next& seen_next) {
+        const double share = b.z() * yaw.units_per_metre / max_height;
+        if (level_ab && !seen.heights.At(share)) return;
+        const bool level_bc = std::abs(part.vertices[next.c].z() - b.z()) < kLevel;
+        if (level_bc && !seen_next.heights.At(share)) return;
+        if (EdgesVisible(object, part, yaw, eye, end.edge, next.edge)) votes->Add(yaw, 1.0);
+      };
+      TableYaw yaws[2];
+      if (upright) {
+        for (const ModelEdgeEnd::Next& next : end.next) {
+          const Eigen::Vector3d vertices[3] = {a, b, part.vertices[next.c]};
+          for (const SightedEdge::Next& seen_next : seen.next) {
+            const TableSighting sightings[3] = {seen.a, seen.b, seen_next.c};
+            const int n = PosesFromSightings(vertices, sightings, tolerance, yaws);
+            for (int i = 0; i < n; ++i) vote(yaws[i], next, seen_next);
+          }
+        }
+        continue;
+      }
+      const int n = YawsFromEdge(a, b, seen.a, seen.b, yaws);
+      for (int i = 0; i < n; ++i) {
+        if (level_ab && !seen.heights.At(b.z() * yaws[i].units_per_metre / max_height)) continue;
+        for (const ModelEdgeEnd::Next& next : end.next) {
+          const Eigen::Vector3d& c = part.vertices[next.c];
+          const double limit = tolerance * ((b - a).norm() + (c - b).norm());
+          for (const SightedEdge::Next& seen_next : seen.next) {
+            if (MissOf(yaws[i], c, seen_next.c) <= limit) vote(yaws[i], next, seen_next);
           }
         }
       }
@@ -89,6 +165,7 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
                                    const Reconstruction& reconstruction,
                                    const TableSearchOptions& options,
                                    int max_scales) {
+  BeginStep(context, "table_sightings");
   std::vector<KnownView> views;
   std::vector<int> index;
   for (std::size_t v = 0; v < reconstruction.views.size(); ++v) {
@@ -100,40 +177,31 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
   if (views.size() < 2) return {};
   const double max_height = MaxHeight(views);
   if (!(max_height > 0)) return {};
-  std::vector<std::vector<SightedPath>> paths(views.size());
+  std::vector<std::vector<SightedEdge>> edges(views.size());
   ParallelFor(static_cast<int>(views.size()), context.options.threads, [&](int i) {
-    const int v = index[i];
-    const auto& flags = context.matching->segment_on_plane;
-    for (const ImagePath& p :
-         FindImagePaths(*context.views[v].features,
-                        v < static_cast<int>(flags.size()) ? flags[v] : std::vector<bool>{},
-                        context.views[v].maps.working_from_image,
-                        options.max_paths)) {
-      SightedPath seen;
-      const PinholeCamera& camera = views[i].camera;
-      const Rigid3& pose = views[i].camera_from_scene;
-      if (!SightTable(camera, pose, p.a, &seen.points[0]) ||
-          !SightTable(camera, pose, p.b, &seen.points[1]) ||
-          !SightTable(camera, pose, p.c, &seen.points[2])) {
-        continue;
-      }
-      seen.heights_ab = SupportedHeights(views, i, seen.points[0], seen.points[1], max_height);
-      seen.heights_bc = SupportedHeights(views, i, seen.points[1], seen.points[2], max_height);
-      paths[i].push_back(seen);
-    }
+    edges[i] = SightEdges(context, views, i, index[i], max_height, options.max_paths);
   });
 
+  BeginStep(context, "table_votes");
   const int objects = static_cast<int>(context.objects.size());
   std::vector<std::vector<PooledPose>> found(objects);
   ParallelFor(objects, context.options.threads, [&](int k) {
     const PreparedObject& object = *context.objects[k];
     const std::vector<StandingPart> parts = StandingParts(object);
+    const std::vector<ModelEdgeEnd> ends = EdgeEnds(object);
     PosePool pool(options.min_quick);
     for (const StandingPart& part : parts) {
       if (IsStopRequested(context.stop)) return;
       PoseVotes votes;
       for (std::size_t v = 0; v < views.size(); ++v) {
-        VoteByPaths(object, part, views, v, paths[v], max_height, options.path_tolerance, &votes);
+        VoteByPaths(object,
+                    part,
+                    ends,
+                    views[v].camera_from_scene.Inverse().t,
+                    edges[v],
+                    max_height,
+                    options.path_tolerance,
+                    &votes);
       }
       ScorePeaks(object,
                  part,
@@ -146,6 +214,7 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
         DistinctPoses(object, views, InTurn(std::move(pool).Sorted()), options.kept_per_object);
   });
 
+  BeginStep(context, "table_seeds");
   std::vector<std::pair<int, PooledPose>> best;
   for (int k = 0; k < objects; ++k) {
     for (const PooledPose& p : found[k]) best.push_back({k, p});

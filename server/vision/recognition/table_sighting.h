@@ -23,6 +23,7 @@ inline constexpr double kLevel = 1e-6;
 struct StandingPart {
   Rigid3 table_from_object;
   std::vector<Eigen::Vector3d> vertices;  // of the model, in the table frame, metres
+  Eigen::Vector2d outline_middle = Eigen::Vector2d::Zero();  // seen from above, table frame, metres
 };
 std::vector<StandingPart> StandingParts(const PreparedObject& object);
 
@@ -58,17 +59,33 @@ class HeightMask {
 double MaxHeight(std::span<const KnownView> views);
 
 // Level edges between the two sightings of view `own` that other views show as well: two of them,
-// or one where there are only two views.
+// or one where there are only two views. Heights above `needed_height` are not looked at.
 HeightMask SupportedHeights(std::span<const KnownView> views,
                             std::size_t own,
                             const TableSighting& from,
                             const TableSighting& to,
-                            double max_height);
+                            double max_height,
+                            double needed_height);
 
 // v turned by the angle of which cosine and sine are given.
 inline Eigen::Vector2d Turned(double c, double s, const Eigen::Vector2d& v) {
   return {c * v.x() - s * v.y(), s * v.x() + c * v.y()};
 }
+
+inline bool IsUpright(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return (b - a).head<2>().norm() < kUprightShare * (b - a).norm();
+}
+
+// Poses, up to two, in which the ends a, b of an edge that is not upright are seen at these
+// sightings, scale unknown.
+int YawsFromEdge(const Eigen::Vector3d& a,
+                 const Eigen::Vector3d& b,
+                 const TableSighting& at_a,
+                 const TableSighting& at_b,
+                 TableYaw out[2]);
+
+// Distance, metres on the table, between a vertex in a pose and what is sighted at its height.
+double MissOf(const TableYaw& yaw, const Eigen::Vector3d& vertex, const TableSighting& sighting);
 
 // Poses, up to two, in which the vertices a, b, c of a standing part are seen at the sightings of
 // the same names, scale unknown: a and b are met exactly, c within `tolerance` of the path's

@@ -4,12 +4,12 @@
 
 namespace horopter {
 
-ViewEvidence BuildViewEvidence(const ImageFeatures& features) {
+ViewEvidence BuildViewEvidence(const ImageFeatures& features, int threads) {
   ViewEvidence view;
   view.width = features.width;
   view.height = features.height;
   view.features = &features;
-  view.maps = BuildEdgeMaps(features);
+  view.maps = BuildEdgeMaps(features, threads);
   const double scale = view.maps.working_from_image;
   for (int i = 0; i < static_cast<int>(features.segments.size()); ++i) {
     const Segment& s = features.segments[i];

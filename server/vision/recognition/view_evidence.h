@@ -29,6 +29,6 @@ struct ViewEvidence {
 };
 
 // features must outlive the result.
-ViewEvidence BuildViewEvidence(const ImageFeatures& features);
+ViewEvidence BuildViewEvidence(const ImageFeatures& features, int threads = 1);
 
 }  // namespace horopter

@@ -23,6 +23,25 @@ struct OnePartView {
   }
 };
 
+TEST(EdgeMaps, DoNotDependOnTheThreads) {
+  const unsigned seed = 31;
+  SCOPED_TRACE(testing::Message() << "seed " << seed);
+  std::mt19937 rng(seed);
+  std::uniform_real_distribution<double> x(-20, 340), y(-20, 260);
+  ImageFeatures f;
+  f.width = 320;
+  f.height = 240;
+  for (int i = 0; i < 40; ++i) {
+    Segment s;
+    s.start = {x(rng), y(rng)};
+    s.end = {x(rng), y(rng)};
+    f.segments.push_back(s);
+  }
+  const EdgeMaps one = BuildEdgeMaps(f, 1), three = BuildEdgeMaps(f, 3);
+  EXPECT_EQ(one.nearest, three.nearest);
+  EXPECT_EQ(one.distance, three.distance);
+}
+
 TEST(EdgeMaps, PointsFarOutsideAreAtTheLargestDistance) {
   ImageFeatures features;
   features.width = 64;

@@ -131,6 +131,17 @@ TEST(RecognizeObjects, EmptyCatalogAndStopAreTyped) {
   EXPECT_EQ(RecognizeObjects(input, {}).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
+TEST(RecognizeObjects, SaysWhichStepBegins) {
+  Scene scene = MakeScene({0}, 3, 0.2, 9);
+  std::vector<std::string> steps;
+  const auto result = RecognizeObjects(
+      scene.Input(), {}, {}, [&](std::string_view step) { steps.emplace_back(step); });
+  ASSERT_TRUE(result.ok());
+  ASSERT_GE(steps.size(), 3u);
+  EXPECT_EQ(steps.front(), "edge_maps");
+  EXPECT_EQ(steps.back(), "result");
+}
+
 TEST(RecognizeObjects, SameInputSameAnswer) {
   Scene scene = MakeScene({0, 1}, 3, 0.3, 8);
   RecognitionOptions one, two;

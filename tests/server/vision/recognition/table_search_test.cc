@@ -9,6 +9,7 @@
 #include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/rig_seeds.h"
 #include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/table_seeds.h"
 #include "tests/support/synthetic_part.h"
 
@@ -197,6 +198,35 @@ TEST(StandingParts, StandOnTheTable) {
   }
 }
 
+TEST(SearchSurfaces, AreThePlaneAndTheTopsOfWhatStandsOnIt) {
+  Table table = MakeTable({}, 2, 0.0, 18);
+  const JointContext context = table.Context();
+  SceneModel scene;
+  scene.plane = ScenePlane{};
+  PlacedObject bracket, doubtful;
+  bracket.object = doubtful.object = 0;
+  bracket.scene_from_object = Standing(0.3, 0.1, 0.0, 0.0);
+  doubtful.scene_from_object = Standing(0.9, -0.1, 0.0, 0.0);
+  doubtful.score = 0.5;
+  const auto surfaces = [&](double bar) {
+    return SearchSurfaces(context, scene, {&doubtful, 1}, bar, 0.006, 6);
+  };
+  EXPECT_EQ(surfaces(0.6).size(), 1u);  // the plane alone
+  scene.objects = {bracket};
+  const std::vector<SearchSurface> sure = surfaces(0.6), both = surfaces(0.4);
+  ASSERT_EQ(sure.size(), 2u);
+  EXPECT_TRUE(sure[0].discs.empty());
+  EXPECT_NEAR(sure[1].height_m, 0.04, 1e-9);
+  EXPECT_EQ(sure[1].discs.size(), 1u);
+  ASSERT_EQ(both.size(), 2u);  // as high: one search
+  EXPECT_EQ(both[1].discs.size(), 2u);
+  // What was searched is not searched again, in whatever order; new places are.
+  EXPECT_TRUE(NotCovered(sure, both).empty());
+  EXPECT_EQ(NotCovered(both, sure).size(), 1u);
+  EXPECT_EQ(NotCovered(both, {}).size(), 2u);
+  EXPECT_TRUE(NotCovered(both, {{0.0, {}}, {0.04, {}}}).empty());
+}
+
 class Noise : public testing::TestWithParam<double> {};
 
 TEST_P(Noise, TableSeedsFindAPartAndTheScale) {
@@ -237,17 +267,21 @@ TEST_P(Noise, FindPlacesPartsOnTheTableAndOnOtherParts) {
   for (std::size_t v = 0; v < table.cameras.size(); ++v)
     scene.views.push_back(RecognizedView{table.cameras[v], table.camera_from_table[v]});
   scene.plane = ScenePlane{};
-  const TableSearch search(context, scene, {});
-  const double bases[] = {0.0, 0.04};
-  const auto brackets = search.Find(0, bases), wedges = search.Find(1, bases);
-  ASSERT_FALSE(brackets.empty());
-  ASSERT_FALSE(wedges.empty());
   const double limit = 1.0 + 2.0 * GetParam();
-  EXPECT_LT(LargestError(table, 0, brackets[0].scene_from_object, bracket), limit);
-  EXPECT_LT(LargestError(table, 1, wedges[0].scene_from_object, wedge), limit);
-  const double only_table[] = {0.0};
-  for (const TablePose& pose : search.Find(1, only_table))
-    EXPECT_GT(LargestError(table, 1, pose.scene_from_object, wedge), 3.0);
+  const auto right = [&](int object, const Rigid3& truth, const std::vector<SearchSurface>& on) {
+    const auto found = TableSearch(context, scene, on, {}).Find(object);
+    return !found.empty() && LargestError(table, object, found[0].scene_from_object, truth) < limit;
+  };
+  const SearchSurface plane, above{0.04, {}};
+  EXPECT_TRUE(right(0, bracket, {plane, above}));
+  EXPECT_TRUE(right(1, wedge, {plane, above}));
+  // Over the place where it stands, whatever the height the disc's centre is given at; not
+  // elsewhere.
+  EXPECT_TRUE(right(1, wedge, {{0.04, {{{-0.05, 0.0, 0.3}, 0.06}}}}));
+  for (const auto& elsewhere : {SearchSurface{0.04, {{{0.3, 0.2, 0}, 0.06}}}, plane}) {
+    for (const TablePose& pose : TableSearch(context, scene, {elsewhere}, {}).Find(1))
+      EXPECT_GT(LargestError(table, 1, pose.scene_from_object, wedge), 3.0);
+  }
 }
 INSTANTIATE_TEST_SUITE_P(Sweep, Noise, testing::Values(0.0, 0.3, 0.6));
 

@@ -1,0 +1,168 @@
+#include "server/vision/recognition/rivals.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <numbers>
+#include <random>
+
+#include "server/vision/recognition/verdict.h"
+#include "tests/support/synthetic_part.h"
+
+namespace horopter {
+namespace {
+
+ObjectModel Box(double x, double y, double z) {
+  return Prism("box", {{0, 0}, {x, 0}, {x, y}, {0, y}}, z);
+}
+
+Rigid3 Turn(const PreparedObject& object, double angle, const Eigen::Vector3d& axis) {
+  const Eigen::Matrix3d R = Eigen::AngleAxisd(angle, axis).toRotationMatrix();
+  return {R, object.center - R * object.center};
+}
+
+// Views of one object in the origin, `step` radians apart, with exact edges.
+struct Views {
+  std::vector<std::shared_ptr<const PreparedObject>> objects;
+  std::vector<ImageFeatures> features;
+  MatchingResult matching;
+  JointContext context;
+  SceneModel scene;
+
+  Views(ObjectModel model, int views, double step, double noise_px) {
+    objects.push_back(PrepareObject(std::move(model)).value());
+    context.objects = objects;
+    context.matching = &matching;
+    std::mt19937 rng(21);
+    features.resize(views);
+    for (int v = 0; v < views; ++v) {
+      const double a = 0.3 + step * v;
+      const PinholeCamera camera = CenteredCamera(640, 480, 900);
+      const Rigid3 camera_from_scene =
+          LookAt({0.6 * std::sin(a), -0.6 * std::cos(a), 0.45}, {0.05, 0.05, 0.04});
+      features[v].width = 640;
+      features[v].height = 480;
+      AddSyntheticFeatures(*objects[0], camera, camera_from_scene, noise_px, &rng, &features[v]);
+      scene.views.push_back(RecognizedView{camera, camera_from_scene});
+    }
+    for (const ImageFeatures& f : features) {
+      context.views.push_back(BuildViewEvidence(f));
+      context.start_cameras.push_back(CenteredCamera(640, 480, 900));
+      context.focal_log_sigma.push_back(0.05);
+    }
+    matching.component.assign(views, -1);
+  }
+
+  void Place(const Rigid3& pose) {
+    PlacedObject p;
+    p.object = 0;
+    p.scene_from_object = pose;
+    VerifyScratch scratch;
+    EvaluatePlacement(context, scene.views, {}, &scratch, &p);
+    scene.objects = {p};
+    scene.gain = p.gain;
+  }
+};
+
+TEST(NearSymmetries, AreTheTurnsOfAnAlmostSquareBox) {
+  const auto box = PrepareObject(Box(0.1, 0.104, 0.06)).value();
+  const std::vector<Rigid3> turns = NearSymmetries(*box, 0.06);
+  const auto has = [&](const Rigid3& turn) {
+    return std::any_of(
+        turns.begin(), turns.end(), [&](const Rigid3& t) { return (t.R - turn.R).norm() < 1e-9; });
+  };
+  EXPECT_TRUE(has(Turn(*box, std::numbers::pi / 2, Eigen::Vector3d::UnitZ())));
+  EXPECT_TRUE(has(Turn(*box, std::numbers::pi, Eigen::Vector3d::UnitX())));
+  EXPECT_FALSE(has(Turn(*box, std::numbers::pi / 2, Eigen::Vector3d::UnitX())));
+  EXPECT_FALSE(has(Rigid3{}));
+}
+
+TEST(NearSymmetries, LeaveOutWhatIsASymmetryOrNoneAtAll) {
+  ObjectModel model = Box(0.1, 0.05, 0.02);
+  const auto plain = PrepareObject(model).value();
+  for (const Eigen::Vector3d& axis :
+       {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0), Eigen::Vector3d(0, 0, 1)}) {
+    model.symmetries.push_back(Turn(*plain, std::numbers::pi, axis));
+  }
+  EXPECT_EQ(NearSymmetries(*plain, 0.06).size(), 3u);
+  EXPECT_TRUE(NearSymmetries(*PrepareObject(model).value(), 0.06).empty());
+}
+
+TEST(ContestObjects, TurnsABoxThatStandsTheWrongWayRound) {
+  for (const double noise_px : {0.0, 0.4}) {
+    Views views(Box(0.1, 0.112, 0.06), 4, 0.4, noise_px);
+    const PreparedObject& box = *views.objects[0];
+    views.Place(Turn(box, std::numbers::pi / 2, Eigen::Vector3d::UnitZ()));
+    const double wrong = views.scene.objects[0].score;
+    const std::vector<Rival> rivals = ContestObjects(views.context, {}, {}, &views.scene);
+    EXPECT_FALSE(rivals.empty());
+    EXPECT_GT(views.scene.objects[0].score, wrong);
+    // Right up to the half turn, which is a symmetry that nobody declared.
+    EXPECT_GT(std::abs(views.scene.objects[0].scene_from_object.R(0, 0)), 0.98);
+    for (const Rival& r : rivals) EXPECT_EQ(r.accepted, 0);
+  }
+}
+
+TEST(MakeResult, SaysWhenAnotherPoseOfTheObjectScoresAsWell) {
+  Views views(Box(0.1, 0.104, 0.06), 4, 0.4, 0.0);
+  views.Place({});
+  Rival rival{0, views.scene.objects[0], views.scene.objects[0].score - 0.08, 0.0};
+  const auto state = [&](bool trusted) {
+    return MakeResult(views.context, views.scene, {}, {&rival, 1}, trusted);
+  };
+  EXPECT_EQ(state(true).state, RecognitionState::kRecognized);
+  const RecognitionResult loose = state(false);  // the cameras may have adapted to either pose
+  EXPECT_EQ(loose.state, RecognitionState::kAmbiguous);
+  ASSERT_EQ(loose.objects.size(), 1u);
+  EXPECT_EQ(loose.objects[0].alternatives, std::vector<int>{0});
+  EXPECT_FALSE(loose.detail.empty());
+  rival.score = views.scene.objects[0].score - 0.01;
+  EXPECT_EQ(state(true).state, RecognitionState::kAmbiguous);
+  rival.score = 0.0;
+  EXPECT_EQ(state(false).state, RecognitionState::kRecognized);
+}
+
+TEST(MakeResult, AnswersNothingWithoutParallax) {
+  for (const double step : {0.001, 0.004, 0.05, 0.3}) {
+    Views views(LBracket(), 4, step, 0.0);
+    views.Place({});
+    const double parallax = LargestParallax(views.context, views.scene);
+    EXPECT_GT(parallax, step);  // 3 steps about a point below the cameras
+    EXPECT_LT(parallax, 3.0 * step + 1e-6);
+    const RecognitionResult r = MakeResult(views.context, views.scene, {}, {}, true);
+    if (3 * step < 0.035) {
+      EXPECT_EQ(r.state, RecognitionState::kNoParallax);
+      EXPECT_TRUE(r.objects.empty());
+      EXPECT_FALSE(r.detail.empty());
+    } else {
+      EXPECT_EQ(r.state, RecognitionState::kRecognized);
+      EXPECT_EQ(r.objects.size(), 1u);
+    }
+  }
+}
+
+TEST(ContradictsCameras, WhenAFocalLengthLeavesItsPrior) {
+  Views views(LBracket(), 3, 0.3, 0.0);
+  views.Place({});
+  EXPECT_FALSE(ContradictsCameras(views.context, views.scene));
+  views.scene.views[1]->camera.focal_px *= std::exp(3.5 * 0.05);
+  EXPECT_FALSE(ContradictsCameras(views.context, views.scene));
+  views.scene.views[1]->camera.focal_px *= std::exp(1.0 * 0.05);
+  EXPECT_TRUE(ContradictsCameras(views.context, views.scene));
+  views.scene.views[1].reset();
+  EXPECT_FALSE(ContradictsCameras(views.context, views.scene));
+}
+
+TEST(MakeResult, OneViewIsNotRefusedForParallax) {
+  Views views(LBracket(), 1, 0.1, 0.0);
+  views.Place({});
+  EXPECT_EQ(LargestParallax(views.context, views.scene), 0.0);
+  EXPECT_EQ(MakeResult(views.context, views.scene, {}, {}, true).state,
+            RecognitionState::kRecognized);
+  views.scene.objects.clear();
+  EXPECT_EQ(MakeResult(views.context, views.scene, {}, {}, true).state,
+            RecognitionState::kNothingFound);
+}
+
+}  // namespace
+}  // namespace horopter
