@@ -29,22 +29,32 @@ struct CueRange {
   int bins;
 };
 constexpr CueRange kSegmentRanges[kSegmentCueCount] = {
-    {"turn", 0.0f, 1.2f, 10},          {"flipped", -0.5f, 1.5f, 2},
-    {"length ratio", 0.0f, 1.5f, 8},   {"better side", 0.0f, 60.0f, 10},
-    {"worse side", 0.0f, 120.0f, 10},  {"contrast ratio", 0.0f, 2.0f, 8},
-    {"strip", -0.4f, 1.0f, 10},        {"shift", 0.0f, 0.20f, 10},
+    {"turn", 0.0f, 1.2f, 10},
+    {"flipped", -0.5f, 1.5f, 2},
+    {"length ratio", 0.0f, 1.5f, 8},
+    {"better side", 0.0f, 60.0f, 10},
+    {"worse side", 0.0f, 120.0f, 10},
+    {"contrast ratio", 0.0f, 2.0f, 8},
+    {"strip", -0.4f, 1.0f, 10},
+    {"shift", 0.0f, 0.20f, 10},
     {"beam", 0.0f, 1.0f, 8},
 };
 constexpr CueRange kJunctionRanges[kJunctionCueCount] = {
-    {"patch", -0.4f, 1.0f, 12},     {"type pair", -0.5f, 2.5f, 3}, {"arm turn", 0.0f, 1.2f, 10},
-    {"arm count", -0.5f, 2.5f, 3},  {"point shift", 0.0f, 0.25f, 10},
+    {"patch", -0.4f, 1.0f, 12},
+    {"type pair", -0.5f, 2.5f, 3},
+    {"arm turn", 0.0f, 1.2f, 10},
+    {"arm count", -0.5f, 2.5f, 3},
+    {"point shift", 0.0f, 0.25f, 10},
     {"epipolar", 0.0f, 8.0f, 12},
 };
 
 constexpr CueRange kLinkRanges[kMatchRelationCount] = {
-    {"segment meets junction", 0.0f, 1.0f, 2},   {"segments share junction", 0.0f, 1.2f, 8},
-    {"segments collinear", 0.0f, 1.2f, 8},       {"segments parallel", 0.0f, 1.2f, 8},
-    {"segments of same region", 0.0f, 1.2f, 8},  {"junctions of one segment", 0.0f, 1.6f, 8},
+    {"segment meets junction", 0.0f, 1.0f, 2},
+    {"segments share junction", 0.0f, 1.2f, 8},
+    {"segments collinear", 0.0f, 1.2f, 8},
+    {"segments parallel", 0.0f, 1.2f, 8},
+    {"segments of same region", 0.0f, 1.2f, 8},
+    {"junctions of one segment", 0.0f, 1.6f, 8},
 };
 
 // Links between candidates that are both right, and the others, by their disagreement.
@@ -73,7 +83,8 @@ std::vector<LogRatioTable> Learn(const Samples<Cues>& samples, const CueRange* r
       double total = 2.0 * t.bins;
       for (const Cues& c : from) {
         if (!std::isfinite(c[k])) continue;
-        const int bin = std::clamp(static_cast<int>(std::floor((c[k] - t.low) / t.step)), 0, t.bins - 1);
+        const int bin =
+            std::clamp(static_cast<int>(std::floor((c[k] - t.low) / t.step)), 0, t.bins - 1);
         (*to)[bin] += 1.0;
         total += 1.0;
       }
@@ -81,7 +92,8 @@ std::vector<LogRatioTable> Learn(const Samples<Cues>& samples, const CueRange* r
     };
     add(samples.same, &same);
     add(samples.different, &different);
-    for (int b = 0; b < t.bins; ++b) t.values[b] = static_cast<float>(std::log(same[b] / different[b]));
+    for (int b = 0; b < t.bins; ++b)
+      t.values[b] = static_cast<float>(std::log(same[b] / different[b]));
   }
   // Logistic regression of the tables' values (Newton): the weights.
   const size_t n = samples.same.size() + samples.different.size();
@@ -125,16 +137,21 @@ std::vector<LogRatioTable> LearnLinks(const LinkSamples& samples) {
   std::vector<LogRatioTable> tables;
   for (int r = 0; r < kMatchRelationCount; ++r) {
     const CueRange& range = kLinkRanges[r];
-    LogRatioTable t{range.low, (range.high - range.low) / static_cast<float>(range.bins), range.bins, 0.0f, {}};
+    LogRatioTable t{
+        range.low, (range.high - range.low) / static_cast<float>(range.bins), range.bins, 0.0f, {}};
     std::vector<double> right(t.bins, 2.0), wrong(t.bins, 2.0);
     const auto count = [&](const std::vector<double>& from, std::vector<double>* to) {
-      for (double d : from) (*to)[std::clamp(static_cast<int>((d - t.low) / t.step), 0, t.bins - 1)] += 1.0;
+      for (double d : from)
+        (*to)[std::clamp(static_cast<int>((d - t.low) / t.step), 0, t.bins - 1)] += 1.0;
     };
     count(samples.right[r], &right);
     count(samples.wrong[r], &wrong);
-    const double rate = std::log(static_cast<double>(samples.wrong_candidates) / static_cast<double>(samples.right_candidates));
-    for (int b = 0; b < t.bins; ++b) t.values[b] = static_cast<float>(std::log(right[b] / wrong[b]) + rate);
-    t.weight = static_cast<float>(std::max(0.0, std::log((2.0 + samples.right[r].size()) / (2.0 + samples.wrong[r].size())) + rate));
+    const double rate = std::log(static_cast<double>(samples.wrong_candidates) /
+                                 static_cast<double>(samples.right_candidates));
+    for (int b = 0; b < t.bins; ++b)
+      t.values[b] = static_cast<float>(std::log(right[b] / wrong[b]) + rate);
+    t.weight = static_cast<float>(std::max(
+        0.0, std::log((2.0 + samples.right[r].size()) / (2.0 + samples.wrong[r].size())) + rate));
     tables.push_back(t);
   }
   return tables;
@@ -146,7 +163,12 @@ void Print(const char* name, const std::vector<LogRatioTable> tables[2], const C
     std::printf("    {\n");
     for (size_t k = 0; k < tables[context].size(); ++k) {
       const LogRatioTable& t = tables[context][k];
-      std::printf("        // %s\n        {%#.4gf, %#.4gf, %d, %.3ff, {", ranges[k].name, t.low, t.step, t.bins, t.weight);
+      std::printf("        // %s\n        {%#.4gf, %#.4gf, %d, %.3ff, {",
+                  ranges[k].name,
+                  t.low,
+                  t.step,
+                  t.bins,
+                  t.weight);
       for (int b = 0; b < t.bins; ++b) std::printf("%s%.3ff", b ? ", " : "", t.values[b]);
       std::printf("}},\n");
     }
@@ -169,7 +191,8 @@ void CollectLinks(const PairComparison& compare, const TruePair& pair, LinkSampl
   for (const MatchCandidateLink& l : graph.links) {
     if (truth[l.from] < 0 || truth[l.to] < 0) continue;
     const bool right = truth[l.from] == 1 && truth[l.to] == 1;
-    (right ? samples->right : samples->wrong)[static_cast<int>(l.relation)].push_back(l.disagreement);
+    (right ? samples->right : samples->wrong)[static_cast<int>(l.relation)].push_back(
+        l.disagreement);
   }
 }
 
@@ -177,7 +200,8 @@ absl::Status Run(const std::string& dataset, const std::string& split) {
   Samples<SegmentCues> segments[2];
   Samples<JunctionCues> junctions[2];
   LinkSamples links[2];
-  size_t seen_segments[2] = {0, 0}, gated_segments[2] = {0, 0}, seen_junctions[2] = {0, 0}, gated_junctions[2] = {0, 0};
+  size_t seen_segments[2] = {0, 0}, gated_segments[2] = {0, 0}, seen_junctions[2] = {0, 0},
+         gated_junctions[2] = {0, 0};
   const auto visit = [&](const TruePair& pair) {
     for (int context = 0; context < 2; ++context) {
       PairPrior prior;
@@ -193,7 +217,13 @@ absl::Status Run(const std::string& dataset, const std::string& split) {
       const PairComparison gate(*pair.a, *pair.b, patches, no_f);
       CollectLinks(gate, pair, &links[context]);
       size_t k = 0;
-      const auto collect = [&](const std::vector<FeatureLabel>& la, const std::vector<FeatureLabel>& lb, auto may, auto cues, auto* samples, size_t* seen, size_t* gated) {
+      const auto collect = [&](const std::vector<FeatureLabel>& la,
+                               const std::vector<FeatureLabel>& lb,
+                               auto may,
+                               auto cues,
+                               auto* samples,
+                               size_t* seen,
+                               size_t* gated) {
         for (size_t i = 0; i < la.size(); ++i) {
           for (size_t j = 0; j < lb.size(); ++j) {
             if (la[i] == kUnknownFeature && lb[j] == kUnknownFeature) continue;
@@ -208,26 +238,48 @@ absl::Status Run(const std::string& dataset, const std::string& split) {
           }
         }
       };
-      collect(pair.labels_a->segments, pair.labels_b->segments,
-              [&](int i, int j) { return gate.MaySegments(i, j); },
-              [&](int i, int j) { return compare.Segments(i, j); }, &segments[context], &seen_segments[context], &gated_segments[context]);
-      collect(pair.labels_a->junctions, pair.labels_b->junctions,
-              [&](int i, int j) { return gate.MayJunctions(i, j); },
-              [&](int i, int j) { return compare.Junctions(i, j); }, &junctions[context], &seen_junctions[context], &gated_junctions[context]);
+      collect(
+          pair.labels_a->segments,
+          pair.labels_b->segments,
+          [&](int i, int j) { return gate.MaySegments(i, j); },
+          [&](int i, int j) { return compare.Segments(i, j); },
+          &segments[context],
+          &seen_segments[context],
+          &gated_segments[context]);
+      collect(
+          pair.labels_a->junctions,
+          pair.labels_b->junctions,
+          [&](int i, int j) { return gate.MayJunctions(i, j); },
+          [&](int i, int j) { return compare.Junctions(i, j); },
+          &junctions[context],
+          &seen_junctions[context],
+          &gated_junctions[context]);
     }
   };
   HOROPTER_RETURN_IF_ERROR(ForEachTruePair(dataset, split, {}, visit));
   std::vector<LogRatioTable> segment_tables[2], junction_tables[2];
   for (int c = 0; c < 2; ++c) {
-    std::fprintf(stderr, "%s plane: segments %zu same (%zu gated of %zu), %zu different kept; junctions %zu (%zu of %zu), %zu\n", c ? "without" : "with",
-                 segments[c].same.size(), gated_segments[c], seen_segments[c], segments[c].different.size(), junctions[c].same.size(), gated_junctions[c], seen_junctions[c], junctions[c].different.size());
+    std::fprintf(stderr,
+                 "%s plane: segments %zu same (%zu gated of %zu), %zu different kept; junctions "
+                 "%zu (%zu of %zu), %zu\n",
+                 c ? "without" : "with",
+                 segments[c].same.size(),
+                 gated_segments[c],
+                 seen_segments[c],
+                 segments[c].different.size(),
+                 junctions[c].same.size(),
+                 gated_junctions[c],
+                 seen_junctions[c],
+                 junctions[c].different.size());
     segment_tables[c] = Learn(segments[c], kSegmentRanges);
     junction_tables[c] = Learn(junctions[c], kJunctionRanges);
   }
   Print("kSegmentTables[2][kSegmentCueCount]", segment_tables, kSegmentRanges);
   Print("kJunctionTables[2][kJunctionCueCount]", junction_tables, kJunctionRanges);
   const std::vector<LogRatioTable> link_tables[2] = {LearnLinks(links[0]), LearnLinks(links[1])};
-  std::printf("// By the relation of the neighbours; the weight is what a link says without its disagreement.\n");
+  std::printf(
+      "// By the relation of the neighbours; the weight is what a link says without its "
+      "disagreement.\n");
   Print("kLinkTables[2][kMatchRelationCount]", link_tables, kLinkRanges);
   return absl::OkStatus();
 }

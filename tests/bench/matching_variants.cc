@@ -159,7 +159,12 @@ void CountVariant(const TruePair& pair,
       *pair.a, *pair.b, WarpedPatches(*pair.image_b, *pair.b, prior), prior);
   const std::vector<FeatureMatch> matches = MatchFeatures(compare, variant.options);
   tally->seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  Count(pair.labels_a->junctions, pair.labels_b->junctions, matches, FeatureKind::kJunction, 0, tally);
+  Count(pair.labels_a->junctions,
+        pair.labels_b->junctions,
+        matches,
+        FeatureKind::kJunction,
+        0,
+        tally);
   Count(pair.labels_a->segments, pair.labels_b->segments, matches, FeatureKind::kSegment, 1, tally);
   Points a, b;
   for (const FeatureMatch& m : matches) {
@@ -199,15 +204,18 @@ absl::Status Run(const std::string& dataset, const std::string& split, std::vect
   const std::vector<Variant> variants = Variants();
   std::vector<std::map<std::string, Tally>> tallies(variants.size() + 2);
   const cv::Ptr<cv::Feature2D> sift = cv::SIFT::create(0, 3, 0.01), akaze = cv::AKAZE::create();
-  HOROPTER_RETURN_IF_ERROR(ForEachTruePair(dataset, split, std::move(scenes), [&](const TruePair& pair) {
-    if (pair.view_b != pair.view_a + 1) return;
-    const std::string& tier = pair.scene->tier;
-    CountKeypoints(pair, sift, models, &tallies[0][tier]);
-    CountKeypoints(pair, akaze, models, &tallies[1][tier]);
-    for (size_t v = 0; v < variants.size(); ++v)
-      CountVariant(pair, variants[v], models, &tallies[v + 2][tier]);
-  }));
-  std::printf("F right / pairs; junctions (keypoints) J and segments S: precision, recall; time of one pair\n");
+  HOROPTER_RETURN_IF_ERROR(
+      ForEachTruePair(dataset, split, std::move(scenes), [&](const TruePair& pair) {
+        if (pair.view_b != pair.view_a + 1) return;
+        const std::string& tier = pair.scene->tier;
+        CountKeypoints(pair, sift, models, &tallies[0][tier]);
+        CountKeypoints(pair, akaze, models, &tallies[1][tier]);
+        for (size_t v = 0; v < variants.size(); ++v)
+          CountVariant(pair, variants[v], models, &tallies[v + 2][tier]);
+      }));
+  std::printf(
+      "F right / pairs; junctions (keypoints) J and segments S: precision, recall; time of one "
+      "pair\n");
   Print("SIFT, contrast 0.01, ratio 0.8", tallies[0]);
   Print("AKAZE, ratio 0.8", tallies[1]);
   for (size_t v = 0; v < variants.size(); ++v) Print(variants[v].name, tallies[v + 2]);

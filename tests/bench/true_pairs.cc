@@ -19,7 +19,8 @@ Eigen::Matrix3d Cross(const Eigen::Vector3d& t) {
 // Homography from the plane z = 0 of the world frame to pixels.
 Eigen::Matrix3d FromTable(const BopImage& image) {
   Eigen::Matrix3d H;
-  H << image.camera_from_world.R.col(0), image.camera_from_world.R.col(1), image.camera_from_world.t;
+  H << image.camera_from_world.R.col(0), image.camera_from_world.R.col(1),
+      image.camera_from_world.t;
   return image.camera.K() * H;
 }
 
@@ -61,8 +62,8 @@ TruePair MakeTruePair(const TrueScene& scene, int view_a, int view_b) {
   pair.labels_b = &scene.labels[view_b];
   pair.b_from_a = FromTable(b) * FromTable(a).inverse();
   const Rigid3 b_from_a = b.camera_from_world * a.camera_from_world.Inverse();
-  pair.F_true = b.camera.K().inverse().transpose() * Cross(b_from_a.t) * b_from_a.R *
-                a.camera.K().inverse();
+  pair.F_true =
+      b.camera.K().inverse().transpose() * Cross(b_from_a.t) * b_from_a.R * a.camera.K().inverse();
   pair.F_true.normalize();
   return pair;
 }

@@ -34,7 +34,7 @@ struct TruePair {
   const MatchingView* b = nullptr;
   const FeatureLabels* labels_a = nullptr;
   const FeatureLabels* labels_b = nullptr;
-  std::optional<Eigen::Matrix3d> b_from_a;  // of the table z = 0, from the true cameras
+  std::optional<Eigen::Matrix3d> b_from_a;           // of the table z = 0, from the true cameras
   Eigen::Matrix3d F_true = Eigen::Matrix3d::Zero();  // pixels, distortion ignored
 };
 

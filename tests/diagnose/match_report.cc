@@ -97,8 +97,7 @@ MatchFinding CompareMatches(const MatchingResult& matching,
                             const std::vector<TrueView>& truth) {
   MatchFinding finding;
   std::vector<FeatureLabels> labels;
-  for (size_t v = 0; v < truth.size(); ++v)
-    labels.push_back(LabelFeatures(features[v], truth[v]));
+  for (size_t v = 0; v < truth.size(); ++v) labels.push_back(LabelFeatures(features[v], truth[v]));
   for (const PairGeometry& pair : matching.pairs) {
     if (!pair.F) continue;
     const BopImage& a = scene.images[pair.view_a];

@@ -36,7 +36,9 @@ double ShareCovered(const Segment& segment, const TrueEdge& edge) {
 
 }  // namespace
 
-int InstanceOf(FeatureLabel label) { return label / kPerInstance; }
+int InstanceOf(FeatureLabel label) {
+  return label / kPerInstance;
+}
 
 FeatureLabels LabelFeatures(const ImageFeatures& features, const TrueView& truth) {
   FeatureLabels labels;

@@ -87,9 +87,8 @@ std::vector<int> Discretize(const AssignmentProblem& problem,
                             const std::vector<double>& confidences) {
   std::vector<int> order(problem.size());
   std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](int i, int j) {
-    return confidences[i] > confidences[j];
-  });
+  std::stable_sort(
+      order.begin(), order.end(), [&](int i, int j) { return confidences[i] > confidences[j]; });
   std::vector<int> taken;
   std::vector<char> row_used, column_used;
   for (int i : order) {

@@ -9,12 +9,12 @@ namespace horopter {
 // Candidates are numbered 0 .. n-1. Two candidates of one row, or of one column, exclude each
 // other.
 struct AssignmentProblem {
-  std::vector<int> row;               // per candidate; rows are numbered from 0
-  std::vector<int> column;            // ... and columns
-  std::vector<float> self;            // >= 0: what speaks for a candidate alone
-  std::vector<int> begin = {0};       // links of candidate i: begin[i] .. begin[i + 1]
-  std::vector<int> to;                // linked candidate; links are stored at both ends
-  std::vector<float> weight;          // >= 0: how much the two support each other
+  std::vector<int> row;          // per candidate; rows are numbered from 0
+  std::vector<int> column;       // ... and columns
+  std::vector<float> self;       // >= 0: what speaks for a candidate alone
+  std::vector<int> begin = {0};  // links of candidate i: begin[i] .. begin[i + 1]
+  std::vector<int> to;           // linked candidate; links are stored at both ends
+  std::vector<float> weight;     // >= 0: how much the two support each other
 
   int size() const { return static_cast<int>(row.size()); }
 };

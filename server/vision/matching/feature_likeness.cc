@@ -105,8 +105,8 @@ PairComparison::PairComparison(const MatchingView& a,
     const auto before_camera = [&](const Eigen::Vector2d& x) {
       return homography_.row(2).dot(x.homogeneous()) > 0.0;
     };
-    w.valid = std::isfinite(w.length) && w.length > 1.0 && before_camera(s.start) &&
-              before_camera(s.end);
+    w.valid =
+        std::isfinite(w.length) && w.length > 1.0 && before_camera(s.start) && before_camera(s.end);
     if (w.valid) w.direction = (w.end - w.start) / w.length;
     if (prior_.F) {
       w.start_line = UnitLine(*prior_.F * s.start.homogeneous());
@@ -218,8 +218,7 @@ SegmentCues PairComparison::Segments(int index_a, int index_b) const {
   if (has_plane()) {
     const Eigen::Vector2d normal(-along.y(), along.x());
     const Eigen::Vector2d middle = 0.5 * (w.start + w.end);
-    cues[kShift] =
-        static_cast<float>(std::abs(normal.dot(middle - sb.start)) / b_.features->width);
+    cues[kShift] = static_cast<float>(std::abs(normal.dot(middle - sb.start)) / b_.features->width);
   }
   cues[kBeam] = has_epipolar() ? static_cast<float>(Beam(index_a, index_b)) : kNone;
   return cues;
@@ -230,15 +229,16 @@ JunctionCues PairComparison::Junctions(int index_a, int index_b) const {
   const Junction& jb = b_.features->junctions[index_b];
   JunctionCues cues;
   cues[kPatch] = static_cast<float>(PatchLikeness(a_.patches[index_a], patches_b_[index_b]));
-  cues[kTypePair] = ja.type == jb.type ? 0.0f
+  cues[kTypePair] = ja.type == jb.type                                             ? 0.0f
                     : (ja.type == JunctionType::kL || jb.type == JunctionType::kL) ? 1.0f
-                                                                                    : 2.0f;
+                                                                                   : 2.0f;
   cues[kArmTurn] = static_cast<float>(ArmTurn(arms_a_[index_a], arms_b_[index_b]));
   cues[kArmCount] = std::abs(static_cast<float>(arms_a_[index_a].size()) -
                              static_cast<float>(arms_b_[index_b].size()));
-  cues[kPointShift] = has_plane() ? static_cast<float>((junctions_a_[index_a] - jb.point).norm() /
-                                                       b_.features->width)
-                                  : kNone;
+  cues[kPointShift] =
+      has_plane()
+          ? static_cast<float>((junctions_a_[index_a] - jb.point).norm() / b_.features->width)
+          : kNone;
   cues[kEpipolar] =
       has_epipolar() ? static_cast<float>(EpipolarDistance(ja.point, jb.point)) : kNone;
   return cues;

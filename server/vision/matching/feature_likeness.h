@@ -19,24 +19,24 @@ struct PairPrior {
 
 // Every cue is a number; NaN where it says nothing (a flat strip, no plane, no F).
 enum SegmentCue {
-  kTurn,            // |angle| between the segments' lines after the prior homography, rad, <= pi / 2
-  kFlipped,         // 1: the brighter side changed, else 0
-  kLengthRatio,     // |log of the ratio of the lengths|
-  kBetterSide,      // BGR distance of the side whose colour agrees better (of the two)
-  kWorseSide,       // ... and worse
-  kContrastRatio,   // |log of the ratio of the contrasts|
-  kStrip,           // best correlation of the windows along the segment, of the two sides
-  kShift,           // offset of b from the warped a across itself, image widths
-  kBeam,            // overlap with the epipolar beam of a, share of the shorter, 0 .. 1
+  kTurn,           // |angle| between the segments' lines after the prior homography, rad, <= pi / 2
+  kFlipped,        // 1: the brighter side changed, else 0
+  kLengthRatio,    // |log of the ratio of the lengths|
+  kBetterSide,     // BGR distance of the side whose colour agrees better (of the two)
+  kWorseSide,      // ... and worse
+  kContrastRatio,  // |log of the ratio of the contrasts|
+  kStrip,          // best correlation of the windows along the segment, of the two sides
+  kShift,          // offset of b from the warped a across itself, image widths
+  kBeam,           // overlap with the epipolar beam of a, share of the shorter, 0 .. 1
   kSegmentCueCount
 };
 enum JunctionCue {
-  kPatch,          // correlation of the colour patches
-  kTypePair,       // 0: same type, 1: one is an L, 2: other
-  kArmTurn,        // mean |angle| between the arms paired by angle, rad
-  kArmCount,       // |difference of the number of arms|
-  kPointShift,     // distance of b from the warped a, image widths
-  kEpipolar,       // larger distance to the epipolar lines, px
+  kPatch,       // correlation of the colour patches
+  kTypePair,    // 0: same type, 1: one is an L, 2: other
+  kArmTurn,     // mean |angle| between the arms paired by angle, rad
+  kArmCount,    // |difference of the number of arms|
+  kPointShift,  // distance of b from the warped a, image widths
+  kEpipolar,    // larger distance to the epipolar lines, px
   kJunctionCueCount
 };
 using SegmentCues = Eigen::Matrix<float, kSegmentCueCount, 1>;
@@ -93,8 +93,8 @@ class PairComparison {
   PairPrior prior_;
   Eigen::Matrix3d homography_ = Eigen::Matrix3d::Identity();
   std::vector<WarpedSegment> segments_a_;
-  std::vector<Eigen::Vector2d> junctions_a_;            // warped
-  std::vector<std::vector<double>> arms_a_, arms_b_;    // directions, rad, a's warped
+  std::vector<Eigen::Vector2d> junctions_a_;          // warped
+  std::vector<std::vector<double>> arms_a_, arms_b_;  // directions, rad, a's warped
   std::vector<JunctionPatch> patches_b_;
 };
 

@@ -48,7 +48,8 @@ Candidates FindCandidates(const PairComparison& pair, const FeatureMatchOptions&
       const int a = static_cast<int>(i), b = static_cast<int>(j);
       if (!pair.MayJunctions(a, b)) continue;
       const double ratio = LogRatio(pair.Junctions(a, b), pair.has_plane(), options.likeness);
-      if (ratio >= options.min_candidate) junctions.push_back({FeatureKind::kJunction, a, b, ratio});
+      if (ratio >= options.min_candidate)
+        junctions.push_back({FeatureKind::kJunction, a, b, ratio});
     }
   }
   for (size_t i = 0; i < fa.segments.size(); ++i) {
@@ -177,8 +178,7 @@ class Linker {
   static std::vector<int> JunctionsOf(const FeatureGraph& graph, int segment) {
     std::vector<int> junctions;
     for (const GraphEdge& e : graph.EdgesOf(graph.Node(FeatureKind::kSegment, segment))) {
-      if (e.relation == FeatureRelation::kMeetsAt &&
-          graph.KindOf(e.node) == FeatureKind::kJunction)
+      if (e.relation == FeatureRelation::kMeetsAt && graph.KindOf(e.node) == FeatureKind::kJunction)
         junctions.push_back(graph.IndexOf(e.node));
     }
     return junctions;
@@ -284,8 +284,7 @@ std::vector<FeatureMatch> MatchFeatures(const PairComparison& pair,
                   support,
                   static_cast<int>(pair.a().features->segments.size()),
                   static_cast<int>(pair.b().features->segments.size()));
-  const std::vector<int> taken =
-      Discretize(problem, Confidences(problem, options.assignment));
+  const std::vector<int> taken = Discretize(problem, Confidences(problem, options.assignment));
   std::vector<char> accepted(graph.candidates.size(), 0);
   for (int k : taken) accepted[k] = 1;
   std::vector<double> from_neighbours(graph.candidates.size(), 0.0);

@@ -54,7 +54,7 @@ struct MatchCandidateLink {
   float disagreement = 0.0f;
 };
 struct CandidateGraph {
-  std::vector<FeatureMatch> candidates;  // log_ratio: of the pair alone
+  std::vector<FeatureMatch> candidates;   // log_ratio: of the pair alone
   std::vector<MatchCandidateLink> links;  // each once
 };
 CandidateGraph BuildCandidateGraph(const PairComparison& pair, const FeatureMatchOptions& options);

@@ -46,8 +46,7 @@ MatchingView PrepareMatchingView(const cv::Mat& image, const ImageFeatures& feat
   cv::GaussianBlur(grey, smooth, cv::Size(), 1.2);
   view.strips.reserve(features.segments.size());
   for (const Segment& segment : features.segments) {
-    view.strips.push_back(
-        {SampleStrip(smooth, segment, -1.0), SampleStrip(smooth, segment, 1.0)});
+    view.strips.push_back({SampleStrip(smooth, segment, -1.0), SampleStrip(smooth, segment, 1.0)});
   }
   view.patches = SampleJunctionPatches(image, features.junctions);
   return view;

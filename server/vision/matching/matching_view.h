@@ -33,8 +33,8 @@ struct MatchingView {
 // image: CV_8UC1 or CV_8UC3, the one the features were found in. The view refers to `features`.
 MatchingView PrepareMatchingView(const cv::Mat& image, const ImageFeatures& features);
 
-// Correlation of two strips in [-1, 1], the second one walked backwards when `reversed`; nullopt-like
-// NaN when either is flat.
+// Correlation of two strips in [-1, 1], the second one walked backwards when `reversed`;
+// nullopt-like NaN when either is flat.
 float StripCorrelation(const SideStrip& a, const SideStrip& b, bool reversed);
 
 }  // namespace horopter

@@ -15,12 +15,12 @@ namespace {
 
 // What a free F needs. Learned on parts-train, all pairs, no plane used: 46 of the 57 right ones
 // pass, and 5 others, whose vertices lie within 2 px at 73 - 93 %.
-constexpr int kMinGuided = 13;             // inliers among the matches along its lines
-constexpr double kMinFirstShare = 0.45;    // of the first matches agree
-constexpr double kMinBeam = 0.4;           // mean overlap of the segments matched before F was known
-constexpr double kSureShare = 0.7;         // ... not asked when so many of
-constexpr int kSureInliers = 40;           // ... so many first matches agree
-constexpr double kMaxStrainCost = 0.1;     // per inlier: what plausible cameras add to the cost
+constexpr int kMinGuided = 13;           // inliers among the matches along its lines
+constexpr double kMinFirstShare = 0.45;  // of the first matches agree
+constexpr double kMinBeam = 0.4;         // mean overlap of the segments matched before F was known
+constexpr double kSureShare = 0.7;       // ... not asked when so many of
+constexpr int kSureInliers = 40;         // ... so many first matches agree
+constexpr double kMaxStrainCost = 0.1;   // per inlier: what plausible cameras add to the cost
 constexpr double kMinFocalWidths = 0.6, kMaxFocalWidths = 3.2, kMaxFocalRatio = 1.6;
 constexpr double kMaxSigmaPx = 0.8;
 constexpr double kRefineScalePx = 1.0;
@@ -115,9 +115,9 @@ std::optional<Eigen::Matrix3d> EstimateFree(const PairView& a,
   const double beam = MeanBeam(compare, pair.segments);
   const bool sure = inliers >= kSureInliers && inliers >= kSureShare * first.size();
   if (!sure && !(beam >= kMinBeam)) {
-    *refusal =
-        Format("segments contradict it: they share %.2f of their epipolar beams, need %.2f",
-               beam, kMinBeam);
+    *refusal = Format("segments contradict it: they share %.2f of their epipolar beams, need %.2f",
+                      beam,
+                      kMinBeam);
     return std::nullopt;
   }
   PairGeometry along;
@@ -134,22 +134,24 @@ std::optional<Eigen::Matrix3d> EstimateFree(const PairView& a,
   const CalibratedFundamental calibrated =
       RefineCalibrated(*again.F, agreeing, kRefineScalePx, PriorOf(a, b));
   const double free_cost = RefineFundamental(*again.F, agreeing, kRefineScalePx).cost;
-  const double strain = (calibrated.refined.cost - free_cost) / static_cast<double>(agreeing.size());
+  const double strain =
+      (calibrated.refined.cost - free_cost) / static_cast<double>(agreeing.size());
   const double focal_a = calibrated.focal_a_px / a.view->features->width;
   const double focal_b = calibrated.focal_b_px / b.view->features->width;
   const double sigma = *std::max_element(calibrated.refined.line_sigma_px.begin(),
                                          calibrated.refined.line_sigma_px.end());
   if (!(strain <= kMaxStrainCost)) {
     *refusal = Format("no plausible cameras have it: they cost %.2f a match more, allowed %.2f",
-                      strain, kMaxStrainCost);
+                      strain,
+                      kMaxStrainCost);
   } else if (!(std::min(focal_a, focal_b) >= kMinFocalWidths &&
                std::max(focal_a, focal_b) <= kMaxFocalWidths &&
                std::max(focal_a / focal_b, focal_b / focal_a) <= kMaxFocalRatio)) {
     *refusal =
         Format("focal lengths of %.2f and %.2f image widths are not plausible", focal_a, focal_b);
   } else if (!(sigma <= kMaxSigmaPx)) {
-    *refusal = Format("epipolar lines uncertain by %.1f px, need %.2f px",
-                      std::min(sigma, 999.0), kMaxSigmaPx);
+    *refusal = Format(
+        "epipolar lines uncertain by %.1f px, need %.2f px", std::min(sigma, 999.0), kMaxSigmaPx);
   } else {
     return calibrated.refined.F;
   }

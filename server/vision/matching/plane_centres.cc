@@ -478,11 +478,11 @@ class Solver {
       moved[k] = PairF(x, y);
     }
     const Eigen::Matrix3d F = PairF(cameras_[a], cameras_[b]);
-    const auto offset = [](const Eigen::Matrix3d& f, const Eigen::Vector3d& p,
-                           const Eigen::Vector3d& q) {
-      const Eigen::Vector3d l = f * p;
-      return kUnitPx * l.dot(q) / std::max(1e-12, l.head<2>().norm());
-    };
+    const auto offset =
+        [](const Eigen::Matrix3d& f, const Eigen::Vector3d& p, const Eigen::Vector3d& q) {
+          const Eigen::Vector3d l = f * p;
+          return kUnitPx * l.dot(q) / std::max(1e-12, l.head<2>().norm());
+        };
     double worst = 0.0;
     for (const Point& point : points_) {
       if (!point.valid) continue;
@@ -561,8 +561,7 @@ PlaneCentres EstimatePlaneCentres(std::span<const PlaneView> views,
   std::vector<Point> off_plane;
   std::vector<int> index;
   for (size_t k = 0; k < points.size(); ++k) {
-    if (points[k].observations.size() < 2 ||
-        Displacement(views, points[k]) <= options.on_plane_px)
+    if (points[k].observations.size() < 2 || Displacement(views, points[k]) <= options.on_plane_px)
       continue;
     Point point;
     for (const auto& o : points[k].observations)

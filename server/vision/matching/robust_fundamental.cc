@@ -107,7 +107,7 @@ struct Factors {
 // F = K_b^-T [t]x R K_a^-1: a motion and two focal lengths.
 struct Motion {
   Eigen::Matrix3d R;
-  Eigen::Vector3d t;  // unit
+  Eigen::Vector3d t;                            // unit
   double log_focal_a = 0.0, log_focal_b = 0.0;  // of focal lengths in image widths
   FocalPrior prior;
 
@@ -191,10 +191,10 @@ class Refiner {
     for (const Row& row : jacobian_) {
       // The Sampson distance shares a deviation between both points: the line in b moves by about
       // twice as much.
-      const double s = 2.0 * excess * kPointSigmaPx * kPointSigmaPx * (row * C * row.transpose())(0);
-      result.line_sigma_px.push_back(std::isfinite(s) && s >= 0.0
-                                         ? std::sqrt(s)
-                                         : std::numeric_limits<double>::infinity());
+      const double s =
+          2.0 * excess * kPointSigmaPx * kPointSigmaPx * (row * C * row.transpose())(0);
+      result.line_sigma_px.push_back(
+          std::isfinite(s) && s >= 0.0 ? std::sqrt(s) : std::numeric_limits<double>::infinity());
     }
     return result;
   }
@@ -214,8 +214,7 @@ class Refiner {
       const double r = Sampson(F, m.a, m.b) / scale_;
       sum += std::log1p(r * r);
     }
-    if (with_priors && Model::kPriors > 0)
-      sum += PriorWeight() * model.Priors().squaredNorm();
+    if (with_priors && Model::kPriors > 0) sum += PriorWeight() * model.Priors().squaredNorm();
     return sum;
   }
 
@@ -461,13 +460,13 @@ RobustFundamental EstimateFundamental(std::span<const WeightedMatch> matches,
   };
   const int needed = std::max(8, options.min_inliers);
   const int n = static_cast<int>(matches.size());
-  if (n < needed)
-    return refuse(std::to_string(n) + " matches, need " + std::to_string(needed));
+  if (n < needed) return refuse(std::to_string(n) + " matches, need " + std::to_string(needed));
   for (const WeightedMatch& m : matches) {
     if (!m.a.allFinite() || !m.b.allFinite() || !(m.weight > 0.0))
       return refuse("a match is not finite");
   }
-  // Before a plane or without motion seven points determine nothing, and any F or none may come out.
+  // Before a plane or without motion seven points determine nothing, and any F or none may come
+  // out.
   const auto refuse_without_F = [&](std::string why) {
     const std::vector<WeightedMatch> all(matches.begin(), matches.end());
     const int planar = n - OffHomography(all, options.homography_px, options.seed);
@@ -490,7 +489,7 @@ RobustFundamental EstimateFundamental(std::span<const WeightedMatch> matches,
   const int agreeing = std::max(needed, static_cast<int>(std::ceil(options.min_share * n)));
   if (inliers < agreeing)
     return refuse_without_F(std::to_string(inliers) + " of " + std::to_string(n) +
-                  " matches agree, need " + std::to_string(agreeing));
+                            " matches agree, need " + std::to_string(agreeing));
   const std::vector<WeightedMatch> selected = Select(matches, result.inliers);
   result.off_homography = OffHomography(selected, options.homography_px, options.seed);
   const int off_needed =
@@ -500,8 +499,7 @@ RobustFundamental EstimateFundamental(std::span<const WeightedMatch> matches,
     return refuse("no parallax: one homography explains all but " +
                   std::to_string(result.off_homography) + " of " + std::to_string(inliers) +
                   " matches, need " + std::to_string(off_needed));
-  result.sigma_px =
-      *std::max_element(refined.line_sigma_px.begin(), refined.line_sigma_px.end());
+  result.sigma_px = *std::max_element(refined.line_sigma_px.begin(), refined.line_sigma_px.end());
   if (!(result.sigma_px <= options.max_sigma_px)) {
     char text[96];
     std::snprintf(text,

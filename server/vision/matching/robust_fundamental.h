@@ -17,10 +17,10 @@ struct WeightedMatch {
 };
 
 struct RobustFundamentalOptions {
-  double inlier_px = 2.0;    // Sampson distance; higher: more inliers, more wrong ones
-  int hypotheses = 1500;     // samples of seven
-  int min_inliers = 10;      // seven always agree
-  double min_share = 0.4;    // of the matches; fewer agree by chance
+  double inlier_px = 2.0;  // Sampson distance; higher: more inliers, more wrong ones
+  int hypotheses = 1500;   // samples of seven
+  int min_inliers = 10;    // seven always agree
+  double min_share = 0.4;  // of the matches; fewer agree by chance
   // Inliers that the best homography does not explain, at least, and their share: before a plane F
   // has two freedoms left that wrong matches fill (98 % inliers and still wrong: measured).
   int min_off_homography = 6;
@@ -62,8 +62,8 @@ RefinedFundamental RefineFundamental(const Eigen::Matrix3d& F,
 // within reason and free in each image.
 struct FocalPrior {
   double width_a = 640, height_a = 480, width_b = 640, height_b = 480;  // px
-  double focal_widths = 1.4;   // middle of the prior, image widths
-  double log_sigma = 0.5;      // of log(focal length)
+  double focal_widths = 1.4;     // middle of the prior, image widths
+  double log_sigma = 0.5;        // of log(focal length)
   double log_ratio_sigma = 0.3;  // of log(focal length a / focal length b): zooms differ
 };
 

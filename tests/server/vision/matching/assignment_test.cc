@@ -53,8 +53,7 @@ Planted MakePlanted(unsigned seed, int n, double density) {
 double ShareRight(const Planted& planted, AssignmentMethod method) {
   AssignmentOptions options;
   options.method = method;
-  const std::vector<int> taken =
-      Discretize(planted.problem, Confidences(planted.problem, options));
+  const std::vector<int> taken = Discretize(planted.problem, Confidences(planted.problem, options));
   int right = 0;
   for (int k : taken) right += planted.right[k];
   return static_cast<double>(right) / std::max<size_t>(1, taken.size());
@@ -69,9 +68,8 @@ TEST(Assignment, NeighboursFindWhatLikenessAloneCannot) {
 }
 
 TEST(Assignment, IsOneToOneAndRepeatsItself) {
-  for (const AssignmentMethod method : {AssignmentMethod::kGreedy,
-                                        AssignmentMethod::kSpectral,
-                                        AssignmentMethod::kRandomWalks}) {
+  for (const AssignmentMethod method :
+       {AssignmentMethod::kGreedy, AssignmentMethod::kSpectral, AssignmentMethod::kRandomWalks}) {
     const Planted planted = MakePlanted(3, 25, 0.2);
     AssignmentOptions options;
     options.method = method;
@@ -87,9 +85,8 @@ TEST(Assignment, IsOneToOneAndRepeatsItself) {
 }
 
 TEST(Assignment, EmptyAndUnlinkedProblemsAreFine) {
-  for (const AssignmentMethod method : {AssignmentMethod::kGreedy,
-                                        AssignmentMethod::kSpectral,
-                                        AssignmentMethod::kRandomWalks}) {
+  for (const AssignmentMethod method :
+       {AssignmentMethod::kGreedy, AssignmentMethod::kSpectral, AssignmentMethod::kRandomWalks}) {
     AssignmentOptions options;
     options.method = method;
     EXPECT_TRUE(Confidences({}, options).empty());

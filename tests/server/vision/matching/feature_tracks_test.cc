@@ -23,8 +23,8 @@ TEST(FeatureTracks, JoinsOverViews) {
 TEST(FeatureTracks, AConflictLosesTheUnlikelierLinkOnly) {
   // 0:1 - 1:1 - 2:1 and 0:2 - 1:2; the weak link 2:1 - 0:2 would put two features of view 0 into
   // one track.
-  const std::vector<FeatureTrack> tracks = JoinTracks(
-      {{0, 1, 1, 1, 9.0}, {1, 1, 2, 1, 8.0}, {0, 2, 1, 2, 7.0}, {0, 2, 2, 1, 1.0}});
+  const std::vector<FeatureTrack> tracks =
+      JoinTracks({{0, 1, 1, 1, 9.0}, {1, 1, 2, 1, 8.0}, {0, 2, 1, 2, 7.0}, {0, 2, 2, 1, 1.0}});
   ASSERT_EQ(tracks.size(), 2u);
   EXPECT_EQ(tracks[0].features.size(), 3u);
   EXPECT_EQ(tracks[1].features.size(), 2u);
@@ -55,7 +55,9 @@ TEST(FeatureTracks, RandomLinksGiveDisjointTracksWithOneFeaturePerView) {
   }
 }
 
-TEST(FeatureTracks, NothingGivesNothing) { EXPECT_TRUE(JoinTracks({}).empty()); }
+TEST(FeatureTracks, NothingGivesNothing) {
+  EXPECT_TRUE(JoinTracks({}).empty());
+}
 
 }  // namespace
 }  // namespace horopter

@@ -93,14 +93,14 @@ SyntheticScene MakeScene(unsigned seed, bool pure_rotation = false) {
   return MakeSyntheticScene(options);
 }
 
-double EpipolarDistance(const Eigen::Matrix3d& F, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+double EpipolarDistance(const Eigen::Matrix3d& F,
+                        const Eigen::Vector2d& a,
+                        const Eigen::Vector2d& b) {
   const Eigen::Vector3d l = F * a.homogeneous();
   return std::abs(l.dot(b.homogeneous())) / l.head<2>().norm();
 }
 
-PairGeometry Estimate(const View& a,
-                      const View& b,
-                      const std::optional<Eigen::Matrix3d>& plane) {
+PairGeometry Estimate(const View& a, const View& b, const std::optional<Eigen::Matrix3d>& plane) {
   PairGeometry pair = MatchPair(0, 1, a.pair_view(), b.pair_view(), plane);
   EstimateEpipolarGeometry(a.pair_view(), b.pair_view(), plane, {}, &pair);
   return pair;
@@ -124,11 +124,11 @@ TEST(PairGeometry, TexturelessBoxesGiveRightGeometryOrARefusal) {
       ++found;
       double worst = 0.0;
       for (const Eigen::Vector3d& x : scene.off_plane_points) {
-        worst = std::max(worst,
-                         EpipolarDistance(
-                             *pair.F,
-                             Project(scene.cameras[0], scene.camera_from_world[0] * x),
-                             Project(scene.cameras[1], scene.camera_from_world[1] * x)));
+        worst =
+            std::max(worst,
+                     EpipolarDistance(*pair.F,
+                                      Project(scene.cameras[0], scene.camera_from_world[0] * x),
+                                      Project(scene.cameras[1], scene.camera_from_world[1] * x)));
       }
       EXPECT_LT(worst, 4.0) << "seed " << seed << " plane " << with_plane;
     }
@@ -188,8 +188,11 @@ TEST(PairGeometry, ForeignMirroredAndRepeatedImagesAreRefused) {
   cv::Mat stairs(480, 640, CV_8UC3, cv::Scalar(90, 90, 90));
   for (int k = 0; k < 12; ++k) {
     for (int i = 0; i < 9; ++i)
-      cv::rectangle(stairs, {20 + 50 * k, 20 + 50 * i}, {44 + 50 * k, 44 + 50 * i},
-                    cv::Scalar(180, 180, 180), cv::FILLED);
+      cv::rectangle(stairs,
+                    {20 + 50 * k, 20 + 50 * i},
+                    {44 + 50 * k, 44 + 50 * i},
+                    cv::Scalar(180, 180, 180),
+                    cv::FILLED);
   }
   cv::Mat shifted;
   cv::warpAffine(stairs, shifted, cv::Mat(cv::Matx23d(1, 0, 17, 0, 1, -9)), stairs.size());

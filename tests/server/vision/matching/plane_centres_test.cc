@@ -51,8 +51,7 @@ double WorstEpipolar(const SyntheticScene& scene, const PlaneCentres::Pair& pair
       return Project(scene.cameras[v], scene.camera_from_world[v] * x);
     };
     const Eigen::Vector3d l = pair.F * seen(pair.view_a).homogeneous();
-    worst = std::max(worst,
-                     std::abs(l.dot(seen(pair.view_b).homogeneous())) / l.head<2>().norm());
+    worst = std::max(worst, std::abs(l.dot(seen(pair.view_b).homogeneous())) / l.head<2>().norm());
   }
   return worst;
 }
@@ -85,8 +84,8 @@ TEST(PlaneCentres, AViewThatSeesOtherPointsIsLeftOut) {
     for (PlanePoint& point : scene.points) {
       for (auto& o : point.observations) {
         if (o.view == 2)
-          o.pixel = Eigen::Vector2d(static_cast<double>(rng() % 640),
-                                    static_cast<double>(rng() % 480));
+          o.pixel =
+              Eigen::Vector2d(static_cast<double>(rng() % 640), static_cast<double>(rng() % 480));
       }
     }
     const PlaneCentres r = EstimatePlaneCentres(scene.views, scene.points, {});

@@ -32,12 +32,10 @@ Pair MakePair(unsigned seed, double sigma_px, int wrong, bool planar, bool pure_
   std::mt19937 rng(seed);
   std::normal_distribution<double> noise(0.0, sigma_px);
   const auto seen = [&](int v, const Eigen::Vector3d& x) {
-    const Eigen::Vector2d p =
-        Project(pair.scene.cameras[v], pair.scene.camera_from_world[v] * x);
+    const Eigen::Vector2d p = Project(pair.scene.cameras[v], pair.scene.camera_from_world[v] * x);
     return Eigen::Vector2d(p.x() + noise(rng), p.y() + noise(rng));
   };
-  for (const Eigen::Vector3d& x :
-       planar ? pair.scene.plane_points : pair.scene.off_plane_points)
+  for (const Eigen::Vector3d& x : planar ? pair.scene.plane_points : pair.scene.off_plane_points)
     pair.matches.push_back({seen(0, x), seen(1, x), 2.0});
   std::uniform_real_distribution<double> anywhere(0.0, 1.0);
   for (int k = 0; k < wrong; ++k) {
@@ -75,8 +73,7 @@ TEST(RobustFundamental, ErrorGrowsWithTheNoiseAndNotWithWrongMatches) {
 
 TEST(RobustFundamental, APlaneAndARotationAreRefusedAsNoParallax) {
   for (unsigned seed = 1; seed <= 5; ++seed) {
-    const RobustFundamental plane =
-        EstimateFundamental(MakePair(seed, 0.3, 0, true).matches, {});
+    const RobustFundamental plane = EstimateFundamental(MakePair(seed, 0.3, 0, true).matches, {});
     EXPECT_FALSE(plane.F) << "seed " << seed;
     EXPECT_THAT(plane.refusal, testing::HasSubstr("no parallax")) << "seed " << seed;
     const RobustFundamental rotation =
@@ -138,8 +135,7 @@ TEST(RobustFundamental, TrueGeometryHasPlausibleCamerasAndArbitraryOnesHaveNot) 
     EXPECT_LT(WorstEpipolar(pair.scene, r.refined.F), 1.5) << "seed " << seed;
     for (int v = 0; v < 2; ++v) {
       const double found = v == 0 ? r.focal_a_px : r.focal_b_px;
-      EXPECT_LT(std::abs(std::log(found / pair.scene.cameras[v].focal_px)), 0.5)
-          << "seed " << seed;
+      EXPECT_LT(std::abs(std::log(found / pair.scene.cameras[v].focal_px)), 0.5) << "seed " << seed;
     }
     std::mt19937 rng(seed);
     std::normal_distribution<double> normal;
