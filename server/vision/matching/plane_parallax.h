@@ -25,7 +25,7 @@ struct MatchCandidate {
 struct ParallaxOptions {
   double on_plane_px = 2.0;   // displacement up to which a point counts as lying on the plane
   double epipolar_px = 2.0;   // inlier distance to the epipolar line
-  int min_off_plane = 6;      // off-plane matches needed
+  int min_off_plane = 5;      // off-plane matches needed; two define the epipole
   double min_surprise = 2.5;  // matches found / matches expected by chance
   // Largest predicted deviation of the epipolar lines at the matches. Measured: above 0.6 px most
   // are wrong.
