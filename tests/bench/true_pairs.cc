@@ -5,16 +5,10 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "server/base/status_macros.h"
-#include "server/vision/geometry/projection.h"
+#include "server/vision/geometry/plucker_line.h"
 
 namespace horopter {
 namespace {
-
-Eigen::Matrix3d Cross(const Eigen::Vector3d& t) {
-  Eigen::Matrix3d m;
-  m << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
-  return m;
-}
 
 // Homography from the plane z = 0 of the world frame to pixels.
 Eigen::Matrix3d FromTable(const BopImage& image) {
@@ -62,8 +56,8 @@ TruePair MakeTruePair(const TrueScene& scene, int view_a, int view_b) {
   pair.labels_b = &scene.labels[view_b];
   pair.b_from_a = FromTable(b) * FromTable(a).inverse();
   const Rigid3 b_from_a = b.camera_from_world * a.camera_from_world.Inverse();
-  pair.F_true =
-      b.camera.K().inverse().transpose() * Cross(b_from_a.t) * b_from_a.R * a.camera.K().inverse();
+  pair.F_true = b.camera.K().inverse().transpose() * CrossMatrix(b_from_a.t) * b_from_a.R *
+                a.camera.K().inverse();
   pair.F_true.normalize();
   return pair;
 }

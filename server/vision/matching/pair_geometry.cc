@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "server/vision/geometry/fundamental_matrix.h"
 #include "server/vision/matching/homography.h"
 #include "server/vision/matching/match_features.h"
 #include "server/vision/matching/plane_parallax.h"
@@ -163,11 +164,7 @@ double Explained(const Eigen::Matrix3d& F,
                  double limit_px) {
   double sum = 0.0;
   for (const WeightedMatch& m : matches) {
-    const Eigen::Vector3d in_b = F * m.a.homogeneous();
-    const Eigen::Vector3d in_a = F.transpose() * m.b.homogeneous();
-    const double e = in_b.dot(m.b.homogeneous());
-    const double n = in_b.head<2>().squaredNorm() + in_a.head<2>().squaredNorm();
-    const double r2 = n > 0.0 ? e * e / (n * limit_px * limit_px) : 1.0;
+    const double r2 = SampsonSquared(F, m.a, m.b) / (limit_px * limit_px);
     sum += std::max(0.0, 1.0 - r2);
   }
   return sum;

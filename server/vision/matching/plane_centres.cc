@@ -5,6 +5,7 @@
 #include <cmath>
 #include <random>
 
+#include "server/vision/geometry/plucker_line.h"
 #include "server/vision/matching/homography.h"
 
 namespace horopter {
@@ -42,12 +43,6 @@ double ErrorPx(const Camera& camera, const Vector4& X, const Eigen::Vector3d& p)
   const Eigen::Vector3d y = camera.Apply(X);
   if (!(std::abs(y.z()) > 1e-9)) return 1e9;
   return kUnitPx * (y.head<2>() / y.z() - p.head<2>()).norm();
-}
-
-Eigen::Matrix3d Cross(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
 }
 
 class Solver {
@@ -236,7 +231,7 @@ class Solver {
       if (!cameras_[s.view].known) continue;
       Eigen::Matrix<double, 3, 4> P;
       P << cameras_[s.view].H, cameras_[s.view].e;
-      const Eigen::Matrix<double, 3, 4> rows = Cross(s.p) * P;
+      const Eigen::Matrix<double, 3, 4> rows = CrossMatrix(s.p) * P;
       A += rows.transpose() * rows;
       ++known;
     }
@@ -268,7 +263,7 @@ class Solver {
     Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
     Eigen::Vector3d g = Eigen::Vector3d::Zero();
     for (const Sight& s : sights) {
-      const Eigen::Matrix3d C = Cross(s.p);
+      const Eigen::Matrix3d C = CrossMatrix(s.p);
       A += s.X(3) * s.X(3) * C.transpose() * C;
       g -= s.X(3) * C.transpose() * (C * (H * s.X.head<3>()));
     }
@@ -457,7 +452,7 @@ class Solver {
 
   static Eigen::Matrix3d PairF(const Camera& a, const Camera& b) {
     const Eigen::Matrix3d H = b.H * a.H.inverse();
-    const Eigen::Matrix3d F = Cross(b.e - H * a.e) * H;
+    const Eigen::Matrix3d F = CrossMatrix(b.e - H * a.e) * H;
     return F / F.norm();
   }
 

@@ -8,6 +8,7 @@
 #include <random>
 #include <set>
 
+#include "server/vision/geometry/plucker_line.h"
 #include "server/vision/matching/homography.h"
 
 namespace horopter {
@@ -334,10 +335,7 @@ ParallaxResult EstimatePlaneParallax(const Eigen::Matrix3d& b_from_a,
   result.epipole_b = {
       refined.epipole.x() * kUnitPx, refined.epipole.y() * kUnitPx, refined.epipole.z()};
   result.epipole_b.normalize();
-  Eigen::Matrix3d cross;
-  cross << 0, -result.epipole_b.z(), result.epipole_b.y(), result.epipole_b.z(), 0,
-      -result.epipole_b.x(), -result.epipole_b.y(), result.epipole_b.x(), 0;
-  const Eigen::Matrix3d F = cross * frame.H;
+  const Eigen::Matrix3d F = CrossMatrix(result.epipole_b) * frame.H;
   result.F = F / F.norm();
   result.matches.clear();
   for (const Inlier& i : inliers) result.matches.push_back(*i.vote.candidate);
