@@ -14,8 +14,8 @@
 namespace horopter {
 namespace {
 
-// What a free F needs. Learned on parts-train, all pairs, no plane used: 46 of the 57 right ones
-// pass, and 5 others, whose vertices lie within 2 px at 73 - 93 %.
+// What a free F needs. Chosen in a one-off experiment on all pairs of parts-train without a plane;
+// what they let through is in tests/bench/results.md.
 constexpr int kMinGuided = 13;           // inliers among the matches along its lines
 constexpr double kMinFirstShare = 0.45;  // of the first matches agree
 constexpr double kMinBeam = 0.4;         // mean overlap of the segments matched before F was known
