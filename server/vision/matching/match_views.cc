@@ -224,16 +224,9 @@ absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
 
   PairMatcher(images, features, options, stop, &result).Run(pairs);
   if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
-  result.junction_tracks = JoinTracks(JunctionLinks(result.pairs, /*accepted_only=*/true));
-  result.segment_tracks = JoinTracks(SegmentLinks(result.pairs, /*accepted_only=*/true));
-  result.counts["junction_tracks"] = static_cast<double>(result.junction_tracks.size());
-  result.counts["segment_tracks"] = static_cast<double>(result.segment_tracks.size());
+  JoinAllTracks(&result);
   result.segment_on_plane = FindSegmentsOnPlane(features, result);
   result.counts["identical_views"] = CountIdenticalViews(images, pairs);
-  for (const PairGeometry& pair : result.pairs) {
-    result.counts["pairs_with_epipolar"] += pair.F.has_value();
-    result.counts["junction_matches"] += static_cast<double>(pair.matches.size());
-  }
   return result;
 }
 
