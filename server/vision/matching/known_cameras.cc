@@ -93,11 +93,8 @@ ImageFeatures UndistortedFeatures(const PinholeCamera& camera, const ImageFeatur
 }
 
 struct PreparedView {
-  cv::Mat image;
   ImageFeatures features;
   MatchingView view;
-
-  PairView pair_view() const { return {&image, &view}; }
 };
 
 Eigen::Vector3d CentreOf(const KnownView& view) {
@@ -223,9 +220,9 @@ absl::StatusOr<MatchingResult> MatchUnderCameras(std::span<const cv::Mat> images
     if (!known.views[v] || IsStopRequested(stop)) return;
     const PinholeCamera& camera = known.views[v]->camera;
     const bool distorted = HasVisibleDistortion(camera, images[v]);
-    views[v].image = distorted ? UndistortedImage(camera, images[v]) : images[v];
     views[v].features = distorted ? UndistortedFeatures(camera, features[v]) : features[v];
-    views[v].view = PrepareMatchingView(views[v].image, views[v].features);
+    views[v].view = PrepareMatchingView(distorted ? UndistortedImage(camera, images[v]) : images[v],
+                                        views[v].features);
   });
   const auto plane = PlaneUnderCameras(known, first);
   MatchingResult result = first;
@@ -243,8 +240,8 @@ absl::StatusOr<MatchingResult> MatchUnderCameras(std::span<const cv::Mat> images
     pair.F = FundamentalOf(*a, *b);
     pair.refusal.clear();
     matched[k] = 1;
-    MatchAlongEpipolarLines(views[pair.view_a].pair_view(),
-                            views[pair.view_b].pair_view(),
+    MatchAlongEpipolarLines(views[pair.view_a].view,
+                            views[pair.view_b].view,
                             plane ? HomographyOf(*a, *b, *plane) : std::nullopt,
                             &pair);
   });

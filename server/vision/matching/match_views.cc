@@ -96,7 +96,7 @@ class PairMatcher {
   }
 
  private:
-  PairView View(int v) const { return {&images_[v], &views_[v]}; }
+  const MatchingView& View(int v) const { return views_[v]; }
 
   std::optional<Eigen::Matrix3d> PlaneOf(int a, int b) const {
     if (result_.component[a] < 0 || result_.component[a] != result_.component[b])

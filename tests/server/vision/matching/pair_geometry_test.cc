@@ -18,8 +18,6 @@ struct View {
   cv::Mat image;
   ImageFeatures features;
   MatchingView prepared;
-
-  PairView pair_view() const { return {&image, &prepared}; }
 };
 
 // The view refers to its own features, so it is built in place.
@@ -46,8 +44,8 @@ double EpipolarDistance(const Eigen::Matrix3d& F,
 }
 
 PairGeometry Estimate(const View& a, const View& b, const std::optional<Eigen::Matrix3d>& plane) {
-  PairGeometry pair = MatchPair(0, 1, a.pair_view(), b.pair_view(), plane);
-  EstimateEpipolarGeometry(a.pair_view(), b.pair_view(), plane, {}, &pair);
+  PairGeometry pair = MatchPair(0, 1, a.prepared, b.prepared, plane);
+  EstimateEpipolarGeometry(a.prepared, b.prepared, plane, {}, &pair);
   return pair;
 }
 
@@ -89,7 +87,7 @@ TEST(PairGeometry, MatchesAlongKnownLinesAreOneToOneAndRight) {
     Prepare(RenderBoxes(scene, 1, seed, 9), &b);
     PairGeometry pair;
     pair.F = scene.FundamentalOf(0, 1);
-    MatchAlongEpipolarLines(a.pair_view(), b.pair_view(), std::nullopt, &pair);
+    MatchAlongEpipolarLines(a.prepared, b.prepared, std::nullopt, &pair);
     EXPECT_GE(pair.matches.size(), 12u) << "seed " << seed;
     EXPECT_GE(pair.segments.size(), 15u) << "seed " << seed;
     std::set<int> used_a, used_b;
