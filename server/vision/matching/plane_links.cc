@@ -73,9 +73,8 @@ class PlaneLinks {
         patches_(images.size()),
         ambiguous_(images.size(), 0),
         links_(pairs.size()),
-        doubtful_(pairs.size()),
+        proposals_(pairs.size()),
         sure_(pairs.size(), 1),
-        through_chain_(pairs.size(), 0),
         matches_(pairs.size(), 0) {
     ParallelFor(static_cast<int>(images.size()), options.threads, [&](int i) {
       if (IsStopRequested(stop_)) return;
@@ -100,41 +99,40 @@ class PlaneLinks {
     }
   }
 
-  // Aligns the pairs that links join, each once, from the chained homography: it knows more than
-  // the proposal of a pair alone. What then closes a triangle is sure.
+  // Aligns all pairs that links join, from the chained homography: it knows more than
+  // the proposal of a pair alone.
   void LinkThroughChain() {
     const PlaneChain chain = Chain(false);
     ParallelFor(static_cast<int>(pairs_.size()), options_.threads, [&](int k) {
       const auto [a, b] = pairs_[k];
-      if (IsStopRequested(stop_) || Ambiguous(k) || through_chain_[k]) return;
+      if (IsStopRequested(stop_) || Ambiguous(k)) return;
       if (chain.component[a] < 0 || chain.component[a] != chain.component[b]) return;
-      through_chain_[k] = 1;
       Align(k, chain.view_from_plane[b] * chain.view_from_plane[a].inverse(), true);
     });
-    BelieveTriangles();
   }
 
-  // Three links that lead back to where they began are no accident: believed links among them are
-  // sure, and doubtful ones are believed where a believed one is the third.
+  // Three proposals that lead back to where they began are no accident: links among them are sure,
+  // and doubtful ones are believed where the third is a link. Only what was proposed for a pair
+  // alone counts: alignments from the chain repeat its mistakes.
   void BelieveTriangles() {
     std::vector<PlaneHomography> planes;
-    std::vector<size_t> pair_of, doubtful;
-    for (size_t k = 0; k < links_.size(); ++k) {
-      if (!links_[k] && !doubtful_[k]) continue;
-      planes.push_back(links_[k] ? *links_[k] : *doubtful_[k]);
+    std::vector<size_t> pair_of;
+    for (size_t k = 0; k < proposals_.size(); ++k) {
+      if (!proposals_[k]) continue;
+      planes.push_back(*proposals_[k]);
       pair_of.push_back(k);
     }
+    std::vector<size_t> believed;
     for (const auto& [i, j, l] : ClosedTriangles(planes, kTrianglePx)) {
       const size_t of[] = {pair_of[i], pair_of[j], pair_of[l]};
-      if (std::none_of(
+      if (std::any_of(
               std::begin(of), std::end(of), [&](size_t k) { return links_[k].has_value(); }))
-        continue;
-      for (const size_t k : of) {
-        if (!links_[k]) doubtful.push_back(k);
-        sure_[k] = 1;
-      }
+        believed.insert(believed.end(), std::begin(of), std::end(of));
     }
-    for (const size_t k : doubtful) links_[k] = doubtful_[k];
+    for (const size_t k : believed) {
+      if (!links_[k]) links_[k] = proposals_[k];
+      sure_[k] = 1;
+    }
   }
 
   // The most matches any pair had.
@@ -244,10 +242,8 @@ class PlaneLinks {
     if (inliers < kMinPatches || inliers < kDoubtfulPatchShare * aligned.matched) return false;
     if (!ImplausibleHomography(aligned.estimate.b_from_a, aligned.estimate.inliers).empty())
       return false;
-    if (inliers < kMinPatchShare * aligned.matched) {
-      if (!from_chain) doubtful_[k] = ToPlane(k, aligned.estimate);
-      return false;
-    }
+    if (!from_chain) proposals_[k] = ToPlane(k, aligned.estimate);
+    if (inliers < kMinPatchShare * aligned.matched) return false;
     // A later alignment replaces only what fewer patches confirm.
     if (links_[k] && links_[k]->inliers_a.size() >= aligned.estimate.inliers.size()) return true;
     links_[k] = ToPlane(k, aligned.estimate);
@@ -265,9 +261,8 @@ class PlaneLinks {
   std::vector<PatchImage> patches_;
   std::vector<char> ambiguous_;  // per view
   std::vector<std::optional<PlaneHomography>> links_;
-  std::vector<std::optional<PlaneHomography>> doubtful_;  // proposals with few of their patches
-  std::vector<char> sure_;                                // per link
-  std::vector<char> through_chain_;                       // per pair: aligned from the chain
+  std::vector<std::optional<PlaneHomography>> proposals_;  // aligned, doubtful ones too
+  std::vector<char> sure_;                                 // per link
   std::vector<int> matches_;  // per pair: of the best keypoint sets so far
 };
 
@@ -309,9 +304,9 @@ FoundPlanes FindPlanes(std::span<const cv::Mat> images,
     if (effort == 1 && nothing && links.MostMatches() < kBlankMatches) break;
     if (effort + 1 == std::size(efforts) && nothing) break;
     links.Propose(efforts[effort]);
-    if (!IsStopRequested(stop)) links.LinkThroughChain();
     if (links.AllJoined()) break;
   }
+  if (!IsStopRequested(stop)) links.LinkThroughChain();
   return {links.Planes(false), links.CountAmbiguous()};
 }
 
