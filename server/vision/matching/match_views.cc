@@ -13,6 +13,7 @@
 #include "server/vision/matching/plane_centres.h"
 #include "server/vision/matching/plane_chain.h"
 #include "server/vision/matching/plane_links.h"
+#include "server/vision/matching/three_views.h"
 #include "server/vision/matching/view_graph.h"
 
 namespace horopter {
@@ -99,6 +100,7 @@ class PairMatcher {
           View(p.view_a), View(p.view_b), PlaneOf(p.view_a, p.view_b), options_, &p);
       if (p.F) Rematch(&p);
     });
+    CheckThreeViews();
     // Better matches join views that the first ones left out.
     if (!PlanesComplete()) LinkThroughPlanes();
   }
@@ -127,6 +129,16 @@ class PairMatcher {
     return std::all_of(result_.pairs.begin(), result_.pairs.end(), [&](const PairGeometry& p) {
       return p.F || !PlaneOf(p.view_a, p.view_b);
     });
+  }
+
+  // A pair that a plane does not tie to the others was estimated alone.
+  void CheckThreeViews() {
+    std::vector<const ImageFeatures*> features;
+    for (const MatchingView& view : views_) features.push_back(view.features);
+    std::vector<char> alone;
+    for (const PairGeometry& p : result_.pairs) alone.push_back(!PlaneOf(p.view_a, p.view_b));
+    result_.counts["pairs_inconsistent"] =
+        RefuseInconsistentPairs(features, alone, ThreeViewOptions(), &result_.pairs);
   }
 
   // Where a plane joins views, one set of camera centres gives all their pairs an F: pairs too weak
