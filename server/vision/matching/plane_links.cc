@@ -23,9 +23,6 @@ constexpr int kSureInliers = 40;
 // this share of the matched ones, were right within 3 px (638) but for 8, within 8 px but for 2.
 constexpr int kMinPatches = 60;
 constexpr double kMinPatchShare = 0.65;
-// With fewer, down to this, a link is believed if it closes a triangle with two others, one of them
-// believed: parts that stand before the plane hide it from both.
-constexpr double kDoubtfulPatchShare = 0.58;
 constexpr double kTrianglePx = 2.0;  // median transfer error
 // The images of parts-dev and parts-train have 0.49 at most (median 0.06), checkers and grids 0.64
 // and more.
@@ -111,9 +108,8 @@ class PlaneLinks {
     });
   }
 
-  // Three proposals that lead back to where they began are no accident: links among them are sure,
-  // and doubtful ones are believed where the third is a link. Only what was proposed for a pair
-  // alone counts: alignments from the chain repeat its mistakes.
+  // Three proposals that lead back to where they began are no accident: they are sure. Only what
+  // was proposed for a pair alone counts: alignments from the chain repeat its mistakes.
   void BelieveTriangles() {
     std::vector<PlaneHomography> planes;
     std::vector<size_t> pair_of;
@@ -122,16 +118,8 @@ class PlaneLinks {
       planes.push_back(*proposals_[k]);
       pair_of.push_back(k);
     }
-    std::vector<size_t> believed;
-    for (const auto& [i, j, l] : ClosedTriangles(planes, kTrianglePx)) {
-      const size_t of[] = {pair_of[i], pair_of[j], pair_of[l]};
-      if (std::any_of(
-              std::begin(of), std::end(of), [&](size_t k) { return links_[k].has_value(); }))
-        believed.insert(believed.end(), std::begin(of), std::end(of));
-    }
-    for (const size_t k : believed) {
-      if (!links_[k]) links_[k] = proposals_[k];
-      sure_[k] = 1;
+    for (const auto& triangle : ClosedTriangles(planes, kTrianglePx)) {
+      for (const size_t i : triangle) sure_[pair_of[i]] = 1;
     }
   }
 
@@ -239,11 +227,10 @@ class PlaneLinks {
     options.start_is_aligned = from_chain;
     const PlaneAlignment aligned = AlignPlane(patches_[a], patches_[b], b_from_a, options);
     const int inliers = static_cast<int>(aligned.estimate.inliers.size());
-    if (inliers < kMinPatches || inliers < kDoubtfulPatchShare * aligned.matched) return false;
+    if (inliers < kMinPatches || inliers < kMinPatchShare * aligned.matched) return false;
     if (!ImplausibleHomography(aligned.estimate.b_from_a, aligned.estimate.inliers).empty())
       return false;
     if (!from_chain) proposals_[k] = ToPlane(k, aligned.estimate);
-    if (inliers < kMinPatchShare * aligned.matched) return false;
     // A later alignment replaces only what fewer patches confirm.
     if (links_[k] && links_[k]->inliers_a.size() >= aligned.estimate.inliers.size()) return true;
     links_[k] = ToPlane(k, aligned.estimate);
@@ -261,7 +248,7 @@ class PlaneLinks {
   std::vector<PatchImage> patches_;
   std::vector<char> ambiguous_;  // per view
   std::vector<std::optional<PlaneHomography>> links_;
-  std::vector<std::optional<PlaneHomography>> proposals_;  // aligned, doubtful ones too
+  std::vector<std::optional<PlaneHomography>> proposals_;  // aligned
   std::vector<char> sure_;                                 // per link
   std::vector<int> matches_;  // per pair: of the best keypoint sets so far
 };
