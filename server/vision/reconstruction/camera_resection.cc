@@ -17,6 +17,7 @@ constexpr int kParameters = 7;  // rotation, translation, log f
 constexpr int kRefinements = 12;
 constexpr double kLossPx = 1.0;      // Cauchy
 constexpr double kLineWeight = 0.5;  // a line of two views agrees with more poses than a point
+constexpr double kMinSigmaPx = 0.3;  // of features; what fits better does so by chance
 constexpr double kFar = 1e6;
 // Chance that no sample was of right points only. Noisy triangles make poor poses: low.
 constexpr double kMissed = 1e-6;
@@ -96,6 +97,15 @@ class Problem {
     return score;
   }
 
+  // Posterior deviation when observations deviate by sigma_px.
+  double FocalLogSigma(const Matrix7d& normal, double sigma_px) const {
+    Matrix7d posterior = normal / (sigma_px * sigma_px);
+    posterior(6, 6) += 1.0 / (log_sigma_ * log_sigma_);
+    // Free parameters that nothing moves stay solvable.
+    posterior.diagonal() *= 1.0 + 1e-12;
+    return std::sqrt(posterior.ldlt().solve(Vector7d::Unit(6))(6));
+  }
+
   int Agreeing(const Pose& pose) const {
     const double gate2 = options_.gate_px * options_.gate_px;
     return static_cast<int>(std::count_if(points_.begin(), points_.end(), [&](const PointSight& s) {
@@ -103,7 +113,8 @@ class Problem {
     }));
   }
 
-  // Gauss-Newton with a Cauchy loss on what is within the gate; posterior covariance by the way.
+  // Gauss-Newton with a Cauchy loss on what is within the gate; the observations' normal matrix at
+  // the end, for 1 px.
   Matrix7d Refine(Pose* pose) const {
     Matrix7d normal = Matrix7d::Zero();
     for (int round = 0; round <= kRefinements; ++round) {
@@ -127,10 +138,10 @@ class Problem {
       };
       for (const PointSight& s : points_) add(PointError, s);
       for (const LineSight& s : lines_) add(LineError, s);
+      if (round == kRefinements) break;
       const double prior = (std::log(pose->camera.focal_px) - log_focal_) / log_sigma_;
       normal(6, 6) += 1.0 / (log_sigma_ * log_sigma_);
       gradient(6) += prior / log_sigma_;
-      if (round == kRefinements) break;
       Matrix7d damped = normal;
       damped.diagonal() *= 1.0 + 1e-6;
       const Vector7d step = damped.ldlt().solve(-gradient);
@@ -305,8 +316,7 @@ absl::StatusOr<ResectedCamera> ResectPinhole(std::span<const PointSight> points,
              options.min_support));
   }
   out.rms_px = std::sqrt(squared / (2.0 * out.points));
-  const Matrix7d covariance = normal.ldlt().solve(Matrix7d::Identity());
-  out.focal_log_sigma = std::sqrt(covariance(6, 6)) * std::max(out.rms_px, 0.3);
+  out.focal_log_sigma = problem.FocalLogSigma(normal, std::max(out.rms_px, kMinSigmaPx));
   if (!(out.focal_log_sigma <= options.max_focal_log_sigma) ||
       !best->camera_from_world.R.allFinite() || !best->camera_from_world.t.allFinite()) {
     return absl::FailedPreconditionError(Text("focal length known to %.0f %%, need %.0f %%",

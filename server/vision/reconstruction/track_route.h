@@ -10,9 +10,10 @@
 
 namespace horopter {
 
-// Trusted when self-calibration calls the result metric. Where only the focal lengths stay open the
-// best cameras are given untrusted; where no plausible cameras fit, none. World: the middle of the
-// points is the origin, z towards the cameras, their mean distance 1. Errors: CANCELLED.
+// Trusted when self-calibration calls the result metric. Where only the focal lengths stay open,
+// but not far, the best cameras are given untrusted; where they stay open or no plausible cameras
+// fit, none. World: the middle of the points is the origin, z towards the cameras, their mean
+// distance 1. Errors: CANCELLED.
 absl::StatusOr<Reconstruction> ReconstructFromTracks(const MatchingResult& matching,
                                                      std::span<const ImageFeatures> features,
                                                      std::span<const ImageSize> sizes,

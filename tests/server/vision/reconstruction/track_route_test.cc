@@ -114,8 +114,8 @@ TEST(MatchedTracks, AreTheObservationsOfTheFeatures) {
     EXPECT_TRUE(Validate(all.tracks).ok());
     EXPECT_EQ(all.tracks.points, static_cast<int>(all.points.size()));
     EXPECT_EQ(all.tracks.lines, static_cast<int>(all.segments.size()));
-    EXPECT_GT(all.tracks.points, 40);
-    EXPECT_GT(all.tracks.lines, 40);
+    EXPECT_GT(all.tracks.points, 30);
+    EXPECT_GT(all.tracks.lines, 30);
     EXPECT_EQ(sure.tracks.points, with_geometry ? all.tracks.points : 0);
   }
 }
