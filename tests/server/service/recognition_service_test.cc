@@ -28,6 +28,7 @@ struct Seen {
   int calls = 0;
   std::vector<cv::Mat> images;
   std::vector<CameraHint> hints;
+  std::vector<std::optional<CameraPoseHint>> camera_poses;
   std::vector<std::string> candidates;
   std::optional<ReferenceObject> reference;
   std::vector<std::string> catalog_ids;
@@ -39,6 +40,7 @@ Recognizer Recording(Seen& seen) {
         ++seen.calls;
         seen.images = request.images;
         seen.hints = request.hints;
+        seen.camera_poses = request.camera_poses;
         seen.candidates = request.candidates;
         seen.reference = request.reference;
         seen.catalog_ids.clear();
