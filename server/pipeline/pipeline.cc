@@ -59,11 +59,35 @@ class StepClock {
   std::map<std::string, double> seconds_;
 };
 
+// What the caller says about the cameras, for the reconstruction.
+std::vector<ViewPrior> PriorsOf(const SceneRequest& request) {
+  if (request.hints.empty() && request.camera_poses.empty()) return {};
+  std::vector<ViewPrior> priors(request.images.size());
+  for (std::size_t i = 0; i < request.hints.size(); ++i) {
+    const CameraHint& hint = request.hints[i];
+    priors[i].focal_px = hint.focal_px;
+    priors[i].focal_log_sigma = hint.focal_log_sigma.value_or(priors[i].focal_log_sigma);
+    priors[i].principal_point_px = hint.principal_point;
+    priors[i].k1 = hint.k1;
+  }
+  for (std::size_t i = 0; i < request.camera_poses.size(); ++i) {
+    if (!request.camera_poses[i]) continue;
+    priors[i].camera_from_world = request.camera_poses[i]->camera_from_base;
+    priors[i].rotation_sigma_rad = request.camera_poses[i]->rotation_sigma_rad;
+    priors[i].position_sigma_m = request.camera_poses[i]->position_sigma_m;
+  }
+  return priors;
+}
+
 absl::Status ValidateRequest(const SceneRequest& request) {
   if (request.images.empty()) return absl::InvalidArgumentError("images: at least one is needed");
   if (!request.hints.empty() && request.hints.size() != request.images.size()) {
     return absl::InvalidArgumentError("hints: one per image or none");
   }
+  if (!request.camera_poses.empty() && request.camera_poses.size() != request.images.size()) {
+    return absl::InvalidArgumentError("camera_poses: one per image or none");
+  }
+  HOROPTER_RETURN_IF_ERROR(Validate(PriorsOf(request), request.images.size()));
   for (std::size_t i = 0; i < request.images.size(); ++i) {
     const int type = request.images[i].type();
     if (request.images[i].empty() || (type != CV_8UC1 && type != CV_8UC3)) {
@@ -119,20 +143,6 @@ absl::StatusOr<std::vector<ImageFeatures>> DetectAll(const SceneRequest& request
     features.push_back(std::move(*found[i]));
   }
   return features;
-}
-
-// What the caller says about the cameras, for the reconstruction.
-std::vector<ViewPrior> PriorsOf(const std::vector<CameraHint>& hints) {
-  std::vector<ViewPrior> priors;
-  for (const CameraHint& hint : hints) {
-    ViewPrior prior;
-    prior.focal_px = hint.focal_px;
-    prior.focal_log_sigma = hint.focal_log_sigma.value_or(prior.focal_log_sigma);
-    prior.principal_point_px = hint.principal_point;
-    prior.k1 = hint.k1;
-    priors.push_back(prior);
-  }
-  return priors;
 }
 
 std::map<std::string, double> SumCounts(const std::vector<ImageFeatures>& features) {
@@ -201,7 +211,14 @@ void FillAnswer(const MetricScene& metric,
     o.grasps = GraspsInScene(model, posed->scene_from_object);
     answer->objects.push_back(std::move(o));
   }
-  if (!request.reference) return;
+  if (!request.reference) {
+    BaseFrame base = BaseFromCameras(request.camera_poses, answer->cameras);
+    answer->base_from_scene = base.base_from_scene;
+    if (!base.conflict.empty()) {
+      absl::StrAppend(&answer->detail, answer->detail.empty() ? "" : "; ", base.conflict);
+    }
+    return;
+  }
   for (const AnswerObject& o : answer->objects) {
     if (o.object_id != request.reference->object_id) continue;
     answer->base_from_scene = request.reference->base_from_object * o.scene_from_object.Inverse();
@@ -263,13 +280,10 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
   StageClock reconstruction_clock("reconstruction", &answer.stages);
   std::vector<ImageSize> sizes;
   for (const cv::Mat& image : request.images) sizes.push_back({image.cols, image.rows});
-  HOROPTER_ASSIGN_OR_RETURN(trace.reconstruction,
-                            ReconstructViews(trace.matching,
-                                             trace.features,
-                                             sizes,
-                                             PriorsOf(request.hints),
-                                             options.reconstruction,
-                                             stop));
+  HOROPTER_ASSIGN_OR_RETURN(
+      trace.reconstruction,
+      ReconstructViews(
+          trace.matching, trace.features, sizes, PriorsOf(request), options.reconstruction, stop));
   reconstruction_clock.Finish(trace.reconstruction.counts);
 
   StageClock recognition_clock("recognition", &answer.stages);

@@ -183,6 +183,11 @@ void ReportWords(const PipelineResult& result, SceneReport* report) {
   if (!result.trace.reconstruction.refusal.empty()) {
     report->notes.push_back("reconstruction: " + result.trace.reconstruction.refusal);
   }
+  const std::vector<std::string>& refusals = result.trace.reconstruction.view_refusals;
+  for (size_t v = 0; v < refusals.size(); ++v) {
+    if (refusals[v].empty() || refusals[v] == result.trace.reconstruction.refusal) continue;
+    report->notes.push_back("reconstruction, view " + std::to_string(v) + ": " + refusals[v]);
+  }
   for (const StageReport& stage : result.answer.stages) {
     report->figures["seconds_" + stage.stage] = stage.seconds;
     for (const auto& [name, value] : stage.counts) {
