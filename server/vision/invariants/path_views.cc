@@ -33,16 +33,39 @@ Eigen::Matrix<double, 8, 1> Stacked(std::span<const Eigen::Vector2d, 4> points) 
   return x;
 }
 
-// Four faces of an octahedron's upper half, each divided by midpoints twice over along two of its
-// three corners: cells are spherical triangles.
+// Views of a cell that its box is spanned by: a triangular grid of directions, and camera distances
+// that divide the range of nearness evenly, as the image is smooth in 1 / distance. The view from
+// behind, mirrored, is the one from the front with the depths reversed: a negative nearness.
+constexpr int kGrid = 4;
+constexpr double kNearness[] = {-1.0, -0.5, 0.0, 0.5, 1.0};
+// What the key does between the samples and with a path off the image's middle, as a share of the
+// box and of the unit b-c.
+constexpr double kMarginShare = 0.06;
+constexpr double kMargin = 0.02;
+
+// Rows: image axes right-handed as in an image, x right, y down, z away from the camera.
+Eigen::Matrix3d CameraFrame(const Eigen::Vector3d& direction) {
+  const Eigen::Vector3d z = -direction.normalized();
+  const Eigen::Vector3d helper =
+      std::abs(z.x()) < 0.9 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitY();
+  Eigen::Matrix3d frame;
+  frame.row(0) = helper.cross(z).normalized();
+  frame.row(1) = z.cross(Eigen::Vector3d(frame.row(0)));
+  frame.row(2) = z;
+  return frame;
+}
+
+// A spherical triangle.
 struct Cell {
   std::array<Eigen::Vector3d, 3> corners;
+  std::vector<Eigen::Matrix3d> views;  // frames of kGrid's directions
 };
 
+// Every cell halved along its longest side, so that cells stay compact.
 std::vector<Cell> Divided(const std::vector<Cell>& cells) {
   std::vector<Cell> out;
-  for (const auto& [c] : cells) {
-    // The longest side is halved, so that cells stay compact.
+  for (const Cell& cell : cells) {
+    const auto& c = cell.corners;
     int longest = 0;
     double length = -1.0;
     for (int k = 0; k < 3; ++k) {
@@ -51,12 +74,13 @@ std::vector<Cell> Divided(const std::vector<Cell>& cells) {
     }
     const Eigen::Vector3d &a = c[longest], &b = c[(longest + 1) % 3], &top = c[(longest + 2) % 3];
     const Eigen::Vector3d middle = (a + b).normalized();
-    out.push_back({{a, middle, top}});
-    out.push_back({{middle, b, top}});
+    out.push_back({{a, middle, top}, {}});
+    out.push_back({{middle, b, top}, {}});
   }
   return out;
 }
 
+// The four upper faces of an octahedron, divided three times.
 const std::vector<Cell>& Cells() {
   static const std::vector<Cell> kCells = [] {
     std::vector<Cell> cells;
@@ -64,22 +88,22 @@ const std::vector<Cell>& Cells() {
       const double a = 0.5 * M_PI * k, b = a + 0.5 * M_PI;
       cells.push_back({{Eigen::Vector3d(std::cos(a), std::sin(a), 0.0),
                         Eigen::Vector3d(std::cos(b), std::sin(b), 0.0),
-                        Eigen::Vector3d::UnitZ()}});
+                        Eigen::Vector3d::UnitZ()},
+                       {}});
     }
     while (static_cast<int>(cells.size()) < kPathCells) cells = Divided(cells);
+    for (Cell& cell : cells) {
+      const auto& c = cell.corners;
+      for (int i = 0; i <= kGrid; ++i) {
+        for (int j = 0; i + j <= kGrid; ++j) {
+          cell.views.push_back(CameraFrame(i * c[0] + j * c[1] + (kGrid - i - j) * c[2]));
+        }
+      }
+    }
     return cells;
   }();
   return kCells;
 }
-
-// Views of a cell that its box is spanned by: a triangular grid, and camera distances that divide
-// the range of nearness evenly, as the image is smooth in 1 / distance.
-constexpr int kGrid = 4;
-constexpr double kNearness[] = {0.0, 0.5, 1.0};
-// What the key does between the samples and with a path off the image's middle, as a share of the
-// box and of the unit b-c.
-constexpr double kMarginShare = 0.06;
-constexpr double kMargin = 0.02;
 
 }  // namespace
 
@@ -120,18 +144,13 @@ std::optional<InvariantKey> PathViewKey(std::span<const Eigen::Vector2d, 4> imag
 std::array<Eigen::Vector2d, 4> ProjectPath(std::span<const Eigen::Vector3d, 4> path,
                                            const Eigen::Vector3d& direction,
                                            double distance_diameters) {
-  // Image axes right-handed as in an image: x right, y down, z away from the camera.
-  const Eigen::Vector3d z = -direction.normalized();
-  const Eigen::Vector3d helper =
-      std::abs(z.x()) < 0.9 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitY();
-  const Eigen::Vector3d x = helper.cross(z).normalized(), y = z.cross(x);
+  const Eigen::Matrix3d frame = CameraFrame(direction);
   const Eigen::Vector3d center = 0.25 * (path[0] + path[1] + path[2] + path[3]);
   const double distance = distance_diameters * Diameter(path);
   std::array<Eigen::Vector2d, 4> image;
   for (int i = 0; i < 4; ++i) {
-    const Eigen::Vector3d p = path[i] - center;
-    const double depth = distance > 0.0 ? 1.0 + p.dot(z) / distance : 1.0;
-    image[i] = Eigen::Vector2d(p.dot(x), p.dot(y)) / depth;
+    const Eigen::Vector3d p = frame * (path[i] - center);
+    image[i] = p.head<2>() / (distance > 0.0 ? 1.0 + p.z() / distance : 1.0);
   }
   return image;
 }
@@ -146,29 +165,28 @@ std::vector<PathViewBox> PathViewBoxes(std::span<const Eigen::Vector3d, 4> path,
   std::vector<PathViewBox> boxes;
   const double base = (path[2] - path[1]).norm(), diameter = Diameter(path);
   if (!std::isfinite(diameter) || !(base > options.min_base_ratio * diameter)) return boxes;
+  const double least_length = std::pow(options.min_length_ratio * base, 2);
+  const Eigen::Vector3d center = 0.25 * (path[0] + path[1] + path[2] + path[3]);
+  Eigen::Matrix<double, 3, 4> centered;
+  for (int k = 0; k < 4; ++k) centered.col(k) = path[k] - center;
   for (int c = 0; c < kPathCells; ++c) {
-    const auto& corners = Cells()[c].corners;
     Eigen::Array4d low = Eigen::Array4d::Constant(std::numeric_limits<double>::infinity());
     Eigen::Array4d high = -low;
     bool seen_well = true;
-    for (int i = 0; i <= kGrid && seen_well; ++i) {
-      for (int j = 0; i + j <= kGrid && seen_well; ++j) {
-        const Eigen::Vector3d direction =
-            i * corners[0] + j * corners[1] + (kGrid - i - j) * corners[2];
-        const double along = (path[2] - path[1]).dot(direction.normalized());
-        seen_well = base * base - along * along >= std::pow(options.min_length_ratio * base, 2);
-        // From the front and, mirrored, from behind.
-        for (const double side : {1.0, -1.0}) {
-          for (const double nearness : kNearness) {
-            const double distance =
-                nearness > 0.0 ? options.min_distance_diameters / nearness : 0.0;
-            const auto image = ProjectPath(path, side * direction, distance);
-            Eigen::Array4d key = KeyOf(Stacked(image)).array();
-            if (side < 0.0) key *= Eigen::Array4d(1.0, -1.0, 1.0, -1.0);
-            low = low.min(key);
-            high = high.max(key);
-          }
+    for (const Eigen::Matrix3d& camera_from_object : Cells()[c].views) {
+      const Eigen::Matrix<double, 3, 4> p = camera_from_object * centered;
+      seen_well = (p.col(2) - p.col(1)).head<2>().squaredNorm() >= least_length;
+      if (!seen_well) break;
+      for (const double nearness : kNearness) {
+        Eigen::Matrix<double, 8, 1> image;
+        for (int k = 0; k < 4; ++k) {
+          const double depth =
+              1.0 + p(2, k) * nearness / (options.min_distance_diameters * diameter);
+          image.segment<2>(2 * k) = p.col(k).head<2>() / depth;
         }
+        const Eigen::Array4d key = KeyOf(image).array();
+        low = low.min(key);
+        high = high.max(key);
       }
     }
     if (!seen_well || !low.allFinite() || !high.allFinite()) continue;

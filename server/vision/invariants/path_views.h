@@ -31,7 +31,7 @@ std::array<Eigen::Vector2d, 4> ProjectPath(std::span<const Eigen::Vector3d, 4> p
                                            double distance_diameters);
 
 // Cells of half the view sphere. The view from behind is the mirror image under weak perspective:
-// its key has the second and fourth value negated. A cell's views lie within CellRadius of it.
+// its key has the second and fourth value negated.
 inline constexpr int kPathCells = 32;
 Eigen::Vector3d PathCellDirection(int cell);  // unit
 
