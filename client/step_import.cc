@@ -20,10 +20,10 @@
 #include <STEPConstruct.hxx>
 #include <STEPConstruct_Styles.hxx>
 #include <STEPControl_Reader.hxx>
-#include <STEPVisual_Colour.hxx>
-#include <STEPVisual_StyledItem.hxx>
 #include <Standard_Failure.hxx>
 #include <StepRepr_RepresentationItem.hxx>
+#include <StepVisual_Colour.hxx>
+#include <StepVisual_StyledItem.hxx>
 #include <TColStd_SequenceOfAsciiString.hxx>
 #include <TCollection_HAsciiString.hxx>
 #include <TopExp.hxx>
@@ -135,10 +135,15 @@ std::map<const TopoDS_TShape*, Rgba> ColorsOf(const STEPControl_Reader& reader) 
   if (!styles.LoadStyles()) return colors;
   const auto process = reader.WS()->TransferReader()->TransientProcess();
   for (int i = 1; i <= styles.NbStyles(); ++i) {
-    const Handle(STEPVisual_StyledItem) style = styles.Style(i);
-    Handle(STEPVisual_Colour) surface, border, curve;
+    const Handle(StepVisual_StyledItem) style = styles.Style(i);
+    Handle(StepVisual_Colour) surface, border, curve, rendering;
+    double transparency = 0.0;
     bool is_component = false;
-    if (style.IsNull() || !styles.GetColors(style, surface, border, curve, is_component)) continue;
+    if (style.IsNull() ||
+        !styles.GetColors(style, surface, border, curve, rendering, transparency, is_component)) {
+      continue;
+    }
+    if (surface.IsNull()) surface = rendering;
     const auto item = Handle(StepRepr_RepresentationItem)::DownCast(style->ItemAP242().Value());
     Quantity_Color color;
     if (item.IsNull() || surface.IsNull() || !STEPConstruct_Styles::DecodeColor(surface, color)) {
@@ -152,7 +157,9 @@ std::map<const TopoDS_TShape*, Rgba> ColorsOf(const STEPControl_Reader& reader) 
     for (int k = 0; k < 3; ++k) {
       out[k] = static_cast<std::uint8_t>(std::lround(255.0 * std::clamp(rgb[k], 0.0, 1.0)));
     }
-    out[3] = 255;
+    // Opacity 0 stands for no colour; what the file makes invisible still has one.
+    out[3] =
+        static_cast<std::uint8_t>(std::lround(255.0 - 254.0 * std::clamp(transparency, 0.0, 1.0)));
   }
   return colors;
 }
