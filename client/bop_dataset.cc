@@ -383,6 +383,10 @@ absl::StatusOr<std::vector<Grasp>> ReadGrasps(const std::string& path) {
       grasp.jaw_opening_m = kMetresPerMm * value.value("jaw_opening_mm", 0.0);
       grasp.grip_width_m = kMetresPerMm * value.value("grip_width_mm", 0.0);
       grasp.quality = value.value("quality", 1.0);
+      if (value.contains("T_pregrasp_in_object")) {
+        grasp.object_from_pregrasp =
+            Rigid4x4FromMm(value.at("T_pregrasp_in_object"), grasp.name + ".T_pregrasp_in_object");
+      }
       grasps.push_back(std::move(grasp));
     }
     return absl::OkStatus();

@@ -38,19 +38,34 @@ std::vector<double> Rigid4x4Mm(const Rigid3& t) {
   return values;
 }
 
-// Binary little-endian with doubles: nothing is rounded.
-std::string AsPly(const TriangleMesh& mesh) {
+// Binary little-endian with doubles: nothing is rounded. PLY colours vertices: with colours every
+// triangle has vertices of its own, which welding joins again.
+std::string AsPly(const TriangleMesh& shared) {
+  TriangleMesh own;
+  if (!shared.colors.empty()) {
+    for (const Eigen::Vector3i& t : shared.triangles) {
+      const int first = static_cast<int>(own.vertices.size());
+      for (const int i : t) own.vertices.push_back(shared.vertices[i]);
+      own.triangles.emplace_back(first, first + 1, first + 2);
+    }
+  }
+  const bool colored = !shared.colors.empty();
+  const TriangleMesh& mesh = colored ? own : shared;
   std::string out = absl::StrCat("ply\nformat binary_little_endian 1.0\nelement vertex ",
                                  mesh.vertices.size(),
-                                 "\nproperty double x\nproperty double y\nproperty double z\n"
+                                 "\nproperty double x\nproperty double y\nproperty double z\n",
+                                 colored ? "property uchar red\nproperty uchar green\nproperty "
+                                           "uchar blue\nproperty uchar alpha\n"
+                                         : "",
                                  "element face ",
                                  mesh.triangles.size(),
                                  "\nproperty list uchar int vertex_indices\nend_header\n");
   const auto append = [&](const auto& value) {
     out.append(reinterpret_cast<const char*>(&value), sizeof(value));
   };
-  for (const Eigen::Vector3d& v : mesh.vertices) {
-    for (const double x : v) append(x * kMmPerMetre);
+  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    for (const double x : mesh.vertices[i]) append(x * kMmPerMetre);
+    if (colored) append(shared.colors[i / 3]);
   }
   for (const Eigen::Vector3i& t : mesh.triangles) {
     append(static_cast<unsigned char>(3));
@@ -69,6 +84,9 @@ absl::Status WriteGrasps(const std::string& path, const std::vector<Grasp>& gras
                     {"jaw_opening_mm", g.jaw_opening_m * kMmPerMetre},
                     {"grip_width_mm", g.grip_width_m * kMmPerMetre},
                     {"quality", g.quality}});
+    if (g.object_from_pregrasp) {
+      list.back()["T_pregrasp_in_object"] = Rigid4x4Mm(*g.object_from_pregrasp);
+    }
   }
   return Write(path, Json{{"grasps", list}}.dump(1) + "\n");
 }

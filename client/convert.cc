@@ -1,6 +1,7 @@
 #include "client/convert.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 
 namespace horopter {
 namespace {
@@ -76,6 +77,9 @@ v1::Grasp ToProto(const Grasp& grasp) {
   out.set_jaw_opening_m(grasp.jaw_opening_m);
   out.set_grip_width_m(grasp.grip_width_m);
   out.set_quality(grasp.quality);
+  if (grasp.object_from_pregrasp) {
+    *out.mutable_object_from_pregrasp() = ToProto(*grasp.object_from_pregrasp);
+  }
   return out;
 }
 
@@ -97,6 +101,9 @@ v1::Object ToProto(const ObjectModel& model) {
   AppendPoints(model.mesh.vertices, out.mutable_mesh()->mutable_vertices_m());
   for (const Eigen::Vector3i& t : model.mesh.triangles) {
     for (int k = 0; k < 3; ++k) out.mutable_mesh()->add_triangles(t[k]);
+  }
+  for (const Rgba& color : model.mesh.colors) {
+    out.mutable_mesh()->mutable_triangle_colors_rgba()->append(color.begin(), color.end());
   }
   for (const Rigid3& s : model.symmetries) {
     *out.add_object_from_symmetric_object() = ToProto(s);
@@ -123,19 +130,30 @@ ObjectModel FromProto(const v1::Object& object) {
   model.mesh.vertices = Points(object.mesh().vertices_m());
   const auto& indices = object.mesh().triangles();
   const int n = static_cast<int>(model.mesh.vertices.size());
+  const std::string& colors = object.mesh().triangle_colors_rgba();
+  const bool colored = colors.size() * 3 == 4 * static_cast<size_t>(indices.size());
   for (int i = 0; i + 2 < indices.size(); i += 3) {
     const Eigen::Vector3i t(indices[i], indices[i + 1], indices[i + 2]);
-    if (t.minCoeff() >= 0 && t.maxCoeff() < n) model.mesh.triangles.push_back(t);
+    if (t.minCoeff() < 0 || t.maxCoeff() >= n) continue;
+    model.mesh.triangles.push_back(t);
+    if (!colored) continue;
+    Rgba& color = model.mesh.colors.emplace_back();
+    std::copy_n(colors.begin() + i / 3 * 4, 4, color.begin());
   }
   for (const auto& s : object.object_from_symmetric_object()) {
     model.symmetries.push_back(FromProto(s));
   }
   for (const v1::Grasp& g : object.grasps()) {
-    model.grasps.push_back({g.name(),
-                            FromProto(g.object_from_gripper()),
-                            g.jaw_opening_m(),
-                            g.grip_width_m(),
-                            g.has_quality() ? g.quality() : 1.0});
+    Grasp grasp{g.name(),
+                FromProto(g.object_from_gripper()),
+                g.jaw_opening_m(),
+                g.grip_width_m(),
+                g.has_quality() ? g.quality() : 1.0,
+                {}};
+    if (g.has_object_from_pregrasp()) {
+      grasp.object_from_pregrasp = FromProto(g.object_from_pregrasp());
+    }
+    model.grasps.push_back(std::move(grasp));
   }
   return model;
 }

@@ -8,6 +8,7 @@
 #include <fstream>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
 
 namespace horopter {
 namespace {
@@ -25,6 +26,35 @@ YAML::Node Joints(double opening) {
   joints["finger_joint"] = 0.5 * opening;
   joints.SetStyle(YAML::EmitterStyle::Flow);
   return joints;
+}
+
+absl::StatusOr<Rigid3> Pose(const YAML::Node& position,
+                            const YAML::Node& orientation,
+                            const std::string& where) {
+  const std::vector<double> t = position.as<std::vector<double>>();
+  const std::vector<double> xyz = orientation["xyz"].as<std::vector<double>>();
+  const double w = orientation["w"].as<double>();
+  if (t.size() != 3 || xyz.size() != 3) {
+    return absl::InvalidArgumentError(where + ": position and xyz need three numbers");
+  }
+  const Eigen::Quaterniond q(w, xyz[0], xyz[1], xyz[2]);
+  if (!(std::abs(q.norm() - 1.0) < 0.01) || !std::isfinite(t[0] + t[1] + t[2])) {
+    return absl::InvalidArgumentError(where + ": the orientation is no unit quaternion");
+  }
+  Rigid3 pose;
+  pose.R = q.normalized().toRotationMatrix();
+  pose.t = {t[0], t[1], t[2]};
+  return pose;
+}
+
+void WritePose(const Rigid3& pose, const std::string& prefix, YAML::Emitter& out) {
+  Eigen::Quaterniond q(pose.R);
+  if (q.w() < 0.0) q.coeffs() = -q.coeffs();
+  out << YAML::Key << prefix + "position" << YAML::Value << YAML::Flow
+      << std::vector<double>{pose.t.x(), pose.t.y(), pose.t.z()};
+  out << YAML::Key << prefix + "orientation" << YAML::Value << YAML::BeginMap << YAML::Key << "w"
+      << YAML::Value << q.w() << YAML::Key << "xyz" << YAML::Value << YAML::Flow
+      << std::vector<double>{q.x(), q.y(), q.z()} << YAML::EndMap;
 }
 
 }  // namespace
@@ -45,23 +75,17 @@ absl::StatusOr<std::vector<Grasp>> ReadIsaacGrasps(const std::string& path) {
       Grasp grasp;
       grasp.name = at = entry.first.as<std::string>();
       const YAML::Node& node = entry.second;
-      const std::vector<double> t = node["position"].as<std::vector<double>>();
-      const std::vector<double> xyz = node["orientation"]["xyz"].as<std::vector<double>>();
-      const double w = node["orientation"]["w"].as<double>();
       grasp.quality = node["confidence"].as<double>(1.0);
       grasp.grip_width_m = Opening(node["cspace_position"]);
       grasp.jaw_opening_m = Opening(node["pregrasp_cspace_position"]);
-      if (t.size() != 3 || xyz.size() != 3) {
-        return absl::InvalidArgumentError(
-            absl::StrCat(path, ": ", at, ": position and xyz need three numbers"));
+      const std::string where = absl::StrCat(path, ": ", at);
+      HOROPTER_ASSIGN_OR_RETURN(grasp.object_from_gripper,
+                                Pose(node["position"], node["orientation"], where));
+      if (node["pregrasp_position"] || node["pregrasp_orientation"]) {
+        HOROPTER_ASSIGN_OR_RETURN(
+            grasp.object_from_pregrasp,
+            Pose(node["pregrasp_position"], node["pregrasp_orientation"], where + ": pregrasp"));
       }
-      const Eigen::Quaterniond q(w, xyz[0], xyz[1], xyz[2]);
-      if (!(std::abs(q.norm() - 1.0) < 0.01) || !std::isfinite(t[0] + t[1] + t[2])) {
-        return absl::InvalidArgumentError(
-            absl::StrCat(path, ": ", at, ": the orientation is no unit quaternion"));
-      }
-      grasp.object_from_gripper.R = q.normalized().toRotationMatrix();
-      grasp.object_from_gripper.t = {t[0], t[1], t[2]};
       grasps.push_back(std::move(grasp));
     }
     return grasps;
@@ -81,18 +105,12 @@ absl::Status WriteIsaacGrasps(const std::string& path,
   out << YAML::Key << "gripper_frame_link" << YAML::Value << "gripper";
   out << YAML::Key << "grasps" << YAML::Value << YAML::BeginMap;
   for (const Grasp& grasp : grasps) {
-    Eigen::Quaterniond q(grasp.object_from_gripper.R);
-    if (q.w() < 0.0) q.coeffs() = -q.coeffs();
-    const Eigen::Vector3d& t = grasp.object_from_gripper.t;
     out << YAML::Key << grasp.name << YAML::Value << YAML::BeginMap;
     out << YAML::Key << "confidence" << YAML::Value << grasp.quality;
-    out << YAML::Key << "position" << YAML::Value << YAML::Flow
-        << std::vector<double>{t.x(), t.y(), t.z()};
-    out << YAML::Key << "orientation" << YAML::Value << YAML::BeginMap << YAML::Key << "w"
-        << YAML::Value << q.w() << YAML::Key << "xyz" << YAML::Value << YAML::Flow
-        << std::vector<double>{q.x(), q.y(), q.z()} << YAML::EndMap;
+    WritePose(grasp.object_from_gripper, "", out);
     out << YAML::Key << "cspace_position" << YAML::Value << Joints(grasp.grip_width_m);
     out << YAML::Key << "pregrasp_cspace_position" << YAML::Value << Joints(grasp.jaw_opening_m);
+    if (grasp.object_from_pregrasp) WritePose(*grasp.object_from_pregrasp, "pregrasp_", out);
     out << YAML::EndMap;
   }
   out << YAML::EndMap << YAML::EndMap;

@@ -13,7 +13,9 @@ namespace horopter {
 // position [m] and orientation {w, xyz} are object_from_gripper; the gripper frame is taken as
 // ours: z approach, x closing. confidence is the quality. cspace_position (closed on the part) and
 // pregrasp_cspace_position (open) hold finger travel in metres: of one joint, both fingers move
-// alike; of more, they add up. Errors: NOT_FOUND, INVALID_ARGUMENT naming file and grasp.
+// alike; of more, they add up. The format has no pre-grasp pose: pregrasp_position and
+// pregrasp_orientation are ours, and other readers pass over them. Errors: NOT_FOUND,
+// INVALID_ARGUMENT naming file and grasp.
 absl::StatusOr<std::vector<Grasp>> ReadIsaacGrasps(const std::string& path);
 
 // The inverse. Errors: FAILED_PRECONDITION (cannot be written).

@@ -1,5 +1,6 @@
 #include "client/mesh_import.h"
 
+#include <assimp/material.h>
 #include <assimp/scene.h>
 
 #include <Eigen/Geometry>
@@ -12,6 +13,7 @@
 #include <numeric>
 #include <set>
 #include <sstream>
+#include <string_view>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -30,6 +32,35 @@ constexpr double kCircleShare = 2e-4;  // rim points may lie this far off their 
 constexpr double kCoplanarRad = 0.0175;                 // 1 degree
 constexpr double kSmoothTurnRad = 25.0 * M_PI / 180.0;  // joints of a free-form edge
 
+Rgba ToRgba(const aiColor4D& color) {
+  const auto byte = [](float x) {
+    return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(x, 0.0f, 1.0f)));
+  };
+  // Opacity 0 stands for no colour; a file that makes a face invisible still colours it.
+  return {byte(color.r), byte(color.g), byte(color.b), std::max<std::uint8_t>(byte(color.a), 1)};
+}
+
+// Of a face: the mean of its corners where the file colours vertices, else the diffuse colour of
+// the file's own material.
+Rgba ColorOf(const aiScene& scene, const aiMesh& mesh, const aiFace& face, bool has_materials) {
+  if (mesh.HasVertexColors(0) && face.mNumIndices > 0) {
+    aiColor4D sum(0, 0, 0, 0);
+    for (unsigned k = 0; k < face.mNumIndices; ++k) sum += mesh.mColors[0][face.mIndices[k]];
+    return ToRgba(sum / static_cast<float>(face.mNumIndices));
+  }
+  if (!has_materials || mesh.mMaterialIndex >= scene.mNumMaterials) return kNoColor;
+  const aiMaterial& material = *scene.mMaterials[mesh.mMaterialIndex];
+  aiColor4D diffuse(0, 0, 0, 1);
+  aiString name;
+  // What the importer makes up where the file names no material.
+  const bool made_up = material.Get(AI_MATKEY_NAME, name) == AI_SUCCESS &&
+                       std::string_view(name.C_Str()) == AI_DEFAULT_MATERIAL_NAME;
+  if (made_up || material.Get(AI_MATKEY_COLOR_DIFFUSE, diffuse) != AI_SUCCESS) return kNoColor;
+  float opacity = 1.0f;
+  if (material.Get(AI_MATKEY_OPACITY, opacity) == AI_SUCCESS) diffuse.a = opacity;
+  return ToRgba(diffuse);
+}
+
 absl::StatusOr<TriangleMesh> ReadTriangles(const std::string& path, double metres_per_unit) {
   Assimp::Importer importer;
   // No post-processing: it asserts on damaged files, and these formats have no node transforms.
@@ -38,6 +69,7 @@ absl::StatusOr<TriangleMesh> ReadTriangles(const std::string& path, double metre
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": cannot be read as a mesh: ", importer.GetErrorString()));
   }
+  const bool has_materials = absl::EndsWithIgnoreCase(path, ".obj");
   TriangleMesh soup;
   for (unsigned m = 0; m < scene->mNumMeshes; ++m) {
     const aiMesh& mesh = *scene->mMeshes[m];
@@ -62,6 +94,7 @@ absl::StatusOr<TriangleMesh> ReadTriangles(const std::string& path, double metre
       }
       const auto triangles = TriangulatePolygon(soup.vertices, polygon);
       soup.triangles.insert(soup.triangles.end(), triangles.begin(), triangles.end());
+      soup.colors.resize(soup.triangles.size(), ColorOf(*scene, mesh, face, has_materials));
     }
   }
   if (soup.triangles.empty()) {

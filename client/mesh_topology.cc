@@ -106,6 +106,7 @@ int SplitAtJunctions(TriangleMesh& mesh, double distance) {
       }
       mesh.triangles[t] = first;
       mesh.triangles.push_back(second);
+      if (!mesh.colors.empty()) mesh.colors.push_back(Rgba(mesh.colors[t]));
       touched[t] = true;
       touched.push_back(true);
       ++splits;
@@ -208,7 +209,8 @@ CleanMesh CleanTriangleSoup(const TriangleMesh& soup, double weld_distance) {
   const std::vector<int> representative = Weld(soup.vertices, weld_distance);
   std::vector<int> renumbered(soup.vertices.size(), -1);
   TriangleMesh& mesh = clean.mesh;
-  for (const Eigen::Vector3i& t : soup.triangles) {
+  for (size_t i = 0; i < soup.triangles.size(); ++i) {
+    const Eigen::Vector3i& t = soup.triangles[i];
     const Eigen::Vector3i welded(representative[t[0]], representative[t[1]], representative[t[2]]);
     if (Degenerate(soup, welded, weld_distance)) {
       ++clean.degenerate_triangles;
@@ -224,6 +226,12 @@ CleanMesh CleanTriangleSoup(const TriangleMesh& soup, double weld_distance) {
       out[k] = index;
     }
     mesh.triangles.push_back(out);
+    if (!soup.colors.empty()) mesh.colors.push_back(soup.colors[i]);
+  }
+  if (std::all_of(mesh.colors.begin(), mesh.colors.end(), [](const Rgba& color) {
+        return color == kNoColor;
+      })) {
+    mesh.colors.clear();
   }
   constexpr int kMaxRounds =
       20;  // one long edge beside a finely divided one needs one round per division

@@ -23,7 +23,7 @@ struct CleanMesh {
 
 // Welds vertices closer than `weld_distance`, drops degenerate triangles, splits triangles whose
 // edge carries another open edge's vertex, orients the triangles consistently and, when the mesh is
-// closed, outward.
+// closed, outward. Colours stay with their triangles.
 CleanMesh CleanTriangleSoup(const TriangleMesh& soup, double weld_distance);
 
 // An edge of the mesh with its triangles; `dihedral_rad` is the angle of their normals, pi at an

@@ -15,6 +15,7 @@
 #include "client/convert.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/grasp_check.h"
+#include "server/vision/geometry/symmetry.h"
 
 namespace horopter {
 namespace {
@@ -75,7 +76,20 @@ absl::StatusOr<LoadedCad> LoadDatasetObject(const BopObject& object) {
   ObjectModel& model = cad.import.model;
   model.id = BopObjectName(object.obj_id);
   model.display_name = object.name;
-  if (object.in_models_info) model.symmetries = object.symmetries;
+  if (object.in_models_info) {
+    const SymmetryDifference difference =
+        CompareSymmetries(object.symmetries, model.symmetries, model);
+    if (difference.only_declared + difference.only_derived > 0) {
+      std::fprintf(
+          stderr,
+          "warning: %s: declares %d symmetries that its geometry does not have, and not %d "
+          "that it has\n",
+          model.id.c_str(),
+          difference.only_declared,
+          difference.only_derived);
+    }
+    model.symmetries = object.symmetries;
+  }
   if (!object.grasps_path.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(model.grasps, ReadGrasps(object.grasps_path));
     WarnAboutGrasps(model);
@@ -217,13 +231,14 @@ absl::Status ObjectShow(HoropterClient& client, const std::string& id, bool json
               TimeUtil::ToString(o.update_time()).c_str());
   for (const v1::Grasp& g : o.grasps()) {
     const Eigen::Vector3d t = FromProto(g.object_from_gripper()).t * 1e3;
-    std::printf("grasp       %s at (%.1f, %.1f, %.1f) mm, opening %.1f mm, grip %.1f mm\n",
+    std::printf("grasp       %s at (%.1f, %.1f, %.1f) mm, opening %.1f mm, grip %.1f mm%s\n",
                 g.name().c_str(),
                 t.x(),
                 t.y(),
                 t.z(),
                 g.jaw_opening_m() * 1e3,
-                g.grip_width_m() * 1e3);
+                g.grip_width_m() * 1e3,
+                g.has_object_from_pregrasp() ? ", with a pre-grasp" : "");
   }
   return absl::OkStatus();
 }

@@ -16,9 +16,14 @@
 #include <Message_Messenger.hxx>
 #include <Message_PrinterOStream.hxx>
 #include <Poly_Triangulation.hxx>
+#include <Quantity_Color.hxx>
+#include <STEPConstruct.hxx>
+#include <STEPConstruct_Styles.hxx>
 #include <STEPControl_Reader.hxx>
 #include <Standard_Failure.hxx>
 #include <StepRepr_RepresentationItem.hxx>
+#include <StepVisual_Colour.hxx>
+#include <StepVisual_StyledItem.hxx>
 #include <TColStd_SequenceOfAsciiString.hxx>
 #include <TCollection_HAsciiString.hxx>
 #include <TopExp.hxx>
@@ -28,13 +33,17 @@
 #include <TopoDS.hxx>
 #include <TopoDS_Edge.hxx>
 #include <TopoDS_Face.hxx>
+#include <TopoDS_Iterator.hxx>
 #include <TopoDS_Vertex.hxx>
+#include <Transfer_TransientProcess.hxx>
 #include <XSControl_TransferReader.hxx>
 #include <XSControl_WorkSession.hxx>
 #include <algorithm>
 #include <cmath>
 #include <exception>
 #include <fstream>
+#include <iterator>
+#include <map>
 #include <sstream>
 
 #include "absl/strings/ascii.h"
@@ -113,10 +122,65 @@ std::string NameOf(const STEPControl_Reader& reader, const TopoDS_Shape& solid) 
   return !plain || absl::StrContains(name, "Open CASCADE") || name == "NONE" ? "" : name;
 }
 
-// names: of the solids in the order of TopExp_Explorer.
+// What a file says of its bodies beside their geometry.
+struct Annotations {
+  std::vector<std::string> names;               // of the solids in the order of TopExp_Explorer
+  std::map<const TopoDS_TShape*, Rgba> colors;  // of faces, solids and assemblies, wherever placed
+};
+
+// Surface colours as styled items give them; what nothing is styled is left out.
+std::map<const TopoDS_TShape*, Rgba> ColorsOf(const STEPControl_Reader& reader) {
+  std::map<const TopoDS_TShape*, Rgba> colors;
+  STEPConstruct_Styles styles(reader.WS());
+  if (!styles.LoadStyles()) return colors;
+  const auto process = reader.WS()->TransferReader()->TransientProcess();
+  for (int i = 1; i <= styles.NbStyles(); ++i) {
+    const Handle(StepVisual_StyledItem) style = styles.Style(i);
+    Handle(StepVisual_Colour) surface, border, curve, rendering;
+    double transparency = 0.0;
+    bool is_component = false;
+    if (style.IsNull() ||
+        !styles.GetColors(style, surface, border, curve, rendering, transparency, is_component)) {
+      continue;
+    }
+    if (surface.IsNull()) surface = rendering;
+    const auto item = Handle(StepRepr_RepresentationItem)::DownCast(style->ItemAP242().Value());
+    Quantity_Color color;
+    if (item.IsNull() || surface.IsNull() || !STEPConstruct_Styles::DecodeColor(surface, color)) {
+      continue;
+    }
+    const TopoDS_Shape shape = STEPConstruct::FindShape(process, item);
+    if (shape.IsNull()) continue;
+    double rgb[3];
+    color.Values(rgb[0], rgb[1], rgb[2], Quantity_TOC_sRGB);
+    Rgba& out = colors[shape.TShape().get()];
+    for (int k = 0; k < 3; ++k) {
+      out[k] = static_cast<std::uint8_t>(std::lround(255.0 * std::clamp(rgb[k], 0.0, 1.0)));
+    }
+    // Opacity 0 stands for no colour; what the file makes invisible still has one.
+    out[3] =
+        static_cast<std::uint8_t>(std::lround(255.0 - 254.0 * std::clamp(transparency, 0.0, 1.0)));
+  }
+  return colors;
+}
+
+// Calls visit(face, colour) for every face: its own colour, else that of the body around it.
+template <typename Visit>
+void ForEachFace(const TopoDS_Shape& shape,
+                 const std::map<const TopoDS_TShape*, Rgba>& colors,
+                 Rgba inherited,
+                 const Visit& visit) {
+  const auto own = colors.find(shape.TShape().get());
+  if (own != colors.end()) inherited = own->second;
+  if (shape.ShapeType() == TopAbs_FACE) return visit(TopoDS::Face(shape), inherited);
+  for (TopoDS_Iterator it(shape); it.More(); it.Next()) {
+    if (it.Value().ShapeType() <= TopAbs_FACE) ForEachFace(it.Value(), colors, inherited, visit);
+  }
+}
+
 absl::StatusOr<TopoDS_Shape> ReadStep(const std::string& path,
                                       CadImport& import,
-                                      std::vector<std::string>& names) {
+                                      Annotations& annotations) {
   STEPControl_Reader reader;
   Interface_Static::SetCVal("xstep.cascade.unit", "MM");
   if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) {
@@ -141,8 +205,9 @@ absl::StatusOr<TopoDS_Shape> ReadStep(const std::string& path,
   const TopoDS_Shape shape = reader.OneShape();
   if (shape.IsNull()) return shape;
   for (TopExp_Explorer it(shape, TopAbs_SOLID); it.More(); it.Next()) {
-    names.push_back(NameOf(reader, it.Current()));
+    annotations.names.push_back(NameOf(reader, it.Current()));
   }
+  annotations.colors = ColorsOf(reader);
   return shape;
 }
 
@@ -271,15 +336,16 @@ void ExtractEdges(const TopoDS_Shape& shape,
   }
 }
 
-TriangleMesh Triangulate(const TopoDS_Shape& shape, double chord_error_mm) {
+TriangleMesh Triangulate(const TopoDS_Shape& shape,
+                         const Annotations& annotations,
+                         double chord_error_mm) {
   constexpr double kAngularDeflection = 0.35;  // 20 degrees: 18 facets of a hole at least
   BRepMesh_IncrementalMesh mesher(shape, chord_error_mm, false, kAngularDeflection, false);
   TriangleMesh soup;
-  for (TopExp_Explorer it(shape, TopAbs_FACE); it.More(); it.Next()) {
-    const TopoDS_Face face = TopoDS::Face(it.Current());
+  ForEachFace(shape, annotations.colors, kNoColor, [&](const TopoDS_Face& face, const Rgba& color) {
     TopLoc_Location location;
     const Handle(Poly_Triangulation) part = BRep_Tool::Triangulation(face, location);
-    if (part.IsNull()) continue;
+    if (part.IsNull()) return;
     const int offset = static_cast<int>(soup.vertices.size());
     for (int i = 1; i <= part->NbNodes(); ++i) {
       soup.vertices.push_back(Metres(part->Node(i).Transformed(location.Transformation())));
@@ -290,13 +356,15 @@ TriangleMesh Triangulate(const TopoDS_Shape& shape, double chord_error_mm) {
       part->Triangle(i).Get(a, b, c);
       if (reversed) std::swap(b, c);
       soup.triangles.push_back(Eigen::Vector3i(a - 1, b - 1, c - 1).array() + offset);
+      soup.colors.push_back(color);
     }
-  }
+  });
   return soup;
 }
 
 absl::Status ImportShape(const std::string& path,
                          const TopoDS_Shape& shape,
+                         const Annotations& annotations,
                          const CadImportOptions& options,
                          CadImport& import) {
   if (shape.IsNull() || !TopExp_Explorer(shape, TopAbs_FACE).More()) {
@@ -319,7 +387,7 @@ absl::Status ImportShape(const std::string& path,
   // Edges are compared with images: finer than the mesh, which only hides and shades.
   ExtractEdges(shape, options, 0.5 * chord_error_mm, import);
   constexpr double kWeldShare = 1e-6;  // triangulated faces share their border points
-  CleanMesh clean = CleanTriangleSoup(Triangulate(shape, chord_error_mm),
+  CleanMesh clean = CleanTriangleSoup(Triangulate(shape, annotations, chord_error_mm),
                                       kWeldShare * kMetresPerMm * diagonal_mm);
   if (clean.mesh.triangles.empty()) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": cannot be triangulated"));
@@ -339,16 +407,16 @@ absl::StatusOr<Result> WithShape(const std::string& path,
   HOROPTER_RETURN_IF_ERROR(CheckComplete(path, iges));
   Message::DefaultMessenger()->RemovePrinters(STANDARD_TYPE(Message_PrinterOStream));
   CadImport import;
-  std::vector<std::string> names;
+  Annotations annotations;
   try {
     HOROPTER_ASSIGN_OR_RETURN(const TopoDS_Shape shape,
-                              iges ? ReadIges(path, import) : ReadStep(path, import, names));
+                              iges ? ReadIges(path, import) : ReadStep(path, import, annotations));
     if (!options.unit.empty() &&
         std::abs(MetresPerUnit(options.unit) - import.metres_per_unit) > 1e-12) {
       return absl::InvalidArgumentError(absl::StrCat(
           "units: ", path, " is in ", import.unit_name, " by its own word, not in ", options.unit));
     }
-    return use(shape, names, std::move(import));
+    return use(shape, annotations, std::move(import));
   } catch (const Standard_Failure& failure) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": cannot be read: ", failure.GetMessageString()));
@@ -362,16 +430,19 @@ absl::StatusOr<Result> WithShape(const std::string& path,
 absl::StatusOr<CadImport> ImportBrep(const std::string& path,
                                      bool iges,
                                      const CadImportOptions& options) {
-  return WithShape<CadImport>(path,
-                              iges,
-                              options,
-                              [&](const TopoDS_Shape& shape,
-                                  const std::vector<std::string>& names,
-                                  CadImport import) -> absl::StatusOr<CadImport> {
-                                if (names.size() == 1) import.name = names[0];
-                                HOROPTER_RETURN_IF_ERROR(ImportShape(path, shape, options, import));
-                                return import;
-                              });
+  return WithShape<CadImport>(
+      path,
+      iges,
+      options,
+      [&](const TopoDS_Shape& shape,
+          const Annotations& annotations,
+          CadImport import) -> absl::StatusOr<CadImport> {
+        if (annotations.names.size() == 1) {
+          import.name = annotations.names[0];
+        }
+        HOROPTER_RETURN_IF_ERROR(ImportShape(path, shape, annotations, options, import));
+        return import;
+      });
 }
 
 absl::StatusOr<std::vector<CadImport>> ImportBrepSolids(const std::string& path,
@@ -383,7 +454,7 @@ absl::StatusOr<std::vector<CadImport>> ImportBrepSolids(const std::string& path,
       iges,
       options,
       [&](const TopoDS_Shape& shape,
-          const std::vector<std::string>& names,
+          const Annotations& annotations,
           const CadImport& base) -> absl::StatusOr<Imports> {
         std::vector<TopoDS_Shape> solids;
         std::vector<int> copies;
@@ -401,12 +472,14 @@ absl::StatusOr<std::vector<CadImport>> ImportBrepSolids(const std::string& path,
             solids.push_back(it.Current());
             copies.push_back(1);
             imports.push_back(base);
-            if (number < static_cast<int>(names.size())) imports.back().name = names[number];
+            if (number < std::ssize(annotations.names)) {
+              imports.back().name = annotations.names[number];
+            }
           }
         }
         if (solids.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": no solids"));
         for (size_t i = 0; i < solids.size(); ++i) {
-          HOROPTER_RETURN_IF_ERROR(ImportShape(path, solids[i], options, imports[i]));
+          HOROPTER_RETURN_IF_ERROR(ImportShape(path, solids[i], annotations, options, imports[i]));
           if (copies[i] > 1) {
             imports[i].warnings.push_back(
                 absl::StrCat("solid ", i + 1, " is there ", copies[i], " times; taken once"));

@@ -11,11 +11,12 @@ namespace horopter {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "blobs are copied as they are in memory");
-static_assert(sizeof(Eigen::Vector3d) == 24 && sizeof(Eigen::Vector3i) == 12);
+static_assert(sizeof(Eigen::Vector3d) == 24 && sizeof(Eigen::Vector3i) == 12 && sizeof(Rgba) == 4);
 
 constexpr std::string_view kPolylineMagic = "HPOL";
 constexpr std::string_view kMeshMagic = "HMSH";
 constexpr uint16_t kVersion = 1;
+constexpr uint16_t kColoredMesh = 2;
 
 template <typename T>
 void Append(std::string& out, T value) {
@@ -28,9 +29,9 @@ void AppendVectors(std::string& out, const std::vector<V>& values) {
   out.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(V));
 }
 
-void AppendHeader(std::string& out, std::string_view magic) {
+void AppendHeader(std::string& out, std::string_view magic, uint16_t version = kVersion) {
   out.append(magic);
-  Append(out, kVersion);
+  Append(out, version);
   Append(out, uint16_t{0});
 }
 
@@ -39,20 +40,28 @@ absl::Status DataLoss(std::string_view magic, std::string_view what) {
       absl::StrCat("stored ", std::string(magic), " blob: ", std::string(what)));
 }
 
-// Takes magic, version and `count` 32-bit sizes off the front of the blob.
-absl::StatusOr<std::vector<uint32_t>> TakeHeader(std::string_view& blob,
-                                                 std::string_view magic,
-                                                 int count) {
+struct Header {
+  uint16_t version = 0;
+  std::vector<uint32_t> sizes;
+};
+
+// Takes magic, version (1..newest) and `count` 32-bit sizes off the front of the blob.
+absl::StatusOr<Header> TakeHeader(std::string_view& blob,
+                                  std::string_view magic,
+                                  int count,
+                                  uint16_t newest = kVersion) {
   const size_t size = 8 + 4 * static_cast<size_t>(count);
   if (blob.size() < size) return DataLoss(magic, "shorter than its header");
   if (blob.substr(0, 4) != magic) return DataLoss(magic, "wrong magic");
-  uint16_t version = 0;
-  std::memcpy(&version, blob.data() + 4, sizeof(version));
-  if (version != kVersion) return DataLoss(magic, "unknown version " + std::to_string(version));
-  std::vector<uint32_t> sizes(count);
-  std::memcpy(sizes.data(), blob.data() + 8, sizes.size() * 4);
+  Header header;
+  std::memcpy(&header.version, blob.data() + 4, sizeof(header.version));
+  if (header.version < 1 || header.version > newest) {
+    return DataLoss(magic, "unknown version " + std::to_string(header.version));
+  }
+  header.sizes.resize(count);
+  std::memcpy(header.sizes.data(), blob.data() + 8, header.sizes.size() * 4);
   blob.remove_prefix(size);
-  return sizes;
+  return header;
 }
 
 // The caller has checked that the blob is long enough.
@@ -77,28 +86,34 @@ std::string EncodePolyline(const std::vector<Eigen::Vector3d>& points) {
 
 std::string EncodeMesh(const TriangleMesh& mesh) {
   std::string out;
-  AppendHeader(out, kMeshMagic);
+  const bool colored = !mesh.colors.empty();
+  AppendHeader(out, kMeshMagic, colored ? kColoredMesh : kVersion);
   Append(out, static_cast<uint32_t>(mesh.vertices.size()));
   Append(out, static_cast<uint32_t>(mesh.triangles.size()));
   AppendVectors(out, mesh.vertices);
   AppendVectors(out, mesh.triangles);
+  AppendVectors(out, mesh.colors);
   return out;
 }
 
 absl::StatusOr<std::vector<Eigen::Vector3d>> DecodePolyline(std::string_view blob) {
-  HOROPTER_ASSIGN_OR_RETURN(const std::vector<uint32_t> sizes, TakeHeader(blob, kPolylineMagic, 1));
-  if (blob.size() != uint64_t{sizes[0]} * 24) return DataLoss(kPolylineMagic, "wrong size");
-  return TakeVectors<Eigen::Vector3d>(blob, sizes[0]);
+  HOROPTER_ASSIGN_OR_RETURN(const Header header, TakeHeader(blob, kPolylineMagic, 1));
+  const uint32_t count = header.sizes[0];
+  if (blob.size() != uint64_t{count} * 24) return DataLoss(kPolylineMagic, "wrong size");
+  return TakeVectors<Eigen::Vector3d>(blob, count);
 }
 
 absl::StatusOr<TriangleMesh> DecodeMesh(std::string_view blob) {
-  HOROPTER_ASSIGN_OR_RETURN(const std::vector<uint32_t> sizes, TakeHeader(blob, kMeshMagic, 2));
-  if (blob.size() != uint64_t{sizes[0]} * 24 + uint64_t{sizes[1]} * 12) {
+  HOROPTER_ASSIGN_OR_RETURN(const Header header, TakeHeader(blob, kMeshMagic, 2, kColoredMesh));
+  const std::vector<uint32_t>& sizes = header.sizes;
+  const bool colored = header.version == kColoredMesh;
+  if (blob.size() != uint64_t{sizes[0]} * 24 + uint64_t{sizes[1]} * (colored ? 16 : 12)) {
     return DataLoss(kMeshMagic, "wrong size");
   }
   TriangleMesh mesh;
   mesh.vertices = TakeVectors<Eigen::Vector3d>(blob, sizes[0]);
   mesh.triangles = TakeVectors<Eigen::Vector3i>(blob, sizes[1]);
+  if (colored) mesh.colors = TakeVectors<Rgba>(blob, sizes[1]);
   return mesh;
 }
 

@@ -3,12 +3,13 @@
 //
 // Polyline                              Mesh
 //   0  4  magic "HPOL"                    0  4  magic "HMSH"
-//   4  2  version, 1                      4  2  version, 1
+//   4  2  version, 1                      4  2  version, 1; with colours 2
 //   6  2  zero                            6  2  zero
 //   8  4  n, number of points             8  4  n, number of vertices
 //  12     n x (x, y, z) as f64, metres   12  4  m, number of triangles
 //                                        16     n x (x, y, z) as f64, metres
 //                                               m x (a, b, c) as i32, vertex indices
+//                                               version 2: m x (red, green, blue, opacity) as u8
 #pragma once
 
 #include <Eigen/Core>

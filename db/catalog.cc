@@ -41,6 +41,25 @@ absl::Status CountGeneration(sqlite3* db) {
   return Execute(db, "UPDATE catalog_state SET generation = generation + 1");
 }
 
+// All rows of a new object. Errors: ALREADY_EXISTS.
+absl::Status InsertObject(sqlite3* db,
+                          const CatalogRecord& record,
+                          const CadSource& source,
+                          const DerivedData& derived) {
+  const std::string& id = record.model.id;
+  HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
+  if (exists) {
+    return absl::AlreadyExistsError(absl::StrCat("object '", id, "' is already in the catalog"));
+  }
+  HOROPTER_RETURN_IF_ERROR(InsertObjectRow(db, record));
+  HOROPTER_RETURN_IF_ERROR(InsertGeometry(db, record.model));
+  HOROPTER_RETURN_IF_ERROR(InsertSymmetries(db, record.model));
+  HOROPTER_RETURN_IF_ERROR(InsertGrasps(db, record.model));
+  HOROPTER_RETURN_IF_ERROR(InsertSource(db, id, source));
+  HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, id, derived));
+  return CountGeneration(db);
+}
+
 absl::Status DeleteRows(sqlite3* db, const char* table, const std::string& id) {
   Statement statement(db, absl::StrCat("DELETE FROM ", table, " WHERE object_id = ?"));
   statement.Bind(std::string_view(id));
@@ -89,19 +108,22 @@ absl::Status Catalog::CreateObject(const CatalogRecord& record, const DerivedDat
   HOROPTER_ASSIGN_OR_RETURN(const CadSource source, WithHash(record.source));
   const std::lock_guard lock(mutex_);
   sqlite3* db = connection_->handle.get();
+  return RunInTransaction(db, [&] { return InsertObject(db, record, source, derived); });
+}
+
+absl::Status Catalog::CreateObjects(const std::vector<NewObject>& objects) {
+  std::vector<CadSource> sources;
+  for (const NewObject& object : objects) {
+    HOROPTER_RETURN_IF_ERROR(ValidateModel(object.record.model));
+    HOROPTER_ASSIGN_OR_RETURN(sources.emplace_back(), WithHash(object.record.source));
+  }
+  const std::lock_guard lock(mutex_);
+  sqlite3* db = connection_->handle.get();
   return RunInTransaction(db, [&]() -> absl::Status {
-    HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, record.model.id));
-    if (exists) {
-      return absl::AlreadyExistsError(
-          absl::StrCat("object '", record.model.id, "' is already in the catalog"));
+    for (size_t i = 0; i < objects.size(); ++i) {
+      HOROPTER_RETURN_IF_ERROR(InsertObject(db, objects[i].record, sources[i], objects[i].derived));
     }
-    HOROPTER_RETURN_IF_ERROR(InsertObjectRow(db, record));
-    HOROPTER_RETURN_IF_ERROR(InsertGeometry(db, record.model));
-    HOROPTER_RETURN_IF_ERROR(InsertSymmetries(db, record.model));
-    HOROPTER_RETURN_IF_ERROR(InsertGrasps(db, record.model));
-    HOROPTER_RETURN_IF_ERROR(InsertSource(db, record.model.id, source));
-    HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, record.model.id, derived));
-    return CountGeneration(db);
+    return absl::OkStatus();
   });
 }
 
@@ -249,6 +271,25 @@ absl::StatusOr<std::vector<LoadedObject>> Catalog::LoadObjects(const std::string
     HOROPTER_RETURN_IF_ERROR(ReadDerived(db, object.model.id, object.derived));
   }
   return objects;
+}
+
+absl::StatusOr<LoadedObject> Catalog::LoadObject(const std::string& id) {
+  const std::lock_guard lock(mutex_);
+  sqlite3* db = connection_->handle.get();
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
+                            ReadSummaries(db, id, /*exactly=*/true, 1));
+  if (found.empty()) return NotFound(id);
+  LoadedObject object;
+  HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, ReadRecord(db, std::move(found.front().record)));
+  object.model = std::move(record.model);
+  HOROPTER_RETURN_IF_ERROR(ReadDerived(db, id, object.derived));
+  return object;
+}
+
+absl::StatusOr<std::vector<StoredKeys>> Catalog::LoadKeys(const std::string& after_id, int limit) {
+  if (limit < 1) return absl::InvalidArgumentError("limit: must be positive");
+  const std::lock_guard lock(mutex_);
+  return ReadKeys(connection_->handle.get(), after_id, limit);
 }
 
 }  // namespace horopter

@@ -55,6 +55,13 @@ class Catalog {
   // ALREADY_EXISTS.
   absl::Status CreateObject(const CatalogRecord& record, const DerivedData& derived = {});
 
+  // The same for many, in one transaction: all of them or none. Errors: as CreateObject.
+  struct NewObject {
+    CatalogRecord record;
+    DerivedData derived;
+  };
+  absl::Status CreateObjects(const std::vector<NewObject>& objects);
+
   // Writes the chosen parts and update_time; create_time stays. With new geometry the derived data
   // are replaced by `derived`, else they stay. Errors: as CreateObject, NOT_FOUND.
   absl::Status UpdateObject(const CatalogRecord& record,
@@ -93,6 +100,13 @@ class Catalog {
   // At most `limit` models with their derived data, id > after_id, ordered by id. Errors:
   // INVALID_ARGUMENT (limit < 1).
   absl::StatusOr<std::vector<LoadedObject>> LoadObjects(const std::string& after_id, int limit);
+
+  // One of them. Errors: NOT_FOUND.
+  absl::StatusOr<LoadedObject> LoadObject(const std::string& id);
+
+  // At most `limit` objects' keys, id > after_id, ordered by id: objects without keys too. Errors:
+  // INVALID_ARGUMENT (limit < 1).
+  absl::StatusOr<std::vector<StoredKeys>> LoadKeys(const std::string& after_id, int limit);
 
   // Writes a copy of the whole catalog, as of one moment, to a new file while other calls go on.
   // The copy is checked, synced and only then given its name; a failure leaves nothing behind.

@@ -55,6 +55,11 @@ absl::Status ValidateMesh(const TriangleMesh& mesh) {
                  absl::StrCat("triangle ", i, " names a vertex outside 0..", count - 1));
     }
   }
+  if (!mesh.colors.empty() && mesh.colors.size() != mesh.triangles.size()) {
+    return Bad(
+        "mesh.triangle_colors_rgba",
+        absl::StrCat(mesh.colors.size(), " colours for ", mesh.triangles.size(), " triangles"));
+  }
   return absl::OkStatus();
 }
 
@@ -122,6 +127,10 @@ absl::Status ValidateGrasps(const std::vector<Grasp>& grasps) {
     }
     HOROPTER_RETURN_IF_ERROR(
         ValidateRigid(grasp.object_from_gripper, field + ".object_from_gripper"));
+    if (grasp.object_from_pregrasp) {
+      HOROPTER_RETURN_IF_ERROR(
+          ValidateRigid(*grasp.object_from_pregrasp, field + ".object_from_pregrasp"));
+    }
     if (!(grasp.jaw_opening_m >= 0.0 && grasp.jaw_opening_m <= kMaxDiameterM)) {
       return Bad(field + ".jaw_opening_m", absl::StrCat(grasp.jaw_opening_m, " m is out of range"));
     }

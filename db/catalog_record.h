@@ -12,7 +12,7 @@ namespace horopter {
 // The file an object was made from.
 struct CadSource {
   std::string file_name;  // without folders
-  std::string format;     // step, iges, stl, ply, obj, cao
+  std::string format;     // step, iges, stl, ply, obj, cao, json
   std::string unit;       // of the file's coordinates, e.g. "mm"
   std::string content;    // the file's bytes; empty when not asked for
   std::string sha256;     // of content, lower-case hex
@@ -39,6 +39,15 @@ struct ObjectSummary {
 struct DerivedData {
   int version = 0;
   std::string data;  // empty: none
+  std::string keys;  // kept apart, so that the keys of all objects can be read without the rest
+};
+
+// The invariant keys of one object as stored; empty keys: none, or none of a version.
+struct StoredKeys {
+  std::string id;
+  int version = 0;
+  int vertex_count = 0;
+  std::string keys;
 };
 
 struct LoadedObject {

@@ -96,7 +96,9 @@ absl::Status InsertSymmetries(sqlite3* db, const ObjectModel& model) {
 
 absl::Status InsertGrasps(sqlite3* db, const ObjectModel& model) {
   Statement insert(
-      db, "INSERT INTO grasp VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+      db,
+      "INSERT INTO grasp VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, "
+      "?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
   for (size_t i = 0; i < model.grasps.size(); ++i) {
     const Grasp& grasp = model.grasps[i];
     insert.Bind(std::string_view(model.id)).Bind(static_cast<int64_t>(i));
@@ -105,6 +107,11 @@ absl::Status InsertGrasps(sqlite3* db, const ObjectModel& model) {
         .Bind(grasp.jaw_opening_m)
         .Bind(grasp.grip_width_m)
         .Bind(grasp.quality);
+    if (grasp.object_from_pregrasp) {
+      BindRigid(insert, *grasp.object_from_pregrasp);
+    } else {
+      for (int k = 0; k < 12; ++k) insert.BindNull();
+    }
     HOROPTER_RETURN_IF_ERROR(insert.Run());
   }
   return absl::OkStatus();
@@ -131,17 +138,38 @@ absl::Status ReplaceDerived(sqlite3* db, const std::string& id, const DerivedDat
   replace.Bind(std::string_view(id))
       .Bind(static_cast<int64_t>(derived.version))
       .BindBlob(derived.data);
-  return replace.Run();
+  HOROPTER_RETURN_IF_ERROR(replace.Run());
+  Statement keys(db, "INSERT OR REPLACE INTO derived_keys VALUES (?, ?)");
+  keys.Bind(std::string_view(id)).BindBlob(derived.keys);
+  return keys.Run();
 }
 
 absl::Status ReadDerived(sqlite3* db, const std::string& id, DerivedData& derived) {
-  Statement select(db, "SELECT version, data FROM derived WHERE object_id = ?");
+  Statement select(db,
+                   "SELECT version, derived.data, derived_keys.data FROM derived LEFT JOIN "
+                   "derived_keys USING (object_id) WHERE object_id = ?");
   select.Bind(std::string_view(id));
   return ForEachRow(select, [&](const Statement& row) {
     derived.version = static_cast<int>(row.Int(0));
     derived.data = row.Text(1);
+    derived.keys = row.Text(2);
     return absl::OkStatus();
   });
+}
+
+absl::StatusOr<std::vector<StoredKeys>> ReadKeys(sqlite3* db, const std::string& after, int limit) {
+  Statement select(db,
+                   "SELECT object.object_id, version, vertex_count, derived_keys.data FROM object "
+                   "LEFT JOIN derived USING (object_id) LEFT JOIN derived_keys USING (object_id) "
+                   "WHERE object.object_id > ? ORDER BY object.object_id LIMIT ?");
+  select.Bind(std::string_view(after)).Bind(static_cast<int64_t>(limit));
+  std::vector<StoredKeys> found;
+  HOROPTER_RETURN_IF_ERROR(ForEachRow(select, [&](const Statement& row) {
+    found.push_back(
+        {row.Text(0), static_cast<int>(row.Int(1)), static_cast<int>(row.Int(2)), row.Text(3)});
+    return absl::OkStatus();
+  }));
+  return found;
 }
 
 absl::Status ReadGeometry(sqlite3* db, ObjectModel& model) {
@@ -193,7 +221,8 @@ absl::Status ReadGrasps(sqlite3* db, ObjectModel& model) {
   Statement select(
       db,
       "SELECT r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz, name, jaw_opening_m, "
-      "grip_width_m, quality FROM grasp WHERE object_id = ? ORDER BY idx");
+      "grip_width_m, quality, pre_r11, pre_r12, pre_r13, pre_r21, pre_r22, pre_r23, pre_r31, "
+      "pre_r32, pre_r33, pre_tx, pre_ty, pre_tz FROM grasp WHERE object_id = ? ORDER BY idx");
   select.Bind(std::string_view(model.id));
   return ForEachRow(select, [&](const Statement& row) {
     Grasp grasp;
@@ -202,6 +231,7 @@ absl::Status ReadGrasps(sqlite3* db, ObjectModel& model) {
     grasp.jaw_opening_m = row.Double(13);
     grasp.grip_width_m = row.Double(14);
     grasp.quality = row.Double(15);
+    if (!row.IsNull(16)) grasp.object_from_pregrasp = ReadRigid(row, 16);
     model.grasps.push_back(std::move(grasp));
     return absl::OkStatus();
   });

@@ -26,6 +26,8 @@ absl::Status ReadGeometry(sqlite3* db, ObjectModel& model);
 absl::Status ReadSymmetries(sqlite3* db, ObjectModel& model);
 absl::Status ReadGrasps(sqlite3* db, ObjectModel& model);
 absl::Status ReadDerived(sqlite3* db, const std::string& id, DerivedData& derived);
+// Keys of the objects with id > after, at most limit, ordered by id.
+absl::StatusOr<std::vector<StoredKeys>> ReadKeys(sqlite3* db, const std::string& after, int limit);
 // Without content.
 absl::Status ReadSource(sqlite3* db, const std::string& id, CadSource& source);
 

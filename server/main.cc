@@ -39,6 +39,10 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_option("--queue", flags.server.queue, "Scenes that may wait before new ones are refused")
       ->check(CLI::Range(0, 10000))
       ->capture_default_str();
+  app.add_option("--max-resident",
+                 flags.server.max_resident,
+                 "Objects held in memory; of a larger catalog only the keys are")
+      ->capture_default_str();
   app.add_option("--max-message-mb", flags.server.max_message_mb, "Largest request or answer, MiB")
       ->check(CLI::Range(1, 2047))
       ->capture_default_str();

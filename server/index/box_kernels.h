@@ -3,12 +3,25 @@
 // and their dimensions are added in order, so every width gives the same bits.
 #pragma once
 
+#include <bit>
+#include <cstdint>
+
 #include "server/index/node.h"
 
 namespace horopter::index_internal {
 
-// excess[i] <= 0 exactly when entry i meets the box [low, high].
-void BoxExcess(const Node& node, const double* low, const double* high, double* excess);
+// Bit i: entry first + i meets the box [low, high]; of the 64 entries from `first` (a multiple of
+// 64) on.
+uint64_t MeetingEntries(const Node& node, int first, const double* low, const double* high);
+
+// Calls visit(i) for every entry that meets the box, in order.
+template <typename Visit>
+void ForEachMeeting(const Node& node, const double* low, const double* high, Visit visit) {
+  for (int first = 0; first < node.count; first += 64) {
+    uint64_t meeting = MeetingEntries(node, first, low, high);
+    for (; meeting != 0; meeting &= meeting - 1) visit(first + std::countr_zero(meeting));
+  }
+}
 
 // Squared distances of the entries to a point. Stops early, leaving the sums so far, once all of
 // them exceed `bound`; returns whether it did not.

@@ -93,7 +93,7 @@ void XTree::Condense(std::vector<PathStep>& path) {
     if (node.blocks > 1 && node.count <= (node.blocks - 1) * base) {
       std::shared_ptr<Node> smaller = NewNode(node.level, (node.count + base - 1) / base);
       for (int k = 0; k < node.count; ++k) smaller->Append(node.Get(k));
-      node = std::move(*smaller);
+      node.TakeFrom(*smaller);
     }
     parent.TightenChild(path[i].child);
   }

@@ -7,8 +7,9 @@
 
 namespace horopter {
 
-using index_internal::BoxExcess;
+using index_internal::ForEachMeeting;
 using index_internal::Node;
+using index_internal::Scratch;
 using index_internal::Walk;
 
 namespace {
@@ -106,21 +107,18 @@ absl::StatusOr<std::vector<EllipsoidMatch>> XTreeSnapshot::Inside(const Ellipsoi
       *root_,
       options_.scan_share,
       stats != nullptr ? *stats : unused,
-      [&](const Node& node, double* values) {
-        BoxExcess(node, low, high, values);
-        for (int i = 0; i < node.count; ++i) {
-          if (values[i] <= 0.0 && misses(node, i)) values[i] = 1.0;
-        }
+      [&](const Node& node, Scratch&, auto visit) {
+        ForEachMeeting(node, low, high, [&](int i) {
+          if (!misses(node, i)) visit(i);
+        });
       },
-      [&](const Node& node, double* values) {
+      [&](const Node& node, Scratch&) {
         // The bounding box of the ellipsoid thins the entries of points; a box is judged by its
         // centre, which lies in it.
-        BoxExcess(node, low, high, values);
-        for (int i = 0; i < node.count; ++i) {
-          if (values[i] > 0.0) continue;
+        ForEachMeeting(node, low, high, [&](int i) {
           const double squared = squared_mahalanobis(node, i);
           if (squared <= gate) found.push_back({node.ids[i], squared});
-        }
+        });
       });
   return found;
 }

@@ -97,10 +97,8 @@ int ChooseSubtree(const Node& node, const index_internal::Entry& entry) {
 
 void Enlarge(Node& node, int i, const index_internal::Entry& entry) {
   for (int d = 0; d < node.dimensions; ++d) {
-    double& low = node.low[static_cast<size_t>(d) * node.stride + i];
-    double& high = node.high[static_cast<size_t>(d) * node.stride + i];
-    low = std::min(low, entry.low[d]);
-    high = std::max(high, entry.high[d]);
+    node.Low(d)[i] = std::min(node.Low(d)[i], entry.low[d]);
+    node.High(d)[i] = std::max(node.High(d)[i], entry.high[d]);
   }
 }
 
@@ -212,7 +210,7 @@ bool XTree::SplitNode(std::vector<PathStep>& path) {
   for (const int i : split.second) sibling->Append(node.Get(i));
   std::shared_ptr<Node> kept = NewNode(node.level, blocks_for(split.first));
   for (const int i : split.first) kept->Append(node.Get(i));
-  node = std::move(*kept);
+  node.TakeFrom(*kept);
 
   const uint64_t split_bit = uint64_t{1} << split.dimension;
   const auto entry_for = [&](std::shared_ptr<Node> child, uint64_t history) {

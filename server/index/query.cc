@@ -6,8 +6,9 @@
 
 namespace horopter {
 
-using index_internal::BoxExcess;
+using index_internal::ForEachMeeting;
 using index_internal::Node;
+using index_internal::Scratch;
 using index_internal::SquaredDistances;
 using index_internal::Walk;
 
@@ -18,19 +19,16 @@ std::vector<int64_t> XTreeSnapshot::Box(std::span<const double> low,
   std::vector<int64_t> ids;
   if (root_ == nullptr) return ids;
   QueryStats unused;
-  const auto excess = [&](const Node& node, double* values) {
-    BoxExcess(node, low.data(), high.data(), values);
-  };
-  Walk(*root_,
-       options_.scan_share,
-       stats != nullptr ? *stats : unused,
-       excess,
-       [&](const Node& node, double* values) {
-         excess(node, values);
-         for (int i = 0; i < node.count; ++i) {
-           if (values[i] <= 0.0) ids.push_back(node.ids[i]);
-         }
-       });
+  Walk(
+      *root_,
+      options_.scan_share,
+      stats != nullptr ? *stats : unused,
+      [&](const Node& node, Scratch&, auto visit) {
+        ForEachMeeting(node, low.data(), high.data(), visit);
+      },
+      [&](const Node& node, Scratch&) {
+        ForEachMeeting(node, low.data(), high.data(), [&](int i) { ids.push_back(node.ids[i]); });
+      });
   return ids;
 }
 
@@ -46,11 +44,15 @@ std::vector<Neighbor> XTreeSnapshot::Radius(std::span<const double> center,
       *root_,
       options_.scan_share,
       stats != nullptr ? *stats : unused,
-      [&](const Node& node, double* values) {
+      [&](const Node& node, Scratch& scratch, auto visit) {
+        double* values = scratch.For(node);
         SquaredDistances(node, center.data(), bound, values);
-        for (int i = 0; i < node.count; ++i) values[i] -= bound;
+        for (int i = 0; i < node.count; ++i) {
+          if (values[i] <= bound) visit(i);
+        }
       },
-      [&](const Node& node, double* values) {
+      [&](const Node& node, Scratch& scratch) {
+        double* values = scratch.For(node);
         if (!SquaredDistances(node, center.data(), bound, values)) return;
         for (int i = 0; i < node.count; ++i) {
           if (values[i] <= bound) found.push_back({node.ids[i], std::sqrt(values[i])});

@@ -118,7 +118,7 @@ Split TopologicalSplit(const Node& node, int min_count) {
   for (int d = 0; d < node.dimensions; ++d) {
     double margin = 0.0;
     for (const bool by_high : {false, true}) {
-      if (by_high && node.high.empty()) {
+      if (by_high && !node.has_high) {
         margin *= 2.0;  // points: both orders are the same
         break;
       }
@@ -135,7 +135,7 @@ Split TopologicalSplit(const Node& node, int min_count) {
   Split best;
   Distribution least;
   for (const bool by_high : {false, true}) {
-    if (by_high && node.high.empty()) break;
+    if (by_high && !node.has_high) break;
     const Ordering ordering = OrderAlong(node, axis, by_high);
     size_t best_left = 0;
     for (size_t left = smallest; left + smallest <= n; ++left) {

@@ -54,10 +54,15 @@ absl::Status Check(const Node& node, const XTreeOptions& options, bool root, int
 void Visit(
     const Node& node,
     const std::function<void(int64_t, std::span<const double>, std::span<const double>)>& visit) {
+  double low[kMaxDimensions], high[kMaxDimensions];
+  const size_t dimensions = node.dimensions;
   for (int i = 0; i < node.count; ++i) {
     if (node.leaf()) {
-      const index_internal::Entry entry = node.Get(i);
-      visit(entry.id, entry.low, entry.high);
+      for (int d = 0; d < node.dimensions; ++d) {
+        low[d] = node.Low(d)[i];
+        high[d] = node.High(d)[i];
+      }
+      visit(node.ids[i], {low, dimensions}, {high, dimensions});
     } else {
       Visit(*node.children[i], visit);
     }

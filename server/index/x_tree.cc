@@ -61,7 +61,7 @@ absl::Status XTree::CheckBox(std::span<const double> low, std::span<const double
 
 std::shared_ptr<Node> XTree::NewNode(int level, int blocks) const {
   const int base = level == 0 ? options().leaf_capacity : options().directory_capacity;
-  auto node = std::make_shared<Node>(level, options().dimensions, base * blocks, options().boxes);
+  auto node = Node::Make(level, options().dimensions, base * blocks, options().boxes);
   node->blocks = blocks;
   node->epoch = epoch_;
   return node;
@@ -69,7 +69,7 @@ std::shared_ptr<Node> XTree::NewNode(int level, int blocks) const {
 
 Node* XTree::Own(std::shared_ptr<Node>& link) {
   if (link->epoch != epoch_) {
-    link = std::make_shared<Node>(*link);
+    link = Node::Copy(*link);
     link->epoch = epoch_;
   }
   return link.get();

@@ -35,10 +35,10 @@ struct XTreeOptions {
   int dimensions = 0;  // 1..kMaxDimensions
   bool boxes = false;  // entries are boxes; false: points, at half the memory
   IndexMode mode = IndexMode::kXTree;
-  // Entries of a leaf and of a directory node, >= 4. Larger: fewer nodes to jump between, more
-  // entries tested by each query.
-  int leaf_capacity = 24;
-  int directory_capacity = 24;
+  // Entries of a leaf and of a directory node, >= 4; 31 and the one too many fill whole cache
+  // lines. Larger: fewer nodes to jump between, more entries tested by each query.
+  int leaf_capacity = 31;
+  int directory_capacity = 31;
   double min_fill = 0.35;     // share of the capacity a split leaves on each side (paper: 35 %)
   double max_overlap = 0.20;  // of a topological directory split before the history is asked
   // A query that meets more than this share of the first directory nodes' children stops testing

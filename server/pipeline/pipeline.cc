@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <map>
+#include <numeric>
 #include <string_view>
 #include <utility>
 
@@ -97,31 +98,54 @@ absl::Status ValidateRequest(const SceneRequest& request) {
   return absl::OkStatus();
 }
 
+const std::string& IdAt(const CatalogSnapshot& catalog, int index) {
+  return catalog.stored.empty() ? catalog.objects[index]->model.id : catalog.stored[index]->id();
+}
+
+// Index of the object, or -1.
+int FindObject(const CatalogSnapshot& catalog, const std::string& id) {
+  int low = 0, high = ObjectCount(catalog);
+  while (low < high) {
+    const int middle = low + (high - low) / 2;
+    if (IdAt(catalog, middle) < id) {
+      low = middle + 1;
+    } else {
+      high = middle;
+    }
+  }
+  return low < ObjectCount(catalog) && IdAt(catalog, low) == id ? low : -1;
+}
+
 absl::StatusOr<std::vector<std::shared_ptr<const PreparedObject>>> SelectObjects(
-    const SceneRequest& request, const CatalogSnapshot& catalog) {
-  auto find = [&](const std::string& id) {
-    return std::find_if(catalog.objects.begin(), catalog.objects.end(), [&](const auto& o) {
-      return o->model.id == id;
-    });
-  };
-  if (request.reference && find(request.reference->object_id) == catalog.objects.end()) {
+    const SceneRequest& request, const CatalogSnapshot& catalog, int most) {
+  if (request.reference && FindObject(catalog, request.reference->object_id) < 0) {
     return absl::NotFoundError(
         absl::StrCat("reference: object ", request.reference->object_id, " is not enrolled"));
   }
-  if (request.candidates.empty()) return catalog.objects;
+  std::vector<int> selected;
+  if (request.candidates.empty()) {
+    selected.resize(ObjectCount(catalog));
+    std::iota(selected.begin(), selected.end(), 0);
+  }
   std::vector<std::string> wanted = request.candidates;
-  if (request.reference) wanted.push_back(request.reference->object_id);
+  if (!wanted.empty() && request.reference) wanted.push_back(request.reference->object_id);
   std::sort(wanted.begin(), wanted.end());
   wanted.erase(std::unique(wanted.begin(), wanted.end()), wanted.end());
-  std::vector<std::shared_ptr<const PreparedObject>> selected;
   for (const std::string& id : wanted) {
-    const auto it = find(id);
-    if (it == catalog.objects.end()) {
+    selected.push_back(FindObject(catalog, id));
+    if (selected.back() < 0) {
       return absl::NotFoundError(absl::StrCat("candidates: object ", id, " is not enrolled"));
     }
-    selected.push_back(*it);
   }
-  return selected;
+  if (static_cast<int>(selected.size()) > most) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "candidates: ", selected.size(), " objects, at most ", most, " are searched for at once"));
+  }
+  std::vector<std::shared_ptr<const PreparedObject>> objects;
+  for (const int index : selected) {
+    HOROPTER_ASSIGN_OR_RETURN(objects.emplace_back(), ObjectAt(catalog, index));
+  }
+  return objects;
 }
 
 absl::StatusOr<std::vector<ImageFeatures>> DetectAll(const SceneRequest& request,
@@ -231,6 +255,16 @@ void FillAnswer(const MetricScene& metric,
 
 }  // namespace
 
+int ObjectCount(const CatalogSnapshot& catalog) {
+  return static_cast<int>(std::max(catalog.objects.size(), catalog.stored.size()));
+}
+
+absl::StatusOr<std::shared_ptr<const PreparedObject>> ObjectAt(const CatalogSnapshot& catalog,
+                                                               int index) {
+  if (catalog.stored.empty()) return catalog.objects[index];
+  return catalog.stored[index]->Get();
+}
+
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(ObjectModel model) {
   return PrepareObject(std::move(model));
 }
@@ -244,9 +278,10 @@ ObjectPreparer CatalogPreparer() {
   preparer.version = kPreparedVersion;
   preparer.prepare = PrepareCatalogObject;
   preparer.encode = [](const PreparedObject& object) { return EncodePrepared(object); };
-  preparer.restore = [](ObjectModel model, std::string_view data) {
-    return RestorePrepared(std::move(model), data);
+  preparer.restore = [](ObjectModel model, const PreparedBytes& bytes) {
+    return RestorePrepared(std::move(model), bytes);
   };
+  preparer.decode_keys = DecodePreparedKeys;
   preparer.model_of = ModelOf;
   preparer.keys_of = [](const PreparedObject& object) -> const ObjectKeys& { return object.keys; };
   return preparer;
@@ -257,7 +292,8 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                               const PipelineOptions& options,
                                               const StopRequested& stop) {
   HOROPTER_RETURN_IF_ERROR(ValidateRequest(request));
-  HOROPTER_ASSIGN_OR_RETURN(const auto objects, SelectObjects(request, catalog));
+  HOROPTER_ASSIGN_OR_RETURN(const auto objects,
+                            SelectObjects(request, catalog, options.max_searched_objects));
   PipelineResult result;
   SceneAnswer& answer = result.answer;
   SceneTrace& trace = result.trace;

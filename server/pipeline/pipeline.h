@@ -10,8 +10,10 @@
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
 #include "server/pipeline/scene.h"
+#include "server/pipeline/stored_object.h"
 #include "server/vision/geometry/object_model.h"
 #include "server/vision/recognition/key_index.h"
+#include "server/vision/recognition/prepared_bytes.h"
 
 namespace horopter {
 
@@ -20,11 +22,19 @@ namespace horopter {
 // never blocked.
 struct CatalogSnapshot {
   long generation = 0;
-  std::vector<std::shared_ptr<const PreparedObject>> objects;  // ordered by id
-  // Invariant keys of the objects; objects[i] has slot slots[i] in it.
+  // Ordered by id. One of the two lists is empty: objects are in memory, or, when there are too
+  // many for that, read when they are asked for.
+  std::vector<std::shared_ptr<const PreparedObject>> objects;
+  std::vector<std::shared_ptr<const StoredObject>> stored;
+  // Invariant keys of the objects; object i has slot slots[i] in it.
   KeyIndexSnapshot keys;
   std::vector<int> slots;
 };
+
+// Number of objects, and one of them. Errors: those of StoredObject::Get.
+int ObjectCount(const CatalogSnapshot& catalog);
+absl::StatusOr<std::shared_ptr<const PreparedObject>> ObjectAt(const CatalogSnapshot& catalog,
+                                                               int index);
 
 // Prepares one object (about 50-100 ms). Errors: INVALID_ARGUMENT when the model has no usable
 // edges.
@@ -35,13 +45,15 @@ const ObjectModel& ModelOf(const PreparedObject& object);
 
 // How the catalog makes prepared objects, keeps what was costly about them, and gets them back.
 // `restore` gives exactly what `prepare` would; its errors: FAILED_PRECONDITION (the data are of
-// another version or geometry), DATA_LOSS (damaged), those of `prepare`.
+// another version or geometry), DATA_LOSS (damaged), those of `prepare`. `decode_keys` gives the
+// keys alone, with the same errors but for another geometry, which it cannot notice.
 struct ObjectPreparer {
   using Prepared = std::shared_ptr<const PreparedObject>;
   int version = 0;  // of the data that `encode` makes
   std::function<absl::StatusOr<Prepared>(ObjectModel)> prepare;
-  std::function<std::string(const PreparedObject&)> encode;
-  std::function<absl::StatusOr<Prepared>(ObjectModel, std::string_view)> restore;
+  std::function<PreparedBytes(const PreparedObject&)> encode;
+  std::function<absl::StatusOr<Prepared>(ObjectModel, const PreparedBytes&)> restore;
+  std::function<absl::StatusOr<ObjectKeys>(std::string_view keys, int vertex_count)> decode_keys;
   std::function<const ObjectModel&(const PreparedObject&)> model_of;
   std::function<const ObjectKeys&(const PreparedObject&)> keys_of;
 };
@@ -57,6 +69,9 @@ struct PipelineOptions {
   // the answer does not change. About as dear as one round of matching.
   bool second_pass = false;
   int threads = 2;  // per request
+  // Objects that are searched for at once; a request over a larger catalog has to name candidates.
+  // Raising it costs 0.2 MB and a search each.
+  int max_searched_objects = 5000;
 };
 
 struct PipelineResult {
@@ -65,9 +80,9 @@ struct PipelineResult {
 };
 
 // Recognises the catalog's objects in a set of images of one static scene.
-// Errors: INVALID_ARGUMENT (no image, wrong type or size, hint count), NOT_FOUND (candidate or
-// reference id unknown), CANCELLED (stop was requested). Everything the images cannot decide is a
-// SceneState, not an error.
+// Errors: INVALID_ARGUMENT (no image, wrong type or size, hint count, more objects than are
+// searched for at once), NOT_FOUND (candidate or reference id unknown), CANCELLED (stop was
+// requested). Everything the images cannot decide is a SceneState, not an error.
 absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                               const CatalogSnapshot& catalog,
                                               const PipelineOptions& options,

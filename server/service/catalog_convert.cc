@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "absl/strings/str_cat.h"
 #include "horopter/v1/catalog.pb.h"
@@ -101,6 +102,15 @@ absl::StatusOr<TriangleMesh> MeshFromProto(const v1::TriangleMesh& proto) {
   for (int i = 0; i < proto.triangles_size(); i += 3) {
     mesh.triangles.emplace_back(proto.triangles(i), proto.triangles(i + 1), proto.triangles(i + 2));
   }
+  const std::string& colors = proto.triangle_colors_rgba();
+  if (!colors.empty() && colors.size() != 4 * mesh.triangles.size()) {
+    return InvalidField(
+        "mesh.triangle_colors_rgba",
+        absl::StrCat(
+            colors.size(), " bytes for ", mesh.triangles.size(), " triangles, need 4 each"));
+  }
+  mesh.colors.resize(colors.size() / 4);
+  if (!colors.empty()) std::memcpy(mesh.colors.data(), colors.data(), colors.size());
   return mesh;
 }
 
@@ -128,6 +138,12 @@ absl::StatusOr<std::vector<Grasp>> GraspsFromProto(const v1::Object& proto) {
     grasp.jaw_opening_m = in.jaw_opening_m();
     grasp.grip_width_m = in.grip_width_m();
     if (in.has_quality()) grasp.quality = in.quality();
+    if (in.has_object_from_pregrasp()) {
+      HOROPTER_ASSIGN_OR_RETURN(
+          grasp.object_from_pregrasp,
+          RigidFromProto(in.object_from_pregrasp(),
+                         absl::StrCat("grasps[", i, "].object_from_pregrasp")));
+    }
     grasps.push_back(std::move(grasp));
   }
   return grasps;
@@ -179,6 +195,9 @@ void CommonToProto(const CatalogRecord& record, v1::Object* proto) {
     out->set_jaw_opening_m(grasp.jaw_opening_m);
     out->set_grip_width_m(grasp.grip_width_m);
     out->set_quality(grasp.quality);
+    if (grasp.object_from_pregrasp) {
+      RigidToProto(*grasp.object_from_pregrasp, out->mutable_object_from_pregrasp());
+    }
   }
   const CadSource& source = record.source;
   if (source.file_name.empty() && source.format.empty() && source.size_bytes == 0) return;

@@ -20,6 +20,8 @@ namespace horopter {
 namespace {
 
 constexpr int kPageSize = 500;
+// Objects that a look-alike is looked for among when the catalog is not in memory.
+constexpr int kMostCompared = 500;
 constexpr size_t kChunkBytes = size_t{1} << 20;
 
 v1::LookAlike::Kind ToProto(LookAlikeKind kind) {
@@ -135,11 +137,13 @@ grpc::ServerUnaryReactor* CatalogService::ListLookAlikes(grpc::CallbackServerCon
         HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request->name(), "name"));
         HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord named, store_.catalog().GetObject(id));
         const auto published = store_.Published();
-        for (size_t i = 0; i < published->ids.size(); ++i) {
+        HOROPTER_ASSIGN_OR_RETURN(const std::vector<int> candidates,
+                                  store_.LookAlikeCandidates(*published, id, kMostCompared));
+        for (const int i : candidates) {
           if (IsStopRequested(info.stop)) return absl::CancelledError("stopped");
-          if (published->ids[i] == id) continue;
           response->set_compared(response->compared() + 1);
-          const ObjectModel& other = store_.ModelOf(*published->snapshot.objects[i]);
+          HOROPTER_ASSIGN_OR_RETURN(const auto object, ObjectAt(published->snapshot, i));
+          const ObjectModel& other = store_.ModelOf(*object);
           const auto found = FindLookAlike(named.model, other);
           if (!found) continue;
           v1::LookAlike* look_alike = response->add_look_alikes();

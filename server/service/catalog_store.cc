@@ -3,6 +3,8 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <iterator>
+#include <numeric>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -21,14 +23,16 @@ constexpr int kLoadPage = 256;
 
 struct Loaded {
   absl::StatusOr<Prepared> object = absl::UnknownError("not loaded");
-  std::string new_data;  // to be stored; empty: the stored ones are right
+  bool made = false;  // to be stored; false: the stored data are right
 };
 
 Loaded LoadOne(Catalog& catalog, LoadedObject stored, const ObjectPreparer& preparer) {
   Loaded result;
   const std::string id = stored.model.id;
   if (stored.derived.version == preparer.version && !stored.derived.data.empty()) {
-    result.object = preparer.restore(std::move(stored.model), stored.derived.data);
+    result.object = preparer.restore(
+        std::move(stored.model),
+        PreparedBytes{std::move(stored.derived.data), std::move(stored.derived.keys)});
     if (result.object.ok()) return result;
     // Damaged data, which is rare: the model, which was given away, is read once more.
     absl::StatusOr<CatalogRecord> record = catalog.GetObject(id);
@@ -39,19 +43,12 @@ Loaded LoadOne(Catalog& catalog, LoadedObject stored, const ObjectPreparer& prep
     stored.model = std::move(record->model);
   }
   result.object = preparer.prepare(std::move(stored.model));
-  if (result.object.ok()) result.new_data = preparer.encode(**result.object);
+  result.made = result.object.ok();
   return result;
 }
 
-std::vector<Loaded> LoadPage(Catalog& catalog,
-                             std::vector<LoadedObject> page,
-                             const ObjectPreparer& preparer,
-                             int threads) {
-  std::vector<Loaded> loaded(page.size());
-  ParallelFor(static_cast<int>(page.size()), threads, [&](int i) {
-    loaded[i] = LoadOne(catalog, std::move(page[i]), preparer);
-  });
-  return loaded;
+std::string FailureOf(const std::string& id, const absl::Status& status) {
+  return absl::StrCat("object ", id, ": ", std::string(status.message()));
 }
 
 }  // namespace
@@ -60,48 +57,124 @@ bool PublishedCatalog::Contains(const std::string& id) const {
   return std::binary_search(ids.begin(), ids.end(), id);
 }
 
-CatalogStore::CatalogStore(std::unique_ptr<Catalog> catalog, ObjectPreparer preparer)
-    : catalog_(std::move(catalog)), preparer_(std::move(preparer)) {}
+CatalogStore::CatalogStore(std::unique_ptr<Catalog> catalog,
+                           ObjectPreparer preparer,
+                           const StoreOptions& options)
+    : catalog_(std::move(catalog)), preparer_(std::move(preparer)), options_(options) {}
 
 absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr<Catalog> catalog,
                                                                  ObjectPreparer preparer,
-                                                                 int threads) {
-  std::unique_ptr<CatalogStore> store(new CatalogStore(std::move(catalog), std::move(preparer)));
-  LoadReport& report = store->load_report_;
+                                                                 const StoreOptions& options) {
+  std::unique_ptr<CatalogStore> store(
+      new CatalogStore(std::move(catalog), std::move(preparer), options));
   auto published = std::make_shared<PublishedCatalog>();
   published->snapshot.generation = 1;
+  HOROPTER_ASSIGN_OR_RETURN(const int objects, store->catalog_->CountObjects());
+  store->load_report_.resident = objects <= options.max_resident;
+  std::vector<ObjectKeys> stored_keys;
+  HOROPTER_RETURN_IF_ERROR(store->load_report_.resident
+                               ? store->LoadResident(published.get())
+                               : store->LoadStored(published.get(), &stored_keys));
+  HOROPTER_RETURN_IF_ERROR(store->BuildIndex(published.get(), stored_keys));
+  store->published_ = std::move(published);
+  return store;
+}
+
+absl::Status CatalogStore::LoadResident(PublishedCatalog* published) {
   std::string after;
   while (true) {
     HOROPTER_ASSIGN_OR_RETURN(std::vector<LoadedObject> page,
-                              store->catalog_->LoadObjects(after, kLoadPage));
-    if (page.empty()) break;
+                              catalog_->LoadObjects(after, kLoadPage));
+    if (page.empty()) return absl::OkStatus();
     std::vector<std::string> ids;
     for (const LoadedObject& object : page) ids.push_back(object.model.id);
-    std::vector<Loaded> loaded =
-        LoadPage(*store->catalog_, std::move(page), store->preparer_, threads);
+    std::vector<Loaded> loaded(page.size());
+    ParallelFor(static_cast<int>(page.size()), options_.threads, [&](int i) {
+      loaded[i] = LoadOne(*catalog_, std::move(page[i]), preparer_);
+    });
     std::vector<std::pair<std::string, DerivedData>> made;
     for (size_t i = 0; i < ids.size(); ++i) {
       if (!loaded[i].object.ok()) {
-        report.failures.push_back(absl::StrCat(
-            "object ", ids[i], ": ", std::string(loaded[i].object.status().message())));
+        load_report_.failures.push_back(FailureOf(ids[i], loaded[i].object.status()));
         continue;
       }
-      if (loaded[i].new_data.empty()) {
-        ++report.restored;
-      } else {
-        ++report.prepared;
-        made.push_back({ids[i], {store->preparer_.version, std::move(loaded[i].new_data)}});
-      }
+      ++(loaded[i].made ? load_report_.prepared : load_report_.restored);
+      if (loaded[i].made) made.push_back({ids[i], Derive(**loaded[i].object)});
       published->ids.push_back(ids[i]);
       published->snapshot.objects.push_back(*std::move(loaded[i].object));
     }
     // A full disk is no reason not to serve.
-    if (!made.empty()) report.stored.Update(store->catalog_->StoreDerived(made));
+    if (!made.empty()) load_report_.stored.Update(catalog_->StoreDerived(made));
     after = ids.back();
   }
-  HOROPTER_RETURN_IF_ERROR(store->BuildIndex(published.get()));
-  store->published_ = std::move(published);
-  return store;
+}
+
+absl::Status CatalogStore::LoadStored(PublishedCatalog* published, std::vector<ObjectKeys>* keys) {
+  std::string after;
+  while (true) {
+    HOROPTER_ASSIGN_OR_RETURN(const std::vector<StoredKeys> page,
+                              catalog_->LoadKeys(after, 16 * kLoadPage));
+    if (page.empty()) return absl::OkStatus();
+    for (const StoredKeys& stored : page) {
+      absl::StatusOr<ObjectKeys> known = absl::NotFoundError("none");
+      if (stored.version == preparer_.version) {
+        known = preparer_.decode_keys(stored.keys, stored.vertex_count);
+      }
+      if (known.ok()) {
+        ++load_report_.restored;
+      } else {
+        absl::StatusOr<LoadedObject> object = catalog_->LoadObject(stored.id);
+        const Loaded loaded = object.ok() ? LoadOne(*catalog_, *std::move(object), preparer_)
+                                          : Loaded{object.status(), false};
+        if (!loaded.object.ok()) {
+          load_report_.failures.push_back(FailureOf(stored.id, loaded.object.status()));
+          continue;
+        }
+        ++load_report_.prepared;
+        load_report_.stored.Update(catalog_->StoreDerived({{stored.id, Derive(**loaded.object)}}));
+        known = preparer_.keys_of(**loaded.object);
+      }
+      published->ids.push_back(stored.id);
+      published->snapshot.stored.push_back(Handle(stored.id));
+      keys->push_back(*std::move(known));
+    }
+    after = page.back().id;
+  }
+}
+
+std::shared_ptr<const StoredObject> CatalogStore::Handle(const std::string& id) {
+  return std::make_shared<const StoredObject>(
+      id, [this](const std::string& wanted) { return LoadForHandle(wanted); });
+}
+
+absl::StatusOr<Prepared> CatalogStore::LoadForHandle(const std::string& id) {
+  HOROPTER_ASSIGN_OR_RETURN(LoadedObject object, catalog_->LoadObject(id));
+  // What had to be prepared anew is not stored here: a writer may be at work on the object.
+  absl::StatusOr<Prepared> prepared = LoadOne(*catalog_, std::move(object), preparer_).object;
+  if (!prepared.ok()) return prepared;
+  const std::lock_guard lock(recent_mutex_);
+  if (recent_.size() < static_cast<size_t>(options_.max_resident)) {
+    recent_.push_back(*prepared);
+  } else if (!recent_.empty()) {
+    recent_[next_recent_] = *prepared;
+    next_recent_ = (next_recent_ + 1) % recent_.size();
+  }
+  return prepared;
+}
+
+void CatalogStore::KeepPublished(const std::string& id) {
+  const auto published = Published();
+  const auto& ids = published->ids;
+  const auto at = std::lower_bound(ids.begin(), ids.end(), id) - ids.begin();
+  if (published->snapshot.stored.empty() || at == std::ssize(ids) || ids[at] != id) return;
+  const absl::Status kept = published->snapshot.stored[at]->Keep();
+  if (!kept.ok())
+    spdlog::warn("{}", FailureOf(id, kept));  // and then it can be replaced or removed
+}
+
+DerivedData CatalogStore::Derive(const PreparedObject& object) const {
+  PreparedBytes bytes = preparer_.encode(object);
+  return {preparer_.version, std::move(bytes.data), std::move(bytes.keys)};
 }
 
 std::shared_ptr<const PublishedCatalog> CatalogStore::Published() const {
@@ -116,7 +189,7 @@ absl::Status CatalogStore::Create(const CatalogRecord& record) {
         absl::StrCat("object '", record.model.id, "' is already in the catalog"));
   }
   HOROPTER_ASSIGN_OR_RETURN(Prepared prepared, preparer_.prepare(record.model));
-  const DerivedData derived{preparer_.version, preparer_.encode(*prepared)};
+  const DerivedData derived = Derive(*prepared);
   const std::lock_guard lock(write_mutex_);
   HOROPTER_RETURN_IF_ERROR(catalog_->CreateObject(record, derived));
   Publish(record.model.id, std::move(prepared));
@@ -132,11 +205,12 @@ absl::Status CatalogStore::Update(const std::string& id,
   absl::StatusOr<Prepared> prepared = absl::NotFoundError("no derived data");
   if (!parts.geometry) {  // what was derived of it holds on
     const absl::StatusOr<DerivedData> stored = catalog_->GetDerived(id);
-    if (stored.ok()) prepared = preparer_.restore(changed.model, stored->data);
+    if (stored.ok()) prepared = preparer_.restore(changed.model, {stored->data, stored->keys});
   }
   if (!prepared.ok()) prepared = preparer_.prepare(changed.model);
   if (!prepared.ok()) return prepared.status();
-  const DerivedData derived{preparer_.version, preparer_.encode(**prepared)};
+  const DerivedData derived = Derive(**prepared);
+  KeepPublished(id);
   HOROPTER_RETURN_IF_ERROR(catalog_->UpdateObject(changed, parts, derived));
   Publish(id, *std::move(prepared));
   return absl::OkStatus();
@@ -144,6 +218,7 @@ absl::Status CatalogStore::Update(const std::string& id,
 
 absl::Status CatalogStore::Delete(const std::string& id) {
   const std::lock_guard lock(write_mutex_);
+  KeepPublished(id);
   HOROPTER_RETURN_IF_ERROR(catalog_->DeleteObject(id));
   Publish(id, nullptr);
   return absl::OkStatus();
@@ -155,8 +230,10 @@ absl::StatusOr<bool> CatalogStore::Rebuild(const std::string& id) {
   // Data that cannot be read are as good as none: they are about to be replaced.
   const absl::StatusOr<DerivedData> stored = catalog_->GetDerived(id);
   HOROPTER_ASSIGN_OR_RETURN(Prepared prepared, preparer_.prepare(std::move(record.model)));
-  const DerivedData made{preparer_.version, preparer_.encode(*prepared)};
-  const bool differs = !stored.ok() || stored->version != made.version || stored->data != made.data;
+  const DerivedData made = Derive(*prepared);
+  const bool differs = !stored.ok() || stored->version != made.version ||
+                       stored->data != made.data || stored->keys != made.keys;
+  KeepPublished(id);
   if (differs) HOROPTER_RETURN_IF_ERROR(catalog_->StoreDerived({{id, made}}));
   Publish(id, std::move(prepared));
   return differs;
@@ -167,22 +244,24 @@ absl::Status CatalogStore::CheckDerived(const std::string& id, bool recompute) {
   HOROPTER_ASSIGN_OR_RETURN(const DerivedData stored, catalog_->GetDerived(id));
   if (stored.data.empty()) return absl::FailedPreconditionError("has no derived data");
   HOROPTER_ASSIGN_OR_RETURN(const Prepared restored,
-                            preparer_.restore(std::move(record.model), stored.data));
+                            preparer_.restore(std::move(record.model), {stored.data, stored.keys}));
   if (!recompute) return absl::OkStatus();
   HOROPTER_ASSIGN_OR_RETURN(const Prepared made, preparer_.prepare(ModelOf(*restored)));
-  if (preparer_.encode(*made) == stored.data) return absl::OkStatus();
+  if (preparer_.encode(*made) == PreparedBytes{stored.data, stored.keys}) return absl::OkStatus();
   return absl::DataLossError("the derived data differ from what the geometry gives");
 }
 
-absl::Status CatalogStore::BuildIndex(PublishedCatalog* published) {
+absl::Status CatalogStore::BuildIndex(PublishedCatalog* published,
+                                      const std::vector<ObjectKeys>& stored_keys) {
   CatalogSnapshot& snapshot = published->snapshot;
   std::vector<const ObjectKeys*> keys;
-  for (size_t i = 0; i < snapshot.objects.size(); ++i) {
-    keys.push_back(&preparer_.keys_of(*snapshot.objects[i]));
-    snapshot.slots.push_back(static_cast<int>(i));
-  }
+  for (const Prepared& object : snapshot.objects) keys.push_back(&preparer_.keys_of(*object));
+  for (const ObjectKeys& stored : stored_keys) keys.push_back(&stored);
+  snapshot.slots.resize(keys.size());
+  std::iota(snapshot.slots.begin(), snapshot.slots.end(), 0);
   HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, catalog_->Generation());
-  absl::StatusOr<KeyIndex> built = KeyIndex::Build(keys, static_cast<uint32_t>(generation));
+  absl::StatusOr<KeyIndex> built =
+      KeyIndex::Build(keys, static_cast<uint32_t>(generation), options_.threads);
   if (!built.ok()) return built.status();
   index_ = *std::move(built);
   snapshot.keys = index_->Snapshot();
@@ -192,13 +271,58 @@ absl::Status CatalogStore::BuildIndex(PublishedCatalog* published) {
 absl::Status CatalogStore::CheckIndex() const {
   const auto published = Published();
   const CatalogSnapshot& snapshot = published->snapshot;
+  std::vector<ObjectKeys> read(snapshot.stored.size());
   std::vector<const ObjectKeys*> keys;
-  for (size_t i = 0; i < snapshot.objects.size(); ++i) {
+  for (int i = 0; i < ObjectCount(snapshot); ++i) {
     const size_t slot = static_cast<size_t>(snapshot.slots[i]);
     if (keys.size() <= slot) keys.resize(slot + 1, nullptr);
-    keys[slot] = &preparer_.keys_of(*snapshot.objects[i]);
+    if (snapshot.stored.empty()) {
+      keys[slot] = &preparer_.keys_of(*snapshot.objects[i]);
+      continue;
+    }
+    HOROPTER_ASSIGN_OR_RETURN(const Prepared object, snapshot.stored[i]->Get());
+    read[i] = preparer_.keys_of(*object);
+    keys[slot] = &read[i];
   }
   return snapshot.keys.CheckAgainst(keys);
+}
+
+absl::StatusOr<std::vector<int>> CatalogStore::LookAlikeCandidates(
+    const PublishedCatalog& published, const std::string& id, int most) const {
+  const CatalogSnapshot& snapshot = published.snapshot;
+  const int objects = ObjectCount(snapshot);
+  const auto named = std::lower_bound(published.ids.begin(), published.ids.end(), id);
+  if (named == published.ids.end() || *named != id) {
+    return absl::NotFoundError(absl::StrCat("object '", id, "' is not published"));
+  }
+  const int at = static_cast<int>(named - published.ids.begin());
+  std::vector<int> candidates;
+  if (snapshot.stored.empty()) {
+    for (int i = 0; i < objects; ++i) {
+      if (i != at) candidates.push_back(i);
+    }
+    return candidates;
+  }
+  HOROPTER_ASSIGN_OR_RETURN(const Prepared object, snapshot.stored[at]->Get());
+  const std::vector<int> shared = SharedKeys(snapshot.keys, preparer_.keys_of(*object));
+  std::vector<std::pair<int, int>> ranked;  // minus keys shared, object
+  for (int i = 0; i < objects; ++i) {
+    const int keys = snapshot.slots[i] < std::ssize(shared) ? shared[snapshot.slots[i]] : 0;
+    if (i != at && keys > 0) ranked.emplace_back(-keys, i);
+  }
+  std::sort(ranked.begin(), ranked.end());
+  for (const auto& [keys, i] : ranked) {
+    if (static_cast<int>(candidates.size()) < most) candidates.push_back(i);
+  }
+  return candidates;
+}
+
+void CatalogStore::EraseKeys(const CatalogSnapshot& snapshot, int at) {
+  const int slot = snapshot.slots[at];
+  absl::StatusOr<Prepared> object = ObjectAt(snapshot, at);
+  if (object.ok() && index_->Erase(slot, preparer_.keys_of(**object)).ok()) return;
+  // An object that can no longer be read, or whose keys were not those of its geometry.
+  index_->EraseSlot(slot);
 }
 
 void CatalogStore::Publish(const std::string& id, Prepared prepared) {
@@ -206,19 +330,28 @@ void CatalogStore::Publish(const std::string& id, Prepared prepared) {
   auto next = std::make_shared<PublishedCatalog>(*Published());
   CatalogSnapshot& snapshot = next->snapshot;
   ++snapshot.generation;
+  const bool resident = load_report_.resident;
   const auto at = std::lower_bound(next->ids.begin(), next->ids.end(), id) - next->ids.begin();
-  const bool known = at != static_cast<long>(next->ids.size()) && next->ids[at] == id;
+  const bool known = at != std::ssize(next->ids) && next->ids[at] == id;
   // Keys were checked when they were made or read: the tree has no reason to refuse them.
   absl::Status indexed;
   if (known) {
     const int slot = snapshot.slots[at];
-    indexed.Update(index_->Erase(slot, preparer_.keys_of(*snapshot.objects[at])));
+    EraseKeys(snapshot, static_cast<int>(at));
     if (prepared != nullptr) {
       indexed.Update(index_->Insert(slot, preparer_.keys_of(*prepared)));
-      snapshot.objects[at] = std::move(prepared);
+      if (resident) {
+        snapshot.objects[at] = std::move(prepared);
+      } else {
+        snapshot.stored[at] = Handle(id);
+      }
     } else {
       free_slots_.push_back(slot);
-      snapshot.objects.erase(snapshot.objects.begin() + at);
+      if (resident) {
+        snapshot.objects.erase(snapshot.objects.begin() + at);
+      } else {
+        snapshot.stored.erase(snapshot.stored.begin() + at);
+      }
       snapshot.slots.erase(snapshot.slots.begin() + at);
       next->ids.erase(next->ids.begin() + at);
     }
@@ -229,7 +362,11 @@ void CatalogStore::Publish(const std::string& id, Prepared prepared) {
       free_slots_.pop_back();
     }
     indexed.Update(index_->Insert(slot, preparer_.keys_of(*prepared)));
-    snapshot.objects.insert(snapshot.objects.begin() + at, std::move(prepared));
+    if (resident) {
+      snapshot.objects.insert(snapshot.objects.begin() + at, std::move(prepared));
+    } else {
+      snapshot.stored.insert(snapshot.stored.begin() + at, Handle(id));
+    }
     snapshot.slots.insert(snapshot.slots.begin() + at, slot);
     next->ids.insert(next->ids.begin() + at, id);
   }

@@ -25,22 +25,31 @@ struct PublishedCatalog {
 
 // What Load did.
 struct LoadReport {
-  int restored = 0;  // objects whose derived data were there
-  int prepared = 0;  // objects that had to be prepared anew: no data, another version, damaged
+  bool resident = true;  // all objects are in memory; false: their keys are
+  int restored = 0;      // objects whose derived data, or keys, were there
+  int prepared = 0;      // objects that had to be prepared anew: no data, another version, damaged
   std::vector<std::string> failures;  // one message per object that cannot be prepared
   absl::Status stored;                // whether the new derived data could be written
+};
+
+struct StoreOptions {
+  int threads = 1;  // that load
+  // Objects held in memory. A larger catalog has only its keys there; objects are read when they
+  // are asked for, and as many as this stay. Raising it costs 0.2 MB an object, more for large
+  // meshes.
+  int max_resident = 5000;
 };
 
 // A write is committed to SQLite first, the derived data with it, and published then; only the
 // object that changed is prepared anew. Thread-safe; readers hold a shared_ptr and wait for nobody.
 class CatalogStore {
  public:
-  // Loads all objects on `threads` threads from their derived data, and prepares and stores anew
-  // what is out of date. An object that cannot be prepared stays in the catalog and is left out of
-  // the snapshot. Errors: as Catalog::LoadObjects.
+  // Loads all objects from their derived data, or their keys, and prepares and stores anew what is
+  // out of date. An object that cannot be prepared stays in the catalog and is left out of the
+  // snapshot. Errors: as Catalog::LoadObjects.
   static absl::StatusOr<std::unique_ptr<CatalogStore>> Load(std::unique_ptr<Catalog> catalog,
                                                             ObjectPreparer preparer,
-                                                            int threads);
+                                                            const StoreOptions& options = {});
 
   std::shared_ptr<const PublishedCatalog> Published() const;
 
@@ -63,6 +72,13 @@ class CatalogStore {
   // anew and compares. Errors: NOT_FOUND; otherwise the answer, FAILED_PRECONDITION or DATA_LOSS.
   absl::Status CheckDerived(const std::string& id, bool recompute);
 
+  // The objects (indices into the snapshot) that are worth comparing with the named one: all others
+  // while they are in memory, else the `most` of them that share most keys with it. Errors:
+  // NOT_FOUND.
+  absl::StatusOr<std::vector<int>> LookAlikeCandidates(const PublishedCatalog& published,
+                                                       const std::string& id,
+                                                       int most) const;
+
   // Reads go straight to the database.
   Catalog& catalog() { return *catalog_; }
 
@@ -76,17 +92,39 @@ class CatalogStore {
   absl::Status CheckIndex() const;
 
  private:
-  CatalogStore(std::unique_ptr<Catalog> catalog, ObjectPreparer preparer);
+  using Prepared = std::shared_ptr<const PreparedObject>;
+
+  CatalogStore(std::unique_ptr<Catalog> catalog,
+               ObjectPreparer preparer,
+               const StoreOptions& options);
+
+  absl::Status LoadResident(PublishedCatalog* published);
+  // Leaves the keys of the published objects in `keys`.
+  absl::Status LoadStored(PublishedCatalog* published, std::vector<ObjectKeys>* keys);
+  // Of an object that is not to stay in memory.
+  std::shared_ptr<const StoredObject> Handle(const std::string& id);
+  // What a handle calls: reads and restores or prepares the object and keeps it for a while.
+  absl::StatusOr<Prepared> LoadForHandle(const std::string& id);
+  // Before an object is changed: what snapshots show of it is kept by its handle.
+  void KeepPublished(const std::string& id);
+  DerivedData Derive(const PreparedObject& object) const;
 
   // The index over all published objects, built at once. Errors: INTERNAL.
-  absl::Status BuildIndex(PublishedCatalog* published);
+  absl::Status BuildIndex(PublishedCatalog* published, const std::vector<ObjectKeys>& stored_keys);
 
   // Replaces (prepared set) or removes (prepared empty) one object. Needs write_mutex_.
-  void Publish(const std::string& id, std::shared_ptr<const PreparedObject> prepared);
+  void Publish(const std::string& id, Prepared prepared);
+  // Takes the object's keys out of the index.
+  void EraseKeys(const CatalogSnapshot& snapshot, int at);
 
   const std::unique_ptr<Catalog> catalog_;
   const ObjectPreparer preparer_;
+  const StoreOptions options_;
   LoadReport load_report_;
+
+  std::mutex recent_mutex_;
+  std::vector<Prepared> recent_;  // guarded by recent_mutex_: objects read last, a ring
+  size_t next_recent_ = 0;        // guarded by recent_mutex_
 
   std::mutex write_mutex_;         // one writer from commit to publication
   std::optional<KeyIndex> index_;  // guarded by write_mutex_; set by Load

@@ -149,6 +149,12 @@ void ObjectToProto(const AnswerObject& object,
     out->set_jaw_opening_m(grasp.jaw_opening_m);
     out->set_grip_width_m(grasp.grip_width_m);
     out->set_quality(grasp.quality);
+    if (!grasp.scene_from_pregrasp) continue;
+    RigidToProto(*grasp.scene_from_pregrasp, out->mutable_scene_from_pregrasp());
+    if (answer.base_from_scene) {
+      RigidToProto(*answer.base_from_scene * *grasp.scene_from_pregrasp,
+                   out->mutable_base_from_pregrasp());
+    }
   }
   if (answer.base_from_scene) {
     RigidToProto(*answer.base_from_scene * object.scene_from_object,

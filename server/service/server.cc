@@ -60,6 +60,7 @@ absl::Status Validate(const ServerOptions& options) {
   HOROPTER_RETURN_IF_ERROR(InRange("catalog_workers", options.catalog_workers, 1, 256));
   HOROPTER_RETURN_IF_ERROR(InRange("catalog_queue", options.catalog_queue, 0, 10000));
   HOROPTER_RETURN_IF_ERROR(InRange("max_message_mb", options.max_message_mb, 1, 2047));
+  HOROPTER_RETURN_IF_ERROR(InRange("max_resident", options.max_resident, 1, 10'000'000));
   return InRange("load_threads", options.load_threads, 1, 256);
 }
 
@@ -79,7 +80,9 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   auto parts = std::make_unique<Parts>();
   HOROPTER_ASSIGN_OR_RETURN(
       parts->store,
-      CatalogStore::Load(std::move(catalog), std::move(preparer), options.load_threads));
+      CatalogStore::Load(std::move(catalog),
+                         std::move(preparer),
+                         {.threads = options.load_threads, .max_resident = options.max_resident}));
   const LoadReport& loaded = parts->store->load_report();
   for (const std::string& failure : loaded.failures) {
     spdlog::error("left out of recognition: {}", failure);

@@ -24,6 +24,7 @@ struct ServerOptions {
   int catalog_queue = 64;
   int max_message_mb = 256;  // of one request or answer
   int load_threads = 2;      // prepare the catalog at start
+  int max_resident = 5000;   // objects held in memory (StoreOptions)
   ImageLimits images;
 };
 

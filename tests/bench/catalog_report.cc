@@ -1,10 +1,12 @@
 // Start of a catalog and queries of its index while objects are enrolled.
 //
 //   catalog_report CATALOG.db [SECONDS]
-//     Works on a copy beside the file. Prints the time of opening and loading, the memory of the
-//     index, and the latency of index queries with and without a writer, in turn, SECONDS each
-//     (default 3): ten-nearest-sized ellipsoids around keys of the catalog, as recognition asks
-//     them.
+//     Works on a copy beside the file. Prints the time of opening and loading, memory, the CPU time
+//     of queries, and the latency of queries with and without a writer, in turn, SECONDS each
+//     (default 3; 0: not): ten-nearest-sized ellipsoids around keys of the catalog, as recognition
+//     asks them.
+#include <unistd.h>
+
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -12,6 +14,7 @@
 #include <cstdlib>
 #include <ctime>
 #include <filesystem>
+#include <fstream>
 #include <random>
 #include <string>
 #include <thread>
@@ -42,22 +45,81 @@ struct Latencies {
   }
 };
 
-std::vector<InvariantKey> QueriesOf(const CatalogSnapshot& snapshot, int count) {
+// Resident memory of this process, MB.
+double ResidentMb() {
+  std::ifstream statm("/proc/self/statm");
+  double pages = 0.0;
+  statm >> pages >> pages;
+  return pages * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
+}
+
+double ThreadCpuSeconds() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+struct Queries {
+  std::vector<InvariantKey> chains;
+  std::vector<InvariantKey> path_views;
+};
+
+// Keys of the catalog's objects as a query with the uncertainty of a good image has them.
+Queries QueriesOf(const CatalogSnapshot& snapshot, int count) {
+  constexpr int kObjects = 50;  // few, as of a large catalog each must be read and prepared
   std::mt19937 rng(1);
-  std::vector<InvariantKey> queries;
+  Queries queries;
   const ObjectPreparer preparer = CatalogPreparer();
-  while (static_cast<int>(queries.size()) < count) {
-    const PreparedObject& object = *snapshot.objects[rng() % snapshot.objects.size()];
-    const std::vector<FourVertexKey>& chains = preparer.keys_of(object).chains;
-    if (chains.empty()) continue;
-    const FourVertexKey& key = chains[rng() % chains.size()];
-    InvariantKey query;
-    query.values.resize(5);
-    for (int k = 0; k < 5; ++k) query.values(k) = key.values[k];
-    query.covariance = 4e-4 * Eigen::MatrixXd::Identity(5, 5);
-    queries.push_back(std::move(query));
+  const auto add = [&](std::vector<InvariantKey>& to, const Eigen::VectorXd& values) {
+    const Eigen::Index n = values.size();
+    to.push_back({values, 4e-4 * Eigen::MatrixXd::Identity(n, n)});
+  };
+  for (int k = 0; k < kObjects; ++k) {
+    const auto object = ObjectAt(snapshot, static_cast<int>(rng() % ObjectCount(snapshot)));
+    if (!object.ok()) continue;
+    const ObjectKeys& keys = preparer.keys_of(**object);
+    for (int q = 0; q < count / kObjects; ++q) {
+      if (!keys.chains.empty()) {
+        const auto& values = keys.chains[rng() % keys.chains.size()].values;
+        add(queries.chains, Eigen::Map<const Eigen::VectorXf>(values.data(), 5).cast<double>());
+      }
+      if (!keys.path_views.empty()) {
+        const PathViewRow& row = keys.path_views[rng() % keys.path_views.size()];
+        using Values = Eigen::Map<const Eigen::Vector4f>;
+        add(queries.path_views,
+            (0.5f * (Values(row.low.data()) + Values(row.high.data()))).cast<double>());
+      }
+    }
   }
   return queries;
+}
+
+// CPU time and answers of each kind of query, for comparing catalogs of different sizes.
+void PrintCosts(const CatalogSnapshot& snapshot, const Queries& queries) {
+  constexpr int kRounds = 5;
+  const auto measure = [&](const char* name, const std::vector<InvariantKey>& keys, auto find) {
+    if (keys.empty()) return;
+    std::size_t hits = 0;
+    for (const InvariantKey& key : keys) hits += find(key);
+    const double start = ThreadCpuSeconds();
+    for (int round = 0; round < kRounds; ++round) {
+      for (const InvariantKey& key : keys) find(key);
+    }
+    const double n = static_cast<double>(keys.size());
+    const double us = 1e6 * (ThreadCpuSeconds() - start) / (kRounds * n);
+    std::printf("%s: %.2f us CPU a query, %.1f answers\n", name, us, static_cast<double>(hits) / n);
+  };
+  measure("chains, small gate", queries.chains, [&](const InvariantKey& key) {
+    InvariantKey sharp = key;
+    sharp.covariance *= 1e-4;
+    return snapshot.keys.Find(KeyTable::kChains, sharp, 11.07)->size();
+  });
+  measure("chains", queries.chains, [&](const InvariantKey& key) {
+    return snapshot.keys.Find(KeyTable::kChains, key, 11.07)->size();
+  });
+  measure("path views", queries.path_views, [&](const InvariantKey& key) {
+    return snapshot.keys.FindPathViews(key, 9.49)->size();
+  });
 }
 
 void RunQueries(const CatalogStore& store,
@@ -90,6 +152,11 @@ int EnrolUntil(CatalogStore& store, const std::vector<std::string>& ids, std::at
   return writes;
 }
 
+int RemoveCopy(const std::string& path) {
+  for (const char* suffix : {"", "-wal", "-shm"}) std::filesystem::remove(path + suffix);
+  return 0;
+}
+
 int Main(int argc, char** argv) {
   if (argc < 2) {
     std::fprintf(stderr, "usage: catalog_report CATALOG.db [SECONDS]\n");
@@ -107,7 +174,7 @@ int Main(int argc, char** argv) {
     return 1;
   }
   const double opened = Seconds(start);
-  auto loaded = CatalogStore::Load(*std::move(catalog), CatalogPreparer(), 2);
+  auto loaded = CatalogStore::Load(*std::move(catalog), CatalogPreparer(), {.threads = 2});
   if (!loaded.ok() || (*loaded)->Published()->ids.empty()) return 1;
   CatalogStore& store = **loaded;
   const auto published = store.Published();
@@ -118,11 +185,15 @@ int Main(int argc, char** argv) {
       Seconds(start),
       ProcessCpuSeconds() - cpu,
       store.load_report().prepared);
-  std::printf("index: %lld keys, %.1f MB\n",
+  std::printf("index: %lld keys, %.1f MB; resident memory %.0f MB\n",
               static_cast<long long>(published->snapshot.keys.size()),
-              static_cast<double>(published->snapshot.keys.bytes()) / 1e6);
+              static_cast<double>(published->snapshot.keys.bytes()) / 1e6,
+              ResidentMb());
 
-  const std::vector<InvariantKey> queries = QueriesOf(published->snapshot, 2000);
+  const Queries all_queries = QueriesOf(published->snapshot, 2000);
+  const std::vector<InvariantKey>& queries = all_queries.chains;
+  PrintCosts(published->snapshot, all_queries);
+  if (seconds <= 0.0) return RemoveCopy(path);
   Latencies idle, busy;
   int64_t hits = 0;
   int writes = 0;
@@ -148,7 +219,7 @@ int Main(int argc, char** argv) {
   }
   const absl::Status index = store.CheckIndex();
   std::printf("index %s\n", index.ok() ? "equals the objects" : index.ToString().c_str());
-  for (const char* suffix : {"", "-wal", "-shm"}) std::filesystem::remove(path + suffix);
+  RemoveCopy(path);
   return index.ok() ? 0 : 1;
 }
 

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "client/bop_dataset.h"
+#include "client/bop_export.h"
 #include "tests/client/temp_folder.h"
 
 namespace horopter {
@@ -50,6 +51,31 @@ TEST(IsaacGraspTest, WhatIsWrittenReadsBack) {
   EXPECT_DOUBLE_EQ((*again)[0].jaw_opening_m, grasps[0].jaw_opening_m);
   EXPECT_DOUBLE_EQ((*again)[0].grip_width_m, grasps[0].grip_width_m);
   EXPECT_LT(((*again)[0].object_from_gripper.R - grasps[0].object_from_gripper.R).norm(), 1e-12);
+}
+
+TEST(IsaacGraspTest, PreGraspsGoBothWaysInYamlAndJson) {
+  TempFolder folder;
+  std::string text = kFile;
+  text +=
+      "    pregrasp_position: [0.01, 0.08, 0.03]\n"
+      "    pregrasp_orientation: {w: 0.7071067811865476, xyz: [0.7071067811865476, 0.0, 0.0]}\n";
+  const auto grasps = ReadIsaacGrasps(folder.Write("g.yaml", text));
+  ASSERT_TRUE(grasps.ok()) << grasps.status();
+  ASSERT_TRUE((*grasps)[0].object_from_pregrasp);
+  const Rigid3 before = *(*grasps)[0].object_from_pregrasp;
+  EXPECT_LT((before.t - Eigen::Vector3d(0.01, 0.08, 0.03)).norm(), 1e-15);
+  ASSERT_TRUE(WriteIsaacGrasps(folder.path() + "/h.yaml", "part", *grasps).ok());
+  ASSERT_TRUE(WriteGrasps(folder.path() + "/h.json", *grasps).ok());
+  for (const char* name : {"/h.yaml", "/h.json"}) {
+    const auto again = ReadGrasps(folder.path() + name);
+    ASSERT_TRUE(again.ok()) << again.status();
+    ASSERT_TRUE((*again)[0].object_from_pregrasp) << name;
+    EXPECT_LT(((*again)[0].object_from_pregrasp->t - before.t).norm(), 1e-12) << name;
+    EXPECT_LT(((*again)[0].object_from_pregrasp->R - before.R).norm(), 1e-12) << name;
+  }
+  text.replace(text.rfind("w: 0.7"), 6, "w: 9.7");
+  EXPECT_THAT(std::string(ReadIsaacGrasps(folder.Write("b.yaml", text)).status().message()),
+              HasSubstr("grasp_0: pregrasp: the orientation"));
 }
 
 TEST(IsaacGraspTest, RefusalsNameTheGrasp) {

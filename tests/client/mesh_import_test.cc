@@ -2,8 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <filesystem>
 #include <random>
 
+#include "client/bop_export.h"
 #include "client/cad_import.h"
 #include "tests/client/mesh_samples.h"
 #include "tests/client/temp_folder.h"
@@ -194,6 +197,38 @@ TEST(MeshImport, PolygonsAreTriangulated) {
   EXPECT_EQ(import.counts.at("vertices"), 12);
   EXPECT_NEAR(SignedVolume(import.model.mesh), (50 * 12 + 12 * 28) * 20e-9, 1e-12);
   EXPECT_TRUE(import.warnings.empty());
+}
+
+TEST(MeshImport, FacesKeepTheColoursOfVerticesAndMaterials) {
+  TempFolder folder;
+  TriangleMesh box = Box(40, 30, 20);
+  EXPECT_TRUE(MustImport(folder.Write("plain.ply", AsPly(box))).model.mesh.colors.empty());
+  EXPECT_TRUE(MustImport(folder.Write("plain.obj", AsObj(box))).model.mesh.colors.empty());
+
+  // Six triangles of one material, the others of another.
+  folder.Write("b.mtl", "newmtl paint\nKd 1 0 0\nnewmtl steel\nKd 0.2 0.4 0.6\n");
+  std::string obj = AsObj(box);
+  size_t face = obj.find("f ");
+  obj.insert(face, "mtllib b.mtl\nusemtl paint\n");
+  face = obj.find("f ", face);
+  for (int k = 0; k < 6; ++k) face = obj.find("f ", face + 1);
+  obj.insert(face, "usemtl steel\n");
+  const TriangleMesh painted = MustImport(folder.Write("b.obj", obj)).model.mesh;
+  ASSERT_EQ(painted.colors.size(), box.triangles.size());
+  EXPECT_EQ(std::count(painted.colors.begin(), painted.colors.end(), Rgba{255, 0, 0, 255}), 6);
+  EXPECT_EQ(std::count(painted.colors.begin(), painted.colors.end(), Rgba{51, 102, 153, 255}),
+            static_cast<int>(box.triangles.size()) - 6);
+
+  // What the export writes, with vertices apart, comes back as the same part.
+  BopExportEntry entry;
+  entry.obj_id = 1;
+  entry.model.mesh = painted;
+  std::filesystem::create_directories(folder.path() + "/models");
+  ASSERT_TRUE(WriteBopObject(folder.path(), entry).ok());
+  const CadImport again = MustImport(folder.path() + "/models/obj_000001.ply");
+  EXPECT_EQ(again.counts.at("lines"), 12);
+  EXPECT_EQ(again.model.mesh.vertices.size(), painted.vertices.size());
+  EXPECT_EQ(again.model.mesh.colors, painted.colors);
 }
 
 TEST(MeshImport, OpenBordersAreEdgesAndAreReported) {

@@ -20,6 +20,7 @@
 #include <TopoDS.hxx>
 #include <TopoDS_Compound.hxx>
 #include <TopoDS_Edge.hxx>
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <gp_Ax2.hxx>
@@ -161,6 +162,56 @@ TEST(StepImport, IgesGivesTheSameEdges) {
   EXPECT_EQ(import.counts.at("lines"), 12);
   EXPECT_EQ(import.counts.at("circles"), 2);
   EXPECT_EQ(import.counts.at("vertices"), 8);
+}
+
+// Adds a styled item for the first entity of a type, as CAD systems write it.
+std::string WithColor(const std::string& step,
+                      const std::string& type,
+                      const std::string& rgb,
+                      int id) {
+  const size_t at = step.find("=" + type + "("), line = step.rfind('#', at);
+  const size_t spaced = step.find(type + "(");
+  const size_t use = at != std::string::npos ? line : step.rfind('#', spaced);
+  const std::string entity = step.substr(use, step.find_first_of(" =", use) - use);
+  const size_t context = step.find("GEOMETRIC_REPRESENTATION_CONTEXT");
+  const size_t start = step.rfind('#', context);
+  const std::string context_id = step.substr(start, step.find_first_of(" =", start) - start);
+  const auto n = [&](int k) { return "#" + std::to_string(id + k); };
+  const std::string style =
+      n(0) + "=COLOUR_RGB(''," + rgb + ");\n" + n(1) + "=FILL_AREA_STYLE_COLOUR(''," + n(0) +
+      ");\n" + n(2) + "=FILL_AREA_STYLE('',(" + n(1) + "));\n" + n(3) +
+      "=SURFACE_STYLE_FILL_AREA(" + n(2) + ");\n" + n(4) + "=SURFACE_SIDE_STYLE('',(" + n(3) +
+      "));\n" + n(5) + "=SURFACE_STYLE_USAGE(.BOTH.," + n(4) + ");\n" + n(6) +
+      "=PRESENTATION_STYLE_ASSIGNMENT((" + n(5) + "));\n" + n(7) + "=STYLED_ITEM('',(" + n(6) +
+      ")," + entity + ");\n" + n(8) +
+      "=MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION('',(" + n(7) + ")," + context_id +
+      ");\n";
+  std::string out = step;
+  out.insert(out.rfind("ENDSEC"), style);
+  return out;
+}
+
+TEST(StepImport, FacesHaveTheirOwnColourOrThatOfTheirSolid) {
+  TempFolder folder;
+  const std::string plain = ReadAll(WriteStep(folder, PlateWithHole()));
+  EXPECT_TRUE(MustImport(folder.Write("plain.step", plain)).model.mesh.colors.empty());
+  const std::string solid = WithColor(plain, "MANIFOLD_SOLID_BREP", "0.2,0.4,0.6", 90000);
+  const std::string both = WithColor(solid, "ADVANCED_FACE", "1.,0.,0.", 91000);
+  const TriangleMesh mesh = MustImport(folder.Write("colors.step", both)).model.mesh;
+  ASSERT_EQ(mesh.colors.size(), mesh.triangles.size());
+  int red = 0, blue = 0;
+  for (const Rgba& color : mesh.colors) {
+    red += color == Rgba{255, 0, 0, 255};
+    blue += color == Rgba{51, 102, 153, 255};
+  }
+  EXPECT_GT(red, 0);
+  EXPECT_GT(blue, red);
+  EXPECT_EQ(red + blue, static_cast<int>(mesh.colors.size()));
+  const TriangleMesh face_only =
+      MustImport(folder.Write("face.step", WithColor(plain, "ADVANCED_FACE", "1.,0.,0.", 90000)))
+          .model.mesh;
+  ASSERT_EQ(face_only.colors.size(), mesh.colors.size());
+  EXPECT_EQ(std::count(face_only.colors.begin(), face_only.colors.end(), kNoColor), blue);
 }
 
 TEST(StepImport, BadFilesAreRefusedByName) {

@@ -47,6 +47,40 @@ TEST(Catalog, GivesBackBitByBitWhatItWasGivenAlsoAfterReopening) {
   }
 }
 
+TEST(Catalog, ManyObjectsAreCreatedTogetherOrNotAtAll) {
+  auto catalog = Catalog::Open(":memory:").value();
+  std::vector<Catalog::NewObject> objects;
+  for (int i = 0; i < 3; ++i) objects.push_back({SampleRecord("part-" + std::to_string(i), i), {}});
+  ASSERT_TRUE(catalog->CreateObjects(objects).ok());
+  EXPECT_EQ(FirstDifference(catalog->GetObject("part-1").value(), SampleRecord("part-1", 1)), "");
+  objects[0].record.model.id = "new";  // the others are there already
+  EXPECT_EQ(catalog->CreateObjects(objects).code(), absl::StatusCode::kAlreadyExists);
+  EXPECT_EQ(*catalog->CountObjects(), 3);
+}
+
+TEST(Catalog, DerivedDataAndKeysGoTogetherAndKeysAreReadAlone) {
+  auto catalog = Catalog::Open(":memory:").value();
+  const std::string keys("k\0s", 3);
+  ASSERT_TRUE(catalog->CreateObject(SampleRecord("b", 1), {7, "data", keys}).ok());
+  ASSERT_TRUE(catalog->CreateObject(SampleRecord("a", 2)).ok());
+  const auto all = catalog->LoadKeys("", 10);
+  ASSERT_TRUE(all.ok()) << all.status();
+  ASSERT_EQ(all->size(), 2u);
+  EXPECT_EQ((*all)[0].id, "a");
+  EXPECT_EQ((*all)[0].keys, "");
+  EXPECT_EQ((*all)[1].keys, keys);
+  EXPECT_EQ((*all)[1].version, 7);
+  EXPECT_EQ((*all)[1].vertex_count, 8);
+  EXPECT_EQ(catalog->LoadKeys("a", 10)->size(), 1u);
+  EXPECT_EQ(catalog->LoadKeys("", 0).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(catalog->LoadObject("b")->derived.data, "data");
+  EXPECT_EQ(catalog->LoadObject("c").status().code(), absl::StatusCode::kNotFound);
+  ASSERT_TRUE(catalog->StoreDerived({{"b", {8, "more", "other"}}}).ok());
+  EXPECT_EQ(catalog->GetDerived("b")->keys, "other");
+  ASSERT_TRUE(catalog->StoreDerived({{"b", {}}}).ok());
+  EXPECT_EQ((*catalog->LoadKeys("a", 1))[0].keys, "");
+}
+
 TEST(Catalog, ASummaryHasCountsAndGraspsButNoGeometry) {
   const auto catalog = OpenOrDie();
   ASSERT_TRUE(catalog->CreateObject(SampleRecord("box")).ok());

@@ -70,6 +70,7 @@ LIBRARIES = collections.OrderedDict([
     ("spdlog", (r"spdlog/|fmt/", EDGE)),
     ("JSON", (r"nlohmann/", EDGE)),
     ("glog", (r"glog/", ["server/main.cc"])),
+    ("vector instructions", (r"immintrin\.h$", ["server/index"])),
     ("Eigen", (r"Eigen/", EVERYWHERE)),
     ("Abseil", (r"absl/", EVERYWHERE)),
     # No stage reads a file or a clock, and none prints.

@@ -34,17 +34,19 @@ ObjectPreparer FakePreparer(int version) {
   ObjectPreparer preparer;
   preparer.version = version;
   preparer.prepare = PrepareFake;
-  preparer.encode = [version](const PreparedObject& object) {
-    return absl::StrCat(version, " ", ModelOfFake(object).diameter_m);
+  preparer.encode = [version](const PreparedObject& object) -> PreparedBytes {
+    return {absl::StrCat(version, " ", ModelOfFake(object).diameter_m),
+            EncodeObjectKeys(reinterpret_cast<const FakeObject&>(object).keys)};
   };
-  preparer.restore =
-      [version](ObjectModel model,
-                std::string_view data) -> absl::StatusOr<std::shared_ptr<const PreparedObject>> {
-    if (data != absl::StrCat(version, " ", model.diameter_m)) {
+  preparer.restore = [version](
+                         ObjectModel model,
+                         const PreparedBytes& bytes) -> absl::StatusOr<ObjectPreparer::Prepared> {
+    if (bytes.data != absl::StrCat(version, " ", model.diameter_m)) {
       return absl::DataLossError("derived data of something else");
     }
     return PrepareFake(std::move(model));
   };
+  preparer.decode_keys = DecodeObjectKeys;
   preparer.model_of = ModelOfFake;
   preparer.keys_of = [](const PreparedObject& object) -> const ObjectKeys& {
     return reinterpret_cast<const FakeObject&>(object).keys;

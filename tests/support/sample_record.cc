@@ -35,7 +35,11 @@ void AddBox(const Eigen::Vector3d& half, ObjectModel& model) {
   for (const auto& f : faces) {
     model.mesh.triangles.emplace_back(f[0], f[1], f[2]);
     model.mesh.triangles.emplace_back(f[0], f[2], f[3]);
+    for (int k = 0; k < 2; ++k) {
+      model.mesh.colors.push_back({static_cast<std::uint8_t>(30 * f[1]), 200, 17, 255});
+    }
   }
+  model.mesh.colors[3] = kNoColor;
 }
 
 }  // namespace
@@ -60,8 +64,8 @@ CatalogRecord SampleRecord(const std::string& id, unsigned seed) {
   Rigid3 half_turn;
   half_turn.R = Eigen::Vector3d(-1, -1, 1).asDiagonal();
   model.symmetries.push_back(half_turn);
-  model.grasps.push_back({"top", RandomRigid(rng), 0.06, 0.04, 0.5});
-  model.grasps.push_back({"side", RandomRigid(rng), 0.03, 0.0125, 1.0});
+  model.grasps.push_back({"top", RandomRigid(rng), 0.06, 0.04, 0.5, {}});
+  model.grasps.push_back({"side", RandomRigid(rng), 0.03, 0.0125, 1.0, RandomRigid(rng)});
   record.source.file_name = "box.step";
   record.source.format = "step";
   record.source.unit = "mm";
@@ -87,6 +91,7 @@ std::string FirstDifference(const CatalogRecord& a, const CatalogRecord& b) {
     }
   }
   if (m.mesh.vertices != n.mesh.vertices || m.mesh.triangles != n.mesh.triangles) return "mesh";
+  if (m.mesh.colors != n.mesh.colors) return "mesh colours";
   if (m.symmetries.size() != n.symmetries.size()) return "symmetry count";
   for (size_t i = 0; i < m.symmetries.size(); ++i) {
     if (!Same(m.symmetries[i], n.symmetries[i])) return "symmetry " + std::to_string(i);
@@ -96,7 +101,9 @@ std::string FirstDifference(const CatalogRecord& a, const CatalogRecord& b) {
     const Grasp &g = m.grasps[i], &h = n.grasps[i];
     if (g.name != h.name || !Same(g.object_from_gripper, h.object_from_gripper) ||
         g.jaw_opening_m != h.jaw_opening_m || g.grip_width_m != h.grip_width_m ||
-        g.quality != h.quality) {
+        g.quality != h.quality ||
+        g.object_from_pregrasp.has_value() != h.object_from_pregrasp.has_value() ||
+        (g.object_from_pregrasp && !Same(*g.object_from_pregrasp, *h.object_from_pregrasp))) {
       return "grasp " + std::to_string(i);
     }
   }

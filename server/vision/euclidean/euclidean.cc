@@ -392,13 +392,18 @@ std::vector<SceneGrasp> GraspsInScene(const ObjectModel& model, const Rigid3& sc
   std::vector<SceneGrasp> out;
   for (int s = 0; s <= static_cast<int>(model.symmetries.size()); ++s) {
     const Rigid3 symmetry = s == 0 ? Rigid3{} : model.symmetries[s - 1];
+    const Rigid3 scene_from_turned = scene_from_object * symmetry;
     for (const Grasp& g : model.grasps) {
       out.push_back({g.name,
                      s,
-                     scene_from_object * symmetry * g.object_from_gripper,
+                     scene_from_turned * g.object_from_gripper,
                      g.jaw_opening_m,
                      g.grip_width_m,
-                     g.quality});
+                     g.quality,
+                     {}});
+      if (g.object_from_pregrasp) {
+        out.back().scene_from_pregrasp = scene_from_turned * *g.object_from_pregrasp;
+      }
     }
   }
   return out;

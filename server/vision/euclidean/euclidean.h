@@ -69,6 +69,7 @@ struct SceneGrasp {
   double jaw_opening_m = 0.0;
   double grip_width_m = 0.0;
   double quality = 0.0;
+  std::optional<Rigid3> scene_from_pregrasp;
 };
 
 std::vector<SceneGrasp> GraspsInScene(const ObjectModel& model, const Rigid3& scene_from_object);

@@ -8,6 +8,10 @@
 namespace horopter {
 namespace {
 
+// A pre-grasp whose orientation or direction differs by more is none of a straight approach.
+constexpr double kSameTurn = 1e-2;
+constexpr double kAside = 2e-2;
+
 std::string Millimetres(double metres) {
   char text[32];
   std::snprintf(text, sizeof(text), "%.1f mm", metres * 1e3);
@@ -40,13 +44,21 @@ std::vector<double> Crossings(const TriangleMesh& mesh,
 
 std::vector<std::string> CheckGrasps(const ObjectModel& model, const GraspCheckOptions& options) {
   std::vector<std::string> problems;
-  const double approach = options.approach_diameters * model.diameter_m;
   for (const Grasp& grasp : model.grasps) {
     const auto report = [&](const std::string& what) {
       problems.push_back(grasp.name + ": " + what);
     };
     const Rigid3& pose = grasp.object_from_gripper;
     const Eigen::Vector3d x = pose.R.col(0), z = pose.R.col(2);
+    if (grasp.object_from_pregrasp) {
+      const Rigid3& before = *grasp.object_from_pregrasp;
+      const Eigen::Vector3d way = pose.t - before.t;
+      if (!before.R.isApprox(pose.R, kSameTurn)) report("the gripper turns after the pre-grasp");
+      if (!(way.dot(z) > 0.0)) report("the pre-grasp is not before the part");
+      if (way.cross(z).norm() > kAside * way.norm()) {
+        report("the way from the pre-grasp is not along the approach axis");
+      }
+    }
     if (!(grasp.jaw_opening_m > 0.0)) {
       report("no jaw opening is given");
       continue;
@@ -54,6 +66,11 @@ std::vector<std::string> CheckGrasps(const ObjectModel& model, const GraspCheckO
     if (grasp.grip_width_m > grasp.jaw_opening_m) {
       report("the part is wider (" + Millimetres(grasp.grip_width_m) + ") than the opening (" +
              Millimetres(grasp.jaw_opening_m) + ")");
+    }
+    // From the pre-grasp on, which may lie farther away than where a bare grasp's approach begins.
+    double approach = options.approach_diameters * model.diameter_m;
+    if (grasp.object_from_pregrasp) {
+      approach = std::max(approach, (pose.t - grasp.object_from_pregrasp->t).norm());
     }
     const double half = 0.5 * grasp.jaw_opening_m;
     // Coordinates of a part are round numbers: a finger that slides along a face is moved off it by

@@ -3,6 +3,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,10 +27,17 @@ struct ModelEdge {
   std::vector<Eigen::Vector3d> polyline;
 };
 
+// Red, green, blue and opacity, 0..255, as displayed (sRGB).
+using Rgba = std::array<std::uint8_t, 4>;
+
+// What the CAD file gives no colour: opacity 0.
+inline constexpr Rgba kNoColor{0, 0, 0, 0};
+
 // Closed triangle mesh, counter-clockwise seen from outside.
 struct TriangleMesh {
   std::vector<Eigen::Vector3d> vertices;
   std::vector<Eigen::Vector3i> triangles;
+  std::vector<Rgba> colors;  // of the triangles, or empty: none is known
 };
 
 // Gripper frame: origin between the finger tips, z = approach direction (gripper to part), x =
@@ -38,6 +48,8 @@ struct Grasp {
   double jaw_opening_m = 0.0;  // opening before closing
   double grip_width_m = 0.0;   // distance of the gripped faces
   double quality = 1.0;        // 0..1, larger is better
+  // Where the gripper waits, open, before it moves straight to the grasp. Unset: not given.
+  std::optional<Rigid3> object_from_pregrasp;
 };
 
 // All geometry in the object's own frame, metres. `symmetries` lists every rotation of the discrete

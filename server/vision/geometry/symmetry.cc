@@ -3,6 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 
@@ -276,6 +277,29 @@ std::vector<Rigid3> DeriveSymmetries(const ObjectModel& model, const SymmetryOpt
     symmetries.push_back({R, part.centroid - R * part.centroid});
   }
   return symmetries;
+}
+
+SymmetryDifference CompareSymmetries(const std::vector<Rigid3>& declared,
+                                     const std::vector<Rigid3>& derived,
+                                     const ObjectModel& model,
+                                     double tolerance) {
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& v : model.mesh.vertices) box.extend(v);
+  std::array<Eigen::Vector3d, 8> corners;
+  for (int k = 0; k < 8; ++k) {
+    corners[k] = box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k));
+  }
+  const auto is_in = [&](const std::vector<Rigid3>& list, const Rigid3& a) {
+    return std::any_of(list.begin(), list.end(), [&](const Rigid3& b) {
+      return std::all_of(corners.begin(), corners.end(), [&](const Eigen::Vector3d& c) {
+        return (a * c - b * c).norm() <= tolerance * model.diameter_m;
+      });
+    });
+  };
+  SymmetryDifference difference;
+  for (const Rigid3& s : declared) difference.only_declared += !is_in(derived, s);
+  for (const Rigid3& s : derived) difference.only_derived += !is_in(declared, s);
+  return difference;
 }
 
 }  // namespace horopter

@@ -25,4 +25,18 @@ struct SymmetryOptions {
 // revolution.
 std::vector<Rigid3> DeriveSymmetries(const ObjectModel& model, const SymmetryOptions& options = {});
 
+// How two lists of a part's rotations, without the identity, differ: as a file declares them and as
+// the geometry has them.
+struct SymmetryDifference {
+  int only_declared = 0;
+  int only_derived = 0;
+};
+
+// Rotations are the same when no point of the part is moved differently by more than `tolerance`
+// diameters.
+SymmetryDifference CompareSymmetries(const std::vector<Rigid3>& declared,
+                                     const std::vector<Rigid3>& derived,
+                                     const ObjectModel& model,
+                                     double tolerance = 0.01);
+
 }  // namespace horopter

@@ -39,14 +39,6 @@ std::vector<std::vector<int>> Neighbours(const ObjectModel& model) {
 // Volume over the cube of the longest edge below which four points count as coplanar.
 constexpr double kFlat = 1e-3;
 
-double Diameter(std::span<const Eigen::Vector3d, 4> path) {
-  double diameter = 0.0;
-  for (const auto& pair : kPairs) {
-    diameter = std::max(diameter, (path[pair[0]] - path[pair[1]]).norm());
-  }
-  return diameter;
-}
-
 }  // namespace
 
 std::vector<FourVertices> VertexChains(const ObjectModel& model) {
@@ -114,64 +106,6 @@ std::optional<SimilarityKey> SimilarityKeyOf(std::span<const Eigen::Vector3d, 4>
   const double volume = frame.determinant() / (most * most * most);
   result.handedness = volume > kFlat ? 1 : volume < -kFlat ? -1 : 0;
   return result;
-}
-
-std::optional<InvariantKey> PathViewKey(std::span<const Eigen::Vector2d, 4> image_points,
-                                        const Eigen::MatrixXd& covariance) {
-  Eigen::VectorXd x(8);
-  for (int i = 0; i < 4; ++i) x.segment<2>(2 * i) = image_points[i];
-  const auto key = [](const Eigen::VectorXd& at) -> Eigen::VectorXd {
-    // Complex division by c - b is the similarity.
-    const Eigen::Vector2d b = at.segment<2>(2), bc = at.segment<2>(4) - b;
-    const auto divide = [&](const Eigen::Vector2d& v) -> Eigen::Vector2d {
-      return Eigen::Vector2d(v.dot(bc), bc.x() * v.y() - bc.y() * v.x()) / bc.squaredNorm();
-    };
-    Eigen::Vector4d values;
-    values << divide(at.segment<2>(0) - b), divide(at.segment<2>(6) - b);
-    return values;
-  };
-  const double spread =
-      (x.segment<2>(0) - x.segment<2>(2)).norm() + (x.segment<2>(6) - x.segment<2>(4)).norm();
-  const double base = (x.segment<2>(4) - x.segment<2>(2)).norm();
-  if (!x.allFinite() || !(base > 1e-3 * spread) || base == 0.0) return std::nullopt;
-  InvariantKey result{key(x), {}};
-  if (covariance.size() > 0) result.covariance = PropagateCovariance(key, x, covariance);
-  return result;
-}
-
-std::array<Eigen::Vector2d, 4> ProjectPath(std::span<const Eigen::Vector3d, 4> path,
-                                           const Eigen::Vector3d& direction,
-                                           double distance_diameters) {
-  // Image axes right-handed as in an image: x right, y down, z away from the camera.
-  const Eigen::Vector3d z = -direction.normalized();
-  const Eigen::Vector3d helper =
-      std::abs(z.x()) < 0.9 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitY();
-  const Eigen::Vector3d x = helper.cross(z).normalized(), y = z.cross(x);
-  const Eigen::Vector3d center = 0.25 * (path[0] + path[1] + path[2] + path[3]);
-  const double distance = distance_diameters * Diameter(path);
-  std::array<Eigen::Vector2d, 4> image;
-  for (int i = 0; i < 4; ++i) {
-    const Eigen::Vector3d p = path[i] - center;
-    const double depth = distance > 0.0 ? 1.0 + p.dot(z) / distance : 1.0;
-    image[i] = Eigen::Vector2d(p.dot(x), p.dot(y)) / depth;
-  }
-  return image;
-}
-
-std::vector<PathView> PathKeysOverViews(std::span<const Eigen::Vector3d, 4> path,
-                                        const PathViewOptions& options) {
-  std::vector<PathView> views;
-  const double golden = M_PI * (3.0 - std::sqrt(5.0));
-  for (int i = 0; i < options.directions; ++i) {
-    const double z = 1.0 - 2.0 * (i + 0.5) / options.directions, r = std::sqrt(1.0 - z * z);
-    const Eigen::Vector3d direction(r * std::cos(golden * i), r * std::sin(golden * i), z);
-    const auto image = ProjectPath(path, direction, options.distance_diameters);
-    const double length = (image[2] - image[1]).norm();
-    if (length < options.min_length_ratio * (path[2] - path[1]).norm()) continue;
-    std::optional<InvariantKey> key = PathViewKey(image);
-    if (key) views.push_back({direction, *std::move(key)});
-  }
-  return views;
 }
 
 }  // namespace horopter

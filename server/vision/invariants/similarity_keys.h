@@ -1,4 +1,4 @@
-// Keys of four connected vertices under similarities (geometry.md 7.3) and as seen in an image.
+// Keys of four connected vertices under similarities (geometry.md 7.3).
 #pragma once
 
 #include <Eigen/Core>
@@ -41,32 +41,5 @@ struct SimilarityKey {
 std::optional<SimilarityKey> SimilarityKeyOf(std::span<const Eigen::Vector3d, 4> points,
                                              const Eigen::MatrixXd& covariance = {},
                                              const SimilarityKeyOptions& options = {});
-
-// Image of a chain a-b-c-d, 4 values: a and d in the similarity frame of the image that puts b at
-// (0, 0) and c at (1, 0). No single view of four points has an invariant; a model path is therefore
-// a surface of keys over the view sphere, stored by sampling (PathKeysOverViews). covariance is 8 x
-// 8 of the stacked pixels, or empty. Nothing when b and c (nearly) coincide.
-std::optional<InvariantKey> PathViewKey(std::span<const Eigen::Vector2d, 4> image_points,
-                                        const Eigen::MatrixXd& covariance = {});
-
-struct PathView {
-  Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();  // from the object to the camera, unit
-  InvariantKey key;
-};
-
-struct PathViewOptions {
-  int directions = 200;  // samples of the view sphere; more: denser keys, more memory
-  // Camera distance in diameters of the path; 0: weak perspective (infinitely far).
-  double distance_diameters = 0.0;
-  double min_length_ratio = 0.1;  // b-c foreshortened below this share of its length is left out
-};
-
-std::vector<PathView> PathKeysOverViews(std::span<const Eigen::Vector3d, 4> path,
-                                        const PathViewOptions& options = {});
-
-// The image of the path from a direction, up to a similarity of the image.
-std::array<Eigen::Vector2d, 4> ProjectPath(std::span<const Eigen::Vector3d, 4> path,
-                                           const Eigen::Vector3d& direction,
-                                           double distance_diameters);
 
 }  // namespace horopter

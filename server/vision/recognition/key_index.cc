@@ -2,15 +2,18 @@
 
 #include <limits>
 #include <map>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kDimensions[kKeyTables] = {5, 5, 3};
+constexpr int kDimensions[kKeyTables] = {5, 5, 3, 4};
+constexpr int kPathViews = static_cast<int>(KeyTable::kPathViews);
 constexpr int kTransformKnots = 65;
 // Keys that a transformation is computed from; more change its quantiles by less than a hundredth.
 constexpr int64_t kTransformKeys = 20000;
@@ -25,16 +28,29 @@ int KeyOf(int64_t id) {
   return static_cast<int>(id & 0xffffffff);
 }
 
-// Calls visit(number, values) for every key of one table.
+XTreeOptions TreeOptions(int table) {
+  return {.dimensions = kDimensions[table], .boxes = table == kPathViews};
+}
+
+// Calls visit(number, low, high) for every key of one table; points have low = high.
 template <typename Visit>
 void ForEachKey(const ObjectKeys& keys, int table, const Visit& visit) {
   const auto all = [&](const auto& rows) {
     std::vector<double> values;
     for (std::size_t i = 0; i < rows.size(); ++i) {
       values.assign(rows[i].values.begin(), rows[i].values.end());
-      visit(static_cast<int>(i), values);
+      visit(static_cast<int>(i), values, values);
     }
   };
+  if (table == kPathViews) {
+    std::vector<double> low, high;
+    for (std::size_t i = 0; i < keys.path_views.size(); ++i) {
+      low.assign(keys.path_views[i].low.begin(), keys.path_views[i].low.end());
+      high.assign(keys.path_views[i].high.begin(), keys.path_views[i].high.end());
+      visit(static_cast<int>(i), low, high);
+    }
+    return;
+  }
   switch (static_cast<KeyTable>(table)) {
     case KeyTable::kChains:
       return all(keys.chains);
@@ -42,16 +58,36 @@ void ForEachKey(const ObjectKeys& keys, int table, const Visit& visit) {
       return all(keys.stars);
     case KeyTable::kSixPoints:
       return all(keys.six_points);
+    case KeyTable::kPathViews:
+      return;
   }
+}
+
+absl::StatusOr<XTree> BuildTree(const std::vector<const ObjectKeys*>& objects, int table) {
+  std::vector<double> lows, highs;
+  std::vector<int64_t> ids;
+  const bool boxes = TreeOptions(table).boxes;
+  for (int slot = 0; slot < static_cast<int>(objects.size()); ++slot) {
+    if (objects[slot] == nullptr) continue;
+    ForEachKey(*objects[slot],
+               table,
+               [&](int key, const std::vector<double>& low, const std::vector<double>& high) {
+                 lows.insert(lows.end(), low.begin(), low.end());
+                 if (boxes) highs.insert(highs.end(), high.begin(), high.end());
+                 ids.push_back(IdOf(slot, key));
+               });
+  }
+  return XTree::BulkLoadBoxes(TreeOptions(table), lows, boxes ? highs : lows, ids);
 }
 
 absl::StatusOr<FeatureTransform> Fit(const XTreeSnapshot& tree, std::uint32_t generation) {
   std::vector<Eigen::VectorXd> keys;
   const int64_t stride = std::max<int64_t>(1, tree.size() / kTransformKeys);
   int64_t at = 0;
-  tree.ForEach([&](int64_t, std::span<const double> low, std::span<const double>) {
+  tree.ForEach([&](int64_t, std::span<const double> low, std::span<const double> high) {
     if (at++ % stride == 0) {
-      keys.push_back(Eigen::Map<const Eigen::VectorXd>(low.data(), low.size()));
+      using Values = Eigen::Map<const Eigen::VectorXd>;
+      keys.push_back(0.5 * (Values(low.data(), low.size()) + Values(high.data(), high.size())));
     }
   });
   if (keys.size() < 2) return FeatureTransform();
@@ -64,9 +100,9 @@ absl::StatusOr<std::vector<KeyHit>> KeyIndexSnapshot::Find(KeyTable table,
                                                            const InvariantKey& key,
                                                            double gate) const {
   const int t = static_cast<int>(table);
-  if (key.values.size() != kDimensions[t]) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("key of ", key.values.size(), " values, need ", kDimensions[t]));
+  if (key.values.size() != kDimensions[t] || t == kPathViews) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "key of ", key.values.size(), " values for table ", t, ", need ", kDimensions[t]));
   }
   HOROPTER_ASSIGN_OR_RETURN(const std::vector<EllipsoidMatch> found,
                             trees_[t].Inside({key.values, key.covariance, gate}));
@@ -74,6 +110,27 @@ absl::StatusOr<std::vector<KeyHit>> KeyIndexSnapshot::Find(KeyTable table,
   hits.reserve(found.size());
   for (const EllipsoidMatch& m : found) {
     hits.push_back({SlotOf(m.id), KeyOf(m.id), m.squared_mahalanobis});
+  }
+  return hits;
+}
+
+absl::StatusOr<std::vector<KeyHit>> KeyIndexSnapshot::FindPathViews(const InvariantKey& key,
+                                                                    double gate) const {
+  constexpr int kSize = kDimensions[kPathViews];
+  if (key.values.size() != kSize || key.covariance.rows() != kSize ||
+      key.covariance.cols() != kSize) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("path view of ", key.values.size(), " values, need ", kSize));
+  }
+  const Eigen::VectorXd half = (gate * key.covariance.diagonal()).cwiseSqrt();
+  if (!half.allFinite() || !key.values.allFinite() || !(half.minCoeff() > 0.0)) {
+    return absl::InvalidArgumentError("path view: a variance that is not positive");
+  }
+  const Eigen::VectorXd low = key.values - half, high = key.values + half;
+  std::vector<KeyHit> hits;
+  for (const int64_t id :
+       trees_[kPathViews].Box({low.data(), size_t{kSize}}, {high.data(), size_t{kSize}})) {
+    hits.push_back({SlotOf(id), KeyOf(id), 0.0});
   }
   return hits;
 }
@@ -97,11 +154,12 @@ int64_t KeyIndexSnapshot::bytes() const {
 absl::Status KeyIndexSnapshot::CheckAgainst(const std::vector<const ObjectKeys*>& objects) const {
   for (int t = 0; t < kKeyTables; ++t) {
     HOROPTER_RETURN_IF_ERROR(trees_[t].CheckInvariants());
-    std::map<int64_t, std::vector<double>> wanted;
+    using Values = std::vector<double>;
+    std::map<int64_t, std::pair<Values, Values>> wanted;
     for (int slot = 0; slot < static_cast<int>(objects.size()); ++slot) {
       if (objects[slot] == nullptr) continue;
-      ForEachKey(*objects[slot], t, [&](int key, const std::vector<double>& values) {
-        wanted[IdOf(slot, key)] = values;
+      ForEachKey(*objects[slot], t, [&](int key, const Values& low, const Values& high) {
+        wanted[IdOf(slot, key)] = {low, high};
       });
     }
     if (static_cast<int64_t>(wanted.size()) != trees_[t].size()) {
@@ -109,9 +167,11 @@ absl::Status KeyIndexSnapshot::CheckAgainst(const std::vector<const ObjectKeys*>
           "index ", t, " holds ", trees_[t].size(), " keys, the objects have ", wanted.size()));
     }
     int64_t wrong = 0;
-    trees_[t].ForEach([&](int64_t id, std::span<const double> low, std::span<const double>) {
+    trees_[t].ForEach([&](int64_t id, std::span<const double> low, std::span<const double> high) {
       const auto it = wanted.find(id);
-      wrong += it == wanted.end() || !std::equal(low.begin(), low.end(), it->second.begin());
+      wrong += it == wanted.end() ||
+               !std::equal(low.begin(), low.end(), it->second.first.begin()) ||
+               !std::equal(high.begin(), high.end(), it->second.second.begin());
       if (it != wanted.end()) wanted.erase(it);
     });
     if (wrong > 0) {
@@ -121,24 +181,52 @@ absl::Status KeyIndexSnapshot::CheckAgainst(const std::vector<const ObjectKeys*>
   return absl::OkStatus();
 }
 
+std::vector<int> SharedKeys(const KeyIndexSnapshot& index, const ObjectKeys& keys) {
+  constexpr std::size_t kMostAsked = 64;
+  // Twice the tolerance within which FindLookAlike calls corners equal, as of a part's typical
+  // edge.
+  constexpr double kDeviation = 0.02;
+  std::vector<int> shared, last_key;
+  int number = 0;
+  const auto ask = [&](KeyTable table, const auto& rows) {
+    const std::size_t asked = std::min(rows.size(), kMostAsked);
+    for (std::size_t k = 0; k < asked; ++k) {
+      const auto& values = rows[k * rows.size() / asked].values;
+      const auto size = static_cast<Eigen::Index>(values.size());
+      InvariantKey key;
+      key.values = Eigen::Map<const Eigen::VectorXf>(values.data(), size).template cast<double>();
+      key.covariance = kDeviation * kDeviation * Eigen::MatrixXd::Identity(size, size);
+      ++number;
+      const auto hits = index.Find(table, key, 4.0);
+      if (!hits.ok()) continue;
+      for (const KeyHit& hit : *hits) {
+        if (hit.slot >= static_cast<int>(shared.size())) {
+          shared.resize(hit.slot + 1, 0);
+          last_key.resize(hit.slot + 1, 0);
+        }
+        if (last_key[hit.slot] != number) ++shared[hit.slot];  // each key counts once
+        last_key[hit.slot] = number;
+      }
+    }
+  };
+  ask(KeyTable::kChains, keys.chains);
+  ask(KeyTable::kStars, keys.stars);
+  ask(KeyTable::kSixPoints, keys.six_points);
+  return shared;
+}
+
 absl::StatusOr<KeyIndex> KeyIndex::Build(const std::vector<const ObjectKeys*>& objects,
-                                         std::uint32_t generation) {
+                                         std::uint32_t generation,
+                                         int threads) {
+  std::array<std::optional<absl::StatusOr<XTree>>, kKeyTables> built;
+  ParallelFor(kKeyTables, threads, [&](int t) { built[t] = BuildTree(objects, t); });
   std::vector<XTree> trees;
   for (int t = 0; t < kKeyTables; ++t) {
-    std::vector<double> points;
-    std::vector<int64_t> ids;
-    for (int slot = 0; slot < static_cast<int>(objects.size()); ++slot) {
-      if (objects[slot] == nullptr) continue;
-      ForEachKey(*objects[slot], t, [&](int key, const std::vector<double>& values) {
-        points.insert(points.end(), values.begin(), values.end());
-        ids.push_back(IdOf(slot, key));
-      });
-    }
-    HOROPTER_ASSIGN_OR_RETURN(XTree tree,
-                              XTree::BulkLoad({.dimensions = kDimensions[t]}, points, ids));
-    trees.push_back(std::move(tree));
+    HOROPTER_RETURN_IF_ERROR(built[t]->status());
+    trees.push_back(**std::move(built[t]));
   }
-  KeyIndex index({std::move(trees[0]), std::move(trees[1]), std::move(trees[2])});
+  KeyIndex index(
+      {std::move(trees[0]), std::move(trees[1]), std::move(trees[2]), std::move(trees[3])});
   index.transforms_ = std::make_shared<const std::array<FeatureTransform, kKeyTables>>();
   HOROPTER_RETURN_IF_ERROR(index.RefreshTransforms(generation));
   return index;
@@ -148,8 +236,8 @@ absl::Status KeyIndex::Insert(int slot, const ObjectKeys& keys) {
   if (slot < 0) return absl::InvalidArgumentError("negative slot");
   absl::Status status;
   for (int t = 0; t < kKeyTables; ++t) {
-    ForEachKey(keys, t, [&](int key, const std::vector<double>& values) {
-      status.Update(trees_[t].Insert(values, IdOf(slot, key)));
+    ForEachKey(keys, t, [&](int key, const auto& low, const auto& high) {
+      status.Update(trees_[t].InsertBox(low, high, IdOf(slot, key)));
     });
   }
   return status;
@@ -158,11 +246,26 @@ absl::Status KeyIndex::Insert(int slot, const ObjectKeys& keys) {
 absl::Status KeyIndex::Erase(int slot, const ObjectKeys& keys) {
   absl::Status status;
   for (int t = 0; t < kKeyTables; ++t) {
-    ForEachKey(keys, t, [&](int key, const std::vector<double>& values) {
-      status.Update(trees_[t].Delete(values, IdOf(slot, key)));
+    ForEachKey(keys, t, [&](int key, const auto& low, const auto& high) {
+      status.Update(trees_[t].DeleteBox(low, high, IdOf(slot, key)));
     });
   }
   return status;
+}
+
+void KeyIndex::EraseSlot(int slot) {
+  for (XTree& tree : trees_) {
+    struct Found {
+      int64_t id;
+      std::vector<double> low, high;
+    };
+    std::vector<Found> found;
+    tree.view().ForEach([&](int64_t id, std::span<const double> low, std::span<const double> high) {
+      if (SlotOf(id) != slot) return;
+      found.push_back({id, {low.begin(), low.end()}, {high.begin(), high.end()}});
+    });
+    for (const Found& entry : found) (void)tree.DeleteBox(entry.low, entry.high, entry.id);
+  }
 }
 
 absl::Status KeyIndex::RefreshTransforms(std::uint32_t generation) {

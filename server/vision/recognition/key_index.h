@@ -14,8 +14,9 @@
 
 namespace horopter {
 
-enum class KeyTable { kChains = 0, kStars = 1, kSixPoints = 2 };
-inline constexpr int kKeyTables = 3;
+// kPathViews holds boxes (server/vision/invariants/path_views.h), the others points.
+enum class KeyTable { kChains = 0, kStars = 1, kSixPoints = 2, kPathViews = 3 };
+inline constexpr int kKeyTables = 4;
 
 // A key of the catalog inside a query's gate: key `key` of the object in slot `slot`.
 struct KeyHit {
@@ -30,14 +31,20 @@ struct KeyHit {
 class KeyIndexSnapshot {
  public:
   // Keys whose squared Mahalanobis distance to `key` is at most `gate`; handedness and size are for
-  // the caller to compare. Errors: INVALID_ARGUMENT (wrong length, covariance not positive
-  // definite).
+  // the caller to compare. Not for kPathViews. Errors: INVALID_ARGUMENT (wrong length or table,
+  // covariance not positive definite).
   absl::StatusOr<std::vector<KeyHit>> Find(KeyTable table,
                                            const InvariantKey& key,
                                            double gate) const;
 
+  // Path views whose box meets the bounds of the ellipsoid that `key`, its covariance and `gate`
+  // span, with distance 0. The caller asks once for every PathReading. Errors: INVALID_ARGUMENT
+  // (wrong length, a variance that is not positive).
+  absl::StatusOr<std::vector<KeyHit>> FindPathViews(const InvariantKey& key, double gate) const;
+
   // The transformation that makes the table's density flat, with the generation of the catalog it
-  // was computed from; empty (0 dimensions) while the table has fewer than two keys.
+  // was computed from (of boxes by their centres); empty (0 dimensions) while the table has fewer
+  // than two keys.
   const FeatureTransform& Transform(KeyTable table) const;
 
   int64_t size() const;
@@ -54,16 +61,25 @@ class KeyIndexSnapshot {
       std::make_shared<const std::array<FeatureTransform, kKeyTables>>();
 };
 
+// For each slot (up to the last that has any) how many of the object's similarity and six-point
+// keys have one of that slot's near them: objects with most of them are candidates for look-alikes.
+// Of more than 64 keys of a table evenly chosen ones are asked for.
+std::vector<int> SharedKeys(const KeyIndexSnapshot& index, const ObjectKeys& keys);
+
 // The index that changes. One writer; snapshots share all but the nodes a write touches.
 class KeyIndex {
  public:
   // objects[i] gets slot i. generation: of the catalog, kept in the transformations.
   static absl::StatusOr<KeyIndex> Build(const std::vector<const ObjectKeys*>& objects,
-                                        std::uint32_t generation);
+                                        std::uint32_t generation,
+                                        int threads = 1);
 
   // Errors: INVALID_ARGUMENT (slot out of range); NOT_FOUND (Erase of keys that are not there).
   absl::Status Insert(int slot, const ObjectKeys& keys);
   absl::Status Erase(int slot, const ObjectKeys& keys);
+
+  // The same for a slot whose keys are not known: reads the whole index.
+  void EraseSlot(int slot);
 
   // Computes the transformations anew, if the number of keys has changed by a tenth since the last
   // time: their quantiles hardly move by less.

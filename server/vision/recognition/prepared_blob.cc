@@ -15,8 +15,8 @@ namespace {
 static_assert(std::endian::native == std::endian::little, "numbers are copied as they are");
 
 constexpr std::string_view kMagic = "HPRE";
+constexpr std::string_view kKeyMagic = "HKEY";
 constexpr std::size_t kHeaderBytes = 24;
-constexpr std::size_t kChecksumAt = 16;
 // More cells than ComputeOccupancy makes along a side mean a damaged blob.
 constexpr int kMaxCells = 1024;
 
@@ -133,7 +133,6 @@ class Reader {
 
   bool ok() const { return ok_; }
   std::size_t left() const { return blob_.size(); }
-  std::string_view rest() const { return blob_; }
 
  private:
   std::string_view blob_;
@@ -182,14 +181,59 @@ bool TakeOccupancy(Reader& reader, Occupancy& out) {
   return reader.ok();
 }
 
-}  // namespace
-
-std::string EncodePrepared(const PreparedObject& object, const PrepareOptions& options) {
-  std::string out(kMagic);
+std::string WithHeader(std::string_view magic, std::uint64_t fingerprint, std::string_view body) {
+  Hash checksum;
+  checksum.Add(body.data(), body.size());
+  std::string out(magic);
   Append(out, static_cast<std::uint16_t>(kPreparedVersion));
   Append(out, std::uint16_t{0});
-  Append(out, Fingerprint(object.model, options));
-  Append(out, std::uint64_t{0});
+  Append(out, fingerprint);
+  Append(out, checksum.value());
+  out += body;
+  return out;
+}
+
+// Checks everything but the fingerprint, which it returns, and takes the header off.
+absl::StatusOr<std::uint64_t> TakeHeader(std::string_view& blob, std::string_view wanted) {
+  Reader header(blob);
+  char magic[4];
+  for (char& c : magic) c = header.Take<char>();
+  const auto version = header.Take<std::uint16_t>();
+  header.Take<std::uint16_t>();
+  const auto fingerprint = header.Take<std::uint64_t>();
+  const auto checksum = header.Take<std::uint64_t>();
+  if (!header.ok()) return absl::DataLossError("derived data: shorter than its header");
+  if (std::string_view(magic, 4) != wanted) return absl::DataLossError("derived data: wrong magic");
+  if (version != kPreparedVersion) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        "derived data of version ", version, ", this program makes ", kPreparedVersion));
+  }
+  blob.remove_prefix(kHeaderBytes);
+  Hash hash;
+  hash.Add(blob.data(), blob.size());
+  if (hash.value() != checksum) return absl::DataLossError("derived data: wrong checksum");
+  return fingerprint;
+}
+
+// The same of data and keys of an object, which must be of its geometry.
+absl::Status TakeHeaderOf(const ObjectModel& model,
+                          std::uint64_t fingerprint,
+                          std::string_view magic,
+                          std::string_view& blob) {
+  const absl::StatusOr<std::uint64_t> found = TakeHeader(blob, magic);
+  const auto named = [&](const absl::Status& status) {
+    return absl::Status(status.code(),
+                        absl::StrCat("object ", model.id, ": ", std::string(status.message())));
+  };
+  if (!found.ok()) return named(found.status());
+  if (*found == fingerprint) return absl::OkStatus();
+  return named(absl::FailedPreconditionError("derived data of another geometry or other options"));
+}
+
+}  // namespace
+
+PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options) {
+  std::string out;
   AppendCoded(out, DifferenceBits(object));
   Append(out, static_cast<std::uint32_t>(object.stable_poses.size()));
   for (const StablePose& pose : object.stable_poses) {
@@ -198,45 +242,22 @@ std::string EncodePrepared(const PreparedObject& object, const PrepareOptions& o
     Append(out, pose.margin_m);
   }
   AppendOccupancy(out, object.occupancy);
-  out += EncodeObjectKeys(object.keys);
-  Hash checksum;
-  checksum.Add(out.data() + kHeaderBytes, out.size() - kHeaderBytes);
-  const std::uint64_t value = checksum.value();
-  std::memcpy(out.data() + kChecksumAt, &value, sizeof(value));
-  return out;
+  const std::uint64_t fingerprint = Fingerprint(object.model, options);
+  return {WithHeader(kMagic, fingerprint, out),
+          WithHeader(kKeyMagic, fingerprint, EncodeObjectKeys(object.keys))};
+}
+
+absl::StatusOr<ObjectKeys> DecodePreparedKeys(std::string_view keys, int vertex_count) {
+  HOROPTER_RETURN_IF_ERROR(TakeHeader(keys, kKeyMagic).status());
+  return DecodeObjectKeys(keys, vertex_count);
 }
 
 absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
-    ObjectModel model, std::string_view blob, const PrepareOptions& options) {
-  const auto damaged = [&](const char* what) {
-    return absl::DataLossError(absl::StrCat("object ", model.id, ": derived data: ", what));
-  };
-  Reader header(blob);
-  char magic[4];
-  for (char& c : magic) c = header.Take<char>();
-  const auto version = header.Take<std::uint16_t>();
-  header.Take<std::uint16_t>();
-  const auto fingerprint = header.Take<std::uint64_t>();
-  const auto checksum = header.Take<std::uint64_t>();
-  if (!header.ok()) return damaged("shorter than its header");
-  if (std::string_view(magic, 4) != kMagic) return damaged("wrong magic");
-  if (version != kPreparedVersion) {
-    return absl::FailedPreconditionError(absl::StrCat("object ",
-                                                      model.id,
-                                                      ": derived data of version ",
-                                                      version,
-                                                      ", this program makes ",
-                                                      kPreparedVersion));
-  }
-  blob.remove_prefix(kHeaderBytes);
-  Hash hash;
-  hash.Add(blob.data(), blob.size());
-  if (hash.value() != checksum) return damaged("wrong checksum");
-  if (fingerprint != Fingerprint(model, options)) {
-    return absl::FailedPreconditionError(
-        absl::StrCat("object ", model.id, ": derived data of another geometry or other options"));
-  }
-
+    ObjectModel model, const PreparedBytes& bytes, const PrepareOptions& options) {
+  std::string_view blob = bytes.data, keys = bytes.keys;
+  const std::uint64_t fingerprint = Fingerprint(model, options);
+  HOROPTER_RETURN_IF_ERROR(TakeHeaderOf(model, fingerprint, kMagic, blob));
+  HOROPTER_RETURN_IF_ERROR(TakeHeaderOf(model, fingerprint, kKeyMagic, keys));
   HOROPTER_ASSIGN_OR_RETURN(const std::shared_ptr<PreparedObject> object,
                             BeginPrepared(std::move(model), options));
   Reader reader(blob);
@@ -259,9 +280,9 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
   if (!TakeOccupancy(reader, object->occupancy)) {
     return absl::DataLossError("derived data: cells of a wrong size");
   }
+  if (reader.left() > 0) return absl::DataLossError("derived data: bytes behind its end");
   HOROPTER_ASSIGN_OR_RETURN(
-      object->keys,
-      DecodeObjectKeys(reader.rest(), static_cast<int>(object->model.vertices.size())));
+      object->keys, DecodeObjectKeys(keys, static_cast<int>(object->model.vertices.size())));
   FillEdgeVisibility(object.get());
   return std::shared_ptr<const PreparedObject>(object);
 }

@@ -69,7 +69,7 @@ absl::Status Apply(CatalogStore& store, const Operation& op) {
 absl::StatusOr<std::unique_ptr<CatalogStore>> OpenStore(const std::string& path) {
   absl::StatusOr<std::unique_ptr<Catalog>> catalog = Catalog::Open(path);
   if (!catalog.ok()) return catalog.status();
-  return CatalogStore::Load(*std::move(catalog), FakePreparer(), 1);
+  return CatalogStore::Load(*std::move(catalog), FakePreparer());
 }
 
 int WriteUntilKilled(const std::string& path,

@@ -25,7 +25,7 @@ Counted OpenCounted(const std::string& path, int version = 1) {
     ++*counter;
     return PrepareFake(std::move(model));
   };
-  auto store = CatalogStore::Load(Catalog::Open(path).value(), preparer, 1);
+  auto store = CatalogStore::Load(Catalog::Open(path).value(), preparer);
   EXPECT_TRUE(store.ok()) << store.status();
   opened.store = *std::move(store);
   opened.prepared = *counter;
@@ -60,7 +60,7 @@ TEST_F(CatalogStoreTest, DataOfAnotherVersionAreMadeAnewOnceAndStored) {
 TEST_F(CatalogStoreTest, MissingAndDamagedDataAreMadeAnew) {
   {
     auto catalog = Catalog::Open(path_).value();
-    ASSERT_TRUE(catalog->StoreDerived({{"obj_1", {1, "damaged"}}, {"obj_3", {}}}).ok());
+    ASSERT_TRUE(catalog->StoreDerived({{"obj_1", {1, "damaged", ""}}, {"obj_3", {}}}).ok());
   }
   {
     const Counted opened = OpenCounted(path_);
@@ -95,7 +95,7 @@ TEST_F(CatalogStoreTest, RebuildSaysWhatChangedAndCheckSaysWhatIsWrong) {
   CatalogStore& store = *opened.store;
   EXPECT_TRUE(store.CheckDerived("obj_0", true).ok());
   EXPECT_FALSE(*store.Rebuild("obj_0"));
-  ASSERT_TRUE(store.catalog().StoreDerived({{"obj_0", {1, "wrong"}}, {"obj_1", {}}}).ok());
+  ASSERT_TRUE(store.catalog().StoreDerived({{"obj_0", {1, "wrong", ""}}, {"obj_1", {}}}).ok());
   EXPECT_EQ(store.CheckDerived("obj_0", false).code(), absl::StatusCode::kDataLoss);
   EXPECT_EQ(store.CheckDerived("obj_1", false).code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_TRUE(*store.Rebuild("obj_0"));
@@ -104,6 +104,97 @@ TEST_F(CatalogStoreTest, RebuildSaysWhatChangedAndCheckSaysWhatIsWrong) {
   EXPECT_TRUE(store.CheckDerived("obj_1", true).ok());
   EXPECT_EQ(store.Rebuild("obj_9").status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(store.Published()->ids.size(), 5u);
+}
+
+// A catalog larger than what is held in memory.
+class StoredCatalogTest : public CatalogStoreTest {
+ protected:
+  std::unique_ptr<CatalogStore> OpenStored(int max_resident = 2) {
+    auto store = CatalogStore::Load(
+        Catalog::Open(path_).value(), FakePreparer(), {.max_resident = max_resident});
+    EXPECT_TRUE(store.ok()) << store.status();
+    return *std::move(store);
+  }
+  static double DiameterAt(const PublishedCatalog& published, int i) {
+    const auto object = ObjectAt(published.snapshot, i);
+    EXPECT_TRUE(object.ok()) << object.status();
+    return ModelOfFake(**object).diameter_m;
+  }
+};
+
+TEST_F(StoredCatalogTest, HasTheSameIndexAndObjectsAsOneInMemory) {
+  std::vector<double> diameters;
+  int64_t keys = 0;
+  {
+    const auto store = OpenStored(5);
+    EXPECT_TRUE(store->load_report().resident);
+    keys = store->Published()->snapshot.keys.size();
+    for (int i = 0; i < 5; ++i) diameters.push_back(DiameterAt(*store->Published(), i));
+  }
+  const auto store = OpenStored();
+  EXPECT_FALSE(store->load_report().resident);
+  EXPECT_EQ(store->load_report().restored, 5);
+  const auto published = store->Published();
+  EXPECT_TRUE(published->snapshot.objects.empty());
+  EXPECT_EQ(published->snapshot.keys.size(), keys);
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(DiameterAt(*published, i), diameters[i]);
+  EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+}
+
+TEST_F(StoredCatalogTest, ASnapshotKeepsWhatItShowedWhenTheObjectChangesOrGoes) {
+  const auto store = OpenStored();
+  const auto before = store->Published();
+  const CatalogRecord changed = SampleRecord("obj_2", 77);
+  const double old_diameter = store->catalog().GetObject("obj_2").value().model.diameter_m;
+  ASSERT_NE(old_diameter, changed.model.diameter_m);
+  ASSERT_TRUE(store
+                  ->Update("obj_2",
+                           {.geometry = true},
+                           [&](CatalogRecord) -> absl::StatusOr<CatalogRecord> { return changed; })
+                  .ok());
+  ASSERT_TRUE(store->Delete("obj_4").ok());
+  ASSERT_TRUE(store->Create(SampleRecord("obj_9", 9)).ok());
+  EXPECT_EQ(DiameterAt(*before, 2), old_diameter);
+  EXPECT_TRUE(ObjectAt(before->snapshot, 4).ok());
+  const auto after = store->Published();
+  EXPECT_EQ(after->ids, (std::vector<std::string>{"obj_0", "obj_1", "obj_2", "obj_3", "obj_9"}));
+  EXPECT_EQ(DiameterAt(*after, 2), changed.model.diameter_m);
+  EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+}
+
+TEST_F(StoredCatalogTest, DamagedOrMissingKeysAreMadeAnewAndStored) {
+  {
+    auto catalog = Catalog::Open(path_).value();
+    ASSERT_TRUE(catalog->StoreDerived({{"obj_1", {1, "damaged", "keys"}}, {"obj_3", {}}}).ok());
+  }
+  EXPECT_EQ(OpenStored()->load_report().prepared, 2);
+  const auto store = OpenStored();
+  EXPECT_EQ(store->load_report().prepared, 0);
+  EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+}
+
+TEST_F(StoredCatalogTest, AnObjectWhoseDataAreDamagedIsPreparedWhenAskedForAndCanBeRemoved) {
+  const auto store = OpenStored();
+  const auto good = store->catalog().GetDerived("obj_1").value();
+  ASSERT_TRUE(store->catalog().StoreDerived({{"obj_1", {1, "damaged", good.keys}}}).ok());
+  EXPECT_GT(DiameterAt(*store->Published(), 1), 0.0);
+  ASSERT_TRUE(store->Delete("obj_1").ok());
+  EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+}
+
+TEST_F(StoredCatalogTest, LookAlikesAreSoughtAmongThoseThatShareKeys) {
+  {
+    const auto store = OpenStored();
+    ASSERT_TRUE(store->Create(SampleRecord("twin", 3)).ok());  // the geometry of obj_2
+    const auto published = store->Published();
+    const auto candidates = store->LookAlikeCandidates(*published, "twin", 3);
+    ASSERT_TRUE(candidates.ok()) << candidates.status();
+    ASSERT_FALSE(candidates->empty());
+    EXPECT_LE(candidates->size(), 3u);
+    EXPECT_EQ(published->ids[candidates->front()], "obj_2");
+  }
+  const auto in_memory = OpenStored(100);
+  EXPECT_EQ(in_memory->LookAlikeCandidates(*in_memory->Published(), "twin", 1)->size(), 5u);
 }
 
 }  // namespace

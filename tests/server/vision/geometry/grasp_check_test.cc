@@ -53,5 +53,22 @@ TEST(GraspCheckTest, NamesWhatDoesNotFit) {
   EXPECT_THAT(CheckGrasps(m), testing::Contains(HasSubstr("passes through")));
 }
 
+TEST(GraspCheckTest, APreGraspLiesBeforeTheGraspOnTheApproachAxis) {
+  ObjectModel m = GrippedBox();
+  Rigid3 before = m.grasps[0].object_from_gripper;
+  before.t.z() += 0.1;
+  m.grasps[0].object_from_pregrasp = before;
+  EXPECT_THAT(CheckGrasps(m), IsEmpty());
+  m.grasps[0].object_from_pregrasp->t.x() += 0.02;
+  EXPECT_THAT(CheckGrasps(m), ElementsAre(HasSubstr("not along the approach axis")));
+  m.grasps[0].object_from_pregrasp = before;
+  m.grasps[0].object_from_pregrasp->t.z() = -0.1;
+  EXPECT_THAT(CheckGrasps(m), testing::Contains(HasSubstr("not before the part")));
+  m.grasps[0].object_from_pregrasp = before;
+  m.grasps[0].object_from_pregrasp->R.col(0) *= -1.0;
+  m.grasps[0].object_from_pregrasp->R.col(1) *= -1.0;
+  EXPECT_THAT(CheckGrasps(m), ElementsAre(HasSubstr("turns after the pre-grasp")));
+}
+
 }  // namespace
 }  // namespace horopter

@@ -169,5 +169,24 @@ TEST(Symmetry, HostileInputGivesNone) {
   EXPECT_TRUE(DeriveSymmetries(unset).empty());
 }
 
+TEST(CompareSymmetriesTest, CountsWhatOnlyOneSideHas) {
+  const ObjectModel model = Prism(Regular(4, 0.02), 0.05);
+  const std::vector<Rigid3> derived = DeriveSymmetries(model);
+  const auto differences = [&](const std::vector<Rigid3>& declared) {
+    const SymmetryDifference d = CompareSymmetries(declared, derived, model);
+    return std::pair(d.only_declared, d.only_derived);
+  };
+  std::vector<Rigid3> declared(derived.rbegin(), derived.rend());
+  EXPECT_EQ(differences(declared), std::pair(0, 0));
+  for (Rigid3& s : declared) s.t.x() += 1e-5;  // rounded in a file
+  EXPECT_EQ(differences(declared), std::pair(0, 0));
+  declared.pop_back();
+  EXPECT_EQ(differences(declared), std::pair(0, 1));
+  Rigid3 sixth;
+  sixth.R = Eigen::AngleAxisd(M_PI / 3, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  declared.push_back(sixth);
+  EXPECT_EQ(differences(declared), std::pair(1, 1));
+}
+
 }  // namespace
 }  // namespace horopter

@@ -93,53 +93,5 @@ TEST(SimilarityKeysTest, ChainsAndStarsOfATetrahedron) {
   EXPECT_EQ(VertexStars(model).size(), 4u);
 }
 
-TEST(PathViewKeyTest, SurvivesSimilaritiesOfTheImage) {
-  RandomSpace space(34);
-  for (int trial = 0; trial < 200; ++trial) {
-    std::array<Eigen::Vector2d, 4> points, moved;
-    for (auto& p : points) p = space.Noise(2);
-    const Eigen::Matrix2d rotation = Eigen::Rotation2Dd(space.Normal()).toRotationMatrix();
-    for (int i = 0; i < 4; ++i) moved[i] = 3.0 * rotation * points[i] + Eigen::Vector2d(5, -2);
-    const auto before = PathViewKey(points), after = PathViewKey(moved);
-    if (!before) continue;
-    ASSERT_TRUE(after);
-    EXPECT_LT((after->values - before->values).norm(), 1e-9 * (1.0 + before->values.norm()));
-  }
-}
-
-TEST(PathViewKeyTest, PerspectiveTendsToWeakPerspectiveAsTheCameraMovesAway) {
-  RandomSpace space(35);
-  const Four path = RandomFour(space);
-  double previous = INFINITY;
-  for (const double distance : {3.0, 30.0, 300.0}) {
-    double largest = 0.0;
-    const auto weak = PathKeysOverViews(path, {.min_length_ratio = 0.3});
-    EXPECT_GT(weak.size(), 50u);
-    for (const PathView& view : weak) {
-      const auto key = PathViewKey(ProjectPath(path, view.direction, distance));
-      ASSERT_TRUE(key);
-      largest = std::max(largest, (key->values - view.key.values).norm());
-    }
-    EXPECT_LT(largest, 0.2 * previous);
-    previous = largest;
-  }
-}
-
-TEST(PathViewKeyTest, CovarianceIsWhatNoiseShows) {
-  RandomSpace space(36);
-  std::array<Eigen::Vector2d, 4> points{Eigen::Vector2d(10, 80),
-                                        Eigen::Vector2d(40, 20),
-                                        Eigen::Vector2d(110, 30),
-                                        Eigen::Vector2d(130, 90)};
-  const auto stated = PathViewKey(points, 0.25 * Eigen::MatrixXd::Identity(8, 8));
-  std::vector<Eigen::VectorXd> samples;
-  for (int k = 0; k < 4000; ++k) {
-    auto noisy = points;
-    for (auto& p : noisy) p += 0.5 * space.Noise(2);
-    samples.push_back(PathViewKey(noisy)->values);
-  }
-  EXPECT_LT(CovarianceError(samples, stated->covariance), 0.1);
-}
-
 }  // namespace
 }  // namespace horopter

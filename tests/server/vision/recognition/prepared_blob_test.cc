@@ -59,40 +59,45 @@ TEST(PreparedBlob, RestoringGivesWhatPreparingGaveBitByBit) {
   for (const ObjectModel& model : {LBracket(), Wedge(), Turned()}) {
     const Prepared made = PrepareObject(model).value();
     EXPECT_FALSE(made->keys.chains.empty());
-    const std::string blob = EncodePrepared(*made);
-    const auto restored = RestorePrepared(model, blob);
+    const PreparedBytes bytes = EncodePrepared(*made);
+    const auto restored = RestorePrepared(model, bytes);
     ASSERT_TRUE(restored.ok()) << restored.status();
     ExpectSame(**restored, *made);
-    EXPECT_EQ(EncodePrepared(**restored), blob);
+    EXPECT_EQ(EncodePrepared(**restored), bytes);
+    const auto keys = DecodePreparedKeys(bytes.keys, static_cast<int>(model.vertices.size()));
+    ASSERT_TRUE(keys.ok()) << keys.status();
+    EXPECT_EQ(*keys, made->keys);
   }
 }
 
 TEST(PreparedBlob, IsAFractionOfWhatItStandsFor) {
   const Prepared made = PrepareObject(Turned()).value();
   const std::size_t raw = made->visible.size() * 8 + made->edge_visible.size();
-  const std::size_t keys = EncodeObjectKeys(made->keys).size();
-  EXPECT_LT(EncodePrepared(*made).size() - keys, raw / 4);
+  EXPECT_LT(EncodePrepared(*made).data.size(), raw / 4);
 }
 
 TEST(PreparedBlob, AnyFlippedBitAnywhereAndAnyCutIsNoticed) {
   const ObjectModel model = Wedge();
-  const std::string blob = EncodePrepared(*PrepareObject(model).value());
+  const PreparedBytes bytes = EncodePrepared(*PrepareObject(model).value());
   std::mt19937 rng(5);
   for (int trial = 0; trial < 300; ++trial) {
-    std::string damaged = blob;
+    PreparedBytes damaged = bytes;
+    std::string& part = trial % 2 == 0 ? damaged.data : damaged.keys;
     // The two bytes of zero in the header say nothing.
-    std::size_t at = rng() % blob.size();
+    std::size_t at = rng() % part.size();
     if (at == 6 || at == 7) at = 0;
-    damaged[at] = static_cast<char>(damaged[at] ^ (1 << (rng() % 8)));
+    part[at] = static_cast<char>(part[at] ^ (1 << (rng() % 8)));
     EXPECT_FALSE(RestorePrepared(model, damaged).ok()) << "byte " << at;
-    EXPECT_FALSE(RestorePrepared(model, blob.substr(0, rng() % blob.size())).ok());
+    part = (trial % 2 == 0 ? bytes.data : bytes.keys).substr(0, rng() % part.size());
+    EXPECT_FALSE(RestorePrepared(model, damaged).ok());
   }
 }
 
 // With the checksum made right again, so that the decoder itself meets nonsense.
 TEST(PreparedBlob, NonsenseBehindARightChecksumIsRefusedOrHarmless) {
   const ObjectModel model = Wedge();
-  const std::string blob = EncodePrepared(*PrepareObject(model).value());
+  const PreparedBytes bytes = EncodePrepared(*PrepareObject(model).value());
+  const std::string& blob = bytes.data;
   const auto checksum = [](const std::string& bytes) {
     std::uint64_t value = 0xcbf29ce484222325ull;
     for (std::size_t at = 24; at < bytes.size(); at += 8) {
@@ -113,7 +118,7 @@ TEST(PreparedBlob, NonsenseBehindARightChecksumIsRefusedOrHarmless) {
     for (int k = 0; k < 4; ++k) damaged[24 + rng() % (blob.size() - 24)] = static_cast<char>(rng());
     const std::uint64_t value = checksum(damaged);
     std::memcpy(damaged.data() + 16, &value, 8);
-    const auto restored = RestorePrepared(model, damaged);
+    const auto restored = RestorePrepared(model, {damaged, bytes.keys});
     refused += !restored.ok();
     if (restored.ok()) {
       EXPECT_EQ((*restored)->visible.size(), kAspectCount * 1u * (*restored)->words);
@@ -124,7 +129,7 @@ TEST(PreparedBlob, NonsenseBehindARightChecksumIsRefusedOrHarmless) {
 
 TEST(PreparedBlob, AnotherGeometryOrOtherOptionsAreOutOfDate) {
   const ObjectModel model = LBracket();
-  const std::string blob = EncodePrepared(*PrepareObject(model).value());
+  const PreparedBytes blob = EncodePrepared(*PrepareObject(model).value());
   ObjectModel moved = model;
   moved.mesh.vertices[3].x() += 1e-9;
   EXPECT_EQ(RestorePrepared(moved, blob).status().code(), absl::StatusCode::kFailedPrecondition);
@@ -134,8 +139,8 @@ TEST(PreparedBlob, AnotherGeometryOrOtherOptionsAreOutOfDate) {
   renamed.display_name = "another";
   renamed.grasps.push_back({});
   EXPECT_TRUE(RestorePrepared(renamed, blob).ok());
-  std::string other_version = blob;
-  other_version[4] = static_cast<char>(kPreparedVersion + 1);
+  PreparedBytes other_version = blob;
+  other_version.data[4] = static_cast<char>(kPreparedVersion + 1);
   EXPECT_EQ(RestorePrepared(model, other_version).status().code(),
             absl::StatusCode::kFailedPrecondition);
 }
