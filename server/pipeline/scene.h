@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "server/pipeline/base_frame.h"
 #include "server/vision/euclidean/euclidean.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/recognition/recognition.h"
@@ -22,8 +23,10 @@ struct ReferenceObject {
 };
 
 struct SceneRequest {
-  std::vector<cv::Mat> images;          // CV_8UC1 or CV_8UC3 (BGR)
-  std::vector<CameraHint> hints;        // empty or one per image
+  std::vector<cv::Mat> images;    // CV_8UC1 or CV_8UC3 (BGR)
+  std::vector<CameraHint> hints;  // empty or one per image
+  // Empty or one per image; where cameras are in the robot's base frame.
+  std::vector<std::optional<CameraPoseHint>> camera_poses;
   std::vector<std::string> candidates;  // empty: the whole catalog
   std::optional<ReferenceObject> reference;
 };
@@ -39,7 +42,8 @@ enum class SceneState {
 };
 
 struct StageReport {
-  std::string stage;  // features, matching, reconstruction, recognition, euclidean
+  // features, matching, reconstruction, recognition, euclidean, second_pass
+  std::string stage;
   double seconds = 0.0;
   std::map<std::string, double> counts;
 };
@@ -60,7 +64,8 @@ struct SceneAnswer {
   std::string detail;
   std::vector<std::optional<PosedCamera>> cameras;  // one per image; empty: not recovered
   std::vector<AnswerObject> objects;
-  std::optional<Rigid3> base_from_scene;  // when a reference was given and found
+  // When a reference was given and found; without one, when posed cameras were recovered.
+  std::optional<Rigid3> base_from_scene;
   std::vector<StageReport> stages;
 };
 
@@ -71,6 +76,9 @@ struct SceneTrace {
   Reconstruction reconstruction;
   RecognitionResult recognition;
   std::optional<MetricScene> metric;
+  // The second pass: `matching` once more under the cameras of `metric`, so that all their views
+  // are linked. Empty when it was not asked for or nothing is recognised.
+  std::optional<MatchingResult> linked;
 };
 
 }  // namespace horopter

@@ -236,7 +236,7 @@ SceneModel Expand(const JointContext& context,
 SceneModel TableRoute(const RecognitionInput& input,
                       JointContext* context,
                       std::vector<PlacedObject>* verified) {
-  if (input.reconstruction == nullptr) return {};
+  if (input.reconstruction == nullptr || !input.reconstruction->has_plane) return {};
   const std::vector<SceneModel> seeds =
       TableSeeds(*context, *input.reconstruction, {}, kTableScales);
   SceneModel best;
