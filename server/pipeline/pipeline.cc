@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
+#include "server/vision/matching/known_cameras.h"
 #include "server/vision/recognition/prepared_blob.h"
 #include "server/vision/recognition/prepared_object.h"
 #include "server/vision/recognition/view_linking.h"
@@ -171,6 +172,22 @@ SceneState StateOf(RecognitionState state) {
   return SceneState::kNothingFound;
 }
 
+// The second pass of the drawing: matching called again, cameras known.
+absl::StatusOr<MatchingResult> LinkUnderCameras(const SceneRequest& request,
+                                                const SceneTrace& trace,
+                                                const MatchingOptions& options,
+                                                const StopRequested& stop) {
+  std::vector<std::optional<KnownView>> views;
+  for (const auto& posed : trace.metric->cameras) {
+    views.emplace_back();
+    if (posed) views.back() = KnownView{posed->camera, posed->camera_from_scene};
+  }
+  KnownCameras known{views, Eigen::Vector3d::Zero()};
+  const double count = static_cast<double>(trace.metric->objects.size());
+  for (const PosedObject& o : trace.metric->objects) known.middle += o.scene_from_object.t / count;
+  return MatchUnderCameras(request.images, trace.features, known, trace.matching, options, stop);
+}
+
 void FillAnswer(const MetricScene& metric,
                 const std::vector<std::shared_ptr<const PreparedObject>>& objects,
                 const SceneRequest& request,
@@ -294,6 +311,11 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                             RefineMetricScene(input, trace.recognition, options.euclidean, stop));
   euclidean_clock.Finish(trace.metric->counts);
   FillAnswer(*trace.metric, objects, request, &answer);
+  if (!options.second_pass) return result;
+
+  StageClock second_pass_clock("second_pass", &answer.stages);
+  HOROPTER_ASSIGN_OR_RETURN(trace.linked, LinkUnderCameras(request, trace, options.matching, stop));
+  second_pass_clock.Finish(trace.linked->counts);
   return result;
 }
 

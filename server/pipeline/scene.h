@@ -42,7 +42,8 @@ enum class SceneState {
 };
 
 struct StageReport {
-  std::string stage;  // features, matching, reconstruction, recognition, euclidean
+  // features, matching, reconstruction, recognition, euclidean, second_pass
+  std::string stage;
   double seconds = 0.0;
   std::map<std::string, double> counts;
 };
@@ -75,6 +76,9 @@ struct SceneTrace {
   Reconstruction reconstruction;
   RecognitionResult recognition;
   std::optional<MetricScene> metric;
+  // The second pass: `matching` once more under the cameras of `metric`, so that all their views
+  // are linked. Empty when it was not asked for or nothing is recognised.
+  std::optional<MatchingResult> linked;
 };
 
 }  // namespace horopter
