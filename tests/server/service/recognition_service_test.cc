@@ -177,7 +177,7 @@ TEST_F(RecognitionServiceTest, PoseHintsArriveAsGivenAndBadOnesAreRefused) {
   }
   hint->set_rotation_sigma_rad(0.02);
   hint->mutable_camera_from_base()->mutable_rotation()->set_w(0.0);
-  ExpectRefused(request, "images[1].camera_hint.camera_from_base", "");
+  ExpectRefused(request, "images[1].camera_hint.camera_from_base.rotation", "");
   hint->clear_camera_from_base();
   ExpectRefused(request, "images[1].camera_hint.rotation_sigma_rad", "without camera_from_base");
 }
