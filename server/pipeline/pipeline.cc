@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
+#include "server/pipeline/answer.h"
 #include "server/vision/recognition/prepared_blob.h"
 #include "server/vision/recognition/prepared_object.h"
 #include "server/vision/recognition/view_linking.h"
@@ -67,6 +68,14 @@ absl::Status ValidateRequest(const SceneRequest& request) {
     const int type = request.images[i].type();
     if (request.images[i].empty() || (type != CV_8UC1 && type != CV_8UC3)) {
       return absl::InvalidArgumentError(absl::StrCat("images[", i, "]: need 8-bit grey or BGR"));
+    }
+  }
+  for (const ReferenceCamera& camera : request.reference_cameras) {
+    if (camera.image < 0 || camera.image >= static_cast<int>(request.images.size())) {
+      return absl::InvalidArgumentError("reference_cameras: no such image");
+    }
+    if (!camera.base_from_camera.R.allFinite() || !camera.base_from_camera.t.allFinite()) {
+      return absl::InvalidArgumentError("reference_cameras: not finite");
     }
   }
   return absl::OkStatus();
@@ -161,40 +170,6 @@ SceneState StateOf(RecognitionState state) {
   return SceneState::kNothingFound;
 }
 
-void FillAnswer(const MetricScene& metric,
-                const std::vector<std::shared_ptr<const PreparedObject>>& objects,
-                const SceneRequest& request,
-                SceneAnswer* answer) {
-  answer->cameras = metric.cameras;
-  std::vector<const PosedObject*> order;
-  for (const PosedObject& o : metric.objects) order.push_back(&o);
-  std::stable_sort(
-      order.begin(), order.end(), [](const auto* x, const auto* y) { return x->score > y->score; });
-  std::map<std::string, int> instances;
-  for (const PosedObject* posed : order) {
-    const ObjectModel& model = objects[posed->object]->model;
-    AnswerObject o;
-    o.object_id = model.id;
-    o.instance = instances[model.id]++;
-    o.score = posed->score;
-    o.scene_from_object = posed->scene_from_object;
-    o.covariance = posed->covariance;
-    o.view_scores = posed->view_scores;
-    for (int a : posed->alternatives) o.alternatives.push_back(objects[a]->model.id);
-    o.grasps = GraspsInScene(model, posed->scene_from_object);
-    answer->objects.push_back(std::move(o));
-  }
-  if (!request.reference) return;
-  for (const AnswerObject& o : answer->objects) {
-    if (o.object_id != request.reference->object_id) continue;
-    answer->base_from_scene = request.reference->base_from_object * o.scene_from_object.Inverse();
-    return;
-  }
-  answer->state = SceneState::kReferenceNotFound;
-  answer->detail = absl::StrCat(
-      "reference ", request.reference->object_id, " is not among the recognised objects");
-}
-
 }  // namespace
 
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(ObjectModel model) {
@@ -279,7 +254,8 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
   HOROPTER_ASSIGN_OR_RETURN(trace.metric,
                             RefineMetricScene(input, trace.recognition, options.euclidean, stop));
   euclidean_clock.Finish(trace.metric->counts);
-  FillAnswer(*trace.metric, objects, request, &answer);
+  HOROPTER_RETURN_IF_ERROR(
+      FillAnswer(*trace.metric, objects, request, options.euclidean.grasps, &answer));
   return result;
 }
 

@@ -5,7 +5,9 @@
 
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
+#include "absl/strings/str_cat.h"
 #include "server/vision/euclidean/edge_observations.h"
+#include "server/vision/euclidean/representative.h"
 #include "server/vision/euclidean/scene_bundle.h"
 #include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/prepared_object.h"
@@ -58,13 +60,28 @@ struct Refinement {
   ObservationOptions observation;
 };
 
+// objects: of recognition.objects, those that take part.
 Refinement Begin(const RecognitionInput& input,
                  const RecognitionResult& recognition,
+                 const std::vector<int>& objects,
                  const EuclideanOptions& options) {
   Refinement r;
   SceneBundle& b = r.bundle;
   const int views = static_cast<int>(recognition.views.size());
-  const Rigid3 old_from_scene = recognition.objects[0].scene_from_object;
+  const auto first =
+      std::find_if(recognition.views.begin(), recognition.views.end(), [](const auto& view) {
+        return view.has_value();
+      });
+  // Symmetric objects: the representative is chosen before the adjustment, which moves it little.
+  const Rigid3& camera = (*first)->camera_from_scene;
+  std::vector<Rigid3> old_from_object;
+  for (const int k : objects) {
+    const SceneObject& o = recognition.objects[k];
+    old_from_object.push_back(
+        camera.Inverse() *
+        RepresentativePose(input.objects[o.object]->model, camera * o.scene_from_object));
+  }
+  const Rigid3 old_from_scene = old_from_object[0];
   b.views.resize(views);
   b.priors.resize(views);
   b.working_from_image.assign(views, 1.0);
@@ -80,9 +97,9 @@ Refinement Begin(const RecognitionInput& input,
     if (b.views[v].known) r.grids[v] = EdgeGrid(input.features[v]);
   });
   for (int v = 0; v < views; ++v) b.working_from_image[v] = r.grids[v].working_from_image();
-  for (const SceneObject& o : recognition.objects) {
-    b.objects.push_back(
-        {old_from_scene.Inverse() * o.scene_from_object, input.objects[o.object].get()});
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    b.objects.push_back({old_from_scene.Inverse() * old_from_object[i],
+                         input.objects[recognition.objects[objects[i]].object].get()});
   }
   b.log_scale.assign(b.objects.size(), 0.0);
   if (input.matching != nullptr) {
@@ -153,6 +170,51 @@ double RobustRms(const std::vector<EdgeObservation>& observations) {
   return 1.4826 * r[r.size() / 2];
 }
 
+Finding Rejected(int catalog_object) {
+  Finding f;
+  f.kind = FindingKind::kObjectRejected;
+  f.object = catalog_object;
+  f.detail = "its edges do not fit the cameras of the other objects";
+  return f;
+}
+
+// What the scene leaves open, and where its metres come from.
+void AddFindings(const SceneBundle& bundle,
+                 const RecognitionInput& input,
+                 const EuclideanOptions& options,
+                 MetricScene* out) {
+  const auto add = [&](FindingKind kind, int object, double value, std::string detail) {
+    out->findings.push_back({kind, object, -1, Eigen::Vector3d::Zero(), value, std::move(detail)});
+  };
+  if (bundle.objects.size() == 1) {
+    add(FindingKind::kSingleObject, 0, 0.0, "scale and frame hang on one object");
+  }
+  if (std::all_of(bundle.objects.begin(), bundle.objects.end(), [](const AdjustedObject& o) {
+        return !o.model->model.symmetries.empty();
+      })) {
+    add(FindingKind::kFrameBySymmetry, 0,
+        1.0 + static_cast<double>(bundle.objects[0].model->model.symmetries.size()),
+        "every object is symmetric: the frame is one of several equivalent ones");
+  }
+  out->scales = EstimateScales(bundle, options.noise, options.findings, options.threads);
+  for (const ScaleSource& s : out->scales) {
+    if (s.agrees) continue;
+    add(FindingKind::kScaleConflict, s.index, s.log_ratio,
+        absl::StrCat("object ", s.index, " looks ", std::exp(s.log_ratio),
+                     " times as large as enrolled, measured by the others"));
+  }
+  for (int v = 0; v < static_cast<int>(input.hints.size()); ++v) {
+    if (input.hints[v].focal_px && bundle.views[v].known) {
+      out->scales.push_back({ScaleSourceKind::kKnownFocalLength, v,
+                             std::log(bundle.views[v].camera.focal_px / *input.hints[v].focal_px),
+                             input.hints[v].focal_log_sigma.value_or(kDefaultHintSigma), true});
+    }
+  }
+  for (Finding& f : FindWeakDirections(bundle, out->covariance, options.findings)) {
+    out->findings.push_back(std::move(f));
+  }
+}
+
 }  // namespace
 
 absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
@@ -168,11 +230,22 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   if (recognition.views.size() != input.features.size()) {
     return absl::InvalidArgumentError("views and features differ in number");
   }
-  Refinement r = Begin(input, recognition, options);
+  MetricScene out;
+  std::vector<int> kept;
+  for (int k = 0; k < static_cast<int>(recognition.objects.size()); ++k) kept.push_back(k);
+  Refinement r = Begin(input, recognition, kept, options);
   HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
+  const std::vector<int> misfits = FindMisfits(r.bundle, options.rejection);
+  if (!misfits.empty()) {
+    for (const int k : misfits) out.findings.push_back(Rejected(recognition.objects[k].object));
+    std::erase_if(kept, [&](int k) {
+      return std::find(misfits.begin(), misfits.end(), k) != misfits.end();
+    });
+    r = Begin(input, recognition, kept, options);
+    HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
+  }
 
   const SceneBundle& b = r.bundle;
-  MetricScene out;
   out.rms_px = RobustRms(b.edges);
   out.covariance = ComputeSceneCovariance(b, options.noise);
   const bool known = out.covariance.matrix.size() > 0;
@@ -185,7 +258,7 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
     out.cameras[v] = c;
   }
   for (std::size_t k = 0; k < b.objects.size(); ++k) {
-    const SceneObject& source = recognition.objects[k];
+    const SceneObject& source = recognition.objects[kept[k]];
     PosedObject o;
     o.object = source.object;
     o.scene_from_object = b.objects[k].scene_from_object;
@@ -208,6 +281,9 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                               graph.Between(frames.scene, frames.objects[k]));
     out.objects[k].covariance = pose.covariance;
   }
+  out.plane = FindSupportPlane(b);
+  AddFindings(b, input, options, &out);
+  out.counts["rejected_objects"] = static_cast<double>(misfits.size());
   out.counts["edge_observations"] = static_cast<double>(b.edges.size());
   out.counts["plane_matches"] = static_cast<double>(b.plane.matches.size());
   return out;
@@ -241,22 +317,6 @@ SceneFrames AddSceneFrames(const MetricScene& metric, TransformGraph* graph) {
     (void)graph->Connect(out.scene, out.objects[0], metric.objects[0].scene_from_object);
   } else {
     (void)graph->Connect(out.scene, origin, Rigid3{});
-  }
-  return out;
-}
-
-std::vector<SceneGrasp> GraspsInScene(const ObjectModel& model, const Rigid3& scene_from_object) {
-  std::vector<SceneGrasp> out;
-  for (int s = 0; s <= static_cast<int>(model.symmetries.size()); ++s) {
-    const Rigid3 symmetry = s == 0 ? Rigid3{} : model.symmetries[s - 1];
-    for (const Grasp& g : model.grasps) {
-      out.push_back({g.name,
-                     s,
-                     scene_from_object * symmetry * g.object_from_gripper,
-                     g.jaw_opening_m,
-                     g.grip_width_m,
-                     g.quality});
-    }
   }
   return out;
 }

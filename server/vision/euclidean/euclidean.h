@@ -10,8 +10,11 @@
 
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
+#include "server/vision/euclidean/findings.h"
+#include "server/vision/euclidean/grasps.h"
 #include "server/vision/euclidean/pose_perturbation.h"
 #include "server/vision/euclidean/scene_covariance.h"
+#include "server/vision/euclidean/support_plane.h"
 #include "server/vision/euclidean/transform_graph.h"
 #include "server/vision/recognition/recognition.h"
 
@@ -24,7 +27,7 @@ struct PosedCamera {
 };
 
 struct PosedObject {
-  int object = -1;
+  int object = -1;  // of the catalog
   Rigid3 scene_from_object;
   // Of the perturbation of scene_from_object (see pose_perturbation.h). The scene frame is the first
   // object's: its own covariance is zero.
@@ -40,6 +43,9 @@ struct MetricScene {
   std::vector<std::optional<PosedCamera>> cameras;
   std::vector<PosedObject> objects;
   SceneCovariance covariance;  // joint, of cameras and objects; indices as above
+  std::optional<SupportPlane> plane;
+  std::vector<ScaleSource> scales;  // objects, then focal lengths that were given
+  std::vector<Finding> findings;
   double rms_px = 0.0;
   std::map<std::string, double> counts;
 };
@@ -53,11 +59,16 @@ struct EuclideanOptions {
   // Edge samples of an object used per view; more: slower, hardly better (neighbours err in common).
   int samples_per_view = 160;
   NoiseOptions noise;
+  FindingOptions findings;
+  RejectionOptions rejection;
+  GraspOptions grasps;
   int threads = 2;
 };
 
 // Joint bundle adjustment of focal lengths, camera poses and object poses on the CAD edges seen in
-// the images and the plane's matched points. The scene frame is that of the first object. Errors:
+// the images and the plane's matched points. Objects that do not fit the cameras of two or more
+// others are left out and named in the findings. Of the equivalent poses of a symmetric object the
+// one of RepresentativePose is answered. The scene frame is that of the first object. Errors:
 // INVALID_ARGUMENT, CANCELLED, FAILED_PRECONDITION (no object, no camera, too few edges).
 absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                                               const RecognitionResult& recognition,
@@ -73,18 +84,5 @@ struct SceneFrames {
 // Adds the scene's frames with their joint covariance to the graph. Poses relative to a camera hold
 // that camera's uncertainty too.
 SceneFrames AddSceneFrames(const MetricScene& metric, TransformGraph* graph);
-
-// A grasp of a recognised object in the scene frame, expanded over the object's symmetries by the
-// caller's wish.
-struct SceneGrasp {
-  std::string name;
-  int symmetry = 0;  // 0: identity, k: ObjectModel::symmetries[k-1]
-  Rigid3 scene_from_gripper;
-  double jaw_opening_m = 0.0;
-  double grip_width_m = 0.0;
-  double quality = 0.0;
-};
-
-std::vector<SceneGrasp> GraspsInScene(const ObjectModel& model, const Rigid3& scene_from_object);
 
 }  // namespace horopter

@@ -14,8 +14,6 @@ namespace {
 // Neighbouring samples of one edge share the edge's error; samples closer than this (working
 // pixels) count as one.
 constexpr double kCorrelationPx = 12.0;
-// Edges of a rounded or shaded part err in common: hard on outliers.
-constexpr double kCauchySigmas = 0.5;
 constexpr double kPlaneSigmaPx = 0.7;
 constexpr double kMinDepthM = 1e-4;
 constexpr double kBehindSigmas = 1e4;  // stands for the residual of a point behind its camera
@@ -30,8 +28,8 @@ double EdgeWeight(const SceneBundle& bundle, const EdgeObservation& o) {
          (bundle.edge_sigma_px * std::sqrt(SharedSamples(o.spacing_px)));
 }
 
-double RobustLoss(double squared) {
-  constexpr double c2 = kCauchySigmas * kCauchySigmas;
+double RobustLoss(const SceneBundle& bundle, double squared) {
+  const double c2 = bundle.cauchy_sigmas * bundle.cauchy_sigmas;
   return c2 * std::log1p(squared / c2);
 }
 
@@ -101,11 +99,11 @@ NormalEquations Linearize(const SceneBundle& bundle,
     EdgeRow row;
     for (int e = runs[i].first; e < runs[i].last; ++e) {
       if (!LinearizeEdge(bundle, bundle.edges[e], &row)) {
-        sums[i].cost += RobustLoss(kBehindSigmas * kBehindSigmas);
+        sums[i].cost += RobustLoss(bundle, kBehindSigmas * kBehindSigmas);
         continue;
       }
-      const double squared = row.residual * row.residual, w = RobustWeight(squared);
-      sums[i].cost += RobustLoss(squared);
+      const double squared = row.residual * row.residual, w = RobustWeight(bundle, squared);
+      sums[i].cost += RobustLoss(bundle, squared);
       sums[i].A.noalias() += (w * row.J) * row.J.transpose();
       sums[i].b += w * row.residual * row.J;
     }
@@ -129,11 +127,11 @@ NormalEquations Linearize(const SceneBundle& bundle,
   PlaneRow row;
   for (const PlanePoints::Match& m : bundle.plane.matches) {
     if (!LinearizePlaneMatch(bundle, m, &row)) {
-      out.cost += RobustLoss(kBehindSigmas * kBehindSigmas);
+      out.cost += RobustLoss(bundle, kBehindSigmas * kBehindSigmas);
       continue;
     }
-    const double w = RobustWeight(row.residual.squaredNorm());
-    out.cost += RobustLoss(row.residual.squaredNorm());
+    const double w = RobustWeight(bundle, row.residual.squaredNorm());
+    out.cost += RobustLoss(bundle, row.residual.squaredNorm());
     const int starts[3] = {layout.view[m.view_a], layout.view[m.view_b], layout.plane};
     const int columns[3] = {0, kViewParameters, 2 * kViewParameters};
     const int sizes[3] = {kViewParameters, kViewParameters, kPlaneParameters};
@@ -202,8 +200,8 @@ double SharedSamples(double spacing_px) {
   return std::max(1.0, kCorrelationPx / std::max(spacing_px, 0.2));
 }
 
-double RobustWeight(double squared) {
-  return 1.0 / (1.0 + squared / (kCauchySigmas * kCauchySigmas));
+double RobustWeight(const SceneBundle& bundle, double squared) {
+  return 1.0 / (1.0 + squared / (bundle.cauchy_sigmas * bundle.cauchy_sigmas));
 }
 
 bool LinearizeEdge(const SceneBundle& bundle, const EdgeObservation& edge, EdgeRow* row) {
@@ -328,7 +326,7 @@ double BundleCost(const SceneBundle& bundle, int threads) {
       if (p.z() > kMinDepthM) {
         r = EdgeWeight(bundle, o) * o.normal.dot(Project(view.camera, p) - o.edge_point);
       }
-      parts[c] += RobustLoss(r * r);
+      parts[c] += RobustLoss(bundle, r * r);
     }
   });
   double cost = 0.0;
@@ -338,7 +336,7 @@ double BundleCost(const SceneBundle& bundle, int threads) {
     const RecognizedView b{bundle.views[m.view_b].camera, bundle.views[m.view_b].camera_from_scene};
     const auto e = PlaneTransferError(a, b, bundle.plane, m);
     const double w = bundle.working_from_image[m.view_b] / kPlaneSigmaPx;
-    cost += RobustLoss(e ? w * w * e->squaredNorm() : kBehindSigmas * kBehindSigmas);
+    cost += RobustLoss(bundle, e ? w * w * e->squaredNorm() : kBehindSigmas * kBehindSigmas);
   }
   for (std::size_t v = 0; v < bundle.views.size(); ++v) {
     if (bundle.views[v].known) cost += PriorResiduals(bundle, static_cast<int>(v)).squaredNorm();

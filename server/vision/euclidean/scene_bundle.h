@@ -37,6 +37,9 @@ struct SceneBundle {
   std::vector<EdgeObservation> edges;
   PlanePoints plane;
   double edge_sigma_px = 0.35;  // of an edge point, working pixels
+  // Residuals beyond this many sigmas count ever less (Cauchy). Edges of a rounded or shaded part
+  // err in common: hard on outliers. Higher: more efficient on clean points.
+  double cauchy_sigmas = 0.5;
 };
 
 // Where the parameters of each block begin; -1: not adjusted.
@@ -84,7 +87,7 @@ bool LinearizePlaneMatch(const SceneBundle& bundle, const PlanePoints::Match& ma
 double PlaneSigmaPx();
 
 // Weight (Cauchy) of a squared residual in sigmas.
-double RobustWeight(double squared);
+double RobustWeight(const SceneBundle& bundle, double squared);
 
 // A view's distances from its prior in sigmas: of log f, cx, cy, k1.
 Eigen::Vector4d PriorResiduals(const SceneBundle& bundle, int view);

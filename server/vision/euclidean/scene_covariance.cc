@@ -26,8 +26,8 @@ double Mad(std::vector<double> values) {
 }
 
 // d2/dr2 of the loss, of its value at zero.
-double Curvature(double squared) {
-  const double w = RobustWeight(squared);
+double Curvature(const SceneBundle& bundle, double squared) {
+  const double w = RobustWeight(bundle, squared);
   return w * (2.0 * w - 1.0);  // (1 - x) / (1 + x)^2 with w = 1 / (1 + x)
 }
 
@@ -82,7 +82,7 @@ std::vector<EdgeGroup> GroupEdges(const SceneBundle& bundle) {
   for (const EdgeObservation& o : bundle.edges) {
     EdgeGroup::Point point;
     if (!LinearizeEdge(bundle, o, &point.row)) continue;
-    point.weight = RobustWeight(point.row.residual * point.row.residual);
+    point.weight = RobustWeight(bundle, point.row.residual * point.row.residual);
     point.shared = SharedSamples(o.spacing_px);
     point.unit = 1.0 / (bundle.edge_sigma_px * std::sqrt(point.shared));
     point.residual = point.row.residual / point.unit;
@@ -229,18 +229,20 @@ Eigen::MatrixXd InverseOfFree(const Eigen::MatrixXd& H, const std::vector<bool>&
   return out;
 }
 
-double MeanCurvature(const std::vector<double>& squared) {
+double MeanCurvature(const SceneBundle& bundle, const std::vector<double>& squared) {
   double curvature = 0.0, weight = 1e-300;
   for (const double s : squared) {
-    curvature += Curvature(s);
-    weight += RobustWeight(s);
+    curvature += Curvature(bundle, s);
+    weight += RobustWeight(bundle, s);
   }
   return squared.empty() ? 1.0 : std::clamp(curvature / weight, kLeastCurvature, 1.0);
 }
 
 }  // namespace
 
-SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle, const NoiseOptions& options) {
+SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
+                                       const NoiseOptions& options,
+                                       bool scales_held) {
   SceneCovariance out;
   out.layout = LayoutOf(bundle);
   const int size = out.layout.size;
@@ -261,7 +263,7 @@ SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle, const NoiseOpt
     term.match = &m;
     if (!LinearizePlaneMatch(bundle, m, &term.row)) continue;
     const double squared = term.row.residual.squaredNorm();
-    term.weight = RobustWeight(squared);
+    term.weight = RobustWeight(bundle, squared);
     squared_plane.push_back(squared);
     plane_residuals.push_back(term.row.residual.x());
     plane_residuals.push_back(term.row.residual.y());
@@ -279,12 +281,12 @@ SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle, const NoiseOpt
   const double plane_sigma_px = PlaneSigmaPx();
   const double ratio = std::max(options.plane_min_px / plane_sigma_px, Mad(plane_residuals));
   scatter.plane_px = ratio * plane_sigma_px;
-  AddEdges(out.layout, groups, MeanCurvature(squared_edges), scatter, &s);
+  AddEdges(out.layout, groups, MeanCurvature(bundle, squared_edges), scatter, &s);
   s.H += s.H_data;
-  AddPlane(out.layout, plane, MeanCurvature(squared_plane), ratio, &s);
+  AddPlane(out.layout, plane, MeanCurvature(bundle, squared_plane), ratio, &s);
   AddPriors(bundle, out.layout, &s);
   const Eigen::MatrixXd inverse =
-      InverseOfFree(s.H, Held(bundle, out.layout, {Gauge::kFirstView, true}));
+      InverseOfFree(s.H, Held(bundle, out.layout, {Gauge::kFirstView, scales_held}));
   if (!inverse.allFinite()) return out;
   // An adjustment explains a part of the scatter away: offset and tilt of an edge are two values.
   const double values = 2.0 * static_cast<double>(groups.size());
