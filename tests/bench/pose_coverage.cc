@@ -56,6 +56,14 @@ void PrintShare(const std::string& name,
       out << std::setprecision(2) << "   chi2 " << Median(chi) << "  off " << Median(shift)
           << " mm " << Median(turn) << " deg  stated " << Median(stated_shift) << " mm "
           << Median(stated_turn) << " deg";
+    } else if constexpr (requires { checks[0].shift_mm; }) {
+      double shift = 0.0, turn = 0.0;
+      for (const Check& c : checks) {
+        if (tier != "all" && c.tier != tier) continue;
+        shift = std::max(shift, c.shift_mm);
+        turn = std::max(turn, c.turn_deg);
+      }
+      out << std::setprecision(2) << "   worst " << shift << " mm " << turn << " deg";
     } else {
       std::vector<double> error, sigma;
       for (const Check& c : checks) {
@@ -186,6 +194,56 @@ void CheckScene(const MetricScene& metric,
   }
 }
 
+void CheckSceneGrasps(const MetricScene& metric,
+                      const std::vector<const ObjectModel*>& models,
+                      const std::vector<int>& obj_ids,
+                      const BopScene& scene,
+                      const GraspOptions& options,
+                      CoverageReport* report) {
+  const std::vector<TrueMatch> matches = MatchAnswer(metric, models, obj_ids, scene);
+  const auto truth_of = [&](std::size_t k) {
+    return scene.images[0].instances[matches[k].instance].camera_from_object * matches[k].symmetry;
+  };
+  TransformGraph graph;
+  const SceneFrames frames = AddSceneFrames(metric, &graph);
+  const std::size_t n = matches.size();
+  for (std::size_t r = 0; r < n; ++r) {
+    if (n > 1 && matches[r].instance < 0) continue;
+    // The reference is object r: what is sure is said in its frame.
+    GraspScene planned;
+    planned.plane = metric.plane;
+    for (std::size_t k = 0; k < n; ++k) {
+      const Matrix6d turn = SecondInProduct(metric.objects[r].scene_from_object);
+      planned.objects.push_back(
+          {models[k], metric.objects[k].scene_from_object,
+           turn * graph.Between(frames.objects[r], frames.objects[k])->covariance *
+               turn.transpose()});
+    }
+    for (std::size_t k = 0; k < n; ++k) {
+      GraspCounts counts;
+      const auto grasps = PlanGrasps(planned, static_cast<int>(k), options, &counts);
+      if (r == 0) {
+        report->grasp_counts.considered += counts.considered;
+        report->grasp_counts.too_narrow += counts.too_narrow;
+        report->grasp_counts.below_plane += counts.below_plane;
+        report->grasp_counts.blocked += counts.blocked;
+        report->grasp_counts.unsure += counts.unsure;
+        report->grasps_offered += static_cast<int>(grasps.size());
+        report->objects_without_grasp += grasps.empty();
+      }
+      if (r == k || matches[k].instance < 0) continue;
+      const Rigid3 object_from_scene = metric.objects[k].scene_from_object.Inverse();
+      const Rigid3 r_from_scene = metric.objects[r].scene_from_object.Inverse();
+      for (const SceneGrasp& g : grasps) {
+        const Rigid3 wanted = truth_of(k) * (object_from_scene * g.scene_from_gripper);
+        const Rigid3 got = truth_of(r) * (r_from_scene * g.scene_from_gripper);
+        report->grasps.push_back({scene.tier, scene.scene_id, 1e3 * (got.t - wanted.t).norm(),
+                                  kDegrees * Turn(got.R, wanted.R), g.success});
+      }
+    }
+  }
+}
+
 void PrintCoverage(const CoverageReport& report, std::ostream& out) {
   out << report.objects << " objects answered, " << report.wrong
       << " of them at no instance's pose (left out)\n";
@@ -196,6 +254,13 @@ void PrintCoverage(const CoverageReport& report, std::ostream& out) {
   PrintShare("focal length", report.focal,
              [](const FocalCheck& c) { return c.error * c.error <= kChiSquare1 * c.sigma * c.sigma; },
              out);
+  const GraspCounts& g = report.grasp_counts;
+  out << "grasps: " << g.considered << " considered, " << report.grasps_offered << " offered, "
+      << g.below_plane << " through the plane, " << g.blocked << " through another object, "
+      << g.too_narrow << " too narrow, " << g.unsure << " unsure; " << report.objects_without_grasp
+      << " objects without any\n";
+  PrintShare("grasp within 2 mm 2 deg", report.grasps,
+             [](const GraspCheck& c) { return c.shift_mm <= 2.0 && c.turn_deg <= 2.0; }, out);
 }
 
 }  // namespace horopter

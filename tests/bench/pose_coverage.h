@@ -34,7 +34,20 @@ struct FocalCheck {
   double error = 0.0;  // log(estimate / truth)
   double sigma = 0.0;
 };
+// A grasp that was offered, carried into the true scene.
+struct GraspCheck {
+  std::string tier;
+  int scene = 0;
+  double shift_mm = 0.0;  // of the gripper's origin against where the part is
+  double turn_deg = 0.0;
+  double success = 0.0;  // as stated
+};
 struct CoverageReport {
+  std::vector<GraspCheck> grasps;  // in the frame of another object; of a single one none
+  GraspCounts grasp_counts;
+  int grasps_offered = 0;
+  int objects_without_grasp = 0;
+
   std::vector<PoseCheck> pairs;      // object in object
   std::vector<PoseCheck> reference;  // of these, relative to the answer's first object
   std::vector<PoseCheck> cameras;    // object in camera
@@ -60,6 +73,15 @@ void CheckScene(const MetricScene& metric,
                 const std::vector<int>& obj_ids,
                 const BopScene& scene,
                 CoverageReport* report);
+
+// Carries every grasp that PlanGrasps offers into the true scene by way of each other object's true
+// pose.
+void CheckSceneGrasps(const MetricScene& metric,
+                      const std::vector<const ObjectModel*>& models,
+                      const std::vector<int>& obj_ids,
+                      const BopScene& scene,
+                      const GraspOptions& options,
+                      CoverageReport* report);
 
 // Truth of one transform against its stated covariance.
 PoseCheck CheckPose(const UncertainPose& stated, const Rigid3& truth, const Eigen::Vector3d& center);

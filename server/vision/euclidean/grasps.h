@@ -43,9 +43,9 @@ struct GraspOptions {
   double clearance_m = 0.0005;
   double clearance_sigmas = 1.0;
   // Tolerances of a closed grasp along the fingers' faces and about their axes.
-  double tolerance_m = 0.004;
-  double tolerance_rad = 0.07;
-  double least_success = 0.5;  // grasps less sure than this are not offered
+  double tolerance_m = 0.002;
+  double tolerance_rad = 0.035;
+  double least_success = 0.8;  // grasps less sure than this are not offered
 };
 
 // An object of the scene; covariance of its pose in the frame the robot works in (perturbation of
