@@ -50,7 +50,7 @@ void AddEdges(const PreparedObject& object,
     const Eigen::Vector2d off(source->Normal(sigma_px), source->Normal(sigma_px));
     for (std::size_t i = 0; i + 1 < line.size(); ++i) {
       constexpr int kPieces = 24;
-      Eigen::Vector2d first, last;
+      Eigen::Vector2d first = Eigen::Vector2d::Zero(), last = first;
       int inside = 0;
       for (int j = 0; j <= kPieces; ++j) {
         const Eigen::Vector3d x = line[i] + (line[i + 1] - line[i]) * (j / double(kPieces));

@@ -5,7 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <tuple>
+
+#include "server/vision/euclidean/representative.h"
 
 namespace horopter {
 namespace {
@@ -15,6 +18,10 @@ constexpr double kUnknownFarness = 1.0;  // of a camera, in distances from the s
 constexpr double kNormalFromMad = 1.4826;
 constexpr double kLeastCurvature = 0.25;  // of the robust loss, of its value without outliers
 constexpr double kMostDofFactor = 6.0;
+// Of the equilibrated normal matrix: below it a factorisation is not trusted, and directions are
+// as good as open.
+constexpr double kSmallestPivot = 1e-9;
+constexpr double kSmallestEigenvalue = 1e-12;
 constexpr int kEdgeRow = kViewParameters + kObjectParameters;
 
 double Mad(std::vector<double> values) {
@@ -77,11 +84,27 @@ void FitGroup(const std::vector<Eigen::Vector3d>& positions, EdgeGroup* group) {
   group->tilt = line(1);
 }
 
+// Removes what a turn about an axis of revolution does: facets and chords that stand for a round
+// surface would seem to determine it. Rotation by a about the axis through the object's point p is
+// the perturbation (a, -a x R p).
+void ForgetTurn(const AdjustedObject& object, const RevolutionAxis& revolution, EdgeRow* row) {
+  const Eigen::Matrix3d& R = object.scene_from_object.R;
+  const Eigen::Vector3d a = R * revolution.axis;
+  auto J = row->J.segment<6>(kViewParameters);
+  const double along = J.head<3>().dot(a) - J.tail<3>().dot(a.cross(R * revolution.point));
+  J.head<3>() -= along * a;
+}
+
 std::vector<EdgeGroup> GroupEdges(const SceneBundle& bundle) {
+  std::vector<std::optional<RevolutionAxis>> axes;
+  for (const AdjustedObject& o : bundle.objects) {
+    axes.push_back(FindRevolutionAxis(o.model->model));
+  }
   std::map<std::tuple<int, int, int>, std::pair<EdgeGroup, std::vector<Eigen::Vector3d>>> groups;
   for (const EdgeObservation& o : bundle.edges) {
     EdgeGroup::Point point;
     if (!LinearizeEdge(bundle, o, &point.row)) continue;
+    if (axes[o.object]) ForgetTurn(bundle.objects[o.object], *axes[o.object], &point.row);
     point.weight = RobustWeight(bundle, point.row.residual * point.row.residual);
     point.shared = SharedSamples(o.spacing_px);
     point.unit = 1.0 / (bundle.edge_sigma_px * std::sqrt(point.shared));
@@ -219,9 +242,16 @@ Eigen::MatrixXd InverseOfFree(const Eigen::MatrixXd& H, const std::vector<bool>&
   const Eigen::VectorXd scale = A.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   A = scale.asDiagonal() * A * scale.asDiagonal();
   const Eigen::LDLT<Eigen::MatrixXd> ldlt(A);
-  const Eigen::MatrixXd inverse = scale.asDiagonal() *
-                                  ldlt.solve(Eigen::MatrixXd::Identity(n, n)) *
-                                  scale.asDiagonal();
+  Eigen::MatrixXd inverse;
+  if (ldlt.vectorD().minCoeff() > kSmallestPivot) {
+    inverse = ldlt.solve(Eigen::MatrixXd::Identity(n, n));
+  } else {
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(A);
+    inverse = eigen.eigenvectors() *
+              eigen.eigenvalues().cwiseMax(kSmallestEigenvalue).cwiseInverse().asDiagonal() *
+              eigen.eigenvectors().transpose();
+  }
+  inverse = scale.asDiagonal() * inverse * scale.asDiagonal();
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(H.rows(), H.cols());
   for (int i = 0; i < n; ++i) {
     for (int j = 0; j < n; ++j) out(free[i], free[j]) = 0.5 * (inverse(i, j) + inverse(j, i));
