@@ -60,12 +60,21 @@ std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
                                         const FindingOptions& options) {
   std::vector<Finding> out;
   if (covariance.matrix.size() == 0) return out;
-  int first = 0;
-  while (!bundle.views[first].known) ++first;
-  const auto first_camera = bundle.views[first].camera_from_scene;
   for (int k = 0; k < static_cast<int>(bundle.objects.size()); ++k) {
-    const Rigid3 pose = first_camera * bundle.objects[k].scene_from_object;
-    const Matrix6d C = InCamera(bundle, covariance, first, k);
+    // The camera that knows the object best: one that sees little is itself uncertain.
+    int view = -1;
+    Matrix6d C = Matrix6d::Zero();
+    for (int v = 0; v < static_cast<int>(bundle.views.size()); ++v) {
+      if (!bundle.views[v].known) continue;
+      const Matrix6d in_view = InCamera(bundle, covariance, v, k);
+      if (view >= 0 && in_view.topLeftCorner<3, 3>().trace() >= C.topLeftCorner<3, 3>().trace()) {
+        continue;
+      }
+      view = v;
+      C = in_view;
+    }
+    if (view < 0) break;
+    const Rigid3 pose = bundle.views[view].camera_from_scene * bundle.objects[k].scene_from_object;
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> turn(C.topLeftCorner<3, 3>());
     for (int i = 2; i >= 0; --i) {
       const double sigma = std::sqrt(std::max(0.0, turn.eigenvalues()(i)));

@@ -50,7 +50,7 @@ struct FindingOptions {
   double scale_log = 0.01;
 };
 
-// Directions of the objects that the covariance leaves open (turns seen from the first camera,
+// Directions of the objects that the covariance leaves open (turns seen from the surest camera,
 // shifts relative to the first other object, or the camera across its line of sight), and views
 // whose focal length is open.
 std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
