@@ -84,8 +84,7 @@ absl::Status CompareBaselines(const SceneRequest& request, const Drawing& d, Sce
     scale.log_ratio = std::log(known / estimated);
     scale.log_sigma =
         std::sqrt(along.dot(between.covariance.bottomRightCorner<3, 3>() * along)) / estimated;
-    scale.agrees =
-        std::abs(scale.log_ratio) < std::max(kScaleLog, kScaleSigmas * scale.log_sigma);
+    scale.agrees = std::abs(scale.log_ratio) < std::max(kScaleLog, kScaleSigmas * scale.log_sigma);
     answer->scales.push_back(scale);
     if (!scale.agrees) {
       AnswerFinding f;
@@ -93,7 +92,8 @@ absl::Status CompareBaselines(const SceneRequest& request, const Drawing& d, Sce
       f.image = camera.image;
       f.value = scale.log_ratio;
       f.detail = absl::StrCat("by the reference cameras the objects are ",
-                              std::exp(scale.log_ratio), " times as large as enrolled");
+                              std::exp(scale.log_ratio),
+                              " times as large as enrolled");
       answer->findings.push_back(f);
     }
   }
@@ -106,19 +106,21 @@ absl::Status FindBase(const SceneRequest& request, Drawing* d, SceneAnswer* answ
   if (request.reference) {
     for (std::size_t i = 0; i < answer->objects.size(); ++i) {
       if (answer->objects[i].object_id != request.reference->object_id) continue;
-      references.push_back({d->frames.objects[d->order[i]], request.reference->base_from_object,
+      references.push_back({d->frames.objects[d->order[i]],
+                            request.reference->base_from_object,
                             request.reference->object_id});
       break;
     }
     if (references.empty()) {
       answer->state = SceneState::kReferenceNotFound;
-      answer->detail = absl::StrCat("reference ", request.reference->object_id,
-                                    " is not among the recognised objects");
+      answer->detail = absl::StrCat(
+          "reference ", request.reference->object_id, " is not among the recognised objects");
     }
   }
   for (const ReferenceCamera& camera : request.reference_cameras) {
     if (d->frames.cameras[camera.image] < 0) continue;
-    references.push_back({d->frames.cameras[camera.image], camera.base_from_camera,
+    references.push_back({d->frames.cameras[camera.image],
+                          camera.base_from_camera,
                           absl::StrCat("camera of image ", camera.image)});
   }
   if (references.empty()) return absl::OkStatus();
@@ -128,16 +130,21 @@ absl::Status FindBase(const SceneRequest& request, Drawing* d, SceneAnswer* answ
   bool agree = true;
   for (std::size_t i = 1; i < references.size(); ++i) {
     HOROPTER_ASSIGN_OR_RETURN(
-        const LoopGap gap,
-        d->graph.Gap(base, references[i].frame, references[i].base_from_frame));
+        const LoopGap gap, d->graph.Gap(base, references[i].frame, references[i].base_from_frame));
     const double turn = gap.gap.head<3>().norm(), shift = gap.gap.tail<3>().norm();
     if (gap.chi_square < kGapChiSquare || (turn < kGapRad && shift < kGapM)) continue;
     agree = false;
     AnswerFinding f;
     f.kind = FindingKind::kReferenceConflict;
     f.value = shift;
-    f.detail = absl::StrCat(references[0].name, " and ", references[i].name,
-                            " put the base ", 1e3 * shift, " mm and ", turn, " rad apart");
+    f.detail = absl::StrCat(references[0].name,
+                            " and ",
+                            references[i].name,
+                            " put the base ",
+                            1e3 * shift,
+                            " mm and ",
+                            turn,
+                            " rad apart");
     answer->findings.push_back(f);
   }
   if (!agree) return absl::OkStatus();
@@ -182,8 +189,8 @@ void FillGrasps(const Drawing& d,
   scene.plane = d.metric.plane;
   for (std::size_t i = 0; i < answer->objects.size(); ++i) {
     const AnswerObject& o = answer->objects[i];
-    GraspScene::Object object{&objects[d.metric.objects[d.order[i]].object]->model,
-                              o.scene_from_object, o.covariance};
+    GraspScene::Object object{
+        &objects[d.metric.objects[d.order[i]].object]->model, o.scene_from_object, o.covariance};
     if (o.base_from_object && answer->base_from_scene) {
       // About the scene's axes.
       const Matrix6d turn = SecondInProduct(answer->base_from_scene->Inverse());

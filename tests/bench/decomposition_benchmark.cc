@@ -92,7 +92,9 @@ void BM_AlternativeNonlinear(benchmark::State& state) {
 void BM_NonlinearInImages(benchmark::State& state) {
   Run(state, [](const CollineatedScene& s) { return PosesOf(InImages(s)); });
 }
-void BM_JointAdjustment(benchmark::State& state) { Run(state, Joint); }
+void BM_JointAdjustment(benchmark::State& state) {
+  Run(state, Joint);
+}
 
 BENCHMARK(BM_PolarPerObject)->Unit(benchmark::kMillisecond);
 BENCHMARK(BM_CommonUpgrade)->Unit(benchmark::kMillisecond);

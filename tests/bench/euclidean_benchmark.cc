@@ -12,8 +12,10 @@ namespace {
 
 const MetricSceneTruth& Scene(int views, int objects) {
   static const std::vector<std::shared_ptr<const PreparedObject>> parts = {
-      PrepareObject(LBracket()).value(), PrepareObject(Wedge()).value(),
-      PrepareObject(Prism("profile", {{0, 0}, {0.06, 0}, {0.05, 0.03}, {0.01, 0.045}}, 0.03)).value(),
+      PrepareObject(LBracket()).value(),
+      PrepareObject(Wedge()).value(),
+      PrepareObject(Prism("profile", {{0, 0}, {0.06, 0}, {0.05, 0.03}, {0.01, 0.045}}, 0.03))
+          .value(),
       PrepareObject(Prism("step", {{0, 0}, {0.05, 0}, {0.05, 0.04}, {0.02, 0.055}}, 0.06)).value()};
   static std::map<std::pair<int, int>, MetricSceneTruth> scenes;
   auto& scene = scenes[{views, objects}];
@@ -28,7 +30,8 @@ const MetricSceneTruth& Scene(int views, int objects) {
 
 // range: views, objects, threads
 void BM_RefineMetricScene(benchmark::State& state) {
-  const MetricSceneTruth& scene = Scene(static_cast<int>(state.range(0)), static_cast<int>(state.range(1)));
+  const MetricSceneTruth& scene =
+      Scene(static_cast<int>(state.range(0)), static_cast<int>(state.range(1)));
   EuclideanOptions options;
   options.threads = static_cast<int>(state.range(2));
   double worst_mm = 0.0;
@@ -41,8 +44,8 @@ void BM_RefineMetricScene(benchmark::State& state) {
     for (std::size_t k = 1; k < metric->objects.size(); ++k) {
       const Rigid3 truth = scene.world_from_object[0].Inverse() * scene.world_from_object[k];
       const Eigen::Vector3d c = scene.objects[k]->center;
-      worst_mm = std::max(
-          worst_mm, 1e3 * (metric->objects[k].scene_from_object * c - truth * c).norm());
+      worst_mm =
+          std::max(worst_mm, 1e3 * (metric->objects[k].scene_from_object * c - truth * c).norm());
     }
   }
   state.counters["worst_mm"] = worst_mm;

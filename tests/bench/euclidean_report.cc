@@ -77,8 +77,10 @@ using Part = std::shared_ptr<const PreparedObject>;
 // Truth of a synthetic scene against the statements, over `scenes` seeds.
 void CountSynthetic(int scenes) {
   const std::vector<Part> parts = {
-      PrepareObject(LBracket()).value(), PrepareObject(Wedge()).value(),
-      PrepareObject(Prism("profile", {{0, 0}, {0.06, 0}, {0.05, 0.03}, {0.01, 0.045}}, 0.03)).value(),
+      PrepareObject(LBracket()).value(),
+      PrepareObject(Wedge()).value(),
+      PrepareObject(Prism("profile", {{0, 0}, {0.06, 0}, {0.05, 0.03}, {0.01, 0.045}}, 0.03))
+          .value(),
       PrepareObject(Prism("step", {{0, 0}, {0.05, 0}, {0.05, 0.04}, {0.02, 0.055}}, 0.06)).value()};
   CoverageReport report;
   int flagged = 0, refused = 0;
@@ -104,24 +106,33 @@ void CountSynthetic(int scenes) {
     }
     TransformGraph graph;
     const SceneFrames frames = AddSceneFrames(*metric, &graph);
-    const auto add = [&](int a, int b, const Rigid3& truth_a_from_b, std::size_t k,
-                         std::vector<PoseCheck>* to) {
-      PoseCheck check = CheckPose(*graph.Between(a, b), truth_a_from_b, truth.objects[k]->center);
-      check.tier = std::to_string(truth.objects.size());
-      to->push_back(check);
-    };
+    const auto add =
+        [&](int a, int b, const Rigid3& truth_a_from_b, std::size_t k, std::vector<PoseCheck>* to) {
+          PoseCheck check =
+              CheckPose(*graph.Between(a, b), truth_a_from_b, truth.objects[k]->center);
+          check.tier = std::to_string(truth.objects.size());
+          to->push_back(check);
+        };
     for (std::size_t k = 0; k < metric->objects.size(); ++k) {
       for (std::size_t v = 0; v < truth.cameras.size(); ++v) {
-        add(frames.cameras[v], frames.objects[k],
-            truth.camera_from_world[v] * truth.world_from_object[k], k, &report.cameras);
+        add(frames.cameras[v],
+            frames.objects[k],
+            truth.camera_from_world[v] * truth.world_from_object[k],
+            k,
+            &report.cameras);
       }
       if (k == 0) continue;
-      add(frames.objects[0], frames.objects[k],
-          truth.world_from_object[0].Inverse() * truth.world_from_object[k], k, &report.reference);
+      add(frames.objects[0],
+          frames.objects[k],
+          truth.world_from_object[0].Inverse() * truth.world_from_object[k],
+          k,
+          &report.reference);
     }
     for (std::size_t v = 0; v < truth.cameras.size(); ++v) {
       report.focal.push_back(
-          {std::to_string(truth.objects.size()), i, static_cast<int>(v),
+          {std::to_string(truth.objects.size()),
+           i,
+           static_cast<int>(v),
            std::log(metric->cameras[v]->camera.focal_px / truth.cameras[v].focal_px),
            metric->cameras[v]->focal_log_sigma});
     }
@@ -152,7 +163,8 @@ void CountDegenerate(int repeats) {
                             PrepareObject(Cylinder(0.02, 0.05)).value()};
   cases[1] = {"bar that no image ends", {}, FindingKind::kShiftUndetermined};
   cases[1].options.parts = {
-      PrepareObject(Prism("bar", {{-1, -0.015}, {1, -0.015}, {1, 0.015}, {-1, 0.015}}, 0.02)).value()};
+      PrepareObject(Prism("bar", {{-1, -0.015}, {1, -0.015}, {1, 0.015}, {-1, 0.015}}, 0.02))
+          .value()};
   cases[1].options.start_turn_rad = 0.0005;
   cases[2] = {"small part, narrow view", {}, FindingKind::kFocalAndDepth};
   cases[2].options.parts = {PrepareObject(Scaled(LBracket(), 0.5)).value()};

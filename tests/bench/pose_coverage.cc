@@ -41,8 +41,7 @@ void PrintShare(const std::string& name,
     }
     if (n == 0) continue;
     out << std::left << std::setw(22) << name << std::setw(5) << tier << std::right << std::setw(6)
-        << n << std::fixed << std::setprecision(3) << std::setw(8)
-        << static_cast<double>(held) / n;
+        << n << std::fixed << std::setprecision(3) << std::setw(8) << static_cast<double>(held) / n;
     if constexpr (requires { checks[0].chi_square; }) {
       std::vector<double> chi, turn, shift, stated_turn, stated_shift;
       for (const Check& c : checks) {
@@ -114,9 +113,11 @@ std::vector<TrueMatch> MatchAnswer(const MetricScene& metric,
       for (std::size_t v = 0; v < metric.cameras.size(); ++v) {
         if (!metric.cameras[v]) continue;
         errors.push_back(ProjectionError(
-            *models[k], metric.cameras[v]->camera,
+            *models[k],
+            metric.cameras[v]->camera,
             metric.cameras[v]->camera_from_scene * metric.objects[k].scene_from_object,
-            scene.images[v], scene.images[v].instances[i].camera_from_object));
+            scene.images[v],
+            scene.images[v].instances[i].camera_from_object));
       }
       if (const double error = Median(errors); error < best) {
         best = error;
@@ -128,10 +129,9 @@ std::vector<TrueMatch> MatchAnswer(const MetricScene& metric,
     // The symmetry nearest in the first recovered camera.
     for (std::size_t v = 0; v < metric.cameras.size(); ++v) {
       if (!metric.cameras[v]) continue;
-      const Eigen::Matrix3d estimate = metric.cameras[v]->camera_from_scene.R *
-                                       metric.objects[k].scene_from_object.R;
-      const Eigen::Matrix3d truth =
-          scene.images[v].instances[out[k].instance].camera_from_object.R;
+      const Eigen::Matrix3d estimate =
+          metric.cameras[v]->camera_from_scene.R * metric.objects[k].scene_from_object.R;
+      const Eigen::Matrix3d truth = scene.images[v].instances[out[k].instance].camera_from_object.R;
       double nearest = Turn(estimate, truth);
       for (const Rigid3& S : models[k]->symmetries) {
         if (const double turn = Turn(estimate, truth * S.R); turn < nearest) {
@@ -157,14 +157,14 @@ void CheckScene(const MetricScene& metric,
     return scene.images[v].instances[matches[k].instance].camera_from_object * matches[k].symmetry;
   };
   report->objects += static_cast<int>(matches.size());
-  const auto add = [&](PoseCheck check, std::size_t k, std::size_t reference,
-                       std::vector<PoseCheck>* to) {
-    check.tier = scene.tier;
-    check.scene = scene.scene_id;
-    check.object = static_cast<int>(k);
-    check.reference = static_cast<int>(reference);
-    to->push_back(check);
-  };
+  const auto add =
+      [&](PoseCheck check, std::size_t k, std::size_t reference, std::vector<PoseCheck>* to) {
+        check.tier = scene.tier;
+        check.scene = scene.scene_id;
+        check.object = static_cast<int>(k);
+        check.reference = static_cast<int>(reference);
+        to->push_back(check);
+      };
   for (std::size_t k = 0; k < matches.size(); ++k) {
     if (matches[k].instance < 0) {
       ++report->wrong;
@@ -174,13 +174,15 @@ void CheckScene(const MetricScene& metric,
     for (std::size_t v = 0; v < metric.cameras.size(); ++v) {
       if (!metric.cameras[v]) continue;
       add(CheckPose(*graph.Between(frames.cameras[v], frames.objects[k]), truth_of(v, k), center),
-          k, v, &report->cameras);
+          k,
+          v,
+          &report->cameras);
     }
     for (std::size_t r = 0; r < k; ++r) {
       if (matches[r].instance < 0) continue;
-      const PoseCheck check =
-          CheckPose(*graph.Between(frames.objects[r], frames.objects[k]),
-                    truth_of(0, r).Inverse() * truth_of(0, k), center);
+      const PoseCheck check = CheckPose(*graph.Between(frames.objects[r], frames.objects[k]),
+                                        truth_of(0, r).Inverse() * truth_of(0, k),
+                                        center);
       add(check, k, r, &report->pairs);
       if (r == 0) add(check, k, r, &report->reference);
     }
@@ -188,7 +190,9 @@ void CheckScene(const MetricScene& metric,
   for (std::size_t v = 0; v < metric.cameras.size(); ++v) {
     if (!metric.cameras[v]) continue;
     report->focal.push_back(
-        {scene.tier, scene.scene_id, static_cast<int>(v),
+        {scene.tier,
+         scene.scene_id,
+         static_cast<int>(v),
          std::log(metric.cameras[v]->camera.focal_px / scene.images[v].camera.focal_px),
          metric.cameras[v]->focal_log_sigma});
   }
@@ -215,7 +219,8 @@ void CheckSceneGrasps(const MetricScene& metric,
     for (std::size_t k = 0; k < n; ++k) {
       const Matrix6d turn = SecondInProduct(metric.objects[r].scene_from_object);
       planned.objects.push_back(
-          {models[k], metric.objects[k].scene_from_object,
+          {models[k],
+           metric.objects[k].scene_from_object,
            turn * graph.Between(frames.objects[r], frames.objects[k])->covariance *
                turn.transpose()});
     }
@@ -237,8 +242,11 @@ void CheckSceneGrasps(const MetricScene& metric,
       for (const SceneGrasp& g : grasps) {
         const Rigid3 wanted = truth_of(k) * (object_from_scene * g.scene_from_gripper);
         const Rigid3 got = truth_of(r) * (r_from_scene * g.scene_from_gripper);
-        report->grasps.push_back({scene.tier, scene.scene_id, 1e3 * (got.t - wanted.t).norm(),
-                                  kDegrees * Turn(got.R, wanted.R), g.success});
+        report->grasps.push_back({scene.tier,
+                                  scene.scene_id,
+                                  1e3 * (got.t - wanted.t).norm(),
+                                  kDegrees * Turn(got.R, wanted.R),
+                                  g.success});
       }
     }
   }
@@ -251,16 +259,21 @@ void PrintCoverage(const CoverageReport& report, std::ostream& out) {
   PrintShare("object in reference", report.reference, holds, out);
   PrintShare("object in object", report.pairs, holds, out);
   PrintShare("object in camera", report.cameras, holds, out);
-  PrintShare("focal length", report.focal,
-             [](const FocalCheck& c) { return c.error * c.error <= kChiSquare1 * c.sigma * c.sigma; },
-             out);
+  PrintShare(
+      "focal length",
+      report.focal,
+      [](const FocalCheck& c) { return c.error * c.error <= kChiSquare1 * c.sigma * c.sigma; },
+      out);
   const GraspCounts& g = report.grasp_counts;
   out << "grasps: " << g.considered << " considered, " << report.grasps_offered << " offered, "
       << g.below_plane << " through the plane, " << g.blocked << " through another object, "
       << g.too_narrow << " too narrow, " << g.unsure << " unsure; " << report.objects_without_grasp
       << " objects without any\n";
-  PrintShare("grasp within 2 mm 2 deg", report.grasps,
-             [](const GraspCheck& c) { return c.shift_mm <= 2.0 && c.turn_deg <= 2.0; }, out);
+  PrintShare(
+      "grasp within 2 mm 2 deg",
+      report.grasps,
+      [](const GraspCheck& c) { return c.shift_mm <= 2.0 && c.turn_deg <= 2.0; },
+      out);
 }
 
 }  // namespace horopter

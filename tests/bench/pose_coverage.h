@@ -23,7 +23,7 @@ struct PoseCheck {
   int reference = -1;  // the other object, or the view
   double chi_square = 0.0;
   double turn_deg = 0.0;
-  double shift_mm = 0.0;       // of the object's centre
+  double shift_mm = 0.0;         // of the object's centre
   double stated_turn_deg = 0.0;  // root of the covariance's trace
   double stated_shift_mm = 0.0;
 };
@@ -84,7 +84,9 @@ void CheckSceneGrasps(const MetricScene& metric,
                       CoverageReport* report);
 
 // Truth of one transform against its stated covariance.
-PoseCheck CheckPose(const UncertainPose& stated, const Rigid3& truth, const Eigen::Vector3d& center);
+PoseCheck CheckPose(const UncertainPose& stated,
+                    const Rigid3& truth,
+                    const Eigen::Vector3d& center);
 
 void PrintCoverage(const CoverageReport& report, std::ostream& out);
 

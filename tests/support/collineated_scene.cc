@@ -53,7 +53,8 @@ std::optional<CollineatedScene> MakeCollineatedScene(unsigned seed,
     }
     const auto H = FitCollineation(pairs, {});
     if (!H) return std::nullopt;
-    object.scene_from_object = *H * Eigen::Vector4d(1 / kUnit, 1 / kUnit, 1 / kUnit, 1).asDiagonal();
+    object.scene_from_object =
+        *H * Eigen::Vector4d(1 / kUnit, 1 / kUnit, 1 / kUnit, 1).asDiagonal();
     scene.objects.push_back(object);
   }
   for (std::size_t i = 0; i < truth.tracks.point_observations.size(); ++i) {
@@ -71,7 +72,8 @@ BetweenError ErrorBetween(const CollineatedScene& scene,
                           int k) {
   const Rigid3 truth = scene.world_from_object[0].Inverse() * scene.world_from_object[k];
   const Rigid3 estimate = metric_from_object[0].Inverse() * metric_from_object[k];
-  return {(estimate.t - truth.t).norm(), Eigen::AngleAxisd(estimate.R * truth.R.transpose()).angle()};
+  return {(estimate.t - truth.t).norm(),
+          Eigen::AngleAxisd(estimate.R * truth.R.transpose()).angle()};
 }
 
 }  // namespace horopter

@@ -62,9 +62,9 @@ void AddEdges(const PreparedObject& object,
       if (inside < 2) continue;
       Segment s;
       s.start = first + off;
-      s.end = last + (line.size() > 2 ? off
-                                      : Eigen::Vector2d(source->Normal(sigma_px),
-                                                        source->Normal(sigma_px)));
+      s.end = last + (line.size() > 2
+                          ? off
+                          : Eigen::Vector2d(source->Normal(sigma_px), source->Normal(sigma_px)));
       s.contrast = 40;
       if (s.Length() > 1.0) features->segments.push_back(s);
     }
@@ -81,8 +81,8 @@ void AddTable(MetricSceneTruth* scene, Source* source) {
     for (int i = 0; i < kPoints; ++i) {
       const double x = source->Uniform(-0.15, 0.15), y = source->Uniform(-0.15, 0.15);
       const auto pixel = [&](int view) {
-        const Eigen::Vector2d u = Project(scene->cameras[view],
-                                          scene->camera_from_world[view] * Eigen::Vector3d(x, y, 0));
+        const Eigen::Vector2d u = Project(
+            scene->cameras[view], scene->camera_from_world[view] * Eigen::Vector3d(x, y, 0));
         return Eigen::Vector2d(u.x() + source->Normal(kSigmaPx), u.y() + source->Normal(kSigmaPx));
       };
       pair.inliers_a.push_back(pixel(pair.view_a));
@@ -116,7 +116,8 @@ MetricSceneTruth MakeMetricScene(const MetricSceneOptions& options) {
     const double radius = n > 1 ? 0.08 : 0.0;
     pose.t = Eigen::Vector3d(radius * std::cos(at), radius * std::sin(at), 0.0);
     // The middle of the part on the circle.
-    pose.t -= pose.R * Eigen::Vector3d(options.parts[k]->center.x(), options.parts[k]->center.y(), 0);
+    pose.t -=
+        pose.R * Eigen::Vector3d(options.parts[k]->center.x(), options.parts[k]->center.y(), 0);
     scene.world_from_object.push_back(pose);
     for (std::size_t e = 0; e < options.parts[k]->model.edges.size(); ++e) {
       displaced[k].push_back(source.Normal3(options.cad_sigma_m));
@@ -127,7 +128,8 @@ MetricSceneTruth MakeMetricScene(const MetricSceneOptions& options) {
     const double azimuth = options.arc_rad * share, up = source.Uniform(0.6, 0.9);
     const double d = options.distance_m * source.Uniform(0.9, 1.1);
     const Eigen::Vector3d eye(d * std::cos(up) * std::sin(azimuth),
-                              -d * std::cos(up) * std::cos(azimuth), d * std::sin(up));
+                              -d * std::cos(up) * std::cos(azimuth),
+                              d * std::sin(up));
     PinholeCamera camera = CenteredCamera(
         640, 480, 640.0 * source.Uniform(options.min_focal_widths, options.max_focal_widths));
     camera.cx += source.Normal(options.center_sigma * 640.0);
@@ -139,9 +141,13 @@ MetricSceneTruth MakeMetricScene(const MetricSceneOptions& options) {
     f.width = 640;
     f.height = 480;
     for (int k = 0; k < n; ++k) {
-      AddEdges(*options.parts[k], displaced[k], camera,
-               scene.camera_from_world[v] * scene.world_from_object[k], options.end_sigma_px,
-               &source, &f);
+      AddEdges(*options.parts[k],
+               displaced[k],
+               camera,
+               scene.camera_from_world[v] * scene.world_from_object[k],
+               options.end_sigma_px,
+               &source,
+               &f);
     }
     scene.features.push_back(std::move(f));
   }
@@ -157,8 +163,8 @@ MetricSceneTruth MakeMetricScene(const MetricSceneOptions& options) {
     SceneObject o;
     o.object = k;
     o.score = 0.9 - 0.01 * k;
-    o.scene_from_object = source.Disturbed(
-        scene.world_from_object[k], options.start_turn_rad, options.start_shift_m);
+    o.scene_from_object =
+        source.Disturbed(scene.world_from_object[k], options.start_turn_rad, options.start_shift_m);
     scene.recognition.objects.push_back(o);
   }
   return scene;

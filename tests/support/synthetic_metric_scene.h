@@ -1,5 +1,5 @@
-// Scenes of known parts as recognition hands them to the euclidean stage: edges with noise, poses and
-// cameras a little off, exact truth.
+// Scenes of known parts as recognition hands them to the euclidean stage: edges with noise, poses
+// and cameras a little off, exact truth.
 #pragma once
 
 #include <memory>
@@ -20,7 +20,7 @@ struct MetricSceneOptions {
   double center_sigma = 0.01;    // of the principal point, share of the width
   double min_focal_widths = 1.1;
   double max_focal_widths = 1.9;
-  double distance_m = 0.55;      // of the cameras
+  double distance_m = 0.55;  // of the cameras
   double arc_rad = 1.2;
   double start_turn_rad = 0.004;  // how far recognition's poses are off
   double start_shift_m = 0.0006;

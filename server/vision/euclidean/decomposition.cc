@@ -38,9 +38,13 @@ absl::Status CheckObjects(std::span<const CollineatedObject> objects) {
     const CollineatedObject& o = objects[i];
     const std::size_t n = o.points_in_object.size();
     if (n < 4 || (!o.points_in_scene.empty() && o.points_in_scene.size() != n)) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("objects[", i, "]: ", n, " points, ", o.points_in_scene.size(),
-                       " of them in the scene; need 4 and all"));
+      return absl::InvalidArgumentError(absl::StrCat("objects[",
+                                                     i,
+                                                     "]: ",
+                                                     n,
+                                                     " points, ",
+                                                     o.points_in_scene.size(),
+                                                     " of them in the scene; need 4 and all"));
     }
     if (!o.scene_from_object.allFinite()) {
       return absl::InvalidArgumentError(absl::StrCat("objects[", i, "]: not finite"));
@@ -100,8 +104,7 @@ absl::StatusOr<RigidPart> RigidPartOf(const Eigen::Matrix4d& U,
     return absl::FailedPreconditionError(
         absl::StrCat("objects[", index, "]: the upgrade flattens or mirrors it"));
   }
-  const Eigen::Vector3d s =
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(polar->S).eigenvalues();
+  const Eigen::Vector3d s = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(polar->S).eigenvalues();
   const Eigen::Vector3d t = B.topRightCorner<3, 1>() / s.mean();
   return RigidPart{{polar->Q, t - polar->Q * middle}, s(2) / std::max(1e-12, s(0))};
 }
@@ -323,8 +326,12 @@ std::optional<MetricCamera> UpgradeCamera(const CameraMatrix& P,
   const double sign = R.determinant() < 0.0 ? -1.0 : 1.0;
   MetricCamera out;
   out.camera_from_metric = {sign * R, sign * K.inverse() * M.col(3)};
-  out.camera = {width, height, std::sqrt(K(0, 0) * K(1, 1)) / K(2, 2), K(0, 2) / K(2, 2),
-                K(1, 2) / K(2, 2), 0.0};
+  out.camera = {width,
+                height,
+                std::sqrt(K(0, 0) * K(1, 1)) / K(2, 2),
+                K(0, 2) / K(2, 2),
+                K(1, 2) / K(2, 2),
+                0.0};
   if (!(out.camera_from_metric.t.z() > 0.0)) return std::nullopt;
   return out;
 }
@@ -337,15 +344,20 @@ absl::StatusOr<JointPoints> AdjustOnPoints(std::span<const std::optional<CameraM
   SceneBundle bundle;
   for (std::size_t v = 0; v < cameras.size(); ++v) {
     const int w = sizes[v].x(), h = sizes[v].y();
-    const auto camera = cameras[v] ? UpgradeCamera(*cameras[v], start.metric_from_scene, w, h)
-                                   : std::nullopt;
+    const auto camera =
+        cameras[v] ? UpgradeCamera(*cameras[v], start.metric_from_scene, w, h) : std::nullopt;
     bundle.views.push_back({});
     bundle.priors.push_back({});
     bundle.working_from_image.push_back(1.0);
     if (!camera) continue;
     bundle.views.back() = {true, camera->camera, camera->camera_from_metric};
-    bundle.priors.back() = {std::log(1.2 * w), 0.5 * (w - 1), 0.5 * (h - 1), 0.0,
-                            kFocalLogSigma,    kCenterSigma * w, 1e-4};
+    bundle.priors.back() = {std::log(1.2 * w),
+                            0.5 * (w - 1),
+                            0.5 * (h - 1),
+                            0.0,
+                            kFocalLogSigma,
+                            kCenterSigma * w,
+                            1e-4};
   }
   std::vector<PreparedObject> models(start.metric_from_object.size());
   for (std::size_t i = 0; i < models.size(); ++i) {
@@ -380,9 +392,9 @@ absl::StatusOr<JointPoints> AdjustOnPoints(std::span<const std::optional<CameraM
   }
   JointPoints out;
   for (const AdjustedView& view : bundle.views) {
-    out.cameras.push_back(view.known ? std::optional<MetricCamera>(
-                                           MetricCamera{view.camera, view.camera_from_scene})
-                                     : std::nullopt);
+    out.cameras.push_back(
+        view.known ? std::optional<MetricCamera>(MetricCamera{view.camera, view.camera_from_scene})
+                   : std::nullopt);
   }
   for (const AdjustedObject& o : bundle.objects) {
     out.metric_from_object.push_back(o.scene_from_object);

@@ -24,9 +24,9 @@ std::optional<PolarFactors> PolarDecomposition(const Eigen::Matrix3d& A);
 
 // A recognised object in a projective scene.
 struct CollineatedObject {
-  Eigen::Matrix4d scene_from_object;               // collineation, up to scale
-  std::vector<Eigen::Vector3d> points_in_object;   // metres; not all in one plane, 4 at least
-  std::vector<Eigen::Vector4d> points_in_scene;    // of the same points, homogeneous; empty: mapped
+  Eigen::Matrix4d scene_from_object;              // collineation, up to scale
+  std::vector<Eigen::Vector3d> points_in_object;  // metres; not all in one plane, 4 at least
+  std::vector<Eigen::Vector4d> points_in_scene;   // of the same points, homogeneous; empty: mapped
 };
 
 struct Decomposition {
@@ -71,8 +71,8 @@ absl::StatusOr<Decomposition> RefineInImages(std::span<const CollineatedObject> 
                                              std::span<const ObjectPointObservation> observations,
                                              const Decomposition& start);
 
-// Camera with square pixels nearest to a projective one under the upgrade: P U^-1 = K [R | t]. Empty
-// when it is singular or sees the metric frame's origin behind it.
+// Camera with square pixels nearest to a projective one under the upgrade: P U^-1 = K [R | t].
+// Empty when it is singular or sees the metric frame's origin behind it.
 struct MetricCamera {
   PinholeCamera camera;
   Rigid3 camera_from_metric;

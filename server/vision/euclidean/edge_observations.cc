@@ -17,8 +17,8 @@ constexpr double kMinDepthM = 1e-3;
 
 PinholeCamera WorkingCamera(const PinholeCamera& camera, const EdgeGrid& grid) {
   const double s = grid.working_from_image();
-  return {grid.width(), grid.height(), camera.focal_px * s, camera.cx * s, camera.cy * s,
-          camera.k1};
+  return {
+      grid.width(), grid.height(), camera.focal_px * s, camera.cx * s, camera.cy * s, camera.k1};
 }
 
 // Direction of the projected edge times the depth squared; empty when seen nearly end-on.
@@ -148,8 +148,7 @@ std::vector<EdgeObservation> ObserveEdges(std::span<const AdjustedView> views,
     const EdgeGrid& grid = grids[seen.view];
     const PreparedObject& model = *objects[seen.object].model;
     const PinholeCamera camera = WorkingCamera(views[seen.view].camera, grid);
-    const Rigid3 pose =
-        views[seen.view].camera_from_scene * objects[seen.object].scene_from_object;
+    const Rigid3 pose = views[seen.view].camera_from_scene * objects[seen.object].scene_from_object;
     const double spacing_m = model.sample_spacing_m * seen.thinning;
     for (const int i : seen.samples) {
       const EdgeSample& sample = model.samples[i];
@@ -158,8 +157,8 @@ std::vector<EdgeObservation> ObserveEdges(std::span<const AdjustedView> views,
       const auto along = ImageTangent(p, pose.R * sample.tangent.cast<double>());
       if (!along) continue;
       const Eigen::Vector2d u = Project(camera, p);
-      const EdgePoint* e = grid.Nearest(
-          u, std::atan2(along->y(), along->x()), options.search_px, kMaxTurnRad);
+      const EdgePoint* e =
+          grid.Nearest(u, std::atan2(along->y(), along->x()), options.search_px, kMaxTurnRad);
       if (e == nullptr) continue;
       const double length = along->norm();
       const Eigen::Vector2d normal = Eigen::Vector2d(-along->y(), along->x()) / length;

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
-#include "absl/strings/str_cat.h"
 #include "server/vision/euclidean/edge_observations.h"
 #include "server/vision/euclidean/representative.h"
 #include "server/vision/euclidean/scene_bundle.h"
@@ -68,18 +68,16 @@ Refinement Begin(const RecognitionInput& input,
   Refinement r;
   SceneBundle& b = r.bundle;
   const int views = static_cast<int>(recognition.views.size());
-  const auto first =
-      std::find_if(recognition.views.begin(), recognition.views.end(), [](const auto& view) {
-        return view.has_value();
-      });
+  const auto first = std::find_if(recognition.views.begin(),
+                                  recognition.views.end(),
+                                  [](const auto& view) { return view.has_value(); });
   // Symmetric objects: the representative is chosen before the adjustment, which moves it little.
   const Rigid3& camera = (*first)->camera_from_scene;
   std::vector<Rigid3> old_from_object;
   for (const int k : objects) {
     const SceneObject& o = recognition.objects[k];
-    old_from_object.push_back(
-        camera.Inverse() *
-        RepresentativePose(input.objects[o.object]->model, camera * o.scene_from_object));
+    old_from_object.push_back(camera.Inverse() * RepresentativePose(input.objects[o.object]->model,
+                                                                    camera * o.scene_from_object));
   }
   const Rigid3 old_from_scene = old_from_object[0];
   b.views.resize(views);
@@ -89,7 +87,8 @@ Refinement Begin(const RecognitionInput& input,
   r.grids.resize(views);
   for (int v = 0; v < views; ++v) {
     if (!recognition.views[v]) continue;
-    b.views[v] = {true, recognition.views[v]->camera,
+    b.views[v] = {true,
+                  recognition.views[v]->camera,
                   recognition.views[v]->camera_from_scene * old_from_scene};
     b.priors[v] = PriorOf(input, options, v);
   }
@@ -105,7 +104,8 @@ Refinement Begin(const RecognitionInput& input,
   if (input.matching != nullptr) {
     std::vector<std::optional<RecognizedView>> known(views);
     for (int v = 0; v < views; ++v) {
-      if (b.views[v].known) known[v] = RecognizedView{b.views[v].camera, b.views[v].camera_from_scene};
+      if (b.views[v].known)
+        known[v] = RecognizedView{b.views[v].camera, b.views[v].camera_from_scene};
     }
     b.plane = FindPlanePoints(*input.matching, known);
   }
@@ -113,7 +113,8 @@ Refinement Begin(const RecognitionInput& input,
   return r;
 }
 
-// Largest move of an object's centre or rim in an image since hidden lines were removed, working px.
+// Largest move of an object's centre or rim in an image since hidden lines were removed, working
+// px.
 double MovedPx(const Refinement& r) {
   double largest = 0.0;
   for (std::size_t v = 0; v < r.bundle.views.size(); ++v) {
@@ -192,22 +193,30 @@ void AddFindings(const SceneBundle& bundle,
   if (std::all_of(bundle.objects.begin(), bundle.objects.end(), [](const AdjustedObject& o) {
         return !o.model->model.symmetries.empty();
       })) {
-    add(FindingKind::kFrameBySymmetry, 0,
+    add(FindingKind::kFrameBySymmetry,
+        0,
         1.0 + static_cast<double>(bundle.objects[0].model->model.symmetries.size()),
         "every object is symmetric: the frame is one of several equivalent ones");
   }
   out->scales = EstimateScales(bundle, options.noise, options.findings, options.threads);
   for (const ScaleSource& s : out->scales) {
     if (s.agrees) continue;
-    add(FindingKind::kScaleConflict, s.index, s.log_ratio,
-        absl::StrCat("object ", s.index, " looks ", std::exp(s.log_ratio),
+    add(FindingKind::kScaleConflict,
+        s.index,
+        s.log_ratio,
+        absl::StrCat("object ",
+                     s.index,
+                     " looks ",
+                     std::exp(s.log_ratio),
                      " times as large as enrolled, measured by the others"));
   }
   for (int v = 0; v < static_cast<int>(input.hints.size()); ++v) {
     if (input.hints[v].focal_px && bundle.views[v].known) {
-      out->scales.push_back({ScaleSourceKind::kKnownFocalLength, v,
+      out->scales.push_back({ScaleSourceKind::kKnownFocalLength,
+                             v,
                              std::log(bundle.views[v].camera.focal_px / *input.hints[v].focal_px),
-                             input.hints[v].focal_log_sigma.value_or(kDefaultHintSigma), true});
+                             input.hints[v].focal_log_sigma.value_or(kDefaultHintSigma),
+                             true});
     }
   }
   for (Finding& f : FindWeakDirections(bundle, out->covariance, options.findings)) {
@@ -238,9 +247,8 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   const std::vector<int> misfits = FindMisfits(r.bundle, options.rejection);
   if (!misfits.empty()) {
     for (const int k : misfits) out.findings.push_back(Rejected(recognition.objects[k].object));
-    std::erase_if(kept, [&](int k) {
-      return std::find(misfits.begin(), misfits.end(), k) != misfits.end();
-    });
+    std::erase_if(
+        kept, [&](int k) { return std::find(misfits.begin(), misfits.end(), k) != misfits.end(); });
     r = Begin(input, recognition, kept, options);
     HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   }
@@ -304,12 +312,16 @@ SceneFrames AddSceneFrames(const MetricScene& metric, TransformGraph* graph) {
     out.cameras.push_back(-1);
     if (!metric.cameras[v]) continue;
     out.cameras[v] = graph->AddFrame("camera " + std::to_string(v));
-    connect(out.cameras[v], origin, metric.cameras[v]->camera_from_scene,
+    connect(out.cameras[v],
+            origin,
+            metric.cameras[v]->camera_from_scene,
             known ? metric.covariance.layout.view[v] : 0);
   }
   for (std::size_t k = 0; k < metric.objects.size(); ++k) {
     out.objects.push_back(graph->AddFrame("object " + std::to_string(k)));
-    connect(origin, out.objects[k], metric.objects[k].scene_from_object,
+    connect(origin,
+            out.objects[k],
+            metric.objects[k].scene_from_object,
             known ? metric.covariance.layout.object[k] : 0);
   }
   out.scene = graph->AddFrame("scene");

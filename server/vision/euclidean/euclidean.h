@@ -29,8 +29,8 @@ struct PosedCamera {
 struct PosedObject {
   int object = -1;  // of the catalog
   Rigid3 scene_from_object;
-  // Of the perturbation of scene_from_object (see pose_perturbation.h). The scene frame is the first
-  // object's: its own covariance is zero.
+  // Of the perturbation of scene_from_object (see pose_perturbation.h). The scene frame is the
+  // first object's: its own covariance is zero.
   Matrix6d covariance = Matrix6d::Zero();
   double score = 0.0;
   std::vector<double> view_scores;
@@ -56,7 +56,8 @@ struct EuclideanOptions {
   double search_px = 4.0;               // edge points are looked for this far along the edge normal
   double edge_sigma_px = 0.35;          // of one edge point; the residual rescales it
   int rounds = 3;                       // re-association rounds
-  // Edge samples of an object used per view; more: slower, hardly better (neighbours err in common).
+  // Edge samples of an object used per view; more: slower, hardly better (neighbours err in
+  // common).
   int samples_per_view = 160;
   NoiseOptions noise;
   FindingOptions findings;

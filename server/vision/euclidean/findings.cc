@@ -21,8 +21,7 @@ Matrix6d InCamera(const SceneBundle& bundle, const SceneCovariance& c, int view,
   const int v = c.layout.view[view], k = c.layout.object[object];
   const Matrix6d cross = by_camera * c.matrix.block<6, 6>(v, k) * by_object.transpose();
   return by_camera * c.matrix.block<6, 6>(v, v) * by_camera.transpose() +
-         by_object * c.matrix.block<6, 6>(k, k) * by_object.transpose() + cross +
-         cross.transpose();
+         by_object * c.matrix.block<6, 6>(k, k) * by_object.transpose() + cross + cross.transpose();
 }
 
 // ... of other_from_object, about the other's axes.
@@ -36,8 +35,7 @@ Matrix6d InObject(const SceneBundle& bundle, const SceneCovariance& c, int other
   const int o = c.layout.object[other], k = c.layout.object[object];
   const Matrix6d cross = by_other * c.matrix.block<6, 6>(o, k) * by_object.transpose();
   return by_other * c.matrix.block<6, 6>(o, o) * by_other.transpose() +
-         by_object * c.matrix.block<6, 6>(k, k) * by_object.transpose() + cross +
-         cross.transpose();
+         by_object * c.matrix.block<6, 6>(k, k) * by_object.transpose() + cross + cross.transpose();
 }
 
 Finding Weak(FindingKind kind, int object, const Eigen::Vector3d& direction, double sigma) {
@@ -46,9 +44,15 @@ Finding Weak(FindingKind kind, int object, const Eigen::Vector3d& direction, dou
   f.object = object;
   f.direction = direction;
   f.value = sigma;
-  const char* what = kind == FindingKind::kTurnUndetermined ? "rotation about" : "translation along";
+  const char* what =
+      kind == FindingKind::kTurnUndetermined ? "rotation about" : "translation along";
   f.detail = absl::StrFormat("object %d: %s (%.2f, %.2f, %.2f) of its frame is known to %.3g %s",
-                             object, what, direction.x(), direction.y(), direction.z(), sigma,
+                             object,
+                             what,
+                             direction.x(),
+                             direction.y(),
+                             direction.z(),
+                             sigma,
                              kind == FindingKind::kTurnUndetermined ? "rad" : "m");
   return f;
 }
@@ -79,8 +83,10 @@ std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
     for (int i = 2; i >= 0; --i) {
       const double sigma = std::sqrt(std::max(0.0, turn.eigenvalues()(i)));
       if (sigma < options.turn_rad) break;
-      out.push_back(Weak(FindingKind::kTurnUndetermined, k,
-                         pose.R.transpose() * turn.eigenvectors().col(i), sigma));
+      out.push_back(Weak(FindingKind::kTurnUndetermined,
+                         k,
+                         pose.R.transpose() * turn.eigenvectors().col(i),
+                         sigma));
     }
     // Across the line of sight, or in another object's frame: depth alone is the focal length's.
     const double limit = options.shift_diameters * bundle.objects[k].model->model.diameter_m;
@@ -100,8 +106,10 @@ std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(shift);
     const double sigma = std::sqrt(std::max(0.0, eigen.eigenvalues()(2)));
     if (sigma > limit) {
-      out.push_back(Weak(FindingKind::kShiftUndetermined, k,
-                         object_from_frame * eigen.eigenvectors().col(2), sigma));
+      out.push_back(Weak(FindingKind::kShiftUndetermined,
+                         k,
+                         object_from_frame * eigen.eigenvectors().col(2),
+                         sigma));
     }
   }
   for (int v = 0; v < static_cast<int>(bundle.views.size()); ++v) {
@@ -113,9 +121,10 @@ std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
     f.kind = FindingKind::kFocalAndDepth;
     f.view = v;
     f.value = sigma;
-    f.detail = absl::StrFormat(
-        "image %d: focal length and depth compensate each other, known to %.1f %%", v,
-        100.0 * sigma);
+    f.detail =
+        absl::StrFormat("image %d: focal length and depth compensate each other, known to %.1f %%",
+                        v,
+                        100.0 * sigma);
     out.push_back(f);
   }
   return out;
@@ -183,8 +192,8 @@ std::vector<int> FindMisfits(const SceneBundle& bundle, const RejectionOptions& 
     for (int j = 0; j < n; ++j) {
       if (j != k) others.push_back(scatter[j]);
     }
-    std::nth_element(others.begin(), others.begin() + static_cast<long>(others.size() / 2),
-                     others.end());
+    std::nth_element(
+        others.begin(), others.begin() + static_cast<long>(others.size() / 2), others.end());
     const double typical = others[others.size() / 2];
     if (scatter[k] > std::max(options.least_px, options.factor * typical)) out.push_back(k);
   }

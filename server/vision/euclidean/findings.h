@@ -36,17 +36,17 @@ struct Finding {
 enum class ScaleSourceKind { kObject, kReferenceCameras, kKnownFocalLength };
 struct ScaleSource {
   ScaleSourceKind kind = ScaleSourceKind::kObject;
-  int index = -1;            // object or view
-  double log_ratio = 0.0;    // of this source's metre to the answer's
+  int index = -1;          // object or view
+  double log_ratio = 0.0;  // of this source's metre to the answer's
   double log_sigma = 0.0;
   bool agrees = true;
 };
 
 struct FindingOptions {
-  double turn_rad = 0.17;       // wider directions are undetermined
+  double turn_rad = 0.17;  // wider directions are undetermined
   double shift_diameters = 0.25;
   double focal_log = 0.05;
-  double scale_sigmas = 4.0;    // a scale further off than this and `scale_log` disagrees
+  double scale_sigmas = 4.0;  // a scale further off than this and `scale_log` disagrees
   double scale_log = 0.01;
 };
 

@@ -66,8 +66,7 @@ GripperSigmas SigmasOf(const GraspScene::Object& object, const Rigid3& object_fr
   const Matrix6d C = J * object.covariance * J.transpose();
   const Eigen::Matrix3d R = object.scene_from_object.R * object_from_gripper.R;
   const auto sigmas = [&](const Eigen::Matrix3d& block) {
-    return Eigen::Vector3d(
-        (R.transpose() * block * R).diagonal().cwiseMax(0.0).cwiseSqrt());
+    return Eigen::Vector3d((R.transpose() * block * R).diagonal().cwiseMax(0.0).cwiseSqrt());
   };
   return {sigmas(C.bottomRightCorner<3, 3>()), sigmas(C.topLeftCorner<3, 3>())};
 }
@@ -156,8 +155,7 @@ std::vector<SceneGrasp> PlanGrasps(const GraspScene& scene,
       ++local.blocked;
       continue;
     }
-    grasp.success = Within(play, sigmas.place.x()) *
-                    Within(options.tolerance_m, sigmas.place.y()) *
+    grasp.success = Within(play, sigmas.place.x()) * Within(options.tolerance_m, sigmas.place.y()) *
                     Within(options.tolerance_m, sigmas.place.z()) *
                     Within(options.tolerance_rad, sigmas.turn.y()) *
                     Within(options.tolerance_rad, sigmas.turn.z());

@@ -20,7 +20,7 @@ struct SceneGrasp {
   Rigid3 scene_from_gripper;
   double jaw_opening_m = 0.0;
   double grip_width_m = 0.0;
-  double quality = 0.0;  // as enrolled
+  double quality = 0.0;        // as enrolled
   Rigid3 scene_from_pregrasp;  // where the straight approach begins
   // Probability that the open fingers pass beside the part and close within the tolerances, by the
   // pose's covariance alone.
@@ -63,9 +63,9 @@ struct GraspScene {
 // Why grasps of an object were not offered.
 struct GraspCounts {
   int considered = 0;
-  int too_narrow = 0;     // the opening does not pass the part's width
+  int too_narrow = 0;  // the opening does not pass the part's width
   int below_plane = 0;
-  int blocked = 0;        // by another object
+  int blocked = 0;  // by another object
   int unsure = 0;
 };
 

@@ -48,8 +48,7 @@ Rigid3 RepresentativePose(const ObjectModel& model, const Rigid3& camera_from_ob
       const double along = k.dot(Q * k);
       const double a = Q.trace() - along;
       const Eigen::Vector3d vee(Q(2, 1) - Q(1, 2), Q(0, 2) - Q(2, 0), Q(1, 0) - Q(0, 1));
-      const Eigen::Matrix3d A =
-          Eigen::AngleAxisd(std::atan2(-vee.dot(k), a), k).toRotationMatrix();
+      const Eigen::Matrix3d A = Eigen::AngleAxisd(std::atan2(-vee.dot(k), a), k).toRotationMatrix();
       pose = pose * Rigid3{A, revolution->point - A * revolution->point};
     }
     const double trace = (preferred.transpose() * pose.R).trace();

@@ -43,8 +43,8 @@ Eigen::Vector2d ProjectWithJacobian(const PinholeCamera& camera,
   const Eigen::Vector2d n = p.head<2>() / p.z();
   const double squared = n.squaredNorm(), d = 1.0 + camera.k1 * squared;
   const Eigen::Vector2d off = camera.focal_px * d * n;
-  const Eigen::Matrix2d by_n = camera.focal_px * (d * Eigen::Matrix2d::Identity() +
-                                                  2.0 * camera.k1 * n * n.transpose());
+  const Eigen::Matrix2d by_n =
+      camera.focal_px * (d * Eigen::Matrix2d::Identity() + 2.0 * camera.k1 * n * n.transpose());
   Matrix23 n_by_p;
   n_by_p << 1.0, 0.0, -n.x(), 0.0, 1.0, -n.y();
   *by_point = by_n * n_by_p / p.z();
@@ -91,9 +91,8 @@ NormalEquations Linearize(const SceneBundle& bundle,
                           const BundleLayout& layout,
                           const std::vector<EdgeRun>& runs,
                           int threads) {
-  NormalEquations out{Eigen::MatrixXd::Zero(layout.size, layout.size),
-                      Eigen::VectorXd::Zero(layout.size),
-                      0.0};
+  NormalEquations out{
+      Eigen::MatrixXd::Zero(layout.size, layout.size), Eigen::VectorXd::Zero(layout.size), 0.0};
   std::vector<RunSums> sums(runs.size());
   ParallelFor(static_cast<int>(runs.size()), threads, [&](int i) {
     EdgeRow row;
@@ -268,8 +267,7 @@ bool LinearizePlaneMatch(const SceneBundle& bundle,
   row->J.middleCols<2>(7) = -by_q / a.camera.focal_px;
   row->J.col(9) = -squared * by_q * n;
   row->J.middleCols<kViewParameters>(kViewParameters) = by_b;
-  row->J.rightCols<kPlaneParameters>() =
-      -by_P * r * (P - bundle.plane.anchor).transpose() / mr;
+  row->J.rightCols<kPlaneParameters>() = -by_P * r * (P - bundle.plane.anchor).transpose() / mr;
   row->J *= w;
   return row->J.allFinite();
 }

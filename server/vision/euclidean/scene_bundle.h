@@ -30,10 +30,10 @@ struct CameraPrior {
 
 struct SceneBundle {
   std::vector<AdjustedView> views;
-  std::vector<CameraPrior> priors;          // per view
-  std::vector<double> working_from_image;   // per view
+  std::vector<CameraPrior> priors;         // per view
+  std::vector<double> working_from_image;  // per view
   std::vector<AdjustedObject> objects;
-  std::vector<double> log_scale;            // per object, 0: as enrolled
+  std::vector<double> log_scale;  // per object, 0: as enrolled
   std::vector<EdgeObservation> edges;
   PlanePoints plane;
   double edge_sigma_px = 0.35;  // of an edge point, working pixels

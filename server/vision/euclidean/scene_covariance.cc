@@ -27,8 +27,8 @@ constexpr int kEdgeRow = kViewParameters + kObjectParameters;
 double Mad(std::vector<double> values) {
   if (values.empty()) return 0.0;
   for (double& v : values) v = std::abs(v);
-  std::nth_element(values.begin(), values.begin() + static_cast<long>(values.size() / 2),
-                   values.end());
+  std::nth_element(
+      values.begin(), values.begin() + static_cast<long>(values.size() / 2), values.end());
   return kNormalFromMad * values[values.size() / 2];
 }
 
@@ -132,7 +132,11 @@ struct PlaneTerm {
 
 // Adds a block given by `J` columns of a row to a matrix in layout order.
 template <typename Block>
-void Scatter(const Block& block, const int* starts, const int* columns, const int* sizes, int parts,
+void Scatter(const Block& block,
+             const int* starts,
+             const int* columns,
+             const int* sizes,
+             int parts,
              Eigen::MatrixXd* out) {
   for (int p = 0; p < parts; ++p) {
     for (int q = 0; q < parts; ++q) {
@@ -192,13 +196,21 @@ void AddPlane(const BundleLayout& layout,
   const int columns[3] = {0, kViewParameters, 2 * kViewParameters};
   const int sizes[3] = {kViewParameters, kViewParameters, kPlaneParameters};
   for (const PlaneTerm& t : terms) {
-    const int starts[3] = {layout.view[t.match->view_a], layout.view[t.match->view_b],
-                           layout.plane};
+    const int starts[3] = {
+        layout.view[t.match->view_a], layout.view[t.match->view_b], layout.plane};
     const Eigen::Matrix<double, 23, 23> JtJ = t.row.J.transpose() * t.row.J;
-    Scatter(Eigen::Matrix<double, 23, 23>(curvature * t.weight * JtJ), starts, columns, sizes, 3,
+    Scatter(Eigen::Matrix<double, 23, 23>(curvature * t.weight * JtJ),
+            starts,
+            columns,
+            sizes,
+            3,
             &s->H);
     Scatter(Eigen::Matrix<double, 23, 23>(sigma_ratio * sigma_ratio * t.weight * t.weight * JtJ),
-            starts, columns, sizes, 3, &s->V_plane);
+            starts,
+            columns,
+            sizes,
+            3,
+            &s->V_plane);
   }
 }
 
@@ -326,8 +338,7 @@ SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
   scatter.tilt_px *= std::sqrt(dof);
   const double cad2 = options.cad_edge_sigma_m * options.cad_edge_sigma_m;
   const double inflation2 = options.inflation * options.inflation;
-  const Eigen::MatrixXd V =
-      inflation2 * (dof * s.V_edges + s.V_plane + cad2 * s.V_cad) + s.V_prior;
+  const Eigen::MatrixXd V = inflation2 * (dof * s.V_edges + s.V_plane + cad2 * s.V_cad) + s.V_prior;
   out.matrix = inverse * V * inverse;
   return out;
 }

@@ -11,7 +11,8 @@ namespace horopter {
 // (tests/bench/results.md says how well it then holds).
 struct NoiseOptions {
   // Displacement of a CAD edge in the part, the same in all views: rounded edges shine beside
-  // themselves. Standard deviation per coordinate, metres. Higher: wider covariances of small parts.
+  // themselves. Standard deviation per coordinate, metres. Higher: wider covariances of small
+  // parts.
   double cad_edge_sigma_m = 0.00004;
   // Smallest deviations believed of an edge as a whole in one view, and of one point; working px.
   double min_common_px = 0.08;
@@ -30,9 +31,10 @@ struct EdgeScatter {
   int edges = 0;           // edges seen, counted per view
 };
 
-// Covariance of the perturbations of all parameters, in the order of `layout`. The pose of the first
-// known view is the origin: its columns are zero, as are those of scales that are held. Directions that nothing
-// determines have the width of a weak prior (kUnknownTurnRad, ten diameters).
+// Covariance of the perturbations of all parameters, in the order of `layout`. The pose of the
+// first known view is the origin: its columns are zero, as are those of scales that are held.
+// Directions that nothing determines have the width of a weak prior (kUnknownTurnRad, ten
+// diameters).
 struct SceneCovariance {
   BundleLayout layout;
   Eigen::MatrixXd matrix;  // empty: could not be computed

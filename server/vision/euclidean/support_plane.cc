@@ -52,7 +52,8 @@ std::optional<SupportPlane> FindSupportPlane(const SceneBundle& bundle) {
       for (const AdjustedView& view : bundle.views) {
         if (view.known) free = free && normal.dot(view.camera_from_scene.Inverse().t) > offset;
       }
-      if (!free || standing < most || (standing == most && stable.margin_m <= best_margin)) continue;
+      if (!free || standing < most || (standing == most && stable.margin_m <= best_margin))
+        continue;
       most = standing;
       best_margin = stable.margin_m;
       best = SupportPlane{normal, lowest};

@@ -31,8 +31,7 @@ absl::Status TransformGraph::Connect(int a, int b, const Rigid3& a_from_b, int c
     return absl::InvalidArgumentError(absl::StrCat("no uncertainty at column ", column));
   }
   if (!a_from_b.R.allFinite() || !a_from_b.t.allFinite()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(names_[a], " from ", names_[b], ": not finite"));
+    return absl::InvalidArgumentError(absl::StrCat(names_[a], " from ", names_[b], ": not finite"));
   }
   if (Find(a, b).ok()) {
     return absl::AlreadyExistsError(

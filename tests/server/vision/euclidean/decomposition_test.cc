@@ -55,7 +55,8 @@ TEST(Decomposition, ExactWithoutNoise) {
   }
 }
 
-// The order the thesis's chapter promises: a common upgrade beats one per object, cameras beat both.
+// The order the thesis's chapter promises: a common upgrade beats one per object, cameras beat
+// both.
 TEST(Decomposition, EachMethodBeatsTheOneBefore) {
   std::vector<double> polar, common, joint;
   for (unsigned seed = 1; seed <= 10; ++seed) {

@@ -11,10 +11,11 @@
 namespace horopter {
 namespace {
 
-// A block 40 x 20 x 30 mm standing on z = 0 about the origin, gripped across its 20 mm from above and
-// from the side.
+// A block 40 x 20 x 30 mm standing on z = 0 about the origin, gripped across its 20 mm from above
+// and from the side.
 ObjectModel Block() {
-  ObjectModel m = Prism("block", {{-0.02, -0.01}, {0.02, -0.01}, {0.02, 0.01}, {-0.02, 0.01}}, 0.03);
+  ObjectModel m =
+      Prism("block", {{-0.02, -0.01}, {0.02, -0.01}, {0.02, 0.01}, {-0.02, 0.01}}, 0.03);
   Grasp top;
   top.name = "top";
   top.object_from_gripper.R.col(0) = Eigen::Vector3d::UnitY();

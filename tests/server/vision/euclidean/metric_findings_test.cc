@@ -121,8 +121,7 @@ MetricSceneTruth WithScaledPart(int wrong, double factor, unsigned seed, std::ve
 
 TEST(Findings, AScaledCopyOfAPartIsNamedByTheOthers) {
   for (unsigned seed = 1; seed <= 4; ++seed) {
-    const auto truth =
-        WithScaledPart(1, 1.03, 60 + seed, {Bracket(), WedgePart(), StepPart()});
+    const auto truth = WithScaledPart(1, 1.03, 60 + seed, {Bracket(), WedgePart(), StepPart()});
     const auto metric = RefineMetricScene(truth.Input(), truth.recognition, {});
     ASSERT_TRUE(metric.ok());
     const Finding* f = Find(*metric, FindingKind::kScaleConflict);
@@ -176,17 +175,18 @@ TEST(RepresentativePose, IsTheSameForAllEquivalentPoses) {
   std::mt19937 rng(10);
   std::normal_distribution<double> n;
   for (int i = 0; i < 200; ++i) {
-    const Rigid3 pose{Eigen::Quaterniond(n(rng), n(rng), n(rng), n(rng)).normalized().toRotationMatrix(),
-                      {0.1, 0.2, 0.7}};
+    const Rigid3 pose{
+        Eigen::Quaterniond(n(rng), n(rng), n(rng), n(rng)).normalized().toRotationMatrix(),
+        {0.1, 0.2, 0.7}};
     const Rigid3 expected = RepresentativePose(square, pose);
     for (const Rigid3& S : square.symmetries) {
       EXPECT_LT(PerturbationBetween(RepresentativePose(square, pose * S), expected).norm(), 1e-9);
     }
     const Rigid3 any{RotationFromVector({0, 0, n(rng)}), {0, 0, 0}};
-    EXPECT_LT(PerturbationBetween(RepresentativePose(round, pose * any),
-                                  RepresentativePose(round, pose))
-                  .norm(),
-              1e-9);
+    EXPECT_LT(
+        PerturbationBetween(RepresentativePose(round, pose * any), RepresentativePose(round, pose))
+            .norm(),
+        1e-9);
   }
 }
 

@@ -1,4 +1,5 @@
-// The analytic derivatives against automatic ones and differences, and the covariance against draws.
+// The analytic derivatives against automatic ones and differences, and the covariance against
+// draws.
 #include "server/vision/euclidean/scene_bundle.h"
 
 #include <ceres/ceres.h>
@@ -78,8 +79,11 @@ TEST_F(Derivatives, OfAnEdgeAgreeWithAutomaticOnes) {
   EdgeRow row;
   ASSERT_TRUE(LinearizeEdge(bundle_, o, &row));
   ceres::AutoDiffCostFunction<EdgeCost, 1, kCameraBlock, kObjectBlock> cost(
-      new EdgeCost{o.point_in_object, bundle_.views[0].camera_from_scene,
-                   bundle_.objects[0].scene_from_object, o.edge_point, o.normal,
+      new EdgeCost{o.point_in_object,
+                   bundle_.views[0].camera_from_scene,
+                   bundle_.objects[0].scene_from_object,
+                   o.edge_point,
+                   o.normal,
                    1.0 / bundle_.edge_sigma_px});
   const PinholeCamera& c = bundle_.views[0].camera;
   const double camera[10] = {0, 0, 0, 0, 0, 0, std::log(c.focal_px), c.cx, c.cy, c.k1};
@@ -102,7 +106,9 @@ TEST_F(Derivatives, OfAPlaneMatchAgreeWithDifferences) {
   for (int p = 0; p < 23; ++p) {
     constexpr double kStep = 1e-6;
     Eigen::VectorXd step = Eigen::VectorXd::Zero(layout.size);
-    step(p < 10 ? layout.view[0] + p : p < 20 ? layout.view[1] + p - 10 : layout.plane + p - 20) = kStep;
+    step(p < 10   ? layout.view[0] + p
+         : p < 20 ? layout.view[1] + p - 10
+                  : layout.plane + p - 20) = kStep;
     SceneBundle trial = bundle_;
     MoveBundle(layout, step, &trial);
     ASSERT_TRUE(LinearizePlaneMatch(trial, m, &moved));

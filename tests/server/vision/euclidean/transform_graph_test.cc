@@ -42,8 +42,9 @@ TEST(Perturbation, TravelsThroughProductsAndInversesToFirstOrder) {
                FirstInProduct(a, b) * d - SecondInProduct(a) * e)
                   .norm(),
               1e-10);
-    EXPECT_LT((PerturbationBetween(a.Inverse(), Perturbed(a, d).Inverse()) - InInverse(a) * d).norm(),
-              1e-10);
+    EXPECT_LT(
+        (PerturbationBetween(a.Inverse(), Perturbed(a, d).Inverse()) - InInverse(a) * d).norm(),
+        1e-10);
   }
 }
 
