@@ -11,7 +11,7 @@
 namespace horopter {
 namespace {
 
-// References that are exact contradict a scene when they miss it by more than its covariance allows
+// References contradict a scene when they miss it by more than its covariance allows
 // (0.1 % of chi square with six degrees of freedom) and by more than this.
 constexpr double kGapChiSquare = 22.46;
 constexpr double kGapRad = 0.0087;
@@ -30,11 +30,13 @@ struct Drawing {
   std::vector<std::size_t> order;
 };
 
-struct Reference {
-  int frame = -1;
-  Rigid3 base_from_frame;
-  std::string name;
-};
+// Of the perturbation of base_from_camera.
+Matrix6d HintCovariance(const CameraPoseHint& hint) {
+  Vector6d sigmas;
+  sigmas << Eigen::Vector3d::Constant(hint.rotation_sigma_rad),
+      Eigen::Vector3d::Constant(hint.position_sigma_m);
+  return sigmas.cwiseAbs2().asDiagonal();
+}
 
 std::size_t AnswerIndex(const Drawing& d, int metric_object) {
   return static_cast<std::size_t>(
@@ -62,96 +64,123 @@ void AddFinding(const Finding& f,
   answer->findings.push_back(std::move(out));
 }
 
-// The distance between two reference cameras against the one the objects imply.
+// The distance between two cameras in the base against the one the objects imply.
 absl::Status CompareBaselines(const SceneRequest& request, const Drawing& d, SceneAnswer* answer) {
-  const ReferenceCamera* first = nullptr;
-  for (const ReferenceCamera& camera : request.reference_cameras) {
-    if (d.frames.cameras[camera.image] < 0) continue;
-    if (first == nullptr) {
-      first = &camera;
+  int first = -1;
+  for (int v = 0; v < static_cast<int>(request.camera_poses.size()); ++v) {
+    if (!request.camera_poses[v] || d.frames.cameras[v] < 0) continue;
+    if (first < 0) {
+      first = v;
       continue;
     }
-    HOROPTER_ASSIGN_OR_RETURN(
-        const UncertainPose between,
-        d.graph.Between(d.frames.cameras[first->image], d.frames.cameras[camera.image]));
+    const CameraPoseHint &a = *request.camera_poses[first], &b = *request.camera_poses[v];
+    HOROPTER_ASSIGN_OR_RETURN(const UncertainPose between,
+                              d.graph.Between(d.frames.cameras[first], d.frames.cameras[v]));
     const double estimated = between.pose.t.norm();
-    const double known = (first->base_from_camera.t - camera.base_from_camera.t).norm();
+    const double known = (a.camera_from_base.Inverse().t - b.camera_from_base.Inverse().t).norm();
     if (estimated < 1e-6 || known < 1e-6) continue;
     const Eigen::Vector3d along = between.pose.t / estimated;
+    const double variance = along.dot(between.covariance.bottomRightCorner<3, 3>() * along) +
+                            a.position_sigma_m * a.position_sigma_m +
+                            b.position_sigma_m * b.position_sigma_m;
     AnswerScale scale;
     scale.kind = ScaleSourceKind::kReferenceCameras;
-    scale.image = camera.image;
+    scale.image = v;
     scale.log_ratio = std::log(known / estimated);
-    scale.log_sigma =
-        std::sqrt(along.dot(between.covariance.bottomRightCorner<3, 3>() * along)) / estimated;
+    scale.log_sigma = std::sqrt(variance) / estimated;
     scale.agrees = std::abs(scale.log_ratio) < std::max(kScaleLog, kScaleSigmas * scale.log_sigma);
     answer->scales.push_back(scale);
-    if (!scale.agrees) {
-      AnswerFinding f;
-      f.kind = FindingKind::kScaleConflict;
-      f.image = camera.image;
-      f.value = scale.log_ratio;
-      f.detail = absl::StrCat("by the reference cameras the objects are ",
-                              std::exp(scale.log_ratio),
-                              " times as large as enrolled");
-      answer->findings.push_back(f);
+    if (scale.agrees) continue;
+    AnswerFinding f;
+    f.kind = FindingKind::kScaleConflict;
+    f.image = v;
+    f.value = scale.log_ratio;
+    f.detail = absl::StrCat("by the cameras in the base the objects are ",
+                            std::exp(scale.log_ratio),
+                            " times as large as enrolled");
+    answer->findings.push_back(f);
+  }
+  return absl::OkStatus();
+}
+
+void AddReferenceConflict(const std::string& detail, double value, SceneAnswer* answer) {
+  AnswerFinding f;
+  f.kind = FindingKind::kReferenceConflict;
+  f.value = value;
+  f.detail = detail;
+  answer->findings.push_back(f);
+  absl::StrAppend(&answer->detail, answer->detail.empty() ? "" : "; ", detail);
+}
+
+// Ties the base to camera v with the uncertainty of its hint.
+absl::Status TieToCamera(const SceneRequest& request, int base, int v, Drawing* d) {
+  const CameraPoseHint& hint = *request.camera_poses[v];
+  return d->graph.Connect(base,
+                          d->frames.cameras[v],
+                          hint.camera_from_base.Inverse(),
+                          d->graph.AddUncertainty(HintCovariance(hint)));
+}
+
+// The base from the reference object; every camera in the base must agree with it.
+absl::Status BaseFromObject(const SceneRequest& request, Drawing* d, SceneAnswer* answer) {
+  int reference = -1;
+  for (std::size_t i = 0; i < answer->objects.size() && reference < 0; ++i) {
+    if (answer->objects[i].object_id == request.reference->object_id) {
+      reference = d->frames.objects[d->order[i]];
     }
   }
+  if (reference < 0) {
+    answer->state = SceneState::kReferenceNotFound;
+    answer->detail = absl::StrCat(
+        "reference ", request.reference->object_id, " is not among the recognised objects");
+    return absl::OkStatus();
+  }
+  const int base = d->graph.AddFrame("base");
+  HOROPTER_RETURN_IF_ERROR(d->graph.Connect(base, reference, request.reference->base_from_object));
+  for (int v = 0; v < static_cast<int>(request.camera_poses.size()); ++v) {
+    if (!request.camera_poses[v] || d->frames.cameras[v] < 0) continue;
+    const int column = d->graph.AddUncertainty(HintCovariance(*request.camera_poses[v]));
+    HOROPTER_ASSIGN_OR_RETURN(const LoopGap gap,
+                              d->graph.Gap(base,
+                                           d->frames.cameras[v],
+                                           request.camera_poses[v]->camera_from_base.Inverse(),
+                                           column));
+    const double turn = gap.gap.head<3>().norm(), shift = gap.gap.tail<3>().norm();
+    if (gap.chi_square < kGapChiSquare || (turn < kGapRad && shift < kGapM)) continue;
+    AddReferenceConflict(absl::StrCat("reference ",
+                                      request.reference->object_id,
+                                      " and the camera of image ",
+                                      v,
+                                      " put the base ",
+                                      1e3 * shift,
+                                      " mm and ",
+                                      turn,
+                                      " rad apart"),
+                         shift,
+                         answer);
+    return absl::OkStatus();
+  }
+  d->base = base;
+  HOROPTER_ASSIGN_OR_RETURN(const UncertainPose pose, d->graph.Between(base, d->frames.scene));
+  answer->base_from_scene = pose.pose;
   return absl::OkStatus();
 }
 
 // Ties the base to the scene, unless references contradict each other.
 absl::Status FindBase(const SceneRequest& request, Drawing* d, SceneAnswer* answer) {
-  std::vector<Reference> references;
-  if (request.reference) {
-    for (std::size_t i = 0; i < answer->objects.size(); ++i) {
-      if (answer->objects[i].object_id != request.reference->object_id) continue;
-      references.push_back({d->frames.objects[d->order[i]],
-                            request.reference->base_from_object,
-                            request.reference->object_id});
-      break;
-    }
-    if (references.empty()) {
-      answer->state = SceneState::kReferenceNotFound;
-      answer->detail = absl::StrCat(
-          "reference ", request.reference->object_id, " is not among the recognised objects");
-    }
-  }
-  for (const ReferenceCamera& camera : request.reference_cameras) {
-    if (d->frames.cameras[camera.image] < 0) continue;
-    references.push_back({d->frames.cameras[camera.image],
-                          camera.base_from_camera,
-                          absl::StrCat("camera of image ", camera.image)});
-  }
-  if (references.empty()) return absl::OkStatus();
+  if (request.reference) return BaseFromObject(request, d, answer);
+  const BaseFrame frame = BaseFromCameras(request.camera_poses, answer->cameras);
+  if (!frame.conflict.empty()) AddReferenceConflict(frame.conflict, 0.0, answer);
+  if (!frame.base_from_scene) return absl::OkStatus();
+  answer->base_from_scene = frame.base_from_scene;
+  // The mean of several cameras is at least as sure as one of them.
   const int base = d->graph.AddFrame("base");
-  HOROPTER_RETURN_IF_ERROR(
-      d->graph.Connect(base, references[0].frame, references[0].base_from_frame));
-  bool agree = true;
-  for (std::size_t i = 1; i < references.size(); ++i) {
-    HOROPTER_ASSIGN_OR_RETURN(
-        const LoopGap gap, d->graph.Gap(base, references[i].frame, references[i].base_from_frame));
-    const double turn = gap.gap.head<3>().norm(), shift = gap.gap.tail<3>().norm();
-    if (gap.chi_square < kGapChiSquare || (turn < kGapRad && shift < kGapM)) continue;
-    agree = false;
-    AnswerFinding f;
-    f.kind = FindingKind::kReferenceConflict;
-    f.value = shift;
-    f.detail = absl::StrCat(references[0].name,
-                            " and ",
-                            references[i].name,
-                            " put the base ",
-                            1e3 * shift,
-                            " mm and ",
-                            turn,
-                            " rad apart");
-    answer->findings.push_back(f);
+  for (int v = 0; v < static_cast<int>(request.camera_poses.size()); ++v) {
+    if (!request.camera_poses[v] || d->frames.cameras[v] < 0) continue;
+    HOROPTER_RETURN_IF_ERROR(TieToCamera(request, base, v, d));
+    d->base = base;
+    break;
   }
-  if (!agree) return absl::OkStatus();
-  d->base = base;
-  HOROPTER_ASSIGN_OR_RETURN(const UncertainPose base_from_scene,
-                            d->graph.Between(base, d->frames.scene));
-  answer->base_from_scene = base_from_scene.pose;
   return absl::OkStatus();
 }
 
@@ -168,7 +197,9 @@ absl::Status FillCovariances(const Drawing& d, SceneAnswer* answer) {
       o.camera_covariances.back() = pose.covariance;
     }
     if (d.base >= 0) {
-      HOROPTER_ASSIGN_OR_RETURN(o.base_from_object, d.graph.Between(d.base, frame));
+      HOROPTER_ASSIGN_OR_RETURN(const UncertainPose pose, d.graph.Between(d.base, frame));
+      o.base_from_object =
+          UncertainPose{*answer->base_from_scene * o.scene_from_object, pose.covariance};
     }
     for (int j = 0; j < n; ++j) {
       HOROPTER_ASSIGN_OR_RETURN(

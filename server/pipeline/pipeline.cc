@@ -10,6 +10,7 @@
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/pipeline/answer.h"
+#include "server/vision/matching/known_cameras.h"
 #include "server/vision/recognition/prepared_blob.h"
 #include "server/vision/recognition/prepared_object.h"
 #include "server/vision/recognition/view_linking.h"
@@ -59,23 +60,39 @@ class StepClock {
   std::map<std::string, double> seconds_;
 };
 
+// What the caller says about the cameras, for the reconstruction.
+std::vector<ViewPrior> PriorsOf(const SceneRequest& request) {
+  if (request.hints.empty() && request.camera_poses.empty()) return {};
+  std::vector<ViewPrior> priors(request.images.size());
+  for (std::size_t i = 0; i < request.hints.size(); ++i) {
+    const CameraHint& hint = request.hints[i];
+    priors[i].focal_px = hint.focal_px;
+    priors[i].focal_log_sigma = hint.focal_log_sigma.value_or(priors[i].focal_log_sigma);
+    priors[i].principal_point_px = hint.principal_point;
+    priors[i].k1 = hint.k1;
+  }
+  for (std::size_t i = 0; i < request.camera_poses.size(); ++i) {
+    if (!request.camera_poses[i]) continue;
+    priors[i].camera_from_world = request.camera_poses[i]->camera_from_base;
+    priors[i].rotation_sigma_rad = request.camera_poses[i]->rotation_sigma_rad;
+    priors[i].position_sigma_m = request.camera_poses[i]->position_sigma_m;
+  }
+  return priors;
+}
+
 absl::Status ValidateRequest(const SceneRequest& request) {
   if (request.images.empty()) return absl::InvalidArgumentError("images: at least one is needed");
   if (!request.hints.empty() && request.hints.size() != request.images.size()) {
     return absl::InvalidArgumentError("hints: one per image or none");
   }
+  if (!request.camera_poses.empty() && request.camera_poses.size() != request.images.size()) {
+    return absl::InvalidArgumentError("camera_poses: one per image or none");
+  }
+  HOROPTER_RETURN_IF_ERROR(Validate(PriorsOf(request), request.images.size()));
   for (std::size_t i = 0; i < request.images.size(); ++i) {
     const int type = request.images[i].type();
     if (request.images[i].empty() || (type != CV_8UC1 && type != CV_8UC3)) {
       return absl::InvalidArgumentError(absl::StrCat("images[", i, "]: need 8-bit grey or BGR"));
-    }
-  }
-  for (const ReferenceCamera& camera : request.reference_cameras) {
-    if (camera.image < 0 || camera.image >= static_cast<int>(request.images.size())) {
-      return absl::InvalidArgumentError("reference_cameras: no such image");
-    }
-    if (!camera.base_from_camera.R.allFinite() || !camera.base_from_camera.t.allFinite()) {
-      return absl::InvalidArgumentError("reference_cameras: not finite");
     }
   }
   return absl::OkStatus();
@@ -129,20 +146,6 @@ absl::StatusOr<std::vector<ImageFeatures>> DetectAll(const SceneRequest& request
   return features;
 }
 
-// What the caller says about the cameras, for the reconstruction.
-std::vector<ViewPrior> PriorsOf(const std::vector<CameraHint>& hints) {
-  std::vector<ViewPrior> priors;
-  for (const CameraHint& hint : hints) {
-    ViewPrior prior;
-    prior.focal_px = hint.focal_px;
-    prior.focal_log_sigma = hint.focal_log_sigma.value_or(prior.focal_log_sigma);
-    prior.principal_point_px = hint.principal_point;
-    prior.k1 = hint.k1;
-    priors.push_back(prior);
-  }
-  return priors;
-}
-
 std::map<std::string, double> SumCounts(const std::vector<ImageFeatures>& features) {
   std::map<std::string, double> sum;
   for (const ImageFeatures& f : features) {
@@ -168,6 +171,22 @@ SceneState StateOf(RecognitionState state) {
       return SceneState::kNoParallax;
   }
   return SceneState::kNothingFound;
+}
+
+// The second pass of the drawing: matching called again, cameras known.
+absl::StatusOr<MatchingResult> LinkUnderCameras(const SceneRequest& request,
+                                                const SceneTrace& trace,
+                                                const MatchingOptions& options,
+                                                const StopRequested& stop) {
+  std::vector<std::optional<KnownView>> views;
+  for (const auto& posed : trace.metric->cameras) {
+    views.emplace_back();
+    if (posed) views.back() = KnownView{posed->camera, posed->camera_from_scene};
+  }
+  KnownCameras known{views, Eigen::Vector3d::Zero()};
+  const double count = static_cast<double>(trace.metric->objects.size());
+  for (const PosedObject& o : trace.metric->objects) known.middle += o.scene_from_object.t / count;
+  return MatchUnderCameras(request.images, trace.features, known, trace.matching, options, stop);
 }
 
 }  // namespace
@@ -221,13 +240,10 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
   StageClock reconstruction_clock("reconstruction", &answer.stages);
   std::vector<ImageSize> sizes;
   for (const cv::Mat& image : request.images) sizes.push_back({image.cols, image.rows});
-  HOROPTER_ASSIGN_OR_RETURN(trace.reconstruction,
-                            ReconstructViews(trace.matching,
-                                             trace.features,
-                                             sizes,
-                                             PriorsOf(request.hints),
-                                             options.reconstruction,
-                                             stop));
+  HOROPTER_ASSIGN_OR_RETURN(
+      trace.reconstruction,
+      ReconstructViews(
+          trace.matching, trace.features, sizes, PriorsOf(request), options.reconstruction, stop));
   reconstruction_clock.Finish(trace.reconstruction.counts);
 
   StageClock recognition_clock("recognition", &answer.stages);
@@ -256,6 +272,11 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
   euclidean_clock.Finish(trace.metric->counts);
   HOROPTER_RETURN_IF_ERROR(
       FillAnswer(*trace.metric, objects, request, options.euclidean.grasps, &answer));
+  if (!options.second_pass) return result;
+
+  StageClock second_pass_clock("second_pass", &answer.stages);
+  HOROPTER_ASSIGN_OR_RETURN(trace.linked, LinkUnderCameras(request, trace, options.matching, stop));
+  second_pass_clock.Finish(trace.linked->counts);
   return result;
 }
 

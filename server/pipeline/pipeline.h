@@ -53,6 +53,9 @@ struct PipelineOptions {
   ReconstructionOptions reconstruction;
   RecognitionOptions recognition;
   EuclideanOptions euclidean;
+  // Matches everything once more under the cameras of the recognised parts (SceneTrace::linked);
+  // the answer does not change. About as dear as one round of matching.
+  bool second_pass = false;
   int threads = 2;  // per request
 };
 

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "server/pipeline/base_frame.h"
 #include "server/vision/euclidean/euclidean.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/recognition/recognition.h"
@@ -21,19 +22,14 @@ struct ReferenceObject {
   Rigid3 base_from_object;
 };
 
-// A camera whose pose in the robot's base frame is known (on the arm, or surveyed).
-struct ReferenceCamera {
-  int image = -1;
-  Rigid3 base_from_camera;
-};
-
 struct SceneRequest {
-  std::vector<cv::Mat> images;          // CV_8UC1 or CV_8UC3 (BGR)
-  std::vector<CameraHint> hints;        // empty or one per image
+  std::vector<cv::Mat> images;    // CV_8UC1 or CV_8UC3 (BGR)
+  std::vector<CameraHint> hints;  // empty or one per image
+  // Empty or one per image; where cameras are in the robot's base frame. Two or more also measure
+  // the scale. References that contradict each other give no base frame.
+  std::vector<std::optional<CameraPoseHint>> camera_poses;
   std::vector<std::string> candidates;  // empty: the whole catalog
   std::optional<ReferenceObject> reference;
-  // Two or more also measure the scale. References that contradict each other give no base frame.
-  std::vector<ReferenceCamera> reference_cameras;
 };
 
 enum class SceneState {
@@ -47,7 +43,8 @@ enum class SceneState {
 };
 
 struct StageReport {
-  std::string stage;  // features, matching, reconstruction, recognition, euclidean
+  // features, matching, reconstruction, recognition, euclidean, second_pass
+  std::string stage;
   double seconds = 0.0;
   std::map<std::string, double> counts;
 };
@@ -94,7 +91,8 @@ struct SceneAnswer {
   std::vector<AnswerObject> objects;
   // Joint covariance of all scene_from_object, six rows per object in the order of `objects`.
   Eigen::MatrixXd joint_covariance;
-  std::optional<Rigid3> base_from_scene;  // when a reference was given and found
+  // When a reference was given and found; without one, when posed cameras were recovered.
+  std::optional<Rigid3> base_from_scene;
   std::vector<AnswerFinding> findings;
   std::vector<AnswerScale> scales;
   std::vector<StageReport> stages;
@@ -107,6 +105,9 @@ struct SceneTrace {
   Reconstruction reconstruction;
   RecognitionResult recognition;
   std::optional<MetricScene> metric;
+  // The second pass: `matching` once more under the cameras of `metric`, so that all their views
+  // are linked. Empty when it was not asked for or nothing is recognised.
+  std::optional<MatchingResult> linked;
 };
 
 }  // namespace horopter

@@ -20,6 +20,8 @@ constexpr double kQuaternionNormTolerance = 0.01;
 constexpr double kMaxFocalPx = 1e7;
 constexpr double kMaxFocalLogSigma = 2.0;
 constexpr double kMaxDistortion = 10.0;
+constexpr double kMaxRotationSigmaRad = 1.0;
+constexpr double kMaxPositionSigmaM = 10.0;
 
 absl::StatusOr<CameraHint> HintFromProto(const v1::CameraHint& proto, const std::string& field) {
   CameraHint hint;
@@ -53,6 +55,34 @@ absl::StatusOr<CameraHint> HintFromProto(const v1::CameraHint& proto, const std:
     }
     hint.k1 = proto.k1();
   }
+  return hint;
+}
+
+absl::StatusOr<std::optional<CameraPoseHint>> PoseHintFromProto(const v1::CameraHint& proto,
+                                                                const std::string& field) {
+  const auto sigma = [&](bool set, double value, double highest, const char* name) -> absl::Status {
+    if (!set) return absl::OkStatus();
+    if (!proto.has_camera_from_base()) {
+      return InvalidField(absl::StrCat(field, ".", name), "set without camera_from_base");
+    }
+    if (value > 0.0 && value <= highest) return absl::OkStatus();
+    return InvalidField(absl::StrCat(field, ".", name),
+                        absl::StrCat(value, " is outside 0..", highest));
+  };
+  HOROPTER_RETURN_IF_ERROR(sigma(proto.has_rotation_sigma_rad(),
+                                 proto.rotation_sigma_rad(),
+                                 kMaxRotationSigmaRad,
+                                 "rotation_sigma_rad"));
+  HOROPTER_RETURN_IF_ERROR(sigma(proto.has_position_sigma_m(),
+                                 proto.position_sigma_m(),
+                                 kMaxPositionSigmaM,
+                                 "position_sigma_m"));
+  if (!proto.has_camera_from_base()) return std::nullopt;
+  CameraPoseHint hint;
+  HOROPTER_ASSIGN_OR_RETURN(hint.camera_from_base,
+                            RigidFromProto(proto.camera_from_base(), field + ".camera_from_base"));
+  if (proto.has_rotation_sigma_rad()) hint.rotation_sigma_rad = proto.rotation_sigma_rad();
+  if (proto.has_position_sigma_m()) hint.position_sigma_m = proto.position_sigma_m();
   return hint;
 }
 
@@ -292,16 +322,19 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
         RigidFromProto(proto.reference().base_from_object(), "reference.base_from_object"));
     request.reference = std::move(reference);
   }
-  bool any_hint = false;
+  bool any_hint = false, any_pose = false;
   std::vector<CameraHint> hints(proto.images_size());
+  std::vector<std::optional<CameraPoseHint>> poses(proto.images_size());
   for (int i = 0; i < proto.images_size(); ++i) {
     if (!proto.images(i).has_camera_hint()) continue;
     any_hint = true;
-    HOROPTER_ASSIGN_OR_RETURN(
-        hints[i],
-        HintFromProto(proto.images(i).camera_hint(), absl::StrCat("images[", i, "].camera_hint")));
+    const std::string field = absl::StrCat("images[", i, "].camera_hint");
+    HOROPTER_ASSIGN_OR_RETURN(hints[i], HintFromProto(proto.images(i).camera_hint(), field));
+    HOROPTER_ASSIGN_OR_RETURN(poses[i], PoseHintFromProto(proto.images(i).camera_hint(), field));
+    any_pose = any_pose || poses[i].has_value();
   }
   if (any_hint) request.hints = std::move(hints);
+  if (any_pose) request.camera_poses = std::move(poses);
 
   int64_t pixels_left = limits.max_total_pixels;
   for (int i = 0; i < proto.images_size(); ++i) {

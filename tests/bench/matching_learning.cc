@@ -212,7 +212,7 @@ absl::Status Run(const std::string& dataset, const std::string& split) {
       prior.F = pair.F_true;
       PairPrior no_f = prior;
       no_f.F.reset();
-      const auto patches = WarpedPatches(*pair.image_b, *pair.b, prior);
+      const auto patches = WarpedPatches(*pair.b, prior);
       const PairComparison compare(*pair.a, *pair.b, patches, prior);
       const PairComparison gate(*pair.a, *pair.b, patches, no_f);
       CollectLinks(gate, pair, &links[context]);

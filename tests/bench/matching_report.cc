@@ -183,6 +183,7 @@ double VertexReprojection(const Models& models,
     view.focal_px = r.camera.focal_px;
     view.k1 = r.camera.k1;
     view.camera_from_world = r.camera_from_world;
+    view.prior.principal_point_px = Eigen::Vector2d(r.camera.cx, r.camera.cy);
     bundle.views.push_back(view);
     views.push_back(static_cast<int>(v));
   }

@@ -155,8 +155,7 @@ void CountVariant(const TruePair& pair,
     prior.b_from_a = pair.b_from_a;
   if (variant.known == Known::kF || variant.known == Known::kPlaneAndF) prior.F = pair.F_true;
   const auto begin = std::chrono::steady_clock::now();
-  const PairComparison compare(
-      *pair.a, *pair.b, WarpedPatches(*pair.image_b, *pair.b, prior), prior);
+  const PairComparison compare(*pair.a, *pair.b, WarpedPatches(*pair.b, prior), prior);
   const std::vector<FeatureMatch> matches = MatchFeatures(compare, variant.options);
   tally->seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   Count(pair.labels_a->junctions,

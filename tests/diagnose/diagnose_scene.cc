@@ -90,16 +90,17 @@ void ReportFeatures(const LoadedScene& scene,
   SetShare("texture_on_parts", found - usable, found, report);
 }
 
-void ReportMatches(const MatchFinding& finding, SceneReport* report) {
-  SetShare("match_precision", finding.matches_right, finding.matches, report);
-  SetShare("match_recall",
+// prefix: "match" of the first pass, "linked" of the one under the recognised parts' cameras.
+void ReportMatches(const std::string& prefix, const MatchFinding& finding, SceneReport* report) {
+  SetShare(prefix + "_precision", finding.matches_right, finding.matches, report);
+  SetShare(prefix + "_recall",
            finding.corners_matched + finding.edges_matched,
            finding.shared_corners + finding.shared_edges,
            report);
   std::vector<int> tracked = finding.tracked;
   if (tracked.empty()) return;
   std::sort(tracked.begin(), tracked.end());
-  report->figures["tracked"] = tracked[tracked.size() / 2];
+  report->figures[prefix + "_tracked"] = tracked[tracked.size() / 2];
 }
 
 // Reconstructed points that belong to a true corner by the junctions they were made of.
@@ -182,6 +183,11 @@ void ReportWords(const PipelineResult& result, SceneReport* report) {
   if (!result.trace.reconstruction.refusal.empty()) {
     report->notes.push_back("reconstruction: " + result.trace.reconstruction.refusal);
   }
+  const std::vector<std::string>& refusals = result.trace.reconstruction.view_refusals;
+  for (size_t v = 0; v < refusals.size(); ++v) {
+    if (refusals[v].empty() || refusals[v] == result.trace.reconstruction.refusal) continue;
+    report->notes.push_back("reconstruction, view " + std::to_string(v) + ": " + refusals[v]);
+  }
   for (const StageReport& stage : result.answer.stages) {
     report->figures["seconds_" + stage.stage] = stage.seconds;
     for (const auto& [name, value] : stage.counts) {
@@ -233,6 +239,7 @@ absl::StatusOr<PipelineResult> RunAll(const std::vector<cv::Mat>& images,
   PipelineOptions pipeline;
   pipeline.features = options.features;
   pipeline.threads = options.threads;
+  pipeline.second_pass = true;
   return RecognizeScene(request, catalog, pipeline);
 }
 
@@ -295,7 +302,12 @@ absl::StatusOr<SceneReport> DiagnoseScene(const BopScene& scene,
     for (const auto& prepared : catalog.objects) {
       ids.push_back(ModelOf(*prepared).id);
     }
-    ReportMatches(CompareMatches(result.trace.matching, scene, features, loaded.truth), &report);
+    ReportMatches(
+        "match", CompareMatches(result.trace.matching, scene, features, loaded.truth), &report);
+    if (result.trace.linked) {
+      ReportMatches(
+          "linked", CompareMatches(*result.trace.linked, scene, features, loaded.truth), &report);
+    }
     ReportCameras(result, scene, loaded, models, findings, &report);
     report.objects = FollowObjects(result, ids, scene, models, loaded.truth, findings);
     ReportWords(result, &report);
@@ -306,7 +318,7 @@ absl::StatusOr<SceneReport> DiagnoseScene(const BopScene& scene,
                   features,
                   findings,
                   AnswerWireframes(result, catalog, features.size()),
-                  result.trace.matching,
+                  result.trace.linked.value_or(result.trace.matching),
                   options.overlay_folder);
   }
   return report;

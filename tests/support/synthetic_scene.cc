@@ -3,36 +3,14 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <random>
 
 #include "server/vision/matching/feature_tracks.h"
 #include "server/vision/matching/homography.h"
 #include "server/vision/matching/plane_chain.h"
+#include "tests/support/random.h"
 
 namespace horopter {
 namespace {
-
-// The standard's distributions differ between libraries; these do not.
-class Random {
- public:
-  explicit Random(unsigned seed) : rng_(seed) {}
-  double Uniform(double low, double high) {
-    return low + (high - low) * (static_cast<double>(rng_()) / 4294967296.0);
-  }
-  double Normal() {
-    double sum = -6.0;
-    for (int i = 0; i < 12; ++i) sum += Uniform(0.0, 1.0);
-    return sum;
-  }
-  Eigen::Vector2d Noise(double sigma) {
-    const double x = Normal();
-    return sigma * Eigen::Vector2d(x, Normal());
-  }
-  int Index(int n) { return std::min(n - 1, static_cast<int>(Uniform(0.0, n))); }
-
- private:
-  std::mt19937 rng_;
-};
 
 Rigid3 LookAt(const Eigen::Vector3d& center, const Eigen::Vector3d& target, double roll) {
   const Eigen::Vector3d z = (target - center).normalized();

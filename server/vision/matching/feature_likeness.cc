@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include "server/vision/matching/homography.h"
@@ -13,20 +14,14 @@ namespace {
 
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 constexpr double kMinBeamSine = 0.17;  // 10 degrees: flatter beams do not bound a segment
-// Gates of the cheap tests; of the true pairs of parts-train 5 % of the segments and 2 % of the
-// junctions fail them (matching_learning says so).
-constexpr double kMaxTurnRad = 1.2;
-constexpr double kMaxLengthRatio = 4.0;
-constexpr double kMaxShiftWidths = 0.25;
-constexpr double kMaxEpipolarPx = 8.0;
-constexpr double kMinBeam = 0.05;
-
 double LineAngle(const Eigen::Vector2d& u, const Eigen::Vector2d& v) {
   return std::atan2(std::abs(u.x() * v.y() - u.y() * v.x()), std::abs(u.dot(v)));
 }
 
+// Of directions in (-pi, pi].
 double TurnBetween(double a, double b) {
-  return std::abs(std::remainder(a - b, 2.0 * M_PI));
+  const double d = std::abs(a - b);
+  return d > M_PI ? 2.0 * M_PI - d : d;
 }
 
 // Directions in which the junction's segments leave it, image axes.
@@ -43,23 +38,26 @@ std::vector<Eigen::Vector2d> ArmsOf(const Junction& junction, const ImageFeature
 
 // Mean turn of the arms when as many as possible are paired, nearest first; each once.
 double ArmTurn(const std::vector<double>& a, const std::vector<double>& b) {
-  const int pairs = static_cast<int>(std::min(a.size(), b.size()));
-  std::vector<bool> used_a(a.size()), used_b(b.size());
+  constexpr size_t kMaxArms = 64;  // bits of a mask; no junction has so many
+  const size_t of_a = std::min(a.size(), kMaxArms), of_b = std::min(b.size(), kMaxArms);
+  const size_t pairs = std::min(of_a, of_b);
+  uint64_t used_a = 0, used_b = 0;
   double sum = 0.0;
-  for (int k = 0; k < pairs; ++k) {
+  for (size_t k = 0; k < pairs; ++k) {
     double best = 10.0;
     size_t at_a = 0, at_b = 0;
-    for (size_t i = 0; i < a.size(); ++i) {
-      for (size_t j = 0; j < b.size() && !used_a[i]; ++j) {
+    for (size_t i = 0; i < of_a; ++i) {
+      for (size_t j = 0; j < of_b && !(used_a >> i & 1); ++j) {
         const double turn = TurnBetween(a[i], b[j]);
-        if (used_b[j] || turn >= best) continue;
+        if (used_b >> j & 1 || turn >= best) continue;
         best = turn, at_a = i, at_b = j;
       }
     }
-    used_a[at_a] = used_b[at_b] = true;
+    used_a |= uint64_t{1} << at_a;
+    used_b |= uint64_t{1} << at_b;
     sum += best;
   }
-  return pairs > 0 ? sum / pairs : M_PI;
+  return pairs > 0 ? sum / static_cast<double>(pairs) : M_PI;
 }
 
 Eigen::Vector3d UnitLine(const Eigen::Vector3d& line) {
@@ -81,13 +79,21 @@ double TableValue(const LogRatioTable& table, float cue) {
   return (1.0 - part) * table.values[k] + part * table.values[k + 1];
 }
 
-std::vector<JunctionPatch> WarpedPatches(const cv::Mat& image_b,
-                                         const MatchingView& b,
-                                         const PairPrior& prior) {
+bool IsUsed(SegmentCue cue, const LikenessOptions& options) {
+  if (cue == kStrip) return options.correlation;
+  return cue == kShift || cue == kBeam || options.parameters;
+}
+
+bool IsUsed(JunctionCue cue, const LikenessOptions& options) {
+  if (cue == kPatch) return options.correlation;
+  return cue == kPointShift || cue == kEpipolar || options.parameters;
+}
+
+std::vector<JunctionPatch> WarpedPatches(const MatchingView& b, const PairPrior& prior) {
   if (!prior.b_from_a) return b.patches;
   const Eigen::Matrix3d& H = *prior.b_from_a;
   const Eigen::Matrix3d H_inverse = H.inverse();
-  return SampleJunctionPatches(image_b, b.features->junctions, [&](const Eigen::Vector2d& p) {
+  return SampleJunctionPatches(b.smooth, b.features->junctions, [&](const Eigen::Vector2d& p) {
     return TransferJacobian(H, Transfer(H_inverse, p));
   });
 }
@@ -129,17 +135,22 @@ PairComparison::PairComparison(const MatchingView& a,
     for (const Eigen::Vector2d& arm : ArmsOf(j, *b.features))
       arms_b_.back().push_back(std::atan2(arm.y(), arm.x()));
   }
+  if (!prior_.F) return;
+  for (const Junction& j : a.features->junctions)
+    lines_in_b_.push_back(UnitLine(*prior_.F * j.point.homogeneous()));
+  for (const Junction& j : b.features->junctions)
+    lines_in_a_.push_back(UnitLine(prior_.F->transpose() * j.point.homogeneous()));
 }
 
 Eigen::Vector2d PairComparison::Warp(const Eigen::Vector2d& x) const {
   return Transfer(homography_, x);
 }
 
-double PairComparison::EpipolarDistance(const Eigen::Vector2d& x_a,
-                                        const Eigen::Vector2d& x_b) const {
-  const Eigen::Vector3d in_b = UnitLine(*prior_.F * x_a.homogeneous());
-  const Eigen::Vector3d in_a = UnitLine(prior_.F->transpose() * x_b.homogeneous());
-  return std::max(std::abs(in_b.dot(x_b.homogeneous())), std::abs(in_a.dot(x_a.homogeneous())));
+double PairComparison::EpipolarDistance(int junction_a, int junction_b) const {
+  const Eigen::Vector2d& x_a = a_.features->junctions[junction_a].point;
+  const Eigen::Vector2d& x_b = b_.features->junctions[junction_b].point;
+  return std::max(std::abs(lines_in_b_[junction_a].dot(x_b.homogeneous())),
+                  std::abs(lines_in_a_[junction_b].dot(x_a.homogeneous())));
 }
 
 double PairComparison::Beam(int index_a, int index_b) const {
@@ -167,7 +178,7 @@ bool PairComparison::MaySegments(int index_a, int index_b) const {
     const double length = s.Length();
     const double ratio = w.length / length;
     if (ratio > kMaxLengthRatio || ratio < 1.0 / kMaxLengthRatio) return false;
-    const double reach = kMaxShiftWidths * b_.features->width;
+    const double reach = reach_px();
     if ((0.5 * (w.start + w.end) - 0.5 * (s.start + s.end)).squaredNorm() > reach * reach)
       return false;
     const double cosine = std::abs(w.direction.dot(s.end - s.start)) / length;
@@ -184,11 +195,9 @@ bool PairComparison::MayJunctions(int index_a, int index_b) const {
   const Eigen::Vector2d& x_b = b_.features->junctions[index_b].point;
   if (has_plane()) {
     const double shift = (junctions_a_[index_a] - x_b).norm();
-    if (!(shift < kMaxShiftWidths * b_.features->width)) return false;
+    if (!(shift < reach_px())) return false;
   }
-  if (has_epipolar() &&
-      !(EpipolarDistance(a_.features->junctions[index_a].point, x_b) < kMaxEpipolarPx))
-    return false;
+  if (has_epipolar() && !(EpipolarDistance(index_a, index_b) < kMaxEpipolarPx)) return false;
   return !a_.patches[index_a].empty && !patches_b_[index_b].empty;
 }
 
@@ -240,18 +249,15 @@ JunctionCues PairComparison::Junctions(int index_a, int index_b) const {
       has_plane()
           ? static_cast<float>((junctions_a_[index_a] - jb.point).norm() / b_.features->width)
           : kNone;
-  cues[kEpipolar] =
-      has_epipolar() ? static_cast<float>(EpipolarDistance(ja.point, jb.point)) : kNone;
+  cues[kEpipolar] = has_epipolar() ? static_cast<float>(EpipolarDistance(index_a, index_b)) : kNone;
   return cues;
 }
 
 double LogRatio(const SegmentCues& cues, bool has_plane, const LikenessOptions& options) {
   double sum = 0.0;
   for (int k = 0; k < kSegmentCueCount; ++k) {
-    const bool wanted = k == kStrip                 ? options.correlation
-                        : k == kShift || k == kBeam ? true
-                                                    : options.parameters;
-    if (wanted) sum += Weighted(kSegmentTables[has_plane ? 0 : 1][k], cues[k]);
+    if (IsUsed(static_cast<SegmentCue>(k), options))
+      sum += Weighted(kSegmentTables[has_plane ? 0 : 1][k], cues[k]);
   }
   return sum;
 }
@@ -259,10 +265,8 @@ double LogRatio(const SegmentCues& cues, bool has_plane, const LikenessOptions& 
 double LogRatio(const JunctionCues& cues, bool has_plane, const LikenessOptions& options) {
   double sum = 0.0;
   for (int k = 0; k < kJunctionCueCount; ++k) {
-    const bool wanted = k == kPatch                          ? options.correlation
-                        : k == kPointShift || k == kEpipolar ? true
-                                                             : options.parameters;
-    if (wanted) sum += Weighted(kJunctionTables[has_plane ? 0 : 1][k], cues[k]);
+    if (IsUsed(static_cast<JunctionCue>(k), options))
+      sum += Weighted(kJunctionTables[has_plane ? 0 : 1][k], cues[k]);
   }
   return sum;
 }

@@ -48,16 +48,35 @@ struct LikenessOptions {
   bool correlation = true;  // 2.7.2: windows
 };
 
+// Whether a cue counts under the options.
+bool IsUsed(SegmentCue cue, const LikenessOptions& options);
+bool IsUsed(JunctionCue cue, const LikenessOptions& options);
+
 // Patches of view b's junctions, laid out by the prior's homography so that they show what view a's
-// upright ones show; upright themselves without one. image_b: as for PrepareMatchingView.
-std::vector<JunctionPatch> WarpedPatches(const cv::Mat& image_b,
-                                         const MatchingView& b,
-                                         const PairPrior& prior);
+// upright ones show; upright themselves without one.
+std::vector<JunctionPatch> WarpedPatches(const MatchingView& b, const PairPrior& prior);
 
 // Cues of feature index_a of view a and index_b of view b. patches_b: of view b, laid out by the
 // prior's homography (upright without one).
 class PairComparison {
  public:
+  // Gates of the cheap tests; of the true pairs of parts-train 5 % of the segments and 2 % of the
+  // junctions fail them (matching_learning says so).
+  static constexpr double kMaxTurnRad = 1.2;
+  static constexpr double kMaxLengthRatio = 4.0;
+  static constexpr double kMaxShiftWidths = 0.25;
+  static constexpr double kMaxEpipolarPx = 8.0;
+  static constexpr double kMinBeam = 0.05;
+
+  // A segment of view a where the prior puts it.
+  struct WarpedSegment {
+    Eigen::Vector2d start, end;
+    Eigen::Vector2d direction = Eigen::Vector2d::UnitX();
+    double length = 0.0;
+    bool valid = false;
+    Eigen::Vector3d start_line, end_line;  // epipolar lines of the true end points, unit normals
+  };
+
   PairComparison(const MatchingView& a,
                  const MatchingView& b,
                  std::vector<JunctionPatch> patches_b,
@@ -75,19 +94,21 @@ class PairComparison {
   bool has_epipolar() const { return prior_.F.has_value(); }
   // Where the prior homography puts a point of view a (itself without one).
   Eigen::Vector2d Warp(const Eigen::Vector2d& x) const;
-  // Larger distance of the two points from their epipolar lines, px. Needs an F.
-  double EpipolarDistance(const Eigen::Vector2d& x_a, const Eigen::Vector2d& x_b) const;
-
- private:
-  struct WarpedSegment {
-    Eigen::Vector2d start, end;
-    Eigen::Vector2d direction = Eigen::Vector2d::UnitX();
-    double length = 0.0;
-    bool valid = false;
-    Eigen::Vector3d start_line, end_line;  // epipolar lines of the true end points, unit normals
-  };
+  // Larger distance of two junctions from their epipolar lines, px. Needs an F.
+  double EpipolarDistance(int junction_a, int junction_b) const;
+  // Overlap of a segment with the epipolar beam of one of view a (kBeam). Needs an F.
   double Beam(int index_a, int index_b) const;
 
+  // What the bounds of likeness are made of.
+  double reach_px() const { return kMaxShiftWidths * b_.features->width; }
+  const std::vector<WarpedSegment>& warped_segments() const { return segments_a_; }
+  const std::vector<Eigen::Vector2d>& warped_junctions() const { return junctions_a_; }
+  const std::vector<JunctionPatch>& patches_b() const { return patches_b_; }
+  // Epipolar lines, unit normals, of a's junctions in b and of b's in a; empty without an F.
+  const std::vector<Eigen::Vector3d>& lines_in_b() const { return lines_in_b_; }
+  const std::vector<Eigen::Vector3d>& lines_in_a() const { return lines_in_a_; }
+
+ private:
   const MatchingView& a_;
   const MatchingView& b_;
   PairPrior prior_;
@@ -96,6 +117,7 @@ class PairComparison {
   std::vector<Eigen::Vector2d> junctions_a_;          // warped
   std::vector<std::vector<double>> arms_a_, arms_b_;  // directions, rad, a's warped
   std::vector<JunctionPatch> patches_b_;
+  std::vector<Eigen::Vector3d> lines_in_b_, lines_in_a_;
 };
 
 // Weighted sum of the cues' log-likelihood ratios.

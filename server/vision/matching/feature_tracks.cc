@@ -74,4 +74,18 @@ std::vector<TrackLink> SegmentLinks(std::span<const PairGeometry> pairs, bool ac
   return links;
 }
 
+void JoinAllTracks(MatchingResult* result) {
+  result->junction_tracks = JoinTracks(JunctionLinks(result->pairs, /*accepted_only=*/true));
+  result->segment_tracks = JoinTracks(SegmentLinks(result->pairs, /*accepted_only=*/true));
+  result->counts["junction_tracks"] = static_cast<double>(result->junction_tracks.size());
+  result->counts["segment_tracks"] = static_cast<double>(result->segment_tracks.size());
+  double with_F = 0.0, matches = 0.0;
+  for (const PairGeometry& pair : result->pairs) {
+    with_F += pair.F.has_value();
+    matches += static_cast<double>(pair.matches.size());
+  }
+  result->counts["pairs_with_epipolar"] = with_F;
+  result->counts["junction_matches"] = matches;
+}
+
 }  // namespace horopter

@@ -20,6 +20,12 @@ struct JunctionPatch {
   using Vector = Eigen::Matrix<float, kLength, 1>;
   Vector fine = Vector::Zero();
   Vector coarse = Vector::Zero();
+  // Both patches as one unit vector: its low frequencies (orthonormal cosine transform of each
+  // channel) and the norm of all others.
+  static constexpr int kFrequencies = 4;  // along either axis
+  using Code = Eigen::Matrix<float, 2 * 3 * kFrequencies * kFrequencies, 1>;
+  Code code = Code::Zero();
+  float rest = 0.0f;
   bool empty = true;
 };
 
@@ -27,12 +33,21 @@ struct JunctionPatch {
 // (px).
 using PatchShape = std::function<Eigen::Matrix2d(const Eigen::Vector2d&)>;
 
-// image: CV_8UC1 or CV_8UC3. shape empty: upright patches.
-std::vector<JunctionPatch> SampleJunctionPatches(const cv::Mat& image,
+// The image as patches are sampled from it: colour, slightly blurred; CV_8UC4, the fourth
+// channel meaningless. image: CV_8UC1 or
+// CV_8UC3, which stays as it is.
+cv::Mat SmoothForPatches(const cv::Mat& image);
+
+// smooth: from SmoothForPatches. shape empty: upright patches.
+std::vector<JunctionPatch> SampleJunctionPatches(const cv::Mat& smooth,
                                                  std::span<const Junction> junctions,
                                                  const PatchShape& shape = {});
 
 // Correlation in [-1, 1], mean of both scales; -1 when either patch is empty.
 double PatchLikeness(const JunctionPatch& a, const JunctionPatch& b);
+
+// At least PatchLikeness, but for rounding, at an eighth of its cost: the low frequencies, and what
+// the others add if they agree entirely.
+float HighestLikeness(const JunctionPatch& a, const JunctionPatch& b);
 
 }  // namespace horopter

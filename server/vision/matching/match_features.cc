@@ -5,6 +5,7 @@
 #include <cmath>
 #include <unordered_map>
 
+#include "server/vision/matching/likeness_bounds.h"
 #include "server/vision/matching/likeness_tables.h"
 
 namespace horopter {
@@ -39,36 +40,82 @@ Candidates KeepBest(const Candidates& all, int rows, int columns, int keep) {
   return kept;
 }
 
+// Candidates of one kind that may be among the `keep` best of either feature. Only pairs whose
+// bound allows that are compared; of every feature of view a the likeliest ones first, so that the
+// others are soon seen to be out of reach.
+class CandidateSearch {
+ public:
+  CandidateSearch(const PairComparison& pair, const FeatureMatchOptions& options)
+      : pair_(pair), options_(options), bounds_(pair, options.likeness) {}
+
+  Candidates Segments() const {
+    return Search(
+        FeatureKind::kSegment,
+        pair_.a().features->segments.size(),
+        pair_.b().features->segments.size(),
+        [&](int a, std::vector<LikenessBounds::Bound>* out) { bounds_.OfSegment(a, Least(), out); },
+        [&](int a, int b) { return pair_.MaySegments(a, b); },
+        [&](int a, int b) { return pair_.Segments(a, b); });
+  }
+  Candidates Junctions() const {
+    return Search(
+        FeatureKind::kJunction,
+        pair_.a().features->junctions.size(),
+        pair_.b().features->junctions.size(),
+        [&](int a, std::vector<LikenessBounds::Bound>* out) {
+          bounds_.OfJunction(a, Least(), out);
+        },
+        [&](int a, int b) { return pair_.MayJunctions(a, b); },
+        [&](int a, int b) { return pair_.Junctions(a, b); });
+  }
+
+ private:
+  float Least() const { return static_cast<float>(options_.min_candidate); }
+
+  template <typename Bounds, typename May, typename Compare>
+  Candidates Search(FeatureKind kind,
+                    size_t rows,
+                    size_t columns,
+                    const Bounds& bounds_of,
+                    const May& may,
+                    const Compare& compare) const {
+    HighestSoFar highest(rows, columns, options_.per_feature, Least());
+    std::vector<LikenessBounds::Bound> bounds;
+    Candidates found;
+    for (size_t i = 0; i < rows; ++i) {
+      const int a = static_cast<int>(i);
+      bounds_of(a, &bounds);
+      const size_t first = std::min<size_t>(bounds.size(), 2 * options_.per_feature);
+      std::partial_sort(bounds.begin(),
+                        bounds.begin() + static_cast<std::ptrdiff_t>(first),
+                        bounds.end(),
+                        [](const auto& x, const auto& y) {
+                          return x.log_ratio != y.log_ratio ? x.log_ratio > y.log_ratio : x.b < y.b;
+                        });
+      for (const LikenessBounds::Bound& bound : bounds) {
+        if (!highest.MayEnter(a, bound.b, bound.log_ratio) || !may(a, bound.b)) continue;
+        const double ratio = LogRatio(compare(a, bound.b), pair_.has_plane(), options_.likeness);
+        if (ratio < options_.min_candidate) continue;
+        found.push_back({kind, a, bound.b, ratio});
+        highest.Enter(a, bound.b, static_cast<float>(ratio));
+      }
+    }
+    std::sort(found.begin(), found.end(), [](const FeatureMatch& x, const FeatureMatch& y) {
+      return x.a != y.a ? x.a < y.a : x.b < y.b;
+    });
+    return KeepBest(found, static_cast<int>(rows), static_cast<int>(columns), options_.per_feature);
+  }
+
+  const PairComparison& pair_;
+  const FeatureMatchOptions& options_;
+  LikenessBounds bounds_;
+};
+
 Candidates FindCandidates(const PairComparison& pair, const FeatureMatchOptions& options) {
-  const ImageFeatures& fa = *pair.a().features;
-  const ImageFeatures& fb = *pair.b().features;
-  Candidates found, junctions, segments;
-  for (size_t i = 0; i < fa.junctions.size(); ++i) {
-    for (size_t j = 0; j < fb.junctions.size(); ++j) {
-      const int a = static_cast<int>(i), b = static_cast<int>(j);
-      if (!pair.MayJunctions(a, b)) continue;
-      const double ratio = LogRatio(pair.Junctions(a, b), pair.has_plane(), options.likeness);
-      if (ratio >= options.min_candidate)
-        junctions.push_back({FeatureKind::kJunction, a, b, ratio});
-    }
-  }
-  for (size_t i = 0; i < fa.segments.size(); ++i) {
-    for (size_t j = 0; j < fb.segments.size(); ++j) {
-      const int a = static_cast<int>(i), b = static_cast<int>(j);
-      if (!pair.MaySegments(a, b)) continue;
-      const double ratio = LogRatio(pair.Segments(a, b), pair.has_plane(), options.likeness);
-      if (ratio >= options.min_candidate) segments.push_back({FeatureKind::kSegment, a, b, ratio});
-    }
-  }
-  found = KeepBest(junctions,
-                   static_cast<int>(fa.junctions.size()),
-                   static_cast<int>(fb.junctions.size()),
-                   options.per_feature);
-  const Candidates kept = KeepBest(segments,
-                                   static_cast<int>(fa.segments.size()),
-                                   static_cast<int>(fb.segments.size()),
-                                   options.per_feature);
-  found.insert(found.end(), kept.begin(), kept.end());
+  const CandidateSearch search(pair, options);
+  Candidates found = search.Junctions();
+  const Candidates segments = search.Segments();
+  found.insert(found.end(), segments.begin(), segments.end());
   return found;
 }
 

@@ -13,13 +13,12 @@
 #include "server/vision/matching/plane_centres.h"
 #include "server/vision/matching/plane_chain.h"
 #include "server/vision/matching/plane_links.h"
+#include "server/vision/matching/three_views.h"
+#include "server/vision/matching/view_graph.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kAllPairsUpTo =
-    8;  // views; with more, only near ones in the given order are compared
-constexpr int kNeighbourReach = 3;
 constexpr double kIdenticalMeanDifference =
     0.5;  // grey levels; two exposures of one view differ by more
 
@@ -52,32 +51,42 @@ absl::Status ValidateInput(std::span<const cv::Mat> images,
   return absl::OkStatus();
 }
 
-std::vector<std::pair<int, int>> PairsToCompare(int views) {
-  std::vector<std::pair<int, int>> pairs;
-  for (int a = 0; a < views; ++a) {
-    for (int b = a + 1; b < views; ++b) {
-      if (views <= kAllPairsUpTo || b - a <= kNeighbourReach) pairs.emplace_back(a, b);
+// Few views: all pairs; more: by overlap.
+std::vector<std::pair<int, int>> PairsToCompare(std::span<const cv::Mat> images,
+                                                const std::vector<MatchingView>& views,
+                                                const MatchingOptions& options,
+                                                const StopRequested& stop) {
+  const int n = static_cast<int>(images.size());
+  const ViewGraphOptions graph;
+  std::vector<ViewOverlap> overlaps;
+  if (n > graph.all_up_to) {
+    std::vector<OverlapSketch> sketches(n);
+    ParallelFor(n, options.threads, [&](int v) {
+      if (!IsStopRequested(stop)) sketches[v] = SketchForOverlap(images[v], views[v].patches);
+    });
+    for (int a = 0; a < n; ++a) {
+      for (int b = a + 1; b < n; ++b) overlaps.push_back({a, b, 0.0});
     }
+    ParallelFor(static_cast<int>(overlaps.size()), options.threads, [&](int k) {
+      ViewOverlap& o = overlaps[k];
+      if (!IsStopRequested(stop))
+        o.score = CountOverlapVotes(sketches[o.view_a], sketches[o.view_b]);
+    });
   }
-  return pairs;
+  return ChooseViewPairs(n, overlaps, graph);
 }
 
 // Matching of all pairs in its steps. What a pair's geometry is made of is looked at in one place:
 // first all views of a plane together, then the pairs that this leaves out alone.
 class PairMatcher {
  public:
-  PairMatcher(std::span<const cv::Mat> images,
-              std::span<const ImageFeatures> features,
+  PairMatcher(const std::vector<MatchingView>& views,
               const MatchingOptions& options,
               const StopRequested& stop,
               MatchingResult* result)
-      : images_(images), features_(features), options_(options), stop_(stop), result_(*result) {}
+      : views_(views), options_(options), stop_(stop), result_(*result) {}
 
   void Run(const std::vector<std::pair<int, int>>& pairs) {
-    views_.resize(images_.size());
-    ParallelFor(static_cast<int>(images_.size()), options_.threads, [&](int i) {
-      if (!IsStopRequested(stop_)) views_[i] = PrepareMatchingView(images_[i], features_[i]);
-    });
     result_.pairs.resize(pairs.size());
     ForEachPair([&](int k) {
       const auto [a, b] = pairs[k];
@@ -91,12 +100,13 @@ class PairMatcher {
           View(p.view_a), View(p.view_b), PlaneOf(p.view_a, p.view_b), options_, &p);
       if (p.F) Rematch(&p);
     });
+    CheckThreeViews();
     // Better matches join views that the first ones left out.
     if (!PlanesComplete()) LinkThroughPlanes();
   }
 
  private:
-  PairView View(int v) const { return {&images_[v], &views_[v]}; }
+  const MatchingView& View(int v) const { return views_[v]; }
 
   std::optional<Eigen::Matrix3d> PlaneOf(int a, int b) const {
     if (result_.component[a] < 0 || result_.component[a] != result_.component[b])
@@ -121,6 +131,16 @@ class PairMatcher {
     });
   }
 
+  // A pair that a plane does not tie to the others was estimated alone.
+  void CheckThreeViews() {
+    std::vector<const ImageFeatures*> features;
+    for (const MatchingView& view : views_) features.push_back(view.features);
+    std::vector<char> alone;
+    for (const PairGeometry& p : result_.pairs) alone.push_back(!PlaneOf(p.view_a, p.view_b));
+    result_.counts["pairs_inconsistent"] =
+        RefuseInconsistentPairs(features, alone, ThreeViewOptions(), &result_.pairs);
+  }
+
   // Where a plane joins views, one set of camera centres gives all their pairs an F: pairs too weak
   // alone get theirs, and all agree with each other.
   void LinkThroughPlanes() {
@@ -139,9 +159,9 @@ class PairMatcher {
   void LinkComponent(int component,
                      const std::vector<FeatureTrack>& tracks,
                      std::vector<char>* linked) {
-    std::vector<int> position(images_.size(), -1), of_view;
+    std::vector<int> position(views_.size(), -1), of_view;
     std::vector<PlaneView> views;
-    for (size_t v = 0; v < images_.size(); ++v) {
+    for (size_t v = 0; v < views_.size(); ++v) {
       if (result_.component[v] != component) continue;
       position[v] = static_cast<int>(views.size());
       views.push_back({result_.view_from_plane[v]});
@@ -154,7 +174,7 @@ class PairMatcher {
       for (const FeatureTrack::Feature& f : track.features) {
         if (position[f.view] < 0) continue;
         point.observations.push_back(
-            {position[f.view], features_[f.view].junctions[f.feature].point});
+            {position[f.view], views_[f.view].features->junctions[f.feature].point});
       }
       if (point.observations.size() >= 2) points.push_back(std::move(point));
     }
@@ -173,12 +193,10 @@ class PairMatcher {
     }
   }
 
-  std::span<const cv::Mat> images_;
-  std::span<const ImageFeatures> features_;
+  const std::vector<MatchingView>& views_;
   const MatchingOptions& options_;
   const StopRequested& stop_;
   MatchingResult& result_;
-  std::vector<MatchingView> views_;
 };
 
 // Pairs of views whose pixels are the same but for compression noise: they show one view twice.
@@ -202,7 +220,12 @@ absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
                                           const StopRequested& stop) {
   HOROPTER_RETURN_IF_ERROR(ValidateInput(images, features, options));
   const int views = static_cast<int>(images.size());
-  const std::vector<std::pair<int, int>> pairs = PairsToCompare(views);
+  std::vector<MatchingView> prepared(views);
+  ParallelFor(views, options.threads, [&](int i) {
+    if (!IsStopRequested(stop)) prepared[i] = PrepareMatchingView(images[i], features[i]);
+  });
+  const std::vector<std::pair<int, int>> pairs = PairsToCompare(images, prepared, options, stop);
+  if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
   MatchingResult result;
   FoundPlanes found = FindPlanes(images, pairs, options, stop);
   result.planes = std::move(found.planes);
@@ -222,18 +245,11 @@ absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
   result.component = std::move(chain.component);
   result.view_from_plane = std::move(chain.view_from_plane);
 
-  PairMatcher(images, features, options, stop, &result).Run(pairs);
+  PairMatcher(prepared, options, stop, &result).Run(pairs);
   if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
-  result.junction_tracks = JoinTracks(JunctionLinks(result.pairs, /*accepted_only=*/true));
-  result.segment_tracks = JoinTracks(SegmentLinks(result.pairs, /*accepted_only=*/true));
-  result.counts["junction_tracks"] = static_cast<double>(result.junction_tracks.size());
-  result.counts["segment_tracks"] = static_cast<double>(result.segment_tracks.size());
+  JoinAllTracks(&result);
   result.segment_on_plane = FindSegmentsOnPlane(features, result);
   result.counts["identical_views"] = CountIdenticalViews(images, pairs);
-  for (const PairGeometry& pair : result.pairs) {
-    result.counts["pairs_with_epipolar"] += pair.F.has_value();
-    result.counts["junction_matches"] += static_cast<double>(pair.matches.size());
-  }
   return result;
 }
 

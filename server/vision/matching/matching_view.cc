@@ -48,7 +48,8 @@ MatchingView PrepareMatchingView(const cv::Mat& image, const ImageFeatures& feat
   for (const Segment& segment : features.segments) {
     view.strips.push_back({SampleStrip(smooth, segment, -1.0), SampleStrip(smooth, segment, 1.0)});
   }
-  view.patches = SampleJunctionPatches(image, features.junctions);
+  view.smooth = SmoothForPatches(image);
+  view.patches = SampleJunctionPatches(view.smooth, features.junctions);
   return view;
 }
 

@@ -28,6 +28,7 @@ struct MatchingView {
   FeatureGraph graph;
   std::vector<std::array<SideStrip, 2>> strips;  // per segment: left, right of start -> end
   std::vector<JunctionPatch> patches;            // per junction, upright
+  cv::Mat smooth;                                // the image, see SmoothForPatches
 };
 
 // image: CV_8UC1 or CV_8UC3, the one the features were found in. The view refers to `features`.

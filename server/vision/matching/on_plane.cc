@@ -17,10 +17,23 @@ bool Inside(const ImageFeatures& f, const Eigen::Vector2d& p) {
   return p.x() >= 0 && p.y() >= 0 && p.x() <= f.width - 1 && p.y() <= f.height - 1;
 }
 
-bool IsCopy(const WarpedSegment& w, const Segment& s, const OnPlaneOptions& options) {
-  const double length = s.Length();
-  if (!(length > 0.0)) return false;
-  const Eigen::Vector2d d = (s.end - s.start) / length;
+// A segment as what it is asked for: start, unit direction, length.
+struct Straight {
+  Eigen::Vector2d start, direction;
+  double length = 0.0;
+};
+
+std::vector<Straight> StraightsOf(const ImageFeatures& features) {
+  std::vector<Straight> straights;
+  for (const Segment& s : features.segments) {
+    const double length = s.Length();
+    if (length > 0.0) straights.push_back({s.start, (s.end - s.start) / length, length});
+  }
+  return straights;
+}
+
+bool IsCopy(const WarpedSegment& w, const Straight& s, const OnPlaneOptions& options) {
+  const Eigen::Vector2d& d = s.direction;
   const Eigen::Vector2d n(-d.y(), d.x());
   if (std::abs(n.dot(w.start - s.start)) > options.max_distance_px) return false;
   if (std::abs(n.dot(w.end - s.start)) > options.max_distance_px) return false;
@@ -29,7 +42,7 @@ bool IsCopy(const WarpedSegment& w, const Segment& s, const OnPlaneOptions& opti
   if (std::abs(n.dot(v)) > std::sin(options.max_angle_rad) * warped_length) return false;
   double t0 = d.dot(w.start - s.start), t1 = d.dot(w.end - s.start);
   if (t0 > t1) std::swap(t0, t1);
-  const double overlap = std::min(t1, length) - std::max(t0, 0.0);
+  const double overlap = std::min(t1, s.length) - std::max(t0, 0.0);
   return overlap >= options.min_overlap * warped_length;
 }
 
@@ -71,6 +84,7 @@ std::vector<Judge> JudgesOf(int view, const MatchingResult& matching) {
 bool IsOnPlane(const Segment& segment,
                const std::vector<Judge>& judges,
                std::span<const ImageFeatures> features,
+               const std::vector<std::vector<Straight>>& straights,
                const OnPlaneOptions& options) {
   int able = 0, copies = 0;
   for (const Judge& judge : judges) {
@@ -80,7 +94,7 @@ bool IsOnPlane(const Segment& segment,
     if (!Inside(other, w.start) || !Inside(other, w.end)) continue;
     if (EpipolarAngle(w, judge.epipole) < options.min_epipolar_angle_rad) continue;
     ++able;
-    for (const Segment& s : other.segments) {
+    for (const Straight& s : straights[judge.view]) {
       if (IsCopy(w, s, options)) {
         ++copies;
         break;
@@ -96,12 +110,14 @@ std::vector<std::vector<bool>> FindSegmentsOnPlane(std::span<const ImageFeatures
                                                    const MatchingResult& matching,
                                                    const OnPlaneOptions& options) {
   std::vector<std::vector<bool>> on_plane(features.size());
+  std::vector<std::vector<Straight>> straights;
+  for (const ImageFeatures& f : features) straights.push_back(StraightsOf(f));
   for (size_t v = 0; v < features.size(); ++v) {
     on_plane[v].assign(features[v].segments.size(), false);
     const std::vector<Judge> judges = JudgesOf(static_cast<int>(v), matching);
     if (judges.empty()) continue;
     for (size_t s = 0; s < features[v].segments.size(); ++s) {
-      on_plane[v][s] = IsOnPlane(features[v].segments[s], judges, features, options);
+      on_plane[v][s] = IsOnPlane(features[v].segments[s], judges, features, straights, options);
     }
   }
   return on_plane;

@@ -32,13 +32,13 @@ constexpr double kMaxStrain = 0.12;
 constexpr double kFreeMustBeat = 1.15;
 
 // Junction matches of a pair as points, in its order.
-std::vector<WeightedMatch> PointsOf(const PairView& a,
-                                    const PairView& b,
+std::vector<WeightedMatch> PointsOf(const MatchingView& a,
+                                    const MatchingView& b,
                                     const std::vector<JunctionMatch>& matches) {
   std::vector<WeightedMatch> points;
   for (const JunctionMatch& m : matches) {
-    points.push_back({a.view->features->junctions[m.junction_a].point,
-                      b.view->features->junctions[m.junction_b].point,
+    points.push_back({a.features->junctions[m.junction_a].point,
+                      b.features->junctions[m.junction_b].point,
                       std::max(0.5, m.log_ratio)});
   }
   return points;
@@ -50,24 +50,22 @@ void FillMatches(const PairComparison& compare, PairGeometry* pair) {
   for (const FeatureMatch& m : MatchFeatures(compare, FeatureMatchOptions())) {
     if (m.kind == FeatureKind::kSegment) {
       pair->segments.push_back({m.a, m.b, m.log_ratio});
-    } else if (!compare.has_epipolar() ||
-               compare.EpipolarDistance(compare.a().features->junctions[m.a].point,
-                                        compare.b().features->junctions[m.b].point) < kNearPx) {
+    } else if (!compare.has_epipolar() || compare.EpipolarDistance(m.a, m.b) < kNearPx) {
       pair->matches.push_back({m.a, m.b, m.log_ratio});
     }
   }
 }
 
-PairComparison Compare(const PairView& a, const PairView& b, const PairPrior& prior) {
-  return {*a.view, *b.view, WarpedPatches(*b.image, *b.view, prior), prior};
+PairComparison Compare(const MatchingView& a, const MatchingView& b, const PairPrior& prior) {
+  return {a, b, WarpedPatches(b, prior), prior};
 }
 
-FocalPrior PriorOf(const PairView& a, const PairView& b) {
+FocalPrior PriorOf(const MatchingView& a, const MatchingView& b) {
   FocalPrior prior;
-  prior.width_a = a.view->features->width;
-  prior.height_a = a.view->features->height;
-  prior.width_b = b.view->features->width;
-  prior.height_b = b.view->features->height;
+  prior.width_a = a.features->width;
+  prior.height_a = a.features->height;
+  prior.width_b = b.features->width;
+  prior.height_b = b.features->height;
   return prior;
 }
 
@@ -93,8 +91,8 @@ std::string Format(const char* format, double x, double y) {
 }
 
 // A free F from matches made without one, or the refusal.
-std::optional<Eigen::Matrix3d> EstimateFree(const PairView& a,
-                                            const PairView& b,
+std::optional<Eigen::Matrix3d> EstimateFree(const MatchingView& a,
+                                            const MatchingView& b,
                                             const PairGeometry& pair,
                                             const MatchingOptions& options,
                                             std::string* refusal) {
@@ -111,7 +109,7 @@ std::optional<Eigen::Matrix3d> EstimateFree(const PairView& a,
   }
   PairPrior prior;
   prior.F = estimate.F;
-  const PairComparison compare(*a.view, *b.view, b.view->patches, prior);
+  const PairComparison compare(a, b, b.patches, prior);
   const size_t inliers = estimate.inliers.size();
   const double beam = MeanBeam(compare, pair.segments);
   const bool sure = inliers >= kSureInliers && inliers >= kSureShare * first.size();
@@ -137,8 +135,8 @@ std::optional<Eigen::Matrix3d> EstimateFree(const PairView& a,
   const double free_cost = RefineFundamental(*again.F, agreeing, kRefineScalePx).cost;
   const double strain =
       (calibrated.refined.cost - free_cost) / static_cast<double>(agreeing.size());
-  const double focal_a = calibrated.focal_a_px / a.view->features->width;
-  const double focal_b = calibrated.focal_b_px / b.view->features->width;
+  const double focal_a = calibrated.focal_a_px / a.features->width;
+  const double focal_b = calibrated.focal_b_px / b.features->width;
   const double sigma = *std::max_element(calibrated.refined.line_sigma_px.begin(),
                                          calibrated.refined.line_sigma_px.end());
   if (!(strain <= kMaxStrainCost)) {
@@ -189,8 +187,8 @@ std::vector<MatchCandidate> ToCandidates(const Eigen::Matrix3d& b_from_a,
 
 }  // namespace
 
-void MatchAlongEpipolarLines(const PairView& a,
-                             const PairView& b,
+void MatchAlongEpipolarLines(const MatchingView& a,
+                             const MatchingView& b,
                              const std::optional<Eigen::Matrix3d>& b_from_a,
                              PairGeometry* pair) {
   FillMatches(Compare(a, b, {b_from_a, pair->F}), pair);
@@ -198,8 +196,8 @@ void MatchAlongEpipolarLines(const PairView& a,
 
 PairGeometry MatchPair(int view_a,
                        int view_b,
-                       const PairView& a,
-                       const PairView& b,
+                       const MatchingView& a,
+                       const MatchingView& b,
                        const std::optional<Eigen::Matrix3d>& b_from_a) {
   PairGeometry pair;
   pair.view_a = view_a;
@@ -208,12 +206,12 @@ PairGeometry MatchPair(int view_a,
   return pair;
 }
 
-bool HasPlausibleCameras(const Eigen::Matrix3d& F, const PairView& a, const PairView& b) {
+bool HasPlausibleCameras(const Eigen::Matrix3d& F, const MatchingView& a, const MatchingView& b) {
   return CalibrationStrain(F, PriorOf(a, b)) <= kMaxStrain;
 }
 
-void EstimateEpipolarGeometry(const PairView& a,
-                              const PairView& b,
+void EstimateEpipolarGeometry(const MatchingView& a,
+                              const MatchingView& b,
                               const std::optional<Eigen::Matrix3d>& b_from_a,
                               const MatchingOptions& options,
                               PairGeometry* pair) {

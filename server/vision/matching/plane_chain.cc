@@ -31,39 +31,11 @@ double MedianTransferError(const PlaneHomography& plane, const Eigen::Matrix3d& 
   return errors[errors.size() / 2];
 }
 
-// How many triangles of links close around each link within max_px.
-std::vector<int> CountClosedTriangles(std::span<const PlaneHomography> planes, double max_px) {
-  std::map<std::pair<int, int>, int> link;
-  for (size_t k = 0; k < planes.size(); ++k) {
-    link[{planes[k].view_a, planes[k].view_b}] = static_cast<int>(k);
-  }
-  const auto map_between = [&](int to, int from) -> std::optional<Eigen::Matrix3d> {
-    if (auto it = link.find({from, to}); it != link.end()) return planes[it->second].b_from_a;
-    if (auto it = link.find({to, from}); it != link.end()) {
-      return planes[it->second].b_from_a.inverse().eval();
-    }
-    return std::nullopt;
-  };
-  int views = 0;
-  for (const PlaneHomography& p : planes) views = std::max({views, p.view_a + 1, p.view_b + 1});
-  std::vector<int> closed(planes.size(), 0);
-  for (size_t k = 0; k < planes.size(); ++k) {
-    const PlaneHomography& p = planes[k];
-    for (int c = 0; c < views; ++c) {
-      if (c == p.view_a || c == p.view_b) continue;
-      const auto c_from_a = map_between(c, p.view_a);
-      const auto b_from_c = map_between(p.view_b, c);
-      if (!c_from_a || !b_from_c) continue;
-      if (MedianTransferError(p, *b_from_c * *c_from_a) < max_px) ++closed[k];
-    }
-  }
-  return closed;
-}
-
 // Joins links into components, surest first: confirmed by a triangle, then by number of inliers.
 void JoinLinks(std::span<const PlaneHomography> planes, double max_px, PlaneChain* chain) {
   const int views = static_cast<int>(chain->component.size());
-  const std::vector<int> closed = CountClosedTriangles(planes, max_px);
+  std::vector<int> closed(planes.size(), 0);
+  for (const auto& triangle : ClosedTriangles(planes, max_px)) ++closed[triangle[0]];
   std::vector<int> order(planes.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
@@ -247,6 +219,30 @@ class ChainRefinement {
 };
 
 }  // namespace
+
+std::vector<std::array<size_t, 3>> ClosedTriangles(std::span<const PlaneHomography> planes,
+                                                   double max_px) {
+  std::map<std::pair<int, int>, size_t> link;
+  for (size_t k = 0; k < planes.size(); ++k) link[{planes[k].view_a, planes[k].view_b}] = k;
+  const auto index_of = [&](int x, int y) { return link.find(std::minmax(x, y)); };
+  const auto map_between = [&](size_t k, int from) {
+    return planes[k].view_a == from ? planes[k].b_from_a : planes[k].b_from_a.inverse().eval();
+  };
+  int views = 0;
+  for (const PlaneHomography& p : planes) views = std::max({views, p.view_a + 1, p.view_b + 1});
+  std::vector<std::array<size_t, 3>> closed;
+  for (size_t k = 0; k < planes.size(); ++k) {
+    const PlaneHomography& p = planes[k];
+    for (int c = 0; c < views; ++c) {
+      if (c == p.view_a || c == p.view_b) continue;
+      const auto i = index_of(p.view_a, c), j = index_of(c, p.view_b);
+      if (i == link.end() || j == link.end()) continue;
+      const Eigen::Matrix3d around = map_between(j->second, c) * map_between(i->second, p.view_a);
+      if (MedianTransferError(p, around) < max_px) closed.push_back({k, i->second, j->second});
+    }
+  }
+  return closed;
+}
 
 PlaneChain ChainPlanes(std::span<const PlaneHomography> planes, int views, double max_px) {
   PlaneChain chain;

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <cstddef>
 #include <span>
 #include <vector>
 
@@ -17,6 +19,11 @@ struct PlaneChain {
   int contradicted = 0;          // homographies that do not
   double rms_px = 0.0;           // forward transfer error of the agreeing ones after refinement
 };
+
+// Triples of indices of homographies between three views whose composition agrees within max_px
+// (median transfer error of the first one's inliers).
+std::vector<std::array<size_t, 3>> ClosedTriangles(std::span<const PlaneHomography> planes,
+                                                   double max_px);
 
 // Joins the homographies along the spanning tree of most inliers, removes those that contradict it
 // (median transfer error of their inliers above max_px), and refines all views together on the

@@ -194,46 +194,6 @@ std::vector<PointPair> InliersOf(const Eigen::Matrix3d& H,
   return inliers;
 }
 
-std::optional<PlaneEstimate> EstimateFromPairs(const std::vector<PointPair>& pairs,
-                                               const MatchingOptions& options) {
-  if (static_cast<int>(pairs.size()) < options.min_plane_inliers) return std::nullopt;
-  std::vector<cv::Point2d> from, to;
-  for (const PointPair& p : pairs) {
-    from.emplace_back(p.a.x(), p.a.y());
-    to.emplace_back(p.b.x(), p.b.y());
-  }
-  cv::UsacParams usac;
-  usac.confidence = 0.999;
-  usac.isParallel = false;
-  usac.maxIterations = 5000;
-  usac.randomGeneratorState = static_cast<int>(options.seed);
-  usac.sampler = cv::SAMPLING_UNIFORM;
-  usac.score = cv::SCORE_METHOD_MAGSAC;
-  usac.loMethod = cv::LOCAL_OPTIM_SIGMA;
-  usac.loIterations = 10;
-  usac.threshold = options.ransac_px;
-  cv::Mat mask, estimate;
-  try {
-    estimate = cv::findHomography(from, to, mask, usac);
-  } catch (const cv::Exception&) {
-    return std::nullopt;
-  }
-  if (estimate.rows != 3 || estimate.cols != 3) return std::nullopt;
-  Eigen::Matrix3d H;
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) H(r, c) = estimate.at<double>(r, c);
-  }
-  PlaneEstimate plane;
-  for (int round = 0; round < 3; ++round) {
-    plane.inliers = DistinctPairs(InliersOf(H, pairs, options.ransac_px));
-    if (static_cast<int>(plane.inliers.size()) < options.min_plane_inliers) return std::nullopt;
-    H = RefineHomography(H, plane.inliers);
-  }
-  plane.b_from_a = H;
-  if (!ImplausibleHomography(H, plane.inliers).empty()) return std::nullopt;
-  return plane;
-}
-
 // Gaussian of many pixels, taken at reduced size, where it loses nothing.
 cv::Mat WideBlur(const cv::Mat& value, double sigma_px) {
   cv::Mat reduced, blurred;
@@ -312,10 +272,44 @@ std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b
   return pairs;
 }
 
-std::optional<PlaneEstimate> EstimatePlane(const KeypointSet& a,
-                                           const KeypointSet& b,
+std::optional<PlaneEstimate> EstimatePlane(const std::vector<PointPair>& pairs,
                                            const MatchingOptions& options) {
-  return EstimateFromPairs(MatchKeypoints(a, b, options.ratio), options);
+  if (static_cast<int>(pairs.size()) < options.min_plane_inliers) return std::nullopt;
+  std::vector<cv::Point2d> from, to;
+  for (const PointPair& p : pairs) {
+    from.emplace_back(p.a.x(), p.a.y());
+    to.emplace_back(p.b.x(), p.b.y());
+  }
+  cv::UsacParams usac;
+  usac.confidence = 0.999;
+  usac.isParallel = false;
+  usac.maxIterations = 5000;
+  usac.randomGeneratorState = static_cast<int>(options.seed);
+  usac.sampler = cv::SAMPLING_UNIFORM;
+  usac.score = cv::SCORE_METHOD_MAGSAC;
+  usac.loMethod = cv::LOCAL_OPTIM_SIGMA;
+  usac.loIterations = 10;
+  usac.threshold = options.ransac_px;
+  cv::Mat mask, estimate;
+  try {
+    estimate = cv::findHomography(from, to, mask, usac);
+  } catch (const cv::Exception&) {
+    return std::nullopt;
+  }
+  if (estimate.rows != 3 || estimate.cols != 3) return std::nullopt;
+  Eigen::Matrix3d H;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) H(r, c) = estimate.at<double>(r, c);
+  }
+  PlaneEstimate plane;
+  for (int round = 0; round < 3; ++round) {
+    plane.inliers = DistinctPairs(InliersOf(H, pairs, options.ransac_px));
+    if (static_cast<int>(plane.inliers.size()) < options.min_plane_inliers) return std::nullopt;
+    H = RefineHomography(H, plane.inliers);
+  }
+  plane.b_from_a = H;
+  if (!ImplausibleHomography(H, plane.inliers).empty()) return std::nullopt;
+  return plane;
 }
 
 }  // namespace horopter

@@ -51,8 +51,7 @@ struct PlaneEstimate {
 // Robust homography of the dominant plane; nullopt when there are fewer than
 // options.min_plane_inliers distinct inliers or the homography is implausible. Deterministic for a
 // given options.seed.
-std::optional<PlaneEstimate> EstimatePlane(const KeypointSet& a,
-                                           const KeypointSet& b,
+std::optional<PlaneEstimate> EstimatePlane(const std::vector<PointPair>& matches,
                                            const MatchingOptions& options);
 
 }  // namespace horopter

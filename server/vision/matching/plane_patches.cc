@@ -35,6 +35,7 @@ struct Round {
 };
 constexpr Round kRounds[] = {{1, 14, 6, 3.5}, {1, 14, 6, 2.5}, {1, 14, 3, 1.5}, {0, 14, 3, 1.0}};
 constexpr double kLastInlierPx = 1.0;
+constexpr double kMaxPatches = 1600.0;  // of one search, about
 
 struct Template {
   float value[kPixels];  // zero mean, unit norm
@@ -270,8 +271,11 @@ std::vector<PatchMatch> MatchPatches(const PatchImage& a,
   Template t;
   const int rows_a = level_a.inverse_spread.rows, cols_a = level_a.inverse_spread.cols;
   const int rows_b = level_b.inverse_spread.rows, cols_b = level_b.inverse_spread.cols;
-  for (int y = kSide / 2; y < rows_a - kSide / 2; y += round.step) {
-    for (int x = kSide / 2; x < cols_a - kSide / 2; x += round.step) {
+  // Large images have no more patches than small ones.
+  const double area = static_cast<double>(rows_a) * cols_a;
+  const int step = std::max(round.step, static_cast<int>(std::sqrt(area / kMaxPatches)));
+  for (int y = kSide / 2; y < rows_a - kSide / 2; y += step) {
+    for (int x = kSide / 2; x < cols_a - kSide / 2; x += step) {
       // The same points in all pairs of a view, so that they become tracks through many views.
       const Eigen::Vector2d center(x, y);
       const Eigen::Vector2d at = Transfer(H, center);
@@ -283,8 +287,8 @@ std::vector<PatchMatch> MatchPatches(const PatchImage& a,
       const int first_y = static_cast<int>(at.y()) - kSide / 2 + 1;
       const Eigen::Vector2d middle(first_x + 0.5 * (kSide - 1), first_y + 0.5 * (kSide - 1));
       const Eigen::Matrix2d a_from_b = TransferJacobian(H, center).inverse();
-      const double area = std::abs(a_from_b.determinant());
-      if (!(area < kMaxAreaChange && area > 1.0 / kMaxAreaChange)) continue;
+      const double change = std::abs(a_from_b.determinant());
+      if (!(change < kMaxAreaChange && change > 1.0 / kMaxAreaChange)) continue;
       if (!SampleTemplate(level_a, center, a_from_b, &t)) continue;
       Eigen::Vector2d shift;
       if (!Search(level_b, t, first_x, first_y, round.radius, options, &shift)) continue;

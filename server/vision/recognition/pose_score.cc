@@ -13,6 +13,9 @@ namespace {
 // Support needs a like-directed image edge within this (working pixels, radians).
 constexpr float kSupportPx = 2.5f;
 constexpr float kSupportRad = 0.30f;
+// ... and is sharp within this of the edge's line: refined right poses have two thirds and more of
+// their supported length there (wrong ones of similar parts mostly less than half).
+constexpr double kSharpPx = 0.35;
 // An image segment is explained by a visible model edge within this.
 constexpr int kExplainPx = 3;
 // A segment sample this close to the silhouette counts as inside.
@@ -167,6 +170,7 @@ void MarkModelEdge(float x, float y, int bin, VerifyScratch* scratch) {
 EdgeSupport& EdgeSupport::operator+=(const EdgeSupport& o) {
   visible += o.visible;
   supported += o.supported;
+  sharp += o.sharp;
   inside += o.inside;
   explained += o.explained;
   segments += o.segments;
@@ -290,7 +294,12 @@ EdgeSupport VerifyPose(const PreparedObject& object,
     const Eigen::Vector2f off = e.point * maps.scale_f - u.cast<float>();
     const float turn = std::abs(std::remainder(
         e.direction - static_cast<float>(std::atan2(along.y(), along.x())), 3.14159265f));
-    if (off.norm() < kSupportPx && turn < kSupportRad) support.supported += length;
+    if (off.norm() < kSupportPx && turn < kSupportRad) {
+      support.supported += length;
+      const double beside =
+          std::abs(off.x() * along.y() - off.y() * along.x()) / std::max(along.norm(), 1e-12);
+      if (beside < kSharpPx) support.sharp += length;
+    }
   }
 
   support.segments =

@@ -43,6 +43,7 @@ float QuickScoreOverViews(const PreparedObject& object,
 struct EdgeSupport {
   double visible = 0.0;    // length of the model edges visible in the image
   double supported = 0.0;  // ... that lie on an image edge of like direction
+  double sharp = 0.0;      // ... so near that the pose must be right, not only similar
   double inside = 0.0;     // length of image segments inside the silhouette
   double explained = 0.0;  // ... that lie on a visible model edge
   double segments = 0.0;   // length of all image segments
@@ -50,6 +51,7 @@ struct EdgeSupport {
   double hidden_by_others = 0.0;  // length hidden by `occluders`
 
   EdgeSupport& operator+=(const EdgeSupport& o);
+  double Sharpness() const { return supported > 0 ? sharp / supported : 0.0; }
   double Precision() const { return visible > 0 ? supported / visible : 0.0; }
   double RecallInside() const { return inside > 0 ? explained / inside : 0.0; }
   double RecallAll() const { return segments > 0 ? all_explained / segments : 0.0; }

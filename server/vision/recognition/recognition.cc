@@ -31,10 +31,6 @@ constexpr double kSameLogFocal = 0.01;
 constexpr double kSameSeedPx = 10.0;  // working pixels
 constexpr double kStillPx = 0.5;      // a search is not repeated when its cameras move less
 constexpr double kFarPx = 1e9;
-// Objects that are sure together, and what they must exceed acceptance by, in excesses of a sure
-// one.
-constexpr int kTogether = 3;
-constexpr double kTogetherFactor = 2.0;
 
 JointContext MakeContext(const RecognitionInput& input,
                          const RecognitionOptions& options,
@@ -240,7 +236,7 @@ SceneModel Expand(const JointContext& context,
 SceneModel TableRoute(const RecognitionInput& input,
                       JointContext* context,
                       std::vector<PlacedObject>* verified) {
-  if (input.reconstruction == nullptr) return {};
+  if (input.reconstruction == nullptr || !input.reconstruction->has_plane) return {};
   const std::vector<SceneModel> seeds =
       TableSeeds(*context, *input.reconstruction, {}, kTableScales);
   SceneModel best;
@@ -267,19 +263,6 @@ SceneModel TableRoute(const RecognitionInput& input,
   if (scene.gain <= best.gain) return best;
   *verified = std::move(placements);
   return scene;
-}
-
-// Whether a scene whose cameras are known by its objects only is more than chance: one object is
-// sure, or several that share the cameras are together: wrong cameras place one wrong part well at
-// best.
-bool IsSure(const SceneModel& scene, double sure, double accept_score) {
-  double excess = 0.0;
-  for (const PlacedObject& o : scene.objects) {
-    if (o.score >= sure) return true;
-    excess += std::max(0.0, o.score - accept_score);
-  }
-  return static_cast<int>(scene.objects.size()) >= kTogether &&
-         excess >= kTogetherFactor * (sure - accept_score);
 }
 
 // Expands the best distinct seeds with the verified hypotheses only and returns the scene that
@@ -339,7 +322,6 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
                           &context);
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during view hypotheses");
-  bool tied = false;
   for (const bool through_plane : {true, false}) {
     if (on_table || !start.objects.empty()) break;
     BeginStep(context, "linking");
@@ -354,24 +336,18 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     seed_count += seeds.size();
     BeginStep(context, "seed_expansion");
     start = BestExpansion(context, seeds);
-    tied = through_plane;
   }
   scene.views.resize(input.features.size());
   if (!start.objects.empty()) {
     scene = Expand(context, start, true, &verified);
     if (scene.gain < start.gain) scene = std::move(start);
-    // Cameras that only the parts themselves tie give a wrong part much freedom: one must be sure.
-    const double sure = tied ? options.tied_sure_score : options.sure_score;
-    if (!IsSure(scene, sure, options.accept_score)) {
-      scene.objects.clear();
-      scene.views.assign(input.features.size(), std::nullopt);
-    }
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the joint search");
 
   BeginStep(context, "rivals");
   const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
-  if (ContradictsCameras(context, scene)) {
+  const std::string doubt = ReasonToDoubt(context, scene);
+  if (!doubt.empty()) {
     scene.objects.clear();
     scene.views.assign(input.features.size(), std::nullopt);
   }
@@ -396,8 +372,10 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   result.counts["objects"] = static_cast<double>(result.objects.size());
   result.counts["views"] = scene.registered();
   if (result.state == RecognitionState::kNothingFound) {
-    result.detail = absl::StrCat(
-        seed_count, " linked hypotheses, none with a joint score of ", options.accept_score);
+    result.detail = !doubt.empty() ? doubt
+                                   : absl::StrCat(seed_count,
+                                                  " linked hypotheses, none with a joint score of ",
+                                                  options.accept_score);
   }
   return result;
 }

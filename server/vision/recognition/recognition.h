@@ -52,7 +52,8 @@ struct RecognizedView {
 struct SceneObject {
   int object = -1;
   Rigid3 scene_from_object;
-  double score = 0.0;               // joint over the views, 0..1
+  double score = 0.0;               // probability that the answer is right, see verdict.h
+  double support = 0.0;             // joint edge support over the views, 0..1
   std::vector<double> view_scores;  // per view; negative: not visible or camera not recovered
   // Objects the images do not tell apart from this one; its own index: another pose of itself.
   std::vector<int> alternatives;
@@ -80,12 +81,9 @@ struct RecognitionOptions {
   double focal_start_widths = 1.5;  // first focal length tried, in image widths
   double focal_log_sigma = 0.35;    // prior width of log f; larger: weaker prior
   int hypotheses_per_object = 8;    // distinct poses kept per object and view
-  double accept_score = 0.55;  // joint score of an accepted object; higher: fewer, surer objects
-  // Joint score that one object must reach when nothing but the objects ties the views. On
-  // parts-train and parts-dev right ones had 0.85 and more (bare scenes), wrong ones up to 0.73.
-  double sure_score = 0.78;
-  double tied_sure_score = 0.65;  // ... when matched texture ties them
-  double ambiguity_gap = 0.03;    // a rival closer than this makes the answer ambiguous
+  double accept_score = 0.55;  // joint support of an accepted object; higher: fewer, surer objects
+  double accept_probability = 0.5;  // of the scene; higher: fewer, surer answers
+  double ambiguity_gap = 0.03;      // a rival closer than this makes the answer ambiguous
   // ... and another pose of the same object, where it alone determines the cameras: these then
   // adapt to the wrong pose. On parts-dev such rivals of right poses lay 0.13 and more behind (one
   // of 25 by 0.06), on the dotted box of the real photographs the right pose 0.11 behind.

@@ -61,12 +61,7 @@ std::optional<SceneModel> WithRival(const JointContext& context,
     if (!RefineScene(context, refine, &trial)) return std::nullopt;
     refine.start_reach_px = 8.0;
   }
-  VerifyScratch scratch;
-  trial.gain = 0.0;
-  for (PlacedObject& o : trial.objects) {
-    EvaluatePlacement(context, trial.views, {}, &scratch, &o);
-    trial.gain += std::max(0.0, o.gain);
-  }
+  EvaluateTogether(context, &trial);
   return trial;
 }
 

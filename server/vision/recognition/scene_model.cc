@@ -75,6 +75,30 @@ void EvaluatePlacement(const JointContext& context,
   placed->gain = SupportGain(placed->total);
 }
 
+void EvaluateTogether(const JointContext& context, SceneModel* scene) {
+  VerifyScratch scratch;
+  scene->gain = 0.0;
+  for (PlacedObject& o : scene->objects) {
+    std::vector<DepthBuffer> others;
+    if (scene->objects.size() > 1) {
+      for (std::size_t v = 0; v < scene->views.size(); ++v) {
+        const EdgeMaps& maps = context.views[v].maps;
+        others.push_back(MakeDepthBuffer(maps.width, maps.height));
+        if (!scene->views[v]) continue;
+        for (const PlacedObject& other : scene->objects) {
+          if (&other == &o) continue;
+          RenderDepth(context.objects[other.object]->model.mesh,
+                      WorkingCamera(scene->views[v]->camera, maps),
+                      scene->views[v]->camera_from_scene * other.scene_from_object,
+                      &others.back());
+        }
+      }
+    }
+    EvaluatePlacement(context, scene->views, others, &scratch, &o);
+    scene->gain += std::max(0.0, o.gain);
+  }
+}
+
 std::vector<Eigen::Vector3d> Footprint(const PreparedObject& object, const StablePose& pose) {
   const Eigen::Vector3d u = pose.up.unitOrthogonal();
   const Eigen::Vector3d w = pose.up.cross(u);

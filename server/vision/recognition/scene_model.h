@@ -81,6 +81,10 @@ void EvaluatePlacement(const JointContext& context,
                        PlacedObject* placed,
                        ExplainedSegments* explained = nullptr);
 
+// Verifies every object of the scene in every registered view, hidden behind the others where it
+// is, and sums up the gain.
+void EvaluateTogether(const JointContext& context, SceneModel* scene);
+
 // Up to 8 points of the object that touch the plane of a stable pose (object frame): its footprint.
 std::vector<Eigen::Vector3d> Footprint(const PreparedObject& object, const StablePose& pose);
 

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <optional>
 
+#include "server/vision/geometry/plucker_line.h"
 #include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/pose_refine.h"
 
@@ -53,12 +54,6 @@ struct NormalEquations {
     b.segment<6>(object) += w * r * jo;
   }
 };
-
-Eigen::Matrix3d CrossMatrix(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
 
 using CameraStep = Eigen::Matrix<double, kCameraSize, 1>;
 

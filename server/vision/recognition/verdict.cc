@@ -9,11 +9,42 @@
 namespace horopter {
 namespace {
 
+// Of the logistic regression: price of the adapted cameras and weights of what exceeds the origin.
+constexpr double kPrice = 7.5;
+constexpr double kSupportWeight = 20.0;
+constexpr double kSharpnessWeight = 9.0;
+constexpr double kOrigin = 0.55;
+// Of one object in right cameras: log odds at the origin and their growth with support. Sharpness
+// does not tell then: the wrong ones are parts that share edges with what stands there.
+constexpr double kObjectBase = 0.4;
+constexpr double kObjectWeight = 14.0;
+constexpr double kLearntCatalog = 20.0;  // objects in the catalog that it was learnt with
+
+double Logistic(double log_odds) {
+  return 1.0 / (1.0 + std::exp(-log_odds));
+}
+
+bool FocalContradicted(const JointContext& context, const SceneModel& scene) {
+  constexpr double kDeviations = 4.0;
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!scene.views[v]) continue;
+    const double off =
+        std::log(scene.views[v]->camera.focal_px / context.start_cameras[v].focal_px);
+    if (std::abs(off) > kDeviations * context.focal_log_sigma[v]) return true;
+  }
+  return false;
+}
+
+// That an object is right in cameras that are.
+double ObjectProbability(const PlacedObject& p) {
+  return Logistic(kObjectBase + kObjectWeight * (p.score - kOrigin));
+}
+
 SceneObject ToObject(const SceneModel& scene, const PlacedObject& p) {
   SceneObject o;
   o.object = p.object;
   o.scene_from_object = p.scene_from_object;
-  o.score = p.score;
+  o.support = p.score;
   for (std::size_t v = 0; v < p.support.size(); ++v) {
     const bool seen = scene.views[v] && p.support[v].visible > 0;
     o.view_scores.push_back(seen ? ViewScore(p.support[v]) : -1.0);
@@ -38,15 +69,35 @@ double LargestParallax(const JointContext& context, const SceneModel& scene) {
   return std::acos(std::clamp(smallest_cosine, -1.0, 1.0));
 }
 
-bool ContradictsCameras(const JointContext& context, const SceneModel& scene) {
-  constexpr double kDeviations = 4.0;
-  for (std::size_t v = 0; v < scene.views.size(); ++v) {
-    if (!scene.views[v]) continue;
-    const double off =
-        std::log(scene.views[v]->camera.focal_px / context.start_cameras[v].focal_px);
-    if (std::abs(off) > kDeviations * context.focal_log_sigma[v]) return true;
-  }
-  return false;
+double Evidence(double support, double sharpness) {
+  return std::max(0.0,
+                  kSupportWeight * (support - kOrigin) + kSharpnessWeight * (sharpness - kOrigin));
+}
+
+double SceneProbability(const JointContext& context, const SceneModel& scene) {
+  double log_odds = -kPrice;
+  log_odds -= std::max(0.0, std::log(static_cast<double>(context.objects.size()) / kLearntCatalog));
+  for (const PlacedObject& o : scene.objects) log_odds += Evidence(o.score, o.total.Sharpness());
+  return Logistic(log_odds);
+}
+
+std::string ReasonToDoubt(const JointContext& context, const SceneModel& scene) {
+  if (scene.objects.empty()) return {};
+  if (FocalContradicted(context, scene))
+    return "the objects found contradict what is known of the focal lengths";
+  const double probability = SceneProbability(context, scene);
+  if (probability >= context.options.accept_probability) return {};
+  const PlacedObject& best = *std::max_element(
+      scene.objects.begin(), scene.objects.end(), [](const auto& a, const auto& b) {
+        return a.score < b.score;
+      });
+  return absl::StrFormat(
+      "%d object(s) fit, best %s with support %.2f, but so may chance: probability %.2f, need %.2f",
+      static_cast<int>(scene.objects.size()),
+      context.objects[best.object]->model.id,
+      best.score,
+      probability,
+      context.options.accept_probability);
 }
 
 RecognitionResult MakeResult(const JointContext& context,
@@ -71,12 +122,16 @@ RecognitionResult MakeResult(const JointContext& context,
     return result;
   }
   result.state = RecognitionState::kRecognized;
-  for (const PlacedObject& p : scene.objects) result.objects.push_back(ToObject(scene, p));
+  const double probability = SceneProbability(context, scene);
+  for (const PlacedObject& p : scene.objects) {
+    result.objects.push_back(ToObject(scene, p));
+    result.objects.back().score = probability * ObjectProbability(p);
+  }
   for (const Rival& rival : rivals) {
     SceneObject& accepted = result.objects[rival.accepted];
     const bool itself = rival.placed.object == accepted.object;
     const double gap = itself && !trusted ? options.loose_ambiguity_gap : options.ambiguity_gap;
-    if (rival.score < accepted.score - gap) continue;
+    if (rival.score < accepted.support - gap) continue;
     result.state = RecognitionState::kAmbiguous;
     auto& alternatives = accepted.alternatives;
     if (std::find(alternatives.begin(), alternatives.end(), rival.placed.object) !=
@@ -90,7 +145,7 @@ RecognitionResult MakeResult(const JointContext& context,
                             result.detail.empty() ? "" : "; ",
                             context.objects[accepted.object]->model.id,
                             rival.score,
-                            accepted.score);
+                            accepted.support);
     }
   }
   return result;

@@ -78,7 +78,8 @@ std::optional<BundleCovariance> InvertBundle(const BundleLayout& layout,
     out.V_inverse[f] = half.transpose() * half;
     for (int k = layout.first[f]; k < layout.first[f + 1]; ++k) {
       const int i = layout.camera[k];
-      out.reach[f].emplace_back(row_of[i], bases.cameras[i].transpose() * (schur.Y[k] * half));
+      out.reach[f].emplace_back(row_of[i],
+                                bases.cameras[i].transpose() * (normal.K[k] * (schur.Z[k] * half)));
     }
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(S);

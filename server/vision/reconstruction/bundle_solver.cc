@@ -30,7 +30,7 @@ bool EliminateFeatures(const BundleLayout& layout,
     Damp(damping, &S[i * n + i]);
   }
   out->L.assign(features, Eigen::Matrix4d::Identity());
-  out->Y.resize(normal.W.size());
+  out->Z.resize(normal.F.size());
   for (int f = 0; f < features; ++f) {
     const int first = layout.first[f], end = layout.first[f + 1];
     if (first == end) continue;
@@ -42,10 +42,12 @@ bool EliminateFeatures(const BundleLayout& layout,
     const Eigen::Matrix4d inverse =
         out->L[f].template triangularView<Eigen::Lower>().solve(Eigen::Matrix4d::Identity());
     for (int a = first; a < end; ++a) {
-      out->Y[a].noalias() = normal.W[a].lazyProduct(inverse.transpose());
+      out->Z[a].noalias() = normal.F[a].lazyProduct(inverse.transpose());
       const int i = layout.camera[a];
       for (int b = first; b <= a; ++b) {
-        S[layout.camera[b] * n + i].noalias() -= out->Y[b].lazyProduct(out->Y[a].transpose());
+        const Eigen::Matrix2d M = out->Z[b].lazyProduct(out->Z[a].transpose());
+        const Eigen::Matrix<double, 2, C> MK = M.lazyProduct(normal.K[a].transpose());
+        S[layout.camera[b] * n + i].noalias() -= normal.K[b].lazyProduct(MK);
       }
     }
   }
@@ -72,7 +74,8 @@ bool SolveDamped(const BundleLayout& layout,
     const Eigen::Vector4d g =
         schur.L[f].template triangularView<Eigen::Lower>().solve(normal.feature_gradient[f]);
     for (int k = layout.first[f]; k < layout.first[f + 1]; ++k) {
-      rhs.segment<C>(C * layout.camera[k]) += schur.Y[k] * g;
+      const Eigen::Vector2d Zg = schur.Z[k] * g;
+      rhs.segment<C>(C * layout.camera[k]) += normal.K[k] * Zg;
     }
   }
   const Eigen::VectorXd x = llt.solve(rhs);
@@ -97,7 +100,8 @@ bool SolveDamped(const BundleLayout& layout,
     if (first == end) continue;
     Eigen::Vector4d sum = normal.feature_gradient[f];
     for (int k = first; k < end; ++k) {
-      sum += normal.W[k].transpose().lazyProduct(step->cameras[layout.camera[k]]);
+      const Eigen::Vector2d Kx = normal.K[k].transpose() * step->cameras[layout.camera[k]];
+      sum += normal.F[k].transpose() * Kx;
     }
     const Eigen::Matrix4d& L = schur.L[f];
     const Eigen::Vector4d half = L.triangularView<Eigen::Lower>().solve(sum);

@@ -22,21 +22,26 @@ struct BundleLayout {
   int Features() const { return static_cast<int>(first.size()) - 1; }
 };
 
-// J^T J and J^T r. C: parameters of a camera.
+// J^T J and J^T r. C: parameters of a camera. Blocks of a camera and a feature, W = K F, stay
+// factors: an observation has two rows, so they have rank two, and eliminating features takes half
+// the work.
 template <int C>
 struct NormalEquations {
   using CameraVector = Eigen::Matrix<double, C, 1>;
-  using CrossBlock = Eigen::Matrix<double, C, kFeatureParameters>;
+  using CameraFactor = Eigen::Matrix<double, C, 2>;
+  using FeatureFactor = Eigen::Matrix<double, 2, kFeatureParameters>;
   std::vector<Eigen::Matrix<double, C, C>> U;  // per camera
   std::vector<Eigen::Matrix4d> V;              // per feature
-  std::vector<CrossBlock> W;                   // per observation
+  std::vector<CameraFactor> K;                 // per observation: J_camera^T, weighted by its root
+  std::vector<FeatureFactor> F;                // ... and J_feature
   std::vector<CameraVector> camera_gradient;
   std::vector<Eigen::Vector4d> feature_gradient;
 
   void SetZero(const BundleLayout& layout) {
     U.assign(layout.cameras, Eigen::Matrix<double, C, C>::Zero());
     V.assign(layout.Features(), Eigen::Matrix4d::Zero());
-    W.assign(layout.camera.size(), CrossBlock::Zero());
+    K.assign(layout.camera.size(), CameraFactor::Zero());
+    F.assign(layout.camera.size(), FeatureFactor::Zero());
     camera_gradient.assign(layout.cameras, CameraVector::Zero());
     feature_gradient.assign(layout.Features(), Eigen::Vector4d::Zero());
   }
@@ -49,21 +54,23 @@ struct NormalEquations {
            const Eigen::Vector2d& r,
            const Eigen::Matrix<double, 2, C>& J_camera,
            const Eigen::Matrix<double, 2, kFeatureParameters>& J_feature) {
-    const Eigen::Matrix<double, C, 2> Jt = weight * J_camera.transpose();
-    U[camera] += Jt.lazyProduct(J_camera);
-    W[observation] = Jt.lazyProduct(J_feature);
-    V[feature] += weight * J_feature.transpose().lazyProduct(J_feature);
-    camera_gradient[camera] += Jt.lazyProduct(r);
-    feature_gradient[feature] += weight * J_feature.transpose().lazyProduct(r);
+    const double root = std::sqrt(weight);
+    const Eigen::Vector2d scaled = root * r;
+    const CameraFactor& k = K[observation] = root * J_camera.transpose();
+    const FeatureFactor& f = F[observation] = root * J_feature;
+    U[camera] += k.lazyProduct(k.transpose());
+    V[feature] += f.transpose().lazyProduct(f);
+    camera_gradient[camera] += k.lazyProduct(scaled);
+    feature_gradient[feature] += f.transpose().lazyProduct(scaled);
   }
 };
 
-// The features eliminated: V = L L^T, Y = W L^-T, S = U - sum Y Y^T.
+// The features eliminated: V = L L^T, Z = F L^-T, S = U - sum (K Z) (K Z)^T.
 template <int C>
 struct SchurComplement {
   Eigen::MatrixXd S;               // upper triangle of blocks; below it nothing
   std::vector<Eigen::Matrix4d> L;  // per feature
-  std::vector<typename NormalEquations<C>::CrossBlock> Y;  // per observation
+  std::vector<typename NormalEquations<C>::FeatureFactor> Z;  // per observation
 };
 
 // False when a V is not positive definite (nothing is damped without damping). For C = 10 and 12.

@@ -114,7 +114,7 @@ class Model : public BundleModel<kMetricCamera, BundleCamera> {
       gradient(kRadial) = 0.0;
     }
     if (estimate_k1_) return;
-    for (auto& W : normal->W) W.row(kRadial).setZero();
+    for (auto& K : normal->K) K.row(kRadial).setZero();
   }
 
   State Moved(const State& state, const BundleStep<kMetricCamera>& step) const {

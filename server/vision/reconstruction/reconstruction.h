@@ -31,14 +31,17 @@ struct ReconstructedPoint {
   bool on_plane = false;
 };
 
-// world: z = 0 is the supporting plane when one was found, z up towards the cameras.
+// world: z = 0 is the supporting plane when has_plane, else a plane through the middle of what was
+// seen, facing the cameras; z up towards the cameras.
 struct Reconstruction {
+  bool has_plane = false;
   std::vector<std::optional<ReconstructedView>> views;  // empty: not registered
   std::vector<ReconstructedPoint> points;
   double rms_px = 0.0;
   bool trusted =
       false;  // focal lengths and rotations are determined by the images, not by the prior
   std::string refusal;  // why not, in numbers, when nothing was reconstructed or it is not trusted
+  std::vector<std::string> view_refusals;  // per view; empty: registered
   std::map<std::string, double> counts;
 };
 
@@ -50,10 +53,17 @@ struct ReconstructionOptions {
   unsigned seed = 1;
 };
 
-// Reconstructs cameras and points from the matches. "Not enough" is a result with `refusal`, not an
-// error. priors: one per view or none; what they say of focal length, principal point and k1 is
-// believed to its deviation, their poses are not used: the frame is the plane's. Errors:
-// INVALID_ARGUMENT for sizes that do not agree and priors that are none, CANCELLED.
+// Views whose deviation of log f is beyond this are not trusted. Four views of a plane know the
+// focal lengths to 15 % when the principal points are not known; a search for parts works with
+// that.
+inline constexpr double kMaxTrustedFocalSigma = 0.16;
+
+// Reconstructs cameras and points from the matches: over the supporting plane where views share
+// one, else from tracks of junctions and segments; views left over are registered to what the
+// others gave. "Not enough" is a result with `refusal`, not an error. priors: one per view or none;
+// what they say of focal length, principal point and k1 is believed to its deviation, their poses
+// are not used: the frame is the plane's. Errors: INVALID_ARGUMENT for sizes that do not agree and
+// priors that are none, CANCELLED.
 absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
                                                 std::span<const ImageFeatures> features,
                                                 std::span<const ImageSize> sizes,

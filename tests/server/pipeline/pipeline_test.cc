@@ -30,6 +30,15 @@ TEST(RecognizeScene, BadRequestsNameTheField) {
   SceneRequest hints = Images({image});
   hints.hints.resize(2);
   EXPECT_EQ(RecognizeScene(hints, catalog, {}).status().code(), absl::StatusCode::kInvalidArgument);
+  SceneRequest poses = Images({image});
+  poses.camera_poses.resize(2);
+  EXPECT_EQ(RecognizeScene(poses, catalog, {}).status().code(), absl::StatusCode::kInvalidArgument);
+  poses.camera_poses.resize(1);
+  poses.camera_poses[0].emplace();
+  poses.camera_poses[0]->camera_from_base.R.setZero();
+  const auto flat = RecognizeScene(poses, catalog, {});
+  EXPECT_EQ(flat.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(std::string(flat.status().message()).find("not a rotation"), std::string::npos);
   SceneRequest unknown = Images({image});
   unknown.candidates = {"nobody"};
   const auto missing = RecognizeScene(unknown, catalog, {});

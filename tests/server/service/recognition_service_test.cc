@@ -28,6 +28,7 @@ struct Seen {
   int calls = 0;
   std::vector<cv::Mat> images;
   std::vector<CameraHint> hints;
+  std::vector<std::optional<CameraPoseHint>> camera_poses;
   std::vector<std::string> candidates;
   std::optional<ReferenceObject> reference;
   std::vector<std::string> catalog_ids;
@@ -39,6 +40,7 @@ Recognizer Recording(Seen& seen) {
         ++seen.calls;
         seen.images = request.images;
         seen.hints = request.hints;
+        seen.camera_poses = request.camera_poses;
         seen.candidates = request.candidates;
         seen.reference = request.reference;
         seen.catalog_ids.clear();
@@ -153,6 +155,31 @@ TEST_F(RecognitionServiceTest, HintsArriveAsGivenAndBadOnesAreRefused) {
   hint->clear_focal_px();
   hint->set_focal_log_sigma(0.1);
   ExpectRefused(request, "images[1].camera_hint.focal_log_sigma", "without focal_px");
+}
+
+TEST_F(RecognitionServiceTest, PoseHintsArriveAsGivenAndBadOnesAreRefused) {
+  v1::RecognizeSceneRequest request = WithImages({Png(32, 32), Png(32, 32)});
+  v1::CameraHint* hint = request.mutable_images(1)->mutable_camera_hint();
+  hint->mutable_camera_from_base()->mutable_rotation()->set_w(1.0);
+  hint->mutable_camera_from_base()->mutable_translation_m()->set_z(0.8);
+  hint->set_rotation_sigma_rad(0.02);
+  ASSERT_TRUE(Call(request).ok());
+  ASSERT_EQ(seen_.camera_poses.size(), 2u);
+  EXPECT_FALSE(seen_.camera_poses[0]);
+  ASSERT_TRUE(seen_.camera_poses[1]);
+  EXPECT_EQ(seen_.camera_poses[1]->camera_from_base.t.z(), 0.8);
+  EXPECT_EQ(seen_.camera_poses[1]->rotation_sigma_rad, 0.02);
+  EXPECT_EQ(seen_.camera_poses[1]->position_sigma_m, CameraPoseHint().position_sigma_m);
+
+  for (const double bad : {0.0, -1.0, std::nan(""), 1e300}) {
+    hint->set_rotation_sigma_rad(bad);
+    ExpectRefused(request, "images[1].camera_hint.rotation_sigma_rad", "");
+  }
+  hint->set_rotation_sigma_rad(0.02);
+  hint->mutable_camera_from_base()->mutable_rotation()->set_w(0.0);
+  ExpectRefused(request, "images[1].camera_hint.camera_from_base", "");
+  hint->clear_camera_from_base();
+  ExpectRefused(request, "images[1].camera_hint.rotation_sigma_rad", "without camera_from_base");
 }
 
 TEST_F(RecognitionServiceTest, CandidatesAndReferenceMustBeInTheCatalog) {

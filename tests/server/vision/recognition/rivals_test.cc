@@ -141,16 +141,59 @@ TEST(MakeResult, AnswersNothingWithoutParallax) {
   }
 }
 
-TEST(ContradictsCameras, WhenAFocalLengthLeavesItsPrior) {
+TEST(ReasonToDoubt, IsAFocalLengthThatLeavesItsPrior) {
   Views views(LBracket(), 3, 0.3, 0.0);
   views.Place({});
-  EXPECT_FALSE(ContradictsCameras(views.context, views.scene));
+  EXPECT_EQ(ReasonToDoubt(views.context, views.scene), "");
   views.scene.views[1]->camera.focal_px *= std::exp(3.5 * 0.05);
-  EXPECT_FALSE(ContradictsCameras(views.context, views.scene));
+  EXPECT_EQ(ReasonToDoubt(views.context, views.scene), "");
   views.scene.views[1]->camera.focal_px *= std::exp(1.0 * 0.05);
-  EXPECT_TRUE(ContradictsCameras(views.context, views.scene));
+  EXPECT_NE(ReasonToDoubt(views.context, views.scene), "");
   views.scene.views[1].reset();
-  EXPECT_FALSE(ContradictsCameras(views.context, views.scene));
+  EXPECT_EQ(ReasonToDoubt(views.context, views.scene), "");
+}
+
+TEST(ReasonToDoubt, IsSupportThatChanceMayGive) {
+  Views views(LBracket(), 3, 0.3, 0.0);
+  EXPECT_EQ(ReasonToDoubt(views.context, views.scene), "");  // nothing was found
+  views.Place({});
+  PlacedObject& object = views.scene.objects[0];
+  const PlacedObject good = object;
+  EXPECT_GT(good.total.Sharpness(), 0.9);  // edges are exact
+  EXPECT_GT(SceneProbability(views.context, views.scene), 0.9);
+  object.score = 0.65;
+  EXPECT_NE(ReasonToDoubt(views.context, views.scene), "");
+  // Several that fit so well in the same cameras are no chance.
+  views.scene.objects.assign(3, object);
+  EXPECT_EQ(ReasonToDoubt(views.context, views.scene), "");
+  views.scene.objects = {good};
+  views.scene.objects[0].total.sharp = 0.3 * good.total.supported;
+  EXPECT_NE(ReasonToDoubt(views.context, views.scene), "");
+}
+
+TEST(SceneProbability, FallsWithTheNumberOfObjectsTried) {
+  Views views(LBracket(), 3, 0.3, 0.0);
+  views.Place({});
+  const double few = SceneProbability(views.context, views.scene);
+  const std::vector<std::shared_ptr<const PreparedObject>> many(2000, views.objects[0]);
+  views.context.objects = many;
+  const double among_many = SceneProbability(views.context, views.scene);
+  EXPECT_LT(among_many, few);
+  EXPECT_NEAR(among_many / (1 - among_many) * 100, few / (1 - few), 1e-6 * few / (1 - few));
+}
+
+TEST(EvaluateTogether, WhatOneObjectHidesIsNoEvidenceAgainstAnother) {
+  Views views(LBracket(), 3, 0.3, 0.0);
+  views.Place({});
+  const PlacedObject alone = views.scene.objects[0];
+  PlacedObject before = alone;  // halfway to the middle camera
+  before.scene_from_object.t += 0.5 * views.scene.views[1]->camera_from_scene.Inverse().t;
+  views.scene.objects.push_back(before);
+  EvaluateTogether(views.context, &views.scene);
+  EXPECT_GT(views.scene.objects[0].total.hidden_by_others, 0.0);
+  EXPECT_EQ(views.scene.objects[1].total.hidden_by_others, 0.0);
+  EXPECT_LT(views.scene.objects[0].total.visible, alone.total.visible);
+  EXPECT_GT(views.scene.objects[0].total.Precision(), 0.9);
 }
 
 TEST(MakeResult, OneViewIsNotRefusedForParallax) {

@@ -1,0 +1,67 @@
+// Pose and focal length of one more view from points and lines that other views gave.
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/base/stop_token.h"
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/plucker_line.h"
+#include "server/vision/geometry/rigid3.h"
+#include "server/vision/reconstruction/image_size.h"
+#include "server/vision/reconstruction/view_prior.h"
+
+namespace horopter {
+
+// A known point or line with where the view sees it (pixels).
+struct PointSight {
+  Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+};
+struct LineSight {
+  PluckerLine line_in_world = PluckerLine::Zero();
+  Eigen::Vector2d start = Eigen::Vector2d::Zero();
+  Eigen::Vector2d end = Eigen::Vector2d::Zero();
+};
+
+struct ResectionOptions {
+  double gate_px = 3.0;  // of an inlier; of a segment, for both ends from the projected line
+  // Focal lengths tried, image widths; a given one is tried alone.
+  double min_focal_widths = 0.6;
+  double max_focal_widths = 3.2;
+  int focal_steps = 7;
+  int max_iterations = 1500;  // of RANSAC: a fifth of right matches is found
+  int min_points = 8;         // that agree
+  int min_support = 12;       // points and half the lines that agree
+  double focal_prior_widths = 1.5;
+  double focal_prior_log_sigma = 0.5;
+  double max_focal_log_sigma = 0.3;  // posterior
+  unsigned seed = 1;
+};
+
+struct ResectedCamera {
+  PinholeCamera camera;  // k1 and principal point as given, else 0 and the centre
+  Rigid3 camera_from_world;
+  int points = 0, lines = 0;     // that agree
+  double rms_px = 0.0;           // of these points, per coordinate
+  double focal_log_sigma = 0.0;  // posterior, for a world that is exact
+};
+
+// Up to four poses of a camera that sees three points along the given directions (any length):
+// Grunert's quartic as in Haralick et al. (1994). Empty when the points are collinear.
+std::vector<Rigid3> PosesFromThreePoints(std::span<const Eigen::Vector3d, 3> points_in_world,
+                                         std::span<const Eigen::Vector3d, 3> directions_in_camera);
+
+// RANSAC over three points and a grid of focal lengths, refined on points and lines with a robust
+// loss. Errors: FAILED_PRECONDITION with numbers (too little agrees, the focal length stays open),
+// CANCELLED.
+absl::StatusOr<ResectedCamera> ResectPinhole(std::span<const PointSight> points,
+                                             std::span<const LineSight> lines,
+                                             const ImageSize& size,
+                                             const ViewPrior& prior,
+                                             const ResectionOptions& options,
+                                             const StopRequested& stop = {});
+
+}  // namespace horopter

@@ -1,0 +1,375 @@
+// What recognition answers with all parts of a scene enrolled, and what with none of them: found,
+// wrong, and what each answered object rests on. The stages before recognition run once a scene.
+//
+//   recognition_report DATASET SPLIT [--scenes 1,2] [--trials all,none,one,half]
+//                      [--distractors FOLDER] [--csv FILE]
+//     --trials   all: every part enrolled; none: none of the scene's; one: each of the scene's left
+//                out in turn; half: three random halves of `none`
+//     --distractors FOLDER   objects of another dataset stand in every catalog (synthetic_parts)
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <ctime>
+#include <fstream>
+#include <iostream>
+#include <limits>
+#include <numeric>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <random>
+#include <set>
+
+#include "absl/strings/str_format.h"
+#include "client/bop_dataset.h"
+#include "server/pipeline/pipeline.h"
+#include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/scene_model.h"
+#include "tests/diagnose/ground_truth.h"
+#include "tests/diagnose/object_report.h"
+
+namespace horopter {
+namespace {
+
+using Catalog = std::vector<std::shared_ptr<const PreparedObject>>;
+
+constexpr double kRightPx = 10.0;  // MSPD at 640 px image width, median over the views
+constexpr int kHalves = 3;
+constexpr double kPartVisible = 0.1;  // a target is seen to this in two views at least
+
+struct Arguments {
+  std::string dataset, split, distractors, csv;
+  std::vector<int> scenes;
+  std::set<std::string> trials = {"all", "none"};
+};
+
+// The stages before recognition.
+struct FrontEnd {
+  std::vector<cv::Mat> images;
+  std::vector<ImageFeatures> features;
+  MatchingResult matching;
+  Reconstruction reconstruction;
+};
+
+absl::StatusOr<FrontEnd> RunFrontEnd(const BopScene& scene) {
+  FrontEnd front;
+  std::vector<ImageSize> sizes;
+  for (const BopImage& image : scene.images) {
+    front.images.push_back(cv::imread(image.path, cv::IMREAD_COLOR));
+    if (front.images.back().empty()) {
+      return absl::InvalidArgumentError(image.path + ": not an image");
+    }
+    auto features = DetectFeatures(front.images.back(), {});
+    if (!features.ok()) {
+      return features.status();
+    }
+    front.features.push_back(*std::move(features));
+    sizes.push_back({front.images.back().cols, front.images.back().rows});
+  }
+  auto matching = MatchViews(front.images, front.features, {}, {});
+  if (!matching.ok()) {
+    return matching.status();
+  }
+  front.matching = *std::move(matching);
+  auto reconstruction = ReconstructViews(front.matching, front.features, sizes, {}, {}, {});
+  if (!reconstruction.ok()) {
+    return reconstruction.status();
+  }
+  front.reconstruction = *std::move(reconstruction);
+  return front;
+}
+
+struct Sums {
+  int scenes = 0, targets = 0, found = 0, answered = 0, wrong = 0;
+  std::vector<double> cpu_seconds;
+};
+
+struct Bench {
+  const BopScene* scene = nullptr;
+  const TrueModels* models = nullptr;
+  const FrontEnd* front = nullptr;
+  std::ostream* csv = nullptr;
+};
+
+// Median error of an answered object against an instance, over the registered views that see it;
+// infinite where the ids differ.
+double ErrorPx(const Bench& bench,
+               const RecognitionResult& result,
+               const SceneObject& answered,
+               const std::string& id,
+               int instance) {
+  std::vector<double> errors;
+  for (size_t v = 0; v < bench.scene->images.size(); ++v) {
+    const BopImage& image = bench.scene->images[v];
+    const BopInstance& truth = image.instances[instance];
+    if (BopObjectName(truth.obj_id) != id) {
+      return std::numeric_limits<double>::infinity();
+    }
+    if (truth.visib_fract < kPartVisible || !result.views[v]) {
+      continue;
+    }
+    errors.push_back(
+        ProjectionError(bench.models->at(truth.obj_id),
+                        result.views[v]->camera,
+                        result.views[v]->camera_from_scene * answered.scene_from_object,
+                        image,
+                        truth.camera_from_object));
+  }
+  if (errors.empty()) {
+    return std::numeric_limits<double>::infinity();
+  }
+  std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
+  return errors[errors.size() / 2];
+}
+
+bool IsTarget(const BopScene& scene, int instance) {
+  int seen = 0;
+  for (const BopImage& image : scene.images) {
+    seen += image.instances[instance].visib_fract >= kPartVisible ? 1 : 0;
+  }
+  return seen >= 2;
+}
+
+void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objects, Sums* sums) {
+  const FrontEnd& front = *bench.front;
+  const RecognitionInput input{
+      front.images, front.features, {}, &front.matching, &front.reconstruction, objects};
+  const std::clock_t start = std::clock();
+  const auto result = RecognizeObjects(input, {}, {});
+  sums->cpu_seconds.push_back(static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
+  ++sums->scenes;
+  if (!result.ok()) {
+    std::cerr << result.status() << "\n";
+    return;
+  }
+  const int instances = static_cast<int>(bench.scene->images[0].instances.size());
+  std::set<int> served;
+  JointContext context;
+  context.objects = objects;
+  for (const ImageFeatures& f : front.features) {
+    context.views.push_back(BuildViewEvidence(f, 2));
+  }
+  for (const SceneObject& answered : result->objects) {
+    const std::string id = objects[answered.object]->model.id;
+    double best = std::numeric_limits<double>::infinity();
+    int best_instance = -1;
+    for (int i = 0; i < instances; ++i) {
+      const double error = ErrorPx(bench, *result, answered, id, i);
+      if (served.count(i) == 0 && error < best) {
+        best = error;
+        best_instance = i;
+      }
+    }
+    const bool right = best < kRightPx;
+    if (right) {
+      served.insert(best_instance);
+      sums->found += IsTarget(*bench.scene, best_instance) ? 1 : 0;
+    }
+    ++sums->answered;
+    sums->wrong += right ? 0 : 1;
+    PlacedObject placed;
+    placed.object = answered.object;
+    placed.scene_from_object = answered.scene_from_object;
+    VerifyScratch scratch;
+    EvaluatePlacement(context, result->views, {}, &scratch, &placed);
+    double worst = 1.0;
+    int seen = 0;
+    for (double s : answered.view_scores) {
+      if (s >= 0) {
+        worst = std::min(worst, s);
+        ++seen;
+      }
+    }
+    const EdgeSupport& t = placed.total;
+    const std::string line = absl::StrFormat(
+        "%d,%s,%s,%d,%s,%d,%.1f,%.3f,%.3f,%d,%d,%d,%.0f,%.3f,%.3f,%.0f,%d,%d,%d,%.3f",
+        bench.scene->scene_id,
+        bench.scene->tier,
+        trial,
+        static_cast<int>(objects.size()),
+        id,
+        right ? 1 : 0,
+        std::min(best, 9999.0),
+        answered.support,
+        worst,
+        seen,
+        static_cast<int>(std::count_if(result->views.begin(),
+                                       result->views.end(),
+                                       [](const auto& v) { return v.has_value(); })),
+        static_cast<int>(result->views.size()),
+        t.supported,
+        t.Precision(),
+        t.RecallInside(),
+        placed.gain,
+        static_cast<int>(result->objects.size()),
+        front.reconstruction.trusted ? 1 : 0,
+        static_cast<int>(answered.alternatives.size()),
+        t.Sharpness());
+    if (bench.csv != nullptr) {
+      *bench.csv << line << "\n";
+    }
+    if (!right) {
+      std::cout << "wrong: " << line << "\n";
+    }
+  }
+  for (int i = 0; i < instances; ++i) {
+    const int obj_id = bench.scene->images[0].instances[i].obj_id;
+    const bool enrolled = std::any_of(objects.begin(), objects.end(), [&](const auto& o) {
+      return o->model.id == BopObjectName(obj_id);
+    });
+    if (!enrolled || !IsTarget(*bench.scene, i)) {
+      continue;
+    }
+    ++sums->targets;
+    if (served.count(i) == 0) {
+      std::cout << "missed: " << bench.scene->scene_id << " " << BopObjectName(obj_id) << "\n";
+    }
+  }
+  if (trial == "all" || !result->objects.empty()) {
+    std::cout << bench.scene->scene_id << " " << trial << ": " << result->objects.size()
+              << " objects, state " << static_cast<int>(result->state) << ", "
+              << sums->cpu_seconds.back() << " s CPU " << result->detail << std::endl;
+  }
+}
+
+absl::StatusOr<Catalog> Prepare(const std::string& folder, TrueModels* models) {
+  const auto dataset = ReadBopDataset(folder);
+  if (!dataset.ok()) {
+    return dataset.status();
+  }
+  auto read = ReadTrueModels(*dataset);
+  if (!read.ok()) {
+    return read.status();
+  }
+  Catalog catalog;
+  for (const auto& [obj_id, model] : *read) {
+    auto prepared = PrepareCatalogObject(model);
+    if (!prepared.ok()) {
+      return prepared.status();
+    }
+    catalog.push_back(*std::move(prepared));
+  }
+  if (models != nullptr) {
+    *models = *std::move(read);
+  }
+  return catalog;
+}
+
+void Print(const std::string& name, const Sums& sums) {
+  if (sums.scenes == 0) {
+    return;
+  }
+  std::vector<double> cpu = sums.cpu_seconds;
+  std::sort(cpu.begin(), cpu.end());
+  std::cout << absl::StrFormat("%s: %d scenes, found %d of %d, answered %d, wrong %d, CPU %.2f s\n",
+                               name,
+                               sums.scenes,
+                               sums.found,
+                               sums.targets,
+                               sums.answered,
+                               sums.wrong,
+                               cpu[cpu.size() / 2]);
+}
+
+absl::Status Run(const Arguments& arguments) {
+  TrueModels models;
+  auto own = Prepare(arguments.dataset, &models);
+  if (!own.ok()) {
+    return own.status();
+  }
+  Catalog distractors;
+  if (!arguments.distractors.empty()) {
+    auto others = Prepare(arguments.distractors, nullptr);
+    if (!others.ok()) {
+      return others.status();
+    }
+    distractors = *std::move(others);
+  }
+  std::vector<int> ids = arguments.scenes;
+  if (ids.empty()) {
+    auto listed = ListBopScenes(arguments.dataset, arguments.split);
+    if (!listed.ok()) {
+      return listed.status();
+    }
+    ids = *listed;
+  }
+  std::ofstream csv;
+  if (!arguments.csv.empty()) {
+    csv.open(arguments.csv);
+    csv << "scene,tier,trial,objects,id,right,error_px,score,worst_view,seen,registered,views,"
+           "supported,precision,recall_inside,gain,answered,trusted,alternatives,sharpness\n";
+  }
+  std::map<std::string, Sums> sums;  // by trial and tier
+  for (int id : ids) {
+    auto scene = ReadBopScene(arguments.dataset, arguments.split, id);
+    if (!scene.ok()) {
+      return scene.status();
+    }
+    auto front = RunFrontEnd(*scene);
+    if (!front.ok()) {
+      return front.status();
+    }
+    const Bench bench{&*scene, &models, &*front, csv.is_open() ? &csv : nullptr};
+    Catalog all = *own, none;
+    std::set<std::string> present;
+    for (const BopInstance& i : scene->images[0].instances) {
+      present.insert(BopObjectName(i.obj_id));
+    }
+    for (const auto& o : *own) {
+      if (present.count(o->model.id) == 0) {
+        none.push_back(o);
+      }
+    }
+    all.insert(all.end(), distractors.begin(), distractors.end());
+    none.insert(none.end(), distractors.begin(), distractors.end());
+    const auto wanted = [&](const char* trial) { return arguments.trials.count(trial) > 0; };
+    if (wanted("all")) {
+      RunTrial(bench, "all", all, &sums["all " + scene->tier]);
+    }
+    if (wanted("none")) {
+      RunTrial(bench, "none", none, &sums["none " + scene->tier]);
+    }
+    for (const std::string& left_out : wanted("one") ? present : std::set<std::string>{}) {
+      Catalog others;
+      std::copy_if(all.begin(), all.end(), std::back_inserter(others), [&](const auto& o) {
+        return o->model.id != left_out;
+      });
+      RunTrial(bench, "one", others, &sums["one " + scene->tier]);
+    }
+    std::mt19937 rng(id);
+    for (int i = 0; i < (wanted("half") ? kHalves : 0); ++i) {
+      Catalog half = none;
+      std::shuffle(half.begin(), half.end(), rng);
+      half.resize(half.size() / 2);
+      RunTrial(bench, "half", half, &sums["half " + scene->tier]);
+    }
+  }
+  for (const auto& [name, sum] : sums) {
+    Print(name, sum);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+}  // namespace horopter
+
+int main(int argc, char** argv) {
+  CLI::App app("Recognition with all parts of a scene enrolled, and with none of them.");
+  horopter::Arguments arguments;
+  app.add_option("DATASET", arguments.dataset, "Folder in BOP layout")->required();
+  app.add_option("SPLIT", arguments.split, "Split, e.g. val")->required();
+  app.add_option("--scenes", arguments.scenes, "Only these, e.g. 1,2")->delimiter(',');
+  app.add_option("--distractors", arguments.distractors, "Dataset whose objects are enrolled too");
+  app.add_option("--csv", arguments.csv, "One line per answered object");
+  app.add_option("--trials", arguments.trials, "Of all, none, one, half; default all,none")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"all", "none", "one", "half"}));
+  CLI11_PARSE(app, argc, argv);
+  cv::setNumThreads(1);
+  const absl::Status status = horopter::Run(arguments);
+  if (!status.ok()) {
+    std::cerr << "recognition_report: " << status.message() << "\n";
+    return 1;
+  }
+  return 0;
+}

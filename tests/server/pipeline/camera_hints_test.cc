@@ -1,0 +1,83 @@
+// Camera hints through the whole pipeline, on a sample scene whose cameras are known.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <opencv2/imgcodecs.hpp>
+
+#include "client/bop_dataset.h"
+#include "client/cad_import.h"
+#include "server/pipeline/pipeline.h"
+
+namespace horopter {
+namespace {
+
+constexpr char kDataset[] = HOROPTER_TEST_DATA "/parts";
+constexpr int kScene = 5;
+
+struct Sample {
+  BopScene scene;
+  CatalogSnapshot catalog;  // the scene's part alone
+  SceneRequest request;     // images, focal lengths and poses
+  Rigid3 base_from_object;
+};
+
+absl::StatusOr<Sample> Load() {
+  Sample sample;
+  const absl::StatusOr<BopDataset> dataset = ReadBopDataset(kDataset);
+  if (!dataset.ok()) return dataset.status();
+  const absl::StatusOr<BopScene> scene = ReadBopScene(kDataset, "val", kScene);
+  if (!scene.ok()) return scene.status();
+  sample.scene = *scene;
+  const auto& seen = scene->images[0].instances[0];
+  for (const BopObject& object : dataset->objects) {
+    if (object.obj_id != seen.obj_id) continue;
+    absl::StatusOr<CadImport> cad = ImportCad(object.cad_path);
+    if (!cad.ok()) return cad.status();
+    cad->model.id = "part";
+    sample.catalog.objects.push_back(PrepareCatalogObject(std::move(cad->model)).value());
+  }
+  sample.base_from_object = scene->images[0].camera_from_world.Inverse() * seen.camera_from_object;
+  for (const BopImage& image : scene->images) {
+    sample.request.images.push_back(cv::imread(image.path, cv::IMREAD_COLOR));
+    CameraHint hint;
+    hint.focal_px = image.camera.focal_px;
+    hint.focal_log_sigma = 0.002;
+    hint.principal_point = Eigen::Vector2d(image.camera.cx, image.camera.cy);
+    sample.request.hints.push_back(hint);
+    CameraPoseHint pose;
+    pose.camera_from_base = image.camera_from_world;
+    sample.request.camera_poses.push_back(pose);
+  }
+  return sample;
+}
+
+TEST(CameraHints, KnownCamerasGiveTheBaseFrameAndContradictionsAreNamed) {
+  const absl::StatusOr<Sample> loaded = Load();
+  ASSERT_TRUE(loaded.ok()) << loaded.status();
+  SceneRequest request = loaded->request;
+  const auto right = RecognizeScene(request, loaded->catalog, {});
+  ASSERT_TRUE(right.ok()) << right.status();
+  ASSERT_FALSE(right->answer.objects.empty()) << right->answer.detail;
+  ASSERT_TRUE(right->answer.base_from_scene) << right->answer.detail;
+  const Rigid3 found = *right->answer.base_from_scene * right->answer.objects[0].scene_from_object;
+  EXPECT_LT((found.t - loaded->base_from_object.t).norm(), 0.004);
+  for (size_t v = 0; v < request.images.size(); ++v) {
+    ASSERT_TRUE(right->answer.cameras[v]);
+    EXPECT_LT(
+        std::abs(std::log(right->answer.cameras[v]->camera.focal_px / *request.hints[v].focal_px)),
+        0.01);
+  }
+  // Two images' poses exchanged: no frame, and the answer says which. The focal lengths are not
+  // exchanged, so the parts are found as before.
+  std::swap(request.camera_poses[0], request.camera_poses[1]);
+  const auto wrong = RecognizeScene(request, loaded->catalog, {});
+  ASSERT_TRUE(wrong.ok()) << wrong.status();
+  ASSERT_FALSE(wrong->answer.objects.empty()) << wrong->answer.detail;
+  EXPECT_FALSE(wrong->answer.base_from_scene);
+  EXPECT_THAT(wrong->answer.detail, testing::HasSubstr("contradict each other"));
+}
+
+}  // namespace
+}  // namespace horopter
