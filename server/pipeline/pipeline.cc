@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
+#include "server/pipeline/answer.h"
 #include "server/vision/matching/known_cameras.h"
 #include "server/vision/recognition/prepared_blob.h"
 #include "server/vision/recognition/prepared_object.h"
@@ -212,47 +213,6 @@ absl::StatusOr<MatchingResult> LinkUnderCameras(const SceneRequest& request,
   return MatchUnderCameras(request.images, trace.features, known, trace.matching, options, stop);
 }
 
-void FillAnswer(const MetricScene& metric,
-                const std::vector<std::shared_ptr<const PreparedObject>>& objects,
-                const SceneRequest& request,
-                SceneAnswer* answer) {
-  answer->cameras = metric.cameras;
-  std::vector<const PosedObject*> order;
-  for (const PosedObject& o : metric.objects) order.push_back(&o);
-  std::stable_sort(
-      order.begin(), order.end(), [](const auto* x, const auto* y) { return x->score > y->score; });
-  std::map<std::string, int> instances;
-  for (const PosedObject* posed : order) {
-    const ObjectModel& model = objects[posed->object]->model;
-    AnswerObject o;
-    o.object_id = model.id;
-    o.instance = instances[model.id]++;
-    o.score = posed->score;
-    o.scene_from_object = posed->scene_from_object;
-    o.covariance = posed->covariance;
-    o.view_scores = posed->view_scores;
-    for (int a : posed->alternatives) o.alternatives.push_back(objects[a]->model.id);
-    o.grasps = GraspsInScene(model, posed->scene_from_object);
-    answer->objects.push_back(std::move(o));
-  }
-  if (!request.reference) {
-    BaseFrame base = BaseFromCameras(request.camera_poses, answer->cameras);
-    answer->base_from_scene = base.base_from_scene;
-    if (!base.conflict.empty()) {
-      absl::StrAppend(&answer->detail, answer->detail.empty() ? "" : "; ", base.conflict);
-    }
-    return;
-  }
-  for (const AnswerObject& o : answer->objects) {
-    if (o.object_id != request.reference->object_id) continue;
-    answer->base_from_scene = request.reference->base_from_object * o.scene_from_object.Inverse();
-    return;
-  }
-  answer->state = SceneState::kReferenceNotFound;
-  answer->detail = absl::StrCat(
-      "reference ", request.reference->object_id, " is not among the recognised objects");
-}
-
 }  // namespace
 
 int ObjectCount(const CatalogSnapshot& catalog) {
@@ -346,7 +306,8 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
   HOROPTER_ASSIGN_OR_RETURN(trace.metric,
                             RefineMetricScene(input, trace.recognition, options.euclidean, stop));
   euclidean_clock.Finish(trace.metric->counts);
-  FillAnswer(*trace.metric, objects, request, &answer);
+  HOROPTER_RETURN_IF_ERROR(
+      FillAnswer(*trace.metric, objects, request, options.euclidean.grasps, &answer));
   if (!options.second_pass) return result;
 
   StageClock second_pass_clock("second_pass", &answer.stages);

@@ -25,7 +25,8 @@ struct ReferenceObject {
 struct SceneRequest {
   std::vector<cv::Mat> images;    // CV_8UC1 or CV_8UC3 (BGR)
   std::vector<CameraHint> hints;  // empty or one per image
-  // Empty or one per image; where cameras are in the robot's base frame.
+  // Empty or one per image; where cameras are in the robot's base frame. Two or more also measure
+  // the scale. References that contradict each other give no base frame.
   std::vector<std::optional<CameraPoseHint>> camera_poses;
   std::vector<std::string> candidates;  // empty: the whole catalog
   std::optional<ReferenceObject> reference;
@@ -56,7 +57,31 @@ struct AnswerObject {
   Matrix6d covariance = Matrix6d::Zero();  // see PosedObject
   std::vector<double> view_scores;         // negative: not visible or camera not recovered
   std::vector<std::string> alternatives;   // ids the images do not exclude
-  std::vector<SceneGrasp> grasps;
+  std::vector<SceneGrasp> grasps;          // those that can be reached, surest first
+  GraspCounts grasp_counts;                // what became of the others
+  // Per image: covariance of camera_from_object; empty: camera not recovered.
+  std::vector<std::optional<Matrix6d>> camera_covariances;
+  std::optional<UncertainPose> base_from_object;  // when the base frame is known
+};
+
+// A Finding in terms of the answer.
+struct AnswerFinding {
+  FindingKind kind = FindingKind::kSingleObject;
+  std::string object_id;  // empty: of no object
+  int instance = 0;
+  int image = -1;
+  Eigen::Vector3d direction = Eigen::Vector3d::Zero();  // object frame
+  double value = 0.0;                                   // see Finding
+  std::string detail;
+};
+struct AnswerScale {
+  ScaleSourceKind kind = ScaleSourceKind::kObject;
+  std::string object_id;
+  int instance = 0;
+  int image = -1;
+  double log_ratio = 0.0;  // see ScaleSource
+  double log_sigma = 0.0;
+  bool agrees = true;
 };
 
 struct SceneAnswer {
@@ -64,8 +89,12 @@ struct SceneAnswer {
   std::string detail;
   std::vector<std::optional<PosedCamera>> cameras;  // one per image; empty: not recovered
   std::vector<AnswerObject> objects;
+  // Joint covariance of all scene_from_object, six rows per object in the order of `objects`.
+  Eigen::MatrixXd joint_covariance;
   // When a reference was given and found; without one, when posed cameras were recovered.
   std::optional<Rigid3> base_from_scene;
+  std::vector<AnswerFinding> findings;
+  std::vector<AnswerScale> scales;
   std::vector<StageReport> stages;
 };
 

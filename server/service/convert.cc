@@ -116,6 +116,74 @@ void CameraToProto(const PosedCamera& posed, v1::Camera* proto) {
   RigidToProto(posed.camera_from_scene, proto->mutable_camera_from_scene());
 }
 
+template <typename Matrix>
+void MatrixToProto(const Matrix& m, google::protobuf::RepeatedField<double>* out) {
+  for (Eigen::Index row = 0; row < m.rows(); ++row) {
+    for (Eigen::Index col = 0; col < m.cols(); ++col) out->Add(m(row, col));
+  }
+}
+
+v1::SceneFinding::Kind FindingToProto(FindingKind kind) {
+  switch (kind) {
+    case FindingKind::kSingleObject:
+      return v1::SceneFinding::KIND_SINGLE_OBJECT;
+    case FindingKind::kFrameBySymmetry:
+      return v1::SceneFinding::KIND_FRAME_BY_SYMMETRY;
+    case FindingKind::kTurnUndetermined:
+      return v1::SceneFinding::KIND_TURN_UNDETERMINED;
+    case FindingKind::kShiftUndetermined:
+      return v1::SceneFinding::KIND_SHIFT_UNDETERMINED;
+    case FindingKind::kFocalAndDepth:
+      return v1::SceneFinding::KIND_FOCAL_AND_DEPTH;
+    case FindingKind::kScaleConflict:
+      return v1::SceneFinding::KIND_SCALE_CONFLICT;
+    case FindingKind::kObjectRejected:
+      return v1::SceneFinding::KIND_OBJECT_REJECTED;
+    case FindingKind::kReferenceConflict:
+      return v1::SceneFinding::KIND_REFERENCE_CONFLICT;
+  }
+  return v1::SceneFinding::KIND_UNSPECIFIED;
+}
+
+v1::ScaleSource::Kind ScaleToProto(ScaleSourceKind kind) {
+  switch (kind) {
+    case ScaleSourceKind::kObject:
+      return v1::ScaleSource::KIND_OBJECT;
+    case ScaleSourceKind::kReferenceCameras:
+      return v1::ScaleSource::KIND_REFERENCE_CAMERAS;
+    case ScaleSourceKind::kKnownFocalLength:
+      return v1::ScaleSource::KIND_KNOWN_FOCAL_LENGTH;
+  }
+  return v1::ScaleSource::KIND_UNSPECIFIED;
+}
+
+void FindingsToProto(const SceneAnswer& answer, v1::RecognizeSceneResponse* proto) {
+  for (const AnswerFinding& finding : answer.findings) {
+    v1::SceneFinding* out = proto->add_findings();
+    out->set_kind(FindingToProto(finding.kind));
+    if (!finding.object_id.empty()) out->set_object(ObjectName(finding.object_id));
+    out->set_instance(finding.instance);
+    if (finding.image >= 0) out->set_image(finding.image);
+    if (!finding.direction.isZero()) {
+      out->mutable_direction()->set_x(finding.direction.x());
+      out->mutable_direction()->set_y(finding.direction.y());
+      out->mutable_direction()->set_z(finding.direction.z());
+    }
+    out->set_value(finding.value);
+    out->set_detail(finding.detail);
+  }
+  for (const AnswerScale& scale : answer.scales) {
+    v1::ScaleSource* out = proto->add_scale_sources();
+    out->set_kind(ScaleToProto(scale.kind));
+    if (!scale.object_id.empty()) out->set_object(ObjectName(scale.object_id));
+    out->set_instance(scale.instance);
+    if (scale.image >= 0) out->set_image(scale.image);
+    out->set_log_ratio(scale.log_ratio);
+    out->set_log_sigma(scale.log_sigma);
+    out->set_agrees(scale.agrees);
+  }
+}
+
 void ObjectToProto(const AnswerObject& object,
                    const SceneAnswer& answer,
                    v1::RecognizedObject* proto) {
@@ -123,9 +191,7 @@ void ObjectToProto(const AnswerObject& object,
   proto->set_instance(object.instance);
   proto->set_score(object.score);
   RigidToProto(object.scene_from_object, proto->mutable_scene_from_object());
-  for (int row = 0; row < 6; ++row) {
-    for (int col = 0; col < 6; ++col) proto->add_pose_covariance(object.covariance(row, col));
-  }
+  MatrixToProto(object.covariance, proto->mutable_pose_covariance());
   for (size_t view = 0; view < answer.cameras.size(); ++view) {
     v1::ObjectInImage* image = proto->add_images();
     if (view < object.view_scores.size() && object.view_scores[view] >= 0.0) {
@@ -134,6 +200,9 @@ void ObjectToProto(const AnswerObject& object,
     if (answer.cameras[view]) {
       RigidToProto(answer.cameras[view]->camera_from_scene * object.scene_from_object,
                    image->mutable_camera_from_object());
+    }
+    if (view < object.camera_covariances.size() && object.camera_covariances[view]) {
+      MatrixToProto(*object.camera_covariances[view], image->mutable_pose_covariance());
     }
   }
   for (const std::string& id : object.alternatives) proto->add_alternative_objects(ObjectName(id));
@@ -145,20 +214,21 @@ void ObjectToProto(const AnswerObject& object,
     if (answer.base_from_scene) {
       RigidToProto(*answer.base_from_scene * grasp.scene_from_gripper,
                    out->mutable_base_from_gripper());
+      RigidToProto(*answer.base_from_scene * grasp.scene_from_pregrasp,
+                   out->mutable_base_from_pregrasp());
     }
+    RigidToProto(grasp.scene_from_pregrasp, out->mutable_scene_from_pregrasp());
+    out->set_success(grasp.success);
     out->set_jaw_opening_m(grasp.jaw_opening_m);
     out->set_grip_width_m(grasp.grip_width_m);
     out->set_quality(grasp.quality);
-    if (!grasp.scene_from_pregrasp) continue;
-    RigidToProto(*grasp.scene_from_pregrasp, out->mutable_scene_from_pregrasp());
-    if (answer.base_from_scene) {
-      RigidToProto(*answer.base_from_scene * *grasp.scene_from_pregrasp,
-                   out->mutable_base_from_pregrasp());
-    }
   }
   if (answer.base_from_scene) {
     RigidToProto(*answer.base_from_scene * object.scene_from_object,
                  proto->mutable_base_from_object());
+  }
+  if (object.base_from_object) {
+    MatrixToProto(object.base_from_object->covariance, proto->mutable_base_pose_covariance());
   }
 }
 
@@ -296,6 +366,15 @@ void SceneAnswerToProto(const SceneAnswer& answer,
     return std::tie(a->object_id, a->instance) < std::tie(b->object_id, b->instance);
   });
   for (const AnswerObject* object : objects) ObjectToProto(*object, answer, proto->add_objects());
+  // Blocks of the joint covariance in the same order.
+  if (answer.joint_covariance.rows() == 6 * static_cast<Eigen::Index>(objects.size())) {
+    std::vector<Eigen::Index> rows;
+    for (const AnswerObject* object : objects) {
+      for (int i = 0; i < 6; ++i) rows.push_back(6 * (object - answer.objects.data()) + i);
+    }
+    MatrixToProto(answer.joint_covariance(rows, rows), proto->mutable_joint_pose_covariance());
+  }
+  FindingsToProto(answer, proto);
   if (answer.base_from_scene)
     RigidToProto(*answer.base_from_scene, proto->mutable_base_from_scene());
   for (const StageReport& stage : answer.stages) StageToProto(stage, proto->add_stages());

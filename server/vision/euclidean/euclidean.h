@@ -1,21 +1,24 @@
-// One metric frame for cameras and objects, with covariance, and the grasps in it (thesis 5).
+// One metric frame for cameras and objects, with covariance (thesis 5).
 #pragma once
 
 #include <Eigen/Core>
 #include <map>
 #include <memory>
 #include <optional>
-#include <span>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
+#include "server/vision/euclidean/findings.h"
+#include "server/vision/euclidean/grasps.h"
+#include "server/vision/euclidean/pose_perturbation.h"
+#include "server/vision/euclidean/scene_covariance.h"
+#include "server/vision/euclidean/support_plane.h"
+#include "server/vision/euclidean/transform_graph.h"
 #include "server/vision/recognition/recognition.h"
 
 namespace horopter {
-
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 struct PosedCamera {
   PinholeCamera camera;
@@ -24,10 +27,10 @@ struct PosedCamera {
 };
 
 struct PosedObject {
-  int object = -1;
+  int object = -1;  // of the catalog
   Rigid3 scene_from_object;
-  // Of (rotation vector about the scene axes at the object's origin [rad], translation [m]), left
-  // perturbation: scene_from_object = (exp(w) R, t + dt).
+  // Of the perturbation of scene_from_object (see pose_perturbation.h). The scene frame is the
+  // first object's: its own covariance is zero.
   Matrix6d covariance = Matrix6d::Zero();
   double score = 0.0;
   std::vector<double> view_scores;
@@ -39,6 +42,10 @@ struct PosedObject {
 struct MetricScene {
   std::vector<std::optional<PosedCamera>> cameras;
   std::vector<PosedObject> objects;
+  SceneCovariance covariance;  // joint, of cameras and objects; indices as above
+  std::optional<SupportPlane> plane;
+  std::vector<ScaleSource> scales;  // objects, then focal lengths that were given
+  std::vector<Finding> findings;
   double rms_px = 0.0;
   std::map<std::string, double> counts;
 };
@@ -49,29 +56,34 @@ struct EuclideanOptions {
   double search_px = 4.0;               // edge points are looked for this far along the edge normal
   double edge_sigma_px = 0.35;          // of one edge point; the residual rescales it
   int rounds = 3;                       // re-association rounds
+  // Edge samples of an object used per view; more: slower, hardly better (neighbours err in
+  // common).
+  int samples_per_view = 160;
+  NoiseOptions noise;
+  FindingOptions findings;
+  RejectionOptions rejection;
+  GraspOptions grasps;
+  int threads = 2;
 };
 
 // Joint bundle adjustment of focal lengths, camera poses and object poses on the CAD edges seen in
-// the images. The scene frame is fixed to the first object (its pose stays the identity-covariance
-// reference of the answer). Errors: INVALID_ARGUMENT, CANCELLED, FAILED_PRECONDITION (no object or
-// no camera).
+// the images and the plane's matched points. Objects that do not fit the cameras of two or more
+// others are left out and named in the findings. Of the equivalent poses of a symmetric object the
+// one of RepresentativePose is answered. The scene frame is that of the first object. Errors:
+// INVALID_ARGUMENT, CANCELLED, FAILED_PRECONDITION (no object, no camera, too few edges).
 absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                                               const RecognitionResult& recognition,
                                               const EuclideanOptions& options,
                                               const StopRequested& stop = {});
 
-// A grasp of a recognised object in the scene frame, expanded over the object's symmetries by the
-// caller's wish.
-struct SceneGrasp {
-  std::string name;
-  int symmetry = 0;  // 0: identity, k: ObjectModel::symmetries[k-1]
-  Rigid3 scene_from_gripper;
-  double jaw_opening_m = 0.0;
-  double grip_width_m = 0.0;
-  double quality = 0.0;
-  std::optional<Rigid3> scene_from_pregrasp;
+// Frames of a metric scene in a transformation graph.
+struct SceneFrames {
+  int scene = -1;
+  std::vector<int> cameras;  // per view, -1: not recovered
+  std::vector<int> objects;
 };
-
-std::vector<SceneGrasp> GraspsInScene(const ObjectModel& model, const Rigid3& scene_from_object);
+// Adds the scene's frames with their joint covariance to the graph. Poses relative to a camera hold
+// that camera's uncertainty too.
+SceneFrames AddSceneFrames(const MetricScene& metric, TransformGraph* graph);
 
 }  // namespace horopter

@@ -175,6 +175,13 @@ void FillBin(const std::vector<Eigen::Vector2f>& points, int bin, EdgeMaps* maps
 
 }  // namespace
 
+std::vector<EdgePoint> CollectEdgePoints(const ImageFeatures& features) {
+  std::vector<EdgePoint> points;
+  AddSegments(features, &points);
+  AddChains(features, &points);
+  return points;
+}
+
 EdgeMaps BuildEdgeMaps(const ImageFeatures& features, int threads) {
   EdgeMaps maps;
   maps.working_from_image = features.width > EdgeMaps::kWorkingWidth
@@ -184,8 +191,7 @@ EdgeMaps BuildEdgeMaps(const ImageFeatures& features, int threads) {
   maps.width = std::max(1, static_cast<int>(std::lround(features.width * maps.working_from_image)));
   maps.height =
       std::max(1, static_cast<int>(std::lround(features.height * maps.working_from_image)));
-  AddSegments(features, &maps.points);
-  AddChains(features, &maps.points);
+  maps.points = CollectEdgePoints(features);
   std::vector<Eigen::Vector2f> working;
   working.reserve(maps.points.size());
   for (const EdgePoint& p : maps.points) working.push_back(p.point * maps.scale_f);

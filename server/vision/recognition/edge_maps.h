@@ -67,6 +67,9 @@ inline int OrientationBin(float dx, float dy) {
   return (dx < 0) == (dy < 0) ? q : (kOrientationBins - q) % kOrientationBins;
 }
 
+// The edge points of an image's segments and chains, about one per pixel of length.
+std::vector<EdgePoint> CollectEdgePoints(const ImageFeatures& features);
+
 // Builds the maps from the chains and segments of an image. Linear in cells + points; the bins are
 // shared out over `threads`.
 EdgeMaps BuildEdgeMaps(const ImageFeatures& features, int threads = 1);

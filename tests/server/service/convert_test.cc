@@ -189,10 +189,26 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   for (int i = 0; i < 36; ++i) object.covariance(i / 6, i % 6) = i;
   object.view_scores = {-1.0, 0.5};
   object.alternatives = {"bar"};
-  object.grasps = {{"top", 2, RandomRigid(rng), 0.05, 0.04, 0.9}};
+  object.grasps = {{"top", 2, RandomRigid(rng), 0.05, 0.04, 0.9, RandomRigid(rng), 0.75}};
+  object.camera_covariances = {std::nullopt, Matrix6d::Constant(3.0)};
+  object.base_from_object = UncertainPose{{}, Matrix6d::Constant(4.0)};
   AnswerObject first = object;
   first.instance = 0;
   answer.objects = {object, first};
+  answer.joint_covariance = Eigen::MatrixXd::Zero(12, 12);
+  answer.joint_covariance(0, 0) = 11.0;  // of instance 1, which comes second on the wire
+  AnswerFinding finding;
+  finding.kind = FindingKind::kTurnUndetermined;
+  finding.object_id = "box";
+  finding.instance = 1;
+  finding.direction = Eigen::Vector3d::UnitZ();
+  finding.value = 3.0;
+  answer.findings = {finding};
+  AnswerScale scale;
+  scale.kind = ScaleSourceKind::kReferenceCameras;
+  scale.image = 1;
+  scale.log_ratio = 0.02;
+  answer.scales = {scale};
   answer.stages = {{"features", 1.25, {{"edges", 412.0}}}};
 
   v1::RecognizeSceneResponse proto;
@@ -226,6 +242,25 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
                           *answer.base_from_scene * object.grasps[0].scene_from_gripper,
                           kRounding));
   EXPECT_EQ(out.grasps(0).symmetry_index(), 2);
+  EXPECT_EQ(out.grasps(0).success(), 0.75);
+  EXPECT_TRUE(NearlyEqual(*RigidFromProto(out.grasps(0).base_from_pregrasp(), "x"),
+                          *answer.base_from_scene * object.grasps[0].scene_from_pregrasp,
+                          kRounding));
+  EXPECT_EQ(out.images(0).pose_covariance_size(), 0);
+  EXPECT_EQ(out.images(1).pose_covariance(35), 3.0);
+  EXPECT_EQ(out.base_pose_covariance(0), 4.0);
+  ASSERT_EQ(proto.joint_pose_covariance_size(), 144);
+  EXPECT_EQ(proto.joint_pose_covariance(0), 0.0);
+  EXPECT_EQ(proto.joint_pose_covariance(6 * 12 + 6), 11.0);
+  ASSERT_EQ(proto.findings_size(), 1);
+  EXPECT_EQ(proto.findings(0).kind(), v1::SceneFinding::KIND_TURN_UNDETERMINED);
+  EXPECT_EQ(proto.findings(0).object(), "objects/box");
+  EXPECT_EQ(proto.findings(0).direction().z(), 1.0);
+  EXPECT_FALSE(proto.findings(0).has_image());
+  ASSERT_EQ(proto.scale_sources_size(), 1);
+  EXPECT_EQ(proto.scale_sources(0).kind(), v1::ScaleSource::KIND_REFERENCE_CAMERAS);
+  EXPECT_EQ(proto.scale_sources(0).image(), 1);
+  EXPECT_FALSE(proto.scale_sources(0).object().size());
   EXPECT_EQ(out.alternative_objects(0), "objects/bar");
   EXPECT_EQ(proto.stages(0).elapsed().seconds(), 1);
   EXPECT_EQ(proto.stages(0).elapsed().nanos(), 250000000);

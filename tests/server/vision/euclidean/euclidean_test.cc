@@ -185,15 +185,22 @@ TEST(GraspsInScene, OnePerSymmetryAndGrasp) {
   g.name = "top";
   g.object_from_gripper.t = {0.01, 0.02, 0.03};
   g.jaw_opening_m = 0.05;
-  model.grasps = {g};
+  Grasp waiting = g;
+  waiting.object_from_pregrasp = g.object_from_gripper;
+  waiting.object_from_pregrasp->t.z() = 0.2;
+  model.grasps = {g, waiting};
   model.symmetries = {{RotationFromVector({0, 0, 3.14159265358979}), {0, 0, 0}}};
   Rigid3 scene_from_object;
   scene_from_object.t = {1, 0, 0};
-  const auto grasps = GraspsInScene(model, scene_from_object);
-  ASSERT_EQ(grasps.size(), 2u);
+  const auto grasps = GraspsInScene(model, scene_from_object, 0.05);
+  ASSERT_EQ(grasps.size(), 4u);
   EXPECT_TRUE(grasps[0].scene_from_gripper.t.isApprox(Eigen::Vector3d(1.01, 0.02, 0.03), 1e-12));
-  EXPECT_TRUE(grasps[1].scene_from_gripper.t.isApprox(Eigen::Vector3d(0.99, -0.02, 0.03), 1e-12));
-  EXPECT_EQ(grasps[1].symmetry, 1);
+  EXPECT_TRUE(grasps[2].scene_from_gripper.t.isApprox(Eigen::Vector3d(0.99, -0.02, 0.03), 1e-12));
+  EXPECT_EQ(grasps[2].symmetry, 1);
+  // Straight back where none was enrolled.
+  EXPECT_TRUE(grasps[0].scene_from_pregrasp.t.isApprox(Eigen::Vector3d(1.01, 0.02, -0.02), 1e-12));
+  EXPECT_TRUE(grasps[1].scene_from_pregrasp.t.isApprox(Eigen::Vector3d(1.01, 0.02, 0.2), 1e-12));
+  EXPECT_TRUE(grasps[3].scene_from_pregrasp.t.isApprox(Eigen::Vector3d(0.99, -0.02, 0.2), 1e-12));
 }
 
 }  // namespace

@@ -1,0 +1,288 @@
+#include "server/pipeline/answer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
+#include "server/vision/recognition/prepared_object.h"
+
+namespace horopter {
+namespace {
+
+// References contradict a scene when they miss it by more than its covariance allows
+// (0.1 % of chi square with six degrees of freedom) and by more than this.
+constexpr double kGapChiSquare = 22.46;
+constexpr double kGapRad = 0.0087;
+constexpr double kGapM = 0.002;
+// Distances of reference cameras contradict the objects' scale beyond this.
+constexpr double kScaleSigmas = 4.0;
+constexpr double kScaleLog = 0.01;
+
+// Everything the answer is drawn from. Objects of the answer are ordered by score: metric index of
+// answer object i is order[i].
+struct Drawing {
+  const MetricScene& metric;
+  TransformGraph graph;
+  SceneFrames frames;
+  int base = -1;
+  std::vector<std::size_t> order;
+};
+
+// Of the perturbation of base_from_camera.
+Matrix6d HintCovariance(const CameraPoseHint& hint) {
+  Vector6d sigmas;
+  sigmas << Eigen::Vector3d::Constant(hint.rotation_sigma_rad),
+      Eigen::Vector3d::Constant(hint.position_sigma_m);
+  return sigmas.cwiseAbs2().asDiagonal();
+}
+
+std::size_t AnswerIndex(const Drawing& d, int metric_object) {
+  return static_cast<std::size_t>(
+      std::find(d.order.begin(), d.order.end(), static_cast<std::size_t>(metric_object)) -
+      d.order.begin());
+}
+
+void AddFinding(const Finding& f,
+                const Drawing& d,
+                std::span<const std::shared_ptr<const PreparedObject>> objects,
+                SceneAnswer* answer) {
+  AnswerFinding out;
+  out.kind = f.kind;
+  if (f.kind == FindingKind::kObjectRejected) {
+    out.object_id = objects[f.object]->model.id;
+  } else if (f.object >= 0) {
+    const AnswerObject& o = answer->objects[AnswerIndex(d, f.object)];
+    out.object_id = o.object_id;
+    out.instance = o.instance;
+  }
+  out.image = f.view;
+  out.direction = f.direction;
+  out.value = f.value;
+  out.detail = f.detail;
+  answer->findings.push_back(std::move(out));
+}
+
+// The distance between two cameras in the base against the one the objects imply.
+absl::Status CompareBaselines(const SceneRequest& request, const Drawing& d, SceneAnswer* answer) {
+  int first = -1;
+  for (int v = 0; v < static_cast<int>(request.camera_poses.size()); ++v) {
+    if (!request.camera_poses[v] || d.frames.cameras[v] < 0) continue;
+    if (first < 0) {
+      first = v;
+      continue;
+    }
+    const CameraPoseHint &a = *request.camera_poses[first], &b = *request.camera_poses[v];
+    HOROPTER_ASSIGN_OR_RETURN(const UncertainPose between,
+                              d.graph.Between(d.frames.cameras[first], d.frames.cameras[v]));
+    const double estimated = between.pose.t.norm();
+    const double known = (a.camera_from_base.Inverse().t - b.camera_from_base.Inverse().t).norm();
+    if (estimated < 1e-6 || known < 1e-6) continue;
+    const Eigen::Vector3d along = between.pose.t / estimated;
+    const double variance = along.dot(between.covariance.bottomRightCorner<3, 3>() * along) +
+                            a.position_sigma_m * a.position_sigma_m +
+                            b.position_sigma_m * b.position_sigma_m;
+    AnswerScale scale;
+    scale.kind = ScaleSourceKind::kReferenceCameras;
+    scale.image = v;
+    scale.log_ratio = std::log(known / estimated);
+    scale.log_sigma = std::sqrt(variance) / estimated;
+    scale.agrees = std::abs(scale.log_ratio) < std::max(kScaleLog, kScaleSigmas * scale.log_sigma);
+    answer->scales.push_back(scale);
+    if (scale.agrees) continue;
+    AnswerFinding f;
+    f.kind = FindingKind::kScaleConflict;
+    f.image = v;
+    f.value = scale.log_ratio;
+    f.detail = absl::StrCat("by the cameras in the base the objects are ",
+                            std::exp(scale.log_ratio),
+                            " times as large as enrolled");
+    answer->findings.push_back(f);
+  }
+  return absl::OkStatus();
+}
+
+void AddReferenceConflict(const std::string& detail, double value, SceneAnswer* answer) {
+  AnswerFinding f;
+  f.kind = FindingKind::kReferenceConflict;
+  f.value = value;
+  f.detail = detail;
+  answer->findings.push_back(f);
+  absl::StrAppend(&answer->detail, answer->detail.empty() ? "" : "; ", detail);
+}
+
+// Ties the base to camera v with the uncertainty of its hint.
+absl::Status TieToCamera(const SceneRequest& request, int base, int v, Drawing* d) {
+  const CameraPoseHint& hint = *request.camera_poses[v];
+  return d->graph.Connect(base,
+                          d->frames.cameras[v],
+                          hint.camera_from_base.Inverse(),
+                          d->graph.AddUncertainty(HintCovariance(hint)));
+}
+
+// The base from the reference object; every camera in the base must agree with it.
+absl::Status BaseFromObject(const SceneRequest& request, Drawing* d, SceneAnswer* answer) {
+  int reference = -1;
+  for (std::size_t i = 0; i < answer->objects.size() && reference < 0; ++i) {
+    if (answer->objects[i].object_id == request.reference->object_id) {
+      reference = d->frames.objects[d->order[i]];
+    }
+  }
+  if (reference < 0) {
+    answer->state = SceneState::kReferenceNotFound;
+    answer->detail = absl::StrCat(
+        "reference ", request.reference->object_id, " is not among the recognised objects");
+    return absl::OkStatus();
+  }
+  const int base = d->graph.AddFrame("base");
+  HOROPTER_RETURN_IF_ERROR(d->graph.Connect(base, reference, request.reference->base_from_object));
+  for (int v = 0; v < static_cast<int>(request.camera_poses.size()); ++v) {
+    if (!request.camera_poses[v] || d->frames.cameras[v] < 0) continue;
+    const int column = d->graph.AddUncertainty(HintCovariance(*request.camera_poses[v]));
+    HOROPTER_ASSIGN_OR_RETURN(const LoopGap gap,
+                              d->graph.Gap(base,
+                                           d->frames.cameras[v],
+                                           request.camera_poses[v]->camera_from_base.Inverse(),
+                                           column));
+    const double turn = gap.gap.head<3>().norm(), shift = gap.gap.tail<3>().norm();
+    if (gap.chi_square < kGapChiSquare || (turn < kGapRad && shift < kGapM)) continue;
+    AddReferenceConflict(absl::StrCat("reference ",
+                                      request.reference->object_id,
+                                      " and the camera of image ",
+                                      v,
+                                      " put the base ",
+                                      1e3 * shift,
+                                      " mm and ",
+                                      turn,
+                                      " rad apart"),
+                         shift,
+                         answer);
+    return absl::OkStatus();
+  }
+  d->base = base;
+  HOROPTER_ASSIGN_OR_RETURN(const UncertainPose pose, d->graph.Between(base, d->frames.scene));
+  answer->base_from_scene = pose.pose;
+  return absl::OkStatus();
+}
+
+// Ties the base to the scene, unless references contradict each other.
+absl::Status FindBase(const SceneRequest& request, Drawing* d, SceneAnswer* answer) {
+  if (request.reference) return BaseFromObject(request, d, answer);
+  const BaseFrame frame = BaseFromCameras(request.camera_poses, answer->cameras);
+  if (!frame.conflict.empty()) AddReferenceConflict(frame.conflict, 0.0, answer);
+  if (!frame.base_from_scene) return absl::OkStatus();
+  answer->base_from_scene = frame.base_from_scene;
+  // The mean of several cameras is at least as sure as one of them.
+  const int base = d->graph.AddFrame("base");
+  for (int v = 0; v < static_cast<int>(request.camera_poses.size()); ++v) {
+    if (!request.camera_poses[v] || d->frames.cameras[v] < 0) continue;
+    HOROPTER_RETURN_IF_ERROR(TieToCamera(request, base, v, d));
+    d->base = base;
+    break;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status FillCovariances(const Drawing& d, SceneAnswer* answer) {
+  const int n = static_cast<int>(answer->objects.size());
+  answer->joint_covariance = Eigen::MatrixXd::Zero(6 * n, 6 * n);
+  for (int i = 0; i < n; ++i) {
+    AnswerObject& o = answer->objects[i];
+    const int frame = d.frames.objects[d.order[i]];
+    for (const int camera : d.frames.cameras) {
+      o.camera_covariances.emplace_back();
+      if (camera < 0) continue;
+      HOROPTER_ASSIGN_OR_RETURN(const UncertainPose pose, d.graph.Between(camera, frame));
+      o.camera_covariances.back() = pose.covariance;
+    }
+    if (d.base >= 0) {
+      HOROPTER_ASSIGN_OR_RETURN(const UncertainPose pose, d.graph.Between(d.base, frame));
+      o.base_from_object =
+          UncertainPose{*answer->base_from_scene * o.scene_from_object, pose.covariance};
+    }
+    for (int j = 0; j < n; ++j) {
+      HOROPTER_ASSIGN_OR_RETURN(
+          const Matrix6d block,
+          d.graph.CrossCovariance(
+              d.frames.scene, frame, d.frames.scene, d.frames.objects[d.order[j]]));
+      answer->joint_covariance.block<6, 6>(6 * i, 6 * j) = block;
+    }
+  }
+  return absl::OkStatus();
+}
+
+void FillGrasps(const Drawing& d,
+                std::span<const std::shared_ptr<const PreparedObject>> objects,
+                const GraspOptions& options,
+                SceneAnswer* answer) {
+  GraspScene scene;
+  scene.plane = d.metric.plane;
+  for (std::size_t i = 0; i < answer->objects.size(); ++i) {
+    const AnswerObject& o = answer->objects[i];
+    GraspScene::Object object{
+        &objects[d.metric.objects[d.order[i]].object]->model, o.scene_from_object, o.covariance};
+    if (o.base_from_object && answer->base_from_scene) {
+      // About the scene's axes.
+      const Matrix6d turn = SecondInProduct(answer->base_from_scene->Inverse());
+      object.covariance = turn * o.base_from_object->covariance * turn.transpose();
+    }
+    scene.objects.push_back(object);
+  }
+  for (std::size_t i = 0; i < answer->objects.size(); ++i) {
+    AnswerObject& o = answer->objects[i];
+    o.grasps = PlanGrasps(scene, static_cast<int>(i), options, &o.grasp_counts);
+  }
+}
+
+}  // namespace
+
+absl::Status FillAnswer(const MetricScene& metric,
+                        std::span<const std::shared_ptr<const PreparedObject>> objects,
+                        const SceneRequest& request,
+                        const GraspOptions& grasps,
+                        SceneAnswer* answer) {
+  answer->cameras = metric.cameras;
+  Drawing d{metric, {}, {}, -1, {}};
+  d.frames = AddSceneFrames(metric, &d.graph);
+  for (std::size_t k = 0; k < metric.objects.size(); ++k) d.order.push_back(k);
+  std::stable_sort(d.order.begin(), d.order.end(), [&](std::size_t a, std::size_t b) {
+    return metric.objects[a].score > metric.objects[b].score;
+  });
+  std::map<std::string, int> instances;
+  for (const std::size_t k : d.order) {
+    const PosedObject& posed = metric.objects[k];
+    AnswerObject o;
+    o.object_id = objects[posed.object]->model.id;
+    o.instance = instances[o.object_id]++;
+    o.score = posed.score;
+    o.scene_from_object = posed.scene_from_object;
+    o.covariance = posed.covariance;
+    o.view_scores = posed.view_scores;
+    for (int a : posed.alternatives) o.alternatives.push_back(objects[a]->model.id);
+    answer->objects.push_back(std::move(o));
+  }
+  for (const ScaleSource& s : metric.scales) {
+    AnswerScale scale;
+    scale.kind = s.kind;
+    if (s.kind == ScaleSourceKind::kObject) {
+      const AnswerObject& o = answer->objects[AnswerIndex(d, s.index)];
+      scale.object_id = o.object_id;
+      scale.instance = o.instance;
+    } else {
+      scale.image = s.index;
+    }
+    scale.log_ratio = s.log_ratio;
+    scale.log_sigma = s.log_sigma;
+    scale.agrees = s.agrees;
+    answer->scales.push_back(scale);
+  }
+  for (const Finding& f : metric.findings) AddFinding(f, d, objects, answer);
+  HOROPTER_RETURN_IF_ERROR(CompareBaselines(request, d, answer));
+  HOROPTER_RETURN_IF_ERROR(FindBase(request, &d, answer));
+  HOROPTER_RETURN_IF_ERROR(FillCovariances(d, answer));
+  FillGrasps(d, objects, grasps, answer);
+  return absl::OkStatus();
+}
+
+}  // namespace horopter

@@ -1,0 +1,203 @@
+#include "server/vision/euclidean/findings.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_format.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kNormalFromMad = 1.4826;
+
+// Covariance of the perturbation of a_from_object at the object's centre, a: camera `view`.
+Matrix6d InCamera(const SceneBundle& bundle, const SceneCovariance& c, int view, int object) {
+  const Rigid3 &camera = bundle.views[view].camera_from_scene,
+               &pose = bundle.objects[object].scene_from_object;
+  const Rigid3 at_center = {Eigen::Matrix3d::Identity(), bundle.objects[object].model->center};
+  const Matrix6d by_camera = FirstInProduct(camera, pose * at_center);
+  const Matrix6d by_object = SecondInProduct(camera) * FirstInProduct(pose, at_center);
+  const int v = c.layout.view[view], k = c.layout.object[object];
+  const Matrix6d cross = by_camera * c.matrix.block<6, 6>(v, k) * by_object.transpose();
+  return by_camera * c.matrix.block<6, 6>(v, v) * by_camera.transpose() +
+         by_object * c.matrix.block<6, 6>(k, k) * by_object.transpose() + cross + cross.transpose();
+}
+
+// ... of other_from_object, about the other's axes.
+Matrix6d InObject(const SceneBundle& bundle, const SceneCovariance& c, int other, int object) {
+  const Rigid3 other_from_scene = bundle.objects[other].scene_from_object.Inverse();
+  const Rigid3 at_center = {Eigen::Matrix3d::Identity(), bundle.objects[object].model->center};
+  const Rigid3& pose = bundle.objects[object].scene_from_object;
+  const Matrix6d by_other = FirstInProduct(other_from_scene, pose * at_center) *
+                            InInverse(bundle.objects[other].scene_from_object);
+  const Matrix6d by_object = SecondInProduct(other_from_scene) * FirstInProduct(pose, at_center);
+  const int o = c.layout.object[other], k = c.layout.object[object];
+  const Matrix6d cross = by_other * c.matrix.block<6, 6>(o, k) * by_object.transpose();
+  return by_other * c.matrix.block<6, 6>(o, o) * by_other.transpose() +
+         by_object * c.matrix.block<6, 6>(k, k) * by_object.transpose() + cross + cross.transpose();
+}
+
+Finding Weak(FindingKind kind, int object, const Eigen::Vector3d& direction, double sigma) {
+  Finding f;
+  f.kind = kind;
+  f.object = object;
+  f.direction = direction;
+  f.value = sigma;
+  const char* what =
+      kind == FindingKind::kTurnUndetermined ? "rotation about" : "translation along";
+  f.detail = absl::StrFormat("object %d: %s (%.2f, %.2f, %.2f) of its frame is known to %.3g %s",
+                             object,
+                             what,
+                             direction.x(),
+                             direction.y(),
+                             direction.z(),
+                             sigma,
+                             kind == FindingKind::kTurnUndetermined ? "rad" : "m");
+  return f;
+}
+
+}  // namespace
+
+std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
+                                        const SceneCovariance& covariance,
+                                        const FindingOptions& options) {
+  std::vector<Finding> out;
+  if (covariance.matrix.size() == 0) return out;
+  for (int k = 0; k < static_cast<int>(bundle.objects.size()); ++k) {
+    // The camera that knows the object best: one that sees little is itself uncertain.
+    int view = -1;
+    Matrix6d C = Matrix6d::Zero();
+    for (int v = 0; v < static_cast<int>(bundle.views.size()); ++v) {
+      if (!bundle.views[v].known) continue;
+      const Matrix6d in_view = InCamera(bundle, covariance, v, k);
+      if (view >= 0 && in_view.topLeftCorner<3, 3>().trace() >= C.topLeftCorner<3, 3>().trace()) {
+        continue;
+      }
+      view = v;
+      C = in_view;
+    }
+    if (view < 0) break;
+    const Rigid3 pose = bundle.views[view].camera_from_scene * bundle.objects[k].scene_from_object;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> turn(C.topLeftCorner<3, 3>());
+    for (int i = 2; i >= 0; --i) {
+      const double sigma = std::sqrt(std::max(0.0, turn.eigenvalues()(i)));
+      if (sigma < options.turn_rad) break;
+      out.push_back(Weak(FindingKind::kTurnUndetermined,
+                         k,
+                         pose.R.transpose() * turn.eigenvectors().col(i),
+                         sigma));
+    }
+    // Across the line of sight, or in another object's frame: depth alone is the focal length's.
+    const double limit = options.shift_diameters * bundle.objects[k].model->model.diameter_m;
+    Eigen::Matrix3d shift;
+    Eigen::Matrix3d object_from_frame;
+    if (bundle.objects.size() > 1) {
+      const int other = k == 0 ? 1 : 0;
+      shift = InObject(bundle, covariance, other, k).bottomRightCorner<3, 3>();
+      object_from_frame = bundle.objects[k].scene_from_object.R.transpose() *
+                          bundle.objects[other].scene_from_object.R;
+    } else {
+      const Eigen::Vector3d sight = (pose * bundle.objects[k].model->center).normalized();
+      const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - sight * sight.transpose();
+      shift = across * C.bottomRightCorner<3, 3>() * across;
+      object_from_frame = pose.R.transpose();
+    }
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(shift);
+    const double sigma = std::sqrt(std::max(0.0, eigen.eigenvalues()(2)));
+    if (sigma > limit) {
+      out.push_back(Weak(FindingKind::kShiftUndetermined,
+                         k,
+                         object_from_frame * eigen.eigenvectors().col(2),
+                         sigma));
+    }
+  }
+  for (int v = 0; v < static_cast<int>(bundle.views.size()); ++v) {
+    if (!bundle.views[v].known) continue;
+    const int at = covariance.layout.view[v] + 6;
+    const double sigma = std::sqrt(std::max(0.0, covariance.matrix(at, at)));
+    if (sigma <= options.focal_log) continue;
+    Finding f;
+    f.kind = FindingKind::kFocalAndDepth;
+    f.view = v;
+    f.value = sigma;
+    f.detail =
+        absl::StrFormat("image %d: focal length and depth compensate each other, known to %.1f %%",
+                        v,
+                        100.0 * sigma);
+    out.push_back(f);
+  }
+  return out;
+}
+
+std::vector<ScaleSource> EstimateScales(const SceneBundle& bundle,
+                                        const NoiseOptions& noise,
+                                        const FindingOptions& options,
+                                        int threads) {
+  const int n = static_cast<int>(bundle.objects.size());
+  std::vector<ScaleSource> out(n);
+  for (int k = 0; k < n; ++k) out[k].index = k;
+  if (n < 2) return out;
+  SceneBundle scaled = bundle;
+  BundleOptions adjust;
+  adjust.held.scales = false;
+  adjust.max_iterations = 3;
+  adjust.threads = threads;
+  if (!AdjustBundle(adjust, &scaled)) return out;
+  const SceneCovariance c = ComputeSceneCovariance(scaled, noise, /*scales_held=*/false);
+  if (c.matrix.size() == 0) return out;
+  const auto sigma_between = [&](int i, int j) {
+    const int a = c.layout.object[i] + 6, b = c.layout.object[j] + 6;
+    return std::sqrt(std::max(0.0, c.matrix(a, a) + c.matrix(b, b) - 2.0 * c.matrix(a, b)));
+  };
+  const auto agree = [&](int i, int j) {
+    const double off = std::abs(scaled.log_scale[i] - scaled.log_scale[j]);
+    return off < std::max(options.scale_log, options.scale_sigmas * sigma_between(i, j));
+  };
+  int base = 0, most = -1;
+  for (int i = 0; i < n; ++i) {
+    int agreeing = 0;
+    for (int j = 0; j < n; ++j) agreeing += agree(i, j);
+    if (agreeing > most) {
+      most = agreeing;
+      base = i;
+    }
+  }
+  for (int k = 0; k < n; ++k) {
+    out[k].log_ratio = scaled.log_scale[k] - scaled.log_scale[base];
+    out[k].log_sigma = k == base ? 0.0 : sigma_between(k, base);
+    // Two that disagree: nobody says which is right.
+    out[k].agrees = agree(k, base) && most > 1;
+  }
+  return out;
+}
+
+std::vector<int> FindMisfits(const SceneBundle& bundle, const RejectionOptions& options) {
+  const int n = static_cast<int>(bundle.objects.size());
+  std::vector<std::vector<double>> residuals(n);
+  for (const EdgeObservation& o : bundle.edges) {
+    residuals[o.object].push_back(std::abs(o.residual_px));
+  }
+  std::vector<double> scatter(n, 1e9);  // no edge found at all fits nothing
+  for (int k = 0; k < n; ++k) {
+    auto& r = residuals[k];
+    if (r.empty()) continue;
+    std::nth_element(r.begin(), r.begin() + static_cast<long>(r.size() / 2), r.end());
+    scatter[k] = kNormalFromMad * r[r.size() / 2];
+  }
+  std::vector<int> out;
+  if (n < 3) return out;
+  for (int k = 0; k < n; ++k) {
+    std::vector<double> others;
+    for (int j = 0; j < n; ++j) {
+      if (j != k) others.push_back(scatter[j]);
+    }
+    std::nth_element(
+        others.begin(), others.begin() + static_cast<long>(others.size() / 2), others.end());
+    const double typical = others[others.size() / 2];
+    if (scatter[k] > std::max(options.least_px, options.factor * typical)) out.push_back(k);
+  }
+  return out;
+}
+
+}  // namespace horopter

@@ -1,0 +1,183 @@
+#include "server/vision/euclidean/grasps.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+namespace horopter {
+namespace {
+
+// A finger on its whole way from the pre-grasp: a box in the scene frame.
+struct SweptFinger {
+  Eigen::Vector3d center;
+  Eigen::Matrix3d R;
+  Eigen::Vector3d half;
+};
+
+std::vector<SweptFinger> SweptFingers(const Rigid3& scene_from_gripper,
+                                      double jaw_opening_m,
+                                      const GraspOptions& options,
+                                      double margin_m) {
+  std::vector<SweptFinger> out;
+  const double length = options.gripper.finger_length_m + options.approach_m;
+  for (const double side : {-1.0, 1.0}) {
+    const double x = side * 0.5 * (jaw_opening_m + options.gripper.finger_thickness_m);
+    out.push_back({scene_from_gripper * Eigen::Vector3d(x, 0.0, -0.5 * length),
+                   scene_from_gripper.R,
+                   Eigen::Vector3d(0.5 * options.gripper.finger_thickness_m + margin_m,
+                                   0.5 * options.gripper.finger_width_m + margin_m,
+                                   0.5 * length + margin_m)});
+  }
+  return out;
+}
+
+double LowestAlong(const SweptFinger& f, const Eigen::Vector3d& normal) {
+  return normal.dot(f.center) - (f.R.transpose() * normal).cwiseAbs().dot(f.half);
+}
+
+bool MeetsMesh(const SweptFinger& f, const GraspScene::Object& object) {
+  const Rigid3 object_from_scene = object.scene_from_object.Inverse();
+  const Eigen::Vector3d center = object_from_scene * f.center;
+  const Eigen::Matrix3d R = object_from_scene.R * f.R;
+  const TriangleMesh& mesh = object.model->mesh;
+  const double reach = f.half.norm();
+  for (const Eigen::Vector3i& t : mesh.triangles) {
+    const Eigen::Vector3d &a = mesh.vertices[t(0)], &b = mesh.vertices[t(1)],
+                          &c = mesh.vertices[t(2)];
+    const Eigen::Vector3d low = a.cwiseMin(b).cwiseMin(c), high = a.cwiseMax(b).cwiseMax(c);
+    if (((low - center).array() > reach).any() || ((center - high).array() > reach).any()) continue;
+    if (BoxMeetsTriangle(center, R, f.half, a, b, c)) return true;
+  }
+  return false;
+}
+
+// P(|error| < limit) of a centred normal error.
+double Within(double limit, double sigma) {
+  if (limit <= 0.0) return 0.0;
+  return sigma < 1e-12 ? 1.0 : std::erf(limit / (std::sqrt(2.0) * sigma));
+}
+
+// Standard deviations of the gripper's place against the part's (gripper axes): position, rotation.
+struct GripperSigmas {
+  Eigen::Vector3d place, turn;
+};
+GripperSigmas SigmasOf(const GraspScene::Object& object, const Rigid3& object_from_gripper) {
+  const Matrix6d J = FirstInProduct(object.scene_from_object, object_from_gripper);
+  const Matrix6d C = J * object.covariance * J.transpose();
+  const Eigen::Matrix3d R = object.scene_from_object.R * object_from_gripper.R;
+  const auto sigmas = [&](const Eigen::Matrix3d& block) {
+    return Eigen::Vector3d((R.transpose() * block * R).diagonal().cwiseMax(0.0).cwiseSqrt());
+  };
+  return {sigmas(C.bottomRightCorner<3, 3>()), sigmas(C.topLeftCorner<3, 3>())};
+}
+
+}  // namespace
+
+bool BoxMeetsTriangle(const Eigen::Vector3d& center,
+                      const Eigen::Matrix3d& R,
+                      const Eigen::Vector3d& half,
+                      const Eigen::Vector3d& a,
+                      const Eigen::Vector3d& b,
+                      const Eigen::Vector3d& c) {
+  const Eigen::Vector3d v[3] = {
+      R.transpose() * (a - center), R.transpose() * (b - center), R.transpose() * (c - center)};
+  const auto separates = [&](const Eigen::Vector3d& axis) {
+    const double p[3] = {axis.dot(v[0]), axis.dot(v[1]), axis.dot(v[2])};
+    const double r = axis.cwiseAbs().dot(half);
+    return std::min({p[0], p[1], p[2]}) > r || std::max({p[0], p[1], p[2]}) < -r;
+  };
+  const Eigen::Vector3d edges[3] = {v[1] - v[0], v[2] - v[1], v[0] - v[2]};
+  for (int i = 0; i < 3; ++i) {
+    if (separates(Eigen::Vector3d::Unit(i))) return false;
+  }
+  if (separates(edges[0].cross(edges[1]))) return false;
+  for (const Eigen::Vector3d& e : edges) {
+    for (int i = 0; i < 3; ++i) {
+      if (separates(Eigen::Vector3d::Unit(i).cross(e))) return false;
+    }
+  }
+  return true;
+}
+
+std::vector<SceneGrasp> GraspsInScene(const ObjectModel& model,
+                                      const Rigid3& scene_from_object,
+                                      double approach_m) {
+  std::vector<SceneGrasp> out;
+  for (int s = 0; s <= static_cast<int>(model.symmetries.size()); ++s) {
+    const Rigid3 symmetry = s == 0 ? Rigid3{} : model.symmetries[s - 1];
+    for (const Grasp& g : model.grasps) {
+      SceneGrasp grasp;
+      grasp.name = g.name;
+      grasp.symmetry = s;
+      grasp.scene_from_gripper = scene_from_object * symmetry * g.object_from_gripper;
+      if (g.object_from_pregrasp) {
+        grasp.scene_from_pregrasp = scene_from_object * symmetry * *g.object_from_pregrasp;
+      } else {
+        grasp.scene_from_pregrasp = grasp.scene_from_gripper;
+        grasp.scene_from_pregrasp.t -= approach_m * grasp.scene_from_gripper.R.col(2);
+      }
+      grasp.jaw_opening_m = g.jaw_opening_m;
+      grasp.grip_width_m = g.grip_width_m;
+      grasp.quality = g.quality;
+      out.push_back(grasp);
+    }
+  }
+  return out;
+}
+
+std::vector<SceneGrasp> PlanGrasps(const GraspScene& scene,
+                                   int object,
+                                   const GraspOptions& options,
+                                   GraspCounts* counts) {
+  const GraspScene::Object& target = scene.objects[object];
+  GraspCounts local;
+  std::vector<SceneGrasp> out;
+  for (SceneGrasp& grasp :
+       GraspsInScene(*target.model, target.scene_from_object, options.approach_m)) {
+    ++local.considered;
+    const double play = 0.5 * (grasp.jaw_opening_m - grasp.grip_width_m);
+    if (!(play > 0.0)) {
+      ++local.too_narrow;
+      continue;
+    }
+    const GripperSigmas sigmas =
+        SigmasOf(target, target.scene_from_object.Inverse() * grasp.scene_from_gripper);
+    const double margin = options.clearance_m + options.clearance_sigmas * sigmas.place.maxCoeff();
+    const std::vector<SweptFinger> fingers =
+        SweptFingers(grasp.scene_from_gripper, grasp.jaw_opening_m, options, margin);
+    const auto any_finger = [&](const auto& test) {
+      return std::any_of(fingers.begin(), fingers.end(), test);
+    };
+    if (scene.plane && any_finger([&](const SweptFinger& f) {
+          return LowestAlong(f, scene.plane->normal) < scene.plane->offset_m;
+        })) {
+      ++local.below_plane;
+      continue;
+    }
+    if (any_finger([&](const SweptFinger& f) {
+          for (int k = 0; k < static_cast<int>(scene.objects.size()); ++k) {
+            if (k != object && MeetsMesh(f, scene.objects[k])) return true;
+          }
+          return false;
+        })) {
+      ++local.blocked;
+      continue;
+    }
+    grasp.success = Within(play, sigmas.place.x()) * Within(options.tolerance_m, sigmas.place.y()) *
+                    Within(options.tolerance_m, sigmas.place.z()) *
+                    Within(options.tolerance_rad, sigmas.turn.y()) *
+                    Within(options.tolerance_rad, sigmas.turn.z());
+    if (grasp.success < options.least_success) {
+      ++local.unsure;
+      continue;
+    }
+    out.push_back(std::move(grasp));
+  }
+  std::stable_sort(out.begin(), out.end(), [](const SceneGrasp& a, const SceneGrasp& b) {
+    return a.quality * a.success > b.quality * b.success;
+  });
+  if (counts != nullptr) *counts = local;
+  return out;
+}
+
+}  // namespace horopter

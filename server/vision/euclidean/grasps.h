@@ -1,0 +1,92 @@
+// Grasps of the recognised objects that a gripper can reach, surest first (thesis 5.4).
+#pragma once
+
+#include <Eigen/Core>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "server/vision/euclidean/pose_perturbation.h"
+#include "server/vision/euclidean/support_plane.h"
+#include "server/vision/geometry/object_model.h"
+
+namespace horopter {
+
+// A grasp of a recognised object in the scene frame.
+struct SceneGrasp {
+  std::string name;
+  int symmetry = 0;  // 0: identity, k: ObjectModel::symmetries[k-1]
+  Rigid3 scene_from_gripper;
+  double jaw_opening_m = 0.0;
+  double grip_width_m = 0.0;
+  double quality = 0.0;        // as enrolled
+  Rigid3 scene_from_pregrasp;  // as enrolled, or approach_m back along the approach axis
+  // Probability that the open fingers pass beside the part and close within the tolerances, by the
+  // pose's covariance alone.
+  double success = 1.0;
+};
+
+// Two fingers, boxes of these sizes: length along z behind the tip, width along y, thickness along
+// x outside the opening.
+struct GripperShape {
+  double finger_length_m = 0.060;
+  double finger_width_m = 0.014;
+  double finger_thickness_m = 0.008;
+};
+
+struct GraspOptions {
+  GripperShape gripper;
+  double approach_m = 0.060;  // from the pre-grasp to the grasp, along z
+  // Free space wanted beside the way, towards plane and other objects; the pose's uncertainty comes
+  // on top with `clearance_sigmas`.
+  double clearance_m = 0.0005;
+  double clearance_sigmas = 1.0;
+  // Tolerances of a closed grasp along the fingers' faces and about their axes.
+  double tolerance_m = 0.002;
+  double tolerance_rad = 0.035;
+  double least_success = 0.8;  // grasps less sure than this are not offered
+};
+
+// An object of the scene; covariance of its pose in the frame the robot works in (perturbation of
+// scene_from_object, turned into scene axes).
+struct GraspScene {
+  struct Object {
+    const ObjectModel* model = nullptr;
+    Rigid3 scene_from_object;
+    Matrix6d covariance = Matrix6d::Zero();
+  };
+  std::vector<Object> objects;
+  std::optional<SupportPlane> plane;
+};
+
+// Why grasps of an object were not offered.
+struct GraspCounts {
+  int considered = 0;
+  int too_narrow = 0;  // the opening does not pass the part's width
+  int below_plane = 0;
+  int blocked = 0;  // by another object
+  int unsure = 0;
+};
+
+// Every grasp of every symmetry, whether it can be done or not, in catalog order.
+std::vector<SceneGrasp> GraspsInScene(const ObjectModel& model,
+                                      const Rigid3& scene_from_object,
+                                      double approach_m);
+
+// The grasps of scene.objects[object] that can be reached, by falling quality * success.
+std::vector<SceneGrasp> PlanGrasps(const GraspScene& scene,
+                                   int object,
+                                   const GraspOptions& options,
+                                   GraspCounts* counts = nullptr);
+
+// Whether a box {center + R diag(half) [-1, 1]^3} and a triangle meet (separating axes, Akenine-
+// Moeller 2001).
+bool BoxMeetsTriangle(const Eigen::Vector3d& center,
+                      const Eigen::Matrix3d& R,
+                      const Eigen::Vector3d& half,
+                      const Eigen::Vector3d& a,
+                      const Eigen::Vector3d& b,
+                      const Eigen::Vector3d& c);
+
+}  // namespace horopter

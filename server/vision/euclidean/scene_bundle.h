@@ -1,0 +1,116 @@
+// Joint adjustment of cameras and objects on CAD edges and the matched points of the supporting
+// plane, with analytic derivatives.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "server/vision/euclidean/edge_observations.h"
+#include "server/vision/recognition/plane_points.h"
+
+namespace horopter {
+
+// Parameters of a view: rotation vector and translation (see pose_perturbation.h, of
+// camera_from_scene), log f, cx, cy, k1. Of an object: rotation vector and translation, and the log
+// of its scale about its centre where that is asked for. Of the plane: PlanePoints::plane.
+inline constexpr int kViewParameters = 10;
+inline constexpr int kObjectParameters = 7;
+inline constexpr int kPlaneParameters = 3;
+
+// What is known of a camera beforehand; image pixels.
+struct CameraPrior {
+  double log_focal = 0.0;
+  double cx = 0.0;
+  double cy = 0.0;
+  double k1 = 0.0;
+  double log_focal_sigma = 1.0;
+  double center_sigma_px = 1.0;
+  double k1_sigma = 1.0;
+};
+
+struct SceneBundle {
+  std::vector<AdjustedView> views;
+  std::vector<CameraPrior> priors;         // per view
+  std::vector<double> working_from_image;  // per view
+  std::vector<AdjustedObject> objects;
+  std::vector<double> log_scale;  // per object, 0: as enrolled
+  std::vector<EdgeObservation> edges;
+  PlanePoints plane;
+  double edge_sigma_px = 0.35;  // of an edge point, working pixels
+  // Residuals beyond this many sigmas count ever less (Cauchy). Edges of a rounded or shaded part
+  // err in common: hard on outliers. Higher: more efficient on clean points.
+  double cauchy_sigmas = 0.5;
+};
+
+// Where the parameters of each block begin; -1: not adjusted.
+struct BundleLayout {
+  std::vector<int> view;
+  std::vector<int> object;
+  int plane = -1;
+  int size = 0;
+};
+
+enum class Gauge {
+  kFirstObject,  // holds the pose of objects[0]
+  kFirstView,    // holds the pose of the first known view
+  kFree,         // holds nothing: the caller sees to the six freedoms
+};
+
+BundleLayout LayoutOf(const SceneBundle& bundle);
+
+// Parameters held: those of the gauge, and all scales unless they are adjusted.
+struct HeldParameters {
+  Gauge gauge = Gauge::kFirstObject;
+  bool scales = true;
+};
+std::vector<bool> Held(const SceneBundle& bundle,
+                       const BundleLayout& layout,
+                       const HeldParameters& held);
+
+// One edge residual in sigmas, and its derivatives by the parameters of its view (10), its object
+// (7) and by the sample's position in the object (3). Invalid (false) behind the camera.
+struct EdgeRow {
+  double residual = 0.0;
+  Eigen::Matrix<double, kViewParameters + kObjectParameters, 1> J;
+  Eigen::Vector3d by_point;
+};
+bool LinearizeEdge(const SceneBundle& bundle, const EdgeObservation& edge, EdgeRow* row);
+
+// One plane match, in sigmas: by the parameters of view a (10), view b (10) and of the plane (3).
+struct PlaneRow {
+  Eigen::Vector2d residual;
+  Eigen::Matrix<double, 2, 2 * kViewParameters + kPlaneParameters> J;
+};
+bool LinearizePlaneMatch(const SceneBundle& bundle, const PlanePoints::Match& match, PlaneRow* row);
+
+// Standard deviation the adjustment assumes of a plane match, working pixels per coordinate.
+double PlaneSigmaPx();
+
+// Weight (Cauchy) of a squared residual in sigmas.
+double RobustWeight(const SceneBundle& bundle, double squared);
+
+// A view's distances from its prior in sigmas: of log f, cx, cy, k1.
+Eigen::Vector4d PriorResiduals(const SceneBundle& bundle, int view);
+Eigen::Vector4d PriorWeights(const SceneBundle& bundle, int view);  // 1 / sigma
+
+// Moves everything along `step` (layout order).
+void MoveBundle(const BundleLayout& layout, const Eigen::VectorXd& step, SceneBundle* bundle);
+
+double BundleCost(const SceneBundle& bundle, int threads);
+
+struct BundleOptions {
+  int max_iterations = 15;
+  double min_decrease = 1e-4;  // of the cost, relative; less ends the adjustment
+  HeldParameters held;
+  int threads = 1;
+};
+
+// Neighbouring samples of one edge share the edge's error: how many samples, `spacing_px` apart,
+// count as one.
+double SharedSamples(double spacing_px);
+
+// Levenberg-Marquardt on iteratively reweighted normal equations. False when the system cannot be
+// solved; the bundle is then where it got to, never worse than at the start.
+bool AdjustBundle(const BundleOptions& options, SceneBundle* bundle);
+
+}  // namespace horopter

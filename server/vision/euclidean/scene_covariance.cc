@@ -1,0 +1,346 @@
+#include "server/vision/euclidean/scene_covariance.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <optional>
+#include <tuple>
+
+#include "server/vision/euclidean/representative.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kUnknownDiameters = 10.0;
+constexpr double kUnknownFarness = 1.0;  // of a camera, in distances from the scene's origin
+constexpr double kNormalFromMad = 1.4826;
+constexpr double kLeastCurvature = 0.25;  // of the robust loss, of its value without outliers
+constexpr double kMostDofFactor = 6.0;
+// Of the equilibrated normal matrix: below it a factorisation is not trusted, and directions are
+// as good as open.
+constexpr double kSmallestPivot = 1e-9;
+constexpr double kSmallestEigenvalue = 1e-12;
+constexpr int kEdgeRow = kViewParameters + kObjectParameters;
+
+double Mad(std::vector<double> values) {
+  if (values.empty()) return 0.0;
+  for (double& v : values) v = std::abs(v);
+  std::nth_element(
+      values.begin(), values.begin() + static_cast<long>(values.size() / 2), values.end());
+  return kNormalFromMad * values[values.size() / 2];
+}
+
+// d2/dr2 of the loss, of its value at zero.
+double Curvature(const SceneBundle& bundle, double squared) {
+  const double w = RobustWeight(bundle, squared);
+  return w * (2.0 * w - 1.0);  // (1 - x) / (1 + x)^2 with w = 1 / (1 + x)
+}
+
+// The points of one edge in one view, linearised.
+struct EdgeGroup {
+  int view = -1;
+  int object = -1;
+  int edge = -1;
+  struct Point {
+    EdgeRow row;
+    double weight = 0.0;    // robust
+    double residual = 0.0;  // working pixels
+    double unit = 0.0;      // sigmas per working pixel
+    double shared = 1.0;    // neighbours that count as one with it
+    double at = 0.0;        // along the edge, -1 .. 1
+  };
+  std::vector<Point> points;
+  double mean = 0.0, tilt = 0.0;
+};
+
+// Position along the edge by the principal direction of the points, and the line through the
+// residuals.
+void FitGroup(const std::vector<Eigen::Vector3d>& positions, EdgeGroup* group) {
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const auto& p : positions) middle += p / static_cast<double>(positions.size());
+  Eigen::Matrix3d moment = Eigen::Matrix3d::Zero();
+  for (const auto& p : positions) moment += (p - middle) * (p - middle).transpose();
+  const Eigen::Vector3d along =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(moment).eigenvectors().col(2);
+  double reach = 1e-9;
+  for (const auto& p : positions) reach = std::max(reach, std::abs(along.dot(p - middle)));
+  Eigen::Matrix2d A = 1e-9 * Eigen::Matrix2d::Identity();
+  Eigen::Vector2d b = Eigen::Vector2d::Zero();
+  for (std::size_t i = 0; i < positions.size(); ++i) {
+    EdgeGroup::Point& p = group->points[i];
+    p.at = along.dot(positions[i] - middle) / reach;
+    const Eigen::Vector2d x(1.0, p.at);
+    A += p.weight * x * x.transpose();
+    b += p.weight * p.residual * x;
+  }
+  if (positions.size() < 3) {
+    group->mean = b(0) / A(0, 0);
+    return;
+  }
+  const Eigen::Vector2d line = A.ldlt().solve(b);
+  group->mean = line(0);
+  group->tilt = line(1);
+}
+
+// Removes what a turn about an axis of revolution does: facets and chords that stand for a round
+// surface would seem to determine it. Rotation by a about the axis through the object's point p is
+// the perturbation (a, -a x R p).
+void ForgetTurn(const AdjustedObject& object, const RevolutionAxis& revolution, EdgeRow* row) {
+  const Eigen::Matrix3d& R = object.scene_from_object.R;
+  const Eigen::Vector3d a = R * revolution.axis;
+  auto J = row->J.segment<6>(kViewParameters);
+  const double along = J.head<3>().dot(a) - J.tail<3>().dot(a.cross(R * revolution.point));
+  J.head<3>() -= along * a;
+}
+
+std::vector<EdgeGroup> GroupEdges(const SceneBundle& bundle) {
+  std::vector<std::optional<RevolutionAxis>> axes;
+  for (const AdjustedObject& o : bundle.objects) {
+    axes.push_back(FindRevolutionAxis(o.model->model));
+  }
+  std::map<std::tuple<int, int, int>, std::pair<EdgeGroup, std::vector<Eigen::Vector3d>>> groups;
+  for (const EdgeObservation& o : bundle.edges) {
+    EdgeGroup::Point point;
+    if (!LinearizeEdge(bundle, o, &point.row)) continue;
+    if (axes[o.object]) ForgetTurn(bundle.objects[o.object], *axes[o.object], &point.row);
+    point.weight = RobustWeight(bundle, point.row.residual * point.row.residual);
+    point.shared = SharedSamples(o.spacing_px);
+    point.unit = 1.0 / (bundle.edge_sigma_px * std::sqrt(point.shared));
+    point.residual = point.row.residual / point.unit;
+    auto& [group, positions] = groups[{o.view, o.object, o.edge}];
+    group.view = o.view;
+    group.object = o.object;
+    group.edge = o.edge;
+    group.points.push_back(point);
+    positions.push_back(o.point_in_object);
+  }
+  std::vector<EdgeGroup> out;
+  for (auto& [key, value] : groups) {
+    FitGroup(value.second, &value.first);
+    out.push_back(std::move(value.first));
+  }
+  return out;
+}
+
+struct PlaneTerm {
+  const PlanePoints::Match* match = nullptr;
+  PlaneRow row;
+  double weight = 0.0;
+};
+
+// Adds a block given by `J` columns of a row to a matrix in layout order.
+template <typename Block>
+void Scatter(const Block& block,
+             const int* starts,
+             const int* columns,
+             const int* sizes,
+             int parts,
+             Eigen::MatrixXd* out) {
+  for (int p = 0; p < parts; ++p) {
+    for (int q = 0; q < parts; ++q) {
+      out->block(starts[p], starts[q], sizes[p], sizes[q]) +=
+          block.block(columns[p], columns[q], sizes[p], sizes[q]);
+    }
+  }
+}
+
+struct Sandwich {
+  Eigen::MatrixXd H;       // all
+  Eigen::MatrixXd H_data;  // edges only
+  Eigen::MatrixXd V_edges, V_plane, V_prior, V_cad;
+};
+
+void AddEdges(const BundleLayout& layout,
+              const std::vector<EdgeGroup>& groups,
+              double curvature,
+              const EdgeScatter& scatter,
+              Sandwich* s) {
+  using Row = Eigen::Matrix<double, kEdgeRow, 1>;
+  using Block = Eigen::Matrix<double, kEdgeRow, kEdgeRow>;
+  // What a displacement of a CAD edge does to the right side, over all views.
+  std::map<std::pair<int, int>, Eigen::Matrix<double, Eigen::Dynamic, 3>> displaced;
+  const double sc = scatter.common_px, st = scatter.tilt_px, sp = scatter.point_px;
+  for (const EdgeGroup& g : groups) {
+    Block H = Block::Zero(), V = Block::Zero();
+    Row common = Row::Zero(), tilt = Row::Zero();
+    Eigen::Matrix<double, kEdgeRow, 3> cad = Eigen::Matrix<double, kEdgeRow, 3>::Zero();
+    for (const EdgeGroup::Point& p : g.points) {
+      const Row J = p.weight * p.row.J;
+      H.noalias() += curvature * J * p.row.J.transpose();
+      V.noalias() += (sp * sp * p.unit * p.unit * p.shared) * J * J.transpose();
+      common += p.unit * J;
+      tilt += p.unit * p.at * J;
+      cad.noalias() += J * p.row.by_point.transpose();
+    }
+    V.noalias() += sc * sc * common * common.transpose() + st * st * tilt * tilt.transpose();
+    const int starts[2] = {layout.view[g.view], layout.object[g.object]};
+    const int columns[2] = {0, kViewParameters};
+    const int sizes[2] = {kViewParameters, kObjectParameters};
+    Scatter(H, starts, columns, sizes, 2, &s->H_data);
+    Scatter(V, starts, columns, sizes, 2, &s->V_edges);
+    auto& d = displaced[{g.object, g.edge}];
+    if (d.rows() == 0) d = Eigen::Matrix<double, Eigen::Dynamic, 3>::Zero(layout.size, 3);
+    d.middleRows(starts[0], kViewParameters) += cad.topRows<kViewParameters>();
+    d.middleRows(starts[1], kObjectParameters) += cad.bottomRows<kObjectParameters>();
+  }
+  for (const auto& [key, d] : displaced) s->V_cad.noalias() += d * d.transpose();
+}
+
+void AddPlane(const BundleLayout& layout,
+              const std::vector<PlaneTerm>& terms,
+              double curvature,
+              double sigma_ratio,
+              Sandwich* s) {
+  const int columns[3] = {0, kViewParameters, 2 * kViewParameters};
+  const int sizes[3] = {kViewParameters, kViewParameters, kPlaneParameters};
+  for (const PlaneTerm& t : terms) {
+    const int starts[3] = {
+        layout.view[t.match->view_a], layout.view[t.match->view_b], layout.plane};
+    const Eigen::Matrix<double, 23, 23> JtJ = t.row.J.transpose() * t.row.J;
+    Scatter(Eigen::Matrix<double, 23, 23>(curvature * t.weight * JtJ),
+            starts,
+            columns,
+            sizes,
+            3,
+            &s->H);
+    Scatter(Eigen::Matrix<double, 23, 23>(sigma_ratio * sigma_ratio * t.weight * t.weight * JtJ),
+            starts,
+            columns,
+            sizes,
+            3,
+            &s->V_plane);
+  }
+}
+
+void AddPriors(const SceneBundle& bundle, const BundleLayout& layout, Sandwich* s) {
+  for (std::size_t v = 0; v < bundle.views.size(); ++v) {
+    if (!bundle.views[v].known) continue;
+    const Eigen::Vector4d w = PriorWeights(bundle, static_cast<int>(v)).cwiseAbs2();
+    const int at = layout.view[v];
+    s->H.diagonal().segment<4>(at + 6) += w;
+    s->V_prior.diagonal().segment<4>(at + 6) += w;
+    // What nothing else determines is at least bounded.
+    const double far = kUnknownFarness * std::max(1e-3, bundle.views[v].camera_from_scene.t.norm());
+    for (int i = 0; i < 6; ++i) {
+      const double sigma = i < 3 ? kUnknownTurnRad : far;
+      s->H(at + i, at + i) += 1.0 / (sigma * sigma);
+      s->V_prior(at + i, at + i) += 1.0 / (sigma * sigma);
+    }
+  }
+  for (std::size_t k = 0; k < bundle.objects.size(); ++k) {
+    const double far = kUnknownDiameters * bundle.objects[k].model->model.diameter_m;
+    for (int i = 0; i < 6; ++i) {
+      const double sigma = i < 3 ? kUnknownTurnRad : far;
+      s->H(layout.object[k] + i, layout.object[k] + i) += 1.0 / (sigma * sigma);
+      s->V_prior(layout.object[k] + i, layout.object[k] + i) += 1.0 / (sigma * sigma);
+    }
+  }
+}
+
+// Inverse over the parameters that are not held; equilibrated, so that radians, metres and pixels
+// are treated alike.
+Eigen::MatrixXd InverseOfFree(const Eigen::MatrixXd& H, const std::vector<bool>& held) {
+  std::vector<int> free;
+  for (int i = 0; i < static_cast<int>(held.size()); ++i) {
+    if (!held[i]) free.push_back(i);
+  }
+  const int n = static_cast<int>(free.size());
+  Eigen::MatrixXd A(n, n);
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j) A(i, j) = H(free[i], free[j]);
+  }
+  const Eigen::VectorXd scale = A.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  A = scale.asDiagonal() * A * scale.asDiagonal();
+  const Eigen::LDLT<Eigen::MatrixXd> ldlt(A);
+  Eigen::MatrixXd inverse;
+  if (ldlt.vectorD().minCoeff() > kSmallestPivot) {
+    inverse = ldlt.solve(Eigen::MatrixXd::Identity(n, n));
+  } else {
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(A);
+    inverse = eigen.eigenvectors() *
+              eigen.eigenvalues().cwiseMax(kSmallestEigenvalue).cwiseInverse().asDiagonal() *
+              eigen.eigenvectors().transpose();
+  }
+  inverse = scale.asDiagonal() * inverse * scale.asDiagonal();
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(H.rows(), H.cols());
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j) out(free[i], free[j]) = 0.5 * (inverse(i, j) + inverse(j, i));
+  }
+  return out;
+}
+
+double MeanCurvature(const SceneBundle& bundle, const std::vector<double>& squared) {
+  double curvature = 0.0, weight = 1e-300;
+  for (const double s : squared) {
+    curvature += Curvature(bundle, s);
+    weight += RobustWeight(bundle, s);
+  }
+  return squared.empty() ? 1.0 : std::clamp(curvature / weight, kLeastCurvature, 1.0);
+}
+
+}  // namespace
+
+SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
+                                       const NoiseOptions& options,
+                                       bool scales_held) {
+  SceneCovariance out;
+  out.layout = LayoutOf(bundle);
+  const int size = out.layout.size;
+  const std::vector<EdgeGroup> groups = GroupEdges(bundle);
+  std::vector<double> means, tilts, within, squared_edges;
+  for (const EdgeGroup& g : groups) {
+    for (const EdgeGroup::Point& p : g.points) {
+      squared_edges.push_back(p.row.residual * p.row.residual);
+      if (g.points.size() >= 4) within.push_back(p.residual - g.mean - g.tilt * p.at);
+    }
+    means.push_back(g.mean);
+    if (g.points.size() >= 4) tilts.push_back(g.tilt);
+  }
+  std::vector<PlaneTerm> plane;
+  std::vector<double> plane_residuals, squared_plane;
+  for (const PlanePoints::Match& m : bundle.plane.matches) {
+    PlaneTerm term;
+    term.match = &m;
+    if (!LinearizePlaneMatch(bundle, m, &term.row)) continue;
+    const double squared = term.row.residual.squaredNorm();
+    term.weight = RobustWeight(bundle, squared);
+    squared_plane.push_back(squared);
+    plane_residuals.push_back(term.row.residual.x());
+    plane_residuals.push_back(term.row.residual.y());
+    plane.push_back(term);
+  }
+
+  const Eigen::MatrixXd zero = Eigen::MatrixXd::Zero(size, size);
+  Sandwich s{zero, zero, zero, zero, zero, zero};
+  EdgeScatter& scatter = out.scatter;
+  scatter.edges = static_cast<int>(groups.size());
+  scatter.common_px = std::max(options.min_common_px, Mad(means));
+  scatter.tilt_px = Mad(tilts);
+  scatter.point_px = std::max(options.min_point_px, Mad(within));
+  // Residuals of the plane are in its own sigmas; as a ratio to them.
+  const double plane_sigma_px = PlaneSigmaPx();
+  const double ratio = std::max(options.plane_min_px / plane_sigma_px, Mad(plane_residuals));
+  scatter.plane_px = ratio * plane_sigma_px;
+  AddEdges(out.layout, groups, MeanCurvature(bundle, squared_edges), scatter, &s);
+  s.H += s.H_data;
+  AddPlane(out.layout, plane, MeanCurvature(bundle, squared_plane), ratio, &s);
+  AddPriors(bundle, out.layout, &s);
+  const Eigen::MatrixXd inverse =
+      InverseOfFree(s.H, Held(bundle, out.layout, {Gauge::kFirstView, scales_held}));
+  if (!inverse.allFinite()) return out;
+  // An adjustment explains a part of the scatter away: offset and tilt of an edge are two values.
+  const double values = 2.0 * static_cast<double>(groups.size());
+  const double explained = (s.H_data * inverse).trace();
+  const double dof = std::min(kMostDofFactor, values / std::max(1.0, values - explained));
+  scatter.common_px *= std::sqrt(dof);
+  scatter.tilt_px *= std::sqrt(dof);
+  const double cad2 = options.cad_edge_sigma_m * options.cad_edge_sigma_m;
+  const double inflation2 = options.inflation * options.inflation;
+  const Eigen::MatrixXd V = inflation2 * (dof * s.V_edges + s.V_plane + cad2 * s.V_cad) + s.V_prior;
+  out.matrix = inverse * V * inverse;
+  return out;
+}
+
+}  // namespace horopter

@@ -1,0 +1,55 @@
+// How well an adjusted scene is known: the joint covariance of cameras and objects.
+#pragma once
+
+#include <Eigen/Core>
+
+#include "server/vision/euclidean/scene_bundle.h"
+
+namespace horopter {
+
+// What edges err by that their scatter along one edge does not show. Learned on rendered parts
+// (tests/bench/results.md says how well it then holds).
+struct NoiseOptions {
+  // Displacement of a CAD edge in the part, the same in all views: rounded edges shine beside
+  // themselves. Standard deviation per coordinate, metres. Higher: wider covariances of small
+  // parts.
+  double cad_edge_sigma_m = 0.00004;
+  // Smallest deviations believed of an edge as a whole in one view, and of one point; working px.
+  double min_common_px = 0.08;
+  double min_point_px = 0.1;
+  double plane_min_px = 0.2;  // of a matched point of the plane
+  // Factor on the deviations for all that is not modelled.
+  double inflation = 1.1;
+};
+
+// Estimated scatter of the residuals; working pixels.
+struct EdgeScatter {
+  double common_px = 0.0;  // of an edge as a whole, per view
+  double tilt_px = 0.0;    // of its ends against its middle
+  double point_px = 0.0;   // of a point about its edge
+  double plane_px = 0.0;   // of a matched point of the plane, per coordinate
+  int edges = 0;           // edges seen, counted per view
+};
+
+// Covariance of the perturbations of all parameters, in the order of `layout`. The pose of the
+// first known view is the origin: its columns are zero, as are those of scales that are held.
+// Directions that nothing determines have the width of a weak prior (kUnknownTurnRad, ten
+// diameters).
+struct SceneCovariance {
+  BundleLayout layout;
+  Eigen::MatrixXd matrix;  // empty: could not be computed
+  EdgeScatter scatter;
+};
+
+inline constexpr double kUnknownTurnRad = 3.14;
+
+// Of the robust estimate that AdjustBundle makes: H^-1 V H^-1 (Huber's sandwich), H the weighted
+// normal matrix, V the covariance of its right side. Points of one edge in one view err in common
+// (offset and tilt) and each on its own; the scatters are estimated from the residuals, and what
+// cannot be seen in them is added. scales_held = false: the objects' scales (but the first's) are
+// unknown too.
+SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
+                                       const NoiseOptions& options,
+                                       bool scales_held = true);
+
+}  // namespace horopter

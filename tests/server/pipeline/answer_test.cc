@@ -1,0 +1,116 @@
+// Frames, references and findings of the answer.
+#include "server/pipeline/answer.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "server/vision/recognition/pose_refine.h"
+#include "tests/support/synthetic_metric_scene.h"
+#include "tests/support/synthetic_part.h"
+
+namespace horopter {
+namespace {
+
+class FillAnswerTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    MetricSceneOptions options;
+    options.parts = {PrepareObject(LBracket()).value(), PrepareObject(Wedge()).value()};
+    truth_ = MakeMetricScene(options);
+    metric_ = RefineMetricScene(truth_.Input(), truth_.recognition, {}).value();
+    request_.images.resize(truth_.cameras.size());
+    base_from_world_.R = RotationFromVector({0.2, -0.1, 1.2});
+    base_from_world_.t = {0.5, -0.2, 0.1};
+  }
+  SceneAnswer Answer() {
+    SceneAnswer answer;
+    answer.state = SceneState::kRecognized;
+    EXPECT_TRUE(FillAnswer(metric_, truth_.objects, request_, {}, &answer).ok());
+    return answer;
+  }
+  // The poses of these cameras in the base are known to 1 mm and 2 mrad.
+  void KnowCameras(std::initializer_list<int> views) {
+    request_.camera_poses.resize(truth_.cameras.size());
+    for (const int v : views) {
+      request_.camera_poses[v] =
+          CameraPoseHint{truth_.camera_from_world[v] * base_from_world_.Inverse(), 0.002, 0.001};
+    }
+  }
+  static bool Has(const SceneAnswer& answer, FindingKind kind) {
+    return std::any_of(answer.findings.begin(), answer.findings.end(), [&](const auto& f) {
+      return f.kind == kind;
+    });
+  }
+
+  MetricSceneTruth truth_;
+  MetricScene metric_;
+  SceneRequest request_;
+  Rigid3 base_from_world_;
+};
+
+TEST_F(FillAnswerTest, AReferenceObjectGivesTheBaseFrameAndItsCovariance) {
+  request_.reference = ReferenceObject{"wedge", base_from_world_ * truth_.world_from_object[1]};
+  const SceneAnswer answer = Answer();
+  ASSERT_TRUE(answer.base_from_scene.has_value());
+  for (const AnswerObject& o : answer.objects) {
+    const int k = o.object_id == "wedge" ? 1 : 0;
+    const Rigid3 expected = base_from_world_ * truth_.world_from_object[k];
+    EXPECT_LT((o.base_from_object->pose.t - expected.t).norm(), 0.003) << o.object_id;
+    // The reference itself is known exactly.
+    EXPECT_EQ(o.base_from_object->covariance.norm() < 1e-18, k == 1) << o.object_id;
+    for (const auto& c : o.camera_covariances) {
+      ASSERT_TRUE(c.has_value());
+      EXPECT_GT(c->trace(), 0.0);
+    }
+  }
+  // The first object is the scene frame; the joint covariance says what the objects say.
+  ASSERT_EQ(answer.joint_covariance.rows(), 12);
+  for (int i = 0; i < 2; ++i) {
+    const Matrix6d block = answer.joint_covariance.block<6, 6>(6 * i, 6 * i);
+    EXPECT_LT((block - answer.objects[i].covariance).norm(), 1e-9 + 1e-6 * block.norm());
+  }
+}
+
+TEST_F(FillAnswerTest, CamerasInTheBaseMeasureTheScaleToo) {
+  KnowCameras({0, 4});
+  const SceneAnswer answer = Answer();
+  EXPECT_FALSE(Has(answer, FindingKind::kScaleConflict));
+  ASSERT_TRUE(answer.base_from_scene.has_value());
+  EXPECT_TRUE(std::any_of(answer.scales.begin(), answer.scales.end(), [](const AnswerScale& s) {
+    return s.kind == ScaleSourceKind::kReferenceCameras && s.agrees;
+  }));
+}
+
+// All parts enrolled in the wrong unit: only the cameras can tell.
+TEST_F(FillAnswerTest, CamerasFurtherApartThanThePartsAllowAreAScaleConflict) {
+  KnowCameras({0, 4});
+  for (auto& hint : request_.camera_poses) {
+    if (hint) hint->camera_from_base.t *= 25.4;
+  }
+  const SceneAnswer answer = Answer();
+  EXPECT_TRUE(Has(answer, FindingKind::kScaleConflict));
+  EXPECT_TRUE(Has(answer, FindingKind::kReferenceConflict));
+  EXPECT_FALSE(answer.base_from_scene.has_value());
+}
+
+TEST_F(FillAnswerTest, ReferencesThatContradictEachOtherGiveNoBase) {
+  request_.reference = ReferenceObject{"wedge", base_from_world_ * truth_.world_from_object[1]};
+  KnowCameras({2});
+  EXPECT_TRUE(Answer().base_from_scene.has_value());
+  request_.reference->base_from_object.t.x() += 0.3;
+  const SceneAnswer answer = Answer();
+  EXPECT_TRUE(Has(answer, FindingKind::kReferenceConflict));
+  EXPECT_FALSE(answer.base_from_scene.has_value());
+  for (const AnswerObject& o : answer.objects) EXPECT_FALSE(o.base_from_object.has_value());
+}
+
+TEST_F(FillAnswerTest, AMissingReferenceIsAState) {
+  request_.reference = ReferenceObject{"nothing", {}};
+  const SceneAnswer answer = Answer();
+  EXPECT_EQ(answer.state, SceneState::kReferenceNotFound);
+  EXPECT_FALSE(answer.base_from_scene.has_value());
+}
+
+}  // namespace
+}  // namespace horopter
