@@ -303,6 +303,8 @@ void RecordToProto(const CatalogRecord& record, v1::Object* proto) {
   for (const Eigen::Vector3i& triangle : model.mesh.triangles) {
     for (int i = 0; i < 3; ++i) proto->mutable_mesh()->add_triangles(triangle[i]);
   }
+  for (const Rgba& color : model.mesh.colors)
+    proto->mutable_mesh()->mutable_triangle_colors_rgba()->append(color.begin(), color.end());
   proto->set_vertex_count(static_cast<int>(model.vertices.size()));
   proto->set_edge_count(static_cast<int>(model.edges.size()));
   proto->set_triangle_count(static_cast<int>(model.mesh.triangles.size()));

@@ -102,6 +102,12 @@ TEST(ConvertObject, SurvivesTheRoundTrip) {
       Rigid3& pose = settled.model.grasps[i].object_from_gripper;
       EXPECT_TRUE(NearlyEqual(pose, before.model.grasps[i].object_from_gripper, kRounding));
       pose = before.model.grasps[i].object_from_gripper;
+      auto& waiting = settled.model.grasps[i].object_from_pregrasp;
+      const auto& waited = before.model.grasps[i].object_from_pregrasp;
+      ASSERT_EQ(waiting.has_value(), waited.has_value());
+      if (!waited) continue;
+      EXPECT_TRUE(NearlyEqual(*waiting, *waited, kRounding));
+      waiting = waited;
     }
     EXPECT_TRUE(NearlyEqual(settled.model.symmetries[0], before.model.symmetries[0], kRounding));
     settled.model.symmetries = before.model.symmetries;
