@@ -14,8 +14,8 @@ constexpr double kPrice = 7.5;
 constexpr double kSupportWeight = 20.0;
 constexpr double kSharpnessWeight = 9.0;
 constexpr double kOrigin = 0.55;
-// Of one object in right cameras: log odds at the origin and their growth with support. Sharpness
-// does not tell then: the wrong ones are parts that share edges with what stands there.
+// Of one object in right cameras: log odds at the origin and their growth with support, set by
+// hand. Sharpness does not tell then: wrong ones are parts that share edges with what stands there.
 constexpr double kObjectBase = 0.4;
 constexpr double kObjectWeight = 14.0;
 constexpr double kLearntCatalog = 20.0;  // objects in the catalog that it was learnt with
