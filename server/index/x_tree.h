@@ -153,15 +153,23 @@ class XTree {
   static absl::StatusOr<XTree> Create(const XTreeOptions& options);
 
   // Builds a packed tree of ids.size() points: coordinates one point after the other. Overlap-free
-  // for points. Errors: INVALID_ARGUMENT (sizes disagree, a coordinate is not finite).
+  // for points; the same for every number of threads. Besides the tree it needs 20 bytes an entry.
+  // Errors: INVALID_ARGUMENT (sizes disagree, a coordinate is not finite).
   static absl::StatusOr<XTree> BulkLoad(const XTreeOptions& options,
                                         std::span<const double> points,
-                                        std::span<const int64_t> ids);
-  // The same for boxes: lows and highs.
+                                        std::span<const int64_t> ids,
+                                        int threads = 1);
+  // The same for boxes: lows and highs, of points the same.
   static absl::StatusOr<XTree> BulkLoadBoxes(const XTreeOptions& options,
                                              std::span<const double> lows,
                                              std::span<const double> highs,
-                                             std::span<const int64_t> ids);
+                                             std::span<const int64_t> ids,
+                                             int threads = 1);
+  static absl::StatusOr<XTree> BulkLoadBoxes(const XTreeOptions& options,
+                                             std::span<const float> lows,
+                                             std::span<const float> highs,
+                                             std::span<const int64_t> ids,
+                                             int threads = 1);
 
   // Ids need not be unique. Errors: INVALID_ARGUMENT (dimension, not finite, low > high).
   absl::Status Insert(std::span<const double> point, int64_t id);
@@ -187,6 +195,12 @@ class XTree {
   };
 
   explicit XTree(const XTreeOptions& options);
+  template <typename Scalar>
+  static absl::StatusOr<XTree> Packed(const XTreeOptions& options,
+                                      std::span<const Scalar> lows,
+                                      std::span<const Scalar> highs,
+                                      std::span<const int64_t> ids,
+                                      int threads);
   absl::Status CheckBox(std::span<const double> low, std::span<const double> high) const;
   std::shared_ptr<Node> NewNode(int level, int blocks = 1) const;
   // Makes the node behind `link` the writer's own: copies it when a snapshot may see it.

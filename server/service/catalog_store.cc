@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <future>
 #include <iterator>
 #include <numeric>
 #include <utility>
@@ -20,6 +21,8 @@ using Prepared = std::shared_ptr<const PreparedObject>;
 // Objects read, prepared and stored together: enough to keep all threads busy, few enough that a
 // kill loses little of a long rebuild.
 constexpr int kLoadPage = 256;
+// Objects whose keys are read at once: 20 MB.
+constexpr int kKeyPage = 1024;
 
 struct Loaded {
   absl::StatusOr<Prepared> object = absl::UnknownError("not loaded");
@@ -71,16 +74,16 @@ absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr
   published->snapshot.generation = 1;
   HOROPTER_ASSIGN_OR_RETURN(const int objects, store->catalog_->CountObjects());
   store->load_report_.resident = objects <= options.max_resident;
-  std::vector<ObjectKeys> stored_keys;
+  KeyCollection keys;
   HOROPTER_RETURN_IF_ERROR(store->load_report_.resident
-                               ? store->LoadResident(published.get())
-                               : store->LoadStored(published.get(), &stored_keys));
-  HOROPTER_RETURN_IF_ERROR(store->BuildIndex(published.get(), stored_keys));
+                               ? store->LoadResident(published.get(), &keys)
+                               : store->LoadStored(published.get(), &keys));
+  HOROPTER_RETURN_IF_ERROR(store->BuildIndex(published.get(), std::move(keys)));
   store->published_ = std::move(published);
   return store;
 }
 
-absl::Status CatalogStore::LoadResident(PublishedCatalog* published) {
+absl::Status CatalogStore::LoadResident(PublishedCatalog* published, KeyCollection* keys) {
   std::string after;
   while (true) {
     HOROPTER_ASSIGN_OR_RETURN(std::vector<LoadedObject> page,
@@ -100,6 +103,7 @@ absl::Status CatalogStore::LoadResident(PublishedCatalog* published) {
       }
       ++(loaded[i].made ? load_report_.prepared : load_report_.restored);
       if (loaded[i].made) made.push_back({ids[i], Derive(**loaded[i].object)});
+      keys->Add(static_cast<int>(published->ids.size()), preparer_.keys_of(**loaded[i].object));
       published->ids.push_back(ids[i]);
       published->snapshot.objects.push_back(*std::move(loaded[i].object));
     }
@@ -109,37 +113,49 @@ absl::Status CatalogStore::LoadResident(PublishedCatalog* published) {
   }
 }
 
-absl::Status CatalogStore::LoadStored(PublishedCatalog* published, std::vector<ObjectKeys>* keys) {
-  std::string after;
-  while (true) {
-    HOROPTER_ASSIGN_OR_RETURN(const std::vector<StoredKeys> page,
-                              catalog_->LoadKeys(after, 16 * kLoadPage));
-    if (page.empty()) return absl::OkStatus();
-    for (const StoredKeys& stored : page) {
-      absl::StatusOr<ObjectKeys> known = absl::NotFoundError("none");
-      if (stored.version == preparer_.version) {
-        known = preparer_.decode_keys(stored.keys, stored.vertex_count);
+absl::Status CatalogStore::LoadStored(PublishedCatalog* published, KeyCollection* keys) {
+  std::vector<StoredKeys> page;
+  HOROPTER_ASSIGN_OR_RETURN(page, catalog_->LoadKeys("", kKeyPage));
+  while (!page.empty()) {
+    // The next page is read while this one is decoded.
+    std::future<absl::StatusOr<std::vector<StoredKeys>>> next =
+        std::async(options_.threads > 1 ? std::launch::async : std::launch::deferred,
+                   [&, after = page.back().id] { return catalog_->LoadKeys(after, kKeyPage); });
+    std::vector<absl::StatusOr<ObjectKeys>> decoded(page.size(), absl::NotFoundError("none"));
+    ParallelFor(static_cast<int>(page.size()), options_.threads - 1, [&](int i) {
+      if (page[i].version == preparer_.version) {
+        decoded[i] = preparer_.decode_keys(page[i].keys, page[i].vertex_count);
       }
-      if (known.ok()) {
+    });
+    absl::StatusOr<std::vector<StoredKeys>> following = next.get();
+    for (size_t i = 0; i < page.size(); ++i) {
+      const std::string& id = page[i].id;
+      if (decoded[i].ok()) {
         ++load_report_.restored;
       } else {
-        absl::StatusOr<LoadedObject> object = catalog_->LoadObject(stored.id);
-        const Loaded loaded = object.ok() ? LoadOne(*catalog_, *std::move(object), preparer_)
-                                          : Loaded{object.status(), false};
-        if (!loaded.object.ok()) {
-          load_report_.failures.push_back(FailureOf(stored.id, loaded.object.status()));
+        decoded[i] = MakeKeys(id);
+        if (!decoded[i].ok()) {
+          load_report_.failures.push_back(FailureOf(id, decoded[i].status()));
           continue;
         }
         ++load_report_.prepared;
-        load_report_.stored.Update(catalog_->StoreDerived({{stored.id, Derive(**loaded.object)}}));
-        known = preparer_.keys_of(**loaded.object);
       }
-      published->ids.push_back(stored.id);
-      published->snapshot.stored.push_back(Handle(stored.id));
-      keys->push_back(*std::move(known));
+      keys->Add(static_cast<int>(published->ids.size()), *decoded[i]);
+      published->ids.push_back(id);
+      published->snapshot.stored.push_back(Handle(id));
     }
-    after = page.back().id;
+    HOROPTER_RETURN_IF_ERROR(following.status());
+    page = *std::move(following);
   }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<ObjectKeys> CatalogStore::MakeKeys(const std::string& id) {
+  HOROPTER_ASSIGN_OR_RETURN(LoadedObject object, catalog_->LoadObject(id));
+  const Loaded loaded = LoadOne(*catalog_, std::move(object), preparer_);
+  HOROPTER_RETURN_IF_ERROR(loaded.object.status());
+  load_report_.stored.Update(catalog_->StoreDerived({{id, Derive(**loaded.object)}}));
+  return preparer_.keys_of(**loaded.object);
 }
 
 std::shared_ptr<const StoredObject> CatalogStore::Handle(const std::string& id) {
@@ -251,17 +267,13 @@ absl::Status CatalogStore::CheckDerived(const std::string& id, bool recompute) {
   return absl::DataLossError("the derived data differ from what the geometry gives");
 }
 
-absl::Status CatalogStore::BuildIndex(PublishedCatalog* published,
-                                      const std::vector<ObjectKeys>& stored_keys) {
+absl::Status CatalogStore::BuildIndex(PublishedCatalog* published, KeyCollection keys) {
   CatalogSnapshot& snapshot = published->snapshot;
-  std::vector<const ObjectKeys*> keys;
-  for (const Prepared& object : snapshot.objects) keys.push_back(&preparer_.keys_of(*object));
-  for (const ObjectKeys& stored : stored_keys) keys.push_back(&stored);
-  snapshot.slots.resize(keys.size());
+  snapshot.slots.resize(published->ids.size());
   std::iota(snapshot.slots.begin(), snapshot.slots.end(), 0);
   HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, catalog_->Generation());
-  absl::StatusOr<KeyIndex> built =
-      KeyIndex::Build(keys, static_cast<uint32_t>(generation), options_.threads);
+  absl::StatusOr<KeyIndex> built = KeyIndex::FromCollection(
+      std::move(keys), static_cast<uint32_t>(generation), options_.threads);
   if (!built.ok()) return built.status();
   index_ = *std::move(built);
   snapshot.keys = index_->Snapshot();
@@ -271,18 +283,10 @@ absl::Status CatalogStore::BuildIndex(PublishedCatalog* published,
 absl::Status CatalogStore::CheckIndex() const {
   const auto published = Published();
   const CatalogSnapshot& snapshot = published->snapshot;
-  std::vector<ObjectKeys> read(snapshot.stored.size());
-  std::vector<const ObjectKeys*> keys;
+  KeyTally keys;
   for (int i = 0; i < ObjectCount(snapshot); ++i) {
-    const size_t slot = static_cast<size_t>(snapshot.slots[i]);
-    if (keys.size() <= slot) keys.resize(slot + 1, nullptr);
-    if (snapshot.stored.empty()) {
-      keys[slot] = &preparer_.keys_of(*snapshot.objects[i]);
-      continue;
-    }
-    HOROPTER_ASSIGN_OR_RETURN(const Prepared object, snapshot.stored[i]->Get());
-    read[i] = preparer_.keys_of(*object);
-    keys[slot] = &read[i];
+    HOROPTER_ASSIGN_OR_RETURN(const Prepared object, ObjectAt(snapshot, i));
+    keys.Add(snapshot.slots[i], preparer_.keys_of(*object));
   }
   return snapshot.keys.CheckAgainst(keys);
 }

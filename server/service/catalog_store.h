@@ -98,9 +98,11 @@ class CatalogStore {
                ObjectPreparer preparer,
                const StoreOptions& options);
 
-  absl::Status LoadResident(PublishedCatalog* published);
-  // Leaves the keys of the published objects in `keys`.
-  absl::Status LoadStored(PublishedCatalog* published, std::vector<ObjectKeys>* keys);
+  // Both leave the keys of the published objects in `keys`.
+  absl::Status LoadResident(PublishedCatalog* published, KeyCollection* keys);
+  absl::Status LoadStored(PublishedCatalog* published, KeyCollection* keys);
+  // Of an object whose stored keys are out of date or damaged; stores them.
+  absl::StatusOr<ObjectKeys> MakeKeys(const std::string& id);
   // Of an object that is not to stay in memory.
   std::shared_ptr<const StoredObject> Handle(const std::string& id);
   // What a handle calls: reads and restores or prepares the object and keeps it for a while.
@@ -110,7 +112,7 @@ class CatalogStore {
   DerivedData Derive(const PreparedObject& object) const;
 
   // The index over all published objects, built at once. Errors: INTERNAL.
-  absl::Status BuildIndex(PublishedCatalog* published, const std::vector<ObjectKeys>& stored_keys);
+  absl::Status BuildIndex(PublishedCatalog* published, KeyCollection keys);
 
   // Replaces (prepared set) or removes (prepared empty) one object. Needs write_mutex_.
   void Publish(const std::string& id, Prepared prepared);

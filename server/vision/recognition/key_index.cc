@@ -1,12 +1,11 @@
 #include "server/vision/recognition/key_index.h"
 
-#include <limits>
-#include <map>
+#include <bit>
 #include <optional>
+#include <span>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -36,21 +35,10 @@ XTreeOptions TreeOptions(int table) {
 template <typename Visit>
 void ForEachKey(const ObjectKeys& keys, int table, const Visit& visit) {
   const auto all = [&](const auto& rows) {
-    std::vector<double> values;
     for (std::size_t i = 0; i < rows.size(); ++i) {
-      values.assign(rows[i].values.begin(), rows[i].values.end());
-      visit(static_cast<int>(i), values, values);
+      visit(static_cast<int>(i), std::span(rows[i].values), std::span(rows[i].values));
     }
   };
-  if (table == kPathViews) {
-    std::vector<double> low, high;
-    for (std::size_t i = 0; i < keys.path_views.size(); ++i) {
-      low.assign(keys.path_views[i].low.begin(), keys.path_views[i].low.end());
-      high.assign(keys.path_views[i].high.begin(), keys.path_views[i].high.end());
-      visit(static_cast<int>(i), low, high);
-    }
-    return;
-  }
   switch (static_cast<KeyTable>(table)) {
     case KeyTable::kChains:
       return all(keys.chains);
@@ -59,25 +47,32 @@ void ForEachKey(const ObjectKeys& keys, int table, const Visit& visit) {
     case KeyTable::kSixPoints:
       return all(keys.six_points);
     case KeyTable::kPathViews:
+      for (std::size_t i = 0; i < keys.path_views.size(); ++i) {
+        const PathViewRow& row = keys.path_views[i];
+        visit(static_cast<int>(i), std::span(row.low), std::span(row.high));
+      }
       return;
   }
 }
 
-absl::StatusOr<XTree> BuildTree(const std::vector<const ObjectKeys*>& objects, int table) {
-  std::vector<double> lows, highs;
-  std::vector<int64_t> ids;
-  const bool boxes = TreeOptions(table).boxes;
-  for (int slot = 0; slot < static_cast<int>(objects.size()); ++slot) {
-    if (objects[slot] == nullptr) continue;
-    ForEachKey(*objects[slot],
-               table,
-               [&](int key, const std::vector<double>& low, const std::vector<double>& high) {
-                 lows.insert(lows.end(), low.begin(), low.end());
-                 if (boxes) highs.insert(highs.end(), high.begin(), high.end());
-                 ids.push_back(IdOf(slot, key));
-               });
-  }
-  return XTree::BulkLoadBoxes(TreeOptions(table), lows, boxes ? highs : lows, ids);
+std::vector<double> Doubles(std::span<const float> values) {
+  return {values.begin(), values.end()};
+}
+
+// Of an entry of a tree; floats and the doubles they become give the same.
+template <typename Scalar>
+std::uint64_t HashOf(int64_t id, std::span<const Scalar> low, std::span<const Scalar> high) {
+  std::uint64_t hash = 0;
+  const auto mix = [&](std::uint64_t value) {  // the finaliser of splitmix64
+    hash += value + 0x9e3779b97f4a7c15ull;
+    hash = (hash ^ (hash >> 30)) * 0xbf58476d1ce4e5b9ull;
+    hash = (hash ^ (hash >> 27)) * 0x94d049bb133111ebull;
+    hash ^= hash >> 31;
+  };
+  mix(static_cast<std::uint64_t>(id));
+  for (const Scalar x : low) mix(std::bit_cast<std::uint64_t>(static_cast<double>(x)));
+  for (const Scalar x : high) mix(std::bit_cast<std::uint64_t>(static_cast<double>(x)));
+  return hash;
 }
 
 absl::StatusOr<FeatureTransform> Fit(const XTreeSnapshot& tree, std::uint32_t generation) {
@@ -151,34 +146,43 @@ int64_t KeyIndexSnapshot::bytes() const {
   return sum;
 }
 
-absl::Status KeyIndexSnapshot::CheckAgainst(const std::vector<const ObjectKeys*>& objects) const {
+absl::Status KeyIndexSnapshot::CheckAgainst(const KeyTally& keys) const {
   for (int t = 0; t < kKeyTables; ++t) {
     HOROPTER_RETURN_IF_ERROR(trees_[t].CheckInvariants());
-    using Values = std::vector<double>;
-    std::map<int64_t, std::pair<Values, Values>> wanted;
-    for (int slot = 0; slot < static_cast<int>(objects.size()); ++slot) {
-      if (objects[slot] == nullptr) continue;
-      ForEachKey(*objects[slot], t, [&](int key, const Values& low, const Values& high) {
-        wanted[IdOf(slot, key)] = {low, high};
-      });
+    if (keys.tables_[t].count != trees_[t].size()) {
+      return absl::InternalError(absl::StrCat("index ",
+                                              t,
+                                              " holds ",
+                                              trees_[t].size(),
+                                              " keys, the objects have ",
+                                              keys.tables_[t].count));
     }
-    if (static_cast<int64_t>(wanted.size()) != trees_[t].size()) {
-      return absl::InternalError(absl::StrCat(
-          "index ", t, " holds ", trees_[t].size(), " keys, the objects have ", wanted.size()));
-    }
-    int64_t wrong = 0;
+    std::uint64_t sum = 0;
     trees_[t].ForEach([&](int64_t id, std::span<const double> low, std::span<const double> high) {
-      const auto it = wanted.find(id);
-      wrong += it == wanted.end() ||
-               !std::equal(low.begin(), low.end(), it->second.first.begin()) ||
-               !std::equal(high.begin(), high.end(), it->second.second.begin());
-      if (it != wanted.end()) wanted.erase(it);
+      sum += HashOf(id, low, high);
     });
-    if (wrong > 0) {
-      return absl::InternalError(absl::StrCat("index ", t, " holds ", wrong, " foreign keys"));
+    if (sum != keys.tables_[t].sum) {
+      return absl::InternalError(absl::StrCat("index ", t, " holds foreign keys"));
     }
   }
   return absl::OkStatus();
+}
+
+absl::Status KeyIndexSnapshot::CheckAgainst(const std::vector<const ObjectKeys*>& objects) const {
+  KeyTally keys;
+  for (int slot = 0; slot < static_cast<int>(objects.size()); ++slot) {
+    if (objects[slot] != nullptr) keys.Add(slot, *objects[slot]);
+  }
+  return CheckAgainst(keys);
+}
+
+void KeyTally::Add(int slot, const ObjectKeys& keys) {
+  for (int t = 0; t < kKeyTables; ++t) {
+    ForEachKey(keys, t, [&](int key, std::span<const float> low, std::span<const float> high) {
+      ++tables_[t].count;
+      tables_[t].sum += HashOf(IdOf(slot, key), low, high);
+    });
+  }
 }
 
 std::vector<int> SharedKeys(const KeyIndexSnapshot& index, const ObjectKeys& keys) {
@@ -215,29 +219,50 @@ std::vector<int> SharedKeys(const KeyIndexSnapshot& index, const ObjectKeys& key
   return shared;
 }
 
-absl::StatusOr<KeyIndex> KeyIndex::Build(const std::vector<const ObjectKeys*>& objects,
-                                         std::uint32_t generation,
-                                         int threads) {
-  std::array<std::optional<absl::StatusOr<XTree>>, kKeyTables> built;
-  ParallelFor(kKeyTables, threads, [&](int t) { built[t] = BuildTree(objects, t); });
-  std::vector<XTree> trees;
+void KeyCollection::Add(int slot, const ObjectKeys& keys) {
   for (int t = 0; t < kKeyTables; ++t) {
-    HOROPTER_RETURN_IF_ERROR(built[t]->status());
-    trees.push_back(**std::move(built[t]));
+    Table& table = tables_[t];
+    ForEachKey(keys, t, [&](int key, std::span<const float> low, std::span<const float> high) {
+      table.lows.insert(table.lows.end(), low.begin(), low.end());
+      if (t == kPathViews) table.highs.insert(table.highs.end(), high.begin(), high.end());
+      table.ids.push_back(IdOf(slot, key));
+    });
+  }
+}
+
+absl::StatusOr<KeyIndex> KeyIndex::FromCollection(KeyCollection keys,
+                                                  std::uint32_t generation,
+                                                  int threads) {
+  std::array<std::optional<XTree>, kKeyTables> trees;
+  for (int t = kKeyTables; t-- > 0;) {  // the largest first, while the memory is still there
+    const KeyCollection::Table table = std::exchange(keys.tables_[t], {});
+    const std::vector<float>& highs = t == kPathViews ? table.highs : table.lows;
+    HOROPTER_ASSIGN_OR_RETURN(
+        trees[t], XTree::BulkLoadBoxes(TreeOptions(t), table.lows, highs, table.ids, threads));
   }
   KeyIndex index(
-      {std::move(trees[0]), std::move(trees[1]), std::move(trees[2]), std::move(trees[3])});
+      {*std::move(trees[0]), *std::move(trees[1]), *std::move(trees[2]), *std::move(trees[3])});
   index.transforms_ = std::make_shared<const std::array<FeatureTransform, kKeyTables>>();
   HOROPTER_RETURN_IF_ERROR(index.RefreshTransforms(generation));
   return index;
+}
+
+absl::StatusOr<KeyIndex> KeyIndex::Build(const std::vector<const ObjectKeys*>& objects,
+                                         std::uint32_t generation,
+                                         int threads) {
+  KeyCollection keys;
+  for (int slot = 0; slot < static_cast<int>(objects.size()); ++slot) {
+    if (objects[slot] != nullptr) keys.Add(slot, *objects[slot]);
+  }
+  return FromCollection(std::move(keys), generation, threads);
 }
 
 absl::Status KeyIndex::Insert(int slot, const ObjectKeys& keys) {
   if (slot < 0) return absl::InvalidArgumentError("negative slot");
   absl::Status status;
   for (int t = 0; t < kKeyTables; ++t) {
-    ForEachKey(keys, t, [&](int key, const auto& low, const auto& high) {
-      status.Update(trees_[t].InsertBox(low, high, IdOf(slot, key)));
+    ForEachKey(keys, t, [&](int key, std::span<const float> low, std::span<const float> high) {
+      status.Update(trees_[t].InsertBox(Doubles(low), Doubles(high), IdOf(slot, key)));
     });
   }
   return status;
@@ -246,8 +271,8 @@ absl::Status KeyIndex::Insert(int slot, const ObjectKeys& keys) {
 absl::Status KeyIndex::Erase(int slot, const ObjectKeys& keys) {
   absl::Status status;
   for (int t = 0; t < kKeyTables; ++t) {
-    ForEachKey(keys, t, [&](int key, const auto& low, const auto& high) {
-      status.Update(trees_[t].DeleteBox(low, high, IdOf(slot, key)));
+    ForEachKey(keys, t, [&](int key, std::span<const float> low, std::span<const float> high) {
+      status.Update(trees_[t].DeleteBox(Doubles(low), Doubles(high), IdOf(slot, key)));
     });
   }
   return status;

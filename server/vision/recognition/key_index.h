@@ -27,6 +27,21 @@ struct KeyHit {
   friend bool operator==(const KeyHit&, const KeyHit&) = default;
 };
 
+// What an index over some objects must hold, in a few numbers: per table the count of the keys and
+// the sum of their hashes, which does not depend on their order.
+class KeyTally {
+ public:
+  void Add(int slot, const ObjectKeys& keys);
+
+ private:
+  friend class KeyIndexSnapshot;
+  struct Table {
+    int64_t count = 0;
+    std::uint64_t sum = 0;
+  };
+  std::array<Table, kKeyTables> tables_;
+};
+
 // One state of the index; immutable, any number of readers.
 class KeyIndexSnapshot {
  public:
@@ -50,8 +65,10 @@ class KeyIndexSnapshot {
   int64_t size() const;
   int64_t bytes() const;
 
-  // Whether it holds the keys of exactly these objects, objects[i] in slot i (null: a free slot).
-  // Errors: INTERNAL, says what differs.
+  // Whether it holds exactly these keys (but for a collision of 64-bit sums) and the trees are
+  // sound. Errors: INTERNAL, says what differs.
+  absl::Status CheckAgainst(const KeyTally& keys) const;
+  // The same of objects[i] in slot i; null: a free slot.
   absl::Status CheckAgainst(const std::vector<const ObjectKeys*>& objects) const;
 
  private:
@@ -66,10 +83,31 @@ class KeyIndexSnapshot {
 // Of more than 64 keys of a table evenly chosen ones are asked for.
 std::vector<int> SharedKeys(const KeyIndexSnapshot& index, const ObjectKeys& keys);
 
+// Keys of many objects on their way into an index: less than the objects' own tables take, and let
+// go table by table while the index is made.
+class KeyCollection {
+ public:
+  void Add(int slot, const ObjectKeys& keys);
+
+ private:
+  friend class KeyIndex;
+  struct Table {
+    std::vector<float> lows;
+    std::vector<float> highs;  // of boxes
+    std::vector<int64_t> ids;
+  };
+  std::array<Table, kKeyTables> tables_;
+};
+
 // The index that changes. One writer; snapshots share all but the nodes a write touches.
 class KeyIndex {
  public:
-  // objects[i] gets slot i. generation: of the catalog, kept in the transformations.
+  // generation: of the catalog, kept in the transformations. Errors: INVALID_ARGUMENT (keys that
+  // are not finite).
+  static absl::StatusOr<KeyIndex> FromCollection(KeyCollection keys,
+                                                 std::uint32_t generation,
+                                                 int threads = 1);
+  // objects[i] gets slot i; null: a free slot.
   static absl::StatusOr<KeyIndex> Build(const std::vector<const ObjectKeys*>& objects,
                                         std::uint32_t generation,
                                         int threads = 1);

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
 #include <numeric>
 #include <random>
@@ -81,6 +82,39 @@ TEST(XTreeTest, BulkLoadedTreeHoldsEverythingAndIsSound) {
   }
 }
 
+std::vector<int64_t> StorageOrder(const XTree& tree) {
+  std::vector<int64_t> ids;
+  tree.view().ForEach([&](int64_t id, auto, auto) { ids.push_back(id); });
+  return ids;
+}
+
+TEST(XTreeTest, PackedBoxesAreSoundAndTheSameForAnyNumberOfThreads) {
+  constexpr int kCount = 150000, kDimensions = 4;
+  const std::vector<double> points = RandomPoints(kCount, kDimensions, 13);
+  std::vector<float> lows(points.begin(), points.end()), highs = lows;
+  for (size_t i = 0; i < highs.size(); ++i) highs[i] += 0.001f * static_cast<float>(i % 7);
+  // Many equal ones, so that ties decide where pieces end.
+  for (size_t i = 0; i < lows.size() / 3; ++i) lows[i] = highs[i] = 0.25f;
+  const XTreeOptions options{.dimensions = kDimensions, .boxes = true};
+  const XTree one = XTree::BulkLoadBoxes(options, lows, highs, Iota(kCount), 1).value();
+  const XTree four = XTree::BulkLoadBoxes(options, lows, highs, Iota(kCount), 4).value();
+  EXPECT_TRUE(one.view().CheckInvariants().ok()) << one.view().CheckInvariants();
+  EXPECT_EQ(StorageOrder(one), StorageOrder(four));
+  EXPECT_EQ(Sorted(StorageOrder(one)), Iota(kCount));
+  const std::vector<double> low(kDimensions, 0.3), high(kDimensions, 0.6);
+  std::vector<int64_t> expected;
+  for (int i = 0; i < kCount; ++i) {
+    bool meets = true;
+    for (size_t d = 0; d < kDimensions; ++d) {
+      const size_t at = static_cast<size_t>(i) * kDimensions + d;
+      meets &= lows[at] <= high[d] && highs[at] >= low[d];
+    }
+    if (meets) expected.push_back(i);
+  }
+  EXPECT_FALSE(expected.empty());
+  EXPECT_EQ(Sorted(four.view().Box(low, high)), expected);
+}
+
 TEST(XTreeTest, BulkLoadedTreeGrowsAndShrinksToNothing) {
   constexpr int kCount = 3000, kDimensions = 3;
   const std::vector<double> points = RandomPoints(2 * kCount, kDimensions, 8);
@@ -107,6 +141,55 @@ TEST(XTreeTest, PointQueryOnPackedPointsVisitsFewNodes) {
     const std::span<const double> p = Row(points, i, kDimensions);
     EXPECT_EQ(tree.view().Box(p, p, &stats), std::vector<int64_t>{i});
     EXPECT_LE(stats.accesses(), 2 * tree.view().Memory().height);
+  }
+}
+
+// The cost of a query may grow with the logarithm of the number of keys and with its answers: what
+// is read beyond the nodes that hold the answers is at most a few nodes a level. Each tree holds
+// the smaller one's points and more of the same density, so that the query has the same answers.
+TEST(XTreeTest, NodesReadGrowWithTheHeightAndTheAnswersOnly) {
+  constexpr int kDimensions = 3;
+  constexpr double kPerUnit = 30.0;  // points in a unit cube: about a leaf
+  for (const bool packed : {true, false}) {
+    double most_extra = 0.0;
+    for (const int count : {1000, 8000, 64000, 512000}) {
+      if (!packed && count > 64000) continue;  // takes long to insert
+      std::vector<double> points = RandomPoints(count, kDimensions, 14);
+      const double side = std::cbrt(count / kPerUnit);
+      for (double& x : points) x *= side;
+      XTree tree = XTree::Create({.dimensions = kDimensions}).value();
+      if (packed) {
+        tree = XTree::BulkLoad({.dimensions = kDimensions}, points, Iota(count)).value();
+      } else {
+        for (int i = 0; i < count; ++i) {
+          ASSERT_TRUE(tree.Insert(Row(points, i, kDimensions), i).ok());
+        }
+      }
+      const int height = tree.view().Memory().height;
+      QueryStats stats;
+      size_t answers = 0;
+      constexpr int kQueries = 200;
+      for (int q = 0; q < kQueries; ++q) {
+        const auto center = Row(points, q * (count / kQueries), kDimensions);
+        Ellipsoid ball;
+        ball.center = Eigen::Map<const Eigen::VectorXd>(center.data(), kDimensions);
+        ball.covariance = 0.09 * Eigen::MatrixXd::Identity(kDimensions, kDimensions);
+        ball.gate = 1.0;
+        answers += tree.view().Inside(ball, &stats).value().size();
+      }
+      EXPECT_EQ(stats.scans, 0);
+      const double per_query = static_cast<double>(stats.accesses()) / kQueries;
+      // A ball of 0.3 units meets up to eight neighbouring leaves and as many nodes of each level.
+      EXPECT_LT(per_query, 8.0 * height) << count << " points, packed " << packed;
+      EXPECT_GE(answers, static_cast<size_t>(kQueries));
+      most_extra = std::max(most_extra, per_query / height);
+      std::printf("%d points, height %d: %.1f nodes, %.1f answers a query\n",
+                  count,
+                  height,
+                  per_query,
+                  static_cast<double>(answers) / kQueries);
+    }
+    EXPECT_GT(most_extra, 0.5);  // they are counted at all
   }
 }
 
