@@ -99,7 +99,9 @@ absl::Status WriteBopObject(const std::string& folder, const BopExportEntry& ent
         Write(absl::StrCat(folder, "/cad/", stem, ".", entry.cad_format), entry.cad_content));
   }
   if (!entry.model.grasps.empty()) {
-    HOROPTER_RETURN_IF_ERROR(WriteGrasps(folder + "/grasps/" + stem + ".json", entry.model.grasps));
+    const std::string grasps = folder + "/grasps/" + stem;
+    HOROPTER_RETURN_IF_ERROR(WriteGrasps(grasps + ".json", entry.model.grasps));
+    HOROPTER_RETURN_IF_ERROR(WriteIsaacGrasps(grasps + ".yaml", stem, entry.model.grasps));
   }
   return absl::OkStatus();
 }

@@ -158,13 +158,26 @@ absl::Status Export(HoropterClient& client,
   return absl::OkStatus();
 }
 
+void PrintLookAlikes(const v1::ListLookAlikesResponse& found) {
+  for (const v1::LookAlike& look_alike : found.look_alikes()) {
+    std::printf("look-alike: %s\n", Explain(look_alike).c_str());
+  }
+}
+
 }  // namespace
 
 absl::Status ReportLookAlikes(HoropterClient& client, const std::string& id) {
   HOROPTER_ASSIGN_OR_RETURN(const v1::ListLookAlikesResponse found, client.ListLookAlikes(id));
-  for (const v1::LookAlike& look_alike : found.look_alikes()) {
-    std::printf("look-alike: %s\n", Explain(look_alike).c_str());
-  }
+  PrintLookAlikes(found);
+  return absl::OkStatus();
+}
+
+absl::Status ObjectLookAlikes(HoropterClient& client, const std::string& id) {
+  HOROPTER_ASSIGN_OR_RETURN(const v1::ListLookAlikesResponse found, client.ListLookAlikes(id));
+  PrintLookAlikes(found);
+  std::printf("%d look-alikes among %d other objects\n",
+              found.look_alikes_size(),
+              static_cast<int>(found.compared()));
   return absl::OkStatus();
 }
 
@@ -181,16 +194,24 @@ absl::Status CatalogRebuild(HoropterClient& client, std::vector<std::string> ids
   return absl::OkStatus();
 }
 
-absl::Status CatalogVerify(HoropterClient& client, bool recompute) {
+absl::Status CatalogVerify(HoropterClient& client,
+                           bool recompute,
+                           const std::vector<std::string>& ids) {
+  for (const std::string& id : ids) {
+    HOROPTER_RETURN_IF_ERROR(client.GetObject(id, v1::OBJECT_VIEW_BASIC).status());
+  }
   HOROPTER_ASSIGN_OR_RETURN(const v1::VerifyCatalogResponse result,
                             client.VerifyCatalog(recompute));
+  int problems = 0;
   for (const auto& problem : result.problems()) {
-    std::printf("%s: %s\n",
-                problem.name().empty() ? "catalog" : IdOfResource(problem.name()).c_str(),
-                problem.what().c_str());
+    const std::string id = problem.name().empty() ? "" : IdOfResource(problem.name());
+    if (!ids.empty() && !id.empty() && std::find(ids.begin(), ids.end(), id) == ids.end()) continue;
+    ++problems;
+    std::printf("%s: %s\n", id.empty() ? "catalog" : id.c_str(), problem.what().c_str());
   }
-  std::printf("%d objects checked, %d problems\n", result.objects(), result.problems_size());
-  if (result.problems_size() == 0) return absl::OkStatus();
+  const int checked = ids.empty() ? result.objects() : static_cast<int>(ids.size());
+  std::printf("%d objects checked, %d problems\n", checked, problems);
+  if (problems == 0) return absl::OkStatus();
   return absl::DataLossError(
       "the catalog is damaged; `horopter catalog rebuild` makes derived data anew, for the rest "
       "restore a backup or enrol the objects again");

@@ -35,11 +35,16 @@ absl::Status ObjectList(HoropterClient& client);
 absl::Status ObjectShow(HoropterClient& client, const std::string& id, bool json);
 absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>& ids);
 
-// Prints the objects that the named one can be taken for.
+// Prints the objects that the named one can be taken for; of none, the first prints nothing.
 absl::Status ReportLookAlikes(HoropterClient& client, const std::string& id);
+absl::Status ObjectLookAlikes(HoropterClient& client, const std::string& id);
 
-// DATA_LOSS when a problem is found. recompute: derived data are made anew and compared.
-absl::Status CatalogVerify(HoropterClient& client, bool recompute);
+// DATA_LOSS when a problem is found. recompute: derived data are made anew and compared. Everything
+// is checked; with ids, only problems of these objects and of the catalog as a whole are reported.
+// Errors: NOT_FOUND (an id).
+absl::Status CatalogVerify(HoropterClient& client,
+                           bool recompute,
+                           const std::vector<std::string>& ids);
 // Makes the derived data of the named objects anew; no ids: of all.
 absl::Status CatalogRebuild(HoropterClient& client, std::vector<std::string> ids);
 // Both write to new files and folders only.

@@ -39,6 +39,7 @@ struct Arguments {
   std::vector<std::string> rm_ids;
   std::vector<std::string> rebuild_ids;
   bool recompute = false;
+  std::vector<std::string> verify_ids;
   std::vector<std::string> export_ids;
   std::string folder;
   std::string backup_path;
@@ -53,8 +54,9 @@ using Command = std::function<absl::Status(HoropterClient&)>;
 void AddVerify(CLI::App* verify, Arguments& a, Command& command) {
   verify->add_flag(
       "--recompute", a.recompute, "also make derived data anew and compare: 0.1 s per object");
-  verify->callback(
-      [&] { command = [&](HoropterClient& c) { return CatalogVerify(c, a.recompute); }; });
+  verify->callback([&] {
+    command = [&](HoropterClient& c) { return CatalogVerify(c, a.recompute, a.verify_ids); };
+  });
 }
 
 void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
@@ -62,7 +64,11 @@ void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
   object->fallthrough();
 
   CLI::App* add = object->add_subcommand("add", "enrol a CAD file")->fallthrough();
-  add->add_option("CAD_FILE", a.add.cad_path, "STEP, IGES, PLY, STL, OBJ or CAO")->required();
+  add->add_option("CAD_FILE",
+                  a.add.cad_path,
+                  "STEP, IGES, PLY, STL, OBJ or CAO; a PLY file without faces is a point cloud, a "
+                  "JSON file a reconstruction")
+      ->required();
   add->add_option("--id", a.add.id, "[a-z0-9_-]{1,63}")->required();
   add->add_option("--grasps", a.add.grasps_path, "grasp poses: JSON or isaac_grasp YAML");
   add->add_option(
@@ -75,7 +81,8 @@ void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
   update->add_option("ID", a.update.id)->required();
   update->add_option("--cad", a.update.cad_path, "new geometry");
   update->add_option("--units", a.update.unit, "of the CAD file, as for add");
-  update->add_option("--grasps", a.update.grasps_path, "JSON file that replaces all grasps");
+  update->add_option(
+      "--grasps", a.update.grasps_path, "JSON or isaac_grasp YAML that replaces all grasps");
   update->add_option("--name", a.update.display_name, "free text");
   update->callback(
       [&] { command = [&](HoropterClient& c) { return ObjectUpdateCommand(c, a.update); }; });
@@ -94,7 +101,8 @@ void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
   rm->callback([&] { command = [&](HoropterClient& c) { return ObjectRemove(c, a.rm_ids); }; });
 
   CLI::App* verify =
-      object->add_subcommand("verify", "check everything that is stored")->fallthrough();
+      object->add_subcommand("verify", "check what is stored of objects")->fallthrough();
+  verify->add_option("ID", a.verify_ids, "report these alone (default: all)");
   AddVerify(verify, a, command);
 
   CLI::App* write = object->add_subcommand("export", "write objects to a folder")->fallthrough();
@@ -108,7 +116,7 @@ void AddObjectCommands(CLI::App& app, Arguments& a, Command& command) {
       object->add_subcommand("look-alikes", "objects it can be taken for")->fallthrough();
   like->add_option("ID", a.show_id)->required();
   like->callback(
-      [&] { command = [&](HoropterClient& c) { return ReportLookAlikes(c, a.show_id); }; });
+      [&] { command = [&](HoropterClient& c) { return ObjectLookAlikes(c, a.show_id); }; });
 }
 
 void AddCatalogCommands(CLI::App& app, Arguments& a, Command& command) {

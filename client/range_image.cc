@@ -295,6 +295,22 @@ class PointModel {
   std::vector<Corner> corners_;
 };
 
+// Median distance of a point from its `rank`-th neighbour, of a sample.
+double MedianNeighborDistance(const std::vector<Eigen::Vector3d>& points, size_t rank) {
+  constexpr size_t kSample = 200;
+  const size_t step = std::max<size_t>(1, points.size() / kSample);
+  std::vector<double> found, squared(points.size());
+  for (size_t s = 0; s < points.size(); s += step) {
+    for (size_t i = 0; i < points.size(); ++i) squared[i] = (points[i] - points[s]).squaredNorm();
+    const auto at = squared.begin() + static_cast<long>(std::min(rank, squared.size() - 1));
+    std::nth_element(squared.begin(), at, squared.end());
+    found.push_back(std::sqrt(*at));
+  }
+  const auto middle = found.begin() + static_cast<long>(found.size() / 2);
+  std::nth_element(found.begin(), middle, found.end());
+  return *middle;
+}
+
 // One point per cell: dense scans cost no more than sparse ones.
 std::vector<Eigen::Vector3d> Thinned(const std::vector<Eigen::Vector3d>& points, double cell) {
   std::vector<Eigen::Vector3d> kept;
@@ -324,8 +340,12 @@ absl::StatusOr<RangeImageModel> ModelFromPoints(const std::vector<Eigen::Vector3
   // In the box's frame, so that cells have small numbers.
   std::vector<Eigen::Vector3d> moved;
   for (const Eigen::Vector3d& p : points) moved.push_back(p - box.min());
-  const double spacing = options.spacing_share * extent;
-  PointModel model(Thinned(moved, 0.5 * spacing), spacing, options);
+  double spacing = options.spacing_share * extent;
+  std::vector<Eigen::Vector3d> thinned = Thinned(moved, 0.5 * spacing);
+  // Within reach of a normal there must be more than the six points it needs.
+  constexpr size_t kNeighbors = 12;
+  spacing = std::max(spacing, MedianNeighborDistance(thinned, kNeighbors) / kNormalReach);
+  PointModel model(std::move(thinned), spacing, options);
   RangeImageModel result;
   result.planes = static_cast<int>(model.planes().size());
   result.explained = model.explained();

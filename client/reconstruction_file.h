@@ -28,8 +28,8 @@ struct RangeImageOptions {
   // Planes with fewer points than this share of all are not looked at. Raising it drops small
   // faces.
   double min_plane_share = 0.01;
-  // Neighbouring points are at most this share of the extent apart. Raising it bridges gaps between
-  // faces and blurs small ones.
+  // Neighbouring points are at most this share of the extent apart; of sparse points the distance
+  // is taken from themselves. Raising it bridges gaps between faces and blurs small ones.
   double spacing_share = 1.0 / 60.0;
   unsigned seed = 1;
 };

@@ -43,6 +43,7 @@ struct DataChoice {
   int dimensions = 0;
   int count = 0;
   bool file = false;
+  bool boxes = false;
 };
 
 // Data and peers of one choice at a time: benchmarks run in the order in which they are registered.
@@ -155,10 +156,12 @@ void Register(const DataChoice& choice) {
   const std::string data =
       choice.file ? choice.name.substr(choice.name.rfind('/') + 1) : choice.name;
   for (const QueryKind kind : kQueryKinds) {
+    if (choice.boxes && kind != QueryKind::kPoint && kind != QueryKind::kBox) continue;
     const std::string row = data + "/" + std::to_string(choice.dimensions) + "/" +
                             std::to_string(choice.count) + "/" + NameOf(kind);
     for (int peer = 0; peer < kPeerCount; ++peer) {
       if (kPeers[peer] == MakeBoostRStar && choice.count > kLargestRStar && !choice.file) continue;
+      if (kPeers[peer] == MakeNanoflann && choice.boxes) continue;
       benchmark::RegisterBenchmark(
           (row + "/" + kPeerNames[peer]).c_str(),
           [=](benchmark::State& state) { RunQueries(state, choice, row, kind, peer); })
@@ -199,11 +202,12 @@ int Main(int argc, char** argv) {
   }
   for (const std::string& path : keys) {
     const IndexData data = ReadIndexKeys(path);
-    if (data.count == 0 || !IsComparedDimension(data.dimensions)) {
+    if (data.count == 0 || !IsComparedDimension(data.dimensions) ||
+        data.boxes() != (data.dimensions == 4)) {
       std::fprintf(stderr, "%s: no keys of a dimension that is compared\n", path.c_str());
       return 1;
     }
-    Register({path, data.dimensions, data.count, true});
+    Register({path, data.dimensions, data.count, true, data.boxes()});
   }
   for (const char* name : {"uniform", "clustered"}) {
     for (const int d : {2, 3, 6, 8, 16}) {

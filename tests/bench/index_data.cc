@@ -1,6 +1,7 @@
 #include "tests/bench/index_data.h"
 
 #include <Eigen/Dense>
+#include <cstdlib>
 #include <fstream>
 #include <numeric>
 #include <random>
@@ -13,7 +14,7 @@ const char* NameOf(QueryKind kind) {
 }
 
 IndexData GenerateIndexData(const std::string& name, int dimensions, int count, unsigned seed) {
-  IndexData data{name, dimensions, count, {}, {}};
+  IndexData data{name, dimensions, count, {}, {}, {}};
   std::mt19937 rng(seed);
   std::uniform_real_distribution<double> uniform;
   std::normal_distribution<double> normal;
@@ -39,9 +40,19 @@ IndexData ReadIndexKeys(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   double dimensions = 0.0;
   file.read(reinterpret_cast<char*>(&dimensions), sizeof(dimensions));
-  IndexData data{path.substr(path.rfind('/') + 1), static_cast<int>(dimensions), 0, {}, {}};
-  double x = 0.0;
-  while (file.read(reinterpret_cast<char*>(&x), sizeof(x))) data.points.push_back(x);
+  IndexData data{path.substr(path.rfind('/') + 1), static_cast<int>(dimensions), 0, {}, {}, {}};
+  const bool boxes = data.dimensions < 0;
+  data.dimensions = std::abs(data.dimensions);
+  std::vector<double> row(data.dimensions);
+  const auto read = [&](std::vector<double>& to) {
+    file.read(reinterpret_cast<char*>(row.data()),
+              static_cast<std::streamsize>(row.size() * sizeof(double)));
+    if (file) to.insert(to.end(), row.begin(), row.end());
+  };
+  while (file && data.dimensions > 0) {
+    read(data.points);
+    if (boxes) read(data.highs);
+  }
   if (data.dimensions > 0) data.count = static_cast<int>(data.points.size()) / data.dimensions;
   return data;
 }
@@ -51,8 +62,21 @@ void AddIndexQueries(IndexData& data, int count, unsigned seed) {
   std::normal_distribution<double> normal;
   std::vector<int64_t> ids(data.count);
   std::iota(ids.begin(), ids.end(), 0);
-  const XTree tree = XTree::BulkLoad({.dimensions = data.dimensions}, data.points, ids).value();
   const int d = data.dimensions;
+  if (data.boxes()) {
+    constexpr double kHalf = 0.03;
+    for (int q = 0; q < count; ++q) {
+      const int i = static_cast<int>(rng() % data.count);
+      IndexQuery& query = data.queries.emplace_back();
+      for (int k = 0; k < d; ++k) {
+        query.center.push_back(0.5 * (data.Row(i)[k] + data.High(i)[k]));
+        query.low.push_back(query.center.back() - kHalf);
+        query.high.push_back(query.center.back() + kHalf);
+      }
+    }
+    return;
+  }
+  const XTree tree = XTree::BulkLoad({.dimensions = d}, data.points, ids).value();
   for (int q = 0; q < count; ++q) {
     const double* at = data.Row(static_cast<int>(rng() % data.count));
     IndexQuery query;

@@ -68,6 +68,8 @@ IndexPeer ForDimension(int dimensions, const Make& make) {
       return make.template operator()<2>();
     case 3:
       return make.template operator()<3>();
+    case 4:
+      return make.template operator()<4>();
     case 5:
       return make.template operator()<5>();
     case 6:
@@ -79,6 +81,34 @@ IndexPeer ForDimension(int dimensions, const Make& make) {
     default:
       return {};
   }
+}
+
+template <int D>
+IndexPeer MakeBoostOfBoxes(const IndexData& data, bool packed) {
+  using Point = bg::model::point<double, D, bg::cs::cartesian>;
+  using Box = bg::model::box<Point>;
+  using Value = std::pair<Box, int64_t>;
+  using Tree = bgi::rtree<Value, bgi::rstar<16>>;
+  const auto box = [](const double* low, const double* high) {
+    Box b;
+    SetPoint<D>(b.min_corner(), low);
+    SetPoint<D>(b.max_corner(), high);
+    return b;
+  };
+  std::vector<Value> values(data.count);
+  for (int i = 0; i < data.count; ++i) values[i] = {box(data.Row(i), data.High(i)), i};
+  auto tree = packed ? std::make_shared<Tree>(values) : std::make_shared<Tree>();
+  if (!packed) tree->insert(values);
+  IndexPeer peer{packed ? "boost packed" : "boost R*", {}};
+  peer.run = [tree, box](const IndexQuery& q, QueryKind kind, Found& ids) {
+    const bool point = kind == QueryKind::kPoint;
+    std::vector<Value> found;
+    tree->query(bgi::intersects(box(point ? q.center.data() : q.low.data(),
+                                    point ? q.center.data() : q.high.data())),
+                std::back_inserter(found));
+    for (const Value& v : found) ids.push_back(v.second);
+  };
+  return peer;
 }
 
 template <int D>
@@ -124,6 +154,16 @@ IndexPeer MakeBoost(const IndexData& data, bool packed) {
     for (const Value& v : found) ids.push_back(v.second);
   };
   return peer;
+}
+
+// Boxes of four dimensions, points of all others: each instance takes the compiler long.
+template <int D>
+IndexPeer MakeEither(const IndexData& data, bool packed) {
+  if constexpr (D == 4) {
+    return MakeBoostOfBoxes<D>(data, packed);
+  } else {
+    return MakeBoost<D>(data, packed);
+  }
 }
 
 struct Cloud {
@@ -195,9 +235,7 @@ struct DataStream : si::IDataStream {
   const IndexData* data = nullptr;
   int next = 0;
   si::IData* getNext() override {
-    const si::Point p(data->Row(next), static_cast<uint32_t>(data->dimensions));
-    si::Region region;
-    p.getMBR(region);
+    si::Region region(data->Row(next), data->High(next), static_cast<uint32_t>(data->dimensions));
     return new si::RTree::Data(0, nullptr, region, next++);
   }
   bool hasNext() override { return next < data->count; }
@@ -217,7 +255,11 @@ IndexPeer MakeXTreePeer(const IndexData& data) {
   Found numbers(data.count);
   std::iota(numbers.begin(), numbers.end(), 0);
   auto tree = std::make_shared<XTree>(
-      XTree::BulkLoad({.dimensions = data.dimensions}, data.points, numbers).value());
+      XTree::BulkLoadBoxes({.dimensions = data.dimensions, .boxes = data.boxes()},
+                           data.points,
+                           data.boxes() ? data.highs : data.points,
+                           numbers)
+          .value());
   IndexPeer peer{"x-tree", {}};
   peer.run = [tree](const IndexQuery& q, QueryKind kind, Found& ids) {
     if (kind == QueryKind::kPoint) {
@@ -235,11 +277,11 @@ IndexPeer MakeXTreePeer(const IndexData& data) {
 }
 
 IndexPeer MakeBoostPacked(const IndexData& data) {
-  return ForDimension(data.dimensions, [&]<int D>() { return MakeBoost<D>(data, true); });
+  return ForDimension(data.dimensions, [&]<int D>() { return MakeEither<D>(data, true); });
 }
 
 IndexPeer MakeBoostRStar(const IndexData& data) {
-  return ForDimension(data.dimensions, [&]<int D>() { return MakeBoost<D>(data, false); });
+  return ForDimension(data.dimensions, [&]<int D>() { return MakeEither<D>(data, false); });
 }
 
 IndexPeer MakeNanoflann(const IndexData& data) {
@@ -321,8 +363,11 @@ IndexPeer MakeEigenScan(const IndexData& data) {
       const std::vector<double>& high_values = kind == QueryKind::kPoint ? q.center : q.high;
       const Eigen::Map<const Eigen::ArrayXd> low(low_values.data(), data.dimensions);
       const Eigen::Map<const Eigen::ArrayXd> high(high_values.data(), data.dimensions);
+      const Matrix top(data.High(0), data.dimensions, data.count);
       for (int i = 0; i < data.count; ++i) {
-        if ((x.col(i).array() >= low).all() && (x.col(i).array() <= high).all()) ids.push_back(i);
+        if ((top.col(i).array() >= low).all() && (x.col(i).array() <= high).all()) {
+          ids.push_back(i);
+        }
       }
     }
   };

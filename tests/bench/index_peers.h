@@ -18,6 +18,7 @@ struct IndexPeer {
 
 // `data` must outlive the peers. nanoflann has no box query: the ball around the box, then the
 // test. Nobody but the X-tree has an ellipsoid query: the box or ball around it, then the test.
+// Boxes are asked for what a point or a box meets; nanoflann cannot hold them.
 IndexPeer MakeXTreePeer(const IndexData& data);
 IndexPeer MakeBoostPacked(const IndexData& data);
 IndexPeer MakeBoostRStar(const IndexData& data);  // point by point

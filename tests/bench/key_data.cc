@@ -2,7 +2,8 @@
 // copies of them stretched along their axes, stand for a catalog.
 //
 //   key_data DATASET COPIES OUT_PREFIX
-//     writes OUT_PREFIX-chains (5 values, similarity), OUT_PREFIX-six (3 values, projective)
+//     writes OUT_PREFIX-chains and -stars (5 values, similarity), -six (3 values, projective) and
+//     -paths (boxes of 4 values, images of chains), as many of an object as the catalog keeps
 #include <Eigen/Geometry>
 #include <cstdio>
 #include <cstdlib>
@@ -13,7 +14,7 @@
 
 #include "client/bop_dataset.h"
 #include "client/cad_import.h"
-#include "server/vision/invariants/similarity_keys.h"
+#include "server/vision/invariants/object_keys.h"
 #include "server/vision/invariants/six_points.h"
 
 namespace horopter {
@@ -27,9 +28,15 @@ class KeyFile {
     Put(dimensions);
   }
   ~KeyFile() { std::printf("%s: %lld keys\n", name_.c_str(), count_); }
-  void Write(const Eigen::VectorXd& key) {
+  template <typename Values>
+  void Write(const Values& key) {
     for (const double x : key) Put(x);
     ++count_;
+  }
+  template <typename Values>
+  void WriteBox(const Values& low, const Values& high) {
+    for (const double x : low) Put(x);
+    Write(high);
   }
 
  private:
@@ -49,22 +56,26 @@ int Main(int argc, char** argv) {
     std::fprintf(stderr, "%s\n", dataset.status().ToString().c_str());
     return 1;
   }
-  KeyFile chains(std::string(argv[3]) + "-chains", 5), six(std::string(argv[3]) + "-six", 3);
+  const std::string prefix = argv[3];
+  KeyFile chains(prefix + "-chains", 5), stars(prefix + "-stars", 5), six(prefix + "-six", 3);
+  KeyFile paths(prefix + "-paths", -4);  // negative: boxes
   std::mt19937 rng(1);
   std::uniform_real_distribution<double> stretch(0.6, 1.6);
   for (const BopObject& object : dataset->objects) {
     const auto cad = ImportCad(object.cad_path.empty() ? object.mesh_path : object.cad_path, {});
     if (!cad.ok()) continue;
-    const ObjectModel& model = cad->model;
+    ObjectModel model = cad->model;
+    const std::vector<Eigen::Vector3d> vertices = model.vertices;
     for (int copy = 0; copy < std::atoi(argv[2]); ++copy) {
       Eigen::Vector3d s(1, 1, 1);
       if (copy > 0) s = {stretch(rng), stretch(rng), stretch(rng)};
       std::vector<Eigen::Vector3d> v;
-      for (const Eigen::Vector3d& p : model.vertices) v.push_back(p.cwiseProduct(s) * 10.0);
-      for (const FourVertices& chain : VertexChains(model)) {
-        const std::array<Eigen::Vector3d, 4> p{v[chain[0]], v[chain[1]], v[chain[2]], v[chain[3]]};
-        if (const auto key = SimilarityKeyOf(p)) chains.Write(key->key.values);
-      }
+      for (const Eigen::Vector3d& p : vertices) v.push_back(p.cwiseProduct(s) * 10.0);
+      model.vertices = v;
+      const ObjectKeys keys = ComputeObjectKeys(model, {.six_point_draws = 0});
+      for (const FourVertexKey& key : keys.chains) chains.Write(key.values);
+      for (const FourVertexKey& key : keys.stars) stars.Write(key.values);
+      for (const PathViewRow& row : keys.path_views) paths.WriteBox(row.low, row.high);
       if (v.size() < 6 || copy >= 40) continue;
       // A stretched copy is projectively the same part: corners are moved one by one instead.
       for (Eigen::Vector3d& p : v) {

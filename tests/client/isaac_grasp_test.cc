@@ -78,6 +78,23 @@ TEST(IsaacGraspTest, PreGraspsGoBothWaysInYamlAndJson) {
               HasSubstr("grasp_0: pregrasp: the orientation"));
 }
 
+TEST(IsaacGraspTest, AnExportedObjectHasItsGraspsInBothForms) {
+  TempFolder folder;
+  BopExportEntry entry;
+  entry.obj_id = 3;
+  entry.model.grasps = ReadIsaacGrasps(folder.Write("g.yaml", kFile)).value();
+  ASSERT_TRUE(WriteBopObject(folder.path(), entry).ok());
+  for (const char* name : {"/grasps/obj_000003.yaml", "/grasps/obj_000003.json"}) {
+    const auto again = ReadGrasps(folder.path() + name);
+    ASSERT_TRUE(again.ok()) << again.status();
+    ASSERT_EQ(again->size(), entry.model.grasps.size()) << name;
+    const Grasp &a = again->front(), &b = entry.model.grasps.front();
+    EXPECT_EQ(a.name, b.name);
+    EXPECT_LT((a.object_from_gripper.t - b.object_from_gripper.t).norm(), 1e-12) << name;
+    EXPECT_NEAR(a.jaw_opening_m, b.jaw_opening_m, 1e-12) << name;
+  }
+}
+
 TEST(IsaacGraspTest, RefusalsNameTheGrasp) {
   TempFolder folder;
   const auto refusal = [&](const std::string& text) {

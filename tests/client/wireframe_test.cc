@@ -247,6 +247,18 @@ TEST(RangeImage, OtherPointsOfThePartGiveTheSameCorners) {
   }
 }
 
+// Few points, as of a coarse scan: the distance between neighbours is the points' own.
+TEST(RangeImage, SparsePointsGiveTheSameCorners) {
+  const TempFolder folder;
+  const WireframeSurface truth = SurfaceOfWireframe(Turned(PrismEdges({LPolygon()}, 25), 7), 1e-6);
+  for (const int count : {4000, 8000}) {
+    const auto import = ImportCad(folder.Write("c.ply", SampledPly(truth.mesh, count, 0.03, 31)));
+    ASSERT_TRUE(import.ok()) << count << " points: " << import.status();
+    EXPECT_EQ(import->counts.at("vertices"), 12) << count << " points";
+    EXPECT_EQ(import->counts.at("lines"), 18) << count << " points";
+  }
+}
+
 TEST(RangeImage, WhatIsNoPolyhedronIsRefused) {
   std::mt19937 rng(9);
   std::normal_distribution<double> g;
