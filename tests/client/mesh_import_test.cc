@@ -231,6 +231,36 @@ TEST(MeshImport, FacesKeepTheColoursOfVerticesAndMaterials) {
   EXPECT_EQ(again.model.mesh.colors, painted.colors);
 }
 
+// Every triangle in four.
+TriangleMesh Subdivided(const TriangleMesh& mesh) {
+  TriangleMesh fine;
+  for (const Eigen::Vector3i& t : mesh.triangles) {
+    const int at = static_cast<int>(fine.vertices.size());
+    for (int k = 0; k < 3; ++k) fine.vertices.push_back(mesh.vertices[t[k]]);
+    for (int k = 0; k < 3; ++k) {
+      fine.vertices.push_back(0.5 * (mesh.vertices[t[k]] + mesh.vertices[t[(k + 1) % 3]]));
+    }
+    fine.triangles.emplace_back(at, at + 3, at + 5);
+    fine.triangles.emplace_back(at + 3, at + 1, at + 4);
+    fine.triangles.emplace_back(at + 5, at + 4, at + 2);
+    fine.triangles.emplace_back(at + 3, at + 4, at + 5);
+  }
+  return fine;
+}
+
+// However fine the mesh, a part has the features of its shape.
+TEST(MeshImport, AFineMeshHasTheFeaturesOfACoarseOne) {
+  const TempFolder folder;
+  TriangleMesh mesh = Moved(Box(40, 30, 20), Rigid3{Eigen::Matrix3d::Identity(), {100, 0, 0}});
+  for (int round = 0; round < 6; ++round) mesh = Subdivided(mesh);
+  ASSERT_EQ(mesh.triangles.size(), 65536u);
+  const CadImport import = MustImport(folder.Write("fine.ply", AsPly(mesh)));
+  EXPECT_EQ(import.counts.at("vertices"), 8);
+  EXPECT_EQ(import.counts.at("lines"), 12);
+  EXPECT_NEAR(SignedVolume(import.model.mesh), 24e-6, 1e-10);
+  ExpectInvariants(import.model);
+}
+
 TEST(MeshImport, OpenBordersAreEdgesAndAreReported) {
   TriangleMesh box = Box(40, 30, 20);
   std::erase_if(box.triangles, [](const Eigen::Vector3i& t) { return (t.array() == 9).any(); });

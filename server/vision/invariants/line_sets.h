@@ -1,6 +1,12 @@
 // Invariants of sets with lines under collineations (geometry.md 4.2, 4.3), in forms that do not
 // depend on the order of the points or of the lines. Lines are Plücker six-vectors (direction;
 // moment), points homogeneous; any scale and sign.
+//
+// They are computed for a measured set but not stored: no table of the catalog's index holds them.
+// `line_set_report` (tests/bench/results.md) found that four lines are usable once in 200 draws of a
+// median part and on 13 of 20 parts at all, as four edges of a right-angled part have three
+// directions, and that a measured set with points meets 3 - 36 times as many keys of other parts as
+// six points do, which nearly every part with edges has.
 #pragma once
 
 #include <Eigen/Core>
