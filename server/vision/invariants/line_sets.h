@@ -3,10 +3,10 @@
 // moment), points homogeneous; any scale and sign.
 //
 // They are computed for a measured set but not stored: no table of the catalog's index holds them.
-// `line_set_report` (tests/bench/results.md) found that four lines are usable once in 200 draws of a
-// median part and on 13 of 20 parts at all, as four edges of a right-angled part have three
-// directions, and that a measured set with points meets 3 - 36 times as many keys of other parts as
-// six points do, which nearly every part with edges has.
+// `line_set_report` (tests/bench/results.md) found four lines usable once in 200 draws of a median
+// part and on 13 of 20 parts at all, as four edges of a right-angled part have three directions. A
+// measured set of points and lines meets 3 - 36 times as many keys of other parts as six points,
+// which 18 of the parts have; 19 have sets of points and lines.
 #pragma once
 
 #include <Eigen/Core>
