@@ -47,7 +47,7 @@ TEST(Blob, PolylineHasTheDocumentedBytes) {
 
 TEST(Blob, EveryCutAndEveryChangedHeaderByteIsDataLoss) {
   const std::string polyline = EncodePolyline(RandomPoints(3, 5));
-  TriangleMesh mesh{RandomPoints(4, 6), {{0, 1, 2}, {1, 2, 3}}};
+  TriangleMesh mesh{RandomPoints(4, 6), {{0, 1, 2}, {1, 2, 3}}, {}};
   const std::string blob = EncodeMesh(mesh);
   for (size_t size = 0; size < polyline.size(); ++size) {
     EXPECT_EQ(DecodePolyline(polyline.substr(0, size)).status().code(),
