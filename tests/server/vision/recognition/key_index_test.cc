@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <random>
 #include <thread>
 
@@ -132,6 +133,19 @@ TEST(KeyIndex, ChangedPieceByPieceEqualsBuiltAtOnceAndSnapshotsStand) {
   EXPECT_TRUE(full.CheckAgainst(Pointers(catalog)).ok());
   EXPECT_FALSE(index.Snapshot().CheckAgainst(Pointers(catalog)).ok());
   EXPECT_EQ(index.Erase(0, catalog[0]).code(), absl::StatusCode::kNotFound);
+}
+
+TEST(KeyIndex, OneChangedValueAndOneSwappedSlotAreNoticed) {
+  std::vector<ObjectKeys> catalog = RandomCatalog(8, 9);
+  KeyIndex index = KeyIndex::Build(Pointers(catalog), 1, 2).value();
+  const KeyIndexSnapshot snapshot = index.Snapshot();
+  ASSERT_TRUE(snapshot.CheckAgainst(Pointers(catalog)).ok());
+  std::swap(catalog[2], catalog[5]);
+  EXPECT_EQ(snapshot.CheckAgainst(Pointers(catalog)).code(), absl::StatusCode::kInternal);
+  std::swap(catalog[2], catalog[5]);
+  float& value = catalog[3].path_views.back().high[1];
+  value = std::nextafter(value, 1e9f);
+  EXPECT_EQ(snapshot.CheckAgainst(Pointers(catalog)).code(), absl::StatusCode::kInternal);
 }
 
 TEST(KeyIndex, TheTransformationNamesItsGenerationAndFlattensTheDensity) {
