@@ -20,9 +20,8 @@ Profile DrawProfile(int kind, Random* random) {
   const double a = random->Uniform(0.2, 0.45), b = random->Uniform(0.2, 0.45);
   switch (kind) {
     case 0:  // L
-      return {{{0, 0}, {1, 0}, {1, a}, {b, a}, {b, 1}, {0, 1}},
-              {b + 0.05, 0.15 * a},
-              {0.95, 0.85 * a}};
+      return {
+          {{0, 0}, {1, 0}, {1, a}, {b, a}, {b, 1}, {0, 1}}, {b + 0.05, 0.15 * a}, {0.95, 0.85 * a}};
     case 1:  // T
       return {{{0, 1 - a},
                {0.5 - b / 2, 1 - a},
@@ -123,8 +122,8 @@ ObjectModel ProfilePart(unsigned seed, const ProfilePartOptions& options) {
     const double left = random.Uniform(0.0, 0.5), down = random.Uniform(0.0, 0.4);
     const Eigen::Vector2d from = low + Eigen::Vector2d(left, down).cwiseProduct(extent);
     const Eigen::Vector2d to =
-        from + Eigen::Vector2d(random.Uniform(0.3, 0.5), random.Uniform(0.4, 0.6))
-                   .cwiseProduct(extent);
+        from +
+        Eigen::Vector2d(random.Uniform(0.3, 0.5), random.Uniform(0.4, 0.6)).cwiseProduct(extent);
     AddPrism({from, {to.x(), from.y()}, to, {from.x(), to.y()}},
              height,
              height + random.Uniform(0.008, 0.02),
@@ -160,8 +159,9 @@ ProfileScene MakeProfileScene(const std::vector<ObjectModel>& catalog,
     scene.objects.push_back(object);
     const double place = 2.0 * std::numbers::pi * part / options.parts;
     Rigid3 pose;
-    pose.R = Eigen::AngleAxisd(random.Uniform(0.0, 2.0 * std::numbers::pi), Eigen::Vector3d::UnitZ())
-                 .toRotationMatrix();
+    pose.R =
+        Eigen::AngleAxisd(random.Uniform(0.0, 2.0 * std::numbers::pi), Eigen::Vector3d::UnitZ())
+            .toRotationMatrix();
     pose.t = 0.12 * Eigen::Vector3d(std::cos(place), std::sin(place), 0.0);
     scene.world_from_object.push_back(pose);
     const ObjectModel& model = catalog[object];
@@ -181,11 +181,13 @@ ProfileScene MakeProfileScene(const std::vector<ObjectModel>& catalog,
     }
     const double clutter = options.clutter_share * static_cast<double>(model.vertices.size());
     for (int k = 0; k < static_cast<int>(clutter + 0.5); ++k) {
-      const Eigen::Vector3d share(random.Uniform(-0.1, 1.1), random.Uniform(-0.1, 1.1), random.Uniform(0, 1.1));
+      const Eigen::Vector3d share(
+          random.Uniform(-0.1, 1.1), random.Uniform(-0.1, 1.1), random.Uniform(0, 1.1));
       add(pose * Eigen::Vector3d(low + share.cwiseProduct(high - low)), -1);
     }
     for (const ModelEdge& edge : model.edges) {
-      const auto a = point_of_vertex.find(edge.start_vertex), b = point_of_vertex.find(edge.end_vertex);
+      const auto a = point_of_vertex.find(edge.start_vertex),
+                 b = point_of_vertex.find(edge.end_vertex);
       tracks.given_lines.emplace_back(pose * edge.polyline.front(), pose * edge.polyline.back());
       if (a != point_of_vertex.end() && b != point_of_vertex.end()) {
         scene.edges.push_back({a->second, b->second});

@@ -27,7 +27,7 @@ struct ProfileSceneOptions {
   int parts = 3;
   int views = 6;
   double sigma_px = 0.5;
-  double missing_share = 0.2;  // of the observations
+  double missing_share = 0.2;   // of the observations
   double deleted_share = 0.25;  // of the vertices: seen in no view
   double clutter_share = 0.2;   // points that are no vertex, of the number of vertices
   double outlier_share = 0.0;   // of the observations

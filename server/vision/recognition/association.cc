@@ -8,12 +8,15 @@
 #include <random>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
 #include "server/vision/invariants/six_points.h"
 
 namespace horopter {
 namespace {
 
-int MinimalPairs(TransformGroup group) { return group == TransformGroup::kCollineation ? 5 : 4; }
+int MinimalPairs(TransformGroup group) {
+  return group == TransformGroup::kCollineation ? 5 : 4;
+}
 
 }  // namespace
 
@@ -130,6 +133,19 @@ absl::StatusOr<ConsistentMatches> FindConsistentMatches(TransformGroup group,
     return all.status();
   }
   if (all.ok()) best = {*all, explained(*all)};
+  const auto fit_sample =
+      [&](std::span<const VertexMatch> sample) -> absl::StatusOr<Eigen::Matrix4d> {
+    if (group != TransformGroup::kCollineation) {
+      return FitTransform(group, structure, shape, sample, {});
+    }
+    std::vector<Eigen::Vector4d> from, to;
+    for (const VertexMatch& m : sample) {
+      from.emplace_back(shape.vertices[m.vertex].homogeneous());
+      to.emplace_back(structure.points[m.point].homogeneous());
+    }
+    HOROPTER_ASSIGN_OR_RETURN(const Eigen::Matrix4d H, CollineationFromBasis(from, to));
+    return H.row(3).dot(from[0]) < 0.0 ? Eigen::Matrix4d(-H) : H;
+  };
   std::mt19937 rng(options.seed);
   std::vector<int> order(n);
   for (int draw = 0; draw < options.draws && static_cast<int>(best.matches.size()) < n; ++draw) {
@@ -139,7 +155,7 @@ absl::StatusOr<ConsistentMatches> FindConsistentMatches(TransformGroup group,
       std::swap(order[k], order[k + static_cast<int>(rng() % static_cast<unsigned>(n - k))]);
       sample.push_back(pairs[order[k]]);
     }
-    const auto H = FitTransform(group, structure, shape, sample, {});
+    const auto H = fit_sample(sample);
     if (!H.ok()) continue;
     std::vector<VertexMatch> matches = explained(*H);
     if (matches.size() <= best.matches.size()) continue;

@@ -30,8 +30,7 @@ absl::StatusOr<std::array<int, 6>> AssociateByAxes(std::span<const Eigen::Vector
 // several tuples add up, so that wrong ones, missing vertices and clutter are outvoted.
 class AssociationTable {
  public:
-  AssociationTable(int points, int vertices)
-      : votes_(Eigen::MatrixXd::Zero(points, vertices)) {}
+  AssociationTable(int points, int vertices) : votes_(Eigen::MatrixXd::Zero(points, vertices)) {}
 
   void Add(std::span<const VertexMatch> pairs, double weight);
   const Eigen::MatrixXd& votes() const { return votes_; }
@@ -44,8 +43,8 @@ class AssociationTable {
   Eigen::MatrixXd votes_;
 };
 
-// Columns of rows that maximise the sum of value(row, column); -1: none. Values >= 0; pairs of value
-// zero are not assigned. Hungarian algorithm, cubic.
+// Columns of rows that maximise the sum of value(row, column); -1: none. Values >= 0; pairs of
+// value zero are not assigned. Hungarian algorithm, cubic.
 std::vector<int> MaximumAssignment(const Eigen::MatrixXd& value);
 
 // The largest set of the pairs that one transformation explains, found from the best supported
@@ -56,7 +55,7 @@ struct ConsistentMatches {
 };
 struct ConsistencyOptions {
   double reach = 0.06;  // of a mapped vertex from its point, structure units
-  int draws = 200;
+  int draws = 100;
   unsigned seed = 1;
 };
 absl::StatusOr<ConsistentMatches> FindConsistentMatches(TransformGroup group,

@@ -21,12 +21,21 @@ struct VertexVote {
   std::vector<VertexMatch> matches;
   Eigen::Matrix4d structure_from_shape = Eigen::Matrix4d::Identity();
   double weight = 1.0;  // rarity of the key: 1 / hits of its query
-  int support = 0;      // vertices with a point, QuickVertexSupport
+  int support = 0;      // vertices with a point, by QuickVertexMatches
 };
 
+// Bandwidths in extents of the object in the structure. Bounded: among scattered wrong votes a
+// right one would have its neighbours far away and drown in their mode.
+inline ClusterOptions VoteClusters() {
+  ClusterOptions options;
+  options.min_bandwidth = 0.02;
+  options.max_bandwidth = 0.5;
+  return options;
+}
+
 struct VoteOptions {
-  ClusterOptions cluster;  // bandwidths of the object's extent in the structure
-  int max_votes = 2000;    // of one object, best supported first: the time is quadratic
+  ClusterOptions cluster = VoteClusters();
+  int max_votes = 300;  // of one object, best supported first: the time is quadratic
   // Pairs of the mode's table with less than this share of the largest entry are left out.
   double min_table_share = 0.2;
 };

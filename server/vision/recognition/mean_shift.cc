@@ -18,8 +18,8 @@ constexpr double kPieceDeviations = 4.0;  // bins reach this many bandwidths bey
 Eigen::VectorXd Bandwidths(const Eigen::MatrixXd& votes, const ClusterOptions& options) {
   const Eigen::Index n = votes.cols();
   const auto share = static_cast<Eigen::Index>(options.neighbour_share * static_cast<double>(n));
-  const Eigen::Index k = std::min<Eigen::Index>(
-      n - 1, std::max<Eigen::Index>(options.min_neighbour, share));
+  const Eigen::Index k =
+      std::min<Eigen::Index>(n - 1, std::max<Eigen::Index>(options.min_neighbour, share));
   Eigen::VectorXd h(n);
   for (Eigen::Index i = 0; i < n; ++i) {
     Eigen::VectorXd distances = (votes.colwise() - votes.col(i)).colwise().norm().transpose();
@@ -101,7 +101,8 @@ std::optional<double> DeepestValley(const Eigen::VectorXd& values,
   double depth = valley;
   for (int b = 1; b + 1 < kDensityBins; ++b) {
     if (!(density(b) <= density(b - 1) && density(b) < density(b + 1))) continue;
-    const double peaks = std::min(density.head(b).maxCoeff(), density.tail(kDensityBins - b).maxCoeff());
+    const double peaks =
+        std::min(density.head(b).maxCoeff(), density.tail(kDensityBins - b).maxCoeff());
     if (density(b) < depth * peaks) {
       depth = density(b) / peaks;
       best = low + (b + 0.5) * bin;

@@ -9,13 +9,14 @@
 namespace horopter {
 
 enum class ClusterMethod {
-  kAdaptiveMeanShift,   // FAMS: Georgescu, Shimshoni and Meer 2003, brute force
-  kDensityDerivative,   // NDD: cut where the derivative of a one-dimensional density turns positive
+  kAdaptiveMeanShift,  // FAMS: Georgescu, Shimshoni and Meer 2003, brute force
+  kDensityDerivative,  // NDD: cut where the derivative of a one-dimensional density turns positive
 };
 
 struct ClusterOptions {
   ClusterMethod method = ClusterMethod::kAdaptiveMeanShift;
-  // Neighbour whose distance is a vote's bandwidth: the larger of the two. Raising them joins modes.
+  // Neighbour whose distance is a vote's bandwidth: the larger of the two. Raising them joins
+  // modes.
   int min_neighbour = 5;
   double neighbour_share = 0.02;
   // Bounds of the bandwidths, in the votes' units. The smallest should be what noise alone does.

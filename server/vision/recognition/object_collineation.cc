@@ -17,10 +17,10 @@ using Matrix16 = Eigen::Matrix<double, 16, 16>;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kCoplanar = 1e-9;
-constexpr int kMinForSimilarity = 4;
+constexpr int kMinForSimilarity = 3;
 
-// Smallest over largest singular value of the vertices about their middle: below it they are called
-// coplanar. Rounding leaves 1e-16.
+// Second over largest singular value of the vertices about their middle: below it they are called
+// collinear. Rounding leaves 1e-16.
 constexpr double kFlat = 1e-6;
 
 absl::Status CheckMatches(const SceneStructure& structure,
@@ -70,14 +70,13 @@ absl::StatusOr<Eigen::Matrix4d> FitSimilarity(const SceneStructure& structure,
   from.colwise() -= from_mean;
   to.colwise() -= to_mean;
   const Eigen::JacobiSVD<Eigen::Matrix3Xd> spread(from);
-  if (!(spread.singularValues()(2) > kFlat * spread.singularValues()(0))) {
-    return absl::FailedPreconditionError("the vertices lie in a plane");
+  if (!(spread.singularValues()(1) > kFlat * spread.singularValues()(0))) {
+    return absl::FailedPreconditionError("the vertices lie on a line");
   }
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(to * from.transpose(),
                                               Eigen::ComputeFullU | Eigen::ComputeFullV);
   Eigen::Vector3d sign(1, 1, (svd.matrixU() * svd.matrixV().transpose()).determinant());
-  const double s =
-      scale != nullptr ? *scale : svd.singularValues().dot(sign) / from.squaredNorm();
+  const double s = scale != nullptr ? *scale : svd.singularValues().dot(sign) / from.squaredNorm();
   if (!(s > 0.0)) return absl::FailedPreconditionError("the points are not of the vertices' shape");
   const Eigen::Matrix3d A = s * svd.matrixU() * sign.asDiagonal() * svd.matrixV().transpose();
   Eigen::Matrix4d H = Eigen::Matrix4d::Identity();
@@ -157,7 +156,8 @@ Normal Linearize(const SceneStructure& structure,
   }
   for (const EdgeMatch& m : edges) {
     const auto& [a, b] = shape.edges[m.edge];
-    const Eigen::Vector4d xa = shape.vertices[a].homogeneous(), xb = shape.vertices[b].homogeneous();
+    const Eigen::Vector4d xa = shape.vertices[a].homogeneous(),
+                          xb = shape.vertices[b].homogeneous();
     for (const int k : observations_of_line[m.line]) {
       const LineObservation& o = structure.line_observations[k];
       const CameraMatrix& P = *structure.cameras[o.view];
@@ -260,33 +260,51 @@ absl::StatusOr<Eigen::Matrix4d> FitTransform(TransformGroup group,
   }
   // Three equations a point, four a line.
   if (3 * points.size() + 4 * lines.size() < 15) {
-    return absl::FailedPreconditionError(absl::StrCat(points.size(), " vertices and ", lines.size(),
-                                                      " edges do not determine a collineation"));
+    return absl::FailedPreconditionError(absl::StrCat(
+        points.size(), " vertices and ", lines.size(), " edges do not determine a collineation"));
   }
   const auto H = FitCollineation(points, lines);
   if (!H) return absl::FailedPreconditionError("vertices and edges in a degenerate position");
   return WithPositiveW(*H, shape, vertices);
 }
 
-absl::StatusOr<Eigen::Matrix4d> CollineationOfFivePoints(std::span<const Eigen::Vector4d, 5> from,
-                                                         std::span<const Eigen::Vector4d, 5> to) {
-  // The basis of the first four, scaled so that the fifth is (1, 1, 1, 1).
-  const auto basis = [](std::span<const Eigen::Vector4d, 5> x) -> absl::StatusOr<Eigen::Matrix4d> {
-    Eigen::Matrix4d B;
-    for (int k = 0; k < 4; ++k) B.col(k) = x[k].normalized();
-    const Eigen::FullPivLU<Eigen::Matrix4d> lu(B);
-    if (!B.allFinite() || !(std::abs(B.determinant()) > kCoplanar)) {
-      return absl::FailedPreconditionError("four of the points lie in a plane");
+absl::StatusOr<Eigen::Matrix4d> CollineationFromBasis(std::span<const Eigen::Vector4d> from,
+                                                      std::span<const Eigen::Vector4d> to) {
+  if (from.size() != to.size() || from.size() < 5) {
+    return absl::InvalidArgumentError("points: five or more, as many on both sides");
+  }
+  Eigen::Matrix4d A, B;
+  for (int k = 0; k < 4; ++k) {
+    A.col(k) = from[k].normalized();
+    B.col(k) = to[k].normalized();
+  }
+  if (!(std::abs(A.determinant()) > kCoplanar && std::abs(B.determinant()) > kCoplanar)) {
+    return absl::FailedPreconditionError("the first four points lie in a plane");
+  }
+  const Eigen::Matrix4d A_inverse = A.inverse(), B_inverse = B.inverse();
+  // H = B diag(s) A^-1: every further point says that diag(a) s is parallel to b.
+  Eigen::Matrix4d moment = Eigen::Matrix4d::Zero();
+  for (std::size_t k = 4; k < from.size(); ++k) {
+    const Eigen::Vector4d a = (A_inverse * from[k]).normalized();
+    const Eigen::Vector4d b = (B_inverse * to[k]).normalized();
+    for (int i = 0; i < 4; ++i) {
+      for (int j = i + 1; j < 4; ++j) {
+        const double u = a(i) * b(j), v = -a(j) * b(i);
+        moment(i, i) += u * u;
+        moment(j, j) += v * v;
+        moment(i, j) += u * v;
+        moment(j, i) += u * v;
+      }
     }
-    const Eigen::Vector4d scale = lu.solve(x[4].normalized());
-    if (!scale.allFinite() || !(scale.cwiseAbs().minCoeff() > kCoplanar)) {
-      return absl::FailedPreconditionError("four of the points lie in a plane");
-    }
-    return Eigen::Matrix4d(B * scale.asDiagonal());
-  };
-  HOROPTER_ASSIGN_OR_RETURN(const Eigen::Matrix4d A, basis(from));
-  HOROPTER_ASSIGN_OR_RETURN(const Eigen::Matrix4d B, basis(to));
-  const Eigen::Matrix4d H = B * A.inverse();
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(moment);
+  if (!moment.allFinite() || !(solver.eigenvalues()(1) > kCoplanar * solver.eigenvalues()(3))) {
+    return absl::FailedPreconditionError("the points are in a degenerate position");
+  }
+  const Eigen::Matrix4d H = B * solver.eigenvectors().col(0).asDiagonal() * A_inverse;
+  if (!H.allFinite() || !(H.norm() > 0.0)) {
+    return absl::FailedPreconditionError("the points are in a degenerate position");
+  }
   return Eigen::Matrix4d(H / H.norm());
 }
 
@@ -380,7 +398,8 @@ double EdgeChi2(const SceneStructure& structure,
     const LineObservation& o = structure.line_observations[k];
     const ProjectedEdge l = ProjectEdge(*structure.cameras[o.view], transform, a, b);
     const Eigen::Vector3d line_in_image = l.qa.cross(l.qb) / l.norm;
-    const double s = line_in_image.dot(o.start.homogeneous()), e = line_in_image.dot(o.end.homogeneous());
+    const double s = line_in_image.dot(o.start.homogeneous()),
+                 e = line_in_image.dot(o.end.homogeneous());
     const double sigma = o.sigma_px * structure.sigma_factor;
     sum += 0.5 * (s * s + e * e) / (sigma * sigma);
   }

@@ -20,9 +20,9 @@ enum class TransformGroup {
 
 // An object in coordinates of order one: centred on its vertices, largest distance 1.
 struct ObjectShape {
-  std::vector<Eigen::Vector3d> vertices;   // of the model, mapped by unit_from_object
-  std::vector<std::array<int, 2>> edges;   // straight ones, by vertex
-  std::vector<std::vector<bool>> joined;   // [vertex][vertex]
+  std::vector<Eigen::Vector3d> vertices;  // of the model, mapped by unit_from_object
+  std::vector<std::array<int, 2>> edges;  // straight ones, by vertex
+  std::vector<std::vector<bool>> joined;  // [vertex][vertex]
   Eigen::Matrix4d unit_from_object = Eigen::Matrix4d::Identity();  // centre, then scale
 
   int size() const { return static_cast<int>(vertices.size()); }
@@ -55,10 +55,13 @@ absl::StatusOr<Eigen::Matrix4d> FitTransform(TransformGroup group,
                                              std::span<const EdgeMatch> edges,
                                              double structure_units_per_shape = 1.0);
 
-// The collineation that takes a basis of five points to five others, in closed form (point-only
-// geometric solution). Errors: FAILED_PRECONDITION when four of either five are coplanar.
-absl::StatusOr<Eigen::Matrix4d> CollineationOfFivePoints(std::span<const Eigen::Vector4d, 5> from,
-                                                         std::span<const Eigen::Vector4d, 5> to);
+// The collineation that takes points to others, in closed form (the point-only geometric solution):
+// exact on the first four, which make the bases of both sides and should be the best conditioned;
+// the others, one at least, determine the scales of the bases in the least-squares sense. Errors:
+// INVALID_ARGUMENT (sizes differ, fewer than five), FAILED_PRECONDITION (four basis points
+// coplanar, or the others do not determine the scales).
+absl::StatusOr<Eigen::Matrix4d> CollineationFromBasis(std::span<const Eigen::Vector4d> from,
+                                                      std::span<const Eigen::Vector4d> to);
 
 // What the observations of each point say about it with the cameras held: 3 x 3, inverse variances.
 std::vector<Eigen::Matrix3d> PointInformation(const SceneStructure& structure);

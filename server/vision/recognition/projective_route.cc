@@ -1,6 +1,6 @@
 #include "server/vision/recognition/projective_route.h"
 
-#include <Eigen/Geometry>
+#include <Eigen/Dense>
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
@@ -9,30 +9,52 @@
 namespace horopter {
 namespace {
 
+using SixMatches = std::array<VertexMatch, 6>;
+
+// The order of the tuple's points in which the first four have the largest determinant.
+std::array<int, 6> BestBasisFirst(const SceneStructure& structure, const SixTuple& tuple) {
+  std::array<int, 6> best{0, 1, 2, 3, 4, 5};
+  double largest = -1.0;
+  for (int i = 0; i < 6; ++i) {
+    for (int j = i + 1; j < 6; ++j) {
+      std::array<int, 6> order{0, 0, 0, 0, i, j};
+      Eigen::Matrix4d basis;
+      for (int k = 0, n = 0; k < 6; ++k) {
+        if (k == i || k == j) continue;
+        basis.col(n) = structure.points[tuple.points[k]].homogeneous();
+        order[n++] = k;
+      }
+      const double determinant = std::abs(basis.determinant());
+      if (determinant > largest) largest = determinant, best = order;
+    }
+  }
+  return best;
+}
+
 // Point k of the labeling's order with vertex k of the stored key.
-std::vector<VertexMatch> ByCyclicOrder(const SixTuple& tuple,
-                                       const SixPointLabeling& labeling,
-                                       const SixVertexKey& key) {
-  std::vector<VertexMatch> out;
+SixMatches ByCyclicOrder(const SixTuple& tuple,
+                         const SixPointLabeling& labeling,
+                         const SixVertexKey& key) {
+  SixMatches out;
   for (int k = 0; k < 6; ++k) {
-    out.push_back({key.vertices[k], tuple.points[labeling.groups[k][0]]});
+    out[labeling.groups[k][0]] = {key.vertices[k], tuple.points[labeling.groups[k][0]]};
   }
   return out;
 }
 
-absl::StatusOr<std::vector<VertexMatch>> ByAxes(const SceneStructure& structure,
-                                                const SixTuple& tuple,
-                                                const ObjectModel& model,
-                                                const SixVertexKey& key,
-                                                double tolerance) {
+absl::StatusOr<SixMatches> ByAxes(const SceneStructure& structure,
+                                  const SixTuple& tuple,
+                                  const ObjectModel& model,
+                                  const SixVertexKey& key,
+                                  double tolerance) {
   std::array<Eigen::Vector4d, 6> points, vertices;
   for (int k = 0; k < 6; ++k) {
     points[k] = structure.points[tuple.points[k]].homogeneous();
     vertices[k] = (model.vertices[key.vertices[k]] / model.diameter_m).homogeneous();
   }
   HOROPTER_ASSIGN_OR_RETURN(const auto vertex_of, AssociateByAxes(points, vertices, tolerance));
-  std::vector<VertexMatch> out;
-  for (int k = 0; k < 6; ++k) out.push_back({key.vertices[vertex_of[k]], tuple.points[k]});
+  SixMatches out;
+  for (int k = 0; k < 6; ++k) out[k] = {key.vertices[vertex_of[k]], tuple.points[k]};
   return out;
 }
 
@@ -57,6 +79,7 @@ absl::StatusOr<StructureRouteResult> ProjectiveHypotheses(const SceneStructure& 
     for (std::size_t t = 0; t < tuples.size(); ++t) {
       if (static_cast<int>(hits.size()) >= options.route.max_hits) break;
       const std::size_t first = hits.size();
+      const std::array<int, 6> basis = BestBasisFirst(structure, tuples[t]);
       for (const SixPointLabeling& labeling : tuples[t].invariants.labelings) {
         const auto found = index.Find(KeyTable::kSixPoints, labeling.key, options.tuples.gate);
         if (!found.ok()) continue;  // a covariance that is singular: nothing can be asked
@@ -67,16 +90,18 @@ absl::StatusOr<StructureRouteResult> ProjectiveHypotheses(const SceneStructure& 
           TupleHit& out = hits.emplace_back();
           out.object = object;
           out.tuple = static_cast<int>(t);
+          SixMatches matches;
           if (options.association == AssociationForm::kCyclicOrder) {
-            out.matches = ByCyclicOrder(tuples[t], labeling, key);
+            matches = ByCyclicOrder(tuples[t], labeling, key);
           } else {
-            HOROPTER_ASSIGN_OR_RETURN(out.matches,
+            HOROPTER_ASSIGN_OR_RETURN(matches,
                                       ByAxes(structure,
                                              tuples[t],
                                              *table.object(object).model,
                                              key,
                                              options.axis_tolerance_rad));
           }
+          for (int k = 0; k < 6; ++k) out.matches[k] = matches[basis[k]];
         }
       }
       ++asked;

@@ -29,13 +29,14 @@ struct StructureRouteOptions {
   SupportOptions support;
   // Best conditioned tuples are asked for first, until a component has this many hits. More find
   // more, in linear time.
-  int max_hits = 20000;
-  int max_hits_per_tuple = 1000;  // a tuple with more says too little
+  int max_hits = 300000;
+  int max_hits_per_tuple = 3000;  // a tuple with more says too little
   // Vertices beyond the tuple's own that must have a point near before a vote is clustered.
-  int min_extra_support = 2;
-  double quick_reach = 0.12;  // ... how near, of the object's extent
-  int judged_modes = 60;      // of a component
-  int kept = 10;              // hypotheses of a component
+  int min_extra_support = 1;
+  double quick_reach = 0.15;    // ... how near, of the object's extent
+  double settled_reach = 0.06;  // ... after the transformation was fitted to all of them
+  int judged_modes = 80;        // of a component
+  int kept = 10;                // hypotheses of a component
 };
 
 struct ProjectiveRouteOptions {
@@ -46,19 +47,17 @@ struct ProjectiveRouteOptions {
 };
 
 struct StructureRouteResult {
-  std::vector<std::vector<int>> components;      // points of the structure
-  std::vector<StructureHypothesis> hypotheses;   // of all components, best first
-  std::map<std::string, double> counts;          // components, tuples, hits, votes, modes, judged
+  std::vector<std::vector<int>> components;     // points of the structure
+  std::vector<StructureHypothesis> hypotheses;  // of all components, best first
+  std::map<std::string, double> counts;         // components, tuples, hits, votes, modes, judged
 };
 
-// structure must not be metric... it may be: its points are taken as they are. Hypotheses of the
-// same object that put its vertices on the same points are given once. Errors: INVALID_ARGUMENT
-// (options, an object without model or keys, slots twice), CANCELLED.
-absl::StatusOr<StructureRouteResult> ProjectiveHypotheses(
-    const SceneStructure& structure,
-    const KeyIndexSnapshot& index,
-    std::span<const StructureObject> objects,
-    const ProjectiveRouteOptions& options,
-    const StopRequested& stop = {});
+// Hypotheses of the same object that put its vertices on the same points are given once. Errors:
+// INVALID_ARGUMENT (options, an object without model or keys, slots twice), CANCELLED.
+absl::StatusOr<StructureRouteResult> ProjectiveHypotheses(const SceneStructure& structure,
+                                                          const KeyIndexSnapshot& index,
+                                                          std::span<const StructureObject> objects,
+                                                          const ProjectiveRouteOptions& options,
+                                                          const StopRequested& stop = {});
 
 }  // namespace horopter

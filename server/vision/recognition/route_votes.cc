@@ -1,5 +1,6 @@
 #include "server/vision/recognition/route_votes.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
@@ -11,15 +12,53 @@ namespace {
 
 constexpr int kStopStride = 256;  // votes between two looks at the stop token
 
-// Restricts quick support to the component: a part of the structure is one object's.
-SceneStructure PointsOf(const SceneStructure& structure, std::span<const int> points) {
-  SceneStructure out;
-  for (const int i : points) out.points.push_back(structure.points[i]);
-  return out;
+// An object of which little is seen may be larger than what is seen.
+constexpr double kMaxExtentRatio = 1.6;
+
+// Root mean square distance of the points from their middle.
+double ExtentOf(const SceneStructure& structure, std::span<const int> points) {
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  const auto n = static_cast<double>(points.size());
+  for (const int i : points) mean += structure.points[i] / n;
+  double sum = 0.0;
+  for (const int i : points) sum += (structure.points[i] - mean).squaredNorm() / n;
+  return std::sqrt(sum);
 }
 
 int VerticesOfTuple(TransformGroup group) {
   return group == TransformGroup::kCollineation ? 6 : 4;
+}
+
+absl::StatusOr<Eigen::Matrix4d> FitHit(TransformGroup group,
+                                       const SceneStructure& structure,
+                                       const ObjectShape& shape,
+                                       const TupleHit& hit) {
+  if (group != TransformGroup::kCollineation) {
+    return FitTransform(group, structure, shape, std::span(hit.matches.data(), hit.size), {});
+  }
+  std::array<Eigen::Vector4d, 6> from, to;
+  for (int k = 0; k < hit.size; ++k) {
+    from[k] = shape.vertices[hit.matches[k].vertex].homogeneous();
+    to[k] = structure.points[hit.matches[k].point].homogeneous();
+  }
+  HOROPTER_ASSIGN_OR_RETURN(
+      const Eigen::Matrix4d H,
+      CollineationFromBasis(std::span(from.data(), hit.size), std::span(to.data(), hit.size)));
+  return H.row(3).dot(from[0]) < 0.0 ? Eigen::Matrix4d(-H) : H;
+}
+
+VoteMode WholeObject(std::span<const VertexVote> votes, std::span<const int> of_object) {
+  VoteMode out;
+  out.object = votes[of_object[0]].object;
+  out.members.assign(of_object.begin(), of_object.end());
+  out.tuples = static_cast<int>(of_object.size());
+  for (const int i : of_object) {
+    out.weight += votes[i].weight;
+    if (votes[i].support <= out.support) continue;
+    out.support = votes[i].support;
+    out.structure_from_shape = votes[i].structure_from_shape;
+  }
+  return out;
 }
 
 bool SameMatches(const StructureHypothesis& a, const StructureHypothesis& b) {
@@ -75,7 +114,7 @@ absl::Status JudgeHits(TransformGroup group,
                        ObjectTable* objects,
                        StructureRouteResult* result) {
   const SceneStructure& structure = *evidence.structure;
-  const SceneStructure near = PointsOf(structure, component_points);
+  const double component_extent = ExtentOf(structure, component_points);
   std::stable_sort(hits.begin(), hits.end(), [](const TupleHit& a, const TupleHit& b) {
     return a.hits_of_tuple < b.hits_of_tuple;
   });
@@ -87,31 +126,60 @@ absl::Status JudgeHits(TransformGroup group,
     if (i % kStopStride == 0 && IsStopRequested(stop)) return absl::CancelledError("stopped");
     const TupleHit& hit = hits[i];
     const ObjectShape& shape = objects->shape(hit.object);
-    const auto H = FitTransform(group, structure, shape, hit.matches, {});
-    if (!H.ok()) continue;
-    const double extent = MappedExtent(shape, *H);
-    if (!std::isfinite(extent)) continue;
-    const int support = QuickVertexSupport(near, shape, *H, options.quick_reach * extent);
-    if (support < VerticesOfTuple(group) + options.min_extra_support) continue;
+    const auto rough = FitHit(group, structure, shape, hit);
+    if (!rough.ok()) continue;
+    const double extent = MappedExtent(shape, *rough);
+    // A transformation that spreads the object over everything has all points near some vertex.
+    if (!(extent < kMaxExtentRatio * component_extent)) continue;
+    const int enough = VerticesOfTuple(group) + options.min_extra_support;
+    const auto near = [&](const Eigen::Matrix4d& H, double reach) {
+      return QuickVertexMatches(
+          structure, component_points, shape, H, reach * std::min(extent, component_extent));
+    };
+    if (static_cast<int>(near(*rough, options.quick_reach).size()) < enough) continue;
+    // A few points extrapolate badly: all that came near determine it better, and what is right
+    // comes nearer then. Unless wrong ones were among them: then it stays as it was.
+    Eigen::Matrix4d H = *rough;
+    std::vector<VertexMatch> matches = near(H, options.settled_reach);
+    for (const double reach : {options.quick_reach, options.settled_reach}) {
+      const auto fitted = FitTransform(group, structure, shape, near(*rough, reach), {});
+      if (!fitted.ok()) continue;
+      std::vector<VertexMatch> again = near(*fitted, options.settled_reach);
+      if (again.size() <= matches.size()) continue;
+      H = *fitted;
+      matches = std::move(again);
+    }
+    const int support = static_cast<int>(matches.size());
+    if (support < enough) continue;
     if (hit.object >= static_cast<int>(of_object.size())) of_object.resize(hit.object + 1);
     of_object[hit.object].push_back(static_cast<int>(votes.size()));
-    votes.push_back(
-        {hit.object, hit.tuple, hit.matches, *H, 1.0 / hit.hits_of_tuple, support});
+    votes.push_back({hit.object,
+                     hit.tuple,
+                     std::vector<VertexMatch>(hit.matches.begin(), hit.matches.begin() + hit.size),
+                     H,
+                     1.0 / hit.hits_of_tuple,
+                     support});
   }
-  std::vector<VoteMode> modes;
+  // Beside the modes, every object's votes together: many are right in four or five of their
+  // vertices only, lie far from the truth, and still fill the right fields of the table.
+  std::vector<VoteMode> modes, whole;
   for (const std::vector<int>& list : of_object) {
     if (list.empty()) continue;
     if (IsStopRequested(stop)) return absl::CancelledError("stopped");
     HOROPTER_ASSIGN_OR_RETURN(const std::vector<VoteMode> of_one,
                               ClusterVotes(votes, list, options.votes));
     modes.insert(modes.end(), of_one.begin(), of_one.end());
+    if (list.size() > 1) whole.push_back(WholeObject(votes, list));
   }
-  std::stable_sort(modes.begin(), modes.end(), [](const VoteMode& a, const VoteMode& b) {
-    return a.support != b.support ? a.support > b.support : a.weight > b.weight;
+  // A query more in agreement says about as much as a vertex and a half.
+  const auto promise = [](const VoteMode& m) { return m.support + 1.5 * std::log2(m.tuples); };
+  std::stable_sort(modes.begin(), modes.end(), [&](const VoteMode& a, const VoteMode& b) {
+    return promise(a) > promise(b);
   });
   result->counts["votes"] += static_cast<double>(votes.size());
   result->counts["modes"] += static_cast<double>(modes.size());
   if (static_cast<int>(modes.size()) > options.judged_modes) modes.resize(options.judged_modes);
+  modes.insert(modes.end(), whole.begin(), whole.end());
   result->counts["judged"] += static_cast<double>(modes.size());
   std::vector<StructureHypothesis> found;
   for (const VoteMode& mode : modes) {
@@ -125,6 +193,11 @@ absl::Status JudgeHits(TransformGroup group,
       return h;
     };
     StructureHypothesis best = judge(mode.structure_from_shape);
+    // The table of a single query says no more than that query.
+    if (mode.tuples < 2) {
+      if (std::isfinite(best.log_odds)) found.push_back(std::move(best));
+      continue;
+    }
     const std::vector<VertexMatch> associated = AssociateMode(
         votes, mode, static_cast<int>(structure.points.size()), shape.size(), options.votes);
     ConsistencyOptions consistency;

@@ -1,6 +1,7 @@
 // What both bottom-up routes do after their queries: votes of hits, modes, association, support.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <span>
 #include <vector>
@@ -29,11 +30,13 @@ class ObjectTable {
   std::vector<std::optional<ObjectShape>> shapes_;
 };
 
-// A key of the catalog that a query found: vertices[k] would be the tuple's points[k].
+// A key of the catalog that a query found: which vertices the tuple's points would be. Of six, the
+// first four should be the best conditioned.
 struct TupleHit {
   int object = -1;
   int tuple = -1;
-  std::vector<VertexMatch> matches;
+  std::array<VertexMatch, 6> matches;
+  int size = 6;
   int hits_of_tuple = 1;
 };
 

@@ -96,7 +96,8 @@ absl::StatusOr<SceneStructure> Assemble(const MultiviewTracks& tracks,
     J.block<3, 3>(3 * i, 3 * i) = to_finite * H * SphereTangent<4>(X);
     index[chosen[i]] = static_cast<int>(i);
   }
-  out.covariance = out.sigma_factor * out.sigma_factor * J * covariance.Features(chosen) * J.transpose();
+  out.covariance =
+      out.sigma_factor * out.sigma_factor * J * covariance.Features(chosen) * J.transpose();
   out.covariance.diagonal().array() += kCovarianceFloor;
   if (!out.covariance.allFinite()) return absl::FailedPreconditionError("covariance is not finite");
   for (const auto& edge : edges) {
@@ -173,8 +174,7 @@ Eigen::MatrixXd SceneStructure::CovarianceOf(std::span<const int> of_points) con
   Eigen::MatrixXd out(3 * n, 3 * n);
   for (Eigen::Index i = 0; i < n; ++i) {
     for (Eigen::Index k = 0; k < n; ++k) {
-      out.block<3, 3>(3 * i, 3 * k) =
-          covariance.block<3, 3>(3 * of_points[i], 3 * of_points[k]);
+      out.block<3, 3>(3 * i, 3 * k) = covariance.block<3, 3>(3 * of_points[i], 3 * of_points[k]);
     }
   }
   return out;
@@ -242,7 +242,8 @@ absl::StatusOr<SceneStructure> MetricStructure(const MultiviewTracks& tracks,
   const auto undistort = [&](int view, Eigen::Vector2d* pixel) {
     if (!scene.views[view] || scene.views[view]->camera.k1 == 0.0) return;
     const PinholeCamera& camera = scene.views[view]->camera;
-    *pixel = camera.focal_px * NormalizedPoint(camera, *pixel) + Eigen::Vector2d(camera.cx, camera.cy);
+    *pixel =
+        camera.focal_px * NormalizedPoint(camera, *pixel) + Eigen::Vector2d(camera.cx, camera.cy);
   };
   for (PointObservation& o : undistorted.point_observations) undistort(o.view, &o.pixel);
   for (LineObservation& o : undistorted.line_observations) {
@@ -275,39 +276,24 @@ std::vector<std::vector<int>> StructureComponents(const SceneStructure& structur
     }
     return nearest;
   };
-  std::vector<std::vector<int>> out;
-  for (std::size_t c = 0; c < linked.size(); ++c) {
-    // A fragment that a larger component takes in is none of its own.
-    std::vector<int> grown = linked[c];
-    if (static_cast<int>(grown.size()) < options.min_points) {
-      // Without an anchor of its own it gathers what lies nearest.
-      std::vector<std::pair<double, int>> near;
-      for (int i = 0; i < n; ++i) {
-        if (std::find(grown.begin(), grown.end(), i) != grown.end()) continue;
-        near.emplace_back(distance(linked[c], {i}), i);
-      }
-      const bool taken = std::any_of(out.begin(), out.end(), [&](const auto& other) {
-        return std::all_of(linked[c].begin(), linked[c].end(), [&](int i) {
-          return std::find(other.begin(), other.end(), i) != other.end();
-        });
-      });
-      if (taken) continue;
-      std::sort(near.begin(), near.end());
-      for (const auto& [d, i] : near) {
-        if (static_cast<int>(grown.size()) >= 2 * options.min_points) break;
-        grown.push_back(i);
-      }
-    } else {
-      const double reach = options.reach * Extent(structure, linked[c]);
-      for (const auto& other : linked) {
-        if (&other == &linked[c] || other.size() >= linked[c].size()) continue;
-        if (distance(linked[c], other) < reach) grown.insert(grown.end(), other.begin(), other.end());
-      }
+  const auto small = std::find_if(linked.begin(), linked.end(), [&](const auto& c) {
+    return static_cast<int>(c.size()) < options.min_points;
+  });
+  std::vector<std::vector<int>> out(linked.begin(), small);
+  std::vector<int> left_over;
+  for (auto fragment = small; fragment != linked.end(); ++fragment) {
+    bool taken = false;
+    for (auto large = linked.begin(); large != small; ++large) {
+      if (!(distance(*large, *fragment) < options.reach * Extent(structure, *large))) continue;
+      std::vector<int>& grown = out[static_cast<std::size_t>(large - linked.begin())];
+      grown.insert(grown.end(), fragment->begin(), fragment->end());
+      taken = true;
     }
-    if (static_cast<int>(grown.size()) < options.min_points) continue;
-    std::sort(grown.begin(), grown.end());
-    out.push_back(std::move(grown));
+    if (!taken) left_over.insert(left_over.end(), fragment->begin(), fragment->end());
   }
+  // What nothing ties to anything is one component more, so that no point is lost.
+  if (static_cast<int>(left_over.size()) >= options.min_points) out.push_back(left_over);
+  for (std::vector<int>& component : out) std::sort(component.begin(), component.end());
   return out;
 }
 

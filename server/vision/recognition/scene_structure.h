@@ -57,14 +57,15 @@ absl::StatusOr<SceneStructure> MetricStructure(const MultiviewTracks& tracks,
                                                int min_views = 3);
 
 struct ComponentOptions {
-  // A point without edges joins the component whose next point is nearer than this share of the
-  // component's extent. Raising it gathers more of a part, and more clutter.
-  double reach = 0.5;
-  int min_points = 5;  // of a component
+  // Points that edges join to fewer than `min_points` go to every larger component whose nearest
+  // point is within this share of that component's extent. Raising it gathers more of a part, and
+  // more clutter.
+  double reach = 1.0;
+  int min_points = 5;
 };
 
-// Points that may be one object's: joined by edges, or near enough; largest first. A point may be in
-// several components.
+// Points that may be one object's: joined by edges, or near enough; largest first. A point may be
+// in several components.
 std::vector<std::vector<int>> StructureComponents(const SceneStructure& structure,
                                                   const ComponentOptions& options = {});
 

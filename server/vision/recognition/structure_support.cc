@@ -11,7 +11,9 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // Vertices that determine a transformation, and one more that confirms it.
-int MinVertices(TransformGroup group) { return group == TransformGroup::kCollineation ? 6 : 5; }
+int MinVertices(TransformGroup group) {
+  return group == TransformGroup::kCollineation ? 6 : 5;
+}
 
 struct Mapped {
   std::vector<Eigen::Vector3d> vertices;
@@ -85,8 +87,8 @@ std::vector<EdgeMatch> MatchEdges(const StructureEvidence& evidence,
       const double share = to.dot(along) / along.squaredNorm();
       if (!(share > -0.1 && share < 1.1)) continue;
       if (!((to - share * along).norm() < 0.2 * along.norm())) continue;
-      const double misfit = EdgeChi2(
-          s, evidence.observations_of_line, H, shape.vertices[a], shape.vertices[b], j);
+      const double misfit =
+          EdgeChi2(s, evidence.observations_of_line, H, shape.vertices[a], shape.vertices[b], j);
       if (misfit < best) best = misfit, line = j;
     }
     if (line < 0) continue;
@@ -146,27 +148,28 @@ StructureEvidence GatherEvidence(const SceneStructure& structure) {
   return out;
 }
 
-int QuickVertexSupport(const SceneStructure& structure,
-                       const ObjectShape& shape,
-                       const Eigen::Matrix4d& structure_from_shape,
-                       double reach) {
-  int count = 0;
+std::vector<VertexMatch> QuickVertexMatches(const SceneStructure& structure,
+                                            std::span<const int> points,
+                                            const ObjectShape& shape,
+                                            const Eigen::Matrix4d& structure_from_shape,
+                                            double reach) {
+  std::vector<VertexMatch> out;
   std::vector<bool> used(structure.points.size(), false);
-  for (const auto& v : shape.vertices) {
-    const Eigen::Vector4d y = structure_from_shape * v.homogeneous();
-    if (!(y.w() > 0.0)) return 0;
+  for (int v = 0; v < shape.size(); ++v) {
+    const Eigen::Vector4d y = structure_from_shape * shape.vertices[v].homogeneous();
+    if (!(y.w() > 0.0)) return {};
     const Eigen::Vector3d x = y.hnormalized();
     double best = reach * reach;
     int at = -1;
-    for (std::size_t i = 0; i < structure.points.size(); ++i) {
+    for (const int i : points) {
       const double d = (structure.points[i] - x).squaredNorm();
-      if (d < best && !used[i]) best = d, at = static_cast<int>(i);
+      if (d < best && !used[i]) best = d, at = i;
     }
     if (at < 0) continue;
     used[at] = true;
-    ++count;
+    out.push_back({v, at});
   }
-  return count;
+  return out;
 }
 
 double MappedExtent(const ObjectShape& shape, const Eigen::Matrix4d& structure_from_shape) {
@@ -188,7 +191,8 @@ bool IsSeenUnmirrored(const SceneStructure& structure,
     if (!P) continue;
     const CameraMatrix in_shape = *P * structure_from_shape;
     int front = 0;
-    for (const auto& v : shape.vertices) front += in_shape.row(2).dot(v.homogeneous()) > 0.0 ? 1 : -1;
+    for (const auto& v : shape.vertices)
+      front += in_shape.row(2).dot(v.homogeneous()) > 0.0 ? 1 : -1;
     const double det = in_shape.leftCols<3>().determinant();
     proper += det * front > 0.0 ? 1 : -1;
   }

@@ -3,7 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <memory>
+#include <span>
 #include <vector>
 
 #include "server/vision/recognition/object_collineation.h"
@@ -39,9 +39,9 @@ struct StructureHypothesis {
   Eigen::Matrix4d structure_from_object = Eigen::Matrix4d::Identity();
   std::vector<VertexMatch> vertices;
   std::vector<EdgeMatch> edges;
-  double log_odds = 0.0;     // sum of the log-likelihood ratios of SupportOptions
+  double log_odds = 0.0;      // sum of the log-likelihood ratios of SupportOptions
   double vertex_share = 0.0;  // matched vertices of all of the object
-  double rms_sigma = 0.0;    // of the matched vertices, per coordinate
+  double rms_sigma = 0.0;     // of the matched vertices, per coordinate
   int component = -1;
   int votes = 0;  // tuples whose keys led to it
 };
@@ -56,19 +56,21 @@ struct StructureEvidence {
 };
 StructureEvidence GatherEvidence(const SceneStructure& structure);
 
-// Number of vertices with a point within `reach` (structure units), no point counted twice.
-int QuickVertexSupport(const SceneStructure& structure,
-                       const ObjectShape& shape,
-                       const Eigen::Matrix4d& structure_from_shape,
-                       double reach);
+// Every vertex's nearest free point among `points` within `reach` (structure units), vertices in
+// turn; quick, not the best assignment. Empty when a vertex lies beyond the plane at infinity.
+std::vector<VertexMatch> QuickVertexMatches(const SceneStructure& structure,
+                                            std::span<const int> points,
+                                            const ObjectShape& shape,
+                                            const Eigen::Matrix4d& structure_from_shape,
+                                            double reach);
 
-// Distance of the mapped vertices from their middle, root mean square; infinite when one lies beyond
-// the plane at infinity.
+// Distance of the mapped vertices from their middle, root mean square; infinite when one lies
+// beyond the plane at infinity.
 double MappedExtent(const ObjectShape& shape, const Eigen::Matrix4d& structure_from_shape);
 
-// Whether most cameras see the object itself and not its mirror image: brought to the object's frame
-// and with the object in front of them, P = [M | p] must have det M > 0. Needs no orientation of the
-// structure's frame.
+// Whether most cameras see the object itself and not its mirror image: brought to the object's
+// frame and with the object in front of them, P = [M | p] must have det M > 0. Needs no orientation
+// of the structure's frame.
 bool IsSeenUnmirrored(const SceneStructure& structure,
                       const ObjectShape& shape,
                       const Eigen::Matrix4d& structure_from_shape);

@@ -13,9 +13,9 @@
 namespace horopter {
 
 struct SixTupleOptions {
-  int max_draws = 6000;  // of more sets of six, that many are drawn; all otherwise
-  int max_tuples = 400;  // kept of a component, fewest expected hits first
-  double gate = 7.81;    // chi-square of three degrees of freedom, 95 %
+  int max_draws = 30000;  // of more sets of six, that many are drawn; all otherwise
+  int max_tuples = 3000;  // kept of a component, fewest expected hits first
+  double gate = 7.81;     // chi-square of three degrees of freedom, 95 %
   SixPointOptions invariants;
   unsigned seed = 1;
 };
