@@ -183,15 +183,17 @@ std::vector<EdgePoint> CollectEdgePoints(const ImageFeatures& features) {
 }
 
 EdgeMaps BuildEdgeMaps(const ImageFeatures& features, int threads) {
+  return BuildEdgeMaps(CollectEdgePoints(features), features.width, features.height, threads);
+}
+
+EdgeMaps BuildEdgeMaps(std::vector<EdgePoint> points, int width, int height, int threads) {
   EdgeMaps maps;
-  maps.working_from_image = features.width > EdgeMaps::kWorkingWidth
-                                ? static_cast<double>(EdgeMaps::kWorkingWidth) / features.width
-                                : 1.0;
+  maps.working_from_image =
+      width > EdgeMaps::kWorkingWidth ? static_cast<double>(EdgeMaps::kWorkingWidth) / width : 1.0;
   maps.scale_f = static_cast<float>(maps.working_from_image);
-  maps.width = std::max(1, static_cast<int>(std::lround(features.width * maps.working_from_image)));
-  maps.height =
-      std::max(1, static_cast<int>(std::lround(features.height * maps.working_from_image)));
-  maps.points = CollectEdgePoints(features);
+  maps.width = std::max(1, static_cast<int>(std::lround(width * maps.working_from_image)));
+  maps.height = std::max(1, static_cast<int>(std::lround(height * maps.working_from_image)));
+  maps.points = std::move(points);
   std::vector<Eigen::Vector2f> working;
   working.reserve(maps.points.size());
   for (const EdgePoint& p : maps.points) working.push_back(p.point * maps.scale_f);

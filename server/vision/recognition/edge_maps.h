@@ -74,4 +74,7 @@ std::vector<EdgePoint> CollectEdgePoints(const ImageFeatures& features);
 // shared out over `threads`.
 EdgeMaps BuildEdgeMaps(const ImageFeatures& features, int threads = 1);
 
+// The same from chosen edge points of an image of this size (pixels).
+EdgeMaps BuildEdgeMaps(std::vector<EdgePoint> points, int width, int height, int threads = 1);
+
 }  // namespace horopter

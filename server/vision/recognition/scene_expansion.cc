@@ -9,6 +9,7 @@
 #include "server/vision/recognition/pose_refine.h"
 #include "server/vision/recognition/scene_refine.h"
 #include "server/vision/recognition/support_surface.h"
+#include "server/vision/recognition/verdict.h"
 #include "server/vision/recognition/view_linking.h"
 
 namespace horopter {
@@ -45,6 +46,18 @@ bool SamePlacement(const PreparedObject& object, const Rigid3& a, const Rigid3& 
   return std::any_of(object.model.symmetries.begin(),
                      object.model.symmetries.end(),
                      [&](const Rigid3& s) { return close(a * s); });
+}
+
+std::vector<SpaceCorner> CornersOf(const JointContext& context, const SceneModel& scene) {
+  std::vector<FeatureView> views;
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!scene.views[v]) continue;
+    views.push_back({context.views[v].features,
+                     scene.views[v]->camera,
+                     scene.views[v]->camera_from_scene,
+                     context.views[v].maps.working_from_image});
+  }
+  return FindSpaceCorners(views);
 }
 
 // Mean quick score over the views in which the object's centre is inside the image.
@@ -152,6 +165,16 @@ bool RestsOn(const PreparedObject& object,
       });
 }
 
+// Whether the part is turned as it can rest on a level surface.
+bool IsUprightPart(const PreparedObject& object,
+                   const Rigid3& scene_from_object,
+                   const ScenePlane& plane) {
+  return std::any_of(
+      object.stable_poses.begin(), object.stable_poses.end(), [&](const StablePose& s) {
+        return (scene_from_object.R * s.up).dot(plane.normal) > kPlaneCos;
+      });
+}
+
 // Whether a plane of matched texture carries parts. It may as well be a printed face of a part:
 // then the surest placements lie behind it.
 bool Supports(const JointContext& context,
@@ -249,18 +272,31 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
 }
 
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
+                                            const JointContext& search,
                                             const SceneModel& scene,
                                             const std::vector<SearchSurface>& surfaces,
                                             std::span<const PlacedObject> earlier,
                                             const ExpansionOptions& options) {
   const std::vector<KnownView> known = KnownViews(context, scene);
+  const std::vector<KnownView> searched = KnownViews(search, scene);
   std::vector<std::vector<PlacedObject>> per_object(context.objects.size());
   std::optional<TableSearch> table;
-  if (scene.plane && !surfaces.empty()) table.emplace(context, scene, surfaces, options.table);
+  if (options.use_table && scene.plane && !surfaces.empty())
+    table.emplace(search, scene, surfaces, options.table);
+  std::vector<SpaceCorner> corners;
+  if (options.use_corners) corners = CornersOf(search, scene);
   ParallelFor(static_cast<int>(per_object.size()), options.threads, [&](int k) {
     if (IsStopRequested(context.stop)) return;
     std::vector<TablePose> on_table;
     if (table) on_table = table->Find(k);
+    const PreparedObject& object = *context.objects[k];
+    for (const PooledPose& p :
+         SettledPoses(object,
+                      searched,
+                      PosesFromCorners(object, searched, corners, options.corners),
+                      options.corners.settle)) {
+      on_table.push_back({p.table_from_object, p.quick});
+    }
     for (const PlacedObject& p : earlier) {
       if (p.object == k) on_table.push_back({p.scene_from_object});
     }
@@ -299,6 +335,9 @@ void Consolidate(const JointContext& context,
         HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene->plane).lowest_m;
     if (height < -2 * options.plane_tolerance_m) return false;  // below the table
     if (p.score >= options.off_plane_score) return p.gain > 0;
+    if (!IsUprightPart(*context.objects[p.object], p.scene_from_object, *scene->plane))
+      return false;
+    if (Evidence(p.score, p.total.Sharpness()) >= options.floating_evidence) return p.gain > 0;
     // Camouflaged parts lack edges that they should show: what they stand on speaks for them.
     if (height < options.plane_tolerance_m) return true;
     return std::any_of(scene->objects.begin(), scene->objects.end(), [&](const PlacedObject& o) {

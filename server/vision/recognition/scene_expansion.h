@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "server/vision/recognition/corner_search.h"
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/table_search.h"
@@ -20,18 +21,27 @@ struct ExpansionOptions {
   double max_shared_volume = 0.08;
   double max_shared_edges =
       0.5;  // share of an object's explained edges that accepted objects explain already
+  // Evidence (log odds, verdict.h) of an upright part that stands on nothing we know, and of parts
+  // whose edges are taken out of the search for others.
+  double floating_evidence = 4.0;
+  double sure_evidence = 4.0;
   double doubtful_score = 0.42;  // of parts whose tops are searched though they are not accepted
   int max_surfaces = 6;          // heights searched, the plane included
   int plane_voters = 40;         // best placements that vote for the plane
   TableSearchOptions table;
+  bool use_table = true;    // parts that stand on the surfaces
+  bool use_corners = true;  // parts in any attitude, from corners in space
+  CornerSearchOptions corners;
   int threads = 1;
 };
 
 // Placements of all objects suggested by the hypotheses of the registered views, by `earlier`
 // placements in cameras that differ little, and, where the scene has a plane, by the edges seen on
 // the given surfaces; refined and verified over all registered views (no occlusion considered),
-// best score first.
+// best score first. search: the evidence that parts are looked for in, `context` itself or what
+// remains of it (remaining_evidence.h); they are judged by all of it.
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
+                                            const JointContext& search,
                                             const SceneModel& scene,
                                             const std::vector<SearchSurface>& surfaces,
                                             std::span<const PlacedObject> earlier,

@@ -104,6 +104,28 @@ std::vector<PooledPose> InTurn(std::vector<PooledPose> by_quick) {
   return out;
 }
 
+std::vector<PooledPose> SettledPoses(const PreparedObject& object,
+                                     std::span<const KnownView> views,
+                                     std::vector<PooledPose> sorted,
+                                     const SettleOptions& options) {
+  RefineOptions refine;
+  refine.iterations = 6;
+  refine.start_reach_px = options.settle_reach_px;
+  std::vector<PooledPose> out;
+  for (PooledPose& p : DistinctPoses(object, views, InTurn(std::move(sorted)), options.settled)) {
+    const auto settled = RefineInScene(object, views, p.table_from_object, refine);
+    if (!settled) continue;
+    p.table_from_object = *settled;
+    p.quick = MeanQuick(object, views, 1.0, *settled, options.settled_reach_px, 0.0);
+    out.push_back(p);
+  }
+  std::stable_sort(out.begin(), out.end(), [](const PooledPose& a, const PooledPose& b) {
+    return a.quick > b.quick;
+  });
+  if (static_cast<int>(out.size()) > options.kept) out.resize(options.kept);
+  return out;
+}
+
 bool EdgesVisible(const PreparedObject& object,
                   const StandingPart& part,
                   const TableYaw& yaw,

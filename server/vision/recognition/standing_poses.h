@@ -72,6 +72,19 @@ std::vector<PooledPose> DistinctPoses(const PreparedObject& object,
 // where fine texture scores as well, and votes of texture may outnumber those of a part.
 std::vector<PooledPose> InTurn(std::vector<PooledPose> by_quick);
 
+struct SettleOptions {
+  int settled = 24;               // distinct poses refined
+  int kept = 8;                   // of these
+  double settle_reach_px = 14.0;  // first association when poses are refined over all views
+  float settled_reach_px = 3.0f;  // of the quick score of the refined poses
+};
+// The best of distinct poses (scale known), refined over all views: fine texture supports anything
+// within the first reach, settled poses tell truth from chance. Best first.
+std::vector<PooledPose> SettledPoses(const PreparedObject& object,
+                                     std::span<const KnownView> views,
+                                     std::vector<PooledPose> sorted,
+                                     const SettleOptions& options);
+
 // Are both model edges of the standing part mostly visible from the camera centre `eye` (table
 // units)?
 bool EdgesVisible(const PreparedObject& object,

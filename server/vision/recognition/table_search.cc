@@ -206,22 +206,11 @@ std::vector<TablePose> TableSearch::Find(int k) const {
                  &pool);
     }
   }
-  // Fine texture supports anything within the first reach: settled poses tell truth from chance.
-  RefineOptions settle;
-  settle.iterations = 6;
-  settle.start_reach_px = options_.settle_reach_px;
   std::vector<TablePose> out;
-  for (const PooledPose& p : DistinctPoses(
-           object, views_, InTurn(std::move(pool).Sorted()), options_.settled_per_object)) {
-    const auto settled = RefineInScene(object, views_, p.table_from_object, settle);
-    if (!settled) continue;
-    const double quick = MeanQuick(object, views_, 1.0, *settled, options_.settled_reach_px, 0.0);
-    out.push_back({scene_from_table_ * *settled, quick});
+  for (const PooledPose& p :
+       SettledPoses(object, views_, std::move(pool).Sorted(), options_.settle)) {
+    out.push_back({scene_from_table_ * p.table_from_object, p.quick});
   }
-  std::stable_sort(out.begin(), out.end(), [](const TablePose& a, const TablePose& b) {
-    return a.quick > b.quick;
-  });
-  if (static_cast<int>(out.size()) > options_.kept_per_object) out.resize(options_.kept_per_object);
   return out;
 }
 

@@ -8,28 +8,27 @@
 
 #include "server/vision/recognition/pose_votes.h"
 #include "server/vision/recognition/scene_model.h"
+#include "server/vision/recognition/standing_poses.h"
 #include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/table_sighting.h"
 
 namespace horopter {
 
 struct TableSearchOptions {
-  int max_paths = 700;            // image paths per view, scale unknown
-  double path_tolerance = 0.12;   // misfit of the third point, share of the path
-  float quick_reach_px = 10.0f;   // working pixels
-  float min_quick = 0.42f;        // mean over the views
-  float known_reach_px = 7.0f;    // ... once the cameras are known well
-  double settle_reach_px = 14.0;  // first association when poses are refined over all views
-  float settled_reach_px = 3.0f;  // ... of the refined poses
-  int settled_per_object = 24;    // distinct poses refined
-  int kept_per_object = 8;        // distinct poses
-  int refined_seeds = 40;         // ... of all objects that are verified as seeds
-  double min_edge_px = 14.0;      // working pixels, scale known
-  double min_partial = 0.5;       // seen share of an edge of which one end is hidden
-  double min_path_votes = 2.0;    // of two-edge paths, scale unknown
-  double min_edge_votes = 2.2;    // of edges seen whole; 0.5 for one of which an end is hidden
-  int peaks = 150;                // poses scored per standing pose of an object
-  int peaks_over = 40;            // ... on a surface that is only searched over other parts
+  int max_paths = 700;           // image paths per view, scale unknown
+  double path_tolerance = 0.12;  // misfit of the third point, share of the path
+  float quick_reach_px = 10.0f;  // working pixels
+  float min_quick = 0.42f;       // mean over the views
+  float known_reach_px = 7.0f;   // ... once the cameras are known well
+  SettleOptions settle;
+  int kept_per_object = 8;      // distinct poses, scale unknown
+  int refined_seeds = 40;       // ... of all objects that are verified as seeds
+  double min_edge_px = 14.0;    // working pixels, scale known
+  double min_partial = 0.5;     // seen share of an edge of which one end is hidden
+  double min_path_votes = 2.0;  // of two-edge paths, scale unknown
+  double min_edge_votes = 2.2;  // of edges seen whole; 0.5 for one of which an end is hidden
+  int peaks = 150;              // poses scored per standing pose of an object
+  int peaks_over = 40;          // ... on a surface that is only searched over other parts
 };
 
 struct TablePose {

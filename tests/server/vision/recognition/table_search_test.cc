@@ -11,81 +11,10 @@
 #include "server/vision/recognition/scene_refine.h"
 #include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/table_seeds.h"
-#include "tests/support/synthetic_part.h"
+#include "tests/support/synthetic_table.h"
 
 namespace horopter {
 namespace {
-
-struct Table {
-  std::vector<std::shared_ptr<const PreparedObject>> objects{PrepareObject(LBracket()).value(),
-                                                             PrepareObject(Wedge()).value()};
-  std::vector<PinholeCamera> cameras;
-  std::vector<Rigid3> camera_from_table;
-  std::vector<ImageFeatures> features;
-  MatchingResult matching;
-
-  JointContext Context() {
-    JointContext context;
-    context.objects = objects;
-    context.matching = &matching;
-    for (std::size_t v = 0; v < features.size(); ++v) {
-      context.views.push_back(BuildViewEvidence(features[v]));
-      context.start_cameras.push_back(cameras[v]);
-      context.focal_log_sigma.push_back(0.1);
-    }
-    context.hypotheses.assign(features.size(), std::vector<ViewHypotheses>(objects.size()));
-    return context;
-  }
-};
-
-struct Shown {
-  int object;
-  Rigid3 table_from_object;
-};
-
-Rigid3 Standing(double yaw, double x, double y, double z) {
-  return {Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()).toRotationMatrix(), {x, y, z}};
-}
-
-Table MakeTable(const std::vector<Shown>& shown, int views, double noise_px, unsigned seed) {
-  Table table;
-  std::mt19937 rng(seed);
-  for (int v = 0; v < views; ++v) {
-    const double a = -0.9 + 0.45 * v;
-    table.cameras.push_back(CenteredCamera(640, 480, 880.0 + 40 * v));
-    table.camera_from_table.push_back(
-        LookAt({0.5 * std::sin(a), -0.5 * std::cos(a), 0.42}, {0.02, 0.01, 0.02}));
-    ImageFeatures f;
-    f.width = 640;
-    f.height = 480;
-    for (const Shown& s : shown) {
-      AddSyntheticFeatures(*table.objects[s.object],
-                           table.cameras[v],
-                           table.camera_from_table[v] * s.table_from_object,
-                           noise_px,
-                           &rng,
-                           &f);
-    }
-    table.features.push_back(std::move(f));
-  }
-  table.matching.component.assign(views, 0);
-  table.matching.view_from_plane.assign(views, Eigen::Matrix3d::Identity());
-  return table;
-}
-
-double LargestError(const Table& table, int object, const Rigid3& a, const Rigid3& b) {
-  double largest = 0.0;
-  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
-    largest = std::max(largest,
-                       ProjectionDistance(*table.objects[object],
-                                          table.cameras[v],
-                                          table.camera_from_table[v] * a,
-                                          table.cameras[v],
-                                          table.camera_from_table[v] * b,
-                                          1.0));
-  }
-  return largest;
-}
 
 TEST(SightTable, SaysWhereAPixelsPointStandsAtEveryHeight) {
   PinholeCamera camera = CenteredCamera(640, 480, 900);

@@ -1,0 +1,47 @@
+// Corners in space: junctions that several views with known cameras show at one point, with the
+// directions of their edges. One corner with two edges gives a part's whole pose, standing or not.
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "server/vision/features/features.h"
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/rigid3.h"
+
+namespace horopter {
+
+// A view whose camera is known. The scene frame is any metric frame.
+struct FeatureView {
+  const ImageFeatures* features = nullptr;
+  PinholeCamera camera;
+  Rigid3 camera_from_scene;
+  double working_from_image = 1.0;
+};
+
+struct SpaceCorner {
+  struct Edge {
+    Eigen::Vector3d direction = Eigen::Vector3d::UnitX();  // unit, away from the corner
+    double length_m = 0.0;  // the longest that any view shows; the model edge is not shorter
+  };
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // scene frame, metres
+  std::vector<Edge> edges;                          // two at least
+  int views = 0;                                    // that show the point
+};
+
+struct SpaceCornerOptions {
+  double reach_px = 2.5;        // of a junction from the projected point, working pixels
+  double direction_rad = 0.09;  // of an image edge from the projected direction
+  double min_parallax_rad = 0.03;
+  double min_plane_angle_rad = 0.06;  // between the planes of rays that give a direction
+  double same_point_m = 0.003;        // nearer corners are one
+  int max_corners = 400;              // those that most views show are kept
+};
+
+// Corners that three views show (two where there are only two), best shown first. Directions are
+// confirmed by as many views. Lens distortion bends no edge noticeably over its length.
+std::vector<SpaceCorner> FindSpaceCorners(std::span<const FeatureView> views,
+                                          const SpaceCornerOptions& options = {});
+
+}  // namespace horopter
