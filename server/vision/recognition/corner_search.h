@@ -1,4 +1,4 @@
-// Poses of parts from single corners in space: any attitude, cameras known and metric.
+// Poses of parts from single corners and circles in space: any attitude, cameras known and metric.
 #pragma once
 
 #include <span>
@@ -6,6 +6,7 @@
 
 #include "server/vision/recognition/pose_refine.h"
 #include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/space_circles.h"
 #include "server/vision/recognition/space_corners.h"
 #include "server/vision/recognition/standing_poses.h"
 
@@ -16,6 +17,8 @@ struct CornerSearchOptions {
   double length_share = 0.06;     // an edge may look so much longer than it is, and
   double length_slack_m = 0.002;  // ... so much
   double min_length_share = 0.2;  // of the model edge that is seen at least
+  double radius_log = 0.06;       // difference of a circle's radius from the model's
+  int turns = 24;                 // about a circle's axis that are tried
   float quick_reach_px = 7.0f;    // working pixels
   float min_quick = 0.42f;        // mean over the views
   SettleOptions settle{.settled = 12, .kept = 4};
@@ -35,6 +38,13 @@ Rigid3 PoseFromCorner(const Eigen::Vector3d& vertex,
 std::vector<PooledPose> PosesFromCorners(const PreparedObject& object,
                                          std::span<const KnownView> views,
                                          std::span<const SpaceCorner> corners,
+                                         const CornerSearchOptions& options);
+
+// The same from circles: each of the model's circles of like radius is brought to it with its axis
+// either way up, in `turns` turns about it.
+std::vector<PooledPose> PosesFromCircles(const PreparedObject& object,
+                                         std::span<const KnownView> views,
+                                         std::span<const SpaceCircle> circles,
                                          const CornerSearchOptions& options);
 
 }  // namespace horopter

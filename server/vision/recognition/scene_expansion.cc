@@ -48,7 +48,7 @@ bool SamePlacement(const PreparedObject& object, const Rigid3& a, const Rigid3& 
                      [&](const Rigid3& s) { return close(a * s); });
 }
 
-std::vector<SpaceCorner> CornersOf(const JointContext& context, const SceneModel& scene) {
+std::vector<FeatureView> FeatureViews(const JointContext& context, const SceneModel& scene) {
   std::vector<FeatureView> views;
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
@@ -57,7 +57,7 @@ std::vector<SpaceCorner> CornersOf(const JointContext& context, const SceneModel
                      scene.views[v]->camera_from_scene,
                      context.views[v].maps.working_from_image});
   }
-  return FindSpaceCorners(views);
+  return views;
 }
 
 // Mean quick score over the views in which the object's centre is inside the image.
@@ -284,17 +284,25 @@ std::vector<PlacedObject> CollectPlacements(const JointContext& context,
   if (options.use_table && scene.plane && !surfaces.empty())
     table.emplace(search, scene, surfaces, options.table);
   std::vector<SpaceCorner> corners;
-  if (options.use_corners) corners = CornersOf(search, scene);
+  std::vector<SpaceCircle> circles;
+  if (options.use_corners) {
+    const std::vector<FeatureView> views = FeatureViews(search, scene);
+    corners = FindSpaceCorners(views);
+    circles = FindSpaceCircles(views);
+  }
   ParallelFor(static_cast<int>(per_object.size()), options.threads, [&](int k) {
     if (IsStopRequested(context.stop)) return;
     std::vector<TablePose> on_table;
     if (table) on_table = table->Find(k);
     const PreparedObject& object = *context.objects[k];
+    std::vector<PooledPose> in_space = PosesFromCorners(object, searched, corners, options.corners);
+    for (PooledPose& p : PosesFromCircles(object, searched, circles, options.corners))
+      in_space.push_back(std::move(p));
+    std::stable_sort(in_space.begin(), in_space.end(), [](const auto& x, const auto& y) {
+      return x.quick > y.quick;
+    });
     for (const PooledPose& p :
-         SettledPoses(object,
-                      searched,
-                      PosesFromCorners(object, searched, corners, options.corners),
-                      options.corners.settle)) {
+         SettledPoses(object, searched, std::move(in_space), options.corners.settle)) {
       on_table.push_back({p.table_from_object, p.quick});
     }
     for (const PlacedObject& p : earlier) {
