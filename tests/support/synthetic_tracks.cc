@@ -89,7 +89,10 @@ void AddPart(int index, int parts, Random* random, SyntheticTracks* out) {
 
 void AddStructure(const SyntheticTracksOptions& options, Random* random, SyntheticTracks* out) {
   const Eigen::Vector3d half(0.15, 0.15, 0.08);
-  if (options.points == 0 && options.lines == 0) {
+  out->points = options.given_points;
+  out->lines = options.given_lines;
+  const bool given = !out->points.empty() || !out->lines.empty();
+  if (!given && options.points == 0 && options.lines == 0) {
     for (int k = 0; k < options.parts; ++k) AddPart(k, options.parts, random, out);
   }
   for (int k = 0; k < options.points; ++k) out->points.push_back(random->InBox(half));
