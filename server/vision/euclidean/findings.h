@@ -71,7 +71,7 @@ std::vector<ScaleSource> EstimateScales(const SceneBundle& bundle,
 struct RejectionOptions {
   double least_px = 0.8;
   double factor = 3.0;
-  double found_px = 1.5;     // an expected sample is found when an edge point is this near
+  double found_px = 2.5;     // an expected sample is found when an edge point is this near
   double least_found = 0.6;  // higher: more objects are left out
 };
 std::vector<int> FindMisfits(const SceneBundle& bundle,

@@ -15,7 +15,7 @@ constexpr double kMedianOfChiSquare2 = 1.386;  // two degrees of freedom
 constexpr double kOutlierSigmas = 3.0;
 constexpr int kTrims = 2;
 constexpr double kLeastSigmaPx = 0.02;      // of one match
-constexpr double kLeastInformation = 0.02;  // of a match, along its patch's edges
+constexpr double kLeastInformation = 0.002; // of a match, along its patch's edges
 constexpr double kAspect = 0.75;            // of an image, about
 constexpr double kMostColumns = 12.0;
 

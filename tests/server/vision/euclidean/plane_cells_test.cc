@@ -96,7 +96,7 @@ TEST(AveragePlaneMatches, CellsKeepTheDistortionAndStateTheirErrorHonestly) {
       ASSERT_GT(observed.cells.size(), 40u);
       const double mean = MeanSquared(scene, observed);
       EXPECT_GT(mean, 1.2) << "seed " << seed << " weak " << weak;
-      EXPECT_LT(mean, 3.0) << "seed " << seed << " weak " << weak;
+      EXPECT_LT(mean, 3.2) << "seed " << seed << " weak " << weak;
     }
   }
 }
