@@ -14,9 +14,9 @@ namespace {
 constexpr double kMedianOfChiSquare2 = 1.386;  // two degrees of freedom
 constexpr double kOutlierSigmas = 3.0;
 constexpr int kTrims = 2;
-constexpr double kLeastSigmaPx = 0.02;      // of one match
-constexpr double kLeastInformation = 0.002; // of a match, along its patch's edges
-constexpr double kAspect = 0.75;            // of an image, about
+constexpr double kLeastSigmaPx = 0.02;       // of one match
+constexpr double kLeastInformation = 0.002;  // of a match, along its patch's edges
+constexpr double kAspect = 0.75;             // of an image, about
 constexpr double kMostColumns = 12.0;
 
 // Matches of a pair that lie in one cell of view a.
@@ -126,7 +126,8 @@ ObservedPlane AveragePlaneMatches(const MatchingResult& matching,
     linked[pair.view_a] = linked[pair.view_b] = true;
   }
   const auto count = static_cast<double>(std::count(linked.begin(), linked.end(), true));
-  const double repeated = std::max(1.0, 0.5 * count);
+  const double repeated =
+      std::max(1.0, static_cast<double>(pairs.size()) / std::max(1.0, count - 1.0));
   const double most_columns =
       std::sqrt(options.max_cells / (kAspect * static_cast<double>(pairs.size())));
   for (const PlaneHomography* pair : pairs) {
