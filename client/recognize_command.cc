@@ -86,20 +86,32 @@ std::string Triple(const Eigen::Vector3d& v) {
   return absl::StrFormat("%8.1f %8.1f %8.1f", v.x(), v.y(), v.z());
 }
 
+// " (2 through the table, 1 unsure)", empty when all are offered.
+std::string DroppedText(const v1::GraspCounts& counts) {
+  if (counts.considered() == 0) return " (none is enrolled)";
+  std::string text;
+  const auto add = [&](int n, const char* reason) {
+    if (n > 0) absl::StrAppend(&text, text.empty() ? " (" : ", ", n, " ", reason);
+  };
+  add(counts.too_narrow(), "too narrow");
+  add(counts.below_plane(), "through the table");
+  add(counts.blocked(), "through another part");
+  add(counts.unsure(), "unsure");
+  return text.empty() ? text : absl::StrCat(text, ")");
+}
+
 std::string GraspText(const v1::RecognizedObject& object, const Rigid3& table_from_scene) {
-  const v1::RecognizedGrasp* best = nullptr;
-  for (const v1::RecognizedGrasp& g : object.grasps()) {
-    if (best == nullptr || g.quality() > best->quality()) best = &g;
-  }
-  if (best == nullptr) return "-";
+  if (object.grasps_size() == 0) return absl::StrCat("none", DroppedText(object.grasp_counts()));
+  const v1::RecognizedGrasp* best = &object.grasps(0);  // best first
   const Eigen::Vector3d t = (table_from_scene * FromProto(best->scene_from_gripper())).t * 1e3;
-  return absl::StrFormat("%s at (%.1f, %.1f, %.1f), opening %.0f; %d in all",
+  return absl::StrFormat("%s at (%.1f, %.1f, %.1f), opening %.0f; %d in all%s",
                          best->name(),
                          t.x(),
                          t.y(),
                          t.z(),
                          best->jaw_opening_m() * 1e3,
-                         object.grasps_size());
+                         object.grasps_size(),
+                         DroppedText(object.grasp_counts()));
 }
 
 void PrintTable(const v1::RecognizeSceneResponse& response,
@@ -146,6 +158,10 @@ void PrintTable(const v1::RecognizeSceneResponse& response,
         std::printf("               could also be %s\n", IdOfResource(other).c_str());
       }
     }
+  }
+  for (const v1::SceneFinding& f : response.findings()) {
+    std::printf(
+        "%s: %s\n", v1::SceneFinding_Kind_Name(f.kind()).substr(5).c_str(), f.detail().c_str());
   }
   double seconds = 0.0;
   for (const v1::StageReport& s : response.stages()) {

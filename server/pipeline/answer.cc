@@ -184,6 +184,18 @@ absl::Status FindBase(const SceneRequest& request, Drawing* d, SceneAnswer* answ
   return absl::OkStatus();
 }
 
+// Whose metre is right the images do not say: nobody may act on such an answer unawares.
+void TellScaleConflicts(SceneAnswer* answer) {
+  std::string named;
+  for (const AnswerFinding& f : answer->findings) {
+    if (f.kind != FindingKind::kScaleConflict) continue;
+    absl::StrAppend(&named, named.empty() ? "sizes contradict each other: " : "; ", f.detail);
+  }
+  if (named.empty()) return;
+  if (answer->state == SceneState::kRecognized) answer->state = SceneState::kAmbiguous;
+  absl::StrAppend(&answer->detail, answer->detail.empty() ? "" : "; ", named);
+}
+
 absl::Status FillCovariances(const Drawing& d, SceneAnswer* answer) {
   const int n = static_cast<int>(answer->objects.size());
   answer->joint_covariance = Eigen::MatrixXd::Zero(6 * n, 6 * n);
@@ -279,6 +291,7 @@ absl::Status FillAnswer(const MetricScene& metric,
   }
   for (const Finding& f : metric.findings) AddFinding(f, d, objects, answer);
   HOROPTER_RETURN_IF_ERROR(CompareBaselines(request, d, answer));
+  TellScaleConflicts(answer);
   HOROPTER_RETURN_IF_ERROR(FindBase(request, &d, answer));
   HOROPTER_RETURN_IF_ERROR(FillCovariances(d, answer));
   FillGrasps(d, objects, grasps, answer);

@@ -223,6 +223,12 @@ void ObjectToProto(const AnswerObject& object,
     out->set_grip_width_m(grasp.grip_width_m);
     out->set_quality(grasp.quality);
   }
+  v1::GraspCounts* counts = proto->mutable_grasp_counts();
+  counts->set_considered(object.grasp_counts.considered);
+  counts->set_too_narrow(object.grasp_counts.too_narrow);
+  counts->set_below_plane(object.grasp_counts.below_plane);
+  counts->set_blocked(object.grasp_counts.blocked);
+  counts->set_unsure(object.grasp_counts.unsure);
   if (answer.base_from_scene) {
     RigidToProto(*answer.base_from_scene * object.scene_from_object,
                  proto->mutable_base_from_object());

@@ -1,6 +1,7 @@
 #include "tests/support/synthetic_metric_scene.h"
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <cmath>
 #include <map>
 #include <random>
@@ -71,6 +72,14 @@ void AddEdges(const PreparedObject& object,
   }
 }
 
+// Pixels of view v from (x, y, 1) of the plane z = 0.
+Eigen::Matrix3d PlaneToPixels(const MetricSceneTruth& scene, int v) {
+  const Rigid3& pose = scene.camera_from_world[v];
+  Eigen::Matrix3d H;
+  H << pose.R.col(0), pose.R.col(1), pose.t;
+  return scene.cameras[v].K() * H;
+}
+
 void AddTable(MetricSceneTruth* scene, Source* source) {
   constexpr int kPoints = 40;
   constexpr double kSigmaPx = 0.3;
@@ -78,6 +87,8 @@ void AddTable(MetricSceneTruth* scene, Source* source) {
     PlaneHomography pair;
     pair.view_a = static_cast<int>(v);
     pair.view_b = static_cast<int>(v) + 1;
+    pair.b_from_a =
+        PlaneToPixels(*scene, pair.view_b) * PlaneToPixels(*scene, pair.view_a).inverse();
     for (int i = 0; i < kPoints; ++i) {
       const double x = source->Uniform(-0.15, 0.15), y = source->Uniform(-0.15, 0.15);
       const auto pixel = [&](int view) {

@@ -9,7 +9,6 @@
 #include "server/vision/euclidean/edge_observations.h"
 #include "server/vision/euclidean/representative.h"
 #include "server/vision/euclidean/scene_bundle.h"
-#include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/prepared_object.h"
 
 namespace horopter {
@@ -107,7 +106,7 @@ Refinement Begin(const RecognitionInput& input,
       if (b.views[v].known)
         known[v] = RecognizedView{b.views[v].camera, b.views[v].camera_from_scene};
     }
-    b.plane = FindPlanePoints(*input.matching, known);
+    b.plane = AveragePlaneMatches(*input.matching, known, options.plane);
   }
   r.observation = {options.search_px, options.samples_per_view, options.threads};
   return r;
@@ -152,6 +151,8 @@ absl::Status Adjust(const EuclideanOptions& options, const StopRequested& stop, 
   for (int round = 0; round < options.rounds; ++round) {
     if (IsStopRequested(stop)) return absl::CancelledError("stopped during the metric adjustment");
     Observe(r);
+    const int left = options.rounds - 1 - round;
+    r->bundle.plane_slack = std::pow(options.plane_slack, left);
     if (r->bundle.edges.size() < kFewestEdges) {
       return absl::FailedPreconditionError("fewer than 8 edge points support the objects");
     }
@@ -244,7 +245,7 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   for (int k = 0; k < static_cast<int>(recognition.objects.size()); ++k) kept.push_back(k);
   Refinement r = Begin(input, recognition, kept, options);
   HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
-  const std::vector<int> misfits = FindMisfits(r.bundle, options.rejection);
+  const std::vector<int> misfits = FindMisfits(r.bundle, r.visible, options.rejection);
   if (!misfits.empty()) {
     for (const int k : misfits) out.findings.push_back(Rejected(recognition.objects[k].object));
     std::erase_if(
@@ -293,7 +294,7 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   AddFindings(b, input, options, &out);
   out.counts["rejected_objects"] = static_cast<double>(misfits.size());
   out.counts["edge_observations"] = static_cast<double>(b.edges.size());
-  out.counts["plane_matches"] = static_cast<double>(b.plane.matches.size());
+  out.counts["plane_cells"] = static_cast<double>(b.plane.cells.size());
   return out;
 }
 

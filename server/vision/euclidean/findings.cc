@@ -3,6 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "absl/strings/str_format.h"
 
@@ -55,6 +56,46 @@ Finding Weak(FindingKind kind, int object, const Eigen::Vector3d& direction, dou
                              sigma,
                              kind == FindingKind::kTurnUndetermined ? "rad" : "m");
   return f;
+}
+
+double MedianOf(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<long>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// Of the edge points found, working px; an object of which nothing is found fits nothing.
+std::vector<double> ScatterOfObjects(const SceneBundle& bundle) {
+  std::vector<std::vector<double>> residuals(bundle.objects.size());
+  for (const EdgeObservation& o : bundle.edges) {
+    residuals[o.object].push_back(std::abs(o.residual_px));
+  }
+  std::vector<double> scatter;
+  for (auto& r : residuals) {
+    scatter.push_back(r.empty() ? 1e9 : kNormalFromMad * MedianOf(std::move(r)));
+  }
+  return scatter;
+}
+
+// Share of an object's visible samples that have an edge point within found_px: median over the
+// views that show enough of it; 1 without such a view.
+std::vector<double> FoundShares(const SceneBundle& bundle,
+                                std::span<const VisibleSamples> visible,
+                                double found_px) {
+  constexpr std::size_t kFewestSamples = 20;
+  std::map<std::pair<int, int>, double> found;
+  for (const EdgeObservation& o : bundle.edges) {
+    found[{o.object, o.view}] += std::abs(o.residual_px) < found_px ? 1.0 : 0.0;
+  }
+  std::vector<std::vector<double>> shares(bundle.objects.size());
+  for (const VisibleSamples& seen : visible) {
+    if (seen.samples.size() < kFewestSamples) continue;
+    shares[seen.object].push_back(found[{seen.object, seen.view}] /
+                                  static_cast<double>(seen.samples.size()));
+  }
+  std::vector<double> out;
+  for (auto& s : shares) out.push_back(s.empty() ? 1.0 : MedianOf(std::move(s)));
+  return out;
 }
 
 }  // namespace
@@ -172,30 +213,26 @@ std::vector<ScaleSource> EstimateScales(const SceneBundle& bundle,
   return out;
 }
 
-std::vector<int> FindMisfits(const SceneBundle& bundle, const RejectionOptions& options) {
+std::vector<int> FindMisfits(const SceneBundle& bundle,
+                             std::span<const VisibleSamples> visible,
+                             const RejectionOptions& options) {
   const int n = static_cast<int>(bundle.objects.size());
-  std::vector<std::vector<double>> residuals(n);
-  for (const EdgeObservation& o : bundle.edges) {
-    residuals[o.object].push_back(std::abs(o.residual_px));
-  }
-  std::vector<double> scatter(n, 1e9);  // no edge found at all fits nothing
-  for (int k = 0; k < n; ++k) {
-    auto& r = residuals[k];
-    if (r.empty()) continue;
-    std::nth_element(r.begin(), r.begin() + static_cast<long>(r.size() / 2), r.end());
-    scatter[k] = kNormalFromMad * r[r.size() / 2];
-  }
   std::vector<int> out;
   if (n < 3) return out;
+  const std::vector<double> scatter = ScatterOfObjects(bundle);
+  const std::vector<double> found = FoundShares(bundle, visible, options.found_px);
   for (int k = 0; k < n; ++k) {
-    std::vector<double> others;
+    std::vector<double> other_scatter, other_found;
     for (int j = 0; j < n; ++j) {
-      if (j != k) others.push_back(scatter[j]);
+      if (j == k) continue;
+      other_scatter.push_back(scatter[j]);
+      other_found.push_back(found[j]);
     }
-    std::nth_element(
-        others.begin(), others.begin() + static_cast<long>(others.size() / 2), others.end());
-    const double typical = others[others.size() / 2];
-    if (scatter[k] > std::max(options.least_px, options.factor * typical)) out.push_back(k);
+    const double typical = MedianOf(std::move(other_scatter));
+    if (scatter[k] > std::max(options.least_px, options.factor * typical) ||
+        found[k] < options.least_found * MedianOf(std::move(other_found))) {
+      out.push_back(k);
+    }
   }
   return out;
 }

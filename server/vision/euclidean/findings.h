@@ -64,12 +64,18 @@ std::vector<ScaleSource> EstimateScales(const SceneBundle& bundle,
                                         const FindingOptions& options,
                                         int threads);
 
-// Objects whose edges do not fit the cameras: their scatter is `factor` times that of the others
-// and more than `least_px`. Fewer than two others: none.
+// Objects that do not fit the cameras of the others: the edges found scatter `factor` times as
+// widely as the others' and more than `least_px`, or of the edges expected (`visible`) less than
+// `least_found` times the others' share was found, in most of the views. Fewer than two others:
+// none.
 struct RejectionOptions {
   double least_px = 0.8;
   double factor = 3.0;
+  double found_px = 2.5;     // an expected sample is found when an edge point is this near
+  double least_found = 0.6;  // higher: more objects are left out
 };
-std::vector<int> FindMisfits(const SceneBundle& bundle, const RejectionOptions& options);
+std::vector<int> FindMisfits(const SceneBundle& bundle,
+                             std::span<const VisibleSamples> visible,
+                             const RejectionOptions& options);
 
 }  // namespace horopter

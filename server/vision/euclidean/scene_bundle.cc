@@ -14,7 +14,6 @@ namespace {
 // Neighbouring samples of one edge share the edge's error; samples closer than this (working
 // pixels) count as one.
 constexpr double kCorrelationPx = 12.0;
-constexpr double kPlaneSigmaPx = 0.7;
 constexpr double kMinDepthM = 1e-4;
 constexpr double kBehindSigmas = 1e4;  // stands for the residual of a point behind its camera
 constexpr int kEdgeRow = kViewParameters + kObjectParameters;
@@ -28,8 +27,8 @@ double EdgeWeight(const SceneBundle& bundle, const EdgeObservation& o) {
          (bundle.edge_sigma_px * std::sqrt(SharedSamples(o.spacing_px)));
 }
 
-double RobustLoss(const SceneBundle& bundle, double squared) {
-  const double c2 = bundle.cauchy_sigmas * bundle.cauchy_sigmas;
+double RobustLoss(double sigmas, double squared) {
+  const double c2 = sigmas * sigmas;
   return c2 * std::log1p(squared / c2);
 }
 
@@ -54,6 +53,21 @@ Eigen::Vector2d ProjectWithJacobian(const PinholeCamera& camera,
   by_view->middleCols<2>(7) = Eigen::Matrix2d::Identity();
   by_view->col(9) = camera.focal_px * squared * n;
   return off + Eigen::Vector2d(camera.cx, camera.cy);
+}
+
+// Where view b sees the plane's point that view a sees in the cell, against where it was found:
+// squared, in sigmas.
+double PlaneCellSquared(const SceneBundle& bundle, const PlaneCell& cell) {
+  const AdjustedView &a = bundle.views[cell.view_a], &b = bundle.views[cell.view_b];
+  const Eigen::Vector3d ray =
+      a.camera_from_scene.R.transpose() * NormalizedPoint(a.camera, cell.pixel_a).homogeneous();
+  const Eigen::Vector3d center = a.camera_from_scene.Inverse().t;
+  const double along = bundle.plane.plane.dot(ray);
+  const double s = (-1.0 - bundle.plane.plane.dot(center - bundle.plane.anchor)) / along;
+  const Eigen::Vector3d p = b.camera_from_scene * Eigen::Vector3d(center + s * ray);
+  if (!(s > kMinDepthM) || !(p.z() > kMinDepthM)) return kBehindSigmas * kBehindSigmas;
+  const Eigen::Vector2d e = cell.whitening * (Project(b.camera, p) - cell.pixel_b);
+  return e.squaredNorm() / (bundle.plane_slack * bundle.plane_slack);
 }
 
 struct NormalEquations {
@@ -98,11 +112,12 @@ NormalEquations Linearize(const SceneBundle& bundle,
     EdgeRow row;
     for (int e = runs[i].first; e < runs[i].last; ++e) {
       if (!LinearizeEdge(bundle, bundle.edges[e], &row)) {
-        sums[i].cost += RobustLoss(bundle, kBehindSigmas * kBehindSigmas);
+        sums[i].cost += RobustLoss(bundle.cauchy_sigmas, kBehindSigmas * kBehindSigmas);
         continue;
       }
-      const double squared = row.residual * row.residual, w = RobustWeight(bundle, squared);
-      sums[i].cost += RobustLoss(bundle, squared);
+      const double squared = row.residual * row.residual,
+                   w = RobustWeight(bundle.cauchy_sigmas, squared);
+      sums[i].cost += RobustLoss(bundle.cauchy_sigmas, squared);
       sums[i].A.noalias() += (w * row.J) * row.J.transpose();
       sums[i].b += w * row.residual * row.J;
     }
@@ -124,13 +139,13 @@ NormalEquations Linearize(const SceneBundle& bundle,
     out.cost += sums[i].cost;
   }
   PlaneRow row;
-  for (const PlanePoints::Match& m : bundle.plane.matches) {
-    if (!LinearizePlaneMatch(bundle, m, &row)) {
-      out.cost += RobustLoss(bundle, kBehindSigmas * kBehindSigmas);
+  for (const PlaneCell& m : bundle.plane.cells) {
+    if (!LinearizePlaneCell(bundle, m, &row)) {
+      out.cost += RobustLoss(bundle.plane_cauchy_sigmas, kBehindSigmas * kBehindSigmas);
       continue;
     }
-    const double w = RobustWeight(bundle, row.residual.squaredNorm());
-    out.cost += RobustLoss(bundle, row.residual.squaredNorm());
+    const double w = RobustWeight(bundle.plane_cauchy_sigmas, row.residual.squaredNorm());
+    out.cost += RobustLoss(bundle.plane_cauchy_sigmas, row.residual.squaredNorm());
     const int starts[3] = {layout.view[m.view_a], layout.view[m.view_b], layout.plane};
     const int columns[3] = {0, kViewParameters, 2 * kViewParameters};
     const int sizes[3] = {kViewParameters, kViewParameters, kPlaneParameters};
@@ -167,7 +182,7 @@ BundleLayout LayoutOf(const SceneBundle& bundle) {
     layout.object.push_back(layout.size);
     layout.size += kObjectParameters;
   }
-  if (!bundle.plane.matches.empty()) {
+  if (!bundle.plane.cells.empty()) {
     layout.plane = layout.size;
     layout.size += kPlaneParameters;
   }
@@ -191,16 +206,12 @@ std::vector<bool> Held(const SceneBundle& bundle,
   return out;
 }
 
-double PlaneSigmaPx() {
-  return kPlaneSigmaPx;
-}
-
 double SharedSamples(double spacing_px) {
   return std::max(1.0, kCorrelationPx / std::max(spacing_px, 0.2));
 }
 
-double RobustWeight(const SceneBundle& bundle, double squared) {
-  return 1.0 / (1.0 + squared / (bundle.cauchy_sigmas * bundle.cauchy_sigmas));
+double RobustWeight(double sigmas, double squared) {
+  return 1.0 / (1.0 + squared / (sigmas * sigmas));
 }
 
 bool LinearizeEdge(const SceneBundle& bundle, const EdgeObservation& edge, EdgeRow* row) {
@@ -232,13 +243,11 @@ bool LinearizeEdge(const SceneBundle& bundle, const EdgeObservation& edge, EdgeR
 // With C the centre of a and r = R_a^T q the ray of its pixel, the plane's point is P = C + s r,
 // s = (-1 - m.(C - anchor)) / (m.r). A move dC of the centre and dr of the ray shift it by
 // (I - r m^T / (m.r)) (dC + s dr).
-bool LinearizePlaneMatch(const SceneBundle& bundle,
-                         const PlanePoints::Match& match,
-                         PlaneRow* row) {
-  const AdjustedView &a = bundle.views[match.view_a], &b = bundle.views[match.view_b];
+bool LinearizePlaneCell(const SceneBundle& bundle, const PlaneCell& cell, PlaneRow* row) {
+  const AdjustedView &a = bundle.views[cell.view_a], &b = bundle.views[cell.view_b];
   const Eigen::Vector3d& m = bundle.plane.plane;
   const Eigen::Matrix3d Rt = a.camera_from_scene.R.transpose();
-  const Eigen::Vector3d q = NormalizedPoint(a.camera, match.pixel_a).homogeneous();
+  const Eigen::Vector3d q = NormalizedPoint(a.camera, cell.pixel_a).homogeneous();
   const Eigen::Vector3d r = Rt * q, C = -(Rt * a.camera_from_scene.t);
   const double mr = m.dot(r);
   if (mr == 0.0) return false;
@@ -250,8 +259,8 @@ bool LinearizePlaneMatch(const SceneBundle& bundle,
   Matrix23 by_point;
   ViewJacobian by_b;
   const Eigen::Vector2d u = ProjectWithJacobian(b.camera, p, view_arm, &by_point, &by_b);
-  const double w = bundle.working_from_image[match.view_b] / kPlaneSigmaPx;
-  row->residual = w * (u - match.pixel_b);
+  const Eigen::Matrix2d W = cell.whitening / bundle.plane_slack;
+  row->residual = W * (u - cell.pixel_b);
   const Matrix23 by_P = by_point * b.camera_from_scene.R;
   const Matrix23 by_move =
       by_P * (Eigen::Matrix3d::Identity() - r * m.transpose() / mr) * Rt;  // moves given in a
@@ -268,7 +277,7 @@ bool LinearizePlaneMatch(const SceneBundle& bundle,
   row->J.col(9) = -squared * by_q * n;
   row->J.middleCols<kViewParameters>(kViewParameters) = by_b;
   row->J.rightCols<kPlaneParameters>() = -by_P * r * (P - bundle.plane.anchor).transpose() / mr;
-  row->J *= w;
+  row->J = W * row->J;
   return row->J.allFinite();
 }
 
@@ -324,17 +333,14 @@ double BundleCost(const SceneBundle& bundle, int threads) {
       if (p.z() > kMinDepthM) {
         r = EdgeWeight(bundle, o) * o.normal.dot(Project(view.camera, p) - o.edge_point);
       }
-      parts[c] += RobustLoss(bundle, r * r);
+      parts[c] += RobustLoss(bundle.cauchy_sigmas, r * r);
     }
   });
   double cost = 0.0;
   for (const double part : parts) cost += part;
-  for (const PlanePoints::Match& m : bundle.plane.matches) {
-    const RecognizedView a{bundle.views[m.view_a].camera, bundle.views[m.view_a].camera_from_scene};
-    const RecognizedView b{bundle.views[m.view_b].camera, bundle.views[m.view_b].camera_from_scene};
-    const auto e = PlaneTransferError(a, b, bundle.plane, m);
-    const double w = bundle.working_from_image[m.view_b] / kPlaneSigmaPx;
-    cost += RobustLoss(bundle, e ? w * w * e->squaredNorm() : kBehindSigmas * kBehindSigmas);
+  for (const PlaneCell& cell : bundle.plane.cells) {
+    const double squared = PlaneCellSquared(bundle, cell);
+    cost += RobustLoss(bundle.plane_cauchy_sigmas, squared);
   }
   for (std::size_t v = 0; v < bundle.views.size(); ++v) {
     if (bundle.views[v].known) cost += PriorResiduals(bundle, static_cast<int>(v)).squaredNorm();

@@ -6,13 +6,13 @@
 #include <vector>
 
 #include "server/vision/euclidean/edge_observations.h"
-#include "server/vision/recognition/plane_points.h"
+#include "server/vision/euclidean/plane_cells.h"
 
 namespace horopter {
 
 // Parameters of a view: rotation vector and translation (see pose_perturbation.h, of
 // camera_from_scene), log f, cx, cy, k1. Of an object: rotation vector and translation, and the log
-// of its scale about its centre where that is asked for. Of the plane: PlanePoints::plane.
+// of its scale about its centre where that is asked for. Of the plane: ObservedPlane::plane.
 inline constexpr int kViewParameters = 10;
 inline constexpr int kObjectParameters = 7;
 inline constexpr int kPlaneParameters = 3;
@@ -35,11 +35,16 @@ struct SceneBundle {
   std::vector<AdjustedObject> objects;
   std::vector<double> log_scale;  // per object, 0: as enrolled
   std::vector<EdgeObservation> edges;
-  PlanePoints plane;
+  ObservedPlane plane;
   double edge_sigma_px = 0.35;  // of an edge point, working pixels
   // Residuals beyond this many sigmas count ever less (Cauchy). Edges of a rounded or shaded part
   // err in common: hard on outliers. Higher: more efficient on clean points.
   double cauchy_sigmas = 0.5;
+  // The same for cells of the plane: means of many matches, few of them on another surface.
+  double plane_cauchy_sigmas = 3.0;
+  // Cells are taken for this many times less sure than they are: large while the cameras are still
+  // far off.
+  double plane_slack = 1.0;
 };
 
 // Where the parameters of each block begin; -1: not adjusted.
@@ -76,18 +81,16 @@ struct EdgeRow {
 };
 bool LinearizeEdge(const SceneBundle& bundle, const EdgeObservation& edge, EdgeRow* row);
 
-// One plane match, in sigmas: by the parameters of view a (10), view b (10) and of the plane (3).
+// One cell of the plane, in sigmas: by the parameters of view a (10), view b (10) and of the
+// plane (3).
 struct PlaneRow {
   Eigen::Vector2d residual;
   Eigen::Matrix<double, 2, 2 * kViewParameters + kPlaneParameters> J;
 };
-bool LinearizePlaneMatch(const SceneBundle& bundle, const PlanePoints::Match& match, PlaneRow* row);
+bool LinearizePlaneCell(const SceneBundle& bundle, const PlaneCell& cell, PlaneRow* row);
 
-// Standard deviation the adjustment assumes of a plane match, working pixels per coordinate.
-double PlaneSigmaPx();
-
-// Weight (Cauchy) of a squared residual in sigmas.
-double RobustWeight(const SceneBundle& bundle, double squared);
+// Weight (Cauchy) of a squared residual in sigmas that begins to fade at `sigmas`.
+double RobustWeight(double sigmas, double squared);
 
 // A view's distances from its prior in sigmas: of log f, cx, cy, k1.
 Eigen::Vector4d PriorResiduals(const SceneBundle& bundle, int view);

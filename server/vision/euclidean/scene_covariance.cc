@@ -33,8 +33,8 @@ double Mad(std::vector<double> values) {
 }
 
 // d2/dr2 of the loss, of its value at zero.
-double Curvature(const SceneBundle& bundle, double squared) {
-  const double w = RobustWeight(bundle, squared);
+double Curvature(double sigmas, double squared) {
+  const double w = RobustWeight(sigmas, squared);
   return w * (2.0 * w - 1.0);  // (1 - x) / (1 + x)^2 with w = 1 / (1 + x)
 }
 
@@ -105,7 +105,7 @@ std::vector<EdgeGroup> GroupEdges(const SceneBundle& bundle) {
     EdgeGroup::Point point;
     if (!LinearizeEdge(bundle, o, &point.row)) continue;
     if (axes[o.object]) ForgetTurn(bundle.objects[o.object], *axes[o.object], &point.row);
-    point.weight = RobustWeight(bundle, point.row.residual * point.row.residual);
+    point.weight = RobustWeight(bundle.cauchy_sigmas, point.row.residual * point.row.residual);
     point.shared = SharedSamples(o.spacing_px);
     point.unit = 1.0 / (bundle.edge_sigma_px * std::sqrt(point.shared));
     point.residual = point.row.residual / point.unit;
@@ -125,7 +125,7 @@ std::vector<EdgeGroup> GroupEdges(const SceneBundle& bundle) {
 }
 
 struct PlaneTerm {
-  const PlanePoints::Match* match = nullptr;
+  const PlaneCell* cell = nullptr;
   PlaneRow row;
   double weight = 0.0;
 };
@@ -196,8 +196,7 @@ void AddPlane(const BundleLayout& layout,
   const int columns[3] = {0, kViewParameters, 2 * kViewParameters};
   const int sizes[3] = {kViewParameters, kViewParameters, kPlaneParameters};
   for (const PlaneTerm& t : terms) {
-    const int starts[3] = {
-        layout.view[t.match->view_a], layout.view[t.match->view_b], layout.plane};
+    const int starts[3] = {layout.view[t.cell->view_a], layout.view[t.cell->view_b], layout.plane};
     const Eigen::Matrix<double, 23, 23> JtJ = t.row.J.transpose() * t.row.J;
     Scatter(Eigen::Matrix<double, 23, 23>(curvature * t.weight * JtJ),
             starts,
@@ -271,11 +270,11 @@ Eigen::MatrixXd InverseOfFree(const Eigen::MatrixXd& H, const std::vector<bool>&
   return out;
 }
 
-double MeanCurvature(const SceneBundle& bundle, const std::vector<double>& squared) {
+double MeanCurvature(double sigmas, const std::vector<double>& squared) {
   double curvature = 0.0, weight = 1e-300;
   for (const double s : squared) {
-    curvature += Curvature(bundle, s);
-    weight += RobustWeight(bundle, s);
+    curvature += Curvature(sigmas, s);
+    weight += RobustWeight(sigmas, s);
   }
   return squared.empty() ? 1.0 : std::clamp(curvature / weight, kLeastCurvature, 1.0);
 }
@@ -300,12 +299,12 @@ SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
   }
   std::vector<PlaneTerm> plane;
   std::vector<double> plane_residuals, squared_plane;
-  for (const PlanePoints::Match& m : bundle.plane.matches) {
+  for (const PlaneCell& m : bundle.plane.cells) {
     PlaneTerm term;
-    term.match = &m;
-    if (!LinearizePlaneMatch(bundle, m, &term.row)) continue;
+    term.cell = &m;
+    if (!LinearizePlaneCell(bundle, m, &term.row)) continue;
     const double squared = term.row.residual.squaredNorm();
-    term.weight = RobustWeight(bundle, squared);
+    term.weight = RobustWeight(bundle.plane_cauchy_sigmas, squared);
     squared_plane.push_back(squared);
     plane_residuals.push_back(term.row.residual.x());
     plane_residuals.push_back(term.row.residual.y());
@@ -319,13 +318,12 @@ SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
   scatter.common_px = std::max(options.min_common_px, Mad(means));
   scatter.tilt_px = Mad(tilts);
   scatter.point_px = std::max(options.min_point_px, Mad(within));
-  // Residuals of the plane are in its own sigmas; as a ratio to them.
-  const double plane_sigma_px = PlaneSigmaPx();
-  const double ratio = std::max(options.plane_min_px / plane_sigma_px, Mad(plane_residuals));
-  scatter.plane_px = ratio * plane_sigma_px;
-  AddEdges(out.layout, groups, MeanCurvature(bundle, squared_edges), scatter, &s);
+  // Residuals of the plane are in their own sigmas.
+  const double ratio = std::max(1.0, Mad(plane_residuals));
+  scatter.plane_ratio = ratio;
+  AddEdges(out.layout, groups, MeanCurvature(bundle.cauchy_sigmas, squared_edges), scatter, &s);
   s.H += s.H_data;
-  AddPlane(out.layout, plane, MeanCurvature(bundle, squared_plane), ratio, &s);
+  AddPlane(out.layout, plane, MeanCurvature(bundle.plane_cauchy_sigmas, squared_plane), ratio, &s);
   AddPriors(bundle, out.layout, &s);
   const Eigen::MatrixXd inverse =
       InverseOfFree(s.H, Held(bundle, out.layout, {Gauge::kFirstView, scales_held}));

@@ -17,18 +17,17 @@ struct NoiseOptions {
   // Smallest deviations believed of an edge as a whole in one view, and of one point; working px.
   double min_common_px = 0.08;
   double min_point_px = 0.1;
-  double plane_min_px = 0.2;  // of a matched point of the plane
   // Factor on the deviations for all that is not modelled.
   double inflation = 1.1;
 };
 
 // Estimated scatter of the residuals; working pixels.
 struct EdgeScatter {
-  double common_px = 0.0;  // of an edge as a whole, per view
-  double tilt_px = 0.0;    // of its ends against its middle
-  double point_px = 0.0;   // of a point about its edge
-  double plane_px = 0.0;   // of a matched point of the plane, per coordinate
-  int edges = 0;           // edges seen, counted per view
+  double common_px = 0.0;    // of an edge as a whole, per view
+  double tilt_px = 0.0;      // of its ends against its middle
+  double point_px = 0.0;     // of a point about its edge
+  double plane_ratio = 0.0;  // of the plane's cells, to what is stated of them
+  int edges = 0;             // edges seen, counted per view
 };
 
 // Covariance of the perturbations of all parameters, in the order of `layout`. The pose of the

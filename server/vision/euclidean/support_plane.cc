@@ -18,7 +18,7 @@ double LowestAlong(const AdjustedObject& o, const Eigen::Vector3d& normal) {
 }  // namespace
 
 std::optional<SupportPlane> FindSupportPlane(const SceneBundle& bundle) {
-  if (!bundle.plane.matches.empty()) {
+  if (!bundle.plane.cells.empty()) {
     // plane.(X - anchor) = -1; the anchor, a mean camera, lies on its positive side.
     const double norm = bundle.plane.plane.norm();
     SupportPlane plane{bundle.plane.plane / norm,

@@ -18,6 +18,7 @@
 #include "server/vision/features/edge_linking.h"
 #include "server/vision/features/features.h"
 #include "server/vision/features/junctions.h"
+#include "server/vision/features/light_response.h"
 #include "server/vision/features/segment_fit.h"
 #include "server/vision/features/segment_merging.h"
 #include "server/vision/features/side_colours.h"
@@ -65,6 +66,9 @@ absl::StatusOr<Pieces> DetectByLinking(const cv::Mat& image, const FeatureOption
   for (const GradientField& field : fields) {
     std::vector<EdgeChain> chains = LinkEdges(field, options.linking);
     std::move(chains.begin(), chains.end(), std::back_inserter(pieces.chains));
+  }
+  if (options.undo_response) {
+    UndoResponse(image, EstimateBlur(image, pieces.chains), &pieces.chains);
   }
   std::stable_sort(
       pieces.chains.begin(), pieces.chains.end(), [](const EdgeChain& a, const EdgeChain& b) {

@@ -173,6 +173,8 @@ struct FeatureOptions {
   EdgeDetector detector = EdgeDetector::kLinkedField;
   GradientOptions gradient;
   LinkingOptions linking;
+  // Moves the points of kLinkedField to where the light has its step: see light_response.h.
+  bool undo_response = true;
   ChainSplittingMethod splitting = ChainSplittingMethod::kSplitAndMerge;  // of kLinkedField
   SplitAndMergeOptions split;
   // Threshold of a channel's gradient (sum of |dx| + |dy| over 3x3 pixels: 6 x the slope per pixel)

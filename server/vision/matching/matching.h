@@ -22,6 +22,10 @@ struct PlaneHomography {
   Eigen::Matrix3d b_from_a = Eigen::Matrix3d::Identity();
   std::vector<Eigen::Vector2d> inliers_a;  // matched points, pixels
   std::vector<Eigen::Vector2d> inliers_b;
+  // Per inlier: inliers_b - b_from_a(inliers_a) is this times the offset that was found. What was
+  // measured of the point in b, relative: 1 across the edges of its patch, less along them, where
+  // the homography speaks. Empty: everything was measured.
+  std::vector<Eigen::Matrix2d> information;
 };
 
 // Junction match between two views (indices into ImageFeatures::junctions).

@@ -46,6 +46,7 @@ std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b
 struct PlaneEstimate {
   Eigen::Matrix3d b_from_a = Eigen::Matrix3d::Identity();
   std::vector<PointPair> inliers;
+  std::vector<Eigen::Matrix2d> information;  // of AlignPlane's: see PlaneHomography
 };
 
 // Robust homography of the dominant plane; nullopt when there are fewer than

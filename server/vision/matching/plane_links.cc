@@ -218,6 +218,7 @@ class PlaneLinks {
       plane.inliers_a.push_back(p.a);
       plane.inliers_b.push_back(p.b);
     }
+    plane.information = estimate.information;
     return plane;
   }
 

@@ -478,6 +478,7 @@ PlaneAlignment AlignPlane(const PatchImage& a,
     const Eigen::Vector2d expected = Transfer(H, m.pair.a);
     m.pair.b = expected + m.information * (m.pair.b - expected);
     out.estimate.inliers.push_back(m.pair);
+    out.estimate.information.push_back(m.information);
   }
   return out;
 }

@@ -125,6 +125,12 @@ TEST(Findings, AScaledCopyOfAPartIsNamedByTheOthers) {
     const auto metric = RefineMetricScene(truth.Input(), truth.recognition, {});
     ASSERT_TRUE(metric.ok());
     const Finding* f = Find(*metric, FindingKind::kScaleConflict);
+    if (f == nullptr) {
+      for (const ScaleSource& x : metric->scales)
+        std::cout << "seed " << seed << " object " << x.index << " log ratio " << x.log_ratio
+                  << " +- " << x.log_sigma << "\n";
+      for (const Finding& x : metric->findings) std::cout << x.detail << "\n";
+    }
     ASSERT_NE(f, nullptr) << "seed " << seed;
     EXPECT_EQ(f->object, 1);
     EXPECT_NEAR(f->value, -std::log(1.03), 0.015);

@@ -97,11 +97,13 @@ TEST_F(Derivatives, OfAnEdgeAgreeWithAutomaticOnes) {
   for (int i = 0; i < 6; ++i) EXPECT_NEAR(row.J(10 + i), by_object[i], 1e-8 * row.J.norm()) << i;
 }
 
-TEST_F(Derivatives, OfAPlaneMatchAgreeWithDifferences) {
-  PlanePoints::Match m{0, 1, {350, 260}, {300, 240}};
-  bundle_.plane.matches = {m};
+TEST_F(Derivatives, OfAPlaneCellAgreeWithDifferences) {
+  PlaneCell m{0, 1, {350, 260}, {300, 240}, Eigen::Matrix2d::Identity(), 5};
+  m.whitening << 3.0, 0.5, 0.5, 2.0;
+  bundle_.plane.cells = {m};
+  bundle_.plane_slack = 1.5;
   PlaneRow row, moved;
-  ASSERT_TRUE(LinearizePlaneMatch(bundle_, m, &row));
+  ASSERT_TRUE(LinearizePlaneCell(bundle_, m, &row));
   const BundleLayout layout = LayoutOf(bundle_);
   for (int p = 0; p < 23; ++p) {
     constexpr double kStep = 1e-6;
@@ -111,7 +113,7 @@ TEST_F(Derivatives, OfAPlaneMatchAgreeWithDifferences) {
                   : layout.plane + p - 20) = kStep;
     SceneBundle trial = bundle_;
     MoveBundle(layout, step, &trial);
-    ASSERT_TRUE(LinearizePlaneMatch(trial, m, &moved));
+    ASSERT_TRUE(LinearizePlaneCell(trial, m, &moved));
     const Eigen::Vector2d numeric = (moved.residual - row.residual) / kStep;
     EXPECT_LT((row.J.col(p) - numeric).norm(), 2e-3 * std::max(1.0, numeric.norm())) << p;
   }
