@@ -182,7 +182,7 @@ std::vector<ScaleSource> EstimateScales(const SceneBundle& bundle,
   SceneBundle scaled = bundle;
   BundleOptions adjust;
   adjust.held.scales = false;
-  adjust.max_iterations = 3;
+  adjust.max_iterations = 8;
   adjust.threads = threads;
   if (!AdjustBundle(adjust, &scaled)) return out;
   const SceneCovariance c = ComputeSceneCovariance(scaled, noise, /*scales_held=*/false);
