@@ -102,8 +102,6 @@ RemainingEvidence WithoutExplained(const JointContext& context,
   out.features.resize(context.views.size());
   out.context.objects = context.objects;
   out.context.views.resize(context.views.size());
-  out.context.start_cameras = context.start_cameras;
-  out.context.focal_log_sigma = context.focal_log_sigma;
   out.context.matching = context.matching;
   out.context.options = context.options;
   out.context.stop = context.stop;

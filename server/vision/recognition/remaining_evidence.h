@@ -12,7 +12,9 @@ struct RemainingEvidence {
   // Without edge chains; segments that objects explain are marked as texture, which starts no
   // hypothesis.
   std::vector<ImageFeatures> features;
-  JointContext context;  // of these features, without view hypotheses; no maps where no camera is
+  // Of these features, for a search under known cameras: without view hypotheses and start
+  // cameras; no maps where no camera is.
+  JointContext context;
 };
 
 // The evidence without the edges that the scene's objects show, hidden behind each other where they

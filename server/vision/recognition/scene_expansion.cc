@@ -154,14 +154,17 @@ double Priority(const PlacedObject& p) {
   return (p.score - 0.45) * std::sqrt(std::max(0.0, p.total.supported));
 }
 
+bool IsUpright(const StablePose& pose, const Rigid3& scene_from_object, const ScenePlane& plane) {
+  return (scene_from_object.R * pose.up).dot(plane.normal) > kPlaneCos;
+}
+
 bool RestsOn(const PreparedObject& object,
              const Rigid3& scene_from_object,
              const ScenePlane& plane) {
   return std::any_of(
       object.stable_poses.begin(), object.stable_poses.end(), [&](const StablePose& s) {
         const double height = plane.normal.dot(scene_from_object.t) - plane.offset_m - s.height_m;
-        return (scene_from_object.R * s.up).dot(plane.normal) > kPlaneCos &&
-               std::abs(height) < kPlaneOffsetM;
+        return IsUpright(s, scene_from_object, plane) && std::abs(height) < kPlaneOffsetM;
       });
 }
 
@@ -169,10 +172,9 @@ bool RestsOn(const PreparedObject& object,
 bool IsUprightPart(const PreparedObject& object,
                    const Rigid3& scene_from_object,
                    const ScenePlane& plane) {
-  return std::any_of(
-      object.stable_poses.begin(), object.stable_poses.end(), [&](const StablePose& s) {
-        return (scene_from_object.R * s.up).dot(plane.normal) > kPlaneCos;
-      });
+  return std::any_of(object.stable_poses.begin(),
+                     object.stable_poses.end(),
+                     [&](const StablePose& s) { return IsUpright(s, scene_from_object, plane); });
 }
 
 // Whether a plane of matched texture carries parts. It may as well be a printed face of a part:
@@ -283,13 +285,9 @@ std::vector<PlacedObject> CollectPlacements(const JointContext& context,
   std::optional<TableSearch> table;
   if (options.use_table && scene.plane && !surfaces.empty())
     table.emplace(search, scene, surfaces, options.table);
-  std::vector<SpaceCorner> corners;
-  std::vector<SpaceCircle> circles;
-  if (options.use_corners) {
-    const std::vector<FeatureView> views = FeatureViews(search, scene);
-    corners = FindSpaceCorners(views);
-    circles = FindSpaceCircles(views);
-  }
+  const std::vector<FeatureView> views = FeatureViews(search, scene);
+  const std::vector<SpaceCorner> corners = FindSpaceCorners(views);
+  const std::vector<SpaceCircle> circles = FindSpaceCircles(views);
   ParallelFor(static_cast<int>(per_object.size()), options.threads, [&](int k) {
     if (IsStopRequested(context.stop)) return;
     std::vector<TablePose> on_table;

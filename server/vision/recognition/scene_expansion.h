@@ -29,8 +29,7 @@ struct ExpansionOptions {
   int max_surfaces = 6;          // heights searched, the plane included
   int plane_voters = 40;         // best placements that vote for the plane
   TableSearchOptions table;
-  bool use_table = true;    // parts that stand on the surfaces
-  bool use_corners = true;  // parts in any attitude, from corners in space
+  bool use_table = true;  // parts that stand on the surfaces
   CornerSearchOptions corners;
   int threads = 1;
 };
