@@ -2,9 +2,10 @@
 // wrong, and what each answered object rests on. The stages before recognition run once a scene.
 //
 //   recognition_report DATASET SPLIT [--scenes 1,2] [--trials all,none,one,half]
-//                      [--distractors FOLDER] [--csv FILE]
+//                      [--distractors FOLDER] [--csv FILE] [--routes table,views,metric,projective]
 //     --trials   all: every part enrolled; none: none of the scene's; one: each of the scene's left
 //                out in turn; half: three random halves of `none`
+//     --routes   that may find a scene's first part; default: all of them
 //     --distractors FOLDER   objects of another dataset stand in every catalog (synthetic_parts)
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -41,6 +42,7 @@ struct Arguments {
   std::string dataset, split, distractors, csv;
   std::vector<int> scenes;
   std::set<std::string> trials = {"all", "none"};
+  std::set<std::string> routes = {"table", "views", "metric", "projective"};
 };
 
 // The stages before recognition.
@@ -88,6 +90,7 @@ struct Bench {
   const BopScene* scene = nullptr;
   const TrueModels* models = nullptr;
   const FrontEnd* front = nullptr;
+  RecognitionOptions options;
   std::ostream* csv = nullptr;
 };
 
@@ -135,7 +138,7 @@ void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objec
   const RecognitionInput input{
       front.images, front.features, {}, &front.matching, &front.reconstruction, objects};
   const std::clock_t start = std::clock();
-  const auto result = RecognizeObjects(input, {}, {});
+  const auto result = RecognizeObjects(input, bench.options);
   sums->cpu_seconds.push_back(static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
   ++sums->scenes;
   if (!result.ok()) {
@@ -227,7 +230,8 @@ void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objec
   }
   if (trial == "all" || !result->objects.empty()) {
     std::cout << bench.scene->scene_id << " " << trial << ": " << result->objects.size()
-              << " objects, state " << static_cast<int>(result->state) << ", "
+              << " objects, state " << static_cast<int>(result->state) << ", route "
+              << static_cast<int>(result->route) << ", "
               << sums->cpu_seconds.back() << " s CPU " << result->detail << std::endl;
   }
 }
@@ -271,6 +275,15 @@ void Print(const std::string& name, const Sums& sums) {
                                cpu[cpu.size() / 2]);
 }
 
+RecognitionOptions OptionsOf(const Arguments& arguments) {
+  RecognitionOptions options;
+  options.routes.table = arguments.routes.count("table") > 0;
+  options.routes.view_led = arguments.routes.count("views") > 0;
+  options.routes.metric = arguments.routes.count("metric") > 0;
+  options.routes.projective = arguments.routes.count("projective") > 0;
+  return options;
+}
+
 absl::Status Run(const Arguments& arguments) {
   TrueModels models;
   auto own = Prepare(arguments.dataset, &models);
@@ -309,7 +322,8 @@ absl::Status Run(const Arguments& arguments) {
     if (!front.ok()) {
       return front.status();
     }
-    const Bench bench{&*scene, &models, &*front, csv.is_open() ? &csv : nullptr};
+    const Bench bench{
+        &*scene, &models, &*front, OptionsOf(arguments), csv.is_open() ? &csv : nullptr};
     Catalog all = *own, none;
     std::set<std::string> present;
     for (const BopInstance& i : scene->images[0].instances) {
@@ -364,6 +378,9 @@ int main(int argc, char** argv) {
   app.add_option("--trials", arguments.trials, "Of all, none, one, half; default all,none")
       ->delimiter(',')
       ->check(CLI::IsMember({"all", "none", "one", "half"}));
+  app.add_option("--routes", arguments.routes, "Of table, views, metric, projective; default all")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"table", "views", "metric", "projective"}));
   CLI11_PARSE(app, argc, argv);
   cv::setNumThreads(1);
   const absl::Status status = horopter::Run(arguments);

@@ -6,6 +6,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
+#include "server/base/status_macros.h"
+#include "server/vision/recognition/bottom_up_route.h"
 #include "server/vision/recognition/prepared_object.h"
 #include "server/vision/recognition/remaining_evidence.h"
 #include "server/vision/recognition/rig_seeds.h"
@@ -295,7 +297,81 @@ SceneModel BestExpansion(const JointContext& context, const std::vector<SceneMod
   return best == expanded.end() ? SceneModel{} : *best;
 }
 
+// Whether the routes that ask the structure have a say: nothing was found, or what chance explains.
+bool IsOpen(const JointContext& context, const SceneModel& scene) {
+  return scene.objects.empty() || !ReasonToDoubt(context, scene).empty();
+}
+
+// The metric, then the projective route, as far as they are asked for and time is left: the first
+// scene that nothing speaks against, else the one that explains most. Empty where they find none.
+absl::StatusOr<SceneModel> BottomUpScene(const RecognitionInput& input,
+                                         const JointContext& context,
+                                         RecognitionRoute* route,
+                                         std::vector<PlacedObject>* verified) {
+  JointContext own = context;  // a route is left when time runs short
+  own.stop = [&context] {
+    return IsStopRequested(context.stop) || IsStopRequested(context.options.hurry);
+  };
+  const RecognitionRoutes& routes = context.options.routes;
+  SceneModel best;
+  std::optional<RouteCatalog> catalog;
+  for (const RecognitionRoute r : {RecognitionRoute::kMetric, RecognitionRoute::kProjective}) {
+    const bool metric = r == RecognitionRoute::kMetric;
+    if (!(metric ? routes.metric && input.reconstruction != nullptr : routes.projective)) continue;
+    if (IsStopRequested(own.stop)) break;
+    if (!catalog) {
+      HOROPTER_ASSIGN_OR_RETURN(catalog,
+                                MakeRouteCatalog(input.objects, input.keys, input.slots));
+    }
+    const SceneModel start =
+        BestExpansion(own,
+                      metric ? MetricSeeds(own, *input.reconstruction, *catalog)
+                             : ProjectiveSeeds(own, input.features, *catalog));
+    if (start.objects.empty()) continue;
+    std::vector<PlacedObject> placements;
+    SceneModel scene = Expand(own, start, true, &placements);
+    if (IsStopRequested(own.stop)) break;
+    if (scene.gain < start.gain) scene = start;
+    const bool settled = !IsOpen(context, scene);
+    if (!settled && scene.gain <= best.gain) continue;
+    best = std::move(scene);
+    *route = r;
+    *verified = std::move(placements);
+    if (settled) break;
+  }
+  return best;
+}
+
 }  // namespace
+
+absl::Status Validate(const RecognitionOptions& options) {
+  const RecognitionRoutes& r = options.routes;
+  if (!(r.table || r.view_led || r.metric || r.projective))
+    return absl::InvalidArgumentError("routes: none is on");
+  const auto check = [](bool good, const char* field, double value) {
+    return good ? absl::OkStatus()
+                : absl::InvalidArgumentError(absl::StrCat(field, ": ", value, " is out of range"));
+  };
+  const auto share = [](double x) { return x >= 0.0 && x <= 1.0; };
+  const auto positive = [](double x) { return x > 0.0 && std::isfinite(x); };
+  const std::pair<const char*, double> shares[] = {
+      {"accept_score", options.accept_score},
+      {"accept_probability", options.accept_probability},
+      {"ambiguity_gap", options.ambiguity_gap},
+      {"loose_ambiguity_gap", options.loose_ambiguity_gap}};
+  for (const auto& [field, value] : shares)
+    HOROPTER_RETURN_IF_ERROR(check(share(value), field, value));
+  const std::pair<const char*, double> sizes[] = {
+      {"focal_start_widths", options.focal_start_widths},
+      {"focal_log_sigma", options.focal_log_sigma},
+      {"hypotheses_per_object", options.hypotheses_per_object},
+      {"threads", options.threads}};
+  for (const auto& [field, value] : sizes)
+    HOROPTER_RETURN_IF_ERROR(check(positive(value), field, value));
+  return check(options.min_parallax_rad >= 0.0 && std::isfinite(options.min_parallax_rad),
+               "min_parallax_rad",
+               options.min_parallax_rad);
+}
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
@@ -305,6 +381,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     return absl::InvalidArgumentError("hints: one per image or none");
   }
   if (input.matching == nullptr) return absl::InvalidArgumentError("matching: missing");
+  HOROPTER_RETURN_IF_ERROR(Validate(options));
   RecognitionResult result;
   result.views.resize(input.features.size());
   std::size_t most_segments = 0;
@@ -319,19 +396,20 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
 
   JointContext context = MakeContext(input, options, stop, on_step);
   std::vector<PlacedObject> verified;
-  SceneModel scene = TableRoute(input, &context, &verified);
+  SceneModel scene;
+  if (options.routes.table) scene = TableRoute(input, &context, &verified);
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the search on the plane");
   const bool on_table = !scene.objects.empty();
   SceneModel start;
   std::size_t seed_count = 0;
-  if (!on_table) {
+  if (!on_table && options.routes.view_led) {
     FindAllViewHypotheses(std::vector<bool>(context.views.size(), true),
                           std::vector<bool>(context.objects.size(), true),
                           &context);
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during view hypotheses");
   for (const bool through_plane : {true, false}) {
-    if (on_table || !start.objects.empty()) break;
+    if (on_table || !start.objects.empty() || !options.routes.view_led) break;
     BeginStep(context, "linking");
     std::vector<SceneModel> seeds = LinkSeeds(context, through_plane);
     if (through_plane && input.reconstruction != nullptr) {
@@ -350,6 +428,18 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     scene = Expand(context, start, true, &verified);
     if (scene.gain < start.gain) scene = std::move(start);
   }
+  RecognitionRoute route = on_table ? RecognitionRoute::kTable : RecognitionRoute::kViewLed;
+  if (IsOpen(context, scene)) {
+    RecognitionRoute other_route = RecognitionRoute::kNone;
+    std::vector<PlacedObject> placements;
+    HOROPTER_ASSIGN_OR_RETURN(SceneModel other,
+                              BottomUpScene(input, context, &other_route, &placements));
+    if (!other.objects.empty() && (!IsOpen(context, other) || other.gain > scene.gain)) {
+      scene = std::move(other);
+      route = other_route;
+      verified = std::move(placements);
+    }
+  }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the joint search");
 
   BeginStep(context, "rivals");
@@ -364,6 +454,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
                        (input.reconstruction != nullptr && input.reconstruction->trusted);
   BeginStep(context, "result");
   result = MakeResult(context, scene, verified, rivals, trusted);
+  if (!result.objects.empty()) result.route = route;
   double hypotheses = 0;
   for (auto& view : context.hypotheses) {
     for (ViewHypotheses& object : view) {
