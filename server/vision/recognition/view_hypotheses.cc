@@ -18,13 +18,31 @@ constexpr double kFreeEndFactor = 0.55;
 // A corner of two edges on the table is texture or shadow more often than the foot of a part.
 constexpr double kOnPlaneFactor = 0.4;
 
+// Support that clutter gives a pose by chance.
+constexpr float kChanceScore = 0.35f;
+
+// How little chance explains a quick score: small poses fit into texture and letters anywhere, and
+// the samples that count grow with the part's size in the image.
+float Significance(float quick_score, double radius_px) {
+  return (quick_score - kChanceScore) * static_cast<float>(std::sqrt(radius_px));
+}
+
+double RadiusPx(const PreparedObject& object,
+                const PinholeCamera& camera,
+                const Rigid3& camera_from_object,
+                double working_from_image) {
+  const double depth = (camera_from_object * object.center).z();
+  return object.radius_m * camera.focal_px * working_from_image / depth;
+}
+
 struct PooledPose {
   float score;
+  float significance;
   Rigid3 pose;
 };
 
-bool ByScore(const PooledPose& x, const PooledPose& y) {
-  return x.score > y.score;
+bool BySignificance(const PooledPose& x, const PooledPose& y) {
+  return x.significance > y.significance;
 }
 
 // Rotation that takes the ray of a pixel to the optical axis.
@@ -46,7 +64,8 @@ std::vector<PooledPose> CollectPool(const PreparedObject& object,
                                     const StopRequested& stop) {
   std::vector<PooledPose> pool;
   const double scale = view.maps.working_from_image;
-  float threshold = 0.3f;
+  constexpr float kMinScore = 0.3f;
+  float threshold = Significance(kMinScore, options.min_radius_px);
   const std::size_t limit = static_cast<std::size_t>(options.pool) * 2;
   for (const ImagePath& image_path : paths) {
     if (IsStopRequested(stop)) return {};
@@ -56,9 +75,8 @@ std::vector<PooledPose> CollectPool(const PreparedObject& object,
             PosesFromPath(object.model, path, reversed != 0, camera, image_path);
         for (int k = 0; k < poses.count; ++k) {
           const Rigid3& pose = poses.camera_from_object[k];
-          const Eigen::Vector3d center = pose * object.center;
-          if (center.z() <= object.radius_m) continue;
-          const double radius_px = object.radius_m * camera.focal_px * scale / center.z();
+          if ((pose * object.center).z() <= object.radius_m) continue;
+          const double radius_px = RadiusPx(object, camera, pose, scale);
           if (radius_px < options.min_radius_px || radius_px > options.max_radius_px) continue;
           const Eigen::Vector3d to_camera = pose.R.transpose() * -pose.t - object.center;
           const int aspect = AspectIndex(to_camera.cast<float>());
@@ -66,27 +84,26 @@ std::vector<PooledPose> CollectPool(const PreparedObject& object,
               object.EdgeVisible(aspect, path.edge_bc) < kMinPathVisible) {
             continue;
           }
+          const float needed = std::max(
+              kMinScore, kChanceScore + threshold / static_cast<float>(std::sqrt(radius_px)));
           const float score = QuickScore(object,
                                          view.maps,
                                          camera,
                                          pose,
                                          options.quick_reach_px,
-                                         std::max(options.give_up, 0.75f * threshold));
-          if (score < threshold) continue;
-          pool.push_back({score, pose});
+                                         std::max(options.give_up, 0.75f * needed));
+          if (score < needed) continue;
+          pool.push_back({score, Significance(score, radius_px), pose});
           if (pool.size() >= limit) {
-            std::nth_element(pool.begin(), pool.begin() + options.pool, pool.end(), ByScore);
+            std::nth_element(pool.begin(), pool.begin() + options.pool, pool.end(), BySignificance);
             pool.resize(options.pool);
-            threshold =
-                std::min_element(pool.begin(), pool.end(), [](const auto& x, const auto& y) {
-                  return x.score < y.score;
-                })->score;
+            threshold = std::max_element(pool.begin(), pool.end(), BySignificance)->significance;
           }
         }
       }
     }
   }
-  std::sort(pool.begin(), pool.end(), ByScore);
+  std::sort(pool.begin(), pool.end(), BySignificance);
   return pool;
 }
 
@@ -205,10 +222,15 @@ ViewHypotheses FindViewHypotheses(const PreparedObject& object,
                                   const StopRequested& stop) {
   const double scale = view.maps.working_from_image;
   auto is_new = [&](const std::vector<ViewHypothesis>& kept, const ViewHypothesis& h) {
-    return std::none_of(kept.begin(), kept.end(), [&](const ViewHypothesis& k) {
-      return ProjectionDistance(
-                 object, k.camera, k.camera_from_object, h.camera, h.camera_from_object, scale) <
+    const auto near = [&](const ViewHypothesis& k, const Rigid3& pose) {
+      return ProjectionDistance(object, k.camera, k.camera_from_object, h.camera, pose, scale) <
              options.distinct_px;
+    };
+    return std::none_of(kept.begin(), kept.end(), [&](const ViewHypothesis& k) {
+      return near(k, h.camera_from_object) ||
+             std::any_of(object.model.symmetries.begin(),
+                         object.model.symmetries.end(),
+                         [&](const Rigid3& s) { return near(k, h.camera_from_object * s); });
     });
   };
 
@@ -232,8 +254,12 @@ ViewHypotheses FindViewHypotheses(const PreparedObject& object,
     h.score = QuickScore(
         object, view.maps, h.camera, h.camera_from_object, 0.5f * options.quick_reach_px, 0.0f);
   }
-  std::stable_sort(distinct.begin(), distinct.end(), [](const auto& x, const auto& y) {
-    return x.score > y.score;
+  const auto significance = [&](const ViewHypothesis& h) {
+    return Significance(static_cast<float>(h.score),
+                        RadiusPx(object, h.camera, h.camera_from_object, scale));
+  };
+  std::stable_sort(distinct.begin(), distinct.end(), [&](const auto& x, const auto& y) {
+    return significance(x) > significance(y);
   });
   for (const ViewHypothesis& h : distinct) {
     if (is_new(out.pool, h)) out.pool.push_back(h);
