@@ -3,6 +3,7 @@
 //
 //   recognition_report DATASET SPLIT [--scenes 1,2] [--trials all,none,one,half]
 //                      [--distractors FOLDER] [--csv FILE] [--routes table,views,metric,projective]
+//                      [--steps]
 //     --trials   all: every part enrolled; none: none of the scene's; one: each of the scene's left
 //                out in turn; half: three random halves of `none`
 //     --routes   that may find a scene's first part; default: all of them
@@ -43,6 +44,7 @@ struct Arguments {
   std::vector<int> scenes;
   std::set<std::string> trials = {"all", "none"};
   std::set<std::string> routes = {"table", "views", "metric", "projective"};
+  bool steps = false;
 };
 
 // The stages before recognition.
@@ -86,11 +88,25 @@ struct Sums {
   std::vector<double> cpu_seconds;
 };
 
+// CPU seconds of all threads by step.
+struct StepTimes {
+  void Begin(std::string_view step) {
+    const std::clock_t now = std::clock();
+    if (!current.empty()) seconds[current] += static_cast<double>(now - since) / CLOCKS_PER_SEC;
+    current = std::string(step);
+    since = now;
+  }
+  std::map<std::string, double> seconds;
+  std::string current;
+  std::clock_t since = 0;
+};
+
 struct Bench {
   const BopScene* scene = nullptr;
   const TrueModels* models = nullptr;
   const FrontEnd* front = nullptr;
   RecognitionOptions options;
+  bool steps = false;
   std::ostream* csv = nullptr;
 };
 
@@ -135,10 +151,17 @@ bool IsTarget(const BopScene& scene, int instance) {
 
 void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objects, Sums* sums) {
   const FrontEnd& front = *bench.front;
-  const RecognitionInput input{
-      front.images, front.features, {}, &front.matching, &front.reconstruction, objects};
+  RecognitionInput input;
+  input.images = front.images;
+  input.features = front.features;
+  input.matching = &front.matching;
+  input.reconstruction = &front.reconstruction;
+  input.objects = objects;
   const std::clock_t start = std::clock();
-  const auto result = RecognizeObjects(input, bench.options);
+  StepTimes steps;
+  const auto result = RecognizeObjects(
+      input, bench.options, {}, [&](std::string_view step) { steps.Begin(step); });
+  steps.Begin("");
   sums->cpu_seconds.push_back(static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
   ++sums->scenes;
   if (!result.ok()) {
@@ -227,6 +250,12 @@ void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objec
     if (served.count(i) == 0) {
       std::cout << "missed: " << bench.scene->scene_id << " " << BopObjectName(obj_id) << "\n";
     }
+  }
+  if (bench.steps) {
+    for (const auto& [step, seconds] : steps.seconds) {
+      std::cout << absl::StrFormat("  %s %.2f", step, seconds);
+    }
+    std::cout << "\n";
   }
   if (trial == "all" || !result->objects.empty()) {
     std::cout << bench.scene->scene_id << " " << trial << ": " << result->objects.size()
@@ -322,8 +351,12 @@ absl::Status Run(const Arguments& arguments) {
     if (!front.ok()) {
       return front.status();
     }
-    const Bench bench{
-        &*scene, &models, &*front, OptionsOf(arguments), csv.is_open() ? &csv : nullptr};
+    const Bench bench{&*scene,
+                      &models,
+                      &*front,
+                      OptionsOf(arguments),
+                      arguments.steps,
+                      csv.is_open() ? &csv : nullptr};
     Catalog all = *own, none;
     std::set<std::string> present;
     for (const BopInstance& i : scene->images[0].instances) {
@@ -381,6 +414,7 @@ int main(int argc, char** argv) {
   app.add_option("--routes", arguments.routes, "Of table, views, metric, projective; default all")
       ->delimiter(',')
       ->check(CLI::IsMember({"table", "views", "metric", "projective"}));
+  app.add_flag("--steps", arguments.steps, "CPU seconds of each step");
   CLI11_PARSE(app, argc, argv);
   cv::setNumThreads(1);
   const absl::Status status = horopter::Run(arguments);

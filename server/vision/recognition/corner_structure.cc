@@ -112,7 +112,6 @@ void AddLines(std::span<const FeatureView> views,
                                .normalized());
       out->line_track.push_back(index);
       for (const ShownFeature& s : e.segments) {
-        used.insert({s.view, s.feature});
         const Segment& segment = views[s.view].features->segments[s.feature];
         LineObservation o;
         o.view = s.view;
@@ -120,6 +119,11 @@ void AddLines(std::span<const FeatureView> views,
         o.start = Undistorted(views[s.view].camera, segment.start);
         o.end = Undistorted(views[s.view].camera, segment.end);
         o.sigma_px = options.sigma_px / views[s.view].working_from_image;
+        const Eigen::Vector3d seen = ProjectLine(*out->cameras[s.view], out->lines[index]);
+        const double miss = std::max(std::abs(seen.dot(o.start.homogeneous())),
+                                     std::abs(seen.dot(o.end.homogeneous())));
+        if (!(miss * views[s.view].working_from_image < options.max_line_px)) continue;
+        used.insert({s.view, s.feature});
         out->line_observations.push_back(o);
       }
     }

@@ -13,6 +13,7 @@ struct CornerStructureOptions {
   // Deviation of a junction that is allowed for: its own, but not less than this. The cameras'
   // errors are in it, which nearby points share.
   double sigma_px = 1.0;
+  double max_line_px = 2.5;  // of a segment's end from its edge; a view's segment may be another's
   // An edge joins two corners that end the same segments in so many views, or whose edges point at
   // each other within the angle and reach at least the share of the way.
   int min_edge_views = 2;

@@ -302,76 +302,80 @@ bool IsOpen(const JointContext& context, const SceneModel& scene) {
   return scene.objects.empty() || !ReasonToDoubt(context, scene).empty();
 }
 
-// The metric, then the projective route, as far as they are asked for and time is left: the first
-// scene that nothing speaks against, else the one that explains most. Empty where they find none.
-absl::StatusOr<SceneModel> BottomUpScene(const RecognitionInput& input,
-                                         const JointContext& context,
-                                         RecognitionRoute* route,
-                                         std::vector<PlacedObject>* verified) {
-  JointContext own = context;  // a route is left when time runs short
+// A scene with what was verified in it, and the route that found its first part.
+struct FoundScene {
+  SceneModel scene;
+  std::vector<PlacedObject> verified;
+  RecognitionRoute route = RecognitionRoute::kNone;
+};
+
+FoundScene Grow(const JointContext& context,
+                const std::vector<SceneModel>& seeds,
+                RecognitionRoute route) {
+  BeginStep(context, "seed_expansion");
+  SceneModel start = BestExpansion(context, seeds);
+  FoundScene found;
+  if (start.objects.empty()) return found;
+  found.route = route;
+  found.scene = Expand(context, start, true, &found.verified);
+  if (found.scene.gain < start.gain) found.scene = std::move(start);
+  return found;
+}
+
+// Keeps the scene that nothing speaks against, of two such or neither the one that explains more.
+void TakeIfBetter(const JointContext& context, FoundScene other, FoundScene* best) {
+  if (other.scene.objects.empty()) return;
+  const bool open = IsOpen(context, other.scene), was_open = IsOpen(context, best->scene);
+  if (open == was_open ? other.scene.gain > best->scene.gain : !open) *best = std::move(other);
+}
+
+// What the metric or the projective route finds before the caller stops it or time runs short.
+absl::StatusOr<FoundScene> BottomUp(const RecognitionInput& input,
+                                    const JointContext& context,
+                                    RecognitionRoute route) {
+  JointContext own = context;
   own.stop = [&context] {
     return IsStopRequested(context.stop) || IsStopRequested(context.options.hurry);
   };
-  const RecognitionRoutes& routes = context.options.routes;
-  SceneModel best;
-  std::optional<RouteCatalog> catalog;
-  for (const RecognitionRoute r : {RecognitionRoute::kMetric, RecognitionRoute::kProjective}) {
-    const bool metric = r == RecognitionRoute::kMetric;
-    if (!(metric ? routes.metric && input.reconstruction != nullptr : routes.projective)) continue;
-    if (IsStopRequested(own.stop)) break;
-    if (!catalog) {
-      HOROPTER_ASSIGN_OR_RETURN(catalog,
-                                MakeRouteCatalog(input.objects, input.keys, input.slots));
+  if (IsStopRequested(own.stop)) return FoundScene();
+  HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog,
+                            MakeRouteCatalog(input.objects, input.keys, input.slots));
+  FoundScene found = Grow(own,
+                          route == RecognitionRoute::kMetric
+                              ? MetricSeeds(own, *input.reconstruction, catalog)
+                              : ProjectiveSeeds(own, input.features, catalog),
+                          route);
+  if (IsStopRequested(own.stop)) return FoundScene();
+  return found;
+}
+
+absl::StatusOr<FoundScene> ViewLed(const RecognitionInput& input,
+                                   JointContext* context,
+                                   std::size_t* seed_count) {
+  FindAllViewHypotheses(std::vector<bool>(context->views.size(), true),
+                        std::vector<bool>(context->objects.size(), true),
+                        context);
+  if (IsStopRequested(context->stop))
+    return absl::CancelledError("stopped during view hypotheses");
+  for (const bool through_plane : {true, false}) {
+    BeginStep(*context, "linking");
+    std::vector<SceneModel> seeds = LinkSeeds(*context, through_plane);
+    if (through_plane && input.reconstruction != nullptr) {
+      for (SceneModel& seed : RigSeeds(*context, *input.reconstruction, {}))
+        seeds.push_back(std::move(seed));
+      std::stable_sort(
+          seeds.begin(), seeds.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
     }
-    const SceneModel start =
-        BestExpansion(own,
-                      metric ? MetricSeeds(own, *input.reconstruction, *catalog)
-                             : ProjectiveSeeds(own, input.features, *catalog));
-    if (start.objects.empty()) continue;
-    std::vector<PlacedObject> placements;
-    SceneModel scene = Expand(own, start, true, &placements);
-    if (IsStopRequested(own.stop)) break;
-    if (scene.gain < start.gain) scene = start;
-    const bool settled = !IsOpen(context, scene);
-    if (!settled && scene.gain <= best.gain) continue;
-    best = std::move(scene);
-    *route = r;
-    *verified = std::move(placements);
-    if (settled) break;
+    if (IsStopRequested(context->stop))
+      return absl::CancelledError("stopped while views were linked");
+    *seed_count += seeds.size();
+    FoundScene found = Grow(*context, seeds, RecognitionRoute::kViewLed);
+    if (!found.scene.objects.empty()) return found;
   }
-  return best;
+  return FoundScene();
 }
 
 }  // namespace
-
-absl::Status Validate(const RecognitionOptions& options) {
-  const RecognitionRoutes& r = options.routes;
-  if (!(r.table || r.view_led || r.metric || r.projective))
-    return absl::InvalidArgumentError("routes: none is on");
-  const auto check = [](bool good, const char* field, double value) {
-    return good ? absl::OkStatus()
-                : absl::InvalidArgumentError(absl::StrCat(field, ": ", value, " is out of range"));
-  };
-  const auto share = [](double x) { return x >= 0.0 && x <= 1.0; };
-  const auto positive = [](double x) { return x > 0.0 && std::isfinite(x); };
-  const std::pair<const char*, double> shares[] = {
-      {"accept_score", options.accept_score},
-      {"accept_probability", options.accept_probability},
-      {"ambiguity_gap", options.ambiguity_gap},
-      {"loose_ambiguity_gap", options.loose_ambiguity_gap}};
-  for (const auto& [field, value] : shares)
-    HOROPTER_RETURN_IF_ERROR(check(share(value), field, value));
-  const std::pair<const char*, double> sizes[] = {
-      {"focal_start_widths", options.focal_start_widths},
-      {"focal_log_sigma", options.focal_log_sigma},
-      {"hypotheses_per_object", options.hypotheses_per_object},
-      {"threads", options.threads}};
-  for (const auto& [field, value] : sizes)
-    HOROPTER_RETURN_IF_ERROR(check(positive(value), field, value));
-  return check(options.min_parallax_rad >= 0.0 && std::isfinite(options.min_parallax_rad),
-               "min_parallax_rad",
-               options.min_parallax_rad);
-}
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
@@ -395,53 +399,35 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   }
 
   JointContext context = MakeContext(input, options, stop, on_step);
-  std::vector<PlacedObject> verified;
-  SceneModel scene;
-  if (options.routes.table) scene = TableRoute(input, &context, &verified);
-  if (IsStopRequested(stop)) return absl::CancelledError("stopped during the search on the plane");
-  const bool on_table = !scene.objects.empty();
-  SceneModel start;
+  const RecognitionRoutes& routes = options.routes;
   std::size_t seed_count = 0;
-  if (!on_table && options.routes.view_led) {
-    FindAllViewHypotheses(std::vector<bool>(context.views.size(), true),
-                          std::vector<bool>(context.objects.size(), true),
-                          &context);
+  FoundScene best;
+  if (routes.table) {
+    best.scene = TableRoute(input, &context, &best.verified);
+    best.route = RecognitionRoute::kTable;
   }
-  if (IsStopRequested(stop)) return absl::CancelledError("stopped during view hypotheses");
-  for (const bool through_plane : {true, false}) {
-    if (on_table || !start.objects.empty() || !options.routes.view_led) break;
-    BeginStep(context, "linking");
-    std::vector<SceneModel> seeds = LinkSeeds(context, through_plane);
-    if (through_plane && input.reconstruction != nullptr) {
-      for (SceneModel& seed : RigSeeds(context, *input.reconstruction, {}))
-        seeds.push_back(std::move(seed));
-      std::stable_sort(
-          seeds.begin(), seeds.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
-    }
-    if (IsStopRequested(stop)) return absl::CancelledError("stopped while views were linked");
-    seed_count += seeds.size();
-    BeginStep(context, "seed_expansion");
-    start = BestExpansion(context, seeds);
+  if (IsStopRequested(stop)) return absl::CancelledError("stopped during the search on the plane");
+  const bool on_table = !best.scene.objects.empty();
+  if (routes.metric && input.reconstruction != nullptr && IsOpen(context, best.scene)) {
+    HOROPTER_ASSIGN_OR_RETURN(FoundScene found,
+                              BottomUp(input, context, RecognitionRoute::kMetric));
+    TakeIfBetter(context, std::move(found), &best);
   }
-  scene.views.resize(input.features.size());
-  if (!start.objects.empty()) {
-    scene = Expand(context, start, true, &verified);
-    if (scene.gain < start.gain) scene = std::move(start);
+  if (IsStopRequested(stop)) return absl::CancelledError("stopped during the metric route");
+  if (routes.view_led && !on_table && IsOpen(context, best.scene)) {
+    HOROPTER_ASSIGN_OR_RETURN(FoundScene found, ViewLed(input, &context, &seed_count));
+    TakeIfBetter(context, std::move(found), &best);
   }
-  RecognitionRoute route = on_table ? RecognitionRoute::kTable : RecognitionRoute::kViewLed;
-  if (IsOpen(context, scene)) {
-    RecognitionRoute other_route = RecognitionRoute::kNone;
-    std::vector<PlacedObject> placements;
-    HOROPTER_ASSIGN_OR_RETURN(SceneModel other,
-                              BottomUpScene(input, context, &other_route, &placements));
-    if (!other.objects.empty() && (!IsOpen(context, other) || other.gain > scene.gain)) {
-      scene = std::move(other);
-      route = other_route;
-      verified = std::move(placements);
-    }
+  if (routes.projective && IsOpen(context, best.scene)) {
+    HOROPTER_ASSIGN_OR_RETURN(FoundScene found,
+                              BottomUp(input, context, RecognitionRoute::kProjective));
+    TakeIfBetter(context, std::move(found), &best);
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the joint search");
 
+  SceneModel& scene = best.scene;
+  const std::vector<PlacedObject>& verified = best.verified;
+  scene.views.resize(input.features.size());
   BeginStep(context, "rivals");
   const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
   const std::string doubt = ReasonToDoubt(context, scene);
@@ -454,7 +440,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
                        (input.reconstruction != nullptr && input.reconstruction->trusted);
   BeginStep(context, "result");
   result = MakeResult(context, scene, verified, rivals, trusted);
-  if (!result.objects.empty()) result.route = route;
+  if (!result.objects.empty()) result.route = best.route;
   double hypotheses = 0;
   for (auto& view : context.hypotheses) {
     for (ViewHypotheses& object : view) {

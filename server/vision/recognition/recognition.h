@@ -72,8 +72,8 @@ enum class RecognitionState {
 enum class RecognitionRoute {
   kNone,
   kTable,       // standing on the matched plane, in the cameras of the reconstruction
-  kViewLed,     // hypotheses of single views, linked
   kMetric,      // similarity invariants of corners in space, cameras known up to scale
+  kViewLed,     // hypotheses of single views, linked
   kProjective,  // projective invariants of matched corners, nothing known of the cameras
 };
 
@@ -88,13 +88,12 @@ struct RecognitionResult {
   std::map<std::string, double> counts;
 };
 
-// Which routes may be taken. They are tried by expected cost, in this order, the table and the views
-// until one gives a scene; metric and projective when the others leave none, or one that chance may
-// explain.
+// Which routes may be taken. They are tried by expected cost, in this order, until one gives a scene
+// that chance does not explain; views only where the table gave nothing.
 struct RecognitionRoutes {
   bool table = true;
-  bool view_led = true;
   bool metric = true;
+  bool view_led = true;
   bool projective = true;
 };
 
