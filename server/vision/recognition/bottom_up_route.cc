@@ -51,11 +51,6 @@ void KeepBest(std::vector<T>* list, std::size_t count, Score score) {
   if (list->size() > count) list->resize(count);
 }
 
-void DropEmptyAndSort(std::vector<SceneModel>* scenes) {
-  std::erase_if(*scenes, [](const SceneModel& s) { return s.objects.empty(); });
-  KeepBest(scenes, scenes->size(), [](const SceneModel& s) { return s.gain; });
-}
-
 // Mean distance of the cameras from what was reconstructed.
 double ViewingDistance(const Reconstruction& reconstruction, std::span<const FeatureView> views) {
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
@@ -252,16 +247,15 @@ std::vector<SceneModel> MetricSeeds(const JointContext& context,
     if (p.quick >= options.min_quick) proposals.push_back(p);
   }
   KeepBest(&proposals, options.refined, [](const Proposal& p) { return p.quick; });
-  std::vector<SceneModel> scenes(proposals.size());
+  std::vector<ScaledSeed> seeds(proposals.size());
   ParallelFor(static_cast<int>(proposals.size()), context.options.threads, [&](int i) {
     if (IsStopRequested(context.stop)) return;
     const Proposal& p = proposals[i];
     auto scene =
         RefinedSeed(context, reconstruction, p.units_per_metre, p.object, p.world_from_object);
-    if (scene) scenes[i] = *std::move(scene);
+    if (scene) seeds[i] = {*std::move(scene), p.units_per_metre};
   });
-  DropEmptyAndSort(&scenes);
-  return scenes;
+  return BestScales(std::move(seeds), options.max_scales);
 }
 
 std::vector<SceneModel> ProjectiveSeeds(const JointContext& context,
@@ -291,7 +285,8 @@ std::vector<SceneModel> ProjectiveSeeds(const JointContext& context,
     if (IsStopRequested(context.stop)) return;
     scenes[i] = SceneOfCollineation(context, *structure, hypotheses[i], options);
   });
-  DropEmptyAndSort(&scenes);
+  std::erase_if(scenes, [](const SceneModel& s) { return s.objects.empty(); });
+  KeepBest(&scenes, scenes.size(), [](const SceneModel& s) { return s.gain; });
   return scenes;
 }
 

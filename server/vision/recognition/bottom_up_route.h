@@ -38,20 +38,22 @@ struct BottomUpOptions {
   float quick_reach_px = 10.0f;  // working pixels
   double min_quick = 0.35;       // mean over the views
   int refined = 24;              // scenes refined and judged, of each route
+  int max_scales = 3;            // of the metric route's scenes
 
   static MetricRouteOptions MetricDefaults();
   static ProjectiveRouteOptions ProjectiveDefaults();
 };
 
-// Scenes of one part each, in the cameras of the reconstruction, scaled by the part; largest gain
-// first. Empty where there are no two cameras, no structure or no hypothesis, or on a stop.
+// Scenes of one part each, in the cameras of the reconstruction, scaled by the part; one for each of
+// the best scales, see BestScales. Empty where there are no two cameras, no structure or no hypothesis, or on a stop.
 std::vector<SceneModel> MetricSeeds(const JointContext& context,
                                     const Reconstruction& reconstruction,
                                     const RouteCatalog& catalog,
                                     const BottomUpOptions& options = {});
 
 // Scenes of one part each, cameras P H = K [R | t] of its collineation into a projective
-// reconstruction of the matched tracks; nothing is assumed about them before. Otherwise the same.
+// reconstruction of the matched tracks, which nothing is assumed about before; largest gain first.
+// Empty as above.
 std::vector<SceneModel> ProjectiveSeeds(const JointContext& context,
                                         std::span<const ImageFeatures> features,
                                         const RouteCatalog& catalog,

@@ -242,23 +242,30 @@ SceneModel Expand(const JointContext& context,
   return scene;
 }
 
+// Expands scenes that differ in scale; the one that explains most.
+SceneModel BestScale(const JointContext& context,
+                     const std::vector<SceneModel>& seeds,
+                     std::vector<PlacedObject>* verified) {
+  SceneModel best;
+  for (const SceneModel& seed : seeds) {
+    if (IsStopRequested(context.stop)) return {};
+    if (!best.objects.empty() && seed.gain < kRivalScaleGain * best.gain) break;
+    std::vector<PlacedObject> placements;
+    SceneModel scene = Expand(context, seed, true, &placements);
+    if (scene.gain <= best.gain) continue;
+    best = std::move(scene);
+    *verified = std::move(placements);
+  }
+  return best;
+}
+
 // The route over the supporting plane: cameras from the reconstruction, parts standing on it.
 SceneModel TableRoute(const RecognitionInput& input,
                       JointContext* context,
                       std::vector<PlacedObject>* verified) {
   if (input.reconstruction == nullptr || !input.reconstruction->has_plane) return {};
-  const std::vector<SceneModel> seeds =
-      TableSeeds(*context, *input.reconstruction, {}, kTableScales);
-  SceneModel best;
-  for (const SceneModel& seed : seeds) {
-    if (IsStopRequested(context->stop)) return {};
-    if (!best.objects.empty() && seed.gain < kRivalScaleGain * best.gain) break;
-    std::vector<PlacedObject> placements;
-    SceneModel scene = Expand(*context, seed, true, &placements);
-    if (scene.gain <= best.gain) continue;
-    best = std::move(scene);
-    *verified = std::move(placements);
-  }
+  SceneModel best = BestScale(
+      *context, TableSeeds(*context, *input.reconstruction, {}, kTableScales), verified);
   if (best.objects.empty() || best.registered() == static_cast<int>(best.views.size())) return best;
   // Views that show no part of the plane's texture: the parts found say where they are.
   std::vector<bool> missing, found(context->objects.size(), false);
@@ -340,11 +347,14 @@ absl::StatusOr<FoundScene> BottomUp(const RecognitionInput& input,
   if (IsStopRequested(own.stop)) return FoundScene();
   HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog,
                             MakeRouteCatalog(input.objects, input.keys, input.slots));
-  FoundScene found = Grow(own,
-                          route == RecognitionRoute::kMetric
-                              ? MetricSeeds(own, *input.reconstruction, catalog)
-                              : ProjectiveSeeds(own, input.features, catalog),
-                          route);
+  FoundScene found;
+  if (route == RecognitionRoute::kMetric) {
+    found.route = route;
+    found.scene =
+        BestScale(own, MetricSeeds(own, *input.reconstruction, catalog), &found.verified);
+  } else {
+    found = Grow(own, ProjectiveSeeds(own, input.features, catalog), route);
+  }
   if (IsStopRequested(own.stop)) return FoundScene();
   return found;
 }
