@@ -157,8 +157,9 @@ MetricRouteOptions BottomUpOptions::MetricDefaults() {
 
 ProjectiveRouteOptions BottomUpOptions::ProjectiveDefaults() {
   ProjectiveRouteOptions out;
-  out.tuples.max_draws = 8000;
+  out.tuples.max_sets = 6000;
   out.tuples.max_tuples = 1500;
+  out.route.components.unions = 4;
   out.route.max_hits = 100000;
   return out;
 }

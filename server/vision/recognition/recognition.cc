@@ -242,6 +242,13 @@ SceneModel Expand(const JointContext& context,
   return scene;
 }
 
+// A scene with what was verified in it, and the route that found its first part.
+struct FoundScene {
+  SceneModel scene;
+  std::vector<PlacedObject> verified;
+  RecognitionRoute route = RecognitionRoute::kNone;
+};
+
 // Expands scenes that differ in scale; the one that explains most.
 SceneModel BestScale(const JointContext& context,
                      const std::vector<SceneModel>& seeds,
@@ -259,27 +266,30 @@ SceneModel BestScale(const JointContext& context,
   return best;
 }
 
-// The route over the supporting plane: cameras from the reconstruction, parts standing on it.
-SceneModel TableRoute(const RecognitionInput& input,
-                      JointContext* context,
-                      std::vector<PlacedObject>* verified) {
-  if (input.reconstruction == nullptr || !input.reconstruction->has_plane) return {};
-  SceneModel best = BestScale(
-      *context, TableSeeds(*context, *input.reconstruction, {}, kTableScales), verified);
-  if (best.objects.empty() || best.registered() == static_cast<int>(best.views.size())) return best;
-  // Views that show no part of the plane's texture: the parts found say where they are.
-  std::vector<bool> missing, found(context->objects.size(), false);
+// The routes in the cameras of the reconstruction. Views that these lack (the table's: they show no
+// part of the plane's texture) are registered by what the parts found say of them.
+FoundScene InKnownCameras(JointContext* context,
+                          const std::vector<SceneModel>& seeds,
+                          RecognitionRoute route) {
+  FoundScene found;
+  found.route = route;
+  SceneModel& best = found.scene;
+  best = BestScale(*context, seeds, &found.verified);
+  if (best.objects.empty() || best.registered() == static_cast<int>(best.views.size()))
+    return found;
+  std::vector<bool> missing, wanted(context->objects.size(), false);
   for (const auto& view : best.views) missing.push_back(!view.has_value());
-  for (const PlacedObject& o : best.objects) found[o.object] = true;
-  FindAllViewHypotheses(missing, found, context);
-  if (RegisterMissingViews(*context, &best) == 0) return best;
+  for (const PlacedObject& o : best.objects) wanted[o.object] = true;
+  FindAllViewHypotheses(missing, wanted, context);
+  if (RegisterMissingViews(*context, &best) == 0) return found;
   SceneModel scene = best;
   RefineScene(*context, {}, &scene);
   std::vector<PlacedObject> placements;
   scene = Expand(*context, scene, true, &placements);
-  if (scene.gain <= best.gain) return best;
-  *verified = std::move(placements);
-  return scene;
+  if (scene.gain <= best.gain) return found;
+  best = std::move(scene);
+  found.verified = std::move(placements);
+  return found;
 }
 
 // Expands the best distinct seeds with the verified hypotheses only and returns the scene that
@@ -308,13 +318,6 @@ SceneModel BestExpansion(const JointContext& context, const std::vector<SceneMod
 bool IsOpen(const JointContext& context, const SceneModel& scene) {
   return scene.objects.empty() || !ReasonToDoubt(context, scene).empty();
 }
-
-// A scene with what was verified in it, and the route that found its first part.
-struct FoundScene {
-  SceneModel scene;
-  std::vector<PlacedObject> verified;
-  RecognitionRoute route = RecognitionRoute::kNone;
-};
 
 FoundScene Grow(const JointContext& context,
                 const std::vector<SceneModel>& seeds,
@@ -347,14 +350,10 @@ absl::StatusOr<FoundScene> BottomUp(const RecognitionInput& input,
   if (IsStopRequested(own.stop)) return FoundScene();
   HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog,
                             MakeRouteCatalog(input.objects, input.keys, input.slots));
-  FoundScene found;
-  if (route == RecognitionRoute::kMetric) {
-    found.route = route;
-    found.scene =
-        BestScale(own, MetricSeeds(own, *input.reconstruction, catalog), &found.verified);
-  } else {
-    found = Grow(own, ProjectiveSeeds(own, input.features, catalog), route);
-  }
+  FoundScene found =
+      route == RecognitionRoute::kMetric
+          ? InKnownCameras(&own, MetricSeeds(own, *input.reconstruction, catalog), route)
+          : Grow(own, ProjectiveSeeds(own, input.features, catalog), route);
   if (IsStopRequested(own.stop)) return FoundScene();
   return found;
 }
@@ -412,18 +411,21 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   const RecognitionRoutes& routes = options.routes;
   std::size_t seed_count = 0;
   FoundScene best;
-  if (routes.table) {
-    best.scene = TableRoute(input, &context, &best.verified);
-    best.route = RecognitionRoute::kTable;
-  }
-  if (IsStopRequested(stop)) return absl::CancelledError("stopped during the search on the plane");
-  const bool on_table = !best.scene.objects.empty();
-  if (routes.metric && input.reconstruction != nullptr && IsOpen(context, best.scene)) {
-    HOROPTER_ASSIGN_OR_RETURN(FoundScene found,
-                              BottomUp(input, context, RecognitionRoute::kMetric));
-    TakeIfBetter(context, std::move(found), &best);
+  if (routes.metric && input.reconstruction != nullptr) {
+    HOROPTER_ASSIGN_OR_RETURN(best, BottomUp(input, context, RecognitionRoute::kMetric));
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the metric route");
+  bool on_table = false;
+  if (routes.table && IsOpen(context, best.scene) && input.reconstruction != nullptr &&
+      input.reconstruction->has_plane) {
+    FoundScene found =
+        InKnownCameras(&context,
+                       TableSeeds(context, *input.reconstruction, {}, kTableScales),
+                       RecognitionRoute::kTable);
+    on_table = !found.scene.objects.empty();
+    TakeIfBetter(context, std::move(found), &best);
+  }
+  if (IsStopRequested(stop)) return absl::CancelledError("stopped during the search on the plane");
   if (routes.view_led && !on_table && IsOpen(context, best.scene)) {
     HOROPTER_ASSIGN_OR_RETURN(FoundScene found, ViewLed(input, &context, &seed_count));
     TakeIfBetter(context, std::move(found), &best);

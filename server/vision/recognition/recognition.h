@@ -88,8 +88,8 @@ struct RecognitionResult {
   std::map<std::string, double> counts;
 };
 
-// Which routes may be taken. They are tried by expected cost, in this order, until one gives a scene
-// that chance does not explain; views only where the table gave nothing.
+// Which routes may be taken. They are tried by measured cost: metric, table, views, projective, until
+// one gives a scene that chance does not explain; views only where the table gave nothing.
 struct RecognitionRoutes {
   bool table = true;
   bool metric = true;

@@ -19,10 +19,10 @@ Objects Prepared(const std::vector<ObjectModel>& models) {
 
 RecognitionOptions Only(RecognitionRoute route) {
   RecognitionOptions options;
-  options.routes = {route == RecognitionRoute::kTable,
-                    route == RecognitionRoute::kMetric,
-                    route == RecognitionRoute::kViewLed,
-                    route == RecognitionRoute::kProjective};
+  options.routes.table = route == RecognitionRoute::kTable;
+  options.routes.metric = route == RecognitionRoute::kMetric;
+  options.routes.view_led = route == RecognitionRoute::kViewLed;
+  options.routes.projective = route == RecognitionRoute::kProjective;
   return options;
 }
 
