@@ -16,6 +16,7 @@
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/recognition/scene_refine.h"
 #include "server/vision/recognition/support_surface.h"
+#include "server/vision/recognition/surface_texture.h"
 #include "server/vision/recognition/table_search.h"
 #include "server/vision/recognition/table_seeds.h"
 #include "server/vision/recognition/verdict.h"
@@ -45,6 +46,7 @@ JointContext MakeContext(const RecognitionInput& input,
   BeginStep(context, "edge_maps");
   context.objects = input.objects;
   context.matching = input.matching;
+  context.images = input.images;
   context.options = options;
   context.stop = stop;
   const int views = static_cast<int>(input.features.size());
@@ -442,6 +444,8 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   scene.views.resize(input.features.size());
   BeginStep(context, "rivals");
   const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
+  BeginStep(context, "surfaces");
+  JudgeTexture(context, &scene);
   const std::string doubt = ReasonToDoubt(context, scene);
   if (!doubt.empty()) {
     scene.objects.clear();

@@ -8,13 +8,16 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/surface_texture.h"
 
 namespace horopter {
 namespace {
 
 constexpr double kSameTurnRad = 0.25;
-constexpr double kSameShift = 0.1;  // diameters
-constexpr double kHarm = 0.1;       // of score
+constexpr double kSameShift = 0.1;       // diameters
+constexpr double kHarm = 0.1;            // of score
+constexpr double kTextureWeight = 0.05;  // score per unit of log odds, as in verdict.cc
+constexpr double kClearTexture = 2.0;    // log odds
 constexpr double kHalfPi = 1.5707963267948966;
 
 // The turn about the object's centre.
@@ -62,7 +65,13 @@ std::optional<SceneModel> WithRival(const JointContext& context,
     refine.start_reach_px = 8.0;
   }
   EvaluateTogether(context, &trial);
+  JudgeTexture(context, place, &trial);
   return trial;
+}
+
+// Joint score, and what the texture on the faces adds to it.
+double Strength(const PlacedObject& p) {
+  return p.score + kTextureWeight * p.texture;
 }
 
 // Whether another object than the one in question loses its support.
@@ -148,8 +157,10 @@ std::vector<Rival> ContestObjects(const JointContext& context,
     std::size_t best = 0;
     for (std::size_t i = 1; i < trials.size() && trials[0]; ++i) {
       if (!trials[i]) continue;
-      if (trials[i]->objects[place].score > trials[best]->objects[place].score &&
-          trials[i]->gain > trials[best]->gain && !Harms(*scene, *trials[i], place)) {
+      const PlacedObject &rival = trials[i]->objects[place], &held = trials[best]->objects[place];
+      if (Strength(rival) > Strength(held) &&
+          (trials[i]->gain > trials[best]->gain || rival.texture > held.texture + kClearTexture) &&
+          !Harms(*scene, *trials[i], place)) {
         best = i;
       }
     }
@@ -164,7 +175,8 @@ std::vector<Rival> ContestObjects(const JointContext& context,
                                                      winner.scene_from_object)) {
         continue;
       }
-      out.push_back({place, placed, placed.score, trials[i]->gain});
+      const double lead = kTextureWeight * (placed.texture - winner.texture);
+      out.push_back({place, placed, placed.score + lead, trials[i]->gain});
     }
     if (best > 0) *scene = *std::move(trials[best]);
   }

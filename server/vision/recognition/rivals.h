@@ -24,13 +24,16 @@ std::vector<Rigid3> NearSymmetries(const PreparedObject& object, double misfit_d
 struct Rival {
   int accepted = -1;  // index into scene->objects
   PlacedObject placed;
-  double score = 0.0;  // joint score with cameras and the other objects refined to this rival
-  double gain = 0.0;   // of the whole scene then
+  // Joint score with cameras and the other objects refined to this rival, more or less by what its
+  // faces' texture says for it and not for the winner.
+  double score = 0.0;
+  double gain = 0.0;  // of the whole scene then
 };
 
 // Puts every rival in the place of its accepted object, refines cameras and objects as for an
 // answer, and judges it. rivals come from `placements` and from near symmetries. A rival that leads
-// to a better scene by both score and gain takes the place; the one that loses it becomes a rival.
+// to a better scene by both score and gain, or whose faces clearly agree better in texture, takes
+// the place; the one that loses it becomes a rival.
 std::vector<Rival> ContestObjects(const JointContext& context,
                                   std::span<const PlacedObject> placements,
                                   const RivalOptions& options,

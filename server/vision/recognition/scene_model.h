@@ -24,8 +24,9 @@ struct PlacedObject {
   Rigid3 scene_from_object;
   std::vector<EdgeSupport> support;  // per view, zero where the view is not registered
   EdgeSupport total;
-  double score = 0.0;  // see JointScore
-  double gain = 0.0;   // see SupportGain
+  double score = 0.0;    // see JointScore
+  double gain = 0.0;     // see SupportGain
+  double texture = 0.0;  // log odds that the texture on its faces adds, see surface_texture.h
 };
 
 struct SceneModel {
@@ -48,6 +49,7 @@ struct JointContext {
   std::vector<PinholeCamera> start_cameras;
   std::vector<double> focal_log_sigma;  // prior about the start camera, per view
   const MatchingResult* matching = nullptr;
+  std::span<const cv::Mat> images;  // empty: texture on surfaces is not looked at
   RecognitionOptions options;
   StopRequested stop;
   StepListener on_step;

@@ -37,7 +37,7 @@ bool FocalContradicted(const JointContext& context, const SceneModel& scene) {
 
 // That an object is right in cameras that are.
 double ObjectProbability(const PlacedObject& p) {
-  return Logistic(kObjectBase + kObjectWeight * (p.score - kOrigin));
+  return Logistic(kObjectBase + kObjectWeight * (p.score - kOrigin) + p.texture);
 }
 
 SceneObject ToObject(const SceneModel& scene, const PlacedObject& p) {
@@ -77,7 +77,8 @@ double Evidence(double support, double sharpness) {
 double SceneProbability(const JointContext& context, const SceneModel& scene) {
   double log_odds = -kPrice;
   log_odds -= std::max(0.0, std::log(static_cast<double>(context.objects.size()) / kLearntCatalog));
-  for (const PlacedObject& o : scene.objects) log_odds += Evidence(o.score, o.total.Sharpness());
+  for (const PlacedObject& o : scene.objects)
+    log_odds += Evidence(o.score, o.total.Sharpness()) + o.texture;
   return Logistic(log_odds);
 }
 
