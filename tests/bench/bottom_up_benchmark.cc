@@ -66,8 +66,12 @@ void RunAssignment(benchmark::State& state, const Method& method) {
   state.counters["right"] = right / (50.0 * n);
   state.counters["votes"] = total / 50.0;
 }
-void BM_AssignHungarian(benchmark::State& state) { RunAssignment(state, MaximumAssignment); }
-void BM_AssignLargestFirst(benchmark::State& state) { RunAssignment(state, LargestFirst); }
+void BM_AssignHungarian(benchmark::State& state) {
+  RunAssignment(state, MaximumAssignment);
+}
+void BM_AssignLargestFirst(benchmark::State& state) {
+  RunAssignment(state, LargestFirst);
+}
 BENCHMARK(BM_AssignHungarian)->Arg(16)->Arg(64)->Unit(benchmark::kMicrosecond);
 BENCHMARK(BM_AssignLargestFirst)->Arg(16)->Arg(64)->Unit(benchmark::kMicrosecond);
 
@@ -156,7 +160,9 @@ void BM_CollineationLinear(benchmark::State& state) {
     return FitTransform(TransformGroup::kCollineation, s.structure, s.shape, s.matches, {});
   });
 }
-void BM_CollineationPlainDlt(benchmark::State& state) { RunCollineation(state, PlainDlt); }
+void BM_CollineationPlainDlt(benchmark::State& state) {
+  RunCollineation(state, PlainDlt);
+}
 BENCHMARK(BM_CollineationClosedForm)->Arg(6)->Arg(20)->Unit(benchmark::kMicrosecond);
 BENCHMARK(BM_CollineationLinear)->Arg(6)->Arg(20)->Unit(benchmark::kMicrosecond);
 BENCHMARK(BM_CollineationPlainDlt)->Arg(6)->Arg(20)->Unit(benchmark::kMicrosecond);

@@ -231,7 +231,8 @@ int Main(int argc, char** argv) {
   const int n = std::max(1, sums.reconstructed);
   std::printf(
       "%s, %d objects, %.1f px: %d of %d scenes reconstructed; of %d parts (%d with keys) "
-      "right object strictly best %d, among the hypotheses %d, tuples met %d; %.0f hits, %.2f CPU s a "
+      "right object strictly best %d, among the hypotheses %d, tuples met %d; %.0f hits, %.2f CPU "
+      "s a "
       "scene\n",
       arguments.route.c_str(),
       arguments.objects,

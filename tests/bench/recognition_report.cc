@@ -159,8 +159,8 @@ void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objec
   input.objects = objects;
   const std::clock_t start = std::clock();
   StepTimes steps;
-  const auto result = RecognizeObjects(
-      input, bench.options, {}, [&](std::string_view step) { steps.Begin(step); });
+  const auto result =
+      RecognizeObjects(input, bench.options, {}, [&](std::string_view step) { steps.Begin(step); });
   steps.Begin("");
   sums->cpu_seconds.push_back(static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
   ++sums->scenes;
@@ -260,8 +260,8 @@ void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objec
   if (trial == "all" || !result->objects.empty()) {
     std::cout << bench.scene->scene_id << " " << trial << ": " << result->objects.size()
               << " objects, state " << static_cast<int>(result->state) << ", route "
-              << static_cast<int>(result->route) << ", "
-              << sums->cpu_seconds.back() << " s CPU " << result->detail << std::endl;
+              << static_cast<int>(result->route) << ", " << sums->cpu_seconds.back() << " s CPU "
+              << result->detail << std::endl;
   }
 }
 

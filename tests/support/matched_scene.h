@@ -121,9 +121,10 @@ inline std::vector<int> ShownEdges(const MatchedScene& scene, int v) {
 }  // namespace matched_scene_internal
 
 // objects[0] stands in the middle; the others are only enrolled. Cameras on an arc of about 0.6 m.
-inline MatchedScene MakeMatchedScene(
-    std::vector<std::shared_ptr<const PreparedObject>> objects, int views, double noise_px,
-    unsigned seed) {
+inline MatchedScene MakeMatchedScene(std::vector<std::shared_ptr<const PreparedObject>> objects,
+                                     int views,
+                                     double noise_px,
+                                     unsigned seed) {
   MatchedScene scene;
   scene.objects = std::move(objects);
   scene.world_from_object.R =
@@ -166,9 +167,9 @@ inline MatchedScene MakeMatchedScene(
       pair.view_a = a;
       pair.view_b = b;
       const Rigid3 b_from_a = scene.camera_from_world[b] * scene.camera_from_world[a].Inverse();
-      pair.F = Eigen::Matrix3d(scene.cameras[b].K().inverse().transpose() *
-                               CrossMatrix(b_from_a.t) * b_from_a.R *
-                               scene.cameras[a].K().inverse());
+      pair.F =
+          Eigen::Matrix3d(scene.cameras[b].K().inverse().transpose() * CrossMatrix(b_from_a.t) *
+                          b_from_a.R * scene.cameras[a].K().inverse());
       for (int i = 0; i < static_cast<int>(vertices[a].size()); ++i) {
         for (int k = 0; k < static_cast<int>(vertices[b].size()); ++k) {
           if (vertices[a][i] >= 0 && vertices[a][i] == vertices[b][k])

@@ -44,16 +44,16 @@ std::vector<FourVertexKey> FourVertexKeys(const ObjectModel& model,
   return keys;
 }
 
-// The best spread sets, so chosen that no vertex is in too many of them: which ones a scene shows is
-// not known. What the bound leaves out fills up the rest.
+// The best spread sets, so chosen that no vertex is in too many of them: which ones a scene shows
+// is not known. What the bound leaves out fills up the rest.
 std::vector<SixVertexKey> SixVertexKeys(const ObjectModel& model, const ObjectKeyOptions& options) {
   std::vector<SixVertexKey> keys;
   const int count = static_cast<int>(std::min(model.vertices.size(), kMaxVertices));
   if (!(model.diameter_m > 0.0) || count < 6) return keys;
   const std::vector<std::array<int, 6>> sets =
       WellSpreadSets(std::span(model.vertices).first(count), options.six_point_sets);
-  const int bound = static_cast<int>(
-      std::ceil(options.six_point_balance * 6.0 * options.max_six_points / count));
+  const int bound =
+      static_cast<int>(std::ceil(options.six_point_balance * 6.0 * options.max_six_points / count));
   std::vector<int> uses(count, 0);
   std::vector<bool> left_out(sets.size(), false);
   for (const bool again : {false, true}) {

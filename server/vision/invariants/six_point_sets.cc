@@ -9,8 +9,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kTablePoints = 64;    // up to here the determinants of all fours are tabulated
-constexpr double kFlat = 1e-9;      // smallest over largest second moment of points in a plane
+constexpr int kTablePoints = 64;  // up to here the determinants of all fours are tabulated
+constexpr double kFlat = 1e-9;    // smallest over largest second moment of points in a plane
 
 std::int64_t Choose(std::int64_t n, int k) {
   std::int64_t out = 1;

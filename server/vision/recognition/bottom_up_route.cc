@@ -45,9 +45,8 @@ Proposal Propose(int object, const Eigen::Matrix4d& world_from_object) {
 
 template <typename T, typename Score>
 void KeepBest(std::vector<T>* list, std::size_t count, Score score) {
-  std::stable_sort(list->begin(), list->end(), [&](const T& a, const T& b) {
-    return score(a) > score(b);
-  });
+  std::stable_sort(
+      list->begin(), list->end(), [&](const T& a, const T& b) { return score(a) > score(b); });
   if (list->size() > count) list->resize(count);
 }
 
@@ -98,9 +97,8 @@ std::optional<RecognizedView> CameraOfObject(const CameraMatrix& P, const Pinhol
   const Eigen::Vector3d& t = view.camera_from_scene.t;
   if (!(t.z() > 0.0)) return std::nullopt;
   const Eigen::Vector3d seen = K * t;
-  const Eigen::Vector3d ray((seen.x() / seen.z() - start.cx) / focal,
-                            (seen.y() / seen.z() - start.cy) / focal,
-                            1.0);
+  const Eigen::Vector3d ray(
+      (seen.x() / seen.z() - start.cx) / focal, (seen.y() / seen.z() - start.cy) / focal, 1.0);
   const Eigen::Matrix3d turn = Eigen::Quaterniond::FromTwoVectors(t, ray).toRotationMatrix();
   view.camera_from_scene = {turn * view.camera_from_scene.R, turn * t};
   return view;
@@ -123,8 +121,8 @@ SceneModel SceneOfCollineation(const JointContext& context,
     refine.start_reach_px = 2.0 * options.quick_reach_px;
     refine.focal_prior_px = context.start_cameras[v].focal_px;
     refine.focal_log_sigma = context.focal_log_sigma[v];
-    const auto refined = RefineInView(
-        object, context.views[v].maps, view->camera, view->camera_from_scene, refine);
+    const auto refined =
+        RefineInView(object, context.views[v].maps, view->camera, view->camera_from_scene, refine);
     if (!refined) continue;
     const float quick = QuickScore(object,
                                    context.views[v].maps,
@@ -176,9 +174,8 @@ absl::StatusOr<RouteCatalog> MakeRouteCatalog(
   std::vector<const ObjectKeys*> keys;
   for (std::size_t i = 0; i < objects.size(); ++i) {
     keys.push_back(&objects[i]->keys);
-    out.objects.push_back({&objects[i]->model,
-                           &objects[i]->keys,
-                           index != nullptr ? slots[i] : static_cast<int>(i)});
+    out.objects.push_back(
+        {&objects[i]->model, &objects[i]->keys, index != nullptr ? slots[i] : static_cast<int>(i)});
   }
   if (index != nullptr) {
     out.index = *index;
@@ -228,8 +225,7 @@ std::vector<SceneModel> MetricSeeds(const JointContext& context,
   if (views.size() < 2) return {};
   SpaceCornerOptions corners;
   corners.same_point_m = options.corner_share * ViewingDistance(reconstruction, views);
-  const auto found =
-      StructureOfCorners(views, FindSpaceCorners(views, corners), options.structure);
+  const auto found = StructureOfCorners(views, FindSpaceCorners(views, corners), options.structure);
   if (!found.ok()) return {};
   const auto hypotheses = MetricHypotheses(
       found->structure, catalog.index, catalog.objects, options.metric, context.stop);

@@ -44,8 +44,9 @@ struct BottomUpOptions {
   static ProjectiveRouteOptions ProjectiveDefaults();
 };
 
-// Scenes of one part each, in the cameras of the reconstruction, scaled by the part; one for each of
-// the best scales, see BestScales. Empty where there are no two cameras, no structure or no hypothesis, or on a stop.
+// Scenes of one part each, in the cameras of the reconstruction, scaled by the part; one for each
+// of the best scales, see BestScales. Empty where there are no two cameras, no structure or no
+// hypothesis, or on a stop.
 std::vector<SceneModel> MetricSeeds(const JointContext& context,
                                     const Reconstruction& reconstruction,
                                     const RouteCatalog& catalog,
@@ -59,7 +60,8 @@ std::vector<SceneModel> ProjectiveSeeds(const JointContext& context,
                                         const RouteCatalog& catalog,
                                         const BottomUpOptions& options = {});
 
-// Pairs of point tracks that a segment joins in two views or more: it ends in the junctions of both.
+// Pairs of point tracks that a segment joins in two views or more: it ends in the junctions of
+// both.
 std::vector<std::array<int, 2>> TrackEdges(std::span<const FeatureTrack> points,
                                            std::span<const ImageFeatures> features);
 

@@ -85,8 +85,7 @@ void AddPoint(std::span<const FeatureView> views,
     o.pixel = Undistorted(views[s.view].camera, junction.point);
     o.sigma_px = std::max(sigma_px / views[s.view].working_from_image,
                           std::sqrt(0.5 * junction.covariance.trace()));
-    const Eigen::Matrix<double, 2, 3> J =
-        ProjectionJacobian(*out->cameras[s.view], X) / o.sigma_px;
+    const Eigen::Matrix<double, 2, 3> J = ProjectionJacobian(*out->cameras[s.view], X) / o.sigma_px;
     information += J.transpose() * J;
     out->point_observations.push_back(o);
   }
@@ -107,9 +106,10 @@ void AddLines(std::span<const FeatureView> views,
       if (known >= options.min_edge_views) continue;
       const int index = static_cast<int>(out->lines.size());
       const Eigen::Vector4d far = (corner.point + e.length_m * e.direction).homogeneous();
-      out->lines.push_back(JoinPoints(Eigen::Vector4d(structure_from_scene * corner.point.homogeneous()),
-                                      Eigen::Vector4d(structure_from_scene * far))
-                               .normalized());
+      out->lines.push_back(
+          JoinPoints(Eigen::Vector4d(structure_from_scene * corner.point.homogeneous()),
+                     Eigen::Vector4d(structure_from_scene * far))
+              .normalized());
       out->line_track.push_back(index);
       for (const ShownFeature& s : e.segments) {
         const Segment& segment = views[s.view].features->segments[s.feature];

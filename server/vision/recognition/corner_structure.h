@@ -23,13 +23,13 @@ struct CornerStructureOptions {
 };
 
 struct CornerStructure {
-  SceneStructure structure;                                         // metric
+  SceneStructure structure;                                            // metric
   Eigen::Matrix4d structure_from_scene = Eigen::Matrix4d::Identity();  // a similarity
 };
 
 // corners: of FindSpaceCorners on the same views; views of the structure are theirs. The cameras
-// are held: the covariance is block-diagonal. Errors: FAILED_PRECONDITION (fewer than five corners),
-// INVALID_ARGUMENT (more than kMaxStructurePoints).
+// are held: the covariance is block-diagonal. Errors: FAILED_PRECONDITION (fewer than five
+// corners), INVALID_ARGUMENT (more than kMaxStructurePoints).
 absl::StatusOr<CornerStructure> StructureOfCorners(std::span<const FeatureView> views,
                                                    std::span<const SpaceCorner> corners,
                                                    const CornerStructureOptions& options = {});

@@ -366,8 +366,7 @@ absl::StatusOr<FoundScene> ViewLed(const RecognitionInput& input,
   FindAllViewHypotheses(std::vector<bool>(context->views.size(), true),
                         std::vector<bool>(context->objects.size(), true),
                         context);
-  if (IsStopRequested(context->stop))
-    return absl::CancelledError("stopped during view hypotheses");
+  if (IsStopRequested(context->stop)) return absl::CancelledError("stopped during view hypotheses");
   for (const bool through_plane : {true, false}) {
     BeginStep(*context, "linking");
     std::vector<SceneModel> seeds = LinkSeeds(*context, through_plane);
@@ -420,10 +419,9 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   bool on_table = false;
   if (routes.table && IsOpen(context, best.scene) && input.reconstruction != nullptr &&
       input.reconstruction->has_plane) {
-    FoundScene found =
-        InKnownCameras(&context,
-                       TableSeeds(context, *input.reconstruction, {}, kTableScales),
-                       RecognitionRoute::kTable);
+    FoundScene found = InKnownCameras(&context,
+                                      TableSeeds(context, *input.reconstruction, {}, kTableScales),
+                                      RecognitionRoute::kTable);
     on_table = !found.scene.objects.empty();
     TakeIfBetter(context, std::move(found), &best);
   }

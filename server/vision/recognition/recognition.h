@@ -23,8 +23,8 @@
 
 namespace horopter {
 
-struct PreparedObject;  // recognition/prepared_object.h: what recognition derives from an
-                        // ObjectModel, once
+struct PreparedObject;   // recognition/prepared_object.h: what recognition derives from an
+                         // ObjectModel, once
 class KeyIndexSnapshot;  // recognition/key_index.h
 
 // What the caller happens to know about a camera. Unset fields are unknown.
@@ -88,8 +88,8 @@ struct RecognitionResult {
   std::map<std::string, double> counts;
 };
 
-// Which routes may be taken. They are tried by measured cost: metric, table, views, projective, until
-// one gives a scene that chance does not explain; views only where the table gave nothing.
+// Which routes may be taken. They are tried by measured cost: metric, table, views, projective,
+// until one gives a scene that chance does not explain; views only where the table gave nothing.
 struct RecognitionRoutes {
   bool table = true;
   bool metric = true;
@@ -126,7 +126,7 @@ struct RecognitionInput {
   const MatchingResult* matching = nullptr;
   const Reconstruction* reconstruction = nullptr;
   std::span<const std::shared_ptr<const PreparedObject>> objects;
-  // The catalog's keys, object i in slot slots[i]. Null: an index is built when a route asks for it.
+  // The catalog's keys, object i in slot slots[i]. Null: an index is built when it is asked for.
   const KeyIndexSnapshot* keys = nullptr;
   std::span<const int> slots;
 };

@@ -309,9 +309,8 @@ std::vector<std::vector<int>> StructureComponents(const SceneStructure& structur
       gaps.push_back({gap / extent, std::move(both)});
     }
   }
-  std::stable_sort(gaps.begin(), gaps.end(), [](const Gap& a, const Gap& b) {
-    return a.distance < b.distance;
-  });
+  std::stable_sort(
+      gaps.begin(), gaps.end(), [](const Gap& a, const Gap& b) { return a.distance < b.distance; });
   if (static_cast<int>(gaps.size()) > options.unions) gaps.resize(options.unions);
   for (Gap& gap : gaps) out.push_back(std::move(gap.points));
   for (std::vector<int>& component : out) {

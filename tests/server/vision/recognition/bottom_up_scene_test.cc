@@ -57,13 +57,17 @@ TEST(StructureOfCorners, IsThePartUpToASimilarity) {
       EXPECT_GE(vertex.back(), 0);
     }
     for (const auto& [a, b] : s.edges) {
-      EXPECT_TRUE(std::any_of(model.edges.begin(), model.edges.end(), [&](const ModelEdge& e) {
-        return (e.start_vertex == vertex[a] && e.end_vertex == vertex[b]) ||
-               (e.start_vertex == vertex[b] && e.end_vertex == vertex[a]);
-      })) << vertex[a] << " - " << vertex[b];
+      EXPECT_TRUE(std::any_of(model.edges.begin(),
+                              model.edges.end(),
+                              [&](const ModelEdge& e) {
+                                return (e.start_vertex == vertex[a] && e.end_vertex == vertex[b]) ||
+                                       (e.start_vertex == vertex[b] && e.end_vertex == vertex[a]);
+                              }))
+          << vertex[a] << " - " << vertex[b];
     }
     for (const PointObservation& o : s.point_observations) {
-      const Eigen::Vector2d seen = ProjectPoint(*s.cameras[o.view], s.points[o.point].homogeneous());
+      const Eigen::Vector2d seen =
+          ProjectPoint(*s.cameras[o.view], s.points[o.point].homogeneous());
       EXPECT_LT((seen - o.pixel).norm(), 0.1 + 5.0 * noise);
     }
     // A few segments are those of another edge that looks alike there.
@@ -84,13 +88,11 @@ TEST(StructureOfCorners, RefusesTooFewAndTooMany) {
   const MatchedScene scene = MakeMatchedScene(Prepared({LBracket()}), 4, 0.0, 12);
   const std::vector<FeatureView> views = FeatureViews(scene);
   std::vector<SpaceCorner> corners = FindSpaceCorners(views);
-  EXPECT_EQ(StructureOfCorners(views, {}).status().code(),
-            absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(StructureOfCorners(views, {}).status().code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(StructureOfCorners(views, std::span(corners).first(4)).status().code(),
             absl::StatusCode::kFailedPrecondition);
   corners.resize(kMaxStructurePoints + 1, corners[0]);
-  EXPECT_EQ(StructureOfCorners(views, corners).status().code(),
-            absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(StructureOfCorners(views, corners).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 TEST(MetricRouteAlone, FindsThePartAndTheScale) {
