@@ -430,7 +430,10 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     HOROPTER_ASSIGN_OR_RETURN(FoundScene found, ViewLed(input, &context, &seed_count));
     TakeIfBetter(context, std::move(found), &best);
   }
-  if (routes.projective && IsOpen(context, best.scene)) {
+  // In cameras that are trusted the metric route has asked for the same parts at lower cost.
+  const bool asked_metric =
+      routes.metric && input.reconstruction != nullptr && input.reconstruction->trusted;
+  if (routes.projective && !asked_metric && IsOpen(context, best.scene)) {
     HOROPTER_ASSIGN_OR_RETURN(FoundScene found,
                               BottomUp(input, context, RecognitionRoute::kProjective));
     TakeIfBetter(context, std::move(found), &best);

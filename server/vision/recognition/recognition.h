@@ -88,8 +88,8 @@ struct RecognitionResult {
   std::map<std::string, double> counts;
 };
 
-// Which routes may be taken. They are tried by measured cost: metric, table, views, projective,
-// until one gives a scene that chance does not explain; views only where the table gave nothing.
+// Which routes may be taken, by cost until a scene is found that chance does not explain: metric,
+// table, views (if the table gave nothing), projective (if metric had no trusted cameras).
 struct RecognitionRoutes {
   bool table = true;
   bool metric = true;

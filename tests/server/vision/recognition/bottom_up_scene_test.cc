@@ -167,6 +167,7 @@ TEST(BottomUpRoutes, AcceptNothingOfPartsThatAreNotEnrolled) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
     MatchedScene scene = MakeMatchedScene(Prepared({TwistedPrism(seed)}), 5, 0.3, seed);
     scene.objects = Prepared({LBracket(), Wedge(), TwistedPrism(seed + 20)});
+    scene.reconstruction.trusted = false;  // so that both routes are asked
     RecognitionOptions options;
     options.routes = {false, true, false, true};
     const auto result = RecognizeObjects(scene.Input(), options);
