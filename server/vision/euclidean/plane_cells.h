@@ -42,7 +42,7 @@ struct PlaneCellOptions {
   // Noise alone gives a patch this share of its structure in every direction. Along grain and other
   // parallel edges nothing more is there: the search for the patch stays where it began, pixels off
   // and alike in all patches, and must not count. Higher: fewer directions are believed. Learned on
-  // parts-train.
+  // parts-train (tests/bench/results.md says with what in view).
   double noise_share = 0.4;
 };
 
