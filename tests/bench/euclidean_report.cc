@@ -150,12 +150,29 @@ bool Has(const MetricScene& metric, FindingKind kind) {
   return false;
 }
 
+// Whether an image shows a vertex of the first part.
+bool ShowsAVertex(const MetricSceneTruth& truth) {
+  for (std::size_t v = 0; v < truth.cameras.size(); ++v) {
+    const PinholeCamera& camera = truth.cameras[v];
+    for (const Eigen::Vector3d& x : truth.objects[0]->model.vertices) {
+      const Eigen::Vector3d p = truth.camera_from_world[v] * (truth.world_from_object[0] * x);
+      const Eigen::Vector2d u = Project(camera, p);
+      if (p.z() > 0.0 && u.x() > 0.0 && u.y() > 0.0 && u.x() < camera.width &&
+          u.y() < camera.height) {
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
 // How many of `repeats` scenes of one degenerate kind are named as such.
 void CountDegenerate(int repeats) {
   struct Case {
     const char* name;
     MetricSceneOptions options;
     FindingKind expected;
+    bool no_vertex = false;  // scenes that show one are passed over
   };
   std::vector<Case> cases(3);
   cases[0] = {"surface of revolution", {}, FindingKind::kTurnUndetermined};
@@ -166,6 +183,7 @@ void CountDegenerate(int repeats) {
       PrepareObject(Prism("bar", {{-1, -0.015}, {1, -0.015}, {1, 0.015}, {-1, 0.015}}, 0.02))
           .value()};
   cases[1].options.start_turn_rad = 0.0005;
+  cases[1].no_vertex = true;
   cases[2] = {"small part, narrow view", {}, FindingKind::kFocalAndDepth};
   cases[2].options.parts = {PrepareObject(Scaled(LBracket(), 0.5)).value()};
   cases[2].options.min_focal_widths = 4.0;
@@ -174,9 +192,11 @@ void CountDegenerate(int repeats) {
   cases[2].options.table = false;
   for (Case& c : cases) {
     int flagged = 0, refused = 0;
-    for (int i = 0; i < repeats; ++i) {
-      c.options.seed = static_cast<unsigned>(1000 + i);
+    c.options.seed = 1000;
+    for (int i = 0; i < repeats; ++c.options.seed) {
       const MetricSceneTruth truth = MakeMetricScene(c.options);
+      if (c.no_vertex && ShowsAVertex(truth)) continue;
+      ++i;
       const auto metric = RefineMetricScene(truth.Input(), truth.recognition, {});
       if (!metric.ok()) {
         ++refused;

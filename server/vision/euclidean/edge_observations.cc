@@ -21,11 +21,16 @@ PinholeCamera WorkingCamera(const PinholeCamera& camera, const EdgeGrid& grid) {
       grid.width(), grid.height(), camera.focal_px * s, camera.cx * s, camera.cy * s, camera.k1};
 }
 
-// Direction of the projected edge times the depth squared; empty when seen nearly end-on.
-std::optional<Eigen::Vector2d> ImageTangent(const Eigen::Vector3d& p, const Eigen::Vector3d& q) {
+// Direction of the projected edge (through p along q, camera frame) times the depth squared; empty
+// when seen nearly end-on. A lens bends straight edges: without that, edges would seem to say where
+// they lie along themselves.
+std::optional<Eigen::Vector2d> ImageTangent(const Eigen::Vector3d& p,
+                                            const Eigen::Vector3d& q,
+                                            double k1) {
   const Eigen::Vector2d along(q.x() * p.z() - p.x() * q.z(), q.y() * p.z() - p.y() * q.z());
   if (along.norm() < kEndOn * p.z()) return std::nullopt;
-  return along;
+  const Eigen::Vector2d n = p.head<2>() / p.z();
+  return (1.0 + k1 * n.squaredNorm()) * along + 2.0 * k1 * n.dot(along) * n;
 }
 
 // Every sample, or as many as wanted, evenly spread.
@@ -123,7 +128,7 @@ std::vector<VisibleSamples> FindVisibleSamples(std::span<const AdjustedView> vie
       for (std::size_t i = 0; i < model.samples.size(); ++i) {
         const Eigen::Vector3d p = pose * model.samples[i].point.cast<double>();
         if (p.z() < kMinDepthM || !IsVisible(depth, Project(camera, p), p.z(), tolerance_m) ||
-            !ImageTangent(p, pose.R * model.samples[i].tangent.cast<double>())) {
+            !ImageTangent(p, pose.R * model.samples[i].tangent.cast<double>(), camera.k1)) {
           continue;
         }
         seen.samples.push_back(static_cast<int>(i));
@@ -154,7 +159,7 @@ std::vector<EdgeObservation> ObserveEdges(std::span<const AdjustedView> views,
       const EdgeSample& sample = model.samples[i];
       const Eigen::Vector3d p = pose * sample.point.cast<double>();
       if (p.z() < kMinDepthM) continue;
-      const auto along = ImageTangent(p, pose.R * sample.tangent.cast<double>());
+      const auto along = ImageTangent(p, pose.R * sample.tangent.cast<double>(), camera.k1);
       if (!along) continue;
       const Eigen::Vector2d u = Project(camera, p);
       const EdgePoint* e =

@@ -19,6 +19,9 @@ constexpr double kHintedCenterSigmaPx = 1.0;
 constexpr double kHintedK1Sigma = 0.002;
 constexpr double kDefaultHintSigma = 0.02;
 constexpr std::size_t kFewestEdges = 8;
+// Of the rotation between two poses: below it they are different representatives (2.6 degrees; an
+// axis of revolution turns by the pose's own noise).
+constexpr double kSameTurnTrace = 2.998;
 // Hidden lines are removed anew once the objects have moved this far in some image.
 constexpr double kSeenAnewPx = 1.0;
 
@@ -164,6 +167,32 @@ absl::Status Adjust(const EuclideanOptions& options, const StopRequested& stop, 
   return absl::OkStatus();
 }
 
+// Whether the representative of an adjusted symmetric object is another than the one that was
+// adjusted: recognition's pose lay near the border between two. If so, `adjusted` is what to begin
+// from again.
+bool IsAnotherRepresentative(const RecognitionInput& input,
+                             const Refinement& r,
+                             RecognitionResult* adjusted,
+                             const std::vector<int>& objects) {
+  const SceneBundle& b = r.bundle;
+  const auto first = std::find_if(
+      b.views.begin(), b.views.end(), [](const AdjustedView& view) { return view.known; });
+  bool another = false;
+  for (std::size_t k = 0; k < objects.size(); ++k) {
+    SceneObject& o = adjusted->objects[objects[k]];
+    o.scene_from_object = b.objects[k].scene_from_object;
+    const Rigid3 pose = first->camera_from_scene * o.scene_from_object;
+    const Rigid3 wanted = RepresentativePose(input.objects[o.object]->model, pose);
+    another = another || (wanted.R * pose.R.transpose()).trace() < kSameTurnTrace;
+  }
+  for (std::size_t v = 0; v < b.views.size(); ++v) {
+    if (!b.views[v].known) continue;
+    adjusted->views[v]->camera = b.views[v].camera;
+    adjusted->views[v]->camera_from_scene = b.views[v].camera_from_scene;
+  }
+  return another;
+}
+
 double RobustRms(const std::vector<EdgeObservation>& observations) {
   if (observations.empty()) return 0.0;
   std::vector<double> r;
@@ -251,6 +280,11 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
     std::erase_if(
         kept, [&](int k) { return std::find(misfits.begin(), misfits.end(), k) != misfits.end(); });
     r = Begin(input, recognition, kept, options);
+    HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
+  }
+  if (RecognitionResult adjusted = recognition;
+      IsAnotherRepresentative(input, r, &adjusted, kept)) {
+    r = Begin(input, adjusted, kept, options);
     HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   }
 

@@ -54,7 +54,7 @@ struct EuclideanOptions {
   double focal_log_sigma = 0.35;        // weak prior on log f about its start
   double principal_point_sigma = 0.01;  // of the image width, prior on the offset from the centre
   double search_px = 4.0;               // edge points are looked for this far along the edge normal
-  double edge_sigma_px = 0.2;           // of one edge point; the residual rescales it
+  double edge_sigma_px = 0.15;          // of one edge point; the residual rescales it
   int rounds = 3;                       // re-association rounds
   // Edge samples of an object used per view; more: slower, hardly better (neighbours err in
   // common).

@@ -133,6 +133,8 @@ std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
     const double limit = options.shift_diameters * bundle.objects[k].model->model.diameter_m;
     Eigen::Matrix3d shift;
     Eigen::Matrix3d object_from_frame;
+    // From a shift to the way in space that goes with it.
+    Eigen::Matrix3d in_space = Eigen::Matrix3d::Identity();
     if (bundle.objects.size() > 1) {
       const int other = k == 0 ? 1 : 0;
       shift = InObject(bundle, covariance, other, k).bottomRightCorner<3, 3>();
@@ -141,7 +143,8 @@ std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
     } else {
       const Eigen::Vector3d sight = (pose * bundle.objects[k].model->center).normalized();
       const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - sight * sight.transpose();
-      shift = across * C.bottomRightCorner<3, 3>() * across;
+      in_space = C.bottomRightCorner<3, 3>();
+      shift = across * in_space * across;
       object_from_frame = pose.R.transpose();
     }
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(shift);
@@ -149,7 +152,7 @@ std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
     if (sigma > limit) {
       out.push_back(Weak(FindingKind::kShiftUndetermined,
                          k,
-                         object_from_frame * eigen.eigenvectors().col(2),
+                         (object_from_frame * in_space * eigen.eigenvectors().col(2)).normalized(),
                          sigma));
     }
   }

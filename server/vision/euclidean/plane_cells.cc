@@ -14,10 +14,21 @@ namespace {
 constexpr double kMedianOfChiSquare2 = 1.386;  // two degrees of freedom
 constexpr double kOutlierSigmas = 3.0;
 constexpr int kTrims = 2;
-constexpr double kLeastSigmaPx = 0.02;       // of one match
-constexpr double kLeastInformation = 0.002;  // of a match, along its patch's edges
-constexpr double kAspect = 0.75;             // of an image, about
+constexpr double kLeastSigmaPx = 0.02;  // of one match
+// A match's offset is stored times its information: what is asked back along the edges of its patch
+// is bounded by this.
+constexpr double kLeastInformation = 0.002;
+constexpr double kNoInformation = 1e-6;  // keeps matrices regular
+constexpr double kAspect = 0.75;         // of an image, about
 constexpr double kMostColumns = 12.0;
+
+// What a patch's structure says beyond `noise_share`, of its strongest direction.
+Eigen::Matrix2d BeyondNoise(const Eigen::Matrix2d& structure, double noise_share) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(structure);
+  const Eigen::Vector2d left =
+      ((eigen.eigenvalues().array() - noise_share) / (1.0 - noise_share)).max(kNoInformation);
+  return eigen.eigenvectors() * left.asDiagonal() * eigen.eigenvectors().transpose();
+}
 
 // Matches of a pair that lie in one cell of view a.
 struct Heap {
@@ -56,7 +67,7 @@ struct Heap {
   }
 };
 
-std::map<int, Heap> SortIntoCells(const PlaneHomography& pair, double cell_px) {
+std::map<int, Heap> SortIntoCells(const PlaneHomography& pair, double cell_px, double noise_share) {
   std::map<int, Heap> heaps;
   const std::size_t n = std::min(pair.inliers_a.size(), pair.inliers_b.size());
   const bool weighted = pair.information.size() == n;
@@ -66,8 +77,10 @@ std::map<int, Heap> SortIntoCells(const PlaneHomography& pair, double cell_px) {
         a, b - (pair.b_from_a * a.homogeneous()).hnormalized(), Eigen::Matrix2d::Identity()};
     if (weighted) {
       // The offset stored is the one found times the information.
-      m.information = pair.information[i] + kLeastInformation * Eigen::Matrix2d::Identity();
-      m.offset = m.information.ldlt().solve(m.offset);
+      const Eigen::Matrix2d stored =
+          pair.information[i] + kLeastInformation * Eigen::Matrix2d::Identity();
+      m.offset = stored.ldlt().solve(m.offset);
+      m.information = BeyondNoise(pair.information[i], noise_share);
     }
     if (!a.allFinite() || !m.offset.allFinite()) continue;
     constexpr int kStride = 1 << 12;
@@ -138,7 +151,7 @@ ObservedPlane AveragePlaneMatches(const MatchingResult& matching,
     const double filled = static_cast<double>(pair->inliers_a.size()) / options.matches_per_cell;
     const double columns =
         std::clamp(std::min(most_columns, std::sqrt(filled / kAspect)), 2.0, kMostColumns);
-    auto heaps = SortIntoCells(*pair, std::max(8.0, width_a / columns));
+    auto heaps = SortIntoCells(*pair, std::max(8.0, width_a / columns), options.noise_share);
     const double scatter_px = AverageHeaps(&heaps);
     for (const auto& [index, heap] : heaps) {
       if (heap.used == 0) continue;

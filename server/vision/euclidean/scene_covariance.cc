@@ -170,9 +170,12 @@ void AddEdges(const BundleLayout& layout,
       const Row J = p.weight * p.row.J;
       H.noalias() += curvature * J * p.row.J.transpose();
       V.noalias() += (sp * sp * p.unit * p.unit * p.shared) * J * J.transpose();
-      common += p.unit * J;
-      tilt += p.unit * p.at * J;
-      cad.noalias() += J * p.row.by_point.transpose();
+      // A shift of the whole edge moves the right side by the slope of its terms, not by their
+      // weight.
+      const Row slope = curvature * J;
+      common += p.unit * slope;
+      tilt += p.unit * p.at * slope;
+      cad.noalias() += slope * p.row.by_point.transpose();
     }
     V.noalias() += sc * sc * common * common.transpose() + st * st * tilt * tilt.transpose();
     const int starts[2] = {layout.view[g.view], layout.object[g.object]};

@@ -18,7 +18,7 @@ struct NoiseOptions {
   double min_common_px = 0.08;
   double min_point_px = 0.1;
   // Factor on the deviations for all that is not modelled.
-  double inflation = 1.1;
+  double inflation = 1.15;
 };
 
 // Estimated scatter of the residuals; working pixels.

@@ -2,7 +2,9 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <set>
 
 #include "server/vision/recognition/pose_refine.h"
 
@@ -18,6 +20,7 @@ constexpr double kFreeEndFactor = 0.55;
 // A corner of two edges on the table is texture or shadow more often than the foot of a part.
 constexpr double kOnPlaneFactor = 0.4;
 
+constexpr double kSameVertex = 1e-3;  // diameters
 // Support that clutter gives a pose by chance.
 constexpr float kChanceScore = 0.35f;
 
@@ -55,6 +58,38 @@ Eigen::Vector3d Ray(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
       (pixel.x() - camera.cx) / camera.focal_px, (pixel.y() - camera.cy) / camera.focal_px, 1.0};
 }
 
+// Index of the vertex at a point, -1 where there is none.
+int VertexAt(const ObjectModel& model, const Eigen::Vector3d& point) {
+  const double reach = kSameVertex * model.diameter_m;
+  for (std::size_t i = 0; i < model.vertices.size(); ++i) {
+    if ((model.vertices[i] - point).squaredNorm() < reach * reach) return static_cast<int>(i);
+  }
+  return -1;
+}
+
+// The paths that no symmetry of the object takes onto an earlier one: the others lead to the same
+// poses again.
+std::vector<const VertexPath*> DistinctPaths(const PreparedObject& object) {
+  const ObjectModel& model = object.model;
+  std::vector<std::vector<int>> images;  // of the vertices, per symmetry
+  for (const Rigid3& s : model.symmetries) {
+    images.emplace_back();
+    for (const Eigen::Vector3d& v : model.vertices) images.back().push_back(VertexAt(model, s * v));
+  }
+  std::set<std::array<int, 3>> seen;
+  std::vector<const VertexPath*> distinct;
+  for (const VertexPath& path : object.paths) {
+    if (seen.count({path.a, path.b, path.c}) > 0) continue;
+    distinct.push_back(&path);
+    for (const std::vector<int>& image : images) {
+      const int a = image[path.a], b = image[path.b], c = image[path.c];
+      seen.insert({a, b, c});
+      seen.insert({c, b, a});  // both directions are tried
+    }
+  }
+  return distinct;
+}
+
 // Collects poses over the image and model paths into a bounded pool of the best.
 std::vector<PooledPose> CollectPool(const PreparedObject& object,
                                     const ViewEvidence& view,
@@ -67,9 +102,11 @@ std::vector<PooledPose> CollectPool(const PreparedObject& object,
   constexpr float kMinScore = 0.3f;
   float threshold = Significance(kMinScore, options.min_radius_px);
   const std::size_t limit = static_cast<std::size_t>(options.pool) * 2;
+  const std::vector<const VertexPath*> model_paths = DistinctPaths(object);
   for (const ImagePath& image_path : paths) {
     if (IsStopRequested(stop)) return {};
-    for (const VertexPath& path : object.paths) {
+    for (const VertexPath* model_path : model_paths) {
+      const VertexPath& path = *model_path;
       for (int reversed = 0; reversed < 2; ++reversed) {
         const PathPoses poses =
             PosesFromPath(object.model, path, reversed != 0, camera, image_path);

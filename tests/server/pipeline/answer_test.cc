@@ -92,6 +92,24 @@ TEST_F(FillAnswerTest, CamerasFurtherApartThanThePartsAllowAreAScaleConflict) {
   EXPECT_TRUE(Has(answer, FindingKind::kScaleConflict));
   EXPECT_TRUE(Has(answer, FindingKind::kReferenceConflict));
   EXPECT_FALSE(answer.base_from_scene.has_value());
+  EXPECT_EQ(answer.state, SceneState::kAmbiguous);
+}
+
+// One of two parts was enrolled 4 % too large: nobody may act on either size unawares.
+TEST_F(FillAnswerTest, PartsWhoseSizesContradictEachOtherMakeTheSceneAmbiguous) {
+  EXPECT_EQ(Answer().state, SceneState::kRecognized);
+  constexpr double kFactor = 1.04;
+  truth_.objects[1] = PrepareObject(Scaled(Wedge(), kFactor)).value();
+  Rigid3& pose = truth_.recognition.objects[1].scene_from_object;
+  pose.t -= pose.R * (truth_.objects[1]->center * (1.0 - 1.0 / kFactor));
+  metric_ = RefineMetricScene(truth_.Input(), truth_.recognition, {}).value();
+  const SceneAnswer answer = Answer();
+  EXPECT_TRUE(Has(answer, FindingKind::kScaleConflict));
+  EXPECT_EQ(answer.state, SceneState::kAmbiguous);
+  EXPECT_NE(answer.detail.find("sizes contradict each other"), std::string::npos) << answer.detail;
+  EXPECT_EQ(answer.objects.size(), 2u);
+  EXPECT_TRUE(std::any_of(
+      answer.scales.begin(), answer.scales.end(), [](const AnswerScale& s) { return !s.agrees; }));
 }
 
 TEST_F(FillAnswerTest, ReferencesThatContradictEachOtherGiveNoBase) {

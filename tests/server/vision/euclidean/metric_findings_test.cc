@@ -80,10 +80,10 @@ TEST(Findings, OnlySymmetricObjectsLeaveTheFrameOpen) {
   EXPECT_EQ(f->value, 4.0);
 }
 
-// A part a quarter as far off as it is wide, among two right ones.
-// Half of its edges may happen to lie near others': then it stays, with its scatter in rms_px.
-TEST(Findings, AFalseHypothesisAmongThreeIsThrownOut) {
-  int thrown_out = 0;
+// A part a quarter as far off as it is wide, among two right ones. Where enough of its edges lie
+// near their places the adjustment pulls it right; it must not stay wrong.
+TEST(Findings, AFalseHypothesisAmongThreeIsThrownOutOrPutRight) {
+  int thrown_out = 0, put_right = 0;
   for (unsigned seed = 1; seed <= 5; ++seed) {
     for (int wrong = 0; wrong < 3; ++wrong) {
       auto truth = MakeMetricScene(Options({Bracket(), WedgePart(), StepPart()}, 40 + seed));
@@ -93,17 +93,22 @@ TEST(Findings, AFalseHypothesisAmongThreeIsThrownOut) {
       const auto metric = RefineMetricScene(truth.Input(), truth.recognition, {});
       ASSERT_TRUE(metric.ok()) << metric.status();
       const Finding* f = Find(*metric, FindingKind::kObjectRejected);
-      if (f == nullptr) continue;
-      ++thrown_out;
-      EXPECT_EQ(f->object, wrong) << "seed " << seed << " object " << wrong;
-      ASSERT_EQ(metric->objects.size(), 2u);
-      // The others are as if it had never been there.
-      const int a = metric->objects[0].object, b = metric->objects[1].object;
-      const Rigid3 expected = truth.world_from_object[a].Inverse() * truth.world_from_object[b];
-      EXPECT_LT((metric->objects[1].scene_from_object.t - expected.t).norm(), 0.003);
+      thrown_out += f != nullptr;
+      put_right += f == nullptr;
+      EXPECT_TRUE(f == nullptr || f->object == wrong) << "seed " << seed << " object " << wrong;
+      // What is answered is as if it had never been wrong.
+      ASSERT_EQ(metric->objects.size(), f != nullptr ? 2u : 3u);
+      const int a = metric->objects[0].object;
+      for (std::size_t k = 1; k < metric->objects.size(); ++k) {
+        const int b = metric->objects[k].object;
+        const Rigid3 expected = truth.world_from_object[a].Inverse() * truth.world_from_object[b];
+        const Vector6d off = PerturbationBetween(expected, metric->objects[k].scene_from_object);
+        EXPECT_LT(off.tail<3>().norm(), 0.003) << "seed " << seed << " object " << wrong;
+        EXPECT_LT(off.head<3>().norm(), 0.02) << "seed " << seed << " object " << wrong;
+      }
     }
   }
-  std::cout << thrown_out << " of 15 thrown out\n";
+  std::cout << thrown_out << " of 15 thrown out, " << put_right << " put right\n";
   EXPECT_GE(thrown_out, 10);
 }
 
@@ -156,6 +161,24 @@ TEST(Findings, TheTurnOfASurfaceOfRevolutionIsNamedWithItsAxis) {
   EXPECT_EQ(f->object, 1);
   EXPECT_GT(std::abs(f->direction.z()), 0.98);
   EXPECT_GT(f->value, 1.0);
+}
+
+// Straight edges tell nothing along themselves, also through a lens that seems to bend them.
+TEST(Findings, ABarThatNoImageEndsSlidesAlongItself) {
+  const Part bar =
+      PrepareObject(Prism("bar", {{-1, -0.015}, {1, -0.015}, {1, 0.015}, {-1, 0.015}}, 0.02))
+          .value();
+  for (unsigned seed = 1000; seed < 1006; ++seed) {
+    MetricSceneOptions options = Options({bar}, seed);
+    options.start_turn_rad = 0.0005;
+    const auto truth = MakeMetricScene(options);
+    const auto metric = RefineMetricScene(truth.Input(), truth.recognition, {});
+    ASSERT_TRUE(metric.ok()) << metric.status();
+    const Finding* f = Find(*metric, FindingKind::kShiftUndetermined);
+    ASSERT_NE(f, nullptr) << "seed " << seed;
+    EXPECT_GT(std::abs(f->direction.x()), 0.99);
+    EXPECT_GT(f->value, 1.0);
+  }
 }
 
 TEST(Findings, ASmallPartInANarrowViewLeavesTheFocalLengthOpen) {

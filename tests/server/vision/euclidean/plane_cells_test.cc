@@ -70,6 +70,19 @@ struct PlaneScene {
     }
     truth.matching.planes = {pair};
   }
+
+  // Patches of grain along y, found across it only; the homography is `off_px` off along it.
+  void AddGrain(int count, double sigma_px, double noise, double off_px, std::mt19937* rng) {
+    AddMatches(count, sigma_px, 1.0, 0.0, rng);
+    PlaneHomography& pair = truth.matching.planes[0];
+    Eigen::Matrix3d shift = Eigen::Matrix3d::Identity();
+    shift(1, 2) = off_px;
+    pair.b_from_a = shift * pair.b_from_a;
+    for (int i = 0; i < count; ++i) {
+      pair.inliers_b[i].y() = (pair.b_from_a * pair.inliers_a[i].homogeneous()).hnormalized().y();
+      pair.information[i] = Eigen::Vector2d(1.0, noise).asDiagonal();
+    }
+  }
 };
 
 // Squared errors of the cells in their own deviations; mean 2 when those are honest.
@@ -91,6 +104,7 @@ TEST(AveragePlaneMatches, CellsKeepTheDistortionAndStateTheirErrorHonestly) {
       scene.AddMatches(700, 0.15, weak, 0.0, &rng);
       PlaneCellOptions options;
       options.floor_px = 0.0;
+      options.noise_share = 0.0;
       const ObservedPlane observed =
           AveragePlaneMatches(scene.truth.matching, scene.views, options);
       ASSERT_GT(observed.cells.size(), 40u);
@@ -98,6 +112,24 @@ TEST(AveragePlaneMatches, CellsKeepTheDistortionAndStateTheirErrorHonestly) {
       EXPECT_GT(mean, 1.2) << "seed " << seed << " weak " << weak;
       EXPECT_LT(mean, 3.2) << "seed " << seed << " weak " << weak;
     }
+  }
+}
+
+// Along grain the search stays where the pair's homography began it, here 3 px off, and noise makes
+// the patch look as if it had measured that.
+TEST(AveragePlaneMatches, WhatGrainDoesNotMeasureIsNotBelieved) {
+  for (unsigned seed = 1; seed <= 5; ++seed) {
+    PlaneScene scene(seed);
+    std::mt19937 rng(seed);
+    scene.AddGrain(700, 0.15, 0.25, 3.0, &rng);
+    PlaneCellOptions options;
+    const double believed =
+        MeanSquared(scene, AveragePlaneMatches(scene.truth.matching, scene.views, options));
+    EXPECT_LT(believed, 2.5) << "seed " << seed;
+    options.noise_share = 0.0;
+    const double before =
+        MeanSquared(scene, AveragePlaneMatches(scene.truth.matching, scene.views, options));
+    EXPECT_GT(before, 20.0) << "seed " << seed;
   }
 }
 

@@ -76,6 +76,66 @@ TEST(FindViewHypotheses, TheRightPoseLeadsWithUnknownFocalLength) {
   }
 }
 
+// A cube under its 23 turns, among short edges into which small cubes fit.
+TEST(FindViewHypotheses, OfASymmetricPartAmongLettersAreDistinctAndTheRightOneLeads) {
+  constexpr double kSide = 0.08;
+  ObjectModel model = Prism("cube", {{0, 0}, {kSide, 0}, {kSide, kSide}, {0, kSide}}, kSide);
+  const Eigen::Vector3d center(kSide / 2, kSide / 2, kSide / 2);
+  for (int up = 0; up < 6; ++up) {
+    const Eigen::Matrix3d first =
+        (up < 4 ? Eigen::AngleAxisd(up * M_PI / 2, Eigen::Vector3d::UnitX())
+                : Eigen::AngleAxisd((up - 4.5) * M_PI, Eigen::Vector3d::UnitY()))
+            .toRotationMatrix();
+    for (int quarter = up == 0 ? 1 : 0; quarter < 4; ++quarter) {
+      const Eigen::Matrix3d R =
+          first *
+          Eigen::AngleAxisd(quarter * M_PI / 2, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+      model.symmetries.push_back({R, center - R * center});
+    }
+  }
+  ASSERT_EQ(model.symmetries.size(), 23u);
+  const auto cube = PrepareObject(model).value();
+  for (unsigned seed = 1; seed <= 3; ++seed) {
+    SCOPED_TRACE(seed);
+    std::mt19937 rng(seed);
+    const Rigid3 pose = LookAt({0.30, -0.34, 0.36}, center);
+    ImageFeatures features;
+    AddSyntheticFeatures(*cube, kCamera, pose, 0.3, &rng, &features);
+    for (int i = 0; i < 40; ++i) {  // small cubes, half of them on the large one
+      std::uniform_real_distribution<double> u(-0.12, 0.12);
+      const Eigen::Vector3d away(u(rng), u(rng), 2.2);
+      const Rigid3 small{pose.R, 4.0 * away - pose.R * center};
+      AddSyntheticFeatures(*cube, kCamera, small, 0.3, &rng, &features);
+    }
+    const ViewEvidence view = BuildViewEvidence(features);
+    const auto found = FindViewHypotheses(*cube,
+                                          0,
+                                          view,
+                                          0,
+                                          FindImagePaths(features, {}, 1.0, 450),
+                                          CenteredCamera(640, 480, 1.05 * kCamera.focal_px),
+                                          {},
+                                          {});
+    const auto distance = [&](const ViewHypothesis& h,
+                              const PinholeCamera& camera,
+                              const Rigid3& p) {
+      double nearest = ProjectionDistance(*cube, h.camera, h.camera_from_object, camera, p, 1.0);
+      for (const Rigid3& s : model.symmetries)
+        nearest = std::min(
+            nearest, ProjectionDistance(*cube, h.camera, h.camera_from_object, camera, p * s, 1.0));
+      return nearest;
+    };
+    ASSERT_FALSE(found.pool.empty());
+    EXPECT_LT(distance(found.pool[0], kCamera, pose), 5.0);
+    for (std::size_t i = 0; i < found.pool.size(); ++i) {
+      for (std::size_t k = 0; k < i; ++k) {
+        EXPECT_GE(distance(found.pool[k], found.pool[i].camera, found.pool[i].camera_from_object),
+                  ViewHypothesisOptions().distinct_px);
+      }
+    }
+  }
+}
+
 TEST(FindImagePaths, TextureStartsNoPathAndTheNumberIsBounded) {
   const auto part = PrepareObject(LBracket()).value();
   std::mt19937 rng(1);
