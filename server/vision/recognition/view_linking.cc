@@ -196,20 +196,27 @@ SceneModel ToScene(const JointContext& context,
   return scene;
 }
 
-// Summed gain of the scene's objects in one view under a camera.
-double ViewGain(const JointContext& context,
-                const SceneModel& scene,
-                int v,
-                const RecognizedView& view,
-                VerifyScratch* scratch) {
-  double gain = 0.0;
+struct ViewGain {
+  double sum = 0.0;  // over the scene's objects
+  int visible = 0;   // objects of which something is in the image
+};
+
+// What the scene's objects gain in one view under a camera.
+ViewGain GainOfView(const JointContext& context,
+                    const SceneModel& scene,
+                    int v,
+                    const RecognizedView& view,
+                    VerifyScratch* scratch) {
+  ViewGain gain;
   for (const PlacedObject& o : scene.objects) {
-    gain += SupportGain(VerifyPose(*context.objects[o.object],
-                                   context.views[v],
-                                   view.camera,
-                                   view.camera_from_scene * o.scene_from_object,
-                                   nullptr,
-                                   scratch));
+    const EdgeSupport support = VerifyPose(*context.objects[o.object],
+                                           context.views[v],
+                                           view.camera,
+                                           view.camera_from_scene * o.scene_from_object,
+                                           nullptr,
+                                           scratch);
+    gain.sum += SupportGain(support);
+    gain.visible += support.visible > 0;
   }
   return gain;
 }
@@ -334,7 +341,8 @@ int DropContradictedViews(const JointContext& context, SceneModel* scene) {
       tied = other != v && scene->views[other] && PlaneTransfer(*context.matching, v, other);
     }
     if (tied) continue;
-    if (!scene->views[v] || ViewGain(context, *scene, v, *scene->views[v], &scratch) > 0) continue;
+    if (!scene->views[v] || GainOfView(context, *scene, v, *scene->views[v], &scratch).sum > 0)
+      continue;
     scene->views[v].reset();
     ++dropped;
   }
@@ -357,9 +365,11 @@ int RegisterMissingViews(const JointContext& context, SceneModel* scene) {
         for (const Rigid3& pose : poses) {
           const RecognizedView view{hypotheses[i].camera,
                                     pose * placed.scene_from_object.Inverse()};
-          const double gain = ViewGain(context, *scene, v, view, &scratch);
-          if (gain > best_gain) {
-            best_gain = gain;
+          const ViewGain gain = GainOfView(context, *scene, v, view, &scratch);
+          // A wrong camera shows one part and loses the others from the image.
+          if (2 * gain.visible < static_cast<int>(scene->objects.size())) continue;
+          if (gain.sum > best_gain) {
+            best_gain = gain.sum;
             best = view;
           }
         }
