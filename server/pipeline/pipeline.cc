@@ -117,8 +117,14 @@ int FindObject(const CatalogSnapshot& catalog, const std::string& id) {
   return low < ObjectCount(catalog) && IdAt(catalog, low) == id ? low : -1;
 }
 
-absl::StatusOr<std::vector<std::shared_ptr<const PreparedObject>>> SelectObjects(
-    const SceneRequest& request, const CatalogSnapshot& catalog, int most) {
+struct Selection {
+  std::vector<std::shared_ptr<const PreparedObject>> objects;
+  std::vector<int> slots;  // of the objects in the catalog's keys; empty when it has none
+};
+
+absl::StatusOr<Selection> SelectObjects(const SceneRequest& request,
+                                        const CatalogSnapshot& catalog,
+                                        int most) {
   if (request.reference && FindObject(catalog, request.reference->object_id) < 0) {
     return absl::NotFoundError(
         absl::StrCat("reference: object ", request.reference->object_id, " is not enrolled"));
@@ -142,11 +148,13 @@ absl::StatusOr<std::vector<std::shared_ptr<const PreparedObject>>> SelectObjects
     return absl::InvalidArgumentError(absl::StrCat(
         "candidates: ", selected.size(), " objects, at most ", most, " are searched for at once"));
   }
-  std::vector<std::shared_ptr<const PreparedObject>> objects;
+  const bool keyed = static_cast<int>(catalog.slots.size()) == ObjectCount(catalog);
+  Selection out;
   for (const int index : selected) {
-    HOROPTER_ASSIGN_OR_RETURN(objects.emplace_back(), ObjectAt(catalog, index));
+    HOROPTER_ASSIGN_OR_RETURN(out.objects.emplace_back(), ObjectAt(catalog, index));
+    if (keyed) out.slots.push_back(catalog.slots[index]);
   }
-  return objects;
+  return out;
 }
 
 absl::StatusOr<std::vector<ImageFeatures>> DetectAll(const SceneRequest& request,
@@ -252,8 +260,9 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                               const PipelineOptions& options,
                                               const StopRequested& stop) {
   HOROPTER_RETURN_IF_ERROR(ValidateRequest(request));
-  HOROPTER_ASSIGN_OR_RETURN(const auto objects,
+  HOROPTER_ASSIGN_OR_RETURN(const Selection selection,
                             SelectObjects(request, catalog, options.max_searched_objects));
+  const auto& objects = selection.objects;
   PipelineResult result;
   SceneAnswer& answer = result.answer;
   SceneTrace& trace = result.trace;
@@ -288,7 +297,9 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                request.hints,
                                &trace.matching,
                                &trace.reconstruction,
-                               objects};
+                               objects,
+                               selection.slots.empty() ? nullptr : &catalog.keys,
+                               selection.slots};
   StepClock steps;
   HOROPTER_ASSIGN_OR_RETURN(
       trace.recognition,

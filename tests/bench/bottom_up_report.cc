@@ -1,9 +1,11 @@
 // The bottom-up routes on synthetic scenes with known truth: how often the right object is the best
 // hypothesis about a part, and what that takes.
 //
-//   bottom_up_report [--scenes N] [--objects N] [--route projective|metric] [--sigma PX]
-//                    [--draws N --keys N] [--axes] [--ndd] [--verbose]
-//     --draws, --keys   six-tuples drawn and kept of each object (the catalog's defaults)
+//   bottom_up_report [--scenes N] [--first SEED] [--objects N] [--route projective|metric]
+//                    [--sigma PX] [--sets N --keys N --balance X] [--tuples N] [--axes] [--ndd]
+//                    [--verbose]
+//     --sets, --keys, --balance   six-tuples of each object: ObjectKeyOptions
+//     --tuples          six-tuples of each component: SixTupleOptions
 //     --axes            the thesis's association by axes; --ndd its other clustering
 //
 // Scenes: 3 different parts of the catalog (tests/support/profile_parts.h), 6 views, a fifth of the
@@ -11,6 +13,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <ctime>
+#include <set>
 
 #include "server/vision/recognition/metric_route.h"
 #include "server/vision/recognition/projective_route.h"
@@ -21,10 +24,12 @@ namespace horopter {
 namespace {
 
 struct Arguments {
-  int scenes = 6, objects = 100;
+  int scenes = 6, first = 1, objects = 100, hits = 0;
   std::string route = "projective";
   double sigma_px = 0.5;
   ObjectKeyOptions keys;
+  SixTupleOptions tuples;
+  ComponentOptions components = ProjectiveRouteOptions().route.components;
   bool axes = false, ndd = false, verbose = false;
 };
 
@@ -54,7 +59,42 @@ Catalog MakeCatalog(const Arguments& arguments) {
 struct Sums {
   int reconstructed = 0, parts = 0, keyed = 0, best = 0, listed = 0;
   double cpu_s = 0.0, hits = 0.0;
+  int met = 0;  // parts of which a tuple asked for is one the catalog keeps
 };
+
+// How many of the tuples that are asked for lie on one part and are among those that the catalog
+// keeps of it, by part: the rest can hit nothing right.
+std::vector<int> TuplesMet(const Arguments& arguments,
+                           const Catalog& catalog,
+                           const ProfileScene& truth,
+                           const SceneStructure& structure) {
+  std::vector<int> met(truth.objects.size(), 0);
+  std::vector<std::set<std::vector<int>>> kept(truth.objects.size());
+  for (std::size_t part = 0; part < kept.size(); ++part) {
+    for (const SixVertexKey& key : catalog.keys[truth.objects[part]].six_points) {
+      std::vector<int> vertices(key.vertices.begin(), key.vertices.end());
+      std::sort(vertices.begin(), vertices.end());
+      kept[part].insert(vertices);
+    }
+  }
+  for (const std::vector<int>& component : StructureComponents(structure, arguments.components)) {
+    for (const SixTuple& tuple : ChooseSixTuples(structure,
+                                                 component,
+                                                 catalog.index.Transform(KeyTable::kSixPoints),
+                                                 arguments.tuples)) {
+      std::vector<int> vertices;
+      std::set<int> parts;
+      for (const int i : tuple.points) {
+        vertices.push_back(truth.vertex_of_point[structure.point_track[i]]);
+        parts.insert(truth.part_of_point[structure.point_track[i]]);
+      }
+      std::sort(vertices.begin(), vertices.end());
+      if (parts.size() != 1 || *parts.begin() < 0) continue;
+      met[*parts.begin()] += kept[*parts.begin()].count(vertices) > 0;
+    }
+  }
+  return met;
+}
 
 double CpuSeconds() {
   return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
@@ -125,6 +165,9 @@ absl::Status RunScene(const Arguments& arguments,
                                 : ProjectiveStructure(tracks, scene->projective.scene, truth.edges);
   if (!structure.ok()) return structure.status();
   ++sums->reconstructed;
+  std::vector<int> met;
+  if (!metric) met = TuplesMet(arguments, catalog, truth, *structure);
+  for (const int m : met) sums->met += m > 0;
   const double start = CpuSeconds();
   StructureRouteResult found;
   const auto method =
@@ -138,6 +181,9 @@ absl::Status RunScene(const Arguments& arguments,
   } else {
     ProjectiveRouteOptions route;
     route.route.votes.cluster.method = method;
+    route.tuples = arguments.tuples;
+    route.route.components = arguments.components;
+    if (arguments.hits > 0) route.route.max_hits = arguments.hits;
     if (arguments.axes) route.association = AssociationForm::kAxes;
     auto result = ProjectiveHypotheses(*structure, catalog.index, catalog.objects, route);
     if (!result.ok()) return result.status();
@@ -148,6 +194,7 @@ absl::Status RunScene(const Arguments& arguments,
   if (arguments.verbose) {
     std::printf("scene %u:", seed);
     for (const auto& [name, value] : found.counts) std::printf(" %s %.0f", name.c_str(), value);
+    for (const int m : met) std::printf(" met %d", m);
     std::printf("\n");
   }
   Count(arguments, catalog, truth, *structure, found, sums);
@@ -161,7 +208,12 @@ int Main(int argc, char** argv) {
   app.add_option("--objects", arguments.objects);
   app.add_option("--route", arguments.route)->check(CLI::IsMember({"projective", "metric"}));
   app.add_option("--sigma", arguments.sigma_px);
-  app.add_option("--draws", arguments.keys.six_point_draws);
+  app.add_option("--unions", arguments.components.unions, "Pairs of components asked together");
+  app.add_option("--first", arguments.first);
+  app.add_option("--sets", arguments.keys.six_point_sets);
+  app.add_option("--balance", arguments.keys.six_point_balance);
+  app.add_option("--tuples", arguments.tuples.max_tuples);
+  app.add_option("--hits", arguments.hits, "Most hits of a component");
   app.add_option("--keys", arguments.keys.max_six_points);
   app.add_flag("--axes", arguments.axes);
   app.add_flag("--ndd", arguments.ndd);
@@ -170,7 +222,8 @@ int Main(int argc, char** argv) {
   arguments.keys.max_path_views = 0;
   const Catalog catalog = MakeCatalog(arguments);
   Sums sums;
-  for (int seed = 1; seed <= arguments.scenes; ++seed) {
+  for (int i = 0; i < arguments.scenes; ++i) {
+    const int seed = arguments.first + i;
     const absl::Status status = RunScene(arguments, catalog, static_cast<unsigned>(seed), &sums);
     if (!status.ok()) std::printf("scene %d: %s\n", seed, std::string(status.message()).c_str());
     std::fflush(stdout);
@@ -178,7 +231,8 @@ int Main(int argc, char** argv) {
   const int n = std::max(1, sums.reconstructed);
   std::printf(
       "%s, %d objects, %.1f px: %d of %d scenes reconstructed; of %d parts (%d with keys) "
-      "right object strictly best %d, among the hypotheses %d; %.0f hits, %.2f CPU s a "
+      "right object strictly best %d, among the hypotheses %d, tuples met %d; %.0f hits, %.2f CPU "
+      "s a "
       "scene\n",
       arguments.route.c_str(),
       arguments.objects,
@@ -189,6 +243,7 @@ int Main(int argc, char** argv) {
       sums.keyed,
       sums.best,
       sums.listed,
+      sums.met,
       sums.hits / n,
       sums.cpu_s / n);
   return 0;

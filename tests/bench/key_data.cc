@@ -72,7 +72,7 @@ int Main(int argc, char** argv) {
       std::vector<Eigen::Vector3d> v;
       for (const Eigen::Vector3d& p : vertices) v.push_back(p.cwiseProduct(s) * 10.0);
       model.vertices = v;
-      const ObjectKeys keys = ComputeObjectKeys(model, {.six_point_draws = 0});
+      const ObjectKeys keys = ComputeObjectKeys(model, {.six_point_sets = 0});
       for (const FourVertexKey& key : keys.chains) chains.Write(key.values);
       for (const FourVertexKey& key : keys.stars) stars.Write(key.values);
       for (const PathViewRow& row : keys.path_views) paths.WriteBox(row.low, row.high);

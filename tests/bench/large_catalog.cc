@@ -83,7 +83,7 @@ int Main(int argc, char** argv) {
     Catalog::NewObject& object = batch.emplace_back();
     PreparedObject prepared;
     prepared.model = Stretched(originals[o].model, absl::StrFormat("obj_%06d", i + 1), rng);
-    prepared.keys = ComputeObjectKeys(prepared.model, {.six_point_draws = 0, .max_six_points = 0});
+    prepared.keys = ComputeObjectKeys(prepared.model, {.six_point_sets = 0, .max_six_points = 0});
     prepared.keys.six_points = original_keys[o].six_points;
     object.derived = {kPreparedVersion, originals[o].derived.data, EncodePrepared(prepared).keys};
     object.record.model = std::move(prepared.model);

@@ -2,9 +2,11 @@
 // wrong, and what each answered object rests on. The stages before recognition run once a scene.
 //
 //   recognition_report DATASET SPLIT [--scenes 1,2] [--trials all,none,one,half]
-//                      [--distractors FOLDER] [--csv FILE]
+//                      [--distractors FOLDER] [--csv FILE] [--routes table,views,metric,projective]
+//                      [--steps]
 //     --trials   all: every part enrolled; none: none of the scene's; one: each of the scene's left
 //                out in turn; half: three random halves of `none`
+//     --routes   that may find a scene's first part; default: all of them
 //     --distractors FOLDER   objects of another dataset stand in every catalog (synthetic_parts)
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -41,6 +43,8 @@ struct Arguments {
   std::string dataset, split, distractors, csv;
   std::vector<int> scenes;
   std::set<std::string> trials = {"all", "none"};
+  std::set<std::string> routes = {"table", "views", "metric", "projective"};
+  bool steps = false;
 };
 
 // The stages before recognition.
@@ -84,10 +88,25 @@ struct Sums {
   std::vector<double> cpu_seconds;
 };
 
+// CPU seconds of all threads by step.
+struct StepTimes {
+  void Begin(std::string_view step) {
+    const std::clock_t now = std::clock();
+    if (!current.empty()) seconds[current] += static_cast<double>(now - since) / CLOCKS_PER_SEC;
+    current = std::string(step);
+    since = now;
+  }
+  std::map<std::string, double> seconds;
+  std::string current;
+  std::clock_t since = 0;
+};
+
 struct Bench {
   const BopScene* scene = nullptr;
   const TrueModels* models = nullptr;
   const FrontEnd* front = nullptr;
+  RecognitionOptions options;
+  bool steps = false;
   std::ostream* csv = nullptr;
 };
 
@@ -132,10 +151,17 @@ bool IsTarget(const BopScene& scene, int instance) {
 
 void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objects, Sums* sums) {
   const FrontEnd& front = *bench.front;
-  const RecognitionInput input{
-      front.images, front.features, {}, &front.matching, &front.reconstruction, objects};
+  RecognitionInput input;
+  input.images = front.images;
+  input.features = front.features;
+  input.matching = &front.matching;
+  input.reconstruction = &front.reconstruction;
+  input.objects = objects;
   const std::clock_t start = std::clock();
-  const auto result = RecognizeObjects(input, {}, {});
+  StepTimes steps;
+  const auto result =
+      RecognizeObjects(input, bench.options, {}, [&](std::string_view step) { steps.Begin(step); });
+  steps.Begin("");
   sums->cpu_seconds.push_back(static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
   ++sums->scenes;
   if (!result.ok()) {
@@ -225,10 +251,17 @@ void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objec
       std::cout << "missed: " << bench.scene->scene_id << " " << BopObjectName(obj_id) << "\n";
     }
   }
+  if (bench.steps) {
+    for (const auto& [step, seconds] : steps.seconds) {
+      std::cout << absl::StrFormat("  %s %.2f", step, seconds);
+    }
+    std::cout << "\n";
+  }
   if (trial == "all" || !result->objects.empty()) {
     std::cout << bench.scene->scene_id << " " << trial << ": " << result->objects.size()
-              << " objects, state " << static_cast<int>(result->state) << ", "
-              << sums->cpu_seconds.back() << " s CPU " << result->detail << std::endl;
+              << " objects, state " << static_cast<int>(result->state) << ", route "
+              << static_cast<int>(result->route) << ", " << sums->cpu_seconds.back() << " s CPU "
+              << result->detail << std::endl;
   }
 }
 
@@ -271,6 +304,15 @@ void Print(const std::string& name, const Sums& sums) {
                                cpu[cpu.size() / 2]);
 }
 
+RecognitionOptions OptionsOf(const Arguments& arguments) {
+  RecognitionOptions options;
+  options.routes.table = arguments.routes.count("table") > 0;
+  options.routes.view_led = arguments.routes.count("views") > 0;
+  options.routes.metric = arguments.routes.count("metric") > 0;
+  options.routes.projective = arguments.routes.count("projective") > 0;
+  return options;
+}
+
 absl::Status Run(const Arguments& arguments) {
   TrueModels models;
   auto own = Prepare(arguments.dataset, &models);
@@ -309,7 +351,12 @@ absl::Status Run(const Arguments& arguments) {
     if (!front.ok()) {
       return front.status();
     }
-    const Bench bench{&*scene, &models, &*front, csv.is_open() ? &csv : nullptr};
+    const Bench bench{&*scene,
+                      &models,
+                      &*front,
+                      OptionsOf(arguments),
+                      arguments.steps,
+                      csv.is_open() ? &csv : nullptr};
     Catalog all = *own, none;
     std::set<std::string> present;
     for (const BopInstance& i : scene->images[0].instances) {
@@ -364,6 +411,10 @@ int main(int argc, char** argv) {
   app.add_option("--trials", arguments.trials, "Of all, none, one, half; default all,none")
       ->delimiter(',')
       ->check(CLI::IsMember({"all", "none", "one", "half"}));
+  app.add_option("--routes", arguments.routes, "Of table, views, metric, projective; default all")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"table", "views", "metric", "projective"}));
+  app.add_flag("--steps", arguments.steps, "CPU seconds of each step");
   CLI11_PARSE(app, argc, argv);
   cv::setNumThreads(1);
   const absl::Status status = horopter::Run(arguments);

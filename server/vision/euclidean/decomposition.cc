@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
 #include "server/vision/euclidean/pose_perturbation.h"
+#include "server/vision/geometry/camera_factors.h"
 #include "server/vision/geometry/collineation.h"
 
 namespace horopter {
@@ -302,32 +303,12 @@ std::optional<MetricCamera> UpgradeCamera(const CameraMatrix& P,
                                           const Eigen::Matrix4d& metric_from_scene,
                                           int width,
                                           int height) {
-  const CameraMatrix M = P * metric_from_scene.inverse();
-  Eigen::Matrix3d A = M.leftCols<3>();
-  if (!A.allFinite() || std::abs(A.determinant()) < 1e-14 * std::pow(A.norm(), 3)) {
-    return std::nullopt;
-  }
-  // A = K R by the QR decomposition of the reversed transpose.
-  const Eigen::Matrix3d flip = Eigen::Matrix3d::Identity().rowwise().reverse();
-  const Eigen::HouseholderQR<Eigen::Matrix3d> qr((flip * A).transpose());
-  Eigen::Matrix3d R = flip * Eigen::Matrix3d(qr.householderQ()).transpose();
-  Eigen::Matrix3d K =
-      flip * Eigen::Matrix3d(qr.matrixQR().triangularView<Eigen::Upper>()).transpose() * flip;
-  for (int i = 0; i < 3; ++i) {
-    if (K(i, i) < 0.0) {
-      K.col(i) *= -1.0;
-      R.row(i) *= -1.0;
-    }
-  }
-  const double sign = R.determinant() < 0.0 ? -1.0 : 1.0;
+  const auto factors = FactorCamera(P * metric_from_scene.inverse());
+  if (!factors) return std::nullopt;
+  const Eigen::Matrix3d& K = factors->K;
   MetricCamera out;
-  out.camera_from_metric = {sign * R, sign * K.inverse() * M.col(3)};
-  out.camera = {width,
-                height,
-                std::sqrt(K(0, 0) * K(1, 1)) / K(2, 2),
-                K(0, 2) / K(2, 2),
-                K(1, 2) / K(2, 2),
-                0.0};
+  out.camera_from_metric = factors->camera_from_scene;
+  out.camera = {width, height, std::sqrt(K(0, 0) * K(1, 1)), K(0, 2), K(1, 2), 0.0};
   if (!(out.camera_from_metric.t.z() > 0.0)) return std::nullopt;
   return out;
 }

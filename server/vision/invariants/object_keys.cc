@@ -6,11 +6,10 @@
 #include <cstring>
 #include <limits>
 #include <numeric>
-#include <random>
-#include <set>
 #include <span>
 
 #include "server/base/status_macros.h"
+#include "server/vision/invariants/six_point_sets.h"
 #include "server/vision/invariants/six_points.h"
 
 namespace horopter {
@@ -45,57 +44,40 @@ std::vector<FourVertexKey> FourVertexKeys(const ObjectModel& model,
   return keys;
 }
 
-double Choose6(double n) {
-  return n < 6 ? 0.0 : n * (n - 1) * (n - 2) * (n - 3) * (n - 4) * (n - 5) / 720.0;
-}
-
-// Every set of six, or `draws` different ones when there are more.
-std::vector<std::array<int, 6>> SixTuples(int vertices, int draws) {
-  std::vector<std::array<int, 6>> tuples;
-  if (vertices < 6) return tuples;
-  std::array<int, 6> t{0, 1, 2, 3, 4, 5};
-  if (Choose6(vertices) <= draws) {
-    while (true) {
-      tuples.push_back(t);
-      int k = 5;
-      while (k >= 0 && t[k] == vertices - 6 + k) --k;
-      if (k < 0) return tuples;
-      ++t[k];
-      for (int j = k + 1; j < 6; ++j) t[j] = t[j - 1] + 1;
-    }
-  }
-  std::mt19937 rng(1);  // the same tuples for the same part
-  std::set<std::array<int, 6>> seen;
-  for (int draw = 0; draw < draws; ++draw) {
-    for (int k = 0; k < 6; ++k) {
-      do {
-        t[k] = static_cast<int>(rng() % static_cast<unsigned>(vertices));
-      } while (std::find(t.begin(), t.begin() + k, t[k]) != t.begin() + k);
-    }
-    std::sort(t.begin(), t.end());
-    if (seen.insert(t).second) tuples.push_back(t);
-  }
-  return tuples;
-}
-
+// The best spread sets, so chosen that no vertex is in too many of them: which ones a scene shows
+// is not known. What the bound leaves out fills up the rest.
 std::vector<SixVertexKey> SixVertexKeys(const ObjectModel& model, const ObjectKeyOptions& options) {
   std::vector<SixVertexKey> keys;
   const int count = static_cast<int>(std::min(model.vertices.size(), kMaxVertices));
-  if (!(model.diameter_m > 0.0)) return keys;
-  for (const std::array<int, 6>& tuple : SixTuples(count, options.six_point_draws)) {
-    if (static_cast<int>(keys.size()) >= options.max_six_points) break;
-    std::array<Eigen::Vector4d, 6> points;
-    for (int k = 0; k < 6; ++k) {
-      points[k] = (model.vertices[tuple[k]] / model.diameter_m).homogeneous();
+  if (!(model.diameter_m > 0.0) || count < 6) return keys;
+  const std::vector<std::array<int, 6>> sets =
+      WellSpreadSets(std::span(model.vertices).first(count), options.six_point_sets);
+  const int bound =
+      static_cast<int>(std::ceil(options.six_point_balance * 6.0 * options.max_six_points / count));
+  std::vector<int> uses(count, 0);
+  std::vector<bool> left_out(sets.size(), false);
+  for (const bool again : {false, true}) {
+    for (std::size_t i = 0; i < sets.size(); ++i) {
+      if (static_cast<int>(keys.size()) >= options.max_six_points) return keys;
+      const std::array<int, 6>& tuple = sets[i];
+      if (again && !left_out[i]) continue;
+      left_out[i] =
+          std::any_of(tuple.begin(), tuple.end(), [&](int v) { return uses[v] >= bound; });
+      if (!again && left_out[i]) continue;
+      std::array<Eigen::Vector4d, 6> points;
+      for (int k = 0; k < 6; ++k) {
+        points[k] = (model.vertices[tuple[k]] / model.diameter_m).homogeneous();
+      }
+      const auto found = InvariantsOfSixPoints(points);
+      if (!found || found->invariants != 3) continue;
+      SixVertexKey& out = keys.emplace_back();
+      const SixPointLabeling& labeling = found->labelings[0];
+      for (int k = 0; k < 6; ++k) {
+        out.vertices[k] = static_cast<std::uint16_t>(tuple[labeling.groups[k][0]]);
+        ++uses[tuple[k]];
+      }
+      for (int k = 0; k < 3; ++k) out.values[k] = static_cast<float>(labeling.key.values(k));
     }
-    const auto found = InvariantsOfSixPoints(points);
-    if (!found || found->invariants != 3) continue;
-    SixVertexKey& out = keys.emplace_back();
-    const SixPointLabeling& labeling = found->labelings[0];
-    for (int k = 0; k < 6; ++k) {
-      out.vertices[k] = static_cast<std::uint16_t>(tuple[labeling.groups[k][0]]);
-    }
-    for (int k = 0; k < 3; ++k) out.values[k] = static_cast<float>(labeling.key.values(k));
   }
   return keys;
 }

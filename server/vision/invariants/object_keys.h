@@ -58,9 +58,12 @@ struct ObjectKeyOptions {
   // time of every query alike (geometry.md 7.4).
   int max_chains = 2000;
   int max_stars = 500;
-  // Six-tuples drawn (all, when there are fewer) and kept.
-  int six_point_draws = 2000;
+  // Best spread sets of six that are looked at (WellSpreadSets), and six-tuples kept of them. No
+  // vertex is in more than `six_point_balance` times its even share of those kept, as long as there
+  // are others: raising it keeps better spread ones, which are lost together with few vertices.
+  int six_point_sets = 4000;
   int max_six_points = 200;
+  double six_point_balance = 1.5;
   // Boxes of path views. Chains are taken evenly until they are used up: the others are not found
   // by this table, and every object has more than one that is.
   int max_path_views = 192;

@@ -35,7 +35,7 @@ namespace horopter {
 
 // To be raised with every change of what PrepareObject computes or how it is written: stored blobs
 // of another version are made anew.
-inline constexpr int kPreparedVersion = 2;
+inline constexpr int kPreparedVersion = 3;
 
 PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options = {});
 

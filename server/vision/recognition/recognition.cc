@@ -6,14 +6,14 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
+#include "server/base/status_macros.h"
+#include "server/vision/recognition/bottom_up_route.h"
 #include "server/vision/recognition/prepared_object.h"
-#include "server/vision/recognition/remaining_evidence.h"
 #include "server/vision/recognition/rig_seeds.h"
 #include "server/vision/recognition/rivals.h"
-#include "server/vision/recognition/scene_expansion.h"
+#include "server/vision/recognition/scene_growth.h"
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/recognition/scene_refine.h"
-#include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/surface_texture.h"
 #include "server/vision/recognition/table_search.h"
 #include "server/vision/recognition/table_seeds.h"
@@ -28,12 +28,7 @@ constexpr int kMinSegments = 5;  // fewer in every view: nothing can be said
 constexpr int kExpandedSeeds = 8;
 constexpr int kTableScales = 3;
 constexpr double kRivalScaleGain = 0.5;  // of the best scene's gain: below it a seed is not tried
-constexpr int kRounds = 4;  // expansion and refinement in turn while objects are added, at most
-constexpr int kCornerViews = 3;
-constexpr double kSameLogFocal = 0.01;
-constexpr double kSameSeedPx = 10.0;  // working pixels
-constexpr double kStillPx = 0.5;      // a search is not repeated when its cameras move less
-constexpr double kFarPx = 1e9;
+constexpr double kSameSeedPx = 10.0;     // working pixels
 
 JointContext MakeContext(const RecognitionInput& input,
                          const RecognitionOptions& options,
@@ -128,151 +123,54 @@ bool SameSeed(const JointContext& context, const SceneModel& a, const SceneModel
   return true;
 }
 
-void Evaluate(const JointContext& context, SceneModel* scene) {
-  VerifyScratch scratch;
-  scene->gain = 0.0;
-  for (PlacedObject& o : scene->objects) {
-    EvaluatePlacement(context, scene->views, {}, &scratch, &o);
-    scene->gain += std::max(0.0, o.gain);
-  }
-}
+// A scene with what was verified in it, and the route that found its first part.
+struct FoundScene {
+  SceneModel scene;
+  std::vector<PlacedObject> verified;
+  RecognitionRoute route = RecognitionRoute::kNone;
+};
 
-bool FocalLengthsMoved(const std::vector<std::optional<RecognizedView>>& before,
-                       const std::vector<std::optional<RecognizedView>>& after) {
-  for (std::size_t v = 0; v < before.size(); ++v) {
-    if (!before[v] || !after[v]) continue;
-    if (std::abs(std::log(after[v]->camera.focal_px / before[v]->camera.focal_px)) > kSameLogFocal)
-      return true;
-  }
-  return false;
-}
-
-TableSearchOptions FirstLook() {
-  TableSearchOptions options;
-  options.peaks = 50;
-  options.settle.settled = 8;
-  options.settle.kept = 4;
-  return options;
-}
-
-// How far (working pixels) the scene's objects are moved in the images by a refinement.
-double LargestMove(const JointContext& context, const SceneModel& before, const SceneModel& after) {
-  double largest = 0.0;
-  for (std::size_t v = 0; v < before.views.size(); ++v) {
-    if (before.views[v].has_value() != after.views[v].has_value()) return kFarPx;
-    if (!before.views[v]) continue;
-    for (std::size_t k = 0; k < before.objects.size(); ++k) {
-      const RecognizedView &a = *before.views[v], &b = *after.views[v];
-      largest =
-          std::max(largest,
-                   ProjectionDistance(*context.objects[before.objects[k].object],
-                                      a.camera,
-                                      a.camera_from_scene * before.objects[k].scene_from_object,
-                                      b.camera,
-                                      b.camera_from_scene * after.objects[k].scene_from_object,
-                                      context.views[v].maps.working_from_image));
-    }
-  }
-  return largest;
-}
-
-SceneModel Expand(const JointContext& context,
-                  SceneModel scene,
-                  bool thorough,
-                  std::vector<PlacedObject>* verified) {
-  ExpansionOptions options;
-  options.accept_score = context.options.accept_score;
-  options.use_pool = thorough;
-  options.threads = thorough ? context.options.threads : 1;
-  std::vector<PlacedObject> placements;
-  std::vector<SearchSurface> searched;  // in cameras that are still good
-  bool changed = true;
-  for (int round = 0; changed && round < (thorough ? kRounds : 1); ++round) {
-    const std::size_t objects = scene.objects.size();
-    const std::vector<std::optional<RecognizedView>> views = scene.views;
-    if (thorough) BeginStep(context, "placements");
-    if (const auto plane = PlaneFromMatches(context, scene.views)) scene.plane = plane;
-    std::vector<SearchSurface> surfaces;
-    if (scene.plane) {
-      surfaces = SearchSurfaces(context,
-                                scene,
-                                placements,
-                                options.doubtful_score,
-                                options.plane_tolerance_m,
-                                options.max_surfaces);
-      // A part may stand on one that is not found yet but as high as one that is.
-      if (round == 0) {
-        for (SearchSurface& s : surfaces) s.discs.clear();
-      }
-      surfaces = NotCovered(surfaces, searched);
-      // The first cameras know one part only: a first look finds parts that tell more of them.
-      // Corners in space do so in a tenth of the time, where three views confirm them.
-      options.table = round == 0 ? FirstLook() : TableSearchOptions();
-      options.use_table = round > 0 || scene.registered() < kCornerViews;
-      if (round > 0) searched.insert(searched.end(), surfaces.begin(), surfaces.end());
-    }
-    // From the second round on parts are looked for among the edges that the first do not explain.
-    std::optional<RemainingEvidence> rest;
-    if (round > 0) rest = WithoutExplained(context, scene, options.sure_evidence);
-    placements = CollectPlacements(
-        context, rest ? rest->context : context, scene, surfaces, placements, options);
-    if (verified != nullptr) *verified = placements;
-    if (thorough) BeginStep(context, "consolidation");
-    Consolidate(context, options, placements, &scene);
-    if (scene.objects.empty()) break;
-    if (thorough) BeginStep(context, "scene_refinement");
-    const SceneModel before = scene;
-    RefineScene(context, {}, &scene);
-    if (LargestMove(context, before, scene) > kStillPx) searched.clear();
-    DropContradictedViews(context, &scene);
-    if (RegisterMissingViews(context, &scene) > 0) {
-      RefineScene(context, {}, &scene);
-      searched.clear();
-    }
-    Evaluate(context, &scene);
-    // Twice at least: the first cameras know one part only.
-    changed = round == 0 || scene.objects.size() > objects || FocalLengthsMoved(views, scene.views);
-  }
-  if (thorough) {
-    BeginStep(context, "consolidation");
-    // What lost its support in the refined cameras goes.
-    std::vector<PlacedObject> placed = scene.objects;
-    Consolidate(context, options, std::move(placed), &scene);
-  }
-  return scene;
-}
-
-// The route over the supporting plane: cameras from the reconstruction, parts standing on it.
-SceneModel TableRoute(const RecognitionInput& input,
-                      JointContext* context,
-                      std::vector<PlacedObject>* verified) {
-  if (input.reconstruction == nullptr || !input.reconstruction->has_plane) return {};
-  const std::vector<SceneModel> seeds =
-      TableSeeds(*context, *input.reconstruction, {}, kTableScales);
+// Expands scenes that differ in scale; the one that explains most.
+SceneModel BestScale(const JointContext& context,
+                     const std::vector<SceneModel>& seeds,
+                     std::vector<PlacedObject>* verified) {
   SceneModel best;
   for (const SceneModel& seed : seeds) {
-    if (IsStopRequested(context->stop)) return {};
+    if (IsStopRequested(context.stop)) return {};
     if (!best.objects.empty() && seed.gain < kRivalScaleGain * best.gain) break;
     std::vector<PlacedObject> placements;
-    SceneModel scene = Expand(*context, seed, true, &placements);
+    SceneModel scene = ExpandScene(context, seed, true, &placements);
     if (scene.gain <= best.gain) continue;
     best = std::move(scene);
     *verified = std::move(placements);
   }
-  if (best.objects.empty() || best.registered() == static_cast<int>(best.views.size())) return best;
-  // Views that show no part of the plane's texture: the parts found say where they are.
-  std::vector<bool> missing, found(context->objects.size(), false);
+  return best;
+}
+
+// The routes in the cameras of the reconstruction. Views that these lack (the table's: they show no
+// part of the plane's texture) are registered by what the parts found say of them.
+FoundScene InKnownCameras(JointContext* context,
+                          const std::vector<SceneModel>& seeds,
+                          RecognitionRoute route) {
+  FoundScene found;
+  found.route = route;
+  SceneModel& best = found.scene;
+  best = BestScale(*context, seeds, &found.verified);
+  if (best.objects.empty() || best.registered() == static_cast<int>(best.views.size()))
+    return found;
+  std::vector<bool> missing, wanted(context->objects.size(), false);
   for (const auto& view : best.views) missing.push_back(!view.has_value());
-  for (const PlacedObject& o : best.objects) found[o.object] = true;
-  FindAllViewHypotheses(missing, found, context);
-  if (RegisterMissingViews(*context, &best) == 0) return best;
+  for (const PlacedObject& o : best.objects) wanted[o.object] = true;
+  FindAllViewHypotheses(missing, wanted, context);
+  if (RegisterMissingViews(*context, &best) == 0) return found;
   SceneModel scene = best;
   RefineScene(*context, {}, &scene);
   std::vector<PlacedObject> placements;
-  scene = Expand(*context, scene, true, &placements);
-  if (scene.gain <= best.gain) return best;
-  *verified = std::move(placements);
-  return scene;
+  scene = ExpandScene(*context, scene, true, &placements);
+  if (scene.gain <= best.gain) return found;
+  best = std::move(scene);
+  found.verified = std::move(placements);
+  return found;
 }
 
 // Expands the best distinct seeds with the verified hypotheses only and returns the scene that
@@ -289,12 +187,81 @@ SceneModel BestExpansion(const JointContext& context, const std::vector<SceneMod
   }
   std::vector<SceneModel> expanded(distinct.size());
   ParallelFor(static_cast<int>(distinct.size()), context.options.threads, [&](int i) {
-    expanded[i] = Expand(context, distinct[i], false, nullptr);
+    expanded[i] = ExpandScene(context, distinct[i], false, nullptr);
   });
   const auto best = std::max_element(expanded.begin(),
                                      expanded.end(),
                                      [](const auto& x, const auto& y) { return x.gain < y.gain; });
   return best == expanded.end() ? SceneModel{} : *best;
+}
+
+// Whether the routes that ask the structure have a say: nothing was found, or what chance explains.
+bool IsOpen(const JointContext& context, const SceneModel& scene) {
+  return scene.objects.empty() || !ReasonToDoubt(context, scene).empty();
+}
+
+FoundScene Grow(const JointContext& context,
+                const std::vector<SceneModel>& seeds,
+                RecognitionRoute route) {
+  BeginStep(context, "seed_expansion");
+  SceneModel start = BestExpansion(context, seeds);
+  FoundScene found;
+  if (start.objects.empty()) return found;
+  found.route = route;
+  found.scene = ExpandScene(context, start, true, &found.verified);
+  if (found.scene.gain < start.gain) found.scene = std::move(start);
+  return found;
+}
+
+// Keeps the scene that nothing speaks against, of two such or neither the one that explains more.
+void TakeIfBetter(const JointContext& context, FoundScene other, FoundScene* best) {
+  if (other.scene.objects.empty()) return;
+  const bool open = IsOpen(context, other.scene), was_open = IsOpen(context, best->scene);
+  if (open == was_open ? other.scene.gain > best->scene.gain : !open) *best = std::move(other);
+}
+
+// What the metric or the projective route finds before the caller stops it or time runs short.
+absl::StatusOr<FoundScene> BottomUp(const RecognitionInput& input,
+                                    const JointContext& context,
+                                    RecognitionRoute route) {
+  JointContext own = context;
+  own.stop = [&context] {
+    return IsStopRequested(context.stop) || IsStopRequested(context.options.hurry);
+  };
+  if (IsStopRequested(own.stop)) return FoundScene();
+  HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog,
+                            MakeRouteCatalog(input.objects, input.keys, input.slots));
+  FoundScene found =
+      route == RecognitionRoute::kMetric
+          ? InKnownCameras(&own, MetricSeeds(own, *input.reconstruction, catalog), route)
+          : Grow(own, ProjectiveSeeds(own, input.features, catalog), route);
+  if (IsStopRequested(own.stop)) return FoundScene();
+  return found;
+}
+
+absl::StatusOr<FoundScene> ViewLed(const RecognitionInput& input,
+                                   JointContext* context,
+                                   std::size_t* seed_count) {
+  FindAllViewHypotheses(std::vector<bool>(context->views.size(), true),
+                        std::vector<bool>(context->objects.size(), true),
+                        context);
+  if (IsStopRequested(context->stop)) return absl::CancelledError("stopped during view hypotheses");
+  for (const bool through_plane : {true, false}) {
+    BeginStep(*context, "linking");
+    std::vector<SceneModel> seeds = LinkSeeds(*context, through_plane);
+    if (through_plane && input.reconstruction != nullptr) {
+      for (SceneModel& seed : RigSeeds(*context, *input.reconstruction, {}))
+        seeds.push_back(std::move(seed));
+      std::stable_sort(
+          seeds.begin(), seeds.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
+    }
+    if (IsStopRequested(context->stop))
+      return absl::CancelledError("stopped while views were linked");
+    *seed_count += seeds.size();
+    FoundScene found = Grow(*context, seeds, RecognitionRoute::kViewLed);
+    if (!found.scene.objects.empty()) return found;
+  }
+  return FoundScene();
 }
 
 }  // namespace
@@ -307,6 +274,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     return absl::InvalidArgumentError("hints: one per image or none");
   }
   if (input.matching == nullptr) return absl::InvalidArgumentError("matching: missing");
+  HOROPTER_RETURN_IF_ERROR(Validate(options));
   RecognitionResult result;
   result.views.resize(input.features.size());
   std::size_t most_segments = 0;
@@ -320,40 +288,40 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   }
 
   JointContext context = MakeContext(input, options, stop, on_step);
-  std::vector<PlacedObject> verified;
-  SceneModel scene = TableRoute(input, &context, &verified);
-  if (IsStopRequested(stop)) return absl::CancelledError("stopped during the search on the plane");
-  const bool on_table = !scene.objects.empty();
-  SceneModel start;
+  const RecognitionRoutes& routes = options.routes;
   std::size_t seed_count = 0;
-  if (!on_table) {
-    FindAllViewHypotheses(std::vector<bool>(context.views.size(), true),
-                          std::vector<bool>(context.objects.size(), true),
-                          &context);
+  FoundScene best;
+  if (routes.metric && input.reconstruction != nullptr) {
+    HOROPTER_ASSIGN_OR_RETURN(best, BottomUp(input, context, RecognitionRoute::kMetric));
   }
-  if (IsStopRequested(stop)) return absl::CancelledError("stopped during view hypotheses");
-  for (const bool through_plane : {true, false}) {
-    if (on_table || !start.objects.empty()) break;
-    BeginStep(context, "linking");
-    std::vector<SceneModel> seeds = LinkSeeds(context, through_plane);
-    if (through_plane && input.reconstruction != nullptr) {
-      for (SceneModel& seed : RigSeeds(context, *input.reconstruction, {}))
-        seeds.push_back(std::move(seed));
-      std::stable_sort(
-          seeds.begin(), seeds.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
-    }
-    if (IsStopRequested(stop)) return absl::CancelledError("stopped while views were linked");
-    seed_count += seeds.size();
-    BeginStep(context, "seed_expansion");
-    start = BestExpansion(context, seeds);
+  if (IsStopRequested(stop)) return absl::CancelledError("stopped during the metric route");
+  bool on_table = false;
+  if (routes.table && IsOpen(context, best.scene) && input.reconstruction != nullptr &&
+      input.reconstruction->has_plane) {
+    FoundScene found = InKnownCameras(&context,
+                                      TableSeeds(context, *input.reconstruction, {}, kTableScales),
+                                      RecognitionRoute::kTable);
+    on_table = !found.scene.objects.empty();
+    TakeIfBetter(context, std::move(found), &best);
   }
-  scene.views.resize(input.features.size());
-  if (!start.objects.empty()) {
-    scene = Expand(context, start, true, &verified);
-    if (scene.gain < start.gain) scene = std::move(start);
+  if (IsStopRequested(stop)) return absl::CancelledError("stopped during the search on the plane");
+  if (routes.view_led && !on_table && IsOpen(context, best.scene)) {
+    HOROPTER_ASSIGN_OR_RETURN(FoundScene found, ViewLed(input, &context, &seed_count));
+    TakeIfBetter(context, std::move(found), &best);
+  }
+  // In cameras that are trusted the metric route has asked for the same parts at lower cost.
+  const bool asked_metric =
+      routes.metric && input.reconstruction != nullptr && input.reconstruction->trusted;
+  if (routes.projective && !asked_metric && IsOpen(context, best.scene)) {
+    HOROPTER_ASSIGN_OR_RETURN(FoundScene found,
+                              BottomUp(input, context, RecognitionRoute::kProjective));
+    TakeIfBetter(context, std::move(found), &best);
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the joint search");
 
+  SceneModel& scene = best.scene;
+  const std::vector<PlacedObject>& verified = best.verified;
+  scene.views.resize(input.features.size());
   BeginStep(context, "rivals");
   const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
   BeginStep(context, "surfaces");
@@ -368,6 +336,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
                        (input.reconstruction != nullptr && input.reconstruction->trusted);
   BeginStep(context, "result");
   result = MakeResult(context, scene, verified, rivals, trusted);
+  if (!result.objects.empty()) result.route = best.route;
   double hypotheses = 0;
   for (auto& view : context.hypotheses) {
     for (ViewHypotheses& object : view) {

@@ -23,8 +23,9 @@
 
 namespace horopter {
 
-struct PreparedObject;  // recognition/prepared_object.h: what recognition derives from an
-                        // ObjectModel, once
+struct PreparedObject;   // recognition/prepared_object.h: what recognition derives from an
+                         // ObjectModel, once
+class KeyIndexSnapshot;  // recognition/key_index.h
 
 // What the caller happens to know about a camera. Unset fields are unknown.
 struct CameraHint {
@@ -67,17 +68,37 @@ enum class RecognitionState {
   kNoParallax,  // objects have support, but all views show them from one side: no depth, no answer
 };
 
+// How a scene's first part, and with it metric cameras, is come by.
+enum class RecognitionRoute {
+  kNone,
+  kTable,       // standing on the matched plane, in the cameras of the reconstruction
+  kMetric,      // similarity invariants of corners in space, cameras known up to scale
+  kViewLed,     // hypotheses of single views, linked
+  kProjective,  // projective invariants of matched corners, nothing known of the cameras
+};
+
 struct RecognitionResult {
   RecognitionState state = RecognitionState::kNothingFound;
   std::string detail;  // numbers behind the state, readable
   std::vector<std::optional<RecognizedView>> views;
   std::vector<SceneObject> objects;
+  RecognitionRoute route = RecognitionRoute::kNone;  // that found the first of the objects
   std::vector<ViewHypothesis> hypotheses;  // kept per view, best first; for the stage report
   std::vector<SceneObject> verified;  // joint hypotheses before consolidation; for the stage report
   std::map<std::string, double> counts;
 };
 
+// Which routes may be taken, by cost until a scene is found that chance does not explain: metric,
+// table, views (if the table gave nothing), projective (if metric had no trusted cameras).
+struct RecognitionRoutes {
+  bool table = true;
+  bool metric = true;
+  bool view_led = true;
+  bool projective = true;
+};
+
 struct RecognitionOptions {
+  RecognitionRoutes routes;
   double focal_start_widths = 1.5;  // first focal length tried, in image widths
   double focal_log_sigma = 0.35;    // prior width of log f; larger: weaker prior
   int hypotheses_per_object = 8;    // distinct poses kept per object and view
@@ -90,7 +111,13 @@ struct RecognitionOptions {
   double loose_ambiguity_gap = 0.12;
   double min_parallax_rad = 0.035;  // between two views of an object; less is no parallax
   int threads = 2;
+  // Asked before the metric and the projective route, and inside them: once it returns true they
+  // are left, and what was found is answered. Empty: never.
+  StopRequested hurry;
 };
+
+// Errors: INVALID_ARGUMENT, names the field: no route at all, values outside of their range.
+absl::Status Validate(const RecognitionOptions& options);
 
 struct RecognitionInput {
   std::span<const cv::Mat> images;
@@ -99,13 +126,16 @@ struct RecognitionInput {
   const MatchingResult* matching = nullptr;
   const Reconstruction* reconstruction = nullptr;
   std::span<const std::shared_ptr<const PreparedObject>> objects;
+  // The catalog's keys, object i in slot slots[i]. Null: an index is built when it is asked for.
+  const KeyIndexSnapshot* keys = nullptr;
+  std::span<const int> slots;
 };
 
 // Told the name of each step of recognition as it begins, on the calling thread; may be empty. No
 // stage reads a clock: whoever wants times takes them here.
 using StepListener = std::function<void(std::string_view step)>;
 
-// Errors: INVALID_ARGUMENT (sizes do not agree), CANCELLED.
+// Errors: INVALID_ARGUMENT (sizes do not agree, options), CANCELLED.
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
                                                    const StopRequested& stop = {},

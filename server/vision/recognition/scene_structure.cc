@@ -293,7 +293,30 @@ std::vector<std::vector<int>> StructureComponents(const SceneStructure& structur
   }
   // What nothing ties to anything is one component more, so that no point is lost.
   if (static_cast<int>(left_over.size()) >= options.min_points) out.push_back(left_over);
-  for (std::vector<int>& component : out) std::sort(component.begin(), component.end());
+  struct Gap {
+    double distance;
+    std::vector<int> points;
+  };
+  std::vector<Gap> gaps;
+  const auto larger = static_cast<std::size_t>(small - linked.begin());
+  for (std::size_t a = 0; options.unions > 0 && a < larger; ++a) {
+    for (std::size_t b = 0; b < a; ++b) {
+      const double gap = distance(linked[a], linked[b]);
+      const double extent = std::max(Extent(structure, linked[a]), Extent(structure, linked[b]));
+      if (!(gap < options.reach * extent)) continue;
+      std::vector<int> both = out[a];
+      both.insert(both.end(), out[b].begin(), out[b].end());
+      gaps.push_back({gap / extent, std::move(both)});
+    }
+  }
+  std::stable_sort(
+      gaps.begin(), gaps.end(), [](const Gap& a, const Gap& b) { return a.distance < b.distance; });
+  if (static_cast<int>(gaps.size()) > options.unions) gaps.resize(options.unions);
+  for (Gap& gap : gaps) out.push_back(std::move(gap.points));
+  for (std::vector<int>& component : out) {
+    std::sort(component.begin(), component.end());
+    component.erase(std::unique(component.begin(), component.end()), component.end());
+  }
   return out;
 }
 

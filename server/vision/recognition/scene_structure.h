@@ -62,6 +62,9 @@ struct ComponentOptions {
   // more clutter.
   double reach = 1.0;
   int min_points = 5;
+  // Unions of two components of at least `min_points`, nearest ones first, that are given beside
+  // them: where an edge is not seen, a part falls into two. More cost time.
+  int unions = 0;
 };
 
 // Points that may be one object's: joined by edges, or near enough; largest first. A point may be

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace horopter {
 namespace {
@@ -12,12 +13,14 @@ struct CornerEdge {
   Eigen::Vector3d plane = Eigen::Vector3d::UnitX();      // unit normal, scene frame
   Eigen::Vector2d direction = Eigen::Vector2d::UnitX();  // unit, image, away from the corner
   Eigen::Vector3d far_ray = Eigen::Vector3d::UnitZ();    // scene frame
+  int segment = -1;
 };
 
 struct CornerRay {
   Eigen::Vector2d pixel;
   Eigen::Vector3d ray;  // unit, scene frame
   std::vector<CornerEdge> edges;
+  int junction = -1;
 };
 
 struct SightedView {
@@ -37,8 +40,9 @@ SightedView Sight(const FeatureView& view) {
   out.view = &view;
   out.eye = view.camera_from_scene.Inverse().t;
   const ImageFeatures& f = *view.features;
-  for (const Junction& junction : f.junctions) {
-    CornerRay corner{junction.point, RayOf(view, junction.point), {}};
+  for (std::size_t j = 0; j < f.junctions.size(); ++j) {
+    const Junction& junction = f.junctions[j];
+    CornerRay corner{junction.point, RayOf(view, junction.point), {}, static_cast<int>(j)};
     for (const Junction::End& end : junction.ends) {
       if (end.interior) continue;
       const Segment& s = f.segments[end.segment];
@@ -46,6 +50,7 @@ SightedView Sight(const FeatureView& view) {
       const Eigen::Vector2d& far = end.at_start ? s.end : s.start;
       CornerEdge edge;
       edge.far_ray = RayOf(view, far);
+      edge.segment = end.segment;
       const Eigen::Vector3d normal = corner.ray.cross(edge.far_ray);
       if (!(normal.norm() > 1e-9) || (far - junction.point).norm() < 1e-6) continue;
       edge.plane = normal.normalized();
@@ -143,7 +148,7 @@ std::vector<SpaceCorner::Edge> AgreedEdges(std::span<const SightedView> views,
             direction = -direction;
           // All views' edges that agree give the direction together.
           Eigen::Matrix3d planes = Eigen::Matrix3d::Zero();
-          int agreeing = 0;
+          std::vector<ShownFeature> agreeing;
           double length = 0.0;
           for (const Shown& s : shown) {
             const SightedView& view = views[s.view];
@@ -157,11 +162,11 @@ std::vector<SpaceCorner::Edge> AgreedEdges(std::span<const SightedView> views,
               best = &g;
             }
             if (best == nullptr) continue;
-            ++agreeing;
+            agreeing.push_back({s.view, best->segment});
             planes += best->plane * best->plane.transpose();
             length = std::max(length, LengthAlong(view.eye, best->far_ray, point, direction));
           }
-          if (agreeing < needed || !(length > 0)) continue;
+          if (static_cast<int>(agreeing.size()) < needed || !(length > 0)) continue;
           const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(planes);
           const Eigen::Vector3d refined = solver.eigenvectors().col(0);
           direction = refined.dot(direction) < 0 ? Eigen::Vector3d(-refined) : refined;
@@ -170,7 +175,7 @@ std::vector<SpaceCorner::Edge> AgreedEdges(std::span<const SightedView> views,
               })) {
             continue;
           }
-          out.push_back({direction, length});
+          out.push_back({direction, length, std::move(agreeing)});
         }
       }
     }
@@ -226,13 +231,18 @@ std::vector<SpaceCorner> FindSpaceCorners(std::span<const FeatureView> views,
           std::vector<SpaceCorner::Edge> edges =
               AgreedEdges(sighted, shown, point, needed, options);
           if (edges.size() < 2) continue;
-          found.push_back({point, std::move(edges), static_cast<int>(shown.size())});
+          SpaceCorner& corner = found.emplace_back();
+          corner.point = point;
+          corner.edges = std::move(edges);
+          for (const Shown& s : shown) {
+            corner.junctions.push_back({s.view, sighted[s.view].corners[s.corner].junction});
+          }
         }
       }
     }
   }
   std::stable_sort(found.begin(), found.end(), [](const SpaceCorner& x, const SpaceCorner& y) {
-    if (x.views != y.views) return x.views > y.views;
+    if (x.views() != y.views()) return x.views() > y.views();
     return x.edges.size() > y.edges.size();
   });
   std::vector<SpaceCorner> out;

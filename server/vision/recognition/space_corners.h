@@ -20,14 +20,23 @@ struct FeatureView {
   double working_from_image = 1.0;
 };
 
+// A feature by its index in an image; view: index into the views that were searched.
+struct ShownFeature {
+  int view = -1;
+  int feature = -1;
+};
+
 struct SpaceCorner {
   struct Edge {
     Eigen::Vector3d direction = Eigen::Vector3d::UnitX();  // unit, away from the corner
     double length_m = 0.0;  // the longest that any view shows; the model edge is not shorter
+    std::vector<ShownFeature> segments;  // of the views that agree about it
   };
   Eigen::Vector3d point = Eigen::Vector3d::Zero();  // scene frame, metres
   std::vector<Edge> edges;                          // two at least
-  int views = 0;                                    // that show the point
+  std::vector<ShownFeature> junctions;              // that show the point, one a view
+
+  int views() const { return static_cast<int>(junctions.size()); }
 };
 
 struct SpaceCornerOptions {

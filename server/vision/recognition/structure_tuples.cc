@@ -3,44 +3,11 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <random>
-#include <set>
+
+#include "server/vision/invariants/six_point_sets.h"
 
 namespace horopter {
 namespace {
-
-double Choose6(double n) {
-  return n < 6 ? 0.0 : n * (n - 1) * (n - 2) * (n - 3) * (n - 4) * (n - 5) / 720.0;
-}
-
-// Indices into a list of n: every set of six, or `draws` different ones.
-std::vector<std::array<int, 6>> SetsOfSix(int n, int draws, unsigned seed) {
-  std::vector<std::array<int, 6>> sets;
-  if (n < 6) return sets;
-  std::array<int, 6> t{0, 1, 2, 3, 4, 5};
-  if (Choose6(n) <= draws) {
-    while (true) {
-      sets.push_back(t);
-      int k = 5;
-      while (k >= 0 && t[k] == n - 6 + k) --k;
-      if (k < 0) return sets;
-      ++t[k];
-      for (int j = k + 1; j < 6; ++j) t[j] = t[j - 1] + 1;
-    }
-  }
-  std::mt19937 rng(seed);
-  std::set<std::array<int, 6>> seen;
-  for (int draw = 0; draw < draws; ++draw) {
-    for (int k = 0; k < 6; ++k) {
-      do {
-        t[k] = static_cast<int>(rng() % static_cast<unsigned>(n));
-      } while (std::find(t.begin(), t.begin() + k, t[k]) != t.begin() + k);
-    }
-    std::sort(t.begin(), t.end());
-    if (seen.insert(t).second) sets.push_back(t);
-  }
-  return sets;
-}
 
 // 24 x 24 of homogeneous points with w = 1.
 Eigen::MatrixXd HomogeneousCovariance(const SceneStructure& structure,
@@ -64,8 +31,11 @@ std::vector<SixTuple> ChooseSixTuples(const SceneStructure& structure,
   // Variance that the stored values' single precision and first order leave.
   constexpr double kFloor = 1e-10;
   std::vector<SixTuple> out;
-  const int n = static_cast<int>(component.size());
-  for (const std::array<int, 6>& set : SetsOfSix(n, options.max_draws, options.seed)) {
+  std::vector<Eigen::Vector3d> all;
+  for (const int i : component) all.push_back(structure.points[i]);
+  SixPointSetOptions sets;
+  sets.seed = options.seed;
+  for (const std::array<int, 6>& set : WellSpreadSets(all, options.max_sets, sets)) {
     SixTuple tuple;
     std::array<Eigen::Vector4d, 6> points;
     for (int k = 0; k < 6; ++k) {

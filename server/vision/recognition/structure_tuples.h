@@ -13,7 +13,7 @@
 namespace horopter {
 
 struct SixTupleOptions {
-  int max_draws = 30000;  // of more sets of six, that many are drawn; all otherwise
+  int max_sets = 20000;   // best spread sets of a component that are looked at
   int max_tuples = 3000;  // kept of a component, fewest expected hits first
   double gate = 7.81;     // chi-square of three degrees of freedom, 95 %
   SixPointOptions invariants;

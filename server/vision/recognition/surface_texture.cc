@@ -29,7 +29,8 @@ constexpr double kPlaneShare = 0.7;        // of the shift: nearer transfers are
 // of wrong ones in real photographs.
 constexpr double kPatchesPerUnit = 8.0;
 constexpr double kUnlikeWeight = 2.0;
-constexpr double kMostEvidence = 5.0;
+constexpr double kMostFor = 5.0;
+constexpr double kMostAgainst = 1.5;  // what hides a right part may be no catalog part
 
 struct Patch {
   Eigen::Vector3d point;  // scene frame
@@ -337,9 +338,8 @@ std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
 }
 
 double TextureEvidence(const SurfaceTexture& texture) {
-  return std::clamp((texture.alike - kUnlikeWeight * texture.unlike) / kPatchesPerUnit,
-                    -kMostEvidence,
-                    kMostEvidence);
+  return std::clamp(
+      (texture.alike - kUnlikeWeight * texture.unlike) / kPatchesPerUnit, -kMostAgainst, kMostFor);
 }
 
 void JudgeTexture(const JointContext& context, SceneModel* scene) {

@@ -161,6 +161,43 @@ std::optional<SceneModel> RefinedSeed(const JointContext& context,
   return scene;
 }
 
+std::vector<SceneModel> BestScales(std::vector<ScaledSeed> seeds, int max_scales) {
+  const auto object_of = [](const ScaledSeed& s) { return s.scene.objects[0].object; };
+  std::erase_if(seeds, [](const ScaledSeed& s) { return s.scene.objects.empty(); });
+  // A scale is as good as the parts that share it explain; parts of one object vote once.
+  std::vector<int> order;
+  std::vector<double> votes(seeds.size(), 0.0);
+  for (std::size_t i = 0; i < seeds.size(); ++i) {
+    if (seeds[i].scene.objects[0].score < kMinSeedScore) continue;
+    order.push_back(static_cast<int>(i));
+    std::map<int, double> of_object;
+    for (const ScaledSeed& other : seeds) {
+      if (std::abs(std::log(seeds[i].units_per_metre / other.units_per_metre)) > kDistinctScale)
+        continue;
+      double& vote = of_object[object_of(other)];
+      vote = std::max(vote, other.scene.gain * (other.scene.objects[0].score > kMinSeedScore));
+    }
+    for (const auto& [object, vote] : of_object) votes[i] += vote;
+  }
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return votes[a] + seeds[a].scene.gain > votes[b] + seeds[b].scene.gain;
+  });
+  std::vector<SceneModel> out;
+  std::vector<double> chosen;
+  for (const int i : order) {
+    if (static_cast<int>(out.size()) >= max_scales) break;
+    const double units = seeds[i].units_per_metre;
+    if (std::any_of(chosen.begin(), chosen.end(), [&](double u) {
+          return std::abs(std::log(u / units)) < kDistinctScale;
+        })) {
+      continue;
+    }
+    chosen.push_back(units);
+    out.push_back(std::move(seeds[i].scene));
+  }
+  return out;
+}
+
 std::vector<SceneModel> TableSeeds(const JointContext& context,
                                    const Reconstruction& reconstruction,
                                    const TableSearchOptions& options,
@@ -236,37 +273,9 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
     units[i] = best[i].second.units_per_metre;
     scenes[i] = *std::move(scene);
   });
-  // A scale is as good as the parts that share it explain; parts of one object vote once.
-  std::vector<int> order;
-  std::vector<double> votes(scenes.size(), 0.0);
-  for (std::size_t i = 0; i < scenes.size(); ++i) {
-    if (scenes[i].objects.empty() || scenes[i].objects[0].score < kMinSeedScore) continue;
-    order.push_back(static_cast<int>(i));
-    std::vector<double> of_object(objects, 0.0);
-    for (std::size_t j = 0; j < scenes.size(); ++j) {
-      if (scenes[j].objects.empty()) continue;
-      if (std::abs(std::log(units[i] / units[j])) > kDistinctScale) continue;
-      double& vote = of_object[best[j].first];
-      vote = std::max(vote, scenes[j].gain * (scenes[j].objects[0].score > kMinSeedScore));
-    }
-    for (double v : of_object) votes[i] += v;
-  }
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-    return votes[a] + scenes[a].gain > votes[b] + scenes[b].gain;
-  });
-  std::vector<SceneModel> out;
-  std::vector<double> chosen;
-  for (int i : order) {
-    if (static_cast<int>(out.size()) >= max_scales) break;
-    if (std::any_of(chosen.begin(), chosen.end(), [&](double u) {
-          return std::abs(std::log(u / units[i])) < kDistinctScale;
-        })) {
-      continue;
-    }
-    chosen.push_back(units[i]);
-    out.push_back(scenes[i]);
-  }
-  return out;
+  std::vector<ScaledSeed> seeds;
+  for (std::size_t i = 0; i < scenes.size(); ++i) seeds.push_back({std::move(scenes[i]), units[i]});
+  return BestScales(std::move(seeds), max_scales);
 }
 
 }  // namespace horopter

@@ -17,6 +17,16 @@ std::optional<SceneModel> RefinedSeed(const JointContext& context,
                                       int object,
                                       const Rigid3& world_from_object);
 
+// A scene of one part, and how many units of the reconstruction's frame it takes for a metre.
+struct ScaledSeed {
+  SceneModel scene;
+  double units_per_metre = 1.0;
+};
+
+// One scene for each of the `max_scales` scales that explain most, best first: a scale's seeds tell
+// the same cameras, and all of them speak for it.
+std::vector<SceneModel> BestScales(std::vector<ScaledSeed> seeds, int max_scales);
+
 // Scenes of one part each, cameras from the reconstruction and scaled by the part; best first, at
 // most `max_scales` different scales. Empty when the reconstruction has no two views.
 std::vector<SceneModel> TableSeeds(const JointContext& context,

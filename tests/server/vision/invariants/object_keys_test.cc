@@ -113,7 +113,7 @@ TEST(ObjectKeys, AreTheSameEveryTimeAndWithinTheirLimits) {
   std::mt19937 rng(3);
   const ObjectModel model = RandomFrame(rng, 60);
   const ObjectKeyOptions options{
-      .max_chains = 50, .max_stars = 20, .six_point_draws = 100, .max_six_points = 10};
+      .max_chains = 50, .max_stars = 20, .six_point_sets = 100, .max_six_points = 10};
   const ObjectKeys keys = ComputeObjectKeys(model, options);
   EXPECT_EQ(keys, ComputeObjectKeys(model, options));
   EXPECT_LE(keys.chains.size(), 50u);

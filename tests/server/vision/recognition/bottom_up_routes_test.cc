@@ -89,7 +89,7 @@ TEST(ProjectiveRoute, FindsPartsAtLowNoise) {
         scene.truth.tracks.tracks, scene.reconstructed.projective.scene, scene.truth.edges);
     ASSERT_TRUE(structure.ok()) << structure.status();
     ProjectiveRouteOptions options;
-    options.tuples.max_draws = 6000;
+    options.tuples.max_sets = 4000;
     const auto found = ProjectiveHypotheses(*structure, catalog.index, catalog.objects, options);
     ASSERT_TRUE(found.ok()) << found.status();
     right += RightParts(scene.truth, *structure, found->hypotheses);
@@ -141,7 +141,7 @@ TEST(BottomUpRoutes, FindNothingOfPartsThatAreNotEnrolled) {
         scene.truth.tracks.tracks, scene.reconstructed.projective.scene, scene.truth.edges);
     ASSERT_TRUE(structure.ok());
     ProjectiveRouteOptions options;
-    options.tuples.max_draws = 2000;
+    options.tuples.max_sets = 1500;
     const auto found = ProjectiveHypotheses(
         *structure, others.index, std::span(others.objects).subspan(6), options);
     ASSERT_TRUE(found.ok());

@@ -71,7 +71,7 @@ TEST(FindSpaceCorners, ShowsVerticesWithTheirEdgesAsNoiseGrows) {
       for (const SpaceCorner& c : FindSpaceCorners(FeatureViews(table))) {
         ++corners;
         EXPECT_GE(c.edges.size(), 2u);
-        EXPECT_GE(c.views, 3);
+        EXPECT_GE(c.views(), 3);
         right += NearestVertex(*table.objects[0], pose, c.point) < 0.0005 + 0.003 * noise;
         for (const SpaceCorner::Edge& e : c.edges) EXPECT_NEAR(e.direction.norm(), 1.0, 1e-9);
       }
