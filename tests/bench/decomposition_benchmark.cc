@@ -72,10 +72,10 @@ absl::StatusOr<Decomposition> InImages(const CollineatedScene& s) {
   return start.ok() ? RefineInImages(s.objects, s.cameras, s.observations, *start) : start;
 }
 
-Poses Joint(const CollineatedScene& s) {
+Poses Joint(const CollineatedScene& s, std::span<const ObjectEdgeObservation> edges) {
   const auto start = InImages(s);
   if (!start.ok()) return start.status();
-  const auto joint = AdjustOnPoints(s.cameras, s.sizes, s.observations, *start, 0.5);
+  const auto joint = AdjustJointly(s.cameras, s.sizes, s.observations, edges, *start, 0.5);
   if (!joint.ok()) return joint.status();
   return joint->metric_from_object;
 }
@@ -92,14 +92,18 @@ void BM_AlternativeNonlinear(benchmark::State& state) {
 void BM_NonlinearInImages(benchmark::State& state) {
   Run(state, [](const CollineatedScene& s) { return PosesOf(InImages(s)); });
 }
+void BM_JointAdjustmentOfPoints(benchmark::State& state) {
+  Run(state, [](const CollineatedScene& s) { return Joint(s, {}); });
+}
 void BM_JointAdjustment(benchmark::State& state) {
-  Run(state, Joint);
+  Run(state, [](const CollineatedScene& s) { return Joint(s, s.edge_observations); });
 }
 
 BENCHMARK(BM_PolarPerObject)->Unit(benchmark::kMillisecond);
 BENCHMARK(BM_CommonUpgrade)->Unit(benchmark::kMillisecond);
 BENCHMARK(BM_AlternativeNonlinear)->Unit(benchmark::kMillisecond);
 BENCHMARK(BM_NonlinearInImages)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_JointAdjustmentOfPoints)->Unit(benchmark::kMillisecond);
 BENCHMARK(BM_JointAdjustment)->Unit(benchmark::kMillisecond);
 
 }  // namespace

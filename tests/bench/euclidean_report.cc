@@ -166,7 +166,8 @@ bool ShowsAVertex(const MetricSceneTruth& truth) {
   return false;
 }
 
-// How many of `repeats` scenes of one degenerate kind are named as such.
+// How many of `repeats` scenes of one degenerate kind are named as such, and how many like them
+// that are not degenerate (aim 0).
 void CountDegenerate(int repeats) {
   struct Case {
     const char* name;
@@ -174,7 +175,7 @@ void CountDegenerate(int repeats) {
     FindingKind expected;
     bool no_vertex = false;  // scenes that show one are passed over
   };
-  std::vector<Case> cases(3);
+  std::vector<Case> cases(4);
   cases[0] = {"surface of revolution", {}, FindingKind::kTurnUndetermined};
   cases[0].options.parts = {PrepareObject(LBracket()).value(),
                             PrepareObject(Cylinder(0.02, 0.05)).value()};
@@ -190,6 +191,11 @@ void CountDegenerate(int repeats) {
   cases[2].options.max_focal_widths = 5.0;
   cases[2].options.distance_m = 2.0;
   cases[2].options.table = false;
+  cases[3] = {"bar with both ends in view", {}, FindingKind::kShiftUndetermined};
+  cases[3].options.parts = {
+      PrepareObject(
+          Prism("bar", {{-0.1, -0.015}, {0.1, -0.015}, {0.1, 0.015}, {-0.1, 0.015}}, 0.02))
+          .value()};
   for (Case& c : cases) {
     int flagged = 0, refused = 0;
     c.options.seed = 1000;

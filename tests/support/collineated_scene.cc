@@ -1,6 +1,7 @@
 #include "tests/support/collineated_scene.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -63,6 +64,17 @@ std::optional<CollineatedScene> MakeCollineatedScene(unsigned seed,
     const int k = truth.part_of_point[o.point];
     scene.observations.push_back(
         {o.view, k, scene.world_from_object[k].Inverse() * truth.points[o.point], o.pixel});
+  }
+  for (std::size_t i = 0; i < truth.tracks.line_observations.size(); ++i) {
+    const LineObservation& o = truth.tracks.line_observations[i];
+    if (!result->scene.line_inlier[i]) continue;
+    // Edges run between vertices.
+    const auto& [a, b] = truth.lines[o.line];
+    const int k = truth.part_of_point[std::find(truth.points.begin(), truth.points.end(), a) -
+                                      truth.points.begin()];
+    const Rigid3 object_from_world = scene.world_from_object[k].Inverse();
+    scene.edge_observations.push_back(
+        {o.view, k, object_from_world * a, object_from_world * b, o.start, o.end});
   }
   return scene;
 }

@@ -4,7 +4,7 @@
 #include <optional>
 #include <vector>
 
-#include "server/vision/euclidean/decomposition.h"
+#include "server/vision/euclidean/joint_adjustment.h"
 #include "server/vision/reconstruction/grow_projective.h"
 
 namespace horopter {
@@ -14,6 +14,7 @@ struct CollineatedScene {
   std::vector<std::optional<CameraMatrix>> cameras;
   std::vector<Eigen::Vector2i> sizes;
   std::vector<ObjectPointObservation> observations;
+  std::vector<ObjectEdgeObservation> edge_observations;
   std::vector<Rigid3> world_from_object;  // truth
 };
 

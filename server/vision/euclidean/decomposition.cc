@@ -8,7 +8,6 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
 #include "server/vision/euclidean/pose_perturbation.h"
-#include "server/vision/euclidean/scene_bundle.h"
 #include "server/vision/geometry/camera_factors.h"
 #include "server/vision/geometry/collineation.h"
 
@@ -17,9 +16,6 @@ namespace {
 
 constexpr int kUpgradeParameters = 15;
 constexpr double kStep = 1e-6;  // of numeric derivatives, relative to parameters of order one
-// Prior of the joint adjustment: photographs are rarely cut out.
-constexpr double kCenterSigma = 0.016;  // of the width
-constexpr double kFocalLogSigma = 0.7;
 
 Eigen::Vector3d Euclidean(const Eigen::Vector4d& X) {
   return X.head<3>() / X.w();
@@ -314,72 +310,6 @@ std::optional<MetricCamera> UpgradeCamera(const CameraMatrix& P,
   out.camera_from_metric = factors->camera_from_scene;
   out.camera = {width, height, std::sqrt(K(0, 0) * K(1, 1)), K(0, 2), K(1, 2), 0.0};
   if (!(out.camera_from_metric.t.z() > 0.0)) return std::nullopt;
-  return out;
-}
-
-absl::StatusOr<JointPoints> AdjustOnPoints(std::span<const std::optional<CameraMatrix>> cameras,
-                                           std::span<const Eigen::Vector2i> sizes,
-                                           std::span<const ObjectPointObservation> observations,
-                                           const Decomposition& start,
-                                           double sigma_px) {
-  SceneBundle bundle;
-  for (std::size_t v = 0; v < cameras.size(); ++v) {
-    const int w = sizes[v].x(), h = sizes[v].y();
-    const auto camera =
-        cameras[v] ? UpgradeCamera(*cameras[v], start.metric_from_scene, w, h) : std::nullopt;
-    bundle.views.push_back({});
-    bundle.priors.push_back({});
-    bundle.working_from_image.push_back(1.0);
-    if (!camera) continue;
-    bundle.views.back() = {true, camera->camera, camera->camera_from_metric};
-    bundle.priors.back() = {std::log(1.2 * w),
-                            0.5 * (w - 1),
-                            0.5 * (h - 1),
-                            0.0,
-                            kFocalLogSigma,
-                            kCenterSigma * w,
-                            1e-4};
-  }
-  std::vector<PreparedObject> models(start.metric_from_object.size());
-  for (std::size_t i = 0; i < models.size(); ++i) {
-    bundle.objects.push_back({start.metric_from_object[i], &models[i]});
-  }
-  bundle.log_scale.assign(models.size(), 0.0);
-  bundle.edge_sigma_px = sigma_px;
-  bundle.cauchy_sigmas = 6.0;
-  // A point is two edges through it that are orthogonal.
-  std::vector<ObjectPointObservation> sorted(observations.begin(), observations.end());
-  std::stable_sort(sorted.begin(), sorted.end(), [](const auto& a, const auto& b) {
-    return std::pair(a.view, a.object) < std::pair(b.view, b.object);
-  });
-  for (const ObjectPointObservation& o : sorted) {
-    if (!bundle.views[o.view].known) continue;
-    for (int axis = 0; axis < 2; ++axis) {
-      EdgeObservation e;
-      e.view = o.view;
-      e.object = o.object;
-      e.point_in_object = o.point_in_object;
-      e.edge_point = o.pixel;
-      e.normal = Eigen::Vector2d::Unit(axis);
-      e.spacing_px = 1e3;  // each counts by itself
-      bundle.edges.push_back(e);
-    }
-  }
-  BundleOptions options;
-  options.max_iterations = 60;
-  options.min_decrease = 1e-7;
-  if (!AdjustBundle(options, &bundle)) {
-    return absl::FailedPreconditionError("the joint adjustment failed");
-  }
-  JointPoints out;
-  for (const AdjustedView& view : bundle.views) {
-    out.cameras.push_back(
-        view.known ? std::optional<MetricCamera>(MetricCamera{view.camera, view.camera_from_scene})
-                   : std::nullopt);
-  }
-  for (const AdjustedObject& o : bundle.objects) {
-    out.metric_from_object.push_back(o.scene_from_object);
-  }
   return out;
 }
 

@@ -82,16 +82,4 @@ std::optional<MetricCamera> UpgradeCamera(const CameraMatrix& P,
                                           int width,
                                           int height);
 
-// Joint adjustment of cameras (focal length, principal point with prior) and transforms on the
-// images: the refinement of RefineMetricScene, on points. sigma_px: of an observation.
-struct JointPoints {
-  std::vector<std::optional<MetricCamera>> cameras;
-  std::vector<Rigid3> metric_from_object;
-};
-absl::StatusOr<JointPoints> AdjustOnPoints(std::span<const std::optional<CameraMatrix>> cameras,
-                                           std::span<const Eigen::Vector2i> sizes,
-                                           std::span<const ObjectPointObservation> observations,
-                                           const Decomposition& start,
-                                           double sigma_px);
-
 }  // namespace horopter

@@ -11,6 +11,7 @@ namespace horopter {
 namespace {
 
 constexpr double kNormalFromMad = 1.4826;
+constexpr double kUnknownLimits = 18.0;  // deviation of what nothing determines, in limits of it
 
 // Covariance of the perturbation of a_from_object at the object's centre, a: camera `view`.
 Matrix6d InCamera(const SceneBundle& bundle, const SceneCovariance& c, int view, int object) {
@@ -56,6 +57,70 @@ Finding Weak(FindingKind kind, int object, const Eigen::Vector3d& direction, dou
                              sigma,
                              kind == FindingKind::kTurnUndetermined ? "rad" : "m");
   return f;
+}
+
+// Information of one object's edges about its pose in the cameras, these held: turns and shifts of
+// its centre in units of `options`' limits. Only of points that agree with the answer, and without
+// the edge of one view that says most about the direction known least: one wrong association may
+// pin a bar that no image ends.
+Matrix6d AgreedInformation(const SceneBundle& bundle, int object, const FindingOptions& options) {
+  const AdjustedObject& o = bundle.objects[object];
+  const Eigen::Vector3d center = o.scene_from_object.R * o.model->center;
+  const double shift = options.shift_diameters * o.model->model.diameter_m;
+  std::map<std::pair<int, int>, Matrix6d> edges;
+  Matrix6d all = Matrix6d::Zero();
+  EdgeRow row;
+  for (const EdgeObservation& e : bundle.edges) {
+    if (e.object != object || std::abs(e.residual_px) > options.agreed_px ||
+        !LinearizeEdge(bundle, e, &row)) {
+      continue;
+    }
+    const Eigen::Vector3d by_shift = row.J.segment<3>(kViewParameters + 3);
+    Vector6d J;
+    J << options.turn_rad * (row.J.segment<3>(kViewParameters) - center.cross(by_shift)),
+        shift * by_shift;
+    const double w = RobustWeight(bundle.cauchy_sigmas, row.residual * row.residual);
+    const Matrix6d JtJ = w * J * J.transpose();
+    all += JtJ;
+    edges.try_emplace({e.view, e.edge}, Matrix6d::Zero()).first->second += JtJ;
+  }
+  const Vector6d weakest = Eigen::SelfAdjointEigenSolver<Matrix6d>(all).eigenvectors().col(0);
+  Matrix6d strongest = Matrix6d::Zero();
+  for (const auto& [key, information] : edges) {
+    if (weakest.dot(information * weakest) > weakest.dot(strongest * weakest)) {
+      strongest = information;
+    }
+  }
+  return all - strongest;
+}
+
+// Directions that the covariance takes for known by one edge in one view alone.
+void AddLoneDirections(const SceneBundle& bundle,
+                       int object,
+                       const FindingOptions& options,
+                       std::vector<Finding>* out) {
+  const auto named = [&](FindingKind kind) {
+    return std::any_of(out->begin(), out->end(), [&](const Finding& f) {
+      return f.object == object && f.kind == kind;
+    });
+  };
+  const AdjustedObject& o = bundle.objects[object];
+  const double shift = options.shift_diameters * o.model->model.diameter_m;
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(AgreedInformation(bundle, object, options));
+  for (int i = 0; i < 6 && eigen.eigenvalues()(i) < 1.0; ++i) {
+    const Vector6d d = eigen.eigenvectors().col(i);
+    const double sigma =
+        std::min(kUnknownLimits, 1.0 / std::sqrt(std::max(1e-12, eigen.eigenvalues()(i))));
+    const bool turns = d.head<3>().norm() > d.tail<3>().norm();
+    const FindingKind kind =
+        turns ? FindingKind::kTurnUndetermined : FindingKind::kShiftUndetermined;
+    if (named(kind)) continue;
+    const Eigen::Vector3d direction = turns ? d.head<3>() : d.tail<3>();
+    out->push_back(Weak(kind,
+                        object,
+                        (o.scene_from_object.R.transpose() * direction).normalized(),
+                        sigma * (turns ? options.turn_rad : shift)));
+  }
 }
 
 double MedianOf(std::vector<double> values) {
@@ -155,6 +220,7 @@ std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
                          (object_from_frame * in_space * eigen.eigenvectors().col(2)).normalized(),
                          sigma));
     }
+    AddLoneDirections(bundle, k, options, &out);
   }
   for (int v = 0; v < static_cast<int>(bundle.views.size()); ++v) {
     if (!bundle.views[v].known) continue;

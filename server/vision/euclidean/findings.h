@@ -45,6 +45,9 @@ struct ScaleSource {
 struct FindingOptions {
   double turn_rad = 0.17;  // wider directions are undetermined
   double shift_diameters = 0.25;
+  // A direction must stay known when the one edge in one view that says most about it is left out,
+  // by edge points this near their place (working px). Higher: chance associations count.
+  double agreed_px = 0.5;
   double focal_log = 0.05;
   double scale_sigmas = 4.0;  // a scale further off than this and `scale_log` disagrees
   double scale_log = 0.01;
@@ -52,7 +55,7 @@ struct FindingOptions {
 
 // Directions of the objects that the covariance leaves open (turns seen from the surest camera,
 // shifts relative to the first other object, or the camera across its line of sight), and views
-// whose focal length is open.
+// whose focal length is open. Directions known by a single edge of a single view count as open.
 std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
                                         const SceneCovariance& covariance,
                                         const FindingOptions& options);

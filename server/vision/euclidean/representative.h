@@ -19,7 +19,8 @@ std::optional<RevolutionAxis> FindRevolutionAxis(const ObjectModel& model);
 
 // Among camera_from_object * S over the symmetries S (any angle about an axis of revolution), the
 // one nearest to a fixed direction in which nothing is aligned with the axes of parts or cameras.
-// The same images so give the same representative; only poses half-way between two can flip.
+// The same images so give the same representative. Poses half-way between two can flip: any choice
+// by the pose alone has such poses.
 Rigid3 RepresentativePose(const ObjectModel& model, const Rigid3& camera_from_object);
 
 }  // namespace horopter

@@ -163,12 +163,19 @@ TEST(Findings, TheTurnOfASurfaceOfRevolutionIsNamedWithItsAxis) {
   EXPECT_GT(f->value, 1.0);
 }
 
-// Straight edges tell nothing along themselves, also through a lens that seems to bend them.
+Part Bar(double half_m) {
+  return PrepareObject(
+             Prism("bar",
+                   {{-half_m, -0.015}, {half_m, -0.015}, {half_m, 0.015}, {-half_m, 0.015}},
+                   0.02))
+      .value();
+}
+
+// Straight edges tell nothing along themselves, also through a lens that seems to bend them, and
+// also where a sample of an end that no image shows finds something by chance (1011, 1056, 1095).
 TEST(Findings, ABarThatNoImageEndsSlidesAlongItself) {
-  const Part bar =
-      PrepareObject(Prism("bar", {{-1, -0.015}, {1, -0.015}, {1, 0.015}, {-1, 0.015}}, 0.02))
-          .value();
-  for (unsigned seed = 1000; seed < 1006; ++seed) {
+  const Part bar = Bar(1.0);
+  for (const unsigned seed : {1000u, 1001u, 1002u, 1003u, 1011u, 1056u, 1095u}) {
     MetricSceneOptions options = Options({bar}, seed);
     options.start_turn_rad = 0.0005;
     const auto truth = MakeMetricScene(options);
@@ -176,8 +183,18 @@ TEST(Findings, ABarThatNoImageEndsSlidesAlongItself) {
     ASSERT_TRUE(metric.ok()) << metric.status();
     const Finding* f = Find(*metric, FindingKind::kShiftUndetermined);
     ASSERT_NE(f, nullptr) << "seed " << seed;
-    EXPECT_GT(std::abs(f->direction.x()), 0.99);
-    EXPECT_GT(f->value, 1.0);
+    EXPECT_GT(std::abs(f->direction.x()), 0.99) << "seed " << seed;
+    EXPECT_GT(f->value, 1.0) << "seed " << seed;
+  }
+}
+
+TEST(Findings, ABarWhoseEndsAreSeenDoesNotSlide) {
+  const Part bar = Bar(0.1);
+  for (unsigned seed = 1000; seed < 1006; ++seed) {
+    const auto truth = MakeMetricScene(Options({bar}, seed));
+    const auto metric = RefineMetricScene(truth.Input(), truth.recognition, {});
+    ASSERT_TRUE(metric.ok()) << metric.status();
+    EXPECT_EQ(Find(*metric, FindingKind::kShiftUndetermined), nullptr) << "seed " << seed;
   }
 }
 
