@@ -102,7 +102,7 @@ struct RunSums {
 
 // J^T W J, J^T W r of all residuals. Runs of edges are summed in parallel, added up in order.
 NormalEquations Linearize(const SceneBundle& bundle,
-                          const BundleLayout& layout,
+                          const SceneBundleLayout& layout,
                           const std::vector<EdgeRun>& runs,
                           int threads) {
   NormalEquations out{
@@ -172,8 +172,8 @@ NormalEquations Linearize(const SceneBundle& bundle,
 
 }  // namespace
 
-BundleLayout LayoutOf(const SceneBundle& bundle) {
-  BundleLayout layout;
+SceneBundleLayout LayoutOf(const SceneBundle& bundle) {
+  SceneBundleLayout layout;
   for (const AdjustedView& view : bundle.views) {
     layout.view.push_back(view.known ? layout.size : -1);
     if (view.known) layout.size += kViewParameters;
@@ -190,7 +190,7 @@ BundleLayout LayoutOf(const SceneBundle& bundle) {
 }
 
 std::vector<bool> Held(const SceneBundle& bundle,
-                       const BundleLayout& layout,
+                       const SceneBundleLayout& layout,
                        const HeldParameters& held) {
   std::vector<bool> out(layout.size, false);
   const auto hold = [&](int from, int count) { std::fill_n(out.begin() + from, count, true); };
@@ -295,7 +295,7 @@ Eigen::Vector4d PriorResiduals(const SceneBundle& bundle, int view) {
   return off.cwiseProduct(PriorWeights(bundle, view));
 }
 
-void MoveBundle(const BundleLayout& layout, const Eigen::VectorXd& step, SceneBundle* bundle) {
+void MoveBundle(const SceneBundleLayout& layout, const Eigen::VectorXd& step, SceneBundle* bundle) {
   for (std::size_t v = 0; v < bundle->views.size(); ++v) {
     AdjustedView& view = bundle->views[v];
     if (!view.known) continue;
@@ -349,7 +349,7 @@ double BundleCost(const SceneBundle& bundle, int threads) {
 }
 
 bool AdjustBundle(const BundleOptions& options, SceneBundle* bundle) {
-  const BundleLayout layout = LayoutOf(*bundle);
+  const SceneBundleLayout layout = LayoutOf(*bundle);
   const std::vector<bool> held = Held(*bundle, layout, options.held);
   const std::vector<EdgeRun> runs = RunsOf(bundle->edges);
   double lambda = 1e-4;

@@ -48,7 +48,7 @@ struct SceneBundle {
 };
 
 // Where the parameters of each block begin; -1: not adjusted.
-struct BundleLayout {
+struct SceneBundleLayout {
   std::vector<int> view;
   std::vector<int> object;
   int plane = -1;
@@ -61,7 +61,7 @@ enum class Gauge {
   kFree,         // holds nothing: the caller sees to the six freedoms
 };
 
-BundleLayout LayoutOf(const SceneBundle& bundle);
+SceneBundleLayout LayoutOf(const SceneBundle& bundle);
 
 // Parameters held: those of the gauge, and all scales unless they are adjusted.
 struct HeldParameters {
@@ -69,7 +69,7 @@ struct HeldParameters {
   bool scales = true;
 };
 std::vector<bool> Held(const SceneBundle& bundle,
-                       const BundleLayout& layout,
+                       const SceneBundleLayout& layout,
                        const HeldParameters& held);
 
 // One edge residual in sigmas, and its derivatives by the parameters of its view (10), its object
@@ -97,7 +97,7 @@ Eigen::Vector4d PriorResiduals(const SceneBundle& bundle, int view);
 Eigen::Vector4d PriorWeights(const SceneBundle& bundle, int view);  // 1 / sigma
 
 // Moves everything along `step` (layout order).
-void MoveBundle(const BundleLayout& layout, const Eigen::VectorXd& step, SceneBundle* bundle);
+void MoveBundle(const SceneBundleLayout& layout, const Eigen::VectorXd& step, SceneBundle* bundle);
 
 double BundleCost(const SceneBundle& bundle, int threads);
 

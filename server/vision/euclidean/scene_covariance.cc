@@ -152,7 +152,7 @@ struct Sandwich {
   Eigen::MatrixXd V_edges, V_plane, V_prior, V_cad;
 };
 
-void AddEdges(const BundleLayout& layout,
+void AddEdges(const SceneBundleLayout& layout,
               const std::vector<EdgeGroup>& groups,
               double curvature,
               const EdgeScatter& scatter,
@@ -191,7 +191,7 @@ void AddEdges(const BundleLayout& layout,
   for (const auto& [key, d] : displaced) s->V_cad.noalias() += d * d.transpose();
 }
 
-void AddPlane(const BundleLayout& layout,
+void AddPlane(const SceneBundleLayout& layout,
               const std::vector<PlaneTerm>& terms,
               double curvature,
               double sigma_ratio,
@@ -216,7 +216,7 @@ void AddPlane(const BundleLayout& layout,
   }
 }
 
-void AddPriors(const SceneBundle& bundle, const BundleLayout& layout, Sandwich* s) {
+void AddPriors(const SceneBundle& bundle, const SceneBundleLayout& layout, Sandwich* s) {
   for (std::size_t v = 0; v < bundle.views.size(); ++v) {
     if (!bundle.views[v].known) continue;
     const Eigen::Vector4d w = PriorWeights(bundle, static_cast<int>(v)).cwiseAbs2();

@@ -35,7 +35,7 @@ struct EdgeScatter {
 // Directions that nothing determines have the width of a weak prior (kUnknownTurnRad, ten
 // diameters).
 struct SceneCovariance {
-  BundleLayout layout;
+  SceneBundleLayout layout;
   Eigen::MatrixXd matrix;  // empty: could not be computed
   EdgeScatter scatter;
 };

@@ -56,7 +56,7 @@ TEST_F(Derivatives, OfAnEdgeAgreeWithDifferences) {
   o.spacing_px = 5.0;
   EdgeRow row, moved;
   ASSERT_TRUE(LinearizeEdge(bundle_, o, &row));
-  const BundleLayout layout = LayoutOf(bundle_);
+  const SceneBundleLayout layout = LayoutOf(bundle_);
   for (int p = 0; p < kViewParameters + kObjectParameters; ++p) {
     constexpr double kStep = 1e-6;
     Eigen::VectorXd step = Eigen::VectorXd::Zero(layout.size);
@@ -106,7 +106,7 @@ TEST_F(Derivatives, OfAPlaneCellAgreeWithDifferences) {
   bundle_.plane_slack = 1.5;
   PlaneRow row, moved;
   ASSERT_TRUE(LinearizePlaneCell(bundle_, m, &row));
-  const BundleLayout layout = LayoutOf(bundle_);
+  const SceneBundleLayout layout = LayoutOf(bundle_);
   for (int p = 0; p < 23; ++p) {
     constexpr double kStep = 1e-6;
     Eigen::VectorXd step = Eigen::VectorXd::Zero(layout.size);
