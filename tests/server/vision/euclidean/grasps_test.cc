@@ -127,8 +127,12 @@ TEST(BoxMeetsTriangle, AgreesWithDensePoints) {
     }
     const bool meets = BoxMeetsTriangle(center, R, half, a, b, c);
     met += meets;
-    if (deepest > 0.0) EXPECT_TRUE(meets) << "seed " << kSeed << " trial " << trial;
-    if (deepest < -0.05) EXPECT_FALSE(meets) << "seed " << kSeed << " trial " << trial;
+    if (deepest > 0.0) {
+      EXPECT_TRUE(meets) << "seed " << kSeed << " trial " << trial;
+    }
+    if (deepest < -0.05) {
+      EXPECT_FALSE(meets) << "seed " << kSeed << " trial " << trial;
+    }
   }
   EXPECT_GT(met, 100);
   EXPECT_LT(met, 1900);
