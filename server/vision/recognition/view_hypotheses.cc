@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <set>
 
 #include "server/vision/recognition/pose_refine.h"
@@ -58,23 +59,43 @@ Eigen::Vector3d Ray(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
       (pixel.x() - camera.cx) / camera.focal_px, (pixel.y() - camera.cy) / camera.focal_px, 1.0};
 }
 
-// Index of the vertex at a point, -1 where there is none.
-int VertexAt(const ObjectModel& model, const Eigen::Vector3d& point) {
-  const double reach = kSameVertex * model.diameter_m;
-  for (std::size_t i = 0; i < model.vertices.size(); ++i) {
-    if ((model.vertices[i] - point).squaredNorm() < reach * reach) return static_cast<int>(i);
+// Finds the vertex at a point without a look at all of them.
+class VertexFinder {
+ public:
+  explicit VertexFinder(const ObjectModel& model)
+      : model_(model), reach_(kSameVertex * model.diameter_m), by_x_(model.vertices.size()) {
+    std::iota(by_x_.begin(), by_x_.end(), 0);
+    std::sort(by_x_.begin(), by_x_.end(), [&](int i, int k) {
+      return model.vertices[i].x() < model.vertices[k].x();
+    });
   }
-  return -1;
-}
+  // -1 where there is none.
+  int At(const Eigen::Vector3d& point) const {
+    auto it =
+        std::lower_bound(by_x_.begin(), by_x_.end(), point.x() - reach_, [&](int i, double x) {
+          return model_.vertices[i].x() < x;
+        });
+    for (; it != by_x_.end() && model_.vertices[*it].x() <= point.x() + reach_; ++it) {
+      if ((model_.vertices[*it] - point).norm() < reach_) return *it;
+    }
+    return -1;
+  }
+
+ private:
+  const ObjectModel& model_;
+  double reach_;
+  std::vector<int> by_x_;
+};
 
 // The paths that no symmetry of the object takes onto an earlier one: the others lead to the same
 // poses again.
 std::vector<const VertexPath*> DistinctPaths(const PreparedObject& object) {
   const ObjectModel& model = object.model;
+  const VertexFinder finder(model);
   std::vector<std::vector<int>> images;  // of the vertices, per symmetry
   for (const Rigid3& s : model.symmetries) {
     images.emplace_back();
-    for (const Eigen::Vector3d& v : model.vertices) images.back().push_back(VertexAt(model, s * v));
+    for (const Eigen::Vector3d& v : model.vertices) images.back().push_back(finder.At(s * v));
   }
   std::set<std::array<int, 3>> seen;
   std::vector<const VertexPath*> distinct;
