@@ -145,6 +145,7 @@ MetricSceneTruth MakeMetricScene(const MetricSceneOptions& options) {
         640, 480, 640.0 * source.Uniform(options.min_focal_widths, options.max_focal_widths));
     camera.cx += source.Normal(options.center_sigma * 640.0);
     camera.cy += source.Normal(options.center_sigma * 640.0);
+    if (options.one_camera && v > 0) camera = scene.cameras[0];
     scene.cameras.push_back(camera);
     scene.camera_from_world.push_back(
         LookAt(eye, {source.Uniform(-0.01, 0.01), source.Uniform(-0.01, 0.01), 0.02}));

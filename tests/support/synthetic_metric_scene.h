@@ -20,6 +20,7 @@ struct MetricSceneOptions {
   double center_sigma = 0.01;    // of the principal point, share of the width
   double min_focal_widths = 1.1;
   double max_focal_widths = 1.9;
+  bool one_camera = false;   // all views have the first one's intrinsics
   double distance_m = 0.55;  // of the cameras
   double arc_rad = 1.2;
   double start_turn_rad = 0.004;  // how far recognition's poses are off

@@ -201,6 +201,31 @@ double RobustRms(const std::vector<EdgeObservation>& observations) {
   return 1.4826 * r[r.size() / 2];
 }
 
+// Where the views come from one camera the scene is adjusted once more with one set of intrinsics.
+// Their priors are one for all then, but that of the principal point counts for every view: what
+// the views say against it errs in common, because the part's own errors are the same in all.
+absl::Status ShareCameras(const RecognitionInput& input,
+                          const EuclideanOptions& options,
+                          const StopRequested& stop,
+                          Refinement* r) {
+  SceneBundle& b = r->bundle;
+  std::vector<bool> hinted(b.views.size(), false);
+  for (std::size_t v = 0; v < input.hints.size(); ++v) {
+    const CameraHint& hint = input.hints[v];
+    hinted[v] = hint.focal_px || hint.principal_point || hint.k1;
+  }
+  b.alike = JudgeCameras(b, ComputeSceneCovariance(b, options.noise), hinted, options.cameras);
+  if (b.alike.empty()) return absl::OkStatus();
+  for (const CameraLikeness& alike : b.alike) {
+    const double share = std::sqrt(static_cast<double>(alike.views.size()));
+    for (const int v : alike.views) {
+      b.priors[v].log_focal_sigma *= share;
+      b.priors[v].k1_sigma *= share;
+    }
+  }
+  return Adjust(options, stop, r);
+}
+
 Finding Rejected(int catalog_object) {
   Finding f;
   f.kind = FindingKind::kObjectRejected;
@@ -287,6 +312,7 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
     r = Begin(input, adjusted, kept, options);
     HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   }
+  HOROPTER_RETURN_IF_ERROR(ShareCameras(input, options, stop, &r));
 
   const SceneBundle& b = r.bundle;
   out.rms_px = RobustRms(b.edges);
@@ -328,6 +354,9 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   AddFindings(b, input, options, &out);
   out.counts["rejected_objects"] = static_cast<double>(misfits.size());
   out.counts["edge_observations"] = static_cast<double>(b.edges.size());
+  out.counts["views_of_one_camera"] = 0.0;
+  for (const CameraLikeness& alike : b.alike)
+    out.counts["views_of_one_camera"] += static_cast<double>(alike.views.size());
   out.counts["plane_cells"] = static_cast<double>(b.plane.cells.size());
   return out;
 }

@@ -14,6 +14,7 @@
 #include "server/vision/euclidean/grasps.h"
 #include "server/vision/euclidean/pose_perturbation.h"
 #include "server/vision/euclidean/scene_covariance.h"
+#include "server/vision/euclidean/shared_camera.h"
 #include "server/vision/euclidean/support_plane.h"
 #include "server/vision/euclidean/transform_graph.h"
 #include "server/vision/recognition/recognition.h"
@@ -63,6 +64,7 @@ struct EuclideanOptions {
   // The plane's cells count as this many times less sure per round that is still to come: the
   // cameras recognition hands over are off by many of their deviations.
   double plane_slack = 4.0;
+  SharedCameraOptions cameras;
   NoiseOptions noise;
   FindingOptions findings;
   RejectionOptions rejection;
@@ -72,9 +74,10 @@ struct EuclideanOptions {
 
 // Joint bundle adjustment of focal lengths, camera poses and object poses on the CAD edges seen in
 // the images and the plane's matched points. Objects that do not fit the cameras of two or more
-// others are left out and named in the findings. Of the equivalent poses of a symmetric object the
-// one of RepresentativePose is answered. The scene frame is that of the first object. Errors:
-// INVALID_ARGUMENT, CANCELLED, FAILED_PRECONDITION (no object, no camera, too few edges).
+// others are left out and named in the findings. Views that come from one camera get one set of
+// intrinsics (JudgeCameras; counts["views_of_one_camera"]). Of the equivalent poses of a symmetric
+// object the one of RepresentativePose is answered. The scene frame is that of the first object.
+// Errors: INVALID_ARGUMENT, CANCELLED, FAILED_PRECONDITION (no object, no camera, too few edges).
 absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                                               const RecognitionResult& recognition,
                                               const EuclideanOptions& options,

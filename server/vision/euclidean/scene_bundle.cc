@@ -167,6 +167,8 @@ NormalEquations Linearize(const SceneBundle& bundle,
     out.b.segment<4>(layout.view[v] + 6) += w.cwiseProduct(r);
     out.cost += r.squaredNorm();
   }
+  AddLikeness(bundle.views, bundle.alike, IntrinsicsColumns(layout), &out.A, &out.b);
+  out.cost += LikenessCost(bundle.views, bundle.alike);
   return out;
 }
 
@@ -287,6 +289,12 @@ Eigen::Vector4d PriorWeights(const SceneBundle& bundle, int view) {
       .cwiseInverse();
 }
 
+std::vector<int> IntrinsicsColumns(const SceneBundleLayout& layout) {
+  std::vector<int> columns = layout.view;
+  for (int& at : columns) at = at < 0 ? -1 : at + 6;
+  return columns;
+}
+
 Eigen::Vector4d PriorResiduals(const SceneBundle& bundle, int view) {
   const CameraPrior& p = bundle.priors[view];
   const PinholeCamera& c = bundle.views[view].camera;
@@ -345,7 +353,7 @@ double BundleCost(const SceneBundle& bundle, int threads) {
   for (std::size_t v = 0; v < bundle.views.size(); ++v) {
     if (bundle.views[v].known) cost += PriorResiduals(bundle, static_cast<int>(v)).squaredNorm();
   }
-  return cost;
+  return cost + LikenessCost(bundle.views, bundle.alike);
 }
 
 bool AdjustBundle(const BundleOptions& options, SceneBundle* bundle) {

@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "server/vision/euclidean/camera_likeness.h"
 #include "server/vision/euclidean/edge_observations.h"
 #include "server/vision/euclidean/plane_cells.h"
 
@@ -31,6 +32,7 @@ struct CameraPrior {
 struct SceneBundle {
   std::vector<AdjustedView> views;
   std::vector<CameraPrior> priors;         // per view
+  std::vector<CameraLikeness> alike;       // no view in two of them
   std::vector<double> working_from_image;  // per view
   std::vector<AdjustedObject> objects;
   std::vector<double> log_scale;  // per object, 0: as enrolled
@@ -95,6 +97,8 @@ double RobustWeight(double sigmas, double squared);
 // A view's distances from its prior in sigmas: of log f, cx, cy, k1.
 Eigen::Vector4d PriorResiduals(const SceneBundle& bundle, int view);
 Eigen::Vector4d PriorWeights(const SceneBundle& bundle, int view);  // 1 / sigma
+// First of these four parameters of every view; -1: not adjusted.
+std::vector<int> IntrinsicsColumns(const SceneBundleLayout& layout);
 
 // Moves everything along `step` (layout order).
 void MoveBundle(const SceneBundleLayout& layout, const Eigen::VectorXd& step, SceneBundle* bundle);

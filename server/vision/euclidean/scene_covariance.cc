@@ -217,6 +217,8 @@ void AddPlane(const SceneBundleLayout& layout,
 }
 
 void AddPriors(const SceneBundle& bundle, const SceneBundleLayout& layout, Sandwich* s) {
+  for (Eigen::MatrixXd* matrix : {&s->H, &s->V_prior})
+    AddLikeness(bundle.views, bundle.alike, IntrinsicsColumns(layout), matrix, nullptr);
   for (std::size_t v = 0; v < bundle.views.size(); ++v) {
     if (!bundle.views[v].known) continue;
     const Eigen::Vector4d w = PriorWeights(bundle, static_cast<int>(v)).cwiseAbs2();
