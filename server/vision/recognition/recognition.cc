@@ -15,6 +15,7 @@
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/recognition/scene_refine.h"
 #include "server/vision/recognition/surface_texture.h"
+#include "server/vision/recognition/symmetric_views.h"
 #include "server/vision/recognition/table_search.h"
 #include "server/vision/recognition/table_seeds.h"
 #include "server/vision/recognition/verdict.h"
@@ -322,6 +323,8 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   SceneModel& scene = best.scene;
   const std::vector<PlacedObject>& verified = best.verified;
   scene.views.resize(input.features.size());
+  BeginStep(context, "symmetric_views");
+  AlignSymmetricViews(context, &scene);
   BeginStep(context, "rivals");
   const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
   BeginStep(context, "surfaces");
