@@ -30,6 +30,8 @@ constexpr double kNearPx = 2.0;  // of the epipolar line, for a match along it
 constexpr double kMaxStrain = 0.12;
 // A free F must explain so much more than plane and parallax, which has five freedoms less.
 constexpr double kFreeMustBeat = 1.15;
+constexpr double kOnPlanePx = 3.0;  // of the plane's transfer: as accurate as junctions and lens
+constexpr double kShiftedPx = 5.0;  // parallax that no such inaccuracy explains
 
 // Junction matches of a pair as points, in its order.
 std::vector<WeightedMatch> PointsOf(const MatchingView& a,
@@ -44,7 +46,44 @@ std::vector<WeightedMatch> PointsOf(const MatchingView& a,
   return points;
 }
 
-void FillMatches(const PairComparison& compare, PairGeometry* pair) {
+PairComparison Compare(const MatchingView& a, const MatchingView& b, const PairPrior& prior) {
+  return {a, b, WarpedPatches(b, prior), prior};
+}
+
+// Per junction of `from`: the homography takes it to a junction of `to`.
+std::vector<char> ExplainedByPlane(const Eigen::Matrix3d& to_from_from,
+                                   const std::vector<Junction>& from,
+                                   const std::vector<Junction>& to) {
+  std::vector<char> explained;
+  for (const Junction& j : from) {
+    const Eigen::Vector2d there = Transfer(to_from_from, j.point);
+    explained.push_back(std::any_of(to.begin(), to.end(), [&](const Junction& other) {
+      return (other.point - there).squaredNorm() < kOnPlanePx * kOnPlanePx;
+    }));
+  }
+  return explained;
+}
+
+// Corners of a regular texture match as well a period away, all of them by the same shift, and such
+// matches have an F. Where the plane explains both corners, each by another one, the match is none.
+void DropShiftedTexture(const MatchingView& a,
+                        const MatchingView& b,
+                        const std::optional<Eigen::Matrix3d>& b_from_a,
+                        std::vector<JunctionMatch>* matches) {
+  if (!b_from_a || matches->empty()) return;
+  const std::vector<Junction>&of_a = a.features->junctions, &of_b = b.features->junctions;
+  const std::vector<char> in_a = ExplainedByPlane(*b_from_a, of_a, of_b);
+  const std::vector<char> in_b = ExplainedByPlane(b_from_a->inverse(), of_b, of_a);
+  std::erase_if(*matches, [&](const JunctionMatch& m) {
+    const double parallax =
+        (Transfer(*b_from_a, of_a[m.junction_a].point) - of_b[m.junction_b].point).norm();
+    return in_a[m.junction_a] && in_b[m.junction_b] && parallax > kShiftedPx;
+  });
+}
+
+void FillMatches(const PairComparison& compare,
+                 const std::optional<Eigen::Matrix3d>& b_from_a,
+                 PairGeometry* pair) {
   pair->matches.clear();
   pair->segments.clear();
   for (const FeatureMatch& m : MatchFeatures(compare, FeatureMatchOptions())) {
@@ -54,10 +93,7 @@ void FillMatches(const PairComparison& compare, PairGeometry* pair) {
       pair->matches.push_back({m.a, m.b, m.log_ratio});
     }
   }
-}
-
-PairComparison Compare(const MatchingView& a, const MatchingView& b, const PairPrior& prior) {
-  return {a, b, WarpedPatches(b, prior), prior};
+  DropShiftedTexture(compare.a(), compare.b(), b_from_a, &pair->matches);
 }
 
 FocalPrior PriorOf(const MatchingView& a, const MatchingView& b) {
@@ -94,6 +130,7 @@ std::string Format(const char* format, double x, double y) {
 std::optional<Eigen::Matrix3d> EstimateFree(const MatchingView& a,
                                             const MatchingView& b,
                                             const PairGeometry& pair,
+                                            const std::optional<Eigen::Matrix3d>& b_from_a,
                                             const MatchingOptions& options,
                                             std::string* refusal) {
   const std::vector<WeightedMatch> first = PointsOf(a, b, pair.matches);
@@ -120,7 +157,7 @@ std::optional<Eigen::Matrix3d> EstimateFree(const MatchingView& a,
     return std::nullopt;
   }
   PairGeometry along;
-  FillMatches(compare, &along);
+  FillMatches(compare, b_from_a, &along);
   const std::vector<WeightedMatch> guided = PointsOf(a, b, along.matches);
   robust.min_inliers = kMinGuided;
   const RobustFundamental again = EstimateFundamental(guided, robust);
@@ -191,7 +228,7 @@ void MatchAlongEpipolarLines(const MatchingView& a,
                              const MatchingView& b,
                              const std::optional<Eigen::Matrix3d>& b_from_a,
                              PairGeometry* pair) {
-  FillMatches(Compare(a, b, {b_from_a, pair->F}), pair);
+  FillMatches(Compare(a, b, {b_from_a, pair->F}), b_from_a, pair);
 }
 
 PairGeometry MatchPair(int view_a,
@@ -202,7 +239,7 @@ PairGeometry MatchPair(int view_a,
   PairGeometry pair;
   pair.view_a = view_a;
   pair.view_b = view_b;
-  FillMatches(Compare(a, b, {b_from_a, std::nullopt}), &pair);
+  FillMatches(Compare(a, b, {b_from_a, std::nullopt}), b_from_a, &pair);
   return pair;
 }
 
@@ -216,7 +253,7 @@ void EstimateEpipolarGeometry(const MatchingView& a,
                               const MatchingOptions& options,
                               PairGeometry* pair) {
   pair->refusal.clear();
-  pair->F = EstimateFree(a, b, *pair, options, &pair->refusal);
+  pair->F = EstimateFree(a, b, *pair, b_from_a, options, &pair->refusal);
   if (!b_from_a) {
     if (!pair->F) pair->refusal = "no plane, and " + pair->refusal;
     return;

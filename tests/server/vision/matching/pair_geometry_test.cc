@@ -102,6 +102,44 @@ TEST(PairGeometry, MatchesAlongKnownLinesAreOneToOneAndRight) {
   }
 }
 
+// A checkered floor, a little dirty: its corners look alike, all of them may match a period off,
+// and such matches agree with a wrong F.
+cv::Mat Checkers(unsigned seed) {
+  constexpr int kSide = 900, kSquare = 45;
+  cv::Mat floor(kSide, kSide, CV_8UC1);
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x)
+      floor.at<uchar>(y, x) = (x / kSquare + y / kSquare) % 2 == 0 ? 150 : 105;
+  }
+  cv::Mat dirt(kSide, kSide, CV_8SC1);
+  cv::RNG rng(seed);
+  rng.fill(dirt, cv::RNG::NORMAL, 0, 4);
+  cv::add(floor, dirt, floor, cv::noArray(), CV_8U);
+  return floor;
+}
+
+TEST(PairGeometry, CheckeredFloorsMatchNothingAPeriodOff) {
+  int matches = 0, wrong = 0;
+  for (unsigned seed = 1; seed <= 6; ++seed) {
+    SCOPED_TRACE(seed);
+    const SyntheticScene scene = MakeScene(seed);
+    const cv::Mat floor = Checkers(seed);
+    View a, b;
+    Prepare(RenderBoxes(scene, 0, seed, 3, floor), &a);
+    Prepare(RenderBoxes(scene, 1, seed, 3, floor), &b);
+    const PairGeometry pair = Estimate(a, b, scene.PlaneHomographyOf(0, 1));
+    const Eigen::Matrix3d F = scene.FundamentalOf(0, 1);
+    for (const JunctionMatch& m : pair.matches) {
+      ++matches;
+      wrong += EpipolarDistance(F,
+                                a.features.junctions[m.junction_a].point,
+                                b.features.junctions[m.junction_b].point) > 4.0;
+    }
+  }
+  EXPECT_GE(matches, 300);
+  EXPECT_LE(wrong, 0.1 * matches) << wrong << " of " << matches;
+}
+
 TEST(PairGeometry, IdenticalImagesMatchThemselvesAndShowNoParallax) {
   const SyntheticScene scene = MakeScene(1);
   View a;
