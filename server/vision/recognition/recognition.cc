@@ -324,6 +324,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   scene.views.resize(input.features.size());
   BeginStep(context, "rivals");
   const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
+  if (DropContradictedViews(context, &scene) > 0) EvaluateTogether(context, &scene);
   BeginStep(context, "surfaces");
   JudgeTexture(context, &scene);
   const std::string doubt = ReasonToDoubt(context, scene);

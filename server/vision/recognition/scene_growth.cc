@@ -128,6 +128,8 @@ SceneModel ExpandScene(const JointContext& context,
   }
   if (thorough) {
     BeginStep(context, "consolidation");
+    // The last views may have been registered by fewer objects than there are now.
+    DropContradictedViews(context, &scene);
     // What lost its support in the refined cameras goes.
     std::vector<PlacedObject> placed = scene.objects;
     Consolidate(context, options, std::move(placed), &scene);
