@@ -30,8 +30,9 @@ constexpr double kNearPx = 2.0;  // of the epipolar line, for a match along it
 constexpr double kMaxStrain = 0.12;
 // A free F must explain so much more than plane and parallax, which has five freedoms less.
 constexpr double kFreeMustBeat = 1.15;
-constexpr double kOnPlanePx = 3.0;  // of the plane's transfer: as accurate as junctions and lens
-constexpr double kShiftedPx = 5.0;  // parallax that no such inaccuracy explains
+constexpr double kOnPlanePx = 3.0;    // of the plane's transfer: as accurate as junctions and lens
+constexpr double kLikelyRatio = 1.0;  // log-likelihood that two corners are one
+constexpr double kShiftedPx = 5.0;    // parallax that no such inaccuracy explains
 
 // Junction matches of a pair as points, in its order.
 std::vector<WeightedMatch> PointsOf(const MatchingView& a,
@@ -50,34 +51,30 @@ PairComparison Compare(const MatchingView& a, const MatchingView& b, const PairP
   return {a, b, WarpedPatches(b, prior), prior};
 }
 
-// Per junction of `from`: the homography takes it to a junction of `to`.
-std::vector<char> ExplainedByPlane(const Eigen::Matrix3d& to_from_from,
-                                   const std::vector<Junction>& from,
-                                   const std::vector<Junction>& to) {
-  std::vector<char> explained;
-  for (const Junction& j : from) {
-    const Eigen::Vector2d there = Transfer(to_from_from, j.point);
-    explained.push_back(std::any_of(to.begin(), to.end(), [&](const Junction& other) {
-      return (other.point - there).squaredNorm() < kOnPlanePx * kOnPlanePx;
-    }));
-  }
-  return explained;
-}
-
 // Corners of a regular texture match as well a period away, all of them by the same shift, and such
-// matches have an F. Where the plane explains both corners, each by another one, the match is none.
-void DropShiftedTexture(const MatchingView& a,
-                        const MatchingView& b,
+// matches have an F. A corner that the plane takes to another that looks like it lies on the plane:
+// what it is matched with away from there is none.
+void DropShiftedTexture(const PairComparison& compare,
                         const std::optional<Eigen::Matrix3d>& b_from_a,
                         std::vector<JunctionMatch>* matches) {
-  if (!b_from_a || matches->empty()) return;
-  const std::vector<Junction>&of_a = a.features->junctions, &of_b = b.features->junctions;
-  const std::vector<char> in_a = ExplainedByPlane(*b_from_a, of_a, of_b);
-  const std::vector<char> in_b = ExplainedByPlane(b_from_a->inverse(), of_b, of_a);
+  if (!b_from_a) return;
+  const std::vector<Junction>& of_a = compare.a().features->junctions;
+  const std::vector<Junction>& of_b = compare.b().features->junctions;
+  std::vector<Eigen::Vector2d> warped;
+  for (const Junction& j : of_a) warped.push_back(Transfer(*b_from_a, j.point));
+  const auto explains = [&](int a, int b) {
+    return (warped[a] - of_b[b].point).squaredNorm() < kOnPlanePx * kOnPlanePx &&
+           LogRatio(compare.Junctions(a, b), compare.has_plane(), LikenessOptions()) > kLikelyRatio;
+  };
   std::erase_if(*matches, [&](const JunctionMatch& m) {
-    const double parallax =
-        (Transfer(*b_from_a, of_a[m.junction_a].point) - of_b[m.junction_b].point).norm();
-    return in_a[m.junction_a] && in_b[m.junction_b] && parallax > kShiftedPx;
+    if ((warped[m.junction_a] - of_b[m.junction_b].point).norm() < kShiftedPx) return false;
+    for (int b = 0; b < static_cast<int>(of_b.size()); ++b) {
+      if (explains(m.junction_a, b)) return true;
+    }
+    for (int a = 0; a < static_cast<int>(of_a.size()); ++a) {
+      if (explains(a, m.junction_b)) return true;
+    }
+    return false;
   });
 }
 
@@ -93,7 +90,7 @@ void FillMatches(const PairComparison& compare,
       pair->matches.push_back({m.a, m.b, m.log_ratio});
     }
   }
-  DropShiftedTexture(compare.a(), compare.b(), b_from_a, &pair->matches);
+  DropShiftedTexture(compare, b_from_a, &pair->matches);
 }
 
 FocalPrior PriorOf(const MatchingView& a, const MatchingView& b) {
