@@ -133,6 +133,7 @@ SceneModel ExpandScene(const JointContext& context,
     // What lost its support in the refined cameras goes.
     std::vector<PlacedObject> placed = scene.objects;
     Consolidate(context, options, std::move(placed), &scene);
+    AddHiddenParts(context, options, placements, &scene);
   }
   return scene;
 }
