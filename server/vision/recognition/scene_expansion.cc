@@ -8,6 +8,7 @@
 #include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/pose_refine.h"
 #include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/standing_plane.h"
 #include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/verdict.h"
 #include "server/vision/recognition/view_linking.h"
@@ -336,9 +337,11 @@ void Consolidate(const JointContext& context,
                  const ExpansionOptions& options,
                  std::vector<PlacedObject> candidates,
                  SceneModel* scene) {
+  const std::vector<PlacedObject> before = std::move(scene->objects);
   scene->objects.clear();
   scene->gain = 0.0;
   scene->plane = PlaneFromMatches(context, scene->views);
+  if (scene->plane) scene->plane = PlaneUnderParts(context, before, *scene->plane);
   if (scene->plane && !Supports(context, options, candidates, *scene->plane)) scene->plane.reset();
   if (!scene->plane) scene->plane = FindSupportPlane(context, scene->views, candidates, options);
   std::vector<DepthBuffer> occluders;
@@ -415,6 +418,9 @@ void AddHiddenParts(const JointContext& context,
                     SceneModel* scene) {
   if (!scene->plane || scene->objects.size() < 2) return;
   if (SceneProbability(context, *scene) < options.sure_scene) return;
+  const ScenePlane plane = PlaneUnderParts(context, scene->objects, *scene->plane);
+  scene->plane = plane;
+  const std::vector<KnownView> known = KnownViews(context, *scene);
   std::vector<DepthBuffer> occluders;
   for (const ViewEvidence& view : context.views)
     occluders.push_back(MakeDepthBuffer(view.maps.width, view.maps.height));
@@ -435,12 +441,18 @@ void AddHiddenParts(const JointContext& context,
   for (const PlacedObject& o : scene->objects) take(o);
   for (const PlacedObject& candidate : candidates) {
     if (IsStopRequested(context.stop)) return;
+    if (candidate.score < options.hidden_score - options.hidden_slack) continue;
     const PreparedObject& object = *context.objects[candidate.object];
-    const Rigid3& pose = candidate.scene_from_object;
-    const double height = HeightAbovePlane(object, pose, *scene->plane).lowest_m;
-    if (!IsUprightPart(object, pose, *scene->plane)) continue;
+    // The cameras have moved since it was found.
+    const auto refined = RefineInScene(object, known, candidate.scene_from_object, {});
+    if (!refined) continue;
+    PlacedObject p = candidate;
+    p.scene_from_object = *refined;
+    const Rigid3& pose = p.scene_from_object;
+    const double height = HeightAbovePlane(object, pose, plane).lowest_m;
+    if (!IsUprightPart(object, pose, plane)) continue;
     if (std::abs(height) > options.plane_tolerance_m &&
-        !StandsOnPart(context, options, *scene, candidate, height)) {
+        !StandsOnPart(context, options, *scene, p, height)) {
       continue;
     }
     if (std::any_of(scene->objects.begin(), scene->objects.end(), [&](const PlacedObject& o) {
@@ -449,7 +461,6 @@ void AddHiddenParts(const JointContext& context,
         })) {
       continue;
     }
-    PlacedObject p = candidate;
     EvaluatePlacement(context, scene->views, occluders, &scratch, &p, &explained);
     if (p.score < options.hidden_score || p.total.Sharpness() < options.hidden_sharpness) continue;
     if (SharedEdges(explained, taken) > options.max_shared_edges) continue;

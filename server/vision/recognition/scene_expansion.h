@@ -30,6 +30,7 @@ struct ExpansionOptions {
   // do.
   double hidden_score = 0.50;
   double hidden_sharpness = 0.50;
+  double hidden_slack = 0.06;    // of score before its own refinement in the final cameras
   double sure_scene = 0.9;       // probability of a scene to which they are added
   double doubtful_score = 0.42;  // of parts whose tops are searched though they are not accepted
   int max_surfaces = 6;          // heights searched, the plane included
