@@ -327,6 +327,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   AlignSymmetricViews(context, &scene);
   BeginStep(context, "rivals");
   const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
+  if (DropContradictedViews(context, &scene) > 0) EvaluateTogether(context, &scene);
   BeginStep(context, "surfaces");
   JudgeTexture(context, &scene);
   const std::string doubt = ReasonToDoubt(context, scene);
