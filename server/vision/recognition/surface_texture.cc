@@ -27,9 +27,9 @@ constexpr double kPlaneShare = 0.7;        // of the shift: nearer transfers are
 // Patches it takes to change the log odds by one, what an unlike one counts against a like one, and
 // the most that texture may say: set by hand beside 0.8 - 1.0 alike of right faces and 0.04 - 0.65
 // of wrong ones in real photographs.
-constexpr double kPatchesPerUnit = 5.0;
+constexpr double kPatchesPerUnit = 8.0;
 constexpr double kUnlikeWeight = 2.0;
-constexpr double kMostFor = 8.0;
+constexpr double kMostFor = 5.0;
 constexpr double kMostAgainst = 1.5;  // what hides a right part may be no catalog part
 
 struct Patch {
