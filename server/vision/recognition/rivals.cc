@@ -23,6 +23,7 @@ constexpr double kClearTexture = 3.5;
 // Lead in score that decides between two poses of one object, whatever they gain: gain prices
 // predicted edges that are not seen, and the pose that shows a pocket predicts more of them.
 constexpr double kClearLead = 0.01;
+constexpr double kSharpnessWeight = 0.2;  // score per unit of sharpness, between such poses
 constexpr double kHalfPi = 1.5707963267948966;
 
 // The turn about the object's centre.
@@ -96,7 +97,8 @@ bool Leads(const SceneModel& with_rival, const SceneModel& with_held, int place)
   if (std::abs(texture) > kClearTexture)
     return Strength(rival) > Strength(held) && (gains || texture > 0.0);
   if (rival.object != held.object) return Strength(rival) > Strength(held) && gains;
-  const double lead = rival.score - held.score;
+  const double lead = rival.score - held.score +
+                      kSharpnessWeight * (rival.total.Sharpness() - held.total.Sharpness());
   return lead > kClearLead || (lead > 0.0 && gains);
 }
 
