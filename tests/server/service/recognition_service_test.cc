@@ -36,7 +36,7 @@ struct Seen {
 
 Recognizer Recording(Seen& seen) {
   return
-      [&seen](const SceneRequest& request, const CatalogSnapshot& catalog, const StopRequested&) {
+      [&seen](const SceneRequest& request, const CatalogSnapshot& catalog, const CallLimits&) {
         ++seen.calls;
         seen.images = request.images;
         seen.hints = request.hints;
@@ -228,7 +228,7 @@ TEST(RecognitionServiceErrors, StatusAndExceptionsOfThePipelineReachTheClient) {
   absl::Status status = absl::OkStatus();
   TestServer server([&](const SceneRequest&,
                         const CatalogSnapshot&,
-                        const StopRequested&) -> absl::StatusOr<PipelineResult> {
+                        const CallLimits&) -> absl::StatusOr<PipelineResult> {
     if (status.ok()) throw std::runtime_error("boom");
     return status;
   });
