@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 
+#include "server/vision/recognition/placement_search.h"
 #include "server/vision/recognition/remaining_evidence.h"
 #include "server/vision/recognition/scene_expansion.h"
 #include "server/vision/recognition/scene_refine.h"
@@ -81,6 +82,7 @@ SceneModel ExpandScene(const JointContext& context,
   std::vector<SearchSurface> searched;  // in cameras that are still good
   bool changed = true;
   for (int round = 0; changed && round < (thorough ? kRounds : 1); ++round) {
+    if (round > 0 && IsStopRequested(context.give_up)) break;
     const std::size_t objects = scene.objects.size();
     const std::vector<std::optional<RecognizedView>> views = scene.views;
     if (thorough) BeginStep(context, "placements");

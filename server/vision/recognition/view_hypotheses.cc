@@ -2,10 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <numeric>
-#include <set>
 
 #include "server/vision/recognition/pose_refine.h"
 
@@ -21,7 +18,6 @@ constexpr double kFreeEndFactor = 0.55;
 // A corner of two edges on the table is texture or shadow more often than the foot of a part.
 constexpr double kOnPlaneFactor = 0.4;
 
-constexpr double kSameVertex = 1e-3;  // diameters
 // Support that clutter gives a pose by chance.
 constexpr float kChanceScore = 0.35f;
 
@@ -59,58 +55,6 @@ Eigen::Vector3d Ray(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
       (pixel.x() - camera.cx) / camera.focal_px, (pixel.y() - camera.cy) / camera.focal_px, 1.0};
 }
 
-// Finds the vertex at a point without a look at all of them.
-class VertexFinder {
- public:
-  explicit VertexFinder(const ObjectModel& model)
-      : model_(model), reach_(kSameVertex * model.diameter_m), by_x_(model.vertices.size()) {
-    std::iota(by_x_.begin(), by_x_.end(), 0);
-    std::sort(by_x_.begin(), by_x_.end(), [&](int i, int k) {
-      return model.vertices[i].x() < model.vertices[k].x();
-    });
-  }
-  // -1 where there is none.
-  int At(const Eigen::Vector3d& point) const {
-    auto it =
-        std::lower_bound(by_x_.begin(), by_x_.end(), point.x() - reach_, [&](int i, double x) {
-          return model_.vertices[i].x() < x;
-        });
-    for (; it != by_x_.end() && model_.vertices[*it].x() <= point.x() + reach_; ++it) {
-      if ((model_.vertices[*it] - point).norm() < reach_) return *it;
-    }
-    return -1;
-  }
-
- private:
-  const ObjectModel& model_;
-  double reach_;
-  std::vector<int> by_x_;
-};
-
-// The paths that no symmetry of the object takes onto an earlier one: the others lead to the same
-// poses again.
-std::vector<const VertexPath*> DistinctPaths(const PreparedObject& object) {
-  const ObjectModel& model = object.model;
-  const VertexFinder finder(model);
-  std::vector<std::vector<int>> images;  // of the vertices, per symmetry
-  for (const Rigid3& s : model.symmetries) {
-    images.emplace_back();
-    for (const Eigen::Vector3d& v : model.vertices) images.back().push_back(finder.At(s * v));
-  }
-  std::set<std::array<int, 3>> seen;
-  std::vector<const VertexPath*> distinct;
-  for (const VertexPath& path : object.paths) {
-    if (seen.count({path.a, path.b, path.c}) > 0) continue;
-    distinct.push_back(&path);
-    for (const std::vector<int>& image : images) {
-      const int a = image[path.a], b = image[path.b], c = image[path.c];
-      seen.insert({a, b, c});
-      seen.insert({c, b, a});  // both directions are tried
-    }
-  }
-  return distinct;
-}
-
 // Collects poses over the image and model paths into a bounded pool of the best.
 std::vector<PooledPose> CollectPool(const PreparedObject& object,
                                     const ViewEvidence& view,
@@ -123,11 +67,10 @@ std::vector<PooledPose> CollectPool(const PreparedObject& object,
   constexpr float kMinScore = 0.3f;
   float threshold = Significance(kMinScore, options.min_radius_px);
   const std::size_t limit = static_cast<std::size_t>(options.pool) * 2;
-  const std::vector<const VertexPath*> model_paths = DistinctPaths(object);
   for (const ImagePath& image_path : paths) {
     if (IsStopRequested(stop)) return {};
-    for (const VertexPath* model_path : model_paths) {
-      const VertexPath& path = *model_path;
+    for (const int index : object.distinct_paths) {
+      const VertexPath& path = object.paths[index];
       for (int reversed = 0; reversed < 2; ++reversed) {
         const PathPoses poses =
             PosesFromPath(object.model, path, reversed != 0, camera, image_path);

@@ -65,7 +65,7 @@ struct Scene {
       images.push_back(Render(looks, camera, camera_from_scene, looks.seed + v));
     }
     context.objects = objects;
-    context.images = images;
+    context.surface_images = MakeSurfaceImages(images, 1);
     scene.plane = ScenePlane{Eigen::Vector3d::UnitZ(), 0.0};
     scene.objects.resize(1);
     scene.objects[0].object = 0;
@@ -185,11 +185,11 @@ TEST(SurfaceTexture, NeedsParallaxAndImages) {
   }
   const SurfaceTexture none = still.At({});
   EXPECT_EQ(none.alike + none.unlike, 0);
-  scene.context.images = {};
+  scene.context.surface_images = nullptr;
   const SurfaceTexture blind = scene.At({});
   EXPECT_EQ(blind.alike + blind.unlike, 0);
   scene.scene.views.assign(4, std::nullopt);
-  scene.context.images = scene.images;
+  scene.context.surface_images = MakeSurfaceImages(scene.images, 1);
   const SurfaceTexture lost = scene.At({});
   EXPECT_EQ(lost.alike + lost.unlike, 0);
 }

@@ -1,0 +1,26 @@
+// Where each object may be in a scene whose cameras are known.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "server/vision/recognition/scene_expansion.h"
+#include "server/vision/recognition/scene_model.h"
+#include "server/vision/recognition/support_surface.h"
+
+namespace horopter {
+
+// Placements of all objects suggested by the hypotheses of the registered views, by `earlier`
+// placements in cameras that differ little, and, where the scene has a plane, by the edges seen on
+// the given surfaces; refined and verified over all registered views (no occlusion considered),
+// best score first. Of a catalog that is larger than options.prospects.searched only the most
+// promising objects are looked for. search: the evidence that parts are looked for in, `context`
+// itself or what remains of it (remaining_evidence.h); they are judged by all of it.
+std::vector<PlacedObject> CollectPlacements(const JointContext& context,
+                                            const JointContext& search,
+                                            const SceneModel& scene,
+                                            const std::vector<SearchSurface>& surfaces,
+                                            std::span<const PlacedObject> earlier,
+                                            const ExpansionOptions& options);
+
+}  // namespace horopter
