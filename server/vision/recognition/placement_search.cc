@@ -146,7 +146,8 @@ std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const SceneModel& scene,
                                             const std::vector<SearchSurface>& surfaces,
                                             std::span<const PlacedObject> earlier,
-                                            const ExpansionOptions& options) {
+                                            const ExpansionOptions& options,
+                                            std::vector<bool>* shortlist) {
   const std::vector<KnownView> known = KnownViews(context, scene);
   const std::vector<KnownView> searched = KnownViews(search, scene);
   std::vector<std::vector<PlacedObject>> per_object(context.objects.size());
@@ -157,12 +158,13 @@ std::vector<PlacedObject> CollectPlacements(const JointContext& context,
   const std::vector<SpaceCorner> corners = FindSpaceCorners(views);
   const std::vector<SpaceCircle> circles = FindSpaceCircles(views);
   const int objects = static_cast<int>(per_object.size());
-  const std::vector<bool> promising = PromisingInSpace(
-      context.objects, searched, corners, circles, options.prospects, options.threads);
+  const Prospects prospects = PromisingInSpace(
+      context.objects, searched, corners, circles, *shortlist, options.prospects, options.threads);
+  if (shortlist->empty()) *shortlist = prospects.shortlist;
   ParallelFor(objects, options.threads, [&](int k) {
     if (IsStopRequested(context.stop)) return;
     std::vector<TablePose> suggested;
-    if (promising[k]) {
+    if (prospects.searched[k]) {
       if (table) suggested = table->Find(k);
       const PreparedObject& object = *context.objects[k];
       for (const PooledPose& p :

@@ -21,9 +21,9 @@ CornerSearchOptions RankingSearch() {
   CornerSearchOptions options;
   options.one_complete = true;
   options.min_length_share = 0.4;
-  options.near_best = 0.1f;
+  options.near_best = 0.06f;
   options.turns = 6;
-  options.min_quick = 0.45f;
+  options.min_quick = 0.5f;
   options.settle.settled = 3;
   options.settle.kept = 1;
   return options;
@@ -104,19 +104,22 @@ std::vector<int> Largest(std::span<const double> values, int most) {
   return order;
 }
 
-std::vector<bool> PromisingInSpace(std::span<const std::shared_ptr<const PreparedObject>> objects,
-                                   std::span<const KnownView> views,
-                                   std::span<const SpaceCorner> corners,
-                                   std::span<const SpaceCircle> circles,
-                                   const ProspectOptions& options,
-                                   int threads) {
+Prospects PromisingInSpace(std::span<const std::shared_ptr<const PreparedObject>> objects,
+                           std::span<const KnownView> views,
+                           std::span<const SpaceCorner> corners,
+                           std::span<const SpaceCircle> circles,
+                           const std::vector<bool>& among,
+                           const ProspectOptions& options,
+                           int threads) {
   const int count = static_cast<int>(objects.size());
-  if (count <= options.searched) return std::vector<bool>(count, true);
+  const std::vector<bool> all(count, true), none(count, false);
+  if (count <= options.searched) return {all, all};
   corners = corners.first(std::min<std::size_t>(corners.size(), options.corners_asked));
   circles = circles.first(std::min<std::size_t>(circles.size(), options.circles_asked));
   std::vector<std::vector<PooledPose>> poses(count);
   std::vector<double> quick(count, 0.0), promise(count, 0.0);
   ParallelFor(count, threads, [&](int k) {
+    if (!among.empty() && !among[k]) return;
     poses[k] = PosesInSpace(*objects[k], views, corners, circles, options.corners);
     if (poses[k].size() > kRankedPoses) poses[k].resize(kRankedPoses);
     if (!poses[k].empty()) quick[k] = Promise(*objects[k], views, poses[k][0]);
@@ -128,8 +131,9 @@ std::vector<bool> PromisingInSpace(std::span<const std::shared_ptr<const Prepare
          SettledPoses(*objects[k], views, std::move(poses[k]), options.corners.settle))
       promise[k] = Promise(*objects[k], views, p);
   });
-  std::vector<bool> out(count, false);
-  for (const int k : Largest(promise, options.searched)) out[k] = true;
+  Prospects out{none, none};
+  for (const int k : Largest(promise, options.searched)) out.searched[k] = true;
+  for (const int k : refined) out.shortlist[k] = true;
   return out;
 }
 

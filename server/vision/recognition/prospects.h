@@ -27,10 +27,10 @@ std::vector<PooledPose> PosesInSpace(const PreparedObject& object,
 CornerSearchOptions RankingSearch();
 
 struct ProspectOptions {
-  int searched = 32;  // objects of the best promise; a catalog that is not larger is not ranked
+  int searched = 24;  // objects of the best promise; a catalog that is not larger is not ranked
   int refined = 150;  // objects, best quick score first, of which poses are refined at all
-  int corners_asked = 120;  // in space, best shown first, that rank the objects
-  int circles_asked = 40;
+  int corners_asked = 80;  // in space, best shown first, that rank the objects
+  int circles_asked = 20;
   int table_paths_asked = 120;  // ... that rank the objects standing on the plane
   CornerSearchOptions corners = RankingSearch();
   int paths_asked = 24;  // of each image, best rank first, that rank the objects in single views
@@ -40,18 +40,24 @@ struct ProspectOptions {
 // share the more there are, so that large parts are told from chance at lower scores.
 double Promise(const PreparedObject& object, std::span<const KnownView> views, const PooledPose& p);
 
-// One flag per object: whether it is among the `searched` that corners and circles in space promise
-// most of.
-std::vector<bool> PromisingInSpace(std::span<const std::shared_ptr<const PreparedObject>> objects,
-                                   std::span<const KnownView> views,
-                                   std::span<const SpaceCorner> corners,
-                                   std::span<const SpaceCircle> circles,
-                                   const ProspectOptions& options,
-                                   int threads);
+struct Prospects {
+  std::vector<bool> searched;   // one flag per object
+  std::vector<bool> shortlist;  // that a later look in better cameras needs to rank again
+};
 
-// The same by single views whose cameras are not known: by the best of few image paths, summed over
-// the views. paths: per view, best rank first; a view without paths is not asked. wanted: one flag
-// per object, the others are not ranked.
+// Ranks the objects of `among` (one flag per object; empty: all) by what corners and circles in
+// space promise.
+Prospects PromisingInSpace(std::span<const std::shared_ptr<const PreparedObject>> objects,
+                           std::span<const KnownView> views,
+                           std::span<const SpaceCorner> corners,
+                           std::span<const SpaceCircle> circles,
+                           const std::vector<bool>& among,
+                           const ProspectOptions& options,
+                           int threads);
+
+// Objects worth a search in single views whose cameras are not known: by the best of few image
+// paths, summed over the views. paths: per view, best rank first; a view without paths is not
+// asked. wanted: one flag per object, the others are not ranked.
 std::vector<bool> PromisingInViews(const JointContext& context,
                                    const std::vector<std::vector<ImagePath>>& paths,
                                    const std::vector<bool>& wanted,

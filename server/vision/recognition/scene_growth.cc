@@ -79,6 +79,7 @@ SceneModel ExpandScene(const JointContext& context,
   options.use_pool = thorough;
   options.threads = thorough ? context.options.threads : 1;
   std::vector<PlacedObject> placements;
+  std::vector<bool> shortlist;
   std::vector<SearchSurface> searched;  // in cameras that are still good
   bool changed = true;
   for (int round = 0; changed && round < (thorough ? kRounds : 1); ++round) {
@@ -110,7 +111,7 @@ SceneModel ExpandScene(const JointContext& context,
     std::optional<RemainingEvidence> rest;
     if (round > 0) rest = WithoutExplained(context, scene, options.sure_evidence);
     placements = CollectPlacements(
-        context, rest ? rest->context : context, scene, surfaces, placements, options);
+        context, rest ? rest->context : context, scene, surfaces, placements, options, &shortlist);
     if (verified != nullptr) *verified = placements;
     if (thorough) BeginStep(context, "consolidation");
     Consolidate(context, options, placements, &scene);

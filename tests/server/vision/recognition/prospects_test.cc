@@ -11,14 +11,15 @@
 namespace horopter {
 namespace {
 
-// The table's objects, and boxes that nobody placed.
-std::vector<std::shared_ptr<const PreparedObject>> WithBoxes(const Table& table, int boxes) {
-  std::vector<std::shared_ptr<const PreparedObject>> out(table.objects.begin(),
-                                                         table.objects.end());
+// The objects of every table, and boxes that nobody placed.
+std::vector<std::shared_ptr<const PreparedObject>> WithBoxes(int boxes) {
+  std::vector<std::shared_ptr<const PreparedObject>> out = Table().objects;
   std::mt19937 rng(7);
   std::uniform_real_distribution<double> size(0.02, 0.12);
-  for (int i = 0; i < boxes; ++i)
-    out.push_back(PrepareObject(Box(size(rng), size(rng), size(rng))).value());
+  for (int i = 0; i < boxes; ++i) {
+    const double x = size(rng), y = size(rng);
+    out.push_back(PrepareObject(Prism("box", {{0, 0}, {x, 0}, {x, y}, {0, y}}, size(rng))).value());
+  }
   return out;
 }
 
@@ -31,13 +32,14 @@ TEST(Largest, TakesTheLargestAboveZeroInOrder) {
 
 TEST(PromisingInSpace, ASmallCatalogIsSearchedAsAWhole) {
   const std::vector<std::shared_ptr<const PreparedObject>> none(ProspectOptions().searched);
-  const std::vector<bool> all = PromisingInSpace(none, {}, {}, {}, {}, 1);
-  EXPECT_EQ(all, std::vector<bool>(none.size(), true));
+  const Prospects all = PromisingInSpace(none, {}, {}, {}, {}, {}, 1);
+  EXPECT_EQ(all.searched, std::vector<bool>(none.size(), true));
 }
 
 TEST(PromisingInSpace, FindsThePartAmongManyAndAsksNoMoreThanItIsTold) {
   ProspectOptions options;
   options.searched = 4;
+  const auto objects = WithBoxes(30);
   int found = 0;
   constexpr int kTrials = 10;
   for (int trial = 0; trial < kTrials; ++trial) {
@@ -48,7 +50,7 @@ TEST(PromisingInSpace, FindsThePartAmongManyAndAsksNoMoreThanItIsTold) {
     const Rigid3 pose = {
         Eigen::Quaterniond(n(rng), n(rng), n(rng), n(rng)).normalized().toRotationMatrix(),
         {0.0, 0.0, 0.03}};
-    const Table table = MakeTable({{trial % 2, pose}}, 4, 0.4, seed);
+    Table table = MakeTable({{trial % 2, pose}}, 4, 0.4, seed);
     const JointContext context = table.Context();
     std::vector<FeatureView> features;
     std::vector<KnownView> views;
@@ -56,12 +58,23 @@ TEST(PromisingInSpace, FindsThePartAmongManyAndAsksNoMoreThanItIsTold) {
       features.push_back({&table.features[v], table.cameras[v], table.camera_from_table[v], 1.0});
       views.push_back({&context.views[v].maps, table.cameras[v], table.camera_from_table[v]});
     }
-    const auto objects = WithBoxes(table, 30);
-    const std::vector<bool> promising = PromisingInSpace(
-        objects, views, FindSpaceCorners(features), FindSpaceCircles(features), options, 2);
-    ASSERT_EQ(promising.size(), objects.size());
-    EXPECT_LE(std::count(promising.begin(), promising.end(), true), options.searched);
-    found += promising[trial % 2];
+    const Prospects promising = PromisingInSpace(
+        objects, views, FindSpaceCorners(features), FindSpaceCircles(features), {}, options, 2);
+    ASSERT_EQ(promising.searched.size(), objects.size());
+    EXPECT_LE(std::count(promising.searched.begin(), promising.searched.end(), true),
+              options.searched);
+    found += promising.searched[trial % 2];
+    // What is not on the shortlist is not looked at again.
+    std::vector<bool> others(objects.size(), true);
+    others[trial % 2] = false;
+    EXPECT_FALSE(PromisingInSpace(objects,
+                                  views,
+                                  FindSpaceCorners(features),
+                                  FindSpaceCircles(features),
+                                  others,
+                                  options,
+                                  2)
+                     .searched[trial % 2]);
   }
   EXPECT_GE(found, kTrials - 1);
 }
