@@ -30,6 +30,9 @@ constexpr double kNearPx = 2.0;  // of the epipolar line, for a match along it
 constexpr double kMaxStrain = 0.12;
 // A free F must explain so much more than plane and parallax, which has five freedoms less.
 constexpr double kFreeMustBeat = 1.15;
+constexpr double kOnPlanePx = 3.0;    // of the plane's transfer: as accurate as junctions and lens
+constexpr double kLikelyRatio = 1.0;  // log-likelihood that two corners are one
+constexpr double kShiftedPx = 5.0;    // parallax that no such inaccuracy explains
 
 // Junction matches of a pair as points, in its order.
 std::vector<WeightedMatch> PointsOf(const MatchingView& a,
@@ -44,7 +47,40 @@ std::vector<WeightedMatch> PointsOf(const MatchingView& a,
   return points;
 }
 
-void FillMatches(const PairComparison& compare, PairGeometry* pair) {
+PairComparison Compare(const MatchingView& a, const MatchingView& b, const PairPrior& prior) {
+  return {a, b, WarpedPatches(b, prior), prior};
+}
+
+// Corners of a regular texture match as well a period away, all of them by the same shift, and such
+// matches have an F. A corner that the plane takes to another that looks like it lies on the plane:
+// what it is matched with away from there is none.
+void DropShiftedTexture(const PairComparison& compare,
+                        const std::optional<Eigen::Matrix3d>& b_from_a,
+                        std::vector<JunctionMatch>* matches) {
+  if (!b_from_a) return;
+  const std::vector<Junction>& of_a = compare.a().features->junctions;
+  const std::vector<Junction>& of_b = compare.b().features->junctions;
+  std::vector<Eigen::Vector2d> warped;
+  for (const Junction& j : of_a) warped.push_back(Transfer(*b_from_a, j.point));
+  const auto explains = [&](int a, int b) {
+    return (warped[a] - of_b[b].point).squaredNorm() < kOnPlanePx * kOnPlanePx &&
+           LogRatio(compare.Junctions(a, b), compare.has_plane(), LikenessOptions()) > kLikelyRatio;
+  };
+  std::erase_if(*matches, [&](const JunctionMatch& m) {
+    if ((warped[m.junction_a] - of_b[m.junction_b].point).norm() < kShiftedPx) return false;
+    for (int b = 0; b < static_cast<int>(of_b.size()); ++b) {
+      if (explains(m.junction_a, b)) return true;
+    }
+    for (int a = 0; a < static_cast<int>(of_a.size()); ++a) {
+      if (explains(a, m.junction_b)) return true;
+    }
+    return false;
+  });
+}
+
+void FillMatches(const PairComparison& compare,
+                 const std::optional<Eigen::Matrix3d>& b_from_a,
+                 PairGeometry* pair) {
   pair->matches.clear();
   pair->segments.clear();
   for (const FeatureMatch& m : MatchFeatures(compare, FeatureMatchOptions())) {
@@ -54,10 +90,7 @@ void FillMatches(const PairComparison& compare, PairGeometry* pair) {
       pair->matches.push_back({m.a, m.b, m.log_ratio});
     }
   }
-}
-
-PairComparison Compare(const MatchingView& a, const MatchingView& b, const PairPrior& prior) {
-  return {a, b, WarpedPatches(b, prior), prior};
+  DropShiftedTexture(compare, b_from_a, &pair->matches);
 }
 
 FocalPrior PriorOf(const MatchingView& a, const MatchingView& b) {
@@ -94,6 +127,7 @@ std::string Format(const char* format, double x, double y) {
 std::optional<Eigen::Matrix3d> EstimateFree(const MatchingView& a,
                                             const MatchingView& b,
                                             const PairGeometry& pair,
+                                            const std::optional<Eigen::Matrix3d>& b_from_a,
                                             const MatchingOptions& options,
                                             std::string* refusal) {
   const std::vector<WeightedMatch> first = PointsOf(a, b, pair.matches);
@@ -120,7 +154,7 @@ std::optional<Eigen::Matrix3d> EstimateFree(const MatchingView& a,
     return std::nullopt;
   }
   PairGeometry along;
-  FillMatches(compare, &along);
+  FillMatches(compare, b_from_a, &along);
   const std::vector<WeightedMatch> guided = PointsOf(a, b, along.matches);
   robust.min_inliers = kMinGuided;
   const RobustFundamental again = EstimateFundamental(guided, robust);
@@ -191,7 +225,7 @@ void MatchAlongEpipolarLines(const MatchingView& a,
                              const MatchingView& b,
                              const std::optional<Eigen::Matrix3d>& b_from_a,
                              PairGeometry* pair) {
-  FillMatches(Compare(a, b, {b_from_a, pair->F}), pair);
+  FillMatches(Compare(a, b, {b_from_a, pair->F}), b_from_a, pair);
 }
 
 PairGeometry MatchPair(int view_a,
@@ -202,7 +236,7 @@ PairGeometry MatchPair(int view_a,
   PairGeometry pair;
   pair.view_a = view_a;
   pair.view_b = view_b;
-  FillMatches(Compare(a, b, {b_from_a, std::nullopt}), &pair);
+  FillMatches(Compare(a, b, {b_from_a, std::nullopt}), b_from_a, &pair);
   return pair;
 }
 
@@ -216,7 +250,7 @@ void EstimateEpipolarGeometry(const MatchingView& a,
                               const MatchingOptions& options,
                               PairGeometry* pair) {
   pair->refusal.clear();
-  pair->F = EstimateFree(a, b, *pair, options, &pair->refusal);
+  pair->F = EstimateFree(a, b, *pair, b_from_a, options, &pair->refusal);
   if (!b_from_a) {
     if (!pair->F) pair->refusal = "no plane, and " + pair->refusal;
     return;

@@ -4,7 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <optional>
+
+#include "server/vision/recognition/circle_sighting.h"
 
 namespace horopter {
 namespace {
@@ -16,26 +17,6 @@ Eigen::Matrix3d BisectorFrame(const Eigen::Vector3d& u, const Eigen::Vector3d& v
   frame.col(1) = (u - v).normalized();
   frame.col(2) = frame.col(0).cross(frame.col(1));
   return frame;
-}
-
-struct ModelCircle {
-  Eigen::Vector3d center = Eigen::Vector3d::Zero();
-  Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
-  double radius_m = 0.0;
-};
-
-// Through the first point and two that lie a third of the polyline apart.
-std::optional<ModelCircle> CircleOf(const ModelEdge& edge) {
-  if (edge.kind != CurveKind::kCircle || edge.polyline.size() < 4) return std::nullopt;
-  const std::size_t last = edge.polyline.size() - 1;
-  const Eigen::Vector3d& p = edge.polyline[0];
-  const Eigen::Vector3d a = edge.polyline[last / 3] - p, b = edge.polyline[2 * last / 3] - p;
-  const Eigen::Vector3d cross = a.cross(b);
-  if (!(cross.norm() > 1e-6 * a.norm() * b.norm())) return std::nullopt;
-  const Eigen::Vector3d to_center =
-      (a.squaredNorm() * b.cross(cross) + b.squaredNorm() * cross.cross(a)) /
-      (2.0 * cross.squaredNorm());
-  return ModelCircle{p + to_center, cross.normalized(), to_center.norm()};
 }
 
 // Adds a pose that scores well enough. best: of those before.
@@ -123,20 +104,15 @@ std::vector<PooledPose> PosesFromCircles(const PreparedObject& object,
                                          const CornerSearchOptions& options) {
   PosePool pool(options.min_quick);
   double best = 0.0;
-  for (const ModelEdge& edge : object.model.edges) {
-    const auto model = CircleOf(edge);
-    if (!model) continue;
+  for (const ModelCircle& model : CirclesOf(object.model)) {
     for (const SpaceCircle& circle : circles) {
-      if (std::abs(std::log(circle.radius_m / model->radius_m)) > options.radius_log) continue;
+      if (std::abs(std::log(circle.radius_m / model.radius_m)) > options.radius_log) continue;
       for (const double sign : {1.0, -1.0}) {
-        const Eigen::Matrix3d tilt =
-            Eigen::Quaterniond::FromTwoVectors(model->axis, sign * circle.normal)
-                .toRotationMatrix();
         for (int turn = 0; turn < options.turns; ++turn) {
-          Rigid3 pose;
-          pose.R = Eigen::AngleAxisd(2.0 * std::numbers::pi * turn / options.turns, circle.normal) *
-                   tilt;
-          pose.t = circle.center - pose.R * model->center;
+          const Rigid3 pose = PoseFromCircle(model,
+                                             circle.center,
+                                             sign * circle.normal,
+                                             2.0 * std::numbers::pi * turn / options.turns);
           Offer(object, views, pose, options, &best, &pool);
         }
       }

@@ -16,16 +16,6 @@ constexpr double kSameDistanceM = 0.006;
 constexpr double kSameTurnRad = 0.12;
 constexpr double kMinRawScore = 0.35;  // placements below are not worth keeping
 
-std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel& scene) {
-  std::vector<KnownView> known;
-  for (std::size_t v = 0; v < scene.views.size(); ++v) {
-    if (!scene.views[v]) continue;
-    known.push_back(
-        {&context.views[v].maps, scene.views[v]->camera, scene.views[v]->camera_from_scene});
-  }
-  return known;
-}
-
 bool SamePlacement(const PreparedObject& object, const Rigid3& a, const Rigid3& b) {
   auto close = [&](const Rigid3& x) {
     if ((x * object.center - b * object.center).norm() > kSameDistanceM) return false;

@@ -65,6 +65,7 @@ std::vector<bool> PromisingInViews(const JointContext& context,
   few.pool = kRankedPoses;
   few.refined = options.corners.settle.settled;
   few.verified = 0;
+  few.turns = options.corners.turns;
   std::vector<double> best(static_cast<std::size_t>(views) * objects, 0.0);
   ParallelFor(views * objects, context.options.threads, [&](int i) {
     const int v = i / objects, k = i % objects;

@@ -335,6 +335,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   if (!scene.objects.empty())
     context.surface_images = MakeSurfaceImages(input.images, options.threads);
   const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
+  if (DropContradictedViews(context, &scene) > 0) EvaluateTogether(context, &scene);
   BeginStep(context, "surfaces");
   JudgeTexture(context, &scene);
   const std::string doubt =

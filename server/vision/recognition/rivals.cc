@@ -18,7 +18,12 @@ constexpr double kSameTurnRad = 0.25;
 constexpr double kSameShift = 0.1;       // diameters
 constexpr double kHarm = 0.1;            // of score
 constexpr double kTextureWeight = 0.05;  // score per unit of log odds, as in verdict.cc
-constexpr double kClearTexture = 2.0;    // log odds
+// Difference in texture (log odds) that decides alone: shadow and what stands before a plain part
+// say as much by chance as less.
+constexpr double kClearTexture = 3.5;
+// Lead in score that decides between two poses of one object, whatever they gain: gain prices
+// predicted edges that are not seen, and the pose that shows a pocket predicts more of them.
+constexpr double kClearLead = 0.01;
 constexpr double kHalfPi = 1.5707963267948966;
 
 // The turn about the object's centre.
@@ -84,6 +89,20 @@ bool Harms(const SceneModel& scene, const SceneModel& trial, int place) {
       return true;
   }
   return false;
+}
+
+// Whether the rival of one scene leads what holds the place in the other.
+bool Leads(const SceneModel& with_rival, const SceneModel& with_held, int place) {
+  const PlacedObject &rival = with_rival.objects[place], &held = with_held.objects[place];
+  const bool gains = with_rival.gain > with_held.gain;
+  const double texture = rival.texture - held.texture;
+  if (std::abs(texture) > kClearTexture)
+    return Strength(rival) > Strength(held) && (gains || texture > 0.0);
+  // A look-alike may show as many edges, but not as sharply.
+  if (rival.object != held.object)
+    return Strength(rival) > Strength(held) && gains && EvidenceOf(rival) > EvidenceOf(held);
+  const double lead = rival.score - held.score;
+  return lead > kClearLead || (lead > 0.0 && gains);
 }
 
 }  // namespace
@@ -160,12 +179,7 @@ std::vector<Rival> ContestObjects(const JointContext& context,
     std::size_t best = 0;
     for (std::size_t i = 1; i < trials.size() && trials[0]; ++i) {
       if (!trials[i]) continue;
-      const PlacedObject &rival = trials[i]->objects[place], &held = trials[best]->objects[place];
-      // A look-alike may show as many edges, but not as sharply.
-      if (Strength(rival) > Strength(held) &&
-          (rival.object == held.object || EvidenceOf(rival) > EvidenceOf(held)) &&
-          (trials[i]->gain > trials[best]->gain || rival.texture > held.texture + kClearTexture) &&
-          !Harms(*scene, *trials[i], place)) {
+      if (Leads(*trials[i], *trials[best], place) && !Harms(*scene, *trials[i], place)) {
         best = i;
       }
     }

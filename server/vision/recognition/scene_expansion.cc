@@ -8,6 +8,7 @@
 #include "server/vision/recognition/plane_points.h"
 #include "server/vision/recognition/pose_refine.h"
 #include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/standing_plane.h"
 #include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/verdict.h"
 #include "server/vision/recognition/view_linking.h"
@@ -112,7 +113,32 @@ bool MeetInView(const JointContext& context,
   return false;
 }
 
+// Whether a part whose lowest point is at the height lies on top of an accepted one.
+bool StandsOnPart(const JointContext& context,
+                  const ExpansionOptions& options,
+                  const SceneModel& scene,
+                  const PlacedObject& p,
+                  double height) {
+  return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const PlacedObject& o) {
+    const PreparedObject &above = *context.objects[p.object], &below = *context.objects[o.object];
+    const double top = HeightAbovePlane(below, o.scene_from_object, *scene.plane).highest_m;
+    return std::abs(height - top) < options.plane_tolerance_m &&
+           LiesOver(OutlineOnPlane(above, p.scene_from_object, *scene.plane),
+                    OutlineOnPlane(below, o.scene_from_object, *scene.plane));
+  });
+}
+
 }  // namespace
+
+std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel& scene) {
+  std::vector<KnownView> known;
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!scene.views[v]) continue;
+    known.push_back(
+        {&context.views[v].maps, scene.views[v]->camera, scene.views[v]->camera_from_scene});
+  }
+  return known;
+}
 
 std::optional<ScenePlane> PlaneFromMatches(
     const JointContext& context, const std::vector<std::optional<RecognizedView>>& views) {
@@ -183,9 +209,11 @@ void Consolidate(const JointContext& context,
                  const ExpansionOptions& options,
                  std::vector<PlacedObject> candidates,
                  SceneModel* scene) {
+  const std::vector<PlacedObject> before = std::move(scene->objects);
   scene->objects.clear();
   scene->gain = 0.0;
   scene->plane = PlaneFromMatches(context, scene->views);
+  if (scene->plane) scene->plane = PlaneUnderParts(context, before, *scene->plane);
   if (scene->plane && !Supports(context, options, candidates, *scene->plane)) scene->plane.reset();
   if (!scene->plane) scene->plane = FindSupportPlane(context, scene->views, candidates, options);
   std::vector<DepthBuffer> occluders;
@@ -207,14 +235,7 @@ void Consolidate(const JointContext& context,
       return false;
     if (Evidence(p.score, p.total.Sharpness()) >= options.floating_evidence) return p.gain > 0;
     // Camouflaged parts lack edges that they should show: what they stand on speaks for them.
-    if (height < options.plane_tolerance_m) return true;
-    return std::any_of(scene->objects.begin(), scene->objects.end(), [&](const PlacedObject& o) {
-      const PreparedObject &above = *context.objects[p.object], &below = *context.objects[o.object];
-      const double top = HeightAbovePlane(below, o.scene_from_object, *scene->plane).highest_m;
-      return std::abs(height - top) < options.plane_tolerance_m &&
-             LiesOver(OutlineOnPlane(above, p.scene_from_object, *scene->plane),
-                      OutlineOnPlane(below, o.scene_from_object, *scene->plane));
-    });
+    return height < options.plane_tolerance_m || StandsOnPart(context, options, *scene, p, height);
   };
   while (!IsStopRequested(context.stop)) {
     int best = -1;
@@ -260,6 +281,63 @@ void Consolidate(const JointContext& context,
         dead[i] = true;
       }
     }
+  }
+}
+
+void AddHiddenParts(const JointContext& context,
+                    const ExpansionOptions& options,
+                    std::span<const PlacedObject> candidates,
+                    SceneModel* scene) {
+  if (!scene->plane || scene->objects.size() < 2) return;
+  if (SceneProbability(context, *scene) < options.sure_scene) return;
+  const ScenePlane plane = PlaneUnderParts(context, scene->objects, *scene->plane);
+  scene->plane = plane;
+  const std::vector<KnownView> known = KnownViews(context, *scene);
+  std::vector<DepthBuffer> occluders;
+  for (const ViewEvidence& view : context.views)
+    occluders.push_back(MakeDepthBuffer(view.maps.width, view.maps.height));
+  ExplainedSegments explained, taken;
+  for (const ViewEvidence& view : context.views) taken.emplace_back(view.segment_samples.size(), 0);
+  VerifyScratch scratch;
+  const auto take = [&](PlacedObject p) {
+    EvaluatePlacement(context, scene->views, occluders, &scratch, &p, &explained);
+    for (std::size_t v = 0; v < taken.size(); ++v) {
+      for (std::size_t i = 0; i < explained[v].size(); ++i) taken[v][i] |= explained[v][i];
+      if (!scene->views[v]) continue;
+      RenderDepth(context.objects[p.object]->model.mesh,
+                  WorkingCamera(scene->views[v]->camera, context.views[v].maps),
+                  scene->views[v]->camera_from_scene * p.scene_from_object,
+                  &occluders[v]);
+    }
+  };
+  for (const PlacedObject& o : scene->objects) take(o);
+  for (const PlacedObject& candidate : candidates) {
+    if (IsStopRequested(context.stop)) return;
+    if (candidate.score < options.hidden_score - options.hidden_slack) continue;
+    const PreparedObject& object = *context.objects[candidate.object];
+    // The cameras have moved since it was found.
+    const auto refined = RefineInScene(object, known, candidate.scene_from_object, {});
+    if (!refined) continue;
+    PlacedObject p = candidate;
+    p.scene_from_object = *refined;
+    const Rigid3& pose = p.scene_from_object;
+    const double height = HeightAbovePlane(object, pose, plane).lowest_m;
+    if (!IsUprightPart(object, pose, plane)) continue;
+    if (std::abs(height) > options.plane_tolerance_m &&
+        !StandsOnPart(context, options, *scene, p, height)) {
+      continue;
+    }
+    if (std::any_of(scene->objects.begin(), scene->objects.end(), [&](const PlacedObject& o) {
+          return SharedVolume(*context.objects[o.object], o.scene_from_object, object, pose) >
+                 options.max_shared_volume;
+        })) {
+      continue;
+    }
+    EvaluatePlacement(context, scene->views, occluders, &scratch, &p, &explained);
+    if (p.score < options.hidden_score || p.total.Sharpness() < options.hidden_sharpness) continue;
+    if (SharedEdges(explained, taken) > options.max_shared_edges) continue;
+    scene->objects.push_back(p);
+    take(p);
   }
 }
 

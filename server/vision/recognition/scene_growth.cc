@@ -8,6 +8,7 @@
 #include "server/vision/recognition/remaining_evidence.h"
 #include "server/vision/recognition/scene_expansion.h"
 #include "server/vision/recognition/scene_refine.h"
+#include "server/vision/recognition/standing_plane.h"
 #include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/view_linking.h"
 
@@ -87,7 +88,8 @@ SceneModel ExpandScene(const JointContext& context,
     const std::size_t objects = scene.objects.size();
     const std::vector<std::optional<RecognizedView>> views = scene.views;
     if (thorough) BeginStep(context, "placements");
-    if (const auto plane = PlaneFromMatches(context, scene.views)) scene.plane = plane;
+    if (const auto plane = PlaneFromMatches(context, scene.views))
+      scene.plane = PlaneUnderParts(context, scene.objects, *plane);
     std::vector<SearchSurface> surfaces;
     if (scene.plane) {
       surfaces = SearchSurfaces(context,
@@ -131,9 +133,12 @@ SceneModel ExpandScene(const JointContext& context,
   }
   if (thorough) {
     BeginStep(context, "consolidation");
+    // The last views may have been registered by fewer objects than there are now.
+    DropContradictedViews(context, &scene);
     // What lost its support in the refined cameras goes.
     std::vector<PlacedObject> placed = scene.objects;
     Consolidate(context, options, std::move(placed), &scene);
+    AddHiddenParts(context, options, placements, &scene);
   }
   return scene;
 }

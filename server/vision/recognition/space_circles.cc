@@ -4,6 +4,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
+
+#include "server/vision/recognition/circle_sighting.h"
 
 namespace horopter {
 namespace {
@@ -21,8 +24,6 @@ struct ArcView {
   std::vector<SightedArc> arcs;
 };
 
-// Weak perspective about the centre: minor / major is the cosine of the angle between the normal
-// and the ray, and the minor axis lies along the normal's image.
 ArcView Sight(const FeatureView& view, const SpaceCircleOptions& options) {
   ArcView out;
   out.view = &view;
@@ -31,18 +32,13 @@ ArcView Sight(const FeatureView& view, const SpaceCircleOptions& options) {
   for (const EllipseArc& arc : view.features->arcs) {
     if (!(arc.sweep_rad >= options.min_sweep_rad)) continue;
     if (!(arc.semi_minor_px * view.working_from_image >= options.min_minor_px)) continue;
-    SightedArc s;
-    s.center = arc.center;
-    s.major_px = arc.semi_major_px;
-    const Eigen::Vector3d ray = NormalizedPoint(view.camera, arc.center).homogeneous().normalized();
-    Eigen::Vector3d minor(-std::sin(arc.angle_rad), std::cos(arc.angle_rad), 0.0);
-    minor = (minor - minor.dot(ray) * ray).normalized();
-    const double c = std::clamp(arc.semi_minor_px / arc.semi_major_px, 0.0, 1.0);
-    const double slope = std::sqrt(1.0 - c * c);
-    s.ray = scene_from_camera * ray;
-    s.normal[0] = scene_from_camera * (slope * minor - c * ray);
-    s.normal[1] = scene_from_camera * (-slope * minor - c * ray);
-    if (s.ray.allFinite() && s.normal[0].allFinite()) out.arcs.push_back(s);
+    const std::optional<SightedCircle> circle = SightCircle(view.camera, arc);
+    if (!circle) continue;
+    out.arcs.push_back(
+        {arc.center,
+         arc.semi_major_px,
+         scene_from_camera * circle->ray,
+         {scene_from_camera * circle->normal[0], scene_from_camera * circle->normal[1]}});
   }
   return out;
 }

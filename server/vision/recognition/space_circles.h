@@ -27,8 +27,7 @@ struct SpaceCircleOptions {
   int max_circles = 150;  // those that most views show are kept
 };
 
-// Circles that two views or more show, best shown first. The centre's image is taken for the
-// ellipse's centre: of a circle seen from ten radii off by less than 1 % of its radius.
+// Circles that two views or more show (circle_sighting.h), best shown first.
 std::vector<SpaceCircle> FindSpaceCircles(std::span<const FeatureView> views,
                                           const SpaceCircleOptions& options = {});
 

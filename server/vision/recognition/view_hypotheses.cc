@@ -3,21 +3,19 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <initializer_list>
+#include <numbers>
 
+#include "server/vision/recognition/circle_sighting.h"
 #include "server/vision/recognition/pose_refine.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kPerspectiveIterations = 4;
 // A path edge must be visible to this share in the pose's aspect.
 constexpr double kMinPathVisible = 0.45;
-// Ends that are no junction make a path less likely to end at a model vertex.
-constexpr double kFreeEndFactor = 0.55;
-
-// A corner of two edges on the table is texture or shadow more often than the foot of a part.
-constexpr double kOnPlaneFactor = 0.4;
-
+constexpr double kMinCircleVisible = 0.25;  // of a circle: arcs of this length are looked at
+constexpr double kSameVertex = 1e-3;        // diameters
 // Support that clutter gives a pose by chance.
 constexpr float kChanceScore = 0.35f;
 
@@ -45,173 +43,137 @@ bool BySignificance(const PooledPose& x, const PooledPose& y) {
   return x.significance > y.significance;
 }
 
-// Rotation that takes the ray of a pixel to the optical axis.
-Eigen::Matrix3d AxisFromRay(const Eigen::Vector3d& ray) {
-  return Eigen::Quaterniond::FromTwoVectors(ray, Eigen::Vector3d::UnitZ()).toRotationMatrix();
-}
+// A bounded pool of the best poses of an object in a view.
+class ViewPool {
+ public:
+  ViewPool(const PreparedObject& object,
+           const ViewEvidence& view,
+           const PinholeCamera& camera,
+           const ViewHypothesisOptions& options)
+      : object_(object),
+        view_(view),
+        camera_(camera),
+        options_(options),
+        limit_(static_cast<std::size_t>(options.pool)),
+        threshold_(Significance(kMinScore, options.min_radius_px)) {}
 
-Eigen::Vector3d Ray(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
-  return {
-      (pixel.x() - camera.cx) / camera.focal_px, (pixel.y() - camera.cy) / camera.focal_px, 1.0};
-}
+  // Edges that the view must show to `min_visible` in the pose; it is dropped otherwise, or where
+  // the part would be too large or small, or where its score is none of the best.
+  void Offer(const Rigid3& pose, std::initializer_list<int> edges, double min_visible) {
+    if ((pose * object_.center).z() <= object_.radius_m) return;
+    const double radius_px = RadiusPx(object_, camera_, pose, view_.maps.working_from_image);
+    if (radius_px < options_.min_radius_px || radius_px > options_.max_radius_px) return;
+    const Eigen::Vector3d to_camera = pose.R.transpose() * -pose.t - object_.center;
+    const int aspect = AspectIndex(to_camera.cast<float>());
+    for (const int edge : edges) {
+      if (object_.EdgeVisible(aspect, edge) < min_visible) return;
+    }
+    const float needed =
+        std::max(kMinScore, kChanceScore + threshold_ / static_cast<float>(std::sqrt(radius_px)));
+    const float score = QuickScore(object_,
+                                   view_.maps,
+                                   camera_,
+                                   pose,
+                                   options_.quick_reach_px,
+                                   std::max(options_.give_up, 0.75f * needed));
+    if (score < needed) return;
+    pool_.push_back({score, Significance(score, radius_px), pose});
+    if (pool_.size() < 2 * limit_) return;
+    std::nth_element(pool_.begin(), pool_.begin() + limit_, pool_.end(), BySignificance);
+    pool_.resize(limit_);
+    threshold_ = std::max_element(pool_.begin(), pool_.end(), BySignificance)->significance;
+  }
 
-// Collects poses over the image and model paths into a bounded pool of the best.
-std::vector<PooledPose> CollectPool(const PreparedObject& object,
-                                    const ViewEvidence& view,
-                                    const std::vector<ImagePath>& paths,
-                                    const PinholeCamera& camera,
-                                    const ViewHypothesisOptions& options,
-                                    const StopRequested& stop) {
-  std::vector<PooledPose> pool;
-  const double scale = view.maps.working_from_image;
-  constexpr float kMinScore = 0.3f;
-  float threshold = Significance(kMinScore, options.min_radius_px);
-  const std::size_t limit = static_cast<std::size_t>(options.pool) * 2;
+  std::vector<PooledPose> Sorted() && {
+    std::sort(pool_.begin(), pool_.end(), BySignificance);
+    return std::move(pool_);
+  }
+
+ private:
+  static constexpr float kMinScore = 0.3f;
+  const PreparedObject& object_;
+  const ViewEvidence& view_;
+  const PinholeCamera& camera_;
+  const ViewHypothesisOptions& options_;
+  std::size_t limit_;
+  float threshold_;
+  std::vector<PooledPose> pool_;
+};
+
+void OfferPathPoses(const PreparedObject& object,
+                    const std::vector<ImagePath>& paths,
+                    const PinholeCamera& camera,
+                    const StopRequested& stop,
+                    ViewPool* pool) {
   for (const ImagePath& image_path : paths) {
-    if (IsStopRequested(stop)) return {};
+    if (IsStopRequested(stop)) return;
     for (const int index : object.distinct_paths) {
       const VertexPath& path = object.paths[index];
-      for (int reversed = 0; reversed < 2; ++reversed) {
-        const PathPoses poses =
-            PosesFromPath(object.model, path, reversed != 0, camera, image_path);
+      for (const bool reversed : {false, true}) {
+        const PathPoses poses = PosesFromPath(object.model, path, reversed, camera, image_path);
         for (int k = 0; k < poses.count; ++k) {
-          const Rigid3& pose = poses.camera_from_object[k];
-          if ((pose * object.center).z() <= object.radius_m) continue;
-          const double radius_px = RadiusPx(object, camera, pose, scale);
-          if (radius_px < options.min_radius_px || radius_px > options.max_radius_px) continue;
-          const Eigen::Vector3d to_camera = pose.R.transpose() * -pose.t - object.center;
-          const int aspect = AspectIndex(to_camera.cast<float>());
-          if (object.EdgeVisible(aspect, path.edge_ab) < kMinPathVisible ||
-              object.EdgeVisible(aspect, path.edge_bc) < kMinPathVisible) {
-            continue;
-          }
-          const float needed = std::max(
-              kMinScore, kChanceScore + threshold / static_cast<float>(std::sqrt(radius_px)));
-          const float score = QuickScore(object,
-                                         view.maps,
-                                         camera,
-                                         pose,
-                                         options.quick_reach_px,
-                                         std::max(options.give_up, 0.75f * needed));
-          if (score < needed) continue;
-          pool.push_back({score, Significance(score, radius_px), pose});
-          if (pool.size() >= limit) {
-            std::nth_element(pool.begin(), pool.begin() + options.pool, pool.end(), BySignificance);
-            pool.resize(options.pool);
-            threshold = std::max_element(pool.begin(), pool.end(), BySignificance)->significance;
+          pool->Offer(poses.camera_from_object[k], {path.edge_ab, path.edge_bc}, kMinPathVisible);
+        }
+      }
+    }
+  }
+}
+
+// The circles that no symmetry of the object takes onto an earlier one.
+std::vector<ModelCircle> DistinctCircles(const ObjectModel& model) {
+  const double near = kSameVertex * model.diameter_m;
+  std::vector<ModelCircle> distinct;
+  for (const ModelCircle& c : CirclesOf(model)) {
+    const auto same = [&](const ModelCircle& d, const Eigen::Vector3d& center) {
+      return (d.center - center).norm() < near && std::abs(d.radius_m - c.radius_m) < near;
+    };
+    if (std::none_of(distinct.begin(), distinct.end(), [&](const ModelCircle& d) {
+          return same(d, c.center) ||
+                 std::any_of(model.symmetries.begin(),
+                             model.symmetries.end(),
+                             [&](const Rigid3& s) { return same(d, s * c.center); });
+        })) {
+      distinct.push_back(c);
+    }
+  }
+  return distinct;
+}
+
+// Each arc held against each circle of the part: two attitudes, the circle seen from either side,
+// and turns about its axis.
+void OfferCirclePoses(const PreparedObject& object,
+                      const ViewEvidence& view,
+                      const PinholeCamera& camera,
+                      const ViewHypothesisOptions& options,
+                      const StopRequested& stop,
+                      ViewPool* pool) {
+  const std::vector<ModelCircle> circles = DistinctCircles(object.model);
+  if (circles.empty()) return;
+  for (const EllipseArc& arc : view.features->arcs) {
+    if (IsStopRequested(stop)) return;
+    if (!(arc.sweep_rad >= options.min_sweep_rad)) continue;
+    if (!(arc.semi_minor_px * view.maps.working_from_image >= options.min_minor_px)) continue;
+    const std::optional<SightedCircle> sighted = SightCircle(camera, arc);
+    if (!sighted) continue;
+    for (const ModelCircle& circle : circles) {
+      const Eigen::Vector3d center =
+          sighted->ray / sighted->ray.z() * circle.radius_m / sighted->radius_over_depth;
+      for (const Eigen::Vector3d& normal : sighted->normal) {
+        for (const double side : {1.0, -1.0}) {
+          for (int turn = 0; turn < options.turns; ++turn) {
+            pool->Offer(
+                PoseFromCircle(
+                    circle, center, side * normal, 2 * std::numbers::pi * turn / options.turns),
+                {circle.edge},
+                kMinCircleVisible);
           }
         }
       }
     }
   }
-  std::sort(pool.begin(), pool.end(), BySignificance);
-  return pool;
 }
 
 }  // namespace
-
-std::vector<ImagePath> FindImagePaths(const ImageFeatures& features,
-                                      const std::vector<bool>& on_plane,
-                                      double working_from_image,
-                                      int max_paths) {
-  std::vector<std::vector<int>> junction_at(features.segments.size(), std::vector<int>(2, -1));
-  for (int j = 0; j < static_cast<int>(features.junctions.size()); ++j) {
-    for (const Junction::End& end : features.junctions[j].ends) {
-      junction_at[end.segment][end.at_start ? 0 : 1] = j;
-    }
-  }
-  auto other_end = [&](const Junction::End& end, bool* is_junction) {
-    const Segment& s = features.segments[end.segment];
-    const int j = junction_at[end.segment][end.at_start ? 1 : 0];
-    *is_junction = j >= 0;
-    if (j >= 0) return features.junctions[j].point;
-    return end.at_start ? s.end : s.start;
-  };
-  std::vector<ImagePath> paths;
-  for (const Junction& junction : features.junctions) {
-    for (std::size_t i = 0; i < junction.ends.size(); ++i) {
-      if (features.segments[junction.ends[i].segment].in_texture) continue;
-      for (std::size_t k = i + 1; k < junction.ends.size(); ++k) {
-        if (features.segments[junction.ends[k].segment].in_texture) continue;
-        if (junction.ends[i].segment == junction.ends[k].segment) continue;
-        bool a_junction, c_junction;
-        ImagePath path;
-        path.b = junction.point;
-        path.segment_ab = junction.ends[i].segment;
-        path.segment_bc = junction.ends[k].segment;
-        path.a = other_end(junction.ends[i], &a_junction);
-        path.c = other_end(junction.ends[k], &c_junction);
-        const double la = (path.a - path.b).norm() * working_from_image;
-        const double lc = (path.c - path.b).norm() * working_from_image;
-        if (la < 6 || lc < 6) continue;
-        path.rank = std::sqrt(la * lc) * (a_junction ? 1.0 : kFreeEndFactor) *
-                    (c_junction ? 1.0 : kFreeEndFactor);
-        if (!on_plane.empty() && on_plane[junction.ends[i].segment] &&
-            on_plane[junction.ends[k].segment]) {
-          path.rank *= kOnPlaneFactor;
-        }
-        paths.push_back(path);
-      }
-    }
-  }
-  std::stable_sort(
-      paths.begin(), paths.end(), [](const auto& x, const auto& y) { return x.rank > y.rank; });
-  if (static_cast<int>(paths.size()) > max_paths) paths.resize(max_paths);
-  return paths;
-}
-
-PathPoses PosesFromPath(const ObjectModel& model,
-                        const VertexPath& path,
-                        bool reversed,
-                        const PinholeCamera& camera,
-                        const ImagePath& image_path) {
-  PathPoses out;
-  // In a camera turned so that b lies on its axis: w (R U)_xy = a' (1 + w (R U)_z), w = 1 / depth
-  // of b.
-  const Eigen::Matrix3d axis_from_camera = AxisFromRay(Ray(camera, image_path.b));
-  auto turned = [&](const Eigen::Vector2d& pixel) -> Eigen::Vector2d {
-    const Eigen::Vector3d r = axis_from_camera * Ray(camera, pixel);
-    return r.head<2>() / r.z();
-  };
-  const Eigen::Vector2d p1 = turned(reversed ? image_path.c : image_path.a);
-  const Eigen::Vector2d p2 = turned(reversed ? image_path.a : image_path.c);
-  const double uu = path.length_ab * path.length_ab;
-  const double vv = path.length_bc * path.length_bc;
-  const double uv = 0.5 * (uu + vv - path.length_ac * path.length_ac);
-  const double quadratic = uu * vv - uv * uv;
-  if (!(quadratic > 1e-12 * uu * vv)) return out;
-
-  for (int sign = -1; sign <= 1; sign += 2) {
-    double e1 = 0, e2 = 0, w = 0, h1 = 0, h2 = 0;
-    Eigen::Vector2d q1 = p1, q2 = p2;
-    for (int iteration = 0; iteration < kPerspectiveIterations; ++iteration) {
-      q1 = p1 * (1 + e1);
-      q2 = p2 * (1 + e2);
-      const double b = uu * q2.squaredNorm() + vv * q1.squaredNorm() - 2 * uv * q1.dot(q2);
-      const double cross = q1.x() * q2.y() - q1.y() * q2.x();
-      const double root = std::sqrt(std::max(0.0, b * b - 4 * quadratic * cross * cross));
-      const double w2 = (b + root) / (2 * quadratic);
-      w = std::sqrt(w2);
-      h1 = sign * std::sqrt(std::max(0.0, w2 * uu - q1.squaredNorm()));
-      h2 = std::sqrt(std::max(0.0, w2 * vv - q2.squaredNorm()));
-      const double product = w2 * uv - q1.dot(q2);  // h1 h2
-      if ((h1 < 0) != (product < 0)) h2 = -h2;
-      if (std::abs(h1) < 1e-12) h2 = sign * std::abs(h2);
-      e1 = h1;
-      e2 = h2;
-    }
-    if (!(w > 1e-9) || e1 < -0.8 || e2 < -0.8) continue;
-    const Eigen::Vector3d u(q1.x() / w, q1.y() / w, h1 / w);
-    const Eigen::Vector3d v(q2.x() / w, q2.y() / w, h2 / w);
-    Eigen::Matrix3d image_frame;
-    image_frame << u, v, u.cross(v);
-    const Eigen::Matrix3d R = axis_from_camera.transpose() * (image_frame * path.inverse_frame);
-    if (!R.allFinite()) continue;
-    const Eigen::Vector3d b_in_camera = axis_from_camera.transpose() * Eigen::Vector3d(0, 0, 1 / w);
-    out.camera_from_object[out.count++] = {R, b_in_camera - R * model.vertices[path.b]};
-  }
-  return out;
-}
 
 ViewHypotheses FindViewHypotheses(const PreparedObject& object,
                                   int object_index,
@@ -236,7 +198,10 @@ ViewHypotheses FindViewHypotheses(const PreparedObject& object,
   };
 
   std::vector<ViewHypothesis> distinct;
-  for (const PooledPose& pooled : CollectPool(object, view, paths, start, options, stop)) {
+  ViewPool pool(object, view, start, options);
+  OfferPathPoses(object, paths, start, stop, &pool);
+  OfferCirclePoses(object, view, start, options, stop, &pool);
+  for (const PooledPose& pooled : std::move(pool).Sorted()) {
     if (static_cast<int>(distinct.size()) >= options.refined) break;
     ViewHypothesis h{object_index, view_index, start, pooled.pose, pooled.score};
     if (is_new(distinct, h)) distinct.push_back(h);

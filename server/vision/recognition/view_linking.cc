@@ -19,6 +19,10 @@ constexpr double kMinElevationSine = 0.10;
 // Footprint transfer error (working pixels) at which two views' hypotheses agree with the plane.
 constexpr double kFootprintPx = 9.0;
 constexpr int kCandidatesPerView = 6;
+// Score of a part in one view below which it is not shown: half hidden parts at their true place
+// reach it, parts projected to a wrong place do not.
+constexpr double kShownScore = 0.3;
+
 constexpr double kMinCandidateScore = 0.30;
 // Transferred rivals scoring above this speak for a relative camera pose.
 constexpr double kTransferScore = 0.45;
@@ -198,7 +202,12 @@ SceneModel ToScene(const JointContext& context,
 
 struct ViewGain {
   double sum = 0.0;  // over the scene's objects
-  int visible = 0;   // objects of which something is in the image
+  int shown = 0;     // objects that the image shows where the camera puts them
+
+  // A wrong camera shows one part, most likely in another pose, and loses the others.
+  bool Convinces(const SceneModel& scene) const {
+    return sum > 0 && 2 * shown >= static_cast<int>(scene.objects.size());
+  }
 };
 
 // What the scene's objects gain in one view under a camera.
@@ -216,7 +225,7 @@ ViewGain GainOfView(const JointContext& context,
                                            nullptr,
                                            scratch);
     gain.sum += SupportGain(support);
-    gain.visible += support.visible > 0;
+    gain.shown += support.visible > 0 && ViewScore(support) >= kShownScore;
   }
   return gain;
 }
@@ -341,8 +350,10 @@ int DropContradictedViews(const JointContext& context, SceneModel* scene) {
       tied = other != v && scene->views[other] && PlaneTransfer(*context.matching, v, other);
     }
     if (tied) continue;
-    if (!scene->views[v] || GainOfView(context, *scene, v, *scene->views[v], &scratch).sum > 0)
+    if (!scene->views[v] ||
+        GainOfView(context, *scene, v, *scene->views[v], &scratch).Convinces(*scene)) {
       continue;
+    }
     scene->views[v].reset();
     ++dropped;
   }
@@ -366,9 +377,7 @@ int RegisterMissingViews(const JointContext& context, SceneModel* scene) {
           const RecognizedView view{hypotheses[i].camera,
                                     pose * placed.scene_from_object.Inverse()};
           const ViewGain gain = GainOfView(context, *scene, v, view, &scratch);
-          // A wrong camera shows one part and loses the others from the image.
-          if (2 * gain.visible < static_cast<int>(scene->objects.size())) continue;
-          if (gain.sum > best_gain) {
+          if (gain.Convinces(*scene) && gain.sum > best_gain) {
             best_gain = gain.sum;
             best = view;
           }

@@ -32,8 +32,7 @@ std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plan
 int RegisterMissingViews(const JointContext& context, SceneModel* scene);
 
 // Removes views that no plane texture ties to another and in which the placed objects together
-// predict more wrong than right, as long as more
-// than two remain.
+// predict more wrong than right, or most of them are not shown, as long as more than two remain.
 int DropContradictedViews(const JointContext& context, SceneModel* scene);
 
 // A hypothesis moved to another focal length: the depth scales with it, the image stays.

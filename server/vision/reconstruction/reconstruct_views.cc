@@ -1,5 +1,8 @@
+#include <algorithm>
+#include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "server/base/status_macros.h"
 #include "server/vision/reconstruction/plane_route.h"
@@ -9,6 +12,10 @@
 
 namespace horopter {
 namespace {
+
+constexpr int kMinSureViews = 3;
+constexpr double kDoubtfulFocalSigma = 0.05;
+constexpr double kDoubtfulRatio = 3.0;  // to the median of the views
 
 absl::Status ValidateInput(const MatchingResult& matching,
                            std::span<const ImageFeatures> features,
@@ -42,6 +49,23 @@ bool HasViews(const Reconstruction& r) {
   return false;
 }
 
+// Views that know their focal length far worse than the others do: few of their observations agree
+// with the bundle, which may have settled them wrongly. Taken out, by view.
+std::vector<std::optional<ReconstructedView>> TakeDoubtfulViews(Reconstruction* r) {
+  std::vector<double> sigmas;
+  for (const auto& view : r->views) {
+    if (view) sigmas.push_back(view->focal_log_sigma);
+  }
+  std::vector<std::optional<ReconstructedView>> taken(r->views.size());
+  if (static_cast<int>(sigmas.size()) < kMinSureViews + 1) return taken;
+  std::nth_element(sigmas.begin(), sigmas.begin() + sigmas.size() / 2, sigmas.end());
+  const double doubtful = std::max(kDoubtfulFocalSigma, kDoubtfulRatio * sigmas[sigmas.size() / 2]);
+  for (std::size_t v = 0; v < taken.size(); ++v) {
+    if (r->views[v] && r->views[v]->focal_log_sigma > doubtful) std::swap(taken[v], r->views[v]);
+  }
+  return taken;
+}
+
 }  // namespace
 
 absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
@@ -64,7 +88,14 @@ absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
       result.refusal += "; tracks: " + from_tracks.refusal;
     }
   }
+  const auto before = TakeDoubtfulViews(&result);
   RegisterRemainingViews(matching, features, sizes, priors, options, stop, &result);
+  for (std::size_t v = 0; v < before.size(); ++v) {
+    std::optional<ReconstructedView>& now = result.views[v];
+    if (!before[v] || (now && now->focal_log_sigma < before[v]->focal_log_sigma)) continue;
+    now = before[v];
+    result.view_refusals[v].clear();
+  }
   if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");
   return result;
 }

@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 #include <set>
 
+#include "server/vision/matching/homography.h"
 #include "server/vision/matching/match_features.h"
 #include "tests/support/boxes_scene.h"
 
@@ -100,6 +101,62 @@ TEST(PairGeometry, MatchesAlongKnownLinesAreOneToOneAndRight) {
                 2.0);
     }
   }
+}
+
+// A checkered floor, a little dirty: its corners look alike, all of them may match a period off,
+// and such matches agree with a wrong F.
+cv::Mat Checkers(unsigned seed) {
+  constexpr int kSide = 900, kSquare = 45;
+  cv::Mat floor(kSide, kSide, CV_8UC1);
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x)
+      floor.at<uchar>(y, x) = (x / kSquare + y / kSquare) % 2 == 0 ? 150 : 105;
+  }
+  cv::Mat dirt(kSide, kSide, CV_8SC1);
+  cv::RNG rng(seed);
+  rng.fill(dirt, cv::RNG::NORMAL, 0, 4);
+  cv::add(floor, dirt, floor, cv::noArray(), CV_8U);
+  return floor;
+}
+
+// Whether some junction of `others` lies at the point.
+bool HasJunctionAt(const ImageFeatures& features, const Eigen::Vector2d& point) {
+  return std::any_of(features.junctions.begin(), features.junctions.end(), [&](const Junction& j) {
+    return (j.point - point).norm() < 1.5;
+  });
+}
+
+// Corners that the floor's homography takes to corners are the floor's; what joins two such is a
+// match of different ones unless the homography joins them too.
+TEST(PairGeometry, CheckeredFloorsMatchNothingAPeriodOff) {
+  int matches = 0, shifted = 0;
+  for (unsigned seed = 1; seed <= 6; ++seed) {
+    SCOPED_TRACE(seed);
+    const SyntheticScene scene = MakeScene(seed);
+    const cv::Mat floor = Checkers(seed);
+    View a, b;
+    Prepare(RenderBoxes(scene, 0, seed, 3, floor), &a);
+    Prepare(RenderBoxes(scene, 1, seed, 3, floor), &b);
+    const Eigen::Matrix3d H = scene.PlaneHomographyOf(0, 1), back = H.inverse();
+    const PairGeometry pair = Estimate(a, b, H);
+    for (const JunctionMatch& m : pair.matches) {
+      const Eigen::Vector2d in_a = a.features.junctions[m.junction_a].point;
+      const Eigen::Vector2d in_b = b.features.junctions[m.junction_b].point;
+      ++matches;
+      shifted += HasJunctionAt(b.features, Transfer(H, in_a)) &&
+                 HasJunctionAt(a.features, Transfer(back, in_b)) &&
+                 (Transfer(H, in_a) - in_b).norm() > 6.0;
+    }
+    if (!pair.F) continue;
+    for (const Eigen::Vector3d& x : scene.off_plane_points) {
+      EXPECT_LT(EpipolarDistance(*pair.F,
+                                 Project(scene.cameras[0], scene.camera_from_world[0] * x),
+                                 Project(scene.cameras[1], scene.camera_from_world[1] * x)),
+                3.0);
+    }
+  }
+  EXPECT_GE(matches, 200);
+  EXPECT_LE(shifted, 2) << "of " << matches;
 }
 
 TEST(PairGeometry, IdenticalImagesMatchThemselvesAndShowNoParallax) {

@@ -2,60 +2,18 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Dense>
+#include <Eigen/Geometry>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <random>
 
 #include "server/vision/recognition/corner_search.h"
+#include "tests/support/circles.h"
 #include "tests/support/synthetic_table.h"
 
 namespace horopter {
 namespace {
-
-struct Circle {
-  Eigen::Vector3d center, normal;
-  double radius_m = 0.0;
-};
-
-// The exact image of a circle, by a conic through its projected points.
-EllipseArc ImageOf(const Circle& circle,
-                   const PinholeCamera& camera,
-                   const Rigid3& camera_from_scene,
-                   double noise_px,
-                   std::mt19937* rng) {
-  std::normal_distribution<double> noise(0.0, noise_px);
-  const Eigen::Vector3d u = circle.normal.unitOrthogonal(), w = circle.normal.cross(u);
-  constexpr int kPoints = 40;
-  Eigen::MatrixXd A(kPoints, 5);
-  std::vector<Eigen::Vector2d> points;
-  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
-  for (int i = 0; i < kPoints; ++i) {
-    const double t = 2 * std::numbers::pi * i / kPoints;
-    const Eigen::Vector3d x = circle.center + circle.radius_m * (std::cos(t) * u + std::sin(t) * w);
-    points.push_back(Project(camera, camera_from_scene * x) +
-                     Eigen::Vector2d(noise(*rng), noise(*rng)));
-    mean += points.back() / kPoints;
-  }
-  for (int i = 0; i < kPoints; ++i) {
-    const Eigen::Vector2d p = 0.05 * (points[i] - mean);
-    A.row(i) << p.x() * p.x(), p.x() * p.y(), p.y() * p.y(), p.x(), p.y();
-  }
-  const Eigen::VectorXd c = A.colPivHouseholderQr().solve(Eigen::VectorXd::Ones(kPoints));
-  Eigen::Matrix2d Q;
-  Q << c(0), c(1) / 2, c(1) / 2, c(2);
-  const Eigen::Vector2d center = -0.5 * Q.inverse() * Eigen::Vector2d(c(3), c(4));
-  const double level = 1.0 + center.dot(Q * center);
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> solver(Q);
-  EllipseArc arc;
-  arc.center = mean + 20.0 * center;
-  arc.semi_major_px = 20.0 * std::sqrt(level / solver.eigenvalues()(0));
-  arc.semi_minor_px = 20.0 * std::sqrt(level / solver.eigenvalues()(1));
-  arc.angle_rad = std::atan2(solver.eigenvectors()(1, 0), solver.eigenvectors()(0, 0));
-  arc.sweep_rad = 2 * std::numbers::pi;
-  return arc;
-}
 
 struct Scene {
   std::vector<PinholeCamera> cameras;
@@ -69,7 +27,7 @@ struct Scene {
   }
 };
 
-Scene See(const std::vector<Circle>& circles, int views, double noise_px, unsigned seed) {
+Scene See(const std::vector<CircleInSpace>& circles, int views, double noise_px, unsigned seed) {
   Scene scene;
   std::mt19937 rng(seed);
   for (int v = 0; v < views; ++v) {
@@ -77,7 +35,7 @@ Scene See(const std::vector<Circle>& circles, int views, double noise_px, unsign
     scene.cameras.push_back(CenteredCamera(640, 480, 900.0 + 30 * v));
     scene.poses.push_back(LookAt({0.5 * std::sin(a), -0.5 * std::cos(a), 0.4}, {0, 0, 0.02}));
     ImageFeatures& f = scene.features.emplace_back();
-    for (const Circle& c : circles)
+    for (const CircleInSpace& c : circles)
       f.arcs.push_back(ImageOf(c, scene.cameras[v], scene.poses[v], noise_px, &rng));
   }
   return scene;
@@ -94,7 +52,7 @@ TEST(FindSpaceCircles, RecoversCentreRadiusAndNormalAsNoiseGrows) {
     constexpr int kTrials = 40;
     for (int trial = 0; trial < kTrials; ++trial) {
       // Turned towards the middle camera by up to 60 degrees.
-      Circle truth;
+      CircleInSpace truth;
       truth.normal = (Eigen::Vector3d(0.0, -0.78, 0.62) +
                       0.8 * u(rng) * Eigen::Vector3d(n(rng), n(rng), n(rng)).normalized())
                          .normalized();
@@ -114,7 +72,7 @@ TEST(FindSpaceCircles, RecoversCentreRadiusAndNormalAsNoiseGrows) {
 }
 
 TEST(FindSpaceCircles, OneViewNoParallaxShortArcsAndNoNumbersGiveNone) {
-  const Circle circle{{0, 0, 0.02}, {0, 0, 1}, 0.02};
+  const CircleInSpace circle{{0, 0, 0.02}, {0, 0, 1}, 0.02};
   Scene scene = See({circle}, 3, 0.0, 1);
   std::vector<FeatureView> views = scene.Views();
   EXPECT_FALSE(FindSpaceCircles(views).empty());
@@ -130,37 +88,13 @@ TEST(FindSpaceCircles, OneViewNoParallaxShortArcsAndNoNumbersGiveNone) {
   EXPECT_TRUE(FindSpaceCircles(scene.Views()).empty());
 }
 
-// A closed prism of 48 sides with circular rims: a disc with an off-centre hole's rim.
-ObjectModel Disc() {
-  std::vector<Eigen::Vector2d> polygon;
-  constexpr int kSides = 48;
-  for (int i = 0; i < kSides; ++i) {
-    const double t = 2 * std::numbers::pi * i / kSides;
-    polygon.emplace_back(0.03 * std::cos(t), 0.03 * std::sin(t));
-  }
-  ObjectModel m = Prism("disc", polygon, 0.015);
-  m.vertices.clear();
-  m.edges.clear();
-  for (const double z : {0.0, 0.015}) {
-    ModelEdge rim;
-    rim.kind = CurveKind::kCircle;
-    rim.dihedral_rad = 1.5708;
-    for (int i = 0; i <= kSides; ++i) {
-      const Eigen::Vector2d& p = polygon[i % kSides];
-      rim.polyline.emplace_back(p.x(), p.y(), z);
-    }
-    m.edges.push_back(rim);
-  }
-  return m;
-}
-
 TEST(PosesFromCircles, FindsATurnedPartFromItsRim) {
-  const auto object = PrepareObject(Disc()).value();
+  const auto object = PrepareObject(Disc({})).value();
   const unsigned seed = 5;
   SCOPED_TRACE(testing::Message() << "seed " << seed);
   const Rigid3 truth{Eigen::AngleAxisd(0.5, Eigen::Vector3d(0.6, 0.8, 0)).toRotationMatrix(),
                      {0.02, 0.01, 0.03}};
-  std::vector<Circle> rims;
+  std::vector<CircleInSpace> rims;
   for (const double z : {0.0, 0.015})
     rims.push_back({truth * Eigen::Vector3d(0, 0, z), truth.R.col(2), 0.03});
   Scene scene = See(rims, 4, 0.3, seed);
@@ -169,18 +103,7 @@ TEST(PosesFromCircles, FindsATurnedPartFromItsRim) {
     ImageFeatures& f = scene.features[v];
     f.width = 640;
     f.height = 480;
-    for (const EllipseArc& arc : f.arcs) {
-      for (int i = 0; i < 60; ++i) {
-        Segment s;
-        for (const int end : {0, 1}) {
-          const double t = 2 * std::numbers::pi * (i + end) / 60;
-          const Eigen::Vector2d at(arc.semi_major_px * std::cos(t),
-                                   arc.semi_minor_px * std::sin(t));
-          (end == 0 ? s.start : s.end) = arc.center + Eigen::Rotation2Dd(arc.angle_rad) * at;
-        }
-        f.segments.push_back(s);
-      }
-    }
+    AddChords(&f);
     evidence.push_back(BuildViewEvidence(f));
   }
   std::vector<KnownView> views;

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "server/vision/recognition/view_linking.h"
+#include "tests/support/circles.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {
@@ -133,6 +134,37 @@ TEST(FindViewHypotheses, OfASymmetricPartAmongLettersAreDistinctAndTheRightOneLe
                   ViewHypothesisOptions().distinct_px);
       }
     }
+  }
+}
+
+// No straight edge: arcs held against circles; what is off the axis tells the turn about it.
+TEST(FindViewHypotheses, ATurnedPartIsFoundFromItsCircles) {
+  const std::vector<CircleInSpace> on_top = {{{0.017, 0, 0.015}, {0, 0, 1}, 0.007},
+                                             {{0, 0.019, 0.015}, {0, 0, 1}, 0.005}};
+  const auto disc = PrepareObject(Disc(on_top)).value();
+  for (unsigned seed = 1; seed <= 5; ++seed) {
+    SCOPED_TRACE(seed);
+    std::mt19937 rng(seed);
+    std::uniform_real_distribution<double> u(-1, 1);
+    const Rigid3 pose = LookAt({0.22 * u(rng), -0.22, 0.2 + 0.05 * u(rng)}, {0, 0, 0.01});
+    ImageFeatures features;
+    features.width = kCamera.width;
+    features.height = kCamera.height;
+    std::vector<CircleInSpace> seen = on_top;
+    seen.push_back({{0, 0, 0.015}, {0, 0, 1}, 0.03});
+    for (const CircleInSpace& c : seen)
+      features.arcs.push_back(ImageOf(c, kCamera, pose, 0.3, &rng));
+    AddChords(&features);
+    const ViewEvidence view = BuildViewEvidence(features);
+    const auto found = FindViewHypotheses(
+        *disc, 0, view, 0, {}, CenteredCamera(640, 480, 1.1 * kCamera.focal_px), {}, {});
+    ASSERT_FALSE(found.best.empty());
+    const ViewHypothesis& first = found.best[0];
+    EXPECT_LT(ProjectionDistance(*disc, first.camera, first.camera_from_object, kCamera, pose, 1.0),
+              6.0);
+    features.arcs.clear();
+    const ViewEvidence without = BuildViewEvidence(features);
+    EXPECT_TRUE(FindViewHypotheses(*disc, 0, without, 0, {}, kCamera, {}, {}).pool.empty());
   }
 }
 
