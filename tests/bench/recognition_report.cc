@@ -26,29 +26,16 @@
 
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
-#include "db/catalog.h"
-#include "server/base/parallel_for.h"
 #include "server/pipeline/pipeline.h"
 #include "server/vision/recognition/key_index.h"
-#include "server/vision/recognition/prepared_blob.h"
 #include "server/vision/recognition/prepared_object.h"
 #include "server/vision/recognition/scene_model.h"
+#include "tests/bench/enrolled.h"
 #include "tests/diagnose/ground_truth.h"
 #include "tests/diagnose/object_report.h"
 
 namespace horopter {
 namespace {
-
-// Objects and where the index has their keys.
-struct Enrolled {
-  std::vector<std::shared_ptr<const PreparedObject>> objects;
-  std::vector<int> slots;
-
-  void Add(const Enrolled& other, size_t i) {
-    objects.push_back(other.objects[i]);
-    slots.push_back(other.slots[i]);
-  }
-};
 
 constexpr double kRightPx = 10.0;  // MSPD at 640 px image width, median over the views
 constexpr int kHalves = 3;
@@ -282,96 +269,6 @@ void RunTrial(const Bench& bench, const std::string& trial, const Enrolled& cata
               << static_cast<int>(result->route) << ", " << sums->cpu_seconds.back() << " s CPU "
               << result->detail << std::endl;
   }
-}
-
-absl::Status AddPrepared(const std::string& folder, Enrolled* catalog, TrueModels* models) {
-  const auto dataset = ReadBopDataset(folder);
-  if (!dataset.ok()) {
-    return dataset.status();
-  }
-  auto read = ReadTrueModels(*dataset);
-  if (!read.ok()) {
-    return read.status();
-  }
-  std::vector<ObjectModel> list;
-  for (const auto& [obj_id, model] : *read) {
-    list.push_back(model);
-  }
-  const size_t first = catalog->objects.size();
-  catalog->objects.resize(first + list.size());
-  std::vector<absl::Status> status(list.size());
-  ParallelFor(static_cast<int>(list.size()), 2, [&](int i) {
-    auto prepared = PrepareCatalogObject(std::move(list[i]));
-    status[i] = prepared.status();
-    if (prepared.ok()) {
-      catalog->objects[first + i] = *std::move(prepared);
-    }
-  });
-  for (const absl::Status& s : status) {
-    if (!s.ok()) {
-      return s;
-    }
-  }
-  for (size_t i = first; i < catalog->objects.size(); ++i) {
-    catalog->slots.push_back(static_cast<int>(i));
-  }
-  if (models != nullptr) {
-    *models = *std::move(read);
-  }
-  return absl::OkStatus();
-}
-
-constexpr int kPage = 500;  // objects read or written at once
-
-absl::Status AddKept(const std::string& file, Enrolled* catalog) {
-  const auto from = Catalog::Open(file);
-  if (!from.ok()) {
-    return from.status();
-  }
-  std::string last;
-  while (true) {
-    auto page = (*from)->LoadObjects(last, kPage);
-    if (!page.ok()) {
-      return page.status();
-    }
-    if (page->empty()) {
-      return absl::OkStatus();
-    }
-    last = page->back().model.id;
-    for (LoadedObject& object : *page) {
-      auto restored = RestorePrepared(std::move(object.model),
-                                      {object.derived.data, object.derived.keys});
-      if (!restored.ok()) {
-        return restored.status();
-      }
-      catalog->slots.push_back(static_cast<int>(catalog->objects.size()));
-      catalog->objects.push_back(*std::move(restored));
-    }
-  }
-}
-
-absl::Status Keep(const Enrolled& catalog, size_t first, const std::string& file) {
-  const auto to = Catalog::Open(file);
-  if (!to.ok()) {
-    return to.status();
-  }
-  std::vector<Catalog::NewObject> batch;
-  for (size_t i = first; i < catalog.objects.size(); ++i) {
-    const PreparedBytes bytes = EncodePrepared(*catalog.objects[i]);
-    Catalog::NewObject& object = batch.emplace_back();
-    object.record.model = catalog.objects[i]->model;
-    object.record.create_time = object.record.update_time = "2026-01-01T00:00:00Z";
-    object.derived = {kPreparedVersion, bytes.data, bytes.keys};
-    if (batch.size() < kPage && i + 1 < catalog.objects.size()) {
-      continue;
-    }
-    const absl::Status status = (*to)->CreateObjects(batch);
-    if (!status.ok()) {
-      return status;
-    }
-    batch.clear();
-  }
-  return absl::OkStatus();
 }
 
 void Print(const std::string& name, const Sums& sums) {

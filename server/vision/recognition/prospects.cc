@@ -23,7 +23,7 @@ CornerSearchOptions RankingSearch() {
   options.min_length_share = 0.4;
   options.near_best = 0.06f;
   options.turns = 6;
-  options.min_quick = 0.5f;
+  options.min_quick = 0.47f;
   options.settle.settled = 3;
   options.settle.kept = 1;
   return options;

@@ -27,10 +27,10 @@ std::vector<PooledPose> PosesInSpace(const PreparedObject& object,
 CornerSearchOptions RankingSearch();
 
 struct ProspectOptions {
-  int searched = 24;  // objects of the best promise; a catalog that is not larger is not ranked
-  int refined = 100;  // objects, best quick score first, of which poses are refined at all
-  int corners_asked = 60;  // in space, best shown first, that rank the objects
-  int circles_asked = 20;
+  int searched = 32;  // objects of the best promise; a catalog that is not larger is not ranked
+  int refined = 150;  // objects, best quick score first, of which poses are refined at all
+  int corners_asked = 80;  // in space, best shown first, that rank the objects
+  int circles_asked = 30;
   int table_paths_asked = 120;  // ... that rank the objects standing on the plane
   CornerSearchOptions corners = RankingSearch();
   int paths_asked = 24;  // of each image, best rank first, that rank the objects in single views
