@@ -261,7 +261,7 @@ void RunTrial(const Bench& bench, const std::string& trial, const Enrolled& cata
     for (const auto& [step, seconds] : steps.seconds) {
       std::cout << absl::StrFormat("  %s %.2f", step, seconds);
     }
-    std::cout << "\n";
+    std::cout << std::endl;
   }
   if (trial == "all" || !result->objects.empty()) {
     std::cout << bench.scene->scene_id << " " << trial << ": " << result->objects.size()
