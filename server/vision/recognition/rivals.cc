@@ -24,6 +24,7 @@ constexpr double kClearTexture = 3.5;
 // Lead in score that decides between two poses of one object, whatever they gain: gain prices
 // predicted edges that are not seen, and the pose that shows a pocket predicts more of them.
 constexpr double kClearLead = 0.01;
+constexpr double kSharpnessWeight = 0.2;  // score per unit of sharpness, between such poses
 constexpr double kHalfPi = 1.5707963267948966;
 
 // The turn about the object's centre.
@@ -77,11 +78,6 @@ std::optional<SceneModel> WithRival(const JointContext& context,
   return trial;
 }
 
-// Joint score, and what the texture on the faces adds to it.
-double Strength(const PlacedObject& p) {
-  return p.score + kTextureWeight * p.texture;
-}
-
 // Whether another object than the one in question loses its support.
 bool Harms(const SceneModel& scene, const SceneModel& trial, int place) {
   for (std::size_t k = 0; k < scene.objects.size(); ++k) {
@@ -91,18 +87,28 @@ bool Harms(const SceneModel& scene, const SceneModel& trial, int place) {
   return false;
 }
 
+// By how much score a rival leads what holds the place, less than 0: it does not. Sharpness tells
+// poses of one object apart, of different objects their gain must (Leads).
+double Lead(const PlacedObject& rival, const PlacedObject& held) {
+  double lead = rival.score - held.score;
+  if (rival.object == held.object)
+    lead += kSharpnessWeight * (rival.total.Sharpness() - held.total.Sharpness());
+  const double texture = rival.texture - held.texture;
+  if (std::abs(texture) > kClearTexture || rival.object != held.object)
+    lead += kTextureWeight * texture;
+  return lead;
+}
+
 // Whether the rival of one scene leads what holds the place in the other.
 bool Leads(const SceneModel& with_rival, const SceneModel& with_held, int place) {
   const PlacedObject &rival = with_rival.objects[place], &held = with_held.objects[place];
-  const bool gains = with_rival.gain > with_held.gain;
-  const double texture = rival.texture - held.texture;
-  if (std::abs(texture) > kClearTexture)
-    return Strength(rival) > Strength(held) && (gains || texture > 0.0);
   // A look-alike may show as many edges, but not as sharply.
-  if (rival.object != held.object)
-    return Strength(rival) > Strength(held) && gains && EvidenceOf(rival) > EvidenceOf(held);
-  const double lead = rival.score - held.score;
-  return lead > kClearLead || (lead > 0.0 && gains);
+  if (rival.object != held.object && EvidenceOf(rival) <= EvidenceOf(held)) return false;
+  const double lead = Lead(rival, held);
+  if (lead > 0.0 && with_rival.gain > with_held.gain) return true;
+  const double texture = rival.texture - held.texture;
+  if (std::abs(texture) > kClearTexture) return lead > 0.0 && texture > 0.0;
+  return rival.object == held.object && lead > kClearLead;
 }
 
 }  // namespace
@@ -194,8 +200,7 @@ std::vector<Rival> ContestObjects(const JointContext& context,
                                                      winner.scene_from_object)) {
         continue;
       }
-      const double lead = kTextureWeight * (placed.texture - winner.texture);
-      out.push_back({place, placed, placed.score + lead, trials[i]->gain});
+      out.push_back({place, placed, winner.score + Lead(placed, winner), trials[i]->gain});
     }
     if (best > 0) *scene = *std::move(trials[best]);
   }

@@ -24,8 +24,8 @@ std::vector<Rigid3> NearSymmetries(const PreparedObject& object, double misfit_d
 struct Rival {
   int accepted = -1;  // index into scene->objects
   PlacedObject placed;
-  // Joint score with cameras and the other objects refined to this rival, more or less by what its
-  // faces' texture says for it and not for the winner.
+  // Joint score with cameras and the other objects refined to this rival, more or less by what
+  // sharpness and the texture on its faces say for it and not for the winner.
   double score = 0.0;
   double gain = 0.0;  // of the whole scene then
 };

@@ -205,6 +205,32 @@ TEST(ReconstructViews, SurvivesFortyPercentWrongJunctionMatches) {
   }
 }
 
+// The plane's matches of one view are rubbish; few of its observations agree with the rest.
+TEST(ReconstructViews, AViewWithWrongPlaneMatchesStaysWithinItsDeviation) {
+  constexpr int kBad = 2;
+  for (unsigned seed = 1; seed <= 6; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    SyntheticSceneOptions options;
+    options.seed = seed;
+    const SyntheticScene scene = MakeSyntheticScene(options);
+    SyntheticMatches matches = MatchSyntheticScene(scene, {seed, 0.3, 0.0});
+    std::mt19937 rng(seed);
+    std::uniform_real_distribution<double> off(-40.0, 40.0);
+    for (PlaneHomography& plane : matches.matching.planes) {
+      for (auto [view, points] :
+           {std::pair(plane.view_a, &plane.inliers_a), std::pair(plane.view_b, &plane.inliers_b)}) {
+        if (view != kBad) continue;
+        for (Eigen::Vector2d& p : *points) p += Eigen::Vector2d(off(rng), off(rng));
+      }
+    }
+    const Reconstruction r = Reconstruct(scene, matches);
+    ExpectFinite(r);
+    ASSERT_TRUE(r.views[kBad].has_value());
+    const double error = std::log(r.views[kBad]->camera.focal_px / scene.cameras[kBad].focal_px);
+    EXPECT_LT(std::abs(error), 3.0 * r.views[kBad]->focal_log_sigma);
+  }
+}
+
 TEST(ReconstructViews, PlanarSceneIsNotTrusted) {
   SyntheticSceneOptions options;
   options.off_plane_points = 0;
