@@ -75,8 +75,10 @@ int Serve(const Flags& flags, const sigset_t& signals) {
   options.threads = flags.threads_per_request;
   const Recognizer recognizer = [options](const SceneRequest& request,
                                           const CatalogSnapshot& snapshot,
-                                          const StopRequested& stop) {
-    return RecognizeScene(request, snapshot, options, stop);
+                                          const CallLimits& limits) {
+    PipelineOptions of_call = options;
+    of_call.recognition.hurry = limits.hurry;
+    return RecognizeScene(request, snapshot, of_call, limits.stop);
   };
   absl::StatusOr<std::unique_ptr<HoropterServer>> server =
       HoropterServer::Start(*std::move(catalog), CatalogPreparer(), recognizer, flags.server);

@@ -140,7 +140,7 @@ grpc::ServerUnaryReactor* CatalogService::ListLookAlikes(grpc::CallbackServerCon
         HOROPTER_ASSIGN_OR_RETURN(const std::vector<int> candidates,
                                   store_.LookAlikeCandidates(*published, id, kMostCompared));
         for (const int i : candidates) {
-          if (IsStopRequested(info.stop)) return absl::CancelledError("stopped");
+          if (IsStopRequested(info.limits.stop)) return absl::CancelledError("stopped");
           response->set_compared(response->compared() + 1);
           HOROPTER_ASSIGN_OR_RETURN(const auto object, ObjectAt(published->snapshot, i));
           const ObjectModel& other = store_.ModelOf(*object);
@@ -184,7 +184,7 @@ grpc::ServerUnaryReactor* CatalogService::VerifyCatalog(grpc::CallbackServerCont
           stored.clear();
           response->set_objects(0);
           HOROPTER_RETURN_IF_ERROR(
-              ForEachObject(store_.catalog(), info.stop, [&](const ObjectSummary& summary) {
+              ForEachObject(store_.catalog(), info.limits.stop, [&](const ObjectSummary& summary) {
                 stored.insert(summary.record.model.id);
                 response->set_objects(response->objects() + 1);
                 return absl::OkStatus();
@@ -195,7 +195,7 @@ grpc::ServerUnaryReactor* CatalogService::VerifyCatalog(grpc::CallbackServerCont
         }
         for (const std::string& id : stored) {
           if (published.count(id) == 0) report(id, "stored, but recognition does not use it");
-          if (IsStopRequested(info.stop)) return absl::CancelledError("stopped");
+          if (IsStopRequested(info.limits.stop)) return absl::CancelledError("stopped");
           const absl::Status derived = store_.CheckDerived(id, recompute);
           if (!derived.ok() && !absl::IsNotFound(derived)) {  // removed meanwhile
             report(id, std::string(derived.message()));

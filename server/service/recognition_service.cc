@@ -63,13 +63,13 @@ grpc::ServerUnaryReactor* RecognitionService::RecognizeScene(
         const auto start = std::chrono::steady_clock::now();
         const std::shared_ptr<const PublishedCatalog> published = store_.Published();
         HOROPTER_ASSIGN_OR_RETURN(const SceneRequest scene,
-                                  SceneRequestFromProto(*request, limits_, call.stop));
+                                  SceneRequestFromProto(*request, limits_, call.limits.stop));
         HOROPTER_RETURN_IF_ERROR(CheckIds(*request, scene, *published));
         StageReport decode = DecodeReport(start, scene);
 
         HOROPTER_ASSIGN_OR_RETURN(PipelineResult result,
-                                  recognizer_(scene, published->snapshot, call.stop));
-        if (call.stop()) return absl::CancelledError("stopped");
+                                  recognizer_(scene, published->snapshot, call.limits));
+        if (call.limits.stop()) return absl::CancelledError("stopped");
         result.answer.stages.insert(result.answer.stages.begin(), std::move(decode));
         SceneAnswerToProto(result.answer, scene, response);
         response->set_request_id(call.request_id);

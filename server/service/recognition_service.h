@@ -5,7 +5,7 @@
 
 #include "absl/status/statusor.h"
 #include "horopter/v1/recognition.grpc.pb.h"
-#include "server/base/stop_token.h"
+#include "server/base/call_limits.h"
 #include "server/pipeline/pipeline.h"
 #include "server/service/catalog_store.h"
 #include "server/service/image_decode.h"
@@ -15,7 +15,7 @@ namespace horopter {
 
 // The pipeline with its options bound; tests put a stand-in here.
 using Recognizer = std::function<absl::StatusOr<PipelineResult>(
-    const SceneRequest&, const CatalogSnapshot&, const StopRequested&)>;
+    const SceneRequest&, const CatalogSnapshot&, const CallLimits&)>;
 
 // Thread-safe. The store and the pool must outlive the service's last call.
 class RecognitionService final : public v1::RecognitionService::CallbackService {

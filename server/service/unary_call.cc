@@ -28,9 +28,10 @@ std::string NextRequestId() {
 // Outlives the reactor, so that a stop token may as well.
 struct CallState {
   std::atomic<bool> cancelled{false};
-  std::chrono::system_clock::time_point deadline;
+  std::chrono::system_clock::time_point deadline, hurry;
 
   bool DeadlinePassed() const { return std::chrono::system_clock::now() >= deadline; }
+  bool InHurry() const { return std::chrono::system_clock::now() >= hurry; }
 };
 
 // Deletes itself when gRPC is done with it.
@@ -43,7 +44,16 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
         start_(Clock::now()) {
     state_->deadline = context->deadline();
     info_.request_id = NextRequestId();
-    info_.stop = [state = state_] { return state->cancelled.load() || state->DeadlinePassed(); };
+    const auto now = std::chrono::system_clock::now();
+    const std::chrono::duration<double> allowed = state_->deadline - now;
+    state_->hurry = state_->deadline == std::chrono::system_clock::time_point::max()
+                        ? state_->deadline
+                        : now + std::chrono::duration_cast<std::chrono::system_clock::duration>(
+                                    kUnhurriedShare * allowed);
+    info_.limits.stop = [state = state_] {
+      return state->cancelled.load() || state->DeadlinePassed();
+    };
+    info_.limits.hurry = [state = state_] { return state->InHurry(); };
     context->AddInitialMetadata(kRequestIdKey, info_.request_id);
   }
 
@@ -69,7 +79,7 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
   void OnDone() override { delete this; }
 
   absl::Status Handle(const CallHandler& handler) {
-    if (info_.stop()) return StopReason();
+    if (info_.limits.stop()) return StopReason();
     try {
       absl::Status status = handler(info_);
       return absl::IsCancelled(status) ? StopReason() : status;

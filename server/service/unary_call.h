@@ -9,15 +9,20 @@
 #include <string>
 
 #include "absl/status/status.h"
-#include "server/base/stop_token.h"
+#include "server/base/call_limits.h"
 #include "server/service/worker_pool.h"
 
 namespace horopter {
 
+// Share of the time from a call's arrival to its deadline after which it is in a hurry: a third
+// round of search, the rivals and the adjustment take about as long as what came before them.
+inline constexpr double kUnhurriedShare = 0.6;
+
 struct CallInfo {
   std::string request_id;
-  StopRequested
-      stop;  // true once the client cancelled or its deadline passed; usable after the call as well
+  // stop: true once the client cancelled or its deadline passed; hurry: once kUnhurriedShare of the
+  // time is gone, never without a deadline. Usable after the call as well.
+  CallLimits limits;
 };
 
 // The handler fills the response and returns its status. It runs on a pool thread, or not at all: a

@@ -2,12 +2,14 @@
 // wrong, and what each answered object rests on. The stages before recognition run once a scene.
 //
 //   recognition_report DATASET SPLIT [--scenes 1,2] [--trials all,none,one,half]
-//                      [--distractors FOLDER] [--csv FILE] [--routes table,views,metric,projective]
-//                      [--steps]
+//                      [--distractors PATH] [--keep FILE.db] [--csv FILE]
+//                      [--routes table,views,metric,projective] [--steps]
 //     --trials   all: every part enrolled; none: none of the scene's; one: each of the scene's left
 //                out in turn; half: three random halves of `none`
 //     --routes   that may find a scene's first part; default: all of them
-//     --distractors FOLDER   objects of another dataset stand in every catalog (synthetic_parts)
+//     --distractors PATH   objects of another dataset (synthetic_parts), or of a catalog file that
+//                --keep wrote, stand in every catalog
+//     --keep     writes the distractors into a new catalog file: preparing 1,000 takes minutes
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
@@ -25,22 +27,22 @@
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
 #include "server/pipeline/pipeline.h"
+#include "server/vision/recognition/key_index.h"
 #include "server/vision/recognition/prepared_object.h"
 #include "server/vision/recognition/scene_model.h"
+#include "tests/bench/enrolled.h"
 #include "tests/diagnose/ground_truth.h"
 #include "tests/diagnose/object_report.h"
 
 namespace horopter {
 namespace {
 
-using Catalog = std::vector<std::shared_ptr<const PreparedObject>>;
-
 constexpr double kRightPx = 10.0;  // MSPD at 640 px image width, median over the views
 constexpr int kHalves = 3;
 constexpr double kPartVisible = 0.1;  // a target is seen to this in two views at least
 
 struct Arguments {
-  std::string dataset, split, distractors, csv;
+  std::string dataset, split, distractors, keep, csv;
   std::vector<int> scenes;
   std::set<std::string> trials = {"all", "none"};
   std::set<std::string> routes = {"table", "views", "metric", "projective"};
@@ -105,6 +107,7 @@ struct Bench {
   const BopScene* scene = nullptr;
   const TrueModels* models = nullptr;
   const FrontEnd* front = nullptr;
+  const KeyIndexSnapshot* keys = nullptr;
   RecognitionOptions options;
   bool steps = false;
   std::ostream* csv = nullptr;
@@ -149,7 +152,8 @@ bool IsTarget(const BopScene& scene, int instance) {
   return seen >= 2;
 }
 
-void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objects, Sums* sums) {
+void RunTrial(const Bench& bench, const std::string& trial, const Enrolled& catalog, Sums* sums) {
+  const auto& objects = catalog.objects;
   const FrontEnd& front = *bench.front;
   RecognitionInput input;
   input.images = front.images;
@@ -157,6 +161,8 @@ void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objec
   input.matching = &front.matching;
   input.reconstruction = &front.reconstruction;
   input.objects = objects;
+  input.keys = bench.keys;
+  input.slots = catalog.slots;
   const std::clock_t start = std::clock();
   StepTimes steps;
   const auto result =
@@ -255,7 +261,7 @@ void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objec
     for (const auto& [step, seconds] : steps.seconds) {
       std::cout << absl::StrFormat("  %s %.2f", step, seconds);
     }
-    std::cout << "\n";
+    std::cout << std::endl;
   }
   if (trial == "all" || !result->objects.empty()) {
     std::cout << bench.scene->scene_id << " " << trial << ": " << result->objects.size()
@@ -263,29 +269,6 @@ void RunTrial(const Bench& bench, const std::string& trial, const Catalog& objec
               << static_cast<int>(result->route) << ", " << sums->cpu_seconds.back() << " s CPU "
               << result->detail << std::endl;
   }
-}
-
-absl::StatusOr<Catalog> Prepare(const std::string& folder, TrueModels* models) {
-  const auto dataset = ReadBopDataset(folder);
-  if (!dataset.ok()) {
-    return dataset.status();
-  }
-  auto read = ReadTrueModels(*dataset);
-  if (!read.ok()) {
-    return read.status();
-  }
-  Catalog catalog;
-  for (const auto& [obj_id, model] : *read) {
-    auto prepared = PrepareCatalogObject(model);
-    if (!prepared.ok()) {
-      return prepared.status();
-    }
-    catalog.push_back(*std::move(prepared));
-  }
-  if (models != nullptr) {
-    *models = *std::move(read);
-  }
-  return catalog;
 }
 
 void Print(const std::string& name, const Sums& sums) {
@@ -315,18 +298,29 @@ RecognitionOptions OptionsOf(const Arguments& arguments) {
 
 absl::Status Run(const Arguments& arguments) {
   TrueModels models;
-  auto own = Prepare(arguments.dataset, &models);
-  if (!own.ok()) {
-    return own.status();
+  Enrolled all;
+  absl::Status status = AddPrepared(arguments.dataset, &all, &models);
+  const size_t own = all.objects.size();
+  if (status.ok() && !arguments.distractors.empty()) {
+    status = arguments.distractors.ends_with(".db")
+                 ? AddKept(arguments.distractors, &all)
+                 : AddPrepared(arguments.distractors, &all, nullptr);
   }
-  Catalog distractors;
-  if (!arguments.distractors.empty()) {
-    auto others = Prepare(arguments.distractors, nullptr);
-    if (!others.ok()) {
-      return others.status();
-    }
-    distractors = *std::move(others);
+  if (status.ok() && !arguments.keep.empty()) {
+    status = Keep(all, own, arguments.keep);
   }
+  if (!status.ok()) {
+    return status;
+  }
+  std::vector<const ObjectKeys*> keys;
+  for (const auto& o : all.objects) {
+    keys.push_back(&o->keys);
+  }
+  auto index = KeyIndex::Build(keys, 0, 2);
+  if (!index.ok()) {
+    return index.status();
+  }
+  const KeyIndexSnapshot snapshot = index->Snapshot();
   std::vector<int> ids = arguments.scenes;
   if (ids.empty()) {
     auto listed = ListBopScenes(arguments.dataset, arguments.split);
@@ -354,21 +348,24 @@ absl::Status Run(const Arguments& arguments) {
     const Bench bench{&*scene,
                       &models,
                       &*front,
+                      &snapshot,
                       OptionsOf(arguments),
                       arguments.steps,
                       csv.is_open() ? &csv : nullptr};
-    Catalog all = *own, none;
     std::set<std::string> present;
     for (const BopInstance& i : scene->images[0].instances) {
       present.insert(BopObjectName(i.obj_id));
     }
-    for (const auto& o : *own) {
-      if (present.count(o->model.id) == 0) {
-        none.push_back(o);
+    const auto without = [&](const std::set<std::string>& left_out) {
+      Enrolled rest;
+      for (size_t i = 0; i < all.objects.size(); ++i) {
+        if (left_out.count(all.objects[i]->model.id) == 0) {
+          rest.Add(all, i);
+        }
       }
-    }
-    all.insert(all.end(), distractors.begin(), distractors.end());
-    none.insert(none.end(), distractors.begin(), distractors.end());
+      return rest;
+    };
+    const Enrolled none = without(present);
     const auto wanted = [&](const char* trial) { return arguments.trials.count(trial) > 0; };
     if (wanted("all")) {
       RunTrial(bench, "all", all, &sums["all " + scene->tier]);
@@ -377,17 +374,17 @@ absl::Status Run(const Arguments& arguments) {
       RunTrial(bench, "none", none, &sums["none " + scene->tier]);
     }
     for (const std::string& left_out : wanted("one") ? present : std::set<std::string>{}) {
-      Catalog others;
-      std::copy_if(all.begin(), all.end(), std::back_inserter(others), [&](const auto& o) {
-        return o->model.id != left_out;
-      });
-      RunTrial(bench, "one", others, &sums["one " + scene->tier]);
+      RunTrial(bench, "one", without({left_out}), &sums["one " + scene->tier]);
     }
     std::mt19937 rng(id);
     for (int i = 0; i < (wanted("half") ? kHalves : 0); ++i) {
-      Catalog half = none;
-      std::shuffle(half.begin(), half.end(), rng);
-      half.resize(half.size() / 2);
+      std::vector<size_t> order(none.objects.size());
+      std::iota(order.begin(), order.end(), 0);
+      std::shuffle(order.begin(), order.end(), rng);
+      Enrolled half;
+      for (size_t k = 0; k < order.size() / 2; ++k) {
+        half.Add(none, order[k]);
+      }
       RunTrial(bench, "half", half, &sums["half " + scene->tier]);
     }
   }
@@ -407,6 +404,7 @@ int main(int argc, char** argv) {
   app.add_option("SPLIT", arguments.split, "Split, e.g. val")->required();
   app.add_option("--scenes", arguments.scenes, "Only these, e.g. 1,2")->delimiter(',');
   app.add_option("--distractors", arguments.distractors, "Dataset whose objects are enrolled too");
+  app.add_option("--keep", arguments.keep, "Catalog file that is made of the distractors");
   app.add_option("--csv", arguments.csv, "One line per answered object");
   app.add_option("--trials", arguments.trials, "Of all, none, one, half; default all,none")
       ->delimiter(',')

@@ -69,7 +69,7 @@ struct PrintedBoxScene {
       images.push_back(Render(looks, camera, camera_from_scene, looks.seed + v));
     }
     context.objects = objects;
-    context.images = images;
+    context.surface_images = MakeSurfaceImages(images, 1);
     scene.plane = ScenePlane{Eigen::Vector3d::UnitZ(), 0.0};
     scene.objects.resize(1);
     scene.objects[0].object = 0;

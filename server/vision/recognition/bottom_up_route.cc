@@ -21,6 +21,7 @@ namespace horopter {
 namespace {
 
 constexpr int kMinEdgeViews = 2;
+constexpr double kFewObjects = 40.0;  // in a catalog for which the options are meant
 // Of a camera that a collineation gives, before the images refine it.
 constexpr double kMaxSkew = 0.35;  // of the focal length; also of the aspect's logarithm
 constexpr double kMinFocalWidths = 0.3, kMaxFocalWidths = 8.0;
@@ -227,8 +228,14 @@ std::vector<SceneModel> MetricSeeds(const JointContext& context,
   corners.same_point_m = options.corner_share * ViewingDistance(reconstruction, views);
   const auto found = StructureOfCorners(views, FindSpaceCorners(views, corners), options.structure);
   if (!found.ok()) return {};
-  const auto hypotheses = MetricHypotheses(
-      found->structure, catalog.index, catalog.objects, options.metric, context.stop);
+  // Among many objects more fit by chance: as many again with every doubling.
+  const double doublings = std::log2(static_cast<double>(catalog.objects.size()) / kFewObjects);
+  const int share = 1 + static_cast<int>(std::max(0.0, doublings));
+  MetricRouteOptions metric = options.metric;
+  metric.route.judged_modes *= share;
+  metric.route.kept *= share;
+  const auto hypotheses =
+      MetricHypotheses(found->structure, catalog.index, catalog.objects, metric, context.give_up);
   if (!hypotheses.ok()) return {};
   const Eigen::Matrix4d world_from_structure = found->structure_from_scene.inverse();
   std::vector<Proposal> proposals;
@@ -243,16 +250,17 @@ std::vector<SceneModel> MetricSeeds(const JointContext& context,
                         options.min_quick);
     if (p.quick >= options.min_quick) proposals.push_back(p);
   }
-  KeepBest(&proposals, options.refined, [](const Proposal& p) { return p.quick; });
+  KeepBest(&proposals, share * options.refined, [](const Proposal& p) { return p.quick; });
   std::vector<ScaledSeed> seeds(proposals.size());
   ParallelFor(static_cast<int>(proposals.size()), context.options.threads, [&](int i) {
-    if (IsStopRequested(context.stop)) return;
+    if (IsStopRequested(context.give_up)) return;
     const Proposal& p = proposals[i];
     auto scene =
         RefinedSeed(context, reconstruction, p.units_per_metre, p.object, p.world_from_object);
     if (scene) seeds[i] = {*std::move(scene), p.units_per_metre};
   });
-  return BestScales(std::move(seeds), options.max_scales);
+  if (IsStopRequested(context.give_up)) return {};  // a part of them may lack the right ones
+  return BestScales(std::move(seeds), options.max_scales, context.objects.size());
 }
 
 std::vector<SceneModel> ProjectiveSeeds(const JointContext& context,
@@ -266,22 +274,23 @@ std::vector<SceneModel> ProjectiveSeeds(const JointContext& context,
       TracksOfMatches(*context.matching, MatchedPairs::kAll, features, sizes);
   if (matched.tracks.points == 0) return {};
   // What cannot be had is no error: this route then has nothing to say.
-  const auto scene = ReconstructProjective(matched.tracks, {}, context.stop);
+  const auto scene = ReconstructProjective(matched.tracks, {}, context.give_up);
   if (!scene.ok() || scene->outcome != ProjectiveOutcome::kReconstructed) return {};
   const auto structure =
       ProjectiveStructure(matched.tracks, scene->scene, TrackEdges(matched.points, features));
   if (!structure.ok()) return {};
   const auto found = ProjectiveHypotheses(
-      *structure, catalog.index, catalog.objects, options.projective, context.stop);
+      *structure, catalog.index, catalog.objects, options.projective, context.give_up);
   if (!found.ok()) return {};
   std::vector<StructureHypothesis> hypotheses = found->hypotheses;
   std::erase_if(hypotheses, [&](const auto& h) { return h.log_odds < options.min_log_odds; });
   KeepBest(&hypotheses, options.refined, [](const auto& h) { return h.log_odds; });
   std::vector<SceneModel> scenes(hypotheses.size());
   ParallelFor(static_cast<int>(hypotheses.size()), context.options.threads, [&](int i) {
-    if (IsStopRequested(context.stop)) return;
+    if (IsStopRequested(context.give_up)) return;
     scenes[i] = SceneOfCollineation(context, *structure, hypotheses[i], options);
   });
+  if (IsStopRequested(context.give_up)) return {};
   std::erase_if(scenes, [](const SceneModel& s) { return s.objects.empty(); });
   KeepBest(&scenes, scenes.size(), [](const SceneModel& s) { return s.gain; });
   return scenes;

@@ -19,6 +19,20 @@ Eigen::Matrix3d BisectorFrame(const Eigen::Vector3d& u, const Eigen::Vector3d& v
   return frame;
 }
 
+// Adds a pose that scores well enough. best: of those before.
+void Offer(const PreparedObject& object,
+           std::span<const KnownView> views,
+           const Rigid3& pose,
+           const CornerSearchOptions& options,
+           double* best,
+           PosePool* pool) {
+  const double floor = std::max(pool->floor(), *best - options.near_best);
+  const double quick = MeanQuick(object, views, 1.0, pose, options.quick_reach_px, floor);
+  if (quick < floor) return;
+  *best = std::max(*best, quick);
+  pool->Add({pose, 1.0, quick, 1.0});
+}
+
 }  // namespace
 
 Rigid3 PoseFromCorner(const Eigen::Vector3d& vertex,
@@ -38,12 +52,14 @@ std::vector<PooledPose> PosesFromCorners(const PreparedObject& object,
                                          std::span<const SpaceCorner> corners,
                                          const CornerSearchOptions& options) {
   PosePool pool(options.min_quick);
+  double best = 0.0;
   struct ModelCorner {
     Eigen::Vector3d vertex, u, v;
     double length_u, length_v, angle;
   };
   std::vector<ModelCorner> model;
-  for (const VertexPath& path : object.paths) {
+  for (const int index : object.distinct_paths) {
+    const VertexPath& path = object.paths[index];
     const Eigen::Vector3d& b = object.model.vertices[path.b];
     const Eigen::Vector3d u = (object.model.vertices[path.a] - b).normalized();
     const Eigen::Vector3d v = (object.model.vertices[path.c] - b).normalized();
@@ -53,6 +69,9 @@ std::vector<PooledPose> PosesFromCorners(const PreparedObject& object,
   const auto fits = [&](double seen, double length) {
     return seen <= (1.0 + options.length_share) * length + options.length_slack_m &&
            seen >= options.min_length_share * length;
+  };
+  const auto complete = [&](double seen, double length) {
+    return seen >= (1.0 - options.length_share) * length - options.length_slack_m;
   };
   for (const SpaceCorner& corner : corners) {
     for (std::size_t i = 0; i < corner.edges.size(); ++i) {
@@ -64,11 +83,13 @@ std::vector<PooledPose> PosesFromCorners(const PreparedObject& object,
           for (const bool swapped : {false, true}) {
             const SpaceCorner::Edge &at_u = swapped ? q : p, &at_v = swapped ? p : q;
             if (!fits(at_u.length_m, m.length_u) || !fits(at_v.length_m, m.length_v)) continue;
+            if (options.one_complete && !complete(at_u.length_m, m.length_u) &&
+                !complete(at_v.length_m, m.length_v)) {
+              continue;
+            }
             const Rigid3 pose =
                 PoseFromCorner(m.vertex, m.u, m.v, corner.point, at_u.direction, at_v.direction);
-            const double quick =
-                MeanQuick(object, views, 1.0, pose, options.quick_reach_px, pool.floor());
-            if (quick >= pool.floor()) pool.Add({pose, 1.0, quick, 1.0});
+            Offer(object, views, pose, options, &best, &pool);
           }
         }
       }
@@ -82,6 +103,7 @@ std::vector<PooledPose> PosesFromCircles(const PreparedObject& object,
                                          std::span<const SpaceCircle> circles,
                                          const CornerSearchOptions& options) {
   PosePool pool(options.min_quick);
+  double best = 0.0;
   for (const ModelCircle& model : CirclesOf(object.model)) {
     for (const SpaceCircle& circle : circles) {
       if (std::abs(std::log(circle.radius_m / model.radius_m)) > options.radius_log) continue;
@@ -91,9 +113,7 @@ std::vector<PooledPose> PosesFromCircles(const PreparedObject& object,
                                              circle.center,
                                              sign * circle.normal,
                                              2.0 * std::numbers::pi * turn / options.turns);
-          const double quick =
-              MeanQuick(object, views, 1.0, pose, options.quick_reach_px, pool.floor());
-          if (quick >= pool.floor()) pool.Add({pose, 1.0, quick, 1.0});
+          Offer(object, views, pose, options, &best, &pool);
         }
       }
     }

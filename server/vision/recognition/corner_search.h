@@ -17,10 +17,12 @@ struct CornerSearchOptions {
   double length_share = 0.06;     // an edge may look so much longer than it is, and
   double length_slack_m = 0.002;  // ... so much
   double min_length_share = 0.2;  // of the model edge that is seen at least
+  bool one_complete = false;      // one of a corner's two edges is seen in its whole length
   double radius_log = 0.06;       // difference of a circle's radius from the model's
   int turns = 24;                 // about a circle's axis that are tried
   float quick_reach_px = 7.0f;    // working pixels
   float min_quick = 0.42f;        // mean over the views
+  float near_best = 1.0f;         // poses that score so much less than the best are not kept
   SettleOptions settle{.settled = 12, .kept = 4};
 };
 

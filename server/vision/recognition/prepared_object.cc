@@ -2,7 +2,10 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <numeric>
+#include <set>
 #include <utility>
 
 #include "server/base/status_macros.h"
@@ -15,6 +18,7 @@ namespace {
 constexpr int kAspectPixels = 160;
 // A point this far behind the nearest surface (share of the diameter) is hidden.
 constexpr double kHiddenTolerance = 0.012;
+constexpr double kSameVertex = 1e-3;  // diameters
 
 struct CubeCell {
   int face;
@@ -132,6 +136,55 @@ void FindPaths(const PrepareOptions& options, PreparedObject* object) {
   }
 }
 
+// Finds the vertex at a point without a look at all of them.
+class VertexFinder {
+ public:
+  explicit VertexFinder(const ObjectModel& model)
+      : model_(model), reach_(kSameVertex * model.diameter_m), by_x_(model.vertices.size()) {
+    std::iota(by_x_.begin(), by_x_.end(), 0);
+    std::sort(by_x_.begin(), by_x_.end(), [&](int i, int k) {
+      return model.vertices[i].x() < model.vertices[k].x();
+    });
+  }
+  // -1 where there is none.
+  int At(const Eigen::Vector3d& point) const {
+    auto it =
+        std::lower_bound(by_x_.begin(), by_x_.end(), point.x() - reach_, [&](int i, double x) {
+          return model_.vertices[i].x() < x;
+        });
+    for (; it != by_x_.end() && model_.vertices[*it].x() <= point.x() + reach_; ++it) {
+      if ((model_.vertices[*it] - point).norm() < reach_) return *it;
+    }
+    return -1;
+  }
+
+ private:
+  const ObjectModel& model_;
+  double reach_;
+  std::vector<int> by_x_;
+};
+
+void FindDistinctPaths(PreparedObject* object) {
+  const ObjectModel& model = object->model;
+  const VertexFinder finder(model);
+  std::vector<std::vector<int>> images;  // of the vertices, per symmetry
+  for (const Rigid3& s : model.symmetries) {
+    images.emplace_back();
+    for (const Eigen::Vector3d& v : model.vertices) images.back().push_back(finder.At(s * v));
+  }
+  std::set<std::array<int, 3>> seen;
+  for (int i = 0; i < static_cast<int>(object->paths.size()); ++i) {
+    const VertexPath& path = object->paths[i];
+    if (seen.count({path.a, path.b, path.c}) > 0) continue;
+    object->distinct_paths.push_back(i);
+    for (const std::vector<int>& image : images) {
+      const int a = image[path.a], b = image[path.b], c = image[path.c];
+      seen.insert({a, b, c});
+      seen.insert({c, b, a});
+    }
+  }
+}
+
 }  // namespace
 
 int AspectIndex(const Eigen::Vector3f& direction) {
@@ -187,6 +240,7 @@ absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
   SampleEdges(options, object.get());
   object->words = static_cast<int>((object->samples.size() + 63) / 64);
   FindPaths(options, object.get());
+  FindDistinctPaths(object.get());
   return object;
 }
 

@@ -74,6 +74,9 @@ struct PreparedObject {
   std::vector<std::uint8_t> edge_visible;  // kAspectCount * edges, visible share of the edge * 255
 
   std::vector<VertexPath> paths;
+  // Indices of the paths that no symmetry takes onto an earlier one, in either direction: the
+  // others lead to the same poses again.
+  std::vector<int> distinct_paths;
   std::vector<StablePose> stable_poses;
   Occupancy occupancy;
   ObjectKeys keys;  // for the catalog's index

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -9,6 +10,7 @@
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/bottom_up_route.h"
 #include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/prospects.h"
 #include "server/vision/recognition/rig_seeds.h"
 #include "server/vision/recognition/rivals.h"
 #include "server/vision/recognition/scene_growth.h"
@@ -40,9 +42,11 @@ JointContext MakeContext(const RecognitionInput& input,
   BeginStep(context, "edge_maps");
   context.objects = input.objects;
   context.matching = input.matching;
-  context.images = input.images;
   context.options = options;
   context.stop = stop;
+  context.give_up = [stop, hurry = options.hurry] {
+    return IsStopRequested(stop) || IsStopRequested(hurry);
+  };
   const int views = static_cast<int>(input.features.size());
   context.views.resize(views);
   context.hypotheses.assign(views, std::vector<ViewHypotheses>(input.objects.size()));
@@ -90,9 +94,10 @@ void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
                               context->views[v].maps.working_from_image,
                               options.max_paths);
   }
+  const std::vector<bool> promising = PromisingInViews(*context, paths, wanted_objects, {});
   ParallelFor(views * objects, context->options.threads, [&](int i) {
     const int v = i / objects, k = i % objects;
-    if (!wanted_views[v] || !wanted_objects[k]) return;
+    if (!wanted_views[v] || !promising[k]) return;
     ViewHypothesisOptions of_view = options;
     of_view.focal_log_sigma = context->focal_log_sigma[v];
     context->hypotheses[v][k] = FindViewHypotheses(*context->objects[k],
@@ -102,7 +107,7 @@ void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
                                                    paths[v],
                                                    context->start_cameras[v],
                                                    of_view,
-                                                   context->stop);
+                                                   context->give_up);
   });
 }
 
@@ -131,17 +136,24 @@ struct FoundScene {
   RecognitionRoute route = RecognitionRoute::kNone;
 };
 
-// Expands scenes that differ in scale; the one that explains most.
+// Expands scenes that differ in scale; the one that chance explains least. (What is explained says
+// less: among many objects some fit at any scale.)
 SceneModel BestScale(const JointContext& context,
                      const std::vector<SceneModel>& seeds,
                      std::vector<PlacedObject>* verified) {
   SceneModel best;
+  double best_odds = -std::numeric_limits<double>::infinity();
   for (const SceneModel& seed : seeds) {
     if (IsStopRequested(context.stop)) return {};
-    if (!best.objects.empty() && seed.gain < kRivalScaleGain * best.gain) break;
+    if (!best.objects.empty() &&
+        (seed.gain < kRivalScaleGain * best.gain || IsStopRequested(context.give_up))) {
+      break;
+    }
     std::vector<PlacedObject> placements;
     SceneModel scene = ExpandScene(context, seed, true, &placements);
-    if (scene.gain <= best.gain) continue;
+    const double odds = SceneLogOdds(context, scene, RunnersUp(context, scene, placements));
+    if (scene.objects.empty() || odds <= best_odds) continue;
+    best_odds = odds;
     best = std::move(scene);
     *verified = std::move(placements);
   }
@@ -197,8 +209,10 @@ SceneModel BestExpansion(const JointContext& context, const std::vector<SceneMod
 }
 
 // Whether the routes that ask the structure have a say: nothing was found, or what chance explains.
-bool IsOpen(const JointContext& context, const SceneModel& scene) {
-  return scene.objects.empty() || !ReasonToDoubt(context, scene).empty();
+bool IsOpen(const JointContext& context, const FoundScene& found) {
+  return found.scene.objects.empty() ||
+         !ReasonToDoubt(context, found.scene, RunnersUp(context, found.scene, found.verified))
+              .empty();
 }
 
 FoundScene Grow(const JointContext& context,
@@ -217,27 +231,19 @@ FoundScene Grow(const JointContext& context,
 // Keeps the scene that nothing speaks against, of two such or neither the one that explains more.
 void TakeIfBetter(const JointContext& context, FoundScene other, FoundScene* best) {
   if (other.scene.objects.empty()) return;
-  const bool open = IsOpen(context, other.scene), was_open = IsOpen(context, best->scene);
+  const bool open = IsOpen(context, other), was_open = IsOpen(context, *best);
   if (open == was_open ? other.scene.gain > best->scene.gain : !open) *best = std::move(other);
 }
 
-// What the metric or the projective route finds before the caller stops it or time runs short.
+// What the metric or the projective route finds.
 absl::StatusOr<FoundScene> BottomUp(const RecognitionInput& input,
-                                    const JointContext& context,
+                                    JointContext* context,
                                     RecognitionRoute route) {
-  JointContext own = context;
-  own.stop = [&context] {
-    return IsStopRequested(context.stop) || IsStopRequested(context.options.hurry);
-  };
-  if (IsStopRequested(own.stop)) return FoundScene();
   HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog,
                             MakeRouteCatalog(input.objects, input.keys, input.slots));
-  FoundScene found =
-      route == RecognitionRoute::kMetric
-          ? InKnownCameras(&own, MetricSeeds(own, *input.reconstruction, catalog), route)
-          : Grow(own, ProjectiveSeeds(own, input.features, catalog), route);
-  if (IsStopRequested(own.stop)) return FoundScene();
-  return found;
+  return route == RecognitionRoute::kMetric
+             ? InKnownCameras(context, MetricSeeds(*context, *input.reconstruction, catalog), route)
+             : Grow(*context, ProjectiveSeeds(*context, input.features, catalog), route);
 }
 
 absl::StatusOr<FoundScene> ViewLed(const RecognitionInput& input,
@@ -247,6 +253,7 @@ absl::StatusOr<FoundScene> ViewLed(const RecognitionInput& input,
                         std::vector<bool>(context->objects.size(), true),
                         context);
   if (IsStopRequested(context->stop)) return absl::CancelledError("stopped during view hypotheses");
+  if (IsStopRequested(context->give_up)) return FoundScene();
   for (const bool through_plane : {true, false}) {
     BeginStep(*context, "linking");
     std::vector<SceneModel> seeds = LinkSeeds(*context, through_plane);
@@ -292,12 +299,13 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   const RecognitionRoutes& routes = options.routes;
   std::size_t seed_count = 0;
   FoundScene best;
-  if (routes.metric && input.reconstruction != nullptr) {
-    HOROPTER_ASSIGN_OR_RETURN(best, BottomUp(input, context, RecognitionRoute::kMetric));
+  const auto goes_on = [&] { return !IsStopRequested(context.give_up) && IsOpen(context, best); };
+  if (routes.metric && input.reconstruction != nullptr && goes_on()) {
+    HOROPTER_ASSIGN_OR_RETURN(best, BottomUp(input, &context, RecognitionRoute::kMetric));
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the metric route");
   bool on_table = false;
-  if (routes.table && IsOpen(context, best.scene) && input.reconstruction != nullptr &&
+  if (routes.table && goes_on() && input.reconstruction != nullptr &&
       input.reconstruction->has_plane) {
     FoundScene found = InKnownCameras(&context,
                                       TableSeeds(context, *input.reconstruction, {}, kTableScales),
@@ -306,16 +314,16 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     TakeIfBetter(context, std::move(found), &best);
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the search on the plane");
-  if (routes.view_led && !on_table && IsOpen(context, best.scene)) {
+  if (routes.view_led && !on_table && goes_on()) {
     HOROPTER_ASSIGN_OR_RETURN(FoundScene found, ViewLed(input, &context, &seed_count));
     TakeIfBetter(context, std::move(found), &best);
   }
   // In cameras that are trusted the metric route has asked for the same parts at lower cost.
   const bool asked_metric =
       routes.metric && input.reconstruction != nullptr && input.reconstruction->trusted;
-  if (routes.projective && !asked_metric && IsOpen(context, best.scene)) {
+  if (routes.projective && !asked_metric && goes_on()) {
     HOROPTER_ASSIGN_OR_RETURN(FoundScene found,
-                              BottomUp(input, context, RecognitionRoute::kProjective));
+                              BottomUp(input, &context, RecognitionRoute::kProjective));
     TakeIfBetter(context, std::move(found), &best);
   }
   if (IsStopRequested(stop)) return absl::CancelledError("stopped during the joint search");
@@ -324,13 +332,17 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   const std::vector<PlacedObject>& verified = best.verified;
   scene.views.resize(input.features.size());
   BeginStep(context, "symmetric_views");
+  if (!scene.objects.empty())
+    context.surface_images = MakeSurfaceImages(input.images, options.threads);
   AlignSymmetricViews(context, &scene);
+  DropChanceObjects(context, verified, &scene);
   BeginStep(context, "rivals");
   const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
   if (DropContradictedViews(context, &scene) > 0) EvaluateTogether(context, &scene);
   BeginStep(context, "surfaces");
   JudgeTexture(context, &scene);
-  const std::string doubt = ReasonToDoubt(context, scene);
+  const std::string doubt =
+      ReasonToDoubt(context, scene, RunnersUp(context, scene, verified, rivals));
   if (!doubt.empty()) {
     scene.objects.clear();
     scene.views.assign(input.features.size(), std::nullopt);
@@ -361,6 +373,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
                                    : absl::StrCat(seed_count,
                                                   " linked hypotheses, none with a joint score of ",
                                                   options.accept_score);
+    if (IsStopRequested(options.hurry)) result.detail += "; time ran short before all was tried";
   }
   return result;
 }

@@ -111,8 +111,8 @@ struct RecognitionOptions {
   double loose_ambiguity_gap = 0.12;
   double min_parallax_rad = 0.035;  // between two views of an object; less is no parallax
   int threads = 2;
-  // Asked before the metric and the projective route, and inside them: once it returns true they
-  // are left, and what was found is answered. Empty: never.
+  // Once it returns true no route, scale or round of search is begun any more, seeds that are
+  // being looked for are left, and what was found is judged and answered. Empty: never.
   StopRequested hurry;
 };
 

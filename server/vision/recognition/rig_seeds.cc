@@ -46,7 +46,7 @@ std::vector<SceneModel> RigSeeds(const JointContext& context,
       for (int i = 0; i < std::min<int>(options.hypotheses_per_object,
                                         static_cast<int>(of_object.best.size()));
            ++i) {
-        if (IsStopRequested(context.stop)) return;
+        if (IsStopRequested(context.give_up)) return;
         const ViewHypothesis& h = of_object.best[i];
         const PreparedObject& object = *context.objects[h.object];
         const Rigid3 pose = WithFocal(h.camera_from_object, h.camera.focal_px, own.camera.focal_px);
@@ -88,7 +88,7 @@ std::vector<SceneModel> RigSeeds(const JointContext& context,
   if (static_cast<int>(all.size()) > options.refined) all.resize(options.refined);
   std::vector<SceneModel> scenes(all.size());
   ParallelFor(static_cast<int>(all.size()), context.options.threads, [&](int i) {
-    if (IsStopRequested(context.stop)) return;
+    if (IsStopRequested(context.give_up)) return;
     auto scene = RefinedSeed(
         context, reconstruction, all[i].units_per_metre, all[i].object, all[i].world_from_object);
     if (scene) scenes[i] = *std::move(scene);

@@ -9,6 +9,7 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/scene_refine.h"
 #include "server/vision/recognition/surface_texture.h"
+#include "server/vision/recognition/verdict.h"
 
 namespace horopter {
 namespace {
@@ -43,8 +44,9 @@ bool SamePose(const PreparedObject& object, const Rigid3& a, const Rigid3& b) {
                      [&](const Rigid3& s) { return close(a * s); });
 }
 
-// Mean distance of the turned edge samples from the edge samples.
-double Misfit(const PreparedObject& object, const Rigid3& turn) {
+// Whether the turned edge samples lie nearer than `limit` to the edge samples in the mean.
+bool Fits(const PreparedObject& object, const Rigid3& turn, double limit) {
+  const double most = limit * static_cast<double>(object.samples.size());
   double sum = 0.0;
   for (const EdgeSample& s : object.samples) {
     const Eigen::Vector3f p = (turn * s.point.cast<double>()).cast<float>();
@@ -52,8 +54,9 @@ double Misfit(const PreparedObject& object, const Rigid3& turn) {
     for (const EdgeSample& t : object.samples)
       nearest = std::min(nearest, (t.point - p).squaredNorm());
     sum += std::sqrt(nearest);
+    if (sum >= most) return false;
   }
-  return object.samples.empty() ? 0.0 : sum / static_cast<double>(object.samples.size());
+  return true;
 }
 
 // The scene with another object in the place of one of its own, refined and judged.
@@ -99,6 +102,8 @@ double Lead(const PlacedObject& rival, const PlacedObject& held) {
 // Whether the rival of one scene leads what holds the place in the other.
 bool Leads(const SceneModel& with_rival, const SceneModel& with_held, int place) {
   const PlacedObject &rival = with_rival.objects[place], &held = with_held.objects[place];
+  // A look-alike may show as many edges, but not as sharply.
+  if (rival.object != held.object && EvidenceOf(rival) <= EvidenceOf(held)) return false;
   const double lead = Lead(rival, held);
   if (lead > 0.0 && with_rival.gain > with_held.gain) return true;
   const double texture = rival.texture - held.texture;
@@ -126,7 +131,7 @@ std::vector<Rigid3> NearSymmetries(const PreparedObject& object, double misfit_d
               out.begin(), out.end(), [&](const Rigid3& o) { return SamePose(object, o, turn); })) {
         continue;
       }
-      if (Misfit(object, turn) < misfit_diameters * object.model.diameter_m) out.push_back(turn);
+      if (Fits(object, turn, misfit_diameters * object.model.diameter_m)) out.push_back(turn);
     }
   }
   return out;

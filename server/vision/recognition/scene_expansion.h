@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "server/vision/recognition/corner_search.h"
+#include "server/vision/recognition/prospects.h"
 #include "server/vision/recognition/scene_model.h"
 #include "server/vision/recognition/support_surface.h"
 #include "server/vision/recognition/table_search.h"
@@ -38,20 +39,12 @@ struct ExpansionOptions {
   TableSearchOptions table;
   bool use_table = true;  // parts that stand on the surfaces
   CornerSearchOptions corners;
+  ProspectOptions prospects;
   int threads = 1;
 };
 
-// Placements of all objects suggested by the hypotheses of the registered views, by `earlier`
-// placements in cameras that differ little, and, where the scene has a plane, by the edges seen on
-// the given surfaces; refined and verified over all registered views (no occlusion considered),
-// best score first. search: the evidence that parts are looked for in, `context` itself or what
-// remains of it (remaining_evidence.h); they are judged by all of it.
-std::vector<PlacedObject> CollectPlacements(const JointContext& context,
-                                            const JointContext& search,
-                                            const SceneModel& scene,
-                                            const std::vector<SearchSurface>& surfaces,
-                                            std::span<const PlacedObject> earlier,
-                                            const ExpansionOptions& options);
+// The scene's registered views with their edge maps.
+std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel& scene);
 
 // Chooses the placements that together explain the scene: greedily by score and size, solid parts
 // exclude each other, accepted parts hide what lies behind them, parts stand on the common plane.

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 
+#include "server/vision/recognition/placement_search.h"
 #include "server/vision/recognition/remaining_evidence.h"
 #include "server/vision/recognition/scene_expansion.h"
 #include "server/vision/recognition/scene_refine.h"
@@ -79,9 +80,11 @@ SceneModel ExpandScene(const JointContext& context,
   options.use_pool = thorough;
   options.threads = thorough ? context.options.threads : 1;
   std::vector<PlacedObject> placements;
+  std::vector<bool> shortlist;
   std::vector<SearchSurface> searched;  // in cameras that are still good
   bool changed = true;
   for (int round = 0; changed && round < (thorough ? kRounds : 1); ++round) {
+    if (round > 0 && IsStopRequested(context.give_up)) break;
     const std::size_t objects = scene.objects.size();
     const std::vector<std::optional<RecognizedView>> views = scene.views;
     if (thorough) BeginStep(context, "placements");
@@ -110,7 +113,7 @@ SceneModel ExpandScene(const JointContext& context,
     std::optional<RemainingEvidence> rest;
     if (round > 0) rest = WithoutExplained(context, scene, options.sure_evidence);
     placements = CollectPlacements(
-        context, rest ? rest->context : context, scene, surfaces, placements, options);
+        context, rest ? rest->context : context, scene, surfaces, placements, options, &shortlist);
     if (verified != nullptr) *verified = placements;
     if (thorough) BeginStep(context, "consolidation");
     Consolidate(context, options, placements, &scene);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -41,6 +42,8 @@ struct SceneModel {
   }
 };
 
+struct SurfaceImages;  // surface_texture.h
+
 // Everything the joint search reads; nothing of it changes.
 struct JointContext {
   std::span<const std::shared_ptr<const PreparedObject>> objects;
@@ -49,9 +52,12 @@ struct JointContext {
   std::vector<PinholeCamera> start_cameras;
   std::vector<double> focal_log_sigma;  // prior about the start camera, per view
   const MatchingResult* matching = nullptr;
-  std::span<const cv::Mat> images;  // empty: texture on surfaces is not looked at
+  // Null: texture on surfaces is not looked at.
+  std::shared_ptr<const SurfaceImages> surface_images;
   RecognitionOptions options;
   StopRequested stop;
+  // A stop or a hurry: seeds need not be looked for any more, nor another round begun.
+  StopRequested give_up;
   StepListener on_step;
 };
 

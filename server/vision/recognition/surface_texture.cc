@@ -14,6 +14,11 @@
 #include "server/base/parallel_for.h"
 
 namespace horopter {
+
+struct SurfaceImages {
+  std::vector<cv::Mat> grey;  // CV_32F
+};
+
 namespace {
 
 constexpr double kEdgeMargin = 1.8;        // half windows between a patch and the next edge
@@ -88,24 +93,19 @@ std::vector<SurfaceView> SurfaceViews(const JointContext& context, const SceneMo
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
     SurfaceView view;
-    cv::Mat grey = context.images[v];
-    const double size = std::min(1.0, kMostWidth / grey.cols);
-    if (size < 1.0) cv::resize(context.images[v], grey, {}, size, size, cv::INTER_AREA);
-    if (grey.channels() == 3) cv::cvtColor(grey, grey, cv::COLOR_BGR2GRAY);
-    grey.convertTo(view.grey, CV_32F);
-    view.scale = grey.cols / kWindowWidth;
-    // Noise is no texture.
-    cv::GaussianBlur(view.grey, view.grey, {}, kSmoothing * view.scale);
+    view.grey = context.surface_images->grey[v];
+    const double size = static_cast<double>(view.grey.cols) / scene.views[v]->camera.width;
+    view.scale = view.grey.cols / kWindowWidth;
     const PinholeCamera& camera = scene.views[v]->camera;
-    view.camera = {grey.cols,
-                   grey.rows,
+    view.camera = {view.grey.cols,
+                   view.grey.rows,
                    camera.focal_px * size,
                    (camera.cx + 0.5) * size - 0.5,
                    (camera.cy + 0.5) * size - 0.5,
                    camera.k1};
     view.camera_from_scene = scene.views[v]->camera_from_scene;
     view.center = view.camera_from_scene.Inverse().t;
-    view.depth = MakeDepthBuffer(grey.cols, grey.rows);
+    view.depth = MakeDepthBuffer(view.grey.cols, view.grey.rows);
     for (const PlacedObject& o : scene.objects) {
       RenderDepth(context.objects[o.object]->model.mesh,
                   view.camera,
@@ -315,12 +315,32 @@ class Comparison {
 
 }  // namespace
 
+std::shared_ptr<const SurfaceImages> MakeSurfaceImages(std::span<const cv::Mat> images,
+                                                       int threads) {
+  auto out = std::make_shared<SurfaceImages>();
+  out->grey.resize(images.size());
+  ParallelFor(static_cast<int>(images.size()), threads, [&](int v) {
+    cv::Mat image = images[v];
+    const double size = std::min(1.0, kMostWidth / image.cols);
+    if (size < 1.0) cv::resize(images[v], image, {}, size, size, cv::INTER_AREA);
+    if (image.channels() == 3) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
+    cv::Mat& grey = out->grey[v];
+    image.convertTo(grey, CV_32F);
+    // Noise is no texture.
+    cv::GaussianBlur(grey, grey, {}, kSmoothing * grey.cols / kWindowWidth);
+  });
+  return out;
+}
+
 std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
                                             const SceneModel& scene,
                                             std::span<const int> objects,
                                             const SurfaceTextureOptions& options) {
   std::vector<SurfaceTexture> out(objects.size());
-  if (context.images.size() != scene.views.size()) return out;
+  if (context.surface_images == nullptr ||
+      context.surface_images->grey.size() != scene.views.size()) {
+    return out;
+  }
   const std::vector<SurfaceView> views = SurfaceViews(context, scene);
   ParallelFor(static_cast<int>(objects.size()), context.options.threads, [&](int i) {
     const PlacedObject& placed = scene.objects.at(objects[i]);

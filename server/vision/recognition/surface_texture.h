@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -27,11 +28,16 @@ struct SurfaceTexture {
   int unlike = 0;
 };
 
+// The images as patches are compared in: grey, smoothed, at most 1280 pixels wide. Made once a
+// request.
+std::shared_ptr<const SurfaceImages> MakeSurfaceImages(std::span<const cv::Mat> images,
+                                                       int threads);
+
 // Compares the patches of some of the scene's objects between the view that shows them best and all
 // others, by normalised correlation over the patch's plane. Patches that another accepted object
 // hides, such as touch an edge of the object, and such as the supporting plane alone would make
-// look alike, do not count. Without images in the context nothing is found. One result per index in
-// `objects`.
+// look alike, do not count. Without surface images in the context nothing is found. One result per
+// index in `objects`.
 std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
                                             const SceneModel& scene,
                                             std::span<const int> objects,

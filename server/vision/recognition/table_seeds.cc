@@ -6,8 +6,10 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/prospects.h"
 #include "server/vision/recognition/scene_refine.h"
 #include "server/vision/recognition/standing_poses.h"
+#include "server/vision/recognition/verdict.h"
 #include "server/vision/recognition/view_linking.h"
 
 namespace horopter {
@@ -132,6 +134,38 @@ void VoteByPaths(const PreparedObject& object,
   }
 }
 
+// Distinct poses of one object, by the votes of all views.
+std::vector<PooledPose> SeedPoses(const JointContext& context,
+                                  std::span<const KnownView> views,
+                                  const std::vector<std::vector<SightedEdge>>& edges,
+                                  const PreparedObject& object,
+                                  const TableSearchOptions& options) {
+  const std::vector<ModelEdgeEnd> ends = EdgeEnds(object);
+  const double max_height = MaxHeight(views);
+  PosePool pool(options.min_quick);
+  for (const StandingPart& part : StandingParts(object)) {
+    if (IsStopRequested(context.give_up)) return {};
+    PoseVotes votes;
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      VoteByPaths(object,
+                  part,
+                  ends,
+                  views[v].camera_from_scene.Inverse().t,
+                  edges[v],
+                  max_height,
+                  options.path_tolerance,
+                  &votes);
+    }
+    ScorePeaks(object,
+               part,
+               views,
+               votes.Peaks(options.min_path_votes, options.peaks),
+               options.quick_reach_px,
+               &pool);
+  }
+  return DistinctPoses(object, views, InTurn(std::move(pool).Sorted()), options.kept_per_object);
+}
+
 }  // namespace
 
 std::optional<SceneModel> RefinedSeed(const JointContext& context,
@@ -161,10 +195,18 @@ std::optional<SceneModel> RefinedSeed(const JointContext& context,
   return scene;
 }
 
-std::vector<SceneModel> BestScales(std::vector<ScaledSeed> seeds, int max_scales) {
+std::vector<SceneModel> BestScales(std::vector<ScaledSeed> seeds,
+                                   int max_scales,
+                                   std::size_t catalog) {
+  const double price = PriceOfTrying(catalog);
   const auto object_of = [](const ScaledSeed& s) { return s.scene.objects[0].object; };
   std::erase_if(seeds, [](const ScaledSeed& s) { return s.scene.objects.empty(); });
-  // A scale is as good as the parts that share it explain; parts of one object vote once.
+  // Evidence tells better than what is explained: among many objects some explain much at any
+  // scale.
+  const auto evidence_of = [&](const ScaledSeed& s) {
+    return std::max(0.0, EvidenceOf(s.scene.objects[0]) - price);
+  };
+  // A scale is as good as the parts that share it; parts of one object vote once.
   std::vector<int> order;
   std::vector<double> votes(seeds.size(), 0.0);
   for (std::size_t i = 0; i < seeds.size(); ++i) {
@@ -175,12 +217,12 @@ std::vector<SceneModel> BestScales(std::vector<ScaledSeed> seeds, int max_scales
       if (std::abs(std::log(seeds[i].units_per_metre / other.units_per_metre)) > kDistinctScale)
         continue;
       double& vote = of_object[object_of(other)];
-      vote = std::max(vote, other.scene.gain * (other.scene.objects[0].score > kMinSeedScore));
+      vote = std::max(vote, evidence_of(other));
     }
     for (const auto& [object, vote] : of_object) votes[i] += vote;
   }
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-    return votes[a] + seeds[a].scene.gain > votes[b] + seeds[b].scene.gain;
+    return votes[a] + evidence_of(seeds[a]) > votes[b] + evidence_of(seeds[b]);
   });
   std::vector<SceneModel> out;
   std::vector<double> chosen;
@@ -202,6 +244,7 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
                                    const Reconstruction& reconstruction,
                                    const TableSearchOptions& options,
                                    int max_scales) {
+  const ProspectOptions prospects;
   BeginStep(context, "table_sightings");
   std::vector<KnownView> views;
   std::vector<int> index;
@@ -214,42 +257,36 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
   if (views.size() < 2) return {};
   const double max_height = MaxHeight(views);
   if (!(max_height > 0)) return {};
-  std::vector<std::vector<SightedEdge>> edges(views.size());
-  ParallelFor(static_cast<int>(views.size()), context.options.threads, [&](int i) {
-    edges[i] = SightEdges(context, views, i, index[i], max_height, options.max_paths);
-  });
+  using SightedViews = std::vector<std::vector<SightedEdge>>;
+  const auto sight = [&](int max_paths) {
+    SightedViews edges(views.size());
+    ParallelFor(static_cast<int>(views.size()), context.options.threads, [&](int i) {
+      edges[i] = SightEdges(context, views, i, index[i], max_height, max_paths);
+    });
+    return edges;
+  };
+  const auto find = [&](const SightedViews& edges, const std::vector<bool>& wanted) {
+    std::vector<std::vector<PooledPose>> found(context.objects.size());
+    ParallelFor(static_cast<int>(found.size()), context.options.threads, [&](int k) {
+      if (wanted[k]) found[k] = SeedPoses(context, views, edges, *context.objects[k], options);
+    });
+    return found;
+  };
+  const int objects = static_cast<int>(context.objects.size());
+  const SightedViews edges = sight(options.max_paths);
 
   BeginStep(context, "table_votes");
-  const int objects = static_cast<int>(context.objects.size());
-  std::vector<std::vector<PooledPose>> found(objects);
-  ParallelFor(objects, context.options.threads, [&](int k) {
-    const PreparedObject& object = *context.objects[k];
-    const std::vector<StandingPart> parts = StandingParts(object);
-    const std::vector<ModelEdgeEnd> ends = EdgeEnds(object);
-    PosePool pool(options.min_quick);
-    for (const StandingPart& part : parts) {
-      if (IsStopRequested(context.stop)) return;
-      PoseVotes votes;
-      for (std::size_t v = 0; v < views.size(); ++v) {
-        VoteByPaths(object,
-                    part,
-                    ends,
-                    views[v].camera_from_scene.Inverse().t,
-                    edges[v],
-                    max_height,
-                    options.path_tolerance,
-                    &votes);
-      }
-      ScorePeaks(object,
-                 part,
-                 views,
-                 votes.Peaks(options.min_path_votes, options.peaks),
-                 options.quick_reach_px,
-                 &pool);
+  std::vector<bool> wanted(objects, true);
+  if (objects > prospects.searched) {
+    const auto ranked = find(sight(prospects.table_paths_asked), wanted);
+    std::vector<double> promise(objects, 0.0);
+    for (int k = 0; k < objects; ++k) {
+      for (const PooledPose& p : ranked[k]) promise[k] = std::max(promise[k], p.quick);
     }
-    found[k] =
-        DistinctPoses(object, views, InTurn(std::move(pool).Sorted()), options.kept_per_object);
-  });
+    wanted.assign(objects, false);
+    for (const int k : Largest(promise, prospects.searched)) wanted[k] = true;
+  }
+  const std::vector<std::vector<PooledPose>> found = find(edges, wanted);
 
   BeginStep(context, "table_seeds");
   std::vector<std::pair<int, PooledPose>> best;
@@ -263,7 +300,7 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
   std::vector<SceneModel> scenes(best.size());
   std::vector<double> units(best.size(), 1.0);
   ParallelFor(static_cast<int>(best.size()), context.options.threads, [&](int i) {
-    if (IsStopRequested(context.stop)) return;
+    if (IsStopRequested(context.give_up)) return;
     auto scene = RefinedSeed(context,
                              reconstruction,
                              best[i].second.units_per_metre,
@@ -275,7 +312,8 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
   });
   std::vector<ScaledSeed> seeds;
   for (std::size_t i = 0; i < scenes.size(); ++i) seeds.push_back({std::move(scenes[i]), units[i]});
-  return BestScales(std::move(seeds), max_scales);
+  if (IsStopRequested(context.give_up)) return {};  // a part of them may lack the right ones
+  return BestScales(std::move(seeds), max_scales, context.objects.size());
 }
 
 }  // namespace horopter

@@ -23,9 +23,11 @@ struct ScaledSeed {
   double units_per_metre = 1.0;
 };
 
-// One scene for each of the `max_scales` scales that explain most, best first: a scale's seeds tell
-// the same cameras, and all of them speak for it.
-std::vector<SceneModel> BestScales(std::vector<ScaledSeed> seeds, int max_scales);
+// One scene for each of the `max_scales` scales of the most evidence, best first: a scale's seeds
+// tell the same cameras, and all of them speak for it. catalog: number of objects that were tried.
+std::vector<SceneModel> BestScales(std::vector<ScaledSeed> seeds,
+                                   int max_scales,
+                                   std::size_t catalog);
 
 // Scenes of one part each, cameras from the reconstruction and scaled by the part; best first, at
 // most `max_scales` different scales. Empty when the reconstruction has no two views.

@@ -25,7 +25,8 @@ constexpr double kTextureFor = 1.6;
 // that it is this part its edges must say. Less sharp than by chance by this much: it says nothing
 // more.
 constexpr double kBluntness = 0.1;
-constexpr double kLearntCatalog = 20.0;  // objects in the catalog that it was learnt with
+constexpr double kSamePlaceVolume = 0.3;  // shared by placements in one place
+constexpr double kLearntCatalog = 20.0;   // objects in the catalog that it was learnt with
 
 double Logistic(double log_odds) {
   return 1.0 / (1.0 + std::exp(-log_odds));
@@ -52,6 +53,11 @@ double TextureOf(const PlacedObject& p) {
 // That an object is right in cameras that are.
 double ObjectProbability(const PlacedObject& p) {
   return Logistic(kObjectBase + kObjectWeight * (p.score - kOrigin) + TextureOf(p));
+}
+
+// What of the price an object pays that leads the runner-up in its place.
+double PriceLeft(const JointContext& context, double evidence, double runner_up) {
+  return std::max(0.0, PriceOfTrying(context.objects.size()) - std::max(0.0, evidence - runner_up));
 }
 
 SceneObject ToObject(const SceneModel& scene, const PlacedObject& p) {
@@ -88,19 +94,83 @@ double Evidence(double support, double sharpness) {
                   kSupportWeight * (support - kOrigin) + kSharpnessWeight * (sharpness - kOrigin));
 }
 
-double SceneProbability(const JointContext& context, const SceneModel& scene) {
-  double log_odds = -kPrice;
-  log_odds -= std::max(0.0, std::log(static_cast<double>(context.objects.size()) / kLearntCatalog));
-  for (const PlacedObject& o : scene.objects)
-    log_odds += Evidence(o.score, o.total.Sharpness()) + TextureOf(o);
-  return Logistic(log_odds);
+double EvidenceOf(const PlacedObject& p) {
+  return Evidence(p.score, p.total.Sharpness()) + TextureOf(p);
 }
 
-std::string ReasonToDoubt(const JointContext& context, const SceneModel& scene) {
+double PriceOfTrying(std::size_t objects) {
+  return std::max(0.0, std::log(static_cast<double>(objects) / kLearntCatalog));
+}
+
+std::vector<double> RunnersUp(const JointContext& context,
+                              const SceneModel& scene,
+                              std::span<const PlacedObject> placements,
+                              std::span<const Rival> rivals) {
+  std::vector<double> out(scene.objects.size(), 0.0);
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const PlacedObject& held = scene.objects[i];
+    for (const PlacedObject& p : placements) {
+      const double evidence = EvidenceOf(p);
+      if (p.object == held.object || evidence <= out[i]) continue;
+      if (SharedVolume(*context.objects[held.object],
+                       held.scene_from_object,
+                       *context.objects[p.object],
+                       p.scene_from_object) > kSamePlaceVolume) {
+        out[i] = evidence;
+      }
+    }
+  }
+  for (const Rival& r : rivals) {
+    if (r.placed.object == scene.objects[r.accepted].object) continue;
+    out[r.accepted] = std::max(out[r.accepted], EvidenceOf(r.placed));
+  }
+  return out;
+}
+
+void DropChanceObjects(const JointContext& context,
+                       std::span<const PlacedObject> placements,
+                       SceneModel* scene) {
+  const std::vector<double> runners_up = RunnersUp(context, *scene, placements);
+  std::vector<PlacedObject> kept;
+  for (std::size_t i = 0; i < scene->objects.size(); ++i) {
+    PlacedObject& placed = scene->objects[i];
+    const double evidence = EvidenceOf(placed), price = PriceLeft(context, evidence, runners_up[i]);
+    if (price > 0.0 && evidence <= price) {
+      scene->gain -= std::max(0.0, placed.gain);
+    } else {
+      kept.push_back(std::move(placed));
+    }
+  }
+  scene->objects = std::move(kept);
+}
+
+double SceneLogOdds(const JointContext& context,
+                    const SceneModel& scene,
+                    std::span<const double> runners_up) {
+  double log_odds = -kPrice;
+  for (std::size_t i = 0; i < scene.objects.size(); ++i) {
+    const double evidence = EvidenceOf(scene.objects[i]);
+    const double price =
+        PriceLeft(context, evidence, runners_up.empty() ? evidence : runners_up[i]);
+    // What speaks against an object is no matter of how many there are.
+    log_odds += evidence - std::min(price, std::max(0.0, evidence));
+  }
+  return log_odds;
+}
+
+double SceneProbability(const JointContext& context,
+                        const SceneModel& scene,
+                        std::span<const double> runners_up) {
+  return Logistic(SceneLogOdds(context, scene, runners_up));
+}
+
+std::string ReasonToDoubt(const JointContext& context,
+                          const SceneModel& scene,
+                          std::span<const double> runners_up) {
   if (scene.objects.empty()) return {};
   if (FocalContradicted(context, scene))
     return "the objects found contradict what is known of the focal lengths";
-  const double probability = SceneProbability(context, scene);
+  const double probability = SceneProbability(context, scene, runners_up);
   if (probability >= context.options.accept_probability) return {};
   const PlacedObject& best = *std::max_element(
       scene.objects.begin(), scene.objects.end(), [](const auto& a, const auto& b) {
@@ -137,7 +207,8 @@ RecognitionResult MakeResult(const JointContext& context,
     return result;
   }
   result.state = RecognitionState::kRecognized;
-  const double probability = SceneProbability(context, scene);
+  const double probability =
+      SceneProbability(context, scene, RunnersUp(context, scene, verified, rivals));
   for (const PlacedObject& p : scene.objects) {
     result.objects.push_back(ToObject(scene, p));
     result.objects.back().score = probability * ObjectProbability(p);

@@ -3,6 +3,7 @@
 
 #include <span>
 #include <string>
+#include <vector>
 
 #include "server/vision/recognition/recognition.h"
 #include "server/vision/recognition/rivals.h"
@@ -18,17 +19,47 @@ double LargestParallax(const JointContext& context, const SceneModel& scene);
 // chance may give. support: see JointScore; sharpness: EdgeSupport::Sharpness over all views.
 double Evidence(double support, double sharpness);
 
+// The same of a placement, with what the texture on its faces says.
+double EvidenceOf(const PlacedObject& placed);
+
+// How much evidence (log odds) chance gives the best of so many objects more than the best of the
+// 20 that the verdict was learnt with: ln(n / 20), at least 0.
+double PriceOfTrying(std::size_t objects);
+
+// Per object of the scene the most evidence of another object's placement in its place: how well
+// chance, or a look-alike, fits there.
+std::vector<double> RunnersUp(const JointContext& context,
+                              const SceneModel& scene,
+                              std::span<const PlacedObject> placements,
+                              std::span<const Rival> rivals = {});
+
+// Leaves out the objects whose evidence the number of objects tried explains, see SceneLogOdds: of
+// a catalog of 20 none.
+void DropChanceObjects(const JointContext& context,
+                       std::span<const PlacedObject> placements,
+                       SceneModel* scene);
+
 // Probability that a scene is no chance fit of wrong objects. Cameras, scale and plane adapt to the
 // first object, so that a similar part may fit well alone; further objects in the same cameras, and
-// edges that fit sharply, speak against chance. catalog_size: the more objects were tried, the
-// better the best chance fit. Logistic regression on scenes with all their parts enrolled against
-// the same scenes with none of them (parts-train; tests/bench/results.md).
-double SceneProbability(const JointContext& context, const SceneModel& scene);
+// edges that fit sharply, speak against chance. Logistic regression on scenes with all their parts
+// enrolled against the same scenes with none of them (parts-train; tests/bench/results.md). Each
+// object pays the price of trying. But what chance does there is seen in those that came second:
+// the evidence of an object that leads them by more is not the largest of many draws. runners_up:
+// see RunnersUp; empty: nobody leads.
+double SceneProbability(const JointContext& context,
+                        const SceneModel& scene,
+                        std::span<const double> runners_up = {});
+// Its log odds, for comparing scenes.
+double SceneLogOdds(const JointContext& context,
+                    const SceneModel& scene,
+                    std::span<const double> runners_up = {});
 
 // Why a scene is no answer, or empty: more likely chance than not, or a focal length lies more than
 // four prior deviations from where the images alone, or the caller, put it (objects that force a
 // camera so far are wrong).
-std::string ReasonToDoubt(const JointContext& context, const SceneModel& scene);
+std::string ReasonToDoubt(const JointContext& context,
+                          const SceneModel& scene,
+                          std::span<const double> runners_up = {});
 
 // State, cameras, objects with alternatives, and what was verified. trusted: the cameras do not
 // hang on a single object. Several views without parallax answer nothing.

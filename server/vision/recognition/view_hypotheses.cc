@@ -2,12 +2,9 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <initializer_list>
 #include <numbers>
-#include <numeric>
-#include <set>
 
 #include "server/vision/recognition/circle_sighting.h"
 #include "server/vision/recognition/pose_refine.h"
@@ -44,58 +41,6 @@ struct PooledPose {
 
 bool BySignificance(const PooledPose& x, const PooledPose& y) {
   return x.significance > y.significance;
-}
-
-// Finds the vertex at a point without a look at all of them.
-class VertexFinder {
- public:
-  explicit VertexFinder(const ObjectModel& model)
-      : model_(model), reach_(kSameVertex * model.diameter_m), by_x_(model.vertices.size()) {
-    std::iota(by_x_.begin(), by_x_.end(), 0);
-    std::sort(by_x_.begin(), by_x_.end(), [&](int i, int k) {
-      return model.vertices[i].x() < model.vertices[k].x();
-    });
-  }
-  // -1 where there is none.
-  int At(const Eigen::Vector3d& point) const {
-    auto it =
-        std::lower_bound(by_x_.begin(), by_x_.end(), point.x() - reach_, [&](int i, double x) {
-          return model_.vertices[i].x() < x;
-        });
-    for (; it != by_x_.end() && model_.vertices[*it].x() <= point.x() + reach_; ++it) {
-      if ((model_.vertices[*it] - point).norm() < reach_) return *it;
-    }
-    return -1;
-  }
-
- private:
-  const ObjectModel& model_;
-  double reach_;
-  std::vector<int> by_x_;
-};
-
-// The paths that no symmetry of the object takes onto an earlier one: the others lead to the same
-// poses again.
-std::vector<const VertexPath*> DistinctPaths(const PreparedObject& object) {
-  const ObjectModel& model = object.model;
-  const VertexFinder finder(model);
-  std::vector<std::vector<int>> images;  // of the vertices, per symmetry
-  for (const Rigid3& s : model.symmetries) {
-    images.emplace_back();
-    for (const Eigen::Vector3d& v : model.vertices) images.back().push_back(finder.At(s * v));
-  }
-  std::set<std::array<int, 3>> seen;
-  std::vector<const VertexPath*> distinct;
-  for (const VertexPath& path : object.paths) {
-    if (seen.count({path.a, path.b, path.c}) > 0) continue;
-    distinct.push_back(&path);
-    for (const std::vector<int>& image : images) {
-      const int a = image[path.a], b = image[path.b], c = image[path.c];
-      seen.insert({a, b, c});
-      seen.insert({c, b, a});  // both directions are tried
-    }
-  }
-  return distinct;
 }
 
 // A bounded pool of the best poses of an object in a view.
@@ -160,14 +105,14 @@ void OfferPathPoses(const PreparedObject& object,
                     const PinholeCamera& camera,
                     const StopRequested& stop,
                     ViewPool* pool) {
-  const std::vector<const VertexPath*> model_paths = DistinctPaths(object);
   for (const ImagePath& image_path : paths) {
     if (IsStopRequested(stop)) return;
-    for (const VertexPath* path : model_paths) {
+    for (const int index : object.distinct_paths) {
+      const VertexPath& path = object.paths[index];
       for (const bool reversed : {false, true}) {
-        const PathPoses poses = PosesFromPath(object.model, *path, reversed, camera, image_path);
+        const PathPoses poses = PosesFromPath(object.model, path, reversed, camera, image_path);
         for (int k = 0; k < poses.count; ++k) {
-          pool->Offer(poses.camera_from_object[k], {path->edge_ab, path->edge_bc}, kMinPathVisible);
+          pool->Offer(poses.camera_from_object[k], {path.edge_ab, path.edge_bc}, kMinPathVisible);
         }
       }
     }

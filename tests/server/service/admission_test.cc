@@ -46,10 +46,10 @@ class Gate {
   Recognizer recognizer() {
     return [this](const SceneRequest& request,
                   const CatalogSnapshot&,
-                  const StopRequested& stop) -> absl::StatusOr<PipelineResult> {
+                  const CallLimits& limits) -> absl::StatusOr<PipelineResult> {
       ++entered_;
       while (!open_) {
-        if (stop()) {
+        if (limits.stop()) {
           ++stopped_;
           return absl::CancelledError("stopped");
         }
@@ -88,6 +88,53 @@ TEST(Admission, ADeadlineStopsTheRunningStages) {
   if (gate.entered() > 0) {
     EXPECT_TRUE(gate.AwaitStopped(1));
   }
+}
+
+// What a call's limits say until they stop it, or at once where it has no deadline to wait for.
+struct Limits {
+  std::atomic<int> calls{0}, hurried_at_first{0}, hurried{0}, hurried_before_stop{0};
+};
+
+Recognizer Watching(Limits& seen, bool until_hurry) {
+  return [&seen, until_hurry](const SceneRequest& request,
+                              const CatalogSnapshot&,
+                              const CallLimits& limits) -> absl::StatusOr<PipelineResult> {
+    ++seen.calls;
+    seen.hurried_at_first += limits.hurry();
+    while (until_hurry && !limits.hurry()) std::this_thread::sleep_for(1ms);
+    seen.hurried_before_stop += !limits.stop() && until_hurry;
+    while (until_hurry && !limits.stop()) std::this_thread::sleep_for(1ms);
+    seen.hurried += limits.hurry();
+    PipelineResult result;
+    result.answer.cameras.resize(request.images.size());
+    return result;
+  };
+}
+
+TEST(Admission, ACallWithoutADeadlineIsNeverInAHurryAndALongOneNotAtFirst) {
+  Limits seen;
+  TestServer server(Watching(seen, false));
+  grpc::ClientContext unlimited, patient;
+  EXPECT_TRUE(Recognize(server, unlimited).ok());
+  patient.set_deadline(std::chrono::system_clock::now() + 1h);
+  EXPECT_TRUE(Recognize(server, patient).ok());
+  EXPECT_EQ(seen.calls, 2);
+  EXPECT_EQ(seen.hurried, 0);
+}
+
+TEST(Admission, ADeadlineHurriesTheStagesBeforeItStopsThem) {
+  Limits seen;
+  {
+    TestServer server(Watching(seen, true));
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + 2s);
+    EXPECT_EQ(Recognize(server, context).error_code(), grpc::StatusCode::DEADLINE_EXCEEDED);
+    server.server().Stop(20.0);
+  }
+  ASSERT_EQ(seen.calls, 1);
+  EXPECT_EQ(seen.hurried_at_first, 0);
+  EXPECT_EQ(seen.hurried_before_stop, 1);
+  EXPECT_EQ(seen.hurried, 1);
 }
 
 TEST(Admission, ACancelStopsTheRunningStages) {

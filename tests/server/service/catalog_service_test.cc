@@ -18,7 +18,7 @@ using grpc::StatusCode;
 
 absl::StatusOr<PipelineResult> NeverRecognise(const SceneRequest&,
                                               const CatalogSnapshot&,
-                                              const StopRequested&) {
+                                              const CallLimits&) {
   return absl::UnimplementedError("not in this test");
 }
 

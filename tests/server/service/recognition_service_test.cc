@@ -35,24 +35,22 @@ struct Seen {
 };
 
 Recognizer Recording(Seen& seen) {
-  return
-      [&seen](const SceneRequest& request, const CatalogSnapshot& catalog, const StopRequested&) {
-        ++seen.calls;
-        seen.images = request.images;
-        seen.hints = request.hints;
-        seen.camera_poses = request.camera_poses;
-        seen.candidates = request.candidates;
-        seen.reference = request.reference;
-        seen.catalog_ids.clear();
-        for (const auto& object : catalog.objects)
-          seen.catalog_ids.push_back(ModelOfFake(*object).id);
-        PipelineResult result;
-        result.answer.state =
-            catalog.objects.empty() ? SceneState::kEmptyCatalog : SceneState::kNothingFound;
-        result.answer.cameras.resize(request.images.size());
-        result.answer.stages = {{"features", 0.5, {}}};
-        return absl::StatusOr<PipelineResult>(std::move(result));
-      };
+  return [&seen](const SceneRequest& request, const CatalogSnapshot& catalog, const CallLimits&) {
+    ++seen.calls;
+    seen.images = request.images;
+    seen.hints = request.hints;
+    seen.camera_poses = request.camera_poses;
+    seen.candidates = request.candidates;
+    seen.reference = request.reference;
+    seen.catalog_ids.clear();
+    for (const auto& object : catalog.objects) seen.catalog_ids.push_back(ModelOfFake(*object).id);
+    PipelineResult result;
+    result.answer.state =
+        catalog.objects.empty() ? SceneState::kEmptyCatalog : SceneState::kNothingFound;
+    result.answer.cameras.resize(request.images.size());
+    result.answer.stages = {{"features", 0.5, {}}};
+    return absl::StatusOr<PipelineResult>(std::move(result));
+  };
 }
 
 class RecognitionServiceTest : public testing::Test {
@@ -228,7 +226,7 @@ TEST(RecognitionServiceErrors, StatusAndExceptionsOfThePipelineReachTheClient) {
   absl::Status status = absl::OkStatus();
   TestServer server([&](const SceneRequest&,
                         const CatalogSnapshot&,
-                        const StopRequested&) -> absl::StatusOr<PipelineResult> {
+                        const CallLimits&) -> absl::StatusOr<PipelineResult> {
     if (status.ok()) throw std::runtime_error("boom");
     return status;
   });

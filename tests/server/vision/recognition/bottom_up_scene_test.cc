@@ -185,6 +185,16 @@ TEST(BottomUpRoutes, AreLeftInAHurryAndStopWhenTold) {
   const auto hurried = RecognizeObjects(scene.Input(), options);
   ASSERT_TRUE(hurried.ok()) << hurried.status();
   EXPECT_EQ(hurried->state, RecognitionState::kNothingFound);
+  EXPECT_NE(hurried->detail.find("time ran short"), std::string::npos) << hurried->detail;
+  // In a hurry from the n-th time it is asked on: what is found then, never an error or a wrong
+  // one.
+  for (int asked = 1; asked < 4000; asked *= 3) {
+    std::atomic<int> count{0};
+    options.hurry = [&] { return ++count > asked; };
+    const auto result = RecognizeObjects(scene.Input(), options);
+    ASSERT_TRUE(result.ok()) << result.status();
+    EXPECT_LE(result->objects.size(), 1u) << "asked " << asked;
+  }
   options.hurry = {};
   // Stopped wherever it is asked for the n-th time: an answer or CANCELLED, never a wrong answer.
   const auto complete = RecognizeObjects(scene.Input(), options);

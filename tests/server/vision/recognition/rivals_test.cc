@@ -182,6 +182,51 @@ TEST(SceneProbability, FallsWithTheNumberOfObjectsTried) {
   EXPECT_NEAR(among_many / (1 - among_many) * 100, few / (1 - few), 1e-6 * few / (1 - few));
 }
 
+TEST(SceneProbability, AnObjectThatLeadsThoseInItsPlacePaysNothingForTheirNumber) {
+  Views views(LBracket(), 3, 0.3, 0.0);
+  views.Place({});
+  const double few = SceneProbability(views.context, views.scene);
+  const std::vector<std::shared_ptr<const PreparedObject>> many(2000, views.objects[0]);
+  views.context.objects = many;
+  PlacedObject other = views.scene.objects[0];
+  other.object = 1;
+  const auto probability = [&](double score) {
+    other.score = score;
+    const std::vector<double> second = RunnersUp(views.context, views.scene, {&other, 1});
+    EXPECT_EQ(second.size(), 1u);
+    return SceneProbability(views.context, views.scene, second);
+  };
+  EXPECT_NEAR(probability(0.0), few, 1e-12);
+  const double held = views.scene.objects[0].score;
+  EXPECT_LT(probability(held - 0.15), few);
+  EXPECT_LT(probability(held - 0.05), probability(held - 0.15));
+  // The same elsewhere, or another pose of the object itself, is no rival.
+  other.scene_from_object.t.x() += 1.0;
+  EXPECT_NEAR(probability(held - 0.05), few, 1e-12);
+  other.scene_from_object = {};
+  other.object = 0;
+  EXPECT_NEAR(probability(held - 0.05), few, 1e-12);
+}
+
+TEST(DropChanceObjects, LeavesOutWhatSomeOfManyObjectsFitByChance) {
+  Views views(LBracket(), 3, 0.3, 0.0);
+  views.Place({});
+  PlacedObject weak = views.scene.objects[0];
+  weak.object = 1;
+  weak.score = 0.6;
+  weak.total.sharp = 0.6 * weak.total.supported;
+  weak.scene_from_object.t.x() += 1.0;
+  views.scene.objects.push_back(weak);
+  for (const int catalog : {20, 2000}) {
+    const std::vector<std::shared_ptr<const PreparedObject>> objects(catalog, views.objects[0]);
+    views.context.objects = objects;
+    SceneModel scene = views.scene;
+    DropChanceObjects(views.context, {}, &scene);
+    EXPECT_EQ(scene.objects.size(), catalog == 20 ? 2u : 1u);
+    EXPECT_EQ(scene.objects[0].object, 0);
+  }
+}
+
 TEST(EvaluateTogether, WhatOneObjectHidesIsNoEvidenceAgainstAnother) {
   Views views(LBracket(), 3, 0.3, 0.0);
   views.Place({});
