@@ -1,5 +1,6 @@
 // What recognition answers with all parts of a scene enrolled, and what with none of them: found,
-// wrong, and what each answered object rests on. The stages before recognition run once a scene.
+// wrong, how far the scores can be believed, and what each answered object rests on. The stages
+// before recognition run once a scene.
 //
 //   recognition_report DATASET SPLIT [--scenes 1,2] [--trials all,none,one,half]
 //                      [--distractors PATH] [--keep FILE.db] [--csv FILE]
@@ -88,6 +89,8 @@ absl::StatusOr<FrontEnd> RunFrontEnd(const BopScene& scene) {
 struct Sums {
   int scenes = 0, targets = 0, found = 0, answered = 0, wrong = 0;
   std::vector<double> cpu_seconds;
+  std::vector<std::pair<double, bool>>
+      stated;  // score of each answered object, whether it is right
 };
 
 // CPU seconds of all threads by step.
@@ -214,7 +217,7 @@ void RunTrial(const Bench& bench, const std::string& trial, const Enrolled& cata
     }
     const EdgeSupport& t = placed.total;
     const std::string line = absl::StrFormat(
-        "%d,%s,%s,%d,%s,%d,%.1f,%.3f,%.3f,%d,%d,%d,%.0f,%.3f,%.3f,%.0f,%d,%d,%d,%.3f",
+        "%d,%s,%s,%d,%s,%d,%.1f,%.3f,%.3f,%d,%d,%d,%.0f,%.3f,%.3f,%.0f,%d,%d,%d,%.3f,%.3f",
         bench.scene->scene_id,
         bench.scene->tier,
         trial,
@@ -236,7 +239,9 @@ void RunTrial(const Bench& bench, const std::string& trial, const Enrolled& cata
         static_cast<int>(result->objects.size()),
         front.reconstruction.trusted ? 1 : 0,
         static_cast<int>(answered.alternatives.size()),
-        t.Sharpness());
+        t.Sharpness(),
+        answered.score);
+    sums->stated.emplace_back(answered.score, right);
     if (bench.csv != nullptr) {
       *bench.csv << line << "\n";
     }
@@ -287,6 +292,37 @@ void Print(const std::string& name, const Sums& sums) {
                                cpu[cpu.size() / 2]);
 }
 
+// Reliability diagram: of the objects answered with scores of a bin, what they state in the mean
+// and the share that is right; the gap is weighted by their number.
+void PrintReliability(const std::map<std::string, Sums>& sums) {
+  constexpr double kEnds[] = {0.0, 0.5, 0.7, 0.9, 0.97, 1.0};
+  double gap = 0.0;
+  int all = 0;
+  for (std::size_t b = 0; b + 1 < std::size(kEnds); ++b) {
+    int n = 0, right = 0;
+    double stated = 0.0;
+    for (const auto& [name, of_trial] : sums) {
+      for (const auto& [score, is_right] : of_trial.stated) {
+        if (score < kEnds[b] || (score >= kEnds[b + 1] && b + 2 < std::size(kEnds))) continue;
+        ++n;
+        right += is_right ? 1 : 0;
+        stated += score;
+      }
+    }
+    if (n == 0) continue;
+    std::cout << absl::StrFormat("score %.2f - %.2f: %d objects, stated %.3f, right %.3f\n",
+                                 kEnds[b],
+                                 kEnds[b + 1],
+                                 n,
+                                 stated / n,
+                                 static_cast<double>(right) / n);
+    gap += std::abs(stated - right);
+    all += n;
+  }
+  if (all > 0)
+    std::cout << absl::StrFormat("mean gap of stated and right: %.3f of %d\n", gap / all, all);
+}
+
 RecognitionOptions OptionsOf(const Arguments& arguments) {
   RecognitionOptions options;
   options.routes.table = arguments.routes.count("table") > 0;
@@ -332,8 +368,8 @@ absl::Status Run(const Arguments& arguments) {
   std::ofstream csv;
   if (!arguments.csv.empty()) {
     csv.open(arguments.csv);
-    csv << "scene,tier,trial,objects,id,right,error_px,score,worst_view,seen,registered,views,"
-           "supported,precision,recall_inside,gain,answered,trusted,alternatives,sharpness\n";
+    csv << "scene,tier,trial,objects,id,right,error_px,support,worst_view,seen,registered,views,"
+           "supported,precision,recall_inside,gain,answered,trusted,alternatives,sharpness,score\n";
   }
   std::map<std::string, Sums> sums;  // by trial and tier
   for (int id : ids) {
@@ -391,6 +427,7 @@ absl::Status Run(const Arguments& arguments) {
   for (const auto& [name, sum] : sums) {
     Print(name, sum);
   }
+  PrintReliability(sums);
   return absl::OkStatus();
 }
 

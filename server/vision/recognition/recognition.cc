@@ -337,10 +337,11 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   AlignSymmetricViews(context, &scene);
   DropChanceObjects(context, verified, &scene);
   BeginStep(context, "rivals");
-  const std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
+  std::vector<Rival> rivals = ContestObjects(context, verified, {}, &scene);
   if (DropContradictedViews(context, &scene) > 0) EvaluateTogether(context, &scene);
   BeginStep(context, "surfaces");
   JudgeTexture(context, &scene);
+  DropUnlikelyObjects(&scene, &rivals);
   const std::string doubt =
       ReasonToDoubt(context, scene, RunnersUp(context, scene, verified, rivals));
   if (!doubt.empty()) {

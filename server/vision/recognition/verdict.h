@@ -61,6 +61,11 @@ std::string ReasonToDoubt(const JointContext& context,
                           const SceneModel& scene,
                           std::span<const double> runners_up = {});
 
+// Leaves out the objects that are more likely wrong than right though the cameras are right: parts
+// that share edges with what stands there fit it bluntly. The last object stays. rivals: of the
+// scene's objects, renumbered.
+void DropUnlikelyObjects(SceneModel* scene, std::vector<Rival>* rivals);
+
 // State, cameras, objects with alternatives, and what was verified. trusted: the cameras do not
 // hang on a single object. Several views without parallax answer nothing.
 RecognitionResult MakeResult(const JointContext& context,

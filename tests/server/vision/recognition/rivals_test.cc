@@ -227,6 +227,32 @@ TEST(DropChanceObjects, LeavesOutWhatSomeOfManyObjectsFitByChance) {
   }
 }
 
+// Support alone does not make an object likely: a part that shares edges with what stands there
+// fits bluntly.
+TEST(DropUnlikelyObjects, LeavesOutBluntOnesAndRenumbersTheRivals) {
+  const auto placed = [](double score, double sharpness) {
+    PlacedObject p;
+    p.score = score;
+    p.total.supported = 1000.0;
+    p.total.sharp = 1000.0 * sharpness;
+    return p;
+  };
+  SceneModel scene;
+  scene.objects = {placed(0.8, 0.8), placed(0.62, 0.2), placed(0.56, 0.7)};
+  std::vector<Rival> rivals(3);
+  for (int k = 0; k < 3; ++k) rivals[k].accepted = k;
+  DropUnlikelyObjects(&scene, &rivals);
+  ASSERT_EQ(scene.objects.size(), 2u);
+  EXPECT_EQ(scene.objects[1].score, 0.56);
+  ASSERT_EQ(rivals.size(), 2u);
+  EXPECT_EQ(rivals[0].accepted, 0);
+  EXPECT_EQ(rivals[1].accepted, 1);
+  scene.objects = {placed(0.62, 0.1), placed(0.6, 0.1)};
+  rivals.clear();
+  DropUnlikelyObjects(&scene, &rivals);
+  EXPECT_EQ(scene.objects.size(), 1u);  // whether the scene is one is asked elsewhere
+}
+
 TEST(EvaluateTogether, WhatOneObjectHidesIsNoEvidenceAgainstAnother) {
   Views views(LBracket(), 3, 0.3, 0.0);
   views.Place({});
