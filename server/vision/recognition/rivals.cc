@@ -17,7 +17,7 @@ namespace {
 constexpr double kSameTurnRad = 0.25;
 constexpr double kSameShift = 0.1;       // diameters
 constexpr double kHarm = 0.1;            // of score
-constexpr double kTextureWeight = 0.05;  // score per unit of log odds, as in verdict.cc
+constexpr double kTextureWeight = 0.05;  // score per unit of log odds
 // Difference in texture (log odds) that decides alone: shadow and what stands before a plain part
 // say as much by chance as less.
 constexpr double kClearTexture = 3.5;

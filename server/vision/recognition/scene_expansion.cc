@@ -128,6 +128,44 @@ bool StandsOnPart(const JointContext& context,
   });
 }
 
+// What the accepted parts hide and which image edges they explain.
+class Accepted {
+ public:
+  Accepted(const JointContext& context, const std::vector<std::optional<RecognizedView>>& views)
+      : context_(context), views_(views) {
+    for (const ViewEvidence& view : context.views) {
+      occluders_.push_back(MakeDepthBuffer(view.maps.width, view.maps.height));
+      taken_.emplace_back(view.segment_samples.size(), 0);
+    }
+  }
+
+  // Verifies a part behind the accepted ones; the share of the edges it explains that they explain
+  // already.
+  double Judge(PlacedObject* p) {
+    EvaluatePlacement(context_, views_, occluders_, &scratch_, p, &explained_);
+    return SharedEdges(explained_, taken_);
+  }
+
+  void Add(PlacedObject p) {
+    Judge(&p);
+    for (std::size_t v = 0; v < taken_.size(); ++v) {
+      for (std::size_t i = 0; i < explained_[v].size(); ++i) taken_[v][i] |= explained_[v][i];
+      if (!views_[v]) continue;
+      RenderDepth(context_.objects[p.object]->model.mesh,
+                  WorkingCamera(views_[v]->camera, context_.views[v].maps),
+                  views_[v]->camera_from_scene * p.scene_from_object,
+                  &occluders_[v]);
+    }
+  }
+
+ private:
+  const JointContext& context_;
+  const std::vector<std::optional<RecognizedView>>& views_;
+  std::vector<DepthBuffer> occluders_;  // per view
+  ExplainedSegments taken_, explained_;
+  VerifyScratch scratch_;
+};
+
 }  // namespace
 
 std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel& scene) {
@@ -216,12 +254,7 @@ void Consolidate(const JointContext& context,
   if (scene->plane) scene->plane = PlaneUnderParts(context, before, *scene->plane);
   if (scene->plane && !Supports(context, options, candidates, *scene->plane)) scene->plane.reset();
   if (!scene->plane) scene->plane = FindSupportPlane(context, scene->views, candidates, options);
-  std::vector<DepthBuffer> occluders;
-  for (const ViewEvidence& view : context.views)
-    occluders.push_back(MakeDepthBuffer(view.maps.width, view.maps.height));
-  VerifyScratch scratch;
-  ExplainedSegments explained, taken;
-  for (const ViewEvidence& view : context.views) taken.emplace_back(view.segment_samples.size(), 0);
+  Accepted accepted_parts(context, scene->views);
   std::vector<bool> stale(candidates.size(), false);
   std::vector<bool> dead(candidates.size(), false);
   auto acceptable = [&](const PlacedObject& p) {
@@ -242,10 +275,9 @@ void Consolidate(const JointContext& context,
     for (int i = 0; i < static_cast<int>(candidates.size()); ++i) {
       if (dead[i]) continue;
       if (stale[i]) {
-        EvaluatePlacement(context, scene->views, occluders, &scratch, &candidates[i], &explained);
         stale[i] = false;
         // One scene feature serves one object.
-        if (SharedEdges(explained, taken) > options.max_shared_edges) {
+        if (accepted_parts.Judge(&candidates[i]) > options.max_shared_edges) {
           dead[i] = true;
           continue;
         }
@@ -255,22 +287,11 @@ void Consolidate(const JointContext& context,
     }
     if (best < 0) break;
     const PlacedObject accepted = candidates[best];
-    PlacedObject again = accepted;
-    EvaluatePlacement(context, scene->views, occluders, &scratch, &again, &explained);
-    for (std::size_t v = 0; v < taken.size(); ++v) {
-      for (std::size_t i = 0; i < explained[v].size(); ++i) taken[v][i] |= explained[v][i];
-    }
+    accepted_parts.Add(accepted);
     const PreparedObject& object = *context.objects[accepted.object];
     scene->objects.push_back(accepted);
     scene->gain += std::max(0.0, accepted.gain);
     dead[best] = true;
-    for (std::size_t v = 0; v < occluders.size(); ++v) {
-      if (!scene->views[v]) continue;
-      RenderDepth(object.model.mesh,
-                  WorkingCamera(scene->views[v]->camera, context.views[v].maps),
-                  scene->views[v]->camera_from_scene * accepted.scene_from_object,
-                  &occluders[v]);
-    }
     for (std::size_t i = 0; i < candidates.size(); ++i) {
       if (dead[i] || !MeetInView(context, scene->views, accepted, candidates[i])) continue;
       stale[i] = true;
@@ -293,24 +314,8 @@ void AddHiddenParts(const JointContext& context,
   const ScenePlane plane = PlaneUnderParts(context, scene->objects, *scene->plane);
   scene->plane = plane;
   const std::vector<KnownView> known = KnownViews(context, *scene);
-  std::vector<DepthBuffer> occluders;
-  for (const ViewEvidence& view : context.views)
-    occluders.push_back(MakeDepthBuffer(view.maps.width, view.maps.height));
-  ExplainedSegments explained, taken;
-  for (const ViewEvidence& view : context.views) taken.emplace_back(view.segment_samples.size(), 0);
-  VerifyScratch scratch;
-  const auto take = [&](PlacedObject p) {
-    EvaluatePlacement(context, scene->views, occluders, &scratch, &p, &explained);
-    for (std::size_t v = 0; v < taken.size(); ++v) {
-      for (std::size_t i = 0; i < explained[v].size(); ++i) taken[v][i] |= explained[v][i];
-      if (!scene->views[v]) continue;
-      RenderDepth(context.objects[p.object]->model.mesh,
-                  WorkingCamera(scene->views[v]->camera, context.views[v].maps),
-                  scene->views[v]->camera_from_scene * p.scene_from_object,
-                  &occluders[v]);
-    }
-  };
-  for (const PlacedObject& o : scene->objects) take(o);
+  Accepted accepted_parts(context, scene->views);
+  for (const PlacedObject& o : scene->objects) accepted_parts.Add(o);
   for (const PlacedObject& candidate : candidates) {
     if (IsStopRequested(context.stop)) return;
     if (candidate.score < options.hidden_score - options.hidden_slack) continue;
@@ -333,11 +338,11 @@ void AddHiddenParts(const JointContext& context,
         })) {
       continue;
     }
-    EvaluatePlacement(context, scene->views, occluders, &scratch, &p, &explained);
+    const double shared = accepted_parts.Judge(&p);
     if (p.score < options.hidden_score || p.total.Sharpness() < options.hidden_sharpness) continue;
-    if (SharedEdges(explained, taken) > options.max_shared_edges) continue;
+    if (shared > options.max_shared_edges) continue;
     scene->objects.push_back(p);
-    take(p);
+    accepted_parts.Add(p);
   }
 }
 

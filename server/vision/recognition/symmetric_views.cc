@@ -19,13 +19,6 @@ constexpr int kFewestPatches = 4;            // by which a pose must look more a
 constexpr std::size_t kHypotheses = 4;       // of a view that are tried
 constexpr int kFewestViews = 3;  // with so many aligned, views that fit none of them are left out
 
-bool TiedByPlane(const JointContext& context, const SceneModel& scene, int v) {
-  for (int w = 0; w < static_cast<int>(scene.views.size()); ++w) {
-    if (w != v && scene.views[w] && PlaneTransfer(*context.matching, v, w)) return true;
-  }
-  return false;
-}
-
 // Patches alike less patches unlike on the faces that two views see.
 int Likeness(const JointContext& context,
              const PlacedObject& placed,

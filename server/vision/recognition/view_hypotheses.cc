@@ -33,13 +33,13 @@ double RadiusPx(const PreparedObject& object,
   return object.radius_m * camera.focal_px * working_from_image / depth;
 }
 
-struct PooledPose {
+struct ScoredPose {
   float score;
   float significance;
   Rigid3 pose;
 };
 
-bool BySignificance(const PooledPose& x, const PooledPose& y) {
+bool BySignificance(const ScoredPose& x, const ScoredPose& y) {
   return x.significance > y.significance;
 }
 
@@ -84,7 +84,7 @@ class ViewPool {
     threshold_ = std::max_element(pool_.begin(), pool_.end(), BySignificance)->significance;
   }
 
-  std::vector<PooledPose> Sorted() && {
+  std::vector<ScoredPose> Sorted() && {
     std::sort(pool_.begin(), pool_.end(), BySignificance);
     return std::move(pool_);
   }
@@ -97,7 +97,7 @@ class ViewPool {
   const ViewHypothesisOptions& options_;
   std::size_t limit_;
   float threshold_;
-  std::vector<PooledPose> pool_;
+  std::vector<ScoredPose> pool_;
 };
 
 void OfferPathPoses(const PreparedObject& object,
@@ -201,7 +201,7 @@ ViewHypotheses FindViewHypotheses(const PreparedObject& object,
   ViewPool pool(object, view, start, options);
   OfferPathPoses(object, paths, start, stop, &pool);
   OfferCirclePoses(object, view, start, options, stop, &pool);
-  for (const PooledPose& pooled : std::move(pool).Sorted()) {
+  for (const ScoredPose& pooled : std::move(pool).Sorted()) {
     if (static_cast<int>(distinct.size()) >= options.refined) break;
     ViewHypothesis h{object_index, view_index, start, pooled.pose, pooled.score};
     if (is_new(distinct, h)) distinct.push_back(h);

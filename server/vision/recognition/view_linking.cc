@@ -339,17 +339,20 @@ std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plan
   return out;
 }
 
+bool TiedByPlane(const JointContext& context, const SceneModel& scene, int v) {
+  for (int other = 0; other < static_cast<int>(scene.views.size()); ++other) {
+    if (other != v && scene.views[other] && PlaneTransfer(*context.matching, v, other)) return true;
+  }
+  return false;
+}
+
 int DropContradictedViews(const JointContext& context, SceneModel* scene) {
   int dropped = 0;
   VerifyScratch scratch;
   const int views = static_cast<int>(scene->views.size());
   for (int v = 0; v < views && scene->registered() > 2; ++v) {
     // The plane's texture ties a view surer than a part that others may hide in it.
-    bool tied = false;
-    for (int other = 0; other < views && !tied; ++other) {
-      tied = other != v && scene->views[other] && PlaneTransfer(*context.matching, v, other);
-    }
-    if (tied) continue;
+    if (TiedByPlane(context, *scene, v)) continue;
     if (!scene->views[v] ||
         GainOfView(context, *scene, v, *scene->views[v], &scratch).Convinces(*scene)) {
       continue;

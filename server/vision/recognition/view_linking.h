@@ -21,6 +21,9 @@ std::optional<PlaneCamera> CameraFromPlane(const Eigen::Matrix3d& M, const Pinho
 // chain.
 std::optional<Eigen::Matrix3d> PlaneTransfer(const MatchingResult& matching, int a, int b);
 
+// Whether the plane's texture ties a view to another registered one.
+bool TiedByPlane(const JointContext& context, const SceneModel& scene, int v);
+
 // Scene hypotheses of one placed object each, best gain first: every seed is a hypothesis of one
 // view, continued into the other views by the plane homography (through_plane: seeds of views that
 // have one) or by those views' own hypotheses of the same object (seeds of the other views). Links

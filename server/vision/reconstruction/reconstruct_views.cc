@@ -93,6 +93,7 @@ absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
   for (std::size_t v = 0; v < before.size(); ++v) {
     std::optional<ReconstructedView>& now = result.views[v];
     if (!before[v] || (now && now->focal_log_sigma < before[v]->focal_log_sigma)) continue;
+    if (!now) ++result.counts["views"];
     now = before[v];
     result.view_refusals[v].clear();
   }

@@ -119,7 +119,7 @@ cv::Mat Checkers(unsigned seed) {
   return floor;
 }
 
-// Whether some junction of `others` lies at the point.
+// Whether some junction lies at the point.
 bool HasJunctionAt(const ImageFeatures& features, const Eigen::Vector2d& point) {
   return std::any_of(features.junctions.begin(), features.junctions.end(), [&](const Junction& j) {
     return (j.point - point).norm() < 1.5;
