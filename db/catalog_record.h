@@ -34,8 +34,8 @@ struct ObjectSummary {
   int triangle_count = 0;
 };
 
-// What the program made of an object's geometry (server/vision/recognition/prepared_blob.h); the
-// catalog keeps the bytes and knows nothing of them.
+// What the program made of an object's geometry (server/vision/recognition/object/prepared_blob.h);
+// the catalog keeps the bytes and knows nothing of them.
 struct DerivedData {
   int version = 0;
   std::string data;  // empty: none

@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
 namespace {

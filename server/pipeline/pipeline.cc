@@ -12,9 +12,8 @@
 #include "server/base/status_macros.h"
 #include "server/pipeline/answer.h"
 #include "server/vision/matching/known_cameras.h"
-#include "server/vision/recognition/prepared_blob.h"
-#include "server/vision/recognition/prepared_object.h"
-#include "server/vision/recognition/view_linking.h"
+#include "server/vision/recognition/object/prepared_blob.h"
+#include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
 namespace {

@@ -12,8 +12,8 @@
 #include "server/pipeline/scene.h"
 #include "server/pipeline/stored_object.h"
 #include "server/vision/geometry/object_model.h"
-#include "server/vision/recognition/key_index.h"
-#include "server/vision/recognition/prepared_bytes.h"
+#include "server/vision/recognition/invariant_matching/key_index.h"
+#include "server/vision/recognition/object/prepared_bytes.h"
 
 namespace horopter {
 

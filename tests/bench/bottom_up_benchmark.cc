@@ -11,8 +11,8 @@
 #include <opencv2/core.hpp>
 #include <tuple>
 
-#include "server/vision/recognition/association.h"
-#include "server/vision/recognition/mean_shift.h"
+#include "server/vision/recognition/invariant_matching/association.h"
+#include "server/vision/recognition/invariant_matching/mean_shift.h"
 #include "tests/support/random.h"
 
 namespace horopter {

@@ -15,8 +15,8 @@
 #include <ctime>
 #include <set>
 
-#include "server/vision/recognition/metric_route.h"
-#include "server/vision/recognition/projective_route.h"
+#include "server/vision/recognition/invariant_matching/metric_route.h"
+#include "server/vision/recognition/invariant_matching/projective_route.h"
 #include "server/vision/reconstruction/self_calibration.h"
 #include "tests/support/profile_parts.h"
 

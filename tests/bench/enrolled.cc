@@ -6,7 +6,7 @@
 #include "db/catalog.h"
 #include "server/base/parallel_for.h"
 #include "server/pipeline/pipeline.h"
-#include "server/vision/recognition/prepared_blob.h"
+#include "server/vision/recognition/object/prepared_blob.h"
 
 namespace horopter {
 namespace {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/object/prepared_object.h"
 #include "tests/diagnose/ground_truth.h"
 
 namespace horopter {

@@ -9,8 +9,8 @@
 
 #include "server/pipeline/pipeline.h"
 #include "server/vision/euclidean/representative.h"
-#include "server/vision/recognition/pose_refine.h"
-#include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/object/prepared_object.h"
+#include "server/vision/recognition/scoring/pose_refine.h"
 #include "tests/bench/pose_coverage.h"
 #include "tests/support/synthetic_metric_scene.h"
 #include "tests/support/synthetic_part.h"

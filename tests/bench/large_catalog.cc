@@ -15,7 +15,7 @@
 
 #include "absl/strings/str_format.h"
 #include "db/catalog.h"
-#include "server/vision/recognition/prepared_blob.h"
+#include "server/vision/recognition/object/prepared_blob.h"
 
 namespace horopter {
 namespace {

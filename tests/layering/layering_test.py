@@ -49,17 +49,27 @@ class Layering(unittest.TestCase):
                 said = one(stage + "/x.cc", '"%s"' % header, [header])
                 self.assertEqual(said == [], j <= i, "%s including %s said %s" % (stage, other, said))
 
+    def test_a_room_includes_every_lower_room_and_no_higher_one(self):
+        rooms = ["server/vision/recognition/" + room for room in layering.ROOMS]
+        for i, room in enumerate(rooms):
+            for j, other in enumerate(rooms):
+                header = stage_header(other)
+                said = one(room + "/x.cc", '"%s"' % header, [header])
+                self.assertEqual(said == [], j <= i, "%s including %s said %s" % (room, other, said))
+            page = "server/vision/recognition/recognition.h"
+            self.assertTrue(one(room + "/x.cc", '"%s"' % page, [page]), room)
+
     def test_geometry_knows_no_stage(self):
         for stage in layering.STAGES:
             header = stage_header(stage)
             self.assertTrue(one("server/vision/geometry/x.h", '"%s"' % header, [header]))
 
-    def test_only_recognition_uses_the_index(self):
+    def test_only_invariant_matching_uses_the_index(self):
         for folder in layering.FOLDERS:
-            if folder in ("server/index", "server/main.cc"):
+            if folder == "server/index" or folder.endswith((".cc", ".h")):
                 continue
             said = one(folder + "/x.cc", '"server/index/x_tree.h"', ["server/index/x_tree.h"])
-            self.assertEqual(said == [], folder == "server/vision/recognition", folder)
+            self.assertEqual(said == [], folder in layering.INDEX_USERS, folder)
 
     def test_only_pipeline_service_and_main_use_the_catalog(self):
         users = {"db", "server/pipeline", "server/service", "server/main.cc"}

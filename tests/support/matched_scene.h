@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "server/vision/matching/matching.h"
-#include "server/vision/recognition/pose_score.h"
 #include "server/vision/recognition/recognition.h"
+#include "server/vision/recognition/scoring/pose_score.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {

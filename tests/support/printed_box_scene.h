@@ -7,7 +7,7 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
-#include "server/vision/recognition/surface_texture.h"
+#include "server/vision/recognition/scene/surface_texture.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {

@@ -6,7 +6,7 @@
 #include <map>
 #include <random>
 
-#include "server/vision/recognition/pose_refine.h"
+#include "server/vision/recognition/scoring/pose_refine.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {

@@ -5,7 +5,7 @@
 #include <memory>
 #include <vector>
 
-#include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/object/prepared_object.h"
 #include "server/vision/recognition/recognition.h"
 
 namespace horopter {

@@ -11,7 +11,7 @@
 #include "server/vision/features/features.h"
 #include "server/vision/geometry/object_model.h"
 #include "server/vision/geometry/pinhole_camera.h"
-#include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
 

@@ -8,8 +8,8 @@
 #include <random>
 #include <vector>
 
-#include "server/vision/recognition/pose_score.h"
-#include "server/vision/recognition/scene_model.h"
+#include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/recognition/scoring/pose_score.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {

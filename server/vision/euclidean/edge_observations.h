@@ -8,8 +8,8 @@
 #include "server/vision/features/features.h"
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
-#include "server/vision/recognition/edge_maps.h"
-#include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/object/prepared_object.h"
+#include "server/vision/recognition/scoring/edge_maps.h"
 
 namespace horopter {
 

@@ -9,7 +9,7 @@
 #include "server/vision/euclidean/edge_observations.h"
 #include "server/vision/euclidean/representative.h"
 #include "server/vision/euclidean/scene_bundle.h"
-#include "server/vision/recognition/prepared_object.h"
+#include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
 namespace {

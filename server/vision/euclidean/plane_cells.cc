@@ -5,8 +5,8 @@
 #include <cmath>
 #include <map>
 
-#include "server/vision/recognition/edge_maps.h"
-#include "server/vision/recognition/plane_points.h"
+#include "server/vision/recognition/scene/plane_points.h"
+#include "server/vision/recognition/scoring/edge_maps.h"
 
 namespace horopter {
 namespace {

@@ -3,7 +3,7 @@
 #include <Eigen/Geometry>
 
 #include "server/vision/geometry/plucker_line.h"
-#include "server/vision/recognition/pose_refine.h"
+#include "server/vision/recognition/scoring/pose_refine.h"
 
 namespace horopter {
 

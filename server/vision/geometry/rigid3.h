@@ -21,4 +21,12 @@ inline Eigen::Vector3d operator*(const Rigid3& a_from_b, const Eigen::Vector3d& 
   return a_from_b.R * point_in_b + a_from_b.t;
 }
 
+// A pose seen by a camera of another focal length: the depth scales with it, the image of the
+// origin stays.
+inline Rigid3 WithFocal(const Rigid3& camera_from_object, double old_focal, double new_focal) {
+  Rigid3 out = camera_from_object;
+  out.t.z() *= new_focal / old_focal;
+  return out;
+}
+
 }  // namespace horopter

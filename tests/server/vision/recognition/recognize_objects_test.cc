@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
-#include "server/vision/recognition/pose_score.h"
 #include "server/vision/recognition/recognition.h"
+#include "server/vision/recognition/scoring/pose_score.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {

@@ -1,0 +1,68 @@
+// The routes through the reconstructed structure: invariants of its points ask the catalog's index,
+// and the hypotheses become scenes that the images judge like those of any other route (ADR 0011).
+#pragma once
+
+#include <array>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/vision/recognition/invariant_matching/corner_structure.h"
+#include "server/vision/recognition/invariant_matching/metric_route.h"
+#include "server/vision/recognition/invariant_matching/projective_route.h"
+#include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/reconstruction/matched_tracks.h"
+
+namespace horopter {
+
+// The objects of a request in an index of keys; must not outlive the objects.
+struct RouteCatalog {
+  std::vector<StructureObject> objects;  // in the order of the request
+  KeyIndexSnapshot index;
+};
+
+// Takes the given index and slots; without them an index over the objects is built, which takes
+// time in proportion to their keys. Errors: INVALID_ARGUMENT (slots are not one per object).
+absl::StatusOr<RouteCatalog> MakeRouteCatalog(
+    std::span<const std::shared_ptr<const PreparedObject>> objects,
+    const KeyIndexSnapshot* index,
+    std::span<const int> slots);
+
+struct BottomUpOptions {
+  CornerStructureOptions structure;
+  MetricRouteOptions metric = MetricDefaults();
+  ProjectiveRouteOptions projective = ProjectiveDefaults();
+  double corner_share = 0.005;  // corners nearer than this, of the distance to the cameras, are one
+  double min_log_odds = 0.0;    // of a hypothesis that is held against the images
+  float quick_reach_px = 10.0f;  // working pixels
+  double min_quick = 0.35;       // mean over the views
+  int refined = 24;              // scenes refined and judged, of each route
+  int max_scales = 3;            // of the metric route's scenes
+
+  static MetricRouteOptions MetricDefaults();
+  static ProjectiveRouteOptions ProjectiveDefaults();
+};
+
+// Scenes of one part each, in the cameras of the reconstruction, scaled by the part; one for each
+// of the best scales, see BestScales. Empty where there are no two cameras, no structure or no
+// hypothesis, or on a stop.
+std::vector<SceneModel> MetricSeeds(const JointContext& context,
+                                    const Reconstruction& reconstruction,
+                                    const RouteCatalog& catalog,
+                                    const BottomUpOptions& options = {});
+
+// Scenes of one part each, cameras P H = K [R | t] of its collineation into a projective
+// reconstruction of the matched tracks, which nothing is assumed about before; largest gain first.
+// Empty as above.
+std::vector<SceneModel> ProjectiveSeeds(const JointContext& context,
+                                        std::span<const ImageFeatures> features,
+                                        const RouteCatalog& catalog,
+                                        const BottomUpOptions& options = {});
+
+// Pairs of point tracks that a segment joins in two views or more: it ends in the junctions of
+// both.
+std::vector<std::array<int, 2>> TrackEdges(std::span<const FeatureTrack> points,
+                                           std::span<const ImageFeatures> features);
+
+}  // namespace horopter

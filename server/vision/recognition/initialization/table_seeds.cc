@@ -1,0 +1,319 @@
+#include "server/vision/recognition/initialization/table_seeds.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include "server/base/parallel_for.h"
+#include "server/vision/recognition/candidates/prospects.h"
+#include "server/vision/recognition/candidates/standing_poses.h"
+#include "server/vision/recognition/initialization/view_linking.h"
+#include "server/vision/recognition/scene/scene_refine.h"
+#include "server/vision/recognition/scoring/log_odds.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kMinSeedScore = 0.42;
+
+// An image edge that ends at a junction b, with the edges that go on from there.
+struct SightedEdge {
+  TableSighting a, b;
+  HeightMask heights;
+  struct Next {
+    TableSighting c;
+    HeightMask heights;
+  };
+  std::vector<Next> next;
+};
+
+// The same of a model: an edge a-b and the paths' edges b-c.
+struct ModelEdgeEnd {
+  int a = -1, b = -1, edge = -1;
+  struct Next {
+    int c = -1, edge = -1;
+  };
+  std::vector<Next> next;
+};
+
+// Both directions of every vertex path, grouped by their first edge: what the first edge says of a
+// pose is worked out once.
+std::vector<ModelEdgeEnd> EdgeEnds(const PreparedObject& object) {
+  std::vector<ModelEdgeEnd> ends;
+  std::map<std::pair<int, int>, std::size_t> at;  // by (edge, b)
+  const auto add = [&](int a, int b, int edge, ModelEdgeEnd::Next next) {
+    const auto [it, is_new] = at.try_emplace({edge, b}, ends.size());
+    if (is_new) ends.push_back({a, b, edge, {}});
+    ends[it->second].next.push_back(next);
+  };
+  for (const VertexPath& p : object.paths) {
+    add(p.a, p.b, p.edge_ab, {p.c, p.edge_bc});
+    add(p.c, p.b, p.edge_bc, {p.a, p.edge_ab});
+  }
+  return ends;
+}
+
+// The image's paths, grouped likewise; each path in one direction, the model's paths come in both.
+std::vector<SightedEdge> SightEdges(const JointContext& context,
+                                    std::span<const KnownView> views,
+                                    std::size_t own,
+                                    int view,
+                                    double max_height,
+                                    int max_paths) {
+  const auto& flags = context.matching->segment_on_plane;
+  std::vector<SightedEdge> out;
+  std::map<std::pair<double, double>, std::map<std::pair<double, double>, std::size_t>> at;
+  for (const ImagePath& p :
+       FindImagePaths(*context.views[view].features,
+                      view < static_cast<int>(flags.size()) ? flags[view] : std::vector<bool>{},
+                      context.views[view].maps.working_from_image,
+                      max_paths)) {
+    TableSighting a, b, c;
+    const PinholeCamera& camera = views[own].camera;
+    const Rigid3& pose = views[own].camera_from_scene;
+    if (!SightTable(camera, pose, p.a, &a) || !SightTable(camera, pose, p.b, &b) ||
+        !SightTable(camera, pose, p.c, &c)) {
+      continue;
+    }
+    const auto [it, is_new] = at[{p.b.x(), p.b.y()}].try_emplace({p.a.x(), p.a.y()}, out.size());
+    if (is_new) {
+      out.push_back({a, b, SupportedHeights(views, own, a, b, max_height, max_height), {}});
+    }
+    out[it->second].next.push_back({c, SupportedHeights(views, own, b, c, max_height, max_height)});
+  }
+  return out;
+}
+
+// Votes of one view's paths for a standing part. eye: the camera's centre.
+void VoteByPaths(const PreparedObject& object,
+                 const StandingPart& part,
+                 const std::vector<ModelEdgeEnd>& ends,
+                 const Eigen::Vector3d& eye,
+                 const std::vector<SightedEdge>& edges,
+                 double max_height,
+                 double tolerance,
+                 PoseVotes* votes) {
+  for (const ModelEdgeEnd& end : ends) {
+    const Eigen::Vector3d &a = part.vertices[end.a], &b = part.vertices[end.b];
+    const bool level_ab = std::abs(a.z() - b.z()) < kLevel, upright = IsUpright(a, b);
+    for (const SightedEdge& seen : edges) {
+      const auto vote = [&](const TableYaw& yaw,
+                            const ModelEdgeEnd::Next& next,
+                            const SightedEdge::Next& seen_next) {
+        const double share = b.z() * yaw.units_per_metre / max_height;
+        if (level_ab && !seen.heights.At(share)) return;
+        const bool level_bc = std::abs(part.vertices[next.c].z() - b.z()) < kLevel;
+        if (level_bc && !seen_next.heights.At(share)) return;
+        if (EdgesVisible(object, part, yaw, eye, end.edge, next.edge)) votes->Add(yaw, 1.0);
+      };
+      TableYaw yaws[2];
+      if (upright) {
+        for (const ModelEdgeEnd::Next& next : end.next) {
+          const Eigen::Vector3d vertices[3] = {a, b, part.vertices[next.c]};
+          for (const SightedEdge::Next& seen_next : seen.next) {
+            const TableSighting sightings[3] = {seen.a, seen.b, seen_next.c};
+            const int n = PosesFromSightings(vertices, sightings, tolerance, yaws);
+            for (int i = 0; i < n; ++i) vote(yaws[i], next, seen_next);
+          }
+        }
+        continue;
+      }
+      const int n = YawsFromEdge(a, b, seen.a, seen.b, yaws);
+      for (int i = 0; i < n; ++i) {
+        if (level_ab && !seen.heights.At(b.z() * yaws[i].units_per_metre / max_height)) continue;
+        for (const ModelEdgeEnd::Next& next : end.next) {
+          const Eigen::Vector3d& c = part.vertices[next.c];
+          const double limit = tolerance * ((b - a).norm() + (c - b).norm());
+          for (const SightedEdge::Next& seen_next : seen.next) {
+            if (MissOf(yaws[i], c, seen_next.c) <= limit) vote(yaws[i], next, seen_next);
+          }
+        }
+      }
+    }
+  }
+}
+
+// Distinct poses of one object, by the votes of all views.
+std::vector<PooledPose> SeedPoses(const JointContext& context,
+                                  std::span<const KnownView> views,
+                                  const std::vector<std::vector<SightedEdge>>& edges,
+                                  const PreparedObject& object,
+                                  const TableSearchOptions& options) {
+  const std::vector<ModelEdgeEnd> ends = EdgeEnds(object);
+  const double max_height = MaxHeight(views);
+  PosePool pool(options.min_quick);
+  for (const StandingPart& part : StandingParts(object)) {
+    if (IsStopRequested(context.give_up)) return {};
+    PoseVotes votes;
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      VoteByPaths(object,
+                  part,
+                  ends,
+                  views[v].camera_from_scene.Inverse().t,
+                  edges[v],
+                  max_height,
+                  options.path_tolerance,
+                  &votes);
+    }
+    ScorePeaks(object,
+               part,
+               views,
+               votes.Peaks(options.min_path_votes, options.peaks),
+               options.quick_reach_px,
+               &pool);
+  }
+  return DistinctPoses(object, views, InTurn(std::move(pool).Sorted()), options.kept_per_object);
+}
+
+}  // namespace
+
+std::optional<SceneModel> RefinedSeed(const JointContext& context,
+                                      const Reconstruction& reconstruction,
+                                      double units_per_metre,
+                                      int object,
+                                      const Rigid3& world_from_object) {
+  SceneModel scene;
+  scene.views.resize(reconstruction.views.size());
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!reconstruction.views[v]) continue;
+    RecognizedView view{reconstruction.views[v]->camera,
+                        reconstruction.views[v]->camera_from_world};
+    view.camera_from_scene.t /= units_per_metre;
+    scene.views[v] = view;
+  }
+  PlacedObject placed;
+  placed.object = object;
+  placed.scene_from_object = world_from_object;
+  scene.objects.push_back(placed);
+  SceneRefineOptions refine;
+  refine.start_reach_px = 12.0;
+  if (!RefineScene(context, refine, &scene)) return std::nullopt;
+  VerifyScratch scratch;
+  EvaluatePlacement(context, scene.views, {}, &scratch, &scene.objects[0]);
+  scene.gain = scene.objects[0].gain;
+  return scene;
+}
+
+std::vector<SceneModel> BestScales(std::vector<ScaledSeed> seeds,
+                                   int max_scales,
+                                   std::size_t catalog) {
+  const double price = PriceOfTrying(catalog);
+  const auto object_of = [](const ScaledSeed& s) { return s.scene.objects[0].object; };
+  std::erase_if(seeds, [](const ScaledSeed& s) { return s.scene.objects.empty(); });
+  // Evidence tells better than what is explained: among many objects some explain much at any
+  // scale.
+  const auto evidence_of = [&](const ScaledSeed& s) {
+    return std::max(0.0, EvidenceOf(s.scene.objects[0]) - price);
+  };
+  // A scale is as good as the parts that share it; parts of one object vote once.
+  std::vector<int> order;
+  std::vector<double> votes(seeds.size(), 0.0);
+  for (std::size_t i = 0; i < seeds.size(); ++i) {
+    if (seeds[i].scene.objects[0].score < kMinSeedScore) continue;
+    order.push_back(static_cast<int>(i));
+    std::map<int, double> of_object;
+    for (const ScaledSeed& other : seeds) {
+      if (std::abs(std::log(seeds[i].units_per_metre / other.units_per_metre)) > kDistinctScale)
+        continue;
+      double& vote = of_object[object_of(other)];
+      vote = std::max(vote, evidence_of(other));
+    }
+    for (const auto& [object, vote] : of_object) votes[i] += vote;
+  }
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return votes[a] + evidence_of(seeds[a]) > votes[b] + evidence_of(seeds[b]);
+  });
+  std::vector<SceneModel> out;
+  std::vector<double> chosen;
+  for (const int i : order) {
+    if (static_cast<int>(out.size()) >= max_scales) break;
+    const double units = seeds[i].units_per_metre;
+    if (std::any_of(chosen.begin(), chosen.end(), [&](double u) {
+          return std::abs(std::log(u / units)) < kDistinctScale;
+        })) {
+      continue;
+    }
+    chosen.push_back(units);
+    out.push_back(std::move(seeds[i].scene));
+  }
+  return out;
+}
+
+std::vector<SceneModel> TableSeeds(const JointContext& context,
+                                   const Reconstruction& reconstruction,
+                                   const TableSearchOptions& options,
+                                   int max_scales) {
+  const ProspectOptions prospects;
+  BeginStep(context, "table_sightings");
+  std::vector<KnownView> views;
+  std::vector<int> index;
+  for (std::size_t v = 0; v < reconstruction.views.size(); ++v) {
+    if (!reconstruction.views[v]) continue;
+    const ReconstructedView& view = *reconstruction.views[v];
+    views.push_back({&context.views[v].maps, view.camera, view.camera_from_world});
+    index.push_back(static_cast<int>(v));
+  }
+  if (views.size() < 2) return {};
+  const double max_height = MaxHeight(views);
+  if (!(max_height > 0)) return {};
+  using SightedViews = std::vector<std::vector<SightedEdge>>;
+  const auto sight = [&](int max_paths) {
+    SightedViews edges(views.size());
+    ParallelFor(static_cast<int>(views.size()), context.options.threads, [&](int i) {
+      edges[i] = SightEdges(context, views, i, index[i], max_height, max_paths);
+    });
+    return edges;
+  };
+  const auto find = [&](const SightedViews& edges, const std::vector<bool>& wanted) {
+    std::vector<std::vector<PooledPose>> found(context.objects.size());
+    ParallelFor(static_cast<int>(found.size()), context.options.threads, [&](int k) {
+      if (wanted[k]) found[k] = SeedPoses(context, views, edges, *context.objects[k], options);
+    });
+    return found;
+  };
+  const int objects = static_cast<int>(context.objects.size());
+  const SightedViews edges = sight(options.max_paths);
+
+  BeginStep(context, "table_votes");
+  std::vector<bool> wanted(objects, true);
+  if (objects > prospects.searched) {
+    const auto ranked = find(sight(prospects.table_paths_asked), wanted);
+    std::vector<double> promise(objects, 0.0);
+    for (int k = 0; k < objects; ++k) {
+      for (const PooledPose& p : ranked[k]) promise[k] = std::max(promise[k], p.quick);
+    }
+    wanted.assign(objects, false);
+    for (const int k : Largest(promise, prospects.searched)) wanted[k] = true;
+  }
+  const std::vector<std::vector<PooledPose>> found = find(edges, wanted);
+
+  BeginStep(context, "table_seeds");
+  std::vector<std::pair<int, PooledPose>> best;
+  for (int k = 0; k < objects; ++k) {
+    for (const PooledPose& p : found[k]) best.push_back({k, p});
+  }
+  std::stable_sort(best.begin(), best.end(), [](const auto& a, const auto& b) {
+    return a.second.quick > b.second.quick;
+  });
+  if (static_cast<int>(best.size()) > options.refined_seeds) best.resize(options.refined_seeds);
+  std::vector<SceneModel> scenes(best.size());
+  std::vector<double> units(best.size(), 1.0);
+  ParallelFor(static_cast<int>(best.size()), context.options.threads, [&](int i) {
+    if (IsStopRequested(context.give_up)) return;
+    auto scene = RefinedSeed(context,
+                             reconstruction,
+                             best[i].second.units_per_metre,
+                             best[i].first,
+                             best[i].second.table_from_object);
+    if (!scene) return;
+    units[i] = best[i].second.units_per_metre;
+    scenes[i] = *std::move(scene);
+  });
+  std::vector<ScaledSeed> seeds;
+  for (std::size_t i = 0; i < scenes.size(); ++i) seeds.push_back({std::move(scenes[i]), units[i]});
+  if (IsStopRequested(context.give_up)) return {};  // a part of them may lack the right ones
+  return BestScales(std::move(seeds), max_scales, context.objects.size());
+}
+
+}  // namespace horopter

@@ -1,0 +1,182 @@
+#include "server/vision/recognition/interpretation/placement_search.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "server/base/parallel_for.h"
+#include "server/vision/recognition/candidates/prospects.h"
+#include "server/vision/recognition/initialization/view_linking.h"
+#include "server/vision/recognition/scoring/pose_refine.h"
+
+namespace horopter {
+namespace {
+
+// Two placements of one object are the same below these (with its symmetries).
+constexpr double kSameDistanceM = 0.006;
+constexpr double kSameTurnRad = 0.12;
+constexpr double kMinRawScore = 0.35;  // placements below are not worth keeping
+
+bool SamePlacement(const PreparedObject& object, const Rigid3& a, const Rigid3& b) {
+  auto close = [&](const Rigid3& x) {
+    if ((x * object.center - b * object.center).norm() > kSameDistanceM) return false;
+    const double c = 0.5 * ((x.R.transpose() * b.R).trace() - 1.0);
+    return c > std::cos(kSameTurnRad);
+  };
+  if (close(a)) return true;
+  return std::any_of(object.model.symmetries.begin(),
+                     object.model.symmetries.end(),
+                     [&](const Rigid3& s) { return close(a * s); });
+}
+
+std::vector<FeatureView> FeatureViews(const JointContext& context, const SceneModel& scene) {
+  std::vector<FeatureView> views;
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!scene.views[v]) continue;
+    views.push_back({context.views[v].features,
+                     scene.views[v]->camera,
+                     scene.views[v]->camera_from_scene,
+                     context.views[v].maps.working_from_image});
+  }
+  return views;
+}
+
+// Mean quick score over the views in which the object's centre is inside the image.
+double QuickOverViews(const PreparedObject& object,
+                      std::span<const KnownView> views,
+                      const Rigid3& scene_from_object,
+                      const ExpansionOptions& options) {
+  double sum = 0.0;
+  int n = 0;
+  for (const KnownView& view : views) {
+    const Rigid3 pose = view.camera_from_scene * scene_from_object;
+    const Eigen::Vector3d c = pose * object.center;
+    if (c.z() <= object.radius_m) return 0.0;
+    const Eigen::Vector2d u = Project(view.camera, c);
+    if (u.x() < 0 || u.y() < 0 || u.x() >= view.camera.width || u.y() >= view.camera.height)
+      continue;
+    sum += QuickScore(object, *view.maps, view.camera, pose, options.quick_reach_px, 0.2f);
+    ++n;
+  }
+  return n > 0 ? sum / n : 0.0;
+}
+
+std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
+                                             const SceneModel& scene,
+                                             int k,
+                                             std::span<const KnownView> known,
+                                             std::span<const TablePose> on_table,
+                                             const ExpansionOptions& options) {
+  const PreparedObject& object = *context.objects[k];
+  struct Candidate {
+    double quick;
+    Rigid3 pose;
+  };
+  std::vector<Candidate> candidates;
+  for (const TablePose& pose : on_table) {
+    candidates.push_back(
+        {QuickOverViews(object, known, pose.scene_from_object, options), pose.scene_from_object});
+  }
+  RefineOptions settle;
+  settle.iterations = 3;
+  settle.start_reach_px = 6.0;
+  settle.focal_log_sigma = 0.0;
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!scene.views[v]) continue;
+    const RecognizedView& view = *scene.views[v];
+    const Rigid3 scene_from_camera = view.camera_from_scene.Inverse();
+    const ViewHypotheses& hypotheses = context.hypotheses[v][k];
+    for (const ViewHypothesis& h : options.use_pool ? hypotheses.pool : hypotheses.best) {
+      const Rigid3 start = WithFocal(h.camera_from_object, h.camera.focal_px, view.camera.focal_px);
+      const auto settled = RefineInView(object, context.views[v].maps, view.camera, start, settle);
+      if (!settled) continue;
+      const Rigid3 pose = scene_from_camera * settled->camera_from_object;
+      const double quick = QuickOverViews(object, known, pose, options);
+      if (quick >= options.min_quick) candidates.push_back({quick, pose});
+    }
+  }
+  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& x, const auto& y) {
+    return x.quick > y.quick;
+  });
+
+  std::vector<PlacedObject> placed;
+  VerifyScratch scratch;
+  RefineOptions refine;
+  refine.start_reach_px = 10.0;
+  int tried = 0;
+  std::vector<Rigid3> starts;
+  for (const Candidate& c : candidates) {
+    if (tried >= options.kept_per_object || IsStopRequested(context.stop)) break;
+    if (std::any_of(starts.begin(), starts.end(), [&](const Rigid3& p) {
+          return SamePlacement(object, p, c.pose);
+        })) {
+      continue;
+    }
+    starts.push_back(c.pose);
+    ++tried;
+    const auto refined = RefineInScene(object, known, c.pose, refine);
+    if (!refined) continue;
+    if (std::any_of(placed.begin(), placed.end(), [&](const PlacedObject& p) {
+          return SamePlacement(object, p.scene_from_object, *refined);
+        })) {
+      continue;
+    }
+    PlacedObject p;
+    p.object = k;
+    p.scene_from_object = *refined;
+    EvaluatePlacement(context, scene.views, {}, &scratch, &p);
+    if (p.score >= kMinRawScore) placed.push_back(std::move(p));
+  }
+  return placed;
+}
+
+}  // namespace
+
+std::vector<PlacedObject> CollectPlacements(const JointContext& context,
+                                            const JointContext& search,
+                                            const SceneModel& scene,
+                                            const std::vector<SearchSurface>& surfaces,
+                                            std::span<const PlacedObject> earlier,
+                                            const ExpansionOptions& options,
+                                            std::vector<bool>* shortlist) {
+  const std::vector<KnownView> known = KnownViews(context, scene);
+  const std::vector<KnownView> searched = KnownViews(search, scene);
+  std::vector<std::vector<PlacedObject>> per_object(context.objects.size());
+  std::optional<TableSearch> table;
+  if (options.use_table && scene.plane && !surfaces.empty())
+    table.emplace(search, scene, surfaces, options.table);
+  const std::vector<FeatureView> views = FeatureViews(search, scene);
+  const std::vector<SpaceCorner> corners = FindSpaceCorners(views);
+  const std::vector<SpaceCircle> circles = FindSpaceCircles(views);
+  const int objects = static_cast<int>(per_object.size());
+  const Prospects prospects = PromisingInSpace(
+      context.objects, searched, corners, circles, *shortlist, options.prospects, options.threads);
+  if (shortlist->empty()) *shortlist = prospects.shortlist;
+  ParallelFor(objects, options.threads, [&](int k) {
+    if (IsStopRequested(context.stop)) return;
+    std::vector<TablePose> suggested;
+    if (prospects.searched[k]) {
+      if (table) suggested = table->Find(k);
+      const PreparedObject& object = *context.objects[k];
+      for (const PooledPose& p :
+           SettledPoses(object,
+                        searched,
+                        PosesInSpace(object, searched, corners, circles, options.corners),
+                        options.corners.settle)) {
+        suggested.push_back({p.table_from_object, p.quick});
+      }
+    }
+    for (const PlacedObject& p : earlier) {
+      if (p.object == k) suggested.push_back({p.scene_from_object});
+    }
+    per_object[k] = PlacementsOfObject(context, scene, k, known, suggested, options);
+  });
+  std::vector<PlacedObject> all;
+  for (auto& list : per_object) {
+    for (PlacedObject& p : list) all.push_back(std::move(p));
+  }
+  std::stable_sort(
+      all.begin(), all.end(), [](const auto& x, const auto& y) { return x.score > y.score; });
+  return all;
+}
+
+}  // namespace horopter

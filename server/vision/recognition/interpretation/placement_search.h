@@ -1,0 +1,29 @@
+// Where each object may be in a scene whose cameras are known.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "server/vision/recognition/interpretation/scene_expansion.h"
+#include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/recognition/scene/support_surface.h"
+
+namespace horopter {
+
+// Placements of all objects suggested by the hypotheses of the registered views, by `earlier`
+// placements in cameras that differ little, and, where the scene has a plane, by the edges seen on
+// the given surfaces; refined and verified over all registered views (no occlusion considered),
+// best score first. search: the evidence that parts are looked for in, `context` itself or what
+// remains of it (remaining_evidence.h); they are judged by all of it. Of a catalog of more than
+// options.prospects.searched objects only the most promising are looked for, see prospects.h.
+// shortlist: the objects that are ranked (one flag each); empty: all, and it receives those that
+// the next call in the same scene needs to look at.
+std::vector<PlacedObject> CollectPlacements(const JointContext& context,
+                                            const JointContext& search,
+                                            const SceneModel& scene,
+                                            const std::vector<SearchSurface>& surfaces,
+                                            std::span<const PlacedObject> earlier,
+                                            const ExpansionOptions& options,
+                                            std::vector<bool>* shortlist);
+
+}  // namespace horopter

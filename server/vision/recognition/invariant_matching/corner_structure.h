@@ -1,0 +1,37 @@
+// Corners in space as a structure that the metric route reads: cameras known up to a similarity.
+#pragma once
+
+#include <span>
+
+#include "absl/status/statusor.h"
+#include "server/vision/recognition/candidates/space_corners.h"
+#include "server/vision/recognition/invariant_matching/scene_structure.h"
+
+namespace horopter {
+
+struct CornerStructureOptions {
+  // Deviation of a junction that is allowed for: its own, but not less than this. The cameras'
+  // errors are in it, which nearby points share.
+  double sigma_px = 1.0;
+  double max_line_px = 2.5;  // of a segment's end from its edge; a view's segment may be another's
+  // An edge joins two corners that end the same segments in so many views, or whose edges point at
+  // each other within the angle and reach at least the share of the way.
+  int min_edge_views = 2;
+  double direction_rad = 0.06;
+  double min_reach = 0.6;
+  double max_reach = 1.15;
+};
+
+struct CornerStructure {
+  SceneStructure structure;                                            // metric
+  Eigen::Matrix4d structure_from_scene = Eigen::Matrix4d::Identity();  // a similarity
+};
+
+// corners: of FindSpaceCorners on the same views; views of the structure are theirs. The cameras
+// are held: the covariance is block-diagonal. Errors: FAILED_PRECONDITION (fewer than five
+// corners), INVALID_ARGUMENT (more than kMaxStructurePoints).
+absl::StatusOr<CornerStructure> StructureOfCorners(std::span<const FeatureView> views,
+                                                   std::span<const SpaceCorner> corners,
+                                                   const CornerStructureOptions& options = {});
+
+}  // namespace horopter

@@ -1,0 +1,218 @@
+#include "server/vision/recognition/invariant_matching/route_votes.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kStopStride = 256;  // votes between two looks at the stop token
+
+// An object of which little is seen may be larger than what is seen.
+constexpr double kMaxExtentRatio = 1.6;
+
+// Root mean square distance of the points from their middle.
+double ExtentOf(const SceneStructure& structure, std::span<const int> points) {
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  const auto n = static_cast<double>(points.size());
+  for (const int i : points) mean += structure.points[i] / n;
+  double sum = 0.0;
+  for (const int i : points) sum += (structure.points[i] - mean).squaredNorm() / n;
+  return std::sqrt(sum);
+}
+
+int VerticesOfTuple(TransformGroup group) {
+  return group == TransformGroup::kCollineation ? 6 : 4;
+}
+
+absl::StatusOr<Eigen::Matrix4d> FitHit(TransformGroup group,
+                                       const SceneStructure& structure,
+                                       const ObjectShape& shape,
+                                       const TupleHit& hit) {
+  if (group != TransformGroup::kCollineation) {
+    return FitTransform(group, structure, shape, std::span(hit.matches.data(), hit.size), {});
+  }
+  std::array<Eigen::Vector4d, 6> from, to;
+  for (int k = 0; k < hit.size; ++k) {
+    from[k] = shape.vertices[hit.matches[k].vertex].homogeneous();
+    to[k] = structure.points[hit.matches[k].point].homogeneous();
+  }
+  HOROPTER_ASSIGN_OR_RETURN(
+      const Eigen::Matrix4d H,
+      CollineationFromBasis(std::span(from.data(), hit.size), std::span(to.data(), hit.size)));
+  return H.row(3).dot(from[0]) < 0.0 ? Eigen::Matrix4d(-H) : H;
+}
+
+VoteMode WholeObject(std::span<const VertexVote> votes, std::span<const int> of_object) {
+  VoteMode out;
+  out.object = votes[of_object[0]].object;
+  out.members.assign(of_object.begin(), of_object.end());
+  out.tuples = static_cast<int>(of_object.size());
+  for (const int i : of_object) {
+    out.weight += votes[i].weight;
+    if (votes[i].support <= out.support) continue;
+    out.support = votes[i].support;
+    out.structure_from_shape = votes[i].structure_from_shape;
+  }
+  return out;
+}
+
+bool SameMatches(const StructureHypothesis& a, const StructureHypothesis& b) {
+  if (a.object != b.object || a.vertices.size() != b.vertices.size()) return false;
+  return std::is_permutation(a.vertices.begin(), a.vertices.end(), b.vertices.begin());
+}
+
+}  // namespace
+
+absl::StatusOr<ObjectTable> ObjectTable::Make(std::span<const StructureObject> objects) {
+  ObjectTable table;
+  table.objects_ = objects;
+  table.shapes_.resize(objects.size());
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    const StructureObject& o = objects[i];
+    if (o.model == nullptr || o.keys == nullptr || o.slot < 0) {
+      return absl::InvalidArgumentError(absl::StrCat("objects: ", i, " lacks model, keys or slot"));
+    }
+    if (o.slot >= static_cast<int>(table.at_slot_.size())) table.at_slot_.resize(o.slot + 1, -1);
+    if (table.at_slot_[o.slot] >= 0) {
+      return absl::InvalidArgumentError(absl::StrCat("objects: slot ", o.slot, " twice"));
+    }
+    table.at_slot_[o.slot] = static_cast<int>(i);
+  }
+  return table;
+}
+
+const ObjectShape& ObjectTable::shape(int i) {
+  if (!shapes_[i]) shapes_[i] = ShapeOf(*objects_[i].model);
+  return *shapes_[i];
+}
+
+void SortHypotheses(std::vector<StructureHypothesis>* hypotheses) {
+  std::stable_sort(hypotheses->begin(), hypotheses->end(), [](const auto& a, const auto& b) {
+    return a.log_odds > b.log_odds;
+  });
+  std::vector<StructureHypothesis> kept;
+  for (StructureHypothesis& h : *hypotheses) {
+    const bool known = std::any_of(
+        kept.begin(), kept.end(), [&](const auto& other) { return SameMatches(h, other); });
+    if (!known) kept.push_back(std::move(h));
+  }
+  *hypotheses = std::move(kept);
+}
+
+absl::Status JudgeHits(TransformGroup group,
+                       const StructureEvidence& evidence,
+                       std::span<const int> component_points,
+                       int component,
+                       std::vector<TupleHit> hits,
+                       const StructureRouteOptions& options,
+                       const StopRequested& stop,
+                       ObjectTable* objects,
+                       StructureRouteResult* result) {
+  const SceneStructure& structure = *evidence.structure;
+  const double component_extent = ExtentOf(structure, component_points);
+  std::stable_sort(hits.begin(), hits.end(), [](const TupleHit& a, const TupleHit& b) {
+    return a.hits_of_tuple < b.hits_of_tuple;
+  });
+  result->counts["hits"] += static_cast<double>(hits.size());
+  if (static_cast<int>(hits.size()) > options.max_hits) hits.resize(options.max_hits);
+  std::vector<VertexVote> votes;
+  std::vector<std::vector<int>> of_object;
+  for (std::size_t i = 0; i < hits.size(); ++i) {
+    if (i % kStopStride == 0 && IsStopRequested(stop)) return absl::CancelledError("stopped");
+    const TupleHit& hit = hits[i];
+    const ObjectShape& shape = objects->shape(hit.object);
+    const auto rough = FitHit(group, structure, shape, hit);
+    if (!rough.ok()) continue;
+    const double extent = MappedExtent(shape, *rough);
+    // A transformation that spreads the object over everything has all points near some vertex.
+    if (!(extent < kMaxExtentRatio * component_extent)) continue;
+    const int enough = VerticesOfTuple(group) + options.min_extra_support;
+    const auto near = [&](const Eigen::Matrix4d& H, double reach) {
+      return QuickVertexMatches(
+          structure, component_points, shape, H, reach * std::min(extent, component_extent));
+    };
+    if (static_cast<int>(near(*rough, options.quick_reach).size()) < enough) continue;
+    // A few points extrapolate badly: all that came near determine it better, and what is right
+    // comes nearer then. Unless wrong ones were among them: then it stays as it was.
+    Eigen::Matrix4d H = *rough;
+    std::vector<VertexMatch> matches = near(H, options.settled_reach);
+    for (const double reach : {options.quick_reach, options.settled_reach}) {
+      const auto fitted = FitTransform(group, structure, shape, near(*rough, reach), {});
+      if (!fitted.ok()) continue;
+      std::vector<VertexMatch> again = near(*fitted, options.settled_reach);
+      if (again.size() <= matches.size()) continue;
+      H = *fitted;
+      matches = std::move(again);
+    }
+    const int support = static_cast<int>(matches.size());
+    if (support < enough) continue;
+    if (hit.object >= static_cast<int>(of_object.size())) of_object.resize(hit.object + 1);
+    of_object[hit.object].push_back(static_cast<int>(votes.size()));
+    votes.push_back({hit.object,
+                     hit.tuple,
+                     std::vector<VertexMatch>(hit.matches.begin(), hit.matches.begin() + hit.size),
+                     H,
+                     1.0 / hit.hits_of_tuple,
+                     support});
+  }
+  // Beside the modes, every object's votes together: many are right in four or five of their
+  // vertices only, lie far from the truth, and still fill the right fields of the table.
+  std::vector<VoteMode> modes, whole;
+  for (const std::vector<int>& list : of_object) {
+    if (list.empty()) continue;
+    if (IsStopRequested(stop)) return absl::CancelledError("stopped");
+    HOROPTER_ASSIGN_OR_RETURN(const std::vector<VoteMode> of_one,
+                              ClusterVotes(votes, list, options.votes));
+    modes.insert(modes.end(), of_one.begin(), of_one.end());
+    if (list.size() > 1) whole.push_back(WholeObject(votes, list));
+  }
+  // A query more in agreement says about as much as a vertex and a half.
+  const auto promise = [](const VoteMode& m) { return m.support + 1.5 * std::log2(m.tuples); };
+  std::stable_sort(modes.begin(), modes.end(), [&](const VoteMode& a, const VoteMode& b) {
+    return promise(a) > promise(b);
+  });
+  result->counts["votes"] += static_cast<double>(votes.size());
+  result->counts["modes"] += static_cast<double>(modes.size());
+  if (static_cast<int>(modes.size()) > options.judged_modes) modes.resize(options.judged_modes);
+  modes.insert(modes.end(), whole.begin(), whole.end());
+  result->counts["judged"] += static_cast<double>(modes.size());
+  std::vector<StructureHypothesis> found;
+  for (const VoteMode& mode : modes) {
+    if (IsStopRequested(stop)) return absl::CancelledError("stopped");
+    const ObjectShape& shape = objects->shape(mode.object);
+    const auto judge = [&](const Eigen::Matrix4d& H) {
+      StructureHypothesis h = JudgeTransform(group, evidence, shape, H, options.support);
+      h.object = mode.object;
+      h.component = component;
+      h.votes = mode.tuples;
+      return h;
+    };
+    StructureHypothesis best = judge(mode.structure_from_shape);
+    // The table of a single query says no more than that query.
+    if (mode.tuples < 2) {
+      if (std::isfinite(best.log_odds)) found.push_back(std::move(best));
+      continue;
+    }
+    const std::vector<VertexMatch> associated = AssociateMode(
+        votes, mode, static_cast<int>(structure.points.size()), shape.size(), options.votes);
+    ConsistencyOptions consistency;
+    consistency.reach = options.quick_reach * MappedExtent(shape, mode.structure_from_shape);
+    const auto agreed = FindConsistentMatches(group, structure, shape, associated, consistency);
+    if (agreed.ok()) {
+      StructureHypothesis other = judge(agreed->structure_from_shape);
+      if (other.log_odds > best.log_odds) best = std::move(other);
+    }
+    if (std::isfinite(best.log_odds)) found.push_back(std::move(best));
+  }
+  SortHypotheses(&found);
+  if (static_cast<int>(found.size()) > options.kept) found.resize(options.kept);
+  for (StructureHypothesis& h : found) result->hypotheses.push_back(std::move(h));
+  return absl::OkStatus();
+}
+
+}  // namespace horopter

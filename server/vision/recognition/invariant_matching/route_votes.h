@@ -1,0 +1,58 @@
+// What both bottom-up routes do after their queries: votes of hits, modes, association, support.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/vision/recognition/invariant_matching/projective_route.h"
+
+namespace horopter {
+
+// Objects by slot of the index, with shapes made when they are first asked for.
+class ObjectTable {
+ public:
+  // Errors: INVALID_ARGUMENT.
+  static absl::StatusOr<ObjectTable> Make(std::span<const StructureObject> objects);
+
+  // Index into the objects; -1 for a slot that is not asked about.
+  int AtSlot(int slot) const {
+    return slot >= 0 && slot < static_cast<int>(at_slot_.size()) ? at_slot_[slot] : -1;
+  }
+  const StructureObject& object(int i) const { return objects_[i]; }
+  const ObjectShape& shape(int i);
+
+ private:
+  std::span<const StructureObject> objects_;
+  std::vector<int> at_slot_;
+  std::vector<std::optional<ObjectShape>> shapes_;
+};
+
+// A key of the catalog that a query found: which vertices the tuple's points would be. Of six, the
+// first four should be the best conditioned.
+struct TupleHit {
+  int object = -1;
+  int tuple = -1;
+  std::array<VertexMatch, 6> matches;
+  int size = 6;
+  int hits_of_tuple = 1;
+};
+
+// Votes of the hits (rarest tuples first, as many as the options allow), clustered by object; the
+// best modes associated and judged. Appends to result.
+absl::Status JudgeHits(TransformGroup group,
+                       const StructureEvidence& evidence,
+                       std::span<const int> component_points,
+                       int component,
+                       std::vector<TupleHit> hits,
+                       const StructureRouteOptions& options,
+                       const StopRequested& stop,
+                       ObjectTable* objects,
+                       StructureRouteResult* result);
+
+// Best first, without repetitions.
+void SortHypotheses(std::vector<StructureHypothesis>* hypotheses);
+
+}  // namespace horopter

@@ -1,0 +1,87 @@
+// What a reconstructed structure says for an object in it: the hypothesis of both bottom-up routes
+// and its verification by collineation or similarity (thesis 4.4; geometry.md 4.5, 7.6).
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "server/vision/recognition/invariant_matching/object_collineation.h"
+#include "server/vision/recognition/invariant_matching/scene_structure.h"
+
+namespace horopter {
+
+struct SupportOptions {
+  // Chi-square of a matched vertex, 3 degrees of freedom. Wide: first-order covariances have heavy
+  // tails, and the score counts misfit anyway.
+  double vertex_gate = 25.0;
+  double edge_gate = 9.0;  // mean squared distance of an edge's ends, in sigmas
+  // Log-likelihood ratios against "something else stands there". A vertex on a point: of the space
+  // a point may lie in to the one it is known to; a vertex without: of being missed.
+  double vertex_gain = 6.0;
+  double vertex_missing = -1.2;
+  double edge_gain = 2.5;
+  double edge_missing = -0.5;
+  // Two matched points that the scene joins by an edge and the model does not, and the reverse.
+  double edge_contradicted = -3.0;
+  double edge_unseen = -0.5;
+  // First match of a rough transformation: distance of vertex and point, of the object's extent in
+  // the structure.
+  double rough_reach = 0.10;
+  int rounds = 3;  // of matching and refinement
+};
+
+// An object in a structure. What makes it an answer, or not, are the images.
+struct StructureHypothesis {
+  int object = -1;  // index into the list of objects
+  // Metres to the structure's frame: a collineation (unit norm, w > 0 on the object), or a
+  // similarity where the structure is metric.
+  Eigen::Matrix4d structure_from_object = Eigen::Matrix4d::Identity();
+  std::vector<VertexMatch> vertices;
+  std::vector<EdgeMatch> edges;
+  double log_odds = 0.0;      // sum of the log-likelihood ratios of SupportOptions
+  double vertex_share = 0.0;  // matched vertices of all of the object
+  double rms_sigma = 0.0;     // of the matched vertices, per coordinate
+  int component = -1;
+  int votes = 0;  // tuples whose keys led to it
+};
+
+// What every judgement reads of a structure; it must outlive this.
+struct StructureEvidence {
+  const SceneStructure* structure = nullptr;
+  std::vector<Eigen::Matrix3d> information;  // PointInformation
+  std::vector<std::vector<bool>> joined;     // [point][point] by an edge
+  std::vector<std::vector<int>> observations_of_line;
+  std::vector<Eigen::Vector3d> line_middle;  // a point of the line between its observed ends
+};
+StructureEvidence GatherEvidence(const SceneStructure& structure);
+
+// Every vertex's nearest free point among `points` within `reach` (structure units), vertices in
+// turn; quick, not the best assignment. Empty when a vertex lies beyond the plane at infinity.
+std::vector<VertexMatch> QuickVertexMatches(const SceneStructure& structure,
+                                            std::span<const int> points,
+                                            const ObjectShape& shape,
+                                            const Eigen::Matrix4d& structure_from_shape,
+                                            double reach);
+
+// Distance of the mapped vertices from their middle, root mean square; infinite when one lies
+// beyond the plane at infinity.
+double MappedExtent(const ObjectShape& shape, const Eigen::Matrix4d& structure_from_shape);
+
+// Whether most cameras see the object itself and not its mirror image: brought to the object's
+// frame and with the object in front of them, P = [M | p] must have det M > 0. Needs no orientation
+// of the structure's frame.
+bool IsSeenUnmirrored(const SceneStructure& structure,
+                      const ObjectShape& shape,
+                      const Eigen::Matrix4d& structure_from_shape);
+
+// Matches vertices and edges, refines the transformation on them, and sums up what speaks for it.
+// log_odds is negative infinity when fewer vertices match than determine the transformation and one
+// more, or when it mirrors the object or takes it through the plane at infinity.
+StructureHypothesis JudgeTransform(TransformGroup group,
+                                   const StructureEvidence& evidence,
+                                   const ObjectShape& shape,
+                                   const Eigen::Matrix4d& structure_from_shape,
+                                   const SupportOptions& options = {});
+
+}  // namespace horopter

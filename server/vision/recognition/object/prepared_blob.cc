@@ -1,0 +1,290 @@
+#include "server/vision/recognition/object/prepared_blob.h"
+
+#include <bit>
+#include <cstdint>
+#include <cstring>
+#include <type_traits>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
+
+namespace horopter {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "numbers are copied as they are");
+
+constexpr std::string_view kMagic = "HPRE";
+constexpr std::string_view kKeyMagic = "HKEY";
+constexpr std::size_t kHeaderBytes = 24;
+// More cells than ComputeOccupancy makes along a side mean a damaged blob.
+constexpr int kMaxCells = 1024;
+
+class Hash {
+ public:
+  void Add(const void* bytes, std::size_t size) {
+    const char* at = static_cast<const char*>(bytes);
+    for (; size > 0; at += 8) {
+      std::uint64_t word = 0;
+      const std::size_t n = std::min<std::size_t>(size, 8);
+      std::memcpy(&word, at, n);
+      value_ = (value_ ^ word) * 0x100000001b3ull;
+      value_ ^= value_ >> 29;  // high bits of a word must reach the low bits of the sum
+      size -= n;
+    }
+  }
+  template <typename T>
+  void Add(const T& value) {
+    static_assert(std::is_arithmetic_v<T>);
+    Add(&value, sizeof(value));
+  }
+  std::uint64_t value() const { return value_; }
+
+ private:
+  std::uint64_t value_ = 0xcbf29ce484222325ull;
+};
+
+std::uint64_t Fingerprint(const ObjectModel& model, const PrepareOptions& options) {
+  Hash hash;
+  hash.Add(options.max_samples);
+  hash.Add(options.min_path_angle_rad);
+  hash.Add(options.aspect_distance_diameters);
+  hash.Add(model.diameter_m);
+  hash.Add(model.vertices.data(), model.vertices.size() * sizeof(Eigen::Vector3d));
+  for (const ModelEdge& e : model.edges) {
+    hash.Add(static_cast<int>(e.kind));
+    hash.Add(e.start_vertex);
+    hash.Add(e.end_vertex);
+    hash.Add(e.polyline.data(), e.polyline.size() * sizeof(e.polyline[0]));
+  }
+  const TriangleMesh& mesh = model.mesh;
+  hash.Add(mesh.vertices.data(), mesh.vertices.size() * sizeof(mesh.vertices[0]));
+  hash.Add(mesh.triangles.data(), mesh.triangles.size() * sizeof(mesh.triangles[0]));
+  return hash.value();
+}
+
+template <typename T>
+void Append(std::string& out, T value) {
+  static_assert(std::is_arithmetic_v<T>);
+  out.append(reinterpret_cast<const char*>(&value), sizeof(value));
+}
+
+void AppendCoded(std::string& out, std::string_view bytes) {
+  const std::size_t size_at = out.size();
+  Append(out, std::uint32_t{0});
+  for (std::size_t i = 0; i < bytes.size();) {
+    if (bytes[i] != 0) {
+      out.push_back(bytes[i++]);
+      continue;
+    }
+    std::size_t run = 1;
+    while (run < 255 && i + run < bytes.size() && bytes[i + run] == 0) ++run;
+    out.push_back(0);
+    out.push_back(static_cast<char>(run));
+    i += run;
+  }
+  const auto coded = static_cast<std::uint32_t>(out.size() - size_at - 4);
+  std::memcpy(out.data() + size_at, &coded, sizeof(coded));
+}
+
+// Reads from the front of a blob; after the first failure everything is zero and ok() false.
+class Reader {
+ public:
+  explicit Reader(std::string_view blob) : blob_(blob) {}
+
+  template <typename T>
+  T Take() {
+    T value{};
+    if (blob_.size() < sizeof(T)) {
+      ok_ = false;
+      blob_ = {};
+      return value;
+    }
+    std::memcpy(&value, blob_.data(), sizeof(T));
+    blob_.remove_prefix(sizeof(T));
+    return value;
+  }
+
+  // Exactly `size` bytes of run-length coded data.
+  std::string TakeCoded(std::size_t size) {
+    const auto coded = Take<std::uint32_t>();
+    std::string out;
+    if (coded > blob_.size()) ok_ = false;
+    if (!ok_) return out;
+    out.reserve(size);
+    for (std::size_t i = 0; i < coded && out.size() <= size; ++i) {
+      if (blob_[i] != 0) {
+        out.push_back(blob_[i]);
+      } else {
+        if (++i == coded || blob_[i] == 0) break;
+        out.append(static_cast<unsigned char>(blob_[i]), '\0');
+      }
+    }
+    blob_.remove_prefix(coded);
+    if (out.size() != size) ok_ = false;
+    return out;
+  }
+
+  Eigen::Vector3d TakeVector() {
+    Eigen::Vector3d v;
+    for (double& x : v) x = Take<double>();
+    return v;
+  }
+
+  bool ok() const { return ok_; }
+  std::size_t left() const { return blob_.size(); }
+
+ private:
+  std::string_view blob_;
+  bool ok_ = true;
+};
+
+std::string DifferenceBits(const PreparedObject& object) {
+  const std::size_t words = static_cast<std::size_t>(object.words);
+  std::vector<std::uint64_t> bits = object.visible;
+  for (std::size_t i = bits.size(); i-- > words;) bits[i] ^= bits[i - words];
+  return std::string(reinterpret_cast<const char*>(bits.data()), bits.size() * 8);
+}
+
+void AppendOccupancy(std::string& out, const Occupancy& occupancy) {
+  for (const double x : occupancy.origin) Append(out, x);
+  Append(out, occupancy.cell_m);
+  for (const int n : occupancy.size) Append(out, static_cast<std::int32_t>(n));
+  std::string bits((occupancy.inside.size() + 7) / 8, '\0');
+  for (std::size_t i = 0; i < occupancy.inside.size(); ++i) {
+    if (occupancy.inside[i]) bits[i / 8] = static_cast<char>(bits[i / 8] | (1 << (i % 8)));
+  }
+  AppendCoded(out, bits);
+  Append(out, static_cast<std::uint32_t>(occupancy.interior.size()));
+  for (const Eigen::Vector3f& p : occupancy.interior) {
+    for (const float x : p) Append(out, x);
+  }
+}
+
+bool TakeOccupancy(Reader& reader, Occupancy& out) {
+  out.origin = reader.TakeVector();
+  out.cell_m = reader.Take<double>();
+  for (int& n : out.size) n = reader.Take<std::int32_t>();
+  if (!reader.ok() || out.size.minCoeff() < 0 || out.size.maxCoeff() > kMaxCells) return false;
+  const std::size_t cells = static_cast<std::size_t>(out.size.x()) * out.size.y() *
+                            static_cast<std::size_t>(out.size.z());
+  const std::string bits = reader.TakeCoded((cells + 7) / 8);
+  if (!reader.ok()) return false;
+  out.inside.resize(cells);
+  for (std::size_t i = 0; i < cells; ++i) out.inside[i] = (bits[i / 8] >> (i % 8)) & 1;
+  const auto count = reader.Take<std::uint32_t>();
+  if (count > reader.left() / 12) return false;
+  out.interior.resize(count);
+  for (Eigen::Vector3f& p : out.interior) {
+    for (float& x : p) x = reader.Take<float>();
+  }
+  return reader.ok();
+}
+
+std::string WithHeader(std::string_view magic, std::uint64_t fingerprint, std::string_view body) {
+  Hash checksum;
+  checksum.Add(body.data(), body.size());
+  std::string out(magic);
+  Append(out, static_cast<std::uint16_t>(kPreparedVersion));
+  Append(out, std::uint16_t{0});
+  Append(out, fingerprint);
+  Append(out, checksum.value());
+  out += body;
+  return out;
+}
+
+// Checks everything but the fingerprint, which it returns, and takes the header off.
+absl::StatusOr<std::uint64_t> TakeHeader(std::string_view& blob, std::string_view wanted) {
+  Reader header(blob);
+  char magic[4];
+  for (char& c : magic) c = header.Take<char>();
+  const auto version = header.Take<std::uint16_t>();
+  header.Take<std::uint16_t>();
+  const auto fingerprint = header.Take<std::uint64_t>();
+  const auto checksum = header.Take<std::uint64_t>();
+  if (!header.ok()) return absl::DataLossError("derived data: shorter than its header");
+  if (std::string_view(magic, 4) != wanted) return absl::DataLossError("derived data: wrong magic");
+  if (version != kPreparedVersion) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        "derived data of version ", version, ", this program makes ", kPreparedVersion));
+  }
+  blob.remove_prefix(kHeaderBytes);
+  Hash hash;
+  hash.Add(blob.data(), blob.size());
+  if (hash.value() != checksum) return absl::DataLossError("derived data: wrong checksum");
+  return fingerprint;
+}
+
+// The same of data and keys of an object, which must be of its geometry.
+absl::Status TakeHeaderOf(const ObjectModel& model,
+                          std::uint64_t fingerprint,
+                          std::string_view magic,
+                          std::string_view& blob) {
+  const absl::StatusOr<std::uint64_t> found = TakeHeader(blob, magic);
+  const auto named = [&](const absl::Status& status) {
+    return absl::Status(status.code(),
+                        absl::StrCat("object ", model.id, ": ", std::string(status.message())));
+  };
+  if (!found.ok()) return named(found.status());
+  if (*found == fingerprint) return absl::OkStatus();
+  return named(absl::FailedPreconditionError("derived data of another geometry or other options"));
+}
+
+}  // namespace
+
+PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options) {
+  std::string out;
+  AppendCoded(out, DifferenceBits(object));
+  Append(out, static_cast<std::uint32_t>(object.stable_poses.size()));
+  for (const StablePose& pose : object.stable_poses) {
+    for (const double x : pose.up) Append(out, x);
+    Append(out, pose.height_m);
+    Append(out, pose.margin_m);
+  }
+  AppendOccupancy(out, object.occupancy);
+  const std::uint64_t fingerprint = Fingerprint(object.model, options);
+  return {WithHeader(kMagic, fingerprint, out),
+          WithHeader(kKeyMagic, fingerprint, EncodeObjectKeys(object.keys))};
+}
+
+absl::StatusOr<ObjectKeys> DecodePreparedKeys(std::string_view keys, int vertex_count) {
+  HOROPTER_RETURN_IF_ERROR(TakeHeader(keys, kKeyMagic).status());
+  return DecodeObjectKeys(keys, vertex_count);
+}
+
+absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
+    ObjectModel model, const PreparedBytes& bytes, const PrepareOptions& options) {
+  std::string_view blob = bytes.data, keys = bytes.keys;
+  const std::uint64_t fingerprint = Fingerprint(model, options);
+  HOROPTER_RETURN_IF_ERROR(TakeHeaderOf(model, fingerprint, kMagic, blob));
+  HOROPTER_RETURN_IF_ERROR(TakeHeaderOf(model, fingerprint, kKeyMagic, keys));
+  HOROPTER_ASSIGN_OR_RETURN(const std::shared_ptr<PreparedObject> object,
+                            BeginPrepared(std::move(model), options));
+  Reader reader(blob);
+  const std::size_t words = static_cast<std::size_t>(object->words);
+  const std::string bits = reader.TakeCoded(kAspectCount * words * 8);
+  if (!reader.ok()) return absl::DataLossError("derived data: view sphere of a wrong size");
+  object->visible.resize(kAspectCount * words);
+  std::memcpy(object->visible.data(), bits.data(), bits.size());
+  for (std::size_t i = words; i < object->visible.size(); ++i) {
+    object->visible[i] ^= object->visible[i - words];
+  }
+  const auto poses = reader.Take<std::uint32_t>();
+  if (poses > reader.left() / 40) return absl::DataLossError("derived data: too many poses");
+  object->stable_poses.resize(poses);
+  for (StablePose& pose : object->stable_poses) {
+    pose.up = reader.TakeVector();
+    pose.height_m = reader.Take<double>();
+    pose.margin_m = reader.Take<double>();
+  }
+  if (!TakeOccupancy(reader, object->occupancy)) {
+    return absl::DataLossError("derived data: cells of a wrong size");
+  }
+  if (reader.left() > 0) return absl::DataLossError("derived data: bytes behind its end");
+  HOROPTER_ASSIGN_OR_RETURN(
+      object->keys, DecodeObjectKeys(keys, static_cast<int>(object->model.vertices.size())));
+  FillEdgeVisibility(object.get());
+  return std::shared_ptr<const PreparedObject>(object);
+}
+
+}  // namespace horopter

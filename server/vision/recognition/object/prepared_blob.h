@@ -1,0 +1,52 @@
+// What is costly in a PreparedObject as bytes, so that a catalog of a thousand objects is ready in
+// a second: the view sphere, resting poses, solid cells and invariant keys. The rest (samples,
+// vertex paths, shares of visible edges) follows from the model in microseconds and is made anew.
+//
+// Byte layout, little-endian, no padding:
+//    0  4  magic "HPRE"
+//    4  2  version, kPreparedVersion
+//    6  2  zero
+//    8  8  fingerprint of the model's geometry and of the options it was prepared with
+//   16  8  checksum of everything behind it
+//   24     view sphere: u32 bytes, then the bits of PreparedObject::visible, every aspect as its
+//          difference (xor) from the aspect before, zero bytes run-length coded: 00 n stands for n
+//          of them, 1..255
+//          resting poses: u32 count, then up (3 f64), height (f64), margin (f64) each
+//          cells: origin (3 f64), cell (f64), size (3 i32), u32 bytes, then the bits `inside`,
+//          coded as above; u32 count, then interior points (3 f32 each), to the end
+//
+// The invariant keys are bytes of their own, which an index over a large catalog is made from:
+//    0  4  magic "HKEY"
+//    4     version, zero, fingerprint and checksum as above
+//   24     as in server/vision/invariants/object_keys.h, to the end
+//
+// Fingerprint and checksum are 64-bit FNV-1a over 8-byte words, the last one filled with zeros.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "absl/status/statusor.h"
+#include "server/vision/recognition/object/prepared_bytes.h"
+#include "server/vision/recognition/object/prepared_object.h"
+
+namespace horopter {
+
+// To be raised with every change of what PrepareObject computes or how it is written: stored blobs
+// of another version are made anew.
+inline constexpr int kPreparedVersion = 3;
+
+PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options = {});
+
+// The object that PrepareObject(model, options) returns, bit for bit. Errors: FAILED_PRECONDITION
+// (the bytes are of another version, of another geometry or of other options), DATA_LOSS (damaged),
+// INVALID_ARGUMENT as PrepareObject.
+absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
+    ObjectModel model, const PreparedBytes& bytes, const PrepareOptions& options = {});
+
+// The keys alone, without the geometry: whether they are of it is for the caller to know. Errors:
+// FAILED_PRECONDITION (another version), DATA_LOSS.
+absl::StatusOr<ObjectKeys> DecodePreparedKeys(std::string_view keys, int vertex_count);
+
+}  // namespace horopter

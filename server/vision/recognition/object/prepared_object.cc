@@ -1,0 +1,259 @@
+#include "server/vision/recognition/object/prepared_object.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <set>
+#include <utility>
+
+#include "server/base/status_macros.h"
+#include "server/vision/geometry/depth_buffer.h"
+#include "server/vision/geometry/pinhole_camera.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kAspectPixels = 160;
+// A point this far behind the nearest surface (share of the diameter) is hidden.
+constexpr double kHiddenTolerance = 0.012;
+constexpr double kSameVertex = 1e-3;  // diameters
+
+struct CubeCell {
+  int face;
+  double s;  // -1..1
+  double t;
+};
+
+CubeCell ToCube(const Eigen::Vector3f& d) {
+  const Eigen::Vector3f a = d.cwiseAbs();
+  int axis = 0;
+  if (a.y() > a.x()) axis = 1;
+  if (a.z() > a[axis]) axis = 2;
+  const double m = a[axis] > 0 ? a[axis] : 1.0;
+  return {2 * axis + (d[axis] < 0 ? 1 : 0), d[(axis + 1) % 3] / m, d[(axis + 2) % 3] / m};
+}
+
+int GridCell(double x) {
+  return std::clamp(static_cast<int>((x + 1.0) * 0.5 * kAspectGrid), 0, kAspectGrid - 1);
+}
+
+void SampleEdges(const PrepareOptions& options, PreparedObject* object) {
+  const std::vector<ModelEdge>& edges = object->model.edges;
+  double total = 0.0;
+  for (const ModelEdge& e : edges) {
+    for (std::size_t i = 1; i < e.polyline.size(); ++i)
+      total += (e.polyline[i] - e.polyline[i - 1]).norm();
+  }
+  object->sample_spacing_m =
+      std::max(total / options.max_samples, object->model.diameter_m / 120.0);
+  const double spacing = object->sample_spacing_m;
+  for (int index = 0; index < static_cast<int>(edges.size()); ++index) {
+    const auto& line = edges[index].polyline;
+    double length = 0.0;
+    for (std::size_t i = 1; i < line.size(); ++i) length += (line[i] - line[i - 1]).norm();
+    const int count = std::max(1, static_cast<int>(std::lround(length / spacing)));
+    double next = 0.5 * length / count;  // samples sit in the middle of equal pieces
+    double walked = 0.0;
+    for (std::size_t i = 1; i < line.size(); ++i) {
+      const Eigen::Vector3d step = line[i] - line[i - 1];
+      const double piece = step.norm();
+      while (piece > 0 && next <= walked + piece) {
+        EdgeSample s;
+        s.point = (line[i - 1] + step * ((next - walked) / piece)).cast<float>();
+        s.tangent = (step / piece).cast<float>();
+        s.edge = index;
+        object->samples.push_back(s);
+        next += length / count;
+      }
+      walked += piece;
+    }
+  }
+}
+
+void ComputeAspects(const PrepareOptions& options, PreparedObject* object) {
+  const int n = static_cast<int>(object->samples.size());
+  object->visible.assign(static_cast<std::size_t>(kAspectCount) * object->words, 0);
+
+  const double diameter = object->model.diameter_m;
+  const double distance = options.aspect_distance_diameters * diameter;
+  const double focal = 0.9 * kAspectPixels * options.aspect_distance_diameters;
+  const PinholeCamera camera = CenteredCamera(kAspectPixels, kAspectPixels, focal);
+  DepthBuffer buffer = MakeDepthBuffer(kAspectPixels, kAspectPixels);
+
+  for (int aspect = 0; aspect < kAspectCount; ++aspect) {
+    const Eigen::Vector3d direction = AspectDirection(aspect);
+    Rigid3 camera_from_object;
+    const Eigen::Vector3d x = direction.unitOrthogonal();
+    camera_from_object.R.row(0) = x;
+    camera_from_object.R.row(1) = (-direction).cross(x);
+    camera_from_object.R.row(2) = -direction;
+    camera_from_object.t = -(camera_from_object.R * (object->center + direction * distance));
+    ClearDepth(&buffer);
+    RenderDepth(object->model.mesh, camera, camera_from_object, &buffer);
+    for (int i = 0; i < n; ++i) {
+      const Eigen::Vector3d p = camera_from_object * object->samples[i].point.cast<double>();
+      if (!IsVisible(buffer, Project(camera, p), p.z(), kHiddenTolerance * diameter)) continue;
+      object->visible[static_cast<std::size_t>(aspect) * object->words + i / 64] |= 1ull
+                                                                                    << (i % 64);
+    }
+  }
+}
+
+void FindPaths(const PrepareOptions& options, PreparedObject* object) {
+  const ObjectModel& model = object->model;
+  std::vector<std::vector<std::pair<int, int>>> incident(
+      model.vertices.size());  // (edge, other vertex)
+  for (int e = 0; e < static_cast<int>(model.edges.size()); ++e) {
+    const ModelEdge& edge = model.edges[e];
+    if (edge.kind != CurveKind::kLine || edge.start_vertex < 0 || edge.end_vertex < 0) continue;
+    incident[edge.start_vertex].emplace_back(e, edge.end_vertex);
+    incident[edge.end_vertex].emplace_back(e, edge.start_vertex);
+  }
+  for (int b = 0; b < static_cast<int>(incident.size()); ++b) {
+    for (std::size_t i = 0; i < incident[b].size(); ++i) {
+      for (std::size_t j = i + 1; j < incident[b].size(); ++j) {
+        VertexPath p;
+        p.a = incident[b][i].second;
+        p.b = b;
+        p.c = incident[b][j].second;
+        p.edge_ab = incident[b][i].first;
+        p.edge_bc = incident[b][j].first;
+        const Eigen::Vector3d u = model.vertices[p.a] - model.vertices[b];
+        const Eigen::Vector3d v = model.vertices[p.c] - model.vertices[b];
+        p.length_ab = u.norm();
+        p.length_bc = v.norm();
+        p.length_ac = (u - v).norm();
+        if (!(u.cross(v).norm() > std::sin(options.min_path_angle_rad) * p.length_ab * p.length_bc))
+          continue;
+        Eigen::Matrix3d frame;
+        frame << u, v, u.cross(v);
+        p.inverse_frame = frame.inverse();
+        object->paths.push_back(p);
+      }
+    }
+  }
+}
+
+// Finds the vertex at a point without a look at all of them.
+class VertexFinder {
+ public:
+  explicit VertexFinder(const ObjectModel& model)
+      : model_(model), reach_(kSameVertex * model.diameter_m), by_x_(model.vertices.size()) {
+    std::iota(by_x_.begin(), by_x_.end(), 0);
+    std::sort(by_x_.begin(), by_x_.end(), [&](int i, int k) {
+      return model.vertices[i].x() < model.vertices[k].x();
+    });
+  }
+  // -1 where there is none.
+  int At(const Eigen::Vector3d& point) const {
+    auto it =
+        std::lower_bound(by_x_.begin(), by_x_.end(), point.x() - reach_, [&](int i, double x) {
+          return model_.vertices[i].x() < x;
+        });
+    for (; it != by_x_.end() && model_.vertices[*it].x() <= point.x() + reach_; ++it) {
+      if ((model_.vertices[*it] - point).norm() < reach_) return *it;
+    }
+    return -1;
+  }
+
+ private:
+  const ObjectModel& model_;
+  double reach_;
+  std::vector<int> by_x_;
+};
+
+void FindDistinctPaths(PreparedObject* object) {
+  const ObjectModel& model = object->model;
+  const VertexFinder finder(model);
+  std::vector<std::vector<int>> images;  // of the vertices, per symmetry
+  for (const Rigid3& s : model.symmetries) {
+    images.emplace_back();
+    for (const Eigen::Vector3d& v : model.vertices) images.back().push_back(finder.At(s * v));
+  }
+  std::set<std::array<int, 3>> seen;
+  for (int i = 0; i < static_cast<int>(object->paths.size()); ++i) {
+    const VertexPath& path = object->paths[i];
+    if (seen.count({path.a, path.b, path.c}) > 0) continue;
+    object->distinct_paths.push_back(i);
+    for (const std::vector<int>& image : images) {
+      const int a = image[path.a], b = image[path.b], c = image[path.c];
+      seen.insert({a, b, c});
+      seen.insert({c, b, a});
+    }
+  }
+}
+
+}  // namespace
+
+int AspectIndex(const Eigen::Vector3f& direction) {
+  const CubeCell c = ToCube(direction);
+  return (c.face * kAspectGrid + GridCell(c.s)) * kAspectGrid + GridCell(c.t);
+}
+
+Eigen::Vector3d AspectDirection(int index) {
+  const int face = index / (kAspectGrid * kAspectGrid);
+  const int axis = face / 2;
+  const double s = ((index / kAspectGrid) % kAspectGrid + 0.5) * 2.0 / kAspectGrid - 1.0;
+  const double t = (index % kAspectGrid + 0.5) * 2.0 / kAspectGrid - 1.0;
+  Eigen::Vector3d d;
+  d[axis] = face % 2 ? -1.0 : 1.0;
+  d[(axis + 1) % 3] = s;
+  d[(axis + 2) % 3] = t;
+  return d.normalized();
+}
+
+void FillEdgeVisibility(PreparedObject* object) {
+  const std::size_t edges = object->model.edges.size();
+  object->edge_visible.assign(kAspectCount * edges, 0);
+  std::vector<int> per_edge(edges, 0), seen(edges, 0);
+  for (const EdgeSample& s : object->samples) ++per_edge[s.edge];
+  for (int aspect = 0; aspect < kAspectCount; ++aspect) {
+    const std::uint64_t* bits = object->VisibleBits(aspect);
+    std::fill(seen.begin(), seen.end(), 0);
+    for (std::size_t i = 0; i < object->samples.size(); ++i) {
+      seen[object->samples[i].edge] += (bits[i / 64] >> (i % 64)) & 1;
+    }
+    for (std::size_t e = 0; e < edges; ++e) {
+      object->edge_visible[aspect * edges + e] =
+          per_edge[e] ? static_cast<std::uint8_t>(255 * seen[e] / per_edge[e]) : 0;
+    }
+  }
+}
+
+absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
+                                                              const PrepareOptions& options) {
+  auto object = std::make_shared<PreparedObject>();
+  object->model = std::move(model);
+  const ObjectModel& m = object->model;
+  if (m.edges.empty()) return absl::InvalidArgumentError("object " + m.id + " has no sharp edges");
+  if (m.mesh.triangles.empty())
+    return absl::InvalidArgumentError("object " + m.id + " has no mesh");
+  Eigen::Vector3d low = m.mesh.vertices[0], high = low;
+  for (const auto& v : m.mesh.vertices) low = low.cwiseMin(v), high = high.cwiseMax(v);
+  object->center = 0.5 * (low + high);
+  if (!((high - low).norm() > 0) || !(m.diameter_m > 0)) {
+    return absl::InvalidArgumentError("object " + m.id + " has no extent");
+  }
+  object->radius_m = 0.5 * m.diameter_m;
+  SampleEdges(options, object.get());
+  object->words = static_cast<int>((object->samples.size() + 63) / 64);
+  FindPaths(options, object.get());
+  FindDistinctPaths(object.get());
+  return object;
+}
+
+absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel model,
+                                                                    const PrepareOptions& options) {
+  HOROPTER_ASSIGN_OR_RETURN(const std::shared_ptr<PreparedObject> object,
+                            BeginPrepared(std::move(model), options));
+  ComputeAspects(options, object.get());
+  FillEdgeVisibility(object.get());
+  object->stable_poses = FindStablePoses(object->model.mesh);
+  object->occupancy = ComputeOccupancy(object->model.mesh);
+  object->keys = ComputeObjectKeys(object->model);
+  return std::shared_ptr<const PreparedObject>(object);
+}
+
+}  // namespace horopter

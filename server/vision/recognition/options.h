@@ -1,0 +1,40 @@
+// What can be set about recognition.
+#pragma once
+
+#include "absl/status/status.h"
+#include "server/base/stop_token.h"
+
+namespace horopter {
+
+// Which routes may be taken, by cost until a scene is found that chance does not explain: metric,
+// table, views (if the table gave nothing), projective (if metric had no trusted cameras).
+struct RecognitionRoutes {
+  bool table = true;
+  bool metric = true;
+  bool view_led = true;
+  bool projective = true;
+};
+
+struct RecognitionOptions {
+  RecognitionRoutes routes;
+  double focal_start_widths = 1.5;  // first focal length tried, in image widths
+  double focal_log_sigma = 0.35;    // prior width of log f; larger: weaker prior
+  int hypotheses_per_object = 8;    // distinct poses kept per object and view
+  double accept_score = 0.55;  // joint support of an accepted object; higher: fewer, surer objects
+  double accept_probability = 0.5;  // of the scene; higher: fewer, surer answers
+  double ambiguity_gap = 0.03;      // a rival closer than this makes the answer ambiguous
+  // ... and another pose of the same object, where it alone determines the cameras: these then
+  // adapt to the wrong pose. On parts-dev such rivals of right poses lay 0.13 and more behind (one
+  // of 25 by 0.06), on the dotted box of the real photographs the right pose 0.11 behind.
+  double loose_ambiguity_gap = 0.12;
+  double min_parallax_rad = 0.035;  // between two views of an object; less is no parallax
+  int threads = 2;
+  // Once it returns true no route, scale or round of search is begun any more, seeds that are
+  // being looked for are left, and what was found is judged and answered. Empty: never.
+  StopRequested hurry;
+};
+
+// Errors: INVALID_ARGUMENT, names the field: no route at all, values outside of their range.
+absl::Status Validate(const RecognitionOptions& options);
+
+}  // namespace horopter

@@ -1,0 +1,60 @@
+#include <algorithm>
+
+#include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/reconstruction/reconstruction.h"
+
+namespace horopter {
+namespace {
+
+// What is known of a view's camera before any part is: the caller's word, else what the images say,
+// else the usual lens.
+void StartCamera(const EvidenceInput& input, int v, JointContext* context) {
+  const RecognitionOptions& options = context->options;
+  const ImageFeatures& f = input.features[v];
+  PinholeCamera camera = CenteredCamera(f.width, f.height, options.focal_start_widths * f.width);
+  double sigma = options.focal_log_sigma;
+  if (input.reconstruction != nullptr && input.reconstruction->trusted &&
+      input.reconstruction->views[v]) {
+    camera = input.reconstruction->views[v]->camera;
+    sigma = std::min(sigma, std::max(0.02, input.reconstruction->views[v]->focal_log_sigma));
+  }
+  if (!input.hints.empty()) {
+    const CameraHint& hint = input.hints[v];
+    if (hint.focal_px) {
+      camera.focal_px = *hint.focal_px;
+      sigma = hint.focal_log_sigma.value_or(0.02);
+    }
+    if (hint.principal_point)
+      camera.cx = hint.principal_point->x(), camera.cy = hint.principal_point->y();
+    if (hint.k1) camera.k1 = *hint.k1;
+  }
+  context->start_cameras.push_back(camera);
+  context->focal_log_sigma.push_back(sigma);
+}
+
+}  // namespace
+
+JointContext MakeContext(const EvidenceInput& input,
+                         const RecognitionOptions& options,
+                         const StopRequested& stop,
+                         const StepListener& on_step) {
+  JointContext context;
+  context.on_step = on_step;
+  BeginStep(context, "edge_maps");
+  context.objects = input.objects;
+  context.matching = input.matching;
+  context.options = options;
+  context.stop = stop;
+  context.give_up = [stop, hurry = options.hurry] {
+    return IsStopRequested(stop) || IsStopRequested(hurry);
+  };
+  const int views = static_cast<int>(input.features.size());
+  context.views.resize(views);
+  context.hypotheses.assign(views, std::vector<ViewHypotheses>(input.objects.size()));
+  for (int v = 0; v < views; ++v)
+    context.views[v] = BuildViewEvidence(input.features[v], options.threads);
+  for (int v = 0; v < views; ++v) StartCamera(input, v, &context);
+  return context;
+}
+
+}  // namespace horopter

@@ -1,0 +1,54 @@
+// Whether the texture on an object's faces looks alike in all views, as it does where the faces
+// are: evidence from inside the silhouette that edges do not give.
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "server/vision/recognition/scene/scene_model.h"
+
+namespace horopter {
+
+struct SurfaceTextureOptions {
+  double spacing = 1.0 / 16.0;    // of the patches on the surface, in diameters of the object
+  int half_window = 5;            // a patch is a square of 2 h + 1 pixels (of images 640 wide)
+  double min_deviation = 5.0;     // grey levels of 255; fainter patches say nothing
+  double min_correlation = 0.7;   // alike
+  double max_correlation = 0.5;   // unlike
+  double shift_px = 3.0;          // a patch this far off must look clearly worse ...
+  double shift_loss = 0.1;        // ... by this much in correlation
+  double max_depth_share = 0.12;  // depth (diameters) that may hide in the shift: parallax needed
+};
+
+// Patches of the visible faces with enough texture and parallax to say anything.
+struct SurfaceTexture {
+  int alike = 0;
+  int unlike = 0;
+};
+
+// The images as patches are compared in: grey, smoothed, at most 1280 pixels wide. Made once a
+// request.
+std::shared_ptr<const SurfaceImages> MakeSurfaceImages(std::span<const cv::Mat> images,
+                                                       int threads);
+
+// Compares the patches of some of the scene's objects between the view that shows them best and all
+// others, by normalised correlation over the patch's plane. Patches that another accepted object
+// hides, such as touch an edge of the object, and such as the supporting plane alone would make
+// look alike, do not count. Without surface images in the context nothing is found. One result per
+// index in `objects`.
+std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
+                                            const SceneModel& scene,
+                                            std::span<const int> objects,
+                                            const SurfaceTextureOptions& options = {});
+
+// What the texture on an object's faces adds to the log odds that it is right, for or against.
+// Neighbouring patches are not independent, so that it is bounded.
+double TextureEvidence(const SurfaceTexture& texture);
+
+// Sets the texture evidence of the scene's objects, of all or of one.
+void JudgeTexture(const JointContext& context, SceneModel* scene);
+void JudgeTexture(const JointContext& context, int object, SceneModel* scene);
+
+}  // namespace horopter

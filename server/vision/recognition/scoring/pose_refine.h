@@ -1,0 +1,73 @@
+// Gauss-Newton on the distances between projected model edges and image edges.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/rigid3.h"
+#include "server/vision/recognition/object/prepared_object.h"
+#include "server/vision/recognition/scoring/view_evidence.h"
+
+namespace horopter {
+
+// One associated sample: residual = normal . (projection - edge point) in working pixels, g = d
+// residual / d point in the camera frame, weight from Tukey's function.
+struct EdgeResidual {
+  Eigen::Vector3d point_in_camera;
+  Eigen::Vector3d g;
+  double residual = 0.0;
+  double d_log_focal = 0.0;
+  double weight = 0.0;
+};
+
+// Associates the visible samples (nearest aspect) of a pose with the nearest like-oriented image
+// edge points within `reach_px` working pixels.
+std::vector<EdgeResidual> AssociateEdges(const PreparedObject& object,
+                                         const EdgeMaps& maps,
+                                         const PinholeCamera& camera,
+                                         const Rigid3& camera_from_object,
+                                         double reach_px);
+
+struct RefineOptions {
+  int iterations = 8;
+  double start_reach_px = 10.0;   // association radius of the first iteration, working pixels
+  double end_reach_px = 3.0;      // ... and of the last
+  double focal_log_sigma = 0.35;  // prior of log f about focal_prior_px; 0 keeps f fixed
+  double focal_prior_px = 0.0;
+};
+
+struct RefinedPose {
+  PinholeCamera camera;
+  Rigid3 camera_from_object;
+  double rms_px = 0.0;  // of the associated samples, working pixels
+  int associated = 0;
+};
+
+// Refines one object's pose (and the focal length) in one view. Empty when fewer than 8 samples
+// find an edge or the pose leaves the image.
+std::optional<RefinedPose> RefineInView(const PreparedObject& object,
+                                        const EdgeMaps& maps,
+                                        const PinholeCamera& camera,
+                                        const Rigid3& camera_from_object,
+                                        const RefineOptions& options);
+
+// The views an object is refined in together, cameras fixed.
+struct KnownView {
+  const EdgeMaps* maps = nullptr;
+  PinholeCamera camera;
+  Rigid3 camera_from_scene;
+};
+
+// Refines one object's pose against all views with known cameras.
+std::optional<Rigid3> RefineInScene(const PreparedObject& object,
+                                    std::span<const KnownView> views,
+                                    const Rigid3& scene_from_object,
+                                    const RefineOptions& options);
+
+// exp of a rotation vector.
+Eigen::Matrix3d RotationFromVector(const Eigen::Vector3d& w);
+
+}  // namespace horopter

@@ -1,0 +1,92 @@
+// The values that recognition takes and gives, and that its rooms pass to each other.
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/rigid3.h"
+
+namespace horopter {
+
+struct PreparedObject;  // object/prepared_object.h: what recognition derives from an ObjectModel,
+                        // once
+
+// What the caller happens to know about a camera. Unset fields are unknown.
+struct CameraHint {
+  std::optional<double> focal_px;
+  std::optional<double> focal_log_sigma;  // default 0.02 when focal_px is given
+  std::optional<Eigen::Vector2d> principal_point;
+  std::optional<double> k1;
+};
+
+// One pose of one object in one view, before the views are joined.
+struct ViewHypothesis {
+  int object = -1;  // index into the list of prepared objects
+  int view = -1;
+  PinholeCamera camera;       // with the focal length assumed or refined
+  Rigid3 camera_from_object;  // metres
+  double score = 0.0;         // 0..1, F1 of edge support
+};
+
+// The hypotheses of one object in one view.
+struct ViewHypotheses {
+  std::vector<ViewHypothesis> best;  // verified, distinct, best F1 first
+  // Refined, distinct, best quick score first; score = quick score.
+  std::vector<ViewHypothesis> pool;
+};
+
+struct RecognizedView {
+  PinholeCamera camera;
+  Rigid3 camera_from_scene;
+};
+
+// An accepted object. scene: metric frame shared by all recognised views.
+struct SceneObject {
+  int object = -1;
+  Rigid3 scene_from_object;
+  double score = 0.0;    // probability that the answer is right, see interpretation/decision.h
+  double support = 0.0;  // joint edge support over the views, 0..1
+  std::vector<double> view_scores;  // per view; negative: not visible or camera not recovered
+  // Objects the images do not tell apart from this one; its own index: another pose of itself.
+  std::vector<int> alternatives;
+};
+
+enum class RecognitionState {
+  kRecognized,    // at least one object
+  kNothingFound,  // cameras or not: no catalog object has support
+  kAmbiguous,     // objects found, but at least one has alternatives that the images do not exclude
+  kTooFewFeatures,  // no view has enough edges
+  kNoParallax,  // objects have support, but all views show them from one side: no depth, no answer
+};
+
+// How a scene's first part, and with it metric cameras, is come by.
+enum class RecognitionRoute {
+  kNone,
+  kTable,       // standing on the matched plane, in the cameras of the reconstruction
+  kMetric,      // similarity invariants of corners in space, cameras known up to scale
+  kViewLed,     // hypotheses of single views, linked
+  kProjective,  // projective invariants of matched corners, nothing known of the cameras
+};
+
+struct RecognitionResult {
+  RecognitionState state = RecognitionState::kNothingFound;
+  std::string detail;  // numbers behind the state, readable
+  std::vector<std::optional<RecognizedView>> views;
+  std::vector<SceneObject> objects;
+  RecognitionRoute route = RecognitionRoute::kNone;  // that found the first of the objects
+  std::vector<ViewHypothesis> hypotheses;  // kept per view, best first; for the stage report
+  std::vector<SceneObject> verified;  // joint hypotheses before consolidation; for the stage report
+  std::map<std::string, double> counts;
+};
+
+// Told the name of each step of recognition as it begins, on the calling thread; may be empty. No
+// stage reads a clock: whoever wants times takes them here.
+using StepListener = std::function<void(std::string_view step)>;
+
+}  // namespace horopter

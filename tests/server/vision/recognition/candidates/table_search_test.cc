@@ -1,0 +1,349 @@
+#include "server/vision/recognition/candidates/table_search.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <numbers>
+#include <random>
+
+#include "server/vision/recognition/initialization/rig_seeds.h"
+#include "server/vision/recognition/initialization/table_seeds.h"
+#include "server/vision/recognition/scene/plane_points.h"
+#include "server/vision/recognition/scene/scene_refine.h"
+#include "server/vision/recognition/scene/support_surface.h"
+#include "tests/support/synthetic_table.h"
+
+namespace horopter {
+namespace {
+
+TEST(SightTable, SaysWhereAPixelsPointStandsAtEveryHeight) {
+  PinholeCamera camera = CenteredCamera(640, 480, 900);
+  camera.k1 = -0.08;
+  const Rigid3 camera_from_table = LookAt({0.3, -0.5, 0.4}, {0, 0, 0});
+  for (const double z : {0.0, 0.03, 0.1}) {
+    const Eigen::Vector3d point(0.05, -0.02, z);
+    TableSighting s;
+    ASSERT_TRUE(
+        SightTable(camera, camera_from_table, Project(camera, camera_from_table * point), &s));
+    EXPECT_LT((s.base + z * s.shift - point.head<2>()).norm(), 1e-6);
+  }
+}
+
+TEST(SightTable, RefusesRaysThatDoNotGoDown) {
+  const PinholeCamera camera = CenteredCamera(640, 480, 300);
+  TableSighting s;
+  EXPECT_FALSE(SightTable(camera, LookAt({0, -0.5, 0.1}, {0, 0, 0.1}), {320, 10}, &s));
+}
+
+TEST(PosesFromSightings, RecoversPoseAndScaleOfRandomPaths) {
+  const unsigned seed = 11;
+  SCOPED_TRACE(testing::Message() << "seed " << seed);
+  std::mt19937 rng(seed);
+  std::uniform_real_distribution<double> u(-1.0, 1.0);
+  int solved = 0, tried = 0;
+  for (int trial = 0; trial < 500; ++trial) {
+    Eigen::Vector3d vertices[3];
+    for (Eigen::Vector3d& p : vertices) p << 0.05 * u(rng), 0.05 * u(rng), 0.03 * (1 + u(rng));
+    if (trial % 5 == 0) vertices[1].head<2>() = vertices[0].head<2>();  // an upright edge first
+    const double yaw = std::numbers::pi * u(rng), units = std::exp(u(rng));
+    const Rigid3 table_from_part = Standing(yaw, 0.1 * u(rng), 0.1 * u(rng), 0);
+    const PinholeCamera camera = CenteredCamera(640, 480, 900);
+    Rigid3 camera_from_table = LookAt({0.3 * u(rng), -0.5, 0.4}, {0, 0, 0});
+    camera_from_table.t *= units;  // table units
+    TableSighting sightings[3];
+    for (int k = 0; k < 3; ++k) {
+      const Eigen::Vector3d in_units = units * (table_from_part * vertices[k]);
+      ASSERT_TRUE(SightTable(
+          camera, camera_from_table, Project(camera, camera_from_table * in_units), &sightings[k]));
+    }
+    if ((vertices[2] - vertices[1]).head<2>().norm() < 0.01) continue;
+    ++tried;
+    TableYaw found[2];
+    const int n = PosesFromSightings(vertices, sightings, 0.05, found);
+    for (int k = 0; k < n; ++k) {
+      if (std::abs(found[k].units_per_metre / units - 1) < 1e-6 &&
+          std::abs(std::remainder(std::atan2(found[k].sin_yaw, found[k].cos_yaw) - yaw,
+                                  2 * std::numbers::pi)) < 1e-6 &&
+          (found[k].position - units * table_from_part.t.head<2>()).norm() < 1e-6) {
+        ++solved;
+        break;
+      }
+    }
+  }
+  // Edges between upright and level by the bound have no yaw of their own.
+  EXPECT_GT(solved, 0.93 * tried) << solved << " of " << tried;
+}
+
+TEST(PosesFromSightings, RefusesWhatNoPoseExplains) {
+  const Eigen::Vector3d vertices[3] = {{0, 0, 0}, {0.05, 0, 0}, {0.05, 0.05, 0}};
+  TableSighting sightings[3];
+  sightings[1].base = {0.05, 0};
+  sightings[2].base = {0.2, 0.0};
+  TableYaw found[2];
+  EXPECT_EQ(PosesFromSightings(vertices, sightings, 0.1, found), 0);
+  sightings[1].base = sightings[2].base = {0, 0};
+  EXPECT_EQ(PosesFromSightings(vertices, sightings, 0.1, found), 0);
+}
+
+TEST(PoseVotes, FindsTheHeaviestPosesAcrossCellBorders) {
+  const unsigned seed = 12;
+  SCOPED_TRACE(testing::Message() << "seed " << seed);
+  std::mt19937 rng(seed);
+  std::normal_distribution<double> noise(0.0, 1.0);
+  std::uniform_real_distribution<double> u(-1.0, 1.0);
+  PoseVotes votes;
+  const auto vote = [&](double x, double y, double yaw, double units) {
+    TableYaw pose;
+    pose.position = {x, y};
+    pose.cos_yaw = std::cos(yaw);
+    pose.sin_yaw = std::sin(yaw);
+    pose.units_per_metre = units;
+    votes.Add(pose, 1.0);
+  };
+  for (int i = 0; i < 12; ++i) {  // yaw at the seam
+    vote(0.1 + 0.001 * noise(rng),
+         -0.05 + 0.001 * noise(rng),
+         std::numbers::pi + 0.02 * noise(rng),
+         1.0 + 0.005 * noise(rng));
+  }
+  for (int i = 0; i < 200; ++i) vote(0.3 * u(rng), 0.3 * u(rng), 3.1 * u(rng), std::exp(u(rng)));
+  const auto peaks = votes.Peaks(4.0, 10);
+  ASSERT_FALSE(peaks.empty());
+  EXPECT_GE(peaks[0].weight, 8.0);
+  EXPECT_LT((peaks[0].pose.position - Eigen::Vector2d(0.1, -0.05)).norm(), 0.004);
+  EXPECT_LT(peaks[0].pose.cos_yaw, -0.99);
+  EXPECT_TRUE(PoseVotes().Peaks(1.0, 10).empty());
+}
+
+TEST(StandingParts, StandOnTheTable) {
+  const auto object = PrepareObject(LBracket()).value();
+  const std::vector<StandingPart> parts = StandingParts(*object);
+  ASSERT_GE(parts.size(), 3u);
+  for (const StandingPart& part : parts) {
+    double lowest = 1e9;
+    for (const Eigen::Vector3d& v : part.vertices) lowest = std::min(lowest, v.z());
+    EXPECT_NEAR(lowest, 0.0, 1e-9);
+    EXPECT_NEAR(part.table_from_object.R.determinant(), 1.0, 1e-9);
+  }
+}
+
+TEST(SearchSurfaces, AreThePlaneAndTheTopsOfWhatStandsOnIt) {
+  Table table = MakeTable({}, 2, 0.0, 18);
+  const JointContext context = table.Context();
+  SceneModel scene;
+  scene.plane = ScenePlane{};
+  PlacedObject bracket, doubtful;
+  bracket.object = doubtful.object = 0;
+  bracket.scene_from_object = Standing(0.3, 0.1, 0.0, 0.0);
+  doubtful.scene_from_object = Standing(0.9, -0.1, 0.0, 0.0);
+  doubtful.score = 0.5;
+  const auto surfaces = [&](double bar) {
+    return SearchSurfaces(context, scene, {&doubtful, 1}, bar, 0.006, 6);
+  };
+  EXPECT_EQ(surfaces(0.6).size(), 1u);  // the plane alone
+  scene.objects = {bracket};
+  const std::vector<SearchSurface> sure = surfaces(0.6), both = surfaces(0.4);
+  ASSERT_EQ(sure.size(), 2u);
+  EXPECT_TRUE(sure[0].discs.empty());
+  EXPECT_NEAR(sure[1].height_m, 0.04, 1e-9);
+  EXPECT_EQ(sure[1].discs.size(), 1u);
+  ASSERT_EQ(both.size(), 2u);  // as high: one search
+  EXPECT_EQ(both[1].discs.size(), 2u);
+  // What was searched is not searched again, in whatever order; new places are.
+  EXPECT_TRUE(NotCovered(sure, both).empty());
+  EXPECT_EQ(NotCovered(both, sure).size(), 1u);
+  EXPECT_EQ(NotCovered(both, {}).size(), 2u);
+  EXPECT_TRUE(NotCovered(both, {{0.0, {}}, {0.04, {}}}).empty());
+}
+
+class Noise : public testing::TestWithParam<double> {};
+
+TEST_P(Noise, TableSeedsFindAPartAndTheScale) {
+  const Rigid3 truth = Standing(0.7, 0.02, -0.01, 0);
+  Table table = MakeTable({{0, truth}}, 4, GetParam(), 13);
+  const JointContext context = table.Context();
+  constexpr double kUnits = 2.7;  // per metre
+  Reconstruction reconstruction;
+  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+    ReconstructedView view;
+    view.camera = table.cameras[v];
+    view.camera_from_world = table.camera_from_table[v];
+    view.camera_from_world.t *= kUnits;
+    reconstruction.views.push_back(view);
+  }
+  const std::vector<SceneModel> seeds = TableSeeds(context, reconstruction, {}, 3);
+  ASSERT_FALSE(seeds.empty());
+  const SceneModel& best = seeds[0];
+  ASSERT_EQ(best.objects[0].object, 0);
+  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+    ASSERT_TRUE(best.views[v]);
+    EXPECT_LT(
+        ProjectionDistance(*table.objects[0],
+                           best.views[v]->camera,
+                           best.views[v]->camera_from_scene * best.objects[0].scene_from_object,
+                           table.cameras[v],
+                           table.camera_from_table[v] * truth,
+                           1.0),
+        5.0);
+  }
+}
+
+TEST_P(Noise, FindPlacesPartsOnTheTableAndOnOtherParts) {
+  const Rigid3 bracket = Standing(-0.4, 0.05, 0.02, 0), wedge = Standing(1.2, -0.07, -0.03, 0.04);
+  Table table = MakeTable({{0, bracket}, {1, wedge}}, 4, GetParam(), 14);
+  const JointContext context = table.Context();
+  SceneModel scene;
+  for (std::size_t v = 0; v < table.cameras.size(); ++v)
+    scene.views.push_back(RecognizedView{table.cameras[v], table.camera_from_table[v]});
+  scene.plane = ScenePlane{};
+  const double limit = 1.0 + 2.0 * GetParam();
+  const auto right = [&](int object, const Rigid3& truth, const std::vector<SearchSurface>& on) {
+    const auto found = TableSearch(context, scene, on, {}).Find(object);
+    return !found.empty() && LargestError(table, object, found[0].scene_from_object, truth) < limit;
+  };
+  const SearchSurface plane, above{0.04, {}};
+  EXPECT_TRUE(right(0, bracket, {plane, above}));
+  EXPECT_TRUE(right(1, wedge, {plane, above}));
+  // Over the place where it stands, whatever the height the disc's centre is given at; not
+  // elsewhere.
+  EXPECT_TRUE(right(1, wedge, {{0.04, {{{-0.05, 0.0, 0.3}, 0.06}}}}));
+  for (const auto& elsewhere : {SearchSurface{0.04, {{{0.3, 0.2, 0}, 0.06}}}, plane}) {
+    for (const TablePose& pose : TableSearch(context, scene, {elsewhere}, {}).Find(1))
+      EXPECT_GT(LargestError(table, 1, pose.scene_from_object, wedge), 3.0);
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Sweep, Noise, testing::Values(0.0, 0.3, 0.6));
+
+// A part that leans on nothing: its poses come from single views, its scale from the others.
+TEST(RigSeeds, FindAPartThatDoesNotStand) {
+  Rigid3 truth = Standing(0.4, 0.02, 0.0, 0.05);
+  truth.R =
+      Eigen::AngleAxisd(0.5, Eigen::Vector3d(1, 1, 0).normalized()).toRotationMatrix() * truth.R;
+  Table table = MakeTable({{0, truth}}, 4, 0.3, 17);
+  JointContext context = table.Context();
+  constexpr double kUnits = 0.6;  // per metre
+  Reconstruction reconstruction;
+  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+    ReconstructedView view;
+    view.camera = table.cameras[v];
+    view.camera_from_world = table.camera_from_table[v];
+    view.camera_from_world.t *= kUnits;
+    reconstruction.views.push_back(view);
+    ViewHypothesis h;
+    h.object = 0;
+    h.view = static_cast<int>(v);
+    h.camera = table.cameras[v];
+    h.camera.focal_px *= 1.1;  // as found with a wrong focal length, so farther away
+    h.camera_from_object = table.camera_from_table[v] * truth;
+    h.camera_from_object.t *= 1.1;
+    h.score = 0.8;
+    context.hypotheses[v][0].best.push_back(h);
+  }
+  const std::vector<SceneModel> seeds = RigSeeds(context, reconstruction, {});
+  ASSERT_FALSE(seeds.empty());
+  EXPECT_GT(seeds[0].objects[0].score, 0.6);
+  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+    EXPECT_LT(ProjectionDistance(
+                  *table.objects[0],
+                  seeds[0].views[v]->camera,
+                  seeds[0].views[v]->camera_from_scene * seeds[0].objects[0].scene_from_object,
+                  table.cameras[v],
+                  table.camera_from_table[v] * truth,
+                  1.0),
+              5.0);
+  }
+  reconstruction.views.resize(1);
+  reconstruction.views.resize(4);
+  EXPECT_TRUE(RigSeeds(context, reconstruction, {}).empty());  // one view has no scale
+}
+
+TEST(ViewScore, PrintInsideASureSilhouetteIsForgiven) {
+  EdgeSupport s;
+  s.visible = 1000;
+  s.supported = 950;
+  s.inside = 3000;
+  s.explained = 950;
+  EXPECT_LT(SilhouetteF1(s), 0.5);
+  EXPECT_GT(ViewScore(s), 0.65);
+  EXPECT_GT(SupportGain(s), 0.0);
+  s.supported = s.explained = 600;  // what chance finds in texture
+  EXPECT_LT(ViewScore(s), 0.4);
+  EXPECT_LT(SupportGain(s), 0.0);
+  EXPECT_EQ(ViewScore({}), 0.0);
+}
+
+TEST(TableSeeds, NeedTwoViews) {
+  Table table = MakeTable({{0, Standing(0.7, 0.02, -0.01, 0)}}, 1, 0.0, 15);
+  Reconstruction reconstruction;
+  reconstruction.views.resize(1);
+  EXPECT_TRUE(TableSeeds(table.Context(), reconstruction, {}, 3).empty());
+}
+
+// Matched points of the plane hold the cameras where a small part alone would let focal length and
+// distance compensate each other.
+TEST(RefineScene, ThePlanesTextureKeepsTheFocalLengths) {
+  const Rigid3 truth = Standing(0.3, 0.0, 0.0, 0);
+  double error[2];
+  for (const bool textured : {false, true}) {
+    Table table = MakeTable({{1, truth}}, 4, 0.8, 16);
+    if (textured) {
+      for (int a = 0; a < 4; ++a) {
+        for (int b = a + 1; b < 4; ++b) {
+          PlaneHomography plane;
+          plane.view_a = a;
+          plane.view_b = b;
+          for (int i = -5; i <= 5; ++i) {
+            for (int k = -5; k <= 5; ++k) {
+              const Eigen::Vector3d p(0.03 * i, 0.03 * k, 0);
+              plane.inliers_a.push_back(Project(table.cameras[a], table.camera_from_table[a] * p));
+              plane.inliers_b.push_back(Project(table.cameras[b], table.camera_from_table[b] * p));
+            }
+          }
+          table.matching.planes.push_back(plane);
+        }
+      }
+    }
+    JointContext context = table.Context();
+    SceneModel scene;
+    for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+      context.focal_log_sigma[v] = 0.35;
+      RecognizedView view{table.cameras[v], table.camera_from_table[v]};
+      view.camera.focal_px *= 1.02;
+      scene.views.push_back(view);
+    }
+    PlacedObject placed;
+    placed.object = 1;
+    placed.scene_from_object = truth;
+    scene.objects.push_back(placed);
+    ASSERT_TRUE(RefineScene(context, {}, &scene));
+    double worst = 0.0;
+    for (std::size_t v = 0; v < table.cameras.size(); ++v) {
+      worst = std::max(
+          worst, std::abs(std::log(scene.views[v]->camera.focal_px / table.cameras[v].focal_px)));
+    }
+    error[textured] = worst;
+  }
+  EXPECT_LT(error[1], 0.04);
+  EXPECT_LT(error[1], 0.7 * error[0]);
+}
+
+TEST(PlaneTransferError, IsZeroForTheTrueCamerasAndEmptyBehindThem) {
+  RecognizedView a{CenteredCamera(640, 480, 900), LookAt({0.3, -0.5, 0.4}, {0, 0, 0})};
+  RecognizedView b{CenteredCamera(640, 480, 700), LookAt({-0.2, -0.5, 0.5}, {0, 0, 0})};
+  a.camera.k1 = -0.06;
+  b.camera.k1 = 0.03;
+  PlanePoints plane;
+  plane.anchor = {0, -0.5, 0.45};
+  plane.plane = Eigen::Vector3d(0, 0, 1) / 0.45;  // z = 0
+  const Eigen::Vector3d p(0.04, 0.02, 0.0);
+  const PlanePoints::Match m{
+      0, 1, Project(a.camera, a.camera_from_scene * p), Project(b.camera, b.camera_from_scene * p)};
+  const auto e = PlaneTransferError(a, b, plane, m);
+  ASSERT_TRUE(e);
+  EXPECT_LT(e->norm(), 1e-5);
+  plane.plane = -plane.plane;  // above the cameras
+  EXPECT_FALSE(PlaneTransferError(a, b, plane, m));
+}
+
+}  // namespace
+}  // namespace horopter

@@ -1,0 +1,120 @@
+#include "server/vision/recognition/object/prepared_object.h"
+
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "tests/support/synthetic_part.h"
+
+namespace horopter {
+namespace {
+
+ObjectModel Box(double x, double y, double z) {
+  return Prism("box", {{0, 0}, {x, 0}, {x, y}, {0, y}}, z);
+}
+
+TEST(Aspects, CentralDirectionFallsIntoItsOwnCell) {
+  for (int i = 0; i < kAspectCount; ++i)
+    EXPECT_EQ(AspectIndex(AspectDirection(i).cast<float>()), i);
+}
+
+TEST(Aspects, CellsAreNarrow) {
+  std::mt19937 rng(3);
+  std::normal_distribution<double> g;
+  for (int i = 0; i < 2000; ++i) {
+    const Eigen::Vector3d d = Eigen::Vector3d(g(rng), g(rng), g(rng)).normalized();
+    EXPECT_GT(d.dot(AspectDirection(AspectIndex(d.cast<float>()))), std::cos(0.13))
+        << d.transpose();
+  }
+}
+
+TEST(PrepareObject, NineOfTwelveBoxEdgesAreVisibleFromACornerDirection) {
+  const auto box = PrepareObject(Box(0.05, 0.06, 0.07));
+  ASSERT_TRUE(box.ok());
+  const int aspect = AspectIndex(Eigen::Vector3f(0.6f, 0.7f, 0.8f));
+  int visible = 0;
+  for (int e = 0; e < 12; ++e) {
+    const double share = (*box)->EdgeVisible(aspect, e);
+    EXPECT_TRUE(share > 0.9 || share < 0.1) << "edge " << e << ": " << share;
+    visible += share > 0.9;
+  }
+  EXPECT_EQ(visible, 9);
+}
+
+TEST(PrepareObject, SamplesLieOnTheirEdgesAndPathsShareTheirVertex) {
+  const auto part = PrepareObject(LBracket());
+  ASSERT_TRUE(part.ok());
+  for (const EdgeSample& s : (*part)->samples) {
+    const auto& line = (*part)->model.edges[s.edge].polyline;
+    const Eigen::Vector3d along = (line[1] - line[0]).normalized();
+    EXPECT_LT((s.point.cast<double>() - line[0]).cross(along).norm(), 1e-7);
+  }
+  EXPECT_EQ((*part)->paths.size(), 36u);  // three edges meet at each of 12 vertices: 3 pairs each
+}
+
+TEST(PrepareObject, RefusesModelsWithoutEdgesMeshOrExtent) {
+  ObjectModel no_edges = LBracket();
+  no_edges.edges.clear();
+  EXPECT_EQ(PrepareObject(no_edges).status().code(), absl::StatusCode::kInvalidArgument);
+  ObjectModel no_mesh = LBracket();
+  no_mesh.mesh.triangles.clear();
+  EXPECT_EQ(PrepareObject(no_mesh).status().code(), absl::StatusCode::kInvalidArgument);
+  ObjectModel flat = LBracket();
+  flat.diameter_m = 0.0;
+  EXPECT_EQ(PrepareObject(flat).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(StablePoses, BoxRestsOnItsSixFaces) {
+  const std::vector<StablePose> poses = FindStablePoses(Box(0.05, 0.06, 0.07).mesh);
+  ASSERT_EQ(poses.size(), 6u);
+  for (const StablePose& p : poses) {
+    EXPECT_NEAR(p.up.cwiseAbs().maxCoeff(), 1.0, 1e-3);
+    EXPECT_GE(p.margin_m, 0.0249);
+  }
+}
+
+TEST(StablePoses, LowestPointTouchesThePlane) {
+  const ObjectModel part = LBracket();
+  const auto poses = FindStablePoses(part.mesh);
+  ASSERT_FALSE(poses.empty());
+  for (const StablePose& p : poses) {
+    double lowest = 1e9;
+    for (const auto& v : part.mesh.vertices) lowest = std::min(lowest, p.up.dot(v));
+    EXPECT_NEAR(lowest, -p.height_m, 1e-3);
+  }
+}
+
+TEST(StablePoses, FlatAndEmptyMeshesHaveNone) {
+  EXPECT_TRUE(FindStablePoses({}).empty());
+  TriangleMesh flat;
+  flat.vertices = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}};
+  flat.triangles = {{0, 1, 2}, {0, 2, 3}};
+  EXPECT_TRUE(FindStablePoses(flat).empty());
+}
+
+TEST(Occupancy, VolumeOfTheLBracketWithinAFewPercent) {
+  const ObjectModel part = LBracket();
+  const Occupancy o = ComputeOccupancy(part.mesh);
+  double cells = 0;
+  for (const bool inside : o.inside) cells += inside;
+  double volume = 0;
+  for (const auto& t : part.mesh.triangles) {
+    volume +=
+        part.mesh.vertices[t[0]].dot(part.mesh.vertices[t[1]].cross(part.mesh.vertices[t[2]])) / 6;
+  }
+  EXPECT_NEAR(cells * std::pow(o.cell_m, 3) / volume, 1.0, 0.06);
+}
+
+TEST(Occupancy, PartsThatTouchShareNothingAndPartsThatCoincideShareAll) {
+  const auto a = PrepareObject(Box(0.05, 0.05, 0.05)).value();
+  EXPECT_GT(SharedVolume(*a, {}, *a, {}), 0.99);
+  Rigid3 beside;
+  beside.t.x() = 0.0505;
+  EXPECT_EQ(SharedVolume(*a, {}, *a, beside), 0.0);
+  Rigid3 half;
+  half.t.x() = 0.025;
+  EXPECT_NEAR(SharedVolume(*a, {}, *a, half), 0.5, 0.06);
+}
+
+}  // namespace
+}  // namespace horopter
