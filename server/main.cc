@@ -11,6 +11,7 @@
 
 #include "db/catalog.h"
 #include "server/pipeline/pipeline.h"
+#include "server/pipeline/process_cores.h"
 #include "server/service/server.h"
 
 namespace horopter {
@@ -19,6 +20,7 @@ namespace {
 struct Flags {
   std::string db;
   std::string log_level = "info";
+  int cores = 1;
   int threads_per_request = 2;
   double drain_seconds = 30.0;
   ServerOptions server;
@@ -32,8 +34,12 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_option("--workers", flags.server.workers, "Scenes recognised at the same time")
       ->check(CLI::Range(1, 256))
       ->capture_default_str();
-  app.add_option(
-         "--threads-per-request", flags.threads_per_request, "Threads that work on one scene")
+  app.add_option("--cores", flags.cores, "Cores to use: one pool for all scenes and the start")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str();
+  app.add_option("--threads-per-request",
+                 flags.threads_per_request,
+                 "Cores that work on one scene, of --cores")
       ->check(CLI::Range(1, 256))
       ->capture_default_str();
   app.add_option("--queue", flags.server.queue, "Scenes that may wait before new ones are refused")
@@ -107,11 +113,12 @@ int main(int argc, char** argv) {
 
   horopter::Flags flags;
   flags.server.listen = "localhost:50051";
-  flags.server.load_threads =
-      static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 64u));
+  flags.cores = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 64u));
   CLI::App app("horopterd: recognises known parts in images from uncalibrated cameras");
   horopter::AddFlags(app, flags);
   CLI11_PARSE(app, argc, argv);
+  flags.server.load_threads = flags.cores;
+  horopter::SetProcessCores(flags.cores);
   spdlog::set_level(spdlog::level::from_str(flags.log_level));
   spdlog::flush_on(spdlog::level::info);
   return horopter::Serve(flags, signals);

@@ -2,10 +2,10 @@
 #include <iterator>
 #include <limits>
 #include <numeric>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/index/node.h"
 #include "server/index/x_tree.h"
@@ -150,10 +150,13 @@ class Packer {
       return;
     }
     std::vector<Entry> second;  // both halves work on their own ranges
-    std::thread helper(
-        [&] { Divide(middle, end, pieces - left, level, history, threads / 2, second); });
-    Divide(begin, middle, left, level, history, threads - threads / 2, out);
-    helper.join();
+    ParallelFor(2, threads, [&](int half) {
+      if (half == 0) {
+        Divide(begin, middle, left, level, history, threads - threads / 2, out);
+      } else {
+        Divide(middle, end, pieces - left, level, history, threads / 2, second);
+      }
+    });
     std::move(second.begin(), second.end(), std::back_inserter(out));
   }
 

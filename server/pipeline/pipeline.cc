@@ -11,6 +11,7 @@
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/pipeline/answer.h"
+#include "server/pipeline/exception_status.h"
 #include "server/vision/matching/known_cameras.h"
 #include "server/vision/recognition/object/prepared_blob.h"
 #include "server/vision/recognition/object/prepared_object.h"
@@ -254,10 +255,21 @@ ObjectPreparer CatalogPreparer() {
   return preparer;
 }
 
-absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
-                                              const CatalogSnapshot& catalog,
-                                              const PipelineOptions& options,
-                                              const StopRequested& stop) {
+PipelineOptions ResolveOptions(PipelineOptions options) {
+  options.matching.threads = options.threads;
+  options.recognition.threads = options.threads;
+  options.euclidean.threads = options.threads;
+  options.euclidean.focal_start_widths = options.recognition.focal_start_widths;
+  return options;
+}
+
+namespace {
+
+// The options are resolved.
+absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
+                                         const CatalogSnapshot& catalog,
+                                         const PipelineOptions& options,
+                                         const StopRequested& stop) {
   HOROPTER_RETURN_IF_ERROR(ValidateRequest(request));
   HOROPTER_ASSIGN_OR_RETURN(const Selection selection,
                             SelectObjects(request, catalog, options.max_searched_objects));
@@ -324,6 +336,18 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
   HOROPTER_ASSIGN_OR_RETURN(trace.linked, LinkUnderCameras(request, trace, options.matching, stop));
   second_pass_clock.Finish(trace.linked->counts);
   return result;
+}
+
+}  // namespace
+
+absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
+                                              const CatalogSnapshot& catalog,
+                                              const PipelineOptions& options,
+                                              const StopRequested& stop) {
+  if (options.threads < 1) return absl::InvalidArgumentError("threads: at least one is needed");
+  const CoreBudget budget(options.threads);
+  return CatchExceptions(
+      [&] { return RunStages(request, catalog, ResolveOptions(options), stop); });
 }
 
 }  // namespace horopter

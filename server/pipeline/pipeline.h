@@ -68,7 +68,8 @@ struct PipelineOptions {
   // Matches everything once more under the cameras of the recognised parts (SceneTrace::linked);
   // the answer does not change. About as dear as one round of matching.
   bool second_pass = false;
-  int threads = 2;  // per request
+  // Cores one request uses; the stages get this value (ResolveOptions). More: a faster answer.
+  int threads = 2;
   // Objects that are searched for at once; a request over a larger catalog has to name candidates.
   // Raising it costs 0.2 MB and a search each.
   int max_searched_objects = 5000;
@@ -79,10 +80,17 @@ struct PipelineResult {
   SceneTrace trace;
 };
 
-// Recognises the catalog's objects in a set of images of one static scene.
+// The options as the stages see them: what several stages share has one place in the tree, and is
+// copied from there to the others. `threads` goes to matching, recognition and euclidean,
+// recognition's focal_start_widths to euclidean.
+PipelineOptions ResolveOptions(PipelineOptions options);
+
+// Recognises the catalog's objects in a set of images of one static scene, with the options that
+// ResolveOptions gives.
 // Errors: INVALID_ARGUMENT (no image, wrong type or size, hint count, more objects than are
-// searched for at once), NOT_FOUND (candidate or reference id unknown), CANCELLED (stop was
-// requested). Everything the images cannot decide is a SceneState, not an error.
+// searched for at once, options), NOT_FOUND (candidate or reference id unknown), CANCELLED (stop
+// was requested), RESOURCE_EXHAUSTED (out of memory), INTERNAL (a library threw). Everything the
+// images cannot decide is a SceneState, not an error.
 absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                               const CatalogSnapshot& catalog,
                                               const PipelineOptions& options,

@@ -3,7 +3,6 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <future>
 #include <iterator>
 #include <numeric>
 #include <utility>
@@ -118,16 +117,15 @@ absl::Status CatalogStore::LoadStored(PublishedCatalog* published, KeyCollection
   HOROPTER_ASSIGN_OR_RETURN(page, catalog_->LoadKeys("", kKeyPage));
   while (!page.empty()) {
     // The next page is read while this one is decoded.
-    std::future<absl::StatusOr<std::vector<StoredKeys>>> next =
-        std::async(options_.threads > 1 ? std::launch::async : std::launch::deferred,
-                   [&, after = page.back().id] { return catalog_->LoadKeys(after, kKeyPage); });
+    absl::StatusOr<std::vector<StoredKeys>> following = absl::UnknownError("not read");
     std::vector<absl::StatusOr<ObjectKeys>> decoded(page.size(), absl::NotFoundError("none"));
-    ParallelFor(static_cast<int>(page.size()), options_.threads - 1, [&](int i) {
-      if (page[i].version == preparer_.version) {
+    ParallelFor(1 + static_cast<int>(page.size()), options_.threads, [&](int item) {
+      if (item == 0) {
+        following = catalog_->LoadKeys(page.back().id, kKeyPage);
+      } else if (const int i = item - 1; page[i].version == preparer_.version) {
         decoded[i] = preparer_.decode_keys(page[i].keys, page[i].vertex_count);
       }
     });
-    absl::StatusOr<std::vector<StoredKeys>> following = next.get();
     for (size_t i = 0; i < page.size(); ++i) {
       const std::string& id = page[i].id;
       if (decoded[i].ok()) {

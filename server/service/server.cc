@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/pipeline/exception_status.h"
 #include "server/service/catalog_service.h"
 #include "server/service/worker_pool.h"
 
@@ -78,11 +79,13 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   HOROPTER_RETURN_IF_ERROR(Validate(options));
   EnableHealthAndReflection();
   auto parts = std::make_unique<Parts>();
-  HOROPTER_ASSIGN_OR_RETURN(
-      parts->store,
-      CatalogStore::Load(std::move(catalog),
-                         std::move(preparer),
-                         {.threads = options.load_threads, .max_resident = options.max_resident}));
+  const auto load = [&] {
+    return CatalogStore::Load(
+        std::move(catalog),
+        std::move(preparer),
+        {.threads = options.load_threads, .max_resident = options.max_resident});
+  };
+  HOROPTER_ASSIGN_OR_RETURN(parts->store, CatchExceptions(load));
   const LoadReport& loaded = parts->store->load_report();
   for (const std::string& failure : loaded.failures) {
     spdlog::error("left out of recognition: {}", failure);

@@ -35,7 +35,7 @@ absl::Status Validate(const ServerOptions& options);
 class HoropterServer {
  public:
   // Errors: INVALID_ARGUMENT (options), UNAVAILABLE (the address cannot be bound), those of
-  // CatalogStore::Load.
+  // CatalogStore::Load, RESOURCE_EXHAUSTED (out of memory).
   static absl::StatusOr<std::unique_ptr<HoropterServer>> Start(std::unique_ptr<Catalog> catalog,
                                                                ObjectPreparer preparer,
                                                                Recognizer recognizer,

@@ -5,12 +5,12 @@
 #include <atomic>
 #include <chrono>
 #include <memory>
-#include <new>
 #include <random>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "server/pipeline/exception_status.h"
 #include "server/service/rpc_status.h"
 
 namespace horopter {
@@ -80,14 +80,8 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
 
   absl::Status Handle(const CallHandler& handler) {
     if (info_.limits.stop()) return StopReason();
-    try {
-      absl::Status status = handler(info_);
-      return absl::IsCancelled(status) ? StopReason() : status;
-    } catch (const std::bad_alloc&) {
-      return absl::ResourceExhaustedError("out of memory");
-    } catch (const std::exception& error) {
-      return absl::InternalError(error.what());
-    }
+    absl::Status status = CatchExceptions([&] { return handler(info_); });
+    return absl::IsCancelled(status) ? StopReason() : status;
   }
 
   absl::Status StopReason() const {

@@ -28,7 +28,8 @@ struct CallInfo {
 // The handler fills the response and returns its status. It runs on a pool thread, or not at all: a
 // full queue answers RESOURCE_EXHAUSTED, a closed pool UNAVAILABLE, a call that is over before its
 // turn CANCELLED or DEADLINE_EXCEEDED. A CANCELLED of the handler becomes DEADLINE_EXCEEDED when
-// the deadline was the reason; an exception becomes INTERNAL. Writes one log line.
+// the deadline was the reason; an exception becomes RESOURCE_EXHAUSTED or INTERNAL
+// (StatusOfException). Writes one log line.
 using CallHandler = std::function<absl::Status(const CallInfo&)>;
 
 grpc::ServerUnaryReactor* RunUnaryCall(const char* method,

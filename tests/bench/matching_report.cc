@@ -275,7 +275,9 @@ void ReportScene(const Scene& scene, const Models& models, std::map<std::string,
   }
   const auto begin = Clock::now();
   const std::clock_t cpu_begin = std::clock();
-  const auto matching = MatchViews(scene.images, features, MatchingOptions());
+  MatchingOptions options;
+  options.threads = 2;
+  const auto matching = MatchViews(scene.images, features, options);
   const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
   const double cpu_seconds = static_cast<double>(std::clock() - cpu_begin) / CLOCKS_PER_SEC;
   if (!matching.ok()) {

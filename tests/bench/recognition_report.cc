@@ -73,7 +73,9 @@ absl::StatusOr<FrontEnd> RunFrontEnd(const BopScene& scene) {
     front.features.push_back(*std::move(features));
     sizes.push_back({front.images.back().cols, front.images.back().rows});
   }
-  auto matching = MatchViews(front.images, front.features, {}, {});
+  MatchingOptions options;
+  options.threads = 2;
+  auto matching = MatchViews(front.images, front.features, options, {});
   if (!matching.ok()) {
     return matching.status();
   }
@@ -325,6 +327,7 @@ void PrintReliability(const std::map<std::string, Sums>& sums) {
 
 RecognitionOptions OptionsOf(const Arguments& arguments) {
   RecognitionOptions options;
+  options.threads = 2;
   options.routes.table = arguments.routes.count("table") > 0;
   options.routes.view_led = arguments.routes.count("views") > 0;
   options.routes.metric = arguments.routes.count("metric") > 0;

@@ -124,6 +124,12 @@ class Layering(unittest.TestCase):
                 self.assertTrue(one(folder + "/x.cc", header), folder + header)
             self.assertEqual(one("client/x.cc", header), [])
 
+    def test_stages_start_no_threads(self):
+        for header in ("<thread>", "<future>"):
+            for folder in layering.VISION + ["server/index", "server/pipeline", "db"]:
+                self.assertTrue(one(folder + "/x.cc", header), folder + header)
+            self.assertEqual(one("server/base/x.cc", header), [])
+
     def test_what_nobody_placed_is_a_violation(self):
         self.assertTrue(one("server/robots/x.cc", "<vector>"))
         self.assertTrue(one("server/x.h", "<vector>"))

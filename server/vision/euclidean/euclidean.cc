@@ -28,7 +28,7 @@ constexpr double kSeenAnewPx = 1.0;
 CameraPrior PriorOf(const RecognitionInput& input, const EuclideanOptions& options, int v) {
   const ImageFeatures& f = input.features[v];
   CameraPrior prior;
-  prior.log_focal = std::log(RecognitionOptions().focal_start_widths * f.width);
+  prior.log_focal = std::log(options.focal_start_widths * f.width);
   prior.log_focal_sigma = options.focal_log_sigma;
   prior.cx = 0.5 * (f.width - 1);
   prior.cy = 0.5 * (f.height - 1);

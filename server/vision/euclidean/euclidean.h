@@ -52,6 +52,7 @@ struct MetricScene {
 };
 
 struct EuclideanOptions {
+  double focal_start_widths = 1.5;      // middle of the prior on f, in image widths
   double focal_log_sigma = 0.35;        // weak prior on log f about its start
   double principal_point_sigma = 0.01;  // of the image width, prior on the offset from the centre
   double search_px = 4.0;               // edge points are looked for this far along the edge normal
@@ -69,7 +70,7 @@ struct EuclideanOptions {
   FindingOptions findings;
   RejectionOptions rejection;
   GraspOptions grasps;
-  int threads = 2;
+  int threads = 1;  // cores to use; the result does not depend on it
 };
 
 // Joint bundle adjustment of focal lengths, camera poses and object poses on the CAD edges seen in

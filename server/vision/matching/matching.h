@@ -90,7 +90,7 @@ struct MatchingOptions {
   // Bound of the strongest kept per image; the efforts keep 500 to 2000 (plane_links.cc). Lower:
   // faster, fewer links on faint or large texture.
   int max_keypoints = 4000;
-  int threads = 2;  // the result does not depend on it
+  int threads = 1;  // cores to use; the result does not depend on it
   unsigned seed = 1;
 };
 

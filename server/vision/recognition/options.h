@@ -28,7 +28,7 @@ struct RecognitionOptions {
   // of 25 by 0.06), on the dotted box of the real photographs the right pose 0.11 behind.
   double loose_ambiguity_gap = 0.12;
   double min_parallax_rad = 0.035;  // between two views of an object; less is no parallax
-  int threads = 2;
+  int threads = 1;
   // Once it returns true no route, scale or round of search is begun any more, seeds that are
   // being looked for are left, and what was found is judged and answered. Empty: never.
   StopRequested hurry;

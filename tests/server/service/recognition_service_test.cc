@@ -4,11 +4,14 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <functional>
+#include <new>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
 #include "server/service/rpc_status.h"
 #include "tests/support/fake_objects.h"
+#include "tests/support/scratch_dir.h"
 #include "tests/support/service_fixture.h"
 
 namespace horopter {
@@ -244,6 +247,58 @@ TEST(RecognitionServiceErrors, StatusAndExceptionsOfThePipelineReachTheClient) {
   const grpc::Status result = server.recognition().RecognizeScene(&context, request, &answer);
   EXPECT_EQ(result.error_code(), grpc::StatusCode::FAILED_PRECONDITION);
   EXPECT_EQ(result.error_message(), "5 point matches, need 7");
+}
+
+TEST(RecognitionServiceErrors, AThrowOnAThreadOfTheRequestIsItsStatusAndTheServerLives) {
+  std::function<void()> fail;
+  TestServer server([&](const SceneRequest& request,
+                        const CatalogSnapshot& catalog,
+                        const CallLimits& limits) -> absl::StatusOr<PipelineResult> {
+    PipelineOptions options;
+    options.threads = 2;
+    // Asked in the loop over the images first.
+    const auto stop = [&] {
+      fail();
+      return limits.stop();
+    };
+    return RecognizeScene(request, catalog, options, stop);
+  });
+  ASSERT_TRUE(server.Enrol("nut"));
+  v1::RecognizeSceneRequest request;
+  for (int i = 0; i < 4; ++i) request.add_images()->set_content(Png(32, 32));
+  const auto call = [&] {
+    grpc::ClientContext context;
+    v1::RecognizeSceneResponse answer;
+    const grpc::Status status = server.recognition().RecognizeScene(&context, request, &answer);
+    EXPECT_EQ(Trailing(context, kRetryAfterKey), "");
+    return status;
+  };
+  for (int repetition = 0; repetition < 20; ++repetition) {
+    fail = [] { throw std::bad_alloc(); };
+    EXPECT_EQ(call().error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+    fail = [] { throw cv::Exception(cv::Error::StsBadArg, "odd kernel", "f", "filter.cpp", 1); };
+    const grpc::Status status = call();
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::INTERNAL);
+    EXPECT_THAT(status.error_message(), testing::HasSubstr("odd kernel"));
+  }
+}
+
+TEST(ServerStart, MemoryThatIsShortOnAThreadOfTheLoadIsAStatus) {
+  const ScratchDir dir;
+  const std::string db = dir.File("catalog.db");
+  {
+    TestServer server(nullptr, {}, db);
+    for (const char* id : {"nut", "box", "rod"}) ASSERT_TRUE(server.Enrol(id));
+  }
+  ObjectPreparer preparer = FakePreparer(2);  // another version: all are prepared anew
+  preparer.prepare = [](ObjectModel) -> absl::StatusOr<ObjectPreparer::Prepared> {
+    throw std::bad_alloc();
+  };
+  ServerOptions options;
+  options.load_threads = 2;
+  EXPECT_EQ(
+      HoropterServer::Start(Catalog::Open(db).value(), preparer, nullptr, options).status().code(),
+      absl::StatusCode::kResourceExhausted);
 }
 
 }  // namespace

@@ -99,19 +99,21 @@ RemainingEvidence WithoutExplained(const JointContext& context,
     }
   }
   RemainingEvidence out;
-  out.features.resize(context.views.size());
+  const auto features = std::make_shared<std::vector<ImageFeatures>>(context.views.size());
+  out.features = features;
   out.context.objects = context.objects;
   out.context.views.resize(context.views.size());
   out.context.matching = context.matching;
   out.context.options = context.options;
   out.context.stop = context.stop;
+  out.context.give_up = context.give_up;
   ParallelFor(static_cast<int>(context.views.size()), context.options.threads, [&](int v) {
     const ViewEvidence& view = context.views[v];
     ViewEvidence& rest = out.context.views[v];
-    out.features[v] = WithoutSegments(view, gone[v]);
+    (*features)[v] = WithoutSegments(view, gone[v]);
     rest.width = view.width;
     rest.height = view.height;
-    rest.features = &out.features[v];
+    rest.features = &(*features)[v];
     if (!scene.views[v]) return;
     rest.maps = BuildEdgeMaps(
         WithoutPoints(view.maps, ExplainedCells(view, gone[v])), view.width, view.height);

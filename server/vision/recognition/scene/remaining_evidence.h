@@ -2,6 +2,7 @@
 // a half hidden part stands out once its neighbours' edges are gone.
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "server/vision/recognition/scene/scene_model.h"
@@ -10,8 +11,8 @@ namespace horopter {
 
 struct RemainingEvidence {
   // Without edge chains; segments that objects explain are marked as texture, which starts no
-  // hypothesis.
-  std::vector<ImageFeatures> features;
+  // hypothesis. `context` points into them: copies share them.
+  std::shared_ptr<const std::vector<ImageFeatures>> features;
   // Of these features, for a search under known cameras: without view hypotheses and start
   // cameras; no maps where no camera is.
   JointContext context;

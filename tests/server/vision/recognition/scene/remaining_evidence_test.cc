@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <optional>
 
 #include "tests/support/synthetic_table.h"
 
@@ -39,8 +40,8 @@ TEST(WithoutExplained, LeavesTheOtherPart) {
   VerifyScratch scratch;
   for (std::size_t v = 0; v < both.features.size(); ++v) {
     SCOPED_TRACE(v);
-    EXPECT_EQ(rest.features[v].segments.size(), both.features[v].segments.size());
-    EXPECT_NEAR(Unexplained(rest.features[v]), Unexplained(alone.features[v]), 1);
+    EXPECT_EQ((*rest.features)[v].segments.size(), both.features[v].segments.size());
+    EXPECT_NEAR(Unexplained((*rest.features)[v]), Unexplained(alone.features[v]), 1);
     const auto precision = [&](const JointContext& c, int object, const Rigid3& pose) {
       return VerifyPose(*both.objects[object],
                         c.views[v],
@@ -63,7 +64,7 @@ TEST(WithoutExplained, DoubtfulPartsExplainNothing) {
   const SceneModel scene = SceneOf(table, context, 0, bracket);
   const RemainingEvidence rest = WithoutExplained(context, scene, 1e9);
   for (std::size_t v = 0; v < table.features.size(); ++v) {
-    EXPECT_EQ(Unexplained(rest.features[v]), Unexplained(table.features[v]));
+    EXPECT_EQ(Unexplained((*rest.features)[v]), Unexplained(table.features[v]));
     EXPECT_EQ(rest.context.views[v].maps.points.size(), context.views[v].maps.points.size());
   }
 }
@@ -76,7 +77,34 @@ TEST(WithoutExplained, ViewsWithoutCameraHaveNoMaps) {
   scene.views[1].reset();
   const RemainingEvidence rest = WithoutExplained(context, scene, 1.0);
   EXPECT_TRUE(rest.context.views[1].maps.points.empty());
-  EXPECT_EQ(Unexplained(rest.features[1]), Unexplained(table.features[1]));
+  EXPECT_EQ(Unexplained((*rest.features)[1]), Unexplained(table.features[1]));
+}
+
+TEST(WithoutExplained, AHurryReachesTheSearchInTheRest) {
+  const Rigid3 bracket = Standing(0.4, -0.04, 0, 0);
+  Table table = MakeTable({{0, bracket}}, 3, 0.2, 10);
+  bool hurry = false;
+  JointContext context = table.Context();
+  context.give_up = [&] { return hurry; };
+  const RemainingEvidence rest =
+      WithoutExplained(context, SceneOf(table, context, 0, bracket), 1.0);
+  EXPECT_FALSE(IsStopRequested(rest.context.give_up));
+  hurry = true;
+  EXPECT_TRUE(IsStopRequested(rest.context.give_up));
+}
+
+TEST(WithoutExplained, ACopyOutlivesItsOriginal) {
+  const Rigid3 bracket = Standing(0.4, -0.04, 0, 0);
+  Table table = MakeTable({{0, bracket}}, 3, 0.2, 11);
+  const JointContext context = table.Context();
+  std::optional<RemainingEvidence> original =
+      WithoutExplained(context, SceneOf(table, context, 0, bracket), 1.0);
+  const RemainingEvidence copy = *original;
+  original.reset();
+  for (std::size_t v = 0; v < table.features.size(); ++v) {
+    EXPECT_EQ(copy.context.views[v].features, &(*copy.features)[v]);
+    EXPECT_EQ(copy.context.views[v].features->segments.size(), table.features[v].segments.size());
+  }
 }
 
 }  // namespace

@@ -1,0 +1,22 @@
+// Exceptions of libraries and of the allocator as the Status of the request that met them.
+#pragma once
+
+#include "absl/status/status.h"
+
+namespace horopter {
+
+// Of the exception that is being handled: call it in a catch block. RESOURCE_EXHAUSTED when memory
+// was short, OpenCV's as well as our own; INTERNAL with its message otherwise.
+absl::Status StatusOfException();
+
+// function(), or what it throws as a Status. Its result must be made of a Status.
+template <typename Function>
+auto CatchExceptions(const Function& function) -> decltype(function()) {
+  try {
+    return function();
+  } catch (...) {
+    return StatusOfException();
+  }
+}
+
+}  // namespace horopter

@@ -1,0 +1,11 @@
+// What the whole process may use of the machine.
+#pragma once
+
+namespace horopter {
+
+// Sizes the pool of ParallelFor so that a request and its helpers can use `cores`, and takes
+// OpenCV's own threads away: its functions are called inside the loops of the pool, and would start
+// threads that no request's budget knows. To be called before the first request.
+void SetProcessCores(int cores);
+
+}  // namespace horopter
