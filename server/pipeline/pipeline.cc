@@ -210,10 +210,10 @@ absl::StatusOr<MatchingResult> LinkUnderCameras(const SceneRequest& request,
                                                 const SceneTrace& trace,
                                                 const MatchingOptions& options,
                                                 const StopRequested& stop) {
-  std::vector<std::optional<KnownView>> views;
+  std::vector<std::optional<PosedView>> views;
   for (const auto& posed : trace.metric->cameras) {
     views.emplace_back();
-    if (posed) views.back() = KnownView{posed->camera, posed->camera_from_scene};
+    if (posed) views.back() = PosedView{posed->camera, posed->camera_from_scene};
   }
   KnownCameras known{views, Eigen::Vector3d::Zero()};
   const double count = static_cast<double>(trace.metric->objects.size());

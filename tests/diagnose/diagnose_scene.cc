@@ -198,10 +198,10 @@ void ReportWords(const PipelineResult& result, SceneReport* report) {
   }
 }
 
-std::vector<std::vector<Wireframe>> AnswerWireframes(const PipelineResult& result,
-                                                     const CatalogSnapshot& catalog,
-                                                     size_t views) {
-  std::vector<std::vector<Wireframe>> wireframes(views);
+std::vector<std::vector<DrawnObject>> AnswerWireframes(const PipelineResult& result,
+                                                       const CatalogSnapshot& catalog,
+                                                       size_t views) {
+  std::vector<std::vector<DrawnObject>> wireframes(views);
   for (size_t v = 0; v < std::min(views, result.answer.cameras.size()); ++v) {
     if (!result.answer.cameras[v]) {
       continue;
@@ -247,7 +247,7 @@ void WritePictures(const BopScene& scene,
                    const LoadedScene& loaded,
                    const std::vector<ImageFeatures>& features,
                    const std::vector<FeatureFinding>& findings,
-                   const std::vector<std::vector<Wireframe>>& wireframes,
+                   const std::vector<std::vector<DrawnObject>>& wireframes,
                    const MatchingResult& matching,
                    const std::string& folder) {
   std::filesystem::create_directories(folder);

@@ -160,7 +160,7 @@ cv::Mat DrawTruth(const cv::Mat& image,
                   const ImageFeatures& features,
                   const TrueView& truth,
                   const FeatureFinding& finding,
-                  const std::vector<Wireframe>& answer) {
+                  const std::vector<DrawnObject>& answer) {
   cv::Mat canvas = Canvas(image);
   for (const Segment& segment : features.segments) {
     Line(&canvas,
@@ -188,7 +188,7 @@ cv::Mat DrawTruth(const cv::Mat& image,
                1,
                cv::LINE_AA);
   }
-  for (const Wireframe& wireframe : answer) {
+  for (const DrawnObject& wireframe : answer) {
     for (const ModelEdge& edge : wireframe.model->edges) {
       for (size_t k = 0; k + 1 < edge.polyline.size(); ++k) {
         const Eigen::Vector3d a = wireframe.camera_from_object * edge.polyline[k];

@@ -14,7 +14,7 @@
 namespace horopter {
 
 // One object drawn as wireframe.
-struct Wireframe {
+struct DrawnObject {
   const ObjectModel* model = nullptr;
   PinholeCamera camera;
   Rigid3 camera_from_object;
@@ -44,6 +44,6 @@ cv::Mat DrawTruth(const cv::Mat& image,
                   const ImageFeatures& features,
                   const TrueView& truth,
                   const FeatureFinding& finding,
-                  const std::vector<Wireframe>& answer);
+                  const std::vector<DrawnObject>& answer);
 
 }  // namespace horopter

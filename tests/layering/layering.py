@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Checks every #include of the sources against the layers of the architecture.
+"""Checks every #include of the sources against the layers of the architecture, and that no two files define a type of
+one name in one namespace.
 
     layering.py [ROOT]        prints one line per violation; exit 0 none, 1 some, 2 nothing to check
 
@@ -189,13 +190,66 @@ def check_file(root, path):
     return found
 
 
-def sources(root):
-    for top in ("server", "db", "client", "proto"):
+def sources(root, tops=("server", "db", "client", "proto")):
+    for top in tops:
         for where, folders, files in os.walk(os.path.join(root, top)):
             folders.sort()
             for name in sorted(files):
                 if name.endswith(SOURCES):
                     yield os.path.relpath(os.path.join(where, name), root)
+
+# What a twin is searched with: comments, literals and preprocessor lines hold no definition.
+NOISE = re.compile(r'//[^\n]*|/\*.*?\*/|R"(\w*)\(.*?\)\1"|"(?:\\.|[^"\\\n])*"|(?<![0-9a-fA-F])\'(?:\\.|[^\'\\\n])+\''
+                   r'|^[ \t]*#(?:[^\n]*\\\n)*[^\n]*', re.DOTALL | re.MULTILINE)
+TYPE = re.compile(r"\b(?:struct|class|enum(?:\s+(?:class|struct))?|union)\s+(?:\[\[[^\]]*\]\]\s*|alignas\s*\([^)]*\)\s*)*"
+                  r"([A-Za-z_]\w*)\s*(?:final\b\s*)?(?::(?!:)[^{};]*)?$")
+ALIAS = re.compile(r"\busing\s+([A-Za-z_]\w*)\s*=|\btypedef\b.*?\b([A-Za-z_]\w*)\s*$", re.DOTALL)
+NAMESPACE = re.compile(r"\bnamespace\b\s*([\w:]*)\s*$")
+
+
+def types_of(text):
+    """The types a file defines in a namespace with a name, as (qualified name, line)."""
+    text = NOISE.sub(lambda match: re.sub(r"[^\n]", " ", match.group(0)), text)
+    found = []
+    scopes = []  # per open brace: the namespace's name, "" for one without, None for anything else
+    start = 0    # of the statement that is being read
+
+    def add(name, where):
+        if None not in scopes and "" not in scopes:
+            found.append(("::".join(scopes + [name]), text.count("\n", 0, where) + 1))
+
+    for brace in re.finditer(r"[{};]", text):
+        statement = text[start:brace.start()]
+        if brace.group(0) == "{":
+            namespace = NAMESPACE.search(statement)
+            defined = TYPE.search(statement)
+            if defined:
+                add(defined.group(1), start + defined.start(1))
+            scopes.append(namespace.group(1) if namespace else None)
+        elif brace.group(0) == "}":
+            if scopes:
+                scopes.pop()
+        else:
+            alias = ALIAS.search(statement)
+            if alias:
+                group = 1 if alias.group(1) else 2
+                add(alias.group(group), start + alias.start(group))
+        start = brace.end()
+    return found
+
+
+def check_types(root):
+    """Two definitions of one name in one namespace are undefined behaviour, even in files that never meet in a
+    translation unit: the linker keeps one of each inline function and of each template made from the two."""
+    first = {}
+    found = []
+    for path in sources(root, ("server", "db", "client", "tests")):
+        with open(os.path.join(root, path), encoding="utf-8") as source:
+            for name, line in types_of(source.read()):
+                known = first.setdefault(name, path)
+                if known != path:
+                    found.append((path, line, "%s: %s defines a type of this name, too" % (name, known)))
+    return found
 
 
 def check_table():
@@ -217,7 +271,7 @@ def check_tree(root):
     found = []
     for path in paths:
         found += check_file(root, path)
-    return found, len(paths)
+    return found + check_types(root), len(paths)
 
 
 def main():

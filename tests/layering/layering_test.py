@@ -10,8 +10,9 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import layering  # noqa: E402
 
 
-def violations(files):
-    """Writes files ({path: text}) to a fresh tree and returns {path: [texts]} of what the check says."""
+def violations(files, counted=True):
+    """Writes files ({path: text}) to a fresh tree and returns {path: [texts]} of what the check says. `counted`: every file
+    belongs to a layer, and is read as one."""
     with tempfile.TemporaryDirectory() as root:
         for path, text in files.items():
             full = os.path.join(root, path)
@@ -19,7 +20,7 @@ def violations(files):
             with open(full, "w", encoding="utf-8") as out:
                 out.write(text)
         found, count = layering.check_tree(root)
-        assert count == len([f for f in files if f.endswith(layering.SOURCES)])
+        assert not counted or count == len([f for f in files if f.endswith(layering.SOURCES)])
         result = {}
         for path, _, text in found:
             result.setdefault(path, []).append(text)
@@ -137,6 +138,40 @@ class Layering(unittest.TestCase):
         self.assertTrue(one("client/x.cc", '"server/vision/geometry/gone.h"'))
         self.assertTrue(one("client/x.cc", '"bop_dataset.h"', ["client/bop_dataset.h"]))
         self.assertTrue(one("client/x.cc", "<server/base/stop_token.h>", ["server/base/stop_token.h"]))
+
+    def test_no_type_name_twice_in_a_namespace(self):
+        def twins(first, second, where=("server/vision/features/a.h", "server/vision/recognition/b.h")):
+            return bool(violations({where[0]: first, where[1]: second}))
+
+        def within(text):
+            return "namespace horopter {\n%s\n}  // namespace horopter\n" % text
+
+        a = within("struct Sample {\n  int x = 0;\n};")
+        for b in ("struct Sample {};", "class Sample final : public Base<int> {};", "enum class Sample : int { kA };",
+                  "enum Sample { kA };", "using Sample = int;", "typedef int Sample;", "struct [[nodiscard]] Sample {};",
+                  "template <typename T>\nstruct Sample {};", "template <typename T> using Sample = T;",
+                  "void F() { int x{}; }\nstruct Sample {};", "/* } */ struct Sample {};",
+                  "inline const char* s = \"{\";\nstruct Sample {};", "#define OPEN {\nstruct Sample {};"):
+            self.assertTrue(twins(a, within(b)), b)
+            self.assertTrue(twins(within(b), a), b)
+        for b in ("struct Sample;", "struct Other {};", "struct Other { struct Sample { int x; }; };", "Sample Make();",
+                  "class Other { using Sample = int; };", "namespace { struct Sample {}; }", "// struct Sample {};",
+                  "namespace wire { struct Sample {}; }", "void F() { struct Sample {}; }", "/* struct Sample {}; */",
+                  "void F(const struct Sample& s) {}", "template <>\nstruct Hash<Sample> {};", "struct Sample* Make();",
+                  "const char* s = \"struct Sample {};\";", "const char* s = R\"(struct Sample {};)\";",
+                  "using Other = Sample;", "using wire::Sample;"):
+            self.assertFalse(twins(a, within(b)), b)
+        # The same name in the same inner namespace, however it is written.
+        self.assertTrue(twins("namespace horopter::wire {\nenum class A { kB };\n}\n",
+                              within("namespace wire {\nstruct A {};\n}")))
+
+    def test_twins_are_found_in_every_folder_and_in_sources(self):
+        text = "namespace horopter {\nstruct Twin {};\n}\n"
+        for where in ("server/index/a.h", "server/pipeline/a.cc", "db/a.h", "client/a.cc", "tests/support/a.h",
+                      "tests/bench/a.cc"):
+            files = {"server/vision/geometry/t.h": text, where: text}
+            self.assertTrue(any("Twin" in said for texts in violations(files, counted=False).values()
+                                for said in texts), where)
 
     def test_spacing_does_not_hide_an_include(self):
         self.assertTrue(violations({"db/x.cc": "  #  include\t<grpcpp/grpcpp.h>  // why\n"}))

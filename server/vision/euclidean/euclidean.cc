@@ -149,7 +149,7 @@ void Observe(Refinement* r) {
 }
 
 absl::Status Adjust(const EuclideanOptions& options, const StopRequested& stop, Refinement* r) {
-  BundleOptions bundle;
+  SceneBundleOptions bundle;
   bundle.threads = options.threads;
   for (int round = 0; round < options.rounds; ++round) {
     if (IsStopRequested(stop)) return absl::CancelledError("stopped during the metric adjustment");

@@ -249,7 +249,7 @@ std::vector<ScaleSource> EstimateScales(const SceneBundle& bundle,
   for (int k = 0; k < n; ++k) out[k].index = k;
   if (n < 2) return out;
   SceneBundle scaled = bundle;
-  BundleOptions adjust;
+  SceneBundleOptions adjust;
   adjust.held.scales = false;
   adjust.max_iterations = 8;
   adjust.threads = threads;

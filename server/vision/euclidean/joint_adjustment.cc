@@ -97,7 +97,7 @@ absl::StatusOr<JointAdjustment> AdjustJointly(std::span<const std::optional<Came
   SceneBundle bundle = BundleOf(cameras, sizes, start, models);
   bundle.edge_sigma_px = sigma_px;
   bundle.cauchy_sigmas = 6.0;
-  BundleOptions options;
+  SceneBundleOptions options;
   options.max_iterations = 60;
   options.min_decrease = 1e-7;
   // Where on an edge a piece ends, and the edge's direction, follow the poses.

@@ -4,12 +4,10 @@
 
 #include <Eigen/Core>
 
+#include "server/vision/geometry/matrix6.h"
 #include "server/vision/geometry/rigid3.h"
 
 namespace horopter {
-
-using Vector6d = Eigen::Matrix<double, 6, 1>;
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 // One convention for every transform a_from_b = (R, t): the change d = (w, dt) makes it
 // (exp(w) R, t + dt). w is a rotation vector about the axes of a through the origin of b (radians),

@@ -356,7 +356,7 @@ double BundleCost(const SceneBundle& bundle, int threads) {
   return cost + LikenessCost(bundle.views, bundle.alike);
 }
 
-bool AdjustBundle(const BundleOptions& options, SceneBundle* bundle) {
+bool AdjustBundle(const SceneBundleOptions& options, SceneBundle* bundle) {
   const SceneBundleLayout layout = LayoutOf(*bundle);
   const std::vector<bool> held = Held(*bundle, layout, options.held);
   const std::vector<EdgeRun> runs = RunsOf(bundle->edges);

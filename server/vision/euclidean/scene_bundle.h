@@ -105,7 +105,7 @@ void MoveBundle(const SceneBundleLayout& layout, const Eigen::VectorXd& step, Sc
 
 double BundleCost(const SceneBundle& bundle, int threads);
 
-struct BundleOptions {
+struct SceneBundleOptions {
   int max_iterations = 15;
   double min_decrease = 1e-4;  // of the cost, relative; less ends the adjustment
   HeldParameters held;
@@ -118,6 +118,6 @@ double SharedSamples(double spacing_px);
 
 // Levenberg-Marquardt on iteratively reweighted normal equations. False when the system cannot be
 // solved; the bundle is then where it got to, never worse than at the start.
-bool AdjustBundle(const BundleOptions& options, SceneBundle* bundle);
+bool AdjustBundle(const SceneBundleOptions& options, SceneBundle* bundle);
 
 }  // namespace horopter

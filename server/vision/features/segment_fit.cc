@@ -82,7 +82,7 @@ struct RobustLine {
 };
 
 // Total least squares with weights gradient x Tukey.
-RobustLine FitRobustLine(const std::vector<EdgeSample>& samples,
+RobustLine FitRobustLine(const std::vector<GradientPeak>& samples,
                          const Eigen::Vector2d& start_point,
                          const Eigen::Vector2d& start_direction,
                          int rounds = kTukeyRounds) {
@@ -99,7 +99,7 @@ RobustLine FitRobustLine(const std::vector<EdgeSample>& samples,
     int inliers = 0;
     Eigen::Vector2d mean = Eigen::Vector2d::Zero();
     Eigen::Matrix2d moment = Eigen::Matrix2d::Zero();
-    for (const EdgeSample& sample : samples) {
+    for (const GradientPeak& sample : samples) {
       const Eigen::Vector2d p = sample.point.cast<double>();
       const double residual = normal.dot(p - line.point);
       const double u = residual / width;
@@ -150,7 +150,7 @@ Eigen::Vector2d ExtendEnd(const cv::Mat& smooth,
                           const Eigen::Vector2d& outward,
                           const Eigen::Vector2d& right_to_bright,
                           float min_gradient,
-                          std::vector<EdgeSample>* samples) {
+                          std::vector<GradientPeak>* samples) {
   Eigen::Vector2d last = end;
   int misses = 0;
   for (int step = 1; step <= kMaxExtensionPx && misses < 2; ++step) {
@@ -227,7 +227,7 @@ std::optional<FittedSegment> FitSegment(const RawLine& raw,
     std::swap(segment.start, segment.end);
   }
   double mean_gradient = 0.0;
-  for (const EdgeSample& sample : fitted.samples) {
+  for (const GradientPeak& sample : fitted.samples) {
     mean_gradient += sample.gradient / static_cast<double>(fitted.samples.size());
   }
   const float enough = std::max(static_cast<float>(min_gradient),
@@ -274,7 +274,7 @@ std::optional<FittedSegment> FitChainPiece(const EdgeChain& chain,
   slope /= static_cast<float>(fitted.samples.size());
   // Not the chord's middle: a chain that runs into another ends on it, off its own line.
   Eigen::Vector2d middle = Eigen::Vector2d::Zero();
-  for (const EdgeSample& sample : fitted.samples) {
+  for (const GradientPeak& sample : fitted.samples) {
     middle += sample.point.cast<double>() / static_cast<double>(fitted.samples.size());
   }
   const RobustLine line = FitRobustLine(fitted.samples, middle, direction, kChainRounds);
@@ -298,7 +298,7 @@ std::optional<FittedSegment> FitChainPiece(const EdgeChain& chain,
   return fitted;
 }
 
-Segment FitLineToSamples(const std::vector<EdgeSample>& samples,
+Segment FitLineToSamples(const std::vector<GradientPeak>& samples,
                          const std::vector<Eigen::Vector2d>& ends,
                          const Segment& like) {
   const Eigen::Vector2d direction = (like.end - like.start).normalized();

@@ -12,7 +12,7 @@
 namespace horopter {
 
 // One gradient peak on a segment.
-struct EdgeSample {
+struct GradientPeak {
   Eigen::Vector2f point = Eigen::Vector2f::Zero();
   float gradient = 0.0f;  // grey levels per pixel, positive towards the right of the segment
 };
@@ -20,7 +20,7 @@ struct EdgeSample {
 // A segment with the samples it was fitted to.
 struct FittedSegment {
   Segment segment;
-  std::vector<EdgeSample> samples;
+  std::vector<GradientPeak> samples;
 };
 
 // Searches the strongest gradient within +-3 px across the line at every pixel along it (parabola
@@ -43,7 +43,7 @@ std::optional<FittedSegment> FitChainPiece(const EdgeChain& chain,
 
 // Fits the line anew to the samples (gradient-weighted, Tukey) and spans it over the projections of
 // `ends`. Keeps the orientation of `like`. Used when pieces are joined.
-Segment FitLineToSamples(const std::vector<EdgeSample>& samples,
+Segment FitLineToSamples(const std::vector<GradientPeak>& samples,
                          const std::vector<Eigen::Vector2d>& ends,
                          const Segment& like);
 

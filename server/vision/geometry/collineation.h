@@ -6,11 +6,10 @@
 #include <optional>
 #include <span>
 
+#include "server/vision/geometry/matrix6.h"
 #include "server/vision/geometry/plucker_line.h"
 
 namespace horopter {
-
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 // X' ~ H X, pi' ~ H^-T pi, Lambda' = H Lambda H^T.
 Eigen::Vector4d MapPoint(const Eigen::Matrix4d& H, const Eigen::Vector4d& point);

@@ -5,9 +5,9 @@
 #include <algorithm>
 #include <cmath>
 
-namespace horopter {
+#include "server/vision/geometry/matrix6.h"
 
-using Vector6d = Eigen::Matrix<double, 6, 1>;  // Plücker line (direction; moment)
+namespace horopter {
 
 struct InvariantKey {
   Eigen::VectorXd values;

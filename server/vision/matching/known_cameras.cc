@@ -24,7 +24,7 @@ constexpr size_t kMaxPlanePoints = 200;
 constexpr double kVisibleDistortionPx = 0.05;  // at a corner of the image; less is not undone
 constexpr double kMinDepth = 1e-6;
 
-bool IsFinite(const KnownView& view) {
+bool IsFinite(const PosedView& view) {
   const PinholeCamera& c = view.camera;
   return std::isfinite(c.focal_px) && c.focal_px > 0.0 && std::isfinite(c.cx) &&
          std::isfinite(c.cy) && std::isfinite(c.k1) && view.camera_from_scene.R.allFinite() &&
@@ -97,17 +97,17 @@ struct PreparedView {
   MatchingView view;
 };
 
-Eigen::Vector3d CentreOf(const KnownView& view) {
+Eigen::Vector3d CentreOf(const PosedView& view) {
   return view.camera_from_scene.Inverse().t;
 }
 
-double ParallaxOf(const KnownView& a, const KnownView& b, const Eigen::Vector3d& middle) {
+double ParallaxOf(const PosedView& a, const PosedView& b, const Eigen::Vector3d& middle) {
   const Eigen::Vector3d u = CentreOf(a) - middle, v = CentreOf(b) - middle;
   return std::atan2(u.cross(v).norm(), u.dot(v));
 }
 
 // Of undistorted pixels, unit norm.
-Eigen::Matrix3d FundamentalOf(const KnownView& a, const KnownView& b) {
+Eigen::Matrix3d FundamentalOf(const PosedView& a, const PosedView& b) {
   const Rigid3 b_from_a = b.camera_from_scene * a.camera_from_scene.Inverse();
   const Eigen::Matrix3d F = b.camera.K().inverse().transpose() * CrossMatrix(b_from_a.t) *
                             b_from_a.R * a.camera.K().inverse();
@@ -116,8 +116,8 @@ Eigen::Matrix3d FundamentalOf(const KnownView& a, const KnownView& b) {
 
 // b_from_a of the plane for undistorted pixels: H = K_b (R + t n^T / d) K_a^-1, n . x = d in camera
 // a. nullopt for a plane through a camera.
-std::optional<Eigen::Matrix3d> HomographyOf(const KnownView& a,
-                                            const KnownView& b,
+std::optional<Eigen::Matrix3d> HomographyOf(const PosedView& a,
+                                            const PosedView& b,
                                             const SupportingPlane& plane) {
   const Rigid3 b_from_a = b.camera_from_scene * a.camera_from_scene.Inverse();
   const Eigen::Vector3d normal = a.camera_from_scene.R * plane.normal;
@@ -130,7 +130,7 @@ std::optional<Eigen::Matrix3d> HomographyOf(const KnownView& a,
 
 // Point nearest to the rays of one pixel in several views; nullopt for parallel rays.
 std::optional<Eigen::Vector3d> Intersect(
-    const std::vector<std::pair<const KnownView*, Eigen::Vector2d>>& sights) {
+    const std::vector<std::pair<const PosedView*, Eigen::Vector2d>>& sights) {
   Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
   Eigen::Vector3d g = Eigen::Vector3d::Zero();
   for (const auto& [view, pixel] : sights) {
@@ -173,7 +173,7 @@ std::optional<SupportingPlane> PlaneUnderCameras(const KnownCameras& known,
   double squared = 0.0;
   int residuals = 0;
   for (size_t k = 0; k < mapped.size(); k += step) {
-    std::vector<std::pair<const KnownView*, Eigen::Vector2d>> sights;
+    std::vector<std::pair<const PosedView*, Eigen::Vector2d>> sights;
     for (size_t v = 0; v < known.views.size(); ++v) {
       if (matching.component[v] != component || !known.views[v]) continue;
       const Eigen::Vector2d at = Transfer(matching.view_from_plane[v], mapped[k]);

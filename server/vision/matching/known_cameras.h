@@ -15,13 +15,14 @@
 
 namespace horopter {
 
-struct KnownView {
+// A view whose camera and place are known.
+struct PosedView {
   PinholeCamera camera;
   Rigid3 camera_from_scene;
 };
 
 struct KnownCameras {
-  std::span<const std::optional<KnownView>> views;  // one per image; empty: not known
+  std::span<const std::optional<PosedView>> views;  // one per image; empty: not known
   // A point about which the scene lies, scene frame: parallax is the angle of a pair's centres seen
   // from there.
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();

@@ -21,6 +21,7 @@ inline constexpr int kAspectCount = 6 * kAspectGrid * kAspectGrid;
 int AspectIndex(const Eigen::Vector3f& direction);
 Eigen::Vector3d AspectDirection(int index);
 
+// A point on an edge of the model.
 struct EdgeSample {
   Eigen::Vector3f point = Eigen::Vector3f::Zero();     // object frame, metres
   Eigen::Vector3f tangent = Eigen::Vector3f::UnitX();  // unit

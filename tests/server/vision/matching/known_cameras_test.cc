@@ -17,7 +17,7 @@ struct Input {
   SyntheticScene scene;
   std::vector<cv::Mat> images;
   std::vector<ImageFeatures> features;
-  std::vector<std::optional<KnownView>> views;  // the truth
+  std::vector<std::optional<PosedView>> views;  // the truth
 
   KnownCameras known() const { return {views, Eigen::Vector3d(0, 0, 0.03)}; }
 };
@@ -36,7 +36,7 @@ Input MakeInput(unsigned seed, int views, double contrast, double k1 = 0.0) {
     input.scene.cameras[v].k1 = k1;
     input.images.push_back(RenderBoxes(input.scene, v, seed, 9, texture));
     input.features.push_back(*DetectFeatures(input.images.back(), FeatureOptions()));
-    input.views.emplace_back(KnownView{input.scene.cameras[v], input.scene.camera_from_world[v]});
+    input.views.emplace_back(PosedView{input.scene.cameras[v], input.scene.camera_from_world[v]});
   }
   return input;
 }
