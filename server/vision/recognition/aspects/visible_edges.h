@@ -1,0 +1,91 @@
+// The edges of a part as a camera sees them at one pose and scale: occluding contours, creases and
+// rims, from a software rendering of its mesh to depth and faces. Choi & Christensen 2012; Petit,
+// Marchand, Kanani 2013: edges from depth and normal buffers. Contour points lie where the mesh's
+// contour edges cross the lines between pixel centres, so they are exact, not rounded to pixels.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/rigid3.h"
+#include "server/vision/recognition/aspects/render_mesh.h"
+
+namespace horopter {
+
+// What makes an edge visible. Contours (silhouette and self-occlusion) show in any light; creases
+// depend on it.
+enum class VisibleEdgeKind : std::uint8_t { kSilhouette = 0, kOcclusion = 1, kCrease = 2 };
+
+// A point of a visible edge, about one per rendered pixel of edge length.
+struct VisibleEdgePoint {
+  Eigen::Vector3f point = Eigen::Vector3f::Zero();       // object frame, metres, on the near surface
+  Eigen::Vector3f direction = Eigen::Vector3f::UnitX();  // unit, of the edge, object frame
+  Eigen::Vector2f image = Eigen::Vector2f::Zero();       // pixels of the given camera, with its lens
+  // Unit, of the edge in the image, along the chain. Of contours the near surface lies on the side
+  // (-tangent.y, tangent.x) (image y down), the farther one or the background on the other.
+  Eigen::Vector2f tangent = Eigen::Vector2f::UnitX();
+  VisibleEdgeKind kind = VisibleEdgeKind::kSilhouette;
+  float turn_rad = 0.0f;   // creases: by how much the normal turns across the edge
+  std::int32_t chain = 0;  // points of one chain are consecutive and ordered along it
+};
+
+struct VisibleEdgeOptions {
+  // Size of the object's diameter in the rendering. Raising it shows finer edges and costs its
+  // square.
+  double render_px = 180.0;
+  // Rendered pixels per image pixel are at most this many: an edge finer than the image is none.
+  double max_scale = 1.0;
+  // A step in depth larger than this many pixel footprints, which neither side's tangent plane
+  // explains, occludes.
+  double occlusion_jump_px = 3.5;
+  // Normals that turn by more within `crease_window_px` rendered pixels make a crease.
+  double crease_turn_rad = 0.436;  // 25 degrees
+  int crease_window_px = 4;
+  int min_chain_px = 4;  // shorter chains are dropped
+  bool creases = true;
+};
+
+// The rendering: a window of the undistorted image, `scale` rendered pixels per image pixel.
+// Rendered pixel (x, y) has its centre at origin + (x, y) / scale of the image without lens
+// distortion.
+struct RenderedView {
+  int width = 0;
+  int height = 0;
+  double scale = 1.0;
+  Eigen::Vector2d origin = Eigen::Vector2d::Zero();
+  std::vector<float> inverse_depth;    // 1 / (camera z in metres), row-major; 0 = background
+  std::vector<std::int32_t> triangle;  // nearest triangle of the RenderMesh, -1 = background
+
+  bool Covered(int x, int y) const {
+    return inverse_depth[static_cast<std::size_t>(y) * width + x] > 0.0f;
+  }
+};
+
+struct VisibleEdges {
+  std::vector<VisibleEdgePoint> points;
+  int chains = 0;
+  RenderedView view;
+};
+
+// The window covers the part of the object inside the image and a margin of a few pixels; edges at
+// the border of the image are none. Empty if nothing of the object is in front of the camera and
+// inside the image. Deterministic.
+VisibleEdges FindVisibleEdges(const RenderMesh& mesh,
+                              const PinholeCamera& camera,
+                              const Rigid3& camera_from_object,
+                              const VisibleEdgeOptions& options = {});
+
+// The rendering alone.
+RenderedView RenderView(const RenderMesh& mesh,
+                        const PinholeCamera& camera,
+                        const Rigid3& camera_from_object,
+                        const VisibleEdgeOptions& options = {});
+
+// Where a pixel of the image (with lens distortion) lies in the rendering, in rendered pixels.
+Eigen::Vector2d RenderedFromImage(const RenderedView& view,
+                                  const PinholeCamera& camera,
+                                  const Eigen::Vector2d& pixel);
+
+}  // namespace horopter
