@@ -34,13 +34,16 @@ struct RenderMeshEdge {
 };
 
 // Vertices lie on a grid of 2^16 steps over the largest side of the bounding box, so that the mesh
-// survives a blob (aspect_blob.h) bit for bit. Laws: indices in range, no degenerate triangle, no
-// two triangles over the same vertices.
+// survives a blob (aspect_blob.h) bit for bit. Laws: indices in range, three vertices a triangle, no
+// two triangles over the same ones. A sliver may have no area; its normals are zero.
 struct RenderMesh {
-  std::vector<Eigen::Vector3f> vertices;   // metres, object frame
+  Eigen::Vector3f origin = Eigen::Vector3f::Zero();  // of that grid, and its step: a vertex is
+  float step_m = 0.0f;                               // origin + step_m * whole numbers
+  std::vector<Eigen::Vector3f> vertices;             // metres, object frame
   std::vector<Eigen::Vector3i> triangles;  // counter-clockwise seen from outside, if `closed`
   std::vector<std::array<Eigen::Vector3f, 3>> normals;  // unit, of each triangle's corners
   std::vector<Eigen::Vector3f> face_normals;            // unit
+  std::vector<char> flat;  // of triangles: the corners' normals are the face's
   std::vector<RenderMeshEdge> edges;
   // Every edge has two triangles that agree which side is outside, and it is: back faces are never
   // seen. Otherwise both faces of a triangle are drawn.
@@ -55,5 +58,9 @@ struct RenderMesh {
 absl::StatusOr<RenderMesh> MakeRenderMesh(const TriangleMesh& mesh,
                                           double diameter_m = 0.0,
                                           const RenderMeshOptions& options = {});
+
+// Fills what follows from vertices and triangles: normals, edges, `closed`, `center`. Triangles of a
+// closed mesh that is inside out are turned.
+void ConnectRenderMesh(double smooth_angle_rad, RenderMesh* mesh);
 
 }  // namespace horopter

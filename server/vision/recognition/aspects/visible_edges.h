@@ -11,6 +11,7 @@
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/recognition/aspects/render_mesh.h"
+#include "server/vision/recognition/aspects/rendered_view.h"
 
 namespace horopter {
 
@@ -47,31 +48,14 @@ struct VisibleEdgeOptions {
   bool creases = true;
 };
 
-// The rendering: a window of the undistorted image, `scale` rendered pixels per image pixel.
-// Rendered pixel (x, y) has its centre at origin + (x, y) / scale of the image without lens
-// distortion.
-struct RenderedView {
-  int width = 0;
-  int height = 0;
-  double scale = 1.0;
-  Eigen::Vector2d origin = Eigen::Vector2d::Zero();
-  std::vector<float> inverse_depth;    // 1 / (camera z in metres), row-major; 0 = background
-  std::vector<std::int32_t> triangle;  // nearest triangle of the RenderMesh, -1 = background
-
-  bool Covered(int x, int y) const {
-    return inverse_depth[static_cast<std::size_t>(y) * width + x] > 0.0f;
-  }
-};
-
 struct VisibleEdges {
   std::vector<VisibleEdgePoint> points;
   int chains = 0;
   RenderedView view;
 };
 
-// The window covers the part of the object inside the image and a margin of a few pixels; edges at
-// the border of the image are none. Empty if nothing of the object is in front of the camera and
-// inside the image. Deterministic.
+// Edges at the border of the image are none, and points outside it are left out. Empty if nothing of
+// the object is in front of the camera and inside the image. Deterministic.
 VisibleEdges FindVisibleEdges(const RenderMesh& mesh,
                               const PinholeCamera& camera,
                               const Rigid3& camera_from_object,
@@ -82,10 +66,5 @@ RenderedView RenderView(const RenderMesh& mesh,
                         const PinholeCamera& camera,
                         const Rigid3& camera_from_object,
                         const VisibleEdgeOptions& options = {});
-
-// Where a pixel of the image (with lens distortion) lies in the rendering, in rendered pixels.
-Eigen::Vector2d RenderedFromImage(const RenderedView& view,
-                                  const PinholeCamera& camera,
-                                  const Eigen::Vector2d& pixel);
 
 }  // namespace horopter
