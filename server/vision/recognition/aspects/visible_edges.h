@@ -12,12 +12,9 @@
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/recognition/aspects/render_mesh.h"
 #include "server/vision/recognition/aspects/rendered_view.h"
+#include "server/vision/recognition/aspects/screen_edges.h"
 
 namespace horopter {
-
-// What makes an edge visible. Contours (silhouette and self-occlusion) show in any light; creases
-// depend on it.
-enum class VisibleEdgeKind : std::uint8_t { kSilhouette = 0, kOcclusion = 1, kCrease = 2 };
 
 // A point of a visible edge, about one per rendered pixel of edge length.
 struct VisibleEdgePoint {
@@ -41,9 +38,8 @@ struct VisibleEdgeOptions {
   // A step in depth larger than this many pixel footprints, which neither side's tangent plane
   // explains, occludes.
   double occlusion_jump_px = 3.5;
-  // Normals that turn by more within `crease_window_px` rendered pixels make a crease.
+  // Normals that turn by more within four rendered pixels make a crease.
   double crease_turn_rad = 0.436;  // 25 degrees
-  int crease_window_px = 4;
   int min_chain_px = 4;  // shorter chains are dropped
   bool creases = true;
 };
