@@ -89,6 +89,28 @@ absl::Status Validate(const AspectImageOptions& o) {
   return absl::OkStatus();
 }
 
+PinholeCamera WorkingCamera(const AspectImage& image, const PinholeCamera& camera) {
+  const double s = image.working_from_image;
+  PinholeCamera out = camera;
+  out.width = image.width;
+  out.height = image.height;
+  out.focal_px *= s;
+  out.cx = (camera.cx + 0.5) * s - 0.5;
+  out.cy = (camera.cy + 0.5) * s - 0.5;
+  return out;
+}
+
+PinholeCamera OriginalCamera(const AspectImage& image, const PinholeCamera& working) {
+  const double s = 1.0 / image.working_from_image;
+  PinholeCamera out = working;
+  out.width = image.image_width;
+  out.height = image.image_height;
+  out.focal_px *= s;
+  out.cx = (working.cx + 0.5) * s - 0.5;
+  out.cy = (working.cy + 0.5) * s - 0.5;
+  return out;
+}
+
 AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& options) {
   AspectImage out;
   cv::Mat bgr = image.empty() ? cv::Mat() : AsBgr(image);
@@ -101,16 +123,18 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& opti
     cv::resize(bgr, small, cv::Size(options.max_width_px, height), 0, 0, cv::INTER_AREA);
     bgr = small;
   }
+  out.image_width = image.cols;
+  out.image_height = image.rows;
   out.width = bgr.cols;
   out.height = bgr.rows;
   out.edges = DetectEdgePoints(bgr, options);
-  out.edge_at.assign(static_cast<std::size_t>(out.width) * out.height, -1);
-  for (std::size_t i = 0; i < out.edges.size(); ++i) {
-    const Eigen::Vector2f& p = out.edges[i].point;
-    out.edge_at[out.Cell(static_cast<int>(std::lround(p.x())),
-                         static_cast<int>(std::lround(p.y())))] = static_cast<std::int32_t>(i);
-  }
-  LinkContours(options, &out);
+  std::vector<Eigen::Vector2f> points;
+  points.reserve(out.edges.size());
+  for (const ImageEdgePoint& e : out.edges) points.push_back(e.point);
+  // One a cell already: indices of the raster are those of the edges.
+  PointRaster raster = MakePointRaster(out.width, out.height, points);
+  out.contours = TraceContours(raster, options.max_gap_px);
+  out.edge_at = std::move(raster.at);
   FillMaps(options, &out);
   return out;
 }

@@ -10,6 +10,8 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/recognition/aspects/contour_chains.h"
 
 namespace horopter {
 
@@ -37,20 +39,6 @@ struct ImageEdgePoint {
   float strength = 0.0f;                              // grey levels per px, of the best channel
 };
 
-// Where a contour can go on from the end of a chain: to an end of a chain (itself when closed).
-struct ChainLink {
-  int chain = -1;
-  bool at_front = false;  // enters there and walks towards the back
-  float gap_px = 0.0f;
-};
-
-// A maximal run of edge points between ends and junctions, and what its ends are linked to.
-struct ContourChain {
-  int begin = 0;  // of AspectImage::chain_points
-  int size = 0;
-  std::vector<ChainLink> after_front, after_back;  // nearest first, at most 3
-};
-
 // Working pixels: the image scaled so that its width is at most max_width_px. Distances are held in
 // 1/8 px, saturated: per bin the distance to the nearest edge point whose direction is within
 // bin_reach_rad of the bin's; the half maps have one cell per 2 x 2 pixels.
@@ -59,12 +47,12 @@ struct AspectImage {
   static constexpr float kMaxDistancePx = 255.0f / kDistanceScale;
   static constexpr float kMaxStrength = 25.0f;  // stronger edges count no more
 
-  int width = 0, height = 0;       // working pixels
-  double working_from_image = 1.0;  // scale, both about pixel centres
+  int image_width = 0, image_height = 0;  // of the original
+  int width = 0, height = 0;              // working pixels
+  double working_from_image = 1.0;  // u_working = (u + 0.5) * working_from_image - 0.5
   std::vector<ImageEdgePoint> edges;
   std::vector<std::int32_t> edge_at;  // [cell], index into edges, -1: none
-  std::vector<Eigen::Vector2f> chain_points;
-  std::vector<ContourChain> chains;
+  ContourGraph contours;
   std::vector<std::uint8_t> distance;  // [bin][cell]
   int half_width = 0, half_height = 0;
   std::vector<std::uint8_t> half_distance;  // [bin][half cell]
@@ -84,6 +72,10 @@ struct AspectImage {
                          static_cast<int>(hx)];
   }
 };
+
+// A camera of the original image as a camera of its working pixels, and back.
+PinholeCamera WorkingCamera(const AspectImage& image, const PinholeCamera& camera);
+PinholeCamera OriginalCamera(const AspectImage& image, const PinholeCamera& working);
 
 // Bin of a direction (any length, sign does not matter). No trigonometry: asked for every projected
 // point.
