@@ -4,7 +4,7 @@
 //    0  4  magic "HASP"
 //    4  2  version, kAspectVersion
 //    6  2  zero
-//    8  8  fingerprint: of the geometry and options, given by the caller
+//    8  8  fingerprint of the model's geometry and symmetries and of the options
 //   16  8  checksum of everything behind it
 //   24     mesh, then aspects (aspect_blob.cc)
 #pragma once

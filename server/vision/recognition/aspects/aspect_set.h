@@ -15,7 +15,8 @@
 namespace horopter {
 
 struct AspectOptions {
-  int directions = 300;  // over the whole sphere, before symmetric ones are dropped
+  int directions = 300;  // over the whole sphere, of which symmetric ones are dropped
+  int least_kept = 36;   // more directions are tried where symmetry leaves fewer
   double distance_diameters = 4.0;
   double render_px = 180.0;  // a diameter
   int max_points = 220;      // an aspect
@@ -29,14 +30,9 @@ struct AspectPoint {
   VisibleEdgeKind kind;
 };
 
-// The same in ten bytes: point = center + place * (diameter / 2^15), direction = unit / 127.
-struct PackedAspectPoint {
-  std::array<std::int16_t, 3> place;
-  std::array<std::int8_t, 3> direction;
-  VisibleEdgeKind kind;
-
-  friend bool operator==(const PackedAspectPoint&, const PackedAspectPoint&) = default;
-};
+// The same in six bytes: 11 bits a coordinate over the diameter (0.09 px of a rendering of 180 px),
+// 13 bits of direction (to 1.5 degrees), 2 bits of kind.
+using PackedAspectPoint = std::array<std::uint16_t, 3>;
 
 // One view: the camera looks at the centre of the bounding box from `distance_m` away.
 struct Aspect {

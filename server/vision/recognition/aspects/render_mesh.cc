@@ -293,7 +293,7 @@ absl::StatusOr<RenderMesh> MakeRenderMesh(const TriangleMesh& mesh,
   out.diameter_m = diameter;
   for (const Vector3d& p : work.vertices) {
     const Vector3f steps = ((p - box->low) / step).array().round().cast<float>();
-    out.vertices.push_back(out.origin + step * steps);
+    out.vertices.push_back(GridPoint(out, steps));
   }
   out.triangles = std::move(work.triangles);
   ConnectRenderMesh(options.smooth_angle_rad, &out);

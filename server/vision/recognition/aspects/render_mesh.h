@@ -59,6 +59,11 @@ absl::StatusOr<RenderMesh> MakeRenderMesh(const TriangleMesh& mesh,
                                           double diameter_m = 0.0,
                                           const RenderMeshOptions& options = {});
 
+// A vertex from its place on the grid, in whole steps.
+inline Eigen::Vector3f GridPoint(const RenderMesh& mesh, const Eigen::Vector3f& steps) {
+  return mesh.origin + mesh.step_m * steps;
+}
+
 // Fills what follows from vertices and triangles: normals, edges, `closed`, `center`. Triangles of a
 // closed mesh that is inside out are turned.
 void ConnectRenderMesh(double smooth_angle_rad, RenderMesh* mesh);
