@@ -92,7 +92,7 @@ void ReportSplitting() {
       std::mt19937 rng(kSeed);
       for (int k = 0; k < kShapes; ++k) {
         const Shape shape = make(&rng);
-        RenderOptions render;
+        ShapeRenderOptions render;
         render.noise_sigma = noise;
         const std::vector<EdgeChain> chains = Chains(RenderPolygon(shape.outline, render, &rng));
         for (int m = 0; m < kMethods; ++m) {

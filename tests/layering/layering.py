@@ -14,7 +14,7 @@ import re
 import sys
 
 # The rooms of recognition, in the order of the dependency.
-ROOMS = ["object", "scoring", "scene", "candidates", "invariant_matching", "initialization", "interpretation"]
+ROOMS = ["aspects", "object", "scoring", "scene", "candidates", "invariant_matching", "initialization", "interpretation"]
 ROOMS_SHARE = ["server/vision/recognition/types.h", "server/vision/recognition/options.h"]
 BELOW_ROOMS = ["server/base", "server/vision/geometry", "server/vision/invariants", "server/vision/features",
                "server/vision/matching", "server/vision/reconstruction"]
@@ -57,7 +57,7 @@ FOLDERS = collections.OrderedDict([
 ])
 
 # Rooms that ask the index.
-INDEX_USERS = ["server/vision/recognition/invariant_matching"]
+INDEX_USERS = ["server/vision/recognition/aspects", "server/vision/recognition/invariant_matching"]
 for _room in INDEX_USERS:
     FOLDERS[_room] = FOLDERS[_room] + ["server/index"]
 
@@ -105,6 +105,8 @@ ONLY_IN_SOURCES = ["Ceres"]  # too heavy for our headers
 EXCEPTIONS = [
     ("server/vision/recognition/scene", "OpenCV core", "texture on faces is read from the request's images"),
     ("server/vision/recognition/scene", "OpenCV", "texture on faces is compared in rectified patches"),
+    ("server/vision/recognition/aspects", "OpenCV core", "aspects are compared with the pixels of the request's images"),
+    ("server/vision/recognition/aspects", "OpenCV", "oriented distance maps of the images"),
     ("server/vision/euclidean", "OpenCV core", "refinement looks for edge points along the normals in the images"),
     ("server/vision/reconstruction/bundle_manifolds.h", "Ceres", "manifolds and losses that both adjustments share"),
     ("server/vision/euclidean/scene_costs.h", "Ceres", "cost functors split off euclidean.cc, their only user"),

@@ -120,7 +120,7 @@ TEST_P(PolygonAccuracy, EdgesAndCornersAreSubPixel) {
   for (int trial = 0; trial < 25; ++trial) {
     SCOPED_TRACE(trial);
     const std::vector<Eigen::Vector2d> quad = RandomQuad(&rng);
-    RenderOptions options;
+    ShapeRenderOptions options;
     options.noise_sigma = c.noise_sigma;
     options.blur_sigma = c.blur_sigma;
     const ImageFeatures features = Detect(RenderPolygon(quad, options, &rng));
@@ -152,7 +152,7 @@ TEST(DetectFeatures, BrighterSideIsOnTheRightAndSideColoursAreTheFaces) {
   for (int trial = 0; trial < 10; ++trial) {
     SCOPED_TRACE(trial);
     const std::vector<Eigen::Vector2d> quad = RandomQuad(&rng);
-    RenderOptions options;
+    ShapeRenderOptions options;
     options.background = cv::Scalar(40, 60, 50);
     options.foreground = cv::Scalar(140, 160, 170);
     const ImageFeatures features = Detect(RenderPolygon(quad, options, &rng));
@@ -170,7 +170,7 @@ TEST(DetectFeatures, BrighterSideIsOnTheRightAndSideColoursAreTheFaces) {
 }
 
 TEST(DetectFeatures, SeesEqualLuminanceEdgesInColourOnly) {
-  RenderOptions options;
+  ShapeRenderOptions options;
   options.background = cv::Scalar(90, 100, 120);
   // Same 0.114 B + 0.587 G + 0.299 R, other hue.
   options.foreground = cv::Scalar(90, 120, 81);
@@ -190,7 +190,7 @@ TEST(DetectFeatures, SeesEqualLuminanceEdgesInColourOnly) {
 TEST(DetectFeatures, GreyAndGreyAsColourAgree) {
   std::mt19937 rng(8);
   const std::vector<Eigen::Vector2d> quad = RandomQuad(&rng);
-  RenderOptions options;
+  ShapeRenderOptions options;
   options.noise_sigma = 0.0;
   const cv::Mat image = RenderPolygon(quad, options, &rng);
   cv::Mat grey;
@@ -208,7 +208,7 @@ TEST(DetectFeatures, FollowsQuarterTurnsAndMirrors) {
   std::mt19937 rng(23);
   for (int trial = 0; trial < 10; ++trial) {
     SCOPED_TRACE(trial);
-    RenderOptions options;
+    ShapeRenderOptions options;
     options.noise_sigma = 1.0;
     const cv::Mat image = RenderPolygon(RandomQuad(&rng), options, &rng);
     const ImageFeatures original = Detect(image);
@@ -248,7 +248,7 @@ TEST(DetectFeatures, FindsEllipsesAsOneArc) {
     const Eigen::Vector2d center(140 + 40 * u(rng), 100 + 40 * u(rng));
     const double major = 12 + 60 * u(rng);
     const double minor = std::max(6.0, major * (0.35 + 0.65 * u(rng)));
-    RenderOptions options;
+    ShapeRenderOptions options;
     options.noise_sigma = 2.0;
     const ImageFeatures features = Detect(RenderPolygon(
         EllipsePolygon(center, major, std::min(minor, major), CV_PI * u(rng)), options, &rng));
@@ -355,7 +355,7 @@ TEST(DetectFeatures, SubMatricesAreReadWithTheirStride) {
 
 TEST(DetectFeatures, SameBytesFromEveryThread) {
   std::mt19937 rng(43);
-  RenderOptions options;
+  ShapeRenderOptions options;
   options.noise_sigma = 4.0;
   const cv::Mat image = RenderPolygon(RandomQuad(&rng), options, &rng);
   const ImageFeatures expected = Detect(image);
@@ -380,7 +380,7 @@ TEST(DetectFeatures, SameBytesFromEveryThread) {
 
 TEST(DetectFeatures, SixteenBitsGiveWhatEightBitsGive) {
   std::mt19937 rng(12);
-  const cv::Mat image = RenderPolygon(RandomQuad(&rng), RenderOptions(), &rng);
+  const cv::Mat image = RenderPolygon(RandomQuad(&rng), ShapeRenderOptions(), &rng);
   cv::Mat deep;
   image.convertTo(deep, CV_16U, 257.0);
   const ImageFeatures from_deep = Detect(deep), from_shallow = Detect(image);
@@ -416,7 +416,7 @@ TEST(DetectFeatures, EveryColourFieldFindsEqualLuminanceEdges) {
     std::uniform_real_distribution<double> u(0.0, 1.0);
     int edges = 0, in_colour = 0, in_grey = 0;
     for (int trial = 0; trial < 25; ++trial) {
-      RenderOptions render;
+      ShapeRenderOptions render;
       render.noise_sigma = 1.0;
       // Red rises by 30 to 60 grey levels, green falls so that the luminance stays.
       const double red = 30.0 + 30.0 * u(rng);

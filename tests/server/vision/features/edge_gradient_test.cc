@@ -40,7 +40,7 @@ double CircleShare(const std::vector<EdgeChain>& chains) {
 }
 
 cv::Mat Disc(const cv::Scalar& inside, const cv::Scalar& outside, double noise, std::mt19937* rng) {
-  RenderOptions options;
+  ShapeRenderOptions options;
   options.background = outside;
   options.foreground = inside;
   options.noise_sigma = noise;

@@ -121,7 +121,7 @@ TEST(FeatureGraph, NeighboursAreBoundedInDenseTexture) {
 
 TEST(FeatureGraph, RenderedPlateWithBoreIsOneConnectedShape) {
   std::mt19937 rng(11);
-  RenderOptions render;
+  ShapeRenderOptions render;
   cv::Mat image = RenderPolygon({{60, 50}, {260, 60}, {250, 190}, {70, 180}}, render, &rng);
   std::vector<cv::Point> rim;
   for (const Eigen::Vector2d& p : EllipsePolygon({160, 120}, 40, 25, 0.2)) {

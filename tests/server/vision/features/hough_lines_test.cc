@@ -79,7 +79,7 @@ TEST_P(HoughNoise, FindsSidesAndCornersOfRenderedTriangles) {
       triangle.push_back(Eigen::Vector2d(160, 120) +
                          (60 + 40 * u(rng)) * Eigen::Vector2d(std::cos(angle), std::sin(angle)));
     }
-    RenderOptions render;
+    ShapeRenderOptions render;
     render.noise_sigma = GetParam();
     GradientOptions gradient;
     gradient.colour = ColourGradient::kIntensity;

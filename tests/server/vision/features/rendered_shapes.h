@@ -9,7 +9,7 @@
 
 namespace horopter {
 
-struct RenderOptions {
+struct ShapeRenderOptions {
   int width = 320;
   int height = 240;
   cv::Scalar background = cv::Scalar(60, 60, 60);
@@ -29,7 +29,7 @@ inline cv::Point ToSuper(const Eigen::Vector2d& p) {
   return {static_cast<int>(std::lround(q.x())), static_cast<int>(std::lround(q.y()))};
 }
 
-inline cv::Mat Finish(const cv::Mat& large, const RenderOptions& options, std::mt19937* rng) {
+inline cv::Mat Finish(const cv::Mat& large, const ShapeRenderOptions& options, std::mt19937* rng) {
   cv::Mat image;
   cv::resize(large, image, cv::Size(options.width, options.height), 0, 0, cv::INTER_AREA);
   image.convertTo(image, CV_32F);
@@ -52,7 +52,7 @@ inline cv::Mat Finish(const cv::Mat& large, const RenderOptions& options, std::m
 
 // BGR image of a filled polygon.
 inline cv::Mat RenderPolygon(const std::vector<Eigen::Vector2d>& vertices,
-                             const RenderOptions& options,
+                             const ShapeRenderOptions& options,
                              std::mt19937* rng) {
   namespace internal = rendered_shapes_internal;
   cv::Mat large(options.height * internal::kSuper,

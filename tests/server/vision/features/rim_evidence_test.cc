@@ -36,7 +36,7 @@ TEST(FitRim, PullsARoughGuessOntoTheEdge) {
   for (double noise : {0.0, 4.0, 8.0}) {
     SCOPED_TRACE(noise);
     std::mt19937 rng(31);
-    RenderOptions render;
+    ShapeRenderOptions render;
     render.noise_sigma = noise;
     const EllipseArc truth = Ellipse(160.3, 118.6, 40.0, 24.0, 0.4);
     const auto fields =
@@ -52,7 +52,7 @@ TEST(FitRim, PullsARoughGuessOntoTheEdge) {
 // Half of the rim is bright, half is hardly seen: what one chain gives is half an ellipse.
 TEST(FitRim, FollowsTheFaintHalfOfARim) {
   std::mt19937 rng(32);
-  RenderOptions render;
+  ShapeRenderOptions render;
   const EllipseArc truth = Ellipse(160.0, 120.0, 36.0, 22.0, 0.3);
   render.noise_sigma = 0.0;
   const cv::Mat strong = RenderPolygon(EllipsePolygon(truth.center, 36, 22, 0.3), render, &rng);
@@ -77,7 +77,7 @@ TEST(MeasureRim, AnEdgeThatCrossesTheCurveIsNoneOfItsOwn) {
   std::mt19937 rng(33);
   // A vertical step through the middle of the circle.
   const cv::Mat image =
-      RenderPolygon({{-50, -50}, {160, -50}, {160, 300}, {-50, 300}}, RenderOptions(), &rng);
+      RenderPolygon({{-50, -50}, {160, -50}, {160, 300}, {-50, 300}}, ShapeRenderOptions(), &rng);
   int seen = 0;
   const auto rim = MeasureRim(Ellipse(160, 120, 50, 50, 0.0), FieldOf(image), 2.0);
   for (const RimPoint& place : rim) seen += place.strength > 0.5 ? 1 : 0;
@@ -94,7 +94,7 @@ TEST(FindArcs, BoreOfTwoTonesIsOneEllipse) {
   for (int trial = 0; trial < kTrials; ++trial) {
     const double a = 16.0 + 20.0 * u(rng), b = a * (0.5 + 0.4 * u(rng)), angle = M_PI * u(rng);
     const Eigen::Vector2d center(150 + 20 * u(rng), 110 + 20 * u(rng));
-    RenderOptions render;
+    ShapeRenderOptions render;
     render.background = cv::Scalar(100, 110, 120);
     render.foreground = cv::Scalar(40, 45, 50);
     render.noise_sigma = 2.0;
@@ -127,7 +127,7 @@ TEST(FindArcs, PolygonsHaveNone) {
       const double angle = 2.0 * M_PI * (k + 0.5 * u(rng)) / 5.0;
       polygon.emplace_back(160 + 90 * std::cos(angle), 120 + 90 * std::sin(angle));
     }
-    RenderOptions render;
+    ShapeRenderOptions render;
     render.noise_sigma = 3.0;
     const auto features = DetectFeatures(RenderPolygon(polygon, render, &rng), FeatureOptions());
     ASSERT_TRUE(features.ok());

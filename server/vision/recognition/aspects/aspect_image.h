@@ -1,0 +1,95 @@
+// What of one image the search for aspects looks at: edge points of all colour channels, contours
+// that run through corners, and oriented distance maps.
+#pragma once
+
+#include <Eigen/Core>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <opencv2/core/mat.hpp>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/recognition/aspects/contour_chains.h"
+
+namespace horopter {
+
+// Unoriented direction bins of 15 degrees; bin b is centred on b * pi / kAspectBins.
+inline constexpr int kAspectBins = 12;
+
+struct AspectImageOptions {
+  int max_width_px = 640;         // larger images are scaled down to this; larger: finer, slower
+  double sigma_px = 1.0;          // of the smoothing; larger: fewer weak edges, rounder corners
+  double low_threshold = 1.8;     // grey levels per px an edge must have
+  double high_threshold = 4.0;    // ... and its component must reach somewhere
+  double noise_factor = 3.0;      // low threshold at least this often the gradient's noise; 0: off
+  int min_component_px = 5;       // shorter edges are dropped
+  double max_gap_px = 6.0;        // ends of chains this near are linked
+  double bin_reach_rad = 0.40;    // an edge point counts in bins within this of its direction
+  int threads = 1;
+};
+
+// Errors: INVALID_ARGUMENT, names the field.
+absl::Status Validate(const AspectImageOptions& options);
+
+struct ImageEdgePoint {
+  Eigen::Vector2f point = Eigen::Vector2f::Zero();  // working pixels, sub-pixel
+  Eigen::Vector2f normal = Eigen::Vector2f::UnitX();  // unit, of the gradient; sign is arbitrary
+  float strength = 0.0f;                              // grey levels per px, of the best channel
+};
+
+// Working pixels: the image scaled so that its width is at most max_width_px. Distances are held in
+// 1/8 px, saturated: per bin the distance to the nearest edge point whose direction is within
+// bin_reach_rad of the bin's; the half maps have one cell per 2 x 2 pixels.
+struct AspectImage {
+  static constexpr float kDistanceScale = 8.0f;
+  static constexpr float kMaxDistancePx = 255.0f / kDistanceScale;
+  static constexpr float kMaxStrength = 25.0f;  // stronger edges count no more
+
+  int image_width = 0, image_height = 0;  // of the original
+  int width = 0, height = 0;              // working pixels
+  double working_from_image = 1.0;  // u_working = (u + 0.5) * working_from_image - 0.5
+  std::vector<ImageEdgePoint> edges;
+  std::vector<std::int32_t> edge_at;  // [cell], index into edges, -1: none
+  ContourGraph contours;
+  std::vector<std::uint8_t> distance;  // [bin][cell]
+  int half_width = 0, half_height = 0;
+  std::vector<std::uint8_t> half_distance;  // [bin][half cell]
+
+  std::size_t Cell(int x, int y) const { return static_cast<std::size_t>(y) * width + x; }
+  // Distance in 1/8 working px; 255 outside.
+  std::uint8_t DistanceAt(float x, float y, int bin) const {
+    if (!(x >= -0.5f && y >= -0.5f && x < width - 0.5f && y < height - 0.5f)) return 255;
+    const int cx = static_cast<int>(x + 0.5f), cy = static_cast<int>(y + 0.5f);
+    return distance[(static_cast<std::size_t>(bin) * height + cy) * width + cx];
+  }
+  std::uint8_t HalfDistanceAt(float x, float y, int bin) const {
+    const float hx = 0.5f * x + 0.25f, hy = 0.5f * y + 0.25f;
+    if (!(hx >= 0 && hy >= 0 && hx < half_width && hy < half_height)) return 255;
+    return half_distance[(static_cast<std::size_t>(bin) * half_height + static_cast<int>(hy)) *
+                             half_width +
+                         static_cast<int>(hx)];
+  }
+};
+
+// A camera of the original image as a camera of its working pixels, and back.
+PinholeCamera WorkingCamera(const AspectImage& image, const PinholeCamera& camera);
+PinholeCamera OriginalCamera(const AspectImage& image, const PinholeCamera& working);
+
+// Bin of a direction (any length, sign does not matter). No trigonometry: asked for every projected
+// point.
+inline int AspectBin(float dx, float dy) {
+  const float ax = std::abs(dx), ay = std::abs(dy);
+  // Tangents of the borders at 7.5, 22.5, ... degrees.
+  const int q = (ay > 0.13165250f * ax) + (ay > 0.41421356f * ax) + (ay > 0.76732699f * ax) +
+                (ay > 1.30322537f * ax) + (ay > 2.41421356f * ax) + (ay > 7.59575411f * ax);
+  return (dx < 0) == (dy < 0) ? q : (kAspectBins - q) % kAspectBins;
+}
+
+// image: 8 bit, 1, 3 (BGR) or 4 channels. An empty image or one of another kind gives an empty
+// result (width 0). The five channels are B, G, R, R - G and (R + G) / 2 - B: parts and tables of
+// one grey differ in colour.
+AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& options = {});
+
+}  // namespace horopter

@@ -1,0 +1,201 @@
+#include "server/vision/recognition/aspects/aspect_score.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "server/vision/recognition/aspects/visible_edges.h"
+
+namespace horopter {
+namespace {
+
+// Nearest model edge point of each working pixel near the part, within the tolerance.
+struct ModelRaster {
+  int x0 = 0, y0 = 0, width = 0, height = 0;
+  std::vector<std::int32_t> nearest;
+  std::vector<float> squared;
+};
+
+ModelRaster RasterEdges(const VisibleEdges& edges, const AspectImage& image, double tolerance) {
+  ModelRaster raster;
+  float low_x = 1e9f, low_y = 1e9f, high_x = -1e9f, high_y = -1e9f;
+  for (const VisibleEdgePoint& p : edges.points) {
+    low_x = std::min(low_x, p.image.x());
+    low_y = std::min(low_y, p.image.y());
+    high_x = std::max(high_x, p.image.x());
+    high_y = std::max(high_y, p.image.y());
+  }
+  const int reach = static_cast<int>(std::ceil(tolerance));
+  raster.x0 = std::max(0, static_cast<int>(low_x) - reach);
+  raster.y0 = std::max(0, static_cast<int>(low_y) - reach);
+  raster.width = std::min(image.width, static_cast<int>(high_x) + reach + 2) - raster.x0;
+  raster.height = std::min(image.height, static_cast<int>(high_y) + reach + 2) - raster.y0;
+  if (raster.width <= 0 || raster.height <= 0) return {};
+  raster.nearest.assign(static_cast<std::size_t>(raster.width) * raster.height, -1);
+  raster.squared.assign(raster.nearest.size(), static_cast<float>(tolerance * tolerance));
+  for (std::size_t i = 0; i < edges.points.size(); ++i) {
+    const Eigen::Vector2f& p = edges.points[i].image;
+    const int cx = static_cast<int>(std::lround(p.x())) - raster.x0;
+    const int cy = static_cast<int>(std::lround(p.y())) - raster.y0;
+    for (int y = std::max(0, cy - reach); y <= std::min(raster.height - 1, cy + reach); ++y) {
+      for (int x = std::max(0, cx - reach); x <= std::min(raster.width - 1, cx + reach); ++x) {
+        const float dx = static_cast<float>(x + raster.x0) - p.x();
+        const float dy = static_cast<float>(y + raster.y0) - p.y();
+        const std::size_t cell = static_cast<std::size_t>(y) * raster.width + x;
+        if (dx * dx + dy * dy >= raster.squared[cell]) continue;
+        raster.squared[cell] = dx * dx + dy * dy;
+        raster.nearest[cell] = static_cast<std::int32_t>(i);
+      }
+    }
+  }
+  return raster;
+}
+
+// Distance of every rendered pixel to the part, rendered pixels (3-4 chamfer, thirds of pixels),
+// in a window widened by `margin`.
+struct SilhouetteDistance {
+  int margin = 0, width = 0, height = 0;
+  std::vector<std::uint16_t> thirds;
+};
+
+SilhouetteDistance DistanceToSilhouette(const RenderedView& view, int margin) {
+  SilhouetteDistance out;
+  out.margin = margin;
+  out.width = view.width + 2 * margin;
+  out.height = view.height + 2 * margin;
+  out.thirds.assign(static_cast<std::size_t>(out.width) * out.height, 30000);
+  for (int y = 0; y < view.height; ++y) {
+    for (int x = 0; x < view.width; ++x) {
+      if (view.Covered(x, y)) {
+        out.thirds[static_cast<std::size_t>(y + margin) * out.width + x + margin] = 0;
+      }
+    }
+  }
+  const int w = out.width;
+  std::uint16_t* d = out.thirds.data();
+  const auto relax = [&](std::size_t at, std::size_t from, int cost) {
+    d[at] = static_cast<std::uint16_t>(std::min<int>(d[at], d[from] + cost));
+  };
+  for (int y = 0; y < out.height; ++y) {
+    for (int x = 0; x < w; ++x) {
+      const std::size_t at = static_cast<std::size_t>(y) * w + x;
+      if (x > 0) relax(at, at - 1, 3);
+      if (y == 0) continue;
+      relax(at, at - w, 3);
+      if (x > 0) relax(at, at - w - 1, 4);
+      if (x + 1 < w) relax(at, at - w + 1, 4);
+    }
+  }
+  for (int y = out.height - 1; y >= 0; --y) {
+    for (int x = w - 1; x >= 0; --x) {
+      const std::size_t at = static_cast<std::size_t>(y) * w + x;
+      if (x + 1 < w) relax(at, at + 1, 3);
+      if (y + 1 == out.height) continue;
+      relax(at, at + w, 3);
+      if (x + 1 < w) relax(at, at + w + 1, 4);
+      if (x > 0) relax(at, at + w - 1, 4);
+    }
+  }
+  return out;
+}
+
+// Precision, supported and visible length.
+void ScoreModelEdges(const AspectImage& image,
+                     const VisibleEdges& edges,
+                     const AspectScoreOptions& options,
+                     AspectScore* score) {
+  const float tolerance = static_cast<float>(options.tolerance_px * AspectImage::kDistanceScale);
+  const std::size_t n = edges.points.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    const VisibleEdgePoint& p = edges.points[i];
+    // Length it stands for: half the way to both neighbours on its chain.
+    float length = 0.0f;
+    if (i > 0 && edges.points[i - 1].chain == p.chain) {
+      length += 0.5f * (p.image - edges.points[i - 1].image).norm();
+    }
+    if (i + 1 < n && edges.points[i + 1].chain == p.chain) {
+      length += 0.5f * (edges.points[i + 1].image - p.image).norm();
+    }
+    const int bin = AspectBin(p.tangent.x(), p.tangent.y());
+    const float d = image.DistanceAt(p.image.x(), p.image.y(), bin);
+    score->visible_px += length;
+    // Full within a third of the tolerance: poses are that exact, not more.
+    score->support_px +=
+        length * std::clamp(1.5f * (1.0f - d / tolerance), 0.0f, 1.0f);
+  }
+  score->precision = score->visible_px > 0 ? score->support_px / score->visible_px : 0.0;
+}
+
+double Recall(const AspectImage& image,
+              const PinholeCamera& working,
+              const VisibleEdges& edges,
+              double size_px,
+              const AspectScoreOptions& options) {
+  const ModelRaster raster = RasterEdges(edges, image, options.tolerance_px);
+  if (raster.nearest.empty()) return 0.0;
+  const int margin_px = static_cast<int>(std::ceil(options.margin_share * size_px));
+  const double margin_rendered = margin_px * edges.view.scale;
+  const SilhouetteDistance silhouette =
+      DistanceToSilhouette(edges.view, static_cast<int>(std::ceil(margin_rendered)) + 1);
+  const int limit = static_cast<int>(3.0 * margin_rendered);
+  const float least_cosine = static_cast<float>(std::cos(options.max_turn_rad));
+  double all = 0.0, explained = 0.0;
+  const int y1 = std::min(image.height, raster.y0 + raster.height + margin_px);
+  const int x0 = std::max(0, raster.x0 - margin_px);
+  const int x1 = std::min(image.width, raster.x0 + raster.width + margin_px);
+  for (int y = std::max(0, raster.y0 - margin_px); y < y1; ++y) {
+    for (int x = x0; x < x1; ++x) {
+      const std::int32_t e = image.edge_at[image.Cell(x, y)];
+      if (e < 0) continue;
+      const ImageEdgePoint& edge = image.edges[e];
+      const Eigen::Vector2d at =
+          RenderedFromImage(edges.view, working, edge.point.cast<double>());
+      const int sx = static_cast<int>(std::lround(at.x())) + silhouette.margin;
+      const int sy = static_cast<int>(std::lround(at.y())) + silhouette.margin;
+      if (sx < 0 || sy < 0 || sx >= silhouette.width || sy >= silhouette.height) continue;
+      if (silhouette.thirds[static_cast<std::size_t>(sy) * silhouette.width + sx] > limit) {
+        continue;
+      }
+      const double strength = std::min(edge.strength, AspectImage::kMaxStrength);
+      all += strength;
+      const int rx = x - raster.x0, ry = y - raster.y0;
+      if (rx < 0 || ry < 0 || rx >= raster.width || ry >= raster.height) continue;
+      const std::int32_t m =
+          raster.nearest[static_cast<std::size_t>(ry) * raster.width + rx];
+      if (m < 0) continue;
+      const Eigen::Vector2f& tangent = edges.points[m].tangent;
+      const float across = tangent.x() * edge.normal.y() - tangent.y() * edge.normal.x();
+      if (std::abs(across) >= least_cosine) explained += strength;
+    }
+  }
+  return all > 0 ? explained / all : 0.0;
+}
+
+}  // namespace
+
+AspectScore ScorePose(const AspectImage& image,
+                      const RenderMesh& mesh,
+                      const PinholeCamera& camera,
+                      const Rigid3& camera_from_object,
+                      const AspectScoreOptions& options) {
+  AspectScore score;
+  if (image.width == 0) return score;
+  const PinholeCamera working = WorkingCamera(image, camera);
+  VisibleEdgeOptions rendering;
+  rendering.render_px = options.render_px;
+  const VisibleEdges edges = FindVisibleEdges(mesh, working, camera_from_object, rendering);
+  if (edges.points.empty()) return score;
+  ScoreModelEdges(image, edges, options, &score);
+  const double depth = (camera_from_object * mesh.center.cast<double>()).z();
+  const double size_px = working.focal_px * mesh.diameter_m / std::max(depth, 1e-6);
+  score.recall = Recall(image, working, edges, size_px, options);
+  const double sum = score.precision + score.recall;
+  if (sum > 0) {
+    score.score = 2 * score.precision * score.recall / sum * score.support_px /
+                  (score.support_px + options.half_length_px);
+  }
+  return score;
+}
+
+}  // namespace horopter

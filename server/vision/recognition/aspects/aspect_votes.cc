@@ -1,0 +1,308 @@
+#include "server/vision/recognition/aspects/aspect_votes.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include "server/base/parallel_for.h"
+
+namespace horopter {
+namespace {
+
+constexpr float kPi = 3.14159265358979f;
+constexpr int kFirstPoints = 6, kSecondPoints = 16;
+constexpr int kShares = 16;        // of the image's fragments, so that threads do not matter
+constexpr float kSameSize = 1.1f;  // votes this alike in size, place and turn are one
+constexpr float kSamePlace = 0.06f;
+constexpr float kSameTurnRad = 0.2f;
+constexpr float kPlaceRadius = 0.25f;  // of the size: centres nearer than this are in one place
+
+// Bin of the sum of two directions, in bins plus a half.
+struct BinTable {
+  std::array<std::uint8_t, 2 * kAspectBins + 2> bin;
+  BinTable() {
+    for (std::size_t i = 0; i < bin.size(); ++i) bin[i] = i % kAspectBins;
+  }
+};
+const BinTable kBins;
+
+struct Similarity {
+  float a = 0.0f, b = 0.0f;  // size (cos, sin)
+  float x = 0.0f, y = 0.0f;
+  float size = 0.0f, turn = 0.0f;
+};
+
+Similarity MakeSimilarity(float size, float turn) {
+  Similarity s;
+  s.size = size;
+  s.turn = turn;
+  s.a = size * std::cos(turn);
+  s.b = size * std::sin(turn);
+  return s;
+}
+
+float TurnBins(float turn) {
+  float t = turn * (1.0f / kPi);
+  t -= std::floor(t);
+  return t * kAspectBins + 0.5f;
+}
+
+// Mean support of points [from, to) under a similarity: 1 on an edge, 0 from tau on.
+template <bool kHalf>
+float Support(const AspectImage& image,
+              const VotePoint* points,
+              int from,
+              int to,
+              const Similarity& s,
+              int tau8) {
+  const float turn_bins = TurnBins(s.turn);
+  int sum = 0;
+  for (int i = from; i < to; ++i) {
+    const VotePoint& p = points[i];
+    const float x = s.a * p.x - s.b * p.y + s.x;
+    const float y = s.b * p.x + s.a * p.y + s.y;
+    const int bin = kBins.bin[static_cast<int>(p.bin + turn_bins)];
+    const int d = kHalf ? image.HalfDistanceAt(x, y, bin) : image.DistanceAt(x, y, bin);
+    sum += std::max(0, tau8 - d);
+  }
+  return static_cast<float>(sum) / static_cast<float>(tau8 * (to - from));
+}
+
+class Share {
+ public:
+  Share(const AspectImage& image, const FragmentIndex& index, const AspectVoteOptions& options)
+      : image_(image), index_(index), options_(options) {
+    pools_.resize(index.parts.size());
+    floors_.assign(index.parts.size(), 0.0f);
+  }
+
+  void Vote(const ContourFragment& fragment) {
+    ++counts_.fragments;
+    for (const ContourFragment& way : {fragment, Reversed(fragment)}) {
+      found_.clear();
+      index_.Find(way.key,
+                  static_cast<float>(options_.key_rms_rad) * std::sqrt(float{kFragmentAngles}),
+                  &found_);
+      counts_.matches += static_cast<std::int64_t>(found_.size());
+      for (const std::uint32_t f : found_) Test(way, index_.fragments[f], index_.keys[f]);
+    }
+  }
+
+  std::vector<std::vector<AspectVote>>& pools() { return pools_; }
+  const AspectVotes& counts() const { return counts_; }
+
+ private:
+  // Scale and turn by least squares over directions and spreads, place by the centres.
+  void Test(const ContourFragment& image_side,
+            const IndexedFragment& model_side,
+            const PackedFragmentKey& key) {
+    const float size = image_side.spread / model_side.spread;
+    const float width = static_cast<float>(image_.width);
+    if (size < options_.min_size_share * width || size > options_.max_size_share * width) return;
+    float turn = image_side.chord_rad - model_side.chord_rad;
+    float off = 0.0f;
+    for (int i = 0; i < kFragmentAngles; ++i) off += image_side.key[i] - key[i] / kKeyScale;
+    turn += off / kFragmentAngles;
+    Similarity s = MakeSimilarity(size, turn);
+    s.x = image_side.center.x() - (s.a * model_side.x - s.b * model_side.y);
+    s.y = image_side.center.y() - (s.b * model_side.x + s.a * model_side.y);
+    if (!(s.x >= 0 && s.y >= 0 && s.x < width && s.y < static_cast<float>(image_.height))) return;
+    const IndexedAspect& aspect = index_.aspects[model_side.aspect];
+    const VotePoint* points = index_.points.data() + aspect.first_point;
+    const int n = aspect.points;
+    if (n < kSecondPoints) return;
+    const int tau8 = Tau8(size);
+    const float six = Support<true>(image_, points, 0, kFirstPoints, s, tau8);
+    if (six < options_.min_support_6) return;
+    ++counts_.tests_16;
+    const float rest = Support<true>(image_, points, kFirstPoints, kSecondPoints, s, tau8);
+    const float sixteen =
+        (six * kFirstPoints + rest * (kSecondPoints - kFirstPoints)) / kSecondPoints;
+    if (sixteen < options_.min_support_16) return;
+    ++counts_.climbs;
+    s = Climb(points, image_side.pivot, sixteen, s);
+    const float support = Support<false>(image_, points, 0, n, s, Tau8(s.size));
+    if (support < options_.min_support) return;
+    ++counts_.accepted;
+    const float rank = aspect.edge_length * s.size *
+                       (support - static_cast<float>(options_.rank_support));
+    Keep(aspect.part, {rank, support, model_side.aspect, s.size, s.turn, s.x, s.y});
+  }
+
+  int Tau8(float size) const {
+    const float tau = std::max(static_cast<float>(options_.min_tau_px),
+                               static_cast<float>(options_.tau_share) * size);
+    return std::clamp(static_cast<int>(tau * AspectImage::kDistanceScale), 1, 254);
+  }
+
+  // Better size and turn about a point that stays.
+  Similarity Climb(const VotePoint* points,
+                   const Eigen::Vector2f& pivot,
+                   float best,
+                   Similarity s) const {
+    constexpr float kSteps[][2] = {{1.08f, 0.0f},
+                                   {0.926f, 0.0f},
+                                   {1.0f, 0.07f},
+                                   {1.0f, -0.07f},
+                                   {1.04f, 0.0f},
+                                   {0.962f, 0.0f},
+                                   {1.0f, 0.035f},
+                                   {1.0f, -0.035f}};
+    for (const auto& step : kSteps) {
+      Similarity other = MakeSimilarity(s.size * step[0], s.turn + step[1]);
+      const float dx = s.x - pivot.x(), dy = s.y - pivot.y();
+      const float c = step[0] * std::cos(step[1]), t = step[0] * std::sin(step[1]);
+      other.x = pivot.x() + c * dx - t * dy;
+      other.y = pivot.y() + t * dx + c * dy;
+      const float support =
+          Support<true>(image_, points, 0, kSecondPoints, other, Tau8(other.size));
+      if (support > best) {
+        best = support;
+        s = other;
+      }
+    }
+    return s;
+  }
+
+  void Keep(int part, const AspectVote& vote) {
+    std::vector<AspectVote>& pool = pools_[part];
+    if (vote.rank < floors_[part]) return;
+    pool.push_back(vote);
+    const std::size_t keep = static_cast<std::size_t>(options_.pool);
+    if (pool.size() < 2 * keep) return;
+    std::nth_element(pool.begin(),
+                     pool.begin() + static_cast<std::ptrdiff_t>(keep) - 1,
+                     pool.end(),
+                     [](const AspectVote& p, const AspectVote& q) { return p.rank > q.rank; });
+    floors_[part] = pool[keep - 1].rank;
+    pool.resize(keep);
+  }
+
+  const AspectImage& image_;
+  const FragmentIndex& index_;
+  const AspectVoteOptions& options_;
+  std::vector<std::vector<AspectVote>> pools_;
+  std::vector<float> floors_;
+  std::vector<std::uint32_t> found_;
+  AspectVotes counts_;
+};
+
+// Direction of view in the object's frame and the axis that is up in the image: two aspects with
+// their turns are alike when the rotation between them is small.
+Eigen::Matrix3f RotationOf(const AspectVote& vote, const FragmentIndex& index) {
+  const IndexedAspect& a = index.aspects[vote.aspect];
+  const AspectSet& set = index.parts[a.part].object->aspects;
+  return Eigen::AngleAxisf(vote.turn_rad, Eigen::Vector3f::UnitZ()) *
+         set.aspects[a.aspect].camera_from_object;
+}
+
+struct Chosen {
+  AspectVote vote;
+  Eigen::Matrix3f rotation;
+};
+
+bool SamePose(const Chosen& a, const Chosen& b, std::span<const Rigid3> symmetries) {
+  const float ratio = a.vote.size_px / b.vote.size_px;
+  if (ratio > kSameSize || ratio < 1 / kSameSize) return false;
+  const float dx = a.vote.x - b.vote.x, dy = a.vote.y - b.vote.y;
+  const float reach = kSamePlace * b.vote.size_px;
+  if (dx * dx + dy * dy > reach * reach) return false;
+  // Trace of the rotation between them.
+  const Eigen::Matrix3f between = b.rotation.transpose() * a.rotation;
+  const float least = 1.0f + 2.0f * std::cos(kSameTurnRad);
+  if (between.trace() > least) return true;
+  return std::any_of(symmetries.begin(), symmetries.end(), [&](const Rigid3& s) {
+    return between.cwiseProduct(s.R.cast<float>()).sum() > least;
+  });
+}
+
+std::vector<AspectVote> ChooseDistinct(std::vector<AspectVote> pool,
+                                       const FragmentIndex& index,
+                                       std::span<const Rigid3> symmetries,
+                                       const AspectVoteOptions& options) {
+  std::sort(pool.begin(), pool.end(), [](const AspectVote& p, const AspectVote& q) {
+    if (p.rank != q.rank) return p.rank > q.rank;
+    if (p.aspect != q.aspect) return p.aspect < q.aspect;
+    return p.x < q.x;
+  });
+  if (static_cast<int>(pool.size()) > options.pool) pool.resize(options.pool);
+  std::vector<Chosen> chosen;
+  for (const AspectVote& vote : pool) {
+    if (static_cast<int>(chosen.size()) >= options.max_per_part) break;
+    const Chosen candidate{vote, RotationOf(vote, index)};
+    int here = 0;
+    bool known = false;
+    for (const Chosen& other : chosen) {
+      const float dx = vote.x - other.vote.x, dy = vote.y - other.vote.y;
+      const float reach = kPlaceRadius * std::min(vote.size_px, other.vote.size_px);
+      here += dx * dx + dy * dy < reach * reach ? 1 : 0;
+      known = known || SamePose(candidate, other, symmetries);
+    }
+    if (known || here >= options.max_per_place) continue;
+    chosen.push_back(candidate);
+  }
+  std::vector<AspectVote> out;
+  for (const Chosen& c : chosen) out.push_back(c.vote);
+  return out;
+}
+
+}  // namespace
+
+AspectVotes VoteForAspects(const AspectImage& image,
+                           const FragmentIndex& index,
+                           const AspectVoteOptions& options,
+                           const StopRequested& stop) {
+  AspectVotes out;
+  out.of_part.resize(index.parts.size());
+  if (image.width == 0 || index.fragments.empty()) return out;
+  FragmentOptions pieces;
+  pieces.min_length = options.min_fragment_px;
+  pieces.max_length = options.max_fragment_share * image.width;
+  pieces.length_factor = options.fragment_factor;
+  const std::vector<ContourFragment> fragments = CollectFragments(image.contours, pieces);
+  // Each share keeps its own pool, so the result does not depend on the number of threads.
+  std::vector<Share> shares(kShares, Share(image, index, options));
+  ParallelFor(kShares, options.threads, [&](int i) {
+    for (std::size_t f = i; f < fragments.size(); f += kShares) {
+      if (f / kShares % 16 == 0 && IsStopRequested(stop)) return;
+      shares[i].Vote(fragments[f]);
+    }
+  });
+  for (Share& share : shares) {
+    out.fragments += share.counts().fragments;
+    out.matches += share.counts().matches;
+    out.tests_16 += share.counts().tests_16;
+    out.climbs += share.counts().climbs;
+    out.accepted += share.counts().accepted;
+  }
+  ParallelFor(static_cast<int>(index.parts.size()), options.threads, [&](int part) {
+    std::vector<AspectVote> pool;
+    for (Share& share : shares) {
+      pool.insert(pool.end(), share.pools()[part].begin(), share.pools()[part].end());
+    }
+    out.of_part[part] =
+        ChooseDistinct(std::move(pool), index, index.parts[part].symmetries, options);
+  });
+  return out;
+}
+
+Rigid3 PoseOfVote(const AspectVote& vote, const FragmentIndex& index, const PinholeCamera& camera) {
+  const IndexedAspect& a = index.aspects[vote.aspect];
+  const AspectSet& set = index.parts[a.part].object->aspects;
+  const Eigen::Vector3d ray((vote.x - camera.cx) / camera.focal_px,
+                            (vote.y - camera.cy) / camera.focal_px,
+                            1.0);
+  const double depth = camera.focal_px * set.diameter_m / vote.size_px;
+  const Eigen::Matrix3d onto_ray =
+      Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), ray).toRotationMatrix();
+  Rigid3 pose;
+  pose.R = onto_ray *
+           Eigen::AngleAxisd(vote.turn_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix() *
+           set.aspects[a.aspect].camera_from_object.cast<double>();
+  pose.t = depth * ray - pose.R * set.center.cast<double>();
+  return pose;
+}
+
+}  // namespace horopter

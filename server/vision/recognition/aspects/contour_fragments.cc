@@ -1,0 +1,193 @@
+#include "server/vision/recognition/aspects/contour_fragments.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace horopter {
+namespace {
+
+constexpr float kPi = 3.14159265358979f;
+
+float WrapPi(float a) {
+  while (a > kPi) a -= 2 * kPi;
+  while (a <= -kPi) a += 2 * kPi;
+  return a;
+}
+
+// A way along contours: points and the arc length to each.
+struct Walk {
+  std::vector<Eigen::Vector2f> points;
+  std::vector<float> arc;
+  std::vector<int> chains;  // entered so far, the first one first
+  int end_chain = -1;       // where the walk is
+  int end_index = 0;
+
+  void Add(const Eigen::Vector2f& p) {
+    arc.push_back(points.empty() ? 0.0f : arc.back() + (p - points.back()).norm());
+    points.push_back(p);
+  }
+};
+
+class Walker {
+ public:
+  Walker(const ContourGraph& graph, const FragmentOptions& options)
+      : graph_(graph), options_(options) {
+    for (double l = options.min_length; l <= options.max_length * 1.0001;
+         l *= options.length_factor) {
+      lengths_.push_back(static_cast<float>(l));
+      steps_.push_back(std::max(1, static_cast<int>(std::lround(std::max(
+                                       options.min_step, l * options.start_share)))));
+    }
+  }
+
+  std::vector<ContourFragment> Run() {
+    const int least = std::max(1, static_cast<int>(std::lround(options_.min_step)));
+    for (int c = 0; c < static_cast<int>(graph_.chains.size()) && !lengths_.empty(); ++c) {
+      for (int i = 0; i < graph_.chains[c].size; i += least) {
+        Start(c, i, true);
+        Start(c, i, false);
+      }
+    }
+    return std::move(fragments_);
+  }
+
+ private:
+  void Start(int chain, int index, bool forward) {
+    start_chain_ = chain;
+    start_index_ = index;
+    forward_ = forward;
+    wanted_ = 0.0f;
+    for (std::size_t k = 0; k < lengths_.size(); ++k) {
+      if (index % steps_[k] == 0) wanted_ = lengths_[k];
+    }
+    if (wanted_ <= 0.0f) return;
+    walks_left_ = options_.max_walks;
+    Walk walk;
+    walk.chains.push_back(chain);
+    Follow(std::move(walk), chain, index, forward);
+  }
+
+  // Goes along a chain, then over its links. `done`: lengths below were cut from a walk that shares
+  // this one's beginning.
+  void Follow(Walk walk, int chain, int index, bool forward, float done = 0.0f) {
+    const ContourChain& c = graph_.chains[chain];
+    const bool again = walk.chains.size() > 1 && chain == start_chain_;
+    for (int i = index; i >= 0 && i < c.size; i += forward ? 1 : -1) {
+      walk.Add(graph_.points[c.begin + i]);
+      walk.end_chain = chain;
+      walk.end_index = i;
+      if (walk.arc.back() >= wanted_ || (again && i == start_index_)) {
+        Cut(walk, done);
+        return;
+      }
+    }
+    bool went_on = false;
+    const float here = walk.arc.back();
+    for (const ChainLink& link : forward ? c.after_back : c.after_front) {
+      const bool closes = link.chain == start_chain_ && !again && link.at_front == forward_;
+      const bool entered =
+          std::find(walk.chains.begin(), walk.chains.end(), link.chain) != walk.chains.end();
+      if (entered && !closes) continue;
+      if (went_on && walks_left_ <= 1) break;
+      if (went_on) --walks_left_;
+      Walk next = walk;
+      next.chains.push_back(link.chain);
+      Follow(std::move(next),
+             link.chain,
+             link.at_front ? 0 : graph_.chains[link.chain].size - 1,
+             link.at_front,
+             went_on ? here : done);
+      went_on = true;
+    }
+    if (!went_on) Cut(walk, done);
+  }
+
+  // All wanted lengths of a walk that are longer than `done`.
+  void Cut(const Walk& walk, float done) {
+    for (std::size_t k = 0; k < lengths_.size(); ++k) {
+      const float length = lengths_[k];
+      if (length > walk.arc.back()) break;
+      if (length <= done || start_index_ % steps_[k] != 0) continue;
+      // Each piece is met from both ends: kept from the end on the lower chain, and along a chain.
+      const bool one_chain = walk.chains.size() == 1;
+      if (one_chain ? !forward_ : walk.end_chain < start_chain_) continue;
+      std::array<Eigen::Vector2f, kFragmentPoints> points;
+      std::size_t at = 0;
+      for (int i = 0; i < kFragmentPoints; ++i) {
+        const float want = length * static_cast<float>(i) / kFragmentAngles;
+        while (at + 2 < walk.arc.size() && walk.arc[at + 1] < want) ++at;
+        const float span = std::max(walk.arc[at + 1] - walk.arc[at], 1e-6f);
+        const float w = std::clamp((want - walk.arc[at]) / span, 0.0f, 1.0f);
+        points[i] = walk.points[at] + w * (walk.points[at + 1] - walk.points[at]);
+      }
+      if (auto fragment = MakeFragment(points, options_)) {
+        fragment->length = length;
+        fragments_.push_back(*fragment);
+      }
+    }
+  }
+
+  const ContourGraph& graph_;
+  const FragmentOptions& options_;
+  std::vector<float> lengths_;
+  std::vector<int> steps_;
+  std::vector<ContourFragment> fragments_;
+  int start_chain_ = -1, start_index_ = 0, walks_left_ = 0;
+  bool forward_ = true;
+  float wanted_ = 0.0f;
+};
+
+}  // namespace
+
+std::optional<ContourFragment> MakeFragment(
+    const std::array<Eigen::Vector2f, kFragmentPoints>& points, const FragmentOptions& options) {
+  ContourFragment f;
+  const Eigen::Vector2f chord = points.back() - points.front();
+  for (int i = 0; i < kFragmentAngles; ++i) f.length += (points[i + 1] - points[i]).norm();
+  if (!(chord.norm() >= options.min_chord_share * f.length) || !(f.length > 0)) {
+    return std::nullopt;
+  }
+  f.chord_rad = std::atan2(chord.y(), chord.x());
+  float sharpest = -1.0f;
+  float mean = 0.0f;
+  for (int i = 0; i < kFragmentAngles; ++i) {
+    const Eigen::Vector2f d = points[i + 1] - points[i];
+    const float angle = std::atan2(d.y(), d.x()) - f.chord_rad;
+    // Continuous along the piece: a spiral keeps counting.
+    f.key[i] = i == 0 ? WrapPi(angle) : f.key[i - 1] + WrapPi(angle - f.key[i - 1]);
+    mean += f.key[i] / kFragmentAngles;
+    if (i == 0) continue;
+    const float turn = std::abs(f.key[i] - f.key[i - 1]);
+    f.turning += turn;
+    if (turn > sharpest) {
+      sharpest = turn;
+      f.pivot = points[i];
+    }
+  }
+  const float turns = 2 * kPi * std::round(mean / (2 * kPi));
+  float squares = 0.0f;
+  for (float& angle : f.key) {
+    angle -= turns;
+    squares += angle * angle;
+  }
+  if (squares < kFragmentAngles * options.min_bend_rad * options.min_bend_rad) return std::nullopt;
+  for (const Eigen::Vector2f& p : points) f.center += p / kFragmentPoints;
+  for (const Eigen::Vector2f& p : points) f.spread += (p - f.center).squaredNorm();
+  f.spread = std::sqrt(f.spread / kFragmentPoints);
+  return f;
+}
+
+ContourFragment Reversed(const ContourFragment& fragment) {
+  ContourFragment out = fragment;
+  std::reverse(out.key.begin(), out.key.end());
+  out.chord_rad = WrapPi(fragment.chord_rad + kPi);
+  return out;
+}
+
+std::vector<ContourFragment> CollectFragments(const ContourGraph& graph,
+                                              const FragmentOptions& options) {
+  return Walker(graph, options).Run();
+}
+
+}  // namespace horopter

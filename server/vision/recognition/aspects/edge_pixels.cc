@@ -1,0 +1,163 @@
+#include "server/vision/recognition/aspects/edge_pixels.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+#include <utility>
+
+#include "server/base/parallel_for.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kChannels = 5;
+
+// Gradient of the channel that changes most, per cell.
+struct GradientField {
+  int width = 0, height = 0;
+  std::vector<float> gx, gy, squared;
+};
+
+// B, G, R, R - G, (R + G) / 2 - B, smoothed. The differences are taken of smoothed channels, which
+// is the same as smoothing them.
+std::array<cv::Mat, kChannels> SmoothedChannels(const cv::Mat& bgr, double sigma) {
+  cv::Mat real;
+  bgr.convertTo(real, CV_32F);
+  cv::GaussianBlur(real, real, cv::Size(), sigma, sigma, cv::BORDER_REPLICATE);
+  std::array<cv::Mat, 3> plain;
+  cv::split(real, plain.data());
+  const cv::Mat red_green = plain[2] - plain[1];
+  cv::Mat yellow_blue;
+  cv::addWeighted(plain[2], 0.5, plain[1], 0.5, 0.0, yellow_blue);
+  yellow_blue -= plain[0];
+  return {plain[0], plain[1], plain[2], red_green, yellow_blue};
+}
+
+GradientField LargestGradient(const cv::Mat& bgr, const AspectImageOptions& options) {
+  GradientField field;
+  field.width = bgr.cols;
+  field.height = bgr.rows;
+  const std::size_t cells = static_cast<std::size_t>(bgr.cols) * bgr.rows;
+  field.gx.assign(cells, 0.0f);
+  field.gy.assign(cells, 0.0f);
+  field.squared.assign(cells, 0.0f);
+  const auto channels = SmoothedChannels(bgr, options.sigma_px);
+  ParallelFor(bgr.rows - 2, options.threads, [&](int row) {
+    const int y = row + 1;
+    const std::size_t base = static_cast<std::size_t>(y) * bgr.cols;
+    for (const cv::Mat& channel : channels) {
+      const float* above = channel.ptr<float>(y - 1);
+      const float* here = channel.ptr<float>(y);
+      const float* below = channel.ptr<float>(y + 1);
+      for (int x = 1; x + 1 < bgr.cols; ++x) {
+        const float gx = 0.5f * (here[x + 1] - here[x - 1]);
+        const float gy = 0.5f * (below[x] - above[x]);
+        const float squared = gx * gx + gy * gy;
+        const bool more = squared > field.squared[base + x];
+        field.gx[base + x] = more ? gx : field.gx[base + x];
+        field.gy[base + x] = more ? gy : field.gy[base + x];
+        field.squared[base + x] = more ? squared : field.squared[base + x];
+      }
+    }
+  });
+  return field;
+}
+
+// Noise of the largest gradient: its lower quartile, which edges hardly touch. A flat image without
+// noise gives 0.
+double NoiseLevel(const GradientField& field) {
+  std::vector<float> sample;
+  for (std::size_t i = 0; i < field.squared.size(); i += 7) sample.push_back(field.squared[i]);
+  if (sample.empty()) return 0.0;
+  const auto quartile = sample.begin() + sample.size() / 4;
+  std::nth_element(sample.begin(), quartile, sample.end());
+  return std::sqrt(*quartile);
+}
+
+// The edge point of a cell if its gradient is the largest along its direction.
+bool ThinnedPoint(const GradientField& field, int x, int y, ImageEdgePoint* out) {
+  const std::size_t at = static_cast<std::size_t>(y) * field.width + x;
+  const float magnitude = std::sqrt(field.squared[at]);
+  const float nx = field.gx[at] / magnitude, ny = field.gy[at] / magnitude;
+  // Magnitude one step along the dominant axis, interpolated between two cells.
+  const bool steep = std::abs(ny) > std::abs(nx);
+  const float slope = steep ? nx / ny : ny / nx;
+  const int side = slope > 0 ? 1 : -1;
+  const float w = std::abs(slope);
+  const auto value = [&](int dx, int dy) {
+    return std::sqrt(field.squared[at + static_cast<std::ptrdiff_t>(dy) * field.width + dx]);
+  };
+  const float after = steep ? (1 - w) * value(0, 1) + w * value(side, 1)
+                            : (1 - w) * value(1, 0) + w * value(1, side);
+  const float before = steep ? (1 - w) * value(0, -1) + w * value(-side, -1)
+                             : (1 - w) * value(-1, 0) + w * value(-1, -side);
+  if (!(magnitude > before && magnitude >= after)) return false;
+  const float curvature = before + after - 2 * magnitude;
+  const float offset =
+      curvature < -1e-6f ? std::clamp(0.5f * (before - after) / curvature, -0.49f, 0.49f) : 0.0f;
+  // `offset` counts steps along the dominant axis; below half a cell, so rounding gives the cell.
+  out->point = {x + offset * (steep ? slope : 1.0f), y + offset * (steep ? 1.0f : slope)};
+  out->normal = {nx, ny};
+  out->strength = magnitude;
+  return true;
+}
+
+}  // namespace
+
+std::vector<ImageEdgePoint> DetectEdgePoints(const cv::Mat& bgr,
+                                             const AspectImageOptions& options) {
+  if (bgr.cols < 8 || bgr.rows < 8) return {};
+  const GradientField field = LargestGradient(bgr, options);
+  const double noise = options.noise_factor * NoiseLevel(field);
+  const float low = static_cast<float>(std::max(options.low_threshold, noise));
+  const float high =
+      static_cast<float>(std::max(options.high_threshold,
+                                  noise * options.high_threshold / options.low_threshold));
+  std::vector<ImageEdgePoint> points;
+  std::vector<std::int32_t> at(field.squared.size(), -1);
+  for (int y = 2; y + 2 < bgr.rows; ++y) {
+    for (int x = 2; x + 2 < bgr.cols; ++x) {
+      const std::size_t cell = static_cast<std::size_t>(y) * bgr.cols + x;
+      if (field.squared[cell] < low * low) continue;
+      ImageEdgePoint point;
+      if (!ThinnedPoint(field, x, y, &point)) continue;
+      at[cell] = static_cast<std::int32_t>(points.size());
+      points.push_back(point);
+    }
+  }
+  // Components of 8-connected cells that are long and somewhere strong.
+  std::vector<std::uint8_t> keep(points.size(), 0), seen(points.size(), 0);
+  std::vector<std::int32_t> component;
+  std::vector<std::int32_t> cell_of(points.size());
+  for (std::size_t cell = 0; cell < at.size(); ++cell) {
+    if (at[cell] >= 0) cell_of[at[cell]] = static_cast<std::int32_t>(cell);
+  }
+  for (std::size_t first = 0; first < points.size(); ++first) {
+    if (seen[first]) continue;
+    component.assign(1, static_cast<std::int32_t>(first));
+    seen[first] = 1;
+    bool strong = false;
+    for (std::size_t i = 0; i < component.size(); ++i) {
+      strong = strong || points[component[i]].strength >= high;
+      for (int dy = -1; dy <= 1; ++dy) {
+        for (int dx = -1; dx <= 1; ++dx) {
+          const std::int32_t next = at[cell_of[component[i]] + dy * bgr.cols + dx];
+          if (next < 0 || seen[next]) continue;
+          seen[next] = 1;
+          component.push_back(next);
+        }
+      }
+    }
+    if (!strong || static_cast<int>(component.size()) < options.min_component_px) continue;
+    for (std::int32_t p : component) keep[p] = 1;
+  }
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (keep[i]) points[kept++] = points[i];
+  }
+  points.resize(kept);
+  return points;
+}
+
+}  // namespace horopter

@@ -1,0 +1,204 @@
+#include "server/vision/recognition/aspects/fragment_index.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "server/base/status_macros.h"
+#include "server/vision/recognition/aspects/aspect_image.h"
+
+namespace horopter {
+namespace {
+
+constexpr float kPi = 3.14159265358979f;
+constexpr int kMaxCells = 64;      // along an axis
+constexpr long kMaxPacked = 8000;  // eight squared differences of such fit 31 bits
+
+using KeyVector = Eigen::Matrix<float, kFragmentAngles, 1>;
+
+KeyVector AsVector(const FragmentKey& key) {
+  return Eigen::Map<const KeyVector>(key.data());
+}
+
+PackedFragmentKey Pack(const FragmentKey& key) {
+  PackedFragmentKey packed;
+  for (int i = 0; i < kFragmentAngles; ++i) {
+    packed[i] = static_cast<std::int16_t>(
+        std::clamp(std::lround(key[i] * kKeyScale), -kMaxPacked, kMaxPacked));
+  }
+  return packed;
+}
+
+// The three directions in which keys differ most. A key read backwards is as likely, so the mean is
+// taken over both; it only shifts the cells.
+Eigen::Matrix<float, 3, kFragmentAngles> MainDirections(const std::vector<AspectFragment>& all) {
+  Eigen::Matrix<double, kFragmentAngles, kFragmentAngles> moment;
+  moment.setZero();
+  for (const AspectFragment& f : all) {
+    const auto v = AsVector(f.key).cast<double>();
+    moment += v * v.transpose();
+    moment += v.reverse() * v.reverse().transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<decltype(moment)> solver(moment);
+  return solver.eigenvectors().rightCols<3>().transpose().cast<float>();
+}
+
+void AddPart(const AspectPart& part, FragmentIndex* index, std::vector<AspectFragment>* all) {
+  const AspectSet& set = part.object->aspects;
+  const int first = static_cast<int>(index->aspects.size());
+  const PinholeCamera camera = AspectCamera(set);
+  const float unit = static_cast<float>(1.0 / set.render_px);
+  for (int a = 0; a < static_cast<int>(set.aspects.size()); ++a) {
+    const Rigid3 pose = AspectPose(set, a);
+    IndexedAspect& aspect = index->aspects.emplace_back();
+    aspect.part = static_cast<std::int32_t>(index->parts.size());
+    aspect.aspect = a;
+    aspect.first_point = static_cast<std::uint32_t>(index->points.size());
+    aspect.edge_length = part.fragments->edge_length[a];
+    for (const AspectPoint& p : AspectPoints(set, a)) {
+      if (aspect.points >= index->options.points) break;
+      const Eigen::Vector3d x = pose * p.point.cast<double>();
+      const Eigen::Vector3d d = pose.R * p.direction.cast<double>();
+      const Eigen::Vector2d image = Project(camera, x);
+      // Derivative of the projection along the edge, up to scale.
+      const double du = d.x() * x.z() - x.x() * d.z(), dv = d.y() * x.z() - x.y() * d.z();
+      float angle = static_cast<float>(std::atan2(dv, du));
+      if (angle < 0) angle += kPi;
+      float bin = angle * (kAspectBins / kPi);
+      if (bin >= kAspectBins) bin -= kAspectBins;
+      index->points.push_back({static_cast<float>(image.x() - camera.cx) * unit,
+                               static_cast<float>(image.y() - camera.cy) * unit,
+                               bin});
+      ++aspect.points;
+    }
+  }
+  for (AspectFragment f : part.fragments->fragments) {
+    f.aspect += first;
+    all->push_back(f);
+  }
+  index->parts.push_back(part);
+}
+
+// Sorts the fragments into cells.
+void FillGrid(const std::vector<AspectFragment>& all, FragmentIndex* index) {
+  const std::size_t n = all.size();
+  std::vector<Eigen::Array3f> places(n);
+  Eigen::Array3f low = Eigen::Array3f::Constant(1e9f), high = -low;
+  for (std::size_t i = 0; i < n; ++i) {
+    places[i] = (index->axes * AsVector(all[i].key)).array();
+    low = low.min(places[i]);
+    high = high.max(places[i]);
+  }
+  const float cell = static_cast<float>(index->options.cell_rad);
+  index->low = low;
+  index->cells = ((high - low) / cell).floor().cast<int>() + 1;
+  index->cells = index->cells.max(1).min(kMaxCells);
+  const std::size_t cells = static_cast<std::size_t>(index->cells.prod());
+  std::vector<std::uint32_t> of(n);
+  index->cell_begin.assign(cells + 1, 0);
+  for (std::size_t i = 0; i < n; ++i) {
+    const Eigen::Array3i c =
+        ((places[i] - low) / cell).floor().cast<int>().min(index->cells - 1).max(0);
+    of[i] = static_cast<std::uint32_t>((c.x() * index->cells.y() + c.y()) * index->cells.z() +
+                                       c.z());
+    ++index->cell_begin[of[i] + 1];
+  }
+  std::partial_sum(
+      index->cell_begin.begin(), index->cell_begin.end(), index->cell_begin.begin());
+  std::vector<std::uint32_t> next(index->cell_begin.begin(), index->cell_begin.end() - 1);
+  index->fragments.resize(n);
+  index->keys.resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::uint32_t at = next[of[i]]++;
+    const AspectFragment& f = all[i];
+    index->fragments[at] = {f.aspect, f.center.x(), f.center.y(), f.spread, f.chord_rad};
+    index->keys[at] = Pack(f.key);
+  }
+}
+
+absl::StatusOr<XTreeSnapshot> BuildTree(const FragmentIndex& index) {
+  std::vector<double> points;
+  std::vector<std::int64_t> ids(index.keys.size());
+  std::iota(ids.begin(), ids.end(), 0);
+  points.reserve(ids.size() * kFragmentAngles);
+  for (const PackedFragmentKey& key : index.keys) {
+    for (const std::int16_t v : key) points.push_back(v / kKeyScale);
+  }
+  XTreeOptions options;
+  options.dimensions = kFragmentAngles;
+  HOROPTER_ASSIGN_OR_RETURN(XTree tree,
+                            XTree::BulkLoad(options, points, ids, index.options.threads));
+  return tree.Snapshot();
+}
+
+}  // namespace
+
+void FragmentIndex::Find(const FragmentKey& key,
+                         float radius,
+                         std::vector<std::uint32_t>* found) const {
+  if (options.lookup == FragmentLookup::kXTree) {
+    std::array<double, kFragmentAngles> center;
+    std::copy(key.begin(), key.end(), center.begin());
+    for (const Neighbor& n : tree.Radius(center, radius)) {
+      found->push_back(static_cast<std::uint32_t>(n.id));
+    }
+    return;
+  }
+  if (fragments.empty()) return;
+  const float cell = static_cast<float>(options.cell_rad);
+  const Eigen::Array3f place = ((axes * AsVector(key)).array() - low) / cell;
+  const float reach = radius / cell;
+  const auto first = [&](int d) {
+    return std::clamp(static_cast<int>(std::floor(place[d] - reach)), 0, cells[d] - 1);
+  };
+  const auto last = [&](int d, float r) {
+    return std::clamp(static_cast<int>(std::floor(place[d] + r)), 0, cells[d] - 1);
+  };
+  // Distance of the place from the cells [i, i + 1); border cells reach to infinity.
+  const auto away = [&](int d, int i) {
+    const float under = i == 0 ? 0.0f : i - place[d];
+    const float over = i == cells[d] - 1 ? 0.0f : place[d] - (i + 1);
+    return std::max(0.0f, std::max(under, over));
+  };
+  const PackedFragmentKey packed = Pack(key);
+  const int limit = static_cast<int>(radius * radius * kKeyScale * kKeyScale);
+  for (int i = first(0); i <= last(0, reach); ++i) {
+    const float di = away(0, i);
+    for (int j = first(1); j <= last(1, reach); ++j) {
+      const float dj = away(1, j);
+      const float rest = reach * reach - di * di - dj * dj;
+      if (rest < 0) continue;
+      const float r = std::sqrt(rest);
+      const int k0 = std::clamp(static_cast<int>(std::floor(place[2] - r)), 0, cells[2] - 1);
+      const std::size_t row = (static_cast<std::size_t>(i) * cells[1] + j) * cells[2];
+      const std::uint32_t begin = cell_begin[row + k0], end = cell_begin[row + last(2, r) + 1];
+      for (std::uint32_t f = begin; f < end; ++f) {
+        int sum = 0;
+        for (int a = 0; a < kFragmentAngles; ++a) {
+          const int d = keys[f][a] - packed[a];
+          sum += d * d;
+        }
+        if (sum <= limit) found->push_back(f);
+      }
+    }
+  }
+}
+
+absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectPart> parts,
+                                                 const FragmentIndexOptions& options) {
+  FragmentIndex index;
+  index.options = options;
+  std::vector<AspectFragment> all;
+  for (const AspectPart& part : parts) AddPart(part, &index, &all);
+  if (!all.empty()) {
+    index.axes = MainDirections(all);
+    FillGrid(all, &index);
+  }
+  if (options.lookup == FragmentLookup::kXTree) {
+    HOROPTER_ASSIGN_OR_RETURN(index.tree, BuildTree(index));
+  }
+  return index;
+}
+
+}  // namespace horopter

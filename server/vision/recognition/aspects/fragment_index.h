@@ -1,0 +1,87 @@
+// The fragments of a catalog's aspects, found by the similarity of their keys.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/index/x_tree.h"
+#include "server/vision/recognition/aspects/aspect_blob.h"
+#include "server/vision/recognition/aspects/aspect_fragments.h"
+
+namespace horopter {
+
+// A part as the search for aspects knows it; both outlive the index.
+struct AspectPart {
+  const ObjectAspects* object = nullptr;
+  const PartFragments* fragments = nullptr;
+  std::span<const Rigid3> symmetries;  // as ObjectModel::symmetries
+};
+
+// A point of an aspect in the plane: diameters from the image of its centre, and the direction of
+// its edge modulo pi in bins of kAspectBins.
+struct VotePoint {
+  float x = 0.0f, y = 0.0f, bin = 0.0f;
+};
+
+struct IndexedAspect {
+  std::int32_t part = -1;
+  std::int32_t aspect = -1;  // of the part's AspectSet
+  std::uint32_t first_point = 0;
+  std::uint16_t points = 0;
+  float edge_length = 0.0f;  // diameters
+};
+
+// What a matched fragment says about its aspect, in diameters of the aspect.
+struct IndexedFragment {
+  std::int32_t aspect = -1;  // of FragmentIndex::aspects
+  float x = 0.0f, y = 0.0f;  // centre
+  float spread = 0.0f;
+  float chord_rad = 0.0f;
+};
+
+enum class FragmentLookup {
+  kGrid,  // cells over the three main directions of the keys, scanned
+  kXTree  // radius queries of the X-tree
+};
+
+struct FragmentIndexOptions {
+  FragmentLookup lookup = FragmentLookup::kGrid;
+  double cell_rad = 0.25;   // edge of a grid cell
+  int points = 64;          // of each aspect, for the votes
+  int threads = 1;          // of building the tree
+};
+
+// Keys in steps of 1 / kKeyScale rad: one is a 16 byte vector.
+using PackedFragmentKey = std::array<std::int16_t, kFragmentAngles>;
+inline constexpr float kKeyScale = 512.0f;
+
+// Immutable once built; any number of threads may search it. `fragments` and `keys` are in the order
+// of the grid's cells.
+struct FragmentIndex {
+  FragmentIndexOptions options;
+  std::vector<AspectPart> parts;
+  std::vector<IndexedAspect> aspects;
+  std::vector<VotePoint> points;
+  std::vector<IndexedFragment> fragments;
+  std::vector<PackedFragmentKey> keys;
+  // Grid: cell (i, j, k) holds fragments cell_begin[c] .. cell_begin[c + 1], k fastest.
+  Eigen::Matrix<float, 3, kFragmentAngles> axes =
+      Eigen::Matrix<float, 3, kFragmentAngles>::Zero();  // orthonormal rows
+  Eigen::Array3f low = Eigen::Array3f::Zero();
+  Eigen::Array3i cells = Eigen::Array3i::Zero();
+  std::vector<std::uint32_t> cell_begin;
+  XTreeSnapshot tree;  // only with kXTree
+
+  // Appends the fragments whose keys differ by at most `radius` (Euclidean, radians).
+  void Find(const FragmentKey& key, float radius, std::vector<std::uint32_t>* found) const;
+};
+
+// Errors: those of the X-tree.
+absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectPart> parts,
+                                                 const FragmentIndexOptions& options = {});
+
+}  // namespace horopter

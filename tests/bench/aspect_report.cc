@@ -1,0 +1,471 @@
+// Parts found in single images by their aspects, focal length unknown, all parts of the data set in
+// the catalog: the right pose among the votes, in the verified list, and first of all.
+//
+//   aspect_report DATASET SPLIT [--scenes 1,2] [--max-images N] [--cache DIR] [--overlays DIR]
+//                 [--threads N] [--xtree] [--list]
+//     --max-images  views of each scene: 1 the first, 2 first and middle one, ... (0: all)
+//     --cache       keeps what was derived of the parts between runs
+//     --overlays    the image with the best hypotheses of the list, one file an image
+//     --xtree       fragments are looked up in the X-tree instead of the grid
+//     --list        prints the hypotheses of each image
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <ctime>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <limits>
+#include <map>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <sstream>
+
+#include "absl/strings/str_format.h"
+#include "client/bop_dataset.h"
+#include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspects/aspect_blob.h"
+#include "server/vision/recognition/aspects/find_aspects.h"
+#include "tests/diagnose/ground_truth.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kRightPx = 8.0;         // worst vertex, at 640 px image width
+constexpr double kRightVoteShare = 0.15;  // of the size: worst vertex of a vote
+constexpr double kVisible = 0.5;
+constexpr double kAccept = 0.60;
+constexpr double kOverlapShare = 0.3;  // of the smaller size: accepted parts' centres are farther
+
+struct Arguments {
+  std::string dataset, split, cache, overlays;
+  std::vector<int> scenes;
+  int max_images = 2;
+  int threads = 1;
+  bool xtree = false, list = false;
+};
+
+struct Catalog {
+  std::vector<int> obj_ids;
+  std::vector<ObjectModel> models;
+  std::vector<ObjectAspects> objects;
+  std::vector<PartFragments> fragments;
+  std::vector<AspectPart> parts;
+  FragmentIndex index;
+};
+
+std::string ReadAll(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::stringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+absl::Status LoadCatalog(const Arguments& arguments, Catalog* catalog) {
+  const auto dataset = ReadBopDataset(arguments.dataset);
+  if (!dataset.ok()) return dataset.status();
+  auto models = ReadTrueModels(*dataset);
+  if (!models.ok()) return models.status();
+  for (auto& [obj_id, model] : *models) {
+    catalog->obj_ids.push_back(obj_id);
+    catalog->models.push_back(std::move(model));
+  }
+  const int n = static_cast<int>(catalog->models.size());
+  catalog->objects.resize(n);
+  catalog->fragments.resize(n);
+  std::vector<absl::Status> status(n);
+  ParallelFor(n, 2, [&](int i) {
+    const ObjectModel& model = catalog->models[i];
+    const std::string file = arguments.cache + "/" + model.id + ".aspects";
+    auto object = arguments.cache.empty()
+                      ? absl::StatusOr<ObjectAspects>(absl::NotFoundError("no cache"))
+                      : DecodeObjectAspects(ReadAll(file), model);
+    if (!object.ok()) {
+      object = MakeObjectAspects(model);
+      if (object.ok() && !arguments.cache.empty()) {
+        std::ofstream(file, std::ios::binary) << EncodeObjectAspects(*object, model);
+      }
+    }
+    status[i] = object.status();
+    if (!object.ok()) return;
+    catalog->objects[i] = *std::move(object);
+    catalog->fragments[i] =
+        MakePartFragments(catalog->objects[i].mesh, catalog->objects[i].aspects);
+  });
+  for (const absl::Status& s : status) {
+    if (!s.ok()) return s;
+  }
+  for (int i = 0; i < n; ++i) {
+    catalog->parts.push_back(
+        {&catalog->objects[i], &catalog->fragments[i], catalog->models[i].symmetries});
+  }
+  FragmentIndexOptions options;
+  options.lookup = arguments.xtree ? FragmentLookup::kXTree : FragmentLookup::kGrid;
+  auto index = BuildFragmentIndex(catalog->parts, options);
+  if (!index.ok()) return index.status();
+  catalog->index = *std::move(index);
+  return absl::OkStatus();
+}
+
+// Worst distance of the mesh's vertices in the image under two poses, the least over symmetries.
+double WorstVertexPx(const ObjectModel& model,
+                     const PinholeCamera& camera,
+                     const Rigid3& pose,
+                     const PinholeCamera& true_camera,
+                     const Rigid3& truth) {
+  const std::size_t step = std::max<std::size_t>(1, model.mesh.vertices.size() / 300);
+  const auto worst_of = [&](const Rigid3* symmetry, double bound) {
+    double worst = 0.0;
+    for (std::size_t v = 0; v < model.mesh.vertices.size() && worst < bound; v += step) {
+      const Eigen::Vector3d& x = model.mesh.vertices[v];
+      const Eigen::Vector3d a = pose * (symmetry != nullptr ? *symmetry * x : x);
+      const Eigen::Vector3d b = truth * x;
+      if (a.z() <= 0 || b.z() <= 0) return std::numeric_limits<double>::infinity();
+      worst = std::max(worst, (Project(camera, a) - Project(true_camera, b)).norm());
+    }
+    return worst;
+  };
+  double best = worst_of(nullptr, 1e9);
+  for (const Rigid3& symmetry : model.symmetries) {
+    best = std::min(best, worst_of(&symmetry, best));
+  }
+  return best;
+}
+
+struct Sums {
+  int images = 0, instances = 0;
+  int own_10 = 0, own_100 = 0, own_all = 0, all_10 = 0, all_100 = 0, all_1000 = 0;
+  int listed = 0, listed_100 = 0, first = 0, first_3 = 0, singles = 0;
+  int accepted_right = 0, accepted_false = 0;
+  std::vector<double> seconds, errors, scores_right, scores_wrong;
+};
+
+void DrawEdges(const RenderMesh& mesh,
+               const PinholeCamera& camera,
+               const Rigid3& pose,
+               const cv::Scalar& color,
+               cv::Mat* image) {
+  const double scale = static_cast<double>(image->cols) / camera.width;
+  for (const VisibleEdgePoint& p : FindVisibleEdges(mesh, camera, pose).points) {
+    const cv::Point at(static_cast<int>((p.image.x() + 0.5) * scale),
+                       static_cast<int>((p.image.y() + 0.5) * scale));
+    cv::circle(*image, at, 1, color, -1);
+  }
+}
+
+// Truth thin and white, the first hypotheses in colours, best last.
+void WriteOverlay(const std::string& file,
+                  const cv::Mat& photo,
+                  const Catalog& catalog,
+                  const AspectFindings& found) {
+  cv::Mat image;
+  cv::resize(photo, image, cv::Size(), 2, 2);
+  const cv::Scalar colors[] = {{0, 255, 0}, {0, 200, 255}, {255, 100, 255}, {255, 200, 0}, {0, 0, 255}};
+  for (int h = std::min<int>(4, static_cast<int>(found.hypotheses.size()) - 1); h >= 0; --h) {
+    const AspectHypothesis& hypothesis = found.hypotheses[h];
+    DrawEdges(catalog.objects[hypothesis.object].mesh,
+              hypothesis.camera,
+              hypothesis.camera_from_object,
+              colors[h],
+              &image);
+    cv::putText(image,
+                absl::StrFormat("%d: part %d F %.2f P %.2f R %.2f",
+                                h + 1,
+                                catalog.obj_ids[hypothesis.object],
+                                hypothesis.score,
+                                hypothesis.precision,
+                                hypothesis.recall),
+                cv::Point(8, 24 + 24 * h),
+                cv::FONT_HERSHEY_SIMPLEX,
+                0.7,
+                colors[h],
+                2);
+  }
+  cv::imwrite(file, image);
+}
+
+class Report {
+ public:
+  Report(const Arguments& arguments, const Catalog& catalog)
+      : arguments_(arguments), catalog_(catalog) {
+    for (std::size_t i = 0; i < catalog.obj_ids.size(); ++i) {
+      part_of_[catalog.obj_ids[i]] = static_cast<int>(i);
+    }
+  }
+
+  void AddImage(const BopScene& scene, const BopImage& view) {
+    const cv::Mat photo = cv::imread(view.path, cv::IMREAD_COLOR);
+    if (photo.empty()) return;
+    const std::clock_t start = std::clock();
+    const AspectImage image = MakeAspectImage(photo);
+    FindAspectOptions options;
+    options.threads = arguments_.threads;
+    const AspectFindings found = FindAspectHypotheses(image, catalog_.index, options);
+    const double seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+    Sums& sums = sums_[scene.tier];
+    ++sums.images;
+    sums.seconds.push_back(seconds);
+    const std::string name = absl::StrFormat("%d/%d", scene.scene_id, view.im_id);
+    std::cout << absl::StrFormat(
+        "%s %s: %.2f s CPU, %d edges, %d fragments, %d matches, %d of 16, %d climbs, %d accepted\n",
+        name,
+        scene.tier,
+        seconds,
+        static_cast<int>(image.edges.size()),
+        found.votes.fragments,
+        found.votes.matches,
+        found.votes.tests_16,
+        found.votes.climbs,
+        found.votes.accepted);
+    Judge(scene, view, image, found, &sums);
+    if (!arguments_.overlays.empty()) {
+      WriteOverlay(absl::StrFormat(
+                       "%s/%02d_%02d.jpg", arguments_.overlays, scene.scene_id, view.im_id),
+                   photo,
+                   catalog_,
+                   found);
+    }
+    std::cout << std::flush;
+  }
+
+  void Print() const {
+    for (const auto& [tier, s] : sums_) {
+      std::cout << absl::StrFormat(
+          "%s: %d images, %d instances; votes own 10/100/all %d %d %d, all parts 10/100/1000 %d %d "
+          "%d; listed %d (first 100: %d); first %d, first three %d of %d; at %.2f right %d false "
+          "%d; error px median %.1f 90 %% %.1f; CPU s median %.2f most %.2f\n",
+          tier,
+          s.images,
+          s.instances,
+          s.own_10,
+          s.own_100,
+          s.own_all,
+          s.all_10,
+          s.all_100,
+          s.all_1000,
+          s.listed,
+          s.listed_100,
+          s.first,
+          s.first_3,
+          s.singles,
+          kAccept,
+          s.accepted_right,
+          s.accepted_false,
+          Quantile(s.errors, 0.5),
+          Quantile(s.errors, 0.9),
+          Quantile(s.seconds, 0.5),
+          Quantile(s.seconds, 1.0));
+    }
+  }
+
+ private:
+  static double Quantile(std::vector<double> v, double q) {
+    if (v.empty()) return 0.0;
+    std::sort(v.begin(), v.end());
+    return v[static_cast<std::size_t>(q * static_cast<double>(v.size() - 1))];
+  }
+
+  double Error(const AspectHypothesis& h, const BopImage& view, const BopInstance& truth) const {
+    return WorstVertexPx(catalog_.models[h.object],
+                         h.camera,
+                         h.camera_from_object,
+                         view.camera,
+                         truth.camera_from_object);
+  }
+
+  // Rank of the first right vote among the part's own and among all parts'.
+  std::pair<int, int> VoteRanks(const AspectImage& image,
+                                const AspectVotes& votes,
+                                const BopImage& view,
+                                const BopInstance& truth) const {
+    const int part = part_of_.at(truth.obj_id);
+    const PinholeCamera camera = NominalCamera(image);
+    int own = -1;
+    float rank = 0.0f;
+    for (std::size_t i = 0; i < votes.of_part[part].size() && own < 0; ++i) {
+      const AspectVote& vote = votes.of_part[part][i];
+      const double error =
+          WorstVertexPx(catalog_.models[part],
+                        camera,
+                        PoseOfVote(vote, catalog_.index, WorkingCamera(image, camera)),
+                        view.camera,
+                        truth.camera_from_object);
+      if (error < kRightVoteShare * vote.size_px / image.working_from_image) {
+        own = static_cast<int>(i);
+        rank = vote.rank;
+      }
+    }
+    if (own < 0) return {-1, -1};
+    int before = 0;
+    for (const auto& list : votes.of_part) {
+      for (const AspectVote& v : list) before += v.rank > rank ? 1 : 0;
+    }
+    return {own, before};
+  }
+
+  void Judge(const BopScene& scene,
+             const BopImage& view,
+             const AspectImage& image,
+             const AspectFindings& found,
+             Sums* sums) {
+    const double right_px = kRightPx * photo_scale(view);
+    int targets = 0;
+    for (const BopInstance& truth : view.instances) {
+      if (truth.visib_fract < kVisible || part_of_.count(truth.obj_id) == 0) continue;
+      ++targets;
+      ++sums->instances;
+      const auto [own, before] = VoteRanks(image, found.votes, view, truth);
+      if (own >= 0) {
+        sums->own_10 += own < 10;
+        sums->own_100 += own < 100;
+        ++sums->own_all;
+        sums->all_10 += before < 10;
+        sums->all_100 += before < 100;
+        sums->all_1000 += before < 1000;
+      }
+      int place = -1;
+      double best = std::numeric_limits<double>::infinity();
+      for (std::size_t h = 0; h < found.hypotheses.size(); ++h) {
+        if (found.hypotheses[h].object != part_of_.at(truth.obj_id)) continue;
+        const double error = Error(found.hypotheses[h], view, truth);
+        best = std::min(best, error);
+        if (error < right_px && place < 0) {
+          place = static_cast<int>(h);
+          sums->errors.push_back(error);
+        }
+      }
+      sums->listed += place >= 0;
+      sums->listed_100 += place >= 0 && place < 100;
+      std::cout << absl::StrFormat(
+          "  part %d visible %.2f: vote %d of own, %d of all; listed %d, F %.3f, nearest %.1f px\n",
+          truth.obj_id,
+          truth.visib_fract,
+          own,
+          before,
+          place,
+          place >= 0 ? found.hypotheses[place].score : 0.0,
+          best);
+      if (scene.tier == "T1") {
+        ++sums->singles;
+        sums->first += place == 0;
+        sums->first_3 += place >= 0 && place < 3;
+      }
+    }
+    Accept(view, found, right_px, sums);
+    const int shown = arguments_.list ? 10 : 3;
+    for (int h = 0; h < std::min<int>(shown, static_cast<int>(found.hypotheses.size())); ++h) {
+      const AspectHypothesis& x = found.hypotheses[h];
+      double error = std::numeric_limits<double>::infinity();
+      for (const BopInstance& truth : view.instances) {
+        if (part_of_.count(truth.obj_id) > 0 && part_of_.at(truth.obj_id) == x.object) {
+          error = std::min(error, Error(x, view, truth));
+        }
+      }
+      std::cout << absl::StrFormat(
+          "    %d: part %d F %.3f P %.2f R %.2f n %.0f f %.0f%s\n",
+          h,
+          catalog_.obj_ids[x.object],
+          x.score,
+          x.precision,
+          x.recall,
+          x.support_px,
+          x.camera.focal_px,
+          error < right_px ? " right" : "");
+    }
+  }
+
+  static double photo_scale(const BopImage& view) {
+    return view.camera.width > 0 ? view.camera.width / 640.0 : 1.0;
+  }
+
+  // Best first, those above the bar whose place is not taken.
+  void Accept(const BopImage& view,
+              const AspectFindings& found,
+              double right_px,
+              Sums* sums) const {
+    struct Place {
+      Eigen::Vector2d center;
+      double size;
+    };
+    std::vector<Place> taken;
+    for (const AspectHypothesis& h : found.hypotheses) {
+      if (h.score < kAccept) break;
+      const RenderMesh& mesh = catalog_.objects[h.object].mesh;
+      const Eigen::Vector3d c = h.camera_from_object * mesh.center.cast<double>();
+      const Place place{Project(h.camera, c), h.camera.focal_px * mesh.diameter_m / c.z()};
+      const bool free = std::none_of(taken.begin(), taken.end(), [&](const Place& t) {
+        return (t.center - place.center).norm() < kOverlapShare * std::min(t.size, place.size);
+      });
+      if (!free) continue;
+      taken.push_back(place);
+      bool right = false;
+      for (const BopInstance& truth : view.instances) {
+        right = right || (part_of_.count(truth.obj_id) > 0 &&
+                          part_of_.at(truth.obj_id) == h.object && Error(h, view, truth) < right_px);
+      }
+      ++(right ? sums->accepted_right : sums->accepted_false);
+    }
+  }
+
+  const Arguments& arguments_;
+  const Catalog& catalog_;
+  std::map<int, int> part_of_;
+  std::map<std::string, Sums> sums_;
+};
+
+absl::Status Run(const Arguments& arguments) {
+  for (const std::string& folder : {arguments.cache, arguments.overlays}) {
+    if (!folder.empty()) std::filesystem::create_directories(folder);
+  }
+  Catalog catalog;
+  const auto start = std::chrono::steady_clock::now();
+  const absl::Status loaded = LoadCatalog(arguments, &catalog);
+  if (!loaded.ok()) return loaded;
+  std::cout << absl::StrFormat(
+      "%d parts, %d aspects, %d fragments, enrolled in %.1f s\n",
+      static_cast<int>(catalog.parts.size()),
+      static_cast<int>(catalog.index.aspects.size()),
+      static_cast<int>(catalog.index.fragments.size()),
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  std::vector<int> scenes = arguments.scenes;
+  if (scenes.empty()) {
+    auto listed = ListBopScenes(arguments.dataset, arguments.split);
+    if (!listed.ok()) return listed.status();
+    scenes = *listed;
+  }
+  Report report(arguments, catalog);
+  for (const int id : scenes) {
+    const auto scene = ReadBopScene(arguments.dataset, arguments.split, id);
+    if (!scene.ok()) return scene.status();
+    const int views = static_cast<int>(scene->images.size());
+    const int count = arguments.max_images > 0 ? std::min(arguments.max_images, views) : views;
+    for (int i = 0; i < count; ++i) report.AddImage(*scene, scene->images[i * views / count]);
+  }
+  report.Print();
+  return absl::OkStatus();
+}
+
+}  // namespace
+}  // namespace horopter
+
+int main(int argc, char** argv) {
+  horopter::Arguments arguments;
+  CLI::App app("Parts found in single images by their aspects");
+  app.add_option("dataset", arguments.dataset)->required();
+  app.add_option("split", arguments.split)->required();
+  app.add_option("--scenes", arguments.scenes)->delimiter(',');
+  app.add_option("--max-images", arguments.max_images);
+  app.add_option("--cache", arguments.cache);
+  app.add_option("--overlays", arguments.overlays);
+  app.add_option("--threads", arguments.threads);
+  app.add_flag("--xtree", arguments.xtree);
+  app.add_flag("--list", arguments.list);
+  CLI11_PARSE(app, argc, argv);
+  const absl::Status status = horopter::Run(arguments);
+  if (!status.ok()) {
+    std::cerr << status << "\n";
+    return 1;
+  }
+  return 0;
+}

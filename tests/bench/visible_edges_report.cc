@@ -1,0 +1,139 @@
+// Visible edges of a data set's parts: what they cost, and how they lie on the true images.
+//
+//   visible_edges_report DATASET                       one line a part: triangles, times, bytes
+//   visible_edges_report DATASET SPLIT SCENE IMAGE OUT.png [RENDER_PX [ZOOM]]
+//                                                      edges at the true poses, drawn on the image
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <string>
+
+#include "client/bop_dataset.h"
+#include "client/cad_import.h"
+#include "server/vision/recognition/aspects/aspect_blob.h"
+
+namespace horopter {
+namespace {
+
+double Seconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+absl::StatusOr<ObjectModel> Load(const BopObject& object) {
+  CadImportOptions options;
+  options.unit = "mm";
+  absl::StatusOr<CadImport> import = ImportCad(object.mesh_path, options);
+  if (!import.ok()) return import.status();
+  import->model.symmetries = object.symmetries;
+  if (object.diameter_m > 0.0) import->model.diameter_m = object.diameter_m;
+  return std::move(import->model);
+}
+
+// Milliseconds a call over views all around, and edge points a view.
+struct EdgeCost {
+  double ms = 0.0;
+  double points = 0.0;
+};
+
+EdgeCost MeasureEdges(const ObjectAspects& object, double render_px) {
+  const PinholeCamera camera = CenteredCamera(640, 480, 700.0);
+  const int count = static_cast<int>(object.aspects.aspects.size());
+  const int step = std::max(1, count / 40);
+  EdgeCost cost;
+  int calls = 0;
+  const double start = Seconds();
+  for (int i = 0; i < count; i += step, ++calls) {
+    Rigid3 pose = AspectPose(object.aspects, i);
+    pose.t *= 700.0 / 250.0 / 4.0;  // 250 image pixels a diameter
+    pose.t = pose.R * -object.aspects.center.cast<double>() +
+             Eigen::Vector3d(0, 0, object.aspects.diameter_m * 700.0 / 250.0);
+    VisibleEdgeOptions options;
+    options.render_px = render_px;
+    cost.points += static_cast<double>(
+        FindVisibleEdges(object.mesh, camera, pose, options).points.size());
+  }
+  cost.ms = 1e3 * (Seconds() - start) / calls;
+  cost.points /= calls;
+  return cost;
+}
+
+int ReportCosts(const BopDataset& data) {
+  std::printf("%-4s %-20s %8s %7s %6s %7s %7s %7s %8s %6s %8s %6s %8s\n", "id", "name", "given",
+              "drawn", "closed", "mesh_s", "all_s", "aspects", "bytes", "ms110", "points", "ms200",
+              "points");
+  for (const BopObject& object : data.objects) {
+    const absl::StatusOr<ObjectModel> model = Load(object);
+    if (!model.ok()) {
+      std::printf("%s: %s\n", object.name.c_str(), std::string(model.status().message()).c_str());
+      continue;
+    }
+    const double start = Seconds();
+    const auto mesh = MakeRenderMesh(model->mesh, model->diameter_m);
+    const double mesh_s = Seconds() - start;
+    const auto aspects = MakeObjectAspects(*model);
+    const double all_s = Seconds() - start - mesh_s;
+    if (!mesh.ok() || !aspects.ok()) return 1;
+    const std::size_t bytes = EncodeObjectAspects(*aspects, *model).size();
+    const EdgeCost small = MeasureEdges(*aspects, 110), large = MeasureEdges(*aspects, 200);
+    std::printf("%-4d %-20s %8zu %7zu %6d %7.3f %7.2f %7zu %8zu %6.2f %8.0f %6.2f %8.0f\n",
+                object.obj_id, object.name.c_str(), model->mesh.triangles.size(),
+                mesh->triangles.size(), mesh->closed, mesh_s, all_s,
+                aspects->aspects.aspects.size(), bytes, small.ms, small.points, large.ms,
+                large.points);
+    std::fflush(stdout);
+  }
+  return 0;
+}
+
+cv::Scalar ColorOf(VisibleEdgeKind kind) {
+  if (kind == VisibleEdgeKind::kSilhouette) return {0, 0, 255};
+  return kind == VisibleEdgeKind::kOcclusion ? cv::Scalar(0, 255, 255) : cv::Scalar(255, 255, 0);
+}
+
+int Draw(const BopDataset& data, int argc, char** argv) {
+  const absl::StatusOr<BopScene> scene = ReadBopScene(data.folder, argv[2], std::atoi(argv[3]));
+  if (!scene.ok()) return 1;
+  const int zoom = argc > 7 ? std::atoi(argv[7]) : 3;
+  VisibleEdgeOptions options;
+  if (argc > 6) options.render_px = std::atof(argv[6]);
+  for (const BopImage& image : scene->images) {
+    if (image.im_id != std::atoi(argv[4])) continue;
+    const cv::Mat pixels = cv::imread(image.path);
+    cv::Mat out;
+    cv::resize(pixels, out, {}, zoom, zoom, cv::INTER_NEAREST);
+    for (const BopInstance& instance : image.instances) {
+      const absl::StatusOr<ObjectModel> model = Load(*data.Find(instance.obj_id));
+      if (!model.ok()) return 1;
+      const auto mesh = MakeRenderMesh(model->mesh, model->diameter_m);
+      if (!mesh.ok()) return 1;
+      const VisibleEdges edges =
+          FindVisibleEdges(*mesh, image.camera, instance.camera_from_object, options);
+      for (const VisibleEdgePoint& p : edges.points) {
+        const Eigen::Vector2f at = (p.image + Eigen::Vector2f(0.5f, 0.5f)) * zoom;
+        out.at<cv::Vec3b>(std::clamp(static_cast<int>(at.y()), 0, out.rows - 1),
+                          std::clamp(static_cast<int>(at.x()), 0, out.cols - 1)) =
+            cv::Vec3b(ColorOf(p.kind)[0], ColorOf(p.kind)[1], ColorOf(p.kind)[2]);
+      }
+      std::printf("part %d: %zu triangles, scale %.2f, %zu points, %d chains\n", instance.obj_id,
+                  mesh->triangles.size(), edges.view.scale, edges.points.size(), edges.chains);
+    }
+    cv::imwrite(argv[5], out);
+    return 0;
+  }
+  return 1;
+}
+
+}  // namespace
+}  // namespace horopter
+
+int main(int argc, char** argv) {
+  if (argc != 2 && argc < 6) return 2;
+  const absl::StatusOr<horopter::BopDataset> data = horopter::ReadBopDataset(argv[1]);
+  if (!data.ok()) {
+    std::printf("%s\n", std::string(data.status().message()).c_str());
+    return 1;
+  }
+  return argc == 2 ? horopter::ReportCosts(*data) : horopter::Draw(*data, argc, argv);
+}
