@@ -27,6 +27,7 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
 #include "server/vision/recognition/aspects/find_aspects.h"
+#include "server/vision/recognition/aspects/fragment_blob.h"
 #include "tests/diagnose/ground_truth.h"
 
 namespace horopter {
@@ -90,8 +91,18 @@ absl::Status LoadCatalog(const Arguments& arguments, Catalog* catalog) {
     status[i] = object.status();
     if (!object.ok()) return;
     catalog->objects[i] = *std::move(object);
-    catalog->fragments[i] =
-        MakePartFragments(catalog->objects[i].mesh, catalog->objects[i].aspects);
+    const AspectSet& set = catalog->objects[i].aspects;
+    const std::string fragment_file = arguments.cache + "/" + model.id + ".fragments";
+    auto fragments = arguments.cache.empty()
+                         ? absl::StatusOr<PartFragments>(absl::NotFoundError("no cache"))
+                         : DecodePartFragments(ReadAll(fragment_file), set);
+    if (!fragments.ok()) {
+      fragments = MakePartFragments(catalog->objects[i].mesh, set);
+      if (!arguments.cache.empty()) {
+        std::ofstream(fragment_file, std::ios::binary) << EncodePartFragments(*fragments, set);
+      }
+    }
+    catalog->fragments[i] = *std::move(fragments);
   });
   for (const absl::Status& s : status) {
     if (!s.ok()) return s;
@@ -221,7 +232,7 @@ class Report {
     Judge(scene, view, image, found, &sums);
     if (!arguments_.overlays.empty()) {
       WriteOverlay(absl::StrFormat(
-                       "%s/%02d_%02d.jpg", arguments_.overlays, scene.scene_id, view.im_id),
+                       "%s/%02d_%02d.png", arguments_.overlays, scene.scene_id, view.im_id),
                    photo,
                    catalog_,
                    found);

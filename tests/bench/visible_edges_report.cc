@@ -1,7 +1,7 @@
 // Visible edges of a data set's parts: what they cost, and how they lie on the true images.
 //
 //   visible_edges_report DATASET                       one line a part: triangles, times, bytes
-//   visible_edges_report DATASET SPLIT SCENE IMAGE OUT.png [RENDER_PX [ZOOM]]
+//   visible_edges_report DATASET SPLIT SCENE IMAGE OUT.png [RENDER_PX [ZOOM [PART]]]
 //                                                      edges at the true poses, drawn on the image
 #include <chrono>
 #include <cstdio>
@@ -89,37 +89,58 @@ int ReportCosts(const BopDataset& data) {
 
 cv::Scalar ColorOf(VisibleEdgeKind kind) {
   if (kind == VisibleEdgeKind::kSilhouette) return {0, 0, 255};
-  return kind == VisibleEdgeKind::kOcclusion ? cv::Scalar(0, 255, 255) : cv::Scalar(255, 255, 0);
+  return kind == VisibleEdgeKind::kOcclusion ? cv::Scalar(0, 255, 255) : cv::Scalar(255, 0, 255);
+}
+
+// Beside the image as it is: silhouettes red, occlusions yellow, creases magenta.
+void Paint(const cv::Mat& pixels, const std::vector<VisibleEdgePoint>& points, int zoom,
+           const std::string& path) {
+  cv::Rect box(0, 0, pixels.cols, pixels.rows);
+  if (!points.empty()) {
+    Eigen::Vector2f low = points[0].image, high = low;
+    for (const VisibleEdgePoint& p : points) {
+      low = low.cwiseMin(p.image);
+      high = high.cwiseMax(p.image);
+    }
+    const cv::Point a(static_cast<int>(low.x()) - 8, static_cast<int>(low.y()) - 8);
+    const cv::Point b(static_cast<int>(high.x()) + 9, static_cast<int>(high.y()) + 9);
+    box &= cv::Rect(a, b);
+  }
+  cv::Mat plain, drawn, out;
+  cv::resize(pixels(box), plain, {}, zoom, zoom, cv::INTER_NEAREST);
+  drawn = plain.clone();
+  for (const VisibleEdgePoint& p : points) {
+    const Eigen::Vector2f at = (p.image - Eigen::Vector2f(box.x, box.y)).array() + 0.5f;
+    const cv::Rect dot(static_cast<int>(at.x() * zoom), static_cast<int>(at.y() * zoom), 1, 1);
+    if ((dot & cv::Rect({}, drawn.size())) == dot) drawn(dot) = ColorOf(p.kind);
+  }
+  cv::hconcat(plain, drawn, out);
+  cv::imwrite(path, out);
 }
 
 int Draw(const BopDataset& data, int argc, char** argv) {
   const absl::StatusOr<BopScene> scene = ReadBopScene(data.folder, argv[2], std::atoi(argv[3]));
   if (!scene.ok()) return 1;
-  const int zoom = argc > 7 ? std::atoi(argv[7]) : 3;
   VisibleEdgeOptions options;
   if (argc > 6) options.render_px = std::atof(argv[6]);
+  const int zoom = argc > 7 ? std::atoi(argv[7]) : 3;
+  const int only = argc > 8 ? std::atoi(argv[8]) : 0;
   for (const BopImage& image : scene->images) {
     if (image.im_id != std::atoi(argv[4])) continue;
-    const cv::Mat pixels = cv::imread(image.path);
-    cv::Mat out;
-    cv::resize(pixels, out, {}, zoom, zoom, cv::INTER_NEAREST);
+    std::vector<VisibleEdgePoint> points;
     for (const BopInstance& instance : image.instances) {
+      if (only > 0 && instance.obj_id != only) continue;
       const absl::StatusOr<ObjectModel> model = Load(*data.Find(instance.obj_id));
       if (!model.ok()) return 1;
       const auto mesh = MakeRenderMesh(model->mesh, model->diameter_m);
       if (!mesh.ok()) return 1;
       const VisibleEdges edges =
           FindVisibleEdges(*mesh, image.camera, instance.camera_from_object, options);
-      for (const VisibleEdgePoint& p : edges.points) {
-        const Eigen::Vector2f at = (p.image + Eigen::Vector2f(0.5f, 0.5f)) * zoom;
-        out.at<cv::Vec3b>(std::clamp(static_cast<int>(at.y()), 0, out.rows - 1),
-                          std::clamp(static_cast<int>(at.x()), 0, out.cols - 1)) =
-            cv::Vec3b(ColorOf(p.kind)[0], ColorOf(p.kind)[1], ColorOf(p.kind)[2]);
-      }
+      points.insert(points.end(), edges.points.begin(), edges.points.end());
       std::printf("part %d: %zu triangles, scale %.2f, %zu points, %d chains\n", instance.obj_id,
                   mesh->triangles.size(), edges.view.scale, edges.points.size(), edges.chains);
     }
-    cv::imwrite(argv[5], out);
+    Paint(cv::imread(image.path), points, zoom, argv[5]);
     return 0;
   }
   return 1;

@@ -18,6 +18,25 @@ bool IsNew(const ContourFragment& f, const std::vector<ContourFragment>& drawn) 
   });
 }
 
+AspectFragment PackFragment(const ContourFragment& f,
+                            const Eigen::Vector2f& origin,
+                            float unit,
+                            int aspect) {
+  const auto to16 = [](float v) {
+    return static_cast<std::int16_t>(std::clamp(std::lround(v), -32768L, 32767L));
+  };
+  const Eigen::Vector2f center = (f.center - origin) * (unit * AspectFragment::kPlaceScale);
+  AspectFragment packed;
+  packed.key = PackKey(f.key);
+  packed.x = to16(center.x());
+  packed.y = to16(center.y());
+  packed.spread = static_cast<std::uint16_t>(
+      std::clamp(std::lround(f.spread * unit * AspectFragment::kSpreadScale), 1L, 65535L));
+  packed.chord = to16(f.chord_rad * AspectFragment::kTurnScale);
+  packed.aspect = static_cast<std::uint16_t>(aspect);
+  return packed;
+}
+
 }  // namespace
 
 std::vector<AspectFragment> DrawFragments(const std::vector<Eigen::Vector2f>& edge_points,
@@ -50,12 +69,7 @@ std::vector<AspectFragment> DrawFragments(const std::vector<Eigen::Vector2f>& ed
     const ContourFragment& f = all[i];
     if (!IsNew(f, drawn)) continue;
     drawn.push_back(f);
-    out.push_back({f.key,
-                   (f.center - origin) * unit,
-                   f.spread * unit,
-                   f.chord_rad,
-                   f.length * unit,
-                   aspect});
+    out.push_back(PackFragment(f, origin, unit, aspect));
   }
   return out;
 }

@@ -20,20 +20,27 @@ struct AspectFragmentOptions {
   int threads = 1;
 };
 
-// Unit of length: the diameter as the aspect's camera sees it at the centre's depth; origin: the
-// image of the centre of the bounding box; axes as in images.
+// One fragment of an aspect in 26 bytes. Unit of length: the diameter as the aspect's camera sees it
+// at the centre's depth; origin: the image of the centre of the bounding box; axes as in images.
 struct AspectFragment {
-  FragmentKey key{};
-  Eigen::Vector2f center = Eigen::Vector2f::Zero();
-  float spread = 0.0f;
-  float chord_rad = 0.0f;
-  float length = 0.0f;
-  std::int32_t aspect = -1;  // of the part's AspectSet
+  static constexpr float kPlaceScale = 8192.0f;    // of x and y
+  static constexpr float kSpreadScale = 16384.0f;  // of spread
+  static constexpr float kTurnScale = 32768.0f / 3.14159265358979f;
+
+  PackedFragmentKey key{};
+  std::int16_t x = 0, y = 0;  // centre of the nine points
+  std::uint16_t spread = 1;   // rms distance from it
+  std::int16_t chord = 0;     // direction of the chord
+  std::uint16_t aspect = 0;   // of the part's AspectSet
+
+  friend bool operator==(const AspectFragment&, const AspectFragment&) = default;
 };
 
 struct PartFragments {
   std::vector<AspectFragment> fragments;
   std::vector<float> edge_length;  // of each aspect, diameters
+
+  friend bool operator==(const PartFragments&, const PartFragments&) = default;
 };
 
 // Draws the fragments of each aspect with probabilities that grow with length x turning; the same

@@ -8,6 +8,7 @@ namespace horopter {
 namespace {
 
 constexpr float kPi = 3.14159265358979f;
+constexpr long kMaxPacked = 8000;  // eight squared differences of such fit 31 bits
 
 float WrapPi(float a) {
   while (a > kPi) a -= 2 * kPi;
@@ -176,6 +177,21 @@ std::optional<ContourFragment> MakeFragment(
   for (const Eigen::Vector2f& p : points) f.spread += (p - f.center).squaredNorm();
   f.spread = std::sqrt(f.spread / kFragmentPoints);
   return f;
+}
+
+PackedFragmentKey PackKey(const FragmentKey& key) {
+  PackedFragmentKey packed;
+  for (int i = 0; i < kFragmentAngles; ++i) {
+    packed[i] = static_cast<std::int16_t>(
+        std::clamp(std::lround(key[i] * kKeyScale), -kMaxPacked, kMaxPacked));
+  }
+  return packed;
+}
+
+FragmentKey UnpackKey(const PackedFragmentKey& packed) {
+  FragmentKey key;
+  for (int i = 0; i < kFragmentAngles; ++i) key[i] = packed[i] / kKeyScale;
+  return key;
 }
 
 ContourFragment Reversed(const ContourFragment& fragment) {

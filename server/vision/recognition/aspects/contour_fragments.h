@@ -18,6 +18,12 @@ inline constexpr int kFragmentAngles = kFragmentPoints - 1;
 
 using FragmentKey = std::array<float, kFragmentAngles>;  // radians
 
+// A key in steps of 1 / kKeyScale rad: one 16 byte vector.
+using PackedFragmentKey = std::array<std::int16_t, kFragmentAngles>;
+inline constexpr float kKeyScale = 512.0f;
+PackedFragmentKey PackKey(const FragmentKey& key);
+FragmentKey UnpackKey(const PackedFragmentKey& packed);
+
 // Laws: `key` is unchanged by similarities; a mirror image has all angles negated; the same piece
 // walked from its other end has them in reverse order and `chord_rad` turned by pi.
 struct ContourFragment {

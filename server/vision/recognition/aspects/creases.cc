@@ -11,28 +11,38 @@ namespace {
 using Eigen::Vector2f;
 using Eigen::Vector3f;
 
-constexpr float kLowShare = 0.7f;        // of the turn, for a chain to go on
-constexpr float kSharpCosine = 0.966f;   // edges of the mesh of more than 15 degrees are sharp
-constexpr float kSharpShare = 0.6f;      // a sharp edge explains a crease of less than its turn / this
-constexpr float kOnSurfacePx = 4.0f;     // such an edge is as deep as the pixel, in footprints
-constexpr float kSnapAcrossPx = 1.3f;    // and so near the ridge
+constexpr float kLowShare = 0.7f;       // of the turn, for a chain to go on
+constexpr float kSharpCosine = 0.966f;  // edges of the mesh of more than 15 degrees are sharp
+constexpr float kSharpShare = 0.6f;     // such an edge explains turns up to its own / this
+constexpr float kOnSurfacePx = 3.0f;    // it is as deep as the surface, in footprints
+constexpr float kSnapAcrossPx = 1.3f;   // and so near the ridge
 constexpr float kSnapAlongPx = 0.8f;
-constexpr float kLeastCosine = 0.35f;    // a chain bends by less from pixel to pixel
+constexpr float kSteepShare = 0.5f;     // squared turn along a line against that across it
+constexpr float kLinkPx = 1.8f;         // between points of a chain
+constexpr int kBorderPx = 4;            // of the window, which every search stays in
+constexpr float kLeastCosine = 0.5f;    // a chain bends by less from point to point
 
+// A peak of the turning of the normals along a row or column of pixels.
 struct Ridge {
-  int pixel = 0;
   Vector2f across = Vector2f::UnitX();  // unit, the direction in which the normal turns
-  float power = 0.0f;                   // squared turn per pixel, weighted
-  float turn_rad = 0.0f;
-  bool beside_contour = false;  // the window was cut off: what is seen may be a limb
+  bool beside_contour = false;          // the window was cut off: what turns may be a limb
   ScreenEdgePoint point;
+  int next = -1;  // at the same pixel
 };
 
-// Where an edge of the mesh crosses a line of pixel centres.
+// Where an edge of the mesh crosses a row or column.
 struct Crossing {
-  Vector3f at;  // u, v, inverse depth
+  Vector3f at;     // u, v, inverse depth
+  Vector2f along;  // unit
   float turn_rad;
   int next;  // at the same pixel
+};
+
+// Between two neighbouring pixels: over their two normals and the two beyond, so that it is largest
+// at a step.
+struct Turn {
+  Vector3f weighted;
+  float wide = 0.0f;  // squared, over all four
 };
 
 class CreaseFinder {
@@ -49,29 +59,24 @@ class CreaseFinder {
 
   ScreenEdges Find() {
     FillNormals();
-    FindTurns();
-    KeepRidges();
+    for (const int axis : {0, 1}) FillTurns(axis);
+    for (const int axis : {0, 1}) FindRidges(axis);
     CrossSharpEdges();
     PlaceRidges();
     return Link();
   }
 
  private:
-  bool Inside(int x, int y, int border) const {
-    return x >= border && y >= border && x < view_.width - border && y < view_.height - border;
-  }
-
   void FillNormals() {
     normals_.resize(view_.triangle.size());
     for (int y = 0, i = 0; y < view_.height; ++y) {
       for (int x = 0; x < view_.width; ++x, ++i) {
         const int t = view_.triangle[i];
         if (t < 0) continue;
-        Vector3f n = mesh_.flat[t]
-                         ? mesh_.face_normals[t]
-                         : Interpolated(t, static_cast<float>(x), static_cast<float>(y));
-        if (r_.facing[t] < 0) n = -n;
-        normals_[i] = n;
+        const Vector3f n = mesh_.flat[t]
+                               ? mesh_.face_normals[t]
+                               : Interpolated(t, static_cast<float>(x), static_cast<float>(y));
+        normals_[i] = r_.facing[t] < 0 ? Vector3f(-n) : n;
       }
     }
   }
@@ -90,94 +95,93 @@ class CreaseFinder {
     return (n[0] + b * (n[1] - n[0]) + c2 * (n[2] - n[0])).normalized();
   }
 
-  struct Turn {
-    Vector3f weighted;  // over two pixels and over four, so that it is largest at a step
-    float wide;         // over four, squared
-    bool cut;           // by a contour
-  };
+  int Stride(int axis) const { return axis == 0 ? 1 : view_.width; }
 
-  Turn TurnAlong(int i, int stride) const {
-    int a1 = i, b1 = i;
-    bool cut = false;
-    const auto step = [&](int from, int to) {
-      return steps_.Between(std::min(from, to), std::max(from, to)) ? (cut = true, from) : to;
-    };
-    a1 = step(i, i + stride);
-    b1 = step(i, i - stride);
-    const int a2 = a1 == i ? i : step(a1, a1 + stride);
-    const int b2 = b1 == i ? i : step(b1, b1 - stride);
-    const Vector3f wide = normals_[a2] - normals_[b2];
-    return {(2.0f * (normals_[a1] - normals_[b1]) + wide) / 3.0f, wide.squaredNorm(), cut};
+  // Pixels i and i + stride must belong to one surface.
+  Turn TurnAt(int i, int stride) const {
+    const int j = i + stride;
+    const int before = steps_.Between(i - stride, i) ? i : i - stride;
+    const int after = steps_.Between(j, j + stride) ? j : j + stride;
+    const Vector3f wide = normals_[after] - normals_[before];
+    return {(2.0f * (normals_[j] - normals_[i]) + wide) / 3.0f, wide.squaredNorm()};
   }
 
-  void FindTurns() {
-    power_.assign(view_.triangle.size(), 0.0f);
-    cut_.assign(view_.triangle.size(), 0);
-    const float low = 2.0f * std::sin(0.5f * kLowShare * high_);
-    const int w = view_.width;
-    for (int y = 2; y < view_.height - 2; ++y) {
-      for (int x = 2; x < w - 2; ++x) {
-        const int i = y * w + x;
-        const int t = view_.triangle[i];
-        if (t < 0) continue;
-        const std::int32_t* id = view_.triangle.data() + i;
-        if (mesh_.flat[t] && id[-2] == t && id[2] == t && id[-2 * w] == t && id[2 * w] == t) {
-          continue;
-        }
-        const Turn h = TurnAlong(i, 1), v = TurnAlong(i, w);
-        cut_[i] = h.cut || v.cut;
-        const float widest = std::max(h.wide, v.wide);
-        if (widest < low * low) continue;
-        // The direction of the largest turn: first eigenvector of J'J, J = [h v].
-        const float hh = h.weighted.squaredNorm(), vv = v.weighted.squaredNorm();
-        const float hv = h.weighted.dot(v.weighted);
-        const float angle = 0.5f * std::atan2(2.0f * hv, hh - vv);
-        Ridge ridge;
-        ridge.pixel = i;
-        ridge.across = {std::cos(angle), std::sin(angle)};
-        ridge.power = 0.5f * (hh + vv + std::hypot(hh - vv, 2.0f * hv));
-        ridge.turn_rad = 2.0f * std::asin(std::min(1.0f, 0.5f * std::sqrt(widest)));
-        power_[i] = ridge.power;
-        ridges_.push_back(ridge);
+  bool FlatAround(int i, int stride) const {
+    const std::int32_t* id = view_.triangle.data() + i;
+    return mesh_.flat[*id] && id[stride] == *id && id[-stride] == *id && id[2 * stride] == *id;
+  }
+
+  void FillTurns(int axis) {
+    std::vector<float>& power = power_[axis];
+    power.assign(view_.triangle.size(), 0.0f);
+    const int stride = Stride(axis);
+    for (int y = kBorderPx; y < view_.height - kBorderPx; ++y) {
+      for (int x = kBorderPx; x < view_.width - kBorderPx; ++x) {
+        const int i = y * view_.width + x;
+        if (view_.triangle[i] < 0 || FlatAround(i, stride)) continue;
+        power[i] = steps_.Between(i, i + stride) ? kCut : TurnAt(i, stride).weighted.squaredNorm();
       }
     }
   }
 
-  // Those that turn faster than their neighbours across.
-  void KeepRidges() {
-    std::vector<Ridge> kept;
-    for (Ridge& r : ridges_) {
-      const float ax = std::abs(r.across.x()), ay = std::abs(r.across.y());
-      const int dx = ax > 0.38f ? (r.across.x() > 0 ? 1 : -1) : 0;
-      const int dy = ay > 0.38f ? (r.across.y() > 0 ? 1 : -1) : 0;
-      const int offset = dy * view_.width + dx;
-      // Ties go one way, whatever the sign of the direction.
-      const int forward = offset > 0 ? offset : -offset;
-      if (power_[r.pixel] <= power_[r.pixel - forward] ||
-          power_[r.pixel] < power_[r.pixel + forward]) {
+  void FindRidges(int axis) {
+    const std::vector<float>& power = power_[axis];
+    const std::vector<float>& other = power_[1 - axis];
+    const int stride = Stride(axis), side = Stride(1 - axis);
+    const float low = 2.0f * std::sin(0.5f * kLowShare * high_);
+    for (int i = 0; i < static_cast<int>(power.size()); ++i) {
+      const float here = power[i];
+      // Weights of the turn add up to at most the widest one within.
+      if (here <= 0.1f * low * low || power[i - stride] >= here || power[i + stride] > here) {
         continue;
       }
-      r.beside_contour =
-          cut_[r.pixel] || cut_[r.pixel + forward] || cut_[r.pixel - forward];
-      const float before = std::sqrt(power_[r.pixel - offset]);
-      const float here = std::sqrt(power_[r.pixel]);
-      const float after = std::sqrt(power_[r.pixel + offset]);
-      const float bend = before - 2.0f * here + after;
-      const float peak = bend < 0.0f ? std::clamp(0.5f * (before - after) / bend, -0.5f, 0.5f) : 0;
-      const float length = static_cast<float>(dx * dx + dy * dy) > 1.5f ? 1.41421356f : 1.0f;
-      const float shift = peak * length;
-      r.point.u = static_cast<float>(r.pixel % view_.width) + shift * r.across.x();
-      r.point.v = static_cast<float>(r.pixel / view_.width) + shift * r.across.y();
-      kept.push_back(r);
+      const Turn turn = TurnAt(i, stride);
+      if (turn.wide < low * low) continue;
+      int steepest = i;
+      for (const int k : {i - side, i + stride, i + stride - side}) {
+        if (other[k] > other[steepest]) steepest = k;
+      }
+      if (here < kSteepShare * other[steepest]) continue;
+      ridges_.push_back(RidgeAt(i, axis, turn, steepest));
     }
-    ridges_ = std::move(kept);
+  }
+
+  Ridge RidgeAt(int i, int axis, const Turn& turn, int steepest) const {
+    const std::vector<float>& power = power_[axis];
+    const int stride = Stride(axis), side = Stride(1 - axis);
+    Ridge ridge;
+    Vector2f across = Vector2f::Zero();
+    across[axis] = turn.weighted.norm();
+    if (power_[1 - axis][steepest] > 0.0f) {
+      const Vector3f sideways = TurnAt(steepest, side).weighted;
+      across[1 - axis] = sideways.norm() * (sideways.dot(turn.weighted) < 0.0f ? -1.0f : 1.0f);
+    }
+    ridge.across = across.normalized();
+    ridge.beside_contour = power[i - stride] < 0.0f || power[i + stride] < 0.0f ||
+                           power[i - 2 * stride] < 0.0f || power[i + 2 * stride] < 0.0f;
+    const float before = std::sqrt(std::max(0.0f, power[i - stride]));
+    const float after = std::sqrt(std::max(0.0f, power[i + stride]));
+    const float bend = before - 2.0f * std::sqrt(power[i]) + after;
+    Vector2f at(static_cast<float>(i % view_.width), static_cast<float>(i / view_.width));
+    at[axis] += 0.5f;
+    if (bend < 0.0f) at[axis] += std::clamp(0.5f * (before - after) / bend, -0.5f, 0.5f);
+    ridge.point.u = at.x();
+    ridge.point.v = at.y();
+    ridge.point.kind = VisibleEdgeKind::kCrease;
+    ridge.point.turn_rad = 2.0f * std::asin(std::min(1.0f, 0.5f * std::sqrt(turn.wide)));
+    return ridge;
+  }
+
+  int PixelOf(float u, float v) const {
+    return static_cast<int>(std::lround(v)) * view_.width + static_cast<int>(std::lround(u));
   }
 
   void CrossSharpEdges() {
-    at_pixel_.assign(view_.triangle.size(), -1);
+    at_pixel_.assign(view_.triangle.size(), kIdle);
     for (const Ridge& r : ridges_) {
+      const int pixel = PixelOf(r.point.u, r.point.v);
       for (int dy = -1; dy <= 1; ++dy) {
-        for (int dx = -1; dx <= 1; ++dx) at_pixel_[r.pixel + dy * view_.width + dx] = kWanted;
+        for (int dx = -1; dx <= 1; ++dx) at_pixel_[pixel + dy * view_.width + dx] = kWanted;
       }
     }
     for (const RenderMeshEdge& e : mesh_.edges) {
@@ -187,12 +191,14 @@ class CreaseFinder {
       if (mesh_.closed && r_.facing[e.left] < 0) continue;
       float cosine = mesh_.face_normals[e.left].dot(mesh_.face_normals[e.right]);
       if (e.same_winding) cosine = -cosine;
-      if (cosine > kSharpCosine) continue;
-      Cross(r_.screen[e.a], r_.screen[e.b], std::acos(std::max(-1.0f, cosine)));
+      if (cosine < kSharpCosine) Cross(e, std::acos(std::max(-1.0f, cosine)));
     }
   }
 
-  void Cross(const Vector3f& p, const Vector3f& q, float turn_rad) {
+  void Cross(const RenderMeshEdge& e, float turn_rad) {
+    const Vector3f& p = r_.screen[e.a];
+    const Vector3f& q = r_.screen[e.b];
+    const Vector2f along = (q - p).head<2>().normalized();
     for (const int axis : {0, 1}) {
       const Vector3f& low = p[1 - axis] <= q[1 - axis] ? p : q;
       const Vector3f& high = p[1 - axis] <= q[1 - axis] ? q : p;
@@ -204,78 +210,100 @@ class CreaseFinder {
       for (int line = first; line <= last; ++line) {
         const float t = (static_cast<float>(line) - low[1 - axis]) / extent;
         const Vector3f at = low + t * (high - low);
-        const int x = static_cast<int>(std::lround(at.x()));
-        const int y = static_cast<int>(std::lround(at.y()));
-        if (!Inside(x, y, 0)) continue;
-        const int pixel = y * view_.width + x;
-        if (at_pixel_[pixel] == -1) continue;
-        const float depth = view_.inverse_depth[pixel];
-        if (std::abs(at.z() - depth) * r_.focal_px > kOnSurfacePx * depth) continue;
-        crossings_.push_back({at, turn_rad, at_pixel_[pixel]});
+        if (!(at.x() > -0.5f && at.y() > -0.5f && at.x() < static_cast<float>(view_.width) - 0.5f &&
+              at.y() < static_cast<float>(view_.height) - 0.5f)) {
+          continue;
+        }
+        const int pixel = PixelOf(at.x(), at.y());
+        if (at_pixel_[pixel] == kIdle || !OnSurface(at, pixel, e)) continue;
+        crossings_.push_back({at, along, turn_rad, at_pixel_[pixel]});
         at_pixel_[pixel] = static_cast<int>(crossings_.size()) - 1;
       }
     }
   }
 
+  bool OnSurface(const Vector3f& at, int pixel, const RenderMeshEdge& e) const {
+    const int t = view_.triangle[pixel];
+    if (t < 0) return false;
+    if (t == e.left || t == e.right) return true;
+    const float allowed = kOnSurfacePx * at.z() / r_.focal_px;
+    return std::abs(at.z() - view_.inverse_depth[pixel]) < allowed ||
+           std::abs(at.z() - PlaneOf(r_, mesh_, t).At(at.x(), at.y())) < allowed;
+  }
+
   // Onto the sharp edge that makes the ridge, if one does; otherwise where the turn peaks.
   void PlaceRidges() {
     std::vector<Ridge> kept;
+    kept.reserve(ridges_.size());
     for (Ridge& r : ridges_) {
-      const Vector2f from(r.point.u, r.point.v);
-      const Vector2f along(-r.across.y(), r.across.x());
-      float best = kSnapAcrossPx;
-      for (int dy = -1; dy <= 1; ++dy) {
-        for (int dx = -1; dx <= 1; ++dx) {
-          for (int c = at_pixel_[r.pixel + dy * view_.width + dx]; c >= 0; c = crossings_[c].next) {
-            const Crossing& crossing = crossings_[c];
-            const Vector2f off = crossing.at.head<2>() - from;
-            const float distance = std::abs(off.dot(r.across)) + 0.3f * std::abs(off.dot(along));
-            if (crossing.turn_rad < kSharpShare * r.turn_rad || distance >= best ||
-                std::abs(off.dot(along)) > kSnapAlongPx) {
-              continue;
-            }
-            best = distance;
-            r.point.u = crossing.at.x();
-            r.point.v = crossing.at.y();
-            r.point.inverse_depth = crossing.at.z();
-            r.point.exact = true;
-          }
-        }
-      }
-      if (!r.point.exact) {
-        if (r.beside_contour) continue;
-        const int t = view_.triangle[r.pixel];
-        const InverseDepthPlane plane = PlaneOf(r_, mesh_, t);
-        const float here = view_.inverse_depth[r.pixel];
+      const int pixel = PixelOf(r.point.u, r.point.v);
+      const int crossing = SharpEdgeAt(r, pixel);
+      if (crossing >= 0) {
+        const Crossing& c = crossings_[crossing];
+        r.point.u = c.at.x();
+        r.point.v = c.at.y();
+        r.point.inverse_depth = c.at.z();
+        r.point.exact = true;
+        r.across = {-c.along.y(), c.along.x()};
+      } else if (r.beside_contour || view_.triangle[pixel] < 0) {
+        continue;
+      } else {
+        const float here = view_.inverse_depth[pixel];
         const float limit = kOnSurfacePx * here / r_.focal_px;
-        r.point.inverse_depth = std::clamp(plane.At(r.point.u, r.point.v), here - limit, here + limit);
+        const float plane = PlaneOf(r_, mesh_, view_.triangle[pixel]).At(r.point.u, r.point.v);
+        r.point.inverse_depth = std::clamp(plane, here - limit, here + limit);
       }
-      r.point.kind = VisibleEdgeKind::kCrease;
-      r.point.turn_rad = r.turn_rad;
       kept.push_back(r);
     }
     ridges_ = std::move(kept);
   }
 
-  // The neighbour that goes on best in a direction; -1: none.
-  int Follow(int ridge, const Vector2f& heading) const {
-    const int pixel = ridges_[ridge].pixel;
-    int best = -1;
-    float most = kLeastCosine;
+  int SharpEdgeAt(const Ridge& r, int pixel) const {
+    const Vector2f from(r.point.u, r.point.v);
+    int found = -1;
+    float best = kSnapAcrossPx;
     for (int dy = -1; dy <= 1; ++dy) {
       for (int dx = -1; dx <= 1; ++dx) {
-        const int other = at_pixel_[pixel + dy * view_.width + dx];
-        if (other < 0 || other == ridge || done_[other]) continue;
-        const Vector2f off(static_cast<float>(dx), static_cast<float>(dy));
-        // The next pixel before the next but one, where a staircase offers both.
-        const float score = heading.dot(off.normalized()) + (dx == 0 || dy == 0 ? 0.1f : 0.0f);
-        if (score > most) {
-          most = score;
-          best = other;
+        for (int c = at_pixel_[pixel + dy * view_.width + dx]; c >= 0; c = crossings_[c].next) {
+          const Vector2f off = crossings_[c].at.head<2>() - from;
+          const float along = std::abs(off.dot(crossings_[c].along));
+          const float distance = off.norm();
+          if (crossings_[c].turn_rad < kSharpShare * r.point.turn_rad || distance >= best ||
+              along > kSnapAlongPx) {
+            continue;
+          }
+          best = distance;
+          found = c;
         }
       }
     }
-    return best;
+    return found;
+  }
+
+  // The point that goes on best in a direction; -1: none.
+  int Follow(int from, const Vector2f& heading) const {
+    const ScreenEdgePoint& p = ridges_[from].point;
+    const int pixel = PixelOf(p.u, p.v);
+    int found = -1;
+    float least = kLinkPx;
+    for (int dy = -2; dy <= 2; ++dy) {
+      for (int dx = -2; dx <= 2; ++dx) {
+        for (int k = at_pixel_[pixel + dy * view_.width + dx]; k >= 0; k = ridges_[k].next) {
+          if (done_[k]) continue;
+          const Vector2f off(ridges_[k].point.u - p.u, ridges_[k].point.v - p.v);
+          const float length = off.norm();
+          if (length >= kLinkPx) continue;
+          const float cosine = length < 0.3f ? 1.0f : heading.dot(off) / length;
+          if (cosine < kLeastCosine) continue;
+          const float cost = length * (2.0f - cosine);
+          if (cost < least) {
+            least = cost;
+            found = k;
+          }
+        }
+      }
+    }
+    return found;
   }
 
   std::vector<int> Walk(int from, Vector2f heading) {
@@ -285,8 +313,10 @@ class CreaseFinder {
       if (next < 0) return out;
       done_[next] = 1;
       out.push_back(next);
-      Vector2f along(-ridges_[next].across.y(), ridges_[next].across.x());
-      heading = along.dot(heading) < 0.0f ? Vector2f(-along) : along;
+      const Ridge& r = ridges_[next];
+      Vector2f along(-r.across.y(), r.across.x());
+      if (along.dot(heading) < 0.0f) along = -along;
+      heading = r.point.exact ? along : Vector2f((along + heading).normalized());
       at = next;
     }
   }
@@ -294,7 +324,11 @@ class CreaseFinder {
   ScreenEdges Link() {
     std::fill(at_pixel_.begin(), at_pixel_.end(), -1);
     const int count = static_cast<int>(ridges_.size());
-    for (int i = 0; i < count; ++i) at_pixel_[ridges_[i].pixel] = i;
+    for (int i = count - 1; i >= 0; --i) {
+      int& head = at_pixel_[PixelOf(ridges_[i].point.u, ridges_[i].point.v)];
+      ridges_[i].next = head;
+      head = i;
+    }
     done_.assign(ridges_.size(), 0);
     ScreenEdges out;
     for (int i = 0; i < count; ++i) {
@@ -307,7 +341,7 @@ class CreaseFinder {
       chain.push_back(i);
       chain.insert(chain.end(), forward.begin(), forward.end());
       const bool sharp = std::any_of(chain.begin(), chain.end(), [&](int k) {
-        return ridges_[k].turn_rad >= high_;
+        return ridges_[k].point.turn_rad >= high_;
       });
       if (!sharp) continue;
       for (const int k : chain) out.points.push_back(ridges_[k].point);
@@ -316,6 +350,8 @@ class CreaseFinder {
     return out;
   }
 
+  static constexpr float kCut = -1.0f;  // no turn: a contour runs between the pixels
+  static constexpr int kIdle = -1;
   static constexpr int kWanted = -2;  // a pixel near a ridge, without a crossing so far
 
   const Rendering& r_;
@@ -324,8 +360,7 @@ class CreaseFinder {
   const RenderedView& view_;
   const float high_;
   std::vector<Vector3f> normals_;  // towards the camera, object frame
-  std::vector<float> power_;
-  std::vector<char> cut_;
+  std::array<std::vector<float>, 2> power_;  // squared turn to the right and lower neighbour
   std::vector<Ridge> ridges_;
   std::vector<Crossing> crossings_;
   std::vector<int> at_pixel_;  // crossing or ridge there

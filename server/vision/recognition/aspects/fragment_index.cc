@@ -13,30 +13,28 @@ namespace {
 
 constexpr float kPi = 3.14159265358979f;
 constexpr int kMaxCells = 64;      // along an axis
-constexpr long kMaxPacked = 8000;  // eight squared differences of such fit 31 bits
 
 using KeyVector = Eigen::Matrix<float, kFragmentAngles, 1>;
+
+struct Entry {
+  PackedFragmentKey key;
+  IndexedFragment fragment;
+};
 
 KeyVector AsVector(const FragmentKey& key) {
   return Eigen::Map<const KeyVector>(key.data());
 }
-
-PackedFragmentKey Pack(const FragmentKey& key) {
-  PackedFragmentKey packed;
-  for (int i = 0; i < kFragmentAngles; ++i) {
-    packed[i] = static_cast<std::int16_t>(
-        std::clamp(std::lround(key[i] * kKeyScale), -kMaxPacked, kMaxPacked));
-  }
-  return packed;
+KeyVector AsVector(const PackedFragmentKey& key) {
+  return AsVector(UnpackKey(key));
 }
 
 // The three directions in which keys differ most. A key read backwards is as likely, so the mean is
 // taken over both; it only shifts the cells.
-Eigen::Matrix<float, 3, kFragmentAngles> MainDirections(const std::vector<AspectFragment>& all) {
+Eigen::Matrix<float, 3, kFragmentAngles> MainDirections(const std::vector<Entry>& all) {
   Eigen::Matrix<double, kFragmentAngles, kFragmentAngles> moment;
   moment.setZero();
-  for (const AspectFragment& f : all) {
-    const auto v = AsVector(f.key).cast<double>();
+  for (const Entry& f : all) {
+    const Eigen::Matrix<double, kFragmentAngles, 1> v = AsVector(f.key).cast<double>();
     moment += v * v.transpose();
     moment += v.reverse() * v.reverse().transpose();
   }
@@ -44,7 +42,7 @@ Eigen::Matrix<float, 3, kFragmentAngles> MainDirections(const std::vector<Aspect
   return solver.eigenvectors().rightCols<3>().transpose().cast<float>();
 }
 
-void AddPart(const AspectPart& part, FragmentIndex* index, std::vector<AspectFragment>* all) {
+void AddPart(const AspectPart& part, FragmentIndex* index, std::vector<Entry>* all) {
   const AspectSet& set = part.object->aspects;
   const int first = static_cast<int>(index->aspects.size());
   const PinholeCamera camera = AspectCamera(set);
@@ -73,15 +71,19 @@ void AddPart(const AspectPart& part, FragmentIndex* index, std::vector<AspectFra
       ++aspect.points;
     }
   }
-  for (AspectFragment f : part.fragments->fragments) {
-    f.aspect += first;
-    all->push_back(f);
+  for (const AspectFragment& f : part.fragments->fragments) {
+    all->push_back({f.key,
+                    {first + f.aspect,
+                     f.x / AspectFragment::kPlaceScale,
+                     f.y / AspectFragment::kPlaceScale,
+                     f.spread / AspectFragment::kSpreadScale,
+                     f.chord / AspectFragment::kTurnScale}});
   }
   index->parts.push_back(part);
 }
 
 // Sorts the fragments into cells.
-void FillGrid(const std::vector<AspectFragment>& all, FragmentIndex* index) {
+void FillGrid(const std::vector<Entry>& all, FragmentIndex* index) {
   const std::size_t n = all.size();
   std::vector<Eigen::Array3f> places(n);
   Eigen::Array3f low = Eigen::Array3f::Constant(1e9f), high = -low;
@@ -111,9 +113,8 @@ void FillGrid(const std::vector<AspectFragment>& all, FragmentIndex* index) {
   index->keys.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
     const std::uint32_t at = next[of[i]]++;
-    const AspectFragment& f = all[i];
-    index->fragments[at] = {f.aspect, f.center.x(), f.center.y(), f.spread, f.chord_rad};
-    index->keys[at] = Pack(f.key);
+    index->fragments[at] = all[i].fragment;
+    index->keys[at] = all[i].key;
   }
 }
 
@@ -161,7 +162,7 @@ void FragmentIndex::Find(const FragmentKey& key,
     const float over = i == cells[d] - 1 ? 0.0f : place[d] - (i + 1);
     return std::max(0.0f, std::max(under, over));
   };
-  const PackedFragmentKey packed = Pack(key);
+  const PackedFragmentKey packed = PackKey(key);
   const int limit = static_cast<int>(radius * radius * kKeyScale * kKeyScale);
   for (int i = first(0); i <= last(0, reach); ++i) {
     const float di = away(0, i);
@@ -189,7 +190,7 @@ absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectPart> par
                                                  const FragmentIndexOptions& options) {
   FragmentIndex index;
   index.options = options;
-  std::vector<AspectFragment> all;
+  std::vector<Entry> all;
   for (const AspectPart& part : parts) AddPart(part, &index, &all);
   if (!all.empty()) {
     index.axes = MainDirections(all);

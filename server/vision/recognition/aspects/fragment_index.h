@@ -55,10 +55,6 @@ struct FragmentIndexOptions {
   int threads = 1;          // of building the tree
 };
 
-// Keys in steps of 1 / kKeyScale rad: one is a 16 byte vector.
-using PackedFragmentKey = std::array<std::int16_t, kFragmentAngles>;
-inline constexpr float kKeyScale = 512.0f;
-
 // Immutable once built; any number of threads may search it. `fragments` and `keys` are in the order
 // of the grid's cells.
 struct FragmentIndex {

@@ -17,20 +17,28 @@ constexpr float kSameSurfacePx = 25.0f;
 constexpr std::array<int, 4> kDx = {1, 0, -1, 0};
 constexpr std::array<int, 4> kDy = {0, 1, 0, -1};
 
+bool ShareVertex(const Eigen::Vector3i& a, const Eigen::Vector3i& b) {
+  return std::any_of(a.begin(), a.end(), [&](int v) { return (b.array() == v).any(); });
+}
+
+// Whether pixels i and j beside each other, with a step in depth, see one surface.
 bool Explained(const Rendering& r, const RenderMesh& mesh, int i, int j, float tolerance) {
   const RenderedView& view = r.view;
-  if (view.triangle[i] == view.triangle[j]) return true;
+  const int ti = view.triangle[i], tj = view.triangle[j];
+  if (ti == tj) return true;
   const int w = view.width;
   const auto xi = static_cast<float>(i % w), yi = static_cast<float>(i / w);
   const auto xj = static_cast<float>(j % w), yj = static_cast<float>(j / w);
-  const InverseDepthPlane pi = PlaneOf(r, mesh, view.triangle[i]);
-  const InverseDepthPlane pj = PlaneOf(r, mesh, view.triangle[j]);
+  const InverseDepthPlane pi = PlaneOf(r, mesh, ti), pj = PlaneOf(r, mesh, tj);
+  // The planes' difference in depth at both pixels.
+  const float at_i = view.inverse_depth[i] - pj.At(xi, yi);
+  const float at_j = pi.At(xj, yj) - view.inverse_depth[j];
+  // A crease of a steep face: neighbours that meet between the pixels.
+  if (at_i * at_j <= 0.0f && ShareVertex(mesh.triangles[ti], mesh.triangles[tj])) return true;
   // Curved surfaces bend between pixels, the more the steeper they are.
-  const float slope = std::min(std::abs(pi.gradient.dot(Eigen::Vector2f(xj - xi, yj - yi))),
-                               std::abs(pj.gradient.dot(Eigen::Vector2f(xj - xi, yj - yi))));
-  const float off = std::min(std::abs(view.inverse_depth[j] - pi.At(xj, yj)),
-                             std::abs(view.inverse_depth[i] - pj.At(xi, yi)));
-  return off < tolerance + 0.5f * slope;
+  const Eigen::Vector2f step(xj - xi, yj - yi);
+  const float slope = std::min(std::abs(pi.gradient.dot(step)), std::abs(pj.gradient.dot(step)));
+  return std::min(std::abs(at_i), std::abs(at_j)) < tolerance + 0.5f * slope;
 }
 
 // The side of a pixel where something farther begins, as a piece of the line between two pixels: it

@@ -1,0 +1,31 @@
+// A part's contour fragments as bytes, stored beside its aspects.
+//
+// Byte layout, little-endian, no padding: magic "HFRG", version u16, zero u16, fingerprint u64 (of
+// the aspects they were drawn from and the options), checksum u64 of everything behind it, then u32
+// aspects, f32 edge length each, u32 fragments, 26 bytes each.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "absl/status/statusor.h"
+#include "server/vision/recognition/aspects/aspect_fragments.h"
+#include "server/vision/recognition/aspects/aspect_set.h"
+
+namespace horopter {
+
+// To be raised with every change of what MakePartFragments computes or of how it is written.
+inline constexpr int kFragmentVersion = 1;
+
+std::string EncodePartFragments(const PartFragments& fragments,
+                                const AspectSet& set,
+                                const AspectFragmentOptions& options = {});
+
+// What MakePartFragments(mesh, set, options) returned, bit for bit. Errors: FAILED_PRECONDITION
+// (another version, other aspects or options), DATA_LOSS (damaged).
+absl::StatusOr<PartFragments> DecodePartFragments(std::string_view blob,
+                                                  const AspectSet& set,
+                                                  const AspectFragmentOptions& options = {});
+
+}  // namespace horopter
