@@ -1,0 +1,74 @@
+// Cameras and poses of a scene adjusted together to the edges that its parts show.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/base/stop_token.h"
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/rigid3.h"
+#include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/recognition/aspects/render_mesh.h"
+
+namespace horopter {
+
+// Cameras are those of the original images; scene frame in metres.
+struct AspectSceneView {
+  PinholeCamera camera;
+  Rigid3 camera_from_scene;
+  // Prior of the focal length: ln f has this mean and deviation.
+  double prior_log_focal = 0.0;
+  double log_focal_sigma = 0.35;
+};
+
+struct AspectSceneObject {
+  int object = -1;  // index into the meshes
+  Rigid3 scene_from_object;
+};
+
+// One equation: the projection of a point of an object, along `normal`, is at `target`.
+struct SceneRow {
+  int view = -1;
+  int object = -1;                                    // index into the scene's objects
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();    // object frame
+  Eigen::Vector2d target = Eigen::Vector2d::Zero();   // pixels
+  Eigen::Vector2d normal = Eigen::Vector2d::UnitX();  // unit
+  double weight = 1.0;
+};
+
+// The first object stays where it is: it fixes the scene's frame.
+struct AspectScene {
+  std::vector<std::optional<AspectSceneView>> views;
+  std::vector<AspectSceneObject> objects;
+};
+
+struct AspectAdjustmentOptions {
+  // Of each round: reach along the normals (working pixels) and whether edges are rendered anew.
+  std::vector<double> search_px = {8.0, 5.0, 4.0, 3.0, 3.0};
+  double render_px = 160.0;
+  int max_points = 250;   // of an object in a view
+  int steps = 3;          // of Gauss-Newton in a round, under the same rows
+  double sigma_px = 1.0;  // of a row
+};
+
+// Gauss-Newton of all cameras (pose and focal length under its prior) and of all objects but the
+// first over the rows; returns the weighted rms of the rows in pixels, 0 without rows. A step that
+// makes it worse is damped (Levenberg-Marquardt).
+double AdjustToRows(std::span<const SceneRow> rows, int steps, double sigma_px, AspectScene* scene);
+
+// One step of a single object's pose over its rows, cameras held.
+Rigid3 AdjustObjectToRows(std::span<const SceneRow> rows,
+                          const std::vector<std::optional<AspectSceneView>>& views,
+                          const Rigid3& scene_from_object);
+
+// The same over the image edges that the objects' visible edges meet. `images` one per view,
+// `meshes` by AspectSceneObject::object. Leaves the scene as it is where nothing meets.
+void AdjustToEdges(std::span<const AspectImage> images,
+                   std::span<const RenderMesh* const> meshes,
+                   const AspectAdjustmentOptions& options,
+                   int threads,
+                   AspectScene* scene);
+
+}  // namespace horopter

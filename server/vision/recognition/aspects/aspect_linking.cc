@@ -1,0 +1,681 @@
+#include "server/vision/recognition/aspects/aspect_linking.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspects/aspect_score.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kChanceScore = 0.4;     // what a wrong pose reaches in one image
+constexpr double kFineRenderPx = 200.0;  // of the scores that are answered
+constexpr double kLeastWeight = 0.003;   // of a hypothesis that is no better than chance
+constexpr double kLeastChance = 0.25;    // of a wrong pose's score in an image
+constexpr double kMostChance = 0.5;
+constexpr std::size_t kLongList = 12;    // hypotheses of which a fifth may be right
+constexpr double kShownScore = 0.35;     // of the best object in a view whose camera is right
+constexpr int kSeedObjects = 8;
+constexpr int kVirtualSteps = 12;
+constexpr double kVirtualSigmaPx = 6.0;
+
+std::array<Eigen::Vector3d, 8> BoxCorners(const RenderMesh& mesh) {
+  // A cube of the diameter's size about the centre: what turns and scale are seen by.
+  const double h = 0.29 * mesh.diameter_m;
+  std::array<Eigen::Vector3d, 8> out;
+  for (int i = 0; i < 8; ++i) {
+    out[i] = mesh.center.cast<double>() +
+             h * Eigen::Vector3d(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1);
+  }
+  return out;
+}
+
+// A placed object and the hypotheses of views that say so.
+struct GrownObject {
+  AspectSceneObject placed;
+  std::vector<int> hypothesis;  // of each view, -1: none
+  std::vector<Rigid3> turn;     // symmetry between the hypothesis and the placed object
+};
+
+struct GrownScene {
+  std::vector<std::optional<AspectSceneView>> views;
+  std::vector<GrownObject> objects;
+  double support = 0.0;
+};
+
+class Linker {
+ public:
+  Linker(const AspectLinkInput& input, const AspectLinkOptions& options, const StopRequested& stop)
+      : in_(input), options_(options), stop_(stop) {
+    for (std::size_t v = 0; v < in_.images.size(); ++v) {
+      std::vector<AspectHypothesis> kept;
+      for (const AspectHypothesis& h : in_.hypotheses[v]) {
+        if (static_cast<int>(kept.size()) >= options.hypotheses_per_view) break;
+        if (h.score >= options.min_hypothesis) kept.push_back(h);
+      }
+      weights_.push_back(Weights(kept));
+      hypotheses_.push_back(std::move(kept));
+    }
+    for (const AspectPart& part : in_.parts) meshes_.push_back(&part.object->mesh);
+  }
+
+  LinkedScene Run() {
+    std::vector<GrownScene> seeds = PairSeeds();
+    for (GrownScene& seed : seeds) {
+      if (IsStopRequested(stop_)) break;
+      Grow(&seed);
+    }
+    std::stable_sort(seeds.begin(), seeds.end(), [](const GrownScene& a, const GrownScene& b) {
+      return a.support > b.support;
+    });
+    LinkedScene best;
+    int adjusted = 0;
+    std::vector<double> tried;
+    for (const GrownScene& seed : seeds) {
+      if (adjusted >= options_.adjusted_seeds || IsStopRequested(stop_)) break;
+      // The same links found from another pair of views.
+      if (std::any_of(tried.begin(), tried.end(), [&](double s) {
+            return std::abs(s - seed.support) < 1e-9;
+          })) {
+        continue;
+      }
+      tried.push_back(seed.support);
+      ++adjusted;
+      LinkedScene scene = Complete(seed);
+      if (scene.score > best.score) best = std::move(scene);
+    }
+    if (best.views.empty()) best.views.resize(in_.images.size());
+    if (!best.objects.empty() && best.registered() < static_cast<int>(best.views.size()) &&
+        !IsStopRequested(stop_)) {
+      LinkedScene more = Rescue(best);
+      if (more.score > best.score) best = std::move(more);
+    }
+    if (!best.objects.empty()) FindRunnersUp(&best);
+    return best;
+  }
+
+ private:
+  const AspectPart& PartOf(const AspectHypothesis& h) const { return in_.parts[h.object]; }
+
+  // What hypotheses score above what chance gives wrong poses in their image: most of a long list
+  // is wrong.
+  static std::vector<double> Weights(const std::vector<AspectHypothesis>& kept) {
+    double chance = kLeastChance;
+    if (kept.size() >= kLongList)
+      chance = std::clamp(kept[kept.size() / 5].score, kLeastChance, kMostChance);
+    std::vector<double> weights;
+    for (const AspectHypothesis& h : kept)
+      weights.push_back(std::max(kLeastWeight, h.score - chance));
+    return weights;
+  }
+
+  // Of a part seen in two views: as good as in the worse one, both count.
+  static double Support(double a, double b) { return 2.0 * std::sqrt(a * b); }
+
+  std::vector<Rigid3> Turns(int object) const {
+    std::vector<Rigid3> turns = {Rigid3{}};
+    for (const Rigid3& s : in_.parts[object].symmetries) {
+      if (static_cast<int>(turns.size()) >= options_.max_symmetries) break;
+      turns.push_back(s);
+    }
+    return turns;
+  }
+
+  AspectSceneView ViewOf(int v, const PinholeCamera& camera, const Rigid3& pose) const {
+    const AspectViewPrior& prior = in_.priors[v];
+    return {camera, pose, std::log(prior.camera.focal_px), prior.log_focal_sigma};
+  }
+
+  // Whether a placed object of hypothesis h is where the view expects it.
+  double Agreement(const AspectSceneView& view,
+                   const Rigid3& expected,
+                   const AspectHypothesis& h) const {
+    const AspectPart& part = PartOf(h);
+    const Eigen::Vector3d center = part.object->mesh.center.cast<double>();
+    const Eigen::Vector3d x = expected * center;
+    if (x.z() <= 0) return 0.0;
+    const double size = view.camera.focal_px * part.object->mesh.diameter_m / x.z();
+    const double reach = options_.same_pose_share * size;
+    const Eigen::Vector2d there = Project(h.camera, h.camera_from_object * center);
+    if ((Project(view.camera, x) - there).norm() > reach) return 0.0;
+    const double off = PoseDistancePx(part, view.camera, expected, h.camera, h.camera_from_object);
+    return off < reach ? 1.0 - 0.5 * off / reach : 0.0;
+  }
+
+  // The hypothesis of view v that agrees best with an object placed at `expected` (camera frame).
+  std::pair<int, double> BestAgreeing(int v,
+                                      const AspectSceneView& view,
+                                      int object,
+                                      const Rigid3& expected) const {
+    std::pair<int, double> best{-1, 0.0};
+    for (std::size_t i = 0; i < hypotheses_[v].size(); ++i) {
+      const AspectHypothesis& h = hypotheses_[v][i];
+      if (h.object != object) continue;
+      const double value = weights_[v][i] * Agreement(view, expected, h);
+      if (value > best.second) best = {static_cast<int>(i), value};
+    }
+    return best;
+  }
+
+  // Two views linked by one hypothesis of each, and the other parts that agree.
+  GrownScene LinkPair(int a, int b, int i, int j, const Rigid3& turn) const {
+    const AspectHypothesis &h = hypotheses_[a][i], &g = hypotheses_[b][j];
+    GrownScene out;
+    out.views.resize(in_.images.size());
+    out.views[a] = ViewOf(a, h.camera, h.camera_from_object);
+    out.views[b] = ViewOf(b, g.camera, g.camera_from_object * turn);
+    GrownObject first;
+    first.placed = {h.object, Rigid3{}};
+    first.hypothesis.assign(in_.images.size(), -1);
+    first.hypothesis[a] = i;
+    first.hypothesis[b] = j;
+    out.objects.push_back(first);
+    out.support = Support(weights_[a][i], weights_[b][j]);
+    const Rigid3 scene_from_a = out.views[a]->camera_from_scene.Inverse();
+    std::vector<Eigen::Vector3d> places = {meshes_[h.object]->center.cast<double>()};
+    std::vector<double> sizes = {meshes_[h.object]->diameter_m};
+    for (std::size_t k = 0; k < hypotheses_[a].size(); ++k) {
+      const AspectHypothesis& other = hypotheses_[a][k];
+      if (static_cast<int>(k) == i || weights_[a][k] <= kLeastWeight) continue;
+      if (out.objects.size() >= kSeedObjects) break;
+      const Rigid3 placed =
+          scene_from_a *
+          WithFocal(other.camera_from_object, other.camera.focal_px, h.camera.focal_px);
+      const Eigen::Vector3d center = placed * meshes_[other.object]->center.cast<double>();
+      if (!IsApart(center, meshes_[other.object]->diameter_m, places, sizes)) continue;
+      const auto [match, value] =
+          BestAgreeing(b, *out.views[b], other.object, out.views[b]->camera_from_scene * placed);
+      if (match < 0) continue;
+      GrownObject object;
+      object.placed = {other.object, placed};
+      object.hypothesis.assign(in_.images.size(), -1);
+      object.hypothesis[a] = static_cast<int>(k);
+      object.hypothesis[b] = match;
+      out.objects.push_back(std::move(object));
+      out.support += Support(weights_[a][k], value);
+      places.push_back(center);
+      sizes.push_back(meshes_[other.object]->diameter_m);
+    }
+    return out;
+  }
+
+  bool IsApart(const Eigen::Vector3d& center,
+               double diameter,
+               const std::vector<Eigen::Vector3d>& places,
+               const std::vector<double>& sizes) const {
+    for (std::size_t p = 0; p < places.size(); ++p) {
+      if ((center - places[p]).norm() < options_.apart_share * std::min(diameter, sizes[p]))
+        return false;
+    }
+    return true;
+  }
+
+  std::vector<GrownScene> PairSeeds() const {
+    const int views = static_cast<int>(in_.images.size());
+    if (views == 1) return SingleViewSeeds();
+    std::vector<std::pair<int, int>> pairs;
+    for (int a = 0; a < views; ++a) {
+      for (int b = a + 1; b < views; ++b) pairs.emplace_back(a, b);
+    }
+    std::vector<std::vector<GrownScene>> of_pair(pairs.size());
+    ParallelFor(static_cast<int>(pairs.size()), options_.threads, [&](int p) {
+      const auto [a, b] = pairs[p];
+      std::vector<GrownScene>& found = of_pair[p];
+      for (std::size_t i = 0; i < hypotheses_[a].size(); ++i) {
+        if (IsStopRequested(stop_)) return;
+        for (std::size_t j = 0; j < hypotheses_[b].size(); ++j) {
+          if (hypotheses_[a][i].object != hypotheses_[b][j].object) continue;
+          for (const Rigid3& turn : Turns(hypotheses_[a][i].object)) {
+            found.push_back(LinkPair(a, b, static_cast<int>(i), static_cast<int>(j), turn));
+          }
+        }
+      }
+      KeepBest(static_cast<std::size_t>(options_.pair_seeds), &found);
+    });
+    std::vector<GrownScene> all;
+    for (auto& found : of_pair) {
+      for (GrownScene& s : found) all.push_back(std::move(s));
+    }
+    KeepBest(static_cast<std::size_t>(options_.pair_seeds), &all);
+    return all;
+  }
+
+  std::vector<GrownScene> SingleViewSeeds() const {
+    std::vector<GrownScene> out;
+    for (std::size_t i = 0; i < hypotheses_[0].size() && i < 4; ++i) {
+      const AspectHypothesis& h = hypotheses_[0][i];
+      GrownScene scene;
+      scene.views.push_back(ViewOf(0, h.camera, h.camera_from_object));
+      scene.objects.push_back({{h.object, Rigid3{}}, {static_cast<int>(i)}, {}});
+      scene.support = h.score;
+      out.push_back(std::move(scene));
+    }
+    return out;
+  }
+
+  static void KeepBest(std::size_t count, std::vector<GrownScene>* scenes) {
+    std::stable_sort(scenes->begin(), scenes->end(), [](const GrownScene& a, const GrownScene& b) {
+      return a.support > b.support;
+    });
+    if (scenes->size() > count) scenes->resize(count);
+  }
+
+  // Adds the other views, each by the camera under which most placed objects are where the view's
+  // own hypotheses say.
+  void Grow(GrownScene* scene) const {
+    for (std::size_t v = 0; v < scene->views.size(); ++v) {
+      if (scene->views[v]) continue;
+      std::optional<AspectSceneView> best_view;
+      double best = 0.0;
+      for (const GrownObject& o : scene->objects) {
+        for (const AspectHypothesis& h : hypotheses_[v]) {
+          if (h.object != o.placed.object) continue;
+          for (const Rigid3& turn : Turns(h.object)) {
+            const AspectSceneView view =
+                ViewOf(static_cast<int>(v),
+                       h.camera,
+                       h.camera_from_object * turn * o.placed.scene_from_object.Inverse());
+            double sum = 0.0;
+            for (const GrownObject& other : scene->objects) {
+              sum += BestAgreeing(static_cast<int>(v),
+                                  view,
+                                  other.placed.object,
+                                  view.camera_from_scene * other.placed.scene_from_object)
+                         .second;
+            }
+            if (sum > best) best = sum, best_view = view;
+          }
+        }
+      }
+      if (!best_view) continue;
+      scene->views[v] = best_view;
+      scene->support += best;
+      for (GrownObject& o : scene->objects) {
+        o.hypothesis[v] = BestAgreeing(static_cast<int>(v),
+                                       *best_view,
+                                       o.placed.object,
+                                       best_view->camera_from_scene * o.placed.scene_from_object)
+                              .first;
+      }
+    }
+  }
+
+  // Cameras and poses that agree best with what the views say of the objects: their hypotheses as
+  // points, each part's symmetry chosen by what is nearest.
+  void AdjustToHypotheses(const GrownScene& grown, AspectScene* scene) const {
+    std::vector<SceneRow> rows;
+    for (std::size_t o = 0; o < grown.objects.size(); ++o) {
+      const int object = grown.objects[o].placed.object;
+      const auto corners = BoxCorners(*meshes_[object]);
+      for (std::size_t v = 0; v < grown.views.size(); ++v) {
+        const int i = grown.objects[o].hypothesis[v];
+        if (i < 0 || !grown.views[v]) continue;
+        const AspectHypothesis& h = hypotheses_[v][i];
+        const Rigid3 expected =
+            grown.views[v]->camera_from_scene * grown.objects[o].placed.scene_from_object;
+        Rigid3 nearest = h.camera_from_object;
+        double least = 1e18;
+        for (const Rigid3& turn : Turns(object)) {
+          const Rigid3 pose = h.camera_from_object * turn;
+          double off = 0.0;
+          for (const Eigen::Vector3d& c : corners)
+            off += (Project(h.camera, pose * c) - Project(grown.views[v]->camera, expected * c))
+                       .norm();
+          if (off < least) least = off, nearest = pose;
+        }
+        for (const Eigen::Vector3d& c : corners) {
+          const Eigen::Vector2d target = Project(h.camera, nearest * c);
+          for (const Eigen::Vector2d& axis : {Eigen::Vector2d(1, 0), Eigen::Vector2d(0, 1)})
+            rows.push_back({static_cast<int>(v), static_cast<int>(o), c, target, axis, h.score});
+        }
+      }
+    }
+    AdjustToRows(rows, kVirtualSteps, kVirtualSigmaPx, scene);
+  }
+
+  // The scene of a seed adjusted first to what its views say, then to the images.
+  LinkedScene Complete(const GrownScene& grown) const {
+    AspectScene scene;
+    scene.views = grown.views;
+    for (const GrownObject& o : grown.objects) scene.objects.push_back(o.placed);
+    AdjustToHypotheses(grown, &scene);
+    AspectAdjustmentOptions coarse = options_.adjustment;
+    coarse.render_px = options_.quick_render_px;
+    AdjustToEdges(in_.images, meshes_, coarse, options_.threads, &scene);
+    return Finish(&scene);
+  }
+
+  // Drops what the images contradict, carries the other hypotheses over, adjusts and judges, while
+  // objects are added.
+  LinkedScene Finish(AspectScene* scene) const {
+    Sift(scene);
+    for (int round = 0; round < 2; ++round) {
+      const std::size_t before = scene->objects.size();
+      if (before == 0 || IsStopRequested(stop_)) break;
+      CarryOver(scene);
+      if (round == 0 || scene->objects.size() > before)
+        AdjustToEdges(in_.images, meshes_, options_.adjustment, options_.threads, scene);
+      Sift(scene);
+      if (scene->objects.size() <= before) break;
+    }
+    return Result(*scene);
+  }
+
+  // Views that show no object are no views, objects that explain too little are none.
+  void Sift(AspectScene* scene) const {
+    std::vector<LinkedObject> judged = Judge(*scene, options_.quick_render_px);
+    bool dropped = false;
+    for (std::size_t v = 0; v < scene->views.size(); ++v) {
+      if (!scene->views[v]) continue;
+      double best = 0.0;
+      for (const LinkedObject& o : judged) {
+        if (o.shown[v]) best = std::max(best, o.views[v].score);
+      }
+      if (best >= kShownScore) continue;
+      scene->views[v].reset();
+      dropped = true;
+    }
+    if (dropped) judged = Judge(*scene, options_.quick_render_px);
+    Keep(judged, scene);
+  }
+
+  std::vector<LinkedObject> Judge(const AspectScene& scene, double render_px) const {
+    std::vector<LinkedObject> out(scene.objects.size());
+    ParallelFor(static_cast<int>(out.size()), options_.threads, [&](int i) {
+      out[i] = JudgeInViews(in_.images,
+                            *meshes_[scene.objects[i].object],
+                            scene.views,
+                            scene.objects[i],
+                            render_px,
+                            options_.shown_share);
+    });
+    return out;
+  }
+
+  // Leaves out what explains too little; the frame goes to the best.
+  void Keep(const std::vector<LinkedObject>& judged, AspectScene* scene) const {
+    std::vector<int> order(judged.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+      return judged[a].score > judged[b].score;
+    });
+    std::vector<AspectSceneObject> kept;
+    std::vector<Eigen::Vector3d> places;
+    std::vector<double> sizes;
+    for (const int i : order) {
+      if (judged[i].score < options_.min_joint) break;
+      const AspectSceneObject& o = scene->objects[i];
+      const Eigen::Vector3d center = o.scene_from_object * meshes_[o.object]->center.cast<double>();
+      if (!IsApart(center, meshes_[o.object]->diameter_m, places, sizes)) continue;
+      kept.push_back(o);
+      places.push_back(center);
+      sizes.push_back(meshes_[o.object]->diameter_m);
+    }
+    scene->objects = std::move(kept);
+  }
+
+  // Hypotheses of all views in the scene's cameras, those that most views confirm.
+  void CarryOver(AspectScene* scene) const {
+    std::vector<std::pair<double, AspectSceneObject>> carried;
+    for (std::size_t v = 0; v < scene->views.size(); ++v) {
+      if (!scene->views[v]) continue;
+      const Rigid3 scene_from_camera = scene->views[v]->camera_from_scene.Inverse();
+      for (const AspectHypothesis& h : hypotheses_[v]) {
+        carried.emplace_back(
+            h.score,
+            AspectSceneObject{h.object,
+                              scene_from_camera * WithFocal(h.camera_from_object,
+                                                            h.camera.focal_px,
+                                                            scene->views[v]->camera.focal_px)});
+      }
+    }
+    std::stable_sort(carried.begin(), carried.end(), [](const auto& a, const auto& b) {
+      return a.first > b.first;
+    });
+    std::vector<Eigen::Vector3d> places;
+    std::vector<double> sizes;
+    for (const AspectSceneObject& o : scene->objects) {
+      places.push_back(o.scene_from_object * meshes_[o.object]->center.cast<double>());
+      sizes.push_back(meshes_[o.object]->diameter_m);
+    }
+    std::erase_if(carried, [&](const std::pair<double, AspectSceneObject>& c) {
+      return !IsApart(c.second.scene_from_object * meshes_[c.second.object]->center.cast<double>(),
+                      meshes_[c.second.object]->diameter_m,
+                      places,
+                      sizes);
+    });
+    if (static_cast<int>(carried.size()) > options_.carried) carried.resize(options_.carried);
+    std::vector<LinkedObject> judged(carried.size());
+    std::vector<AspectSceneObject> placed(carried.size());
+    ParallelFor(static_cast<int>(carried.size()), options_.threads, [&](int i) {
+      if (IsStopRequested(stop_)) return;
+      // Its depth is the least certain: the other views set it.
+      placed[i] = Settled(scene->views, carried[i].second);
+      judged[i] = JudgeInViews(in_.images,
+                               *meshes_[placed[i].object],
+                               scene->views,
+                               placed[i],
+                               options_.quick_render_px,
+                               options_.shown_share);
+    });
+    std::vector<int> order(judged.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+      return judged[a].score > judged[b].score;
+    });
+    for (const int i : order) {
+      if (judged[i].score < options_.min_quick) break;
+      const Eigen::Vector3d center =
+          placed[i].scene_from_object * meshes_[placed[i].object]->center.cast<double>();
+      if (!IsApart(center, meshes_[placed[i].object]->diameter_m, places, sizes)) continue;
+      scene->objects.push_back(placed[i]);
+      places.push_back(center);
+      sizes.push_back(meshes_[placed[i].object]->diameter_m);
+    }
+  }
+
+  // An object adjusted alone, cameras held.
+  AspectSceneObject Settled(const std::vector<std::optional<AspectSceneView>>& views,
+                            AspectSceneObject out) const {
+    const RenderMesh& mesh = *meshes_[out.object];
+    for (const double search : {8.0, 5.0, 3.0}) {
+      PoseEdgeOptions edges;
+      edges.search_px = search;
+      edges.max_points = 120;
+      edges.render_px = options_.quick_render_px;
+      std::vector<std::vector<ModelEdgePoint>> points(views.size());
+      for (std::size_t v = 0; v < views.size(); ++v) {
+        if (!views[v]) continue;
+        points[v] = RenderedEdgePoints(
+            mesh, views[v]->camera, views[v]->camera_from_scene * out.scene_from_object, edges);
+      }
+      for (int step = 0; step < 3; ++step) {
+        std::vector<SceneRow> rows;
+        for (std::size_t v = 0; v < views.size(); ++v) {
+          if (points[v].empty()) continue;
+          for (const PoseEdgeMatch& m :
+               MatchPoseEdges(in_.images[v],
+                              points[v],
+                              views[v]->camera,
+                              views[v]->camera_from_scene * out.scene_from_object,
+                              edges)) {
+            rows.push_back({static_cast<int>(v), 0, m.point, m.matched, m.normal, m.weight});
+          }
+        }
+        out.scene_from_object = AdjustObjectToRows(rows, views, out.scene_from_object);
+      }
+    }
+    return out;
+  }
+
+  LinkedScene Result(const AspectScene& scene) const {
+    LinkedScene out;
+    out.views = scene.views;
+    if (scene.objects.empty()) {
+      out.views.assign(scene.views.size(), std::nullopt);
+      return out;
+    }
+    for (LinkedObject& o : Judge(scene, kFineRenderPx)) {
+      if (o.score < options_.min_joint) continue;
+      for (std::size_t v = 0; v < o.views.size(); ++v) {
+        if (o.shown[v]) out.score += std::max(0.0, o.views[v].score - kChanceScore);
+      }
+      out.objects.push_back(std::move(o));
+    }
+    std::stable_sort(out.objects.begin(), out.objects.end(), [](const auto& a, const auto& b) {
+      return a.score > b.score;
+    });
+    return out;
+  }
+
+  // Looks for the scene's parts, and only for them, in the views that have no camera: much further
+  // down the list than a search of the catalog goes.
+  LinkedScene Rescue(const LinkedScene& found) {
+    std::vector<int> wanted;
+    for (const LinkedObject& o : found.objects) {
+      if (std::find(wanted.begin(), wanted.end(), o.object) == wanted.end())
+        wanted.push_back(o.object);
+    }
+    std::vector<AspectPart> parts;
+    for (const int object : wanted) parts.push_back(in_.parts[object]);
+    const auto index = BuildFragmentIndex(parts);
+    if (!index.ok()) return found;
+    FindAspectOptions deep;
+    deep.coarse_per_part = options_.rescue_per_part;
+    deep.fine_per_part = options_.rescue_per_part / 4;
+    deep.fine_share = 0.5;
+    deep.threads = deep.votes.threads = options_.threads;
+    GrownScene grown;
+    grown.views = found.views;
+    for (const LinkedObject& o : found.objects) {
+      GrownObject object;
+      object.placed = {o.object, o.scene_from_object};
+      object.hypothesis.assign(found.views.size(), -1);
+      grown.objects.push_back(std::move(object));
+    }
+    for (std::size_t v = 0; v < found.views.size(); ++v) {
+      if (found.views[v] || IsStopRequested(stop_)) continue;
+      std::vector<AspectHypothesis> list =
+          FindAspectHypotheses(in_.images[v], *index, deep, nullptr, stop_).hypotheses;
+      for (AspectHypothesis& h : list) h.object = wanted[h.object];
+      weights_[v] = Weights(list);
+      hypotheses_[v] = std::move(list);
+    }
+    Grow(&grown);
+    AspectScene scene;
+    scene.views = grown.views;
+    for (const GrownObject& o : grown.objects) scene.objects.push_back(o.placed);
+    return Finish(&scene);
+  }
+
+  // Best score that another part's hypothesis has in the place of each object.
+  void FindRunnersUp(LinkedScene* scene) const {
+    for (LinkedObject& o : scene->objects) {
+      const Eigen::Vector3d center = o.scene_from_object * meshes_[o.object]->center.cast<double>();
+      std::vector<double> best(in_.parts.size(), 0.0);
+      std::vector<AspectSceneObject> candidates(in_.parts.size());
+      for (std::size_t v = 0; v < scene->views.size(); ++v) {
+        if (!scene->views[v]) continue;
+        const Rigid3 scene_from_camera = scene->views[v]->camera_from_scene.Inverse();
+        for (const AspectHypothesis& h : hypotheses_[v]) {
+          if (h.object == o.object || h.score <= best[h.object]) continue;
+          const Rigid3 placed =
+              scene_from_camera *
+              WithFocal(h.camera_from_object, h.camera.focal_px, scene->views[v]->camera.focal_px);
+          const Eigen::Vector3d there = placed * meshes_[h.object]->center.cast<double>();
+          const double size =
+              std::min(meshes_[h.object]->diameter_m, meshes_[o.object]->diameter_m);
+          if ((there - center).norm() > size) continue;
+          best[h.object] = h.score;
+          candidates[h.object] = {h.object, placed};
+        }
+      }
+      std::vector<int> order(best.size());
+      std::iota(order.begin(), order.end(), 0);
+      std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return best[a] > best[b]; });
+      constexpr int kJudged = 4;
+      std::array<double, kJudged> scores{};
+      ParallelFor(kJudged, options_.threads, [&](int k) {
+        if (k >= static_cast<int>(order.size()) || best[order[k]] <= 0.0) return;
+        const AspectSceneObject settled = Settled(scene->views, candidates[order[k]]);
+        scores[k] = JudgeInViews(in_.images,
+                                 *meshes_[settled.object],
+                                 scene->views,
+                                 settled,
+                                 options_.quick_render_px,
+                                 options_.shown_share)
+                        .score;
+      });
+      o.runner_up = *std::max_element(scores.begin(), scores.end());
+    }
+  }
+
+  const AspectLinkInput& in_;
+  const AspectLinkOptions& options_;
+  const StopRequested& stop_;
+  std::vector<std::vector<AspectHypothesis>> hypotheses_;
+  std::vector<std::vector<double>> weights_;  // score above chance, of each hypothesis
+  std::vector<const RenderMesh*> meshes_;
+};
+
+}  // namespace
+
+int LinkedScene::registered() const {
+  return static_cast<int>(
+      std::count_if(views.begin(), views.end(), [](const auto& v) { return v.has_value(); }));
+}
+
+LinkedObject JudgeInViews(std::span<const AspectImage> images,
+                          const RenderMesh& mesh,
+                          const std::vector<std::optional<AspectSceneView>>& views,
+                          const AspectSceneObject& placed,
+                          double render_px,
+                          double shown_share) {
+  LinkedObject out;
+  out.object = placed.object;
+  out.scene_from_object = placed.scene_from_object;
+  out.views.resize(views.size());
+  out.shown.assign(views.size(), false);
+  AspectScoreOptions options;
+  options.render_px = render_px;
+  int shown = 0;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!views[v]) continue;
+    const PinholeCamera& camera = views[v]->camera;
+    const Rigid3 pose = views[v]->camera_from_scene * placed.scene_from_object;
+    int inside = 0;
+    for (const Eigen::Vector3d& corner : BoxCorners(mesh)) {
+      const Eigen::Vector3d x = pose * corner;
+      if (x.z() <= 0) continue;
+      const Eigen::Vector2d u = Project(camera, x);
+      inside += u.x() >= 0 && u.y() >= 0 && u.x() < camera.width && u.y() < camera.height;
+    }
+    if (inside < 8 * shown_share) continue;
+    out.shown[v] = true;
+    ++shown;
+    out.views[v] = ScorePose(images[v], mesh, camera, pose, options);
+    out.score += out.views[v].score;
+    out.precision += out.views[v].precision;
+  }
+  int registered = 0;
+  for (const auto& view : views) registered += view.has_value();
+  // Wrong cameras push objects out of the images that contradict them.
+  if (shown == 0 || 2 * shown < registered) {
+    out.score = out.precision = 0.0;
+    return out;
+  }
+  out.score /= shown;
+  out.precision /= shown;
+  return out;
+}
+
+LinkedScene LinkAspects(const AspectLinkInput& input,
+                        const AspectLinkOptions& options,
+                        const StopRequested& stop) {
+  return Linker(input, options, stop).Run();
+}
+
+}  // namespace horopter

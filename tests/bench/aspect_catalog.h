@@ -1,0 +1,30 @@
+// The parts of a BOP data set as the search for aspects knows them, from its true models.
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "client/bop_dataset.h"
+#include "server/vision/recognition/aspects/aspect_blob.h"
+#include "server/vision/recognition/aspects/fragment_index.h"
+
+namespace horopter {
+
+struct AspectCatalog {
+  std::vector<int> obj_ids;
+  std::vector<ObjectModel> models;
+  std::vector<ObjectAspects> objects;
+  std::vector<PartFragments> fragments;
+  std::vector<AspectPart> parts;  // point into the others: do not copy
+  FragmentIndex index;
+};
+
+// cache: folder that keeps what was derived of the parts between runs; empty: none. Errors: those of
+// the readers and of MakeObjectAspects.
+absl::Status LoadAspectCatalog(const BopDataset& dataset,
+                               const std::string& cache,
+                               AspectCatalog* catalog);
+
+}  // namespace horopter

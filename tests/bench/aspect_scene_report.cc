@@ -1,0 +1,223 @@
+// Scenes found by the aspects of their parts alone, no table and no calibration: the answers as BOP
+// results, and of each object what the decision is learnt from.
+//
+//   aspect_scene_report DATASET SPLIT --out RESULTS.csv [--scenes 1,2] [--cache DIR]
+//                       [--hypotheses DIR] [--threads N] [--bar S]
+//     --cache       keeps what was derived of the parts between runs
+//     --hypotheses  keeps the hypotheses of the images between runs
+//     --bar         least joint score that is written (default 0: all)
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <fstream>
+#include <iostream>
+#include <limits>
+#include <opencv2/imgcodecs.hpp>
+
+#include "absl/strings/str_format.h"
+#include "client/bop_dataset.h"
+#include "client/bop_results.h"
+#include "server/vision/recognition/aspects/aspect_linking.h"
+#include "tests/bench/aspect_catalog.h"
+
+namespace horopter {
+namespace {
+
+struct Arguments {
+  std::string dataset, split, out, cache, hypotheses;
+  std::vector<int> scenes;
+  int threads = 2;
+  double bar = 0.0;
+};
+
+double Seconds(std::chrono::steady_clock::time_point since) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();
+}
+
+bool ReadHypotheses(const std::string& path, std::vector<AspectHypothesis>* out) {
+  std::ifstream in(path);
+  std::size_t n = 0;
+  if (!(in >> n)) return false;
+  out->resize(n);
+  for (AspectHypothesis& h : *out) {
+    in >> h.object >> h.camera.width >> h.camera.height >> h.camera.focal_px >> h.camera.cx >>
+        h.camera.cy >> h.camera.k1;
+    for (int k = 0; k < 9; ++k) in >> h.camera_from_object.R(k / 3, k % 3);
+    for (int k = 0; k < 3; ++k) in >> h.camera_from_object.t(k);
+    in >> h.precision >> h.recall >> h.support_px >> h.score;
+  }
+  return static_cast<bool>(in);
+}
+
+void WriteHypotheses(const std::string& path, const std::vector<AspectHypothesis>& list) {
+  std::ofstream out(path);
+  out.precision(12);
+  out << list.size() << "\n";
+  for (const AspectHypothesis& h : list) {
+    out << h.object << " " << h.camera.width << " " << h.camera.height << " " << h.camera.focal_px
+        << " " << h.camera.cx << " " << h.camera.cy << " " << h.camera.k1;
+    for (int k = 0; k < 9; ++k) out << " " << h.camera_from_object.R(k / 3, k % 3);
+    for (int k = 0; k < 3; ++k) out << " " << h.camera_from_object.t(k);
+    out << " " << h.precision << " " << h.recall << " " << h.support_px << " " << h.score << "\n";
+  }
+}
+
+// Worst distance of vertices in the image under the answer's and the true camera and pose.
+double WorstVertexPx(const ObjectModel& model,
+                     const PinholeCamera& camera,
+                     const Rigid3& pose,
+                     const PinholeCamera& true_camera,
+                     const Rigid3& truth) {
+  double best = std::numeric_limits<double>::infinity();
+  const std::size_t step = std::max<std::size_t>(1, model.mesh.vertices.size() / 200);
+  for (int s = -1; s < static_cast<int>(model.symmetries.size()); ++s) {
+    const Rigid3 turn = s < 0 ? Rigid3{} : model.symmetries[s];
+    double worst = 0.0;
+    for (std::size_t v = 0; v < model.mesh.vertices.size() && worst < best; v += step) {
+      const Eigen::Vector3d& x = model.mesh.vertices[v];
+      worst = std::max(worst,
+                       (Project(camera, pose * (turn * x)) - Project(true_camera, truth * x)).norm());
+    }
+    best = std::min(best, worst);
+  }
+  return best;
+}
+
+void ReportScene(const BopScene& scene,
+                 const std::vector<BopImage>& images,
+                 const AspectCatalog& catalog,
+                 const LinkedScene& linked) {
+  for (const LinkedObject& o : linked.objects) {
+    int right = 0, wrong = 0;
+    double worst_score = 1.0;
+    std::vector<double> errors;
+    for (std::size_t v = 0; v < images.size(); ++v) {
+      if (!linked.views[v]) continue;
+      double error = std::numeric_limits<double>::infinity();
+      for (const BopInstance& truth : images[v].instances) {
+        if (truth.obj_id != catalog.obj_ids[o.object]) continue;
+        error = std::min(error,
+                         WorstVertexPx(catalog.models[o.object],
+                                       linked.views[v]->camera,
+                                       linked.views[v]->camera_from_scene * o.scene_from_object,
+                                       images[v].camera,
+                                       truth.camera_from_object));
+      }
+      errors.push_back(error);
+      ++(error < 10.0 ? right : wrong);
+      if (o.shown[v]) worst_score = std::min(worst_score, o.views[v].score);
+    }
+    std::sort(errors.begin(), errors.end());
+    std::cout << absl::StrFormat(
+        "  object %d score %.3f precision %.3f runner-up %.3f worst %.3f: right in %d of %d views, "
+        "median %.1f px%s\n",
+        catalog.obj_ids[o.object],
+        o.score,
+        o.precision,
+        o.runner_up,
+        worst_score,
+        right,
+        right + wrong,
+        errors.empty() ? 0.0 : errors[errors.size() / 2],
+        right > wrong ? "" : " WRONG");
+  }
+  (void)scene;
+}
+
+absl::Status Run(const Arguments& arguments) {
+  auto dataset = ReadBopDataset(arguments.dataset);
+  if (!dataset.ok()) return dataset.status();
+  AspectCatalog catalog;
+  if (absl::Status s = LoadAspectCatalog(*dataset, arguments.cache, &catalog); !s.ok()) return s;
+  std::vector<int> ids = arguments.scenes;
+  if (ids.empty()) {
+    auto listed = ListBopScenes(arguments.dataset, arguments.split);
+    if (!listed.ok()) return listed.status();
+    ids = *listed;
+  }
+  BopResults results;
+  for (const int id : ids) {
+    const auto read = ReadBopScene(arguments.dataset, arguments.split, id);
+    if (!read.ok()) return read.status();
+    const BopScene& scene = *read;
+    const auto start = std::chrono::steady_clock::now();
+    std::vector<AspectImage> images;
+    std::vector<AspectViewPrior> priors;
+    std::vector<std::vector<AspectHypothesis>> hypotheses;
+    for (const BopImage& view : scene.images) {
+      images.push_back(MakeAspectImage(cv::imread(view.path, cv::IMREAD_COLOR)));
+      priors.push_back({NominalCamera(images.back()), 0.35});
+      const std::string file =
+          absl::StrFormat("%s/%d_%d.txt", arguments.hypotheses, scene.scene_id, view.im_id);
+      std::vector<AspectHypothesis> found;
+      if (arguments.hypotheses.empty() || !ReadHypotheses(file, &found)) {
+        FindAspectOptions options;
+        options.threads = arguments.threads;
+        options.votes.threads = arguments.threads;
+        found = FindAspectHypotheses(images.back(), catalog.index, options).hypotheses;
+        if (!arguments.hypotheses.empty()) WriteHypotheses(file, found);
+      }
+      hypotheses.push_back(std::move(found));
+    }
+    const double search_s = Seconds(start);
+    AspectLinkOptions options;
+    options.threads = arguments.threads;
+    const LinkedScene linked = LinkAspects({images, priors, hypotheses, catalog.parts}, options);
+    std::string focal;
+    for (std::size_t v = 0; v < linked.views.size(); ++v) {
+      focal += linked.views[v]
+                   ? absl::StrFormat(" %+.1f%%",
+                                     100 * (linked.views[v]->camera.focal_px /
+                                                scene.images[v].camera.focal_px -
+                                            1))
+                   : " -";
+    }
+    std::cout << absl::StrFormat("scene %d %s: %d of %d views, score %.2f, focal%s; search %.1f s, linking %.1f s\n",
+                                 scene.scene_id,
+                                 scene.tier,
+                                 linked.registered(),
+                                 static_cast<int>(images.size()),
+                                 linked.score,
+                                 focal,
+                                 search_s,
+                                 Seconds(start) - search_s);
+    ReportScene(scene, scene.images, catalog, linked);
+    std::cout << std::flush;
+    for (const LinkedObject& o : linked.objects) {
+      if (o.score < arguments.bar) continue;
+      for (std::size_t v = 0; v < images.size(); ++v) {
+        if (!linked.views[v]) continue;
+        results.estimates.push_back({scene.scene_id,
+                                     scene.images[v].im_id,
+                                     catalog.obj_ids[o.object],
+                                     o.score,
+                                     linked.views[v]->camera_from_scene * o.scene_from_object,
+                                     Seconds(start)});
+        results.cameras[scene.scene_id][scene.images[v].im_id] = linked.views[v]->camera.K();
+      }
+    }
+  }
+  return WriteBopResults(results, arguments.out);
+}
+
+}  // namespace
+}  // namespace horopter
+
+int main(int argc, char** argv) {
+  horopter::Arguments arguments;
+  CLI::App app("Scenes found by the aspects of their parts");
+  app.add_option("DATASET", arguments.dataset)->required();
+  app.add_option("SPLIT", arguments.split)->required();
+  app.add_option("--out", arguments.out)->required();
+  app.add_option("--scenes", arguments.scenes)->delimiter(',');
+  app.add_option("--cache", arguments.cache);
+  app.add_option("--hypotheses", arguments.hypotheses);
+  app.add_option("--threads", arguments.threads);
+  app.add_option("--bar", arguments.bar);
+  CLI11_PARSE(app, argc, argv);
+  const absl::Status status = horopter::Run(arguments);
+  if (!status.ok()) {
+    std::cerr << status.ToString() << "\n";
+    return 1;
+  }
+  return 0;
+}
