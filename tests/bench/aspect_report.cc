@@ -2,12 +2,13 @@
 // the catalog: the right pose among the votes, in the verified list, and first of all.
 //
 //   aspect_report DATASET SPLIT [--scenes 1,2] [--max-images N] [--cache DIR] [--overlays DIR]
-//                 [--threads N] [--xtree] [--list]
+//                 [--threads N] [--xtree] [--list] [--set coarse_per_part=12,...]
 //     --max-images  views of each scene: 1 the first, 2 first and middle one, ... (0: all)
 //     --cache       keeps what was derived of the parts between runs
 //     --overlays    the image with the best hypotheses of the list, one file an image
 //     --xtree       fragments are looked up in the X-tree instead of the grid
 //     --list        prints the hypotheses of each image
+//     --set         name=value of an option (Options() below), for ablations
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
@@ -45,7 +46,56 @@ struct Arguments {
   int max_images = 2;
   int threads = 1;
   bool xtree = false, list = false;
+  std::vector<std::string> set;
 };
+
+struct Settings {
+  AspectImageOptions image;
+  FindAspectOptions find;
+};
+
+// Errors: INVALID_ARGUMENT, names the option.
+absl::StatusOr<Settings> Options(const Arguments& arguments) {
+  Settings o;
+  o.find.threads = o.image.threads = arguments.threads;
+  const std::map<std::string, double*> reals = {
+      {"low_threshold", &o.image.low_threshold},
+      {"high_threshold", &o.image.high_threshold},
+      {"noise_factor", &o.image.noise_factor},
+      {"max_gap_px", &o.image.max_gap_px},
+      {"max_texture", &o.image.max_texture},
+      {"key_rms_rad", &o.find.votes.key_rms_rad},
+      {"fragment_factor", &o.find.votes.fragment_factor},
+      {"tau_share", &o.find.votes.tau_share},
+      {"min_support_6", &o.find.votes.min_support_6},
+      {"min_support_16", &o.find.votes.min_support_16},
+      {"min_support", &o.find.votes.min_support},
+      {"free_chance", &o.find.votes.free_chance},
+      {"rank_support", &o.find.votes.rank_support},
+      {"nominal_focal_share", &o.find.nominal_focal_share},
+      {"coarse_render_px", &o.find.coarse_render_px},
+      {"fine_render_px", &o.find.fine_render_px},
+      {"fine_share", &o.find.fine_share}};
+  const std::map<std::string, int*> integers = {
+      {"pool", &o.find.votes.pool},
+      {"max_per_part", &o.find.votes.max_per_part},
+      {"max_per_place", &o.find.votes.max_per_place},
+      {"coarse_per_part", &o.find.coarse_per_part},
+      {"fine_per_part", &o.find.fine_per_part}};
+  for (const std::string& text : arguments.set) {
+    const std::size_t equals = text.find('=');
+    const std::string name = text.substr(0, equals);
+    const double value = equals == std::string::npos ? 0.0 : std::atof(text.c_str() + equals + 1);
+    if (const auto real = reals.find(name); real != reals.end()) {
+      *real->second = value;
+    } else if (const auto integer = integers.find(name); integer != integers.end()) {
+      *integer->second = static_cast<int>(value);
+    } else {
+      return absl::InvalidArgumentError("--set: no option " + name);
+    }
+  }
+  return o;
+}
 
 struct Catalog {
   std::vector<int> obj_ids;
@@ -198,8 +248,8 @@ void WriteOverlay(const std::string& file,
 
 class Report {
  public:
-  Report(const Arguments& arguments, const Catalog& catalog)
-      : arguments_(arguments), catalog_(catalog) {
+  Report(const Arguments& arguments, const Settings& settings, const Catalog& catalog)
+      : arguments_(arguments), settings_(settings), catalog_(catalog) {
     for (std::size_t i = 0; i < catalog.obj_ids.size(); ++i) {
       part_of_[catalog.obj_ids[i]] = static_cast<int>(i);
     }
@@ -209,10 +259,8 @@ class Report {
     const cv::Mat photo = cv::imread(view.path, cv::IMREAD_COLOR);
     if (photo.empty()) return;
     const std::clock_t start = std::clock();
-    const AspectImage image = MakeAspectImage(photo);
-    FindAspectOptions options;
-    options.threads = arguments_.threads;
-    const AspectFindings found = FindAspectHypotheses(image, catalog_.index, options);
+    const AspectImage image = MakeAspectImage(photo, settings_.image);
+    const AspectFindings found = FindAspectHypotheses(image, catalog_.index, settings_.find);
     const double seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
     Sums& sums = sums_[scene.tier];
     ++sums.images;
@@ -420,6 +468,7 @@ class Report {
   }
 
   const Arguments& arguments_;
+  const Settings& settings_;
   const Catalog& catalog_;
   std::map<int, int> part_of_;
   std::map<std::string, Sums> sums_;
@@ -429,6 +478,8 @@ absl::Status Run(const Arguments& arguments) {
   for (const std::string& folder : {arguments.cache, arguments.overlays}) {
     if (!folder.empty()) std::filesystem::create_directories(folder);
   }
+  const auto settings = Options(arguments);
+  if (!settings.ok()) return settings.status();
   Catalog catalog;
   const auto start = std::chrono::steady_clock::now();
   const absl::Status loaded = LoadCatalog(arguments, &catalog);
@@ -445,7 +496,7 @@ absl::Status Run(const Arguments& arguments) {
     if (!listed.ok()) return listed.status();
     scenes = *listed;
   }
-  Report report(arguments, catalog);
+  Report report(arguments, *settings, catalog);
   for (const int id : scenes) {
     const auto scene = ReadBopScene(arguments.dataset, arguments.split, id);
     if (!scene.ok()) return scene.status();
@@ -470,6 +521,7 @@ int main(int argc, char** argv) {
   app.add_option("--cache", arguments.cache);
   app.add_option("--overlays", arguments.overlays);
   app.add_option("--threads", arguments.threads);
+  app.add_option("--set", arguments.set)->delimiter(',');
   app.add_flag("--xtree", arguments.xtree);
   app.add_flag("--list", arguments.list);
   CLI11_PARSE(app, argc, argv);

@@ -1,14 +1,24 @@
 // Visible edges of a data set's parts: what they cost, and how they lie on the true images.
 //
 //   visible_edges_report DATASET                       one line a part: triangles, times, bytes
+//   visible_edges_report DATASET SPLIT                 how far image edges are from visible ones at
+//                                                      the true poses, of parts seen whole
 //   visible_edges_report DATASET SPLIT SCENE IMAGE OUT.png [RENDER_PX [ZOOM [PART]]]
 //                                                      edges at the true poses, drawn on the image
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <map>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "client/bop_dataset.h"
 #include "client/cad_import.h"
@@ -146,15 +156,102 @@ int Draw(const BopDataset& data, int argc, char** argv) {
   return 1;
 }
 
+// How far along the edge's normal the image's gradient is largest, px; nothing if it is weak.
+std::optional<double> EdgeOffset(const cv::Mat& gray, const VisibleEdgePoint& p) {
+  constexpr int kReach = 8;  // half pixels
+  const Eigen::Vector2f normal(-p.tangent.y(), p.tangent.x());
+  std::array<double, 2 * kReach + 3> value;
+  for (int i = 0; i < static_cast<int>(value.size()); ++i) {
+    const Eigen::Vector2f at = p.image + 0.5f * static_cast<float>(i - kReach - 1) * normal;
+    const int x = static_cast<int>(std::floor(at.x())), y = static_cast<int>(std::floor(at.y()));
+    if (x < 0 || y < 0 || x + 1 >= gray.cols || y + 1 >= gray.rows) return std::nullopt;
+    const float a = at.x() - static_cast<float>(x), b = at.y() - static_cast<float>(y);
+    value[i] = (1 - b) * ((1 - a) * gray.at<float>(y, x) + a * gray.at<float>(y, x + 1)) +
+               b * ((1 - a) * gray.at<float>(y + 1, x) + a * gray.at<float>(y + 1, x + 1));
+  }
+  const auto slope = [&](int i) { return std::abs(value[i + 2] - value[i]); };
+  int best = 1;
+  for (int i = 1; i + 1 <= 2 * kReach - 1; ++i) {
+    if (slope(i) > slope(best)) best = i;
+  }
+  if (slope(best) < 12.0 || best == 1 || best == 2 * kReach - 1) return std::nullopt;
+  const double bend = slope(best - 1) - 2.0 * slope(best) + slope(best + 1);
+  const double peak = bend < 0.0 ? 0.5 * (slope(best - 1) - slope(best + 1)) / bend : 0.0;
+  return 0.5 * (best + peak - kReach);
+}
+
+double Quantile(std::vector<double> values, double share) {
+  if (values.empty()) return 0.0;
+  std::sort(values.begin(), values.end());
+  return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
+}
+
+int ReportAccuracy(const BopDataset& data, const std::string& split) {
+  const auto scenes = ListBopScenes(data.folder, split);
+  if (!scenes.ok()) return 1;
+  std::map<int, RenderMesh> meshes;
+  std::map<std::pair<int, int>, std::vector<double>> offsets;  // part (0: all), kind
+  Eigen::Matrix2d nn = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d nd = Eigen::Vector2d::Zero();
+  for (const int id : *scenes) {
+    const absl::StatusOr<BopScene> scene = ReadBopScene(data.folder, split, id);
+    if (!scene.ok()) return 1;
+    for (const BopImage& image : scene->images) {
+      cv::Mat gray;
+      cv::imread(image.path, cv::IMREAD_GRAYSCALE).convertTo(gray, CV_32F);
+      cv::GaussianBlur(gray, gray, {}, 0.7);
+      for (const BopInstance& instance : image.instances) {
+        if (instance.visib_fract < 0.97) continue;
+        const int part = instance.obj_id;
+        if (meshes.count(part) == 0) {
+          const absl::StatusOr<ObjectModel> model = Load(*data.Find(part));
+          if (!model.ok()) return 1;
+          const auto mesh = MakeRenderMesh(model->mesh, model->diameter_m);
+          if (!mesh.ok()) return 1;
+          meshes[part] = *mesh;
+        }
+        VisibleEdgeOptions options;
+        options.render_px = 200;
+        const VisibleEdges edges = FindVisibleEdges(
+            meshes[part], image.camera, instance.camera_from_object, options);
+        for (const VisibleEdgePoint& p : edges.points) {
+          const std::optional<double> offset = EdgeOffset(gray, p);
+          if (!offset) continue;
+          for (const int key : {0, part}) {
+            offsets[{key, static_cast<int>(p.kind)}].push_back(*offset);
+          }
+          if (p.kind != VisibleEdgeKind::kSilhouette || std::abs(*offset) > 1.5) continue;
+          const Eigen::Vector2d n(-p.tangent.y(), p.tangent.x());
+          nn += n * n.transpose();
+          nd += n * *offset;
+        }
+      }
+    }
+  }
+  const Eigen::Vector2d shift = nn.inverse() * nd;
+  std::printf("images against edges: shift %.3f %.3f px\n", shift.x(), shift.y());
+  std::printf("part kind  points  inward  |offset| px: median, 75 %%, 90 %%; within 1 px\n");
+  for (auto& [key, values] : offsets) {
+    const double median = Quantile(values, 0.5);
+    double within = 0;
+    for (double& v : values) within += std::abs(v) <= 1.0, v = std::abs(v);
+    std::printf("%4d %4d %7zu %7.2f %7.2f %5.2f %5.2f %5.2f\n", key.first, key.second,
+                values.size(), median, Quantile(values, 0.5), Quantile(values, 0.75),
+                Quantile(values, 0.9), within / static_cast<double>(values.size()));
+  }
+  return 0;
+}
+
 }  // namespace
 }  // namespace horopter
 
 int main(int argc, char** argv) {
-  if (argc != 2 && argc < 6) return 2;
+  if (argc < 2 || (argc > 3 && argc < 6)) return 2;
   const absl::StatusOr<horopter::BopDataset> data = horopter::ReadBopDataset(argv[1]);
   if (!data.ok()) {
     std::printf("%s\n", std::string(data.status().message()).c_str());
     return 1;
   }
+  if (argc == 3) return horopter::ReportAccuracy(*data, argv[2]);
   return argc == 2 ? horopter::ReportCosts(*data) : horopter::Draw(*data, argc, argv);
 }

@@ -52,6 +52,52 @@ void FillBin(int bin, double reach_rad, const std::vector<float>& directions, As
   cv::resize(full, half, half.size(), 0, 0, cv::INTER_AREA);
 }
 
+// Chance levels of one bin: block means of the support, then means over the window.
+void FillChance(int bin, AspectImage* image) {
+  constexpr int kBlock = AspectImage::kChanceBlockPx;
+  const std::size_t blocks =
+      static_cast<std::size_t>(image->chance_width) * image->chance_height;
+  const std::uint8_t* half = image->half_distance.data() + static_cast<std::size_t>(bin) *
+                                                               image->half_width *
+                                                               image->half_height;
+  for (int level = 0; level < AspectImage::kChanceLevels; ++level) {
+    const float tau = AspectImage::kChanceTausPx[level] * AspectImage::kDistanceScale;
+    cv::Mat sum(image->chance_height, image->chance_width, CV_32F, cv::Scalar(0));
+    cv::Mat count(image->chance_height, image->chance_width, CV_32F, cv::Scalar(1e-6));
+    for (int y = 0; y < image->half_height; ++y) {
+      float* sum_row = sum.ptr<float>(std::min(2 * y / kBlock, image->chance_height - 1));
+      float* count_row = count.ptr<float>(std::min(2 * y / kBlock, image->chance_height - 1));
+      for (int x = 0; x < image->half_width; ++x) {
+        const int block = std::min(2 * x / kBlock, image->chance_width - 1);
+        const float d = half[static_cast<std::size_t>(y) * image->half_width + x];
+        sum_row[block] += std::max(0.0f, 1.0f - d / tau);
+        count_row[block] += 1.0f;
+      }
+    }
+    const cv::Size window(AspectImage::kChanceWindows[level], AspectImage::kChanceWindows[level]);
+    cv::blur(sum, sum, window, cv::Point(-1, -1), cv::BORDER_REPLICATE);
+    cv::blur(count, count, window, cv::Point(-1, -1), cv::BORDER_REPLICATE);
+    cv::divide(sum, count, sum);
+    cv::Mat out(image->chance_height,
+                image->chance_width,
+                CV_8U,
+                image->chance.data() +
+                    static_cast<std::size_t>(level * kAspectBins + bin) * blocks);
+    sum.convertTo(out, CV_8U, 255.0);
+  }
+}
+
+void FillTexture(AspectImage* image) {
+  const std::size_t blocks =
+      static_cast<std::size_t>(image->chance_width) * image->chance_height;
+  image->texture.resize(blocks);
+  for (std::size_t b = 0; b < blocks; ++b) {
+    int sum = 0;
+    for (int bin = 0; bin < kAspectBins; ++bin) sum += image->chance[bin * blocks + b];
+    image->texture[b] = static_cast<std::uint8_t>(sum / kAspectBins);
+  }
+}
+
 void FillMaps(const AspectImageOptions& options, AspectImage* image) {
   const std::size_t cells = static_cast<std::size_t>(image->width) * image->height;
   image->half_width = (image->width + 1) / 2;
@@ -59,6 +105,11 @@ void FillMaps(const AspectImageOptions& options, AspectImage* image) {
   image->distance.resize(cells * kAspectBins);
   image->half_distance.resize(static_cast<std::size_t>(image->half_width) * image->half_height *
                               kAspectBins);
+  image->chance_width = (image->width + AspectImage::kChanceBlockPx - 1) / AspectImage::kChanceBlockPx;
+  image->chance_height =
+      (image->height + AspectImage::kChanceBlockPx - 1) / AspectImage::kChanceBlockPx;
+  image->chance.resize(static_cast<std::size_t>(AspectImage::kChanceLevels) * kAspectBins *
+                       image->chance_width * image->chance_height);
   std::vector<float> directions;
   directions.reserve(image->edges.size());
   for (const ImageEdgePoint& e : image->edges) {
@@ -68,7 +119,31 @@ void FillMaps(const AspectImageOptions& options, AspectImage* image) {
   }
   ParallelFor(kAspectBins, options.threads, [&](int bin) {
     FillBin(bin, options.bin_reach_rad, directions, image);
+    FillChance(bin, image);
   });
+  FillTexture(image);
+}
+
+std::vector<Eigen::Vector2f> EdgePlaces(const AspectImage& image) {
+  std::vector<Eigen::Vector2f> points;
+  points.reserve(image.edges.size());
+  for (const ImageEdgePoint& e : image.edges) points.push_back(e.point);
+  return points;
+}
+
+// There is one edge a cell at most, so indices of the raster are those of the edges.
+void IndexEdges(AspectImage* image) {
+  image->edge_at = MakePointRaster(image->width, image->height, EdgePlaces(*image)).at;
+}
+
+// Returns whether there was any.
+bool DropTexture(const AspectImageOptions& options, AspectImage* image) {
+  const int limit = static_cast<int>(255 * options.max_texture);
+  const std::size_t before = image->edges.size();
+  std::erase_if(image->edges, [&](const ImageEdgePoint& e) {
+    return image->texture[image->Block(e.point.x(), e.point.y())] > limit;
+  });
+  return image->edges.size() < before;
 }
 
 }  // namespace
@@ -83,6 +158,7 @@ absl::Status Validate(const AspectImageOptions& o) {
   if (!(o.high_threshold >= o.low_threshold)) return bad("high_threshold");
   if (!(o.noise_factor >= 0)) return bad("noise_factor");
   if (o.min_component_px < 1) return bad("min_component_px");
+  if (!(o.max_texture > 0)) return bad("max_texture");
   if (!(o.max_gap_px >= 0)) return bad("max_gap_px");
   if (!(o.bin_reach_rad > 0.14)) return bad("bin_reach_rad");
   if (o.threads < 1) return bad("threads");
@@ -128,14 +204,14 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& opti
   out.width = bgr.cols;
   out.height = bgr.rows;
   out.edges = DetectEdgePoints(bgr, options);
-  std::vector<Eigen::Vector2f> points;
-  points.reserve(out.edges.size());
-  for (const ImageEdgePoint& e : out.edges) points.push_back(e.point);
-  // One a cell already: indices of the raster are those of the edges.
-  PointRaster raster = MakePointRaster(out.width, out.height, points);
-  out.contours = TraceContours(raster, options.max_gap_px);
-  out.edge_at = std::move(raster.at);
+  IndexEdges(&out);
   FillMaps(options, &out);
+  if (DropTexture(options, &out)) {
+    IndexEdges(&out);
+    FillMaps(options, &out);
+  }
+  out.contours = TraceContours({out.width, out.height, EdgePlaces(out), out.edge_at},
+                               options.max_gap_px);
   return out;
 }
 

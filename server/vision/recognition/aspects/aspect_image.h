@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -25,6 +26,9 @@ struct AspectImageOptions {
   double high_threshold = 4.0;    // ... and its component must reach somewhere
   double noise_factor = 3.0;      // low threshold at least this often the gradient's noise; 0: off
   int min_component_px = 5;       // shorter edges are dropped
+  // Edges where the chance level of all directions together exceeds this are texture, as granite
+  // has, and dropped; 1: none is.
+  double max_texture = 0.24;
   double max_gap_px = 6.0;        // ends of chains this near are linked
   double bin_reach_rad = 0.40;    // an edge point counts in bins within this of its direction
   int threads = 1;
@@ -46,6 +50,10 @@ struct AspectImage {
   static constexpr float kDistanceScale = 8.0f;
   static constexpr float kMaxDistancePx = 255.0f / kDistanceScale;
   static constexpr float kMaxStrength = 25.0f;  // stronger edges count no more
+  static constexpr int kChanceBlockPx = 16;
+  static constexpr float kChanceTausPx[] = {3.0f, 7.0f, 16.0f};
+  static constexpr int kChanceWindows[] = {3, 7, 15};  // blocks
+  static constexpr int kChanceLevels = 3;
 
   int image_width = 0, image_height = 0;  // of the original
   int width = 0, height = 0;              // working pixels
@@ -57,12 +65,31 @@ struct AspectImage {
   int half_width = 0, half_height = 0;
   std::vector<std::uint8_t> half_distance;  // [bin][half cell]
 
+  // Chance level: mean support max(0, 1 - d / tau) around each block of kChanceBlockPx, over a window
+  // of some 16 tau; what an edge of that direction would find there anyway. 0 .. 255.
+  int chance_width = 0, chance_height = 0;
+  std::vector<std::uint8_t> chance;   // [level][bin][block], tau = kChanceTausPx[level]
+  std::vector<std::uint8_t> texture;  // [block], mean over the bins of the first level
+
   std::size_t Cell(int x, int y) const { return static_cast<std::size_t>(y) * width + x; }
   // Distance in 1/8 working px; 255 outside.
   std::uint8_t DistanceAt(float x, float y, int bin) const {
     if (!(x >= -0.5f && y >= -0.5f && x < width - 0.5f && y < height - 0.5f)) return 255;
     const int cx = static_cast<int>(x + 0.5f), cy = static_cast<int>(y + 0.5f);
     return distance[(static_cast<std::size_t>(bin) * height + cy) * width + cx];
+  }
+  // Level of the chance maps that fits a tolerance best.
+  static int ChanceLevel(float tau_px) { return (tau_px > 4.6f) + (tau_px > 10.6f); }
+  std::size_t Block(float x, float y) const {
+    const int bx = std::clamp(static_cast<int>(x) / kChanceBlockPx, 0, chance_width - 1);
+    const int by = std::clamp(static_cast<int>(y) / kChanceBlockPx, 0, chance_height - 1);
+    return static_cast<std::size_t>(by) * chance_width + bx;
+  }
+  // Chance of support at a place inside the image, 0 .. 255.
+  std::uint8_t ChanceAt(float x, float y, int bin, int level) const {
+    return chance[static_cast<std::size_t>(level * kAspectBins + bin) * chance_width *
+                      chance_height +
+                  Block(x, y)];
   }
   std::uint8_t HalfDistanceAt(float x, float y, int bin) const {
     const float hx = 0.5f * x + 0.25f, hy = 0.5f * y + 0.25f;

@@ -125,9 +125,12 @@ class Share {
     s = Climb(points, image_side.pivot, sixteen, s);
     const float support = Support<false>(image_, points, 0, n, s, Tau8(s.size));
     if (support < options_.min_support) return;
+    const float chance =
+        std::max(0.0f, Chance(points, n, s) - static_cast<float>(options_.free_chance));
+    const float gain = support - chance - static_cast<float>(options_.rank_support);
+    if (gain <= 0) return;
     ++counts_.accepted;
-    const float rank = aspect.edge_length * s.size *
-                       (support - static_cast<float>(options_.rank_support));
+    const float rank = aspect.edge_length * s.size * gain;
     Keep(aspect.part, {rank, support, model_side.aspect, s.size, s.turn, s.x, s.y});
   }
 
@@ -135,6 +138,22 @@ class Share {
     const float tau = std::max(static_cast<float>(options_.min_tau_px),
                                static_cast<float>(options_.tau_share) * size);
     return std::clamp(static_cast<int>(tau * AspectImage::kDistanceScale), 1, 254);
+  }
+
+  // Mean support that these directions find around these places anyway.
+  float Chance(const VotePoint* points, int n, const Similarity& s) const {
+    const float turn_bins = TurnBins(s.turn);
+    const int level =
+        AspectImage::ChanceLevel(static_cast<float>(Tau8(s.size)) / AspectImage::kDistanceScale);
+    int sum = 0;
+    for (int i = 0; i < n; ++i) {
+      const VotePoint& p = points[i];
+      const float x = s.a * p.x - s.b * p.y + s.x;
+      const float y = s.b * p.x + s.a * p.y + s.y;
+      if (!(x >= 0 && y >= 0 && x < image_.width && y < image_.height)) continue;
+      sum += image_.ChanceAt(x, y, kBins.bin[static_cast<int>(p.bin + turn_bins)], level);
+    }
+    return static_cast<float>(sum) / (255.0f * static_cast<float>(n));
   }
 
   // Better size and turn about a point that stays.

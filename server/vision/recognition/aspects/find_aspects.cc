@@ -124,11 +124,11 @@ class Finder {
     return points;
   }
 
-  // Mean support of edge points by the distance maps.
+  // Mean support of edge points by the distance maps, above chance.
   double PointSupport(const std::vector<ModelEdgePoint>& points, const Candidate& c) const {
     const PinholeCamera working = WorkingCamera(image_, c.camera);
     constexpr double kReachPx = 4.0;
-    double sum = 0.0;
+    double sum = 0.0, chance = 0.0;
     for (const ModelEdgePoint& p : points) {
       const Eigen::Vector3d x = c.pose * p.point.cast<double>();
       if (x.z() <= 0) continue;
@@ -136,11 +136,15 @@ class Finder {
       const Eigen::Vector2f at = Project(working, x).cast<float>();
       const int bin = AspectBin(static_cast<float>(d.x() * x.z() - x.x() * d.z()),
                                 static_cast<float>(d.y() * x.z() - x.y() * d.z()));
+      if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image_.width && at.y() < image_.height)) continue;
       const double distance =
           image_.DistanceAt(at.x(), at.y(), bin) / AspectImage::kDistanceScale;
       sum += std::max(0.0, 1.0 - distance / kReachPx);
+      chance += image_.ChanceAt(at.x(), at.y(), bin, 0) / 255.0;
     }
-    return points.empty() ? 0.0 : sum / static_cast<double>(points.size());
+    if (points.empty()) return 0.0;
+    const double n = static_cast<double>(points.size());
+    return sum / n - std::max(0.0, chance / n - options_.votes.free_chance);
   }
 
   const AspectImage& image_;

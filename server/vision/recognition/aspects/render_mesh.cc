@@ -1,9 +1,11 @@
 #include "server/vision/recognition/aspects/render_mesh.h"
 
 #include <Eigen/Dense>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <numeric>
 #include <utility>
 
@@ -127,7 +129,8 @@ std::vector<int> Components(const RenderMesh& mesh) {
   return parent;
 }
 
-void FillEdges(RenderMesh* mesh) {
+// True if the surface has no border: every edge is run through as often one way as the other.
+bool FillEdges(RenderMesh* mesh) {
   struct Side {
     int triangle;
     bool forward;  // from the smaller vertex to the larger one
@@ -150,8 +153,13 @@ void FillEdges(RenderMesh* mesh) {
     return x.key != y.key ? x.key < y.key : x.side.triangle < y.side.triangle;
   });
   mesh->edges.clear();
+  bool borderless = true;
   for (std::size_t i = 0, j = 0; i < sides.size(); i = j) {
-    while (j < sides.size() && sides[j].key == sides[i].key) ++j;
+    int balance = 0;
+    for (; j < sides.size() && sides[j].key == sides[i].key; ++j) {
+      balance += sides[j].side.forward ? 1 : -1;
+    }
+    borderless = borderless && balance == 0;
     RenderMeshEdge edge;
     edge.a = static_cast<std::int32_t>(sides[i].key >> 32);
     edge.b = static_cast<std::int32_t>(sides[i].key & 0xffffffff);
@@ -162,32 +170,41 @@ void FillEdges(RenderMesh* mesh) {
     }
     mesh->edges.push_back(edge);
   }
+  return borderless;
 }
 
-// True if every component encloses a positive volume; a single one that is inside out is turned.
+struct Component {
+  double volume = 0.0;
+  Eigen::AlignedBox3f box;
+};
+
+// Of a mesh without border: whether every component is outside out, or a cavity of one that is. If
+// all are inside out, they are turned.
 bool MakeOutward(RenderMesh* mesh) {
-  for (const RenderMeshEdge& e : mesh->edges) {
-    if (e.right < 0 || e.same_winding) return false;
-  }
-  const std::vector<int> component = Components(*mesh);
-  std::vector<double> volume(component.size(), 0.0);
-  for (std::size_t t = 0; t < component.size(); ++t) {
+  const std::vector<int> roots = Components(*mesh);
+  std::map<int, Component> components;
+  for (std::size_t t = 0; t < roots.size(); ++t) {
     const Vector3i& v = mesh->triangles[t];
+    Component& c = components[roots[t]];
     const auto at = [&](int k) -> Vector3d {
       return (mesh->vertices[v[k]] - mesh->center).cast<double>();
     };
-    volume[component[t]] += at(0).dot(at(1).cross(at(2)));
+    c.volume += at(0).dot(at(1).cross(at(2)));
+    for (const int k : v) c.box.extend(mesh->vertices[k]);
   }
-  int outward = 0, inward = 0;
-  for (std::size_t t = 0; t < component.size(); ++t) {
-    if (component[t] != static_cast<int>(t)) continue;
-    (volume[t] > 0.0 ? outward : inward) += 1;
-  }
-  if (outward > 0 && inward > 0) return false;
-  if (inward > 0) {
+  const bool inward = std::all_of(components.begin(), components.end(), [](const auto& c) {
+    return c.second.volume <= 0.0;
+  });
+  if (inward) {
     for (Vector3i& t : mesh->triangles) std::swap(t[1], t[2]);
+    return true;
   }
-  return true;
+  return std::all_of(components.begin(), components.end(), [&](const auto& c) {
+    return c.second.volume > 0.0 ||
+           std::any_of(components.begin(), components.end(), [&](const auto& other) {
+             return other.second.volume > 0.0 && other.second.box.contains(c.second.box);
+           });
+  });
 }
 
 double CornerAngle(const RenderMesh& mesh, int t, int k) {
@@ -256,8 +273,7 @@ void ConnectRenderMesh(double smooth_angle_rad, RenderMesh* mesh) {
     high = high.cwiseMax(p);
   }
   mesh->center = 0.5f * (low + high);
-  FillEdges(mesh);
-  mesh->closed = MakeOutward(mesh);
+  mesh->closed = FillEdges(mesh) && MakeOutward(mesh);
   FillNormals(smooth_angle_rad, mesh);
 }
 

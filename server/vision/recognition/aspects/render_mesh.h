@@ -45,8 +45,8 @@ struct RenderMesh {
   std::vector<Eigen::Vector3f> face_normals;            // unit
   std::vector<char> flat;  // of triangles: the corners' normals are the face's
   std::vector<RenderMeshEdge> edges;
-  // Every edge has two triangles that agree which side is outside, and it is: back faces are never
-  // seen. Otherwise both faces of a triangle are drawn.
+  // No border, and the triangles agree which side is outside: back faces are never seen. Otherwise
+  // both faces of a triangle are drawn.
   bool closed = false;
   double diameter_m = 0.0;                           // as of the model, > 0
   Eigen::Vector3f center = Eigen::Vector3f::Zero();  // of the bounding box
