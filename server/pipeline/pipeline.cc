@@ -19,6 +19,9 @@
 namespace horopter {
 namespace {
 
+// What the catalog keeps of an object.
+constexpr PrepareOptions kCatalogPreparation{.aspects = true};
+
 // Times one stage and keeps its counts.
 class StageClock {
  public:
@@ -234,7 +237,7 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> ObjectAt(const CatalogSnap
 }
 
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(ObjectModel model) {
-  return PrepareObject(std::move(model));
+  return PrepareObject(std::move(model), kCatalogPreparation);
 }
 
 const ObjectModel& ModelOf(const PreparedObject& object) {
@@ -245,9 +248,9 @@ ObjectPreparer CatalogPreparer() {
   ObjectPreparer preparer;
   preparer.version = kPreparedVersion;
   preparer.prepare = PrepareCatalogObject;
-  preparer.encode = [](const PreparedObject& object) { return EncodePrepared(object); };
+  preparer.encode = [](const PreparedObject& object) { return EncodePrepared(object, kCatalogPreparation); };
   preparer.restore = [](ObjectModel model, const PreparedBytes& bytes) {
-    return RestorePrepared(std::move(model), bytes);
+    return RestorePrepared(std::move(model), bytes, kCatalogPreparation);
   };
   preparer.decode_keys = DecodePreparedKeys;
   preparer.model_of = ModelOf;

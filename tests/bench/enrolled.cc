@@ -69,7 +69,7 @@ absl::Status AddKept(const std::string& file, Enrolled* catalog) {
     last = page->back().model.id;
     for (LoadedObject& object : *page) {
       auto restored =
-          RestorePrepared(std::move(object.model), {object.derived.data, object.derived.keys});
+          RestorePrepared(std::move(object.model), {object.derived.data, object.derived.keys}, {.aspects = true});
       if (!restored.ok()) {
         return restored.status();
       }
@@ -86,7 +86,7 @@ absl::Status Keep(const Enrolled& catalog, size_t first, const std::string& file
   }
   std::vector<Catalog::NewObject> batch;
   for (size_t i = first; i < catalog.objects.size(); ++i) {
-    const PreparedBytes bytes = EncodePrepared(*catalog.objects[i]);
+    const PreparedBytes bytes = EncodePrepared(*catalog.objects[i], {.aspects = true});
     Catalog::NewObject& object = batch.emplace_back();
     object.record.model = catalog.objects[i]->model;
     object.record.create_time = object.record.update_time = "2026-01-01T00:00:00Z";

@@ -6,6 +6,7 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/geometry/depth_buffer.h"
+#include "server/vision/recognition/aspects/visible_edges.h"
 
 namespace horopter {
 namespace {
@@ -39,7 +40,27 @@ void Thin(int wanted, VisibleSamples* seen) {
   if (wanted <= 0 || n <= static_cast<std::size_t>(wanted)) return;
   for (int i = 0; i < wanted; ++i) seen->samples[i] = seen->samples[i * n / wanted];
   seen->samples.resize(wanted);
-  seen->thinning = static_cast<double>(n) / wanted;
+  seen->spacing_m *= static_cast<double>(n) / wanted;
+}
+
+constexpr int kChainsPerView = 4096;  // a chain of one view is no edge of another
+
+std::vector<EdgeSample> SamplesOfAspect(const PreparedObject& model,
+                                        const PinholeCamera& camera,
+                                        const Rigid3& camera_from_object,
+                                        int view,
+                                        double* spacing_m) {
+  std::vector<EdgeSample> out;
+  const VisibleEdges edges =
+      FindVisibleEdges(model.aspects->object.mesh, camera, camera_from_object);
+  double length = 0.0;
+  for (const VisibleEdgePoint& p : edges.points) {
+    if (!out.empty() && out.back().edge == p.chain + view * kChainsPerView)
+      length += (p.point - out.back().point).norm();
+    out.push_back({p.point, p.direction, p.chain % kChainsPerView + view * kChainsPerView});
+  }
+  *spacing_m = out.empty() ? 0.0 : length / static_cast<double>(out.size());
+  return out;
 }
 
 }  // namespace
@@ -125,13 +146,18 @@ std::vector<VisibleSamples> FindVisibleSamples(std::span<const AdjustedView> vie
       const Rigid3 pose = views[v].camera_from_scene * objects[k].scene_from_object;
       const double tolerance_m = kHiddenTolerance * model.model.diameter_m;
       VisibleSamples& seen = out[static_cast<std::size_t>(v) * count + k];
-      for (std::size_t i = 0; i < model.samples.size(); ++i) {
-        const Eigen::Vector3d p = pose * model.samples[i].point.cast<double>();
+      seen.spacing_m = model.sample_spacing_m;
+      const bool by_aspect = options.aspects && model.aspects != nullptr;
+      const std::vector<EdgeSample> of_aspect =
+          by_aspect ? SamplesOfAspect(model, camera, pose, v, &seen.spacing_m)
+                    : std::vector<EdgeSample>();
+      for (const EdgeSample& sample : by_aspect ? of_aspect : model.samples) {
+        const Eigen::Vector3d p = pose * sample.point.cast<double>();
         if (p.z() < kMinDepthM || !IsVisible(depth, Project(camera, p), p.z(), tolerance_m) ||
-            !ImageTangent(p, pose.R * model.samples[i].tangent.cast<double>(), camera.k1)) {
+            !ImageTangent(p, pose.R * sample.tangent.cast<double>(), camera.k1)) {
           continue;
         }
-        seen.samples.push_back(static_cast<int>(i));
+        seen.samples.push_back(sample);
       }
       Thin(options.samples_per_view, &seen);
       seen.view = v;
@@ -151,12 +177,9 @@ std::vector<EdgeObservation> ObserveEdges(std::span<const AdjustedView> views,
   ParallelFor(static_cast<int>(visible.size()), options.threads, [&](int part) {
     const VisibleSamples& seen = visible[part];
     const EdgeGrid& grid = grids[seen.view];
-    const PreparedObject& model = *objects[seen.object].model;
     const PinholeCamera camera = WorkingCamera(views[seen.view].camera, grid);
     const Rigid3 pose = views[seen.view].camera_from_scene * objects[seen.object].scene_from_object;
-    const double spacing_m = model.sample_spacing_m * seen.thinning;
-    for (const int i : seen.samples) {
-      const EdgeSample& sample = model.samples[i];
+    for (const EdgeSample& sample : seen.samples) {
       const Eigen::Vector3d p = pose * sample.point.cast<double>();
       if (p.z() < kMinDepthM) continue;
       const auto along = ImageTangent(p, pose.R * sample.tangent.cast<double>(), camera.k1);
@@ -175,7 +198,7 @@ std::vector<EdgeObservation> ObserveEdges(std::span<const AdjustedView> views,
       o.edge_point = e->point.cast<double>();
       o.normal = normal;
       o.residual_px = normal.dot(u - o.edge_point * grid.working_from_image());
-      o.spacing_px = length / (p.z() * p.z()) * camera.focal_px * spacing_m;
+      o.spacing_px = length / (p.z() * p.z()) * camera.focal_px * seen.spacing_m;
       parts[part].push_back(o);
     }
   });

@@ -63,18 +63,20 @@ struct EdgeObservation {
 };
 
 // Samples of an object's edges that a view sees: nothing of the scene hides them, and they are not
-// seen end-on. Indices into PreparedObject::samples.
+// seen end-on. Of aspects: what a camera sees as edges at this pose (contours, creases), `edge` the
+// chain they are in, of this view alone.
 struct VisibleSamples {
   int view = -1;
   int object = -1;
-  std::vector<int> samples;
-  double thinning = 1.0;  // how many samples each of them stands for
+  std::vector<EdgeSample> samples;
+  double spacing_m = 0.0;  // on the part, between one and the next
 };
 
 struct ObservationOptions {
   double search_px = 4.0;    // reach of the association, working pixels, <= EdgeGrid::kCellPx
   int samples_per_view = 0;  // of an object, spread evenly; 0: all
   int threads = 1;
+  bool aspects = false;  // edges as the camera sees them instead of the model's sharp ones
 };
 
 // Per known view and object, hidden lines removed by a depth buffer of all objects.

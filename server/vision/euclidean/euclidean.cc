@@ -112,6 +112,7 @@ Refinement Begin(const RecognitionInput& input,
     b.plane = AveragePlaneMatches(*input.matching, known, options.plane);
   }
   r.observation = {options.search_px, options.samples_per_view, options.threads};
+  r.observation.aspects = recognition.route == RecognitionRoute::kAspects;
   return r;
 }
 

@@ -13,10 +13,30 @@ struct RecognitionRoutes {
   bool metric = true;
   bool view_led = true;
   bool projective = true;
+  bool aspects = true;  // parts by the aspects of their CAD, where objects have them
+};
+
+// How answers are found and judged by what cameras should see of the parts (aspect_route.h). Scores
+// are those of AspectScore, means over the views.
+struct AspectRouteOptions {
+  int max_objects = 200;  // of a request; more: the route is left out
+  double judge_render_px = 200.0;
+  // An answer of another route: above for every object it stands, objects below are left out, in
+  // between the aspects' own answer is asked for and the better one taken.
+  double confirming_score = 0.45;
+  double contradicting_score = 0.25;
+  double chance_score = 0.40;  // of wrong poses: what exceeds it counts when answers are compared
+  // Log odds that an object is right: weights x (score, precision - what makes it even).
+  double score_weight = 25.0;
+  double even_score = 0.42;
+  double precision_weight = 6.0;
+  double even_precision = 0.60;
+  double accept_probability = 0.6;
 };
 
 struct RecognitionOptions {
   RecognitionRoutes routes;
+  AspectRouteOptions aspects;
   double focal_start_widths = 1.5;  // first focal length tried, in image widths
   double focal_log_sigma = 0.35;    // prior width of log f; larger: weaker prior
   int hypotheses_per_object = 8;    // distinct poses kept per object and view

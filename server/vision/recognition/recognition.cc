@@ -8,6 +8,7 @@
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/initialization/view_linking.h"
 #include "server/vision/recognition/interpretation/answer.h"
+#include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/decision.h"
 #include "server/vision/recognition/interpretation/rivals.h"
 #include "server/vision/recognition/interpretation/routes.h"
@@ -57,13 +58,15 @@ constexpr Route kRoutes[] = {
 };
 
 // The best scene of the routes; empty where none finds one. Errors: CANCELLED.
-absl::StatusOr<FoundScene> FindScene(const RecognitionInput& input, JointContext* context) {
+absl::StatusOr<FoundScene> FindScene(const RecognitionInput& input,
+                                     const RecognitionRoutes& routes,
+                                     JointContext* context) {
   const RouteInput route_input{input.features, input.reconstruction, input.keys, input.slots};
   FoundScene best;
   bool table_found = false;
   for (const Route& route : kRoutes) {
     if (IsStopRequested(context->give_up) || !IsOpen(*context, best)) break;
-    if (!route.applies(input, context->options.routes, table_found)) continue;
+    if (!route.applies(input, routes, table_found)) continue;
     HOROPTER_ASSIGN_OR_RETURN(FoundScene found, route.run(route_input, context));
     if (found.route == RecognitionRoute::kTable) table_found = !found.scene.objects.empty();
     TakeIfBetter(*context, std::move(found), &best);
@@ -132,6 +135,42 @@ RecognitionResult Conclude(const RecognitionInput& input, FoundScene best, Joint
   return result;
 }
 
+// What the given routes answer.
+absl::StatusOr<RecognitionResult> ByRoutes(const RecognitionInput& input,
+                                           const RecognitionRoutes& routes,
+                                           JointContext* context) {
+  HOROPTER_ASSIGN_OR_RETURN(FoundScene found, FindScene(input, routes, context));
+  return Conclude(input, std::move(found), context);
+}
+
+// Routes in the cameras of the reconstruction first: where a table's texture gives these they are
+// quick. Their answer is judged by what the cameras should see of it; unless that confirms it, the
+// aspects give theirs, and the one that explains more is taken. What neither finds the dearer
+// routes are asked for.
+absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
+                                              JointContext* context) {
+  const AspectRouteOptions& options = context->options.aspects;
+  RecognitionRoutes quick = context->options.routes, dear = quick;
+  quick.view_led = quick.projective = false;
+  dear.metric = dear.table = false;
+  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context));
+  BeginStep(*context, "aspect_images");
+  const std::vector<AspectImage> images = MakeAspectImages(input.images, context->options.threads);
+  AspectJudgement judged = JudgeAnswer(*context, images, result);
+  if (judged.confirmed || IsStopRequested(context->give_up)) {
+    DropContradicted(judged, options, &result);
+    return result;
+  }
+  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, images));
+  if (!aspects.result.objects.empty() && aspects.score > judged.score) return aspects.result;
+  if (result.objects.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context));
+    judged = JudgeAnswer(*context, images, result);
+  }
+  DropContradicted(judged, options, &result);
+  return result.objects.empty() && !aspects.result.detail.empty() ? aspects.result : result;
+}
+
 }  // namespace
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
@@ -158,8 +197,11 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
       options,
       stop,
       on_step);
-  HOROPTER_ASSIGN_OR_RETURN(FoundScene found, FindScene(input, &context));
-  return Conclude(input, std::move(found), &context);
+  if (options.routes.aspects && HaveAspects(input.objects, options.aspects) &&
+      input.images.size() == input.features.size()) {
+    return WithAspects(input, &context);
+  }
+  return ByRoutes(input, options.routes, &context);
 }
 
 }  // namespace horopter

@@ -72,6 +72,7 @@ enum class RecognitionRoute {
   kMetric,      // similarity invariants of corners in space, cameras known up to scale
   kViewLed,     // hypotheses of single views, linked
   kProjective,  // projective invariants of matched corners, nothing known of the cameras
+  kAspects,     // contours of single images, views linked through the parts
 };
 
 struct RecognitionResult {

@@ -16,8 +16,8 @@ constexpr double kFineRenderPx = 200.0;  // of the scores that are answered
 constexpr double kLeastWeight = 0.003;   // of a hypothesis that is no better than chance
 constexpr double kLeastChance = 0.25;    // of a wrong pose's score in an image
 constexpr double kMostChance = 0.5;
-constexpr std::size_t kLongList = 12;    // hypotheses of which a fifth may be right
-constexpr double kShownScore = 0.35;     // of the best object in a view whose camera is right
+constexpr std::size_t kLongList = 12;  // hypotheses of which a fifth may be right
+constexpr double kShownScore = 0.35;   // of the best object in a view whose camera is right
 constexpr int kSeedObjects = 8;
 constexpr int kVirtualSteps = 12;
 constexpr double kVirtualSigmaPx = 6.0;
@@ -571,6 +571,16 @@ class Linker {
     return Finish(&scene);
   }
 
+  // Whether the scene has this object in this place.
+  bool IsAccepted(const LinkedScene& scene, int object, const Eigen::Vector3d& center) const {
+    return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const LinkedObject& o) {
+      const RenderMesh& mesh = *meshes_[o.object];
+      return o.object == object &&
+             (o.scene_from_object * mesh.center.cast<double>() - center).norm() <
+                 options_.apart_share * mesh.diameter_m;
+    });
+  }
+
   // Best score that another part's hypothesis has in the place of each object.
   void FindRunnersUp(LinkedScene* scene) const {
     for (LinkedObject& o : scene->objects) {
@@ -588,7 +598,7 @@ class Linker {
           const Eigen::Vector3d there = placed * meshes_[h.object]->center.cast<double>();
           const double size =
               std::min(meshes_[h.object]->diameter_m, meshes_[o.object]->diameter_m);
-          if ((there - center).norm() > size) continue;
+          if ((there - center).norm() > size || IsAccepted(*scene, h.object, there)) continue;
           best[h.object] = h.score;
           candidates[h.object] = {h.object, placed};
         }
@@ -609,7 +619,10 @@ class Linker {
                                  options_.shown_share)
                         .score;
       });
-      o.runner_up = *std::max_element(scores.begin(), scores.end());
+      const auto most = std::max_element(scores.begin(), scores.end());
+      if (*most <= 0.0) continue;
+      o.runner_up = *most;
+      o.runner_up_object = order[most - scores.begin()];
     }
   }
 

@@ -55,7 +55,8 @@ struct LinkedObject {
   std::vector<bool> shown;
   double score = 0.0;      // mean of the shown views' scores
   double precision = 0.0;  // ... of their precisions
-  double runner_up = 0.0;  // best score of another part in its place
+  double runner_up = 0.0;  // best score of another part in its place, and which
+  int runner_up_object = -1;
 };
 
 struct LinkedScene {

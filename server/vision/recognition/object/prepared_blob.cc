@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/vision/recognition/aspects/fragment_blob.h"
 
 namespace horopter {
 namespace {
@@ -49,6 +50,7 @@ std::uint64_t Fingerprint(const ObjectModel& model, const PrepareOptions& option
   hash.Add(options.max_samples);
   hash.Add(options.min_path_angle_rad);
   hash.Add(options.aspect_distance_diameters);
+  hash.Add(static_cast<int>(options.aspects));
   hash.Add(model.diameter_m);
   hash.Add(model.vertices.data(), model.vertices.size() * sizeof(Eigen::Vector3d));
   for (const ModelEdge& e : model.edges) {
@@ -125,6 +127,16 @@ class Reader {
     return out;
   }
 
+  // As many bytes as the number before them says.
+  std::string_view TakeBytes() {
+    const auto size = Take<std::uint32_t>();
+    if (size > blob_.size()) ok_ = false;
+    if (!ok_) return {};
+    const std::string_view out = blob_.substr(0, size);
+    blob_.remove_prefix(size);
+    return out;
+  }
+
   Eigen::Vector3d TakeVector() {
     Eigen::Vector3d v;
     for (double& x : v) x = Take<double>();
@@ -179,6 +191,34 @@ bool TakeOccupancy(Reader& reader, Occupancy& out) {
     for (float& x : p) x = reader.Take<float>();
   }
   return reader.ok();
+}
+
+void AppendBytes(std::string& out, std::string_view bytes) {
+  Append(out, static_cast<std::uint32_t>(bytes.size()));
+  out += bytes;
+}
+
+void AppendAspects(std::string& out, const PreparedObject& object) {
+  if (object.aspects == nullptr) {
+    AppendBytes(out, {});
+    AppendBytes(out, {});
+    return;
+  }
+  const PartAspects& aspects = *object.aspects;
+  AppendBytes(out, EncodeObjectAspects(aspects.object, object.model));
+  AppendBytes(out, EncodePartFragments(aspects.fragments, aspects.object.aspects));
+}
+
+absl::Status TakeAspects(Reader& reader, PreparedObject& out) {
+  const std::string_view object = reader.TakeBytes(), fragments = reader.TakeBytes();
+  if (!reader.ok()) return absl::DataLossError("derived data: aspects of a wrong size");
+  if (object.empty()) return absl::OkStatus();
+  auto aspects = std::make_shared<PartAspects>();
+  HOROPTER_ASSIGN_OR_RETURN(aspects->object, DecodeObjectAspects(object, out.model));
+  HOROPTER_ASSIGN_OR_RETURN(aspects->fragments,
+                            DecodePartFragments(fragments, aspects->object.aspects));
+  out.aspects = std::move(aspects);
+  return absl::OkStatus();
 }
 
 std::string WithHeader(std::string_view magic, std::uint64_t fingerprint, std::string_view body) {
@@ -242,6 +282,7 @@ PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions&
     Append(out, pose.margin_m);
   }
   AppendOccupancy(out, object.occupancy);
+  AppendAspects(out, object);
   const std::uint64_t fingerprint = Fingerprint(object.model, options);
   return {WithHeader(kMagic, fingerprint, out),
           WithHeader(kKeyMagic, fingerprint, EncodeObjectKeys(object.keys))};
@@ -280,6 +321,7 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
   if (!TakeOccupancy(reader, object->occupancy)) {
     return absl::DataLossError("derived data: cells of a wrong size");
   }
+  HOROPTER_RETURN_IF_ERROR(TakeAspects(reader, *object));
   if (reader.left() > 0) return absl::DataLossError("derived data: bytes behind its end");
   HOROPTER_ASSIGN_OR_RETURN(
       object->keys, DecodeObjectKeys(keys, static_cast<int>(object->model.vertices.size())));

@@ -13,7 +13,9 @@
 //          of them, 1..255
 //          resting poses: u32 count, then up (3 f64), height (f64), margin (f64) each
 //          cells: origin (3 f64), cell (f64), size (3 i32), u32 bytes, then the bits `inside`,
-//          coded as above; u32 count, then interior points (3 f32 each), to the end
+//          coded as above; u32 count, then interior points (3 f32 each)
+//          aspects: u32 bytes and the blob of aspect_blob.h, u32 bytes and that of fragment_blob.h;
+//          both of no bytes when there are none; to the end
 //
 // The invariant keys are bytes of their own, which an index over a large catalog is made from:
 //    0  4  magic "HKEY"
@@ -35,7 +37,7 @@ namespace horopter {
 
 // To be raised with every change of what PrepareObject computes or how it is written: stored blobs
 // of another version are made anew.
-inline constexpr int kPreparedVersion = 3;
+inline constexpr int kPreparedVersion = 4;
 
 PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options = {});
 

@@ -244,6 +244,13 @@ absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
   return object;
 }
 
+absl::StatusOr<std::shared_ptr<const PartAspects>> MakePartAspects(const ObjectModel& model) {
+  auto aspects = std::make_shared<PartAspects>();
+  HOROPTER_ASSIGN_OR_RETURN(aspects->object, MakeObjectAspects(model));
+  aspects->fragments = MakePartFragments(aspects->object.mesh, aspects->object.aspects);
+  return std::shared_ptr<const PartAspects>(std::move(aspects));
+}
+
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel model,
                                                                     const PrepareOptions& options) {
   HOROPTER_ASSIGN_OR_RETURN(const std::shared_ptr<PreparedObject> object,
@@ -253,6 +260,9 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel 
   object->stable_poses = FindStablePoses(object->model.mesh);
   object->occupancy = ComputeOccupancy(object->model.mesh);
   object->keys = ComputeObjectKeys(object->model);
+  if (options.aspects) {
+    HOROPTER_ASSIGN_OR_RETURN(object->aspects, MakePartAspects(object->model));
+  }
   return std::shared_ptr<const PreparedObject>(object);
 }
 

@@ -1,0 +1,209 @@
+#include "server/vision/recognition/interpretation/aspect_route.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <opencv2/core/mat.hpp>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "server/base/parallel_for.h"
+#include "server/base/status_macros.h"
+#include "server/vision/recognition/object/prepared_object.h"
+#include "server/vision/recognition/scoring/log_odds.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kKnownLogSigma = 0.1;  // a focal length known better is not searched for
+
+double AboveChance(const LinkedObject& o, double chance) {
+  double sum = 0.0;
+  for (std::size_t v = 0; v < o.views.size(); ++v) {
+    if (o.shown[v]) sum += std::max(0.0, o.views[v].score - chance);
+  }
+  return sum;
+}
+
+std::vector<std::optional<AspectSceneView>> SceneViews(
+    const std::vector<std::optional<RecognizedView>>& views) {
+  std::vector<std::optional<AspectSceneView>> out;
+  for (const auto& view : views) {
+    out.emplace_back();
+    if (view) {
+      out.back() = AspectSceneView{
+          view->camera, view->camera_from_scene, std::log(view->camera.focal_px), 0.35};
+    }
+  }
+  return out;
+}
+
+double ObjectProbability(const LinkedObject& o, const AspectRouteOptions& options) {
+  return Logistic(options.score_weight * (o.score - options.even_score) +
+                  options.precision_weight * (o.precision - options.even_precision));
+}
+
+// Largest angle (radians) under which two views see one of the objects.
+double Parallax(const LinkedScene& scene,
+                std::span<const std::shared_ptr<const PreparedObject>> objects) {
+  double least = 1.0;
+  for (const LinkedObject& o : scene.objects) {
+    const Eigen::Vector3d center = o.scene_from_object * objects[o.object]->center;
+    std::vector<Eigen::Vector3d> rays;
+    for (const auto& view : scene.views) {
+      if (!view) continue;
+      rays.push_back((center - view->camera_from_scene.Inverse().t).normalized());
+      for (const Eigen::Vector3d& other : rays) least = std::min(least, other.dot(rays.back()));
+    }
+  }
+  return std::acos(std::clamp(least, -1.0, 1.0));
+}
+
+SceneObject ToAnswer(const LinkedObject& o, double probability) {
+  SceneObject out;
+  out.object = o.object;
+  out.scene_from_object = o.scene_from_object;
+  out.score = probability;
+  out.support = o.score;
+  for (std::size_t v = 0; v < o.views.size(); ++v)
+    out.view_scores.push_back(o.shown[v] ? o.views[v].score : -1.0);
+  return out;
+}
+
+RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene) {
+  const AspectRouteOptions& options = context.options.aspects;
+  RecognitionResult result;
+  result.views.resize(scene.views.size());
+  LinkedScene accepted = scene;
+  std::erase_if(accepted.objects, [&](const LinkedObject& o) {
+    return ObjectProbability(o, options) < options.accept_probability;
+  });
+  if (accepted.objects.empty()) {
+    if (!scene.objects.empty()) {
+      const LinkedObject& best = scene.objects.front();
+      result.detail =
+          absl::StrFormat("%s fits best with %.2f of its edges' score, but so may chance",
+                          context.objects[best.object]->model.id,
+                          best.score);
+    }
+    return result;
+  }
+  const double parallax = Parallax(accepted, context.objects);
+  if (scene.registered() > 1 && parallax < context.options.min_parallax_rad) {
+    constexpr double kDegrees = 180.0 / std::numbers::pi;
+    result.state = RecognitionState::kNoParallax;
+    result.detail = absl::StrFormat("the views see the objects within %.1f degrees, need %.1f",
+                                    kDegrees * parallax,
+                                    kDegrees * context.options.min_parallax_rad);
+    return result;
+  }
+  result.route = RecognitionRoute::kAspects;
+  result.state = RecognitionState::kRecognized;
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (scene.views[v])
+      result.views[v] = RecognizedView{scene.views[v]->camera, scene.views[v]->camera_from_scene};
+  }
+  for (const LinkedObject& o : accepted.objects) {
+    SceneObject answer = ToAnswer(o, ObjectProbability(o, options));
+    if (o.runner_up_object >= 0 && o.runner_up > o.score - context.options.ambiguity_gap) {
+      answer.alternatives.push_back(o.runner_up_object);
+      result.state = RecognitionState::kAmbiguous;
+    }
+    result.objects.push_back(std::move(answer));
+  }
+  return result;
+}
+
+}  // namespace
+
+bool HaveAspects(std::span<const std::shared_ptr<const PreparedObject>> objects,
+                 const AspectRouteOptions& options) {
+  return static_cast<int>(objects.size()) <= options.max_objects &&
+         std::all_of(
+             objects.begin(), objects.end(), [](const auto& o) { return o->aspects != nullptr; });
+}
+
+std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images, int threads) {
+  std::vector<AspectImage> out(images.size());
+  ParallelFor(static_cast<int>(images.size()), threads, [&](int i) {
+    out[i] = MakeAspectImage(images[i]);
+  });
+  return out;
+}
+
+AspectJudgement JudgeAnswer(const JointContext& context,
+                            std::span<const AspectImage> images,
+                            const RecognitionResult& answer) {
+  const AspectRouteOptions& options = context.options.aspects;
+  AspectJudgement out;
+  out.objects.resize(answer.objects.size());
+  const auto views = SceneViews(answer.views);
+  ParallelFor(static_cast<int>(answer.objects.size()), context.options.threads, [&](int i) {
+    const SceneObject& o = answer.objects[i];
+    out.objects[i] = JudgeInViews(images,
+                                  context.objects[o.object]->aspects->object.mesh,
+                                  views,
+                                  {o.object, o.scene_from_object},
+                                  options.judge_render_px);
+  });
+  out.confirmed = !answer.objects.empty();
+  for (const LinkedObject& o : out.objects) {
+    out.score += AboveChance(o, options.chance_score);
+    out.confirmed = out.confirmed && o.score >= options.confirming_score;
+  }
+  return out;
+}
+
+void DropContradicted(const AspectJudgement& judgement,
+                      const AspectRouteOptions& options,
+                      RecognitionResult* answer) {
+  std::vector<SceneObject> kept;
+  for (std::size_t i = 0; i < answer->objects.size(); ++i) {
+    if (judgement.objects[i].score >= options.contradicting_score)
+      kept.push_back(std::move(answer->objects[i]));
+  }
+  answer->objects = std::move(kept);
+  if (!answer->objects.empty()) return;
+  answer->views.assign(answer->views.size(), std::nullopt);
+  answer->state = RecognitionState::kNothingFound;
+  answer->route = RecognitionRoute::kNone;
+  answer->detail = "the edges that the cameras should see of what fits are not in the images";
+}
+
+absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
+                                                std::span<const AspectImage> images) {
+  BeginStep(context, "aspect_index");
+  std::vector<AspectPart> parts;
+  for (const auto& o : context.objects)
+    parts.push_back({&o->aspects->object, &o->aspects->fragments, o->model.symmetries});
+  HOROPTER_ASSIGN_OR_RETURN(const FragmentIndex index, BuildFragmentIndex(parts));
+  BeginStep(context, "aspect_search");
+  std::vector<AspectViewPrior> priors;
+  std::vector<std::vector<AspectHypothesis>> hypotheses;
+  for (std::size_t v = 0; v < images.size(); ++v) {
+    FindAspectOptions search;
+    search.threads = search.votes.threads = context.options.threads;
+    const PinholeCamera& start = context.start_cameras[v];
+    const bool known = context.focal_log_sigma[v] < kKnownLogSigma;
+    priors.push_back({start, context.focal_log_sigma[v]});
+    if (!known) priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
+    hypotheses.push_back(
+        FindAspectHypotheses(images[v], index, search, known ? &start : nullptr, context.give_up)
+            .hypotheses);
+    if (IsStopRequested(context.stop))
+      return absl::CancelledError("stopped during the search for aspects");
+  }
+  BeginStep(context, "aspect_linking");
+  AspectLinkOptions link;
+  link.threads = context.options.threads;
+  const LinkedScene scene = LinkAspects({images, priors, hypotheses, parts}, link, context.give_up);
+  if (IsStopRequested(context.stop))
+    return absl::CancelledError("stopped while aspects were linked");
+  AspectAnswer out;
+  out.result = ToResult(context, scene);
+  for (const LinkedObject& o : scene.objects)
+    out.score += AboveChance(o, context.options.aspects.chance_score);
+  return out;
+}
+
+}  // namespace horopter

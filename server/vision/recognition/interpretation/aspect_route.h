@@ -1,0 +1,50 @@
+// The route of any part: hypotheses of single images from the aspects of the CAD, linked through
+// the parts they have in common; and the judgement of every other route's answer by what the
+// cameras should see of it.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/recognition/aspects/aspect_linking.h"
+#include "server/vision/recognition/scene/scene_model.h"
+
+namespace cv {
+class Mat;
+}
+
+namespace horopter {
+
+// Whether the route can be taken: all objects have aspects and there are few enough of them.
+bool HaveAspects(std::span<const std::shared_ptr<const PreparedObject>> objects,
+                 const AspectRouteOptions& options);
+
+std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images, int threads);
+
+// What the images say of an answer's objects as their cameras should see them.
+struct AspectJudgement {
+  std::vector<LinkedObject> objects;  // in the answer's order
+  double score = 0.0;                 // sum of what exceeds chance, over objects and views
+  bool confirmed = false;             // every object of the answer, and there is one
+};
+AspectJudgement JudgeAnswer(const JointContext& context,
+                            std::span<const AspectImage> images,
+                            const RecognitionResult& answer);
+
+// Leaves out the objects of an answer that the images contradict; cameras that no object is left in
+// go with them.
+void DropContradicted(const AspectJudgement& judgement,
+                      const AspectRouteOptions& options,
+                      RecognitionResult* answer);
+
+// The scene that the aspects find. Errors: CANCELLED.
+struct AspectAnswer {
+  RecognitionResult result;
+  double score = 0.0;  // as AspectJudgement::score
+};
+absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
+                                                std::span<const AspectImage> images);
+
+}  // namespace horopter
