@@ -59,7 +59,7 @@ class Layering(unittest.TestCase):
             if folder in ("server/index", "server/main.cc"):
                 continue
             said = one(folder + "/x.cc", '"server/index/x_tree.h"', ["server/index/x_tree.h"])
-            self.assertEqual(said == [], folder == "server/vision/recognition", folder)
+            self.assertEqual(said == [], folder.startswith("server/vision/recognition"), folder)
 
     def test_only_pipeline_service_and_main_use_the_catalog(self):
         users = {"db", "server/pipeline", "server/service", "server/main.cc"}
