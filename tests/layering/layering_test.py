@@ -65,7 +65,7 @@ class Layering(unittest.TestCase):
             header = stage_header(stage)
             self.assertTrue(one("server/vision/geometry/x.h", '"%s"' % header, [header]))
 
-    def test_only_invariant_matching_uses_the_index(self):
+    def test_only_rooms_of_hypotheses_use_the_index(self):
         for folder in layering.FOLDERS:
             if folder == "server/index" or folder.endswith((".cc", ".h")):
                 continue

@@ -58,7 +58,6 @@ std::uint64_t Fingerprint(const ObjectModel& model, const ObjectAspectOptions& o
   hash.Add(options.mesh.coarse_tolerance);
   hash.Add(options.mesh.smooth_angle_rad);
   hash.Add(options.aspects.directions);
-  hash.Add(options.aspects.least_kept);
   hash.Add(options.aspects.distance_diameters);
   hash.Add(options.aspects.render_px);
   hash.Add(options.aspects.max_points);
@@ -105,7 +104,9 @@ class ByteReader {
   bool ok_ = true;
 };
 
-bool HasLargeIndices(std::size_t vertices) { return vertices > 65536; }
+bool HasLargeIndices(std::size_t vertices) {
+  return vertices > 65536;
+}
 
 void AppendMesh(const RenderMesh& mesh, double smooth_angle_rad, std::string& out) {
   Append(out, mesh.diameter_m);
@@ -210,8 +211,7 @@ bool TakeAspects(ByteReader& reader, const RenderMesh& mesh, AspectSet* set) {
 absl::StatusOr<ObjectAspects> MakeObjectAspects(const ObjectModel& model,
                                                 const ObjectAspectOptions& options) {
   ObjectAspects out;
-  HOROPTER_ASSIGN_OR_RETURN(out.mesh,
-                            MakeRenderMesh(model.mesh, model.diameter_m, options.mesh));
+  HOROPTER_ASSIGN_OR_RETURN(out.mesh, MakeRenderMesh(model.mesh, model.diameter_m, options.mesh));
   out.aspects = MakeAspects(out.mesh, model.symmetries, options.aspects);
   return out;
 }

@@ -7,12 +7,15 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <opencv2/core/mat.hpp>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/recognition/aspects/contour_chains.h"
+
+namespace cv {
+class Mat;
+}
 
 namespace horopter {
 

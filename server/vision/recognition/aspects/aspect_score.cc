@@ -100,6 +100,16 @@ SilhouetteDistance DistanceToSilhouette(const RenderedView& view, int margin) {
   return out;
 }
 
+// How much more than is free a place and direction support anything.
+double ExcessChance(const AspectImage& image,
+                    const Eigen::Vector2f& at,
+                    int bin,
+                    const AspectScoreOptions& options) {
+  if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image.width && at.y() < image.height)) return 0.0;
+  const int level = AspectImage::ChanceLevel(static_cast<float>(options.tolerance_px));
+  return std::max(0.0, image.ChanceAt(at.x(), at.y(), bin, level) / 255.0 - options.free_chance);
+}
+
 // Precision, supported and visible length.
 void ScoreModelEdges(const AspectImage& image,
                      const VisibleEdges& edges,
@@ -107,6 +117,7 @@ void ScoreModelEdges(const AspectImage& image,
                      AspectScore* score) {
   const float tolerance = static_cast<float>(options.tolerance_px * AspectImage::kDistanceScale);
   const std::size_t n = edges.points.size();
+  double chance_px = 0.0;
   for (std::size_t i = 0; i < n; ++i) {
     const VisibleEdgePoint& p = edges.points[i];
     // Length it stands for: half the way to both neighbours on its chain.
@@ -120,11 +131,14 @@ void ScoreModelEdges(const AspectImage& image,
     const int bin = AspectBin(p.tangent.x(), p.tangent.y());
     const float d = image.DistanceAt(p.image.x(), p.image.y(), bin);
     score->visible_px += length;
+    chance_px += length * ExcessChance(image, p.image, bin, options);
     // Full within a third of the tolerance: poses are that exact, not more.
     score->support_px +=
         length * std::clamp(1.5f * (1.0f - d / tolerance), 0.0f, 1.0f);
   }
-  score->precision = score->visible_px > 0 ? score->support_px / score->visible_px : 0.0;
+  if (!(score->visible_px > 0)) return;
+  const double chance = std::min(0.9, chance_px / score->visible_px);
+  score->precision = std::max(0.0, (score->support_px / score->visible_px - chance) / (1 - chance));
 }
 
 double Recall(const AspectImage& image,
@@ -157,7 +171,10 @@ double Recall(const AspectImage& image,
       if (silhouette.thirds[static_cast<std::size_t>(sy) * silhouette.width + sx] > limit) {
         continue;
       }
-      const double strength = std::min(edge.strength, AspectImage::kMaxStrength);
+      const int bin = AspectBin(-edge.normal.y(), edge.normal.x());
+      // Where half of all places are supported, an edge says nothing.
+      const double telling = std::max(0.0, 1.0 - 2.0 * ExcessChance(image, edge.point, bin, options));
+      const double strength = telling * std::min(edge.strength, AspectImage::kMaxStrength);
       all += strength;
       const int rx = x - raster.x0, ry = y - raster.y0;
       if (rx < 0 || ry < 0 || rx >= raster.width || ry >= raster.height) continue;

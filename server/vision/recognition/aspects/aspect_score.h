@@ -16,9 +16,13 @@ struct AspectScoreOptions {
   double margin_share = 0.10;       // of the size: image edges so near the silhouette must be
                                     // explained as well
   double half_length_px = 200.0;    // supported px at which the size factor is one half
+  // Chance (AspectImage::chance) up to this is free, as parts have it themselves; what exceeds it is
+  // taken off the precision, and image edges in such places count less in the recall.
+  double free_chance = 0.10;
 };
 
-// precision: share of the visible model edge with like-directed image edge; recall: share of the
+// precision: share of the visible model edge with like-directed image edge, as far as that is not
+// chance; recall: share of the
 // image's edge strength (at most AspectImage::kMaxStrength a point) inside silhouette and margin
 // that lies on like-directed model edge. score = 2 P R / (P + R) * n / (n + half_length_px) with
 // n = support_px.

@@ -16,6 +16,10 @@ using Eigen::Vector3f;
 // Coordinates are within half a diameter of the centre of the box, and a little for rounding.
 constexpr double kPlaceRange = 1.02;
 constexpr int kPlaceSteps = 2047;
+// Directions drawn in turn and kept if far enough from those before fill the sphere with as many as
+// asked for at this share of their mean distance.
+constexpr double kSpacing = 0.9;
+constexpr int kCandidates = 4;
 constexpr int kOctahedronX = 127, kOctahedronY = 63;  // steps of 7 and 6 bits
 
 // Unit sphere on the square [-1, 1]^2: Meyer et al. 2010, octahedral normal vectors.
@@ -43,8 +47,7 @@ std::uint64_t Steps(double share, int steps) {
 }
 
 PackedAspectPoint Pack(const AspectSet& set, const VisibleEdgePoint& p) {
-  const Vector3d place =
-      (p.point - set.center).cast<double>() / (kPlaceRange * set.diameter_m);
+  const Vector3d place = (p.point - set.center).cast<double>() / (kPlaceRange * set.diameter_m);
   const Vector2f direction = ToOctahedron(p.direction);
   std::uint64_t bits = 0;
   for (int k = 0; k < 3; ++k) bits |= Steps(place[k] + 0.5, kPlaceSteps) << (11 * k);
@@ -64,9 +67,8 @@ AspectPoint Unpack(const AspectSet& set, const PackedAspectPoint& packed) {
     const double share = static_cast<double>(bits >> (11 * k) & 2047) / kPlaceSteps - 0.5;
     p.point[k] = set.center[k] + static_cast<float>(share * kPlaceRange * set.diameter_m);
   }
-  p.direction = FromOctahedron(
-      {2.0f * static_cast<float>(bits >> 33 & 127) / kOctahedronX - 1.0f,
-       2.0f * static_cast<float>(bits >> 40 & 63) / kOctahedronY - 1.0f});
+  p.direction = FromOctahedron({2.0f * static_cast<float>(bits >> 33 & 127) / kOctahedronX - 1.0f,
+                                2.0f * static_cast<float>(bits >> 40 & 63) / kOctahedronY - 1.0f});
   p.kind = static_cast<VisibleEdgeKind>(bits >> 46 & 3);
   return p;
 }
@@ -85,26 +87,37 @@ Eigen::Matrix3d RotationFrom(const Vector3d& direction) {
   return R;
 }
 
-// One of every set of directions that the symmetries make equal: the one farthest along an axis
-// that no symmetry keeps.
-bool IsRepresentative(const Vector3d& direction, std::span<const Rigid3> symmetries) {
-  const Vector3d generic = Vector3d(0.8161, 0.2347, 0.5281).normalized();
-  const double own = generic.dot(direction);
-  return std::all_of(symmetries.begin(), symmetries.end(), [&](const Rigid3& s) {
-    return own >= generic.dot(s.R * direction) - 1e-9;
-  });
-}
-
-std::vector<Vector3d> Directions(int count, std::span<const Rigid3> symmetries) {
+std::vector<Vector3d> SphereDirections(int count) {
   const double golden = std::numbers::pi * (3.0 - std::sqrt(5.0));
   std::vector<Vector3d> out;
   for (int i = 0; i < count; ++i) {
     const double z = 1.0 - (2.0 * i + 1.0) / count;
     const double r = std::sqrt(1.0 - z * z);
-    const Vector3d direction(r * std::cos(golden * i), r * std::sin(golden * i), z);
-    if (IsRepresentative(direction, symmetries)) out.push_back(direction);
+    out.emplace_back(r * std::cos(golden * i), r * std::sin(golden * i), z);
   }
   return out;
+}
+
+// Evenly over the sphere (Fibonacci); with symmetries one of every set that they make equal, as far
+// apart as `count` directions over the sphere are: of a body of revolution a meridian.
+std::vector<Vector3d> Directions(int count, std::span<const Rigid3> symmetries) {
+  if (symmetries.empty()) return SphereDirections(count);
+  const double spacing = kSpacing * std::sqrt(4.0 * std::numbers::pi / count);
+  const double near = std::cos(spacing);
+  std::vector<Vector3d> kept;
+  for (const Vector3d& d : SphereDirections(kCandidates * count)) {
+    const auto is_near = [&](const Vector3d& equal) {
+      return std::any_of(
+          kept.begin(), kept.end(), [&](const Vector3d& k) { return k.dot(equal) > near; });
+    };
+    if (is_near(d) || std::any_of(symmetries.begin(), symmetries.end(), [&](const Rigid3& s) {
+          return is_near(s.R * d);
+        })) {
+      continue;
+    }
+    kept.push_back(d);
+  }
+  return kept;
 }
 
 // Farthest-point order of the first ones (Gonzalez 1985), then evenly along the chains.
@@ -129,6 +142,7 @@ std::vector<int> PickPoints(const std::vector<VisibleEdgePoint>& points,
     picked.push_back(next);
     taken[next] = 1;
     const Vector2f at = points[next].image;
+    distance[next] = 0.0f;
     for (int i = 0; i < count; ++i) {
       distance[i] = std::min(distance[i], (points[i].image - at).squaredNorm());
       if (distance[i] > distance[next]) next = i;
@@ -187,9 +201,7 @@ AspectSet MakeAspects(const RenderMesh& mesh,
   set.distance_m = options.distance_diameters * mesh.diameter_m;
   set.render_px = options.render_px;
   set.center = mesh.center;
-  const int equal = static_cast<int>(symmetries.size()) + 1;
-  const int tried = std::max(options.directions, options.least_kept * equal);
-  for (const Vector3d& direction : Directions(tried, symmetries)) {
+  for (const Vector3d& direction : Directions(options.directions, symmetries)) {
     Aspect aspect;
     aspect.camera_from_object = RotationFrom(direction).cast<float>();
     set.aspects.push_back(aspect);

@@ -16,7 +16,6 @@ namespace horopter {
 
 struct AspectOptions {
   int directions = 300;  // over the whole sphere, of which symmetric ones are dropped
-  int least_kept = 36;   // more directions are tried where symmetry leaves fewer
   double distance_diameters = 4.0;
   double render_px = 180.0;  // a diameter
   int max_points = 220;      // an aspect

@@ -127,7 +127,8 @@ class Share {
     if (support < options_.min_support) return;
     const float chance =
         std::max(0.0f, Chance(points, n, s) - static_cast<float>(options_.free_chance));
-    const float gain = support - chance - static_cast<float>(options_.rank_support);
+    const float gain =
+        (support - chance) / (1.0f - chance) - static_cast<float>(options_.rank_support);
     if (gain <= 0) return;
     ++counts_.accepted;
     const float rank = aspect.edge_length * s.size * gain;

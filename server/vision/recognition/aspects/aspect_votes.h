@@ -26,7 +26,7 @@ struct AspectVoteOptions {
   double min_support_6 = 0.36;
   double min_support_16 = 0.42;
   double min_support = 0.50;
-  double rank_support = 0.45;       // rank = length (px) x (support - chance - this)
+  double rank_support = 0.45;       // rank = length (px) x ((support - chance) / (1 - chance) - this)
   double free_chance = 0.10;        // chance up to this, as parts have themselves, costs nothing
   int pool = 2000;                  // votes kept of a part before the distinct ones are chosen
   int max_per_part = 150;           // distinct votes of a part

@@ -17,10 +17,10 @@ constexpr float kSharpShare = 0.6f;     // such an edge explains turns up to its
 constexpr float kOnSurfacePx = 3.0f;    // it is as deep as the surface, in footprints
 constexpr float kSnapAcrossPx = 1.3f;   // and so near the ridge
 constexpr float kSnapAlongPx = 0.8f;
-constexpr float kSteepShare = 0.5f;     // squared turn along a line against that across it
-constexpr float kLinkPx = 1.8f;         // between points of a chain
-constexpr int kBorderPx = 4;            // of the window, which every search stays in
-constexpr float kLeastCosine = 0.5f;    // a chain bends by less from point to point
+constexpr float kSteepShare = 0.5f;   // squared turn along a line against that across it
+constexpr float kLinkPx = 1.8f;       // between points of a chain
+constexpr int kBorderPx = 4;          // of the window, which every search stays in
+constexpr float kLeastCosine = 0.5f;  // a chain bends by less from point to point
 
 // A peak of the turning of the normals along a row or column of pixels.
 struct Ridge {
@@ -340,9 +340,8 @@ class CreaseFinder {
       std::reverse(chain.begin(), chain.end());
       chain.push_back(i);
       chain.insert(chain.end(), forward.begin(), forward.end());
-      const bool sharp = std::any_of(chain.begin(), chain.end(), [&](int k) {
-        return ridges_[k].point.turn_rad >= high_;
-      });
+      const bool sharp = std::any_of(
+          chain.begin(), chain.end(), [&](int k) { return ridges_[k].point.turn_rad >= high_; });
       if (!sharp) continue;
       for (const int k : chain) out.points.push_back(ridges_[k].point);
       out.ends.push_back(static_cast<std::int32_t>(out.points.size()));
@@ -359,7 +358,7 @@ class CreaseFinder {
   const DepthSteps& steps_;
   const RenderedView& view_;
   const float high_;
-  std::vector<Vector3f> normals_;  // towards the camera, object frame
+  std::vector<Vector3f> normals_;            // towards the camera, object frame
   std::array<std::vector<float>, 2> power_;  // squared turn to the right and lower neighbour
   std::vector<Ridge> ridges_;
   std::vector<Crossing> crossings_;

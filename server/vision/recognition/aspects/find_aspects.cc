@@ -144,7 +144,8 @@ class Finder {
     }
     if (points.empty()) return 0.0;
     const double n = static_cast<double>(points.size());
-    return sum / n - std::max(0.0, chance / n - options_.votes.free_chance);
+    const double excess = std::max(0.0, chance / n - options_.votes.free_chance);
+    return (sum / n - excess) / (1.0 - excess);
   }
 
   const AspectImage& image_;

@@ -17,6 +17,14 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::Vector3i;
 
+// A vertex sums up the planes of all it has swallowed, so its error is overrated many times on
+// round surfaces. Passes forget them; each may use a part of the tolerance.
+constexpr int kPasses = 4;
+constexpr double kPassShare = 0.5;
+constexpr double kWorthwhile = 0.95;  // of the triangles left: another pass is of no use
+// Pulls a cluster to the mean of its points where its planes leave it free.
+constexpr double kMeanPull = 0.02;
+
 // The sum of squared distances of a point to planes n x + d = 0: x'A x + 2 b'x + c.
 struct Quadric {
   double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
@@ -47,9 +55,7 @@ struct Quadric {
   Eigen::Matrix3d A() const {
     return (Eigen::Matrix3d() << xx, xy, xz, xy, yy, yz, xz, yz, zz).finished();
   }
-  double At(const Vector3d& p) const {
-    return std::max(0.0, p.dot(A() * p) + 2.0 * b.dot(p) + c);
-  }
+  double At(const Vector3d& p) const { return std::max(0.0, p.dot(A() * p) + 2.0 * b.dot(p) + c); }
 };
 
 struct Collapse {
@@ -211,9 +217,8 @@ class Decimator {
       }
       const Vector3d before = Normal(t);
       const Vector3d after = (p[1] - p[0]).cross(p[2] - p[0]);
-      const double longest = std::max({(p[1] - p[0]).squaredNorm(),
-                                       (p[2] - p[1]).squaredNorm(),
-                                       (p[0] - p[2]).squaredNorm()});
+      const double longest = std::max(
+          {(p[1] - p[0]).squaredNorm(), (p[2] - p[1]).squaredNorm(), (p[0] - p[2]).squaredNorm()});
       if (after.norm() < 1e-3 * longest && after.norm() < 0.5 * before.norm()) return false;
       if (before.dot(after) < 0.7 * before.norm() * after.norm()) return false;
     }
@@ -263,36 +268,67 @@ class Decimator {
 }  // namespace
 
 IndexedMesh ClusterVertices(const IndexedMesh& mesh, double cell) {
-  IndexedMesh out;
-  absl::flat_hash_map<std::tuple<int, int, int>, int> cells;
+  struct Cluster {
+    Vector3d sum = Vector3d::Zero();
+    int count = 0;
+    Quadric planes;  // about the first point, in cells
+    Vector3d first = Vector3d::Zero();
+  };
+  absl::flat_hash_map<std::uint64_t, int> cells;
+  std::vector<Cluster> clusters;
   std::vector<int> index(mesh.vertices.size());
-  std::vector<int> counts;
+  Vector3d low = mesh.vertices.front();
+  for (const Vector3d& p : mesh.vertices) low = low.cwiseMin(p);
   for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
-    const Eigen::Vector3i key = (mesh.vertices[i] / cell).array().round().cast<int>();
-    const auto [it, added] = cells.try_emplace(std::tuple(key.x(), key.y(), key.z()),
-                                               static_cast<int>(out.vertices.size()));
-    if (added) {
-      out.vertices.push_back(Vector3d::Zero());
-      counts.push_back(0);
+    const Vector3d& p = mesh.vertices[i];
+    std::uint64_t key = 0;
+    for (int k = 0; k < 3; ++k) {
+      key = key << 21 | static_cast<std::uint64_t>(std::min((p[k] - low[k]) / cell, 2e6));
     }
+    const auto [it, added] = cells.try_emplace(key, static_cast<int>(clusters.size()));
+    if (added) clusters.emplace_back().first = p;
     index[i] = it->second;
-    out.vertices[it->second] += mesh.vertices[i];
-    ++counts[it->second];
+    Cluster& c = clusters[it->second];
+    c.sum += (p - c.first) / cell;
+    ++c.count;
   }
-  for (std::size_t i = 0; i < counts.size(); ++i) out.vertices[i] /= counts[i];
+  IndexedMesh out;
   for (const Vector3i& t : mesh.triangles) {
+    const Vector3d& a = mesh.vertices[t[0]];
+    const Vector3d n = (mesh.vertices[t[1]] - a).cross(mesh.vertices[t[2]] - a).normalized();
     const Vector3i mapped(index[t[0]], index[t[1]], index[t[2]]);
+    for (const int k : mapped) {
+      Cluster& c = clusters[k];
+      c.planes.AddPlane(n, -n.dot(a - c.first) / cell);
+    }
     if (mapped[0] != mapped[1] && mapped[1] != mapped[2] && mapped[2] != mapped[0]) {
       out.triangles.push_back(mapped);
     }
+  }
+  for (const Cluster& c : clusters) {
+    // Where its planes meet: corners and edges stay sharp.
+    const Vector3d mean = c.sum / c.count;
+    const Eigen::Matrix3d m = c.planes.A();
+    const double pull = kMeanPull * m.trace() + 1e-12;
+    const Vector3d best =
+        (m + pull * Eigen::Matrix3d::Identity()).inverse() * (pull * mean - c.planes.b);
+    out.vertices.push_back(c.first + cell * ((best - mean).norm() < 1.0 ? best : mean));
   }
   return out;
 }
 
 IndexedMesh Decimate(IndexedMesh mesh, const DecimationLimits& limits) {
-  Decimator decimator(std::move(mesh));
-  decimator.Run(limits);
-  return decimator.Take();
+  DecimationLimits pass = limits;
+  pass.tolerance *= kPassShare;
+  pass.coarse_tolerance *= kPassShare;
+  for (int i = 0; i < kPasses; ++i) {
+    const std::size_t before = mesh.triangles.size();
+    Decimator decimator(std::move(mesh));
+    decimator.Run(pass);
+    mesh = decimator.Take();
+    if (mesh.triangles.size() > kWorthwhile * static_cast<double>(before)) break;
+  }
+  return mesh;
 }
 
 }  // namespace horopter

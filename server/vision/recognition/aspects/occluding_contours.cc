@@ -11,7 +11,8 @@ namespace {
 using Eigen::Vector3f;
 
 // A point of the mesh's contour differs in depth from the surface a pixel away by less, in pixel
-// footprints: a ball of 200 px falls off by 14 in its last pixel.
+// footprints: a ball of 200 px falls off by 14 in its last pixel. Only a face seen edge-on, less
+// than a pixel wide, goes deeper.
 constexpr float kSameSurfacePx = 25.0f;
 
 constexpr std::array<int, 4> kDx = {1, 0, -1, 0};
@@ -48,6 +49,7 @@ struct Side {
   int direction = 0;
   float along = -1.0f;  // of the contour, from the near pixel's centre (0) to the far one's (1)
   float inverse_depth = 0.0f;
+  bool same_surface = false;
   int next = -1;
 };
 
@@ -60,7 +62,7 @@ class ContourTracer {
       if (steps.farther[i] == 0) continue;
       first_[i] = static_cast<int>(sides_.size());
       for (int d = 0; d < 4; ++d) {
-        if (steps.farther[i] >> d & 1) sides_.push_back({i, d, -1.0f, 0.0f, -1});
+        if (steps.farther[i] >> d & 1) sides_.push_back({i, d});
       }
     }
   }
@@ -135,10 +137,12 @@ class ContourTracer {
     Side& side = sides_[Index(near, direction)];
     const float to_near = std::abs(depth - view_.inverse_depth[near]);
     const float to_far = std::abs(depth - view_.inverse_depth[far]);
-    const float footprint = view_.inverse_depth[near] / r_.focal_px;
-    if (along <= side.along || to_near > to_far || to_near > kSameSurfacePx * footprint) return;
+    const bool same = to_near < kSameSurfacePx * view_.inverse_depth[near] / r_.focal_px;
+    if (to_near > to_far || same < side.same_surface) return;
+    if (same == side.same_surface && along <= side.along) return;
     side.along = along;
     side.inverse_depth = depth;
+    side.same_surface = same;
   }
 
   // Around the near pixel, straight on, or around the far one; nowhere if a nearer surface comes.

@@ -23,11 +23,11 @@ using Eigen::Vector3f;
 using Eigen::Vector3i;
 
 constexpr double kGridSteps = 65535.0;
-// Larger meshes are clustered on a grid of this share of the diameter first: half a pixel of a
-// rendering of 200 px, and at most a million cells of a compact part's surface.
+// Larger meshes are clustered first, on a grid of this share of the diameter: less than a pixel of
+// a rendering of 200 px, and some 200000 cells of a compact part's surface.
 constexpr std::size_t kManyTriangles = 300000;
 constexpr float kFlatCosine = 0.9998f;  // one degree
-constexpr double kClusterCell = 1.0 / 400.0;
+constexpr double kClusterCell = 1.0 / 250.0;
 
 struct Box {
   Vector3d low = Vector3d::Constant(std::numeric_limits<double>::infinity());
@@ -192,9 +192,8 @@ bool MakeOutward(RenderMesh* mesh) {
     c.volume += at(0).dot(at(1).cross(at(2)));
     for (const int k : v) c.box.extend(mesh->vertices[k]);
   }
-  const bool inward = std::all_of(components.begin(), components.end(), [](const auto& c) {
-    return c.second.volume <= 0.0;
-  });
+  const bool inward = std::all_of(
+      components.begin(), components.end(), [](const auto& c) { return c.second.volume <= 0.0; });
   if (inward) {
     for (Vector3i& t : mesh->triangles) std::swap(t[1], t[2]);
     return true;
@@ -283,17 +282,17 @@ absl::StatusOr<RenderMesh> MakeRenderMesh(const TriangleMesh& mesh,
   const absl::StatusOr<Box> box = BoxOf(mesh);
   if (!box.ok()) return box.status();
   const double diameter = diameter_m > 0.0 ? diameter_m : box->size().norm();
-  // A float, so that the mesh can say it exactly; a little more, so that rounding stays on the grid.
+  // A float, so that the mesh can say it exactly; a little more, so that rounding stays on the
+  // grid.
   const auto step = static_cast<float>(box->size().maxCoeff() / kGridSteps * (1.0 + 1e-6));
   IndexedMesh work{mesh.vertices, mesh.triangles};
   if (work.triangles.size() > kManyTriangles) {
     work = ClusterVertices(work, kClusterCell * diameter);
   }
   work = Weld(work, *box, step);
-  work = Decimate(std::move(work),
-                  {options.tolerance * diameter,
-                   options.max_triangles,
-                   options.coarse_tolerance * diameter});
+  work = Decimate(
+      std::move(work),
+      {options.tolerance * diameter, options.max_triangles, options.coarse_tolerance * diameter});
   // On the grid, and once more without what collapsed there.
   for (Vector3d& p : work.vertices) {
     p = p.cwiseMax(box->low).cwiseMin(box->high);

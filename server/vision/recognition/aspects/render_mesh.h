@@ -1,5 +1,5 @@
-// A part's mesh as the software renderer wants it: cleaned, welded, decimated to what a rendering of
-// a few hundred pixels shows, with smooth normals and the adjacency that contours need.
+// A part's mesh as the software renderer wants it: cleaned, welded, decimated to what a rendering
+// of a few hundred pixels shows, with smooth normals and the adjacency that contours need.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,12 +13,12 @@
 namespace horopter {
 
 struct RenderMeshOptions {
-  // Largest deviation of the decimated surface from the mesh, as a share of the diameter: 0.13 px in
-  // a rendering of 200 px. Raising it gives fewer triangles.
+  // Largest deviation of the decimated surface from the mesh, as a share of the diameter: 0.13 px
+  // in a rendering of 200 px. Raising it gives fewer triangles.
   double tolerance = 1.0 / 1500.0;
   // Beyond this many triangles the deviation may grow to `coarse_tolerance`.
   int max_triangles = 6000;
-  double coarse_tolerance = 1.0 / 500.0;
+  double coarse_tolerance = 1.0 / 300.0;
   // Facets that meet at a smaller angle are pieces of one smooth surface: a cylinder of twelve
   // facets is round, a prism of eight is not.
   double smooth_angle_rad = 0.54;
@@ -29,13 +29,13 @@ struct RenderMeshEdge {
   std::int32_t a = 0;  // vertices
   std::int32_t b = 0;
   std::int32_t left = -1;
-  std::int32_t right = -1;  // -1: an open border, or more than two triangles meet
+  std::int32_t right = -1;    // -1: an open border, or more than two triangles meet
   bool same_winding = false;  // both triangles run through it in one direction: one is inside out
 };
 
 // Vertices lie on a grid of 2^16 steps over the largest side of the bounding box, so that the mesh
-// survives a blob (aspect_blob.h) bit for bit. Laws: indices in range, three vertices a triangle, no
-// two triangles over the same ones. A sliver may have no area; its normals are zero.
+// survives a blob (aspect_blob.h) bit for bit. Laws: indices in range, three vertices a triangle,
+// no two triangles over the same ones. A sliver may have no area; its normals are zero.
 struct RenderMesh {
   Eigen::Vector3f origin = Eigen::Vector3f::Zero();  // of that grid, and its step: a vertex is
   float step_m = 0.0f;                               // origin + step_m * whole numbers
@@ -53,8 +53,8 @@ struct RenderMesh {
 };
 
 // Two million triangles are clustered before they are decimated, so that time is bounded (some
-// seconds). `diameter_m` <= 0: taken from the bounding box. Errors: INVALID_ARGUMENT (an index out of
-// range, a coordinate that is not finite, no triangle of positive area).
+// seconds). `diameter_m` <= 0: taken from the bounding box. Errors: INVALID_ARGUMENT (an index out
+// of range, a coordinate that is not finite, no triangle of positive area).
 absl::StatusOr<RenderMesh> MakeRenderMesh(const TriangleMesh& mesh,
                                           double diameter_m = 0.0,
                                           const RenderMeshOptions& options = {});
@@ -64,8 +64,8 @@ inline Eigen::Vector3f GridPoint(const RenderMesh& mesh, const Eigen::Vector3f& 
   return mesh.origin + mesh.step_m * steps;
 }
 
-// Fills what follows from vertices and triangles: normals, edges, `closed`, `center`. Triangles of a
-// closed mesh that is inside out are turned.
+// Fills what follows from vertices and triangles: normals, edges, `closed`, `center`. Triangles of
+// a closed mesh that is inside out are turned.
 void ConnectRenderMesh(double smooth_angle_rad, RenderMesh* mesh);
 
 }  // namespace horopter

@@ -175,8 +175,8 @@ Rendering Render(const RenderMesh& mesh,
   const Eigen::Vector2f shift = (-out.view.origin * out.view.scale).cast<float>();
   for (Vector3f& p : out.screen) p.head<2>() = s * p.head<2>() + shift;
   out.focal_px = s * static_cast<float>(camera.focal_px);
-  out.principal = ((Vector2d(camera.cx, camera.cy) - out.view.origin) * out.view.scale)
-                      .cast<float>();
+  out.principal =
+      ((Vector2d(camera.cx, camera.cy) - out.view.origin) * out.view.scale).cast<float>();
   out.facing.resize(mesh.triangles.size());
   Rasterizer rasterizer(&out.view);
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {

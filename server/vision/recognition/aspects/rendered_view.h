@@ -1,4 +1,5 @@
-// Software z-buffer around a part: depth and faces in a window of the image, drawn at its own scale.
+// Software z-buffer around a part: depth and faces in a window of the image, drawn at its own
+// scale.
 #pragma once
 
 #include <Eigen/Core>
@@ -31,14 +32,14 @@ Eigen::Vector2d RenderedFromImage(const RenderedView& view,
                                   const PinholeCamera& camera,
                                   const Eigen::Vector2d& pixel);
 
-// A view with what it was drawn from. Screen coordinates are rendered pixels; the inverse depth of a
-// plane is linear over the screen.
+// A view with what it was drawn from. Screen coordinates are rendered pixels; the inverse depth of
+// a plane is linear over the screen.
 struct Rendering {
   RenderedView view;
   float focal_px = 0.0f;  // of the rendering
   Eigen::Vector2f principal = Eigen::Vector2f::Zero();
   std::vector<Eigen::Vector3f> screen;  // of the mesh's vertices: u, v, 1 / z; 1 / z = 0 if behind
-  std::vector<std::int8_t> facing;  // of triangles: 1 front face seen, -1 back face, 0 edge-on
+  std::vector<std::int8_t> facing;      // of triangles: 1 front face seen, -1 back face, 0 edge-on
 };
 
 struct RenderOptions {

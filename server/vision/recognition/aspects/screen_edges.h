@@ -27,8 +27,8 @@ struct ScreenEdges {
   std::vector<std::int32_t> ends;  // of each chain, one past its last point
 };
 
-// Where neighbouring pixels do not belong to one surface: bit d of a pixel is set if its neighbour in
-// direction d is farther away or background. Directions: 0 = +x, 1 = +y, 2 = -x, 3 = -y.
+// Where neighbouring pixels do not belong to one surface: bit d of a pixel is set if its neighbour
+// in direction d is farther away or background. Directions: 0 = +x, 1 = +y, 2 = -x, 3 = -y.
 struct DepthSteps {
   int width = 0;
   std::vector<std::uint8_t> farther;

@@ -13,9 +13,9 @@ using Eigen::Vector2d;
 using Eigen::Vector2f;
 using Eigen::Vector3f;
 
-constexpr float kLeastSpacingPx = 0.4f;   // rendered; contours cross rows and columns close together
-constexpr float kTangentReachPx = 2.0f;   // a tangent is a chord over so much to both sides
-constexpr int kSmoothings = 2;            // of points that lie on no edge of the mesh
+constexpr float kLeastSpacingPx = 0.4f;  // rendered; contours cross rows and columns close together
+constexpr float kTangentReachPx = 2.0f;  // a tangent is a chord over so much to both sides
+constexpr int kSmoothings = 2;           // of points that lie on no edge of the mesh
 
 // Where chains go: from rendered pixels into the image and the object's frame.
 class ChainPlacer {
@@ -38,8 +38,8 @@ class ChainPlacer {
       std::vector<ScreenEdgePoint> chain;
       for (int i = first; i < edges.ends[c]; ++i) {
         const ScreenEdgePoint& p = edges.points[i];
-        if (!chain.empty() && std::hypot(p.u - chain.back().u, p.v - chain.back().v) <
-                                  kLeastSpacingPx) {
+        if (!chain.empty() &&
+            std::hypot(p.u - chain.back().u, p.v - chain.back().v) < kLeastSpacingPx) {
           continue;
         }
         chain.push_back(p);

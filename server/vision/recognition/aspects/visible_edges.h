@@ -18,9 +18,9 @@ namespace horopter {
 
 // A point of a visible edge, about one per rendered pixel of edge length.
 struct VisibleEdgePoint {
-  Eigen::Vector3f point = Eigen::Vector3f::Zero();       // object frame, metres, on the near surface
+  Eigen::Vector3f point = Eigen::Vector3f::Zero();  // object frame, metres, on the near surface
   Eigen::Vector3f direction = Eigen::Vector3f::UnitX();  // unit, of the edge, object frame
-  Eigen::Vector2f image = Eigen::Vector2f::Zero();       // pixels of the given camera, with its lens
+  Eigen::Vector2f image = Eigen::Vector2f::Zero();  // pixels of the given camera, with its lens
   // Unit, of the edge in the image, along the chain. Of contours the near surface lies on the side
   // (-tangent.y, tangent.x) (image y down), the farther one or the background on the other.
   Eigen::Vector2f tangent = Eigen::Vector2f::UnitX();
@@ -40,7 +40,7 @@ struct VisibleEdgeOptions {
   double occlusion_jump_px = 3.5;
   // Normals that turn by more within four rendered pixels make a crease.
   double crease_turn_rad = 0.436;  // 25 degrees
-  int min_chain_px = 4;  // shorter chains are dropped
+  int min_chain_px = 4;            // shorter chains are dropped
   bool creases = true;
 };
 
@@ -50,8 +50,8 @@ struct VisibleEdges {
   RenderedView view;
 };
 
-// Edges at the border of the image are none, and points outside it are left out. Empty if nothing of
-// the object is in front of the camera and inside the image. Deterministic.
+// Edges at the border of the image are none, and points outside it are left out. Empty if nothing
+// of the object is in front of the camera and inside the image. Deterministic.
 VisibleEdges FindVisibleEdges(const RenderMesh& mesh,
                               const PinholeCamera& camera,
                               const Rigid3& camera_from_object,

@@ -1,0 +1,113 @@
+#include "server/vision/recognition/aspects/aspect_image.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+namespace horopter {
+namespace {
+
+TEST(AspectImage, BinIsTheNearestDirection) {
+  for (int i = 0; i < 720; ++i) {
+    const double angle = (i + 0.3) * M_PI / 360.0;
+    const int expected = static_cast<int>(std::lround(angle * kAspectBins / M_PI)) % kAspectBins;
+    EXPECT_EQ(AspectBin(static_cast<float>(std::cos(angle)), static_cast<float>(std::sin(angle))),
+              expected)
+        << angle;
+  }
+}
+
+TEST(AspectImage, EmptyAndForeignImagesGiveNothing) {
+  EXPECT_EQ(MakeAspectImage(cv::Mat()).width, 0);
+  EXPECT_EQ(MakeAspectImage(cv::Mat(50, 50, CV_32FC3, cv::Scalar(1))).width, 0);
+  const AspectImage flat = MakeAspectImage(cv::Mat(120, 160, CV_8UC3, cv::Scalar(90, 90, 90)));
+  EXPECT_EQ(flat.width, 160);
+  EXPECT_TRUE(flat.edges.empty());
+  EXPECT_TRUE(flat.contours.chains.empty());
+}
+
+cv::Mat Disc(const cv::Scalar& background, const cv::Scalar& disc) {
+  cv::Mat image(240, 320, CV_8UC3, background);
+  cv::circle(image, cv::Point(160, 120), 60, disc, -1, cv::LINE_AA);
+  return image;
+}
+
+TEST(AspectImage, EdgesLieOnTheContourWithItsDirection) {
+  const AspectImage image = MakeAspectImage(Disc({60, 60, 60}, {150, 150, 150}));
+  ASSERT_GT(image.edges.size(), 300u);
+  for (const ImageEdgePoint& e : image.edges) {
+    const Eigen::Vector2f radius = e.point - Eigen::Vector2f(160, 120);
+    EXPECT_NEAR(radius.norm(), 60.0f, 1.0f);
+    EXPECT_GT(std::abs(radius.normalized().dot(e.normal)), 0.95f);
+    const int bin = AspectBin(-e.normal.y(), e.normal.x());
+    EXPECT_LE(image.DistanceAt(e.point.x(), e.point.y(), bin), 1);
+    // Nothing runs across the contour here.
+    const int across = (bin + kAspectBins / 2) % kAspectBins;
+    EXPECT_GT(image.DistanceAt(e.point.x(), e.point.y(), across), 80);
+  }
+}
+
+TEST(AspectImage, ColourAloneMakesAnEdge) {
+  // The same grey by the usual weights.
+  const AspectImage image = MakeAspectImage(Disc({100, 100, 100}, {100, 78, 143}));
+  EXPECT_GT(image.edges.size(), 300u);
+}
+
+TEST(AspectImage, FineRandomTextureIsNoEdge) {
+  cv::Mat noise(240, 320, CV_8UC3);
+  cv::RNG random(5);
+  random.fill(noise, cv::RNG::UNIFORM, 0, 255);
+  cv::GaussianBlur(noise, noise, cv::Size(), 1.5);
+  AspectImageOptions keep;
+  keep.max_texture = 1.0;
+  keep.noise_factor = 0.0;
+  const std::size_t all = MakeAspectImage(noise, keep).edges.size();
+  ASSERT_GT(all, 5000u);
+  AspectImageOptions drop;
+  drop.noise_factor = 0.0;
+  EXPECT_LT(MakeAspectImage(noise, drop).edges.size(), all / 20);
+}
+
+TEST(AspectImage, WorkingCameraShowsThePointWhereTheSmallImageHasIt) {
+  cv::Mat large(960, 1280, CV_8UC3, cv::Scalar(40, 40, 40));
+  cv::rectangle(large, cv::Rect(400, 300, 400, 300), cv::Scalar(200, 200, 200), -1);
+  const AspectImage image = MakeAspectImage(large);
+  EXPECT_EQ(image.width, 640);
+  const PinholeCamera camera = CenteredCamera(1280, 960, 1500.0);
+  const PinholeCamera working = WorkingCamera(image, camera);
+  const PinholeCamera back = OriginalCamera(image, working);
+  EXPECT_NEAR(back.focal_px, camera.focal_px, 1e-9);
+  EXPECT_NEAR(back.cx, camera.cx, 1e-9);
+  // The left side of the rectangle, between pixels 399 and 400.
+  const Eigen::Vector3d at((399.5 - camera.cx) / camera.focal_px, 0.0, 1.0);
+  const float x = static_cast<float>(Project(working, at).x());
+  float nearest = 1e9f;
+  for (const ImageEdgePoint& e : image.edges) {
+    if (std::abs(e.normal.x()) > 0.99f && e.point.x() < 300) {
+      nearest = std::min(nearest, std::abs(e.point.x() - x));
+    }
+  }
+  EXPECT_LT(nearest, 0.1f);
+}
+
+TEST(AspectImage, ThreadsDoNotMatter) {
+  const cv::Mat disc = Disc({60, 60, 60}, {150, 120, 100});
+  AspectImageOptions two;
+  two.threads = 2;
+  const AspectImage a = MakeAspectImage(disc), b = MakeAspectImage(disc, two);
+  EXPECT_EQ(a.distance, b.distance);
+  EXPECT_EQ(a.chance, b.chance);
+  EXPECT_EQ(a.edge_at, b.edge_at);
+}
+
+TEST(AspectImage, ValidateNamesTheField) {
+  AspectImageOptions options;
+  EXPECT_TRUE(Validate(options).ok());
+  options.sigma_px = 0;
+  EXPECT_NE(std::string(Validate(options).message()).find("sigma_px"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace horopter

@@ -1,0 +1,281 @@
+#include "server/vision/recognition/aspects/find_aspects.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "server/vision/recognition/aspects/fragment_blob.h"
+#include "tests/server/vision/recognition/aspects/solid_meshes.h"
+
+namespace horopter {
+namespace {
+
+struct Part {
+  ObjectModel model;
+  ObjectAspects object;
+  PartFragments fragments;
+};
+
+Part MakePart(const TriangleMesh& mesh, std::vector<Rigid3> symmetries = {}) {
+  Part part;
+  part.model.mesh = mesh;
+  part.model.symmetries = std::move(symmetries);
+  for (const auto& a : mesh.vertices) {
+    for (const auto& b : mesh.vertices) {
+      part.model.diameter_m = std::max(part.model.diameter_m, (a - b).norm());
+    }
+  }
+  ObjectAspectOptions options;
+  options.aspects.directions = 150;
+  part.object = *MakeObjectAspects(part.model, options);
+  part.fragments = MakePartFragments(part.object.mesh, part.object.aspects);
+  return part;
+}
+
+Rigid3 Turn(const Eigen::Vector3d& axis, double angle) {
+  return {Eigen::AngleAxisd(angle, axis).toRotationMatrix(), Eigen::Vector3d::Zero()};
+}
+
+// An angle with arms of different length, a block and a cylinder; made once.
+class FindAspects : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    parts_ = new std::vector<Part>;
+    parts_->push_back(MakePart(SweptMesh(
+        {{-0.03, -0.02}, {0.04, -0.02}, {0.04, 0.0}, {-0.01, 0.0}, {-0.01, 0.03}, {-0.03, 0.03}},
+        0.012)));
+    parts_->push_back(MakePart(BoxMesh({0.04, 0.025, 0.012}),
+                               {Turn(Eigen::Vector3d::UnitX(), M_PI),
+                                Turn(Eigen::Vector3d::UnitY(), M_PI),
+                                Turn(Eigen::Vector3d::UnitZ(), M_PI)}));
+    std::vector<Rigid3> round;
+    for (int i = 0; i < 36; ++i) {
+      const Rigid3 turn = Turn(Eigen::Vector3d::UnitZ(), i * M_PI / 18);
+      if (i > 0) round.push_back(turn);
+      round.push_back(turn * Turn(Eigen::Vector3d::UnitX(), M_PI));
+    }
+    parts_->push_back(MakePart(CylinderMesh(0.02, 0.035, 64), round));
+    for (const Part& p : *parts_) list_.push_back({&p.object, &p.fragments, p.model.symmetries});
+    index_ = new FragmentIndex(*BuildFragmentIndex(list_));
+  }
+  static void TearDownTestSuite() {
+    delete index_;
+    delete parts_;
+  }
+
+  static PinholeCamera Camera() { return CenteredCamera(640, 480, 700.0); }
+  static Rigid3 Pose() {
+    Rigid3 pose;
+    pose.R = (Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ()) *
+              Eigen::AngleAxisd(-2.2, Eigen::Vector3d::UnitX()) *
+              Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitY()))
+                 .toRotationMatrix();
+    pose.t = {0.02, -0.01, 0.28};
+    return pose;
+  }
+
+  // Flat shading in front of a light table, slightly blurred and noisy.
+  static cv::Mat Photo(int part, const Rigid3& pose) {
+    const PinholeCamera camera = Camera();
+    constexpr int kFine = 4;  // drawn so much larger: filled outlines are half a pixel too wide
+    cv::Mat image(
+        kFine * camera.height, kFine * camera.width, CV_8UC3, cv::Scalar(170, 175, 180));
+    const RenderMesh& mesh = (*parts_)[part].object.mesh;
+    const Eigen::Vector3d light = Eigen::Vector3d(0.3, -0.8, -0.5).normalized();
+    // Faces far to near, as these parts allow.
+    std::vector<std::pair<double, int>> order;
+    for (int t = 0; t < static_cast<int>(mesh.triangles.size()); ++t) {
+      double depth = 0.0;
+      for (int k = 0; k < 3; ++k) {
+        depth += (pose * mesh.vertices[mesh.triangles[t][k]].cast<double>()).z();
+      }
+      const Eigen::Vector3d x = pose * mesh.vertices[mesh.triangles[t][0]].cast<double>();
+      if ((pose.R * mesh.face_normals[t].cast<double>()).dot(x) < 0) order.push_back({-depth, t});
+    }
+    std::sort(order.begin(), order.end());
+    for (const auto& [depth, t] : order) {
+      std::vector<cv::Point> corners;
+      for (int k = 0; k < 3; ++k) {
+        const Eigen::Vector2d p =
+            Project(camera, pose * mesh.vertices[mesh.triangles[t][k]].cast<double>());
+        const Eigen::Vector2d fine = 16 * ((p.array() + 0.5) * kFine - 0.5);
+        corners.emplace_back(static_cast<int>(std::lround(fine.x())),
+                             static_cast<int>(std::lround(fine.y())));
+      }
+      const double shade =
+          60 + 50 * (1 + (pose.R * mesh.face_normals[t].cast<double>()).dot(light));
+      cv::fillConvexPoly(image, corners, cv::Scalar(shade, shade, shade), cv::LINE_8, 4);
+    }
+    cv::resize(image, image, cv::Size(camera.width, camera.height), 0, 0, cv::INTER_AREA);
+    cv::GaussianBlur(image, image, cv::Size(), 0.7);
+    cv::Mat noise(image.size(), CV_8UC3);
+    cv::RNG random(7);
+    random.fill(noise, cv::RNG::UNIFORM, 0, 4);
+    return image + noise;
+  }
+
+  static double ErrorPx(const AspectHypothesis& h, const Rigid3& truth) {
+    return PoseDistancePx(list_[h.object], h.camera, h.camera_from_object, Camera(), truth);
+  }
+
+  static std::vector<Part>* parts_;
+  static std::vector<AspectPart> list_;
+  static FragmentIndex* index_;
+};
+
+std::vector<Part>* FindAspects::parts_ = nullptr;
+std::vector<AspectPart> FindAspects::list_;
+FragmentIndex* FindAspects::index_ = nullptr;
+
+TEST_F(FindAspects, EachPartIsFirstAtItsPose) {
+  for (int part = 0; part < 3; ++part) {
+    const AspectImage image = MakeAspectImage(Photo(part, Pose()));
+    const AspectFindings found = FindAspectHypotheses(image, *index_);
+    ASSERT_FALSE(found.hypotheses.empty()) << part;
+    EXPECT_EQ(found.hypotheses[0].object, part);
+    EXPECT_LT(ErrorPx(found.hypotheses[0], Pose()), 4.0) << part;
+    EXPECT_GT(found.hypotheses[0].score, 0.5) << part;
+    for (std::size_t i = 0; i < found.hypotheses.size(); ++i) {
+      const AspectHypothesis& h = found.hypotheses[i];
+      EXPECT_LE(h.score, found.hypotheses[i > 0 ? i - 1 : 0].score);
+      for (std::size_t j = 0; j < i; ++j) {
+        const AspectHypothesis& other = found.hypotheses[j];
+        if (h.object != other.object) continue;
+        EXPECT_GT(PoseDistancePx(list_[h.object],
+                                 h.camera,
+                                 h.camera_from_object,
+                                 other.camera,
+                                 other.camera_from_object),
+                  1.0);
+      }
+    }
+  }
+}
+
+TEST_F(FindAspects, AKnownCameraIsKept) {
+  const PinholeCamera camera = Camera();
+  const AspectFindings found =
+      FindAspectHypotheses(MakeAspectImage(Photo(0, Pose())), *index_, {}, &camera);
+  ASSERT_FALSE(found.hypotheses.empty());
+  EXPECT_NEAR(found.hypotheses[0].camera.focal_px, camera.focal_px, 1e-9);
+  EXPECT_LT((found.hypotheses[0].camera_from_object.t - Pose().t).norm(), 0.003);
+}
+
+TEST_F(FindAspects, ThreadsAndLookupDoNotMatterToTheVotes) {
+  const AspectImage image = MakeAspectImage(Photo(0, Pose()));
+  AspectVoteOptions two;
+  two.threads = 2;
+  FragmentIndexOptions with_tree;
+  with_tree.lookup = FragmentLookup::kXTree;
+  const FragmentIndex tree = *BuildFragmentIndex(list_, with_tree);
+  const AspectVotes a = VoteForAspects(image, *index_);
+  const AspectVotes b = VoteForAspects(image, *index_, two);
+  const AspectVotes c = VoteForAspects(image, tree);
+  EXPECT_GT(a.matches, 0);
+  EXPECT_EQ(a.matches, b.matches);
+  EXPECT_EQ(a.accepted, b.accepted);
+  // Packed keys are compared with packed or plain ones: pairs at the gate may differ.
+  EXPECT_NEAR(static_cast<double>(c.matches), static_cast<double>(a.matches), 0.01 * a.matches);
+  for (std::size_t p = 0; p < a.of_part.size(); ++p) {
+    ASSERT_EQ(a.of_part[p].size(), b.of_part[p].size());
+    for (std::size_t i = 0; i < a.of_part[p].size(); ++i) {
+      EXPECT_EQ(a.of_part[p][i].rank, b.of_part[p][i].rank);
+      EXPECT_EQ(a.of_part[p][i].aspect, b.of_part[p][i].aspect);
+    }
+  }
+}
+
+TEST_F(FindAspects, GridFindsWhatALinearScanFinds) {
+  std::vector<std::uint32_t> found;
+  for (std::size_t f = 0; f < index_->fragments.size(); f += 97) {
+    FragmentKey key = UnpackKey(index_->keys[f]);
+    key[f % kFragmentAngles] += 0.2f;
+    const PackedFragmentKey packed = PackKey(key);
+    const float radius = 0.5f;
+    std::size_t expected = 0;
+    for (const PackedFragmentKey& other : index_->keys) {
+      int sum = 0;
+      for (int i = 0; i < kFragmentAngles; ++i) {
+        sum += (other[i] - packed[i]) * (other[i] - packed[i]);
+      }
+      expected += sum <= static_cast<int>(radius * radius * kKeyScale * kKeyScale) ? 1 : 0;
+    }
+    found.clear();
+    index_->Find(key, radius, &found);
+    EXPECT_EQ(found.size(), expected);
+  }
+}
+
+TEST_F(FindAspects, NothingIsFoundInNothing) {
+  EXPECT_TRUE(FindAspectHypotheses(MakeAspectImage(cv::Mat()), *index_).hypotheses.empty());
+  const cv::Mat flat(480, 640, CV_8UC3, cv::Scalar(100, 100, 100));
+  EXPECT_TRUE(FindAspectHypotheses(MakeAspectImage(flat), *index_).hypotheses.empty());
+  const AspectImage image = MakeAspectImage(Photo(0, Pose()));
+  EXPECT_TRUE(FindAspectHypotheses(image, FragmentIndex{}).hypotheses.empty());
+}
+
+TEST_F(FindAspects, NoiseIsNoPart) {
+  cv::Mat noise(480, 640, CV_8UC3);
+  cv::RNG random(11);
+  random.fill(noise, cv::RNG::UNIFORM, 0, 255);
+  cv::GaussianBlur(noise, noise, cv::Size(), 2.0);
+  for (const AspectHypothesis& h :
+       FindAspectHypotheses(MakeAspectImage(noise), *index_).hypotheses) {
+    EXPECT_LT(h.score, 0.35);
+  }
+}
+
+TEST_F(FindAspects, StopsWhenAsked) {
+  const AspectImage image = MakeAspectImage(Photo(0, Pose()));
+  const AspectFindings found =
+      FindAspectHypotheses(image, *index_, {}, nullptr, [] { return true; });
+  EXPECT_TRUE(found.hypotheses.empty());
+  EXPECT_EQ(found.votes.matches, 0);
+}
+
+TEST_F(FindAspects, RefinementReturnsToThePoseItWasMovedFrom) {
+  const AspectImage image = MakeAspectImage(Photo(0, Pose()));
+  Rigid3 moved = Pose();
+  moved.R = Eigen::AngleAxisd(0.04, Eigen::Vector3d(1, 2, -1).normalized()) * moved.R;
+  moved.t += Eigen::Vector3d(0.0012, -0.001, 0.004);
+  const RenderMesh& mesh = (*parts_)[0].object.mesh;
+  const RefinedAspect refined = RefinePose(image, mesh, Camera(), moved);
+  const auto error = [&](const Rigid3& pose) {
+    return PoseDistancePx(list_[0], Camera(), pose, Camera(), Pose());
+  };
+  EXPECT_GT(error(moved), 4.0);
+  EXPECT_LT(error(refined.camera_from_object), 1.0);
+  EXPECT_LT(refined.rms_px, 1.0);
+  // There the edges meet the image's, and the score says so.
+  int near = 0;
+  const auto matches = MatchPoseEdges(image, mesh, Camera(), refined.camera_from_object);
+  for (const PoseEdgeMatch& m : matches) {
+    EXPECT_NEAR(m.residual_px, m.normal.dot(m.matched - m.projected), 1e-9);
+    near += std::abs(m.residual_px) < 1.0 ? 1 : 0;
+  }
+  EXPECT_GT(near, 0.8 * matches.size());
+  EXPECT_GT(ScorePose(image, mesh, Camera(), refined.camera_from_object).score,
+            ScorePose(image, mesh, Camera(), moved).score + 0.1);
+}
+
+TEST_F(FindAspects, FragmentsSurviveTheirBlob) {
+  const Part& part = (*parts_)[0];
+  const std::string blob = EncodePartFragments(part.fragments, part.object.aspects);
+  const auto back = DecodePartFragments(blob, part.object.aspects);
+  ASSERT_TRUE(back.ok()) << back.status();
+  EXPECT_TRUE(*back == part.fragments);
+  EXPECT_EQ(DecodePartFragments(blob, (*parts_)[1].object.aspects).status().code(),
+            absl::StatusCode::kFailedPrecondition);
+  std::string damaged = blob;
+  damaged[blob.size() / 2] ^= 1;
+  EXPECT_EQ(DecodePartFragments(damaged, part.object.aspects).status().code(),
+            absl::StatusCode::kDataLoss);
+  for (const std::size_t size : {std::size_t{0}, std::size_t{23}, blob.size() - 1}) {
+    EXPECT_FALSE(DecodePartFragments(blob.substr(0, size), part.object.aspects).ok());
+  }
+}
+
+}  // namespace
+}  // namespace horopter
