@@ -58,8 +58,7 @@ absl::Status LoadAspectCatalog(const BopDataset& dataset,
   catalog->fragments.resize(n);
   std::vector<absl::Status> status(n);
   ParallelFor(n, 2, [&](int i) {
-    status[i] =
-        LoadPart(catalog->models[i], cache, &catalog->objects[i], &catalog->fragments[i]);
+    status[i] = LoadPart(catalog->models[i], cache, &catalog->objects[i], &catalog->fragments[i]);
   });
   for (const absl::Status& s : status) HOROPTER_RETURN_IF_ERROR(s);
   for (int i = 0; i < n; ++i) {

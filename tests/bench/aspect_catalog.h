@@ -21,8 +21,8 @@ struct AspectCatalog {
   FragmentIndex index;
 };
 
-// cache: folder that keeps what was derived of the parts between runs; empty: none. Errors: those of
-// the readers and of MakeObjectAspects.
+// cache: folder that keeps what was derived of the parts between runs; empty: none. Errors: those
+// of the readers and of MakeObjectAspects.
 absl::Status LoadAspectCatalog(const BopDataset& dataset,
                                const std::string& cache,
                                AspectCatalog* catalog);

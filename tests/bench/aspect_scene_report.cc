@@ -74,8 +74,8 @@ double WorstVertexPx(const ObjectModel& model,
     double worst = 0.0;
     for (std::size_t v = 0; v < model.mesh.vertices.size() && worst < best; v += step) {
       const Eigen::Vector3d& x = model.mesh.vertices[v];
-      worst = std::max(worst,
-                       (Project(camera, pose * (turn * x)) - Project(true_camera, truth * x)).norm());
+      worst = std::max(
+          worst, (Project(camera, pose * (turn * x)) - Project(true_camera, truth * x)).norm());
     }
     best = std::min(best, worst);
   }
@@ -164,22 +164,23 @@ absl::Status Run(const Arguments& arguments) {
     const LinkedScene linked = LinkAspects({images, priors, hypotheses, catalog.parts}, options);
     std::string focal;
     for (std::size_t v = 0; v < linked.views.size(); ++v) {
-      focal += linked.views[v]
-                   ? absl::StrFormat(" %+.1f%%",
-                                     100 * (linked.views[v]->camera.focal_px /
-                                                scene.images[v].camera.focal_px -
-                                            1))
-                   : " -";
+      focal +=
+          linked.views[v]
+              ? absl::StrFormat(
+                    " %+.1f%%",
+                    100 * (linked.views[v]->camera.focal_px / scene.images[v].camera.focal_px - 1))
+              : " -";
     }
-    std::cout << absl::StrFormat("scene %d %s: %d of %d views, score %.2f, focal%s; search %.1f s, linking %.1f s\n",
-                                 scene.scene_id,
-                                 scene.tier,
-                                 linked.registered(),
-                                 static_cast<int>(images.size()),
-                                 linked.score,
-                                 focal,
-                                 search_s,
-                                 Seconds(start) - search_s);
+    std::cout << absl::StrFormat(
+        "scene %d %s: %d of %d views, score %.2f, focal%s; search %.1f s, linking %.1f s\n",
+        scene.scene_id,
+        scene.tier,
+        linked.registered(),
+        static_cast<int>(images.size()),
+        linked.score,
+        focal,
+        search_s,
+        Seconds(start) - search_s);
     ReportScene(scene, scene.images, catalog, linked);
     std::cout << std::flush;
     for (const LinkedObject& o : linked.objects) {

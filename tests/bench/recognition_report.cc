@@ -4,7 +4,7 @@
 //
 //   recognition_report DATASET SPLIT [--scenes 1,2] [--trials all,none,one,half]
 //                      [--distractors PATH] [--keep FILE.db] [--csv FILE]
-//                      [--routes table,views,metric,projective] [--steps]
+//                      [--routes table,views,metric,projective,aspects] [--steps]
 //     --trials   all: every part enrolled; none: none of the scene's; one: each of the scene's left
 //                out in turn; half: three random halves of `none`
 //     --routes   that may find a scene's first part; default: all of them
@@ -46,7 +46,7 @@ struct Arguments {
   std::string dataset, split, distractors, keep, csv;
   std::vector<int> scenes;
   std::set<std::string> trials = {"all", "none"};
-  std::set<std::string> routes = {"table", "views", "metric", "projective"};
+  std::set<std::string> routes = {"table", "views", "metric", "projective", "aspects"};
   bool steps = false;
 };
 
@@ -329,6 +329,7 @@ RecognitionOptions OptionsOf(const Arguments& arguments) {
   RecognitionOptions options;
   options.threads = 2;
   options.routes.table = arguments.routes.count("table") > 0;
+  options.routes.aspects = arguments.routes.count("aspects") > 0;
   options.routes.view_led = arguments.routes.count("views") > 0;
   options.routes.metric = arguments.routes.count("metric") > 0;
   options.routes.projective = arguments.routes.count("projective") > 0;
@@ -449,7 +450,7 @@ int main(int argc, char** argv) {
   app.add_option("--trials", arguments.trials, "Of all, none, one, half; default all,none")
       ->delimiter(',')
       ->check(CLI::IsMember({"all", "none", "one", "half"}));
-  app.add_option("--routes", arguments.routes, "Of table, views, metric, projective; default all")
+  app.add_option("--routes", arguments.routes, "Of table, views, metric, projective, aspects; default all")
       ->delimiter(',')
       ->check(CLI::IsMember({"table", "views", "metric", "projective"}));
   app.add_flag("--steps", arguments.steps, "CPU seconds of each step");

@@ -6,6 +6,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "server/vision/recognition/aspects/aspect_linking.h"
 #include "server/vision/recognition/aspects/fragment_blob.h"
 #include "tests/server/vision/recognition/aspects/solid_meshes.h"
 
@@ -275,6 +276,54 @@ TEST_F(FindAspects, FragmentsSurviveTheirBlob) {
   for (const std::size_t size : {std::size_t{0}, std::size_t{23}, blob.size() - 1}) {
     EXPECT_FALSE(DecodePartFragments(blob.substr(0, size), part.object.aspects).ok());
   }
+}
+
+// The same part before three cameras whose relative pose nobody knows.
+TEST_F(FindAspects, ViewsAreLinkedThroughAPart) {
+  std::vector<AspectImage> images;
+  std::vector<AspectViewPrior> priors;
+  std::vector<std::vector<AspectHypothesis>> hypotheses;
+  std::vector<Rigid3> truth;
+  for (const double turn : {-0.25, 0.0, 0.3}) {
+    Rigid3 pose = Pose();
+    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
+    truth.push_back(pose);
+    images.push_back(MakeAspectImage(Photo(0, pose)));
+    priors.push_back({NominalCamera(images.back())});
+    hypotheses.push_back(FindAspectHypotheses(images.back(), *index_).hypotheses);
+  }
+  // A view of nothing gets no camera, and does no harm.
+  images.push_back(MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(128))));
+  priors.push_back({NominalCamera(images.back())});
+  hypotheses.emplace_back();
+  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_});
+  ASSERT_EQ(scene.objects.size(), 1u);
+  EXPECT_EQ(scene.objects[0].object, 0);
+  EXPECT_EQ(scene.registered(), 3);
+  EXPECT_FALSE(scene.views[3].has_value());
+  for (int v = 0; v < 3; ++v) {
+    ASSERT_TRUE(scene.views[v].has_value()) << v;
+    const AspectSceneView& view = *scene.views[v];
+    EXPECT_LT(PoseDistancePx(list_[0],
+                             view.camera,
+                             view.camera_from_scene * scene.objects[0].scene_from_object,
+                             Camera(),
+                             truth[v]),
+              4.0)
+        << "view " << v;
+    EXPECT_GT(scene.objects[0].views[v].score, 0.5) << "view " << v;
+  }
+}
+
+TEST_F(FindAspects, NothingLinksViewsOfNothing) {
+  std::vector<AspectImage> images(
+      2, MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(90))));
+  std::vector<AspectViewPrior> priors(2, {NominalCamera(images[0])});
+  std::vector<std::vector<AspectHypothesis>> hypotheses(2);
+  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_});
+  EXPECT_TRUE(scene.objects.empty());
+  EXPECT_EQ(scene.views.size(), 2u);
+  EXPECT_EQ(scene.registered(), 0);
 }
 
 }  // namespace
