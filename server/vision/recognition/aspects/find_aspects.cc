@@ -13,9 +13,10 @@ namespace {
 constexpr double kVoteSearchShare = 0.05;  // of the size: edges looked for around a vote
 constexpr double kSameShare = 0.04;        // of the size: poses nearer than this are one
 constexpr int kVotePoints = 120;           // of an aspect, for the first refinement
-constexpr int kVoteIterations = 4;
+constexpr int kVoteIterations = 6;
 constexpr int kCoarsePoints = 160;
-constexpr double kCoarseSearchPx = 6.0, kFineSearchPx = 4.0;
+constexpr double kCoarseSearchShare = 0.03, kFineSearchShare = 0.015;
+constexpr double kCoarseSearchPx[] = {6.0, 14.0}, kFineSearchPx[] = {4.0, 8.0};  // least, most
 
 // A pose on its way through the steps. Camera and score are of the original image.
 struct Candidate {
@@ -76,7 +77,7 @@ class Finder {
       }
       PoseEdgeOptions refine;
       refine.iterations = kVoteIterations;
-      refine.search_px = std::clamp(kVoteSearchShare * vote.size_px, 4.0, 16.0);
+      refine.search_px = std::clamp(kVoteSearchShare * vote.size_px, 4.0, 24.0);
       const Rigid3 pose = PoseOfVote(vote, index_, working_);
       const RefinedAspect refined =
           RefinePose(image_,
@@ -200,13 +201,21 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
   out.votes = VoteForAspects(image, index, voting, stop);
   if (image.width == 0 || IsStopRequested(stop)) return out;
   const Finder finder(image, index, options, known, stop);
+  // Working pixels.
+  const auto search_of = [&](const Candidate& c, double share, const double (&bounds)[2]) {
+    const double size = SizePx(index.parts[c.part], c.camera, c.pose) * image.working_from_image;
+    return std::clamp(share * size, bounds[0], bounds[1]);
+  };
   const int parts = static_cast<int>(index.parts.size());
   std::vector<std::vector<Candidate>> of_part(parts);
   ParallelFor(parts, options.threads, [&](int p) {
     of_part[p] = finder.FromVotes(p, out.votes.of_part[p]);
     for (Candidate& c : of_part[p]) {
       if (IsStopRequested(stop)) return;
-      finder.Improve(options.coarse_render_px, 1, kCoarseSearchPx, &c);
+      finder.Improve(options.coarse_render_px,
+                     1,
+                     search_of(c, kCoarseSearchShare, kCoarseSearchPx),
+                     &c);
     }
     of_part[p] = Distinct(std::move(of_part[p]), index.parts[p], options.fine_per_part);
   });
@@ -220,7 +229,8 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
                   [&](const Candidate& c) { return c.rank < options.fine_share * best; });
     for (Candidate& c : of_part[p]) {
       if (IsStopRequested(stop)) return;
-      finder.Improve(options.fine_render_px, 2, kFineSearchPx, &c);
+      finder.Improve(
+          options.fine_render_px, 2, search_of(c, kFineSearchShare, kFineSearchPx), &c);
     }
     of_part[p] = Distinct(std::move(of_part[p]), index.parts[p], options.fine_per_part);
   });
