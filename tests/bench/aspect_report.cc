@@ -34,7 +34,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kRightPx = 8.0;         // worst vertex, at 640 px image width
+constexpr double kRightPx = 8.0;          // worst vertex, at 640 px image width
 constexpr double kRightVoteShare = 0.15;  // of the size: worst vertex of a vote
 constexpr double kVisible = 0.5;
 constexpr double kAccept = 0.60;
@@ -76,12 +76,11 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"coarse_render_px", &o.find.coarse_render_px},
       {"fine_render_px", &o.find.fine_render_px},
       {"fine_share", &o.find.fine_share}};
-  const std::map<std::string, int*> integers = {
-      {"pool", &o.find.votes.pool},
-      {"max_per_part", &o.find.votes.max_per_part},
-      {"max_per_place", &o.find.votes.max_per_place},
-      {"coarse_per_part", &o.find.coarse_per_part},
-      {"fine_per_part", &o.find.fine_per_part}};
+  const std::map<std::string, int*> integers = {{"pool", &o.find.votes.pool},
+                                                {"max_per_part", &o.find.votes.max_per_part},
+                                                {"max_per_place", &o.find.votes.max_per_place},
+                                                {"coarse_per_part", &o.find.coarse_per_part},
+                                                {"fine_per_part", &o.find.fine_per_part}};
   for (const std::string& text : arguments.set) {
     const std::size_t equals = text.find('=');
     const std::string name = text.substr(0, equals);
@@ -222,7 +221,8 @@ void WriteOverlay(const std::string& file,
                   const AspectFindings& found) {
   cv::Mat image;
   cv::resize(photo, image, cv::Size(), 2, 2);
-  const cv::Scalar colors[] = {{0, 255, 0}, {0, 200, 255}, {255, 100, 255}, {255, 200, 0}, {0, 0, 255}};
+  const cv::Scalar colors[] = {
+      {0, 255, 0}, {0, 200, 255}, {255, 100, 255}, {255, 200, 0}, {0, 0, 255}};
   for (int h = std::min<int>(4, static_cast<int>(found.hypotheses.size()) - 1); h >= 0; --h) {
     const AspectHypothesis& hypothesis = found.hypotheses[h];
     DrawEdges(catalog.objects[hypothesis.object].mesh,
@@ -279,11 +279,11 @@ class Report {
         found.votes.accepted);
     Judge(scene, view, image, found, &sums);
     if (!arguments_.overlays.empty()) {
-      WriteOverlay(absl::StrFormat(
-                       "%s/%02d_%02d.png", arguments_.overlays, scene.scene_id, view.im_id),
-                   photo,
-                   catalog_,
-                   found);
+      WriteOverlay(
+          absl::StrFormat("%s/%02d_%02d.png", arguments_.overlays, scene.scene_id, view.im_id),
+          photo,
+          catalog_,
+          found);
     }
     std::cout << std::flush;
   }
@@ -421,16 +421,15 @@ class Report {
           error = std::min(error, Error(x, view, truth));
         }
       }
-      std::cout << absl::StrFormat(
-          "    %d: part %d F %.3f P %.2f R %.2f n %.0f f %.0f%s\n",
-          h,
-          catalog_.obj_ids[x.object],
-          x.score,
-          x.precision,
-          x.recall,
-          x.support_px,
-          x.camera.focal_px,
-          error < right_px ? " right" : "");
+      std::cout << absl::StrFormat("    %d: part %d F %.3f P %.2f R %.2f n %.0f f %.0f%s\n",
+                                   h,
+                                   catalog_.obj_ids[x.object],
+                                   x.score,
+                                   x.precision,
+                                   x.recall,
+                                   x.support_px,
+                                   x.camera.focal_px,
+                                   error < right_px ? " right" : "");
     }
   }
 
@@ -460,8 +459,9 @@ class Report {
       taken.push_back(place);
       bool right = false;
       for (const BopInstance& truth : view.instances) {
-        right = right || (part_of_.count(truth.obj_id) > 0 &&
-                          part_of_.at(truth.obj_id) == h.object && Error(h, view, truth) < right_px);
+        right =
+            right || (part_of_.count(truth.obj_id) > 0 && part_of_.at(truth.obj_id) == h.object &&
+                      Error(h, view, truth) < right_px);
       }
       ++(right ? sums->accepted_right : sums->accepted_false);
     }

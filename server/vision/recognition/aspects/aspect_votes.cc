@@ -13,8 +13,9 @@ namespace {
 
 constexpr float kPi = 3.14159265358979f;
 constexpr int kFirstPoints = 6, kSecondPoints = 16;
-constexpr int kShares = 16;        // of the image's fragments, so that threads do not matter
-constexpr float kSeenShare = 0.03f;  // similarities this near, as a share of the size, are tested once
+constexpr int kShares = 16;  // of the image's fragments, so that threads do not matter
+constexpr float kSeenShare =
+    0.03f;  // similarities this near, as a share of the size, are tested once
 constexpr std::uint32_t kSeenSlots = 1u << 15;
 constexpr float kSameSize = 1.1f;  // votes this alike in size, place and turn are one
 constexpr float kSamePlace = 0.06f;
@@ -153,11 +154,11 @@ class Share {
     };
     const float place = kSeenShare * s.size;
     std::uint32_t hash = static_cast<std::uint32_t>(aspect);
-    for (const std::uint32_t v : {step(std::log(s.size), 2 * kSeenShare),
-                                  step(s.turn - 2 * kPi * std::floor(s.turn / (2 * kPi)),
-                                       2 * kSeenShare),
-                                  step(s.x, place),
-                                  step(s.y, place)}) {
+    for (const std::uint32_t v :
+         {step(std::log(s.size), 2 * kSeenShare),
+          step(s.turn - 2 * kPi * std::floor(s.turn / (2 * kPi)), 2 * kSeenShare),
+          step(s.x, place),
+          step(s.y, place)}) {
       hash = (hash ^ v) * 0x9E3779B1u;
       hash ^= hash >> 15;
     }
@@ -342,9 +343,8 @@ AspectVotes VoteForAspects(const AspectImage& image,
 Rigid3 PoseOfVote(const AspectVote& vote, const FragmentIndex& index, const PinholeCamera& camera) {
   const IndexedAspect& a = index.aspects[vote.aspect];
   const AspectSet& set = index.parts[a.part].object->aspects;
-  const Eigen::Vector3d ray((vote.x - camera.cx) / camera.focal_px,
-                            (vote.y - camera.cy) / camera.focal_px,
-                            1.0);
+  const Eigen::Vector3d ray(
+      (vote.x - camera.cx) / camera.focal_px, (vote.y - camera.cy) / camera.focal_px, 1.0);
   const double depth = camera.focal_px * set.diameter_m / vote.size_px;
   const Eigen::Matrix3d onto_ray =
       Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), ray).toRotationMatrix();

@@ -33,9 +33,7 @@ double SizePx(const AspectPart& part, const PinholeCamera& camera, const Rigid3&
 }
 
 // Best first, each differing from all before it; at most `count`.
-std::vector<Candidate> Distinct(std::vector<Candidate> list,
-                                const AspectPart& part,
-                                int count) {
+std::vector<Candidate> Distinct(std::vector<Candidate> list, const AspectPart& part, int count) {
   std::stable_sort(list.begin(), list.end(), [](const Candidate& a, const Candidate& b) {
     return a.rank > b.rank;
   });
@@ -58,7 +56,10 @@ class Finder {
          const FindAspectOptions& options,
          const PinholeCamera* known,
          const StopRequested& stop)
-      : image_(image), index_(index), options_(options), free_focal_(known == nullptr),
+      : image_(image),
+        index_(index),
+        options_(options),
+        free_focal_(known == nullptr),
         stop_(stop) {
     camera_ = known != nullptr ? *known : NominalCamera(image, options.nominal_focal_share);
     working_ = WorkingCamera(image, camera_);
@@ -137,9 +138,9 @@ class Finder {
       const Eigen::Vector2f at = Project(working, x).cast<float>();
       const int bin = AspectBin(static_cast<float>(d.x() * x.z() - x.x() * d.z()),
                                 static_cast<float>(d.y() * x.z() - x.y() * d.z()));
-      if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image_.width && at.y() < image_.height)) continue;
-      const double distance =
-          image_.DistanceAt(at.x(), at.y(), bin) / AspectImage::kDistanceScale;
+      if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image_.width && at.y() < image_.height))
+        continue;
+      const double distance = image_.DistanceAt(at.x(), at.y(), bin) / AspectImage::kDistanceScale;
       sum += std::max(0.0, 1.0 - distance / kReachPx);
       chance += image_.ChanceAt(at.x(), at.y(), bin, 0) / 255.0;
     }
@@ -175,9 +176,9 @@ double PoseDistancePx(const AspectPart& part,
   const auto distance = [&](const Rigid3* symmetry) {
     double worst = 0.0;
     for (int corner = 0; corner < 8; corner += 1) {
-      const Eigen::Vector3d x = center + half * Eigen::Vector3d(corner & 1 ? 1 : -1,
-                                                               corner & 2 ? 1 : -1,
-                                                               corner & 4 ? 1 : -1);
+      const Eigen::Vector3d x =
+          center +
+          half * Eigen::Vector3d(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1);
       const Eigen::Vector3d in_a = a * x;
       const Eigen::Vector3d in_b = b * (symmetry != nullptr ? *symmetry * x : x);
       if (in_a.z() <= 0 || in_b.z() <= 0) return std::numeric_limits<double>::infinity();
@@ -202,7 +203,7 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
   if (image.width == 0 || IsStopRequested(stop)) return out;
   const Finder finder(image, index, options, known, stop);
   // Working pixels.
-  const auto search_of = [&](const Candidate& c, double share, const double (&bounds)[2]) {
+  const auto search_of = [&](const Candidate& c, double share, const double(&bounds)[2]) {
     const double size = SizePx(index.parts[c.part], c.camera, c.pose) * image.working_from_image;
     return std::clamp(share * size, bounds[0], bounds[1]);
   };
@@ -212,10 +213,8 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
     of_part[p] = finder.FromVotes(p, out.votes.of_part[p]);
     for (Candidate& c : of_part[p]) {
       if (IsStopRequested(stop)) return;
-      finder.Improve(options.coarse_render_px,
-                     1,
-                     search_of(c, kCoarseSearchShare, kCoarseSearchPx),
-                     &c);
+      finder.Improve(
+          options.coarse_render_px, 1, search_of(c, kCoarseSearchShare, kCoarseSearchPx), &c);
     }
     of_part[p] = Distinct(std::move(of_part[p]), index.parts[p], options.fine_per_part);
   });
@@ -229,8 +228,7 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
                   [&](const Candidate& c) { return c.rank < options.fine_share * best; });
     for (Candidate& c : of_part[p]) {
       if (IsStopRequested(stop)) return;
-      finder.Improve(
-          options.fine_render_px, 2, search_of(c, kFineSearchShare, kFineSearchPx), &c);
+      finder.Improve(options.fine_render_px, 2, search_of(c, kFineSearchShare, kFineSearchPx), &c);
     }
     of_part[p] = Distinct(std::move(of_part[p]), index.parts[p], options.fine_per_part);
   });
@@ -247,9 +245,9 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
                                 c.score.score});
     }
   }
-  std::stable_sort(out.hypotheses.begin(),
-                   out.hypotheses.end(),
-                   [](const auto& a, const auto& b) { return a.score > b.score; });
+  std::stable_sort(out.hypotheses.begin(), out.hypotheses.end(), [](const auto& a, const auto& b) {
+    return a.score > b.score;
+  });
   return out;
 }
 

@@ -80,8 +80,7 @@ class FindAspects : public testing::Test {
   static cv::Mat Photo(int part, const Rigid3& pose) {
     const PinholeCamera camera = Camera();
     constexpr int kFine = 4;  // drawn so much larger: filled outlines are half a pixel too wide
-    cv::Mat image(
-        kFine * camera.height, kFine * camera.width, CV_8UC3, cv::Scalar(170, 175, 180));
+    cv::Mat image(kFine * camera.height, kFine * camera.width, CV_8UC3, cv::Scalar(170, 175, 180));
     const RenderMesh& mesh = (*parts_)[part].object.mesh;
     const Eigen::Vector3d light = Eigen::Vector3d(0.3, -0.8, -0.5).normalized();
     // Faces far to near, as these parts allow.
