@@ -53,7 +53,8 @@ std::vector<AspectFragment> DrawFragments(const std::vector<Eigen::Vector2f>& ed
   pieces.max_length = options.max_length_diameters * render_px;
   pieces.length_factor = options.length_factor;
   std::vector<ContourFragment> all = CollectFragments(graph, pieces);
-  // Weighted drawing without replacement: largest log(u) / weight first (Efraimidis, Spirakis 2006).
+  // Weighted drawing without replacement: largest log(u) / weight first (Efraimidis, Spirakis
+  // 2006).
   std::mt19937 random(1234567u + static_cast<unsigned>(aspect));
   std::vector<std::pair<double, int>> order;
   for (int i = 0; i < static_cast<int>(all.size()); ++i) {

@@ -20,8 +20,8 @@ struct AspectFragmentOptions {
   int threads = 1;
 };
 
-// One fragment of an aspect in 26 bytes. Unit of length: the diameter as the aspect's camera sees it
-// at the centre's depth; origin: the image of the centre of the bounding box; axes as in images.
+// One fragment of an aspect in 26 bytes. Unit of length: the diameter as the aspect's camera sees
+// it at the centre's depth; origin: the image of the centre of the bounding box; axes as in images.
 struct AspectFragment {
   static constexpr float kPlaceScale = 8192.0f;    // of x and y
   static constexpr float kSpreadScale = 16384.0f;  // of spread

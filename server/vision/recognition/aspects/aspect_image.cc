@@ -17,10 +17,16 @@ cv::Mat AsBgr(const cv::Mat& image) {
   if (image.depth() != CV_8U) return {};
   cv::Mat bgr;
   switch (image.channels()) {
-    case 1: cv::cvtColor(image, bgr, cv::COLOR_GRAY2BGR); return bgr;
-    case 3: return image;
-    case 4: cv::cvtColor(image, bgr, cv::COLOR_BGRA2BGR); return bgr;
-    default: return {};
+    case 1:
+      cv::cvtColor(image, bgr, cv::COLOR_GRAY2BGR);
+      return bgr;
+    case 3:
+      return image;
+    case 4:
+      cv::cvtColor(image, bgr, cv::COLOR_BGRA2BGR);
+      return bgr;
+    default:
+      return {};
   }
 }
 
@@ -38,11 +44,11 @@ void FillBin(int bin, double reach_rad, const std::vector<float>& directions, As
   }
   cv::Mat distance;
   cv::distanceTransform(zero_at_edges, distance, cv::DIST_L2, cv::DIST_MASK_3, CV_32F);
-  cv::Mat full(image->height,
-               image->width,
-               CV_8U,
-               image->distance.data() +
-                   static_cast<std::size_t>(bin) * image->width * image->height);
+  cv::Mat full(
+      image->height,
+      image->width,
+      CV_8U,
+      image->distance.data() + static_cast<std::size_t>(bin) * image->width * image->height);
   distance.convertTo(full, CV_8U, AspectImage::kDistanceScale);
   cv::Mat half(image->half_height,
                image->half_width,
@@ -55,11 +61,9 @@ void FillBin(int bin, double reach_rad, const std::vector<float>& directions, As
 // Chance levels of one bin: block means of the support, then means over the window.
 void FillChance(int bin, AspectImage* image) {
   constexpr int kBlock = AspectImage::kChanceBlockPx;
-  const std::size_t blocks =
-      static_cast<std::size_t>(image->chance_width) * image->chance_height;
-  const std::uint8_t* half = image->half_distance.data() + static_cast<std::size_t>(bin) *
-                                                               image->half_width *
-                                                               image->half_height;
+  const std::size_t blocks = static_cast<std::size_t>(image->chance_width) * image->chance_height;
+  const std::uint8_t* half = image->half_distance.data() +
+                             static_cast<std::size_t>(bin) * image->half_width * image->half_height;
   for (int level = 0; level < AspectImage::kChanceLevels; ++level) {
     const float tau = AspectImage::kChanceTausPx[level] * AspectImage::kDistanceScale;
     cv::Mat sum(image->chance_height, image->chance_width, CV_32F, cv::Scalar(0));
@@ -78,18 +82,17 @@ void FillChance(int bin, AspectImage* image) {
     cv::blur(sum, sum, window, cv::Point(-1, -1), cv::BORDER_REPLICATE);
     cv::blur(count, count, window, cv::Point(-1, -1), cv::BORDER_REPLICATE);
     cv::divide(sum, count, sum);
-    cv::Mat out(image->chance_height,
-                image->chance_width,
-                CV_8U,
-                image->chance.data() +
-                    static_cast<std::size_t>(level * kAspectBins + bin) * blocks);
+    cv::Mat out(
+        image->chance_height,
+        image->chance_width,
+        CV_8U,
+        image->chance.data() + static_cast<std::size_t>(level * kAspectBins + bin) * blocks);
     sum.convertTo(out, CV_8U, 255.0);
   }
 }
 
 void FillTexture(AspectImage* image) {
-  const std::size_t blocks =
-      static_cast<std::size_t>(image->chance_width) * image->chance_height;
+  const std::size_t blocks = static_cast<std::size_t>(image->chance_width) * image->chance_height;
   image->texture.resize(blocks);
   for (std::size_t b = 0; b < blocks; ++b) {
     int sum = 0;
@@ -105,7 +108,8 @@ void FillMaps(const AspectImageOptions& options, AspectImage* image) {
   image->distance.resize(cells * kAspectBins);
   image->half_distance.resize(static_cast<std::size_t>(image->half_width) * image->half_height *
                               kAspectBins);
-  image->chance_width = (image->width + AspectImage::kChanceBlockPx - 1) / AspectImage::kChanceBlockPx;
+  image->chance_width =
+      (image->width + AspectImage::kChanceBlockPx - 1) / AspectImage::kChanceBlockPx;
   image->chance_height =
       (image->height + AspectImage::kChanceBlockPx - 1) / AspectImage::kChanceBlockPx;
   image->chance.resize(static_cast<std::size_t>(AspectImage::kChanceLevels) * kAspectBins *
@@ -210,8 +214,8 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& opti
     IndexEdges(&out);
     FillMaps(options, &out);
   }
-  out.contours = TraceContours({out.width, out.height, EdgePlaces(out), out.edge_at},
-                               options.max_gap_px);
+  out.contours =
+      TraceContours({out.width, out.height, EdgePlaces(out), out.edge_at}, options.max_gap_px);
   return out;
 }
 

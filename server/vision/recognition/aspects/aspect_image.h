@@ -23,17 +23,17 @@ namespace horopter {
 inline constexpr int kAspectBins = 12;
 
 struct AspectImageOptions {
-  int max_width_px = 640;         // larger images are scaled down to this; larger: finer, slower
-  double sigma_px = 1.0;          // of the smoothing; larger: fewer weak edges, rounder corners
-  double low_threshold = 1.8;     // grey levels per px an edge must have
-  double high_threshold = 4.0;    // ... and its component must reach somewhere
-  double noise_factor = 3.0;      // low threshold at least this often the gradient's noise; 0: off
-  int min_component_px = 5;       // shorter edges are dropped
+  int max_width_px = 640;       // larger images are scaled down to this; larger: finer, slower
+  double sigma_px = 1.0;        // of the smoothing; larger: fewer weak edges, rounder corners
+  double low_threshold = 1.8;   // grey levels per px an edge must have
+  double high_threshold = 4.0;  // ... and its component must reach somewhere
+  double noise_factor = 3.0;    // low threshold at least this often the gradient's noise; 0: off
+  int min_component_px = 5;     // shorter edges are dropped
   // Edges where the chance level of all directions together exceeds this are texture, as granite
   // has, and dropped; 1: none is.
   double max_texture = 0.24;
-  double max_gap_px = 6.0;        // ends of chains this near are linked
-  double bin_reach_rad = 0.40;    // an edge point counts in bins within this of its direction
+  double max_gap_px = 6.0;      // ends of chains this near are linked
+  double bin_reach_rad = 0.40;  // an edge point counts in bins within this of its direction
   int threads = 1;
 };
 
@@ -41,7 +41,7 @@ struct AspectImageOptions {
 absl::Status Validate(const AspectImageOptions& options);
 
 struct ImageEdgePoint {
-  Eigen::Vector2f point = Eigen::Vector2f::Zero();  // working pixels, sub-pixel
+  Eigen::Vector2f point = Eigen::Vector2f::Zero();    // working pixels, sub-pixel
   Eigen::Vector2f normal = Eigen::Vector2f::UnitX();  // unit, of the gradient; sign is arbitrary
   float strength = 0.0f;                              // grey levels per px, of the best channel
 };
@@ -60,7 +60,7 @@ struct AspectImage {
 
   int image_width = 0, image_height = 0;  // of the original
   int width = 0, height = 0;              // working pixels
-  double working_from_image = 1.0;  // u_working = (u + 0.5) * working_from_image - 0.5
+  double working_from_image = 1.0;        // u_working = (u + 0.5) * working_from_image - 0.5
   std::vector<ImageEdgePoint> edges;
   std::vector<std::int32_t> edge_at;  // [cell], index into edges, -1: none
   ContourGraph contours;
@@ -68,8 +68,8 @@ struct AspectImage {
   int half_width = 0, half_height = 0;
   std::vector<std::uint8_t> half_distance;  // [bin][half cell]
 
-  // Chance level: mean support max(0, 1 - d / tau) around each block of kChanceBlockPx, over a window
-  // of some 16 tau; what an edge of that direction would find there anyway. 0 .. 255.
+  // Chance level: mean support max(0, 1 - d / tau) around each block of kChanceBlockPx, over a
+  // window of some 16 tau; what an edge of that direction would find there anyway. 0 .. 255.
   int chance_width = 0, chance_height = 0;
   std::vector<std::uint8_t> chance;   // [level][bin][block], tau = kChanceTausPx[level]
   std::vector<std::uint8_t> texture;  // [block], mean over the bins of the first level

@@ -133,8 +133,7 @@ void ScoreModelEdges(const AspectImage& image,
     score->visible_px += length;
     chance_px += length * ExcessChance(image, p.image, bin, options);
     // Full within a third of the tolerance: poses are that exact, not more.
-    score->support_px +=
-        length * std::clamp(1.5f * (1.0f - d / tolerance), 0.0f, 1.0f);
+    score->support_px += length * std::clamp(1.5f * (1.0f - d / tolerance), 0.0f, 1.0f);
   }
   if (!(score->visible_px > 0)) return;
   const double chance = std::min(0.9, chance_px / score->visible_px);
@@ -163,8 +162,7 @@ double Recall(const AspectImage& image,
       const std::int32_t e = image.edge_at[image.Cell(x, y)];
       if (e < 0) continue;
       const ImageEdgePoint& edge = image.edges[e];
-      const Eigen::Vector2d at =
-          RenderedFromImage(edges.view, working, edge.point.cast<double>());
+      const Eigen::Vector2d at = RenderedFromImage(edges.view, working, edge.point.cast<double>());
       const int sx = static_cast<int>(std::lround(at.x())) + silhouette.margin;
       const int sy = static_cast<int>(std::lround(at.y())) + silhouette.margin;
       if (sx < 0 || sy < 0 || sx >= silhouette.width || sy >= silhouette.height) continue;
@@ -173,13 +171,13 @@ double Recall(const AspectImage& image,
       }
       const int bin = AspectBin(-edge.normal.y(), edge.normal.x());
       // Where half of all places are supported, an edge says nothing.
-      const double telling = std::max(0.0, 1.0 - 2.0 * ExcessChance(image, edge.point, bin, options));
+      const double telling =
+          std::max(0.0, 1.0 - 2.0 * ExcessChance(image, edge.point, bin, options));
       const double strength = telling * std::min(edge.strength, AspectImage::kMaxStrength);
       all += strength;
       const int rx = x - raster.x0, ry = y - raster.y0;
       if (rx < 0 || ry < 0 || rx >= raster.width || ry >= raster.height) continue;
-      const std::int32_t m =
-          raster.nearest[static_cast<std::size_t>(ry) * raster.width + rx];
+      const std::int32_t m = raster.nearest[static_cast<std::size_t>(ry) * raster.width + rx];
       if (m < 0) continue;
       const Eigen::Vector2f& tangent = edges.points[m].tangent;
       const float across = tangent.x() * edge.normal.y() - tangent.y() * edge.normal.x();

@@ -10,14 +10,14 @@
 namespace horopter {
 
 struct AspectScoreOptions {
-  double render_px = 200.0;         // a diameter; smaller is faster and coarser
-  double tolerance_px = 3.0;        // working pixels; support falls to 0 there
-  double max_turn_rad = 0.45;       // between directions of model and image edge
-  double margin_share = 0.10;       // of the size: image edges so near the silhouette must be
-                                    // explained as well
-  double half_length_px = 200.0;    // supported px at which the size factor is one half
-  // Chance (AspectImage::chance) up to this is free, as parts have it themselves; what exceeds it is
-  // taken off the precision, and image edges in such places count less in the recall.
+  double render_px = 200.0;       // a diameter; smaller is faster and coarser
+  double tolerance_px = 3.0;      // working pixels; support falls to 0 there
+  double max_turn_rad = 0.45;     // between directions of model and image edge
+  double margin_share = 0.10;     // of the size: image edges so near the silhouette must be
+                                  // explained as well
+  double half_length_px = 200.0;  // supported px at which the size factor is one half
+  // Chance (AspectImage::chance) up to this is free, as parts have it themselves; what exceeds it
+  // is taken off the precision, and image edges in such places count less in the recall.
   double free_chance = 0.10;
 };
 

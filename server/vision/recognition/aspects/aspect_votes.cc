@@ -13,7 +13,10 @@ namespace {
 
 constexpr float kPi = 3.14159265358979f;
 constexpr int kFirstPoints = 6, kSecondPoints = 16;
-constexpr int kShares = 16;        // of the image's fragments, so that threads do not matter
+constexpr int kShares = 16;  // of the image's fragments, so that threads do not matter
+constexpr float kSeenShare =
+    0.03f;  // similarities this near, as a share of the size, are tested once
+constexpr std::uint32_t kSeenSlots = 1u << 15;
 constexpr float kSameSize = 1.1f;  // votes this alike in size, place and turn are one
 constexpr float kSamePlace = 0.06f;
 constexpr float kSameTurnRad = 0.2f;
@@ -121,12 +124,14 @@ class Share {
     const float sixteen =
         (six * kFirstPoints + rest * (kSecondPoints - kFirstPoints)) / kSecondPoints;
     if (sixteen < options_.min_support_16) return;
+    const float excess = ExcessChance(points, kFirstPoints, s);
+    if (sixteen - excess < options_.min_support_16 * (1.0f - excess)) return;
+    if (!IsNew(model_side.aspect, s)) return;
     ++counts_.climbs;
     s = Climb(points, image_side.pivot, sixteen, s);
     const float support = Support<false>(image_, points, 0, n, s, Tau8(s.size));
     if (support < options_.min_support) return;
-    const float chance =
-        std::max(0.0f, Chance(points, n, s) - static_cast<float>(options_.free_chance));
+    const float chance = ExcessChance(points, n, s);
     const float gain =
         (support - chance) / (1.0f - chance) - static_cast<float>(options_.rank_support);
     if (gain <= 0) return;
@@ -139,6 +144,32 @@ class Share {
     const float tau = std::max(static_cast<float>(options_.min_tau_px),
                                static_cast<float>(options_.tau_share) * size);
     return std::clamp(static_cast<int>(tau * AspectImage::kDistanceScale), 1, 254);
+  }
+
+  // Other lengths of a contour lead to the same similarity again. A table of the last ones of each
+  // hash: what it forgets is only tested once more.
+  bool IsNew(std::int32_t aspect, const Similarity& s) {
+    const auto step = [](float v, float width) {
+      return static_cast<std::uint32_t>(static_cast<std::int32_t>(std::floor(v / width)));
+    };
+    const float place = kSeenShare * s.size;
+    std::uint32_t hash = static_cast<std::uint32_t>(aspect);
+    for (const std::uint32_t v :
+         {step(std::log(s.size), 2 * kSeenShare),
+          step(s.turn - 2 * kPi * std::floor(s.turn / (2 * kPi)), 2 * kSeenShare),
+          step(s.x, place),
+          step(s.y, place)}) {
+      hash = (hash ^ v) * 0x9E3779B1u;
+      hash ^= hash >> 15;
+    }
+    std::uint32_t& seen = seen_[hash % kSeenSlots];
+    if (seen == hash) return false;
+    seen = hash;
+    return true;
+  }
+
+  float ExcessChance(const VotePoint* points, int n, const Similarity& s) const {
+    return std::max(0.0f, Chance(points, n, s) - static_cast<float>(options_.free_chance));
   }
 
   // Mean support that these directions find around these places anyway.
@@ -206,6 +237,7 @@ class Share {
   std::vector<std::vector<AspectVote>> pools_;
   std::vector<float> floors_;
   std::vector<std::uint32_t> found_;
+  std::vector<std::uint32_t> seen_ = std::vector<std::uint32_t>(kSeenSlots, 0);
   AspectVotes counts_;
 };
 
@@ -311,9 +343,8 @@ AspectVotes VoteForAspects(const AspectImage& image,
 Rigid3 PoseOfVote(const AspectVote& vote, const FragmentIndex& index, const PinholeCamera& camera) {
   const IndexedAspect& a = index.aspects[vote.aspect];
   const AspectSet& set = index.parts[a.part].object->aspects;
-  const Eigen::Vector3d ray((vote.x - camera.cx) / camera.focal_px,
-                            (vote.y - camera.cy) / camera.focal_px,
-                            1.0);
+  const Eigen::Vector3d ray(
+      (vote.x - camera.cx) / camera.focal_px, (vote.y - camera.cy) / camera.focal_px, 1.0);
   const double depth = camera.focal_px * set.diameter_m / vote.size_px;
   const Eigen::Matrix3d onto_ray =
       Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), ray).toRotationMatrix();

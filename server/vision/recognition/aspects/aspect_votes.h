@@ -16,21 +16,21 @@ struct AspectVoteOptions {
   double min_fragment_px = 22.0;
   double max_fragment_share = 0.9;  // of the image's width
   double fragment_factor = 1.25;
-  double key_rms_rad = 0.18;        // fragments whose keys differ by less are alike
-  double min_size_share = 0.06;     // of the image's width: diameter of the smallest part sought
+  double key_rms_rad = 0.18;     // fragments whose keys differ by less are alike
+  double min_size_share = 0.06;  // of the image's width: diameter of the smallest part sought
   double max_size_share = 1.6;
-  double tau_share = 0.045;         // of the diameter: an edge farther away supports nothing
+  double tau_share = 0.045;  // of the diameter: an edge farther away supports nothing
   double min_tau_px = 1.5;
   // Least support (0..1) on 6 and 16 points as matched, and on all points after the climb. Raising
   // them is faster and loses parts that are hidden or faint.
   double min_support_6 = 0.36;
   double min_support_16 = 0.42;
   double min_support = 0.50;
-  double rank_support = 0.45;       // rank = length (px) x ((support - chance) / (1 - chance) - this)
-  double free_chance = 0.10;        // chance up to this, as parts have themselves, costs nothing
-  int pool = 2000;                  // votes kept of a part before the distinct ones are chosen
-  int max_per_part = 150;           // distinct votes of a part
-  int max_per_place = 30;           // ... with their centres in one place
+  double rank_support = 0.45;  // rank = length (px) x ((support - chance) / (1 - chance) - this)
+  double free_chance = 0.10;   // chance up to this, as parts have themselves, costs nothing
+  int pool = 2000;             // votes kept of a part before the distinct ones are chosen
+  int max_per_part = 150;      // distinct votes of a part
+  int max_per_place = 30;      // ... with their centres in one place
   int threads = 1;
 };
 
@@ -38,10 +38,10 @@ struct AspectVoteOptions {
 struct AspectVote {
   float rank = 0.0f;
   float support = 0.0f;
-  std::int32_t aspect = -1;    // of FragmentIndex::aspects
-  float size_px = 0.0f;        // of the diameter at the centre's depth
-  float turn_rad = 0.0f;       // from the aspect's x axis to the image's, x towards y
-  float x = 0.0f, y = 0.0f;    // of the centre of the bounding box
+  std::int32_t aspect = -1;  // of FragmentIndex::aspects
+  float size_px = 0.0f;      // of the diameter at the centre's depth
+  float turn_rad = 0.0f;     // from the aspect's x axis to the image's, x towards y
+  float x = 0.0f, y = 0.0f;  // of the centre of the bounding box
 };
 
 struct AspectVotes {
@@ -51,8 +51,8 @@ struct AspectVotes {
   std::int64_t tests_16 = 0, climbs = 0, accepted = 0;
 };
 
-// Empty lists when the image or the index is; what was found so far when stopped. The same for every
-// number of threads.
+// Empty lists when the image or the index is; what was found so far when stopped. The same for
+// every number of threads.
 AspectVotes VoteForAspects(const AspectImage& image,
                            const FragmentIndex& index,
                            const AspectVoteOptions& options = {},

@@ -37,8 +37,8 @@ class Walker {
     for (double l = options.min_length; l <= options.max_length * 1.0001;
          l *= options.length_factor) {
       lengths_.push_back(static_cast<float>(l));
-      steps_.push_back(std::max(1, static_cast<int>(std::lround(std::max(
-                                       options.min_step, l * options.start_share)))));
+      steps_.push_back(std::max(
+          1, static_cast<int>(std::lround(std::max(options.min_step, l * options.start_share)))));
     }
   }
 

@@ -39,12 +39,12 @@ struct ContourFragment {
 struct FragmentOptions {
   double min_length = 0.0;  // in the unit of the points
   double max_length = 0.0;
-  double length_factor = 1.25;   // between one length and the next
-  double start_share = 0.125;    // of the length: distance between starts
-  double min_step = 2.0;         // between starts at least
-  double min_bend_rad = 0.16;    // rms of the key; straighter pieces say nothing
+  double length_factor = 1.25;    // between one length and the next
+  double start_share = 0.125;     // of the length: distance between starts
+  double min_step = 2.0;          // between starts at least
+  double min_bend_rad = 0.16;     // rms of the key; straighter pieces say nothing
   double min_chord_share = 0.15;  // chord over length; nearly closed pieces have no direction
-  int max_walks = 4;             // ways to go on from one start, over all junctions
+  int max_walks = 4;              // ways to go on from one start, over all junctions
 };
 
 // Of nine points; nothing if they are nearly straight or nearly closed.
@@ -54,7 +54,8 @@ std::optional<ContourFragment> MakeFragment(
 // The same piece walked from the other end.
 ContourFragment Reversed(const ContourFragment& fragment);
 
-// All pieces of the lengths min_length * length_factor^k up to max_length, each walked one way only.
+// All pieces of the lengths min_length * length_factor^k up to max_length, each walked one way
+// only.
 std::vector<ContourFragment> CollectFragments(const ContourGraph& graph,
                                               const FragmentOptions& options);
 

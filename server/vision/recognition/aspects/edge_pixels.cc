@@ -111,9 +111,8 @@ std::vector<ImageEdgePoint> DetectEdgePoints(const cv::Mat& bgr,
   const GradientField field = LargestGradient(bgr, options);
   const double noise = options.noise_factor * NoiseLevel(field);
   const float low = static_cast<float>(std::max(options.low_threshold, noise));
-  const float high =
-      static_cast<float>(std::max(options.high_threshold,
-                                  noise * options.high_threshold / options.low_threshold));
+  const float high = static_cast<float>(
+      std::max(options.high_threshold, noise * options.high_threshold / options.low_threshold));
   std::vector<ImageEdgePoint> points;
   std::vector<std::int32_t> at(field.squared.size(), -1);
   for (int y = 2; y + 2 < bgr.rows; ++y) {

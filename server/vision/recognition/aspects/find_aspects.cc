@@ -11,11 +11,14 @@ namespace horopter {
 namespace {
 
 constexpr double kVoteSearchShare = 0.05;  // of the size: edges looked for around a vote
-constexpr double kSameShare = 0.04;        // of the size: poses nearer than this are one
+// Of the size: poses nearer than this are one. Turns of a surface of revolution are listed every 10
+// degrees, which leaves 0.043.
+constexpr double kSameShare = 0.045;
 constexpr int kVotePoints = 120;           // of an aspect, for the first refinement
-constexpr int kVoteIterations = 4;
+constexpr int kVoteIterations = 6;
 constexpr int kCoarsePoints = 160;
-constexpr double kCoarseSearchPx = 6.0, kFineSearchPx = 4.0;
+constexpr double kCoarseSearchShare = 0.03, kFineSearchShare = 0.015;
+constexpr double kCoarseSearchPx[] = {6.0, 14.0}, kFineSearchPx[] = {4.0, 8.0};  // least, most
 
 // A pose on its way through the steps. Camera and score are of the original image.
 struct Candidate {
@@ -32,9 +35,7 @@ double SizePx(const AspectPart& part, const PinholeCamera& camera, const Rigid3&
 }
 
 // Best first, each differing from all before it; at most `count`.
-std::vector<Candidate> Distinct(std::vector<Candidate> list,
-                                const AspectPart& part,
-                                int count) {
+std::vector<Candidate> Distinct(std::vector<Candidate> list, const AspectPart& part, int count) {
   std::stable_sort(list.begin(), list.end(), [](const Candidate& a, const Candidate& b) {
     return a.rank > b.rank;
   });
@@ -57,7 +58,10 @@ class Finder {
          const FindAspectOptions& options,
          const PinholeCamera* known,
          const StopRequested& stop)
-      : image_(image), index_(index), options_(options), free_focal_(known == nullptr),
+      : image_(image),
+        index_(index),
+        options_(options),
+        free_focal_(known == nullptr),
         stop_(stop) {
     camera_ = known != nullptr ? *known : NominalCamera(image, options.nominal_focal_share);
     working_ = WorkingCamera(image, camera_);
@@ -76,7 +80,7 @@ class Finder {
       }
       PoseEdgeOptions refine;
       refine.iterations = kVoteIterations;
-      refine.search_px = std::clamp(kVoteSearchShare * vote.size_px, 4.0, 16.0);
+      refine.search_px = std::clamp(kVoteSearchShare * vote.size_px, 4.0, 24.0);
       const Rigid3 pose = PoseOfVote(vote, index_, working_);
       const RefinedAspect refined =
           RefinePose(image_,
@@ -136,9 +140,9 @@ class Finder {
       const Eigen::Vector2f at = Project(working, x).cast<float>();
       const int bin = AspectBin(static_cast<float>(d.x() * x.z() - x.x() * d.z()),
                                 static_cast<float>(d.y() * x.z() - x.y() * d.z()));
-      if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image_.width && at.y() < image_.height)) continue;
-      const double distance =
-          image_.DistanceAt(at.x(), at.y(), bin) / AspectImage::kDistanceScale;
+      if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image_.width && at.y() < image_.height))
+        continue;
+      const double distance = image_.DistanceAt(at.x(), at.y(), bin) / AspectImage::kDistanceScale;
       sum += std::max(0.0, 1.0 - distance / kReachPx);
       chance += image_.ChanceAt(at.x(), at.y(), bin, 0) / 255.0;
     }
@@ -174,9 +178,9 @@ double PoseDistancePx(const AspectPart& part,
   const auto distance = [&](const Rigid3* symmetry) {
     double worst = 0.0;
     for (int corner = 0; corner < 8; corner += 1) {
-      const Eigen::Vector3d x = center + half * Eigen::Vector3d(corner & 1 ? 1 : -1,
-                                                               corner & 2 ? 1 : -1,
-                                                               corner & 4 ? 1 : -1);
+      const Eigen::Vector3d x =
+          center +
+          half * Eigen::Vector3d(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1);
       const Eigen::Vector3d in_a = a * x;
       const Eigen::Vector3d in_b = b * (symmetry != nullptr ? *symmetry * x : x);
       if (in_a.z() <= 0 || in_b.z() <= 0) return std::numeric_limits<double>::infinity();
@@ -200,13 +204,19 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
   out.votes = VoteForAspects(image, index, voting, stop);
   if (image.width == 0 || IsStopRequested(stop)) return out;
   const Finder finder(image, index, options, known, stop);
+  // Working pixels.
+  const auto search_of = [&](const Candidate& c, double share, const double(&bounds)[2]) {
+    const double size = SizePx(index.parts[c.part], c.camera, c.pose) * image.working_from_image;
+    return std::clamp(share * size, bounds[0], bounds[1]);
+  };
   const int parts = static_cast<int>(index.parts.size());
   std::vector<std::vector<Candidate>> of_part(parts);
   ParallelFor(parts, options.threads, [&](int p) {
     of_part[p] = finder.FromVotes(p, out.votes.of_part[p]);
     for (Candidate& c : of_part[p]) {
       if (IsStopRequested(stop)) return;
-      finder.Improve(options.coarse_render_px, 1, kCoarseSearchPx, &c);
+      finder.Improve(
+          options.coarse_render_px, 1, search_of(c, kCoarseSearchShare, kCoarseSearchPx), &c);
     }
     of_part[p] = Distinct(std::move(of_part[p]), index.parts[p], options.fine_per_part);
   });
@@ -220,7 +230,7 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
                   [&](const Candidate& c) { return c.rank < options.fine_share * best; });
     for (Candidate& c : of_part[p]) {
       if (IsStopRequested(stop)) return;
-      finder.Improve(options.fine_render_px, 2, kFineSearchPx, &c);
+      finder.Improve(options.fine_render_px, 2, search_of(c, kFineSearchShare, kFineSearchPx), &c);
     }
     of_part[p] = Distinct(std::move(of_part[p]), index.parts[p], options.fine_per_part);
   });
@@ -237,9 +247,9 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
                                 c.score.score});
     }
   }
-  std::stable_sort(out.hypotheses.begin(),
-                   out.hypotheses.end(),
-                   [](const auto& a, const auto& b) { return a.score > b.score; });
+  std::stable_sort(out.hypotheses.begin(), out.hypotheses.end(), [](const auto& a, const auto& b) {
+    return a.score > b.score;
+  });
   return out;
 }
 

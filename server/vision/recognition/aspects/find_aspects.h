@@ -1,8 +1,8 @@
 // Known parts in one image of an uncalibrated camera, from the aspects of their CAD models.
 //
-// Votes of contour fragments, tested on oriented distance maps (aspect_votes.h), are refined to poses
-// (pose_edges.h) and scored by what they explain (aspect_score.h), each step for fewer of them at a
-// finer rendering.
+// Votes of contour fragments, tested on oriented distance maps (aspect_votes.h), are refined to
+// poses (pose_edges.h) and scored by what they explain (aspect_score.h), each step for fewer of
+// them at a finer rendering.
 #pragma once
 
 #include <vector>
@@ -23,18 +23,18 @@ struct FindAspectOptions {
   // Focal length in image widths; a known camera is given to FindAspectHypotheses instead.
   double nominal_focal_share = 1.2;
   double log_focal_sigma = 0.35;
-  int coarse_per_part = 24;  // poses refined and scored in a coarse rendering
+  int coarse_per_part = 12;  // poses refined and scored in a coarse rendering
   double coarse_render_px = 110.0;
-  int fine_per_part = 6;     // ... in a fine one; also the most hypotheses of a part
+  int fine_per_part = 6;  // ... in a fine one; also the most hypotheses of a part
   double fine_render_px = 200.0;
   // Coarse poses that score less than this share of the image's best are not refined finely.
   double fine_share = 0.3;
-  double min_score = 0.05;   // hypotheses below are dropped
+  double min_score = 0.05;  // hypotheses below are dropped
   int threads = 1;
 };
 
 struct AspectHypothesis {
-  int object = -1;  // index of FragmentIndex::parts
+  int object = -1;       // index of FragmentIndex::parts
   PinholeCamera camera;  // of the original image, with the focal length found
   Rigid3 camera_from_object;
   double precision = 0.0;
@@ -46,7 +46,7 @@ struct AspectHypothesis {
 struct AspectFindings {
   std::vector<AspectHypothesis> hypotheses;  // best first, distinct, of all parts
   AspectVotes votes;
-  int refined = 0, coarse = 0, fine = 0;  // poses that reached each step
+  int refined = 0, fine = 0;  // poses that reached the first and the last step
 };
 
 // The camera of an image of unknown focal length.
@@ -60,8 +60,8 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
                                     const PinholeCamera* known = nullptr,
                                     const StopRequested& stop = {});
 
-// Largest distance in the image (px of the cameras) between corners of the part's bounding box under
-// two poses, the least over its symmetries.
+// Largest distance in the image (px of the cameras) between corners of the part's bounding box
+// under two poses, the least over its symmetries.
 double PoseDistancePx(const AspectPart& part,
                       const PinholeCamera& camera_a,
                       const Rigid3& a,

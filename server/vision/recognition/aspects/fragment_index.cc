@@ -12,7 +12,7 @@ namespace horopter {
 namespace {
 
 constexpr float kPi = 3.14159265358979f;
-constexpr int kMaxCells = 64;      // along an axis
+constexpr int kMaxCells = 64;  // along an axis
 
 using KeyVector = Eigen::Matrix<float, kFragmentAngles, 1>;
 
@@ -102,12 +102,11 @@ void FillGrid(const std::vector<Entry>& all, FragmentIndex* index) {
   for (std::size_t i = 0; i < n; ++i) {
     const Eigen::Array3i c =
         ((places[i] - low) / cell).floor().cast<int>().min(index->cells - 1).max(0);
-    of[i] = static_cast<std::uint32_t>((c.x() * index->cells.y() + c.y()) * index->cells.z() +
-                                       c.z());
+    of[i] =
+        static_cast<std::uint32_t>((c.x() * index->cells.y() + c.y()) * index->cells.z() + c.z());
     ++index->cell_begin[of[i] + 1];
   }
-  std::partial_sum(
-      index->cell_begin.begin(), index->cell_begin.end(), index->cell_begin.begin());
+  std::partial_sum(index->cell_begin.begin(), index->cell_begin.end(), index->cell_begin.begin());
   std::vector<std::uint32_t> next(index->cell_begin.begin(), index->cell_begin.end() - 1);
   index->fragments.resize(n);
   index->keys.resize(n);

@@ -50,13 +50,13 @@ enum class FragmentLookup {
 
 struct FragmentIndexOptions {
   FragmentLookup lookup = FragmentLookup::kGrid;
-  double cell_rad = 0.25;   // edge of a grid cell
-  int points = 64;          // of each aspect, for the votes
-  int threads = 1;          // of building the tree
+  double cell_rad = 0.25;  // edge of a grid cell
+  int points = 64;         // of each aspect, for the votes
+  int threads = 1;         // of building the tree
 };
 
-// Immutable once built; any number of threads may search it. `fragments` and `keys` are in the order
-// of the grid's cells.
+// Immutable once built; any number of threads may search it. `fragments` and `keys` are in the
+// order of the grid's cells.
 struct FragmentIndex {
   FragmentIndexOptions options;
   std::vector<AspectPart> parts;

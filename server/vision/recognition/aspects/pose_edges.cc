@@ -11,7 +11,7 @@ namespace {
 using Vector7d = Eigen::Matrix<double, 7, 1>;
 using Matrix7d = Eigen::Matrix<double, 7, 7>;
 
-constexpr double kNearM = 1e-3;       // points nearer to the camera plane have no image
+constexpr double kNearM = 1e-3;  // points nearer to the camera plane have no image
 constexpr double kLeastSearchPx = 2.0;
 constexpr int kLeastMatches = 8;
 constexpr double kLastSteps[] = {1e-4, 0.02};  // rad, px: smaller steps end the iteration
@@ -93,8 +93,8 @@ struct Normal {
   int matches = 0;
 };
 
-// Parameters: rotation about the centre (3), image shift as a share of the depth (2), log depth, log
-// focal length (the depth follows it, so the size stays).
+// Parameters: rotation about the centre (3), image shift as a share of the depth (2), log depth,
+// log focal length (the depth follows it, so the size stays).
 void AddMatch(const PinholeCamera& camera,
               const Eigen::Vector3d& center_in_camera,
               const Projected& p,
@@ -166,8 +166,7 @@ bool Step(const PoseEdgeOptions& options,
     pose->R = Eigen::Quaterniond(pose->R).normalized().toRotationMatrix();
   }
   pose->t = new_center - pose->R * center;
-  return step.head<3>().norm() > kLastSteps[0] ||
-         step.tail<4>().norm() * size_px > kLastSteps[1];
+  return step.head<3>().norm() > kLastSteps[0] || step.tail<4>().norm() * size_px > kLastSteps[1];
 }
 
 RefinedAspect Iterate(const AspectImage& image,
@@ -180,7 +179,8 @@ RefinedAspect Iterate(const AspectImage& image,
   RefinedAspect out{working, pose, 0, 0.0};
   const float least_cosine = static_cast<float>(std::cos(options.max_turn_rad));
   for (int i = 0; i < options.iterations; ++i) {
-    const double share = options.iterations > 1 ? static_cast<double>(i) / (options.iterations - 1) : 1.0;
+    const double share =
+        options.iterations > 1 ? static_cast<double>(i) / (options.iterations - 1) : 1.0;
     const double search = options.search_px + share * (last_search_px - options.search_px);
     Normal normal;
     const Eigen::Vector3d center_in_camera = out.camera_from_object * center;
@@ -295,12 +295,8 @@ RefinedAspect RefinePose(const AspectImage& image,
     const auto points =
         RenderedEdgePoints(mesh, refined.camera, refined.camera_from_object, options);
     if (points.empty()) break;
-    refined = RefinePose(image,
-                         points,
-                         mesh.center.cast<double>(),
-                         refined.camera,
-                         refined.camera_from_object,
-                         now);
+    refined = RefinePose(
+        image, points, mesh.center.cast<double>(), refined.camera, refined.camera_from_object, now);
     now.search_px = std::max(kLeastSearchPx, 0.6 * now.search_px);
   }
   return refined;

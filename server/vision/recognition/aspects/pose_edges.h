@@ -23,7 +23,7 @@ struct ModelEdgePoint {
 
 // Cameras and pixels are those of the original image.
 struct PoseEdgeMatch {
-  Eigen::Vector3d point = Eigen::Vector3d::Zero();    // object frame, metres
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // object frame, metres
   Eigen::Vector2d projected = Eigen::Vector2d::Zero();
   Eigen::Vector2d normal = Eigen::Vector2d::UnitX();  // unit, of the projected edge
   Eigen::Vector2d matched = Eigen::Vector2d::Zero();  // sub-pixel image edge point
@@ -32,13 +32,13 @@ struct PoseEdgeMatch {
 };
 
 struct PoseEdgeOptions {
-  double search_px = 6.0;        // along the normal, working pixels
-  double max_turn_rad = 0.5;     // between the directions of model and image edge
-  int max_points = 400;          // visible edge points used; more are thinned evenly
-  double render_px = 160.0;      // a diameter, of renderings made here
-  int iterations = 5;            // Gauss-Newton steps between renderings; the search narrows
-  int renderings = 2;            // of a refinement
-  bool refine_focal = false;     // with the prior below
+  double search_px = 6.0;            // along the normal, working pixels
+  double max_turn_rad = 0.5;         // between the directions of model and image edge
+  int max_points = 400;              // visible edge points used; more are thinned evenly
+  double render_px = 160.0;          // a diameter, of renderings made here
+  int iterations = 5;                // Gauss-Newton steps between renderings; the search narrows
+  int renderings = 2;                // of a refinement
+  bool refine_focal = false;         // with the prior below
   double nominal_focal_share = 1.2;  // focal length over image width
   double log_focal_sigma = 0.35;
   double residual_sigma_px = 1.0;  // of a good match, working pixels
@@ -50,8 +50,9 @@ std::vector<ModelEdgePoint> RenderedEdgePoints(const RenderMesh& mesh,
                                                const Rigid3& camera_from_object,
                                                const PoseEdgeOptions& options = {});
 
-// Edge correspondences of a pose in one image: of each visible edge point that meets a like-directed
-// image edge within search_px along its normal, the nearest one. For adjustments over several views.
+// Edge correspondences of a pose in one image: of each visible edge point that meets a
+// like-directed image edge within search_px along its normal, the nearest one. For adjustments over
+// several views.
 std::vector<PoseEdgeMatch> MatchPoseEdges(const AspectImage& image,
                                           const RenderMesh& mesh,
                                           const PinholeCamera& camera,
@@ -68,8 +69,8 @@ std::vector<PoseEdgeMatch> MatchPoseEdges(const AspectImage& image,
 struct RefinedAspect {
   PinholeCamera camera;
   Rigid3 camera_from_object;
-  int matches = 0;        // of the last iteration; 0: nothing met, the pose is as given
-  double rms_px = 0.0;    // weighted, of those, working pixels
+  int matches = 0;      // of the last iteration; 0: nothing met, the pose is as given
+  double rms_px = 0.0;  // weighted, of those, working pixels
 };
 
 // Gauss-Newton over the pose, and the focal length when asked, rendering the edges anew at the pose
