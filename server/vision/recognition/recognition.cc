@@ -143,7 +143,8 @@ absl::StatusOr<RecognitionResult> ByRoutes(const RecognitionInput& input,
   return Conclude(input, std::move(found), context);
 }
 
-// Routes in the cameras of the reconstruction first: where a table's texture gives these they are
+// Rich parts are asked for by their aspects first; others by the routes in the cameras of the
+// reconstruction: where a table's texture gives these they are
 // quick. Their answer is judged by what the cameras should see of it; unless that confirms it, the
 // aspects give theirs, and the one that explains more is taken. What neither finds the dearer
 // routes are asked for.
@@ -153,9 +154,18 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   RecognitionRoutes quick = context->options.routes, dear = quick;
   quick.view_led = quick.projective = false;
   dear.metric = dear.table = false;
-  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context));
   BeginStep(*context, "aspect_images");
   const std::vector<AspectImage> images = MakeAspectImages(input.images, context->options.threads);
+  if (AreRich(input.objects, options)) {
+    HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, images));
+    if (!aspects.result.objects.empty() || !(quick.metric || quick.table) ||
+        IsStopRequested(context->give_up)) {
+      return aspects.result;
+    }
+    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult other, ByRoutes(input, quick, context));
+    return JudgeAnswer(*context, images, other).confirmed ? other : aspects.result;
+  }
+  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context));
   AspectJudgement judged = JudgeAnswer(*context, images, result);
   if (judged.confirmed || IsStopRequested(context->give_up)) {
     DropContradicted(judged, options, &result);

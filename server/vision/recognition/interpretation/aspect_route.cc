@@ -38,8 +38,16 @@ std::vector<std::optional<AspectSceneView>> SceneViews(
   return out;
 }
 
-double ObjectProbability(const LinkedObject& o, const AspectRouteOptions& options) {
-  return Logistic(options.score_weight * (o.score - options.even_score) +
+double ObjectProbability(const LinkedObject& o,
+                         const LinkedScene& scene,
+                         const AspectRouteOptions& options) {
+  // Objects are best first.
+  const bool beside =
+      scene.objects.front().score >= options.sure_score && o.score < scene.objects.front().score;
+  const double even = scene.registered() < 2 ? options.even_in_one_view
+                      : beside               ? options.even_score
+                                             : options.even_alone;
+  return Logistic(options.score_weight * (o.score - even) +
                   options.precision_weight * (o.precision - options.even_precision));
 }
 
@@ -76,7 +84,7 @@ RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene
   result.views.resize(scene.views.size());
   LinkedScene accepted = scene;
   std::erase_if(accepted.objects, [&](const LinkedObject& o) {
-    return ObjectProbability(o, options) < options.accept_probability;
+    return ObjectProbability(o, scene, options) < options.accept_probability;
   });
   if (accepted.objects.empty()) {
     if (!scene.objects.empty()) {
@@ -104,7 +112,7 @@ RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene
       result.views[v] = RecognizedView{scene.views[v]->camera, scene.views[v]->camera_from_scene};
   }
   for (const LinkedObject& o : accepted.objects) {
-    SceneObject answer = ToAnswer(o, ObjectProbability(o, options));
+    SceneObject answer = ToAnswer(o, ObjectProbability(o, scene, options));
     if (o.runner_up_object >= 0 && o.runner_up > o.score - context.options.ambiguity_gap) {
       answer.alternatives.push_back(o.runner_up_object);
       result.state = RecognitionState::kAmbiguous;
@@ -121,6 +129,15 @@ bool HaveAspects(std::span<const std::shared_ptr<const PreparedObject>> objects,
   return static_cast<int>(objects.size()) <= options.max_objects &&
          std::all_of(
              objects.begin(), objects.end(), [](const auto& o) { return o->aspects != nullptr; });
+}
+
+bool AreRich(std::span<const std::shared_ptr<const PreparedObject>> objects,
+             const AspectRouteOptions& options) {
+  if (objects.empty()) return false;
+  std::vector<std::size_t> edges;
+  for (const auto& o : objects) edges.push_back(o->model.edges.size());
+  std::nth_element(edges.begin(), edges.begin() + edges.size() / 2, edges.end());
+  return static_cast<int>(edges[edges.size() / 2]) >= options.rich_edges;
 }
 
 std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images, int threads) {

@@ -21,6 +21,10 @@ namespace horopter {
 bool HaveAspects(std::span<const std::shared_ptr<const PreparedObject>> objects,
                  const AspectRouteOptions& options);
 
+// Whether the objects have so many edges that the aspects are asked first.
+bool AreRich(std::span<const std::shared_ptr<const PreparedObject>> objects,
+             const AspectRouteOptions& options);
+
 std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images, int threads);
 
 // What the images say of an answer's objects as their cameras should see them.
