@@ -24,22 +24,20 @@ struct AspectRouteOptions {
   // over sharp edges cost grows with these.
   int rich_edges = 60;
   double judge_render_px = 200.0;
-  // An answer of another route: above for every object it stands, objects below are left out, in
-  // between the aspects' own answer is asked for and the better one taken.
+  // Median score of another route's answer: above it stands, below it is refused, in between the
+  // aspects' own answer is asked for and the better one taken.
   double confirming_score = 0.45;
   double contradicting_score = 0.25;
   double chance_score = 0.40;  // of wrong poses: what exceeds it counts when answers are compared
-  // Log odds that an object is right: weights x (score, precision - what makes it even). Cameras
-  // adapt to the first object: it must say more than those that others share cameras with, and in
-  // one view alone more still. Set by hand on the odd scenes of cad-dev (right objects there 0.42 -
-  // 0.83, wrong ones up to 0.46; tests/bench/results.md).
+  // Log odds that an object is right: weight x (score - what makes it even). Cameras adapt to the
+  // first object: it must say more than those that others share cameras with, and in one view alone
+  // more still. Set by hand on the odd scenes of cad-dev (right objects there 0.42 - 0.83, wrong
+  // ones up to 0.46; tests/bench/results.md).
   double score_weight = 25.0;
   double even_score = 0.42;  // beside an object of sure_score
   double even_alone = 0.50;
   double even_in_one_view = 0.58;
   double sure_score = 0.52;
-  double precision_weight = 6.0;
-  double even_precision = 0.60;
   double accept_probability = 0.6;
 };
 

@@ -163,12 +163,13 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
       return aspects.result;
     }
     HOROPTER_ASSIGN_OR_RETURN(RecognitionResult other, ByRoutes(input, quick, context));
-    return JudgeAnswer(*context, images, other).confirmed ? other : aspects.result;
+    const AspectJudgement judged = JudgeAnswer(*context, images, other);
+    return judged.median >= options.confirming_score ? other : aspects.result;
   }
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context));
   AspectJudgement judged = JudgeAnswer(*context, images, result);
-  if (judged.confirmed || IsStopRequested(context->give_up)) {
-    DropContradicted(judged, options, &result);
+  if (judged.median >= options.confirming_score || IsStopRequested(context->give_up)) {
+    RefuseContradicted(judged, options, &result);
     return result;
   }
   HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, images));
@@ -177,7 +178,7 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
     HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context));
     judged = JudgeAnswer(*context, images, result);
   }
-  DropContradicted(judged, options, &result);
+  RefuseContradicted(judged, options, &result);
   return result.objects.empty() && !aspects.result.detail.empty() ? aspects.result : result;
 }
 

@@ -47,8 +47,7 @@ double ObjectProbability(const LinkedObject& o,
   const double even = scene.registered() < 2 ? options.even_in_one_view
                       : beside               ? options.even_score
                                              : options.even_alone;
-  return Logistic(options.score_weight * (o.score - even) +
-                  options.precision_weight * (o.precision - options.even_precision));
+  return Logistic(options.score_weight * (o.score - even));
 }
 
 // Largest angle (radians) under which two views see one of the objects.
@@ -163,24 +162,24 @@ AspectJudgement JudgeAnswer(const JointContext& context,
                                   {o.object, o.scene_from_object},
                                   options.judge_render_px);
   });
-  out.confirmed = !answer.objects.empty();
+  std::vector<double> scores;
   for (const LinkedObject& o : out.objects) {
     out.score += AboveChance(o, options.chance_score);
-    out.confirmed = out.confirmed && o.score >= options.confirming_score;
+    scores.push_back(o.score);
+  }
+  if (!scores.empty()) {
+    const auto middle = scores.begin() + scores.size() / 2;
+    std::nth_element(scores.begin(), middle, scores.end());
+    out.median = *middle;
   }
   return out;
 }
 
-void DropContradicted(const AspectJudgement& judgement,
-                      const AspectRouteOptions& options,
-                      RecognitionResult* answer) {
-  std::vector<SceneObject> kept;
-  for (std::size_t i = 0; i < answer->objects.size(); ++i) {
-    if (judgement.objects[i].score >= options.contradicting_score)
-      kept.push_back(std::move(answer->objects[i]));
-  }
-  answer->objects = std::move(kept);
-  if (!answer->objects.empty()) return;
+void RefuseContradicted(const AspectJudgement& judgement,
+                        const AspectRouteOptions& options,
+                        RecognitionResult* answer) {
+  if (answer->objects.empty() || judgement.median >= options.contradicting_score) return;
+  answer->objects.clear();
   answer->views.assign(answer->views.size(), std::nullopt);
   answer->state = RecognitionState::kNothingFound;
   answer->route = RecognitionRoute::kNone;

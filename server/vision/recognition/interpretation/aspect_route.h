@@ -27,21 +27,21 @@ bool AreRich(std::span<const std::shared_ptr<const PreparedObject>> objects,
 
 std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images, int threads);
 
-// What the images say of an answer's objects as their cameras should see them.
+// What the images say of an answer's objects as their cameras should see them. Single objects may
+// be hidden, which scores do not know: the answer as a whole is judged.
 struct AspectJudgement {
   std::vector<LinkedObject> objects;  // in the answer's order
   double score = 0.0;                 // sum of what exceeds chance, over objects and views
-  bool confirmed = false;             // every object of the answer, and there is one
+  double median = 0.0;                // of the objects' scores
 };
 AspectJudgement JudgeAnswer(const JointContext& context,
                             std::span<const AspectImage> images,
                             const RecognitionResult& answer);
 
-// Leaves out the objects of an answer that the images contradict; cameras that no object is left in
-// go with them.
-void DropContradicted(const AspectJudgement& judgement,
-                      const AspectRouteOptions& options,
-                      RecognitionResult* answer);
+// Empties an answer that the images contradict.
+void RefuseContradicted(const AspectJudgement& judgement,
+                        const AspectRouteOptions& options,
+                        RecognitionResult* answer);
 
 // The scene that the aspects find. Errors: CANCELLED.
 struct AspectAnswer {
