@@ -54,7 +54,9 @@ std::vector<SceneRow> RowsOf(const AspectScene& scene, double noise_px, std::mt1
 
 AspectScene Disturbed(AspectScene scene, std::mt19937* random) {
   std::normal_distribution<double> n(0.0, 1.0);
-  const auto by = [&](double s) { return s * Eigen::Vector3d(n(*random), n(*random), n(*random)); };
+  const auto by = [&](double s) -> Eigen::Vector3d {
+    return s * Eigen::Vector3d(n(*random), n(*random), n(*random));
+  };
   for (auto& view : scene.views) {
     view->camera_from_scene = Pose(by(0.03), by(0.005)) * view->camera_from_scene;
     view->camera.focal_px *= std::exp(0.05 * n(*random));
@@ -70,7 +72,7 @@ double LargestErrorPx(const AspectScene& a, const AspectScene& truth) {
     for (std::size_t o = 0; o < truth.objects.size(); ++o) {
       for (int axis = 0; axis < 3; ++axis) {
         const Eigen::Vector3d x = 0.04 * Eigen::Vector3d::Unit(axis);
-        const auto pixel = [&](const AspectScene& s) {
+        const auto pixel = [&](const AspectScene& s) -> Eigen::Vector2d {
           return Project(s.views[v]->camera,
                          s.views[v]->camera_from_scene * (s.objects[o].scene_from_object * x));
         };

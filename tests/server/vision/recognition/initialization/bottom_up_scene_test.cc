@@ -250,7 +250,7 @@ TEST(RecognitionOptions, AreCheckedFieldByField) {
     return std::string(Validate(o).message());
   };
   RecognitionOptions options;
-  options.routes = {false, false, false, false};
+  options.routes = {false, false, false, false, false};
   EXPECT_EQ(message(options), "routes: none is on");
   options = {};
   options.accept_score = std::numeric_limits<double>::quiet_NaN();
