@@ -248,7 +248,9 @@ ObjectPreparer CatalogPreparer() {
   ObjectPreparer preparer;
   preparer.version = kPreparedVersion;
   preparer.prepare = PrepareCatalogObject;
-  preparer.encode = [](const PreparedObject& object) { return EncodePrepared(object, kCatalogPreparation); };
+  preparer.encode = [](const PreparedObject& object) {
+    return EncodePrepared(object, kCatalogPreparation);
+  };
   preparer.restore = [](ObjectModel model, const PreparedBytes& bytes) {
     return RestorePrepared(std::move(model), bytes, kCatalogPreparation);
   };

@@ -36,8 +36,8 @@ int ObjectCount(const CatalogSnapshot& catalog);
 absl::StatusOr<std::shared_ptr<const PreparedObject>> ObjectAt(const CatalogSnapshot& catalog,
                                                                int index);
 
-// Prepares one object, its aspects included (about three seconds). Errors: INVALID_ARGUMENT when the
-// model has no usable edges.
+// Prepares one object, its aspects included (about three seconds). Errors: INVALID_ARGUMENT when
+// the model has no usable edges.
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(ObjectModel model);
 
 // The model inside a prepared object.

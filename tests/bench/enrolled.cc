@@ -68,8 +68,8 @@ absl::Status AddKept(const std::string& file, Enrolled* catalog) {
     }
     last = page->back().model.id;
     for (LoadedObject& object : *page) {
-      auto restored =
-          RestorePrepared(std::move(object.model), {object.derived.data, object.derived.keys}, {.aspects = true});
+      auto restored = RestorePrepared(
+          std::move(object.model), {object.derived.data, object.derived.keys}, {.aspects = true});
       if (!restored.ok()) {
         return restored.status();
       }

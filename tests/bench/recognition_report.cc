@@ -450,7 +450,8 @@ int main(int argc, char** argv) {
   app.add_option("--trials", arguments.trials, "Of all, none, one, half; default all,none")
       ->delimiter(',')
       ->check(CLI::IsMember({"all", "none", "one", "half"}));
-  app.add_option("--routes", arguments.routes, "Of table, views, metric, projective, aspects; default all")
+  app.add_option(
+         "--routes", arguments.routes, "Of table, views, metric, projective, aspects; default all")
       ->delimiter(',')
       ->check(CLI::IsMember({"table", "views", "metric", "projective"}));
   app.add_flag("--steps", arguments.steps, "CPU seconds of each step");

@@ -14,7 +14,7 @@ constexpr double kVoteSearchShare = 0.05;  // of the size: edges looked for arou
 // Of the size: poses nearer than this are one. Turns of a surface of revolution are listed every 10
 // degrees, which leaves 0.043.
 constexpr double kSameShare = 0.045;
-constexpr int kVotePoints = 120;           // of an aspect, for the first refinement
+constexpr int kVotePoints = 120;  // of an aspect, for the first refinement
 constexpr int kVoteIterations = 6;
 constexpr int kCoarsePoints = 160;
 constexpr double kCoarseSearchShare = 0.03, kFineSearchShare = 0.015;

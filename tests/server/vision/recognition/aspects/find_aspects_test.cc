@@ -316,8 +316,8 @@ TEST_F(FindAspects, ViewsAreLinkedThroughAPart) {
 }
 
 TEST_F(FindAspects, NothingLinksViewsOfNothing) {
-  std::vector<AspectImage> images(
-      2, MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(90))));
+  std::vector<AspectImage> images(2,
+                                  MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(90))));
   std::vector<AspectViewPrior> priors(2, {NominalCamera(images[0])});
   std::vector<std::vector<AspectHypothesis>> hypotheses(2);
   const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_});
