@@ -1,6 +1,7 @@
 #include "tests/bench/aspect_catalog.h"
 
 #include <fstream>
+#include <limits>
 #include <sstream>
 
 #include "server/base/parallel_for.h"
@@ -47,7 +48,8 @@ absl::Status LoadPart(const ObjectModel& model,
 
 absl::Status LoadAspectCatalog(const BopDataset& dataset,
                                const std::string& cache,
-                               AspectCatalog* catalog) {
+                               AspectCatalog* catalog,
+                               const FragmentIndexOptions& lookup) {
   HOROPTER_ASSIGN_OR_RETURN(auto models, ReadTrueModels(dataset));
   for (auto& [obj_id, model] : models) {
     catalog->obj_ids.push_back(obj_id);
@@ -65,8 +67,32 @@ absl::Status LoadAspectCatalog(const BopDataset& dataset,
     catalog->parts.push_back(
         {&catalog->objects[i], &catalog->fragments[i], catalog->models[i].symmetries});
   }
-  HOROPTER_ASSIGN_OR_RETURN(catalog->index, BuildFragmentIndex(catalog->parts));
+  HOROPTER_ASSIGN_OR_RETURN(catalog->index, BuildFragmentIndex(catalog->parts, lookup));
   return absl::OkStatus();
+}
+
+double WorstVertexPx(const ObjectModel& model,
+                     const PinholeCamera& camera,
+                     const Rigid3& pose,
+                     const PinholeCamera& true_camera,
+                     const Rigid3& truth) {
+  const std::size_t step = std::max<std::size_t>(1, model.mesh.vertices.size() / 300);
+  const auto worst_of = [&](const Rigid3* symmetry, double bound) {
+    double worst = 0.0;
+    for (std::size_t v = 0; v < model.mesh.vertices.size() && worst < bound; v += step) {
+      const Eigen::Vector3d& x = model.mesh.vertices[v];
+      const Eigen::Vector3d a = pose * (symmetry != nullptr ? *symmetry * x : x);
+      const Eigen::Vector3d b = truth * x;
+      if (a.z() <= 0 || b.z() <= 0) return std::numeric_limits<double>::infinity();
+      worst = std::max(worst, (Project(camera, a) - Project(true_camera, b)).norm());
+    }
+    return worst;
+  };
+  double best = worst_of(nullptr, 1e9);
+  for (const Rigid3& symmetry : model.symmetries) {
+    best = std::min(best, worst_of(&symmetry, best));
+  }
+  return best;
 }
 
 }  // namespace horopter

@@ -25,6 +25,15 @@ struct AspectCatalog {
 // of the readers and of MakeObjectAspects.
 absl::Status LoadAspectCatalog(const BopDataset& dataset,
                                const std::string& cache,
-                               AspectCatalog* catalog);
+                               AspectCatalog* catalog,
+                               const FragmentIndexOptions& lookup = {});
+
+// Worst distance (px) of the mesh's vertices in the image under two cameras and poses, the least
+// over its symmetries; infinite behind a camera.
+double WorstVertexPx(const ObjectModel& model,
+                     const PinholeCamera& camera,
+                     const Rigid3& pose,
+                     const PinholeCamera& true_camera,
+                     const Rigid3& truth);
 
 }  // namespace horopter

@@ -28,8 +28,7 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
 #include "server/vision/recognition/aspects/find_aspects.h"
-#include "server/vision/recognition/aspects/fragment_blob.h"
-#include "tests/diagnose/ground_truth.h"
+#include "tests/bench/aspect_catalog.h"
 
 namespace horopter {
 namespace {
@@ -96,103 +95,6 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
   return o;
 }
 
-struct Catalog {
-  std::vector<int> obj_ids;
-  std::vector<ObjectModel> models;
-  std::vector<ObjectAspects> objects;
-  std::vector<PartFragments> fragments;
-  std::vector<AspectPart> parts;
-  FragmentIndex index;
-};
-
-std::string ReadAll(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::stringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
-
-absl::Status LoadCatalog(const Arguments& arguments, Catalog* catalog) {
-  const auto dataset = ReadBopDataset(arguments.dataset);
-  if (!dataset.ok()) return dataset.status();
-  auto models = ReadTrueModels(*dataset);
-  if (!models.ok()) return models.status();
-  for (auto& [obj_id, model] : *models) {
-    catalog->obj_ids.push_back(obj_id);
-    catalog->models.push_back(std::move(model));
-  }
-  const int n = static_cast<int>(catalog->models.size());
-  catalog->objects.resize(n);
-  catalog->fragments.resize(n);
-  std::vector<absl::Status> status(n);
-  ParallelFor(n, 2, [&](int i) {
-    const ObjectModel& model = catalog->models[i];
-    const std::string file = arguments.cache + "/" + model.id + ".aspects";
-    auto object = arguments.cache.empty()
-                      ? absl::StatusOr<ObjectAspects>(absl::NotFoundError("no cache"))
-                      : DecodeObjectAspects(ReadAll(file), model);
-    if (!object.ok()) {
-      object = MakeObjectAspects(model);
-      if (object.ok() && !arguments.cache.empty()) {
-        std::ofstream(file, std::ios::binary) << EncodeObjectAspects(*object, model);
-      }
-    }
-    status[i] = object.status();
-    if (!object.ok()) return;
-    catalog->objects[i] = *std::move(object);
-    const AspectSet& set = catalog->objects[i].aspects;
-    const std::string fragment_file = arguments.cache + "/" + model.id + ".fragments";
-    auto fragments = arguments.cache.empty()
-                         ? absl::StatusOr<PartFragments>(absl::NotFoundError("no cache"))
-                         : DecodePartFragments(ReadAll(fragment_file), set);
-    if (!fragments.ok()) {
-      fragments = MakePartFragments(catalog->objects[i].mesh, set);
-      if (!arguments.cache.empty()) {
-        std::ofstream(fragment_file, std::ios::binary) << EncodePartFragments(*fragments, set);
-      }
-    }
-    catalog->fragments[i] = *std::move(fragments);
-  });
-  for (const absl::Status& s : status) {
-    if (!s.ok()) return s;
-  }
-  for (int i = 0; i < n; ++i) {
-    catalog->parts.push_back(
-        {&catalog->objects[i], &catalog->fragments[i], catalog->models[i].symmetries});
-  }
-  FragmentIndexOptions options;
-  options.lookup = arguments.xtree ? FragmentLookup::kXTree : FragmentLookup::kGrid;
-  auto index = BuildFragmentIndex(catalog->parts, options);
-  if (!index.ok()) return index.status();
-  catalog->index = *std::move(index);
-  return absl::OkStatus();
-}
-
-// Worst distance of the mesh's vertices in the image under two poses, the least over symmetries.
-double WorstVertexPx(const ObjectModel& model,
-                     const PinholeCamera& camera,
-                     const Rigid3& pose,
-                     const PinholeCamera& true_camera,
-                     const Rigid3& truth) {
-  const std::size_t step = std::max<std::size_t>(1, model.mesh.vertices.size() / 300);
-  const auto worst_of = [&](const Rigid3* symmetry, double bound) {
-    double worst = 0.0;
-    for (std::size_t v = 0; v < model.mesh.vertices.size() && worst < bound; v += step) {
-      const Eigen::Vector3d& x = model.mesh.vertices[v];
-      const Eigen::Vector3d a = pose * (symmetry != nullptr ? *symmetry * x : x);
-      const Eigen::Vector3d b = truth * x;
-      if (a.z() <= 0 || b.z() <= 0) return std::numeric_limits<double>::infinity();
-      worst = std::max(worst, (Project(camera, a) - Project(true_camera, b)).norm());
-    }
-    return worst;
-  };
-  double best = worst_of(nullptr, 1e9);
-  for (const Rigid3& symmetry : model.symmetries) {
-    best = std::min(best, worst_of(&symmetry, best));
-  }
-  return best;
-}
-
 struct Sums {
   int images = 0, instances = 0;
   int own_10 = 0, own_100 = 0, own_all = 0, all_10 = 0, all_100 = 0, all_1000 = 0;
@@ -217,7 +119,7 @@ void DrawEdges(const RenderMesh& mesh,
 // Truth thin and white, the first hypotheses in colours, best last.
 void WriteOverlay(const std::string& file,
                   const cv::Mat& photo,
-                  const Catalog& catalog,
+                  const AspectCatalog& catalog,
                   const AspectFindings& found) {
   cv::Mat image;
   cv::resize(photo, image, cv::Size(), 2, 2);
@@ -248,7 +150,7 @@ void WriteOverlay(const std::string& file,
 
 class Report {
  public:
-  Report(const Arguments& arguments, const Settings& settings, const Catalog& catalog)
+  Report(const Arguments& arguments, const Settings& settings, const AspectCatalog& catalog)
       : arguments_(arguments), settings_(settings), catalog_(catalog) {
     for (std::size_t i = 0; i < catalog.obj_ids.size(); ++i) {
       part_of_[catalog.obj_ids[i]] = static_cast<int>(i);
@@ -469,7 +371,7 @@ class Report {
 
   const Arguments& arguments_;
   const Settings& settings_;
-  const Catalog& catalog_;
+  const AspectCatalog& catalog_;
   std::map<int, int> part_of_;
   std::map<std::string, Sums> sums_;
 };
@@ -480,9 +382,13 @@ absl::Status Run(const Arguments& arguments) {
   }
   const auto settings = Options(arguments);
   if (!settings.ok()) return settings.status();
-  Catalog catalog;
+  AspectCatalog catalog;
   const auto start = std::chrono::steady_clock::now();
-  const absl::Status loaded = LoadCatalog(arguments, &catalog);
+  const auto dataset = ReadBopDataset(arguments.dataset);
+  if (!dataset.ok()) return dataset.status();
+  FragmentIndexOptions lookup;
+  lookup.lookup = arguments.xtree ? FragmentLookup::kXTree : FragmentLookup::kGrid;
+  const absl::Status loaded = LoadAspectCatalog(*dataset, arguments.cache, &catalog, lookup);
   if (!loaded.ok()) return loaded;
   std::cout << absl::StrFormat(
       "%d parts, %d aspects, %d fragments, enrolled in %.1f s\n",

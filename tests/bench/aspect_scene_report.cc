@@ -61,29 +61,7 @@ void WriteHypotheses(const std::string& path, const std::vector<AspectHypothesis
   }
 }
 
-// Worst distance of vertices in the image under the answer's and the true camera and pose.
-double WorstVertexPx(const ObjectModel& model,
-                     const PinholeCamera& camera,
-                     const Rigid3& pose,
-                     const PinholeCamera& true_camera,
-                     const Rigid3& truth) {
-  double best = std::numeric_limits<double>::infinity();
-  const std::size_t step = std::max<std::size_t>(1, model.mesh.vertices.size() / 200);
-  for (int s = -1; s < static_cast<int>(model.symmetries.size()); ++s) {
-    const Rigid3 turn = s < 0 ? Rigid3{} : model.symmetries[s];
-    double worst = 0.0;
-    for (std::size_t v = 0; v < model.mesh.vertices.size() && worst < best; v += step) {
-      const Eigen::Vector3d& x = model.mesh.vertices[v];
-      worst = std::max(
-          worst, (Project(camera, pose * (turn * x)) - Project(true_camera, truth * x)).norm());
-    }
-    best = std::min(best, worst);
-  }
-  return best;
-}
-
-void ReportScene(const BopScene& scene,
-                 const std::vector<BopImage>& images,
+void ReportScene(const std::vector<BopImage>& images,
                  const AspectCatalog& catalog,
                  const LinkedScene& linked) {
   for (const LinkedObject& o : linked.objects) {
@@ -120,7 +98,6 @@ void ReportScene(const BopScene& scene,
         errors.empty() ? 0.0 : errors[errors.size() / 2],
         right > wrong ? "" : " WRONG");
   }
-  (void)scene;
 }
 
 absl::Status Run(const Arguments& arguments) {
@@ -181,7 +158,7 @@ absl::Status Run(const Arguments& arguments) {
         focal,
         search_s,
         Seconds(start) - search_s);
-    ReportScene(scene, scene.images, catalog, linked);
+    ReportScene(scene.images, catalog, linked);
     std::cout << std::flush;
     for (const LinkedObject& o : linked.objects) {
       if (o.score < arguments.bar) continue;

@@ -37,7 +37,6 @@ std::array<Eigen::Vector3d, 8> BoxCorners(const RenderMesh& mesh) {
 struct GrownObject {
   AspectSceneObject placed;
   std::vector<int> hypothesis;  // of each view, -1: none
-  std::vector<Rigid3> turn;     // symmetry between the hypothesis and the placed object
 };
 
 struct GrownScene {
@@ -249,7 +248,7 @@ class Linker {
       const AspectHypothesis& h = hypotheses_[0][i];
       GrownScene scene;
       scene.views.push_back(ViewOf(0, h.camera, h.camera_from_object));
-      scene.objects.push_back({{h.object, Rigid3{}}, {static_cast<int>(i)}, {}});
+      scene.objects.push_back({{h.object, Rigid3{}}, {static_cast<int>(i)}});
       scene.support = h.score;
       out.push_back(std::move(scene));
     }
