@@ -270,6 +270,50 @@ PipelineOptions ResolveOptions(PipelineOptions options) {
 
 namespace {
 
+// Matching and reconstruction.
+absl::Status Reconstruct(const SceneRequest& request,
+                         const PipelineOptions& options,
+                         const StopRequested& stop,
+                         SceneTrace* trace,
+                         std::vector<StageReport>* stages) {
+  StageClock matching_clock("matching", stages);
+  HOROPTER_ASSIGN_OR_RETURN(trace->matching,
+                            MatchViews(request.images, trace->features, options.matching, stop));
+  matching_clock.Finish(trace->matching.counts);
+
+  StageClock reconstruction_clock("reconstruction", stages);
+  std::vector<ImageSize> sizes;
+  for (const cv::Mat& image : request.images) sizes.push_back({image.cols, image.rows});
+  HOROPTER_ASSIGN_OR_RETURN(trace->reconstruction,
+                            ReconstructViews(trace->matching,
+                                             trace->features,
+                                             sizes,
+                                             PriorsOf(request),
+                                             options.reconstruction,
+                                             stop));
+  reconstruction_clock.Finish(trace->reconstruction.counts);
+  return absl::OkStatus();
+}
+
+// One call of recognition with the time of its steps.
+absl::StatusOr<RecognitionResult> TimedRecognition(decltype(&RecognizeObjects) recognize,
+                                                   const RecognitionInput& input,
+                                                   const PipelineOptions& options,
+                                                   const StopRequested& stop,
+                                                   std::vector<StageReport>* stages) {
+  StageClock clock("recognition", stages);
+  StepClock steps;
+  HOROPTER_ASSIGN_OR_RETURN(
+      RecognitionResult result,
+      recognize(
+          input, options.recognition, stop, [&](std::string_view step) { steps.Begin(step); }));
+  steps.End();
+  std::map<std::string, double> counts = steps.seconds();
+  counts.insert(result.counts.begin(), result.counts.end());
+  clock.Finish(std::move(counts));
+  return result;
+}
+
 // The options are resolved.
 absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                                          const CatalogSnapshot& catalog,
@@ -293,38 +337,31 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   HOROPTER_ASSIGN_OR_RETURN(trace.features, DetectAll(request, options, stop));
   features_clock.Finish(SumCounts(trace.features));
 
-  StageClock matching_clock("matching", &answer.stages);
-  HOROPTER_ASSIGN_OR_RETURN(trace.matching,
-                            MatchViews(request.images, trace.features, options.matching, stop));
-  matching_clock.Finish(trace.matching.counts);
-
-  StageClock reconstruction_clock("reconstruction", &answer.stages);
-  std::vector<ImageSize> sizes;
-  for (const cv::Mat& image : request.images) sizes.push_back({image.cols, image.rows});
-  HOROPTER_ASSIGN_OR_RETURN(
-      trace.reconstruction,
-      ReconstructViews(
-          trace.matching, trace.features, sizes, PriorsOf(request), options.reconstruction, stop));
-  reconstruction_clock.Finish(trace.reconstruction.counts);
-
-  StageClock recognition_clock("recognition", &answer.stages);
-  const RecognitionInput input{request.images,
-                               trace.features,
-                               request.hints,
-                               &trace.matching,
-                               &trace.reconstruction,
-                               objects,
-                               selection.slots.empty() ? nullptr : &catalog.keys,
-                               selection.slots};
-  StepClock steps;
-  HOROPTER_ASSIGN_OR_RETURN(
-      trace.recognition,
-      RecognizeObjects(
-          input, options.recognition, stop, [&](std::string_view step) { steps.Begin(step); }));
-  steps.End();
-  std::map<std::string, double> recognition_counts = steps.seconds();
-  recognition_counts.insert(trace.recognition.counts.begin(), trace.recognition.counts.end());
-  recognition_clock.Finish(std::move(recognition_counts));
+  RecognitionInput input{request.images,
+                         trace.features,
+                         request.hints,
+                         nullptr,
+                         nullptr,
+                         objects,
+                         selection.slots.empty() ? nullptr : &catalog.keys,
+                         selection.slots};
+  const bool aspects_first = AspectsComeFirst(objects, options.recognition);
+  if (aspects_first) {
+    HOROPTER_ASSIGN_OR_RETURN(
+        trace.recognition,
+        TimedRecognition(RecognizeByAspectsAlone, input, options, stop, &answer.stages));
+  }
+  if (trace.recognition.objects.empty() && !IsStopRequested(options.recognition.hurry)) {
+    HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));
+    if (!aspects_first || trace.reconstruction.trusted) {
+      input.matching = &trace.matching;
+      input.reconstruction = &trace.reconstruction;
+      HOROPTER_ASSIGN_OR_RETURN(
+          RecognitionResult found,
+          TimedRecognition(RecognizeObjects, input, options, stop, &answer.stages));
+      if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
+    }
+  }
   answer.state = StateOf(trace.recognition.state);
   answer.detail = trace.recognition.detail;
   if (trace.recognition.objects.empty()) return result;

@@ -65,6 +65,8 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"max_texture", &o.image.max_texture},
       {"key_rms_rad", &o.find.votes.key_rms_rad},
       {"fragment_factor", &o.find.votes.fragment_factor},
+      {"start_share", &o.find.votes.start_share},
+      {"min_step", &o.find.votes.min_step},
       {"tau_share", &o.find.votes.tau_share},
       {"min_support_6", &o.find.votes.min_support_6},
       {"min_support_16", &o.find.votes.min_support_16},
@@ -76,6 +78,9 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"fine_render_px", &o.find.fine_render_px},
       {"fine_share", &o.find.fine_share}};
   const std::map<std::string, int*> integers = {{"pool", &o.find.votes.pool},
+      {"max_matches", &o.find.votes.max_matches},
+      {"max_repeats", &o.find.votes.max_repeats},
+
                                                 {"max_per_part", &o.find.votes.max_per_part},
                                                 {"max_per_place", &o.find.votes.max_per_place},
                                                 {"coarse_per_part", &o.find.coarse_per_part},

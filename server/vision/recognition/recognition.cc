@@ -1,6 +1,7 @@
 #include "server/vision/recognition/recognition.h"
 
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -143,33 +144,26 @@ absl::StatusOr<RecognitionResult> ByRoutes(const RecognitionInput& input,
   return Conclude(input, std::move(found), context);
 }
 
-// Rich parts are asked for by their aspects first; others by the routes in the cameras of the
-// reconstruction: where a table's texture gives these they are
-// quick. Their answer is judged by what the cameras should see of it; unless that confirms it, the
-// aspects give theirs, and the one that explains more is taken. What neither finds the dearer
-// routes are asked for.
+// Objects with few edges are asked for by the routes in the cameras of the reconstruction: where a
+// table's texture gives these they are quick. Their answer is judged by what the cameras should see
+// of it; unless that confirms it, the aspects give theirs, and the one that explains more is taken.
+// What neither finds the dearer routes are asked for. Rich ones have been asked for by their aspects
+// before (AspectsComeFirst): here only what trusted cameras say is added.
 absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
                                               JointContext* context) {
   const AspectRouteOptions& options = context->options.aspects;
+  const bool rich = AreRich(input.objects, options);
   RecognitionRoutes quick = context->options.routes, dear = quick;
   quick.view_led = quick.projective = false;
+  if (rich) quick.table = false;
   dear.metric = dear.table = false;
   BeginStep(*context, "aspect_images");
   const std::vector<AspectImage> images = MakeAspectImages(input.images, context->options.threads);
-  if (AreRich(input.objects, options)) {
-    HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, images));
-    if (!aspects.result.objects.empty() || !(quick.metric || quick.table) ||
-        IsStopRequested(context->give_up)) {
-      return aspects.result;
-    }
-    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult other, ByRoutes(input, quick, context));
-    const AspectJudgement judged = JudgeAnswer(*context, images, other);
-    return judged.median >= options.confirming_score ? other : aspects.result;
-  }
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context));
   AspectJudgement judged = JudgeAnswer(*context, images, result);
-  if (judged.median >= options.confirming_score || IsStopRequested(context->give_up)) {
-    RefuseContradicted(judged, options, &result);
+  if (judged.median >= options.confirming_score || rich || IsStopRequested(context->give_up)) {
+    RefuseContradicted(
+        judged, rich ? options.confirming_score : options.contradicting_score, &result);
     return result;
   }
   HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, images));
@@ -178,31 +172,63 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
     HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context));
     judged = JudgeAnswer(*context, images, result);
   }
-  RefuseContradicted(judged, options, &result);
+  RefuseContradicted(judged, options.contradicting_score, &result);
   return result.objects.empty() && !aspects.result.detail.empty() ? aspects.result : result;
 }
 
+// Nothing can be said of images without edges. Errors: INVALID_ARGUMENT.
+absl::Status CheckInput(const RecognitionInput& input, const RecognitionOptions& options) {
+  if (!input.hints.empty() && input.hints.size() != input.features.size())
+    return absl::InvalidArgumentError("hints: one per image or none");
+  return Validate(options);
+}
+
+std::optional<RecognitionResult> TooFewFeatures(const RecognitionInput& input) {
+  std::size_t most_segments = 0;
+  for (const ImageFeatures& f : input.features)
+    most_segments = std::max(most_segments, f.segments.size());
+  if (most_segments >= kMinSegments) return std::nullopt;
+  RecognitionResult result;
+  result.views.resize(input.features.size());
+  result.state = RecognitionState::kTooFewFeatures;
+  result.detail =
+      absl::StrCat("at most ", most_segments, " segments in an image, need ", kMinSegments);
+  return result;
+}
+
 }  // namespace
+
+bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> objects,
+                      const RecognitionOptions& options) {
+  return options.routes.aspects && HaveAspects(objects, options.aspects) &&
+         AreRich(objects, options.aspects);
+}
+
+absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
+                                                          const RecognitionOptions& options,
+                                                          const StopRequested& stop,
+                                                          const StepListener& on_step) {
+  HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
+  if (input.images.size() != input.features.size())
+    return absl::InvalidArgumentError("images: one per list of features");
+  if (!HaveAspects(input.objects, options.aspects))
+    return absl::InvalidArgumentError("objects: not all have aspects");
+  if (auto result = TooFewFeatures(input)) return *std::move(result);
+  const JointContext context = MakeContext(
+      {input.features, input.hints, nullptr, nullptr, input.objects, false}, options, stop, on_step);
+  BeginStep(context, "aspect_images");
+  const std::vector<AspectImage> images = MakeAspectImages(input.images, options.threads);
+  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(context, images));
+  return std::move(aspects.result);
+}
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
                                                    const StopRequested& stop,
                                                    const StepListener& on_step) {
-  if (!input.hints.empty() && input.hints.size() != input.features.size())
-    return absl::InvalidArgumentError("hints: one per image or none");
+  HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
   if (input.matching == nullptr) return absl::InvalidArgumentError("matching: missing");
-  HOROPTER_RETURN_IF_ERROR(Validate(options));
-  std::size_t most_segments = 0;
-  for (const ImageFeatures& f : input.features)
-    most_segments = std::max(most_segments, f.segments.size());
-  if (most_segments < kMinSegments) {
-    RecognitionResult result;
-    result.views.resize(input.features.size());
-    result.state = RecognitionState::kTooFewFeatures;
-    result.detail =
-        absl::StrCat("at most ", most_segments, " segments in an image, need ", kMinSegments);
-    return result;
-  }
+  if (auto result = TooFewFeatures(input)) return *std::move(result);
   JointContext context = MakeContext(
       {input.features, input.hints, input.matching, input.reconstruction, input.objects},
       options,

@@ -29,6 +29,17 @@ struct RecognitionInput {
   std::span<const int> slots;
 };
 
+// Whether the objects are asked for by their aspects before views are matched and reconstructed:
+// most of them have so many edges that the other routes cost more and say less.
+bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> objects,
+                      const RecognitionOptions& options);
+
+// By aspects alone: matching and reconstruction are not looked at. Errors as RecognizeObjects.
+absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
+                                                          const RecognitionOptions& options,
+                                                          const StopRequested& stop = {},
+                                                          const StepListener& on_step = {});
+
 // Errors: INVALID_ARGUMENT (sizes do not agree, options), CANCELLED.
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspects/edge_pixels.h"
+#include "server/vision/recognition/aspects/stripe_edges.h"
 
 namespace horopter {
 namespace {
@@ -150,6 +151,25 @@ bool DropTexture(const AspectImageOptions& options, AspectImage* image) {
   return image->edges.size() < before;
 }
 
+ContourGraph Contours(const AspectImageOptions& options, const AspectImage& image) {
+  return TraceContours({image.width, image.height, EdgePlaces(image), image.edge_at},
+                       options.max_gap_px);
+}
+
+// Returns whether there were any.
+bool DropStripes(const AspectImageOptions& options, AspectImage* image) {
+  if (!options.drop_stripes) return false;
+  const std::vector<std::uint8_t> striped = FindStripePoints(
+      {image->width, image->height, EdgePlaces(*image), image->edge_at}, image->contours);
+  if (striped.empty()) return false;
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < striped.size(); ++i) {
+    if (!striped[i]) image->edges[kept++] = image->edges[i];
+  }
+  image->edges.resize(kept);
+  return true;
+}
+
 }  // namespace
 
 absl::Status Validate(const AspectImageOptions& o) {
@@ -214,8 +234,12 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& opti
     IndexEdges(&out);
     FillMaps(options, &out);
   }
-  out.contours =
-      TraceContours({out.width, out.height, EdgePlaces(out), out.edge_at}, options.max_gap_px);
+  out.contours = Contours(options, out);
+  if (DropStripes(options, &out)) {
+    IndexEdges(&out);
+    FillMaps(options, &out);
+    out.contours = Contours(options, out);
+  }
   return out;
 }
 

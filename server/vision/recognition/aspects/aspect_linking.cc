@@ -19,6 +19,13 @@ constexpr double kMostChance = 0.5;
 constexpr std::size_t kLongList = 12;  // hypotheses of which a fifth may be right
 constexpr double kShownScore = 0.35;   // of the best object in a view whose camera is right
 constexpr int kSeedObjects = 8;
+constexpr int kCompleted = 2;          // drafts, of those that explain ...
+constexpr double kNearlyBest = 0.8;    // ... this share of what the best does
+constexpr int kRescues = 2;            // rounds in which doubtful views are looked at again
+constexpr double kDoubtfulShare = 0.4; // of what the middle view shows
+constexpr double kBetterScore = 0.06;  // of another pose of an object in one view
+constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
+constexpr double kNearM = 1e-3;
 constexpr int kVirtualSteps = 12;
 constexpr double kVirtualSigmaPx = 6.0;
 
@@ -70,27 +77,15 @@ class Linker {
     std::stable_sort(seeds.begin(), seeds.end(), [](const GrownScene& a, const GrownScene& b) {
       return a.support > b.support;
     });
-    LinkedScene best;
-    int adjusted = 0;
-    std::vector<double> tried;
-    for (const GrownScene& seed : seeds) {
-      if (adjusted >= options_.adjusted_seeds || IsStopRequested(stop_)) break;
-      // The same links found from another pair of views.
-      if (std::any_of(tried.begin(), tried.end(), [&](double s) {
-            return std::abs(s - seed.support) < 1e-9;
-          })) {
-        continue;
-      }
-      tried.push_back(seed.support);
-      ++adjusted;
-      LinkedScene scene = Complete(seed);
-      if (scene.score > best.score) best = std::move(scene);
-    }
+    LinkedScene best = BestOf(Drafts(seeds));
     if (best.views.empty()) best.views.resize(in_.images.size());
-    if (!best.objects.empty() && best.registered() < static_cast<int>(best.views.size()) &&
-        !IsStopRequested(stop_)) {
-      LinkedScene more = Rescue(best);
-      if (more.score > best.score) best = std::move(more);
+    for (int round = 0; round < kRescues && !best.objects.empty(); ++round) {
+      const LinkedScene trusted = WithoutDoubtfulViews(best);
+      if (trusted.registered() == static_cast<int>(best.views.size()) || IsStopRequested(stop_))
+        break;
+      LinkedScene more = Rescue(trusted);
+      if (more.score <= best.score) break;
+      best = std::move(more);
     }
     if (!best.objects.empty()) FindRunnersUp(&best);
     return best;
@@ -335,16 +330,97 @@ class Linker {
     AdjustToRows(rows, kVirtualSteps, kVirtualSigmaPx, scene);
   }
 
-  // The scene of a seed adjusted first to what its views say, then to the images.
-  LinkedScene Complete(const GrownScene& grown) const {
+  // A seed's scene before other hypotheses are carried over, and what it explains.
+  struct Draft {
     AspectScene scene;
-    scene.views = grown.views;
-    for (const GrownObject& o : grown.objects) scene.objects.push_back(o.placed);
-    AdjustToHypotheses(grown, &scene);
-    AspectAdjustmentOptions coarse = options_.adjustment;
-    coarse.render_px = options_.quick_render_px;
-    AdjustToEdges(in_.images, meshes_, coarse, options_.threads, &scene);
-    return Finish(&scene);
+    double score = 0.0;
+  };
+
+  // The best seeds adjusted first to what their views say, then to the images; best first.
+  std::vector<Draft> Drafts(const std::vector<GrownScene>& seeds) const {
+    std::vector<Draft> drafts;
+    std::vector<double> tried;
+    for (const GrownScene& seed : seeds) {
+      if (static_cast<int>(drafts.size()) >= options_.adjusted_seeds || IsStopRequested(stop_))
+        break;
+      // The same links found from another pair of views.
+      if (std::any_of(tried.begin(), tried.end(), [&](double s) {
+            return std::abs(s - seed.support) < 1e-9;
+          })) {
+        continue;
+      }
+      tried.push_back(seed.support);
+      Draft draft;
+      draft.scene.views = seed.views;
+      for (const GrownObject& o : seed.objects) draft.scene.objects.push_back(o.placed);
+      AdjustToHypotheses(seed, &draft.scene);
+      AspectAdjustmentOptions coarse = options_.adjustment;
+      coarse.render_px = options_.quick_render_px;
+      AdjustToEdges(in_.images, meshes_, coarse, options_.threads, &draft.scene);
+      draft.score = Sift(&draft.scene);
+      drafts.push_back(std::move(draft));
+    }
+    std::stable_sort(drafts.begin(), drafts.end(), [](const Draft& a, const Draft& b) {
+      return a.score > b.score;
+    });
+    return drafts;
+  }
+
+  // Drafts that explain nearly as much as the best are completed, the others could not catch up.
+  LinkedScene BestOf(std::vector<Draft> drafts) const {
+    LinkedScene best;
+    int completed = 0;
+    for (Draft& draft : drafts) {
+      if (IsStopRequested(stop_) && !best.objects.empty()) break;
+      if (completed >= kCompleted || draft.score < kNearlyBest * drafts.front().score) break;
+      ++completed;
+      LinkedScene scene = Finish(&draft.scene);
+      if (scene.score > best.score) best = std::move(scene);
+    }
+    return best;
+  }
+
+  // Views that show much less of the objects than the others do, or whose own hypothesis of one of
+  // them, elsewhere in pose, explains more: these may hang on a wrong hypothesis.
+  LinkedScene WithoutDoubtfulViews(const LinkedScene& scene) const {
+    LinkedScene out = scene;
+    if (scene.registered() < 3) return out;
+    std::vector<double> shows;
+    std::vector<double> of_view(scene.views.size(), 0.0);
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      if (!scene.views[v]) continue;
+      for (const LinkedObject& o : scene.objects)
+        of_view[v] += o.shown[v] ? std::max(0.0, o.views[v].score - kLeastChance) : 0.0;
+      shows.push_back(of_view[v]);
+    }
+    const auto middle = shows.begin() + static_cast<std::ptrdiff_t>(shows.size() / 2);
+    std::nth_element(shows.begin(), middle, shows.end());
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      if (!scene.views[v] || out.registered() < 3) continue;
+      if (of_view[v] < kDoubtfulShare * *middle || IsContradicted(scene, static_cast<int>(v)))
+        out.views[v].reset();
+    }
+    return out;
+  }
+
+  bool IsContradicted(const LinkedScene& scene, int v) const {
+    const AspectSceneView& view = *scene.views[v];
+    for (const LinkedObject& o : scene.objects) {
+      if (!o.shown[v]) continue;
+      const Rigid3 expected = view.camera_from_scene * o.scene_from_object;
+      const Eigen::Vector3d center = meshes_[o.object]->center.cast<double>();
+      const double size = view.camera.focal_px * meshes_[o.object]->diameter_m /
+                          std::max((expected * center).z(), kNearM);
+      for (const AspectHypothesis& h : hypotheses_[v]) {
+        if (h.object != o.object || h.score < o.views[v].score + kBetterScore) continue;
+        const Eigen::Vector2d there = Project(h.camera, h.camera_from_object * center);
+        if ((Project(view.camera, expected * center) - there).norm() > 0.5 * size) continue;
+        const double off =
+            PoseDistancePx(PartOf(h), view.camera, expected, h.camera, h.camera_from_object);
+        if (off > kOtherPoseShare * size) return true;
+      }
+    }
+    return false;
   }
 
   // Drops what the images contradict, carries the other hypotheses over, adjusts and judges, while
@@ -363,8 +439,9 @@ class Linker {
     return Result(*scene);
   }
 
-  // Views that show no object are no views, objects that explain too little are none.
-  void Sift(AspectScene* scene) const {
+  // Views that show no object are no views, objects that explain too little are none. Returns what
+  // the rest explains above chance.
+  double Sift(AspectScene* scene) const {
     std::vector<LinkedObject> judged = Judge(*scene, options_.quick_render_px);
     bool dropped = false;
     for (std::size_t v = 0; v < scene->views.size(); ++v) {
@@ -378,7 +455,15 @@ class Linker {
       dropped = true;
     }
     if (dropped) judged = Judge(*scene, options_.quick_render_px);
-    Keep(judged, scene);
+    return Keep(judged, scene);
+  }
+
+  static double AboveChance(const LinkedObject& o) {
+    double sum = 0.0;
+    for (std::size_t v = 0; v < o.views.size(); ++v) {
+      if (o.shown[v]) sum += std::max(0.0, o.views[v].score - kChanceScore);
+    }
+    return sum;
   }
 
   std::vector<LinkedObject> Judge(const AspectScene& scene, double render_px) const {
@@ -394,8 +479,8 @@ class Linker {
     return out;
   }
 
-  // Leaves out what explains too little; the frame goes to the best.
-  void Keep(const std::vector<LinkedObject>& judged, AspectScene* scene) const {
+  // Leaves out what explains too little; the frame goes to the best. Returns what is explained.
+  double Keep(const std::vector<LinkedObject>& judged, AspectScene* scene) const {
     std::vector<int> order(judged.size());
     std::iota(order.begin(), order.end(), 0);
     std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
@@ -404,16 +489,19 @@ class Linker {
     std::vector<AspectSceneObject> kept;
     std::vector<Eigen::Vector3d> places;
     std::vector<double> sizes;
+    double explained = 0.0;
     for (const int i : order) {
       if (judged[i].score < options_.min_joint) break;
       const AspectSceneObject& o = scene->objects[i];
       const Eigen::Vector3d center = o.scene_from_object * meshes_[o.object]->center.cast<double>();
       if (!IsApart(center, meshes_[o.object]->diameter_m, places, sizes)) continue;
       kept.push_back(o);
+      explained += AboveChance(judged[i]);
       places.push_back(center);
       sizes.push_back(meshes_[o.object]->diameter_m);
     }
     scene->objects = std::move(kept);
+    return explained;
   }
 
   // Hypotheses of all views in the scene's cameras, those that most views confirm.
@@ -519,9 +607,7 @@ class Linker {
     }
     for (LinkedObject& o : Judge(scene, kFineRenderPx)) {
       if (o.score < options_.min_joint) continue;
-      for (std::size_t v = 0; v < o.views.size(); ++v) {
-        if (o.shown[v]) out.score += std::max(0.0, o.views[v].score - kChanceScore);
-      }
+      out.score += AboveChance(o);
       out.objects.push_back(std::move(o));
     }
     std::stable_sort(out.objects.begin(), out.objects.end(), [](const auto& a, const auto& b) {

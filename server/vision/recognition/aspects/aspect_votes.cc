@@ -12,7 +12,9 @@ namespace horopter {
 namespace {
 
 constexpr float kPi = 3.14159265358979f;
-constexpr int kFirstPoints = 6, kSecondPoints = 16;
+constexpr int kFirstPoints = 6, kSecondPoints = kFirstVotePoints;
+// From this tolerance on a cell of 4 x 4 pixels says as much as one of 2 x 2.
+constexpr int kQuarterTau8 = 5 * static_cast<int>(AspectImage::kDistanceScale);
 constexpr int kShares = 16;  // of the image's fragments, so that threads do not matter
 constexpr float kSeenShare =
     0.03f;  // similarities this near, as a share of the size, are tested once
@@ -53,7 +55,6 @@ float TurnBins(float turn) {
 }
 
 // Mean support of points [from, to) under a similarity: 1 on an edge, 0 from tau on.
-template <bool kHalf>
 float Support(const AspectImage& image,
               const VotePoint* points,
               int from,
@@ -67,16 +68,118 @@ float Support(const AspectImage& image,
     const float x = s.a * p.x - s.b * p.y + s.x;
     const float y = s.b * p.x + s.a * p.y + s.y;
     const int bin = kBins.bin[static_cast<int>(p.bin + turn_bins)];
-    const int d = kHalf ? image.HalfDistanceAt(x, y, bin) : image.DistanceAt(x, y, bin);
+    const int d = image.DistanceAt(x, y, bin);
     sum += std::max(0, tau8 - d);
   }
   return static_cast<float>(sum) / static_cast<float>(tau8 * (to - from));
 }
 
+void DropRepeated(int max_repeats, std::vector<ContourFragment>* fragments) {
+  const auto hash_of = [](const ContourFragment& f, int offset) {
+    std::uint32_t hash = 0;
+    const auto mix = [&](float v, float width) {
+      const auto q = static_cast<std::int32_t>(std::floor(v / width + 0.5f * static_cast<float>(offset)));
+      hash = (hash ^ static_cast<std::uint32_t>(q)) * 0x9E3779B1u;
+      hash ^= hash >> 15;
+    };
+    for (int i = 0; i < kFragmentAngles; i += 2) mix(f.key[i] + f.key[i + 1], 0.6f);
+    mix(std::log(f.spread), 0.15f);
+    mix(f.chord_rad, 0.3f);
+    return hash;
+  };
+  std::vector<char> repeated(fragments->size(), 0);
+  for (int offset = 0; offset < 2; ++offset) {
+    std::vector<std::pair<std::uint32_t, std::uint32_t>> keyed;
+    for (std::size_t i = 0; i < fragments->size(); ++i)
+      keyed.emplace_back(hash_of((*fragments)[i], offset), static_cast<std::uint32_t>(i));
+    std::sort(keyed.begin(), keyed.end());
+    std::vector<Eigen::Vector2f> places;
+    for (std::size_t from = 0, to; from < keyed.size(); from = to) {
+      places.clear();
+      for (to = from; to < keyed.size() && keyed[to].first == keyed[from].first; ++to) {
+        const ContourFragment& f = (*fragments)[keyed[to].second];
+        if (static_cast<int>(places.size()) <= max_repeats &&
+            std::none_of(places.begin(), places.end(), [&](const Eigen::Vector2f& p) {
+              return (p - f.center).squaredNorm() < f.spread * f.spread;
+            }))
+          places.push_back(f.center);
+      }
+      if (static_cast<int>(places.size()) <= max_repeats) continue;
+      for (std::size_t k = from; k < to; ++k) repeated[keyed[k].second] = 1;
+    }
+  }
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < fragments->size(); ++i) {
+    if (!repeated[i]) (*fragments)[kept++] = (*fragments)[i];
+  }
+  fragments->resize(kept);
+}
+
+// An oriented distance map in cells of some pixels, with a border of far cells so that places are
+// clamped, not tested.
+struct CoarseMap {
+  int cell_px = 0, width = 0, height = 0;  // the border included
+  std::vector<std::uint8_t> distance;      // [bin][y][x], 1/8 px
+
+  CoarseMap(const AspectImage& image, int cell) : cell_px(cell) {
+    const int step = cell / 2;  // cells of the half map
+    const int w = (image.half_width + step - 1) / step, h = (image.half_height + step - 1) / step;
+    width = w + 2;
+    height = h + 2;
+    distance.assign(static_cast<std::size_t>(kAspectBins) * width * height, 255);
+    for (int bin = 0; bin < kAspectBins; ++bin) {
+      const std::uint8_t* half = image.half_distance.data() + static_cast<std::size_t>(bin) *
+                                                                  image.half_width *
+                                                                  image.half_height;
+      for (int y = 0; y < h; ++y) {
+        for (int x = 0; x < w; ++x) {
+          int sum = 0, count = 0;
+          for (int v = y * step; v < std::min((y + 1) * step, image.half_height); ++v) {
+            for (int u = x * step; u < std::min((x + 1) * step, image.half_width); ++u, ++count)
+              sum += half[static_cast<std::size_t>(v) * image.half_width + u];
+          }
+          distance[(static_cast<std::size_t>(bin) * height + y + 1) * width + x + 1] =
+              static_cast<std::uint8_t>(sum / count);
+        }
+      }
+    }
+  }
+
+  // Mean support of points [from, to) under a similarity: as Support().
+  float Support(const PackedVotePoint* points, int from, int to, const Similarity& s, int tau8)
+      const {
+    const float cells = 1.0f / static_cast<float>(cell_px);
+    const float unit = cells / PackedVotePoint::kPlaceScale;
+    const float a = s.a * unit, b = s.b * unit;
+    const float x0 = (s.x + 0.5f) * cells + 1.0f, y0 = (s.y + 0.5f) * cells + 1.0f;
+    const int turn = static_cast<int>(TurnBins(s.turn) * PackedVotePoint::kBinSteps);
+    const float right = static_cast<float>(width - 1), bottom = static_cast<float>(height - 1);
+    int sum = 0;
+    for (int i = from; i < to; ++i) {
+      const float px = points[i].x, py = points[i].y;
+      const int x = static_cast<int>(std::clamp(a * px - b * py + x0, 0.0f, right));
+      const int y = static_cast<int>(std::clamp(b * px + a * py + y0, 0.0f, bottom));
+      const int bin = kBins.bin[(points[i].bin + turn) / PackedVotePoint::kBinSteps];
+      sum += std::max(0, tau8 - distance[(static_cast<std::size_t>(bin) * height + y) * width + x]);
+    }
+    return static_cast<float>(sum) / static_cast<float>(tau8 * (to - from));
+  }
+};
+
+// Of one image.
+struct CoarseMaps {
+  explicit CoarseMaps(const AspectImage& image) : half(image, 2), quarter(image, 4) {}
+  const CoarseMap& For(int tau8) const { return tau8 >= kQuarterTau8 ? quarter : half; }
+  CoarseMap half, quarter;
+};
+
 class Share {
  public:
-  Share(const AspectImage& image, const FragmentIndex& index, const AspectVoteOptions& options)
-      : image_(image), index_(index), options_(options) {
+  Share(const AspectImage& image,
+        const CoarseMaps& maps,
+        const FragmentIndex& index,
+        const AspectVoteOptions& options)
+      : image_(image), maps_(maps), index_(index), options_(options) {
     pools_.resize(index.parts.size());
     floors_.assign(index.parts.size(), 0.0f);
   }
@@ -89,7 +192,11 @@ class Share {
                   static_cast<float>(options_.key_rms_rad) * std::sqrt(float{kFragmentAngles}),
                   &found_);
       counts_.matches += static_cast<std::int64_t>(found_.size());
-      for (const std::uint32_t f : found_) Test(way, index_.fragments[f], index_.keys[f]);
+      const std::size_t stride = 1 + found_.size() / static_cast<std::size_t>(options_.max_matches);
+      for (std::size_t i = counts_.fragments % stride; i < found_.size(); i += stride) {
+        const std::uint32_t f = found_[i];
+        Test(way, index_.fragments[f], index_.keys[f]);
+      }
     }
   }
 
@@ -112,24 +219,26 @@ class Share {
     s.x = image_side.center.x() - (s.a * model_side.x - s.b * model_side.y);
     s.y = image_side.center.y() - (s.b * model_side.x + s.a * model_side.y);
     if (!(s.x >= 0 && s.y >= 0 && s.x < width && s.y < static_cast<float>(image_.height))) return;
-    const IndexedAspect& aspect = index_.aspects[model_side.aspect];
-    const VotePoint* points = index_.points.data() + aspect.first_point;
-    const int n = aspect.points;
-    if (n < kSecondPoints) return;
+    const PackedVotePoint* first =
+        index_.first_points.data() + static_cast<std::size_t>(model_side.aspect) * kSecondPoints;
     const int tau8 = Tau8(size);
-    const float six = Support<true>(image_, points, 0, kFirstPoints, s, tau8);
+    const CoarseMap& map = maps_.For(tau8);
+    const float six = map.Support(first, 0, kFirstPoints, s, tau8);
     if (six < options_.min_support_6) return;
     ++counts_.tests_16;
-    const float rest = Support<true>(image_, points, kFirstPoints, kSecondPoints, s, tau8);
+    const float rest = map.Support(first, kFirstPoints, kSecondPoints, s, tau8);
     const float sixteen =
         (six * kFirstPoints + rest * (kSecondPoints - kFirstPoints)) / kSecondPoints;
     if (sixteen < options_.min_support_16) return;
+    const IndexedAspect& aspect = index_.aspects[model_side.aspect];
+    const VotePoint* points = index_.points.data() + aspect.first_point;
+    const int n = aspect.points;
     const float excess = ExcessChance(points, kFirstPoints, s);
     if (sixteen - excess < options_.min_support_16 * (1.0f - excess)) return;
     if (!IsNew(model_side.aspect, s)) return;
     ++counts_.climbs;
-    s = Climb(points, image_side.pivot, sixteen, s);
-    const float support = Support<false>(image_, points, 0, n, s, Tau8(s.size));
+    s = Climb(first, image_side.pivot, sixteen, s);
+    const float support = Support(image_, points, 0, n, s, Tau8(s.size));
     if (support < options_.min_support) return;
     const float chance = ExcessChance(points, n, s);
     const float gain =
@@ -189,7 +298,7 @@ class Share {
   }
 
   // Better size and turn about a point that stays.
-  Similarity Climb(const VotePoint* points,
+  Similarity Climb(const PackedVotePoint* points,
                    const Eigen::Vector2f& pivot,
                    float best,
                    Similarity s) const {
@@ -207,8 +316,8 @@ class Share {
       const float c = step[0] * std::cos(step[1]), t = step[0] * std::sin(step[1]);
       other.x = pivot.x() + c * dx - t * dy;
       other.y = pivot.y() + t * dx + c * dy;
-      const float support =
-          Support<true>(image_, points, 0, kSecondPoints, other, Tau8(other.size));
+      const int tau8 = Tau8(other.size);
+      const float support = maps_.For(tau8).Support(points, 0, kSecondPoints, other, tau8);
       if (support > best) {
         best = support;
         s = other;
@@ -232,6 +341,7 @@ class Share {
   }
 
   const AspectImage& image_;
+  const CoarseMaps& maps_;
   const FragmentIndex& index_;
   const AspectVoteOptions& options_;
   std::vector<std::vector<AspectVote>> pools_;
@@ -313,9 +423,13 @@ AspectVotes VoteForAspects(const AspectImage& image,
   pieces.min_length = options.min_fragment_px;
   pieces.max_length = options.max_fragment_share * image.width;
   pieces.length_factor = options.fragment_factor;
-  const std::vector<ContourFragment> fragments = CollectFragments(image.contours, pieces);
+  pieces.start_share = options.start_share;
+  pieces.min_step = options.min_step;
+  std::vector<ContourFragment> fragments = CollectFragments(image.contours, pieces);
+  DropRepeated(options.max_repeats, &fragments);
   // Each share keeps its own pool, so the result does not depend on the number of threads.
-  std::vector<Share> shares(kShares, Share(image, index, options));
+  const CoarseMaps maps(image);
+  std::vector<Share> shares(kShares, Share(image, maps, index, options));
   ParallelFor(kShares, options.threads, [&](int i) {
     for (std::size_t f = i; f < fragments.size(); f += kShares) {
       if (f / kShares % 16 == 0 && IsStopRequested(stop)) return;

@@ -16,6 +16,13 @@ struct AspectVoteOptions {
   double min_fragment_px = 22.0;
   double max_fragment_share = 0.9;  // of the image's width
   double fragment_factor = 1.25;
+  double start_share = 0.2;  // FragmentOptions::start_share, min_step of the image's contours
+  double min_step = 3.0;
+  // Matches of one fragment that are tested, spread over what the index finds: common shapes match
+  // tens of thousands, and come again in the lengths and starts beside them.
+  int max_matches = 150;
+  // Pieces that the image holds in more places than this, at one size and turn, are pattern.
+  int max_repeats = 6;
   double key_rms_rad = 0.18;     // fragments whose keys differ by less are alike
   double min_size_share = 0.06;  // of the image's width: diameter of the smallest part sought
   double max_size_share = 1.6;
@@ -29,8 +36,8 @@ struct AspectVoteOptions {
   double rank_support = 0.45;  // rank = length (px) x ((support - chance) / (1 - chance) - this)
   double free_chance = 0.10;   // chance up to this, as parts have themselves, costs nothing
   int pool = 2000;             // votes kept of a part before the distinct ones are chosen
-  int max_per_part = 150;      // distinct votes of a part
-  int max_per_place = 30;      // ... with their centres in one place
+  int max_per_part = 80;       // distinct votes of a part
+  int max_per_place = 16;      // ... with their centres in one place
   int threads = 1;
 };
 

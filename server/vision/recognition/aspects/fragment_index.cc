@@ -42,6 +42,22 @@ Eigen::Matrix<float, 3, kFragmentAngles> MainDirections(const std::vector<Entry>
   return solver.eigenvectors().rightCols<3>().transpose().cast<float>();
 }
 
+void AddFirstPoints(const IndexedAspect& aspect, FragmentIndex* index) {
+  constexpr float kReach = 32767.0f;
+  for (int i = 0; i < kFirstVotePoints; ++i) {
+    PackedVotePoint& packed = index->first_points.emplace_back();
+    if (aspect.points < kFirstVotePoints) continue;
+    const VotePoint& p = index->points[aspect.first_point + i];
+    const auto pack = [&](float v) {
+      return static_cast<std::int16_t>(
+          std::lround(std::clamp(v * PackedVotePoint::kPlaceScale, -kReach, kReach)));
+    };
+    packed.x = pack(p.x);
+    packed.y = pack(p.y);
+    packed.bin = static_cast<std::uint16_t>(p.bin * PackedVotePoint::kBinSteps);
+  }
+}
+
 void AddPart(const AspectPart& part, FragmentIndex* index, std::vector<Entry>* all) {
   const AspectSet& set = part.object->aspects;
   const int first = static_cast<int>(index->aspects.size());
@@ -70,8 +86,10 @@ void AddPart(const AspectPart& part, FragmentIndex* index, std::vector<Entry>* a
                                bin});
       ++aspect.points;
     }
+    AddFirstPoints(aspect, index);
   }
   for (const AspectFragment& f : part.fragments->fragments) {
+    if (index->aspects[first + f.aspect].points < kFirstVotePoints) continue;
     all->push_back({f.key,
                     {first + f.aspect,
                      f.x / AspectFragment::kPlaceScale,

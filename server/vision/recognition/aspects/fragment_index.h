@@ -27,6 +27,15 @@ struct VotePoint {
   float x = 0.0f, y = 0.0f, bin = 0.0f;
 };
 
+// The same in steps: small enough that the first points of a whole catalog stay in the cache.
+struct PackedVotePoint {
+  static constexpr float kPlaceScale = 16384.0f;  // steps a diameter
+  static constexpr int kBinSteps = 256;
+  std::int16_t x = 0, y = 0;
+  std::uint16_t bin = 0;
+};
+inline constexpr int kFirstVotePoints = 16;  // of an aspect; those with fewer are not indexed
+
 struct IndexedAspect {
   std::int32_t part = -1;
   std::int32_t aspect = -1;  // of the part's AspectSet
@@ -62,6 +71,7 @@ struct FragmentIndex {
   std::vector<AspectPart> parts;
   std::vector<IndexedAspect> aspects;
   std::vector<VotePoint> points;
+  std::vector<PackedVotePoint> first_points;  // kFirstVotePoints of each aspect
   std::vector<IndexedFragment> fragments;
   std::vector<PackedFragmentKey> keys;
   // Grid: cell (i, j, k) holds fragments cell_begin[c] .. cell_begin[c + 1], k fastest.

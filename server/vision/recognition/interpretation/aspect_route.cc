@@ -176,9 +176,9 @@ AspectJudgement JudgeAnswer(const JointContext& context,
 }
 
 void RefuseContradicted(const AspectJudgement& judgement,
-                        const AspectRouteOptions& options,
+                        double least,
                         RecognitionResult* answer) {
-  if (answer->objects.empty() || judgement.median >= options.contradicting_score) return;
+  if (answer->objects.empty() || judgement.median >= least) return;
   answer->objects.clear();
   answer->views.assign(answer->views.size(), std::nullopt);
   answer->state = RecognitionState::kNothingFound;

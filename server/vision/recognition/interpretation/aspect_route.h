@@ -38,9 +38,9 @@ AspectJudgement JudgeAnswer(const JointContext& context,
                             std::span<const AspectImage> images,
                             const RecognitionResult& answer);
 
-// Empties an answer that the images contradict.
+// Empties an answer whose median score is below `least`.
 void RefuseContradicted(const AspectJudgement& judgement,
-                        const AspectRouteOptions& options,
+                        double least,
                         RecognitionResult* answer);
 
 // The scene that the aspects find. Errors: CANCELLED.

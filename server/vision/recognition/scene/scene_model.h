@@ -74,6 +74,7 @@ struct EvidenceInput {
   const MatchingResult* matching = nullptr;
   const Reconstruction* reconstruction = nullptr;  // null: none
   std::span<const std::shared_ptr<const PreparedObject>> objects;
+  bool edge_maps = true;  // false: JointContext::views stays empty; aspects need none
 };
 
 // Edge maps and start cameras of a request. The spans must outlive the result.
