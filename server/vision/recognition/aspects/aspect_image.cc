@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspects/edge_pixels.h"
-#include "server/vision/recognition/aspects/stripe_edges.h"
+#include "server/vision/recognition/aspects/pattern_edges.h"
 
 namespace horopter {
 namespace {
@@ -157,14 +157,14 @@ ContourGraph Contours(const AspectImageOptions& options, const AspectImage& imag
 }
 
 // Returns whether there were any.
-bool DropStripes(const AspectImageOptions& options, AspectImage* image) {
-  if (!options.drop_stripes) return false;
-  const std::vector<std::uint8_t> striped = FindStripePoints(
+bool DropPattern(const AspectImageOptions& options, AspectImage* image) {
+  if (!options.drop_pattern) return false;
+  const std::vector<std::uint8_t> patterned = FindPatternPoints(
       {image->width, image->height, EdgePlaces(*image), image->edge_at}, image->contours);
-  if (striped.empty()) return false;
+  if (patterned.empty()) return false;
   std::size_t kept = 0;
-  for (std::size_t i = 0; i < striped.size(); ++i) {
-    if (!striped[i]) image->edges[kept++] = image->edges[i];
+  for (std::size_t i = 0; i < patterned.size(); ++i) {
+    if (!patterned[i]) image->edges[kept++] = image->edges[i];
   }
   image->edges.resize(kept);
   return true;
@@ -235,7 +235,7 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& opti
     FillMaps(options, &out);
   }
   out.contours = Contours(options, out);
-  if (DropStripes(options, &out)) {
+  if (DropPattern(options, &out)) {
     IndexEdges(&out);
     FillMaps(options, &out);
     out.contours = Contours(options, out);

@@ -26,6 +26,8 @@ constexpr double kDoubtfulShare = 0.4; // of what the middle view shows
 constexpr double kBetterScore = 0.06;  // of another pose of an object in one view
 constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
 constexpr double kNearM = 1e-3;
+constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
+constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
 constexpr int kVirtualSteps = 12;
 constexpr double kVirtualSigmaPx = 6.0;
 
@@ -79,6 +81,9 @@ class Linker {
     });
     LinkedScene best = BestOf(Drafts(seeds));
     if (best.views.empty()) best.views.resize(in_.images.size());
+    searched_again_.assign(best.views.size(), false);
+    if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1)
+      SearchAgain(best, std::vector<bool>(best.views.size(), true));
     for (int round = 0; round < kRescues && !best.objects.empty(); ++round) {
       const LinkedScene trusted = WithoutDoubtfulViews(best);
       if (trusted.registered() == static_cast<int>(best.views.size()) || IsStopRequested(stop_))
@@ -87,6 +92,7 @@ class Linker {
       if (more.score <= best.score) break;
       best = std::move(more);
     }
+    if (!best.objects.empty()) DropPoorViews(&best);
     if (!best.objects.empty()) FindRunnersUp(&best);
     return best;
   }
@@ -380,11 +386,10 @@ class Linker {
     return best;
   }
 
-  // Views that show much less of the objects than the others do, or whose own hypothesis of one of
-  // them, elsewhere in pose, explains more: these may hang on a wrong hypothesis.
-  LinkedScene WithoutDoubtfulViews(const LinkedScene& scene) const {
-    LinkedScene out = scene;
-    if (scene.registered() < 3) return out;
+  // Views that show much less of the objects than the others do: of three and more.
+  std::vector<bool> PoorViews(const LinkedScene& scene) const {
+    std::vector<bool> poor(scene.views.size(), false);
+    if (scene.registered() < 3) return poor;
     std::vector<double> shows;
     std::vector<double> of_view(scene.views.size(), 0.0);
     for (std::size_t v = 0; v < scene.views.size(); ++v) {
@@ -395,12 +400,37 @@ class Linker {
     }
     const auto middle = shows.begin() + static_cast<std::ptrdiff_t>(shows.size() / 2);
     std::nth_element(shows.begin(), middle, shows.end());
+    for (std::size_t v = 0; v < scene.views.size(); ++v)
+      poor[v] = scene.views[v].has_value() && of_view[v] < kDoubtfulShare * *middle;
+    return poor;
+  }
+
+  // Poor ones, and those whose own hypothesis of an object, elsewhere in pose, explains more: these
+  // may hang on a wrong hypothesis.
+  LinkedScene WithoutDoubtfulViews(const LinkedScene& scene) const {
+    LinkedScene out = scene;
+    const std::vector<bool> poor = PoorViews(scene);
     for (std::size_t v = 0; v < scene.views.size(); ++v) {
       if (!scene.views[v] || out.registered() < 3) continue;
-      if (of_view[v] < kDoubtfulShare * *middle || IsContradicted(scene, static_cast<int>(v)))
-        out.views[v].reset();
+      if (poor[v] || IsContradicted(scene, static_cast<int>(v))) out.views[v].reset();
     }
     return out;
+  }
+
+  // A view that stays poor has a wrong camera: better none. The rest is adjusted without it.
+  void DropPoorViews(LinkedScene* scene) const {
+    const std::vector<bool> poor = PoorViews(*scene);
+    AspectScene rest;
+    rest.views = scene->views;
+    bool dropped = false;
+    for (std::size_t v = 0; v < poor.size(); ++v) {
+      if (poor[v]) rest.views[v].reset(), dropped = true;
+    }
+    if (!dropped) return;
+    for (const LinkedObject& o : scene->objects)
+      rest.objects.push_back({o.object, o.scene_from_object});
+    LinkedScene out = Finish(&rest);
+    if (!out.objects.empty()) *scene = std::move(out);
   }
 
   bool IsContradicted(const LinkedScene& scene, int v) const {
@@ -487,21 +517,46 @@ class Linker {
       return judged[a].score > judged[b].score;
     });
     std::vector<AspectSceneObject> kept;
-    std::vector<Eigen::Vector3d> places;
-    std::vector<double> sizes;
     double explained = 0.0;
     for (const int i : order) {
       if (judged[i].score < options_.min_joint) break;
-      const AspectSceneObject& o = scene->objects[i];
-      const Eigen::Vector3d center = o.scene_from_object * meshes_[o.object]->center.cast<double>();
-      if (!IsApart(center, meshes_[o.object]->diameter_m, places, sizes)) continue;
-      kept.push_back(o);
+      if (!IsFree(scene->views, kept, scene->objects[i])) continue;
+      kept.push_back(scene->objects[i]);
       explained += AboveChance(judged[i]);
-      places.push_back(center);
-      sizes.push_back(meshes_[o.object]->diameter_m);
     }
     scene->objects = std::move(kept);
     return explained;
+  }
+
+  Eigen::Vector3d CenterOf(const AspectSceneObject& o) const {
+    return o.scene_from_object * meshes_[o.object]->center.cast<double>();
+  }
+
+  // Whether no object of the scene is in this one's place: not in space, and not in the images of
+  // all views, where wrong cameras may show one object as two.
+  bool IsFree(const std::vector<std::optional<AspectSceneView>>& views,
+              const std::vector<AspectSceneObject>& taken,
+              const AspectSceneObject& o) const {
+    const double diameter = meshes_[o.object]->diameter_m;
+    return std::none_of(taken.begin(), taken.end(), [&](const AspectSceneObject& other) {
+      const double smaller = std::min(diameter, meshes_[other.object]->diameter_m);
+      const Eigen::Vector3d here = CenterOf(o), there = CenterOf(other);
+      if ((here - there).norm() < options_.apart_share * smaller) return true;
+      int seen = 0;
+      for (const auto& view : views) {
+        if (!view) continue;
+        const Eigen::Vector3d a = view->camera_from_scene * here,
+                              b = view->camera_from_scene * there;
+        if (a.z() < kNearM || b.z() < kNearM) return false;
+        const double size = view->camera.focal_px * smaller / std::max(a.z(), b.z());
+        if ((Project(view->camera, a) - Project(view->camera, b)).norm() >
+            kOverlapShare * size) {
+          return false;
+        }
+        ++seen;
+      }
+      return seen > 1;
+    });
   }
 
   // Hypotheses of all views in the scene's cameras, those that most views confirm.
@@ -522,17 +577,8 @@ class Linker {
     std::stable_sort(carried.begin(), carried.end(), [](const auto& a, const auto& b) {
       return a.first > b.first;
     });
-    std::vector<Eigen::Vector3d> places;
-    std::vector<double> sizes;
-    for (const AspectSceneObject& o : scene->objects) {
-      places.push_back(o.scene_from_object * meshes_[o.object]->center.cast<double>());
-      sizes.push_back(meshes_[o.object]->diameter_m);
-    }
     std::erase_if(carried, [&](const std::pair<double, AspectSceneObject>& c) {
-      return !IsApart(c.second.scene_from_object * meshes_[c.second.object]->center.cast<double>(),
-                      meshes_[c.second.object]->diameter_m,
-                      places,
-                      sizes);
+      return !IsFree(scene->views, scene->objects, c.second);
     });
     if (static_cast<int>(carried.size()) > options_.carried) carried.resize(options_.carried);
     std::vector<LinkedObject> judged(carried.size());
@@ -555,12 +601,7 @@ class Linker {
     });
     for (const int i : order) {
       if (judged[i].score < options_.min_quick) break;
-      const Eigen::Vector3d center =
-          placed[i].scene_from_object * meshes_[placed[i].object]->center.cast<double>();
-      if (!IsApart(center, meshes_[placed[i].object]->diameter_m, places, sizes)) continue;
-      scene->objects.push_back(placed[i]);
-      places.push_back(center);
-      sizes.push_back(meshes_[placed[i].object]->diameter_m);
+      if (IsFree(scene->views, scene->objects, placed[i])) scene->objects.push_back(placed[i]);
     }
   }
 
@@ -616,23 +657,43 @@ class Linker {
     return out;
   }
 
-  // Looks for the scene's parts, and only for them, in the views that have no camera: much further
-  // down the list than a search of the catalog goes.
-  LinkedScene Rescue(const LinkedScene& found) {
-    std::vector<int> wanted;
-    for (const LinkedObject& o : found.objects) {
-      if (std::find(wanted.begin(), wanted.end(), o.object) == wanted.end())
-        wanted.push_back(o.object);
-    }
+  // Hypotheses of the scene's parts, and only of them, in the wanted views: much further down the
+  // list than a search of the catalog goes. Adds to what is known of these views.
+  void SearchAgain(const LinkedScene& found, const std::vector<bool>& wanted) {
+    std::vector<int> objects;
     std::vector<AspectPart> parts;
-    for (const int object : wanted) parts.push_back(in_.parts[object]);
+    for (const LinkedObject& o : found.objects) {
+      if (std::find(objects.begin(), objects.end(), o.object) != objects.end()) continue;
+      objects.push_back(o.object);
+      parts.push_back(in_.parts[o.object]);
+    }
     const auto index = BuildFragmentIndex(parts);
-    if (!index.ok()) return found;
+    if (!index.ok()) return;
     FindAspectOptions deep;
     deep.coarse_per_part = options_.rescue_per_part;
     deep.fine_per_part = options_.rescue_per_part / 4;
     deep.fine_share = 0.5;
     deep.threads = deep.votes.threads = options_.threads;
+    for (std::size_t v = 0; v < wanted.size(); ++v) {
+      if (!wanted[v] || searched_again_[v] || IsStopRequested(stop_)) continue;
+      searched_again_[v] = true;
+      std::vector<AspectHypothesis> list =
+          FindAspectHypotheses(in_.images[v], *index, deep, nullptr, stop_).hypotheses;
+      for (AspectHypothesis& h : list) h.object = objects[h.object];
+      list.insert(list.end(), hypotheses_[v].begin(), hypotheses_[v].end());
+      std::stable_sort(list.begin(), list.end(), [](const auto& a, const auto& b) {
+        return a.score > b.score;
+      });
+      weights_[v] = Weights(list);
+      hypotheses_[v] = std::move(list);
+    }
+  }
+
+  // The scene with the views that have no camera looked at again.
+  LinkedScene Rescue(const LinkedScene& found) {
+    std::vector<bool> missing;
+    for (const auto& view : found.views) missing.push_back(!view);
+    SearchAgain(found, missing);
     GrownScene grown;
     grown.views = found.views;
     for (const LinkedObject& o : found.objects) {
@@ -640,14 +701,6 @@ class Linker {
       object.placed = {o.object, o.scene_from_object};
       object.hypothesis.assign(found.views.size(), -1);
       grown.objects.push_back(std::move(object));
-    }
-    for (std::size_t v = 0; v < found.views.size(); ++v) {
-      if (found.views[v] || IsStopRequested(stop_)) continue;
-      std::vector<AspectHypothesis> list =
-          FindAspectHypotheses(in_.images[v], *index, deep, nullptr, stop_).hypotheses;
-      for (AspectHypothesis& h : list) h.object = wanted[h.object];
-      weights_[v] = Weights(list);
-      hypotheses_[v] = std::move(list);
     }
     Grow(&grown);
     AspectScene scene;
@@ -717,6 +770,7 @@ class Linker {
   std::vector<std::vector<AspectHypothesis>> hypotheses_;
   std::vector<std::vector<double>> weights_;  // score above chance, of each hypothesis
   std::vector<const RenderMesh*> meshes_;
+  std::vector<bool> searched_again_;  // of each view
 };
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/aspects/stripe_edges.h"
+#include "server/vision/recognition/aspects/pattern_edges.h"
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -12,6 +12,7 @@ namespace {
 constexpr int kTrials = 300;          // pairs of pieces that are asked for a vanishing point
 constexpr int kBlocks = 8;            // along the width and the height
 constexpr float kMarkReachPx = 1.6f;  // of a piece: its own points
+constexpr float kMaxOpeningPx = 4.0f;  // between the ends of a chain that is closed
 constexpr float kShortShare = 0.4f;   // of the least length: pieces of a known family
 
 struct Piece {
@@ -92,6 +93,8 @@ Eigen::Vector3f BestVanishingPoint(const std::vector<Piece>& pieces, float max_s
 }
 
 void Mark(const PointRaster& raster, const Piece& piece, std::vector<std::uint8_t>* marked) {
+  marked->resize(raster.points.size(), 0);
+  if (!(piece.length > 0)) return;
   const Eigen::Vector2f along = (piece.to - piece.from) / piece.length;
   const Eigen::Vector2f normal(-along.y(), along.x());
   const int reach = static_cast<int>(std::ceil(kMarkReachPx));
@@ -108,11 +111,10 @@ void Mark(const PointRaster& raster, const Piece& piece, std::vector<std::uint8_
   }
 }
 
-}  // namespace
-
-std::vector<std::uint8_t> FindStripePoints(const PointRaster& raster,
-                                           const ContourGraph& contours,
-                                           const StripeOptions& options) {
+void MarkStripes(const PointRaster& raster,
+                 const ContourGraph& contours,
+                 const PatternOptions& options,
+                 std::vector<std::uint8_t>* marked) {
   const float least = static_cast<float>(options.min_length_share * raster.width);
   const float max_sine = static_cast<float>(std::sin(options.max_angle_rad));
   std::vector<Piece> pieces, all;
@@ -126,7 +128,6 @@ std::vector<std::uint8_t> FindStripePoints(const PointRaster& raster,
   std::copy_if(all.begin(), all.end(), std::back_inserter(pieces), [&](const Piece& p) {
     return p.length >= least;
   });
-  std::vector<std::uint8_t> marked;
   for (int family = 0; family < options.max_families; ++family) {
     if (static_cast<int>(pieces.size()) < options.min_pieces) break;
     const Eigen::Vector3f point = BestVanishingPoint(pieces, max_sine);
@@ -137,12 +138,64 @@ std::vector<std::uint8_t> FindStripePoints(const PointRaster& raster,
         Coverage(found, raster.width, raster.height) < options.min_coverage) {
       break;
     }
-    marked.resize(raster.points.size(), 0);
     for (const Piece& p : all) {
-      if (p.length >= kShortShare * least && through(p)) Mark(raster, p, &marked);
+      if (p.length >= kShortShare * least && through(p)) Mark(raster, p, marked);
     }
     std::erase_if(pieces, through);
   }
+}
+
+// The sides of a chain that closes on itself and is round enough; empty for others.
+std::vector<Piece> DotOf(const ContourGraph& contours,
+                         const ContourChain& chain,
+                         float width,
+                         const PatternOptions& options) {
+  const Eigen::Vector2f* p = contours.points.data() + chain.begin;
+  const int n = chain.size;
+  std::vector<Piece> sides;
+  if ((p[n - 1] - p[0]).norm() > kMaxOpeningPx) return sides;
+  float perimeter = 0.0f, twice_area = 0.0f;
+  for (int i = 0; i < n; ++i) {
+    const Eigen::Vector2f &from = p[i], &to = p[(i + 1) % n];
+    sides.push_back({from, to, (to - from).norm()});
+    perimeter += sides.back().length;
+    twice_area += from.x() * to.y() - from.y() * to.x();
+  }
+  constexpr double kFourPi = 12.566370614359172;
+  if (perimeter < options.min_dot_share * width || perimeter > options.max_dot_share * width ||
+      0.5 * kFourPi * std::abs(twice_area) < options.min_roundness * perimeter * perimeter) {
+    sides.clear();
+  }
+  return sides;
+}
+
+void MarkDots(const PointRaster& raster,
+              const ContourGraph& contours,
+              const PatternOptions& options,
+              std::vector<std::uint8_t>* marked) {
+  std::vector<Piece> all;
+  int dots = 0;
+  for (const ContourChain& c : contours.chains) {
+    const std::vector<Piece> sides =
+        DotOf(contours, c, static_cast<float>(raster.width), options);
+    dots += sides.empty() ? 0 : 1;
+    all.insert(all.end(), sides.begin(), sides.end());
+  }
+  if (dots < options.min_dots ||
+      Coverage(all, raster.width, raster.height) < options.min_coverage) {
+    return;
+  }
+  for (const Piece& side : all) Mark(raster, side, marked);
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> FindPatternPoints(const PointRaster& raster,
+                                            const ContourGraph& contours,
+                                            const PatternOptions& options) {
+  std::vector<std::uint8_t> marked;
+  MarkStripes(raster, contours, options, &marked);
+  MarkDots(raster, contours, options, &marked);
   return marked;
 }
 
