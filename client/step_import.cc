@@ -15,6 +15,7 @@
 #include <Message.hxx>
 #include <Message_Messenger.hxx>
 #include <Message_PrinterOStream.hxx>
+#include <NCollection_DataMap.hxx>
 #include <Poly_Triangulation.hxx>
 #include <Quantity_Color.hxx>
 #include <STEPConstruct.hxx>
@@ -30,6 +31,7 @@
 #include <TopExp_Explorer.hxx>
 #include <TopTools_IndexedDataMapOfShapeListOfShape.hxx>
 #include <TopTools_IndexedMapOfShape.hxx>
+#include <TopTools_OrientedShapeMapHasher.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Edge.hxx>
 #include <TopoDS_Face.hxx>
@@ -39,6 +41,7 @@
 #include <XSControl_TransferReader.hxx>
 #include <XSControl_WorkSession.hxx>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <exception>
 #include <fstream>
@@ -223,22 +226,43 @@ absl::StatusOr<TopoDS_Shape> ReadIges(const std::string& path, CadImport& import
   return reader.OneShape();
 }
 
-// Outward normal of a face on its edge; zero where the surface is singular.
-Eigen::Vector3d NormalAt(const TopoDS_Edge& edge, const TopoDS_Face& face, double share) {
-  double first = 0.0, last = 0.0;
-  const Handle(Geom2d_Curve) curve = BRep_Tool::CurveOnSurface(edge, face, first, last);
-  if (curve.IsNull()) return Eigen::Vector3d::Zero();
-  const gp_Pnt2d uv = curve->Value(first + share * (last - first));
-  gp_Pnt point;
-  gp_Vec normal;
-  BRepGProp_Face(face).Normal(uv.X(), uv.Y(), point, normal);
-  const Eigen::Vector3d n(normal.X(), normal.Y(), normal.Z());
-  return n.norm() > 1e-12 ? n.normalized() : Eigen::Vector3d::Zero();
-}
+// Surfaces of faces, each made ready once: that takes a look at all edges around the face.
+class FaceNormals {
+ public:
+  // Outward normals of a face at shares of the length of its edge; zero where the surface is
+  // singular.
+  std::array<Eigen::Vector3d, 3> Along(const TopoDS_Edge& edge,
+                                       const TopoDS_Face& face,
+                                       const std::array<double, 3>& shares) {
+    std::array<Eigen::Vector3d, 3> out;
+    out.fill(Eigen::Vector3d::Zero());
+    double first = 0.0, last = 0.0;
+    const Handle(Geom2d_Curve) curve = BRep_Tool::CurveOnSurface(edge, face, first, last);
+    if (curve.IsNull()) return out;
+    const BRepGProp_Face& surface = SurfaceOf(face);
+    for (size_t i = 0; i < shares.size(); ++i) {
+      const gp_Pnt2d uv = curve->Value(first + shares[i] * (last - first));
+      gp_Pnt point;
+      gp_Vec normal;
+      surface.Normal(uv.X(), uv.Y(), point, normal);
+      const Eigen::Vector3d n(normal.X(), normal.Y(), normal.Z());
+      if (n.norm() > 1e-12) out[i] = n.normalized();
+    }
+    return out;
+  }
+
+ private:
+  const BRepGProp_Face& SurfaceOf(const TopoDS_Face& face) {
+    if (const BRepGProp_Face* known = surfaces_.Seek(face)) return *known;
+    return *surfaces_.Bound(face, BRepGProp_Face(face));
+  }
+
+  NCollection_DataMap<TopoDS_Shape, BRepGProp_Face, TopTools_OrientedShapeMapHasher> surfaces_;
+};
 
 // Largest angle between the outward normals of the two faces along the edge; pi at an open border,
 // -1 when unknown.
-double Dihedral(const TopoDS_Edge& edge, const TopTools_ListOfShape& faces) {
+double Dihedral(const TopoDS_Edge& edge, const TopTools_ListOfShape& faces, FaceNormals& normals) {
   const TopoDS_Face face_1 = TopoDS::Face(faces.First());
   TopoDS_Face face_2 = face_1;
   for (const TopoDS_Shape& f : faces) {
@@ -250,9 +274,11 @@ double Dihedral(const TopoDS_Edge& edge, const TopTools_ListOfShape& faces) {
     edge_2 = TopoDS::Edge(edge.Reversed());  // a seam: the second curve on the same surface
   }
   double angle = -1.0;
-  for (const double share : {0.25, 0.5, 0.75}) {
-    const Eigen::Vector3d n1 = NormalAt(edge, face_1, share);
-    const Eigen::Vector3d n2 = NormalAt(edge_2, face_2, share);
+  constexpr std::array<double, 3> kShares = {0.25, 0.5, 0.75};
+  const auto along_1 = normals.Along(edge, face_1, kShares);
+  const auto along_2 = normals.Along(edge_2, face_2, kShares);
+  for (size_t i = 0; i < kShares.size(); ++i) {
+    const Eigen::Vector3d &n1 = along_1[i], &n2 = along_2[i];
     if (n1.isZero() || n2.isZero()) continue;
     angle = std::max(angle, std::atan2(n1.cross(n2).norm(), n1.dot(n2)));
   }
@@ -302,12 +328,13 @@ void ExtractEdges(const TopoDS_Shape& shape,
   TopTools_IndexedDataMapOfShapeListOfShape faces_of_edge;
   TopExp::MapShapesAndAncestors(shape, TopAbs_EDGE, TopAbs_FACE, faces_of_edge);
   TopTools_IndexedMapOfShape vertices;
+  FaceNormals normals;
   ObjectModel& model = import.model;
   int unknown = 0;
   for (int i = 1; i <= faces_of_edge.Extent(); ++i) {
     const TopoDS_Edge edge = TopoDS::Edge(faces_of_edge.FindKey(i));
     if (BRep_Tool::Degenerated(edge) || faces_of_edge(i).IsEmpty()) continue;
-    const double dihedral = Dihedral(edge, faces_of_edge(i));
+    const double dihedral = Dihedral(edge, faces_of_edge(i), normals);
     unknown += dihedral < 0.0;
     if (dihedral < options.sharp_angle_rad) continue;
     ModelEdge out = SampleEdge(edge, dihedral, chord_error_mm);

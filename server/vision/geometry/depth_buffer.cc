@@ -32,6 +32,13 @@ void FillTriangle(const ScreenPoint& a,
                   const ScreenPoint& b,
                   const ScreenPoint& c,
                   DepthBuffer* buffer) {
+  const double lowest = std::min({a.v, b.v, c.v});
+  const double highest = std::max({a.v, b.v, c.v});
+  // Most triangles of a fine mesh lie between the pixels' centres.
+  if (std::ceil(lowest) > highest ||
+      std::ceil(std::min({a.u, b.u, c.u})) > std::max({a.u, b.u, c.u})) {
+    return;
+  }
   const double area = (b.u - a.u) * (c.v - a.v) - (c.u - a.u) * (b.v - a.v);
   if (std::abs(area) < 1e-12) {
     return;
@@ -43,8 +50,6 @@ void FillTriangle(const ScreenPoint& a,
   const double gv =
       ((c.inverse_z - a.inverse_z) * (b.u - a.u) - (b.inverse_z - a.inverse_z) * (c.u - a.u)) /
       area;
-  const double lowest = std::min({a.v, b.v, c.v});
-  const double highest = std::max({a.v, b.v, c.v});
   if (highest < 0.0 || lowest > buffer->height - 1) {
     return;
   }

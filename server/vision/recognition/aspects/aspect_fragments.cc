@@ -37,6 +37,36 @@ AspectFragment PackFragment(const ContourFragment& f,
   return packed;
 }
 
+// What is taken of one aspect.
+struct DrawnAspect {
+  std::vector<AspectFragment> fragments;
+  float edge_length = 0.0f;
+};
+
+DrawnAspect DrawAspect(const VisibleEdges& edges,
+                       const PinholeCamera& camera,
+                       double render_px,
+                       int aspect,
+                       const AspectFragmentOptions& options) {
+  DrawnAspect out;
+  std::vector<Eigen::Vector2f> points;
+  points.reserve(edges.points.size());
+  for (const VisibleEdgePoint& p : edges.points) points.push_back(p.image);
+  for (std::size_t i = 1; i < edges.points.size(); ++i) {
+    if (edges.points[i].chain != edges.points[i - 1].chain) continue;
+    out.edge_length += static_cast<float>((points[i] - points[i - 1]).norm() / render_px);
+  }
+  const Eigen::Vector2f origin(static_cast<float>(camera.cx), static_cast<float>(camera.cy));
+  out.fragments =
+      DrawFragments(points, camera.width, camera.height, render_px, origin, aspect, options);
+  return out;
+}
+
+void AppendAspect(const DrawnAspect& drawn, PartFragments* out) {
+  out->fragments.insert(out->fragments.end(), drawn.fragments.begin(), drawn.fragments.end());
+  out->edge_length.push_back(drawn.edge_length);
+}
+
 }  // namespace
 
 std::vector<AspectFragment> DrawFragments(const std::vector<Eigen::Vector2f>& edge_points,
@@ -78,27 +108,32 @@ std::vector<AspectFragment> DrawFragments(const std::vector<Eigen::Vector2f>& ed
 PartFragments MakePartFragments(const RenderMesh& mesh,
                                 const AspectSet& set,
                                 const AspectFragmentOptions& options) {
-  PartFragments out;
   const int count = static_cast<int>(set.aspects.size());
-  out.edge_length.assign(count, 0.0f);
-  std::vector<std::vector<AspectFragment>> of_aspect(count);
+  std::vector<DrawnAspect> drawn(count);
   const PinholeCamera camera = AspectCamera(set);
-  const Eigen::Vector2f origin(static_cast<float>(camera.cx), static_cast<float>(camera.cy));
   ParallelFor(count, options.threads, [&](int a) {
-    const VisibleEdges edges = AspectEdges(mesh, set, a);
-    std::vector<Eigen::Vector2f> points;
-    points.reserve(edges.points.size());
-    for (const VisibleEdgePoint& p : edges.points) points.push_back(p.image);
-    for (std::size_t i = 1; i < edges.points.size(); ++i) {
-      if (edges.points[i].chain != edges.points[i - 1].chain) continue;
-      out.edge_length[a] += static_cast<float>((points[i] - points[i - 1]).norm() / set.render_px);
-    }
-    of_aspect[a] =
-        DrawFragments(points, camera.width, camera.height, set.render_px, origin, a, options);
+    drawn[a] = DrawAspect(AspectEdges(mesh, set, a), camera, set.render_px, a, options);
   });
-  for (const auto& fragments : of_aspect) {
-    out.fragments.insert(out.fragments.end(), fragments.begin(), fragments.end());
-  }
+  PartFragments out;
+  for (const DrawnAspect& aspect : drawn) AppendAspect(aspect, &out);
+  return out;
+}
+
+AspectsWithFragments MakeAspectsWithFragments(const RenderMesh& mesh,
+                                              std::span<const Rigid3> symmetries,
+                                              const AspectOptions& aspect_options,
+                                              const AspectFragmentOptions& options) {
+  AspectsWithFragments out;
+  // The camera follows from the size and distance alone.
+  AspectSet frame;
+  frame.diameter_m = mesh.diameter_m;
+  frame.distance_m = aspect_options.distance_diameters * mesh.diameter_m;
+  frame.render_px = aspect_options.render_px;
+  const PinholeCamera camera = AspectCamera(frame);
+  out.aspects =
+      MakeAspects(mesh, symmetries, aspect_options, [&](int aspect, const VisibleEdges& edges) {
+        AppendAspect(DrawAspect(edges, camera, frame.render_px, aspect, options), &out.fragments);
+      });
   return out;
 }
 

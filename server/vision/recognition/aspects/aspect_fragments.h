@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "server/vision/recognition/aspects/aspect_set.h"
@@ -48,6 +49,17 @@ struct PartFragments {
 PartFragments MakePartFragments(const RenderMesh& mesh,
                                 const AspectSet& set,
                                 const AspectFragmentOptions& options = {});
+
+// Aspects and their fragments from one rendering of each view: the same, bit for bit, as
+// MakeAspects and then MakePartFragments.
+struct AspectsWithFragments {
+  AspectSet aspects;
+  PartFragments fragments;
+};
+AspectsWithFragments MakeAspectsWithFragments(const RenderMesh& mesh,
+                                              std::span<const Rigid3> symmetries,
+                                              const AspectOptions& aspect_options = {},
+                                              const AspectFragmentOptions& options = {});
 
 // The drawing alone, from the points of one view's edges (pixels of a width x height image whose
 // diameter is `render_px`).

@@ -195,7 +195,8 @@ VisibleEdges AspectEdges(const RenderMesh& mesh, const AspectSet& set, int aspec
 
 AspectSet MakeAspects(const RenderMesh& mesh,
                       std::span<const Rigid3> symmetries,
-                      const AspectOptions& options) {
+                      const AspectOptions& options,
+                      const AspectVisitor& visit) {
   AspectSet set;
   set.diameter_m = mesh.diameter_m;
   set.distance_m = options.distance_diameters * mesh.diameter_m;
@@ -213,6 +214,7 @@ AspectSet MakeAspects(const RenderMesh& mesh,
     }
     set.aspects[index].point_count =
         static_cast<std::uint32_t>(set.points.size()) - set.aspects[index].first_point;
+    if (visit) visit(index, edges);
   }
   return set;
 }

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -63,9 +64,14 @@ PinholeCamera AspectCamera(const AspectSet& set);
 // few milliseconds), so that nothing large is stored.
 VisibleEdges AspectEdges(const RenderMesh& mesh, const AspectSet& set, int aspect);
 
+// Called with each aspect's number and its edges, in order; they are what AspectEdges gives.
+using AspectVisitor = std::function<void(int aspect, const VisibleEdges& edges)>;
+
 // `symmetries`: as ObjectModel::symmetries; of views that they make equal only one is kept.
+// `visit`: who needs the edges while they are there (a rendering each).
 AspectSet MakeAspects(const RenderMesh& mesh,
                       std::span<const Rigid3> symmetries,
-                      const AspectOptions& options = {});
+                      const AspectOptions& options = {},
+                      const AspectVisitor& visit = {});
 
 }  // namespace horopter

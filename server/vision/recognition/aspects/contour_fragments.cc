@@ -16,29 +16,38 @@ float WrapPi(float a) {
   return a;
 }
 
-// A way along contours: points and the arc length to each.
+// A way along contours: points, the arc length to each, and the chains entered so far, the first
+// one first. One is gone on with and cut back, so that walks share their beginnings.
 struct Walk {
+  struct Mark {
+    std::size_t points;
+    std::size_t chains;
+  };
+
   std::vector<Eigen::Vector2f> points;
   std::vector<float> arc;
-  std::vector<int> chains;  // entered so far, the first one first
-  int end_chain = -1;       // where the walk is
-  int end_index = 0;
+  std::vector<int> chains;
 
-  void Add(const Eigen::Vector2f& p) {
-    arc.push_back(points.empty() ? 0.0f : arc.back() + (p - points.back()).norm());
-    points.push_back(p);
+  Mark Here() const { return {points.size(), chains.size()}; }
+  void BackTo(const Mark& mark) {
+    points.resize(mark.points);
+    arc.resize(mark.points);
+    chains.resize(mark.chains);
   }
 };
 
 class Walker {
  public:
   Walker(const ContourGraph& graph, const FragmentOptions& options)
-      : graph_(graph), options_(options) {
+      : graph_(graph), options_(options), step_to_(graph.points.size(), 0.0f) {
     for (double l = options.min_length; l <= options.max_length * 1.0001;
          l *= options.length_factor) {
       lengths_.push_back(static_cast<float>(l));
       steps_.push_back(std::max(
           1, static_cast<int>(std::lround(std::max(options.min_step, l * options.start_share)))));
+    }
+    for (std::size_t i = 1; i < graph.points.size(); ++i) {
+      step_to_[i] = (graph.points[i] - graph.points[i - 1]).norm();
     }
   }
 
@@ -64,55 +73,69 @@ class Walker {
     }
     if (wanted_ <= 0.0f) return;
     walks_left_ = options_.max_walks;
-    Walk walk;
-    walk.chains.push_back(chain);
-    Follow(std::move(walk), chain, index, forward);
+    walk_.BackTo({0, 0});
+    walk_.chains.push_back(chain);
+    Follow(chain, index, forward, 0.0f);
+  }
+
+  // Goes along a chain to its end, or until the walk is long enough or back where it began (true).
+  bool GoAlong(int chain, int index, bool forward) {
+    const ContourChain& c = graph_.chains[chain];
+    const int stop = walk_.chains.size() > 1 && chain == start_chain_ ? start_index_ : -1;
+    const int step = forward ? 1 : -1;
+    const Eigen::Vector2f& first = graph_.points[c.begin + index];
+    float arc =
+        walk_.points.empty() ? 0.0f : walk_.arc.back() + (first - walk_.points.back()).norm();
+    for (int i = index;;) {
+      walk_.points.push_back(graph_.points[c.begin + i]);
+      walk_.arc.push_back(arc);
+      if (arc >= wanted_ || i == stop) return true;
+      i += step;
+      if (i < 0 || i >= c.size) return false;
+      arc += step_to_[c.begin + std::max(i, i - step)];
+    }
   }
 
   // Goes along a chain, then over its links. `done`: lengths below were cut from a walk that shares
   // this one's beginning.
-  void Follow(Walk walk, int chain, int index, bool forward, float done = 0.0f) {
-    const ContourChain& c = graph_.chains[chain];
-    const bool again = walk.chains.size() > 1 && chain == start_chain_;
-    for (int i = index; i >= 0 && i < c.size; i += forward ? 1 : -1) {
-      walk.Add(graph_.points[c.begin + i]);
-      walk.end_chain = chain;
-      walk.end_index = i;
-      if (walk.arc.back() >= wanted_ || (again && i == start_index_)) {
-        Cut(walk, done);
-        return;
-      }
+  void Follow(int chain, int index, bool forward, float done) {
+    if (GoAlong(chain, index, forward)) {
+      Cut(chain, done);
+      return;
     }
+    const ContourChain& c = graph_.chains[chain];
+    const bool again = walk_.chains.size() > 1 && chain == start_chain_;
     bool went_on = false;
-    const float here = walk.arc.back();
+    const float here = walk_.arc.back();
+    const Walk::Mark mark = walk_.Here();
     for (const ChainLink& link : forward ? c.after_back : c.after_front) {
       const bool closes = link.chain == start_chain_ && !again && link.at_front == forward_;
       const bool entered =
-          std::find(walk.chains.begin(), walk.chains.end(), link.chain) != walk.chains.end();
+          std::find(walk_.chains.begin(), walk_.chains.end(), link.chain) != walk_.chains.end();
       if (entered && !closes) continue;
       if (went_on && walks_left_ <= 1) break;
       if (went_on) --walks_left_;
-      Walk next = walk;
-      next.chains.push_back(link.chain);
-      Follow(std::move(next),
-             link.chain,
+      walk_.chains.push_back(link.chain);
+      Follow(link.chain,
              link.at_front ? 0 : graph_.chains[link.chain].size - 1,
              link.at_front,
              went_on ? here : done);
+      walk_.BackTo(mark);
       went_on = true;
     }
-    if (!went_on) Cut(walk, done);
+    if (!went_on) Cut(chain, done);
   }
 
-  // All wanted lengths of a walk that are longer than `done`.
-  void Cut(const Walk& walk, float done) {
+  // All wanted lengths of the walk, which ended on a chain, that are longer than `done`.
+  void Cut(int end_chain, float done) {
+    const Walk& walk = walk_;
     for (std::size_t k = 0; k < lengths_.size(); ++k) {
       const float length = lengths_[k];
       if (length > walk.arc.back()) break;
       if (length <= done || start_index_ % steps_[k] != 0) continue;
       // Each piece is met from both ends: kept from the end on the lower chain, and along a chain.
       const bool one_chain = walk.chains.size() == 1;
-      if (one_chain ? !forward_ : walk.end_chain < start_chain_) continue;
+      if (one_chain ? !forward_ : end_chain < start_chain_) continue;
       std::array<Eigen::Vector2f, kFragmentPoints> points;
       std::size_t at = 0;
       for (int i = 0; i < kFragmentPoints; ++i) {
@@ -133,6 +156,8 @@ class Walker {
   const FragmentOptions& options_;
   std::vector<float> lengths_;
   std::vector<int> steps_;
+  std::vector<float> step_to_;  // of each point, from the one before it in its chain
+  Walk walk_;
   std::vector<ContourFragment> fragments_;
   int start_chain_ = -1, start_index_ = 0, walks_left_ = 0;
   bool forward_ = true;

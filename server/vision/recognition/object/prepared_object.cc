@@ -246,8 +246,10 @@ absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
 
 absl::StatusOr<std::shared_ptr<const PartAspects>> MakePartAspects(const ObjectModel& model) {
   auto aspects = std::make_shared<PartAspects>();
-  HOROPTER_ASSIGN_OR_RETURN(aspects->object, MakeObjectAspects(model));
-  aspects->fragments = MakePartFragments(aspects->object.mesh, aspects->object.aspects);
+  HOROPTER_ASSIGN_OR_RETURN(aspects->object.mesh, MakeRenderMesh(model.mesh, model.diameter_m));
+  AspectsWithFragments made = MakeAspectsWithFragments(aspects->object.mesh, model.symmetries);
+  aspects->object.aspects = std::move(made.aspects);
+  aspects->fragments = std::move(made.fragments);
   return std::shared_ptr<const PartAspects>(std::move(aspects));
 }
 
