@@ -21,7 +21,6 @@ struct Flags {
   std::string db;
   std::string log_level = "info";
   int cores = 1;
-  int threads_per_request = 2;
   double drain_seconds = 30.0;
   ServerOptions server;
 };
@@ -38,7 +37,7 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->check(CLI::Range(1, 256))
       ->capture_default_str();
   app.add_option("--threads-per-request",
-                 flags.threads_per_request,
+                 flags.server.threads_per_request,
                  "Cores that work on one scene, of --cores")
       ->check(CLI::Range(1, 256))
       ->capture_default_str();
@@ -54,6 +53,9 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->capture_default_str();
   app.add_option("--max-image-pixels", flags.server.images.max_pixels, "Largest image")
       ->capture_default_str();
+  app.add_flag("--tiff-and-pnm",
+               flags.server.images.tiff_and_pnm,
+               "Also read TIFF and PNM images; only for clients that are trusted");
   app.add_option("--drain-seconds", flags.drain_seconds, "Time for running requests after SIGTERM")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
@@ -78,7 +80,7 @@ int Serve(const Flags& flags, const sigset_t& signals) {
   if (!catalog.ok()) return Fail(catalog.status());
 
   PipelineOptions options;
-  options.threads = flags.threads_per_request;
+  options.threads = flags.server.threads_per_request;
   const Recognizer recognizer = [options](const SceneRequest& request,
                                           const CatalogSnapshot& snapshot,
                                           const CallLimits& limits) {

@@ -48,11 +48,13 @@ StageReport DecodeReport(std::chrono::steady_clock::time_point start, const Scen
 
 }  // namespace
 
-RecognitionService::RecognitionService(CatalogStore& store,
-                                       WorkerPool& pool,
-                                       Recognizer recognizer,
-                                       ImageLimits limits)
-    : store_(store), pool_(pool), recognizer_(std::move(recognizer)), limits_(limits) {}
+RecognitionService::RecognitionService(
+    CatalogStore& store, WorkerPool& pool, Recognizer recognizer, ImageLimits limits, int threads)
+    : store_(store),
+      pool_(pool),
+      recognizer_(std::move(recognizer)),
+      limits_(limits),
+      threads_(threads) {}
 
 grpc::ServerUnaryReactor* RecognitionService::RecognizeScene(
     grpc::CallbackServerContext* context,
@@ -62,8 +64,9 @@ grpc::ServerUnaryReactor* RecognitionService::RecognizeScene(
       "RecognizeScene", context, pool_, [=, this](const CallInfo& call) -> absl::Status {
         const auto start = std::chrono::steady_clock::now();
         const std::shared_ptr<const PublishedCatalog> published = store_.Published();
-        HOROPTER_ASSIGN_OR_RETURN(const SceneRequest scene,
-                                  SceneRequestFromProto(*request, limits_, call.limits.stop));
+        HOROPTER_ASSIGN_OR_RETURN(
+            const SceneRequest scene,
+            SceneRequestFromProto(*request, limits_, threads_, call.limits.stop));
         HOROPTER_RETURN_IF_ERROR(CheckIds(*request, scene, *published));
         StageReport decode = DecodeReport(start, scene);
 

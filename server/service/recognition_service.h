@@ -17,13 +17,15 @@ namespace horopter {
 using Recognizer = std::function<absl::StatusOr<PipelineResult>(
     const SceneRequest&, const CatalogSnapshot&, const CallLimits&)>;
 
-// Thread-safe. The store and the pool must outlive the service's last call.
+// Thread-safe. `threads` decode the images of a request. The store and the pool must outlive the
+// service's last call.
 class RecognitionService final : public v1::RecognitionService::CallbackService {
  public:
   RecognitionService(CatalogStore& store,
                      WorkerPool& pool,
                      Recognizer recognizer,
-                     ImageLimits limits);
+                     ImageLimits limits,
+                     int threads);
 
   grpc::ServerUnaryReactor* RecognizeScene(grpc::CallbackServerContext* context,
                                            const v1::RecognizeSceneRequest* request,
@@ -34,6 +36,7 @@ class RecognitionService final : public v1::RecognitionService::CallbackService 
   WorkerPool& pool_;
   const Recognizer recognizer_;
   const ImageLimits limits_;
+  const int threads_;
 };
 
 }  // namespace horopter

@@ -62,6 +62,7 @@ absl::Status Validate(const ServerOptions& options) {
   HOROPTER_RETURN_IF_ERROR(InRange("catalog_queue", options.catalog_queue, 0, 10000));
   HOROPTER_RETURN_IF_ERROR(InRange("max_message_mb", options.max_message_mb, 1, 2047));
   HOROPTER_RETURN_IF_ERROR(InRange("max_resident", options.max_resident, 1, 10'000'000));
+  HOROPTER_RETURN_IF_ERROR(InRange("threads_per_request", options.threads_per_request, 1, 256));
   return InRange("load_threads", options.load_threads, 1, 256);
 }
 
@@ -101,8 +102,11 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   parts->scene_pool = std::make_unique<WorkerPool>(options.workers, options.queue);
   parts->catalog_pool =
       std::make_unique<WorkerPool>(options.catalog_workers, options.catalog_queue);
-  parts->recognition = std::make_unique<RecognitionService>(
-      *parts->store, *parts->scene_pool, std::move(recognizer), options.images);
+  parts->recognition = std::make_unique<RecognitionService>(*parts->store,
+                                                            *parts->scene_pool,
+                                                            std::move(recognizer),
+                                                            options.images,
+                                                            options.threads_per_request);
   parts->catalog = std::make_unique<CatalogService>(*parts->store, *parts->catalog_pool);
 
   grpc::ServerBuilder builder;
