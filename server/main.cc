@@ -1,6 +1,7 @@
 // horopterd: flags, wiring, shutdown.
 #include <pthread.h>
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -48,8 +49,18 @@ void AddFlags(CLI::App& app, Flags& flags) {
                  flags.server.max_resident,
                  "Objects held in memory; of a larger catalog only the keys are")
       ->capture_default_str();
-  app.add_option("--max-message-mb", flags.server.max_message_mb, "Largest request or answer, MiB")
+  app.add_option(
+         "--max-message-mb", flags.server.max_message_mb, "Largest request for recognition, MiB")
       ->check(CLI::Range(1, 2047))
+      ->capture_default_str();
+  app.add_option(
+         "--max-object-mb", flags.server.max_object_mb, "Largest object with its CAD file, MiB")
+      ->check(CLI::Range(1, 2047))
+      ->capture_default_str();
+  app.add_option("--memory-mb",
+                 flags.server.memory_mb,
+                 "Requests, images and working memory of all calls, MiB")
+      ->check(CLI::Range(16, 1'000'000))
       ->capture_default_str();
   app.add_option("--max-image-pixels", flags.server.images.max_pixels, "Largest image")
       ->capture_default_str();
@@ -68,6 +79,13 @@ int WaitForStopSignal(const sigset_t& signals) {
   int signal = 0;
   sigwait(&signals, &signal);
   return signal;
+}
+
+// Whoever asks twice does not want to wait; what was acknowledged is on disk.
+void EndAtOnceOnSignal(sigset_t signals) {
+  const int signal = WaitForStopSignal(signals);
+  spdlog::warn("signal {} again: ending at once", signal);
+  ::_exit(128 + signal);
 }
 
 int Fail(const absl::Status& status) {
@@ -97,6 +115,7 @@ int Serve(const Flags& flags, const sigset_t& signals) {
   spdlog::info("listening on {}", (*server)->address());
   const int signal = WaitForStopSignal(signals);
   spdlog::info("signal {}: draining for at most {} s", signal, flags.drain_seconds);
+  std::thread(EndAtOnceOnSignal, signals).detach();
   (*server)->Stop(flags.drain_seconds);
   spdlog::info("stopped");
   return 0;

@@ -301,11 +301,7 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
                                                    const ImageLimits& limits,
                                                    int threads,
                                                    const StopRequested& stop) {
-  if (proto.images_size() < 1) return InvalidField("images", "need at least one image");
-  if (proto.images_size() > kMaxImages) {
-    return InvalidField("images",
-                        absl::StrCat(proto.images_size(), " images, at most ", kMaxImages));
-  }
+  HOROPTER_RETURN_IF_ERROR(ShapesOf(proto, limits).status());
   if (proto.candidate_objects_size() > kMaxCandidates) {
     return InvalidField("candidate_objects", absl::StrCat("more than ", kMaxCandidates));
   }
@@ -343,7 +339,6 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
   if (any_hint) request.hints = std::move(hints);
   if (any_pose) request.camera_poses = std::move(poses);
 
-  HOROPTER_RETURN_IF_ERROR(ShapesOf(proto, limits).status());
   HOROPTER_ASSIGN_OR_RETURN(request.images, DecodeImages(proto, limits, threads, stop));
   return request;
 }

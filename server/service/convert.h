@@ -17,7 +17,6 @@ class RigidTransform;
 
 namespace horopter {
 
-inline constexpr int kMaxImages = 32;
 inline constexpr int kMaxCandidates = 10000;
 
 // "objects/{id}" <-> id. Errors: INVALID_ARGUMENT naming `field`.

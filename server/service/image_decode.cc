@@ -111,6 +111,11 @@ absl::StatusOr<cv::Mat> DecodeImage(std::string_view bytes,
 
 absl::StatusOr<std::vector<ImageShape>> ShapesOf(const v1::RecognizeSceneRequest& request,
                                                  const ImageLimits& limits) {
+  if (request.images_size() < 1) return InvalidField("images", "need at least one image");
+  if (request.images_size() > kMaxImages) {
+    return InvalidField("images",
+                        absl::StrCat(request.images_size(), " images, at most ", kMaxImages));
+  }
   std::vector<ImageShape> shapes;
   int64_t pixels_left = limits.max_total_pixels;
   for (int i = 0; i < request.images_size(); ++i) {

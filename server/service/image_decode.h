@@ -18,10 +18,12 @@ class SceneImage;
 
 namespace horopter {
 
+inline constexpr int kMaxImages = 32;
+
 struct ImageLimits {
   int min_side_px = 16;
   int64_t max_pixels = 50'000'000;         // of one image
-  int64_t max_total_pixels = 200'000'000;  // of all images of a request
+  int64_t max_total_pixels = 100'000'000;  // of all images of a request
   // Also reads TIFF and PNM, whose readers are the largest or the least tried.
   bool tiff_and_pnm = false;
 };
