@@ -1,6 +1,5 @@
 // Memory that runs out anywhere in a request is a status of that request.
 #include <gtest/gtest.h>
-#include <spdlog/spdlog.h>
 
 #include <atomic>
 #include <cstdlib>
@@ -110,24 +109,6 @@ void FailOneByOne(const Recognizer& recognizer, int64_t all_of_the_first) {
   }
   EXPECT_GT(failed, tried / 2);
   EXPECT_TRUE(run().ok());
-}
-
-TEST(AllocationFailure, AnywhereInTheServiceIsAStatusOfTheRequest) {
-  spdlog::set_level(spdlog::level::off);
-  FailOneByOne(
-      [](const SceneRequest& request, const CatalogSnapshot&, const CallLimits&) {
-        PipelineResult result;
-        result.answer.cameras.resize(request.images.size());
-        for (int i = 0; i < 3; ++i) {
-          AnswerObject object;
-          object.object_id = "a name too long to be kept without memory";
-          object.view_scores.assign(request.images.size(), 0.5);
-          result.answer.objects.push_back(object);
-        }
-        result.answer.joint_covariance = Eigen::MatrixXd::Identity(18, 18);
-        return absl::StatusOr<PipelineResult>(std::move(result));
-      },
-      1000);
 }
 
 // Large allocations: some of OpenCV's destructors throw when a small one failed before (4.6,
