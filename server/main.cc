@@ -1,6 +1,7 @@
 // horopterd: flags, wiring, shutdown.
 #include <pthread.h>
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -21,7 +22,6 @@ struct Flags {
   std::string db;
   std::string log_level = "info";
   int cores = 1;
-  int threads_per_request = 2;
   double drain_seconds = 30.0;
   ServerOptions server;
 };
@@ -38,7 +38,7 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->check(CLI::Range(1, 256))
       ->capture_default_str();
   app.add_option("--threads-per-request",
-                 flags.threads_per_request,
+                 flags.server.threads_per_request,
                  "Cores that work on one scene, of --cores")
       ->check(CLI::Range(1, 256))
       ->capture_default_str();
@@ -49,11 +49,24 @@ void AddFlags(CLI::App& app, Flags& flags) {
                  flags.server.max_resident,
                  "Objects held in memory; of a larger catalog only the keys are")
       ->capture_default_str();
-  app.add_option("--max-message-mb", flags.server.max_message_mb, "Largest request or answer, MiB")
+  app.add_option(
+         "--max-message-mb", flags.server.max_message_mb, "Largest request for recognition, MiB")
       ->check(CLI::Range(1, 2047))
+      ->capture_default_str();
+  app.add_option(
+         "--max-object-mb", flags.server.max_object_mb, "Largest object with its CAD file, MiB")
+      ->check(CLI::Range(1, 2047))
+      ->capture_default_str();
+  app.add_option("--memory-mb",
+                 flags.server.memory_mb,
+                 "Requests, images and working memory of all calls, MiB")
+      ->check(CLI::Range(16, 1'000'000))
       ->capture_default_str();
   app.add_option("--max-image-pixels", flags.server.images.max_pixels, "Largest image")
       ->capture_default_str();
+  app.add_flag("--tiff-and-pnm",
+               flags.server.images.tiff_and_pnm,
+               "Also read TIFF and PNM images; only for clients that are trusted");
   app.add_option("--drain-seconds", flags.drain_seconds, "Time for running requests after SIGTERM")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
@@ -68,6 +81,13 @@ int WaitForStopSignal(const sigset_t& signals) {
   return signal;
 }
 
+// Whoever asks twice does not want to wait; what was acknowledged is on disk.
+void EndAtOnceOnSignal(sigset_t signals) {
+  const int signal = WaitForStopSignal(signals);
+  spdlog::warn("signal {} again: ending at once", signal);
+  ::_exit(128 + signal);
+}
+
 int Fail(const absl::Status& status) {
   std::cerr << "horopterd: " << status.message() << std::endl;
   return 1;
@@ -78,7 +98,7 @@ int Serve(const Flags& flags, const sigset_t& signals) {
   if (!catalog.ok()) return Fail(catalog.status());
 
   PipelineOptions options;
-  options.threads = flags.threads_per_request;
+  options.threads = flags.server.threads_per_request;
   const Recognizer recognizer = [options](const SceneRequest& request,
                                           const CatalogSnapshot& snapshot,
                                           const CallLimits& limits) {
@@ -95,6 +115,7 @@ int Serve(const Flags& flags, const sigset_t& signals) {
   spdlog::info("listening on {}", (*server)->address());
   const int signal = WaitForStopSignal(signals);
   spdlog::info("signal {}: draining for at most {} s", signal, flags.drain_seconds);
+  std::thread(EndAtOnceOnSignal, signals).detach();
   (*server)->Stop(flags.drain_seconds);
   spdlog::info("stopped");
   return 0;

@@ -5,19 +5,33 @@
 #include <opencv2/core.hpp>
 
 namespace horopter {
+namespace {
 
-absl::Status StatusOfException() {
+// A status without words takes no memory.
+absl::Status Said(absl::StatusCode code, const char* what) noexcept {
+  try {
+    return absl::Status(code, what);
+  } catch (...) {
+    return absl::Status(code, "");
+  }
+}
+
+}  // namespace
+
+absl::Status StatusOfException() noexcept {
   try {
     throw;
   } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError("out of memory");
+    return Said(absl::StatusCode::kResourceExhausted, "out of memory");
   } catch (const cv::Exception& error) {
-    if (error.code == cv::Error::StsNoMem) return absl::ResourceExhaustedError("out of memory");
-    return absl::InternalError(error.what());
+    if (error.code == cv::Error::StsNoMem) {
+      return Said(absl::StatusCode::kResourceExhausted, "out of memory");
+    }
+    return Said(absl::StatusCode::kInternal, error.what());
   } catch (const std::exception& error) {
-    return absl::InternalError(error.what());
+    return Said(absl::StatusCode::kInternal, error.what());
   } catch (...) {
-    return absl::InternalError("unknown exception");
+    return Said(absl::StatusCode::kInternal, "unknown exception");
   }
 }
 

@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/pipeline/exception_status.h"
 #include "server/service/catalog_service.h"
 #include "server/service/convert.h"
 #include "server/service/rpc_status.h"
@@ -77,46 +78,65 @@ class BackupReactor : public grpc::ServerWriteReactor<v1::BackupCatalogResponse>
     path_ = absl::StrCat(beside, ".", getpid(), ".", next++, ".backup");
   }
 
-  void Run() {
-    const absl::Status status = catalog_.Backup(path_);
-    if (!status.ok()) return FinishWith(status);
+  void Run() noexcept {
+    FinishUnlessOk([this] { return Begin(); });
+  }
+
+  void FinishWith(const absl::Status& status) noexcept {
+    grpc::Status answer(static_cast<grpc::StatusCode>(status.code()), "");
+    try {
+      spdlog::log(status.ok() ? spdlog::level::info : spdlog::level::warn,
+                  "method=BackupCatalog peer={} code={} bytes={}",
+                  context_->peer(),
+                  absl::StatusCodeToString(status.code()),
+                  total_);
+      answer = ToRpcStatus(status, context_);
+    } catch (...) {  // no memory for words
+    }
+    Finish(answer);
+  }
+
+ private:
+  // Step by step on threads of gRPC, which no exception may reach.
+  template <typename Step>
+  void FinishUnlessOk(const Step& step) noexcept {
+    const absl::Status status = CatchExceptions(step);
+    if (!status.ok()) FinishWith(status);
+  }
+
+  absl::Status Begin() {
+    HOROPTER_RETURN_IF_ERROR(catalog_.Backup(path_));
     std::error_code error;
     total_ = static_cast<int64_t>(std::filesystem::file_size(path_, error));
     file_.open(path_, std::ios::binary);
     // The name is no longer needed: an open file is read to its end, and nothing can be left over.
     std::filesystem::remove(path_, error);
-    if (!file_) return FinishWith(absl::InternalError("the backup cannot be read"));
-    SendNext();
+    if (!file_) return absl::InternalError("the backup cannot be read");
+    return SendNext();
   }
 
-  void FinishWith(const absl::Status& status) {
-    spdlog::log(status.ok() ? spdlog::level::info : spdlog::level::warn,
-                "method=BackupCatalog peer={} code={} bytes={}",
-                context_->peer(),
-                absl::StatusCodeToString(status.code()),
-                total_);
-    Finish(ToRpcStatus(status, context_));
-  }
-
- private:
   void OnWriteDone(bool ok) override {
-    if (!ok) return FinishWith(absl::CancelledError("the client went away"));
-    SendNext();
+    FinishUnlessOk([&]() -> absl::Status {
+      return ok ? SendNext() : absl::CancelledError("the client went away");
+    });
   }
   void OnCancel() override {}
   void OnDone() override { delete this; }
 
-  void SendNext() {
+  // OK: a chunk is on its way, or all is sent.
+  absl::Status SendNext() {
     std::string* chunk = response_.mutable_chunk();
     chunk->resize(kChunkBytes);
     file_.read(chunk->data(), static_cast<std::streamsize>(kChunkBytes));
     chunk->resize(static_cast<size_t>(file_.gcount()));
     if (chunk->empty()) {
-      return FinishWith(file_.eof() ? absl::OkStatus()
-                                    : absl::InternalError("the backup cannot be read"));
+      if (!file_.eof()) return absl::InternalError("the backup cannot be read");
+      FinishWith(absl::OkStatus());
+      return absl::OkStatus();
     }
     response_.set_total_bytes(total_);
     StartWrite(&response_);
+    return absl::OkStatus();
   }
 
   Catalog& catalog_;
@@ -130,106 +150,129 @@ class BackupReactor : public grpc::ServerWriteReactor<v1::BackupCatalogResponse>
 }  // namespace
 
 grpc::ServerUnaryReactor* CatalogService::ListLookAlikes(grpc::CallbackServerContext* context,
-                                                         const v1::ListLookAlikesRequest* request,
-                                                         v1::ListLookAlikesResponse* response) {
-  return RunUnaryCall(
-      "ListLookAlikes", context, pool_, [=, this](const CallInfo& info) -> absl::Status {
-        HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request->name(), "name"));
-        HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord named, store_.catalog().GetObject(id));
-        const auto published = store_.Published();
-        HOROPTER_ASSIGN_OR_RETURN(const std::vector<int> candidates,
-                                  store_.LookAlikeCandidates(*published, id, kMostCompared));
-        for (const int i : candidates) {
-          if (IsStopRequested(info.limits.stop)) return absl::CancelledError("stopped");
-          response->set_compared(response->compared() + 1);
-          HOROPTER_ASSIGN_OR_RETURN(const auto object, ObjectAt(published->snapshot, i));
-          const ObjectModel& other = store_.ModelOf(*object);
-          const auto found = FindLookAlike(named.model, other);
-          if (!found) continue;
-          v1::LookAlike* look_alike = response->add_look_alikes();
-          look_alike->set_name(absl::StrCat("objects/", published->ids[i]));
-          look_alike->set_kind(ToProto(found->kind));
-          for (const double s : found->stretch) look_alike->add_stretch(s);
-          look_alike->set_matched_vertices(found->matched);
-          AddVertices(named.model, found->only_in_a, look_alike->mutable_only_in_named_m());
-          AddVertices(other, found->only_in_b, look_alike->mutable_only_in_other_m());
-        }
-        std::stable_sort(
-            response->mutable_look_alikes()->begin(),
-            response->mutable_look_alikes()->end(),
-            [](const v1::LookAlike& a, const v1::LookAlike& b) { return a.kind() < b.kind(); });
-        return absl::OkStatus();
-      });
+                                                         const grpc::ByteBuffer* bytes,
+                                                         grpc::ByteBuffer* answer) {
+  return RunUnaryCall<v1::ListLookAlikesRequest, v1::ListLookAlikesResponse>(
+      gate_,
+      context,
+      bytes,
+      answer,
+      {{"ListLookAlikes"},
+       [this](const v1::ListLookAlikesRequest& request,
+              const CallInfo& info,
+              v1::ListLookAlikesResponse* response) -> absl::Status {
+         HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request.name(), "name"));
+         HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord named, store_.catalog().GetObject(id));
+         const auto published = store_.Published();
+         HOROPTER_ASSIGN_OR_RETURN(const std::vector<int> candidates,
+                                   store_.LookAlikeCandidates(*published, id, kMostCompared));
+         for (const int i : candidates) {
+           if (IsStopRequested(info.limits.stop)) return absl::CancelledError("stopped");
+           response->set_compared(response->compared() + 1);
+           HOROPTER_ASSIGN_OR_RETURN(const auto object, ObjectAt(published->snapshot, i));
+           const ObjectModel& other = store_.ModelOf(*object);
+           const auto found = FindLookAlike(named.model, other);
+           if (!found) continue;
+           v1::LookAlike* look_alike = response->add_look_alikes();
+           look_alike->set_name(absl::StrCat("objects/", published->ids[i]));
+           look_alike->set_kind(ToProto(found->kind));
+           for (const double s : found->stretch) look_alike->add_stretch(s);
+           look_alike->set_matched_vertices(found->matched);
+           AddVertices(named.model, found->only_in_a, look_alike->mutable_only_in_named_m());
+           AddVertices(other, found->only_in_b, look_alike->mutable_only_in_other_m());
+         }
+         std::stable_sort(
+             response->mutable_look_alikes()->begin(),
+             response->mutable_look_alikes()->end(),
+             [](const v1::LookAlike& a, const v1::LookAlike& b) { return a.kind() < b.kind(); });
+         return absl::OkStatus();
+       }});
 }
 
 grpc::ServerUnaryReactor* CatalogService::VerifyCatalog(grpc::CallbackServerContext* context,
-                                                        const v1::VerifyCatalogRequest* request,
-                                                        v1::VerifyCatalogResponse* response) {
-  return RunUnaryCall(
-      "VerifyCatalog", context, pool_, [=, this](const CallInfo& info) -> absl::Status {
-        const bool recompute = request->recompute();
-        const auto report = [&](const std::string& id, const std::string& what) {
-          auto* problem = response->add_problems();
-          if (!id.empty()) problem->set_name(absl::StrCat("objects/", id));
-          problem->set_what(what);
-        };
-        HOROPTER_ASSIGN_OR_RETURN(const std::vector<Catalog::Problem> problems,
-                                  store_.catalog().Verify());
-        for (const Catalog::Problem& problem : problems) report(problem.object_id, problem.what);
+                                                        const grpc::ByteBuffer* bytes,
+                                                        grpc::ByteBuffer* answer) {
+  return RunUnaryCall<v1::VerifyCatalogRequest, v1::VerifyCatalogResponse>(
+      gate_,
+      context,
+      bytes,
+      answer,
+      {{"VerifyCatalog"},
+       [this](const v1::VerifyCatalogRequest& request,
+              const CallInfo& info,
+              v1::VerifyCatalogResponse* response) -> absl::Status {
+         const bool recompute = request.recompute();
+         const auto report = [&](const std::string& id, const std::string& what) {
+           auto* problem = response->add_problems();
+           if (!id.empty()) problem->set_name(absl::StrCat("objects/", id));
+           problem->set_what(what);
+         };
+         HOROPTER_ASSIGN_OR_RETURN(const std::vector<Catalog::Problem> problems,
+                                   store_.catalog().Verify());
+         for (const Catalog::Problem& problem : problems) report(problem.object_id, problem.what);
 
-        // Read last: an object enrolled meanwhile is published by the time it is listed or soon
-        // after, so only differences that persist in a second look count.
-        std::set<std::string> stored, published;
-        for (int look = 0; look < 2; ++look) {
-          stored.clear();
-          response->set_objects(0);
-          HOROPTER_RETURN_IF_ERROR(
-              ForEachObject(store_.catalog(), info.limits.stop, [&](const ObjectSummary& summary) {
-                stored.insert(summary.record.model.id);
-                response->set_objects(response->objects() + 1);
-                return absl::OkStatus();
-              }));
-          const auto snapshot = store_.Published();
-          published = {snapshot->ids.begin(), snapshot->ids.end()};
-          if (stored == published) break;
-        }
-        for (const std::string& id : stored) {
-          if (published.count(id) == 0) report(id, "stored, but recognition does not use it");
-          if (IsStopRequested(info.limits.stop)) return absl::CancelledError("stopped");
-          const absl::Status derived = store_.CheckDerived(id, recompute);
-          if (!derived.ok() && !absl::IsNotFound(derived)) {  // removed meanwhile
-            report(id, std::string(derived.message()));
-          }
-        }
-        if (const absl::Status index = store_.CheckIndex(); !index.ok()) {
-          report("", std::string(index.message()));
-        }
-        for (const std::string& id : published) {
-          if (stored.count(id) == 0) report(id, "recognition uses it, but it is not stored");
-        }
-        return absl::OkStatus();
-      });
+         // Read last: an object enrolled meanwhile is published by the time it is listed or soon
+         // after, so only differences that persist in a second look count.
+         std::set<std::string> stored, published;
+         for (int look = 0; look < 2; ++look) {
+           stored.clear();
+           response->set_objects(0);
+           HOROPTER_RETURN_IF_ERROR(
+               ForEachObject(store_.catalog(), info.limits.stop, [&](const ObjectSummary& summary) {
+                 stored.insert(summary.record.model.id);
+                 response->set_objects(response->objects() + 1);
+                 return absl::OkStatus();
+               }));
+           const auto snapshot = store_.Published();
+           published = {snapshot->ids.begin(), snapshot->ids.end()};
+           if (stored == published) break;
+         }
+         for (const std::string& id : stored) {
+           if (published.count(id) == 0) report(id, "stored, but recognition does not use it");
+           if (IsStopRequested(info.limits.stop)) return absl::CancelledError("stopped");
+           const absl::Status derived = store_.CheckDerived(id, recompute);
+           if (!derived.ok() && !absl::IsNotFound(derived)) {  // removed meanwhile
+             report(id, std::string(derived.message()));
+           }
+         }
+         if (const absl::Status index = store_.CheckIndex(); !index.ok()) {
+           report("", std::string(index.message()));
+         }
+         for (const std::string& id : published) {
+           if (stored.count(id) == 0) report(id, "recognition uses it, but it is not stored");
+         }
+         return absl::OkStatus();
+       }});
 }
 
 grpc::ServerUnaryReactor* CatalogService::RebuildObject(grpc::CallbackServerContext* context,
-                                                        const v1::RebuildObjectRequest* request,
-                                                        v1::RebuildObjectResponse* response) {
-  return RunUnaryCall("RebuildObject", context, pool_, [=, this](const CallInfo&) -> absl::Status {
-    HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request->name(), "name"));
-    HOROPTER_ASSIGN_OR_RETURN(const bool changed, store_.Rebuild(id));
-    response->set_changed(changed);
-    return absl::OkStatus();
-  });
+                                                        const grpc::ByteBuffer* bytes,
+                                                        grpc::ByteBuffer* answer) {
+  return RunUnaryCall<v1::RebuildObjectRequest, v1::RebuildObjectResponse>(
+      gate_,
+      context,
+      bytes,
+      answer,
+      {{"RebuildObject"},
+       [this](const v1::RebuildObjectRequest& request,
+              const CallInfo&,
+              v1::RebuildObjectResponse* response) -> absl::Status {
+         HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request.name(), "name"));
+         HOROPTER_ASSIGN_OR_RETURN(const bool changed, store_.Rebuild(id));
+         response->set_changed(changed);
+         return absl::OkStatus();
+       }});
 }
 
 grpc::ServerWriteReactor<v1::BackupCatalogResponse>* CatalogService::BackupCatalog(
     grpc::CallbackServerContext* context, const v1::BackupCatalogRequest*) {
   auto* reactor = new BackupReactor(store_.catalog(), context);
-  switch (pool_.TrySubmit([reactor] { reactor->Run(); })) {
+  switch (gate_.pool->TrySubmit([reactor] { reactor->Run(); }).admission) {
     case WorkerPool::Admission::kAccepted:
       break;
     case WorkerPool::Admission::kQueueFull:
-      reactor->FinishWith(QueueFull(pool_.RetryAfterMs()));
+    case WorkerPool::Admission::kTooLate:
+      reactor->FinishWith(QueueFull(gate_.pool->RetryAfterMs()));
       break;
     case WorkerPool::Admission::kClosed:
       reactor->FinishWith(absl::UnavailableError("the server is stopping"));

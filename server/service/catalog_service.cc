@@ -55,80 +55,117 @@ absl::Status CatalogService::Read(const std::string& id,
 }
 
 grpc::ServerUnaryReactor* CatalogService::CreateObject(grpc::CallbackServerContext* context,
-                                                       const v1::CreateObjectRequest* request,
-                                                       v1::Object* response) {
-  return RunUnaryCall("CreateObject", context, pool_, [=, this](const CallInfo&) -> absl::Status {
-    if (!request->has_object()) return InvalidField("object", "missing");
-    HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record,
-                              RecordFromProto(request->object_id(), request->object()));
-    record.create_time = record.update_time = Now();
-    HOROPTER_RETURN_IF_ERROR(store_.Create(record));
-    return Read(record.model.id, v1::OBJECT_VIEW_BASIC, response);
-  });
+                                                       const grpc::ByteBuffer* bytes,
+                                                       grpc::ByteBuffer* answer) {
+  return RunUnaryCall<v1::CreateObjectRequest, v1::Object>(
+      gate_,
+      context,
+      bytes,
+      answer,
+      {{"CreateObject", max_object_bytes_},
+       [this](const v1::CreateObjectRequest& request, const CallInfo&, v1::Object* response)
+           -> absl::Status {
+         if (!request.has_object()) return InvalidField("object", "missing");
+         HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record,
+                                   RecordFromProto(request.object_id(), request.object()));
+         record.create_time = record.update_time = Now();
+         HOROPTER_RETURN_IF_ERROR(store_.Create(record));
+         return Read(record.model.id, v1::OBJECT_VIEW_BASIC, response);
+       }});
 }
 
 grpc::ServerUnaryReactor* CatalogService::GetObject(grpc::CallbackServerContext* context,
-                                                    const v1::GetObjectRequest* request,
-                                                    v1::Object* response) {
-  return RunUnaryCall("GetObject", context, pool_, [=, this](const CallInfo&) -> absl::Status {
-    HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request->name(), "name"));
-    if (!v1::ObjectView_IsValid(request->view())) return InvalidField("view", "unknown value");
-    return Read(id, request->view(), response);
-  });
+                                                    const grpc::ByteBuffer* bytes,
+                                                    grpc::ByteBuffer* answer) {
+  return RunUnaryCall<v1::GetObjectRequest, v1::Object>(
+      gate_,
+      context,
+      bytes,
+      answer,
+      {{"GetObject"},
+       [this](const v1::GetObjectRequest& request, const CallInfo&, v1::Object* response)
+           -> absl::Status {
+         HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request.name(), "name"));
+         if (!v1::ObjectView_IsValid(request.view())) return InvalidField("view", "unknown value");
+         return Read(id, request.view(), response);
+       }});
 }
 
 grpc::ServerUnaryReactor* CatalogService::ListObjects(grpc::CallbackServerContext* context,
-                                                      const v1::ListObjectsRequest* request,
-                                                      v1::ListObjectsResponse* response) {
-  return RunUnaryCall("ListObjects", context, pool_, [=, this](const CallInfo&) -> absl::Status {
-    if (request->page_size() < 0) return InvalidField("page_size", "negative");
-    if (request->view() != v1::OBJECT_VIEW_UNSPECIFIED &&
-        request->view() != v1::OBJECT_VIEW_BASIC) {
-      return InvalidField("view", "only OBJECT_VIEW_BASIC can be listed");
-    }
-    HOROPTER_ASSIGN_OR_RETURN(const std::string after, LastIdOf(request->page_token()));
-    const int page =
-        request->page_size() == 0 ? kDefaultPageSize : std::min(request->page_size(), kMaxPageSize);
-    // One more than asked for tells whether a page follows.
-    HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
-                              store_.catalog().ListObjects(after, page + 1));
-    const bool more = static_cast<int>(found.size()) > page;
-    if (more) found.pop_back();
-    for (const ObjectSummary& summary : found) SummaryToProto(summary, response->add_objects());
-    if (more)
-      response->set_next_page_token(
-          absl::StrCat(std::string(kTokenPrefix), found.back().record.model.id));
-    HOROPTER_ASSIGN_OR_RETURN(const int total, store_.catalog().CountObjects());
-    response->set_total_size(total);
-    return absl::OkStatus();
-  });
+                                                      const grpc::ByteBuffer* bytes,
+                                                      grpc::ByteBuffer* answer) {
+  return RunUnaryCall<v1::ListObjectsRequest, v1::ListObjectsResponse>(
+      gate_,
+      context,
+      bytes,
+      answer,
+      {{"ListObjects"},
+       [this](const v1::ListObjectsRequest& request,
+              const CallInfo&,
+              v1::ListObjectsResponse* response) -> absl::Status {
+         if (request.page_size() < 0) return InvalidField("page_size", "negative");
+         if (request.view() != v1::OBJECT_VIEW_UNSPECIFIED &&
+             request.view() != v1::OBJECT_VIEW_BASIC) {
+           return InvalidField("view", "only OBJECT_VIEW_BASIC can be listed");
+         }
+         HOROPTER_ASSIGN_OR_RETURN(const std::string after, LastIdOf(request.page_token()));
+         const int page = request.page_size() == 0 ? kDefaultPageSize
+                                                   : std::min(request.page_size(), kMaxPageSize);
+         // One more than asked for tells whether a page follows.
+         HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
+                                   store_.catalog().ListObjects(after, page + 1));
+         const bool more = static_cast<int>(found.size()) > page;
+         if (more) found.pop_back();
+         for (const ObjectSummary& summary : found)
+           SummaryToProto(summary, response->add_objects());
+         if (more)
+           response->set_next_page_token(
+               absl::StrCat(std::string(kTokenPrefix), found.back().record.model.id));
+         HOROPTER_ASSIGN_OR_RETURN(const int total, store_.catalog().CountObjects());
+         response->set_total_size(total);
+         return absl::OkStatus();
+       }});
 }
 
 grpc::ServerUnaryReactor* CatalogService::UpdateObject(grpc::CallbackServerContext* context,
-                                                       const v1::UpdateObjectRequest* request,
-                                                       v1::Object* response) {
-  return RunUnaryCall("UpdateObject", context, pool_, [=, this](const CallInfo&) -> absl::Status {
-    HOROPTER_ASSIGN_OR_RETURN(const std::string id,
-                              ObjectIdFromName(request->object().name(), "object.name"));
-    HOROPTER_ASSIGN_OR_RETURN(const ObjectMask mask, MaskFromProto(request->update_mask()));
-    const auto merge = [&](CatalogRecord current) -> absl::StatusOr<CatalogRecord> {
-      HOROPTER_ASSIGN_OR_RETURN(CatalogRecord merged,
-                                MergeRecord(std::move(current), request->object(), mask));
-      merged.update_time = Now();
-      return merged;
-    };
-    HOROPTER_RETURN_IF_ERROR(store_.Update(id, mask.Parts(), merge));
-    return Read(id, v1::OBJECT_VIEW_BASIC, response);
-  });
+                                                       const grpc::ByteBuffer* bytes,
+                                                       grpc::ByteBuffer* answer) {
+  return RunUnaryCall<v1::UpdateObjectRequest, v1::Object>(
+      gate_,
+      context,
+      bytes,
+      answer,
+      {{"UpdateObject", max_object_bytes_},
+       [this](const v1::UpdateObjectRequest& request, const CallInfo&, v1::Object* response)
+           -> absl::Status {
+         HOROPTER_ASSIGN_OR_RETURN(const std::string id,
+                                   ObjectIdFromName(request.object().name(), "object.name"));
+         HOROPTER_ASSIGN_OR_RETURN(const ObjectMask mask, MaskFromProto(request.update_mask()));
+         const auto merge = [&](CatalogRecord current) -> absl::StatusOr<CatalogRecord> {
+           HOROPTER_ASSIGN_OR_RETURN(CatalogRecord merged,
+                                     MergeRecord(std::move(current), request.object(), mask));
+           merged.update_time = Now();
+           return merged;
+         };
+         HOROPTER_RETURN_IF_ERROR(store_.Update(id, mask.Parts(), merge));
+         return Read(id, v1::OBJECT_VIEW_BASIC, response);
+       }});
 }
 
 grpc::ServerUnaryReactor* CatalogService::DeleteObject(grpc::CallbackServerContext* context,
-                                                       const v1::DeleteObjectRequest* request,
-                                                       google::protobuf::Empty*) {
-  return RunUnaryCall("DeleteObject", context, pool_, [=, this](const CallInfo&) -> absl::Status {
-    HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request->name(), "name"));
-    return store_.Delete(id);
-  });
+                                                       const grpc::ByteBuffer* bytes,
+                                                       grpc::ByteBuffer* answer) {
+  return RunUnaryCall<v1::DeleteObjectRequest, google::protobuf::Empty>(
+      gate_,
+      context,
+      bytes,
+      answer,
+      {{"DeleteObject"},
+       [this](const v1::DeleteObjectRequest& request, const CallInfo&, google::protobuf::Empty*)
+           -> absl::Status {
+         HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request.name(), "name"));
+         return store_.Delete(id);
+       }});
 }
 
 }  // namespace horopter

@@ -3,39 +3,53 @@
 
 #include "horopter/v1/catalog.grpc.pb.h"
 #include "server/service/catalog_store.h"
-#include "server/service/worker_pool.h"
+#include "server/service/unary_call.h"
 
 namespace horopter {
 
-// Thread-safe. The store and the pool must outlive the service's last call.
-class CatalogService final : public v1::CatalogService::CallbackService {
+// All unary methods get their bytes unparsed (unary_call.h).
+using CatalogServiceBase = v1::CatalogService::WithRawCallbackMethod_RebuildObject<
+    v1::CatalogService::WithRawCallbackMethod_VerifyCatalog<
+        v1::CatalogService::WithRawCallbackMethod_ListLookAlikes<
+            v1::CatalogService::WithRawCallbackMethod_DeleteObject<
+                v1::CatalogService::WithRawCallbackMethod_UpdateObject<
+                    v1::CatalogService::WithRawCallbackMethod_ListObjects<
+                        v1::CatalogService::WithRawCallbackMethod_GetObject<
+                            v1::CatalogService::WithRawCallbackMethod_CreateObject<
+                                v1::CatalogService::WithCallbackMethod_BackupCatalog<
+                                    v1::CatalogService::Service>>>>>>>>>;
+
+// Thread-safe. The store and what the gate names must outlive the service's last call.
+class CatalogService final : public CatalogServiceBase {
  public:
-  CatalogService(CatalogStore& store, WorkerPool& pool) : store_(store), pool_(pool) {}
+  // `max_object_bytes`: of a request that holds an object.
+  CatalogService(CatalogStore& store, const CallGate& gate, int64_t max_object_bytes)
+      : store_(store), gate_(gate), max_object_bytes_(max_object_bytes) {}
 
   grpc::ServerUnaryReactor* CreateObject(grpc::CallbackServerContext* context,
-                                         const v1::CreateObjectRequest* request,
-                                         v1::Object* response) override;
+                                         const grpc::ByteBuffer* request,
+                                         grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* GetObject(grpc::CallbackServerContext* context,
-                                      const v1::GetObjectRequest* request,
-                                      v1::Object* response) override;
+                                      const grpc::ByteBuffer* request,
+                                      grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* ListObjects(grpc::CallbackServerContext* context,
-                                        const v1::ListObjectsRequest* request,
-                                        v1::ListObjectsResponse* response) override;
+                                        const grpc::ByteBuffer* request,
+                                        grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* UpdateObject(grpc::CallbackServerContext* context,
-                                         const v1::UpdateObjectRequest* request,
-                                         v1::Object* response) override;
+                                         const grpc::ByteBuffer* request,
+                                         grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* DeleteObject(grpc::CallbackServerContext* context,
-                                         const v1::DeleteObjectRequest* request,
-                                         google::protobuf::Empty* response) override;
+                                         const grpc::ByteBuffer* request,
+                                         grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* ListLookAlikes(grpc::CallbackServerContext* context,
-                                           const v1::ListLookAlikesRequest* request,
-                                           v1::ListLookAlikesResponse* response) override;
+                                           const grpc::ByteBuffer* request,
+                                           grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* VerifyCatalog(grpc::CallbackServerContext* context,
-                                          const v1::VerifyCatalogRequest* request,
-                                          v1::VerifyCatalogResponse* response) override;
+                                          const grpc::ByteBuffer* request,
+                                          grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* RebuildObject(grpc::CallbackServerContext* context,
-                                          const v1::RebuildObjectRequest* request,
-                                          v1::RebuildObjectResponse* response) override;
+                                          const grpc::ByteBuffer* request,
+                                          grpc::ByteBuffer* response) override;
   grpc::ServerWriteReactor<v1::BackupCatalogResponse>* BackupCatalog(
       grpc::CallbackServerContext* context, const v1::BackupCatalogRequest* request) override;
 
@@ -44,7 +58,8 @@ class CatalogService final : public v1::CatalogService::CallbackService {
   absl::Status Read(const std::string& id, v1::ObjectView view, v1::Object* response);
 
   CatalogStore& store_;
-  WorkerPool& pool_;
+  const CallGate gate_;
+  const int64_t max_object_bytes_;
 };
 
 }  // namespace horopter

@@ -299,12 +299,9 @@ void RigidToProto(const Rigid3& a_from_b, v1::RigidTransform* proto) {
 
 absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneRequest& proto,
                                                    const ImageLimits& limits,
+                                                   int threads,
                                                    const StopRequested& stop) {
-  if (proto.images_size() < 1) return InvalidField("images", "need at least one image");
-  if (proto.images_size() > kMaxImages) {
-    return InvalidField("images",
-                        absl::StrCat(proto.images_size(), " images, at most ", kMaxImages));
-  }
+  HOROPTER_RETURN_IF_ERROR(ShapesOf(proto, limits).status());
   if (proto.candidate_objects_size() > kMaxCandidates) {
     return InvalidField("candidate_objects", absl::StrCat("more than ", kMaxCandidates));
   }
@@ -342,16 +339,7 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
   if (any_hint) request.hints = std::move(hints);
   if (any_pose) request.camera_poses = std::move(poses);
 
-  int64_t pixels_left = limits.max_total_pixels;
-  for (int i = 0; i < proto.images_size(); ++i) {
-    if (IsStopRequested(stop)) return absl::CancelledError("stopped while decoding images");
-    HOROPTER_ASSIGN_OR_RETURN(cv::Mat image,
-                              DecodeImage(proto.images(i).content(),
-                                          absl::StrCat("images[", i, "].content"),
-                                          limits,
-                                          pixels_left));
-    request.images.push_back(std::move(image));
-  }
+  HOROPTER_ASSIGN_OR_RETURN(request.images, DecodeImages(proto, limits, threads, stop));
   return request;
 }
 

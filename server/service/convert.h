@@ -17,7 +17,6 @@ class RigidTransform;
 
 namespace horopter {
 
-inline constexpr int kMaxImages = 32;
 inline constexpr int kMaxCandidates = 10000;
 
 // "objects/{id}" <-> id. Errors: INVALID_ARGUMENT naming `field`.
@@ -30,10 +29,11 @@ absl::StatusOr<Rigid3> RigidFromProto(const v1::RigidTransform& proto, std::stri
 // w >= 0.
 void RigidToProto(const Rigid3& a_from_b, v1::RigidTransform* proto);
 
-// Decodes the images too, in order, asking `stop` before each. Errors: INVALID_ARGUMENT naming the
-// field, CANCELLED.
+// Decodes the images too, `threads` at a time. Errors: INVALID_ARGUMENT naming the field,
+// CANCELLED, RESOURCE_EXHAUSTED.
 absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneRequest& proto,
                                                    const ImageLimits& limits,
+                                                   int threads,
                                                    const StopRequested& stop);
 
 // Objects are ordered by id and instance. `request` gives the image sizes.

@@ -1,93 +1,171 @@
 #include "server/service/image_decode.h"
 
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "server/service/image_header.h"
+#include "horopter/v1/recognition.pb.h"
+#include "server/base/parallel_for.h"
+#include "server/base/status_macros.h"
+#include "server/service/raw_frame.h"
 #include "server/service/rpc_status.h"
 
 namespace horopter {
 namespace {
 
-absl::Status CheckSize(const ImageHeader& header,
+absl::Status CheckSize(const ImageShape& shape,
                        const std::string& field,
-                       const ImageLimits& limits,
-                       int64_t pixels_left) {
-  const std::string size = absl::StrCat(header.width, "x", header.height, " pixels");
-  if (header.width < limits.min_side_px || header.height < limits.min_side_px) {
+                       const ImageLimits& limits) {
+  const std::string size = absl::StrCat(shape.width, "x", shape.height, " pixels");
+  if (shape.width < limits.min_side_px || shape.height < limits.min_side_px) {
     return InvalidField(
         field, absl::StrCat(size, " is too small, need ", limits.min_side_px, " on each side"));
   }
   // Both sides are below 2^32, so that the product fits once one of them is bounded.
-  if (header.width > limits.max_pixels || header.height > limits.max_pixels / header.width) {
+  if (shape.width > limits.max_pixels || shape.height > limits.max_pixels / shape.width) {
     return InvalidField(
         field, absl::StrCat(size, " is too large, at most ", limits.max_pixels, " pixels"));
-  }
-  if (header.width * header.height > pixels_left) {
-    return InvalidField(field,
-                        absl::StrCat("with ",
-                                     size,
-                                     " the images of the request are too large together, at most ",
-                                     limits.max_total_pixels,
-                                     " pixels"));
   }
   return absl::OkStatus();
 }
 
-absl::StatusOr<cv::Mat> Decode(std::string_view bytes,
-                               const std::string& field,
-                               const char* format) {
-  const cv::Mat encoded(
-      1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data()));
-  cv::Mat image;
-  try {
-    image = cv::imdecode(encoded,
-                         cv::IMREAD_ANYCOLOR | cv::IMREAD_ANYDEPTH | cv::IMREAD_IGNORE_ORIENTATION);
-  } catch (const cv::Exception& error) {
-    return InvalidField(field, absl::StrCat("cannot be decoded as ", format, ": ", error.err));
+// What a codec says, with the field where it is the image's fault.
+absl::Status At(const std::string& field, const absl::Status& status) {
+  return absl::IsInvalidArgument(status) ? InvalidField(field, std::string(status.message()))
+                                         : status;
+}
+
+absl::StatusOr<const ImageCodec*> CodecOf(std::string_view bytes,
+                                          const std::string& field,
+                                          const ImageLimits& limits) {
+  if (bytes.empty()) return InvalidField(field, "empty");
+  const absl::StatusOr<const ImageCodec*> codec = FindCodec(bytes);
+  if (!codec.ok()) return At(field, codec.status());
+  if ((*codec)->only_on_request && !limits.tiff_and_pnm) {
+    return InvalidField(field, absl::StrCat("this server does not read ", (*codec)->name));
   }
-  if (image.empty()) return InvalidField(field, absl::StrCat("cannot be decoded as ", format));
-  return image;
+  return codec;
+}
+
+absl::StatusOr<ImageShape> ShapeOf(const ImageCodec& codec,
+                                   std::string_view bytes,
+                                   const std::string& field,
+                                   const ImageLimits& limits) {
+  const absl::StatusOr<ImageShape> shape = codec.shape(bytes);
+  if (!shape.ok()) return At(field, shape.status());
+  HOROPTER_RETURN_IF_ERROR(CheckSize(*shape, field, limits));
+  return shape;
+}
+
+cv::Mat ImageOf(const ImageShape& shape) {
+  return cv::Mat(static_cast<int>(shape.height),
+                 static_cast<int>(shape.width),
+                 CV_MAKETYPE(shape.bits == 16 ? CV_16U : CV_8U, shape.channels));
+}
+
+std::string ContentField(int i) {
+  return absl::StrCat("images[", i, "].content");
+}
+std::string RawField(int i) {
+  return absl::StrCat("images[", i, "].raw");
+}
+
+absl::StatusOr<cv::Mat> DecodeOne(const v1::SceneImage& image,
+                                  int i,
+                                  const ImageLimits& limits,
+                                  const StopRequested& stop) {
+  if (!image.has_raw()) return DecodeImage(image.content(), ContentField(i), limits, stop);
+  if (IsStopRequested(stop)) return absl::CancelledError("stopped while decoding images");
+  HOROPTER_ASSIGN_OR_RETURN(const ImageShape shape, RawFrameShape(image.raw(), RawField(i)));
+  cv::Mat pixels = ImageOf(shape);
+  ConvertRawFrame(image.raw(), pixels);
+  return pixels;
 }
 
 }  // namespace
 
+absl::StatusOr<ImageShape> EncodedShape(std::string_view bytes,
+                                        const std::string& field,
+                                        const ImageLimits& limits) {
+  HOROPTER_ASSIGN_OR_RETURN(const ImageCodec* codec, CodecOf(bytes, field, limits));
+  return ShapeOf(*codec, bytes, field, limits);
+}
+
 absl::StatusOr<cv::Mat> DecodeImage(std::string_view bytes,
                                     const std::string& field,
                                     const ImageLimits& limits,
-                                    int64_t& pixels_left) {
-  if (bytes.empty()) return InvalidField(field, "empty");
-  const absl::StatusOr<ImageHeader> header = ReadImageHeader(bytes);
-  if (!header.ok()) return InvalidField(field, std::string(header.status().message()));
-  if (absl::Status status = CheckSize(*header, field, limits, pixels_left); !status.ok())
-    return status;
-
-  absl::StatusOr<cv::Mat> decoded = Decode(bytes, field, header->format);
-  if (!decoded.ok()) return decoded.status();
-  cv::Mat image = *std::move(decoded);
-  if (image.cols != header->width || image.rows != header->height) {
-    return InvalidField(
-        field, absl::StrCat("damaged ", header->format, " image: size differs from its header"));
+                                    const StopRequested& stop) {
+  HOROPTER_ASSIGN_OR_RETURN(const ImageCodec* codec, CodecOf(bytes, field, limits));
+  HOROPTER_ASSIGN_OR_RETURN(const ImageShape shape, ShapeOf(*codec, bytes, field, limits));
+  cv::Mat image = ImageOf(shape);
+  if (const absl::Status decoded = codec->decode(bytes, stop, image); !decoded.ok()) {
+    return At(field, decoded);
   }
-  if (image.channels() == 4) {
-    std::vector<cv::Mat> bgr;
-    cv::split(image, bgr);
-    bgr.resize(3);
-    cv::merge(bgr, image);
-  }
-  if (image.channels() != 1 && image.channels() != 3) {
-    return InvalidField(field, absl::StrCat(image.channels(), " channels, need grey or colour"));
-  }
-  if (image.depth() == CV_16U) {
+  if (shape.bits == 16) {
     cv::Mat scaled;
     image.convertTo(scaled, CV_8U, 1.0 / 257.0);  // 65535 -> 255
     image = scaled;
   }
-  if (image.depth() != CV_8U)
-    return InvalidField(field, "need 8 or 16 bits per channel, not floating point");
-  pixels_left -= header->width * header->height;
   return image;
+}
+
+absl::StatusOr<std::vector<ImageShape>> ShapesOf(const v1::RecognizeSceneRequest& request,
+                                                 const ImageLimits& limits) {
+  if (request.images_size() < 1) return InvalidField("images", "need at least one image");
+  if (request.images_size() > kMaxImages) {
+    return InvalidField("images",
+                        absl::StrCat(request.images_size(), " images, at most ", kMaxImages));
+  }
+  std::vector<ImageShape> shapes;
+  int64_t pixels_left = limits.max_total_pixels;
+  for (int i = 0; i < request.images_size(); ++i) {
+    const v1::SceneImage& image = request.images(i);
+    const std::string field = image.has_raw() ? RawField(i) : ContentField(i);
+    absl::StatusOr<ImageShape> shape = image.has_raw()
+                                           ? RawFrameShape(image.raw(), field)
+                                           : EncodedShape(image.content(), field, limits);
+    if (!shape.ok()) return shape.status();
+    if (image.has_raw()) HOROPTER_RETURN_IF_ERROR(CheckSize(*shape, field, limits));
+    if (shape->width * shape->height > pixels_left) {
+      return InvalidField(field,
+                          absl::StrCat("with ",
+                                       shape->width,
+                                       "x",
+                                       shape->height,
+                                       " pixels the images of the request are too large together, "
+                                       "at most ",
+                                       limits.max_total_pixels,
+                                       " pixels"));
+    }
+    pixels_left -= shape->width * shape->height;
+    shapes.push_back(*shape);
+  }
+  return shapes;
+}
+
+int64_t DecodedBytes(const std::vector<ImageShape>& shapes) {
+  int64_t bytes = 0;
+  for (const ImageShape& shape : shapes) {
+    const int64_t samples = shape.width * shape.height * shape.channels;
+    bytes += shape.bits == 16 ? 3 * samples : samples;
+  }
+  return bytes;
+}
+
+absl::StatusOr<std::vector<cv::Mat>> DecodeImages(const v1::RecognizeSceneRequest& request,
+                                                  const ImageLimits& limits,
+                                                  int threads,
+                                                  const StopRequested& stop) {
+  const int n = request.images_size();
+  std::vector<absl::StatusOr<cv::Mat>> decoded(n, absl::CancelledError("stopped"));
+  ParallelFor(
+      n, threads, [&](int i) { decoded[i] = DecodeOne(request.images(i), i, limits, stop); });
+  std::vector<cv::Mat> images;
+  for (absl::StatusOr<cv::Mat>& image : decoded) {
+    if (!image.ok()) return image.status();
+    images.push_back(*std::move(image));
+  }
+  return images;
 }
 
 }  // namespace horopter

@@ -49,38 +49,64 @@ StageReport DecodeReport(std::chrono::steady_clock::time_point start, const Scen
 }  // namespace
 
 RecognitionService::RecognitionService(CatalogStore& store,
-                                       WorkerPool& pool,
+                                       const CallGate& gate,
                                        Recognizer recognizer,
-                                       ImageLimits limits)
-    : store_(store), pool_(pool), recognizer_(std::move(recognizer)), limits_(limits) {}
+                                       const RecognitionLimits& limits)
+    : store_(store), gate_(gate), recognizer_(std::move(recognizer)), limits_(limits) {}
 
-grpc::ServerUnaryReactor* RecognitionService::RecognizeScene(
-    grpc::CallbackServerContext* context,
-    const v1::RecognizeSceneRequest* request,
-    v1::RecognizeSceneResponse* response) {
-  return RunUnaryCall(
-      "RecognizeScene", context, pool_, [=, this](const CallInfo& call) -> absl::Status {
-        const auto start = std::chrono::steady_clock::now();
-        const std::shared_ptr<const PublishedCatalog> published = store_.Published();
-        HOROPTER_ASSIGN_OR_RETURN(const SceneRequest scene,
-                                  SceneRequestFromProto(*request, limits_, call.limits.stop));
-        HOROPTER_RETURN_IF_ERROR(CheckIds(*request, scene, *published));
-        StageReport decode = DecodeReport(start, scene);
+grpc::ServerUnaryReactor* RecognitionService::RecognizeScene(grpc::CallbackServerContext* context,
+                                                             const grpc::ByteBuffer* request,
+                                                             grpc::ByteBuffer* response) {
+  return RunUnaryCall<v1::RecognizeSceneRequest, v1::RecognizeSceneResponse>(
+      gate_,
+      context,
+      request,
+      response,
+      {{"RecognizeScene", limits_.max_request_bytes},
+       [this](const auto& message, const CallInfo& call, auto* answer) {
+         return Handle(message, call, answer);
+       },
+       [this](const auto& message) { return Demand(message); }});
+}
 
-        HOROPTER_ASSIGN_OR_RETURN(PipelineResult result,
-                                  recognizer_(scene, published->snapshot, call.limits));
-        if (call.limits.stop()) return absl::CancelledError("stopped");
-        result.answer.stages.insert(result.answer.stages.begin(), std::move(decode));
-        SceneAnswerToProto(result.answer, scene, response);
-        response->set_request_id(call.request_id);
-        response->set_catalog_generation(published->snapshot.generation);
-        spdlog::info("request={} images={} state={} objects={}",
-                     call.request_id,
-                     scene.images.size(),
-                     v1::SceneState_Name(response->state()),
-                     response->objects_size());
-        return absl::OkStatus();
-      });
+absl::StatusOr<CallDemand> RecognitionService::Demand(
+    const v1::RecognizeSceneRequest& request) const {
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<ImageShape> shapes,
+                            ShapesOf(request, limits_.images));
+  if (!v1::Priority_IsValid(request.priority())) return InvalidField("priority", "unknown value");
+  CallDemand demand;
+  demand.batch = request.priority() == v1::PRIORITY_BATCH;
+  demand.bytes = DecodedBytes(shapes);
+  for (const ImageShape& shape : shapes) {
+    demand.bytes += limits_.work_bytes_per_pixel * shape.width * shape.height;
+  }
+  return demand;
+}
+
+absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request,
+                                        const CallInfo& call,
+                                        v1::RecognizeSceneResponse* response) const {
+  const auto start = std::chrono::steady_clock::now();
+  const std::shared_ptr<const PublishedCatalog> published = store_.Published();
+  HOROPTER_ASSIGN_OR_RETURN(
+      const SceneRequest scene,
+      SceneRequestFromProto(request, limits_.images, limits_.decode_threads, call.limits.stop));
+  HOROPTER_RETURN_IF_ERROR(CheckIds(request, scene, *published));
+  StageReport decode = DecodeReport(start, scene);
+
+  HOROPTER_ASSIGN_OR_RETURN(PipelineResult result,
+                            recognizer_(scene, published->snapshot, call.limits));
+  if (call.limits.stop()) return absl::CancelledError("stopped");
+  result.answer.stages.insert(result.answer.stages.begin(), std::move(decode));
+  SceneAnswerToProto(result.answer, scene, response);
+  response->set_request_id(call.request_id);
+  response->set_catalog_generation(published->snapshot.generation);
+  spdlog::info("request={} images={} state={} objects={}",
+               call.request_id,
+               scene.images.size(),
+               v1::SceneState_Name(response->state()),
+               response->objects_size());
+  return absl::OkStatus();
 }
 
 }  // namespace horopter

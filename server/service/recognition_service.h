@@ -9,7 +9,7 @@
 #include "server/pipeline/pipeline.h"
 #include "server/service/catalog_store.h"
 #include "server/service/image_decode.h"
-#include "server/service/worker_pool.h"
+#include "server/service/unary_call.h"
 
 namespace horopter {
 
@@ -17,23 +17,39 @@ namespace horopter {
 using Recognizer = std::function<absl::StatusOr<PipelineResult>(
     const SceneRequest&, const CatalogSnapshot&, const CallLimits&)>;
 
-// Thread-safe. The store and the pool must outlive the service's last call.
-class RecognitionService final : public v1::RecognitionService::CallbackService {
+struct RecognitionLimits {
+  ImageLimits images;
+  int64_t max_request_bytes = int64_t{256} << 20;
+  // Reserved for the stages per pixel of the request, beside the decoded images.
+  int64_t work_bytes_per_pixel = 24;
+  int decode_threads = 2;
+};
+
+// Thread-safe. The store and what the gate names must outlive the service's last call.
+class RecognitionService final
+    : public v1::RecognitionService::WithRawCallbackMethod_RecognizeScene<
+          v1::RecognitionService::Service> {
  public:
   RecognitionService(CatalogStore& store,
-                     WorkerPool& pool,
+                     const CallGate& gate,
                      Recognizer recognizer,
-                     ImageLimits limits);
+                     const RecognitionLimits& limits);
 
   grpc::ServerUnaryReactor* RecognizeScene(grpc::CallbackServerContext* context,
-                                           const v1::RecognizeSceneRequest* request,
-                                           v1::RecognizeSceneResponse* response) override;
+                                           const grpc::ByteBuffer* request,
+                                           grpc::ByteBuffer* response) override;
+
+  // What a request takes, and the call itself without the network around it.
+  absl::StatusOr<CallDemand> Demand(const v1::RecognizeSceneRequest& request) const;
+  absl::Status Handle(const v1::RecognizeSceneRequest& request,
+                      const CallInfo& call,
+                      v1::RecognizeSceneResponse* response) const;
 
  private:
   CatalogStore& store_;
-  WorkerPool& pool_;
+  const CallGate gate_;
   const Recognizer recognizer_;
-  const ImageLimits limits_;
+  const RecognitionLimits limits_;
 };
 
 }  // namespace horopter

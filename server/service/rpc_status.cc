@@ -37,11 +37,30 @@ absl::Status InvalidField(std::string_view field, std::string_view what) {
   return FieldError(absl::StatusCode::kInvalidArgument, field, what);
 }
 
-absl::Status QueueFull(int retry_after_ms) {
+absl::Status RetryLater(std::string_view what, int retry_after_ms) {
   absl::Status status = absl::ResourceExhaustedError(
-      absl::StrCat("the request queue is full; try again in ", retry_after_ms, " ms"));
+      absl::StrCat(std::string(what), "; try again in ", retry_after_ms, " ms"));
   status.SetPayload(kRetryPayload, absl::Cord(absl::StrCat(retry_after_ms)));
   return status;
+}
+
+absl::Status QueueFull(int retry_after_ms) {
+  return RetryLater("the request queue is full", retry_after_ms);
+}
+
+std::string Quoted(std::string_view text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (c == '"' || c == '\\') {
+      out += {'\\', c};
+    } else if (byte < 32 || byte == 127) {
+      absl::StrAppend(&out, "\\x", absl::Hex(byte, absl::kZeroPad2));
+    } else {
+      out += c;
+    }
+  }
+  return out + "\"";
 }
 
 std::string ErrorField(const absl::Status& status) {

@@ -25,7 +25,12 @@ absl::Status InvalidField(std::string_view field, std::string_view what);
 absl::Status FieldError(absl::StatusCode code, std::string_view field, std::string_view what);
 
 // RESOURCE_EXHAUSTED with the time after which to try again.
+absl::Status RetryLater(std::string_view what, int retry_after_ms);
 absl::Status QueueFull(int retry_after_ms);
+
+// Text in quotation marks for one line of a log: quotation marks, backslashes and control
+// characters are escaped, so that nothing a client sends ends the line or looks like another field.
+std::string Quoted(std::string_view text);
 
 // The field set by InvalidField, or the one that begins the message of an INVALID_ARGUMENT
 // ("edges[3].kind: ..."); empty when there is none.

@@ -5,6 +5,7 @@
 #include <grpcpp/health_check_service_interface.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <chrono>
 #include <utility>
 
@@ -12,13 +13,15 @@
 #include "server/base/status_macros.h"
 #include "server/pipeline/exception_status.h"
 #include "server/service/catalog_service.h"
+#include "server/service/convert.h"
+#include "server/service/server_info_service.h"
 #include "server/service/worker_pool.h"
 
 namespace horopter {
 namespace {
 
-constexpr const char* kServiceNames[] = {"horopter.v1.RecognitionService",
-                                         "horopter.v1.CatalogService"};
+constexpr const char* kServiceNames[] = {
+    "horopter.v1.RecognitionService", "horopter.v1.CatalogService", "horopter.v1.ServerService"};
 
 void EnableHealthAndReflection() {
   static const bool enabled = [] {
@@ -36,6 +39,27 @@ void SetServing(grpc::Server& server, bool serving) {
   for (const char* name : kServiceNames) health->SetServingStatus(name, serving);
 }
 
+constexpr int kMaxStreamsPerConnection = 100;
+constexpr int kMaxMetadataBytes = 16 << 10;
+
+v1::ServerLimits LimitsToProto(const ServerOptions& options, const RecognitionLimits& limits) {
+  v1::ServerLimits proto;
+  proto.set_max_images(kMaxImages);
+  proto.set_min_image_side_px(limits.images.min_side_px);
+  proto.set_max_image_pixels(limits.images.max_pixels);
+  proto.set_max_total_pixels(limits.images.max_total_pixels);
+  proto.set_max_candidate_objects(kMaxCandidates);
+  proto.set_max_searched_objects(PipelineOptions().max_searched_objects);
+  proto.set_max_recognize_bytes(limits.max_request_bytes);
+  proto.set_max_object_bytes(int64_t{options.max_object_mb} << 20);
+  proto.set_memory_bytes(int64_t{options.memory_mb} << 20);
+  proto.set_work_bytes_per_pixel(limits.work_bytes_per_pixel);
+  proto.set_workers(options.workers);
+  proto.set_queue(options.queue);
+  proto.set_tiff_and_pnm(limits.images.tiff_and_pnm);
+  return proto;
+}
+
 absl::Status InRange(const char* name, int value, int low, int high) {
   if (value >= low && value <= high) return absl::OkStatus();
   return absl::InvalidArgumentError(
@@ -47,8 +71,10 @@ absl::Status InRange(const char* name, int value, int low, int high) {
 // In order of construction; the pools go before the services and the store they work on.
 struct HoropterServer::Parts {
   std::unique_ptr<CatalogStore> store;
+  std::unique_ptr<MemoryBudget> memory;
   std::unique_ptr<RecognitionService> recognition;
   std::unique_ptr<CatalogService> catalog;
+  std::unique_ptr<ServerInfoService> info;
   std::unique_ptr<WorkerPool> scene_pool;
   std::unique_ptr<WorkerPool> catalog_pool;
   std::unique_ptr<grpc::Server> server;
@@ -61,7 +87,14 @@ absl::Status Validate(const ServerOptions& options) {
   HOROPTER_RETURN_IF_ERROR(InRange("catalog_workers", options.catalog_workers, 1, 256));
   HOROPTER_RETURN_IF_ERROR(InRange("catalog_queue", options.catalog_queue, 0, 10000));
   HOROPTER_RETURN_IF_ERROR(InRange("max_message_mb", options.max_message_mb, 1, 2047));
+  HOROPTER_RETURN_IF_ERROR(InRange("max_object_mb", options.max_object_mb, 1, 2047));
+  HOROPTER_RETURN_IF_ERROR(InRange("memory_mb", options.memory_mb, 16, 1'000'000));
+  if (options.memory_mb < 2 * std::max(options.max_message_mb, options.max_object_mb)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "memory_mb: ", options.memory_mb, " MiB hold no message of the largest size twice"));
+  }
   HOROPTER_RETURN_IF_ERROR(InRange("max_resident", options.max_resident, 1, 10'000'000));
+  HOROPTER_RETURN_IF_ERROR(InRange("threads_per_request", options.threads_per_request, 1, 256));
   return InRange("load_threads", options.load_threads, 1, 256);
 }
 
@@ -101,17 +134,39 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   parts->scene_pool = std::make_unique<WorkerPool>(options.workers, options.queue);
   parts->catalog_pool =
       std::make_unique<WorkerPool>(options.catalog_workers, options.catalog_queue);
-  parts->recognition = std::make_unique<RecognitionService>(
-      *parts->store, *parts->scene_pool, std::move(recognizer), options.images);
-  parts->catalog = std::make_unique<CatalogService>(*parts->store, *parts->catalog_pool);
+  parts->memory = std::make_unique<MemoryBudget>(int64_t{options.memory_mb} << 20);
+  RecognitionLimits limits;
+  limits.images = options.images;
+  limits.max_request_bytes = int64_t{options.max_message_mb} << 20;
+  limits.decode_threads = options.threads_per_request;
+  parts->recognition =
+      std::make_unique<RecognitionService>(*parts->store,
+                                           CallGate{parts->scene_pool.get(), parts->memory.get()},
+                                           std::move(recognizer),
+                                           limits);
+  parts->catalog =
+      std::make_unique<CatalogService>(*parts->store,
+                                       CallGate{parts->catalog_pool.get(), parts->memory.get()},
+                                       int64_t{options.max_object_mb} << 20);
+  parts->info = std::make_unique<ServerInfoService>(
+      *parts->store, *parts->scene_pool, *parts->memory, LimitsToProto(options, limits));
 
   grpc::ServerBuilder builder;
-  builder.SetMaxReceiveMessageSize(options.max_message_mb << 20);
-  builder.SetMaxSendMessageSize(options.max_message_mb << 20);
+  const int largest_mb = std::max(options.max_message_mb, options.max_object_mb);
+  builder.SetMaxReceiveMessageSize(largest_mb << 20);
+  // An object with its CAD file, or a backup's chunk: what was received can be sent.
+  builder.SetMaxSendMessageSize(std::min(2047, 2 * largest_mb) << 20);
+  // Bounds what gRPC itself holds of messages on their way.
+  grpc::ResourceQuota quota("horopter");
+  quota.Resize(size_t{2} * static_cast<size_t>(largest_mb) << 20);
+  builder.SetResourceQuota(quota);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kMaxStreamsPerConnection);
+  builder.AddChannelArgument(GRPC_ARG_MAX_METADATA_SIZE, kMaxMetadataBytes);
   // Otherwise a second server on the same port would silently take a share of the calls.
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
   builder.RegisterService(parts->recognition.get());
   builder.RegisterService(parts->catalog.get());
+  builder.RegisterService(parts->info.get());
   int port = 0;
   if (!options.listen.empty()) {
     builder.AddListeningPort(options.listen, grpc::InsecureServerCredentials(), &port);

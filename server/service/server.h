@@ -22,9 +22,15 @@ struct ServerOptions {
   int queue = 8;            // scenes that may wait; more: longer waits before a refusal
   int catalog_workers = 2;  // catalog calls at once
   int catalog_queue = 64;
-  int max_message_mb = 256;  // of one request or answer
-  int load_threads = 2;      // prepare the catalog at start
-  int max_resident = 5000;   // objects held in memory (StoreOptions)
+  int max_message_mb = 256;  // of a request for recognition
+  int max_object_mb = 192;   // of a request that holds an object
+  // Requests, decoded images and the stages' share of all calls together; the receiving side of
+  // gRPC holds at most two of the largest messages beside it. Raising it lets more large calls
+  // wait.
+  int memory_mb = 4096;
+  int threads_per_request = 2;  // decode its images
+  int load_threads = 2;         // prepare the catalog at start
+  int max_resident = 5000;      // objects held in memory (StoreOptions)
   ImageLimits images;
 };
 

@@ -5,13 +5,13 @@
 #include <atomic>
 #include <chrono>
 #include <memory>
+#include <optional>
 #include <random>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "server/pipeline/exception_status.h"
-#include "server/service/rpc_status.h"
 
 namespace horopter {
 namespace {
@@ -25,31 +25,46 @@ std::string NextRequestId() {
   return absl::StrFormat("%08x-%06d", run, next++);
 }
 
+// "ipv4:10.0.0.7:41234" -> "ipv4:10.0.0.7": all connections of a machine are one peer.
+std::string HostOfPeer(const std::string& peer) {
+  return peer.substr(0, peer.rfind(':'));
+}
+
+// On the steady clock, so that setting the machine's time neither ends nor prolongs a call.
+Clock::time_point SteadyDeadline(std::chrono::system_clock::time_point deadline,
+                                 Clock::time_point now) {
+  constexpr auto kLongest = std::chrono::hours(24 * 365);
+  const auto left = deadline - std::chrono::system_clock::now();
+  return left > kLongest ? Clock::time_point::max()
+                         : now + std::chrono::duration_cast<Clock::duration>(left);
+}
+
 // Outlives the reactor, so that a stop token may as well.
 struct CallState {
   std::atomic<bool> cancelled{false};
-  std::chrono::system_clock::time_point deadline, hurry;
+  Clock::time_point deadline, hurry;
 
-  bool DeadlinePassed() const { return std::chrono::system_clock::now() >= deadline; }
-  bool InHurry() const { return std::chrono::system_clock::now() >= hurry; }
+  bool DeadlinePassed() const { return Clock::now() >= deadline; }
+  bool InHurry() const { return Clock::now() >= hurry; }
 };
 
 // Deletes itself when gRPC is done with it.
 class UnaryReactor : public grpc::ServerUnaryReactor {
  public:
-  UnaryReactor(const char* method, grpc::CallbackServerContext* context)
+  UnaryReactor(const CallMethod& method, WorkerPool& pool, grpc::CallbackServerContext* context)
       : method_(method),
+        pool_(pool),
         context_(context),
         state_(std::make_shared<CallState>()),
         start_(Clock::now()) {
-    state_->deadline = context->deadline();
+    state_->deadline = SteadyDeadline(context->deadline(), start_);
     info_.request_id = NextRequestId();
-    const auto now = std::chrono::system_clock::now();
-    const std::chrono::duration<double> allowed = state_->deadline - now;
-    state_->hurry = state_->deadline == std::chrono::system_clock::time_point::max()
-                        ? state_->deadline
-                        : now + std::chrono::duration_cast<std::chrono::system_clock::duration>(
-                                    kUnhurriedShare * allowed);
+    state_->hurry = state_->deadline;
+    if (state_->deadline != Clock::time_point::max()) {
+      const std::chrono::duration<double> allowed = state_->deadline - start_;
+      state_->hurry =
+          start_ + std::chrono::duration_cast<Clock::duration>(kUnhurriedShare * allowed);
+    }
     info_.limits.stop = [state = state_] {
       return state->cancelled.load() || state->DeadlinePassed();
     };
@@ -57,31 +72,114 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     context->AddInitialMetadata(kRequestIdKey, info_.request_id);
   }
 
-  void Run(const CallHandler& handler) { FinishWith(Handle(handler)); }
+  // Queues the call or finishes it.
+  void Start(const CallGate& gate,
+             int64_t request_bytes,
+             absl::FunctionRef<absl::StatusOr<ParsedCall>()> parse) {
+    const absl::Status admitted =
+        CatchExceptions([&] { return Admit(gate, request_bytes, parse); });
+    if (!admitted.ok()) FinishWith(admitted);
+  }
 
-  // The reactor must not be touched afterwards.
-  void FinishWith(const absl::Status& status) {
+  // The reactor must not be touched afterwards. What cannot be logged or told in words for want of
+  // memory is told by its code.
+  void FinishWith(const absl::Status& status) noexcept {
+    try {
+      Log(status);
+    } catch (...) {
+    }
+    grpc::Status answer;
+    try {
+      answer = ToRpcStatus(status, context_);
+    } catch (...) {
+      answer = grpc::Status(static_cast<grpc::StatusCode>(status.code()), "");
+    }
+    Finish(answer);
+  }
+
+ private:
+  absl::Status Admit(const CallGate& gate,
+                     int64_t request_bytes,
+                     absl::FunctionRef<absl::StatusOr<ParsedCall>()> parse) {
+    if (request_bytes > method_.max_request_bytes) {
+      return absl::ResourceExhaustedError(absl::StrCat("the request has ",
+                                                       request_bytes,
+                                                       " bytes, at most ",
+                                                       method_.max_request_bytes,
+                                                       " are allowed"));
+    }
+    // As delivered, and parsed.
+    HOROPTER_ASSIGN_OR_RETURN(MemoryBudget::Lease reserved, Reserve(gate, 2 * request_bytes));
+    HOROPTER_ASSIGN_OR_RETURN(ParsedCall call, parse());
+    reserved.GiveBack(request_bytes);
+    if (!reserved.Grow(call.demand.bytes)) {
+      return OutOfMemory(gate, request_bytes + call.demand.bytes);
+    }
+    const auto lease = std::make_shared<MemoryBudget::Lease>(std::move(reserved));
+    JobTraits traits;
+    traits.batch = call.demand.batch;
+    traits.peer = HostOfPeer(context_->peer());
+    traits.deadline = state_->deadline;
+    // The job owns request and bytes: both go when it is done or withdrawn.
+    const auto submitted =
+        pool_.TrySubmit([this, lease, work = std::move(call.work)] { Run(work); }, traits);
+    switch (submitted.admission) {
+      case WorkerPool::Admission::kAccepted:
+        ticket_ = submitted.ticket;
+        return absl::OkStatus();
+      case WorkerPool::Admission::kQueueFull:
+        return QueueFull(pool_.RetryAfterMs());
+      case WorkerPool::Admission::kTooLate:
+        return RetryLater("the call would wait beyond its deadline", pool_.RetryAfterMs());
+      case WorkerPool::Admission::kClosed:
+        break;
+    }
+    return absl::UnavailableError("the server is stopping");
+  }
+
+  absl::StatusOr<MemoryBudget::Lease> Reserve(const CallGate& gate, int64_t bytes) {
+    std::optional<MemoryBudget::Lease> lease = gate.memory->TryReserve(bytes);
+    if (lease) return *std::move(lease);
+    return OutOfMemory(gate, bytes);
+  }
+
+  absl::Status OutOfMemory(const CallGate& gate, int64_t bytes) {
+    const std::string needs = absl::StrCat("the call needs ", bytes, " bytes of memory, ");
+    if (bytes > gate.memory->bytes()) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat(needs, "calls have ", gate.memory->bytes(), " in all"));
+    }
+    return RetryLater(absl::StrCat(needs, "which others hold"), pool_.RetryAfterMs());
+  }
+
+  void Run(const std::function<absl::Status(const CallInfo&)>& work) noexcept {
+    FinishWith(CatchExceptions([&]() -> absl::Status {
+      if (info_.limits.stop()) return StopReason();
+      absl::Status status = CatchExceptions([&] { return work(info_); });
+      return absl::IsCancelled(status) ? StopReason() : status;
+    }));
+  }
+
+  // Of a client that cancels or goes away, and at the deadline. gRPC calls it once this reactor was
+  // returned to it, and keeps the reactor until it is done.
+  void OnCancel() override {
+    state_->cancelled = true;
+    if (ticket_ == 0 || !pool_.Withdraw(ticket_)) return;
+    FinishWith(CatchExceptions([this] { return StopReason(); }));
+  }
+  void OnDone() override { delete this; }
+
+  void Log(const absl::Status& status) const {
     const std::chrono::duration<double, std::milli> elapsed = Clock::now() - start_;
     const auto level = status.ok() ? spdlog::level::info : spdlog::level::warn;
     spdlog::log(level,
                 "request={} method={} peer={} code={} ms={:.1f}{}",
                 info_.request_id,
-                method_,
+                method_.name,
                 context_->peer(),
                 absl::StatusCodeToString(status.code()),
                 elapsed.count(),
-                status.ok() ? "" : absl::StrCat(" error=\"", std::string(status.message()), "\""));
-    Finish(ToRpcStatus(status, context_));
-  }
-
- private:
-  void OnCancel() override { state_->cancelled = true; }
-  void OnDone() override { delete this; }
-
-  absl::Status Handle(const CallHandler& handler) {
-    if (info_.limits.stop()) return StopReason();
-    absl::Status status = CatchExceptions([&] { return handler(info_); });
-    return absl::IsCancelled(status) ? StopReason() : status;
+                status.ok() ? "" : absl::StrCat(" error=", Quoted(std::string(status.message()))));
   }
 
   absl::Status StopReason() const {
@@ -89,30 +187,31 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     return absl::CancelledError("the client cancelled");
   }
 
-  const char* method_;
+  const CallMethod method_;
+  WorkerPool& pool_;
   grpc::CallbackServerContext* context_;
   std::shared_ptr<CallState> state_;
   CallInfo info_;
   Clock::time_point start_;
+  uint64_t ticket_ = 0;  // written before gRPC gets the reactor
 };
 
 }  // namespace
 
-grpc::ServerUnaryReactor* RunUnaryCall(const char* method,
-                                       grpc::CallbackServerContext* context,
-                                       WorkerPool& pool,
-                                       CallHandler handler) {
-  auto* reactor = new UnaryReactor(method, context);
-  switch (pool.TrySubmit([reactor, handler = std::move(handler)] { reactor->Run(handler); })) {
-    case WorkerPool::Admission::kAccepted:
-      break;
-    case WorkerPool::Admission::kQueueFull:
-      reactor->FinishWith(QueueFull(pool.RetryAfterMs()));
-      break;
-    case WorkerPool::Admission::kClosed:
-      reactor->FinishWith(absl::UnavailableError("the server is stopping"));
-      break;
+grpc::ServerUnaryReactor* StartUnaryCall(const CallGate& gate,
+                                         const CallMethod& method,
+                                         grpc::CallbackServerContext* context,
+                                         int64_t request_bytes,
+                                         absl::FunctionRef<absl::StatusOr<ParsedCall>()> parse) {
+  UnaryReactor* reactor = nullptr;
+  try {
+    reactor = new UnaryReactor(method, *gate.pool, context);
+  } catch (...) {
+    grpc::ServerUnaryReactor* const ready = context->DefaultReactor();
+    ready->Finish(grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "out of memory"));
+    return ready;
   }
+  reactor->Start(gate, request_bytes, parse);
   return reactor;
 }
 

@@ -1,15 +1,23 @@
-// Runs a unary rpc of the callback API on a worker pool, with deadline, cancellation and a request
-// id.
+// Runs a unary rpc of the callback API on a worker pool: admission by bytes before the request is
+// parsed, deadline, cancellation, a request id, and no exception that leaves.
 #pragma once
 
 #include <grpcpp/server_context.h>
+#include <grpcpp/support/byte_buffer.h>
 #include <grpcpp/support/server_callback.h>
 
 #include <functional>
+#include <memory>
 #include <string>
+#include <utility>
 
+#include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "server/base/call_limits.h"
+#include "server/base/status_macros.h"
+#include "server/service/memory_budget.h"
+#include "server/service/rpc_status.h"
 #include "server/service/worker_pool.h"
 
 namespace horopter {
@@ -25,16 +33,89 @@ struct CallInfo {
   CallLimits limits;
 };
 
-// The handler fills the response and returns its status. It runs on a pool thread, or not at all: a
-// full queue answers RESOURCE_EXHAUSTED, a closed pool UNAVAILABLE, a call that is over before its
-// turn CANCELLED or DEADLINE_EXCEEDED. A CANCELLED of the handler becomes DEADLINE_EXCEEDED when
-// the deadline was the reason; an exception becomes RESOURCE_EXHAUSTED or INTERNAL
-// (StatusOfException). Writes one log line.
-using CallHandler = std::function<absl::Status(const CallInfo&)>;
+// Where calls are admitted; the pool and the budget must outlive them.
+struct CallGate {
+  WorkerPool* pool = nullptr;
+  MemoryBudget* memory = nullptr;
+};
 
-grpc::ServerUnaryReactor* RunUnaryCall(const char* method,
+struct CallMethod {
+  const char* name = "";
+  int64_t max_request_bytes = 1 << 20;
+};
+
+// What a call takes beside its request, and how it waits.
+struct CallDemand {
+  int64_t bytes = 0;
+  bool batch = false;
+};
+
+// The handler fills the response and returns its status. It runs on a pool thread, or not at all: a
+// request above the method's limit, a full queue or budget and a deadline that cannot be met answer
+// RESOURCE_EXHAUSTED (all but the first with a time to try again), a closed pool UNAVAILABLE. A
+// call that is over before its turn gives place and bytes back at once and answers CANCELLED or
+// DEADLINE_EXCEEDED. A CANCELLED of the handler becomes DEADLINE_EXCEEDED when the deadline was the
+// reason; an exception becomes RESOURCE_EXHAUSTED or INTERNAL (StatusOfException). Writes one log
+// line.
+template <typename Request, typename Response>
+struct UnaryMethod {
+  CallMethod method;
+  std::function<absl::Status(const Request&, const CallInfo&, Response*)> handle;
+  // Asked before the call is queued; its error is that of the call. Empty: the call takes nothing
+  // beside its request.
+  std::function<absl::StatusOr<CallDemand>(const Request&)> demand = {};
+};
+
+// A call whose request is parsed.
+struct ParsedCall {
+  std::function<absl::Status(const CallInfo&)> work;
+  CallDemand demand;
+};
+
+// The part that does not depend on the messages. `parse` is called at most once, before this
+// returns.
+grpc::ServerUnaryReactor* StartUnaryCall(const CallGate& gate,
+                                         const CallMethod& method,
+                                         grpc::CallbackServerContext* context,
+                                         int64_t request_bytes,
+                                         absl::FunctionRef<absl::StatusOr<ParsedCall>()> parse);
+
+template <typename Request, typename Response>
+grpc::ServerUnaryReactor* RunUnaryCall(const CallGate& gate,
                                        grpc::CallbackServerContext* context,
-                                       WorkerPool& pool,
-                                       CallHandler handler);
+                                       const grpc::ByteBuffer* request,
+                                       grpc::ByteBuffer* response,
+                                       UnaryMethod<Request, Response> method) {
+  struct Messages {
+    Request request;
+    Response response;
+  };
+  const auto parse = [&]() -> absl::StatusOr<ParsedCall> {
+    const auto messages = std::make_shared<Messages>();
+    // gRPC gives the bytes to this call alone; they go as soon as they are parsed.
+    auto* const bytes = const_cast<grpc::ByteBuffer*>(request);
+    if (bytes->Length() > 0 &&
+        !grpc::SerializationTraits<Request>::Deserialize(bytes, &messages->request).ok()) {
+      return absl::InvalidArgumentError("the request is not a message of this method");
+    }
+    bytes->Clear();
+    ParsedCall call;
+    if (method.demand) {
+      HOROPTER_ASSIGN_OR_RETURN(call.demand, method.demand(messages->request));
+    }
+    call.work = [messages, response, handle = std::move(method.handle)](
+                    const CallInfo& info) -> absl::Status {
+      HOROPTER_RETURN_IF_ERROR(handle(messages->request, info, &messages->response));
+      messages->request.Clear();
+      bool own = false;
+      const grpc::Status sent =
+          grpc::SerializationTraits<Response>::Serialize(messages->response, response, &own);
+      return sent.ok() ? absl::OkStatus() : absl::InternalError(sent.error_message());
+    };
+    return call;
+  };
+  return StartUnaryCall(
+      gate, method.method, context, static_cast<int64_t>(request->Length()), parse);
+}
 
 }  // namespace horopter

@@ -1,10 +1,16 @@
 #include "server/service/worker_pool.h"
 
 #include <algorithm>
-#include <chrono>
+#include <tuple>
 #include <utility>
 
 namespace horopter {
+namespace {
+
+// Peers whose turns are remembered; forgetting them all costs one round of fairness.
+constexpr size_t kMaxPeers = 1000;
+
+}  // namespace
 
 WorkerPool::WorkerPool(int threads, int queue_limit) : queue_limit_(queue_limit) {
   for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Run(); });
@@ -15,16 +21,54 @@ WorkerPool::~WorkerPool() {
   for (std::thread& thread : threads_) thread.join();
 }
 
-WorkerPool::Admission WorkerPool::TrySubmit(std::function<void()> job) {
+int WorkerPool::QueueLimitOf(const JobTraits& traits) const {
+  if (traits.batch) return queue_limit_ - queue_limit_ / 2;
+  const bool waits = std::any_of(
+      queue_.begin(), queue_.end(), [&](const Job& job) { return job.traits.peer == traits.peer; });
+  return waits ? queue_limit_ - queue_limit_ / 4 : queue_limit_;
+}
+
+bool WorkerPool::IsTooLate(const JobTraits& traits) const {
+  if (!measured_ || running_ < static_cast<int>(threads_.size()) ||
+      traits.deadline == std::chrono::steady_clock::time_point::max()) {
+    return false;
+  }
+  const auto ahead = std::count_if(queue_.begin(), queue_.end(), [&](const Job& job) {
+    return traits.batch || !job.traits.batch;
+  });
+  // Those that run are halfway through.
+  const double wait_seconds =
+      mean_job_seconds_ * (0.5 + static_cast<double>(ahead)) / static_cast<double>(threads_.size());
+  const std::chrono::duration<double> left = traits.deadline - std::chrono::steady_clock::now();
+  return wait_seconds > left.count();
+}
+
+WorkerPool::Submission WorkerPool::TrySubmit(std::function<void()> job, const JobTraits& traits) {
+  Submission submission;
   {
     const std::lock_guard lock(mutex_);
-    if (closed_) return Admission::kClosed;
+    if (closed_) return {Admission::kClosed, 0};
     const int ahead = running_ + static_cast<int>(queue_.size());
-    if (ahead >= static_cast<int>(threads_.size()) + queue_limit_) return Admission::kQueueFull;
-    queue_.push_back(std::move(job));
+    if (ahead >= static_cast<int>(threads_.size()) + QueueLimitOf(traits)) {
+      return {Admission::kQueueFull, 0};
+    }
+    if (IsTooLate(traits)) return {Admission::kTooLate, 0};
+    submission = {Admission::kAccepted, next_ticket_++};
+    queue_.push_back({submission.ticket, std::move(job), traits});
   }
   wake_.notify_one();
-  return Admission::kAccepted;
+  return submission;
+}
+
+bool WorkerPool::Withdraw(uint64_t ticket) {
+  Job withdrawn;  // destroyed outside of the lock
+  const std::lock_guard lock(mutex_);
+  const auto found = std::find_if(
+      queue_.begin(), queue_.end(), [&](const Job& job) { return job.ticket == ticket; });
+  if (found == queue_.end()) return false;
+  withdrawn = std::move(*found);
+  queue_.erase(found);
+  return true;
 }
 
 void WorkerPool::Close() {
@@ -42,23 +86,46 @@ int WorkerPool::RetryAfterMs() const {
   return static_cast<int>(std::clamp(1000.0 * mean_job_seconds_ * jobs_ahead, 100.0, 30000.0));
 }
 
+WorkerPool::Load WorkerPool::load() const {
+  const std::lock_guard lock(mutex_);
+  return {running_, static_cast<int>(queue_.size())};
+}
+
+WorkerPool::Job WorkerPool::TakeNext() {
+  const auto turn = [&](const Job& job) {
+    const auto known = last_turn_.find(job.traits.peer);
+    return std::tuple(job.traits.batch, known == last_turn_.end() ? 0 : known->second, job.ticket);
+  };
+  const auto next = std::min_element(
+      queue_.begin(), queue_.end(), [&](const Job& a, const Job& b) { return turn(a) < turn(b); });
+  Job job = std::move(*next);
+  queue_.erase(next);
+  try {
+    if (last_turn_.size() >= kMaxPeers) last_turn_.clear();
+    last_turn_[job.traits.peer] = ++turns_;
+  } catch (...) {
+    // Out of memory: this turn is not remembered.
+  }
+  return job;
+}
+
 void WorkerPool::Run() {
   constexpr double kMeanWeight = 0.2;  // of the newest job
   std::unique_lock lock(mutex_);
   while (true) {
     wake_.wait(lock, [this] { return closed_ || !queue_.empty(); });
     if (queue_.empty()) return;
-    std::function<void()> job = std::move(queue_.front());
-    queue_.pop_front();
+    Job job = TakeNext();
     ++running_;
     lock.unlock();
     const auto start = std::chrono::steady_clock::now();
-    job();
-    job = nullptr;
+    job.run();
+    job = {};
     const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
     lock.lock();
     --running_;
-    mean_job_seconds_ += kMeanWeight * (elapsed.count() - mean_job_seconds_);
+    mean_job_seconds_ += (measured_ ? kMeanWeight : 1.0) * (elapsed.count() - mean_job_seconds_);
+    measured_ = true;
   }
 }
 

@@ -77,7 +77,8 @@ LIBRARIES = collections.OrderedDict([
     ("OpenCV core", (r"opencv2/core(\.hpp$|/)",
                      ["server/vision/features", "server/vision/matching", "server/pipeline", "server/service",
                       "client"])),
-    ("OpenCV image files", (r"opencv2/imgcodecs(\.hpp$|/)", ["server/service", "client"])),
+    ("OpenCV image files", (r"opencv2/imgcodecs(\.hpp$|/)", ["client"])),
+    ("image formats", (r"(jpeglib|jerror|png|tiffio)\.h$|webp/", ["server/service"])),
     ("OpenCV", (r"opencv2/", ["server/vision/features", "server/vision/matching", "client"])),
     ("Ceres", (r"ceres/", STAGES + ["server/vision/geometry"])),
     ("OpenCASCADE", (r"[A-Za-z0-9]+_?[A-Za-z0-9_]*\.hxx$", ["client"])),
@@ -103,6 +104,7 @@ ONLY_IN_SOURCES = ["Ceres"]  # too heavy for our headers
 
 # (file or folder, library or folder, why). The only place where a rule may be broken.
 EXCEPTIONS = [
+    ("server/service/raw_frame.cc", "OpenCV", "mosaics and colour spaces of raw frames"),
     ("server/vision/recognition/interpretation", "OpenCV core", "the aspects' route reads the request's images"),
     ("server/vision/recognition/scene", "OpenCV core", "texture on faces is read from the request's images"),
     ("server/vision/recognition/scene", "OpenCV", "texture on faces is compared in rectified patches"),

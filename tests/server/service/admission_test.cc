@@ -12,6 +12,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <thread>
 
+#include "horopter/v1/server.grpc.pb.h"
 #include "server/service/rpc_status.h"
 #include "tests/support/scratch_dir.h"
 #include "tests/support/service_fixture.h"
@@ -76,6 +77,15 @@ class Gate {
 grpc::Status Recognize(TestServer& server, grpc::ClientContext& context) {
   v1::RecognizeSceneResponse answer;
   return server.recognition().RecognizeScene(&context, OneImage(), &answer);
+}
+
+v1::ServerInfo Info(TestServer& server) {
+  grpc::ClientContext context;
+  v1::ServerInfo info;
+  EXPECT_TRUE(v1::ServerService::NewStub(server.channel())
+                  ->GetServerInfo(&context, v1::GetServerInfoRequest(), &info)
+                  .ok());
+  return info;
 }
 
 TEST(Admission, ADeadlineStopsTheRunningStages) {
@@ -194,6 +204,94 @@ TEST(Admission, AFullQueueIsRefusedAtOnceWithARetryHintAndTheOthersFinish) {
   EXPECT_EQ(gate.entered(), 3);
 }
 
+TEST(Admission, ACallCancelledInTheQueueGivesItsPlaceBackAtOnce) {
+  Gate gate;
+  ServerOptions options;
+  options.queue = 1;
+  TestServer server(gate.recognizer(), options);
+  grpc::ClientContext first, second, third;
+  auto running = std::async(std::launch::async, [&] { return Recognize(server, first); });
+  ASSERT_TRUE(gate.AwaitEntered(1));
+  auto waiting = std::async(std::launch::async, [&] { return Recognize(server, second); });
+  const auto info = [&] { return Info(server).load(); };
+  while (info().waiting() < 1) std::this_thread::sleep_for(1ms);
+  const int64_t held = info().reserved_bytes();
+  second.TryCancel();
+  EXPECT_EQ(waiting.get().error_code(), grpc::StatusCode::CANCELLED);
+  while (info().waiting() > 0) std::this_thread::sleep_for(1ms);
+  EXPECT_LT(info().reserved_bytes(), held);
+  EXPECT_EQ(info().running(), 1) << "the first one still runs";
+  auto next = std::async(std::launch::async, [&] { return Recognize(server, third); });
+  while (info().waiting() < 1) {
+    ASSERT_NE(next.wait_for(1ms), std::future_status::ready) << next.get().error_message();
+  }
+  gate.Open();
+  EXPECT_TRUE(running.get().ok());
+  EXPECT_TRUE(next.get().ok());
+}
+
+TEST(Admission, BytesAreReservedBeforeACallIsQueuedAndGivenBackAfterIt) {
+  Gate gate;
+  ServerOptions options;
+  options.max_message_mb = options.max_object_mb = 8;
+  options.memory_mb = 16;
+  options.queue = 100;
+  TestServer server(gate.recognizer(), options);
+  // 600 x 600 raw pixels: 0.36 MB twice and 24 bytes a pixel, so that one fits and a second does
+  // not.
+  v1::RecognizeSceneRequest large;
+  v1::RawFrame* frame = large.add_images()->mutable_raw();
+  frame->set_format(v1::RawFrame::PIXEL_FORMAT_GRAY8);
+  frame->set_width_px(600);
+  frame->set_height_px(600);
+  frame->set_data(std::string(600 * 600, 'x'));
+  const auto call = [&](grpc::ClientContext& context) {
+    v1::RecognizeSceneResponse answer;
+    return server.recognition().RecognizeScene(&context, large, &answer);
+  };
+  grpc::ClientContext first, second, third, fourth;
+  auto running = std::async(std::launch::async, [&] { return call(first); });
+  ASSERT_TRUE(gate.AwaitEntered(1));
+  EXPECT_EQ(call(second).error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_GE(std::atoi(Trailing(second, kRetryAfterKey).c_str()), 100);
+  gate.Open();
+  EXPECT_TRUE(running.get().ok());
+  while (Info(server).load().reserved_bytes() > 0) std::this_thread::sleep_for(1ms);
+  EXPECT_TRUE(call(third).ok());
+  // What no waiting helps is refused without a time to try again.
+  frame->set_width_px(1000);
+  frame->set_height_px(1000);
+  frame->set_data(std::string(1000 * 1000, 'x'));
+  EXPECT_EQ(call(fourth).error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_EQ(Trailing(fourth, kRetryAfterKey), "");
+}
+
+TEST(Admission, EachMethodHasItsOwnMessageLimit) {
+  TestServer server(Gate().recognizer());
+  v1::GetObjectRequest request;
+  request.set_name(std::string(2 << 20, 'x'));
+  grpc::ClientContext context;
+  v1::Object object;
+  EXPECT_EQ(server.catalog().GetObject(&context, request, &object).error_code(),
+            grpc::StatusCode::RESOURCE_EXHAUSTED);
+}
+
+TEST(Admission, TheServerTellsItsLimits) {
+  ServerOptions options;
+  options.images.max_pixels = 12345678;
+  options.queue = 3;
+  TestServer server(Gate().recognizer(), options);
+  ASSERT_TRUE(server.Enrol("box"));
+  const v1::ServerInfo info = Info(server);
+  EXPECT_FALSE(info.version().empty());
+  EXPECT_GT(info.start_time().seconds(), 0);
+  EXPECT_EQ(info.limits().max_images(), 32);
+  EXPECT_EQ(info.limits().max_image_pixels(), 12345678);
+  EXPECT_EQ(info.limits().queue(), 3);
+  EXPECT_EQ(info.object_count(), 1);
+  EXPECT_GE(info.catalog_generation(), 1);
+}
+
 // Over the network: gRPC's in-process transport cannot begin a call on a server that shuts down.
 TEST(Admission, DrainingFinishesWhatRunsAndRefusesWhatComes) {
   Gate gate;
@@ -262,7 +360,10 @@ std::string HealthAnswer(TestServer& server, const std::string& service) {
 
 TEST(Admission, HealthSaysServingForTheServerAndEachService) {
   TestServer server(Gate().recognizer());
-  for (const char* service : {"", "horopter.v1.RecognitionService", "horopter.v1.CatalogService"}) {
+  for (const char* service : {"",
+                              "horopter.v1.RecognitionService",
+                              "horopter.v1.CatalogService",
+                              "horopter.v1.ServerService"}) {
     EXPECT_EQ(HealthAnswer(server, service), "\x08\x01") << service;
   }
   EXPECT_EQ(HealthAnswer(server, "nonsense"), "error");

@@ -11,6 +11,7 @@
 
 #include "server/service/rpc_status.h"
 #include "tests/support/fake_objects.h"
+#include "tests/support/png_size.h"
 #include "tests/support/scratch_dir.h"
 #include "tests/support/service_fixture.h"
 
@@ -127,8 +128,7 @@ TEST_F(RecognitionServiceTest, RefusesBadImagesByTheirIndexAndStaysUp) {
   ExpectRefused(WithImages({good, good, "junk"}), "images[2].content", "not an image");
   ExpectRefused(WithImages({Png(1, 1), good}), "images[0].content", "too small");
   ExpectRefused(WithImages({good, good.substr(0, good.size() / 2)}), "images[1].content", "");
-  std::string huge = good;
-  huge.replace(16, 8, std::string("\x00\x00\xff\xff\x00\x00\xff\xff", 8));
+  const std::string huge = WithPngSize(good, 65535, 65535);
   ExpectRefused(WithImages({good, huge}), "images[1].content", "65535x65535 pixels is too large");
   EXPECT_TRUE(Call(WithImages({good})).ok());
 }

@@ -1,0 +1,53 @@
+// Encoded images by the libraries that define their formats: the size a decoder works with is the
+// one that was checked, and pixels are written only into memory that was made for that size.
+#pragma once
+
+#include <cstdint>
+#include <opencv2/core/mat.hpp>
+#include <string_view>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "server/base/stop_token.h"
+
+namespace horopter {
+
+// What an image is once decoded: `channels` 1 (grey) or 3 (BGR), `bits` 8 or 16 per channel.
+struct ImageShape {
+  int64_t width = 0;
+  int64_t height = 0;
+  int channels = 3;
+  int bits = 8;
+
+  friend bool operator==(const ImageShape&, const ImageShape&) = default;
+};
+
+// One format. Any bytes may be given to all three functions; none throws for what they say.
+struct ImageCodec {
+  const char* name = "";
+  // PNM and TIFF: no camera sends them, their readers are the largest or the least tried.
+  bool only_on_request = false;
+  bool (*starts)(std::string_view bytes) = nullptr;
+  // Reads the header alone. Errors: INVALID_ARGUMENT (damaged, cut off, a variant that is not
+  // read), RESOURCE_EXHAUSTED.
+  absl::StatusOr<ImageShape> (*shape)(std::string_view bytes) = nullptr;
+  // Fills `image`, which has the size and type of the shape. An alpha channel is dropped, an
+  // orientation tag is ignored. Errors: as above, also when the pixels are damaged or cut off;
+  // CANCELLED.
+  absl::Status (*decode)(std::string_view bytes,
+                         const StopRequested& stop,
+                         cv::Mat& image) = nullptr;
+};
+
+// Errors: INVALID_ARGUMENT (no known format).
+absl::StatusOr<const ImageCodec*> FindCodec(std::string_view bytes);
+
+// The formats, one file each.
+ImageCodec JpegCodec();
+ImageCodec PngCodec();
+ImageCodec WebpCodec();
+ImageCodec BmpCodec();
+ImageCodec PnmCodec();
+ImageCodec TiffCodec();
+
+}  // namespace horopter

@@ -1,0 +1,24 @@
+// Frames as cameras deliver them, without a file format.
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "server/service/image_codecs.h"
+
+namespace horopter::v1 {
+class RawFrame;
+}
+
+namespace horopter {
+
+// Shape of the image that the frame becomes, after its format, sizes and stride were held against
+// its bytes. `field` names the frame. Errors: INVALID_ARGUMENT naming the field.
+absl::StatusOr<ImageShape> RawFrameShape(const v1::RawFrame& frame, const std::string& field);
+
+// Fills `image`, which has the size and type of the frame's shape: Bayer mosaics are interpolated,
+// NV12 is taken as BT.601 with limited range.
+void ConvertRawFrame(const v1::RawFrame& frame, cv::Mat& image);
+
+}  // namespace horopter
