@@ -1,9 +1,16 @@
 #include "client/api.h"
 
+#include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/grpcpp.h>
 
 #include <chrono>
+#include <condition_variable>
+#include <map>
+#include <mutex>
+#include <thread>
 
+#include "absl/strings/cord.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "client/convert.h"
 #include "horopter/v1/catalog.grpc.pb.h"
@@ -14,6 +21,8 @@ namespace horopter {
 namespace {
 
 constexpr char kFieldKey[] = "horopter-error-field";
+constexpr char kRetryAfterKey[] = "retry-after-ms";
+constexpr char kRequestIdKey[] = "horopter-request-id";
 constexpr int kPageSize = 200;
 
 void SetDeadline(grpc::ClientContext& context, double timeout_s) {
@@ -21,21 +30,52 @@ void SetDeadline(grpc::ClientContext& context, double timeout_s) {
                        std::chrono::milliseconds(static_cast<long>(timeout_s * 1e3)));
 }
 
+std::string ValueOf(const std::multimap<grpc::string_ref, grpc::string_ref>& metadata,
+                    const char* key) {
+  const auto it = metadata.find(key);
+  return it == metadata.end() ? "" : std::string(it->second.data(), it->second.size());
+}
+
+// The context must be of a call that is over.
 absl::Status ToAbsl(const grpc::Status& status,
                     const grpc::ClientContext& context,
                     const std::string& address) {
   if (status.ok()) return absl::OkStatus();
   std::string message = status.error_message();
   const auto& trailers = context.GetServerTrailingMetadata();
-  if (const auto it = trailers.find(kFieldKey); it != trailers.end()) {
-    const std::string field(it->second.data(), it->second.size());
-    if (message.find(field) == std::string::npos) absl::StrAppend(&message, " (field ", field, ")");
+  const std::string field = ValueOf(trailers, kFieldKey);
+  const std::string retry = ValueOf(trailers, kRetryAfterKey);
+  const std::string request = ValueOf(context.GetServerInitialMetadata(), kRequestIdKey);
+  if (!field.empty() && message.find(field) == std::string::npos) {
+    absl::StrAppend(&message, " (field ", field, ")");
   }
   if (status.error_code() == grpc::StatusCode::UNAVAILABLE) {
     message = absl::StrCat("server ", address, " cannot be reached: ", message);
   }
+  if (!request.empty()) absl::StrAppend(&message, " (request ", request, ")");
   // The codes of absl and gRPC have the same numbers.
-  return absl::Status(static_cast<absl::StatusCode>(status.error_code()), message);
+  absl::Status out(static_cast<absl::StatusCode>(status.error_code()), message);
+  if (!field.empty()) out.SetPayload(kFieldKey, absl::Cord(field));
+  if (!retry.empty()) out.SetPayload(kRetryAfterKey, absl::Cord(retry));
+  if (!request.empty()) out.SetPayload(kRequestIdKey, absl::Cord(request));
+  return out;
+}
+
+std::string PayloadOf(const absl::Status& status, const char* key) {
+  const auto payload = status.GetPayload(key);
+  return payload.has_value() ? std::string(*payload) : "";
+}
+
+// The one field of a health answer, `status`, is an enum; 1: SERVING.
+bool IsServing(const grpc::ByteBuffer& response) {
+  std::vector<grpc::Slice> slices;
+  std::string bytes;
+  if (response.Dump(&slices).ok()) {
+    for (const grpc::Slice& s : slices) {
+      bytes.append(reinterpret_cast<const char*>(s.begin()), s.size());
+    }
+  }
+  return bytes == std::string("\x08\x01", 2);
 }
 
 v1::Object ObjectMessage(const ObjectModel& model, const CadFile& file) {
@@ -53,42 +93,103 @@ v1::Object ObjectMessage(const ObjectModel& model, const CadFile& file) {
 
 }  // namespace
 
+std::string RequestIdOf(const absl::Status& status) {
+  return PayloadOf(status, kRequestIdKey);
+}
+
+std::string ErrorFieldOf(const absl::Status& status) {
+  return PayloadOf(status, kFieldKey);
+}
+
+std::optional<int> RetryAfterMsOf(const absl::Status& status) {
+  const std::string text = PayloadOf(status, kRetryAfterKey);
+  int ms = 0;
+  if (!absl::SimpleAtoi(text, &ms) || ms < 0) return std::nullopt;
+  return ms;
+}
+
 struct HoropterClient::Stubs {
+  std::shared_ptr<grpc::Channel> channel;
   std::unique_ptr<v1::CatalogService::Stub> catalog;
   std::unique_ptr<v1::RecognitionService::Stub> recognition;
 };
 
 HoropterClient::HoropterClient(const std::string& address, double timeout_s)
-    : stubs_(std::make_unique<Stubs>()), address_(address), timeout_s_(timeout_s) {
+    : HoropterClient(address, ClientOptions{timeout_s, 0, {}, {}}) {}
+
+HoropterClient::HoropterClient(const std::string& address, ClientOptions options)
+    : stubs_(std::make_unique<Stubs>()), address_(address), options_(std::move(options)) {
   grpc::ChannelArguments arguments;
   arguments.SetMaxReceiveMessageSize(-1);  // CAD files; the server bounds what it takes
   arguments.SetMaxSendMessageSize(-1);
-  const auto channel =
+  stubs_->channel =
       grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
-  stubs_->catalog = v1::CatalogService::NewStub(channel);
-  stubs_->recognition = v1::RecognitionService::NewStub(channel);
+  stubs_->catalog = v1::CatalogService::NewStub(stubs_->channel);
+  stubs_->recognition = v1::RecognitionService::NewStub(stubs_->channel);
+}
+
+std::shared_ptr<grpc::Channel> HoropterClient::channel() const {
+  return stubs_->channel;
+}
+
+absl::Status HoropterClient::Call(const std::function<void(grpc::ClientContext*, Done)>& start) {
+  using Clock = std::chrono::system_clock;
+  constexpr auto kSlice = std::chrono::milliseconds(50);
+  const auto deadline =
+      Clock::now() + std::chrono::milliseconds(static_cast<int64_t>(options_.timeout_s * 1e3));
+  const auto interrupted = [&] { return options_.interrupted && options_.interrupted(); };
+  for (int tries = 0;; ++tries) {
+    grpc::ClientContext context;
+    context.set_deadline(deadline);
+    std::mutex mutex;
+    std::condition_variable finished;
+    std::optional<grpc::Status> result;
+    start(&context, [&](grpc::Status status) {
+      const std::lock_guard lock(mutex);
+      result = std::move(status);
+      finished.notify_all();  // under the lock: the waiting thread owns all of this
+    });
+    {
+      std::unique_lock lock(mutex);
+      bool cancelled = false;
+      while (!result) {
+        finished.wait_for(lock, kSlice);
+        if (!result && !cancelled && interrupted()) context.TryCancel(), cancelled = true;
+      }
+    }
+    const absl::Status status = ToAbsl(*result, context, address_);
+    if (absl::IsCancelled(status) && interrupted()) return absl::CancelledError("interrupted");
+    const std::optional<int> retry_ms = RetryAfterMsOf(status);
+    if (!absl::IsResourceExhausted(status) || !retry_ms || tries >= options_.max_retries) {
+      return status;
+    }
+    const auto again = Clock::now() + std::chrono::milliseconds(*retry_ms);
+    if (again >= deadline) return status;
+    if (options_.on_retry) options_.on_retry(*retry_ms);
+    while (Clock::now() < again) {
+      if (interrupted()) return absl::CancelledError("interrupted");
+      std::this_thread::sleep_for(std::min<Clock::duration>(kSlice, again - Clock::now()));
+    }
+  }
 }
 
 HoropterClient::~HoropterClient() = default;
 
 absl::StatusOr<v1::Object> HoropterClient::CreateObject(const ObjectModel& model,
                                                         const CadFile& file) {
-  grpc::ClientContext context;
-  SetDeadline(context, timeout_s_);
   v1::CreateObjectRequest request;
   request.set_object_id(model.id);
   *request.mutable_object() = ObjectMessage(model, file);
   v1::Object response;
-  HOROPTER_RETURN_IF_ERROR(
-      ToAbsl(stubs_->catalog->CreateObject(&context, request, &response), context, address_));
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->CreateObject(context, &request, &response, std::move(done));
+  }));
   return response;
 }
 
 absl::StatusOr<v1::Object> HoropterClient::UpdateObject(const ObjectModel& model,
                                                         const CadFile& file,
                                                         const ObjectUpdate& what) {
-  grpc::ClientContext context;
-  SetDeadline(context, timeout_s_);
   v1::UpdateObjectRequest request;
   *request.mutable_object() = ObjectMessage(model, file);
   auto* mask = request.mutable_update_mask();
@@ -101,8 +202,9 @@ absl::StatusOr<v1::Object> HoropterClient::UpdateObject(const ObjectModel& model
   if (what.grasps) mask->add_paths("grasps");
   if (what.display_name) mask->add_paths("display_name");
   v1::Object response;
-  HOROPTER_RETURN_IF_ERROR(
-      ToAbsl(stubs_->catalog->UpdateObject(&context, request, &response), context, address_));
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->UpdateObject(context, &request, &response, std::move(done));
+  }));
   return response;
 }
 
@@ -110,31 +212,29 @@ absl::Status HoropterClient::PutObject(const v1::Object& object) {
   v1::Object response;
   absl::Status created;
   {
-    grpc::ClientContext context;
-    SetDeadline(context, timeout_s_);
     v1::CreateObjectRequest request;
     request.set_object_id(IdOfResource(object.name()));
     *request.mutable_object() = object;
-    created =
-        ToAbsl(stubs_->catalog->CreateObject(&context, request, &response), context, address_);
+    created = Call([&](grpc::ClientContext* context, Done done) {
+      stubs_->catalog->async()->CreateObject(context, &request, &response, std::move(done));
+    });
   }
   if (!absl::IsAlreadyExists(created)) return created;
-  grpc::ClientContext context;
-  SetDeadline(context, timeout_s_);
   v1::UpdateObjectRequest request;
   *request.mutable_object() = object;
-  return ToAbsl(stubs_->catalog->UpdateObject(&context, request, &response), context, address_);
+  return Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->UpdateObject(context, &request, &response, std::move(done));
+  });
 }
 
 absl::StatusOr<v1::Object> HoropterClient::GetObject(const std::string& id, v1::ObjectView view) {
-  grpc::ClientContext context;
-  SetDeadline(context, timeout_s_);
   v1::GetObjectRequest request;
   request.set_name(ResourceName(id));
   request.set_view(view);
   v1::Object response;
-  HOROPTER_RETURN_IF_ERROR(
-      ToAbsl(stubs_->catalog->GetObject(&context, request, &response), context, address_));
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->GetObject(context, &request, &response, std::move(done));
+  }));
   return response;
 }
 
@@ -143,11 +243,10 @@ absl::StatusOr<std::vector<v1::Object>> HoropterClient::ListObjects() {
   v1::ListObjectsRequest request;
   request.set_page_size(kPageSize);
   do {
-    grpc::ClientContext context;
-    SetDeadline(context, timeout_s_);
     v1::ListObjectsResponse response;
-    HOROPTER_RETURN_IF_ERROR(
-        ToAbsl(stubs_->catalog->ListObjects(&context, request, &response), context, address_));
+    HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+      stubs_->catalog->async()->ListObjects(context, &request, &response, std::move(done));
+    }));
     for (v1::Object& object : *response.mutable_objects()) objects.push_back(std::move(object));
     request.set_page_token(response.next_page_token());
   } while (!request.page_token().empty());
@@ -155,51 +254,48 @@ absl::StatusOr<std::vector<v1::Object>> HoropterClient::ListObjects() {
 }
 
 absl::Status HoropterClient::DeleteObject(const std::string& id) {
-  grpc::ClientContext context;
-  SetDeadline(context, timeout_s_);
   v1::DeleteObjectRequest request;
   request.set_name(ResourceName(id));
   google::protobuf::Empty response;
-  return ToAbsl(stubs_->catalog->DeleteObject(&context, request, &response), context, address_);
+  return Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->DeleteObject(context, &request, &response, std::move(done));
+  });
 }
 
 absl::StatusOr<v1::ListLookAlikesResponse> HoropterClient::ListLookAlikes(const std::string& id) {
-  grpc::ClientContext context;
-  SetDeadline(context, timeout_s_);
   v1::ListLookAlikesRequest request;
   request.set_name(ResourceName(id));
   v1::ListLookAlikesResponse response;
-  HOROPTER_RETURN_IF_ERROR(
-      ToAbsl(stubs_->catalog->ListLookAlikes(&context, request, &response), context, address_));
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->ListLookAlikes(context, &request, &response, std::move(done));
+  }));
   return response;
 }
 
 absl::StatusOr<v1::VerifyCatalogResponse> HoropterClient::VerifyCatalog(bool recompute) {
-  grpc::ClientContext context;
-  SetDeadline(context, timeout_s_);
   v1::VerifyCatalogRequest request;
   request.set_recompute(recompute);
   v1::VerifyCatalogResponse response;
-  HOROPTER_RETURN_IF_ERROR(
-      ToAbsl(stubs_->catalog->VerifyCatalog(&context, request, &response), context, address_));
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->VerifyCatalog(context, &request, &response, std::move(done));
+  }));
   return response;
 }
 
 absl::StatusOr<bool> HoropterClient::RebuildObject(const std::string& id) {
-  grpc::ClientContext context;
-  SetDeadline(context, timeout_s_);
   v1::RebuildObjectRequest request;
   request.set_name(ResourceName(id));
   v1::RebuildObjectResponse response;
-  HOROPTER_RETURN_IF_ERROR(
-      ToAbsl(stubs_->catalog->RebuildObject(&context, request, &response), context, address_));
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->RebuildObject(context, &request, &response, std::move(done));
+  }));
   return response.changed();
 }
 
 absl::Status HoropterClient::BackupCatalog(
     const std::function<absl::Status(const std::string& chunk)>& write) {
   grpc::ClientContext context;
-  SetDeadline(context, timeout_s_);
+  SetDeadline(context, options_.timeout_s);
   const auto reader = stubs_->catalog->BackupCatalog(&context, {});
   v1::BackupCatalogResponse response;
   int64_t received = 0, total = 0;
@@ -221,12 +317,23 @@ absl::Status HoropterClient::BackupCatalog(
 
 absl::StatusOr<v1::RecognizeSceneResponse> HoropterClient::RecognizeScene(
     const v1::RecognizeSceneRequest& request) {
-  grpc::ClientContext context;
-  SetDeadline(context, timeout_s_);
   v1::RecognizeSceneResponse response;
-  HOROPTER_RETURN_IF_ERROR(
-      ToAbsl(stubs_->recognition->RecognizeScene(&context, request, &response), context, address_));
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->recognition->async()->RecognizeScene(context, &request, &response, std::move(done));
+  }));
   return response;
+}
+
+absl::StatusOr<bool> HoropterClient::CheckHealth() {
+  grpc::GenericStub stub(stubs_->channel);
+  grpc::ByteBuffer response;
+  const grpc::Slice nothing(std::string{});
+  const grpc::ByteBuffer request(&nothing, 1);  // of no service: the server as a whole
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stub.UnaryCall(
+        context, "/grpc.health.v1.Health/Check", {}, &request, &response, std::move(done));
+  }));
+  return IsServing(response);
 }
 
 }  // namespace horopter

@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,12 @@
 #include "horopter/v1/catalog.pb.h"
 #include "horopter/v1/recognition.pb.h"
 #include "server/vision/geometry/object_model.h"
+
+namespace grpc {
+class Channel;
+class ClientContext;
+class Status;
+}  // namespace grpc
 
 namespace horopter {
 
@@ -28,14 +35,31 @@ struct ObjectUpdate {
   bool display_name = false;
 };
 
-// Every call waits at most `timeout_s`. Errors keep the server's code; the message says the address
-// when it cannot be reached and the offending field when the server names one. Thread-safe.
+struct ClientOptions {
+  double timeout_s = 600.0;  // of one call, with all its tries
+  // How often a call that was refused with a time to try again is tried again, after that time.
+  int max_retries = 0;
+  // Asked some times a second; true cancels the call. Empty: never.
+  std::function<bool()> interrupted;
+  // Told before each wait; empty: nobody.
+  std::function<void(int retry_after_ms)> on_retry;
+};
+
+// What the server says of a failed call beside code and message; of errors of this client only.
+std::string RequestIdOf(const absl::Status& status);   // empty: it did not say
+std::string ErrorFieldOf(const absl::Status& status);  // empty: none
+std::optional<int> RetryAfterMsOf(const absl::Status& status);
+
+// Errors keep the server's code; the message says the address when it cannot be reached, the
+// offending field when the server names one, and the request's id in the server's log.
+// Thread-safe.
 //
 //   HoropterClient client("localhost:50051", 60.0);
 //   auto objects = client.ListObjects();
 class HoropterClient {
  public:
   HoropterClient(const std::string& address, double timeout_s);
+  HoropterClient(const std::string& address, ClientOptions options);
   ~HoropterClient();
 
   // model.id names the object.
@@ -56,12 +80,22 @@ class HoropterClient {
   absl::Status BackupCatalog(const std::function<absl::Status(const std::string& chunk)>& write);
   absl::StatusOr<v1::RecognizeSceneResponse> RecognizeScene(
       const v1::RecognizeSceneRequest& request);
+  // True: the server takes calls; false: it is stopping.
+  absl::StatusOr<bool> CheckHealth();
+
+  const std::string& address() const { return address_; }
+  double timeout_s() const { return options_.timeout_s; }
+  std::shared_ptr<grpc::Channel> channel() const;
 
  private:
   struct Stubs;
+  using Done = std::function<void(grpc::Status)>;
+  // Runs one unary call to its end: tries, waits, interruption.
+  absl::Status Call(const std::function<void(grpc::ClientContext*, Done)>& start);
+
   std::unique_ptr<Stubs> stubs_;
   std::string address_;
-  double timeout_s_;
+  ClientOptions options_;
 };
 
 }  // namespace horopter

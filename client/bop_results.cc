@@ -67,8 +67,7 @@ absl::StatusOr<BopEstimate> ParseRow(const std::string& line, const std::string&
   return e;
 }
 
-absl::StatusOr<BopCameras> ReadCameras(const std::string& path) {
-  BopCameras cameras;
+absl::Status ReadCameras(const std::string& path, BopResults* results) {
   try {
     std::ifstream file(path);
     const nlohmann::json json = nlohmann::json::parse(file);
@@ -79,14 +78,18 @@ absl::StatusOr<BopCameras> ReadCameras(const std::string& path) {
           return absl::InvalidArgumentError(
               absl::StrCat(path, ": scene ", scene, ", image ", im, ": cam_K needs 9 numbers"));
         }
-        cameras[std::stoi(scene)][std::stoi(im)] =
+        results->cameras[std::stoi(scene)][std::stoi(im)] =
             Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(k.data());
+        if (camera.contains("cam_dist")) {
+          results->distortions[std::stoi(scene)][std::stoi(im)] =
+              camera["cam_dist"].get<std::vector<double>>();
+        }
       }
     }
   } catch (const std::exception& e) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": ", e.what()));
   }
-  return cameras;
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -131,7 +134,12 @@ absl::Status WriteBopResults(const BopResults& results, const std::string& csv_p
     for (const auto& [im, K] : images) {
       std::vector<double> k;
       for (int i = 0; i < 9; ++i) k.push_back(K(i / 3, i % 3));
-      cameras[std::to_string(scene)][std::to_string(im)]["cam_K"] = k;
+      nlohmann::json& camera = cameras[std::to_string(scene)][std::to_string(im)];
+      camera["cam_K"] = k;
+      const auto of_scene = results.distortions.find(scene);
+      if (of_scene == results.distortions.end()) continue;
+      const auto of_image = of_scene->second.find(im);
+      if (of_image != of_scene->second.end()) camera["cam_dist"] = of_image->second;
     }
   }
   HOROPTER_RETURN_IF_ERROR(WriteFileAtomically(CamerasPathOf(csv_path), cameras.dump(1) + "\n"));
@@ -154,7 +162,7 @@ absl::StatusOr<BopResults> ReadBopResults(const std::string& csv_path) {
   const std::string cameras = CamerasPathOf(csv_path);
   std::error_code error;
   if (std::filesystem::exists(cameras, error)) {
-    HOROPTER_ASSIGN_OR_RETURN(results.cameras, ReadCameras(cameras));
+    HOROPTER_RETURN_IF_ERROR(ReadCameras(cameras, &results));
   }
   return results;
 }

@@ -22,10 +22,13 @@ struct BopEstimate {
 };
 
 using BopCameras = std::map<int, std::map<int, Eigen::Matrix3d>>;  // scene -> image -> K
+// scene -> image -> k1 k2 p1 p2 .., as cam_dist; any number of them.
+using BopDistortions = std::map<int, std::map<int, std::vector<double>>>;
 
 struct BopResults {
   std::vector<BopEstimate> estimates;
   BopCameras cameras;
+  BopDistortions distortions;  // of images in `cameras`; absent: none
 };
 
 // "results.csv" -> "results.cameras.json".

@@ -5,14 +5,19 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <vector>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/bop_export.h"
 #include "client/cao_file.h"
 #include "client/commands.h"
 #include "client/convert.h"
+#include "client/interrupt.h"
+#include "client/output.h"
+#include "client/progress.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -115,6 +120,23 @@ absl::StatusOr<std::vector<std::string>> AllIds(HoropterClient& client) {
   return ids;
 }
 
+// Names of a server become names of files: nothing but ids may, or a wrong server writes outside of
+// the folder.
+absl::Status CheckFileNames(const std::string& id, const v1::Object& object) {
+  constexpr char kIdLetters[] = "abcdefghijklmnopqrstuvwxyz0123456789_-";
+  const auto is_plain = [&](const std::string& text, size_t longest) {
+    return text.size() <= longest && text.find_first_not_of(kIdLetters) == std::string::npos;
+  };
+  if (id.empty() || !is_plain(id, 63) || !is_plain(object.source().format(), 16)) {
+    return absl::DataLossError(absl::StrCat("the server names an object '",
+                                            absl::CHexEscape(id),
+                                            "' of format '",
+                                            absl::CHexEscape(object.source().format()),
+                                            "': that is no name of a file"));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status Export(HoropterClient& client,
                     const std::vector<std::string>& ids,
                     const std::string& folder) {
@@ -127,8 +149,11 @@ absl::Status Export(HoropterClient& client,
   fs::create_directories(fs::path(folder) / "cao", error);
   const std::vector<int> numbers = NumbersFor(ids);
   std::vector<BopExportEntry> entries;
+  Progress progress("objects", static_cast<int64_t>(ids.size()));
   for (size_t i = 0; i < ids.size(); ++i) {
     HOROPTER_ASSIGN_OR_RETURN(v1::Object object, client.GetObject(ids[i], v1::OBJECT_VIEW_FULL));
+    HOROPTER_RETURN_IF_ERROR(CheckFileNames(ids[i], object));
+    progress.Update(static_cast<int64_t>(i), ids[i]);
     HOROPTER_RETURN_IF_ERROR(
         WriteFile(fs::path(folder) / kObjectsFolder / (ids[i] + kObjectExtension),
                   object.SerializeAsString()));
@@ -154,13 +179,26 @@ absl::Status Export(HoropterClient& client,
     entries.push_back(std::move(entry));
   }
   HOROPTER_RETURN_IF_ERROR(WriteBopLists(folder, entries));
-  std::printf("%zu objects in %s\n", ids.size(), folder.c_str());
+  progress.Clear();
+  Say("%zu objects in %s\n", ids.size(), folder.c_str());
+  SayJson({{"objects", ids}, {"folder", folder}});
   return absl::OkStatus();
+}
+
+nlohmann::json LookAlikesJson(const v1::ListLookAlikesResponse& found) {
+  nlohmann::json list = nlohmann::json::array();
+  for (const v1::LookAlike& a : found.look_alikes()) {
+    list.push_back({{"id", IdOfResource(a.name())},
+                    {"kind", v1::LookAlike::Kind_Name(a.kind()).substr(5)},
+                    {"stretch", std::vector<double>(a.stretch().begin(), a.stretch().end())},
+                    {"matched_corners", a.matched_vertices()}});
+  }
+  return list;
 }
 
 void PrintLookAlikes(const v1::ListLookAlikesResponse& found) {
   for (const v1::LookAlike& look_alike : found.look_alikes()) {
-    std::printf("look-alike: %s\n", Explain(look_alike).c_str());
+    Say("look-alike: %s\n", Explain(look_alike).c_str());
   }
 }
 
@@ -175,9 +213,10 @@ absl::Status ReportLookAlikes(HoropterClient& client, const std::string& id) {
 absl::Status ObjectLookAlikes(HoropterClient& client, const std::string& id) {
   HOROPTER_ASSIGN_OR_RETURN(const v1::ListLookAlikesResponse found, client.ListLookAlikes(id));
   PrintLookAlikes(found);
-  std::printf("%d look-alikes among %d other objects\n",
-              found.look_alikes_size(),
-              static_cast<int>(found.compared()));
+  Say("%d look-alikes among %d other objects\n",
+      found.look_alikes_size(),
+      static_cast<int>(found.compared()));
+  SayJson({{"id", id}, {"look_alikes", LookAlikesJson(found)}, {"compared", found.compared()}});
   return absl::OkStatus();
 }
 
@@ -186,11 +225,16 @@ absl::Status CatalogRebuild(HoropterClient& client, std::vector<std::string> ids
     HOROPTER_ASSIGN_OR_RETURN(ids, AllIds(client));
   }
   int changed = 0;
+  int64_t done = 0;
+  Progress progress("rebuild", static_cast<int64_t>(ids.size()));
   for (const std::string& id : ids) {
     HOROPTER_ASSIGN_OR_RETURN(const bool differed, client.RebuildObject(id));
     changed += differed;
+    progress.Update(++done, id);
   }
-  std::printf("%zu objects rebuilt, the derived data of %d changed\n", ids.size(), changed);
+  progress.Clear();
+  SayJson({{"objects", ids.size()}, {"changed", changed}});
+  Say("%zu objects rebuilt, the derived data of %d changed\n", ids.size(), changed);
   return absl::OkStatus();
 }
 
@@ -203,14 +247,17 @@ absl::Status CatalogVerify(HoropterClient& client,
   HOROPTER_ASSIGN_OR_RETURN(const v1::VerifyCatalogResponse result,
                             client.VerifyCatalog(recompute));
   int problems = 0;
+  nlohmann::json list = nlohmann::json::array();
   for (const auto& problem : result.problems()) {
     const std::string id = problem.name().empty() ? "" : IdOfResource(problem.name());
     if (!ids.empty() && !id.empty() && std::find(ids.begin(), ids.end(), id) == ids.end()) continue;
     ++problems;
-    std::printf("%s: %s\n", id.empty() ? "catalog" : id.c_str(), problem.what().c_str());
+    list.push_back({{"id", id}, {"what", problem.what()}});
+    Say("%s: %s\n", id.empty() ? "catalog" : id.c_str(), problem.what().c_str());
   }
   const int checked = ids.empty() ? result.objects() : static_cast<int>(ids.size());
-  std::printf("%d objects checked, %d problems\n", checked, problems);
+  Say("%d objects checked, %d problems\n", checked, problems);
+  SayJson({{"objects", checked}, {"problems", list}});
   if (problems == 0) return absl::OkStatus();
   return absl::DataLossError(
       "the catalog is damaged; `horopter catalog rebuild` makes derived data anew, for the rest "
@@ -224,9 +271,12 @@ absl::Status CatalogBackup(HoropterClient& client, const std::string& path) {
   std::ofstream out(unfinished, std::ios::binary | std::ios::trunc);
   if (!out) return absl::FailedPreconditionError(absl::StrCat(path, ": cannot be written"));
   int64_t bytes = 0;
+  Progress progress("MB", 0);
   absl::Status status = client.BackupCatalog([&](const std::string& chunk) -> absl::Status {
     out.write(chunk.data(), static_cast<std::streamsize>(chunk.size()));
     bytes += static_cast<int64_t>(chunk.size());
+    progress.Update(bytes / 1000000);
+    if (Interrupted()) return absl::CancelledError("interrupted");
     if (!out) return absl::ResourceExhaustedError(absl::StrCat(path, ": cannot be written"));
     return absl::OkStatus();
   });
@@ -238,11 +288,13 @@ absl::Status CatalogBackup(HoropterClient& client, const std::string& path) {
     fs::rename(unfinished, path, error);
     if (error) status = absl::FailedPreconditionError(absl::StrCat(path, ": ", error.message()));
   }
+  progress.Clear();
   if (!status.ok()) {
     fs::remove(unfinished, error);
     return status;
   }
-  std::printf("%s: %lld bytes\n", path.c_str(), static_cast<long long>(bytes));
+  Say("%s: %lld bytes\n", path.c_str(), static_cast<long long>(bytes));
+  SayJson({{"file", path}, {"bytes", bytes}});
   return absl::OkStatus();
 }
 
@@ -268,6 +320,8 @@ absl::Status CatalogImport(HoropterClient& client, const std::string& folder) {
   // Any other dataset in BOP layout is enrolled from its CAD files and meshes.
   if (files.empty()) return DatasetEnroll(client, folder);
   std::sort(files.begin(), files.end());
+  Progress progress("import", static_cast<int64_t>(files.size()));
+  int64_t done = 0;
   for (const fs::path& file : files) {
     HOROPTER_ASSIGN_OR_RETURN(const std::string bytes, ReadFileBytes(file.string()));
     v1::Object object;
@@ -275,8 +329,11 @@ absl::Status CatalogImport(HoropterClient& client, const std::string& folder) {
       return absl::InvalidArgumentError(absl::StrCat(file.string(), ": not an exported object"));
     }
     HOROPTER_RETURN_IF_ERROR(client.PutObject(object));
+    progress.Update(++done, file.stem().string());
   }
-  std::printf("%zu objects imported\n", files.size());
+  progress.Clear();
+  SayJson({{"objects", files.size()}});
+  Say("%zu objects imported\n", files.size());
   return absl::OkStatus();
 }
 

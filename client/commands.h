@@ -1,5 +1,5 @@
-// The sub-commands of the `horopter` program. They print their result to stdout, progress and
-// warnings to stderr.
+// The sub-commands of the `horopter` program. They print their result to stdout (output.h),
+// progress and warnings to stderr.
 #pragma once
 
 #include <optional>
@@ -8,6 +8,7 @@
 
 #include "absl/status/status.h"
 #include "client/api.h"
+#include "client/camera_hints.h"
 
 namespace horopter {
 
@@ -32,7 +33,7 @@ struct ObjectUpdateArguments {
 absl::Status ObjectUpdateCommand(HoropterClient& client, const ObjectUpdateArguments& arguments);
 
 absl::Status ObjectList(HoropterClient& client);
-absl::Status ObjectShow(HoropterClient& client, const std::string& id, bool json);
+absl::Status ObjectShow(HoropterClient& client, const std::string& id);
 absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>& ids);
 
 // Prints the objects that the named one can be taken for; of none, the first prints nothing.
@@ -65,6 +66,7 @@ struct DatasetRecognizeArguments {
   std::string out;
   std::vector<int> scenes;  // empty: all
   int max_images = 0;       // per scene, spread evenly; 0: all
+  DatasetHints hints = DatasetHints::kNone;
 };
 absl::Status DatasetRecognize(HoropterClient& client, const DatasetRecognizeArguments& arguments);
 
@@ -73,20 +75,23 @@ struct DatasetEvaluateArguments {
   std::string split;
   std::string results;
   std::vector<int> scenes;  // empty: all
-  bool json = false;
 };
 absl::Status DatasetEvaluate(const DatasetEvaluateArguments& arguments);  // needs no server
 
 struct RecognizeArguments {
   std::vector<std::string> images;
-  std::string overlay_path;  // empty: none
-  bool json = false;
+  std::string overlay_path;             // empty: none
   std::vector<std::string> candidates;  // empty: the whole catalog
   // Object id, then optionally its pose in the robot base: x y z (metres) qw qx qy qz. Empty: no
   // reference.
   std::vector<std::string> reference;
+  CameraArguments cameras;
 };
 absl::Status Recognize(HoropterClient& client, const RecognizeArguments& arguments);
+
+// Whether the server takes calls, how fast it answers, and what its catalog holds. Errors:
+// UNAVAILABLE (it is stopping or not there).
+absl::Status ServerStatus(HoropterClient& client);
 
 // Whole file as bytes. Errors: NOT_FOUND, INVALID_ARGUMENT (empty).
 absl::StatusOr<std::string> ReadFileBytes(const std::string& path);

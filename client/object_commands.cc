@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <nlohmann/json.hpp>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
@@ -13,6 +14,9 @@
 #include "client/cad_import.h"
 #include "client/commands.h"
 #include "client/convert.h"
+#include "client/interrupt.h"
+#include "client/output.h"
+#include "client/progress.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/grasp_check.h"
 #include "server/vision/geometry/symmetry.h"
@@ -119,10 +123,16 @@ absl::Status Add(HoropterClient& client, LoadedCad cad, const ObjectAddArguments
     WarnAboutGrasps(model);
   }
   HOROPTER_RETURN_IF_ERROR(client.CreateObject(model, cad.file).status());
-  std::printf("%s added: %s, %zu grasps\n",
-              model.id.c_str(),
-              Describe(cad.import).c_str(),
-              model.grasps.size());
+  Say("%s added: %s, %zu grasps\n",
+      model.id.c_str(),
+      Describe(cad.import).c_str(),
+      model.grasps.size());
+  SayJson({{"id", model.id},
+           {"verb", "added"},
+           {"grasps", model.grasps.size()},
+           {"unit", cad.import.unit_name},
+           {"diameter_m", model.diameter_m},
+           {"counts", cad.import.counts}});
   return ReportLookAlikes(client, model.id);
 }
 
@@ -169,39 +179,53 @@ absl::Status ObjectUpdateCommand(HoropterClient& client, const ObjectUpdateArgum
     return absl::InvalidArgumentError("nothing to update: give --cad, --grasps or --name");
   }
   HOROPTER_RETURN_IF_ERROR(client.UpdateObject(model, cad.file, what).status());
-  std::printf("%s updated\n", model.id.c_str());
+  Say("%s updated\n", model.id.c_str());
+  SayJson({{"id", model.id}, {"verb", "updated"}});
   return absl::OkStatus();
 }
 
 absl::Status ObjectList(HoropterClient& client) {
   HOROPTER_ASSIGN_OR_RETURN(const std::vector<v1::Object> objects, client.ListObjects());
-  std::printf("%-20s %-24s %9s %8s %6s %10s %7s  %s\n",
-              "id",
-              "name",
-              "diameter",
-              "corners",
-              "edges",
-              "symmetries",
-              "grasps",
-              "source");
+  Say("%-20s %-24s %9s %8s %6s %10s %7s  %s\n",
+      "id",
+      "name",
+      "diameter",
+      "corners",
+      "edges",
+      "symmetries",
+      "grasps",
+      "source");
   for (const v1::Object& o : objects) {
-    std::printf("%-20s %-24s %6.1f mm %8d %6d %10d %7d  %s\n",
-                IdOfResource(o.name()).c_str(),
-                o.display_name().c_str(),
-                o.diameter_m() * 1e3,
-                o.vertex_count(),
-                o.edge_count(),
-                o.object_from_symmetric_object_size(),
-                o.grasps_size(),
-                o.source().file_name().c_str());
+    Say("%-20s %-24s %6.1f mm %8d %6d %10d %7d  %s\n",
+        IdOfResource(o.name()).c_str(),
+        o.display_name().c_str(),
+        o.diameter_m() * 1e3,
+        o.vertex_count(),
+        o.edge_count(),
+        o.object_from_symmetric_object_size(),
+        o.grasps_size(),
+        o.source().file_name().c_str());
   }
-  std::printf("%zu objects\n", objects.size());
+  Say("%zu objects\n", objects.size());
+  nlohmann::json list = nlohmann::json::array();
+  for (const v1::Object& o : objects) {
+    list.push_back({{"id", IdOfResource(o.name())},
+                    {"name", o.display_name()},
+                    {"diameter_m", o.diameter_m()},
+                    {"corners", o.vertex_count()},
+                    {"edges", o.edge_count()},
+                    {"triangles", o.triangle_count()},
+                    {"symmetries", o.object_from_symmetric_object_size()},
+                    {"grasps", o.grasps_size()},
+                    {"source", o.source().file_name()}});
+  }
+  SayJson({{"objects", list}});
   return absl::OkStatus();
 }
 
-absl::Status ObjectShow(HoropterClient& client, const std::string& id, bool json) {
+absl::Status ObjectShow(HoropterClient& client, const std::string& id) {
   HOROPTER_ASSIGN_OR_RETURN(const v1::Object o, client.GetObject(id, v1::OBJECT_VIEW_BASIC));
-  if (json) {
+  if (JsonOutput()) {
     google::protobuf::util::JsonPrintOptions options;
     options.add_whitespace = true;
     options.preserve_proto_field_names = true;
@@ -212,33 +236,33 @@ absl::Status ObjectShow(HoropterClient& client, const std::string& id, bool json
     return absl::OkStatus();
   }
   using google::protobuf::util::TimeUtil;
-  std::printf("id          %s\n", IdOfResource(o.name()).c_str());
-  std::printf("name        %s\n", o.display_name().c_str());
-  std::printf("diameter    %.2f mm\n", o.diameter_m() * 1e3);
-  std::printf("geometry    %d corners, %d edges, %d triangles, %d symmetries\n",
-              o.vertex_count(),
-              o.edge_count(),
-              o.triangle_count(),
-              o.object_from_symmetric_object_size());
-  std::printf("source      %s (%s, unit %s, %lld bytes, sha256 %s)\n",
-              o.source().file_name().c_str(),
-              o.source().format().c_str(),
-              o.source().unit().c_str(),
-              static_cast<long long>(o.source().size_bytes()),
-              o.source().sha256().c_str());
-  std::printf("created     %s\nupdated     %s\n",
-              TimeUtil::ToString(o.create_time()).c_str(),
-              TimeUtil::ToString(o.update_time()).c_str());
+  Say("id          %s\n", IdOfResource(o.name()).c_str());
+  Say("name        %s\n", o.display_name().c_str());
+  Say("diameter    %.2f mm\n", o.diameter_m() * 1e3);
+  Say("geometry    %d corners, %d edges, %d triangles, %d symmetries\n",
+      o.vertex_count(),
+      o.edge_count(),
+      o.triangle_count(),
+      o.object_from_symmetric_object_size());
+  Say("source      %s (%s, unit %s, %lld bytes, sha256 %s)\n",
+      o.source().file_name().c_str(),
+      o.source().format().c_str(),
+      o.source().unit().c_str(),
+      static_cast<long long>(o.source().size_bytes()),
+      o.source().sha256().c_str());
+  Say("created     %s\nupdated     %s\n",
+      TimeUtil::ToString(o.create_time()).c_str(),
+      TimeUtil::ToString(o.update_time()).c_str());
   for (const v1::Grasp& g : o.grasps()) {
     const Eigen::Vector3d t = FromProto(g.object_from_gripper()).t * 1e3;
-    std::printf("grasp       %s at (%.1f, %.1f, %.1f) mm, opening %.1f mm, grip %.1f mm%s\n",
-                g.name().c_str(),
-                t.x(),
-                t.y(),
-                t.z(),
-                g.jaw_opening_m() * 1e3,
-                g.grip_width_m() * 1e3,
-                g.has_object_from_pregrasp() ? ", with a pre-grasp" : "");
+    Say("grasp       %s at (%.1f, %.1f, %.1f) mm, opening %.1f mm, grip %.1f mm%s\n",
+        g.name().c_str(),
+        t.x(),
+        t.y(),
+        t.z(),
+        g.jaw_opening_m() * 1e3,
+        g.grip_width_m() * 1e3,
+        g.has_object_from_pregrasp() ? ", with a pre-grasp" : "");
   }
   return absl::OkStatus();
 }
@@ -246,7 +270,8 @@ absl::Status ObjectShow(HoropterClient& client, const std::string& id, bool json
 absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>& ids) {
   for (const std::string& id : ids) {
     HOROPTER_RETURN_IF_ERROR(client.DeleteObject(id));
-    std::printf("%s removed\n", id.c_str());
+    Say("%s removed\n", id.c_str());
+    SayJson({{"id", id}, {"verb", "removed"}});
   }
   return absl::OkStatus();
 }
@@ -264,16 +289,17 @@ absl::Status DatasetEnroll(HoropterClient& client, const std::string& folder) {
       status = client.UpdateObject(model, cad.file, {true, true, true}).status();
     }
     HOROPTER_RETURN_IF_ERROR(status);
-    std::printf("[%zu/%zu] %s %s %s: %s, %zu grasps\n",
-                ++number,
-                dataset.objects.size(),
-                model.id.c_str(),
-                model.display_name.c_str(),
-                verb,
-                Describe(cad.import).c_str(),
-                model.grasps.size());
-    std::fflush(stdout);
+    Say("[%zu/%zu] %s %s %s: %s, %zu grasps\n",
+        ++number,
+        dataset.objects.size(),
+        model.id.c_str(),
+        model.display_name.c_str(),
+        verb,
+        Describe(cad.import).c_str(),
+        model.grasps.size());
+    SayJson({{"id", model.id}, {"verb", verb}, {"grasps", model.grasps.size()}});
     HOROPTER_RETURN_IF_ERROR(ReportLookAlikes(client, model.id));
+    if (Interrupted()) return absl::CancelledError("interrupted");
   }
   return absl::OkStatus();
 }

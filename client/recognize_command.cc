@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <exception>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
 
@@ -13,7 +14,10 @@
 #include "client/bop_results.h"
 #include "client/commands.h"
 #include "client/convert.h"
+#include "client/interrupt.h"
+#include "client/output.h"
 #include "client/overlay.h"
+#include "client/progress.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -24,6 +28,9 @@ absl::StatusOr<v1::RecognizeSceneRequest> BuildRequest(const RecognizeArguments&
   for (const std::string& path : arguments.images) {
     HOROPTER_ASSIGN_OR_RETURN(*request.add_images()->mutable_content(), ReadFileBytes(path));
   }
+  std::vector<std::string> warnings;
+  HOROPTER_RETURN_IF_ERROR(AddCameraHints(arguments.cameras, &request, &warnings));
+  for (const std::string& w : warnings) std::fprintf(stderr, "warning: %s\n", w.c_str());
   for (const std::string& id : arguments.candidates) {
     request.add_candidate_objects(ResourceName(id));
   }
@@ -117,57 +124,55 @@ std::string GraspText(const v1::RecognizedObject& object, const Rigid3& table_fr
 void PrintTable(const v1::RecognizeSceneResponse& response,
                 const std::vector<std::string>& paths,
                 const std::map<std::string, ObjectModel>& models) {
-  std::printf("%s%s%s\n",
-              v1::SceneState_Name(response.state()).substr(12).c_str(),
-              response.detail().empty() ? "" : ": ",
-              response.detail().c_str());
+  Say("%s%s%s\n",
+      v1::SceneState_Name(response.state()).substr(12).c_str(),
+      response.detail().empty() ? "" : ": ",
+      response.detail().c_str());
   for (int i = 0; i < response.cameras_size(); ++i) {
     const v1::Camera& c = response.cameras(i);
     if (c.recovered()) {
-      std::printf("image %d: focal length %.0f px (+- %.1f %%)\n",
-                  i + 1,
-                  c.focal_px(),
-                  c.focal_log_sigma() * 100.0);
+      Say("image %d: focal length %.0f px (+- %.1f %%)\n",
+          i + 1,
+          c.focal_px(),
+          c.focal_log_sigma() * 100.0);
     } else {
-      std::printf("image %d: camera not recovered\n", i + 1);
+      Say("image %d: camera not recovered\n", i + 1);
     }
   }
   if (response.objects_size() > 0) {
     const TableFrame frame = FrameOf(response, paths);
-    std::printf("\nposition (mm) and orientation (roll pitch yaw, degrees) in %s\n",
-                frame.name.c_str());
-    std::printf("%-14s %-20s %5s  %26s  %26s  %s\n",
-                "object",
-                "name",
-                "score",
-                "position",
-                "orientation",
-                "grasp (mm)");
+    Say("\nposition (mm) and orientation (roll pitch yaw, degrees) in %s\n", frame.name.c_str());
+    Say("%-14s %-20s %5s  %26s  %26s  %s\n",
+        "object",
+        "name",
+        "score",
+        "position",
+        "orientation",
+        "grasp (mm)");
     for (const v1::RecognizedObject& o : response.objects()) {
       const Rigid3 pose = frame.table_from_scene * FromProto(o.scene_from_object());
       const std::string id = IdOfResource(o.object());
       const auto model = models.find(id);
-      std::printf("%-14s %-20s %5.2f  %s  %s  %s\n",
-                  id.c_str(),
-                  model == models.end() ? "" : model->second.display_name.c_str(),
-                  o.score(),
-                  Triple(pose.t * 1e3).c_str(),
-                  Triple(RollPitchYawDeg(pose.R)).c_str(),
-                  GraspText(o, frame.table_from_scene).c_str());
+      Say("%-14s %-20s %5.2f  %s  %s  %s\n",
+          id.c_str(),
+          model == models.end() ? "" : model->second.display_name.c_str(),
+          o.score(),
+          Triple(pose.t * 1e3).c_str(),
+          Triple(RollPitchYawDeg(pose.R)).c_str(),
+          GraspText(o, frame.table_from_scene).c_str());
       for (const std::string& other : o.alternative_objects()) {
-        std::printf("               could also be %s\n", IdOfResource(other).c_str());
+        Say("               could also be %s\n", IdOfResource(other).c_str());
       }
     }
   }
   for (const v1::SceneFinding& f : response.findings()) {
-    std::printf(
-        "%s: %s\n", v1::SceneFinding_Kind_Name(f.kind()).substr(5).c_str(), f.detail().c_str());
+    Say("%s: %s\n", v1::SceneFinding_Kind_Name(f.kind()).substr(5).c_str(), f.detail().c_str());
   }
   double seconds = 0.0;
   for (const v1::StageReport& s : response.stages()) {
     seconds += static_cast<double>(s.elapsed().seconds()) + 1e-9 * s.elapsed().nanos();
   }
-  std::printf("\n%.2f s in the stages\n", seconds);
+  Say("\n%.2f s in the stages\n", seconds);
 }
 
 PinholeCamera CameraOf(const v1::Camera& c) {
@@ -228,7 +233,7 @@ absl::Status Recognize(HoropterClient& client, const RecognizeArguments& argumen
   HOROPTER_ASSIGN_OR_RETURN(const v1::RecognizeSceneResponse response,
                             client.RecognizeScene(request));
   std::map<std::string, ObjectModel> models;
-  if (!arguments.json || !arguments.overlay_path.empty()) {
+  if (!JsonOutput() || !arguments.overlay_path.empty()) {
     for (const v1::RecognizedObject& o : response.objects()) {
       const std::string id = IdOfResource(o.object());
       if (models.contains(id)) continue;
@@ -237,7 +242,7 @@ absl::Status Recognize(HoropterClient& client, const RecognizeArguments& argumen
       models[id] = FromProto(object);
     }
   }
-  if (arguments.json) {
+  if (JsonOutput()) {
     google::protobuf::util::JsonPrintOptions options;
     options.add_whitespace = true;
     options.preserve_proto_field_names = true;
@@ -251,7 +256,7 @@ absl::Status Recognize(HoropterClient& client, const RecognizeArguments& argumen
   }
   if (!arguments.overlay_path.empty()) {
     HOROPTER_RETURN_IF_ERROR(WriteOverlay(request, response, models, arguments.overlay_path));
-    if (!arguments.json) std::printf("overlay in %s\n", arguments.overlay_path.c_str());
+    if (!JsonOutput()) Say("overlay in %s\n", arguments.overlay_path.c_str());
   }
   return absl::OkStatus();
 }

@@ -1,0 +1,108 @@
+#include "client/camera_hints.h"
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <exception>
+#include <opencv2/imgcodecs.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "client/camera_file.h"
+#include "client/convert.h"
+#include "server/base/status_macros.h"
+
+namespace horopter {
+namespace {
+
+constexpr size_t kPoseNumbers = 7;
+
+absl::Status CheckCount(const char* option, size_t given, size_t images) {
+  if (given <= 1 || given == images) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(
+      option, ": give one for all images or one for each; there are ", given, " for ", images));
+}
+
+template <typename T>
+const T& EntryOf(const std::vector<T>& list, size_t image) {
+  return list.size() == 1 ? list[0] : list[image];
+}
+
+absl::StatusOr<cv::Size> SizeOf(const std::string& bytes, size_t image) {
+  try {
+    const cv::Mat decoded = cv::imdecode(std::vector<uchar>(bytes.begin(), bytes.end()),
+                                         cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+    if (!decoded.empty()) return decoded.size();
+  } catch (const std::exception&) {
+  }
+  return absl::InvalidArgumentError(absl::StrCat("image ", image + 1, " cannot be decoded"));
+}
+
+absl::StatusOr<Rigid3> PoseOf(const std::vector<double>& numbers, size_t first) {
+  const double* n = numbers.data() + first;
+  const Eigen::Quaterniond q(n[3], n[4], n[5], n[6]);
+  if (!(std::abs(q.norm() - 1.0) < 0.01)) {
+    return absl::InvalidArgumentError("--camera-pose: the quaternion's norm is not 1");
+  }
+  return Rigid3{q.normalized().toRotationMatrix(), {n[0], n[1], n[2]}};
+}
+
+}  // namespace
+
+absl::Status AddCameraHints(const CameraArguments& arguments,
+                            v1::RecognizeSceneRequest* request,
+                            std::vector<std::string>* warnings) {
+  const auto images = static_cast<size_t>(request->images_size());
+  const size_t poses = arguments.camera_pose.size() / kPoseNumbers;
+  if (!arguments.focal_px.empty() && !arguments.camera.empty()) {
+    return absl::InvalidArgumentError("--focal and --camera: give one of them");
+  }
+  if (arguments.camera_pose.size() % kPoseNumbers != 0 || (poses != 0 && poses != images)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("--camera-pose: takes x y z qw qx qy qz for each of the ", images, " images"));
+  }
+  HOROPTER_RETURN_IF_ERROR(CheckCount("--focal", arguments.focal_px.size(), images));
+  HOROPTER_RETURN_IF_ERROR(CheckCount("--camera", arguments.camera.size(), images));
+  std::vector<CameraFile> cameras;
+  for (const std::string& path : arguments.camera) {
+    HOROPTER_ASSIGN_OR_RETURN(CameraFile camera, ReadCameraFile(path));
+    for (const std::string& w : camera.warnings) warnings->push_back(absl::StrCat(path, ": ", w));
+    cameras.push_back(std::move(camera));
+  }
+  for (size_t i = 0; i < images; ++i) {
+    v1::SceneImage& image = *request->mutable_images(static_cast<int>(i));
+    if (!arguments.focal_px.empty()) {
+      image.mutable_camera_hint()->set_focal_px(EntryOf(arguments.focal_px, i));
+    }
+    if (!cameras.empty()) {
+      HOROPTER_ASSIGN_OR_RETURN(const cv::Size size, SizeOf(image.content(), i));
+      HOROPTER_ASSIGN_OR_RETURN(const CameraFile camera,
+                                ScaledTo(EntryOf(cameras, i), size.width, size.height));
+      v1::CameraHint& hint = *image.mutable_camera_hint();
+      hint.set_focal_px(camera.focal_px);
+      hint.set_principal_point_x_px(camera.cx);
+      hint.set_principal_point_y_px(camera.cy);
+      hint.set_k1(camera.k1);
+    }
+    if (arguments.focal_sigma > 0.0 && image.camera_hint().has_focal_px()) {
+      image.mutable_camera_hint()->set_focal_log_sigma(arguments.focal_sigma);
+    }
+    if (poses > 0) {
+      HOROPTER_ASSIGN_OR_RETURN(const Rigid3 base_from_camera,
+                                PoseOf(arguments.camera_pose, i * kPoseNumbers));
+      *image.mutable_camera_hint()->mutable_camera_from_base() =
+          ToProto(base_from_camera.Inverse());
+    }
+  }
+  return absl::OkStatus();
+}
+
+void AddDatasetHints(DatasetHints hints, const BopImage& image, v1::SceneImage* out) {
+  if (hints == DatasetHints::kNone || !(image.K(0, 0) > 1.0 && image.K(1, 1) > 1.0)) return;
+  v1::CameraHint& hint = *out->mutable_camera_hint();
+  hint.set_focal_px(std::sqrt(image.K(0, 0) * image.K(1, 1)));
+  if (hints == DatasetHints::kFocal) return;
+  hint.set_principal_point_x_px(image.K(0, 2));
+  hint.set_principal_point_y_px(image.K(1, 2));
+  hint.set_k1(image.distortion.empty() ? 0.0 : image.distortion[0]);
+}
+
+}  // namespace horopter

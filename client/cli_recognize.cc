@@ -1,0 +1,109 @@
+// Command lines of `dataset` and `recognize`.
+#include <CLI/CLI.hpp>
+#include <memory>
+
+#include "client/cli.h"
+#include "client/commands.h"
+
+namespace horopter {
+namespace {
+
+const std::map<std::string, DatasetHints> kHints = {{"none", DatasetHints::kNone},
+                                                    {"focal", DatasetHints::kFocal},
+                                                    {"truth", DatasetHints::kTruth}};
+
+void AddEnroll(CLI::App& dataset, Command* command) {
+  auto folder = std::make_shared<std::string>();
+  CLI::App* enroll =
+      AddCommand(dataset, "enroll", "enrol all its objects", "horopter dataset enroll parts");
+  enroll->add_option("DATASET", *folder)->required();
+  enroll->callback(
+      [=] { *command = [folder](HoropterClient& c) { return DatasetEnroll(c, *folder); }; });
+}
+
+void AddDatasetRecognize(CLI::App& dataset, Command* command) {
+  auto a = std::make_shared<DatasetRecognizeArguments>();
+  CLI::App* recognize =
+      AddCommand(dataset,
+                 "recognize",
+                 "recognise its scenes, from the images alone",
+                 "horopter dataset recognize parts val --scenes 5 --hints focal --out results.csv");
+  recognize->add_option("DATASET", a->dataset)->required();
+  recognize->add_option("SPLIT", a->split)->required();
+  recognize->add_option("--out", a->out, "BOP results; intrinsics go to *.cameras.json beside it")
+      ->required();
+  recognize->add_option("--scenes", a->scenes, "e.g. 1,2 (default: all)")->delimiter(',');
+  recognize->add_option("--max-images", a->max_images, "per scene (default: all)")
+      ->check(CLI::PositiveNumber);
+  recognize
+      ->add_option("--hints",
+                   a->hints,
+                   "what the server is told of the cameras: none (default), focal (the true focal "
+                   "length), truth (principal point and distortion as well)")
+      ->transform(CLI::CheckedTransformer(kHints));
+  recognize->callback(
+      [=] { *command = [a](HoropterClient& c) { return DatasetRecognize(c, *a); }; });
+}
+
+void AddDatasetEvaluate(CLI::App& dataset, Command* command) {
+  auto a = std::make_shared<DatasetEvaluateArguments>();
+  CLI::App* evaluate = AddCommand(dataset,
+                                  "evaluate",
+                                  "score results against ground truth; needs no server",
+                                  "horopter dataset evaluate parts val results.csv --scenes 5");
+  evaluate->add_option("DATASET", a->dataset)->required();
+  evaluate->add_option("SPLIT", a->split)->required();
+  evaluate->add_option("RESULTS", a->results, "CSV in BOP format")->required();
+  evaluate->add_option("--scenes", a->scenes, "e.g. 1,2 (default: all)")->delimiter(',');
+  evaluate->callback([=] { *command = [a](HoropterClient&) { return DatasetEvaluate(*a); }; });
+}
+
+}  // namespace
+
+void AddDatasetCommands(CLI::App& app, Command* command) {
+  CLI::App& dataset =
+      *app.add_subcommand("dataset", "datasets in BOP layout")->require_subcommand(1);
+  dataset.fallthrough();
+  AddEnroll(dataset, command);
+  AddDatasetRecognize(dataset, command);
+  AddDatasetEvaluate(dataset, command);
+}
+
+void AddRecognizeCommand(CLI::App& app, Command* command) {
+  auto a = std::make_shared<RecognizeArguments>();
+  CLI::App* recognize =
+      AddCommand(app,
+                 "recognize",
+                 "recognise parts in images of one static scene",
+                 "horopter recognize 0.png 1.png 2.png --out overlay.png\n"
+                 "  horopter recognize 0.png 1.png --focal 1000 --json\n"
+                 "  horopter recognize 0.png 1.png --camera left.yaml right.yaml");
+  recognize->add_option("IMAGE", a->images)->required();
+  recognize->add_option("--out", a->overlay_path, "PNG with the recognised wireframes and grasps");
+  recognize->add_option("--candidates", a->candidates, "ids to look for, e.g. a,b (default: all)")
+      ->delimiter(',');
+  recognize
+      ->add_option("--reference",
+                   a->reference,
+                   "ID [X Y Z QW QX QY QZ]: object whose pose in the robot base is known, metres")
+      ->expected(1, 8);
+  recognize->add_option("--focal",
+                        a->cameras.focal_px,
+                        "focal length in pixels: one for all images, or one for each");
+  recognize
+      ->add_option("--focal-sigma",
+                   a->cameras.focal_sigma,
+                   "standard deviation of its logarithm (default: the server's, 0.02)")
+      ->check(CLI::Range(1e-6, 2.0));
+  recognize->add_option("--camera",
+                        a->cameras.camera,
+                        "calibration, one for all images or one for each: camera_info YAML of ROS "
+                        "or YAML of OpenCV's calibration; scaled to the image's size");
+  recognize->add_option("--camera-pose",
+                        a->cameras.camera_pose,
+                        "X Y Z QW QX QY QZ of each camera in the robot base, metres; the camera "
+                        "looks along its z, x is right");
+  recognize->callback([=] { *command = [a](HoropterClient& c) { return Recognize(c, *a); }; });
+}
+
+}  // namespace horopter

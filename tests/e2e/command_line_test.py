@@ -1,0 +1,278 @@
+#!/usr/bin/env python3
+"""The `horopter` program against a server whose recognition is a stand-in: every example of every --help runs, every
+command speaks JSON, every failure has its exit code and says its request.
+
+    command_line_test.py HOROPTER MOCK_HOROPTERD DATASET
+"""
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+HOROPTER, MOCK, DATASET = map(os.path.abspath, sys.argv[1:4])
+
+
+class Mock:
+    """A running mock_horopterd."""
+
+    def __init__(self, *arguments):
+        self.process = subprocess.Popen([MOCK, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.address = None
+        for line in self.process.stdout:
+            if "listening on " in line:
+                self.address = line.split("listening on ")[1].strip()
+                break
+
+    def stop(self):
+        self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+
+
+class Workplace(unittest.TestCase):
+    """A folder with what the examples name, and a server with an object `bracket`."""
+
+    MOCK_ARGUMENTS = ()
+
+    def setUp(self):
+        self.mock = Mock(*self.MOCK_ARGUMENTS)
+        self.assertIsNotNone(self.mock.address)
+        self.folder = tempfile.mkdtemp()
+        os.symlink(os.path.abspath(DATASET), os.path.join(self.folder, "parts"))
+        shutil.copy(os.path.join(DATASET, "cad", "obj_000001.step"), os.path.join(self.folder, "bracket.step"))
+        shutil.copy(os.path.join(DATASET, "grasps", "obj_000001.json"), os.path.join(self.folder, "grasps.json"))
+        for i in range(3):
+            shutil.copy(os.path.join(DATASET, "val", "000005", "rgb", "%06d.png" % i),
+                        os.path.join(self.folder, "%d.png" % i))
+        for name in ("left", "right"):
+            with open(os.path.join(self.folder, name + ".yaml"), "w", encoding="utf-8") as out:
+                out.write("image_width: 1280\nimage_height: 960\ncamera_matrix: {rows: 3, cols: 3, data: "
+                          "[1400, 0, 640, 0, 1400, 480, 0, 0, 1]}\ndistortion_model: plumb_bob\n"
+                          "distortion_coefficients: {rows: 1, cols: 5, data: [0.01, 0, 0, 0, 0]}\n")
+        self.enrol()
+
+    def tearDown(self):
+        self.mock.stop()
+        shutil.rmtree(self.folder)
+
+    def enrol(self):
+        self.run_horopter("object", "add", "bracket.step", "--id", "bracket")
+
+    def run_horopter(self, *arguments, **options):
+        environment = dict(os.environ, HOROPTER_SERVER=self.mock.address, TERM="dumb")
+        return subprocess.run([HOROPTER, *arguments], cwd=self.folder, env=environment, capture_output=True, text=True,
+                              timeout=60, stdin=subprocess.DEVNULL, check=False, **options)
+
+
+def commands(path=()):
+    """All commands that have no sub-commands, with their help."""
+    said = subprocess.run([HOROPTER, *path, "--help"], capture_output=True, text=True, check=True).stdout
+    below = re.findall(r"^  ([a-z-]+) +\S", said.split("Subcommands:")[1], re.M) if "Subcommands:" in said else []
+    if not below:
+        yield path, said
+    for name in below:
+        yield from commands(path + (name,))
+
+
+class Examples(Workplace):
+
+    def test_every_example_of_every_help_runs(self):
+        seen = 0
+        for path, said in commands():
+            examples = re.findall(r"^  (horopter .*)$", said.split("Example:")[-1], re.M) if "Example:" in said else []
+            self.assertTrue(examples, "no example in the help of %s" % " ".join(path))
+            for example in examples:
+                with self.subTest(example):
+                    self.enrol()
+                    environment = dict(os.environ, HOROPTER_SERVER=self.mock.address)
+                    done = subprocess.run(["bash", "-c", example.replace("horopter", "'%s'" % HOROPTER, 1)],
+                                          cwd=self.folder, env=environment, capture_output=True, text=True, timeout=120,
+                                          check=False)
+                    self.assertEqual(done.returncode, 0, example + "\n" + done.stdout + done.stderr)
+                    seen += 1
+        self.assertGreater(seen, 18)
+        for made in ("overlay.png", "results.csv", "results.cameras.json", "load.svg", "parts-backup.db"):
+            self.assertGreater(os.path.getsize(os.path.join(self.folder, made)), 100 if "results" not in made else 1)
+
+    def test_completion_and_manual_know_all_commands(self):
+        script = os.path.join(self.folder, "completion")
+        with open(script, "w", encoding="utf-8") as out:
+            out.write(self.run_horopter("completion").stdout)
+        ask = 'source "$0"; COMP_WORDS=(horopter %s); COMP_CWORD=%d; _horopter; echo "${COMPREPLY[@]}"'
+        for words, index, expected in (("obj", 1, "object"), ("object sh", 2, "show"),
+                                       ("recognize a.png --foc", 3, "--focal")):
+            said = subprocess.run(["bash", "-c", ask % (words, index), script], capture_output=True, text=True, check=True)
+            self.assertIn(expected, said.stdout.split(), words)
+        manual = self.run_horopter("manual").stdout
+        for path, _ in commands():
+            self.assertIn("horopter " + " ".join(path).replace("-", "\\-"), manual)
+
+
+class Json(Workplace):
+
+    def values(self, *arguments):
+        done = self.run_horopter(*arguments, "--json")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        text = done.stdout.strip()
+        try:
+            return [json.loads(text)]
+        except ValueError:
+            return [json.loads(line) for line in text.splitlines()]
+
+    def test_every_command_speaks_json(self):
+        self.assertEqual(self.values("object", "list")[0]["objects"][0]["id"], "bracket")
+        self.assertTrue(self.values("status")[0]["serving"])
+        self.assertEqual(self.values("object", "show", "bracket")[0]["name"], "objects/bracket")
+        self.assertEqual(self.values("object", "update", "bracket", "--name", "x")[0]["verb"], "updated")
+        self.assertEqual(self.values("object", "look-alikes", "bracket")[0]["look_alikes"], [])
+        self.assertEqual(self.values("object", "verify", "bracket")[0]["problems"], [])
+        self.assertEqual(self.values("catalog", "verify")[0]["objects"], 1)
+        self.assertEqual(self.values("catalog", "rebuild")[0]["objects"], 1)
+        self.assertGreater(self.values("catalog", "backup", "b.db")[0]["bytes"], 1000)
+        self.assertEqual(self.values("catalog", "export", "e")[0]["objects"], ["bracket"])
+        self.assertEqual(self.values("catalog", "import", "e")[0]["objects"], 1)
+        self.assertEqual(self.values("object", "export", "bracket", "--out", "f")[0]["objects"], ["bracket"])
+        answer = self.values("recognize", "0.png")[0]
+        self.assertEqual(answer["state"], "SCENE_STATE_RECOGNIZED")
+        scenes = self.values("dataset", "recognize", "parts", "val", "--scenes", "1,5", "--out", "r.csv")
+        self.assertEqual([s.get("scene") for s in scenes], [1, 5, None])
+        self.assertIn("ALL", self.values("dataset", "evaluate", "parts", "val", "r.csv")[0]["tiers"])
+        load = self.values("load", "parts/val/000005", "--requests", "2")[0]
+        self.assertEqual(load["steps"][0]["codes"], {"OK": 2})
+        self.assertEqual(load["steps"][0]["accuracy"]["AR"], 0.0)
+        self.assertEqual(self.values("object", "rm", "bracket")[0], {"id": "bracket", "verb": "removed"})
+
+    def test_errors_are_json_with_request_and_field(self):
+        done = self.run_horopter("recognize", "0.png", "--candidates", "nobody", "--json")
+        self.assertEqual(done.returncode, 3)
+        error = json.loads(done.stderr)["error"]
+        self.assertEqual(error["code"], "NOT_FOUND")
+        self.assertEqual(error["field"], "candidate_objects[0]")
+        self.assertRegex(error["request_id"], r"^[0-9a-f]{8}-\d{6}$")
+
+    def test_cameras_of_results_hold_the_distortion(self):
+        self.values("dataset", "recognize", "parts", "val", "--scenes", "5", "--out", "r.csv")
+        with open(os.path.join(self.folder, "r.cameras.json"), encoding="utf-8") as file:
+            camera = json.load(file)["5"]["0"]
+        self.assertEqual(len(camera["cam_K"]), 9)
+        self.assertEqual(len(camera["cam_dist"]), 1)
+
+
+class Hints(Workplace):
+
+    def test_what_does_not_fit_is_refused_before_the_request(self):
+        for arguments, said in (
+                (("--focal", "1000", "1000", "1000"), "3 for 2"),
+                (("--focal", "1000", "--camera", "left.yaml"), "give one of them"),
+                (("--camera", "nosuch.yaml"), "cannot be opened"),
+                (("--camera-pose", "0", "0", "0", "1", "0", "0", "0"), "each of the 2 images"),
+                (("--camera-pose", *("0 0 0 2 0 0 0 0 0 0 1 0 0 0".split())), "norm")):
+            done = self.run_horopter("recognize", "0.png", "1.png", *arguments)
+            self.assertEqual(done.returncode, 3, arguments)
+            self.assertIn(said, done.stderr)
+
+    def test_a_hint_reaches_the_server(self):
+        done = self.run_horopter("recognize", "0.png", "1.png", "--focal", "-5")
+        self.assertEqual(done.returncode, 3)
+        self.assertIn("camera_hint.focal_px", done.stderr)
+        done = self.run_horopter("recognize", "0.png", "1.png", "--camera", "left.yaml", "--camera-pose",
+                                 *("0 0 -0.5 1 0 0 0 0.1 0 -0.5 1 0 0 0".split()))
+        self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_a_calibration_of_another_shape_is_refused(self):
+        with open(os.path.join(self.folder, "square.yaml"), "w", encoding="utf-8") as out:
+            out.write("image_width: 500\nimage_height: 500\nK: [500, 0, 250, 0, 500, 250, 0, 0, 1]\n")
+        done = self.run_horopter("recognize", "0.png", "--camera", "square.yaml")
+        self.assertEqual(done.returncode, 3)
+        self.assertIn("500 x 500", done.stderr)
+
+
+class Failures(Workplace):
+
+    MOCK_ARGUMENTS = ("--delay-ms", "300", "--workers", "1", "--queue", "0")
+
+    def test_exit_codes(self):
+        self.assertEqual(self.run_horopter("--version").returncode, 0)
+        self.assertRegex(self.run_horopter("--version").stdout, r"^horopter \d+\.\d+\.\d+\n$")
+        self.assertEqual(self.run_horopter("nonsense").returncode, 2)
+        self.assertEqual(self.run_horopter("object", "show", "nobody").returncode, 3)
+        self.assertEqual(self.run_horopter("load", "no/such/folder").returncode, 3)
+        os.mkdir(os.path.join(self.folder, "empty"))
+        self.assertEqual(self.run_horopter("load", "empty").returncode, 3)
+        self.assertEqual(self.run_horopter("recognize", "0.png", "--timeout", "0.05").returncode, 4)
+        done = self.run_horopter("status", "--server", "127.0.0.1:1", "--timeout", "5")
+        self.assertEqual(done.returncode, 4)
+        self.assertIn("127.0.0.1:1", done.stderr)
+
+    def test_an_image_set_with_a_missing_image_names_it(self):
+        done = self.run_horopter("recognize", "0.png", "gone.png")
+        self.assertEqual(done.returncode, 3)
+        self.assertIn("gone.png", done.stderr)
+
+    def test_a_busy_server_is_asked_again(self):
+        busy = subprocess.Popen([HOROPTER, "load", "parts/val/000005", "--requests", "4", "--server", self.mock.address],
+                                cwd=self.folder, stdout=subprocess.DEVNULL)
+        time.sleep(0.3)
+        refused = self.run_horopter("recognize", "0.png", "--retries", "0", "--json")
+        self.assertEqual(refused.returncode, 4, refused.stderr)
+        self.assertGreater(json.loads(refused.stderr)["error"]["retry_after_ms"], 0)
+        patient = self.run_horopter("recognize", "0.png", "--retries", "50")
+        self.assertEqual(patient.returncode, 0, patient.stderr)
+        self.assertIn("trying again", patient.stderr)
+        self.assertEqual(busy.wait(), 0)
+
+    def test_refusals_are_counted_by_code(self):
+        done = self.run_horopter("load", "parts/val/000005", "--rate", "20", "--duration", "1", "--json")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        codes = json.loads(done.stdout)["steps"][0]["codes"]
+        self.assertGreater(codes["RESOURCE_EXHAUSTED"], 5)
+        self.assertGreater(codes["OK"], 1)
+
+    def test_ctrl_c_keeps_what_is_there(self):
+        for command, made in ((("load", "parts/val/000005", "--duration", "60", "--csv", "l.csv"), "l.csv"),
+                              (("dataset", "recognize", "parts", "val", "--out", "r.csv"), "r.cameras.json")):
+            process = subprocess.Popen([HOROPTER, *command, "--server", self.mock.address], cwd=self.folder,
+                                       stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            time.sleep(1.0)
+            process.send_signal(signal.SIGINT)
+            _, errors = process.communicate(timeout=20)
+            self.assertEqual(process.returncode, 130, errors)
+            self.assertIn("interrupted", errors)
+            with open(os.path.join(self.folder, made), encoding="utf-8") as file:
+                self.assertGreaterEqual(len(file.readlines()), 2, made)
+
+    def test_a_server_that_goes_away_in_mid_run_leaves_the_part_before(self):
+        process = subprocess.Popen([HOROPTER, "load", "parts/val/000005", "--duration", "60", "--json-file", "l.json",
+                                    "--server", self.mock.address], cwd=self.folder, stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE, text=True)
+        time.sleep(1.5)
+        self.mock.stop()
+        _, errors = process.communicate(timeout=30)
+        self.assertEqual(process.returncode, 4, errors)
+        with open(os.path.join(self.folder, "l.json"), encoding="utf-8") as file:
+            step = json.load(file)["steps"][0]
+        self.assertTrue(step["server_gone"])
+        self.assertGreater(step["codes"]["OK"], 0)
+
+
+class Latency(Workplace):
+
+    MOCK_ARGUMENTS = ("--delay-ms", "100", "--workers", "8")
+
+    def test_percentiles_agree_with_the_time_the_server_takes(self):
+        done = self.run_horopter("load", "parts/val/000005", "--max-images", "1", "--rate", "20", "--duration", "3",
+                                 "--json", "--warmup", "2")
+        step = json.loads(done.stdout)["steps"][0]
+        self.assertEqual(step["codes"], {"OK": 60})
+        self.assertGreaterEqual(step["latency"]["p50_ms"], 100.0)
+        self.assertLess(step["client_cpu_share"], 0.5)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])

@@ -1,0 +1,116 @@
+// A server whose recognition is a stand-in: every catalog object stands at a known place, after a
+// chosen time. For tests of what is around recognition, and to measure clients by.
+//
+//   mock_horopterd [--delay-ms MS] [--workers N] [--queue N] [--listen HOST:PORT]
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <csignal>
+#include <thread>
+
+#include "server/service/server.h"
+#include "tests/support/fake_objects.h"
+
+namespace horopter {
+namespace {
+
+// The first object of the catalog (or of the candidates) 0.5 m in front of every camera, turned by
+// 90 degrees about z; one grasp above it.
+PipelineResult MockAnswer(const SceneRequest& request, const std::string& id) {
+  PipelineResult result;
+  SceneAnswer& answer = result.answer;
+  for (const cv::Mat& image : request.images) {
+    PosedCamera camera;
+    camera.camera = CenteredCamera(image.cols, image.rows, image.cols);
+    camera.focal_log_sigma = 0.01;
+    answer.cameras.push_back(camera);
+  }
+  answer.stages.push_back({"features", 0.001, {{"edges", 12.0}}});
+  if (id.empty()) return result;
+  AnswerObject object;
+  object.object_id = id;
+  object.score = 0.9;
+  object.scene_from_object.R << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+  object.scene_from_object.t = {0.01, 0.02, 0.5};
+  for (int i = 0; i < 6; ++i) object.covariance(i, i) = 1e-6 * (i + 1);
+  SceneGrasp grasp;
+  grasp.name = "above";
+  grasp.scene_from_gripper = object.scene_from_object;
+  grasp.scene_from_pregrasp = object.scene_from_object;
+  grasp.scene_from_pregrasp.t.z() -= 0.1;
+  grasp.jaw_opening_m = 0.04;
+  grasp.grip_width_m = 0.02;
+  grasp.quality = 0.8;
+  grasp.success = 0.95;
+  object.grasps.push_back(grasp);
+  object.grasp_counts.considered = 1;
+  object.view_scores.assign(request.images.size(), 0.9);
+  object.camera_covariances.assign(request.images.size(), object.covariance);
+  answer.joint_covariance = object.covariance;
+  if (request.reference) answer.base_from_scene = request.reference->base_from_object;
+  answer.objects.push_back(object);
+  answer.state = SceneState::kRecognized;
+  answer.detail = "1 object";
+  return result;
+}
+
+int Main(int argc, char** argv) {
+  CLI::App app("mock_horopterd");
+  double delay_ms = 0.0;
+  ServerOptions options;
+  options.listen = "127.0.0.1:0";
+  options.workers = 2;
+  app.add_option("--delay-ms", delay_ms);
+  app.add_option("--workers", options.workers);
+  app.add_option("--queue", options.queue);
+  app.add_option("--listen", options.listen);
+  CLI11_PARSE(app, argc, argv);
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGTERM);
+  sigaddset(&signals, SIGINT);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  const Recognizer recognizer = [delay_ms](
+                                    const SceneRequest& request,
+                                    const CatalogSnapshot& catalog,
+                                    const CallLimits& limits) -> absl::StatusOr<PipelineResult> {
+    const auto until =
+        std::chrono::steady_clock::now() + std::chrono::duration<double, std::milli>(delay_ms);
+    while (std::chrono::steady_clock::now() < until) {
+      if (limits.stop()) return absl::CancelledError("stopped");
+      std::this_thread::sleep_until(
+          std::min<std::chrono::time_point<std::chrono::steady_clock,
+                                           std::chrono::duration<double, std::nano>>>(
+              until, std::chrono::steady_clock::now() + std::chrono::milliseconds(5)));
+    }
+    std::string id;
+    if (!request.candidates.empty()) {
+      id = request.candidates[0];
+    } else if (!catalog.objects.empty()) {
+      id = ModelOfFake(*catalog.objects[0]).id;
+    }
+    return MockAnswer(request, id);
+  };
+  auto catalog = Catalog::Open(":memory:");
+  if (!catalog.ok()) return 1;
+  auto server = HoropterServer::Start(*std::move(catalog), FakePreparer(), recognizer, options);
+  if (!server.ok()) {
+    spdlog::error("{}", std::string(server.status().message()));
+    return 1;
+  }
+  spdlog::set_level(spdlog::level::info);
+  spdlog::flush_on(spdlog::level::info);
+  spdlog::info("listening on {}", (*server)->address());
+  int signal = 0;
+  sigwait(&signals, &signal);
+  (*server)->Stop(5.0);
+  return 0;
+}
+
+}  // namespace
+}  // namespace horopter
+
+int main(int argc, char** argv) {
+  return horopter::Main(argc, argv);
+}
