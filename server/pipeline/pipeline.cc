@@ -303,10 +303,10 @@ absl::StatusOr<RecognitionResult> TimedRecognition(decltype(&RecognizeObjects) r
                                                    std::vector<StageReport>* stages) {
   StageClock clock("recognition", stages);
   StepClock steps;
-  HOROPTER_ASSIGN_OR_RETURN(
-      RecognitionResult result,
-      recognize(
-          input, options.recognition, stop, [&](std::string_view step) { steps.Begin(step); }));
+  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
+                            recognize(input, options.recognition, stop, [&](std::string_view step) {
+                              steps.Begin(step);
+                            }));
   steps.End();
   std::map<std::string, double> counts = steps.seconds();
   counts.insert(result.counts.begin(), result.counts.end());

@@ -78,8 +78,8 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"fine_render_px", &o.find.fine_render_px},
       {"fine_share", &o.find.fine_share}};
   const std::map<std::string, int*> integers = {{"pool", &o.find.votes.pool},
-      {"max_matches", &o.find.votes.max_matches},
-      {"max_repeats", &o.find.votes.max_repeats},
+                                                {"max_matches", &o.find.votes.max_matches},
+                                                {"max_repeats", &o.find.votes.max_repeats},
 
                                                 {"max_per_part", &o.find.votes.max_per_part},
                                                 {"max_per_place", &o.find.votes.max_per_place},

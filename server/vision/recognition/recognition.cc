@@ -147,8 +147,8 @@ absl::StatusOr<RecognitionResult> ByRoutes(const RecognitionInput& input,
 // Objects with few edges are asked for by the routes in the cameras of the reconstruction: where a
 // table's texture gives these they are quick. Their answer is judged by what the cameras should see
 // of it; unless that confirms it, the aspects give theirs, and the one that explains more is taken.
-// What neither finds the dearer routes are asked for. Rich ones have been asked for by their aspects
-// before (AspectsComeFirst): here only what trusted cameras say is added.
+// What neither finds the dearer routes are asked for. Rich ones have been asked for by their
+// aspects before (AspectsComeFirst): here only what trusted cameras say is added.
 absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
                                               JointContext* context) {
   const AspectRouteOptions& options = context->options.aspects;
@@ -214,8 +214,11 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
   if (!HaveAspects(input.objects, options.aspects))
     return absl::InvalidArgumentError("objects: not all have aspects");
   if (auto result = TooFewFeatures(input)) return *std::move(result);
-  const JointContext context = MakeContext(
-      {input.features, input.hints, nullptr, nullptr, input.objects, false}, options, stop, on_step);
+  const JointContext context =
+      MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
+                  options,
+                  stop,
+                  on_step);
   BeginStep(context, "aspect_images");
   const std::vector<AspectImage> images = MakeAspectImages(input.images, options.threads);
   HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(context, images));

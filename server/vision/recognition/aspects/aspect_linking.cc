@@ -19,11 +19,12 @@ constexpr double kMostChance = 0.5;
 constexpr std::size_t kLongList = 12;  // hypotheses of which a fifth may be right
 constexpr double kShownScore = 0.35;   // of the best object in a view whose camera is right
 constexpr int kSeedObjects = 8;
-constexpr int kCompleted = 2;          // drafts, of those that explain ...
-constexpr double kNearlyBest = 0.8;    // ... this share of what the best does
-constexpr int kRescues = 2;            // rounds in which doubtful views are looked at again
-constexpr double kDoubtfulShare = 0.4; // of what the middle view shows
-constexpr double kBetterScore = 0.06;  // of another pose of an object in one view
+constexpr int kCompleted = 2;            // drafts, of those that explain ...
+constexpr double kNearlyBest = 0.8;      // ... this share of what the best does
+constexpr int kRescues = 2;              // rounds in which doubtful views are looked at again
+constexpr double kDoubtfulShare = 0.5;   // of what the middle view shows: looked at again
+constexpr double kPoorShare = 0.4;       // ... and left out when that did not help
+constexpr double kBetterScore = 0.06;    // of another pose of an object in one view
 constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
 constexpr double kNearM = 1e-3;
 constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
@@ -115,12 +116,14 @@ class Linker {
   // Of a part seen in two views: as good as in the worse one, both count.
   static double Support(double a, double b) { return 2.0 * std::sqrt(a * b); }
 
+  // The symmetries of a part, at most max_symmetries spread over all of them: those of a surface of
+  // revolution are listed turn by turn.
   std::vector<Rigid3> Turns(int object) const {
     std::vector<Rigid3> turns = {Rigid3{}};
-    for (const Rigid3& s : in_.parts[object].symmetries) {
-      if (static_cast<int>(turns.size()) >= options_.max_symmetries) break;
-      turns.push_back(s);
-    }
+    const std::span<const Rigid3> all = in_.parts[object].symmetries;
+    const std::size_t most = static_cast<std::size_t>(std::max(1, options_.max_symmetries));
+    const std::size_t count = std::min(all.size(), most);
+    for (std::size_t i = 0; i < count; ++i) turns.push_back(all[i * all.size() / count]);
     return turns;
   }
 
@@ -387,7 +390,7 @@ class Linker {
   }
 
   // Views that show much less of the objects than the others do: of three and more.
-  std::vector<bool> PoorViews(const LinkedScene& scene) const {
+  std::vector<bool> PoorViews(const LinkedScene& scene, double share) const {
     std::vector<bool> poor(scene.views.size(), false);
     if (scene.registered() < 3) return poor;
     std::vector<double> shows;
@@ -401,7 +404,7 @@ class Linker {
     const auto middle = shows.begin() + static_cast<std::ptrdiff_t>(shows.size() / 2);
     std::nth_element(shows.begin(), middle, shows.end());
     for (std::size_t v = 0; v < scene.views.size(); ++v)
-      poor[v] = scene.views[v].has_value() && of_view[v] < kDoubtfulShare * *middle;
+      poor[v] = scene.views[v].has_value() && of_view[v] < share * *middle;
     return poor;
   }
 
@@ -409,7 +412,7 @@ class Linker {
   // may hang on a wrong hypothesis.
   LinkedScene WithoutDoubtfulViews(const LinkedScene& scene) const {
     LinkedScene out = scene;
-    const std::vector<bool> poor = PoorViews(scene);
+    const std::vector<bool> poor = PoorViews(scene, kDoubtfulShare);
     for (std::size_t v = 0; v < scene.views.size(); ++v) {
       if (!scene.views[v] || out.registered() < 3) continue;
       if (poor[v] || IsContradicted(scene, static_cast<int>(v))) out.views[v].reset();
@@ -419,7 +422,7 @@ class Linker {
 
   // A view that stays poor has a wrong camera: better none. The rest is adjusted without it.
   void DropPoorViews(LinkedScene* scene) const {
-    const std::vector<bool> poor = PoorViews(*scene);
+    const std::vector<bool> poor = PoorViews(*scene, kPoorShare);
     AspectScene rest;
     rest.views = scene->views;
     bool dropped = false;
@@ -549,8 +552,7 @@ class Linker {
                               b = view->camera_from_scene * there;
         if (a.z() < kNearM || b.z() < kNearM) return false;
         const double size = view->camera.focal_px * smaller / std::max(a.z(), b.z());
-        if ((Project(view->camera, a) - Project(view->camera, b)).norm() >
-            kOverlapShare * size) {
+        if ((Project(view->camera, a) - Project(view->camera, b)).norm() > kOverlapShare * size) {
           return false;
         }
         ++seen;
@@ -681,9 +683,8 @@ class Linker {
           FindAspectHypotheses(in_.images[v], *index, deep, nullptr, stop_).hypotheses;
       for (AspectHypothesis& h : list) h.object = objects[h.object];
       list.insert(list.end(), hypotheses_[v].begin(), hypotheses_[v].end());
-      std::stable_sort(list.begin(), list.end(), [](const auto& a, const auto& b) {
-        return a.score > b.score;
-      });
+      std::stable_sort(
+          list.begin(), list.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
       weights_[v] = Weights(list);
       hypotheses_[v] = std::move(list);
     }

@@ -19,7 +19,7 @@ namespace horopter {
 struct AspectLinkOptions {
   int hypotheses_per_view = 60;   // best of a view that link and are carried over
   double min_hypothesis = 0.12;   // score of these
-  int max_symmetries = 12;        // of a part that are tried when views are linked
+  int max_symmetries = 24;        // of a part that are tried when views are linked
   double same_pose_share = 0.35;  // of its size: a part carried into another view may be so far off
   int pair_seeds = 40;            // links of two views that are grown, of all pairs
   int adjusted_seeds = 4;         // scenes that are adjusted and held against the images

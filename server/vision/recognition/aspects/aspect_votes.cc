@@ -78,7 +78,8 @@ void DropRepeated(int max_repeats, std::vector<ContourFragment>* fragments) {
   const auto hash_of = [](const ContourFragment& f, int offset) {
     std::uint32_t hash = 0;
     const auto mix = [&](float v, float width) {
-      const auto q = static_cast<std::int32_t>(std::floor(v / width + 0.5f * static_cast<float>(offset)));
+      const auto q =
+          static_cast<std::int32_t>(std::floor(v / width + 0.5f * static_cast<float>(offset)));
       hash = (hash ^ static_cast<std::uint32_t>(q)) * 0x9E3779B1u;
       hash ^= hash >> 15;
     };
@@ -146,8 +147,8 @@ struct CoarseMap {
   }
 
   // Mean support of points [from, to) under a similarity: as Support().
-  float Support(const PackedVotePoint* points, int from, int to, const Similarity& s, int tau8)
-      const {
+  float Support(
+      const PackedVotePoint* points, int from, int to, const Similarity& s, int tau8) const {
     const float cells = 1.0f / static_cast<float>(cell_px);
     const float unit = cells / PackedVotePoint::kPlaceScale;
     const float a = s.a * unit, b = s.b * unit;

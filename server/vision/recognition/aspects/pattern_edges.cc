@@ -9,11 +9,11 @@
 namespace horopter {
 namespace {
 
-constexpr int kTrials = 300;          // pairs of pieces that are asked for a vanishing point
-constexpr int kBlocks = 8;            // along the width and the height
-constexpr float kMarkReachPx = 1.6f;  // of a piece: its own points
+constexpr int kTrials = 300;           // pairs of pieces that are asked for a vanishing point
+constexpr int kBlocks = 8;             // along the width and the height
+constexpr float kMarkReachPx = 1.6f;   // of a piece: its own points
 constexpr float kMaxOpeningPx = 4.0f;  // between the ends of a chain that is closed
-constexpr float kShortShare = 0.4f;   // of the least length: pieces of a known family
+constexpr float kShortShare = 0.4f;    // of the least length: pieces of a known family
 
 struct Piece {
   Eigen::Vector2f from, to;
@@ -100,7 +100,8 @@ void Mark(const PointRaster& raster, const Piece& piece, std::vector<std::uint8_
   const int reach = static_cast<int>(std::ceil(kMarkReachPx));
   for (float t = 0.0f; t <= piece.length; t += 1.0f) {
     const Eigen::Vector2f at = piece.from + t * along;
-    const int cx = static_cast<int>(std::lround(at.x())), cy = static_cast<int>(std::lround(at.y()));
+    const int cx = static_cast<int>(std::lround(at.x())),
+              cy = static_cast<int>(std::lround(at.y()));
     for (int y = std::max(0, cy - reach); y <= std::min(raster.height - 1, cy + reach); ++y) {
       for (int x = std::max(0, cx - reach); x <= std::min(raster.width - 1, cx + reach); ++x) {
         const std::int32_t e = raster.at[static_cast<std::size_t>(y) * raster.width + x];
@@ -176,8 +177,7 @@ void MarkDots(const PointRaster& raster,
   std::vector<Piece> all;
   int dots = 0;
   for (const ContourChain& c : contours.chains) {
-    const std::vector<Piece> sides =
-        DotOf(contours, c, static_cast<float>(raster.width), options);
+    const std::vector<Piece> sides = DotOf(contours, c, static_cast<float>(raster.width), options);
     dots += sides.empty() ? 0 : 1;
     all.insert(all.end(), sides.begin(), sides.end());
   }
