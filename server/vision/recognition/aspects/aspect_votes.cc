@@ -74,48 +74,6 @@ float Support(const AspectImage& image,
   return static_cast<float>(sum) / static_cast<float>(tau8 * (to - from));
 }
 
-void DropRepeated(int max_repeats, std::vector<ContourFragment>* fragments) {
-  const auto hash_of = [](const ContourFragment& f, int offset) {
-    std::uint32_t hash = 0;
-    const auto mix = [&](float v, float width) {
-      const auto q =
-          static_cast<std::int32_t>(std::floor(v / width + 0.5f * static_cast<float>(offset)));
-      hash = (hash ^ static_cast<std::uint32_t>(q)) * 0x9E3779B1u;
-      hash ^= hash >> 15;
-    };
-    for (int i = 0; i < kFragmentAngles; i += 2) mix(f.key[i] + f.key[i + 1], 0.6f);
-    mix(std::log(f.spread), 0.15f);
-    mix(f.chord_rad, 0.3f);
-    return hash;
-  };
-  std::vector<char> repeated(fragments->size(), 0);
-  for (int offset = 0; offset < 2; ++offset) {
-    std::vector<std::pair<std::uint32_t, std::uint32_t>> keyed;
-    for (std::size_t i = 0; i < fragments->size(); ++i)
-      keyed.emplace_back(hash_of((*fragments)[i], offset), static_cast<std::uint32_t>(i));
-    std::sort(keyed.begin(), keyed.end());
-    std::vector<Eigen::Vector2f> places;
-    for (std::size_t from = 0, to; from < keyed.size(); from = to) {
-      places.clear();
-      for (to = from; to < keyed.size() && keyed[to].first == keyed[from].first; ++to) {
-        const ContourFragment& f = (*fragments)[keyed[to].second];
-        if (static_cast<int>(places.size()) <= max_repeats &&
-            std::none_of(places.begin(), places.end(), [&](const Eigen::Vector2f& p) {
-              return (p - f.center).squaredNorm() < f.spread * f.spread;
-            }))
-          places.push_back(f.center);
-      }
-      if (static_cast<int>(places.size()) <= max_repeats) continue;
-      for (std::size_t k = from; k < to; ++k) repeated[keyed[k].second] = 1;
-    }
-  }
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < fragments->size(); ++i) {
-    if (!repeated[i]) (*fragments)[kept++] = (*fragments)[i];
-  }
-  fragments->resize(kept);
-}
-
 // An oriented distance map in cells of some pixels, with a border of far cells so that places are
 // clamped, not tested.
 struct CoarseMap {

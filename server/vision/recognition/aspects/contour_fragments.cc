@@ -164,6 +164,21 @@ class Walker {
   float wanted_ = 0.0f;
 };
 
+// The bin of a fragment's shape, size and direction; `shift` moves the bins by a share of theirs.
+std::uint32_t ShapeHash(const ContourFragment& f, float shift) {
+  constexpr float kKeyBin = 0.6f, kLogSizeBin = 0.15f, kChordBin = 0.3f;
+  std::uint32_t hash = 0;
+  const auto mix = [&](float v, float width) {
+    const auto bin = static_cast<std::int32_t>(std::floor(v / width + shift));
+    hash = (hash ^ static_cast<std::uint32_t>(bin)) * 0x9E3779B1u;
+    hash ^= hash >> 15;
+  };
+  for (int i = 0; i < kFragmentAngles; i += 2) mix(f.key[i] + f.key[i + 1], kKeyBin);
+  mix(std::log(f.spread), kLogSizeBin);
+  mix(f.chord_rad, kChordBin);
+  return hash;
+}
+
 }  // namespace
 
 std::optional<ContourFragment> MakeFragment(
@@ -229,6 +244,38 @@ ContourFragment Reversed(const ContourFragment& fragment) {
 std::vector<ContourFragment> CollectFragments(const ContourGraph& graph,
                                               const FragmentOptions& options) {
   return Walker(graph, options).Run();
+}
+
+void DropRepeated(int max_repeats, std::vector<ContourFragment>* fragments) {
+  std::vector<char> repeated(fragments->size(), 0);
+  // Two grids of bins: what falls on a border of one lies inside of the other.
+  for (int grid = 0; grid < 2; ++grid) {
+    std::vector<std::pair<std::uint32_t, std::uint32_t>> keyed;
+    for (std::size_t i = 0; i < fragments->size(); ++i)
+      keyed.emplace_back(ShapeHash((*fragments)[i], 0.5f * static_cast<float>(grid)),
+                         static_cast<std::uint32_t>(i));
+    std::sort(keyed.begin(), keyed.end());
+    std::vector<Eigen::Vector2f> places;
+    for (std::size_t from = 0, to; from < keyed.size(); from = to) {
+      places.clear();
+      for (to = from; to < keyed.size() && keyed[to].first == keyed[from].first; ++to) {
+        const ContourFragment& f = (*fragments)[keyed[to].second];
+        if (static_cast<int>(places.size()) > max_repeats) continue;
+        if (std::none_of(places.begin(), places.end(), [&](const Eigen::Vector2f& p) {
+              return (p - f.center).squaredNorm() < f.spread * f.spread;
+            })) {
+          places.push_back(f.center);
+        }
+      }
+      if (static_cast<int>(places.size()) <= max_repeats) continue;
+      for (std::size_t k = from; k < to; ++k) repeated[keyed[k].second] = 1;
+    }
+  }
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < fragments->size(); ++i) {
+    if (!repeated[i]) (*fragments)[kept++] = (*fragments)[i];
+  }
+  fragments->resize(kept);
 }
 
 }  // namespace horopter

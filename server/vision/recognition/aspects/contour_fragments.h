@@ -59,6 +59,10 @@ ContourFragment Reversed(const ContourFragment& fragment);
 std::vector<ContourFragment> CollectFragments(const ContourGraph& graph,
                                               const FragmentOptions& options);
 
+// Leaves out pieces that come again, at one size and direction, in more than max_repeats places:
+// holes of a perforated sheet, teeth, weave. Places nearer than a piece's spread are one.
+void DropRepeated(int max_repeats, std::vector<ContourFragment>* fragments);
+
 // Sum of squared differences of two keys.
 inline float SquaredDistance(const FragmentKey& a, const FragmentKey& b) {
   float sum = 0.0f;

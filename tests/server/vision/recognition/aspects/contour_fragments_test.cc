@@ -134,6 +134,34 @@ TEST(ContourFragments, ContoursRunThroughCornersAndSmallGaps) {
   }
 }
 
+TEST(ContourFragments, PiecesThatComeAgainInManyPlacesAreDropped) {
+  ContourFragment piece;
+  piece.key = {0.4f, 0.3f, 0.2f, 0.1f, -0.1f, -0.2f, -0.3f, -0.4f};
+  piece.spread = 10.0f;
+  piece.chord_rad = 0.1f;
+  std::vector<ContourFragment> fragments;
+  for (int k = 0; k < 9; ++k) {
+    piece.center = {50.0f * static_cast<float>(k), 100.0f};
+    fragments.push_back(piece);
+  }
+  ContourFragment turned = piece, larger = piece;
+  turned.chord_rad += 1.0f;
+  larger.spread *= 2.0f;
+  fragments.push_back(turned);
+  fragments.push_back(larger);
+  std::vector<ContourFragment> few = fragments;
+  DropRepeated(9, &few);
+  EXPECT_EQ(few.size(), 11u);
+  DropRepeated(8, &fragments);
+  ASSERT_EQ(fragments.size(), 2u);
+  EXPECT_EQ(fragments[0].chord_rad, turned.chord_rad);
+  EXPECT_EQ(fragments[1].spread, larger.spread);
+  // The same place many times is one: lengths and starts of one contour.
+  std::vector<ContourFragment> here(20, piece);
+  DropRepeated(1, &here);
+  EXPECT_EQ(here.size(), 20u);
+}
+
 TEST(ContourFragments, NothingComesOfNothing) {
   FragmentOptions options;
   options.min_length = 20.0;

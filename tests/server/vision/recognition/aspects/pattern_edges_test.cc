@@ -1,0 +1,112 @@
+#include "server/vision/recognition/aspects/pattern_edges.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace horopter {
+namespace {
+
+constexpr int kWidth = 640, kHeight = 480;
+
+// Edge points of drawings, and which of them belong to the pattern.
+struct Drawing {
+  std::vector<Eigen::Vector2f> points;
+  std::vector<bool> pattern;
+
+  void Line(Eigen::Vector2f from, Eigen::Vector2f to, bool is_pattern) {
+    const int n = static_cast<int>((to - from).norm());
+    for (int i = 0; i <= n; ++i) Add(from + (to - from) * (static_cast<float>(i) / n), is_pattern);
+  }
+  void Circle(Eigen::Vector2f center, float radius, bool is_pattern) {
+    const int n = static_cast<int>(6.3f * radius);
+    for (int i = 0; i < n; ++i) {
+      const float a = 6.2831853f * static_cast<float>(i) / static_cast<float>(n);
+      Add(center + radius * Eigen::Vector2f(std::cos(a), std::sin(a)), is_pattern);
+    }
+  }
+  void Add(const Eigen::Vector2f& p, bool is_pattern) {
+    if (p.x() < 0 || p.y() < 0 || p.x() > kWidth - 1 || p.y() > kHeight - 1) return;
+    points.push_back(p);
+    pattern.push_back(is_pattern);
+  }
+};
+
+// Share of the pattern's points that are found, and of the others that are taken for pattern.
+struct Shares {
+  double found = 0.0, taken = 0.0;
+};
+
+Shares Ask(const Drawing& drawing) {
+  const PointRaster raster = MakePointRaster(kWidth, kHeight, drawing.points);
+  const std::vector<std::uint8_t> marked = FindPatternPoints(raster, TraceContours(raster, 6.0));
+  if (marked.empty()) return {};
+  EXPECT_EQ(marked.size(), raster.points.size());
+  double found = 0, of_pattern = 0, taken = 0, others = 0;
+  for (std::size_t i = 0; i < drawing.points.size(); ++i) {
+    const Eigen::Vector2f& p = drawing.points[i];
+    const int x = static_cast<int>(p.x() + 0.5f), y = static_cast<int>(p.y() + 0.5f);
+    const std::int32_t e = raster.at[static_cast<std::size_t>(y) * kWidth + x];
+    if (e < 0) continue;
+    (drawing.pattern[i] ? of_pattern : others) += 1;
+    (drawing.pattern[i] ? found : taken) += marked[e];
+  }
+  return {of_pattern > 0 ? found / of_pattern : 0.0, others > 0 ? taken / others : 0.0};
+}
+
+// Lines through one point far above the image: a striped table seen obliquely.
+void AddStripes(Drawing* drawing) {
+  for (int k = -30; k <= 60; ++k) {
+    const Eigen::Vector2f foot(static_cast<float>(24 * k), kHeight - 1.0f);
+    const Eigen::Vector2f far(300.0f, -600.0f);
+    const float top = (0.0f - foot.y()) / (far.y() - foot.y());
+    drawing->Line(foot, foot + top * (far - foot), true);
+  }
+}
+
+TEST(PatternEdges, StripesAreFoundAndAContourBeforeThemIsNot) {
+  Drawing drawing;
+  AddStripes(&drawing);
+  drawing.Circle({320, 240}, 90, false);
+  const Shares shares = Ask(drawing);
+  EXPECT_GT(shares.found, 0.9);
+  EXPECT_LT(shares.taken, 0.35);  // crossings are both
+}
+
+TEST(PatternEdges, RibsOfAPartAreNoStripes) {
+  Drawing drawing;
+  for (int k = 0; k < 30; ++k) {
+    const float x = 250.0f + 6.0f * static_cast<float>(k);
+    drawing.Line({x, 180}, {x, 320}, false);
+  }
+  EXPECT_EQ(Ask(drawing).taken, 0.0);
+}
+
+TEST(PatternEdges, HolesOfAPerforatedSheetAreFoundAndALargeContourIsNot) {
+  Drawing drawing;
+  for (int y = 20; y < kHeight; y += 40) {
+    for (int x = 20; x < kWidth; x += 40) {
+      const Eigen::Vector2f center(static_cast<float>(x), static_cast<float>(y));
+      if ((center - Eigen::Vector2f(320, 240)).norm() > 125) drawing.Circle(center, 9, true);
+    }
+  }
+  drawing.Circle({320, 240}, 100, false);
+  const Shares shares = Ask(drawing);
+  EXPECT_GT(shares.found, 0.9);
+  EXPECT_LT(shares.taken, 0.05);
+}
+
+TEST(PatternEdges, AFewHolesAreAPartsOwn) {
+  Drawing drawing;
+  for (int k = 0; k < 12; ++k)
+    drawing.Circle({60.0f + 45.0f * static_cast<float>(k), 200.0f}, 9, false);
+  EXPECT_EQ(Ask(drawing).taken, 0.0);
+}
+
+TEST(PatternEdges, NothingOfAnEmptyImage) {
+  EXPECT_TRUE(FindPatternPoints(MakePointRaster(kWidth, kHeight, {}), {}).empty());
+}
+
+}  // namespace
+}  // namespace horopter
