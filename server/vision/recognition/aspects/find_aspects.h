@@ -23,7 +23,7 @@ struct FindAspectOptions {
   // Focal length in image widths; a known camera is given to FindAspectHypotheses instead.
   double nominal_focal_share = 1.2;
   double log_focal_sigma = 0.35;
-  int coarse_per_part = 8;  // poses refined and scored in a coarse rendering
+  int coarse_per_part = 10;  // poses refined and scored in a coarse rendering
   double coarse_render_px = 110.0;
   int fine_per_part = 6;  // ... in a fine one; also the most hypotheses of a part
   double fine_render_px = 200.0;

@@ -41,9 +41,13 @@ std::vector<std::optional<AspectSceneView>> SceneViews(
 double ObjectProbability(const LinkedObject& o,
                          const LinkedScene& scene,
                          const AspectRouteOptions& options) {
-  // Objects are best first.
-  const bool beside =
-      scene.objects.front().score >= options.sure_score && o.score < scene.objects.front().score;
+  // Objects are best first. A second one of a part is what a view with a wrong camera makes of the
+  // first: it must be as sure as one alone.
+  const bool again = std::any_of(scene.objects.begin(), scene.objects.end(), [&](const auto& p) {
+    return p.object == o.object && p.score > o.score;
+  });
+  const bool beside = !again && scene.objects.front().score >= options.sure_score &&
+                      o.score < scene.objects.front().score;
   const double even = scene.registered() < 2 ? options.even_in_one_view
                       : beside               ? options.even_score
                                              : options.even_alone;
