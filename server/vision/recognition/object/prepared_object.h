@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "server/vision/geometry/mesh_symmetry.h"
 #include "server/vision/geometry/object_model.h"
 #include "server/vision/invariants/object_keys.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
@@ -87,6 +88,10 @@ struct PreparedObject {
   // others lead to the same poses again.
   std::vector<int> distinct_paths;
   std::vector<StablePose> stable_poses;
+  // Turns that only small features tell from the identity: poses that images without these features
+  // leave open.
+  std::vector<NearSymmetry> near_symmetries;
+  bool sphere = false;  // has no orientation
   Occupancy occupancy;
   ObjectKeys keys;                             // for the catalog's index
   std::shared_ptr<const PartAspects> aspects;  // null: not asked for
@@ -106,7 +111,8 @@ struct PrepareOptions {
   bool aspects = false;  // also PreparedObject::aspects: a second or two more, 0.5 MB
 };
 
-// Errors: INVALID_ARGUMENT when the model has no edges, no mesh or no extent.
+// A model without sharp edges (a ball, a casting) has no samples and no paths: it is found by its
+// aspects alone. Errors: INVALID_ARGUMENT when it has no mesh or no extent.
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(
     ObjectModel model, const PrepareOptions& options = {});
 

@@ -4,6 +4,8 @@
 
 #include <random>
 
+#include "server/vision/recognition/object/prepared_blob.h"
+#include "tests/server/vision/recognition/aspects/solid_meshes.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {
@@ -52,10 +54,25 @@ TEST(PrepareObject, SamplesLieOnTheirEdgesAndPathsShareTheirVertex) {
   EXPECT_EQ((*part)->paths.size(), 36u);  // three edges meet at each of 12 vertices: 3 pairs each
 }
 
-TEST(PrepareObject, RefusesModelsWithoutEdgesMeshOrExtent) {
-  ObjectModel no_edges = LBracket();
-  no_edges.edges.clear();
-  EXPECT_EQ(PrepareObject(no_edges).status().code(), absl::StatusCode::kInvalidArgument);
+TEST(PrepareObject, ASmoothPartIsKnownByItsAspects) {
+  ObjectModel ball;
+  ball.id = "ball";
+  ball.mesh = SphereMesh(0.02, 24);
+  ball.diameter_m = 0.04;
+  const auto made = PrepareObject(ball, {.aspects = true});
+  ASSERT_TRUE(made.ok()) << made.status();
+  EXPECT_TRUE((*made)->sphere);
+  EXPECT_TRUE((*made)->samples.empty());
+  ASSERT_NE((*made)->aspects, nullptr);
+  EXPECT_FALSE((*made)->aspects->fragments.fragments.empty());
+  EXPECT_FALSE((*made)->stable_poses.empty());
+  const PreparedBytes bytes = EncodePrepared(**made, {.aspects = true});
+  const auto restored = RestorePrepared(ball, bytes, {.aspects = true});
+  ASSERT_TRUE(restored.ok()) << restored.status();
+  EXPECT_EQ(EncodePrepared(**restored, {.aspects = true}), bytes);
+}
+
+TEST(PrepareObject, RefusesModelsWithoutMeshOrExtent) {
   ObjectModel no_mesh = LBracket();
   no_mesh.mesh.triangles.clear();
   EXPECT_EQ(PrepareObject(no_mesh).status().code(), absl::StatusCode::kInvalidArgument);
