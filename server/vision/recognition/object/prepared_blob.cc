@@ -318,6 +318,7 @@ PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions&
     for (const double x : pose.up) Append(out, x);
     Append(out, pose.height_m);
     Append(out, pose.margin_m);
+    Append(out, static_cast<std::uint8_t>(pose.rolls));
   }
   AppendNearSymmetries(out, object);
   AppendOccupancy(out, object.occupancy);
@@ -350,12 +351,13 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
     object->visible[i] ^= object->visible[i - words];
   }
   const auto poses = reader.Take<std::uint32_t>();
-  if (poses > reader.left() / 40) return absl::DataLossError("derived data: too many poses");
+  if (poses > reader.left() / 41) return absl::DataLossError("derived data: too many poses");
   object->stable_poses.resize(poses);
   for (StablePose& pose : object->stable_poses) {
     pose.up = reader.TakeVector();
     pose.height_m = reader.Take<double>();
     pose.margin_m = reader.Take<double>();
+    pose.rolls = reader.Take<std::uint8_t>() != 0;
   }
   if (!TakeNearSymmetries(reader, *object)) {
     return absl::DataLossError("derived data: near symmetries of a wrong size");

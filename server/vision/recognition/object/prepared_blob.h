@@ -11,7 +11,7 @@
 //   24     view sphere: u32 bytes, then the bits of PreparedObject::visible, every aspect as its
 //          difference (xor) from the aspect before, zero bytes run-length coded: 00 n stands for n
 //          of them, 1..255
-//          resting poses: u32 count, then up (3 f64), height (f64), margin (f64) each
+//          resting poses: u32 count, then up (3 f64), height (f64), margin (f64), rolls (u8) each
 //          near symmetries: u8 sphere, u32 count, then axis and point (3 f64 each), order (i32),
 //          largest, mean, area share (f64 each), place (3 f64), size (f64) each
 //          cells: origin (3 f64), cell (f64), size (3 i32), u32 bytes, then the bits `inside`,

@@ -52,6 +52,7 @@ struct StablePose {
   double height_m = 0.0;  // of the object origin above the plane
   double margin_m =
       0.0;  // distance of the projected centre of mass from the border of the support polygon
+  bool rolls = false;  // one of many along a round side
 };
 
 // Which cells of the bounding box lie inside the part: objects are solid, two of them cannot share
@@ -126,8 +127,10 @@ void FillEdgeVisibility(PreparedObject* object);
 // PreparedObject::aspects. Errors: INVALID_ARGUMENT (see MakeRenderMesh).
 absl::StatusOr<std::shared_ptr<const PartAspects>> MakePartAspects(const ObjectModel& model);
 
-// Stable resting poses of a mesh on a plane: facets of the convex hull above which the centre of
-// mass lies, largest margin first.
+// Stable resting poses of a mesh on a plane, of any shape: facets of the convex hull above which
+// the centre of mass lies, largest margin first. Of a round side, which has as many as facets, at
+// most kRollingPoses, evenly spread, stand for all.
+inline constexpr int kRollingPoses = 40;
 std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh);
 
 // Cells of a closed mesh by ray parity along z; cells of an open mesh may be wrong.

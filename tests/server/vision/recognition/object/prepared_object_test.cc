@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <random>
 
 #include "server/vision/recognition/object/prepared_blob.h"
@@ -79,6 +81,31 @@ TEST(PrepareObject, RefusesModelsWithoutMeshOrExtent) {
   ObjectModel flat = LBracket();
   flat.diameter_m = 0.0;
   EXPECT_EQ(PrepareObject(flat).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(StablePoses, RoundPartsRollAndFewPosesStandForAll) {
+  const auto cylinder = FindStablePoses(CylinderMesh(0.02, 0.03, 64));
+  int flat = 0;
+  double widest = 0.0;
+  for (const StablePose& p : cylinder) flat += !p.rolls;
+  EXPECT_EQ(flat, 2);
+  EXPECT_LE(static_cast<int>(cylinder.size()), kRollingPoses + 2);
+  for (int i = 0; i < 360; ++i) {
+    const Eigen::Vector3d d(std::cos(i * M_PI / 180), std::sin(i * M_PI / 180), 0.0);
+    double nearest = M_PI;
+    for (const StablePose& p : cylinder) {
+      if (!p.rolls) continue;
+      EXPECT_NEAR(p.height_m, 0.02, 1e-4);
+      nearest = std::min(nearest, std::acos(std::clamp(p.up.dot(d), -1.0, 1.0)));
+    }
+    widest = std::max(widest, nearest);
+  }
+  EXPECT_LT(widest, 0.13);                                  // 7.5 degrees
+  const auto ball = FindStablePoses(SphereMesh(0.02, 40));  // 3122 vertices
+  EXPECT_FALSE(ball.empty());
+  EXPECT_LE(static_cast<int>(ball.size()), kRollingPoses);
+  for (const StablePose& p : ball) EXPECT_TRUE(p.rolls);
+  for (const StablePose& p : FindStablePoses(Box(0.05, 0.06, 0.07).mesh)) EXPECT_FALSE(p.rolls);
 }
 
 TEST(StablePoses, BoxRestsOnItsSixFaces) {
