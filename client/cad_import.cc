@@ -7,6 +7,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "client/cad_findings.h"
 #include "client/mesh_import.h"
 #include "client/step_import.h"
 #include "server/base/status_macros.h"
@@ -77,11 +78,8 @@ absl::Status CheckModel(const std::string& path, const CadImport& import) {
                                                    model.diameter_m * 1e3,
                                                    " mm is outside 1 mm .. 10 m; is the unit '",
                                                    import.unit_name,
-                                                   "' right?"));
-  }
-  if (model.edges.empty()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": has no sharp edges; recognition needs edges"));
+                                                   "' right?",
+                                                   SuggestUnits(import)));
   }
   return absl::OkStatus();
 }
@@ -93,7 +91,8 @@ absl::Status Finish(const std::string& path, const CadImportOptions& options, Ca
   HOROPTER_RETURN_IF_ERROR(CheckModel(path, import));
   SymmetryOptions symmetry;
   symmetry.tolerance = options.symmetry_tolerance;
-  model.symmetries = DeriveSymmetries(model, symmetry);
+  FindOddities(OfSurface(symmetry), &import);
+  model.symmetries = DeriveSymmetries(model, symmetry, import.symmetries);
   import.counts = {{"vertices", static_cast<int>(model.vertices.size())},
                    {"triangles", static_cast<int>(model.mesh.triangles.size())},
                    {"symmetries", static_cast<int>(model.symmetries.size())},

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "server/vision/geometry/mesh_symmetry.h"
 #include "server/vision/geometry/object_model.h"
 
 namespace horopter {
@@ -24,6 +25,30 @@ struct CadImportOptions {
   // Largest deviation that still counts as symmetric, as a share of the diameter. Raising it calls
   // nearly symmetric parts symmetric.
   double symmetry_tolerance = 1e-3;
+  // A mesh of more triangles is simplified on a grid of 1 / 250 of the diameter before anything
+  // else; its sharp edges stay.
+  int max_triangles = 300000;
+};
+
+// What is odd about a file though it can be used.
+enum class CadFindingKind {
+  kOther = 0,
+  kOpenMesh,         // the surface has borders
+  kInvertedFaces,    // faces that pointed inwards were turned
+  kDuplicateFaces,   // faces that were there twice were dropped
+  kSimplified,       // too many triangles; fewer stand for them
+  kSeveralBodies,    // an assembly, taken as one rigid part
+  kHiddenInside,     // shells that nobody sees from outside
+  kNoSharpEdges,     // found by its aspects alone
+  kNoOrientation,    // a sphere
+  kPlainPlate,       // thin and the same from both sides
+  kNearlySymmetric,  // but for small features
+  kDoubtfulUnit,     // another unit would give a likelier size
+};
+
+struct CadFinding {
+  CadFindingKind kind = CadFindingKind::kOther;
+  std::string text;
 };
 
 struct CadImport {
@@ -34,6 +59,8 @@ struct CadImport {
   double metres_per_unit = 0;  // of unit_name
   bool unit_from_file = false;
   std::vector<std::string> warnings;
+  std::vector<CadFinding> findings;  // those of the warnings that have a kind, and mere notes
+  MeshSymmetries symmetries;  // of the surface: exact ones, and near ones with what breaks them
   std::map<std::string, int>
       counts;  // vertices, lines, circles, other_curves, triangles, symmetries
 };
@@ -48,8 +75,8 @@ double MetresPerUnit(const std::string& unit);
 // Circles come as one kCircle edge each (closed ones without vertices); seam vertices and the
 // vertices of tessellated rims are no part corners; collinear pieces are one edge. The mesh is
 // welded and oriented outward. Errors: NOT_FOUND (no such file), INVALID_ARGUMENT naming the file
-// (empty, truncated, not CAD, no sharp edges, non-finite coordinates, diameter outside 1 mm .. 10
-// m, unknown or contradicting unit). Not thread-safe for STEP and IGES: OpenCASCADE keeps global
+// (empty, truncated, not CAD, non-finite coordinates, diameter outside 1 mm .. 10 m, unknown or
+// contradicting unit). Not thread-safe for STEP and IGES: OpenCASCADE keeps global
 // state while it reads.
 absl::StatusOr<CadImport> ImportCad(const std::string& path, const CadImportOptions& options = {});
 

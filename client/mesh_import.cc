@@ -17,12 +17,15 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/cad_findings.h"
 #include "client/cao_file.h"
 #include "client/edge_chains.h"
 #include "client/mesh_topology.h"
 #include "client/ply_vertices.h"
 #include "client/reconstruction_file.h"
 #include "server/base/status_macros.h"
+#include "server/vision/geometry/mesh_decimation.h"
 
 namespace horopter {
 namespace {
@@ -155,6 +158,26 @@ absl::StatusOr<TriangleMesh> ReadRangeImage(const std::string& path,
                                          " % of them"));
   constexpr double kScanTolerance = 5e-3;  // corners of noisy planes
   return Surface(model->wireframe, path, import.metres_per_unit, kScanTolerance, import);
+}
+
+// Fewer triangles for the same shape; what comes out of it is said.
+TriangleMesh Simplified(const TriangleMesh& soup,
+                        double diagonal,
+                        int max_triangles,
+                        CadImport* import) {
+  constexpr double kCell = 1.0 / 250.0, kTolerance = 5e-4, kCoarse = 2e-3;  // diagonals
+  IndexedMesh mesh = ClusterVertices({soup.vertices, soup.triangles}, kCell * diagonal);
+  mesh = Decimate(std::move(mesh), {kTolerance * diagonal, max_triangles, kCoarse * diagonal});
+  TriangleMesh out;
+  out.vertices = std::move(mesh.vertices);
+  out.triangles = std::move(mesh.triangles);
+  AddFinding(CadFindingKind::kSimplified,
+             absl::StrFormat("%d triangles; simplified to %d, within %.2f mm",
+                             soup.triangles.size(),
+                             out.triangles.size(),
+                             kCell * diagonal * 1e3),
+             import);
+  return out;
 }
 
 // Region id per triangle: triangles joined over edges without an angle.
@@ -374,7 +397,7 @@ absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOpt
   }
   try {
     constexpr double kReconstructionTolerance = 3e-3;  // corners, as a share of the extent
-    HOROPTER_ASSIGN_OR_RETURN(const TriangleMesh soup,
+    HOROPTER_ASSIGN_OR_RETURN(TriangleMesh soup,
                               wireframe        ? Surface(reconstruction.wireframe,
                                                   path,
                                                   import.metres_per_unit,
@@ -386,11 +409,25 @@ absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOpt
     Eigen::AlignedBox3d box;
     for (const Eigen::Vector3d& v : soup.vertices) box.extend(v);
     const double diagonal = box.diagonal().norm();
+    if (static_cast<int>(soup.triangles.size()) > options.max_triangles) {
+      soup = Simplified(soup, diagonal, options.max_triangles, &import);
+    }
     CleanMesh clean = CleanTriangleSoup(soup, kWeldShare * diagonal);
     if (clean.mesh.triangles.empty()) {
       return absl::InvalidArgumentError(absl::StrCat(path, ": all triangles are degenerate"));
     }
-    if (!clean.closed) import.warnings.push_back("the mesh is not closed");
+    // Faces made here have no side of their own.
+    const bool told_faces = !wireframe && !cao && cloud.empty();
+    if (clean.turned_triangles > 0 && told_faces) {
+      AddFinding(CadFindingKind::kInvertedFaces,
+                 absl::StrCat(clean.turned_triangles, " triangles pointed inwards; turned"),
+                 &import);
+    }
+    if (clean.duplicate_triangles > 0) {
+      AddFinding(CadFindingKind::kDuplicateFaces,
+                 absl::StrCat(clean.duplicate_triangles, " triangles were there twice; dropped"),
+                 &import);
+    }
     if (clean.degenerate_triangles > 0) {
       import.warnings.push_back(
           absl::StrCat(clean.degenerate_triangles, " degenerate triangles dropped"));

@@ -5,8 +5,10 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <iterator>
 #include <map>
 #include <queue>
+#include <set>
 #include <unordered_map>
 
 namespace horopter {
@@ -124,48 +126,86 @@ bool Runs(const Eigen::Vector3i& t, int a, int b) {
   return false;
 }
 
-// Makes neighbours agree, then turns every closed component that is inside out. Returns whether the
-// mesh is closed.
-bool Orient(TriangleMesh& mesh) {
+// Triangles that hang together.
+struct Shell {
+  std::vector<int> members;
+  std::vector<int> turned;  // of them, against how they came
+  bool closed = true;
+  double volume = 0.0;
+  Eigen::AlignedBox3d box;
+};
+
+// Makes neighbours agree; most of a shell stays as it came.
+Shell Agree(const std::map<std::pair<int, int>, std::vector<int>>& adjacency,
+            int seed,
+            TriangleMesh* mesh,
+            std::vector<char>* seen) {
+  Shell shell;
+  std::queue<int> queue({seed});
+  (*seen)[seed] = 1;
+  while (!queue.empty()) {
+    const int t = queue.front();
+    queue.pop();
+    shell.members.push_back(t);
+    for (int k = 0; k < 3; ++k) {
+      const int a = mesh->triangles[t][k], b = mesh->triangles[t][(k + 1) % 3];
+      const auto& neighbours = adjacency.at(Ordered(a, b));
+      shell.closed = shell.closed && neighbours.size() == 2;
+      if (neighbours.size() != 2) continue;
+      const int u = neighbours[0] == t ? neighbours[1] : neighbours[0];
+      if ((*seen)[u]) continue;
+      (*seen)[u] = 1;
+      if (Runs(mesh->triangles[u], a, b)) {
+        std::swap(mesh->triangles[u][1], mesh->triangles[u][2]);
+        shell.turned.push_back(u);
+      }
+      queue.push(u);
+    }
+  }
+  return shell;
+}
+
+void Turn(TriangleMesh* mesh, Shell* shell) {
+  for (const int t : shell->members) std::swap(mesh->triangles[t][1], mesh->triangles[t][2]);
+  std::vector<int> members = shell->members, turned = shell->turned, others;
+  std::sort(members.begin(), members.end());
+  std::sort(turned.begin(), turned.end());
+  std::set_difference(
+      members.begin(), members.end(), turned.begin(), turned.end(), std::back_inserter(others));
+  shell->turned = std::move(others);
+  shell->volume = -shell->volume;
+}
+
+// Makes neighbours agree, then turns closed shells outward that are inside no other one. Returns
+// whether the mesh is closed, and how many triangles were turned.
+bool Orient(TriangleMesh& mesh, int* turned) {
   const auto adjacency = Adjacency(mesh);
-  std::vector<int> component(mesh.triangles.size(), -1);
-  bool all_closed = true;
+  std::vector<char> seen(mesh.triangles.size(), 0);
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   for (const auto& v : mesh.vertices) origin += v / static_cast<double>(mesh.vertices.size());
+  std::vector<Shell> shells;
   for (int seed = 0; seed < static_cast<int>(mesh.triangles.size()); ++seed) {
-    if (component[seed] >= 0) continue;
-    std::vector<int> members;
-    std::queue<int> queue({seed});
-    component[seed] = seed;
-    bool closed = true;
-    while (!queue.empty()) {
-      const int t = queue.front();
-      queue.pop();
-      members.push_back(t);
-      for (int k = 0; k < 3; ++k) {
-        const int a = mesh.triangles[t][k], b = mesh.triangles[t][(k + 1) % 3];
-        const auto& neighbours = adjacency.at(Ordered(a, b));
-        closed = closed && neighbours.size() == 2;
-        if (neighbours.size() != 2) continue;
-        const int u = neighbours[0] == t ? neighbours[1] : neighbours[0];
-        if (component[u] >= 0) continue;
-        component[u] = seed;
-        if (Runs(mesh.triangles[u], a, b)) std::swap(mesh.triangles[u][1], mesh.triangles[u][2]);
-        queue.push(u);
-      }
-    }
-    all_closed = all_closed && closed;
-    // A cavity is a closed component that is meant to be inside out; only a lone shell is turned.
-    if (!closed || members.size() != mesh.triangles.size()) continue;
-    double volume = 0.0;
-    for (const int t : members) {
+    if (seen[seed]) continue;
+    Shell shell = Agree(adjacency, seed, &mesh, &seen);
+    for (const int t : shell.members) {
       const Eigen::Vector3i& v = mesh.triangles[t];
-      volume += (mesh.vertices[v[0]] - origin)
-                    .dot((mesh.vertices[v[1]] - origin).cross(mesh.vertices[v[2]] - origin));
+      shell.volume += (mesh.vertices[v[0]] - origin)
+                          .dot((mesh.vertices[v[1]] - origin).cross(mesh.vertices[v[2]] - origin));
+      for (const int k : v) shell.box.extend(mesh.vertices[k]);
     }
-    if (volume < 0.0) {
-      for (const int t : members) std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
-    }
+    if (2 * shell.turned.size() > shell.members.size()) Turn(&mesh, &shell);
+    shells.push_back(std::move(shell));
+  }
+  bool all_closed = true;
+  *turned = 0;
+  for (Shell& shell : shells) {
+    all_closed = all_closed && shell.closed;
+    const bool inside = std::any_of(shells.begin(), shells.end(), [&](const Shell& other) {
+      return &other != &shell && other.closed && other.box.contains(shell.box) &&
+             std::abs(other.volume) > std::abs(shell.volume);
+    });
+    if (shell.closed && !inside && shell.volume < 0.0) Turn(&mesh, &shell);
+    *turned += static_cast<int>(shell.turned.size());
   }
   return all_closed;
 }
@@ -209,6 +249,7 @@ CleanMesh CleanTriangleSoup(const TriangleMesh& soup, double weld_distance) {
   const std::vector<int> representative = Weld(soup.vertices, weld_distance);
   std::vector<int> renumbered(soup.vertices.size(), -1);
   TriangleMesh& mesh = clean.mesh;
+  std::set<std::array<int, 3>> known;
   for (size_t i = 0; i < soup.triangles.size(); ++i) {
     const Eigen::Vector3i& t = soup.triangles[i];
     const Eigen::Vector3i welded(representative[t[0]], representative[t[1]], representative[t[2]]);
@@ -225,6 +266,12 @@ CleanMesh CleanTriangleSoup(const TriangleMesh& soup, double weld_distance) {
       }
       out[k] = index;
     }
+    std::array<int, 3> same = {out[0], out[1], out[2]};
+    std::sort(same.begin(), same.end());
+    if (!known.insert(same).second) {
+      ++clean.duplicate_triangles;
+      continue;
+    }
     mesh.triangles.push_back(out);
     if (!soup.colors.empty()) mesh.colors.push_back(soup.colors[i]);
   }
@@ -240,7 +287,7 @@ CleanMesh CleanTriangleSoup(const TriangleMesh& soup, double weld_distance) {
     if (splits == 0) break;
     clean.split_triangles += splits;
   }
-  clean.closed = !mesh.triangles.empty() && Orient(mesh);
+  clean.closed = !mesh.triangles.empty() && Orient(mesh, &clean.turned_triangles);
   return clean;
 }
 
@@ -260,6 +307,7 @@ std::vector<MeshEdge> MeshEdges(const TriangleMesh& mesh) {
   std::vector<MeshEdge> edges;
   for (const auto& [key, triangles] : Adjacency(mesh)) {
     MeshEdge edge{key.first, key.second, triangles[0], -1, M_PI};
+    edge.triangles = static_cast<int>(triangles.size());
     if (triangles.size() >= 2) {
       edge.triangle_2 = triangles[1];
       const Eigen::Vector3d &n1 = normals[triangles[0]], &n2 = normals[triangles[1]];

@@ -18,12 +18,15 @@ struct CleanMesh {
   TriangleMesh mesh;
   int degenerate_triangles = 0;  // dropped
   int split_triangles = 0;       // T-junctions repaired
+  int duplicate_triangles = 0;   // over the same vertices as another; dropped
+  int turned_triangles = 0;      // pointed the other way than the rest, or inwards
   bool closed = true;            // every edge has two triangles
 };
 
 // Welds vertices closer than `weld_distance`, drops degenerate triangles, splits triangles whose
-// edge carries another open edge's vertex, orients the triangles consistently and, when the mesh is
-// closed, outward. Colours stay with their triangles.
+// edge carries another open edge's vertex, orients the triangles consistently and, where a shell is
+// closed, outward; a shell inside another one stays as most of it is (a cavity). Colours stay with
+// their triangles.
 CleanMesh CleanTriangleSoup(const TriangleMesh& soup, double weld_distance);
 
 // An edge of the mesh with its triangles; `dihedral_rad` is the angle of their normals, pi at an
@@ -34,6 +37,7 @@ struct MeshEdge {
   int triangle_1 = -1;
   int triangle_2 = -1;  // -1 at an open border; of more than two triangles the first two are kept
   double dihedral_rad = 0.0;
+  int triangles = 0;  // that meet there
 };
 
 std::vector<MeshEdge> MeshEdges(const TriangleMesh& mesh);

@@ -1,6 +1,7 @@
 #include <google/protobuf/util/json_util.h>
 #include <google/protobuf/util/time_util.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -11,6 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
+#include "client/cad_findings.h"
 #include "client/cad_import.h"
 #include "client/commands.h"
 #include "client/convert.h"
@@ -45,6 +47,11 @@ absl::StatusOr<LoadedCad> WithFile(CadImport import, const std::string& path) {
   for (const std::string& w : cad.import.warnings) {
     std::fprintf(stderr, "warning: %s: %s\n", path.c_str(), w.c_str());
   }
+  for (const CadFinding& f : cad.import.findings) {
+    const auto& warnings = cad.import.warnings;
+    if (std::find(warnings.begin(), warnings.end(), f.text) != warnings.end()) continue;
+    std::fprintf(stderr, "note: %s: %s\n", path.c_str(), f.text.c_str());
+  }
   return cad;
 }
 
@@ -72,6 +79,31 @@ std::string Describe(const CadImport& import) {
       import.model.symmetries.size());
 }
 
+// Declared turns that move the surface visibly, the worst one by its place; and what is not
+// declared.
+void WarnAboutSymmetries(const BopObject& object, const ObjectModel& model) {
+  constexpr double kVisible = 4e-3;  // diameters
+  const std::vector<SurfaceMismatch> measured =
+      MeasureMismatches(model.mesh, model.diameter_m, object.symmetries);
+  const auto less = [](const SurfaceMismatch& a, const SurfaceMismatch& b) {
+    return a.largest_m < b.largest_m;
+  };
+  const auto worst = std::max_element(measured.begin(), measured.end(), less);
+  if (worst != measured.end() && worst->largest_m > kVisible * model.diameter_m) {
+    std::fprintf(stderr,
+                 "warning: %s: %s\n",
+                 model.id.c_str(),
+                 DescribeMismatch(object.symmetries[worst - measured.begin()], *worst).c_str());
+  }
+  const int missing = CompareSymmetries(object.symmetries, model.symmetries, model).only_derived;
+  if (missing > 0) {
+    std::fprintf(stderr,
+                 "warning: %s: does not declare %d symmetries that its geometry has\n",
+                 model.id.c_str(),
+                 missing);
+  }
+}
+
 // Model and CAD file of one dataset object: exact CAD when there is one, symmetries as the dataset
 // states them.
 absl::StatusOr<LoadedCad> LoadDatasetObject(const BopObject& object) {
@@ -81,17 +113,7 @@ absl::StatusOr<LoadedCad> LoadDatasetObject(const BopObject& object) {
   model.id = BopObjectName(object.obj_id);
   model.display_name = object.name;
   if (object.in_models_info) {
-    const SymmetryDifference difference =
-        CompareSymmetries(object.symmetries, model.symmetries, model);
-    if (difference.only_declared + difference.only_derived > 0) {
-      std::fprintf(
-          stderr,
-          "warning: %s: declares %d symmetries that its geometry does not have, and not %d "
-          "that it has\n",
-          model.id.c_str(),
-          difference.only_declared,
-          difference.only_derived);
-    }
+    WarnAboutSymmetries(object, model);
     model.symmetries = object.symmetries;
   }
   if (!object.grasps_path.empty()) {

@@ -52,6 +52,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "client/cad_findings.h"
 #include "client/edge_chains.h"
 #include "client/mesh_topology.h"
 #include "server/base/status_macros.h"
@@ -401,8 +402,11 @@ absl::Status ImportShape(const std::string& path,
   TopExp::MapShapes(shape, TopAbs_SOLID, solids);
   if (solids.IsEmpty()) import.warnings.push_back("the file holds surfaces, no solid");
   if (solids.Extent() > 1) {
-    import.warnings.push_back(
-        absl::StrCat("the file holds ", solids.Extent(), " solids; taken as one rigid part"));
+    AddFinding(CadFindingKind::kSeveralBodies,
+               absl::StrCat("the file holds ",
+                            solids.Extent(),
+                            " solids; taken as one rigid part: loose ones do not belong in it"),
+               &import);
   }
   Bnd_Box box;
   BRepBndLib::AddOptimal(shape, box, false, false);
@@ -419,7 +423,6 @@ absl::Status ImportShape(const std::string& path,
   if (clean.mesh.triangles.empty()) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": cannot be triangulated"));
   }
-  if (!clean.closed) import.warnings.push_back("the mesh is not closed");
   import.model.mesh = std::move(clean.mesh);
   MergeSmoothJoints(import.model, 1e-5 * kMetresPerMm * diagonal_mm);
   return absl::OkStatus();

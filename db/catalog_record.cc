@@ -172,8 +172,8 @@ absl::Status ValidateModel(const ObjectModel& model) {
     return Bad("vertices_m", absl::StrCat("more than ", kMaxModelVertices, " vertices"));
   }
   HOROPTER_RETURN_IF_ERROR(ValidatePoints(model.vertices, "vertices_m"));
-  if (model.edges.empty() || model.edges.size() > kMaxEdges) {
-    return Bad("edges", absl::StrCat(model.edges.size(), " edges, need 1 to ", kMaxEdges));
+  if (model.edges.size() > kMaxEdges) {
+    return Bad("edges", absl::StrCat(model.edges.size(), " edges, at most ", kMaxEdges));
   }
   for (size_t i = 0; i < model.edges.size(); ++i) {
     HOROPTER_RETURN_IF_ERROR(ValidateEdge(model.edges[i], model, At("edges", i)));

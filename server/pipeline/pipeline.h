@@ -37,7 +37,7 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> ObjectAt(const CatalogSnap
                                                                int index);
 
 // Prepares one object, its aspects included (about three seconds). Errors: INVALID_ARGUMENT when
-// the model has no usable edges.
+// the model has no mesh or no extent.
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(ObjectModel model);
 
 // The model inside a prepared object.

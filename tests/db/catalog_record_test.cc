@@ -41,7 +41,6 @@ TEST(ValidateModel, NamesTheOffendingField) {
       {"diameter_m", [](ObjectModel& m) { m.diameter_m = kNan; }},
       {"diameter_m", [](ObjectModel& m) { m.diameter_m = 500.0; }},
       {"vertices_m", [](ObjectModel& m) { m.vertices[3].y() = kInfinity; }},
-      {"edges:", [](ObjectModel& m) { m.edges.clear(); }},
       {"edges[2].kind", [](ObjectModel& m) { m.edges[2].kind = static_cast<CurveKind>(7); }},
       {"edges[2]:", [](ObjectModel& m) { m.edges[2].end_vertex = 8; }},
       {"edges[2]:", [](ObjectModel& m) { m.edges[2].start_vertex = -1; }},

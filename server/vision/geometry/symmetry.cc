@@ -102,6 +102,15 @@ bool MapsAnchors(const Part& part, const Eigen::Matrix3d& R) {
   return true;
 }
 
+// But for single ones: where smooth surfaces meet, an edge may be told on one side only.
+bool KeepsEdges(const Part& part, const Eigen::Matrix3d& R) {
+  constexpr double kMostLost = 0.005;
+  const auto lost = std::count_if(part.edge_samples.begin(),
+                                  part.edge_samples.end(),
+                                  [&](const auto& p) { return !NearEdges(part, R * p); });
+  return static_cast<double>(lost) <= kMostLost * static_cast<double>(part.edge_samples.size());
+}
+
 bool Verify(const Part& part, const Eigen::Matrix3d& R) {
   return MapsAnchors(part, R) &&
          std::all_of(part.edge_samples.begin(),
@@ -259,7 +268,20 @@ std::vector<Eigen::Matrix3d> RotationsAboutAxis(const Part& part, int steps) {
 
 }  // namespace
 
+MeshSymmetryOptions OfSurface(const SymmetryOptions& options) {
+  MeshSymmetryOptions out;
+  out.tolerance = 2.0 * options.tolerance;
+  return out;
+}
+
 std::vector<Rigid3> DeriveSymmetries(const ObjectModel& model, const SymmetryOptions& options) {
+  return DeriveSymmetries(
+      model, options, FindMeshSymmetries(model.mesh, model.diameter_m, OfSurface(options)));
+}
+
+std::vector<Rigid3> DeriveSymmetries(const ObjectModel& model,
+                                     const SymmetryOptions& options,
+                                     const MeshSymmetries& of_surface) {
   Part part;
   part.model = &model;
   part.tolerance_m = options.tolerance * model.diameter_m;
@@ -276,7 +298,11 @@ std::vector<Rigid3> DeriveSymmetries(const ObjectModel& model, const SymmetryOpt
     if ((R - Eigen::Matrix3d::Identity()).norm() < 1e-6) continue;
     symmetries.push_back({R, part.centroid - R * part.centroid});
   }
-  return symmetries;
+  // Where edges do not match one by one (a seam, a rim cut elsewhere) the surface still may.
+  std::vector<Rigid3> own = SymmetryGroup(of_surface, options.revolution_steps);
+  std::erase_if(own, [&](const Rigid3& s) { return !KeepsEdges(part, s.R); });
+  if (of_surface.sphere) return own;
+  return own.size() > symmetries.size() ? own : symmetries;
 }
 
 SymmetryDifference CompareSymmetries(const std::vector<Rigid3>& declared,

@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "server/vision/geometry/mesh_symmetry.h"
 #include "server/vision/geometry/object_model.h"
 
 namespace horopter {
@@ -22,8 +23,15 @@ struct SymmetryOptions {
 // Method: two anchors (vertices, centres of closed circles) not collinear with the centroid fix a
 // rotation; every pair with the same three distances gives a candidate, which is verified on
 // anchors, edges and mesh. Parts whose anchors all lie on one axis are tested as surfaces of
-// revolution.
+// revolution. If the surface alone has more of them (mesh_symmetry.h), those are taken; of a sphere
+// the rotations of an icosahedron.
 std::vector<Rigid3> DeriveSymmetries(const ObjectModel& model, const SymmetryOptions& options = {});
+
+// The same, given what FindMeshSymmetries found with OfSurface(options).
+MeshSymmetryOptions OfSurface(const SymmetryOptions& options);
+std::vector<Rigid3> DeriveSymmetries(const ObjectModel& model,
+                                     const SymmetryOptions& options,
+                                     const MeshSymmetries& of_surface);
 
 // How two lists of a part's rotations, without the identity, differ: as a file declares them and as
 // the geometry has them.

@@ -113,9 +113,9 @@ TEST_F(CatalogServiceTest, BadObjectsAreRefusedByFieldAndLeaveNothing) {
   EXPECT_EQ(Create("box", object).error_code(), StatusCode::INVALID_ARGUMENT);
   EXPECT_EQ(field_, "edges[2]");
   object = SampleObject("box");
-  object.clear_edges();
+  object.clear_mesh();
   EXPECT_EQ(Create("box", object).error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(field_, "edges");
+  EXPECT_EQ(field_, "mesh.vertices_m");
   object = SampleObject("box");
   object.mutable_source()->set_sha256(std::string(64, 'a'));
   EXPECT_EQ(Create("box", object).error_code(), StatusCode::INVALID_ARGUMENT);

@@ -13,7 +13,7 @@
 #include "absl/container/flat_hash_set.h"
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "server/vision/recognition/aspects/mesh_decimation.h"
+#include "server/vision/geometry/mesh_decimation.h"
 
 namespace horopter {
 namespace {

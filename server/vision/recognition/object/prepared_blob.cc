@@ -158,6 +158,44 @@ std::string DifferenceBits(const PreparedObject& object) {
   return std::string(reinterpret_cast<const char*>(bits.data()), bits.size() * 8);
 }
 
+void AppendVector(std::string& out, const Eigen::Vector3d& v) {
+  for (const double x : v) Append(out, x);
+}
+
+void AppendNearSymmetries(std::string& out, const PreparedObject& object) {
+  Append(out, static_cast<std::uint8_t>(object.sphere));
+  Append(out, static_cast<std::uint32_t>(object.near_symmetries.size()));
+  for (const NearSymmetry& n : object.near_symmetries) {
+    AppendVector(out, n.axis.axis);
+    AppendVector(out, n.axis.point);
+    Append(out, static_cast<std::int32_t>(n.axis.order));
+    for (const double x : {n.mismatch.largest_m, n.mismatch.mean_m, n.mismatch.area_share}) {
+      Append(out, x);
+    }
+    AppendVector(out, n.mismatch.place);
+    Append(out, n.mismatch.size_m);
+  }
+}
+
+bool TakeNearSymmetries(Reader& reader, PreparedObject& out) {
+  constexpr std::size_t kBytes = 6 * 8 + 4 + 7 * 8;
+  out.sphere = reader.Take<std::uint8_t>() != 0;
+  const auto count = reader.Take<std::uint32_t>();
+  if (count > reader.left() / kBytes) return false;
+  out.near_symmetries.resize(count);
+  for (NearSymmetry& n : out.near_symmetries) {
+    n.axis.axis = reader.TakeVector();
+    n.axis.point = reader.TakeVector();
+    n.axis.order = reader.Take<std::int32_t>();
+    n.mismatch.largest_m = reader.Take<double>();
+    n.mismatch.mean_m = reader.Take<double>();
+    n.mismatch.area_share = reader.Take<double>();
+    n.mismatch.place = reader.TakeVector();
+    n.mismatch.size_m = reader.Take<double>();
+  }
+  return reader.ok();
+}
+
 void AppendOccupancy(std::string& out, const Occupancy& occupancy) {
   for (const double x : occupancy.origin) Append(out, x);
   Append(out, occupancy.cell_m);
@@ -280,7 +318,9 @@ PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions&
     for (const double x : pose.up) Append(out, x);
     Append(out, pose.height_m);
     Append(out, pose.margin_m);
+    Append(out, static_cast<std::uint8_t>(pose.rolls));
   }
+  AppendNearSymmetries(out, object);
   AppendOccupancy(out, object.occupancy);
   AppendAspects(out, object);
   const std::uint64_t fingerprint = Fingerprint(object.model, options);
@@ -306,17 +346,21 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
   const std::string bits = reader.TakeCoded(kAspectCount * words * 8);
   if (!reader.ok()) return absl::DataLossError("derived data: view sphere of a wrong size");
   object->visible.resize(kAspectCount * words);
-  std::memcpy(object->visible.data(), bits.data(), bits.size());
+  if (!bits.empty()) std::memcpy(object->visible.data(), bits.data(), bits.size());
   for (std::size_t i = words; i < object->visible.size(); ++i) {
     object->visible[i] ^= object->visible[i - words];
   }
   const auto poses = reader.Take<std::uint32_t>();
-  if (poses > reader.left() / 40) return absl::DataLossError("derived data: too many poses");
+  if (poses > reader.left() / 41) return absl::DataLossError("derived data: too many poses");
   object->stable_poses.resize(poses);
   for (StablePose& pose : object->stable_poses) {
     pose.up = reader.TakeVector();
     pose.height_m = reader.Take<double>();
     pose.margin_m = reader.Take<double>();
+    pose.rolls = reader.Take<std::uint8_t>() != 0;
+  }
+  if (!TakeNearSymmetries(reader, *object)) {
+    return absl::DataLossError("derived data: near symmetries of a wrong size");
   }
   if (!TakeOccupancy(reader, object->occupancy)) {
     return absl::DataLossError("derived data: cells of a wrong size");

@@ -11,7 +11,9 @@
 //   24     view sphere: u32 bytes, then the bits of PreparedObject::visible, every aspect as its
 //          difference (xor) from the aspect before, zero bytes run-length coded: 00 n stands for n
 //          of them, 1..255
-//          resting poses: u32 count, then up (3 f64), height (f64), margin (f64) each
+//          resting poses: u32 count, then up (3 f64), height (f64), margin (f64), rolls (u8) each
+//          near symmetries: u8 sphere, u32 count, then axis and point (3 f64 each), order (i32),
+//          largest, mean, area share (f64 each), place (3 f64), size (f64) each
 //          cells: origin (3 f64), cell (f64), size (3 i32), u32 bytes, then the bits `inside`,
 //          coded as above; u32 count, then interior points (3 f32 each)
 //          aspects: u32 bytes and the blob of aspect_blob.h, u32 bytes and that of fragment_blob.h;
@@ -37,7 +39,7 @@ namespace horopter {
 
 // To be raised with every change of what PrepareObject computes or how it is written: stored blobs
 // of another version are made anew.
-inline constexpr int kPreparedVersion = 4;
+inline constexpr int kPreparedVersion = 5;
 
 PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options = {});
 

@@ -74,6 +74,7 @@ void SampleEdges(const PrepareOptions& options, PreparedObject* object) {
 
 void ComputeAspects(const PrepareOptions& options, PreparedObject* object) {
   const int n = static_cast<int>(object->samples.size());
+  if (n == 0) return;
   object->visible.assign(static_cast<std::size_t>(kAspectCount) * object->words, 0);
 
   const double diameter = object->model.diameter_m;
@@ -227,7 +228,6 @@ absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
   auto object = std::make_shared<PreparedObject>();
   object->model = std::move(model);
   const ObjectModel& m = object->model;
-  if (m.edges.empty()) return absl::InvalidArgumentError("object " + m.id + " has no sharp edges");
   if (m.mesh.triangles.empty())
     return absl::InvalidArgumentError("object " + m.id + " has no mesh");
   Eigen::Vector3d low = m.mesh.vertices[0], high = low;
@@ -260,6 +260,9 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel 
   ComputeAspects(options, object.get());
   FillEdgeVisibility(object.get());
   object->stable_poses = FindStablePoses(object->model.mesh);
+  MeshSymmetries symmetries = FindMeshSymmetries(object->model.mesh, object->model.diameter_m);
+  object->near_symmetries = std::move(symmetries.near);
+  object->sphere = symmetries.sphere;
   object->occupancy = ComputeOccupancy(object->model.mesh);
   object->keys = ComputeObjectKeys(object->model);
   if (options.aspects) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "server/vision/geometry/mesh_symmetry.h"
 #include "server/vision/geometry/object_model.h"
 #include "server/vision/invariants/object_keys.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
@@ -51,6 +52,7 @@ struct StablePose {
   double height_m = 0.0;  // of the object origin above the plane
   double margin_m =
       0.0;  // distance of the projected centre of mass from the border of the support polygon
+  bool rolls = false;  // one of many along a round side
 };
 
 // Which cells of the bounding box lie inside the part: objects are solid, two of them cannot share
@@ -87,6 +89,10 @@ struct PreparedObject {
   // others lead to the same poses again.
   std::vector<int> distinct_paths;
   std::vector<StablePose> stable_poses;
+  // Turns that only small features tell from the identity: poses that images without these features
+  // leave open.
+  std::vector<NearSymmetry> near_symmetries;
+  bool sphere = false;  // has no orientation
   Occupancy occupancy;
   ObjectKeys keys;                             // for the catalog's index
   std::shared_ptr<const PartAspects> aspects;  // null: not asked for
@@ -106,7 +112,8 @@ struct PrepareOptions {
   bool aspects = false;  // also PreparedObject::aspects: a second or two more, 0.5 MB
 };
 
-// Errors: INVALID_ARGUMENT when the model has no edges, no mesh or no extent.
+// A model without sharp edges (a ball, a casting) has no samples and no paths: it is found by its
+// aspects alone. Errors: INVALID_ARGUMENT when it has no mesh or no extent.
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(
     ObjectModel model, const PrepareOptions& options = {});
 
@@ -120,8 +127,10 @@ void FillEdgeVisibility(PreparedObject* object);
 // PreparedObject::aspects. Errors: INVALID_ARGUMENT (see MakeRenderMesh).
 absl::StatusOr<std::shared_ptr<const PartAspects>> MakePartAspects(const ObjectModel& model);
 
-// Stable resting poses of a mesh on a plane: facets of the convex hull above which the centre of
-// mass lies, largest margin first.
+// Stable resting poses of a mesh on a plane, of any shape: facets of the convex hull above which
+// the centre of mass lies, largest margin first. Of a round side, which has as many as facets, at
+// most kRollingPoses, evenly spread, stand for all.
+inline constexpr int kRollingPoses = 40;
 std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh);
 
 // Cells of a closed mesh by ray parity along z; cells of an open mesh may be wrong.

@@ -19,6 +19,13 @@ constexpr double kTouch = 4e-3;
 // Jitter that brings the points into general position (share of the extent), well below kTouch.
 constexpr double kJitter = 1e-6;
 
+// Hulls of larger meshes are those of the vertices that are outermost in so many directions.
+constexpr int kHullDirections = 1500;
+// Poses of a round side: little margin, and another one so near.
+constexpr double kRollCos = 0.966;    // 15 degrees
+constexpr double kRollMargin = 0.08;  // share of the extent
+constexpr double kRollStep = 0.0524;  // 3 degrees: by which poses of a round side are thinned out
+
 struct Facet {
   std::array<int, 3> v;
   Eigen::Vector3d normal;
@@ -87,6 +94,11 @@ std::vector<Facet> ConvexHull(const std::vector<Eigen::Vector3d>& p) {
       }
     }
     if (kept.size() == facets.size()) continue;
+    // Slivers between points close together may see a point wrongly. What it sees must be bounded
+    // by one loop, or the hull would fall apart: such a point is left out.
+    std::set<int> starts;
+    for (const auto& edge : open_edges) starts.insert(edge.first);
+    if (starts.size() != open_edges.size()) continue;
     facets = std::move(kept);
     for (const auto& [a, b] : open_edges) facets.push_back(MakeFacet(p, a, b, i));
   }
@@ -141,6 +153,48 @@ double InsideMargin(std::vector<Eigen::Vector2d> q) {
   return margin;
 }
 
+std::vector<Eigen::Vector3d> OutermostPoints(const std::vector<Eigen::Vector3d>& points) {
+  if (points.size() <= kHullDirections) return points;
+  std::set<std::size_t> chosen;
+  const double golden = M_PI * (3.0 - std::sqrt(5.0));
+  for (int i = 0; i < kHullDirections; ++i) {
+    const double z = 1.0 - (2.0 * i + 1.0) / kHullDirections, r = std::sqrt(1.0 - z * z);
+    const Eigen::Vector3d d(r * std::cos(golden * i), r * std::sin(golden * i), z);
+    std::size_t best = 0;
+    for (std::size_t k = 1; k < points.size(); ++k) {
+      if (d.dot(points[k]) > d.dot(points[best])) best = k;
+    }
+    chosen.insert(best);
+  }
+  std::vector<Eigen::Vector3d> out;
+  for (const std::size_t k : chosen) out.push_back(points[k]);
+  return out;
+}
+
+// Tells the poses of round sides and thins them out. Largest margin first.
+std::vector<StablePose> WithFewRolling(std::vector<StablePose> poses, double extent) {
+  for (StablePose& p : poses) {
+    p.rolls = p.margin_m < kRollMargin * extent &&
+              std::any_of(poses.begin(), poses.end(), [&](const StablePose& other) {
+                return &other != &p && other.up.dot(p.up) > kRollCos;
+              });
+  }
+  for (double spacing = 0.0;; spacing += kRollStep) {
+    std::vector<StablePose> kept;
+    int rolling = 0;
+    for (const StablePose& p : poses) {
+      const bool near = p.rolls && spacing > 0.0 &&
+                        std::any_of(kept.begin(), kept.end(), [&](const StablePose& other) {
+                          return other.rolls && other.up.dot(p.up) > std::cos(spacing);
+                        });
+      if (near) continue;
+      rolling += p.rolls;
+      kept.push_back(p);
+    }
+    if (rolling <= kRollingPoses) return kept;
+  }
+}
+
 }  // namespace
 
 std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh) {
@@ -151,7 +205,7 @@ std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh) {
   const double extent = (high - low).norm();
   std::mt19937 rng(7);
   std::uniform_real_distribution<double> jitter(-kJitter * extent, kJitter * extent);
-  std::vector<Eigen::Vector3d> points = mesh.vertices;
+  std::vector<Eigen::Vector3d> points = OutermostPoints(mesh.vertices);
   for (auto& v : points) v += Eigen::Vector3d(jitter(rng), jitter(rng), jitter(rng));
   const Eigen::Vector3d mass = CenterOfMass(mesh);
 
@@ -176,12 +230,12 @@ std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh) {
     const double margin = polygon.size() < 3 ? -1 : InsideMargin(polygon);
     if (margin <= 0) continue;
     seen.push_back(f.normal);
-    poses.push_back({-f.normal, offset, margin});
+    poses.push_back({-f.normal, offset, margin, false});
   }
   std::sort(poses.begin(), poses.end(), [](const auto& a, const auto& b) {
     return a.margin_m > b.margin_m;
   });
-  return poses;
+  return WithFewRolling(std::move(poses), extent);
 }
 
 }  // namespace horopter

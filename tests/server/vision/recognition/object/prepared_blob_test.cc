@@ -47,6 +47,13 @@ void ExpectSame(const PreparedObject& a, const PreparedObject& b) {
     EXPECT_EQ(a.stable_poses[i].height_m, b.stable_poses[i].height_m);
     EXPECT_EQ(a.stable_poses[i].margin_m, b.stable_poses[i].margin_m);
   }
+  EXPECT_EQ(a.sphere, b.sphere);
+  ASSERT_EQ(a.near_symmetries.size(), b.near_symmetries.size());
+  for (std::size_t i = 0; i < a.near_symmetries.size(); ++i) {
+    EXPECT_EQ(a.near_symmetries[i].axis.axis, b.near_symmetries[i].axis.axis);
+    EXPECT_EQ(a.near_symmetries[i].axis.order, b.near_symmetries[i].axis.order);
+    EXPECT_EQ(a.near_symmetries[i].mismatch.place, b.near_symmetries[i].mismatch.place);
+  }
   EXPECT_EQ(a.occupancy.origin, b.occupancy.origin);
   EXPECT_EQ(a.occupancy.cell_m, b.occupancy.cell_m);
   EXPECT_EQ(a.occupancy.size, b.occupancy.size);

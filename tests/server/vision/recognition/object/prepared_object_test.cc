@@ -2,8 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <random>
 
+#include "server/vision/recognition/object/prepared_blob.h"
+#include "tests/server/vision/recognition/aspects/solid_meshes.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {
@@ -52,16 +56,56 @@ TEST(PrepareObject, SamplesLieOnTheirEdgesAndPathsShareTheirVertex) {
   EXPECT_EQ((*part)->paths.size(), 36u);  // three edges meet at each of 12 vertices: 3 pairs each
 }
 
-TEST(PrepareObject, RefusesModelsWithoutEdgesMeshOrExtent) {
-  ObjectModel no_edges = LBracket();
-  no_edges.edges.clear();
-  EXPECT_EQ(PrepareObject(no_edges).status().code(), absl::StatusCode::kInvalidArgument);
+TEST(PrepareObject, ASmoothPartIsKnownByItsAspects) {
+  ObjectModel ball;
+  ball.id = "ball";
+  ball.mesh = SphereMesh(0.02, 24);
+  ball.diameter_m = 0.04;
+  const auto made = PrepareObject(ball, {.aspects = true});
+  ASSERT_TRUE(made.ok()) << made.status();
+  EXPECT_TRUE((*made)->sphere);
+  EXPECT_TRUE((*made)->samples.empty());
+  ASSERT_NE((*made)->aspects, nullptr);
+  EXPECT_FALSE((*made)->aspects->fragments.fragments.empty());
+  EXPECT_FALSE((*made)->stable_poses.empty());
+  const PreparedBytes bytes = EncodePrepared(**made, {.aspects = true});
+  const auto restored = RestorePrepared(ball, bytes, {.aspects = true});
+  ASSERT_TRUE(restored.ok()) << restored.status();
+  EXPECT_EQ(EncodePrepared(**restored, {.aspects = true}), bytes);
+}
+
+TEST(PrepareObject, RefusesModelsWithoutMeshOrExtent) {
   ObjectModel no_mesh = LBracket();
   no_mesh.mesh.triangles.clear();
   EXPECT_EQ(PrepareObject(no_mesh).status().code(), absl::StatusCode::kInvalidArgument);
   ObjectModel flat = LBracket();
   flat.diameter_m = 0.0;
   EXPECT_EQ(PrepareObject(flat).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(StablePoses, RoundPartsRollAndFewPosesStandForAll) {
+  const auto cylinder = FindStablePoses(CylinderMesh(0.02, 0.03, 64));
+  int flat = 0;
+  double widest = 0.0;
+  for (const StablePose& p : cylinder) flat += !p.rolls;
+  EXPECT_EQ(flat, 2);
+  EXPECT_LE(static_cast<int>(cylinder.size()), kRollingPoses + 2);
+  for (int i = 0; i < 360; ++i) {
+    const Eigen::Vector3d d(std::cos(i * M_PI / 180), std::sin(i * M_PI / 180), 0.0);
+    double nearest = M_PI;
+    for (const StablePose& p : cylinder) {
+      if (!p.rolls) continue;
+      EXPECT_NEAR(p.height_m, 0.02, 1e-4);
+      nearest = std::min(nearest, std::acos(std::clamp(p.up.dot(d), -1.0, 1.0)));
+    }
+    widest = std::max(widest, nearest);
+  }
+  EXPECT_LT(widest, 0.13);                                  // 7.5 degrees
+  const auto ball = FindStablePoses(SphereMesh(0.02, 40));  // 3122 vertices
+  EXPECT_FALSE(ball.empty());
+  EXPECT_LE(static_cast<int>(ball.size()), kRollingPoses);
+  for (const StablePose& p : ball) EXPECT_TRUE(p.rolls);
+  for (const StablePose& p : FindStablePoses(Box(0.05, 0.06, 0.07).mesh)) EXPECT_FALSE(p.rolls);
 }
 
 TEST(StablePoses, BoxRestsOnItsSixFaces) {

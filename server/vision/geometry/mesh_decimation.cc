@@ -1,4 +1,4 @@
-#include "server/vision/recognition/aspects/mesh_decimation.h"
+#include "server/vision/geometry/mesh_decimation.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
