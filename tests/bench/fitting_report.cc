@@ -10,7 +10,7 @@
 
 #include "server/vision/features/conic_fit.h"
 #include "server/vision/features/features.h"
-#include "server/vision/features/hough_lines.h"
+#include "tests/bench/hough_lines.h"
 #include "tests/bench/joined_shapes.h"
 
 namespace horopter {

@@ -1,4 +1,4 @@
-#include "server/vision/features/hough_lines.h"
+#include "tests/bench/hough_lines.h"
 
 #include <gtest/gtest.h>
 
