@@ -15,6 +15,7 @@
 #include "client/convert.h"
 #include "horopter/v1/catalog.grpc.pb.h"
 #include "horopter/v1/recognition.grpc.pb.h"
+#include "horopter/v1/server.grpc.pb.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -112,6 +113,7 @@ struct HoropterClient::Stubs {
   std::shared_ptr<grpc::Channel> channel;
   std::unique_ptr<v1::CatalogService::Stub> catalog;
   std::unique_ptr<v1::RecognitionService::Stub> recognition;
+  std::unique_ptr<v1::ServerService::Stub> server;
 };
 
 HoropterClient::HoropterClient(const std::string& address, double timeout_s)
@@ -126,6 +128,7 @@ HoropterClient::HoropterClient(const std::string& address, ClientOptions options
       grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
   stubs_->catalog = v1::CatalogService::NewStub(stubs_->channel);
   stubs_->recognition = v1::RecognitionService::NewStub(stubs_->channel);
+  stubs_->server = v1::ServerService::NewStub(stubs_->channel);
 }
 
 std::shared_ptr<grpc::Channel> HoropterClient::channel() const {
@@ -320,6 +323,15 @@ absl::StatusOr<v1::RecognizeSceneResponse> HoropterClient::RecognizeScene(
   v1::RecognizeSceneResponse response;
   HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
     stubs_->recognition->async()->RecognizeScene(context, &request, &response, std::move(done));
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::ServerInfo> HoropterClient::GetServerInfo() {
+  const v1::GetServerInfoRequest request;
+  v1::ServerInfo response;
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->server->async()->GetServerInfo(context, &request, &response, std::move(done));
   }));
   return response;
 }

@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 #include "horopter/v1/catalog.pb.h"
 #include "horopter/v1/recognition.pb.h"
+#include "horopter/v1/server.pb.h"
 #include "server/vision/geometry/object_model.h"
 
 namespace grpc {
@@ -80,6 +81,8 @@ class HoropterClient {
   absl::Status BackupCatalog(const std::function<absl::Status(const std::string& chunk)>& write);
   absl::StatusOr<v1::RecognizeSceneResponse> RecognizeScene(
       const v1::RecognizeSceneRequest& request);
+  // Version, limits, catalog and load of the server.
+  absl::StatusOr<v1::ServerInfo> GetServerInfo();
   // True: the server takes calls; false: it is stopping.
   absl::StatusOr<bool> CheckHealth();
 

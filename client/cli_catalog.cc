@@ -33,6 +33,7 @@ void AddAdd(CLI::App& object, Command* command) {
   add->add_option("--units", a->unit, "of a file that does not say: mm (default), cm, m, in, ft");
   add->add_option("--name", a->display_name, "free text (default: the solid's in the file)");
   add->add_flag("--split", a->split, "one object per solid of an assembly: ID-1, ID-2, ..");
+  add->add_option("--preview", a->preview_path, "PNG of what was enrolled, as object preview");
   add->callback([=] { *command = [a](HoropterClient& c) { return ObjectAdd(c, *a); }; });
 }
 
@@ -78,6 +79,15 @@ void AddObjectCommands(CLI::App& app, Command* command) {
   CLI::App* show = AddCommand(object, "show", "one object", "horopter object show bracket");
   show->add_option("ID", a->id)->required();
   show->callback([=] { *command = [a](HoropterClient& c) { return ObjectShow(c, a->id); }; });
+
+  CLI::App* preview = AddCommand(object,
+                                 "preview",
+                                 "draw what is enrolled: edges, symmetries, grasps, stable poses",
+                                 "horopter object preview bracket --out bracket.png");
+  preview->add_option("ID", a->id)->required();
+  preview->add_option("--out", a->path, "PNG")->required();
+  preview->callback(
+      [=] { *command = [a](HoropterClient& c) { return ObjectPreview(c, a->id, a->path); }; });
 
   CLI::App* rm = AddCommand(object, "rm", "remove objects", "horopter object rm bracket");
   rm->add_option("ID", a->ids)->required();

@@ -57,7 +57,8 @@ void AddLoad(CLI::App& app, Command* command) {
       "  horopter load parts/val --rate 2,4 --poisson --duration 1 --svg load.svg --json");
   load->add_option("SOURCE",
                    a->sources,
-                   "scenes or splits of datasets in BOP layout, folders of images of one scene")
+                   "scenes or splits of datasets in BOP layout, folders of images of one scene, "
+                   "recordings of horopterd --record-dir or a folder of them")
       ->required();
   AddLoadLoops(load, *a);
   load->add_option("--max-images", a->items.max_images, "per set, spread evenly (default: all)")
@@ -83,9 +84,16 @@ void AddToolCommands(CLI::App& app, Command* command) {
   AddLoad(app, command);
   AddCommand(app,
              "status",
-             "whether the server takes calls, and what its catalog holds",
+             "whether the server takes calls; its version, load, limits and catalog",
              "horopter status --json")
       ->callback([=] { *command = ServerStatus; });
+  auto files = std::make_shared<std::vector<std::string>>();
+  CLI::App* replay = AddCommand(app,
+                                "replay",
+                                "send recorded requests again and compare the answers",
+                                "horopter replay recordings/*.horec");
+  replay->add_option("FILE", *files, "of horopterd --record-dir")->required();
+  replay->callback([=] { *command = [files](HoropterClient& c) { return Replay(c, *files); }; });
   CLI::App* root = &app;
   AddCommand(app,
              "completion",

@@ -20,6 +20,7 @@ struct ObjectAddArguments {
   std::string display_name;  // empty: what the file calls the solid
   // An assembly becomes one object per different solid: ID-1, ID-2, ..; grasps belong to none.
   bool split = false;
+  std::string preview_path;  // PNG of what was enrolled; empty: none
 };
 absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& arguments);
 
@@ -34,6 +35,8 @@ absl::Status ObjectUpdateCommand(HoropterClient& client, const ObjectUpdateArgum
 
 absl::Status ObjectList(HoropterClient& client);
 absl::Status ObjectShow(HoropterClient& client, const std::string& id);
+// Writes a PNG of what the server knows of the object (preview.h).
+absl::Status ObjectPreview(HoropterClient& client, const std::string& id, const std::string& path);
 absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>& ids);
 
 // Prints the objects that the named one can be taken for; of none, the first prints nothing.
@@ -89,7 +92,12 @@ struct RecognizeArguments {
 };
 absl::Status Recognize(HoropterClient& client, const RecognizeArguments& arguments);
 
-// Whether the server takes calls, how fast it answers, and what its catalog holds. Errors:
+// Sends recorded requests and compares the answers with the recorded ones, bit for bit but for
+// times and ids. Errors: ABORTED (answers differ; they are printed), those of reading and of the
+// calls.
+absl::Status Replay(HoropterClient& client, const std::vector<std::string>& files);
+
+// Whether the server takes calls, its version, limits, load and catalog. Errors:
 // UNAVAILABLE (it is stopping or not there).
 absl::Status ServerStatus(HoropterClient& client);
 

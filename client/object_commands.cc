@@ -7,17 +7,20 @@
 #include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
 #include "client/cad_findings.h"
+#include "client/bop_results.h"
 #include "client/cad_import.h"
 #include "client/commands.h"
 #include "client/convert.h"
 #include "client/interrupt.h"
 #include "client/output.h"
+#include "client/preview.h"
 #include "client/progress.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/grasp_check.h"
@@ -136,6 +139,20 @@ absl::StatusOr<std::string> ReadFileBytes(const std::string& path) {
   return bytes;
 }
 
+absl::Status WritePreview(HoropterClient& client, const std::string& id, const std::string& path) {
+  HOROPTER_ASSIGN_OR_RETURN(const v1::Object object,
+                            client.GetObject(id, v1::OBJECT_VIEW_GEOMETRY));
+  ObjectModel model = FromProto(object);
+  model.id = id;
+  std::vector<uchar> png;
+  try {
+    cv::imencode(".png", RenderPreview(model), png);
+  } catch (const std::exception& e) {
+    return absl::InternalError(absl::StrCat("preview: ", e.what()));
+  }
+  return WriteFileAtomically(path, std::string(png.begin(), png.end()));
+}
+
 // Sends it, prints what it is and what it can be taken for.
 absl::Status Add(HoropterClient& client, LoadedCad cad, const ObjectAddArguments& arguments) {
   ObjectModel& model = cad.import.model;
@@ -155,7 +172,16 @@ absl::Status Add(HoropterClient& client, LoadedCad cad, const ObjectAddArguments
            {"unit", cad.import.unit_name},
            {"diameter_m", model.diameter_m},
            {"counts", cad.import.counts}});
-  return ReportLookAlikes(client, model.id);
+  HOROPTER_RETURN_IF_ERROR(ReportLookAlikes(client, model.id));
+  if (arguments.preview_path.empty()) return absl::OkStatus();
+  return WritePreview(client, model.id, arguments.preview_path);
+}
+
+absl::Status ObjectPreview(HoropterClient& client, const std::string& id, const std::string& path) {
+  HOROPTER_RETURN_IF_ERROR(WritePreview(client, id, path));
+  Say("%s drawn in %s\n", id.c_str(), path.c_str());
+  SayJson({{"id", id}, {"file", path}});
+  return absl::OkStatus();
 }
 
 absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& arguments) {
@@ -163,6 +189,9 @@ absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& argumen
     HOROPTER_ASSIGN_OR_RETURN(LoadedCad cad, LoadCad(arguments.cad_path, arguments.unit));
     cad.import.model.id = arguments.id;
     return Add(client, std::move(cad), arguments);
+  }
+  if (!arguments.preview_path.empty()) {
+    return absl::InvalidArgumentError("--preview with --split: see `object preview`");
   }
   if (!arguments.grasps_path.empty()) {
     return absl::InvalidArgumentError(

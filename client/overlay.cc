@@ -131,6 +131,33 @@ void DrawOverlay(const PinholeCamera& camera,
   }
 }
 
+void DrawGripper(const PinholeCamera& camera,
+                 const Rigid3& camera_from_gripper,
+                 double opening_m,
+                 double finger_m,
+                 const cv::Scalar& color,
+                 cv::Mat* image) {
+  const double half = 0.5 * opening_m;
+  const Eigen::Vector3d ends[4][2] = {{{-half, 0, 0}, {-half, 0, -finger_m}},
+                                      {{half, 0, 0}, {half, 0, -finger_m}},
+                                      {{-half, 0, -finger_m}, {half, 0, -finger_m}},
+                                      {{0, 0, -finger_m}, {0, 0, -1.5 * finger_m}}};
+  for (const auto& line : ends) {
+    for (const Eigen::Vector3d& end : line) {
+      if ((camera_from_gripper * end).z() < kNearM) return;
+    }
+  }
+  for (const auto& line : ends) {
+    cv::line(*image,
+             ToPoint(Project(camera, camera_from_gripper * line[0])),
+             ToPoint(Project(camera, camera_from_gripper * line[1])),
+             color,
+             image->cols > 1000 ? 3 : 2,
+             cv::LINE_AA,
+             4);
+  }
+}
+
 void DrawCaption(const std::string& text, cv::Mat* image) {
   const double scale = std::max(0.45, image->cols / 1400.0);
   PutText(text, {8, image->rows - 10}, scale, {255, 255, 255}, image);

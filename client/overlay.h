@@ -26,6 +26,15 @@ void DrawOverlay(const PinholeCamera& camera,
                  std::span<const OverlayObject> objects,
                  cv::Mat* image);
 
+// Draws an open parallel-jaw gripper as lines: two fingers of `finger_m` that end at the tips, the
+// palm behind them and a line along the approach. Left out when a part of it is behind the camera.
+void DrawGripper(const PinholeCamera& camera,
+                 const Rigid3& camera_from_gripper,
+                 double opening_m,
+                 double finger_m,
+                 const cv::Scalar& color,
+                 cv::Mat* image);
+
 // Writes a line of text into the lower left corner.
 void DrawCaption(const std::string& text, cv::Mat* image);
 

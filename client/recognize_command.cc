@@ -184,6 +184,23 @@ PinholeCamera CameraOf(const v1::Camera& c) {
           c.k1()};
 }
 
+// The best grasp of each object, as a gripper.
+void DrawBestGrasps(const v1::RecognizeSceneResponse& response, int image_index, cv::Mat* image) {
+  const cv::Scalar kGripper(0, 165, 255);
+  constexpr double kFingerM = 0.04;
+  const v1::Camera& camera = response.cameras(image_index);
+  for (const v1::RecognizedObject& o : response.objects()) {
+    if (o.grasps_size() == 0) continue;
+    const v1::RecognizedGrasp& best = o.grasps(0);
+    DrawGripper(CameraOf(camera),
+                FromProto(camera.camera_from_scene()) * FromProto(best.scene_from_gripper()),
+                best.jaw_opening_m(),
+                kFingerM,
+                kGripper,
+                image);
+  }
+}
+
 absl::Status WriteOverlay(const v1::RecognizeSceneRequest& request,
                           const v1::RecognizeSceneResponse& response,
                           const std::map<std::string, ObjectModel>& models,
@@ -211,6 +228,7 @@ absl::Status WriteOverlay(const v1::RecognizeSceneRequest& request,
                              k});
         }
         DrawOverlay(CameraOf(response.cameras(i)), objects, &image);
+        DrawBestGrasps(response, i, &image);
       }
       DrawCaption(recovered ? absl::StrFormat(
                                   "image %d, f = %.0f px", i + 1, response.cameras(i).focal_px())

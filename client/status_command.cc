@@ -1,3 +1,5 @@
+#include <google/protobuf/util/time_util.h>
+
 #include <chrono>
 #include <nlohmann/json.hpp>
 
@@ -18,12 +20,39 @@ absl::Status ServerStatus(HoropterClient& client) {
       serving ? "serving" : "stopping",
       ms);
   if (serving) {
-    HOROPTER_ASSIGN_OR_RETURN(const std::vector<v1::Object> objects, client.ListObjects());
-    size_t with_grasps = 0;
-    for (const v1::Object& o : objects) with_grasps += o.grasps_size() > 0 ? 1 : 0;
-    Say("catalog     %zu objects, %zu with grasps\n", objects.size(), with_grasps);
-    json["objects"] = objects.size();
-    json["objects_with_grasps"] = with_grasps;
+    HOROPTER_ASSIGN_OR_RETURN(const v1::ServerInfo info, client.GetServerInfo());
+    const v1::ServerLimits& limits = info.limits();
+    const v1::ServerLoad& load = info.load();
+    constexpr double kMb = 1e6;
+    Say("version     %s, since %s\n",
+        info.version().c_str(),
+        google::protobuf::util::TimeUtil::ToString(info.start_time()).c_str());
+    Say("catalog     %d objects, generation %lld\n",
+        info.object_count(),
+        static_cast<long long>(info.catalog_generation()));
+    Say("load        %d of %d scenes running, %d of %d waiting, %.0f of %.0f MB reserved\n",
+        load.running(),
+        limits.workers(),
+        load.waiting(),
+        limits.queue(),
+        static_cast<double>(load.reserved_bytes()) / kMb,
+        static_cast<double>(limits.memory_bytes()) / kMb);
+    Say("limits      %d images, %.0f million pixels each, %.0f MB a request\n",
+        limits.max_images(),
+        static_cast<double>(limits.max_image_pixels()) / kMb,
+        static_cast<double>(limits.max_recognize_bytes()) / kMb);
+    json["version"] = info.version();
+    json["objects"] = info.object_count();
+    json["catalog_generation"] = info.catalog_generation();
+    json["load"] = {{"running", load.running()},
+                    {"waiting", load.waiting()},
+                    {"reserved_bytes", load.reserved_bytes()}};
+    json["limits"] = {{"workers", limits.workers()},
+                      {"queue", limits.queue()},
+                      {"memory_bytes", limits.memory_bytes()},
+                      {"max_images", limits.max_images()},
+                      {"max_image_pixels", limits.max_image_pixels()},
+                      {"max_recognize_bytes", limits.max_recognize_bytes()}};
   }
   SayJson(json);
   return serving ? absl::OkStatus() : absl::UnavailableError("the server is stopping");

@@ -2,17 +2,23 @@
 # Shows the whole path on sample data: installs, builds, starts a server, enrols 20 CAD parts, recognises a scene from its
 # images alone, draws the result and checks it against the scene's ground truth. Not 0 when the check fails.
 #
-#   deploy/demo.sh [SCENE]       a scene of tests/data/parts/val: 1, 5 (default), 11 or 13
-#                                1 and 5 must come out right; 11 and 13 are hard and are only shown and scored
+#   deploy/demo.sh [--installed] [SCENE]   a scene of tests/data/parts/val: 1 (default), 5, 11 or 13
+#                                1 and 5 must come out right, 1 with a grasp; 11 and 13 are hard and are only shown and scored
+#     --installed                take the programs of the Debian packages; nothing is installed or built
 #
 # Nothing is left behind but build/demo/ (overlay, results, server log). May be run as often as you like.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-scene=${1:-5}
+installed=false
+if [[ ${1:-} == --installed ]]; then
+  installed=true
+  shift
+fi
+scene=${1:-1}
 dataset=tests/data/parts
 folder=$(printf '%s/val/%06d' "$dataset" "$scene" 2>/dev/null) && [[ -d $folder ]] || {
-  sed -n '2,8s/^# \{0,1\}//p' "$0" >&2
+  sed -n '2,9s/^# \{0,1\}//p' "$0" >&2
   exit 2
 }
 tier=$(python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["tier"])' "$folder/scene_meta.json" 2>/dev/null ||
@@ -21,19 +27,26 @@ tier=$(python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["tier"])
 began=$SECONDS
 step() { printf '\n[%d/6] %s  (%d s)\n' "$1" "$2" $((SECONDS - began)); }
 
-step 1 "packages"
-deploy/install.sh
+if $installed; then
+  horopterd=$(command -v horopterd) && horopter=$(command -v horopter) || {
+    echo "demo.sh: horopterd and horopter are not installed" >&2
+    exit 1
+  }
+else
+  step 1 "packages"
+  deploy/install.sh
 
-step 2 "build"
-deploy/build.sh horopterd horopter
-find_program() {
-  local found
-  found=$(find build/release -type f -name "$1" -perm -u+x -print -quit)
-  [[ -n $found ]] || { echo "demo.sh: the build made no $1" >&2; exit 1; }
-  echo "$found"
-}
-horopterd=$(find_program horopterd)
-horopter=$(find_program horopter)
+  step 2 "build"
+  deploy/build.sh horopterd horopter
+  find_program() {
+    local found
+    found=$(find build/release -type f -name "$1" -perm -u+x -print -quit)
+    [[ -n $found ]] || { echo "demo.sh: the build made no $1" >&2; exit 1; }
+    echo "$found"
+  }
+  horopterd=$(find_program horopterd)
+  horopter=$(find_program horopter)
+fi
 
 out=build/demo
 mkdir -p "$out"
@@ -81,7 +94,7 @@ step 5 "recognise scene $scene ($tier) from its images"
 images=("$folder"/rgb/*)
 printf 'image: %s\n' "${images[@]}"
 echo
-"$horopter" --server "$address" recognize "${images[@]}" --out "$out/overlay-scene-$scene.png"
+"$horopter" --server "$address" recognize "${images[@]}" --out "$out/overlay-scene-$scene.png" | tee "$out/answer.txt"
 
 step 6 "compare with the ground truth"
 results=$out/results.csv
@@ -91,6 +104,11 @@ results=$out/results.csv
 kill -0 "$server" || { echo "demo.sh: the server died" >&2; exit 1; }
 verdict=0
 python3 -B deploy/demo_verdict.py "$dataset" "$scene" "$results" "$out/scores.json" || verdict=$?
+
+if [[ $scene -eq 1 ]] && ! grep -q 'grasp_[0-9]* at (' "$out/answer.txt"; then
+  echo "no grasp that a robot could take is offered"
+  verdict=1
+fi
 
 echo
 echo "Overlay: $PWD/$out/overlay-scene-$scene.png"

@@ -75,6 +75,34 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->capture_default_str();
 }
 
+void AddTelemetryFlags(CLI::App& app, TelemetryOptions& telemetry) {
+  app.add_option("--metrics-listen",
+                 telemetry.metrics_listen,
+                 "ADDRESS:PORT for Prometheus, e.g. 127.0.0.1:9464; /metrics (default: none)");
+  app.add_option("--request-log",
+                 telemetry.request_log,
+                 "File with one JSON line a request, - for stdout (default: none)");
+  app.add_option("--trace-file",
+                 telemetry.trace_file,
+                 "File with spans in OTLP/JSON, one line a request (default: none)");
+  RecorderOptions& recorder = telemetry.recorder;
+  app.add_option("--record-dir",
+                 recorder.folder,
+                 "Folder that keeps requests with images and answers (default: nothing is kept)");
+  app.add_option(
+         "--record-failed", recorder.failed, "Keep those that failed or found nothing: true, false")
+      ->capture_default_str();
+  app.add_option("--record-sample", recorder.sample, "Share of the others that is kept; 1: all")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  app.add_option("--record-max-mb", recorder.max_mb, "Size of the folder; the oldest go first")
+      ->check(CLI::Range(1, 10'000'000))
+      ->capture_default_str();
+  app.add_option("--record-max-age-hours", recorder.max_age_hours, "Older ones go")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+}
+
 int WaitForStopSignal(const sigset_t& signals) {
   int signal = 0;
   sigwait(&signals, &signal);
@@ -112,6 +140,9 @@ int Serve(const Flags& flags, const sigset_t& signals) {
 
   spdlog::info(
       "catalog {}: {} objects ready", flags.db, (*server)->store().Published()->ids.size());
+  if (const int port = (*server)->metrics_port(); port != 0) {
+    spdlog::info("metrics on port {}", port);
+  }
   spdlog::info("listening on {}", (*server)->address());
   const int signal = WaitForStopSignal(signals);
   spdlog::info("signal {}: draining for at most {} s", signal, flags.drain_seconds);
@@ -136,9 +167,21 @@ int main(int argc, char** argv) {
   flags.server.listen = "localhost:50051";
   flags.cores = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 64u));
   CLI::App app("horopterd: recognises known parts in images from uncalibrated cameras");
+  app.set_version_flag("--version", "horopterd " HOROPTER_VERSION);
   horopter::AddFlags(app, flags);
+  horopter::AddTelemetryFlags(app, flags.server.telemetry);
+  app.add_flag_callback(
+         "--print-config",
+         [&app] {
+           std::cout << app.config_to_str(true, true);
+           throw CLI::Success();
+         },
+         "Print a configuration file with every option, its default and what it does")
+      ->configurable(false);
   CLI11_PARSE(app, argc, argv);
   flags.server.load_threads = flags.cores;
+  flags.server.telemetry.version = HOROPTER_VERSION;
+  flags.server.telemetry.settings = app.config_to_str(true, false);
   horopter::SetProcessCores(flags.cores);
   spdlog::set_level(spdlog::level::from_str(flags.log_level));
   spdlog::flush_on(spdlog::level::info);

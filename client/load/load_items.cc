@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/bop_request.h"
 #include "client/commands.h"
+#include "server/base/recording_file.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -53,6 +54,20 @@ absl::StatusOr<LoadItem> SceneItem(const fs::path& folder, const LoadItemOptions
   return item;
 }
 
+absl::StatusOr<LoadItem> RecordedItem(const fs::path& path) {
+  HOROPTER_ASSIGN_OR_RETURN(const std::string bytes, ReadFileBytes(path.string()));
+  const auto recording = DecodeRecording(bytes);
+  LoadItem item;
+  item.name = path.string();
+  if (!recording.ok() || !item.request.ParseFromString(recording->request)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path.string(),
+        ": ",
+        recording.ok() ? "its request cannot be read" : std::string(recording.status().message())));
+  }
+  return item;
+}
+
 absl::StatusOr<LoadItem> FolderItem(const fs::path& folder, const LoadItemOptions& options) {
   constexpr const char* kExtensions[] = {
       ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".webp"};
@@ -92,7 +107,9 @@ absl::StatusOr<std::vector<LoadItem>> ReadLoadItems(const std::vector<std::strin
       return absl::NotFoundError(absl::StrCat(source, ": is not there"));
     }
     if (!fs::is_directory(folder, error)) {
-      return absl::InvalidArgumentError(absl::StrCat(source, ": no folder"));
+      HOROPTER_ASSIGN_OR_RETURN(LoadItem item, RecordedItem(folder));
+      items.push_back(std::move(item));
+      continue;
     }
     if (IsBopScene(folder)) {
       HOROPTER_ASSIGN_OR_RETURN(LoadItem item, SceneItem(folder, options));
@@ -101,8 +118,10 @@ absl::StatusOr<std::vector<LoadItem>> ReadLoadItems(const std::vector<std::strin
     }
     const size_t before = items.size();
     for (const fs::path& scene : SortedEntries(folder)) {
-      if (!IsBopScene(scene)) continue;
-      HOROPTER_ASSIGN_OR_RETURN(LoadItem item, SceneItem(scene, options));
+      const bool recorded = scene.extension() == kRecordingExtension;
+      if (!recorded && !IsBopScene(scene)) continue;
+      HOROPTER_ASSIGN_OR_RETURN(LoadItem item,
+                                recorded ? RecordedItem(scene) : SceneItem(scene, options));
       items.push_back(std::move(item));
     }
     if (items.size() > before) continue;

@@ -46,6 +46,17 @@ StageReport DecodeReport(std::chrono::steady_clock::time_point start, const Scen
   return report;
 }
 
+void DescribeAnswer(const v1::RecognizeSceneResponse& response, RequestRecord* record) {
+  constexpr size_t kPrefix = sizeof("SCENE_STATE_") - 1;
+  record->state = v1::SceneState_Name(response.state()).substr(kPrefix);
+  record->objects = response.objects_size();
+  record->catalog_generation = response.catalog_generation();
+  for (const v1::StageReport& s : response.stages()) {
+    record->stages.emplace_back(
+        s.stage(), static_cast<double>(s.elapsed().seconds()) + 1e-9 * s.elapsed().nanos());
+  }
+}
+
 }  // namespace
 
 RecognitionService::RecognitionService(CatalogStore& store,
@@ -87,6 +98,11 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
                                         const CallInfo& call,
                                         v1::RecognizeSceneResponse* response) const {
   const auto start = std::chrono::steady_clock::now();
+  call.record->images = request.images_size();
+  if (gate_.sink != nullptr && gate_.sink->KeepsMessages()) {
+    call.record->request = &request;
+    call.record->response = response;
+  }
   const std::shared_ptr<const PublishedCatalog> published = store_.Published();
   HOROPTER_ASSIGN_OR_RETURN(
       const SceneRequest scene,
@@ -106,6 +122,7 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
                scene.images.size(),
                v1::SceneState_Name(response->state()),
                response->objects_size());
+  DescribeAnswer(*response, call.record);
   return absl::OkStatus();
 }
 

@@ -75,12 +75,16 @@ std::string ErrorField(const absl::Status& status) {
   return is_field ? prefix : "";
 }
 
+std::string RetryAfter(const absl::Status& status) {
+  return Payload(status, kRetryPayload);
+}
+
 grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext* context) {
   if (status.ok()) return grpc::Status::OK;
   if (const std::string field = ErrorField(status); !field.empty()) {
     context->AddTrailingMetadata(kErrorFieldKey, Printable(field));
   }
-  if (const std::string retry = Payload(status, kRetryPayload); !retry.empty()) {
+  if (const std::string retry = RetryAfter(status); !retry.empty()) {
     context->AddTrailingMetadata(kRetryAfterKey, retry);
   }
   // absl and gRPC number the canonical codes alike.

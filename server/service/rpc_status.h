@@ -36,6 +36,9 @@ std::string Quoted(std::string_view text);
 // ("edges[3].kind: ..."); empty when there is none.
 std::string ErrorField(const absl::Status& status);
 
+// Milliseconds set by QueueFull; empty for any other status.
+std::string RetryAfter(const absl::Status& status);
+
 // Puts field and retry time into the context's trailing metadata and returns the status in gRPC's
 // type.
 grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext* context);

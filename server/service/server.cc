@@ -71,6 +71,7 @@ absl::Status InRange(const char* name, int value, int low, int high) {
 // In order of construction; the pools go before the services and the store they work on.
 struct HoropterServer::Parts {
   std::unique_ptr<CatalogStore> store;
+  std::unique_ptr<Telemetry> telemetry;
   std::unique_ptr<MemoryBudget> memory;
   std::unique_ptr<RecognitionService> recognition;
   std::unique_ptr<CatalogService> catalog;
@@ -131,6 +132,13 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
     spdlog::warn("derived data cannot be stored, the next start is slow again: {}",
                  std::string(loaded.stored.message()));
   }
+  const auto figures = [store = parts->store.get()] {
+    const auto published = store->Published();
+    return CatalogFigures{static_cast<int64_t>(published->ids.size()),
+                          published->snapshot.generation};
+  };
+  HOROPTER_ASSIGN_OR_RETURN(parts->telemetry, Telemetry::Start(options.telemetry, figures));
+  RequestSink* const sink = parts->telemetry.get();
   parts->scene_pool = std::make_unique<WorkerPool>(options.workers, options.queue);
   parts->catalog_pool =
       std::make_unique<WorkerPool>(options.catalog_workers, options.catalog_queue);
@@ -139,15 +147,15 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   limits.images = options.images;
   limits.max_request_bytes = int64_t{options.max_message_mb} << 20;
   limits.decode_threads = options.threads_per_request;
-  parts->recognition =
-      std::make_unique<RecognitionService>(*parts->store,
-                                           CallGate{parts->scene_pool.get(), parts->memory.get()},
-                                           std::move(recognizer),
-                                           limits);
-  parts->catalog =
-      std::make_unique<CatalogService>(*parts->store,
-                                       CallGate{parts->catalog_pool.get(), parts->memory.get()},
-                                       int64_t{options.max_object_mb} << 20);
+  parts->recognition = std::make_unique<RecognitionService>(
+      *parts->store,
+      CallGate{parts->scene_pool.get(), parts->memory.get(), sink},
+      std::move(recognizer),
+      limits);
+  parts->catalog = std::make_unique<CatalogService>(
+      *parts->store,
+      CallGate{parts->catalog_pool.get(), parts->memory.get(), sink},
+      int64_t{options.max_object_mb} << 20);
   parts->info = std::make_unique<ServerInfoService>(
       *parts->store, *parts->scene_pool, *parts->memory, LimitsToProto(options, limits));
 
@@ -184,6 +192,10 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
 
 const std::string& HoropterServer::address() const {
   return parts_->address;
+}
+
+int HoropterServer::metrics_port() const {
+  return parts_->telemetry->metrics_port();
 }
 
 const CatalogStore& HoropterServer::store() const {

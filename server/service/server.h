@@ -9,6 +9,7 @@
 #include "server/service/catalog_store.h"
 #include "server/service/image_decode.h"
 #include "server/service/recognition_service.h"
+#include "server/service/telemetry.h"
 
 namespace grpc {
 class Channel;
@@ -32,6 +33,7 @@ struct ServerOptions {
   int load_threads = 2;         // prepare the catalog at start
   int max_resident = 5000;      // objects held in memory (StoreOptions)
   ImageLimits images;
+  TelemetryOptions telemetry;  // metrics, request log, traces, recordings; none by default
 };
 
 // Errors: INVALID_ARGUMENT naming the option.
@@ -51,6 +53,7 @@ class HoropterServer {
   // host:port with the port that was bound; empty without a listener.
   const std::string& address() const;
   const CatalogStore& store() const;
+  int metrics_port() const;  // 0: no metrics are served
 
   // A client connected without the network.
   std::shared_ptr<grpc::Channel> InProcessChannel();

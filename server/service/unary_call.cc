@@ -12,11 +12,14 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "server/pipeline/exception_status.h"
+#include "server/service/trace_context.h"
 
 namespace horopter {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+
+constexpr char kTraceParentKey[] = "traceparent";
 
 // Unique in this process; the random part tells the logs of two runs apart.
 std::string NextRequestId() {
@@ -51,9 +54,10 @@ struct CallState {
 // Deletes itself when gRPC is done with it.
 class UnaryReactor : public grpc::ServerUnaryReactor {
  public:
-  UnaryReactor(const CallMethod& method, WorkerPool& pool, grpc::CallbackServerContext* context)
+  UnaryReactor(const CallMethod& method, const CallGate& gate, grpc::CallbackServerContext* context)
       : method_(method),
-        pool_(pool),
+        pool_(*gate.pool),
+        sink_(gate.sink),
         context_(context),
         state_(std::make_shared<CallState>()),
         start_(Clock::now()) {
@@ -70,6 +74,15 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     };
     info_.limits.hurry = [state = state_] { return state->InHurry(); };
     context->AddInitialMetadata(kRequestIdKey, info_.request_id);
+    info_.record = &record_;
+    record_.request_id = info_.request_id;
+    record_.method = method.name;
+    record_.arrival = std::chrono::system_clock::now();
+    const auto& metadata = context->client_metadata();
+    const auto parent = metadata.find(kTraceParentKey);
+    record_.trace = TraceContextFrom(
+        parent == metadata.end() ? std::string_view()
+                                 : std::string_view(parent->second.data(), parent->second.size()));
   }
 
   // Queues the call or finishes it.
@@ -86,6 +99,7 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
   void FinishWith(const absl::Status& status) noexcept {
     try {
       Log(status);
+      Tell(status);
     } catch (...) {
     }
     grpc::Status answer;
@@ -153,6 +167,8 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
   }
 
   void Run(const std::function<absl::Status(const CallInfo&)>& work) noexcept {
+    record_.queue_seconds = SecondsSinceStart();
+    taken_ = true;
     FinishWith(CatchExceptions([&]() -> absl::Status {
       if (info_.limits.stop()) return StopReason();
       absl::Status status = CatchExceptions([&] { return work(info_); });
@@ -182,6 +198,20 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
                 status.ok() ? "" : absl::StrCat(" error=", Quoted(std::string(status.message()))));
   }
 
+  double SecondsSinceStart() const {
+    return std::chrono::duration<double>(Clock::now() - start_).count();
+  }
+
+  void Tell(const absl::Status& status) {
+    if (sink_ == nullptr) return;
+    record_.peer = context_->peer();
+    record_.status = status;
+    record_.busy = !RetryAfter(status).empty();
+    record_.total_seconds = SecondsSinceStart();
+    if (!taken_) record_.queue_seconds = record_.total_seconds;
+    sink_->OnRequest(record_);
+  }
+
   absl::Status StopReason() const {
     if (state_->DeadlinePassed()) return absl::DeadlineExceededError("the deadline passed");
     return absl::CancelledError("the client cancelled");
@@ -189,6 +219,9 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
 
   const CallMethod method_;
   WorkerPool& pool_;
+  RequestSink* const sink_;
+  RequestRecord record_;
+  bool taken_ = false;  // a thread of the pool has it
   grpc::CallbackServerContext* context_;
   std::shared_ptr<CallState> state_;
   CallInfo info_;
@@ -205,7 +238,7 @@ grpc::ServerUnaryReactor* StartUnaryCall(const CallGate& gate,
                                          absl::FunctionRef<absl::StatusOr<ParsedCall>()> parse) {
   UnaryReactor* reactor = nullptr;
   try {
-    reactor = new UnaryReactor(method, *gate.pool, context);
+    reactor = new UnaryReactor(method, gate, context);
   } catch (...) {
     grpc::ServerUnaryReactor* const ready = context->DefaultReactor();
     ready->Finish(grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "out of memory"));

@@ -17,6 +17,7 @@
 #include "server/base/call_limits.h"
 #include "server/base/status_macros.h"
 #include "server/service/memory_budget.h"
+#include "server/service/request_record.h"
 #include "server/service/rpc_status.h"
 #include "server/service/worker_pool.h"
 
@@ -31,12 +32,15 @@ struct CallInfo {
   // stop: true once the client cancelled or its deadline passed; hurry: once kUnhurriedShare of the
   // time is gone, never without a deadline. Usable after the call as well.
   CallLimits limits;
+  // The handler says here what it knows beyond the status; never null.
+  RequestRecord* record = nullptr;
 };
 
-// Where calls are admitted; the pool and the budget must outlive them.
+// Where calls are admitted; the pool, the budget and the sink must outlive them.
 struct CallGate {
   WorkerPool* pool = nullptr;
   MemoryBudget* memory = nullptr;
+  RequestSink* sink = nullptr;  // told of each call when its status is known; null: nobody is
 };
 
 struct CallMethod {
@@ -106,7 +110,7 @@ grpc::ServerUnaryReactor* RunUnaryCall(const CallGate& gate,
     call.work = [messages, response, handle = std::move(method.handle)](
                     const CallInfo& info) -> absl::Status {
       HOROPTER_RETURN_IF_ERROR(handle(messages->request, info, &messages->response));
-      messages->request.Clear();
+      if (info.record->request == nullptr) messages->request.Clear();
       bool own = false;
       const grpc::Status sent =
           grpc::SerializationTraits<Response>::Serialize(messages->response, response, &own);

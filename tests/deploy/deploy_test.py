@@ -85,6 +85,47 @@ class DemoVerdict(unittest.TestCase):
         self.assertEqual(self.judge(5, [(i, 19) for i in range(4)], None).returncode, 1)
 
 
+class OwnCameras(unittest.TestCase):
+    """Poses under the cameras of the answer, from the ground truth of scene 1, moved."""
+
+    def judge(self, move_px=0.0, camera_px=0.0, recall=0.0):
+        """The part moved sideways by what shifts it move_px; the answer's principal point off by camera_px."""
+        folder_1 = os.path.join(DATASET, "val", "000001")
+        with open(os.path.join(folder_1, "scene_gt.json"), encoding="utf-8") as file:
+            truth = json.load(file)
+        with open(os.path.join(folder_1, "scene_camera.json"), encoding="utf-8") as file:
+            cameras = json.load(file)
+        with tempfile.TemporaryDirectory() as folder:
+            results, scores = os.path.join(folder, "r.csv"), os.path.join(folder, "s.json")
+            own = {}
+            with open(results, "w", encoding="utf-8") as out:
+                out.write("scene_id,im_id,obj_id,score,R,t,time\n")
+                for image, instances in truth.items():
+                    k = list(cameras[image]["cam_K"])
+                    for i in instances:
+                        t = list(i["cam_t_m2c"])
+                        t[0] += (move_px - camera_px) * t[2] / k[0]
+                        out.write("1,%s,%d,0.9,%s,%s,1\n" % (image, i["obj_id"], " ".join(map(str, i["cam_R_m2c"])),
+                                                              " ".join(map(str, t))))
+                    k[2] += camera_px
+                    own[image] = {"cam_K": k}
+            with open(os.path.join(folder, "r.cameras.json"), "w", encoding="utf-8") as out:
+                json.dump({"1": own}, out)
+            with open(scores, "w", encoding="utf-8") as out:
+                json.dump({"scenes": {"1": {"R@10": recall}}}, out)
+            return run("demo_verdict.py", DATASET, "1", results, scores)
+
+    def test_the_true_pose_is_right_and_one_that_is_off_is_wrong(self):
+        said = self.judge()
+        self.assertEqual(said.returncode, 0, said.stdout + said.stderr)
+        self.assertIn("1.000 under the answer's own", said.stdout)
+        self.assertEqual(self.judge(move_px=14.0).returncode, 1)
+
+    def test_a_principal_point_that_is_off_with_the_pose_is_right_under_the_own_cameras(self):
+        self.assertEqual(self.judge(camera_px=15.0).returncode, 0)
+        self.assertEqual(self.judge(camera_px=15.0, move_px=15.0).returncode, 1)
+
+
 class Scripts(unittest.TestCase):
 
     def test_unknown_arguments_print_the_usage(self):

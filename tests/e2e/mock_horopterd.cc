@@ -1,7 +1,10 @@
 // A server whose recognition is a stand-in: every catalog object stands at a known place, after a
 // chosen time. For tests of what is around recognition, and to measure clients by.
 //
-//   mock_horopterd [--delay-ms MS] [--workers N] [--queue N] [--listen HOST:PORT]
+//   mock_horopterd [--delay-ms MS] [--workers N] [--queue N] [--listen HOST:PORT] [--metrics-listen
+//   ..]
+//
+// The telemetry options are those of horopterd.
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
@@ -65,7 +68,13 @@ int Main(int argc, char** argv) {
   app.add_option("--workers", options.workers);
   app.add_option("--queue", options.queue);
   app.add_option("--listen", options.listen);
+  app.add_option("--metrics-listen", options.telemetry.metrics_listen);
+  app.add_option("--request-log", options.telemetry.request_log);
+  app.add_option("--trace-file", options.telemetry.trace_file);
+  app.add_option("--record-dir", options.telemetry.recorder.folder);
+  app.add_option("--record-sample", options.telemetry.recorder.sample);
   CLI11_PARSE(app, argc, argv);
+  options.telemetry.version = "mock";
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGTERM);
@@ -101,6 +110,7 @@ int Main(int argc, char** argv) {
   }
   spdlog::set_level(spdlog::level::info);
   spdlog::flush_on(spdlog::level::info);
+  spdlog::info("metrics on port {}", (*server)->metrics_port());
   spdlog::info("listening on {}", (*server)->address());
   int signal = 0;
   sigwait(&signals, &signal);

@@ -85,6 +85,7 @@ LIBRARIES = collections.OrderedDict([
     ("assimp", (r"assimp/", ["client"])),
     ("yaml-cpp", (r"yaml-cpp/", ["client"])),
     ("CLI11", (r"CLI/", ["server/main.cc", "client"])),
+    ("Prometheus", (r"prometheus/", ["server/service"])),
     ("spdlog", (r"spdlog/|fmt/", EDGE)),
     ("JSON", (r"nlohmann/", EDGE)),
     ("glog", (r"glog/", ["server/main.cc"])),

@@ -1,0 +1,27 @@
+"""Client of a Horopter server: known rigid parts in a few images of uncalibrated cameras.
+
+>>> from horopter import Client
+>>> with Client("localhost:50051") as client:                                       # doctest: +SKIP
+...     scene = client.recognize(["0.png", "1.png", "2.png"])
+...     for part in scene.objects:
+...         print(part.object_id, part.score, part.scene_from_object)
+
+Metres, radians, right-handed frames; `a_from_b` is a 4 x 4 array that maps points of frame b into frame a:
+`x_a = a_from_b @ x_b` in homogeneous coordinates. Cameras look along z, x is right, y is down; the centre of the top-left
+pixel is (0, 0).
+"""
+from .aio import AsyncClient
+from .client import Client
+from .errors import (AlreadyExists, Busy, Cancelled, DataLoss, DeadlineExceeded, HoropterError, InternalError,
+                     InvalidRequest, NotFound, PermissionDenied, TooLarge, Unavailable)
+from .images import encode_image
+from .types import (Camera, CameraHint, CatalogObject, Finding, FoundGrasp, FoundObject, GraspModel, LookAlike,
+                    ObjectInImage, Reference, Scene)
+
+__all__ = [
+    "AlreadyExists", "AsyncClient", "Busy", "Camera", "CameraHint", "Cancelled", "CatalogObject", "Client", "DataLoss",
+    "DeadlineExceeded", "Finding", "FoundGrasp", "FoundObject", "GraspModel", "HoropterError", "InternalError",
+    "InvalidRequest", "LookAlike", "NotFound", "ObjectInImage", "PermissionDenied", "Reference", "Scene", "TooLarge",
+    "Unavailable", "encode_image",
+]
+__version__ = "@PROJECT_VERSION@"

@@ -1,0 +1,53 @@
+"""Requests, as both clients send them."""
+from __future__ import annotations
+
+from typing import Iterable, Optional, Sequence, Union
+
+from google.protobuf import field_mask_pb2
+
+from horopter.v1 import catalog_pb2, recognition_pb2
+
+from .images import ImageLike, encode_image
+from .types import CameraHint, GraspModel, Reference, matrix_to_proto, resource_name
+
+Hints = Union[None, CameraHint, Sequence[Optional[CameraHint]]]
+
+# Answers hold CAD files; the server bounds what it takes.
+CHANNEL_OPTIONS = (("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1))
+
+
+def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Optional[Iterable[str]],
+                      reference: Optional[Reference]) -> recognition_pb2.RecognizeSceneRequest:
+    if isinstance(images, (str, bytes)):
+        raise TypeError("images is a list, also of one image")
+    request = recognition_pb2.RecognizeSceneRequest()
+    for image in images:
+        request.images.add(content=encode_image(image))
+    if isinstance(hints, CameraHint):
+        hints = [hints] * len(request.images)
+    if hints is not None:
+        if len(hints) != len(request.images):
+            raise ValueError("%d hints for %d images" % (len(hints), len(request.images)))
+        for image, hint in zip(request.images, hints):
+            if hint is not None:
+                image.camera_hint.CopyFrom(hint.to_proto())
+    for candidate in candidates or ():
+        request.candidate_objects.append(resource_name(candidate))
+    if reference is not None:
+        request.reference.object = resource_name(reference.object_id)
+        request.reference.base_from_object.CopyFrom(matrix_to_proto(reference.base_from_object))
+    return request
+
+
+def get_request(object_id: str, full: bool) -> catalog_pb2.GetObjectRequest:
+    view = catalog_pb2.OBJECT_VIEW_FULL if full else catalog_pb2.OBJECT_VIEW_GEOMETRY
+    return catalog_pb2.GetObjectRequest(name=resource_name(object_id), view=view)
+
+
+def grasps_request(object_id: str, grasps: Iterable[GraspModel]) -> catalog_pb2.UpdateObjectRequest:
+    wanted = catalog_pb2.Object(name=resource_name(object_id), grasps=[g.to_proto() for g in grasps])
+    return catalog_pb2.UpdateObjectRequest(object=wanted, update_mask=field_mask_pb2.FieldMask(paths=["grasps"]))
+
+
+def create_request(object_id: str, message: catalog_pb2.Object) -> catalog_pb2.CreateObjectRequest:
+    return catalog_pb2.CreateObjectRequest(object_id=object_id, object=message)

@@ -1,0 +1,122 @@
+"""The client that waits."""
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+from typing import Any, Callable, Iterable, List, Optional
+
+import grpc
+
+from horopter.v1 import catalog_pb2, catalog_pb2_grpc, recognition_pb2_grpc, server_pb2, server_pb2_grpc
+
+from . import _requests
+from ._requests import CHANNEL_OPTIONS, Hints
+from .errors import Busy, HoropterError, from_rpc
+from .images import ImageLike
+from .types import CatalogObject, GraspModel, LookAlike, Reference, Scene, resource_name
+
+
+class Client:
+    """A connection to a server. Thread-safe.
+
+    address: "HOST:PORT"; deadline_s: for a whole call with its retries; retries: how often a busy server is asked again,
+    after the time it asks for. Calls raise the errors of `horopter.errors`.
+
+    >>> with Client("localhost:50051") as client:                                   # doctest: +SKIP
+    ...     print([o.object_id for o in client.list_objects()])
+    """
+
+    def __init__(self, address: str = "localhost:50051", deadline_s: float = 600.0, retries: int = 5):
+        self.address = address
+        self.deadline_s = deadline_s
+        self.retries = retries
+        self._channel = grpc.insecure_channel(address, options=CHANNEL_OPTIONS)
+        self._catalog = catalog_pb2_grpc.CatalogServiceStub(self._channel)
+        self._recognition = recognition_pb2_grpc.RecognitionServiceStub(self._channel)
+        self._server = server_pb2_grpc.ServerServiceStub(self._channel)
+
+    def __enter__(self) -> "Client":
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._channel.close()
+
+    def _call(self, method: Callable[..., Any], request: Any, deadline_s: Optional[float]) -> Any:
+        end = time.monotonic() + (self.deadline_s if deadline_s is None else deadline_s)
+        for attempt in range(self.retries + 1):
+            try:
+                return method(request, timeout=max(0.0, end - time.monotonic()))
+            except grpc.RpcError as rpc_error:
+                error: HoropterError = from_rpc(rpc_error)
+            if not isinstance(error, Busy) or attempt == self.retries or error.retry_after_s is None:
+                raise error
+            if time.monotonic() + error.retry_after_s >= end:
+                raise error
+            time.sleep(error.retry_after_s)
+        raise AssertionError("unreachable")
+
+    def recognize(self, images: Iterable[ImageLike], hints: Hints = None, candidates: Optional[Iterable[str]] = None,
+                  reference: Optional[Reference] = None, deadline_s: Optional[float] = None) -> Scene:
+        """Which parts are in the images of one static scene, where, and how to grip them.
+
+        images: 1 to 32 paths, encoded bytes or arrays (see encode_image); hints: one CameraHint for all images or a list
+        with one or None for each; candidates: ids to look for (default: the whole catalog).
+        """
+        request = _requests.recognize_request(images, hints, candidates, reference)
+        return Scene.from_proto(self._call(self._recognition.RecognizeScene, request, deadline_s))
+
+    def server_info(self, deadline_s: Optional[float] = None) -> server_pb2.ServerInfo:
+        """Version, limits, load and catalog of the server, as the message."""
+        return self._call(self._server.GetServerInfo, server_pb2.GetServerInfoRequest(), deadline_s)
+
+    def list_objects(self, deadline_s: Optional[float] = None) -> List[CatalogObject]:
+        """All objects, ordered by id, without geometry."""
+        objects: List[CatalogObject] = []
+        request = catalog_pb2.ListObjectsRequest(page_size=200)
+        while True:
+            answer = self._call(self._catalog.ListObjects, request, deadline_s)
+            objects.extend(CatalogObject.from_proto(o) for o in answer.objects)
+            if not answer.next_page_token:
+                return objects
+            request.page_token = answer.next_page_token
+
+    def get_object(self, object_id: str, full: bool = False, deadline_s: Optional[float] = None) -> CatalogObject:
+        """One object with its geometry; full: with the bytes of its CAD file (in `raw`)."""
+        return CatalogObject.from_proto(self._call(self._catalog.GetObject, _requests.get_request(object_id, full), deadline_s))
+
+    def create_object(self, object_id: str, message: catalog_pb2.Object, deadline_s: Optional[float] = None) -> CatalogObject:
+        """Enrols geometry that is at hand as a message, e.g. `raw` of another server's object."""
+        return CatalogObject.from_proto(
+            self._call(self._catalog.CreateObject, _requests.create_request(object_id, message), deadline_s))
+
+    def set_grasps(self, object_id: str, grasps: Iterable[GraspModel], deadline_s: Optional[float] = None) -> None:
+        """Replaces the grasps of an object."""
+        self._call(self._catalog.UpdateObject, _requests.grasps_request(object_id, grasps), deadline_s)
+
+    def delete_object(self, object_id: str, deadline_s: Optional[float] = None) -> None:
+        self._call(self._catalog.DeleteObject, catalog_pb2.DeleteObjectRequest(name=resource_name(object_id)), deadline_s)
+
+    def look_alikes(self, object_id: str, deadline_s: Optional[float] = None) -> List[LookAlike]:
+        """Objects that the named one can be taken for."""
+        request = catalog_pb2.ListLookAlikesRequest(name=resource_name(object_id))
+        return [LookAlike.from_proto(a) for a in self._call(self._catalog.ListLookAlikes, request, deadline_s).look_alikes]
+
+    def enroll_file(self, path: "str | os.PathLike[str]", object_id: str, grasps: "str | os.PathLike[str] | None" = None,
+                    units: Optional[str] = None, program: str = "horopter") -> CatalogObject:
+        """Enrols a CAD file (STEP, IGES, STL, PLY, OBJ, CAO) with the `horopter` program, which reads CAD.
+
+        Raises FileNotFoundError when the program is not there, HoropterError with its message when it refuses.
+        """
+        command = [program, "--server", self.address, "object", "add", os.fspath(path), "--id", object_id]
+        if grasps is not None:
+            command += ["--grasps", os.fspath(grasps)]
+        if units is not None:
+            command += ["--units", units]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise HoropterError("INVALID_ARGUMENT" if done.returncode == 3 else "UNKNOWN", done.stderr.strip())
+        return self.get_object(object_id)

@@ -1,0 +1,103 @@
+"""What can go wrong in a call."""
+from __future__ import annotations
+
+from typing import Optional
+
+import grpc
+
+
+class HoropterError(Exception):
+    """A failed call.
+
+    code: canonical name, e.g. "INVALID_ARGUMENT"; request_id: the call in the server's log, None when the server was not
+    reached; field: the offending field of the request, e.g. "images[2].content"; retry_after_s: when a new try makes
+    sense, seconds.
+    """
+
+    def __init__(self, code: str, message: str, request_id: Optional[str] = None, field: Optional[str] = None,
+                 retry_after_s: Optional[float] = None):
+        text = message if request_id is None else "%s (request %s)" % (message, request_id)
+        super().__init__(text)
+        self.code = code
+        self.message = message
+        self.request_id = request_id
+        self.field = field
+        self.retry_after_s = retry_after_s
+
+
+class InvalidRequest(HoropterError):
+    """The request has to be changed; `field` names what."""
+
+
+class NotFound(HoropterError):
+    """No such object."""
+
+
+class AlreadyExists(HoropterError):
+    """The id is taken."""
+
+
+class Busy(HoropterError):
+    """The queue is full; try again after `retry_after_s`."""
+
+
+class TooLarge(HoropterError):
+    """The request is too large, or memory or disk of the server are full."""
+
+
+class DeadlineExceeded(HoropterError):
+    """No answer within the deadline."""
+
+
+class Cancelled(HoropterError):
+    """The caller cancelled."""
+
+
+class Unavailable(HoropterError):
+    """The server is stopping or not there."""
+
+
+class DataLoss(HoropterError):
+    """What is stored is damaged."""
+
+
+class PermissionDenied(HoropterError):
+    """The server may not do this, e.g. write its catalog."""
+
+
+class InternalError(HoropterError):
+    """A fault of the server; report it with the request id."""
+
+
+_CLASSES = {
+    "INVALID_ARGUMENT": InvalidRequest,
+    "NOT_FOUND": NotFound,
+    "ALREADY_EXISTS": AlreadyExists,
+    "DEADLINE_EXCEEDED": DeadlineExceeded,
+    "CANCELLED": Cancelled,
+    "UNAVAILABLE": Unavailable,
+    "DATA_LOSS": DataLoss,
+    "PERMISSION_DENIED": PermissionDenied,
+    "INTERNAL": InternalError,
+}
+
+
+def _value(metadata, key: str) -> Optional[str]:
+    for name, value in metadata or ():
+        if name == key:
+            return value if isinstance(value, str) else value.decode("utf-8", "replace")
+    return None
+
+
+def from_rpc(error: grpc.RpcError) -> HoropterError:
+    """The typed error of a failed gRPC call (of grpc or grpc.aio)."""
+    code = error.code().name
+    trailing, initial = error.trailing_metadata(), error.initial_metadata()
+    retry = _value(trailing, "retry-after-ms")
+    request_id = _value(initial, "horopter-request-id") or _value(trailing, "horopter-request-id")
+    if code == "RESOURCE_EXHAUSTED":
+        kind = TooLarge if retry is None else Busy
+    else:
+        kind = _CLASSES.get(code, HoropterError)
+    return kind(code, error.details() or "", request_id, _value(trailing, "horopter-error-field"),
+                None if retry is None else float(retry) / 1e3)

@@ -1,0 +1,306 @@
+"""Requests and answers as values; see the package's docstring for frames and units."""
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from horopter.v1 import catalog_pb2, recognition_pb2, types_pb2
+
+
+def matrix_from_proto(transform: types_pb2.RigidTransform) -> np.ndarray:
+    """4 x 4; an unset rotation is the identity."""
+    q = transform.rotation
+    w, x, y, z = q.w, q.x, q.y, q.z
+    norm = (w * w + x * x + y * y + z * z) ** 0.5
+    out = np.eye(4)
+    if norm > 0.0:
+        w, x, y, z = w / norm, x / norm, y / norm, z / norm
+        out[:3, :3] = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                       [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                       [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
+    t = transform.translation_m
+    out[:3, 3] = [t.x, t.y, t.z]
+    return out
+
+
+def quaternion_of(rotation: np.ndarray) -> Tuple[float, float, float, float]:
+    """w, x, y, z with w >= 0 of a rotation matrix (3 x 3)."""
+    m = np.asarray(rotation, dtype=float)
+    # Of the four formulas the one with the largest square root: none cancels.
+    squares = np.array([1 + m[0, 0] + m[1, 1] + m[2, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2],
+                        1 - m[0, 0] + m[1, 1] - m[2, 2], 1 - m[0, 0] - m[1, 1] + m[2, 2]])
+    k = int(np.argmax(squares))
+    s = 2.0 * np.sqrt(squares[k])
+    a, b, c = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    d, e, f = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
+    q = [[s / 4, a / s, b / s, c / s], [a / s, s / 4, d / s, e / s],
+         [b / s, d / s, s / 4, f / s], [c / s, e / s, f / s, s / 4]][k]
+    sign = -1.0 if q[0] < 0.0 else 1.0
+    return tuple(sign * float(v) for v in q)  # type: ignore[return-value]
+
+
+def matrix_to_proto(matrix: np.ndarray) -> types_pb2.RigidTransform:
+    """Raises ValueError when the matrix is no rigid transform."""
+    m = np.asarray(matrix, dtype=float)
+    if m.shape != (4, 4) or not np.all(np.isfinite(m)):
+        raise ValueError("a pose is a finite 4 x 4 array")
+    rotation = m[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0.0:
+        raise ValueError("a pose's upper left 3 x 3 block is a rotation")
+    w, x, y, z = quaternion_of(rotation)
+    return types_pb2.RigidTransform(rotation=types_pb2.Quaternion(w=w, x=x, y=y, z=z),
+                                    translation_m=types_pb2.Vector3(x=m[0, 3], y=m[1, 3], z=m[2, 3]))
+
+
+def _optional(message: Any, field: str) -> Optional[np.ndarray]:
+    return matrix_from_proto(getattr(message, field)) if message.HasField(field) else None
+
+
+def _covariance(numbers: Sequence[float]) -> Optional[np.ndarray]:
+    side = int(round(len(numbers) ** 0.5))
+    return np.array(numbers, dtype=float).reshape(side, side) if numbers else None
+
+
+def object_id(resource: str) -> str:
+    """"bracket" of "objects/bracket"."""
+    return resource[len("objects/"):] if resource.startswith("objects/") else resource
+
+
+def resource_name(id_: str) -> str:
+    return "objects/" + object_id(id_)
+
+
+@dataclasses.dataclass
+class CameraHint:
+    """What is known about a camera; every field may be None.
+
+    focal_log_sigma: standard deviation of log(focal_px); principal_point_px: x, y; base_from_camera: 4 x 4, the camera in
+    the robot's base, with its standard deviations.
+    """
+    focal_px: Optional[float] = None
+    focal_log_sigma: Optional[float] = None
+    principal_point_px: Optional[Tuple[float, float]] = None
+    k1: Optional[float] = None
+    base_from_camera: Optional[np.ndarray] = None
+    rotation_sigma_rad: Optional[float] = None
+    position_sigma_m: Optional[float] = None
+
+    def to_proto(self) -> recognition_pb2.CameraHint:
+        hint = recognition_pb2.CameraHint()
+        for name in ("focal_px", "focal_log_sigma", "k1", "rotation_sigma_rad", "position_sigma_m"):
+            value = getattr(self, name)
+            if value is not None:
+                setattr(hint, name, float(value))
+        if self.principal_point_px is not None:
+            hint.principal_point_x_px, hint.principal_point_y_px = map(float, self.principal_point_px)
+        if self.base_from_camera is not None:
+            hint.camera_from_base.CopyFrom(matrix_to_proto(np.linalg.inv(self.base_from_camera)))
+        return hint
+
+
+@dataclasses.dataclass
+class Reference:
+    """An object (a fixture) whose pose in the robot's base is known."""
+    object_id: str
+    base_from_object: np.ndarray
+
+
+@dataclasses.dataclass
+class Camera:
+    """A recovered camera: square pixels, no skew, one radial coefficient (x_d = x (1 + k1 r^2))."""
+    recovered: bool
+    width_px: int
+    height_px: int
+    focal_px: float
+    principal_point_px: Tuple[float, float]
+    k1: float
+    focal_log_sigma: float
+    camera_from_scene: Optional[np.ndarray]
+
+    @property
+    def K(self) -> np.ndarray:
+        """3 x 3 camera matrix."""
+        return np.array([[self.focal_px, 0.0, self.principal_point_px[0]], [0.0, self.focal_px, self.principal_point_px[1]],
+                         [0.0, 0.0, 1.0]])
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Pixels (n x 2) of points (n x 3) in the camera's frame; nan behind the camera."""
+        points = np.asarray(points, dtype=float)
+        z = np.where(points[:, 2] > 0.0, points[:, 2], np.nan)
+        xy = points[:, :2] / z[:, None]
+        xy = xy * (1.0 + self.k1 * np.sum(xy * xy, axis=1, keepdims=True))
+        return self.focal_px * xy + np.array(self.principal_point_px)
+
+
+@dataclasses.dataclass
+class FoundGrasp:
+    """A grasp that can be reached. Gripper frame: origin between the finger tips, z approaches, x closes."""
+    name: str
+    scene_from_gripper: np.ndarray
+    scene_from_pregrasp: np.ndarray
+    base_from_gripper: Optional[np.ndarray]
+    base_from_pregrasp: Optional[np.ndarray]
+    jaw_opening_m: float
+    grip_width_m: float
+    quality: float
+    success: float
+    symmetry_index: int
+
+
+@dataclasses.dataclass
+class ObjectInImage:
+    """score: None when not visible; camera_from_object: None when the camera was not recovered."""
+    score: Optional[float]
+    camera_from_object: Optional[np.ndarray]
+    covariance: Optional[np.ndarray]
+
+
+@dataclasses.dataclass
+class FoundObject:
+    """A recognised object.
+
+    covariance: 6 x 6 of (w, dt), w the rotation vector about the scene's axes at the object's origin (radians), dt the
+    translation (metres): the true pose is (exp(w) R, t + dt). grasps: best first; dropped_grasps: why others are not there.
+    """
+    object_id: str
+    instance: int
+    score: float
+    scene_from_object: np.ndarray
+    covariance: Optional[np.ndarray]
+    images: List[ObjectInImage]
+    alternatives: List[str]
+    grasps: List[FoundGrasp]
+    dropped_grasps: Dict[str, int]
+    base_from_object: Optional[np.ndarray]
+    base_covariance: Optional[np.ndarray]
+
+
+@dataclasses.dataclass
+class Finding:
+    """What the scene leaves open or contradicts; kind without its prefix, e.g. "SCALE_CONFLICT"."""
+    kind: str
+    object_id: Optional[str]
+    instance: int
+    image: Optional[int]
+    direction: np.ndarray
+    value: float
+    detail: str
+
+
+@dataclasses.dataclass
+class Scene:
+    """An answer. state: RECOGNIZED, NOTHING_FOUND, AMBIGUOUS, TOO_FEW_FEATURES, NO_PARALLAX, REFERENCE_NOT_FOUND or
+    EMPTY_CATALOG. joint_covariance: (6 n) x (6 n) of all poses, in the order of `objects`. raw: the message."""
+    state: str
+    detail: str
+    cameras: List[Camera]
+    objects: List[FoundObject]
+    base_from_scene: Optional[np.ndarray]
+    joint_covariance: Optional[np.ndarray]
+    findings: List[Finding]
+    stage_seconds: Dict[str, float]
+    request_id: str
+    catalog_generation: int
+    raw: recognition_pb2.RecognizeSceneResponse = dataclasses.field(repr=False)
+
+    @classmethod
+    def from_proto(cls, answer: recognition_pb2.RecognizeSceneResponse) -> "Scene":
+        state = recognition_pb2.SceneState.Name(answer.state)[len("SCENE_STATE_"):]
+        return cls(state=state, detail=answer.detail, cameras=[_camera(c) for c in answer.cameras],
+                   objects=[_found(o) for o in answer.objects], base_from_scene=_optional(answer, "base_from_scene"),
+                   joint_covariance=_covariance(answer.joint_pose_covariance),
+                   findings=[_finding(f) for f in answer.findings],
+                   stage_seconds={s.stage: s.elapsed.seconds + 1e-9 * s.elapsed.nanos for s in answer.stages},
+                   request_id=answer.request_id, catalog_generation=answer.catalog_generation, raw=answer)
+
+
+def _camera(c: recognition_pb2.Camera) -> Camera:
+    return Camera(c.recovered, c.image_width_px, c.image_height_px, c.focal_px,
+                  (c.principal_point_x_px, c.principal_point_y_px), c.k1, c.focal_log_sigma,
+                  _optional(c, "camera_from_scene"))
+
+
+def _grasp(g: recognition_pb2.RecognizedGrasp) -> FoundGrasp:
+    return FoundGrasp(g.name, matrix_from_proto(g.scene_from_gripper), matrix_from_proto(g.scene_from_pregrasp),
+                      _optional(g, "base_from_gripper"), _optional(g, "base_from_pregrasp"), g.jaw_opening_m, g.grip_width_m,
+                      g.quality, g.success, g.symmetry_index)
+
+
+def _found(o: recognition_pb2.RecognizedObject) -> FoundObject:
+    images = [ObjectInImage(i.score if i.HasField("score") else None, _optional(i, "camera_from_object"),
+                            _covariance(i.pose_covariance)) for i in o.images]
+    counts = o.grasp_counts
+    dropped = {name: getattr(counts, name) for name in ("too_narrow", "below_plane", "blocked", "unsure")
+               if getattr(counts, name) > 0}
+    return FoundObject(object_id(o.object), o.instance, o.score, matrix_from_proto(o.scene_from_object),
+                       _covariance(o.pose_covariance), images, [object_id(a) for a in o.alternative_objects],
+                       [_grasp(g) for g in o.grasps], dropped, _optional(o, "base_from_object"),
+                       _covariance(o.base_pose_covariance))
+
+
+def _finding(f: recognition_pb2.SceneFinding) -> Finding:
+    kind = recognition_pb2.SceneFinding.Kind.Name(f.kind)[len("KIND_"):]
+    return Finding(kind, object_id(f.object) if f.object else None, f.instance,
+                   f.image if f.HasField("image") else None,
+                   np.array([f.direction.x, f.direction.y, f.direction.z]), f.value, f.detail)
+
+
+@dataclasses.dataclass
+class GraspModel:
+    """A grasp as enrolled."""
+    name: str
+    object_from_gripper: np.ndarray
+    jaw_opening_m: float
+    grip_width_m: float
+    quality: float = 1.0
+    object_from_pregrasp: Optional[np.ndarray] = None
+
+    def to_proto(self) -> catalog_pb2.Grasp:
+        grasp = catalog_pb2.Grasp(name=self.name, object_from_gripper=matrix_to_proto(self.object_from_gripper),
+                                  jaw_opening_m=self.jaw_opening_m, grip_width_m=self.grip_width_m, quality=self.quality)
+        if self.object_from_pregrasp is not None:
+            grasp.object_from_pregrasp.CopyFrom(matrix_to_proto(self.object_from_pregrasp))
+        return grasp
+
+    @classmethod
+    def from_proto(cls, g: catalog_pb2.Grasp) -> "GraspModel":
+        return cls(g.name, matrix_from_proto(g.object_from_gripper), g.jaw_opening_m, g.grip_width_m,
+                   g.quality if g.HasField("quality") else 1.0, _optional(g, "object_from_pregrasp"))
+
+
+@dataclasses.dataclass
+class CatalogObject:
+    """An enrolled part. edges: polylines (n x 3, metres) in the object's frame; empty in lists. raw: the message."""
+    object_id: str
+    display_name: str
+    diameter_m: float
+    corner_count: int
+    edge_count: int
+    triangle_count: int
+    symmetries: List[np.ndarray]
+    grasps: List[GraspModel]
+    edges: List[np.ndarray]
+    raw: catalog_pb2.Object = dataclasses.field(repr=False)
+
+    @classmethod
+    def from_proto(cls, o: catalog_pb2.Object) -> "CatalogObject":
+        return cls(object_id(o.name), o.display_name, o.diameter_m, o.vertex_count, o.edge_count, o.triangle_count,
+                   [matrix_from_proto(s) for s in o.object_from_symmetric_object],
+                   [GraspModel.from_proto(g) for g in o.grasps],
+                   [np.array(e.polyline_m, dtype=float).reshape(-1, 3) for e in o.edges], o)
+
+
+@dataclasses.dataclass
+class LookAlike:
+    """An object that another can be taken for; kind: CONGRUENT, SIMILAR, MIRROR, AFFINE or PROJECTIVE."""
+    object_id: str
+    kind: str
+    stretch: List[float]
+    matched_corners: int
+
+    @classmethod
+    def from_proto(cls, a: catalog_pb2.LookAlike) -> "LookAlike":
+        return cls(object_id(a.name), catalog_pb2.LookAlike.Kind.Name(a.kind)[len("KIND_"):], list(a.stretch),
+                   a.matched_vertices)

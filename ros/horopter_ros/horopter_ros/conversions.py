@@ -1,0 +1,224 @@
+"""Between ROS messages and the `horopter` package. Messages are passed in or made by `messages`, an object whose attributes
+are the message classes, so that nothing of ROS is needed to test this."""
+import math
+
+import numpy as np
+
+from horopter import CameraHint
+from horopter.types import quaternion_of
+
+# encoding of sensor_msgs/Image -> (numpy type, channels, order of red, green, blue or None for grey)
+ENCODINGS = {
+    "mono8": (np.uint8, 1, None),
+    "8UC1": (np.uint8, 1, None),
+    "mono16": (np.uint16, 1, None),
+    "16UC1": (np.uint16, 1, None),
+    "rgb8": (np.uint8, 3, (0, 1, 2)),
+    "bgr8": (np.uint8, 3, (2, 1, 0)),
+    "8UC3": (np.uint8, 3, (2, 1, 0)),
+    "rgba8": (np.uint8, 4, (0, 1, 2)),
+    "bgra8": (np.uint8, 4, (2, 1, 0)),
+    "rgb16": (np.uint16, 3, (0, 1, 2)),
+    "bgr16": (np.uint16, 3, (2, 1, 0)),
+}
+
+
+def image_array(image):
+    """(h, w) or (h, w, 3) red, green, blue of a sensor_msgs/Image; padding at the ends of rows is dropped.
+
+    Raises ValueError: an encoding that is not known (Bayer images have to be developed first), too few bytes.
+    """
+    if image.encoding not in ENCODINGS:
+        raise ValueError("image encoding %r is not one of %s" % (image.encoding, ", ".join(sorted(ENCODINGS))))
+    kind, channels, order = ENCODINGS[image.encoding]
+    kind = np.dtype(kind).newbyteorder(">" if image.is_bigendian else "<")
+    row = image.width * channels * kind.itemsize
+    data = np.frombuffer(bytes(image.data), np.uint8)
+    if image.step < row or data.size < image.step * image.height:
+        raise ValueError("an image of %d x %d in %s needs more than %d bytes" % (image.width, image.height, image.encoding,
+                                                                                data.size))
+    rows = np.ascontiguousarray(data[:image.step * image.height].reshape(image.height, image.step)[:, :row])
+    pixels = rows.view(kind).astype(kind.newbyteorder("=")).reshape(image.height, image.width, channels)
+    return pixels[:, :, 0] if order is None else np.ascontiguousarray(pixels[:, :, order])
+
+
+def camera_hint(info, base_from_camera=None, rectified=False):
+    """CameraHint of a sensor_msgs/CameraInfo, or of None.
+
+    Raw images are described by K and D; rectified ones by P, without distortion. An uncalibrated camera (K all 0) gives no
+    intrinsics; a model other than plumb_bob or rational_polynomial no intrinsics either: its images should be rectified.
+    base_from_camera: 4 x 4, of the optical frame.
+    """
+    hint = CameraHint(base_from_camera=base_from_camera)
+    if info is None:
+        return hint if base_from_camera is not None else None
+    if rectified:
+        fx, cx, fy, cy, k1 = info.p[0], info.p[2], info.p[5], info.p[6], 0.0
+    else:
+        fx, cx, fy, cy = info.k[0], info.k[2], info.k[4], info.k[5]
+        k1 = info.d[0] if len(info.d) > 0 else 0.0
+        if info.distortion_model not in ("", "plumb_bob", "rational_polynomial") or any(info.d[5:]):
+            return hint if base_from_camera is not None else None
+    if fx <= 0.0 or fy <= 0.0:
+        return hint if base_from_camera is not None else None
+    # K is of the full resolution; binning and region of interest of the driver change the image.
+    bin_x, bin_y = max(1, info.binning_x), max(1, info.binning_y)
+    hint.focal_px = math.sqrt(fx / bin_x * fy / bin_y)
+    hint.principal_point_px = ((cx - info.roi.x_offset + 0.5) / bin_x - 0.5, (cy - info.roi.y_offset + 0.5) / bin_y - 0.5)
+    hint.k1 = k1
+    return hint
+
+
+def ros_covariance(covariance):
+    """36 numbers, row-major, of (x, y, z, rotation X, Y, Z) from a 6 x 6 of (rotation, translation); zeros of None."""
+    if covariance is None:
+        return [0.0] * 36
+    order = [3, 4, 5, 0, 1, 2]
+    return [float(v) for v in np.asarray(covariance)[np.ix_(order, order)].reshape(-1)]
+
+
+def pose_message(matrix, messages):
+    pose = messages.Pose()
+    pose.position.x, pose.position.y, pose.position.z = (float(v) for v in matrix[:3, 3])
+    w, x, y, z = quaternion_of(matrix[:3, :3])
+    pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = x, y, z, w
+    return pose
+
+
+def matrix_of_transform(transform):
+    """4 x 4 of a geometry_msgs/Transform."""
+    q, t = transform.rotation, transform.translation
+    x, y, z, w = q.x, q.y, q.z, q.w
+    out = np.eye(4)
+    out[:3, :3] = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                   [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                   [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
+    out[:3, 3] = [t.x, t.y, t.z]
+    return out
+
+
+def part_name(part):
+    return "%s_%d" % (part.object_id, part.instance)
+
+
+class AnswerFrame:
+    """The frame an answer is given in: the base where it is known, else the first recovered camera's optical frame."""
+
+    def __init__(self, scene, base_frame, camera_frames):
+        self.in_base = scene.base_from_scene is not None
+        self.camera = next((i for i, c in enumerate(scene.cameras) if c.recovered), None)
+        self.frame_id = base_frame if self.in_base else camera_frames[self.camera or 0]
+        if self.in_base:
+            self.frame_from_scene = scene.base_from_scene
+        elif self.camera is not None:
+            self.frame_from_scene = scene.cameras[self.camera].camera_from_scene
+        else:
+            self.frame_from_scene = np.eye(4)
+
+    def pose(self, part):
+        """Pose (4 x 4) and covariance (6 x 6 of rotation, translation, or None) of a part in this frame."""
+        if self.in_base and part.base_from_object is not None:
+            return part.base_from_object, part.base_covariance
+        if not self.in_base and self.camera is not None and part.images[self.camera].camera_from_object is not None:
+            return part.images[self.camera].camera_from_object, part.images[self.camera].covariance
+        turn = np.kron(np.eye(2), self.frame_from_scene[:3, :3])
+        covariance = None if part.covariance is None else turn @ part.covariance @ turn.T
+        return self.frame_from_scene @ part.scene_from_object, covariance
+
+
+def detections_message(scene, frame, stamp, boxes, messages):
+    """vision_msgs/Detection3DArray. boxes: id -> (centre, size) of the part in its own frame, metres; may lack parts."""
+    out = messages.Detection3DArray()
+    out.header.stamp, out.header.frame_id = stamp, frame.frame_id
+    for part in scene.objects:
+        pose, covariance = frame.pose(part)
+        detection = messages.Detection3D()
+        detection.header.stamp, detection.header.frame_id = stamp, frame.frame_id
+        detection.id = part_name(part)
+        for object_id in [part.object_id] + [a for a in part.alternatives if a != part.object_id]:
+            hypothesis = messages.ObjectHypothesisWithPose()
+            hypothesis.hypothesis.class_id = object_id
+            # What the images do not tell apart shares the probability.
+            hypothesis.hypothesis.score = part.score / (1 + len(set(part.alternatives) - {part.object_id}))
+            hypothesis.pose.pose = pose_message(pose, messages)
+            hypothesis.pose.covariance = ros_covariance(covariance)
+            detection.results.append(hypothesis)
+        if part.object_id in boxes:
+            centre, size = boxes[part.object_id]
+            in_frame = pose.copy()
+            in_frame[:3, 3] = pose[:3, :3] @ np.asarray(centre) + pose[:3, 3]
+            detection.bbox.center = pose_message(in_frame, messages)
+            detection.bbox.size.x, detection.bbox.size.y, detection.bbox.size.z = (float(v) for v in size)
+        out.detections.append(detection)
+    return out
+
+
+def pose_messages(scene, frame, stamp, messages):
+    """(name, geometry_msgs/PoseWithCovarianceStamped) of each part."""
+    out = []
+    for part in scene.objects:
+        pose, covariance = frame.pose(part)
+        message = messages.PoseWithCovarianceStamped()
+        message.header.stamp, message.header.frame_id = stamp, frame.frame_id
+        message.pose.pose = pose_message(pose, messages)
+        message.pose.covariance = ros_covariance(covariance)
+        out.append((part_name(part), message))
+    return out
+
+
+def transform_messages(scene, frame, stamp, messages):
+    """geometry_msgs/TransformStamped of each part: frame horopter/ID_N in the answer's frame."""
+    out = []
+    for part in scene.objects:
+        pose, _ = frame.pose(part)
+        as_pose = pose_message(pose, messages)
+        message = messages.TransformStamped()
+        message.header.stamp, message.header.frame_id = stamp, frame.frame_id
+        message.child_frame_id = "horopter/" + part_name(part)
+        p = as_pose.position
+        message.transform.translation.x, message.transform.translation.y, message.transform.translation.z = p.x, p.y, p.z
+        message.transform.rotation = as_pose.orientation
+        out.append(message)
+    return out
+
+
+def grasp_messages(scene, frame, stamp, messages, gripper_from_tool=None, finger_joints=()):
+    """horopter_msgs/PartGrasp of every reachable grasp, best first for each part.
+
+    gripper_from_tool: 4 x 4, MoveIt's end effector link in the gripper frame of the server (between the tips, z approaches,
+    x closes); finger_joints: names of two joints that open by half the jaw opening each, for the pre-grasp posture.
+    """
+    tool = np.eye(4) if gripper_from_tool is None else gripper_from_tool
+    out = []
+    for part in scene.objects:
+        for grasp in part.grasps:
+            frame_from_gripper = frame.frame_from_scene @ grasp.scene_from_gripper
+            message = messages.PartGrasp()
+            message.part, message.instance, message.name = part.object_id, part.instance, grasp.name
+            message.success, message.jaw_opening = grasp.success, grasp.jaw_opening_m
+            g = message.grasp
+            g.id = "%s/%s" % (part_name(part), grasp.name)
+            g.grasp_pose.header.stamp, g.grasp_pose.header.frame_id = stamp, frame.frame_id
+            g.grasp_pose.pose = pose_message(frame_from_gripper @ tool, messages)
+            g.grasp_quality = grasp.quality * grasp.success
+            approach = frame.frame_from_scene @ grasp.scene_from_pregrasp
+            way = frame_from_gripper[:3, 3] - approach[:3, 3]
+            distance = float(np.linalg.norm(way))
+            direction = way / distance if distance > 1e-9 else frame_from_gripper[:3, 2]
+            _translation(g.pre_grasp_approach, direction, distance, stamp, frame.frame_id)
+            _translation(g.post_grasp_retreat, -direction, distance, stamp, frame.frame_id)
+            for posture, opening in ((g.pre_grasp_posture, grasp.jaw_opening_m), (g.grasp_posture, grasp.grip_width_m)):
+                posture.joint_names = list(finger_joints)
+                if finger_joints:
+                    point = messages.JointTrajectoryPoint()
+                    point.positions = [opening / 2] * len(finger_joints)
+                    posture.points.append(point)
+            out.append(message)
+    return out
+
+
+def _translation(out, direction, distance, stamp, frame_id):
+    out.direction.header.stamp, out.direction.header.frame_id = stamp, frame_id
+    out.direction.vector.x, out.direction.vector.y, out.direction.vector.z = (float(v) for v in direction)
+    out.desired_distance = distance
+    out.min_distance = 0.5 * distance

@@ -1,0 +1,59 @@
+// What the service knows of a call when it is over, for metrics, logs, traces and recordings.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+
+namespace google::protobuf {
+class Message;
+}
+
+namespace horopter {
+
+// W3C trace context of a call: ids in lower-case hex.
+struct TraceContext {
+  std::string trace_id;        // 32 digits
+  std::string parent_span_id;  // 16 digits; empty: the trace begins here
+  std::string span_id;         // 16 digits, of this call
+  bool sampled = true;
+};
+
+struct RequestRecord {
+  std::string request_id;
+  std::string method;
+  std::string peer;
+  TraceContext trace;
+  std::chrono::system_clock::time_point arrival;
+  double queue_seconds = 0.0;  // from arrival until a thread took it; all of it when none did
+  double total_seconds = 0.0;  // from arrival until the status was known
+  absl::Status status;
+  bool busy = false;  // RESOURCE_EXHAUSTED with a time to try again: queue, memory or deadline
+
+  // Of RecognizeScene.
+  int images = 0;
+  int objects = 0;
+  std::string state;  // RECOGNIZED, ..; empty without an answer
+  int64_t catalog_generation = 0;
+  std::vector<std::pair<std::string, double>> stages;  // seconds, in order of execution
+
+  // Of RecognizeScene that was read, for a sink that KeepsMessages, only while the sink is called.
+  const google::protobuf::Message* request = nullptr;
+  const google::protobuf::Message* response = nullptr;
+};
+
+// Thread-safe; called once per call, before the client gets the answer. Must not throw and should
+// not wait.
+class RequestSink {
+ public:
+  virtual ~RequestSink() = default;
+  virtual void OnRequest(const RequestRecord& record) = 0;
+  // False: requests are freed as soon as they are no longer needed.
+  virtual bool KeepsMessages() const { return false; }
+};
+
+}  // namespace horopter

@@ -1,0 +1,296 @@
+#include "server/service/telemetry.h"
+
+#include <prometheus/collectable.h>
+#include <prometheus/counter.h>
+#include <prometheus/exposer.h>
+#include <prometheus/gauge.h>
+#include <prometheus/histogram.h>
+#include <prometheus/registry.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <ctime>
+#include <fstream>
+#include <mutex>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
+#include "server/service/trace_context.h"
+
+namespace horopter {
+namespace {
+
+using prometheus::ClientMetric;
+using prometheus::MetricFamily;
+using prometheus::MetricType;
+
+// 1 ms to 2 min; recognition takes 0.5 to 40 s.
+const prometheus::Histogram::BucketBoundaries kSeconds = {
+    0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 20, 40, 60, 120};
+
+MetricFamily GaugeFamily(const char* name, const char* help, double value, bool counter = false) {
+  ClientMetric metric;
+  (counter ? metric.counter.value : metric.gauge.value) = value;
+  return {name, help, counter ? MetricType::Counter : MetricType::Gauge, {metric}};
+}
+
+// Read when asked for: nothing has to be kept up to date.
+class LiveFigures final : public prometheus::Collectable {
+ public:
+  explicit LiveFigures(std::function<CatalogFigures()> catalog)
+      : catalog_(std::move(catalog)), start_(std::time(nullptr)) {}
+
+  std::vector<MetricFamily> Collect() const override {
+    const CatalogFigures c = catalog_();
+    long pages = 0, resident = 0;
+    std::ifstream("/proc/self/statm") >> pages >> resident;
+    const auto page = static_cast<double>(::sysconf(_SC_PAGESIZE));
+    return {
+        GaugeFamily(
+            "horopter_catalog_objects", "Objects in the catalog", static_cast<double>(c.objects)),
+        GaugeFamily("horopter_catalog_generation",
+                    "Number of the catalog's state; grows with every change",
+                    static_cast<double>(c.generation)),
+        GaugeFamily("process_resident_memory_bytes",
+                    "Memory of the process",
+                    page * static_cast<double>(resident)),
+        GaugeFamily("process_cpu_seconds_total",
+                    "Processor time of the process",
+                    static_cast<double>(std::clock()) / CLOCKS_PER_SEC,
+                    true),
+        GaugeFamily("process_start_time_seconds",
+                    "Start of the process, Unix time",
+                    static_cast<double>(start_)),
+    };
+  }
+
+ private:
+  std::function<CatalogFigures()> catalog_;
+  std::time_t start_;
+};
+
+// Lines appended to a file; safe to call from all threads.
+class LineFile {
+ public:
+  absl::Status Open(const std::string& path) {
+    file_ = path == "-" ? stdout : std::fopen(path.c_str(), "ae");
+    if (file_ == nullptr) {
+      return absl::PermissionDeniedError(absl::StrCat(path, ": cannot be written"));
+    }
+    return absl::OkStatus();
+  }
+  ~LineFile() {
+    if (file_ != nullptr && file_ != stdout) std::fclose(file_);
+  }
+  bool open() const { return file_ != nullptr; }
+
+  // False: the line is lost.
+  bool Write(const std::string& line) {
+    const std::lock_guard lock(mutex_);
+    std::clearerr(file_);
+    return std::fprintf(file_, "%s\n", line.c_str()) > 0 && std::fflush(file_) == 0;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::FILE* file_ = nullptr;
+};
+
+const char* RefusalOf(const RequestRecord& record) {
+  switch (record.status.code()) {
+    case absl::StatusCode::kOk:
+      return nullptr;
+    case absl::StatusCode::kResourceExhausted:
+      return record.busy ? "busy" : "memory_or_disk";
+    case absl::StatusCode::kInvalidArgument:
+      return "invalid";
+    case absl::StatusCode::kNotFound:
+      return "not_found";
+    case absl::StatusCode::kDeadlineExceeded:
+      return "deadline";
+    case absl::StatusCode::kCancelled:
+      return "cancelled";
+    case absl::StatusCode::kUnavailable:
+      return "stopping";
+    default:
+      return "other";
+  }
+}
+
+}  // namespace
+
+struct Telemetry::Parts {
+  using Histogram = prometheus::Histogram;
+  using Counter = prometheus::Counter;
+  template <typename T>
+  using Family = prometheus::Family<T>;
+
+  std::shared_ptr<prometheus::Registry> registry = std::make_shared<prometheus::Registry>();
+  Family<Histogram>& seconds = prometheus::BuildHistogram()
+                                   .Name("horopter_request_seconds")
+                                   .Help("Time from arrival to answer, by method")
+                                   .Register(*registry);
+  Family<Histogram>& queue = prometheus::BuildHistogram()
+                                 .Name("horopter_queue_seconds")
+                                 .Help("Time in the queue, by method")
+                                 .Register(*registry);
+  Family<Histogram>& stages = prometheus::BuildHistogram()
+                                  .Name("horopter_stage_seconds")
+                                  .Help("Time of a stage of recognition")
+                                  .Register(*registry);
+  Family<Counter>& requests = prometheus::BuildCounter()
+                                  .Name("horopter_requests_total")
+                                  .Help("Calls, by method and canonical code")
+                                  .Register(*registry);
+  Family<Counter>& refusals = prometheus::BuildCounter()
+                                  .Name("horopter_refusals_total")
+                                  .Help("Calls that failed, by method and reason")
+                                  .Register(*registry);
+  Family<Counter>& answers = prometheus::BuildCounter()
+                                 .Name("horopter_answers_total")
+                                 .Help("Answers of recognition, by state")
+                                 .Register(*registry);
+  Counter& objects = prometheus::BuildCounter()
+                         .Name("horopter_objects_found_total")
+                         .Help("Objects in answers")
+                         .Register(*registry)
+                         .Add({});
+  Counter& images = prometheus::BuildCounter()
+                        .Name("horopter_images_total")
+                        .Help("Images in requests that were read")
+                        .Register(*registry)
+                        .Add({});
+  Counter& lost = prometheus::BuildCounter()
+                      .Name("horopter_telemetry_lost_total")
+                      .Help("Lines of the request log or the trace file that could not be written")
+                      .Register(*registry)
+                      .Add({});
+  Counter& recorded = prometheus::BuildCounter()
+                          .Name("horopter_recordings_total")
+                          .Help("Requests that were recorded")
+                          .Register(*registry)
+                          .Add({});
+  Counter& recordings_failed = prometheus::BuildCounter()
+                                   .Name("horopter_recordings_failed_total")
+                                   .Help("Requests that could not be recorded, e.g. disk full")
+                                   .Register(*registry)
+                                   .Add({});
+  std::shared_ptr<LiveFigures> live;
+  LineFile request_log, trace_file;
+  std::unique_ptr<Recorder> recorder;
+  std::unique_ptr<prometheus::Exposer> exposer;
+
+  void Count(const RequestRecord& r) {
+    const prometheus::Labels method = {{"method", r.method}};
+    seconds.Add(method, kSeconds).Observe(r.total_seconds);
+    queue.Add(method, kSeconds).Observe(r.queue_seconds);
+    requests.Add({{"method", r.method}, {"code", absl::StatusCodeToString(r.status.code())}})
+        .Increment();
+    if (const char* reason = RefusalOf(r)) {
+      refusals.Add({{"method", r.method}, {"reason", reason}}).Increment();
+    }
+    if (!r.state.empty()) answers.Add({{"state", r.state}}).Increment();
+    objects.Increment(r.objects);
+    images.Increment(r.images);
+    for (const auto& [stage, time] : r.stages) {
+      stages.Add({{"stage", stage}}, kSeconds).Observe(time);
+    }
+  }
+};
+
+Telemetry::Telemetry(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+Telemetry::~Telemetry() = default;
+
+absl::StatusOr<std::unique_ptr<Telemetry>> Telemetry::Start(
+    const TelemetryOptions& options, std::function<CatalogFigures()> catalog) {
+  auto parts = std::make_unique<Parts>();
+  if (!options.request_log.empty()) {
+    HOROPTER_RETURN_IF_ERROR(parts->request_log.Open(options.request_log));
+  }
+  if (!options.trace_file.empty()) {
+    HOROPTER_RETURN_IF_ERROR(parts->trace_file.Open(options.trace_file));
+  }
+  if (!options.recorder.folder.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(parts->recorder,
+                              Recorder::Open(options.recorder, options.version, options.settings));
+  }
+  prometheus::BuildGauge()
+      .Name("horopter_build_info")
+      .Help("Always 1; the label says the version")
+      .Register(*parts->registry)
+      .Add({{"version", options.version}})
+      .Set(1.0);
+  // So that rates of what has not happened yet are 0, not absent.
+  for (const char* reason : {"busy", "invalid", "deadline", "cancelled"}) {
+    parts->refusals.Add({{"method", "RecognizeScene"}, {"reason", reason}});
+  }
+  if (!options.metrics_listen.empty()) {
+    parts->live = std::make_shared<LiveFigures>(std::move(catalog));
+    try {
+      parts->exposer = std::make_unique<prometheus::Exposer>(options.metrics_listen, 1);
+    } catch (const std::exception& e) {
+      return absl::UnavailableError(
+          absl::StrCat("cannot listen on ", options.metrics_listen, " for metrics: ", e.what()));
+    }
+    parts->exposer->RegisterCollectable(parts->registry);
+    parts->exposer->RegisterCollectable(parts->live);
+  }
+  return std::unique_ptr<Telemetry>(new Telemetry(std::move(parts)));
+}
+
+void Telemetry::OnRequest(const RequestRecord& record) {
+  parts_->Count(record);
+  if (parts_->request_log.open() && !parts_->request_log.Write(RequestLogLine(record))) {
+    parts_->lost.Increment();
+  }
+  if (parts_->trace_file.open() && record.trace.sampled &&
+      !parts_->trace_file.Write(OtlpJson(record))) {
+    parts_->lost.Increment();
+  }
+  if (parts_->recorder == nullptr) return;
+  switch (parts_->recorder->Record(record)) {
+    case Recorder::Outcome::kWritten:
+      parts_->recorded.Increment();
+      break;
+    case Recorder::Outcome::kFailed:
+      parts_->recordings_failed.Increment();
+      break;
+    case Recorder::Outcome::kNotWanted:
+      break;
+  }
+}
+
+bool Telemetry::KeepsMessages() const {
+  return parts_->recorder != nullptr;
+}
+
+int Telemetry::metrics_port() const {
+  if (parts_->exposer == nullptr) return 0;
+  const std::vector<int> ports = parts_->exposer->GetListeningPorts();
+  return ports.empty() ? 0 : ports[0];
+}
+
+std::string RequestLogLine(const RequestRecord& r) {
+  const auto seconds = std::chrono::duration<double>(r.arrival.time_since_epoch()).count();
+  nlohmann::json line = {{"time", seconds},
+                         {"request_id", r.request_id},
+                         {"method", r.method},
+                         {"peer", r.peer},
+                         {"trace_id", r.trace.trace_id},
+                         {"span_id", r.trace.span_id},
+                         {"code", absl::StatusCodeToString(r.status.code())},
+                         {"ms", r.total_seconds * 1e3},
+                         {"queue_ms", r.queue_seconds * 1e3}};
+  if (!r.status.ok()) line["error"] = std::string(r.status.message());
+  if (r.images > 0) line["images"] = r.images;
+  if (!r.state.empty()) {
+    line["state"] = r.state;
+    line["objects"] = r.objects;
+    line["catalog_generation"] = r.catalog_generation;
+    for (const auto& [stage, time] : r.stages) line["stages_ms"][stage] = time * 1e3;
+  }
+  return line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+}  // namespace horopter

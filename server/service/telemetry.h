@@ -1,0 +1,54 @@
+// Metrics, request log and traces of a server.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "server/service/recorder.h"
+#include "server/service/request_record.h"
+
+namespace horopter {
+
+struct TelemetryOptions {
+  std::string metrics_listen;  // ADDRESS:PORT for Prometheus, port 0: any free one; empty: none
+  std::string request_log;     // file with one JSON line a request, "-": stdout; empty: none
+  std::string trace_file;      // file with spans in OTLP/JSON, one line a request; empty: none
+  RecorderOptions recorder;    // nothing is recorded by default
+  std::string version;         // of the server
+  std::string settings;        // its options as JSON, for recordings
+};
+
+// What is read when metrics are asked for.
+struct CatalogFigures {
+  int64_t objects = 0;
+  int64_t generation = 0;
+};
+
+// Files are appended to. One that cannot be written any more (a full disk) loses lines, which a
+// metric counts; serving goes on.
+class Telemetry final : public RequestSink {
+ public:
+  // Errors: UNAVAILABLE (the address cannot be bound), PERMISSION_DENIED (a file or folder cannot
+  // be written), INVALID_ARGUMENT (options).
+  static absl::StatusOr<std::unique_ptr<Telemetry>> Start(const TelemetryOptions& options,
+                                                          std::function<CatalogFigures()> catalog);
+  ~Telemetry() override;
+
+  void OnRequest(const RequestRecord& record) override;
+  bool KeepsMessages() const override;  // when it records
+
+  // 0 without a listener.
+  int metrics_port() const;
+
+ private:
+  struct Parts;
+  explicit Telemetry(std::unique_ptr<Parts> parts);
+  std::unique_ptr<Parts> parts_;
+};
+
+// The line of the request log.
+std::string RequestLogLine(const RequestRecord& record);
+
+}  // namespace horopter

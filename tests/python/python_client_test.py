@@ -1,0 +1,279 @@
+#!/usr/bin/env python3
+"""The Python package against a server whose recognition is a stand-in.
+
+    python_client_test.py PACKAGE_FOLDER HOROPTER MOCK_HOROPTERD DATASET
+"""
+import asyncio
+import doctest
+import importlib
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+import xml.etree.ElementTree as ElementTree
+
+PACKAGE, HOROPTER, MOCK, DATASET = map(os.path.abspath, sys.argv[1:5])
+sys.path.insert(0, PACKAGE)
+
+import numpy as np  # noqa: E402
+
+import horopter  # noqa: E402
+from horopter import types  # noqa: E402
+
+IMAGES = [os.path.join(DATASET, "val", "000005", "rgb", "%06d.png" % i) for i in range(2)]
+
+
+class Mock:
+
+    def __init__(self, *arguments):
+        self.process = subprocess.Popen([MOCK, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        for line in self.process.stdout:
+            if "listening on " in line:
+                self.address = line.split("listening on ")[1].strip()
+                break
+
+    def stop(self):
+        self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+
+
+def random_pose(generator):
+    q = generator.normal(size=4)
+    q /= np.linalg.norm(q)
+    pose = types.matrix_from_proto(types.types_pb2.RigidTransform(
+        rotation=types.types_pb2.Quaternion(w=q[0], x=q[1], y=q[2], z=q[3])))
+    pose[:3, 3] = generator.normal(size=3)
+    return pose
+
+
+class Values(unittest.TestCase):
+
+    def test_a_pose_comes_back_from_the_wire(self):
+        generator = np.random.default_rng(1)
+        for k in range(300):
+            pose = random_pose(generator)
+            if k < 3:  # half turns, where w is 0
+                pose[:3, :3] = -np.eye(3)
+                pose[k, k] = 1.0
+            np.testing.assert_allclose(types.matrix_from_proto(types.matrix_to_proto(pose)), pose, atol=1e-12)
+
+    def test_what_is_no_pose_is_refused(self):
+        for bad in (np.eye(3), np.diag([1.0, 1, -1, 1]), 2 * np.eye(4), np.full((4, 4), np.nan)):
+            with self.assertRaises(ValueError):
+                types.matrix_to_proto(bad)
+
+    def test_an_array_becomes_a_png_of_the_same_pixels(self):
+        generator = np.random.default_rng(2)
+        for shape, dtype in (((16, 21), np.uint8), ((17, 16, 3), np.uint8), ((16, 16), np.uint16)):
+            image = generator.integers(0, np.iinfo(dtype).max, size=shape, dtype=dtype)
+            self.assertTrue(np.array_equal(decode_png(horopter.encode_image(image)), image))
+            view = image[::-1, ::2]  # not contiguous
+            self.assertTrue(np.array_equal(decode_png(horopter.encode_image(view)), view))
+        for bad in (np.zeros((4, 4)), np.zeros((4, 4, 4), np.uint8), np.zeros((0, 4), np.uint8)):
+            with self.assertRaises(ValueError):
+                horopter.encode_image(bad)
+        with self.assertRaises(TypeError):
+            horopter.encode_image(7)
+
+    def test_projection_is_the_camera_matrix_with_distortion(self):
+        camera = horopter.Camera(True, 640, 480, 600.0, (320.0, 240.0), 0.1, 0.01, np.eye(4))
+        pixel = camera.project(np.array([[0.1, 0.2, 0.5], [0.0, 0.0, -1.0]]))
+        r2 = 0.2 ** 2 + 0.4 ** 2
+        np.testing.assert_allclose(pixel[0], [320 + 600 * 0.2 * (1 + 0.1 * r2), 240 + 600 * 0.4 * (1 + 0.1 * r2)])
+        self.assertTrue(np.isnan(pixel[1]).all())
+        self.assertEqual(camera.K[0, 2], 320.0)
+
+    def test_the_docstrings_are_right(self):
+        for name in ("horopter", "horopter.client", "horopter.aio", "horopter.types", "horopter.images"):
+            self.assertEqual(doctest.testmod(importlib.import_module(name)).failed, 0)
+
+
+def decode_png(data):
+    """Pixels of a PNG whose rows are not filtered."""
+    import struct
+    import zlib
+    width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
+    at, idat = 8, b""
+    while at < len(data):
+        length, name = struct.unpack(">I4s", data[at:at + 8])
+        body = data[at + 8:at + 8 + length]
+        assert struct.unpack(">I", data[at + 8 + length:at + 12 + length])[0] == zlib.crc32(name + body)
+        idat += body if name == b"IDAT" else b""
+        at += 12 + length
+    channels = 3 if kind == 2 else 1
+    rows = np.frombuffer(zlib.decompress(idat), np.uint8).reshape(height, -1)
+    assert not rows[:, 0].any()
+    pixels = np.ascontiguousarray(rows[:, 1:]).view(">u2" if bits == 16 else np.uint8).reshape(height, width, channels)
+    return pixels[:, :, 0] if channels == 1 else pixels
+
+
+class WithServer(unittest.TestCase):
+
+    ARGUMENTS = ()
+
+    def setUp(self):
+        self.mock = Mock(*self.ARGUMENTS)
+        self.client = horopter.Client(self.mock.address)
+
+    def tearDown(self):
+        self.client.close()
+        self.mock.stop()
+
+    def enrol(self):
+        return self.client.enroll_file(os.path.join(DATASET, "cad", "obj_000001.step"), "bracket",
+                                       grasps=os.path.join(DATASET, "grasps", "obj_000001.json"), program=HOROPTER)
+
+
+class Catalog(WithServer):
+
+    def test_enrol_list_change_and_delete(self):
+        enrolled = self.enrol()
+        self.assertEqual(enrolled.object_id, "bracket")
+        self.assertGreater(len(enrolled.edges), 5)
+        self.assertEqual(enrolled.edges[0].shape[1], 3)
+        self.assertEqual([o.object_id for o in self.client.list_objects()], ["bracket"])
+        self.assertEqual(self.client.server_info().object_count, 1)
+        self.assertEqual(self.client.look_alikes("bracket"), [])
+        grasp = horopter.GraspModel("g", np.eye(4), 0.05, 0.02, 0.5)
+        self.client.set_grasps("bracket", [grasp])
+        back = self.client.get_object("bracket").grasps
+        self.assertEqual([(g.name, g.quality) for g in back], [("g", 0.5)])
+        copy = self.client.create_object("copy", self.client.get_object("bracket", full=True).raw)
+        self.assertEqual(copy.diameter_m, enrolled.diameter_m)
+        self.client.delete_object("bracket")
+        with self.assertRaises(horopter.NotFound) as caught:
+            self.client.get_object("bracket")
+        self.assertRegex(caught.exception.request_id, r"^[0-9a-f]{8}-\d{6}$")
+
+    def test_more_objects_than_a_page(self):
+        raw = self.client.get_object(self.enrol().object_id, full=True).raw
+        raw.ClearField("source")
+        for i in range(205):
+            self.client.create_object("o%03d" % i, raw)
+        self.assertEqual(len(self.client.list_objects()), 206)
+
+    def test_a_refused_file_says_why(self):
+        with self.assertRaises(horopter.HoropterError) as caught:
+            self.client.enroll_file(IMAGES[0], "x", program=HOROPTER)
+        self.assertIn(".png", str(caught.exception))
+
+
+class Recognize(WithServer):
+
+    def test_the_answer_has_poses_covariances_and_grasps(self):
+        self.enrol()
+        with open(IMAGES[1], "rb") as file:
+            as_bytes = file.read()
+        scene = self.client.recognize([IMAGES[0], as_bytes, np.zeros((48, 64, 3), np.uint8)])
+        self.assertEqual(scene.state, "RECOGNIZED")
+        self.assertEqual((scene.cameras[2].width_px, scene.cameras[2].height_px), (64, 48))
+        part = scene.objects[0]
+        self.assertEqual(part.object_id, "bracket")
+        np.testing.assert_allclose(part.scene_from_object,
+                                   [[0, -1, 0, 0.01], [1, 0, 0, 0.02], [0, 0, 1, 0.5], [0, 0, 0, 1]], atol=1e-12)
+        np.testing.assert_allclose(np.diag(part.covariance), 1e-6 * np.arange(1, 7))
+        self.assertEqual(scene.joint_covariance.shape, (6, 6))
+        self.assertEqual(part.grasps[0].name, "above")
+        self.assertAlmostEqual(part.grasps[0].scene_from_pregrasp[2, 3], 0.4)
+        self.assertEqual(len(part.images), 3)
+        self.assertIsNone(part.base_from_object)
+        self.assertIn("features", scene.stage_seconds)
+
+    def test_the_base_frame_comes_with_a_reference(self):
+        self.enrol()
+        pose = random_pose(np.random.default_rng(3))
+        scene = self.client.recognize(IMAGES[:1], reference=horopter.Reference("bracket", pose))
+        np.testing.assert_allclose(scene.base_from_scene, pose, atol=1e-12)
+
+    def test_bad_requests_are_typed_and_name_the_field(self):
+        with self.assertRaises(horopter.InvalidRequest) as caught:
+            self.client.recognize([IMAGES[0], b"no image"])
+        self.assertEqual(caught.exception.field, "images[1].content")
+        with self.assertRaises(horopter.InvalidRequest) as caught:
+            self.client.recognize(IMAGES, hints=[None, horopter.CameraHint(focal_px=-1.0)])
+        self.assertEqual(caught.exception.field, "images[1].camera_hint.focal_px")
+        with self.assertRaises(ValueError):
+            self.client.recognize(IMAGES, hints=[None])
+        with self.assertRaises(TypeError):
+            self.client.recognize(IMAGES[0])
+        with self.assertRaises(OSError):
+            self.client.recognize(["gone.png"])
+
+    def test_the_asynchronous_client_answers_the_same(self):
+        self.enrol()
+        waited = self.client.recognize(IMAGES)
+
+        async def ask():
+            async with horopter.AsyncClient(self.mock.address) as client:
+                scenes = await asyncio.gather(*(client.recognize(IMAGES) for _ in range(4)))
+                listed = await client.list_objects()
+                one = await client.get_object("bracket")
+                self.assertEqual(await client.look_alikes("bracket"), [])
+                await client.delete_object("bracket")
+                with self.assertRaises(horopter.NotFound):
+                    await client.get_object("bracket")
+                return scenes, listed, one
+
+        scenes, listed, one = asyncio.run(ask())
+        for scene in scenes:
+            np.testing.assert_array_equal(scene.objects[0].scene_from_object, waited.objects[0].scene_from_object)
+        self.assertEqual(listed[0].object_id, one.object_id)
+
+    def test_the_example_draws(self):
+        self.enrol()
+        with tempfile.TemporaryDirectory() as folder:
+            example = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "client", "python", "examples",
+                                   "draw_answer.py")
+            done = subprocess.run([sys.executable, "-B", example, "--server", self.mock.address, "--out", folder, *IMAGES],
+                                  capture_output=True, text=True, env=dict(os.environ, PYTHONPATH=PACKAGE), check=False)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            svg = ElementTree.parse(os.path.join(folder, "answer-1.svg")).getroot()
+            lines = [e for e in svg if e.tag.endswith("polyline")]
+            self.assertGreater(len(lines), 5)
+            self.assertTrue(any(e.get("stroke") == "orange" for e in lines))
+
+
+class Busy(WithServer):
+
+    ARGUMENTS = ("--delay-ms", "400", "--workers", "1", "--queue", "0")
+
+    def test_a_busy_server_is_asked_again_or_said_to_be_busy(self):
+        async def ask(retries):
+            async with horopter.AsyncClient(self.mock.address, retries=retries) as client:
+                return await asyncio.gather(client.recognize(IMAGES[:1]), client.recognize(IMAGES[:1]),
+                                            return_exceptions=True)
+
+        answers = asyncio.run(ask(0))
+        refused = [a for a in answers if isinstance(a, horopter.Busy)]
+        self.assertEqual(len(refused), 1)
+        self.assertGreater(refused[0].retry_after_s, 0.05)
+        for answer in asyncio.run(ask(20)):
+            self.assertIsInstance(answer, horopter.Scene)
+
+    def test_deadlines_and_servers_that_are_gone(self):
+        with self.assertRaises(horopter.DeadlineExceeded):
+            self.client.recognize(IMAGES[:1], deadline_s=0.1)
+        self.mock.stop()
+        with self.assertRaises(horopter.Unavailable):
+            self.client.list_objects(deadline_s=5.0)
+
+
+class Overhead(WithServer):
+    """Prints what a call costs; judges nothing, the machine may be busy."""
+
+    def test_the_round_trip_is_short(self):
+        image = np.zeros((32, 32), np.uint8)
+        self.client.recognize([image])
+        times = []
+        for _ in range(50):
+            start = time.perf_counter()
+            self.client.recognize([image])
+            times.append(time.perf_counter() - start)
+        print("round trip, median of 50: %.2f ms" % (1e3 * sorted(times)[25]))
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])

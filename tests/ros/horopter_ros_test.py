@@ -1,0 +1,251 @@
+#!/usr/bin/env python3
+"""The conversions of ros/horopter_ros against stand-ins with the fields of the ROS 2 messages.
+
+    horopter_ros_test.py PACKAGE_FOLDER ROS_FOLDER
+"""
+import os
+import sys
+import unittest
+from types import SimpleNamespace
+from xml.etree import ElementTree
+
+PACKAGE, ROS = map(os.path.abspath, sys.argv[1:3])
+sys.path[:0] = [PACKAGE, os.path.join(ROS, "horopter_ros")]
+
+import numpy as np  # noqa: E402
+
+import horopter  # noqa: E402
+from horopter_ros import conversions  # noqa: E402
+
+# Fields of the messages, as their packages define them (ROS 2 Humble). A field that is not here cannot be set.
+FIELDS = {
+    "Header": {"stamp": None, "frame_id": ""},
+    "Point": {"x": 0.0, "y": 0.0, "z": 0.0},
+    "Vector3": {"x": 0.0, "y": 0.0, "z": 0.0},
+    "Quaternion": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+    "Pose": {"position": "Point", "orientation": "Quaternion"},
+    "PoseStamped": {"header": "Header", "pose": "Pose"},
+    "PoseWithCovariance": {"pose": "Pose", "covariance": [0.0] * 36},
+    "PoseWithCovarianceStamped": {"header": "Header", "pose": "PoseWithCovariance"},
+    "Transform": {"translation": "Vector3", "rotation": "Quaternion"},
+    "TransformStamped": {"header": "Header", "child_frame_id": "", "transform": "Transform"},
+    "ObjectHypothesis": {"class_id": "", "score": 0.0},
+    "ObjectHypothesisWithPose": {"hypothesis": "ObjectHypothesis", "pose": "PoseWithCovariance"},
+    "BoundingBox3D": {"center": "Pose", "size": "Vector3"},
+    "Detection3D": {"header": "Header", "results": [], "bbox": "BoundingBox3D", "id": ""},
+    "Detection3DArray": {"header": "Header", "detections": []},
+    "JointTrajectoryPoint": {"positions": [], "velocities": [], "accelerations": [], "effort": [], "time_from_start": None},
+    "JointTrajectory": {"header": "Header", "joint_names": [], "points": []},
+    "Vector3Stamped": {"header": "Header", "vector": "Vector3"},
+    "GripperTranslation": {"direction": "Vector3Stamped", "desired_distance": 0.0, "min_distance": 0.0},
+    "Grasp": {"id": "", "pre_grasp_posture": "JointTrajectory", "grasp_posture": "JointTrajectory",
+              "grasp_pose": "PoseStamped", "grasp_quality": 0.0, "pre_grasp_approach": "GripperTranslation",
+              "post_grasp_retreat": "GripperTranslation", "post_place_retreat": "GripperTranslation",
+              "max_contact_force": 0.0, "allowed_touch_objects": []},
+    "PartGrasp": {"part": "", "instance": 0, "name": "", "success": 0.0, "jaw_opening": 0.0, "grasp": "Grasp"},
+}
+
+
+class Message:
+    def __init__(self, kind):
+        object.__setattr__(self, "_fields", FIELDS[kind])
+        for name, value in FIELDS[kind].items():
+            if isinstance(value, str) and value in FIELDS:
+                value = Message(value)
+            object.__setattr__(self, name, list(value) if isinstance(value, list) else value)
+
+    def __setattr__(self, name, value):
+        if name not in self._fields:
+            raise AttributeError("the message has no field " + name)
+        object.__setattr__(self, name, value)
+
+
+MESSAGES = SimpleNamespace(**{kind: (lambda kind=kind: Message(kind)) for kind in FIELDS})
+
+
+def rotation(axis, angle):
+    axis = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+def pose(axis, angle, t):
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = rotation(axis, angle), t
+    return out
+
+
+def matrix(message):
+    return conversions.matrix_of_transform(SimpleNamespace(translation=message.position, rotation=message.orientation))
+
+
+def a_scene(in_base):
+    base_from_scene = pose((1, 2, 3), 0.7, (1, 2, 3)) if in_base else None
+    camera_from_scene = pose((0, 1, 1), 0.3, (0, 0, 0.5))
+    scene_from_object = pose((1, 0, 1), 1.1, (0.1, 0.2, 0.3))
+    generator = np.random.default_rng(5)
+    a = generator.normal(size=(6, 6))
+    covariance = a @ a.T * 1e-6
+    grasp = horopter.FoundGrasp("g", scene_from_object @ pose((0, 0, 1), 0.2, (0, 0, 0.05)),
+                                scene_from_object @ pose((0, 0, 1), 0.2, (0, 0, -0.05)), None, None, 0.04, 0.02, 0.5, 0.8, 0)
+    part = horopter.FoundObject("bracket", 1, 0.9, scene_from_object, covariance,
+                                [horopter.ObjectInImage(0.9, camera_from_scene @ scene_from_object, 2 * covariance)], ["copy"],
+                                [grasp], {}, base_from_scene @ scene_from_object if in_base else None,
+                                3 * covariance if in_base else None)
+    camera = horopter.Camera(True, 640, 480, 600.0, (320.0, 240.0), 0.0, 0.01, camera_from_scene)
+    return horopter.Scene("RECOGNIZED", "", [camera], [part], base_from_scene, None, [], {}, "r", 1, None)
+
+
+class Images(unittest.TestCase):
+
+    def image(self, encoding, pixels, pad=0, big=False):
+        rows = pixels.astype(pixels.dtype.newbyteorder(">" if big else "<")).reshape(pixels.shape[0], -1).view(np.uint8)
+        rows = np.hstack([rows, np.full((rows.shape[0], pad), 7, np.uint8)])
+        return SimpleNamespace(height=pixels.shape[0], width=pixels.shape[1], encoding=encoding, is_bigendian=int(big),
+                               step=rows.shape[1], data=rows.tobytes())
+
+    def test_every_encoding_gives_the_same_pixels(self):
+        generator = np.random.default_rng(1)
+        rgb = generator.integers(0, 255, (5, 7, 3), np.uint8)
+        alpha = np.full((5, 7, 1), 9, np.uint8)
+        for encoding, pixels in (("rgb8", rgb), ("bgr8", rgb[:, :, ::-1]), ("rgba8", np.dstack([rgb, alpha])),
+                                 ("bgra8", np.dstack([rgb[:, :, ::-1], alpha]))):
+            for pad in (0, 3):
+                out = conversions.image_array(self.image(encoding, np.ascontiguousarray(pixels), pad))
+                np.testing.assert_array_equal(out, rgb)
+        deep = generator.integers(0, 65535, (5, 7), np.uint16)
+        for big in (False, True):
+            np.testing.assert_array_equal(conversions.image_array(self.image("mono16", deep, 2, big)), deep)
+
+    def test_what_cannot_be_read_is_said(self):
+        image = self.image("mono8", np.zeros((4, 4), np.uint8))
+        image.data = image.data[:-1]
+        with self.assertRaises(ValueError):
+            conversions.image_array(image)
+        with self.assertRaisesRegex(ValueError, "bayer_rggb8"):
+            conversions.image_array(self.image("bayer_rggb8", np.zeros((4, 4), np.uint8)))
+
+    def test_camera_info_becomes_a_hint(self):
+        info = SimpleNamespace(k=[600.0, 0, 320, 0, 600, 240, 0, 0, 1], d=[-0.1, 0, 0, 0, 0], distortion_model="plumb_bob",
+                               p=[500.0, 0, 310, 0, 0, 500, 230, 0, 0, 0, 1, 0], binning_x=0, binning_y=0,
+                               roi=SimpleNamespace(x_offset=0, y_offset=0))
+        hint = conversions.camera_hint(info)
+        self.assertEqual((hint.focal_px, hint.principal_point_px, hint.k1), (600.0, (320.0, 240.0), -0.1))
+        self.assertEqual(conversions.camera_hint(info, rectified=True).focal_px, 500.0)
+        info.binning_x = info.binning_y = 2
+        info.roi.x_offset = 100
+        self.assertEqual(conversions.camera_hint(info).focal_px, 300.0)
+        self.assertEqual(conversions.camera_hint(info).principal_point_px, (109.75, 119.75))
+        info.distortion_model = "equidistant"
+        self.assertIsNone(conversions.camera_hint(info))
+        info.k = [0.0] * 9
+        info.distortion_model = "plumb_bob"
+        self.assertIsNone(conversions.camera_hint(info))
+        self.assertIsNone(conversions.camera_hint(None))
+        self.assertIsNone(conversions.camera_hint(None, np.eye(4)).focal_px)
+
+
+class Frames(unittest.TestCase):
+
+    def test_a_pose_is_in_the_base_where_it_is_known_else_in_the_first_camera(self):
+        for in_base, frame_id in ((True, "base_link"), (False, "left_optical_frame")):
+            scene = a_scene(in_base)
+            frame = conversions.AnswerFrame(scene, "base_link", ["left_optical_frame"])
+            self.assertEqual(frame.frame_id, frame_id)
+            part = scene.objects[0]
+            expected = part.base_from_object if in_base else part.images[0].camera_from_object
+            detections = conversions.detections_message(scene, frame, 7, {}, MESSAGES)
+            self.assertEqual((detections.header.frame_id, detections.header.stamp), (frame_id, 7))
+            found = detections.detections[0]
+            np.testing.assert_allclose(matrix(found.results[0].pose.pose), expected, atol=1e-9)
+            name, stamped = conversions.pose_messages(scene, frame, 7, MESSAGES)[0]
+            self.assertEqual(name, "bracket_1")
+            np.testing.assert_allclose(matrix(stamped.pose.pose), expected, atol=1e-9)
+            transform = conversions.transform_messages(scene, frame, 7, MESSAGES)[0]
+            self.assertEqual(transform.child_frame_id, "horopter/bracket_1")
+            np.testing.assert_allclose(conversions.matrix_of_transform(transform.transform), expected, atol=1e-9)
+
+    def test_covariance_is_that_of_poses_drawn_and_measured_as_ros_does(self):
+        """Draws poses (exp(w) R, t + dt), measures x y z and the rotation about the fixed axes, and compares."""
+        generator = np.random.default_rng(3)
+        scene = a_scene(True)
+        part = scene.objects[0]
+        covariance = part.base_covariance
+        draws = generator.multivariate_normal(np.zeros(6), covariance, 20000)
+        truth = part.base_from_object
+        measured = []
+        for w_dt in draws:
+            angle = np.linalg.norm(w_dt[:3])
+            turned = rotation(w_dt[:3], angle) @ truth[:3, :3]
+            delta = turned @ truth[:3, :3].T  # about the fixed axes of the header's frame
+            about = np.array([delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]]) / 2
+            measured.append(np.concatenate([w_dt[3:], about]))
+        message = np.array(conversions.ros_covariance(covariance)).reshape(6, 6)
+        sampled = np.cov(np.array(measured).T)
+        scale = np.sqrt(np.outer(np.diag(message), np.diag(message)))
+        self.assertLess(np.abs((sampled - message) / scale).max(), 0.05)
+
+    def test_a_frame_that_is_turned_turns_the_covariance(self):
+        scene = a_scene(False)
+        part = scene.objects[0]
+        part.images[0].camera_from_object = None
+        scene.cameras[0].camera_from_scene = pose((0, 0, 1), np.pi / 2, (0, 0, 0))
+        _, covariance = conversions.AnswerFrame(scene, "b", ["c"]).pose(part)
+        # A quarter turn about z: what was along x is along y.
+        self.assertAlmostEqual(covariance[4, 4], part.covariance[3, 3])
+        self.assertAlmostEqual(covariance[1, 1], part.covariance[0, 0])
+
+    def test_alternatives_share_the_score_and_the_box_turns_with_the_part(self):
+        scene = a_scene(True)
+        frame = conversions.AnswerFrame(scene, "base_link", ["c"])
+        box = {"bracket": ((0.01, 0.0, 0.0), (0.1, 0.2, 0.3))}
+        found = conversions.detections_message(scene, frame, 7, box, MESSAGES).detections[0]
+        self.assertEqual([r.hypothesis.class_id for r in found.results], ["bracket", "copy"])
+        self.assertAlmostEqual(found.results[0].hypothesis.score, 0.45)
+        expected = scene.objects[0].base_from_object @ np.array([0.01, 0, 0, 1])
+        np.testing.assert_allclose(matrix(found.bbox.center)[:3, 3], expected[:3], atol=1e-9)
+        self.assertEqual(found.bbox.size.z, 0.3)
+
+
+class Grasps(unittest.TestCase):
+
+    def test_a_grasp_is_the_tools_pose_with_its_approach(self):
+        scene = a_scene(True)
+        frame = conversions.AnswerFrame(scene, "base_link", ["c"])
+        tool = pose((0, 0, 1), np.pi / 2, (0, 0, -0.1))
+        out = conversions.grasp_messages(scene, frame, 7, MESSAGES, tool, ("left", "right"))[0]
+        grasp = scene.objects[0].grasps[0]
+        expected = scene.base_from_scene @ grasp.scene_from_gripper
+        np.testing.assert_allclose(matrix(out.grasp.grasp_pose.pose), expected @ tool, atol=1e-9)
+        v = out.grasp.pre_grasp_approach.direction.vector
+        np.testing.assert_allclose([v.x, v.y, v.z], expected[:3, 2], atol=1e-9)  # z approaches
+        self.assertAlmostEqual(out.grasp.pre_grasp_approach.desired_distance, 0.1)
+        back = out.grasp.post_grasp_retreat.direction.vector
+        np.testing.assert_allclose([back.x, back.y, back.z], -expected[:3, 2], atol=1e-9)
+        self.assertEqual(out.grasp.pre_grasp_posture.points[0].positions, [0.02, 0.02])
+        self.assertEqual(out.grasp.grasp_posture.points[0].positions, [0.01, 0.01])
+        self.assertAlmostEqual(out.grasp.grasp_quality, 0.4)
+        self.assertEqual(out.grasp.id, "bracket_1/g")
+
+
+class Packages(unittest.TestCase):
+
+    def test_definitions_and_manifests_name_what_they_use(self):
+        for package in ("horopter_msgs", "horopter_ros"):
+            manifest = ElementTree.parse(os.path.join(ROS, package, "package.xml")).getroot()
+            self.assertEqual(manifest.find("name").text, package)
+        with open(os.path.join(ROS, "horopter_msgs", "CMakeLists.txt"), encoding="utf-8") as file:
+            lists = file.read()
+        for kind in ("msg", "srv", "action"):
+            for name in os.listdir(os.path.join(ROS, "horopter_msgs", kind)):
+                self.assertIn('"%s/%s"' % (kind, name), lists)
+        with open(os.path.join(ROS, "horopter_msgs", "msg", "PartGrasp.msg"), encoding="utf-8") as file:
+            fields = [line.split()[1] for line in file if line.strip() and not line.startswith("#")]
+        self.assertEqual(set(fields), set(FIELDS["PartGrasp"]))
+        node = os.path.join(ROS, "horopter_ros", "horopter_ros", "node.py")
+        with open(node, encoding="utf-8") as file:
+            compile(file.read(), node, "exec")
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
