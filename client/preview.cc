@@ -117,7 +117,7 @@ void DrawFrame(const ObjectModel& model, View& view) {
 }
 
 void DrawSymmetries(const ObjectModel& model, const Eigen::Vector3d& centre, View& view) {
-  for (const SymmetryAxis& axis : SymmetryAxes(model.symmetries)) {
+  for (const DrawnAxis& axis : SymmetryAxes(model.symmetries)) {
     const Eigen::Vector3d middle =
         axis.point + axis.direction * axis.direction.dot(centre - axis.point);
     const Eigen::Vector3d end = middle + 0.55 * model.diameter_m * axis.direction;

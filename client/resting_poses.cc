@@ -113,12 +113,12 @@ std::vector<RestingPose> RestingPoses(const TriangleMesh& mesh, int starts) {
   return poses;
 }
 
-std::vector<SymmetryAxis> SymmetryAxes(const std::vector<Rigid3>& symmetries) {
-  std::vector<SymmetryAxis> axes;
+std::vector<DrawnAxis> SymmetryAxes(const std::vector<Rigid3>& symmetries) {
+  std::vector<DrawnAxis> axes;
   for (const Rigid3& s : symmetries) {
     const Eigen::AngleAxisd turn(s.R);
     if (std::abs(turn.angle()) < 1e-4) continue;
-    auto axis = std::find_if(axes.begin(), axes.end(), [&](const SymmetryAxis& a) {
+    auto axis = std::find_if(axes.begin(), axes.end(), [&](const DrawnAxis& a) {
       return std::abs(a.direction.dot(turn.axis())) > 0.9999;
     });
     if (axis != axes.end()) {

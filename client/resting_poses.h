@@ -25,11 +25,11 @@ std::vector<RestingPose> RestingPoses(const TriangleMesh& mesh, int starts = 600
 std::optional<Eigen::Vector3d> CentreOfMass(const TriangleMesh& mesh);
 
 // The rotation symmetries of a part by axis.
-struct SymmetryAxis {
+struct DrawnAxis {
   Eigen::Vector3d direction;  // unit, in the object's frame
   Eigen::Vector3d point;      // on the axis
   int order = 2;              // turns by 360/order degrees leave the part unchanged
 };
-std::vector<SymmetryAxis> SymmetryAxes(const std::vector<Rigid3>& symmetries);
+std::vector<DrawnAxis> SymmetryAxes(const std::vector<Rigid3>& symmetries);
 
 }  // namespace horopter

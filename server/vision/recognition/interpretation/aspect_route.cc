@@ -179,9 +179,7 @@ AspectJudgement JudgeAnswer(const JointContext& context,
   return out;
 }
 
-void RefuseContradicted(const AspectJudgement& judgement,
-                        double least,
-                        RecognitionResult* answer) {
+void RefuseContradicted(const AspectJudgement& judgement, double least, RecognitionResult* answer) {
   if (answer->objects.empty() || judgement.median >= least) return;
   answer->objects.clear();
   answer->views.assign(answer->views.size(), std::nullopt);

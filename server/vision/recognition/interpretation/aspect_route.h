@@ -39,9 +39,7 @@ AspectJudgement JudgeAnswer(const JointContext& context,
                             const RecognitionResult& answer);
 
 // Empties an answer whose median score is below `least`.
-void RefuseContradicted(const AspectJudgement& judgement,
-                        double least,
-                        RecognitionResult* answer);
+void RefuseContradicted(const AspectJudgement& judgement, double least, RecognitionResult* answer);
 
 // The scene that the aspects find. Errors: CANCELLED.
 struct AspectAnswer {
