@@ -27,8 +27,13 @@ constexpr double kPoorShare = 0.4;       // ... and left out when that did not h
 constexpr double kBetterScore = 0.06;    // of another pose of an object in one view
 constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
 constexpr double kNearM = 1e-3;
-constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
-constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
+constexpr std::size_t kCarriedSeeds = 6;       // times pair_seeds: links that are looked at closer
+constexpr std::size_t kCarriedHypotheses = 8;  // of a view, by their edges in the other one
+constexpr int kCarriedPoints = 100;
+constexpr double kCarriedChance = 0.35;  // support of edges in a wrong place
+constexpr double kTurnedScore = 0.01;    // by which another turn must be better
+constexpr double kOverlapShare = 0.35;   // of the smaller size: centres nearer in all views overlap
+constexpr std::size_t kFewObjects = 2;   // a scene with more is sure of its views by agreement
 constexpr int kVirtualSteps = 12;
 constexpr double kVirtualSigmaPx = 6.0;
 
@@ -72,6 +77,7 @@ class Linker {
   }
 
   LinkedScene Run() {
+    RenderBest();
     std::vector<GrownScene> seeds = PairSeeds();
     for (GrownScene& seed : seeds) {
       if (IsStopRequested(stop_)) break;
@@ -94,6 +100,10 @@ class Linker {
       best = std::move(more);
     }
     if (!best.objects.empty()) DropPoorViews(&best);
+    if (!best.objects.empty() && ChooseTurns(&best)) {
+      LinkedScene turned = Finish(SceneOf(best));
+      if (turned.score > best.score) best = std::move(turned);
+    }
     if (!best.objects.empty()) FindRunnersUp(&best);
     return best;
   }
@@ -116,15 +126,19 @@ class Linker {
   // Of a part seen in two views: as good as in the worse one, both count.
   static double Support(double a, double b) { return 2.0 * std::sqrt(a * b); }
 
-  // The symmetries of a part, at most max_symmetries spread over all of them: those of a surface of
-  // revolution are listed turn by turn.
+  // The identity, the symmetries of a part and what is nearly one, at most max_symmetries of each,
+  // spread over all of them: those of a surface of revolution are listed turn by turn.
   std::vector<Rigid3> Turns(int object) const {
     std::vector<Rigid3> turns = {Rigid3{}};
-    const std::span<const Rigid3> all = in_.parts[object].symmetries;
+    AppendSpread(in_.parts[object].symmetries, &turns);
+    AppendSpread(in_.parts[object].near_turns, &turns);
+    return turns;
+  }
+
+  void AppendSpread(std::span<const Rigid3> all, std::vector<Rigid3>* turns) const {
     const std::size_t most = static_cast<std::size_t>(std::max(1, options_.max_symmetries));
     const std::size_t count = std::min(all.size(), most);
-    for (std::size_t i = 0; i < count; ++i) turns.push_back(all[i * all.size() / count]);
-    return turns;
+    for (std::size_t i = 0; i < count; ++i) turns->push_back(all[i * all.size() / count]);
   }
 
   AspectSceneView ViewOf(int v, const PinholeCamera& camera, const Rigid3& pose) const {
@@ -205,6 +219,71 @@ class Linker {
     return out;
   }
 
+  // What the edges of view `from`'s best hypotheses find where a link of two views shows them in
+  // view `to`, which has no such hypothesis: settles which of a symmetric part's turns links them.
+  double CarriedSupport(const GrownScene& scene, int from, int to) const {
+    double sum = 0.0;
+    const Rigid3 to_from_from =
+        scene.views[to]->camera_from_scene * scene.views[from]->camera_from_scene.Inverse();
+    for (std::size_t k = 0; k < points_[from].size(); ++k) {
+      const AspectHypothesis& h = hypotheses_[from][k];
+      const bool known =
+          std::any_of(scene.objects.begin(), scene.objects.end(), [&](const GrownObject& o) {
+            return o.hypothesis[from] == static_cast<int>(k);
+          });
+      if (known || weights_[from][k] <= kLeastWeight) continue;
+      const Rigid3 pose =
+          to_from_from *
+          WithFocal(h.camera_from_object, h.camera.focal_px, scene.views[from]->camera.focal_px);
+      const double found =
+          PointSupport(in_.images[to], points_[from][k], scene.views[to]->camera, pose);
+      sum += std::max(0.0, found - kCarriedChance) * weights_[from][k];
+    }
+    return sum;
+  }
+
+  // Edge points of the best hypotheses of each view.
+  void RenderBest() {
+    points_.assign(in_.images.size(), {});
+    PoseEdgeOptions edges;
+    edges.max_points = kCarriedPoints;
+    edges.render_px = options_.quick_render_px;
+    ParallelFor(static_cast<int>(points_.size()), options_.threads, [&](int v) {
+      for (std::size_t k = 0; k < hypotheses_[v].size() && k < kCarriedHypotheses; ++k) {
+        const AspectHypothesis& h = hypotheses_[v][k];
+        points_[v].push_back(
+            RenderedEdgePoints(*meshes_[h.object], h.camera, h.camera_from_object, edges));
+      }
+    });
+  }
+
+  // Of an object that is nearly symmetric the turn which the images of all views bear out best.
+  // Returns whether any was turned.
+  bool ChooseTurns(LinkedScene* scene) const {
+    bool turned = false;
+    for (LinkedObject& o : scene->objects) {
+      std::vector<Rigid3> turns;
+      AppendSpread(in_.parts[o.object].near_turns, &turns);
+      if (turns.empty()) continue;
+      turns.insert(turns.begin(), Rigid3{});
+      std::vector<double> scores(turns.size());
+      ParallelFor(static_cast<int>(turns.size()), options_.threads, [&](int t) {
+        scores[t] = JudgeInViews(in_.images,
+                                 *meshes_[o.object],
+                                 scene->views,
+                                 {o.object, o.scene_from_object * turns[t]},
+                                 options_.quick_render_px,
+                                 options_.shown_share)
+                        .score;
+      });
+      const auto best = std::max_element(scores.begin(), scores.end());
+      if (*best < scores.front() + kTurnedScore) continue;
+      o.scene_from_object = o.scene_from_object * turns[best - scores.begin()];
+      turned = true;
+    }
+    return turned;
+  }
+
   bool IsApart(const Eigen::Vector3d& center,
                double diameter,
                const std::vector<Eigen::Vector3d>& places,
@@ -236,6 +315,8 @@ class Linker {
           }
         }
       }
+      KeepBest(kCarriedSeeds * static_cast<std::size_t>(options_.pair_seeds), &found);
+      for (GrownScene& s : found) s.support += CarriedSupport(s, a, b) + CarriedSupport(s, b, a);
       KeepBest(static_cast<std::size_t>(options_.pair_seeds), &found);
     });
     std::vector<GrownScene> all;
@@ -458,6 +539,16 @@ class Linker {
 
   // Drops what the images contradict, carries the other hypotheses over, adjusts and judges, while
   // objects are added.
+  LinkedScene Finish(AspectScene scene) const { return Finish(&scene); }
+
+  static AspectScene SceneOf(const LinkedScene& linked) {
+    AspectScene scene;
+    scene.views = linked.views;
+    for (const LinkedObject& o : linked.objects)
+      scene.objects.push_back({o.object, o.scene_from_object});
+    return scene;
+  }
+
   LinkedScene Finish(AspectScene* scene) const {
     Sift(scene);
     for (int round = 0; round < 2; ++round) {
@@ -771,6 +862,8 @@ class Linker {
   std::vector<std::vector<AspectHypothesis>> hypotheses_;
   std::vector<std::vector<double>> weights_;  // score above chance, of each hypothesis
   std::vector<const RenderMesh*> meshes_;
+  // Of each view its best hypotheses' visible edges.
+  std::vector<std::vector<std::vector<ModelEdgePoint>>> points_;
   std::vector<bool> searched_again_;  // of each view
 };
 

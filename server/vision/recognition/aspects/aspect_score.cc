@@ -213,4 +213,30 @@ AspectScore ScorePose(const AspectImage& image,
   return score;
 }
 
+double PointSupport(const AspectImage& image,
+                    std::span<const ModelEdgePoint> points,
+                    const PinholeCamera& camera,
+                    const Rigid3& camera_from_object,
+                    double free_chance) {
+  const PinholeCamera working = WorkingCamera(image, camera);
+  constexpr double kReachPx = 4.0;
+  double sum = 0.0, chance = 0.0;
+  for (const ModelEdgePoint& p : points) {
+    const Eigen::Vector3d x = camera_from_object * p.point.cast<double>();
+    if (x.z() <= 0) continue;
+    const Eigen::Vector3d d = camera_from_object.R * p.direction.cast<double>();
+    const Eigen::Vector2f at = Project(working, x).cast<float>();
+    const int bin = AspectBin(static_cast<float>(d.x() * x.z() - x.x() * d.z()),
+                              static_cast<float>(d.y() * x.z() - x.y() * d.z()));
+    if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image.width && at.y() < image.height)) continue;
+    const double distance = image.DistanceAt(at.x(), at.y(), bin) / AspectImage::kDistanceScale;
+    sum += std::max(0.0, 1.0 - distance / kReachPx);
+    chance += image.ChanceAt(at.x(), at.y(), bin, 0) / 255.0;
+  }
+  if (points.empty()) return 0.0;
+  const double n = static_cast<double>(points.size());
+  const double excess = std::max(0.0, chance / n - free_chance);
+  return (sum / n - excess) / (1.0 - excess);
+}
+
 }  // namespace horopter

@@ -2,9 +2,12 @@
 // part are its own.
 #pragma once
 
+#include <span>
+
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/recognition/aspects/pose_edges.h"
 #include "server/vision/recognition/aspects/render_mesh.h"
 
 namespace horopter {
@@ -40,5 +43,13 @@ AspectScore ScorePose(const AspectImage& image,
                       const PinholeCamera& camera,
                       const Rigid3& camera_from_object,
                       const AspectScoreOptions& options = {});
+
+// Mean support (0..1) that edge points of a part find in the distance maps, above what chance gives
+// there beyond `free_chance`. Much cheaper than a score: nothing is rendered.
+double PointSupport(const AspectImage& image,
+                    std::span<const ModelEdgePoint> points,
+                    const PinholeCamera& camera,
+                    const Rigid3& camera_from_object,
+                    double free_chance = 0.10);
 
 }  // namespace horopter

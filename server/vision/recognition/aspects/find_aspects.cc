@@ -91,7 +91,8 @@ class Finder {
                      refine);
       Candidate c{part, refined.camera, refined.camera_from_object, 0.0, {}};
       c.rank = index_.aspects[vote.aspect].edge_length * vote.size_px *
-               (PointSupport(points, c) - options_.votes.rank_support);
+               (PointSupport(image_, points, c.camera, c.pose, options_.votes.free_chance) -
+                options_.votes.rank_support);
       out.push_back(c);
     }
     return Distinct(std::move(out), index_.parts[part], options_.coarse_per_part);
@@ -126,30 +127,6 @@ class Finder {
       points.push_back({p.point, p.direction, 1.0f});
     }
     return points;
-  }
-
-  // Mean support of edge points by the distance maps, above chance.
-  double PointSupport(const std::vector<ModelEdgePoint>& points, const Candidate& c) const {
-    const PinholeCamera working = WorkingCamera(image_, c.camera);
-    constexpr double kReachPx = 4.0;
-    double sum = 0.0, chance = 0.0;
-    for (const ModelEdgePoint& p : points) {
-      const Eigen::Vector3d x = c.pose * p.point.cast<double>();
-      if (x.z() <= 0) continue;
-      const Eigen::Vector3d d = c.pose.R * p.direction.cast<double>();
-      const Eigen::Vector2f at = Project(working, x).cast<float>();
-      const int bin = AspectBin(static_cast<float>(d.x() * x.z() - x.x() * d.z()),
-                                static_cast<float>(d.y() * x.z() - x.y() * d.z()));
-      if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image_.width && at.y() < image_.height))
-        continue;
-      const double distance = image_.DistanceAt(at.x(), at.y(), bin) / AspectImage::kDistanceScale;
-      sum += std::max(0.0, 1.0 - distance / kReachPx);
-      chance += image_.ChanceAt(at.x(), at.y(), bin, 0) / 255.0;
-    }
-    if (points.empty()) return 0.0;
-    const double n = static_cast<double>(points.size());
-    const double excess = std::max(0.0, chance / n - options_.votes.free_chance);
-    return (sum / n - excess) / (1.0 - excess);
   }
 
   const AspectImage& image_;

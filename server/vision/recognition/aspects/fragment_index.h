@@ -19,6 +19,9 @@ struct AspectPart {
   const ObjectAspects* object = nullptr;
   const PartFragments* fragments = nullptr;
   std::span<const Rigid3> symmetries;  // as ObjectModel::symmetries
+  // Turns that leave the part the same but for small features: views that do not show these agree
+  // on it only up to such a turn.
+  std::vector<Rigid3> near_turns = {};
 };
 
 // A point of an aspect in the plane: diameters from the image of its centre, and the direction of

@@ -15,6 +15,7 @@
 namespace horopter {
 namespace {
 
+constexpr int kNearTurns = 24;          // of a surface that is nearly one of revolution
 constexpr double kKnownLogSigma = 0.1;  // a focal length known better is not searched for
 
 double AboveChance(const LinkedObject& o, double chance) {
@@ -192,8 +193,16 @@ absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
                                                 std::span<const AspectImage> images) {
   BeginStep(context, "aspect_index");
   std::vector<AspectPart> parts;
-  for (const auto& o : context.objects)
-    parts.push_back({&o->aspects->object, &o->aspects->fragments, o->model.symmetries});
+  for (const auto& o : context.objects) {
+    AspectPart& part = parts.emplace_back();
+    part.object = &o->aspects->object;
+    part.fragments = &o->aspects->fragments;
+    part.symmetries = o->model.symmetries;
+    for (const NearSymmetry& near : o->near_symmetries) {
+      const std::vector<Rigid3> turns = TurnsOf(near.axis, kNearTurns);
+      part.near_turns.insert(part.near_turns.end(), turns.begin(), turns.end());
+    }
+  }
   HOROPTER_ASSIGN_OR_RETURN(const FragmentIndex index, BuildFragmentIndex(parts));
   BeginStep(context, "aspect_search");
   std::vector<AspectViewPrior> priors;
