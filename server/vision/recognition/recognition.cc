@@ -144,6 +144,11 @@ absl::StatusOr<RecognitionResult> ByRoutes(const RecognitionInput& input,
   return Conclude(input, std::move(found), context);
 }
 
+int Registered(const RecognitionResult& result) {
+  return static_cast<int>(std::count_if(
+      result.views.begin(), result.views.end(), [](const auto& v) { return v.has_value(); }));
+}
+
 // Objects with few edges are asked for by the routes in the cameras of the reconstruction: where a
 // table's texture gives these they are quick. Their answer is judged by what the cameras should see
 // of it; unless that confirms it, the aspects give theirs, and the one that explains more is taken.
@@ -158,7 +163,9 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   if (rich) quick.table = false;
   dear.metric = dear.table = false;
   BeginStep(*context, "aspect_images");
-  const std::vector<AspectImage> images = MakeAspectImages(input.images, context->options.threads);
+  // Judged with all edges: stripes and a block's own edges can be parallel.
+  const std::vector<AspectImage> images =
+      MakeAspectImages(input.images, false, context->options.threads);
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context));
   AspectJudgement judged = JudgeAnswer(*context, images, result);
   if (judged.median >= options.confirming_score || rich || IsStopRequested(context->give_up)) {
@@ -166,8 +173,15 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
         judged, rich ? options.confirming_score : options.contradicting_score, &result);
     return result;
   }
-  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, images));
-  if (!aspects.result.objects.empty() && aspects.score > judged.score) return aspects.result;
+  BeginStep(*context, "aspect_images");
+  const std::vector<AspectImage> plain =
+      MakeAspectImages(input.images, true, context->options.threads);
+  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, plain));
+  // An answer that leaves out views explains what is easy.
+  if (!aspects.result.objects.empty() && aspects.score > judged.score &&
+      Registered(aspects.result) >= Registered(result)) {
+    return aspects.result;
+  }
   if (result.objects.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context));
     judged = JudgeAnswer(*context, images, result);
@@ -220,7 +234,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
                   stop,
                   on_step);
   BeginStep(context, "aspect_images");
-  const std::vector<AspectImage> images = MakeAspectImages(input.images, options.threads);
+  const std::vector<AspectImage> images = MakeAspectImages(input.images, true, options.threads);
   HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(context, images));
   return std::move(aspects.result);
 }

@@ -144,10 +144,14 @@ bool AreRich(std::span<const std::shared_ptr<const PreparedObject>> objects,
   return static_cast<int>(edges[edges.size() / 2]) >= options.rich_edges;
 }
 
-std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images, int threads) {
+std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
+                                          bool drop_pattern,
+                                          int threads) {
   std::vector<AspectImage> out(images.size());
+  AspectImageOptions options;
+  options.drop_pattern = drop_pattern;
   ParallelFor(static_cast<int>(images.size()), threads, [&](int i) {
-    out[i] = MakeAspectImage(images[i]);
+    out[i] = MakeAspectImage(images[i], options);
   });
   return out;
 }

@@ -25,7 +25,10 @@ bool HaveAspects(std::span<const std::shared_ptr<const PreparedObject>> objects,
 bool AreRich(std::span<const std::shared_ptr<const PreparedObject>> objects,
              const AspectRouteOptions& options);
 
-std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images, int threads);
+// drop_pattern: AspectImageOptions::drop_pattern.
+std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
+                                          bool drop_pattern,
+                                          int threads);
 
 // What the images say of an answer's objects as their cameras should see them. Single objects may
 // be hidden, which scores do not know: the answer as a whole is judged.
