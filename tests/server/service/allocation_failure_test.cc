@@ -80,6 +80,8 @@ void FailOneByOne(const Recognizer& recognizer, int64_t all_of_the_first) {
   sent.add_candidate_objects("objects/box");
   const std::string bytes = sent.SerializeAsString();
   CallInfo call;
+  RequestRecord record;
+  call.record = &record;
   call.limits.stop = [] { return false; };
   const auto run = [&]() -> absl::Status {
     return CatchExceptions([&]() -> absl::Status {

@@ -157,8 +157,7 @@ TEST_F(CatalogServiceTest, AnUpdateTouchesTheMaskedFieldsOnly) {
   EXPECT_EQ(answer_.source().content(), before.source().content());
   EXPECT_EQ(answer_.mesh().SerializeAsString(), before.mesh().SerializeAsString());
 
-  EXPECT_EQ(Update(change, {"edges"}).error_code(), StatusCode::INVALID_ARGUMENT)
-      << "no edges left";
+  EXPECT_EQ(Update(change, {"mesh"}).error_code(), StatusCode::INVALID_ARGUMENT) << "no mesh left";
   EXPECT_EQ(Update(change, {"create_time"}).error_code(), StatusCode::INVALID_ARGUMENT);
   EXPECT_EQ(field_, "update_mask");
   ASSERT_TRUE(Update(SampleObject("box", 2), {}).ok());

@@ -100,7 +100,8 @@ TEST(StablePoses, RoundPartsRollAndFewPosesStandForAll) {
     }
     widest = std::max(widest, nearest);
   }
-  EXPECT_LT(widest, 0.13);                                  // 7.5 degrees
+  // Of 64 facets every third may be left alone: 1.5 x 360 / 64 degrees.
+  EXPECT_LT(widest, 1.51 * 2 * M_PI / 64);
   const auto ball = FindStablePoses(SphereMesh(0.02, 40));  // 3122 vertices
   EXPECT_FALSE(ball.empty());
   EXPECT_LE(static_cast<int>(ball.size()), kRollingPoses);
