@@ -95,13 +95,6 @@ struct AspectImage {
                       chance_height +
                   Block(x, y)];
   }
-  std::uint8_t HalfDistanceAt(float x, float y, int bin) const {
-    const float hx = 0.5f * x + 0.25f, hy = 0.5f * y + 0.25f;
-    if (!(hx >= 0 && hy >= 0 && hx < half_width && hy < half_height)) return 255;
-    return half_distance[(static_cast<std::size_t>(bin) * half_height + static_cast<int>(hy)) *
-                             half_width +
-                         static_cast<int>(hx)];
-  }
 };
 
 // A camera of the original image as a camera of its working pixels, and back.

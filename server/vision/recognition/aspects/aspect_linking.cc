@@ -100,8 +100,8 @@ class Linker {
       best = std::move(more);
     }
     if (!best.objects.empty()) DropPoorViews(&best);
-    if (!best.objects.empty() && ChooseTurns(&best)) {
-      LinkedScene turned = Finish(SceneOf(best));
+    if (LinkedScene turned = best; ChooseTurns(&turned)) {
+      turned = Finish(SceneOf(turned));
       if (turned.score > best.score) best = std::move(turned);
     }
     if (!best.objects.empty()) FindRunnersUp(&best);
@@ -504,15 +504,11 @@ class Linker {
   // A view that stays poor has a wrong camera: better none. The rest is adjusted without it.
   void DropPoorViews(LinkedScene* scene) const {
     const std::vector<bool> poor = PoorViews(*scene, kPoorShare);
-    AspectScene rest;
-    rest.views = scene->views;
-    bool dropped = false;
+    if (std::none_of(poor.begin(), poor.end(), [](bool p) { return p; })) return;
+    AspectScene rest = SceneOf(*scene);
     for (std::size_t v = 0; v < poor.size(); ++v) {
-      if (poor[v]) rest.views[v].reset(), dropped = true;
+      if (poor[v]) rest.views[v].reset();
     }
-    if (!dropped) return;
-    for (const LinkedObject& o : scene->objects)
-      rest.objects.push_back({o.object, o.scene_from_object});
     LinkedScene out = Finish(&rest);
     if (!out.objects.empty()) *scene = std::move(out);
   }

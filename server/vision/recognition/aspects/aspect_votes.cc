@@ -151,7 +151,8 @@ class Share {
                   static_cast<float>(options_.key_rms_rad) * std::sqrt(float{kFragmentAngles}),
                   &found_);
       counts_.matches += static_cast<std::int64_t>(found_.size());
-      const std::size_t stride = 1 + found_.size() / static_cast<std::size_t>(options_.max_matches);
+      const std::size_t stride =
+          1 + found_.size() / static_cast<std::size_t>(std::max(1, options_.max_matches));
       for (std::size_t i = counts_.fragments % stride; i < found_.size(); i += stride) {
         const std::uint32_t f = found_[i];
         Test(way, index_.fragments[f], index_.keys[f]);
