@@ -110,6 +110,7 @@ std::optional<int> RetryAfterMsOf(const absl::Status& status) {
 }
 
 struct HoropterClient::Stubs {
+  absl::Status ready;
   std::shared_ptr<grpc::Channel> channel;
   std::unique_ptr<v1::CatalogService::Stub> catalog;
   std::unique_ptr<v1::RecognitionService::Stub> recognition;
@@ -117,15 +118,15 @@ struct HoropterClient::Stubs {
 };
 
 HoropterClient::HoropterClient(const std::string& address, double timeout_s)
-    : HoropterClient(address, ClientOptions{timeout_s, 0, {}, {}}) {}
+    : HoropterClient(address, ClientOptions{timeout_s, 0, {}, {}, {}}) {}
 
 HoropterClient::HoropterClient(const std::string& address, ClientOptions options)
     : stubs_(std::make_unique<Stubs>()), address_(address), options_(std::move(options)) {
-  grpc::ChannelArguments arguments;
-  arguments.SetMaxReceiveMessageSize(-1);  // CAD files; the server bounds what it takes
-  arguments.SetMaxSendMessageSize(-1);
-  stubs_->channel =
-      grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
+  auto channel = MakeChannel(address, options_.security);
+  stubs_->ready = channel.status();
+  // The stubs need one, though no call is made on it.
+  stubs_->channel = channel.ok() ? *std::move(channel)
+                                 : grpc::CreateChannel(address, grpc::InsecureChannelCredentials());
   stubs_->catalog = v1::CatalogService::NewStub(stubs_->channel);
   stubs_->recognition = v1::RecognitionService::NewStub(stubs_->channel);
   stubs_->server = v1::ServerService::NewStub(stubs_->channel);
@@ -136,6 +137,7 @@ std::shared_ptr<grpc::Channel> HoropterClient::channel() const {
 }
 
 absl::Status HoropterClient::Call(const std::function<void(grpc::ClientContext*, Done)>& start) {
+  HOROPTER_RETURN_IF_ERROR(stubs_->ready);
   using Clock = std::chrono::system_clock;
   constexpr auto kSlice = std::chrono::milliseconds(50);
   const auto deadline =
@@ -297,6 +299,7 @@ absl::StatusOr<bool> HoropterClient::RebuildObject(const std::string& id) {
 
 absl::Status HoropterClient::BackupCatalog(
     const std::function<absl::Status(const std::string& chunk)>& write) {
+  HOROPTER_RETURN_IF_ERROR(stubs_->ready);
   grpc::ClientContext context;
   SetDeadline(context, options_.timeout_s);
   const auto reader = stubs_->catalog->BackupCatalog(&context, {});

@@ -9,13 +9,13 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "client/channel.h"
 #include "horopter/v1/catalog.pb.h"
 #include "horopter/v1/recognition.pb.h"
 #include "horopter/v1/server.pb.h"
 #include "server/vision/geometry/object_model.h"
 
 namespace grpc {
-class Channel;
 class ClientContext;
 class Status;
 }  // namespace grpc
@@ -44,6 +44,7 @@ struct ClientOptions {
   std::function<bool()> interrupted;
   // Told before each wait; empty: nobody.
   std::function<void(int retry_after_ms)> on_retry;
+  ChannelSecurity security = {};
 };
 
 // What the server says of a failed call beside code and message; of errors of this client only.
@@ -54,6 +55,8 @@ std::optional<int> RetryAfterMsOf(const absl::Status& status);
 // Errors keep the server's code; the message says the address when it cannot be reached, the
 // offending field when the server names one, and the request's id in the server's log.
 // Thread-safe.
+//
+// Options that give no channel (MakeChannel) are the error of every call.
 //
 //   HoropterClient client("localhost:50051", 60.0);
 //   auto objects = client.ListObjects();

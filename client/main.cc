@@ -1,6 +1,8 @@
 // horopter: the operator's program. See `horopter --help`.
 #include <CLI/CLI.hpp>
 #include <cstdio>
+#include <cstdlib>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -16,7 +18,7 @@ constexpr char kExitCodes[] =
     "  0    done\n"
     "  1    the server or this program failed\n"
     "  2    wrong usage\n"
-    "  3    the input was refused\n"
+    "  3    the input or the caller was refused\n"
     "  4    the server cannot be reached, is too busy or did not answer in time\n"
     "  130  interrupted";
 
@@ -29,6 +31,7 @@ int ExitCode(const absl::Status& status) {
     case absl::StatusCode::kAlreadyExists:
     case absl::StatusCode::kFailedPrecondition:
     case absl::StatusCode::kPermissionDenied:
+    case absl::StatusCode::kUnauthenticated:
       return 3;
     case absl::StatusCode::kUnavailable:
     case absl::StatusCode::kDeadlineExceeded:
@@ -58,16 +61,47 @@ void ReportError(const absl::Status& status) {
       stderr, "%s\n", line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
 }
 
+void AddSecurityOptions(CLI::App& app, ChannelSecurity& security, std::string& token_file) {
+  app.add_flag("--tls", security.tls, "encrypted, with the system's authorities");
+  app.add_option("--tls-ca", security.ca_file, "PEM of the authority that vouches for the server")
+      ->envname("HOROPTER_TLS_CA");
+  app.add_option("--tls-cert", security.cert_file, "PEM of this client's certificate")
+      ->envname("HOROPTER_TLS_CERT");
+  app.add_option("--tls-key", security.key_file, "PEM of its key")->envname("HOROPTER_TLS_KEY");
+  app.add_option("--tls-server-name",
+                 security.server_name,
+                 "name in the server's certificate, where it is not the host of --server");
+  app.add_option("--token-file",
+                 token_file,
+                 "file with the token that says who asks; or HOROPTER_TOKEN is the token")
+      ->envname("HOROPTER_TOKEN_FILE");
+}
+
+// The first line of the file, or what the environment says; empty: none.
+absl::StatusOr<std::string> ReadToken(const std::string& path) {
+  if (path.empty()) {
+    const char* const token = std::getenv("HOROPTER_TOKEN");
+    return std::string(token == nullptr ? "" : token);
+  }
+  std::ifstream file(path);
+  std::string token;
+  if (!std::getline(file, token) || token.empty()) {
+    return absl::FailedPreconditionError(path + ": holds no token");
+  }
+  return token;
+}
+
 int Main(int argc, char** argv) {
   CLI::App app{"Recognises known parts in images from uncalibrated cameras.", "horopter"};
   std::string server = "localhost:50051";
   ClientOptions options;
   options.max_retries = 5;
   bool json = false;
+  std::string token_file;
   Command command;
   app.require_subcommand(1);
   app.set_version_flag("--version", "horopter " HOROPTER_VERSION);
-  app.add_option("--server", server, "HOST:PORT")
+  app.add_option("--server", server, "HOST:PORT or unix:PATH")
       ->capture_default_str()
       ->envname("HOROPTER_SERVER");
   app.add_option("--timeout", options.timeout_s, "seconds for one call, with its retries")
@@ -78,6 +112,7 @@ int Main(int argc, char** argv) {
                  "tries again when the server is busy, after the time it asks for")
       ->capture_default_str()
       ->check(CLI::NonNegativeNumber);
+  AddSecurityOptions(app, options.security, token_file);
   app.add_flag("--json", json, "print JSON, one value a line, errors too");
   app.footer(kExitCodes);
   AddRecognizeCommand(app, &command);
@@ -96,8 +131,13 @@ int Main(int argc, char** argv) {
   options.on_retry = [](int ms) {
     std::fprintf(stderr, "the server is busy; trying again in %.1f s\n", ms / 1e3);
   };
-  HoropterClient client(server, options);
-  const absl::Status status = command(client);
+  absl::StatusOr<std::string> token = ReadToken(token_file);
+  absl::Status status = token.status();
+  if (token.ok()) {
+    options.security.token = *std::move(token);
+    HoropterClient client(server, options);
+    status = command(client);
+  }
   if (!status.ok()) ReportError(status);
   return ExitCode(status);
 }

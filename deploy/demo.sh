@@ -68,9 +68,13 @@ trap 'stop_server; rm -rf "$temporary"' EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
 
-# Port 0: the system picks a free one and the log says which.
+# With TLS and tokens, as a cell would have it. Port 0: the system picks a free one and the log says which.
 start_server() {
-  "$horopterd" --db "$temporary/catalog.db" --listen 127.0.0.1:0 >"$out/server.log" 2>&1 &
+  local keys=$temporary/credentials
+  deploy/credentials.sh "$keys"
+  export HOROPTER_TLS_CA=$keys/ca.pem HOROPTER_TOKEN_FILE=$keys/admin.token
+  "$horopterd" --db "$temporary/catalog.db" --listen 127.0.0.1:0 --tls-cert "$keys/server.pem" --tls-key "$keys/server.key" \
+    --access-file "$keys/access" >"$out/server.log" 2>&1 &
   server=$!
   for _ in $(seq 300); do
     address=$(sed -n 's/.*listening on \([^ ]*\)$/\1/p' "$out/server.log")

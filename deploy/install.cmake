@@ -11,6 +11,7 @@ add_custom_target(sample_config DEPENDS ${CMAKE_BINARY_DIR}/horopterd.toml)
 install(TARGETS horopterd RUNTIME COMPONENT server)
 install(FILES ${CMAKE_BINARY_DIR}/horopterd.toml DESTINATION /etc/horopter COMPONENT server)
 install(FILES deploy/horopterd.service DESTINATION /lib/systemd/system COMPONENT server)
+install(PROGRAMS deploy/credentials.sh DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT server)
 install(FILES docs/cell.md deploy/grafana/horopter.json deploy/grafana/prometheus.yml
   DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT server)
 
@@ -18,7 +19,7 @@ install(TARGETS horopter RUNTIME COMPONENT client)
 
 install(TARGETS horopter_client horopter_proto base ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR}/horopter COMPONENT dev)
 set(headers ${CMAKE_INSTALL_INCLUDEDIR}/horopter_client)
-install(FILES client/api.h client/convert.h DESTINATION ${headers}/client COMPONENT dev)
+install(FILES client/api.h client/channel.h client/convert.h DESTINATION ${headers}/client COMPONENT dev)
 install(FILES server/base/status_macros.h DESTINATION ${headers}/server/base COMPONENT dev)
 install(FILES server/vision/geometry/object_model.h server/vision/geometry/rigid3.h
   DESTINATION ${headers}/server/vision/geometry COMPONENT dev)

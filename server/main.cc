@@ -13,6 +13,7 @@
 #include "db/catalog.h"
 #include "server/pipeline/pipeline.h"
 #include "server/pipeline/process_cores.h"
+#include "server/service/log_format.h"
 #include "server/service/server.h"
 
 namespace horopter {
@@ -26,11 +27,43 @@ struct Flags {
   ServerOptions server;
 };
 
+void AddTrustFlags(CLI::App& app, ServerOptions& server) {
+  app.add_option("--tls-cert", server.tls.certificate, "Certificate chain of the server, PEM");
+  app.add_option("--tls-key", server.tls.key, "Its private key, PEM");
+  app.add_option("--tls-client-ca",
+                 server.tls.client_ca,
+                 "Clients need a certificate of this authority, PEM (default: they need none)");
+  app.add_option("--tls-reload-seconds",
+                 server.tls.reload_seconds,
+                 "Time between two looks at these files for changes")
+      ->capture_default_str();
+  app.add_option(
+      "--access-file",
+      server.access_file,
+      "Hashed tokens and certificates with roles, one a line; read again when it changes "
+      "(default: all may do all)");
+  app.add_flag(
+      "--insecure", server.insecure, "Listen without TLS where other machines can read along");
+  app.add_option("--admin-listen",
+                 server.admin_listen,
+                 "unix:PATH or HOST:PORT of a second listener that alone serves writes, "
+                 "verification, backups and reflection");
+  app.add_flag("--admin-calls,!--no-admin-calls",
+               server.admin_calls,
+               "Serve writes, verification and backups on --listen")
+      ->capture_default_str();
+  app.add_flag("--reflection,!--no-reflection",
+               server.reflection,
+               "Serve gRPC's reflection, which tells the messages' fields to anybody")
+      ->capture_default_str();
+}
+
 void AddFlags(CLI::App& app, Flags& flags) {
   app.set_config("--config", "", "Read options from a TOML or INI file; the command line wins");
   app.add_option("--db", flags.db, "Catalog file, created when it is not there")->required();
   app.add_option("--listen", flags.server.listen, "HOST:PORT; port 0 takes a free one")
       ->capture_default_str();
+  AddTrustFlags(app, flags.server);
   app.add_option("--workers", flags.server.workers, "Scenes recognised at the same time")
       ->check(CLI::Range(1, 256))
       ->capture_default_str();
@@ -82,6 +115,10 @@ void AddTelemetryFlags(CLI::App& app, TelemetryOptions& telemetry) {
   app.add_option("--request-log",
                  telemetry.request_log,
                  "File with one JSON line a request, - for stdout (default: none)");
+  app.add_option("--audit-log",
+                 telemetry.audit_log,
+                 "File with one JSON line per write, verification or backup, refused ones too "
+                 "(default: none)");
   app.add_option("--trace-file",
                  telemetry.trace_file,
                  "File with spans in OTLP/JSON, one line a request (default: none)");
@@ -143,6 +180,9 @@ int Serve(const Flags& flags, const sigset_t& signals) {
   if (const int port = (*server)->metrics_port(); port != 0) {
     spdlog::info("metrics on port {}", port);
   }
+  if (!(*server)->admin_address().empty()) {
+    spdlog::info("admin calls on {}", (*server)->admin_address());
+  }
   spdlog::info("listening on {}", (*server)->address());
   const int signal = WaitForStopSignal(signals);
   spdlog::info("signal {}: draining for at most {} s", signal, flags.drain_seconds);
@@ -183,6 +223,7 @@ int main(int argc, char** argv) {
   flags.server.telemetry.version = HOROPTER_VERSION;
   flags.server.telemetry.settings = app.config_to_str(true, false);
   horopter::SetProcessCores(flags.cores);
+  spdlog::set_formatter(horopter::OneLineFormatter());
   spdlog::set_level(spdlog::level::from_str(flags.log_level));
   spdlog::flush_on(spdlog::level::info);
   return horopter::Serve(flags, signals);

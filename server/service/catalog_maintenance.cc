@@ -83,17 +83,15 @@ class BackupReactor : public grpc::ServerWriteReactor<v1::BackupCatalogResponse>
   }
 
   void FinishWith(const absl::Status& status) noexcept {
-    grpc::Status answer(static_cast<grpc::StatusCode>(status.code()), "");
     try {
       spdlog::log(status.ok() ? spdlog::level::info : spdlog::level::warn,
                   "method=BackupCatalog peer={} code={} bytes={}",
                   context_->peer(),
                   absl::StatusCodeToString(status.code()),
                   total_);
-      answer = ToRpcStatus(status, context_);
     } catch (...) {  // no memory for words
     }
-    Finish(answer);
+    Finish(ToRpcStatus(status, context_));
   }
 
  private:
@@ -157,7 +155,7 @@ grpc::ServerUnaryReactor* CatalogService::ListLookAlikes(grpc::CallbackServerCon
       context,
       bytes,
       answer,
-      {{"ListLookAlikes"},
+      {{.name = "ListLookAlikes", .needs = Role::kRobot},
        [this](const v1::ListLookAlikesRequest& request,
               const CallInfo& info,
               v1::ListLookAlikesResponse* response) -> absl::Status {
@@ -267,6 +265,10 @@ grpc::ServerUnaryReactor* CatalogService::RebuildObject(grpc::CallbackServerCont
 grpc::ServerWriteReactor<v1::BackupCatalogResponse>* CatalogService::BackupCatalog(
     grpc::CallbackServerContext* context, const v1::BackupCatalogRequest*) {
   auto* reactor = new BackupReactor(store_.catalog(), context);
+  if (const auto caller = gate_.access->Authorize(*context, Role::kAdmin); !caller.ok()) {
+    reactor->FinishWith(caller.status());
+    return reactor;
+  }
   switch (gate_.pool->TrySubmit([reactor] { reactor->Run(); }).admission) {
     case WorkerPool::Admission::kAccepted:
       break;

@@ -82,7 +82,7 @@ grpc::ServerUnaryReactor* CatalogService::GetObject(grpc::CallbackServerContext*
       context,
       bytes,
       answer,
-      {{"GetObject"},
+      {{.name = "GetObject", .needs = Role::kRobot},
        [this](const v1::GetObjectRequest& request, const CallInfo&, v1::Object* response)
            -> absl::Status {
          HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request.name(), "name"));
@@ -99,7 +99,7 @@ grpc::ServerUnaryReactor* CatalogService::ListObjects(grpc::CallbackServerContex
       context,
       bytes,
       answer,
-      {{"ListObjects"},
+      {{.name = "ListObjects", .needs = Role::kRobot},
        [this](const v1::ListObjectsRequest& request,
               const CallInfo&,
               v1::ListObjectsResponse* response) -> absl::Status {

@@ -73,7 +73,7 @@ grpc::ServerUnaryReactor* RecognitionService::RecognizeScene(grpc::CallbackServe
       context,
       request,
       response,
-      {{"RecognizeScene", limits_.max_request_bytes},
+      {{"RecognizeScene", limits_.max_request_bytes, Role::kRobot},
        [this](const auto& message, const CallInfo& call, auto* answer) {
          return Handle(message, call, answer);
        },

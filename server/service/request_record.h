@@ -27,6 +27,10 @@ struct RequestRecord {
   std::string request_id;
   std::string method;
   std::string peer;
+  std::string caller;       // name in the access file; empty: nobody had to say who he is
+  bool admin_call = false;  // of a method that needs an admin: told to the audit log
+  std::string resource;     // name of the object that the request names; empty: none
+  int64_t request_bytes = 0;
   TraceContext trace;
   std::chrono::system_clock::time_point arrival;
   double queue_seconds = 0.0;  // from arrival until a thread took it; all of it when none did

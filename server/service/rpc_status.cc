@@ -48,19 +48,26 @@ absl::Status QueueFull(int retry_after_ms) {
   return RetryLater("the request queue is full", retry_after_ms);
 }
 
-std::string Quoted(std::string_view text) {
-  std::string out = "\"";
+std::string EscapeControls(std::string_view text) {
+  std::string out;
   for (const char c : text) {
     const auto byte = static_cast<unsigned char>(c);
-    if (c == '"' || c == '\\') {
-      out += {'\\', c};
-    } else if (byte < 32 || byte == 127) {
+    if (byte < 32 || byte == 127) {
       absl::StrAppend(&out, "\\x", absl::Hex(byte, absl::kZeroPad2));
     } else {
       out += c;
     }
   }
-  return out + "\"";
+  return out;
+}
+
+std::string Quoted(std::string_view text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    if (c == '"' || c == '\\') out += '\\';
+    out += c;
+  }
+  return EscapeControls(out) + "\"";
 }
 
 std::string ErrorField(const absl::Status& status) {
@@ -79,7 +86,8 @@ std::string RetryAfter(const absl::Status& status) {
   return Payload(status, kRetryPayload);
 }
 
-grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext* context) {
+grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext* context) noexcept
+    try {
   if (status.ok()) return grpc::Status::OK;
   if (const std::string field = ErrorField(status); !field.empty()) {
     context->AddTrailingMetadata(kErrorFieldKey, Printable(field));
@@ -89,6 +97,8 @@ grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext
   }
   // absl and gRPC number the canonical codes alike.
   return grpc::Status(static_cast<grpc::StatusCode>(status.code()), std::string(status.message()));
+} catch (...) {
+  return grpc::Status(static_cast<grpc::StatusCode>(status.code()), "");
 }
 
 }  // namespace horopter

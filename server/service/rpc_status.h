@@ -28,8 +28,12 @@ absl::Status FieldError(absl::StatusCode code, std::string_view field, std::stri
 absl::Status RetryLater(std::string_view what, int retry_after_ms);
 absl::Status QueueFull(int retry_after_ms);
 
-// Text in quotation marks for one line of a log: quotation marks, backslashes and control
-// characters are escaped, so that nothing a client sends ends the line or looks like another field.
+// Text for one line of a log: control characters become \xNN, so that nothing a client sends ends
+// the line.
+std::string EscapeControls(std::string_view text);
+
+// The same in quotation marks; quotation marks and backslashes in it are escaped as well, so that
+// nothing looks like another field.
 std::string Quoted(std::string_view text);
 
 // The field set by InvalidField, or the one that begins the message of an INVALID_ARGUMENT
@@ -40,7 +44,7 @@ std::string ErrorField(const absl::Status& status);
 std::string RetryAfter(const absl::Status& status);
 
 // Puts field and retry time into the context's trailing metadata and returns the status in gRPC's
-// type.
-grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext* context);
+// type; where there is no memory for words the code comes alone.
+grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext* context) noexcept;
 
 }  // namespace horopter

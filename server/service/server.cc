@@ -1,8 +1,6 @@
 #include "server/service/server.h"
 
-#include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
-#include <grpcpp/health_check_service_interface.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -12,35 +10,12 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
 #include "server/pipeline/exception_status.h"
-#include "server/service/catalog_service.h"
 #include "server/service/convert.h"
-#include "server/service/server_info_service.h"
+#include "server/service/listener.h"
 #include "server/service/worker_pool.h"
 
 namespace horopter {
 namespace {
-
-constexpr const char* kServiceNames[] = {
-    "horopter.v1.RecognitionService", "horopter.v1.CatalogService", "horopter.v1.ServerService"};
-
-void EnableHealthAndReflection() {
-  static const bool enabled = [] {
-    grpc::EnableDefaultHealthCheckService(true);
-    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
-    return true;
-  }();
-  (void)enabled;
-}
-
-void SetServing(grpc::Server& server, bool serving) {
-  grpc::HealthCheckServiceInterface* health = server.GetHealthCheckService();
-  if (health == nullptr) return;
-  health->SetServingStatus(serving);
-  for (const char* name : kServiceNames) health->SetServingStatus(name, serving);
-}
-
-constexpr int kMaxStreamsPerConnection = 100;
-constexpr int kMaxMetadataBytes = 16 << 10;
 
 v1::ServerLimits LimitsToProto(const ServerOptions& options, const RecognitionLimits& limits) {
   v1::ServerLimits proto;
@@ -60,6 +35,37 @@ v1::ServerLimits LimitsToProto(const ServerOptions& options, const RecognitionLi
   return proto;
 }
 
+// Images, parts and tokens do not travel in the clear unless that is said.
+absl::Status CheckPrivate(const std::string& address, const ServerOptions& options) {
+  if (address.empty() || IsLocalAddress(address)) return absl::OkStatus();
+  if (!options.tls.certificate.empty() || options.insecure) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrCat("listen: ",
+                   address,
+                   " can be reached from other machines: give tls_cert and tls_key, or say "
+                   "insecure where the network is private"));
+}
+
+ListenerOptions MainListener(const ServerOptions& options) {
+  ListenerOptions listener;
+  listener.address = options.listen;
+  listener.tls = options.tls;
+  listener.access.file = options.access_file;
+  listener.access.admin_calls = options.admin_calls && options.admin_listen.empty();
+  listener.reflection = options.reflection && options.admin_listen.empty();
+  listener.largest_message_mb = std::max(options.max_message_mb, options.max_object_mb);
+  return listener;
+}
+
+ListenerOptions AdminListener(const ServerOptions& options) {
+  ListenerOptions listener = MainListener(options);
+  listener.address = options.admin_listen;
+  listener.access.admin_calls = true;
+  if (IsUnixAddress(options.admin_listen)) listener.access.file.clear();
+  listener.reflection = options.reflection;
+  return listener;
+}
+
 absl::Status InRange(const char* name, int value, int low, int high) {
   if (value >= low && value <= high) return absl::OkStatus();
   return absl::InvalidArgumentError(
@@ -68,21 +74,27 @@ absl::Status InRange(const char* name, int value, int low, int high) {
 
 }  // namespace
 
-// In order of construction; the pools go before the services and the store they work on.
+// In order of construction; the pools go before the listeners, whose services their jobs use.
 struct HoropterServer::Parts {
   std::unique_ptr<CatalogStore> store;
   std::unique_ptr<Telemetry> telemetry;
   std::unique_ptr<MemoryBudget> memory;
-  std::unique_ptr<RecognitionService> recognition;
-  std::unique_ptr<CatalogService> catalog;
-  std::unique_ptr<ServerInfoService> info;
   std::unique_ptr<WorkerPool> scene_pool;
   std::unique_ptr<WorkerPool> catalog_pool;
-  std::unique_ptr<grpc::Server> server;
-  std::string address;
+  std::unique_ptr<Listener> listener;
+  std::unique_ptr<Listener> admin_listener;  // null: none
+
+  std::vector<Listener*> listeners() const {
+    if (admin_listener == nullptr) return {listener.get()};
+    return {listener.get(), admin_listener.get()};
+  }
 };
 
 absl::Status Validate(const ServerOptions& options) {
+  for (const std::string& address : {options.listen, options.admin_listen}) {
+    HOROPTER_RETURN_IF_ERROR(CheckPrivate(address, options));
+  }
+  HOROPTER_RETURN_IF_ERROR(InRange("tls_reload_seconds", options.tls.reload_seconds, 1, 86400));
   HOROPTER_RETURN_IF_ERROR(InRange("workers", options.workers, 1, 256));
   HOROPTER_RETURN_IF_ERROR(InRange("queue", options.queue, 0, 10000));
   HOROPTER_RETURN_IF_ERROR(InRange("catalog_workers", options.catalog_workers, 1, 256));
@@ -111,7 +123,6 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
     Recognizer recognizer,
     const ServerOptions& options) {
   HOROPTER_RETURN_IF_ERROR(Validate(options));
-  EnableHealthAndReflection();
   auto parts = std::make_unique<Parts>();
   const auto load = [&] {
     return CatalogStore::Load(
@@ -147,51 +158,32 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   limits.images = options.images;
   limits.max_request_bytes = int64_t{options.max_message_mb} << 20;
   limits.decode_threads = options.threads_per_request;
-  parts->recognition = std::make_unique<RecognitionService>(
-      *parts->store,
-      CallGate{parts->scene_pool.get(), parts->memory.get(), sink},
-      std::move(recognizer),
-      limits);
-  parts->catalog = std::make_unique<CatalogService>(
-      *parts->store,
-      CallGate{parts->catalog_pool.get(), parts->memory.get(), sink},
-      int64_t{options.max_object_mb} << 20);
-  parts->info = std::make_unique<ServerInfoService>(
-      *parts->store, *parts->scene_pool, *parts->memory, LimitsToProto(options, limits));
-
-  grpc::ServerBuilder builder;
-  const int largest_mb = std::max(options.max_message_mb, options.max_object_mb);
-  builder.SetMaxReceiveMessageSize(largest_mb << 20);
-  // An object with its CAD file, or a backup's chunk: what was received can be sent.
-  builder.SetMaxSendMessageSize(std::min(2047, 2 * largest_mb) << 20);
-  // Bounds what gRPC itself holds of messages on their way.
-  grpc::ResourceQuota quota("horopter");
-  quota.Resize(size_t{2} * static_cast<size_t>(largest_mb) << 20);
-  builder.SetResourceQuota(quota);
-  builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kMaxStreamsPerConnection);
-  builder.AddChannelArgument(GRPC_ARG_MAX_METADATA_SIZE, kMaxMetadataBytes);
-  // Otherwise a second server on the same port would silently take a share of the calls.
-  builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
-  builder.RegisterService(parts->recognition.get());
-  builder.RegisterService(parts->catalog.get());
-  builder.RegisterService(parts->info.get());
-  int port = 0;
-  if (!options.listen.empty()) {
-    builder.AddListeningPort(options.listen, grpc::InsecureServerCredentials(), &port);
+  const ServedParts served{
+      .store = *parts->store,
+      .scenes = *parts->scene_pool,
+      .catalog_calls = *parts->catalog_pool,
+      .memory = *parts->memory,
+      .sink = sink,
+      .recognizer = std::move(recognizer),
+      .recognition = limits,
+      .max_object_bytes = int64_t{options.max_object_mb} << 20,
+      .limits = LimitsToProto(options, limits),
+  };
+  HOROPTER_ASSIGN_OR_RETURN(parts->listener, Listener::Start(MainListener(options), served));
+  if (!options.admin_listen.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(parts->admin_listener,
+                              Listener::Start(AdminListener(options), served));
   }
-  parts->server = builder.BuildAndStart();
-  if (parts->server == nullptr || (!options.listen.empty() && port == 0)) {
-    return absl::UnavailableError(absl::StrCat("cannot listen on ", options.listen));
-  }
-  if (!options.listen.empty()) {
-    parts->address = absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
-  }
-  SetServing(*parts->server, true);
   return std::unique_ptr<HoropterServer>(new HoropterServer(std::move(parts)));
 }
 
 const std::string& HoropterServer::address() const {
-  return parts_->address;
+  return parts_->listener->address();
+}
+
+const std::string& HoropterServer::admin_address() const {
+  static const std::string none;
+  return parts_->admin_listener == nullptr ? none : parts_->admin_listener->address();
 }
 
 int HoropterServer::metrics_port() const {
@@ -203,23 +195,22 @@ const CatalogStore& HoropterServer::store() const {
 }
 
 std::shared_ptr<grpc::Channel> HoropterServer::InProcessChannel() {
-  grpc::ChannelArguments arguments;
-  arguments.SetMaxReceiveMessageSize(-1);
-  return parts_->server->InProcessChannel(arguments);
+  return parts_->listener->InProcessChannel();
 }
 
 void HoropterServer::Stop(double drain_seconds) {
-  if (parts_ == nullptr || parts_->server == nullptr) return;
-  SetServing(*parts_->server, false);
+  if (parts_ == nullptr || parts_->listener == nullptr) return;
+  for (Listener* listener : parts_->listeners()) listener->SetServing(false);
   parts_->scene_pool->Close();
   parts_->catalog_pool->Close();
   const auto drain = std::chrono::duration_cast<std::chrono::system_clock::duration>(
       std::chrono::duration<double>(drain_seconds));
-  parts_->server->Shutdown(std::chrono::system_clock::now() + drain);
-  parts_->server->Wait();
+  const auto until = std::chrono::system_clock::now() + drain;
+  for (Listener* listener : parts_->listeners()) listener->Shutdown(until);
   parts_->scene_pool.reset();
   parts_->catalog_pool.reset();
-  parts_->server.reset();
+  parts_->admin_listener.reset();
+  parts_->listener.reset();
 }
 
 }  // namespace horopter

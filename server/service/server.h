@@ -6,10 +6,12 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "server/service/access.h"
 #include "server/service/catalog_store.h"
 #include "server/service/image_decode.h"
 #include "server/service/recognition_service.h"
 #include "server/service/telemetry.h"
+#include "server/service/transport_security.h"
 
 namespace grpc {
 class Channel;
@@ -18,7 +20,17 @@ class Channel;
 namespace horopter {
 
 struct ServerOptions {
-  std::string listen;       // host:port, port 0: any free one; empty: in-process only (tests)
+  // HOST:PORT, port 0: any free one, or unix:PATH; empty: in-process only (tests).
+  std::string listen;
+  TlsOptions tls;           // of all listeners but Unix sockets
+  bool insecure = false;    // listen where others can read along without TLS
+  std::string access_file;  // tokens and certificates with roles (access.h); empty: all may do all
+  // A second listener, HOST:PORT or unix:PATH, for calls that need an admin and for reflection,
+  // which the first one then refuses. Who can open a Unix socket, made for its owner alone, is an
+  // admin without a token. Empty: none.
+  std::string admin_listen;
+  bool admin_calls = true;  // false: the first listener refuses them
+  bool reflection = true;
   int workers = 1;          // scenes at once; more: more throughput, slower single answers
   int queue = 8;            // scenes that may wait; more: longer waits before a refusal
   int catalog_workers = 2;  // catalog calls at once
@@ -52,6 +64,7 @@ class HoropterServer {
 
   // host:port with the port that was bound; empty without a listener.
   const std::string& address() const;
+  const std::string& admin_address() const;
   const CatalogStore& store() const;
   int metrics_port() const;  // 0: no metrics are served
 

@@ -3,6 +3,7 @@
 #include <ctime>
 #include <utility>
 
+#include "server/base/status_macros.h"
 #include "server/pipeline/exception_status.h"
 #include "server/service/rpc_status.h"
 
@@ -11,17 +12,20 @@ namespace horopter {
 ServerInfoService::ServerInfoService(const CatalogStore& store,
                                      const WorkerPool& scenes,
                                      const MemoryBudget& memory,
+                                     Access& access,
                                      v1::ServerLimits limits)
     : store_(store),
       scenes_(scenes),
       memory_(memory),
+      access_(access),
       limits_(std::move(limits)),
       start_seconds_(static_cast<int64_t>(std::time(nullptr))) {}
 
 grpc::ServerUnaryReactor* ServerInfoService::GetServerInfo(grpc::CallbackServerContext* context,
                                                            const v1::GetServerInfoRequest*,
                                                            v1::ServerInfo* response) {
-  const absl::Status status = CatchExceptions([&] {
+  const absl::Status status = CatchExceptions([&]() -> absl::Status {
+    HOROPTER_RETURN_IF_ERROR(access_.Authorize(*context, Role::kRobot).status());
     const auto published = store_.Published();
     response->set_version(HOROPTER_VERSION);
     response->mutable_start_time()->set_seconds(start_seconds_);
@@ -35,7 +39,7 @@ grpc::ServerUnaryReactor* ServerInfoService::GetServerInfo(grpc::CallbackServerC
     return absl::OkStatus();
   });
   grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
-  reactor->Finish(grpc::Status(static_cast<grpc::StatusCode>(status.code()), ""));
+  reactor->Finish(ToRpcStatus(status, context));
   return reactor;
 }
 

@@ -7,14 +7,15 @@
 
 namespace horopter {
 
-// Thread-safe; answers without waiting for a worker. The store, the pool and the budget must
-// outlive the service's last call.
+// Thread-safe; answers without waiting for a worker. What the constructor is given must outlive the
+// service's last call.
 class ServerInfoService final : public v1::ServerService::CallbackService {
  public:
   // `limits` are told as they are; `scenes` and `memory` give the load.
   ServerInfoService(const CatalogStore& store,
                     const WorkerPool& scenes,
                     const MemoryBudget& memory,
+                    Access& access,
                     v1::ServerLimits limits);
 
   grpc::ServerUnaryReactor* GetServerInfo(grpc::CallbackServerContext* context,
@@ -25,6 +26,7 @@ class ServerInfoService final : public v1::ServerService::CallbackService {
   const CatalogStore& store_;
   const WorkerPool& scenes_;
   const MemoryBudget& memory_;
+  Access& access_;
   const v1::ServerLimits limits_;
   const int64_t start_seconds_;
 };

@@ -8,6 +8,7 @@
 #include <prometheus/registry.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <cstdio>
 #include <ctime>
 #include <fstream>
@@ -86,10 +87,12 @@ class LineFile {
   bool open() const { return file_ != nullptr; }
 
   // False: the line is lost.
-  bool Write(const std::string& line) {
+  bool Write(const std::string& line, bool to_disk = false) {
     const std::lock_guard lock(mutex_);
     std::clearerr(file_);
-    return std::fprintf(file_, "%s\n", line.c_str()) > 0 && std::fflush(file_) == 0;
+    if (std::fprintf(file_, "%s\n", line.c_str()) <= 0 || std::fflush(file_) != 0) return false;
+    // What cannot be synced, a pipe or a terminal, is written all the same.
+    return !to_disk || ::fdatasync(::fileno(file_)) == 0 || errno == EINVAL || errno == EROFS;
   }
 
  private:
@@ -113,6 +116,9 @@ const char* RefusalOf(const RequestRecord& record) {
       return "cancelled";
     case absl::StatusCode::kUnavailable:
       return "stopping";
+    case absl::StatusCode::kUnauthenticated:
+    case absl::StatusCode::kPermissionDenied:
+      return "not_allowed";
     default:
       return "other";
   }
@@ -161,11 +167,12 @@ struct Telemetry::Parts {
                         .Help("Images in requests that were read")
                         .Register(*registry)
                         .Add({});
-  Counter& lost = prometheus::BuildCounter()
-                      .Name("horopter_telemetry_lost_total")
-                      .Help("Lines of the request log or the trace file that could not be written")
-                      .Register(*registry)
-                      .Add({});
+  Counter& lost =
+      prometheus::BuildCounter()
+          .Name("horopter_telemetry_lost_total")
+          .Help("Lines of request log, audit log or trace file that could not be written")
+          .Register(*registry)
+          .Add({});
   Counter& recorded = prometheus::BuildCounter()
                           .Name("horopter_recordings_total")
                           .Help("Requests that were recorded")
@@ -177,7 +184,7 @@ struct Telemetry::Parts {
                                    .Register(*registry)
                                    .Add({});
   std::shared_ptr<LiveFigures> live;
-  LineFile request_log, trace_file;
+  LineFile request_log, trace_file, audit_log;
   std::unique_ptr<Recorder> recorder;
   std::unique_ptr<prometheus::Exposer> exposer;
 
@@ -211,6 +218,9 @@ absl::StatusOr<std::unique_ptr<Telemetry>> Telemetry::Start(
   if (!options.trace_file.empty()) {
     HOROPTER_RETURN_IF_ERROR(parts->trace_file.Open(options.trace_file));
   }
+  if (!options.audit_log.empty()) {
+    HOROPTER_RETURN_IF_ERROR(parts->audit_log.Open(options.audit_log));
+  }
   if (!options.recorder.folder.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(parts->recorder,
                               Recorder::Open(options.recorder, options.version, options.settings));
@@ -241,6 +251,10 @@ absl::StatusOr<std::unique_ptr<Telemetry>> Telemetry::Start(
 
 void Telemetry::OnRequest(const RequestRecord& record) {
   parts_->Count(record);
+  if (parts_->audit_log.open() && record.admin_call &&
+      !parts_->audit_log.Write(AuditLogLine(record), /*to_disk=*/true)) {
+    parts_->lost.Increment();
+  }
   if (parts_->request_log.open() && !parts_->request_log.Write(RequestLogLine(record))) {
     parts_->lost.Increment();
   }
@@ -277,6 +291,7 @@ std::string RequestLogLine(const RequestRecord& r) {
                          {"request_id", r.request_id},
                          {"method", r.method},
                          {"peer", r.peer},
+                         {"caller", r.caller},
                          {"trace_id", r.trace.trace_id},
                          {"span_id", r.trace.span_id},
                          {"code", absl::StatusCodeToString(r.status.code())},
@@ -290,6 +305,20 @@ std::string RequestLogLine(const RequestRecord& r) {
     line["catalog_generation"] = r.catalog_generation;
     for (const auto& [stage, time] : r.stages) line["stages_ms"][stage] = time * 1e3;
   }
+  return line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+std::string AuditLogLine(const RequestRecord& r) {
+  const auto seconds = std::chrono::duration<double>(r.arrival.time_since_epoch()).count();
+  nlohmann::json line = {{"time", seconds},
+                         {"request_id", r.request_id},
+                         {"caller", r.caller},
+                         {"peer", r.peer},
+                         {"method", r.method},
+                         {"resource", r.resource},
+                         {"request_bytes", r.request_bytes},
+                         {"code", absl::StatusCodeToString(r.status.code())}};
+  if (!r.status.ok()) line["error"] = std::string(r.status.message());
   return line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 

@@ -15,9 +15,12 @@ struct TelemetryOptions {
   std::string metrics_listen;  // ADDRESS:PORT for Prometheus, port 0: any free one; empty: none
   std::string request_log;     // file with one JSON line a request, "-": stdout; empty: none
   std::string trace_file;      // file with spans in OTLP/JSON, one line a request; empty: none
-  RecorderOptions recorder;    // nothing is recorded by default
-  std::string version;         // of the server
-  std::string settings;        // its options as JSON, for recordings
+  // File with one JSON line per call that needs an admin, refused ones too, on disk before the
+  // caller gets the answer; empty: none.
+  std::string audit_log;
+  RecorderOptions recorder;  // nothing is recorded by default
+  std::string version;       // of the server
+  std::string settings;      // its options as JSON, for recordings
 };
 
 // What is read when metrics are asked for.
@@ -48,7 +51,8 @@ class Telemetry final : public RequestSink {
   std::unique_ptr<Parts> parts_;
 };
 
-// The line of the request log.
+// The lines of the request log and of the audit log.
 std::string RequestLogLine(const RequestRecord& record);
+std::string AuditLogLine(const RequestRecord& record);
 
 }  // namespace horopter

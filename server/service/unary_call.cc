@@ -1,5 +1,7 @@
 #include "server/service/unary_call.h"
 
+#include <google/protobuf/descriptor.h>
+#include <google/protobuf/message.h>
 #include <spdlog/spdlog.h>
 
 #include <atomic>
@@ -77,6 +79,7 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     info_.record = &record_;
     record_.request_id = info_.request_id;
     record_.method = method.name;
+    record_.admin_call = method.needs == Role::kAdmin;
     record_.arrival = std::chrono::system_clock::now();
     const auto& metadata = context->client_metadata();
     const auto parent = metadata.find(kTraceParentKey);
@@ -102,19 +105,18 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
       Tell(status);
     } catch (...) {
     }
-    grpc::Status answer;
-    try {
-      answer = ToRpcStatus(status, context_);
-    } catch (...) {
-      answer = grpc::Status(static_cast<grpc::StatusCode>(status.code()), "");
-    }
-    Finish(answer);
+    Finish(ToRpcStatus(status, context_));
   }
 
  private:
   absl::Status Admit(const CallGate& gate,
                      int64_t request_bytes,
                      absl::FunctionRef<absl::StatusOr<ParsedCall>()> parse) {
+    record_.request_bytes = request_bytes;
+    if (gate.access == nullptr) return absl::PermissionDeniedError("nobody may call");
+    HOROPTER_ASSIGN_OR_RETURN(const Caller caller,
+                              gate.access->Authorize(*context_, method_.needs));
+    record_.caller = caller.name;
     if (request_bytes > method_.max_request_bytes) {
       return absl::ResourceExhaustedError(absl::StrCat("the request has ",
                                                        request_bytes,
@@ -125,6 +127,7 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     // As delivered, and parsed.
     HOROPTER_ASSIGN_OR_RETURN(MemoryBudget::Lease reserved, Reserve(gate, 2 * request_bytes));
     HOROPTER_ASSIGN_OR_RETURN(ParsedCall call, parse());
+    record_.resource = std::move(call.resource);
     reserved.GiveBack(request_bytes);
     if (!reserved.Grow(call.demand.bytes)) {
       return OutOfMemory(gate, request_bytes + call.demand.bytes);
@@ -132,7 +135,7 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     const auto lease = std::make_shared<MemoryBudget::Lease>(std::move(reserved));
     JobTraits traits;
     traits.batch = call.demand.batch;
-    traits.peer = HostOfPeer(context_->peer());
+    traits.peer = caller.name.empty() ? HostOfPeer(context_->peer()) : caller.name;
     traits.deadline = state_->deadline;
     // The job owns request and bytes: both go when it is done or withdrawn.
     const auto submitted =
@@ -189,10 +192,11 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     const std::chrono::duration<double, std::milli> elapsed = Clock::now() - start_;
     const auto level = status.ok() ? spdlog::level::info : spdlog::level::warn;
     spdlog::log(level,
-                "request={} method={} peer={} code={} ms={:.1f}{}",
+                "request={} method={} peer={} caller={} code={} ms={:.1f}{}",
                 info_.request_id,
                 method_.name,
                 context_->peer(),
+                record_.caller.empty() ? "-" : record_.caller,
                 absl::StatusCodeToString(status.code()),
                 elapsed.count(),
                 status.ok() ? "" : absl::StrCat(" error=", Quoted(std::string(status.message()))));
@@ -230,6 +234,24 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
 };
 
 }  // namespace
+
+std::string NamedResource(const google::protobuf::Message& request) {
+  const auto* const descriptor = request.GetDescriptor();
+  const auto* const reflection = request.GetReflection();
+  for (const char* name : {"name", "object_id"}) {
+    const auto* const field = descriptor->FindFieldByName(name);
+    if (field != nullptr && !field->is_repeated() &&
+        field->cpp_type() == google::protobuf::FieldDescriptor::CPPTYPE_STRING) {
+      return reflection->GetString(request, field);
+    }
+  }
+  const auto* const object = descriptor->FindFieldByName("object");
+  if (object == nullptr || object->is_repeated() ||
+      object->cpp_type() != google::protobuf::FieldDescriptor::CPPTYPE_MESSAGE) {
+    return "";
+  }
+  return NamedResource(reflection->GetMessage(request, object));
+}
 
 grpc::ServerUnaryReactor* StartUnaryCall(const CallGate& gate,
                                          const CallMethod& method,

@@ -16,6 +16,7 @@
 #include "absl/status/statusor.h"
 #include "server/base/call_limits.h"
 #include "server/base/status_macros.h"
+#include "server/service/access.h"
 #include "server/service/memory_budget.h"
 #include "server/service/request_record.h"
 #include "server/service/rpc_status.h"
@@ -36,16 +37,18 @@ struct CallInfo {
   RequestRecord* record = nullptr;
 };
 
-// Where calls are admitted; the pool, the budget and the sink must outlive them.
+// Where calls are admitted; what it names must outlive them.
 struct CallGate {
   WorkerPool* pool = nullptr;
   MemoryBudget* memory = nullptr;
+  Access* access = nullptr;     // who may call; null: nobody
   RequestSink* sink = nullptr;  // told of each call when its status is known; null: nobody is
 };
 
 struct CallMethod {
   const char* name = "";
   int64_t max_request_bytes = 1 << 20;
+  Role needs = Role::kAdmin;  // what only reads says so
 };
 
 // What a call takes beside its request, and how it waits.
@@ -55,12 +58,12 @@ struct CallDemand {
 };
 
 // The handler fills the response and returns its status. It runs on a pool thread, or not at all: a
-// request above the method's limit, a full queue or budget and a deadline that cannot be met answer
-// RESOURCE_EXHAUSTED (all but the first with a time to try again), a closed pool UNAVAILABLE. A
-// call that is over before its turn gives place and bytes back at once and answers CANCELLED or
-// DEADLINE_EXCEEDED. A CANCELLED of the handler becomes DEADLINE_EXCEEDED when the deadline was the
-// reason; an exception becomes RESOURCE_EXHAUSTED or INTERNAL (StatusOfException). Writes one log
-// line.
+// caller who may not (Access), a request above the method's limit, a full queue or budget and a
+// deadline that cannot be met answer RESOURCE_EXHAUSTED (all but the second with a time to try
+// again), a closed pool UNAVAILABLE. A call that is over before its turn gives place and bytes back
+// at once and answers CANCELLED or DEADLINE_EXCEEDED. A CANCELLED of the handler becomes
+// DEADLINE_EXCEEDED when the deadline was the reason; an exception becomes RESOURCE_EXHAUSTED or
+// INTERNAL (StatusOfException). Writes one log line.
 template <typename Request, typename Response>
 struct UnaryMethod {
   CallMethod method;
@@ -74,7 +77,11 @@ struct UnaryMethod {
 struct ParsedCall {
   std::function<absl::Status(const CallInfo&)> work;
   CallDemand demand;
+  std::string resource;  // the object that the request names
 };
+
+// The object that a request names in `name`, `object_id` or `object.name`; empty: none.
+std::string NamedResource(const google::protobuf::Message& request);
 
 // The part that does not depend on the messages. `parse` is called at most once, before this
 // returns.
@@ -104,6 +111,7 @@ grpc::ServerUnaryReactor* RunUnaryCall(const CallGate& gate,
     }
     bytes->Clear();
     ParsedCall call;
+    call.resource = NamedResource(messages->request);
     if (method.demand) {
       HOROPTER_ASSIGN_OR_RETURN(call.demand, method.demand(messages->request));
     }

@@ -4,7 +4,7 @@
 //   mock_horopterd [--delay-ms MS] [--workers N] [--queue N] [--listen HOST:PORT] [--metrics-listen
 //   ..]
 //
-// The telemetry options are those of horopterd.
+// The options of telemetry, TLS and access are those of horopterd.
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
@@ -12,6 +12,7 @@
 #include <csignal>
 #include <thread>
 
+#include "server/service/log_format.h"
 #include "server/service/server.h"
 #include "tests/support/fake_objects.h"
 
@@ -68,6 +69,13 @@ int Main(int argc, char** argv) {
   app.add_option("--workers", options.workers);
   app.add_option("--queue", options.queue);
   app.add_option("--listen", options.listen);
+  app.add_option("--tls-cert", options.tls.certificate);
+  app.add_option("--tls-key", options.tls.key);
+  app.add_option("--tls-client-ca", options.tls.client_ca);
+  app.add_option("--tls-reload-seconds", options.tls.reload_seconds);
+  app.add_option("--access-file", options.access_file);
+  app.add_option("--admin-listen", options.admin_listen);
+  app.add_option("--audit-log", options.telemetry.audit_log);
   app.add_option("--metrics-listen", options.telemetry.metrics_listen);
   app.add_option("--request-log", options.telemetry.request_log);
   app.add_option("--trace-file", options.telemetry.trace_file);
@@ -108,6 +116,7 @@ int Main(int argc, char** argv) {
     spdlog::error("{}", std::string(server.status().message()));
     return 1;
   }
+  spdlog::set_formatter(OneLineFormatter());
   spdlog::set_level(spdlog::level::info);
   spdlog::flush_on(spdlog::level::info);
   spdlog::info("metrics on port {}", (*server)->metrics_port());

@@ -12,9 +12,6 @@ from .types import CameraHint, GraspModel, Reference, matrix_to_proto, resource_
 
 Hints = Union[None, CameraHint, Sequence[Optional[CameraHint]]]
 
-# Answers hold CAD files; the server bounds what it takes.
-CHANNEL_OPTIONS = (("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1))
-
 
 def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Optional[Iterable[str]],
                       reference: Optional[Reference]) -> recognition_pb2.RecognizeSceneRequest:

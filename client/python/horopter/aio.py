@@ -11,9 +11,10 @@ import grpc.aio
 from horopter.v1 import catalog_pb2, catalog_pb2_grpc, recognition_pb2_grpc
 
 from . import _requests
-from ._requests import CHANNEL_OPTIONS, Hints
+from ._requests import Hints
 from .errors import Busy, from_rpc
 from .images import ImageLike
+from .security import Security, open_channel
 from .types import CatalogObject, LookAlike, Reference, Scene, resource_name
 
 
@@ -25,10 +26,12 @@ class AsyncClient:
     ...         return (await client.recognize(["0.png", "1.png"])).objects
     """
 
-    def __init__(self, address: str = "localhost:50051", deadline_s: float = 600.0, retries: int = 5):
+    def __init__(self, address: str = "localhost:50051", deadline_s: float = 600.0, retries: int = 5,
+                 security: Security = Security()):
         self.deadline_s = deadline_s
         self.retries = retries
-        self._channel = grpc.aio.insecure_channel(address, options=CHANNEL_OPTIONS)
+        self.security = security
+        self._channel = open_channel(grpc.aio, address, security)
         self._catalog = catalog_pb2_grpc.CatalogServiceStub(self._channel)
         self._recognition = recognition_pb2_grpc.RecognitionServiceStub(self._channel)
 
@@ -45,7 +48,7 @@ class AsyncClient:
         end = time.monotonic() + (self.deadline_s if deadline_s is None else deadline_s)
         for attempt in range(self.retries + 1):
             try:
-                return await method(request, timeout=max(0.0, end - time.monotonic()))
+                return await method(request, timeout=max(0.0, end - time.monotonic()), metadata=self.security.metadata())
             except grpc.aio.AioRpcError as rpc_error:
                 error = from_rpc(rpc_error)
             if not isinstance(error, Busy) or attempt == self.retries or error.retry_after_s is None:

@@ -11,9 +11,10 @@ import grpc
 from horopter.v1 import catalog_pb2, catalog_pb2_grpc, recognition_pb2_grpc, server_pb2, server_pb2_grpc
 
 from . import _requests
-from ._requests import CHANNEL_OPTIONS, Hints
+from ._requests import Hints
 from .errors import Busy, HoropterError, from_rpc
 from .images import ImageLike
+from .security import Security, open_channel
 from .types import CatalogObject, GraspModel, LookAlike, Reference, Scene, resource_name
 
 
@@ -21,17 +22,19 @@ class Client:
     """A connection to a server. Thread-safe.
 
     address: "HOST:PORT"; deadline_s: for a whole call with its retries; retries: how often a busy server is asked again,
-    after the time it asks for. Calls raise the errors of `horopter.errors`.
+    after the time it asks for; security: TLS and token (default: neither). Calls raise the errors of `horopter.errors`.
 
     >>> with Client("localhost:50051") as client:                                   # doctest: +SKIP
     ...     print([o.object_id for o in client.list_objects()])
     """
 
-    def __init__(self, address: str = "localhost:50051", deadline_s: float = 600.0, retries: int = 5):
+    def __init__(self, address: str = "localhost:50051", deadline_s: float = 600.0, retries: int = 5,
+                 security: Security = Security()):
         self.address = address
         self.deadline_s = deadline_s
         self.retries = retries
-        self._channel = grpc.insecure_channel(address, options=CHANNEL_OPTIONS)
+        self.security = security
+        self._channel = open_channel(grpc, address, security)
         self._catalog = catalog_pb2_grpc.CatalogServiceStub(self._channel)
         self._recognition = recognition_pb2_grpc.RecognitionServiceStub(self._channel)
         self._server = server_pb2_grpc.ServerServiceStub(self._channel)
@@ -49,7 +52,7 @@ class Client:
         end = time.monotonic() + (self.deadline_s if deadline_s is None else deadline_s)
         for attempt in range(self.retries + 1):
             try:
-                return method(request, timeout=max(0.0, end - time.monotonic()))
+                return method(request, timeout=max(0.0, end - time.monotonic()), metadata=self.security.metadata())
             except grpc.RpcError as rpc_error:
                 error: HoropterError = from_rpc(rpc_error)
             if not isinstance(error, Busy) or attempt == self.retries or error.retry_after_s is None:
@@ -111,12 +114,12 @@ class Client:
 
         Raises FileNotFoundError when the program is not there, HoropterError with its message when it refuses.
         """
-        command = [program, "--server", self.address, "object", "add", os.fspath(path), "--id", object_id]
+        command = [program, "--server", self.address, *self.security.arguments(), "object", "add", os.fspath(path), "--id", object_id]
         if grasps is not None:
             command += ["--grasps", os.fspath(grasps)]
         if units is not None:
             command += ["--units", units]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=self.security.environment())
         if done.returncode != 0:
             raise HoropterError("INVALID_ARGUMENT" if done.returncode == 3 else "UNKNOWN", done.stderr.strip())
         return self.get_object(object_id)

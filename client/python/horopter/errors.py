@@ -62,7 +62,11 @@ class DataLoss(HoropterError):
 
 
 class PermissionDenied(HoropterError):
-    """The server may not do this, e.g. write its catalog."""
+    """The caller has not the role for this, or the server may not do it, e.g. write its catalog."""
+
+
+class Unauthenticated(HoropterError):
+    """The server wants to know who calls: no token, or one that is not known or has expired."""
 
 
 class InternalError(HoropterError):
@@ -78,6 +82,7 @@ _CLASSES = {
     "UNAVAILABLE": Unavailable,
     "DATA_LOSS": DataLoss,
     "PERMISSION_DENIED": PermissionDenied,
+    "UNAUTHENTICATED": Unauthenticated,
     "INTERNAL": InternalError,
 }
 

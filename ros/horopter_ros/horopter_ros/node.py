@@ -16,7 +16,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from trajectory_msgs.msg import JointTrajectoryPoint
 from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithPose
 
-from horopter import Client, HoropterError
+from horopter import Client, HoropterError, Security
 
 from . import conversions
 
@@ -37,7 +37,9 @@ class Recognizer(Node):
         self.declare_parameter("rectified", False)
         self.declare_parameter("finger_joints", [""])
         self.declare_parameter("gripper_from_tool", [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-        self._client = Client(self._value("server"))
+        for name in ("tls_ca", "tls_cert", "tls_key", "token_file"):
+            self.declare_parameter(name, "")
+        self._client = Client(self._value("server"), security=self._security())
         self._newest, self._infos, self._boxes = {}, {}, {}
         self._lock = threading.Lock()
         group = ReentrantCallbackGroup()
@@ -57,6 +59,14 @@ class Recognizer(Node):
 
     def _value(self, name):
         return self.get_parameter(name).value
+
+    def _security(self):
+        token = None
+        if self._value("token_file"):
+            with open(self._value("token_file"), encoding="utf-8") as file:
+                token = file.readline().strip()
+        return Security(ca_file=self._value("tls_ca") or None, cert_file=self._value("tls_cert") or None,
+                        key_file=self._value("tls_key") or None, token=token)
 
     def _keep(self, where, topic, message):
         with self._lock:

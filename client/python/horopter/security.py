@@ -1,0 +1,70 @@
+"""How a client proves who it is and whom it believes."""
+from __future__ import annotations
+
+import dataclasses
+import os
+from typing import Any, Dict, List, Optional, Tuple
+
+import grpc
+
+# Answers hold CAD files; the server bounds what it takes.
+CHANNEL_OPTIONS = (("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1))
+
+
+@dataclasses.dataclass(frozen=True)
+class Security:
+    """TLS, client certificate and token of a connection. Files in PEM.
+
+    tls: encrypted, with the system's authorities where ca_file is None; ca_file: authorities that may vouch for the server,
+    implies tls; cert_file, key_file: the client's certificate (mutual TLS); server_name: in the server's certificate, None:
+    the host of the address; token: sent with every call, without TLS only to this machine.
+
+    >>> Security(token="secret").is_tls, Security(ca_file="ca.pem").is_tls
+    (False, True)
+    """
+
+    tls: bool = False
+    ca_file: Optional[str] = None
+    cert_file: Optional[str] = None
+    key_file: Optional[str] = None
+    server_name: Optional[str] = None
+    token: Optional[str] = dataclasses.field(default=None, repr=False)
+
+    @property
+    def is_tls(self) -> bool:
+        return self.tls or self.ca_file is not None or self.cert_file is not None
+
+    def metadata(self) -> Tuple[Tuple[str, str], ...]:
+        """What every call says of its caller."""
+        return () if self.token is None else (("authorization", "Bearer " + self.token),)
+
+    def arguments(self) -> List[str]:
+        """The same for the `horopter` program, but for the token (see environment)."""
+        named = (("--tls-ca", self.ca_file), ("--tls-cert", self.cert_file), ("--tls-key", self.key_file),
+                 ("--tls-server-name", self.server_name))
+        return (["--tls"] if self.tls else []) + [word for name, value in named if value is not None for word in (name, value)]
+
+    def environment(self) -> Dict[str, str]:
+        return dict(os.environ, **({} if self.token is None else {"HOROPTER_TOKEN": self.token}))
+
+
+def open_channel(module: Any, address: str, security: Security) -> Any:
+    """A channel of `grpc` or `grpc.aio`. Raises OSError (a file), ValueError (a token would travel in the clear)."""
+    options = list(CHANNEL_OPTIONS)
+    if not security.is_tls:
+        host = address.rsplit(":", 1)[0]
+        local = address.startswith("unix:") or host in ("localhost", "[::1]") or host.startswith("127.")
+        if security.token is not None and not local:
+            raise ValueError("a token is not sent to %s without TLS" % address)
+        return module.insecure_channel(address, options=options)
+    if security.server_name is not None:
+        options.append(("grpc.ssl_target_name_override", security.server_name))
+    credentials = grpc.ssl_channel_credentials(*map(_read, (security.ca_file, security.key_file, security.cert_file)))
+    return module.secure_channel(address, credentials, options=options)
+
+
+def _read(path: Optional[str]) -> Optional[bytes]:
+    if path is None:
+        return None
+    with open(path, "rb") as file:
+        return file.read()

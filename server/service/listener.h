@@ -1,0 +1,70 @@
+// One address of the server with the services behind it.
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "server/service/access.h"
+#include "server/service/catalog_service.h"
+#include "server/service/recognition_service.h"
+#include "server/service/server_info_service.h"
+#include "server/service/transport_security.h"
+
+namespace grpc {
+class Channel;
+class Server;
+}  // namespace grpc
+
+namespace horopter {
+
+struct ListenerOptions {
+  std::string address;  // HOST:PORT or unix:PATH; empty: in-process only
+  TlsOptions tls;       // not of a Unix socket, which is made for its owner alone
+  AccessOptions access;
+  bool reflection = true;
+  int largest_message_mb = 256;
+};
+
+// What all listeners of a server share; must outlive them.
+struct ServedParts {
+  CatalogStore& store;
+  WorkerPool& scenes;
+  WorkerPool& catalog_calls;
+  MemoryBudget& memory;
+  RequestSink* sink = nullptr;
+  Recognizer recognizer;
+  RecognitionLimits recognition;
+  int64_t max_object_bytes = 0;
+  v1::ServerLimits limits;  // as told
+};
+
+class Listener {
+ public:
+  // Errors: those of MakeServerCredentials and Access::Open, UNAVAILABLE (the address cannot be
+  // bound).
+  static absl::StatusOr<std::unique_ptr<Listener>> Start(const ListenerOptions& options,
+                                                         const ServedParts& served);
+  ~Listener();
+
+  // With the port that was bound.
+  const std::string& address() const { return address_; }
+  std::shared_ptr<grpc::Channel> InProcessChannel();
+  // What health says of the server and of each service.
+  void SetServing(bool serving);
+  // Lets running calls finish until then, cancels the rest and returns when the last is done.
+  void Shutdown(std::chrono::system_clock::time_point until);
+
+ private:
+  Listener(std::unique_ptr<Access> access, const ServedParts& served);
+
+  const std::unique_ptr<Access> access_;
+  RecognitionService recognition_;
+  CatalogService catalog_;
+  ServerInfoService info_;
+  std::unique_ptr<grpc::Server> server_;
+  std::string address_;
+};
+
+}  // namespace horopter

@@ -1,0 +1,16 @@
+// Log lines that nothing in them can break.
+#pragma once
+
+#include <memory>
+
+namespace spdlog {
+class formatter;
+}
+
+namespace horopter {
+
+// `[time] [level] message`, one line a message: control characters in it are escaped, so that
+// nothing a client sends ends the line or looks like another one.
+std::unique_ptr<spdlog::formatter> OneLineFormatter();
+
+}  // namespace horopter
