@@ -12,10 +12,8 @@
 #include "absl/strings/cord.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "client/api_stubs.h"
 #include "client/convert.h"
-#include "horopter/v1/catalog.grpc.pb.h"
-#include "horopter/v1/recognition.grpc.pb.h"
-#include "horopter/v1/server.grpc.pb.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -26,18 +24,14 @@ constexpr char kRetryAfterKey[] = "retry-after-ms";
 constexpr char kRequestIdKey[] = "horopter-request-id";
 constexpr int kPageSize = 200;
 
-void SetDeadline(grpc::ClientContext& context, double timeout_s) {
-  context.set_deadline(std::chrono::system_clock::now() +
-                       std::chrono::milliseconds(static_cast<long>(timeout_s * 1e3)));
-}
-
 std::string ValueOf(const std::multimap<grpc::string_ref, grpc::string_ref>& metadata,
                     const char* key) {
   const auto it = metadata.find(key);
   return it == metadata.end() ? "" : std::string(it->second.data(), it->second.size());
 }
 
-// The context must be of a call that is over.
+}  // namespace
+
 absl::Status ToAbsl(const grpc::Status& status,
                     const grpc::ClientContext& context,
                     const std::string& address) {
@@ -61,6 +55,8 @@ absl::Status ToAbsl(const grpc::Status& status,
   if (!request.empty()) out.SetPayload(kRequestIdKey, absl::Cord(request));
   return out;
 }
+
+namespace {
 
 std::string PayloadOf(const absl::Status& status, const char* key) {
   const auto payload = status.GetPayload(key);
@@ -108,14 +104,6 @@ std::optional<int> RetryAfterMsOf(const absl::Status& status) {
   if (!absl::SimpleAtoi(text, &ms) || ms < 0) return std::nullopt;
   return ms;
 }
-
-struct HoropterClient::Stubs {
-  absl::Status ready;
-  std::shared_ptr<grpc::Channel> channel;
-  std::unique_ptr<v1::CatalogService::Stub> catalog;
-  std::unique_ptr<v1::RecognitionService::Stub> recognition;
-  std::unique_ptr<v1::ServerService::Stub> server;
-};
 
 HoropterClient::HoropterClient(const std::string& address, double timeout_s)
     : HoropterClient(address, ClientOptions{timeout_s, 0, {}, {}, {}}) {}
@@ -277,16 +265,6 @@ absl::StatusOr<v1::ListLookAlikesResponse> HoropterClient::ListLookAlikes(const 
   return response;
 }
 
-absl::StatusOr<v1::VerifyCatalogResponse> HoropterClient::VerifyCatalog(bool recompute) {
-  v1::VerifyCatalogRequest request;
-  request.set_recompute(recompute);
-  v1::VerifyCatalogResponse response;
-  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
-    stubs_->catalog->async()->VerifyCatalog(context, &request, &response, std::move(done));
-  }));
-  return response;
-}
-
 absl::StatusOr<bool> HoropterClient::RebuildObject(const std::string& id) {
   v1::RebuildObjectRequest request;
   request.set_name(ResourceName(id));
@@ -295,30 +273,6 @@ absl::StatusOr<bool> HoropterClient::RebuildObject(const std::string& id) {
     stubs_->catalog->async()->RebuildObject(context, &request, &response, std::move(done));
   }));
   return response.changed();
-}
-
-absl::Status HoropterClient::BackupCatalog(
-    const std::function<absl::Status(const std::string& chunk)>& write) {
-  HOROPTER_RETURN_IF_ERROR(stubs_->ready);
-  grpc::ClientContext context;
-  SetDeadline(context, options_.timeout_s);
-  const auto reader = stubs_->catalog->BackupCatalog(&context, {});
-  v1::BackupCatalogResponse response;
-  int64_t received = 0, total = 0;
-  while (reader->Read(&response)) {
-    received += static_cast<int64_t>(response.chunk().size());
-    total = response.total_bytes();
-    if (const absl::Status status = write(response.chunk()); !status.ok()) {
-      context.TryCancel();
-      reader->Finish();
-      return status;
-    }
-  }
-  HOROPTER_RETURN_IF_ERROR(ToAbsl(reader->Finish(), context, address_));
-  if (received != total || total == 0) {
-    return absl::DataLossError(absl::StrCat("received ", received, " of ", total, " bytes"));
-  }
-  return absl::OkStatus();
 }
 
 absl::StatusOr<v1::RecognizeSceneResponse> HoropterClient::RecognizeScene(

@@ -77,11 +77,19 @@ class HoropterClient {
   absl::StatusOr<std::vector<v1::Object>> ListObjects();  // all pages, basic view
   absl::Status DeleteObject(const std::string& id);
   absl::StatusOr<v1::ListLookAlikesResponse> ListLookAlikes(const std::string& id);
-  absl::StatusOr<v1::VerifyCatalogResponse> VerifyCatalog(bool recompute);
+  // All problems in one; `progress` is told the share of the work that is done, 0..1.
+  absl::StatusOr<v1::VerifyCatalogResponse> VerifyCatalog(
+      bool recompute, const std::function<void(double)>& progress = {});
   // True: the stored derived data differed from the new ones.
   absl::StatusOr<bool> RebuildObject(const std::string& id);
-  // Hands the catalog file over piece by piece; an error of `write` ends the call with it.
-  absl::Status BackupCatalog(const std::function<absl::Status(const std::string& chunk)>& write);
+  // Hands the catalog file over piece by piece, from `offset` on of the copy of that id (empty: a
+  // new copy); an error of `write` ends the call with it.
+  absl::Status BackupCatalog(
+      const std::string& backup_id,
+      int64_t offset,
+      const std::function<absl::Status(const v1::BackupCatalogResponse& piece)>& write);
+  // Replaces the whole catalog by that of the file. Errors: those of the rpc, NOT_FOUND (no file).
+  absl::StatusOr<v1::RestoreCatalogResponse> RestoreCatalog(const std::string& path);
   absl::StatusOr<v1::RecognizeSceneResponse> RecognizeScene(
       const v1::RecognizeSceneRequest& request);
   // Version, limits, catalog and load of the server.

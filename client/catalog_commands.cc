@@ -244,8 +244,12 @@ absl::Status CatalogVerify(HoropterClient& client,
   for (const std::string& id : ids) {
     HOROPTER_RETURN_IF_ERROR(client.GetObject(id, v1::OBJECT_VIEW_BASIC).status());
   }
+  Progress progress("%", 100);
   HOROPTER_ASSIGN_OR_RETURN(const v1::VerifyCatalogResponse result,
-                            client.VerifyCatalog(recompute));
+                            client.VerifyCatalog(recompute, [&](double share) {
+                              progress.Update(static_cast<int64_t>(100.0 * share));
+                            }));
+  progress.Clear();
   int problems = 0;
   nlohmann::json list = nlohmann::json::array();
   for (const auto& problem : result.problems()) {
@@ -262,40 +266,6 @@ absl::Status CatalogVerify(HoropterClient& client,
   return absl::DataLossError(
       "the catalog is damaged; `horopter catalog rebuild` makes derived data anew, for the rest "
       "restore a backup or enrol the objects again");
-}
-
-absl::Status CatalogBackup(HoropterClient& client, const std::string& path) {
-  std::error_code error;
-  if (fs::exists(path, error)) return absl::AlreadyExistsError(absl::StrCat(path, ": is there"));
-  const std::string unfinished = path + ".unfinished";
-  std::ofstream out(unfinished, std::ios::binary | std::ios::trunc);
-  if (!out) return absl::FailedPreconditionError(absl::StrCat(path, ": cannot be written"));
-  int64_t bytes = 0;
-  Progress progress("MB", 0);
-  absl::Status status = client.BackupCatalog([&](const std::string& chunk) -> absl::Status {
-    out.write(chunk.data(), static_cast<std::streamsize>(chunk.size()));
-    bytes += static_cast<int64_t>(chunk.size());
-    progress.Update(bytes / 1000000);
-    if (Interrupted()) return absl::CancelledError("interrupted");
-    if (!out) return absl::ResourceExhaustedError(absl::StrCat(path, ": cannot be written"));
-    return absl::OkStatus();
-  });
-  out.close();
-  if (status.ok() && !out) {
-    status = absl::ResourceExhaustedError(absl::StrCat(path, ": cannot be written"));
-  }
-  if (status.ok()) {
-    fs::rename(unfinished, path, error);
-    if (error) status = absl::FailedPreconditionError(absl::StrCat(path, ": ", error.message()));
-  }
-  progress.Clear();
-  if (!status.ok()) {
-    fs::remove(unfinished, error);
-    return status;
-  }
-  Say("%s: %lld bytes\n", path.c_str(), static_cast<long long>(bytes));
-  SayJson({{"file", path}, {"bytes", bytes}});
-  return absl::OkStatus();
 }
 
 absl::Status ObjectExport(HoropterClient& client,

@@ -124,6 +124,14 @@ void AddCatalogCommands(CLI::App& app, Command* command) {
   backup->callback(
       [=] { *command = [a](HoropterClient& c) { return CatalogBackup(c, a->path); }; });
 
+  CLI::App* restore = AddCommand(catalog,
+                                 "restore",
+                                 "replace the whole catalog by a backup",
+                                 "horopter catalog restore parts-backup.db");
+  restore->add_option("FILE", a->path, "of `catalog backup`")->required();
+  restore->callback(
+      [=] { *command = [a](HoropterClient& c) { return CatalogRestore(c, a->path); }; });
+
   CLI::App* write = AddCommand(
       catalog, "export", "write all objects to a folder", "horopter catalog export all-parts");
   write->add_option("FOLDER", a->folder, "new folder, BOP layout")->required();

@@ -53,6 +53,7 @@ absl::Status CatalogVerify(HoropterClient& client,
 absl::Status CatalogRebuild(HoropterClient& client, std::vector<std::string> ids);
 // Both write to new files and folders only.
 absl::Status CatalogBackup(HoropterClient& client, const std::string& path);
+absl::Status CatalogRestore(HoropterClient& client, const std::string& path);
 absl::Status CatalogExport(HoropterClient& client, const std::string& folder);
 absl::Status ObjectExport(HoropterClient& client,
                           const std::vector<std::string>& ids,

@@ -5,9 +5,10 @@
 #include "absl/strings/str_cat.h"
 #include "db/connection.h"
 #include "db/migrations.h"
+#include "db/object_digest.h"
 #include "db/object_rows.h"
 #include "db/open_database.h"
-#include "db/sha256.h"
+#include "server/base/sha256.h"
 #include "db/sqlite.h"
 #include "server/base/status_macros.h"
 
@@ -56,6 +57,7 @@ absl::Status InsertObject(sqlite3* db,
   HOROPTER_RETURN_IF_ERROR(InsertSymmetries(db, record.model));
   HOROPTER_RETURN_IF_ERROR(InsertGrasps(db, record.model));
   HOROPTER_RETURN_IF_ERROR(InsertSource(db, id, source));
+  HOROPTER_RETURN_IF_ERROR(WriteDigest(db, record.model));
   HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, id, derived));
   return CountGeneration(db);
 }
@@ -83,9 +85,42 @@ absl::Status ReplaceGeometry(sqlite3* db, const ObjectModel& model) {
   return update.Run();
 }
 
+// Errors: DATA_LOSS: not what was written.
 absl::StatusOr<CatalogRecord> ReadRecord(sqlite3* db, CatalogRecord record) {
   HOROPTER_RETURN_IF_ERROR(ReadGeometry(db, record.model));
+  HOROPTER_RETURN_IF_ERROR(CheckDigest(db, record.model));
   return record;
+}
+
+// The one object of that id. Errors: NOT_FOUND.
+absl::StatusOr<CatalogRecord> ReadUnchecked(sqlite3* db, const std::string& id) {
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
+                            ReadSummaries(db, id, /*exactly=*/true, 1));
+  if (found.empty()) return NotFound(id);
+  HOROPTER_RETURN_IF_ERROR(ReadGeometry(db, found.front().record.model));
+  return std::move(found.front().record);
+}
+
+// Digests of objects that were enrolled before there were any. What cannot be read gets none and
+// stays damaged.
+absl::Status FillDigests(sqlite3* db) {
+  std::vector<std::string> ids;
+  Statement select(db, "SELECT object_id FROM object_digest WHERE sha256 = ''");
+  while (true) {
+    HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
+    if (!row) break;
+    ids.push_back(select.Text(0));
+  }
+  if (ids.empty()) return absl::OkStatus();
+  return RunInTransaction(db, [&]() -> absl::Status {
+    for (const std::string& id : ids) {
+      const absl::StatusOr<CatalogRecord> record = ReadUnchecked(db, id);
+      if (absl::IsDataLoss(record.status())) continue;
+      HOROPTER_RETURN_IF_ERROR(record.status());
+      HOROPTER_RETURN_IF_ERROR(WriteDigest(db, record->model));
+    }
+    return absl::OkStatus();
+  });
 }
 
 }  // namespace
@@ -98,6 +133,7 @@ absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
                                                        const CatalogOptions& options) {
   HOROPTER_ASSIGN_OR_RETURN(SqliteHandle handle,
                             OpenDatabase(path, options.busy_timeout_ms, CatalogMigrations()));
+  HOROPTER_RETURN_IF_ERROR(FillDigests(handle.get()));
   auto connection = std::make_unique<Connection>();
   connection->handle = std::move(handle);
   return std::unique_ptr<Catalog>(new Catalog(path, std::move(connection)));
@@ -141,6 +177,11 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
   return RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, model.id));
     if (!exists) return NotFound(model.id);
+    const bool digested = parts.geometry || parts.symmetries || parts.grasps;
+    if (digested) {  // what is damaged does not get a digest that says otherwise
+      HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord before, ReadUnchecked(db, model.id));
+      HOROPTER_RETURN_IF_ERROR(CheckDigest(db, before.model));
+    }
     Statement touch(db, "UPDATE object SET update_time = ? WHERE object_id = ?");
     touch.Bind(std::string_view(record.update_time)).Bind(std::string_view(model.id));
     HOROPTER_RETURN_IF_ERROR(touch.Run());
@@ -166,7 +207,9 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
       HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "cad_source", model.id));
       HOROPTER_RETURN_IF_ERROR(InsertSource(db, model.id, source));
     }
-    return absl::OkStatus();
+    if (!digested) return absl::OkStatus();
+    HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord after, ReadUnchecked(db, model.id));
+    return WriteDigest(db, after.model);
   });
 }
 
@@ -265,9 +308,15 @@ absl::StatusOr<std::vector<LoadedObject>> Catalog::LoadObjects(const std::string
   std::vector<LoadedObject> objects;
   objects.reserve(found.size());
   for (ObjectSummary& summary : found) {
-    HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, ReadRecord(db, std::move(summary.record)));
     LoadedObject& object = objects.emplace_back();
-    object.model = std::move(record.model);
+    object.model.id = summary.record.model.id;
+    absl::StatusOr<CatalogRecord> record = ReadRecord(db, std::move(summary.record));
+    if (absl::IsDataLoss(record.status())) {
+      object.damage = record.status();
+      continue;
+    }
+    HOROPTER_RETURN_IF_ERROR(record.status());
+    object.model = std::move(record->model);
     HOROPTER_RETURN_IF_ERROR(ReadDerived(db, object.model.id, object.derived));
   }
   return objects;

@@ -1,6 +1,7 @@
 // The catalog of known parts in a SQLite file: the source of truth of every object.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -10,6 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "db/catalog_record.h"
+#include "server/base/stop_token.h"
 
 struct sqlite3;
 
@@ -29,8 +31,10 @@ struct UpdateParts {
   bool source = false;
 };
 
-// Owns the file exclusively: a second server on it is refused. A write that returned OK is on disk
-// (WAL, synchronous=FULL); one that did not has changed nothing. Thread-safe: calls are serialised.
+// The one writer of the file: a second server on it is refused. A write that returned OK is on disk
+// (WAL, synchronous=FULL); one that did not has changed nothing. Thread-safe: calls are serialised,
+// but for Backup and Verify, which read by connections of their own. An object whose rows are not
+// those that were written (its digest differs) is DATA_LOSS for whoever reads it.
 //
 //   HOROPTER_ASSIGN_OR_RETURN(std::unique_ptr<Catalog> catalog, Catalog::Open("parts.db"));
 //   HOROPTER_RETURN_IF_ERROR(catalog->CreateObject(record));
@@ -97,8 +101,8 @@ class Catalog {
   // Number of writes so far that changed geometry or the set of objects.
   absl::StatusOr<int64_t> Generation();
 
-  // At most `limit` models with their derived data, id > after_id, ordered by id. Errors:
-  // INVALID_ARGUMENT (limit < 1).
+  // At most `limit` models with their derived data, id > after_id, ordered by id; of a damaged one
+  // its id and what is wrong. Errors: INVALID_ARGUMENT (limit < 1).
   absl::StatusOr<std::vector<LoadedObject>> LoadObjects(const std::string& after_id, int limit);
 
   // One of them. Errors: NOT_FOUND.
@@ -110,19 +114,31 @@ class Catalog {
 
   // Writes a copy of the whole catalog, as of one moment, to a new file while other calls go on.
   // The copy is checked, synced and only then given its name; a failure leaves nothing behind.
-  // Errors: ALREADY_EXISTS (the file is there), PERMISSION_DENIED (its folder is read-only).
-  absl::Status Backup(const std::string& path);
+  // Errors: ALREADY_EXISTS (the file is there), PERMISSION_DENIED (its folder is read-only),
+  // CANCELLED.
+  absl::Status Backup(const std::string& path, const StopRequested& stop = {});
 
-  // Reads everything there is: pages, indexes, foreign keys, and every object as if it were to be
-  // enrolled again (geometry, counts, the CAD file's hash). Empty: all is well.
+  // Reads everything there is, as of one moment: pages, indexes, foreign keys, and every object as
+  // if it were to be enrolled again (geometry, digest, counts, the CAD file's hash). Empty: all is
+  // well. `progress` is told how many objects of how many are done. Errors: CANCELLED.
   struct Problem {
     std::string object_id;  // empty: of the file as a whole
     std::string what;
   };
-  absl::StatusOr<std::vector<Problem>> Verify();
+  using Progress = std::function<void(int done, int total)>;
+  absl::StatusOr<std::vector<Problem>> Verify(const StopRequested& stop = {},
+                                              const Progress& progress = {});
+
+  // Replaces everything by what another catalog file holds, in one transaction, after verifying it.
+  // That file is brought up to date where it is older. What was there before is kept as
+  // PATH.before-restore.bak. Errors: those of Open for the other file, DATA_LOSS (it is damaged).
+  absl::Status Restore(const std::string& path);
 
  private:
   struct Connection;
+  struct Reader;
+  // As of this moment. Errors: those of OpenReadOnly.
+  absl::StatusOr<Reader> OpenReader();
   Catalog(std::string path, std::unique_ptr<Connection> connection);
 
   const std::string path_;

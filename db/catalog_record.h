@@ -51,6 +51,7 @@ struct StoredKeys {
 };
 
 struct LoadedObject {
+  absl::Status damage;  // DATA_LOSS: the model has its id and nothing else that can be used
   ObjectModel model;
   DerivedData derived;
 };

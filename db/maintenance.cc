@@ -1,152 +1,168 @@
-// Backup and verification of the catalog.
-#include <fcntl.h>
-#include <unistd.h>
-
-#include <cerrno>
-#include <cstring>
-#include <filesystem>
-#include <system_error>
+// Backup, restoring and verification of the catalog.
+#include <mutex>
 
 #include "absl/strings/str_cat.h"
 #include "db/catalog.h"
 #include "db/connection.h"
+#include "db/copy_database.h"
+#include "db/migrations.h"
+#include "db/object_digest.h"
 #include "db/object_rows.h"
 #include "db/open_database.h"
+#include "server/base/sha256.h"
 #include "db/sqlite.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
 namespace {
 
-// Pages copied before other calls get their turn: 4 MiB.
-constexpr int kPagesPerStep = 1024;
+constexpr size_t kHashedAtOnce = size_t{1} << 20;
 
-absl::Status FileError(const std::string& path, std::string_view what, int error) {
-  const std::string message =
-      absl::StrCat("backup ", path, ": ", std::string(what), ": ", std::strerror(error));
-  if (error == EEXIST) return absl::AlreadyExistsError(message);
-  if (error == EACCES || error == EROFS) return absl::PermissionDeniedError(message);
-  if (error == ENOSPC || error == EDQUOT) return absl::ResourceExhaustedError(message);
-  return absl::FailedPreconditionError(message);
+using Problems = std::vector<Catalog::Problem>;
+
+absl::Status Stopped() {
+  return absl::CancelledError("stopped");
 }
 
-// Makes what was written, or a new name in a folder, survive a power cut.
-absl::Status Sync(const std::string& path) {
-  const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (file < 0) return FileError(path, "cannot be opened", errno);
-  const int result = fsync(file), error = errno;
-  close(file);
-  return result == 0 ? absl::OkStatus() : FileError(path, "cannot be synced", error);
-}
-
-// Removes the unfinished copy unless it was released.
-class UnfinishedFile {
- public:
-  explicit UnfinishedFile(std::string path) : path_(std::move(path)) {}
-  ~UnfinishedFile() {
-    std::error_code ignored;
-    if (!path_.empty()) std::filesystem::remove(path_, ignored);
+absl::Status CheckPages(sqlite3* db, Problems* problems) {
+  Statement integrity(db, "PRAGMA integrity_check(20)");
+  while (true) {
+    HOROPTER_ASSIGN_OR_RETURN(const bool row, integrity.Step());
+    if (!row) break;
+    if (integrity.Bytes(0) != "ok") problems->push_back({"", integrity.Text(0)});
   }
-  void Release() { path_.clear(); }
+  Statement keys(db, "PRAGMA foreign_key_check");
+  while (true) {
+    HOROPTER_ASSIGN_OR_RETURN(const bool row, keys.Step());
+    if (!row) return absl::OkStatus();
+    problems->push_back({"", absl::StrCat("table ", keys.Text(0), " refers to a missing row")});
+  }
+}
 
- private:
-  std::string path_;
-};
+absl::StatusOr<std::vector<std::string>> AllIds(sqlite3* db) {
+  std::vector<std::string> ids;
+  Statement select(db, "SELECT object_id FROM object ORDER BY object_id");
+  while (true) {
+    HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
+    if (!row) return ids;
+    ids.push_back(select.Text(0));
+  }
+}
+
+absl::Status CheckCadFile(sqlite3* db, const std::string& id, const StopRequested& stop) {
+  Statement select(db, "SELECT content, sha256 FROM cad_source WHERE object_id = ?");
+  select.Bind(std::string_view(id));
+  HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
+  if (!row || select.Bytes(0).empty()) return absl::OkStatus();
+  Sha256 sha;
+  for (std::string_view left = select.Bytes(0); !left.empty();) {
+    const std::string_view piece = left.substr(0, kHashedAtOnce);
+    sha.Add(piece);
+    left.remove_prefix(piece.size());
+    if (IsStopRequested(stop)) return Stopped();
+  }
+  if (sha.Hex() == select.Bytes(1)) return absl::OkStatus();
+  return absl::DataLossError(
+      absl::StrCat("object ", id, ": the stored CAD file differs from its SHA-256"));
+}
+
+// Everything about one object that can be wrong. Errors: CANCELLED.
+absl::Status CheckObject(sqlite3* db,
+                         const std::string& id,
+                         const StopRequested& stop,
+                         Problems* problems) {
+  const auto report = [&](const absl::Status& status) {
+    if (!status.ok()) problems->push_back({id, std::string(status.message())});
+  };
+  auto found = ReadSummaries(db, id, /*exactly=*/true, 1);
+  report(found.status());
+  if (!found.ok() || found->empty()) return absl::OkStatus();
+  ObjectSummary& summary = found->front();
+  CatalogRecord& record = summary.record;
+  const absl::Status read = ReadGeometry(db, record.model);
+  report(read);
+  if (!read.ok()) return absl::OkStatus();
+  if (IsStopRequested(stop)) return Stopped();
+  report(ValidateModel(record.model));
+  if (IsStopRequested(stop)) return Stopped();
+  report(CheckDigest(db, record.model));
+  const absl::Status file = CheckCadFile(db, id, stop);
+  if (absl::IsCancelled(file)) return file;
+  report(file);
+  if (summary.vertex_count != static_cast<int>(record.model.vertices.size()) ||
+      summary.edge_count != static_cast<int>(record.model.edges.size()) ||
+      summary.triangle_count != static_cast<int>(record.model.mesh.triangles.size())) {
+    problems->push_back({id, "the stored counts differ from the geometry"});
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<Problems> VerifyDatabase(sqlite3* db,
+                                        const StopRequested& stop,
+                                        const Catalog::Progress& progress) {
+  const Interruptible interruptible(db, stop);
+  Problems problems;
+  absl::Status status = CheckPages(db, &problems);
+  absl::StatusOr<std::vector<std::string>> ids;
+  if (status.ok()) status = (ids = AllIds(db)).status();
+  for (size_t i = 0; status.ok() && i < ids->size(); ++i) {
+    if (progress) progress(static_cast<int>(i), static_cast<int>(ids->size()));
+    status = IsStopRequested(stop) ? Stopped() : CheckObject(db, (*ids)[i], stop, &problems);
+  }
+  if (IsStopRequested(stop)) return Stopped();
+  HOROPTER_RETURN_IF_ERROR(status);
+  if (progress) progress(static_cast<int>(ids->size()), static_cast<int>(ids->size()));
+  return problems;
+}
 
 }  // namespace
 
-absl::Status Catalog::Backup(const std::string& path) {
-  std::error_code error;
-  if (std::filesystem::exists(path, error)) return FileError(path, "is there already", EEXIST);
-  const std::string unfinished = absl::StrCat(path, ".", getpid(), ".unfinished");
-  // Ours alone from the start: a name that another backup uses is refused.
-  const int made = open(unfinished.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0600);
-  if (made < 0) return FileError(path, "cannot be created", errno);
-  close(made);
-  UnfinishedFile file(unfinished);
+// A database in memory has one connection, which is then locked.
+struct Catalog::Reader {
+  SqliteHandle own;
+  std::unique_lock<std::mutex> lock;
+  sqlite3* db = nullptr;
+};
 
-  sqlite3* raw = nullptr;
-  const int opened = sqlite3_open_v2(
-      unfinished.c_str(), &raw, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOMUTEX, nullptr);
-  SqliteHandle copy(raw);
-  if (opened != SQLITE_OK) return SqliteError(raw, "open the backup");
-  sqlite3_backup* backup = nullptr;
-  {
-    const std::lock_guard lock(mutex_);
-    backup = sqlite3_backup_init(raw, "main", connection_->handle.get(), "main");
-    if (backup == nullptr) return SqliteError(raw, "start the backup");
+absl::StatusOr<Catalog::Reader> Catalog::OpenReader() {
+  Reader reader;
+  if (path_ == ":memory:") {
+    reader.lock = std::unique_lock(mutex_);
+    reader.db = connection_->handle.get();
+    return reader;
   }
-  int step = SQLITE_OK;
-  while (step == SQLITE_OK) {
-    // The lock is let go between steps; what this process writes meanwhile SQLite carries over.
-    const std::lock_guard lock(mutex_);
-    step = sqlite3_backup_step(backup, kPagesPerStep);
-  }
-  {
-    const std::lock_guard lock(mutex_);
-    sqlite3_backup_finish(backup);
-  }
-  if (step != SQLITE_DONE) return SqliteError(raw, "write the backup");
-  // A copy is one file: without the log of the original.
-  HOROPTER_RETURN_IF_ERROR(QueryText(raw, "PRAGMA journal_mode=DELETE").status());
-  HOROPTER_ASSIGN_OR_RETURN(const std::string check, QueryText(raw, "PRAGMA quick_check(1)"));
-  if (check != "ok") return absl::DataLossError(absl::StrCat("backup ", path, ": ", check));
-  copy.reset();
-  HOROPTER_RETURN_IF_ERROR(Sync(unfinished));
-  // link() and not rename(): a file that has appeared meanwhile is not replaced.
-  if (link(unfinished.c_str(), path.c_str()) != 0) {
-    return FileError(path, "cannot be named", errno);
-  }
-  const std::string folder = std::filesystem::path(path).parent_path().string();
-  return Sync(folder.empty() ? "." : folder);
+  HOROPTER_ASSIGN_OR_RETURN(reader.own, OpenReadOnly(path_));
+  reader.db = reader.own.get();
+  // What is read from here on is of one moment.
+  HOROPTER_RETURN_IF_ERROR(Execute(reader.db, "BEGIN"));
+  HOROPTER_RETURN_IF_ERROR(QueryInt(reader.db, "SELECT count(*) FROM sqlite_schema").status());
+  return reader;
 }
 
-absl::StatusOr<std::vector<Catalog::Problem>> Catalog::Verify() {
-  std::vector<Problem> problems;
-  std::vector<std::string> ids;
-  {
-    const std::lock_guard lock(mutex_);
-    sqlite3* db = connection_->handle.get();
-    Statement integrity(db, "PRAGMA integrity_check(20)");
-    while (true) {
-      HOROPTER_ASSIGN_OR_RETURN(const bool row, integrity.Step());
-      if (!row) break;
-      if (integrity.Bytes(0) != "ok") problems.push_back({"", integrity.Text(0)});
-    }
-    Statement keys(db, "PRAGMA foreign_key_check");
-    while (true) {
-      HOROPTER_ASSIGN_OR_RETURN(const bool row, keys.Step());
-      if (!row) break;
-      problems.push_back({"", absl::StrCat("table ", keys.Text(0), " refers to a missing row")});
-    }
-    Statement select(db, "SELECT object_id FROM object ORDER BY object_id");
-    while (true) {
-      HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
-      if (!row) break;
-      ids.push_back(select.Text(0));
-    }
+absl::Status Catalog::Backup(const std::string& path, const StopRequested& stop) {
+  HOROPTER_ASSIGN_OR_RETURN(const Reader reader, OpenReader());
+  return CopyToFile(reader.db, path, stop);
+}
+
+absl::StatusOr<std::vector<Catalog::Problem>> Catalog::Verify(const StopRequested& stop,
+                                                              const Progress& progress) {
+  HOROPTER_ASSIGN_OR_RETURN(const Reader reader, OpenReader());
+  return VerifyDatabase(reader.db, stop, progress);
+}
+
+absl::Status Catalog::Restore(const std::string& path) {
+  // Refuses what is no catalog, is newer or damaged, and brings it up to date.
+  HOROPTER_ASSIGN_OR_RETURN(const std::unique_ptr<Catalog> backup, Open(path));
+  HOROPTER_ASSIGN_OR_RETURN(const Problems problems, backup->Verify());
+  if (!problems.empty()) {
+    return absl::DataLossError(absl::StrCat("the backup is damaged: ",
+                                            problems[0].object_id,
+                                            problems[0].object_id.empty() ? "" : ": ",
+                                            problems[0].what));
   }
-  for (const std::string& id : ids) {
-    const absl::StatusOr<CatalogRecord> record = GetObject(id);
-    if (absl::IsNotFound(record.status())) continue;  // removed meanwhile
-    const auto report = [&](const absl::Status& status) {
-      if (!status.ok()) problems.push_back({id, std::string(status.message())});
-    };
-    report(record.status());
-    if (!record.ok()) continue;
-    report(ValidateModel(record->model));
-    if (record->source.size_bytes > 0) {
-      if (const auto file = GetCadFile(id); !absl::IsNotFound(file.status())) report(file.status());
-    }
-    const absl::StatusOr<ObjectSummary> summary = GetSummary(id);
-    if (summary.ok() &&
-        (summary->vertex_count != static_cast<int>(record->model.vertices.size()) ||
-         summary->edge_count != static_cast<int>(record->model.edges.size()) ||
-         summary->triangle_count != static_cast<int>(record->model.mesh.triangles.size()))) {
-      problems.push_back({id, "the stored counts differ from the geometry"});
-    }
-  }
-  return problems;
+  if (path_ != ":memory:") HOROPTER_RETURN_IF_ERROR(Backup(NewCopyName(path_, "before-restore")));
+  const std::lock_guard lock(mutex_);
+  return CopyPages(backup->connection_->handle.get(), connection_->handle.get(), {});
 }
 
 }  // namespace horopter

@@ -7,6 +7,8 @@
 #include <filesystem>
 
 #include "absl/strings/str_cat.h"
+#include "db/copy_database.h"
+#include "db/file_lock.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -102,8 +104,15 @@ absl::Status CheckIntegrity(sqlite3* db, const std::string& path) {
   return absl::OkStatus();
 }
 
-absl::Status Migrate(sqlite3* db, const std::vector<std::string>& migrations) {
+absl::Status Migrate(sqlite3* db,
+                     const std::string& path,
+                     const std::vector<std::string>& migrations) {
   HOROPTER_ASSIGN_OR_RETURN(const int64_t version, QueryInt(db, "PRAGMA user_version"));
+  const bool older = version > 0 && version < static_cast<int64_t>(migrations.size());
+  if (older && path != ":memory:") {
+    const std::string copy = NewCopyName(path, absl::StrCat("schema-", version));
+    HOROPTER_RETURN_IF_ERROR(CopyToFile(db, copy, {}));
+  }
   for (size_t i = version; i < migrations.size(); ++i) {
     const absl::Status migrated = RunInTransaction(db, [&]() -> absl::Status {
       HOROPTER_RETURN_IF_ERROR(Execute(db, migrations[i]));
@@ -116,10 +125,21 @@ absl::Status Migrate(sqlite3* db, const std::vector<std::string>& migrations) {
   return absl::OkStatus();
 }
 
-// With locking_mode=EXCLUSIVE a lock once taken stays; an empty write transaction takes it.
-absl::Status TakeOwnership(sqlite3* db) {
+// An empty write transaction meets whoever has the file locked by other means than ours.
+absl::Status TryToWrite(sqlite3* db) {
   HOROPTER_RETURN_IF_ERROR(Execute(db, "BEGIN EXCLUSIVE"));
   return Execute(db, "COMMIT");
+}
+
+absl::StatusOr<SqliteHandle> OpenConnection(const std::string& path, int flags, int timeout_ms) {
+  sqlite3* raw = nullptr;
+  const int opened = sqlite3_open_v2(path.c_str(), &raw, flags | SQLITE_OPEN_NOMUTEX, nullptr);
+  SqliteHandle handle(raw);
+  if (raw == nullptr) return absl::ResourceExhaustedError("out of memory");
+  if (opened != SQLITE_OK) return Explain(SqliteError(raw, "open"), path);
+  sqlite3_extended_result_codes(raw, 1);
+  sqlite3_busy_timeout(raw, timeout_ms);
+  return handle;
 }
 
 }  // namespace
@@ -128,21 +148,10 @@ absl::StatusOr<SqliteHandle> OpenDatabase(const std::string& path,
                                           int busy_timeout_ms,
                                           const std::vector<std::string>& migrations) {
   HOROPTER_RETURN_IF_ERROR(CheckWritable(path));
-  sqlite3* raw = nullptr;
-  const int opened =
-      sqlite3_open_v2(path.c_str(),
-                      &raw,
-                      SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX,
-                      nullptr);
-  SqliteHandle handle(raw);
-  if (raw == nullptr) return absl::ResourceExhaustedError("out of memory");
-  if (opened != SQLITE_OK) return Explain(SqliteError(raw, "open"), path);
-  sqlite3_extended_result_codes(raw, 1);
-  sqlite3_busy_timeout(raw, busy_timeout_ms);
-
-  if (const absl::Status status = Execute(raw, "PRAGMA locking_mode=EXCLUSIVE"); !status.ok()) {
-    return Explain(status, path);
-  }
+  HOROPTER_ASSIGN_OR_RETURN(
+      SqliteHandle handle,
+      OpenConnection(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, busy_timeout_ms));
+  sqlite3* const raw = handle.get();
   // Touches the file for the first time: locked files and files that are no database are noticed
   // here.
   if (const auto tables = QueryInt(raw, "SELECT count(*) FROM sqlite_schema"); !tables.ok()) {
@@ -152,12 +161,25 @@ absl::StatusOr<SqliteHandle> OpenDatabase(const std::string& path,
   if (sqlite3_db_readonly(raw, "main") == 1) {
     return absl::PermissionDeniedError(absl::StrCat("database ", path, " is read-only"));
   }
+  if (path != ":memory:") {
+    const auto lock = FileLock::Take(path, busy_timeout_ms);
+    if (!lock.ok()) return Explain(lock.status(), path);
+    handle.get_deleter().held = *lock;
+  }
   HOROPTER_RETURN_IF_ERROR(CheckIntegrity(raw, path));
-  for (const auto& step : {Configure, TakeOwnership}) {
+  for (const auto& step : {Configure, TryToWrite}) {
     if (const absl::Status status = step(raw); !status.ok()) return Explain(status, path);
   }
-  if (const absl::Status status = Migrate(raw, migrations); !status.ok())
+  if (const absl::Status status = Migrate(raw, path, migrations); !status.ok())
     return Explain(status, path);
+  return handle;
+}
+
+absl::StatusOr<SqliteHandle> OpenReadOnly(const std::string& path) {
+  constexpr int kTimeoutMs = 1000;
+  HOROPTER_ASSIGN_OR_RETURN(SqliteHandle handle,
+                            OpenConnection(path, SQLITE_OPEN_READONLY, kTimeoutMs));
+  HOROPTER_RETURN_IF_ERROR(Execute(handle.get(), "PRAGMA trusted_schema=OFF"));
   return handle;
 }
 

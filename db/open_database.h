@@ -14,12 +14,16 @@ namespace horopter {
 inline constexpr int kCatalogApplicationId = 0x484F524F;
 
 // Opens `path` (":memory:" allowed) with the given migrations; element i brings user_version i to i
-// + 1. The process owns the file exclusively until the handle is closed. Nothing is written to a
-// file that is refused. Errors, each naming the file: UNAVAILABLE (locked), PERMISSION_DENIED
+// + 1; a file of an older version is copied first, to PATH.schema-VERSION.bak. The process is the
+// one that writes to the file until the handle is closed. Nothing is written to a file that is
+// refused. Errors, each naming the file: UNAVAILABLE (locked), PERMISSION_DENIED
 // (read-only), FAILED_PRECONDITION (cannot be opened, not a database, not a catalog, from a newer
 // version), DATA_LOSS (fails its integrity check), INTERNAL (a migration failed; rolled back).
 absl::StatusOr<SqliteHandle> OpenDatabase(const std::string& path,
                                           int busy_timeout_ms,
                                           const std::vector<std::string>& migrations);
+
+// A second connection to a file that OpenDatabase has open, for reading. Errors: as OpenDatabase.
+absl::StatusOr<SqliteHandle> OpenReadOnly(const std::string& path);
 
 }  // namespace horopter

@@ -15,6 +15,7 @@
 namespace horopter {
 
 struct SqliteCloser {
+  std::shared_ptr<const void> held;  // let go after the connection is closed; may be null
   void operator()(sqlite3* db) const { sqlite3_close_v2(db); }
 };
 using SqliteHandle = std::unique_ptr<sqlite3, SqliteCloser>;

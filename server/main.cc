@@ -5,8 +5,11 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <atomic>
+#include <condition_variable>
 #include <csignal>
 #include <iostream>
+#include <mutex>
 #include <string>
 #include <thread>
 
@@ -140,25 +143,52 @@ void AddTelemetryFlags(CLI::App& app, TelemetryOptions& telemetry) {
       ->capture_default_str();
 }
 
-int WaitForStopSignal(const sigset_t& signals) {
-  int signal = 0;
-  sigwait(&signals, &signal);
-  return signal;
-}
+// Takes SIGTERM and SIGINT from the start on: the first asks to stop, also while the catalog is
+// loaded; the second ends at once, for whoever asks twice does not want to wait, and what was
+// acknowledged is on disk.
+class StopSignals {
+ public:
+  explicit StopSignals(const sigset_t& signals) {
+    std::thread([this, signals] {
+      Take(signals);
+      const int signal = Next(signals);
+      spdlog::warn("signal {} again: ending at once", signal);
+      ::_exit(128 + signal);
+    }).detach();
+  }
 
-// Whoever asks twice does not want to wait; what was acknowledged is on disk.
-void EndAtOnceOnSignal(sigset_t signals) {
-  const int signal = WaitForStopSignal(signals);
-  spdlog::warn("signal {} again: ending at once", signal);
-  ::_exit(128 + signal);
-}
+  bool asked() const { return asked_; }
+  void Wait() {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [this] { return asked_.load(); });
+  }
+
+ private:
+  static int Next(const sigset_t& signals) {
+    int signal = 0;
+    sigwait(&signals, &signal);
+    return signal;
+  }
+  void Take(const sigset_t& signals) {
+    const int signal = Next(signals);
+    spdlog::info("signal {}: stopping", signal);
+    const std::lock_guard lock(mutex_);
+    asked_ = true;
+    changed_.notify_all();
+  }
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::atomic<bool> asked_{false};
+};
 
 int Fail(const absl::Status& status) {
   std::cerr << "horopterd: " << status.message() << std::endl;
   return 1;
 }
 
-int Serve(const Flags& flags, const sigset_t& signals) {
+int Serve(const Flags& flags, StopSignals& signals) {
+  spdlog::info("loading catalog {}", flags.db);
   absl::StatusOr<std::unique_ptr<Catalog>> catalog = Catalog::Open(flags.db);
   if (!catalog.ok()) return Fail(catalog.status());
 
@@ -172,7 +202,13 @@ int Serve(const Flags& flags, const sigset_t& signals) {
     return RecognizeScene(request, snapshot, of_call, limits.stop);
   };
   absl::StatusOr<std::unique_ptr<HoropterServer>> server =
-      HoropterServer::Start(*std::move(catalog), CatalogPreparer(), recognizer, flags.server);
+      HoropterServer::Start(*std::move(catalog), CatalogPreparer(), recognizer, flags.server, [&] {
+        return signals.asked();
+      });
+  if (!server.ok() && signals.asked()) {
+    spdlog::info("stopped while the catalog was loaded");
+    return 0;
+  }
   if (!server.ok()) return Fail(server.status());
 
   spdlog::info(
@@ -184,9 +220,8 @@ int Serve(const Flags& flags, const sigset_t& signals) {
     spdlog::info("admin calls on {}", (*server)->admin_address());
   }
   spdlog::info("listening on {}", (*server)->address());
-  const int signal = WaitForStopSignal(signals);
-  spdlog::info("signal {}: draining for at most {} s", signal, flags.drain_seconds);
-  std::thread(EndAtOnceOnSignal, signals).detach();
+  signals.Wait();
+  spdlog::info("draining for at most {} s", flags.drain_seconds);
   (*server)->Stop(flags.drain_seconds);
   spdlog::info("stopped");
   return 0;
@@ -226,5 +261,7 @@ int main(int argc, char** argv) {
   spdlog::set_formatter(horopter::OneLineFormatter());
   spdlog::set_level(spdlog::level::from_str(flags.log_level));
   spdlog::flush_on(spdlog::level::info);
-  return horopter::Serve(flags, signals);
+  // Its thread waits as long as the process lives.
+  static horopter::StopSignals* const stop_signals = new horopter::StopSignals(signals);
+  return horopter::Serve(flags, *stop_signals);
 }

@@ -9,6 +9,8 @@
 #include <thread>
 #include <vector>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
@@ -36,7 +38,7 @@ class LoopPool {
 
   // wanted: helpers, at least one.
   void Run(int count, int wanted, absl::FunctionRef<void(int)> body) {
-    Loop loop{count, body, current_budget, wanted};
+    Loop loop{count, body, current_budget, StopScope::Current(), wanted};
     {
       const std::lock_guard lock(mutex_);
       Start();
@@ -57,6 +59,7 @@ class LoopPool {
     const int count;
     const absl::FunctionRef<void(int)> body;
     CoreBudget* const budget;
+    const StopRequested* const stop;
     int wanted;       // helpers that may still join; guarded by mutex_, as all below but next
     int helpers = 0;  // at work
     std::exception_ptr thrown = nullptr;
@@ -79,7 +82,10 @@ class LoopPool {
 
   void Work(Loop& loop) {
     try {
-      for (int i = loop.next++; i < loop.count; i = loop.next++) loop.body(i);
+      for (int i = loop.next++; i < loop.count; i = loop.next++) {
+        LeaveIfStopped();
+        loop.body(i);
+      }
     } catch (...) {
       loop.next = loop.count;
       const std::lock_guard lock(mutex_);
@@ -105,7 +111,9 @@ class LoopPool {
       --loop->budget->free_;
       lock.unlock();
       current_budget = loop->budget;
+      StopScope::SetCurrent(loop->stop);
       Work(*loop);
+      StopScope::SetCurrent(nullptr);
       current_budget = nullptr;
       lock.lock();
       ++loop->budget->free_;
@@ -137,7 +145,10 @@ void ParallelFor(int count, int threads, absl::FunctionRef<void(int)> body) {
     LoopPool::Get().Run(count, helpers, body);
     return;
   }
-  for (int i = 0; i < count; ++i) body(i);
+  for (int i = 0; i < count; ++i) {
+    LeaveIfStopped();
+    body(i);
+  }
 }
 
 bool SetPoolThreads(int threads) {

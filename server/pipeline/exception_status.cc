@@ -4,6 +4,8 @@
 #include <new>
 #include <opencv2/core.hpp>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
@@ -21,6 +23,8 @@ absl::Status Said(absl::StatusCode code, const char* what) noexcept {
 absl::Status StatusOfException() noexcept {
   try {
     throw;
+  } catch (const WorkStopped&) {
+    return Said(absl::StatusCode::kCancelled, "stopped");
   } catch (const std::bad_alloc&) {
     return Said(absl::StatusCode::kResourceExhausted, "out of memory");
   } catch (const cv::Exception& error) {

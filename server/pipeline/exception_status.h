@@ -5,9 +5,9 @@
 
 namespace horopter {
 
-// Of the exception that is being handled: call it in a catch block. RESOURCE_EXHAUSTED when memory
-// was short, OpenCV's as well as our own; INTERNAL with its message otherwise. Where there is no
-// memory for words the code comes alone.
+// Of the exception that is being handled: call it in a catch block. CANCELLED when the work was
+// stopped (stop_scope.h), RESOURCE_EXHAUSTED when memory was short, OpenCV's as well as our own;
+// INTERNAL with its message otherwise. Where there is no memory for words the code comes alone.
 absl::Status StatusOfException() noexcept;
 
 // function(), or what it throws as a Status. Its result must be made of a Status.

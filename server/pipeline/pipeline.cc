@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
+#include "server/base/stop_scope.h"
 #include "server/pipeline/answer.h"
 #include "server/pipeline/exception_status.h"
 #include "server/vision/matching/known_cameras.h"
@@ -388,6 +389,7 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                               const StopRequested& stop) {
   if (options.threads < 1) return absl::InvalidArgumentError("threads: at least one is needed");
   const CoreBudget budget(options.threads);
+  const StopScope scope(stop);
   return CatchExceptions(
       [&] { return RunStages(request, catalog, ResolveOptions(options), stop); });
 }

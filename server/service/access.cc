@@ -13,7 +13,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include "db/sha256.h"
+#include "server/base/sha256.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "horopter/v1/catalog.grpc.pb.h"
+#include "server/service/backup_shelf.h"
 #include "server/service/catalog_store.h"
 #include "server/service/unary_call.h"
 
@@ -9,7 +10,7 @@ namespace horopter {
 
 // All unary methods get their bytes unparsed (unary_call.h).
 using CatalogServiceBase = v1::CatalogService::WithRawCallbackMethod_RebuildObject<
-    v1::CatalogService::WithRawCallbackMethod_VerifyCatalog<
+    v1::CatalogService::WithCallbackMethod_VerifyCatalog<
         v1::CatalogService::WithRawCallbackMethod_ListLookAlikes<
             v1::CatalogService::WithRawCallbackMethod_DeleteObject<
                 v1::CatalogService::WithRawCallbackMethod_UpdateObject<
@@ -17,14 +18,18 @@ using CatalogServiceBase = v1::CatalogService::WithRawCallbackMethod_RebuildObje
                         v1::CatalogService::WithRawCallbackMethod_GetObject<
                             v1::CatalogService::WithRawCallbackMethod_CreateObject<
                                 v1::CatalogService::WithCallbackMethod_BackupCatalog<
-                                    v1::CatalogService::Service>>>>>>>>>;
+                                    v1::CatalogService::WithCallbackMethod_RestoreCatalog<
+                                        v1::CatalogService::Service>>>>>>>>>>;
 
-// Thread-safe. The store and what the gate names must outlive the service's last call.
+// Thread-safe. What the constructor is given must outlive the service's last call.
 class CatalogService final : public CatalogServiceBase {
  public:
   // `max_object_bytes`: of a request that holds an object.
-  CatalogService(CatalogStore& store, const CallGate& gate, int64_t max_object_bytes)
-      : store_(store), gate_(gate), max_object_bytes_(max_object_bytes) {}
+  CatalogService(CatalogStore& store,
+                 BackupShelf& shelf,
+                 const CallGate& gate,
+                 int64_t max_object_bytes)
+      : store_(store), shelf_(shelf), gate_(gate), max_object_bytes_(max_object_bytes) {}
 
   grpc::ServerUnaryReactor* CreateObject(grpc::CallbackServerContext* context,
                                          const grpc::ByteBuffer* request,
@@ -44,20 +49,22 @@ class CatalogService final : public CatalogServiceBase {
   grpc::ServerUnaryReactor* ListLookAlikes(grpc::CallbackServerContext* context,
                                            const grpc::ByteBuffer* request,
                                            grpc::ByteBuffer* response) override;
-  grpc::ServerUnaryReactor* VerifyCatalog(grpc::CallbackServerContext* context,
-                                          const grpc::ByteBuffer* request,
-                                          grpc::ByteBuffer* response) override;
+  grpc::ServerWriteReactor<v1::VerifyCatalogResponse>* VerifyCatalog(
+      grpc::CallbackServerContext* context, const v1::VerifyCatalogRequest* request) override;
   grpc::ServerUnaryReactor* RebuildObject(grpc::CallbackServerContext* context,
                                           const grpc::ByteBuffer* request,
                                           grpc::ByteBuffer* response) override;
   grpc::ServerWriteReactor<v1::BackupCatalogResponse>* BackupCatalog(
       grpc::CallbackServerContext* context, const v1::BackupCatalogRequest* request) override;
+  grpc::ServerReadReactor<v1::RestoreCatalogRequest>* RestoreCatalog(
+      grpc::CallbackServerContext* context, v1::RestoreCatalogResponse* response) override;
 
  private:
   // Fills `response` with the object as stored.
   absl::Status Read(const std::string& id, v1::ObjectView view, v1::Object* response);
 
   CatalogStore& store_;
+  BackupShelf& shelf_;
   const CallGate gate_;
   const int64_t max_object_bytes_;
 };

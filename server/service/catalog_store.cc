@@ -11,6 +11,7 @@
 #include "server/base/crash_point.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
+#include "server/base/stop_scope.h"
 
 namespace horopter {
 namespace {
@@ -22,6 +23,9 @@ using Prepared = std::shared_ptr<const PreparedObject>;
 constexpr int kLoadPage = 256;
 // Objects whose keys are read at once: 20 MB.
 constexpr int kKeyPage = 1024;
+constexpr size_t kListPage = 256;
+
+const StopRequested kNeverStops;
 
 struct Loaded {
   absl::StatusOr<Prepared> object = absl::UnknownError("not loaded");
@@ -30,6 +34,10 @@ struct Loaded {
 
 Loaded LoadOne(Catalog& catalog, LoadedObject stored, const ObjectPreparer& preparer) {
   Loaded result;
+  if (!stored.damage.ok()) {
+    result.object = stored.damage;
+    return result;
+  }
   const std::string id = stored.model.id;
   if (stored.derived.version == preparer.version && !stored.derived.data.empty()) {
     result.object = preparer.restore(
@@ -69,17 +77,31 @@ absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr
                                                                  const StoreOptions& options) {
   std::unique_ptr<CatalogStore> store(
       new CatalogStore(std::move(catalog), std::move(preparer), options));
-  auto published = std::make_shared<PublishedCatalog>();
+  HOROPTER_ASSIGN_OR_RETURN(const auto published, store->LoadAll(options.stop));
   published->snapshot.generation = 1;
-  HOROPTER_ASSIGN_OR_RETURN(const int objects, store->catalog_->CountObjects());
-  store->load_report_.resident = objects <= options.max_resident;
-  KeyCollection keys;
-  HOROPTER_RETURN_IF_ERROR(store->load_report_.resident
-                               ? store->LoadResident(published.get(), &keys)
-                               : store->LoadStored(published.get(), &keys));
-  HOROPTER_RETURN_IF_ERROR(store->BuildIndex(published.get(), std::move(keys)));
-  store->published_ = std::move(published);
+  store->published_ = published;
   return store;
+}
+
+absl::StatusOr<std::shared_ptr<PublishedCatalog>> CatalogStore::LoadAll(const StopRequested& stop) {
+  const StopScope scope(stop);
+  auto published = std::make_shared<PublishedCatalog>();
+  load_report_ = {};
+  HOROPTER_ASSIGN_OR_RETURN(const int objects, catalog_->CountObjects());
+  load_report_.resident = objects <= options_.max_resident;
+  KeyCollection keys;
+  HOROPTER_RETURN_IF_ERROR(load_report_.resident ? LoadResident(published.get(), &keys)
+                                                 : LoadStored(published.get(), &keys));
+  HOROPTER_RETURN_IF_ERROR(BuildIndex(published.get(), std::move(keys)));
+  free_slots_.clear();
+  return published;
+}
+
+void CatalogStore::LeaveOut(const std::string& id,
+                            const absl::Status& why,
+                            PublishedCatalog* published) {
+  load_report_.failures.push_back(FailureOf(id, why));
+  published->unusable[id] = std::string(why.message());
 }
 
 absl::Status CatalogStore::LoadResident(PublishedCatalog* published, KeyCollection* keys) {
@@ -97,7 +119,7 @@ absl::Status CatalogStore::LoadResident(PublishedCatalog* published, KeyCollecti
     std::vector<std::pair<std::string, DerivedData>> made;
     for (size_t i = 0; i < ids.size(); ++i) {
       if (!loaded[i].object.ok()) {
-        load_report_.failures.push_back(FailureOf(ids[i], loaded[i].object.status()));
+        LeaveOut(ids[i], loaded[i].object.status(), published);
         continue;
       }
       ++(loaded[i].made ? load_report_.prepared : load_report_.restored);
@@ -133,7 +155,7 @@ absl::Status CatalogStore::LoadStored(PublishedCatalog* published, KeyCollection
       } else {
         decoded[i] = MakeKeys(id);
         if (!decoded[i].ok()) {
-          load_report_.failures.push_back(FailureOf(id, decoded[i].status()));
+          LeaveOut(id, decoded[i].status(), published);
           continue;
         }
         ++load_report_.prepared;
@@ -205,6 +227,7 @@ absl::Status CatalogStore::Create(const CatalogRecord& record) {
   HOROPTER_ASSIGN_OR_RETURN(Prepared prepared, preparer_.prepare(record.model));
   const DerivedData derived = Derive(*prepared);
   const std::lock_guard lock(write_mutex_);
+  const StopScope shield(kNeverStops);  // what is committed is published
   HOROPTER_RETURN_IF_ERROR(catalog_->CreateObject(record, derived));
   Publish(record.model.id, std::move(prepared));
   return absl::OkStatus();
@@ -224,6 +247,7 @@ absl::Status CatalogStore::Update(const std::string& id,
   if (!prepared.ok()) prepared = preparer_.prepare(changed.model);
   if (!prepared.ok()) return prepared.status();
   const DerivedData derived = Derive(**prepared);
+  const StopScope shield(kNeverStops);
   KeepPublished(id);
   HOROPTER_RETURN_IF_ERROR(catalog_->UpdateObject(changed, parts, derived));
   Publish(id, *std::move(prepared));
@@ -232,6 +256,7 @@ absl::Status CatalogStore::Update(const std::string& id,
 
 absl::Status CatalogStore::Delete(const std::string& id) {
   const std::lock_guard lock(write_mutex_);
+  const StopScope shield(kNeverStops);
   KeepPublished(id);
   HOROPTER_RETURN_IF_ERROR(catalog_->DeleteObject(id));
   Publish(id, nullptr);
@@ -247,13 +272,51 @@ absl::StatusOr<bool> CatalogStore::Rebuild(const std::string& id) {
   const DerivedData made = Derive(*prepared);
   const bool differs = !stored.ok() || stored->version != made.version ||
                        stored->data != made.data || stored->keys != made.keys;
+  const StopScope shield(kNeverStops);
   KeepPublished(id);
   if (differs) HOROPTER_RETURN_IF_ERROR(catalog_->StoreDerived({{id, made}}));
   Publish(id, std::move(prepared));
   return differs;
 }
 
-absl::Status CatalogStore::CheckDerived(const std::string& id, bool recompute) {
+absl::Status CatalogStore::Restore(const std::string& path) {
+  const std::lock_guard lock(write_mutex_);
+  const StopScope shield(kNeverStops);
+  HOROPTER_RETURN_IF_ERROR(catalog_->Restore(path));
+  HOROPTER_ASSIGN_OR_RETURN(const auto next, LoadAll(kNeverStops));
+  next->snapshot.generation = Published()->snapshot.generation + 1;
+  const std::lock_guard publishing(published_mutex_);
+  published_ = next;
+  return absl::OkStatus();
+}
+
+absl::StatusOr<CatalogStore::Contents> CatalogStore::Compare(const StopRequested& stop) {
+  Contents contents;
+  // Read last: an object enrolled meanwhile is published by the time it is listed or soon after, so
+  // only differences that persist in a second look count.
+  for (int look = 0; look < 2; ++look) {
+    contents.stored.clear();
+    std::string after;
+    while (true) {
+      if (IsStopRequested(stop)) return absl::CancelledError("stopped");
+      HOROPTER_ASSIGN_OR_RETURN(const std::vector<ObjectSummary> page,
+                                catalog_->ListObjects(after, kListPage));
+      for (const ObjectSummary& summary : page) contents.stored.insert(summary.record.model.id);
+      if (page.size() < kListPage) break;
+      after = page.back().record.model.id;
+    }
+    const auto snapshot = Published();
+    contents.published = {snapshot->ids.begin(), snapshot->ids.end()};
+    contents.unusable = snapshot->unusable;
+    if (contents.stored == contents.published) break;
+  }
+  return contents;
+}
+
+absl::Status CatalogStore::CheckDerived(const std::string& id,
+                                        bool recompute,
+                                        const StopRequested& stop) {
+  const StopScope scope(stop);
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, catalog_->GetObject(id));
   HOROPTER_ASSIGN_OR_RETURN(const DerivedData stored, catalog_->GetDerived(id));
   if (stored.data.empty()) return absl::FailedPreconditionError("has no derived data");
@@ -278,11 +341,12 @@ absl::Status CatalogStore::BuildIndex(PublishedCatalog* published, KeyCollection
   return absl::OkStatus();
 }
 
-absl::Status CatalogStore::CheckIndex() const {
+absl::Status CatalogStore::CheckIndex(const StopRequested& stop) const {
   const auto published = Published();
   const CatalogSnapshot& snapshot = published->snapshot;
   KeyTally keys;
   for (int i = 0; i < ObjectCount(snapshot); ++i) {
+    if (IsStopRequested(stop)) return absl::CancelledError("stopped");
     HOROPTER_ASSIGN_OR_RETURN(const Prepared object, ObjectAt(snapshot, i));
     keys.Add(snapshot.slots[i], preparer_.keys_of(*object));
   }
@@ -332,6 +396,7 @@ void CatalogStore::Publish(const std::string& id, Prepared prepared) {
   auto next = std::make_shared<PublishedCatalog>(*Published());
   CatalogSnapshot& snapshot = next->snapshot;
   ++snapshot.generation;
+  next->unusable.erase(id);
   const bool resident = load_report_.resident;
   const auto at = std::lower_bound(next->ids.begin(), next->ids.end(), id) - next->ids.begin();
   const bool known = at != std::ssize(next->ids) && next->ids[at] == id;

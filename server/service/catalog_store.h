@@ -2,9 +2,11 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -19,6 +21,9 @@ namespace horopter {
 struct PublishedCatalog {
   CatalogSnapshot snapshot;
   std::vector<std::string> ids;
+  // Objects of the catalog that are left out, and why: damaged (their digest differs), or of a
+  // geometry that cannot be prepared.
+  std::map<std::string, std::string> unusable;
 
   bool Contains(const std::string& id) const;
 };
@@ -33,7 +38,8 @@ struct LoadReport {
 };
 
 struct StoreOptions {
-  int threads = 1;  // that load
+  int threads = 1;     // that load
+  StopRequested stop;  // of loading
   // Objects held in memory. A larger catalog has only its keys there; objects are read when they
   // are asked for, and as many as this stay. Raising it costs 0.2 MB an object, more for large
   // meshes.
@@ -45,8 +51,9 @@ struct StoreOptions {
 class CatalogStore {
  public:
   // Loads all objects from their derived data, or their keys, and prepares and stores anew what is
-  // out of date. An object that cannot be prepared stays in the catalog and is left out of the
-  // snapshot. Errors: as Catalog::LoadObjects.
+  // out of date. An object that is damaged or cannot be prepared stays in the catalog and is left
+  // out of the snapshot; nothing is made anew from damaged bytes. Errors: as Catalog::LoadObjects,
+  // CANCELLED.
   static absl::StatusOr<std::unique_ptr<CatalogStore>> Load(std::unique_ptr<Catalog> catalog,
                                                             ObjectPreparer preparer,
                                                             const StoreOptions& options = {});
@@ -69,8 +76,21 @@ class CatalogStore {
   absl::StatusOr<bool> Rebuild(const std::string& id);
 
   // Whether the stored derived data are those of the object's geometry; `recompute` also makes them
-  // anew and compares. Errors: NOT_FOUND; otherwise the answer, FAILED_PRECONDITION or DATA_LOSS.
-  absl::Status CheckDerived(const std::string& id, bool recompute);
+  // anew and compares. Errors: NOT_FOUND, CANCELLED; otherwise the answer, FAILED_PRECONDITION or
+  // DATA_LOSS.
+  absl::Status CheckDerived(const std::string& id, bool recompute, const StopRequested& stop = {});
+
+  // Replaces the whole catalog by the file's (Catalog::Restore) and publishes it. Errors: those of
+  // Catalog::Restore and Load; after one of the latter what was published stays.
+  absl::Status Restore(const std::string& path);
+
+  // Which objects the file holds, which recognition uses and which it leaves out, of one moment but
+  // for writes that are under way. Errors: CANCELLED.
+  struct Contents {
+    std::set<std::string> stored, published;
+    std::map<std::string, std::string> unusable;
+  };
+  absl::StatusOr<Contents> Compare(const StopRequested& stop);
 
   // The objects (indices into the snapshot) that are worth comparing with the named one: all others
   // while they are in memory, else the `most` of them that share most keys with it. Errors:
@@ -88,8 +108,9 @@ class CatalogStore {
 
   const LoadReport& load_report() const { return load_report_; }
 
-  // Whether the published index holds the keys of exactly the published objects. Errors: INTERNAL.
-  absl::Status CheckIndex() const;
+  // Whether the published index holds the keys of exactly the published objects. Errors: INTERNAL,
+  // CANCELLED.
+  absl::Status CheckIndex(const StopRequested& stop = {}) const;
 
  private:
   using Prepared = std::shared_ptr<const PreparedObject>;
@@ -98,9 +119,12 @@ class CatalogStore {
                ObjectPreparer preparer,
                const StoreOptions& options);
 
+  // Everything from the database. Needs write_mutex_, or nobody else to have the store.
+  absl::StatusOr<std::shared_ptr<PublishedCatalog>> LoadAll(const StopRequested& stop);
   // Both leave the keys of the published objects in `keys`.
   absl::Status LoadResident(PublishedCatalog* published, KeyCollection* keys);
   absl::Status LoadStored(PublishedCatalog* published, KeyCollection* keys);
+  void LeaveOut(const std::string& id, const absl::Status& why, PublishedCatalog* published);
   // Of an object whose stored keys are out of date or damaged; stores them.
   absl::StatusOr<ObjectKeys> MakeKeys(const std::string& id);
   // Of an object that is not to stay in memory.

@@ -70,6 +70,7 @@ Listener::Listener(std::unique_ptr<Access> access, const ServedParts& served)
                    served.recognizer,
                    served.recognition),
       catalog_(served.store,
+               served.shelf,
                CallGate{&served.catalog_calls, &served.memory, access_.get(), served.sink},
                served.max_object_bytes),
       info_(served.store, served.scenes, served.memory, *access_, served.limits) {}

@@ -30,6 +30,7 @@ struct ListenerOptions {
 // What all listeners of a server share; must outlive them.
 struct ServedParts {
   CatalogStore& store;
+  BackupShelf& shelf;
   WorkerPool& scenes;
   WorkerPool& catalog_calls;
   MemoryBudget& memory;

@@ -79,6 +79,7 @@ struct HoropterServer::Parts {
   std::unique_ptr<CatalogStore> store;
   std::unique_ptr<Telemetry> telemetry;
   std::unique_ptr<MemoryBudget> memory;
+  BackupShelf shelf;
   std::unique_ptr<WorkerPool> scene_pool;
   std::unique_ptr<WorkerPool> catalog_pool;
   std::unique_ptr<Listener> listener;
@@ -121,14 +122,15 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
     std::unique_ptr<Catalog> catalog,
     ObjectPreparer preparer,
     Recognizer recognizer,
-    const ServerOptions& options) {
+    const ServerOptions& options,
+    const StopRequested& stop) {
   HOROPTER_RETURN_IF_ERROR(Validate(options));
   auto parts = std::make_unique<Parts>();
   const auto load = [&] {
     return CatalogStore::Load(
         std::move(catalog),
         std::move(preparer),
-        {.threads = options.load_threads, .max_resident = options.max_resident});
+        {.threads = options.load_threads, .stop = stop, .max_resident = options.max_resident});
   };
   HOROPTER_ASSIGN_OR_RETURN(parts->store, CatchExceptions(load));
   const LoadReport& loaded = parts->store->load_report();
@@ -146,6 +148,7 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   const auto figures = [store = parts->store.get()] {
     const auto published = store->Published();
     return CatalogFigures{static_cast<int64_t>(published->ids.size()),
+                          static_cast<int64_t>(published->unusable.size()),
                           published->snapshot.generation};
   };
   HOROPTER_ASSIGN_OR_RETURN(parts->telemetry, Telemetry::Start(options.telemetry, figures));
@@ -160,6 +163,7 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   limits.decode_threads = options.threads_per_request;
   const ServedParts served{
       .store = *parts->store,
+      .shelf = parts->shelf,
       .scenes = *parts->scene_pool,
       .catalog_calls = *parts->catalog_pool,
       .memory = *parts->memory,

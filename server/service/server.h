@@ -55,11 +55,13 @@ absl::Status Validate(const ServerOptions& options);
 class HoropterServer {
  public:
   // Errors: INVALID_ARGUMENT (options), UNAVAILABLE (the address cannot be bound), those of
-  // CatalogStore::Load, RESOURCE_EXHAUSTED (out of memory).
+  // CatalogStore::Load (CANCELLED when `stop` says so while the catalog is loaded),
+  // RESOURCE_EXHAUSTED (out of memory).
   static absl::StatusOr<std::unique_ptr<HoropterServer>> Start(std::unique_ptr<Catalog> catalog,
                                                                ObjectPreparer preparer,
                                                                Recognizer recognizer,
-                                                               const ServerOptions& options);
+                                                               const ServerOptions& options,
+                                                               const StopRequested& stop = {});
   ~HoropterServer();
 
   // host:port with the port that was bound; empty without a listener.

@@ -32,6 +32,7 @@ grpc::ServerUnaryReactor* ServerInfoService::GetServerInfo(grpc::CallbackServerC
     *response->mutable_limits() = limits_;
     response->set_catalog_generation(published->snapshot.generation);
     response->set_object_count(static_cast<int32_t>(published->ids.size()));
+    response->set_unusable_object_count(static_cast<int32_t>(published->unusable.size()));
     const WorkerPool::Load load = scenes_.load();
     response->mutable_load()->set_running(load.running);
     response->mutable_load()->set_waiting(load.waiting);

@@ -50,6 +50,9 @@ class LiveFigures final : public prometheus::Collectable {
     return {
         GaugeFamily(
             "horopter_catalog_objects", "Objects in the catalog", static_cast<double>(c.objects)),
+        GaugeFamily("horopter_catalog_unusable_objects",
+                    "Objects that recognition leaves out: damaged, or of no use to it",
+                    static_cast<double>(c.unusable)),
         GaugeFamily("horopter_catalog_generation",
                     "Number of the catalog's state; grows with every change",
                     static_cast<double>(c.generation)),

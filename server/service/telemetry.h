@@ -26,6 +26,7 @@ struct TelemetryOptions {
 // What is read when metrics are asked for.
 struct CatalogFigures {
   int64_t objects = 0;
+  int64_t unusable = 0;
   int64_t generation = 0;
 };
 

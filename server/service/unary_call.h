@@ -16,11 +16,8 @@
 #include "absl/status/statusor.h"
 #include "server/base/call_limits.h"
 #include "server/base/status_macros.h"
-#include "server/service/access.h"
-#include "server/service/memory_budget.h"
-#include "server/service/request_record.h"
+#include "server/service/call_record.h"
 #include "server/service/rpc_status.h"
-#include "server/service/worker_pool.h"
 
 namespace horopter {
 
@@ -35,20 +32,6 @@ struct CallInfo {
   CallLimits limits;
   // The handler says here what it knows beyond the status; never null.
   RequestRecord* record = nullptr;
-};
-
-// Where calls are admitted; what it names must outlive them.
-struct CallGate {
-  WorkerPool* pool = nullptr;
-  MemoryBudget* memory = nullptr;
-  Access* access = nullptr;     // who may call; null: nobody
-  RequestSink* sink = nullptr;  // told of each call when its status is known; null: nobody is
-};
-
-struct CallMethod {
-  const char* name = "";
-  int64_t max_request_bytes = 1 << 20;
-  Role needs = Role::kAdmin;  // what only reads says so
 };
 
 // What a call takes beside its request, and how it waits.

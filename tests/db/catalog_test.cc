@@ -5,7 +5,7 @@
 
 #include <thread>
 
-#include "db/sha256.h"
+#include "server/base/sha256.h"
 #include "tests/support/sample_record.h"
 #include "tests/support/scratch_dir.h"
 

@@ -13,8 +13,8 @@
 #include <sstream>
 #include <thread>
 
-#include "db/sha256.h"
 #include "horopter/v1/server.grpc.pb.h"
+#include "server/base/sha256.h"
 #include "server/service/log_format.h"
 #include "server/service/rpc_status.h"
 #include "tests/support/scratch_dir.h"

@@ -5,7 +5,7 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
-#include "db/sha256.h"
+#include "server/base/sha256.h"
 #include "server/service/rpc_status.h"
 #include "tests/support/sample_record.h"
 #include "tests/support/scratch_dir.h"

@@ -2,8 +2,10 @@
 #include "server/service/catalog_store.h"
 
 #include <gtest/gtest.h>
+#include <sqlite3.h>
 
 #include "absl/strings/str_cat.h"
+#include "server/pipeline/exception_status.h"
 #include "tests/support/fake_objects.h"
 #include "tests/support/sample_record.h"
 #include "tests/support/scratch_dir.h"
@@ -104,6 +106,67 @@ TEST_F(CatalogStoreTest, RebuildSaysWhatChangedAndCheckSaysWhatIsWrong) {
   EXPECT_TRUE(store.CheckDerived("obj_1", true).ok());
   EXPECT_EQ(store.Rebuild("obj_9").status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(store.Published()->ids.size(), 5u);
+}
+
+// A statement by another connection, for damage that no call of the catalog can do.
+void Tamper(const std::string& path, const std::string& sql) {
+  sqlite3* db = nullptr;
+  ASSERT_EQ(sqlite3_open(path.c_str(), &db), SQLITE_OK);
+  EXPECT_EQ(sqlite3_exec(db, sql.c_str(), nullptr, nullptr, nullptr), SQLITE_OK);
+  sqlite3_close(db);
+}
+
+TEST_F(CatalogStoreTest, ADamagedObjectIsLeftOutToldAndNeverMadeAnew) {
+  Tamper(path_, "UPDATE grasp SET tz = tz + 0.01 WHERE object_id = 'obj_2'");
+  const Counted opened = OpenCounted(path_);
+  EXPECT_EQ(opened.prepared, 0);
+  const auto published = opened.store->Published();
+  EXPECT_EQ(published->ids, (std::vector<std::string>{"obj_0", "obj_1", "obj_3", "obj_4"}));
+  ASSERT_EQ(published->unusable.count("obj_2"), 1u);
+  EXPECT_NE(published->unusable.at("obj_2").find("digest"), std::string::npos);
+  ASSERT_EQ(opened.store->load_report().failures.size(), 1u);
+  EXPECT_EQ(opened.store->Rebuild("obj_2").status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(opened.store->CheckDerived("obj_2", true).code(), absl::StatusCode::kDataLoss);
+  const auto contents = opened.store->Compare({}).value();
+  EXPECT_EQ(contents.stored.size(), 5u);
+  EXPECT_EQ(contents.unusable.size(), 1u);
+  // What it takes to have it back.
+  ASSERT_TRUE(opened.store->Delete("obj_2").ok());
+  EXPECT_TRUE(opened.store->Published()->unusable.empty());
+  ASSERT_TRUE(opened.store->Create(SampleRecord("obj_2", 3)).ok());
+  EXPECT_EQ(opened.store->Published()->ids.size(), 5u);
+}
+
+TEST_F(CatalogStoreTest, LoadingStopsWhenItIsAskedTo) {
+  int looks = 0;
+  const auto load = [&](int at) {
+    looks = 0;
+    return CatchExceptions([&] {
+             return CatalogStore::Load(Catalog::Open(path_).value(),
+                                       FakePreparer(),
+                                       {.stop = [&looks, at] { return ++looks >= at; }});
+           })
+        .status();
+  };
+  ASSERT_TRUE(load(1 << 20).ok());
+  const int all = looks;
+  ASSERT_GE(all, 5);  // at least one an object
+  for (int at = 1; at <= 5; ++at) EXPECT_TRUE(absl::IsCancelled(load(at))) << at;
+}
+
+TEST_F(CatalogStoreTest, ARestoredCatalogIsPublishedWithNewKeys) {
+  const Counted opened = OpenCounted(path_);
+  ASSERT_TRUE(opened.store->catalog().Backup(dir_.File("copy.db")).ok());
+  ASSERT_TRUE(opened.store->Delete("obj_1").ok());
+  const auto before = opened.store->Published();
+  ASSERT_TRUE(opened.store->Restore(dir_.File("copy.db")).ok());
+  const auto after = opened.store->Published();
+  EXPECT_EQ(before->ids.size(), 4u);
+  EXPECT_EQ(after->ids.size(), 5u);
+  EXPECT_GT(after->snapshot.generation, before->snapshot.generation);
+  EXPECT_TRUE(opened.store->CheckIndex().ok()) << opened.store->CheckIndex();
+  ASSERT_TRUE(opened.store->Create(SampleRecord("new", 12)).ok());
+  EXPECT_TRUE(opened.store->CheckIndex().ok()) << opened.store->CheckIndex();
 }
 
 // A catalog larger than what is held in memory.

@@ -1,4 +1,4 @@
-#include "db/sha256.h"
+#include "server/base/sha256.h"
 
 #include <gtest/gtest.h>
 

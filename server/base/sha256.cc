@@ -1,5 +1,6 @@
-#include "db/sha256.h"
+#include "server/base/sha256.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstdint>
@@ -48,26 +49,33 @@ void Compress(const unsigned char* block, State& state) {
 
 }  // namespace
 
-std::string Sha256Hex(std::string_view bytes) {
-  State state = {0x6a09e667,
-                 0xbb67ae85,
-                 0x3c6ef372,
-                 0xa54ff53a,
-                 0x510e527f,
-                 0x9b05688c,
-                 0x1f83d9ab,
-                 0x5be0cd19};
+void Sha256::Add(std::string_view bytes) {
   const auto* data = reinterpret_cast<const unsigned char*>(bytes.data());
-  const size_t whole = bytes.size() / 64;
-  for (size_t i = 0; i < whole; ++i) Compress(data + 64 * i, state);
+  size_t left = bytes.size();
+  while (left > 0) {
+    const size_t held = size_ % 64;
+    const size_t taken = std::min(left, 64 - held);
+    if (taken == 64) {
+      Compress(data, state_);
+    } else {
+      std::memcpy(rest_.data() + held, data, taken);
+      if (held + taken == 64) Compress(rest_.data(), state_);
+    }
+    data += taken;
+    left -= taken;
+    size_ += taken;
+  }
+}
 
+std::string Sha256::Hex() const {
   // Padding: a one bit, zeros, the length in bits as 64-bit big-endian.
+  State state = state_;
   std::array<unsigned char, 128> tail = {};
-  const size_t rest = bytes.size() - 64 * whole;
-  if (rest > 0) std::memcpy(tail.data(), data + 64 * whole, rest);
+  const size_t rest = size_ % 64;
+  std::memcpy(tail.data(), rest_.data(), rest);
   tail[rest] = 0x80;
   const size_t tail_size = rest < 56 ? 64 : 128;
-  const uint64_t bits = uint64_t{bytes.size()} * 8;
+  const uint64_t bits = size_ * 8;
   for (int i = 0; i < 8; ++i) {
     tail[tail_size - 1 - i] = static_cast<unsigned char>(bits >> (8 * i));
   }
@@ -80,6 +88,12 @@ std::string Sha256Hex(std::string_view bytes) {
     for (int shift = 28; shift >= 0; shift -= 4) hex += kDigits[(word >> shift) & 15];
   }
   return hex;
+}
+
+std::string Sha256Hex(std::string_view bytes) {
+  Sha256 sha;
+  sha.Add(bytes);
+  return sha.Hex();
 }
 
 }  // namespace horopter

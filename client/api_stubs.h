@@ -1,0 +1,29 @@
+// What the files of the C++ client share; internal to client/.
+#pragma once
+
+#include <grpcpp/grpcpp.h>
+
+#include <memory>
+#include <string>
+
+#include "client/api.h"
+#include "horopter/v1/catalog.grpc.pb.h"
+#include "horopter/v1/recognition.grpc.pb.h"
+#include "horopter/v1/server.grpc.pb.h"
+
+namespace horopter {
+
+struct HoropterClient::Stubs {
+  absl::Status ready;
+  std::shared_ptr<grpc::Channel> channel;
+  std::unique_ptr<v1::CatalogService::Stub> catalog;
+  std::unique_ptr<v1::RecognitionService::Stub> recognition;
+  std::unique_ptr<v1::ServerService::Stub> server;
+};
+
+// The context must be of a call that is over.
+absl::Status ToAbsl(const grpc::Status& status,
+                    const grpc::ClientContext& context,
+                    const std::string& address);
+
+}  // namespace horopter

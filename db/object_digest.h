@@ -1,0 +1,24 @@
+// Fingerprint of all that a robot uses of an object; internal to db/.
+#pragma once
+
+#include <string>
+
+#include "absl/status/status.h"
+#include "db/sqlite.h"
+#include "server/vision/geometry/object_model.h"
+
+namespace horopter {
+
+// SHA-256 over, in this order: "HDIG" and version 1 as u32; the id; diameter; vertices; edges
+// (kind, ends, dihedral, polyline as its blob); mesh as its blob; symmetries; grasps (name, pose,
+// opening, width, quality, pre-grasp or a mark that there is none). Numbers little-endian (i64,
+// f64, -0 as 0, which SQLite does not keep apart), lists and texts after their length as u64.
+std::string DigestOf(const ObjectModel& model);
+
+// Stores the digest of a model whose rows were written. Inside the caller's transaction.
+absl::Status WriteDigest(sqlite3* db, const ObjectModel& model);
+
+// Errors: DATA_LOSS: the model that was read is not the one that was written.
+absl::Status CheckDigest(sqlite3* db, const ObjectModel& model);
+
+}  // namespace horopter

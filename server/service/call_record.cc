@@ -1,0 +1,103 @@
+#include "server/service/call_record.h"
+
+#include <spdlog/spdlog.h>
+
+#include <atomic>
+#include <random>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "server/base/status_macros.h"
+#include "server/service/rpc_status.h"
+#include "server/service/trace_context.h"
+
+namespace horopter {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr char kTraceParentKey[] = "traceparent";
+
+// Unique in this process; the random part tells the logs of two runs apart.
+std::string NextRequestId() {
+  static const uint32_t run = std::random_device{}();
+  static std::atomic<int64_t> next{1};
+  return absl::StrFormat("%08x-%06d", run, next++);
+}
+
+// "ipv4:10.0.0.7:41234" -> "ipv4:10.0.0.7": all connections of a machine are one peer.
+std::string HostOfPeer(const std::string& peer) {
+  return peer.substr(0, peer.rfind(':'));
+}
+
+}  // namespace
+
+CallRecord::CallRecord(const CallMethod& method,
+                       const CallGate& gate,
+                       grpc::CallbackServerContext* context)
+    : method_(method), gate_(gate), context_(context), start_(Clock::now()) {
+  record_.request_id = NextRequestId();
+  record_.method = method.name;
+  record_.admin_call = method.needs == Role::kAdmin;
+  record_.arrival = std::chrono::system_clock::now();
+  context->AddInitialMetadata(kRequestIdKey, record_.request_id);
+  const auto& metadata = context->client_metadata();
+  const auto parent = metadata.find(kTraceParentKey);
+  record_.trace = TraceContextFrom(
+      parent == metadata.end() ? std::string_view()
+                               : std::string_view(parent->second.data(), parent->second.size()));
+}
+
+absl::Status CallRecord::Authorize() {
+  if (gate_.access == nullptr) return absl::PermissionDeniedError("nobody may call");
+  HOROPTER_ASSIGN_OR_RETURN(const Caller caller, gate_.access->Authorize(*context_, method_.needs));
+  record_.caller = caller.name;
+  return absl::OkStatus();
+}
+
+std::string CallRecord::TurnOf() const {
+  return record_.caller.empty() ? HostOfPeer(context_->peer()) : record_.caller;
+}
+
+void CallRecord::Begin() {
+  record_.queue_seconds = SecondsSinceStart();
+  begun_ = true;
+}
+
+grpc::Status CallRecord::End(const absl::Status& status) noexcept {
+  try {
+    Log(status);
+    Tell(status);
+  } catch (...) {
+  }
+  return ToRpcStatus(status, context_);
+}
+
+double CallRecord::SecondsSinceStart() const {
+  return std::chrono::duration<double>(Clock::now() - start_).count();
+}
+
+void CallRecord::Log(const absl::Status& status) const {
+  const auto level = status.ok() ? spdlog::level::info : spdlog::level::warn;
+  spdlog::log(level,
+              "request={} method={} peer={} caller={} code={} ms={:.1f}{}",
+              record_.request_id,
+              method_.name,
+              context_->peer(),
+              record_.caller.empty() ? "-" : record_.caller,
+              absl::StatusCodeToString(status.code()),
+              1e3 * SecondsSinceStart(),
+              status.ok() ? "" : absl::StrCat(" error=", Quoted(std::string(status.message()))));
+}
+
+void CallRecord::Tell(const absl::Status& status) {
+  if (gate_.sink == nullptr) return;
+  record_.peer = context_->peer();
+  record_.status = status;
+  record_.busy = !RetryAfter(status).empty();
+  record_.total_seconds = SecondsSinceStart();
+  if (!begun_) record_.queue_seconds = record_.total_seconds;
+  gate_.sink->OnRequest(record_);
+}
+
+}  // namespace horopter

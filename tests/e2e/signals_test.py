@@ -1,0 +1,144 @@
+#!/usr/bin/env python3
+"""SIGTERM while the catalog is loaded, while calls run, and twice.
+
+    signals_test.py HOROPTER HOROPTERD MOCK_HOROPTERD PACKAGE_FOLDER DATASET
+"""
+import json
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+
+HOROPTER, HOROPTERD, MOCK, PACKAGE, DATASET = map(os.path.abspath, sys.argv[1:6])
+sys.path.insert(0, PACKAGE)
+
+import grpc  # noqa: E402
+
+import horopter  # noqa: E402
+from horopter.v1 import catalog_pb2_grpc  # noqa: E402
+
+IMAGE = os.path.join(DATASET, "val", "000005", "rgb", "000000.png")
+
+
+class Program:
+    """A server; its log is read as it comes."""
+
+    def __init__(self, *command):
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.said = []
+
+    def await_line(self, mark):
+        for line in self.process.stdout:
+            self.said.append(line)
+            if mark in line:
+                return line
+        raise AssertionError("no line with %r: %s" % (mark, "".join(self.said)))
+
+    def signal(self, number):
+        self.process.send_signal(number)
+
+    def end(self):
+        """Exit code; the rest of the log is in `said`."""
+        self.said.append(self.process.communicate(timeout=60)[0])
+        return self.process.returncode
+
+
+class Signals(unittest.TestCase):
+
+    def setUp(self):
+        self.folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, self.folder)
+        self.db = os.path.join(self.folder, "parts.db")
+
+    def start(self):
+        program = Program(HOROPTERD, "--db", self.db, "--listen", "127.0.0.1:0")
+        self.addCleanup(program.process.stdout.close)
+        self.addCleanup(program.process.kill)
+        return program
+
+    def test_while_the_catalog_is_loaded(self):
+        server = self.start()
+        address = server.await_line("listening on ").split("listening on ")[1].strip()
+        for i in (1, 2):
+            subprocess.run([HOROPTER, "--server", address, "object", "add",
+                            os.path.join(DATASET, "cad", "obj_%06d.step" % i), "--id", "part-%d" % i],
+                           check=True, capture_output=True)
+        server.signal(signal.SIGTERM)
+        self.assertEqual(server.end(), 0)
+        with sqlite3.connect(self.db) as db:  # of another program: all are prepared anew, which takes seconds
+            db.execute("UPDATE derived SET version = 0")
+        db.close()
+        server = self.start()
+        server.await_line("loading catalog")
+        server.signal(signal.SIGTERM)
+        self.assertEqual(server.end(), 0)
+        self.assertIn("stopped while the catalog was loaded", "".join(server.said))
+        server = self.start()
+        server.await_line("2 objects ready")
+        server.signal(signal.SIGTERM)
+        self.assertEqual(server.end(), 0)
+
+    def test_a_second_one_does_not_wait_for_calls(self):
+        server = self.start()
+        address = server.await_line("listening on ").split("listening on ")[1].strip()
+        silent = threading.Event()
+        with grpc.insecure_channel(address) as channel:
+            def never():
+                silent.wait()
+                yield from ()
+            call = catalog_pb2_grpc.CatalogServiceStub(channel).RestoreCatalog.future(never())
+            # On the server by the time that a later call of the same connection is answered.
+            catalog_pb2_grpc.CatalogServiceStub(channel).ListObjects(horopter.client.catalog_pb2.ListObjectsRequest())
+            server.signal(signal.SIGTERM)
+            server.await_line("draining")
+            self.assertIsNone(server.process.poll())
+            server.signal(signal.SIGTERM)
+            self.assertEqual(server.end(), 128 + signal.SIGTERM)
+            silent.set()
+            call.cancel()
+
+    def test_no_accepted_call_fails(self):
+        log = os.path.join(self.folder, "requests.jsonl")
+        server = Program(MOCK, "--delay-ms", "100", "--workers", "2", "--queue", "6", "--request-log", log)
+        self.addCleanup(server.process.stdout.close)
+        self.addCleanup(server.process.kill)
+        address = server.await_line("listening on ").split("listening on ")[1].strip()
+        outcomes, stop = [], threading.Event()
+
+        def client():
+            with horopter.Client(address, deadline_s=30, retries=0) as c:
+                while not stop.is_set():
+                    try:
+                        c.recognize([IMAGE])
+                        outcomes.append("OK")
+                    except horopter.HoropterError as error:
+                        outcomes.append(error.code)
+                        if error.code == "UNAVAILABLE":
+                            return
+
+        threads = [threading.Thread(target=client) for _ in range(12)]
+        for thread in threads:
+            thread.start()
+        while outcomes.count("OK") < 10:
+            time.sleep(0.01)
+        server.signal(signal.SIGTERM)
+        self.assertEqual(server.end(), 0)
+        stop.set()
+        for thread in threads:
+            thread.join()
+        self.assertLessEqual(set(outcomes), {"OK", "UNAVAILABLE", "RESOURCE_EXHAUSTED"})
+        with open(log, encoding="utf-8") as lines:
+            codes = [json.loads(line)["code"] for line in lines]
+        self.assertEqual(codes.count("OK"), outcomes.count("OK"))
+        self.assertLessEqual(set(codes), {"OK", "UNAVAILABLE", "RESOURCE_EXHAUSTED"})
+        print("SIGTERM under load: %s" % {code: outcomes.count(code) for code in sorted(set(outcomes))})
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
