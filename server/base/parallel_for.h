@@ -10,8 +10,8 @@ namespace horopter {
 // slot, so the result does not depend on the number of threads. Returns when all are done: a loop
 // may stand in the body of another, and a busy or empty pool only makes it slower.
 //
-// What a body throws, or a stop (stop_scope.h), leaves ParallelFor in the calling thread (of several
-// the first); items that were not begun by then are left out.
+// What a body throws, or a stop (stop_scope.h), leaves ParallelFor in the calling thread (the first
+// of several); items that were not begun by then are left out.
 void ParallelFor(int count, int threads, absl::FunctionRef<void(int)> body);
 
 // As long as it lives, the loops that this thread runs, and those in their bodies, together use at

@@ -24,7 +24,11 @@ void StopScope::SetCurrent(const StopRequested* stop) {
 }
 
 void LeaveIfStopped() {
-  if (current_stop != nullptr && IsStopRequested(*current_stop)) throw WorkStopped();
+  if (IsWorkStopped()) throw WorkStopped();
+}
+
+bool IsWorkStopped() {
+  return current_stop != nullptr && IsStopRequested(*current_stop);
 }
 
 }  // namespace horopter

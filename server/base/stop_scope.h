@@ -31,5 +31,7 @@ class StopScope {
 // Throws WorkStopped when the work of this thread is to stop. ParallelFor asks before each item;
 // loops of their own that take more than some 10 ms ask at about each millisecond. Costs 50 ns.
 void LeaveIfStopped();
+// The same as an answer, for callbacks of libraries that exceptions must not pass.
+bool IsWorkStopped();
 
 }  // namespace horopter

@@ -3,10 +3,12 @@
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/impl/server_builder_option.h>
 #include <sys/stat.h>
 
 #include <algorithm>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
@@ -20,27 +22,21 @@ constexpr int kMaxStreamsPerConnection = 100;
 constexpr int kMaxMetadataBytes = 16 << 10;
 constexpr mode_t kOwnerAlone = 0077;
 
-// gRPC asks its plugins of every server that it builds; this says whether the one that is being
-// built on this thread is to have reflection.
-thread_local bool wants_reflection = false;
-
-class NoPlugin final : public grpc::ServerBuilderPlugin {
+// The library with reflection adds it to every server that is built.
+class WithoutReflection final : public grpc::ServerBuilderOption {
  public:
-  std::string name() override { return "horopter.no_plugin"; }
-  void InitServer(grpc::ServerInitializer*) override {}
-  void Finish(grpc::ServerInitializer*) override {}
-  void ChangeArguments(const std::string&, void*) override {}
+  void UpdateArguments(grpc::ChannelArguments*) override {}
+  void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
+    std::erase_if(*plugins, [](const auto& plugin) {
+      return plugin->name().find("reflection") != std::string::npos;
+    });
+  }
 };
-
-std::unique_ptr<grpc::ServerBuilderPlugin> ReflectionPlugin() {
-  if (!wants_reflection) return std::make_unique<NoPlugin>();
-  return std::make_unique<grpc::reflection::ProtoServerReflectionPlugin>();
-}
 
 void EnableHealthAndReflection() {
   static const bool enabled = [] {
     grpc::EnableDefaultHealthCheckService(true);
-    grpc::ServerBuilder::InternalAddPluginFactory(&ReflectionPlugin);
+    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     return true;
   }();
   (void)enabled;
@@ -85,8 +81,8 @@ absl::StatusOr<std::unique_ptr<Listener>> Listener::Start(const ListenerOptions&
   HOROPTER_ASSIGN_OR_RETURN(const std::shared_ptr<grpc::ServerCredentials> credentials,
                             MakeServerCredentials(is_unix ? TlsOptions() : options.tls));
   std::unique_ptr<Listener> listener(new Listener(std::move(access), served));
-  wants_reflection = options.reflection;
   grpc::ServerBuilder builder;
+  if (!options.reflection) builder.SetOption(std::make_unique<WithoutReflection>());
   SetLimits(options, &builder);
   builder.RegisterService(&listener->recognition_);
   builder.RegisterService(&listener->catalog_);

@@ -1,11 +1,9 @@
 // Log lines that nothing in them can break.
 #pragma once
 
-#include <memory>
+#include <spdlog/formatter.h>
 
-namespace spdlog {
-class formatter;
-}
+#include <memory>
 
 namespace horopter {
 

@@ -60,7 +60,7 @@ class StreamReactor : public grpc::ServerWriteReactor<Response> {
   void Complete(const absl::Status& status) {
     {
       const std::lock_guard lock(mutex_);
-      status_ = status;
+      ending_ = status;
       complete_ = true;
     }
     Drive();
@@ -85,7 +85,7 @@ class StreamReactor : public grpc::ServerWriteReactor<Response> {
       const std::lock_guard lock(mutex_);
       if (under_way_ || finished_) return;
       if (cancelled_ && !complete_ && !PostsByItself()) {
-        status_ = absl::CancelledError("the client went away");
+        ending_ = absl::CancelledError("the client went away");
         complete_ = true;
       }
       if (has_waiting_ && !cancelled_) {
@@ -100,7 +100,7 @@ class StreamReactor : public grpc::ServerWriteReactor<Response> {
       }
     }
     if (next == Next::kWrite) this->StartWrite(&message_);
-    if (next == Next::kFinish) this->Finish(call_.End(status_));
+    if (next == Next::kFinish) this->Finish(call_.End(ending_));
   }
 
   void OnWriteDone(bool ok) override {
@@ -129,7 +129,7 @@ class StreamReactor : public grpc::ServerWriteReactor<Response> {
   std::mutex mutex_;
   bool under_way_ = false;  // guarded by mutex_, as all below
   bool has_waiting_ = false, complete_ = false, finished_ = false;
-  absl::Status status_;
+  absl::Status ending_;
   Response waiting_, message_;
 };
 

@@ -6,6 +6,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/base/stop_scope.h"
 #include "server/vision/features/arcs.h"
 #include "server/vision/features/chain_splitting.h"
 #include "server/vision/features/co_conic.h"
@@ -98,6 +99,7 @@ absl::StatusOr<Pieces> DetectByLinking(const cv::Mat& image, const FeatureOption
       pieces.segments.push_back(*std::move(fitted));
     }
   }
+  LeaveIfStopped();
   ArcOptions arcs;
   arcs.max_arcs = options.max_arcs;
   pieces.arcs = FindArcs(pieces.chains, fields, image.cols, image.rows, arcs);
@@ -125,6 +127,7 @@ absl::StatusOr<Pieces> DetectByChannels(const cv::Mat& image, const FeatureOptio
     }
   }
   pieces.chains = JoinChains(edges, channels);
+  LeaveIfStopped();
   ArcOptions arcs;
   arcs.max_arcs = options.max_arcs;
   pieces.arcs = FindArcs(
@@ -140,6 +143,7 @@ absl::StatusOr<ImageFeatures> Detect(const cv::Mat& image, const FeatureOptions&
                             options.detector == EdgeDetector::kLinkedField
                                 ? DetectByLinking(image, options)
                                 : DetectByChannels(image, options));
+  LeaveIfStopped();
   features.counts["lines_detected"] = pieces.lines_detected;
   features.counts["lines_fitted"] = static_cast<double>(pieces.segments.size());
   features.segments = MergeSegments(std::move(pieces.segments), options);
@@ -149,13 +153,16 @@ absl::StatusOr<ImageFeatures> Detect(const cv::Mat& image, const FeatureOptions&
     features.counts["segments_cut"] = static_cast<double>(features.segments.size() - limit);
     features.segments.resize(limit);  // strongest first
   }
+  LeaveIfStopped();
   features.arcs = std::move(pieces.arcs);
   features.counts["arcs_straight"] =
       ReconcileArcs(CoConicOptions(), &features.arcs, &features.segments);
   MeasureSideColours(image, &features.segments);
+  LeaveIfStopped();
   features.junctions = FindJunctions(features.segments, options);
   features.conic_junctions =
       FindConicJunctions(features.segments, features.arcs, ConicJunctionOptions());
+  LeaveIfStopped();
   features.chains = std::move(pieces.chains);
   features.counts["segments_in_texture"] = MarkTexture(features.chains,
                                                        features.junctions,

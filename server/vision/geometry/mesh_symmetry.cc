@@ -10,6 +10,7 @@
 #include <optional>
 #include <random>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/geometry/surface_distance.h"
 
 namespace horopter {
@@ -71,6 +72,7 @@ class Prober {
   // Mean distance of the first `count` samples of the area; at least `enough` if it gets there.
   double Mean(const Rigid3& motion, int count, double enough) const {
     count = std::min<int>(count, static_cast<int>(area_.size()));
+    LeaveIfStopped();
     const double most = enough * count;
     double sum = 0.0;
     for (int i = 0; i < count; ++i) {

@@ -8,6 +8,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
@@ -236,6 +238,13 @@ void FillFocalDeviations(const BundleOptions& options,
   }
 }
 
+class StopCallback final : public ceres::IterationCallback {
+ public:
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
+    return IsWorkStopped() ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
+  }
+};
+
 }  // namespace
 
 BundleSummary AdjustBundle(const BundleOptions& options, Bundle* bundle) {
@@ -251,8 +260,11 @@ BundleSummary AdjustBundle(const BundleOptions& options, Bundle* bundle) {
   solver.num_threads = 1;  // same sums in the same order on every run
   solver.logging_type = ceres::SILENT;
   solver.function_tolerance = 1e-7;
+  StopCallback stop;
+  solver.callbacks.push_back(&stop);
   ceres::Solver::Summary report;
   ceres::Solve(solver, &problem, &report);
+  LeaveIfStopped();
   if (!report.IsSolutionUsable() || !AllFinite(p)) return summary;
   summary.usable = true;
   summary.cost = report.final_cost;

@@ -113,6 +113,21 @@ void FailOneByOne(const Recognizer& recognizer, int64_t all_of_the_first) {
   EXPECT_TRUE(run().ok());
 }
 
+// Reading, checking, decoding, converting and answering.
+TEST(AllocationFailure, OfAnySizeOutsideOfTheStagesIsAStatusOfTheRequest) {
+  smallest = 0;
+  FailOneByOne(
+      [](const SceneRequest& request,
+         const CatalogSnapshot&,
+         const CallLimits&) -> absl::StatusOr<PipelineResult> {
+        PipelineResult result;
+        result.answer.cameras.resize(request.images.size());
+        result.answer.objects.emplace_back().object_id = "box";
+        return result;
+      },
+      2000);
+}
+
 // Large allocations: some of OpenCV's destructors throw when a small one failed before (4.6,
 // BufferArea), which nobody can catch.
 TEST(AllocationFailure, OfSomeSizeAnywhereInTheStagesIsAStatusOfTheRequest) {

@@ -119,7 +119,7 @@ TEST_F(CatalogStreams, DamageIsToldAtTheStartAndByVerification) {
   sqlite3* db = nullptr;
   ASSERT_EQ(sqlite3_open(path_.c_str(), &db), SQLITE_OK);
   sqlite3_exec(
-      db, "UPDATE vertex SET y = y + 1e-5 WHERE object_id = 'b'", nullptr, nullptr, nullptr);
+      db, "UPDATE vertex SET y = y + 1e-6 WHERE object_id = 'b'", nullptr, nullptr, nullptr);
   sqlite3_close(db);
   Open();
   const Verified verified = Verify();

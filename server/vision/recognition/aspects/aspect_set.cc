@@ -6,6 +6,8 @@
 #include <limits>
 #include <numbers>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
@@ -203,6 +205,7 @@ AspectSet MakeAspects(const RenderMesh& mesh,
   set.render_px = options.render_px;
   set.center = mesh.center;
   for (const Vector3d& direction : Directions(options.directions, symmetries)) {
+    LeaveIfStopped();
     Aspect aspect;
     aspect.camera_from_object = RotationFrom(direction).cast<float>();
     set.aspects.push_back(aspect);

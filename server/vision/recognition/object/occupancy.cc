@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
@@ -52,6 +53,7 @@ Occupancy ComputeOccupancy(const TriangleMesh& mesh) {
   // An irrational shift keeps the rays off vertices and edges, which lie at round numbers.
   const double shift = 0.4142135 * out.cell_m;
   for (int y = 0; y < out.size.y(); ++y) {
+    LeaveIfStopped();
     for (int x = 0; x < out.size.x(); ++x) {
       const double px = low.x() + x * out.cell_m + shift, py = low.y() + y * out.cell_m + shift;
       std::vector<double> crossings;

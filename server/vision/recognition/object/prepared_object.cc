@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "server/base/status_macros.h"
+#include "server/base/stop_scope.h"
 #include "server/vision/geometry/depth_buffer.h"
 #include "server/vision/geometry/pinhole_camera.h"
 
@@ -84,6 +85,7 @@ void ComputeAspects(const PrepareOptions& options, PreparedObject* object) {
   DepthBuffer buffer = MakeDepthBuffer(kAspectPixels, kAspectPixels);
 
   for (int aspect = 0; aspect < kAspectCount; ++aspect) {
+    LeaveIfStopped();
     const Eigen::Vector3d direction = AspectDirection(aspect);
     Rigid3 camera_from_object;
     const Eigen::Vector3d x = direction.unitOrthogonal();
