@@ -9,8 +9,8 @@
 #include "db/object_digest.h"
 #include "db/object_rows.h"
 #include "db/open_database.h"
-#include "server/base/sha256.h"
 #include "db/sqlite.h"
+#include "server/base/sha256.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {

@@ -188,6 +188,7 @@ int Fail(const absl::Status& status) {
 }
 
 int Serve(const Flags& flags, StopSignals& signals) {
+  if (const absl::Status valid = Validate(flags.server); !valid.ok()) return Fail(valid);
   spdlog::info("loading catalog {}", flags.db);
   absl::StatusOr<std::unique_ptr<Catalog>> catalog = Catalog::Open(flags.db);
   if (!catalog.ok()) return Fail(catalog.status());

@@ -132,11 +132,12 @@ class Signals(unittest.TestCase):
         stop.set()
         for thread in threads:
             thread.join()
-        self.assertLessEqual(set(outcomes), {"OK", "UNAVAILABLE", "RESOURCE_EXHAUSTED"})
         with open(log, encoding="utf-8") as lines:
             codes = [json.loads(line)["code"] for line in lines]
         self.assertEqual(codes.count("OK"), outcomes.count("OK"))
+        # What reached the server was answered; gRPC itself cancels calls that arrive while it closes the connections.
         self.assertLessEqual(set(codes), {"OK", "UNAVAILABLE", "RESOURCE_EXHAUSTED"})
+        self.assertLessEqual(set(outcomes), {"OK", "UNAVAILABLE", "RESOURCE_EXHAUSTED", "CANCELLED"})
         print("SIGTERM under load: %s" % {code: outcomes.count(code) for code in sorted(set(outcomes))})
 
 
