@@ -6,7 +6,8 @@
 
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/aspects/fragment_blob.h"
+#include "server/vision/recognition/object/aspect_part.h"
+#include "server/vision/recognition/object/prepared_blob.h"
 #include "tests/diagnose/ground_truth.h"
 
 namespace horopter {
@@ -19,29 +20,22 @@ std::string ReadAll(const std::string& path) {
   return text.str();
 }
 
-absl::Status LoadPart(const ObjectModel& model,
-                      const std::string& cache,
-                      ObjectAspects* object,
-                      PartFragments* fragments) {
+absl::StatusOr<std::shared_ptr<const PreparedObject>> LoadPart(const ObjectModel& model,
+                                                               const std::string& cache) {
+  PrepareOptions options;
+  options.aspects = true;
   const std::string stem = cache + "/" + model.id;
   if (!cache.empty()) {
-    auto known = DecodeObjectAspects(ReadAll(stem + ".aspects"), model);
-    if (known.ok()) {
-      *object = *std::move(known);
-      auto drawn = DecodePartFragments(ReadAll(stem + ".fragments"), object->aspects);
-      if (drawn.ok()) {
-        *fragments = *std::move(drawn);
-        return absl::OkStatus();
-      }
-    }
+    auto known =
+        RestorePrepared(model, {ReadAll(stem + ".derived"), ReadAll(stem + ".keys")}, options);
+    if (known.ok()) return known;
   }
-  HOROPTER_ASSIGN_OR_RETURN(*object, MakeObjectAspects(model));
-  *fragments = MakePartFragments(object->mesh, object->aspects);
-  if (cache.empty()) return absl::OkStatus();
-  std::ofstream(stem + ".aspects", std::ios::binary) << EncodeObjectAspects(*object, model);
-  std::ofstream(stem + ".fragments", std::ios::binary)
-      << EncodePartFragments(*fragments, object->aspects);
-  return absl::OkStatus();
+  auto made = PrepareObject(model, options);
+  if (cache.empty() || !made.ok()) return made;
+  const PreparedBytes bytes = EncodePrepared(**made, options);
+  std::ofstream(stem + ".derived", std::ios::binary) << bytes.data;
+  std::ofstream(stem + ".keys", std::ios::binary) << bytes.keys;
+  return made;
 }
 
 }  // namespace
@@ -56,16 +50,12 @@ absl::Status LoadAspectCatalog(const BopDataset& dataset,
     catalog->models.push_back(std::move(model));
   }
   const int n = static_cast<int>(catalog->models.size());
-  catalog->objects.resize(n);
-  catalog->fragments.resize(n);
-  std::vector<absl::Status> status(n);
-  ParallelFor(n, 2, [&](int i) {
-    status[i] = LoadPart(catalog->models[i], cache, &catalog->objects[i], &catalog->fragments[i]);
-  });
-  for (const absl::Status& s : status) HOROPTER_RETURN_IF_ERROR(s);
-  for (int i = 0; i < n; ++i) {
-    catalog->parts.push_back(
-        {&catalog->objects[i], &catalog->fragments[i], catalog->models[i].symmetries});
+  std::vector<absl::StatusOr<std::shared_ptr<const PreparedObject>>> prepared(n);
+  ParallelFor(n, 2, [&](int i) { prepared[i] = LoadPart(catalog->models[i], cache); });
+  for (auto& object : prepared) {
+    HOROPTER_RETURN_IF_ERROR(object.status());
+    catalog->objects.push_back(*std::move(object));
+    catalog->parts.push_back(AspectPartOf(*catalog->objects.back()));
   }
   HOROPTER_ASSIGN_OR_RETURN(catalog->index, BuildFragmentIndex(catalog->parts, lookup));
   return absl::OkStatus();

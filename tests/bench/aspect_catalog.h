@@ -1,28 +1,27 @@
 // The parts of a BOP data set as the search for aspects knows them, from its true models.
 #pragma once
 
-#include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "client/bop_dataset.h"
-#include "server/vision/recognition/aspects/aspect_blob.h"
 #include "server/vision/recognition/aspects/fragment_index.h"
+#include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
 
 struct AspectCatalog {
   std::vector<int> obj_ids;
   std::vector<ObjectModel> models;
-  std::vector<ObjectAspects> objects;
-  std::vector<PartFragments> fragments;
+  std::vector<std::shared_ptr<const PreparedObject>> objects;
   std::vector<AspectPart> parts;  // point into the others: do not copy
   FragmentIndex index;
 };
 
 // cache: folder that keeps what was derived of the parts between runs; empty: none. Errors: those
-// of the readers and of MakeObjectAspects.
+// of the readers and of PrepareObject.
 absl::Status LoadAspectCatalog(const BopDataset& dataset,
                                const std::string& cache,
                                AspectCatalog* catalog,

@@ -132,7 +132,7 @@ void WriteOverlay(const std::string& file,
       {0, 255, 0}, {0, 200, 255}, {255, 100, 255}, {255, 200, 0}, {0, 0, 255}};
   for (int h = std::min<int>(4, static_cast<int>(found.hypotheses.size()) - 1); h >= 0; --h) {
     const AspectHypothesis& hypothesis = found.hypotheses[h];
-    DrawEdges(catalog.objects[hypothesis.object].mesh,
+    DrawEdges(catalog.parts[hypothesis.object].object->mesh,
               hypothesis.camera,
               hypothesis.camera_from_object,
               colors[h],
@@ -356,7 +356,7 @@ class Report {
     std::vector<Place> taken;
     for (const AspectHypothesis& h : found.hypotheses) {
       if (h.score < kAccept) break;
-      const RenderMesh& mesh = catalog_.objects[h.object].mesh;
+      const RenderMesh& mesh = catalog_.parts[h.object].object->mesh;
       const Eigen::Vector3d c = h.camera_from_object * mesh.center.cast<double>();
       const Place place{Project(h.camera, c), h.camera.focal_px * mesh.diameter_m / c.z()};
       const bool free = std::none_of(taken.begin(), taken.end(), [&](const Place& t) {

@@ -6,6 +6,7 @@
 //     --cache       keeps what was derived of the parts between runs
 //     --hypotheses  keeps the hypotheses of the images between runs
 //     --bar         least joint score that is written (default 0: all)
+//     --standing    AspectLinkOptions::standing
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <fstream>
@@ -22,11 +23,15 @@
 namespace horopter {
 namespace {
 
+constexpr double kTruthRenderPx = 200.0;
+constexpr double kRightPx = 14.0;  // of a hypothesis, worst vertex
+
 struct Arguments {
   std::string dataset, split, out, cache, hypotheses;
   std::vector<int> scenes;
   int threads = 2;
   double bar = 0.0;
+  int standing = AspectLinkOptions{}.standing;
 };
 
 double Seconds(std::chrono::steady_clock::time_point since) {
@@ -100,6 +105,57 @@ void ReportScene(const std::vector<BopImage>& images,
   }
 }
 
+// What the true poses would score under the true cameras: parts below the bar are hidden or faint.
+void ReportTruth(const std::vector<BopImage>& images,
+                 const std::vector<AspectImage>& edges,
+                 const std::vector<std::vector<AspectHypothesis>>& hypotheses,
+                 const AspectCatalog& catalog) {
+  std::vector<std::optional<AspectSceneView>> views;
+  for (const BopImage& image : images) {
+    const Rigid3 first = images.front().instances.empty()
+                             ? Rigid3{}
+                             : images.front().instances.front().camera_from_object;
+    const Rigid3 here =
+        image.instances.empty() ? Rigid3{} : image.instances.front().camera_from_object;
+    views.push_back(AspectSceneView{image.camera, here * first.Inverse(), 0.0, 0.35});
+  }
+  for (const BopInstance& truth : images.front().instances) {
+    const auto part = std::find(catalog.obj_ids.begin(), catalog.obj_ids.end(), truth.obj_id);
+    if (part == catalog.obj_ids.end()) continue;
+    const int number = static_cast<int>(part - catalog.obj_ids.begin());
+    const LinkedObject o = JudgeInViews(edges,
+                                        catalog.parts[number].object->mesh,
+                                        views,
+                                        {number, truth.camera_from_object},
+                                        kTruthRenderPx);
+    std::cout << absl::StrFormat("  truth %d score %.3f:", truth.obj_id, o.score);
+    for (const AspectScore& s : o.views)
+      std::cout << absl::StrFormat(" %.2f (p %.2f r %.2f)", s.score, s.precision, s.recall);
+    std::cout << "; listed";
+    for (std::size_t v = 0; v < images.size(); ++v) {
+      std::size_t rank = 0;
+      const auto& list = hypotheses[v];
+      const auto pose = [&] {
+        const Rigid3 here = views[v]->camera_from_scene * truth.camera_from_object;
+        return here;
+      }();
+      while (rank < list.size() &&
+             (list[rank].object != number ||
+              WorstVertexPx(catalog.models[number],
+                            list[rank].camera,
+                            list[rank].camera_from_object,
+                            images[v].camera,
+                            pose) > kRightPx)) {
+        ++rank;
+      }
+      std::cout << (rank < list.size()
+                        ? absl::StrFormat(" %d (%.2f)", static_cast<int>(rank), list[rank].score)
+                        : " -");
+    }
+    std::cout << "\n";
+  }
+}
+
 absl::Status Run(const Arguments& arguments) {
   auto dataset = ReadBopDataset(arguments.dataset);
   if (!dataset.ok()) return dataset.status();
@@ -138,6 +194,7 @@ absl::Status Run(const Arguments& arguments) {
     const double search_s = Seconds(start);
     AspectLinkOptions options;
     options.threads = arguments.threads;
+    options.standing = arguments.standing;
     const LinkedScene linked = LinkAspects({images, priors, hypotheses, catalog.parts}, options);
     std::string focal;
     for (std::size_t v = 0; v < linked.views.size(); ++v) {
@@ -159,6 +216,7 @@ absl::Status Run(const Arguments& arguments) {
         search_s,
         Seconds(start) - search_s);
     ReportScene(scene.images, catalog, linked);
+    ReportTruth(scene.images, images, hypotheses, catalog);
     std::cout << std::flush;
     for (const LinkedObject& o : linked.objects) {
       if (o.score < arguments.bar) continue;
@@ -191,6 +249,7 @@ int main(int argc, char** argv) {
   app.add_option("--hypotheses", arguments.hypotheses);
   app.add_option("--threads", arguments.threads);
   app.add_option("--bar", arguments.bar);
+  app.add_option("--standing", arguments.standing);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);
   if (!status.ok()) {

@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <numeric>
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspects/aspect_score.h"
+#include "server/vision/recognition/aspects/standing_search.h"
 
 namespace horopter {
 namespace {
@@ -19,15 +21,27 @@ constexpr double kMostChance = 0.5;
 constexpr std::size_t kLongList = 12;  // hypotheses of which a fifth may be right
 constexpr double kShownScore = 0.35;   // of the best object in a view whose camera is right
 constexpr int kSeedObjects = 8;
-constexpr int kCompleted = 2;            // drafts, of those that explain ...
-constexpr double kNearlyBest = 0.8;      // ... this share of what the best does
+constexpr int kCompleted = 3;            // drafts, of those that explain ...
+constexpr double kNearlyBest = 0.6;      // ... this share of what the best does
 constexpr int kRescues = 2;              // rounds in which doubtful views are looked at again
 constexpr double kDoubtfulShare = 0.5;   // of what the middle view shows: looked at again
 constexpr double kPoorShare = 0.4;       // ... and left out when that did not help
 constexpr double kBetterScore = 0.06;    // of another pose of an object in one view
 constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
 constexpr double kNearM = 1e-3;
-constexpr std::size_t kCarriedSeeds = 6;       // times pair_seeds: links that are looked at closer
+constexpr int kFineTurns = 120;  // of a round part
+constexpr int kPeaks = 3;        // of these, that are looked at closer
+constexpr int kPeakWidth = 4;
+constexpr std::size_t kLinkTurns = 2;     // of one pair of hypotheses
+constexpr double kLeastCarried = 0.02;    // that tells turns apart
+constexpr double kSameAxis = 0.01;        // between unit vectors
+constexpr double kSameLinkRad = 0.07;     // relative poses of two views nearer than this are one
+constexpr double kSameLinkShare = 0.12;   // ... and of their distance
+constexpr double kCarriedShare = 0.2;     // of carried edges against a hypothesis's weight
+constexpr double kCarriedReach = 0.06;    // of the size
+constexpr double kCarriedReachPx[] = {4.0, 12.0};
+constexpr double kFreeChance = 0.10;
+constexpr int kDraftCarried = 12;  // hypotheses carried over before all views are there
 constexpr std::size_t kCarriedHypotheses = 8;  // of a view, by their edges in the other one
 constexpr int kCarriedPoints = 100;
 constexpr double kCarriedChance = 0.35;  // support of edges in a wrong place
@@ -73,20 +87,20 @@ class Linker {
       weights_.push_back(Weights(kept));
       hypotheses_.push_back(std::move(kept));
     }
-    for (const AspectPart& part : in_.parts) meshes_.push_back(&part.object->mesh);
+    for (const AspectPart& part : in_.parts) {
+      meshes_.push_back(&part.object->mesh);
+      fine_turns_.push_back(FineTurns(part));
+    }
   }
 
   LinkedScene Run() {
     RenderBest();
-    std::vector<GrownScene> seeds = PairSeeds();
-    for (GrownScene& seed : seeds) {
-      if (IsStopRequested(stop_)) break;
-      Grow(&seed);
+    LinkedScene best;
+    for (const Draft& draft : Drafts(Seeds())) {
+      if (IsStopRequested(stop_) && !best.objects.empty()) break;
+      LinkedScene scene = Completed(draft.scene);
+      if (scene.score > best.score) best = std::move(scene);
     }
-    std::stable_sort(seeds.begin(), seeds.end(), [](const GrownScene& a, const GrownScene& b) {
-      return a.support > b.support;
-    });
-    LinkedScene best = BestOf(Drafts(seeds));
     if (best.views.empty()) best.views.resize(in_.images.size());
     searched_again_.assign(best.views.size(), false);
     if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1)
@@ -100,6 +114,7 @@ class Linker {
       best = std::move(more);
     }
     if (!best.objects.empty()) DropPoorViews(&best);
+    AddStanding(&best);
     if (LinkedScene turned = best; ChooseTurns(&turned)) {
       turned = Finish(SceneOf(turned));
       if (turned.score > best.score) best = std::move(turned);
@@ -139,6 +154,52 @@ class Linker {
     const std::size_t most = static_cast<std::size_t>(std::max(1, options_.max_symmetries));
     const std::size_t count = std::min(all.size(), most);
     for (std::size_t i = 0; i < count; ++i) turns->push_back(all[i * all.size() / count]);
+  }
+
+  // Turns of a round part in steps of three degrees, both ways up when that looks the same.
+  static std::vector<Rigid3> FineTurns(const AspectPart& part) {
+    std::vector<Rigid3> out;
+    for (const SymmetryAxis& axis : part.round) {
+      std::vector<Rigid3> sides = {Rigid3{}};
+      for (const Rigid3& s : part.symmetries) {
+        if ((s.R * axis.axis + axis.axis).norm() > kSameAxis) continue;
+        sides.push_back(s);
+        break;
+      }
+      for (const Rigid3& side : sides) {
+        for (int k = 0; k < kFineTurns; ++k)
+          out.push_back(TurnAbout(axis, 2 * std::numbers::pi * k / kFineTurns) * side);
+      }
+    }
+    return out;
+  }
+
+  // The turns by which hypotheses of one part may link two views: of a round part those that the
+  // edges of other parts bear out, `support` says how well.
+  template <typename SupportOfTurn>
+  std::vector<Rigid3> LinkTurns(int object, const SupportOfTurn& support) const {
+    const std::vector<Rigid3>& fine = fine_turns_[object];
+    if (fine.empty()) return Turns(object);
+    std::vector<double> supports;
+    for (const Rigid3& turn : fine) supports.push_back(support(turn));
+    std::vector<int> order(fine.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(
+        order.begin(), order.end(), [&](int a, int b) { return supports[a] > supports[b]; });
+    if (supports[order.front()] < kLeastCarried) return Turns(object);
+    std::vector<int> kept;
+    for (const int t : order) {
+      if (static_cast<int>(kept.size()) >= kPeaks) break;
+      const bool beside = std::any_of(kept.begin(), kept.end(), [&](int k) {
+        const int apart = std::abs(t - k) % kFineTurns;
+        return t / kFineTurns == k / kFineTurns &&
+               std::min(apart, kFineTurns - apart) < kPeakWidth;
+      });
+      if (!beside) kept.push_back(t);
+    }
+    std::vector<Rigid3> out;
+    for (const int t : kept) out.push_back(fine[t]);
+    return out;
   }
 
   AspectSceneView ViewOf(int v, const PinholeCamera& camera, const Rigid3& pose) const {
@@ -220,26 +281,48 @@ class Linker {
   }
 
   // What the edges of view `from`'s best hypotheses find where a link of two views shows them in
-  // view `to`, which has no such hypothesis: settles which of a symmetric part's turns links them.
-  double CarriedSupport(const GrownScene& scene, int from, int to) const {
+  // view `to`: settles which of a symmetric part's turns links them. `known` needs no telling.
+  double CarriedSupport(const AspectSceneView& view_from,
+                        const AspectSceneView& view_to,
+                        int from,
+                        int to,
+                        const std::vector<int>& known) const {
     double sum = 0.0;
     const Rigid3 to_from_from =
-        scene.views[to]->camera_from_scene * scene.views[from]->camera_from_scene.Inverse();
+        view_to.camera_from_scene * view_from.camera_from_scene.Inverse();
     for (std::size_t k = 0; k < points_[from].size(); ++k) {
       const AspectHypothesis& h = hypotheses_[from][k];
-      const bool known =
-          std::any_of(scene.objects.begin(), scene.objects.end(), [&](const GrownObject& o) {
-            return o.hypothesis[from] == static_cast<int>(k);
-          });
-      if (known || weights_[from][k] <= kLeastWeight) continue;
+      if (weights_[from][k] <= kLeastWeight ||
+          std::find(known.begin(), known.end(), static_cast<int>(k)) != known.end()) {
+        continue;
+      }
       const Rigid3 pose =
           to_from_from *
-          WithFocal(h.camera_from_object, h.camera.focal_px, scene.views[from]->camera.focal_px);
-      const double found =
-          PointSupport(in_.images[to], points_[from][k], scene.views[to]->camera, pose);
-      sum += std::max(0.0, found - kCarriedChance) * weights_[from][k];
+          WithFocal(h.camera_from_object, h.camera.focal_px, view_from.camera.focal_px);
+      sum += weights_[from][k] * Found(to, h.object, points_[from][k], view_to.camera, pose);
     }
     return sum;
+  }
+
+  // Support of a part's edge points above what a wrong place gives, 0 .. 1; its pose is not exact.
+  double Found(int v,
+               int object,
+               const std::vector<ModelEdgePoint>& points,
+               const PinholeCamera& camera,
+               const Rigid3& pose) const {
+    const double depth = (pose * meshes_[object]->center.cast<double>()).z();
+    if (depth < kNearM) return 0.0;
+    const double size = camera.focal_px * meshes_[object]->diameter_m / depth *
+                        in_.images[v].working_from_image;
+    const double reach = std::clamp(kCarriedReach * size, kCarriedReachPx[0], kCarriedReachPx[1]);
+    const double found = PointSupport(in_.images[v], points, camera, pose, kFreeChance, reach);
+    return std::max(0.0, found - kCarriedChance) / (1.0 - kCarriedChance);
+  }
+
+  static std::vector<int> HypothesesOf(const GrownScene& scene, int v) {
+    std::vector<int> out;
+    for (const GrownObject& o : scene.objects) out.push_back(o.hypothesis[v]);
+    return out;
   }
 
   // Edge points of the best hypotheses of each view.
@@ -295,7 +378,8 @@ class Linker {
     return true;
   }
 
-  std::vector<GrownScene> PairSeeds() const {
+  // Links of pairs of views, best first, of each pair only a few.
+  std::vector<GrownScene> Seeds() const {
     const int views = static_cast<int>(in_.images.size());
     if (views == 1) return SingleViewSeeds();
     std::vector<std::pair<int, int>> pairs;
@@ -304,27 +388,63 @@ class Linker {
     }
     std::vector<std::vector<GrownScene>> of_pair(pairs.size());
     ParallelFor(static_cast<int>(pairs.size()), options_.threads, [&](int p) {
-      const auto [a, b] = pairs[p];
-      std::vector<GrownScene>& found = of_pair[p];
-      for (std::size_t i = 0; i < hypotheses_[a].size(); ++i) {
-        if (IsStopRequested(stop_)) return;
-        for (std::size_t j = 0; j < hypotheses_[b].size(); ++j) {
-          if (hypotheses_[a][i].object != hypotheses_[b][j].object) continue;
-          for (const Rigid3& turn : Turns(hypotheses_[a][i].object)) {
-            found.push_back(LinkPair(a, b, static_cast<int>(i), static_cast<int>(j), turn));
-          }
-        }
-      }
-      KeepBest(kCarriedSeeds * static_cast<std::size_t>(options_.pair_seeds), &found);
-      for (GrownScene& s : found) s.support += CarriedSupport(s, a, b) + CarriedSupport(s, b, a);
-      KeepBest(static_cast<std::size_t>(options_.pair_seeds), &found);
+      of_pair[p] = PairSeeds(pairs[p].first, pairs[p].second);
     });
     std::vector<GrownScene> all;
     for (auto& found : of_pair) {
       for (GrownScene& s : found) all.push_back(std::move(s));
     }
-    KeepBest(static_cast<std::size_t>(options_.pair_seeds), &all);
+    KeepBest(all.size(), &all);
     return all;
+  }
+
+  std::vector<GrownScene> PairSeeds(int a, int b) const {
+    std::vector<GrownScene> found;
+    for (std::size_t i = 0; i < hypotheses_[a].size(); ++i) {
+      if (IsStopRequested(stop_)) return found;
+      for (std::size_t j = 0; j < hypotheses_[b].size(); ++j) {
+        const AspectHypothesis &h = hypotheses_[a][i], &g = hypotheses_[b][j];
+        if (h.object != g.object) continue;
+        const std::vector<int> here = {static_cast<int>(i)}, there = {static_cast<int>(j)};
+        const auto support = [&](const Rigid3& turn) {
+          const AspectSceneView from = ViewOf(a, h.camera, h.camera_from_object);
+          const AspectSceneView to = ViewOf(b, g.camera, g.camera_from_object * turn);
+          return CarriedSupport(from, to, a, b, here) + CarriedSupport(to, from, b, a, there);
+        };
+        // Of one link the best turns.
+        std::vector<GrownScene> turned;
+        for (const Rigid3& turn : LinkTurns(h.object, support))
+          turned.push_back(LinkPair(a, b, here.front(), there.front(), turn));
+        KeepBest(kLinkTurns, &turned);
+        for (GrownScene& s : turned) found.push_back(std::move(s));
+      }
+    }
+    KeepBest(static_cast<std::size_t>(options_.pair_seeds), &found);
+    for (GrownScene& s : found) {
+      s.support += CarriedSupport(*s.views[a], *s.views[b], a, b, HypothesesOf(s, a)) +
+                   CarriedSupport(*s.views[b], *s.views[a], b, a, HypothesesOf(s, b));
+    }
+    KeepBest(found.size(), &found);
+    std::vector<GrownScene> apart;
+    for (GrownScene& s : found) {
+      if (static_cast<int>(apart.size()) >= options_.links_per_pair) break;
+      const bool known = std::any_of(apart.begin(), apart.end(), [&](const GrownScene& other) {
+        return IsSameLink(s, other, a, b);
+      });
+      if (!known) apart.push_back(std::move(s));
+    }
+    return apart;
+  }
+
+  // Whether two links of views say nearly the same: where b's camera stands and looks from a's.
+  bool IsSameLink(const GrownScene& s, const GrownScene& other, int a, int b) const {
+    const auto relative = [&](const GrownScene& scene) {
+      return scene.views[b]->camera_from_scene * scene.views[a]->camera_from_scene.Inverse();
+    };
+    const Rigid3 first = relative(s), second = relative(other);
+    const double cosine = 0.5 * ((first.R * second.R.transpose()).trace() - 1.0);
+    return cosine > std::cos(kSameLinkRad) &&
+           (first.t - second.t).norm() < kSameLinkShare * std::max(first.t.norm(), second.t.norm());
   }
 
   std::vector<GrownScene> SingleViewSeeds() const {
@@ -347,44 +467,110 @@ class Linker {
     if (scenes->size() > count) scenes->resize(count);
   }
 
-  // Adds the other views, each by the camera under which most placed objects are where the view's
-  // own hypotheses say.
-  void Grow(GrownScene* scene) const {
-    for (std::size_t v = 0; v < scene->views.size(); ++v) {
-      if (scene->views[v]) continue;
-      std::optional<AspectSceneView> best_view;
-      double best = 0.0;
-      for (const GrownObject& o : scene->objects) {
-        for (const AspectHypothesis& h : hypotheses_[v]) {
-          if (h.object != o.placed.object) continue;
-          for (const Rigid3& turn : Turns(h.object)) {
-            const AspectSceneView view =
-                ViewOf(static_cast<int>(v),
-                       h.camera,
-                       h.camera_from_object * turn * o.placed.scene_from_object.Inverse());
-            double sum = 0.0;
-            for (const GrownObject& other : scene->objects) {
-              sum += BestAgreeing(static_cast<int>(v),
-                                  view,
-                                  other.placed.object,
-                                  view.camera_from_scene * other.placed.scene_from_object)
-                         .second;
-            }
-            if (sum > best) best = sum, best_view = view;
-          }
+  // Adds the view that the placed objects explain best, by the camera under which most of them are
+  // where its hypotheses or its edges say. Returns it, -1: none of `wanted`.
+  int Grow(const std::vector<bool>& wanted, GrownScene* scene) const {
+    const std::vector<std::vector<ModelEdgePoint>> points = PointsOf(*scene);
+    const int count = static_cast<int>(scene->views.size());
+    std::vector<std::pair<double, AspectSceneView>> best(count);
+    ParallelFor(count, options_.threads, [&](int v) {
+      if (!scene->views[v] && wanted[v]) best[v] = BestView(*scene, points, v);
+    });
+    const auto most = std::max_element(
+        best.begin(), best.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+    if (most->first <= 0.0) return -1;
+    const int v = static_cast<int>(most - best.begin());
+    scene->views[v] = most->second;
+    scene->support += most->first;
+    for (GrownObject& o : scene->objects) {
+      const Rigid3 expected = most->second.camera_from_scene * o.placed.scene_from_object;
+      o.hypothesis[v] = BestAgreeing(v, most->second, o.placed.object, expected).first;
+    }
+    return v;
+  }
+
+  std::pair<double, AspectSceneView> BestView(
+      const GrownScene& scene,
+      const std::vector<std::vector<ModelEdgePoint>>& points,
+      int v) const {
+    std::pair<double, AspectSceneView> best{0.0, {}};
+    for (const GrownObject& o : scene.objects) {
+      for (const AspectHypothesis& h : hypotheses_[v]) {
+        if (h.object != o.placed.object) continue;
+        const auto view_of = [&](const Rigid3& turn) {
+          return ViewOf(
+              v, h.camera, h.camera_from_object * turn * o.placed.scene_from_object.Inverse());
+        };
+        const auto support = [&](const Rigid3& turn) {
+          return SupportOfView(scene, points, v, view_of(turn), &o) +
+                 SupportInOthers(scene, v, view_of(turn), h);
+        };
+        for (const Rigid3& turn : LinkTurns(h.object, support)) {
+          const AspectSceneView view = view_of(turn);
+          const double sum =
+              SupportOfView(scene, points, v, view, nullptr) + SupportInOthers(scene, v, view, h);
+          if (sum > best.first) best = {sum, view};
         }
       }
-      if (!best_view) continue;
-      scene->views[v] = best_view;
-      scene->support += best;
-      for (GrownObject& o : scene->objects) {
-        o.hypothesis[v] = BestAgreeing(static_cast<int>(v),
-                                       *best_view,
-                                       o.placed.object,
-                                       best_view->camera_from_scene * o.placed.scene_from_object)
-                              .first;
-      }
     }
+    return best;
+  }
+
+  // What a view under this camera says of the scene's objects: by its hypotheses, or else by its
+  // edges. Of all but `linking`.
+  double SupportOfView(const GrownScene& scene,
+                       const std::vector<std::vector<ModelEdgePoint>>& points,
+                       int v,
+                       const AspectSceneView& view,
+                       const GrownObject* linking) const {
+    double sum = 0.0;
+    for (std::size_t o = 0; o < scene.objects.size(); ++o) {
+      if (&scene.objects[o] == linking) continue;
+      const AspectSceneObject& placed = scene.objects[o].placed;
+      const Rigid3 expected = view.camera_from_scene * placed.scene_from_object;
+      sum += std::max(BestAgreeing(v, view, placed.object, expected).second,
+                      kCarriedShare * Found(v, placed.object, points[o], view.camera, expected));
+    }
+    return sum;
+  }
+
+  // What the edges of the registered view nearest in number bear out of the view's own hypotheses.
+  double SupportInOthers(const GrownScene& scene,
+                         int v,
+                         const AspectSceneView& view,
+                         const AspectHypothesis& linking) const {
+    int nearest = -1;
+    for (int w = 0; w < static_cast<int>(scene.views.size()); ++w) {
+      if (scene.views[w] && (nearest < 0 || std::abs(w - v) < std::abs(nearest - v))) nearest = w;
+    }
+    std::vector<int> known;
+    for (std::size_t k = 0; k < points_[v].size(); ++k) {
+      const AspectHypothesis& h = hypotheses_[v][k];
+      const bool placed = std::any_of(
+          scene.objects.begin(), scene.objects.end(), [&](const GrownObject& o) {
+            return o.placed.object == h.object;
+          });
+      if (&h == &linking || placed) known.push_back(static_cast<int>(k));
+    }
+    return CarriedSupport(view, *scene.views[nearest], v, nearest, known);
+  }
+
+  // Visible edges of the scene's objects, each as the first view that is registered sees it.
+  std::vector<std::vector<ModelEdgePoint>> PointsOf(const GrownScene& scene) const {
+    PoseEdgeOptions edges;
+    edges.max_points = kCarriedPoints;
+    edges.render_px = options_.quick_render_px;
+    const auto view = std::find_if(
+        scene.views.begin(), scene.views.end(), [](const auto& v) { return v.has_value(); });
+    std::vector<std::vector<ModelEdgePoint>> out;
+    for (const GrownObject& o : scene.objects) {
+      out.push_back(
+          RenderedEdgePoints(*meshes_[o.placed.object],
+                             (*view)->camera,
+                             (*view)->camera_from_scene * o.placed.scene_from_object,
+                             edges));
+    }
+    return out;
   }
 
   // Cameras and poses that agree best with what the views say of the objects: their hypotheses as
@@ -426,48 +612,64 @@ class Linker {
     double score = 0.0;
   };
 
-  // The best seeds adjusted first to what their views say, then to the images; best first.
+  // The best links adjusted first to what their views say, then to the images, with what both views
+  // show of other objects; those that explain nearly as much as the best, best first.
   std::vector<Draft> Drafts(const std::vector<GrownScene>& seeds) const {
     std::vector<Draft> drafts;
-    std::vector<double> tried;
     for (const GrownScene& seed : seeds) {
       if (static_cast<int>(drafts.size()) >= options_.adjusted_seeds || IsStopRequested(stop_))
         break;
-      // The same links found from another pair of views.
-      if (std::any_of(tried.begin(), tried.end(), [&](double s) {
-            return std::abs(s - seed.support) < 1e-9;
-          })) {
-        continue;
-      }
-      tried.push_back(seed.support);
       Draft draft;
       draft.scene.views = seed.views;
       for (const GrownObject& o : seed.objects) draft.scene.objects.push_back(o.placed);
       AdjustToHypotheses(seed, &draft.scene);
-      AspectAdjustmentOptions coarse = options_.adjustment;
-      coarse.render_px = options_.quick_render_px;
-      AdjustToEdges(in_.images, meshes_, coarse, options_.threads, &draft.scene);
+      AdjustCoarsely(&draft.scene);
+      if (Sift(&draft.scene) > 0.0) CarryOver(kDraftCarried, &draft.scene);
       draft.score = Sift(&draft.scene);
       drafts.push_back(std::move(draft));
     }
     std::stable_sort(drafts.begin(), drafts.end(), [](const Draft& a, const Draft& b) {
       return a.score > b.score;
     });
+    while (static_cast<int>(drafts.size()) > kCompleted ||
+           (!drafts.empty() && drafts.back().score < kNearlyBest * drafts.front().score)) {
+      drafts.pop_back();
+    }
     return drafts;
   }
 
-  // Drafts that explain nearly as much as the best are completed, the others could not catch up.
-  LinkedScene BestOf(std::vector<Draft> drafts) const {
-    LinkedScene best;
-    int completed = 0;
-    for (Draft& draft : drafts) {
-      if (IsStopRequested(stop_) && !best.objects.empty()) break;
-      if (completed >= kCompleted || draft.score < kNearlyBest * drafts.front().score) break;
-      ++completed;
-      LinkedScene scene = Finish(&draft.scene);
-      if (scene.score > best.score) best = std::move(scene);
+  void AdjustCoarsely(AspectScene* scene) const {
+    AspectAdjustmentOptions coarse = options_.adjustment;
+    coarse.render_px = options_.quick_render_px;
+    AdjustToEdges(in_.images, meshes_, coarse, options_.threads, scene);
+  }
+
+  // A draft with the other views added one by one, each held against the images before the next.
+  LinkedScene Completed(AspectScene scene) const {
+    AddViews(&scene);
+    return Finish(&scene);
+  }
+
+  void AddViews(AspectScene* scene) const {
+    std::vector<bool> wanted(scene->views.size(), true);
+    while (!scene->objects.empty() && !IsStopRequested(stop_)) {
+      GrownScene grown;
+      grown.views = scene->views;
+      for (const AspectSceneObject& o : scene->objects)
+        grown.objects.push_back({o, std::vector<int>(scene->views.size(), -1)});
+      const int v = Grow(wanted, &grown);
+      if (v < 0) break;
+      wanted[v] = false;
+      AspectScene more;
+      more.views = grown.views;
+      more.objects = scene->objects;
+      AdjustCoarsely(&more);
+      Sift(&more);
+      CarryOver(kDraftCarried, &more);
+      Sift(&more);
+      if (more.objects.empty() || !more.views[v]) continue;
+      *scene = std::move(more);
     }
-    return best;
   }
 
   // Views that show much less of the objects than the others do: of three and more.
@@ -550,7 +752,7 @@ class Linker {
     for (int round = 0; round < 2; ++round) {
       const std::size_t before = scene->objects.size();
       if (before == 0 || IsStopRequested(stop_)) break;
-      CarryOver(scene);
+      CarryOver(options_.carried, scene);
       if (round == 0 || scene->objects.size() > before)
         AdjustToEdges(in_.images, meshes_, options_.adjustment, options_.threads, scene);
       Sift(scene);
@@ -649,7 +851,7 @@ class Linker {
   }
 
   // Hypotheses of all views in the scene's cameras, those that most views confirm.
-  void CarryOver(AspectScene* scene) const {
+  void CarryOver(int most, AspectScene* scene) const {
     std::vector<std::pair<double, AspectSceneObject>> carried;
     for (std::size_t v = 0; v < scene->views.size(); ++v) {
       if (!scene->views[v]) continue;
@@ -669,17 +871,23 @@ class Linker {
     std::erase_if(carried, [&](const std::pair<double, AspectSceneObject>& c) {
       return !IsFree(scene->views, scene->objects, c.second);
     });
-    if (static_cast<int>(carried.size()) > options_.carried) carried.resize(options_.carried);
-    std::vector<LinkedObject> judged(carried.size());
-    std::vector<AspectSceneObject> placed(carried.size());
-    ParallelFor(static_cast<int>(carried.size()), options_.threads, [&](int i) {
+    if (static_cast<int>(carried.size()) > most) carried.resize(most);
+    std::vector<AspectSceneObject> candidates;
+    for (auto& [score, object] : carried) candidates.push_back(object);
+    Place(std::move(candidates), scene);
+  }
+
+  // Candidates adjusted alone and added where the images bear them out and nothing else is.
+  void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const {
+    std::vector<LinkedObject> judged(candidates.size());
+    ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
       if (IsStopRequested(stop_)) return;
       // Its depth is the least certain: the other views set it.
-      placed[i] = Settled(scene->views, carried[i].second);
+      candidates[i] = Settled(scene->views, candidates[i]);
       judged[i] = JudgeInViews(in_.images,
-                               *meshes_[placed[i].object],
+                               *meshes_[candidates[i].object],
                                scene->views,
-                               placed[i],
+                               candidates[i],
                                options_.quick_render_px,
                                options_.shown_share);
     });
@@ -690,8 +898,30 @@ class Linker {
     });
     for (const int i : order) {
       if (judged[i].score < options_.min_quick) break;
-      if (IsFree(scene->views, scene->objects, placed[i])) scene->objects.push_back(placed[i]);
+      if (IsFree(scene->views, scene->objects, candidates[i]))
+        scene->objects.push_back(candidates[i]);
     }
+  }
+
+  // Parts on the plane under those found which no single image showed well enough.
+  void AddStanding(LinkedScene* best) const {
+    if (options_.standing <= 0 || best->registered() < 2 || IsStopRequested(stop_)) return;
+    AspectScene scene = SceneOf(*best);
+    const auto plane = PlaneUnder(scene.objects, in_.parts, scene.views);
+    if (!plane) return;
+    StandingSearchOptions search;
+    search.threads = options_.threads;
+    std::vector<AspectSceneObject> candidates;
+    for (const StandingCandidate& c :
+         FindStanding(in_.images, scene.views, in_.parts, *plane, scene.objects, search, stop_)) {
+      if (static_cast<int>(candidates.size()) >= options_.standing) break;
+      if (IsFree(scene.views, scene.objects, c.placed)) candidates.push_back(c.placed);
+    }
+    const std::size_t before = scene.objects.size();
+    Place(std::move(candidates), &scene);
+    if (scene.objects.size() == before) return;
+    LinkedScene more = Finish(&scene);
+    if (more.score > best->score) *best = std::move(more);
   }
 
   // An object adjusted alone, cameras held.
@@ -782,19 +1012,7 @@ class Linker {
     std::vector<bool> missing;
     for (const auto& view : found.views) missing.push_back(!view);
     SearchAgain(found, missing);
-    GrownScene grown;
-    grown.views = found.views;
-    for (const LinkedObject& o : found.objects) {
-      GrownObject object;
-      object.placed = {o.object, o.scene_from_object};
-      object.hypothesis.assign(found.views.size(), -1);
-      grown.objects.push_back(std::move(object));
-    }
-    Grow(&grown);
-    AspectScene scene;
-    scene.views = grown.views;
-    for (const GrownObject& o : grown.objects) scene.objects.push_back(o.placed);
-    return Finish(&scene);
+    return Completed(SceneOf(found));
   }
 
   // Whether the scene has this object in this place.
@@ -860,7 +1078,8 @@ class Linker {
   std::vector<const RenderMesh*> meshes_;
   // Of each view its best hypotheses' visible edges.
   std::vector<std::vector<std::vector<ModelEdgePoint>>> points_;
-  std::vector<bool> searched_again_;  // of each view
+  std::vector<bool> searched_again_;             // of each view
+  std::vector<std::vector<Rigid3>> fine_turns_;  // of each part; empty: it is not round
 };
 
 }  // namespace

@@ -21,9 +21,11 @@ struct AspectLinkOptions {
   double min_hypothesis = 0.12;   // score of these
   int max_symmetries = 24;        // of a part that are tried when views are linked
   double same_pose_share = 0.35;  // of its size: a part carried into another view may be so far off
-  int pair_seeds = 40;            // links of two views that are grown, of all pairs
-  int adjusted_seeds = 4;         // scenes that are adjusted and held against the images
+  int pair_seeds = 120;           // links of two views that are looked at closer, of each pair
+  int links_per_pair = 4;         // different ones that are kept
+  int adjusted_seeds = 12;        // links that are adjusted and held against the images, of all
   int carried = 40;               // hypotheses carried into all views of a scene
+  int standing = 40;              // places on the plane under the parts that are looked at closer
   double quick_render_px = 110.0;
   double min_quick = 0.36;   // mean score over the views of one that is placed and adjusted
   double apart_share = 0.4;  // of the smaller diameter: nearer centres are one place

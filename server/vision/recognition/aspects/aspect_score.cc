@@ -217,9 +217,10 @@ double PointSupport(const AspectImage& image,
                     std::span<const ModelEdgePoint> points,
                     const PinholeCamera& camera,
                     const Rigid3& camera_from_object,
-                    double free_chance) {
+                    double free_chance,
+                    double reach_px) {
   const PinholeCamera working = WorkingCamera(image, camera);
-  constexpr double kReachPx = 4.0;
+  const int level = reach_px > 4.0 ? AspectImage::ChanceLevel(static_cast<float>(reach_px)) : 0;
   double sum = 0.0, chance = 0.0;
   for (const ModelEdgePoint& p : points) {
     const Eigen::Vector3d x = camera_from_object * p.point.cast<double>();
@@ -230,8 +231,8 @@ double PointSupport(const AspectImage& image,
                               static_cast<float>(d.y() * x.z() - x.y() * d.z()));
     if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image.width && at.y() < image.height)) continue;
     const double distance = image.DistanceAt(at.x(), at.y(), bin) / AspectImage::kDistanceScale;
-    sum += std::max(0.0, 1.0 - distance / kReachPx);
-    chance += image.ChanceAt(at.x(), at.y(), bin, 0) / 255.0;
+    sum += std::max(0.0, 1.0 - distance / reach_px);
+    chance += image.ChanceAt(at.x(), at.y(), bin, level) / 255.0;
   }
   if (points.empty()) return 0.0;
   const double n = static_cast<double>(points.size());

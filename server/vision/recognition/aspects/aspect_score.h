@@ -45,11 +45,13 @@ AspectScore ScorePose(const AspectImage& image,
                       const AspectScoreOptions& options = {});
 
 // Mean support (0..1) that edge points of a part find in the distance maps, above what chance gives
-// there beyond `free_chance`. Much cheaper than a score: nothing is rendered.
+// there beyond `free_chance`; edges farther than reach_px (working pixels) support nothing. Much
+// cheaper than a score: nothing is rendered.
 double PointSupport(const AspectImage& image,
                     std::span<const ModelEdgePoint> points,
                     const PinholeCamera& camera,
                     const Rigid3& camera_from_object,
-                    double free_chance = 0.10);
+                    double free_chance = 0.10,
+                    double reach_px = 4.0);
 
 }  // namespace horopter

@@ -9,12 +9,20 @@
 
 #include "absl/status/statusor.h"
 #include "server/index/x_tree.h"
+#include "server/vision/geometry/mesh_symmetry.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
 #include "server/vision/recognition/aspects/aspect_fragments.h"
 
 namespace horopter {
 
-// A part as the search for aspects knows it; both outlive the index.
+// A way to rest on a plane: `up` is its unit normal in the object frame, the plane is
+// {x : up . x = -height_m}.
+struct RestingFace {
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  double height_m = 0.0;
+};
+
+// A part as the search for aspects knows it; what it points to outlives the index.
 struct AspectPart {
   const ObjectAspects* object = nullptr;
   const PartFragments* fragments = nullptr;
@@ -22,6 +30,8 @@ struct AspectPart {
   // Turns that leave the part the same but for small features: views that do not show these agree
   // on it only up to such a turn.
   std::vector<Rigid3> near_turns = {};
+  std::vector<RestingFace> resting = {};  // safest first
+  std::vector<SymmetryAxis> round = {};   // axes about which it is the same, or nearly, by any turn
 };
 
 // A point of an aspect in the plane: diameters from the image of its centre, and the direction of

@@ -9,13 +9,12 @@
 #include "absl/strings/str_format.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/object/prepared_object.h"
+#include "server/vision/recognition/object/aspect_part.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kNearTurns = 24;          // of a surface that is nearly one of revolution
 constexpr double kKnownLogSigma = 0.1;  // a focal length known better is not searched for
 
 double AboveChance(const LinkedObject& o, double chance) {
@@ -197,16 +196,7 @@ absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
                                                 std::span<const AspectImage> images) {
   BeginStep(context, "aspect_index");
   std::vector<AspectPart> parts;
-  for (const auto& o : context.objects) {
-    AspectPart& part = parts.emplace_back();
-    part.object = &o->aspects->object;
-    part.fragments = &o->aspects->fragments;
-    part.symmetries = o->model.symmetries;
-    for (const NearSymmetry& near : o->near_symmetries) {
-      const std::vector<Rigid3> turns = TurnsOf(near.axis, kNearTurns);
-      part.near_turns.insert(part.near_turns.end(), turns.begin(), turns.end());
-    }
-  }
+  for (const auto& o : context.objects) parts.push_back(AspectPartOf(*o));
   HOROPTER_ASSIGN_OR_RETURN(const FragmentIndex index, BuildFragmentIndex(parts));
   BeginStep(context, "aspect_search");
   std::vector<AspectViewPrior> priors;
