@@ -32,6 +32,7 @@ constexpr double kNearM = 1e-3;
 constexpr int kFineTurns = 120;  // of a round part
 constexpr int kPeaks = 3;        // of these, that are looked at closer
 constexpr int kPeakWidth = 4;
+constexpr double kNearPeak = 0.7;  // of the best support
 constexpr std::size_t kLinkTurns = 2;     // of one pair of hypotheses
 constexpr double kLeastCarried = 0.02;    // that tells turns apart
 constexpr double kSameAxis = 0.01;        // between unit vectors
@@ -41,9 +42,10 @@ constexpr double kCarriedShare = 0.2;     // of carried edges against a hypothes
 constexpr double kCarriedReach = 0.06;    // of the size
 constexpr double kCarriedReachPx[] = {4.0, 12.0};
 constexpr double kFreeChance = 0.10;
-constexpr int kDraftCarried = 12;  // hypotheses carried over before all views are there
+constexpr int kCoarsePoints = 120;
+constexpr int kDraftCarried = 8;  // hypotheses carried over before all views are there
 constexpr std::size_t kCarriedHypotheses = 8;  // of a view, by their edges in the other one
-constexpr int kCarriedPoints = 100;
+constexpr int kCarriedPoints = 48;
 constexpr double kCarriedChance = 0.35;  // support of edges in a wrong place
 constexpr double kTurnedScore = 0.01;    // by which another turn must be better
 constexpr double kOverlapShare = 0.35;   // of the smaller size: centres nearer in all views overlap
@@ -180,8 +182,18 @@ class Linker {
   std::vector<Rigid3> LinkTurns(int object, const SupportOfTurn& support) const {
     const std::vector<Rigid3>& fine = fine_turns_[object];
     if (fine.empty()) return Turns(object);
-    std::vector<double> supports;
-    for (const Rigid3& turn : fine) supports.push_back(support(turn));
+    // Every other turn, then those beside the good ones.
+    std::vector<double> supports(fine.size(), -1.0);
+    double best = 0.0;
+    for (std::size_t t = 0; t < fine.size(); t += 2) {
+      supports[t] = support(fine[t]);
+      best = std::max(best, supports[t]);
+    }
+    for (std::size_t t = 1; t < fine.size(); t += 2) {
+      const std::size_t next = (t + 1) % kFineTurns == 0 ? t + 1 - kFineTurns : t + 1;
+      if (std::max(supports[t - 1], supports[next]) > kNearPeak * best)
+        supports[t] = support(fine[t]);
+    }
     std::vector<int> order(fine.size());
     std::iota(order.begin(), order.end(), 0);
     std::stable_sort(
@@ -404,7 +416,10 @@ class Linker {
       if (IsStopRequested(stop_)) return found;
       for (std::size_t j = 0; j < hypotheses_[b].size(); ++j) {
         const AspectHypothesis &h = hypotheses_[a][i], &g = hypotheses_[b][j];
-        if (h.object != g.object) continue;
+        if (h.object != g.object ||
+            std::max(weights_[a][i], weights_[b][j]) <= kLeastWeight) {
+          continue;
+        }
         const std::vector<int> here = {static_cast<int>(i)}, there = {static_cast<int>(j)};
         const auto support = [&](const Rigid3& turn) {
           const AspectSceneView from = ViewOf(a, h.camera, h.camera_from_object);
@@ -641,6 +656,8 @@ class Linker {
   void AdjustCoarsely(AspectScene* scene) const {
     AspectAdjustmentOptions coarse = options_.adjustment;
     coarse.render_px = options_.quick_render_px;
+    coarse.search_px = {8.0, 5.0, 3.0};
+    coarse.max_points = kCoarsePoints;
     AdjustToEdges(in_.images, meshes_, coarse, options_.threads, scene);
   }
 

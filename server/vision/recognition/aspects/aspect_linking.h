@@ -23,7 +23,7 @@ struct AspectLinkOptions {
   double same_pose_share = 0.35;  // of its size: a part carried into another view may be so far off
   int pair_seeds = 120;           // links of two views that are looked at closer, of each pair
   int links_per_pair = 4;         // different ones that are kept
-  int adjusted_seeds = 12;        // links that are adjusted and held against the images, of all
+  int adjusted_seeds = 10;        // links that are adjusted and held against the images, of all
   int carried = 40;               // hypotheses carried into all views of a scene
   int standing = 40;              // places on the plane under the parts that are looked at closer
   double quick_render_px = 110.0;
