@@ -50,6 +50,8 @@ constexpr double kCarriedChance = 0.35;  // support of edges in a wrong place
 constexpr double kTurnedScore = 0.01;    // by which another turn must be better
 constexpr double kOverlapShare = 0.35;   // of the smaller size: centres nearer in all views overlap
 constexpr std::size_t kFewObjects = 2;   // a scene with more is sure of its views by agreement
+constexpr double kVisibleShare = 0.3;    // of its edges that others leave to see
+constexpr double kHidingScore = 0.42;    // of parts that are believed to hide others
 constexpr int kVirtualSteps = 12;
 constexpr double kVirtualSigmaPx = 6.0;
 
@@ -805,16 +807,77 @@ class Linker {
     return sum;
   }
 
+  // Each object by itself first, then with what better ones hide and explain.
   std::vector<LinkedObject> Judge(const AspectScene& scene, double render_px) const {
-    std::vector<LinkedObject> out(scene.objects.size());
-    ParallelFor(static_cast<int>(out.size()), options_.threads, [&](int i) {
-      out[i] = JudgeInViews(in_.images,
-                            *meshes_[scene.objects[i].object],
-                            scene.views,
-                            scene.objects[i],
-                            render_px,
-                            options_.shown_share);
+    const int count = static_cast<int>(scene.objects.size());
+    std::vector<LinkedObject> alone(count);
+    ParallelFor(count, options_.threads, [&](int i) {
+      alone[i] = JudgeAmong(scene.views, scene.objects[i], render_px, {});
     });
+    const std::vector<std::vector<PartLayer>> layers = LayersOf(scene, alone);
+    std::vector<LinkedObject> out(count);
+    ParallelFor(count, options_.threads, [&](int i) {
+      const ViewLayers others = Overlapping(scene, layers, i, [&](int o) {
+        return alone[o].score > alone[i].score;
+      });
+      out[i] = others.empty() ? alone[i]
+                              : JudgeAmong(scene.views, scene.objects[i], render_px, others);
+    });
+    return out;
+  }
+
+  LinkedObject JudgeAmong(const std::vector<std::optional<AspectSceneView>>& views,
+                          const AspectSceneObject& placed,
+                          double render_px,
+                          const ViewLayers& others) const {
+    return JudgeInViews(in_.images,
+                        *meshes_[placed.object],
+                        views,
+                        placed,
+                        render_px,
+                        options_.shown_share,
+                        others);
+  }
+
+  // [object][view], of those that are sure enough to hide others.
+  std::vector<std::vector<PartLayer>> LayersOf(const AspectScene& scene,
+                                               const std::vector<LinkedObject>& judged) const {
+    std::vector<std::vector<PartLayer>> out(scene.objects.size());
+    AspectScoreOptions options;
+    options.render_px = options_.quick_render_px;
+    ParallelFor(static_cast<int>(out.size()), options_.threads, [&](int o) {
+      out[o].resize(scene.views.size());
+      if (judged[o].score < kHidingScore) return;
+      for (std::size_t v = 0; v < scene.views.size(); ++v) {
+        if (!scene.views[v]) continue;
+        out[o][v] =
+            MakePartLayer(in_.images[v],
+                          *meshes_[scene.objects[o].object],
+                          scene.views[v]->camera,
+                          scene.views[v]->camera_from_scene * scene.objects[o].scene_from_object,
+                          options);
+      }
+    });
+    return out;
+  }
+
+  // Layers of the wanted objects near object i in any view; empty when there are none.
+  template <typename IsWanted>
+  ViewLayers Overlapping(const AspectScene& scene,
+                         const std::vector<std::vector<PartLayer>>& layers,
+                         int i,
+                         const IsWanted& is_wanted) const {
+    ViewLayers out(scene.views.size());
+    bool any = false;
+    for (int o = 0; o < static_cast<int>(layers.size()); ++o) {
+      if (o == i || !is_wanted(o)) continue;
+      for (std::size_t v = 0; v < layers[o].size(); ++v) {
+        if (layers[o][v].width == 0) continue;
+        out[v].push_back(&layers[o][v]);
+        any = true;
+      }
+    }
+    if (!any) out.clear();
     return out;
   }
 
@@ -896,17 +959,19 @@ class Linker {
 
   // Candidates adjusted alone and added where the images bear them out and nothing else is.
   void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const {
+    std::vector<LinkedObject> there(scene->objects.size());
+    ParallelFor(static_cast<int>(there.size()), options_.threads, [&](int i) {
+      there[i] =
+          JudgeAmong(scene->views, scene->objects[i], options_.quick_render_px, {});
+    });
+    const std::vector<std::vector<PartLayer>> layers = LayersOf(*scene, there);
+    const ViewLayers others = Overlapping(*scene, layers, -1, [](int) { return true; });
     std::vector<LinkedObject> judged(candidates.size());
     ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
       if (IsStopRequested(stop_)) return;
       // Its depth is the least certain: the other views set it.
       candidates[i] = Settled(scene->views, candidates[i]);
-      judged[i] = JudgeInViews(in_.images,
-                               *meshes_[candidates[i].object],
-                               scene->views,
-                               candidates[i],
-                               options_.quick_render_px,
-                               options_.shown_share);
+      judged[i] = JudgeAmong(scene->views, candidates[i], options_.quick_render_px, others);
     });
     std::vector<int> order(judged.size());
     std::iota(order.begin(), order.end(), 0);
@@ -1111,7 +1176,8 @@ LinkedObject JudgeInViews(std::span<const AspectImage> images,
                           const std::vector<std::optional<AspectSceneView>>& views,
                           const AspectSceneObject& placed,
                           double render_px,
-                          double shown_share) {
+                          double shown_share,
+                          const ViewLayers& others) {
   LinkedObject out;
   out.object = placed.object;
   out.scene_from_object = placed.scene_from_object;
@@ -1132,9 +1198,19 @@ LinkedObject JudgeInViews(std::span<const AspectImage> images,
       inside += u.x() >= 0 && u.y() >= 0 && u.x() < camera.width && u.y() < camera.height;
     }
     if (inside < 8 * shown_share) continue;
+    out.views[v] = ScorePose(images[v],
+                             mesh,
+                             camera,
+                             pose,
+                             options,
+                             others.empty() ? std::span<const PartLayer* const>() : others[v]);
+    const AspectScore& score = out.views[v];
+    if (score.visible_px < kVisibleShare * (score.visible_px + score.hidden_px)) {
+      out.views[v] = {};
+      continue;
+    }
     out.shown[v] = true;
     ++shown;
-    out.views[v] = ScorePose(images[v], mesh, camera, pose, options);
     out.score += out.views[v].score;
     out.precision += out.views[v].precision;
   }

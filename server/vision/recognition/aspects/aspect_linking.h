@@ -11,6 +11,7 @@
 #include "server/base/stop_token.h"
 #include "server/vision/recognition/aspects/aspect_adjustment.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/recognition/aspects/aspect_score.h"
 #include "server/vision/recognition/aspects/find_aspects.h"
 #include "server/vision/recognition/aspects/fragment_index.h"
 
@@ -74,12 +75,17 @@ LinkedScene LinkAspects(const AspectLinkInput& input,
                         const AspectLinkOptions& options = {},
                         const StopRequested& stop = {});
 
-// Scores of an object in all registered views of a scene.
+// Layers of the parts that may hide a part, of each view.
+using ViewLayers = std::vector<std::vector<const PartLayer*>>;
+
+// Scores of an object in all registered views of a scene; `others` is empty or has one entry a view.
+// A view that shows little of the object because of the others does not count.
 LinkedObject JudgeInViews(std::span<const AspectImage> images,
                           const RenderMesh& mesh,
                           const std::vector<std::optional<AspectSceneView>>& views,
                           const AspectSceneObject& placed,
                           double render_px,
-                          double shown_share = 0.6);
+                          double shown_share = 0.6,
+                          const ViewLayers& others = {});
 
 }  // namespace horopter

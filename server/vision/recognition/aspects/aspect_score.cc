@@ -10,6 +10,13 @@
 namespace horopter {
 namespace {
 
+// How the part stands among others.
+struct Seen {
+  const Rigid3& camera_from_object;
+  std::span<const PartLayer* const> others;
+  double hidden_m = 0.0;
+};
+
 // Nearest model edge point of each working pixel near the part, within the tolerance.
 struct ModelRaster {
   int x0 = 0, y0 = 0, width = 0, height = 0;
@@ -110,9 +117,28 @@ double ExcessChance(const AspectImage& image,
   return std::max(0.0, image.ChanceAt(at.x(), at.y(), bin, level) / 255.0 - options.free_chance);
 }
 
+// Whether one of the parts stands here, nearer than `inverse_depth`; 0: at any depth.
+bool IsCovered(std::span<const PartLayer* const> others, int x, int y, float inverse_depth) {
+  return std::any_of(others.begin(), others.end(), [&](const PartLayer* o) {
+    return o->Has(x, y) && o->inverse_depth[o->Cell(x, y)] > inverse_depth;
+  });
+}
+
+// Whether one of the parts has a like-directed edge here.
+bool IsEdgeOf(std::span<const PartLayer* const> others, int x, int y, int bin) {
+  return std::any_of(others.begin(), others.end(), [&](const PartLayer* o) {
+    if (!o->Has(x, y)) return false;
+    const int there = o->edge_bin[o->Cell(x, y)];
+    if (there == PartLayer::kNoEdge) return false;
+    const int apart = std::abs(bin - there);
+    return std::min(apart, kAspectBins - apart) <= 1;
+  });
+}
+
 // Precision, supported and visible length.
 void ScoreModelEdges(const AspectImage& image,
                      const VisibleEdges& edges,
+                     const Seen& seen,
                      const AspectScoreOptions& options,
                      AspectScore* score) {
   const float tolerance = static_cast<float>(options.tolerance_px * AspectImage::kDistanceScale);
@@ -128,6 +154,16 @@ void ScoreModelEdges(const AspectImage& image,
     if (i + 1 < n && edges.points[i + 1].chain == p.chain) {
       length += 0.5f * (edges.points[i + 1].image - p.image).norm();
     }
+    if (!seen.others.empty()) {
+      const double depth = (seen.camera_from_object * p.point.cast<double>()).z();
+      if (IsCovered(seen.others,
+                    static_cast<int>(std::lround(p.image.x())),
+                    static_cast<int>(std::lround(p.image.y())),
+                    static_cast<float>(1.0 / (depth - seen.hidden_m)))) {
+        score->hidden_px += length;
+        continue;
+      }
+    }
     const int bin = AspectBin(p.tangent.x(), p.tangent.y());
     const float d = image.DistanceAt(p.image.x(), p.image.y(), bin);
     score->visible_px += length;
@@ -140,9 +176,31 @@ void ScoreModelEdges(const AspectImage& image,
   score->precision = std::max(0.0, (score->support_px / score->visible_px - chance) / (1 - chance));
 }
 
+bool IsExplained(const ModelRaster& raster,
+                 const VisibleEdges& edges,
+                 const ImageEdgePoint& edge,
+                 int x,
+                 int y,
+                 float least_cosine) {
+  const int rx = x - raster.x0, ry = y - raster.y0;
+  if (rx < 0 || ry < 0 || rx >= raster.width || ry >= raster.height) return false;
+  const std::int32_t m = raster.nearest[static_cast<std::size_t>(ry) * raster.width + rx];
+  if (m < 0) return false;
+  const Eigen::Vector2f& tangent = edges.points[m].tangent;
+  return std::abs(tangent.x() * edge.normal.y() - tangent.y() * edge.normal.x()) >= least_cosine;
+}
+
+// Of a place in the rendering, 0 where the part is not.
+float InverseDepthAt(const RenderedView& view, const Eigen::Vector2d& at) {
+  const int x = static_cast<int>(std::lround(at.x())), y = static_cast<int>(std::lround(at.y()));
+  if (x < 0 || y < 0 || x >= view.width || y >= view.height) return 0.0f;
+  return view.inverse_depth[static_cast<std::size_t>(y) * view.width + x];
+}
+
 double Recall(const AspectImage& image,
               const PinholeCamera& working,
               const VisibleEdges& edges,
+              const Seen& seen,
               double size_px,
               const AspectScoreOptions& options) {
   const ModelRaster raster = RasterEdges(edges, image, options.tolerance_px);
@@ -170,18 +228,18 @@ double Recall(const AspectImage& image,
         continue;
       }
       const int bin = AspectBin(-edge.normal.y(), edge.normal.x());
+      const bool own = IsExplained(raster, edges, edge, x, y, least_cosine);
+      if (!own && !seen.others.empty() &&
+          (IsEdgeOf(seen.others, x, y, bin) ||
+           IsCovered(seen.others, x, y, InverseDepthAt(edges.view, at)))) {
+        continue;
+      }
       // Where half of all places are supported, an edge says nothing.
       const double telling =
           std::max(0.0, 1.0 - 2.0 * ExcessChance(image, edge.point, bin, options));
       const double strength = telling * std::min(edge.strength, AspectImage::kMaxStrength);
       all += strength;
-      const int rx = x - raster.x0, ry = y - raster.y0;
-      if (rx < 0 || ry < 0 || rx >= raster.width || ry >= raster.height) continue;
-      const std::int32_t m = raster.nearest[static_cast<std::size_t>(ry) * raster.width + rx];
-      if (m < 0) continue;
-      const Eigen::Vector2f& tangent = edges.points[m].tangent;
-      const float across = tangent.x() * edge.normal.y() - tangent.y() * edge.normal.x();
-      if (std::abs(across) >= least_cosine) explained += strength;
+      if (own) explained += strength;
     }
   }
   return all > 0 ? explained / all : 0.0;
@@ -193,7 +251,8 @@ AspectScore ScorePose(const AspectImage& image,
                       const RenderMesh& mesh,
                       const PinholeCamera& camera,
                       const Rigid3& camera_from_object,
-                      const AspectScoreOptions& options) {
+                      const AspectScoreOptions& options,
+                      std::span<const PartLayer* const> others) {
   AspectScore score;
   if (image.width == 0) return score;
   const PinholeCamera working = WorkingCamera(image, camera);
@@ -201,16 +260,50 @@ AspectScore ScorePose(const AspectImage& image,
   rendering.render_px = options.render_px;
   const VisibleEdges edges = FindVisibleEdges(mesh, working, camera_from_object, rendering);
   if (edges.points.empty()) return score;
-  ScoreModelEdges(image, edges, options, &score);
+  const Seen seen{camera_from_object, others, options.hidden_share * mesh.diameter_m};
+  ScoreModelEdges(image, edges, seen, options, &score);
   const double depth = (camera_from_object * mesh.center.cast<double>()).z();
   const double size_px = working.focal_px * mesh.diameter_m / std::max(depth, 1e-6);
-  score.recall = Recall(image, working, edges, size_px, options);
+  score.recall = Recall(image, working, edges, seen, size_px, options);
   const double sum = score.precision + score.recall;
   if (sum > 0) {
     score.score = 2 * score.precision * score.recall / sum * score.support_px /
                   (score.support_px + options.half_length_px);
   }
   return score;
+}
+
+PartLayer MakePartLayer(const AspectImage& image,
+                        const RenderMesh& mesh,
+                        const PinholeCamera& camera,
+                        const Rigid3& camera_from_object,
+                        const AspectScoreOptions& options) {
+  PartLayer out;
+  if (image.width == 0) return out;
+  const PinholeCamera working = WorkingCamera(image, camera);
+  VisibleEdgeOptions rendering;
+  rendering.render_px = options.render_px;
+  const VisibleEdges edges = FindVisibleEdges(mesh, working, camera_from_object, rendering);
+  const ModelRaster raster = RasterEdges(edges, image, options.tolerance_px);
+  if (edges.points.empty() || raster.nearest.empty()) return out;
+  out.x0 = raster.x0;
+  out.y0 = raster.y0;
+  out.width = raster.width;
+  out.height = raster.height;
+  out.inverse_depth.resize(raster.nearest.size());
+  out.edge_bin.assign(raster.nearest.size(), PartLayer::kNoEdge);
+  for (int y = out.y0; y < out.y0 + out.height; ++y) {
+    for (int x = out.x0; x < out.x0 + out.width; ++x) {
+      const std::size_t cell = out.Cell(x, y);
+      const Eigen::Vector2d pixel(x, y);
+      out.inverse_depth[cell] =
+          InverseDepthAt(edges.view, RenderedFromImage(edges.view, working, pixel));
+      if (raster.nearest[cell] < 0) continue;
+      const Eigen::Vector2f& tangent = edges.points[raster.nearest[cell]].tangent;
+      out.edge_bin[cell] = static_cast<std::uint8_t>(AspectBin(tangent.x(), tangent.y()));
+    }
+  }
+  return out;
 }
 
 double PointSupport(const AspectImage& image,

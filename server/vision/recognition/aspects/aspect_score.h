@@ -2,7 +2,10 @@
 // part are its own.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <span>
+#include <vector>
 
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
@@ -11,6 +14,21 @@
 #include "server/vision/recognition/aspects/render_mesh.h"
 
 namespace horopter {
+
+// A part as one view shows it: working pixels x0 .. x0 + width - 1 and so on.
+struct PartLayer {
+  static constexpr std::uint8_t kNoEdge = 255;
+  int x0 = 0, y0 = 0, width = 0, height = 0;
+  std::vector<float> inverse_depth;     // 1 / m, 0 where the part is not
+  std::vector<std::uint8_t> edge_bin;  // direction of a visible edge of the part that is near
+
+  bool Has(int x, int y) const {
+    return x >= x0 && y >= y0 && x < x0 + width && y < y0 + height;
+  }
+  std::size_t Cell(int x, int y) const {
+    return static_cast<std::size_t>(y - y0) * width + (x - x0);
+  }
+};
 
 struct AspectScoreOptions {
   double render_px = 200.0;       // a diameter; smaller is faster and coarser
@@ -22,6 +40,7 @@ struct AspectScoreOptions {
   // Chance (AspectImage::chance) up to this is free, as parts have it themselves; what exceeds it
   // is taken off the precision, and image edges in such places count less in the recall.
   double free_chance = 0.10;
+  double hidden_share = 0.02;  // of the diameter by which what hides an edge is nearer
 };
 
 // precision: share of the visible model edge with like-directed image edge, as far as that is not
@@ -33,16 +52,27 @@ struct AspectScore {
   double precision = 0.0;
   double recall = 0.0;
   double support_px = 0.0;  // supported visible edge, working pixels
-  double visible_px = 0.0;  // visible edge, working pixels
+  double visible_px = 0.0;  // visible edge that no other part hides, working pixels
+  double hidden_px = 0.0;   // ... that other parts hide
   double score = 0.0;
 };
 
-// The camera is that of the original image. All zero when nothing of the part is visible.
+// The camera is that of the original image. All zero when nothing of the part is visible. `others`
+// are parts that are known to be there: what they hide of this one is not asked for, and image
+// edges of theirs need no explanation.
 AspectScore ScorePose(const AspectImage& image,
                       const RenderMesh& mesh,
                       const PinholeCamera& camera,
                       const Rigid3& camera_from_object,
-                      const AspectScoreOptions& options = {});
+                      const AspectScoreOptions& options = {},
+                      std::span<const PartLayer* const> others = {});
+
+// What ScorePose needs of the others. Empty when nothing of the part is visible.
+PartLayer MakePartLayer(const AspectImage& image,
+                        const RenderMesh& mesh,
+                        const PinholeCamera& camera,
+                        const Rigid3& camera_from_object,
+                        const AspectScoreOptions& options = {});
 
 // Mean support (0..1) that edge points of a part find in the distance maps, above what chance gives
 // there beyond `free_chance`; edges farther than reach_px (working pixels) support nothing. Much
