@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspects/aspect_score.h"
 
 namespace horopter {
 namespace {
@@ -24,6 +25,12 @@ constexpr int kClimbs = 4;                // rounds, each with half the steps
 constexpr double kFreeChance = 0.10;      // as parts have themselves
 constexpr float kMinReachPx = 4.0f, kMaxReachPx = 26.0f;
 constexpr double kNearM = 1e-3;
+constexpr double kLayerRenderPx = 110.0;
+constexpr double kEdgeHalf = 0.35;    // of the size: half the square whose edges are counted ...
+constexpr double kEdgeLength = 0.6;   // ... and how long they must be
+constexpr int kBlock = 4;             // places a side over which a part looks the same
+constexpr std::size_t kFirst = 8;     // points that refuse a place
+constexpr double kFirstSlack = 0.12;  // by which their support may be below min_first
 
 // A face that lies on the plane.
 struct Face {
@@ -47,6 +54,7 @@ struct Ground {
   std::vector<PinholeCamera> cameras;  // of the working images
   std::vector<Rigid3> camera_from_scene;
   std::size_t least_views = 2;  // that show a place
+  std::vector<std::vector<std::int32_t>> unexplained;  // sums of edge points over the half maps
 
   Eigen::Vector3d At(double x, double y) const { return origin + x * e1 + y * e2; }
 };
@@ -89,6 +97,46 @@ void FindRegion(Ground* ground) {
   }
 }
 
+// Edge points that no part taken explains: [y][x] holds those above and left of a half map's cell.
+std::vector<std::int32_t> SumUnexplained(const AspectImage& image,
+                                         const std::vector<PartLayer>& layers) {
+  const int w = image.half_width + 1;
+  std::vector<std::int32_t> sums(static_cast<std::size_t>(w) * (image.half_height + 1), 0);
+  for (const ImageEdgePoint& e : image.edges) {
+    const int x = static_cast<int>(std::lround(e.point.x()));
+    const int y = static_cast<int>(std::lround(e.point.y()));
+    const bool explained = std::any_of(layers.begin(), layers.end(), [&](const PartLayer& l) {
+      return l.Has(x, y) &&
+             (l.inverse_depth[l.Cell(x, y)] > 0 || l.edge_bin[l.Cell(x, y)] != PartLayer::kNoEdge);
+    });
+    const int cx = x / 2, cy = y / 2;
+    if (explained || cx < 0 || cy < 0 || cx >= image.half_width || cy >= image.half_height)
+      continue;
+    ++sums[static_cast<std::size_t>(cy + 1) * w + cx + 1];
+  }
+  for (int y = 1; y <= image.half_height; ++y) {
+    for (int x = 1; x < w; ++x) {
+      const std::size_t at = static_cast<std::size_t>(y) * w + x;
+      sums[at] += sums[at - 1] + sums[at - w] - sums[at - w - 1];
+    }
+  }
+  return sums;
+}
+
+// In a square about a pixel.
+int UnexplainedNear(const Ground& ground, std::size_t v, const Eigen::Vector2d& at, double half) {
+  const AspectImage& image = *ground.images[v];
+  const auto cell = [](double pixel, int size) {
+    return std::clamp(static_cast<int>(0.5 * pixel), 0, size);
+  };
+  const int x0 = cell(at.x() - half, image.half_width), x1 = cell(at.x() + half, image.half_width);
+  const int y0 = cell(at.y() - half, image.half_height);
+  const int y1 = cell(at.y() + half, image.half_height);
+  const std::size_t w = image.half_width + 1;
+  const std::vector<std::int32_t>& sums = ground.unexplained[v];
+  return sums[y1 * w + x1] - sums[y0 * w + x1] - sums[y1 * w + x0] + sums[y0 * w + x0];
+}
+
 Ground MakeGround(std::span<const AspectImage> images,
                   const std::vector<std::optional<AspectSceneView>>& views,
                   const StandingPlane& plane,
@@ -101,6 +149,17 @@ Ground MakeGround(std::span<const AspectImage> images,
     out.images.push_back(&images[v]);
     out.cameras.push_back(WorkingCamera(images[v], views[v]->camera));
     out.camera_from_scene.push_back(views[v]->camera_from_scene);
+    std::vector<PartLayer> layers;
+    AspectScoreOptions rendering;
+    rendering.render_px = kLayerRenderPx;
+    for (const AspectSceneObject& o : taken) {
+      layers.push_back(MakePartLayer(images[v],
+                                     parts[o.object].object->mesh,
+                                     views[v]->camera,
+                                     views[v]->camera_from_scene * o.scene_from_object,
+                                     rendering));
+    }
+    out.unexplained.push_back(SumUnexplained(images[v], layers));
   }
   out.least_views = std::max<std::size_t>(2, (out.images.size() + 1) / 2);
   out.origin.setZero();
@@ -284,35 +343,69 @@ class PartSearch {
     return shown < ground_.least_views ? 0.0 : sum / static_cast<double>(shown);
   }
 
-  void SearchFace(int face, std::vector<Placed>* found) const {
+  // Places of a grid, and whether enough views show edges there that are still unexplained.
+  struct Grid {
+    double step = 0.0;
+    int columns = 0, rows = 0;
+    std::vector<std::uint8_t> open;
+  };
+
+  Grid MakeGrid(int face) const {
+    Grid grid;
     const Eigen::Vector2d size = ground_.high - ground_.low;
-    double step = options_.step_share * diameter_m_;
-    step = std::max(step, std::sqrt(size.x() * size.y() / options_.max_places));
-    const Eigen::Vector2i places = (size / step).cast<int>() + Eigen::Vector2i::Ones();
+    grid.step = std::max(options_.step_share * diameter_m_,
+                         std::sqrt(size.x() * size.y() / options_.max_places));
+    grid.columns = static_cast<int>(size.x() / grid.step) + 1;
+    grid.rows = static_cast<int>(size.y() / grid.step) + 1;
+    grid.open.resize(static_cast<std::size_t>(grid.columns) * grid.rows);
+    for (int j = 0; j < grid.rows; ++j) {
+      for (int i = 0; i < grid.columns; ++i) {
+        const Eigen::Vector3d center = PlaceOf(grid, face, i, j, 0.0);
+        std::size_t open = 0;
+        for (std::size_t v = 0; v < ground_.images.size(); ++v) {
+          const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
+          if (!IsShown(ground_, v, there)) continue;
+          const double px = ground_.cameras[v].focal_px * diameter_m_ / there.z();
+          open += px >= options_.min_size_px &&
+                  UnexplainedNear(ground_, v, Project(ground_.cameras[v], there), kEdgeHalf * px) >=
+                      kEdgeLength * px;
+        }
+        grid.open[static_cast<std::size_t>(j) * grid.columns + i] = open >= ground_.least_views;
+      }
+    }
+    return grid;
+  }
+
+  Eigen::Vector3d PlaceOf(const Grid& grid, int face, double i, double j, double yaw) const {
+    return CenterOf(
+        face, ground_.low.x() + i * grid.step, ground_.low.y() + j * grid.step, yaw);
+  }
+
+  void SearchFace(int face, std::vector<Placed>* found) const {
+    const Grid grid = MakeGrid(face);
     const int yaws =
         std::max(1, static_cast<int>(std::ceil(faces_[face].yaw_range / options_.yaw_step_rad)));
-    std::vector<Placed> best(static_cast<std::size_t>(places.x()) * places.y());
+    std::vector<Placed> best(grid.open.size());
     for (int k = 0; k < yaws; ++k) {
       if (IsStopRequested(stop_)) return;
       const double yaw = faces_[face].yaw_range * k / yaws;
-      const Eigen::Matrix3d rotation = RotationOf(face, yaw);
       for (int tile = 0; tile < kTiles * kTiles; ++tile) {
-        const int x0 = places.x() * (tile % kTiles) / kTiles;
-        const int x1 = places.x() * (tile % kTiles + 1) / kTiles;
-        const int y0 = places.y() * (tile / kTiles) / kTiles;
-        const int y1 = places.y() * (tile / kTiles + 1) / kTiles;
-        const auto at = [&](double i, double j) {
-          return CenterOf(face, ground_.low.x() + i * step, ground_.low.y() + j * step, yaw);
-        };
+        const int x0 = grid.columns * (tile % kTiles) / kTiles;
+        const int x1 = grid.columns * (tile % kTiles + 1) / kTiles;
+        const int y0 = grid.rows * (tile / kTiles) / kTiles;
+        const int y1 = grid.rows * (tile / kTiles + 1) / kTiles;
+        const Eigen::Vector3d middle = PlaceOf(grid, face, 0.5 * (x0 + x1), 0.5 * (y0 + y1), yaw);
         std::vector<TurnedPoints> looks;
         for (std::size_t v = 0; v < ground_.images.size(); ++v)
-          looks.push_back(Look(v, rotation, at(0.5 * (x0 + x1), 0.5 * (y0 + y1))));
-        for (int j = y0; j < y1; ++j) {
-          for (int i = x0; i < x1; ++i) {
-            const double support = SupportInAll(looks, at(i, j));
-            Placed& here = best[static_cast<std::size_t>(j) * places.x() + i];
-            if (support <= here.support) continue;
-            here = {ground_.low.x() + i * step, ground_.low.y() + j * step, yaw, face, support};
+          looks.push_back(Look(v, RotationOf(face, yaw), middle));
+        for (int y = y0; y < y1; y += kBlock) {
+          for (int x = x0; x < x1; x += kBlock) {
+            SearchBlock(grid,
+                        {x, std::min(x + kBlock, x1), y, std::min(y + kBlock, y1)},
+                        face,
+                        yaw,
+                        looks,
+                        &best);
           }
         }
       }
@@ -322,17 +415,124 @@ class PartSearch {
     }
   }
 
-  double SupportInAll(const std::vector<TurnedPoints>& looks, const Eigen::Vector3d& center) const {
-    double sum = 0.0;
-    std::size_t shown = 0;
-    for (std::size_t v = 0; v < looks.size(); ++v) {
-      const double s = Support(v, looks[v], center, options_.reach_share, false);
-      if (s < 0) continue;
-      if (s < options_.min_first) return 0.0;
-      sum += s;
-      ++shown;
+  struct Block {
+    int x0, x1, y0, y1;
+  };
+
+  // Points of an aspect in the half map of a view's image.
+  struct MapPoints {
+    std::array<std::int16_t, kPoints> u, v;
+    std::array<std::int32_t, kPoints> map;  // where the bin's map begins
+    std::size_t count = 0;
+    std::int32_t reach = 0;  // 1/8 px
+    Eigen::Vector2d center = Eigen::Vector2d::Zero();
+  };
+
+  // Support of each open place of a block; the part looks the same from all of them, only moved.
+  void SearchBlock(const Grid& grid,
+                   const Block& block,
+                   int face,
+                   double yaw,
+                   const std::vector<TurnedPoints>& looks,
+                   std::vector<Placed>* best) const {
+    std::array<double, kBlock * kBlock> sums{};
+    std::array<std::uint8_t, kBlock * kBlock> shown{}, refused{};
+    const auto index = [&](int x, int y) { return (y - block.y0) * kBlock + x - block.x0; };
+    const auto cell = [&](int x, int y) { return static_cast<std::size_t>(y) * grid.columns + x; };
+    bool open = false;
+    for (int y = block.y0; y < block.y1; ++y) {
+      for (int x = block.x0; x < block.x1; ++x) {
+        refused[index(x, y)] = !grid.open[cell(x, y)];
+        open = open || grid.open[cell(x, y)];
+      }
     }
-    return shown < ground_.least_views ? 0.0 : sum / static_cast<double>(shown);
+    if (!open) return;
+    const Eigen::Vector3d middle =
+        PlaceOf(grid, face, 0.5 * (block.x0 + block.x1 - 1), 0.5 * (block.y0 + block.y1 - 1), yaw);
+    const Eigen::Vector3d first = PlaceOf(grid, face, block.x0, block.y0, yaw);
+    const Eigen::Vector3d along_x = grid.step * ground_.e1, along_y = grid.step * ground_.e2;
+    for (std::size_t v = 0; v < looks.size(); ++v) {
+      MapPoints points;
+      if (!OnMap(v, looks[v], middle, &points)) continue;
+      for (int y = block.y0; y < block.y1; ++y) {
+        for (int x = block.x0; x < block.x1; ++x) {
+          const int i = index(x, y);
+          if (refused[i]) continue;
+          const Eigen::Vector3d there =
+              ground_.camera_from_scene[v] *
+              Eigen::Vector3d(first + (x - block.x0) * along_x + (y - block.y0) * along_y);
+          if (!IsShown(ground_, v, there)) continue;
+          const Eigen::Vector2d moved = Project(ground_.cameras[v], there) - points.center;
+          const double support = MapSupport(*ground_.images[v], points, moved);
+          if (support < options_.min_first) {
+            refused[i] = 1;
+            continue;
+          }
+          sums[i] += support;
+          ++shown[i];
+        }
+      }
+    }
+    for (int y = block.y0; y < block.y1; ++y) {
+      for (int x = block.x0; x < block.x1; ++x) {
+        const int i = index(x, y);
+        if (refused[i] || shown[i] < ground_.least_views) continue;
+        Placed& here = (*best)[cell(x, y)];
+        const double support = sums[i] / shown[i];
+        if (support <= here.support) continue;
+        here = {ground_.low.x() + x * grid.step, ground_.low.y() + y * grid.step, yaw, face,
+                support};
+      }
+    }
+  }
+
+  bool OnMap(std::size_t v,
+             const TurnedPoints& look,
+             const Eigen::Vector3d& center,
+             MapPoints* out) const {
+    const PinholeCamera& camera = ground_.cameras[v];
+    const AspectImage& image = *ground_.images[v];
+    const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
+    if (there.z() < kNearM) return false;
+    const double size_px = camera.focal_px * diameter_m_ / there.z();
+    if (size_px < options_.min_size_px) return false;
+    out->center = Project(camera, there);
+    out->count = look.count;
+    out->reach = static_cast<std::int32_t>(
+        AspectImage::kDistanceScale *
+        std::clamp(static_cast<float>(options_.reach_share * size_px), kMinReachPx, kMaxReachPx));
+    for (std::size_t i = 0; i < look.count; ++i) {
+      const Eigen::Vector3d x(
+          look.x[i] + there.x(), look.y[i] + there.y(), look.z[i] + there.z());
+      const Eigen::Vector2d u = 0.5 * Project(camera, x);
+      out->u[i] = static_cast<std::int16_t>(std::clamp(u.x(), -8000.0, 8000.0));
+      out->v[i] = static_cast<std::int16_t>(std::clamp(u.y(), -8000.0, 8000.0));
+      out->map[i] = look.bin[i] * image.half_width * image.half_height;
+    }
+    return look.count >= kFirst;
+  }
+
+  // 0 when the first points find nothing.
+  double MapSupport(const AspectImage& image,
+                    const MapPoints& points,
+                    const Eigen::Vector2d& moved) const {
+    const int du = static_cast<int>(std::lround(0.5 * moved.x()));
+    const int dv = static_cast<int>(std::lround(0.5 * moved.y()));
+    const std::uint8_t* maps = image.half_distance.data();
+    std::int32_t away = 0;
+    const auto add = [&](std::size_t i) {
+      const int u = points.u[i] + du, w = points.v[i] + dv;
+      const bool inside = static_cast<unsigned>(u) < static_cast<unsigned>(image.half_width) &&
+                          static_cast<unsigned>(w) < static_cast<unsigned>(image.half_height);
+      away += inside ? std::min<std::int32_t>(
+                           maps[points.map[i] + w * image.half_width + u], points.reach)
+                     : points.reach;
+    };
+    for (std::size_t i = 0; i < kFirst; ++i) add(i);
+    const double least = options_.min_first - kFirstSlack;
+    if (away > (1.0 - least) * kFirst * points.reach) return 0.0;
+    for (std::size_t i = kFirst; i < points.count; ++i) add(i);
+    return 1.0 - static_cast<double>(away) / (static_cast<double>(points.count) * points.reach);
   }
 
   void Climb(Placed* p) const {
