@@ -7,6 +7,7 @@
 //     --hypotheses  keeps the hypotheses of the images between runs
 //     --bar         least joint score that is written (default 0: all)
 //     --standing    AspectLinkOptions::standing
+//     --without-truth  the scene's own parts are not looked for: all that is found is wrong
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <fstream>
@@ -32,6 +33,7 @@ struct Arguments {
   int threads = 2;
   double bar = 0.0;
   int standing = AspectLinkOptions{}.standing;
+  bool without_truth = false;
 };
 
 double Seconds(std::chrono::steady_clock::time_point since) {
@@ -156,6 +158,22 @@ void ReportTruth(const std::vector<BopImage>& images,
   }
 }
 
+void HideTruth(const BopScene& scene,
+               const AspectCatalog& catalog,
+               std::vector<AspectPart>* parts,
+               std::vector<std::vector<AspectHypothesis>>* hypotheses) {
+  std::vector<bool> there(parts->size(), false);
+  for (const BopInstance& truth : scene.images.front().instances) {
+    for (std::size_t p = 0; p < there.size(); ++p)
+      there[p] = there[p] || catalog.obj_ids[p] == truth.obj_id;
+  }
+  for (std::size_t p = 0; p < there.size(); ++p) {
+    if (there[p]) (*parts)[p].resting.clear();
+  }
+  for (auto& list : *hypotheses)
+    std::erase_if(list, [&](const AspectHypothesis& h) { return there[h.object]; });
+}
+
 absl::Status Run(const Arguments& arguments) {
   auto dataset = ReadBopDataset(arguments.dataset);
   if (!dataset.ok()) return dataset.status();
@@ -192,10 +210,12 @@ absl::Status Run(const Arguments& arguments) {
       hypotheses.push_back(std::move(found));
     }
     const double search_s = Seconds(start);
+    std::vector<AspectPart> parts = catalog.parts;
+    if (arguments.without_truth) HideTruth(scene, catalog, &parts, &hypotheses);
     AspectLinkOptions options;
     options.threads = arguments.threads;
     options.standing = arguments.standing;
-    const LinkedScene linked = LinkAspects({images, priors, hypotheses, catalog.parts}, options);
+    const LinkedScene linked = LinkAspects({images, priors, hypotheses, parts}, options);
     std::string focal;
     for (std::size_t v = 0; v < linked.views.size(); ++v) {
       focal +=
@@ -250,6 +270,7 @@ int main(int argc, char** argv) {
   app.add_option("--threads", arguments.threads);
   app.add_option("--bar", arguments.bar);
   app.add_option("--standing", arguments.standing);
+  app.add_flag("--without-truth", arguments.without_truth);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);
   if (!status.ok()) {

@@ -30,14 +30,20 @@ struct AspectRouteOptions {
   double contradicting_score = 0.25;
   double chance_score = 0.40;  // of wrong poses: what exceeds it counts when answers are compared
   // Log odds that an object is right: weight x (score - what makes it even). Cameras adapt to the
-  // first object: it must say more than those that others share cameras with, and in one view alone
-  // more still. Set by hand on the odd scenes of cad-dev (right objects there 0.42 - 0.83, wrong
-  // ones up to 0.46; tests/bench/results.md).
+  // first object: it must say more than those that others share cameras with, more still when it
+  // links few of the views or only by focal lengths that differ much, and most in one view alone.
+  // Set by hand on cad-dev, where right objects score 0.41 - 0.92 beside others and 0.57 - 0.92
+  // alone; wrong ones up to 0.60 where none of a scene's parts is enrolled
+  // (tests/bench/results.md).
   double score_weight = 25.0;
-  double even_score = 0.42;  // beside an object of sure_score
-  double even_alone = 0.50;
+  double even_score = 0.44;  // beside an object of sure_score
+  double even_alone = 0.53;
   double even_in_one_view = 0.58;
-  double sure_score = 0.52;
+  double sure_score = 0.546;
+  double few_views_share = 0.55;  // of the views: fewer add ...
+  double few_views_more = 0.05;   // ... this to even_alone
+  double focal_spread_free = 0.15;  // deviation of the views' log focal lengths; what exceeds it ...
+  double focal_spread_more = 0.2;   // ... adds so much of it
   double accept_probability = 0.6;
 };
 

@@ -1,5 +1,6 @@
 #include "server/vision/recognition/aspects/aspect_linking.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -52,6 +53,8 @@ constexpr double kOverlapShare = 0.35;   // of the smaller size: centres nearer 
 constexpr std::size_t kFewObjects = 2;   // a scene with more is sure of its views by agreement
 constexpr double kVisibleShare = 0.3;    // of its edges that others leave to see
 constexpr double kHidingScore = 0.42;    // of parts that are believed to hide others
+constexpr int kSwept = 2;                // parts that are looked for at all places of a view
+constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
 constexpr int kVirtualSteps = 12;
 constexpr double kVirtualSigmaPx = 6.0;
 
@@ -1058,6 +1061,41 @@ class Linker {
     return out;
   }
 
+  // What the other views say of the parts, `objects` in the order of an index of them, in view v.
+  std::vector<AspectExpectation> Expected(const LinkedScene& found,
+                                          const std::vector<int>& objects,
+                                          int v) const {
+    std::vector<AspectExpectation> out;
+    for (const LinkedObject& o : found.objects) {
+      if (static_cast<int>(out.size()) >= kSwept) break;
+      AspectExpectation e;
+      e.part = static_cast<int>(std::find(objects.begin(), objects.end(), o.object) -
+                                objects.begin());
+      if (std::any_of(out.begin(), out.end(), [&](const auto& x) { return x.part == e.part; }))
+        continue;
+      for (std::size_t w = 0; w < found.views.size(); ++w) {
+        if (!found.views[w] || !o.shown[w] || static_cast<int>(w) == v) continue;
+        const Rigid3 pose = found.views[w]->camera_from_scene * o.scene_from_object;
+        const Eigen::Vector3d center = pose * meshes_[o.object]->center.cast<double>();
+        const float size = static_cast<float>(found.views[w]->camera.focal_px *
+                                              meshes_[o.object]->diameter_m / center.z() *
+                                              in_.images[w].working_from_image);
+        // Seen along the axis of the camera, as aspects are.
+        const Eigen::Matrix3d ahead =
+            Eigen::Quaterniond::FromTwoVectors(center, Eigen::Vector3d::UnitZ())
+                .toRotationMatrix();
+        e.rotations.push_back((ahead * pose.R).cast<float>());
+        e.min_size_px = e.rotations.size() == 1 ? size : std::min(e.min_size_px, size);
+        e.max_size_px = std::max(e.max_size_px, size);
+      }
+      if (e.rotations.empty()) continue;
+      e.min_size_px *= kSweptSize[0];
+      e.max_size_px *= kSweptSize[1];
+      out.push_back(std::move(e));
+    }
+    return out;
+  }
+
   // Hypotheses of the scene's parts, and only of them, in the wanted views: much further down the
   // list than a search of the catalog goes. Adds to what is known of these views.
   void SearchAgain(const LinkedScene& found, const std::vector<bool>& wanted) {
@@ -1078,6 +1116,7 @@ class Linker {
     for (std::size_t v = 0; v < wanted.size(); ++v) {
       if (!wanted[v] || searched_again_[v] || IsStopRequested(stop_)) continue;
       searched_again_[v] = true;
+      deep.expected = Expected(found, objects, static_cast<int>(v));
       std::vector<AspectHypothesis> list =
           FindAspectHypotheses(in_.images[v], *index, deep, nullptr, stop_).hypotheses;
       for (AspectHypothesis& h : list) h.object = objects[h.object];

@@ -4,17 +4,17 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <numeric>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspects/vote_support.h"
 
 namespace horopter {
 namespace {
 
-constexpr float kPi = 3.14159265358979f;
+constexpr float kPi = std::numbers::pi_v<float>;
 constexpr int kFirstPoints = 6, kSecondPoints = kFirstVotePoints;
-// From this tolerance on a cell of 4 x 4 pixels says as much as one of 2 x 2.
-constexpr int kQuarterTau8 = 5 * static_cast<int>(AspectImage::kDistanceScale);
 constexpr int kShares = 16;  // of the image's fragments, so that threads do not matter
 constexpr float kSeenShare =
     0.03f;  // similarities this near, as a share of the size, are tested once
@@ -23,114 +23,6 @@ constexpr float kSameSize = 1.1f;  // votes this alike in size, place and turn a
 constexpr float kSamePlace = 0.06f;
 constexpr float kSameTurnRad = 0.2f;
 constexpr float kPlaceRadius = 0.25f;  // of the size: centres nearer than this are in one place
-
-// Bin of the sum of two directions, in bins plus a half.
-struct BinTable {
-  std::array<std::uint8_t, 2 * kAspectBins + 2> bin;
-  BinTable() {
-    for (std::size_t i = 0; i < bin.size(); ++i) bin[i] = i % kAspectBins;
-  }
-};
-const BinTable kBins;
-
-struct Similarity {
-  float a = 0.0f, b = 0.0f;  // size (cos, sin)
-  float x = 0.0f, y = 0.0f;
-  float size = 0.0f, turn = 0.0f;
-};
-
-Similarity MakeSimilarity(float size, float turn) {
-  Similarity s;
-  s.size = size;
-  s.turn = turn;
-  s.a = size * std::cos(turn);
-  s.b = size * std::sin(turn);
-  return s;
-}
-
-float TurnBins(float turn) {
-  float t = turn * (1.0f / kPi);
-  t -= std::floor(t);
-  return t * kAspectBins + 0.5f;
-}
-
-// Mean support of points [from, to) under a similarity: 1 on an edge, 0 from tau on.
-float Support(const AspectImage& image,
-              const VotePoint* points,
-              int from,
-              int to,
-              const Similarity& s,
-              int tau8) {
-  const float turn_bins = TurnBins(s.turn);
-  int sum = 0;
-  for (int i = from; i < to; ++i) {
-    const VotePoint& p = points[i];
-    const float x = s.a * p.x - s.b * p.y + s.x;
-    const float y = s.b * p.x + s.a * p.y + s.y;
-    const int bin = kBins.bin[static_cast<int>(p.bin + turn_bins)];
-    const int d = image.DistanceAt(x, y, bin);
-    sum += std::max(0, tau8 - d);
-  }
-  return static_cast<float>(sum) / static_cast<float>(tau8 * (to - from));
-}
-
-// An oriented distance map in cells of some pixels, with a border of far cells so that places are
-// clamped, not tested.
-struct CoarseMap {
-  int cell_px = 0, width = 0, height = 0;  // the border included
-  std::vector<std::uint8_t> distance;      // [bin][y][x], 1/8 px
-
-  CoarseMap(const AspectImage& image, int cell) : cell_px(cell) {
-    const int step = cell / 2;  // cells of the half map
-    const int w = (image.half_width + step - 1) / step, h = (image.half_height + step - 1) / step;
-    width = w + 2;
-    height = h + 2;
-    distance.assign(static_cast<std::size_t>(kAspectBins) * width * height, 255);
-    for (int bin = 0; bin < kAspectBins; ++bin) {
-      const std::uint8_t* half = image.half_distance.data() + static_cast<std::size_t>(bin) *
-                                                                  image.half_width *
-                                                                  image.half_height;
-      for (int y = 0; y < h; ++y) {
-        for (int x = 0; x < w; ++x) {
-          int sum = 0, count = 0;
-          for (int v = y * step; v < std::min((y + 1) * step, image.half_height); ++v) {
-            for (int u = x * step; u < std::min((x + 1) * step, image.half_width); ++u, ++count)
-              sum += half[static_cast<std::size_t>(v) * image.half_width + u];
-          }
-          distance[(static_cast<std::size_t>(bin) * height + y + 1) * width + x + 1] =
-              static_cast<std::uint8_t>(sum / count);
-        }
-      }
-    }
-  }
-
-  // Mean support of points [from, to) under a similarity: as Support().
-  float Support(
-      const PackedVotePoint* points, int from, int to, const Similarity& s, int tau8) const {
-    const float cells = 1.0f / static_cast<float>(cell_px);
-    const float unit = cells / PackedVotePoint::kPlaceScale;
-    const float a = s.a * unit, b = s.b * unit;
-    const float x0 = (s.x + 0.5f) * cells + 1.0f, y0 = (s.y + 0.5f) * cells + 1.0f;
-    const int turn = static_cast<int>(TurnBins(s.turn) * PackedVotePoint::kBinSteps);
-    const float right = static_cast<float>(width - 1), bottom = static_cast<float>(height - 1);
-    int sum = 0;
-    for (int i = from; i < to; ++i) {
-      const float px = points[i].x, py = points[i].y;
-      const int x = static_cast<int>(std::clamp(a * px - b * py + x0, 0.0f, right));
-      const int y = static_cast<int>(std::clamp(b * px + a * py + y0, 0.0f, bottom));
-      const int bin = kBins.bin[(points[i].bin + turn) / PackedVotePoint::kBinSteps];
-      sum += std::max(0, tau8 - distance[(static_cast<std::size_t>(bin) * height + y) * width + x]);
-    }
-    return static_cast<float>(sum) / static_cast<float>(tau8 * (to - from));
-  }
-};
-
-// Of one image.
-struct CoarseMaps {
-  explicit CoarseMaps(const AspectImage& image) : half(image, 2), quarter(image, 4) {}
-  const CoarseMap& For(int tau8) const { return tau8 >= kQuarterTau8 ? quarter : half; }
-  CoarseMap half, quarter;
-};
 
 class Share {
  public:
@@ -252,7 +144,7 @@ class Share {
       const float x = s.a * p.x - s.b * p.y + s.x;
       const float y = s.b * p.x + s.a * p.y + s.y;
       if (!(x >= 0 && y >= 0 && x < image_.width && y < image_.height)) continue;
-      sum += image_.ChanceAt(x, y, kBins.bin[static_cast<int>(p.bin + turn_bins)], level);
+      sum += image_.ChanceAt(x, y, TurnedBin(p.bin + turn_bins), level);
     }
     return static_cast<float>(sum) / (255.0f * static_cast<float>(n));
   }
@@ -340,6 +232,8 @@ bool SamePose(const Chosen& a, const Chosen& b, std::span<const Rigid3> symmetri
   });
 }
 
+}  // namespace
+
 std::vector<AspectVote> ChooseDistinct(std::vector<AspectVote> pool,
                                        const FragmentIndex& index,
                                        std::span<const Rigid3> symmetries,
@@ -369,8 +263,6 @@ std::vector<AspectVote> ChooseDistinct(std::vector<AspectVote> pool,
   for (const Chosen& c : chosen) out.push_back(c.vote);
   return out;
 }
-
-}  // namespace
 
 AspectVotes VoteForAspects(const AspectImage& image,
                            const FragmentIndex& index,

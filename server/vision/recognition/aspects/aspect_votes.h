@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "server/base/stop_token.h"
@@ -64,6 +65,12 @@ AspectVotes VoteForAspects(const AspectImage& image,
                            const FragmentIndex& index,
                            const AspectVoteOptions& options = {},
                            const StopRequested& stop = {});
+
+// The best of a part's votes that differ in place, size or turn, best first.
+std::vector<AspectVote> ChooseDistinct(std::vector<AspectVote> pool,
+                                       const FragmentIndex& index,
+                                       std::span<const Rigid3> symmetries,
+                                       const AspectVoteOptions& options);
 
 // The pose that a vote means for a camera (of the working image): the aspect turned about its axis
 // and carried onto the ray of its centre, without the lens.

@@ -179,6 +179,11 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
   AspectVoteOptions voting = options.votes;
   voting.threads = options.threads;
   out.votes = VoteForAspects(image, index, voting, stop);
+  if (!options.expected.empty()) {
+    const auto swept = SweepForAspects(image, index, options.expected, voting, options.sweep, stop);
+    for (std::size_t p = 0; p < swept.size(); ++p)
+      out.votes.of_part[p].insert(out.votes.of_part[p].end(), swept[p].begin(), swept[p].end());
+  }
   if (image.width == 0 || IsStopRequested(stop)) return out;
   const Finder finder(image, index, options, known, stop);
   // Working pixels.

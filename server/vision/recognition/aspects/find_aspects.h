@@ -12,6 +12,7 @@
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/aspects/aspect_score.h"
+#include "server/vision/recognition/aspects/aspect_sweep.h"
 #include "server/vision/recognition/aspects/aspect_votes.h"
 #include "server/vision/recognition/aspects/fragment_index.h"
 #include "server/vision/recognition/aspects/pose_edges.h"
@@ -20,6 +21,9 @@ namespace horopter {
 
 struct FindAspectOptions {
   AspectVoteOptions votes;
+  // Parts that other views show are looked for at all places as well.
+  std::vector<AspectExpectation> expected;
+  AspectSweepOptions sweep;
   // Focal length in image widths; a known camera is given to FindAspectHypotheses instead.
   double nominal_focal_share = 1.2;
   double log_focal_sigma = 0.35;

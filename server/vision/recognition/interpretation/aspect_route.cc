@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <opencv2/core/mat.hpp>
 #include <utility>
 
@@ -38,6 +39,23 @@ std::vector<std::optional<AspectSceneView>> SceneViews(
   return out;
 }
 
+// What one part alone must score, for the views it links and the cameras it says they have.
+double EvenAlone(const LinkedScene& scene, const AspectRouteOptions& options) {
+  std::vector<double> logs;
+  for (const auto& view : scene.views) {
+    if (view) logs.push_back(std::log(view->camera.focal_px));
+  }
+  const double n = static_cast<double>(logs.size());
+  if (logs.size() < 2) return options.even_in_one_view;
+  const double mean = std::accumulate(logs.begin(), logs.end(), 0.0) / n;
+  double squares = 0.0;
+  for (const double l : logs) squares += (l - mean) * (l - mean);
+  const double spread = std::sqrt(squares / n);
+  const bool few = n < options.few_views_share * static_cast<double>(scene.views.size());
+  return options.even_alone + (few ? options.few_views_more : 0.0) +
+         options.focal_spread_more * std::max(0.0, spread - options.focal_spread_free);
+}
+
 double ObjectProbability(const LinkedObject& o,
                          const LinkedScene& scene,
                          const AspectRouteOptions& options) {
@@ -46,11 +64,11 @@ double ObjectProbability(const LinkedObject& o,
   const bool again = std::any_of(scene.objects.begin(), scene.objects.end(), [&](const auto& p) {
     return p.object == o.object && p.score > o.score;
   });
-  const bool beside = !again && scene.objects.front().score >= options.sure_score &&
+  const double alone = EvenAlone(scene, options);
+  const double sure = options.sure_score + alone - options.even_alone;
+  const bool beside = scene.registered() > 1 && !again && scene.objects.front().score >= sure &&
                       o.score < scene.objects.front().score;
-  const double even = scene.registered() < 2 ? options.even_in_one_view
-                      : beside               ? options.even_score
-                                             : options.even_alone;
+  const double even = beside ? options.even_score : alone;
   return Logistic(options.score_weight * (o.score - even));
 }
 
