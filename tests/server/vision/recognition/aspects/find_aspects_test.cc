@@ -8,42 +8,16 @@
 
 #include "server/vision/recognition/aspects/aspect_linking.h"
 #include "server/vision/recognition/aspects/fragment_blob.h"
-#include "tests/server/vision/recognition/aspects/solid_meshes.h"
+#include "tests/server/vision/recognition/aspects/part_photos.h"
 
 namespace horopter {
 namespace {
-
-struct Part {
-  ObjectModel model;
-  ObjectAspects object;
-  PartFragments fragments;
-};
-
-Part MakePart(const TriangleMesh& mesh, std::vector<Rigid3> symmetries = {}) {
-  Part part;
-  part.model.mesh = mesh;
-  part.model.symmetries = std::move(symmetries);
-  for (const auto& a : mesh.vertices) {
-    for (const auto& b : mesh.vertices) {
-      part.model.diameter_m = std::max(part.model.diameter_m, (a - b).norm());
-    }
-  }
-  ObjectAspectOptions options;
-  options.aspects.directions = 150;
-  part.object = *MakeObjectAspects(part.model, options);
-  part.fragments = MakePartFragments(part.object.mesh, part.object.aspects);
-  return part;
-}
-
-Rigid3 Turn(const Eigen::Vector3d& axis, double angle) {
-  return {Eigen::AngleAxisd(angle, axis).toRotationMatrix(), Eigen::Vector3d::Zero()};
-}
 
 // An angle with arms of different length, a block and a cylinder; made once.
 class FindAspects : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    parts_ = new std::vector<Part>;
+    parts_ = new std::vector<PhotoPart>;
     parts_->push_back(MakePart(SweptMesh(
         {{-0.03, -0.02}, {0.04, -0.02}, {0.04, 0.0}, {-0.01, 0.0}, {-0.01, 0.03}, {-0.03, 0.03}},
         0.012)));
@@ -58,7 +32,7 @@ class FindAspects : public testing::Test {
       round.push_back(turn * Turn(Eigen::Vector3d::UnitX(), M_PI));
     }
     parts_->push_back(MakePart(CylinderMesh(0.02, 0.035, 64), round));
-    for (const Part& p : *parts_) list_.push_back({&p.object, &p.fragments, p.model.symmetries});
+    for (const PhotoPart& p : *parts_) list_.push_back({&p.object, &p.fragments, p.model.symmetries});
     index_ = new FragmentIndex(*BuildFragmentIndex(list_));
   }
   static void TearDownTestSuite() {
@@ -77,55 +51,20 @@ class FindAspects : public testing::Test {
     return pose;
   }
 
-  // Flat shading in front of a light table, slightly blurred and noisy.
   static cv::Mat Photo(int part, const Rigid3& pose) {
-    const PinholeCamera camera = Camera();
-    constexpr int kFine = 4;  // drawn so much larger: filled outlines are half a pixel too wide
-    cv::Mat image(kFine * camera.height, kFine * camera.width, CV_8UC3, cv::Scalar(170, 175, 180));
-    const RenderMesh& mesh = (*parts_)[part].object.mesh;
-    const Eigen::Vector3d light = Eigen::Vector3d(0.3, -0.8, -0.5).normalized();
-    // Faces far to near, as these parts allow.
-    std::vector<std::pair<double, int>> order;
-    for (int t = 0; t < static_cast<int>(mesh.triangles.size()); ++t) {
-      double depth = 0.0;
-      for (int k = 0; k < 3; ++k) {
-        depth += (pose * mesh.vertices[mesh.triangles[t][k]].cast<double>()).z();
-      }
-      const Eigen::Vector3d x = pose * mesh.vertices[mesh.triangles[t][0]].cast<double>();
-      if ((pose.R * mesh.face_normals[t].cast<double>()).dot(x) < 0) order.push_back({-depth, t});
-    }
-    std::sort(order.begin(), order.end());
-    for (const auto& [depth, t] : order) {
-      std::vector<cv::Point> corners;
-      for (int k = 0; k < 3; ++k) {
-        const Eigen::Vector2d p =
-            Project(camera, pose * mesh.vertices[mesh.triangles[t][k]].cast<double>());
-        const Eigen::Vector2d fine = 16 * ((p.array() + 0.5) * kFine - 0.5);
-        corners.emplace_back(static_cast<int>(std::lround(fine.x())),
-                             static_cast<int>(std::lround(fine.y())));
-      }
-      const double shade =
-          60 + 50 * (1 + (pose.R * mesh.face_normals[t].cast<double>()).dot(light));
-      cv::fillConvexPoly(image, corners, cv::Scalar(shade, shade, shade), cv::LINE_8, 4);
-    }
-    cv::resize(image, image, cv::Size(camera.width, camera.height), 0, 0, cv::INTER_AREA);
-    cv::GaussianBlur(image, image, cv::Size(), 0.7);
-    cv::Mat noise(image.size(), CV_8UC3);
-    cv::RNG random(7);
-    random.fill(noise, cv::RNG::UNIFORM, 0, 4);
-    return image + noise;
+    return PhotoOf({{&(*parts_)[part].object.mesh, pose}}, Camera());
   }
 
   static double ErrorPx(const AspectHypothesis& h, const Rigid3& truth) {
     return PoseDistancePx(list_[h.object], h.camera, h.camera_from_object, Camera(), truth);
   }
 
-  static std::vector<Part>* parts_;
+  static std::vector<PhotoPart>* parts_;
   static std::vector<AspectPart> list_;
   static FragmentIndex* index_;
 };
 
-std::vector<Part>* FindAspects::parts_ = nullptr;
+std::vector<PhotoPart>* FindAspects::parts_ = nullptr;
 std::vector<AspectPart> FindAspects::list_;
 FragmentIndex* FindAspects::index_ = nullptr;
 
@@ -262,7 +201,7 @@ TEST_F(FindAspects, RefinementReturnsToThePoseItWasMovedFrom) {
 }
 
 TEST_F(FindAspects, FragmentsSurviveTheirBlob) {
-  const Part& part = (*parts_)[0];
+  const PhotoPart& part = (*parts_)[0];
   const std::string blob = EncodePartFragments(part.fragments, part.object.aspects);
   const auto back = DecodePartFragments(blob, part.object.aspects);
   ASSERT_TRUE(back.ok()) << back.status();
