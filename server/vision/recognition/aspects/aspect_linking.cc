@@ -112,16 +112,13 @@ class Linker {
     searched_again_.assign(best.views.size(), false);
     if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1)
       SearchAgain(best, std::vector<bool>(best.views.size(), true));
-    for (int round = 0; round < kRescues && !best.objects.empty(); ++round) {
-      const LinkedScene trusted = WithoutDoubtfulViews(best);
-      if (trusted.registered() == static_cast<int>(best.views.size()) || IsStopRequested(stop_))
-        break;
-      LinkedScene more = Rescue(trusted);
-      if (more.score <= best.score) break;
-      best = std::move(more);
+    Rescue(&best);
+    if (AddStanding(&best)) {
+      // What was added may settle views that the others left in doubt.
+      searched_again_.assign(best.views.size(), false);
+      Rescue(&best);
     }
     if (!best.objects.empty()) DropPoorViews(&best);
-    AddStanding(&best);
     if (LinkedScene turned = best; ChooseTurns(&turned)) {
       turned = Finish(SceneOf(turned));
       if (turned.score > best.score) best = std::move(turned);
@@ -989,11 +986,12 @@ class Linker {
   }
 
   // Parts on the plane under those found which no single image showed well enough.
-  void AddStanding(LinkedScene* best) const {
-    if (options_.standing <= 0 || best->registered() < 2 || IsStopRequested(stop_)) return;
+  // Returns whether any was added.
+  bool AddStanding(LinkedScene* best) const {
+    if (options_.standing <= 0 || best->registered() < 2 || IsStopRequested(stop_)) return false;
     AspectScene scene = SceneOf(*best);
     const auto plane = PlaneUnder(scene.objects, in_.parts, scene.views);
-    if (!plane) return;
+    if (!plane) return false;
     StandingSearchOptions search;
     search.threads = options_.threads;
     std::vector<AspectSceneObject> candidates;
@@ -1004,9 +1002,11 @@ class Linker {
     }
     const std::size_t before = scene.objects.size();
     Place(std::move(candidates), &scene);
-    if (scene.objects.size() == before) return;
+    if (scene.objects.size() == before) return false;
     LinkedScene more = Finish(&scene);
-    if (more.score > best->score) *best = std::move(more);
+    if (more.score <= best->score) return false;
+    *best = std::move(more);
+    return true;
   }
 
   // An object adjusted alone, cameras held.
@@ -1128,12 +1128,19 @@ class Linker {
     }
   }
 
-  // The scene with the views that have no camera looked at again.
-  LinkedScene Rescue(const LinkedScene& found) {
-    std::vector<bool> missing;
-    for (const auto& view : found.views) missing.push_back(!view);
-    SearchAgain(found, missing);
-    return Completed(SceneOf(found));
+  // Looks again at the views that have no camera or a doubtful one, while that explains more.
+  void Rescue(LinkedScene* best) {
+    for (int round = 0; round < kRescues && !best->objects.empty(); ++round) {
+      const LinkedScene trusted = WithoutDoubtfulViews(*best);
+      if (trusted.registered() == static_cast<int>(best->views.size()) || IsStopRequested(stop_))
+        return;
+      std::vector<bool> missing;
+      for (const auto& view : trusted.views) missing.push_back(!view);
+      SearchAgain(trusted, missing);
+      LinkedScene more = Completed(SceneOf(trusted));
+      if (more.score <= best->score) return;
+      *best = std::move(more);
+    }
   }
 
   // Whether the scene has this object in this place.

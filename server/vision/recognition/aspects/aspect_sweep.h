@@ -25,7 +25,7 @@ struct AspectSweepOptions {
   double place_share = 0.11;  // of the size: between places
   double tau_share = 0.10;    // of the size: an edge farther away supports nothing at first
   double min_support_6 = 0.5, min_support_16 = 0.5;
-  int climbed = 300;  // of an expectation
+  int climbed = 4000; // of an expectation
 };
 
 // Votes of every expectation's part, as VoteForAspects gives them; of parts without one: none.
