@@ -142,12 +142,11 @@ void ReportTruth(const std::vector<BopImage>& images,
         return here;
       }();
       while (rank < list.size() &&
-             (list[rank].object != number ||
-              WorstVertexPx(catalog.models[number],
-                            list[rank].camera,
-                            list[rank].camera_from_object,
-                            images[v].camera,
-                            pose) > kRightPx)) {
+             (list[rank].object != number || WorstVertexPx(catalog.models[number],
+                                                           list[rank].camera,
+                                                           list[rank].camera_from_object,
+                                                           images[v].camera,
+                                                           pose) > kRightPx)) {
         ++rank;
       }
       std::cout << (rank < list.size()

@@ -42,8 +42,9 @@ struct AspectRouteOptions {
   double sure_score = 0.546;
   double few_views_share = 0.55;  // of the views: fewer add ...
   double few_views_more = 0.05;   // ... this to even_alone
-  double focal_spread_free = 0.15;  // deviation of the views' log focal lengths; what exceeds it ...
-  double focal_spread_more = 0.2;   // ... adds so much of it
+  double focal_spread_free =
+      0.15;                        // deviation of the views' log focal lengths; what exceeds it ...
+  double focal_spread_more = 0.2;  // ... adds so much of it
   double accept_probability = 0.6;
 };
 

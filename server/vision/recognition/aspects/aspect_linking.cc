@@ -33,18 +33,18 @@ constexpr double kNearM = 1e-3;
 constexpr int kFineTurns = 120;  // of a round part
 constexpr int kPeaks = 3;        // of these, that are looked at closer
 constexpr int kPeakWidth = 4;
-constexpr double kNearPeak = 0.7;  // of the best support
-constexpr std::size_t kLinkTurns = 2;     // of one pair of hypotheses
-constexpr double kLeastCarried = 0.02;    // that tells turns apart
-constexpr double kSameAxis = 0.01;        // between unit vectors
-constexpr double kSameLinkRad = 0.07;     // relative poses of two views nearer than this are one
-constexpr double kSameLinkShare = 0.12;   // ... and of their distance
-constexpr double kCarriedShare = 0.2;     // of carried edges against a hypothesis's weight
-constexpr double kCarriedReach = 0.06;    // of the size
+constexpr double kNearPeak = 0.7;        // of the best support
+constexpr std::size_t kLinkTurns = 2;    // of one pair of hypotheses
+constexpr double kLeastCarried = 0.02;   // that tells turns apart
+constexpr double kSameAxis = 0.01;       // between unit vectors
+constexpr double kSameLinkRad = 0.07;    // relative poses of two views nearer than this are one
+constexpr double kSameLinkShare = 0.12;  // ... and of their distance
+constexpr double kCarriedShare = 0.2;    // of carried edges against a hypothesis's weight
+constexpr double kCarriedReach = 0.06;   // of the size
 constexpr double kCarriedReachPx[] = {4.0, 12.0};
 constexpr double kFreeChance = 0.10;
 constexpr int kCoarsePoints = 120;
-constexpr int kDraftCarried = 8;  // hypotheses carried over before all views are there
+constexpr int kDraftCarried = 8;               // hypotheses carried over before all views are there
 constexpr std::size_t kCarriedHypotheses = 8;  // of a view, by their edges in the other one
 constexpr int kCarriedPoints = 48;
 constexpr double kCarriedChance = 0.35;  // support of edges in a wrong place
@@ -206,8 +206,7 @@ class Linker {
       if (static_cast<int>(kept.size()) >= kPeaks) break;
       const bool beside = std::any_of(kept.begin(), kept.end(), [&](int k) {
         const int apart = std::abs(t - k) % kFineTurns;
-        return t / kFineTurns == k / kFineTurns &&
-               std::min(apart, kFineTurns - apart) < kPeakWidth;
+        return t / kFineTurns == k / kFineTurns && std::min(apart, kFineTurns - apart) < kPeakWidth;
       });
       if (!beside) kept.push_back(t);
     }
@@ -302,8 +301,7 @@ class Linker {
                         int to,
                         const std::vector<int>& known) const {
     double sum = 0.0;
-    const Rigid3 to_from_from =
-        view_to.camera_from_scene * view_from.camera_from_scene.Inverse();
+    const Rigid3 to_from_from = view_to.camera_from_scene * view_from.camera_from_scene.Inverse();
     for (std::size_t k = 0; k < points_[from].size(); ++k) {
       const AspectHypothesis& h = hypotheses_[from][k];
       if (weights_[from][k] <= kLeastWeight ||
@@ -326,8 +324,8 @@ class Linker {
                const Rigid3& pose) const {
     const double depth = (pose * meshes_[object]->center.cast<double>()).z();
     if (depth < kNearM) return 0.0;
-    const double size = camera.focal_px * meshes_[object]->diameter_m / depth *
-                        in_.images[v].working_from_image;
+    const double size =
+        camera.focal_px * meshes_[object]->diameter_m / depth * in_.images[v].working_from_image;
     const double reach = std::clamp(kCarriedReach * size, kCarriedReachPx[0], kCarriedReachPx[1]);
     const double found = PointSupport(in_.images[v], points, camera, pose, kFreeChance, reach);
     return std::max(0.0, found - kCarriedChance) / (1.0 - kCarriedChance);
@@ -418,8 +416,7 @@ class Linker {
       if (IsStopRequested(stop_)) return found;
       for (std::size_t j = 0; j < hypotheses_[b].size(); ++j) {
         const AspectHypothesis &h = hypotheses_[a][i], &g = hypotheses_[b][j];
-        if (h.object != g.object ||
-            std::max(weights_[a][i], weights_[b][j]) <= kLeastWeight) {
+        if (h.object != g.object || std::max(weights_[a][i], weights_[b][j]) <= kLeastWeight) {
           continue;
         }
         const std::vector<int> here = {static_cast<int>(i)}, there = {static_cast<int>(j)};
@@ -563,8 +560,8 @@ class Linker {
     std::vector<int> known;
     for (std::size_t k = 0; k < points_[v].size(); ++k) {
       const AspectHypothesis& h = hypotheses_[v][k];
-      const bool placed = std::any_of(
-          scene.objects.begin(), scene.objects.end(), [&](const GrownObject& o) {
+      const bool placed =
+          std::any_of(scene.objects.begin(), scene.objects.end(), [&](const GrownObject& o) {
             return o.placed.object == h.object;
           });
       if (&h == &linking || placed) known.push_back(static_cast<int>(k));
@@ -581,11 +578,10 @@ class Linker {
         scene.views.begin(), scene.views.end(), [](const auto& v) { return v.has_value(); });
     std::vector<std::vector<ModelEdgePoint>> out;
     for (const GrownObject& o : scene.objects) {
-      out.push_back(
-          RenderedEdgePoints(*meshes_[o.placed.object],
-                             (*view)->camera,
-                             (*view)->camera_from_scene * o.placed.scene_from_object,
-                             edges));
+      out.push_back(RenderedEdgePoints(*meshes_[o.placed.object],
+                                       (*view)->camera,
+                                       (*view)->camera_from_scene * o.placed.scene_from_object,
+                                       edges));
     }
     return out;
   }
@@ -817,11 +813,10 @@ class Linker {
     const std::vector<std::vector<PartLayer>> layers = LayersOf(scene, alone);
     std::vector<LinkedObject> out(count);
     ParallelFor(count, options_.threads, [&](int i) {
-      const ViewLayers others = Overlapping(scene, layers, i, [&](int o) {
-        return alone[o].score > alone[i].score;
-      });
-      out[i] = others.empty() ? alone[i]
-                              : JudgeAmong(scene.views, scene.objects[i], render_px, others);
+      const ViewLayers others =
+          Overlapping(scene, layers, i, [&](int o) { return alone[o].score > alone[i].score; });
+      out[i] =
+          others.empty() ? alone[i] : JudgeAmong(scene.views, scene.objects[i], render_px, others);
     });
     return out;
   }
@@ -961,8 +956,7 @@ class Linker {
   void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const {
     std::vector<LinkedObject> there(scene->objects.size());
     ParallelFor(static_cast<int>(there.size()), options_.threads, [&](int i) {
-      there[i] =
-          JudgeAmong(scene->views, scene->objects[i], options_.quick_render_px, {});
+      there[i] = JudgeAmong(scene->views, scene->objects[i], options_.quick_render_px, {});
     });
     const std::vector<std::vector<PartLayer>> layers = LayersOf(*scene, there);
     const ViewLayers others = Overlapping(*scene, layers, -1, [](int) { return true; });
@@ -1069,21 +1063,20 @@ class Linker {
     for (const LinkedObject& o : found.objects) {
       if (static_cast<int>(out.size()) >= kSwept) break;
       AspectExpectation e;
-      e.part = static_cast<int>(std::find(objects.begin(), objects.end(), o.object) -
-                                objects.begin());
+      e.part =
+          static_cast<int>(std::find(objects.begin(), objects.end(), o.object) - objects.begin());
       if (std::any_of(out.begin(), out.end(), [&](const auto& x) { return x.part == e.part; }))
         continue;
       for (std::size_t w = 0; w < found.views.size(); ++w) {
         if (!found.views[w] || !o.shown[w] || static_cast<int>(w) == v) continue;
         const Rigid3 pose = found.views[w]->camera_from_scene * o.scene_from_object;
         const Eigen::Vector3d center = pose * meshes_[o.object]->center.cast<double>();
-        const float size = static_cast<float>(found.views[w]->camera.focal_px *
-                                              meshes_[o.object]->diameter_m / center.z() *
-                                              in_.images[w].working_from_image);
+        const float size =
+            static_cast<float>(found.views[w]->camera.focal_px * meshes_[o.object]->diameter_m /
+                               center.z() * in_.images[w].working_from_image);
         // Seen along the axis of the camera, as aspects are.
         const Eigen::Matrix3d ahead =
-            Eigen::Quaterniond::FromTwoVectors(center, Eigen::Vector3d::UnitZ())
-                .toRotationMatrix();
+            Eigen::Quaterniond::FromTwoVectors(center, Eigen::Vector3d::UnitZ()).toRotationMatrix();
         e.rotations.push_back((ahead * pose.R).cast<float>());
         e.min_size_px = e.rotations.size() == 1 ? size : std::min(e.min_size_px, size);
         e.max_size_px = std::max(e.max_size_px, size);

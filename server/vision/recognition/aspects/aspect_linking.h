@@ -78,8 +78,8 @@ LinkedScene LinkAspects(const AspectLinkInput& input,
 // Layers of the parts that may hide a part, of each view.
 using ViewLayers = std::vector<std::vector<const PartLayer*>>;
 
-// Scores of an object in all registered views of a scene; `others` is empty or has one entry a view.
-// A view that shows little of the object because of the others does not count.
+// Scores of an object in all registered views of a scene; `others` is empty or has one entry a
+// view. A view that shows little of the object because of the others does not count.
 LinkedObject JudgeInViews(std::span<const AspectImage> images,
                           const RenderMesh& mesh,
                           const std::vector<std::optional<AspectSceneView>>& views,

@@ -19,12 +19,10 @@ namespace horopter {
 struct PartLayer {
   static constexpr std::uint8_t kNoEdge = 255;
   int x0 = 0, y0 = 0, width = 0, height = 0;
-  std::vector<float> inverse_depth;     // 1 / m, 0 where the part is not
+  std::vector<float> inverse_depth;    // 1 / m, 0 where the part is not
   std::vector<std::uint8_t> edge_bin;  // direction of a visible edge of the part that is near
 
-  bool Has(int x, int y) const {
-    return x >= x0 && y >= y0 && x < x0 + width && y < y0 + height;
-  }
+  bool Has(int x, int y) const { return x >= x0 && y >= y0 && x < x0 + width && y < y0 + height; }
   std::size_t Cell(int x, int y) const {
     return static_cast<std::size_t>(y - y0) * width + (x - x0);
   }

@@ -80,8 +80,7 @@ class Sweep {
         Similarity other = MakeSimilarity(s.size * step[2], s.turn + step[3]);
         other.x = s.x + step[0] * s.size;
         other.y = s.y + step[1] * s.size;
-        const float support =
-            Support(image_, points, 0, a.points, other, Tau8(tau, other.size));
+        const float support = Support(image_, points, 0, a.points, other, Tau8(tau, other.size));
         if (support > best) best = support, s = other;
       }
       move *= 0.5f;

@@ -53,7 +53,7 @@ struct Ground {
   std::vector<const AspectImage*> images;
   std::vector<PinholeCamera> cameras;  // of the working images
   std::vector<Rigid3> camera_from_scene;
-  std::size_t least_views = 2;  // that show a place
+  std::size_t least_views = 2;                         // that show a place
   std::vector<std::vector<std::int32_t>> unexplained;  // sums of edge points over the half maps
 
   Eigen::Vector3d At(double x, double y) const { return origin + x * e1 + y * e2; }
@@ -191,8 +191,7 @@ class PartSearch {
     diameter_m_ = part.object->mesh.diameter_m;
     const AspectSet& set = part.object->aspects;
     for (std::size_t a = 0; a < set.aspects.size(); ++a) {
-      directions_.push_back(
-          -set.aspects[a].camera_from_object.row(2).transpose().cast<double>());
+      directions_.push_back(-set.aspects[a].camera_from_object.row(2).transpose().cast<double>());
       points_.push_back(AspectPoints(set, static_cast<int>(a)));
       if (points_.back().size() > kPoints) points_.back().resize(kPoints);
     }
@@ -306,7 +305,8 @@ class PartSearch {
     if (!IsShown(ground_, v, there)) return -1.0;
     const double size_px = camera.focal_px * diameter_m_ / there.z();
     if (size_px < options_.min_size_px || points.count == 0) return -1.0;
-    const float reach_px = std::clamp(static_cast<float>(share * size_px), kMinReachPx, kMaxReachPx);
+    const float reach_px =
+        std::clamp(static_cast<float>(share * size_px), kMinReachPx, kMaxReachPx);
     const float reach = reach_px * AspectImage::kDistanceScale;
     const Eigen::Vector3f c = there.cast<float>();
     const float f = static_cast<float>(camera.focal_px), k1 = static_cast<float>(camera.k1);
@@ -377,8 +377,7 @@ class PartSearch {
   }
 
   Eigen::Vector3d PlaceOf(const Grid& grid, int face, double i, double j, double yaw) const {
-    return CenterOf(
-        face, ground_.low.x() + i * grid.step, ground_.low.y() + j * grid.step, yaw);
+    return CenterOf(face, ground_.low.x() + i * grid.step, ground_.low.y() + j * grid.step, yaw);
   }
 
   void SearchFace(int face, std::vector<Placed>* found) const {
@@ -480,8 +479,8 @@ class PartSearch {
         Placed& here = (*best)[cell(x, y)];
         const double support = sums[i] / shown[i];
         if (support <= here.support) continue;
-        here = {ground_.low.x() + x * grid.step, ground_.low.y() + y * grid.step, yaw, face,
-                support};
+        here = {
+            ground_.low.x() + x * grid.step, ground_.low.y() + y * grid.step, yaw, face, support};
       }
     }
   }
@@ -502,8 +501,7 @@ class PartSearch {
         AspectImage::kDistanceScale *
         std::clamp(static_cast<float>(options_.reach_share * size_px), kMinReachPx, kMaxReachPx));
     for (std::size_t i = 0; i < look.count; ++i) {
-      const Eigen::Vector3d x(
-          look.x[i] + there.x(), look.y[i] + there.y(), look.z[i] + there.z());
+      const Eigen::Vector3d x(look.x[i] + there.x(), look.y[i] + there.y(), look.z[i] + there.z());
       const Eigen::Vector2d u = 0.5 * Project(camera, x);
       out->u[i] = static_cast<std::int16_t>(std::clamp(u.x(), -8000.0, 8000.0));
       out->v[i] = static_cast<std::int16_t>(std::clamp(u.y(), -8000.0, 8000.0));
@@ -524,8 +522,8 @@ class PartSearch {
       const int u = points.u[i] + du, w = points.v[i] + dv;
       const bool inside = static_cast<unsigned>(u) < static_cast<unsigned>(image.half_width) &&
                           static_cast<unsigned>(w) < static_cast<unsigned>(image.half_height);
-      away += inside ? std::min<std::int32_t>(
-                           maps[points.map[i] + w * image.half_width + u], points.reach)
+      away += inside ? std::min<std::int32_t>(maps[points.map[i] + w * image.half_width + u],
+                                              points.reach)
                      : points.reach;
     };
     for (std::size_t i = 0; i < kFirst; ++i) add(i);
@@ -568,8 +566,8 @@ class PartSearch {
     for (const Placed& p : list) {
       if (static_cast<int>(out.size()) >= count) break;
       const bool known = std::any_of(out.begin(), out.end(), [&](const Placed& o) {
-        return o.face == p.face && std::abs(std::remainder(o.yaw - p.yaw,
-                                                           faces_[p.face].yaw_range)) < kApartRad &&
+        return o.face == p.face &&
+               std::abs(std::remainder(o.yaw - p.yaw, faces_[p.face].yaw_range)) < kApartRad &&
                std::hypot(o.x - p.x, o.y - p.y) < kApartShare * diameter_m_;
       });
       if (!known) out.push_back(p);

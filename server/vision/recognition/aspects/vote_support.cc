@@ -62,9 +62,8 @@ CoarseMap::CoarseMap(const AspectImage& image, int cell) : cell_px(cell) {
   height = h + 2;
   distance.assign(static_cast<std::size_t>(kAspectBins) * width * height, 255);
   for (int bin = 0; bin < kAspectBins; ++bin) {
-    const std::uint8_t* half = image.half_distance.data() + static_cast<std::size_t>(bin) *
-                                                                image.half_width *
-                                                                image.half_height;
+    const std::uint8_t* half = image.half_distance.data() +
+                               static_cast<std::size_t>(bin) * image.half_width * image.half_height;
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
         int sum = 0, count = 0;

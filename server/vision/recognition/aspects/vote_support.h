@@ -10,7 +10,9 @@
 namespace horopter {
 
 // Bin of the sum of two directions, given in bins plus a half, below 2 kAspectBins + 2.
-inline int TurnedBin(float bins) { return static_cast<int>(bins) % kAspectBins; }
+inline int TurnedBin(float bins) {
+  return static_cast<int>(bins) % kAspectBins;
+}
 
 // A direction modulo pi in bins, plus a half.
 float TurnBins(float turn_rad);

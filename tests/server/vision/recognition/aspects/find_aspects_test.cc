@@ -32,7 +32,8 @@ class FindAspects : public testing::Test {
       round.push_back(turn * Turn(Eigen::Vector3d::UnitX(), M_PI));
     }
     parts_->push_back(MakePart(CylinderMesh(0.02, 0.035, 64), round));
-    for (const PhotoPart& p : *parts_) list_.push_back({&p.object, &p.fragments, p.model.symmetries});
+    for (const PhotoPart& p : *parts_)
+      list_.push_back({&p.object, &p.fragments, p.model.symmetries});
     index_ = new FragmentIndex(*BuildFragmentIndex(list_));
   }
   static void TearDownTestSuite() {

@@ -33,7 +33,8 @@ class StandingSearch : public testing::Test {
     parts_->push_back(MakePart(CylinderMesh(0.018, 0.012, 64), round));
     for (const PhotoPart& p : *parts_) {
       list_.push_back({&p.object, &p.fragments, p.model.symmetries});
-      list_.back().resting = {{Eigen::Vector3d::UnitZ(), 0.012}, {-Eigen::Vector3d::UnitZ(), 0.012}};
+      list_.back().resting = {{Eigen::Vector3d::UnitZ(), 0.012},
+                              {-Eigen::Vector3d::UnitZ(), 0.012}};
     }
     list_[kCylinder].round.push_back({Eigen::Vector3d::UnitZ(), Eigen::Vector3d::Zero(), 0});
     index_ = new FragmentIndex(*BuildFragmentIndex(list_));
@@ -75,8 +76,8 @@ class StandingSearch : public testing::Test {
     for (const auto& view : Views()) {
       std::vector<std::pair<double, int>> order;
       for (std::size_t o = 0; o < objects.size(); ++o) {
-        order.push_back({-(view->camera_from_scene * objects[o].scene_from_object.t).z(),
-                         static_cast<int>(o)});
+        order.push_back(
+            {-(view->camera_from_scene * objects[o].scene_from_object.t).z(), static_cast<int>(o)});
       }
       std::sort(order.begin(), order.end());
       std::vector<std::pair<const RenderMesh*, Rigid3>> drawn;
@@ -157,8 +158,8 @@ TEST_F(StandingSearch, NothingStandsOnAnEmptyTable) {
   ASSERT_TRUE(plane.has_value());
   EXPECT_TRUE(FindStanding(images, Views(), list_, *plane, taken).empty());
   EXPECT_TRUE(FindStanding({}, {}, list_, *plane, taken).empty());
-  const auto stopped = FindStanding(Images({AngleThere(), BlockThere()}), Views(), list_, *plane,
-                                    taken, {}, [] { return true; });
+  const auto stopped = FindStanding(
+      Images({AngleThere(), BlockThere()}), Views(), list_, *plane, taken, {}, [] { return true; });
   EXPECT_TRUE(stopped.empty());
 }
 
@@ -191,8 +192,8 @@ TEST_F(StandingSearch, APartIsSweptForWhereOtherViewsExpectIt) {
   const auto views = Views();
   AspectExpectation expected;
   expected.part = kAngle;
-  expected.rotations = {(views[0]->camera_from_scene.R * AngleThere().scene_from_object.R)
-                            .cast<float>()};
+  expected.rotations = {
+      (views[0]->camera_from_scene.R * AngleThere().scene_from_object.R).cast<float>()};
   const double size = 700.0 * list_[kAngle].object->mesh.diameter_m / 0.36;
   expected.min_size_px = static_cast<float>(0.75 * size);
   expected.max_size_px = static_cast<float>(1.4 * size);
@@ -207,9 +208,9 @@ TEST_F(StandingSearch, APartIsSweptForWhereOtherViewsExpectIt) {
     nearest = std::min(nearest, PoseDistancePx(list_[kAngle], Camera(), pose, Camera(), truth));
   }
   EXPECT_LT(nearest, 0.25 * size);
-  EXPECT_TRUE(SweepForAspects(images[1], *index_, {&expected, 1}, {}, {}, [] { return true; })
-                  [kAngle]
-                      .empty());
+  EXPECT_TRUE(
+      SweepForAspects(images[1], *index_, {&expected, 1}, {}, {}, [] { return true; })[kAngle]
+          .empty());
 }
 
 // The views agree only on a round part, whose turn they do not show: what else is seen settles it.
@@ -227,9 +228,9 @@ TEST_F(StandingSearch, RoundPartsLinkViewsByTheTurnThatOthersBearOut) {
       AspectHypothesis h;
       h.object = o.object;
       h.camera = Camera();
-      h.camera_from_object = views[v]->camera_from_scene * o.scene_from_object *
-                             (o.object == kCylinder ? Turn(Eigen::Vector3d::UnitZ(), 1.7 * v)
-                                                    : Rigid3{});
+      h.camera_from_object =
+          views[v]->camera_from_scene * o.scene_from_object *
+          (o.object == kCylinder ? Turn(Eigen::Vector3d::UnitZ(), 1.7 * v) : Rigid3{});
       h.score = 0.7;
       hypotheses[v].push_back(h);
     }
