@@ -24,7 +24,6 @@
 namespace horopter {
 namespace {
 
-constexpr double kTruthRenderPx = 200.0;
 constexpr double kRightPx = 14.0;  // of a hypothesis, worst vertex
 
 struct Arguments {
@@ -125,11 +124,8 @@ void ReportTruth(const std::vector<BopImage>& images,
     const auto part = std::find(catalog.obj_ids.begin(), catalog.obj_ids.end(), truth.obj_id);
     if (part == catalog.obj_ids.end()) continue;
     const int number = static_cast<int>(part - catalog.obj_ids.begin());
-    const LinkedObject o = JudgeInViews(edges,
-                                        catalog.parts[number].object->mesh,
-                                        views,
-                                        {number, truth.camera_from_object},
-                                        kTruthRenderPx);
+    const LinkedObject o = JudgeInViews(
+        edges, catalog.parts[number].object->mesh, views, {number, truth.camera_from_object});
     std::cout << absl::StrFormat("  truth %d score %.3f:", truth.obj_id, o.score);
     for (const AspectScore& s : o.views)
       std::cout << absl::StrFormat(" %.2f (p %.2f r %.2f)", s.score, s.precision, s.recall);

@@ -51,23 +51,10 @@ constexpr double kCarriedChance = 0.35;  // support of edges in a wrong place
 constexpr double kTurnedScore = 0.01;    // by which another turn must be better
 constexpr double kOverlapShare = 0.35;   // of the smaller size: centres nearer in all views overlap
 constexpr std::size_t kFewObjects = 2;   // a scene with more is sure of its views by agreement
-constexpr double kVisibleShare = 0.3;    // of its edges that others leave to see
-constexpr double kHidingScore = 0.42;    // of parts that are believed to hide others
 constexpr int kSwept = 2;                // parts that are looked for at all places of a view
 constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
 constexpr int kVirtualSteps = 12;
 constexpr double kVirtualSigmaPx = 6.0;
-
-std::array<Eigen::Vector3d, 8> BoxCorners(const RenderMesh& mesh) {
-  // A cube of the diameter's size about the centre: what turns and scale are seen by.
-  const double h = 0.29 * mesh.diameter_m;
-  std::array<Eigen::Vector3d, 8> out;
-  for (int i = 0; i < 8; ++i) {
-    out[i] = mesh.center.cast<double>() +
-             h * Eigen::Vector3d(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1);
-  }
-  return out;
-}
 
 // A placed object and the hypotheses of views that say so.
 struct GrownObject {
@@ -363,13 +350,7 @@ class Linker {
       turns.insert(turns.begin(), Rigid3{});
       std::vector<double> scores(turns.size());
       ParallelFor(static_cast<int>(turns.size()), options_.threads, [&](int t) {
-        scores[t] = JudgeInViews(in_.images,
-                                 *meshes_[o.object],
-                                 scene->views,
-                                 {o.object, o.scene_from_object * turns[t]},
-                                 options_.quick_render_px,
-                                 options_.shown_share)
-                        .score;
+        scores[t] = JudgeOne(scene->views, {o.object, o.scene_from_object * turns[t]}).score;
       });
       const auto best = std::max_element(scores.begin(), scores.end());
       if (*best < scores.front() + kTurnedScore) continue;
@@ -803,77 +784,30 @@ class Linker {
     return sum;
   }
 
-  // Each object by itself first, then with what better ones hide and explain.
-  std::vector<LinkedObject> Judge(const AspectScene& scene, double render_px) const {
-    const int count = static_cast<int>(scene.objects.size());
-    std::vector<LinkedObject> alone(count);
-    ParallelFor(count, options_.threads, [&](int i) {
-      alone[i] = JudgeAmong(scene.views, scene.objects[i], render_px, {});
-    });
-    const std::vector<std::vector<PartLayer>> layers = LayersOf(scene, alone);
-    std::vector<LinkedObject> out(count);
-    ParallelFor(count, options_.threads, [&](int i) {
-      const ViewLayers others =
-          Overlapping(scene, layers, i, [&](int o) { return alone[o].score > alone[i].score; });
-      out[i] =
-          others.empty() ? alone[i] : JudgeAmong(scene.views, scene.objects[i], render_px, others);
-    });
+  SceneJudgementOptions Judging(double render_px) const {
+    SceneJudgementOptions out;
+    out.render_px = render_px;
+    out.layer_px = options_.quick_render_px;
+    out.shown_share = options_.shown_share;
     return out;
   }
 
-  LinkedObject JudgeAmong(const std::vector<std::optional<AspectSceneView>>& views,
-                          const AspectSceneObject& placed,
-                          double render_px,
-                          const ViewLayers& others) const {
+  std::vector<LinkedObject> Judge(const AspectScene& scene, double render_px) const {
+    SceneJudgementOptions judging = Judging(render_px);
+    judging.threads = options_.threads;
+    return JudgeScene(in_.images, meshes_, scene, judging);
+  }
+
+  // One object, rendered quickly.
+  LinkedObject JudgeOne(const std::vector<std::optional<AspectSceneView>>& views,
+                        const AspectSceneObject& placed,
+                        std::span<const std::vector<PartLayer>* const> others = {}) const {
     return JudgeInViews(in_.images,
                         *meshes_[placed.object],
                         views,
                         placed,
-                        render_px,
-                        options_.shown_share,
+                        Judging(options_.quick_render_px),
                         others);
-  }
-
-  // [object][view], of those that are sure enough to hide others.
-  std::vector<std::vector<PartLayer>> LayersOf(const AspectScene& scene,
-                                               const std::vector<LinkedObject>& judged) const {
-    std::vector<std::vector<PartLayer>> out(scene.objects.size());
-    AspectScoreOptions options;
-    options.render_px = options_.quick_render_px;
-    ParallelFor(static_cast<int>(out.size()), options_.threads, [&](int o) {
-      out[o].resize(scene.views.size());
-      if (judged[o].score < kHidingScore) return;
-      for (std::size_t v = 0; v < scene.views.size(); ++v) {
-        if (!scene.views[v]) continue;
-        out[o][v] =
-            MakePartLayer(in_.images[v],
-                          *meshes_[scene.objects[o].object],
-                          scene.views[v]->camera,
-                          scene.views[v]->camera_from_scene * scene.objects[o].scene_from_object,
-                          options);
-      }
-    });
-    return out;
-  }
-
-  // Layers of the wanted objects near object i in any view; empty when there are none.
-  template <typename IsWanted>
-  ViewLayers Overlapping(const AspectScene& scene,
-                         const std::vector<std::vector<PartLayer>>& layers,
-                         int i,
-                         const IsWanted& is_wanted) const {
-    ViewLayers out(scene.views.size());
-    bool any = false;
-    for (int o = 0; o < static_cast<int>(layers.size()); ++o) {
-      if (o == i || !is_wanted(o)) continue;
-      for (std::size_t v = 0; v < layers[o].size(); ++v) {
-        if (layers[o][v].width == 0) continue;
-        out[v].push_back(&layers[o][v]);
-        any = true;
-      }
-    }
-    if (!any) out.clear();
-    return out;
   }
 
   // Leaves out what explains too little; the frame goes to the best. Returns what is explained.
@@ -956,16 +890,19 @@ class Linker {
   void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const {
     std::vector<LinkedObject> there(scene->objects.size());
     ParallelFor(static_cast<int>(there.size()), options_.threads, [&](int i) {
-      there[i] = JudgeAmong(scene->views, scene->objects[i], options_.quick_render_px, {});
+      there[i] = JudgeOne(scene->views, scene->objects[i]);
     });
-    const std::vector<std::vector<PartLayer>> layers = LayersOf(*scene, there);
-    const ViewLayers others = Overlapping(*scene, layers, -1, [](int) { return true; });
+    SceneJudgementOptions judging = Judging(options_.quick_render_px);
+    judging.threads = options_.threads;
+    const SceneLayers layers = MakeSceneLayers(in_.images, meshes_, *scene, there, judging);
+    std::vector<const std::vector<PartLayer>*> others;
+    for (const std::vector<PartLayer>& object : layers) others.push_back(&object);
     std::vector<LinkedObject> judged(candidates.size());
     ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
       if (IsStopRequested(stop_)) return;
       // Its depth is the least certain: the other views set it.
       candidates[i] = Settled(scene->views, candidates[i]);
-      judged[i] = JudgeAmong(scene->views, candidates[i], options_.quick_render_px, others);
+      judged[i] = JudgeOne(scene->views, candidates[i], others);
     });
     std::vector<int> order(judged.size());
     std::iota(order.begin(), order.end(), 0);
@@ -1176,13 +1113,7 @@ class Linker {
       ParallelFor(kJudged, options_.threads, [&](int k) {
         if (k >= static_cast<int>(order.size()) || best[order[k]] <= 0.0) return;
         const AspectSceneObject settled = Settled(scene->views, candidates[order[k]]);
-        scores[k] = JudgeInViews(in_.images,
-                                 *meshes_[settled.object],
-                                 scene->views,
-                                 settled,
-                                 options_.quick_render_px,
-                                 options_.shown_share)
-                        .score;
+        scores[k] = JudgeOne(scene->views, settled).score;
       });
       const auto most = std::max_element(scores.begin(), scores.end());
       if (*most <= 0.0) continue;
@@ -1208,61 +1139,6 @@ class Linker {
 int LinkedScene::registered() const {
   return static_cast<int>(
       std::count_if(views.begin(), views.end(), [](const auto& v) { return v.has_value(); }));
-}
-
-LinkedObject JudgeInViews(std::span<const AspectImage> images,
-                          const RenderMesh& mesh,
-                          const std::vector<std::optional<AspectSceneView>>& views,
-                          const AspectSceneObject& placed,
-                          double render_px,
-                          double shown_share,
-                          const ViewLayers& others) {
-  LinkedObject out;
-  out.object = placed.object;
-  out.scene_from_object = placed.scene_from_object;
-  out.views.resize(views.size());
-  out.shown.assign(views.size(), false);
-  AspectScoreOptions options;
-  options.render_px = render_px;
-  int shown = 0;
-  for (std::size_t v = 0; v < views.size(); ++v) {
-    if (!views[v]) continue;
-    const PinholeCamera& camera = views[v]->camera;
-    const Rigid3 pose = views[v]->camera_from_scene * placed.scene_from_object;
-    int inside = 0;
-    for (const Eigen::Vector3d& corner : BoxCorners(mesh)) {
-      const Eigen::Vector3d x = pose * corner;
-      if (x.z() <= 0) continue;
-      const Eigen::Vector2d u = Project(camera, x);
-      inside += u.x() >= 0 && u.y() >= 0 && u.x() < camera.width && u.y() < camera.height;
-    }
-    if (inside < 8 * shown_share) continue;
-    out.views[v] = ScorePose(images[v],
-                             mesh,
-                             camera,
-                             pose,
-                             options,
-                             others.empty() ? std::span<const PartLayer* const>() : others[v]);
-    const AspectScore& score = out.views[v];
-    if (score.visible_px < kVisibleShare * (score.visible_px + score.hidden_px)) {
-      out.views[v] = {};
-      continue;
-    }
-    out.shown[v] = true;
-    ++shown;
-    out.score += out.views[v].score;
-    out.precision += out.views[v].precision;
-  }
-  int registered = 0;
-  for (const auto& view : views) registered += view.has_value();
-  // Wrong cameras push objects out of the images that contradict them.
-  if (shown == 0 || 2 * shown < registered) {
-    out.score = out.precision = 0.0;
-    return out;
-  }
-  out.score /= shown;
-  out.precision /= shown;
-  return out;
 }
 
 LinkedScene LinkAspects(const AspectLinkInput& input,

@@ -11,9 +11,9 @@
 #include "server/base/stop_token.h"
 #include "server/vision/recognition/aspects/aspect_adjustment.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
-#include "server/vision/recognition/aspects/aspect_score.h"
 #include "server/vision/recognition/aspects/find_aspects.h"
 #include "server/vision/recognition/aspects/fragment_index.h"
+#include "server/vision/recognition/aspects/scene_judgement.h"
 
 namespace horopter {
 
@@ -51,17 +51,6 @@ struct AspectLinkInput {
   std::span<const AspectPart> parts;
 };
 
-struct LinkedObject {
-  int object = -1;  // index of the parts
-  Rigid3 scene_from_object;
-  std::vector<AspectScore> views;  // score 0 and visible_px 0 where not shown or not registered
-  std::vector<bool> shown;
-  double score = 0.0;      // mean of the shown views' scores
-  double precision = 0.0;  // ... of their precisions
-  double runner_up = 0.0;  // best score of another part in its place, and which
-  int runner_up_object = -1;
-};
-
 struct LinkedScene {
   std::vector<std::optional<AspectSceneView>> views;
   std::vector<LinkedObject> objects;  // best first
@@ -74,18 +63,5 @@ struct LinkedScene {
 LinkedScene LinkAspects(const AspectLinkInput& input,
                         const AspectLinkOptions& options = {},
                         const StopRequested& stop = {});
-
-// Layers of the parts that may hide a part, of each view.
-using ViewLayers = std::vector<std::vector<const PartLayer*>>;
-
-// Scores of an object in all registered views of a scene; `others` is empty or has one entry a
-// view. A view that shows little of the object because of the others does not count.
-LinkedObject JudgeInViews(std::span<const AspectImage> images,
-                          const RenderMesh& mesh,
-                          const std::vector<std::optional<AspectSceneView>>& views,
-                          const AspectSceneObject& placed,
-                          double render_px,
-                          double shown_share = 0.6,
-                          const ViewLayers& others = {});
 
 }  // namespace horopter

@@ -178,16 +178,16 @@ AspectJudgement JudgeAnswer(const JointContext& context,
                             const RecognitionResult& answer) {
   const AspectRouteOptions& options = context.options.aspects;
   AspectJudgement out;
-  out.objects.resize(answer.objects.size());
-  const auto views = SceneViews(answer.views);
-  ParallelFor(static_cast<int>(answer.objects.size()), context.options.threads, [&](int i) {
-    const SceneObject& o = answer.objects[i];
-    out.objects[i] = JudgeInViews(images,
-                                  context.objects[o.object]->aspects->object.mesh,
-                                  views,
-                                  {o.object, o.scene_from_object},
-                                  options.judge_render_px);
-  });
+  AspectScene scene;
+  scene.views = SceneViews(answer.views);
+  for (const SceneObject& o : answer.objects)
+    scene.objects.push_back({o.object, o.scene_from_object});
+  std::vector<const RenderMesh*> meshes;
+  for (const auto& o : context.objects) meshes.push_back(&o->aspects->object.mesh);
+  SceneJudgementOptions judging;
+  judging.render_px = options.judge_render_px;
+  judging.threads = context.options.threads;
+  out.objects = JudgeScene(images, meshes, scene, judging);
   std::vector<double> scores;
   for (const LinkedObject& o : out.objects) {
     out.score += AboveChance(o, options.chance_score);
