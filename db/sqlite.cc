@@ -135,7 +135,13 @@ absl::StatusOr<std::string> QueryText(sqlite3* db, std::string_view sql) {
 absl::Status RunInTransaction(sqlite3* db, const std::function<absl::Status()>& body) {
   HOROPTER_RETURN_IF_ERROR(Execute(db, "BEGIN IMMEDIATE"));
   CrashPoint("transaction.begun");
-  absl::Status status = body();
+  absl::Status status;
+  try {
+    status = body();
+  } catch (...) {  // memory was short: nothing of it may stay
+    sqlite3_exec(db, "ROLLBACK", nullptr, nullptr, nullptr);
+    throw;
+  }
   CrashPoint("transaction.before_commit");
   if (status.ok()) status = Execute(db, "COMMIT");
   CrashPoint("transaction.after_commit");

@@ -71,7 +71,7 @@ absl::StatusOr<int64_t> QueryInt(sqlite3* db, std::string_view sql);
 absl::StatusOr<std::string> QueryText(sqlite3* db, std::string_view sql);
 
 // The one transaction of the project: begins, runs `body`, commits when it returns OK and the
-// commit succeeds, rolls back otherwise.
+// commit succeeds, rolls back otherwise, also when it throws.
 absl::Status RunInTransaction(sqlite3* db, const std::function<absl::Status()>& body);
 
 }  // namespace horopter

@@ -5,6 +5,7 @@
 
 #include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
+#include "server/service/error_details.h"
 
 namespace horopter {
 namespace {
@@ -96,7 +97,9 @@ grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext
     context->AddTrailingMetadata(kRetryAfterKey, retry);
   }
   // absl and gRPC number the canonical codes alike.
-  return grpc::Status(static_cast<grpc::StatusCode>(status.code()), std::string(status.message()));
+  return grpc::Status(static_cast<grpc::StatusCode>(status.code()),
+                      std::string(status.message()),
+                      ErrorDetails(status));
 } catch (...) {
   return grpc::Status(static_cast<grpc::StatusCode>(status.code()), "");
 }

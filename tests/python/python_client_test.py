@@ -191,7 +191,7 @@ class Recognize(WithServer):
     def test_bad_requests_are_typed_and_name_the_field(self):
         with self.assertRaises(horopter.InvalidRequest) as caught:
             self.client.recognize([IMAGES[0], b"no image"])
-        self.assertEqual(caught.exception.field, "images[1].content")
+        self.assertEqual((caught.exception.field, caught.exception.reason), ("images[1].content", "FIELD_INVALID"))
         with self.assertRaises(horopter.InvalidRequest) as caught:
             self.client.recognize(IMAGES, hints=[None, horopter.CameraHint(focal_px=-1.0)])
         self.assertEqual(caught.exception.field, "images[1].camera_hint.focal_px")

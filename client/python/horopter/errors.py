@@ -5,17 +5,19 @@ from typing import Optional
 
 import grpc
 
+from horopter.v1 import errors_pb2
+
 
 class HoropterError(Exception):
     """A failed call.
 
     code: canonical name, e.g. "INVALID_ARGUMENT"; request_id: the call in the server's log, None when the server was not
     reached; field: the offending field of the request, e.g. "images[2].content"; retry_after_s: when a new try makes
-    sense, seconds.
+    sense, seconds; reason: stable name for programs, e.g. "SERVER_BUSY" (ErrorInfo in errors.proto).
     """
 
     def __init__(self, code: str, message: str, request_id: Optional[str] = None, field: Optional[str] = None,
-                 retry_after_s: Optional[float] = None):
+                 retry_after_s: Optional[float] = None, reason: Optional[str] = None):
         text = message if request_id is None else "%s (request %s)" % (message, request_id)
         super().__init__(text)
         self.code = code
@@ -23,6 +25,7 @@ class HoropterError(Exception):
         self.request_id = request_id
         self.field = field
         self.retry_after_s = retry_after_s
+        self.reason = reason
 
 
 class InvalidRequest(HoropterError):
@@ -94,6 +97,15 @@ def _value(metadata, key: str) -> Optional[str]:
     return None
 
 
+def _reason(metadata) -> Optional[str]:
+    for name, value in metadata or ():
+        if name == "grpc-status-details-bin":
+            for detail in errors_pb2.Status.FromString(value).details:
+                if detail.type_url.endswith("/google.rpc.ErrorInfo"):
+                    return errors_pb2.ErrorInfo.FromString(detail.value).reason
+    return None
+
+
 def from_rpc(error: grpc.RpcError) -> HoropterError:
     """The typed error of a failed gRPC call (of grpc or grpc.aio)."""
     code = error.code().name
@@ -105,4 +117,4 @@ def from_rpc(error: grpc.RpcError) -> HoropterError:
     else:
         kind = _CLASSES.get(code, HoropterError)
     return kind(code, error.details() or "", request_id, _value(trailing, "horopter-error-field"),
-                None if retry is None else float(retry) / 1e3)
+                None if retry is None else float(retry) / 1e3, _reason(trailing))
