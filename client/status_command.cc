@@ -30,6 +30,10 @@ absl::Status ServerStatus(HoropterClient& client) {
     Say("catalog     %d objects, generation %lld\n",
         info.object_count(),
         static_cast<long long>(info.catalog_generation()));
+    if (info.unusable_object_count() > 0) {
+      Say("            %d objects left out; horopter catalog verify says why\n",
+          info.unusable_object_count());
+    }
     Say("load        %d of %d scenes running, %d of %d waiting, %.0f of %.0f MB reserved\n",
         load.running(),
         limits.workers(),
@@ -43,6 +47,7 @@ absl::Status ServerStatus(HoropterClient& client) {
         static_cast<double>(limits.max_recognize_bytes()) / kMb);
     json["version"] = info.version();
     json["objects"] = info.object_count();
+    json["unusable_objects"] = info.unusable_object_count();
     json["catalog_generation"] = info.catalog_generation();
     json["load"] = {{"running", load.running()},
                     {"waiting", load.waiting()},
