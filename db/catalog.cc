@@ -177,6 +177,7 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
   return RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, model.id));
     if (!exists) return NotFound(model.id);
+    HOROPTER_RETURN_IF_ERROR(CountGeneration(db));
     const bool digested = parts.geometry || parts.symmetries || parts.grasps;
     if (digested) {  // what is damaged does not get a digest that says otherwise
       HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord before, ReadUnchecked(db, model.id));
@@ -193,7 +194,6 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
     if (parts.geometry) {
       HOROPTER_RETURN_IF_ERROR(ReplaceGeometry(db, model));
       HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, model.id, derived));
-      HOROPTER_RETURN_IF_ERROR(CountGeneration(db));
     }
     if (parts.symmetries) {
       HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "symmetry", model.id));
@@ -222,7 +222,7 @@ absl::Status Catalog::StoreDerived(
       HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
       if (exists) HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, id, data));
     }
-    return absl::OkStatus();
+    return CountGeneration(db);
   });
 }
 

@@ -98,7 +98,7 @@ class Catalog {
 
   absl::StatusOr<int> CountObjects();
 
-  // Number of writes so far that changed geometry or the set of objects.
+  // Number of writes so far, those of derived data included.
   absl::StatusOr<int64_t> Generation();
 
   // At most `limit` models with their derived data, id > after_id, ordered by id; of a damaged one

@@ -78,7 +78,7 @@ absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr
   std::unique_ptr<CatalogStore> store(
       new CatalogStore(std::move(catalog), std::move(preparer), options));
   HOROPTER_ASSIGN_OR_RETURN(const auto published, store->LoadAll(options.stop));
-  published->snapshot.generation = 1;
+  HOROPTER_ASSIGN_OR_RETURN(published->snapshot.generation, store->catalog_->Generation());
   store->published_ = published;
   return store;
 }
@@ -395,7 +395,10 @@ void CatalogStore::Publish(const std::string& id, Prepared prepared) {
   CrashPoint("store.before_publish");
   auto next = std::make_shared<PublishedCatalog>(*Published());
   CatalogSnapshot& snapshot = next->snapshot;
-  ++snapshot.generation;
+  // The file's number, so that it goes on after a restart; in any case a larger one.
+  const absl::StatusOr<int64_t> counted = catalog_->Generation();
+  snapshot.generation =
+      std::max<long>(snapshot.generation + 1, counted.ok() ? static_cast<long>(*counted) : 0);
   next->unusable.erase(id);
   const bool resident = load_report_.resident;
   const auto at = std::lower_bound(next->ids.begin(), next->ids.end(), id) - next->ids.begin();

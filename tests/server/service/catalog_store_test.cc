@@ -169,6 +169,31 @@ TEST_F(CatalogStoreTest, ARestoredCatalogIsPublishedWithNewKeys) {
   EXPECT_TRUE(opened.store->CheckIndex().ok()) << opened.store->CheckIndex();
 }
 
+TEST_F(CatalogStoreTest, TheGenerationCountsEveryWriteAndGoesOnAfterARestart) {
+  const auto generation = [](const Counted& opened) {
+    return opened.store->Published()->snapshot.generation;
+  };
+  long before = 0;
+  {
+    const Counted opened = OpenCounted(path_);
+    const long first = generation(opened);
+    EXPECT_GE(first, 5);  // objects enrolled before
+    const auto rename = [](CatalogRecord current) -> absl::StatusOr<CatalogRecord> {
+      current.model.display_name = "other";
+      return current;
+    };
+    ASSERT_TRUE(opened.store->Update("obj_1", {.display_name = true}, rename).ok());
+    EXPECT_EQ(generation(opened), first + 1);
+    ASSERT_TRUE(opened.store->Delete("obj_2").ok());
+    before = generation(opened);
+    EXPECT_EQ(before, first + 2);
+  }
+  const Counted opened = OpenCounted(path_);
+  EXPECT_EQ(generation(opened), before);
+  ASSERT_TRUE(opened.store->Create(SampleRecord("obj_2", 3)).ok());
+  EXPECT_EQ(generation(opened), before + 1);
+}
+
 // A catalog larger than what is held in memory.
 class StoredCatalogTest : public CatalogStoreTest {
  protected:
