@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -40,25 +39,18 @@ struct Body {
 };
 
 std::vector<Body> BodiesOf(const TriangleMesh& mesh, const std::vector<MeshEdge>& edges) {
-  std::vector<int> parent(mesh.triangles.size());
-  std::iota(parent.begin(), parent.end(), 0);
-  const auto root = [&](int t) {
-    while (parent[t] != t) t = parent[t] = parent[parent[t]];
-    return t;
-  };
-  for (const MeshEdge& e : edges) {
-    if (e.triangle_2 >= 0) parent[root(e.triangle_1)] = root(e.triangle_2);
-  }
+  const std::vector<int> body_of =
+      TriangleRegions(mesh.triangles.size(), edges, [](const MeshEdge&) { return true; });
   std::map<int, Body> bodies;
-  for (int t = 0; t < static_cast<int>(parent.size()); ++t) {
+  for (int t = 0; t < static_cast<int>(body_of.size()); ++t) {
     const Eigen::Vector3i& v = mesh.triangles[t];
-    Body& body = bodies[root(t)];
+    Body& body = bodies[body_of[t]];
     ++body.triangles;
     body.volume += mesh.vertices[v[0]].dot(mesh.vertices[v[1]].cross(mesh.vertices[v[2]])) / 6.0;
     for (const int k : v) body.box.extend(mesh.vertices[k]);
   }
   for (const MeshEdge& e : edges) {
-    if (e.triangle_2 < 0) bodies[root(e.triangle_1)].closed = false;
+    if (e.triangle_2 < 0) bodies[body_of[e.triangle_1]].closed = false;
   }
   std::vector<Body> out;
   for (auto& [id, body] : bodies) out.push_back(body);

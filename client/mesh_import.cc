@@ -10,7 +10,6 @@
 #include <exception>
 #include <fstream>
 #include <map>
-#include <numeric>
 #include <set>
 #include <sstream>
 #include <string_view>
@@ -182,19 +181,9 @@ TriangleMesh Simplified(const TriangleMesh& soup,
 
 // Region id per triangle: triangles joined over edges without an angle.
 std::vector<int> PlanarRegions(const TriangleMesh& mesh, const std::vector<MeshEdge>& edges) {
-  std::vector<int> parent(mesh.triangles.size());
-  std::iota(parent.begin(), parent.end(), 0);
-  const auto root = [&](int t) {
-    while (parent[t] != t) t = parent[t] = parent[parent[t]];
-    return t;
-  };
-  for (const MeshEdge& e : edges) {
-    if (e.triangle_2 >= 0 && e.dihedral_rad < kCoplanarRad) {
-      parent[root(e.triangle_1)] = root(e.triangle_2);
-    }
-  }
-  for (size_t t = 0; t < parent.size(); ++t) parent[t] = root(static_cast<int>(t));
-  return parent;
+  return TriangleRegions(mesh.triangles.size(), edges, [](const MeshEdge& e) {
+    return e.dihedral_rad < kCoplanarRad;
+  });
 }
 
 // Drops the edges between the wall facets of a coarse cylinder or cone: they start inside a rim (an

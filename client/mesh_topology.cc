@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <iterator>
 #include <map>
+#include <numeric>
 #include <queue>
 #include <set>
 #include <unordered_map>
@@ -289,6 +290,22 @@ CleanMesh CleanTriangleSoup(const TriangleMesh& soup, double weld_distance) {
   }
   clean.closed = !mesh.triangles.empty() && Orient(mesh, &clean.turned_triangles);
   return clean;
+}
+
+std::vector<int> TriangleRegions(std::size_t triangles,
+                                 const std::vector<MeshEdge>& edges,
+                                 const std::function<bool(const MeshEdge&)>& joins) {
+  std::vector<int> parent(triangles);
+  std::iota(parent.begin(), parent.end(), 0);
+  const auto root = [&](int t) {
+    while (parent[t] != t) t = parent[t] = parent[parent[t]];
+    return t;
+  };
+  for (const MeshEdge& e : edges) {
+    if (e.triangle_2 >= 0 && joins(e)) parent[root(e.triangle_1)] = root(e.triangle_2);
+  }
+  for (std::size_t t = 0; t < triangles; ++t) parent[t] = root(static_cast<int>(t));
+  return parent;
 }
 
 std::vector<Eigen::Vector3d> TriangleNormals(const TriangleMesh& mesh) {

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
+#include <functional>
 #include <vector>
 
 #include "server/vision/geometry/object_model.h"
@@ -41,6 +43,12 @@ struct MeshEdge {
 };
 
 std::vector<MeshEdge> MeshEdges(const TriangleMesh& mesh);
+
+// Region of every triangle, named by one of its triangles: triangles are joined over the edges that
+// `joins` accepts of those with two of them.
+std::vector<int> TriangleRegions(std::size_t triangles,
+                                 const std::vector<MeshEdge>& edges,
+                                 const std::function<bool(const MeshEdge&)>& joins);
 
 // Unit normal of every triangle.
 std::vector<Eigen::Vector3d> TriangleNormals(const TriangleMesh& mesh);

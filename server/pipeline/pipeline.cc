@@ -346,11 +346,13 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                          objects,
                          selection.slots.empty() ? nullptr : &catalog.keys,
                          selection.slots};
-  const bool aspects_first = AspectsComeFirst(objects, options.recognition);
+  bool aspects_first = AspectsComeFirst(objects, options.recognition);
   if (aspects_first) {
     HOROPTER_ASSIGN_OR_RETURN(
         trace.recognition,
         TimedRecognition(RecognizeByAspectsAlone, input, options, stop, &answer.stages));
+    // Of a large catalog the images may say that it need not have been.
+    aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
   }
   if (trace.recognition.objects.empty() && !IsStopRequested(options.recognition.hurry)) {
     HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));

@@ -6,12 +6,9 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <numeric>
 #include <optional>
-#include <random>
 
-#include "server/base/stop_scope.h"
-#include "server/vision/geometry/surface_distance.h"
+#include "server/vision/geometry/surface_prober.h"
 
 namespace horopter {
 namespace {
@@ -19,25 +16,14 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kPi = std::numbers::pi;
-constexpr int kAreaSamples = 700, kVertexSamples = 1200;
-constexpr int kFitSamples = 300;            // for moving an axis
 constexpr int kGlanceSamples = 60;          // for a first look
-constexpr double kSameAxis = 0.9998;        // cosine, one degree
 constexpr int kFewFold = 12;                // orders that near symmetries are looked for in
 constexpr double kAnyTurns[] = {2.3, 1.0};  // rad; no rational parts of a turn
 constexpr double kFlipStep = kPi / 60.0;    // between half turns that are tried
-constexpr double kRegionGap = 0.06;         // diameters; nearer samples are one region
-constexpr int kPlaneAxes = 5;               // faces whose normals are tried as axes
 constexpr double kSameTurn = 0.1;           // Frobenius, 4 degrees: an exact one, measured anew
 // A near symmetry is one of small features, or of small steps (diameters) of large faces.
 constexpr double kSmallShare = 0.2, kSmallStep = 0.015;
-constexpr double kSphereInside = 0.97;  // of the radius; sixteen facets around
-constexpr double kSharper = 1.5;        // a lower order must fit so much better
-
-struct Sample {
-  Vector3d point;
-  bool vertex = false;  // of the mesh, where its features are; otherwise stands for area
-};
+constexpr double kSharper = 1.5;  // a lower order must fit so much better
 
 int Gcd(int a, int b) {
   return b == 0 ? a : Gcd(b, a % b);
@@ -53,254 +39,6 @@ double GeneratorAngle(int order) {
   return 2.0 * kPi * best / order;
 }
 
-class Prober {
- public:
-  Prober(const TriangleMesh& mesh, double diameter_m, const MeshSymmetryOptions& options)
-      : mesh_(mesh),
-        options_(options),
-        diameter_(diameter_m),
-        surface_(mesh, options.reach * diameter_m) {
-    Draw();
-  }
-
-  bool empty() const { return area_.empty(); }
-  const Vector3d& center() const { return center_; }
-  double diameter_m() const { return diameter_; }
-  double near_mean_m() const { return options_.near_mean * diameter_; }
-  double tolerance_m() const { return options_.tolerance * diameter_; }
-
-  // Mean distance of the first `count` samples of the area; at least `enough` if it gets there.
-  double Mean(const Rigid3& motion, int count, double enough) const {
-    count = std::min<int>(count, static_cast<int>(area_.size()));
-    LeaveIfStopped();
-    const double most = enough * count;
-    double sum = 0.0;
-    for (int i = 0; i < count; ++i) {
-      sum += surface_.At(motion * area_[i].point).distance;
-      if (sum > most) return std::max(enough, sum / count);
-    }
-    return sum / count;
-  }
-
-  // Whether no sample is off.
-  bool Exact(const Rigid3& motion) const {
-    const auto on = [&](const Sample& s) {
-      return surface_.At(motion * s.point).distance <= tolerance_m();
-    };
-    return std::all_of(area_.begin(), area_.end(), on) &&
-           std::all_of(vertices_.begin(), vertices_.end(), on);
-  }
-
-  // Vertices at one distance from the centre, and the facets between them not far inside.
-  bool IsSphere() const {
-    double least = std::numeric_limits<double>::infinity(), most = 0.0, inside = least;
-    for (const Sample& s : vertices_) {
-      const double r = (s.point - center_).norm();
-      least = std::min(least, r);
-      most = std::max(most, r);
-    }
-    for (const Sample& s : area_) inside = std::min(inside, (s.point - center_).norm());
-    return most - least <= 2.0 * tolerance_m() && inside >= kSphereInside * most;
-  }
-
-  SurfaceMismatch Measure(const Rigid3& motion) const {
-    SurfaceMismatch out;
-    std::vector<Vector3d> off_area, off_vertices;
-    for (const auto* samples : {&area_, &vertices_}) {
-      for (const Sample& s : *samples) {
-        const double distance = surface_.At(motion * s.point).distance;
-        out.largest_m = std::max(out.largest_m, distance);
-        const bool off = distance > tolerance_m();
-        if (off) (s.vertex ? off_vertices : off_area).push_back(s.point);
-        if (!s.vertex) out.mean_m += distance / static_cast<double>(area_.size());
-      }
-    }
-    out.area_share = static_cast<double>(off_area.size()) / static_cast<double>(area_.size());
-    // What a feature is told by are its vertices; the plain face in the place of its counterpart
-    // has none.
-    const auto& off = off_vertices.size() >= 3 ? off_vertices : off_area;
-    const Eigen::AlignedBox3d region = LargestRegion(off);
-    if (!region.isEmpty()) {
-      out.place = region.center();
-      out.size_m = region.diagonal().norm();
-    }
-    return out;
-  }
-
-  // The axis moved to where its turn fits best: point-to-plane steps on what lies near already.
-  SymmetryAxis Fit(SymmetryAxis axis, double angle) const {
-    Rigid3 motion = TurnAbout(axis, angle);
-    double gate = 0.03 * diameter_;
-    for (int round = 0; round < 4; ++round, gate *= 0.6) {
-      Eigen::Matrix<double, 6, 6> A = Eigen::Matrix<double, 6, 6>::Zero();
-      Eigen::Matrix<double, 6, 1> b = Eigen::Matrix<double, 6, 1>::Zero();
-      const int count = std::min<int>(kFitSamples, static_cast<int>(area_.size()));
-      for (int i = 0; i < count; ++i) {
-        const Vector3d p = motion * area_[i].point;
-        const SurfaceDistance::Nearest nearest = surface_.At(p);
-        if (nearest.triangle < 0 || nearest.distance > gate) continue;
-        const Vector3d n = NormalOf(nearest.triangle);
-        Eigen::Matrix<double, 6, 1> row;
-        row << (p - center_).cross(n) / diameter_, n;  // rotations in diameters
-        A += row * row.transpose();
-        b -= n.dot(p - nearest.point) * row;
-      }
-      // Free directions (a cylinder turns as it likes) stay as they are.
-      A.diagonal().array() += 1e-3 * A.trace() / 6.0 + 1e-12;
-      const Eigen::Matrix<double, 6, 1> step = A.ldlt().solve(b);
-      const Vector3d turn = step.head<3>() / diameter_;
-      const double size = turn.norm();
-      const Eigen::Matrix3d R = size > 1e-12
-                                    ? Eigen::AngleAxisd(size, turn / size).toRotationMatrix()
-                                    : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
-      motion = Rigid3{R, center_ - R * center_ + step.tail<3>()} * motion;
-    }
-    return AxisOf(motion, axis);
-  }
-
-  // Normals of the largest plane faces, largest first; opposite ones are one.
-  std::vector<Vector3d> FaceDirections() const {
-    struct Direction {
-      Vector3d normal;
-      int count;
-    };
-    std::vector<Direction> found;
-    for (std::size_t i = 0; i < area_.size(); ++i) {
-      const Vector3d& n = area_normals_[i];
-      const auto known = std::find_if(found.begin(), found.end(), [&](const Direction& d) {
-        return std::abs(d.normal.dot(n)) > kSameAxis;
-      });
-      if (known != found.end()) {
-        ++known->count;
-      } else {
-        found.push_back({n, 1});
-      }
-    }
-    std::stable_sort(found.begin(), found.end(), [](const Direction& a, const Direction& b) {
-      return a.count > b.count;
-    });
-    std::vector<Vector3d> out;
-    for (const Direction& d : found) {
-      if (static_cast<int>(out.size()) == kPlaneAxes || d.count < 4) break;
-      out.push_back(d.normal);
-    }
-    return out;
-  }
-
-  std::vector<Vector3d> PrincipalDirections() const {
-    Eigen::Matrix3d moment = Eigen::Matrix3d::Zero();
-    for (const Sample& s : area_) {
-      moment += (s.point - center_) * (s.point - center_).transpose();
-    }
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(moment);
-    return {
-        solver.eigenvectors().col(2), solver.eigenvectors().col(1), solver.eigenvectors().col(0)};
-  }
-
- private:
-  Vector3d NormalOf(int triangle) const {
-    const Eigen::Vector3i& t = mesh_.triangles[triangle];
-    return (mesh_.vertices[t[1]] - mesh_.vertices[t[0]])
-        .cross(mesh_.vertices[t[2]] - mesh_.vertices[t[0]])
-        .normalized();
-  }
-
-  // Points evenly over the area in an order without pattern, and the vertices.
-  void Draw() {
-    const int vertex_count = static_cast<int>(mesh_.vertices.size());
-    std::vector<double> until;
-    std::vector<int> triangles;
-    std::vector<char> used(mesh_.vertices.size(), 0);
-    double area = 0.0;
-    Vector3d sum = Vector3d::Zero();
-    for (int t = 0; t < static_cast<int>(mesh_.triangles.size()); ++t) {
-      const Eigen::Vector3i& v = mesh_.triangles[t];
-      if (v.minCoeff() < 0 || v.maxCoeff() >= vertex_count) continue;
-      const Vector3d &a = mesh_.vertices[v[0]], &b = mesh_.vertices[v[1]],
-                     &c = mesh_.vertices[v[2]];
-      const double size = (b - a).cross(c - a).norm();
-      if (!(size > 0.0)) continue;
-      for (const int k : v) used[k] = 1;
-      area += size;
-      sum += size * (a + b + c) / 3.0;
-      until.push_back(area);
-      triangles.push_back(t);
-    }
-    if (!(area > 0.0) || !(diameter_ > 0.0)) return;
-    center_ = sum / area;
-    std::mt19937 random(20);
-    const auto uniform = [&] { return (random() + 0.5) / 4294967296.0; };
-    std::size_t at = 0;
-    for (int i = 0; i < kAreaSamples; ++i) {
-      const double want = (i + uniform()) / kAreaSamples * area;
-      while (at + 1 < until.size() && until[at] < want) ++at;
-      const Eigen::Vector3i& v = mesh_.triangles[triangles[at]];
-      double r = uniform(), s = uniform();
-      if (r + s > 1.0) r = 1.0 - r, s = 1.0 - s;
-      area_.push_back({mesh_.vertices[v[0]] + r * (mesh_.vertices[v[1]] - mesh_.vertices[v[0]]) +
-                           s * (mesh_.vertices[v[2]] - mesh_.vertices[v[0]]),
-                       false});
-    }
-    for (std::size_t i = area_.size(); i > 1; --i) std::swap(area_[i - 1], area_[random() % i]);
-    for (const Sample& s : area_) area_normals_.push_back(NormalOf(surface_.At(s.point).triangle));
-    std::vector<int> vertices;
-    for (int v = 0; v < vertex_count; ++v) {
-      if (used[v]) vertices.push_back(v);
-    }
-    const std::size_t wanted = std::min<std::size_t>(kVertexSamples, vertices.size());
-    for (std::size_t i = 0; i < wanted; ++i) {
-      vertices_.push_back({mesh_.vertices[vertices[i * vertices.size() / wanted]], true});
-    }
-  }
-
-  Eigen::AlignedBox3d LargestRegion(const std::vector<Vector3d>& points) const {
-    const double gap = kRegionGap * diameter_;
-    std::vector<char> done(points.size(), 0);
-    Eigen::AlignedBox3d best;
-    std::size_t most = 0;
-    for (std::size_t seed = 0; seed < points.size(); ++seed) {
-      if (done[seed]) continue;
-      std::vector<std::size_t> region{seed};
-      done[seed] = 1;
-      Eigen::AlignedBox3d box;
-      for (std::size_t i = 0; i < region.size(); ++i) {
-        box.extend(points[region[i]]);
-        for (std::size_t k = 0; k < points.size(); ++k) {
-          if (done[k] || (points[k] - points[region[i]]).norm() > gap) continue;
-          done[k] = 1;
-          region.push_back(k);
-        }
-      }
-      if (region.size() <= most) continue;
-      most = region.size();
-      best = box;
-    }
-    return best;
-  }
-
-  // The axis of a motion that is nearly a turn; `like` gives its order and which way it points.
-  SymmetryAxis AxisOf(const Rigid3& motion, const SymmetryAxis& like) const {
-    const Eigen::AngleAxisd turn(motion.R);
-    if (!(turn.angle() > 0.3)) return like;
-    SymmetryAxis out = like;
-    out.axis = turn.axis().dot(like.axis) < 0.0 ? Vector3d(-turn.axis()) : turn.axis();
-    const Vector3d across = motion.t - out.axis * out.axis.dot(motion.t);
-    const Eigen::Matrix3d A = Eigen::Matrix3d::Identity() - motion.R;
-    const Vector3d point = A.completeOrthogonalDecomposition().solve(across);
-    // Of the axis the point nearest to the centre.
-    out.point = point + out.axis * out.axis.dot(center_ - point);
-    return out;
-  }
-
-  const TriangleMesh& mesh_;
-  const MeshSymmetryOptions& options_;
-  double diameter_;
-  SurfaceDistance surface_;
-  Vector3d center_ = Vector3d::Zero();
-  std::vector<Sample> area_, vertices_;
-  std::vector<Vector3d> area_normals_;
-};
-
 // What is known of an axis: exact, near or neither.
 struct Judged {
   bool exact = false;
@@ -310,7 +48,7 @@ struct Judged {
 
 class Finder {
  public:
-  Finder(const Prober& prober, const MeshSymmetryOptions& options)
+  Finder(const SurfaceProber& prober, const MeshSymmetryOptions& options)
       : prober_(prober), options_(options) {}
 
   MeshSymmetries Find() {
@@ -519,54 +257,18 @@ class Finder {
     return axis.order == 2 && flips >= most;
   }
 
-  const Prober& prober_;
+  const SurfaceProber& prober_;
   const MeshSymmetryOptions& options_;
   MeshSymmetries out_;
   std::vector<Judged> near_;
 };
 
-bool Known(const std::vector<Eigen::Matrix3d>& list, const Eigen::Matrix3d& R) {
-  // Frobenius, 2.4 degrees: measured axes are not exact; turns of order 120 differ by 3 degrees.
-  constexpr double kSameRotation = 0.06;
-  return std::any_of(
-      list.begin(), list.end(), [&](const auto& k) { return (k - R).norm() < kSameRotation; });
-}
-
-// Products of the generators until nothing new comes.
-std::vector<Eigen::Matrix3d> Closure(const std::vector<Eigen::Matrix3d>& generators, int most) {
-  std::vector<Eigen::Matrix3d> group{Eigen::Matrix3d::Identity()};
-  for (std::size_t i = 0; i < group.size(); ++i) {
-    for (const Eigen::Matrix3d& g : generators) {
-      if (static_cast<int>(group.size()) > most) return group;
-      const Eigen::Matrix3d product = group[i] * g;
-      if (!Known(group, product)) group.push_back(product);
-    }
-  }
-  return group;
-}
-
-Eigen::Matrix3d Turn(double angle, const Vector3d& axis) {
-  return Eigen::AngleAxisd(angle, axis.normalized()).toRotationMatrix();
-}
-
 }  // namespace
-
-Rigid3 TurnAbout(const SymmetryAxis& axis, double angle_rad) {
-  const Eigen::Matrix3d R = Turn(angle_rad, axis.axis);
-  return {R, axis.point - R * axis.point};
-}
-
-std::vector<Rigid3> TurnsOf(const SymmetryAxis& axis, int steps) {
-  const int count = axis.order == 0 ? steps : axis.order;
-  std::vector<Rigid3> out;
-  for (int k = 1; k < count; ++k) out.push_back(TurnAbout(axis, 2.0 * kPi * k / count));
-  return out;
-}
 
 MeshSymmetries FindMeshSymmetries(const TriangleMesh& mesh,
                                   double diameter_m,
                                   const MeshSymmetryOptions& options) {
-  const Prober prober(mesh, diameter_m, options);
+  const SurfaceProber prober(mesh, diameter_m, options);
   if (prober.empty()) return {};
   return Finder(prober, options).Find();
 }
@@ -575,31 +277,10 @@ std::vector<SurfaceMismatch> MeasureMismatches(const TriangleMesh& mesh,
                                                double diameter_m,
                                                std::span<const Rigid3> motions,
                                                const MeshSymmetryOptions& options) {
-  const Prober prober(mesh, diameter_m, options);
+  const SurfaceProber prober(mesh, diameter_m, options);
   std::vector<SurfaceMismatch> out(motions.size());
   if (prober.empty()) return out;
   for (std::size_t i = 0; i < motions.size(); ++i) out[i] = prober.Measure(motions[i]);
-  return out;
-}
-
-std::vector<Rigid3> SymmetryGroup(const MeshSymmetries& symmetries, int steps, int most) {
-  std::vector<Eigen::Matrix3d> generators;
-  if (symmetries.sphere) {
-    const double golden = 0.5 * (1.0 + std::sqrt(5.0));
-    generators = {Turn(2.0 * kPi / 5.0, {0.0, 1.0, golden}), Turn(kPi, Vector3d::UnitZ())};
-  }
-  for (const SymmetryAxis& a : symmetries.exact) {
-    Vector3d axis = a.axis;
-    // Measured axes are off by hundredths of a degree, which products would add up.
-    const Vector3d& main = symmetries.exact.front().axis;
-    if (std::abs(axis.dot(main)) < 0.03) axis -= main * axis.dot(main);
-    generators.push_back(Turn(2.0 * kPi / (a.order == 0 ? steps : a.order), axis));
-  }
-  std::vector<Rigid3> out;
-  for (const Eigen::Matrix3d& R : Closure(generators, most)) {
-    if ((R - Eigen::Matrix3d::Identity()).norm() < 1e-6) continue;
-    out.push_back({R, symmetries.center - R * symmetries.center});
-  }
   return out;
 }
 

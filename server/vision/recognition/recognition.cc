@@ -11,6 +11,7 @@
 #include "server/vision/recognition/interpretation/answer.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/decision.h"
+#include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/interpretation/rivals.h"
 #include "server/vision/recognition/interpretation/routes.h"
 #include "server/vision/recognition/interpretation/symmetric_views.h"
@@ -155,17 +156,15 @@ int Registered(const RecognitionResult& result) {
 // What neither finds the dearer routes are asked for. Rich ones have been asked for by their
 // aspects before (AspectsComeFirst): here only what trusted cameras say is added.
 absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
+                                              std::span<const AspectImage> images,
                                               JointContext* context) {
   const AspectRouteOptions& options = context->options.aspects;
-  const bool rich = AreRich(input.objects, options);
+  const bool rich = static_cast<int>(input.objects.size()) <= options.max_objects &&
+                    AreRich(input.objects, options);
   RecognitionRoutes quick = context->options.routes, dear = quick;
   quick.view_led = quick.projective = false;
   if (rich) quick.table = false;
   dear.metric = dear.table = false;
-  BeginStep(*context, "aspect_images");
-  // Judged with all edges: stripes and a block's own edges can be parallel.
-  const std::vector<AspectImage> images =
-      MakeAspectImages(input.images, false, context->options.threads);
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context));
   AspectJudgement judged = JudgeAnswer(*context, images, result);
   if (judged.median >= options.confirming_score || rich || IsStopRequested(context->give_up)) {
@@ -176,7 +175,8 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   BeginStep(*context, "aspect_images");
   const std::vector<AspectImage> plain =
       MakeAspectImages(input.images, true, context->options.threads);
-  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, plain));
+  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search, ChooseObjects(*context, plain));
+  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, plain, search));
   // An answer that leaves out views explains what is easy.
   if (!aspects.result.objects.empty() && aspects.score > judged.score &&
       Registered(aspects.result) >= Registered(result)) {
@@ -214,8 +214,7 @@ std::optional<RecognitionResult> TooFewFeatures(const RecognitionInput& input) {
 
 bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> objects,
                       const RecognitionOptions& options) {
-  return options.routes.aspects && HaveAspects(objects, options.aspects) &&
-         AreRich(objects, options.aspects);
+  return options.routes.aspects && HaveAspects(objects) && AreRich(objects, options.aspects);
 }
 
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
@@ -225,7 +224,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
   HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
   if (input.images.size() != input.features.size())
     return absl::InvalidArgumentError("images: one per list of features");
-  if (!HaveAspects(input.objects, options.aspects))
+  if (!HaveAspects(input.objects))
     return absl::InvalidArgumentError("objects: not all have aspects");
   if (auto result = TooFewFeatures(input)) return *std::move(result);
   const JointContext context =
@@ -235,7 +234,15 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
                   on_step);
   BeginStep(context, "aspect_images");
   const std::vector<AspectImage> images = MakeAspectImages(input.images, true, options.threads);
-  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(context, images));
+  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search, ChooseObjects(context, images));
+  if (!search.rich) {
+    RecognitionResult nothing;
+    nothing.views.resize(images.size());
+    return nothing;
+  }
+  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(context, images, search));
+  BeginStep(context, "pose_alternatives");
+  SayPoseAlternatives(context, images, &aspects.result);
   return std::move(aspects.result);
 }
 
@@ -251,9 +258,15 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
       options,
       stop,
       on_step);
-  if (options.routes.aspects && HaveAspects(input.objects, options.aspects) &&
+  if (options.routes.aspects && HaveAspects(input.objects) &&
       input.images.size() == input.features.size()) {
-    return WithAspects(input, &context);
+    BeginStep(context, "aspect_images");
+    // Judged with all edges: stripes and a block's own edges can be parallel.
+    const std::vector<AspectImage> images = MakeAspectImages(input.images, false, options.threads);
+    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, WithAspects(input, images, &context));
+    BeginStep(context, "pose_alternatives");
+    SayPoseAlternatives(context, images, &result);
+    return result;
   }
   return ByRoutes(input, options.routes, &context);
 }

@@ -29,10 +29,11 @@ class Share {
   Share(const AspectImage& image,
         const CoarseMaps& maps,
         const FragmentIndex& index,
-        const AspectVoteOptions& options)
-      : image_(image), maps_(maps), index_(index), options_(options) {
-    pools_.resize(index.parts.size());
-    floors_.assign(index.parts.size(), 0.0f);
+        const AspectVoteOptions& options,
+        std::span<const std::uint8_t> wanted)
+      : image_(image), maps_(maps), index_(index), options_(options), wanted_(wanted) {
+    pools_.resize(index.part_count);
+    floors_.assign(index.part_count, 0.0f);
   }
 
   void Vote(const ContourFragment& fragment) {
@@ -42,6 +43,11 @@ class Share {
       index_.Find(way.key,
                   static_cast<float>(options_.key_rms_rad) * std::sqrt(float{kFragmentAngles}),
                   &found_);
+      if (!wanted_.empty()) {
+        std::erase_if(found_, [&](std::uint32_t f) {
+          return !wanted_[index_.aspects[index_.fragments[f].aspect].part];
+        });
+      }
       counts_.matches += static_cast<std::int64_t>(found_.size());
       const std::size_t stride =
           1 + found_.size() / static_cast<std::size_t>(std::max(1, options_.max_matches));
@@ -196,6 +202,7 @@ class Share {
   const CoarseMaps& maps_;
   const FragmentIndex& index_;
   const AspectVoteOptions& options_;
+  std::span<const std::uint8_t> wanted_;
   std::vector<std::vector<AspectVote>> pools_;
   std::vector<float> floors_;
   std::vector<std::uint32_t> found_;
@@ -206,10 +213,8 @@ class Share {
 // Direction of view in the object's frame and the axis that is up in the image: two aspects with
 // their turns are alike when the rotation between them is small.
 Eigen::Matrix3f RotationOf(const AspectVote& vote, const FragmentIndex& index) {
-  const IndexedAspect& a = index.aspects[vote.aspect];
-  const AspectSet& set = index.parts[a.part].object->aspects;
   return Eigen::AngleAxisf(vote.turn_rad, Eigen::Vector3f::UnitZ()) *
-         set.aspects[a.aspect].camera_from_object;
+         index.aspects[vote.aspect].camera_from_object;
 }
 
 struct Chosen {
@@ -267,9 +272,10 @@ std::vector<AspectVote> ChooseDistinct(std::vector<AspectVote> pool,
 AspectVotes VoteForAspects(const AspectImage& image,
                            const FragmentIndex& index,
                            const AspectVoteOptions& options,
-                           const StopRequested& stop) {
+                           const StopRequested& stop,
+                           std::span<const std::uint8_t> wanted) {
   AspectVotes out;
-  out.of_part.resize(index.parts.size());
+  out.of_part.resize(index.part_count);
   if (image.width == 0 || index.fragments.empty()) return out;
   FragmentOptions pieces;
   pieces.min_length = options.min_fragment_px;
@@ -281,7 +287,7 @@ AspectVotes VoteForAspects(const AspectImage& image,
   DropRepeated(options.max_repeats, &fragments);
   // Each share keeps its own pool, so the result does not depend on the number of threads.
   const CoarseMaps maps(image);
-  std::vector<Share> shares(kShares, Share(image, maps, index, options));
+  std::vector<Share> shares(kShares, Share(image, maps, index, options, wanted));
   ParallelFor(kShares, options.threads, [&](int i) {
     for (std::size_t f = i; f < fragments.size(); f += kShares) {
       if (f / kShares % 16 == 0 && IsStopRequested(stop)) return;
@@ -295,13 +301,14 @@ AspectVotes VoteForAspects(const AspectImage& image,
     out.climbs += share.counts().climbs;
     out.accepted += share.counts().accepted;
   }
-  ParallelFor(static_cast<int>(index.parts.size()), options.threads, [&](int part) {
+  ParallelFor(index.part_count, options.threads, [&](int part) {
     std::vector<AspectVote> pool;
     for (Share& share : shares) {
       pool.insert(pool.end(), share.pools()[part].begin(), share.pools()[part].end());
     }
-    out.of_part[part] =
-        ChooseDistinct(std::move(pool), index, index.parts[part].symmetries, options);
+    const std::span<const Rigid3> symmetries =
+        index.parts.empty() ? std::span<const Rigid3>() : index.parts[part].symmetries;
+    out.of_part[part] = ChooseDistinct(std::move(pool), index, symmetries, options);
   });
   return out;
 }

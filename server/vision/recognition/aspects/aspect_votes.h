@@ -60,11 +60,13 @@ struct AspectVotes {
 };
 
 // Empty lists when the image or the index is; what was found so far when stopped. The same for
-// every number of threads.
+// every number of threads. `wanted`: a flag for each part of the index, the others get no votes;
+// empty: all.
 AspectVotes VoteForAspects(const AspectImage& image,
                            const FragmentIndex& index,
                            const AspectVoteOptions& options = {},
-                           const StopRequested& stop = {});
+                           const StopRequested& stop = {},
+                           std::span<const std::uint8_t> wanted = {});
 
 // The best of a part's votes that differ in place, size or turn, best first.
 std::vector<AspectVote> ChooseDistinct(std::vector<AspectVote> pool,

@@ -1,8 +1,8 @@
 // A part's contour fragments as bytes, stored beside its aspects.
 //
-// Byte layout, little-endian, no padding: magic "HFRG", version u16, zero u16, fingerprint u64 (of
-// the aspects they were drawn from and the options), checksum u64 of everything behind it, then u32
-// aspects, f32 edge length each, u32 fragments, 26 bytes each.
+// Byte layout, little-endian, no padding: the header of checked_blob.h (magic "HFRG", fingerprint
+// of the aspects they were drawn from and the options), then u32 aspects, f32 edge length each, u32
+// fragments, 26 bytes each.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@
 namespace horopter {
 
 // To be raised with every change of what MakePartFragments computes or of how it is written.
-inline constexpr int kFragmentVersion = 1;
+inline constexpr int kFragmentVersion = 2;
 
 std::string EncodePartFragments(const PartFragments& fragments,
                                 const AspectSet& set,

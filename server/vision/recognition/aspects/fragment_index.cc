@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 
@@ -16,10 +17,7 @@ constexpr int kMaxCells = 64;  // along an axis
 
 using KeyVector = Eigen::Matrix<float, kFragmentAngles, 1>;
 
-struct Entry {
-  PackedFragmentKey key;
-  IndexedFragment fragment;
-};
+using Entry = FragmentPiece::Entry;
 
 KeyVector AsVector(const FragmentKey& key) {
   return Eigen::Map<const KeyVector>(key.data());
@@ -42,12 +40,12 @@ Eigen::Matrix<float, 3, kFragmentAngles> MainDirections(const std::vector<Entry>
   return solver.eigenvectors().rightCols<3>().transpose().cast<float>();
 }
 
-void AddFirstPoints(const IndexedAspect& aspect, FragmentIndex* index) {
+void AddFirstPoints(const IndexedAspect& aspect, FragmentPiece* piece) {
   constexpr float kReach = 32767.0f;
   for (int i = 0; i < kFirstVotePoints; ++i) {
-    PackedVotePoint& packed = index->first_points.emplace_back();
+    PackedVotePoint& packed = piece->first_points.emplace_back();
     if (aspect.points < kFirstVotePoints) continue;
-    const VotePoint& p = index->points[aspect.first_point + i];
+    const VotePoint& p = piece->points[aspect.first_point + i];
     const auto pack = [&](float v) {
       return static_cast<std::int16_t>(
           std::lround(std::clamp(v * PackedVotePoint::kPlaceScale, -kReach, kReach)));
@@ -58,46 +56,79 @@ void AddFirstPoints(const IndexedAspect& aspect, FragmentIndex* index) {
   }
 }
 
-void AddPart(const AspectPart& part, FragmentIndex* index, std::vector<Entry>* all) {
-  const AspectSet& set = part.object->aspects;
-  const int first = static_cast<int>(index->aspects.size());
-  const PinholeCamera camera = AspectCamera(set);
-  const float unit = static_cast<float>(1.0 / set.render_px);
-  for (int a = 0; a < static_cast<int>(set.aspects.size()); ++a) {
-    const Rigid3 pose = AspectPose(set, a);
-    IndexedAspect& aspect = index->aspects.emplace_back();
-    aspect.part = static_cast<std::int32_t>(index->parts.size());
-    aspect.aspect = a;
-    aspect.first_point = static_cast<std::uint32_t>(index->points.size());
-    aspect.edge_length = part.fragments->edge_length[a];
-    for (const AspectPoint& p : AspectPoints(set, a)) {
-      if (aspect.points >= index->options.points) break;
-      const Eigen::Vector3d x = pose * p.point.cast<double>();
-      const Eigen::Vector3d d = pose.R * p.direction.cast<double>();
-      const Eigen::Vector2d image = Project(camera, x);
-      // Derivative of the projection along the edge, up to scale.
-      const double du = d.x() * x.z() - x.x() * d.z(), dv = d.y() * x.z() - x.y() * d.z();
-      float angle = static_cast<float>(std::atan2(dv, du));
-      if (angle < 0) angle += kPi;
-      float bin = angle * (kAspectBins / kPi);
-      if (bin >= kAspectBins) bin -= kAspectBins;
-      index->points.push_back({static_cast<float>(image.x() - camera.cx) * unit,
-                               static_cast<float>(image.y() - camera.cy) * unit,
-                               bin});
-      ++aspect.points;
+// Each as far as possible from those before it, while that is farther than the spacing (Gonzalez
+// 1985); in their own order.
+std::vector<int> SpreadViews(const AspectSet& set, double spacing_rad) {
+  const int count = static_cast<int>(set.aspects.size());
+  std::vector<int> taken;
+  if (spacing_rad <= 0) {
+    taken.resize(count);
+    std::iota(taken.begin(), taken.end(), 0);
+    return taken;
+  }
+  std::vector<float> nearest(set.aspects.size(), -1.0f);  // cosine to the nearest one taken
+  for (int next = 0; next < count;) {
+    taken.push_back(next);
+    const Eigen::Vector3f from = set.aspects[next].camera_from_object.row(2);
+    int farthest = 0;
+    for (int a = 0; a < count; ++a) {
+      nearest[a] = std::max(nearest[a], from.dot(set.aspects[a].camera_from_object.row(2)));
+      if (nearest[a] < nearest[farthest]) farthest = a;
     }
-    AddFirstPoints(aspect, index);
+    if (nearest[farthest] > std::cos(spacing_rad)) break;
+    next = farthest;
   }
-  for (const AspectFragment& f : part.fragments->fragments) {
-    if (index->aspects[first + f.aspect].points < kFirstVotePoints) continue;
-    all->push_back({f.key,
-                    {first + f.aspect,
-                     f.x / AspectFragment::kPlaceScale,
-                     f.y / AspectFragment::kPlaceScale,
-                     f.spread / AspectFragment::kSpreadScale,
-                     f.chord / AspectFragment::kTurnScale}});
+  std::sort(taken.begin(), taken.end());
+  return taken;
+}
+
+void AddAspect(const AspectSet& set,
+               const PinholeCamera& camera,
+               int number,
+               int most_points,
+               FragmentPiece* piece) {
+  const float unit = static_cast<float>(1.0 / set.render_px);
+  const Rigid3 pose = AspectPose(set, number);
+  IndexedAspect& aspect = piece->aspects.emplace_back();
+  aspect.part = 0;
+  aspect.aspect = number;
+  aspect.first_point = static_cast<std::uint32_t>(piece->points.size());
+  aspect.camera_from_object = set.aspects[number].camera_from_object;
+  for (const AspectPoint& p : AspectPoints(set, number)) {
+    if (aspect.points >= most_points) break;
+    const Eigen::Vector3d x = pose * p.point.cast<double>();
+    const Eigen::Vector3d d = pose.R * p.direction.cast<double>();
+    const Eigen::Vector2d image = Project(camera, x);
+    // Derivative of the projection along the edge, up to scale.
+    const double du = d.x() * x.z() - x.x() * d.z(), dv = d.y() * x.z() - x.y() * d.z();
+    float angle = static_cast<float>(std::atan2(dv, du));
+    if (angle < 0) angle += kPi;
+    float bin = angle * (kAspectBins / kPi);
+    if (bin >= kAspectBins) bin -= kAspectBins;
+    piece->points.push_back({static_cast<float>(image.x() - camera.cx) * unit,
+                             static_cast<float>(image.y() - camera.cy) * unit,
+                             bin});
+    ++aspect.points;
   }
-  index->parts.push_back(part);
+  AddFirstPoints(aspect, piece);
+}
+
+void AddPiece(const FragmentPiece& piece, FragmentIndex* index, std::vector<Entry>* all) {
+  const auto first_aspect = static_cast<std::int32_t>(index->aspects.size());
+  const auto first_point = static_cast<std::uint32_t>(index->points.size());
+  for (IndexedAspect aspect : piece.aspects) {
+    aspect.part = index->part_count;
+    aspect.first_point += first_point;
+    index->aspects.push_back(aspect);
+  }
+  index->points.insert(index->points.end(), piece.points.begin(), piece.points.end());
+  index->first_points.insert(
+      index->first_points.end(), piece.first_points.begin(), piece.first_points.end());
+  for (Entry entry : piece.entries) {
+    entry.fragment.aspect += first_aspect;
+    all->push_back(entry);
+  }
+  ++index->part_count;
 }
 
 // Sorts the fragments into cells.
@@ -203,12 +234,60 @@ void FragmentIndex::Find(const FragmentKey& key,
   }
 }
 
+std::size_t FragmentIndex::bytes() const {
+  const auto of = [](const auto& v) { return v.capacity() * sizeof(v[0]); };
+  return of(aspects) + of(points) + of(first_points) + of(fragments) + of(keys) + of(cell_begin);
+}
+
+FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
+                                const PartFragments& fragments,
+                                const FragmentChoice& choice) {
+  const AspectSet& set = object.aspects;
+  const PinholeCamera camera = AspectCamera(set);
+  FragmentPiece piece;
+  std::vector<int> place(set.aspects.size(), -1);  // of an aspect in the piece
+  for (const int a : SpreadViews(set, choice.view_spacing_rad)) {
+    place[a] = static_cast<int>(piece.aspects.size());
+    AddAspect(set, camera, a, choice.points, &piece);
+    piece.aspects.back().edge_length = fragments.edge_length[a];
+  }
+  const int aspects = std::max(1, static_cast<int>(piece.aspects.size()));
+  std::vector<int> left(set.aspects.size(), (choice.fragments + aspects - 1) / aspects);
+  for (const AspectFragment& f : fragments.fragments) {
+    if (place[f.aspect] < 0 || piece.aspects[place[f.aspect]].points < kFirstVotePoints) continue;
+    if (--left[f.aspect] < 0) continue;
+    piece.entries.push_back({f.key,
+                             {place[f.aspect],
+                              f.x / AspectFragment::kPlaceScale,
+                              f.y / AspectFragment::kPlaceScale,
+                              f.spread / AspectFragment::kSpreadScale,
+                              f.chord / AspectFragment::kTurnScale}});
+  }
+  return piece;
+}
+
 absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectPart> parts,
                                                  const FragmentIndexOptions& options) {
+  std::vector<FragmentPiece> pieces(parts.size());
+  ParallelFor(static_cast<int>(parts.size()), options.threads, [&](int i) {
+    pieces[i] = MakeFragmentPiece(*parts[i].object, *parts[i].fragments);
+  });
+  std::vector<const FragmentPiece*> pointers;
+  for (const FragmentPiece& piece : pieces) pointers.push_back(&piece);
+  HOROPTER_ASSIGN_OR_RETURN(FragmentIndex index, BuildFragmentIndex(pointers, options));
+  index.parts.assign(parts.begin(), parts.end());
+  return index;
+}
+
+absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const FragmentPiece* const> pieces,
+                                                 const FragmentIndexOptions& options) {
+  static const FragmentPiece kNone;
   FragmentIndex index;
   index.options = options;
   std::vector<Entry> all;
-  for (const AspectPart& part : parts) AddPart(part, &index, &all);
+  for (const FragmentPiece* piece : pieces) {
+    AddPiece(piece != nullptr ? *piece : kNone, &index, &all);
+  }
   if (!all.empty()) {
     index.axes = MainDirections(all);
     FillGrid(all, &index);

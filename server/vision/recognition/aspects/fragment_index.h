@@ -54,7 +54,8 @@ struct IndexedAspect {
   std::int32_t aspect = -1;  // of the part's AspectSet
   std::uint32_t first_point = 0;
   std::uint16_t points = 0;
-  float edge_length = 0.0f;  // diameters
+  float edge_length = 0.0f;                                          // diameters
+  Eigen::Matrix3f camera_from_object = Eigen::Matrix3f::Identity();  // rotation
 };
 
 // What a matched fragment says about its aspect, in diameters of the aspect.
@@ -73,15 +74,38 @@ enum class FragmentLookup {
 struct FragmentIndexOptions {
   FragmentLookup lookup = FragmentLookup::kGrid;
   double cell_rad = 0.25;  // edge of a grid cell
-  int points = 64;         // of each aspect, for the votes
   int threads = 1;         // of building the tree
 };
+
+// Which of a part's aspects and fragments are indexed. Fewer: less memory and time, parts missed.
+struct FragmentChoice {
+  int points = 64;              // of each aspect, for the votes; at least kFirstVotePoints
+  double view_spacing_rad = 0;  // views nearer than this to one that is taken are left out
+  // Of the part, evenly of the aspects that are taken: a symmetric part has few of these.
+  int fragments = 1 << 20;
+};
+
+// What an index holds of one part, its numbers counted from 0.
+struct FragmentPiece {
+  struct Entry {
+    PackedFragmentKey key;
+    IndexedFragment fragment;
+  };
+  std::vector<IndexedAspect> aspects;
+  std::vector<VotePoint> points;
+  std::vector<PackedVotePoint> first_points;
+  std::vector<Entry> entries;
+};
+FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
+                                const PartFragments& fragments,
+                                const FragmentChoice& choice = {});
 
 // Immutable once built; any number of threads may search it. `fragments` and `keys` are in the
 // order of the grid's cells.
 struct FragmentIndex {
   FragmentIndexOptions options;
-  std::vector<AspectPart> parts;
+  std::vector<AspectPart> parts;  // of an index made of pieces alone empty
+  int part_count = 0;
   std::vector<IndexedAspect> aspects;
   std::vector<VotePoint> points;
   std::vector<PackedVotePoint> first_points;  // kFirstVotePoints of each aspect
@@ -97,10 +121,17 @@ struct FragmentIndex {
 
   // Appends the fragments whose keys differ by at most `radius` (Euclidean, radians).
   void Find(const FragmentKey& key, float radius, std::vector<std::uint32_t>* found) const;
+
+  std::size_t bytes() const;  // without the tree
 };
 
 // Errors: those of the X-tree.
 absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectPart> parts,
+                                                 const FragmentIndexOptions& options = {});
+
+// Of parts that are known by their pieces alone; part i is pieces[i] (null: none). It can be voted
+// in; for the poses of its votes the aspects themselves are needed.
+absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const FragmentPiece* const> pieces,
                                                  const FragmentIndexOptions& options = {});
 
 }  // namespace horopter

@@ -10,12 +10,13 @@
 #include "absl/strings/str_format.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/object/aspect_part.h"
+#include "server/vision/recognition/aspects/object_ranking.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
 namespace {
 
+constexpr int kLeading = 12;            // of a shortlist: these decide whether aspects come first
 constexpr double kKnownLogSigma = 0.1;  // a focal length known better is not searched for
 
 double AboveChance(const LinkedObject& o, double chance) {
@@ -145,20 +146,54 @@ RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene
 
 }  // namespace
 
-bool HaveAspects(std::span<const std::shared_ptr<const PreparedObject>> objects,
-                 const AspectRouteOptions& options) {
-  return static_cast<int>(objects.size()) <= options.max_objects &&
-         std::all_of(
-             objects.begin(), objects.end(), [](const auto& o) { return o->aspects != nullptr; });
+bool HaveAspects(PreparedObjects objects) {
+  return std::all_of(
+      objects.begin(), objects.end(), [](const auto& o) { return o->aspects != nullptr; });
 }
 
-bool AreRich(std::span<const std::shared_ptr<const PreparedObject>> objects,
-             const AspectRouteOptions& options) {
+bool AreRich(PreparedObjects objects, const AspectRouteOptions& options) {
   if (objects.empty()) return false;
   std::vector<std::size_t> edges;
   for (const auto& o : objects) edges.push_back(o->model.edges.size());
-  std::nth_element(edges.begin(), edges.begin() + edges.size() / 2, edges.end());
-  return static_cast<int>(edges[edges.size() / 2]) >= options.rich_edges;
+  const auto asked = static_cast<int>(objects.size()) > options.max_objects
+                         ? edges.end() - 1
+                         : edges.begin() + edges.size() / 2;
+  std::nth_element(edges.begin(), asked, edges.end());
+  return static_cast<int>(*asked) >= options.rich_edges;
+}
+
+absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
+                                           std::span<const AspectImage> images) {
+  const AspectRouteOptions& options = context.options.aspects;
+  const int threads = context.options.threads;
+  const std::shared_ptr<const AspectCatalog> catalog = SharedAspectCatalog(context.objects);
+  AspectSearch search;
+  if (static_cast<int>(context.objects.size()) <= options.max_objects) {
+    BeginStep(context, "aspect_index");
+    HOROPTER_ASSIGN_OR_RETURN(search.index, catalog->Search(threads));
+    search.objects.resize(context.objects.size());
+    std::iota(search.objects.begin(), search.objects.end(), 0);
+    search.rich = AreRich(context.objects, options);
+    return search;
+  }
+  BeginStep(context, "aspect_ranking");
+  HOROPTER_ASSIGN_OR_RETURN(const auto ranking, catalog->Ranking(threads));
+  ObjectRankingOptions rank;
+  rank.objects = kShortlist;
+  rank.votes.threads = threads;
+  search.objects = RankObjects(images, *ranking, rank, context.give_up);
+  if (IsStopRequested(context.stop))
+    return absl::CancelledError("stopped while objects were ranked");
+  std::vector<std::shared_ptr<const PreparedObject>> leading;
+  for (const int i : search.objects) {
+    if (static_cast<int>(leading.size()) < kLeading) leading.push_back(context.objects[i]);
+  }
+  search.rich = AreRich(leading, options);
+  BeginStep(context, "aspect_index");
+  HOROPTER_ASSIGN_OR_RETURN(FragmentIndex index,
+                            MakeSearchIndex(context.objects, search.objects, threads));
+  search.index = std::make_shared<const FragmentIndex>(std::move(index));
+  return search;
 }
 
 std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
@@ -211,23 +246,21 @@ void RefuseContradicted(const AspectJudgement& judgement, double least, Recognit
 }
 
 absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
-                                                std::span<const AspectImage> images) {
-  BeginStep(context, "aspect_index");
-  std::vector<AspectPart> parts;
-  for (const auto& o : context.objects) parts.push_back(AspectPartOf(*o));
-  HOROPTER_ASSIGN_OR_RETURN(const FragmentIndex index, BuildFragmentIndex(parts));
+                                                std::span<const AspectImage> images,
+                                                const AspectSearch& search) {
   BeginStep(context, "aspect_search");
   std::vector<AspectViewPrior> priors;
   std::vector<std::vector<AspectHypothesis>> hypotheses;
   for (std::size_t v = 0; v < images.size(); ++v) {
-    FindAspectOptions search;
-    search.threads = search.votes.threads = context.options.threads;
+    FindAspectOptions find;
+    find.threads = find.votes.threads = context.options.threads;
     const PinholeCamera& start = context.start_cameras[v];
     const bool known = context.focal_log_sigma[v] < kKnownLogSigma;
     priors.push_back({start, context.focal_log_sigma[v]});
     if (!known) priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
     hypotheses.push_back(
-        FindAspectHypotheses(images[v], index, search, known ? &start : nullptr, context.give_up)
+        FindAspectHypotheses(
+            images[v], *search.index, find, known ? &start : nullptr, context.give_up)
             .hypotheses);
     if (IsStopRequested(context.stop))
       return absl::CancelledError("stopped during the search for aspects");
@@ -235,11 +268,17 @@ absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
   BeginStep(context, "aspect_linking");
   AspectLinkOptions link;
   link.threads = context.options.threads;
-  const LinkedScene scene = LinkAspects({images, priors, hypotheses, parts}, link, context.give_up);
+  LinkedScene scene =
+      LinkAspects({images, priors, hypotheses, search.index->parts}, link, context.give_up);
   if (IsStopRequested(context.stop))
     return absl::CancelledError("stopped while aspects were linked");
+  for (LinkedObject& o : scene.objects) {
+    o.object = search.objects[o.object];
+    if (o.runner_up_object >= 0) o.runner_up_object = search.objects[o.runner_up_object];
+  }
   AspectAnswer out;
   out.result = ToResult(context, scene);
+  out.result.counts["aspects_searched"] = static_cast<double>(search.objects.size());
   for (const LinkedObject& o : scene.objects)
     out.score += AboveChance(o, context.options.aspects.chance_score);
   return out;

@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/aspects/aspect_linking.h"
+#include "server/vision/recognition/object/aspect_search.h"
 #include "server/vision/recognition/scene/scene_model.h"
 
 namespace cv {
@@ -17,13 +18,25 @@ class Mat;
 
 namespace horopter {
 
-// Whether the route can be taken: all objects have aspects and there are few enough of them.
-bool HaveAspects(std::span<const std::shared_ptr<const PreparedObject>> objects,
-                 const AspectRouteOptions& options);
+// Whether the route can be taken: all objects have aspects.
+bool HaveAspects(PreparedObjects objects);
 
-// Whether the objects have so many edges that the aspects are asked first.
-bool AreRich(std::span<const std::shared_ptr<const PreparedObject>> objects,
-             const AspectRouteOptions& options);
+// Whether the objects have so many edges that the aspects are asked first. Of more objects than
+// AspectRouteOptions::max_objects the images' shortlist decides: here whether any has.
+bool AreRich(PreparedObjects objects, const AspectRouteOptions& options);
+
+// The objects that are searched for by all their aspects, and their index. Of more than max_objects
+// the images choose kShortlist by a few fragments of each (object_ranking.h).
+struct AspectSearch {
+  std::vector<int> objects;  // of each part of the index; likeliest first if the images chose
+  std::shared_ptr<const FragmentIndex> index;
+  bool rich = false;  // see AreRich; of a choice the leading ones decide
+};
+inline constexpr int kShortlist = 48;
+
+// Errors: those of the index, CANCELLED.
+absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
+                                           std::span<const AspectImage> images);
 
 // drop_pattern: AspectImageOptions::drop_pattern.
 std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
@@ -44,12 +57,13 @@ AspectJudgement JudgeAnswer(const JointContext& context,
 // Empties an answer whose median score is below `least`.
 void RefuseContradicted(const AspectJudgement& judgement, double least, RecognitionResult* answer);
 
-// The scene that the aspects find. Errors: CANCELLED.
+// The scene that the aspects find of the objects searched for. Errors: CANCELLED.
 struct AspectAnswer {
   RecognitionResult result;
   double score = 0.0;  // as AspectJudgement::score
 };
 absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
-                                                std::span<const AspectImage> images);
+                                                std::span<const AspectImage> images,
+                                                const AspectSearch& search);
 
 }  // namespace horopter

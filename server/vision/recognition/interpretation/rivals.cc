@@ -43,8 +43,10 @@ bool SamePose(const PreparedObject& object, const Rigid3& a, const Rigid3& b) {
                      [&](const Rigid3& s) { return close(a * s); });
 }
 
-// Whether the turned edge samples lie nearer than `limit` to the edge samples in the mean.
+// Whether the turned edge samples lie nearer than `limit` to the edge samples in the mean. Without
+// samples nothing is known, and every turn would fit.
 bool Fits(const PreparedObject& object, const Rigid3& turn, double limit) {
+  if (object.samples.empty()) return false;
   const double most = limit * static_cast<double>(object.samples.size());
   double sum = 0.0;
   for (const EdgeSample& s : object.samples) {

@@ -1,52 +1,24 @@
 #include "server/vision/recognition/object/prepared_blob.h"
 
-#include <bit>
 #include <cstdint>
 #include <cstring>
-#include <type_traits>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/checked_blob.h"
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/aspects/fragment_blob.h"
 
 namespace horopter {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "numbers are copied as they are");
-
 constexpr std::string_view kMagic = "HPRE";
 constexpr std::string_view kKeyMagic = "HKEY";
-constexpr std::size_t kHeaderBytes = 24;
 // More cells than ComputeOccupancy makes along a side mean a damaged blob.
 constexpr int kMaxCells = 1024;
 
-class Hash {
- public:
-  void Add(const void* bytes, std::size_t size) {
-    const char* at = static_cast<const char*>(bytes);
-    for (; size > 0; at += 8) {
-      std::uint64_t word = 0;
-      const std::size_t n = std::min<std::size_t>(size, 8);
-      std::memcpy(&word, at, n);
-      value_ = (value_ ^ word) * 0x100000001b3ull;
-      value_ ^= value_ >> 29;  // high bits of a word must reach the low bits of the sum
-      size -= n;
-    }
-  }
-  template <typename T>
-  void Add(const T& value) {
-    static_assert(std::is_arithmetic_v<T>);
-    Add(&value, sizeof(value));
-  }
-  std::uint64_t value() const { return value_; }
-
- private:
-  std::uint64_t value_ = 0xcbf29ce484222325ull;
-};
-
 std::uint64_t Fingerprint(const ObjectModel& model, const PrepareOptions& options) {
-  Hash hash;
+  BlobHash hash;
   hash.Add(options.max_samples);
   hash.Add(options.min_path_angle_rad);
   hash.Add(options.aspect_distance_diameters);
@@ -65,15 +37,9 @@ std::uint64_t Fingerprint(const ObjectModel& model, const PrepareOptions& option
   return hash.value();
 }
 
-template <typename T>
-void Append(std::string& out, T value) {
-  static_assert(std::is_arithmetic_v<T>);
-  out.append(reinterpret_cast<const char*>(&value), sizeof(value));
-}
-
 void AppendCoded(std::string& out, std::string_view bytes) {
   const std::size_t size_at = out.size();
-  Append(out, std::uint32_t{0});
+  AppendNumber(out, std::uint32_t{0});
   for (std::size_t i = 0; i < bytes.size();) {
     if (bytes[i] != 0) {
       out.push_back(bytes[i++]);
@@ -89,67 +55,29 @@ void AppendCoded(std::string& out, std::string_view bytes) {
   std::memcpy(out.data() + size_at, &coded, sizeof(coded));
 }
 
-// Reads from the front of a blob; after the first failure everything is zero and ok() false.
-class Reader {
- public:
-  explicit Reader(std::string_view blob) : blob_(blob) {}
-
-  template <typename T>
-  T Take() {
-    T value{};
-    if (blob_.size() < sizeof(T)) {
-      ok_ = false;
-      blob_ = {};
-      return value;
+// Exactly `size` bytes of run-length coded data.
+std::string TakeCoded(BlobReader& reader, std::size_t size) {
+  const std::string_view coded = reader.TakeBytes(reader.Take<std::uint32_t>());
+  std::string out;
+  if (!reader.ok()) return out;
+  out.reserve(size);
+  for (std::size_t i = 0; i < coded.size() && out.size() <= size; ++i) {
+    if (coded[i] != 0) {
+      out.push_back(coded[i]);
+    } else {
+      if (++i == coded.size() || coded[i] == 0) break;
+      out.append(static_cast<unsigned char>(coded[i]), '\0');
     }
-    std::memcpy(&value, blob_.data(), sizeof(T));
-    blob_.remove_prefix(sizeof(T));
-    return value;
   }
+  if (out.size() != size) reader.Fail();
+  return out;
+}
 
-  // Exactly `size` bytes of run-length coded data.
-  std::string TakeCoded(std::size_t size) {
-    const auto coded = Take<std::uint32_t>();
-    std::string out;
-    if (coded > blob_.size()) ok_ = false;
-    if (!ok_) return out;
-    out.reserve(size);
-    for (std::size_t i = 0; i < coded && out.size() <= size; ++i) {
-      if (blob_[i] != 0) {
-        out.push_back(blob_[i]);
-      } else {
-        if (++i == coded || blob_[i] == 0) break;
-        out.append(static_cast<unsigned char>(blob_[i]), '\0');
-      }
-    }
-    blob_.remove_prefix(coded);
-    if (out.size() != size) ok_ = false;
-    return out;
-  }
-
-  // As many bytes as the number before them says.
-  std::string_view TakeBytes() {
-    const auto size = Take<std::uint32_t>();
-    if (size > blob_.size()) ok_ = false;
-    if (!ok_) return {};
-    const std::string_view out = blob_.substr(0, size);
-    blob_.remove_prefix(size);
-    return out;
-  }
-
-  Eigen::Vector3d TakeVector() {
-    Eigen::Vector3d v;
-    for (double& x : v) x = Take<double>();
-    return v;
-  }
-
-  bool ok() const { return ok_; }
-  std::size_t left() const { return blob_.size(); }
-
- private:
-  std::string_view blob_;
-  bool ok_ = true;
-};
+Eigen::Vector3d TakeVector(BlobReader& reader) {
+  Eigen::Vector3d v;
+  for (double& x : v) x = reader.Take<double>();
+  return v;
+}
 
 std::string DifferenceBits(const PreparedObject& object) {
   const std::size_t words = static_cast<std::size_t>(object.words);
@@ -159,66 +87,66 @@ std::string DifferenceBits(const PreparedObject& object) {
 }
 
 void AppendVector(std::string& out, const Eigen::Vector3d& v) {
-  for (const double x : v) Append(out, x);
+  for (const double x : v) AppendNumber(out, x);
 }
 
 void AppendNearSymmetries(std::string& out, const PreparedObject& object) {
-  Append(out, static_cast<std::uint8_t>(object.sphere));
-  Append(out, static_cast<std::uint32_t>(object.near_symmetries.size()));
+  AppendNumber(out, static_cast<std::uint8_t>(object.sphere));
+  AppendNumber(out, static_cast<std::uint32_t>(object.near_symmetries.size()));
   for (const NearSymmetry& n : object.near_symmetries) {
     AppendVector(out, n.axis.axis);
     AppendVector(out, n.axis.point);
-    Append(out, static_cast<std::int32_t>(n.axis.order));
+    AppendNumber(out, static_cast<std::int32_t>(n.axis.order));
     for (const double x : {n.mismatch.largest_m, n.mismatch.mean_m, n.mismatch.area_share}) {
-      Append(out, x);
+      AppendNumber(out, x);
     }
     AppendVector(out, n.mismatch.place);
-    Append(out, n.mismatch.size_m);
+    AppendNumber(out, n.mismatch.size_m);
   }
 }
 
-bool TakeNearSymmetries(Reader& reader, PreparedObject& out) {
+bool TakeNearSymmetries(BlobReader& reader, PreparedObject& out) {
   constexpr std::size_t kBytes = 6 * 8 + 4 + 7 * 8;
   out.sphere = reader.Take<std::uint8_t>() != 0;
   const auto count = reader.Take<std::uint32_t>();
   if (count > reader.left() / kBytes) return false;
   out.near_symmetries.resize(count);
   for (NearSymmetry& n : out.near_symmetries) {
-    n.axis.axis = reader.TakeVector();
-    n.axis.point = reader.TakeVector();
+    n.axis.axis = TakeVector(reader);
+    n.axis.point = TakeVector(reader);
     n.axis.order = reader.Take<std::int32_t>();
     n.mismatch.largest_m = reader.Take<double>();
     n.mismatch.mean_m = reader.Take<double>();
     n.mismatch.area_share = reader.Take<double>();
-    n.mismatch.place = reader.TakeVector();
+    n.mismatch.place = TakeVector(reader);
     n.mismatch.size_m = reader.Take<double>();
   }
   return reader.ok();
 }
 
 void AppendOccupancy(std::string& out, const Occupancy& occupancy) {
-  for (const double x : occupancy.origin) Append(out, x);
-  Append(out, occupancy.cell_m);
-  for (const int n : occupancy.size) Append(out, static_cast<std::int32_t>(n));
+  for (const double x : occupancy.origin) AppendNumber(out, x);
+  AppendNumber(out, occupancy.cell_m);
+  for (const int n : occupancy.size) AppendNumber(out, static_cast<std::int32_t>(n));
   std::string bits((occupancy.inside.size() + 7) / 8, '\0');
   for (std::size_t i = 0; i < occupancy.inside.size(); ++i) {
     if (occupancy.inside[i]) bits[i / 8] = static_cast<char>(bits[i / 8] | (1 << (i % 8)));
   }
   AppendCoded(out, bits);
-  Append(out, static_cast<std::uint32_t>(occupancy.interior.size()));
+  AppendNumber(out, static_cast<std::uint32_t>(occupancy.interior.size()));
   for (const Eigen::Vector3f& p : occupancy.interior) {
-    for (const float x : p) Append(out, x);
+    for (const float x : p) AppendNumber(out, x);
   }
 }
 
-bool TakeOccupancy(Reader& reader, Occupancy& out) {
-  out.origin = reader.TakeVector();
+bool TakeOccupancy(BlobReader& reader, Occupancy& out) {
+  out.origin = TakeVector(reader);
   out.cell_m = reader.Take<double>();
   for (int& n : out.size) n = reader.Take<std::int32_t>();
   if (!reader.ok() || out.size.minCoeff() < 0 || out.size.maxCoeff() > kMaxCells) return false;
   const std::size_t cells = static_cast<std::size_t>(out.size.x()) * out.size.y() *
                             static_cast<std::size_t>(out.size.z());
-  const std::string bits = reader.TakeCoded((cells + 7) / 8);
+  const std::string bits = TakeCoded(reader, (cells + 7) / 8);
   if (!reader.ok()) return false;
   out.inside.resize(cells);
   for (std::size_t i = 0; i < cells; ++i) out.inside[i] = (bits[i / 8] >> (i % 8)) & 1;
@@ -232,7 +160,7 @@ bool TakeOccupancy(Reader& reader, Occupancy& out) {
 }
 
 void AppendBytes(std::string& out, std::string_view bytes) {
-  Append(out, static_cast<std::uint32_t>(bytes.size()));
+  AppendNumber(out, static_cast<std::uint32_t>(bytes.size()));
   out += bytes;
 }
 
@@ -247,8 +175,9 @@ void AppendAspects(std::string& out, const PreparedObject& object) {
   AppendBytes(out, EncodePartFragments(aspects.fragments, aspects.object.aspects));
 }
 
-absl::Status TakeAspects(Reader& reader, PreparedObject& out) {
-  const std::string_view object = reader.TakeBytes(), fragments = reader.TakeBytes();
+absl::Status TakeAspects(BlobReader& reader, PreparedObject& out) {
+  const std::string_view object = reader.TakeBytes(reader.Take<std::uint32_t>());
+  const std::string_view fragments = reader.TakeBytes(reader.Take<std::uint32_t>());
   if (!reader.ok()) return absl::DataLossError("derived data: aspects of a wrong size");
   if (object.empty()) return absl::OkStatus();
   auto aspects = std::make_shared<PartAspects>();
@@ -259,46 +188,13 @@ absl::Status TakeAspects(Reader& reader, PreparedObject& out) {
   return absl::OkStatus();
 }
 
-std::string WithHeader(std::string_view magic, std::uint64_t fingerprint, std::string_view body) {
-  Hash checksum;
-  checksum.Add(body.data(), body.size());
-  std::string out(magic);
-  Append(out, static_cast<std::uint16_t>(kPreparedVersion));
-  Append(out, std::uint16_t{0});
-  Append(out, fingerprint);
-  Append(out, checksum.value());
-  out += body;
-  return out;
-}
-
-// Checks everything but the fingerprint, which it returns, and takes the header off.
-absl::StatusOr<std::uint64_t> TakeHeader(std::string_view& blob, std::string_view wanted) {
-  Reader header(blob);
-  char magic[4];
-  for (char& c : magic) c = header.Take<char>();
-  const auto version = header.Take<std::uint16_t>();
-  header.Take<std::uint16_t>();
-  const auto fingerprint = header.Take<std::uint64_t>();
-  const auto checksum = header.Take<std::uint64_t>();
-  if (!header.ok()) return absl::DataLossError("derived data: shorter than its header");
-  if (std::string_view(magic, 4) != wanted) return absl::DataLossError("derived data: wrong magic");
-  if (version != kPreparedVersion) {
-    return absl::FailedPreconditionError(absl::StrCat(
-        "derived data of version ", version, ", this program makes ", kPreparedVersion));
-  }
-  blob.remove_prefix(kHeaderBytes);
-  Hash hash;
-  hash.Add(blob.data(), blob.size());
-  if (hash.value() != checksum) return absl::DataLossError("derived data: wrong checksum");
-  return fingerprint;
-}
-
-// The same of data and keys of an object, which must be of its geometry.
+// Takes the header off data or keys of an object, which must be of its geometry.
 absl::Status TakeHeaderOf(const ObjectModel& model,
                           std::uint64_t fingerprint,
                           std::string_view magic,
                           std::string_view& blob) {
-  const absl::StatusOr<std::uint64_t> found = TakeHeader(blob, magic);
+  const absl::StatusOr<std::uint64_t> found =
+      TakeBlobHeader("derived data", magic, kPreparedVersion, &blob);
   const auto named = [&](const absl::Status& status) {
     return absl::Status(status.code(),
                         absl::StrCat("object ", model.id, ": ", std::string(status.message())));
@@ -313,23 +209,24 @@ absl::Status TakeHeaderOf(const ObjectModel& model,
 PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options) {
   std::string out;
   AppendCoded(out, DifferenceBits(object));
-  Append(out, static_cast<std::uint32_t>(object.stable_poses.size()));
+  AppendNumber(out, static_cast<std::uint32_t>(object.stable_poses.size()));
   for (const StablePose& pose : object.stable_poses) {
-    for (const double x : pose.up) Append(out, x);
-    Append(out, pose.height_m);
-    Append(out, pose.margin_m);
-    Append(out, static_cast<std::uint8_t>(pose.rolls));
+    for (const double x : pose.up) AppendNumber(out, x);
+    AppendNumber(out, pose.height_m);
+    AppendNumber(out, pose.margin_m);
+    AppendNumber(out, static_cast<std::uint8_t>(pose.rolls));
   }
   AppendNearSymmetries(out, object);
   AppendOccupancy(out, object.occupancy);
   AppendAspects(out, object);
   const std::uint64_t fingerprint = Fingerprint(object.model, options);
-  return {WithHeader(kMagic, fingerprint, out),
-          WithHeader(kKeyMagic, fingerprint, EncodeObjectKeys(object.keys))};
+  return {WithBlobHeader(kMagic, kPreparedVersion, fingerprint, out),
+          WithBlobHeader(kKeyMagic, kPreparedVersion, fingerprint, EncodeObjectKeys(object.keys))};
 }
 
 absl::StatusOr<ObjectKeys> DecodePreparedKeys(std::string_view keys, int vertex_count) {
-  HOROPTER_RETURN_IF_ERROR(TakeHeader(keys, kKeyMagic).status());
+  HOROPTER_RETURN_IF_ERROR(
+      TakeBlobHeader("derived data", kKeyMagic, kPreparedVersion, &keys).status());
   return DecodeObjectKeys(keys, vertex_count);
 }
 
@@ -341,9 +238,9 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
   HOROPTER_RETURN_IF_ERROR(TakeHeaderOf(model, fingerprint, kKeyMagic, keys));
   HOROPTER_ASSIGN_OR_RETURN(const std::shared_ptr<PreparedObject> object,
                             BeginPrepared(std::move(model), options));
-  Reader reader(blob);
+  BlobReader reader(blob);
   const std::size_t words = static_cast<std::size_t>(object->words);
-  const std::string bits = reader.TakeCoded(kAspectCount * words * 8);
+  const std::string bits = TakeCoded(reader, kAspectCount * words * 8);
   if (!reader.ok()) return absl::DataLossError("derived data: view sphere of a wrong size");
   object->visible.resize(kAspectCount * words);
   if (!bits.empty()) std::memcpy(object->visible.data(), bits.data(), bits.size());
@@ -354,7 +251,7 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
   if (poses > reader.left() / 41) return absl::DataLossError("derived data: too many poses");
   object->stable_poses.resize(poses);
   for (StablePose& pose : object->stable_poses) {
-    pose.up = reader.TakeVector();
+    pose.up = TakeVector(reader);
     pose.height_m = reader.Take<double>();
     pose.margin_m = reader.Take<double>();
     pose.rolls = reader.Take<std::uint8_t>() != 0;

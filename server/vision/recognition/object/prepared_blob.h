@@ -2,13 +2,9 @@
 // a second: the view sphere, resting poses, solid cells and invariant keys. The rest (samples,
 // vertex paths, shares of visible edges) follows from the model in microseconds and is made anew.
 //
-// Byte layout, little-endian, no padding:
-//    0  4  magic "HPRE"
-//    4  2  version, kPreparedVersion
-//    6  2  zero
-//    8  8  fingerprint of the model's geometry and of the options it was prepared with
-//   16  8  checksum of everything behind it
-//   24     view sphere: u32 bytes, then the bits of PreparedObject::visible, every aspect as its
+// Byte layout, little-endian, no padding: the header of checked_blob.h (magic "HPRE", fingerprint
+// of the model's geometry and of the options it was prepared with), then
+//          view sphere: u32 bytes, then the bits of PreparedObject::visible, every aspect as its
 //          difference (xor) from the aspect before, zero bytes run-length coded: 00 n stands for n
 //          of them, 1..255
 //          resting poses: u32 count, then up (3 f64), height (f64), margin (f64), rolls (u8) each
@@ -19,12 +15,8 @@
 //          aspects: u32 bytes and the blob of aspect_blob.h, u32 bytes and that of fragment_blob.h;
 //          both of no bytes when there are none; to the end
 //
-// The invariant keys are bytes of their own, which an index over a large catalog is made from:
-//    0  4  magic "HKEY"
-//    4     version, zero, fingerprint and checksum as above
-//   24     as in server/vision/invariants/object_keys.h, to the end
-//
-// Fingerprint and checksum are 64-bit FNV-1a over 8-byte words, the last one filled with zeros.
+// The invariant keys are bytes of their own, which an index over a large catalog is made from: the
+// same header with magic "HKEY", then as in server/vision/invariants/object_keys.h.
 #pragma once
 
 #include <memory>
@@ -39,7 +31,7 @@ namespace horopter {
 
 // To be raised with every change of what PrepareObject computes or how it is written: stored blobs
 // of another version are made anew.
-inline constexpr int kPreparedVersion = 5;
+inline constexpr int kPreparedVersion = 6;
 
 PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options = {});
 

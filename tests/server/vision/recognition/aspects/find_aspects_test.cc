@@ -8,7 +8,10 @@
 
 #include "server/vision/recognition/aspects/aspect_linking.h"
 #include "server/vision/recognition/aspects/fragment_blob.h"
+#include "server/vision/recognition/aspects/object_ranking.h"
 #include "tests/server/vision/recognition/aspects/part_photos.h"
+#include "tests/server/vision/recognition/aspects/solid_meshes.h"
+#include "tests/support/shaded_photo.h"
 
 namespace horopter {
 namespace {
@@ -147,6 +150,117 @@ TEST_F(FindAspects, GridFindsWhatALinearScanFinds) {
     index_->Find(key, radius, &found);
     EXPECT_EQ(found.size(), expected);
   }
+}
+
+TEST_F(FindAspects, PiecesMakeTheIndexOfTheirParts) {
+  std::vector<FragmentPiece> pieces;
+  for (const Part& p : *parts_) pieces.push_back(MakeFragmentPiece(p.object, p.fragments));
+  const std::vector<const FragmentPiece*> pointers = {&pieces[0], nullptr, &pieces[2]};
+  const FragmentIndex index = *BuildFragmentIndex(pointers);
+  EXPECT_EQ(index.part_count, 3);
+  EXPECT_EQ(index.aspects.size(), pieces[0].aspects.size() + pieces[2].aspects.size());
+  const AspectImage image = MakeAspectImage(Photo(0, Pose()));
+  const std::vector<std::uint8_t> wanted = {1, 0, 1};
+  const AspectVotes by_pieces = VoteForAspects(image, index);
+  const AspectVotes by_parts = VoteForAspects(image, *index_, {}, {}, wanted);
+  EXPECT_TRUE(by_parts.of_part[1].empty());
+  ASSERT_FALSE(by_parts.of_part[0].empty());
+  ASSERT_FALSE(by_pieces.of_part[0].empty());
+  // The grids' axes differ, and with them which of common fragments are tested.
+  EXPECT_EQ(by_parts.matches, by_pieces.matches);
+  EXPECT_NEAR(by_parts.of_part[0][0].rank, by_pieces.of_part[0][0].rank, 60.0f);
+}
+
+TEST_F(FindAspects, ViewsOfAPieceAreApartAndCoverTheSphere) {
+  const Part& part = (*parts_)[0];
+  const FragmentChoice choice{.view_spacing_rad = 0.5, .fragments = 120};
+  const FragmentPiece piece = MakeFragmentPiece(part.object, part.fragments, choice);
+  EXPECT_LT(piece.aspects.size(), part.object.aspects.aspects.size());
+  const auto cosine = [](const Eigen::Matrix3f& a, const Eigen::Matrix3f& b) {
+    return a.row(2).dot(b.row(2));
+  };
+  const float near = static_cast<float>(std::cos(choice.view_spacing_rad));
+  for (const Aspect& a : part.object.aspects.aspects) {
+    int covered = 0;
+    for (const IndexedAspect& b : piece.aspects)
+      covered += cosine(a.camera_from_object, b.camera_from_object) >= near - 1e-5f ? 1 : 0;
+    EXPECT_GE(covered, 1);
+  }
+  std::vector<int> fragments(piece.aspects.size(), 0);
+  for (const FragmentPiece::Entry& e : piece.entries) ++fragments[e.fragment.aspect];
+  for (std::size_t i = 0; i < piece.aspects.size(); ++i) {
+    EXPECT_LE(fragments[i], 1 + choice.fragments / static_cast<int>(piece.aspects.size()));
+    for (std::size_t j = 0; j < i; ++j) {
+      EXPECT_LT(cosine(piece.aspects[i].camera_from_object, piece.aspects[j].camera_from_object),
+                near + 1e-5f);
+    }
+  }
+}
+
+TEST_F(FindAspects, TheShownPartLeadsTheRanking) {
+  std::vector<FragmentPiece> pieces;
+  std::vector<const FragmentPiece*> pointers;
+  for (const Part& p : *parts_)
+    pieces.push_back(MakeFragmentPiece(p.object, p.fragments, kRankingChoice));
+  for (const FragmentPiece& piece : pieces) pointers.push_back(&piece);
+  const FragmentIndex index = *BuildFragmentIndex(pointers);
+  // An object with more edges finds more of them anywhere: the shown one is among the first two,
+  // and first when it is the largest.
+  ObjectRankingOptions two;
+  two.objects = 2;
+  for (int part = 0; part < 3; ++part) {
+    const std::vector<AspectImage> images = {MakeAspectImage(Photo(part, Pose()))};
+    const std::vector<int> listed = RankObjects(images, index, two);
+    EXPECT_EQ(listed.size(), 2u);
+    EXPECT_EQ(std::count(listed.begin(), listed.end(), part), 1) << part;
+    EXPECT_TRUE(part != 0 || listed[0] == 0);
+    // What is not wanted is not listed, and what can be searched for as a whole is not ranked.
+    std::vector<std::uint8_t> wanted = {1, 1, 1};
+    wanted[part] = 0;
+    const std::vector<int> others = RankObjects(images, index, {}, {}, wanted);
+    EXPECT_EQ(others.size(), 2u);
+    EXPECT_EQ(std::count(others.begin(), others.end(), part), 0);
+  }
+}
+
+// A lump without one sharp edge: all it shows are contours.
+TEST_F(FindAspects, ASmoothPartIsFoundByItsContours) {
+  TriangleMesh lump = SphereMesh(1.0, 32);
+  for (Eigen::Vector3d& p : lump.vertices) {
+    const Eigen::Vector3d d = p.normalized();
+    p = 0.02 * (1 + 0.6 * d.x() * d.x() * d.x() + 0.5 * d.y() * d.y() - 0.4 * d.z() * d.y()) * d;
+  }
+  const Part smooth = MakePart(lump);
+  int creases = 0, points = 0;
+  for (int a = 0; a < static_cast<int>(smooth.object.aspects.aspects.size()); a += 29) {
+    for (const AspectPoint& p : AspectPoints(smooth.object.aspects, a)) {
+      ++points;
+      creases += p.kind == VisibleEdgeKind::kCrease ? 1 : 0;
+    }
+  }
+  EXPECT_LT(creases, 0.1 * points);
+  std::vector<AspectPart> parts = list_;
+  parts.push_back({&smooth.object, &smooth.fragments, smooth.model.symmetries});
+  const FragmentIndex index = *BuildFragmentIndex(parts);
+  int found_right = 0;
+  for (const double tilt : {-2.2, -1.2, 0.4}) {
+    Rigid3 pose = Pose();
+    pose.R = Eigen::AngleAxisd(tilt, Eigen::Vector3d(1, 0.3, 0.2).normalized()).toRotationMatrix();
+    const cv::Mat photo = ShadedPhoto({{&smooth.model.mesh, pose}}, Camera());
+    const PinholeCamera camera = Camera();
+    const AspectFindings found = FindAspectHypotheses(MakeAspectImage(photo), index, {}, &camera);
+    ASSERT_FALSE(found.hypotheses.empty()) << tilt;
+    EXPECT_EQ(found.hypotheses[0].object, 3) << tilt;
+    // One outline has several lumps behind it: of the list one is right.
+    for (const AspectHypothesis& h : found.hypotheses) {
+      if (h.object != 3) continue;
+      if (PoseDistancePx(parts[3], h.camera, h.camera_from_object, camera, pose) < 10.0) {
+        ++found_right;
+        break;
+      }
+    }
+  }
+  EXPECT_GE(found_right, 2);
 }
 
 TEST_F(FindAspects, NothingIsFoundInNothing) {

@@ -8,6 +8,7 @@
 
 #include "server/vision/recognition/interpretation/answer.h"
 #include "server/vision/recognition/interpretation/decision.h"
+#include "tests/server/vision/recognition/aspects/solid_meshes.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {
@@ -64,6 +65,17 @@ struct Views {
     scene.gain = p.gain;
   }
 };
+
+// A ball's turns are all alike, but its edges, which it has none of, do not say so.
+TEST(NearSymmetries, AreNoneOfAPartWithoutEdges) {
+  ObjectModel ball;
+  ball.id = "ball";
+  ball.mesh = SphereMesh(0.02, 16);
+  ball.diameter_m = 0.04;
+  const auto prepared = PrepareObject(ball).value();
+  ASSERT_TRUE(prepared->samples.empty());
+  EXPECT_TRUE(NearSymmetries(*prepared, 0.06).empty());
+}
 
 TEST(NearSymmetries, AreTheTurnsOfAnAlmostSquareBox) {
   const auto box = PrepareObject(Box(0.1, 0.104, 0.06)).value();

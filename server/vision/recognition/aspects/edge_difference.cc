@@ -1,0 +1,186 @@
+#include "server/vision/recognition/aspects/edge_difference.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+
+#include "server/vision/recognition/aspects/aspect_image.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kViewDistance = 4.0;  // diameters
+constexpr double kSamePlace = 0.12;    // diameters: differing edges nearer than this are one place
+
+// Bits of the directions of edges within the tolerance of each pixel.
+class DirectionRaster {
+ public:
+  DirectionRaster(const PinholeCamera& camera, const VisibleEdges& edges, double tolerance_px)
+      : width_(camera.width), height_(camera.height) {
+    bits_.assign(static_cast<std::size_t>(width_) * height_, 0);
+    const int reach = static_cast<int>(std::floor(tolerance_px));
+    const double squared = tolerance_px * tolerance_px;
+    for (const VisibleEdgePoint& p : edges.points) {
+      const int bin = AspectBin(p.tangent.x(), p.tangent.y());
+      // Its own direction and the neighbours': within 22.5 degrees at least.
+      const unsigned like =
+          1u << bin | 1u << (bin + 1) % kAspectBins | 1u << (bin + kAspectBins - 1) % kAspectBins;
+      const int u = static_cast<int>(std::lround(p.image.x()));
+      const int v = static_cast<int>(std::lround(p.image.y()));
+      for (int dv = -reach; dv <= reach; ++dv) {
+        for (int du = -reach; du <= reach; ++du) {
+          if (du * du + dv * dv > squared || !Inside(u + du, v + dv)) continue;
+          bits_[Cell(u + du, v + dv)] |= static_cast<std::uint16_t>(like);
+        }
+      }
+    }
+  }
+
+  bool HasLike(const VisibleEdgePoint& p) const {
+    const int u = static_cast<int>(std::lround(p.image.x()));
+    const int v = static_cast<int>(std::lround(p.image.y()));
+    return Inside(u, v) && (bits_[Cell(u, v)] >> AspectBin(p.tangent.x(), p.tangent.y()) & 1u) != 0;
+  }
+
+ private:
+  bool Inside(int u, int v) const { return u >= 0 && v >= 0 && u < width_ && v < height_; }
+  std::size_t Cell(int u, int v) const { return static_cast<std::size_t>(v) * width_ + u; }
+
+  int width_, height_;
+  std::vector<std::uint16_t> bits_;
+};
+
+void AddDiffering(const VisibleEdges& edges,
+                  const DirectionRaster& other,
+                  bool of_a,
+                  EdgeDifference* out) {
+  const std::size_t n = edges.points.size();
+  double& all = of_a ? out->length_a_px : out->length_b_px;
+  double& only = of_a ? out->only_a_px : out->only_b_px;
+  for (std::size_t i = 0; i < n; ++i) {
+    const VisibleEdgePoint& p = edges.points[i];
+    // Half the way to both neighbours on its chain.
+    float length = 0.0f;
+    if (i > 0 && edges.points[i - 1].chain == p.chain)
+      length += 0.5f * (p.image - edges.points[i - 1].image).norm();
+    if (i + 1 < n && edges.points[i + 1].chain == p.chain)
+      length += 0.5f * (edges.points[i + 1].image - p.image).norm();
+    all += length;
+    if (other.HasLike(p)) continue;
+    only += length;
+    out->points.push_back({p, of_a, length});
+  }
+}
+
+// The differing edges of one place, over all views.
+struct Place {
+  DistinguishingFeature feature;
+  double weight = 0.0;                       // length, all views
+  std::array<double, 3> kinds{};             // ... by kind
+  Eigen::Vector3d low, high;                 // extent
+  std::array<double, 2> in_view{0.0, -1.0};  // length in the view looked at last, and which
+};
+
+void AddToPlaces(const DifferingPoint& d,
+                 const Eigen::Vector3d& at,
+                 int view,
+                 double reach,
+                 std::vector<Place>* places) {
+  Place* place = nullptr;
+  for (Place& p : *places) {
+    if (p.feature.of_a == d.of_a && (p.feature.place - at).norm() < reach) {
+      place = &p;
+      break;
+    }
+  }
+  if (place == nullptr) {
+    place = &places->emplace_back();
+    place->feature.of_a = d.of_a;
+    place->feature.place = place->low = place->high = at;
+  }
+  const double length = std::max(1e-3f, d.length_px);
+  place->weight += length;
+  place->kinds[static_cast<int>(d.point.kind)] += length;
+  place->feature.place += (length / place->weight) * (at - place->feature.place);
+  place->low = place->low.cwiseMin(at);
+  place->high = place->high.cwiseMax(at);
+  if (place->in_view[1] != view) place->in_view = {0.0, static_cast<double>(view)};
+  place->in_view[0] += length;
+  place->feature.length_px = std::max(place->feature.length_px, place->in_view[0]);
+}
+
+// Corners, edges' middles and faces of a cube.
+std::vector<Eigen::Vector3d> ViewsAround() {
+  std::vector<Eigen::Vector3d> out;
+  for (int x = -1; x <= 1; ++x) {
+    for (int y = -1; y <= 1; ++y) {
+      for (int z = -1; z <= 1; ++z) {
+        if (x != 0 || y != 0 || z != 0) out.push_back(Eigen::Vector3d(x, y, z).normalized());
+      }
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+EdgeDifference CompareEdges(const RenderMesh& a,
+                            const Rigid3& camera_from_a,
+                            const RenderMesh& b,
+                            const Rigid3& camera_from_b,
+                            const PinholeCamera& camera,
+                            const EdgeDifferenceOptions& options) {
+  VisibleEdgeOptions rendering;
+  rendering.render_px = options.render_px;
+  const VisibleEdges of_a = FindVisibleEdges(a, camera, camera_from_a, rendering);
+  const VisibleEdges of_b = FindVisibleEdges(b, camera, camera_from_b, rendering);
+  EdgeDifference out;
+  AddDiffering(of_a, DirectionRaster(camera, of_b, options.tolerance_px), true, &out);
+  AddDiffering(of_b, DirectionRaster(camera, of_a, options.tolerance_px), false, &out);
+  return out;
+}
+
+DistinguishingFeatures FindDistinguishingFeatures(const RenderMesh& a,
+                                                  const RenderMesh& b,
+                                                  const Rigid3& a_from_b,
+                                                  int most,
+                                                  double min_length_px) {
+  const EdgeDifferenceOptions options;
+  const int size = 2 * static_cast<int>(options.render_px);
+  const PinholeCamera camera = CenteredCamera(size, size, kViewDistance * options.render_px);
+  DistinguishingFeatures out;
+  std::vector<Place> places;
+  const std::vector<Eigen::Vector3d> views = ViewsAround();
+  for (int v = 0; v < static_cast<int>(views.size()); ++v) {
+    Rigid3 pose;
+    const Eigen::Vector3d x = views[v].unitOrthogonal();
+    pose.R.row(0) = x;
+    pose.R.row(1) = (-views[v]).cross(x);
+    pose.R.row(2) = -views[v];
+    pose.t = Eigen::Vector3d(0, 0, kViewDistance * a.diameter_m) - pose.R * a.center.cast<double>();
+    const EdgeDifference difference = CompareEdges(a, pose, b, pose * a_from_b, camera, options);
+    for (const DifferingPoint& d : difference.points) {
+      const Eigen::Vector3d own = d.point.point.cast<double>();
+      AddToPlaces(d, d.of_a ? own : a_from_b * own, v, kSamePlace * a.diameter_m, &places);
+    }
+    const double share = (difference.only_a_px + difference.only_b_px) /
+                         std::max(1.0, difference.length_a_px + difference.length_b_px);
+    out.differing_share += share / static_cast<double>(views.size());
+    out.most_in_a_view = std::max(out.most_in_a_view, share);
+  }
+  std::stable_sort(places.begin(), places.end(), [](const Place& p, const Place& q) {
+    return p.feature.length_px > q.feature.length_px;
+  });
+  for (Place& p : places) {
+    if (static_cast<int>(out.features.size()) >= most || p.feature.length_px < min_length_px) break;
+    p.feature.size_m = (p.high - p.low).norm();
+    const auto kind = std::max_element(p.kinds.begin(), p.kinds.end()) - p.kinds.begin();
+    p.feature.kind = static_cast<VisibleEdgeKind>(kind);
+    out.features.push_back(p.feature);
+  }
+  return out;
+}
+
+}  // namespace horopter

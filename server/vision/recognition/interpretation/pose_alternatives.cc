@@ -1,0 +1,321 @@
+#include "server/vision/recognition/interpretation/pose_alternatives.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "server/base/parallel_for.h"
+#include "server/vision/geometry/depth_buffer.h"
+#include "server/vision/recognition/object/prepared_object.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kSameTurnRad = 0.09;  // poses of one object nearer than this are one
+constexpr double kSameShift = 0.02;    // diameters
+constexpr double kHiddenShare = 0.02;  // diameters behind a surface: hidden
+constexpr double kLeastChance = 0.03, kMostChance = 0.8;
+constexpr double kCircleReach = 0.06;  // diameters between a feature and a circle's middle
+
+using Views = std::vector<std::optional<RecognizedView>>;
+
+// Log odds that an edge is there, of how far an image edge supports it (0..1).
+double EdgeLogOdds(double support, double found, double chance) {
+  const double there = found + (1.0 - found) * chance;
+  return support * std::log(there / chance) +
+         (1.0 - support) * std::log((1.0 - there) / (1.0 - chance));
+}
+
+double PointLogOdds(const AspectImage& image,
+                    const VisibleEdgePoint& p,
+                    const PoseAlternativeOptions& options) {
+  constexpr float kTolerancePx = 3.0f;
+  const float x = p.image.x(), y = p.image.y();
+  if (!(x >= 0 && y >= 0 && x < static_cast<float>(image.width) &&
+        y < static_cast<float>(image.height))) {
+    return 0.0;
+  }
+  const int bin = AspectBin(p.tangent.x(), p.tangent.y());
+  const float distance = image.DistanceAt(x, y, bin) / AspectImage::kDistanceScale;
+  const double support = std::clamp(1.5f * (1.0f - distance / kTolerancePx), 0.0f, 1.0f);
+  const double chance =
+      std::clamp(image.ChanceAt(x, y, bin, AspectImage::ChanceLevel(kTolerancePx)) / 255.0,
+                 kLeastChance,
+                 kMostChance);
+  const double found =
+      p.kind == VisibleEdgeKind::kCrease ? options.found_crease : options.found_contour;
+  return EdgeLogOdds(support, found, chance);
+}
+
+bool IsHidden(const DepthBuffer& others,
+              const PinholeCamera& camera,
+              const Rigid3& camera_from_object,
+              const VisibleEdgePoint& p,
+              double tolerance_m) {
+  const Eigen::Vector3d x = camera_from_object * p.point.cast<double>();
+  return !IsVisible(others, Project(camera, x), x.z(), tolerance_m);
+}
+
+// The other objects of the answer in each view's working image.
+std::vector<DepthBuffer> DepthOfOthers(const JointContext& context,
+                                       std::span<const AspectImage> images,
+                                       const RecognitionResult& result,
+                                       std::size_t object) {
+  std::vector<DepthBuffer> out(images.size());
+  for (std::size_t v = 0; v < images.size(); ++v) {
+    if (!result.views[v]) continue;
+    PinholeCamera camera = WorkingCamera(images[v], result.views[v]->camera);
+    camera.k1 = 0.0;
+    out[v] = MakeDepthBuffer(images[v].width, images[v].height);
+    for (std::size_t k = 0; k < result.objects.size(); ++k) {
+      if (k == object) continue;
+      const SceneObject& o = result.objects[k];
+      RenderDepth(context.objects[o.object]->model.mesh,
+                  camera,
+                  result.views[v]->camera_from_scene * o.scene_from_object,
+                  &out[v]);
+    }
+  }
+  return out;
+}
+
+bool IsSamePose(const PreparedObject& object, const Rigid3& a, const Rigid3& b) {
+  const auto close = [&](const Rigid3& x) {
+    return 0.5 * ((x.R.transpose() * b.R).trace() - 1.0) > std::cos(kSameTurnRad) &&
+           (x * object.center - b * object.center).norm() < kSameShift * object.model.diameter_m;
+  };
+  return close(a) || std::any_of(object.model.symmetries.begin(),
+                                 object.model.symmetries.end(),
+                                 [&](const Rigid3& s) { return close(a * s); });
+}
+
+struct Candidate {
+  int object = -1;
+  Rigid3 scene_from_object;
+  double log_odds = 0.0;  // of the answer against it
+};
+
+std::vector<Candidate> CandidatesFor(const JointContext& context,
+                                     const SceneObject& answer,
+                                     std::span<const PoseRival> rivals,
+                                     const PoseAlternativeOptions& options) {
+  const PreparedObject& object = *context.objects[answer.object];
+  std::vector<Candidate> out;
+  const auto add = [&](int k, const Rigid3& pose) {
+    const PreparedObject& other = *context.objects[k];
+    if (other.aspects == nullptr || static_cast<int>(out.size()) >= options.most_tried) return;
+    if (k == answer.object && IsSamePose(other, answer.scene_from_object, pose)) return;
+    const bool known = std::any_of(out.begin(), out.end(), [&](const Candidate& c) {
+      return c.object == k && IsSamePose(other, c.scene_from_object, pose);
+    });
+    if (!known) out.push_back({k, pose});
+  };
+  for (const PoseRival& rival : rivals) add(rival.object, rival.scene_from_object);
+  for (const NearSymmetry& near : object.near_symmetries) {
+    for (const Rigid3& turn : TurnsOf(near.axis, options.turns))
+      add(answer.object, answer.scene_from_object * turn);
+  }
+  return out;
+}
+
+// A rim's middle and diameter, where a circle of the model lies at the place.
+bool IsCircle(const ObjectModel& model, const Eigen::Vector3d& place, double* diameter_m) {
+  for (const ModelEdge& e : model.edges) {
+    if (e.kind != CurveKind::kCircle || e.polyline.size() < 3) continue;
+    Eigen::Vector3d low = e.polyline[0], high = low;
+    for (const Eigen::Vector3d& p : e.polyline) low = low.cwiseMin(p), high = high.cwiseMax(p);
+    const double size = (high - low).maxCoeff();
+    if ((0.5 * (low + high) - place).norm() > kCircleReach * model.diameter_m ||
+        size > 0.3 * model.diameter_m) {
+      continue;
+    }
+    *diameter_m = size;
+    return true;
+  }
+  return false;
+}
+
+// How much of a feature's edge one image shows, most of all of them (working px).
+double VisibleIn(std::span<const EdgeDifference> views,
+                 const Rigid3& a_from_b,
+                 double reach_m,
+                 const DistinguishingFeature& feature) {
+  double most = 0.0;
+  for (const EdgeDifference& view : views) {
+    double length = 0.0;
+    for (const DifferingPoint& d : view.points) {
+      if (d.of_a != feature.of_a) continue;
+      const Eigen::Vector3d own = d.point.point.cast<double>();
+      const Eigen::Vector3d at = d.of_a ? own : a_from_b * own;
+      if ((at - feature.place).norm() <= reach_m) length += d.length_px;
+    }
+    most = std::max(most, length);
+  }
+  return most;
+}
+
+PoseChoice MakeChoice(const JointContext& context,
+                      std::span<const AspectImage> images,
+                      const Views& views,
+                      const SceneObject& answer,
+                      const RenderMesh& a,
+                      const Candidate& c,
+                      double probability) {
+  PoseChoice choice;
+  choice.object = c.object;
+  choice.object_from_alternative = answer.scene_from_object.Inverse() * c.scene_from_object;
+  choice.probability = probability;
+  const PreparedObject &own = *context.objects[answer.object], &other = *context.objects[c.object];
+  const RenderMesh& b = context.objects[c.object]->aspects->object.mesh;
+  std::vector<EdgeDifference> in_views;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!views[v]) continue;
+    const Rigid3& camera_from_scene = views[v]->camera_from_scene;
+    in_views.push_back(CompareEdges(a,
+                                    camera_from_scene * answer.scene_from_object,
+                                    b,
+                                    camera_from_scene * c.scene_from_object,
+                                    WorkingCamera(images[v], views[v]->camera)));
+  }
+  for (const DistinguishingFeature& f :
+       FindDistinguishingFeatures(a, b, choice.object_from_alternative).features) {
+    DecidingFeature& out = choice.features.emplace_back();
+    out.only_in_alternative = !f.of_a;
+    out.place = f.place;
+    out.size_m = f.size_m;
+    out.kind = f.kind == VisibleEdgeKind::kCrease ? DecidingFeature::Kind::kCrease
+                                                  : DecidingFeature::Kind::kOutline;
+    const Eigen::Vector3d in_own =
+        f.of_a ? f.place : choice.object_from_alternative.Inverse() * f.place;
+    if (IsCircle(f.of_a ? own.model : other.model, in_own, &out.size_m))
+      out.kind = DecidingFeature::Kind::kCircle;
+    const double reach_m = std::max(0.6 * f.size_m, 0.05 * a.diameter_m);
+    out.visible_px = VisibleIn(in_views, choice.object_from_alternative, reach_m, f);
+  }
+  return choice;
+}
+
+}  // namespace
+
+double LogOddsOfPose(std::span<const AspectImage> images,
+                     const Views& views,
+                     const RenderMesh& a,
+                     const Rigid3& scene_from_a,
+                     const RenderMesh& b,
+                     const Rigid3& scene_from_b,
+                     std::span<const DepthBuffer> hidden,
+                     const PoseAlternativeOptions& options) {
+  double sum = 0.0;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!views[v] || images[v].width == 0) continue;
+    const PinholeCamera working = WorkingCamera(images[v], views[v]->camera);
+    PinholeCamera straight = working;
+    straight.k1 = 0.0;
+    const Rigid3 camera_from_a = views[v]->camera_from_scene * scene_from_a;
+    const Rigid3 camera_from_b = views[v]->camera_from_scene * scene_from_b;
+    const EdgeDifference difference = CompareEdges(a, camera_from_a, b, camera_from_b, working);
+    double of_view = 0.0;
+    for (const DifferingPoint& d : difference.points) {
+      if (v < hidden.size() && hidden[v].width > 0 &&
+          IsHidden(hidden[v],
+                   straight,
+                   d.of_a ? camera_from_a : camera_from_b,
+                   d.point,
+                   kHiddenShare * a.diameter_m)) {
+        continue;
+      }
+      const double says = PointLogOdds(images[v], d.point, options) * d.length_px;
+      of_view += (d.of_a ? says : -says) / options.independent_px;
+    }
+    sum += of_view * options.most_log_odds / (options.most_log_odds + std::abs(of_view));
+  }
+  return sum;
+}
+
+std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
+                                             std::span<const AspectImage> images,
+                                             const RecognitionResult& result,
+                                             int place,
+                                             std::span<const PoseRival> rivals,
+                                             const PoseAlternativeOptions& options) {
+  std::vector<PoseChoice> out;
+  const SceneObject& answer = result.objects[place];
+  const PreparedObject& object = *context.objects[answer.object];
+  if (object.aspects == nullptr) return out;
+  std::vector<Candidate> candidates = CandidatesFor(context, answer, rivals, options);
+  if (candidates.empty()) return out;
+  const RenderMesh& mesh = object.aspects->object.mesh;
+  const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
+  ParallelFor(static_cast<int>(candidates.size()), context.options.threads, [&](int i) {
+    Candidate& c = candidates[i];
+    c.log_odds = LogOddsOfPose(images,
+                               result.views,
+                               mesh,
+                               answer.scene_from_object,
+                               context.objects[c.object]->aspects->object.mesh,
+                               c.scene_from_object,
+                               hidden,
+                               options);
+  });
+  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
+    return a.log_odds < b.log_odds;
+  });
+  double sum = 1.0;
+  for (const Candidate& c : candidates) sum += std::exp(-c.log_odds);
+  for (const Candidate& c : candidates) {
+    const double probability = std::exp(-c.log_odds) / sum;
+    if (probability < options.min_probability || static_cast<int>(out.size()) >= options.most)
+      break;
+    out.push_back(MakeChoice(context, images, result.views, answer, mesh, c, probability));
+  }
+  return out;
+}
+
+std::string DescribeChoice(const std::string& object_id, const PoseChoice& choice) {
+  const double cosine = 0.5 * (choice.object_from_alternative.R.trace() - 1.0);
+  const double degrees = std::acos(std::clamp(cosine, -1.0, 1.0)) * 180.0 / std::numbers::pi;
+  std::string text = absl::StrFormat(
+      "%s: %.2f that it is turned by %.0f degrees", object_id, choice.probability, degrees);
+  if (choice.features.empty()) return text;
+  const DecidingFeature& f = choice.features.front();
+  const char* kind = f.kind == DecidingFeature::Kind::kCircle   ? "a circle"
+                     : f.kind == DecidingFeature::Kind::kCrease ? "an edge"
+                                                                : "an outline";
+  absl::StrAppendFormat(&text,
+                        "; %s of %.1f mm at (%.1f, %.1f, %.1f) mm decides%s",
+                        kind,
+                        f.size_m * 1e3,
+                        f.place.x() * 1e3,
+                        f.place.y() * 1e3,
+                        f.place.z() * 1e3,
+                        f.visible_px > 0 ? "" : ", which no image shows");
+  return text;
+}
+
+void SayPoseAlternatives(const JointContext& context,
+                         std::span<const AspectImage> images,
+                         RecognitionResult* result,
+                         const PoseAlternativeOptions& options) {
+  for (int k = 0; k < static_cast<int>(result->objects.size()); ++k) {
+    SceneObject& answer = result->objects[k];
+    double open = 0.0;
+    const std::vector<PoseChoice> choices =
+        FindPoseAlternatives(context, images, *result, k, {}, options);
+    for (const PoseChoice& choice : choices) open += choice.probability;
+    if (open < options.ambiguous_share) continue;
+    if (result->state == RecognitionState::kRecognized)
+      result->state = RecognitionState::kAmbiguous;
+    if (std::find(answer.alternatives.begin(), answer.alternatives.end(), answer.object) ==
+        answer.alternatives.end()) {
+      answer.alternatives.push_back(answer.object);
+    }
+    absl::StrAppend(&result->detail,
+                    result->detail.empty() ? "" : ". ",
+                    DescribeChoice(context.objects[answer.object]->model.id, choices.front()));
+  }
+}
+
+}  // namespace horopter

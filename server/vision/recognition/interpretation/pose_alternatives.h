@@ -1,0 +1,93 @@
+// What the images leave open about an answer: poses that only small features tell from it, with
+// probabilities and the features that would decide.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/recognition/aspects/edge_difference.h"
+#include "server/vision/recognition/scene/scene_model.h"
+
+namespace horopter {
+
+struct PoseAlternativeOptions {
+  double min_probability = 0.02;  // less likely ones are not listed
+  int most = 6;                   // listed of an object
+  int most_tried = 32;
+  int turns = 12;  // that stand for all of a near symmetry by any angle
+  // Chance that an edge of the kind is found in the image where the part has it and nothing hides
+  // it: contours; creases, which light may hide.
+  double found_contour = 0.8;
+  double found_crease = 0.55;
+  // Length of edge (working px) whose points say one thing: less makes few pixels sure.
+  double independent_px = 14.0;
+  // No image says more than this, and half of it where its edges say as much: what they are assumed
+  // to say is not all there is.
+  double most_log_odds = 12.0;
+  double ambiguous_share = 0.3;  // alternatives this likely together make the answer ambiguous
+};
+
+// Log odds that the images show the first and not the second placed object: over the edges that
+// only one of them has, what finding or missing them says (against what chance finds there).
+// `hidden` (may be empty): per view a depth buffer of what else stands in the scene, of the working
+// camera without its lens.
+double LogOddsOfPose(std::span<const AspectImage> images,
+                     const std::vector<std::optional<RecognizedView>>& views,
+                     const RenderMesh& a,
+                     const Rigid3& scene_from_a,
+                     const RenderMesh& b,
+                     const Rigid3& scene_from_b,
+                     std::span<const DepthBuffer> hidden,
+                     const PoseAlternativeOptions& options = {});
+
+// A place where an answer and an alternative to it look different.
+struct DecidingFeature {
+  enum class Kind {
+    kOutline,  // a contour: the part ends there, or stands before what lies behind
+    kCrease,   // an edge between faces that both are seen
+    kCircle    // the rim of a hole, boss or shaft
+  };
+  Kind kind = Kind::kOutline;
+  bool only_in_alternative = false;                 // false: only in the answer
+  Eigen::Vector3d place = Eigen::Vector3d::Zero();  // frame of the answered object, metres
+  double size_m = 0.0;                              // extent; of circles the diameter
+  double visible_px = 0.0;  // longest edge of it in one of the images, working pixels; 0: none
+};
+
+// What the images leave possible instead of an answered pose.
+struct PoseChoice {
+  int object = -1;  // index into the prepared objects; the answered one itself: another pose of it
+  Rigid3 object_from_alternative;         // its frame in the answered object's frame
+  double probability = 0.0;               // of all choices and the answer together 1
+  std::vector<DecidingFeature> features;  // longest edges first
+};
+
+// A pose that may stand in an answer's place, besides the turns of its near symmetries.
+struct PoseRival {
+  int object = -1;
+  Rigid3 scene_from_object;
+};
+
+// Choices of the answer's object number `place`, likeliest first: its near symmetries and `rivals`.
+// Empty for an object without aspects.
+std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
+                                             std::span<const AspectImage> images,
+                                             const RecognitionResult& result,
+                                             int place,
+                                             std::span<const PoseRival> rivals = {},
+                                             const PoseAlternativeOptions& options = {});
+
+// "plate: 0.41 that it is turned by 180 degrees; a circle of 4.2 mm at (12.0, 3.1, 0.0) mm decides,
+// which no image shows".
+std::string DescribeChoice(const std::string& object_id, const PoseChoice& choice);
+
+// Poses of the answer's objects that are left open: named in `detail` and among the object's
+// alternatives; where they are likely the answer is ambiguous.
+void SayPoseAlternatives(const JointContext& context,
+                         std::span<const AspectImage> images,
+                         RecognitionResult* result,
+                         const PoseAlternativeOptions& options = {});
+
+}  // namespace horopter

@@ -1,0 +1,72 @@
+#include "server/vision/recognition/object/aspect_search.h"
+
+#include <algorithm>
+#include <deque>
+#include <numeric>
+#include <utility>
+
+#include "server/base/parallel_for.h"
+#include "server/base/status_macros.h"
+#include "server/vision/recognition/aspects/object_ranking.h"
+#include "server/vision/recognition/object/aspect_part.h"
+
+namespace horopter {
+
+absl::StatusOr<FragmentIndex> MakeSearchIndex(PreparedObjects objects,
+                                              std::span<const int> chosen,
+                                              int threads) {
+  std::vector<AspectPart> parts;
+  for (const int i : chosen) parts.push_back(AspectPartOf(*objects[i]));
+  FragmentIndexOptions options;
+  options.threads = threads;
+  return BuildFragmentIndex(parts, options);
+}
+
+absl::StatusOr<std::shared_ptr<const FragmentIndex>> AspectCatalog::Search(int threads) const {
+  const std::lock_guard lock(mutex_);
+  if (search_ != nullptr) return search_;
+  std::vector<int> all(objects_.size());
+  std::iota(all.begin(), all.end(), 0);
+  HOROPTER_ASSIGN_OR_RETURN(FragmentIndex index, MakeSearchIndex(objects_, all, threads));
+  search_ = std::make_shared<const FragmentIndex>(std::move(index));
+  return search_;
+}
+
+absl::StatusOr<std::shared_ptr<const FragmentIndex>> AspectCatalog::Ranking(int threads) const {
+  const std::lock_guard lock(mutex_);
+  if (ranking_ != nullptr) return ranking_;
+  std::vector<FragmentPiece> pieces(objects_.size());
+  ParallelFor(static_cast<int>(objects_.size()), threads, [&](int i) {
+    const PartAspects& aspects = *objects_[i]->aspects;
+    pieces[i] = MakeFragmentPiece(aspects.object, aspects.fragments, kRankingChoice);
+  });
+  std::vector<const FragmentPiece*> pointers;
+  for (const FragmentPiece& piece : pieces) pointers.push_back(&piece);
+  FragmentIndexOptions options;
+  options.threads = threads;
+  HOROPTER_ASSIGN_OR_RETURN(FragmentIndex index, BuildFragmentIndex(pointers, options));
+  ranking_ = std::make_shared<const FragmentIndex>(std::move(index));
+  return ranking_;
+}
+
+std::shared_ptr<const AspectCatalog> SharedAspectCatalog(PreparedObjects objects) {
+  static std::mutex mutex;
+  static auto* remembered = new std::deque<std::shared_ptr<const AspectCatalog>>;  // newest first
+  const std::lock_guard lock(mutex);
+  const auto known = std::find_if(remembered->begin(), remembered->end(), [&](const auto& catalog) {
+    const PreparedObjects its = catalog->objects();
+    return std::equal(its.begin(), its.end(), objects.begin(), objects.end());
+  });
+  std::shared_ptr<const AspectCatalog> found;
+  if (known != remembered->end()) {
+    found = *known;
+    remembered->erase(known);
+  } else {
+    found = std::make_shared<const AspectCatalog>(objects);
+  }
+  remembered->push_front(found);
+  if (remembered->size() > kRememberedCatalogs) remembered->pop_back();
+  return found;
+}
+
+}  // namespace horopter
