@@ -154,7 +154,7 @@ TEST_F(FindAspects, GridFindsWhatALinearScanFinds) {
 
 TEST_F(FindAspects, PiecesMakeTheIndexOfTheirParts) {
   std::vector<FragmentPiece> pieces;
-  for (const Part& p : *parts_) pieces.push_back(MakeFragmentPiece(p.object, p.fragments));
+  for (const PhotoPart& p : *parts_) pieces.push_back(MakeFragmentPiece(p.object, p.fragments));
   const std::vector<const FragmentPiece*> pointers = {&pieces[0], nullptr, &pieces[2]};
   const FragmentIndex index = *BuildFragmentIndex(pointers);
   EXPECT_EQ(index.part_count, 3);
@@ -172,7 +172,7 @@ TEST_F(FindAspects, PiecesMakeTheIndexOfTheirParts) {
 }
 
 TEST_F(FindAspects, ViewsOfAPieceAreApartAndCoverTheSphere) {
-  const Part& part = (*parts_)[0];
+  const PhotoPart& part = (*parts_)[0];
   const FragmentChoice choice{.view_spacing_rad = 0.5, .fragments = 120};
   const FragmentPiece piece = MakeFragmentPiece(part.object, part.fragments, choice);
   EXPECT_LT(piece.aspects.size(), part.object.aspects.aspects.size());
@@ -200,7 +200,7 @@ TEST_F(FindAspects, ViewsOfAPieceAreApartAndCoverTheSphere) {
 TEST_F(FindAspects, TheShownPartLeadsTheRanking) {
   std::vector<FragmentPiece> pieces;
   std::vector<const FragmentPiece*> pointers;
-  for (const Part& p : *parts_)
+  for (const PhotoPart& p : *parts_)
     pieces.push_back(MakeFragmentPiece(p.object, p.fragments, kRankingChoice));
   for (const FragmentPiece& piece : pieces) pointers.push_back(&piece);
   const FragmentIndex index = *BuildFragmentIndex(pointers);
@@ -230,7 +230,7 @@ TEST_F(FindAspects, ASmoothPartIsFoundByItsContours) {
     const Eigen::Vector3d d = p.normalized();
     p = 0.02 * (1 + 0.6 * d.x() * d.x() * d.x() + 0.5 * d.y() * d.y() - 0.4 * d.z() * d.y()) * d;
   }
-  const Part smooth = MakePart(lump);
+  const PhotoPart smooth = MakePart(lump);
   int creases = 0, points = 0;
   for (int a = 0; a < static_cast<int>(smooth.object.aspects.aspects.size()); a += 29) {
     for (const AspectPoint& p : AspectPoints(smooth.object.aspects, a)) {
