@@ -166,7 +166,7 @@ absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
                                            std::span<const AspectImage> images) {
   const AspectRouteOptions& options = context.options.aspects;
   const int threads = context.options.threads;
-  const std::shared_ptr<const AspectCatalog> catalog = SharedAspectCatalog(context.objects);
+  const std::shared_ptr<const CatalogAspects> catalog = SharedCatalogAspects(context.objects);
   AspectSearch search;
   if (static_cast<int>(context.objects.size()) <= options.max_objects) {
     BeginStep(context, "aspect_index");

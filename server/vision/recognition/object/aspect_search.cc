@@ -22,7 +22,7 @@ absl::StatusOr<FragmentIndex> MakeSearchIndex(PreparedObjects objects,
   return BuildFragmentIndex(parts, options);
 }
 
-absl::StatusOr<std::shared_ptr<const FragmentIndex>> AspectCatalog::Search(int threads) const {
+absl::StatusOr<std::shared_ptr<const FragmentIndex>> CatalogAspects::Search(int threads) const {
   const std::lock_guard lock(mutex_);
   if (search_ != nullptr) return search_;
   std::vector<int> all(objects_.size());
@@ -32,7 +32,7 @@ absl::StatusOr<std::shared_ptr<const FragmentIndex>> AspectCatalog::Search(int t
   return search_;
 }
 
-absl::StatusOr<std::shared_ptr<const FragmentIndex>> AspectCatalog::Ranking(int threads) const {
+absl::StatusOr<std::shared_ptr<const FragmentIndex>> CatalogAspects::Ranking(int threads) const {
   const std::lock_guard lock(mutex_);
   if (ranking_ != nullptr) return ranking_;
   std::vector<FragmentPiece> pieces(objects_.size());
@@ -49,20 +49,20 @@ absl::StatusOr<std::shared_ptr<const FragmentIndex>> AspectCatalog::Ranking(int 
   return ranking_;
 }
 
-std::shared_ptr<const AspectCatalog> SharedAspectCatalog(PreparedObjects objects) {
+std::shared_ptr<const CatalogAspects> SharedCatalogAspects(PreparedObjects objects) {
   static std::mutex mutex;
-  static auto* remembered = new std::deque<std::shared_ptr<const AspectCatalog>>;  // newest first
+  static auto* remembered = new std::deque<std::shared_ptr<const CatalogAspects>>;  // newest first
   const std::lock_guard lock(mutex);
   const auto known = std::find_if(remembered->begin(), remembered->end(), [&](const auto& catalog) {
     const PreparedObjects its = catalog->objects();
     return std::equal(its.begin(), its.end(), objects.begin(), objects.end());
   });
-  std::shared_ptr<const AspectCatalog> found;
+  std::shared_ptr<const CatalogAspects> found;
   if (known != remembered->end()) {
     found = *known;
     remembered->erase(known);
   } else {
-    found = std::make_shared<const AspectCatalog>(objects);
+    found = std::make_shared<const CatalogAspects>(objects);
   }
   remembered->push_front(found);
   if (remembered->size() > kRememberedCatalogs) remembered->pop_back();

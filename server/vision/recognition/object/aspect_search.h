@@ -22,9 +22,9 @@ absl::StatusOr<FragmentIndex> MakeSearchIndex(PreparedObjects objects,
 
 // The indices of a list of objects, all with aspects, each made when it is asked for the first
 // time. Thread-safe; who asks while one is made waits for it.
-class AspectCatalog {
+class CatalogAspects {
  public:
-  explicit AspectCatalog(PreparedObjects objects) : objects_(objects.begin(), objects.end()) {}
+  explicit CatalogAspects(PreparedObjects objects) : objects_(objects.begin(), objects.end()) {}
 
   PreparedObjects objects() const { return objects_; }
 
@@ -45,6 +45,6 @@ class AspectCatalog {
 // The catalog of exactly these objects, by identity: requests over one state of a catalog share it.
 // The last kRememberedCatalogs lists asked for are kept with their objects. Thread-safe.
 inline constexpr int kRememberedCatalogs = 2;
-std::shared_ptr<const AspectCatalog> SharedAspectCatalog(PreparedObjects objects);
+std::shared_ptr<const CatalogAspects> SharedCatalogAspects(PreparedObjects objects);
 
 }  // namespace horopter
