@@ -1,6 +1,7 @@
 #include "server/vision/recognition/aspects/object_ranking.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 namespace horopter {
@@ -16,10 +17,17 @@ std::vector<int> Order(const std::vector<float>& value) {
   return order;
 }
 
-// Best votes of all parts in one image.
-std::vector<float> BestRanks(const AspectVotes& votes) {
+// Best votes of all parts in one image: the gain of their edges by the root of their length, as
+// chance gives a long outline more than a short one.
+std::vector<float> BestRanks(const AspectVotes& votes, const FragmentIndex& index) {
   std::vector<float> best;
-  for (const auto& list : votes.of_part) best.push_back(list.empty() ? 0.0f : list.front().rank);
+  for (const auto& list : votes.of_part) {
+    best.push_back(0.0f);
+    for (const AspectVote& vote : list) {
+      const float length = index.aspects[vote.aspect].edge_length * vote.size_px;
+      best.back() = std::max(best.back(), vote.rank / std::sqrt(std::max(1.0f, length)));
+    }
+  }
   return best;
 }
 
@@ -48,7 +56,7 @@ std::vector<int> RankObjects(std::span<const AspectImage> images,
   for (int i = 0; i < looked_at; ++i) {
     const AspectImage& image = images[static_cast<std::size_t>(i) * views / looked_at];
     const std::vector<float> best =
-        BestRanks(VoteForAspects(image, index, options.votes, stop, wanted));
+        BestRanks(VoteForAspects(image, index, options.votes, stop, wanted), index);
     for (int k = 0; k < index.part_count; ++k) sum[k] += best[k];
     orders.push_back(Order(best));
   }
