@@ -19,12 +19,14 @@
 #include <csignal>
 #include <cstdio>
 #include <ctime>
+#include <fstream>
 #include <mutex>
 #include <random>
+#include <sstream>
 #include <thread>
 
 #include "client/bop_dataset.h"
-#include "client/bop_request.h"
+#include "horopter/v1/recognition.pb.h"
 #include "server/base/stop_scope.h"
 #include "server/pipeline/exception_status.h"
 #include "server/pipeline/process_cores.h"
@@ -154,9 +156,13 @@ std::vector<Work> Recognitions(const BopDataset& dataset,
   for (const int id : wanted) {
     const auto scene = ReadBopScene(dataset.folder, split, id);
     if (!scene.ok()) continue;
-    auto request = SceneRequestOf(ImagesToSend(*scene, 0), DatasetHints::kNone);
-    if (!request.ok()) continue;
-    works.push_back([request = *std::move(request), &catalog](const StopRequested& stop) {
+    v1::RecognizeSceneRequest request;
+    for (const BopImage& image : scene->images) {
+      std::ostringstream bytes;
+      bytes << std::ifstream(image.path, std::ios::binary).rdbuf();
+      request.add_images()->set_content(bytes.str());
+    }
+    works.push_back([request = std::move(request), &catalog](const StopRequested& stop) {
       const StopScope scope(stop);
       const auto scene_request = SceneRequestFromProto(request, ImageLimits(), 2, stop);
       if (!scene_request.ok()) return scene_request.status();
