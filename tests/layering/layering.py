@@ -15,7 +15,8 @@ import sys
 
 # The rooms of recognition, in the order of the dependency.
 ROOMS = ["aspects", "object", "scoring", "scene", "candidates", "invariant_matching", "initialization", "interpretation"]
-ROOMS_SHARE = ["server/vision/recognition/types.h", "server/vision/recognition/options.h"]
+ROOMS_SHARE = ["server/vision/recognition/types.h", "server/vision/recognition/options.h",
+               "server/vision/recognition/learnt_constants.h"]
 BELOW_ROOMS = ["server/base", "server/vision/geometry", "server/vision/invariants", "server/vision/features",
                "server/vision/matching", "server/vision/reconstruction"]
 
@@ -34,6 +35,7 @@ FOLDERS = collections.OrderedDict([
     # What all rooms of recognition share, then the rooms in their order, then the page that calls them.
     ("server/vision/recognition/types.h", ["server/base", "server/vision/geometry"]),
     ("server/vision/recognition/options.h", ["server/base"]),
+    ("server/vision/recognition/learnt_constants.h", []),
 ] + [
     ("server/vision/recognition/" + room, BELOW_ROOMS + ROOMS_SHARE + ["server/vision/recognition/" + r for r in ROOMS[:i]])
     for i, room in enumerate(ROOMS)
