@@ -300,7 +300,10 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   for (int k = 0; k < static_cast<int>(recognition.objects.size()); ++k) kept.push_back(k);
   Refinement r = Begin(input, recognition, kept, options);
   HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
-  const std::vector<int> misfits = FindMisfits(r.bundle, r.visible, options.rejection);
+  RejectionOptions rejection = options.rejection;
+  // Aspects were judged by the edges that others leave to see: hidden ones are no misfit.
+  if (r.observation.aspects) rejection.least_found = 0.0;
+  const std::vector<int> misfits = FindMisfits(r.bundle, r.visible, rejection);
   if (!misfits.empty()) {
     for (const int k : misfits) out.findings.push_back(Rejected(recognition.objects[k].object));
     std::erase_if(

@@ -24,6 +24,7 @@ constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are
 constexpr double kNearM = 1e-3;
 constexpr int kCoarsePoints = 120;
 constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;     // score of one whose place is taken
 constexpr double kTurnedScore = 0.01;   // by which another turn must be better
 constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
 constexpr int kSwept = 2;               // parts that are looked for at all places of a view
@@ -278,19 +279,31 @@ class Linker {
   bool AddStanding(LinkedScene* best) const {
     if (options_.standing <= 0 || best->registered() < 2 || IsStopRequested(stop_)) return false;
     AspectScene scene = SceneOf(*best);
-    const auto plane = PlaneUnder(scene.objects, in_.parts, scene.views);
-    if (!plane) return false;
+    const auto planes = PlanesUnder(scene.objects, in_.parts, scene.views);
+    // A doubtful object does not keep its place from others.
+    std::vector<AspectSceneObject> doubtful;
+    for (std::size_t o = scene.objects.size(); o-- > 1;) {
+      if (best->objects[o].score >= kSureObject) continue;
+      doubtful.push_back(scene.objects[o]);
+      scene.objects.erase(scene.objects.begin() + static_cast<std::ptrdiff_t>(o));
+    }
     StandingSearchOptions search;
     search.threads = options_.threads;
     std::vector<AspectSceneObject> candidates;
-    for (const StandingCandidate& c :
-         FindStanding(in_.images, scene.views, in_.parts, *plane, scene.objects, search, stop_)) {
-      if (static_cast<int>(candidates.size()) >= options_.standing) break;
-      if (objects_.IsFree(scene.views, scene.objects, c.placed)) candidates.push_back(c.placed);
+    for (const StandingPlane& plane : planes) {
+      int of_plane = 0;
+      for (const StandingCandidate& c :
+           FindStanding(in_.images, scene.views, in_.parts, plane, scene.objects, search, stop_)) {
+        if (of_plane >= options_.standing) break;
+        if (!objects_.IsFree(scene.views, scene.objects, c.placed)) continue;
+        candidates.push_back(c.placed);
+        ++of_plane;
+      }
     }
     const std::size_t before = scene.objects.size();
     objects_.Place(std::move(candidates), &scene);
     if (scene.objects.size() == before) return false;
+    scene.objects.insert(scene.objects.end(), doubtful.begin(), doubtful.end());
     LinkedScene more = Finish(&scene);
     if (more.score <= best->score) return false;
     *best = std::move(more);

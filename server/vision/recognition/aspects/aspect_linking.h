@@ -26,7 +26,7 @@ struct AspectLinkOptions {
   int links_per_pair = 4;         // different ones that are kept
   int adjusted_seeds = 10;        // links that are adjusted and held against the images, of all
   int carried = 40;               // hypotheses carried into all views of a scene
-  int standing = 40;              // places on the plane under the parts that are looked at closer
+  int standing = 56;              // places on a plane under the parts that are looked at closer
   double quick_render_px = 110.0;
   double min_quick = 0.36;   // mean score over the views of one that is placed and adjusted
   double apart_share = 0.4;  // of the smaller diameter: nearer centres are one place

@@ -15,6 +15,8 @@ namespace {
 
 constexpr double kSamePlaneRad = 0.06;    // between the normals of faces on one plane
 constexpr double kSamePlaneShare = 0.08;  // of the diameter: between their heights
+constexpr int kPlanes = 2;                // of different heights
+constexpr double kLevelM = 0.006;         // between these
 constexpr double kFarShare = 1.8;         // of the parts' depth: no farther is searched
 constexpr double kApartShare = 0.35;      // of the diameter: places that are not improved twice
 constexpr double kApartRad = 0.45;        // ... unless turned by more
@@ -24,6 +26,7 @@ constexpr int kTiles = 3;                 // of the plane, a side: each has its 
 constexpr int kClimbs = 4;                // rounds, each with half the steps
 constexpr double kFreeChance = 0.10;      // as parts have themselves
 constexpr float kMinReachPx = 4.0f, kMaxReachPx = 26.0f;
+constexpr double kNextPlace = 0.02;  // of support
 constexpr double kNearM = 1e-3;
 constexpr double kLayerRenderPx = 110.0;
 constexpr double kEdgeHalf = 0.35;    // of the size: half the square whose edges are counted ...
@@ -500,14 +503,14 @@ class PartSearch {
     out->reach = static_cast<std::int32_t>(
         AspectImage::kDistanceScale *
         std::clamp(static_cast<float>(options_.reach_share * size_px), kMinReachPx, kMaxReachPx));
-    for (std::size_t i = 0; i < look.count; ++i) {
+    for (std::size_t i = 0; i < out->count; ++i) {
       const Eigen::Vector3d x(look.x[i] + there.x(), look.y[i] + there.y(), look.z[i] + there.z());
       const Eigen::Vector2d u = 0.5 * Project(camera, x);
       out->u[i] = static_cast<std::int16_t>(std::clamp(u.x(), -8000.0, 8000.0));
       out->v[i] = static_cast<std::int16_t>(std::clamp(u.y(), -8000.0, 8000.0));
       out->map[i] = look.bin[i] * image.half_width * image.half_height;
     }
-    return look.count >= kFirst;
+    return out->count >= kFirst;
   }
 
   // 0 when the first points find nothing.
@@ -612,20 +615,35 @@ int RestingOn(const StandingPlane& plane,
 
 }  // namespace
 
-std::optional<StandingPlane> PlaneUnder(std::span<const AspectSceneObject> objects,
-                                        std::span<const AspectPart> parts,
-                                        const std::vector<std::optional<AspectSceneView>>& views) {
-  std::optional<StandingPlane> best;
+std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> objects,
+                                       std::span<const AspectPart> parts,
+                                       const std::vector<std::optional<AspectSceneView>>& views) {
+  StandingPlane best;
+  std::vector<StandingPlane> all;
   for (const AspectSceneObject& o : objects) {
     for (const RestingFace& face : parts[o.object].resting) {
       StandingPlane plane;
       plane.normal = o.scene_from_object.R * face.up;
       plane.offset_m = plane.normal.dot(o.scene_from_object.t) - face.height_m;
       plane.objects = RestingOn(plane, objects, parts, views);
-      if (plane.objects > (best ? best->objects : 0)) best = plane;
+      if (plane.objects > best.objects) best = plane;
+      all.push_back(plane);
     }
   }
-  return best;
+  if (best.objects == 0) return {};
+  std::vector<StandingPlane> out = {best};
+  for (StandingPlane& plane : all) {
+    if (static_cast<int>(out.size()) >= kPlanes) break;
+    if (plane.normal.dot(best.normal) < std::cos(kSamePlaneRad)) continue;
+    plane.normal = best.normal;
+    const bool known = std::any_of(out.begin(), out.end(), [&](const StandingPlane& p) {
+      return plane.offset_m < p.offset_m + kLevelM;
+    });
+    if (known) continue;
+    plane.objects = 1;
+    out.push_back(plane);
+  }
+  return out;
 }
 
 std::vector<StandingCandidate> FindStanding(
@@ -644,10 +662,16 @@ std::vector<StandingCandidate> FindStanding(
     for (const Placed& found : search.Run())
       of_part[p].push_back({{p, search.PoseOf(found)}, found.support});
   });
-  std::vector<StandingCandidate> out;
-  for (auto& list : of_part) out.insert(out.end(), list.begin(), list.end());
+  // A part's second place comes after another part's first that is nearly as good.
+  std::vector<std::pair<double, StandingCandidate>> ranked;
+  for (const auto& list : of_part) {
+    for (std::size_t i = 0; i < list.size(); ++i)
+      ranked.emplace_back(list[i].support - kNextPlace * static_cast<double>(i), list[i]);
+  }
   std::stable_sort(
-      out.begin(), out.end(), [](const auto& a, const auto& b) { return a.support > b.support; });
+      ranked.begin(), ranked.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
+  std::vector<StandingCandidate> out;
+  for (auto& [rank, candidate] : ranked) out.push_back(candidate);
   return out;
 }
 

@@ -42,12 +42,13 @@ struct StandingCandidate {
 };
 
 // The plane on which most objects rest by one of their faces, below no camera and with no object
-// under it; nothing without views, objects or such a plane.
-std::optional<StandingPlane> PlaneUnder(std::span<const AspectSceneObject> objects,
+// under it; then those parallel to it on which others rest: the tops of blocks. Empty without
+// views, objects or such a plane.
+std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> objects,
                                         std::span<const AspectPart> parts,
                                         const std::vector<std::optional<AspectSceneView>>& views);
 
-// Best first over all parts. `views` are those of the scene in which `plane` is given; one without
+// Best first over all parts, the first places of parts before second ones. `views` are those of the scene in which `plane` is given; one without
 // camera is not asked. What was found so far when stopped.
 std::vector<StandingCandidate> FindStanding(
     std::span<const AspectImage> images,

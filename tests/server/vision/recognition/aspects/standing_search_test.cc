@@ -114,33 +114,42 @@ FragmentIndex* StandingSearch::index_ = nullptr;
 
 TEST_F(StandingSearch, ThePlaneIsWhereMostPartsRest) {
   const std::vector<AspectSceneObject> objects = {AngleThere(), BlockThere()};
-  const auto plane = PlaneUnder(objects, list_, Views());
-  ASSERT_TRUE(plane.has_value());
-  EXPECT_EQ(plane->objects, 2);
-  EXPECT_GT(plane->normal.z(), 0.999);
-  EXPECT_NEAR(plane->offset_m, 0.0, 1e-6);
+  const auto planes = PlanesUnder(objects, list_, Views());
+  ASSERT_EQ(planes.size(), 1u);
+  EXPECT_EQ(planes[0].objects, 2);
+  EXPECT_GT(planes[0].normal.z(), 0.999);
+  EXPECT_NEAR(planes[0].offset_m, 0.0, 1e-6);
+}
+
+TEST_F(StandingSearch, ThePlaneOfABlockThatOnePartStandsOnIsSecond) {
+  std::vector<AspectSceneObject> objects = {AngleThere(), BlockThere(), CylinderThere()};
+  objects[2].scene_from_object.t.z() += 0.03;
+  const auto planes = PlanesUnder(objects, list_, Views());
+  ASSERT_EQ(planes.size(), 2u);
+  EXPECT_NEAR(planes[0].offset_m, 0.0, 1e-6);
+  EXPECT_NEAR(planes[1].offset_m, 0.03, 1e-6);
 }
 
 TEST_F(StandingSearch, NoPlaneWithoutARestingPart) {
-  EXPECT_FALSE(PlaneUnder({}, list_, Views()).has_value());
+  EXPECT_TRUE(PlanesUnder({}, list_, Views()).empty());
   AspectSceneObject tilted = AngleThere();
   std::vector<AspectPart> faceless = list_;
   faceless[kAngle].resting.clear();
-  EXPECT_FALSE(PlaneUnder({&tilted, 1}, faceless, Views()).has_value());
+  EXPECT_TRUE(PlanesUnder({&tilted, 1}, faceless, Views()).empty());
   // Upside down below the plane: the cameras would be under it.
   AspectSceneObject hanging = AngleThere();
   hanging.scene_from_object = hanging.scene_from_object * Turn(Eigen::Vector3d::UnitX(), M_PI);
   for (AspectPart& part : faceless) part.resting = {{Eigen::Vector3d::UnitZ(), 0.012}};
-  EXPECT_FALSE(PlaneUnder({&hanging, 1}, faceless, Views()).has_value());
+  EXPECT_TRUE(PlanesUnder({&hanging, 1}, faceless, Views()).empty());
 }
 
 TEST_F(StandingSearch, APartNobodyHypothesisedIsFoundInItsPlace) {
   const std::vector<AspectSceneObject> there = {AngleThere(), BlockThere(), CylinderThere()};
   const std::vector<AspectImage> images = Images(there);
   const std::vector<AspectSceneObject> taken = {AngleThere()};
-  const auto plane = PlaneUnder(taken, list_, Views());
-  ASSERT_TRUE(plane.has_value());
-  const auto found = FindStanding(images, Views(), list_, *plane, taken);
+  const auto planes = PlanesUnder(taken, list_, Views());
+  ASSERT_EQ(planes.size(), 1u);
+  const auto found = FindStanding(images, Views(), list_, planes[0], taken);
   for (const AspectSceneObject& truth : {BlockThere(), CylinderThere()}) {
     const auto best = std::find_if(found.begin(), found.end(), [&](const StandingCandidate& c) {
       return c.placed.object == truth.object;
@@ -154,12 +163,14 @@ TEST_F(StandingSearch, APartNobodyHypothesisedIsFoundInItsPlace) {
 TEST_F(StandingSearch, NothingStandsOnAnEmptyTable) {
   const std::vector<AspectSceneObject> taken = {AngleThere()};
   const std::vector<AspectImage> images = Images(taken);
-  const auto plane = PlaneUnder(taken, list_, Views());
-  ASSERT_TRUE(plane.has_value());
-  EXPECT_TRUE(FindStanding(images, Views(), list_, *plane, taken).empty());
-  EXPECT_TRUE(FindStanding({}, {}, list_, *plane, taken).empty());
-  const auto stopped = FindStanding(
-      Images({AngleThere(), BlockThere()}), Views(), list_, *plane, taken, {}, [] { return true; });
+  const auto planes = PlanesUnder(taken, list_, Views());
+  ASSERT_EQ(planes.size(), 1u);
+  EXPECT_TRUE(FindStanding(images, Views(), list_, planes[0], taken).empty());
+  EXPECT_TRUE(FindStanding({}, {}, list_, planes[0], taken).empty());
+  const auto stopped =
+      FindStanding(Images({AngleThere(), BlockThere()}), Views(), list_, planes[0], taken, {}, [] {
+        return true;
+      });
   EXPECT_TRUE(stopped.empty());
 }
 
