@@ -62,10 +62,9 @@ std::vector<LinkedObject> SceneObjects::Judge(const AspectScene& scene, double r
   return JudgeScene(in_.images, meshes_, scene, judging);
 }
 
-LinkedObject SceneObjects::JudgeOne(
-    const std::vector<std::optional<AspectSceneView>>& views,
-    const AspectSceneObject& placed,
-    std::span<const std::vector<PartLayer>* const> others) const {
+LinkedObject SceneObjects::JudgeOne(const std::vector<std::optional<AspectSceneView>>& views,
+                                    const AspectSceneObject& placed,
+                                    std::span<const std::vector<PartLayer>* const> others) const {
   return JudgeInViews(in_.images,
                       *meshes_[placed.object],
                       views,
