@@ -45,11 +45,12 @@ struct StandingCandidate {
 // under it; then those parallel to it on which others rest: the tops of blocks. Empty without
 // views, objects or such a plane.
 std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> objects,
-                                        std::span<const AspectPart> parts,
-                                        const std::vector<std::optional<AspectSceneView>>& views);
+                                       std::span<const AspectPart> parts,
+                                       const std::vector<std::optional<AspectSceneView>>& views);
 
-// Best first over all parts, the first places of parts before second ones. `views` are those of the scene in which `plane` is given; one without
-// camera is not asked. What was found so far when stopped.
+// Best first over all parts, the first places of parts before second ones. `views` are those of the
+// scene in which `plane` is given; one without camera is not asked. What was found so far when
+// stopped.
 std::vector<StandingCandidate> FindStanding(
     std::span<const AspectImage> images,
     const std::vector<std::optional<AspectSceneView>>& views,
