@@ -27,26 +27,47 @@ IMAGE = os.path.join(DATASET, "val", "000005", "rgb", "000000.png")
 
 
 class Program:
-    """A server; its log is read as it comes."""
+    """A server; its log is read as it comes: a full pipe would stop it."""
 
     def __init__(self, *command):
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         self.said = []
+        self.ended = False
+        self.changed = threading.Condition()
+        self.reader = threading.Thread(target=self._read, daemon=True)
+        self.reader.start()
+
+    def _read(self):
+        for line in self.process.stdout:
+            with self.changed:
+                self.said.append(line)
+                self.changed.notify_all()
+        self.process.stdout.close()
+        with self.changed:
+            self.ended = True
+            self.changed.notify_all()
 
     def await_line(self, mark):
-        for line in self.process.stdout:
-            self.said.append(line)
-            if mark in line:
-                return line
-        raise AssertionError("no line with %r: %s" % (mark, "".join(self.said)))
+        def line():
+            return next((line for line in self.said if mark in line), None)
+        with self.changed:
+            self.changed.wait_for(lambda: line() or self.ended, timeout=120)
+            if line() is None:
+                raise AssertionError("no line with %r: %s" % (mark, "".join(self.said)))
+            return line()
 
     def signal(self, number):
         self.process.send_signal(number)
 
     def end(self):
-        """Exit code; the rest of the log is in `said`."""
-        self.said.append(self.process.communicate(timeout=60)[0])
-        return self.process.returncode
+        """Exit code; the whole log is in `said`."""
+        code = self.process.wait(timeout=60)
+        self.reader.join(timeout=60)
+        return code
+
+    def kill(self):
+        self.process.kill()
+        self.end()
 
 
 class Signals(unittest.TestCase):
@@ -58,8 +79,7 @@ class Signals(unittest.TestCase):
 
     def start(self):
         program = Program(HOROPTERD, "--db", self.db, "--listen", "127.0.0.1:0")
-        self.addCleanup(program.process.stdout.close)
-        self.addCleanup(program.process.kill)
+        self.addCleanup(program.kill)
         return program
 
     def test_while_the_catalog_is_loaded(self):
@@ -88,6 +108,7 @@ class Signals(unittest.TestCase):
         server = self.start()
         address = server.await_line("listening on ").split("listening on ")[1].strip()
         silent = threading.Event()
+        self.addCleanup(silent.set)
         with grpc.insecure_channel(address) as channel:
             def never():
                 silent.wait()
@@ -106,8 +127,7 @@ class Signals(unittest.TestCase):
     def test_no_accepted_call_fails(self):
         log = os.path.join(self.folder, "requests.jsonl")
         server = Program(MOCK, "--delay-ms", "100", "--workers", "2", "--queue", "6", "--request-log", log)
-        self.addCleanup(server.process.stdout.close)
-        self.addCleanup(server.process.kill)
+        self.addCleanup(server.kill)
         address = server.await_line("listening on ").split("listening on ")[1].strip()
         outcomes, stop = [], threading.Event()
 
@@ -121,11 +141,13 @@ class Signals(unittest.TestCase):
                         outcomes.append(error.code)
                         if error.code == "UNAVAILABLE":
                             return
+                        time.sleep(0.02)
 
-        threads = [threading.Thread(target=client) for _ in range(12)]
+        threads = [threading.Thread(target=client, daemon=True) for _ in range(12)]
         for thread in threads:
             thread.start()
-        while outcomes.count("OK") < 10:
+        deadline = time.monotonic() + 60
+        while outcomes.count("OK") < 10 and time.monotonic() < deadline:
             time.sleep(0.01)
         server.signal(signal.SIGTERM)
         self.assertEqual(server.end(), 0)
