@@ -1,22 +1,25 @@
 #!/usr/bin/env bash
 # What CI runs, without installing anything: format, layers, build, tests, summary. Not 0 when any of it fails.
 #
-#   deploy/check.sh [--static] [--quick] [--preset NAME]
+#   deploy/check.sh [--static] [--quick] [--preset NAME] [--precompiled]
 #     --static        only the checks that need no build (format, layers)
 #     --quick         leave out the tests labelled "slow"
 #     --preset NAME   build and test this preset (default: release; dev has the sanitizers)
+#     --precompiled   build with precompiled headers: a quarter sooner where no compiler cache helps
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 static=false
 preset=release
 selection=()
+building=()
 while [[ $# -gt 0 ]]; do
   case $1 in
     --static) static=true; shift ;;
     --quick) selection=(-LE '^slow$'); shift ;;
     --preset) preset=${2:?--preset needs a name}; shift 2 ;;
-    *) sed -n '2,7s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
+    --precompiled) building=(--precompiled); shift ;;
+    *) sed -n '2,8s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
   esac
 done
 
@@ -39,7 +42,7 @@ python3 -B tests/layering/layering.py . || failed+=(layers)
 if ! $static; then
   step "build ($preset)"
   start=$SECONDS
-  if deploy/build.sh --preset "$preset"; then
+  if deploy/build.sh --preset "$preset" "${building[@]}"; then
     echo "built in $((SECONDS - start)) s"
     step "tests ($preset)"
     results=$PWD/build/$preset/test-results.xml

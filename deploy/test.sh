@@ -7,4 +7,4 @@ cd "$(dirname "$0")/.."
 
 echo "== packages"
 deploy/install.sh
-exec deploy/check.sh "$@"
+exec deploy/check.sh --precompiled "$@"

@@ -1,6 +1,8 @@
 #include "server/vision/recognition/aspects/scene_judgement.h"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 
 #include "server/base/parallel_for.h"
 
@@ -43,6 +45,29 @@ bool IsInside(const RenderMesh& mesh,
     inside += u.x() >= 0 && u.y() >= 0 && u.x() < camera.width && u.y() < camera.height;
   }
   return inside >= 8 * shown_share;
+}
+
+// Of the smaller image of two parts, the share where both have one surface; over all views.
+double SharedSurface(std::span<const PartLayer> a,
+                     std::span<const PartLayer> b,
+                     double tolerance_m) {
+  std::int64_t of_a = 0, of_b = 0, shared = 0;
+  for (std::size_t v = 0; v < a.size(); ++v) {
+    of_b += std::count_if(
+        b[v].inverse_depth.begin(), b[v].inverse_depth.end(), [](float d) { return d > 0; });
+    for (int y = a[v].y0; y < a[v].y0 + a[v].height; ++y) {
+      for (int x = a[v].x0; x < a[v].x0 + a[v].width; ++x) {
+        const float near = a[v].inverse_depth[a[v].Cell(x, y)];
+        if (near <= 0) continue;
+        ++of_a;
+        if (!b[v].Has(x, y)) continue;
+        const float other = b[v].inverse_depth[b[v].Cell(x, y)];
+        shared += other > 0 && std::abs(1.0 / near - 1.0 / other) < tolerance_m;
+      }
+    }
+  }
+  const std::int64_t smaller = std::min(of_a, of_b);
+  return smaller > 0 ? static_cast<double>(shared) / static_cast<double>(smaller) : 0.0;
 }
 
 }  // namespace
@@ -141,7 +166,9 @@ std::vector<LinkedObject> JudgeScene(std::span<const AspectImage> images,
   std::vector<LinkedObject> out(count);
   ParallelFor(count, options.threads, [&](int i) {
     const AspectSceneObject& object = scene.objects[i];
+    const double diameter = meshes[object.object]->diameter_m;
     std::vector<const std::vector<PartLayer>*> better;
+    bool taken = false;
     for (int o = 0; o < count; ++o) {
       if (alone[o].score <= alone[i].score || alone[o].score < options.hiding_score) continue;
       bool meets = false;
@@ -151,9 +178,15 @@ std::vector<LinkedObject> JudgeScene(std::span<const AspectImage> images,
         meets = DiscOf(images[v], *meshes[object.object], scene.views[v]->camera, pose)
                     .Meets(layers[o][v]);
       }
-      if (meets) better.push_back(&layers[o]);
+      if (!meets) continue;
+      better.push_back(&layers[o]);
+      const double smaller = std::min(diameter, meshes[scene.objects[o].object]->diameter_m);
+      taken |= SharedSurface(layers[i], layers[o], options.one_surface_share * smaller) >
+               options.max_shared;
     }
     out[i] = better.empty() ? alone[i] : judge(i, better);
+    // Its edges are those of the other part that stands there.
+    if (taken) out[i].score = 0.0;
   });
   return out;
 }

@@ -31,6 +31,10 @@ struct SceneJudgementOptions {
   double shown_share = 0.6;    // of a part's box inside the image for a view to count
   double visible_share = 0.3;  // of its edges that others leave to see
   double hiding_score = 0.42;  // of objects that are believed to hide others
+  // Of a better part's surface, a part must not have more than this share as its own: surfaces
+  // nearer than a share of the smaller diameter are one.
+  double max_shared = 0.25;
+  double one_surface_share = 0.012;
   int threads = 1;
 };
 
@@ -57,6 +61,7 @@ SceneLayers MakeSceneLayers(std::span<const AspectImage> images,
                             const SceneJudgementOptions& options = {});
 
 // Each object by itself first, then with what better ones hide and explain; in the scene's order.
+// An object in the place of a better one scores 0.
 std::vector<LinkedObject> JudgeScene(std::span<const AspectImage> images,
                                      std::span<const RenderMesh* const> meshes,
                                      const AspectScene& scene,

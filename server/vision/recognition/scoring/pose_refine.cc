@@ -127,7 +127,6 @@ std::optional<Rigid3> RefineInScene(const PreparedObject& object,
                                     std::span<const KnownView> views,
                                     const Rigid3& scene_from_object,
                                     const RefineOptions& options) {
-  using Matrix6d = Eigen::Matrix<double, 6, 6>;
   Rigid3 pose = scene_from_object;
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
     Matrix6d A = Matrix6d::Zero();
