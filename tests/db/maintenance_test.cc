@@ -147,7 +147,10 @@ TEST(DigestTest, ObjectsOfAnOlderSchemaGetTheirDigestsAndTheFileIsCopiedBefore) 
   const std::string path = dir.File("a.db");
   Enrol(*Catalog::Open(path).value(), 0, 3);
   // As the schema before digests left it.
-  Tamper(path, "DROP TABLE object_digest; PRAGMA user_version=3");
+  Tamper(path,
+         "DROP TABLE object_digest; DROP TABLE label; DROP TABLE create_request; "
+         "ALTER TABLE object DROP COLUMN revision; ALTER TABLE grasp DROP COLUMN kind; "
+         "ALTER TABLE grasp DROP COLUMN cup_radius_m; PRAGMA user_version=3");
   {
     auto catalog = Catalog::Open(path).value();
     EXPECT_TRUE(catalog->Verify().value().empty());
