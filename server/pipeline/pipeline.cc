@@ -365,22 +365,23 @@ absl::StatusOr<RecognitionResult> TimedRecognition(decltype(&RecognizeObjects) r
   return result;
 }
 
-// Recognition by the aspects alone, else after matching and reconstruction. The step in which time
-// ran short, and what was not begun for it, is told in the answer.
-absl::Status RunRecognition(RecognitionInput input,
-                            PipelineOptions options,
+// Recognition by the aspects alone, else after matching and reconstruction, which `input` then
+// holds: the metric stage uses the matches too. The step in which time ran short, and what was not
+// begun for it, is told in the answer.
+absl::Status RunRecognition(PipelineOptions options,
                             const SceneRequest& request,
                             const StopRequested& stop,
+                            RecognitionInput* input,
                             PipelineResult* result) {
   SceneTrace& trace = result->trace;
   SceneAnswer& answer = result->answer;
   HurryWatch watch(options.recognition.hurry);
   options.recognition.hurry = watch.Token();
   const auto recognize = [&](decltype(&RecognizeObjects) by) {
-    return TimedRecognition(by, input, options, stop, &watch, &answer.stages);
+    return TimedRecognition(by, *input, options, stop, &watch, &answer.stages);
   };
   std::vector<std::string> unasked;
-  bool aspects_first = AspectsComeFirst(input.objects, options.recognition);
+  bool aspects_first = AspectsComeFirst(input->objects, options.recognition);
   if (aspects_first) {
     HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize(RecognizeByAspectsAlone));
     // Of a large catalog the images may say that it need not have been.
@@ -392,8 +393,8 @@ absl::Status RunRecognition(RecognitionInput input,
     watch.Begin("matching");
     HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));
     if (!aspects_first || trace.reconstruction.trusted) {
-      input.matching = &trace.matching;
-      input.reconstruction = &trace.reconstruction;
+      input->matching = &trace.matching;
+      input->reconstruction = &trace.reconstruction;
       HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize(RecognizeObjects));
       unasked = UnaskedRoutes(found);
       if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
@@ -405,7 +406,7 @@ absl::Status RunRecognition(RecognitionInput input,
     answer.unsearched.push_back({UnsearchedCause::kTime, std::move(step)});
   }
   if (options.recognition.routes.aspects &&
-      std::ssize(input.objects) > options.recognition.aspects.max_objects) {
+      std::ssize(input->objects) > options.recognition.aspects.max_objects) {
     answer.unsearched.push_back({UnsearchedCause::kCatalogSize, "aspects"});
   }
   TellState(trace.recognition, &answer);
@@ -434,15 +435,15 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   HOROPTER_ASSIGN_OR_RETURN(trace.features, DetectAll(request, options, stop));
   features_clock.Finish(SumCounts(trace.features));
 
-  const RecognitionInput input{request.images,
-                               trace.features,
-                               request.hints,
-                               nullptr,
-                               nullptr,
-                               objects,
-                               selection.slots.empty() ? nullptr : &catalog.keys,
-                               selection.slots};
-  HOROPTER_RETURN_IF_ERROR(RunRecognition(input, options, request, stop, &result));
+  RecognitionInput input{request.images,
+                         trace.features,
+                         request.hints,
+                         nullptr,
+                         nullptr,
+                         objects,
+                         selection.slots.empty() ? nullptr : &catalog.keys,
+                         selection.slots};
+  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, stop, &input, &result));
   if (trace.recognition.objects.empty()) return result;
 
   StageClock euclidean_clock("euclidean", &answer.stages);

@@ -161,6 +161,14 @@ TEST_F(RequestThreads, TheStartOfTheFocalLengthReachesTheLastStage) {
   }
 }
 
+// Without them focal lengths and depths are worse, though the answer looks as good.
+TEST_F(RequestThreads, MatchesOfThePlaneReachTheLastStage) {
+  const auto result = Recognize(kThreads);
+  ASSERT_TRUE(result.ok()) << result.status();
+  ASSERT_TRUE(result->trace.metric);
+  EXPECT_GT(result->trace.metric->counts.at("plane_cells"), 0.0);
+}
+
 TEST_F(RequestThreads, WhatIsThrownAnywhereIsTheStatusOfTheRequest) {
   std::atomic<int> calls{0};
   const auto before = Recognize(kThreads, [&] {
