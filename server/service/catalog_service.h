@@ -79,13 +79,14 @@ class CatalogService final : public CatalogServiceBase {
                       v1::Object* response);
   absl::Status Delete(const v1::DeleteObjectRequest& request);
 
-  // Creates the records, or finds what the same request made before; `add_answer` gives the place
-  // of each object's answer, in order.
-  using AddAnswer = std::function<v1::Object*()>;
+  // Creates the records, or finds what the same request made before; `answer_of` gives the place of
+  // the i-th object's answer, empty. It may be asked twice for one: an answer that was begun is
+  // dropped when another call turns out to have made the objects meanwhile.
+  using AnswerOf = std::function<v1::Object*(int i)>;
   absl::Status CreateOnce(std::vector<CatalogRecord> records,
                           const RepeatableRequest& request,
                           const CallInfo& info,
-                          const AddAnswer& add_answer);
+                          const AnswerOf& answer_of);
 
   CatalogStore& store_;
   BackupShelf& shelf_;

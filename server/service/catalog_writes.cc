@@ -78,7 +78,7 @@ void ReadyToProto(const CatalogRecord& written, v1::Object* proto) {
 absl::Status CatalogService::CreateOnce(std::vector<CatalogRecord> records,
                                         const RepeatableRequest& request,
                                         const CallInfo& info,
-                                        const AddAnswer& add_answer) {
+                                        const AnswerOf& answer_of) {
   // OK: answered with what the request made before; NOT_FOUND: it is new.
   const auto answer_again = [&]() -> absl::StatusOr<bool> {
     if (request.id.empty()) return false;
@@ -88,18 +88,20 @@ absl::Status CatalogService::CreateOnce(std::vector<CatalogRecord> records,
     if (made->digest != request.digest) {
       return InvalidField("request_id", "was used for a request with another content");
     }
+    int next = 0;
     for (const std::string& id : made->object_ids) {
-      HOROPTER_RETURN_IF_ERROR(Read(id, v1::OBJECT_VIEW_BASIC, add_answer()));
+      HOROPTER_RETURN_IF_ERROR(Read(id, v1::OBJECT_VIEW_BASIC, answer_of(next++)));
     }
     return true;
   };
   HOROPTER_ASSIGN_OR_RETURN(const bool known, answer_again());
   if (known) return absl::OkStatus();
+  int next = 0;
   const absl::Status created = store_.Create(
       std::move(records),
       request,
       [&](const CatalogRecord& written) {
-        ReadyToProto(written, add_answer());
+        ReadyToProto(written, answer_of(next++));
         return absl::OkStatus();
       },
       info.limits.stop);
@@ -117,7 +119,7 @@ absl::Status CatalogService::Create(const v1::CreateObjectRequest& request,
                             RepeatableFromProto(request.request_id(), request));
   std::vector<CatalogRecord> records;
   records.push_back(std::move(record));
-  const absl::Status status = CreateOnce(std::move(records), repeatable, info, [&] {
+  const absl::Status status = CreateOnce(std::move(records), repeatable, info, [&](int) {
     response->Clear();
     return response;
   });
@@ -151,8 +153,12 @@ absl::Status CatalogService::CreateBatch(const v1::BatchCreateObjectsRequest& re
   }
   HOROPTER_ASSIGN_OR_RETURN(const RepeatableRequest repeatable,
                             RepeatableFromProto(request.request_id(), request));
-  const absl::Status status =
-      CreateOnce(std::move(records), repeatable, info, [&] { return response->add_objects(); });
+  const absl::Status status = CreateOnce(std::move(records), repeatable, info, [&](int i) {
+    if (i == response->objects_size()) return response->add_objects();
+    v1::Object* begun = response->mutable_objects(i);
+    begun->Clear();
+    return begun;
+  });
   const std::optional<int> of = CatalogStore::ObjectOf(status);
   return of ? in_request(*of, OfObject(status)) : status;
 }

@@ -122,6 +122,31 @@ TEST_F(CatalogWrites, TheSameCreationFromManyThreadsIsOne) {
   EXPECT_EQ(Count(), 1);
 }
 
+TEST_F(CatalogWrites, TheSameBatchFromManyThreadsIsOneAndEachAnswerNamesEachObjectOnce) {
+  v1::BatchCreateObjectsRequest request;
+  for (const char* id : {"a", "b", "c"}) *request.add_requests() = CreateRequest(id);
+  request.set_request_id("again");
+  constexpr int kThreads = 8;
+  std::vector<v1::BatchCreateObjectsResponse> answers(kThreads);
+  std::vector<std::thread> threads;
+  for (v1::BatchCreateObjectsResponse& answer : answers) {
+    threads.emplace_back([&] {
+      grpc::ClientContext context;
+      const grpc::Status status = server_->catalog().BatchCreateObjects(&context, request, &answer);
+      EXPECT_TRUE(status.ok()) << status.error_message();
+    });
+  }
+  for (std::thread& t : threads) t.join();
+  for (const v1::BatchCreateObjectsResponse& answer : answers) {
+    ASSERT_EQ(answer.objects_size(), 3);
+    for (int i = 0; i < 3; ++i) {
+      EXPECT_EQ(answer.objects(i).name(), "objects/" + request.requests(i).object_id());
+      EXPECT_EQ(answer.objects(i).etag(), answers[0].objects(i).etag());
+    }
+  }
+  EXPECT_EQ(Count(), 3);
+}
+
 TEST_F(CatalogWrites, EtagsChangeWithEveryWriteAndGuardTheNext) {
   ASSERT_TRUE(Create(CreateRequest("box")).ok());
   const std::string made = object_.etag();
