@@ -11,6 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "client/overlay.h"
 #include "client/resting_poses.h"
+#include "server/vision/geometry/grasp_kind.h"
 
 namespace horopter {
 namespace {
@@ -155,7 +156,7 @@ View TurntableView(const ObjectModel& model,
   for (size_t i = 0; i < grasps; ++i) {
     DrawGripper(view.camera,
                 view.camera_from_object * model.grasps[i].object_from_gripper,
-                model.grasps[i].jaw_opening_m,
+                OpeningOf(model.grasps[i]),
                 0.25 * model.diameter_m,
                 kGripper,
                 &view.image);

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "server/base/status_macros.h"
 #include "server/service/convert.h"
 #include "server/service/rpc_status.h"
@@ -46,15 +47,20 @@ StageReport DecodeReport(std::chrono::steady_clock::time_point start, const Scen
   return report;
 }
 
-void DescribeAnswer(const v1::RecognizeSceneResponse& response, RequestRecord* record) {
-  constexpr size_t kPrefix = sizeof("SCENE_STATE_") - 1;
-  record->state = v1::SceneState_Name(response.state()).substr(kPrefix);
+// Stages are not in every view of the answer.
+void DescribeAnswer(const v1::RecognizeSceneResponse& response,
+                    const std::vector<StageReport>& stages,
+                    RequestRecord* record) {
+  constexpr size_t kPrefix = sizeof("KIND_") - 1;
+  for (const v1::SceneReason& reason : response.reasons()) {
+    record->reasons.push_back(v1::SceneReason::Kind_Name(reason.kind()).substr(kPrefix));
+  }
+  record->state =
+      response.objects_size() > 0 || record->reasons.empty() ? "RECOGNIZED" : record->reasons[0];
+  record->time_limited = response.completeness() == v1::COMPLETENESS_TIME_LIMITED;
   record->objects = response.objects_size();
   record->catalog_generation = response.catalog_generation();
-  for (const v1::StageReport& s : response.stages()) {
-    record->stages.emplace_back(
-        s.stage(), static_cast<double>(s.elapsed().seconds()) + 1e-9 * s.elapsed().nanos());
-  }
+  for (const StageReport& s : stages) record->stages.emplace_back(s.stage, s.seconds);
 }
 
 }  // namespace
@@ -103,6 +109,7 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
     call.record->request = &request;
     call.record->response = response;
   }
+  HOROPTER_ASSIGN_OR_RETURN(const AnswerFormat format, AnswerFormatFromProto(request));
   const std::shared_ptr<const PublishedCatalog> published = store_.Published();
   HOROPTER_ASSIGN_OR_RETURN(
       const SceneRequest scene,
@@ -114,15 +121,18 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
                             recognizer_(scene, published->snapshot, call.limits));
   if (call.limits.stop()) return absl::CancelledError("stopped");
   result.answer.stages.insert(result.answer.stages.begin(), std::move(decode));
-  SceneAnswerToProto(result.answer, scene, response);
+  SceneAnswerToProto(result.answer, scene, format, response);
+  EchoImages(request, response);
   response->set_request_id(call.request_id);
   response->set_catalog_generation(published->snapshot.generation);
-  spdlog::info("request={} images={} state={} objects={}",
+  DescribeAnswer(*response, result.answer.stages, call.record);
+  spdlog::info("request={} images={} state={} reasons={} time_limited={} objects={}",
                call.request_id,
                scene.images.size(),
-               v1::SceneState_Name(response->state()),
+               call.record->state,
+               absl::StrJoin(call.record->reasons, ","),
+               call.record->time_limited,
                response->objects_size());
-  DescribeAnswer(*response, call.record);
   return absl::OkStatus();
 }
 

@@ -63,7 +63,7 @@ def main():
     arguments = parser.parse_args()
     with Client(arguments.server) as client:
         scene = client.recognize(arguments.images)
-        print(scene.state, scene.detail)
+        print(scene.outcome, "; ".join(r.detail for r in scene.reasons))
         models = {part.object_id: client.get_object(part.object_id) for part in scene.objects}
         for i, path in enumerate(arguments.images):
             with open(path, "rb") as file:
