@@ -141,12 +141,56 @@ void IndexEdges(AspectImage* image) {
   image->edge_at = MakePointRaster(image->width, image->height, EdgePlaces(*image)).at;
 }
 
-// Returns whether there was any.
+// Sums of edge pixels over boxes.
+class EdgeCounts {
+ public:
+  explicit EdgeCounts(const AspectImage& image) : width_(image.width), height_(image.height) {
+    sums_.assign(static_cast<std::size_t>(width_ + 1) * (height_ + 1), 0);
+    for (int y = 0; y < height_; ++y) {
+      int row = 0;
+      for (int x = 0; x < width_; ++x) {
+        row += image.edge_at[image.Cell(x, y)] >= 0;
+        sums_[At(x + 1, y + 1)] = sums_[At(x + 1, y)] + row;
+      }
+    }
+  }
+
+  // Share of edge pixels in a box; 1 where little of the box is inside the image.
+  double Share(const Eigen::Vector2f& center, int half) const {
+    const int cx = static_cast<int>(std::lround(center.x()));
+    const int cy = static_cast<int>(std::lround(center.y()));
+    const int x0 = std::clamp(cx - half, 0, width_), x1 = std::clamp(cx + half + 1, 0, width_);
+    const int y0 = std::clamp(cy - half, 0, height_), y1 = std::clamp(cy + half + 1, 0, height_);
+    if (2 * (x1 - x0) * (y1 - y0) < (2 * half + 1) * (2 * half + 1)) return 1.0;
+    const int sum = sums_[At(x1, y1)] - sums_[At(x0, y1)] - sums_[At(x1, y0)] + sums_[At(x0, y0)];
+    return static_cast<double>(sum) / ((x1 - x0) * (y1 - y0));
+  }
+
+ private:
+  std::size_t At(int x, int y) const { return static_cast<std::size_t>(y) * (width_ + 1) + x; }
+
+  int width_, height_;
+  std::vector<int> sums_;
+};
+
+// Drops the edges of textured places but for those with a smooth side: outlines of smooth parts on
+// granite. Returns whether there were any.
 bool DropTexture(const AspectImageOptions& options, AspectImage* image) {
-  const int limit = static_cast<int>(255 * options.max_texture);
+  constexpr float kAside = 11.0f;  // px between an edge and the middle of what lies beside it
+  constexpr int kHalf = 7;         // of the box beside it: far enough not to see the edge itself
+  constexpr double kTexturedShare = 0.2;
+  int limit = static_cast<int>(255 * options.max_texture);
+  const auto textured = std::count_if(
+      image->texture.begin(), image->texture.end(), [&](int level) { return level > limit; });
+  if (textured == 0) return false;
+  // Beside a part half of the window is smooth.
+  if (static_cast<double>(textured) > kTexturedShare * image->texture.size()) limit /= 2;
   const std::size_t before = image->edges.size();
+  const EdgeCounts counts(*image);
   std::erase_if(image->edges, [&](const ImageEdgePoint& e) {
-    return image->texture[image->Block(e.point.x(), e.point.y())] > limit;
+    if (image->texture[image->Block(e.point.x(), e.point.y())] <= limit) return false;
+    return counts.Share(e.point + kAside * e.normal, kHalf) > options.smooth_side &&
+           counts.Share(e.point - kAside * e.normal, kHalf) > options.smooth_side;
   });
   return image->edges.size() < before;
 }
@@ -183,6 +227,7 @@ absl::Status Validate(const AspectImageOptions& o) {
   if (!(o.noise_factor >= 0)) return bad("noise_factor");
   if (o.min_component_px < 1) return bad("min_component_px");
   if (!(o.max_texture > 0)) return bad("max_texture");
+  if (!(o.smooth_side >= 0)) return bad("smooth_side");
   if (!(o.max_gap_px >= 0)) return bad("max_gap_px");
   if (!(o.bin_reach_rad > 0.14)) return bad("bin_reach_rad");
   if (o.threads < 1) return bad("threads");

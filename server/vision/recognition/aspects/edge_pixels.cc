@@ -64,15 +64,38 @@ GradientField LargestGradient(const cv::Mat& bgr, const AspectImageOptions& opti
   return field;
 }
 
-// Noise of the largest gradient: its lower quartile, which edges hardly touch. A flat image without
-// noise gives 0.
+float Quantile(double share, std::vector<float>* values) {
+  if (values->empty()) return 0.0f;
+  const auto at = values->begin() + static_cast<std::ptrdiff_t>(share * (values->size() - 1));
+  std::nth_element(values->begin(), at, values->end());
+  return *at;
+}
+
+// Noise of the largest gradient: its lower quartile, which edges hardly touch; where that is far
+// above what the smoothest places have, it is a texture's, and theirs counts: a table of granite is
+// no noise. A flat image without noise gives 0.
 double NoiseLevel(const GradientField& field) {
-  std::vector<float> sample;
-  for (std::size_t i = 0; i < field.squared.size(); i += 7) sample.push_back(field.squared[i]);
-  if (sample.empty()) return 0.0;
-  const auto quartile = sample.begin() + sample.size() / 4;
-  std::nth_element(sample.begin(), quartile, sample.end());
-  return std::sqrt(*quartile);
+  constexpr int kBlock = 16;
+  constexpr double kSmoothBlocks = 0.1;  // share of the image that parts show without texture
+  constexpr double kScatter = 1.3;       // of a block's quartile, among blocks of one noise
+  constexpr double kTextured = 2.0;
+  std::vector<float> all, blocks, block;
+  const int height = static_cast<int>(field.squared.size()) / field.width;
+  for (std::size_t i = 0; i < field.squared.size(); i += 7) all.push_back(field.squared[i]);
+  for (int y0 = 0; y0 + kBlock <= height; y0 += kBlock) {
+    for (int x0 = 0; x0 + kBlock <= field.width; x0 += kBlock) {
+      block.clear();
+      for (int y = y0; y < y0 + kBlock; y += 2) {
+        for (int x = x0; x < x0 + kBlock; x += 2)
+          block.push_back(field.squared[static_cast<std::size_t>(y) * field.width + x]);
+      }
+      blocks.push_back(Quantile(0.25, &block));
+    }
+  }
+  const double everywhere = std::sqrt(Quantile(0.25, &all));
+  if (blocks.empty()) return everywhere;
+  const double smooth = std::sqrt(Quantile(kSmoothBlocks, &blocks));
+  return everywhere > kTextured * smooth ? kScatter * smooth : everywhere;
 }
 
 // The edge point of a cell if its gradient is the largest along its direction.
