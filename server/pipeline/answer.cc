@@ -255,6 +255,7 @@ absl::Status FillAnswer(const MetricScene& metric,
                         const GraspOptions& grasps,
                         SceneAnswer* answer) {
   answer->cameras = metric.cameras;
+  answer->plane = metric.plane;
   Drawing d{metric, {}, {}, -1, {}};
   d.frames = AddSceneFrames(metric, &d.graph);
   for (std::size_t k = 0; k < metric.objects.size(); ++k) d.order.push_back(k);

@@ -10,6 +10,7 @@
 
 #include "server/pipeline/base_frame.h"
 #include "server/vision/euclidean/euclidean.h"
+#include "server/vision/explanation/explanation.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/recognition/recognition.h"
 #include "server/vision/reconstruction/reconstruction.h"
@@ -30,6 +31,10 @@ struct SceneRequest {
   std::vector<std::optional<CameraPoseHint>> camera_poses;
   std::vector<std::string> candidates;  // empty: the whole catalog
   std::optional<ReferenceObject> reference;
+  // Id of an object that is looked for too and of which the answer says why it is, or is not, in
+  // it; empty: none.
+  std::string explained;
+  bool unexplained_edges = false;  // SceneAnswer::unexplained_edges is wanted
 };
 
 enum class SceneState {
@@ -43,7 +48,7 @@ enum class SceneState {
 };
 
 struct StageReport {
-  // features, matching, reconstruction, recognition, euclidean, second_pass
+  // features, matching, reconstruction, recognition, euclidean, explanation, second_pass
   std::string stage;
   double seconds = 0.0;
   std::map<std::string, double> counts;
@@ -84,6 +89,16 @@ struct AnswerScale {
   bool agrees = true;
 };
 
+// An Explanation in terms of the answer.
+struct AnswerExplanation {
+  std::string object_id;
+  std::string other_id;  // object that has its place; empty: none
+  Explanation found;
+};
+
+// Points of edges of one image, pixels.
+using EdgeLines = std::vector<std::vector<Eigen::Vector2d>>;
+
 struct SceneAnswer {
   SceneState state = SceneState::kNothingFound;
   std::string detail;
@@ -93,6 +108,10 @@ struct SceneAnswer {
   Eigen::MatrixXd joint_covariance;
   // When a reference was given and found; without one, when posed cameras were recovered.
   std::optional<Rigid3> base_from_scene;
+  std::optional<SupportPlane> plane;  // that the objects stand on, scene frame
+  std::optional<AnswerExplanation> explanation;
+  // One entry per image; empty unless asked for.
+  std::vector<EdgeLines> unexplained_edges;
   std::vector<AnswerFinding> findings;
   std::vector<AnswerScale> scales;
   std::vector<StageReport> stages;

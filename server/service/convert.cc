@@ -339,6 +339,13 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
   if (any_hint) request.hints = std::move(hints);
   if (any_pose) request.camera_poses = std::move(poses);
 
+  if (!proto.explain_object().empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(request.explained,
+                              ObjectIdFromName(proto.explain_object(), "explain_object"));
+  }
+  if (!v1::OverlayOptions::Format_IsValid(proto.overlay().format()))
+    return InvalidField("overlay.format", "unknown value");
+  request.unexplained_edges = proto.overlay().unexplained_edges();
   HOROPTER_ASSIGN_OR_RETURN(request.images, DecodeImages(proto, limits, threads, stop));
   return request;
 }
@@ -371,6 +378,7 @@ void SceneAnswerToProto(const SceneAnswer& answer,
   FindingsToProto(answer, proto);
   if (answer.base_from_scene)
     RigidToProto(*answer.base_from_scene, proto->mutable_base_from_scene());
+  if (answer.explanation) ExplanationToProto(*answer.explanation, proto->mutable_explanation());
   for (const StageReport& stage : answer.stages) StageToProto(stage, proto->add_stages());
 }
 

@@ -372,6 +372,29 @@ class Versions(Workplace):
             server.stop(None)
 
 
+class Pictures(Workplace):
+
+    def test_the_server_draws_png_and_svg(self):
+        done = self.run_horopter("recognize", "0.png", "1.png", "--out", "over.svg")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for i in (1, 2):
+            root = ElementTree.parse(os.path.join(self.folder, "over-%d.svg" % i)).getroot()
+            self.assertGreater(len(list(root.iter("{http://www.w3.org/2000/svg}polyline"))), 5)
+
+    def test_explain_tells_the_test_and_the_edges(self):
+        done = self.run_horopter("explain", "bracket", "0.png", "1.png", "--out", "why.png")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("TEST_SUPPORT", done.stdout)
+        self.assertIn("edge 0: 80 of 80 px without support", done.stdout)
+        self.assertTrue(os.path.exists(os.path.join(self.folder, "why.png")))
+        said = json.loads(self.run_horopter("explain", "bracket", "0.png", "--json").stdout)
+        self.assertEqual(said["failed_test"], "TEST_SUPPORT")
+        self.assertEqual((said["value"], said["needed"]), (0.25, 0.5))
+        nobody = self.run_horopter("explain", "nobody", "0.png")
+        self.assertEqual(nobody.returncode, 3)
+        self.assertIn("explain_object", nobody.stderr)
+
+
 class Latency(Workplace):
 
     MOCK_ARGUMENTS = ("--delay-ms", "100", "--workers", "8")

@@ -35,6 +35,21 @@ PipelineResult MockAnswer(const SceneRequest& request, const std::string& id) {
     answer.cameras.push_back(camera);
   }
   answer.stages.push_back({"features", 0.001, {{"edges", 12.0}}});
+  if (!request.explained.empty()) {
+    Explanation found;
+    found.failed = AcceptanceTest::kSupport;
+    found.value = 0.25;
+    found.needed = 0.5;
+    found.detail = request.explained + " has too few of its edges in the images: 0.25, need 0.50";
+    for (const auto& camera : answer.cameras) {
+      ExplainedView& view = found.views.emplace_back().emplace();
+      view.camera = camera->camera;
+      view.camera_from_object.t = {0, 0, 0.5};
+      view.edges.runs = {{0, EdgeState::kUnsupported, {{10, 10}, {50, 10}}}};
+      view.edges.visible_px = 40.0;
+    }
+    answer.explanation = AnswerExplanation{request.explained, "", std::move(found)};
+  }
   if (id.empty()) return result;
   AnswerObject object;
   object.object_id = id;

@@ -16,13 +16,13 @@ from .errors import (AlreadyExists, Busy, Cancelled, DataLoss, DeadlineExceeded,
                      InvalidRequest, NotFound, PermissionDenied, TooLarge, Unauthenticated, Unavailable)
 from .images import encode_image
 from .security import Security
-from .types import (Camera, CameraHint, CatalogObject, Finding, FoundGrasp, FoundObject, GraspModel, LookAlike,
-                    ObjectInImage, Reference, Scene)
+from .types import (Camera, CameraHint, CatalogObject, ExplainedEdge, ExplainedImage, Explanation, Finding, FoundGrasp,
+                    FoundObject, GraspModel, LookAlike, ObjectInImage, Reference, Scene)
 
 __all__ = [
     "AlreadyExists", "AsyncClient", "Busy", "Camera", "CameraHint", "Cancelled", "CatalogObject", "Client", "DataLoss",
-    "DeadlineExceeded", "Finding", "FoundGrasp", "FoundObject", "GraspModel", "HoropterError", "InternalError",
-    "InvalidRequest", "LookAlike", "NotFound", "ObjectInImage", "PermissionDenied", "Reference", "Scene", "Security",
-    "TooLarge", "Unauthenticated", "Unavailable", "encode_image",
+    "DeadlineExceeded", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp", "FoundObject",
+    "GraspModel", "HoropterError", "InternalError", "InvalidRequest", "LookAlike", "NotFound", "ObjectInImage",
+    "PermissionDenied", "Reference", "Scene", "Security", "TooLarge", "Unauthenticated", "Unavailable", "encode_image",
 ]
 __version__ = "@PROJECT_VERSION@"

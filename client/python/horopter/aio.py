@@ -60,9 +60,10 @@ class AsyncClient:
 
     async def recognize(self, images: Iterable[ImageLike], hints: Hints = None,
                         candidates: Optional[Iterable[str]] = None, reference: Optional[Reference] = None,
-                        deadline_s: Optional[float] = None) -> Scene:
+                        deadline_s: Optional[float] = None, overlay: Optional[str] = None,
+                        explain: Optional[str] = None) -> Scene:
         """As Client.recognize."""
-        request = _requests.recognize_request(images, hints, candidates, reference)
+        request = _requests.recognize_request(images, hints, candidates, reference, overlay, explain)
         return Scene.from_proto(await self._call(self._recognition.RecognizeScene, request, deadline_s))
 
     async def list_objects(self, deadline_s: Optional[float] = None) -> List[CatalogObject]:
