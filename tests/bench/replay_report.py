@@ -19,32 +19,17 @@ ROOT = os.path.abspath(os.path.join(os.path.dirname(__file__), "..", ".."))
 DATASET = os.path.join(ROOT, "tests", "data", "parts")
 PARTS = ("obj_000019", "obj_000001")
 SCENES = ("000005", "000001")
+sys.path.insert(0, os.path.join(ROOT, "tests", "support"))
+from mock_server import Mock  # noqa: E402
 
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 
 
-class Server:
-    """horopterd on a catalog, killed with the object."""
-
-    def __init__(self, program, catalog, threads, *arguments):
-        self.process = subprocess.Popen([program, "--db", catalog, "--listen", "127.0.0.1:0", "--cores", "4",
-                                         "--threads-per-request", str(threads), *arguments], stdout=subprocess.PIPE,
-                                        stderr=subprocess.STDOUT, text=True)
-        self.log = []
-        for line in self.process.stdout:
-            self.log.append(line)
-            if "listening on " in line:
-                self.address = line.split("listening on ")[1].strip()
-                return
-        raise RuntimeError("".join(self.log))
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.process.kill()
-        self.process.communicate()
+def serve(program, catalog, threads, *arguments):
+    """horopterd; it says where it listens as its stand-in does."""
+    return Mock(program, "--db", catalog, "--listen", "127.0.0.1:0", "--cores", "4", "--threads-per-request", str(threads),
+                *arguments)
 
 
 def image_sets(count):
@@ -70,7 +55,7 @@ def image_sets(count):
 
 def record(programs, folder, catalog, count, threads):
     recordings = os.path.join(folder, "recordings")
-    with Server(programs["horopterd"], catalog, threads, "--record-dir", recordings, "--record-sample", "1") as server:
+    with serve(programs["horopterd"], catalog, threads, "--record-dir", recordings, "--record-sample", "1") as server:
         for part in PARTS:
             subprocess.run([programs["horopter"], "--server", server.address, "object", "add",
                             os.path.join(DATASET, "cad", part + ".step"), "--id", part], check=True, capture_output=True)
@@ -106,7 +91,7 @@ def main():
             sys.exit("%d recordings of %d requests" % (len(files), arguments.requests))
         for threads in numbers:
             start = time.monotonic()
-            with Server(programs["horopterd"], catalog, threads) as server:
+            with serve(programs["horopterd"], catalog, threads) as server:
                 said = subprocess.run([programs["horopter"], "--server", server.address, "replay", *files],
                                       capture_output=True, text=True, check=False)
             found = re.search(r"(\d+) recordings, (\d+) answers differ", said.stdout)
