@@ -63,9 +63,9 @@ void SayEdges(const v1::Explanation& explanation) {
 void SayExplanation(const v1::RecognizeSceneResponse& response,
                     const std::vector<std::string>& paths) {
   const v1::Explanation& explanation = response.explanation();
-  Say("%s\n%s\n",
-      v1::Explanation_Test_Name(explanation.failed_test()).c_str(),
-      explanation.detail().c_str());
+  if (explanation.failed_test() != v1::Explanation::TEST_UNSPECIFIED)
+    Say("%s\n", v1::Explanation_Test_Name(explanation.failed_test()).c_str());
+  Say("%s\n", explanation.detail().c_str());
   for (int i = 0; i < explanation.images_size(); ++i) {
     const v1::ExplainedImage& image = explanation.images(i);
     const std::string& path = paths[static_cast<size_t>(i)];

@@ -239,9 +239,9 @@ class Scene:
     stage_seconds: Dict[str, float]
     request_id: str
     catalog_generation: int
-    overlays: List[bytes]
-    explanation: Optional[Explanation]
     raw: recognition_pb2.RecognizeSceneResponse = dataclasses.field(repr=False)
+    overlays: List[bytes] = dataclasses.field(default_factory=list, repr=False)
+    explanation: Optional[Explanation] = None
 
     @classmethod
     def from_proto(cls, answer: recognition_pb2.RecognizeSceneResponse) -> "Scene":
