@@ -24,7 +24,7 @@ mount -t tmpfs tmpfs "$copy"
 mkdir "$copy"/{upper,work,root}
 mount -t overlay overlay -o "lowerdir=/,upperdir=$copy/upper,workdir=$copy/work" "$copy/root"
 root=$copy/root
-mount --bind /dev "$root/dev"
+mount --rbind /dev "$root/dev"
 mount -t proc proc "$root/proc"
 ip link set lo up 2>/dev/null || true
 inside() { chroot "$root" env DEBIAN_FRONTEND=noninteractive LC_ALL=C.UTF-8 "$@"; }
@@ -38,7 +38,6 @@ cp "$packages"/*.deb "$root/tmp/packages"
 containerfile=$(sed -n '/^RUN apt-get/,/[^\\]$/p' deploy/Containerfile | sed 's/^RUN //; s/\\$//' | tr '\n' ' ')
 [[ $containerfile == *useradd* ]] || { echo "check_packages.sh: the Containerfile has changed its shape" >&2; exit 1; }
 containerfile=${containerfile//apt-get update &&/}
-containerfile=${containerfile//apt-get install/apt-get install --no-download}
 containerfile=${containerfile//\/tmp\/horopter-\*.deb/\/tmp\/packages\/*.deb}
 containerfile=${containerfile//rm -rf \/tmp\/packages\/\*.deb \/var\/lib\/apt\/lists\/\* &&/}
 inside bash -euc "$containerfile" >"$copy/log" 2>&1 || { cat "$copy/log"; exit 1; }
@@ -69,7 +68,7 @@ inside horopter status
 inside horopter object add /tmp/packages/obj_000001.step --id bracket
 inside horopter recognize /tmp/packages/000000.png --out /tmp/packages/overlay.png >/dev/null
 [[ -s $root/tmp/packages/overlay.png ]]
-inside python3 -B -c 'import horopter
+inside /usr/bin/python3 -B -c 'import horopter
 with horopter.Client("localhost:50051") as client: assert [o.object_id for o in client.list_objects()] == ["bracket"]'
 python3 - <<'METRICS'
 import urllib.request
