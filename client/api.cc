@@ -10,10 +10,12 @@
 #include <thread>
 
 #include "absl/strings/cord.h"
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "client/api_stubs.h"
 #include "client/convert.h"
+#include "horopter/v1/errors.pb.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -22,12 +24,27 @@ namespace {
 constexpr char kFieldKey[] = "horopter-error-field";
 constexpr char kRetryAfterKey[] = "retry-after-ms";
 constexpr char kRequestIdKey[] = "horopter-request-id";
+constexpr char kReasonKey[] = "horopter-error-reason";  // of this client only
 constexpr int kPageSize = 200;
 
 std::string ValueOf(const std::multimap<grpc::string_ref, grpc::string_ref>& metadata,
                     const char* key) {
   const auto it = metadata.find(key);
   return it == metadata.end() ? "" : std::string(it->second.data(), it->second.size());
+}
+
+// The reason in the details of an error; empty: none.
+std::string ReasonIn(const std::string& details) {
+  v1::Status status;
+  if (!status.ParseFromString(details)) return "";
+  for (const google::protobuf::Any& detail : status.details()) {
+    v1::ErrorInfo info;
+    if (absl::EndsWith(detail.type_url(), "/google.rpc.ErrorInfo") &&
+        info.ParseFromString(detail.value())) {
+      return info.reason();
+    }
+  }
+  return "";
 }
 
 }  // namespace
@@ -59,6 +76,9 @@ absl::Status ToAbsl(const grpc::Status& status,
   if (!field.empty()) out.SetPayload(kFieldKey, absl::Cord(field));
   if (!retry.empty()) out.SetPayload(kRetryAfterKey, absl::Cord(retry));
   if (!request.empty()) out.SetPayload(kRequestIdKey, absl::Cord(request));
+  if (const std::string reason = ReasonIn(status.error_details()); !reason.empty()) {
+    out.SetPayload(kReasonKey, absl::Cord(reason));
+  }
   return out;
 }
 
@@ -109,6 +129,10 @@ std::optional<int> RetryAfterMsOf(const absl::Status& status) {
   int ms = 0;
   if (!absl::SimpleAtoi(text, &ms) || ms < 0) return std::nullopt;
   return ms;
+}
+
+std::string ErrorReasonOf(const absl::Status& status) {
+  return PayloadOf(status, kReasonKey);
 }
 
 HoropterClient::HoropterClient(const std::string& address, double timeout_s)
@@ -208,19 +232,11 @@ absl::StatusOr<v1::Object> HoropterClient::UpdateObject(const ObjectModel& model
 }
 
 absl::Status HoropterClient::PutObject(const v1::Object& object) {
-  v1::Object response;
-  absl::Status created;
-  {
-    v1::CreateObjectRequest request;
-    request.set_object_id(IdOfResource(object.name()));
-    *request.mutable_object() = object;
-    created = Call([&](grpc::ClientContext* context, Done done) {
-      stubs_->catalog->async()->CreateObject(context, &request, &response, std::move(done));
-    });
-  }
-  if (!absl::IsAlreadyExists(created)) return created;
   v1::UpdateObjectRequest request;
   *request.mutable_object() = object;
+  request.mutable_update_mask()->add_paths("*");
+  request.set_allow_missing(true);
+  v1::Object response;
   return Call([&](grpc::ClientContext* context, Done done) {
     stubs_->catalog->async()->UpdateObject(context, &request, &response, std::move(done));
   });

@@ -51,6 +51,7 @@ struct ClientOptions {
 std::string RequestIdOf(const absl::Status& status);   // empty: it did not say
 std::string ErrorFieldOf(const absl::Status& status);  // empty: none
 std::optional<int> RetryAfterMsOf(const absl::Status& status);
+std::string ErrorReasonOf(const absl::Status& status);  // of ErrorInfo (errors.proto); empty: none
 
 // Errors keep the server's code; the message says the address when it cannot be reached, the
 // offending field when the server names one, and the request's id in the server's log.

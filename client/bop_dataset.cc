@@ -17,6 +17,7 @@
 #include "absl/strings/str_format.h"
 #include "client/isaac_grasp.h"
 #include "server/base/status_macros.h"
+#include "server/vision/geometry/grasp_kind.h"
 
 namespace horopter {
 namespace {
@@ -382,6 +383,9 @@ absl::StatusOr<std::vector<Grasp>> ReadGrasps(const std::string& path) {
           Rigid4x4FromMm(value.at("T_gripper_in_object"), grasp.name + ".T_gripper_in_object");
       grasp.jaw_opening_m = kMetresPerMm * value.value("jaw_opening_mm", 0.0);
       grasp.grip_width_m = kMetresPerMm * value.value("grip_width_mm", 0.0);
+      if (value.contains("suction_cup_radius_mm")) {
+        SetSuction(kMetresPerMm * value.at("suction_cup_radius_mm").get<double>(), &grasp);
+      }
       grasp.quality = value.value("quality", 1.0);
       if (value.contains("T_pregrasp_in_object")) {
         grasp.object_from_pregrasp =

@@ -75,9 +75,9 @@ absl::StatusOr<BopScene> ReadBopScene(const std::string& folder,
                                       int scene_id);
 
 // Reads a grasp file: {"grasps": [{"name", "T_gripper_in_object" (16, row-major, mm),
-// "jaw_opening_mm", "grip_width_mm", optional "quality" and "T_pregrasp_in_object"}]}; .yaml and
-// .yml are isaac_grasp files.
-// Errors: NOT_FOUND, INVALID_ARGUMENT.
+// "jaw_opening_mm", "grip_width_mm" (or "suction_cup_radius_mm"), optional "quality" and
+// "T_pregrasp_in_object"}]}; .yaml and .yml are isaac_grasp files. Errors: NOT_FOUND,
+// INVALID_ARGUMENT.
 absl::StatusOr<std::vector<Grasp>> ReadGrasps(const std::string& path);
 
 }  // namespace horopter

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/isaac_grasp.h"
 #include "server/base/status_macros.h"
+#include "server/vision/geometry/grasp_kind.h"
 
 namespace horopter {
 namespace {
@@ -81,9 +82,13 @@ absl::Status WriteGrasps(const std::string& path, const std::vector<Grasp>& gras
   for (const Grasp& g : grasps) {
     list.push_back({{"name", g.name},
                     {"T_gripper_in_object", Rigid4x4Mm(g.object_from_gripper)},
-                    {"jaw_opening_mm", g.jaw_opening_m * kMmPerMetre},
-                    {"grip_width_mm", g.grip_width_m * kMmPerMetre},
                     {"quality", g.quality}});
+    if (IsSuction(g)) {
+      list.back()["suction_cup_radius_mm"] = CupRadius(g) * kMmPerMetre;
+    } else {
+      list.back()["jaw_opening_mm"] = g.jaw_opening_m * kMmPerMetre;
+      list.back()["grip_width_mm"] = g.grip_width_m * kMmPerMetre;
+    }
     if (g.object_from_pregrasp) {
       list.back()["T_pregrasp_in_object"] = Rigid4x4Mm(*g.object_from_pregrasp);
     }

@@ -2,6 +2,7 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include <algorithm>
 #include <cmath>
 #include <exception>
 #include <fstream>
@@ -43,7 +44,7 @@ int IntegerOf(const YAML::Node& root, std::initializer_list<const char*> names) 
   return 0;
 }
 
-// Largest shift, over the corners, by what the server's model leaves out: k2, k3 and p1, p2.
+// Largest shift, over the corners, by what one coefficient leaves out: k2, k3 and p1, p2.
 double IgnoredDistortionPx(const CameraFile& c, const std::vector<double>& d) {
   const auto at = [&](size_t i) { return i < d.size() ? d[i] : 0.0; };
   const double width = c.width > 0 ? c.width : 2.0 * c.cx;
@@ -79,7 +80,11 @@ absl::StatusOr<CameraFile> FromYaml(const YAML::Node& root, const std::string& p
   }
   const std::string model =
       root["distortion_model"].IsDefined() ? root["distortion_model"].as<std::string>() : "";
-  if (!model.empty() && model != "plumb_bob" && model != "rational_polynomial") {
+  const bool fisheye = model == "equidistant" || model == "fisheye";
+  if (fisheye && D.size() != 4) {
+    return Bad(path, absl::StrCat("distortion_model ", model, " needs 4 coefficients"));
+  }
+  if (!model.empty() && model != "plumb_bob" && model != "rational_polynomial" && !fisheye) {
     return Bad(path, absl::StrCat("distortion_model ", model, ": rectify the images first"));
   }
   if (model == "rational_polynomial" || D.size() > 5) {
@@ -91,25 +96,19 @@ absl::StatusOr<CameraFile> FromYaml(const YAML::Node& root, const std::string& p
   }
   const double fx = (*K)[0], fy = (*K)[4];
   if (!(fx > 0.0 && fy > 0.0)) return Bad(path, "camera_matrix: focal lengths must be positive");
-  if (std::abs(std::log(fx / fy)) > 0.02) {
-    return Bad(path, "camera_matrix: the pixels are not square; resample the images first");
-  }
   CameraFile camera;
   camera.focal_px = std::sqrt(fx * fy);
   camera.cx = (*K)[2];
   camera.cy = (*K)[5];
-  camera.k1 = D.empty() ? 0.0 : D[0];
+  camera.k1 = D.empty() || fisheye ? 0.0 : D[0];
   camera.width = IntegerOf(root, {"image_width", "width", "image_Width", "imageWidth"});
   camera.height = IntegerOf(root, {"image_height", "height", "image_Height", "imageHeight"});
-  if (std::abs(std::log(fx / fy)) > 0.005) {
-    camera.warnings.push_back(absl::StrFormat("fx and fy differ by %.1f %%; their mean is used",
-                                              100.0 * std::abs(std::log(fx / fy))));
+  constexpr double kSquare = 0.005;  // |log(fx / fy)| below which pixels count as square
+  if (fisheye || std::abs(std::log(fx / fy)) > kSquare || IgnoredDistortionPx(camera, D) > 1.0) {
+    camera.lens = LensFile{fx, fy, fisheye, {}};
+    std::copy_n(D.begin(), std::min<size_t>(D.size(), 5), camera.lens->coefficients.begin());
   }
   if (std::abs((*K)[1]) > 1e-3 * fx) camera.warnings.push_back("the skew is not used");
-  if (const double px = IgnoredDistortionPx(camera, D); px > 1.0) {
-    camera.warnings.push_back(absl::StrFormat(
-        "only k1 is used; the other coefficients move a corner of the image by %.1f px", px));
-  }
   return camera;
 }
 
@@ -146,6 +145,10 @@ absl::StatusOr<CameraFile> ScaledTo(const CameraFile& camera, int width, int hei
                         height));
   }
   scaled.focal_px *= s;
+  if (scaled.lens) {
+    scaled.lens->fx *= s;
+    scaled.lens->fy *= s;
+  }
   // Pixel centres are integers: the image's edge lies at -0.5.
   scaled.cx = (camera.cx + 0.5) * s - 0.5;
   scaled.cy = (camera.cy + 0.5) * s - 0.5;

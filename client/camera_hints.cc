@@ -45,6 +45,31 @@ absl::StatusOr<Rigid3> PoseOf(const std::vector<double>& numbers, size_t first) 
   return Rigid3{q.normalized().toRotationMatrix(), {n[0], n[1], n[2]}};
 }
 
+void SetCamera(const CameraFile& camera, v1::CameraHint* hint) {
+  hint->set_principal_point_x_px(camera.cx);
+  hint->set_principal_point_y_px(camera.cy);
+  if (!camera.lens) {
+    hint->set_focal_px(camera.focal_px);
+    hint->set_k1(camera.k1);
+    return;
+  }
+  hint->set_focal_px(camera.lens->fx);
+  hint->set_focal_y_px(camera.lens->fy);
+  const auto& d = camera.lens->coefficients;
+  if (camera.lens->fisheye) {
+    hint->mutable_fisheye()->set_k1(d[0]);
+    hint->mutable_fisheye()->set_k2(d[1]);
+    hint->mutable_fisheye()->set_k3(d[2]);
+    hint->mutable_fisheye()->set_k4(d[3]);
+    return;
+  }
+  hint->set_k1(d[0]);
+  hint->set_k2(d[1]);
+  hint->set_p1(d[2]);
+  hint->set_p2(d[3]);
+  hint->set_k3(d[4]);
+}
+
 }  // namespace
 
 absl::Status AddCameraHints(const CameraArguments& arguments,
@@ -76,11 +101,7 @@ absl::Status AddCameraHints(const CameraArguments& arguments,
       HOROPTER_ASSIGN_OR_RETURN(const cv::Size size, SizeOf(image.content(), i));
       HOROPTER_ASSIGN_OR_RETURN(const CameraFile camera,
                                 ScaledTo(EntryOf(cameras, i), size.width, size.height));
-      v1::CameraHint& hint = *image.mutable_camera_hint();
-      hint.set_focal_px(camera.focal_px);
-      hint.set_principal_point_x_px(camera.cx);
-      hint.set_principal_point_y_px(camera.cy);
-      hint.set_k1(camera.k1);
+      SetCamera(camera, image.mutable_camera_hint());
     }
     if (arguments.focal_sigma > 0.0 && image.camera_hint().has_focal_px()) {
       image.mutable_camera_hint()->set_focal_log_sigma(arguments.focal_sigma);

@@ -3,6 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
+#include "server/vision/geometry/grasp_kind.h"
+
 namespace horopter {
 namespace {
 
@@ -74,8 +76,12 @@ v1::Grasp ToProto(const Grasp& grasp) {
   v1::Grasp out;
   out.set_name(grasp.name);
   *out.mutable_object_from_gripper() = ToProto(grasp.object_from_gripper);
-  out.set_jaw_opening_m(grasp.jaw_opening_m);
-  out.set_grip_width_m(grasp.grip_width_m);
+  if (IsSuction(grasp)) {
+    out.mutable_suction()->set_cup_radius_m(CupRadius(grasp));
+  } else {
+    out.mutable_parallel_jaw()->set_jaw_opening_m(grasp.jaw_opening_m);
+    out.mutable_parallel_jaw()->set_grip_width_m(grasp.grip_width_m);
+  }
   out.set_quality(grasp.quality);
   if (grasp.object_from_pregrasp) {
     *out.mutable_object_from_pregrasp() = ToProto(*grasp.object_from_pregrasp);
@@ -146,10 +152,11 @@ ObjectModel FromProto(const v1::Object& object) {
   for (const v1::Grasp& g : object.grasps()) {
     Grasp grasp{g.name(),
                 FromProto(g.object_from_gripper()),
-                g.jaw_opening_m(),
-                g.grip_width_m(),
+                g.parallel_jaw().jaw_opening_m(),
+                g.parallel_jaw().grip_width_m(),
                 g.has_quality() ? g.quality() : 1.0,
                 {}};
+    if (g.has_suction()) SetSuction(g.suction().cup_radius_m(), &grasp);
     if (g.has_object_from_pregrasp()) {
       grasp.object_from_pregrasp = FromProto(g.object_from_pregrasp());
     }

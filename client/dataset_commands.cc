@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "client/answer_text.h"
 #include "client/bop_dataset.h"
 #include "client/bop_evaluate.h"
 #include "client/bop_request.h"
@@ -28,7 +29,7 @@ std::string Summary(const v1::RecognizeSceneResponse& response) {
   const auto cameras = std::count_if(response.cameras().begin(),
                                      response.cameras().end(),
                                      [](const v1::Camera& c) { return c.recovered(); });
-  return absl::StrCat(v1::SceneState_Name(response.state()).substr(12),
+  return absl::StrCat(OutcomeText(response),
                       ", cameras ",
                       cameras,
                       "/",
@@ -45,7 +46,7 @@ nlohmann::json SceneJson(const BopScene& scene,
     json["error"] = response.status().ToString();
     return json;
   }
-  json["state"] = v1::SceneState_Name(response->state()).substr(12);
+  json["state"] = OutcomeText(*response);
   json["request_id"] = response->request_id();
   json["objects"] = nlohmann::json::array();
   for (const v1::RecognizedObject& o : response->objects()) {

@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/vision/geometry/grasp_kind.h"
 
 namespace horopter {
 namespace {
@@ -105,6 +106,7 @@ absl::Status WriteIsaacGrasps(const std::string& path,
   out << YAML::Key << "gripper_frame_link" << YAML::Value << "gripper";
   out << YAML::Key << "grasps" << YAML::Value << YAML::BeginMap;
   for (const Grasp& grasp : grasps) {
+    if (IsSuction(grasp)) continue;  // the format knows joints only
     out << YAML::Key << grasp.name << YAML::Value << YAML::BeginMap;
     out << YAML::Key << "confidence" << YAML::Value << grasp.quality;
     WritePose(grasp.object_from_gripper, "", out);

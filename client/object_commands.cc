@@ -306,13 +306,17 @@ absl::Status ObjectShow(HoropterClient& client, const std::string& id) {
       TimeUtil::ToString(o.update_time()).c_str());
   for (const v1::Grasp& g : o.grasps()) {
     const Eigen::Vector3d t = FromProto(g.object_from_gripper()).t * 1e3;
-    Say("grasp       %s at (%.1f, %.1f, %.1f) mm, opening %.1f mm, grip %.1f mm%s\n",
+    const std::string gripper =
+        g.has_suction() ? absl::StrFormat("cup of radius %.1f mm", g.suction().cup_radius_m() * 1e3)
+                        : absl::StrFormat("opening %.1f mm, grip %.1f mm",
+                                          g.parallel_jaw().jaw_opening_m() * 1e3,
+                                          g.parallel_jaw().grip_width_m() * 1e3);
+    Say("grasp       %s at (%.1f, %.1f, %.1f) mm, %s%s\n",
         g.name().c_str(),
         t.x(),
         t.y(),
         t.z(),
-        g.jaw_opening_m() * 1e3,
-        g.grip_width_m() * 1e3,
+        gripper.c_str(),
         g.has_object_from_pregrasp() ? ", with a pre-grasp" : "");
   }
   return absl::OkStatus();

@@ -12,6 +12,7 @@
 #include "client/resting_poses.h"
 #include "server/overlay/paint.h"
 #include "server/overlay/scene_overlay.h"
+#include "server/vision/geometry/grasp_kind.h"
 
 namespace horopter {
 namespace {
@@ -158,12 +159,16 @@ View TurntableView(const ObjectModel& model,
       std::min(model.grasps.size(), static_cast<size_t>(std::max(0, options.max_grasps)));
   Drawing drawing{options.tile_px, options.tile_px, {}, {}};
   for (size_t i = 0; i < grasps; ++i) {
-    DrawGripper(view.camera,
-                view.camera_from_object * model.grasps[i].object_from_gripper,
-                model.grasps[i].jaw_opening_m,
-                0.25 * model.diameter_m,
-                kGripper,
-                &drawing);
+    const Grasp& grasp = model.grasps[i];
+    const Rigid3 camera_from_gripper = view.camera_from_object * grasp.object_from_gripper;
+    const double length = 0.25 * model.diameter_m;
+    if (IsSuction(grasp)) {
+      DrawSuctionCup(
+          view.camera, camera_from_gripper, CupRadius(grasp), length, kGripper, &drawing);
+    } else {
+      DrawGripper(
+          view.camera, camera_from_gripper, grasp.jaw_opening_m, length, kGripper, &drawing);
+    }
   }
   Paint(drawing, &view.image);
   DrawFrame(model, view);

@@ -4,6 +4,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/answer_text.h"
 #include "client/commands.h"
 #include "client/convert.h"
 #include "client/output.h"
@@ -54,6 +55,7 @@ std::string DroppedText(const v1::GraspCounts& counts) {
   add(counts.below_plane(), "through the table");
   add(counts.blocked(), "through another part");
   add(counts.unsure(), "unsure");
+  add(counts.other_gripper(), "for another gripper");
   return text.empty() ? text : absl::StrCat(text, ")");
 }
 
@@ -61,12 +63,12 @@ std::string GraspText(const v1::RecognizedObject& object, const Rigid3& table_fr
   if (object.grasps_size() == 0) return absl::StrCat("none", DroppedText(object.grasp_counts()));
   const v1::RecognizedGrasp* best = &object.grasps(0);  // best first
   const Eigen::Vector3d t = (table_from_scene * FromProto(best->scene_from_gripper())).t * 1e3;
-  return absl::StrFormat("%s at (%.1f, %.1f, %.1f), opening %.0f; %d in all%s",
+  return absl::StrFormat("%s at (%.1f, %.1f, %.1f), %s; %d in all%s",
                          best->name(),
                          t.x(),
                          t.y(),
                          t.z(),
-                         best->jaw_opening_m() * 1e3,
+                         GripperText(*best),
                          object.grasps_size(),
                          DroppedText(object.grasp_counts()));
 }
@@ -74,10 +76,15 @@ std::string GraspText(const v1::RecognizedObject& object, const Rigid3& table_fr
 void PrintTable(const v1::RecognizeSceneResponse& response,
                 const std::vector<std::string>& paths,
                 const std::map<std::string, ObjectModel>& models) {
-  Say("%s%s%s\n",
-      v1::SceneState_Name(response.state()).substr(12).c_str(),
-      response.detail().empty() ? "" : ": ",
-      response.detail().c_str());
+  Say("%s\n", OutcomeText(response).c_str());
+  for (const v1::SceneReason& reason : response.reasons()) {
+    if (!reason.detail().empty()) Say("%s\n", reason.detail().c_str());
+  }
+  for (const v1::UnsearchedStep& step : response.unsearched()) {
+    Say("not searched for want of %s: %s\n",
+        step.cause() == v1::UnsearchedStep::CAUSE_TIME ? "time" : "a smaller catalog",
+        step.step().c_str());
+  }
   for (int i = 0; i < response.cameras_size(); ++i) {
     const v1::Camera& c = response.cameras(i);
     if (c.recovered()) {
@@ -116,7 +123,7 @@ void PrintTable(const v1::RecognizeSceneResponse& response,
     }
   }
   for (const v1::SceneFinding& f : response.findings()) {
-    Say("%s: %s\n", v1::SceneFinding_Kind_Name(f.kind()).substr(5).c_str(), f.detail().c_str());
+    Say("%s: %s\n", FindingName(f).c_str(), f.detail().c_str());
   }
   double seconds = 0.0;
   for (const v1::StageReport& s : response.stages()) {

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "db/connection.h"
 #include "db/migrations.h"
 #include "db/object_digest.h"
@@ -19,32 +20,43 @@ absl::Status NotFound(const std::string& id) {
   return absl::NotFoundError(absl::StrCat("object '", id, "' is not in the catalog"));
 }
 
-// The source with its hash filled in. Errors: INVALID_ARGUMENT.
-absl::StatusOr<CadSource> WithHash(const CadSource& source) {
-  HOROPTER_RETURN_IF_ERROR(ValidateSource(source));
-  CadSource hashed = source;
-  const std::string expected = source.content.empty() ? "" : Sha256Hex(source.content);
-  if (!source.sha256.empty() && source.sha256 != expected) {
-    return absl::InvalidArgumentError("source.sha256: differs from the content's SHA-256 " +
-                                      expected);
-  }
-  hashed.sha256 = expected;
-  return hashed;
-}
-
 absl::StatusOr<bool> Exists(sqlite3* db, const std::string& id) {
   Statement select(db, "SELECT 1 FROM object WHERE object_id = ?");
   select.Bind(std::string_view(id));
   return select.Step();
 }
 
-absl::Status CountGeneration(sqlite3* db) {
-  return Execute(db, "UPDATE catalog_state SET generation = generation + 1");
+// The number of the write that this transaction is.
+absl::StatusOr<int64_t> CountGeneration(sqlite3* db) {
+  HOROPTER_RETURN_IF_ERROR(Execute(db, "UPDATE catalog_state SET generation = generation + 1"));
+  return QueryInt(db, "SELECT generation FROM catalog_state");
+}
+
+absl::Status RememberRequest(sqlite3* db,
+                             const RepeatableRequest& request,
+                             const std::vector<Catalog::NewObject>& objects) {
+  if (request.id.empty()) return absl::OkStatus();
+  std::string ids;
+  for (const Catalog::NewObject& object : objects) {
+    absl::StrAppend(&ids, ids.empty() ? "" : " ", object.record.model.id);
+  }
+  Statement insert(db,
+                   "INSERT INTO create_request (request_id, digest, object_ids) VALUES (?, ?, ?)");
+  insert.Bind(std::string_view(request.id))
+      .Bind(std::string_view(request.digest))
+      .Bind(std::string_view(ids));
+  HOROPTER_RETURN_IF_ERROR(insert.Run());
+  Statement forget(db,
+                   "DELETE FROM create_request WHERE sequence <= "
+                   "(SELECT max(sequence) FROM create_request) - ?");
+  forget.Bind(static_cast<int64_t>(kRememberedRequests));
+  return forget.Run();
 }
 
 // All rows of a new object. Errors: ALREADY_EXISTS.
 absl::Status InsertObject(sqlite3* db,
                           const CatalogRecord& record,
+                          int64_t revision,
                           const CadSource& source,
                           const DerivedData& derived) {
   const std::string& id = record.model.id;
@@ -52,14 +64,14 @@ absl::Status InsertObject(sqlite3* db,
   if (exists) {
     return absl::AlreadyExistsError(absl::StrCat("object '", id, "' is already in the catalog"));
   }
-  HOROPTER_RETURN_IF_ERROR(InsertObjectRow(db, record));
+  HOROPTER_RETURN_IF_ERROR(InsertObjectRow(db, record, revision));
   HOROPTER_RETURN_IF_ERROR(InsertGeometry(db, record.model));
   HOROPTER_RETURN_IF_ERROR(InsertSymmetries(db, record.model));
   HOROPTER_RETURN_IF_ERROR(InsertGrasps(db, record.model));
+  HOROPTER_RETURN_IF_ERROR(InsertLabels(db, id, record.labels));
   HOROPTER_RETURN_IF_ERROR(InsertSource(db, id, source));
   HOROPTER_RETURN_IF_ERROR(WriteDigest(db, record.model));
-  HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, id, derived));
-  return CountGeneration(db);
+  return ReplaceDerived(db, id, derived);
 }
 
 absl::Status DeleteRows(sqlite3* db, const char* table, const std::string& id) {
@@ -125,6 +137,17 @@ absl::Status FillDigests(sqlite3* db) {
 
 }  // namespace
 
+absl::StatusOr<CadSource> WithHash(CadSource source) {
+  HOROPTER_RETURN_IF_ERROR(ValidateSource(source));
+  const std::string expected = source.content.empty() ? "" : Sha256Hex(source.content);
+  if (!source.sha256.empty() && source.sha256 != expected) {
+    return absl::InvalidArgumentError("source.sha256: differs from the content's SHA-256 " +
+                                      expected);
+  }
+  source.sha256 = expected;
+  return source;
+}
+
 Catalog::Catalog(std::string path, std::unique_ptr<Connection> connection)
     : path_(std::move(path)), connection_(std::move(connection)) {}
 Catalog::~Catalog() = default;
@@ -140,33 +163,44 @@ absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
 }
 
 absl::Status Catalog::CreateObject(const CatalogRecord& record, const DerivedData& derived) {
-  HOROPTER_RETURN_IF_ERROR(ValidateModel(record.model));
-  HOROPTER_ASSIGN_OR_RETURN(const CadSource source, WithHash(record.source));
-  const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
-  return RunInTransaction(db, [&] { return InsertObject(db, record, source, derived); });
+  return CreateObjects({{record, derived}});
 }
 
-absl::Status Catalog::CreateObjects(const std::vector<NewObject>& objects) {
+absl::Status Catalog::CreateObjects(const std::vector<NewObject>& objects,
+                                    const RepeatableRequest& request) {
   std::vector<CadSource> sources;
   for (const NewObject& object : objects) {
     HOROPTER_RETURN_IF_ERROR(ValidateModel(object.record.model));
+    HOROPTER_RETURN_IF_ERROR(ValidateLabels(object.record.labels));
     HOROPTER_ASSIGN_OR_RETURN(sources.emplace_back(), WithHash(object.record.source));
   }
   const std::lock_guard lock(mutex_);
   sqlite3* db = connection_->handle.get();
   return RunInTransaction(db, [&]() -> absl::Status {
+    HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, CountGeneration(db));
     for (size_t i = 0; i < objects.size(); ++i) {
-      HOROPTER_RETURN_IF_ERROR(InsertObject(db, objects[i].record, sources[i], objects[i].derived));
+      HOROPTER_RETURN_IF_ERROR(
+          InsertObject(db, objects[i].record, generation, sources[i], objects[i].derived));
     }
-    return absl::OkStatus();
+    return RememberRequest(db, request, objects);
   });
+}
+
+absl::StatusOr<MadeObjects> Catalog::FindRequest(const std::string& request_id) {
+  const std::lock_guard lock(mutex_);
+  Statement select(connection_->handle.get(),
+                   "SELECT digest, object_ids FROM create_request WHERE request_id = ?");
+  select.Bind(std::string_view(request_id));
+  HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
+  if (!row) return absl::NotFoundError(absl::StrCat("request '", request_id, "' is not known"));
+  return MadeObjects{select.Text(0), absl::StrSplit(select.Text(1), ' ')};
 }
 
 absl::Status Catalog::UpdateObject(const CatalogRecord& record,
                                    const UpdateParts& parts,
                                    const DerivedData& derived) {
   HOROPTER_RETURN_IF_ERROR(ValidateModel(record.model));
+  HOROPTER_RETURN_IF_ERROR(ValidateLabels(record.labels));
   CadSource source;
   if (parts.source) {
     HOROPTER_ASSIGN_OR_RETURN(source, WithHash(record.source));
@@ -177,14 +211,16 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
   return RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, model.id));
     if (!exists) return NotFound(model.id);
-    HOROPTER_RETURN_IF_ERROR(CountGeneration(db));
+    HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, CountGeneration(db));
     const bool digested = parts.geometry || parts.symmetries || parts.grasps;
     if (digested) {  // what is damaged does not get a digest that says otherwise
       HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord before, ReadUnchecked(db, model.id));
       HOROPTER_RETURN_IF_ERROR(CheckDigest(db, before.model));
     }
-    Statement touch(db, "UPDATE object SET update_time = ? WHERE object_id = ?");
-    touch.Bind(std::string_view(record.update_time)).Bind(std::string_view(model.id));
+    Statement touch(db, "UPDATE object SET update_time = ?, revision = ? WHERE object_id = ?");
+    touch.Bind(std::string_view(record.update_time))
+        .Bind(generation)
+        .Bind(std::string_view(model.id));
     HOROPTER_RETURN_IF_ERROR(touch.Run());
     if (parts.display_name) {
       Statement rename(db, "UPDATE object SET display_name = ? WHERE object_id = ?");
@@ -207,22 +243,27 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
       HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "cad_source", model.id));
       HOROPTER_RETURN_IF_ERROR(InsertSource(db, model.id, source));
     }
+    if (parts.labels) {
+      HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "label", model.id));
+      HOROPTER_RETURN_IF_ERROR(InsertLabels(db, model.id, record.labels));
+    }
     if (!digested) return absl::OkStatus();
     HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord after, ReadUnchecked(db, model.id));
     return WriteDigest(db, after.model);
   });
 }
 
-absl::Status Catalog::StoreDerived(
-    const std::vector<std::pair<std::string, DerivedData>>& derived) {
+absl::Status Catalog::StoreDerived(const std::vector<std::pair<std::string, DerivedData>>& derived,
+                                   bool counts) {
   const std::lock_guard lock(mutex_);
   sqlite3* db = connection_->handle.get();
   return RunInTransaction(db, [&]() -> absl::Status {
+    if (counts) HOROPTER_RETURN_IF_ERROR(CountGeneration(db).status());
     for (const auto& [id, data] : derived) {
       HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
       if (exists) HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, id, data));
     }
-    return CountGeneration(db);
+    return absl::OkStatus();
   });
 }
 
@@ -243,7 +284,7 @@ absl::Status Catalog::DeleteObject(const std::string& id) {
     HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
     if (!exists) return NotFound(id);
     HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "object", id));
-    return CountGeneration(db);
+    return CountGeneration(db).status();
   });
 }
 

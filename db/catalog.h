@@ -29,7 +29,24 @@ struct UpdateParts {
   bool symmetries = false;
   bool grasps = false;
   bool source = false;
+  bool labels = false;
 };
+
+// A creation that its client may repeat. Empty id: it may not.
+struct RepeatableRequest {
+  std::string id;
+  std::string digest;  // tells apart what was asked under the same id
+};
+// What a repeatable request made.
+struct MadeObjects {
+  std::string digest;
+  std::vector<std::string> object_ids;
+};
+// The catalog remembers this many repeatable requests; the oldest are forgotten first.
+inline constexpr int kRememberedRequests = 10'000;
+
+// The source with its hash filled in. Errors: INVALID_ARGUMENT (a field, a hash that differs).
+absl::StatusOr<CadSource> WithHash(CadSource source);
 
 // The one writer of the file: a second server on it is refused. A write that returned OK is on disk
 // (WAL, synchronous=FULL); one that did not has changed nothing. Thread-safe: calls are serialised,
@@ -64,17 +81,22 @@ class Catalog {
     CatalogRecord record;
     DerivedData derived;
   };
-  absl::Status CreateObjects(const std::vector<NewObject>& objects);
+  absl::Status CreateObjects(const std::vector<NewObject>& objects,
+                             const RepeatableRequest& request = {});
 
-  // Writes the chosen parts and update_time; create_time stays. With new geometry the derived data
-  // are replaced by `derived`, else they stay. Errors: as CreateObject, NOT_FOUND.
+  // Errors: NOT_FOUND.
+  absl::StatusOr<MadeObjects> FindRequest(const std::string& request_id);
+
+  // Writes the chosen parts, update_time and revision; create_time stays. With new geometry the
+  // derived data are replaced by `derived`, else they stay. Errors: as CreateObject, NOT_FOUND.
   absl::Status UpdateObject(const CatalogRecord& record,
                             const UpdateParts& parts,
                             const DerivedData& derived = {});
 
   // Replaces the derived data of objects that are in the catalog, all in one transaction; ids that
-  // are not there any more are passed over.
-  absl::Status StoreDerived(const std::vector<std::pair<std::string, DerivedData>>& derived);
+  // are not there any more are passed over. `counts`: as a write of the catalog (see Generation).
+  absl::Status StoreDerived(const std::vector<std::pair<std::string, DerivedData>>& derived,
+                            bool counts = false);
 
   // Empty data when there are none. Errors: NOT_FOUND.
   absl::StatusOr<DerivedData> GetDerived(const std::string& id);
@@ -98,7 +120,7 @@ class Catalog {
 
   absl::StatusOr<int> CountObjects();
 
-  // Number of writes so far, those of derived data included.
+  // Number of writes so far. Objects that a write made or changed have its number as revision.
   absl::StatusOr<int64_t> Generation();
 
   // At most `limit` models with their derived data, id > after_id, ordered by id; of a damaged one

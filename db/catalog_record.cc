@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/vision/geometry/grasp_kind.h"
 
 namespace horopter {
 namespace {
@@ -101,6 +102,22 @@ absl::Status ValidateEdge(const ModelEdge& edge,
   return absl::OkStatus();
 }
 
+absl::Status ValidateGripper(const Grasp& grasp, const std::string& field) {
+  const auto in_range = [&](double value, const char* name) -> absl::Status {
+    if (value >= 0.0 && value <= kMaxDiameterM) return absl::OkStatus();
+    return Bad(field + name, absl::StrCat(value, " m is out of range"));
+  };
+  if (IsSuction(grasp)) {
+    if (!(CupRadius(grasp) > 0.0)) {
+      return Bad(field + ".suction.cup_radius_m",
+                 absl::StrCat(CupRadius(grasp), " m is no radius"));
+    }
+    return in_range(CupRadius(grasp), ".suction.cup_radius_m");
+  }
+  HOROPTER_RETURN_IF_ERROR(in_range(grasp.jaw_opening_m, ".parallel_jaw.jaw_opening_m"));
+  return in_range(grasp.grip_width_m, ".parallel_jaw.grip_width_m");
+}
+
 bool OnlyOf(const std::string& text, const char* allowed) {
   return text.find_first_not_of(allowed) == std::string::npos;
 }
@@ -131,12 +148,7 @@ absl::Status ValidateGrasps(const std::vector<Grasp>& grasps) {
       HOROPTER_RETURN_IF_ERROR(
           ValidateRigid(*grasp.object_from_pregrasp, field + ".object_from_pregrasp"));
     }
-    if (!(grasp.jaw_opening_m >= 0.0 && grasp.jaw_opening_m <= kMaxDiameterM)) {
-      return Bad(field + ".jaw_opening_m", absl::StrCat(grasp.jaw_opening_m, " m is out of range"));
-    }
-    if (!(grasp.grip_width_m >= 0.0 && grasp.grip_width_m <= kMaxDiameterM)) {
-      return Bad(field + ".grip_width_m", absl::StrCat(grasp.grip_width_m, " m is out of range"));
-    }
+    HOROPTER_RETURN_IF_ERROR(ValidateGripper(grasp, field));
     if (!(grasp.quality >= 0.0 && grasp.quality <= 1.0)) {
       return Bad(field + ".quality", absl::StrCat(grasp.quality, " is outside 0..1"));
     }
@@ -157,6 +169,23 @@ absl::Status ValidateSource(const CadSource& source) {
   if (!source.sha256.empty() &&
       (source.sha256.size() != 64 || !OnlyOf(source.sha256, "0123456789abcdef"))) {
     return Bad("source.sha256", "must be 64 lower-case hex digits");
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ValidateLabels(const std::map<std::string, std::string>& labels) {
+  if (labels.size() > kMaxLabels) {
+    return Bad("labels", absl::StrCat(labels.size(), " labels, at most ", kMaxLabels));
+  }
+  for (const auto& [key, value] : labels) {
+    if (key.empty() || key.size() > kMaxLabelKeyBytes ||
+        !OnlyOf(key, "abcdefghijklmnopqrstuvwxyz0123456789_./-")) {
+      return Bad("labels",
+                 absl::StrCat("'", key.substr(0, 80), "' does not match [a-z0-9_./-]{1,63}"));
+    }
+    if (value.size() > kMaxLabelValueBytes) {
+      return Bad("labels", absl::StrCat("the value of '", key, "' has more than 255 bytes"));
+    }
   }
   return absl::OkStatus();
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 
 #include "absl/status/status.h"
@@ -24,6 +25,9 @@ struct CatalogRecord {
   CadSource source;
   std::string create_time;  // RFC 3339, UTC
   std::string update_time;
+  std::map<std::string, std::string> labels;
+  // Generation of the catalog's write that made the object what it is; set by the catalog.
+  int64_t revision = 0;
 };
 
 // An object without its bulk: model.vertices, model.edges, model.mesh and source.content are empty.
@@ -66,6 +70,10 @@ inline constexpr size_t kMaxEdges = 200'000;
 inline constexpr size_t kMaxPolylinePoints = 100'000;
 inline constexpr size_t kMaxMeshVertices = 2'000'000;
 inline constexpr size_t kMaxTriangles = 4'000'000;
+inline constexpr size_t kMaxLabels = 64;
+inline constexpr size_t kMaxLabelKeyBytes = 63;
+inline constexpr size_t kMaxLabelValueBytes = 255;
+inline constexpr size_t kMaxRequestIdBytes = 63;
 inline constexpr size_t kMaxCadBytes = size_t{128} << 20;
 // Parts a camera set can measure; a size outside means a wrong unit.
 inline constexpr double kMinDiameterM = 1e-4;
@@ -81,5 +89,7 @@ bool IsObjectId(const std::string& id);
 absl::Status ValidateModel(const ObjectModel& model);
 absl::Status ValidateGrasps(const std::vector<Grasp>& grasps);
 absl::Status ValidateSource(const CadSource& source);
+// Keys match [a-z0-9_./-]{1,63}.
+absl::Status ValidateLabels(const std::map<std::string, std::string>& labels);
 
 }  // namespace horopter

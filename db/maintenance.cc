@@ -162,7 +162,16 @@ absl::Status Catalog::Restore(const std::string& path) {
   }
   if (path_ != ":memory:") HOROPTER_RETURN_IF_ERROR(Backup(NewCopyName(path_, "before-restore")));
   const std::lock_guard lock(mutex_);
-  return CopyPages(backup->connection_->handle.get(), connection_->handle.get(), {});
+  sqlite3* db = connection_->handle.get();
+  // Numbers of writes do not come twice, and what was read before is not what is there now.
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t before,
+                            QueryInt(db, "SELECT generation FROM catalog_state"));
+  HOROPTER_RETURN_IF_ERROR(CopyPages(backup->connection_->handle.get(), db, {}));
+  return RunInTransaction(db, [&]() -> absl::Status {
+    Statement count(db, "UPDATE catalog_state SET generation = max(generation, ?) + 1");
+    HOROPTER_RETURN_IF_ERROR(count.Bind(before).Run());
+    return Execute(db, "UPDATE object SET revision = (SELECT generation FROM catalog_state)");
+  });
 }
 
 }  // namespace horopter

@@ -3,9 +3,12 @@
 #include "absl/strings/str_cat.h"
 #include "db/blob.h"
 #include "server/base/status_macros.h"
+#include "server/vision/geometry/grasp_kind.h"
 
 namespace horopter {
 namespace {
+
+constexpr int64_t kSuctionKind = 1;  // grasp.kind
 
 void BindRigid(Statement& statement, const Rigid3& transform) {
   for (int row = 0; row < 3; ++row) {
@@ -41,16 +44,17 @@ absl::Status NameObject(const absl::Status& status, const std::string& id) {
 
 }  // namespace
 
-absl::Status InsertObjectRow(sqlite3* db, const CatalogRecord& record) {
+absl::Status InsertObjectRow(sqlite3* db, const CatalogRecord& record, int64_t revision) {
   const ObjectModel& model = record.model;
-  Statement insert(db, "INSERT INTO object VALUES (?, ?, ?, ?, ?, ?, ?, ?)");
+  Statement insert(db, "INSERT INTO object VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)");
   insert.Bind(std::string_view(model.id))
       .Bind(std::string_view(model.display_name))
       .Bind(model.diameter_m);
   insert.Bind(std::string_view(record.create_time)).Bind(std::string_view(record.update_time));
   insert.Bind(static_cast<int64_t>(model.vertices.size()))
       .Bind(static_cast<int64_t>(model.edges.size()))
-      .Bind(static_cast<int64_t>(model.mesh.triangles.size()));
+      .Bind(static_cast<int64_t>(model.mesh.triangles.size()))
+      .Bind(revision);
   return insert.Run();
 }
 
@@ -98,20 +102,33 @@ absl::Status InsertGrasps(sqlite3* db, const ObjectModel& model) {
   Statement insert(
       db,
       "INSERT INTO grasp VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, "
-      "?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+      "?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
   for (size_t i = 0; i < model.grasps.size(); ++i) {
     const Grasp& grasp = model.grasps[i];
     insert.Bind(std::string_view(model.id)).Bind(static_cast<int64_t>(i));
     BindRigid(insert, grasp.object_from_gripper);
+    const bool suction = IsSuction(grasp);
     insert.Bind(std::string_view(grasp.name))
-        .Bind(grasp.jaw_opening_m)
-        .Bind(grasp.grip_width_m)
+        .Bind(suction ? 0.0 : grasp.jaw_opening_m)
+        .Bind(suction ? 0.0 : grasp.grip_width_m)
         .Bind(grasp.quality);
     if (grasp.object_from_pregrasp) {
       BindRigid(insert, *grasp.object_from_pregrasp);
     } else {
       for (int k = 0; k < 12; ++k) insert.BindNull();
     }
+    insert.Bind(static_cast<int64_t>(suction)).Bind(suction ? CupRadius(grasp) : 0.0);
+    HOROPTER_RETURN_IF_ERROR(insert.Run());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status InsertLabels(sqlite3* db,
+                          const std::string& id,
+                          const std::map<std::string, std::string>& labels) {
+  Statement insert(db, "INSERT INTO label VALUES (?, ?, ?)");
+  for (const auto& [key, value] : labels) {
+    insert.Bind(std::string_view(id)).Bind(std::string_view(key)).Bind(std::string_view(value));
     HOROPTER_RETURN_IF_ERROR(insert.Run());
   }
   return absl::OkStatus();
@@ -222,7 +239,8 @@ absl::Status ReadGrasps(sqlite3* db, ObjectModel& model) {
       db,
       "SELECT r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz, name, jaw_opening_m, "
       "grip_width_m, quality, pre_r11, pre_r12, pre_r13, pre_r21, pre_r22, pre_r23, pre_r31, "
-      "pre_r32, pre_r33, pre_tx, pre_ty, pre_tz FROM grasp WHERE object_id = ? ORDER BY idx");
+      "pre_r32, pre_r33, pre_tx, pre_ty, pre_tz, kind, cup_radius_m FROM grasp WHERE object_id = ? "
+      "ORDER BY idx");
   select.Bind(std::string_view(model.id));
   return ForEachRow(select, [&](const Statement& row) {
     Grasp grasp;
@@ -232,6 +250,7 @@ absl::Status ReadGrasps(sqlite3* db, ObjectModel& model) {
     grasp.grip_width_m = row.Double(14);
     grasp.quality = row.Double(15);
     if (!row.IsNull(16)) grasp.object_from_pregrasp = ReadRigid(row, 16);
+    if (row.Int(28) == kSuctionKind) SetSuction(row.Double(29), &grasp);
     model.grasps.push_back(std::move(grasp));
     return absl::OkStatus();
   });
@@ -252,16 +271,30 @@ absl::Status ReadSource(sqlite3* db, const std::string& id, CadSource& source) {
   });
 }
 
+namespace {
+
+absl::Status ReadLabels(sqlite3* db, CatalogRecord& record) {
+  Statement select(db, "SELECT key, value FROM label WHERE object_id = ?");
+  select.Bind(std::string_view(record.model.id));
+  return ForEachRow(select, [&](const Statement& row) {
+    record.labels[row.Text(0)] = row.Text(1);
+    return absl::OkStatus();
+  });
+}
+
+}  // namespace
+
 absl::StatusOr<std::vector<ObjectSummary>> ReadSummaries(sqlite3* db,
                                                          const std::string& after,
                                                          bool exactly,
                                                          int limit) {
   Statement select(
       db,
-      absl::StrCat("SELECT object_id, display_name, diameter_m, create_time, update_time, "
-                   "vertex_count, edge_count, triangle_count FROM object WHERE object_id ",
-                   exactly ? "=" : ">",
-                   " ? ORDER BY object_id LIMIT ?"));
+      absl::StrCat(
+          "SELECT object_id, display_name, diameter_m, create_time, update_time, "
+          "vertex_count, edge_count, triangle_count, revision FROM object WHERE object_id ",
+          exactly ? "=" : ">",
+          " ? ORDER BY object_id LIMIT ?"));
   select.Bind(std::string_view(after)).Bind(static_cast<int64_t>(limit));
   std::vector<ObjectSummary> summaries;
   HOROPTER_RETURN_IF_ERROR(ForEachRow(select, [&](const Statement& row) {
@@ -274,6 +307,7 @@ absl::StatusOr<std::vector<ObjectSummary>> ReadSummaries(sqlite3* db,
     summary.vertex_count = static_cast<int>(row.Int(5));
     summary.edge_count = static_cast<int>(row.Int(6));
     summary.triangle_count = static_cast<int>(row.Int(7));
+    summary.record.revision = row.Int(8);
     summaries.push_back(std::move(summary));
     return absl::OkStatus();
   }));
@@ -281,6 +315,7 @@ absl::StatusOr<std::vector<ObjectSummary>> ReadSummaries(sqlite3* db,
     HOROPTER_RETURN_IF_ERROR(ReadSymmetries(db, summary.record.model));
     HOROPTER_RETURN_IF_ERROR(ReadGrasps(db, summary.record.model));
     HOROPTER_RETURN_IF_ERROR(ReadSource(db, summary.record.model.id, summary.record.source));
+    HOROPTER_RETURN_IF_ERROR(ReadLabels(db, summary.record));
   }
   return summaries;
 }

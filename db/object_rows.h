@@ -12,10 +12,13 @@
 namespace horopter {
 
 // Each insert expects that the object's row exists and that it has no rows of that kind yet.
-absl::Status InsertObjectRow(sqlite3* db, const CatalogRecord& record);
+absl::Status InsertObjectRow(sqlite3* db, const CatalogRecord& record, int64_t revision);
 absl::Status InsertGeometry(sqlite3* db, const ObjectModel& model);
 absl::Status InsertSymmetries(sqlite3* db, const ObjectModel& model);
 absl::Status InsertGrasps(sqlite3* db, const ObjectModel& model);
+absl::Status InsertLabels(sqlite3* db,
+                          const std::string& id,
+                          const std::map<std::string, std::string>& labels);
 absl::Status InsertSource(sqlite3* db, const std::string& id, const CadSource& source);
 
 // Replaces; empty data: removes.

@@ -85,6 +85,11 @@ void AddFlags(CLI::App& app, Flags& flags) {
                  flags.server.max_resident,
                  "Objects held in memory; of a larger catalog only the keys are")
       ->capture_default_str();
+  app.add_option("--max-objects",
+                 flags.server.max_objects,
+                 "Objects in the catalog; above 5000 requests have to name candidates")
+      ->check(CLI::Range(1, 10'000'000))
+      ->capture_default_str();
   app.add_option(
          "--max-message-mb", flags.server.max_message_mb, "Largest request for recognition, MiB")
       ->check(CLI::Range(1, 2047))

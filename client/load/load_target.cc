@@ -11,6 +11,8 @@
 #include <thread>
 #include <utility>
 
+#include "client/answer_text.h"
+
 namespace horopter {
 namespace {
 
@@ -81,8 +83,7 @@ struct ServerTarget::State {
       reply.code = absl::StatusCode::kDataLoss;
       return reply;
     }
-    const std::string& state = v1::SceneState_Name(answer.state());
-    reply.state = state.empty() ? "UNKNOWN" : state.substr(12);
+    reply.state = OutcomeText(answer);
     for (const v1::StageReport& s : answer.stages()) {
       reply.stages.emplace_back(
           s.stage(), static_cast<double>(s.elapsed().seconds()) + 1e-9 * s.elapsed().nanos());

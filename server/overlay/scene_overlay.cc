@@ -103,6 +103,26 @@ void DrawObject(const OverlayObject& o, const Painter& painter) {
   if (o.model->edges.empty()) DrawOutline(o, tolerance, painter);
 }
 
+// Lines in the gripper's frame. Left out when a part of them is behind the camera.
+void DrawTool(const PinholeCamera& camera,
+              const Rigid3& camera_from_gripper,
+              std::span<const std::vector<Eigen::Vector3d>> lines,
+              const DrawingColor& color,
+              Drawing* drawing) {
+  for (const auto& line : lines) {
+    for (const Eigen::Vector3d& p : line) {
+      if ((camera_from_gripper * p).z() < kNearM) return;
+    }
+  }
+  for (const auto& line : lines) {
+    Stroke stroke{{}, color, LineWidthPx(*drawing) + 1.0};
+    for (const Eigen::Vector3d& p : line) {
+      stroke.points.push_back(Project(camera, camera_from_gripper * p));
+    }
+    drawing->strokes.push_back(std::move(stroke));
+  }
+}
+
 }  // namespace
 
 DrawingColor ObjectColor(int k) {
@@ -157,18 +177,23 @@ void DrawGripper(const PinholeCamera& camera,
   const std::vector<Eigen::Vector3d> lines[] = {
       {{-half, 0, 0}, {-half, 0, -finger_m}, {half, 0, -finger_m}, {half, 0, 0}},
       {{0, 0, -finger_m}, {0, 0, -1.5 * finger_m}}};
-  for (const auto& line : lines) {
-    for (const Eigen::Vector3d& p : line) {
-      if ((camera_from_gripper * p).z() < kNearM) return;
-    }
+  DrawTool(camera, camera_from_gripper, lines, color, drawing);
+}
+
+void DrawSuctionCup(const PinholeCamera& camera,
+                    const Rigid3& camera_from_gripper,
+                    double radius_m,
+                    double length_m,
+                    const DrawingColor& color,
+                    Drawing* drawing) {
+  constexpr int kSides = 24;
+  std::vector<Eigen::Vector3d> lines[2];
+  for (int i = 0; i <= kSides; ++i) {
+    const double angle = 2.0 * M_PI * i / kSides;
+    lines[0].emplace_back(radius_m * std::cos(angle), radius_m * std::sin(angle), 0.0);
   }
-  for (const auto& line : lines) {
-    Stroke stroke{{}, color, LineWidthPx(*drawing) + 1.0};
-    for (const Eigen::Vector3d& p : line) {
-      stroke.points.push_back(Project(camera, camera_from_gripper * p));
-    }
-    drawing->strokes.push_back(std::move(stroke));
-  }
+  lines[1] = {{0, 0, 0}, {0, 0, -length_m}};
+  DrawTool(camera, camera_from_gripper, lines, color, drawing);
 }
 
 void DrawGrid(const PinholeCamera& camera,

@@ -41,6 +41,15 @@ void DrawGripper(const PinholeCamera& camera,
                  const DrawingColor& color,
                  Drawing* drawing);
 
+// A suction cup: its rim, and a line of `length_m` along the approach that ends in its middle. Left
+// out when a part of it is behind the camera.
+void DrawSuctionCup(const PinholeCamera& camera,
+                    const Rigid3& camera_from_gripper,
+                    double radius_m,
+                    double length_m,
+                    const DrawingColor& color,
+                    Drawing* drawing);
+
 // Squares of `cell_m` on the plane {x : normal . x = offset_m} of the scene, `cells` to each side
 // of the point of the plane nearest to `middle`. What is behind the camera is left out.
 struct GridPlane {

@@ -109,7 +109,7 @@ void AddReferenceConflict(const std::string& detail, double value, SceneAnswer* 
   f.value = value;
   f.detail = detail;
   answer->findings.push_back(f);
-  absl::StrAppend(&answer->detail, answer->detail.empty() ? "" : "; ", detail);
+  AddReason(ReasonKind::kReferenceConflict, detail, answer);
 }
 
 // Ties the base to camera v with the uncertainty of its hint.
@@ -130,9 +130,11 @@ absl::Status BaseFromObject(const SceneRequest& request, Drawing* d, SceneAnswer
     }
   }
   if (reference < 0) {
-    answer->state = SceneState::kReferenceNotFound;
-    answer->detail = absl::StrCat(
-        "reference ", request.reference->object_id, " is not among the recognised objects");
+    AddReason(
+        ReasonKind::kReferenceNotFound,
+        absl::StrCat(
+            "reference ", request.reference->object_id, " is not among the recognised objects"),
+        answer);
     return absl::OkStatus();
   }
   const int base = d->graph.AddFrame("base");
@@ -186,14 +188,11 @@ absl::Status FindBase(const SceneRequest& request, Drawing* d, SceneAnswer* answ
 
 // Whose metre is right the images do not say: nobody may act on such an answer unawares.
 void TellScaleConflicts(SceneAnswer* answer) {
-  std::string named;
   for (const AnswerFinding& f : answer->findings) {
-    if (f.kind != FindingKind::kScaleConflict) continue;
-    absl::StrAppend(&named, named.empty() ? "sizes contradict each other: " : "; ", f.detail);
+    if (f.kind == FindingKind::kScaleConflict) {
+      AddReason(ReasonKind::kScaleConflict, f.detail, answer);
+    }
   }
-  if (named.empty()) return;
-  if (answer->state == SceneState::kRecognized) answer->state = SceneState::kAmbiguous;
-  absl::StrAppend(&answer->detail, answer->detail.empty() ? "" : "; ", named);
 }
 
 absl::Status FillCovariances(const Drawing& d, SceneAnswer* answer) {
@@ -224,6 +223,14 @@ absl::Status FillCovariances(const Drawing& d, SceneAnswer* answer) {
   return absl::OkStatus();
 }
 
+GraspOptions WithTools(GraspOptions options, const std::optional<GripperTools>& tools) {
+  if (!tools) return options;
+  options.parallel_jaw = tools->parallel_jaw;
+  options.suction = tools->suction;
+  options.approach_m = tools->approach_m.value_or(options.approach_m);
+  return options;
+}
+
 void FillGrasps(const Drawing& d,
                 std::span<const std::shared_ptr<const PreparedObject>> objects,
                 const GraspOptions& options,
@@ -249,13 +256,37 @@ void FillGrasps(const Drawing& d,
 
 }  // namespace
 
+void AddReason(ReasonKind kind, const std::string& detail, SceneAnswer* answer) {
+  std::vector<AnswerReason>& reasons = answer->reasons;
+  const auto at = std::lower_bound(
+      reasons.begin(), reasons.end(), kind, [](const auto& r, ReasonKind k) { return r.kind < k; });
+  if (at == reasons.end() || at->kind != kind) {
+    reasons.insert(at, {kind, detail});
+  } else if (!detail.empty()) {
+    absl::StrAppend(&at->detail, at->detail.empty() ? "" : "; ", detail);
+  }
+}
+
+bool HasReason(const SceneAnswer& answer, ReasonKind kind) {
+  return std::any_of(answer.reasons.begin(), answer.reasons.end(), [&](const AnswerReason& r) {
+    return r.kind == kind;
+  });
+}
+
+std::string ReasonsText(const SceneAnswer& answer) {
+  std::string text;
+  for (const AnswerReason& r : answer.reasons) {
+    absl::StrAppend(&text, text.empty() || r.detail.empty() ? "" : "; ", r.detail);
+  }
+  return text;
+}
+
 absl::Status FillAnswer(const MetricScene& metric,
                         std::span<const std::shared_ptr<const PreparedObject>> objects,
                         const SceneRequest& request,
                         const GraspOptions& grasps,
                         SceneAnswer* answer) {
   answer->cameras = metric.cameras;
-  answer->plane = metric.plane;
   Drawing d{metric, {}, {}, -1, {}};
   d.frames = AddSceneFrames(metric, &d.graph);
   for (std::size_t k = 0; k < metric.objects.size(); ++k) d.order.push_back(k);
@@ -295,7 +326,8 @@ absl::Status FillAnswer(const MetricScene& metric,
   TellScaleConflicts(answer);
   HOROPTER_RETURN_IF_ERROR(FindBase(request, &d, answer));
   HOROPTER_RETURN_IF_ERROR(FillCovariances(d, answer));
-  FillGrasps(d, objects, grasps, answer);
+  FillGrasps(d, objects, WithTools(grasps, request.gripper), answer);
+  answer->plane = metric.plane;
   return absl::OkStatus();
 }
 

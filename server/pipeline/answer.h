@@ -13,8 +13,8 @@ namespace horopter {
 // Fills cameras, objects, base frame, grasps, findings and scales; `objects` are the prepared
 // objects that recognition worked on. The base frame is that of the reference object,
 // without one of the cameras in the base; references that contradict it are a finding and give no
-// base frame. Sets state and detail when the reference is missing or contradicted, and where sizes
-// contradict each other (ambiguous).
+// base frame. Adds the reasons: the reference is missing or contradicted, sizes contradict each
+// other.
 absl::Status FillAnswer(const MetricScene& metric,
                         std::span<const std::shared_ptr<const PreparedObject>> objects,
                         const SceneRequest& request,

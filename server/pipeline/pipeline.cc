@@ -1,7 +1,9 @@
 #include "server/pipeline/pipeline.h"
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
+#include <iterator>
 #include <map>
 #include <numeric>
 #include <span>
@@ -134,7 +136,7 @@ absl::StatusOr<Selection> SelectObjects(const SceneRequest& request,
                                         int most) {
   if (request.reference && FindObject(catalog, request.reference->object_id) < 0) {
     return absl::NotFoundError(
-        absl::StrCat("reference: object ", request.reference->object_id, " is not enrolled"));
+        absl::StrCat("reference.object: ", request.reference->object_id, " is not enrolled"));
   }
   if (!request.explained.empty() && FindObject(catalog, request.explained) < 0) {
     return absl::NotFoundError(
@@ -153,12 +155,16 @@ absl::StatusOr<Selection> SelectObjects(const SceneRequest& request,
   for (const std::string& id : wanted) {
     selected.push_back(FindObject(catalog, id));
     if (selected.back() < 0) {
-      return absl::NotFoundError(absl::StrCat("candidates: object ", id, " is not enrolled"));
+      return absl::NotFoundError(absl::StrCat("candidate_objects: ", id, " is not enrolled"));
     }
   }
   if (static_cast<int>(selected.size()) > most) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        "candidates: ", selected.size(), " objects, at most ", most, " are searched for at once"));
+    return absl::InvalidArgumentError(absl::StrCat("candidate_objects: ",
+                                                   selected.size(),
+                                                   " objects, at most ",
+                                                   most,
+                                                   " are searched for at once "
+                                                   "(max_searched_objects)"));
   }
   const bool keyed = static_cast<int>(catalog.slots.size()) == ObjectCount(catalog);
   Selection out;
@@ -201,20 +207,62 @@ std::map<std::string, double> SumCounts(const std::vector<ImageFeatures>& featur
   return sum;
 }
 
-SceneState StateOf(RecognitionState state) {
-  switch (state) {
-    case RecognitionState::kRecognized:
-      return SceneState::kRecognized;
-    case RecognitionState::kNothingFound:
-      return SceneState::kNothingFound;
-    case RecognitionState::kAmbiguous:
-      return SceneState::kAmbiguous;
-    case RecognitionState::kTooFewFeatures:
-      return SceneState::kTooFewFeatures;
-    case RecognitionState::kNoParallax:
-      return SceneState::kNoParallax;
+// Notes whether a stage was told to hurry, and in which step: stages read no clock, so one that
+// never heard it gave all it has. Begin() on the thread of the request; the token on any.
+class HurryWatch {
+ public:
+  explicit HurryWatch(StopRequested hurry) : hurry_(std::move(hurry)) {}
+
+  StopRequested Token() {
+    if (!hurry_) return {};
+    return [this] {
+      if (!hurry_()) return false;
+      int none = -1;
+      heard_in_.compare_exchange_strong(none, static_cast<int>(steps_begun_.load()));
+      return true;
+    };
   }
-  return SceneState::kNothingFound;
+  void Begin(std::string_view step) {
+    steps_.emplace_back(step);
+    ++steps_begun_;
+  }
+  bool heard() const { return heard_in_ >= 0; }
+  // Empty: not heard, or before the first step.
+  std::string step() const {
+    return heard_in_ > 0 ? steps_[static_cast<std::size_t>(heard_in_) - 1] : std::string();
+  }
+
+ private:
+  const StopRequested hurry_;
+  std::vector<std::string> steps_;
+  std::atomic<int> steps_begun_{0};
+  std::atomic<int> heard_in_{-1};
+};
+
+// Routes that were due but not asked for want of time: in the counts as "unasked_<route>".
+std::vector<std::string> UnaskedRoutes(const RecognitionResult& recognition) {
+  constexpr std::string_view kUnasked = "unasked_";
+  std::vector<std::string> routes;
+  for (const auto& [name, count] : recognition.counts) {
+    if (name.rfind(kUnasked, 0) == 0) routes.push_back(name.substr(kUnasked.size()));
+  }
+  return routes;
+}
+
+// What recognition says of the scene as a whole, in terms of the answer.
+void TellState(const RecognitionResult& recognition, SceneAnswer* answer) {
+  switch (recognition.state) {
+    case RecognitionState::kRecognized:
+      return;
+    case RecognitionState::kNothingFound:
+      return AddReason(ReasonKind::kNothingFound, recognition.detail, answer);
+    case RecognitionState::kAmbiguous:
+      return AddReason(ReasonKind::kAmbiguous, recognition.detail, answer);
+    case RecognitionState::kTooFewFeatures:
+      return AddReason(ReasonKind::kTooFewFeatures, recognition.detail, answer);
+    case RecognitionState::kNoParallax:
+      return AddReason(ReasonKind::kNoParallax, recognition.detail, answer);
+  }
 }
 
 // The second pass of the drawing: matching called again, cameras known.
@@ -314,6 +362,7 @@ absl::StatusOr<RecognitionResult> TimedRecognition(Recognize* recognize,
                                                    const RecognitionInput& input,
                                                    const PipelineOptions& options,
                                                    const StopRequested& stop,
+                                                   HurryWatch* watch,
                                                    RefusalLog* log,
                                                    std::vector<StageReport>* stages) {
   StageClock clock("recognition", stages);
@@ -323,7 +372,10 @@ absl::StatusOr<RecognitionResult> TimedRecognition(Recognize* recognize,
                                 input,
                                 options.recognition,
                                 stop,
-                                [&](std::string_view step) { steps.Begin(step); },
+                                [&](std::string_view step) {
+                                  steps.Begin(step);
+                                  watch->Begin(step);
+                                },
                                 log));
   steps.End();
   std::map<std::string, double> counts = steps.seconds();
@@ -353,6 +405,55 @@ absl::Status Explain(const RecognitionInput& input,
   return absl::OkStatus();
 }
 
+// Recognition by the aspects alone, else after matching and reconstruction, which `input` then
+// holds: the metric stage uses the matches too. The step in which time ran short, and what was not
+// begun for it, is told in the answer.
+absl::Status RunRecognition(PipelineOptions options,
+                            const SceneRequest& request,
+                            const StopRequested& stop,
+                            RefusalLog* log,
+                            RecognitionInput* input,
+                            PipelineResult* result) {
+  SceneTrace& trace = result->trace;
+  SceneAnswer& answer = result->answer;
+  HurryWatch watch(options.recognition.hurry);
+  options.recognition.hurry = watch.Token();
+  const auto recognize = [&](Recognize* by) {
+    return TimedRecognition(by, *input, options, stop, &watch, log, &answer.stages);
+  };
+  std::vector<std::string> unasked;
+  bool aspects_first = AspectsComeFirst(input->objects, options.recognition);
+  if (aspects_first) {
+    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize(RecognizeByAspectsAlone));
+    // Of a large catalog the images may say that it need not have been.
+    aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
+  }
+  if (trace.recognition.objects.empty() && IsStopRequested(options.recognition.hurry)) {
+    unasked = {"matching", "reconstruction", "recognition"};
+  } else if (trace.recognition.objects.empty()) {
+    watch.Begin("matching");
+    HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));
+    if (!aspects_first || trace.reconstruction.trusted) {
+      input->matching = &trace.matching;
+      input->reconstruction = &trace.reconstruction;
+      HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize(RecognizeObjects));
+      unasked = UnaskedRoutes(found);
+      if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
+    }
+  }
+  answer.time_limited = watch.heard();
+  if (!watch.step().empty()) answer.unsearched.push_back({UnsearchedCause::kTime, watch.step()});
+  for (std::string& step : unasked) {
+    answer.unsearched.push_back({UnsearchedCause::kTime, std::move(step)});
+  }
+  if (options.recognition.routes.aspects &&
+      std::ssize(input->objects) > options.recognition.aspects.max_objects) {
+    answer.unsearched.push_back({UnsearchedCause::kCatalogSize, "aspects"});
+  }
+  TellState(trace.recognition, &answer);
+  return absl::OkStatus();
+}
+
 // The options are resolved.
 absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                                          const CatalogSnapshot& catalog,
@@ -367,8 +468,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   SceneTrace& trace = result.trace;
   answer.cameras.resize(request.images.size());
   if (objects.empty()) {
-    answer.state = SceneState::kEmptyCatalog;
-    answer.detail = "no object is enrolled";
+    AddReason(ReasonKind::kEmptyCatalog, "no object is enrolled", &answer);
     return result;
   }
 
@@ -387,27 +487,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   RefusalLog log;
   log.object = IndexOf(request.explained, objects);
   RefusalLog* const kept = log.object < 0 ? nullptr : &log;
-  bool aspects_first = AspectsComeFirst(objects, options.recognition);
-  if (aspects_first) {
-    HOROPTER_ASSIGN_OR_RETURN(
-        trace.recognition,
-        TimedRecognition(RecognizeByAspectsAlone, input, options, stop, kept, &answer.stages));
-    // Of a large catalog the images may say that it need not have been.
-    aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
-  }
-  if (trace.recognition.objects.empty() && !IsStopRequested(options.recognition.hurry)) {
-    HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));
-    if (!aspects_first || trace.reconstruction.trusted) {
-      input.matching = &trace.matching;
-      input.reconstruction = &trace.reconstruction;
-      HOROPTER_ASSIGN_OR_RETURN(
-          RecognitionResult found,
-          TimedRecognition(RecognizeObjects, input, options, stop, kept, &answer.stages));
-      if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
-    }
-  }
-  answer.state = StateOf(trace.recognition.state);
-  answer.detail = trace.recognition.detail;
+  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, stop, kept, &input, &result));
   if (trace.recognition.objects.empty()) {
     HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
     return result;
@@ -419,6 +499,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   euclidean_clock.Finish(trace.metric->counts);
   HOROPTER_RETURN_IF_ERROR(
       FillAnswer(*trace.metric, objects, request, options.euclidean.grasps, &answer));
+  if (answer.objects.empty()) AddReason(ReasonKind::kNothingFound, "no object is left", &answer);
   HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
   if (!options.second_pass) return result;
 

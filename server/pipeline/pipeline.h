@@ -90,7 +90,7 @@ PipelineOptions ResolveOptions(PipelineOptions options);
 // Errors: INVALID_ARGUMENT (no image, wrong type or size, hint count, more objects than are
 // searched for at once, options), NOT_FOUND (candidate or reference id unknown), CANCELLED (stop
 // was requested), RESOURCE_EXHAUSTED (out of memory), INTERNAL (a library threw). Everything the
-// images cannot decide is a SceneState, not an error.
+// images cannot decide is an AnswerReason, not an error.
 absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                               const CatalogSnapshot& catalog,
                                               const PipelineOptions& options,

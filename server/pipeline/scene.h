@@ -23,6 +23,13 @@ struct ReferenceObject {
   Rigid3 base_from_object;
 };
 
+// The robot's tools; see Gripper in recognition.proto.
+struct GripperTools {
+  std::optional<GripperShape> parallel_jaw;
+  std::optional<SuctionShape> suction;
+  std::optional<double> approach_m;
+};
+
 struct SceneRequest {
   std::vector<cv::Mat> images;    // CV_8UC1 or CV_8UC3 (BGR)
   std::vector<CameraHint> hints;  // empty or one per image
@@ -31,20 +38,35 @@ struct SceneRequest {
   std::vector<std::optional<CameraPoseHint>> camera_poses;
   std::vector<std::string> candidates;  // empty: the whole catalog
   std::optional<ReferenceObject> reference;
+  std::optional<GripperTools> gripper;  // empty: the options' own
   // Id of an object that is looked for too and of which the answer says why it is, or is not, in
   // it; empty: none.
   std::string explained;
   bool unexplained_edges = false;  // SceneAnswer::unexplained_edges is wanted
 };
 
-enum class SceneState {
-  kRecognized,
+// Why an answer is less than objects with poses in every frame that was asked for; see SceneReason
+// in recognition.proto.
+enum class ReasonKind {
   kNothingFound,
-  kAmbiguous,
+  kAmbiguous,  // objects with alternatives
+  kScaleConflict,
   kTooFewFeatures,
   kNoParallax,         // images too alike to measure depth between parts
   kReferenceNotFound,  // objects recognised, the reference is not among them: no base frame
+  kReferenceConflict,
   kEmptyCatalog,
+};
+struct AnswerReason {
+  ReasonKind kind = ReasonKind::kNothingFound;
+  std::string detail;  // for people
+};
+
+// A stage, route or step that was cut short or never begun.
+enum class UnsearchedCause { kTime, kCatalogSize };
+struct UnsearchedStep {
+  UnsearchedCause cause = UnsearchedCause::kTime;
+  std::string step;
 };
 
 struct StageReport {
@@ -100,15 +122,16 @@ struct AnswerExplanation {
 using EdgeLines = std::vector<std::vector<Eigen::Vector2d>>;
 
 struct SceneAnswer {
-  SceneState state = SceneState::kNothingFound;
-  std::string detail;
+  bool time_limited = false;          // a stage was told to hurry: more time may give more
+  std::vector<AnswerReason> reasons;  // each kind at most once; see AddReason
+  std::vector<UnsearchedStep> unsearched;
   std::vector<std::optional<PosedCamera>> cameras;  // one per image; empty: not recovered
   std::vector<AnswerObject> objects;
   // Joint covariance of all scene_from_object, six rows per object in the order of `objects`.
   Eigen::MatrixXd joint_covariance;
   // When a reference was given and found; without one, when posed cameras were recovered.
   std::optional<Rigid3> base_from_scene;
-  std::optional<SupportPlane> plane;  // that the objects stand on, scene frame
+  std::optional<SupportPlane> plane;  // that the objects stand on, in the scene frame
   std::optional<AnswerExplanation> explanation;
   // One entry per image; empty unless asked for.
   std::vector<EdgeLines> unexplained_edges;
@@ -116,6 +139,12 @@ struct SceneAnswer {
   std::vector<AnswerScale> scales;
   std::vector<StageReport> stages;
 };
+
+// Adds the reason in the order of ReasonKind; of a kind that is there the details are joined.
+void AddReason(ReasonKind kind, const std::string& detail, SceneAnswer* answer);
+bool HasReason(const SceneAnswer& answer, ReasonKind kind);
+// The details of all reasons, for people.
+std::string ReasonsText(const SceneAnswer& answer);
 
 // What every stage saw, for the stage report and overlays.
 struct SceneTrace {

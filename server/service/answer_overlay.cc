@@ -71,12 +71,14 @@ void AddObjects(const SceneAnswer& answer,
   for (const AnswerObject& o : answer.objects) {
     if (o.grasps.empty()) continue;
     const SceneGrasp& best = o.grasps.front();
-    DrawGripper(posed.camera,
-                posed.camera_from_scene * best.scene_from_gripper,
-                best.jaw_opening_m,
-                kFingerM,
-                kGripper,
-                drawing);
+    const Rigid3 camera_from_gripper = posed.camera_from_scene * best.scene_from_gripper;
+    if (best.suction) {
+      DrawSuctionCup(
+          posed.camera, camera_from_gripper, best.cup_radius_m, kFingerM, kGripper, drawing);
+    } else {
+      DrawGripper(
+          posed.camera, camera_from_gripper, best.jaw_opening_m, kFingerM, kGripper, drawing);
+    }
   }
 }
 

@@ -70,7 +70,7 @@ grpc::Status CallRecord::End(const absl::Status& status) noexcept {
     Tell(status);
   } catch (...) {
   }
-  return ToRpcStatus(status, context_);
+  return ToRpcStatus(status, context_, record_.request_id);
 }
 
 double CallRecord::SecondsSinceStart() const {

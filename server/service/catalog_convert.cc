@@ -9,9 +9,11 @@
 
 #include "absl/strings/str_cat.h"
 #include "horopter/v1/catalog.pb.h"
+#include "server/base/sha256.h"
 #include "server/base/status_macros.h"
 #include "server/service/convert.h"
 #include "server/service/rpc_status.h"
+#include "server/vision/geometry/grasp_kind.h"
 
 namespace horopter {
 namespace {
@@ -135,8 +137,22 @@ absl::StatusOr<std::vector<Grasp>> GraspsFromProto(const v1::Object& proto) {
     HOROPTER_ASSIGN_OR_RETURN(grasp.object_from_gripper,
                               RigidFromProto(in.object_from_gripper(),
                                              absl::StrCat("grasps[", i, "].object_from_gripper")));
-    grasp.jaw_opening_m = in.jaw_opening_m();
-    grasp.grip_width_m = in.grip_width_m();
+    switch (in.gripper_case()) {
+      case v1::Grasp::kParallelJaw:
+        if (!(in.parallel_jaw().jaw_opening_m() >= 0.0)) {
+          return InvalidField(absl::StrCat("grasps[", i, "].parallel_jaw.jaw_opening_m"),
+                              "not a length");
+        }
+        grasp.jaw_opening_m = in.parallel_jaw().jaw_opening_m();
+        grasp.grip_width_m = in.parallel_jaw().grip_width_m();
+        break;
+      case v1::Grasp::kSuction:
+        SetSuction(in.suction().cup_radius_m(), &grasp);
+        break;
+      case v1::Grasp::GRIPPER_NOT_SET:
+        return InvalidField(absl::StrCat("grasps[", i, "].gripper"),
+                            "neither parallel_jaw nor suction is set");
+    }
     if (in.has_quality()) grasp.quality = in.quality();
     if (in.has_object_from_pregrasp()) {
       HOROPTER_ASSIGN_OR_RETURN(
@@ -186,14 +202,21 @@ void CommonToProto(const CatalogRecord& record, v1::Object* proto) {
   if (!TimeUtil::FromString(record.update_time, proto->mutable_update_time()))
     proto->clear_update_time();
   proto->set_diameter_m(model.diameter_m);
+  proto->set_etag(EtagOf(record));
+  proto->set_revision(record.revision);
+  for (const auto& [key, value] : record.labels) (*proto->mutable_labels())[key] = value;
   for (const Rigid3& symmetry : model.symmetries)
     RigidToProto(symmetry, proto->add_object_from_symmetric_object());
   for (const Grasp& grasp : model.grasps) {
     v1::Grasp* out = proto->add_grasps();
     out->set_name(grasp.name);
     RigidToProto(grasp.object_from_gripper, out->mutable_object_from_gripper());
-    out->set_jaw_opening_m(grasp.jaw_opening_m);
-    out->set_grip_width_m(grasp.grip_width_m);
+    if (IsSuction(grasp)) {
+      out->mutable_suction()->set_cup_radius_m(CupRadius(grasp));
+    } else {
+      out->mutable_parallel_jaw()->set_jaw_opening_m(grasp.jaw_opening_m);
+      out->mutable_parallel_jaw()->set_grip_width_m(grasp.grip_width_m);
+    }
     out->set_quality(grasp.quality);
     if (grasp.object_from_pregrasp) {
       RigidToProto(*grasp.object_from_pregrasp, out->mutable_object_from_pregrasp());
@@ -209,22 +232,50 @@ void CommonToProto(const CatalogRecord& record, v1::Object* proto) {
   out->set_size_bytes(source.size_bytes);
 }
 
+constexpr ObjectMask kAllFields{true, true, true, true, true, true, true, true, true};
+
+ObjectMask PopulatedFields(const v1::Object& object) {
+  ObjectMask mask;
+  mask.display_name = !object.display_name().empty();
+  mask.diameter = object.diameter_m() != 0.0;
+  mask.vertices = object.vertices_m_size() > 0;
+  mask.edges = object.edges_size() > 0;
+  mask.mesh = object.has_mesh();
+  mask.symmetries = object.object_from_symmetric_object_size() > 0;
+  mask.grasps = object.grasps_size() > 0;
+  mask.source = object.has_source();
+  mask.labels = object.labels_size() > 0;
+  return mask;
+}
+
+void CountsToProto(const ObjectModel& model, v1::Object* proto) {
+  proto->set_vertex_count(static_cast<int>(model.vertices.size()));
+  proto->set_edge_count(static_cast<int>(model.edges.size()));
+  proto->set_triangle_count(static_cast<int>(model.mesh.triangles.size()));
+}
+
 }  // namespace
+
+std::string EtagOf(const CatalogRecord& record) {
+  constexpr size_t kDigits = 16;
+  return Sha256Hex(absl::StrCat(record.model.id, "\n", record.revision, "\n", record.update_time))
+      .substr(0, kDigits);
+}
 
 absl::StatusOr<CatalogRecord> RecordFromProto(const std::string& id, const v1::Object& proto) {
   CatalogRecord blank;
   blank.model.id = id;
-  const ObjectMask everything{true, true, true, true, true, true, true, true};
-  return MergeRecord(std::move(blank), proto, everything);
+  return MergeRecord(std::move(blank), proto, kAllFields);
 }
 
-absl::StatusOr<ObjectMask> MaskFromProto(const google::protobuf::FieldMask& proto) {
-  if (proto.paths_size() == 0) return ObjectMask{true, true, true, true, true, true, true, true};
+absl::StatusOr<ObjectMask> MaskFromProto(const google::protobuf::FieldMask& proto,
+                                         const v1::Object& object) {
+  if (proto.paths_size() == 0) return PopulatedFields(object);
   ObjectMask mask;
   for (const std::string& path : proto.paths()) {
     if (path == "*") {
       if (proto.paths_size() > 1) return InvalidField("update_mask", "'*' must stand alone");
-      return ObjectMask{true, true, true, true, true, true, true, true};
+      return kAllFields;
     }
     bool* const field = path == "display_name"                   ? &mask.display_name
                         : path == "diameter_m"                   ? &mask.diameter
@@ -234,6 +285,7 @@ absl::StatusOr<ObjectMask> MaskFromProto(const google::protobuf::FieldMask& prot
                         : path == "object_from_symmetric_object" ? &mask.symmetries
                         : path == "grasps"                       ? &mask.grasps
                         : path == "source"                       ? &mask.source
+                        : path == "labels"                       ? &mask.labels
                                                                  : nullptr;
     if (field == nullptr) {
       return InvalidField(
@@ -268,6 +320,7 @@ absl::StatusOr<CatalogRecord> MergeRecord(CatalogRecord current,
     HOROPTER_ASSIGN_OR_RETURN(model.grasps, GraspsFromProto(proto));
   }
   if (mask.source) current.source = SourceFromProto(proto.source());
+  if (mask.labels) current.labels = {proto.labels().begin(), proto.labels().end()};
   // The catalog checks all of it again on writing; here it keeps bad numbers from the diameter and
   // the preparation.
   if (mask.mesh || mask.diameter) {
@@ -275,7 +328,13 @@ absl::StatusOr<CatalogRecord> MergeRecord(CatalogRecord current,
   }
   HOROPTER_RETURN_IF_ERROR(ValidateModel(model));
   HOROPTER_RETURN_IF_ERROR(ValidateSource(current.source));
+  HOROPTER_RETURN_IF_ERROR(ValidateLabels(current.labels));
   return current;
+}
+
+void WrittenToProto(const CatalogRecord& record, v1::Object* proto) {
+  CommonToProto(record, proto);
+  CountsToProto(record.model, proto);
 }
 
 void SummaryToProto(const ObjectSummary& summary, v1::Object* proto) {
@@ -305,9 +364,7 @@ void RecordToProto(const CatalogRecord& record, v1::Object* proto) {
   }
   for (const Rgba& color : model.mesh.colors)
     proto->mutable_mesh()->mutable_triangle_colors_rgba()->append(color.begin(), color.end());
-  proto->set_vertex_count(static_cast<int>(model.vertices.size()));
-  proto->set_edge_count(static_cast<int>(model.edges.size()));
-  proto->set_triangle_count(static_cast<int>(model.mesh.triangles.size()));
+  CountsToProto(model, proto);
 }
 
 double PointSetDiameter(const std::vector<Eigen::Vector3d>& points) {

@@ -22,23 +22,30 @@ namespace horopter {
 // naming the field.
 absl::StatusOr<CatalogRecord> RecordFromProto(const std::string& id, const v1::Object& proto);
 
-// The parts an update mask names; an empty mask and "*" name all. Errors: INVALID_ARGUMENT naming
-// the unknown path.
+// The parts an update mask names; "*" names all, an empty mask those that are populated in
+// `object`. Errors: INVALID_ARGUMENT naming the unknown path.
 struct ObjectMask {
   bool display_name = false, diameter = false, vertices = false, edges = false, mesh = false,
-       symmetries = false, grasps = false, source = false;
+       symmetries = false, grasps = false, source = false, labels = false;
 
   UpdateParts Parts() const {
-    return {display_name, diameter || vertices || edges || mesh, symmetries, grasps, source};
+    return {
+        display_name, diameter || vertices || edges || mesh, symmetries, grasps, source, labels};
   }
 };
-absl::StatusOr<ObjectMask> MaskFromProto(const google::protobuf::FieldMask& proto);
+absl::StatusOr<ObjectMask> MaskFromProto(const google::protobuf::FieldMask& proto,
+                                         const v1::Object& object);
 
 // `current` with the masked fields taken from `proto`. Errors: INVALID_ARGUMENT naming the field.
 absl::StatusOr<CatalogRecord> MergeRecord(CatalogRecord current,
                                           const v1::Object& proto,
                                           const ObjectMask& mask);
 
+// What changes with every write of the object, also over a deletion and a restored backup.
+std::string EtagOf(const CatalogRecord& record);
+
+// What is about to be written, in OBJECT_VIEW_BASIC.
+void WrittenToProto(const CatalogRecord& record, v1::Object* proto);
 // Everything but geometry and CAD bytes; counts from the summary.
 void SummaryToProto(const ObjectSummary& summary, v1::Object* proto);
 // Geometry, symmetries, grasps, source without bytes, counts.

@@ -1,7 +1,5 @@
 #include "server/service/catalog_service.h"
 
-#include <google/protobuf/util/time_util.h>
-
 #include <algorithm>
 #include <utility>
 
@@ -20,11 +18,6 @@ constexpr int kMaxPageSize = 1000;
 // A token is this prefix and the last id of its page.
 constexpr std::string_view kTokenPrefix = "v1.";
 
-std::string Now() {
-  return google::protobuf::util::TimeUtil::ToString(
-      google::protobuf::util::TimeUtil::GetCurrentTime());
-}
-
 absl::StatusOr<std::string> LastIdOf(const std::string& page_token) {
   if (page_token.empty()) return std::string();
   const std::string id = page_token.substr(std::min(kTokenPrefix.size(), page_token.size()));
@@ -32,6 +25,17 @@ absl::StatusOr<std::string> LastIdOf(const std::string& page_token) {
     return InvalidField("page_token", "not a token of this method");
   }
   return id;
+}
+
+// Whether recognition looks for the object.
+void StatusToProto(const PublishedCatalog& published, const std::string& id, v1::Object* proto) {
+  v1::RecognitionStatus* status = proto->mutable_recognition_status();
+  if (published.Contains(id)) {
+    status->set_state(v1::RecognitionStatus::STATE_READY);
+  } else if (const auto found = published.unusable.find(id); found != published.unusable.end()) {
+    status->set_state(v1::RecognitionStatus::STATE_FAILED);
+    status->set_reason(found->second);
+  }
 }
 
 }  // namespace
@@ -43,35 +47,17 @@ absl::Status CatalogService::Read(const std::string& id,
   if (view == v1::OBJECT_VIEW_BASIC) {
     HOROPTER_ASSIGN_OR_RETURN(const ObjectSummary summary, catalog.GetSummary(id));
     SummaryToProto(summary, response);
+    StatusToProto(*store_.Published(), id, response);
     return absl::OkStatus();
   }
   HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord record, catalog.GetObject(id));
   RecordToProto(record, response);
+  StatusToProto(*store_.Published(), id, response);
   if (view == v1::OBJECT_VIEW_FULL && record.source.size_bytes > 0) {
     HOROPTER_ASSIGN_OR_RETURN(*response->mutable_source()->mutable_content(),
                               catalog.GetCadFile(id));
   }
   return absl::OkStatus();
-}
-
-grpc::ServerUnaryReactor* CatalogService::CreateObject(grpc::CallbackServerContext* context,
-                                                       const grpc::ByteBuffer* bytes,
-                                                       grpc::ByteBuffer* answer) {
-  return RunUnaryCall<v1::CreateObjectRequest, v1::Object>(
-      gate_,
-      context,
-      bytes,
-      answer,
-      {{"CreateObject", max_object_bytes_},
-       [this](const v1::CreateObjectRequest& request, const CallInfo&, v1::Object* response)
-           -> absl::Status {
-         if (!request.has_object()) return InvalidField("object", "missing");
-         HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record,
-                                   RecordFromProto(request.object_id(), request.object()));
-         record.create_time = record.update_time = Now();
-         HOROPTER_RETURN_IF_ERROR(store_.Create(record));
-         return Read(record.model.id, v1::OBJECT_VIEW_BASIC, response);
-       }});
 }
 
 grpc::ServerUnaryReactor* CatalogService::GetObject(grpc::CallbackServerContext* context,
@@ -116,55 +102,19 @@ grpc::ServerUnaryReactor* CatalogService::ListObjects(grpc::CallbackServerContex
                                    store_.catalog().ListObjects(after, page + 1));
          const bool more = static_cast<int>(found.size()) > page;
          if (more) found.pop_back();
-         for (const ObjectSummary& summary : found)
+         const auto published = store_.Published();
+         for (const ObjectSummary& summary : found) {
            SummaryToProto(summary, response->add_objects());
+           StatusToProto(*published,
+                         summary.record.model.id,
+                         response->mutable_objects(response->objects_size() - 1));
+         }
          if (more)
            response->set_next_page_token(
                absl::StrCat(std::string(kTokenPrefix), found.back().record.model.id));
          HOROPTER_ASSIGN_OR_RETURN(const int total, store_.catalog().CountObjects());
          response->set_total_size(total);
          return absl::OkStatus();
-       }});
-}
-
-grpc::ServerUnaryReactor* CatalogService::UpdateObject(grpc::CallbackServerContext* context,
-                                                       const grpc::ByteBuffer* bytes,
-                                                       grpc::ByteBuffer* answer) {
-  return RunUnaryCall<v1::UpdateObjectRequest, v1::Object>(
-      gate_,
-      context,
-      bytes,
-      answer,
-      {{"UpdateObject", max_object_bytes_},
-       [this](const v1::UpdateObjectRequest& request, const CallInfo&, v1::Object* response)
-           -> absl::Status {
-         HOROPTER_ASSIGN_OR_RETURN(const std::string id,
-                                   ObjectIdFromName(request.object().name(), "object.name"));
-         HOROPTER_ASSIGN_OR_RETURN(const ObjectMask mask, MaskFromProto(request.update_mask()));
-         const auto merge = [&](CatalogRecord current) -> absl::StatusOr<CatalogRecord> {
-           HOROPTER_ASSIGN_OR_RETURN(CatalogRecord merged,
-                                     MergeRecord(std::move(current), request.object(), mask));
-           merged.update_time = Now();
-           return merged;
-         };
-         HOROPTER_RETURN_IF_ERROR(store_.Update(id, mask.Parts(), merge));
-         return Read(id, v1::OBJECT_VIEW_BASIC, response);
-       }});
-}
-
-grpc::ServerUnaryReactor* CatalogService::DeleteObject(grpc::CallbackServerContext* context,
-                                                       const grpc::ByteBuffer* bytes,
-                                                       grpc::ByteBuffer* answer) {
-  return RunUnaryCall<v1::DeleteObjectRequest, google::protobuf::Empty>(
-      gate_,
-      context,
-      bytes,
-      answer,
-      {{"DeleteObject"},
-       [this](const v1::DeleteObjectRequest& request, const CallInfo&, google::protobuf::Empty*)
-           -> absl::Status {
-         HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request.name(), "name"));
-         return store_.Delete(id);
        }});
 }
 

@@ -16,10 +16,11 @@ using CatalogServiceBase = v1::CatalogService::WithRawCallbackMethod_RebuildObje
                 v1::CatalogService::WithRawCallbackMethod_UpdateObject<
                     v1::CatalogService::WithRawCallbackMethod_ListObjects<
                         v1::CatalogService::WithRawCallbackMethod_GetObject<
-                            v1::CatalogService::WithRawCallbackMethod_CreateObject<
-                                v1::CatalogService::WithCallbackMethod_BackupCatalog<
-                                    v1::CatalogService::WithCallbackMethod_RestoreCatalog<
-                                        v1::CatalogService::Service>>>>>>>>>>;
+                            v1::CatalogService::WithRawCallbackMethod_BatchCreateObjects<
+                                v1::CatalogService::WithRawCallbackMethod_CreateObject<
+                                    v1::CatalogService::WithCallbackMethod_BackupCatalog<
+                                        v1::CatalogService::WithCallbackMethod_RestoreCatalog<
+                                            v1::CatalogService::Service>>>>>>>>>>>;
 
 // Thread-safe. What the constructor is given must outlive the service's last call.
 class CatalogService final : public CatalogServiceBase {
@@ -34,6 +35,9 @@ class CatalogService final : public CatalogServiceBase {
   grpc::ServerUnaryReactor* CreateObject(grpc::CallbackServerContext* context,
                                          const grpc::ByteBuffer* request,
                                          grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* BatchCreateObjects(grpc::CallbackServerContext* context,
+                                               const grpc::ByteBuffer* request,
+                                               grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* GetObject(grpc::CallbackServerContext* context,
                                       const grpc::ByteBuffer* request,
                                       grpc::ByteBuffer* response) override;
@@ -62,6 +66,27 @@ class CatalogService final : public CatalogServiceBase {
  private:
   // Fills `response` with the object as stored.
   absl::Status Read(const std::string& id, v1::ObjectView view, v1::Object* response);
+
+  // The calls without the network around them.
+  absl::Status Create(const v1::CreateObjectRequest& request,
+                      const CallInfo& info,
+                      v1::Object* response);
+  absl::Status CreateBatch(const v1::BatchCreateObjectsRequest& request,
+                           const CallInfo& info,
+                           v1::BatchCreateObjectsResponse* response);
+  absl::Status Update(const v1::UpdateObjectRequest& request,
+                      const CallInfo& info,
+                      v1::Object* response);
+  absl::Status Delete(const v1::DeleteObjectRequest& request);
+
+  // Creates the records, or finds what the same request made before; `answer_of` gives the place of
+  // the i-th object's answer, empty. It may be asked twice for one: an answer that was begun is
+  // dropped when another call turns out to have made the objects meanwhile.
+  using AnswerOf = std::function<v1::Object*(int i)>;
+  absl::Status CreateOnce(std::vector<CatalogRecord> records,
+                          const RepeatableRequest& request,
+                          const CallInfo& info,
+                          const AnswerOf& answer_of);
 
   CatalogStore& store_;
   BackupShelf& shelf_;

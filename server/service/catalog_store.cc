@@ -7,11 +7,14 @@
 #include <numeric>
 #include <utility>
 
+#include "absl/strings/cord.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "server/base/crash_point.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/base/stop_scope.h"
+#include "server/service/rpc_status.h"
 
 namespace horopter {
 namespace {
@@ -24,6 +27,7 @@ constexpr int kLoadPage = 256;
 // Objects whose keys are read at once: 20 MB.
 constexpr int kKeyPage = 1024;
 constexpr size_t kListPage = 256;
+constexpr char kObjectPayload[] = "horopter/object-index";
 
 const StopRequested kNeverStops;
 
@@ -61,10 +65,19 @@ std::string FailureOf(const std::string& id, const absl::Status& status) {
   return absl::StrCat("object ", id, ": ", std::string(status.message()));
 }
 
+// The status with the object of a list it is of (see ObjectOf).
+absl::Status AtObject(size_t index, absl::Status status) {
+  if (!status.ok()) status.SetPayload(kObjectPayload, absl::Cord(absl::StrCat(index)));
+  return status;
+}
+
 }  // namespace
 
-bool PublishedCatalog::Contains(const std::string& id) const {
-  return std::binary_search(ids.begin(), ids.end(), id);
+std::optional<int> CatalogStore::ObjectOf(const absl::Status& status) {
+  const auto payload = status.GetPayload(kObjectPayload);
+  int index = 0;
+  if (!payload || !absl::SimpleAtoi(std::string(*payload), &index)) return std::nullopt;
+  return index;
 }
 
 CatalogStore::CatalogStore(std::unique_ptr<Catalog> catalog,
@@ -77,24 +90,24 @@ absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr
                                                                  const StoreOptions& options) {
   std::unique_ptr<CatalogStore> store(
       new CatalogStore(std::move(catalog), std::move(preparer), options));
-  HOROPTER_ASSIGN_OR_RETURN(const auto published, store->LoadAll(options.stop));
-  HOROPTER_ASSIGN_OR_RETURN(published->snapshot.generation, store->catalog_->Generation());
-  store->published_ = published;
+  HOROPTER_ASSIGN_OR_RETURN(WriterState state, store->LoadAll(options.stop));
+  store->published_ = state.published;
+  store->writer_ = std::move(state);
   return store;
 }
 
-absl::StatusOr<std::shared_ptr<PublishedCatalog>> CatalogStore::LoadAll(const StopRequested& stop) {
+absl::StatusOr<WriterState> CatalogStore::LoadAll(const StopRequested& stop) {
   const StopScope scope(stop);
   auto published = std::make_shared<PublishedCatalog>();
   load_report_ = {};
+  HOROPTER_ASSIGN_OR_RETURN(published->snapshot.generation, catalog_->Generation());
   HOROPTER_ASSIGN_OR_RETURN(const int objects, catalog_->CountObjects());
   load_report_.resident = objects <= options_.max_resident;
   KeyCollection keys;
   HOROPTER_RETURN_IF_ERROR(load_report_.resident ? LoadResident(published.get(), &keys)
                                                  : LoadStored(published.get(), &keys));
-  HOROPTER_RETURN_IF_ERROR(BuildIndex(published.get(), std::move(keys)));
-  free_slots_.clear();
-  return published;
+  HOROPTER_ASSIGN_OR_RETURN(KeyIndex index, BuildIndex(published.get(), std::move(keys)));
+  return WriterState{std::move(published), std::move(index), {}};
 }
 
 void CatalogStore::LeaveOut(const std::string& id,
@@ -218,27 +231,69 @@ std::shared_ptr<const PublishedCatalog> CatalogStore::Published() const {
   return published_;
 }
 
-absl::Status CatalogStore::Create(const CatalogRecord& record) {
+absl::Status CatalogStore::Create(CatalogRecord record) {
+  std::vector<CatalogRecord> one;
+  one.push_back(std::move(record));
+  return Create(std::move(one));
+}
+
+absl::Status CatalogStore::Create(std::vector<CatalogRecord> records,
+                                  const RepeatableRequest& request,
+                                  const BeforeCommit& before_commit,
+                                  const StopRequested& stop) {
   // A taken id is told before the time of a preparation is spent; the database decides in the end.
-  if (catalog_->GetSummary(record.model.id).ok()) {
-    return absl::AlreadyExistsError(
-        absl::StrCat("object '", record.model.id, "' is already in the catalog"));
+  for (size_t i = 0; i < records.size(); ++i) {
+    const std::string& id = records[i].model.id;
+    if (catalog_->GetSummary(id).ok()) {
+      return AtObject(
+          i, absl::AlreadyExistsError(absl::StrCat("object '", id, "' is already in the catalog")));
+    }
   }
-  HOROPTER_ASSIGN_OR_RETURN(Prepared prepared, preparer_.prepare(record.model));
-  const DerivedData derived = Derive(*prepared);
+  const int count = static_cast<int>(records.size());
+  HOROPTER_RETURN_IF_ERROR(CheckRoomFor(count));
+  std::vector<absl::StatusOr<Prepared>> prepared(count, absl::CancelledError("stopped"));
+  std::vector<Catalog::NewObject> objects(count);
+  ParallelFor(count, options_.threads, [&](int i) {
+    if (IsStopRequested(stop)) return;
+    prepared[i] = preparer_.prepare(records[i].model);
+    if (prepared[i].ok()) objects[i].derived = Derive(**prepared[i]);
+  });
+  for (int i = 0; i < count; ++i) {
+    if (!prepared[i].ok()) return AtObject(i, prepared[i].status());
+    objects[i].record = std::move(records[i]);
+    CadSource& source = objects[i].record.source;
+    absl::StatusOr<CadSource> hashed = WithHash(std::move(source));
+    if (!hashed.ok()) return AtObject(i, hashed.status());
+    source = *std::move(hashed);
+  }
   const std::lock_guard lock(write_mutex_);
   const StopScope shield(kNeverStops);  // what is committed is published
-  HOROPTER_RETURN_IF_ERROR(catalog_->CreateObject(record, derived));
-  Publish(record.model.id, std::move(prepared));
+  HOROPTER_RETURN_IF_ERROR(CheckRoomFor(count));
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, NextGeneration());
+  CatalogDraft draft(*writer_, preparer_);
+  for (int i = 0; i < count; ++i) {
+    CatalogRecord& record = objects[i].record;
+    HOROPTER_RETURN_IF_ERROR(
+        AtObject(i, draft.Put(record.model.id, *prepared[i], HandleFor(record.model.id))));
+    record.revision = generation;
+    if (before_commit) HOROPTER_RETURN_IF_ERROR(AtObject(i, before_commit(record)));
+  }
+  HOROPTER_ASSIGN_OR_RETURN(WriterState next, std::move(draft).Finish(generation));
+  HOROPTER_RETURN_IF_ERROR(catalog_->CreateObjects(objects, request));
+  Adopt(std::move(next));
   return absl::OkStatus();
 }
 
 absl::Status CatalogStore::Update(const std::string& id,
                                   const UpdateParts& parts,
-                                  const MergeFunction& merge) {
+                                  const MergeFunction& merge,
+                                  const BeforeCommit& before_commit) {
   const std::lock_guard lock(write_mutex_);
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord current, catalog_->GetObject(id));
-  HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord changed, merge(std::move(current)));
+  HOROPTER_ASSIGN_OR_RETURN(CatalogRecord changed, merge(std::move(current)));
+  if (parts.source) {
+    HOROPTER_ASSIGN_OR_RETURN(changed.source, WithHash(std::move(changed.source)));
+  }
   absl::StatusOr<Prepared> prepared = absl::NotFoundError("no derived data");
   if (!parts.geometry) {  // what was derived of it holds on
     const absl::StatusOr<DerivedData> stored = catalog_->GetDerived(id);
@@ -249,17 +304,26 @@ absl::Status CatalogStore::Update(const std::string& id,
   const DerivedData derived = Derive(**prepared);
   const StopScope shield(kNeverStops);
   KeepPublished(id);
+  HOROPTER_ASSIGN_OR_RETURN(changed.revision, NextGeneration());
+  HOROPTER_ASSIGN_OR_RETURN(WriterState next, WithObject(id, *prepared));
+  if (before_commit) HOROPTER_RETURN_IF_ERROR(before_commit(changed));
   HOROPTER_RETURN_IF_ERROR(catalog_->UpdateObject(changed, parts, derived));
-  Publish(id, *std::move(prepared));
+  Adopt(std::move(next));
   return absl::OkStatus();
 }
 
-absl::Status CatalogStore::Delete(const std::string& id) {
+absl::Status CatalogStore::Delete(const std::string& id, const DeleteCheck& check) {
   const std::lock_guard lock(write_mutex_);
   const StopScope shield(kNeverStops);
+  HOROPTER_ASSIGN_OR_RETURN(const ObjectSummary current, catalog_->GetSummary(id));
+  if (check) HOROPTER_RETURN_IF_ERROR(check(current.record));
   KeepPublished(id);
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, NextGeneration());
+  CatalogDraft draft(*writer_, preparer_);
+  draft.Remove(id);
+  HOROPTER_ASSIGN_OR_RETURN(WriterState next, std::move(draft).Finish(generation));
   HOROPTER_RETURN_IF_ERROR(catalog_->DeleteObject(id));
-  Publish(id, nullptr);
+  Adopt(std::move(next));
   return absl::OkStatus();
 }
 
@@ -274,8 +338,9 @@ absl::StatusOr<bool> CatalogStore::Rebuild(const std::string& id) {
                        stored->data != made.data || stored->keys != made.keys;
   const StopScope shield(kNeverStops);
   KeepPublished(id);
-  if (differs) HOROPTER_RETURN_IF_ERROR(catalog_->StoreDerived({{id, made}}));
-  Publish(id, std::move(prepared));
+  HOROPTER_ASSIGN_OR_RETURN(WriterState next, WithObject(id, prepared));
+  HOROPTER_RETURN_IF_ERROR(catalog_->StoreDerived({{id, made}}, /*counts=*/true));
+  Adopt(std::move(next));
   return differs;
 }
 
@@ -283,10 +348,8 @@ absl::Status CatalogStore::Restore(const std::string& path) {
   const std::lock_guard lock(write_mutex_);
   const StopScope shield(kNeverStops);
   HOROPTER_RETURN_IF_ERROR(catalog_->Restore(path));
-  HOROPTER_ASSIGN_OR_RETURN(const auto next, LoadAll(kNeverStops));
-  next->snapshot.generation = Published()->snapshot.generation + 1;
-  const std::lock_guard publishing(published_mutex_);
-  published_ = next;
+  HOROPTER_ASSIGN_OR_RETURN(WriterState next, LoadAll(kNeverStops));
+  Adopt(std::move(next));
   return absl::OkStatus();
 }
 
@@ -328,17 +391,16 @@ absl::Status CatalogStore::CheckDerived(const std::string& id,
   return absl::DataLossError("the derived data differ from what the geometry gives");
 }
 
-absl::Status CatalogStore::BuildIndex(PublishedCatalog* published, KeyCollection keys) {
+absl::StatusOr<KeyIndex> CatalogStore::BuildIndex(PublishedCatalog* published, KeyCollection keys) {
   CatalogSnapshot& snapshot = published->snapshot;
   snapshot.slots.resize(published->ids.size());
   std::iota(snapshot.slots.begin(), snapshot.slots.end(), 0);
-  HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, catalog_->Generation());
-  absl::StatusOr<KeyIndex> built = KeyIndex::FromCollection(
-      std::move(keys), static_cast<uint32_t>(generation), options_.threads);
-  if (!built.ok()) return built.status();
-  index_ = *std::move(built);
-  snapshot.keys = index_->Snapshot();
-  return absl::OkStatus();
+  HOROPTER_ASSIGN_OR_RETURN(
+      KeyIndex built,
+      KeyIndex::FromCollection(
+          std::move(keys), static_cast<uint32_t>(snapshot.generation), options_.threads));
+  snapshot.keys = built.Snapshot();
+  return built;
 }
 
 absl::Status CatalogStore::CheckIndex(const StopRequested& stop) const {
@@ -383,70 +445,38 @@ absl::StatusOr<std::vector<int>> CatalogStore::LookAlikeCandidates(
   return candidates;
 }
 
-void CatalogStore::EraseKeys(const CatalogSnapshot& snapshot, int at) {
-  const int slot = snapshot.slots[at];
-  absl::StatusOr<Prepared> object = ObjectAt(snapshot, at);
-  if (object.ok() && index_->Erase(slot, preparer_.keys_of(**object)).ok()) return;
-  // An object that can no longer be read, or whose keys were not those of its geometry.
-  index_->EraseSlot(slot);
+absl::Status CatalogStore::CheckRoomFor(int more) const {
+  HOROPTER_ASSIGN_OR_RETURN(const int objects, catalog_->CountObjects());
+  if (objects + more <= options_.max_objects) return absl::OkStatus();
+  return LimitExceeded(
+      "max_objects",
+      absl::StrCat("the catalog holds ", objects, " objects, at most ", options_.max_objects));
 }
 
-void CatalogStore::Publish(const std::string& id, Prepared prepared) {
+absl::StatusOr<int64_t> CatalogStore::NextGeneration() {
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, catalog_->Generation());
+  return generation + 1;
+}
+
+std::shared_ptr<const StoredObject> CatalogStore::HandleFor(const std::string& id) {
+  return load_report_.resident ? nullptr : Handle(id);
+}
+
+absl::StatusOr<WriterState> CatalogStore::WithObject(const std::string& id,
+                                                     const Prepared& prepared) {
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, NextGeneration());
+  CatalogDraft draft(*writer_, preparer_);
+  HOROPTER_RETURN_IF_ERROR(draft.Put(id, prepared, HandleFor(id)));
+  return std::move(draft).Finish(generation);
+}
+
+void CatalogStore::Adopt(WriterState&& state) noexcept {
   CrashPoint("store.before_publish");
-  auto next = std::make_shared<PublishedCatalog>(*Published());
-  CatalogSnapshot& snapshot = next->snapshot;
-  // The file's number, so that it goes on after a restart; in any case a larger one.
-  const absl::StatusOr<int64_t> counted = catalog_->Generation();
-  snapshot.generation =
-      std::max<long>(snapshot.generation + 1, counted.ok() ? static_cast<long>(*counted) : 0);
-  next->unusable.erase(id);
-  const bool resident = load_report_.resident;
-  const auto at = std::lower_bound(next->ids.begin(), next->ids.end(), id) - next->ids.begin();
-  const bool known = at != std::ssize(next->ids) && next->ids[at] == id;
-  // Keys were checked when they were made or read: the tree has no reason to refuse them.
-  absl::Status indexed;
-  if (known) {
-    const int slot = snapshot.slots[at];
-    EraseKeys(snapshot, static_cast<int>(at));
-    if (prepared != nullptr) {
-      indexed.Update(index_->Insert(slot, preparer_.keys_of(*prepared)));
-      if (resident) {
-        snapshot.objects[at] = std::move(prepared);
-      } else {
-        snapshot.stored[at] = Handle(id);
-      }
-    } else {
-      free_slots_.push_back(slot);
-      if (resident) {
-        snapshot.objects.erase(snapshot.objects.begin() + at);
-      } else {
-        snapshot.stored.erase(snapshot.stored.begin() + at);
-      }
-      snapshot.slots.erase(snapshot.slots.begin() + at);
-      next->ids.erase(next->ids.begin() + at);
-    }
-  } else if (prepared != nullptr) {
-    int slot = static_cast<int>(next->ids.size());  // every lower one is in use or free
-    if (!free_slots_.empty()) {
-      slot = free_slots_.back();
-      free_slots_.pop_back();
-    }
-    indexed.Update(index_->Insert(slot, preparer_.keys_of(*prepared)));
-    if (resident) {
-      snapshot.objects.insert(snapshot.objects.begin() + at, std::move(prepared));
-    } else {
-      snapshot.stored.insert(snapshot.stored.begin() + at, Handle(id));
-    }
-    snapshot.slots.insert(snapshot.slots.begin() + at, slot);
-    next->ids.insert(next->ids.begin() + at, id);
-  }
-  indexed.Update(index_->RefreshTransforms(static_cast<uint32_t>(snapshot.generation)));
-  if (!indexed.ok()) spdlog::error("index of {}: {}", id, std::string(indexed.message()));
-  snapshot.keys = index_->Snapshot();
   {
     const std::lock_guard lock(published_mutex_);
-    published_ = std::move(next);
+    published_ = state.published;
   }
+  writer_ = std::move(state);
   CrashPoint("store.after_publish");
 }
 

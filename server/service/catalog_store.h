@@ -13,20 +13,11 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "db/catalog.h"
+#include "server/base/stop_token.h"
 #include "server/pipeline/pipeline.h"
+#include "server/service/catalog_draft.h"
 
 namespace horopter {
-
-// What a request works on. ids[i] names snapshot.objects[i]; ordered.
-struct PublishedCatalog {
-  CatalogSnapshot snapshot;
-  std::vector<std::string> ids;
-  // Objects of the catalog that are left out, and why: damaged (their digest differs), or of a
-  // geometry that cannot be prepared.
-  std::map<std::string, std::string> unusable;
-
-  bool Contains(const std::string& id) const;
-};
 
 // What Load did.
 struct LoadReport {
@@ -44,10 +35,13 @@ struct StoreOptions {
   // are asked for, and as many as this stay. Raising it costs 0.2 MB an object, more for large
   // meshes.
   int max_resident = 5000;
+  // A catalog that holds as many takes no more; one that holds more already is served.
+  int max_objects = 5000;
 };
 
-// A write is committed to SQLite first, the derived data with it, and published then; only the
-// object that changed is prepared anew. Thread-safe; readers hold a shared_ptr and wait for nobody.
+// A write makes the next published state first, then is committed to SQLite, the derived data with
+// it, and takes the other's place then, which cannot fail; only the object that changed is prepared
+// anew. Thread-safe; readers hold a shared_ptr and wait for nobody.
 class CatalogStore {
  public:
   // Loads all objects from their derived data, or their keys, and prepares and stores anew what is
@@ -60,16 +54,33 @@ class CatalogStore {
 
   std::shared_ptr<const PublishedCatalog> Published() const;
 
-  // Errors: INVALID_ARGUMENT, ALREADY_EXISTS.
-  absl::Status Create(const CatalogRecord& record);
+  // Told what is about to be committed, its revision set, while no other write is under way. An
+  // error ends the write, and nothing has changed. Whatever an answer needs is made here: after the
+  // commit nothing can fail.
+  using BeforeCommit = std::function<absl::Status(const CatalogRecord& written)>;
+
+  // All of them or none. Errors: INVALID_ARGUMENT, ALREADY_EXISTS, CANCELLED, RESOURCE_EXHAUSTED
+  // (max_objects), those of before_commit, which is called for each in order; ObjectOf says which
+  // object an error is of.
+  absl::Status Create(std::vector<CatalogRecord> records,
+                      const RepeatableRequest& request = {},
+                      const BeforeCommit& before_commit = {},
+                      const StopRequested& stop = {});
+  absl::Status Create(CatalogRecord record);
+  static std::optional<int> ObjectOf(const absl::Status& status);
 
   // Reads the object, lets `merge` change it and writes the parts, with no other write in between.
-  // Errors: NOT_FOUND, INVALID_ARGUMENT, those of `merge`.
+  // Errors: NOT_FOUND, INVALID_ARGUMENT, those of `merge` and before_commit.
   using MergeFunction = std::function<absl::StatusOr<CatalogRecord>(CatalogRecord current)>;
-  absl::Status Update(const std::string& id, const UpdateParts& parts, const MergeFunction& merge);
+  absl::Status Update(const std::string& id,
+                      const UpdateParts& parts,
+                      const MergeFunction& merge,
+                      const BeforeCommit& before_commit = {});
 
-  // Errors: NOT_FOUND.
-  absl::Status Delete(const std::string& id);
+  // `check` sees the object as it is, without geometry; its error ends the call. Errors: NOT_FOUND,
+  // those of `check`.
+  using DeleteCheck = std::function<absl::Status(const CatalogRecord& current)>;
+  absl::Status Delete(const std::string& id, const DeleteCheck& check = {});
 
   // Prepares the object anew, stores its derived data when they differ from those in the catalog,
   // and publishes it. True: they differed. Errors: NOT_FOUND, INVALID_ARGUMENT.
@@ -120,7 +131,7 @@ class CatalogStore {
                const StoreOptions& options);
 
   // Everything from the database. Needs write_mutex_, or nobody else to have the store.
-  absl::StatusOr<std::shared_ptr<PublishedCatalog>> LoadAll(const StopRequested& stop);
+  absl::StatusOr<WriterState> LoadAll(const StopRequested& stop);
   // Both leave the keys of the published objects in `keys`.
   absl::Status LoadResident(PublishedCatalog* published, KeyCollection* keys);
   absl::Status LoadStored(PublishedCatalog* published, KeyCollection* keys);
@@ -135,13 +146,20 @@ class CatalogStore {
   void KeepPublished(const std::string& id);
   DerivedData Derive(const PreparedObject& object) const;
 
-  // The index over all published objects, built at once. Errors: INTERNAL.
-  absl::Status BuildIndex(PublishedCatalog* published, KeyCollection keys);
+  // The index over all published objects, built at once; the objects get their slots in it. Errors:
+  // INTERNAL.
+  absl::StatusOr<KeyIndex> BuildIndex(PublishedCatalog* published, KeyCollection keys);
 
-  // Replaces (prepared set) or removes (prepared empty) one object. Needs write_mutex_.
-  void Publish(const std::string& id, Prepared prepared);
-  // Takes the object's keys out of the index.
-  void EraseKeys(const CatalogSnapshot& snapshot, int at);
+  absl::Status CheckRoomFor(int more) const;
+  // Number of the write that is under way. Needs write_mutex_.
+  absl::StatusOr<int64_t> NextGeneration();
+  // Null while all objects are in memory.
+  std::shared_ptr<const StoredObject> HandleFor(const std::string& id);
+
+  // The present state with the object put in its place. Needs write_mutex_.
+  absl::StatusOr<WriterState> WithObject(const std::string& id, const Prepared& prepared);
+  // What readers see from now on. Needs write_mutex_.
+  void Adopt(WriterState&& state) noexcept;
 
   const std::unique_ptr<Catalog> catalog_;
   const ObjectPreparer preparer_;
@@ -152,9 +170,8 @@ class CatalogStore {
   std::vector<Prepared> recent_;  // guarded by recent_mutex_: objects read last, a ring
   size_t next_recent_ = 0;        // guarded by recent_mutex_
 
-  std::mutex write_mutex_;         // one writer from commit to publication
-  std::optional<KeyIndex> index_;  // guarded by write_mutex_; set by Load
-  std::vector<int> free_slots_;    // guarded by write_mutex_
+  std::mutex write_mutex_;             // one writer from commit to publication
+  std::optional<WriterState> writer_;  // guarded by write_mutex_; set by Load
   mutable std::mutex published_mutex_;
   std::shared_ptr<const PublishedCatalog> published_;  // guarded by published_mutex_
 };

@@ -14,6 +14,7 @@ class Explanation;
 class RecognizeSceneRequest;
 class RecognizeSceneResponse;
 class RigidTransform;
+class Vector3;
 }  // namespace horopter::v1
 
 namespace horopter {
@@ -27,6 +28,7 @@ absl::StatusOr<std::string> ObjectIdFromName(std::string_view name, std::string_
 // Quaternions are normalised. Errors: INVALID_ARGUMENT naming `field` (no rotation, not finite,
 // norm off by more than 1 %).
 absl::StatusOr<Rigid3> RigidFromProto(const v1::RigidTransform& proto, std::string_view field);
+void VectorToProto(const Eigen::Vector3d& v, v1::Vector3* proto);
 // w >= 0.
 void RigidToProto(const Rigid3& a_from_b, v1::RigidTransform* proto);
 
@@ -39,9 +41,20 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
 
 void ExplanationToProto(const AnswerExplanation& explanation, v1::Explanation* proto);
 
+struct AnswerFormat {
+  bool full = true;        // false: ANSWER_VIEW_BASIC
+  double min_score = 0.0;  // of the objects that are told
+};
+// Errors: INVALID_ARGUMENT naming the field.
+absl::StatusOr<AnswerFormat> AnswerFormatFromProto(const v1::RecognizeSceneRequest& proto);
+
 // Objects are ordered by id and instance. `request` gives the image sizes.
 void SceneAnswerToProto(const SceneAnswer& answer,
                         const SceneRequest& request,
+                        const AnswerFormat& format,
                         v1::RecognizeSceneResponse* proto);
+
+// What the request says of each image that is only given back. The answer has all its cameras.
+void EchoImages(const v1::RecognizeSceneRequest& request, v1::RecognizeSceneResponse* proto);
 
 }  // namespace horopter

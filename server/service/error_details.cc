@@ -37,6 +37,8 @@ std::string ErrorReason(const absl::Status& status) {
       return ErrorField(status).empty() ? "REQUEST_INVALID" : "FIELD_INVALID";
     case absl::StatusCode::kResourceExhausted:
       return RetryAfter(status).empty() ? "LIMIT_EXCEEDED" : "SERVER_BUSY";
+    case absl::StatusCode::kAborted:
+      return "ETAG_MISMATCH";
     case absl::StatusCode::kUnavailable:
       return "SERVER_STOPPING";
     case absl::StatusCode::kDataLoss:
@@ -55,13 +57,16 @@ std::string ErrorReason(const absl::Status& status) {
   }
 }
 
-std::string ErrorDetails(const absl::Status& status) {
+std::string ErrorDetails(const absl::Status& status, std::string_view request_id) {
   v1::Status out;
   out.set_code(static_cast<int32_t>(status.code()));
   out.set_message(ShortText(std::string(status.message())));
   v1::ErrorInfo info;
   info.set_reason(ErrorReason(status));
   info.set_domain("horopter");
+  if (const std::string limit = LimitOf(status); !limit.empty()) {
+    (*info.mutable_metadata())["limit"] = limit;
+  }
   AddDetail("ErrorInfo", info, &out);
   if (const std::string field = ErrorField(status); !field.empty()) {
     v1::BadRequest bad;
@@ -76,6 +81,11 @@ std::string ErrorDetails(const absl::Status& status) {
     *retry.mutable_retry_delay() =
         google::protobuf::util::TimeUtil::MillisecondsToDuration(retry_ms);
     AddDetail("RetryInfo", retry, &out);
+  }
+  if (!request_id.empty()) {
+    v1::RequestInfo request;
+    request.set_request_id(std::string(request_id));
+    AddDetail("RequestInfo", request, &out);
   }
   return out.SerializeAsString();
 }

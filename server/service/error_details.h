@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 
 #include "absl/status/status.h"
 
@@ -11,6 +12,7 @@ namespace horopter {
 std::string ErrorReason(const absl::Status& status);
 
 // The details of a failed call as google.rpc.Status, serialised (errors.proto); at most 4 KiB.
-std::string ErrorDetails(const absl::Status& status);
+// `request_id`: of the call in the server's log; empty: not told.
+std::string ErrorDetails(const absl::Status& status, std::string_view request_id = {});
 
 }  // namespace horopter

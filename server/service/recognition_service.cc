@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "server/base/status_macros.h"
 #include "server/service/answer_overlay.h"
 #include "server/service/convert.h"
@@ -53,9 +54,10 @@ StageReport DecodeReport(std::chrono::steady_clock::time_point start, const Scen
   return report;
 }
 
-// Draws the answer and says how long it took.
+// Draws what is told of the answer and says how long it took.
 absl::Status AddDrawings(const v1::RecognizeSceneRequest& request,
                          const SceneRequest& scene,
+                         const AnswerFormat& format,
                          const CatalogStore& store,
                          const CatalogSnapshot& catalog,
                          PipelineResult* result,
@@ -75,23 +77,30 @@ absl::Status AddDrawings(const v1::RecognizeSceneRequest& request,
     }
     return at->second == nullptr ? nullptr : &store.ModelOf(*at->second);
   };
+  SceneAnswer told = result->answer;
+  std::erase_if(told.objects, [&](const AnswerObject& o) { return o.score < format.min_score; });
   HOROPTER_RETURN_IF_ERROR(
-      AddOverlays(request.overlay(), scene, DrawAnswer(result->answer, scene, models), response));
+      AddOverlays(request.overlay(), scene, DrawAnswer(told, scene, models), response));
   StageReport& report = result->answer.stages.emplace_back();
   report.stage = "overlay";
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return absl::OkStatus();
 }
 
-void DescribeAnswer(const v1::RecognizeSceneResponse& response, RequestRecord* record) {
-  constexpr size_t kPrefix = sizeof("SCENE_STATE_") - 1;
-  record->state = v1::SceneState_Name(response.state()).substr(kPrefix);
+// Stages are not in every view of the answer.
+void DescribeAnswer(const v1::RecognizeSceneResponse& response,
+                    const std::vector<StageReport>& stages,
+                    RequestRecord* record) {
+  constexpr size_t kPrefix = sizeof("KIND_") - 1;
+  for (const v1::SceneReason& reason : response.reasons()) {
+    record->reasons.push_back(v1::SceneReason::Kind_Name(reason.kind()).substr(kPrefix));
+  }
+  record->state =
+      response.objects_size() > 0 || record->reasons.empty() ? "RECOGNIZED" : record->reasons[0];
+  record->time_limited = response.completeness() == v1::COMPLETENESS_TIME_LIMITED;
   record->objects = response.objects_size();
   record->catalog_generation = response.catalog_generation();
-  for (const v1::StageReport& s : response.stages()) {
-    record->stages.emplace_back(
-        s.stage(), static_cast<double>(s.elapsed().seconds()) + 1e-9 * s.elapsed().nanos());
-  }
+  for (const StageReport& s : stages) record->stages.emplace_back(s.stage, s.seconds);
 }
 
 }  // namespace
@@ -142,6 +151,7 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
     call.record->request = &request;
     call.record->response = response;
   }
+  HOROPTER_ASSIGN_OR_RETURN(const AnswerFormat format, AnswerFormatFromProto(request));
   const std::shared_ptr<const PublishedCatalog> published = store_.Published();
   HOROPTER_ASSIGN_OR_RETURN(
       const SceneRequest scene,
@@ -155,17 +165,20 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
   result.answer.stages.insert(result.answer.stages.begin(), std::move(decode));
   if (request.has_overlay()) {
     HOROPTER_RETURN_IF_ERROR(
-        AddDrawings(request, scene, store_, published->snapshot, &result, response));
+        AddDrawings(request, scene, format, store_, published->snapshot, &result, response));
   }
-  SceneAnswerToProto(result.answer, scene, response);
+  SceneAnswerToProto(result.answer, scene, format, response);
+  EchoImages(request, response);
   response->set_request_id(call.request_id);
   response->set_catalog_generation(published->snapshot.generation);
-  spdlog::info("request={} images={} state={} objects={}",
+  DescribeAnswer(*response, result.answer.stages, call.record);
+  spdlog::info("request={} images={} state={} reasons={} time_limited={} objects={}",
                call.request_id,
                scene.images.size(),
-               v1::SceneState_Name(response->state()),
+               call.record->state,
+               absl::StrJoin(call.record->reasons, ","),
+               call.record->time_limited,
                response->objects_size());
-  DescribeAnswer(*response, call.record);
   return absl::OkStatus();
 }
 

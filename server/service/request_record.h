@@ -41,7 +41,10 @@ struct RequestRecord {
   // Of RecognizeScene.
   int images = 0;
   int objects = 0;
-  std::string state;  // RECOGNIZED, ..; empty without an answer
+  // RECOGNIZED, or the first of the reasons why nothing is; empty without an answer.
+  std::string state;
+  std::vector<std::string> reasons;  // all of them, e.g. AMBIGUOUS
+  bool time_limited = false;
   int64_t catalog_generation = 0;
   std::vector<std::pair<std::string, double>> stages;  // seconds, in order of execution
 

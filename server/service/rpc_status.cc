@@ -12,6 +12,7 @@ namespace {
 
 constexpr char kFieldPayload[] = "horopter/error-field";
 constexpr char kRetryPayload[] = "horopter/retry-after-ms";
+constexpr char kLimitPayload[] = "horopter/limit";
 
 std::string Payload(const absl::Status& status, const char* url) {
   const auto payload = status.GetPayload(url);
@@ -34,8 +35,26 @@ absl::Status FieldError(absl::StatusCode code, std::string_view field, std::stri
   return status;
 }
 
+absl::Status PrefixField(std::string_view prefix, const absl::Status& status) {
+  const std::string field = ErrorField(status);
+  if (field.empty()) return status;
+  const std::string message(status.message());
+  absl::Status named(status.code(), absl::StrCat(std::string(prefix), message));
+  status.ForEachPayload(
+      [&](absl::string_view url, const absl::Cord& payload) { named.SetPayload(url, payload); });
+  named.SetPayload(kFieldPayload, absl::Cord(absl::StrCat(std::string(prefix), field)));
+  return named;
+}
+
 absl::Status InvalidField(std::string_view field, std::string_view what) {
   return FieldError(absl::StatusCode::kInvalidArgument, field, what);
+}
+
+absl::Status LimitExceeded(std::string_view limit, std::string_view what) {
+  absl::Status status = absl::ResourceExhaustedError(
+      absl::StrCat(std::string(what), " (limit ", std::string(limit), ")"));
+  status.SetPayload(kLimitPayload, absl::Cord(std::string(limit)));
+  return status;
 }
 
 absl::Status RetryLater(std::string_view what, int retry_after_ms) {
@@ -83,12 +102,17 @@ std::string ErrorField(const absl::Status& status) {
   return is_field ? prefix : "";
 }
 
+std::string LimitOf(const absl::Status& status) {
+  return Payload(status, kLimitPayload);
+}
+
 std::string RetryAfter(const absl::Status& status) {
   return Payload(status, kRetryPayload);
 }
 
-grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext* context) noexcept
-    try {
+grpc::Status ToRpcStatus(const absl::Status& status,
+                         grpc::CallbackServerContext* context,
+                         std::string_view request_id) noexcept try {
   if (status.ok()) return grpc::Status::OK;
   if (const std::string field = ErrorField(status); !field.empty()) {
     context->AddTrailingMetadata(kErrorFieldKey, Printable(field));
@@ -99,7 +123,7 @@ grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext
   // absl and gRPC number the canonical codes alike.
   return grpc::Status(static_cast<grpc::StatusCode>(status.code()),
                       std::string(status.message()),
-                      ErrorDetails(status));
+                      ErrorDetails(status, request_id));
 } catch (...) {
   return grpc::Status(static_cast<grpc::StatusCode>(status.code()), "");
 }

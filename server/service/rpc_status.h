@@ -24,6 +24,13 @@ absl::Status InvalidField(std::string_view field, std::string_view what);
 // The same for any code, e.g. NOT_FOUND of a candidate.
 absl::Status FieldError(absl::StatusCode code, std::string_view field, std::string_view what);
 
+// The same status with `prefix` before the field it names, if it names one: what is wrong with an
+// object is wrong with that field of the request.
+absl::Status PrefixField(std::string_view prefix, const absl::Status& status);
+
+// RESOURCE_EXHAUSTED of a documented limit of the server, by its name in ServerLimits.
+absl::Status LimitExceeded(std::string_view limit, std::string_view what);
+
 // RESOURCE_EXHAUSTED with the time after which to try again.
 absl::Status RetryLater(std::string_view what, int retry_after_ms);
 absl::Status QueueFull(int retry_after_ms);
@@ -43,8 +50,13 @@ std::string ErrorField(const absl::Status& status);
 // Milliseconds set by QueueFull; empty for any other status.
 std::string RetryAfter(const absl::Status& status);
 
+// Name set by LimitExceeded; empty for any other status.
+std::string LimitOf(const absl::Status& status);
+
 // Puts field and retry time into the context's trailing metadata and returns the status in gRPC's
 // type; where there is no memory for words the code comes alone.
-grpc::Status ToRpcStatus(const absl::Status& status, grpc::CallbackServerContext* context) noexcept;
+grpc::Status ToRpcStatus(const absl::Status& status,
+                         grpc::CallbackServerContext* context,
+                         std::string_view request_id = {}) noexcept;
 
 }  // namespace horopter

@@ -25,6 +25,7 @@ v1::ServerLimits LimitsToProto(const ServerOptions& options, const RecognitionLi
   proto.set_max_total_pixels(limits.images.max_total_pixels);
   proto.set_max_candidate_objects(kMaxCandidates);
   proto.set_max_searched_objects(PipelineOptions().max_searched_objects);
+  proto.set_max_objects(options.max_objects);
   proto.set_max_recognize_bytes(limits.max_request_bytes);
   proto.set_max_object_bytes(int64_t{options.max_object_mb} << 20);
   proto.set_memory_bytes(int64_t{options.memory_mb} << 20);
@@ -108,6 +109,7 @@ absl::Status Validate(const ServerOptions& options) {
         "memory_mb: ", options.memory_mb, " MiB hold no message of the largest size twice"));
   }
   HOROPTER_RETURN_IF_ERROR(InRange("max_resident", options.max_resident, 1, 10'000'000));
+  HOROPTER_RETURN_IF_ERROR(InRange("max_objects", options.max_objects, 1, 10'000'000));
   HOROPTER_RETURN_IF_ERROR(InRange("threads_per_request", options.threads_per_request, 1, 256));
   return InRange("load_threads", options.load_threads, 1, 256);
 }
@@ -127,10 +129,12 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   HOROPTER_RETURN_IF_ERROR(Validate(options));
   auto parts = std::make_unique<Parts>();
   const auto load = [&] {
-    return CatalogStore::Load(
-        std::move(catalog),
-        std::move(preparer),
-        {.threads = options.load_threads, .stop = stop, .max_resident = options.max_resident});
+    return CatalogStore::Load(std::move(catalog),
+                              std::move(preparer),
+                              {.threads = options.load_threads,
+                               .stop = stop,
+                               .max_resident = options.max_resident,
+                               .max_objects = options.max_objects});
   };
   HOROPTER_ASSIGN_OR_RETURN(parts->store, CatchExceptions(load));
   const LoadReport& loaded = parts->store->load_report();

@@ -44,6 +44,9 @@ struct ServerOptions {
   int threads_per_request = 2;  // decode its images
   int load_threads = 2;         // prepare the catalog at start
   int max_resident = 5000;      // objects held in memory (StoreOptions)
+  // A full catalog refuses further objects. Above max_searched_objects of the pipeline requests
+  // have to name candidates.
+  int max_objects = 5000;
   ImageLimits images;
   TelemetryOptions telemetry;  // metrics, request log, traces, recordings; none by default
 };

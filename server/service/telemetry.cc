@@ -160,6 +160,15 @@ struct Telemetry::Parts {
                                  .Name("horopter_answers_total")
                                  .Help("Answers of recognition, by state")
                                  .Register(*registry);
+  Family<Counter>& reasons = prometheus::BuildCounter()
+                                 .Name("horopter_answer_reasons_total")
+                                 .Help("Reasons why answers are less than they could be")
+                                 .Register(*registry);
+  Counter& time_limited = prometheus::BuildCounter()
+                              .Name("horopter_answers_time_limited_total")
+                              .Help("Answers that were cut short by their deadline")
+                              .Register(*registry)
+                              .Add({});
   Counter& objects = prometheus::BuildCounter()
                          .Name("horopter_objects_found_total")
                          .Help("Objects in answers")
@@ -201,6 +210,8 @@ struct Telemetry::Parts {
       refusals.Add({{"method", r.method}, {"reason", reason}}).Increment();
     }
     if (!r.state.empty()) answers.Add({{"state", r.state}}).Increment();
+    for (const std::string& reason : r.reasons) reasons.Add({{"reason", reason}}).Increment();
+    if (r.time_limited) time_limited.Increment();
     objects.Increment(r.objects);
     images.Increment(r.images);
     for (const auto& [stage, time] : r.stages) {
@@ -304,6 +315,8 @@ std::string RequestLogLine(const RequestRecord& r) {
   if (r.images > 0) line["images"] = r.images;
   if (!r.state.empty()) {
     line["state"] = r.state;
+    line["reasons"] = r.reasons;
+    line["time_limited"] = r.time_limited;
     line["objects"] = r.objects;
     line["catalog_generation"] = r.catalog_generation;
     for (const auto& [stage, time] : r.stages) line["stages_ms"][stage] = time * 1e3;

@@ -63,7 +63,7 @@ def record(programs, folder, catalog, count, threads):
         states = {}
         with horopter.Client(server.address) as client:
             for images in image_sets(count):
-                state = client.recognize(images).state
+                state = client.recognize(images).outcome
                 states[state] = states.get(state, 0) + 1
     return recordings, states
 

@@ -97,8 +97,9 @@ TEST_F(CameraFileTest, TheSameCameraIsReadFromEveryForm) {
 
 TEST_F(CameraFileTest, WhatTheServerCannotTakeIsRefusedOrSaid) {
   EXPECT_THAT(Read(Replaced(kRos, "plumb_bob", "equidistant")).status().message(),
-              HasSubstr("equidistant"));
-  EXPECT_THAT(Read(Replaced(kRos, "601.0", "700.0")).status().message(), HasSubstr("square"));
+              HasSubstr("4 coefficients"));
+  EXPECT_THAT(Read(Replaced(kRos, "plumb_bob", "thin_prism")).status().message(),
+              HasSubstr("thin_prism"));
   EXPECT_THAT(Read(Replaced(kRos, "601.0", ".nan")).status().message(), HasSubstr("finite"));
   EXPECT_THAT(Read(Replaced(kRos, "601.0, ", "")).status().message(), HasSubstr("9 numbers"));
   EXPECT_THAT(Read("image_width: 640\n").status().message(), HasSubstr("camera_matrix"));
@@ -106,10 +107,24 @@ TEST_F(CameraFileTest, WhatTheServerCannotTakeIsRefusedOrSaid) {
   EXPECT_FALSE(Read("a: [1, 2").ok());
   EXPECT_FALSE(Read("").ok());
   EXPECT_TRUE(absl::IsNotFound(ReadCameraFile("/no/such/file").status()));
-  const auto wavy = Read(Replaced(kRos, "[-0.1, 0.0", "[-0.1, 0.5"));
-  ASSERT_TRUE(wavy.ok());
-  ASSERT_EQ(wavy->warnings.size(), 1u);
-  EXPECT_THAT(wavy->warnings[0], HasSubstr("only k1"));
+}
+
+TEST_F(CameraFileTest, ALensIsTakenWholeWhereOneCoefficientIsNotEnough) {
+  EXPECT_FALSE(Read(kRos)->lens);
+  const auto wavy = Read(Replaced(kRos, "[-0.1, 0.0, 0.0", "[-0.1, 0.5, 0.01"));
+  ASSERT_TRUE(wavy.ok() && wavy->lens);
+  EXPECT_THAT(wavy->lens->coefficients, testing::ElementsAre(-0.1, 0.5, 0.01, 0.0, 0.0));
+  const auto oblong = Read(Replaced(kRos, "601.0", "700.0"));
+  ASSERT_TRUE(oblong.ok() && oblong->lens);
+  EXPECT_EQ(oblong->lens->fy, 700.0);
+  EXPECT_EQ(ScaledTo(*oblong, 320, 240)->lens->fy, 350.0);
+  const auto fisheye = Read(Replaced(Replaced(kRos, "plumb_bob", "equidistant"),
+                                     "[-0.1, 0.0, 0.0, 0.0, 0.0]",
+                                     "[0.1, 0.02, 0.0, 0.0]"));
+  ASSERT_TRUE(fisheye.ok() && fisheye->lens) << fisheye.status();
+  EXPECT_TRUE(fisheye->lens->fisheye);
+  EXPECT_EQ(fisheye->lens->coefficients[1], 0.02);
+  EXPECT_EQ(fisheye->k1, 0.0);
 }
 
 TEST_F(CameraFileTest, ASmallerImageOfTheSameCameraHasTheSameRays) {

@@ -61,8 +61,10 @@ TEST(ValidateModel, NamesTheOffendingField) {
       {"grasps[0].name", [](ObjectModel& m) { m.grasps[0].name.clear(); }},
       {"grasps[0].object_from_gripper",
        [](ObjectModel& m) { m.grasps[0].object_from_gripper.t.x() = kNan; }},
-      {"grasps[0].jaw_opening_m", [](ObjectModel& m) { m.grasps[0].jaw_opening_m = -0.01; }},
-      {"grasps[0].grip_width_m", [](ObjectModel& m) { m.grasps[0].grip_width_m = kInfinity; }},
+      {"grasps[0].parallel_jaw.jaw_opening_m",
+       [](ObjectModel& m) { m.grasps[0].jaw_opening_m = -0.01; }},
+      {"grasps[0].parallel_jaw.grip_width_m",
+       [](ObjectModel& m) { m.grasps[0].grip_width_m = kInfinity; }},
       {"grasps[0].quality", [](ObjectModel& m) { m.grasps[0].quality = 1.5; }},
   };
   for (const Damage& damage : damages) {

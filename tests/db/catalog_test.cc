@@ -146,7 +146,7 @@ TEST(Catalog, AnUpdateWritesTheChosenPartsOnly) {
   EXPECT_EQ(FirstDifference(*catalog->GetObject("box"), expected), "");
   EXPECT_EQ(*catalog->GetCadFile("box"), before.source.content);
 
-  ASSERT_TRUE(catalog->UpdateObject(other, {true, true, true, true, true}).ok());
+  ASSERT_TRUE(catalog->UpdateObject(other, {true, true, true, true, true, true}).ok());
   other.create_time = before.create_time;
   EXPECT_EQ(FirstDifference(*catalog->GetObject("box"), other), "");
   EXPECT_EQ(*catalog->GetCadFile("box"), other.source.content);

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "db/catalog.h"
+#include "server/vision/geometry/grasp_kind.h"
 #include "tests/support/sample_record.h"
 #include "tests/support/scratch_dir.h"
 
@@ -107,6 +108,7 @@ const char* const kDamage[] = {
     "UPDATE grasp SET tz = tz + 0.001 WHERE object_id = 'obj_1' AND idx = 0",
     "UPDATE grasp SET jaw_opening_m = 0.2 WHERE object_id = 'obj_1' AND idx = 0",
     "UPDATE grasp SET name = 'other' WHERE object_id = 'obj_1' AND idx = 0",
+    "UPDATE grasp SET kind = 1, cup_radius_m = 0.01 WHERE object_id = 'obj_1' AND idx = 0",
     "DELETE FROM object_digest WHERE object_id = 'obj_1'",
     "UPDATE object_digest SET sha256 = (SELECT sha256 FROM object_digest WHERE object_id = "
     "'obj_2') "
@@ -142,12 +144,70 @@ TEST(DigestTest, AnythingThatARobotUsesAndThatChangedIsDataLossOfThatObjectAlone
   }
 }
 
+TEST(DigestTest, TheCupOfASuctionGraspIsPartOfIt) {
+  const ScratchDir dir;
+  const std::string path = dir.File("a.db");
+  CatalogRecord record = SampleRecord("obj_1", 1);
+  SetSuction(0.008, &record.model.grasps[0]);
+  {
+    auto catalog = Catalog::Open(path).value();
+    ASSERT_TRUE(catalog->CreateObject(record).ok());
+    EXPECT_EQ(FirstDifference(catalog->GetObject("obj_1").value(), record), "");
+  }
+  for (const char* damage : {"UPDATE grasp SET cup_radius_m = 0.009 WHERE idx = 0",
+                             "UPDATE grasp SET cup_radius_m = 0.008, kind = 0 WHERE idx = 0"}) {
+    Tamper(path, damage);
+    EXPECT_EQ(Catalog::Open(path).value()->GetObject("obj_1").status().code(),
+              absl::StatusCode::kDataLoss)
+        << damage;
+  }
+  Tamper(path, "UPDATE grasp SET kind = 1 WHERE idx = 0");
+  EXPECT_TRUE(Catalog::Open(path).value()->GetObject("obj_1").ok());
+}
+
+// A catalog as the version before revisions left it: its objects stay as they are, each gets an
+// etag, and the digests made then still hold.
+TEST(DigestTest, ObjectsOfTheSchemaBeforeRevisionsKeepTheirDigestsAndGetRevisions) {
+  const ScratchDir dir;
+  const std::string path = dir.File("a.db");
+  int64_t before = 0;
+  {
+    auto catalog = Catalog::Open(path).value();
+    Enrol(*catalog, 0, 3);
+    before = catalog->Generation().value();
+  }
+  Tamper(path,
+         "DROP TABLE label; DROP TABLE create_request; "
+         "ALTER TABLE object DROP COLUMN revision; ALTER TABLE grasp DROP COLUMN kind; "
+         "ALTER TABLE grasp DROP COLUMN cup_radius_m; PRAGMA user_version=4");
+  Tamper(path, "UPDATE grasp SET jaw_opening_m = 0.2 WHERE object_id = 'obj_2' AND idx = 0");
+  auto catalog = Catalog::Open(path).value();
+  EXPECT_TRUE(std::filesystem::exists(path + ".schema-4.bak"));
+  for (int n = 0; n < 2; ++n) {
+    CatalogRecord expected = SampleRecord(IdOf(n), n);
+    expected.labels.clear();  // there were none
+    const CatalogRecord migrated = catalog->GetObject(IdOf(n)).value();
+    EXPECT_EQ(FirstDifference(migrated, expected), "");
+    EXPECT_EQ(migrated.revision, before + 1);
+  }
+  // What was damaged before is not made right by the migration.
+  EXPECT_EQ(catalog->GetObject("obj_2").status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(catalog->Generation().value(), before + 1);
+  CatalogRecord next = SampleRecord("obj_0", 7);
+  ASSERT_TRUE(catalog->UpdateObject(next, {.grasps = true, .labels = true}).ok());
+  EXPECT_EQ(catalog->GetObject("obj_0").value().revision, before + 2);
+  EXPECT_EQ(catalog->GetObject("obj_0").value().labels, next.labels);
+}
+
 TEST(DigestTest, ObjectsOfAnOlderSchemaGetTheirDigestsAndTheFileIsCopiedBefore) {
   const ScratchDir dir;
   const std::string path = dir.File("a.db");
   Enrol(*Catalog::Open(path).value(), 0, 3);
   // As the schema before digests left it.
-  Tamper(path, "DROP TABLE object_digest; PRAGMA user_version=3");
+  Tamper(path,
+         "DROP TABLE object_digest; DROP TABLE label; DROP TABLE create_request; "
+         "ALTER TABLE object DROP COLUMN revision; ALTER TABLE grasp DROP COLUMN kind; "
+         "ALTER TABLE grasp DROP COLUMN cup_radius_m; PRAGMA user_version=3");
   {
     auto catalog = Catalog::Open(path).value();
     EXPECT_TRUE(catalog->Verify().value().empty());

@@ -177,8 +177,8 @@ void ReportCameras(const PipelineResult& result,
 }
 
 void ReportWords(const PipelineResult& result, SceneReport* report) {
-  if (!result.answer.detail.empty()) {
-    report->notes.push_back("answer: " + result.answer.detail);
+  if (const std::string reasons = ReasonsText(result.answer); !reasons.empty()) {
+    report->notes.push_back("answer: " + reasons);
   }
   if (!result.trace.reconstruction.refusal.empty()) {
     report->notes.push_back("reconstruction: " + result.trace.reconstruction.refusal);

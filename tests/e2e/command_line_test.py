@@ -146,7 +146,7 @@ class Json(Workplace):
         self.assertEqual(self.values("catalog", "import", "e")[0]["objects"], 1)
         self.assertEqual(self.values("object", "export", "bracket", "--out", "f")[0]["objects"], ["bracket"])
         answer = self.values("recognize", "0.png")[0]
-        self.assertEqual(answer["state"], "SCENE_STATE_RECOGNIZED")
+        self.assertEqual((answer["completeness"], answer["reasons"]), ("COMPLETENESS_COMPLETE", []))
         scenes = self.values("dataset", "recognize", "parts", "val", "--scenes", "1,5", "--out", "r.csv")
         self.assertEqual([s.get("scene") for s in scenes], [1, 5, None])
         self.assertIn("ALL", self.values("dataset", "evaluate", "parts", "val", "r.csv")[0]["tiers"])

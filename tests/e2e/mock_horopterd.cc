@@ -73,8 +73,6 @@ PipelineResult MockAnswer(const SceneRequest& request, const std::string& id) {
   answer.joint_covariance = object.covariance;
   if (request.reference) answer.base_from_scene = request.reference->base_from_object;
   answer.objects.push_back(object);
-  answer.state = SceneState::kRecognized;
-  answer.detail = "1 object";
   return result;
 }
 

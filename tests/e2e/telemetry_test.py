@@ -104,6 +104,7 @@ class Metrics(Served):
         lines = [line for line in self.lines(self.log) if line["method"] == "RecognizeScene"]
         self.assertEqual(len(lines), 1)
         self.assertEqual(lines[0]["state"], "RECOGNIZED")
+        self.assertEqual((lines[0]["reasons"], lines[0]["time_limited"]), ([], False))
         self.assertEqual(lines[0]["images"], 1)
         self.assertIn("decode", lines[0]["stages_ms"])
         self.assertTrue(lines[0]["peer"].startswith("ipv4:127.0.0.1"))

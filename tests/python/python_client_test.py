@@ -124,10 +124,16 @@ class Catalog(WithServer):
         self.assertEqual([o.object_id for o in self.client.list_objects()], ["bracket"])
         self.assertEqual(self.client.server_info().object_count, 1)
         self.assertEqual(self.client.look_alikes("bracket"), [])
-        grasp = horopter.GraspModel("g", np.eye(4), 0.05, 0.02, 0.5)
-        self.client.set_grasps("bracket", [grasp])
+        self.assertTrue(enrolled.ready)
+        grasps = [horopter.GraspModel("g", np.eye(4), 0.05, 0.02, 0.5), horopter.GraspModel("s", np.eye(4), cup_radius_m=0.01)]
+        self.client.set_grasps("bracket", grasps, if_match=enrolled.etag)
         back = self.client.get_object("bracket").grasps
-        self.assertEqual([(g.name, g.quality) for g in back], [("g", 0.5)])
+        self.assertEqual([(g.name, g.quality, g.jaw_opening_m, g.cup_radius_m) for g in back],
+                         [("g", 0.5, 0.05, None), ("s", 1.0, 0.0, 0.01)])
+        with self.assertRaises(horopter.Conflict) as conflict:
+            self.client.set_grasps("bracket", [], if_match=enrolled.etag)
+        self.assertEqual((conflict.exception.reason, conflict.exception.field), ("ETAG_MISMATCH", "if_match"))
+        self.assertEqual(len(self.client.get_object("bracket").grasps), 2)
         copy = self.client.create_object("copy", self.client.get_object("bracket", full=True).raw)
         self.assertEqual(copy.diameter_m, enrolled.diameter_m)
         self.client.delete_object("bracket")
@@ -148,6 +154,28 @@ class Catalog(WithServer):
         self.assertIn(".png", str(caught.exception))
 
 
+class Answers(unittest.TestCase):
+
+    def test_reasons_and_findings_have_their_names_and_values(self):
+        pb = types.recognition_pb2
+        message = pb.RecognizeSceneResponse(completeness=pb.COMPLETENESS_TIME_LIMITED)
+        message.reasons.add(kind=pb.SceneReason.KIND_NO_PARALLAX, detail="d")
+        message.reasons.add(kind=77)
+        message.unsearched.add(cause=pb.UnsearchedStep.CAUSE_TIME, step="aspects")
+        turn = message.findings.add(object="objects/nut", detail="t").turn_undetermined
+        turn.axis_in_object.z, turn.sigma_rad = 1.0, 0.5
+        message.findings.add(image=2).focal_and_depth.focal_log_sigma = 0.1
+        message.findings.add(detail="of a later server")
+        scene = horopter.Scene.from_proto(message)
+        self.assertEqual(scene.outcome, "NO_PARALLAX,UNKNOWN,TIME_LIMITED")
+        self.assertTrue(scene.has_reason("NO_PARALLAX"))
+        self.assertEqual(scene.unsearched, ["aspects"])
+        self.assertEqual([f.kind for f in scene.findings], ["TURN_UNDETERMINED", "FOCAL_AND_DEPTH", "UNKNOWN"])
+        np.testing.assert_array_equal(scene.findings[0].values["axis_in_object"], [0, 0, 1])
+        self.assertEqual(scene.findings[0].values["sigma_rad"], 0.5)
+        self.assertEqual((scene.findings[1].image, scene.findings[1].values), (2, {"focal_log_sigma": 0.1}))
+
+
 class Recognize(WithServer):
 
     def test_the_answer_has_poses_covariances_and_grasps(self):
@@ -155,7 +183,7 @@ class Recognize(WithServer):
         with open(IMAGES[1], "rb") as file:
             as_bytes = file.read()
         scene = self.client.recognize([IMAGES[0], as_bytes, np.zeros((48, 64, 3), np.uint8)])
-        self.assertEqual(scene.state, "RECOGNIZED")
+        self.assertEqual((scene.outcome, scene.complete, scene.unsearched), ("RECOGNIZED", True, []))
         self.assertEqual((scene.cameras[2].width_px, scene.cameras[2].height_px), (64, 48))
         part = scene.objects[0]
         self.assertEqual(part.object_id, "bracket")
@@ -168,6 +196,17 @@ class Recognize(WithServer):
         self.assertEqual(len(part.images), 3)
         self.assertIsNone(part.base_from_object)
         self.assertIn("features", scene.stage_seconds)
+
+    def test_the_answer_is_as_much_as_is_asked_for(self):
+        self.enrol()
+        basic = self.client.recognize(IMAGES, full=False, gripper=horopter.Gripper(fingers_m=(0.05, 0.01, 0.005)))
+        self.assertIsNone(basic.objects[0].covariance)
+        self.assertEqual((basic.objects[0].images, basic.stage_seconds), ([], {}))
+        none = self.client.recognize(IMAGES, min_score=0.95)
+        self.assertEqual((none.objects, none.objects_below_min_score), ([], 1))
+        self.assertTrue(none.has_reason("BELOW_MIN_SCORE"))
+        lens = horopter.CameraHint(focal_px=600.0, focal_y_px=610.0, principal_point_px=(320.0, 240.0), k1=-0.1, p1=0.001)
+        self.assertTrue(all(c.rectified for c in self.client.recognize(IMAGES, hints=lens).cameras))
 
     def test_the_base_frame_comes_with_a_reference(self):
         self.enrol()
@@ -182,6 +221,13 @@ class Recognize(WithServer):
         with self.assertRaises(horopter.InvalidRequest) as caught:
             self.client.recognize(IMAGES, hints=[None, horopter.CameraHint(focal_px=-1.0)])
         self.assertEqual(caught.exception.field, "images[1].camera_hint.focal_px")
+        self.assertEqual(caught.exception.reason, "FIELD_INVALID")
+        with self.assertRaises(horopter.InvalidRequest) as caught:
+            self.client.recognize(IMAGES, hints=[None, horopter.CameraHint(focal_px=600.0, fisheye=(0.1, 0, 0, 0))])
+        self.assertEqual(caught.exception.field, "images[1].camera_hint.principal_point_x_px")
+        with self.assertRaises(horopter.InvalidRequest) as caught:
+            self.client.recognize(IMAGES, gripper=horopter.Gripper())
+        self.assertEqual(caught.exception.field, "gripper")
         with self.assertRaises(ValueError):
             self.client.recognize(IMAGES, hints=[None])
         with self.assertRaises(TypeError):

@@ -93,7 +93,7 @@ def a_scene(in_base):
                                 [grasp], {}, base_from_scene @ scene_from_object if in_base else None,
                                 3 * covariance if in_base else None)
     camera = horopter.Camera(True, 640, 480, 600.0, (320.0, 240.0), 0.0, 0.01, camera_from_scene)
-    return horopter.Scene("RECOGNIZED", "", [camera], [part], base_from_scene, None, [], {}, "r", 1, None)
+    return horopter.Scene(True, [], [], [camera], [part], base_from_scene, None, [], {}, "r", 1, None, 0, None)
 
 
 class Images(unittest.TestCase):
@@ -137,6 +137,14 @@ class Images(unittest.TestCase):
         self.assertEqual(conversions.camera_hint(info).focal_px, 300.0)
         self.assertEqual(conversions.camera_hint(info).principal_point_px, (109.75, 119.75))
         info.distortion_model = "equidistant"
+        self.assertIsNone(conversions.camera_hint(info))  # four numbers, not five
+        info.d = [0.1, 0.02, 0.003, 0.0]
+        fisheye = conversions.camera_hint(info)
+        self.assertEqual((fisheye.fisheye, fisheye.focal_px, fisheye.k1), ((0.1, 0.02, 0.003, 0.0), 300.0, None))
+        info.distortion_model, info.d = "plumb_bob", [-0.1, 0.02, 0.001, -0.002, 0.003]
+        lens = conversions.camera_hint(info).to_proto()
+        self.assertEqual((lens.k1, lens.k2, lens.p1, lens.p2, lens.k3), (-0.1, 0.02, 0.001, -0.002, 0.003))
+        info.distortion_model, info.d = "rational_polynomial", [-0.1, 0, 0, 0, 0, 0.5, 0, 0]
         self.assertIsNone(conversions.camera_hint(info))
         info.k = [0.0] * 9
         info.distortion_model = "plumb_bob"

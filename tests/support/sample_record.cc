@@ -71,6 +71,7 @@ CatalogRecord SampleRecord(const std::string& id, unsigned seed) {
   record.source.unit = "mm";
   record.source.content = std::string("ISO-10303-21;\0\xff\n", 16) + std::to_string(seed);
   record.source.size_bytes = static_cast<int64_t>(record.source.content.size());
+  record.labels["material"] = "steel " + std::to_string(seed);
   record.create_time = "2024-01-02T03:04:05Z";
   record.update_time = "2024-01-02T03:04:05.250Z";
   return record;
@@ -111,6 +112,7 @@ std::string FirstDifference(const CatalogRecord& a, const CatalogRecord& b) {
       a.source.unit != b.source.unit || a.source.size_bytes != b.source.size_bytes) {
     return "source";
   }
+  if (a.labels != b.labels) return "labels";
   if (a.create_time != b.create_time) return "create_time";
   if (a.update_time != b.update_time) return "update_time";
   return "";

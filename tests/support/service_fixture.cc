@@ -38,6 +38,8 @@ v1::Object SampleObject(const std::string& id, unsigned seed) {
   RecordToProto(record, &object);
   object.clear_create_time();
   object.clear_update_time();
+  object.clear_etag();
+  object.clear_revision();
   object.mutable_source()->set_content(record.source.content);
   return object;
 }

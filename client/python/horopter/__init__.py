@@ -12,17 +12,18 @@ pixel is (0, 0).
 """
 from .aio import AsyncClient
 from .client import Client
-from .errors import (AlreadyExists, Busy, Cancelled, DataLoss, DeadlineExceeded, HoropterError, InternalError,
+from .errors import (AlreadyExists, Busy, Cancelled, Conflict, DataLoss, DeadlineExceeded, HoropterError, InternalError,
                      InvalidRequest, NotFound, PermissionDenied, TooLarge, Unauthenticated, Unavailable)
 from .images import encode_image
 from .security import Security
 from .types import (Camera, CameraHint, CatalogObject, ExplainedEdge, ExplainedImage, Explanation, Finding, FoundGrasp,
-                    FoundObject, GraspModel, LookAlike, ObjectInImage, Reference, Scene)
+                    FoundObject, GraspModel, Gripper, LookAlike, ObjectInImage, Reason, Reference, Scene)
 
 __all__ = [
-    "AlreadyExists", "AsyncClient", "Busy", "Camera", "CameraHint", "Cancelled", "CatalogObject", "Client", "DataLoss",
-    "DeadlineExceeded", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp", "FoundObject",
-    "GraspModel", "HoropterError", "InternalError", "InvalidRequest", "LookAlike", "NotFound", "ObjectInImage",
-    "PermissionDenied", "Reference", "Scene", "Security", "TooLarge", "Unauthenticated", "Unavailable", "encode_image",
+    "AlreadyExists", "AsyncClient", "Busy", "Camera", "CameraHint", "Cancelled", "CatalogObject", "Client", "Conflict",
+    "DataLoss", "DeadlineExceeded", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp",
+    "FoundObject", "GraspModel", "Gripper", "HoropterError", "InternalError", "InvalidRequest", "LookAlike", "NotFound",
+    "ObjectInImage", "PermissionDenied", "Reason", "Reference", "Scene", "Security", "TooLarge", "Unauthenticated",
+    "Unavailable", "encode_image",
 ]
 __version__ = "@PROJECT_VERSION@"

@@ -1,6 +1,7 @@
 """Requests, as both clients send them."""
 from __future__ import annotations
 
+import uuid
 from typing import Iterable, Optional, Sequence, Union
 
 from google.protobuf import field_mask_pb2
@@ -8,19 +9,23 @@ from google.protobuf import field_mask_pb2
 from horopter.v1 import catalog_pb2, recognition_pb2
 
 from .images import ImageLike, encode_image
-from .types import CameraHint, GraspModel, Reference, matrix_to_proto, resource_name
+from .types import CameraHint, GraspModel, Gripper, Reference, matrix_to_proto, resource_name
 
 Hints = Union[None, CameraHint, Sequence[Optional[CameraHint]]]
 
 
 def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Optional[Iterable[str]],
-                      reference: Optional[Reference], overlay: Optional[str] = None,
+                      reference: Optional[Reference], gripper: Optional[Gripper] = None, min_score: float = 0.0,
+                      full: bool = True, overlay: Optional[str] = None,
                       explain: Optional[str] = None) -> recognition_pb2.RecognizeSceneRequest:
     if isinstance(images, (str, bytes)):
         raise TypeError("images is a list, also of one image")
     if overlay not in (None, "png", "svg"):
         raise ValueError("overlay is None, 'png' or 'svg'")
-    request = recognition_pb2.RecognizeSceneRequest()
+    view = recognition_pb2.ANSWER_VIEW_FULL if full else recognition_pb2.ANSWER_VIEW_BASIC
+    request = recognition_pb2.RecognizeSceneRequest(min_score=min_score, view=view)
+    if gripper is not None:
+        request.gripper.CopyFrom(gripper.to_proto())
     for image in images:
         request.images.add(content=encode_image(image))
     if isinstance(hints, CameraHint):
@@ -48,10 +53,12 @@ def get_request(object_id: str, full: bool) -> catalog_pb2.GetObjectRequest:
     return catalog_pb2.GetObjectRequest(name=resource_name(object_id), view=view)
 
 
-def grasps_request(object_id: str, grasps: Iterable[GraspModel]) -> catalog_pb2.UpdateObjectRequest:
+def grasps_request(object_id: str, grasps: Iterable[GraspModel], if_match: str) -> catalog_pb2.UpdateObjectRequest:
     wanted = catalog_pb2.Object(name=resource_name(object_id), grasps=[g.to_proto() for g in grasps])
-    return catalog_pb2.UpdateObjectRequest(object=wanted, update_mask=field_mask_pb2.FieldMask(paths=["grasps"]))
+    return catalog_pb2.UpdateObjectRequest(object=wanted, update_mask=field_mask_pb2.FieldMask(paths=["grasps"]),
+                                           if_match=if_match)
 
 
 def create_request(object_id: str, message: catalog_pb2.Object) -> catalog_pb2.CreateObjectRequest:
-    return catalog_pb2.CreateObjectRequest(object_id=object_id, object=message)
+    # A repetition of this very call, after an answer that was lost, is not a second creation.
+    return catalog_pb2.CreateObjectRequest(object_id=object_id, object=message, request_id=uuid.uuid4().hex)

@@ -15,7 +15,7 @@ from ._requests import Hints
 from .errors import Busy, from_rpc
 from .images import ImageLike
 from .security import Security, open_channel
-from .types import CatalogObject, LookAlike, Reference, Scene, resource_name
+from .types import CatalogObject, Gripper, LookAlike, Reference, Scene, resource_name
 
 
 class AsyncClient:
@@ -60,10 +60,11 @@ class AsyncClient:
 
     async def recognize(self, images: Iterable[ImageLike], hints: Hints = None,
                         candidates: Optional[Iterable[str]] = None, reference: Optional[Reference] = None,
-                        deadline_s: Optional[float] = None, overlay: Optional[str] = None,
-                        explain: Optional[str] = None) -> Scene:
+                        deadline_s: Optional[float] = None, gripper: Optional[Gripper] = None, min_score: float = 0.0,
+                        full: bool = True, overlay: Optional[str] = None, explain: Optional[str] = None) -> Scene:
         """As Client.recognize."""
-        request = _requests.recognize_request(images, hints, candidates, reference, overlay, explain)
+        request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
+                                              explain)
         return Scene.from_proto(await self._call(self._recognition.RecognizeScene, request, deadline_s))
 
     async def list_objects(self, deadline_s: Optional[float] = None) -> List[CatalogObject]:

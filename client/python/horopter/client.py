@@ -15,7 +15,7 @@ from ._requests import Hints
 from .errors import Busy, HoropterError, from_rpc
 from .images import ImageLike
 from .security import Security, open_channel
-from .types import CatalogObject, GraspModel, LookAlike, Reference, Scene, resource_name
+from .types import CatalogObject, GraspModel, Gripper, LookAlike, Reference, Scene, resource_name
 
 
 class Client:
@@ -64,15 +64,18 @@ class Client:
 
     def recognize(self, images: Iterable[ImageLike], hints: Hints = None, candidates: Optional[Iterable[str]] = None,
                   reference: Optional[Reference] = None, deadline_s: Optional[float] = None,
+                  gripper: Optional[Gripper] = None, min_score: float = 0.0, full: bool = True,
                   overlay: Optional[str] = None, explain: Optional[str] = None) -> Scene:
         """Which parts are in the images of one static scene, where, and how to grip them.
 
         images: 1 to 32 paths, encoded bytes or arrays (see encode_image); hints: one CameraHint for all images or a list
-        with one or None for each; candidates: ids to look for (default: the whole catalog); overlay: "png" (images with
-        the answer drawn on them) or "svg" (drawings to lay over them), in `Scene.overlays`; explain: id of an object of
-        which `Scene.explanation` says why it is, or is not, recognised.
+        with one or None for each; candidates: ids to look for (default: the whole catalog); gripper: what the robot grips
+        with; min_score: parts that score less are left out; full: with covariances, stages and poses per image; overlay:
+        "png" (images with the answer drawn on them) or "svg" (drawings to lay over them), in `Scene.overlays`; explain:
+        id of an object of which `Scene.explanation` says why it is, or is not, recognised.
         """
-        request = _requests.recognize_request(images, hints, candidates, reference, overlay, explain)
+        request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
+                                              explain)
         return Scene.from_proto(self._call(self._recognition.RecognizeScene, request, deadline_s))
 
     def server_info(self, deadline_s: Optional[float] = None) -> server_pb2.ServerInfo:
@@ -99,9 +102,10 @@ class Client:
         return CatalogObject.from_proto(
             self._call(self._catalog.CreateObject, _requests.create_request(object_id, message), deadline_s))
 
-    def set_grasps(self, object_id: str, grasps: Iterable[GraspModel], deadline_s: Optional[float] = None) -> None:
-        """Replaces the grasps of an object."""
-        self._call(self._catalog.UpdateObject, _requests.grasps_request(object_id, grasps), deadline_s)
+    def set_grasps(self, object_id: str, grasps: Iterable[GraspModel], deadline_s: Optional[float] = None,
+                   if_match: str = "") -> None:
+        """Replaces the grasps of an object; with if_match only while it has this etag (else Conflict)."""
+        self._call(self._catalog.UpdateObject, _requests.grasps_request(object_id, grasps, if_match), deadline_s)
 
     def delete_object(self, object_id: str, deadline_s: Optional[float] = None) -> None:
         self._call(self._catalog.DeleteObject, catalog_pb2.DeleteObjectRequest(name=resource_name(object_id)), deadline_s)

@@ -13,7 +13,7 @@ class HoropterError(Exception):
 
     code: canonical name, e.g. "INVALID_ARGUMENT"; request_id: the call in the server's log, None when the server was not
     reached; field: the offending field of the request, e.g. "images[2].content"; retry_after_s: when a new try makes
-    sense, seconds; reason: stable name for programs, e.g. "SERVER_BUSY" (ErrorInfo in errors.proto).
+    sense, seconds; reason: stable name for programs, e.g. "ETAG_MISMATCH" (ErrorInfo in errors.proto).
     """
 
     def __init__(self, code: str, message: str, request_id: Optional[str] = None, field: Optional[str] = None,
@@ -38,6 +38,10 @@ class NotFound(HoropterError):
 
 class AlreadyExists(HoropterError):
     """The id is taken."""
+
+
+class Conflict(HoropterError):
+    """The object has changed since its etag was read."""
 
 
 class Busy(HoropterError):
@@ -80,6 +84,7 @@ _CLASSES = {
     "INVALID_ARGUMENT": InvalidRequest,
     "NOT_FOUND": NotFound,
     "ALREADY_EXISTS": AlreadyExists,
+    "ABORTED": Conflict,
     "DEADLINE_EXCEEDED": DeadlineExceeded,
     "CANCELLED": Cancelled,
     "UNAVAILABLE": Unavailable,

@@ -76,8 +76,10 @@ def resource_name(id_: str) -> str:
 class CameraHint:
     """What is known about a camera; every field may be None.
 
-    focal_log_sigma: standard deviation of log(focal_px); principal_point_px: x, y; base_from_camera: 4 x 4, the camera in
-    the robot's base, with its standard deviations.
+    focal_px: fx; focal_y_px: fy (None: the same); focal_log_sigma: standard deviation of log(focal_px);
+    principal_point_px: x, y; k1, k2, p1, p2, k3: as plumb_bob of ROS's CameraInfo; fisheye: its four numbers of
+    equidistant, instead; base_from_camera: 4 x 4, the camera in the robot's base, with its standard deviations. A lens
+    beyond k1 needs focal_px and principal_point_px: the server then rectifies the image (Camera.rectified).
     """
     focal_px: Optional[float] = None
     focal_log_sigma: Optional[float] = None
@@ -86,18 +88,56 @@ class CameraHint:
     base_from_camera: Optional[np.ndarray] = None
     rotation_sigma_rad: Optional[float] = None
     position_sigma_m: Optional[float] = None
+    focal_y_px: Optional[float] = None
+    k2: Optional[float] = None
+    p1: Optional[float] = None
+    p2: Optional[float] = None
+    k3: Optional[float] = None
+    fisheye: Optional[Sequence[float]] = None
 
     def to_proto(self) -> recognition_pb2.CameraHint:
         hint = recognition_pb2.CameraHint()
-        for name in ("focal_px", "focal_log_sigma", "k1", "rotation_sigma_rad", "position_sigma_m"):
+        for name in ("focal_px", "focal_y_px", "focal_log_sigma", "k1", "k2", "p1", "p2", "k3", "rotation_sigma_rad",
+                     "position_sigma_m"):
             value = getattr(self, name)
             if value is not None:
                 setattr(hint, name, float(value))
         if self.principal_point_px is not None:
             hint.principal_point_x_px, hint.principal_point_y_px = map(float, self.principal_point_px)
+        if self.fisheye is not None:
+            hint.fisheye.k1, hint.fisheye.k2, hint.fisheye.k3, hint.fisheye.k4 = map(float, self.fisheye)
         if self.base_from_camera is not None:
             hint.camera_from_base.CopyFrom(matrix_to_proto(np.linalg.inv(self.base_from_camera)))
         return hint
+
+
+@dataclasses.dataclass
+class Gripper:
+    """What the robot grips with: grasps of other kinds are not offered, and what its way is not free for neither.
+
+    fingers_m: length, width and thickness of two parallel fingers; None: there are none. cup_length_m: of a suction cup with
+    its holder, of holder_radius_m (None: as the cup); None: there is none. approach_m: straight way to the grasp.
+    """
+    fingers_m: Optional[Tuple[float, float, float]] = None
+    max_opening_m: Optional[float] = None
+    cup_length_m: Optional[float] = None
+    holder_radius_m: Optional[float] = None
+    approach_m: Optional[float] = None
+
+    def to_proto(self) -> recognition_pb2.Gripper:
+        out = recognition_pb2.Gripper()
+        if self.fingers_m is not None:
+            jaw = out.parallel_jaw
+            jaw.finger_length_m, jaw.finger_width_m, jaw.finger_thickness_m = map(float, self.fingers_m)
+            if self.max_opening_m is not None:
+                jaw.max_opening_m = self.max_opening_m
+        if self.cup_length_m is not None:
+            out.suction.length_m = self.cup_length_m
+            if self.holder_radius_m is not None:
+                out.suction.holder_radius_m = self.holder_radius_m
+        if self.approach_m is not None:
+            out.approach_m = self.approach_m
+        return out
 
 
 @dataclasses.dataclass
@@ -109,7 +149,8 @@ class Reference:
 
 @dataclasses.dataclass
 class Camera:
-    """A recovered camera: square pixels, no skew, one radial coefficient (x_d = x (1 + k1 r^2))."""
+    """A recovered camera: square pixels, no skew, one radial coefficient (x_d = x (1 + k1 r^2)). rectified: of the image that
+    the server has rectified by its hint, not of the one that was sent."""
     recovered: bool
     width_px: int
     height_px: int
@@ -118,6 +159,7 @@ class Camera:
     k1: float
     focal_log_sigma: float
     camera_from_scene: Optional[np.ndarray]
+    rectified: bool = False
 
     @property
     def K(self) -> np.ndarray:
@@ -136,7 +178,8 @@ class Camera:
 
 @dataclasses.dataclass
 class FoundGrasp:
-    """A grasp that can be reached. Gripper frame: origin between the finger tips, z approaches, x closes."""
+    """A grasp that can be reached. Gripper frame: origin between the finger tips, z approaches, x closes; of a suction grasp
+    (cup_radius_m is set, opening and width are 0) in the middle of the rim."""
     name: str
     scene_from_gripper: np.ndarray
     scene_from_pregrasp: np.ndarray
@@ -147,6 +190,7 @@ class FoundGrasp:
     quality: float
     success: float
     symmetry_index: int
+    cup_radius_m: Optional[float] = None
 
 
 @dataclasses.dataclass
@@ -179,13 +223,16 @@ class FoundObject:
 
 @dataclasses.dataclass
 class Finding:
-    """What the scene leaves open or contradicts; kind without its prefix, e.g. "SCALE_CONFLICT"."""
+    """What the scene leaves open or contradicts; kind e.g. "SCALE_CONFLICT", "UNKNOWN" of a later server's.
+
+    values: what the kind has, by the field's name: axis_in_object and direction_in_object as arrays, the others as numbers
+    (sigma_rad, sigma_m, focal_log_sigma, size_ratio, equivalent_frames, distance_m).
+    """
     kind: str
     object_id: Optional[str]
     instance: int
     image: Optional[int]
-    direction: np.ndarray
-    value: float
+    values: Dict[str, Any]
     detail: str
 
 
@@ -225,12 +272,23 @@ class Explanation:
 
 
 @dataclasses.dataclass
-class Scene:
-    """An answer. state: RECOGNIZED, NOTHING_FOUND, AMBIGUOUS, TOO_FEW_FEATURES, NO_PARALLAX, REFERENCE_NOT_FOUND or
-    EMPTY_CATALOG. joint_covariance: (6 n) x (6 n) of all poses, in the order of `objects`. overlays: one PNG or SVG file an
-    image, where asked for. raw: the message."""
-    state: str
+class Reason:
+    """Why an answer is less than it could be: NOTHING_FOUND, AMBIGUOUS, SCALE_CONFLICT, TOO_FEW_FEATURES, NO_PARALLAX,
+    REFERENCE_NOT_FOUND, REFERENCE_CONFLICT or EMPTY_CATALOG; "UNKNOWN" of a later server's."""
+    kind: str
     detail: str
+
+
+@dataclasses.dataclass
+class Scene:
+    """An answer. complete: False when time ran short before all was searched; unsearched: what was left out, for that or
+    for the catalog's size. reasons: empty when objects were recognised and nothing is in doubt. joint_covariance:
+    (6 n) x (6 n) of all poses, in the order of `objects`. supporting_plane: normal and offset (metres) of
+    {x : normal . x = offset} in the scene frame. overlays: one PNG or SVG file an image, where asked for. raw: the
+    message."""
+    complete: bool
+    reasons: List[Reason]
+    unsearched: List[str]
     cameras: List[Camera]
     objects: List[FoundObject]
     base_from_scene: Optional[np.ndarray]
@@ -239,40 +297,61 @@ class Scene:
     stage_seconds: Dict[str, float]
     request_id: str
     catalog_generation: int
+    supporting_plane: Optional[Tuple[np.ndarray, float]]
+    objects_below_min_score: int
     raw: recognition_pb2.RecognizeSceneResponse = dataclasses.field(repr=False)
     overlays: List[bytes] = dataclasses.field(default_factory=list, repr=False)
     explanation: Optional[Explanation] = None
 
     @classmethod
     def from_proto(cls, answer: recognition_pb2.RecognizeSceneResponse) -> "Scene":
-        state = recognition_pb2.SceneState.Name(answer.state)[len("SCENE_STATE_"):]
-        return cls(state=state, detail=answer.detail, cameras=[_camera(c) for c in answer.cameras],
+        return cls(complete=answer.completeness == recognition_pb2.COMPLETENESS_COMPLETE,
+                   reasons=[_reason(r) for r in answer.reasons], unsearched=[u.step for u in answer.unsearched],
+                   cameras=[_camera(c) for c in answer.cameras],
                    objects=[_found(o) for o in answer.objects], base_from_scene=_optional(answer, "base_from_scene"),
                    joint_covariance=_covariance(answer.joint_pose_covariance),
                    findings=[_finding(f) for f in answer.findings],
                    stage_seconds={s.stage: s.elapsed.seconds + 1e-9 * s.elapsed.nanos for s in answer.stages},
                    request_id=answer.request_id, catalog_generation=answer.catalog_generation,
+                   supporting_plane=_plane(answer), objects_below_min_score=answer.objects_below_min_score,
                    overlays=[o.content for o in answer.overlays],
                    explanation=_explanation(answer.explanation) if answer.HasField("explanation") else None, raw=answer)
+
+    @property
+    def outcome(self) -> str:
+        """In one line: "RECOGNIZED", "RECOGNIZED,REFERENCE_NOT_FOUND", "NOTHING_FOUND,TIME_LIMITED"."""
+        words = ["RECOGNIZED"] * bool(self.objects) + [r.kind for r in self.reasons]
+        return ",".join(words + ["TIME_LIMITED"] * (not self.complete))
+
+    def has_reason(self, kind: str) -> bool:
+        return any(r.kind == kind for r in self.reasons)
+
+
+def _plane(answer: recognition_pb2.RecognizeSceneResponse) -> Optional[Tuple[np.ndarray, float]]:
+    if not answer.HasField("supporting_plane_in_scene"):
+        return None
+    plane = answer.supporting_plane_in_scene
+    return np.array([plane.normal.x, plane.normal.y, plane.normal.z]), plane.offset_m
 
 
 def _camera(c: recognition_pb2.Camera) -> Camera:
     return Camera(c.recovered, c.image_width_px, c.image_height_px, c.focal_px,
                   (c.principal_point_x_px, c.principal_point_y_px), c.k1, c.focal_log_sigma,
-                  _optional(c, "camera_from_scene"))
+                  _optional(c, "camera_from_scene"), c.rectified)
 
 
 def _grasp(g: recognition_pb2.RecognizedGrasp) -> FoundGrasp:
     return FoundGrasp(g.name, matrix_from_proto(g.scene_from_gripper), matrix_from_proto(g.scene_from_pregrasp),
-                      _optional(g, "base_from_gripper"), _optional(g, "base_from_pregrasp"), g.jaw_opening_m, g.grip_width_m,
-                      g.quality, g.success, g.symmetry_index)
+                      _optional(g, "base_from_gripper"), _optional(g, "base_from_pregrasp"),
+                      g.parallel_jaw.jaw_opening_m, g.parallel_jaw.grip_width_m, g.quality, g.success, g.symmetry_index,
+                      g.suction.cup_radius_m if g.HasField("suction") else None)
 
 
 def _found(o: recognition_pb2.RecognizedObject) -> FoundObject:
     images = [ObjectInImage(i.score if i.HasField("score") else None, _optional(i, "camera_from_object"),
                             _covariance(i.pose_covariance)) for i in o.images]
     counts = o.grasp_counts
-    dropped = {name: getattr(counts, name) for name in ("too_narrow", "below_plane", "blocked", "unsure")
+    dropped = {name: getattr(counts, name) for name in ("too_narrow", "below_plane", "blocked", "unsure", "other_gripper")
                if getattr(counts, name) > 0}
     return FoundObject(object_id(o.object), o.instance, o.score, matrix_from_proto(o.scene_from_object),
                        _covariance(o.pose_covariance), images, [object_id(a) for a in o.alternative_objects],
@@ -300,38 +379,52 @@ def _explanation(e: recognition_pb2.Explanation) -> Explanation:
 
 
 def _finding(f: recognition_pb2.SceneFinding) -> Finding:
-    kind = recognition_pb2.SceneFinding.Kind.Name(f.kind)[len("KIND_"):]
-    return Finding(kind, object_id(f.object) if f.object else None, f.instance,
-                   f.image if f.HasField("image") else None,
-                   np.array([f.direction.x, f.direction.y, f.direction.z]), f.value, f.detail)
+    kind = f.WhichOneof("finding")
+    values: Dict[str, Any] = {}
+    for field, value in getattr(f, kind).ListFields() if kind else ():
+        values[field.name] = np.array([value.x, value.y, value.z]) if field.message_type else value
+    return Finding(kind.upper() if kind else "UNKNOWN", object_id(f.object) if f.object else None, f.instance,
+                   f.image if f.HasField("image") else None, values, f.detail)
+
+
+def _reason(r: recognition_pb2.SceneReason) -> Reason:
+    known = r.kind in recognition_pb2.SceneReason.Kind.values()
+    return Reason(recognition_pb2.SceneReason.Kind.Name(r.kind)[len("KIND_"):] if known else "UNKNOWN", r.detail)
 
 
 @dataclasses.dataclass
 class GraspModel:
-    """A grasp as enrolled."""
+    """A grasp as enrolled: of two fingers, or of a suction cup when cup_radius_m is set."""
     name: str
     object_from_gripper: np.ndarray
-    jaw_opening_m: float
-    grip_width_m: float
+    jaw_opening_m: float = 0.0
+    grip_width_m: float = 0.0
     quality: float = 1.0
     object_from_pregrasp: Optional[np.ndarray] = None
+    cup_radius_m: Optional[float] = None
 
     def to_proto(self) -> catalog_pb2.Grasp:
         grasp = catalog_pb2.Grasp(name=self.name, object_from_gripper=matrix_to_proto(self.object_from_gripper),
-                                  jaw_opening_m=self.jaw_opening_m, grip_width_m=self.grip_width_m, quality=self.quality)
+                                  quality=self.quality)
+        if self.cup_radius_m is not None:
+            grasp.suction.cup_radius_m = self.cup_radius_m
+        else:
+            grasp.parallel_jaw.jaw_opening_m, grasp.parallel_jaw.grip_width_m = self.jaw_opening_m, self.grip_width_m
         if self.object_from_pregrasp is not None:
             grasp.object_from_pregrasp.CopyFrom(matrix_to_proto(self.object_from_pregrasp))
         return grasp
 
     @classmethod
     def from_proto(cls, g: catalog_pb2.Grasp) -> "GraspModel":
-        return cls(g.name, matrix_from_proto(g.object_from_gripper), g.jaw_opening_m, g.grip_width_m,
-                   g.quality if g.HasField("quality") else 1.0, _optional(g, "object_from_pregrasp"))
+        return cls(g.name, matrix_from_proto(g.object_from_gripper), g.parallel_jaw.jaw_opening_m,
+                   g.parallel_jaw.grip_width_m, g.quality if g.HasField("quality") else 1.0,
+                   _optional(g, "object_from_pregrasp"), g.suction.cup_radius_m if g.HasField("suction") else None)
 
 
 @dataclasses.dataclass
 class CatalogObject:
-    """An enrolled part. edges: polylines (n x 3, metres) in the object's frame; empty in lists. raw: the message."""
+    """An enrolled part. edges: polylines (n x 3, metres) in the object's frame; empty in lists. etag: for if_match; ready:
+    recognition looks for it (else raw.recognition_status.reason says why not). raw: the message."""
     object_id: str
     display_name: str
     diameter_m: float
@@ -341,6 +434,9 @@ class CatalogObject:
     symmetries: List[np.ndarray]
     grasps: List[GraspModel]
     edges: List[np.ndarray]
+    etag: str
+    labels: Dict[str, str]
+    ready: bool
     raw: catalog_pb2.Object = dataclasses.field(repr=False)
 
     @classmethod
@@ -348,7 +444,8 @@ class CatalogObject:
         return cls(object_id(o.name), o.display_name, o.diameter_m, o.vertex_count, o.edge_count, o.triangle_count,
                    [matrix_from_proto(s) for s in o.object_from_symmetric_object],
                    [GraspModel.from_proto(g) for g in o.grasps],
-                   [np.array(e.polyline_m, dtype=float).reshape(-1, 3) for e in o.edges], o)
+                   [np.array(e.polyline_m, dtype=float).reshape(-1, 3) for e in o.edges], o.etag, dict(o.labels),
+                   o.recognition_status.state == catalog_pb2.RecognitionStatus.STATE_READY, o)
 
 
 @dataclasses.dataclass

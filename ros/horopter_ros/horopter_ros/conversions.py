@@ -7,6 +7,8 @@ import numpy as np
 from horopter import CameraHint
 from horopter.types import quaternion_of
 
+SQUARE = 1e-3  # pixels whose sides differ by less count as square
+
 # encoding of sensor_msgs/Image -> (numpy type, channels, order of red, green, blue or None for grey)
 ENCODINGS = {
     "mono8": (np.uint8, 1, None),
@@ -45,27 +47,40 @@ def image_array(image):
 def camera_hint(info, base_from_camera=None, rectified=False):
     """CameraHint of a sensor_msgs/CameraInfo, or of None.
 
-    Raw images are described by K and D; rectified ones by P, without distortion. An uncalibrated camera (K all 0) gives no
-    intrinsics; a model other than plumb_bob or rational_polynomial no intrinsics either: its images should be rectified.
-    base_from_camera: 4 x 4, of the optical frame.
+    Raw images are described by K and D (plumb_bob, its first five numbers of rational_polynomial, or equidistant); rectified
+    ones by P, without distortion. An uncalibrated camera (K all 0) gives no intrinsics; a rational_polynomial that needs its
+    further numbers, or another model, none either: its images should be rectified. base_from_camera: 4 x 4, of the optical
+    frame.
     """
     hint = CameraHint(base_from_camera=base_from_camera)
+    unknown = hint if base_from_camera is not None else None
     if info is None:
-        return hint if base_from_camera is not None else None
+        return unknown
     if rectified:
-        fx, cx, fy, cy, k1 = info.p[0], info.p[2], info.p[5], info.p[6], 0.0
+        fx, cx, fy, cy, d = info.p[0], info.p[2], info.p[5], info.p[6], []
     else:
-        fx, cx, fy, cy = info.k[0], info.k[2], info.k[4], info.k[5]
-        k1 = info.d[0] if len(info.d) > 0 else 0.0
-        if info.distortion_model not in ("", "plumb_bob", "rational_polynomial") or any(info.d[5:]):
-            return hint if base_from_camera is not None else None
-    if fx <= 0.0 or fy <= 0.0:
-        return hint if base_from_camera is not None else None
+        fx, cx, fy, cy, d = info.k[0], info.k[2], info.k[4], info.k[5], list(info.d)
+    fisheye = not rectified and info.distortion_model == "equidistant"
+    if fx <= 0.0 or fy <= 0.0 or (fisheye and len(d) != 4):
+        return unknown
+    if not fisheye and not rectified:
+        if info.distortion_model not in ("", "plumb_bob", "rational_polynomial") or any(d[5:]):
+            return unknown
     # K is of the full resolution; binning and region of interest of the driver change the image.
     bin_x, bin_y = max(1, info.binning_x), max(1, info.binning_y)
-    hint.focal_px = math.sqrt(fx / bin_x * fy / bin_y)
+    fx, fy = fx / bin_x, fy / bin_y
     hint.principal_point_px = ((cx - info.roi.x_offset + 0.5) / bin_x - 0.5, (cy - info.roi.y_offset + 0.5) / bin_y - 0.5)
+    if fisheye:
+        hint.focal_px, hint.focal_y_px, hint.fisheye = fx, fy, tuple(d)
+        return hint
+    k1, k2, p1, p2, k3 = (d + [0.0] * 5)[:5]
     hint.k1 = k1
+    # Square pixels and k1 alone are told without a rectification.
+    if abs(fx / fy - 1.0) < SQUARE and not any((k2, p1, p2, k3)):
+        hint.focal_px = math.sqrt(fx * fy)
+        return hint
+    hint.focal_px, hint.focal_y_px = fx, fy
+    hint.k2, hint.p1, hint.p2, hint.k3 = k2, p1, p2, k3
     return hint
 
 
@@ -207,11 +222,13 @@ def grasp_messages(scene, frame, stamp, messages, gripper_from_tool=None, finger
             direction = way / distance if distance > 1e-9 else frame_from_gripper[:3, 2]
             _translation(g.pre_grasp_approach, direction, distance, stamp, frame.frame_id)
             _translation(g.post_grasp_retreat, -direction, distance, stamp, frame.frame_id)
+            # A cup has no joints to open.
+            joints = () if grasp.cup_radius_m is not None else finger_joints
             for posture, opening in ((g.pre_grasp_posture, grasp.jaw_opening_m), (g.grasp_posture, grasp.grip_width_m)):
-                posture.joint_names = list(finger_joints)
-                if finger_joints:
+                posture.joint_names = list(joints)
+                if joints:
                     point = messages.JointTrajectoryPoint()
-                    point.positions = [opening / 2] * len(finger_joints)
+                    point.positions = [opening / 2] * len(joints)
                     posture.points.append(point)
             out.append(message)
     return out

@@ -91,7 +91,7 @@ class Recognizer(Node):
             images = [self._newest[t] for t in self._topics if t in self._newest]
             infos = [self._infos.get(t) for t in self._topics if t in self._newest]
         if not images:
-            response.state, response.message = "ERROR", "no image has come in on %s" % ", ".join(self._topics)
+            response.reasons, response.message = ["ERROR"], "no image has come in on %s" % ", ".join(self._topics)
             return response
         try:
             hints = [conversions.camera_hint(info, self._base_from_camera(image.header.frame_id, image.header.stamp),
@@ -101,7 +101,7 @@ class Recognizer(Node):
                                            deadline_s=request.deadline or self._value("deadline"))
             boxes = {part.object_id: self._box(part.object_id) for part in scene.objects}
         except (HoropterError, ValueError) as error:
-            response.state, response.message = "ERROR", str(error)
+            response.reasons, response.message = ["ERROR"], str(error)
             response.request_id = getattr(error, "request_id", None) or ""
             return response
         self._fill(response, scene, images, boxes)
@@ -110,8 +110,9 @@ class Recognizer(Node):
     def _fill(self, response, scene, images, boxes):
         frame = conversions.AnswerFrame(scene, self._value("base_frame"), [i.header.frame_id for i in images])
         stamp = images[0].header.stamp
-        response.success, response.state = bool(scene.objects), scene.state
-        response.message, response.request_id = scene.detail, scene.request_id
+        response.success, response.complete = bool(scene.objects), scene.complete
+        response.reasons = [r.kind for r in scene.reasons]
+        response.message, response.request_id = "; ".join(r.detail for r in scene.reasons if r.detail), scene.request_id
         response.detections = conversions.detections_message(scene, frame, stamp, boxes, MESSAGES)
         x, y, z, qx, qy, qz, qw = self._value("gripper_from_tool")
         transform = SimpleNamespace(translation=SimpleNamespace(x=x, y=y, z=z),

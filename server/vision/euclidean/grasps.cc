@@ -4,38 +4,52 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/vision/geometry/grasp_kind.h"
+
 namespace horopter {
 namespace {
 
-// A finger on its whole way from the pre-grasp: a box in the scene frame.
-struct SweptFinger {
+// A finger or a cup on its whole way from the pre-grasp: a box in the scene frame.
+struct SweptBox {
   Eigen::Vector3d center;
   Eigen::Matrix3d R;
   Eigen::Vector3d half;
 };
 
-std::vector<SweptFinger> SweptFingers(const Rigid3& scene_from_gripper,
-                                      double jaw_opening_m,
-                                      const GraspOptions& options,
-                                      double margin_m) {
-  std::vector<SweptFinger> out;
-  const double length = options.gripper.finger_length_m + options.approach_m;
+std::vector<SweptBox> SweptFingers(const SceneGrasp& grasp,
+                                   const GripperShape& gripper,
+                                   const GraspOptions& options,
+                                   double margin_m) {
+  std::vector<SweptBox> out;
+  const double length = gripper.finger_length_m + options.approach_m;
   for (const double side : {-1.0, 1.0}) {
-    const double x = side * 0.5 * (jaw_opening_m + options.gripper.finger_thickness_m);
-    out.push_back({scene_from_gripper * Eigen::Vector3d(x, 0.0, -0.5 * length),
-                   scene_from_gripper.R,
-                   Eigen::Vector3d(0.5 * options.gripper.finger_thickness_m + margin_m,
-                                   0.5 * options.gripper.finger_width_m + margin_m,
+    const double x = side * 0.5 * (grasp.jaw_opening_m + gripper.finger_thickness_m);
+    out.push_back({grasp.scene_from_gripper * Eigen::Vector3d(x, 0.0, -0.5 * length),
+                   grasp.scene_from_gripper.R,
+                   Eigen::Vector3d(0.5 * gripper.finger_thickness_m + margin_m,
+                                   0.5 * gripper.finger_width_m + margin_m,
                                    0.5 * length + margin_m)});
   }
   return out;
 }
 
-double LowestAlong(const SweptFinger& f, const Eigen::Vector3d& normal) {
+// The rim ends at the part: no margin ahead of it.
+std::vector<SweptBox> SweptCup(const SceneGrasp& grasp,
+                               const SuctionShape& suction,
+                               const GraspOptions& options,
+                               double margin_m) {
+  const double length = suction.length_m + options.approach_m + margin_m;
+  const double half = std::max(grasp.cup_radius_m, suction.holder_radius_m) + margin_m;
+  return {{grasp.scene_from_gripper * Eigen::Vector3d(0.0, 0.0, -0.5 * length),
+           grasp.scene_from_gripper.R,
+           Eigen::Vector3d(half, half, 0.5 * length)}};
+}
+
+double LowestAlong(const SweptBox& f, const Eigen::Vector3d& normal) {
   return normal.dot(f.center) - (f.R.transpose() * normal).cwiseAbs().dot(f.half);
 }
 
-bool MeetsMesh(const SweptFinger& f, const GraspScene::Object& object) {
+bool MeetsMesh(const SweptBox& f, const GraspScene::Object& object) {
   const Rigid3 object_from_scene = object.scene_from_object.Inverse();
   const Eigen::Vector3d center = object_from_scene * f.center;
   const Eigen::Matrix3d R = object_from_scene.R * f.R;
@@ -69,6 +83,32 @@ GripperSigmas SigmasOf(const GraspScene::Object& object, const Rigid3& object_fr
     return Eigen::Vector3d((R.transpose() * block * R).diagonal().cwiseMax(0.0).cwiseSqrt());
   };
   return {sigmas(C.bottomRightCorner<3, 3>()), sigmas(C.topLeftCorner<3, 3>())};
+}
+
+bool GripperCan(const SceneGrasp& grasp, const GraspOptions& options) {
+  if (grasp.suction) return options.suction.has_value();
+  return options.parallel_jaw && grasp.jaw_opening_m <= options.parallel_jaw->max_opening_m;
+}
+
+// Half the room between open fingers and the part; nothing of a cup passes the part.
+double PlayOf(const SceneGrasp& grasp) {
+  return 0.5 * (grasp.jaw_opening_m - grasp.grip_width_m);
+}
+
+double SuccessOf(const SceneGrasp& grasp,
+                 const GripperSigmas& sigmas,
+                 const GraspOptions& options) {
+  if (grasp.suction) {  // turns about its own axis are free
+    return Within(options.tolerance_m, sigmas.place.x()) *
+           Within(options.tolerance_m, sigmas.place.y()) *
+           Within(options.tolerance_m, sigmas.place.z()) *
+           Within(options.tolerance_rad, sigmas.turn.x()) *
+           Within(options.tolerance_rad, sigmas.turn.y());
+  }
+  return Within(PlayOf(grasp), sigmas.place.x()) * Within(options.tolerance_m, sigmas.place.y()) *
+         Within(options.tolerance_m, sigmas.place.z()) *
+         Within(options.tolerance_rad, sigmas.turn.y()) *
+         Within(options.tolerance_rad, sigmas.turn.z());
 }
 
 }  // namespace
@@ -116,8 +156,13 @@ std::vector<SceneGrasp> GraspsInScene(const ObjectModel& model,
         grasp.scene_from_pregrasp = grasp.scene_from_gripper;
         grasp.scene_from_pregrasp.t -= approach_m * grasp.scene_from_gripper.R.col(2);
       }
-      grasp.jaw_opening_m = g.jaw_opening_m;
-      grasp.grip_width_m = g.grip_width_m;
+      grasp.suction = IsSuction(g);
+      if (grasp.suction) {
+        grasp.cup_radius_m = CupRadius(g);
+      } else {
+        grasp.jaw_opening_m = g.jaw_opening_m;
+        grasp.grip_width_m = g.grip_width_m;
+      }
       grasp.quality = g.quality;
       out.push_back(grasp);
     }
@@ -135,26 +180,30 @@ std::vector<SceneGrasp> PlanGrasps(const GraspScene& scene,
   for (SceneGrasp& grasp :
        GraspsInScene(*target.model, target.scene_from_object, options.approach_m)) {
     ++local.considered;
-    const double play = 0.5 * (grasp.jaw_opening_m - grasp.grip_width_m);
-    if (!(play > 0.0)) {
+    if (!GripperCan(grasp, options)) {
+      ++local.other_gripper;
+      continue;
+    }
+    if (!grasp.suction && !(PlayOf(grasp) > 0.0)) {
       ++local.too_narrow;
       continue;
     }
     const GripperSigmas sigmas =
         SigmasOf(target, target.scene_from_object.Inverse() * grasp.scene_from_gripper);
     const double margin = options.clearance_m + options.clearance_sigmas * sigmas.place.maxCoeff();
-    const std::vector<SweptFinger> fingers =
-        SweptFingers(grasp.scene_from_gripper, grasp.jaw_opening_m, options, margin);
-    const auto any_finger = [&](const auto& test) {
-      return std::any_of(fingers.begin(), fingers.end(), test);
+    const std::vector<SweptBox> boxes =
+        grasp.suction ? SweptCup(grasp, *options.suction, options, margin)
+                      : SweptFingers(grasp, *options.parallel_jaw, options, margin);
+    const auto any_box = [&](const auto& test) {
+      return std::any_of(boxes.begin(), boxes.end(), test);
     };
-    if (scene.plane && any_finger([&](const SweptFinger& f) {
+    if (scene.plane && any_box([&](const SweptBox& f) {
           return LowestAlong(f, scene.plane->normal) < scene.plane->offset_m;
         })) {
       ++local.below_plane;
       continue;
     }
-    if (any_finger([&](const SweptFinger& f) {
+    if (any_box([&](const SweptBox& f) {
           for (int k = 0; k < static_cast<int>(scene.objects.size()); ++k) {
             if (k != object && MeetsMesh(f, scene.objects[k])) return true;
           }
@@ -163,10 +212,7 @@ std::vector<SceneGrasp> PlanGrasps(const GraspScene& scene,
       ++local.blocked;
       continue;
     }
-    grasp.success = Within(play, sigmas.place.x()) * Within(options.tolerance_m, sigmas.place.y()) *
-                    Within(options.tolerance_m, sigmas.place.z()) *
-                    Within(options.tolerance_rad, sigmas.turn.y()) *
-                    Within(options.tolerance_rad, sigmas.turn.z());
+    grasp.success = SuccessOf(grasp, sigmas, options);
     if (grasp.success < options.least_success) {
       ++local.unsure;
       continue;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -22,9 +23,11 @@ struct SceneGrasp {
   double grip_width_m = 0.0;
   double quality = 0.0;        // as enrolled
   Rigid3 scene_from_pregrasp;  // as enrolled, or approach_m back along the approach axis
-  // Probability that the open fingers pass beside the part and close within the tolerances, by the
-  // pose's covariance alone.
+  // Probability that the open fingers pass beside the part and close within the tolerances, or that
+  // the cup meets its place within them, by the pose's covariance alone.
   double success = 1.0;
+  bool suction = false;  // a cup of this radius instead of two fingers
+  double cup_radius_m = 0.0;
 };
 
 // Two fingers, boxes of these sizes: length along z behind the tip, width along y, thickness along
@@ -33,16 +36,26 @@ struct GripperShape {
   double finger_length_m = 0.060;
   double finger_width_m = 0.014;
   double finger_thickness_m = 0.008;
+  double max_opening_m = std::numeric_limits<double>::infinity();
+};
+
+// A cup on its holder: a square box behind the rim, as wide as the wider of the two.
+struct SuctionShape {
+  double length_m = 0.060;
+  double holder_radius_m = 0.0;
 };
 
 struct GraspOptions {
-  GripperShape gripper;
+  // Empty: the robot has no such gripper.
+  std::optional<GripperShape> parallel_jaw = GripperShape();
+  std::optional<SuctionShape> suction = SuctionShape();
   double approach_m = 0.060;  // from the pre-grasp to the grasp, along z
   // Free space wanted beside the way, towards plane and other objects; the pose's uncertainty comes
   // on top with `clearance_sigmas`.
   double clearance_m = 0.0005;
   double clearance_sigmas = 1.0;
-  // Tolerances of a closed grasp along the fingers' faces and about their axes.
+  // Tolerances of a closed grasp along the fingers' faces and about their axes; of a cup's place
+  // and tilt.
   double tolerance_m = 0.002;
   double tolerance_rad = 0.035;
   double least_success = 0.8;  // grasps less sure than this are not offered
@@ -63,7 +76,8 @@ struct GraspScene {
 // Why grasps of an object were not offered.
 struct GraspCounts {
   int considered = 0;
-  int too_narrow = 0;  // the opening does not pass the part's width
+  int too_narrow = 0;     // the opening does not pass the part's width
+  int other_gripper = 0;  // the robot's gripper is of another kind, or opens less
   int below_plane = 0;
   int blocked = 0;  // by another object
   int unsure = 0;

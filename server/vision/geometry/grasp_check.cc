@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include "server/vision/geometry/grasp_kind.h"
+
 namespace horopter {
 namespace {
 
@@ -40,6 +42,25 @@ std::vector<double> Crossings(const TriangleMesh& mesh,
   return crossings;
 }
 
+// The part must begin where the rim is, in its middle and all around it. Empty: it does.
+std::string SuctionProblem(const ObjectModel& model, const Rigid3& pose, double cup_radius_m) {
+  constexpr int kAround = 8;
+  constexpr double kSealShare = 0.1;  // of the radius: what a lip makes up for
+  const double reach = std::max(cup_radius_m, 1e-3 * model.diameter_m);
+  for (int i = -1; i < kAround; ++i) {
+    const double angle = 2.0 * M_PI * (i + 0.5) / kAround;
+    const Eigen::Vector3d rim =
+        i < 0 ? Eigen::Vector3d(0.0, 0.0, -reach)
+              : Eigen::Vector3d(
+                    cup_radius_m * std::cos(angle), cup_radius_m * std::sin(angle), -reach);
+    const std::vector<double> hits = Crossings(model.mesh, pose * rim, pose.R.col(2), 2.0 * reach);
+    if (hits.empty() || std::abs(hits.front() - reach) > kSealShare * reach) {
+      return "the cup does not meet the part all around";
+    }
+  }
+  return "";
+}
+
 }  // namespace
 
 std::vector<std::string> CheckGrasps(const ObjectModel& model, const GraspCheckOptions& options) {
@@ -58,6 +79,11 @@ std::vector<std::string> CheckGrasps(const ObjectModel& model, const GraspCheckO
       if (way.cross(z).norm() > kAside * way.norm()) {
         report("the way from the pre-grasp is not along the approach axis");
       }
+    }
+    if (IsSuction(grasp)) {
+      const std::string problem = SuctionProblem(model, pose, CupRadius(grasp));
+      if (!problem.empty()) report(problem);
+      continue;
     }
     if (!(grasp.jaw_opening_m > 0.0)) {
       report("no jaw opening is given");

@@ -19,7 +19,8 @@ struct GraspCheckOptions {
 // What is wrong with each grasp, as "NAME: reason"; empty when all fit. Fingers are points at +-
 // half the opening along x that come along z: they must not pass through the part, the closing line
 // must meet the part between them, and the stated width must be that of the part there. A pre-grasp
-// must lie before the grasp on the approach axis, turned the same way. Grasps need a closed mesh.
+// must lie before the grasp on the approach axis, turned the same way. The rim of a suction cup
+// must meet the part in its middle and all around. Grasps need a closed mesh.
 std::vector<std::string> CheckGrasps(const ObjectModel& model,
                                      const GraspCheckOptions& options = {});
 

@@ -61,16 +61,26 @@ constexpr Route kRoutes[] = {
      ProjectiveRoute},
 };
 
-// The best scene of the routes; empty where none finds one. Errors: CANCELLED.
-absl::StatusOr<FoundScene> FindScene(const RecognitionInput& input,
-                                     const RecognitionRoutes& routes,
-                                     JointContext* context) {
+struct RouteAnswers {
+  FoundScene best;  // empty where no route finds one
+  std::vector<std::string> unasked;
+};
+
+// The routes in their order, while time is left and the scene open. Errors: CANCELLED.
+absl::StatusOr<RouteAnswers> AskRoutes(const RecognitionInput& input,
+                                       const RecognitionRoutes& routes,
+                                       JointContext* context) {
   const RouteInput route_input{input.features, input.reconstruction, input.keys, input.slots};
-  FoundScene best;
+  RouteAnswers answers;
+  FoundScene& best = answers.best;
   bool table_found = false;
   for (const Route& route : kRoutes) {
-    if (IsStopRequested(context->give_up) || !IsOpen(*context, best)) break;
+    if (!IsOpen(*context, best)) break;
     if (!route.applies(input, routes, table_found)) continue;
+    if (IsStopRequested(context->give_up)) {
+      answers.unasked.push_back(route.name);
+      continue;
+    }
     HOROPTER_ASSIGN_OR_RETURN(FoundScene found, route.run(route_input, context));
     if (found.route == RecognitionRoute::kTable) table_found = !found.scene.objects.empty();
     TakeIfBetter(*context, std::move(found), &best);
@@ -78,7 +88,7 @@ absl::StatusOr<FoundScene> FindScene(const RecognitionInput& input,
       return absl::CancelledError(absl::StrCat("stopped during the route ", route.name));
   }
   if (IsStopRequested(context->stop)) return absl::CancelledError("stopped between routes");
-  return best;
+  return answers;
 }
 
 void ReportHypotheses(const JointContext& context, RecognitionResult* result) {
@@ -189,10 +199,21 @@ RecognitionResult Conclude(const RecognitionInput& input,
                                    : absl::StrCat(context->seed_count,
                                                   " linked hypotheses, none with a joint score of ",
                                                   context->options.accept_score);
-    if (IsStopRequested(context->options.hurry))
-      result.detail += "; time ran short before all was tried";
   }
   return result;
+}
+
+// Routes that were due but not asked for want of time stand in the counts.
+constexpr char kUnasked[] = "unasked_";
+
+void CountUnasked(const std::vector<std::string>& routes, RecognitionResult* result) {
+  for (const std::string& route : routes) result->counts[kUnasked + route] = 1.0;
+}
+
+void CopyUnasked(const RecognitionResult& from, RecognitionResult* to) {
+  for (const auto& [name, count] : from.counts) {
+    if (name.rfind(kUnasked, 0) == 0) to->counts[name] = count;
+  }
 }
 
 // What the given routes answer.
@@ -200,8 +221,10 @@ absl::StatusOr<RecognitionResult> ByRoutes(const RecognitionInput& input,
                                            const RecognitionRoutes& routes,
                                            JointContext* context,
                                            RefusalLog* log) {
-  HOROPTER_ASSIGN_OR_RETURN(FoundScene found, FindScene(input, routes, context));
-  return Conclude(input, std::move(found), context, log);
+  HOROPTER_ASSIGN_OR_RETURN(RouteAnswers answers, AskRoutes(input, routes, context));
+  RecognitionResult result = Conclude(input, std::move(answers.best), context, log);
+  CountUnasked(answers.unasked, &result);
+  return result;
 }
 
 int Registered(const RecognitionResult& result) {
@@ -227,7 +250,9 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   dear.metric = dear.table = false;
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context, log));
   AspectJudgement judged = JudgeAnswer(*context, images, result);
-  if (judged.median >= options.confirming_score || rich || IsStopRequested(context->give_up)) {
+  const bool enough = judged.median >= options.confirming_score || rich;
+  if (enough || IsStopRequested(context->give_up)) {
+    if (!enough) CountUnasked({"aspects", "view_led", "projective"}, &result);
     RefuseContradicted(
         judged, rich ? options.confirming_score : options.contradicting_score, log, &result);
     return result;
@@ -244,6 +269,7 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   }
   if (result.objects.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context, log));
+    if (result.objects.empty()) CopyUnasked(result, &aspects.result);
     judged = JudgeAnswer(*context, images, result);
   }
   RefuseContradicted(judged, options.contradicting_score, log, &result);

@@ -82,6 +82,7 @@ TEST(Overlay, ObjectsBehindOrFarOutsideTheCameraDoNoHarm) {
       const OverlayObject object{&model, pose, "part", ObjectColor(0)};
       DrawWireframes(CenteredCamera(kSide, kSide, 300), std::span(&object, 1), &drawing);
       DrawGripper(CenteredCamera(kSide, kSide, 300), pose, 0.04, 0.04, ObjectColor(1), &drawing);
+      DrawSuctionCup(CenteredCamera(kSide, kSide, 300), pose, 0.02, 0.04, ObjectColor(1), &drawing);
       DrawGrid(CenteredCamera(kSide, kSide, 300),
                pose,
                {Eigen::Vector3d::UnitZ(), 0.0},
@@ -92,6 +93,21 @@ TEST(Overlay, ObjectsBehindOrFarOutsideTheCameraDoNoHarm) {
     }
   }
   Painted(drawing);
+}
+
+TEST(Overlay, ASuctionCupIsItsRimAndItsApproach) {
+  const PinholeCamera camera = CenteredCamera(kSide, kSide, 300);
+  Rigid3 camera_from_gripper;
+  camera_from_gripper.t = {0, 0, 0.3};
+  Drawing drawing = Blank();
+  DrawSuctionCup(camera, camera_from_gripper, 0.02, 0.04, ObjectColor(0), &drawing);
+  ASSERT_EQ(drawing.strokes.size(), 2u);
+  const Eigen::Vector2d centre(camera.cx, camera.cy);
+  for (const Eigen::Vector2d& p : drawing.strokes[0].points) {
+    EXPECT_NEAR((p - centre).norm(), 20.0, 1e-9);
+  }
+  EXPECT_TRUE(drawing.strokes[0].points.front().isApprox(drawing.strokes[0].points.back()));
+  EXPECT_TRUE(drawing.strokes[1].points.front().isApprox(centre));
 }
 
 // A part without sharp edges is drawn by its outline.

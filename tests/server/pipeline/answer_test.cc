@@ -25,7 +25,6 @@ class FillAnswerTest : public testing::Test {
   }
   SceneAnswer Answer() {
     SceneAnswer answer;
-    answer.state = SceneState::kRecognized;
     EXPECT_TRUE(FillAnswer(metric_, truth_.objects, request_, {}, &answer).ok());
     return answer;
   }
@@ -92,12 +91,14 @@ TEST_F(FillAnswerTest, CamerasFurtherApartThanThePartsAllowAreAScaleConflict) {
   EXPECT_TRUE(Has(answer, FindingKind::kScaleConflict));
   EXPECT_TRUE(Has(answer, FindingKind::kReferenceConflict));
   EXPECT_FALSE(answer.base_from_scene.has_value());
-  EXPECT_EQ(answer.state, SceneState::kAmbiguous);
+  // Neither hides the other.
+  EXPECT_TRUE(HasReason(answer, ReasonKind::kScaleConflict));
+  EXPECT_TRUE(HasReason(answer, ReasonKind::kReferenceConflict));
 }
 
 // One of two parts was enrolled 4 % too large: nobody may act on either size unawares.
-TEST_F(FillAnswerTest, PartsWhoseSizesContradictEachOtherMakeTheSceneAmbiguous) {
-  EXPECT_EQ(Answer().state, SceneState::kRecognized);
+TEST_F(FillAnswerTest, PartsWhoseSizesContradictEachOtherAreAReason) {
+  EXPECT_TRUE(Answer().reasons.empty());
   constexpr double kFactor = 1.04;
   truth_.objects[1] = PrepareObject(Scaled(Wedge(), kFactor)).value();
   Rigid3& pose = truth_.recognition.objects[1].scene_from_object;
@@ -105,8 +106,7 @@ TEST_F(FillAnswerTest, PartsWhoseSizesContradictEachOtherMakeTheSceneAmbiguous) 
   metric_ = RefineMetricScene(truth_.Input(), truth_.recognition, {}).value();
   const SceneAnswer answer = Answer();
   EXPECT_TRUE(Has(answer, FindingKind::kScaleConflict));
-  EXPECT_EQ(answer.state, SceneState::kAmbiguous);
-  EXPECT_NE(answer.detail.find("sizes contradict each other"), std::string::npos) << answer.detail;
+  EXPECT_TRUE(HasReason(answer, ReasonKind::kScaleConflict)) << ReasonsText(answer);
   EXPECT_EQ(answer.objects.size(), 2u);
   EXPECT_TRUE(std::any_of(
       answer.scales.begin(), answer.scales.end(), [](const AnswerScale& s) { return !s.agrees; }));
@@ -123,10 +123,14 @@ TEST_F(FillAnswerTest, ReferencesThatContradictEachOtherGiveNoBase) {
   for (const AnswerObject& o : answer.objects) EXPECT_FALSE(o.base_from_object.has_value());
 }
 
-TEST_F(FillAnswerTest, AMissingReferenceIsAState) {
+TEST_F(FillAnswerTest, AMissingReferenceIsAReasonBesideTheOthers) {
   request_.reference = ReferenceObject{"nothing", {}};
-  const SceneAnswer answer = Answer();
-  EXPECT_EQ(answer.state, SceneState::kReferenceNotFound);
+  SceneAnswer answer;
+  AddReason(ReasonKind::kAmbiguous, "two", &answer);
+  ASSERT_TRUE(FillAnswer(metric_, truth_.objects, request_, {}, &answer).ok());
+  ASSERT_EQ(answer.reasons.size(), 2u);
+  EXPECT_EQ(answer.reasons[0].kind, ReasonKind::kAmbiguous);
+  EXPECT_EQ(answer.reasons[1].kind, ReasonKind::kReferenceNotFound);
   EXPECT_FALSE(answer.base_from_scene.has_value());
 }
 

@@ -59,8 +59,8 @@ TEST(CameraHints, KnownCamerasGiveTheBaseFrameAndContradictionsAreNamed) {
   SceneRequest request = loaded->request;
   const auto right = RecognizeScene(request, loaded->catalog, {});
   ASSERT_TRUE(right.ok()) << right.status();
-  ASSERT_FALSE(right->answer.objects.empty()) << right->answer.detail;
-  ASSERT_TRUE(right->answer.base_from_scene) << right->answer.detail;
+  ASSERT_FALSE(right->answer.objects.empty()) << ReasonsText(right->answer);
+  ASSERT_TRUE(right->answer.base_from_scene) << ReasonsText(right->answer);
   const Rigid3 found = *right->answer.base_from_scene * right->answer.objects[0].scene_from_object;
   EXPECT_LT((found.t - loaded->base_from_object.t).norm(), 0.004);
   for (size_t v = 0; v < request.images.size(); ++v) {
@@ -74,9 +74,9 @@ TEST(CameraHints, KnownCamerasGiveTheBaseFrameAndContradictionsAreNamed) {
   std::swap(request.camera_poses[0], request.camera_poses[1]);
   const auto wrong = RecognizeScene(request, loaded->catalog, {});
   ASSERT_TRUE(wrong.ok()) << wrong.status();
-  ASSERT_FALSE(wrong->answer.objects.empty()) << wrong->answer.detail;
+  ASSERT_FALSE(wrong->answer.objects.empty()) << ReasonsText(wrong->answer);
   EXPECT_FALSE(wrong->answer.base_from_scene);
-  EXPECT_THAT(wrong->answer.detail, testing::HasSubstr("contradict each other"));
+  EXPECT_THAT(ReasonsText(wrong->answer), testing::HasSubstr("contradict each other"));
 }
 
 }  // namespace

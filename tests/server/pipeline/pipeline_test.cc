@@ -49,16 +49,16 @@ TEST(RecognizeScene, BadRequestsNameTheField) {
   EXPECT_EQ(RecognizeScene(reference, catalog, {}).status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST(RecognizeScene, BlankImagesAndEmptyCatalogsAreStatesNotErrors) {
+TEST(RecognizeScene, BlankImagesAndEmptyCatalogsAreReasonsNotErrors) {
   const cv::Mat image(120, 160, CV_8UC3, cv::Scalar(90, 90, 90));
   const auto blank = RecognizeScene(Images({image, image}), OnePart(), {});
   ASSERT_TRUE(blank.ok()) << blank.status();
-  EXPECT_EQ(blank->answer.state, SceneState::kTooFewFeatures);
+  EXPECT_TRUE(HasReason(blank->answer, ReasonKind::kTooFewFeatures));
   EXPECT_TRUE(blank->answer.objects.empty());
   EXPECT_EQ(blank->answer.cameras.size(), 2u);
   const auto empty = RecognizeScene(Images({image}), {}, {});
   ASSERT_TRUE(empty.ok());
-  EXPECT_EQ(empty->answer.state, SceneState::kEmptyCatalog);
+  EXPECT_TRUE(HasReason(empty->answer, ReasonKind::kEmptyCatalog));
 }
 
 TEST(RecognizeScene, StagesReportTheirTimesInOrder) {

@@ -103,14 +103,14 @@ TEST_F(RequestThreads, OneThreadIsTheCallersInEveryStage) {
     return false;
   });
   ASSERT_TRUE(result.ok()) << result.status();
-  EXPECT_FALSE(result->answer.objects.empty()) << result->answer.detail;
+  EXPECT_FALSE(result->answer.objects.empty()) << ReasonsText(result->answer);
   EXPECT_EQ(threads, std::set{std::this_thread::get_id()});
 }
 
 TEST_F(RequestThreads, AreUsedAndNeverExceededAndTheAnswerIsTheSame) {
   const auto one = Recognize(1);
   ASSERT_TRUE(one.ok()) << one.status();
-  ASSERT_FALSE(one->answer.objects.empty()) << one->answer.detail;
+  ASSERT_FALSE(one->answer.objects.empty()) << ReasonsText(one->answer);
   for (const int threads : {2, 4}) {
     std::atomic<int> now{0}, most{0}, helped{0};
     const std::thread::id caller = std::this_thread::get_id();
@@ -154,11 +154,19 @@ TEST_F(RequestThreads, TheStartOfTheFocalLengthReachesTheLastStage) {
   options.euclidean.focal_log_sigma = 1e-6;
   const auto result = RecognizeScene(request_, catalog_, options);
   ASSERT_TRUE(result.ok()) << result.status();
-  ASSERT_FALSE(result->answer.objects.empty()) << result->answer.detail;
+  ASSERT_FALSE(result->answer.objects.empty()) << ReasonsText(result->answer);
   for (const auto& camera : result->answer.cameras) {
     ASSERT_TRUE(camera);
     EXPECT_NEAR(camera->camera.focal_px, 1000.0, 1.0);
   }
+}
+
+// Without them focal lengths and depths are worse, though the answer looks as good.
+TEST_F(RequestThreads, MatchesOfThePlaneReachTheLastStage) {
+  const auto result = Recognize(kThreads);
+  ASSERT_TRUE(result.ok()) << result.status();
+  ASSERT_TRUE(result->trace.metric);
+  EXPECT_GT(result->trace.metric->counts.at("plane_cells"), 0.0);
 }
 
 TEST_F(RequestThreads, WhatIsThrownAnywhereIsTheStatusOfTheRequest) {

@@ -11,6 +11,7 @@
 #include "horopter/v1/recognition.pb.h"
 #include "server/pipeline/exception_status.h"
 #include "server/service/recognition_service.h"
+#include "tests/support/fake_objects.h"
 #include "tests/support/sample_record.h"
 
 namespace {
@@ -127,6 +128,40 @@ TEST(AllocationFailure, OfAllButTheSmallestOutsideOfTheStagesIsAStatusOfTheReque
         return result;
       },
       2000);
+}
+
+// A write that is on disk is answered with OK and published; one that is not has left nothing.
+TEST(AllocationFailure, AnywhereInAWriteNeverSplitsFileAndAnswers) {
+  smallest = 0;
+  auto store = CatalogStore::Load(*Catalog::Open(":memory:"), FakePreparer());
+  ASSERT_TRUE(store.ok()) << store.status();
+  ASSERT_TRUE((*store)->Create(SampleRecord("known")).ok());
+  constexpr int64_t kMany = int64_t{1} << 40;
+  int failed = 0, done = 0;
+  // Once a write needs no more than `at` allocations, it and all later ones succeed.
+  for (int64_t at = 0; done < 3; at += 1 + at / 50) {
+    ASSERT_LT(at, kMany);
+    const std::string id = "obj_" + std::to_string(at);
+    const CatalogRecord record = SampleRecord(id, 1 + at % 7);
+    std::string answered;
+    answered.reserve(64);
+    allocations_left = at;
+    const absl::Status status = CatchExceptions([&] {
+      return (*store)->Create({record}, {}, [&](const CatalogRecord& written) {
+        answered = written.model.id;
+        return absl::OkStatus();
+      });
+    });
+    allocations_left = -1;
+    status.ok() ? ++done : ++failed;
+    const bool stored = (*store)->catalog().GetSummary(id).ok();
+    EXPECT_EQ(stored, status.ok()) << at << ": " << status;
+    EXPECT_EQ((*store)->Published()->Contains(id), status.ok()) << at;
+    if (status.ok()) EXPECT_EQ(answered, id);
+    if (!status.ok()) EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+    ASSERT_TRUE((*store)->CheckIndex().ok()) << at;
+  }
+  EXPECT_GT(failed, 100);
 }
 
 // Large allocations: some of OpenCV's destructors throw when a small one failed before (4.6,

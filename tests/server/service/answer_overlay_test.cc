@@ -5,6 +5,7 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
@@ -30,7 +31,6 @@ absl::StatusOr<PipelineResult> Answer(const SceneRequest& request,
                                       const CallLimits&) {
   PipelineResult result;
   SceneAnswer& answer = result.answer;
-  answer.state = SceneState::kRecognized;
   answer.cameras.resize(request.images.size());
   PosedCamera posed;
   posed.camera = CenteredCamera(kWidth, kHeight, 300);
@@ -39,6 +39,11 @@ absl::StatusOr<PipelineResult> Answer(const SceneRequest& request,
   object.object_id = ModelOfFake(*catalog.objects[0]).id;
   object.scene_from_object.t = {0, 0, 0.5};
   object.score = 0.75;
+  SceneGrasp cup;
+  cup.scene_from_gripper = object.scene_from_object;
+  cup.suction = true;
+  cup.cup_radius_m = 0.01;
+  object.grasps.push_back(cup);
   answer.objects.push_back(object);
   answer.joint_covariance = Eigen::MatrixXd::Zero(6, 6);
   answer.plane = SupportPlane{-Eigen::Vector3d::UnitY(), -0.02};
@@ -129,6 +134,34 @@ TEST_F(AnswerOverlay, AnSvgHasNamesAndScores) {
   EXPECT_THAT(svg, testing::HasSubstr(" 0.75</text>"));
   EXPECT_THAT(svg, testing::HasSubstr("#9696aa"));  // the plane's grid
   EXPECT_THAT(answer_.overlays(1).content(), testing::HasSubstr("camera not recovered"));
+}
+
+TEST_F(AnswerOverlay, ASuctionGraspIsDrawnAsACup) {
+  request_.mutable_overlay()->set_format(v1::OverlayOptions::FORMAT_SVG);
+  ASSERT_TRUE(Call().ok());
+  const std::string& svg = answer_.overlays(0).content();
+  const size_t from = svg.find("stroke=\"#ffa500\"");
+  ASSERT_NE(from, std::string::npos);
+  const std::string rim = svg.substr(from, svg.find('\n', from) - from);
+  EXPECT_GT(std::count(rim.begin(), rim.end(), ','), 12);  // fingers have four points
+}
+
+TEST_F(AnswerOverlay, ObjectsBelowTheLeastScoreAreNotDrawn) {
+  request_.mutable_overlay()->set_format(v1::OverlayOptions::FORMAT_SVG);
+  request_.set_min_score(0.8);
+  ASSERT_TRUE(Call().ok());
+  EXPECT_EQ(answer_.objects_below_min_score(), 1);
+  EXPECT_THAT(answer_.overlays(0).content(), testing::Not(testing::HasSubstr(" 0.75</text>")));
+}
+
+TEST_F(AnswerOverlay, ABasicAnswerHasWhatWasAskedFor) {
+  request_.mutable_overlay();
+  request_.set_explain_object("objects/part");
+  request_.set_view(v1::ANSWER_VIEW_BASIC);
+  ASSERT_TRUE(Call().ok());
+  EXPECT_EQ(answer_.overlays_size(), 2);
+  EXPECT_TRUE(answer_.has_explanation());
+  EXPECT_EQ(answer_.stages_size(), 0);
 }
 
 TEST_F(AnswerOverlay, UnexplainedEdgesAreDrawnOnRequest) {

@@ -58,7 +58,7 @@ absl::Status Apply(CatalogStore& store, const Operation& op) {
       return store.Create(record);
     case Write::kUpdate:
       return store.Update(record.model.id,
-                          {true, true, true, true, true},
+                          {true, true, true, true, true, true},
                           [&](CatalogRecord) -> absl::StatusOr<CatalogRecord> { return record; });
     case Write::kDelete:
       return store.Delete(record.model.id);

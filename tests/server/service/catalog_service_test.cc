@@ -74,6 +74,9 @@ TEST_F(CatalogServiceTest, AnObjectComesBackAsItWasCreated) {
   v1::Object read = answer_;
   read.clear_create_time();
   read.clear_update_time();
+  read.clear_etag();
+  read.clear_revision();
+  read.clear_recognition_status();
   read.mutable_source()->clear_sha256();
   google::protobuf::util::MessageDifferencer differencer;
   google::protobuf::util::DefaultFieldComparator approximate;  // rotations pass through matrices
@@ -111,15 +114,15 @@ TEST_F(CatalogServiceTest, BadObjectsAreRefusedByFieldAndLeaveNothing) {
   EXPECT_EQ(field_, "object_id");
   object.mutable_edges(2)->set_end_vertex(80);
   EXPECT_EQ(Create("box", object).error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(field_, "edges[2]");
+  EXPECT_EQ(field_, "object.edges[2]");
   object = SampleObject("box");
   object.clear_mesh();
   EXPECT_EQ(Create("box", object).error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(field_, "mesh.vertices_m");
+  EXPECT_EQ(field_, "object.mesh.vertices_m");
   object = SampleObject("box");
   object.mutable_source()->set_sha256(std::string(64, 'a'));
   EXPECT_EQ(Create("box", object).error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(field_, "source.sha256");
+  EXPECT_EQ(field_, "object.source.sha256");
   object = SampleObject("box");
   object.set_display_name("unpreparable");
   EXPECT_EQ(Create("box", object).error_code(), StatusCode::INVALID_ARGUMENT);

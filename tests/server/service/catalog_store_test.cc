@@ -194,6 +194,26 @@ TEST_F(CatalogStoreTest, TheGenerationCountsEveryWriteAndGoesOnAfterARestart) {
   EXPECT_EQ(generation(opened), before + 1);
 }
 
+TEST_F(CatalogStoreTest, AnAnswerThatCannotBeMadeEndsTheWriteAndNothingHasChanged) {
+  const Counted opened = OpenCounted(path_);
+  CatalogStore& store = *opened.store;
+  const auto before = store.Published();
+  const auto refuse = [](const CatalogRecord&) { return absl::ResourceExhaustedError("no room"); };
+  EXPECT_EQ(store.Create({SampleRecord("new")}, {}, refuse).code(),
+            absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(store.catalog().GetSummary("new").status().code(), absl::StatusCode::kNotFound);
+  const auto rename = [](CatalogRecord current) -> absl::StatusOr<CatalogRecord> {
+    current.model.display_name = "other";
+    return current;
+  };
+  EXPECT_FALSE(store.Update("obj_1", {.display_name = true}, rename, refuse).ok());
+  EXPECT_NE(store.catalog().GetSummary("obj_1")->record.model.display_name, "other");
+  EXPECT_FALSE(store.Delete("obj_1", refuse).ok());
+  EXPECT_TRUE(store.catalog().GetSummary("obj_1").ok());
+  EXPECT_EQ(store.Published(), before);
+  EXPECT_TRUE(store.CheckIndex().ok());
+}
+
 // A catalog larger than what is held in memory.
 class StoredCatalogTest : public CatalogStoreTest {
  protected:

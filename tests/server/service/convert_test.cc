@@ -9,6 +9,7 @@
 #include <limits>
 #include <opencv2/core.hpp>
 #include <random>
+#include <set>
 
 #include "horopter/v1/catalog.pb.h"
 #include "horopter/v1/recognition.pb.h"
@@ -26,6 +27,10 @@ Rigid3 RandomRigid(std::mt19937& rng) {
   std::normal_distribution<double> normal;
   const Eigen::Quaterniond q(normal(rng), normal(rng), normal(rng), normal(rng));
   return {q.normalized().toRotationMatrix(), {normal(rng), normal(rng), normal(rng)}};
+}
+
+Eigen::Matrix3d RotationAboutZ(double angle) {
+  return Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()).toRotationMatrix();
 }
 
 TEST(ConvertRigid, SurvivesTheRoundTrip) {
@@ -165,15 +170,86 @@ TEST(ConvertObject, NamesTheOffendingField) {
 
 TEST(ConvertMask, KnowsEveryWritableFieldAndNoOther) {
   google::protobuf::FieldMask mask;
-  EXPECT_TRUE(MaskFromProto(mask)->mesh);
+  v1::Object populated;
+  EXPECT_FALSE(MaskFromProto(mask, populated)->mesh);
+  populated.mutable_mesh();
+  EXPECT_TRUE(MaskFromProto(mask, populated)->mesh);
+  EXPECT_FALSE(MaskFromProto(mask, populated)->grasps);
   mask.add_paths("grasps");
-  EXPECT_TRUE(MaskFromProto(mask)->grasps);
-  EXPECT_FALSE(MaskFromProto(mask)->mesh);
+  EXPECT_TRUE(MaskFromProto(mask, populated)->grasps);
+  EXPECT_FALSE(MaskFromProto(mask, populated)->mesh);
   for (const char* bad : {"name", "create_time", "grasps.name", "", "vertex_count"}) {
     google::protobuf::FieldMask wrong;
     wrong.add_paths(bad);
-    EXPECT_EQ(ErrorField(MaskFromProto(wrong).status()), "update_mask") << bad;
+    EXPECT_EQ(ErrorField(MaskFromProto(wrong, populated).status()), "update_mask") << bad;
   }
+}
+
+TEST(ConvertAnswer, EveryKindOfFindingHasItsOwnTypedValue) {
+  SceneAnswer answer;
+  for (int kind = 0; kind <= static_cast<int>(FindingKind::kReferenceConflict); ++kind) {
+    AnswerFinding finding;
+    finding.kind = static_cast<FindingKind>(kind);
+    finding.value = 0.25;
+    answer.findings.push_back(finding);
+  }
+  v1::RecognizeSceneResponse proto;
+  SceneAnswerToProto(answer, {}, {}, &proto);
+  std::set<int> cases;
+  for (const v1::SceneFinding& f : proto.findings()) cases.insert(f.finding_case());
+  EXPECT_EQ(cases.size(), answer.findings.size());
+  EXPECT_EQ(cases.count(v1::SceneFinding::FINDING_NOT_SET), 0u);
+  EXPECT_EQ(proto.findings(3).shift_undetermined().sigma_m(), 0.25);
+  EXPECT_EQ(proto.findings(4).focal_and_depth().focal_log_sigma(), 0.25);
+  EXPECT_DOUBLE_EQ(proto.findings(5).scale_conflict().size_ratio(), std::exp(0.25));
+  EXPECT_EQ(proto.findings(7).reference_conflict().distance_m(), 0.25);
+}
+
+TEST(ConvertAnswer, TheBasicViewHasNoCovariancesAndObjectsBelowTheScoreAreCounted) {
+  SceneRequest request;
+  request.images = {cv::Mat(20, 30, CV_8UC1)};
+  SceneAnswer answer;
+  answer.cameras.resize(1);
+  for (const double score : {0.9, 0.4}) {
+    AnswerObject object;
+    object.object_id = "box";
+    object.instance = static_cast<int>(answer.objects.size());
+    object.score = score;
+    answer.objects.push_back(object);
+  }
+  answer.joint_covariance = Eigen::MatrixXd::Identity(12, 12);
+  answer.stages = {{"features", 1.0, {}}};
+  answer.plane = SupportPlane{Eigen::Vector3d::UnitX(), 0.25};
+  answer.base_from_scene = Rigid3{RotationAboutZ(M_PI / 2), {1, 2, 3}};
+  v1::RecognizeSceneResponse full, basic, none;
+  SceneAnswerToProto(answer, request, {true, 0.5}, &full);
+  ASSERT_EQ(full.objects_size(), 1);
+  EXPECT_EQ(full.objects(0).score(), 0.9);
+  EXPECT_EQ(full.objects_below_min_score(), 1);
+  EXPECT_EQ(full.reasons_size(), 0);
+  EXPECT_EQ(full.joint_pose_covariance_size(), 36);
+  EXPECT_EQ(full.supporting_plane_in_scene().normal().x(), 1.0);
+  EXPECT_EQ(full.supporting_plane_in_scene().offset_m(), 0.25);
+  // A point of the plane, carried into the base, is in the plane there.
+  const Eigen::Vector3d in_base = *answer.base_from_scene * Eigen::Vector3d(0.25, 7, -5);
+  const v1::Plane& base = full.supporting_plane_in_base();
+  EXPECT_NEAR(base.normal().x() * in_base.x() + base.normal().y() * in_base.y() +
+                  base.normal().z() * in_base.z(),
+              base.offset_m(),
+              1e-12);
+
+  SceneAnswerToProto(answer, request, {false, 0.0}, &basic);
+  EXPECT_EQ(basic.objects_size(), 2);
+  EXPECT_EQ(basic.objects_below_min_score(), 0);
+  EXPECT_EQ(basic.joint_pose_covariance_size() + basic.stages_size() +
+                basic.objects(0).pose_covariance_size() + basic.objects(0).images_size(),
+            0);
+  EXPECT_TRUE(basic.has_base_from_scene() && basic.objects(0).has_base_from_object());
+
+  SceneAnswerToProto(answer, request, {true, 0.95}, &none);
+  ASSERT_EQ(none.reasons_size(), 1);
+  EXPECT_EQ(none.reasons(0).kind(), v1::SceneReason::KIND_BELOW_MIN_SCORE);
+  EXPECT_EQ(none.objects_below_min_score(), 2);
 }
 
 TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
@@ -181,8 +257,11 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   SceneRequest request;
   request.images = {cv::Mat(20, 30, CV_8UC1), cv::Mat(40, 50, CV_8UC3)};
   SceneAnswer answer;
-  answer.state = SceneState::kAmbiguous;
-  answer.detail = "two";
+  AddReason(ReasonKind::kReferenceNotFound, "", &answer);
+  AddReason(ReasonKind::kAmbiguous, "two", &answer);
+  answer.time_limited = true;
+  answer.unsearched = {{UnsearchedCause::kTime, "projective"},
+                       {UnsearchedCause::kCatalogSize, "aspects"}};
   answer.base_from_scene = RandomRigid(rng);
   answer.cameras.resize(2);
   answer.cameras[1] = PosedCamera{{50, 40, 77.5, 24.0, 19.5, -0.03}, RandomRigid(rng), 0.02};
@@ -194,7 +273,8 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   for (int i = 0; i < 36; ++i) object.covariance(i / 6, i % 6) = i;
   object.view_scores = {-1.0, 0.5};
   object.alternatives = {"bar"};
-  object.grasps = {{"top", 2, RandomRigid(rng), 0.05, 0.04, 0.9, RandomRigid(rng), 0.75}};
+  object.grasps = {{"top", 2, RandomRigid(rng), 0.05, 0.04, 0.9, RandomRigid(rng), 0.75},
+                   {"cup", 0, {}, 0.0, 0.0, 1.0, {}, 1.0, true, 0.01}};
   object.camera_covariances = {std::nullopt, Matrix6d::Constant(3.0)};
   object.base_from_object = UncertainPose{{}, Matrix6d::Constant(4.0)};
   AnswerObject first = object;
@@ -217,9 +297,16 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   answer.stages = {{"features", 1.25, {{"edges", 412.0}}}};
 
   v1::RecognizeSceneResponse proto;
-  SceneAnswerToProto(answer, request, &proto);
-  EXPECT_EQ(proto.state(), v1::SCENE_STATE_AMBIGUOUS);
-  EXPECT_EQ(proto.detail(), "two");
+  SceneAnswerToProto(answer, request, {}, &proto);
+  ASSERT_EQ(proto.reasons_size(), 2);
+  EXPECT_EQ(proto.reasons(0).kind(), v1::SceneReason::KIND_AMBIGUOUS);
+  EXPECT_EQ(proto.reasons(0).detail(), "two");
+  EXPECT_EQ(proto.reasons(1).kind(), v1::SceneReason::KIND_REFERENCE_NOT_FOUND);
+  EXPECT_EQ(proto.completeness(), v1::COMPLETENESS_TIME_LIMITED);
+  ASSERT_EQ(proto.unsearched_size(), 2);
+  EXPECT_EQ(proto.unsearched(0).cause(), v1::UnsearchedStep::CAUSE_TIME);
+  EXPECT_EQ(proto.unsearched(0).step(), "projective");
+  EXPECT_EQ(proto.unsearched(1).cause(), v1::UnsearchedStep::CAUSE_CATALOG_SIZE);
   ASSERT_EQ(proto.cameras_size(), 2);
   EXPECT_FALSE(proto.cameras(0).recovered());
   EXPECT_EQ(proto.cameras(0).image_width_px(), 30);
@@ -248,6 +335,9 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
                           kRounding));
   EXPECT_EQ(out.grasps(0).symmetry_index(), 2);
   EXPECT_EQ(out.grasps(0).success(), 0.75);
+  EXPECT_EQ(out.grasps(0).parallel_jaw().jaw_opening_m(), 0.05);
+  EXPECT_EQ(out.grasps(0).parallel_jaw().grip_width_m(), 0.04);
+  EXPECT_EQ(out.grasps(1).suction().cup_radius_m(), 0.01);
   EXPECT_TRUE(NearlyEqual(*RigidFromProto(out.grasps(0).base_from_pregrasp(), "x"),
                           *answer.base_from_scene * object.grasps[0].scene_from_pregrasp,
                           kRounding));
@@ -258,9 +348,10 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   EXPECT_EQ(proto.joint_pose_covariance(0), 0.0);
   EXPECT_EQ(proto.joint_pose_covariance(6 * 12 + 6), 11.0);
   ASSERT_EQ(proto.findings_size(), 1);
-  EXPECT_EQ(proto.findings(0).kind(), v1::SceneFinding::KIND_TURN_UNDETERMINED);
+  ASSERT_TRUE(proto.findings(0).has_turn_undetermined());
   EXPECT_EQ(proto.findings(0).object(), "objects/box");
-  EXPECT_EQ(proto.findings(0).direction().z(), 1.0);
+  EXPECT_EQ(proto.findings(0).turn_undetermined().axis_in_object().z(), 1.0);
+  EXPECT_EQ(proto.findings(0).turn_undetermined().sigma_rad(), 3.0);
   EXPECT_FALSE(proto.findings(0).has_image());
   ASSERT_EQ(proto.scale_sources_size(), 1);
   EXPECT_EQ(proto.scale_sources(0).kind(), v1::ScaleSource::KIND_REFERENCE_CAMERAS);

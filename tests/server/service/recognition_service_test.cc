@@ -35,6 +35,7 @@ struct Seen {
   std::vector<std::optional<CameraPoseHint>> camera_poses;
   std::vector<std::string> candidates;
   std::optional<ReferenceObject> reference;
+  std::optional<GripperTools> gripper;
   std::vector<std::string> catalog_ids;
 };
 
@@ -46,11 +47,13 @@ Recognizer Recording(Seen& seen) {
     seen.camera_poses = request.camera_poses;
     seen.candidates = request.candidates;
     seen.reference = request.reference;
+    seen.gripper = request.gripper;
     seen.catalog_ids.clear();
     for (const auto& object : catalog.objects) seen.catalog_ids.push_back(ModelOfFake(*object).id);
     PipelineResult result;
-    result.answer.state =
-        catalog.objects.empty() ? SceneState::kEmptyCatalog : SceneState::kNothingFound;
+    AddReason(catalog.objects.empty() ? ReasonKind::kEmptyCatalog : ReasonKind::kNothingFound,
+              "",
+              &result.answer);
     result.answer.cameras.resize(request.images.size());
     result.answer.stages = {{"features", 0.5, {}}};
     return absl::StatusOr<PipelineResult>(std::move(result));
@@ -94,9 +97,11 @@ class RecognitionServiceTest : public testing::Test {
   std::string field_;
 };
 
-TEST_F(RecognitionServiceTest, OneImageIsEnoughAndTheEmptyCatalogIsAState) {
+TEST_F(RecognitionServiceTest, OneImageIsEnoughAndTheEmptyCatalogIsAReason) {
   ASSERT_TRUE(Call(WithImages({Png(48, 64)})).ok());
-  EXPECT_EQ(answer_.state(), v1::SCENE_STATE_EMPTY_CATALOG);
+  ASSERT_EQ(answer_.reasons_size(), 1);
+  EXPECT_EQ(answer_.reasons(0).kind(), v1::SceneReason::KIND_EMPTY_CATALOG);
+  EXPECT_EQ(answer_.completeness(), v1::COMPLETENESS_COMPLETE);
   ASSERT_EQ(answer_.cameras_size(), 1);
   EXPECT_EQ(answer_.cameras(0).image_width_px(), 64);
   EXPECT_FALSE(answer_.request_id().empty());
@@ -156,6 +161,74 @@ TEST_F(RecognitionServiceTest, HintsArriveAsGivenAndBadOnesAreRefused) {
   hint->clear_focal_px();
   hint->set_focal_log_sigma(0.1);
   ExpectRefused(request, "images[1].camera_hint.focal_log_sigma", "without focal_px");
+}
+
+TEST_F(RecognitionServiceTest, ALensIsRectifiedAndWhatIsKnownOfTheImageComesBack) {
+  v1::RecognizeSceneRequest request = WithImages({Png(32, 32), Png(32, 32)});
+  v1::SceneImage* image = request.mutable_images(1);
+  image->set_camera_id("left");
+  image->set_frame_id("left_optical_frame");
+  image->mutable_capture_time()->set_seconds(1234);
+  v1::CameraHint* hint = image->mutable_camera_hint();
+  hint->set_focal_px(40.0);
+  hint->set_k2(0.5);
+  ExpectRefused(request, "images[1].camera_hint.principal_point_x_px", "the lens needs it");
+  hint->set_principal_point_x_px(15.0);
+  hint->set_principal_point_y_px(16.0);
+  ASSERT_TRUE(Call(request).ok());
+  EXPECT_EQ(answer_.cameras(1).camera_id(), "left");
+  EXPECT_EQ(answer_.cameras(1).frame_id(), "left_optical_frame");
+  EXPECT_EQ(answer_.cameras(1).capture_time().seconds(), 1234);
+  EXPECT_TRUE(answer_.cameras(1).rectified());
+  EXPECT_FALSE(answer_.cameras(0).rectified());
+  EXPECT_FALSE(answer_.cameras(0).has_capture_time());
+  EXPECT_EQ(seen_.hints[1].k1, 0.0);
+  // The same bytes were sent twice, and one of them is another image now.
+  cv::Mat difference;
+  cv::absdiff(seen_.images[0], seen_.images[1], difference);
+  EXPECT_GT(cv::norm(difference), 0.0);
+
+  hint->set_focal_y_px(400.0);
+  ExpectRefused(request, "images[1].camera_hint.focal_y_px", "does not go with");
+  hint->clear_focal_y_px();
+  hint->mutable_fisheye()->set_k1(0.1);
+  ExpectRefused(request, "images[1].camera_hint.fisheye", "together");
+  hint->clear_k2();
+  hint->mutable_fisheye()->set_k3(std::nan(""));
+  ExpectRefused(request, "images[1].camera_hint.fisheye.k3", "out of range");
+  hint->clear_fisheye();
+  EXPECT_TRUE(Call(request).ok());
+  image->set_frame_id(std::string(256, 'f'));
+  ExpectRefused(request, "images[1].frame_id", "255");
+}
+
+TEST_F(RecognitionServiceTest, TheGripperArrivesAndViewAndScoreAreChecked) {
+  v1::RecognizeSceneRequest request = WithImages({Png(32, 32)});
+  ASSERT_TRUE(Call(request).ok());
+  EXPECT_FALSE(seen_.gripper);
+  request.mutable_gripper();
+  ExpectRefused(request, "gripper", "neither");
+  request.mutable_gripper()->mutable_parallel_jaw()->set_finger_length_m(0.05);
+  ExpectRefused(request, "gripper.parallel_jaw.finger_width_m", "");
+  request.mutable_gripper()->mutable_parallel_jaw()->set_finger_width_m(0.02);
+  request.mutable_gripper()->mutable_parallel_jaw()->set_finger_thickness_m(0.01);
+  request.mutable_gripper()->set_approach_m(0.1);
+  ASSERT_TRUE(Call(request).ok());
+  ASSERT_TRUE(seen_.gripper && seen_.gripper->parallel_jaw);
+  EXPECT_FALSE(seen_.gripper->suction);
+  EXPECT_EQ(seen_.gripper->parallel_jaw->finger_width_m, 0.02);
+  EXPECT_EQ(seen_.gripper->approach_m, 0.1);
+  request.mutable_gripper()->mutable_suction()->set_length_m(-1.0);
+  ExpectRefused(request, "gripper.suction.length_m", "");
+  request.clear_gripper();
+  request.set_min_score(1.5);
+  ExpectRefused(request, "min_score", "");
+  request.set_min_score(0.5);
+  request.set_view(static_cast<v1::AnswerView>(9));
+  ExpectRefused(request, "view", "");
+  request.set_view(v1::ANSWER_VIEW_BASIC);
+  ASSERT_TRUE(Call(request).ok());
+  EXPECT_EQ(answer_.stages_size(), 0);
 }
 
 TEST_F(RecognitionServiceTest, PoseHintsArriveAsGivenAndBadOnesAreRefused) {

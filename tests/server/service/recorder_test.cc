@@ -25,7 +25,7 @@ class RecorderTest : public testing::Test {
  protected:
   RecorderTest() {
     request_.add_images()->set_content(std::string(300'000, 'i'));
-    response_.set_state(v1::SCENE_STATE_RECOGNIZED);
+    response_.set_completeness(v1::COMPLETENESS_COMPLETE);
     record_.request = &request_;
     record_.response = &response_;
     record_.objects = 1;

@@ -1,8 +1,10 @@
 #include "server/vision/recognition/aspects/aspect_score.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "server/vision/recognition/aspects/visible_edges.h"
@@ -15,6 +17,7 @@ struct Seen {
   const Rigid3& camera_from_object;
   std::span<const PartLayer* const> others;
   double hidden_m = 0.0;
+  std::span<const SiblingView> siblings;
 };
 
 // Nearest model edge point of each working pixel near the part, within the tolerance.
@@ -197,6 +200,60 @@ float InverseDepthAt(const RenderedView& view, const Eigen::Vector2d& at) {
   return view.inverse_depth[static_cast<std::size_t>(y) * view.width + x];
 }
 
+// Where the ray of a working pixel meets the part; nullopt where the part is not.
+std::optional<Eigen::Vector3d> SurfaceAt(const RenderedView& view,
+                                         const PinholeCamera& working,
+                                         const Rigid3& object_from_camera,
+                                         const Eigen::Vector2d& pixel) {
+  const float inverse_depth = InverseDepthAt(view, RenderedFromImage(view, working, pixel));
+  if (inverse_depth <= 0) return std::nullopt;
+  return object_from_camera *
+         Eigen::Vector3d(NormalizedPoint(working, pixel).homogeneous() / inverse_depth);
+}
+
+// Whether the siblings show an image edge at the same place of the part's surface.
+bool IsPrint(const PinholeCamera& working,
+             const RenderedView& rendered,
+             const Seen& seen,
+             const ImageEdgePoint& edge,
+             const AspectScoreOptions& options) {
+  const Rigid3 object_from_camera = seen.camera_from_object.Inverse();
+  const Eigen::Vector2d pixel = edge.point.cast<double>();
+  const Eigen::Vector2d along(-edge.normal.y(), edge.normal.x());
+  const auto here = SurfaceAt(rendered, working, object_from_camera, pixel);
+  const auto next = SurfaceAt(rendered, working, object_from_camera, pixel + 2.0 * along);
+  if (!here || !next) return false;
+  const float tolerance = static_cast<float>(options.tolerance_px * AspectImage::kDistanceScale);
+  int asked = 0;
+  double support = 0.0, chance = 0.0;
+  for (const SiblingView& sibling : seen.siblings) {
+    const PinholeCamera camera = WorkingCamera(*sibling.image, sibling.camera);
+    const Eigen::Vector3d a = sibling.camera_from_object * *here;
+    const Eigen::Vector3d b = sibling.camera_from_object * *next;
+    if (a.z() <= 0 || b.z() <= 0) continue;
+    const Eigen::Vector2f at = Project(camera, a).cast<float>();
+    const int x = static_cast<int>(std::lround(at.x())), y = static_cast<int>(std::lround(at.y()));
+    if (x < 0 || y < 0 || x >= sibling.image->width || y >= sibling.image->height) continue;
+    if (!sibling.layer->Has(x, y)) continue;
+    const float front = sibling.layer->inverse_depth[sibling.layer->Cell(x, y)];
+    if (front <= 0 || std::abs(1.0 / front - a.z()) > seen.hidden_m) continue;
+    const Eigen::Vector2f turn = Project(camera, b).cast<float>() - at;
+    const int bin = AspectBin(turn.x(), turn.y());
+    const float d = sibling.image->DistanceAt(at.x(), at.y(), bin);
+    ++asked;
+    support += std::clamp(1.5f * (1.0f - d / tolerance), 0.0f, 1.0f);
+    chance += sibling.image->ChanceAt(
+                  at.x(),
+                  at.y(),
+                  bin,
+                  AspectImage::ChanceLevel(static_cast<float>(options.tolerance_px))) /
+              255.0;
+  }
+  if (asked < 2) return false;
+  const double expected = std::min(0.9, chance / asked);
+  return (support / asked - expected) / (1.0 - expected) >= options.print_support;
+}
+
 double Recall(const AspectImage& image,
               const PinholeCamera& working,
               const VisibleEdges& edges,
@@ -234,6 +291,9 @@ double Recall(const AspectImage& image,
            IsCovered(seen.others, x, y, InverseDepthAt(edges.view, at)))) {
         continue;
       }
+      if (!own && !seen.siblings.empty() && IsPrint(working, edges.view, seen, edge, options)) {
+        continue;
+      }
       // Where half of all places are supported, an edge says nothing.
       const double telling =
           std::max(0.0, 1.0 - 2.0 * ExcessChance(image, edge.point, bin, options));
@@ -252,7 +312,8 @@ AspectScore ScorePose(const AspectImage& image,
                       const PinholeCamera& camera,
                       const Rigid3& camera_from_object,
                       const AspectScoreOptions& options,
-                      std::span<const PartLayer* const> others) {
+                      std::span<const PartLayer* const> others,
+                      std::span<const SiblingView> siblings) {
   AspectScore score;
   if (image.width == 0) return score;
   const PinholeCamera working = WorkingCamera(image, camera);
@@ -260,7 +321,7 @@ AspectScore ScorePose(const AspectImage& image,
   rendering.render_px = options.render_px;
   const VisibleEdges edges = FindVisibleEdges(mesh, working, camera_from_object, rendering);
   if (edges.points.empty()) return score;
-  const Seen seen{camera_from_object, others, options.hidden_share * mesh.diameter_m};
+  const Seen seen{camera_from_object, others, options.hidden_share * mesh.diameter_m, siblings};
   ScoreModelEdges(image, edges, seen, options, &score);
   const double depth = (camera_from_object * mesh.center.cast<double>()).z();
   const double size_px = working.focal_px * mesh.diameter_m / std::max(depth, 1e-6);

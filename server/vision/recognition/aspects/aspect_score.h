@@ -28,6 +28,14 @@ struct PartLayer {
   }
 };
 
+// The same part in another image of a scene.
+struct SiblingView {
+  const AspectImage* image = nullptr;
+  PinholeCamera camera;  // of the original image
+  Rigid3 camera_from_object;
+  const PartLayer* layer = nullptr;  // of the part in that image
+};
+
 struct AspectScoreOptions {
   double render_px = 200.0;       // a diameter; smaller is faster and coarser
   double tolerance_px = 3.0;      // working pixels; support falls to 0 there
@@ -39,6 +47,9 @@ struct AspectScoreOptions {
   // is taken off the precision, and image edges in such places count less in the recall.
   double free_chance = 0.10;
   double hidden_share = 0.02;  // of the diameter by which what hides an edge is nearer
+  // An image edge is print on the surface when the siblings that see its place, at least two, show
+  // a like-directed edge there with this support above chance.
+  double print_support = 0.5;
 };
 
 // precision: share of the visible model edge with like-directed image edge, as far as that is not
@@ -57,13 +68,15 @@ struct AspectScore {
 
 // The camera is that of the original image. All zero when nothing of the part is visible. `others`
 // are parts that are known to be there: what they hide of this one is not asked for, and image
-// edges of theirs need no explanation.
+// edges of theirs need no explanation; nor do edges that `siblings` show in the same places of the
+// part's surface: those are print, scratches or seams that CAD does not have.
 AspectScore ScorePose(const AspectImage& image,
                       const RenderMesh& mesh,
                       const PinholeCamera& camera,
                       const Rigid3& camera_from_object,
                       const AspectScoreOptions& options = {},
-                      std::span<const PartLayer* const> others = {});
+                      std::span<const PartLayer* const> others = {},
+                      std::span<const SiblingView> siblings = {});
 
 // What ScorePose needs of the others. Empty when nothing of the part is visible.
 PartLayer MakePartLayer(const AspectImage& image,

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 
 #include "server/base/parallel_for.h"
 
@@ -70,6 +71,52 @@ double SharedSurface(std::span<const PartLayer> a,
   return smaller > 0 ? static_cast<double>(shared) / static_cast<double>(smaller) : 0.0;
 }
 
+AspectScore Mean(const LinkedObject& o, int shown) {
+  AspectScore mean;
+  for (const AspectScore& score : o.views) {
+    mean.precision += score.precision / shown;
+    mean.recall += score.recall / shown;
+  }
+  return mean;
+}
+
+// Edges of the model are found, but the images have many more within it.
+bool MayBePrinted(const LinkedObject& o, int shown, const SceneJudgementOptions& options) {
+  if (shown < 3) return false;
+  const AspectScore mean = Mean(o, shown);
+  return mean.precision >= options.print_precision && mean.recall < options.print_recall;
+}
+
+// Scores once more, without the edges that stay in their places on the surface from view to view.
+void ForgivePrint(std::span<const AspectImage> images,
+                  const RenderMesh& mesh,
+                  const std::vector<std::optional<AspectSceneView>>& views,
+                  const AspectSceneObject& placed,
+                  const std::vector<std::vector<const PartLayer*>>& near,
+                  const AspectScoreOptions& scoring,
+                  const SceneJudgementOptions& options,
+                  LinkedObject* out) {
+  AspectScoreOptions rendering;
+  rendering.render_px = options.layer_px;
+  std::vector<PartLayer> layers(views.size());
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!out->shown[v]) continue;
+    const Rigid3 pose = views[v]->camera_from_scene * placed.scene_from_object;
+    layers[v] = MakePartLayer(images[v], mesh, views[v]->camera, pose, rendering);
+  }
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!out->shown[v]) continue;
+    std::vector<SiblingView> siblings;
+    for (std::size_t w = 0; w < views.size(); ++w) {
+      if (w == v || !out->shown[w]) continue;
+      const Rigid3 pose = views[w]->camera_from_scene * placed.scene_from_object;
+      siblings.push_back({&images[w], views[w]->camera, pose, &layers[w]});
+    }
+    const Rigid3 pose = views[v]->camera_from_scene * placed.scene_from_object;
+    out->views[v] = ScorePose(images[v], mesh, views[v]->camera, pose, scoring, near[v], siblings);
+  }
+}
+
 }  // namespace
 
 std::array<Eigen::Vector3d, 8> BoxCorners(const RenderMesh& mesh) {
@@ -95,24 +142,31 @@ LinkedObject JudgeInViews(std::span<const AspectImage> images,
   out.shown.assign(views.size(), false);
   AspectScoreOptions scoring;
   scoring.render_px = options.render_px;
+  std::vector<std::vector<const PartLayer*>> near(views.size());
   int registered = 0, shown = 0;
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!views[v]) continue;
     ++registered;
     const Rigid3 pose = views[v]->camera_from_scene * placed.scene_from_object;
     if (!IsInside(mesh, views[v]->camera, pose, options.shown_share)) continue;
-    std::vector<const PartLayer*> near;
     if (!others.empty()) {
       const Disc disc = DiscOf(images[v], mesh, views[v]->camera, pose);
       for (const std::vector<PartLayer>* layers : others) {
-        if (disc.Meets((*layers)[v])) near.push_back(&(*layers)[v]);
+        if (disc.Meets((*layers)[v])) near[v].push_back(&(*layers)[v]);
       }
     }
-    const AspectScore score = ScorePose(images[v], mesh, views[v]->camera, pose, scoring, near);
+    const AspectScore score = ScorePose(images[v], mesh, views[v]->camera, pose, scoring, near[v]);
     if (score.visible_px < options.visible_share * (score.visible_px + score.hidden_px)) continue;
     out.views[v] = score;
     out.shown[v] = true;
     ++shown;
+  }
+  if (MayBePrinted(out, shown, options)) {
+    LinkedObject printed = out;
+    ForgivePrint(images, mesh, views, placed, near, scoring, options, &printed);
+    if (Mean(printed, shown).recall >= options.print_recall) out = std::move(printed);
+  }
+  for (const AspectScore& score : out.views) {
     out.score += score.score;
     out.precision += score.precision;
   }

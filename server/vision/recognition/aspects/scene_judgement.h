@@ -34,7 +34,11 @@ struct SceneJudgementOptions {
   // Of a better part's surface, a part must not have more than this share as its own: surfaces
   // nearer than a share of the smaller diameter are one.
   double max_shared = 0.25;
-  double one_surface_share = 0.012;
+  double one_surface_share = 0.02;
+  // A part whose edges are found so well, in three views or more, may be printed on where so little
+  // of the images' edges within it are its own; it is when print explains them up to this share.
+  double print_precision = 0.75;
+  double print_recall = 0.6;
   int threads = 1;
 };
 

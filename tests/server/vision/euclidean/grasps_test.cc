@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <random>
 
+#include "server/vision/geometry/grasp_kind.h"
 #include "server/vision/recognition/scoring/pose_refine.h"
 #include "tests/support/synthetic_part.h"
 
@@ -61,6 +62,59 @@ TEST(PlanGrasps, NothingThroughThePlaneOrThroughANeighbour) {
   scene.objects.push_back(neighbour);
   EXPECT_EQ(Names(PlanGrasps(scene, 0, {}, &counts)), (std::vector<std::string>{"top"}));
   EXPECT_EQ(counts.blocked, 1);
+}
+
+TEST(PlanGrasps, OnlyGraspsOfTheRobotsGripperAreOffered) {
+  ObjectModel block = Block();
+  Grasp cup = block.grasps[0];
+  cup.name = "cup";
+  SetSuction(0.005, &cup);
+  cup.object_from_gripper.t.z() = 0.03;  // on the top face
+  block.grasps.push_back(cup);
+  GraspScene scene;
+  scene.objects = {{&block, {}, Matrix6d::Zero()}};
+  EXPECT_EQ(PlanGrasps(scene, 0, {}).size(), 4u);
+  GraspOptions options;
+  options.parallel_jaw.reset();
+  GraspCounts counts;
+  EXPECT_EQ(Names(PlanGrasps(scene, 0, options, &counts)), (std::vector<std::string>{"cup"}));
+  EXPECT_EQ(counts.other_gripper, 3);
+  options = {};
+  options.suction.reset();
+  options.parallel_jaw->max_opening_m = 0.029;
+  EXPECT_TRUE(PlanGrasps(scene, 0, options, &counts).empty());
+  EXPECT_EQ(counts.other_gripper, 4);
+}
+
+TEST(PlanGrasps, ACupNeedsRoomForItsHolderAndASurePlaceAndTilt) {
+  ObjectModel block = Block();
+  Grasp cup = block.grasps[0];
+  SetSuction(0.005, &cup);
+  cup.object_from_gripper.t.z() = 0.03;
+  block.grasps = {cup};
+  GraspScene scene;
+  scene.objects = {{&block, {}, Matrix6d::Zero()}};
+  scene.plane = SupportPlane{};
+  ASSERT_EQ(PlanGrasps(scene, 0, {}).size(), 1u);
+  EXPECT_EQ(PlanGrasps(scene, 0, {})[0].success, 1.0);
+  // A higher neighbour 25 mm aside: room for the cup, not for a wide holder.
+  const ObjectModel tower =
+      Prism("tower", {{-0.01, -0.01}, {0.01, -0.01}, {0.01, 0.01}, {-0.01, 0.01}}, 0.08);
+  GraspScene::Object neighbour{&tower, {}, Matrix6d::Zero()};
+  neighbour.scene_from_object.t.y() = 0.025;
+  scene.objects.push_back(neighbour);
+  EXPECT_EQ(PlanGrasps(scene, 0, {}).size(), 1u);
+  GraspOptions wide;
+  wide.suction->holder_radius_m = 0.02;
+  GraspCounts counts;
+  EXPECT_TRUE(PlanGrasps(scene, 0, wide, &counts).empty());
+  EXPECT_EQ(counts.blocked, 1);
+  // Turns about the cup's axis do not matter, tilts do.
+  scene.objects[0].covariance(2, 2) = 1.0;
+  EXPECT_EQ(PlanGrasps(scene, 0, {}).size(), 1u);
+  scene.objects[0].covariance(0, 0) = 0.01;
+  EXPECT_TRUE(PlanGrasps(scene, 0, {}, &counts).empty());
+  EXPECT_EQ(counts.unsure, 1);
 }
 
 TEST(PlanGrasps, TheOpeningMustPassThePart) {

@@ -1,0 +1,35 @@
+#include "client/answer_text.h"
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+namespace horopter {
+
+std::string OutcomeText(const v1::RecognizeSceneResponse& response) {
+  constexpr size_t kPrefix = sizeof("KIND_") - 1;
+  std::string text = response.objects_size() > 0 ? "RECOGNIZED" : "";
+  const auto add = [&](const std::string& word) {
+    absl::StrAppend(&text, text.empty() ? "" : ",", word);
+  };
+  for (const v1::SceneReason& reason : response.reasons()) {
+    const std::string& name = v1::SceneReason::Kind_Name(reason.kind());
+    add(name.empty() ? "UNKNOWN" : name.substr(kPrefix));
+  }
+  if (response.completeness() == v1::COMPLETENESS_TIME_LIMITED) add("TIME_LIMITED");
+  return text.empty() ? "UNKNOWN" : text;
+}
+
+std::string FindingName(const v1::SceneFinding& finding) {
+  const auto* field = v1::SceneFinding::descriptor()->FindFieldByNumber(finding.finding_case());
+  return field == nullptr ? "UNKNOWN" : absl::AsciiStrToUpper(field->name());
+}
+
+std::string GripperText(const v1::RecognizedGrasp& grasp) {
+  constexpr double kMm = 1e3;
+  return grasp.has_suction()
+             ? absl::StrFormat("cup of radius %.0f", grasp.suction().cup_radius_m() * kMm)
+             : absl::StrFormat("opening %.0f", grasp.parallel_jaw().jaw_opening_m() * kMm);
+}
+
+}  // namespace horopter

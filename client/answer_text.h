@@ -1,0 +1,20 @@
+// What an answer decided, in words for a line or a table.
+#pragma once
+
+#include <string>
+
+#include "horopter/v1/recognition.pb.h"
+
+namespace horopter {
+
+// "RECOGNIZED" when there are objects, then every reason and, of an answer cut short,
+// "TIME_LIMITED": "RECOGNIZED,AMBIGUOUS,REFERENCE_NOT_FOUND".
+std::string OutcomeText(const v1::RecognizeSceneResponse& response);
+
+// "SCALE_CONFLICT"; "UNKNOWN" of a kind that this client does not know.
+std::string FindingName(const v1::SceneFinding& finding);
+
+// "opening 40" or "cup of radius 8", millimetres.
+std::string GripperText(const v1::RecognizedGrasp& grasp);
+
+}  // namespace horopter

@@ -1,0 +1,38 @@
+// What a request says of its cameras and its gripper, checked.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "server/pipeline/scene.h"
+#include "server/vision/geometry/lens_model.h"
+
+namespace horopter::v1 {
+class CameraHint;
+class RecognizeSceneRequest;
+}  // namespace horopter::v1
+
+namespace horopter {
+
+// All return INVALID_ARGUMENT naming the field; `field` is that of the hint.
+
+// Of the image as it is, or rectified when it has a lens (LensFromProto).
+absl::StatusOr<CameraHint> HintFromProto(const v1::CameraHint& proto, const std::string& field);
+
+// Empty: a pinhole camera with square pixels and at most k1, which needs no rectification.
+absl::StatusOr<std::optional<LensModel>> LensFromProto(const v1::CameraHint& proto,
+                                                       const std::string& field);
+
+// Whether a valid hint has such a lens.
+bool HasLens(const v1::CameraHint& proto);
+
+// Empty: the pose is not known.
+absl::StatusOr<std::optional<CameraPoseHint>> PoseHintFromProto(const v1::CameraHint& proto,
+                                                                const std::string& field);
+
+// Empty: the request names no gripper.
+absl::StatusOr<std::optional<GripperTools>> GripperFromProto(
+    const v1::RecognizeSceneRequest& proto);
+
+}  // namespace horopter
