@@ -64,6 +64,12 @@ absl::Status ToAbsl(const grpc::Status& status,
   if (status.error_code() == grpc::StatusCode::UNAVAILABLE) {
     message = absl::StrCat("server ", address, " cannot be reached: ", message);
   }
+  if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
+    absl::StrAppend(&message,
+                    ": server ",
+                    address,
+                    " does not know this call; it is of another version, or no horopterd");
+  }
   if (!request.empty()) absl::StrAppend(&message, " (request ", request, ")");
   // The codes of absl and gRPC have the same numbers.
   absl::Status out(static_cast<absl::StatusCode>(status.error_code()), message);

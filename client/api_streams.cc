@@ -1,6 +1,9 @@
 // The calls of the C++ client that stream.
+#include <atomic>
 #include <chrono>
 #include <fstream>
+#include <thread>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "client/api_stubs.h"
@@ -16,6 +19,39 @@ void SetDeadline(grpc::ClientContext& context, double timeout_s) {
   context.set_deadline(std::chrono::system_clock::now() +
                        std::chrono::milliseconds(static_cast<int64_t>(timeout_s * 1e3)));
 }
+
+// Cancels a call when the program is interrupted: reads and writes of a stream wait for the server
+// as long as it likes.
+class CancelOnInterrupt {
+ public:
+  CancelOnInterrupt(grpc::ClientContext* context, std::function<bool()> interrupted)
+      : interrupted_(std::move(interrupted)) {
+    if (!interrupted_) return;
+    watch_ = std::thread([this, context] {
+      while (!over_ && !interrupted_()) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(50));
+      }
+      if (!over_) context->TryCancel();
+    });
+  }
+  ~CancelOnInterrupt() {
+    over_ = true;
+    if (watch_.joinable()) watch_.join();
+  }
+  CancelOnInterrupt(const CancelOnInterrupt&) = delete;
+  CancelOnInterrupt& operator=(const CancelOnInterrupt&) = delete;
+
+  // The call's status, said to be interrupted where that ended it.
+  absl::Status Of(absl::Status status) const {
+    const bool ours = absl::IsCancelled(status) && interrupted_ && interrupted_();
+    return ours ? absl::CancelledError("interrupted") : status;
+  }
+
+ private:
+  const std::function<bool()> interrupted_;
+  std::atomic<bool> over_ = false;
+  std::thread watch_;
+};
 
 // Calls `visit` with the file's bytes, piece by piece. Errors: NOT_FOUND, those of `visit`.
 absl::Status ReadInPieces(const std::string& path,
@@ -40,18 +76,14 @@ absl::StatusOr<v1::VerifyCatalogResponse> HoropterClient::VerifyCatalog(
   SetDeadline(context, options_.timeout_s);
   v1::VerifyCatalogRequest request;
   request.set_recompute(recompute);
+  const CancelOnInterrupt watch(&context, options_.interrupted);
   const auto reader = stubs_->catalog->VerifyCatalog(&context, request);
   v1::VerifyCatalogResponse all, message;
   while (reader->Read(&message)) {
     all.MergeFrom(message);
     if (progress) progress(all.progress());
-    if (options_.interrupted && options_.interrupted()) {
-      context.TryCancel();
-      reader->Finish();
-      return absl::CancelledError("interrupted");
-    }
   }
-  HOROPTER_RETURN_IF_ERROR(ToAbsl(reader->Finish(), context, address_));
+  HOROPTER_RETURN_IF_ERROR(watch.Of(ToAbsl(reader->Finish(), context, address_)));
   return all;
 }
 
@@ -65,6 +97,7 @@ absl::Status HoropterClient::BackupCatalog(
   v1::BackupCatalogRequest request;
   request.set_backup_id(backup_id);
   request.set_offset(offset);
+  const CancelOnInterrupt watch(&context, options_.interrupted);
   const auto reader = stubs_->catalog->BackupCatalog(&context, request);
   v1::BackupCatalogResponse piece;
   while (reader->Read(&piece)) {
@@ -74,7 +107,7 @@ absl::Status HoropterClient::BackupCatalog(
       return status;
     }
   }
-  return ToAbsl(reader->Finish(), context, address_);
+  return watch.Of(ToAbsl(reader->Finish(), context, address_));
 }
 
 absl::StatusOr<v1::RestoreCatalogResponse> HoropterClient::RestoreCatalog(const std::string& path) {
@@ -89,6 +122,7 @@ absl::StatusOr<v1::RestoreCatalogResponse> HoropterClient::RestoreCatalog(const 
   grpc::ClientContext context;
   SetDeadline(context, options_.timeout_s);
   v1::RestoreCatalogResponse response;
+  const CancelOnInterrupt watch(&context, options_.interrupted);
   const auto writer = stubs_->catalog->RestoreCatalog(&context, &response);
   bool first = true;
   const absl::Status sent = ReadInPieces(path, [&](std::string piece) {
@@ -102,7 +136,7 @@ absl::StatusOr<v1::RestoreCatalogResponse> HoropterClient::RestoreCatalog(const 
     return writer->Write(message) ? absl::OkStatus() : absl::AbortedError("refused");
   });
   writer->WritesDone();
-  HOROPTER_RETURN_IF_ERROR(ToAbsl(writer->Finish(), context, address_));
+  HOROPTER_RETURN_IF_ERROR(watch.Of(ToAbsl(writer->Finish(), context, address_)));
   HOROPTER_RETURN_IF_ERROR(sent);
   return response;
 }

@@ -26,7 +26,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Objects exactly as the server gave them, beside the BOP layout, which cannot say everything.
-constexpr char kObjectsFolder[] = "objects";
+constexpr const char* kObjectsFolder = "objects";
 constexpr char kObjectExtension[] = ".pb";
 
 std::string Percent(double stretch) {
@@ -137,6 +137,15 @@ absl::Status CheckFileNames(const std::string& id, const v1::Object& object) {
   return absl::OkStatus();
 }
 
+absl::Status MakeExportFolder(const std::string& folder) {
+  std::error_code error;
+  for (const char* below : {kObjectsFolder, "cao"}) {
+    fs::create_directories(fs::path(folder) / below, error);
+    if (error) return absl::FailedPreconditionError(absl::StrCat(folder, ": ", error.message()));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status Export(HoropterClient& client,
                     const std::vector<std::string>& ids,
                     const std::string& folder) {
@@ -144,9 +153,6 @@ absl::Status Export(HoropterClient& client,
   if (fs::exists(folder, error) && !fs::is_empty(folder, error)) {
     return absl::AlreadyExistsError(absl::StrCat(folder, ": is not empty"));
   }
-  fs::create_directories(fs::path(folder) / kObjectsFolder, error);
-  if (error) return absl::FailedPreconditionError(absl::StrCat(folder, ": ", error.message()));
-  fs::create_directories(fs::path(folder) / "cao", error);
   const std::vector<int> numbers = NumbersFor(ids);
   std::vector<BopExportEntry> entries;
   Progress progress("objects", static_cast<int64_t>(ids.size()));
@@ -154,6 +160,8 @@ absl::Status Export(HoropterClient& client,
     HOROPTER_ASSIGN_OR_RETURN(v1::Object object, client.GetObject(ids[i], v1::OBJECT_VIEW_FULL));
     HOROPTER_RETURN_IF_ERROR(CheckFileNames(ids[i], object));
     progress.Update(static_cast<int64_t>(i), ids[i]);
+    // Not before the first object is here: an interrupted export leaves no empty folder.
+    HOROPTER_RETURN_IF_ERROR(MakeExportFolder(folder));
     HOROPTER_RETURN_IF_ERROR(
         WriteFile(fs::path(folder) / kObjectsFolder / (ids[i] + kObjectExtension),
                   object.SerializeAsString()));
@@ -178,6 +186,7 @@ absl::Status Export(HoropterClient& client,
     entry.cad_content.clear();
     entries.push_back(std::move(entry));
   }
+  HOROPTER_RETURN_IF_ERROR(MakeExportFolder(folder));
   HOROPTER_RETURN_IF_ERROR(WriteBopLists(folder, entries));
   progress.Clear();
   Say("%zu objects in %s\n", ids.size(), folder.c_str());

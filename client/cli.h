@@ -22,6 +22,7 @@ void AddObjectCommands(CLI::App& app, Command* command);
 void AddCatalogCommands(CLI::App& app, Command* command);
 void AddDatasetCommands(CLI::App& app, Command* command);
 void AddRecognizeCommand(CLI::App& app, Command* command);
+void AddExplainCommand(CLI::App& app, Command* command);
 void AddToolCommands(CLI::App& app, Command* command);
 
 // Adds a sub-command with the example of its help.

@@ -58,6 +58,39 @@ void AddDatasetEvaluate(CLI::App& dataset, Command* command) {
   evaluate->callback([=] { *command = [a](HoropterClient&) { return DatasetEvaluate(*a); }; });
 }
 
+// What `recognize` and `explain` have in common.
+void AddSceneOptions(CLI::App* command, RecognizeArguments& a) {
+  command->add_option("--out",
+                      a.overlay_path,
+                      "drawing over the images, made by the server: FILE.png is one picture of "
+                      "all, FILE.svg becomes "
+                      "FILE-1.svg and so on, to be laid over them");
+  command->add_flag(
+      "--unexplained", a.unexplained, "also draw the edges that belong to no recognised object");
+  command->add_option("--candidates", a.candidates, "ids to look for, e.g. a,b (default: all)")
+      ->delimiter(',');
+  command
+      ->add_option("--reference",
+                   a.reference,
+                   "ID [X Y Z QW QX QY QZ]: object whose pose in the robot base is known, metres")
+      ->expected(1, 8);
+  command->add_option(
+      "--focal", a.cameras.focal_px, "focal length in pixels: one for all images, or one for each");
+  command
+      ->add_option("--focal-sigma",
+                   a.cameras.focal_sigma,
+                   "standard deviation of its logarithm (default: the server's, 0.02)")
+      ->check(CLI::Range(1e-6, 2.0));
+  command->add_option("--camera",
+                      a.cameras.camera,
+                      "calibration, one for all images or one for each: camera_info YAML of ROS "
+                      "or YAML of OpenCV's calibration; scaled to the image's size");
+  command->add_option("--camera-pose",
+                      a.cameras.camera_pose,
+                      "X Y Z QW QX QY QZ of each camera in the robot base, metres; the camera "
+                      "looks along its z, x is right");
+}
+
 }  // namespace
 
 void AddDatasetCommands(CLI::App& app, Command* command) {
@@ -79,31 +112,24 @@ void AddRecognizeCommand(CLI::App& app, Command* command) {
                  "  horopter recognize 0.png 1.png --focal 1000 --json\n"
                  "  horopter recognize 0.png 1.png --camera left.yaml right.yaml");
   recognize->add_option("IMAGE", a->images)->required();
-  recognize->add_option("--out", a->overlay_path, "PNG with the recognised wireframes and grasps");
-  recognize->add_option("--candidates", a->candidates, "ids to look for, e.g. a,b (default: all)")
-      ->delimiter(',');
-  recognize
-      ->add_option("--reference",
-                   a->reference,
-                   "ID [X Y Z QW QX QY QZ]: object whose pose in the robot base is known, metres")
-      ->expected(1, 8);
-  recognize->add_option("--focal",
-                        a->cameras.focal_px,
-                        "focal length in pixels: one for all images, or one for each");
-  recognize
-      ->add_option("--focal-sigma",
-                   a->cameras.focal_sigma,
-                   "standard deviation of its logarithm (default: the server's, 0.02)")
-      ->check(CLI::Range(1e-6, 2.0));
-  recognize->add_option("--camera",
-                        a->cameras.camera,
-                        "calibration, one for all images or one for each: camera_info YAML of ROS "
-                        "or YAML of OpenCV's calibration; scaled to the image's size");
-  recognize->add_option("--camera-pose",
-                        a->cameras.camera_pose,
-                        "X Y Z QW QX QY QZ of each camera in the robot base, metres; the camera "
-                        "looks along its z, x is right");
+  AddSceneOptions(recognize, *a);
   recognize->callback([=] { *command = [a](HoropterClient& c) { return Recognize(c, *a); }; });
+}
+
+void AddExplainCommand(CLI::App& app, Command* command) {
+  auto a = std::make_shared<RecognizeArguments>();
+  auto object = std::make_shared<std::string>();
+  CLI::App* explain = AddCommand(
+      app,
+      "explain",
+      "why an object is, or is not, recognised: its best pose, its edges, the test that refused it",
+      "horopter explain bracket 0.png 1.png 2.png --out why.png\n"
+      "  horopter explain bracket 0.png 1.png --unexplained --out why.svg");
+  explain->add_option("OBJECT", *object, "id")->required();
+  explain->add_option("IMAGE", a->images)->required();
+  AddSceneOptions(explain, *a);
+  explain->callback(
+      [=] { *command = [a, object](HoropterClient& c) { return Explain(c, *object, *a); }; });
 }
 
 }  // namespace horopter

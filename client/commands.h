@@ -84,7 +84,8 @@ absl::Status DatasetEvaluate(const DatasetEvaluateArguments& arguments);  // nee
 
 struct RecognizeArguments {
   std::vector<std::string> images;
-  std::string overlay_path;             // empty: none
+  std::string overlay_path;             // empty: none; see WriteOverlays
+  bool unexplained = false;             // the overlay shows edges of no object, too
   std::vector<std::string> candidates;  // empty: the whole catalog
   // Object id, then optionally its pose in the robot base: x y z (metres) qw qx qy qz. Empty: no
   // reference.
@@ -92,6 +93,11 @@ struct RecognizeArguments {
   CameraArguments cameras;
 };
 absl::Status Recognize(HoropterClient& client, const RecognizeArguments& arguments);
+
+// Why an object is, or is not, among what is recognised.
+absl::Status Explain(HoropterClient& client,
+                     const std::string& object,
+                     const RecognizeArguments& arguments);
 
 // Sends recorded requests and compares the answers with the recorded ones, bit for bit but for
 // times and ids. Errors: ABORTED (answers differ; they are printed), those of reading and of the

@@ -116,6 +116,7 @@ int Main(int argc, char** argv) {
   app.add_flag("--json", json, "print JSON, one value a line, errors too");
   app.footer(kExitCodes);
   AddRecognizeCommand(app, &command);
+  AddExplainCommand(app, &command);
   AddObjectCommands(app, &command);
   AddCatalogCommands(app, &command);
   AddDatasetCommands(app, &command);

@@ -9,15 +9,17 @@
 #include <vector>
 
 #include "absl/strings/str_format.h"
-#include "client/overlay.h"
 #include "client/resting_poses.h"
+#include "server/overlay/paint.h"
+#include "server/overlay/scene_overlay.h"
 #include "server/vision/geometry/grasp_kind.h"
 
 namespace horopter {
 namespace {
 
 const cv::Scalar kPaper(245, 245, 245), kRed(40, 40, 220), kGreen(40, 160, 40), kBlue(220, 90, 30),
-    kSymmetry(200, 40, 200), kGripper(0, 110, 230), kTable(170, 170, 170);
+    kSymmetry(200, 40, 200), kTable(170, 170, 170);
+constexpr DrawingColor kEdges{40, 120, 255}, kGripper{230, 110, 0};
 
 struct View {
   PinholeCamera camera;
@@ -136,8 +138,10 @@ void DrawSymmetries(const ObjectModel& model, const Eigen::Vector3d& centre, Vie
 
 void DrawPart(const ObjectModel& model, View& view) {
   Shade(model.mesh, view);
-  const OverlayObject object{&model, view.camera_from_object, "", 1};
-  DrawOverlay(view.camera, std::span(&object, 1), &view.image);
+  const OverlayObject object{&model, view.camera_from_object, "", kEdges};
+  Drawing drawing{view.image.cols, view.image.rows, {}, {}};
+  DrawWireframes(view.camera, std::span(&object, 1), &drawing);
+  Paint(drawing, &view.image);
 }
 
 View TurntableView(const ObjectModel& model,
@@ -153,14 +157,20 @@ View TurntableView(const ObjectModel& model,
   DrawSymmetries(model, centre, view);
   const size_t grasps =
       std::min(model.grasps.size(), static_cast<size_t>(std::max(0, options.max_grasps)));
+  Drawing drawing{options.tile_px, options.tile_px, {}, {}};
   for (size_t i = 0; i < grasps; ++i) {
-    DrawGripper(view.camera,
-                view.camera_from_object * model.grasps[i].object_from_gripper,
-                OpeningOf(model.grasps[i]),
-                0.25 * model.diameter_m,
-                kGripper,
-                &view.image);
+    const Grasp& grasp = model.grasps[i];
+    const Rigid3 camera_from_gripper = view.camera_from_object * grasp.object_from_gripper;
+    const double length = 0.25 * model.diameter_m;
+    if (IsSuction(grasp)) {
+      DrawSuctionCup(
+          view.camera, camera_from_gripper, CupRadius(grasp), length, kGripper, &drawing);
+    } else {
+      DrawGripper(
+          view.camera, camera_from_gripper, grasp.jaw_opening_m, length, kGripper, &drawing);
+    }
   }
+  Paint(drawing, &view.image);
   DrawFrame(model, view);
   return view;
 }
@@ -183,7 +193,9 @@ View RestingView(const ObjectModel& model,
     view.Line(foot - reach * side + at * across, foot + reach * side + at * across, kTable);
   }
   DrawPart(model, view);
-  DrawCaption(absl::StrFormat("rests: %.0f %%", 100.0 * pose.share), &view.image);
+  Drawing caption{options.tile_px, options.tile_px, {}, {}};
+  DrawCaption(absl::StrFormat("rests: %.0f %%", 100.0 * pose.share), &caption);
+  Paint(caption, &view.image);
   return view;
 }
 

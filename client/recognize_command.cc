@@ -1,68 +1,18 @@
-#include <google/protobuf/util/json_util.h>
-
 #include <Eigen/Geometry>
-#include <cstdio>
-#include <cstdlib>
-#include <exception>
+#include <cmath>
 #include <map>
-#include <nlohmann/json.hpp>
-#include <opencv2/imgcodecs.hpp>
-#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/answer_text.h"
-#include "client/bop_results.h"
 #include "client/commands.h"
 #include "client/convert.h"
-#include "client/interrupt.h"
 #include "client/output.h"
-#include "client/overlay.h"
-#include "client/progress.h"
+#include "client/scene_request.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
 namespace {
-
-absl::StatusOr<v1::RecognizeSceneRequest> BuildRequest(const RecognizeArguments& arguments) {
-  v1::RecognizeSceneRequest request;
-  for (const std::string& path : arguments.images) {
-    HOROPTER_ASSIGN_OR_RETURN(*request.add_images()->mutable_content(), ReadFileBytes(path));
-  }
-  std::vector<std::string> warnings;
-  HOROPTER_RETURN_IF_ERROR(AddCameraHints(arguments.cameras, &request, &warnings));
-  for (const std::string& w : warnings) std::fprintf(stderr, "warning: %s\n", w.c_str());
-  for (const std::string& id : arguments.candidates) {
-    request.add_candidate_objects(ResourceName(id));
-  }
-  const std::vector<std::string>& r = arguments.reference;
-  if (r.empty()) return request;
-  if (r.size() != 1 && r.size() != 8) {
-    return absl::InvalidArgumentError(
-        "--reference takes an object id, or an id and its pose in the base: x y z qw qx qy qz");
-  }
-  Rigid3 base_from_object;
-  if (r.size() == 8) {
-    double n[7];
-    for (int k = 0; k < 7; ++k) {
-      char* end = nullptr;
-      n[k] = std::strtod(r[static_cast<size_t>(k) + 1].c_str(), &end);
-      if (*end != '\0' || end == r[static_cast<size_t>(k) + 1].c_str()) {
-        return absl::InvalidArgumentError(
-            absl::StrCat("--reference: not a number: ", r[static_cast<size_t>(k) + 1]));
-      }
-    }
-    base_from_object.t = {n[0], n[1], n[2]};
-    const Eigen::Quaterniond q(n[3], n[4], n[5], n[6]);
-    if (!(std::abs(q.norm() - 1.0) < 0.01)) {
-      return absl::InvalidArgumentError("--reference: the quaternion's norm is not 1");
-    }
-    base_from_object.R = q.normalized().toRotationMatrix();
-  }
-  request.mutable_reference()->set_object(ResourceName(r[0]));
-  *request.mutable_reference()->mutable_base_from_object() = ToProto(base_from_object);
-  return request;
-}
 
 // The frame the table is in: the robot base when it is known, else the first recovered camera.
 struct TableFrame {
@@ -182,84 +132,17 @@ void PrintTable(const v1::RecognizeSceneResponse& response,
   Say("\n%.2f s in the stages\n", seconds);
 }
 
-PinholeCamera CameraOf(const v1::Camera& c) {
-  return {c.image_width_px(),
-          c.image_height_px(),
-          c.focal_px(),
-          c.principal_point_x_px(),
-          c.principal_point_y_px(),
-          c.k1()};
-}
-
-// The best grasp of each object, as a gripper.
-void DrawBestGrasps(const v1::RecognizeSceneResponse& response, int image_index, cv::Mat* image) {
-  const cv::Scalar kGripper(0, 165, 255);
-  constexpr double kFingerM = 0.04;
-  const v1::Camera& camera = response.cameras(image_index);
-  for (const v1::RecognizedObject& o : response.objects()) {
-    if (o.grasps_size() == 0) continue;
-    const v1::RecognizedGrasp& best = o.grasps(0);
-    DrawGripper(CameraOf(camera),
-                FromProto(camera.camera_from_scene()) * FromProto(best.scene_from_gripper()),
-                best.has_suction() ? 2.0 * best.suction().cup_radius_m()
-                                   : best.parallel_jaw().jaw_opening_m(),
-                kFingerM,
-                kGripper,
-                image);
-  }
-}
-
-absl::Status WriteOverlay(const v1::RecognizeSceneRequest& request,
-                          const v1::RecognizeSceneResponse& response,
-                          const std::map<std::string, ObjectModel>& models,
-                          const std::string& path) {
-  constexpr int kTileWidth = 800;
-  try {
-    std::vector<cv::Mat> tiles;
-    for (int i = 0; i < request.images_size(); ++i) {
-      const std::string& bytes = request.images(i).content();
-      cv::Mat image = cv::imdecode(std::vector<uchar>(bytes.begin(), bytes.end()),
-                                   cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
-      if (image.empty()) return absl::InvalidArgumentError(absl::StrCat("image ", i + 1));
-      const bool recovered = i < response.cameras_size() && response.cameras(i).recovered();
-      if (recovered) {
-        std::vector<OverlayObject> objects;
-        for (int k = 0; k < response.objects_size(); ++k) {
-          const v1::RecognizedObject& o = response.objects(k);
-          const std::string id = IdOfResource(o.object());
-          if (i >= o.images_size() || !o.images(i).has_camera_from_object()) continue;
-          const ObjectModel& model = models.at(id);
-          const std::string& name = model.display_name.empty() ? id : model.display_name;
-          objects.push_back({&model,
-                             FromProto(o.images(i).camera_from_object()),
-                             absl::StrFormat("%s %.2f", name, o.score()),
-                             k});
-        }
-        DrawOverlay(CameraOf(response.cameras(i)), objects, &image);
-        DrawBestGrasps(response, i, &image);
-      }
-      DrawCaption(recovered ? absl::StrFormat(
-                                  "image %d, f = %.0f px", i + 1, response.cameras(i).focal_px())
-                            : absl::StrFormat("image %d, camera not recovered", i + 1),
-                  &image);
-      tiles.push_back(image);
-    }
-    std::vector<uchar> png;
-    cv::imencode(".png", Tile(tiles, kTileWidth), png);
-    return WriteFileAtomically(path, std::string(png.begin(), png.end()));
-  } catch (const std::exception& e) {
-    return absl::InternalError(absl::StrCat("overlay: ", e.what()));
-  }
-}
-
 }  // namespace
 
 absl::Status Recognize(HoropterClient& client, const RecognizeArguments& arguments) {
-  HOROPTER_ASSIGN_OR_RETURN(const v1::RecognizeSceneRequest request, BuildRequest(arguments));
-  HOROPTER_ASSIGN_OR_RETURN(const v1::RecognizeSceneResponse response,
-                            client.RecognizeScene(request));
+  HOROPTER_ASSIGN_OR_RETURN(v1::RecognizeSceneRequest request, BuildSceneRequest(arguments));
+  if (!arguments.overlay_path.empty()) {
+    request.mutable_overlay()->set_format(OverlayFormatOf(arguments.overlay_path));
+    request.mutable_overlay()->set_unexplained_edges(arguments.unexplained);
+  }
+  HOROPTER_ASSIGN_OR_RETURN(v1::RecognizeSceneResponse response, client.RecognizeScene(request));
   std::map<std::string, ObjectModel> models;
-  if (!JsonOutput() || !arguments.overlay_path.empty()) {
+  if (!JsonOutput()) {
     for (const v1::RecognizedObject& o : response.objects()) {
       const std::string id = IdOfResource(o.object());
       if (models.contains(id)) continue;
@@ -268,22 +151,15 @@ absl::Status Recognize(HoropterClient& client, const RecognizeArguments& argumen
       models[id] = FromProto(object);
     }
   }
-  if (JsonOutput()) {
-    google::protobuf::util::JsonPrintOptions options;
-    options.add_whitespace = true;
-    options.preserve_proto_field_names = true;
-    options.always_print_primitive_fields = true;
-    std::string text;
-    const auto status = google::protobuf::util::MessageToJsonString(response, &text, options);
-    if (!status.ok()) return absl::InternalError(status.ToString());
-    std::printf("%s", text.c_str());
-  } else {
-    PrintTable(response, arguments.images, models);
-  }
   if (!arguments.overlay_path.empty()) {
-    HOROPTER_RETURN_IF_ERROR(WriteOverlay(request, response, models, arguments.overlay_path));
-    if (!JsonOutput()) Say("overlay in %s\n", arguments.overlay_path.c_str());
+    HOROPTER_RETURN_IF_ERROR(WriteOverlays(response, arguments.overlay_path));
   }
+  if (JsonOutput()) {
+    response.clear_overlays();  // they are in their files
+    return SayMessage(response);
+  }
+  PrintTable(response, arguments.images, models);
+  if (!arguments.overlay_path.empty()) Say("overlay in %s\n", arguments.overlay_path.c_str());
   return absl::OkStatus();
 }
 

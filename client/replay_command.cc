@@ -69,6 +69,7 @@ std::string Difference(const Recorded& recorded,
 
 absl::Status Replay(HoropterClient& client, const std::vector<std::string>& files) {
   int different = 0;
+  HOROPTER_ASSIGN_OR_RETURN(const v1::ServerInfo server, client.GetServerInfo());
   Progress progress("replay", static_cast<int64_t>(files.size()));
   for (size_t i = 0; i < files.size(); ++i) {
     HOROPTER_ASSIGN_OR_RETURN(const Recorded recorded, ReadRecording(files[i]));
@@ -79,12 +80,18 @@ absl::Status Replay(HoropterClient& client, const std::vector<std::string>& file
     progress.Clear();
     if (!difference.empty()) {
       ++different;
-      Say("%s (server %s): differs\n%s",
-          files[i].c_str(),
-          recorded.server_version.c_str(),
-          difference.c_str());
+      Say("%s: differs\n%s", files[i].c_str(), difference.c_str());
+      if (recorded.server_version != server.version()) {
+        Say("  it was recorded by version %s, this server is version %s\n",
+            recorded.server_version.c_str(),
+            server.version().c_str());
+      }
     }
-    SayJson({{"file", files[i]}, {"same", difference.empty()}, {"difference", difference}});
+    SayJson({{"file", files[i]},
+             {"same", difference.empty()},
+             {"difference", difference},
+             {"recorded_version", recorded.server_version},
+             {"server_version", server.version()}});
     progress.Update(static_cast<int64_t>(i) + 1);
   }
   progress.Clear();

@@ -6,7 +6,17 @@ set(CMAKE_SKIP_INSTALL_ALL_DEPENDENCY ON)  # tests and benchmarks need not be bu
 add_custom_command(OUTPUT ${CMAKE_BINARY_DIR}/horopterd.toml
   COMMAND horopterd --print-config > ${CMAKE_BINARY_DIR}/horopterd.toml
   DEPENDS horopterd VERBATIM)
-add_custom_target(sample_config DEPENDS ${CMAKE_BINARY_DIR}/horopterd.toml)
+# Manual pages and completion, from the programs' own words.
+foreach(word manual completion)
+  set(page ${CMAKE_BINARY_DIR}/horopter.${word})
+  add_custom_command(OUTPUT ${page} COMMAND horopter ${word} > ${page} DEPENDS horopter VERBATIM)
+endforeach()
+find_package(Python3 REQUIRED COMPONENTS Interpreter)
+add_custom_command(OUTPUT ${CMAKE_BINARY_DIR}/horopterd.manual
+  COMMAND ${Python3_EXECUTABLE} -B ${CMAKE_SOURCE_DIR}/deploy/server_manual.py $<TARGET_FILE:horopterd> > ${CMAKE_BINARY_DIR}/horopterd.manual
+  DEPENDS horopterd ${CMAKE_SOURCE_DIR}/deploy/server_manual.py VERBATIM)
+add_custom_target(sample_config DEPENDS ${CMAKE_BINARY_DIR}/horopterd.toml ${CMAKE_BINARY_DIR}/horopterd.manual
+  ${CMAKE_BINARY_DIR}/horopter.manual ${CMAKE_BINARY_DIR}/horopter.completion)
 
 install(TARGETS horopterd RUNTIME COMPONENT server)
 install(FILES ${CMAKE_BINARY_DIR}/horopterd.toml DESTINATION /etc/horopter COMPONENT server)
@@ -15,7 +25,12 @@ install(PROGRAMS deploy/credentials.sh DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPO
 install(FILES docs/cell.md deploy/grafana/horopter.json deploy/grafana/prometheus.yml
   DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT server)
 
+install(FILES ${CMAKE_BINARY_DIR}/horopterd.manual DESTINATION ${CMAKE_INSTALL_MANDIR}/man8 RENAME horopterd.8 COMPONENT server)
+
 install(TARGETS horopter RUNTIME COMPONENT client)
+install(FILES ${CMAKE_BINARY_DIR}/horopter.manual DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 RENAME horopter.1 COMPONENT client)
+install(FILES ${CMAKE_BINARY_DIR}/horopter.completion DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions
+  RENAME horopter COMPONENT client)
 
 install(TARGETS horopter_client horopter_proto base ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR}/horopter COMPONENT dev)
 set(headers ${CMAKE_INSTALL_INCLUDEDIR}/horopter_client)

@@ -259,7 +259,11 @@ int main(int argc, char** argv) {
          },
          "Print a configuration file with every option, its default and what it does")
       ->configurable(false);
-  CLI11_PARSE(app, argc, argv);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == 0 ? 0 : 2;
+  }
   flags.server.load_threads = flags.cores;
   flags.server.telemetry.version = HOROPTER_VERSION;
   flags.server.telemetry.settings = app.config_to_str(true, false);

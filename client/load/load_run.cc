@@ -34,6 +34,7 @@ struct Board {
   std::condition_variable changed;
   std::vector<LoadSample> samples;  // guarded by mutex, as all below
   int in_flight = 0;
+  bool awaited = false;  // the sender waits for answers, not for the time of the next request
   int unavailable_in_a_row = 0;
   int64_t done = 0, failed = 0;
 };
@@ -87,8 +88,13 @@ class Runner {
   }
 
   // Waits until `ready` or `until`; false when the run must stop.
+  // for_answers: what makes it ready is an answer; otherwise none wakes this thread.
   template <typename Ready>
-  bool Await(std::unique_lock<std::mutex>& lock, Clock::time_point until, const Ready& ready) {
+  bool Await(std::unique_lock<std::mutex>& lock,
+             Clock::time_point until,
+             const Ready& ready,
+             bool for_answers = true) {
+    board_->awaited = for_answers;
     while (!MustStop() && !ready()) {
       const auto slice = Clock::now() + std::chrono::milliseconds(100);
       board_->changed.wait_until(lock, std::min(until, slice));
@@ -111,7 +117,8 @@ class Runner {
       ++board_->in_flight;
     }
     target_.start(item, [board = board_, start = start_, index](LoadReply reply) {
-      const double done_s = duration<double>(Clock::now() - start).count();
+      const auto done = reply.arrived == Clock::time_point{} ? Clock::now() : reply.arrived;
+      const double done_s = duration<double>(done - start).count();
       // Under the lock: the waiting thread must not miss it.
       const std::lock_guard lock(board->mutex);
       LoadSample& sample = board->samples[index];
@@ -122,7 +129,7 @@ class Runner {
       sample.reply = std::move(reply);
       ++board->done;
       --board->in_flight;
-      board->changed.notify_all();
+      if (board->awaited) board->changed.notify_all();
     });
   }
 
@@ -150,7 +157,9 @@ class Runner {
       const auto due = start_ + duration_cast<Clock::duration>(duration<double>(due_s));
       {
         std::unique_lock lock(board_->mutex);
-        if (!Await(lock, due, [&] { return Clock::now() >= due; })) return;
+        if (!Await(
+                lock, due, [&] { return Clock::now() >= due; }, false))
+          return;
         const auto room = [&] { return board_->in_flight < options_.max_in_flight; };
         if (!Await(lock, Clock::time_point::max(), room)) return;
       }
@@ -169,6 +178,7 @@ class Runner {
     lock.unlock();
     if (target_.cancel_all) target_.cancel_all();
     lock.lock();
+    board_->awaited = true;
     board_->changed.wait(lock, empty);
   }
 

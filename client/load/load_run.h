@@ -2,6 +2,7 @@
 // whatever the server does) and keeps what became of each. Knows no protocol.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -41,6 +42,8 @@ struct LoadReply {
   std::vector<std::pair<std::string, double>> stages;  // seconds
   int64_t bytes_sent = 0, bytes_received = 0;
   int answer = -1;  // which of the different answers of its set; -1: none
+  // When it arrived, before it was read; unset: when `done` was called.
+  std::chrono::steady_clock::time_point arrived{};
 };
 
 // start: sends set `item` and calls `done` once, from any thread. cancel_all: ends what is under

@@ -3,10 +3,13 @@
 #include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/grpcpp.h>
 
+#include <chrono>
 #include <map>
 #include <mutex>
 #include <set>
 #include <string>
+#include <thread>
+#include <utility>
 
 #include "client/answer_text.h"
 
@@ -15,9 +18,14 @@ namespace {
 
 constexpr char kMethod[] = "/horopter.v1.RecognitionService/RecognizeScene";
 
+// Lives until its completion is taken from the queue.
 struct Call {
+  size_t item = 0;
+  std::function<void(LoadReply)> done;
   grpc::ClientContext context;
   grpc::ByteBuffer response;
+  grpc::Status status;
+  std::unique_ptr<grpc::GenericClientAsyncResponseReader> reader;
 };
 
 std::string BytesOf(const grpc::ByteBuffer& buffer) {
@@ -43,10 +51,21 @@ std::string Fingerprint(v1::RecognizeSceneResponse response) {
 }  // namespace
 
 struct ServerTarget::State {
-  explicit State(const HoropterClient& c) : timeout_s(c.timeout_s()), stub(c.channel()) {}
+  explicit State(const HoropterClient& c) : timeout_s(c.timeout_s()), stub(c.channel()) {
+    receiver = std::thread([this] { Receive(); });
+  }
+  // All calls are over by then.
+  ~State() {
+    queue.Shutdown();
+    receiver.join();
+  }
 
   double timeout_s;
   grpc::GenericStub stub;
+  // One thread takes all completions: the callback API has a pool of them, which costs more in
+  // wake-ups than the calls themselves.
+  grpc::CompletionQueue queue;
+  std::thread receiver;
   std::vector<grpc::ByteBuffer> requests;
   std::mutex mutex;
   std::set<Call*> under_way;  // guarded by mutex, as all below
@@ -78,26 +97,35 @@ struct ServerTarget::State {
     return reply;
   }
 
-  void Start(size_t item, const std::function<void(LoadReply)>& done) {
-    auto call = std::make_shared<Call>();
+  void Start(size_t item, std::function<void(LoadReply)> done) {
+    auto* call = new Call;
+    call->item = item;
+    call->done = std::move(done);
     call->context.set_deadline(std::chrono::system_clock::now() +
                                std::chrono::milliseconds(static_cast<int64_t>(timeout_s * 1e3)));
     {
       const std::lock_guard lock(mutex);
-      under_way.insert(call.get());
+      under_way.insert(call);
     }
-    stub.UnaryCall(&call->context,
-                   kMethod,
-                   {},
-                   &requests[item],
-                   &call->response,
-                   [this, call, item, done](const grpc::Status& status) {
-                     {
-                       const std::lock_guard lock(mutex);
-                       under_way.erase(call.get());
-                     }
-                     done(Read(item, status, call->response));
-                   });
+    call->reader = stub.PrepareUnaryCall(&call->context, kMethod, requests[item], &queue);
+    call->reader->StartCall();
+    call->reader->Finish(&call->response, &call->status, call);
+  }
+
+  void Receive() {
+    void* tag = nullptr;
+    bool ok = false;
+    while (queue.Next(&tag, &ok)) {
+      const std::unique_ptr<Call> call(static_cast<Call*>(tag));
+      const auto arrived = std::chrono::steady_clock::now();
+      {
+        const std::lock_guard lock(mutex);
+        under_way.erase(call.get());
+      }
+      LoadReply reply = Read(call->item, call->status, call->response);
+      reply.arrived = arrived;
+      call->done(std::move(reply));
+    }
   }
 };
 
@@ -116,7 +144,7 @@ ServerTarget::~ServerTarget() = default;
 LoadTarget ServerTarget::target() {
   State* state = state_.get();
   return {[state](int item, std::function<void(LoadReply)> done) {
-            state->Start(static_cast<size_t>(item), done);
+            state->Start(static_cast<size_t>(item), std::move(done));
           },
           [state] {
             const std::lock_guard lock(state->mutex);

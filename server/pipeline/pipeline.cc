@@ -6,6 +6,7 @@
 #include <iterator>
 #include <map>
 #include <numeric>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -15,7 +16,9 @@
 #include "server/base/stop_scope.h"
 #include "server/pipeline/answer.h"
 #include "server/pipeline/exception_status.h"
+#include "server/pipeline/explain.h"
 #include "server/vision/matching/known_cameras.h"
+#include "server/vision/recognition/explained_recognition.h"
 #include "server/vision/recognition/object/prepared_blob.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
@@ -135,6 +138,10 @@ absl::StatusOr<Selection> SelectObjects(const SceneRequest& request,
     return absl::NotFoundError(
         absl::StrCat("reference.object: ", request.reference->object_id, " is not enrolled"));
   }
+  if (!request.explained.empty() && FindObject(catalog, request.explained) < 0) {
+    return absl::NotFoundError(
+        absl::StrCat("explained: object ", request.explained, " is not enrolled"));
+  }
   std::vector<int> selected;
   if (request.candidates.empty()) {
     selected.resize(ObjectCount(catalog));
@@ -142,6 +149,7 @@ absl::StatusOr<Selection> SelectObjects(const SceneRequest& request,
   }
   std::vector<std::string> wanted = request.candidates;
   if (!wanted.empty() && request.reference) wanted.push_back(request.reference->object_id);
+  if (!wanted.empty() && !request.explained.empty()) wanted.push_back(request.explained);
   std::sort(wanted.begin(), wanted.end());
   wanted.erase(std::unique(wanted.begin(), wanted.end()), wanted.end());
   for (const std::string& id : wanted) {
@@ -345,24 +353,56 @@ absl::Status Reconstruct(const SceneRequest& request,
 }
 
 // One call of recognition with the time of its steps.
-absl::StatusOr<RecognitionResult> TimedRecognition(decltype(&RecognizeObjects) recognize,
+using Recognize = absl::StatusOr<RecognitionResult>(const RecognitionInput&,
+                                                    const RecognitionOptions&,
+                                                    const StopRequested&,
+                                                    const StepListener&,
+                                                    RefusalLog*);
+absl::StatusOr<RecognitionResult> TimedRecognition(Recognize* recognize,
                                                    const RecognitionInput& input,
                                                    const PipelineOptions& options,
                                                    const StopRequested& stop,
                                                    HurryWatch* watch,
+                                                   RefusalLog* log,
                                                    std::vector<StageReport>* stages) {
   StageClock clock("recognition", stages);
   StepClock steps;
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
-                            recognize(input, options.recognition, stop, [&](std::string_view step) {
-                              steps.Begin(step);
-                              watch->Begin(step);
-                            }));
+                            recognize(
+                                input,
+                                options.recognition,
+                                stop,
+                                [&](std::string_view step) {
+                                  steps.Begin(step);
+                                  watch->Begin(step);
+                                },
+                                log));
   steps.End();
   std::map<std::string, double> counts = steps.seconds();
   counts.insert(result.counts.begin(), result.counts.end());
   clock.Finish(std::move(counts));
   return result;
+}
+
+int IndexOf(const std::string& id, std::span<const std::shared_ptr<const PreparedObject>> objects) {
+  const auto at = std::find_if(
+      objects.begin(), objects.end(), [&](const auto& o) { return o->model.id == id; });
+  return id.empty() || at == objects.end() ? -1 : static_cast<int>(at - objects.begin());
+}
+
+// What the request asks for beside the answer.
+absl::Status Explain(const RecognitionInput& input,
+                     const RefusalLog& log,
+                     const SceneRequest& request,
+                     const PipelineOptions& options,
+                     const StopRequested& stop,
+                     PipelineResult* result) {
+  if (log.object < 0 && !request.unexplained_edges) return absl::OkStatus();
+  StageClock clock("explanation", &result->answer.stages);
+  HOROPTER_RETURN_IF_ERROR(ExplainAnswer(
+      input, log, request, result->trace, options.recognition, stop, &result->answer));
+  clock.Finish({});
+  return absl::OkStatus();
 }
 
 // Recognition by the aspects alone, else after matching and reconstruction, which `input` then
@@ -371,14 +411,15 @@ absl::StatusOr<RecognitionResult> TimedRecognition(decltype(&RecognizeObjects) r
 absl::Status RunRecognition(PipelineOptions options,
                             const SceneRequest& request,
                             const StopRequested& stop,
+                            RefusalLog* log,
                             RecognitionInput* input,
                             PipelineResult* result) {
   SceneTrace& trace = result->trace;
   SceneAnswer& answer = result->answer;
   HurryWatch watch(options.recognition.hurry);
   options.recognition.hurry = watch.Token();
-  const auto recognize = [&](decltype(&RecognizeObjects) by) {
-    return TimedRecognition(by, *input, options, stop, &watch, &answer.stages);
+  const auto recognize = [&](Recognize* by) {
+    return TimedRecognition(by, *input, options, stop, &watch, log, &answer.stages);
   };
   std::vector<std::string> unasked;
   bool aspects_first = AspectsComeFirst(input->objects, options.recognition);
@@ -443,8 +484,14 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                          objects,
                          selection.slots.empty() ? nullptr : &catalog.keys,
                          selection.slots};
-  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, stop, &input, &result));
-  if (trace.recognition.objects.empty()) return result;
+  RefusalLog log;
+  log.object = IndexOf(request.explained, objects);
+  RefusalLog* const kept = log.object < 0 ? nullptr : &log;
+  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, stop, kept, &input, &result));
+  if (trace.recognition.objects.empty()) {
+    HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
+    return result;
+  }
 
   StageClock euclidean_clock("euclidean", &answer.stages);
   HOROPTER_ASSIGN_OR_RETURN(trace.metric,
@@ -453,6 +500,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   HOROPTER_RETURN_IF_ERROR(
       FillAnswer(*trace.metric, objects, request, options.euclidean.grasps, &answer));
   if (answer.objects.empty()) AddReason(ReasonKind::kNothingFound, "no object is left", &answer);
+  HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
   if (!options.second_pass) return result;
 
   StageClock second_pass_clock("second_pass", &answer.stages);

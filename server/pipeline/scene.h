@@ -10,6 +10,7 @@
 
 #include "server/pipeline/base_frame.h"
 #include "server/vision/euclidean/euclidean.h"
+#include "server/vision/explanation/explanation.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/recognition/recognition.h"
 #include "server/vision/reconstruction/reconstruction.h"
@@ -38,6 +39,10 @@ struct SceneRequest {
   std::vector<std::string> candidates;  // empty: the whole catalog
   std::optional<ReferenceObject> reference;
   std::optional<GripperTools> gripper;  // empty: the options' own
+  // Id of an object that is looked for too and of which the answer says why it is, or is not, in
+  // it; empty: none.
+  std::string explained;
+  bool unexplained_edges = false;  // SceneAnswer::unexplained_edges is wanted
 };
 
 // Why an answer is less than objects with poses in every frame that was asked for; see SceneReason
@@ -65,7 +70,7 @@ struct UnsearchedStep {
 };
 
 struct StageReport {
-  // features, matching, reconstruction, recognition, euclidean, second_pass
+  // features, matching, reconstruction, recognition, euclidean, explanation, second_pass
   std::string stage;
   double seconds = 0.0;
   std::map<std::string, double> counts;
@@ -106,6 +111,16 @@ struct AnswerScale {
   bool agrees = true;
 };
 
+// An Explanation in terms of the answer.
+struct AnswerExplanation {
+  std::string object_id;
+  std::string other_id;  // object that has its place; empty: none
+  Explanation found;
+};
+
+// Points of edges of one image, pixels.
+using EdgeLines = std::vector<std::vector<Eigen::Vector2d>>;
+
 struct SceneAnswer {
   bool time_limited = false;          // a stage was told to hurry: more time may give more
   std::vector<AnswerReason> reasons;  // each kind at most once; see AddReason
@@ -116,7 +131,10 @@ struct SceneAnswer {
   Eigen::MatrixXd joint_covariance;
   // When a reference was given and found; without one, when posed cameras were recovered.
   std::optional<Rigid3> base_from_scene;
-  std::optional<SupportPlane> plane;  // in the scene frame
+  std::optional<SupportPlane> plane;  // that the objects stand on, in the scene frame
+  std::optional<AnswerExplanation> explanation;
+  // One entry per image; empty unless asked for.
+  std::vector<EdgeLines> unexplained_edges;
   std::vector<AnswerFinding> findings;
   std::vector<AnswerScale> scales;
   std::vector<StageReport> stages;

@@ -293,6 +293,7 @@ void SceneAnswerToProto(const SceneAnswer& answer,
     RigidToProto(*answer.base_from_scene, proto->mutable_base_from_scene());
   PlanesToProto(answer, proto);
   FindingsToProto(answer, proto);
+  if (answer.explanation) ExplanationToProto(*answer.explanation, proto->mutable_explanation());
   if (!format.full) return;
   JointCovarianceToProto(answer, objects, proto);
   ScalesToProto(answer, proto);

@@ -141,6 +141,13 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
   if (any_hint) request.hints = std::move(hints);
   if (any_pose) request.camera_poses = std::move(poses);
 
+  if (!proto.explain_object().empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(request.explained,
+                              ObjectIdFromName(proto.explain_object(), "explain_object"));
+  }
+  if (!v1::OverlayOptions::Format_IsValid(proto.overlay().format()))
+    return InvalidField("overlay.format", "unknown value");
+  request.unexplained_edges = proto.overlay().unexplained_edges();
   HOROPTER_ASSIGN_OR_RETURN(request.images, DecodeImages(proto, limits, threads, stop));
   for (int i = 0; i < proto.images_size(); ++i) {
     if (!lenses[i]) continue;

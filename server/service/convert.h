@@ -10,6 +10,7 @@
 #include "server/service/image_decode.h"
 
 namespace horopter::v1 {
+class Explanation;
 class RecognizeSceneRequest;
 class RecognizeSceneResponse;
 class RigidTransform;
@@ -37,6 +38,8 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
                                                    const ImageLimits& limits,
                                                    int threads,
                                                    const StopRequested& stop);
+
+void ExplanationToProto(const AnswerExplanation& explanation, v1::Explanation* proto);
 
 struct AnswerFormat {
   bool full = true;        // false: ANSWER_VIEW_BASIC

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <opencv2/core/mat.hpp>
+#include <string>
 #include <string_view>
 
 #include "absl/status/status.h"
@@ -41,6 +42,9 @@ struct ImageCodec {
 
 // Errors: INVALID_ARGUMENT (no known format).
 absl::StatusOr<const ImageCodec*> FindCodec(std::string_view bytes);
+
+// A PNG file of an 8-bit BGR image, compressed fast rather than well. Errors: RESOURCE_EXHAUSTED.
+absl::StatusOr<std::string> EncodePng(const cv::Mat& image);
 
 // The formats, one file each.
 ImageCodec JpegCodec();

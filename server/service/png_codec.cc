@@ -126,6 +126,24 @@ absl::Status Decode(std::string_view bytes, const StopRequested& stop, cv::Mat& 
 
 }  // namespace
 
+absl::StatusOr<std::string> EncodePng(const cv::Mat& image) {
+  png_image about{};
+  about.version = PNG_IMAGE_VERSION;
+  about.width = static_cast<png_uint_32>(image.cols);
+  about.height = static_cast<png_uint_32>(image.rows);
+  about.format = PNG_FORMAT_BGR;
+  about.flags = PNG_IMAGE_FLAG_FAST;
+  png_alloc_size_t size = PNG_IMAGE_PNG_SIZE_MAX(about);
+  std::string file(size, '\0');
+  const int written = png_image_write_to_memory(
+      &about, file.data(), &size, 0, image.data, static_cast<png_int_32>(image.step[0]), nullptr);
+  png_image_free(&about);
+  if (written == 0) return absl::ResourceExhaustedError("a drawing cannot be encoded as PNG");
+  file.resize(size);
+  file.shrink_to_fit();
+  return file;
+}
+
 ImageCodec PngCodec() {
   return {"PNG",
           false,

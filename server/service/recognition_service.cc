@@ -3,11 +3,15 @@
 #include <spdlog/spdlog.h>
 
 #include <chrono>
+#include <map>
+#include <memory>
+#include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "server/base/status_macros.h"
+#include "server/service/answer_overlay.h"
 #include "server/service/convert.h"
 #include "server/service/rpc_status.h"
 #include "server/service/unary_call.h"
@@ -34,6 +38,9 @@ absl::Status CheckIds(const v1::RecognizeSceneRequest& proto,
   if (request.reference && !published.Contains(request.reference->object_id)) {
     return NotInCatalog("reference.object", request.reference->object_id);
   }
+  if (!request.explained.empty() && !published.Contains(request.explained)) {
+    return NotInCatalog("explain_object", request.explained);
+  }
   return absl::OkStatus();
 }
 
@@ -45,6 +52,39 @@ StageReport DecodeReport(std::chrono::steady_clock::time_point start, const Scen
   for (const cv::Mat& image : request.images) pixels += static_cast<double>(image.total());
   report.counts = {{"images", static_cast<double>(request.images.size())}, {"pixels", pixels}};
   return report;
+}
+
+// Draws what is told of the answer and says how long it took.
+absl::Status AddDrawings(const v1::RecognizeSceneRequest& request,
+                         const SceneRequest& scene,
+                         const AnswerFormat& format,
+                         const CatalogStore& store,
+                         const CatalogSnapshot& catalog,
+                         PipelineResult* result,
+                         v1::RecognizeSceneResponse* response) {
+  const auto start = std::chrono::steady_clock::now();
+  // Of a catalog that is not in memory the objects are read, and must stay while they are drawn.
+  std::map<std::string, std::shared_ptr<const PreparedObject>> objects;
+  const ModelLookup models = [&](const std::string& id) -> const ObjectModel* {
+    auto [at, is_new] = objects.try_emplace(id);
+    for (int i = 0; is_new && i < ObjectCount(catalog); ++i) {
+      if (catalog.stored.empty() ? store.ModelOf(*catalog.objects[i]).id != id
+                                 : catalog.stored[i]->id() != id)
+        continue;
+      auto object = ObjectAt(catalog, i);
+      if (object.ok()) at->second = *std::move(object);
+      break;
+    }
+    return at->second == nullptr ? nullptr : &store.ModelOf(*at->second);
+  };
+  SceneAnswer told = result->answer;
+  std::erase_if(told.objects, [&](const AnswerObject& o) { return o.score < format.min_score; });
+  HOROPTER_RETURN_IF_ERROR(
+      AddOverlays(request.overlay(), scene, DrawAnswer(told, scene, models), response));
+  StageReport& report = result->answer.stages.emplace_back();
+  report.stage = "overlay";
+  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return absl::OkStatus();
 }
 
 // Stages are not in every view of the answer.
@@ -96,6 +136,8 @@ absl::StatusOr<CallDemand> RecognitionService::Demand(
   demand.bytes = DecodedBytes(shapes);
   for (const ImageShape& shape : shapes) {
     demand.bytes += limits_.work_bytes_per_pixel * shape.width * shape.height;
+    if (request.has_overlay())
+      demand.bytes += OverlayBytesPerPixel(request.overlay()) * shape.width * shape.height;
   }
   return demand;
 }
@@ -121,6 +163,10 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
                             recognizer_(scene, published->snapshot, call.limits));
   if (call.limits.stop()) return absl::CancelledError("stopped");
   result.answer.stages.insert(result.answer.stages.begin(), std::move(decode));
+  if (request.has_overlay()) {
+    HOROPTER_RETURN_IF_ERROR(
+        AddDrawings(request, scene, format, store_, published->snapshot, &result, response));
+  }
   SceneAnswerToProto(result.answer, scene, format, response);
   EchoImages(request, response);
   response->set_request_id(call.request_id);

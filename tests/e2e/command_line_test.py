@@ -9,30 +9,18 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 import unittest
+import xml.etree.ElementTree as ElementTree
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
+from mock_server import Mock  # noqa: E402
 
 HOROPTER, MOCK, DATASET = map(os.path.abspath, sys.argv[1:4])
-
-
-class Mock:
-    """A running mock_horopterd."""
-
-    def __init__(self, *arguments):
-        self.process = subprocess.Popen([MOCK, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        self.address = None
-        for line in self.process.stdout:
-            if "listening on " in line:
-                self.address = line.split("listening on ")[1].strip()
-                break
-
-    def stop(self):
-        self.process.kill()
-        self.process.wait()
-        self.process.stdout.close()
 
 
 class Workplace(unittest.TestCase):
@@ -42,9 +30,8 @@ class Workplace(unittest.TestCase):
 
     def setUp(self):
         self.folder = tempfile.mkdtemp()
-        self.mock = Mock(*self.MOCK_ARGUMENTS, "--record-dir", os.path.join(self.folder, "recordings"),
+        self.mock = Mock(MOCK, *self.MOCK_ARGUMENTS, "--record-dir", os.path.join(self.folder, "recordings"),
                          "--record-sample", "1")
-        self.assertIsNotNone(self.mock.address)
         os.symlink(os.path.abspath(DATASET), os.path.join(self.folder, "parts"))
         shutil.copy(os.path.join(DATASET, "cad", "obj_000001.step"), os.path.join(self.folder, "bracket.step"))
         shutil.copy(os.path.join(DATASET, "grasps", "obj_000001.json"), os.path.join(self.folder, "grasps.json"))
@@ -62,6 +49,18 @@ class Workplace(unittest.TestCase):
         self.mock.stop()
         shutil.rmtree(self.folder)
 
+    def await_recordings(self, count):
+        """Of as many more requests; those of one client that sends them in turn are answered but for the last."""
+        folder = os.path.join(self.folder, "recordings")
+
+        def recorded():
+            return len(os.listdir(folder)) if os.path.isdir(folder) else 0
+        wanted = recorded() + count
+        deadline = time.monotonic() + 60
+        while recorded() < wanted:
+            self.assertLess(time.monotonic(), deadline, "no requests came")
+            time.sleep(0.02)
+
     def enrol(self):
         self.run_horopter("object", "add", "bracket.step", "--id", "bracket")
 
@@ -69,16 +68,6 @@ class Workplace(unittest.TestCase):
         environment = dict(os.environ, HOROPTER_SERVER=self.mock.address, TERM="dumb")
         return subprocess.run([HOROPTER, *arguments], cwd=self.folder, env=environment, capture_output=True, text=True,
                               timeout=60, stdin=subprocess.DEVNULL, check=False, **options)
-
-
-def wait_until_started(process):
-    """Until the program takes Ctrl-C: on a busy machine it takes seconds to load."""
-    for _ in range(600):
-        with open("/proc/%d/status" % process.pid, encoding="utf-8") as file:
-            caught = next((int(line.split()[1], 16) for line in file if line.startswith("SigCgt")), 0)
-        if caught & 1 << (signal.SIGINT - 1) or process.poll() is not None:
-            return
-        time.sleep(0.05)
 
 
 def commands(path=()):
@@ -234,11 +223,13 @@ class Failures(Workplace):
         self.assertIn("gone.png", done.stderr)
 
     def test_a_busy_server_is_asked_again(self):
-        busy = subprocess.Popen([HOROPTER, "load", "parts/val/000005", "--requests", "16", "--server", self.mock.address],
+        busy = subprocess.Popen([HOROPTER, "load", "parts/val/000005", "--requests", "20", "--server", self.mock.address],
                                 cwd=self.folder, stdout=subprocess.DEVNULL)
-        wait_until_started(busy)
-        time.sleep(0.3)
-        refused = self.run_horopter("recognize", "0.png", "--retries", "0", "--json")
+        self.await_recordings(1)
+        for _ in range(5):  # between two of the load's requests the server is not busy
+            refused = self.run_horopter("recognize", "0.png", "--retries", "0", "--json")
+            if refused.returncode != 0:
+                break
         self.assertEqual(refused.returncode, 4, refused.stderr)
         self.assertGreater(json.loads(refused.stderr)["error"]["retry_after_ms"], 0)
         patient = self.run_horopter("recognize", "0.png", "--retries", "50")
@@ -258,8 +249,7 @@ class Failures(Workplace):
                               (("dataset", "recognize", "parts", "val", "--out", "r.csv"), "r.cameras.json")):
             process = subprocess.Popen([HOROPTER, *command, "--server", self.mock.address], cwd=self.folder,
                                        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-            wait_until_started(process)
-            time.sleep(1.0)
+            self.await_recordings(2)
             process.send_signal(signal.SIGINT)
             _, errors = process.communicate(timeout=20)
             self.assertEqual(process.returncode, 130, errors)
@@ -271,8 +261,7 @@ class Failures(Workplace):
         process = subprocess.Popen([HOROPTER, "load", "parts/val/000005", "--duration", "60", "--json-file", "l.json",
                                     "--server", self.mock.address], cwd=self.folder, stdout=subprocess.PIPE,
                                    stderr=subprocess.PIPE, text=True)
-        wait_until_started(process)
-        time.sleep(1.5)
+        self.await_recordings(2)
         self.mock.stop()
         _, errors = process.communicate(timeout=30)
         self.assertEqual(process.returncode, 4, errors)
@@ -280,6 +269,152 @@ class Failures(Workplace):
             step = json.load(file)["steps"][0]
         self.assertTrue(step["server_gone"])
         self.assertGreater(step["codes"]["OK"], 0)
+
+
+class Interrupted(Workplace):
+    """Ctrl-C while a server takes connections and never says a word."""
+
+    OFFLINE = (("completion",), ("manual",), ("dataset", "evaluate"))
+
+    def setUp(self):
+        super().setUp()
+        self.run_horopter("recognize", "0.png")  # something to replay
+        self.run_horopter("catalog", "backup", "copy.db")
+
+    def begin(self, example):
+        """The running command and its connection: it waits for the server's first word."""
+        silent = socket.socket()
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        silent.settimeout(0.5)
+        process = subprocess.Popen(["bash", "-c", "exec '%s' %s" % (HOROPTER, example)], cwd=self.folder,
+                                   env=dict(os.environ, HOROPTER_SERVER="127.0.0.1:%d" % silent.getsockname()[1]),
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        with silent:
+            while True:
+                try:
+                    return process, silent.accept()[0]
+                except TimeoutError:
+                    if process.poll() is not None:
+                        raise AssertionError("it ended before it asked: %s" % (process.communicate(),)) from None
+
+    def test_every_command_ends_at_once_says_so_and_leaves_nothing_half_done(self):
+        before = sorted(os.listdir(self.folder))
+        asked = 0
+        for path, said in commands():
+            if path in self.OFFLINE:
+                continue
+            example = re.findall(r"^  horopter (.*)$", said.split("Example:")[-1], re.M)[0]
+            with self.subTest(" ".join(path)):
+                if path == ("catalog", "restore"):  # there only now: a backup does not write over a file
+                    os.rename(os.path.join(self.folder, "copy.db"), os.path.join(self.folder, "parts-backup.db"))
+                    before.append("parts-backup.db")
+                process, connection = self.begin(example)
+                with connection:
+                    start = time.monotonic()
+                    process.send_signal(signal.SIGINT)
+                    _, errors = process.communicate(timeout=60)
+                self.assertEqual(process.returncode, 130, errors)
+                self.assertIn("interrupted", errors)
+                self.assertLess(time.monotonic() - start, 20.0)
+                asked += 1
+        self.assertGreater(asked, 15)
+        # Results so far are kept, copies of the catalog are whole or not there.
+        kept = {"results.csv", "results.cameras.json", "load.csv"}
+        self.assertEqual([f for f in sorted(os.listdir(self.folder)) if f not in before and f not in kept], [])
+
+
+class Terminals(Workplace):
+    MOCK_ARGUMENTS = ("--delay-ms", "3200", "--workers", "1")
+
+    def on_a_terminal(self, term, *arguments):
+        """What the program writes to a terminal, with what it ended."""
+        ours, theirs = os.openpty()
+        environment = dict(os.environ, HOROPTER_SERVER=self.mock.address, TERM=term)
+        process = subprocess.Popen([HOROPTER, *arguments], cwd=self.folder, env=environment, stdin=subprocess.DEVNULL,
+                                   stdout=theirs, stderr=theirs)
+        os.close(theirs)
+        written = b""
+        while True:
+            try:
+                piece = os.read(ours, 4096)
+            except OSError:  # the other end is closed
+                break
+            if not piece:
+                break
+            written += piece
+        os.close(ours)
+        return process.wait(), written
+
+    def test_a_terminal_without_colours_sees_a_bar_and_no_escape_codes(self):
+        for term in ("dumb", "xterm"):
+            code, written = self.on_a_terminal(term, "load", "parts/val/000005", "--requests", "2", "--max-images", "1")
+            self.assertEqual(code, 0, written)
+            self.assertIn(b"\rrequests [", written)
+            self.assertNotIn(b"\x1b", written)
+
+    def test_without_a_terminal_there_is_no_bar(self):
+        done = self.run_horopter("load", "parts/val/000005", "--requests", "1", "--max-images", "1")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertNotIn("\r", done.stdout + done.stderr)
+
+    def test_without_any_output_the_work_is_done(self):
+        environment = dict(os.environ, HOROPTER_SERVER=self.mock.address)
+        closed = subprocess.run(["bash", "-c", "exec '%s' load parts/val/000005 --requests 1 --csv quiet.csv >&- 2>&- <&-" % HOROPTER],
+                                cwd=self.folder, env=environment, check=False, timeout=60)
+        self.assertEqual(closed.returncode, 0)
+        with open(os.path.join(self.folder, "quiet.csv"), encoding="utf-8") as file:
+            self.assertEqual(len(file.readlines()), 2)
+
+
+class Versions(Workplace):
+    MOCK_ARGUMENTS = ("--version-name", "9.9.9")
+
+    def test_a_recording_of_another_version_names_both_when_it_differs(self):
+        self.run_horopter("recognize", "0.png")
+        self.run_horopter("object", "add", "parts/cad/obj_000002.step", "--id", "a-first")
+        recordings = os.path.join(self.folder, "recordings")
+        done = self.run_horopter("replay", os.path.join(recordings, os.listdir(recordings)[0]))
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertRegex(done.stdout, r"recorded by version 9\.9\.9, this server is version \d")
+
+    def test_a_server_without_the_call_is_said_to_be_another_version(self):
+        # A gRPC server that has none of the services.
+        import grpc
+        from concurrent import futures
+        server = grpc.server(futures.ThreadPoolExecutor(1))
+        port = server.add_insecure_port("127.0.0.1:0")
+        server.start()
+        try:
+            for command in (("object", "list"), ("recognize", "0.png"), ("replay", "0.png")):
+                done = self.run_horopter(*command, "--server", "127.0.0.1:%d" % port)
+                self.assertEqual(done.returncode, 1, done.stderr)
+                self.assertIn("does not know this call", done.stderr)
+        finally:
+            server.stop(None)
+
+
+class Pictures(Workplace):
+
+    def test_the_server_draws_png_and_svg(self):
+        done = self.run_horopter("recognize", "0.png", "1.png", "--out", "over.svg")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for i in (1, 2):
+            root = ElementTree.parse(os.path.join(self.folder, "over-%d.svg" % i)).getroot()
+            self.assertGreater(len(list(root.iter("{http://www.w3.org/2000/svg}polyline"))), 5)
+
+    def test_explain_tells_the_test_and_the_edges(self):
+        done = self.run_horopter("explain", "bracket", "0.png", "1.png", "--out", "why.png")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("TEST_SUPPORT", done.stdout)
+        self.assertIn("edge 0: 80 of 80 px without support", done.stdout)
+        self.assertTrue(os.path.exists(os.path.join(self.folder, "why.png")))
+        said = json.loads(self.run_horopter("explain", "bracket", "0.png", "--json").stdout)
+        self.assertEqual(said["failed_test"], "TEST_SUPPORT")
+        self.assertEqual((said["value"], said["needed"]), (0.25, 0.5))
+        nobody = self.run_horopter("explain", "nobody", "0.png")
+        self.assertEqual(nobody.returncode, 3)
+        self.assertIn("explain_object", nobody.stderr)
 
 
 class Latency(Workplace):

@@ -1,14 +1,17 @@
 // A server whose recognition is a stand-in: every catalog object stands at a known place, after a
 // chosen time. For tests of what is around recognition, and to measure clients by.
 //
-//   mock_horopterd [--delay-ms MS] [--workers N] [--queue N] [--listen HOST:PORT] [--metrics-listen
-//   ..]
+//   mock_horopterd [--delay-ms MS] [--delay-spread-ms MS] [--workers N] [--queue N] [--listen
+//   HOST:PORT] [--metrics-listen
+//   ..] [--version-name NAME]
 //
 // The options of telemetry, TLS and access are those of horopterd.
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <atomic>
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <thread>
 
@@ -21,6 +24,7 @@ namespace {
 
 // The first object of the catalog (or of the candidates) 0.5 m in front of every camera, turned by
 // 90 degrees about z; one grasp above it.
+// An object to be explained has one edge without support.
 PipelineResult MockAnswer(const SceneRequest& request, const std::string& id) {
   PipelineResult result;
   SceneAnswer& answer = result.answer;
@@ -31,6 +35,21 @@ PipelineResult MockAnswer(const SceneRequest& request, const std::string& id) {
     answer.cameras.push_back(camera);
   }
   answer.stages.push_back({"features", 0.001, {{"edges", 12.0}}});
+  if (!request.explained.empty()) {
+    Explanation found;
+    found.failed = AcceptanceTest::kSupport;
+    found.value = 0.25;
+    found.needed = 0.5;
+    found.detail = request.explained + " has too few of its edges in the images: 0.25, need 0.50";
+    for (const auto& camera : answer.cameras) {
+      ExplainedView& view = found.views.emplace_back().emplace();
+      view.camera = camera->camera;
+      view.camera_from_object.t = {0, 0, 0.5};
+      view.edges.runs = {{0, EdgeState::kUnsupported, {{10, 10}, {50, 10}}}};
+      view.edges.visible_px = 40.0;
+    }
+    answer.explanation = AnswerExplanation{request.explained, "", std::move(found)};
+  }
   if (id.empty()) return result;
   AnswerObject object;
   object.object_id = id;
@@ -59,11 +78,13 @@ PipelineResult MockAnswer(const SceneRequest& request, const std::string& id) {
 
 int Main(int argc, char** argv) {
   CLI::App app("mock_horopterd");
-  double delay_ms = 0.0;
+  double delay_ms = 0.0, spread_ms = 0.0;
+  std::atomic<uint64_t> calls = 0;
   ServerOptions options;
   options.listen = "127.0.0.1:0";
   options.workers = 2;
   app.add_option("--delay-ms", delay_ms);
+  app.add_option("--delay-spread-ms", spread_ms, "up to so much longer, differently each call");
   app.add_option("--workers", options.workers);
   app.add_option("--queue", options.queue);
   app.add_option("--listen", options.listen);
@@ -79,19 +100,23 @@ int Main(int argc, char** argv) {
   app.add_option("--trace-file", options.telemetry.trace_file);
   app.add_option("--record-dir", options.telemetry.recorder.folder);
   app.add_option("--record-sample", options.telemetry.recorder.sample);
-  CLI11_PARSE(app, argc, argv);
   options.telemetry.version = "mock";
+  app.add_option("--version-name", options.telemetry.version);
+  CLI11_PARSE(app, argc, argv);
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGTERM);
   sigaddset(&signals, SIGINT);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-  const Recognizer recognizer = [delay_ms](
+  const Recognizer recognizer = [&, delay_ms, spread_ms](
                                     const SceneRequest& request,
                                     const CatalogSnapshot& catalog,
                                     const CallLimits& limits) -> absl::StatusOr<PipelineResult> {
-    const auto until =
-        std::chrono::steady_clock::now() + std::chrono::duration<double, std::milli>(delay_ms);
+    // The golden ratio's multiples are spread evenly.
+    const double whole = 0.6180339887498949 * static_cast<double>(++calls);
+    const std::chrono::duration<double, std::milli> delay(delay_ms +
+                                                          spread_ms * (whole - std::floor(whole)));
+    const auto until = std::chrono::steady_clock::now() + delay;
     while (std::chrono::steady_clock::now() < until) {
       if (limits.stop()) return absl::CancelledError("stopped");
       std::this_thread::sleep_until(

@@ -17,6 +17,9 @@ import unittest
 import urllib.parse
 import urllib.request
 
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
+from mock_server import Mock  # noqa: E402
+
 HOROPTER, MOCK, DATASET, DASHBOARD = map(os.path.abspath, sys.argv[1:5])
 SCENE = os.path.join(DATASET, "val", "000005")
 IMAGE = os.path.join(SCENE, "rgb", "000000.png")
@@ -37,18 +40,11 @@ class Served(unittest.TestCase):
             # SIGXFSZ ignored: writing beyond the limit fails, as on a full disk.
             limit = "trap '' XFSZ; ulimit -f %d; exec " % self.LIMIT_FILES_TO
             command = ["bash", "-c", limit + '"$0" "$@"', *command]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        for line in self.process.stdout:
-            if "metrics on port " in line:
-                self.metrics_url = "http://127.0.0.1:%s/metrics" % line.split("metrics on port ")[1].strip()
-            if "listening on " in line:
-                self.address = line.split("listening on ")[1].strip()
-                break
+        self.mock = Mock(MOCK, command=command)
+        self.process, self.address, self.metrics_url = self.mock.process, self.mock.address, self.mock.metrics_url
 
     def tearDown(self):
-        self.process.kill()
-        self.process.wait()
-        self.process.stdout.close()
+        self.mock.stop()
         shutil.rmtree(self.folder)
 
     def run_horopter(self, *arguments):

@@ -10,28 +10,13 @@ import sys
 import tempfile
 import unittest
 
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
+from mock_server import Mock  # noqa: E402
+
 CMAKE = sys.argv[1]
 BUILD, SOURCE, MOCK = map(os.path.abspath, sys.argv[2:5])
 DATASET = os.path.join(SOURCE, "tests", "data", "parts")
 IMAGE = os.path.join(DATASET, "val", "000005", "rgb", "000000.png")
-
-
-class Mock:
-
-    def __init__(self):
-        self.process = subprocess.Popen([MOCK], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        for line in self.process.stdout:
-            if "listening on " in line:
-                self.address = line.split("listening on ")[1].strip()
-                break
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.process.kill()
-        self.process.wait()
-        self.process.stdout.close()
 
 
 def run(*command, **options):
@@ -63,7 +48,7 @@ class Install(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         done = run(CMAKE, "--build", build)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
-        with Mock() as mock:
+        with Mock(MOCK) as mock:
             added = run(self.path("usr", "bin", "horopter"), "--server", mock.address, "object", "add",
                         os.path.join(DATASET, "cad", "obj_000001.step"), "--id", "bracket")
             self.assertEqual(added.returncode, 0, added.stderr)

@@ -16,7 +16,7 @@ import sys
 # The rooms of recognition, in the order of the dependency.
 ROOMS = ["aspects", "object", "scoring", "scene", "candidates", "invariant_matching", "initialization", "interpretation"]
 ROOMS_SHARE = ["server/vision/recognition/types.h", "server/vision/recognition/options.h",
-               "server/vision/recognition/learnt_constants.h"]
+               "server/vision/recognition/learnt_constants.h", "server/vision/recognition/refusals.h"]
 BELOW_ROOMS = ["server/base", "server/vision/geometry", "server/vision/invariants", "server/vision/features",
                "server/vision/matching", "server/vision/reconstruction"]
 
@@ -26,6 +26,8 @@ FOLDERS = collections.OrderedDict([
     ("server/base", []),
     ("server/index", ["server/base"]),
     ("server/vision/geometry", ["server/base"]),
+    # Lines and texts over images, for the server's answers and the client's pictures.
+    ("server/overlay", ["server/base", "server/vision/geometry"]),
     # Keys of vertices and lines: pure functions of coordinates, beside the stages.
     ("server/vision/invariants", ["server/base", "server/vision/geometry"]),
     ("server/vision/features", ["server/base", "server/vision/geometry"]),
@@ -36,6 +38,7 @@ FOLDERS = collections.OrderedDict([
     ("server/vision/recognition/types.h", ["server/base", "server/vision/geometry"]),
     ("server/vision/recognition/options.h", ["server/base"]),
     ("server/vision/recognition/learnt_constants.h", []),
+    ("server/vision/recognition/refusals.h", ["server/base", "server/vision/recognition/types.h"]),
 ] + [
     ("server/vision/recognition/" + room, BELOW_ROOMS + ROOMS_SHARE + ["server/vision/recognition/" + r for r in ROOMS[:i]])
     for i, room in enumerate(ROOMS)
@@ -43,19 +46,25 @@ FOLDERS = collections.OrderedDict([
     ("server/vision/recognition", BELOW_ROOMS + ROOMS_SHARE + ["server/vision/recognition/" + r for r in ROOMS]),
     ("server/vision/euclidean",
      BELOW_ROOMS + ROOMS_SHARE + ["server/vision/recognition"] + ["server/vision/recognition/" + r for r in ROOMS]),
+    # Reads what recognition and the adjustment found, and changes none of it.
+    ("server/vision/explanation",
+     BELOW_ROOMS + ROOMS_SHARE + ["server/vision/recognition", "server/vision/euclidean"] +
+     ["server/vision/recognition/" + r for r in ROOMS]),
     # The catalog stores value types, which all live in geometry; it knows no stage.
     ("db", ["server/base", "server/vision/geometry"]),
     ("proto", []),
     ("server/pipeline",
      ["server/base", "db", "server/vision/geometry", "server/vision/features", "server/vision/matching",
-      "server/vision/reconstruction", "server/vision/recognition", "server/vision/euclidean"] + ROOMS_SHARE +
+      "server/vision/reconstruction", "server/vision/recognition", "server/vision/euclidean",
+      "server/vision/explanation"] + ROOMS_SHARE +
      ["server/vision/recognition/object", "server/vision/recognition/invariant_matching"]),
     # Handlers convert and call: they see the pipeline and value types, no stage.
     ("server/service",
-     ["server/base", "db", "proto", "server/vision/geometry", "server/vision/invariants", "server/pipeline"]),
+     ["server/base", "db", "proto", "server/overlay", "server/vision/geometry", "server/vision/invariants",
+      "server/pipeline"]),
     ("server/main.cc", ["server/base", "db", "proto", "server/pipeline", "server/service"]),
     # The client talks to the server over the wire; it shares value types and the status macros.
-    ("client", ["server/base", "proto", "server/vision/geometry"]),
+    ("client", ["server/base", "proto", "server/overlay", "server/vision/geometry"]),
 ])
 
 # Rooms that ask the index.
@@ -78,10 +87,10 @@ LIBRARIES = collections.OrderedDict([
     ("OpenCV umbrella header", (r"opencv2/opencv\.hpp$", [])),
     ("OpenCV core", (r"opencv2/core(\.hpp$|/)",
                      ["server/vision/features", "server/vision/matching", "server/pipeline", "server/service",
-                      "client"])),
+                      "server/overlay", "client"])),
     ("OpenCV image files", (r"opencv2/imgcodecs(\.hpp$|/)", ["client"])),
     ("image formats", (r"(jpeglib|jerror|png|tiffio)\.h$|webp/", ["server/service"])),
-    ("OpenCV", (r"opencv2/", ["server/vision/features", "server/vision/matching", "client"])),
+    ("OpenCV", (r"opencv2/", ["server/vision/features", "server/vision/matching", "server/overlay", "client"])),
     ("Ceres", (r"ceres/", STAGES + ["server/vision/geometry"])),
     ("OpenCASCADE", (r"[A-Za-z0-9]+_?[A-Za-z0-9_]*\.hxx$", ["client"])),
     ("assimp", (r"assimp/", ["client"])),

@@ -16,28 +16,15 @@ import xml.etree.ElementTree as ElementTree
 
 PACKAGE, HOROPTER, MOCK, DATASET = map(os.path.abspath, sys.argv[1:5])
 sys.path.insert(0, PACKAGE)
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
 
 import numpy as np  # noqa: E402
 
 import horopter  # noqa: E402
+from mock_server import Mock  # noqa: E402
 from horopter import types  # noqa: E402
 
 IMAGES = [os.path.join(DATASET, "val", "000005", "rgb", "%06d.png" % i) for i in range(2)]
-
-
-class Mock:
-
-    def __init__(self, *arguments):
-        self.process = subprocess.Popen([MOCK, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        for line in self.process.stdout:
-            if "listening on " in line:
-                self.address = line.split("listening on ")[1].strip()
-                break
-
-    def stop(self):
-        self.process.kill()
-        self.process.wait()
-        self.process.stdout.close()
 
 
 def random_pose(generator):
@@ -115,7 +102,7 @@ class WithServer(unittest.TestCase):
     ARGUMENTS = ()
 
     def setUp(self):
-        self.mock = Mock(*self.ARGUMENTS)
+        self.mock = Mock(MOCK, *self.ARGUMENTS)
         self.client = horopter.Client(self.mock.address)
 
     def tearDown(self):

@@ -32,6 +32,12 @@ def gripper_lines(opening_m, finger_m=0.04):
         [[0, 0, -finger_m], [0, 0, -1.5 * finger_m]])]
 
 
+def cup_lines(radius_m, length_m=0.04):
+    turn = np.linspace(0.0, 2.0 * np.pi, 25)
+    return [np.stack([radius_m * np.cos(turn), radius_m * np.sin(turn), 0.0 * turn], axis=1),
+            np.array([[0, 0, 0], [0, 0, -length_m]], dtype=float)]
+
+
 def draw(image_bytes, index, scene, models):
     camera = scene.cameras[index]
     kind = "jpeg" if image_bytes[:2] == b"\xff\xd8" else "png"
@@ -46,8 +52,9 @@ def draw(image_bytes, index, scene, models):
         for edge in models[part.object_id].edges:
             out.append(polyline(camera.project(transformed(pose, edge)), color))
         if part.grasps:
-            camera_from_gripper = camera.camera_from_scene @ part.grasps[0].scene_from_gripper
-            for line in gripper_lines(part.grasps[0].jaw_opening_m):
+            best = part.grasps[0]
+            camera_from_gripper = camera.camera_from_scene @ best.scene_from_gripper
+            for line in cup_lines(best.cup_radius_m) if best.cup_radius_m else gripper_lines(best.jaw_opening_m):
                 out.append(polyline(camera.project(transformed(camera_from_gripper, line)), "orange", 4))
         x, y = camera.project(pose[None, :3, 3])[0]
         out.append('<text x="%.0f" y="%.0f" fill="%s" font-size="24">%s %.2f</text>' % (x, y, color, part.object_id,

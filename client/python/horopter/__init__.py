@@ -16,13 +16,14 @@ from .errors import (AlreadyExists, Busy, Cancelled, Conflict, DataLoss, Deadlin
                      InvalidRequest, NotFound, PermissionDenied, TooLarge, Unauthenticated, Unavailable)
 from .images import encode_image
 from .security import Security
-from .types import (Camera, CameraHint, CatalogObject, Finding, FoundGrasp, FoundObject, GraspModel, Gripper, LookAlike,
-                    ObjectInImage, Reason, Reference, Scene)
+from .types import (Camera, CameraHint, CatalogObject, ExplainedEdge, ExplainedImage, Explanation, Finding, FoundGrasp,
+                    FoundObject, GraspModel, Gripper, LookAlike, ObjectInImage, Reason, Reference, Scene)
 
 __all__ = [
     "AlreadyExists", "AsyncClient", "Busy", "Camera", "CameraHint", "Cancelled", "CatalogObject", "Client", "Conflict",
-    "DataLoss", "DeadlineExceeded", "Finding", "FoundGrasp", "FoundObject", "GraspModel", "Gripper", "HoropterError",
-    "InternalError", "InvalidRequest", "LookAlike", "NotFound", "ObjectInImage", "PermissionDenied", "Reason", "Reference",
-    "Scene", "Security", "TooLarge", "Unauthenticated", "Unavailable", "encode_image",
+    "DataLoss", "DeadlineExceeded", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp",
+    "FoundObject", "GraspModel", "Gripper", "HoropterError", "InternalError", "InvalidRequest", "LookAlike", "NotFound",
+    "ObjectInImage", "PermissionDenied", "Reason", "Reference", "Scene", "Security", "TooLarge", "Unauthenticated",
+    "Unavailable", "encode_image",
 ]
 __version__ = "@PROJECT_VERSION@"

@@ -16,9 +16,12 @@ Hints = Union[None, CameraHint, Sequence[Optional[CameraHint]]]
 
 def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Optional[Iterable[str]],
                       reference: Optional[Reference], gripper: Optional[Gripper] = None, min_score: float = 0.0,
-                      full: bool = True) -> recognition_pb2.RecognizeSceneRequest:
+                      full: bool = True, overlay: Optional[str] = None,
+                      explain: Optional[str] = None) -> recognition_pb2.RecognizeSceneRequest:
     if isinstance(images, (str, bytes)):
         raise TypeError("images is a list, also of one image")
+    if overlay not in (None, "png", "svg"):
+        raise ValueError("overlay is None, 'png' or 'svg'")
     view = recognition_pb2.ANSWER_VIEW_FULL if full else recognition_pb2.ANSWER_VIEW_BASIC
     request = recognition_pb2.RecognizeSceneRequest(min_score=min_score, view=view)
     if gripper is not None:
@@ -38,6 +41,10 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
     if reference is not None:
         request.reference.object = resource_name(reference.object_id)
         request.reference.base_from_object.CopyFrom(matrix_to_proto(reference.base_from_object))
+    if overlay is not None:
+        request.overlay.format = recognition_pb2.OverlayOptions.Format.Value("FORMAT_" + overlay.upper())
+    if explain is not None:
+        request.explain_object = resource_name(explain)
     return request
 
 

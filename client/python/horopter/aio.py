@@ -61,9 +61,10 @@ class AsyncClient:
     async def recognize(self, images: Iterable[ImageLike], hints: Hints = None,
                         candidates: Optional[Iterable[str]] = None, reference: Optional[Reference] = None,
                         deadline_s: Optional[float] = None, gripper: Optional[Gripper] = None, min_score: float = 0.0,
-                        full: bool = True) -> Scene:
+                        full: bool = True, overlay: Optional[str] = None, explain: Optional[str] = None) -> Scene:
         """As Client.recognize."""
-        request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full)
+        request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
+                                              explain)
         return Scene.from_proto(await self._call(self._recognition.RecognizeScene, request, deadline_s))
 
     async def list_objects(self, deadline_s: Optional[float] = None) -> List[CatalogObject]:

@@ -64,14 +64,18 @@ class Client:
 
     def recognize(self, images: Iterable[ImageLike], hints: Hints = None, candidates: Optional[Iterable[str]] = None,
                   reference: Optional[Reference] = None, deadline_s: Optional[float] = None,
-                  gripper: Optional[Gripper] = None, min_score: float = 0.0, full: bool = True) -> Scene:
+                  gripper: Optional[Gripper] = None, min_score: float = 0.0, full: bool = True,
+                  overlay: Optional[str] = None, explain: Optional[str] = None) -> Scene:
         """Which parts are in the images of one static scene, where, and how to grip them.
 
         images: 1 to 32 paths, encoded bytes or arrays (see encode_image); hints: one CameraHint for all images or a list
         with one or None for each; candidates: ids to look for (default: the whole catalog); gripper: what the robot grips
-        with; min_score: parts that score less are left out; full: with covariances, stages and poses per image.
+        with; min_score: parts that score less are left out; full: with covariances, stages and poses per image; overlay:
+        "png" (images with the answer drawn on them) or "svg" (drawings to lay over them), in `Scene.overlays`; explain:
+        id of an object of which `Scene.explanation` says why it is, or is not, recognised.
         """
-        request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full)
+        request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
+                                              explain)
         return Scene.from_proto(self._call(self._recognition.RecognizeScene, request, deadline_s))
 
     def server_info(self, deadline_s: Optional[float] = None) -> server_pb2.ServerInfo:

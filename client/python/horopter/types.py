@@ -237,6 +237,41 @@ class Finding:
 
 
 @dataclasses.dataclass
+class ExplainedEdge:
+    """A piece of an edge in one image; state: SUPPORTED, UNSUPPORTED or HIDDEN; edge: index into CatalogObject.edges, None of
+    an outline; points_px: n x 2."""
+    edge: Optional[int]
+    state: str
+    points_px: np.ndarray
+
+
+@dataclasses.dataclass
+class ExplainedImage:
+    """The object's best pose in one image; lengths of its edges in pixels: in sight, of these supported, and hidden."""
+    camera_from_object: np.ndarray
+    camera: Camera
+    score: float
+    visible_px: float
+    supported_px: float
+    hidden_px: float
+    edges: List[ExplainedEdge]
+
+
+@dataclasses.dataclass
+class Explanation:
+    """Why an object is, or is not, recognised. failed_test: None when it is recognised, else FEATURES, HYPOTHESIS, LINK,
+    SEARCH, SUPPORT, PLACE, CHANCE, FOCAL, PARALLAX, CONTRADICTION or COMMON_CAMERAS; value: what the test measured; needed: 0
+    where it has no number; images: None where no pose is known."""
+    object_id: str
+    failed_test: Optional[str]
+    value: float
+    needed: float
+    other_object: Optional[str]
+    detail: str
+    images: List[Optional[ExplainedImage]]
+
+
+@dataclasses.dataclass
 class Reason:
     """Why an answer is less than it could be: NOTHING_FOUND, AMBIGUOUS, SCALE_CONFLICT, TOO_FEW_FEATURES, NO_PARALLAX,
     REFERENCE_NOT_FOUND, REFERENCE_CONFLICT or EMPTY_CATALOG; "UNKNOWN" of a later server's."""
@@ -249,7 +284,8 @@ class Scene:
     """An answer. complete: False when time ran short before all was searched; unsearched: what was left out, for that or
     for the catalog's size. reasons: empty when objects were recognised and nothing is in doubt. joint_covariance:
     (6 n) x (6 n) of all poses, in the order of `objects`. supporting_plane: normal and offset (metres) of
-    {x : normal . x = offset} in the scene frame. raw: the message."""
+    {x : normal . x = offset} in the scene frame. overlays: one PNG or SVG file an image, where asked for. raw: the
+    message."""
     complete: bool
     reasons: List[Reason]
     unsearched: List[str]
@@ -264,17 +300,22 @@ class Scene:
     supporting_plane: Optional[Tuple[np.ndarray, float]]
     objects_below_min_score: int
     raw: recognition_pb2.RecognizeSceneResponse = dataclasses.field(repr=False)
+    overlays: List[bytes] = dataclasses.field(default_factory=list, repr=False)
+    explanation: Optional[Explanation] = None
 
     @classmethod
     def from_proto(cls, answer: recognition_pb2.RecognizeSceneResponse) -> "Scene":
         return cls(complete=answer.completeness == recognition_pb2.COMPLETENESS_COMPLETE,
-                   reasons=[_reason(r) for r in answer.reasons], unsearched=[u.step for u in answer.unsearched], cameras=[_camera(c) for c in answer.cameras],
+                   reasons=[_reason(r) for r in answer.reasons], unsearched=[u.step for u in answer.unsearched],
+                   cameras=[_camera(c) for c in answer.cameras],
                    objects=[_found(o) for o in answer.objects], base_from_scene=_optional(answer, "base_from_scene"),
                    joint_covariance=_covariance(answer.joint_pose_covariance),
                    findings=[_finding(f) for f in answer.findings],
                    stage_seconds={s.stage: s.elapsed.seconds + 1e-9 * s.elapsed.nanos for s in answer.stages},
                    request_id=answer.request_id, catalog_generation=answer.catalog_generation,
-                   supporting_plane=_plane(answer), objects_below_min_score=answer.objects_below_min_score, raw=answer)
+                   supporting_plane=_plane(answer), objects_below_min_score=answer.objects_below_min_score,
+                   overlays=[o.content for o in answer.overlays],
+                   explanation=_explanation(answer.explanation) if answer.HasField("explanation") else None, raw=answer)
 
     @property
     def outcome(self) -> str:
@@ -316,6 +357,25 @@ def _found(o: recognition_pb2.RecognizedObject) -> FoundObject:
                        _covariance(o.pose_covariance), images, [object_id(a) for a in o.alternative_objects],
                        [_grasp(g) for g in o.grasps], dropped, _optional(o, "base_from_object"),
                        _covariance(o.base_pose_covariance))
+
+
+def _explained_edge(e: recognition_pb2.ExplainedEdge) -> ExplainedEdge:
+    state = recognition_pb2.ExplainedEdge.State.Name(e.state)[len("STATE_"):]
+    return ExplainedEdge(e.edge if e.HasField("edge") else None, state, np.array(e.points_px, dtype=float).reshape(-1, 2))
+
+
+def _explained_image(i: recognition_pb2.ExplainedImage) -> Optional[ExplainedImage]:
+    if not i.HasField("camera_from_object"):
+        return None
+    return ExplainedImage(matrix_from_proto(i.camera_from_object), _camera(i.camera), i.score, i.visible_px, i.supported_px,
+                          i.hidden_px, [_explained_edge(e) for e in i.edges])
+
+
+def _explanation(e: recognition_pb2.Explanation) -> Explanation:
+    test = recognition_pb2.Explanation.Test.Name(e.failed_test)[len("TEST_"):]
+    return Explanation(object_id(e.object), test if e.failed_test else None, e.value, e.needed,
+                       object_id(e.other_object) if e.other_object else None, e.detail,
+                       [_explained_image(i) for i in e.images])
 
 
 def _finding(f: recognition_pb2.SceneFinding) -> Finding:

@@ -21,9 +21,4 @@ inline void SetSuction(double cup_radius_m, Grasp* grasp) {
   grasp->grip_width_m = 2.0 * cup_radius_m;
 }
 
-// How wide a drawing of the gripper is, metres.
-inline double OpeningOf(const Grasp& grasp) {
-  return IsSuction(grasp) ? grasp.grip_width_m : grasp.jaw_opening_m;
-}
-
 }  // namespace horopter

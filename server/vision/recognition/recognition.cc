@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/vision/recognition/explained_recognition.h"
 #include "server/vision/recognition/initialization/view_linking.h"
 #include "server/vision/recognition/interpretation/answer.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
@@ -16,6 +17,7 @@
 #include "server/vision/recognition/interpretation/routes.h"
 #include "server/vision/recognition/interpretation/symmetric_views.h"
 #include "server/vision/recognition/scene/surface_texture.h"
+#include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
 namespace {
@@ -104,26 +106,71 @@ void ReportHypotheses(const JointContext& context, RecognitionResult* result) {
   result->counts["seeds"] = static_cast<double>(context.seed_count);
 }
 
+// Notes placements of the logged object that leave the scene; without a log nothing.
+class RefusalNotes {
+ public:
+  explicit RefusalNotes(RefusalLog* log) : log_(log) {}
+
+  void Begin(const SceneModel& scene) {
+    before_.clear();
+    for (const PlacedObject& p : scene.objects) {
+      if (log_ != nullptr && p.object == log_->object) before_.push_back(p);
+    }
+  }
+  // What left since Begin. value_of: what the test measured of a placement.
+  template <typename ValueOf>
+  void Left(const SceneModel& scene, AcceptanceTest test, double needed, const ValueOf& value_of) {
+    for (const PlacedObject& p : before_) {
+      if (std::none_of(scene.objects.begin(), scene.objects.end(), [&](const PlacedObject& o) {
+            return o.object == p.object;
+          })) {
+        log_->refusals.push_back({test, p.scene_from_object, scene.views, value_of(p), needed});
+      }
+    }
+    Begin(scene);
+  }
+
+ private:
+  RefusalLog* log_;
+  std::vector<PlacedObject> before_;
+};
+
 // What is answered of the best scene: symmetric views aligned, rivals heard, what chance explains
 // left out.
-RecognitionResult Conclude(const RecognitionInput& input, FoundScene best, JointContext* context) {
+RecognitionResult Conclude(const RecognitionInput& input,
+                           FoundScene best,
+                           JointContext* context,
+                           RefusalLog* log) {
   SceneModel& scene = best.scene;
+  RefusalNotes notes(log);
   scene.views.resize(input.features.size());
   BeginStep(*context, "symmetric_views");
   if (!scene.objects.empty())
     context->surface_images = MakeSurfaceImages(input.images, context->options.threads);
   AlignSymmetricViews(*context, &scene);
+  notes.Begin(scene);
   DropChanceObjects(*context, best.verified, &scene);
+  notes.Left(scene, AcceptanceTest::kChance, PriceOfTrying(input.objects.size()), EvidenceOf);
   BeginStep(*context, "rivals");
   std::vector<Rival> rivals = ContestObjects(*context, best.verified, {}, &scene);
+  notes.Left(scene, AcceptanceTest::kPlace, 0.0, [](const PlacedObject& p) { return p.score; });
   if (DropContradictedViews(*context, &scene) > 0) EvaluateTogether(*context, &scene);
   BeginStep(*context, "surfaces");
   JudgeTexture(*context, &scene);
+  notes.Begin(scene);
   DropUnlikelyObjects(&scene, &rivals);
+  notes.Left(scene, AcceptanceTest::kChance, 0.0, ObjectProbability);
   best.runners_up = RunnersUp(*context, scene, best.verified, rivals);
   const std::string doubt = ReasonToDoubt(*context, scene, best.runners_up);
   if (!doubt.empty()) {
+    const double probability = SceneProbability(*context, scene, best.runners_up);
+    const double needed = context->options.accept_probability;
     scene.objects.clear();
+    const bool unlikely = probability < needed;
+    notes.Left(scene,
+               unlikely ? AcceptanceTest::kChance : AcceptanceTest::kFocal,
+               unlikely ? needed : 0.0,
+               [&](const PlacedObject&) { return probability; });
     scene.views.assign(input.features.size(), std::nullopt);
   }
   // A single part that the cameras hang on leaves them free to adapt to a wrong pose of it.
@@ -132,7 +179,18 @@ RecognitionResult Conclude(const RecognitionInput& input, FoundScene best, Joint
   RecognitionResult result =
       MakeResult(*context, scene, best.verified, best.runners_up, rivals, trusted);
   if (!result.objects.empty()) result.route = best.route;
+  if (result.state == RecognitionState::kNoParallax) {
+    const double parallax = LargestParallax(*context, scene);
+    notes.Begin(scene);
+    notes.Left({scene.views, {}, {}, 0.0},
+               AcceptanceTest::kParallax,
+               context->options.min_parallax_rad,
+               [&](const PlacedObject&) { return parallax; });
+  }
   ReportHypotheses(*context, &result);
+  for (const ViewHypothesis& h : result.hypotheses) {
+    if (log != nullptr && h.object == log->object) log->hypotheses.push_back(h);
+  }
   result.counts["placements"] = static_cast<double>(best.verified.size());
   result.counts["objects"] = static_cast<double>(result.objects.size());
   result.counts["views"] = scene.registered();
@@ -161,9 +219,10 @@ void CopyUnasked(const RecognitionResult& from, RecognitionResult* to) {
 // What the given routes answer.
 absl::StatusOr<RecognitionResult> ByRoutes(const RecognitionInput& input,
                                            const RecognitionRoutes& routes,
-                                           JointContext* context) {
+                                           JointContext* context,
+                                           RefusalLog* log) {
   HOROPTER_ASSIGN_OR_RETURN(RouteAnswers answers, AskRoutes(input, routes, context));
-  RecognitionResult result = Conclude(input, std::move(answers.best), context);
+  RecognitionResult result = Conclude(input, std::move(answers.best), context, log);
   CountUnasked(answers.unasked, &result);
   return result;
 }
@@ -180,7 +239,8 @@ int Registered(const RecognitionResult& result) {
 // aspects before (AspectsComeFirst): here only what trusted cameras say is added.
 absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
                                               std::span<const AspectImage> images,
-                                              JointContext* context) {
+                                              JointContext* context,
+                                              RefusalLog* log) {
   const AspectRouteOptions& options = context->options.aspects;
   const bool rich = static_cast<int>(input.objects.size()) <= options.max_objects &&
                     AreRich(input.objects, options);
@@ -188,31 +248,31 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   quick.view_led = quick.projective = false;
   if (rich) quick.table = false;
   dear.metric = dear.table = false;
-  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context));
+  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context, log));
   AspectJudgement judged = JudgeAnswer(*context, images, result);
   const bool enough = judged.median >= options.confirming_score || rich;
   if (enough || IsStopRequested(context->give_up)) {
     if (!enough) CountUnasked({"aspects", "view_led", "projective"}, &result);
     RefuseContradicted(
-        judged, rich ? options.confirming_score : options.contradicting_score, &result);
+        judged, rich ? options.confirming_score : options.contradicting_score, log, &result);
     return result;
   }
   BeginStep(*context, "aspect_images");
   const std::vector<AspectImage> plain =
       MakeAspectImages(input.images, true, context->options.threads);
   HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search, ChooseObjects(*context, plain));
-  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, plain, search));
+  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, plain, search, log));
   // An answer that leaves out views explains what is easy.
   if (!aspects.result.objects.empty() && aspects.score > judged.score &&
       Registered(aspects.result) >= Registered(result)) {
     return aspects.result;
   }
   if (result.objects.empty()) {
-    HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context));
+    HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context, log));
     if (result.objects.empty()) CopyUnasked(result, &aspects.result);
     judged = JudgeAnswer(*context, images, result);
   }
-  RefuseContradicted(judged, options.contradicting_score, &result);
+  RefuseContradicted(judged, options.contradicting_score, log, &result);
   return result.objects.empty() && !aspects.result.detail.empty() ? aspects.result : result;
 }
 
@@ -223,7 +283,7 @@ absl::Status CheckInput(const RecognitionInput& input, const RecognitionOptions&
   return Validate(options);
 }
 
-std::optional<RecognitionResult> TooFewFeatures(const RecognitionInput& input) {
+std::optional<RecognitionResult> TooFewFeatures(const RecognitionInput& input, RefusalLog* log) {
   std::size_t most_segments = 0;
   for (const ImageFeatures& f : input.features)
     most_segments = std::max(most_segments, f.segments.size());
@@ -233,6 +293,13 @@ std::optional<RecognitionResult> TooFewFeatures(const RecognitionInput& input) {
   result.state = RecognitionState::kTooFewFeatures;
   result.detail =
       absl::StrCat("at most ", most_segments, " segments in an image, need ", kMinSegments);
+  if (log != nullptr) {
+    log->refusals.push_back({AcceptanceTest::kFeatures,
+                             {},
+                             result.views,
+                             static_cast<double>(most_segments),
+                             kMinSegments});
+  }
   return result;
 }
 
@@ -246,13 +313,14 @@ bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> obj
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
                                                           const RecognitionOptions& options,
                                                           const StopRequested& stop,
-                                                          const StepListener& on_step) {
+                                                          const StepListener& on_step,
+                                                          RefusalLog* log) {
   HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
   if (input.images.size() != input.features.size())
     return absl::InvalidArgumentError("images: one per list of features");
   if (!HaveAspects(input.objects))
     return absl::InvalidArgumentError("objects: not all have aspects");
-  if (auto result = TooFewFeatures(input)) return *std::move(result);
+  if (auto result = TooFewFeatures(input, log)) return *std::move(result);
   const JointContext context =
       MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
                   options,
@@ -266,7 +334,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
     nothing.views.resize(images.size());
     return nothing;
   }
-  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(context, images, search));
+  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(context, images, search, log));
   BeginStep(context, "pose_alternatives");
   SayPoseAlternatives(context, images, &aspects.result);
   return std::move(aspects.result);
@@ -275,10 +343,11 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
                                                    const StopRequested& stop,
-                                                   const StepListener& on_step) {
+                                                   const StepListener& on_step,
+                                                   RefusalLog* log) {
   HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
   if (input.matching == nullptr) return absl::InvalidArgumentError("matching: missing");
-  if (auto result = TooFewFeatures(input)) return *std::move(result);
+  if (auto result = TooFewFeatures(input, log)) return *std::move(result);
   JointContext context = MakeContext(
       {input.features, input.hints, input.matching, input.reconstruction, input.objects},
       options,
@@ -289,12 +358,26 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     BeginStep(context, "aspect_images");
     // Judged with all edges: stripes and a block's own edges can be parallel.
     const std::vector<AspectImage> images = MakeAspectImages(input.images, false, options.threads);
-    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, WithAspects(input, images, &context));
+    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, WithAspects(input, images, &context, log));
     BeginStep(context, "pose_alternatives");
     SayPoseAlternatives(context, images, &result);
     return result;
   }
-  return ByRoutes(input, options.routes, &context);
+  return ByRoutes(input, options.routes, &context, log);
+}
+
+absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
+                                                          const RecognitionOptions& options,
+                                                          const StopRequested& stop,
+                                                          const StepListener& on_step) {
+  return RecognizeByAspectsAlone(input, options, stop, on_step, nullptr);
+}
+
+absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
+                                                   const RecognitionOptions& options,
+                                                   const StopRequested& stop,
+                                                   const StepListener& on_step) {
+  return RecognizeObjects(input, options, stop, on_step, nullptr);
 }
 
 }  // namespace horopter

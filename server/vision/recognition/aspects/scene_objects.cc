@@ -146,36 +146,9 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene*
 }
 
 AspectSceneObject SceneObjects::Settled(const std::vector<std::optional<AspectSceneView>>& views,
-                                        AspectSceneObject out) const {
-  const RenderMesh& mesh = *meshes_[out.object];
-  for (const double search : {8.0, 5.0, 3.0}) {
-    PoseEdgeOptions edges;
-    edges.search_px = search;
-    edges.max_points = 120;
-    edges.render_px = options_.quick_render_px;
-    std::vector<std::vector<ModelEdgePoint>> points(views.size());
-    for (std::size_t v = 0; v < views.size(); ++v) {
-      if (!views[v]) continue;
-      points[v] = RenderedEdgePoints(
-          mesh, views[v]->camera, views[v]->camera_from_scene * out.scene_from_object, edges);
-    }
-    for (int step = 0; step < 3; ++step) {
-      std::vector<SceneRow> rows;
-      for (std::size_t v = 0; v < views.size(); ++v) {
-        if (points[v].empty()) continue;
-        for (const PoseEdgeMatch& m :
-             MatchPoseEdges(in_.images[v],
-                            points[v],
-                            views[v]->camera,
-                            views[v]->camera_from_scene * out.scene_from_object,
-                            edges)) {
-          rows.push_back({static_cast<int>(v), 0, m.point, m.matched, m.normal, m.weight});
-        }
-      }
-      out.scene_from_object = AdjustObjectToRows(rows, views, out.scene_from_object);
-    }
-  }
-  return out;
+                                        const AspectSceneObject& placed) const {
+  return SettleInViews(
+      in_.images, *meshes_[placed.object], views, placed, options_.quick_render_px);
 }
 
 LinkedScene SceneObjects::Result(const AspectScene& scene) const {
@@ -193,6 +166,41 @@ LinkedScene SceneObjects::Result(const AspectScene& scene) const {
   std::stable_sort(out.objects.begin(), out.objects.end(), [](const auto& a, const auto& b) {
     return a.score > b.score;
   });
+  return out;
+}
+
+AspectSceneObject SettleInViews(std::span<const AspectImage> images,
+                                const RenderMesh& mesh,
+                                const std::vector<std::optional<AspectSceneView>>& views,
+                                AspectSceneObject out,
+                                double render_px) {
+  for (const double search : {8.0, 5.0, 3.0}) {
+    PoseEdgeOptions edges;
+    edges.search_px = search;
+    edges.max_points = 120;
+    edges.render_px = render_px;
+    std::vector<std::vector<ModelEdgePoint>> points(views.size());
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      if (!views[v]) continue;
+      points[v] = RenderedEdgePoints(
+          mesh, views[v]->camera, views[v]->camera_from_scene * out.scene_from_object, edges);
+    }
+    for (int step = 0; step < 3; ++step) {
+      std::vector<SceneRow> rows;
+      for (std::size_t v = 0; v < views.size(); ++v) {
+        if (points[v].empty()) continue;
+        for (const PoseEdgeMatch& m :
+             MatchPoseEdges(images[v],
+                            points[v],
+                            views[v]->camera,
+                            views[v]->camera_from_scene * out.scene_from_object,
+                            edges)) {
+          rows.push_back({static_cast<int>(v), 0, m.point, m.matched, m.normal, m.weight});
+        }
+      }
+      out.scene_from_object = AdjustObjectToRows(rows, views, out.scene_from_object);
+    }
+  }
   return out;
 }
 

@@ -34,7 +34,7 @@ class SceneObjects {
   void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const;
   // An object adjusted alone, cameras held.
   AspectSceneObject Settled(const std::vector<std::optional<AspectSceneView>>& views,
-                            AspectSceneObject out) const;
+                            const AspectSceneObject& placed) const;
   LinkedScene Result(const AspectScene& scene) const;
 
  private:
@@ -49,5 +49,13 @@ class SceneObjects {
   const StopRequested& stop_;
   std::vector<const RenderMesh*> meshes_;
 };
+
+// An object's pose adjusted to the edges of all registered views, cameras held. render_px: see
+// PoseEdgeOptions.
+AspectSceneObject SettleInViews(std::span<const AspectImage> images,
+                                const RenderMesh& mesh,
+                                const std::vector<std::optional<AspectSceneView>>& views,
+                                AspectSceneObject placed,
+                                double render_px);
 
 }  // namespace horopter

@@ -100,11 +100,41 @@ SceneObject ToAnswer(const LinkedObject& o, double probability) {
   return out;
 }
 
-RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene) {
+std::vector<std::optional<RecognizedView>> RecognizedViews(const LinkedScene& scene) {
+  std::vector<std::optional<RecognizedView>> out(scene.views.size());
+  for (std::size_t v = 0; v < out.size(); ++v) {
+    if (scene.views[v])
+      out[v] = RecognizedView{scene.views[v]->camera, scene.views[v]->camera_from_scene};
+  }
+  return out;
+}
+
+// Notes the placements of the logged object whose value is below what is needed.
+template <typename ValueOf>
+void NoteBelow(const LinkedScene& scene,
+               AcceptanceTest test,
+               double needed,
+               const ValueOf& value_of,
+               RefusalLog* log) {
+  if (log == nullptr) return;
+  for (const LinkedObject& o : scene.objects) {
+    if (o.object != log->object || value_of(o) >= needed) continue;
+    log->refusals.push_back(
+        {test, o.scene_from_object, RecognizedViews(scene), value_of(o), needed});
+  }
+}
+
+RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene, RefusalLog* log) {
   const AspectRouteOptions& options = context.options.aspects;
   RecognitionResult result;
   result.views.resize(scene.views.size());
   LinkedScene accepted = scene;
+  NoteBelow(
+      scene,
+      AcceptanceTest::kChance,
+      options.accept_probability,
+      [&](const LinkedObject& o) { return ObjectProbability(o, scene, options); },
+      log);
   std::erase_if(accepted.objects, [&](const LinkedObject& o) {
     return ObjectProbability(o, scene, options) < options.accept_probability;
   });
@@ -122,6 +152,12 @@ RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene
   if (scene.registered() > 1 && parallax < context.options.min_parallax_rad) {
     constexpr double kDegrees = 180.0 / std::numbers::pi;
     result.state = RecognitionState::kNoParallax;
+    NoteBelow(
+        accepted,
+        AcceptanceTest::kParallax,
+        context.options.min_parallax_rad,
+        [&](const LinkedObject&) { return parallax; },
+        log);
     result.detail = absl::StrFormat("the views see the objects within %.1f degrees, need %.1f",
                                     kDegrees * parallax,
                                     kDegrees * context.options.min_parallax_rad);
@@ -129,10 +165,7 @@ RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene
   }
   result.route = RecognitionRoute::kAspects;
   result.state = RecognitionState::kRecognized;
-  for (std::size_t v = 0; v < scene.views.size(); ++v) {
-    if (scene.views[v])
-      result.views[v] = RecognizedView{scene.views[v]->camera, scene.views[v]->camera_from_scene};
-  }
+  result.views = RecognizedViews(scene);
   for (const LinkedObject& o : accepted.objects) {
     SceneObject answer = ToAnswer(o, ObjectProbability(o, scene, options));
     if (o.runner_up_object >= 0 && o.runner_up > o.score - context.options.ambiguity_gap) {
@@ -236,8 +269,19 @@ AspectJudgement JudgeAnswer(const JointContext& context,
   return out;
 }
 
-void RefuseContradicted(const AspectJudgement& judgement, double least, RecognitionResult* answer) {
+void RefuseContradicted(const AspectJudgement& judgement,
+                        double least,
+                        RefusalLog* log,
+                        RecognitionResult* answer) {
   if (answer->objects.empty() || judgement.median >= least) return;
+  for (const SceneObject& o : answer->objects) {
+    if (log == nullptr || o.object != log->object) continue;
+    log->refusals.push_back({AcceptanceTest::kContradiction,
+                             o.scene_from_object,
+                             answer->views,
+                             judgement.median,
+                             least});
+  }
   answer->objects.clear();
   answer->views.assign(answer->views.size(), std::nullopt);
   answer->state = RecognitionState::kNothingFound;
@@ -247,7 +291,8 @@ void RefuseContradicted(const AspectJudgement& judgement, double least, Recognit
 
 absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
                                                 std::span<const AspectImage> images,
-                                                const AspectSearch& search) {
+                                                const AspectSearch& search,
+                                                RefusalLog* log) {
   BeginStep(context, "aspect_search");
   std::vector<AspectViewPrior> priors;
   std::vector<std::vector<AspectHypothesis>> hypotheses;
@@ -277,8 +322,15 @@ absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
     if (o.runner_up_object >= 0) o.runner_up_object = search.objects[o.runner_up_object];
   }
   AspectAnswer out;
-  out.result = ToResult(context, scene);
+  out.result = ToResult(context, scene, log);
   out.result.counts["aspects_searched"] = static_cast<double>(search.objects.size());
+  for (std::size_t v = 0; log != nullptr && v < hypotheses.size(); ++v) {
+    for (const AspectHypothesis& h : hypotheses[v]) {
+      if (search.objects[h.object] != log->object) continue;
+      log->hypotheses.push_back(
+          {log->object, static_cast<int>(v), h.camera, h.camera_from_object, h.score});
+    }
+  }
   for (const LinkedObject& o : scene.objects)
     out.score += AboveChance(o, context.options.aspects.chance_score);
   return out;

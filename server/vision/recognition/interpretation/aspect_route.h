@@ -10,6 +10,7 @@
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/aspects/aspect_linking.h"
 #include "server/vision/recognition/object/aspect_search.h"
+#include "server/vision/recognition/refusals.h"
 #include "server/vision/recognition/scene/scene_model.h"
 
 namespace cv {
@@ -54,16 +55,20 @@ AspectJudgement JudgeAnswer(const JointContext& context,
                             std::span<const AspectImage> images,
                             const RecognitionResult& answer);
 
-// Empties an answer whose median score is below `least`.
-void RefuseContradicted(const AspectJudgement& judgement, double least, RecognitionResult* answer);
+// Empties an answer whose median score is below `least`. log: may be null.
+void RefuseContradicted(const AspectJudgement& judgement,
+                        double least,
+                        RefusalLog* log,
+                        RecognitionResult* answer);
 
-// The scene that the aspects find of the objects searched for. Errors: CANCELLED.
+// The scene that the aspects find of the objects searched for. log: may be null. Errors: CANCELLED.
 struct AspectAnswer {
   RecognitionResult result;
   double score = 0.0;  // as AspectJudgement::score
 };
 absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
                                                 std::span<const AspectImage> images,
-                                                const AspectSearch& search);
+                                                const AspectSearch& search,
+                                                RefusalLog* log);
 
 }  // namespace horopter

@@ -1,0 +1,121 @@
+#include "client/scene_request.h"
+
+#include <google/protobuf/util/json_util.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <opencv2/imgcodecs.hpp>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "client/bop_results.h"
+#include "client/camera_hints.h"
+#include "client/convert.h"
+#include "server/base/status_macros.h"
+#include "server/overlay/paint.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kTileWidth = 800;
+
+// r: an object id, or an id and seven numbers.
+absl::StatusOr<v1::ReferenceObject> ReferenceOf(const std::vector<std::string>& r) {
+  if (r.size() != 1 && r.size() != 8) {
+    return absl::InvalidArgumentError(
+        "--reference takes an object id, or an id and its pose in the base: x y z qw qx qy qz");
+  }
+  Rigid3 base_from_object;
+  if (r.size() == 8) {
+    double n[7];
+    for (int k = 0; k < 7; ++k) {
+      char* end = nullptr;
+      n[k] = std::strtod(r[static_cast<size_t>(k) + 1].c_str(), &end);
+      if (*end != '\0' || end == r[static_cast<size_t>(k) + 1].c_str()) {
+        return absl::InvalidArgumentError(
+            absl::StrCat("--reference: not a number: ", r[static_cast<size_t>(k) + 1]));
+      }
+    }
+    base_from_object.t = {n[0], n[1], n[2]};
+    const Eigen::Quaterniond q(n[3], n[4], n[5], n[6]);
+    if (!(std::abs(q.norm() - 1.0) < 0.01)) {
+      return absl::InvalidArgumentError("--reference: the quaternion's norm is not 1");
+    }
+    base_from_object.R = q.normalized().toRotationMatrix();
+  }
+  v1::ReferenceObject reference;
+  reference.set_object(ResourceName(r[0]));
+  *reference.mutable_base_from_object() = ToProto(base_from_object);
+  return reference;
+}
+
+}  // namespace
+
+absl::StatusOr<v1::RecognizeSceneRequest> BuildSceneRequest(const RecognizeArguments& arguments) {
+  v1::RecognizeSceneRequest request;
+  for (const std::string& path : arguments.images) {
+    HOROPTER_ASSIGN_OR_RETURN(*request.add_images()->mutable_content(), ReadFileBytes(path));
+  }
+  std::vector<std::string> warnings;
+  HOROPTER_RETURN_IF_ERROR(AddCameraHints(arguments.cameras, &request, &warnings));
+  for (const std::string& w : warnings) std::fprintf(stderr, "warning: %s\n", w.c_str());
+  for (const std::string& id : arguments.candidates) {
+    request.add_candidate_objects(ResourceName(id));
+  }
+  if (!arguments.reference.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(*request.mutable_reference(), ReferenceOf(arguments.reference));
+  }
+  return request;
+}
+
+v1::OverlayOptions::Format OverlayFormatOf(const std::string& path) {
+  return absl::EndsWithIgnoreCase(path, ".svg") ? v1::OverlayOptions::FORMAT_SVG
+                                                : v1::OverlayOptions::FORMAT_PNG;
+}
+
+absl::Status WriteOverlays(const v1::RecognizeSceneResponse& response, const std::string& path) {
+  if (response.overlays().empty()) {
+    return absl::InternalError(
+        "the answer has no drawings: is the server older than this program?");
+  }
+  if (OverlayFormatOf(path) == v1::OverlayOptions::FORMAT_SVG) {
+    const std::string stem = path.substr(0, path.size() - 4);
+    for (int i = 0; i < response.overlays_size(); ++i) {
+      HOROPTER_RETURN_IF_ERROR(WriteFileAtomically(absl::StrCat(stem, "-", i + 1, ".svg"),
+                                                   response.overlays(i).content()));
+    }
+    return absl::OkStatus();
+  }
+  try {
+    std::vector<cv::Mat> tiles;
+    for (const v1::Overlay& overlay : response.overlays()) {
+      const std::string& bytes = overlay.content();
+      tiles.push_back(
+          cv::imdecode(std::vector<uchar>(bytes.begin(), bytes.end()), cv::IMREAD_COLOR));
+      if (tiles.back().empty()) return absl::InternalError("a drawing of the answer is no PNG");
+    }
+    std::vector<uchar> png;
+    cv::imencode(".png", Tile(tiles, kTileWidth), png);
+    return WriteFileAtomically(path, std::string(png.begin(), png.end()));
+  } catch (const std::exception& e) {
+    return absl::InternalError(absl::StrCat("overlay: ", e.what()));
+  }
+}
+
+absl::Status SayMessage(const google::protobuf::Message& message) {
+  google::protobuf::util::JsonPrintOptions options;
+  options.add_whitespace = true;
+  options.preserve_proto_field_names = true;
+  options.always_print_primitive_fields = true;
+  std::string text;
+  const auto status = google::protobuf::util::MessageToJsonString(message, &text, options);
+  if (!status.ok()) return absl::InternalError(status.ToString());
+  std::printf("%s", text.c_str());
+  return absl::OkStatus();
+}
+
+}  // namespace horopter
