@@ -28,9 +28,12 @@ function(use_precompiled_headers directory)
   foreach(target ${targets})
     get_target_property(type ${target} TYPE)
     get_target_property(libraries ${target} LINK_LIBRARIES)
-    if(NOT type MATCHES "STATIC_LIBRARY|EXECUTABLE" OR target MATCHES "^precompiled")
+    # The generated code of the wire is compiled without warnings, the precompiled header with.
+    if(NOT type MATCHES "STATIC_LIBRARY|EXECUTABLE" OR target MATCHES "^precompiled" OR target STREQUAL "horopter_proto")
       continue()
     endif()
+    # Some know nothing of Eigen.
+    target_include_directories(${target} SYSTEM PRIVATE $<TARGET_PROPERTY:Eigen3::Eigen,INTERFACE_INCLUDE_DIRECTORIES>)
     if("GTest::gtest" IN_LIST libraries)
       target_precompile_headers(${target} REUSE_FROM precompiled_tests)
     else()

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
+#include <span>
+#include <utility>
 
 namespace horopter {
 namespace {
@@ -170,22 +172,150 @@ std::vector<Piece> DotOf(const ContourGraph& contours,
   return sides;
 }
 
+// A hole or a speck: the middle of its box and the longer side.
+struct Dot {
+  Eigen::Vector2f middle;
+  float size = 0.0f;
+};
+
+template <typename Points>
+Dot BoxOf(const Points& points) {
+  Eigen::Vector2f low = points.front(), high = low;
+  for (const Eigen::Vector2f& p : points) low = low.cwiseMin(p), high = high.cwiseMax(p);
+  return {0.5f * (low + high), (high - low).maxCoeff()};
+}
+
+// 8-connected runs of edge points, as indices of the raster's points.
+std::vector<std::vector<int>> Components(const PointRaster& raster) {
+  std::vector<std::vector<int>> out;
+  std::vector<char> seen(raster.points.size(), 0);
+  for (std::size_t cell = 0; cell < raster.at.size(); ++cell) {
+    if (raster.at[cell] < 0 || seen[raster.at[cell]]) continue;
+    std::vector<int>& points = out.emplace_back();
+    std::vector<std::size_t> open{cell};
+    seen[raster.at[cell]] = 1;
+    while (!open.empty()) {
+      const std::size_t at = open.back();
+      open.pop_back();
+      points.push_back(raster.at[at]);
+      const int cx = static_cast<int>(at % raster.width), cy = static_cast<int>(at / raster.width);
+      for (int y = std::max(0, cy - 1); y <= std::min(raster.height - 1, cy + 1); ++y) {
+        for (int x = std::max(0, cx - 1); x <= std::min(raster.width - 1, cx + 1); ++x) {
+          const std::size_t next = static_cast<std::size_t>(y) * raster.width + x;
+          const std::int32_t e = raster.at[next];
+          if (e < 0 || seen[e]) continue;
+          seen[e] = 1;
+          open.push_back(next);
+        }
+      }
+    }
+  }
+  return out;
+}
+
+// Where a lattice of dots goes on: beyond a dot, as far as its neighbour on the other side.
+struct Expected {
+  Eigen::Vector2f place;
+  float spacing = 0.0f;
+  float size = 0.0f;
+};
+
+// Ordered by x.
+std::vector<Expected> GoOn(const std::vector<Dot>& dots) {
+  constexpr int kNeighbours = 6;
+  constexpr float kReach = 1.7f;  // of the nearest one's distance: rows, columns and diagonals
+  std::vector<Expected> out;
+  std::vector<std::pair<float, int>> near;
+  for (const Dot& dot : dots) {
+    near.clear();
+    for (int k = 0; k < static_cast<int>(dots.size()); ++k) {
+      const float d = (dots[k].middle - dot.middle).norm();
+      if (d > dot.size) near.push_back({d, k});
+    }
+    const std::size_t kept = std::min<std::size_t>(kNeighbours, near.size());
+    std::partial_sort(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(kept), near.end());
+    for (std::size_t i = 0; i < kept && near[i].first <= kReach * near[0].first; ++i) {
+      out.push_back({2.0f * dot.middle - dots[near[i].second].middle, near[i].first, dot.size});
+    }
+  }
+  std::sort(out.begin(), out.end(), [](const Expected& a, const Expected& b) {
+    return a.place.x() < b.place.x();
+  });
+  return out;
+}
+
+// Marks what stands where a lattice of dots goes on, if it is no larger than they are: holes whose
+// rims are broken by glints, cut off by the image or half hidden by a part.
+void MarkLattice(const PointRaster& raster,
+                 std::vector<Dot> dots,
+                 std::vector<std::uint8_t>* marked) {
+  constexpr int kRounds = 20;
+  constexpr int kVotes = 2;         // of neighbours that expect a dot there
+  constexpr float kOff = 0.3f;      // of the spacing
+  constexpr float kLarger = 1.35f;  // than the dot beside it
+  struct Component {
+    const std::vector<int>* points;
+    Dot box;
+  };
+  const std::vector<std::vector<int>> components = Components(raster);
+  std::vector<Component> open;
+  for (const std::vector<int>& c : components) {
+    std::vector<Eigen::Vector2f> places;
+    int of_pattern = 0;
+    for (const int e : c) {
+      places.push_back(raster.points[e]);
+      of_pattern += (*marked)[e];
+    }
+    if (2 * of_pattern < static_cast<int>(c.size())) open.push_back({&c, BoxOf(places)});
+  }
+  for (int round = 0; round < kRounds; ++round) {
+    const std::vector<Expected> expected = GoOn(dots);
+    float reach = 0.0f;
+    for (const Expected& e : expected) reach = std::max(reach, kOff * e.spacing);
+    const std::size_t before = open.size();
+    std::erase_if(open, [&](const Component& c) {
+      int votes = 0;
+      float size = 0.0f;
+      const float last = c.box.middle.x() + reach;
+      auto e = std::lower_bound(expected.begin(),
+                                expected.end(),
+                                c.box.middle.x() - reach,
+                                [](const Expected& x, float v) { return x.place.x() < v; });
+      for (; e != expected.end() && e->place.x() <= last; ++e) {
+        if (c.box.size > kLarger * e->size ||
+            (c.box.middle - e->place).norm() > kOff * e->spacing) {
+          continue;
+        }
+        ++votes;
+        size = std::max(size, e->size);
+      }
+      if (votes < kVotes) return false;
+      for (const int e : *c.points) (*marked)[e] = 1;
+      dots.push_back({c.box.middle, size});
+      return true;
+    });
+    if (open.size() == before) break;
+  }
+}
+
 void MarkDots(const PointRaster& raster,
               const ContourGraph& contours,
               const PatternOptions& options,
               std::vector<std::uint8_t>* marked) {
   std::vector<Piece> all;
-  int dots = 0;
+  std::vector<Dot> dots;
   for (const ContourChain& c : contours.chains) {
     const std::vector<Piece> sides = DotOf(contours, c, static_cast<float>(raster.width), options);
-    dots += sides.empty() ? 0 : 1;
+    if (sides.empty()) continue;
+    dots.push_back(BoxOf(std::span(contours.points).subspan(c.begin, c.size)));
     all.insert(all.end(), sides.begin(), sides.end());
   }
-  if (dots < options.min_dots ||
+  if (static_cast<int>(dots.size()) < options.min_dots ||
       Coverage(all, raster.width, raster.height) < options.min_coverage) {
     return;
   }
   for (const Piece& side : all) Mark(raster, side, marked);
+  MarkLattice(raster, std::move(dots), marked);
 }
 
 }  // namespace

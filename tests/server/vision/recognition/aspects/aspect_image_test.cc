@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -68,6 +69,32 @@ TEST(AspectImage, FineRandomTextureIsNoEdge) {
   AspectImageOptions drop;
   drop.noise_factor = 0.0;
   EXPECT_LT(MakeAspectImage(noise, drop).edges.size(), all / 20);
+}
+
+TEST(AspectImage, OutlineOfASmoothPartOnTextureStays) {
+  for (const int seed : {5, 6, 7}) {
+    SCOPED_TRACE(testing::Message() << "seed " << seed);
+    cv::Mat granite(240, 320, CV_8UC1);
+    cv::RNG random(seed);
+    random.fill(granite, cv::RNG::UNIFORM, 0, 255);
+    cv::GaussianBlur(granite, granite, cv::Size(), 1.5);
+    cv::cvtColor(granite, granite, cv::COLOR_GRAY2BGR);
+    cv::circle(granite, cv::Point(160, 120), 60, cv::Scalar(235, 235, 235), -1, cv::LINE_AA);
+    cv::Mat noise(granite.size(), CV_8UC3);
+    random.fill(noise, cv::RNG::UNIFORM, 0, 5);
+    granite += noise;
+    const auto of_disc = [](const AspectImage& image) {
+      return std::count_if(image.edges.begin(), image.edges.end(), [](const ImageEdgePoint& e) {
+        return std::abs((e.point - Eigen::Vector2f(160, 120)).norm() - 60.0f) < 2.0f;
+      });
+    };
+    AspectImageOptions all;
+    all.max_texture = 1.0;
+    const AspectImage kept = MakeAspectImage(granite);
+    const auto most = of_disc(MakeAspectImage(granite, all));
+    EXPECT_GT(of_disc(kept), 0.8 * most);
+    EXPECT_LT(kept.edges.size(), 0.5 * MakeAspectImage(granite, all).edges.size());
+  }
 }
 
 TEST(AspectImage, WorkingCameraShowsThePointWhereTheSmallImageHasIt) {

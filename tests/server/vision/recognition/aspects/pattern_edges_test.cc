@@ -19,9 +19,9 @@ struct Drawing {
     const int n = static_cast<int>((to - from).norm());
     for (int i = 0; i <= n; ++i) Add(from + (to - from) * (static_cast<float>(i) / n), is_pattern);
   }
-  void Circle(Eigen::Vector2f center, float radius, bool is_pattern) {
+  void Circle(Eigen::Vector2f center, float radius, bool is_pattern, float share = 1.0f) {
     const int n = static_cast<int>(6.3f * radius);
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < share * static_cast<float>(n); ++i) {
       const float a = 6.2831853f * static_cast<float>(i) / static_cast<float>(n);
       Add(center + radius * Eigen::Vector2f(std::cos(a), std::sin(a)), is_pattern);
     }
@@ -92,6 +92,26 @@ TEST(PatternEdges, HolesOfAPerforatedSheetAreFoundAndALargeContourIsNot) {
     }
   }
   drawing.Circle({320, 240}, 100, false);
+  const Shares shares = Ask(drawing);
+  EXPECT_GT(shares.found, 0.9);
+  EXPECT_LT(shares.taken, 0.05);
+}
+
+TEST(PatternEdges, HolesWithBrokenRimsAreFoundWhereTheirLatticeGoesOn) {
+  Drawing drawing;
+  for (int row = 0; row < 12; ++row) {
+    for (int column = 0; column < 16; ++column) {
+      const Eigen::Vector2f center(20.0f + 40.0f * static_cast<float>(column),
+                                   20.0f + 40.0f * static_cast<float>(row));
+      if ((center - Eigen::Vector2f(320, 240)).norm() < 115) continue;
+      const bool broken = (row + 3 * column) % 5 < 2 || column == 15;
+      drawing.Circle(center, 9, true, broken ? 0.6f : 1.0f);
+    }
+  }
+  // A part's contour, and a hole and a slot of its own between where the sheet's would be.
+  drawing.Circle({320, 240}, 90, false);
+  drawing.Circle({320, 220}, 8, false, 0.6f);
+  drawing.Line({300, 258}, {352, 258}, false);
   const Shares shares = Ask(drawing);
   EXPECT_GT(shares.found, 0.9);
   EXPECT_LT(shares.taken, 0.05);
