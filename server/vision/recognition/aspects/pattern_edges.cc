@@ -244,15 +244,56 @@ std::vector<Expected> GoOn(const std::vector<Dot>& dots) {
   return out;
 }
 
+// What is expected where a dot stands: how many neighbours expect one, and the largest of theirs.
+struct Votes {
+  int count = 0;
+  float size = 0.0f;
+};
+
+// off: of the spacing; `smallest`, `largest`: of the size that is expected.
+Votes VotesFor(const Dot& dot,
+               const std::vector<Expected>& expected,
+               float off,
+               float smallest,
+               float largest) {
+  Votes out;
+  float reach = 0.0f;
+  for (const Expected& e : expected) reach = std::max(reach, off * e.spacing);
+  auto e = std::lower_bound(
+      expected.begin(), expected.end(), dot.middle.x() - reach, [](const Expected& x, float v) {
+        return x.place.x() < v;
+      });
+  for (; e != expected.end() && e->place.x() <= dot.middle.x() + reach; ++e) {
+    if (dot.size < smallest * e->size || dot.size > largest * e->size ||
+        (dot.middle - e->place).norm() > off * e->spacing) {
+      continue;
+    }
+    ++out.count;
+    out.size = std::max(out.size, e->size);
+  }
+  return out;
+}
+
+constexpr int kVotes = 2;         // of neighbours that expect a dot there
+constexpr float kLarger = 1.35f;  // than the dot beside it
+
+// Whether each dot stands where others expect one of its size.
+std::vector<char> OfLattice(const std::vector<Dot>& dots) {
+  constexpr float kOff = 0.15f, kSmaller = 0.7f;
+  const std::vector<Expected> expected = GoOn(dots);
+  std::vector<char> out;
+  for (const Dot& dot : dots)
+    out.push_back(VotesFor(dot, expected, kOff, kSmaller, kLarger).count >= kVotes);
+  return out;
+}
+
 // Marks what stands where a lattice of dots goes on, if it is no larger than they are: holes whose
 // rims are broken by glints, cut off by the image or half hidden by a part.
 void MarkLattice(const PointRaster& raster,
                  std::vector<Dot> dots,
                  std::vector<std::uint8_t>* marked) {
   constexpr int kRounds = 20;
-  constexpr int kVotes = 2;         // of neighbours that expect a dot there
-  constexpr float kOff = 0.3f;      // of the spacing
-  constexpr float kLarger = 1.35f;  // than the dot beside it
+  constexpr float kOff = 0.25f;  // of the middle of what is left of a rim
   struct Component {
     const std::vector<int>* points;
     Dot box;
@@ -270,28 +311,12 @@ void MarkLattice(const PointRaster& raster,
   }
   for (int round = 0; round < kRounds; ++round) {
     const std::vector<Expected> expected = GoOn(dots);
-    float reach = 0.0f;
-    for (const Expected& e : expected) reach = std::max(reach, kOff * e.spacing);
     const std::size_t before = open.size();
     std::erase_if(open, [&](const Component& c) {
-      int votes = 0;
-      float size = 0.0f;
-      const float last = c.box.middle.x() + reach;
-      auto e = std::lower_bound(expected.begin(),
-                                expected.end(),
-                                c.box.middle.x() - reach,
-                                [](const Expected& x, float v) { return x.place.x() < v; });
-      for (; e != expected.end() && e->place.x() <= last; ++e) {
-        if (c.box.size > kLarger * e->size ||
-            (c.box.middle - e->place).norm() > kOff * e->spacing) {
-          continue;
-        }
-        ++votes;
-        size = std::max(size, e->size);
-      }
-      if (votes < kVotes) return false;
+      const Votes votes = VotesFor(c.box, expected, kOff, 0.0f, kLarger);
+      if (votes.count < kVotes) return false;
       for (const int e : *c.points) (*marked)[e] = 1;
-      dots.push_back({c.box.middle, size});
+      dots.push_back({c.box.middle, votes.size});
       return true;
     });
     if (open.size() == before) break;
@@ -302,20 +327,31 @@ void MarkDots(const PointRaster& raster,
               const ContourGraph& contours,
               const PatternOptions& options,
               std::vector<std::uint8_t>* marked) {
+  constexpr double kRegular = 0.6;  // of the dots: else they are strewn
   std::vector<Piece> all;
+  std::vector<std::vector<Piece>> rims;
   std::vector<Dot> dots;
   for (const ContourChain& c : contours.chains) {
-    const std::vector<Piece> sides = DotOf(contours, c, static_cast<float>(raster.width), options);
+    std::vector<Piece> sides = DotOf(contours, c, static_cast<float>(raster.width), options);
     if (sides.empty()) continue;
     dots.push_back(BoxOf(std::span(contours.points).subspan(c.begin, c.size)));
     all.insert(all.end(), sides.begin(), sides.end());
+    rims.push_back(std::move(sides));
   }
   if (static_cast<int>(dots.size()) < options.min_dots ||
       Coverage(all, raster.width, raster.height) < options.min_coverage) {
     return;
   }
-  for (const Piece& side : all) Mark(raster, side, marked);
-  MarkLattice(raster, std::move(dots), marked);
+  const std::vector<char> regular = OfLattice(dots);
+  const bool strewn = static_cast<double>(std::count(regular.begin(), regular.end(), 1)) <
+                      kRegular * static_cast<double>(dots.size());
+  std::vector<Dot> lattice;
+  for (std::size_t i = 0; i < dots.size(); ++i) {
+    if (!strewn && !regular[i]) continue;
+    for (const Piece& side : rims[i]) Mark(raster, side, marked);
+    lattice.push_back(dots[i]);
+  }
+  if (!strewn) MarkLattice(raster, std::move(lattice), marked);
 }
 
 }  // namespace

@@ -104,7 +104,7 @@ TEST(PatternEdges, HolesWithBrokenRimsAreFoundWhereTheirLatticeGoesOn) {
       const Eigen::Vector2f center(20.0f + 40.0f * static_cast<float>(column),
                                    20.0f + 40.0f * static_cast<float>(row));
       if ((center - Eigen::Vector2f(320, 240)).norm() < 115) continue;
-      const bool broken = (row + 3 * column) % 5 < 2 || column == 15;
+      const bool broken = (row + 3 * column) % 5 == 0 || column == 15;
       drawing.Circle(center, 9, true, broken ? 0.6f : 1.0f);
     }
   }
