@@ -220,11 +220,15 @@ struct Expected {
   float size = 0.0f;
 };
 
-// Ordered by x.
-std::vector<Expected> GoOn(const std::vector<Dot>& dots) {
+struct Expectations {
+  std::vector<Expected> places;  // ordered by x
+  float widest = 0.0f;           // spacing
+};
+
+Expectations GoOn(const std::vector<Dot>& dots) {
   constexpr int kNeighbours = 6;
   constexpr float kReach = 1.7f;  // of the nearest one's distance: rows, columns and diagonals
-  std::vector<Expected> out;
+  Expectations out;
   std::vector<std::pair<float, int>> near;
   for (const Dot& dot : dots) {
     near.clear();
@@ -235,10 +239,12 @@ std::vector<Expected> GoOn(const std::vector<Dot>& dots) {
     const std::size_t kept = std::min<std::size_t>(kNeighbours, near.size());
     std::partial_sort(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(kept), near.end());
     for (std::size_t i = 0; i < kept && near[i].first <= kReach * near[0].first; ++i) {
-      out.push_back({2.0f * dot.middle - dots[near[i].second].middle, near[i].first, dot.size});
+      out.places.push_back(
+          {2.0f * dot.middle - dots[near[i].second].middle, near[i].first, dot.size});
+      out.widest = std::max(out.widest, near[i].first);
     }
   }
-  std::sort(out.begin(), out.end(), [](const Expected& a, const Expected& b) {
+  std::sort(out.places.begin(), out.places.end(), [](const Expected& a, const Expected& b) {
     return a.place.x() < b.place.x();
   });
   return out;
@@ -251,19 +257,16 @@ struct Votes {
 };
 
 // off: of the spacing; `smallest`, `largest`: of the size that is expected.
-Votes VotesFor(const Dot& dot,
-               const std::vector<Expected>& expected,
-               float off,
-               float smallest,
-               float largest) {
+Votes VotesFor(
+    const Dot& dot, const Expectations& expected, float off, float smallest, float largest) {
   Votes out;
-  float reach = 0.0f;
-  for (const Expected& e : expected) reach = std::max(reach, off * e.spacing);
+  const float reach = off * expected.widest;
+  const auto& places = expected.places;
   auto e = std::lower_bound(
-      expected.begin(), expected.end(), dot.middle.x() - reach, [](const Expected& x, float v) {
+      places.begin(), places.end(), dot.middle.x() - reach, [](const Expected& x, float v) {
         return x.place.x() < v;
       });
-  for (; e != expected.end() && e->place.x() <= dot.middle.x() + reach; ++e) {
+  for (; e != places.end() && e->place.x() <= dot.middle.x() + reach; ++e) {
     if (dot.size < smallest * e->size || dot.size > largest * e->size ||
         (dot.middle - e->place).norm() > off * e->spacing) {
       continue;
@@ -280,7 +283,7 @@ constexpr float kLarger = 1.35f;  // than the dot beside it
 // Whether each dot stands where others expect one of its size.
 std::vector<char> OfLattice(const std::vector<Dot>& dots) {
   constexpr float kOff = 0.15f, kSmaller = 0.7f;
-  const std::vector<Expected> expected = GoOn(dots);
+  const Expectations expected = GoOn(dots);
   std::vector<char> out;
   for (const Dot& dot : dots)
     out.push_back(VotesFor(dot, expected, kOff, kSmaller, kLarger).count >= kVotes);
@@ -310,7 +313,7 @@ void MarkLattice(const PointRaster& raster,
     if (2 * of_pattern < static_cast<int>(c.size())) open.push_back({&c, BoxOf(places)});
   }
   for (int round = 0; round < kRounds; ++round) {
-    const std::vector<Expected> expected = GoOn(dots);
+    const Expectations expected = GoOn(dots);
     const std::size_t before = open.size();
     std::erase_if(open, [&](const Component& c) {
       const Votes votes = VotesFor(c.box, expected, kOff, 0.0f, kLarger);
