@@ -267,9 +267,15 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
     return result;
   }
   const bool contradicted = judged.median < options.contradicting_score;
+  // What no route found parts in may be no table: its cameras are not believed.
+  const JointContext unmatched =
+      MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
+                  context->options,
+                  context->stop,
+                  context->on_step);
   HOROPTER_ASSIGN_OR_RETURN(
       RecognitionResult aspects,
-      RecognizeByAspects(*context, plain, search, contradicted ? nullptr : &result, log));
+      RecognizeByAspects(unmatched, plain, search, contradicted ? nullptr : &result, log));
   // An answer that leaves out views explains what is easy.
   if (!aspects.objects.empty() && JudgeAnswer(*context, images, aspects).score > judged.score &&
       Registered(aspects) >= Registered(result)) {

@@ -418,7 +418,8 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
     const PinholeCamera& start = context.start_cameras[v];
     const bool is_known = context.focal_log_sigma[v] < kKnownLogSigma;
     priors.push_back({start, context.focal_log_sigma[v]});
-    if (!is_known) priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
+    if (context.focal_log_sigma[v] >= context.options.focal_log_sigma)
+      priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
     hypotheses.push_back(SearchImage(context, images[v], search, is_known ? &start : nullptr));
     if (IsStopRequested(context.stop))
       return absl::CancelledError("stopped during the search for aspects");
