@@ -66,8 +66,7 @@ class BareClient {
     while (true) {
       void* tag = nullptr;
       bool ok = false;
-      const auto left =
-          std::chrono::duration_cast<std::chrono::microseconds>(until - Clock::now());
+      const auto left = std::chrono::duration_cast<std::chrono::microseconds>(until - Clock::now());
       const auto next = queue_.AsyncNext(&tag, &ok, std::chrono::system_clock::now() + left);
       if (next != grpc::CompletionQueue::GOT_EVENT) return;
       const auto now = Clock::now();

@@ -9,6 +9,8 @@
 // which other programs on the machine do not change. --where prints the stack of a thread that is
 // still at work so many milliseconds after the cancellation (addresses for addr2line).
 //
+// --large adds one image as large as a server takes.
+//
 // --looks cancels nothing: it measures the processor time of a thread between two looks at the stop
 // flag, and lists those above MS with the stack of the later look.
 #include <execinfo.h>
@@ -212,6 +214,31 @@ void Report(const char* name,
   std::fflush(stdout);
 }
 
+// The largest image that a server takes by itself, dense with edges.
+Work LargeImage(const CatalogSnapshot& catalog) {
+  constexpr int kWidth = 8160, kHeight = 6120, kBlock = 24;
+  v1::RecognizeSceneRequest request;
+  v1::RawFrame* frame = request.add_images()->mutable_raw();
+  frame->set_format(v1::RawFrame::PIXEL_FORMAT_BGR8);
+  frame->set_width_px(kWidth);
+  frame->set_height_px(kHeight);
+  std::mt19937_64 random(1);
+  std::string row(size_t{3} * kWidth, '\0'), pixels;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; y % kBlock == 0 && x < 3 * kWidth; x += 3 * kBlock) {
+      std::fill_n(row.begin() + x, 3 * kBlock, static_cast<char>(random()));
+    }
+    pixels += row;
+  }
+  frame->set_data(std::move(pixels));
+  return [request = std::move(request), &catalog](const StopRequested& stop) {
+    const StopScope scope(stop);
+    const auto scene_request = SceneRequestFromProto(request, ImageLimits(), 2, stop);
+    if (!scene_request.ok()) return scene_request.status();
+    return RecognizeScene(*scene_request, catalog, PipelineOptions(), stop).status();
+  };
+}
+
 std::vector<Work> Recognitions(const BopDataset& dataset,
                                const std::string& split,
                                const std::vector<int>& scenes,
@@ -245,6 +272,7 @@ int Main(int argc, char** argv) {
   int tries = 200;
   uint64_t seed = 1;
   double where_ms = 0.0, looks_ms = 0.0;
+  bool large = false;
   app.add_option("CATALOG", file)->required();
   app.add_option("DATASET", folder)->required();
   app.add_option("SPLIT", split)->required();
@@ -253,6 +281,7 @@ int Main(int argc, char** argv) {
   app.add_option("--seed", seed);
   app.add_option("--where", where_ms);
   app.add_option("--looks", looks_ms);
+  app.add_flag("--large", large);
   CLI11_PARSE(app, argc, argv);
   ::signal(SIGUSR2, PrintStack);
   SetProcessCores(2);
@@ -287,6 +316,7 @@ int Main(int argc, char** argv) {
   }
   if (enrolments.size() > 5) enrolments.resize(5);
   report("enrolment", enrolments);
+  if (large) report("recognition of 50 million pixels", {LargeImage(published->snapshot)});
   report("recognition", Recognitions(*dataset, split, scenes, published->snapshot));
   return 0;
 }

@@ -1,5 +1,5 @@
 // Sends requests as large as a server takes, all at once, and fails when the server's memory rises
-// above its ceiling: what it had before, ServerLimits.memory_bytes, and the two largest messages
+// above its ceiling: what it had before, ServerLimits.memory_bytes, and the four largest messages
 // that gRPC may hold of those that are on their way.
 //
 //   maximal_requests --server HOST:PORT --pid PID [--calls 24] [--timeout S]
@@ -142,7 +142,7 @@ int Main(int argc, char** argv) {
   const int64_t peak = MemoryOf(pid, "VmHWM");
   const int64_t message =
       std::max(info.limits().max_recognize_bytes(), info.limits().max_object_bytes());
-  const int64_t ceiling = before + info.limits().memory_bytes() + 2 * message;
+  const int64_t ceiling = before + info.limits().memory_bytes() + 4 * message;
   for (const auto& [code, times] : outcomes.codes) std::printf("%8d  %s\n", times, code.c_str());
   for (const auto& [message, times] : outcomes.messages) {
     std::printf("%8d  %s\n", times, message.c_str());
