@@ -35,8 +35,6 @@ class CallRecord {
   // Gives the call its id, which its initial metadata tell.
   CallRecord(const CallMethod& method, const CallGate& gate, grpc::CallbackServerContext* context);
 
-  // The caller is gone, or gRPC has given the call up.
-  bool BrokeOff() const { return context_->IsCancelled(); }
   // Whether the caller may call the method. Errors: those of Access.
   absl::Status Authorize();
   // Whose turn it is in a queue: the caller's by name, else his machine's.

@@ -76,8 +76,7 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
                      int64_t request_bytes,
                      absl::FunctionRef<absl::StatusOr<ParsedCall>()> parse) {
     call_.record().request_bytes = request_bytes;
-    // Of a call that broke off on its way gRPC delivers an empty request.
-    if (call_.BrokeOff()) return absl::CancelledError("the call broke off on its way");
+    if (request_bytes < 0) return absl::CancelledError("the call broke off on its way");
     HOROPTER_RETURN_IF_ERROR(call_.Authorize());
     if (request_bytes > method_.max_request_bytes) {
       return absl::ResourceExhaustedError(absl::StrCat("the request has ",

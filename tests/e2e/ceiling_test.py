@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Requests as large as the server takes, 24 at once: its memory stays below the ceiling that it states.
 
-    ceiling_test.py HOROPTERD MAXIMAL_REQUESTS
+    ceiling_test.py HOROPTER HOROPTERD MAXIMAL_REQUESTS CAD_FILE
 
 Small limits, so that the test is short; the stages are the real ones.
 """
@@ -14,7 +14,7 @@ import unittest
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
 from mock_server import Mock  # noqa: E402
 
-HOROPTERD, MAXIMAL_REQUESTS = map(os.path.abspath, sys.argv[1:3])
+HOROPTER, HOROPTERD, MAXIMAL_REQUESTS, CAD_FILE = map(os.path.abspath, sys.argv[1:5])
 
 
 class Ceiling(unittest.TestCase):
@@ -24,11 +24,16 @@ class Ceiling(unittest.TestCase):
             # One fits with its images and the stages' share; all 24 messages, parsed, would be 400 MB.
             with Mock(HOROPTERD, "--db", os.path.join(folder, "parts.db"), "--listen", "127.0.0.1:0", "--queue", "100",
                       "--max-message-mb", "8", "--max-object-mb", "8", "--memory-mb", "160") as server:
+                # With nothing to look for the stages are left out.
+                subprocess.run([HOROPTER, "--server", server.address, "object", "add", CAD_FILE, "--id", "part"], check=True,
+                               capture_output=True)
                 done = subprocess.run([MAXIMAL_REQUESTS, "--server", server.address, "--pid", str(server.process.pid),
                                        "--calls", "24", "--timeout", "60"], capture_output=True, text=True, timeout=120,
                                       check=False)
                 self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
                 self.assertIn("RESOURCE_EXHAUSTED", done.stdout)
+                # What gRPC breaks off is no bad request.
+                self.assertNotIn("INVALID_ARGUMENT", "".join(server.said))
                 print(done.stdout)
 
 
