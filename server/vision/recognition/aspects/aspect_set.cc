@@ -211,7 +211,6 @@ AspectSet MakeAspects(const RenderMesh& mesh,
     set.aspects.push_back(aspect);
     const int index = static_cast<int>(set.aspects.size()) - 1;
     const VisibleEdges edges = AspectEdges(mesh, set, index);
-    LeaveIfStopped();
     set.aspects[index].first_point = static_cast<std::uint32_t>(set.points.size());
     for (const int i : PickPoints(edges.points, options)) {
       set.points.push_back(Pack(set, edges.points[i]));
