@@ -268,6 +268,7 @@ int main(int argc, char** argv) {
   flags.server.telemetry.version = HOROPTER_VERSION;
   flags.server.telemetry.settings = app.config_to_str(true, false);
   horopter::SetProcessCores(flags.cores);
+  horopter::KeepFreedMemory();
   spdlog::set_formatter(horopter::OneLineFormatter());
   spdlog::set_level(spdlog::level::from_str(flags.log_level));
   spdlog::flush_on(spdlog::level::info);

@@ -38,7 +38,7 @@ struct ServerOptions {
   int max_message_mb = 256;  // of a request for recognition
   int max_object_mb = 192;   // of a request that holds an object
   // Requests, decoded images and the stages' share of all calls together; the receiving side of
-  // gRPC holds at most two of the largest messages beside it. Raising it lets more large calls
+  // gRPC holds at most four of the largest messages beside it. Raising it lets more large calls
   // wait.
   int memory_mb = 4096;
   int threads_per_request = 2;  // decode its images

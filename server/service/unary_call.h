@@ -67,7 +67,7 @@ struct ParsedCall {
 std::string NamedResource(const google::protobuf::Message& request);
 
 // The part that does not depend on the messages. `parse` is called at most once, before this
-// returns.
+// returns; not for less than 0 bytes, a request that did not arrive.
 grpc::ServerUnaryReactor* StartUnaryCall(const CallGate& gate,
                                          const CallMethod& method,
                                          grpc::CallbackServerContext* context,
@@ -109,8 +109,9 @@ grpc::ServerUnaryReactor* RunUnaryCall(const CallGate& gate,
     };
     return call;
   };
-  return StartUnaryCall(
-      gate, method.method, context, static_cast<int64_t>(request->Length()), parse);
+  // Of a call that broke off on its way gRPC delivers no buffer; an empty message has one.
+  const int64_t bytes = request->Valid() ? static_cast<int64_t>(request->Length()) : -1;
+  return StartUnaryCall(gate, method.method, context, bytes, parse);
 }
 
 }  // namespace horopter

@@ -109,6 +109,7 @@ LIBRARIES = collections.OrderedDict([
       ["db", "server/pipeline", "server/service", "server/main.cc", "client"])),
     # Work is shared out by ParallelFor, within the budget of a request; only the service keeps threads of its own.
     ("threads", (r"(thread|future)$", ["server/base", "server/service", "server/main.cc", "client"])),
+    ("heap of the C library", (r"malloc\.h$", ["server/pipeline"])),  # beside what else is set for the whole process
     ("operating system", (r"(unistd|fcntl|signal|dirent|poll|pthread|dlfcn)\.h$|csignal$|(sys|netinet|arpa|linux)/",
                           ["db", "server/service", "server/main.cc", "client"])),
 ])
