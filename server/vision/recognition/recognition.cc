@@ -352,7 +352,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
                             RecognizeByAspects(context, images, search, nullptr, log));
   BeginStep(context, "pose_alternatives");
   SayPoseAlternatives(context, images, &aspects);
-  return std::move(aspects);
+  return aspects;
 }
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,

@@ -172,6 +172,15 @@ TEST(RefineMetricScene, NothingToRefineIsAPrecondition) {
             absl::StatusCode::kFailedPrecondition);
 }
 
+TEST(RefineMetricScene, NoObjectThatFitsIsAPrecondition) {
+  Scene scene(0.3, 9);
+  scene.recognition.objects.push_back(scene.recognition.objects[1]);  // of two none is rejected
+  EuclideanOptions options;
+  options.rejection.least_found = 2.0;  // more than all of its edges
+  EXPECT_EQ(RefineMetricScene(scene.Input(), scene.recognition, options).status().code(),
+            absl::StatusCode::kFailedPrecondition);
+}
+
 TEST(FindPlanePoints, PlaneOfTheTableAndNothingFromTooFewMatches) {
   Scene scene(0.0, 9);
   std::mt19937 rng(9);
