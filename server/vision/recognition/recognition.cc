@@ -279,6 +279,7 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   // An answer that leaves out views explains what is easy.
   if (!aspects.objects.empty() && JudgeAnswer(*context, images, aspects).score > judged.score &&
       Registered(aspects) >= Registered(result)) {
+    aspects.plane_confirmed = !contradicted && !result.objects.empty();
     return aspects;
   }
   if (result.objects.empty()) {

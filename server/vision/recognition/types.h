@@ -81,6 +81,9 @@ struct RecognitionResult {
   std::vector<std::optional<RecognizedView>> views;
   std::vector<SceneObject> objects;
   RecognitionRoute route = RecognitionRoute::kNone;  // that found the first of the objects
+  // Whether routes that use the matched plane found some of it: else the plane may be a part's own
+  // print, or a background that moves against the parts.
+  bool plane_confirmed = true;
   std::vector<ViewHypothesis> hypotheses;  // kept per view, best first; for the stage report
   std::vector<SceneObject> verified;  // joint hypotheses before consolidation; for the stage report
   std::map<std::string, double> counts;
