@@ -47,7 +47,7 @@ struct AspectRouteOptions {
   double focal_spread_more = 0.2;  // ... adds so much of it
   double accept_probability = 0.6;
   // Least precision of what is added beside the objects of a confirmed answer of another route:
-  // blocks fit into other blocks' edges; wrong ones of parts-dev had 0.59 and 0.67, right ones 0.71
+  // blocks fit into other blocks' edges; wrong ones of parts-dev had 0.59 and 0.67, right ones 0.69
   // and more.
   double other_precision = 0.70;
 };

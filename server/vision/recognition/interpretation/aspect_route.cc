@@ -172,6 +172,19 @@ SceneObject ToAnswer(const LinkedObject& o, double probability) {
   return out;
 }
 
+// With its runner-up where that is closer than `ambiguity_gap`.
+void AddAnswer(const LinkedObject& o,
+               double probability,
+               double ambiguity_gap,
+               RecognitionResult* result) {
+  SceneObject answer = ToAnswer(o, probability);
+  if (o.runner_up_object >= 0 && o.runner_up > o.score - ambiguity_gap) {
+    answer.alternatives.push_back(o.runner_up_object);
+    result->state = RecognitionState::kAmbiguous;
+  }
+  result->objects.push_back(std::move(answer));
+}
+
 std::vector<std::optional<RecognizedView>> RecognizedViews(const LinkedScene& scene) {
   std::vector<std::optional<RecognizedView>> out(scene.views.size());
   for (std::size_t v = 0; v < out.size(); ++v) {
@@ -242,12 +255,7 @@ RecognitionResult ToResult(const JointContext& context,
   result.state = RecognitionState::kRecognized;
   result.views = RecognizedViews(scene);
   for (const LinkedObject& o : accepted.objects) {
-    SceneObject answer = ToAnswer(o, probability(o));
-    if (o.runner_up_object >= 0 && o.runner_up > o.score - context.options.ambiguity_gap) {
-      answer.alternatives.push_back(o.runner_up_object);
-      result.state = RecognitionState::kAmbiguous;
-    }
-    result.objects.push_back(std::move(answer));
+    AddAnswer(o, probability(o), context.options.ambiguity_gap, &result);
   }
   if (known != nullptr) KeepKnown(context, *known, &result);
   return result;
@@ -467,14 +475,10 @@ absl::Status AddOthers(const JointContext& context,
     return absl::CancelledError("stopped while more objects were looked for");
   ToCatalog(search, &others);
   for (const LinkedObject& o : others.objects) {
-    if (o.score < options.even_score || o.precision < options.other_precision) continue;
+    if (o.precision < options.other_precision) continue;
     const double probability = Logistic(options.score_weight * (o.score - options.even_score));
     if (probability < options.accept_probability) continue;
-    answer->objects.push_back(ToAnswer(o, probability));
-    if (o.runner_up_object >= 0 && o.runner_up > o.score - context.options.ambiguity_gap) {
-      answer->objects.back().alternatives.push_back(o.runner_up_object);
-      answer->state = RecognitionState::kAmbiguous;
-    }
+    AddAnswer(o, probability, context.options.ambiguity_gap, answer);
   }
   return absl::OkStatus();
 }
