@@ -30,6 +30,7 @@ struct SceneRequest {
   std::vector<std::optional<CameraPoseHint>> camera_poses;
   std::vector<std::string> candidates;  // empty: the whole catalog
   std::optional<ReferenceObject> reference;
+  std::string variants;  // of the methods, see variants.h; empty: the options as they are
 };
 
 enum class SceneState {
@@ -43,7 +44,7 @@ enum class SceneState {
 };
 
 struct StageReport {
-  // features, matching, reconstruction, recognition, euclidean, second_pass
+  // features, matching, reconstruction, recognition, euclidean
   std::string stage;
   double seconds = 0.0;
   std::map<std::string, double> counts;
@@ -105,9 +106,6 @@ struct SceneTrace {
   Reconstruction reconstruction;
   RecognitionResult recognition;
   std::optional<MetricScene> metric;
-  // The second pass: `matching` once more under the cameras of `metric`, so that all their views
-  // are linked. Empty when it was not asked for or nothing is recognised.
-  std::optional<MatchingResult> linked;
 };
 
 }  // namespace horopter

@@ -45,7 +45,8 @@ struct ServerOptions {
   int load_threads = 2;         // prepare the catalog at start
   int max_resident = 5000;      // objects held in memory (StoreOptions)
   ImageLimits images;
-  TelemetryOptions telemetry;  // metrics, request log, traces, recordings; none by default
+  bool allow_variants = false;  // a request may choose variants of the methods (RecognitionLimits)
+  TelemetryOptions telemetry;   // metrics, request log, traces, recordings; none by default
 };
 
 // Errors: INVALID_ARGUMENT naming the option.

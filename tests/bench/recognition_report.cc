@@ -47,7 +47,7 @@ struct Arguments {
   std::vector<int> scenes;
   std::set<std::string> trials = {"all", "none"};
   std::set<std::string> routes = {"table", "views", "metric", "projective", "aspects"};
-  bool steps = false;
+  bool steps = false, accept_all = false;
 };
 
 // The stages before recognition.
@@ -333,6 +333,7 @@ RecognitionOptions OptionsOf(const Arguments& arguments) {
   options.routes.view_led = arguments.routes.count("views") > 0;
   options.routes.metric = arguments.routes.count("metric") > 0;
   options.routes.projective = arguments.routes.count("projective") > 0;
+  if (arguments.accept_all) options.accept_probability = 0.0;
   return options;
 }
 
@@ -453,7 +454,10 @@ int main(int argc, char** argv) {
   app.add_option(
          "--routes", arguments.routes, "Of table, views, metric, projective, aspects; default all")
       ->delimiter(',')
-      ->check(CLI::IsMember({"table", "views", "metric", "projective"}));
+      ->check(CLI::IsMember({"table", "views", "metric", "projective", "aspects"}));
+  app.add_flag("--accept-all",
+               arguments.accept_all,
+               "Answer whatever the scene's probability, for fit_decision.py");
   app.add_flag("--steps", arguments.steps, "CPU seconds of each step");
   CLI11_PARSE(app, argc, argv);
   cv::setNumThreads(1);

@@ -62,7 +62,8 @@ constexpr Route kRoutes[] = {
 absl::StatusOr<FoundScene> FindScene(const RecognitionInput& input,
                                      const RecognitionRoutes& routes,
                                      JointContext* context) {
-  const RouteInput route_input{input.features, input.reconstruction, input.keys, input.slots};
+  const RouteInput route_input{
+      input.features, input.reconstruction, input.keys, input.slots, input.bottom_up};
   FoundScene best;
   bool table_found = false;
   for (const Route& route : kRoutes) {

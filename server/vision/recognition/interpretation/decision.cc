@@ -4,21 +4,13 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
+#include "server/vision/recognition/learnt_constants.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
 namespace {
 
-// Of the logistic regression of scenes: price of the adapted cameras.
-constexpr double kPrice = 7.5;
-// Of one object in right cameras: logistic regression on parts-train and on scenes of other parts,
-// 368 answered objects, 16 of them wrong, mostly with one of the scene's parts left out of the
-// catalog (tests/bench/results.md).
-constexpr double kObjectBase = 0.9;
-constexpr double kObjectWeight = 9.3;
-constexpr double kObjectSharpness = 11.0;
-constexpr double kUnlikely = 0.4;         // no object is answered with less beside others
-constexpr double kSamePlaceVolume = 0.3;  // shared by placements in one place
+constexpr double kUnlikely = 0.4;  // no object is answered with less probability beside others
 
 bool FocalContradicted(const JointContext& context, const SceneModel& scene) {
   constexpr double kDeviations = 4.0;
@@ -40,8 +32,8 @@ double PriceLeft(const JointContext& context, double evidence, double runner_up)
 
 double ObjectProbability(const PlacedObject& p) {
   const double sharpness = p.total.Sharpness();
-  return Logistic(kObjectBase + kObjectWeight * (p.score - kChanceSupport) +
-                  kObjectSharpness * (sharpness - kChanceSupport) +
+  return Logistic(kObjectPriorLogOdds + kObjectSupportWeight * (p.score - kChanceSupport) +
+                  kObjectSharpnessWeight * (sharpness - kChanceSupport) +
                   std::max(0.0, TextureLogOdds(p.texture, sharpness)));
 }
 
@@ -90,7 +82,7 @@ void DropChanceObjects(const JointContext& context,
 double SceneLogOdds(const JointContext& context,
                     const SceneModel& scene,
                     std::span<const double> runners_up) {
-  double log_odds = -kPrice;
+  double log_odds = kScenePriorLogOdds;
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
     const double evidence = EvidenceOf(scene.objects[i]);
     const double price =

@@ -9,10 +9,14 @@
 
 namespace horopter {
 
+// Share of its volume that a placement has in common with another in the same place: rivals of an
+// object, and the runners-up that decision.h asks for.
+inline constexpr double kSamePlaceVolume = 0.3;
+
 struct RivalOptions {
   double misfit_diameters =
       0.06;  // mean distance of the edges after a turn that is nearly a symmetry
-  double min_shared_volume = 0.3;   // placements that share less do not exclude each other
+  double min_shared_volume = kSamePlaceVolume;  // less: they do not exclude each other
   double max_score_deficit = 0.15;  // before a rival's own refinement; worse ones are not looked at
   int most_per_object = 8;
 };

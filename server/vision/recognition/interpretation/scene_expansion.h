@@ -6,17 +6,19 @@
 #include "server/vision/recognition/candidates/corner_search.h"
 #include "server/vision/recognition/candidates/prospects.h"
 #include "server/vision/recognition/candidates/table_search.h"
+#include "server/vision/recognition/learnt_constants.h"
 #include "server/vision/recognition/scene/scene_model.h"
 #include "server/vision/recognition/scene/support_surface.h"
 
 namespace horopter {
 
 struct ExpansionOptions {
-  bool use_pool = true;           // also the refined but unverified hypotheses
-  int kept_per_object = 12;       // distinct placements refined over all views
-  float quick_reach_px = 9.0f;    // working pixels, of the transfer into the other views
-  float min_quick = 0.40f;        // mean quick score over the views
-  double accept_score = 0.55;     // of objects on the supporting plane, or when no plane is known
+  bool use_pool = true;         // also the refined but unverified hypotheses
+  int kept_per_object = 12;     // distinct placements refined over all views
+  float quick_reach_px = 9.0f;  // working pixels, of the transfer into the other views
+  float min_quick = 0.40f;      // mean quick score over the views
+  double accept_score =
+      kChanceSupport;             // of objects on the supporting plane, or when no plane is known
   double off_plane_score = 0.78;  // of objects that rest on nothing we know
   double plane_tolerance_m = 0.006;
   double max_shared_volume = 0.08;

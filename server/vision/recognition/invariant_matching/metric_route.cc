@@ -133,15 +133,11 @@ absl::StatusOr<StructureRouteResult> Search(const SceneStructure& structure,
                                       &hits));
     }
     result.counts["tuples"] += static_cast<double>(tuples.size());
-    HOROPTER_RETURN_IF_ERROR(JudgeHits(TransformGroup::kSimilarity,
-                                       evidence,
-                                       result.components[c],
-                                       static_cast<int>(c),
-                                       std::move(hits),
-                                       options.route,
-                                       stop,
-                                       table,
-                                       &result));
+    HOROPTER_RETURN_IF_ERROR(
+        JudgeHits({TransformGroup::kSimilarity, evidence, options.route, stop, table},
+                  {result.components[c], static_cast<int>(c)},
+                  std::move(hits),
+                  &result));
   }
   result.counts["components"] = static_cast<double>(result.components.size());
   SortHypotheses(&result.hypotheses);

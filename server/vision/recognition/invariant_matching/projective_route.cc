@@ -111,15 +111,11 @@ absl::StatusOr<StructureRouteResult> ProjectiveHypotheses(const SceneStructure& 
       }
     }
     result.counts["tuples"] += static_cast<double>(asked);
-    HOROPTER_RETURN_IF_ERROR(JudgeHits(TransformGroup::kCollineation,
-                                       evidence,
-                                       result.components[c],
-                                       static_cast<int>(c),
-                                       std::move(hits),
-                                       options.route,
-                                       stop,
-                                       &table,
-                                       &result));
+    HOROPTER_RETURN_IF_ERROR(
+        JudgeHits({TransformGroup::kCollineation, evidence, options.route, stop, &table},
+                  {result.components[c], static_cast<int>(c)},
+                  std::move(hits),
+                  &result));
   }
   result.counts["components"] = static_cast<double>(result.components.size());
   SortHypotheses(&result.hypotheses);

@@ -3,6 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
@@ -66,6 +68,103 @@ bool SameMatches(const StructureHypothesis& a, const StructureHypothesis& b) {
   return std::is_permutation(a.vertices.begin(), a.vertices.end(), b.vertices.begin());
 }
 
+// The vote of a hit, if enough vertices of the object have a point near.
+std::optional<VertexVote> VoteOf(const HitJudge& judge,
+                                 const HitComponent& component,
+                                 double component_extent,
+                                 const TupleHit& hit) {
+  const SceneStructure& structure = *judge.evidence.structure;
+  const StructureRouteOptions& options = judge.options;
+  const ObjectShape& shape = judge.objects->shape(hit.object);
+  const auto rough = FitHit(judge.group, structure, shape, hit);
+  if (!rough.ok()) return std::nullopt;
+  const double extent = MappedExtent(shape, *rough);
+  // A transformation that spreads the object over everything has all points near some vertex.
+  if (!(extent < kMaxExtentRatio * component_extent)) return std::nullopt;
+  const int enough = VerticesOfTuple(judge.group) + options.min_extra_support;
+  const auto near = [&](const Eigen::Matrix4d& H, double reach) {
+    return QuickVertexMatches(
+        structure, component.points, shape, H, reach * std::min(extent, component_extent));
+  };
+  if (static_cast<int>(near(*rough, options.quick_reach).size()) < enough) return std::nullopt;
+  // A few points extrapolate badly: all that came near determine it better, and what is right
+  // comes nearer then. Unless wrong ones were among them: then it stays as it was.
+  Eigen::Matrix4d H = *rough;
+  std::vector<VertexMatch> matches = near(H, options.settled_reach);
+  for (const double reach : {options.quick_reach, options.settled_reach}) {
+    const auto fitted = FitTransform(judge.group, structure, shape, near(*rough, reach), {});
+    if (!fitted.ok()) continue;
+    std::vector<VertexMatch> again = near(*fitted, options.settled_reach);
+    if (again.size() <= matches.size()) continue;
+    H = *fitted;
+    matches = std::move(again);
+  }
+  const int support = static_cast<int>(matches.size());
+  if (support < enough) return std::nullopt;
+  return VertexVote{hit.object,
+                    hit.tuple,
+                    std::vector<VertexMatch>(hit.matches.begin(), hit.matches.begin() + hit.size),
+                    H,
+                    1.0 / hit.hits_of_tuple,
+                    support};
+}
+
+// The modes that are judged, best first; then, beside the modes, every object's votes together:
+// many are right in four or five of their vertices only, lie far from the truth, and still fill the
+// right fields of the table.
+absl::StatusOr<std::vector<VoteMode>> ModesOf(const HitJudge& judge,
+                                              std::span<const VertexVote> votes,
+                                              const std::vector<std::vector<int>>& of_object,
+                                              StructureRouteResult* result) {
+  std::vector<VoteMode> modes, whole;
+  for (const std::vector<int>& list : of_object) {
+    if (list.empty()) continue;
+    if (IsStopRequested(judge.stop)) return absl::CancelledError("stopped");
+    HOROPTER_ASSIGN_OR_RETURN(const std::vector<VoteMode> of_one,
+                              ClusterVotes(votes, list, judge.options.votes));
+    modes.insert(modes.end(), of_one.begin(), of_one.end());
+    if (list.size() > 1) whole.push_back(WholeObject(votes, list));
+  }
+  // A query more in agreement says about as much as a vertex and a half.
+  const auto promise = [](const VoteMode& m) { return m.support + 1.5 * std::log2(m.tuples); };
+  std::stable_sort(modes.begin(), modes.end(), [&](const VoteMode& a, const VoteMode& b) {
+    return promise(a) > promise(b);
+  });
+  result->counts["votes"] += static_cast<double>(votes.size());
+  result->counts["modes"] += static_cast<double>(modes.size());
+  if (static_cast<int>(modes.size()) > judge.options.judged_modes)
+    modes.resize(judge.options.judged_modes);
+  modes.insert(modes.end(), whole.begin(), whole.end());
+  result->counts["judged"] += static_cast<double>(modes.size());
+  return modes;
+}
+
+// The mode's best member, or what its association table says, whichever has more support.
+StructureHypothesis BestOfMode(const HitJudge& judge,
+                               std::span<const VertexVote> votes,
+                               const VoteMode& mode) {
+  const SceneStructure& structure = *judge.evidence.structure;
+  const ObjectShape& shape = judge.objects->shape(mode.object);
+  const auto judged = [&](const Eigen::Matrix4d& H) {
+    StructureHypothesis h =
+        JudgeTransform(judge.group, judge.evidence, shape, H, judge.options.support);
+    h.object = mode.object;
+    h.votes = mode.tuples;
+    return h;
+  };
+  StructureHypothesis best = judged(mode.structure_from_shape);
+  // The table of a single query says no more than that query.
+  if (mode.tuples < 2) return best;
+  const std::vector<VertexMatch> associated = AssociateMode(
+      votes, mode, static_cast<int>(structure.points.size()), shape.size(), judge.options.votes);
+  ConsistencyOptions consistency;
+  consistency.reach = judge.options.quick_reach * MappedExtent(shape, mode.structure_from_shape);
+  const auto agreed = FindConsistentMatches(judge.group, structure, shape, associated, consistency);
+  if (!agreed.ok()) return best;
+  StructureHypothesis other = judged(agreed->structure_from_shape);
+  return other.log_odds > best.log_odds ? other : best;
+}
+
 }  // namespace
 
 absl::StatusOr<ObjectTable> ObjectTable::Make(std::span<const StructureObject> objects) {
@@ -104,113 +203,37 @@ void SortHypotheses(std::vector<StructureHypothesis>* hypotheses) {
   *hypotheses = std::move(kept);
 }
 
-absl::Status JudgeHits(TransformGroup group,
-                       const StructureEvidence& evidence,
-                       std::span<const int> component_points,
-                       int component,
+absl::Status JudgeHits(const HitJudge& judge,
+                       const HitComponent& component,
                        std::vector<TupleHit> hits,
-                       const StructureRouteOptions& options,
-                       const StopRequested& stop,
-                       ObjectTable* objects,
                        StructureRouteResult* result) {
-  const SceneStructure& structure = *evidence.structure;
-  const double component_extent = ExtentOf(structure, component_points);
   std::stable_sort(hits.begin(), hits.end(), [](const TupleHit& a, const TupleHit& b) {
     return a.hits_of_tuple < b.hits_of_tuple;
   });
   result->counts["hits"] += static_cast<double>(hits.size());
-  if (static_cast<int>(hits.size()) > options.max_hits) hits.resize(options.max_hits);
+  if (static_cast<int>(hits.size()) > judge.options.max_hits) hits.resize(judge.options.max_hits);
+  const double extent = ExtentOf(*judge.evidence.structure, component.points);
   std::vector<VertexVote> votes;
   std::vector<std::vector<int>> of_object;
   for (std::size_t i = 0; i < hits.size(); ++i) {
-    if (i % kStopStride == 0 && IsStopRequested(stop)) return absl::CancelledError("stopped");
-    const TupleHit& hit = hits[i];
-    const ObjectShape& shape = objects->shape(hit.object);
-    const auto rough = FitHit(group, structure, shape, hit);
-    if (!rough.ok()) continue;
-    const double extent = MappedExtent(shape, *rough);
-    // A transformation that spreads the object over everything has all points near some vertex.
-    if (!(extent < kMaxExtentRatio * component_extent)) continue;
-    const int enough = VerticesOfTuple(group) + options.min_extra_support;
-    const auto near = [&](const Eigen::Matrix4d& H, double reach) {
-      return QuickVertexMatches(
-          structure, component_points, shape, H, reach * std::min(extent, component_extent));
-    };
-    if (static_cast<int>(near(*rough, options.quick_reach).size()) < enough) continue;
-    // A few points extrapolate badly: all that came near determine it better, and what is right
-    // comes nearer then. Unless wrong ones were among them: then it stays as it was.
-    Eigen::Matrix4d H = *rough;
-    std::vector<VertexMatch> matches = near(H, options.settled_reach);
-    for (const double reach : {options.quick_reach, options.settled_reach}) {
-      const auto fitted = FitTransform(group, structure, shape, near(*rough, reach), {});
-      if (!fitted.ok()) continue;
-      std::vector<VertexMatch> again = near(*fitted, options.settled_reach);
-      if (again.size() <= matches.size()) continue;
-      H = *fitted;
-      matches = std::move(again);
-    }
-    const int support = static_cast<int>(matches.size());
-    if (support < enough) continue;
-    if (hit.object >= static_cast<int>(of_object.size())) of_object.resize(hit.object + 1);
-    of_object[hit.object].push_back(static_cast<int>(votes.size()));
-    votes.push_back({hit.object,
-                     hit.tuple,
-                     std::vector<VertexMatch>(hit.matches.begin(), hit.matches.begin() + hit.size),
-                     H,
-                     1.0 / hit.hits_of_tuple,
-                     support});
+    if (i % kStopStride == 0 && IsStopRequested(judge.stop)) return absl::CancelledError("stopped");
+    auto vote = VoteOf(judge, component, extent, hits[i]);
+    if (!vote) continue;
+    if (vote->object >= static_cast<int>(of_object.size())) of_object.resize(vote->object + 1);
+    of_object[vote->object].push_back(static_cast<int>(votes.size()));
+    votes.push_back(*std::move(vote));
   }
-  // Beside the modes, every object's votes together: many are right in four or five of their
-  // vertices only, lie far from the truth, and still fill the right fields of the table.
-  std::vector<VoteMode> modes, whole;
-  for (const std::vector<int>& list : of_object) {
-    if (list.empty()) continue;
-    if (IsStopRequested(stop)) return absl::CancelledError("stopped");
-    HOROPTER_ASSIGN_OR_RETURN(const std::vector<VoteMode> of_one,
-                              ClusterVotes(votes, list, options.votes));
-    modes.insert(modes.end(), of_one.begin(), of_one.end());
-    if (list.size() > 1) whole.push_back(WholeObject(votes, list));
-  }
-  // A query more in agreement says about as much as a vertex and a half.
-  const auto promise = [](const VoteMode& m) { return m.support + 1.5 * std::log2(m.tuples); };
-  std::stable_sort(modes.begin(), modes.end(), [&](const VoteMode& a, const VoteMode& b) {
-    return promise(a) > promise(b);
-  });
-  result->counts["votes"] += static_cast<double>(votes.size());
-  result->counts["modes"] += static_cast<double>(modes.size());
-  if (static_cast<int>(modes.size()) > options.judged_modes) modes.resize(options.judged_modes);
-  modes.insert(modes.end(), whole.begin(), whole.end());
-  result->counts["judged"] += static_cast<double>(modes.size());
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<VoteMode> modes,
+                            ModesOf(judge, votes, of_object, result));
   std::vector<StructureHypothesis> found;
   for (const VoteMode& mode : modes) {
-    if (IsStopRequested(stop)) return absl::CancelledError("stopped");
-    const ObjectShape& shape = objects->shape(mode.object);
-    const auto judge = [&](const Eigen::Matrix4d& H) {
-      StructureHypothesis h = JudgeTransform(group, evidence, shape, H, options.support);
-      h.object = mode.object;
-      h.component = component;
-      h.votes = mode.tuples;
-      return h;
-    };
-    StructureHypothesis best = judge(mode.structure_from_shape);
-    // The table of a single query says no more than that query.
-    if (mode.tuples < 2) {
-      if (std::isfinite(best.log_odds)) found.push_back(std::move(best));
-      continue;
-    }
-    const std::vector<VertexMatch> associated = AssociateMode(
-        votes, mode, static_cast<int>(structure.points.size()), shape.size(), options.votes);
-    ConsistencyOptions consistency;
-    consistency.reach = options.quick_reach * MappedExtent(shape, mode.structure_from_shape);
-    const auto agreed = FindConsistentMatches(group, structure, shape, associated, consistency);
-    if (agreed.ok()) {
-      StructureHypothesis other = judge(agreed->structure_from_shape);
-      if (other.log_odds > best.log_odds) best = std::move(other);
-    }
+    if (IsStopRequested(judge.stop)) return absl::CancelledError("stopped");
+    StructureHypothesis best = BestOfMode(judge, votes, mode);
+    best.component = component.index;
     if (std::isfinite(best.log_odds)) found.push_back(std::move(best));
   }
   SortHypotheses(&found);
-  if (static_cast<int>(found.size()) > options.kept) found.resize(options.kept);
+  if (static_cast<int>(found.size()) > judge.options.kept) found.resize(judge.options.kept);
   for (StructureHypothesis& h : found) result->hypotheses.push_back(std::move(h));
   return absl::OkStatus();
 }

@@ -40,16 +40,24 @@ struct TupleHit {
   int hits_of_tuple = 1;
 };
 
+// What hits are judged with: the same for all components of a structure.
+struct HitJudge {
+  TransformGroup group;
+  const StructureEvidence& evidence;
+  const StructureRouteOptions& options;
+  const StopRequested& stop;
+  ObjectTable* objects;
+};
+struct HitComponent {
+  std::span<const int> points;
+  int index = -1;
+};
+
 // Votes of the hits (rarest tuples first, as many as the options allow), clustered by object; the
-// best modes associated and judged. Appends to result.
-absl::Status JudgeHits(TransformGroup group,
-                       const StructureEvidence& evidence,
-                       std::span<const int> component_points,
-                       int component,
+// best modes associated and judged. Appends to result. Errors: CANCELLED, those of FindModes.
+absl::Status JudgeHits(const HitJudge& judge,
+                       const HitComponent& component,
                        std::vector<TupleHit> hits,
-                       const StructureRouteOptions& options,
-                       const StopRequested& stop,
-                       ObjectTable* objects,
                        StructureRouteResult* result);
 
 // Best first, without repetitions.

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/learnt_constants.h"
 
 namespace horopter {
 
@@ -28,14 +29,6 @@ constexpr double kWindowWidth = 640.0;     // image width that window and shift 
 constexpr double kMostWidth = 1280.0;      // wider images are made smaller
 constexpr double kSmoothing = 1.0;         // pixels of such an image
 constexpr double kPlaneShare = 0.7;        // of the shift: nearer transfers are not told apart
-
-// Patches it takes to change the log odds by one, what an unlike one counts against a like one, and
-// the most that texture may say: set by hand beside 0.8 - 1.0 alike of right faces and 0.04 - 0.65
-// of wrong ones in real photographs.
-constexpr double kPatchesPerUnit = 8.0;
-constexpr double kUnlikeWeight = 2.0;
-constexpr double kMostFor = 5.0;
-constexpr double kMostAgainst = 1.5;  // what hides a right part may be no catalog part
 
 struct Patch {
   Eigen::Vector3d point;  // scene frame
@@ -358,8 +351,9 @@ std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
 }
 
 double TextureEvidence(const SurfaceTexture& texture) {
-  return std::clamp(
-      (texture.alike - kUnlikeWeight * texture.unlike) / kPatchesPerUnit, -kMostAgainst, kMostFor);
+  return std::clamp((texture.alike - kUnlikePatchWeight * texture.unlike) / kPatchesPerLogOdds,
+                    -kMostTextureAgainst,
+                    kMostTextureFor);
 }
 
 void JudgeTexture(const JointContext& context, SceneModel* scene) {

@@ -5,9 +5,6 @@
 
 namespace horopter {
 
-// The support and sharpness that chance gives: what exceeds it is evidence.
-inline constexpr double kChanceSupport = 0.55;
-
 double Logistic(double log_odds);
 
 // What one object says for the scene's cameras and scale, in units of log odds; 0 for support that

@@ -6,10 +6,7 @@
 #include <numbers>
 #include <random>
 
-#include "server/vision/recognition/initialization/rig_seeds.h"
-#include "server/vision/recognition/initialization/table_seeds.h"
 #include "server/vision/recognition/scene/plane_points.h"
-#include "server/vision/recognition/scene/scene_refine.h"
 #include "server/vision/recognition/scene/support_surface.h"
 #include "tests/support/synthetic_table.h"
 
@@ -158,36 +155,6 @@ TEST(SearchSurfaces, AreThePlaneAndTheTopsOfWhatStandsOnIt) {
 
 class Noise : public testing::TestWithParam<double> {};
 
-TEST_P(Noise, TableSeedsFindAPartAndTheScale) {
-  const Rigid3 truth = Standing(0.7, 0.02, -0.01, 0);
-  Table table = MakeTable({{0, truth}}, 4, GetParam(), 13);
-  const JointContext context = table.Context();
-  constexpr double kUnits = 2.7;  // per metre
-  Reconstruction reconstruction;
-  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
-    ReconstructedView view;
-    view.camera = table.cameras[v];
-    view.camera_from_world = table.camera_from_table[v];
-    view.camera_from_world.t *= kUnits;
-    reconstruction.views.push_back(view);
-  }
-  const std::vector<SceneModel> seeds = TableSeeds(context, reconstruction, {}, 3);
-  ASSERT_FALSE(seeds.empty());
-  const SceneModel& best = seeds[0];
-  ASSERT_EQ(best.objects[0].object, 0);
-  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
-    ASSERT_TRUE(best.views[v]);
-    EXPECT_LT(
-        ProjectionDistance(*table.objects[0],
-                           best.views[v]->camera,
-                           best.views[v]->camera_from_scene * best.objects[0].scene_from_object,
-                           table.cameras[v],
-                           table.camera_from_table[v] * truth,
-                           1.0),
-        5.0);
-  }
-}
-
 TEST_P(Noise, FindPlacesPartsOnTheTableAndOnOtherParts) {
   const Rigid3 bracket = Standing(-0.4, 0.05, 0.02, 0), wedge = Standing(1.2, -0.07, -0.03, 0.04);
   Table table = MakeTable({{0, bracket}, {1, wedge}}, 4, GetParam(), 14);
@@ -214,49 +181,6 @@ TEST_P(Noise, FindPlacesPartsOnTheTableAndOnOtherParts) {
 }
 INSTANTIATE_TEST_SUITE_P(Sweep, Noise, testing::Values(0.0, 0.3, 0.6));
 
-// A part that leans on nothing: its poses come from single views, its scale from the others.
-TEST(RigSeeds, FindAPartThatDoesNotStand) {
-  Rigid3 truth = Standing(0.4, 0.02, 0.0, 0.05);
-  truth.R =
-      Eigen::AngleAxisd(0.5, Eigen::Vector3d(1, 1, 0).normalized()).toRotationMatrix() * truth.R;
-  Table table = MakeTable({{0, truth}}, 4, 0.3, 17);
-  JointContext context = table.Context();
-  constexpr double kUnits = 0.6;  // per metre
-  Reconstruction reconstruction;
-  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
-    ReconstructedView view;
-    view.camera = table.cameras[v];
-    view.camera_from_world = table.camera_from_table[v];
-    view.camera_from_world.t *= kUnits;
-    reconstruction.views.push_back(view);
-    ViewHypothesis h;
-    h.object = 0;
-    h.view = static_cast<int>(v);
-    h.camera = table.cameras[v];
-    h.camera.focal_px *= 1.1;  // as found with a wrong focal length, so farther away
-    h.camera_from_object = table.camera_from_table[v] * truth;
-    h.camera_from_object.t *= 1.1;
-    h.score = 0.8;
-    context.hypotheses[v][0].best.push_back(h);
-  }
-  const std::vector<SceneModel> seeds = RigSeeds(context, reconstruction, {});
-  ASSERT_FALSE(seeds.empty());
-  EXPECT_GT(seeds[0].objects[0].score, 0.6);
-  for (std::size_t v = 0; v < table.cameras.size(); ++v) {
-    EXPECT_LT(ProjectionDistance(
-                  *table.objects[0],
-                  seeds[0].views[v]->camera,
-                  seeds[0].views[v]->camera_from_scene * seeds[0].objects[0].scene_from_object,
-                  table.cameras[v],
-                  table.camera_from_table[v] * truth,
-                  1.0),
-              5.0);
-  }
-  reconstruction.views.resize(1);
-  reconstruction.views.resize(4);
-  EXPECT_TRUE(RigSeeds(context, reconstruction, {}).empty());  // one view has no scale
-}
-
 TEST(ViewScore, PrintInsideASureSilhouetteIsForgiven) {
   EdgeSupport s;
   s.visible = 1000;
@@ -270,61 +194,6 @@ TEST(ViewScore, PrintInsideASureSilhouetteIsForgiven) {
   EXPECT_LT(ViewScore(s), 0.4);
   EXPECT_LT(SupportGain(s), 0.0);
   EXPECT_EQ(ViewScore({}), 0.0);
-}
-
-TEST(TableSeeds, NeedTwoViews) {
-  Table table = MakeTable({{0, Standing(0.7, 0.02, -0.01, 0)}}, 1, 0.0, 15);
-  Reconstruction reconstruction;
-  reconstruction.views.resize(1);
-  EXPECT_TRUE(TableSeeds(table.Context(), reconstruction, {}, 3).empty());
-}
-
-// Matched points of the plane hold the cameras where a small part alone would let focal length and
-// distance compensate each other.
-TEST(RefineScene, ThePlanesTextureKeepsTheFocalLengths) {
-  const Rigid3 truth = Standing(0.3, 0.0, 0.0, 0);
-  double error[2];
-  for (const bool textured : {false, true}) {
-    Table table = MakeTable({{1, truth}}, 4, 0.8, 16);
-    if (textured) {
-      for (int a = 0; a < 4; ++a) {
-        for (int b = a + 1; b < 4; ++b) {
-          PlaneHomography plane;
-          plane.view_a = a;
-          plane.view_b = b;
-          for (int i = -5; i <= 5; ++i) {
-            for (int k = -5; k <= 5; ++k) {
-              const Eigen::Vector3d p(0.03 * i, 0.03 * k, 0);
-              plane.inliers_a.push_back(Project(table.cameras[a], table.camera_from_table[a] * p));
-              plane.inliers_b.push_back(Project(table.cameras[b], table.camera_from_table[b] * p));
-            }
-          }
-          table.matching.planes.push_back(plane);
-        }
-      }
-    }
-    JointContext context = table.Context();
-    SceneModel scene;
-    for (std::size_t v = 0; v < table.cameras.size(); ++v) {
-      context.focal_log_sigma[v] = 0.35;
-      RecognizedView view{table.cameras[v], table.camera_from_table[v]};
-      view.camera.focal_px *= 1.02;
-      scene.views.push_back(view);
-    }
-    PlacedObject placed;
-    placed.object = 1;
-    placed.scene_from_object = truth;
-    scene.objects.push_back(placed);
-    ASSERT_TRUE(RefineScene(context, {}, &scene));
-    double worst = 0.0;
-    for (std::size_t v = 0; v < table.cameras.size(); ++v) {
-      worst = std::max(
-          worst, std::abs(std::log(scene.views[v]->camera.focal_px / table.cameras[v].focal_px)));
-    }
-    error[textured] = worst;
-  }
-  EXPECT_LT(error[1], 0.04);
-  EXPECT_LT(error[1], 0.7 * error[0]);
 }
 
 TEST(PlaneTransferError, IsZeroForTheTrueCamerasAndEmptyBehindThem) {

@@ -1,4 +1,4 @@
-#include "server/vision/euclidean/pose_perturbation.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 #include <Eigen/Geometry>
 
