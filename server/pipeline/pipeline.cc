@@ -17,7 +17,8 @@
 #include "server/pipeline/answer.h"
 #include "server/pipeline/exception_status.h"
 #include "server/pipeline/explain.h"
-#include "server/vision/matching/known_cameras.h"
+#include "server/pipeline/variants.h"
+#include "server/vision/features/arc_refit.h"
 #include "server/vision/recognition/explained_recognition.h"
 #include "server/vision/recognition/object/prepared_blob.h"
 #include "server/vision/recognition/object/prepared_object.h"
@@ -182,7 +183,9 @@ absl::StatusOr<std::vector<ImageFeatures>> DetectAll(const SceneRequest& request
   std::vector<absl::StatusOr<ImageFeatures>> found(n,
                                                    absl::CancelledError("stopped during features"));
   ParallelFor(n, options.threads, [&](int i) {
-    if (!IsStopRequested(stop)) found[i] = DetectFeatures(request.images[i], options.features);
+    if (IsStopRequested(stop)) return;
+    found[i] = DetectFeatures(request.images[i], options.features);
+    if (found[i].ok() && options.refit_arcs) RefitArcs(&*found[i]);
   });
   std::vector<ImageFeatures> features;
   for (int i = 0; i < n; ++i) {
@@ -263,22 +266,6 @@ void TellState(const RecognitionResult& recognition, SceneAnswer* answer) {
     case RecognitionState::kNoParallax:
       return AddReason(ReasonKind::kNoParallax, recognition.detail, answer);
   }
-}
-
-// The second pass of the drawing: matching called again, cameras known.
-absl::StatusOr<MatchingResult> LinkUnderCameras(const SceneRequest& request,
-                                                const SceneTrace& trace,
-                                                const MatchingOptions& options,
-                                                const StopRequested& stop) {
-  std::vector<std::optional<PosedView>> views;
-  for (const auto& posed : trace.metric->cameras) {
-    views.emplace_back();
-    if (posed) views.back() = PosedView{posed->camera, posed->camera_from_scene};
-  }
-  KnownCameras known{views, Eigen::Vector3d::Zero()};
-  const double count = static_cast<double>(trace.metric->objects.size());
-  for (const PosedObject& o : trace.metric->objects) known.middle += o.scene_from_object.t / count;
-  return MatchUnderCameras(request.images, trace.features, known, trace.matching, options, stop);
 }
 
 }  // namespace
@@ -483,7 +470,8 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                          nullptr,
                          objects,
                          selection.slots.empty() ? nullptr : &catalog.keys,
-                         selection.slots};
+                         selection.slots,
+                         &options.bottom_up};
   RefusalLog log;
   log.object = IndexOf(request.explained, objects);
   RefusalLog* const kept = log.object < 0 ? nullptr : &log;
@@ -501,11 +489,6 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
       FillAnswer(*trace.metric, objects, request, options.euclidean.grasps, &answer));
   if (answer.objects.empty()) AddReason(ReasonKind::kNothingFound, "no object is left", &answer);
   HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
-  if (!options.second_pass) return result;
-
-  StageClock second_pass_clock("second_pass", &answer.stages);
-  HOROPTER_ASSIGN_OR_RETURN(trace.linked, LinkUnderCameras(request, trace, options.matching, stop));
-  second_pass_clock.Finish(trace.linked->counts);
   return result;
 }
 
@@ -518,8 +501,12 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
   if (options.threads < 1) return absl::InvalidArgumentError("threads: at least one is needed");
   const CoreBudget budget(options.threads);
   const StopScope scope(stop);
-  return CatchExceptions(
-      [&] { return RunStages(request, catalog, ResolveOptions(options), stop); });
+  return CatchExceptions([&]() -> absl::StatusOr<PipelineResult> {
+    PipelineOptions chosen = options;
+    if (!request.variants.empty())
+      HOROPTER_RETURN_IF_ERROR(ApplyVariants(request.variants, &chosen));
+    return RunStages(request, catalog, ResolveOptions(std::move(chosen)), stop);
+  });
 }
 
 }  // namespace horopter

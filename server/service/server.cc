@@ -165,6 +165,7 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   limits.images = options.images;
   limits.max_request_bytes = int64_t{options.max_message_mb} << 20;
   limits.decode_threads = options.threads_per_request;
+  limits.allow_variants = options.allow_variants;
   const ServedParts served{
       .store = *parts->store,
       .shelf = parts->shelf,

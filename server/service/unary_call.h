@@ -27,6 +27,7 @@ inline constexpr double kUnhurriedShare = 0.6;
 
 struct CallInfo {
   std::string request_id;
+  std::string variants;  // what the client's metadata say under kVariantsKey
   // stop: true once the client cancelled or its deadline passed; hurry: once kUnhurriedShare of the
   // time is gone, never without a deadline. Usable after the call as well.
   CallLimits limits;

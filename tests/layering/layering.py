@@ -57,7 +57,9 @@ FOLDERS = collections.OrderedDict([
      ["server/base", "db", "server/vision/geometry", "server/vision/features", "server/vision/matching",
       "server/vision/reconstruction", "server/vision/recognition", "server/vision/euclidean",
       "server/vision/explanation"] + ROOMS_SHARE +
-     ["server/vision/recognition/object", "server/vision/recognition/invariant_matching"]),
+     # Stored objects, the catalog's keys, and the options that variants of the methods change.
+     ["server/vision/recognition/object", "server/vision/recognition/invariant_matching",
+      "server/vision/recognition/initialization"]),
     # Handlers convert and call: they see the pipeline and value types, no stage.
     ("server/service",
      ["server/base", "db", "proto", "server/overlay", "server/vision/geometry", "server/vision/invariants",

@@ -12,11 +12,11 @@
 #include "server/base/stop_token.h"
 #include "server/vision/euclidean/findings.h"
 #include "server/vision/euclidean/grasps.h"
-#include "server/vision/euclidean/pose_perturbation.h"
 #include "server/vision/euclidean/scene_covariance.h"
 #include "server/vision/euclidean/shared_camera.h"
 #include "server/vision/euclidean/support_plane.h"
 #include "server/vision/euclidean/transform_graph.h"
+#include "server/vision/geometry/pose_perturbation.h"
 #include "server/vision/recognition/recognition.h"
 
 namespace horopter {

@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "server/vision/euclidean/pose_perturbation.h"
 #include "server/vision/euclidean/support_plane.h"
 #include "server/vision/geometry/object_model.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 namespace horopter {
 

@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "server/base/parallel_for.h"
-#include "server/vision/euclidean/pose_perturbation.h"
 #include "server/vision/geometry/plucker_line.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 namespace horopter {
 namespace {

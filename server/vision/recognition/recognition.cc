@@ -70,7 +70,7 @@ struct RouteAnswers {
 absl::StatusOr<RouteAnswers> AskRoutes(const RecognitionInput& input,
                                        const RecognitionRoutes& routes,
                                        JointContext* context) {
-  const RouteInput route_input{input.features, input.reconstruction, input.keys, input.slots};
+  const RouteInput route_input{input.features, input.reconstruction, input.keys, input.slots, input.bottom_up};
   RouteAnswers answers;
   FoundScene& best = answers.best;
   bool table_found = false;

@@ -16,6 +16,7 @@
 namespace horopter {
 
 class KeyIndexSnapshot;  // invariant_matching/key_index.h
+struct BottomUpOptions;  // initialization/bottom_up_route.h
 
 struct RecognitionInput {
   std::span<const cv::Mat> images;
@@ -27,6 +28,7 @@ struct RecognitionInput {
   // The catalog's keys, object i in slot slots[i]. Null: an index is built when it is asked for.
   const KeyIndexSnapshot* keys = nullptr;
   std::span<const int> slots;
+  const BottomUpOptions* bottom_up = nullptr;  // of the metric and projective route; null: defaults
 };
 
 // Whether the objects are asked for by their aspects before views are matched and reconstructed:

@@ -12,6 +12,7 @@
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/camera_factors.h"
 #include "server/vision/recognition/candidates/standing_poses.h"
+#include "server/vision/recognition/initialization/scene_decomposition.h"
 #include "server/vision/recognition/initialization/table_seeds.h"
 #include "server/vision/recognition/scene/scene_refine.h"
 #include "server/vision/recognition/scoring/pose_refine.h"
@@ -292,6 +293,15 @@ std::vector<SceneModel> ProjectiveSeeds(const JointContext& context,
   });
   if (IsStopRequested(context.give_up)) return {};
   std::erase_if(scenes, [](const SceneModel& s) { return s.objects.empty(); });
+  if (auto scene = SceneByDecomposition(
+          context.objects, context.start_cameras, *structure, hypotheses, options)) {
+    SceneRefineOptions refine;
+    refine.start_reach_px = options.quick_reach_px;
+    if (RefineScene(context, refine, &*scene)) {
+      EvaluateTogether(context, &*scene);
+      scenes.push_back(*std::move(scene));
+    }
+  }
   KeepBest(&scenes, scenes.size(), [](const SceneModel& s) { return s.gain; });
   return scenes;
 }

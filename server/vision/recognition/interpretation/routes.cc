@@ -164,6 +164,10 @@ absl::StatusOr<RouteCatalog> CatalogOf(const RouteInput& input, const JointConte
   return MakeRouteCatalog(context.objects, input.keys, input.slots);
 }
 
+BottomUpOptions OptionsOf(const RouteInput& input) {
+  return input.bottom_up != nullptr ? *input.bottom_up : BottomUpOptions();
+}
+
 }  // namespace
 
 bool IsOpen(const JointContext& context, const FoundScene& found) {
@@ -183,8 +187,9 @@ void TakeIfBetter(const JointContext& context, FoundScene other, FoundScene* bes
 
 absl::StatusOr<FoundScene> MetricRoute(const RouteInput& input, JointContext* context) {
   HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog, CatalogOf(input, *context));
-  return InKnownCameras(
-      context, MetricSeeds(*context, *input.reconstruction, catalog), RecognitionRoute::kMetric);
+  return InKnownCameras(context,
+                        MetricSeeds(*context, *input.reconstruction, catalog, OptionsOf(input)),
+                        RecognitionRoute::kMetric);
 }
 
 absl::StatusOr<FoundScene> TableRoute(const RouteInput& input, JointContext* context) {
@@ -195,8 +200,9 @@ absl::StatusOr<FoundScene> TableRoute(const RouteInput& input, JointContext* con
 
 absl::StatusOr<FoundScene> ProjectiveRoute(const RouteInput& input, JointContext* context) {
   HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog, CatalogOf(input, *context));
-  return Grow(
-      *context, ProjectiveSeeds(*context, input.features, catalog), RecognitionRoute::kProjective);
+  return Grow(*context,
+              ProjectiveSeeds(*context, input.features, catalog, OptionsOf(input)),
+              RecognitionRoute::kProjective);
 }
 
 absl::StatusOr<FoundScene> ViewLedRoute(const RouteInput& input, JointContext* context) {

@@ -8,6 +8,7 @@
 
 #include "absl/status/statusor.h"
 #include "server/vision/features/features.h"
+#include "server/vision/recognition/initialization/bottom_up_route.h"
 #include "server/vision/recognition/invariant_matching/key_index.h"
 #include "server/vision/recognition/scene/scene_model.h"
 #include "server/vision/reconstruction/reconstruction.h"
@@ -26,8 +27,9 @@ struct FoundScene {
 struct RouteInput {
   std::span<const ImageFeatures> features;
   const Reconstruction* reconstruction = nullptr;
-  const KeyIndexSnapshot* keys = nullptr;  // null: an index is built when it is asked for
-  std::span<const int> slots;              // of the objects in `keys`
+  const KeyIndexSnapshot* keys = nullptr;      // null: an index is built when it is asked for
+  std::span<const int> slots;                  // of the objects in `keys`
+  const BottomUpOptions* bottom_up = nullptr;  // null: the defaults
 };
 
 // Whether further routes have a say: nothing was found, or what chance explains.

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "server/vision/geometry/plucker_line.h"
+#include "server/vision/geometry/pose_perturbation.h"
 #include "server/vision/recognition/scene/plane_points.h"
 #include "server/vision/recognition/scoring/pose_refine.h"
 

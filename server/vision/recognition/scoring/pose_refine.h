@@ -67,7 +67,4 @@ std::optional<Rigid3> RefineInScene(const PreparedObject& object,
                                     const Rigid3& scene_from_object,
                                     const RefineOptions& options);
 
-// exp of a rotation vector.
-Eigen::Matrix3d RotationFromVector(const Eigen::Vector3d& w);
-
 }  // namespace horopter

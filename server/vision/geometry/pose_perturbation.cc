@@ -1,11 +1,16 @@
-#include "server/vision/euclidean/pose_perturbation.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 #include <Eigen/Geometry>
 
 #include "server/vision/geometry/plucker_line.h"
-#include "server/vision/recognition/scoring/pose_refine.h"
 
 namespace horopter {
+
+Eigen::Matrix3d RotationFromVector(const Eigen::Vector3d& w) {
+  const double angle = w.norm();
+  if (angle < 1e-12) return Eigen::Matrix3d::Identity();
+  return Eigen::AngleAxisd(angle, w / angle).toRotationMatrix();
+}
 
 Rigid3 Perturbed(const Rigid3& a_from_b, const Vector6d& d) {
   return {RotationFromVector(d.head<3>()) * a_from_b.R, a_from_b.t + d.tail<3>()};

@@ -1,4 +1,4 @@
-#include "server/vision/euclidean/decomposition.h"
+#include "server/vision/recognition/initialization/decomposition.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -7,9 +7,9 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
-#include "server/vision/euclidean/pose_perturbation.h"
 #include "server/vision/geometry/camera_factors.h"
 #include "server/vision/geometry/collineation.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 namespace horopter {
 namespace {

@@ -9,6 +9,9 @@
 
 namespace horopter {
 
+// exp of a rotation vector.
+Eigen::Matrix3d RotationFromVector(const Eigen::Vector3d& w);
+
 // One convention for every transform a_from_b = (R, t): the change d = (w, dt) makes it
 // (exp(w) R, t + dt). w is a rotation vector about the axes of a through the origin of b (radians),
 // dt is in a (metres).

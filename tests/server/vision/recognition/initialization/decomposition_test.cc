@@ -1,4 +1,4 @@
-#include "server/vision/euclidean/decomposition.h"
+#include "server/vision/recognition/initialization/decomposition.h"
 
 #include <gtest/gtest.h>
 
