@@ -14,6 +14,7 @@
 #include "server/vision/geometry/object_model.h"
 #include "server/vision/recognition/initialization/bottom_up_route.h"
 #include "server/vision/recognition/invariant_matching/key_index.h"
+#include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/prepared_bytes.h"
 
 namespace horopter {
@@ -66,7 +67,8 @@ struct PipelineOptions {
   ReconstructionOptions reconstruction;
   RecognitionOptions recognition;
   EuclideanOptions euclidean;
-  BottomUpOptions bottom_up;  // recognition's routes through the reconstructed structure
+  BottomUpOptions bottom_up;         // recognition's routes through the reconstructed structure
+  AspectRecognitionOptions aspects;  // ... and by the aspects of the parts
   // Fits arcs once more by orthogonal distance (features/arc_refit.h, thesis 2.4).
   bool refit_arcs = false;
   // Cores one request uses; the stages get this value (ResolveOptions). More: a faster answer.

@@ -43,7 +43,7 @@ struct SceneRequest {
   // it; empty: none.
   std::string explained;
   bool unexplained_edges = false;  // SceneAnswer::unexplained_edges is wanted
-  std::string variants;  // of the methods, see variants.h; empty: the options as they are
+  std::string variants;            // of the methods, see variants.h; empty: the options as they are
 };
 
 // Why an answer is less than objects with poses in every frame that was asked for; see SceneReason
@@ -132,7 +132,7 @@ struct SceneAnswer {
   Eigen::MatrixXd joint_covariance;
   // When a reference was given and found; without one, when posed cameras were recovered.
   std::optional<Rigid3> base_from_scene;
-  std::optional<SupportPlane> plane;  // that the objects stand on, in the scene frame
+  std::optional<SupportingPlane> plane;  // that the objects stand on, in the scene frame
   std::optional<AnswerExplanation> explanation;
   // One entry per image; empty unless asked for.
   std::vector<EdgeLines> unexplained_edges;

@@ -27,7 +27,8 @@ void CheckLineSets(PipelineOptions* o, bool check) {
 
 void Only(PipelineOptions* o, bool RecognitionRoutes::*route) {
   RecognitionRoutes& routes = o->recognition.routes;
-  routes.table = routes.metric = routes.view_led = routes.projective = routes.aspects = false;
+  routes.supporting_plane = routes.metric = routes.view_led = routes.projective = routes.aspects =
+      false;
   routes.*route = true;
 }
 
@@ -75,7 +76,7 @@ constexpr Variant kVariants[] = {
      "images",
      [](PipelineOptions* o) { BottomUp(o).decomposition = DecompositionMethod::kImages; }},
     {"routes", "all", [](PipelineOptions* o) { o->recognition.routes = {}; }},
-    {"routes", "plane", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::table); }},
+    {"routes", "plane", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::supporting_plane); }},
     {"routes", "metric", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::metric); }},
     {"routes", "views", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::view_led); }},
     {"routes", "projective", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::projective); }},

@@ -29,7 +29,7 @@ TEST(ApplyVariants, SetsWhatItNames) {
   EXPECT_EQ(bottom_up.projective.association, AssociationForm::kAxes);
   EXPECT_EQ(bottom_up.decomposition, DecompositionMethod::kCommon);
   EXPECT_TRUE(options.recognition.routes.projective);
-  EXPECT_FALSE(options.recognition.routes.table || options.recognition.routes.view_led ||
+  EXPECT_FALSE(options.recognition.routes.supporting_plane || options.recognition.routes.view_led ||
                options.recognition.routes.metric || options.recognition.routes.aspects);
 }
 
@@ -56,7 +56,7 @@ TEST(ApplyVariants, DefaultsChangeNothing) {
   EXPECT_EQ(options.refit_arcs, PipelineOptions().refit_arcs);
   EXPECT_EQ(options.bottom_up.projective.association, BottomUpOptions().projective.association);
   EXPECT_EQ(options.bottom_up.decomposition, BottomUpOptions().decomposition);
-  EXPECT_TRUE(options.recognition.routes.table && options.recognition.routes.aspects);
+  EXPECT_TRUE(options.recognition.routes.supporting_plane && options.recognition.routes.aspects);
 }
 
 TEST(ApplyVariants, RefusesWhatIsUnknownOrTwiceAndLeavesTheOptions) {

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "server/vision/recognition/aspects/fragment_index.h"
-
 namespace horopter {
 namespace {
 

@@ -1,19 +1,17 @@
 // Planes that parts of a scene stand on.
 #pragma once
 
-#include <Eigen/Core>
 #include <optional>
 #include <span>
 #include <vector>
 
+#include "server/vision/geometry/supporting_plane.h"
 #include "server/vision/recognition/aspects/aspect_adjustment.h"
+#include "server/vision/recognition/aspects/fragment_index.h"
 
 namespace horopter {
 
-// normal . x = offset, scene frame, metres; cameras are on the side the unit normal points to.
-struct StandingPlane {
-  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
-  double offset_m = 0.0;
+struct StandingPlane : SupportingPlane {
   int objects = 0;  // that rest on it
 };
 

@@ -1,5 +1,5 @@
 // From the collineations of the recognised objects to one metric frame and a rigid transform per
-// object (thesis 5.3; geometry.md 5).
+// object (thesis 5.3).
 #pragma once
 
 #include <Eigen/Core>
@@ -53,7 +53,7 @@ absl::StatusOr<Decomposition> DecomposeCommon(std::span<const CollineatedObject>
                                               const CommonUpgradeOptions& options = {});
 
 // The alternative nonlinear update (thesis 5.3.4): upgrade (15 parameters) and transforms (6 each,
-// the first held) together, Levenberg-Marquardt on the distances in the metric frame.
+// the first fixed) together, Levenberg-Marquardt on the distances in the metric frame.
 absl::StatusOr<Decomposition> RefineDecomposition(std::span<const CollineatedObject> objects,
                                                   const Decomposition& start);
 
@@ -65,7 +65,7 @@ struct ObjectPointObservation {
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
 };
 
-// ... on the distances in the images, through the projective cameras, which are held.
+// ... on the distances in the images, through the projective cameras, which are fixed.
 absl::StatusOr<Decomposition> RefineInImages(std::span<const CollineatedObject> objects,
                                              std::span<const std::optional<CameraMatrix>> cameras,
                                              std::span<const ObjectPointObservation> observations,

@@ -101,7 +101,7 @@ std::optional<SceneModel> SceneByDecomposition(
     const PinholeCamera& start = start_cameras[v];
     const auto view =
         UpgradeCamera(*structure.cameras[v], found->metric_from_scene, start.width, start.height);
-    if (view) scene.views[v] = RecognizedView{view->camera, view->camera_from_metric};
+    if (view) scene.views[v] = CalibratedCamera{view->camera, view->camera_from_metric};
   }
   for (std::size_t k = 0; k < chosen.hypotheses.size(); ++k) {
     if (found->stretch[k] > options.max_stretch) continue;

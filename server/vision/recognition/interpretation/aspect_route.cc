@@ -28,7 +28,7 @@ double AboveChance(const LinkedObject& o, double chance) {
 }
 
 std::vector<std::optional<AspectSceneView>> SceneViews(
-    const std::vector<std::optional<RecognizedView>>& views) {
+    const std::vector<std::optional<CalibratedCamera>>& views) {
   std::vector<std::optional<AspectSceneView>> out;
   for (const auto& view : views) {
     out.emplace_back();
@@ -41,7 +41,7 @@ std::vector<std::optional<AspectSceneView>> SceneViews(
 }
 
 // What one part alone must score, for the views it links and the cameras it says they have.
-double EvenAlone(const LinkedScene& scene, const AspectRouteOptions& options) {
+double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
   std::vector<double> logs;
   for (const auto& view : scene.views) {
     if (view) logs.push_back(std::log(view->camera.focal_px));
@@ -59,7 +59,7 @@ double EvenAlone(const LinkedScene& scene, const AspectRouteOptions& options) {
 
 double ObjectProbability(const LinkedObject& o,
                          const LinkedScene& scene,
-                         const AspectRouteOptions& options) {
+                         const AspectAcceptance& options) {
   // Objects are best first. A second one of a part is what a view with a wrong camera makes of the
   // first: it must be as sure as one alone.
   const bool again = std::any_of(scene.objects.begin(), scene.objects.end(), [&](const auto& p) {
@@ -100,11 +100,11 @@ SceneObject ToAnswer(const LinkedObject& o, double probability) {
   return out;
 }
 
-std::vector<std::optional<RecognizedView>> RecognizedViews(const LinkedScene& scene) {
-  std::vector<std::optional<RecognizedView>> out(scene.views.size());
+std::vector<std::optional<CalibratedCamera>> RecognizedViews(const LinkedScene& scene) {
+  std::vector<std::optional<CalibratedCamera>> out(scene.views.size());
   for (std::size_t v = 0; v < out.size(); ++v) {
     if (scene.views[v])
-      out[v] = RecognizedView{scene.views[v]->camera, scene.views[v]->camera_from_scene};
+      out[v] = CalibratedCamera{scene.views[v]->camera, scene.views[v]->camera_from_scene};
   }
   return out;
 }
@@ -125,18 +125,19 @@ void NoteBelow(const LinkedScene& scene,
 }
 
 RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene, RefusalLog* log) {
-  const AspectRouteOptions& options = context.options.aspects;
+  const AspectAcceptance& options = context.options.acceptance.aspects;
+  const SceneAcceptance& of_scenes = context.options.acceptance.scene;
   RecognitionResult result;
   result.views.resize(scene.views.size());
   LinkedScene accepted = scene;
   NoteBelow(
       scene,
       AcceptanceTest::kChance,
-      options.accept_probability,
+      options.min_probability,
       [&](const LinkedObject& o) { return ObjectProbability(o, scene, options); },
       log);
   std::erase_if(accepted.objects, [&](const LinkedObject& o) {
-    return ObjectProbability(o, scene, options) < options.accept_probability;
+    return ObjectProbability(o, scene, options) < options.min_probability;
   });
   if (accepted.objects.empty()) {
     if (!scene.objects.empty()) {
@@ -149,18 +150,18 @@ RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene
     return result;
   }
   const double parallax = Parallax(accepted, context.objects);
-  if (scene.registered() > 1 && parallax < context.options.min_parallax_rad) {
+  if (scene.registered() > 1 && parallax < of_scenes.min_parallax_rad) {
     constexpr double kDegrees = 180.0 / std::numbers::pi;
     result.state = RecognitionState::kNoParallax;
     NoteBelow(
         accepted,
         AcceptanceTest::kParallax,
-        context.options.min_parallax_rad,
+        of_scenes.min_parallax_rad,
         [&](const LinkedObject&) { return parallax; },
         log);
     result.detail = absl::StrFormat("the views see the objects within %.1f degrees, need %.1f",
                                     kDegrees * parallax,
-                                    kDegrees * context.options.min_parallax_rad);
+                                    kDegrees * of_scenes.min_parallax_rad);
     return result;
   }
   result.route = RecognitionRoute::kAspects;
@@ -168,7 +169,7 @@ RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene
   result.views = RecognizedViews(scene);
   for (const LinkedObject& o : accepted.objects) {
     SceneObject answer = ToAnswer(o, ObjectProbability(o, scene, options));
-    if (o.runner_up_object >= 0 && o.runner_up > o.score - context.options.ambiguity_gap) {
+    if (o.runner_up_object >= 0 && o.runner_up > o.score - of_scenes.ambiguity_gap) {
       answer.alternatives.push_back(o.runner_up_object);
       result.state = RecognitionState::kAmbiguous;
     }
@@ -243,8 +244,8 @@ std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
 
 AspectJudgement JudgeAnswer(const JointContext& context,
                             std::span<const AspectImage> images,
-                            const RecognitionResult& answer) {
-  const AspectRouteOptions& options = context.options.aspects;
+                            const RecognitionResult& answer,
+                            const AspectRecognitionOptions& options) {
   AspectJudgement out;
   AspectScene scene;
   scene.views = SceneViews(answer.views);
@@ -252,13 +253,13 @@ AspectJudgement JudgeAnswer(const JointContext& context,
     scene.objects.push_back({o.object, o.scene_from_object});
   std::vector<const RenderMesh*> meshes;
   for (const auto& o : context.objects) meshes.push_back(&o->aspects->object.mesh);
-  SceneJudgementOptions judging;
-  judging.render_px = options.judge_render_px;
+  SceneJudgementOptions judging = options.judging;
+  judging.render_px = context.options.aspects.judge_render_px;
   judging.threads = context.options.threads;
   out.objects = JudgeScene(images, meshes, scene, judging);
   std::vector<double> scores;
   for (const LinkedObject& o : out.objects) {
-    out.score += AboveChance(o, options.chance_score);
+    out.score += AboveChance(o, context.options.acceptance.aspects.chance_score);
     scores.push_back(o.score);
   }
   if (!scores.empty()) {
@@ -292,12 +293,13 @@ void RefuseContradicted(const AspectJudgement& judgement,
 absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
                                                 std::span<const AspectImage> images,
                                                 const AspectSearch& search,
-                                                RefusalLog* log) {
+                                                RefusalLog* log,
+                                                const AspectRecognitionOptions& options) {
   BeginStep(context, "aspect_search");
   std::vector<AspectViewPrior> priors;
   std::vector<std::vector<AspectHypothesis>> hypotheses;
   for (std::size_t v = 0; v < images.size(); ++v) {
-    FindAspectOptions find;
+    FindAspectOptions find = options.find;
     find.threads = find.votes.threads = context.options.threads;
     const PinholeCamera& start = context.start_cameras[v];
     const bool known = context.focal_log_sigma[v] < kKnownLogSigma;
@@ -311,7 +313,7 @@ absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
       return absl::CancelledError("stopped during the search for aspects");
   }
   BeginStep(context, "aspect_linking");
-  AspectLinkOptions link;
+  AspectLinkOptions link = options.link;
   link.threads = context.options.threads;
   LinkedScene scene =
       LinkAspects({images, priors, hypotheses, search.index->parts}, link, context.give_up);
@@ -332,7 +334,7 @@ absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
     }
   }
   for (const LinkedObject& o : scene.objects)
-    out.score += AboveChance(o, context.options.aspects.chance_score);
+    out.score += AboveChance(o, context.options.acceptance.aspects.chance_score);
   return out;
 }
 

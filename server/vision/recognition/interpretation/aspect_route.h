@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/aspects/aspect_linking.h"
+#include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/aspect_search.h"
 #include "server/vision/recognition/refusals.h"
 #include "server/vision/recognition/scene/scene_model.h"
@@ -53,7 +54,8 @@ struct AspectJudgement {
 };
 AspectJudgement JudgeAnswer(const JointContext& context,
                             std::span<const AspectImage> images,
-                            const RecognitionResult& answer);
+                            const RecognitionResult& answer,
+                            const AspectRecognitionOptions& options = {});
 
 // Empties an answer whose median score is below `least`. log: may be null.
 void RefuseContradicted(const AspectJudgement& judgement,
@@ -69,6 +71,7 @@ struct AspectAnswer {
 absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
                                                 std::span<const AspectImage> images,
                                                 const AspectSearch& search,
-                                                RefusalLog* log);
+                                                RefusalLog* log,
+                                                const AspectRecognitionOptions& options = {});
 
 }  // namespace horopter

@@ -19,7 +19,7 @@ namespace horopter {
 struct FoundScene {
   SceneModel scene;
   std::vector<PlacedObject> verified;
-  std::vector<double> runners_up;  // of the scene's objects, see RunnersUp (decision.h)
+  std::vector<double> best_competing;  // of the scene's objects, see BestCompeting (decision.h)
   RecognitionRoute route = RecognitionRoute::kNone;
 };
 
@@ -40,7 +40,7 @@ void TakeIfBetter(const JointContext& context, FoundScene other, FoundScene* bes
 
 // A route's scene; empty where it finds none or gives up. Errors: CANCELLED.
 absl::StatusOr<FoundScene> MetricRoute(const RouteInput& input, JointContext* context);
-absl::StatusOr<FoundScene> TableRoute(const RouteInput& input, JointContext* context);
+absl::StatusOr<FoundScene> PlaneRoute(const RouteInput& input, JointContext* context);
 absl::StatusOr<FoundScene> ViewLedRoute(const RouteInput& input, JointContext* context);
 absl::StatusOr<FoundScene> ProjectiveRoute(const RouteInput& input, JointContext* context);
 

@@ -1,5 +1,5 @@
 // What a reconstructed structure says for an object in it: the hypothesis of both bottom-up routes
-// and its verification by collineation or similarity (thesis 4.4; geometry.md 4.5, 7.6).
+// and its verification by collineation or similarity (thesis 4.4).
 #pragma once
 
 #include <Eigen/Core>

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/candidates/table_search.h"
+#include "server/vision/recognition/candidates/plane_search.h"
 
 #include <gtest/gtest.h>
 
@@ -13,23 +13,23 @@
 namespace horopter {
 namespace {
 
-TEST(SightTable, SaysWhereAPixelsPointStandsAtEveryHeight) {
+TEST(SightPlane, SaysWhereAPixelsPointStandsAtEveryHeight) {
   PinholeCamera camera = CenteredCamera(640, 480, 900);
   camera.k1 = -0.08;
   const Rigid3 camera_from_table = LookAt({0.3, -0.5, 0.4}, {0, 0, 0});
   for (const double z : {0.0, 0.03, 0.1}) {
     const Eigen::Vector3d point(0.05, -0.02, z);
-    TableSighting s;
+    PlaneSighting s;
     ASSERT_TRUE(
-        SightTable(camera, camera_from_table, Project(camera, camera_from_table * point), &s));
+        SightPlane(camera, camera_from_table, Project(camera, camera_from_table * point), &s));
     EXPECT_LT((s.base + z * s.shift - point.head<2>()).norm(), 1e-6);
   }
 }
 
-TEST(SightTable, RefusesRaysThatDoNotGoDown) {
+TEST(SightPlane, RefusesRaysThatDoNotGoDown) {
   const PinholeCamera camera = CenteredCamera(640, 480, 300);
-  TableSighting s;
-  EXPECT_FALSE(SightTable(camera, LookAt({0, -0.5, 0.1}, {0, 0, 0.1}), {320, 10}, &s));
+  PlaneSighting s;
+  EXPECT_FALSE(SightPlane(camera, LookAt({0, -0.5, 0.1}, {0, 0, 0.1}), {320, 10}, &s));
 }
 
 TEST(PosesFromSightings, RecoversPoseAndScaleOfRandomPaths) {
@@ -43,25 +43,25 @@ TEST(PosesFromSightings, RecoversPoseAndScaleOfRandomPaths) {
     for (Eigen::Vector3d& p : vertices) p << 0.05 * u(rng), 0.05 * u(rng), 0.03 * (1 + u(rng));
     if (trial % 5 == 0) vertices[1].head<2>() = vertices[0].head<2>();  // an upright edge first
     const double yaw = std::numbers::pi * u(rng), units = std::exp(u(rng));
-    const Rigid3 table_from_part = Standing(yaw, 0.1 * u(rng), 0.1 * u(rng), 0);
+    const Rigid3 plane_from_part = Standing(yaw, 0.1 * u(rng), 0.1 * u(rng), 0);
     const PinholeCamera camera = CenteredCamera(640, 480, 900);
     Rigid3 camera_from_table = LookAt({0.3 * u(rng), -0.5, 0.4}, {0, 0, 0});
     camera_from_table.t *= units;  // table units
-    TableSighting sightings[3];
+    PlaneSighting sightings[3];
     for (int k = 0; k < 3; ++k) {
-      const Eigen::Vector3d in_units = units * (table_from_part * vertices[k]);
-      ASSERT_TRUE(SightTable(
+      const Eigen::Vector3d in_units = units * (plane_from_part * vertices[k]);
+      ASSERT_TRUE(SightPlane(
           camera, camera_from_table, Project(camera, camera_from_table * in_units), &sightings[k]));
     }
     if ((vertices[2] - vertices[1]).head<2>().norm() < 0.01) continue;
     ++tried;
-    TableYaw found[2];
+    PlaneYaw found[2];
     const int n = PosesFromSightings(vertices, sightings, 0.05, found);
     for (int k = 0; k < n; ++k) {
       if (std::abs(found[k].units_per_metre / units - 1) < 1e-6 &&
           std::abs(std::remainder(std::atan2(found[k].sin_yaw, found[k].cos_yaw) - yaw,
                                   2 * std::numbers::pi)) < 1e-6 &&
-          (found[k].position - units * table_from_part.t.head<2>()).norm() < 1e-6) {
+          (found[k].position - units * plane_from_part.t.head<2>()).norm() < 1e-6) {
         ++solved;
         break;
       }
@@ -73,10 +73,10 @@ TEST(PosesFromSightings, RecoversPoseAndScaleOfRandomPaths) {
 
 TEST(PosesFromSightings, RefusesWhatNoPoseExplains) {
   const Eigen::Vector3d vertices[3] = {{0, 0, 0}, {0.05, 0, 0}, {0.05, 0.05, 0}};
-  TableSighting sightings[3];
+  PlaneSighting sightings[3];
   sightings[1].base = {0.05, 0};
   sightings[2].base = {0.2, 0.0};
-  TableYaw found[2];
+  PlaneYaw found[2];
   EXPECT_EQ(PosesFromSightings(vertices, sightings, 0.1, found), 0);
   sightings[1].base = sightings[2].base = {0, 0};
   EXPECT_EQ(PosesFromSightings(vertices, sightings, 0.1, found), 0);
@@ -90,7 +90,7 @@ TEST(PoseVotes, FindsTheHeaviestPosesAcrossCellBorders) {
   std::uniform_real_distribution<double> u(-1.0, 1.0);
   PoseVotes votes;
   const auto vote = [&](double x, double y, double yaw, double units) {
-    TableYaw pose;
+    PlaneYaw pose;
     pose.position = {x, y};
     pose.cos_yaw = std::cos(yaw);
     pose.sin_yaw = std::sin(yaw);
@@ -120,7 +120,7 @@ TEST(StandingParts, StandOnTheTable) {
     double lowest = 1e9;
     for (const Eigen::Vector3d& v : part.vertices) lowest = std::min(lowest, v.z());
     EXPECT_NEAR(lowest, 0.0, 1e-9);
-    EXPECT_NEAR(part.table_from_object.R.determinant(), 1.0, 1e-9);
+    EXPECT_NEAR(part.plane_from_object.R.determinant(), 1.0, 1e-9);
   }
 }
 
@@ -128,7 +128,7 @@ TEST(SearchSurfaces, AreThePlaneAndTheTopsOfWhatStandsOnIt) {
   Table table = MakeTable({}, 2, 0.0, 18);
   const JointContext context = table.Context();
   SceneModel scene;
-  scene.plane = ScenePlane{};
+  scene.plane = SupportingPlane{};
   PlacedObject bracket, doubtful;
   bracket.object = doubtful.object = 0;
   bracket.scene_from_object = Standing(0.3, 0.1, 0.0, 0.0);
@@ -161,11 +161,11 @@ TEST_P(Noise, FindPlacesPartsOnTheTableAndOnOtherParts) {
   const JointContext context = table.Context();
   SceneModel scene;
   for (std::size_t v = 0; v < table.cameras.size(); ++v)
-    scene.views.push_back(RecognizedView{table.cameras[v], table.camera_from_table[v]});
-  scene.plane = ScenePlane{};
+    scene.views.push_back(CalibratedCamera{table.cameras[v], table.camera_from_table[v]});
+  scene.plane = SupportingPlane{};
   const double limit = 1.0 + 2.0 * GetParam();
   const auto right = [&](int object, const Rigid3& truth, const std::vector<SearchSurface>& on) {
-    const auto found = TableSearch(context, scene, on, {}).Find(object);
+    const auto found = PlaneSearch(context, scene, on, {}).Find(object);
     return !found.empty() && LargestError(table, object, found[0].scene_from_object, truth) < limit;
   };
   const SearchSurface plane, above{0.04, {}};
@@ -175,7 +175,7 @@ TEST_P(Noise, FindPlacesPartsOnTheTableAndOnOtherParts) {
   // elsewhere.
   EXPECT_TRUE(right(1, wedge, {{0.04, {{{-0.05, 0.0, 0.3}, 0.06}}}}));
   for (const auto& elsewhere : {SearchSurface{0.04, {{{0.3, 0.2, 0}, 0.06}}}, plane}) {
-    for (const TablePose& pose : TableSearch(context, scene, {elsewhere}, {}).Find(1))
+    for (const PlanePose& pose : PlaneSearch(context, scene, {elsewhere}, {}).Find(1))
       EXPECT_GT(LargestError(table, 1, pose.scene_from_object, wedge), 3.0);
   }
 }
@@ -197,8 +197,8 @@ TEST(ViewScore, PrintInsideASureSilhouetteIsForgiven) {
 }
 
 TEST(PlaneTransferError, IsZeroForTheTrueCamerasAndEmptyBehindThem) {
-  RecognizedView a{CenteredCamera(640, 480, 900), LookAt({0.3, -0.5, 0.4}, {0, 0, 0})};
-  RecognizedView b{CenteredCamera(640, 480, 700), LookAt({-0.2, -0.5, 0.5}, {0, 0, 0})};
+  CalibratedCamera a{CenteredCamera(640, 480, 900), LookAt({0.3, -0.5, 0.4}, {0, 0, 0})};
+  CalibratedCamera b{CenteredCamera(640, 480, 700), LookAt({-0.2, -0.5, 0.5}, {0, 0, 0})};
   a.camera.k1 = -0.06;
   b.camera.k1 = 0.03;
   PlanePoints plane;

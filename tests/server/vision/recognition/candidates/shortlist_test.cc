@@ -1,4 +1,4 @@
-#include "server/vision/recognition/candidates/prospects.h"
+#include "server/vision/recognition/candidates/shortlist.h"
 
 #include <gtest/gtest.h>
 
@@ -31,13 +31,13 @@ TEST(Largest, TakesTheLargestAboveZeroInOrder) {
 }
 
 TEST(PromisingInSpace, ASmallCatalogIsSearchedAsAWhole) {
-  const std::vector<std::shared_ptr<const PreparedObject>> none(ProspectOptions().searched);
-  const Prospects all = PromisingInSpace(none, {}, {}, {}, {}, {}, 1);
+  const std::vector<std::shared_ptr<const PreparedObject>> none(ShortlistOptions().searched);
+  const Shortlist all = PromisingInSpace(none, {}, {}, {}, {}, {}, 1);
   EXPECT_EQ(all.searched, std::vector<bool>(none.size(), true));
 }
 
 TEST(PromisingInSpace, FindsThePartAmongManyAndAsksNoMoreThanItIsTold) {
-  ProspectOptions options;
+  ShortlistOptions options;
   options.searched = 4;
   const auto objects = WithBoxes(12);
   int found = 0;
@@ -55,10 +55,10 @@ TEST(PromisingInSpace, FindsThePartAmongManyAndAsksNoMoreThanItIsTold) {
     std::vector<FeatureView> features;
     std::vector<KnownView> views;
     for (std::size_t v = 0; v < table.features.size(); ++v) {
-      features.push_back({&table.features[v], table.cameras[v], table.camera_from_table[v], 1.0});
-      views.push_back({&context.views[v].maps, table.cameras[v], table.camera_from_table[v]});
+      features.push_back({{table.cameras[v], table.camera_from_table[v]}, &table.features[v], 1.0});
+      views.push_back({{table.cameras[v], table.camera_from_table[v]}, &context.views[v].maps});
     }
-    const Prospects promising = PromisingInSpace(
+    const Shortlist promising = PromisingInSpace(
         objects, views, FindSpaceCorners(features), FindSpaceCircles(features), {}, options, 2);
     ASSERT_EQ(promising.searched.size(), objects.size());
     EXPECT_LE(std::count(promising.searched.begin(), promising.searched.end(), true),

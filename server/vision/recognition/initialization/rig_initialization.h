@@ -9,7 +9,7 @@
 
 namespace horopter {
 
-struct RigSeedOptions {
+struct RigInitializationOptions {
   int hypotheses_per_object = 3;  // best of each view
   int scale_steps = 48;
   // The part's depth tried, over the depth of the matched plane on its ray.
@@ -22,8 +22,8 @@ struct RigSeedOptions {
 
 // Scenes of one part each, cameras from the reconstruction; largest gain first. Uses the view
 // hypotheses of the context. Empty with fewer than two reconstructed views.
-std::vector<SceneModel> RigSeeds(const JointContext& context,
-                                 const Reconstruction& reconstruction,
-                                 const RigSeedOptions& options);
+std::vector<SceneModel> RigInitialScenes(const JointContext& context,
+                                         const Reconstruction& reconstruction,
+                                         const RigInitializationOptions& options);
 
 }  // namespace horopter

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/interpretation/rivals.h"
+#include "server/vision/recognition/interpretation/alternative_hypotheses.h"
 
 #include <gtest/gtest.h>
 
@@ -63,25 +63,25 @@ TEST(ContestObjects, TurnsABoxThatStandsTheWrongWayRound) {
     const PreparedObject& box = *views.objects[0];
     views.Place(Turn(box, std::numbers::pi / 2, Eigen::Vector3d::UnitZ()));
     const double wrong = views.scene.objects[0].score;
-    const std::vector<Rival> rivals = ContestObjects(views.context, {}, {}, &views.scene);
-    EXPECT_FALSE(rivals.empty());
+    const std::vector<Alternative> alternatives = ContestObjects(views.context, {}, &views.scene);
+    EXPECT_FALSE(alternatives.empty());
     EXPECT_GT(views.scene.objects[0].score, wrong);
     // Right up to the half turn, which is a symmetry that nobody declared.
     EXPECT_GT(std::abs(views.scene.objects[0].scene_from_object.R(0, 0)), 0.98);
-    for (const Rival& r : rivals) EXPECT_EQ(r.accepted, 0);
+    for (const Alternative& r : alternatives) EXPECT_EQ(r.accepted, 0);
   }
 }
 
 TEST(MakeResult, SaysWhenAnotherPoseOfTheObjectScoresAsWell) {
   OneObjectViews views(Box(0.1, 0.104, 0.06), 4, 0.4, 0.0);
   views.Place({});
-  Rival rival{0, views.scene.objects[0], views.scene.objects[0].score - 0.08, 0.0};
+  Alternative alternative{0, views.scene.objects[0], views.scene.objects[0].score - 0.08, 0.0};
   const auto state = [&](bool trusted) {
     return MakeResult(views.context,
                       views.scene,
                       {},
-                      RunnersUp(views.context, views.scene, {}, {&rival, 1}),
-                      {&rival, 1},
+                      BestCompeting(views.context, views.scene, {}, {&alternative, 1}),
+                      {&alternative, 1},
                       trusted);
   };
   EXPECT_EQ(state(true).state, RecognitionState::kRecognized);
@@ -90,9 +90,9 @@ TEST(MakeResult, SaysWhenAnotherPoseOfTheObjectScoresAsWell) {
   ASSERT_EQ(loose.objects.size(), 1u);
   EXPECT_EQ(loose.objects[0].alternatives, std::vector<int>{0});
   EXPECT_FALSE(loose.detail.empty());
-  rival.score = views.scene.objects[0].score - 0.01;
+  alternative.score = views.scene.objects[0].score - 0.01;
   EXPECT_EQ(state(true).state, RecognitionState::kAmbiguous);
-  rival.score = 0.0;
+  alternative.score = 0.0;
   EXPECT_EQ(state(false).state, RecognitionState::kRecognized);
 }
 
@@ -104,7 +104,7 @@ TEST(MakeResult, AnswersNothingWithoutParallax) {
     EXPECT_GT(parallax, step);  // 3 steps about a point below the cameras
     EXPECT_LT(parallax, 3.0 * step + 1e-6);
     const RecognitionResult r = MakeResult(
-        views.context, views.scene, {}, RunnersUp(views.context, views.scene, {}), {}, true);
+        views.context, views.scene, {}, BestCompeting(views.context, views.scene, {}), {}, true);
     if (3 * step < 0.035) {
       EXPECT_EQ(r.state, RecognitionState::kNoParallax);
       EXPECT_TRUE(r.objects.empty());
@@ -134,15 +134,17 @@ TEST(MakeResult, OneViewIsNotRefusedForParallax) {
   OneObjectViews views(LBracket(), 1, 0.1, 0.0);
   views.Place({});
   EXPECT_EQ(LargestParallax(views.context, views.scene), 0.0);
-  EXPECT_EQ(MakeResult(
-                views.context, views.scene, {}, RunnersUp(views.context, views.scene, {}), {}, true)
-                .state,
-            RecognitionState::kRecognized);
+  EXPECT_EQ(
+      MakeResult(
+          views.context, views.scene, {}, BestCompeting(views.context, views.scene, {}), {}, true)
+          .state,
+      RecognitionState::kRecognized);
   views.scene.objects.clear();
-  EXPECT_EQ(MakeResult(
-                views.context, views.scene, {}, RunnersUp(views.context, views.scene, {}), {}, true)
-                .state,
-            RecognitionState::kNothingFound);
+  EXPECT_EQ(
+      MakeResult(
+          views.context, views.scene, {}, BestCompeting(views.context, views.scene, {}), {}, true)
+          .state,
+      RecognitionState::kNothingFound);
 }
 
 }  // namespace

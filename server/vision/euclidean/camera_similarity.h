@@ -12,7 +12,7 @@ namespace horopter {
 
 // Views whose cameras are alike: each parameter is drawn to the views' mean with this deviation.
 // 0: not at all.
-struct CameraLikeness {
+struct CameraSimilarity {
   std::vector<int> views;  // known ones, two at least
   double log_focal_sigma = 0.0;
   double center_sigma_px = 0.0;
@@ -20,12 +20,12 @@ struct CameraLikeness {
 };
 
 // Sum of the squared distances from the means, in sigmas.
-double LikenessCost(std::span<const AdjustedView> views, std::span<const CameraLikeness> alike);
+double LikenessCost(std::span<const AdjustedView> views, std::span<const CameraSimilarity> alike);
 
 // Adds the same to normal equations A x = -b; at[v]: first of the four parameters log f, cx, cy, k1
 // of view v. b may be null.
 void AddLikeness(std::span<const AdjustedView> views,
-                 std::span<const CameraLikeness> alike,
+                 std::span<const CameraSimilarity> alike,
                  std::span<const int> at,
                  Eigen::MatrixXd* A,
                  Eigen::VectorXd* b);

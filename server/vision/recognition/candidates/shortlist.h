@@ -26,12 +26,12 @@ std::vector<PooledPose> PosesInSpace(const PreparedObject& object,
 // and only what comes near the best is kept.
 CornerSearchOptions RankingSearch();
 
-struct ProspectOptions {
+struct ShortlistOptions {
   int searched = 32;  // objects of the best promise; a catalog that is not larger is not ranked
   int refined = 150;  // objects, best quick score first, of which poses are refined at all
   int corners_asked = 80;  // in space, best shown first, that rank the objects
   int circles_asked = 30;
-  int table_paths_asked = 120;  // ... that rank the objects standing on the plane
+  int plane_paths_asked = 120;  // ... that rank the objects standing on the plane
   CornerSearchOptions corners = RankingSearch();
   int paths_asked = 24;  // of each image, best rank first, that rank the objects in single views
 };
@@ -40,19 +40,19 @@ struct ProspectOptions {
 // share the more there are, so that large parts are told from chance at lower scores.
 double Promise(const PreparedObject& object, std::span<const KnownView> views, const PooledPose& p);
 
-struct Prospects {
+struct Shortlist {
   std::vector<bool> searched;   // one flag per object
   std::vector<bool> shortlist;  // that a later look in better cameras needs to rank again
 };
 
 // Ranks the objects of `among` (one flag per object; empty: all) by what corners and circles in
 // space promise.
-Prospects PromisingInSpace(std::span<const std::shared_ptr<const PreparedObject>> objects,
+Shortlist PromisingInSpace(std::span<const std::shared_ptr<const PreparedObject>> objects,
                            std::span<const KnownView> views,
                            std::span<const SpaceCorner> corners,
                            std::span<const SpaceCircle> circles,
                            const std::vector<bool>& among,
-                           const ProspectOptions& options,
+                           const ShortlistOptions& options,
                            int threads);
 
 // Objects worth a search in single views whose cameras are not known: by the best of few image
@@ -61,7 +61,7 @@ Prospects PromisingInSpace(std::span<const std::shared_ptr<const PreparedObject>
 std::vector<bool> PromisingInViews(const JointContext& context,
                                    const std::vector<std::vector<ImagePath>>& paths,
                                    const std::vector<bool>& wanted,
-                                   const ProspectOptions& options);
+                                   const ShortlistOptions& options);
 
 // The indices of the `most` largest values, ties by index; of values above zero only.
 std::vector<int> Largest(std::span<const double> values, int most);

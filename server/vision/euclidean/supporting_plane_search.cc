@@ -1,4 +1,4 @@
-#include "server/vision/euclidean/support_plane.h"
+#include "server/vision/euclidean/supporting_plane_search.h"
 
 #include <algorithm>
 
@@ -17,12 +17,12 @@ double LowestAlong(const AdjustedObject& o, const Eigen::Vector3d& normal) {
 
 }  // namespace
 
-std::optional<SupportPlane> FindSupportPlane(const SceneBundle& bundle) {
+std::optional<SupportingPlane> FindSupportingPlane(const SceneBundle& bundle) {
   if (!bundle.plane.cells.empty()) {
     // plane.(X - anchor) = -1; the anchor, a mean camera, lies on its positive side.
     const double norm = bundle.plane.plane.norm();
-    SupportPlane plane{bundle.plane.plane / norm,
-                       (bundle.plane.plane.dot(bundle.plane.anchor) - 1.0) / norm};
+    SupportingPlane plane{bundle.plane.plane / norm,
+                          (bundle.plane.plane.dot(bundle.plane.anchor) - 1.0) / norm};
     bool above = true;
     double lowest = plane.offset_m;
     for (const AdjustedObject& o : bundle.objects) {
@@ -33,7 +33,7 @@ std::optional<SupportPlane> FindSupportPlane(const SceneBundle& bundle) {
     plane.offset_m = lowest;
     if (above) return plane;
   }
-  std::optional<SupportPlane> best;
+  std::optional<SupportingPlane> best;
   int most = 0;
   double best_margin = -1.0;
   for (const AdjustedObject& o : bundle.objects) {
@@ -56,7 +56,7 @@ std::optional<SupportPlane> FindSupportPlane(const SceneBundle& bundle) {
         continue;
       most = standing;
       best_margin = stable.margin_m;
-      best = SupportPlane{normal, lowest};
+      best = SupportingPlane{normal, lowest};
     }
   }
   return best;

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/candidates/table_sighting.h"
+#include "server/vision/recognition/candidates/plane_sighting.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -31,12 +31,12 @@ std::vector<StandingPart> StandingParts(const PreparedObject& object) {
     if (twin) continue;
     StandingPart part;
     const Eigen::Vector3d u = stable.up.unitOrthogonal();
-    part.table_from_object.R << u.transpose(), stable.up.cross(u).transpose(),
+    part.plane_from_object.R << u.transpose(), stable.up.cross(u).transpose(),
         stable.up.transpose();
-    part.table_from_object.t << 0.0, 0.0, stable.height_m;
+    part.plane_from_object.t << 0.0, 0.0, stable.height_m;
     for (const Eigen::Vector3d& v : object.model.vertices)
-      part.vertices.push_back(part.table_from_object * v);
-    const Outline outline = OutlineOnPlane(object, part.table_from_object, ScenePlane{});
+      part.vertices.push_back(part.plane_from_object * v);
+    const Outline outline = OutlineOnPlane(object, part.plane_from_object, SupportingPlane{});
     const Eigen::Vector2d middle = outline.Middle();
     part.outline_middle = (outline.x * middle.x() + outline.y * middle.y()).head<2>();
     parts.push_back(std::move(part));
@@ -44,14 +44,14 @@ std::vector<StandingPart> StandingParts(const PreparedObject& object) {
   return parts;
 }
 
-bool SightTable(const PinholeCamera& camera,
-                const Rigid3& camera_from_table,
+bool SightPlane(const PinholeCamera& camera,
+                const Rigid3& camera_from_plane,
                 const Eigen::Vector2d& pixel,
-                TableSighting* sighting) {
+                PlaneSighting* sighting) {
   const Eigen::Vector3d ray =
-      camera_from_table.R.transpose() * NormalizedPoint(camera, pixel).homogeneous();
+      camera_from_plane.R.transpose() * NormalizedPoint(camera, pixel).homogeneous();
   if (ray.z() > -0.02 * ray.norm()) return false;
-  const Eigen::Vector3d eye = -(camera_from_table.R.transpose() * camera_from_table.t);
+  const Eigen::Vector3d eye = -(camera_from_plane.R.transpose() * camera_from_plane.t);
   sighting->shift = ray.head<2>() / ray.z();
   sighting->base = eye.head<2>() - eye.z() * sighting->shift;
   return true;
@@ -66,8 +66,8 @@ double MaxHeight(std::span<const KnownView> views) {
 
 HeightMask SupportedHeights(std::span<const KnownView> views,
                             std::size_t own,
-                            const TableSighting& from,
-                            const TableSighting& to,
+                            const PlaneSighting& from,
+                            const PlaneSighting& to,
                             double max_height,
                             double needed_height) {
   constexpr int kPoints = 5;
@@ -111,9 +111,9 @@ HeightMask SupportedHeights(std::span<const KnownView> views,
 
 int YawsFromEdge(const Eigen::Vector3d& a,
                  const Eigen::Vector3d& b,
-                 const TableSighting& at_a,
-                 const TableSighting& at_b,
-                 TableYaw out[2]) {
+                 const PlaneSighting& at_a,
+                 const PlaneSighting& at_b,
+                 PlaneYaw out[2]) {
   // The sighting of b minus that of a, at their heights, is A + scale * B; its length is that of
   // the edge times scale.
   const Eigen::Vector2d ab = (b - a).head<2>();
@@ -128,7 +128,7 @@ int YawsFromEdge(const Eigen::Vector3d& a,
     const Eigen::Vector2d seen = A + scale * B;
     const double norms = seen.norm() * model_norm;
     if (norms <= 0) continue;
-    TableYaw yaw;
+    PlaneYaw yaw;
     yaw.units_per_metre = scale;
     yaw.cos_yaw = ab.dot(seen) / norms;
     yaw.sin_yaw = (ab.x() * seen.y() - ab.y() * seen.x()) / norms;
@@ -139,7 +139,7 @@ int YawsFromEdge(const Eigen::Vector3d& a,
   return n;
 }
 
-double MissOf(const TableYaw& yaw, const Eigen::Vector3d& vertex, const TableSighting& sighting) {
+double MissOf(const PlaneYaw& yaw, const Eigen::Vector3d& vertex, const PlaneSighting& sighting) {
   const double scale = yaw.units_per_metre;
   const Eigen::Vector2d seen = sighting.base + scale * vertex.z() * sighting.shift;
   return (yaw.position + scale * Turned(yaw.cos_yaw, yaw.sin_yaw, vertex.head<2>()) - seen).norm() /
@@ -147,13 +147,13 @@ double MissOf(const TableYaw& yaw, const Eigen::Vector3d& vertex, const TableSig
 }
 
 int PosesFromSightings(const Eigen::Vector3d vertices[3],
-                       const TableSighting sightings[3],
+                       const PlaneSighting sightings[3],
                        double tolerance,
-                       TableYaw out[2]) {
+                       PlaneYaw out[2]) {
   const Eigen::Vector3d &a = vertices[0], &b = vertices[1], &c = vertices[2];
   const double limit = tolerance * ((b - a).norm() + (c - b).norm());
   if (!IsUpright(a, b)) {
-    TableYaw yaws[2];
+    PlaneYaw yaws[2];
     const int found = YawsFromEdge(a, b, sightings[0], sightings[1], yaws);
     int n = 0;
     for (int i = 0; i < found; ++i) {
@@ -172,7 +172,7 @@ int PosesFromSightings(const Eigen::Vector3d vertices[3],
   const Eigen::Vector2d model = (c - b).head<2>(), seen = at_c - at_b;
   const double norms = model.norm() * seen.norm();
   if (norms <= 0) return 0;
-  TableYaw yaw;
+  PlaneYaw yaw;
   yaw.units_per_metre = scale;
   yaw.cos_yaw = model.dot(seen) / norms;
   yaw.sin_yaw = (model.x() * seen.y() - model.y() * seen.x()) / norms;

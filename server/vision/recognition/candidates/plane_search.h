@@ -6,15 +6,15 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "server/vision/recognition/candidates/plane_sighting.h"
 #include "server/vision/recognition/candidates/pose_votes.h"
 #include "server/vision/recognition/candidates/standing_poses.h"
-#include "server/vision/recognition/candidates/table_sighting.h"
 #include "server/vision/recognition/scene/scene_model.h"
 #include "server/vision/recognition/scene/support_surface.h"
 
 namespace horopter {
 
-struct TableSearchOptions {
+struct PlaneSearchOptions {
   int max_paths = 700;           // image paths per view, scale unknown
   double path_tolerance = 0.12;  // misfit of the third point, share of the path
   float quick_reach_px = 10.0f;  // working pixels
@@ -22,7 +22,7 @@ struct TableSearchOptions {
   float known_reach_px = 7.0f;   // ... once the cameras are known well
   SettleOptions settle;
   int kept_per_object = 8;      // distinct poses, scale unknown
-  int refined_seeds = 40;       // ... of all objects that are verified as seeds
+  int refined_initial = 40;     // ... of all objects that are verified as initial hypotheses
   double min_edge_px = 14.0;    // working pixels, scale known
   double min_partial = 0.5;     // seen share of an edge of which one end is hidden
   double min_path_votes = 2.0;  // of two-edge paths, scale unknown
@@ -31,32 +31,32 @@ struct TableSearchOptions {
   int peaks_over = 40;          // ... on a surface that is only searched over other parts
 };
 
-struct TablePose {
+struct PlanePose {
   Rigid3 scene_from_object;
   double quick = 0.0;
 };
 
 // Poses of one object on the scene's plane and on level surfaces above it, suggested by single
 // edges of the registered views. The scene must have a plane.
-class TableSearch {
+class PlaneSearch {
  public:
-  TableSearch(const JointContext& context,
+  PlaneSearch(const JointContext& context,
               const SceneModel& scene,
               const std::vector<SearchSurface>& surfaces,
-              const TableSearchOptions& options);
+              const PlaneSearchOptions& options);
   // Best quick score first, distinct.
-  std::vector<TablePose> Find(int object) const;
+  std::vector<PlanePose> Find(int object) const;
 
  private:
   struct SightedEdge {
-    TableSighting ends[2];
+    PlaneSighting ends[2];
     HeightMask heights;
     bool corner[2] = {false, false};  // the end is a junction
-    double pixel[2] = {0, 0};         // table metres per working pixel about the ends
+    double pixel[2] = {0, 0};         // plane metres per working pixel about the ends
     bool on_plane = false;
   };
   struct Disc {
-    Eigen::Vector2d center = Eigen::Vector2d::Zero();  // table frame, metres
+    Eigen::Vector2d center = Eigen::Vector2d::Zero();  // plane frame, metres
     double radius_m = 0.0;
   };
   struct Surface {
@@ -72,11 +72,11 @@ class TableSearch {
                         const std::vector<std::vector<const SightedEdge*>>& edges) const;
 
   const JointContext& context_;
-  TableSearchOptions options_;
-  Rigid3 scene_from_table_;
+  PlaneSearchOptions options_;
+  Rigid3 scene_from_plane_;
   double max_height_ = 0.0;
   std::vector<Surface> surfaces_;
-  std::vector<KnownView> views_;                 // in the table frame
+  std::vector<KnownView> views_;                 // in the supporting plane frame
   std::vector<std::vector<SightedEdge>> edges_;  // per entry of views_
 };
 

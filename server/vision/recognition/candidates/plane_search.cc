@@ -1,4 +1,4 @@
-#include "server/vision/recognition/candidates/table_search.h"
+#include "server/vision/recognition/candidates/plane_search.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -13,27 +13,27 @@ namespace {
 // Full edges must agree in length within this share plus kEndPx.
 constexpr double kLengthShare = 0.04;
 constexpr double kEndPx = 3.0;
-// Edges above this height (metres) do not move with the table.
+// Edges above this height (metres) do not move with the supporting plane.
 constexpr double kOnPlaneHeight = 0.004;
 constexpr double kPartialWeight = 0.5;  // vote of an edge of which one end is hidden
 
 }  // namespace
 
-TableSearch::TableSearch(const JointContext& context,
+PlaneSearch::PlaneSearch(const JointContext& context,
                          const SceneModel& scene,
                          const std::vector<SearchSurface>& surfaces,
-                         const TableSearchOptions& options)
+                         const PlaneSearchOptions& options)
     : context_(context), options_(options) {
   const Eigen::Vector3d z = scene.plane->normal;
   const Eigen::Vector3d x = z.unitOrthogonal();
-  scene_from_table_.R << x, z.cross(x), z;
-  scene_from_table_.t = z * scene.plane->offset_m;
+  scene_from_plane_.R << x, z.cross(x), z;
+  scene_from_plane_.t = z * scene.plane->offset_m;
   std::vector<std::size_t> index;
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
-    views_.push_back({&context.views[v].maps,
-                      scene.views[v]->camera,
-                      scene.views[v]->camera_from_scene * scene_from_table_});
+    views_.push_back(
+        {{scene.views[v]->camera, scene.views[v]->camera_from_scene * scene_from_plane_},
+         &context.views[v].maps});
     index.push_back(v);
   }
   max_height_ = MaxHeight(views_);
@@ -41,7 +41,7 @@ TableSearch::TableSearch(const JointContext& context,
   for (const SearchSurface& s : surfaces) {
     Surface& surface = surfaces_.emplace_back(Surface{s.height_m, {}});
     for (const SearchSurface::Disc& d : s.discs) {
-      surface.discs.push_back({(scene_from_table_.Inverse() * d.center).head<2>(), d.radius_m});
+      surface.discs.push_back({(scene_from_plane_.Inverse() * d.center).head<2>(), d.radius_m});
     }
     highest = std::max(highest, s.height_m);
   }
@@ -52,7 +52,7 @@ TableSearch::TableSearch(const JointContext& context,
     const std::size_t v = index[i];
     const ViewEvidence& evidence = context.views[v];
     const PinholeCamera& camera = views_[i].camera;
-    const Rigid3& camera_from_table = views_[i].camera_from_scene;
+    const Rigid3& camera_from_plane = views_[i].camera_from_scene;
     const ImageFeatures& features = *evidence.features;
     const auto& flags = context.matching->segment_on_plane;
     std::vector<Eigen::Vector2d> ends[2];
@@ -76,12 +76,12 @@ TableSearch::TableSearch(const JointContext& context,
       SightedEdge edge;
       bool seen = true;
       for (int e = 0; e < 2 && seen; ++e) {
-        seen = SightTable(camera, camera_from_table, ends[e][s], &edge.ends[e]);
+        seen = SightPlane(camera, camera_from_plane, ends[e][s], &edge.ends[e]);
         if (!seen) break;
         edge.corner[e] = corner[e][s];
         const Eigen::Vector3d p(edge.ends[e].base.x(), edge.ends[e].base.y(), 0.0);
-        const Eigen::Vector3d eye = camera_from_table.Inverse().t;
-        const double depth = (camera_from_table * p).z();
+        const Eigen::Vector3d eye = camera_from_plane.Inverse().t;
+        const double depth = (camera_from_plane * p).z();
         const double elevation = eye.z() / (eye - p).norm();
         edge.pixel[e] = depth / (camera.focal_px * evidence.maps.working_from_image) /
                         std::max(0.25, elevation);
@@ -95,10 +95,10 @@ TableSearch::TableSearch(const JointContext& context,
   });
 }
 
-std::vector<std::vector<const TableSearch::SightedEdge*>> TableSearch::EdgesOver(
+std::vector<std::vector<const PlaneSearch::SightedEdge*>> PlaneSearch::EdgesOver(
     const Surface& surface, double diameter_m) const {
   // Whether the edge's end, at some height that the part reaches, comes near enough to a disc.
-  const auto near = [&](const TableSighting& end) {
+  const auto near = [&](const PlaneSighting& end) {
     const Eigen::Vector2d low = end.base + surface.height_m * end.shift;
     const Eigen::Vector2d rise = diameter_m * end.shift;
     return std::any_of(surface.discs.begin(), surface.discs.end(), [&](const Disc& disc) {
@@ -118,7 +118,7 @@ std::vector<std::vector<const TableSearch::SightedEdge*>> TableSearch::EdgesOver
   return out;
 }
 
-PoseVotes TableSearch::VoteByEdges(
+PoseVotes PlaneSearch::VoteByEdges(
     const PreparedObject& object,
     const StandingPart& part,
     const Surface& surface,
@@ -126,7 +126,7 @@ PoseVotes TableSearch::VoteByEdges(
   PoseVotes votes;
   std::vector<Eigen::Vector3d> eyes;
   for (const KnownView& view : views_) eyes.push_back(view.camera_from_scene.Inverse().t);
-  const auto allowed = [&](const TableYaw& yaw) {
+  const auto allowed = [&](const PlaneYaw& yaw) {
     if (surface.discs.empty()) return true;
     const Eigen::Vector2d middle =
         yaw.position + Turned(yaw.cos_yaw, yaw.sin_yaw, part.outline_middle);
@@ -149,8 +149,8 @@ PoseVotes TableSearch::VoteByEdges(
         if (raised && sighted->on_plane) continue;
         if (level && !sighted->heights.At(p.z() / max_height_)) continue;
         for (const bool swapped : {false, true}) {
-          const TableSighting& sp = sighted->ends[swapped ? 1 : 0];
-          const TableSighting& sq = sighted->ends[swapped ? 0 : 1];
+          const PlaneSighting& sp = sighted->ends[swapped ? 1 : 0];
+          const PlaneSighting& sq = sighted->ends[swapped ? 0 : 1];
           const Eigen::Vector2d at_p = sp.base + p.z() * sp.shift;
           const Eigen::Vector2d at_q = sq.base + q.z() * sq.shift;
           const Eigen::Vector2d seen = at_q - at_p;
@@ -158,7 +158,7 @@ PoseVotes TableSearch::VoteByEdges(
           const double slack =
               kLengthShare * length + kEndPx * (sighted->pixel[0] + sighted->pixel[1]) / 2;
           if (seen_length > length + slack || seen_length < options_.min_partial * length) continue;
-          TableYaw yaw;
+          PlaneYaw yaw;
           yaw.cos_yaw = model.dot(seen) / (length * seen_length);
           yaw.sin_yaw = (model.x() * seen.y() - model.y() * seen.x()) / (length * seen_length);
           Eigen::Vector2d positions[2];
@@ -186,7 +186,7 @@ PoseVotes TableSearch::VoteByEdges(
   return votes;
 }
 
-std::vector<TablePose> TableSearch::Find(int k) const {
+std::vector<PlanePose> PlaneSearch::Find(int k) const {
   const PreparedObject& object = *context_.objects[k];
   PosePool pool(options_.min_quick);
   const std::vector<StandingPart> on_plane = StandingParts(object);
@@ -194,7 +194,7 @@ std::vector<TablePose> TableSearch::Find(int k) const {
     const auto edges = EdgesOver(surface, object.model.diameter_m);
     for (StandingPart part : on_plane) {
       if (IsStopRequested(context_.stop)) return {};
-      part.table_from_object.t.z() += surface.height_m;
+      part.plane_from_object.t.z() += surface.height_m;
       for (Eigen::Vector3d& v : part.vertices) v.z() += surface.height_m;
       ScorePeaks(object,
                  part,
@@ -206,10 +206,10 @@ std::vector<TablePose> TableSearch::Find(int k) const {
                  &pool);
     }
   }
-  std::vector<TablePose> out;
+  std::vector<PlanePose> out;
   for (const PooledPose& p :
        SettledPoses(object, views_, std::move(pool).Sorted(), options_.settle)) {
-    out.push_back({scene_from_table_ * p.table_from_object, p.quick});
+    out.push_back({scene_from_plane_ * p.plane_from_object, p.quick});
   }
   return out;
 }

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/initialization/rig_seeds.h"
+#include "server/vision/recognition/initialization/rig_initialization.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@ namespace horopter {
 namespace {
 
 // A part that leans on nothing: its poses come from single views, its scale from the others.
-TEST(RigSeeds, FindAPartThatDoesNotStand) {
+TEST(RigInitialScenes, FindAPartThatDoesNotStand) {
   Rigid3 truth = Standing(0.4, 0.02, 0.0, 0.05);
   truth.R =
       Eigen::AngleAxisd(0.5, Eigen::Vector3d(1, 1, 0).normalized()).toRotationMatrix() * truth.R;
@@ -34,7 +34,7 @@ TEST(RigSeeds, FindAPartThatDoesNotStand) {
     h.score = 0.8;
     context.hypotheses[v][0].best.push_back(h);
   }
-  const std::vector<SceneModel> found = RigSeeds(context, reconstruction, {});
+  const std::vector<SceneModel> found = RigInitialScenes(context, reconstruction, {});
   ASSERT_FALSE(found.empty());
   EXPECT_GT(found[0].objects[0].score, 0.6);
   for (std::size_t v = 0; v < table.cameras.size(); ++v) {
@@ -49,7 +49,7 @@ TEST(RigSeeds, FindAPartThatDoesNotStand) {
   }
   reconstruction.views.resize(1);
   reconstruction.views.resize(4);
-  EXPECT_TRUE(RigSeeds(context, reconstruction, {}).empty());  // one view has no scale
+  EXPECT_TRUE(RigInitialScenes(context, reconstruction, {}).empty());  // one view has no scale
 }
 
 }  // namespace

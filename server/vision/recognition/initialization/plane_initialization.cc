@@ -1,4 +1,4 @@
-#include "server/vision/recognition/initialization/table_seeds.h"
+#include "server/vision/recognition/initialization/plane_initialization.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
-#include "server/vision/recognition/candidates/prospects.h"
+#include "server/vision/recognition/candidates/shortlist.h"
 #include "server/vision/recognition/candidates/standing_poses.h"
 #include "server/vision/recognition/initialization/view_linking.h"
 #include "server/vision/recognition/scene/scene_refine.h"
@@ -15,14 +15,14 @@
 namespace horopter {
 namespace {
 
-constexpr double kMinSeedScore = 0.42;
+constexpr double kMinHypothesisScore = 0.42;
 
 // An image edge that ends at a junction b, with the edges that go on from there.
 struct SightedEdge {
-  TableSighting a, b;
+  PlaneSighting a, b;
   HeightMask heights;
   struct Next {
-    TableSighting c;
+    PlaneSighting c;
     HeightMask heights;
   };
   std::vector<Next> next;
@@ -69,11 +69,11 @@ std::vector<SightedEdge> SightEdges(const JointContext& context,
                       view < static_cast<int>(flags.size()) ? flags[view] : std::vector<bool>{},
                       context.views[view].maps.working_from_image,
                       max_paths)) {
-    TableSighting a, b, c;
+    PlaneSighting a, b, c;
     const PinholeCamera& camera = views[own].camera;
     const Rigid3& pose = views[own].camera_from_scene;
-    if (!SightTable(camera, pose, p.a, &a) || !SightTable(camera, pose, p.b, &b) ||
-        !SightTable(camera, pose, p.c, &c)) {
+    if (!SightPlane(camera, pose, p.a, &a) || !SightPlane(camera, pose, p.b, &b) ||
+        !SightPlane(camera, pose, p.c, &c)) {
       continue;
     }
     const auto [it, is_new] = at[{p.b.x(), p.b.y()}].try_emplace({p.a.x(), p.a.y()}, out.size());
@@ -98,7 +98,7 @@ void VoteByPaths(const PreparedObject& object,
     const Eigen::Vector3d &a = part.vertices[end.a], &b = part.vertices[end.b];
     const bool level_ab = std::abs(a.z() - b.z()) < kLevel, upright = IsUpright(a, b);
     for (const SightedEdge& seen : edges) {
-      const auto vote = [&](const TableYaw& yaw,
+      const auto vote = [&](const PlaneYaw& yaw,
                             const ModelEdgeEnd::Next& next,
                             const SightedEdge::Next& seen_next) {
         const double share = b.z() * yaw.units_per_metre / max_height;
@@ -107,12 +107,12 @@ void VoteByPaths(const PreparedObject& object,
         if (level_bc && !seen_next.heights.At(share)) return;
         if (EdgesVisible(object, part, yaw, eye, end.edge, next.edge)) votes->Add(yaw, 1.0);
       };
-      TableYaw yaws[2];
+      PlaneYaw yaws[2];
       if (upright) {
         for (const ModelEdgeEnd::Next& next : end.next) {
           const Eigen::Vector3d vertices[3] = {a, b, part.vertices[next.c]};
           for (const SightedEdge::Next& seen_next : seen.next) {
-            const TableSighting sightings[3] = {seen.a, seen.b, seen_next.c};
+            const PlaneSighting sightings[3] = {seen.a, seen.b, seen_next.c};
             const int n = PosesFromSightings(vertices, sightings, tolerance, yaws);
             for (int i = 0; i < n; ++i) vote(yaws[i], next, seen_next);
           }
@@ -135,11 +135,11 @@ void VoteByPaths(const PreparedObject& object,
 }
 
 // Distinct poses of one object, by the votes of all views.
-std::vector<PooledPose> SeedPoses(const JointContext& context,
-                                  std::span<const KnownView> views,
-                                  const std::vector<std::vector<SightedEdge>>& edges,
-                                  const PreparedObject& object,
-                                  const TableSearchOptions& options) {
+std::vector<PooledPose> InitialPoses(const JointContext& context,
+                                     std::span<const KnownView> views,
+                                     const std::vector<std::vector<SightedEdge>>& edges,
+                                     const PreparedObject& object,
+                                     const PlaneSearchOptions& options) {
   const std::vector<ModelEdgeEnd> ends = EdgeEnds(object);
   const double max_height = MaxHeight(views);
   PosePool pool(options.min_quick);
@@ -168,17 +168,17 @@ std::vector<PooledPose> SeedPoses(const JointContext& context,
 
 }  // namespace
 
-std::optional<SceneModel> RefinedSeed(const JointContext& context,
-                                      const Reconstruction& reconstruction,
-                                      double units_per_metre,
-                                      int object,
-                                      const Rigid3& world_from_object) {
+std::optional<SceneModel> RefinedHypothesis(const JointContext& context,
+                                            const Reconstruction& reconstruction,
+                                            double units_per_metre,
+                                            int object,
+                                            const Rigid3& world_from_object) {
   SceneModel scene;
   scene.views.resize(reconstruction.views.size());
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!reconstruction.views[v]) continue;
-    RecognizedView view{reconstruction.views[v]->camera,
-                        reconstruction.views[v]->camera_from_world};
+    CalibratedCamera view{reconstruction.views[v]->camera,
+                          reconstruction.views[v]->camera_from_world};
     view.camera_from_scene.t /= units_per_metre;
     scene.views[v] = view;
   }
@@ -195,63 +195,91 @@ std::optional<SceneModel> RefinedSeed(const JointContext& context,
   return scene;
 }
 
-std::vector<SceneModel> BestScales(std::vector<ScaledSeed> seeds,
+std::vector<SceneModel> BestScales(std::vector<ScaledHypothesis> starts,
                                    int max_scales,
                                    std::size_t catalog) {
-  const double price = PriceOfTrying(catalog);
-  const auto object_of = [](const ScaledSeed& s) { return s.scene.objects[0].object; };
-  std::erase_if(seeds, [](const ScaledSeed& s) { return s.scene.objects.empty(); });
-  // Evidence tells better than what is explained: among many objects some explain much at any
-  // scale.
-  const auto evidence_of = [&](const ScaledSeed& s) {
-    return std::max(0.0, EvidenceOf(s.scene.objects[0]) - price);
+  const double penalty = MultipleTestingPenalty(catalog);
+  const auto object_of = [](const ScaledHypothesis& s) { return s.scene.objects[0].object; };
+  std::erase_if(starts, [](const ScaledHypothesis& s) { return s.scene.objects.empty(); });
+  // EdgeLogLikelihoodRatio tells better than what is explained: among many objects some explain
+  // much at any scale.
+  const auto log_ratio_of = [&](const ScaledHypothesis& s) {
+    return std::max(0.0, LogLikelihoodRatio(s.scene.objects[0]) - penalty);
   };
   // A scale is as good as the parts that share it; parts of one object vote once.
   std::vector<int> order;
-  std::vector<double> votes(seeds.size(), 0.0);
-  for (std::size_t i = 0; i < seeds.size(); ++i) {
-    if (seeds[i].scene.objects[0].score < kMinSeedScore) continue;
+  std::vector<double> votes(starts.size(), 0.0);
+  for (std::size_t i = 0; i < starts.size(); ++i) {
+    if (starts[i].scene.objects[0].score < kMinHypothesisScore) continue;
     order.push_back(static_cast<int>(i));
     std::map<int, double> of_object;
-    for (const ScaledSeed& other : seeds) {
-      if (std::abs(std::log(seeds[i].units_per_metre / other.units_per_metre)) > kDistinctScale)
+    for (const ScaledHypothesis& other : starts) {
+      if (std::abs(std::log(starts[i].units_per_metre / other.units_per_metre)) > kDistinctScale)
         continue;
       double& vote = of_object[object_of(other)];
-      vote = std::max(vote, evidence_of(other));
+      vote = std::max(vote, log_ratio_of(other));
     }
     for (const auto& [object, vote] : of_object) votes[i] += vote;
   }
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-    return votes[a] + evidence_of(seeds[a]) > votes[b] + evidence_of(seeds[b]);
+    return votes[a] + log_ratio_of(starts[a]) > votes[b] + log_ratio_of(starts[b]);
   });
   std::vector<SceneModel> out;
   std::vector<double> chosen;
   for (const int i : order) {
     if (static_cast<int>(out.size()) >= max_scales) break;
-    const double units = seeds[i].units_per_metre;
+    const double units = starts[i].units_per_metre;
     if (std::any_of(chosen.begin(), chosen.end(), [&](double u) {
           return std::abs(std::log(u / units)) < kDistinctScale;
         })) {
       continue;
     }
     chosen.push_back(units);
-    out.push_back(std::move(seeds[i].scene));
+    out.push_back(std::move(starts[i].scene));
   }
   return out;
 }
 
-std::vector<SceneModel> TableSeeds(const JointContext& context,
-                                   const Reconstruction& reconstruction,
-                                   const TableSearchOptions& options,
-                                   int max_scales) {
-  const ProspectOptions prospects;
-  BeginStep(context, "table_sightings");
+namespace {
+
+// Poses of objects by number, each the first of a scene that is refined; empty scenes where none
+// is.
+std::vector<ScaledHypothesis> RefinedPoses(const JointContext& context,
+                                           const Reconstruction& reconstruction,
+                                           const std::vector<std::pair<int, PooledPose>>& best) {
+  std::vector<SceneModel> scenes(best.size());
+  std::vector<double> units(best.size(), 1.0);
+  ParallelFor(static_cast<int>(best.size()), context.options.threads, [&](int i) {
+    if (IsStopRequested(context.give_up)) return;
+    auto scene = RefinedHypothesis(context,
+                                   reconstruction,
+                                   best[i].second.units_per_metre,
+                                   best[i].first,
+                                   best[i].second.plane_from_object);
+    if (!scene) return;
+    units[i] = best[i].second.units_per_metre;
+    scenes[i] = *std::move(scene);
+  });
+  std::vector<ScaledHypothesis> starts;
+  for (std::size_t i = 0; i < scenes.size(); ++i)
+    starts.push_back({std::move(scenes[i]), units[i]});
+  return starts;
+}
+
+}  // namespace
+
+std::vector<SceneModel> PlaneInitialScenes(const JointContext& context,
+                                           const Reconstruction& reconstruction,
+                                           const PlaneSearchOptions& options,
+                                           int max_scales) {
+  const ShortlistOptions shortlist;
+  BeginStep(context, "plane_sightings");
   std::vector<KnownView> views;
   std::vector<int> index;
   for (std::size_t v = 0; v < reconstruction.views.size(); ++v) {
     if (!reconstruction.views[v]) continue;
     const ReconstructedView& view = *reconstruction.views[v];
-    views.push_back({&context.views[v].maps, view.camera, view.camera_from_world});
+    views.push_back({{view.camera, view.camera_from_world}, &context.views[v].maps});
     index.push_back(static_cast<int>(v));
   }
   if (views.size() < 2) return {};
@@ -268,27 +296,27 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
   const auto find = [&](const SightedViews& edges, const std::vector<bool>& wanted) {
     std::vector<std::vector<PooledPose>> found(context.objects.size());
     ParallelFor(static_cast<int>(found.size()), context.options.threads, [&](int k) {
-      if (wanted[k]) found[k] = SeedPoses(context, views, edges, *context.objects[k], options);
+      if (wanted[k]) found[k] = InitialPoses(context, views, edges, *context.objects[k], options);
     });
     return found;
   };
   const int objects = static_cast<int>(context.objects.size());
   const SightedViews edges = sight(options.max_paths);
 
-  BeginStep(context, "table_votes");
+  BeginStep(context, "plane_votes");
   std::vector<bool> wanted(objects, true);
-  if (objects > prospects.searched) {
-    const auto ranked = find(sight(prospects.table_paths_asked), wanted);
+  if (objects > shortlist.searched) {
+    const auto ranked = find(sight(shortlist.plane_paths_asked), wanted);
     std::vector<double> promise(objects, 0.0);
     for (int k = 0; k < objects; ++k) {
       for (const PooledPose& p : ranked[k]) promise[k] = std::max(promise[k], p.quick);
     }
     wanted.assign(objects, false);
-    for (const int k : Largest(promise, prospects.searched)) wanted[k] = true;
+    for (const int k : Largest(promise, shortlist.searched)) wanted[k] = true;
   }
   const std::vector<std::vector<PooledPose>> found = find(edges, wanted);
 
-  BeginStep(context, "table_seeds");
+  BeginStep(context, "plane_hypotheses");
   std::vector<std::pair<int, PooledPose>> best;
   for (int k = 0; k < objects; ++k) {
     for (const PooledPose& p : found[k]) best.push_back({k, p});
@@ -296,24 +324,10 @@ std::vector<SceneModel> TableSeeds(const JointContext& context,
   std::stable_sort(best.begin(), best.end(), [](const auto& a, const auto& b) {
     return a.second.quick > b.second.quick;
   });
-  if (static_cast<int>(best.size()) > options.refined_seeds) best.resize(options.refined_seeds);
-  std::vector<SceneModel> scenes(best.size());
-  std::vector<double> units(best.size(), 1.0);
-  ParallelFor(static_cast<int>(best.size()), context.options.threads, [&](int i) {
-    if (IsStopRequested(context.give_up)) return;
-    auto scene = RefinedSeed(context,
-                             reconstruction,
-                             best[i].second.units_per_metre,
-                             best[i].first,
-                             best[i].second.table_from_object);
-    if (!scene) return;
-    units[i] = best[i].second.units_per_metre;
-    scenes[i] = *std::move(scene);
-  });
-  std::vector<ScaledSeed> seeds;
-  for (std::size_t i = 0; i < scenes.size(); ++i) seeds.push_back({std::move(scenes[i]), units[i]});
+  if (static_cast<int>(best.size()) > options.refined_initial) best.resize(options.refined_initial);
+  std::vector<ScaledHypothesis> starts = RefinedPoses(context, reconstruction, best);
   if (IsStopRequested(context.give_up)) return {};  // a part of them may lack the right ones
-  return BestScales(std::move(seeds), max_scales, context.objects.size());
+  return BestScales(std::move(starts), max_scales, context.objects.size());
 }
 
 }  // namespace horopter

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/candidates/prospects.h"
+#include "server/vision/recognition/candidates/shortlist.h"
 
 #include <algorithm>
 #include <cmath>
@@ -47,7 +47,7 @@ double Promise(const PreparedObject& object,
                const PooledPose& p) {
   double radius_px = 0.0;
   for (const KnownView& view : views) {
-    const double depth = (view.camera_from_scene * (p.table_from_object * object.center)).z();
+    const double depth = (view.camera_from_scene * (p.plane_from_object * object.center)).z();
     if (!(depth > object.radius_m)) return 0.0;
     radius_px += object.radius_m * view.camera.focal_px * view.maps->working_from_image / depth;
   }
@@ -58,7 +58,7 @@ double Promise(const PreparedObject& object,
 std::vector<bool> PromisingInViews(const JointContext& context,
                                    const std::vector<std::vector<ImagePath>>& paths,
                                    const std::vector<bool>& wanted,
-                                   const ProspectOptions& options) {
+                                   const ShortlistOptions& options) {
   if (std::count(wanted.begin(), wanted.end(), true) <= options.searched) return wanted;
   const int objects = static_cast<int>(wanted.size()), views = static_cast<int>(paths.size());
   ViewHypothesisOptions few;
@@ -84,7 +84,7 @@ std::vector<bool> PromisingInViews(const JointContext& context,
                                                       of_view,
                                                       context.give_up)
                                        .pool) {
-      const KnownView view{&context.views[v].maps, h.camera, Rigid3{}};
+      const KnownView view{{h.camera, Rigid3{}}, &context.views[v].maps};
       best[i] =
           std::max(best[i], Promise(object, {&view, 1}, {h.camera_from_object, 1.0, h.score, 0.0}));
     }
@@ -105,12 +105,12 @@ std::vector<int> Largest(std::span<const double> values, int most) {
   return order;
 }
 
-Prospects PromisingInSpace(std::span<const std::shared_ptr<const PreparedObject>> objects,
+Shortlist PromisingInSpace(std::span<const std::shared_ptr<const PreparedObject>> objects,
                            std::span<const KnownView> views,
                            std::span<const SpaceCorner> corners,
                            std::span<const SpaceCircle> circles,
                            const std::vector<bool>& among,
-                           const ProspectOptions& options,
+                           const ShortlistOptions& options,
                            int threads) {
   const int count = static_cast<int>(objects.size());
   const std::vector<bool> all(count, true), none(count, false);
@@ -132,7 +132,7 @@ Prospects PromisingInSpace(std::span<const std::shared_ptr<const PreparedObject>
          SettledPoses(*objects[k], views, std::move(poses[k]), options.corners.settle))
       promise[k] = Promise(*objects[k], views, p);
   });
-  Prospects out{none, none};
+  Shortlist out{none, none};
   for (const int k : Largest(promise, options.searched)) out.searched[k] = true;
   for (const int k : refined) out.shortlist[k] = true;
   return out;

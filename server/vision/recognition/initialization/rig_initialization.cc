@@ -1,4 +1,4 @@
-#include "server/vision/recognition/initialization/rig_seeds.h"
+#include "server/vision/recognition/initialization/rig_initialization.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -6,8 +6,8 @@
 
 #include "absl/container/inlined_vector.h"
 #include "server/base/parallel_for.h"
-#include "server/vision/recognition/candidates/table_search.h"
-#include "server/vision/recognition/initialization/table_seeds.h"
+#include "server/vision/recognition/candidates/plane_search.h"
+#include "server/vision/recognition/initialization/plane_initialization.h"
 #include "server/vision/recognition/initialization/view_linking.h"
 
 namespace horopter {
@@ -30,9 +30,9 @@ double PlaneDepth(const ReconstructedView& view, const Eigen::Vector2d& pixel) {
 
 }  // namespace
 
-std::vector<SceneModel> RigSeeds(const JointContext& context,
-                                 const Reconstruction& reconstruction,
-                                 const RigSeedOptions& options) {
+std::vector<SceneModel> RigInitialScenes(const JointContext& context,
+                                         const Reconstruction& reconstruction,
+                                         const RigInitializationOptions& options) {
   const int views = static_cast<int>(context.views.size());
   const int known = static_cast<int>(std::count_if(reconstruction.views.begin(),
                                                    reconstruction.views.end(),
@@ -89,7 +89,7 @@ std::vector<SceneModel> RigSeeds(const JointContext& context,
   std::vector<SceneModel> scenes(all.size());
   ParallelFor(static_cast<int>(all.size()), context.options.threads, [&](int i) {
     if (IsStopRequested(context.give_up)) return;
-    auto scene = RefinedSeed(
+    auto scene = RefinedHypothesis(
         context, reconstruction, all[i].units_per_metre, all[i].object, all[i].world_from_object);
     if (scene) scenes[i] = *std::move(scene);
   });

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/initialization/table_seeds.h"
+#include "server/vision/recognition/initialization/plane_initialization.h"
 
 #include <gtest/gtest.h>
 
@@ -22,7 +22,7 @@ TEST_P(Noise, FindAPartAndTheScale) {
     view.camera_from_world.t *= kUnits;
     reconstruction.views.push_back(view);
   }
-  const std::vector<SceneModel> found = TableSeeds(context, reconstruction, {}, 3);
+  const std::vector<SceneModel> found = PlaneInitialScenes(context, reconstruction, {}, 3);
   ASSERT_FALSE(found.empty());
   const SceneModel& best = found[0];
   ASSERT_EQ(best.objects[0].object, 0);
@@ -41,17 +41,17 @@ TEST_P(Noise, FindAPartAndTheScale) {
 
 INSTANTIATE_TEST_SUITE_P(Sweep, Noise, testing::Values(0.0, 0.3, 0.6));
 
-TEST(TableSeeds, NeedTwoViews) {
+TEST(PlaneInitialScenes, NeedTwoViews) {
   Table table = MakeTable({{0, Standing(0.7, 0.02, -0.01, 0)}}, 1, 0.0, 15);
   Reconstruction reconstruction;
   reconstruction.views.resize(1);
-  EXPECT_TRUE(TableSeeds(table.Context(), reconstruction, {}, 3).empty());
+  EXPECT_TRUE(PlaneInitialScenes(table.Context(), reconstruction, {}, 3).empty());
 }
 
 // A scale that objects of several kinds agree on is surer than one that a single object fits best.
 TEST(BestScales, ScalesThatOtherObjectsShareComeFirstAndEachScaleOnce) {
   const auto scaled = [](int object, double score, double units) {
-    ScaledSeed h;
+    ScaledHypothesis h;
     h.units_per_metre = units;
     PlacedObject p;
     p.object = object;
@@ -67,7 +67,7 @@ TEST(BestScales, ScalesThatOtherObjectsShareComeFirstAndEachScaleOnce) {
                                                    scaled(1, 0.78, 1.0),
                                                    scaled(2, 0.77, 1.01),
                                                    scaled(1, 0.50, 4.0),
-                                                   ScaledSeed{}},
+                                                   ScaledHypothesis{}},
                                                   2,
                                                   20);
   ASSERT_EQ(best.size(), 2u);
