@@ -142,7 +142,7 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
     spdlog::error("left out of recognition: {}", failure);
   }
   if (loaded.prepared > 0) {
-    spdlog::info("{} objects prepared anew: their derived data were missing or out of date",
+    spdlog::info("{} objects prepared again: their derived data were missing or out of date",
                  loaded.prepared);
   }
   if (!loaded.stored.ok()) {
