@@ -292,7 +292,7 @@ void TakeAdjusted(const SceneBundle& b,
   for (std::size_t v = 0; v < b.views.size(); ++v) {
     if (!b.views[v].known) continue;
     PosedCamera c{{b.views[v].camera, b.views[v].camera_from_scene}, 0.0};
-    const int at = out->covariance.layout->view[v] + 6;
+    const int at = out->covariance.layout.view[v] + 6;
     if (known) c.focal_log_sigma = std::sqrt(out->covariance.matrix(at, at));
     out->cameras[v] = c;
   }
