@@ -43,9 +43,9 @@ absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>
 absl::Status ReportLookAlikes(HoropterClient& client, const std::string& id);
 absl::Status ObjectLookAlikes(HoropterClient& client, const std::string& id);
 
-// DATA_LOSS when a problem is found. recompute: derived data are recomputed and compared. Everything
-// is checked; with ids, only problems of these objects and of the catalog as a whole are reported.
-// Errors: NOT_FOUND (an id).
+// DATA_LOSS when a problem is found. recompute: derived data are recomputed and compared.
+// Everything is checked; with ids, only problems of these objects and of the catalog as a whole are
+// reported. Errors: NOT_FOUND (an id).
 absl::Status CatalogVerify(HoropterClient& client,
                            bool recompute,
                            const std::vector<std::string>& ids);

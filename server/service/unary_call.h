@@ -22,7 +22,8 @@
 namespace horopter {
 
 // Share of the time from a call's arrival to its deadline after which it is in a hurry: a third
-// round of search, the alternative hypotheses and the adjustment take about as long as what came before them.
+// round of search, the alternative hypotheses and the adjustment take about as long as what came
+// before them.
 inline constexpr double kUnhurriedShare = 0.6;
 
 struct CallInfo {
