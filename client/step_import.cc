@@ -26,6 +26,7 @@
 #include "client/brep_edges.h"
 #include "client/brep_file.h"
 #include "client/cad_findings.h"
+#include "client/edge_chains.h"
 #include "client/mesh_topology.h"
 #include "server/base/status_macros.h"
 
