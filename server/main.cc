@@ -108,6 +108,10 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_flag("--tiff-and-pnm",
                flags.server.images.tiff_and_pnm,
                "Also read TIFF and PNM images; only for clients that are trusted");
+  app.add_flag("--allow-variants",
+               flags.server.allow_variants,
+               "Requests may choose variants of the methods in metadata, horopter-variants; for "
+               "operators");
   app.add_option("--drain-seconds", flags.drain_seconds, "Time for running requests after SIGTERM")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();

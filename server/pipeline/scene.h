@@ -43,6 +43,7 @@ struct SceneRequest {
   // it; empty: none.
   std::string explained;
   bool unexplained_edges = false;  // SceneAnswer::unexplained_edges is wanted
+  std::string variants;            // of the methods, see variants.h; empty: the options as they are
 };
 
 // Why an answer is less than objects with poses in every frame that was asked for; see SceneReason
@@ -70,7 +71,7 @@ struct UnsearchedStep {
 };
 
 struct StageReport {
-  // features, matching, reconstruction, recognition, euclidean, explanation, second_pass
+  // features, matching, reconstruction, recognition, euclidean, explanation
   std::string stage;
   double seconds = 0.0;
   std::map<std::string, double> counts;
@@ -131,7 +132,7 @@ struct SceneAnswer {
   Eigen::MatrixXd joint_covariance;
   // When a reference was given and found; without one, when posed cameras were recovered.
   std::optional<Rigid3> base_from_scene;
-  std::optional<SupportPlane> plane;  // that the objects stand on, in the scene frame
+  std::optional<SupportingPlane> plane;  // that the objects stand on, in the scene frame
   std::optional<AnswerExplanation> explanation;
   // One entry per image; empty unless asked for.
   std::vector<EdgeLines> unexplained_edges;
@@ -153,9 +154,6 @@ struct SceneTrace {
   Reconstruction reconstruction;
   RecognitionResult recognition;
   std::optional<MetricScene> metric;
-  // The second pass: `matching` once more under the cameras of `metric`, so that all their views
-  // are linked. Empty when it was not asked for or nothing is recognised.
-  std::optional<MatchingResult> linked;
 };
 
 }  // namespace horopter

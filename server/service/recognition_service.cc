@@ -44,6 +44,14 @@ absl::Status CheckIds(const v1::RecognizeSceneRequest& proto,
   return absl::OkStatus();
 }
 
+absl::StatusOr<std::string> AllowedVariants(const std::string& named,
+                                            const RecognitionLimits& limits) {
+  if (named.empty() || limits.allow_variants) return named;
+  return FieldError(absl::StatusCode::kPermissionDenied,
+                    kVariantsKey,
+                    "this server takes no variants: start it with --allow-variants");
+}
+
 StageReport DecodeReport(std::chrono::steady_clock::time_point start, const SceneRequest& request) {
   StageReport report;
   report.stage = "decode";
@@ -154,9 +162,10 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
   HOROPTER_ASSIGN_OR_RETURN(const AnswerFormat format, AnswerFormatFromProto(request));
   const std::shared_ptr<const PublishedCatalog> published = store_.Published();
   HOROPTER_ASSIGN_OR_RETURN(
-      const SceneRequest scene,
+      SceneRequest scene,
       SceneRequestFromProto(request, limits_.images, limits_.decode_threads, call.limits.stop));
   HOROPTER_RETURN_IF_ERROR(CheckIds(request, scene, *published));
+  HOROPTER_ASSIGN_OR_RETURN(scene.variants, AllowedVariants(call.variants, limits_));
   StageReport decode = DecodeReport(start, scene);
 
   HOROPTER_ASSIGN_OR_RETURN(PipelineResult result,

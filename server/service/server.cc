@@ -145,7 +145,7 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
     spdlog::error("left out of recognition: {}", failure);
   }
   if (loaded.prepared > 0) {
-    spdlog::info("{} objects prepared anew: their derived data were missing or out of date",
+    spdlog::info("{} objects prepared again: their derived data were missing or out of date",
                  loaded.prepared);
   }
   if (!loaded.stored.ok()) {
@@ -168,6 +168,7 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   limits.images = options.images;
   limits.max_request_bytes = int64_t{options.max_message_mb} << 20;
   limits.decode_threads = options.threads_per_request;
+  limits.allow_variants = options.allow_variants;
   const ServedParts served{
       .store = *parts->store,
       .shelf = parts->shelf,

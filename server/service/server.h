@@ -48,7 +48,8 @@ struct ServerOptions {
   // have to name candidates.
   int max_objects = 5000;
   ImageLimits images;
-  TelemetryOptions telemetry;  // metrics, request log, traces, recordings; none by default
+  bool allow_variants = false;  // a request may choose variants of the methods (RecognitionLimits)
+  TelemetryOptions telemetry;   // metrics, request log, traces, recordings; none by default
 };
 
 // Errors: INVALID_ARGUMENT naming the option.

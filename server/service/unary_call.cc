@@ -57,6 +57,9 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     info_.limits.hurry = [state = state_] { return state->InHurry(); };
     info_.record = &call_.record();
     info_.request_id = call_.record().request_id;
+    const auto& metadata = context->client_metadata();
+    if (const auto variants = metadata.find(kVariantsKey); variants != metadata.end())
+      info_.variants.assign(variants->second.data(), variants->second.size());
   }
 
   // Queues the call or finishes it.

@@ -22,11 +22,13 @@
 namespace horopter {
 
 // Share of the time from a call's arrival to its deadline after which it is in a hurry: a third
-// round of search, the rivals and the adjustment take about as long as what came before them.
+// round of search, the alternative hypotheses and the adjustment take about as long as what came
+// before them.
 inline constexpr double kUnhurriedShare = 0.6;
 
 struct CallInfo {
   std::string request_id;
+  std::string variants;  // what the client's metadata say under kVariantsKey
   // stop: true once the client cancelled or its deadline passed; hurry: once kUnhurriedShare of the
   // time is gone, never without a deadline. Usable after the call as well.
   CallLimits limits;

@@ -12,18 +12,16 @@
 #include "server/base/stop_token.h"
 #include "server/vision/euclidean/findings.h"
 #include "server/vision/euclidean/grasps.h"
-#include "server/vision/euclidean/pose_perturbation.h"
 #include "server/vision/euclidean/scene_covariance.h"
 #include "server/vision/euclidean/shared_camera.h"
-#include "server/vision/euclidean/support_plane.h"
+#include "server/vision/euclidean/supporting_plane_search.h"
 #include "server/vision/euclidean/transform_graph.h"
+#include "server/vision/geometry/pose_perturbation.h"
 #include "server/vision/recognition/recognition.h"
 
 namespace horopter {
 
-struct PosedCamera {
-  PinholeCamera camera;
-  Rigid3 camera_from_scene;
+struct PosedCamera : CalibratedCamera {
   double focal_log_sigma = 0.0;
 };
 
@@ -44,7 +42,7 @@ struct MetricScene {
   std::vector<std::optional<PosedCamera>> cameras;
   std::vector<PosedObject> objects;
   SceneCovariance covariance;  // joint, of cameras and objects; indices as above
-  std::optional<SupportPlane> plane;
+  std::optional<SupportingPlane> plane;
   std::vector<ScaleSource> scales;  // objects, then focal lengths that were given
   std::vector<Finding> findings;
   double rms_px = 0.0;

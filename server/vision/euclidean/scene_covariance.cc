@@ -243,12 +243,12 @@ void AddPriors(const SceneBundle& bundle, const SceneBundleLayout& layout, Sandw
   }
 }
 
-// Inverse over the parameters that are not held; equilibrated, so that radians, metres and pixels
+// Inverse over the parameters that are not fixed; equilibrated, so that radians, metres and pixels
 // are treated alike.
-Eigen::MatrixXd InverseOfFree(const Eigen::MatrixXd& H, const std::vector<bool>& held) {
+Eigen::MatrixXd InverseOfFree(const Eigen::MatrixXd& H, const std::vector<bool>& fixed) {
   std::vector<int> free;
-  for (int i = 0; i < static_cast<int>(held.size()); ++i) {
-    if (!held[i]) free.push_back(i);
+  for (int i = 0; i < static_cast<int>(fixed.size()); ++i) {
+    if (!fixed[i]) free.push_back(i);
   }
   const int n = static_cast<int>(free.size());
   Eigen::MatrixXd A(n, n);
@@ -288,7 +288,7 @@ double MeanCurvature(double sigmas, const std::vector<double>& squared) {
 
 SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
                                        const NoiseOptions& options,
-                                       bool scales_held) {
+                                       bool scales_fixed) {
   SceneCovariance out;
   out.layout = LayoutOf(bundle);
   const int size = out.layout.size;
@@ -331,7 +331,7 @@ SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
   AddPlane(out.layout, plane, MeanCurvature(bundle.plane_cauchy_sigmas, squared_plane), ratio, &s);
   AddPriors(bundle, out.layout, &s);
   const Eigen::MatrixXd inverse =
-      InverseOfFree(s.H, Held(bundle, out.layout, {Gauge::kFirstView, scales_held}));
+      InverseOfFree(s.H, FixedMask(bundle, out.layout, {Gauge::kFirstView, scales_fixed}));
   if (!inverse.allFinite()) return out;
   // An adjustment explains a part of the scatter away: offset and tilt of an edge are two values.
   const double values = 2.0 * static_cast<double>(groups.size());

@@ -44,7 +44,7 @@ class Linker {
   LinkedScene Run() {
     LinkedScene best;
     if (in_.known != nullptr && !in_.known->objects.empty()) best = Completed(*in_.known);
-    for (const Draft& draft : Drafts(links_.Seeds())) {
+    for (const Draft& draft : Drafts(links_.InitialScenes())) {
       if (IsStopRequested(stop_) && !best.objects.empty()) break;
       LinkedScene scene = Completed(draft.scene);
       if (scene.score > best.score) best = std::move(scene);
@@ -96,7 +96,7 @@ class Linker {
     bool turned = false;
     for (LinkedObject& o : scene->objects) {
       std::vector<Rigid3> turns;
-      links_.AppendSpread(in_.parts[o.object].near_turns, &turns);
+      links_.turns().AppendSpread(in_.parts[o.object].near_turns, &turns);
       if (turns.empty()) continue;
       turns.insert(turns.begin(), Rigid3{});
       std::vector<double> scores(turns.size());

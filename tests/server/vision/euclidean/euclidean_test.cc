@@ -51,7 +51,7 @@ struct Scene {
                     pose.t + Eigen::Vector3d(move * g(rng), move * g(rng), move * g(rng))};
     };
     for (int v = 0; v < 5; ++v) {
-      RecognizedView view{cameras[v], camera_from_world[v]};
+      CalibratedCamera view{cameras[v], camera_from_world[v]};
       view.camera.focal_px *= 1.01;
       recognition.views.push_back(view);
     }
@@ -184,9 +184,9 @@ TEST(RefineMetricScene, NoObjectThatFitsIsAPrecondition) {
 TEST(FindPlanePoints, PlaneOfTheTableAndNothingFromTooFewMatches) {
   Scene scene(0.0, 9);
   std::mt19937 rng(9);
-  std::vector<std::optional<RecognizedView>> views;
+  std::vector<std::optional<CalibratedCamera>> views;
   for (int v = 0; v < 5; ++v)
-    views.push_back(RecognizedView{scene.cameras[v], scene.camera_from_world[v]});
+    views.push_back(CalibratedCamera{scene.cameras[v], scene.camera_from_world[v]});
   EXPECT_TRUE(FindPlanePoints(scene.matching, views).matches.empty());
   scene.AddTable(&rng);
   const PlanePoints plane = FindPlanePoints(scene.matching, views);
