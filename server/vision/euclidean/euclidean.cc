@@ -102,8 +102,8 @@ Refinement Begin(const RecognitionInput& input,
                          input.objects[recognition.objects[objects[i]].object].get()});
   }
   b.log_scale.assign(b.objects.size(), 0.0);
-  // Aspects need no plane, and are asked where the matched one gave no part: it may be the part's own
-  // print, or a background that moves against it.
+  // Aspects need no plane, and are asked where the matched one gave no part: it may be the part's
+  // own print, or a background that moves against it.
   if (input.matching != nullptr && recognition.plane_confirmed) {
     std::vector<std::optional<CalibratedCamera>> known(views);
     for (int v = 0; v < views; ++v) {

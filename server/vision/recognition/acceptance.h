@@ -121,7 +121,7 @@ struct AspectAcceptance {
   double focal_spread_more = 0.2;  // ... adds so much of it
   double min_probability = 0.6;    // commit 4502559, the same scenes
   // Precision of what is added beside the objects of a confirmed answer of another route: blocks
-  // fit into other blocks' edges; wrong ones had 0.59 and 0.67, right ones 0.71 and more. Commit
+  // fit into other blocks' edges; wrong ones had 0.59 and 0.67, right ones 0.69 and more. Commit
   // 07f9a46, `aspect_scene_report parts-dev val`.
   double other_precision = 0.70;
 };
