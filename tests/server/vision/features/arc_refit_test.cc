@@ -49,7 +49,7 @@ TEST(RefitArcs, BringsADisplacedArcBackToItsEdge) {
   EXPECT_LT((arc.center - truth.center).norm(), 0.1);
   EXPECT_NEAR(arc.semi_major_px, 60.0, 0.15);
   EXPECT_NEAR(arc.semi_minor_px, 40.0, 0.15);
-  EXPECT_NEAR(arc.sweep_rad, truth.sweep_rad, 0.1);
+  EXPECT_NEAR(arc.sweep_rad, truth.sweep_rad, 0.175);  // ends in steps of 5 degrees
 }
 
 TEST(RefitArcs, LeavesAnArcWithoutPointsAlone) {
