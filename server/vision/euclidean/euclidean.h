@@ -10,6 +10,7 @@
 
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
+#include "server/vision/euclidean/camera_group.h"
 #include "server/vision/euclidean/findings.h"
 #include "server/vision/euclidean/grasps.h"
 #include "server/vision/euclidean/pose_perturbation.h"
@@ -47,6 +48,7 @@ struct MetricScene {
   std::optional<SupportPlane> plane;
   std::vector<ScaleSource> scales;  // objects, then focal lengths that were given
   std::vector<Finding> findings;
+  CameraEvidence evidence;  // of the cameras, by the data alone
   double rms_px = 0.0;
   std::map<std::string, double> counts;
 };
@@ -83,6 +85,18 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                                               const RecognitionResult& recognition,
                                               const EuclideanOptions& options,
                                               const StopRequested& stop = {});
+
+// The same where the cameras are known as a group (a calibrated station): its prior takes the place
+// of the weak ones and of the request's hints, and no view is asked whose camera took it.
+// Errors: also INVALID_ARGUMENT (the group has a view that recognition has not).
+absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
+                                              const RecognitionResult& recognition,
+                                              const CameraGroupPrior& group,
+                                              const EuclideanOptions& options,
+                                              const StopRequested& stop = {});
+
+// What recognition would have said, had it known the adjusted scene: to adjust it again.
+RecognitionResult AsRecognized(const MetricScene& metric, RecognitionResult recognition);
 
 // Frames of a metric scene in a transformation graph.
 struct SceneFrames {

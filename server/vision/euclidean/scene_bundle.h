@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "server/vision/euclidean/camera_group.h"
 #include "server/vision/euclidean/camera_likeness.h"
 #include "server/vision/euclidean/edge_observations.h"
 #include "server/vision/euclidean/plane_cells.h"
@@ -33,6 +34,7 @@ struct SceneBundle {
   std::vector<AdjustedView> views;
   std::vector<CameraPrior> priors;         // per view
   std::vector<CameraLikeness> alike;       // no view in two of them
+  CameraGroupPrior group;                  // of known views; empty: nothing is known of them together
   std::vector<double> working_from_image;  // per view
   std::vector<AdjustedObject> objects;
   std::vector<double> log_scale;  // per object, 0: as enrolled
