@@ -187,7 +187,7 @@ void Report(int stations) {
         std::cout << "false alarm: station " << s << " request " << r << ": " << test.squared
                   << " > " << test.limit << "\n";
       }
-      state = UpdateStation(state, views, scene->evidence, test.changes, options);
+      state = UpdateStation(state, views, scene->evidence, test, options);
       if (r == 9) Check(state, rig, &after_10);
     }
     Check(state, rig, &after_30);

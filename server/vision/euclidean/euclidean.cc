@@ -344,6 +344,7 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
     for (const int k : misfits) out.findings.push_back(Rejected(recognition.objects[k].object));
     std::erase_if(
         kept, [&](int k) { return std::find(misfits.begin(), misfits.end(), k) != misfits.end(); });
+    if (kept.empty()) return absl::FailedPreconditionError("no object fits the cameras of others");
     r = Begin(input, recognition, kept, group, options);
     HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   }

@@ -275,6 +275,7 @@ struct Hypothesis {
   StationViews views;
   bool passes = false;
   double squared = 0.0, limit = 0.0;
+  int freedoms = 0;
   double minus_log = std::numeric_limits<double>::infinity();  // twice minus the log likelihood
 };
 
@@ -297,6 +298,7 @@ void Judge(const StationState& state,
   const Comparison all = Compare(p, evidence, e->lens, options);
   const Distance d = DistanceOf(all.offset, all.S);
   e->squared = d.squared;
+  e->freedoms = all.freedoms;
   e->limit = ChiSquareLimit(all.freedoms, options.alarm_sigmas);
   e->minus_log = d.squared + d.log_determinant;
   if (!std::isfinite(e->minus_log)) e->minus_log = std::numeric_limits<double>::infinity();
@@ -536,6 +538,7 @@ StationTest TestStation(const StationState& state,
   Hypothesis best = Nothing(state, views);
   Judge(drifted, evidence, options, &best);
   out.squared = best.squared;
+  out.freedoms = best.freedoms;
   out.limit = best.limit;
   out.agrees = best.passes;
   if (out.agrees) return out;
@@ -570,8 +573,8 @@ StationTest TestStation(const StationState& state,
     }
   }
   // How much: what is learnt when only that is forgotten which changed.
-  std::vector<StationChange> of_first = out.changes;
-  for (StationChange& change : of_first) change.cameras.resize(1);
+  StationTest of_first = out;
+  for (StationChange& change : of_first.changes) change.cameras.resize(1);
   const StationState now = UpdateStation(state, views, evidence, of_first, options);
   for (StationChange& change : out.changes) {
     const StationCamera &before = state.cameras[change.cameras[0]],
@@ -592,9 +595,9 @@ StationTest TestStation(const StationState& state,
 StationState UpdateStation(StationState state,
                            const StationViews& views,
                            const CameraEvidence& evidence,
-                           const std::vector<StationChange>& changes,
+                           const StationTest& test,
                            const StationOptions& options) {
-  for (const StationChange& change : changes) {
+  for (const StationChange& change : test.changes) {
     for (const int c : change.cameras) {
       if (change.kind == StationChangeKind::kMoved) ForgetPlace(c, &state);
       if (change.kind == StationChangeKind::kLens) ForgetLens(c, options, &state);
@@ -604,6 +607,11 @@ StationState UpdateStation(StationState state,
   if (evidence.information.size() == 0) return state;
   ForgetZooms(options, &state);
   const CameraGroup& group = evidence.group;
+  // Evidence that agrees, but badly, has more noise than it says.
+  const double scatter = test.agrees ? test.squared / std::max(1, test.freedoms) : 1.0;
+  const double narrowing = 1.0 / (options.widening * options.widening * std::max(1.0, scatter));
+  const Eigen::MatrixXd information = narrowing * evidence.information;
+  const Eigen::VectorXd vector = narrowing * evidence.vector;
   std::vector<bool> seen(state.cameras.size(), false);
   for (const int v : group.views) {
     if (views[v] >= 0) seen[views[v]] = true;
@@ -650,10 +658,9 @@ StationState UpdateStation(StationState state,
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     const std::vector<AdjustedView> at = ViewsOf(p, group);
     const Eigen::MatrixXd J = PredictionJacobian(p, group, at) * unit.asDiagonal();
-    const Eigen::MatrixXd weighted = J.transpose() * evidence.information;
+    const Eigen::MatrixXd weighted = J.transpose() * information;
     const Eigen::VectorXd d = unit.cwiseInverse().asDiagonal() * moved;
-    const Eigen::VectorXd b = J.transpose() * evidence.vector -
-                              weighted * (GroupOffset(group, at) - J * d);
+    const Eigen::VectorXd b = J.transpose() * vector - weighted * (GroupOffset(group, at) - J * d);
     const Eigen::PartialPivLU<Eigen::MatrixXd> lu(Eigen::MatrixXd::Identity(size, size) +
                                                   P * (weighted * J));
     after = lu.solve(P);

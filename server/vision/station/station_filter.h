@@ -34,10 +34,10 @@ struct StationOptions {
   double k1_sigma = 0.03;
   // Of a lens that was focused anew, zoomed or exchanged.
   double changed_log_focal = 0.2;
-  double changed_center = 0.01;  // of the width
+  double changed_center = 0.002;  // of the width: a turn moves the image further
   double changed_k1 = 0.03;
-  // Evidence is taken for this many times less sure when it is tested: real parts are not quite
-  // their models. Higher: fewer false alarms, small changes are seen later.
+  // Evidence is taken for this many times less sure than it says: real parts are not quite their
+  // models. Higher: fewer false alarms, small changes are seen later.
   double widening = 1.25;
   // Of the normal distribution: the distance of prior and evidence beyond which they differ is that
   // of chi^2 where the normal has this many deviations; 4.5: once in 300 000.
@@ -94,6 +94,7 @@ struct StationChange {
 struct StationTest {
   bool agrees = true;
   double squared = 0.0;  // Mahalanobis distance
+  int freedoms = 0;      // of the numbers compared
   double limit = 0.0;    // that it must not exceed
   std::vector<StationChange> changes;
 };
@@ -104,12 +105,13 @@ StationTest TestStation(const StationState& state,
                         const CameraEvidence& evidence,
                         const StationOptions& options);
 
-// The state after the request: what changed is forgotten, then the evidence is added. Of swapped
-// cameras, and of empty evidence, nothing is learnt.
+// The state after the request: what changed (test.changes) is forgotten, then the evidence is
+// added, the less the further it is from what was expected. Of swapped cameras, and of empty
+// evidence, nothing is learnt.
 StationState UpdateStation(StationState state,
                            const StationViews& views,
                            const CameraEvidence& evidence,
-                           const std::vector<StationChange>& changes,
+                           const StationTest& test,
                            const StationOptions& options);
 
 // Standard deviations of a camera: turn about each axis and shift (root mean square), log f,
