@@ -65,6 +65,7 @@ struct PipelineOptions {
   ReconstructionOptions reconstruction;
   RecognitionOptions recognition;
   EuclideanOptions euclidean;
+  StationOptions station;  // of requests that name one
   // Matches everything once more under the cameras of the recognised parts (SceneTrace::linked);
   // the answer does not change. About as dear as one round of matching.
   bool second_pass = false;
@@ -78,6 +79,7 @@ struct PipelineOptions {
 struct PipelineResult {
   SceneAnswer answer;
   SceneTrace trace;
+  std::optional<StationOutcome> station;  // of a request that names one
 };
 
 // The options as the stages see them: what several stages share has one place in the tree, and is

@@ -14,9 +14,10 @@ struct StationScene {
   CameraEvidence evidence;  // to learn from
 };
 
-// The prior stands when the evidence of the images alone agrees with it. Where it does not, it
-// stands when the evidence about the scene that was adjusted under it does, and no edges were lost
-// by it: of weak scenes the images' own optimum is far from the truth. Then `test` is the latter.
+// The prior stands when the evidence of a scene that is adjusted with no more than loose focal
+// lengths agrees with it. Where it does not, it stands when the evidence of the scene that was
+// adjusted under it does, and no edges were lost by it: the optimum of weak scenes is far from the
+// truth. Then `test` is the latter. Where it does not stand the scene is the images' alone.
 // input.hints: of the request alone, not drawn from the station.
 // Errors: those of RefineMetricScene, INVALID_ARGUMENT (views: one per image).
 absl::StatusOr<StationScene> RefineUnderStation(const RecognitionInput& input,

@@ -25,8 +25,11 @@ constexpr double kUnknownShiftSigmaM = 3.0;
 constexpr double kOpenTurn = 1.0, kOpenShiftM = 3.0, kOpenLogFocal = 1.0, kOpenCenterPx = 200.0,
                  kOpenK1 = 0.5;
 constexpr int kIterations = 4;
-constexpr double kAlikeLogLikelihood = 6.0;  // explanations this near cannot be told apart
+constexpr double kAlikeCriterion = 6.0;  // explanations this near cannot be told apart
 constexpr std::size_t kMostPermuted = 5;
+// Of a number that an explanation leaves free; Akaike's is 2, Bayes' the logarithm of the count of
+// points, about 6. Higher: a changed lens (4) is preferred to a moved camera (6).
+constexpr double kPriceOfFreedom = 4.0;
 
 using Vector10 = Eigen::Matrix<double, kCam, 1>;
 
@@ -252,20 +255,43 @@ Comparison Compare(const Prediction& p,
   return out;
 }
 
-struct Distance {
-  double squared = 0.0;
-  double log_determinant = 0.0;
-};
+// Of each parameter of the evidence, the variance when nothing else is known.
+Eigen::VectorXd OpenVariances(const CameraEvidence& evidence) {
+  const int n = static_cast<int>(evidence.group.views.size());
+  Vector10 open;
+  open << Eigen::Vector3d::Constant(kOpenTurn), Eigen::Vector3d::Constant(kOpenShiftM),
+      kOpenLogFocal, kOpenCenterPx, kOpenCenterPx, kOpenK1;
+  Eigen::MatrixXd A = evidence.information;
+  for (int i = 0; i < n; ++i)
+    A.diagonal().segment<kGroupParameters>(kGroupParameters * i) += open.cwiseAbs2().cwiseInverse();
+  const Eigen::VectorXd scale = A.diagonal().cwiseSqrt().cwiseInverse();
+  const Eigen::LDLT<Eigen::MatrixXd> ldlt(scale.asDiagonal() * A * scale.asDiagonal());
+  const Eigen::MatrixXd inverse = ldlt.solve(Eigen::MatrixXd::Identity(A.rows(), A.rows()));
+  return inverse.diagonal().cwiseProduct(scale.cwiseAbs2());
+}
 
-Distance DistanceOf(const Eigen::VectorXd& offset, const Eigen::MatrixXd& S) {
+// How far what is said of cameras that are not known yet can be believed, 0 .. 1.
+double Linearity(const StationState& state,
+                 const StationViews& views,
+                 const CameraEvidence& evidence,
+                 const StationOptions& options) {
+  double worst = 0.0;
+  Eigen::VectorXd variances;
+  for (std::size_t i = 0; i < evidence.group.views.size(); ++i) {
+    const int c = views[evidence.group.views[i]];
+    if (c < 0 || state.cameras[c].zooming) continue;
+    const int at = kCam * c + kLensAt;
+    if (std::sqrt(state.covariance(at, at)) <= options.near_log_focal) continue;
+    if (variances.size() == 0) variances = OpenVariances(evidence);
+    worst = std::max(worst, variances(kGroupParameters * static_cast<int>(i) + 6));
+  }
+  return 1.0 / (1.0 + worst / (options.linear_log_focal * options.linear_log_focal));
+}
+
+double SquaredDistance(const Eigen::VectorXd& offset, const Eigen::MatrixXd& S) {
   const Eigen::VectorXd scale = S.diagonal().cwiseSqrt().cwiseInverse();
   const Eigen::LLT<Eigen::MatrixXd> llt(scale.asDiagonal() * S * scale.asDiagonal());
-  Distance out;
-  const Eigen::MatrixXd L = llt.matrixL();
-  const Eigen::VectorXd w = L.triangularView<Eigen::Lower>().solve(scale.cwiseProduct(offset));
-  out.squared = w.squaredNorm();
-  out.log_determinant = 2.0 * (L.diagonal().array().log().sum() - scale.array().log().sum());
-  return out;
+  return llt.matrixL().solve(Eigen::VectorXd(scale.cwiseProduct(offset))).squaredNorm();
 }
 
 // One explanation of the images.
@@ -276,7 +302,8 @@ struct Hypothesis {
   bool passes = false;
   double squared = 0.0, limit = 0.0;
   int freedoms = 0;
-  double minus_log = std::numeric_limits<double>::infinity();  // twice minus the log likelihood
+  // The distance, and a price for each number that is free in it.
+  double criterion = std::numeric_limits<double>::infinity();
 };
 
 void Judge(const StationState& state,
@@ -296,19 +323,23 @@ void Judge(const StationState& state,
   }
   const Prediction p = Predict(supposed, e->views, evidence.group, options);
   const Comparison all = Compare(p, evidence, e->lens, options);
-  const Distance d = DistanceOf(all.offset, all.S);
-  e->squared = d.squared;
+  const double squared = SquaredDistance(all.offset, all.S);
+  e->squared = squared;
   e->freedoms = all.freedoms;
   e->limit = ChiSquareLimit(all.freedoms, options.alarm_sigmas);
-  e->minus_log = d.squared + d.log_determinant;
-  if (!std::isfinite(e->minus_log)) e->minus_log = std::numeric_limits<double>::infinity();
+  const auto count = [](const std::vector<bool>& b) {
+    return static_cast<double>(std::count(b.begin(), b.end(), true));
+  };
+  const double free = 6.0 * count(e->moved) + kLensSize * count(e->lens);
+  e->criterion = std::isfinite(squared) ? squared + kPriceOfFreedom * free
+                                          : std::numeric_limits<double>::infinity();
   e->passes = e->squared <= e->limit;
   for (const std::vector<int>& block : all.blocks) {
     const int k = static_cast<int>(block.size());
     if (static_cast<int>(all.offset.size()) < block.back() + 1) continue;
-    const Distance of_block = DistanceOf(all.offset.segment(block.front(), k),
-                                         all.S.block(block.front(), block.front(), k, k));
-    e->passes = e->passes && of_block.squared <= ChiSquareLimit(k, options.alarm_sigmas);
+    const double of_block = SquaredDistance(all.offset.segment(block.front(), k),
+                                            all.S.block(block.front(), block.front(), k, k));
+    e->passes = e->passes && of_block <= ChiSquareLimit(k, options.alarm_sigmas);
   }
 }
 
@@ -382,7 +413,7 @@ const Hypothesis* Best(const std::vector<Hypothesis>& all, bool only_passing) {
   const Hypothesis* best = nullptr;
   for (const Hypothesis& e : all) {
     if (only_passing && !e.passes) continue;
-    if (best == nullptr || e.minus_log < best->minus_log) best = &e;
+    if (best == nullptr || e.criterion < best->criterion) best = &e;
   }
   return best;
 }
@@ -395,7 +426,7 @@ std::vector<int> AlikeCameras(const std::vector<Hypothesis>& all,
   std::vector<int> out = {camera};
   const auto count = [](const std::vector<bool>& b) { return std::count(b.begin(), b.end(), true); };
   for (const Hypothesis& e : all) {
-    if (!e.passes || !e.swapped.empty() || e.minus_log > best.minus_log + kAlikeLogLikelihood) continue;
+    if (!e.passes || !e.swapped.empty() || e.criterion > best.criterion + kAlikeCriterion) continue;
     if (count(e.moved) != count(best.moved) || count(e.lens) != count(best.lens)) continue;
     const std::vector<bool>& mine = moved ? e.moved : e.lens;
     for (std::size_t c = 0; c < mine.size(); ++c) {
@@ -609,7 +640,8 @@ StationState UpdateStation(StationState state,
   const CameraGroup& group = evidence.group;
   // Evidence that agrees, but badly, has more noise than it says.
   const double scatter = test.agrees ? test.squared / std::max(1, test.freedoms) : 1.0;
-  const double narrowing = 1.0 / (options.widening * options.widening * std::max(1.0, scatter));
+  const double narrowing = Linearity(state, views, evidence, options) /
+                           (options.widening * options.widening * std::max(1.0, scatter));
   const Eigen::MatrixXd information = narrowing * evidence.information;
   const Eigen::VectorXd vector = narrowing * evidence.vector;
   std::vector<bool> seen(state.cameras.size(), false);
@@ -670,6 +702,9 @@ StationState UpdateStation(StationState state,
     move(moved);
   }
   after = unit.asDiagonal() * after * unit.asDiagonal();
+  for (int i = 0; i < size; ++i) {  // of the frame, up to rounding
+    if (p.P(i, i) == 0.0) ClearRows(i, 1, &after);
+  }
   const int kept = static_cast<int>(state.covariance.rows());
   if (!after.allFinite()) return state;
   state.covariance =

@@ -14,8 +14,6 @@
 
 namespace horopter {
 
-inline constexpr int kMaxStationCameras = 16;
-
 struct StationOptions {
   // Weight of what was learnt before a request, at that request. Lower: drift is followed sooner,
   // less is known: about 1 / (1 - weight) requests are remembered.
@@ -27,6 +25,11 @@ struct StationOptions {
   double drift_log_focal = 4e-4;
   double drift_center_px = 0.25;
   double drift_k1 = 3e-4;
+  // A scene of cameras that are not known yet is adjusted as far from the truth as its focal
+  // lengths are unsure, and what it says is linear only that near: beyond this deviation of log f
+  // it counts ever less. Higher: stations learn from weaker scenes, and more wrongly.
+  double linear_log_focal = 0.01;
+  double near_log_focal = 0.04;  // better known focal lengths keep the scene near the truth
   // Of any camera, before anything is known of it: as EuclideanOptions has them.
   double focal_widths = 1.5;
   double focal_log_sigma = 0.35;
@@ -38,7 +41,7 @@ struct StationOptions {
   double changed_k1 = 0.03;
   // Evidence is taken for this many times less sure than it says: real parts are not quite their
   // models. Higher: fewer false alarms, small changes are seen later.
-  double widening = 1.25;
+  double widening = 1.1;
   // Of the normal distribution: the distance of prior and evidence beyond which they differ is that
   // of chi^2 where the normal has this many deviations; 4.5: once in 300 000.
   double alarm_sigmas = 4.5;
