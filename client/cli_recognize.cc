@@ -85,8 +85,9 @@ void AddSceneOptions(CLI::App* command, RecognizeArguments& a) {
                       a.cameras.camera,
                       "calibration, one for all images or one for each: camera_info YAML of ROS "
                       "or YAML of OpenCV's calibration; scaled to the image's size");
-  command->add_option(
-      "--station", a.station, "ID of the station whose cameras took the images: see horopter station");
+  command->add_option("--station",
+                      a.station,
+                      "ID of the station whose cameras took the images: see horopter station");
   command
       ->add_option("--station-cameras",
                    a.station_cameras,

@@ -129,7 +129,8 @@ void PrintTable(const v1::RecognizeSceneResponse& response,
     const v1::StationReport& station = response.station();
     Say("%s: %s, %s\n",
         station.station().c_str(),
-        station.prior_used() ? "what is known of its cameras was used" : "its cameras by the images alone",
+        station.prior_used() ? "what is known of its cameras was used"
+                             : "its cameras by the images alone",
         station.learnt() ? "learnt from this request" : "learnt nothing");
     for (const v1::StationFinding& f : station.findings()) {
       Say("%s: %s\n",

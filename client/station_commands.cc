@@ -128,8 +128,7 @@ absl::Status StationSet(HoropterClient& client, const StationSetArguments& a) {
   station.set_name("stations/" + a.id);
   request.set_allow_missing(true);
   if (a.display_name) station.set_display_name(*a.display_name);
-  HOROPTER_RETURN_IF_ERROR(
-      AddCameras(a.id, a.moving, v1::StationCamera::MOTION_MOVING, &station));
+  HOROPTER_RETURN_IF_ERROR(AddCameras(a.id, a.moving, v1::StationCamera::MOTION_MOVING, &station));
   HOROPTER_RETURN_IF_ERROR(
       AddCameras(a.id, a.zooming, v1::StationCamera::MOTION_ZOOMING, &station));
   HOROPTER_RETURN_IF_ERROR(AddCameras(a.id, a.fixed, v1::StationCamera::MOTION_FIXED, &station));
@@ -180,8 +179,7 @@ absl::Status StationImport(HoropterClient& client,
   HOROPTER_ASSIGN_OR_RETURN(const CameraFile file, ReadCameraFile(path));
   if (file.lens) {
     return absl::InvalidArgumentError(absl::StrCat(
-        path,
-        ": a lens beyond k1 and square pixels is given with each image: recognize --camera"));
+        path, ": a lens beyond k1 and square pixels is given with each image: recognize --camera"));
   }
   if (file.width == 0 || file.height == 0)
     return absl::InvalidArgumentError(absl::StrCat(path, ": the size of the images is missing"));
@@ -206,7 +204,8 @@ absl::Status StationExport(HoropterClient& client,
                             client.ExportCalibration(CameraName(id, camera)));
   const auto list = [](const auto& numbers) {
     std::string out;
-    for (const double n : numbers) absl::StrAppendFormat(&out, "%s%.12g", out.empty() ? "" : ", ", n);
+    for (const double n : numbers)
+      absl::StrAppendFormat(&out, "%s%.12g", out.empty() ? "" : ", ", n);
     return out;
   };
   const double f = c.k(0), cx = c.k(2), cy = c.k(5);

@@ -104,11 +104,9 @@ absl::Status CheckStations(sqlite3* db, Problems* problems) {
     HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
     if (!row) return absl::OkStatus();
     if (const auto state = DecodeStationState(select.Bytes(1)); !state.ok()) {
-      problems->push_back({"",
-                           absl::StrCat("station ",
-                                        select.Text(0),
-                                        ": ",
-                                        std::string(state.status().message()))});
+      problems->push_back(
+          {"",
+           absl::StrCat("station ", select.Text(0), ": ", std::string(state.status().message()))});
     }
   }
 }

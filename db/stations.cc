@@ -58,8 +58,8 @@ absl::StatusOr<std::vector<StationRecord>> ReadStations(sqlite3* db,
     record.agreed_time = select.Text(6);
     absl::StatusOr<StationState> state = DecodeStationState(select.Bytes(7));
     if (!state.ok()) {
-      return absl::DataLossError(absl::StrCat(
-          "station ", record.id, ": ", std::string(state.status().message())));
+      return absl::DataLossError(
+          absl::StrCat("station ", record.id, ": ", std::string(state.status().message())));
     }
     record.state = *std::move(state);
   }
@@ -76,8 +76,8 @@ absl::Status WriteHandEye(sqlite3* db, const StationRecord& record) {
   Statement clear(db, "DELETE FROM station_hand_eye WHERE station_id = ?");
   clear.Bind(std::string_view(record.id));
   HOROPTER_RETURN_IF_ERROR(clear.Run());
-  Statement insert(db,
-                   "INSERT INTO station_hand_eye VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+  Statement insert(
+      db, "INSERT INTO station_hand_eye VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
   for (const auto& [camera, pose] : record.base_from_camera) {
     insert.Bind(std::string_view(record.id)).Bind(std::string_view(camera));
     for (int i = 0; i < 9; ++i) insert.Bind(pose.R(i / 3, i % 3));
@@ -174,8 +174,7 @@ absl::StatusOr<StationRecord> Catalog::WriteStation(const std::string& id,
   HOROPTER_RETURN_IF_ERROR(RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(std::vector<StationRecord> found, ReadStations(db, id, true, 1));
     std::vector<StationEventRecord> events;
-    HOROPTER_ASSIGN_OR_RETURN(written,
-                              change(found.empty() ? nullptr : &found.front(), &events));
+    HOROPTER_ASSIGN_OR_RETURN(written, change(found.empty() ? nullptr : &found.front(), &events));
     written.id = id;
     HOROPTER_ASSIGN_OR_RETURN(written.revision, CountWrite(db));
     HOROPTER_RETURN_IF_ERROR(WriteRow(db, written));
@@ -186,8 +185,7 @@ absl::StatusOr<StationRecord> Catalog::WriteStation(const std::string& id,
 }
 
 absl::Status Catalog::DeleteStation(
-    const std::string& id,
-    const std::function<absl::Status(const StationRecord& current)>& check) {
+    const std::string& id, const std::function<absl::Status(const StationRecord& current)>& check) {
   const std::lock_guard lock(mutex_);
   sqlite3* db = connection_->handle.get();
   return RunInTransaction(db, [&]() -> absl::Status {

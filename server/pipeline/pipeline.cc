@@ -499,8 +499,8 @@ absl::Status RunStation(const PipelineOptions& options,
     return std::count_if(
         r.hints.begin(), r.hints.end(), [](const CameraHint& h) { return h.focal_px.has_value(); });
   };
-  const bool anything_known = lenses(hinted) > lenses(request) ||
-                              hinted.camera_poses.size() > request.camera_poses.size();
+  const bool anything_known =
+      lenses(hinted) > lenses(request) || hinted.camera_poses.size() > request.camera_poses.size();
   result->station.emplace();
   for (const bool with_prior : {true, false}) {
     if (with_prior && !anything_known) continue;

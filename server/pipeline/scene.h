@@ -43,7 +43,7 @@ struct SceneRequest {
   // Id of an object that is looked for too and of which the answer says why it is, or is not, in
   // it; empty: none.
   std::string explained;
-  bool unexplained_edges = false;  // SceneAnswer::unexplained_edges is wanted
+  bool unexplained_edges = false;         // SceneAnswer::unexplained_edges is wanted
   std::optional<StationRequest> station;  // whose cameras took the images
 };
 

@@ -69,7 +69,8 @@ SceneRequest WithStationHints(const SceneRequest& request, const StationOptions&
 SceneRequest WithStationBase(const SceneRequest& request, const StationOptions&) {
   const StationRequest& station = *request.station;
   if (!request.camera_poses.empty()) return request;
-  const std::size_t cameras = std::min(station.state.cameras.size(), station.base_from_camera.size());
+  const std::size_t cameras =
+      std::min(station.state.cameras.size(), station.base_from_camera.size());
   std::optional<Rigid3> base_from_rig;
   for (std::size_t c = 0; c < cameras && !base_from_rig; ++c) {
     const StationCamera& camera = station.state.cameras[c];

@@ -16,8 +16,7 @@
 namespace horopter {
 namespace {
 
-constexpr const char* kServiceNames[] = {
-    "horopter.v1.RecognitionService",
+constexpr const char* kServiceNames[] = {"horopter.v1.RecognitionService",
                                          "horopter.v1.CatalogService",
                                          "horopter.v1.StationService",
                                          "horopter.v1.ServerService"};

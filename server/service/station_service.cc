@@ -332,8 +332,7 @@ grpc::ServerUnaryReactor* StationService::ImportCalibration(grpc::CallbackServer
       context,
       bytes,
       answer,
-      {{.name = "ImportCalibration"},
-       [this](const auto& request, const CallInfo&, auto* response) {
+      {{.name = "ImportCalibration"}, [this](const auto& request, const CallInfo&, auto* response) {
          return Import(catalog_, request, response);
        }});
 }

@@ -43,8 +43,8 @@ absl::StatusOr<StationViews> CamerasOf(const std::vector<std::string>& ids,
       return InvalidField(field, "a request of a station needs [a-z0-9_-]{1,63} here");
     int c = IndexOfCamera(*state, ids[i]);
     if (c < 0 && static_cast<int>(state->cameras.size()) >= kMostStationCameras)
-      return InvalidField(field,
-                          absl::StrCat("the station has ", kMostStationCameras, " cameras already"));
+      return InvalidField(
+          field, absl::StrCat("the station has ", kMostStationCameras, " cameras already"));
     const int width = images[i].cols, height = images[i].rows;
     if (c < 0) c = AddStationCamera(ids[i], width, height, options, state);
     StationCamera& camera = state->cameras[c];
@@ -73,10 +73,11 @@ std::string StationCameraName(const std::string& id, const std::string& camera) 
 absl::StatusOr<std::string> StationIdFromName(const std::string& name, const std::string& field) {
   const std::vector<std::string> parts = absl::StrSplit(name, '/');
   if (parts.size() == 2 && parts[0] == "stations" && IsStationId(parts[1])) return parts[1];
-  return InvalidField(field,
-                      absl::StrCat("'",
-                                   name.substr(0, 80),
-                                   "' is not stations/{station} with {station} of [a-z0-9_-]{1,63}"));
+  return InvalidField(
+      field,
+      absl::StrCat("'",
+                   name.substr(0, 80),
+                   "' is not stations/{station} with {station} of [a-z0-9_-]{1,63}"));
 }
 
 absl::StatusOr<StationCameraId> StationCameraFromName(const std::string& name,
@@ -93,8 +94,8 @@ absl::StatusOr<StationCameraId> StationCameraFromName(const std::string& name,
 
 std::string EtagOf(const StationRecord& record) {
   constexpr size_t kDigits = 16;
-  return Sha256Hex(absl::StrCat(
-                       "station\n", record.id, "\n", record.revision, "\n", record.update_time))
+  return Sha256Hex(
+             absl::StrCat("station\n", record.id, "\n", record.revision, "\n", record.update_time))
       .substr(0, kDigits);
 }
 
@@ -122,15 +123,16 @@ absl::StatusOr<StationStart> BeginStation(Catalog& catalog,
     record = *std::move(stored);
   } else {
     absl::StatusOr<StationState> brought = DecodeStationState(state);
-    if (!brought.ok()) return InvalidField("station_state", std::string(brought.status().message()));
+    if (!brought.ok())
+      return InvalidField("station_state", std::string(brought.status().message()));
     record.state = *std::move(brought);
   }
   out.state = EncodeStationState(record.state);
   out.agreed_request_id = record.agreed_request_id;
   out.agreed_time = record.agreed_time;
   out.request.state = std::move(record.state);
-  HOROPTER_ASSIGN_OR_RETURN(
-      out.request.views, CamerasOf(camera_ids, images, &out.request.state, &out.resized));
+  HOROPTER_ASSIGN_OR_RETURN(out.request.views,
+                            CamerasOf(camera_ids, images, &out.request.state, &out.resized));
   out.request.base_from_camera.resize(out.request.state.cameras.size());
   for (const auto& [camera, pose] : record.base_from_camera) {
     if (const int c = IndexOfCamera(out.request.state, camera); c >= 0)
@@ -181,8 +183,8 @@ absl::StatusOr<bool> TeachStation(Catalog& catalog,
   if (!start.learns || outcome.evidence.information.size() == 0) return false;
   const StationOptions options;
   bool learnt = false;
-  const auto teach = [&](const StationRecord* current, std::vector<StationEventRecord>* events)
-      -> absl::StatusOr<StationRecord> {
+  const auto teach = [&](const StationRecord* current,
+                         std::vector<StationEventRecord>* events) -> absl::StatusOr<StationRecord> {
     if (current == nullptr) return absl::NotFoundError("the station was deleted meanwhile");
     StationRecord next = *current;
     // The cameras by their ids: others may have been added since.

@@ -1,4 +1,5 @@
-// Stations as the service uses them: from the catalog's file to requests, and what they learnt back.
+// Stations as the service uses them: from the catalog's file to requests, and what they learnt
+// back.
 #pragma once
 
 #include <string>
@@ -33,7 +34,7 @@ std::string StationTime();
 struct StationStart {
   std::string id;
   StationRequest request;
-  std::string state;  // as bytes, for a recording
+  std::string state;                 // as bytes, for a recording
   std::vector<std::string> resized;  // cameras whose images have another size than before
   std::string agreed_request_id, agreed_time;
   bool learns = true;  // false: the request brought its state
@@ -50,7 +51,8 @@ absl::StatusOr<StationStart> BeginStation(Catalog& catalog,
 
 // Adds what the request says to the state that is stored now: other requests may have taught it
 // meanwhile, so that the evidence is tested again. False: nothing was learnt (nothing was
-// recognised, the cameras are swapped, the station is gone). Errors: those of Catalog::WriteStation.
+// recognised, the cameras are swapped, the station is gone). Errors: those of
+// Catalog::WriteStation.
 absl::StatusOr<bool> TeachStation(Catalog& catalog,
                                   const StationStart& start,
                                   const StationOutcome& outcome,

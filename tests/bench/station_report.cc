@@ -27,12 +27,12 @@ constexpr int kViews = 4;
 constexpr int kRequests = 30;
 
 std::vector<Part> Parts() {
-  return {PrepareObject(LBracket()).value(),
-          PrepareObject(Wedge()).value(),
-          PrepareObject(Prism("profile", {{0, 0}, {0.06, 0}, {0.05, 0.03}, {0.01, 0.045}}, 0.03))
-              .value(),
-          PrepareObject(Prism("step", {{0, 0}, {0.05, 0}, {0.05, 0.04}, {0.02, 0.055}}, 0.06))
-              .value()};
+  return {
+      PrepareObject(LBracket()).value(),
+      PrepareObject(Wedge()).value(),
+      PrepareObject(Prism("profile", {{0, 0}, {0.06, 0}, {0.05, 0.03}, {0.01, 0.045}}, 0.03))
+          .value(),
+      PrepareObject(Prism("step", {{0, 0}, {0.05, 0}, {0.05, 0.04}, {0.02, 0.055}}, 0.06)).value()};
 }
 
 struct Rig {
@@ -72,7 +72,7 @@ Rig MakeRig(int seed, const std::vector<Part>& parts) {
 }
 
 struct Statistic {
-  std::vector<double> focal, center;  // errors
+  std::vector<double> focal, center;                // errors
   std::map<std::string, std::pair<int, int>> held;  // of how many
 };
 
@@ -89,18 +89,20 @@ void Check(const StationState& state, const Rig& rig, Statistic* out) {
   }
   for (int c = 0; c < kViews; ++c) {
     const PinholeCamera &has = state.cameras[c].camera, &is = rig.cameras[c];
-    Eigen::Vector4d d(std::log(has.focal_px / is.focal_px), has.cx - is.cx, has.cy - is.cy,
-                      has.k1 - is.k1);
+    Eigen::Vector4d d(
+        std::log(has.focal_px / is.focal_px), has.cx - is.cx, has.cy - is.cy, has.k1 - is.k1);
     out->focal.push_back(std::abs(d(0)));
     out->center.push_back(d.segment<2>(1).norm());
-    const auto held = [&](const char* what, const Eigen::VectorXd& x, const Eigen::MatrixXd& P,
-                          double limit) {
-      auto& [in, of] = out->held[what];
-      in += x.dot(P.ldlt().solve(x)) <= limit;
-      ++of;
-    };
+    const auto held =
+        [&](const char* what, const Eigen::VectorXd& x, const Eigen::MatrixXd& P, double limit) {
+          auto& [in, of] = out->held[what];
+          in += x.dot(P.ldlt().solve(x)) <= limit;
+          ++of;
+        };
     held("focal length", d.head<1>(), state.covariance.block<1, 1>(10 * c + 6, 10 * c + 6), 3.841);
-    held("principal point", d.segment<2>(1), state.covariance.block<2, 2>(10 * c + 7, 10 * c + 7),
+    held("principal point",
+         d.segment<2>(1),
+         state.covariance.block<2, 2>(10 * c + 7, 10 * c + 7),
          5.991);
     held("lens (4)", d, state.covariance.block<4, 4>(10 * c + 6, 10 * c + 6), 9.488);
     if (frame < 0 || c == frame || !state.cameras[c].posed) continue;
@@ -150,8 +152,11 @@ void Report(int stations) {
         std::mt19937 rng(static_cast<unsigned>(seed));
         const int c = static_cast<int>(rng() % kViews);
         std::normal_distribution<double> normal;
-        const Eigen::Vector3d axis = Eigen::Vector3d(normal(rng), normal(rng), normal(rng)).normalized();
-        const auto detect = [&](const char* what, const Rig& changed, const StationViews& asked,
+        const Eigen::Vector3d axis =
+            Eigen::Vector3d(normal(rng), normal(rng), normal(rng)).normalized();
+        const auto detect = [&](const char* what,
+                                const Rig& changed,
+                                const StationViews& asked,
                                 StationChangeKind kind) {
           const auto scene = Request(parts, changed, seed, state, asked);
           if (!scene) return;
@@ -161,15 +166,19 @@ void Report(int stations) {
           d.alarmed += !test.agrees;
           const StationChange* found = Find(test, kind, c);
           d.named += found != nullptr;
-          d.alone += found != nullptr && test.changes.size() == 1 && found->cameras.size() == 1;
+          d.alone += found != nullptr && test.changes.size() == 1 &&
+                     (kind == StationChangeKind::kSwapped || found->cameras.size() == 1);
         };
         Rig turned = rig, zoomed = rig;
-        turned.poses[c] = Rigid3{RotationFromVector(axis * 0.5 * M_PI / 180), Eigen::Vector3d::Zero()} * turned.poses[c];
+        turned.poses[c] =
+            Rigid3{RotationFromVector(axis * 0.5 * M_PI / 180), Eigen::Vector3d::Zero()} *
+            turned.poses[c];
         zoomed.cameras[c].focal_px *= 1.02;
         detect("turned by 0.5 degrees", turned, views, StationChangeKind::kMoved);
         detect("focal length 2 % longer", zoomed, views, StationChangeKind::kLens);
         Rig far = rig;
-        far.poses[c] = Rigid3{RotationFromVector(axis * 0.05), Eigen::Vector3d(0.03, 0, 0)} * far.poses[c];
+        far.poses[c] =
+            Rigid3{RotationFromVector(axis * 0.05), Eigen::Vector3d(0.03, 0, 0)} * far.poses[c];
         detect("moved by 3 cm and 3 degrees", far, views, StationChangeKind::kMoved);
         StationViews other = views;
         std::swap(other[c], other[(c + 1) % kViews]);
@@ -198,7 +207,7 @@ void Report(int stations) {
             << " requests without an adjusted scene\n";
   for (const auto& [what, d] : detections) {
     std::cout << what << ": reported in " << d.alarmed << " of " << d.shown << ", rightly named in "
-              << d.named << ", alone in " << d.alone << "\n";
+              << d.named << ", and nothing else in " << d.alone << "\n";
   }
 }
 

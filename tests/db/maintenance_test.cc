@@ -207,7 +207,8 @@ TEST(DigestTest, ObjectsOfAnOlderSchemaGetTheirDigestsAndTheFileIsCopiedBefore) 
   // As the schema before digests left it.
   Tamper(path,
          "DROP TABLE station_event; DROP TABLE station_hand_eye; DROP TABLE station; "
-         "DROP TABLE station_writes; DROP TABLE object_digest; DROP TABLE label; DROP TABLE create_request; "
+         "DROP TABLE station_writes; DROP TABLE object_digest; DROP TABLE label; DROP TABLE "
+         "create_request; "
          "ALTER TABLE object DROP COLUMN revision; ALTER TABLE grasp DROP COLUMN kind; "
          "ALTER TABLE grasp DROP COLUMN cup_radius_m; PRAGMA user_version=3");
   {

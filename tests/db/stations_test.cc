@@ -77,8 +77,8 @@ TEST(Stations, AFailedChangeChangesNothing) {
   const int64_t revision = Teach(*catalog, "cell")->revision;
   const auto failed = catalog->WriteStation(
       "cell",
-      [](const StationRecord*, std::vector<StationEventRecord>* events)
-          -> absl::StatusOr<StationRecord> {
+      [](const StationRecord*,
+         std::vector<StationEventRecord>* events) -> absl::StatusOr<StationRecord> {
         events->push_back({});
         return absl::AbortedError("no");
       });

@@ -177,9 +177,8 @@ MetricSceneTruth MakeMetricScene(const MetricSceneOptions& options) {
       // Recognition fits what it sees: a turn stands for the offset of the principal point.
       const Eigen::Vector2d off(scene.cameras[v].cx - view.camera.cx,
                                 scene.cameras[v].cy - view.camera.cy);
-      const Rigid3 turn{RotationFromVector({-off.y() / view.camera.focal_px,
-                                            off.x() / view.camera.focal_px,
-                                            0.0}),
+      const Rigid3 turn{RotationFromVector(
+                            {-off.y() / view.camera.focal_px, off.x() / view.camera.focal_px, 0.0}),
                         Eigen::Vector3d::Zero()};
       view.camera_from_scene = turn * view.camera_from_scene;
     }

@@ -1,4 +1,5 @@
-// A rig of cameras around a middle, and what requests say of it: Gaussian evidence with known truth.
+// A rig of cameras around a middle, and what requests say of it: Gaussian evidence with known
+// truth.
 #pragma once
 
 #include <Eigen/Cholesky>
@@ -68,8 +69,8 @@ inline CameraEvidence SayOf(const SyntheticRig& rig,
     if (i > 0) d = 0.001 * off.head<6>();
     out.group.camera_from_anchor.push_back(
         Perturbed(rig.poses[c] * rig.poses[images[0]].Inverse(), d));
-    auto block = L.block<kGroupParameters, kGroupParameters>(kGroupParameters * i,
-                                                            kGroupParameters * i);
+    auto block =
+        L.block<kGroupParameters, kGroupParameters>(kGroupParameters * i, kGroupParameters * i);
     block.diagonal() = noise * sigmas;
     block(1, 7) = 0.7 * noise * sigmas(1);
     block(0, 8) = -0.7 * noise * sigmas(0);
@@ -90,8 +91,7 @@ inline CameraEvidence SayOf(const SyntheticRig& rig,
   out.information = Eigen::MatrixXd::Zero(P.rows(), P.cols());
   for (std::size_t i = 0; i < kept.size(); ++i) {
     for (std::size_t j = 0; j < kept.size(); ++j)
-      out.information(kept[i], kept[j]) =
-          information(static_cast<int>(i), static_cast<int>(j));
+      out.information(kept[i], kept[j]) = information(static_cast<int>(i), static_cast<int>(j));
   }
   out.vector = out.information * mean;
   return out;
@@ -100,11 +100,8 @@ inline CameraEvidence SayOf(const SyntheticRig& rig,
 inline StationState FreshStation(const SyntheticRig& rig, const StationOptions& options) {
   StationState state;
   for (std::size_t c = 0; c < rig.cameras.size(); ++c) {
-    AddStationCamera("camera" + std::to_string(c),
-                     rig.cameras[c].width,
-                     rig.cameras[c].height,
-                     options,
-                     &state);
+    AddStationCamera(
+        "camera" + std::to_string(c), rig.cameras[c].width, rig.cameras[c].height, options, &state);
   }
   return state;
 }

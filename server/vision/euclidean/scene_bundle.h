@@ -32,9 +32,9 @@ struct CameraPrior {
 
 struct SceneBundle {
   std::vector<AdjustedView> views;
-  std::vector<CameraPrior> priors;         // per view
-  std::vector<CameraLikeness> alike;       // no view in two of them
-  CameraGroupPrior group;                  // of known views; empty: nothing is known of them together
+  std::vector<CameraPrior> priors;    // per view
+  std::vector<CameraLikeness> alike;  // no view in two of them
+  CameraGroupPrior group;             // of known views; empty: nothing is known of them together
   std::vector<double> working_from_image;  // per view
   std::vector<AdjustedObject> objects;
   std::vector<double> log_scale;  // per object, 0: as enrolled

@@ -218,9 +218,7 @@ void AddPlane(const SceneBundleLayout& layout,
 }
 
 // Directions of the objects that nothing determines.
-void BoundObjects(const SceneBundle& bundle,
-                  const SceneBundleLayout& layout,
-                  Eigen::MatrixXd* H) {
+void BoundObjects(const SceneBundle& bundle, const SceneBundleLayout& layout, Eigen::MatrixXd* H) {
   for (std::size_t k = 0; k < bundle.objects.size(); ++k) {
     const double far = kUnknownDiameters * bundle.objects[k].model->model.diameter_m;
     for (int i = 0; i < 6; ++i) {
@@ -296,9 +294,9 @@ double MeanCurvature(double sigmas, const std::vector<double>& squared) {
 // All that the covariance and the evidence are made of.
 struct Assembled {
   SceneBundleLayout layout;
-  Sandwich s;              // H: with all priors
-  Eigen::MatrixXd H_seen;  // edges and plane
-  Eigen::VectorXd g_seen;  // gradient of their cost, halved
+  Sandwich s;               // H: with all priors
+  Eigen::MatrixXd H_seen;   // edges and plane
+  Eigen::VectorXd g_seen;   // gradient of their cost, halved
   Eigen::MatrixXd inverse;  // of H; zero where it is held
   EdgeScatter scatter;
   double dof = 1.0;  // factor on the edges' variance
@@ -455,12 +453,10 @@ CameraEvidence ComputeCameraEvidence(const SceneBundle& bundle, const NoiseOptio
       Eigen::MatrixXd::Zero(n, kGroupParameters * static_cast<int>(out.group.views.size()));
   for (int i = 0; i < n; ++i) from_group(i, place[i]) = 1.0;
   for (std::size_t i = 1; i < out.group.views.size(); ++i) {
-    const Matrix6d J = FirstInProduct(
-        bundle.views[out.group.views[i]].camera_from_scene,
-        bundle.views[out.group.views[0]].camera_from_scene.Inverse());
-    const int row = static_cast<int>(std::find(kept.begin(), kept.end(),
-                                               a.layout.view[out.group.views[i]]) -
-                                     kept.begin());
+    const Matrix6d J = FirstInProduct(bundle.views[out.group.views[i]].camera_from_scene,
+                                      bundle.views[out.group.views[0]].camera_from_scene.Inverse());
+    const int row = static_cast<int>(
+        std::find(kept.begin(), kept.end(), a.layout.view[out.group.views[i]]) - kept.begin());
     from_group.block<6, 6>(row, kGroupParameters * static_cast<int>(i)) = J.inverse();
   }
   // Equilibrated, so that radians, metres and pixels are treated alike.

@@ -19,10 +19,10 @@ inline constexpr int kStationIntrinsics = 6;  // where log f begins among them
 
 struct StationCamera {
   std::string id;
-  PinholeCamera camera;   // mean; its size is that of the images
-  bool moving = false;    // declared: only the intrinsics are kept
-  bool zooming = false;   // declared: the intrinsics are of one request
-  bool posed = false;     // camera_from_rig is known
+  PinholeCamera camera;  // mean; its size is that of the images
+  bool moving = false;   // declared: only the intrinsics are kept
+  bool zooming = false;  // declared: the intrinsics are of one request
+  bool posed = false;    // camera_from_rig is known
   Rigid3 camera_from_rig;
   std::int64_t requests = 0;  // that said something of it since it was forgotten
 };

@@ -1,5 +1,5 @@
-// The metric scene of a request whose cameras are a station's: adjusted by the images alone, tested,
-// and, where both agree, adjusted under what is known of the station.
+// The metric scene of a request whose cameras are a station's: adjusted by the images alone,
+// tested, and, where both agree, adjusted under what is known of the station.
 #pragma once
 
 #include "server/vision/euclidean/euclidean.h"

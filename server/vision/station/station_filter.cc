@@ -60,8 +60,7 @@ void AddDrift(const StationOptions& o, StationState* state) {
   for (std::size_t c = 0; c < state->cameras.size(); ++c) {
     const int at = kCam * static_cast<int>(c);
     auto diagonal = state->covariance.diagonal().segment<kCam>(at);
-    if (state->cameras[c].posed)
-      diagonal.head<6>() += drift.head<6>().cwiseAbs2();
+    if (state->cameras[c].posed) diagonal.head<6>() += drift.head<6>().cwiseAbs2();
     diagonal.tail<kLensSize>() += drift.tail<kLensSize>().cwiseAbs2();
   }
 }
@@ -79,11 +78,11 @@ struct Prediction {
   std::vector<PinholeCamera> cameras;  // of the state
   std::vector<Rigid3> places;          // of the state's cameras, then of single views
   Eigen::MatrixXd P;
-  std::vector<int> camera;    // per view of the evidence: of the state, -1: none
-  std::vector<int> place_at;  // per view: column of its place
-  std::vector<int> place;     // per view: index into places
-  std::vector<int> lens_at;   // per view: column of its lens
-  std::vector<bool> was_posed;  // per view
+  std::vector<int> camera;         // per view of the evidence: of the state, -1: none
+  std::vector<int> place_at;       // per view: column of its place
+  std::vector<int> place;          // per view: index into places
+  std::vector<int> lens_at;        // per view: column of its lens
+  std::vector<bool> was_posed;     // per view
   std::vector<bool> learns_place;  // per view: its place is to be the camera's
 };
 
@@ -160,7 +159,8 @@ Prediction Predict(const StationState& state,
                                out.places[out.place[known]];
     ClearRows(out.place_at[i], 6, &out.P);
     out.P.diagonal().segment<3>(out.place_at[i]).setConstant(kUnknownTurnSigma * kUnknownTurnSigma);
-    out.P.diagonal().segment<3>(out.place_at[i] + 3)
+    out.P.diagonal()
+        .segment<3>(out.place_at[i] + 3)
         .setConstant(kUnknownShiftSigmaM * kUnknownShiftSigmaM);
   }
   return out;
@@ -168,12 +168,12 @@ Prediction Predict(const StationState& state,
 
 // The cameras of the group as predicted, to be compared with it.
 std::vector<AdjustedView> ViewsOf(const Prediction& p, const CameraGroup& group) {
-  const int last = group.views.empty() ? -1 : *std::max_element(group.views.begin(), group.views.end());
+  const int last =
+      group.views.empty() ? -1 : *std::max_element(group.views.begin(), group.views.end());
   std::vector<AdjustedView> out(last + 1);
   for (std::size_t i = 0; i < group.views.size(); ++i) {
-    out[group.views[i]] = {true,
-                           p.camera[i] >= 0 ? p.cameras[p.camera[i]] : group.cameras[i],
-                           p.places[p.place[i]]};
+    out[group.views[i]] = {
+        true, p.camera[i] >= 0 ? p.cameras[p.camera[i]] : group.cameras[i], p.places[p.place[i]]};
   }
   return out;
 }
@@ -187,7 +187,8 @@ Eigen::MatrixXd PredictionJacobian(const Prediction& p,
   Eigen::MatrixXd J = Eigen::MatrixXd::Zero(kGroupParameters * n, p.P.rows());
   for (int i = 0; i < n; ++i) {
     J.middleCols<6>(p.place_at[i]) += by_views.middleCols<6>(kGroupParameters * i);
-    J.middleCols<kLensSize>(p.lens_at[i]) += by_views.middleCols<kLensSize>(kGroupParameters * i + 6);
+    J.middleCols<kLensSize>(p.lens_at[i]) +=
+        by_views.middleCols<kLensSize>(kGroupParameters * i + 6);
   }
   return J;
 }
@@ -225,9 +226,9 @@ Comparison Compare(const Prediction& p,
   const Eigen::VectorXd right = narrowing * (evidence.vector - evidence.information * predicted);
   const Eigen::VectorXd offset =
       scale.cwiseProduct(ldlt.solve(Eigen::VectorXd(scale.cwiseProduct(right))));
-  const Eigen::MatrixXd of_evidence =
-      scale.asDiagonal() * ldlt.solve(Eigen::MatrixXd::Identity(A.rows(), A.rows())) *
-      scale.asDiagonal();
+  const Eigen::MatrixXd of_evidence = scale.asDiagonal() *
+                                      ldlt.solve(Eigen::MatrixXd::Identity(A.rows(), A.rows())) *
+                                      scale.asDiagonal();
   const Eigen::MatrixXd S = of_evidence + J * p.P * J.transpose();
   Comparison out;
   const int m = static_cast<int>(kept.size());
@@ -332,7 +333,7 @@ void Judge(const StationState& state,
   };
   const double free = 6.0 * count(e->moved) + kLensSize * count(e->lens);
   e->criterion = std::isfinite(squared) ? squared + kPriceOfFreedom * free
-                                          : std::numeric_limits<double>::infinity();
+                                        : std::numeric_limits<double>::infinity();
   e->passes = e->squared <= e->limit;
   for (const std::vector<int>& block : all.blocks) {
     const int k = static_cast<int>(block.size());
@@ -353,8 +354,8 @@ Hypothesis Nothing(const StationState& state, const StationViews& views) {
 
 // The cameras of a request in other orders, all of fixed cameras with images of one size.
 std::vector<Hypothesis> Orders(const StationState& state,
-                                  const StationViews& views,
-                                  const CameraGroup& group) {
+                               const StationViews& views,
+                               const CameraGroup& group) {
   std::vector<int> at;
   for (const int v : group.views) {
     if (views[v] >= 0 && state.cameras[views[v]].requests > 0) at.push_back(v);
@@ -390,8 +391,8 @@ std::vector<Hypothesis> Orders(const StationState& state,
 
 // What may have happened to one more camera.
 std::vector<Hypothesis> Further(const StationState& state,
-                                   const Hypothesis& base,
-                                   const CameraGroup& group) {
+                                const Hypothesis& base,
+                                const CameraGroup& group) {
   std::vector<Hypothesis> out;
   std::vector<bool> seen(state.cameras.size(), false);
   for (const int v : group.views) {
@@ -424,7 +425,9 @@ std::vector<int> AlikeCameras(const std::vector<Hypothesis>& all,
                               int camera,
                               bool moved) {
   std::vector<int> out = {camera};
-  const auto count = [](const std::vector<bool>& b) { return std::count(b.begin(), b.end(), true); };
+  const auto count = [](const std::vector<bool>& b) {
+    return std::count(b.begin(), b.end(), true);
+  };
   for (const Hypothesis& e : all) {
     if (!e.passes || !e.swapped.empty() || e.criterion > best.criterion + kAlikeCriterion) continue;
     if (count(e.moved) != count(best.moved) || count(e.lens) != count(best.lens)) continue;
@@ -613,7 +616,8 @@ StationTest TestStation(const StationState& state,
     if (change.kind == StationChangeKind::kMoved && after.posed) {
       const Rigid3 move = after.camera_from_rig * before.camera_from_rig.Inverse();
       change.turn_rad = Eigen::AngleAxisd(move.R).angle();
-      change.shift_m = (after.camera_from_rig.Inverse().t - before.camera_from_rig.Inverse().t).norm();
+      change.shift_m =
+          (after.camera_from_rig.Inverse().t - before.camera_from_rig.Inverse().t).norm();
     } else if (change.kind == StationChangeKind::kLens) {
       change.log_focal = std::log(after.camera.focal_px / before.camera.focal_px);
       change.center_px = {after.camera.cx - before.camera.cx, after.camera.cy - before.camera.cy};
@@ -666,7 +670,8 @@ StationState UpdateStation(StationState state,
   const int size = static_cast<int>(p.P.rows());
   Eigen::VectorXd unit(size);  // makes radians, metres and pixels alike
   for (int i = 0; i < size; ++i) unit(i) = p.P(i, i) > 0.0 ? std::sqrt(p.P(i, i)) : 1.0;
-  const Eigen::MatrixXd P = unit.cwiseInverse().asDiagonal() * p.P * unit.cwiseInverse().asDiagonal();
+  const Eigen::MatrixXd P =
+      unit.cwiseInverse().asDiagonal() * p.P * unit.cwiseInverse().asDiagonal();
   const Prediction start = p;
   Eigen::VectorXd moved = Eigen::VectorXd::Zero(size);  // from the start
   Eigen::MatrixXd after = P;

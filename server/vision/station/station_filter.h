@@ -65,7 +65,8 @@ int AddStationCamera(const std::string& id,
 void ForgetLens(int camera, const StationOptions& options, StationState* state);
 void ForgetPlace(int camera, StationState* state);
 
-// Intrinsics with independent deviations (an imported calibration) take the place of what was known.
+// Intrinsics with independent deviations (an imported calibration) take the place of what was
+// known.
 struct KnownLens {
   PinholeCamera camera;
   double focal_log_sigma = 0.002;

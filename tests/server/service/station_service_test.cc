@@ -63,8 +63,8 @@ struct FakeScene {
       for (std::size_t i = 0; i < images.size(); ++i) images[i] = static_cast<int>(i);
       result.station.emplace();
       result.station->evidence = SayOf(rig, images, 0.3, &rng);
-      result.station->test = TestStation(
-          request.station->state, request.station->views, result.station->evidence, {});
+      result.station->test =
+          TestStation(request.station->state, request.station->views, result.station->evidence, {});
       result.station->prior_used = result.station->test.agrees;
       return absl::StatusOr<PipelineResult>(std::move(result));
     };

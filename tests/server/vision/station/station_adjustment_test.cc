@@ -34,8 +34,7 @@ TEST(RefineUnderStation, LearnsARigAndAnswersBetterWithIt) {
   for (int r = 0; r < 8; ++r) {
     options.seed = static_cast<unsigned>(100 + r);
     const MetricSceneTruth truth = MakeMetricScene(options);
-    const auto scene =
-        RefineUnderStation(truth.Input(), truth.recognition, state, views, {}, {});
+    const auto scene = RefineUnderStation(truth.Input(), truth.recognition, state, views, {}, {});
     ASSERT_TRUE(scene.ok()) << scene.status();
     EXPECT_TRUE(scene->test.agrees) << "request " << r;
     state = UpdateStation(state, views, scene->evidence, scene->test, {});
