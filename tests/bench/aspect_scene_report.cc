@@ -19,6 +19,7 @@
 #include "client/bop_dataset.h"
 #include "client/bop_results.h"
 #include "server/vision/recognition/aspects/aspect_linking.h"
+#include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "tests/bench/aspect_catalog.h"
 
 namespace horopter {
@@ -67,7 +68,40 @@ void WriteHypotheses(const std::string& path, const std::vector<AspectHypothesis
   }
 }
 
+// Log odds of the nearest true pose of the object's kind, carried into the scene by the first view
+// that is registered, against the answer's.
+double LogOddsOfTruth(const std::vector<BopImage>& images,
+                      const std::vector<AspectImage>& edges,
+                      const AspectCatalog& catalog,
+                      const LinkedScene& linked,
+                      const LinkedObject& o) {
+  std::vector<std::optional<RecognizedView>> views;
+  std::optional<Rigid3> truth;
+  for (std::size_t v = 0; v < images.size(); ++v) {
+    views.emplace_back();
+    if (!linked.views[v]) continue;
+    views[v] = RecognizedView{linked.views[v]->camera, linked.views[v]->camera_from_scene};
+    if (truth) continue;
+    const Rigid3 scene_from_camera = linked.views[v]->camera_from_scene.Inverse();
+    for (const BopInstance& instance : images[v].instances) {
+      if (instance.obj_id != catalog.obj_ids[o.object]) continue;
+      const Rigid3 pose = scene_from_camera * instance.camera_from_object;
+      if (!truth ||
+          (pose.t - o.scene_from_object.t).norm() < (truth->t - o.scene_from_object.t).norm())
+        truth = pose;
+    }
+  }
+  if (!truth) return 0.0;
+  // Only the turn is asked for: where the truth lies in these cameras is not known well enough.
+  const RenderMesh& mesh = catalog.parts[o.object].object->mesh;
+  const Eigen::Vector3d center = mesh.center.cast<double>();
+  Rigid3 turned = *truth;
+  turned.t += o.scene_from_object * center - *truth * center;
+  return LogOddsOfPose(edges, views, mesh, turned, mesh, o.scene_from_object, {});
+}
+
 void ReportScene(const std::vector<BopImage>& images,
+                 const std::vector<AspectImage>& edges,
                  const AspectCatalog& catalog,
                  const LinkedScene& linked) {
   for (const LinkedObject& o : linked.objects) {
@@ -93,7 +127,7 @@ void ReportScene(const std::vector<BopImage>& images,
     std::sort(errors.begin(), errors.end());
     std::cout << absl::StrFormat(
         "  object %d score %.3f precision %.3f runner-up %.3f worst %.3f: right in %d of %d views, "
-        "median %.1f px%s\n",
+        "median %.1f px%s, log odds of the true turn %.1f\n",
         catalog.obj_ids[o.object],
         o.score,
         o.precision,
@@ -102,7 +136,8 @@ void ReportScene(const std::vector<BopImage>& images,
         right,
         right + wrong,
         errors.empty() ? 0.0 : errors[errors.size() / 2],
-        right > wrong ? "" : " WRONG");
+        right > wrong ? "" : " WRONG",
+        LogOddsOfTruth(images, edges, catalog, linked, o));
   }
 }
 
@@ -230,7 +265,7 @@ absl::Status Run(const Arguments& arguments) {
         focal,
         search_s,
         Seconds(start) - search_s);
-    ReportScene(scene.images, catalog, linked);
+    ReportScene(scene.images, images, catalog, linked);
     ReportTruth(scene.images, images, hypotheses, catalog);
     std::cout << std::flush;
     for (const LinkedObject& o : linked.objects) {

@@ -250,9 +250,10 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   dear.metric = dear.table = false;
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context, log));
   AspectJudgement judged = JudgeAnswer(*context, images, result);
-  const bool enough = judged.median >= options.confirming_score || rich;
-  if (enough || IsStopRequested(context->give_up)) {
-    if (!enough) CountUnasked({"aspects", "view_led", "projective"}, &result);
+  const bool confirmed = judged.median >= options.confirming_score;
+  const bool enough = confirmed && Registered(result) == static_cast<int>(images.size());
+  if (rich || IsStopRequested(context->give_up)) {
+    if (!rich && !enough) CountUnasked({"aspects", "view_led", "projective"}, &result);
     RefuseContradicted(
         judged, rich ? options.confirming_score : options.contradicting_score, log, &result);
     return result;
@@ -261,19 +262,32 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   const std::vector<AspectImage> plain =
       MakeAspectImages(input.images, true, context->options.threads);
   HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search, ChooseObjects(*context, plain));
-  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(*context, plain, search, log));
+  if (enough) {
+    HOROPTER_RETURN_IF_ERROR(AddOthers(*context, plain, search, &result));
+    return result;
+  }
+  const bool contradicted = judged.median < options.contradicting_score;
+  // What no route found parts in may be no table: its cameras are not believed.
+  const JointContext unmatched =
+      MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
+                  context->options,
+                  context->stop,
+                  context->on_step);
+  HOROPTER_ASSIGN_OR_RETURN(
+      RecognitionResult aspects,
+      RecognizeByAspects(unmatched, plain, search, contradicted ? nullptr : &result, log));
   // An answer that leaves out views explains what is easy.
-  if (!aspects.result.objects.empty() && aspects.score > judged.score &&
-      Registered(aspects.result) >= Registered(result)) {
-    return aspects.result;
+  if (!aspects.objects.empty() && JudgeAnswer(*context, images, aspects).score > judged.score &&
+      Registered(aspects) >= Registered(result)) {
+    return aspects;
   }
   if (result.objects.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context, log));
-    if (result.objects.empty()) CopyUnasked(result, &aspects.result);
+    if (result.objects.empty()) CopyUnasked(result, &aspects);
     judged = JudgeAnswer(*context, images, result);
   }
   RefuseContradicted(judged, options.contradicting_score, log, &result);
-  return result.objects.empty() && !aspects.result.detail.empty() ? aspects.result : result;
+  return result.objects.empty() && !aspects.detail.empty() ? aspects : result;
 }
 
 // Nothing can be said of images without edges. Errors: INVALID_ARGUMENT.
@@ -334,10 +348,11 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
     nothing.views.resize(images.size());
     return nothing;
   }
-  HOROPTER_ASSIGN_OR_RETURN(AspectAnswer aspects, RecognizeByAspects(context, images, search, log));
+  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult aspects,
+                            RecognizeByAspects(context, images, search, nullptr, log));
   BeginStep(context, "pose_alternatives");
-  SayPoseAlternatives(context, images, &aspects.result);
-  return std::move(aspects.result);
+  SayPoseAlternatives(context, images, &aspects);
+  return std::move(aspects);
 }
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,

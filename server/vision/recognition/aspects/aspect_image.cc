@@ -174,8 +174,10 @@ class EdgeCounts {
 };
 
 // Drops the edges of textured places but for those with a smooth side: outlines of smooth parts on
-// granite. Returns whether there were any.
-bool DropTexture(const AspectImageOptions& options, AspectImage* image) {
+// granite. Returns whether there were any; `dropped` are their places.
+bool DropTexture(const AspectImageOptions& options,
+                 std::vector<Eigen::Vector2f>* dropped,
+                 AspectImage* image) {
   constexpr float kAside = 11.0f;  // px between an edge and the middle of what lies beside it
   constexpr int kHalf = 7;         // of the box beside it: far enough not to see the edge itself
   constexpr double kTexturedShare = 0.2;
@@ -189,8 +191,10 @@ bool DropTexture(const AspectImageOptions& options, AspectImage* image) {
   const EdgeCounts counts(*image);
   std::erase_if(image->edges, [&](const ImageEdgePoint& e) {
     if (image->texture[image->Block(e.point.x(), e.point.y())] <= limit) return false;
-    return counts.Share(e.point + kAside * e.normal, kHalf) > options.smooth_side &&
-           counts.Share(e.point - kAside * e.normal, kHalf) > options.smooth_side;
+    const bool drop = counts.Share(e.point + kAside * e.normal, kHalf) > options.smooth_side &&
+                      counts.Share(e.point - kAside * e.normal, kHalf) > options.smooth_side;
+    if (drop) dropped->push_back(e.point);
+    return drop;
   });
   return image->edges.size() < before;
 }
@@ -201,10 +205,12 @@ ContourGraph Contours(const AspectImageOptions& options, const AspectImage& imag
 }
 
 // Returns whether there were any.
-bool DropPattern(const AspectImageOptions& options, AspectImage* image) {
+bool DropPattern(const AspectImageOptions& options,
+                 const std::vector<Eigen::Vector2f>& texture,
+                 AspectImage* image) {
   if (!options.drop_pattern) return false;
   const std::vector<std::uint8_t> patterned = FindPatternPoints(
-      {image->width, image->height, EdgePlaces(*image), image->edge_at}, image->contours);
+      {image->width, image->height, EdgePlaces(*image), image->edge_at}, image->contours, texture);
   if (patterned.empty()) return false;
   std::size_t kept = 0;
   for (std::size_t i = 0; i < patterned.size(); ++i) {
@@ -275,12 +281,13 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& opti
   out.edges = DetectEdgePoints(bgr, options);
   IndexEdges(&out);
   FillMaps(options, &out);
-  if (DropTexture(options, &out)) {
+  std::vector<Eigen::Vector2f> texture;
+  if (DropTexture(options, &texture, &out)) {
     IndexEdges(&out);
     FillMaps(options, &out);
   }
   out.contours = Contours(options, out);
-  if (DropPattern(options, &out)) {
+  if (DropPattern(options, texture, &out)) {
     IndexEdges(&out);
     FillMaps(options, &out);
     out.contours = Contours(options, out);

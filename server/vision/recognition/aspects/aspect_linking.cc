@@ -23,11 +23,12 @@ constexpr double kBetterScore = 0.06;    // of another pose of an object in one 
 constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
 constexpr double kNearM = 1e-3;
 constexpr int kCoarsePoints = 120;
-constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;    // score of one whose place is taken
-constexpr double kTurnedScore = 0.01;   // by which another turn must be better
-constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
-constexpr int kSwept = 2;               // parts that are looked for at all places of a view
+constexpr int kDraftCarried = 8;           // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;       // score of one whose place is taken
+constexpr double kTurnedScore = 0.01;      // by which another turn must be better
+constexpr std::size_t kFewObjects = 2;     // a scene with more is sure of its views by agreement
+constexpr double kOthersRenderPx = 200.0;  // of the scores that are answered
+constexpr int kSwept = 2;                  // parts that are looked for at all places of a view
 constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
 
 class Linker {
@@ -43,6 +44,7 @@ class Linker {
 
   LinkedScene Run() {
     LinkedScene best;
+    if (in_.known != nullptr && !in_.known->objects.empty()) best = Completed(*in_.known);
     for (const Draft& draft : Drafts(links_.Seeds())) {
       if (IsStopRequested(stop_) && !best.objects.empty()) break;
       LinkedScene scene = Completed(draft.scene);
@@ -65,6 +67,27 @@ class Linker {
     }
     if (!best.objects.empty()) FindRunnersUp(&best);
     return best;
+  }
+
+  // Beside the known objects.
+  LinkedScene Others() const {
+    AspectScene scene = *in_.known;
+    const std::size_t known = scene.objects.size();
+    CarryOver(options_.carried, &scene);
+    if (options_.standing > 0 && !IsStopRequested(stop_))
+      objects_.Place(Standing(PlanesUnder(in_.known->objects, in_.parts, scene.views), scene),
+                     &scene);
+    std::vector<LinkedObject> judged = objects_.Judge(scene, kOthersRenderPx);
+    LinkedScene out;
+    out.views = scene.views;
+    for (std::size_t i = known; i < judged.size(); ++i) {
+      if (judged[i].score >= options_.min_joint) out.objects.push_back(std::move(judged[i]));
+    }
+    std::stable_sort(out.objects.begin(), out.objects.end(), [](const auto& a, const auto& b) {
+      return a.score > b.score;
+    });
+    FindRunnersUp(&out);
+    return out;
   }
 
  private:
@@ -274,19 +297,9 @@ class Linker {
     objects_.Place(std::move(candidates), scene);
   }
 
-  // Parts on the plane under those found which no single image showed well enough.
-  // Returns whether any was added.
-  bool AddStanding(LinkedScene* best) const {
-    if (options_.standing <= 0 || best->registered() < 2 || IsStopRequested(stop_)) return false;
-    AspectScene scene = SceneOf(*best);
-    const auto planes = PlanesUnder(scene.objects, in_.parts, scene.views);
-    // A doubtful object does not keep its place from others.
-    std::vector<AspectSceneObject> doubtful;
-    for (std::size_t o = scene.objects.size(); o-- > 1;) {
-      if (best->objects[o].score >= kSureObject) continue;
-      doubtful.push_back(scene.objects[o]);
-      scene.objects.erase(scene.objects.begin() + static_cast<std::ptrdiff_t>(o));
-    }
+  // What stands in free places of the planes.
+  std::vector<AspectSceneObject> Standing(const std::vector<StandingPlane>& planes,
+                                          const AspectScene& scene) const {
     StandingSearchOptions search;
     search.threads = options_.threads;
     std::vector<AspectSceneObject> candidates;
@@ -300,6 +313,23 @@ class Linker {
         ++of_plane;
       }
     }
+    return candidates;
+  }
+
+  // Parts on the plane under those found which no single image showed well enough.
+  // Returns whether any was added.
+  bool AddStanding(LinkedScene* best) const {
+    if (options_.standing <= 0 || best->registered() < 2 || IsStopRequested(stop_)) return false;
+    AspectScene scene = SceneOf(*best);
+    const auto planes = PlanesUnder(scene.objects, in_.parts, scene.views);
+    // A doubtful object does not keep its place from others.
+    std::vector<AspectSceneObject> doubtful;
+    for (std::size_t o = scene.objects.size(); o-- > 1;) {
+      if (best->objects[o].score >= kSureObject) continue;
+      doubtful.push_back(scene.objects[o]);
+      scene.objects.erase(scene.objects.begin() + static_cast<std::ptrdiff_t>(o));
+    }
+    std::vector<AspectSceneObject> candidates = Standing(planes, scene);
     const std::size_t before = scene.objects.size();
     objects_.Place(std::move(candidates), &scene);
     if (scene.objects.size() == before) return false;
@@ -456,6 +486,17 @@ LinkedScene LinkAspects(const AspectLinkInput& input,
                         const AspectLinkOptions& options,
                         const StopRequested& stop) {
   return Linker(input, options, stop).Run();
+}
+
+LinkedScene FindOthers(const AspectLinkInput& input,
+                       const AspectLinkOptions& options,
+                       const StopRequested& stop) {
+  if (input.known == nullptr || input.known->objects.empty()) {
+    LinkedScene nothing;
+    nothing.views.resize(input.images.size());
+    return nothing;
+  }
+  return Linker(input, options, stop).Others();
 }
 
 }  // namespace horopter

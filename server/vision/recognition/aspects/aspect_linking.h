@@ -49,6 +49,9 @@ struct AspectLinkInput {
   std::span<const AspectViewPrior> priors;                    // one per image
   std::span<const std::vector<AspectHypothesis>> hypotheses;  // of each image, best first
   std::span<const AspectPart> parts;
+  // What is known of the scene by other means (null: nothing), completed beside the links: views
+  // with the priors of their focal lengths, objects by the numbers of `parts`.
+  const AspectScene* known = nullptr;
 };
 
 struct LinkedScene {
@@ -63,5 +66,11 @@ struct LinkedScene {
 LinkedScene LinkAspects(const AspectLinkInput& input,
                         const AspectLinkOptions& options = {},
                         const StopRequested& stop = {});
+
+// What else is in the known scene, whose cameras and objects stay as they are: hypotheses that its
+// views confirm, and what stands on the plane under its objects. The known ones are not listed.
+LinkedScene FindOthers(const AspectLinkInput& input,
+                       const AspectLinkOptions& options = {},
+                       const StopRequested& stop = {});
 
 }  // namespace horopter

@@ -307,6 +307,15 @@ double Recall(const AspectImage& image,
 
 }  // namespace
 
+double ScoreOf(double precision,
+               double recall,
+               double support_px,
+               const AspectScoreOptions& options) {
+  const double sum = precision + recall;
+  if (!(sum > 0)) return 0.0;
+  return 2 * precision * recall / sum * support_px / (support_px + options.half_length_px);
+}
+
 AspectScore ScorePose(const AspectImage& image,
                       const RenderMesh& mesh,
                       const PinholeCamera& camera,
@@ -326,11 +335,7 @@ AspectScore ScorePose(const AspectImage& image,
   const double depth = (camera_from_object * mesh.center.cast<double>()).z();
   const double size_px = working.focal_px * mesh.diameter_m / std::max(depth, 1e-6);
   score.recall = Recall(image, working, edges, seen, size_px, options);
-  const double sum = score.precision + score.recall;
-  if (sum > 0) {
-    score.score = 2 * score.precision * score.recall / sum * score.support_px /
-                  (score.support_px + options.half_length_px);
-  }
+  score.score = ScoreOf(score.precision, score.recall, score.support_px, options);
   return score;
 }
 

@@ -66,6 +66,12 @@ struct AspectScore {
   double score = 0.0;
 };
 
+// AspectScore::score of its parts.
+double ScoreOf(double precision,
+               double recall,
+               double support_px,
+               const AspectScoreOptions& options = {});
+
 // The camera is that of the original image. All zero when nothing of the part is visible. `others`
 // are parts that are known to be there: what they hide of this one is not asked for, and image
 // edges of theirs need no explanation; nor do edges that `siblings` show in the same places of the

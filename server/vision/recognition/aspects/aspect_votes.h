@@ -17,11 +17,11 @@ struct AspectVoteOptions {
   double min_fragment_px = 22.0;
   double max_fragment_share = 0.9;  // of the image's width
   double fragment_factor = 1.25;
-  double start_share = 0.2;  // FragmentOptions::start_share, min_step of the image's contours
-  double min_step = 3.0;
+  double start_share = 0.1;  // FragmentOptions::start_share, min_step of the image's contours
+  double min_step = 2.0;
   // Matches of one fragment that are tested, spread over what the index finds: common shapes match
   // tens of thousands, and come again in the lengths and starts beside them.
-  int max_matches = 150;
+  int max_matches = 1000;
   // Pieces that the image holds in more places than this, at one size and turn, are pattern.
   int max_repeats = 6;
   double key_rms_rad = 0.18;     // fragments whose keys differ by less are alike

@@ -2,8 +2,10 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numeric>
+#include <opencv2/core/hal/intrin.hpp>
 
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
@@ -166,6 +168,43 @@ void FillGrid(const std::vector<Entry>& all, FragmentIndex* index) {
   }
 }
 
+int SquaredSteps(const PackedFragmentKey& a, const PackedFragmentKey& b) {
+  int sum = 0;
+  for (int i = 0; i < kFragmentAngles; ++i) sum += (a[i] - b[i]) * (a[i] - b[i]);
+  return sum;
+}
+
+// Appends the numbers in [begin, end) of the keys that differ by at most limit (squared steps): a
+// search spends a quarter of its time here, so four keys are taken at once.
+void AppendNear(const PackedFragmentKey* keys,
+                std::uint32_t begin,
+                std::uint32_t end,
+                const PackedFragmentKey& key,
+                int limit,
+                std::vector<std::uint32_t>* found) {
+  std::uint32_t f = begin;
+#if CV_SIMD128
+  static_assert(kFragmentAngles == 8);
+  const cv::v_int16x8 center = cv::v_load(key.data());
+  const cv::v_int32x4 most = cv::v_setall_s32(limit);
+  const auto squares = [&](std::uint32_t k) {
+    const cv::v_int16x8 d = cv::v_sub_wrap(cv::v_load(keys[k].data()), center);
+    return cv::v_dotprod(d, d);
+  };
+  for (; f + 4 <= end; f += 4) {
+    cv::v_int32x4 a, b, c, d;
+    cv::v_transpose4x4(squares(f), squares(f + 1), squares(f + 2), squares(f + 3), a, b, c, d);
+    int near = cv::v_signmask(~((a + b) + (c + d) > most));
+    for (; near != 0; near &= near - 1)
+      found->push_back(f +
+                       static_cast<std::uint32_t>(std::countr_zero(static_cast<unsigned>(near))));
+  }
+#endif
+  for (; f < end; ++f) {
+    if (SquaredSteps(keys[f], key) <= limit) found->push_back(f);
+  }
+}
+
 absl::StatusOr<XTreeSnapshot> BuildTree(const FragmentIndex& index) {
   std::vector<double> points;
   std::vector<std::int64_t> ids(index.keys.size());
@@ -222,14 +261,7 @@ void FragmentIndex::Find(const FragmentKey& key,
       const int k0 = std::clamp(static_cast<int>(std::floor(place[2] - r)), 0, cells[2] - 1);
       const std::size_t row = (static_cast<std::size_t>(i) * cells[1] + j) * cells[2];
       const std::uint32_t begin = cell_begin[row + k0], end = cell_begin[row + last(2, r) + 1];
-      for (std::uint32_t f = begin; f < end; ++f) {
-        int sum = 0;
-        for (int a = 0; a < kFragmentAngles; ++a) {
-          const int d = keys[f][a] - packed[a];
-          sum += d * d;
-        }
-        if (sum <= limit) found->push_back(f);
-      }
+      AppendNear(keys.data(), begin, end, packed, limit, found);
     }
   }
 }

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
 #include <span>
@@ -59,20 +60,56 @@ bool RunsThrough(const Piece& p, const Eigen::Vector3f& vanishing, float max_sin
   return norm > 1e-9f && std::abs(there.x() * along.y() - there.y() * along.x()) < max_sine * norm;
 }
 
-// Share of the image's blocks that the pieces run over.
-double Coverage(const std::vector<Piece>& pieces, int width, int height) {
-  std::vector<char> covered(kBlocks * kBlocks, 0);
-  for (const Piece& p : pieces) {
-    const int steps = std::max(1, static_cast<int>(p.length / 8));
-    for (int i = 0; i <= steps; ++i) {
-      const Eigen::Vector2f at = p.from + (p.to - p.from) * (static_cast<float>(i) / steps);
-      const int bx = std::clamp(static_cast<int>(at.x() * kBlocks / width), 0, kBlocks - 1);
-      const int by = std::clamp(static_cast<int>(at.y() * kBlocks / height), 0, kBlocks - 1);
-      covered[by * kBlocks + bx] = 1;
+// Blocks of the image that a pattern runs over.
+class Coverage {
+ public:
+  Coverage(int width, int height) : width_(width), height_(height) {}
+
+  void Add(const Eigen::Vector2f& at) {
+    const int bx = std::clamp(static_cast<int>(at.x() * kBlocks / width_), 0, kBlocks - 1);
+    const int by = std::clamp(static_cast<int>(at.y() * kBlocks / height_), 0, kBlocks - 1);
+    ++points_[by * kBlocks + bx];
+  }
+
+  void Add(const std::vector<Piece>& pieces) {
+    for (const Piece& p : pieces) {
+      const int steps = std::max(1, static_cast<int>(p.length / 8));
+      for (int i = 0; i <= steps; ++i)
+        Add(p.from + (p.to - p.from) * (static_cast<float>(i) / steps));
     }
   }
-  return static_cast<double>(std::count(covered.begin(), covered.end(), 1)) /
-         static_cast<double>(covered.size());
+
+  double Share() const {
+    return 1.0 - static_cast<double>(std::count(points_.begin(), points_.end(), 0)) /
+                     static_cast<double>(points_.size());
+  }
+
+  // Of the blocks that either has.
+  static double Share(const Coverage& pattern, const Coverage& texture) {
+    constexpr double kTextured = 0.02;  // of a block's pixels
+    const double block =
+        static_cast<double>(texture.width_) * texture.height_ / (kBlocks * kBlocks);
+    int covered = 0;
+    for (std::size_t b = 0; b < pattern.points_.size(); ++b)
+      covered += pattern.points_[b] > 0 || texture.points_[b] > kTextured * block;
+    return static_cast<double>(covered) / static_cast<double>(pattern.points_.size());
+  }
+
+ private:
+  int width_, height_;
+  std::array<int, kBlocks * kBlocks> points_{};
+};
+
+// Whether pieces run over enough of the image, with what was dropped as texture.
+bool RunsOverImage(const std::vector<Piece>& pieces,
+                   const PointRaster& raster,
+                   const std::vector<Eigen::Vector2f>& texture,
+                   const PatternOptions& options) {
+  Coverage own(raster.width, raster.height), dropped(raster.width, raster.height);
+  own.Add(pieces);
+  for (const Eigen::Vector2f& p : texture) dropped.Add(p);
+  return own.Share() >= options.min_own_coverage &&
+         Coverage::Share(own, dropped) >= options.min_coverage;
 }
 
 // The vanishing point through which the greatest length of pieces runs.
@@ -116,6 +153,7 @@ void Mark(const PointRaster& raster, const Piece& piece, std::vector<std::uint8_
 
 void MarkStripes(const PointRaster& raster,
                  const ContourGraph& contours,
+                 const std::vector<Eigen::Vector2f>& texture,
                  const PatternOptions& options,
                  std::vector<std::uint8_t>* marked) {
   const float least = static_cast<float>(options.min_length_share * raster.width);
@@ -138,7 +176,7 @@ void MarkStripes(const PointRaster& raster,
     std::vector<Piece> found;
     std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(found), through);
     if (static_cast<int>(found.size()) < options.min_pieces ||
-        Coverage(found, raster.width, raster.height) < options.min_coverage) {
+        !RunsOverImage(found, raster, texture, options)) {
       break;
     }
     for (const Piece& p : all) {
@@ -328,6 +366,7 @@ void MarkLattice(const PointRaster& raster,
 
 void MarkDots(const PointRaster& raster,
               const ContourGraph& contours,
+              const std::vector<Eigen::Vector2f>& texture,
               const PatternOptions& options,
               std::vector<std::uint8_t>* marked) {
   constexpr double kRegular = 0.6;  // of the dots: else they are strewn
@@ -342,7 +381,7 @@ void MarkDots(const PointRaster& raster,
     rims.push_back(std::move(sides));
   }
   if (static_cast<int>(dots.size()) < options.min_dots ||
-      Coverage(all, raster.width, raster.height) < options.min_coverage) {
+      !RunsOverImage(all, raster, texture, options)) {
     return;
   }
   const std::vector<char> regular = OfLattice(dots);
@@ -361,10 +400,11 @@ void MarkDots(const PointRaster& raster,
 
 std::vector<std::uint8_t> FindPatternPoints(const PointRaster& raster,
                                             const ContourGraph& contours,
+                                            const std::vector<Eigen::Vector2f>& texture,
                                             const PatternOptions& options) {
   std::vector<std::uint8_t> marked;
-  MarkStripes(raster, contours, options, &marked);
-  MarkDots(raster, contours, options, &marked);
+  MarkStripes(raster, contours, texture, options, &marked);
+  MarkDots(raster, contours, texture, options, &marked);
   return marked;
 }
 

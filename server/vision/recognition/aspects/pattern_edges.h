@@ -17,6 +17,9 @@ struct PatternOptions {
   // Of the image's area, in blocks, that a pattern runs over: less may be a part's own ribs or
   // holes.
   double min_coverage = 0.5;
+  // ... of it by the pattern itself: where its far end is so fine that it was dropped as texture,
+  // that counts as well.
+  double min_own_coverage = 0.08;
   int min_pieces = 24;
   int max_families = 2;  // a grid has two
   // Closed curves that make a pattern: how many, their shortest and longest perimeters as shares of
@@ -29,9 +32,11 @@ struct PatternOptions {
 };
 
 // For each edge point of the raster whether it belongs to a pattern; empty when there is none.
-// `contours` are those of the raster. Deterministic.
+// `contours` are those of the raster, `texture` places of edges that were dropped before.
+// Deterministic.
 std::vector<std::uint8_t> FindPatternPoints(const PointRaster& raster,
                                             const ContourGraph& contours,
+                                            const std::vector<Eigen::Vector2f>& texture = {},
                                             const PatternOptions& options = {});
 
 }  // namespace horopter

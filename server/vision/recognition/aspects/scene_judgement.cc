@@ -10,6 +10,8 @@
 namespace horopter {
 namespace {
 
+constexpr int kPrintViews = 3;  // that tell print from what stands before or behind a part
+
 using ViewSpan = std::span<const std::vector<PartLayer>* const>;
 
 // Working pixels about the image of a part, for the layers that may overlap it.
@@ -82,9 +84,15 @@ AspectScore Mean(const LinkedObject& o, int shown) {
 
 // Edges of the model are found, but the images have many more within it.
 bool MayBePrinted(const LinkedObject& o, int shown, const SceneJudgementOptions& options) {
-  if (shown < 3) return false;
+  if (shown == 0) return false;
   const AspectScore mean = Mean(o, shown);
   return mean.precision >= options.print_precision && mean.recall < options.print_recall;
+}
+
+void PresumeRecall(double recall, const AspectScoreOptions& scoring, AspectScore* score) {
+  if (score->recall >= recall || !(score->precision > 0)) return;
+  score->recall = recall;
+  score->score = ScoreOf(score->precision, recall, score->support_px, scoring);
 }
 
 // Scores once more, without the edges that stay in their places on the surface from view to view.
@@ -161,7 +169,10 @@ LinkedObject JudgeInViews(std::span<const AspectImage> images,
     out.shown[v] = true;
     ++shown;
   }
-  if (MayBePrinted(out, shown, options)) {
+  const bool may_be_printed = MayBePrinted(out, shown, options);
+  if (may_be_printed && shown < kPrintViews) {
+    for (AspectScore& score : out.views) PresumeRecall(options.presumed_recall, scoring, &score);
+  } else if (may_be_printed) {
     LinkedObject printed = out;
     ForgivePrint(images, mesh, views, placed, near, scoring, options, &printed);
     if (Mean(printed, shown).recall >= options.print_recall) out = std::move(printed);

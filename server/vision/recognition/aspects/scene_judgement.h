@@ -39,6 +39,9 @@ struct SceneJudgementOptions {
   // of the images' edges within it are its own; it is when print explains them up to this share.
   double print_precision = 0.75;
   double print_recall = 0.6;
+  // Two views cannot tell print from what speaks against a part. While a scene grows, one whose
+  // edges are found so well is given this recall; 0: it is not.
+  double presumed_recall = 0.0;
   int threads = 1;
 };
 

@@ -12,6 +12,7 @@ constexpr double kChanceScore = 0.4;     // what a wrong pose reaches in one ima
 constexpr double kFineRenderPx = 200.0;  // of the scores that are answered
 constexpr double kShownScore = 0.35;     // of the best object in a view whose camera is right
 constexpr double kNearM = 1e-3;
+constexpr double kPresumedRecall = 0.55;  // enough to let a small printed part grow
 constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
 
 }  // namespace
@@ -53,6 +54,7 @@ SceneJudgementOptions SceneObjects::Judging(double render_px) const {
   out.render_px = render_px;
   out.layer_px = options_.quick_render_px;
   out.shown_share = options_.shown_share;
+  if (render_px < kFineRenderPx) out.presumed_recall = kPresumedRecall;
   return out;
 }
 

@@ -16,15 +16,25 @@
 namespace horopter {
 namespace {
 
-constexpr int kLeading = 12;            // of a shortlist: these decide whether aspects come first
+constexpr int kLeading = 12;  // of a shortlist: these decide whether aspects come first
+constexpr double kKnownSceneLogSigma = 0.02;  // of the cameras of another route's answer
+constexpr double kSamePlaceShare = 0.2;       // of the size: centres nearer are one place
+constexpr double kApartShare = 0.4;  // of the smaller diameter: nearer centres are one place
+constexpr double kNearM = 1e-3;
 constexpr double kKnownLogSigma = 0.1;  // a focal length known better is not searched for
 
-double AboveChance(const LinkedObject& o, double chance) {
+double AboveChance(const std::vector<double>& view_scores, double chance) {
   double sum = 0.0;
-  for (std::size_t v = 0; v < o.views.size(); ++v) {
-    if (o.shown[v]) sum += std::max(0.0, o.views[v].score - chance);
-  }
+  for (const double score : view_scores) sum += std::max(0.0, score - chance);
   return sum;
+}
+
+// Scores of an object's views, -1 where it is not shown.
+std::vector<double> ViewScores(const LinkedObject& o) {
+  std::vector<double> out;
+  for (std::size_t v = 0; v < o.views.size(); ++v)
+    out.push_back(o.shown[v] ? o.views[v].score : -1.0);
+  return out;
 }
 
 std::vector<std::optional<AspectSceneView>> SceneViews(
@@ -73,6 +83,69 @@ double ObjectProbability(const LinkedObject& o,
   return Logistic(options.score_weight * (o.score - even));
 }
 
+// The other route's object in this place of the images, -1: none.
+int KnownInPlace(const JointContext& context,
+                 const std::vector<std::optional<RecognizedView>>& views,
+                 int object_index,
+                 const Rigid3& scene_from_object,
+                 const RecognitionResult& known) {
+  const PreparedObject& object = *context.objects[object_index];
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!views[v] || !known.views[v]) continue;
+    const auto seen = [&](const RecognizedView& view, const Rigid3& pose) {
+      return Project(view.camera, view.camera_from_scene * pose * object.center);
+    };
+    const double depth = (views[v]->camera_from_scene * scene_from_object * object.center).z();
+    const double size =
+        views[v]->camera.focal_px * object.model.diameter_m / std::max(depth, kNearM);
+    const Eigen::Vector2d here = seen(*views[v], scene_from_object);
+    for (std::size_t k = 0; k < known.objects.size(); ++k) {
+      const SceneObject& other = known.objects[k];
+      if (other.object == object_index &&
+          (here - seen(*known.views[v], other.scene_from_object)).norm() < kSamePlaceShare * size) {
+        return static_cast<int>(k);
+      }
+    }
+  }
+  return -1;
+}
+
+// Of a scene that has at least half of what the other route found: its objects that got lost, in
+// the frame of the others. What hides or prints cost them in these scores the table told.
+void KeepKnown(const JointContext& context,
+               const RecognitionResult& known,
+               RecognitionResult* result) {
+  std::vector<int> place(known.objects.size(), -1);  // of each known object in the result
+  for (std::size_t i = 0; i < result->objects.size(); ++i) {
+    SceneObject& o = result->objects[i];
+    const int k = KnownInPlace(context, result->views, o.object, o.scene_from_object, known);
+    if (k < 0 || place[k] >= 0) continue;
+    place[k] = static_cast<int>(i);
+  }
+  const auto kept = std::find_if(place.begin(), place.end(), [](int p) { return p >= 0; });
+  if (2 * std::count(place.begin(), place.end(), -1) > static_cast<std::ptrdiff_t>(place.size()) ||
+      kept == place.end()) {
+    return;
+  }
+  const Rigid3 here_from_known = result->objects[*kept].scene_from_object *
+                                 known.objects[kept - place.begin()].scene_from_object.Inverse();
+  for (std::size_t k = 0; k < place.size(); ++k) {
+    if (place[k] >= 0) continue;
+    SceneObject lost = known.objects[k];
+    lost.scene_from_object = here_from_known * lost.scene_from_object;
+    const auto center = [&](const SceneObject& o) {
+      return Eigen::Vector3d(o.scene_from_object * context.objects[o.object]->center);
+    };
+    const bool taken =
+        std::any_of(result->objects.begin(), result->objects.end(), [&](const SceneObject& o) {
+          const double smaller = std::min(context.objects[o.object]->model.diameter_m,
+                                          context.objects[lost.object]->model.diameter_m);
+          return (center(o) - center(lost)).norm() < kApartShare * smaller;
+        });
+    if (!taken) result->objects.push_back(std::move(lost));
+  }
+}
+
 // Largest angle (radians) under which two views see one of the objects.
 double Parallax(const LinkedScene& scene,
                 std::span<const std::shared_ptr<const PreparedObject>> objects) {
@@ -95,8 +168,7 @@ SceneObject ToAnswer(const LinkedObject& o, double probability) {
   out.scene_from_object = o.scene_from_object;
   out.score = probability;
   out.support = o.score;
-  for (std::size_t v = 0; v < o.views.size(); ++v)
-    out.view_scores.push_back(o.shown[v] ? o.views[v].score : -1.0);
+  out.view_scores = ViewScores(o);
   return out;
 }
 
@@ -124,20 +196,23 @@ void NoteBelow(const LinkedScene& scene,
   }
 }
 
-RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene, RefusalLog* log) {
+RecognitionResult ToResult(const JointContext& context,
+                           const LinkedScene& scene,
+                           const RecognitionResult* known,
+                           RefusalLog* log) {
   const AspectRouteOptions& options = context.options.aspects;
+  const auto views = RecognizedViews(scene);
+  const auto probability = [&](const LinkedObject& o) {
+    const int k =
+        known == nullptr ? -1 : KnownInPlace(context, views, o.object, o.scene_from_object, *known);
+    return std::max(ObjectProbability(o, scene, options), k >= 0 ? known->objects[k].score : 0.0);
+  };
   RecognitionResult result;
   result.views.resize(scene.views.size());
   LinkedScene accepted = scene;
-  NoteBelow(
-      scene,
-      AcceptanceTest::kChance,
-      options.accept_probability,
-      [&](const LinkedObject& o) { return ObjectProbability(o, scene, options); },
-      log);
-  std::erase_if(accepted.objects, [&](const LinkedObject& o) {
-    return ObjectProbability(o, scene, options) < options.accept_probability;
-  });
+  NoteBelow(scene, AcceptanceTest::kChance, options.accept_probability, probability, log);
+  std::erase_if(accepted.objects,
+                [&](const LinkedObject& o) { return probability(o) < options.accept_probability; });
   if (accepted.objects.empty()) {
     if (!scene.objects.empty()) {
       const LinkedObject& best = scene.objects.front();
@@ -167,14 +242,56 @@ RecognitionResult ToResult(const JointContext& context, const LinkedScene& scene
   result.state = RecognitionState::kRecognized;
   result.views = RecognizedViews(scene);
   for (const LinkedObject& o : accepted.objects) {
-    SceneObject answer = ToAnswer(o, ObjectProbability(o, scene, options));
+    SceneObject answer = ToAnswer(o, probability(o));
     if (o.runner_up_object >= 0 && o.runner_up > o.score - context.options.ambiguity_gap) {
       answer.alternatives.push_back(o.runner_up_object);
       result.state = RecognitionState::kAmbiguous;
     }
     result.objects.push_back(std::move(answer));
   }
+  if (known != nullptr) KeepKnown(context, *known, &result);
   return result;
+}
+
+std::vector<AspectHypothesis> SearchImage(const JointContext& context,
+                                          const AspectImage& image,
+                                          const AspectSearch& search,
+                                          const PinholeCamera* known) {
+  FindAspectOptions find;
+  find.threads = find.votes.threads = context.options.threads;
+  return FindAspectHypotheses(image, *search.index, find, known, context.give_up).hypotheses;
+}
+
+// Another route's answer by the numbers of the parts that are searched for; nothing when one of its
+// objects is not.
+std::optional<AspectScene> KnownScene(const RecognitionResult& answer, const AspectSearch& search) {
+  AspectScene out;
+  out.views = SceneViews(answer.views);
+  for (auto& view : out.views) {
+    if (view) view->log_focal_sigma = kKnownSceneLogSigma;
+  }
+  for (const SceneObject& o : answer.objects) {
+    const auto part = std::find(search.objects.begin(), search.objects.end(), o.object);
+    if (part == search.objects.end()) return std::nullopt;
+    out.objects.push_back({static_cast<int>(part - search.objects.begin()), o.scene_from_object});
+  }
+  return out;
+}
+
+// From numbers of the parts searched for to those of the catalog.
+void ToCatalog(const AspectSearch& search, LinkedScene* scene) {
+  for (LinkedObject& o : scene->objects) {
+    o.object = search.objects[o.object];
+    if (o.runner_up_object >= 0) o.runner_up_object = search.objects[o.runner_up_object];
+  }
+}
+
+int MiddleView(const std::vector<std::optional<AspectSceneView>>& views) {
+  std::vector<int> registered;
+  for (int v = 0; v < static_cast<int>(views.size()); ++v) {
+    if (views[v]) registered.push_back(v);
+  }
+  return registered[registered.size() / 2];
 }
 
 }  // namespace
@@ -258,7 +375,7 @@ AspectJudgement JudgeAnswer(const JointContext& context,
   out.objects = JudgeScene(images, meshes, scene, judging);
   std::vector<double> scores;
   for (const LinkedObject& o : out.objects) {
-    out.score += AboveChance(o, options.chance_score);
+    out.score += AboveChance(ViewScores(o), options.chance_score);
     scores.push_back(o.score);
   }
   if (!scores.empty()) {
@@ -289,41 +406,36 @@ void RefuseContradicted(const AspectJudgement& judgement,
   answer->detail = "the edges that the cameras should see of what fits are not in the images";
 }
 
-absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
-                                                std::span<const AspectImage> images,
-                                                const AspectSearch& search,
-                                                RefusalLog* log) {
+absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context,
+                                                     std::span<const AspectImage> images,
+                                                     const AspectSearch& search,
+                                                     const RecognitionResult* known,
+                                                     RefusalLog* log) {
   BeginStep(context, "aspect_search");
   std::vector<AspectViewPrior> priors;
   std::vector<std::vector<AspectHypothesis>> hypotheses;
   for (std::size_t v = 0; v < images.size(); ++v) {
-    FindAspectOptions find;
-    find.threads = find.votes.threads = context.options.threads;
     const PinholeCamera& start = context.start_cameras[v];
-    const bool known = context.focal_log_sigma[v] < kKnownLogSigma;
+    const bool is_known = context.focal_log_sigma[v] < kKnownLogSigma;
     priors.push_back({start, context.focal_log_sigma[v]});
-    if (!known) priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
-    hypotheses.push_back(
-        FindAspectHypotheses(
-            images[v], *search.index, find, known ? &start : nullptr, context.give_up)
-            .hypotheses);
+    if (context.focal_log_sigma[v] >= context.options.focal_log_sigma)
+      priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
+    hypotheses.push_back(SearchImage(context, images[v], search, is_known ? &start : nullptr));
     if (IsStopRequested(context.stop))
       return absl::CancelledError("stopped during the search for aspects");
   }
   BeginStep(context, "aspect_linking");
   AspectLinkOptions link;
   link.threads = context.options.threads;
+  AspectScene start;
+  if (known != nullptr) start = KnownScene(*known, search).value_or(AspectScene{});
   LinkedScene scene =
-      LinkAspects({images, priors, hypotheses, search.index->parts}, link, context.give_up);
+      LinkAspects({images, priors, hypotheses, search.index->parts, &start}, link, context.give_up);
   if (IsStopRequested(context.stop))
     return absl::CancelledError("stopped while aspects were linked");
-  for (LinkedObject& o : scene.objects) {
-    o.object = search.objects[o.object];
-    if (o.runner_up_object >= 0) o.runner_up_object = search.objects[o.runner_up_object];
-  }
-  AspectAnswer out;
-  out.result = ToResult(context, scene, log);
-  out.result.counts["aspects_searched"] = static_cast<double>(search.objects.size());
+  ToCatalog(search, &scene);
+  RecognitionResult out = ToResult(context, scene, known, log);
+  out.counts["aspects_searched"] = static_cast<double>(search.objects.size());
   for (std::size_t v = 0; log != nullptr && v < hypotheses.size(); ++v) {
     for (const AspectHypothesis& h : hypotheses[v]) {
       if (search.objects[h.object] != log->object) continue;
@@ -331,9 +443,40 @@ absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
           {log->object, static_cast<int>(v), h.camera, h.camera_from_object, h.score});
     }
   }
-  for (const LinkedObject& o : scene.objects)
-    out.score += AboveChance(o, context.options.aspects.chance_score);
   return out;
+}
+
+absl::Status AddOthers(const JointContext& context,
+                       std::span<const AspectImage> images,
+                       const AspectSearch& search,
+                       RecognitionResult* answer) {
+  const AspectRouteOptions& options = context.options.aspects;
+  const std::optional<AspectScene> known = KnownScene(*answer, search);
+  if (!known || known->objects.empty()) return absl::OkStatus();
+  BeginStep(context, "aspect_others");
+  AspectLinkOptions link;
+  link.threads = context.options.threads;
+  std::vector<AspectViewPrior> priors(images.size());
+  std::vector<std::vector<AspectHypothesis>> hypotheses(images.size());
+  const AspectLinkInput input{images, priors, hypotheses, search.index->parts, &*known};
+  // The middle view shows what most others show.
+  const int v = MiddleView(known->views);
+  hypotheses[v] = SearchImage(context, images[v], search, &known->views[v]->camera);
+  LinkedScene others = FindOthers(input, link, context.give_up);
+  if (IsStopRequested(context.stop))
+    return absl::CancelledError("stopped while more objects were looked for");
+  ToCatalog(search, &others);
+  for (const LinkedObject& o : others.objects) {
+    if (o.score < options.even_score || o.precision < options.other_precision) continue;
+    const double probability = Logistic(options.score_weight * (o.score - options.even_score));
+    if (probability < options.accept_probability) continue;
+    answer->objects.push_back(ToAnswer(o, probability));
+    if (o.runner_up_object >= 0 && o.runner_up > o.score - context.options.ambiguity_gap) {
+      answer->objects.back().alternatives.push_back(o.runner_up_object);
+      answer->state = RecognitionState::kAmbiguous;
+    }
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace horopter

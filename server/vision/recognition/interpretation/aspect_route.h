@@ -62,13 +62,18 @@ void RefuseContradicted(const AspectJudgement& judgement,
                         RecognitionResult* answer);
 
 // The scene that the aspects find of the objects searched for. log: may be null. Errors: CANCELLED.
-struct AspectAnswer {
-  RecognitionResult result;
-  double score = 0.0;  // as AspectJudgement::score
-};
-absl::StatusOr<AspectAnswer> RecognizeByAspects(const JointContext& context,
-                                                std::span<const AspectImage> images,
-                                                const AspectSearch& search,
-                                                RefusalLog* log);
+// known: another route's answer that the aspects may complete, null: none.
+absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context,
+                                                     std::span<const AspectImage> images,
+                                                     const AspectSearch& search,
+                                                     const RecognitionResult* known,
+                                                     RefusalLog* log);
+
+// Adds to an answer, whose cameras and objects stay, what the aspects find beside them in its
+// middle view and the other views confirm. Errors: CANCELLED.
+absl::Status AddOthers(const JointContext& context,
+                       std::span<const AspectImage> images,
+                       const AspectSearch& search,
+                       RecognitionResult* answer);
 
 }  // namespace horopter
