@@ -352,9 +352,11 @@ class Scene:
 
 
 def _station(report: station_pb2.StationReport) -> StationReport:
-    return StationReport(object_id(report.station), report.prior_used, report.learnt, [
-        StationFinding(station_pb2.StationFinding.Kind.Name(f.kind)[len("KIND_"):], [object_id(c) for c in f.cameras],
-                       f.rotation_rad, f.translation_m, f.focal_log_ratio, f.detail) for f in report.findings])
+    def last(name: str) -> str:
+        return name.rsplit("/", 1)[-1]
+    findings = [StationFinding(station_pb2.StationFinding.Kind.Name(f.kind)[len("KIND_"):], [last(c) for c in f.cameras],
+                               f.rotation_rad, f.translation_m, f.focal_log_ratio, f.detail) for f in report.findings]
+    return StationReport(last(report.station), report.prior_used, report.learnt, findings)
 
 
 def _plane(answer: recognition_pb2.RecognizeSceneResponse) -> Optional[Tuple[np.ndarray, float]]:
