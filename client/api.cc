@@ -23,6 +23,8 @@ namespace {
 
 constexpr char kFieldKey[] = "horopter-error-field";
 constexpr char kRetryAfterKey[] = "retry-after-ms";
+// As long as large messages are on their way.
+constexpr char kRetryAfterBreakMs[] = "1000";
 constexpr char kRequestIdKey[] = "horopter-request-id";
 constexpr char kReasonKey[] = "horopter-error-reason";  // of this client only
 constexpr int kPageSize = 200;
@@ -49,6 +51,11 @@ std::string ReasonIn(const std::string& details) {
 
 }  // namespace
 
+bool BrokenOffForMemory(const grpc::Status& status) {
+  return status.error_code() == grpc::StatusCode::RESOURCE_EXHAUSTED &&
+         absl::StrContains(status.error_message(), "RST_STREAM with error code 11");
+}
+
 absl::Status ToAbsl(const grpc::Status& status,
                     const grpc::ClientContext& context,
                     const std::string& address) {
@@ -56,7 +63,8 @@ absl::Status ToAbsl(const grpc::Status& status,
   std::string message = status.error_message();
   const auto& trailers = context.GetServerTrailingMetadata();
   const std::string field = ValueOf(trailers, kFieldKey);
-  const std::string retry = ValueOf(trailers, kRetryAfterKey);
+  std::string retry = ValueOf(trailers, kRetryAfterKey);
+  if (BrokenOffForMemory(status)) retry = kRetryAfterBreakMs;
   const std::string request = ValueOf(context.GetServerInitialMetadata(), kRequestIdKey);
   if (!field.empty() && message.find(field) == std::string::npos) {
     absl::StrAppend(&message, " (field ", field, ")");

@@ -23,6 +23,10 @@ struct HoropterClient::Stubs {
   std::unique_ptr<v1::StationService::Stub> stations;
 };
 
+// gRPC of the server broke the call off because messages on their way held all of its memory: the
+// mapping of ENHANCE_YOUR_CALM (gRPC over HTTP/2, "Errors"), which no trailers come with.
+bool BrokenOffForMemory(const grpc::Status& status);
+
 // The context must be of a call that is over.
 absl::Status ToAbsl(const grpc::Status& status,
                     const grpc::ClientContext& context,

@@ -105,7 +105,7 @@ absl::Status CatalogBackup(HoropterClient& client, const std::string& path) {
           return Interrupted() ? absl::CancelledError("interrupted; the same command goes on")
                                : absl::OkStatus();
         });
-    if (absl::IsNotFound(status)) {  // the server was started anew, or others made copies
+    if (absl::IsNotFound(status)) {  // the server was started again, or others made copies
       backup.Restart();
       continue;
     }

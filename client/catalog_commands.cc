@@ -273,7 +273,7 @@ absl::Status CatalogVerify(HoropterClient& client,
   SayJson({{"objects", checked}, {"problems", list}});
   if (problems == 0) return absl::OkStatus();
   return absl::DataLossError(
-      "the catalog is damaged; `horopter catalog rebuild` makes derived data anew, for the rest "
+      "the catalog is damaged; `horopter catalog rebuild` recomputes derived data, for the rest "
       "restore a backup or enrol the objects again");
 }
 

@@ -58,7 +58,7 @@ void AddVerify(CLI::App& parent, const std::string& what, const char* example, C
     verify->add_option("ID", a->ids, "report these alone (default: all)");
   }
   verify->add_flag(
-      "--recompute", a->recompute, "also make derived data anew and compare: 0.1 s per object");
+      "--recompute", a->recompute, "also recompute derived data and compare: 0.1 s per object");
   verify->callback([=] {
     *command = [a](HoropterClient& c) { return CatalogVerify(c, a->recompute, a->ids); };
   });
@@ -149,7 +149,7 @@ void AddCatalogCommands(CLI::App& app, Command* command) {
 
   CLI::App* rebuild = AddCommand(catalog,
                                  "rebuild",
-                                 "make derived data anew from the geometry",
+                                 "recompute derived data from the geometry",
                                  "horopter catalog rebuild bracket");
   rebuild->add_option("ID", a->ids, "objects (default: all)");
   rebuild->callback(

@@ -43,13 +43,13 @@ absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>
 absl::Status ReportLookAlikes(HoropterClient& client, const std::string& id);
 absl::Status ObjectLookAlikes(HoropterClient& client, const std::string& id);
 
-// DATA_LOSS when a problem is found. recompute: derived data are made anew and compared. Everything
-// is checked; with ids, only problems of these objects and of the catalog as a whole are reported.
-// Errors: NOT_FOUND (an id).
+// DATA_LOSS when a problem is found. recompute: derived data are recomputed and compared.
+// Everything is checked; with ids, only problems of these objects and of the catalog as a whole are
+// reported. Errors: NOT_FOUND (an id).
 absl::Status CatalogVerify(HoropterClient& client,
                            bool recompute,
                            const std::vector<std::string>& ids);
-// Makes the derived data of the named objects anew; no ids: of all.
+// Recomputes the derived data of the named objects; no ids: of all.
 absl::Status CatalogRebuild(HoropterClient& client, std::vector<std::string> ids);
 // Both write to new files and folders only.
 absl::Status CatalogBackup(HoropterClient& client, const std::string& path);

@@ -108,6 +108,10 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_flag("--tiff-and-pnm",
                flags.server.images.tiff_and_pnm,
                "Also read TIFF and PNM images; only for clients that are trusted");
+  app.add_flag("--allow-variants",
+               flags.server.allow_variants,
+               "Requests may choose variants of the methods in metadata, horopter-variants; for "
+               "operators");
   app.add_option("--drain-seconds", flags.drain_seconds, "Time for running requests after SIGTERM")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
@@ -268,6 +272,7 @@ int main(int argc, char** argv) {
   flags.server.telemetry.version = HOROPTER_VERSION;
   flags.server.telemetry.settings = app.config_to_str(true, false);
   horopter::SetProcessCores(flags.cores);
+  horopter::KeepFreedMemory();
   spdlog::set_formatter(horopter::OneLineFormatter());
   spdlog::set_level(spdlog::level::from_str(flags.log_level));
   spdlog::flush_on(spdlog::level::info);

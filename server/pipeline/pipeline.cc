@@ -1,13 +1,8 @@
 #include "server/pipeline/pipeline.h"
 
 #include <algorithm>
-#include <atomic>
-#include <chrono>
-#include <iterator>
 #include <map>
-#include <numeric>
 #include <span>
-#include <string_view>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -15,80 +10,17 @@
 #include "server/base/status_macros.h"
 #include "server/base/stop_scope.h"
 #include "server/pipeline/answer.h"
+#include "server/pipeline/clocks.h"
 #include "server/pipeline/exception_status.h"
 #include "server/pipeline/explain.h"
-#include "server/vision/matching/known_cameras.h"
-#include "server/vision/recognition/explained_recognition.h"
-#include "server/vision/recognition/object/prepared_blob.h"
+#include "server/pipeline/recognition_stage.h"
+#include "server/pipeline/select_objects.h"
+#include "server/pipeline/variants.h"
+#include "server/vision/features/arc_refit.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
 namespace {
-
-// What the catalog keeps of an object.
-constexpr PrepareOptions kCatalogPreparation{.aspects = true};
-
-// Times one stage and keeps its counts.
-class StageClock {
- public:
-  StageClock(std::string stage, std::vector<StageReport>* reports)
-      : reports_(reports),
-        report_{std::move(stage), 0.0, {}},
-        start_(std::chrono::steady_clock::now()) {}
-  void Finish(std::map<std::string, double> counts) {
-    report_.seconds =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-    report_.counts = std::move(counts);
-    reports_->push_back(std::move(report_));
-  }
-
- private:
-  std::vector<StageReport>* reports_;
-  StageReport report_;
-  std::chrono::steady_clock::time_point start_;
-};
-
-// Adds up the wall time of a stage's steps under "seconds_<step>".
-class StepClock {
- public:
-  void Begin(std::string_view step) {
-    End();
-    step_ = std::string(step);
-    start_ = std::chrono::steady_clock::now();
-  }
-  void End() {
-    if (step_.empty()) return;
-    seconds_["seconds_" + step_] +=
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-    step_.clear();
-  }
-  const std::map<std::string, double>& seconds() const { return seconds_; }
-
- private:
-  std::string step_;
-  std::chrono::steady_clock::time_point start_;
-  std::map<std::string, double> seconds_;
-};
-
-// What the caller says about the cameras, for the reconstruction.
-std::vector<ViewPrior> PriorsOf(const SceneRequest& request) {
-  if (request.hints.empty() && request.camera_poses.empty()) return {};
-  std::vector<ViewPrior> priors(request.images.size());
-  for (std::size_t i = 0; i < request.hints.size(); ++i) {
-    const CameraHint& hint = request.hints[i];
-    priors[i].focal_px = hint.focal_px;
-    priors[i].focal_log_sigma = hint.focal_log_sigma.value_or(priors[i].focal_log_sigma);
-    priors[i].principal_point_px = hint.principal_point;
-    priors[i].k1 = hint.k1;
-  }
-  for (std::size_t i = 0; i < request.camera_poses.size(); ++i) {
-    if (!request.camera_poses[i]) continue;
-    priors[i].camera_from_world = request.camera_poses[i]->camera_from_base;
-    priors[i].rotation_sigma_rad = request.camera_poses[i]->rotation_sigma_rad;
-    priors[i].position_sigma_m = request.camera_poses[i]->position_sigma_m;
-  }
-  return priors;
-}
 
 absl::Status ValidateRequest(const SceneRequest& request) {
   if (request.images.empty()) return absl::InvalidArgumentError("images: at least one is needed");
@@ -111,73 +43,6 @@ absl::Status ValidateRequest(const SceneRequest& request) {
   return absl::OkStatus();
 }
 
-const std::string& IdAt(const CatalogSnapshot& catalog, int index) {
-  return catalog.stored.empty() ? catalog.objects[index]->model.id : catalog.stored[index]->id();
-}
-
-// Index of the object, or -1.
-int FindObject(const CatalogSnapshot& catalog, const std::string& id) {
-  int low = 0, high = ObjectCount(catalog);
-  while (low < high) {
-    const int middle = low + (high - low) / 2;
-    if (IdAt(catalog, middle) < id) {
-      low = middle + 1;
-    } else {
-      high = middle;
-    }
-  }
-  return low < ObjectCount(catalog) && IdAt(catalog, low) == id ? low : -1;
-}
-
-struct Selection {
-  std::vector<std::shared_ptr<const PreparedObject>> objects;
-  std::vector<int> slots;  // of the objects in the catalog's keys; empty when it has none
-};
-
-absl::StatusOr<Selection> SelectObjects(const SceneRequest& request,
-                                        const CatalogSnapshot& catalog,
-                                        int most) {
-  if (request.reference && FindObject(catalog, request.reference->object_id) < 0) {
-    return absl::NotFoundError(
-        absl::StrCat("reference.object: ", request.reference->object_id, " is not enrolled"));
-  }
-  if (!request.explained.empty() && FindObject(catalog, request.explained) < 0) {
-    return absl::NotFoundError(
-        absl::StrCat("explained: object ", request.explained, " is not enrolled"));
-  }
-  std::vector<int> selected;
-  if (request.candidates.empty()) {
-    selected.resize(ObjectCount(catalog));
-    std::iota(selected.begin(), selected.end(), 0);
-  }
-  std::vector<std::string> wanted = request.candidates;
-  if (!wanted.empty() && request.reference) wanted.push_back(request.reference->object_id);
-  if (!wanted.empty() && !request.explained.empty()) wanted.push_back(request.explained);
-  std::sort(wanted.begin(), wanted.end());
-  wanted.erase(std::unique(wanted.begin(), wanted.end()), wanted.end());
-  for (const std::string& id : wanted) {
-    selected.push_back(FindObject(catalog, id));
-    if (selected.back() < 0) {
-      return absl::NotFoundError(absl::StrCat("candidate_objects: ", id, " is not enrolled"));
-    }
-  }
-  if (static_cast<int>(selected.size()) > most) {
-    return absl::InvalidArgumentError(absl::StrCat("candidate_objects: ",
-                                                   selected.size(),
-                                                   " objects, at most ",
-                                                   most,
-                                                   " are searched for at once "
-                                                   "(max_searched_objects)"));
-  }
-  const bool keyed = static_cast<int>(catalog.slots.size()) == ObjectCount(catalog);
-  Selection out;
-  for (const int index : selected) {
-    HOROPTER_ASSIGN_OR_RETURN(out.objects.emplace_back(), ObjectAt(catalog, index));
-    if (keyed) out.slots.push_back(catalog.slots[index]);
-  }
-  return out;
-}
-
 absl::StatusOr<std::vector<ImageFeatures>> DetectAll(const SceneRequest& request,
                                                      const PipelineOptions& options,
                                                      const StopRequested& stop) {
@@ -185,7 +50,9 @@ absl::StatusOr<std::vector<ImageFeatures>> DetectAll(const SceneRequest& request
   std::vector<absl::StatusOr<ImageFeatures>> found(n,
                                                    absl::CancelledError("stopped during features"));
   ParallelFor(n, options.threads, [&](int i) {
-    if (!IsStopRequested(stop)) found[i] = DetectFeatures(request.images[i], options.features);
+    if (IsStopRequested(stop)) return;
+    found[i] = DetectFeatures(request.images[i], options.features);
+    if (found[i].ok() && options.refit_arcs) RefitArcs(&*found[i]);
   });
   std::vector<ImageFeatures> features;
   for (int i = 0; i < n; ++i) {
@@ -210,183 +77,6 @@ std::map<std::string, double> SumCounts(const std::vector<ImageFeatures>& featur
   return sum;
 }
 
-// Notes whether a stage was told to hurry, and in which step: stages read no clock, so one that
-// never heard it gave all it has. Begin() on the thread of the request; the token on any.
-class HurryWatch {
- public:
-  explicit HurryWatch(StopRequested hurry) : hurry_(std::move(hurry)) {}
-
-  StopRequested Token() {
-    if (!hurry_) return {};
-    return [this] {
-      if (!hurry_()) return false;
-      int none = -1;
-      heard_in_.compare_exchange_strong(none, static_cast<int>(steps_begun_.load()));
-      return true;
-    };
-  }
-  void Begin(std::string_view step) {
-    steps_.emplace_back(step);
-    ++steps_begun_;
-  }
-  bool heard() const { return heard_in_ >= 0; }
-  // Empty: not heard, or before the first step.
-  std::string step() const {
-    return heard_in_ > 0 ? steps_[static_cast<std::size_t>(heard_in_) - 1] : std::string();
-  }
-
- private:
-  const StopRequested hurry_;
-  std::vector<std::string> steps_;
-  std::atomic<int> steps_begun_{0};
-  std::atomic<int> heard_in_{-1};
-};
-
-// Routes that were due but not asked for want of time: in the counts as "unasked_<route>".
-std::vector<std::string> UnaskedRoutes(const RecognitionResult& recognition) {
-  constexpr std::string_view kUnasked = "unasked_";
-  std::vector<std::string> routes;
-  for (const auto& [name, count] : recognition.counts) {
-    if (name.rfind(kUnasked, 0) == 0) routes.push_back(name.substr(kUnasked.size()));
-  }
-  return routes;
-}
-
-// What recognition says of the scene as a whole, in terms of the answer.
-void TellState(const RecognitionResult& recognition, SceneAnswer* answer) {
-  switch (recognition.state) {
-    case RecognitionState::kRecognized:
-      return;
-    case RecognitionState::kNothingFound:
-      return AddReason(ReasonKind::kNothingFound, recognition.detail, answer);
-    case RecognitionState::kAmbiguous:
-      return AddReason(ReasonKind::kAmbiguous, recognition.detail, answer);
-    case RecognitionState::kTooFewFeatures:
-      return AddReason(ReasonKind::kTooFewFeatures, recognition.detail, answer);
-    case RecognitionState::kNoParallax:
-      return AddReason(ReasonKind::kNoParallax, recognition.detail, answer);
-  }
-}
-
-// The second pass of the drawing: matching called again, cameras known.
-absl::StatusOr<MatchingResult> LinkUnderCameras(const SceneRequest& request,
-                                                const SceneTrace& trace,
-                                                const MatchingOptions& options,
-                                                const StopRequested& stop) {
-  std::vector<std::optional<PosedView>> views;
-  for (const auto& posed : trace.metric->cameras) {
-    views.emplace_back();
-    if (posed) views.back() = PosedView{posed->camera, posed->camera_from_scene};
-  }
-  KnownCameras known{views, Eigen::Vector3d::Zero()};
-  const double count = static_cast<double>(trace.metric->objects.size());
-  for (const PosedObject& o : trace.metric->objects) known.middle += o.scene_from_object.t / count;
-  return MatchUnderCameras(request.images, trace.features, known, trace.matching, options, stop);
-}
-
-}  // namespace
-
-int ObjectCount(const CatalogSnapshot& catalog) {
-  return static_cast<int>(std::max(catalog.objects.size(), catalog.stored.size()));
-}
-
-absl::StatusOr<std::shared_ptr<const PreparedObject>> ObjectAt(const CatalogSnapshot& catalog,
-                                                               int index) {
-  if (catalog.stored.empty()) return catalog.objects[index];
-  return catalog.stored[index]->Get();
-}
-
-absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareCatalogObject(ObjectModel model) {
-  return PrepareObject(std::move(model), kCatalogPreparation);
-}
-
-const ObjectModel& ModelOf(const PreparedObject& object) {
-  return object.model;
-}
-
-ObjectPreparer CatalogPreparer() {
-  ObjectPreparer preparer;
-  preparer.version = kPreparedVersion;
-  preparer.prepare = PrepareCatalogObject;
-  preparer.encode = [](const PreparedObject& object) {
-    return EncodePrepared(object, kCatalogPreparation);
-  };
-  preparer.restore = [](ObjectModel model, const PreparedBytes& bytes) {
-    return RestorePrepared(std::move(model), bytes, kCatalogPreparation);
-  };
-  preparer.decode_keys = DecodePreparedKeys;
-  preparer.model_of = ModelOf;
-  preparer.keys_of = [](const PreparedObject& object) -> const ObjectKeys& { return object.keys; };
-  return preparer;
-}
-
-PipelineOptions ResolveOptions(PipelineOptions options) {
-  options.matching.threads = options.threads;
-  options.recognition.threads = options.threads;
-  options.euclidean.threads = options.threads;
-  options.euclidean.focal_start_widths = options.recognition.focal_start_widths;
-  return options;
-}
-
-namespace {
-
-// Matching and reconstruction.
-absl::Status Reconstruct(const SceneRequest& request,
-                         const PipelineOptions& options,
-                         const StopRequested& stop,
-                         SceneTrace* trace,
-                         std::vector<StageReport>* stages) {
-  StageClock matching_clock("matching", stages);
-  HOROPTER_ASSIGN_OR_RETURN(trace->matching,
-                            MatchViews(request.images, trace->features, options.matching, stop));
-  matching_clock.Finish(trace->matching.counts);
-
-  StageClock reconstruction_clock("reconstruction", stages);
-  std::vector<ImageSize> sizes;
-  for (const cv::Mat& image : request.images) sizes.push_back({image.cols, image.rows});
-  HOROPTER_ASSIGN_OR_RETURN(trace->reconstruction,
-                            ReconstructViews(trace->matching,
-                                             trace->features,
-                                             sizes,
-                                             PriorsOf(request),
-                                             options.reconstruction,
-                                             stop));
-  reconstruction_clock.Finish(trace->reconstruction.counts);
-  return absl::OkStatus();
-}
-
-// One call of recognition with the time of its steps.
-using Recognize = absl::StatusOr<RecognitionResult>(const RecognitionInput&,
-                                                    const RecognitionOptions&,
-                                                    const StopRequested&,
-                                                    const StepListener&,
-                                                    RefusalLog*);
-absl::StatusOr<RecognitionResult> TimedRecognition(Recognize* recognize,
-                                                   const RecognitionInput& input,
-                                                   const PipelineOptions& options,
-                                                   const StopRequested& stop,
-                                                   HurryWatch* watch,
-                                                   RefusalLog* log,
-                                                   std::vector<StageReport>* stages) {
-  StageClock clock("recognition", stages);
-  StepClock steps;
-  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
-                            recognize(
-                                input,
-                                options.recognition,
-                                stop,
-                                [&](std::string_view step) {
-                                  steps.Begin(step);
-                                  watch->Begin(step);
-                                },
-                                log));
-  steps.End();
-  std::map<std::string, double> counts = steps.seconds();
-  counts.insert(result.counts.begin(), result.counts.end());
-  clock.Finish(std::move(counts));
-  return result;
-}
-
 int IndexOf(const std::string& id, std::span<const std::shared_ptr<const PreparedObject>> objects) {
   const auto at = std::find_if(
       objects.begin(), objects.end(), [&](const auto& o) { return o->model.id == id; });
@@ -405,55 +95,6 @@ absl::Status Explain(const RecognitionInput& input,
   HOROPTER_RETURN_IF_ERROR(ExplainAnswer(
       input, log, request, result->trace, options.recognition, stop, &result->answer));
   clock.Finish({});
-  return absl::OkStatus();
-}
-
-// Recognition by the aspects alone, else after matching and reconstruction, which `input` then
-// holds: the metric stage uses the matches too. The step in which time ran short, and what was not
-// begun for it, is told in the answer.
-absl::Status RunRecognition(PipelineOptions options,
-                            const SceneRequest& request,
-                            const StopRequested& stop,
-                            RefusalLog* log,
-                            RecognitionInput* input,
-                            PipelineResult* result) {
-  SceneTrace& trace = result->trace;
-  SceneAnswer& answer = result->answer;
-  HurryWatch watch(options.recognition.hurry);
-  options.recognition.hurry = watch.Token();
-  const auto recognize = [&](Recognize* by) {
-    return TimedRecognition(by, *input, options, stop, &watch, log, &answer.stages);
-  };
-  std::vector<std::string> unasked;
-  bool aspects_first = AspectsComeFirst(input->objects, options.recognition);
-  if (aspects_first) {
-    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize(RecognizeByAspectsAlone));
-    // Of a large catalog the images may say that it need not have been.
-    aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
-  }
-  if (trace.recognition.objects.empty() && IsStopRequested(options.recognition.hurry)) {
-    unasked = {"matching", "reconstruction", "recognition"};
-  } else if (trace.recognition.objects.empty()) {
-    watch.Begin("matching");
-    HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));
-    if (!aspects_first || trace.reconstruction.trusted) {
-      input->matching = &trace.matching;
-      input->reconstruction = &trace.reconstruction;
-      HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize(RecognizeObjects));
-      unasked = UnaskedRoutes(found);
-      if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
-    }
-  }
-  answer.time_limited = watch.heard();
-  if (!watch.step().empty()) answer.unsearched.push_back({UnsearchedCause::kTime, watch.step()});
-  for (std::string& step : unasked) {
-    answer.unsearched.push_back({UnsearchedCause::kTime, std::move(step)});
-  }
-  if (options.recognition.routes.aspects &&
-      std::ssize(input->objects) > options.recognition.aspects.max_objects) {
-    answer.unsearched.push_back({UnsearchedCause::kCatalogSize, "aspects"});
-  }
-  TellState(trace.recognition, &answer);
   return absl::OkStatus();
 }
 
@@ -553,7 +194,9 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                          nullptr,
                          objects,
                          selection.slots.empty() ? nullptr : &catalog.keys,
-                         selection.slots};
+                         selection.slots,
+                         &options.bottom_up,
+                         &options.aspects};
   RefusalLog log;
   log.object = IndexOf(request.explained, objects);
   RefusalLog* const kept = log.object < 0 ? nullptr : &log;
@@ -575,15 +218,18 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                  &answer));
   if (answer.objects.empty()) AddReason(ReasonKind::kNothingFound, "no object is left", &answer);
   HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
-  if (!options.second_pass) return result;
-
-  StageClock second_pass_clock("second_pass", &answer.stages);
-  HOROPTER_ASSIGN_OR_RETURN(trace.linked, LinkUnderCameras(request, trace, options.matching, stop));
-  second_pass_clock.Finish(trace.linked->counts);
   return result;
 }
 
 }  // namespace
+
+PipelineOptions ResolveOptions(PipelineOptions options) {
+  options.matching.threads = options.threads;
+  options.recognition.threads = options.threads;
+  options.euclidean.threads = options.threads;
+  options.euclidean.focal_start_widths = options.recognition.focal_start_widths;
+  return options;
+}
 
 absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                               const CatalogSnapshot& catalog,
@@ -592,8 +238,12 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
   if (options.threads < 1) return absl::InvalidArgumentError("threads: at least one is needed");
   const CoreBudget budget(options.threads);
   const StopScope scope(stop);
-  return CatchExceptions(
-      [&] { return RunStages(request, catalog, ResolveOptions(options), stop); });
+  return CatchExceptions([&]() -> absl::StatusOr<PipelineResult> {
+    PipelineOptions chosen = options;
+    if (!request.variants.empty())
+      HOROPTER_RETURN_IF_ERROR(ApplyVariants(request.variants, &chosen));
+    return RunStages(request, catalog, ResolveOptions(std::move(chosen)), stop);
+  });
 }
 
 }  // namespace horopter

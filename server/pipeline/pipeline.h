@@ -12,7 +12,9 @@
 #include "server/pipeline/scene.h"
 #include "server/pipeline/stored_object.h"
 #include "server/vision/geometry/object_model.h"
+#include "server/vision/recognition/initialization/bottom_up_route.h"
 #include "server/vision/recognition/invariant_matching/key_index.h"
+#include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/prepared_bytes.h"
 
 namespace horopter {
@@ -65,10 +67,11 @@ struct PipelineOptions {
   ReconstructionOptions reconstruction;
   RecognitionOptions recognition;
   EuclideanOptions euclidean;
+  BottomUpOptions bottom_up;         // recognition's routes through the reconstructed structure
+  AspectRecognitionOptions aspects;  // ... and by the aspects of the parts
+  // Fits arcs once more by orthogonal distance (features/arc_refit.h, thesis 2.4).
+  bool refit_arcs = false;
   StationOptions station;  // of requests that name one
-  // Matches everything once more under the cameras of the recognised parts (SceneTrace::linked);
-  // the answer does not change. About as dear as one round of matching.
-  bool second_pass = false;
   // Cores one request uses; the stages get this value (ResolveOptions). More: a faster answer.
   int threads = 2;
   // Objects that are searched for at once; a request over a larger catalog has to name candidates.
@@ -89,10 +92,10 @@ PipelineOptions ResolveOptions(PipelineOptions options);
 
 // Recognises the catalog's objects in a set of images of one static scene, with the options that
 // ResolveOptions gives.
-// Errors: INVALID_ARGUMENT (no image, wrong type or size, hint count, more objects than are
-// searched for at once, options), NOT_FOUND (candidate or reference id unknown), CANCELLED (stop
-// was requested), RESOURCE_EXHAUSTED (out of memory), INTERNAL (a library threw). Everything the
-// images cannot decide is an AnswerReason, not an error.
+// Errors: INVALID_ARGUMENT (no image, wrong type or size, hint count, variants that are none, more
+// objects than are searched for at once, options), NOT_FOUND (candidate or reference id unknown),
+// CANCELLED (stop was requested), RESOURCE_EXHAUSTED (out of memory), INTERNAL (a library threw).
+// Everything the images cannot decide is an AnswerReason, not an error.
 absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
                                               const CatalogSnapshot& catalog,
                                               const PipelineOptions& options,

@@ -43,7 +43,8 @@ struct SceneRequest {
   // Id of an object that is looked for too and of which the answer says why it is, or is not, in
   // it; empty: none.
   std::string explained;
-  bool unexplained_edges = false;         // SceneAnswer::unexplained_edges is wanted
+  bool unexplained_edges = false;  // SceneAnswer::unexplained_edges is wanted
+  std::string variants;            // of the methods, see variants.h; empty: the options as they are
   std::optional<StationRequest> station;  // whose cameras took the images
 };
 
@@ -72,7 +73,7 @@ struct UnsearchedStep {
 };
 
 struct StageReport {
-  // features, matching, reconstruction, recognition, euclidean, explanation, second_pass
+  // features, matching, reconstruction, recognition, euclidean, explanation
   std::string stage;
   double seconds = 0.0;
   std::map<std::string, double> counts;
@@ -133,7 +134,7 @@ struct SceneAnswer {
   Eigen::MatrixXd joint_covariance;
   // When a reference was given and found; without one, when posed cameras were recovered.
   std::optional<Rigid3> base_from_scene;
-  std::optional<SupportPlane> plane;  // that the objects stand on, in the scene frame
+  std::optional<SupportingPlane> plane;  // that the objects stand on, in the scene frame
   std::optional<AnswerExplanation> explanation;
   // One entry per image; empty unless asked for.
   std::vector<EdgeLines> unexplained_edges;
@@ -155,9 +156,6 @@ struct SceneTrace {
   Reconstruction reconstruction;
   RecognitionResult recognition;
   std::optional<MetricScene> metric;
-  // The second pass: `matching` once more under the cameras of `metric`, so that all their views
-  // are linked. Empty when it was not asked for or nothing is recognised.
-  std::optional<MatchingResult> linked;
 };
 
 }  // namespace horopter

@@ -1,4 +1,4 @@
-// An object of a catalog too large to be held in memory as a whole.
+// An object of a catalog too large to be fixed in memory as a whole.
 #pragma once
 
 #include <functional>

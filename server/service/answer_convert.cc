@@ -220,7 +220,7 @@ void StageToProto(const StageReport& stage, v1::StageReport* proto) {
 
 void PlanesToProto(const SceneAnswer& answer, v1::RecognizeSceneResponse* proto) {
   if (!answer.plane) return;
-  const SupportPlane& plane = *answer.plane;
+  const SupportingPlane& plane = *answer.plane;
   VectorToProto(plane.normal, proto->mutable_supporting_plane_in_scene()->mutable_normal());
   proto->mutable_supporting_plane_in_scene()->set_offset_m(plane.offset_m);
   if (!answer.base_from_scene) return;

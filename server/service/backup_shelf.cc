@@ -76,7 +76,7 @@ absl::StatusOr<std::shared_ptr<const BackupCopy>> BackupShelf::Find(const std::s
   for (const auto& copy : copies_) {
     if (copy->id() == id) return copy;
   }
-  return absl::NotFoundError("backup_id: the server has no such backup any more; begin anew");
+  return absl::NotFoundError("backup_id: the server has no such backup any more; begin again");
 }
 
 void BackupShelf::Keep(std::shared_ptr<const BackupCopy> copy) {

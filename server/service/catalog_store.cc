@@ -198,7 +198,7 @@ std::shared_ptr<const StoredObject> CatalogStore::Handle(const std::string& id) 
 
 absl::StatusOr<Prepared> CatalogStore::LoadForHandle(const std::string& id) {
   HOROPTER_ASSIGN_OR_RETURN(LoadedObject object, catalog_->LoadObject(id));
-  // What had to be prepared anew is not stored here: a writer may be at work on the object.
+  // What had to be prepared again is not stored here: a writer may be at work on the object.
   absl::StatusOr<Prepared> prepared = LoadOne(*catalog_, std::move(object), preparer_).object;
   if (!prepared.ok()) return prepared;
   const std::lock_guard lock(recent_mutex_);

@@ -23,7 +23,7 @@ namespace horopter {
 struct LoadReport {
   bool resident = true;  // all objects are in memory; false: their keys are
   int restored = 0;      // objects whose derived data, or keys, were there
-  int prepared = 0;      // objects that had to be prepared anew: no data, another version, damaged
+  int prepared = 0;      // objects that had to be prepared again: no data, another version, damaged
   std::vector<std::string> failures;  // one message per object that cannot be prepared
   absl::Status stored;                // whether the new derived data could be written
 };
@@ -41,12 +41,12 @@ struct StoreOptions {
 
 // A write makes the next published state first, then is committed to SQLite, the derived data with
 // it, and takes the other's place then, which cannot fail; only the object that changed is prepared
-// anew. Thread-safe; readers hold a shared_ptr and wait for nobody.
+// again. Thread-safe; readers hold a shared_ptr and wait for nobody.
 class CatalogStore {
  public:
-  // Loads all objects from their derived data, or their keys, and prepares and stores anew what is
+  // Loads all objects from their derived data, or their keys, and prepares and stores again what is
   // out of date. An object that is damaged or cannot be prepared stays in the catalog and is left
-  // out of the snapshot; nothing is made anew from damaged bytes. Errors: as Catalog::LoadObjects,
+  // out of the snapshot; nothing is recomputed from damaged bytes. Errors: as Catalog::LoadObjects,
   // CANCELLED.
   static absl::StatusOr<std::unique_ptr<CatalogStore>> Load(std::unique_ptr<Catalog> catalog,
                                                             ObjectPreparer preparer,
@@ -82,12 +82,12 @@ class CatalogStore {
   using DeleteCheck = std::function<absl::Status(const CatalogRecord& current)>;
   absl::Status Delete(const std::string& id, const DeleteCheck& check = {});
 
-  // Prepares the object anew, stores its derived data when they differ from those in the catalog,
+  // Prepares the object again, stores its derived data when they differ from those in the catalog,
   // and publishes it. True: they differed. Errors: NOT_FOUND, INVALID_ARGUMENT.
   absl::StatusOr<bool> Rebuild(const std::string& id);
 
   // Whether the stored derived data are those of the object's geometry; `recompute` also makes them
-  // anew and compares. Errors: NOT_FOUND, CANCELLED; otherwise the answer, FAILED_PRECONDITION or
+  // again and compares. Errors: NOT_FOUND, CANCELLED; otherwise the answer, FAILED_PRECONDITION or
   // DATA_LOSS.
   absl::Status CheckDerived(const std::string& id, bool recompute, const StopRequested& stop = {});
 

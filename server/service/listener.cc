@@ -22,6 +22,9 @@ constexpr const char* kServiceNames[] = {"horopter.v1.RecognitionService",
                                          "horopter.v1.ServerService"};
 constexpr int kMaxStreamsPerConnection = 100;
 constexpr int kMaxMetadataBytes = 16 << 10;
+// Largest messages that gRPC itself may hold. Above it breaks calls off, those that are answered as
+// well, and it needs more than the two that come in to hold two.
+constexpr int kMessagesOnTheirWay = 4;
 constexpr mode_t kOwnerAlone = 0077;
 
 // The library with reflection adds it to every server that is built.
@@ -51,7 +54,7 @@ void SetLimits(const ListenerOptions& options, grpc::ServerBuilder* builder) {
   builder->SetMaxSendMessageSize(std::min(2047, 2 * largest_mb) << 20);
   // Bounds what gRPC itself holds of messages on their way.
   grpc::ResourceQuota quota("horopter");
-  quota.Resize(size_t{2} * static_cast<size_t>(largest_mb) << 20);
+  quota.Resize(size_t{kMessagesOnTheirWay} * static_cast<size_t>(largest_mb) << 20);
   builder->SetResourceQuota(quota);
   builder->AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kMaxStreamsPerConnection);
   builder->AddChannelArgument(GRPC_ARG_MAX_METADATA_SIZE, kMaxMetadataBytes);

@@ -13,7 +13,7 @@ class RawFrame;
 
 namespace horopter {
 
-// Shape of the image that the frame becomes, after its format, sizes and stride were held against
+// Shape of the image that the frame becomes, after its format, sizes and stride were compared with
 // its bytes. `field` names the frame. Errors: INVALID_ARGUMENT naming the field.
 absl::StatusOr<ImageShape> RawFrameShape(const v1::RawFrame& frame, const std::string& field);
 

@@ -47,6 +47,14 @@ absl::Status CheckIds(const v1::RecognizeSceneRequest& proto,
   return absl::OkStatus();
 }
 
+absl::StatusOr<std::string> AllowedVariants(const std::string& named,
+                                            const RecognitionLimits& limits) {
+  if (named.empty() || limits.allow_variants) return named;
+  return FieldError(absl::StatusCode::kPermissionDenied,
+                    kVariantsKey,
+                    "this server takes no variants: start it with --allow-variants");
+}
+
 // Of a request that names a station; its state goes into the record, for a replay.
 absl::StatusOr<std::optional<StationStart>> BeginStationOf(const v1::RecognizeSceneRequest& proto,
                                                            Catalog& catalog,
@@ -184,6 +192,7 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
       SceneRequest scene,
       SceneRequestFromProto(request, limits_.images, limits_.decode_threads, call.limits.stop));
   HOROPTER_RETURN_IF_ERROR(CheckIds(request, scene, *published));
+  HOROPTER_ASSIGN_OR_RETURN(scene.variants, AllowedVariants(call.variants, limits_));
   HOROPTER_ASSIGN_OR_RETURN(const std::optional<StationStart> station,
                             BeginStationOf(request, store_.catalog(), &scene, call.record));
   StageReport decode = DecodeReport(start, scene);

@@ -23,6 +23,7 @@ struct RecognitionLimits {
   // Reserved for the stages per pixel of the request, beside the decoded images.
   int64_t work_bytes_per_pixel = 24;
   int decode_threads = 2;
+  bool allow_variants = false;  // that a call names in its metadata (pipeline/variants.h)
 };
 
 // Thread-safe. The store and what the gate names must outlive the service's last call.

@@ -13,7 +13,8 @@ class Status;
 
 namespace horopter {
 
-// Keys of the trailing metadata and of the initial metadata of an answer.
+// Keys of metadata: a call may bring the first, the next two trail an answer, the last begins it.
+inline constexpr char kVariantsKey[] = "horopter-variants";
 inline constexpr char kErrorFieldKey[] = "horopter-error-field";
 inline constexpr char kRetryAfterKey[] = "retry-after-ms";
 inline constexpr char kRequestIdKey[] = "horopter-request-id";

@@ -32,6 +32,9 @@ v1::ServerLimits LimitsToProto(const ServerOptions& options, const RecognitionLi
   proto.set_work_bytes_per_pixel(limits.work_bytes_per_pixel);
   proto.set_workers(options.workers);
   proto.set_queue(options.queue);
+  const FeatureOptions features = PipelineOptions().features;
+  proto.set_max_segments_per_image(features.max_segments);
+  proto.set_max_arcs_per_image(features.max_arcs);
   proto.set_tiff_and_pnm(limits.images.tiff_and_pnm);
   return proto;
 }
@@ -142,7 +145,7 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
     spdlog::error("left out of recognition: {}", failure);
   }
   if (loaded.prepared > 0) {
-    spdlog::info("{} objects prepared anew: their derived data were missing or out of date",
+    spdlog::info("{} objects prepared again: their derived data were missing or out of date",
                  loaded.prepared);
   }
   if (!loaded.stored.ok()) {
@@ -165,6 +168,7 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   limits.images = options.images;
   limits.max_request_bytes = int64_t{options.max_message_mb} << 20;
   limits.decode_threads = options.threads_per_request;
+  limits.allow_variants = options.allow_variants;
   const ServedParts served{
       .store = *parts->store,
       .shelf = parts->shelf,

@@ -38,7 +38,7 @@ struct ServerOptions {
   int max_message_mb = 256;  // of a request for recognition
   int max_object_mb = 192;   // of a request that holds an object
   // Requests, decoded images and the stages' share of all calls together; the receiving side of
-  // gRPC holds at most two of the largest messages beside it. Raising it lets more large calls
+  // gRPC holds at most four of the largest messages beside it. Raising it lets more large calls
   // wait.
   int memory_mb = 4096;
   int threads_per_request = 2;  // decode its images
@@ -48,7 +48,8 @@ struct ServerOptions {
   // have to name candidates.
   int max_objects = 5000;
   ImageLimits images;
-  TelemetryOptions telemetry;  // metrics, request log, traces, recordings; none by default
+  bool allow_variants = false;  // a request may choose variants of the methods (RecognitionLimits)
+  TelemetryOptions telemetry;   // metrics, request log, traces, recordings; none by default
 };
 
 // Errors: INVALID_ARGUMENT naming the option.

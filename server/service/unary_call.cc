@@ -57,6 +57,9 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     info_.limits.hurry = [state = state_] { return state->InHurry(); };
     info_.record = &call_.record();
     info_.request_id = call_.record().request_id;
+    const auto& metadata = context->client_metadata();
+    if (const auto variants = metadata.find(kVariantsKey); variants != metadata.end())
+      info_.variants.assign(variants->second.data(), variants->second.size());
   }
 
   // Queues the call or finishes it.
@@ -76,6 +79,7 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
                      int64_t request_bytes,
                      absl::FunctionRef<absl::StatusOr<ParsedCall>()> parse) {
     call_.record().request_bytes = request_bytes;
+    if (request_bytes < 0) return absl::CancelledError("the call broke off on its way");
     HOROPTER_RETURN_IF_ERROR(call_.Authorize());
     if (request_bytes > method_.max_request_bytes) {
       return absl::ResourceExhaustedError(absl::StrCat("the request has ",
@@ -84,6 +88,11 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
                                                        method_.max_request_bytes,
                                                        " are allowed"));
     }
+    // Reading a request to refuse it takes longer than the refusal.
+    JobTraits traits;
+    traits.peer = call_.TurnOf();
+    traits.deadline = state_->deadline;
+    if (pool_.IsFull(traits)) return QueueFull(pool_.RetryAfterMs());
     // As delivered, and parsed.
     HOROPTER_ASSIGN_OR_RETURN(MemoryBudget::Lease reserved, Reserve(gate, 2 * request_bytes));
     HOROPTER_ASSIGN_OR_RETURN(ParsedCall call, parse());
@@ -93,10 +102,7 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
       return OutOfMemory(gate, request_bytes + call.demand.bytes);
     }
     const auto lease = std::make_shared<MemoryBudget::Lease>(std::move(reserved));
-    JobTraits traits;
     traits.batch = call.demand.batch;
-    traits.peer = call_.TurnOf();
-    traits.deadline = state_->deadline;
     // The job owns request and bytes: both go when it is done or withdrawn.
     const auto submitted =
         pool_.TrySubmit([this, lease, work = std::move(call.work)] { Run(work); }, traits);

@@ -22,11 +22,13 @@
 namespace horopter {
 
 // Share of the time from a call's arrival to its deadline after which it is in a hurry: a third
-// round of search, the rivals and the adjustment take about as long as what came before them.
+// round of search, the alternative hypotheses and the adjustment take about as long as what came
+// before them.
 inline constexpr double kUnhurriedShare = 0.6;
 
 struct CallInfo {
   std::string request_id;
+  std::string variants;  // what the client's metadata say under kVariantsKey
   // stop: true once the client cancelled or its deadline passed; hurry: once kUnhurriedShare of the
   // time is gone, never without a deadline. Usable after the call as well.
   CallLimits limits;
@@ -68,7 +70,7 @@ struct ParsedCall {
 std::string NamedResource(const google::protobuf::Message& request);
 
 // The part that does not depend on the messages. `parse` is called at most once, before this
-// returns.
+// returns; not for less than 0 bytes, a request that did not arrive.
 grpc::ServerUnaryReactor* StartUnaryCall(const CallGate& gate,
                                          const CallMethod& method,
                                          grpc::CallbackServerContext* context,
@@ -110,8 +112,9 @@ grpc::ServerUnaryReactor* RunUnaryCall(const CallGate& gate,
     };
     return call;
   };
-  return StartUnaryCall(
-      gate, method.method, context, static_cast<int64_t>(request->Length()), parse);
+  // Of a call that broke off on its way gRPC delivers no buffer; an empty message has one.
+  const int64_t bytes = request->Valid() ? static_cast<int64_t>(request->Length()) : -1;
+  return StartUnaryCall(gate, method.method, context, bytes, parse);
 }
 
 }  // namespace horopter

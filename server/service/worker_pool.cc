@@ -28,6 +28,16 @@ int WorkerPool::QueueLimitOf(const JobTraits& traits) const {
   return waits ? queue_limit_ - queue_limit_ / 4 : queue_limit_;
 }
 
+bool WorkerPool::HasPlace(const JobTraits& traits) const {
+  const int ahead = running_ + static_cast<int>(queue_.size());
+  return ahead < static_cast<int>(threads_.size()) + QueueLimitOf(traits);
+}
+
+bool WorkerPool::IsFull(const JobTraits& traits) const {
+  const std::lock_guard lock(mutex_);
+  return !closed_ && !HasPlace(traits);
+}
+
 bool WorkerPool::IsTooLate(const JobTraits& traits) const {
   if (!measured_ || running_ < static_cast<int>(threads_.size()) ||
       traits.deadline == std::chrono::steady_clock::time_point::max()) {
@@ -48,10 +58,7 @@ WorkerPool::Submission WorkerPool::TrySubmit(std::function<void()> job, const Jo
   {
     const std::lock_guard lock(mutex_);
     if (closed_) return {Admission::kClosed, 0};
-    const int ahead = running_ + static_cast<int>(queue_.size());
-    if (ahead >= static_cast<int>(threads_.size()) + QueueLimitOf(traits)) {
-      return {Admission::kQueueFull, 0};
-    }
+    if (!HasPlace(traits)) return {Admission::kQueueFull, 0};
     if (IsTooLate(traits)) return {Admission::kTooLate, 0};
     submission = {Admission::kAccepted, next_ticket_++};
     queue_.push_back({submission.ticket, std::move(job), traits});

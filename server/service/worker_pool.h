@@ -47,6 +47,9 @@ class WorkerPool {
   WorkerPool(const WorkerPool&) = delete;
   WorkerPool& operator=(const WorkerPool&) = delete;
 
+  // Whether such a job would find no place now.
+  bool IsFull(const JobTraits& traits) const;
+
   // A job must not throw.
   Submission TrySubmit(std::function<void()> job, const JobTraits& traits = {});
 
@@ -77,6 +80,7 @@ class WorkerPool {
   void Run();
   // All need mutex_.
   int QueueLimitOf(const JobTraits& traits) const;
+  bool HasPlace(const JobTraits& traits) const;
   bool IsTooLate(const JobTraits& traits) const;
   Job TakeNext();
 

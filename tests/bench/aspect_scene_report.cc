@@ -75,12 +75,12 @@ double LogOddsOfTruth(const std::vector<BopImage>& images,
                       const AspectCatalog& catalog,
                       const LinkedScene& linked,
                       const LinkedObject& o) {
-  std::vector<std::optional<RecognizedView>> views;
+  std::vector<std::optional<CalibratedCamera>> views;
   std::optional<Rigid3> truth;
   for (std::size_t v = 0; v < images.size(); ++v) {
     views.emplace_back();
     if (!linked.views[v]) continue;
-    views[v] = RecognizedView{linked.views[v]->camera, linked.views[v]->camera_from_scene};
+    views[v] = CalibratedCamera{linked.views[v]->camera, linked.views[v]->camera_from_scene};
     if (truth) continue;
     const Rigid3 scene_from_camera = linked.views[v]->camera_from_scene.Inverse();
     for (const BopInstance& instance : images[v].instances) {

@@ -2,11 +2,17 @@
 // enrolment, loading and verification at random moments.
 //
 //   cancel_report CATALOG.db DATASET SPLIT [--scenes 1,2] [--tries 200] [--seed 1] [--where MS]
+//   cancel_report CATALOG.db DATASET SPLIT [--scenes 1,2] --looks MS
 //
 // CATALOG.db as horopterd left it, of the data set's objects; no server may have it open. Wall time
 // is until the last thread is done, processor time that of all threads from the cancellation on,
 // which other programs on the machine do not change. --where prints the stack of a thread that is
 // still at work so many milliseconds after the cancellation (addresses for addr2line).
+//
+// --large adds one image as large as a server takes.
+//
+// --looks cancels nothing: it measures the processor time of a thread between two looks at the stop
+// flag, and lists those above MS with the stack of the later look.
 #include <execinfo.h>
 #include <pthread.h>
 #include <unistd.h>
@@ -106,6 +112,68 @@ double At(std::vector<double> values, double share) {
   return values[static_cast<size_t>(share * static_cast<double>(values.size() - 1) + 0.5)];
 }
 
+double ThreadCpuMs() {
+  timespec now = {};
+  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
+}
+
+// A stop flag that never stops and notes how long each thread computed since it asked before.
+class LookClock {
+ public:
+  explicit LookClock(double above_ms) : above_ms_(above_ms) {}
+
+  bool operator()() {
+    thread_local int run = 0;
+    thread_local double last_ms = 0.0;
+    const double now = ThreadCpuMs();
+    if (run == run_) Note(now - last_ms);
+    run = run_;
+    last_ms = now;
+    return false;
+  }
+
+  // Looks of the work before do not count for the next.
+  void Next() { ++run_; }
+
+  int64_t looks() const { return looks_; }
+  double longest_ms() const { return longest_ms_; }
+
+ private:
+  void Note(double gap_ms) {
+    ++looks_;
+    if (gap_ms < above_ms_) return;
+    const std::lock_guard lock(mutex_);
+    longest_ms_ = std::max(longest_ms_, gap_ms);
+    std::fprintf(stderr, "%.0f ms without a look before:\n", gap_ms);
+    PrintStack(0);
+  }
+
+  const double above_ms_;
+  std::atomic<int> run_{0};
+  std::atomic<int64_t> looks_{0};
+  std::mutex mutex_;
+  double longest_ms_ = 0.0;  // guarded by mutex_
+};
+
+void ReportLooks(const char* name, const std::vector<Work>& works, double above_ms) {
+  LookClock clock(above_ms);
+  const StopRequested look = [&clock] { return clock(); };
+  for (size_t i = 0; i < works.size(); ++i) {
+    clock.Next();
+    look();
+    const absl::Status status = CatchExceptions([&] { return works[i](look); });
+    look();
+    if (!status.ok()) std::fprintf(stderr, "%s: %s\n", name, status.ToString().c_str());
+  }
+  std::printf("| %s | %zu | %lld | %.1f |\n",
+              name,
+              works.size(),
+              static_cast<long long>(clock.looks()),
+              clock.longest_ms());
+  std::fflush(stdout);
+}
+
 // One row: the work cancelled `tries` times between its begin and the end of an undisturbed run.
 void Report(const char* name,
             const std::vector<Work>& works,
@@ -146,6 +214,31 @@ void Report(const char* name,
   std::fflush(stdout);
 }
 
+// The largest image that a server takes by itself, dense with edges.
+Work LargeImage(const CatalogSnapshot& catalog) {
+  constexpr int kWidth = 8160, kHeight = 6120, kBlock = 24;
+  v1::RecognizeSceneRequest request;
+  v1::RawFrame* frame = request.add_images()->mutable_raw();
+  frame->set_format(v1::RawFrame::PIXEL_FORMAT_BGR8);
+  frame->set_width_px(kWidth);
+  frame->set_height_px(kHeight);
+  std::mt19937_64 random(1);
+  std::string row(size_t{3} * kWidth, '\0'), pixels;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; y % kBlock == 0 && x < 3 * kWidth; x += 3 * kBlock) {
+      std::fill_n(row.begin() + x, 3 * kBlock, static_cast<char>(random()));
+    }
+    pixels += row;
+  }
+  frame->set_data(std::move(pixels));
+  return [request = std::move(request), &catalog](const StopRequested& stop) {
+    const StopScope scope(stop);
+    const auto scene_request = SceneRequestFromProto(request, ImageLimits(), 2, stop);
+    if (!scene_request.ok()) return scene_request.status();
+    return RecognizeScene(*scene_request, catalog, PipelineOptions(), stop).status();
+  };
+}
+
 std::vector<Work> Recognitions(const BopDataset& dataset,
                                const std::string& split,
                                const std::vector<int>& scenes,
@@ -178,7 +271,8 @@ int Main(int argc, char** argv) {
   std::vector<int> scenes;
   int tries = 200;
   uint64_t seed = 1;
-  double where_ms = 0.0;
+  double where_ms = 0.0, looks_ms = 0.0;
+  bool large = false;
   app.add_option("CATALOG", file)->required();
   app.add_option("DATASET", folder)->required();
   app.add_option("SPLIT", split)->required();
@@ -186,6 +280,8 @@ int Main(int argc, char** argv) {
   app.add_option("--tries", tries);
   app.add_option("--seed", seed);
   app.add_option("--where", where_ms);
+  app.add_option("--looks", looks_ms);
+  app.add_flag("--large", large);
   CLI11_PARSE(app, argc, argv);
   ::signal(SIGUSR2, PrintStack);
   SetProcessCores(2);
@@ -196,23 +292,21 @@ int Main(int argc, char** argv) {
     return CatalogStore::Load(
         *Catalog::Open(file), CatalogPreparer(), {.threads = 2, .stop = stop});
   };
-  std::printf("seed %llu\n", static_cast<unsigned long long>(seed));
-  std::printf(
-      "| work | whole, ms | cancelled | wall ms p50 / p99 / most | CPU ms "
-      "|\n|---|---|---|---|---|\n");
-  Report("catalog load",
-         {[&](const StopRequested& stop) { return open(stop).status(); }},
-         tries,
-         where_ms,
-         random);
+  if (looks_ms <= 0.0) std::printf("seed %llu\n", static_cast<unsigned long long>(seed));
+  std::printf(looks_ms > 0.0 ? "| work | of them | looks | longest ms between two, if above |\n"
+                               "|---|---|---|---|\n"
+                             : "| work | whole, ms | cancelled | wall ms p50 / p99 / most | CPU ms "
+                               "|\n|---|---|---|---|---|\n");
+  const auto report = [&](const char* name, const std::vector<Work>& works) {
+    looks_ms > 0.0 ? ReportLooks(name, works, looks_ms)
+                   : Report(name, works, tries, where_ms, random);
+  };
+  report("catalog load", {[&](const StopRequested& stop) { return open(stop).status(); }});
   auto store = open({});
   if (!store.ok()) return std::fprintf(stderr, "%s\n", store.status().ToString().c_str()), 1;
   const auto published = (*store)->Published();
-  Report("verification",
-         {[&](const StopRequested& stop) { return (*store)->catalog().Verify(stop).status(); }},
-         tries,
-         where_ms,
-         random);
+  report("verification",
+         {[&](const StopRequested& stop) { return (*store)->catalog().Verify(stop).status(); }});
   std::vector<Work> enrolments;
   for (const auto& object : published->snapshot.objects) {
     enrolments.push_back([&, model = (*store)->ModelOf(*object)](const StopRequested& stop) {
@@ -221,12 +315,9 @@ int Main(int argc, char** argv) {
     });
   }
   if (enrolments.size() > 5) enrolments.resize(5);
-  Report("enrolment", enrolments, tries, where_ms, random);
-  Report("recognition",
-         Recognitions(*dataset, split, scenes, published->snapshot),
-         tries,
-         where_ms,
-         random);
+  report("enrolment", enrolments);
+  if (large) report("recognition of 50 million pixels", {LargeImage(published->snapshot)});
+  report("recognition", Recognitions(*dataset, split, scenes, published->snapshot));
   return 0;
 }
 

@@ -1,4 +1,4 @@
-// Whether invariants of sets with lines (geometry.md 4.2, 4.3) would earn a table of the index: how
+// Whether invariants of sets with lines would earn a table of the index: how
 // many sets of a part are usable, and how many keys of other parts a measured one cannot be told
 // from, beside six points.
 //
@@ -31,7 +31,7 @@ using Readings = std::vector<InvariantKey>;
 constexpr int kDraws = 4000;     // sets tried of a part
 constexpr int kStored = 200;     // kept of them, as of six points in the catalog
 constexpr int kAsked = 50;       // measured sets of a part
-constexpr double kFloor = 1e-6;  // of a variance (geometry.md 7.3)
+constexpr double kFloor = 1e-6;  // of a variance
 
 struct Form {
   const char* name;

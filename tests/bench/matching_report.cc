@@ -47,7 +47,7 @@ bool InImage(const BopImage& view, const Eigen::Vector3d& point_in_camera) {
 }
 
 // Median and 90 % transfer error over table points seen in both views, pixels; negative: none.
-std::pair<double, double> TableError(const BopImage& a,
+std::pair<double, double> PlaneError(const BopImage& a,
                                      const BopImage& b,
                                      const Eigen::Matrix3d& H) {
   std::vector<double> errors;
@@ -302,7 +302,7 @@ void ReportScene(const Scene& scene, const Models& models, std::map<std::string,
     tally->neighbours += n - 1;
     for (const PlaneHomography& p : matching->planes) {
       const auto [median, p90] =
-          TableError(scene.truth[p.view_a], scene.truth[p.view_b], p.b_from_a);
+          PlaneError(scene.truth[p.view_a], scene.truth[p.view_b], p.b_from_a);
       ++tally->found;
       tally->right += median >= 0 && median < 2.0;
       tally->errors.push_back(median);
@@ -316,13 +316,13 @@ void ReportScene(const Scene& scene, const Models& models, std::map<std::string,
         continue;
       const Eigen::Matrix3d H =
           matching->view_from_plane[a + 1] * matching->view_from_plane[a].inverse();
-      const double e = TableError(scene.truth[a], scene.truth[a + 1], H).first;
+      const double e = PlaneError(scene.truth[a], scene.truth[a + 1], H).first;
       tally->neighbours_chained += e >= 0 && e < 2.0;
     }
   }
   for (const PlaneHomography& p : matching->planes) {
-    const auto direct = TableError(scene.truth[p.view_a], scene.truth[p.view_b], p.b_from_a);
-    const auto chained = TableError(
+    const auto direct = PlaneError(scene.truth[p.view_a], scene.truth[p.view_b], p.b_from_a);
+    const auto chained = PlaneError(
         scene.truth[p.view_a],
         scene.truth[p.view_b],
         matching->view_from_plane[p.view_b] * matching->view_from_plane[p.view_a].inverse());

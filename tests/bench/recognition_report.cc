@@ -328,12 +328,12 @@ void PrintReliability(const std::map<std::string, Sums>& sums) {
 RecognitionOptions OptionsOf(const Arguments& arguments) {
   RecognitionOptions options;
   options.threads = 2;
-  options.routes.table = arguments.routes.count("table") > 0;
+  options.routes.supporting_plane = arguments.routes.count("table") > 0;
   options.routes.aspects = arguments.routes.count("aspects") > 0;
   options.routes.view_led = arguments.routes.count("views") > 0;
   options.routes.metric = arguments.routes.count("metric") > 0;
   options.routes.projective = arguments.routes.count("projective") > 0;
-  if (arguments.accept_all) options.accept_probability = 0.0;
+  if (arguments.accept_all) options.acceptance.scene.min_probability = 0.0;
   return options;
 }
 

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Whether recorded requests are answered the same bit for bit, whatever the number of threads.
 
-    replay_report.py BUILD [--requests N] [--threads 1,2,4]
+    replay_report.py BUILD [--requests N] [--threads 1,2,4] [--width W]
 
-Records N requests (default 1000) of horopterd with the first number of threads: crops of the sample scenes, scaled to 160
-pixels, no two alike, two or three images each, two parts enrolled. Then replays them with each number. Prints how many
-answers recognised something, and how many differ; exit code 1 when any does. Needs python3-opencv and python3-numpy.
+Records N requests (default 1000) of horopterd with the first number of threads: crops of the sample scenes, scaled to W
+pixels (default 480), no two alike, three or four images each, two parts enrolled. Then replays them with each number. Prints
+how many answers recognised something, and how many differ; exit code 1 when any does. Needs python3-opencv and python3-numpy.
 """
 import argparse
 import os
@@ -32,7 +32,7 @@ def serve(program, catalog, threads, *arguments):
                 *arguments)
 
 
-def image_sets(count):
+def image_sets(count, wide):
     """Lists of PNG files' bytes."""
     generator = np.random.default_rng(1)
     scenes = []
@@ -42,18 +42,18 @@ def image_sets(count):
     for k in range(count):
         scene = scenes[k % len(scenes)]
         images = []
-        for i in sorted(generator.choice(len(scene), 2 + k % 2, replace=False)):
+        for i in sorted(generator.choice(len(scene), 3 + k % 2, replace=False)):
             image = scene[i]
             height, width = image.shape[:2]
-            size = int(width * generator.uniform(0.75, 1.0))
+            size = int(width * generator.uniform(0.85, 1.0))
             x, y = generator.integers(0, width - size + 1), generator.integers(0, height - size * 3 // 4 + 1)
-            crop = cv2.resize(image[y:y + size * 3 // 4, x:x + size], (160, 120), interpolation=cv2.INTER_AREA)
+            crop = cv2.resize(image[y:y + size * 3 // 4, x:x + size], (wide, wide * 3 // 4), interpolation=cv2.INTER_AREA)
             noise = generator.normal(0.0, 2.0, crop.shape)
             images.append(cv2.imencode(".png", np.clip(crop + noise, 0, 255).astype(np.uint8))[1].tobytes())
         yield images
 
 
-def record(programs, folder, catalog, count, threads):
+def record(programs, folder, catalog, count, wide, threads):
     recordings = os.path.join(folder, "recordings")
     with serve(programs["horopterd"], catalog, threads, "--record-dir", recordings, "--record-sample", "1") as server:
         for part in PARTS:
@@ -62,7 +62,7 @@ def record(programs, folder, catalog, count, threads):
         import horopter
         states = {}
         with horopter.Client(server.address) as client:
-            for images in image_sets(count):
+            for images in image_sets(count, wide):
                 state = client.recognize(images).outcome
                 states[state] = states.get(state, 0) + 1
     return recordings, states
@@ -73,6 +73,7 @@ def main():
     parser.add_argument("build")
     parser.add_argument("--requests", type=int, default=1000)
     parser.add_argument("--threads", default="1,2,4")
+    parser.add_argument("--width", type=int, default=480)
     arguments = parser.parse_args()
     build = os.path.abspath(arguments.build)
     programs = {"horopterd": os.path.join(build, "bin", "horopterd"), "horopter": os.path.join(build, "client", "horopter")}
@@ -82,7 +83,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         catalog = os.path.join(folder, "parts.db")
         start = time.monotonic()
-        recordings, states = record(programs, folder, catalog, arguments.requests, numbers[0])
+        recordings, states = record(programs, folder, catalog, arguments.requests, arguments.width, numbers[0])
         files = sorted(os.path.join(recordings, name) for name in os.listdir(recordings))
         print("%d requests recorded with %d thread(s) in %.0f s: %s" %
               (len(files), numbers[0], time.monotonic() - start, ", ".join("%s %d" % s for s in sorted(states.items()))),

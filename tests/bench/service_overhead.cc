@@ -16,6 +16,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "client/api.h"
+#include "server/pipeline/process_cores.h"
 #include "tests/support/service_fixture.h"
 
 namespace horopter {
@@ -52,6 +53,7 @@ int Main(int argc, char** argv) {
   app.add_option("--access-file", options.access_file);
   app.add_option("--token", client_options.security.token);
   CLI11_PARSE(app, argc, argv);
+  KeepFreedMemory();  // as horopterd does
   TestServer server(
       [](const SceneRequest& request, const auto&, const auto&) -> absl::StatusOr<PipelineResult> {
         PipelineResult result;

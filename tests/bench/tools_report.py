@@ -5,9 +5,11 @@
 
 BUILD: a build folder with horopter, mock_horopterd and the Python package. Needs Debian's python3-grpcio, -protobuf, -numpy.
 
-- Load tool: share of one core that `horopter load` takes at 100 requests/s of one small image, and of a whole scene.
-- Percentiles of latency, with answers after 20 to 120 ms: the load tool's against those that the server's own request log
-  gives for the same requests, and against those of its own list of requests computed here.
+- Load tool: share of one core that `horopter load` takes at 100 requests/s of one small image, and of a whole scene; and
+  that a client takes that does nothing but call (bare_client): the difference is the tool's own.
+- Percentiles of latency: of answers after 20 to 120 ms the load tool's against the server's own request log (which misses
+  the way there and back) and against those of its own list of requests computed here; of answers after 70 ms against those
+  of a bare client that calls the same server at the same time.
 - Metrics: time of a scrape, after these runs.
 - Python: median round trip of the package less that of the C++ client, both one request at a time, alternating.
 """
@@ -33,6 +35,7 @@ class Programs:
     def __init__(self, build):
         self.horopter = os.path.join(build, "client", "horopter")
         self.mock = os.path.join(build, "tests", "e2e", "mock_horopterd")
+        self.bare_client = os.path.join(build, "tests", "bench", "bare_client")
         self.python = os.path.join(build, "client", "python")
 
     def load(self, server, *arguments):
@@ -50,31 +53,48 @@ def small_images(folder):
     return folder
 
 
+def bare(programs, server, folder, rate, seconds, *arguments):
+    """A running bare client."""
+    return subprocess.Popen([programs.bare_client, "--server", server.address, "--image", os.path.join(folder, "0.png"),
+                             "--rate", str(rate), "--seconds", str(seconds), *arguments], stdout=subprocess.PIPE, text=True)
+
+
 def load_overhead(programs, folder, seconds):
     with Mock(programs.mock, "--workers", "4") as server:
+        print("bare client, 100/s, one image of 64 x 48:", bare(programs, server, folder, 100, seconds).communicate()[0].strip())
         for name, source in (("one image of 64 x 48", folder), ("scene of 4 images of 640 x 480", SCENE)):
             step = programs.load(server, source, "--rate", "100", "--duration", str(seconds), "--warmup", "20")
             print("load tool, 100/s, %s: %.2f %% of a core (%d answered)" %
                   (name, 100 * step["client_cpu_share"], step["codes"].get("OK", 0)))
 
 
+def print_percentiles(what, step, measured):
+    for name, share in (("p50", 50), ("p90", 90), ("p99", 99)):
+        said = step["latency"][name + "_ms"]
+        print("percentiles, %s, %s of %d: load tool %.2f ms; %s" % (what, name, step["requests"], said, ", ".join(
+            "%s %.2f ms (%+.2f %%)" % (who, np.percentile(ms, share), 100 * (said / np.percentile(ms, share) - 1))
+            for who, ms in measured.items())))
+
+
 def percentiles(programs, folder, seconds):
     log = os.path.join(os.path.dirname(folder), "requests.jsonl")
     table = os.path.join(os.path.dirname(folder), "requests.csv")
+    bare_table = os.path.join(os.path.dirname(folder), "bare.csv")
     with Mock(programs.mock, "--workers", "32", "--queue", "1000", "--delay-ms", "20", "--delay-spread-ms", "100",
               "--request-log", log) as server:
         step = programs.load(server, folder, "--rate", "50", "--poisson", "--duration", str(seconds), "--csv", table)
+    with open(table, encoding="utf-8") as file:
+        own = [1e3 * (float(r["done_s"]) - float(r["due_s"])) for r in csv.DictReader(file)]
     with open(log, encoding="utf-8") as file:
         seen = [json.loads(line) for line in file]
-    seen = [line["ms"] for line in seen if line["method"] == "RecognizeScene"]
-    with open(table, encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    own = [1e3 * (float(r["done_s"]) - float(r["due_s"])) for r in rows]
-    seen = seen[-len(own):]  # without the warm-up
-    for name, share in (("p50", 50), ("p90", 90), ("p99", 99)):
-        said, server_ms, list_ms = step["latency"][name + "_ms"], np.percentile(seen, share), np.percentile(own, share)
-        print("percentiles, %s of %d: load tool %.2f ms, request log %.2f ms (%+.2f %%), its list %.2f ms (%+.2f %%)" %
-              (name, len(own), said, server_ms, 100 * (said / server_ms - 1), list_ms, 100 * (said / list_ms - 1)))
+    seen = [line["ms"] for line in seen if line["method"] == "RecognizeScene"][-len(own):]  # without the warm-up
+    print_percentiles("20 to 120 ms", step, {"request log": seen, "its list": own})
+    with Mock(programs.mock, "--workers", "32", "--queue", "1000", "--delay-ms", "70") as server:
+        # Two whole seconds longer: there while the load tool starts, too.
+        other = bare(programs, server, folder, 50, seconds + 2, "--csv", bare_table)
+        step = programs.load(server, folder, "--rate", "50", "--poisson", "--duration", str(seconds))
+        other.communicate()
+    print_percentiles("70 ms", step, {"bare client": np.loadtxt(bare_table)})
 
 
 def scrape(programs, folder):

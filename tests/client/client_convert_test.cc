@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <random>
 
+#include "client/api_stubs.h"
 #include "client/cad_import.h"
 #include "client/convert.h"
 #include "tests/client/mesh_samples.h"
@@ -66,6 +67,16 @@ TEST(Convert, BrokenMessagesLeaveOutWhatIsBroken) {
   EXPECT_TRUE(model.mesh.vertices.empty());
   EXPECT_TRUE(model.mesh.triangles.empty());
   EXPECT_TRUE(model.edges.empty());
+}
+
+TEST(ClientErrors, OnlyWhatGrpcBrokeOffForMemoryIsTakenForIt) {
+  using grpc::StatusCode;
+  const std::string broken = "Received RST_STREAM with error code 11";
+  EXPECT_TRUE(BrokenOffForMemory({StatusCode::RESOURCE_EXHAUSTED, broken}));
+  EXPECT_FALSE(BrokenOffForMemory({StatusCode::INTERNAL, broken}));
+  EXPECT_FALSE(BrokenOffForMemory({StatusCode::RESOURCE_EXHAUSTED, "the queue is full"}));
+  EXPECT_FALSE(BrokenOffForMemory(
+      {StatusCode::RESOURCE_EXHAUSTED, "Received message larger than max (9 vs. 8)"}));
 }
 
 }  // namespace

@@ -93,7 +93,8 @@ TEST(FollowObjects, TheTruthIsFinalAndAWrongPoseIsLostAtVerification) {
   const World world = MakeWorld(3);
   PipelineResult result;
   for (const BopImage& image : world.scene.images) {
-    result.trace.recognition.views.push_back(RecognizedView{image.camera, image.camera_from_world});
+    result.trace.recognition.views.push_back(
+        CalibratedCamera{image.camera, image.camera_from_world});
     PosedCamera posed;
     posed.camera = image.camera;
     posed.camera_from_scene = image.camera_from_world;

@@ -90,7 +90,6 @@ void ReportFeatures(const LoadedScene& scene,
   SetShare("texture_on_parts", found - usable, found, report);
 }
 
-// prefix: "match" of the first pass, "linked" of the one under the recognised parts' cameras.
 void ReportMatches(const std::string& prefix, const MatchFinding& finding, SceneReport* report) {
   SetShare(prefix + "_precision", finding.matches_right, finding.matches, report);
   SetShare(prefix + "_recall",
@@ -239,7 +238,6 @@ absl::StatusOr<PipelineResult> RunAll(const std::vector<cv::Mat>& images,
   PipelineOptions pipeline;
   pipeline.features = options.features;
   pipeline.threads = options.threads;
-  pipeline.second_pass = true;
   return RecognizeScene(request, catalog, pipeline);
 }
 
@@ -304,10 +302,6 @@ absl::StatusOr<SceneReport> DiagnoseScene(const BopScene& scene,
     }
     ReportMatches(
         "match", CompareMatches(result.trace.matching, scene, features, loaded.truth), &report);
-    if (result.trace.linked) {
-      ReportMatches(
-          "linked", CompareMatches(*result.trace.linked, scene, features, loaded.truth), &report);
-    }
     ReportCameras(result, scene, loaded, models, findings, &report);
     report.objects = FollowObjects(result, ids, scene, models, loaded.truth, findings);
     ReportWords(result, &report);
@@ -318,7 +312,7 @@ absl::StatusOr<SceneReport> DiagnoseScene(const BopScene& scene,
                   features,
                   findings,
                   AnswerWireframes(result, catalog, features.size()),
-                  result.trace.linked.value_or(result.trace.matching),
+                  result.trace.matching,
                   options.overlay_folder);
   }
   return report;

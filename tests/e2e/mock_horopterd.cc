@@ -15,6 +15,7 @@
 #include <csignal>
 #include <thread>
 
+#include "server/pipeline/process_cores.h"
 #include "server/service/log_format.h"
 #include "server/service/server.h"
 #include "tests/support/fake_objects.h"
@@ -103,6 +104,7 @@ int Main(int argc, char** argv) {
   options.telemetry.version = "mock";
   app.add_option("--version-name", options.telemetry.version);
   CLI11_PARSE(app, argc, argv);
+  KeepFreedMemory();
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGTERM);

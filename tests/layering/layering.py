@@ -16,7 +16,8 @@ import sys
 # The rooms of recognition, in the order of the dependency.
 ROOMS = ["aspects", "object", "scoring", "scene", "candidates", "invariant_matching", "initialization", "interpretation"]
 ROOMS_SHARE = ["server/vision/recognition/types.h", "server/vision/recognition/options.h",
-               "server/vision/recognition/learnt_constants.h", "server/vision/recognition/refusals.h"]
+               "server/vision/recognition/learnt_constants.h", "server/vision/recognition/acceptance.h",
+               "server/vision/recognition/refusals.h"]
 BELOW_ROOMS = ["server/base", "server/vision/geometry", "server/vision/invariants", "server/vision/features",
                "server/vision/matching", "server/vision/reconstruction"]
 
@@ -36,8 +37,9 @@ FOLDERS = collections.OrderedDict([
      ["server/base", "server/vision/geometry", "server/vision/features", "server/vision/matching"]),
     # What all rooms of recognition share, then the rooms in their order, then the page that calls them.
     ("server/vision/recognition/types.h", ["server/base", "server/vision/geometry"]),
-    ("server/vision/recognition/options.h", ["server/base"]),
     ("server/vision/recognition/learnt_constants.h", []),
+    ("server/vision/recognition/acceptance.h", ["server/vision/recognition/learnt_constants.h"]),
+    ("server/vision/recognition/options.h", ["server/base", "server/vision/recognition/acceptance.h"]),
     ("server/vision/recognition/refusals.h", ["server/base", "server/vision/recognition/types.h"]),
 ] + [
     ("server/vision/recognition/" + room, BELOW_ROOMS + ROOMS_SHARE + ["server/vision/recognition/" + r for r in ROOMS[:i]])
@@ -61,7 +63,9 @@ FOLDERS = collections.OrderedDict([
      ["server/base", "db", "server/vision/geometry", "server/vision/features", "server/vision/matching",
       "server/vision/reconstruction", "server/vision/recognition", "server/vision/euclidean",
       "server/vision/explanation", "server/vision/station"] + ROOMS_SHARE +
-     ["server/vision/recognition/object", "server/vision/recognition/invariant_matching"]),
+     # Stored objects, the catalog's keys, and the options that variants of the methods change.
+     ["server/vision/recognition/object", "server/vision/recognition/invariant_matching",
+      "server/vision/recognition/initialization"]),
     # Handlers convert and call: they see the pipeline and value types, no stage.
     ("server/service",
      ["server/base", "db", "proto", "server/overlay", "server/vision/geometry", "server/vision/invariants",
@@ -113,6 +117,7 @@ LIBRARIES = collections.OrderedDict([
       ["db", "server/pipeline", "server/service", "server/main.cc", "client"])),
     # Work is shared out by ParallelFor, within the budget of a request; only the service keeps threads of its own.
     ("threads", (r"(thread|future)$", ["server/base", "server/service", "server/main.cc", "client"])),
+    ("heap of the C library", (r"malloc\.h$", ["server/pipeline"])),  # beside what else is set for the whole process
     ("operating system", (r"(unistd|fcntl|signal|dirent|poll|pthread|dlfcn)\.h$|csignal$|(sys|netinet|arpa|linux)/",
                           ["db", "server/service", "server/main.cc", "client"])),
 ])

@@ -18,6 +18,7 @@ PACKAGE, HOROPTER, MOCK, DATASET = map(os.path.abspath, sys.argv[1:5])
 sys.path.insert(0, PACKAGE)
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
 
+import grpc  # noqa: E402
 import numpy as np  # noqa: E402
 
 import horopter  # noqa: E402
@@ -191,6 +192,23 @@ class Answers(unittest.TestCase):
         np.testing.assert_array_equal(scene.findings[0].values["axis_in_object"], [0, 0, 1])
         self.assertEqual(scene.findings[0].values["sigma_rad"], 0.5)
         self.assertEqual((scene.findings[1].image, scene.findings[1].values), (2, {"focal_log_sigma": 0.1}))
+
+
+class BrokenOff(unittest.TestCase):
+
+    def test_a_call_that_grpc_broke_off_for_memory_is_asked_again(self):
+        class Refused(grpc.RpcError):
+            def __init__(self, details):
+                super().__init__()
+                self.details = lambda: details
+                self.code = lambda: grpc.StatusCode.RESOURCE_EXHAUSTED
+                self.trailing_metadata = self.initial_metadata = lambda: ()
+
+        busy = horopter.errors.from_rpc(Refused("Received RST_STREAM with error code 11"))
+        self.assertIsInstance(busy, horopter.Busy)
+        self.assertEqual(busy.retry_after_s, 1.0)
+        large = horopter.errors.from_rpc(Refused("Received message larger than max (9 vs. 8)"))
+        self.assertIsInstance(large, horopter.TooLarge)
 
 
 class Recognize(WithServer):

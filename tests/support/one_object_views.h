@@ -34,7 +34,7 @@ struct OneObjectViews {
       features[v].width = 640;
       features[v].height = 480;
       AddSyntheticFeatures(*objects[0], camera, camera_from_scene, noise_px, &rng, &features[v]);
-      scene.views.push_back(RecognizedView{camera, camera_from_scene});
+      scene.views.push_back(CalibratedCamera{camera, camera_from_scene});
     }
     for (const ImageFeatures& f : features) {
       context.views.push_back(BuildViewEvidence(f));

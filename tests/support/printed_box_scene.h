@@ -65,12 +65,12 @@ struct PrintedBoxScene {
       const PinholeCamera camera = CenteredCamera(640, 480, 900 + 20 * v);
       const Rigid3 camera_from_scene =
           LookAt({0.5 * std::sin(a), -0.5 * std::cos(a), 0.4}, {0.04, 0.03, 0.03});
-      scene.views.push_back(RecognizedView{camera, camera_from_scene});
+      scene.views.push_back(CalibratedCamera{camera, camera_from_scene});
       images.push_back(Render(looks, camera, camera_from_scene, looks.seed + v));
     }
     context.objects = objects;
     context.surface_images = MakeSurfaceImages(images, 1);
-    scene.plane = ScenePlane{Eigen::Vector3d::UnitZ(), 0.0};
+    scene.plane = SupportingPlane{Eigen::Vector3d::UnitZ(), 0.0};
     scene.objects.resize(1);
     scene.objects[0].object = 0;
   }

@@ -1,4 +1,4 @@
-// Parts as geometry.md-style experiments want them: extruded L, T, U, step and wedge profiles, some
+// Parts as experiments on invariants want them: extruded L, T, U, step and wedge profiles, some
 // with a clipped corner or a boss; and scenes of them as points and edges.
 #pragma once
 

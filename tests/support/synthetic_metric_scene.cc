@@ -170,7 +170,7 @@ MetricSceneTruth MakeMetricScene(const MetricSceneOptions& options) {
   if (options.table) AddTable(&scene, &source);
   scene.recognition.state = RecognitionState::kRecognized;
   for (int v = 0; v < options.views; ++v) {
-    RecognizedView view{scene.cameras[v], scene.camera_from_world[v]};
+    CalibratedCamera view{scene.cameras[v], scene.camera_from_world[v]};
     view.camera.cx = 0.5 * 639.0;
     view.camera.cy = 0.5 * 479.0;
     if (!options.rig_cameras.empty()) {

@@ -39,7 +39,7 @@ struct Table {
 
 struct Shown {
   int object;
-  Rigid3 table_from_object;
+  Rigid3 plane_from_object;
 };
 
 inline Rigid3 Standing(double yaw, double x, double y, double z) {
@@ -61,7 +61,7 @@ inline Table MakeTable(const std::vector<Shown>& shown, int views, double noise_
     for (const Shown& s : shown) {
       AddSyntheticFeatures(*table.objects[s.object],
                            table.cameras[v],
-                           table.camera_from_table[v] * s.table_from_object,
+                           table.camera_from_table[v] * s.plane_from_object,
                            noise_px,
                            &rng,
                            &f);

@@ -45,7 +45,7 @@ class Conflict(HoropterError):
 
 
 class Busy(HoropterError):
-    """The queue is full; try again after `retry_after_s`."""
+    """The queue, or the memory for requests, is full; try again after `retry_after_s`."""
 
 
 class TooLarge(HoropterError):
@@ -111,6 +111,11 @@ def _reason(metadata) -> Optional[str]:
     return None
 
 
+# gRPC of the server breaks calls off (ENHANCE_YOUR_CALM) while messages on their way hold all of its memory, and sends no
+# time to try again.
+_RETRY_AFTER_BREAK_MS = "1000"
+
+
 def from_rpc(error: grpc.RpcError) -> HoropterError:
     """The typed error of a failed gRPC call (of grpc or grpc.aio)."""
     code = error.code().name
@@ -118,6 +123,8 @@ def from_rpc(error: grpc.RpcError) -> HoropterError:
     retry = _value(trailing, "retry-after-ms")
     request_id = _value(initial, "horopter-request-id") or _value(trailing, "horopter-request-id")
     if code == "RESOURCE_EXHAUSTED":
+        if retry is None and "RST_STREAM with error code 11" in (error.details() or ""):
+            retry = _RETRY_AFTER_BREAK_MS
         kind = TooLarge if retry is None else Busy
     else:
         kind = _CLASSES.get(code, HoropterError)

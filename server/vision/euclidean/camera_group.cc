@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "server/vision/euclidean/pose_perturbation.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 namespace horopter {
 

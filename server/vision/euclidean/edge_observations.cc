@@ -6,14 +6,14 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/geometry/depth_buffer.h"
+#include "server/vision/geometry/hidden_tolerance.h"
 #include "server/vision/recognition/aspects/visible_edges.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kHiddenTolerance = 0.012;  // share of the diameter
-constexpr double kMaxTurnRad = 0.35;        // between a sample's and its edge point's direction
-constexpr double kEndOn = 0.05;             // sine of the angle between edge and ray
+constexpr double kMaxTurnRad = 0.35;  // between a sample's and its edge point's direction
+constexpr double kEndOn = 0.05;       // sine of the angle between edge and ray
 constexpr double kMinDepthM = 1e-3;
 
 PinholeCamera WorkingCamera(const PinholeCamera& camera, const EdgeGrid& grid) {
@@ -144,7 +144,7 @@ std::vector<VisibleSamples> FindVisibleSamples(std::span<const AdjustedView> vie
     for (int k = 0; k < count; ++k) {
       const PreparedObject& model = *objects[k].model;
       const Rigid3 pose = views[v].camera_from_scene * objects[k].scene_from_object;
-      const double tolerance_m = kHiddenTolerance * model.model.diameter_m;
+      const double tolerance_m = kHiddenShareAdjusted * model.model.diameter_m;
       VisibleSamples& seen = out[static_cast<std::size_t>(v) * count + k];
       seen.spacing_m = model.sample_spacing_m;
       const bool by_aspect = options.aspects && model.aspects != nullptr;

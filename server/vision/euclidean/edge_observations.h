@@ -1,4 +1,4 @@
-// Which image edge points the visible CAD edges of a scene are held against.
+// Which image edge points the visible CAD edges of a scene are compared with.
 #pragma once
 
 #include <Eigen/Core>

@@ -17,14 +17,13 @@ namespace {
 constexpr double kK1Sigma = 0.03;
 constexpr double kHintedCenterSigmaPx = 1.0;
 constexpr double kHintedK1Sigma = 0.002;
-constexpr double kDefaultHintSigma = 0.02;
 constexpr double kUnknownSigma = 1e6;  // of what another prior says
 constexpr std::size_t kFewestEdges = 8;
 // Of the rotation between two poses: below it they are different representatives (2.6 degrees; an
 // axis of revolution turns by the pose's own noise).
 constexpr double kSameTurnTrace = 2.998;
-// Hidden lines are removed anew once the objects have moved this far in some image.
-constexpr double kSeenAnewPx = 1.0;
+// Hidden lines are recomputed once the objects have moved this far in some image.
+constexpr double kRecomputeHiddenPx = 1.0;
 
 CameraPrior PriorOf(const RecognitionInput& input, const EuclideanOptions& options, int v) {
   const ImageFeatures& f = input.features[v];
@@ -39,7 +38,7 @@ CameraPrior PriorOf(const RecognitionInput& input, const EuclideanOptions& optio
   const CameraHint& hint = input.hints[v];
   if (hint.focal_px) {
     prior.log_focal = std::log(*hint.focal_px);
-    prior.log_focal_sigma = hint.focal_log_sigma.value_or(kDefaultHintSigma);
+    prior.log_focal_sigma = FocalLogSigma(hint);
   }
   if (hint.principal_point) {
     prior.cx = hint.principal_point->x();
@@ -110,11 +109,13 @@ Refinement Begin(const RecognitionInput& input,
                          input.objects[recognition.objects[objects[i]].object].get()});
   }
   b.log_scale.assign(b.objects.size(), 0.0);
-  if (input.matching != nullptr) {
-    std::vector<std::optional<RecognizedView>> known(views);
+  // Aspects need no plane, and are asked where the matched one gave no part: it may be the part's
+  // own print, or a background that moves against it.
+  if (input.matching != nullptr && recognition.plane_confirmed) {
+    std::vector<std::optional<CalibratedCamera>> known(views);
     for (int v = 0; v < views; ++v) {
       if (b.views[v].known)
-        known[v] = RecognizedView{b.views[v].camera, b.views[v].camera_from_scene};
+        known[v] = CalibratedCamera{b.views[v].camera, b.views[v].camera_from_scene};
     }
     b.plane = AveragePlaneMatches(*input.matching, known, options.plane);
   }
@@ -148,7 +149,7 @@ double MovedPx(const Refinement& r) {
 
 void Observe(Refinement* r) {
   const SceneBundle& b = r->bundle;
-  if (r->visible.empty() || !(MovedPx(*r) < kSeenAnewPx)) {
+  if (r->visible.empty() || !(MovedPx(*r) < kRecomputeHiddenPx)) {
     r->visible = FindVisibleSamples(b.views, b.objects, r->grids, r->observation);
     r->seen_views = b.views;
     r->seen_objects = b.objects;
@@ -225,7 +226,7 @@ absl::Status ShareCameras(const RecognitionInput& input,
   for (const int v : b.group.group.views) hinted[v] = true;
   b.alike = JudgeCameras(b, ComputeSceneCovariance(b, options.noise), hinted, options.cameras);
   if (b.alike.empty()) return absl::OkStatus();
-  for (const CameraLikeness& alike : b.alike) {
+  for (const CameraSimilarity& alike : b.alike) {
     const double share = std::sqrt(static_cast<double>(alike.views.size()));
     for (const int v : alike.views) {
       b.priors[v].log_focal_sigma *= share;
@@ -279,12 +280,48 @@ void AddFindings(const SceneBundle& bundle,
       out->scales.push_back({ScaleSourceKind::kKnownFocalLength,
                              v,
                              std::log(bundle.views[v].camera.focal_px / *input.hints[v].focal_px),
-                             input.hints[v].focal_log_sigma.value_or(kDefaultHintSigma),
+                             FocalLogSigma(input.hints[v]),
                              true});
     }
   }
   for (Finding& f : FindWeakDirections(bundle, out->covariance, options.findings)) {
     out->findings.push_back(std::move(f));
+  }
+}
+
+// Cameras and objects as they are adjusted. kept: of recognition.objects, those in the bundle.
+void TakeAdjusted(const SceneBundle& b,
+                  const RecognitionResult& recognition,
+                  const std::vector<int>& kept,
+                  const NoiseOptions& noise,
+                  MetricScene* out) {
+  out->rms_px = RobustRms(b.edges);
+  out->covariance = ComputeSceneCovariance(b, noise);
+  const bool known = out->covariance.matrix.size() > 0;
+  out->cameras.resize(b.views.size());
+  for (std::size_t v = 0; v < b.views.size(); ++v) {
+    if (!b.views[v].known) continue;
+    PosedCamera c{{b.views[v].camera, b.views[v].camera_from_scene}, 0.0};
+    const int at = out->covariance.layout.view[v] + 6;
+    if (known) c.focal_log_sigma = std::sqrt(out->covariance.matrix(at, at));
+    out->cameras[v] = c;
+  }
+  for (std::size_t k = 0; k < b.objects.size(); ++k) {
+    const SceneObject& source = recognition.objects[kept[k]];
+    PosedObject o;
+    o.object = source.object;
+    o.scene_from_object = b.objects[k].scene_from_object;
+    o.score = source.score;
+    o.view_scores = source.view_scores;
+    o.alternatives = source.alternatives;
+    double squares = 0.0;
+    for (const EdgeObservation& e : b.edges) {
+      if (e.object != static_cast<int>(k)) continue;
+      ++o.edge_observations;
+      squares += e.residual_px * e.residual_px;
+    }
+    o.rms_px = o.edge_observations > 0 ? std::sqrt(squares / o.edge_observations) : 0.0;
+    out->objects.push_back(std::move(o));
   }
 }
 
@@ -302,7 +339,7 @@ RecognitionResult AsRecognized(const MetricScene& metric, RecognitionResult reco
     recognition.views[v].reset();
     if (metric.cameras[v]) {
       recognition.views[v] =
-          RecognizedView{metric.cameras[v]->camera, metric.cameras[v]->camera_from_scene};
+          CalibratedCamera{metric.cameras[v]->camera, metric.cameras[v]->camera_from_scene};
     }
   }
   recognition.objects.clear();
@@ -344,7 +381,7 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
     for (const int k : misfits) out.findings.push_back(Rejected(recognition.objects[k].object));
     std::erase_if(
         kept, [&](int k) { return std::find(misfits.begin(), misfits.end(), k) != misfits.end(); });
-    if (kept.empty()) return absl::FailedPreconditionError("no object fits the cameras of others");
+    if (kept.empty()) return absl::FailedPreconditionError("no object fits the cameras");
     r = Begin(input, recognition, kept, group, options);
     HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   }
@@ -356,35 +393,8 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   HOROPTER_RETURN_IF_ERROR(ShareCameras(input, options, stop, &r));
 
   const SceneBundle& b = r.bundle;
-  out.rms_px = RobustRms(b.edges);
-  out.covariance = ComputeSceneCovariance(b, options.noise);
-  out.evidence = ComputeCameraEvidence(b, options.noise);
-  const bool known = out.covariance.matrix.size() > 0;
-  out.cameras.resize(b.views.size());
-  for (std::size_t v = 0; v < b.views.size(); ++v) {
-    if (!b.views[v].known) continue;
-    PosedCamera c{b.views[v].camera, b.views[v].camera_from_scene, 0.0};
-    const int at = out.covariance.layout.view[v] + 6;
-    if (known) c.focal_log_sigma = std::sqrt(out.covariance.matrix(at, at));
-    out.cameras[v] = c;
-  }
-  for (std::size_t k = 0; k < b.objects.size(); ++k) {
-    const SceneObject& source = recognition.objects[kept[k]];
-    PosedObject o;
-    o.object = source.object;
-    o.scene_from_object = b.objects[k].scene_from_object;
-    o.score = source.score;
-    o.view_scores = source.view_scores;
-    o.alternatives = source.alternatives;
-    double squares = 0.0;
-    for (const EdgeObservation& e : b.edges) {
-      if (e.object != static_cast<int>(k)) continue;
-      ++o.edge_observations;
-      squares += e.residual_px * e.residual_px;
-    }
-    o.rms_px = o.edge_observations > 0 ? std::sqrt(squares / o.edge_observations) : 0.0;
-    out.objects.push_back(std::move(o));
-  }
+  TakeAdjusted(b, recognition, kept, options.noise, &out);
+  if (options.camera_evidence) out.evidence = ComputeCameraEvidence(b, options.noise);
   TransformGraph graph;
   const SceneFrames frames = AddSceneFrames(out, &graph);
   for (std::size_t k = 1; k < out.objects.size(); ++k) {
@@ -392,12 +402,12 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                               graph.Between(frames.scene, frames.objects[k]));
     out.objects[k].covariance = pose.covariance;
   }
-  out.plane = FindSupportPlane(b);
+  out.plane = FindSupportingPlane(b);
   AddFindings(b, input, options, &out);
   out.counts["rejected_objects"] = static_cast<double>(misfits.size());
   out.counts["edge_observations"] = static_cast<double>(b.edges.size());
   out.counts["views_of_one_camera"] = 0.0;
-  for (const CameraLikeness& alike : b.alike)
+  for (const CameraSimilarity& alike : b.alike)
     out.counts["views_of_one_camera"] += static_cast<double>(alike.views.size());
   out.counts["plane_cells"] = static_cast<double>(b.plane.cells.size());
   return out;

@@ -13,18 +13,16 @@
 #include "server/vision/euclidean/camera_group.h"
 #include "server/vision/euclidean/findings.h"
 #include "server/vision/euclidean/grasps.h"
-#include "server/vision/euclidean/pose_perturbation.h"
 #include "server/vision/euclidean/scene_covariance.h"
 #include "server/vision/euclidean/shared_camera.h"
-#include "server/vision/euclidean/support_plane.h"
+#include "server/vision/euclidean/supporting_plane_search.h"
 #include "server/vision/euclidean/transform_graph.h"
+#include "server/vision/geometry/pose_perturbation.h"
 #include "server/vision/recognition/recognition.h"
 
 namespace horopter {
 
-struct PosedCamera {
-  PinholeCamera camera;
-  Rigid3 camera_from_scene;
+struct PosedCamera : CalibratedCamera {
   double focal_log_sigma = 0.0;
 };
 
@@ -45,10 +43,11 @@ struct MetricScene {
   std::vector<std::optional<PosedCamera>> cameras;
   std::vector<PosedObject> objects;
   SceneCovariance covariance;  // joint, of cameras and objects; indices as above
-  std::optional<SupportPlane> plane;
+  std::optional<SupportingPlane> plane;
   std::vector<ScaleSource> scales;  // objects, then focal lengths that were given
   std::vector<Finding> findings;
-  CameraEvidence evidence;  // of the cameras, by the data alone
+  // Of the cameras, by the data alone; empty without EuclideanOptions::camera_evidence.
+  CameraEvidence evidence;
   double rms_px = 0.0;
   std::map<std::string, double> counts;
 };
@@ -72,7 +71,8 @@ struct EuclideanOptions {
   FindingOptions findings;
   RejectionOptions rejection;
   GraspOptions grasps;
-  int threads = 1;  // cores to use; the result does not depend on it
+  bool camera_evidence = false;  // MetricScene::evidence is wanted: as dear as the covariance
+  int threads = 1;               // cores to use; the result does not depend on it
 };
 
 // Joint bundle adjustment of focal lengths, camera poses and object poses on the CAD edges seen in

@@ -59,7 +59,7 @@ Finding Weak(FindingKind kind, int object, const Eigen::Vector3d& direction, dou
   return f;
 }
 
-// Information of one object's edges about its pose in the cameras, these held: turns and shifts of
+// Information of one object's edges about its pose in the cameras, these fixed: turns and shifts of
 // its centre in units of `options`' limits. Only of points that agree with the answer, and without
 // the edge of one view that says most about the direction known least: one wrong association may
 // pin a bar that no image ends.
@@ -250,11 +250,11 @@ std::vector<ScaleSource> EstimateScales(const SceneBundle& bundle,
   if (n < 2) return out;
   SceneBundle scaled = bundle;
   SceneBundleOptions adjust;
-  adjust.held.scales = false;
+  adjust.fixed.scales = false;
   adjust.max_iterations = 8;
   adjust.threads = threads;
   if (!AdjustBundle(adjust, &scaled)) return out;
-  const SceneCovariance c = ComputeSceneCovariance(scaled, noise, /*scales_held=*/false);
+  const SceneCovariance c = ComputeSceneCovariance(scaled, noise, /*scales_fixed=*/false);
   if (c.matrix.size() == 0) return out;
   const auto sigma_between = [&](int i, int j) {
     const int a = c.layout.object[i] + 6, b = c.layout.object[j] + 6;

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "server/vision/euclidean/pose_perturbation.h"
 #include "server/vision/euclidean/scene_bundle.h"
 #include "server/vision/euclidean/scene_covariance.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 namespace horopter {
 

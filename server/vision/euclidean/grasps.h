@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "server/vision/euclidean/pose_perturbation.h"
-#include "server/vision/euclidean/support_plane.h"
+#include "server/vision/euclidean/supporting_plane_search.h"
 #include "server/vision/geometry/object_model.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 namespace horopter {
 
@@ -70,7 +70,7 @@ struct GraspScene {
     Matrix6d covariance = Matrix6d::Zero();
   };
   std::vector<Object> objects;
-  std::optional<SupportPlane> plane;
+  std::optional<SupportingPlane> plane;
 };
 
 // Why grasps of an object were not offered.

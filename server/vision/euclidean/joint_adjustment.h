@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "server/vision/euclidean/decomposition.h"
+#include "server/vision/recognition/initialization/decomposition.h"
 
 namespace horopter {
 

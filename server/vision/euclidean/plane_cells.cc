@@ -126,7 +126,7 @@ Eigen::Matrix2d InverseRoot(const Eigen::Matrix2d& covariance) {
 }  // namespace
 
 ObservedPlane AveragePlaneMatches(const MatchingResult& matching,
-                                  const std::vector<std::optional<RecognizedView>>& views,
+                                  const std::vector<std::optional<CalibratedCamera>>& views,
                                   const PlaneCellOptions& options) {
   const PlanePoints points = FindPlanePoints(matching, views);
   ObservedPlane out{points.plane, points.anchor, {}};

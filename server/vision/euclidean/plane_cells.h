@@ -54,7 +54,7 @@ struct PlaneCellOptions {
 // 2 / n of an independent one. No cells when fewer than 12 matches agree on a plane
 // (FindPlanePoints).
 ObservedPlane AveragePlaneMatches(const MatchingResult& matching,
-                                  const std::vector<std::optional<RecognizedView>>& views,
+                                  const std::vector<std::optional<CalibratedCamera>>& views,
                                   const PlaneCellOptions& options);
 
 }  // namespace horopter

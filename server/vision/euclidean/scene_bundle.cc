@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "server/base/parallel_for.h"
-#include "server/vision/euclidean/pose_perturbation.h"
 #include "server/vision/geometry/plucker_line.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 namespace horopter {
 namespace {
@@ -193,19 +193,19 @@ SceneBundleLayout LayoutOf(const SceneBundle& bundle) {
   return layout;
 }
 
-std::vector<bool> Held(const SceneBundle& bundle,
-                       const SceneBundleLayout& layout,
-                       const HeldParameters& held) {
+std::vector<bool> FixedMask(const SceneBundle& bundle,
+                            const SceneBundleLayout& layout,
+                            const FixedParameters& fixed) {
   std::vector<bool> out(layout.size, false);
   const auto hold = [&](int from, int count) { std::fill_n(out.begin() + from, count, true); };
-  if (held.gauge == Gauge::kFirstObject && !bundle.objects.empty()) hold(layout.object[0], 6);
-  if (held.gauge == Gauge::kFirstView) {
+  if (fixed.gauge == Gauge::kFirstObject && !bundle.objects.empty()) hold(layout.object[0], 6);
+  if (fixed.gauge == Gauge::kFirstView) {
     const auto first =
         std::find_if(layout.view.begin(), layout.view.end(), [](int at) { return at >= 0; });
     if (first != layout.view.end()) hold(*first, 6);
   }
   for (std::size_t k = 0; k < bundle.objects.size(); ++k) {
-    if (held.scales || k == 0) hold(layout.object[k] + 6, 1);
+    if (fixed.scales || k == 0) hold(layout.object[k] + 6, 1);
   }
   return out;
 }
@@ -360,13 +360,13 @@ double BundleCost(const SceneBundle& bundle, int threads) {
 
 bool AdjustBundle(const SceneBundleOptions& options, SceneBundle* bundle) {
   const SceneBundleLayout layout = LayoutOf(*bundle);
-  const std::vector<bool> held = Held(*bundle, layout, options.held);
+  const std::vector<bool> fixed = FixedMask(*bundle, layout, options.fixed);
   const std::vector<EdgeRun> runs = RunsOf(bundle->edges);
   double lambda = 1e-4;
   NormalEquations normal = Linearize(*bundle, layout, runs, options.threads);
   for (int iteration = 0; iteration < options.max_iterations; ++iteration) {
     for (int i = 0; i < layout.size; ++i) {
-      if (!held[i]) continue;
+      if (!fixed[i]) continue;
       normal.A.row(i).setZero();
       normal.A.col(i).setZero();
       normal.A(i, i) = 1.0;

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "server/vision/euclidean/camera_group.h"
-#include "server/vision/euclidean/camera_likeness.h"
+#include "server/vision/euclidean/camera_similarity.h"
 #include "server/vision/euclidean/edge_observations.h"
 #include "server/vision/euclidean/plane_cells.h"
 
@@ -32,9 +32,9 @@ struct CameraPrior {
 
 struct SceneBundle {
   std::vector<AdjustedView> views;
-  std::vector<CameraPrior> priors;    // per view
-  std::vector<CameraLikeness> alike;  // no view in two of them
-  CameraGroupPrior group;             // of known views; empty: nothing is known of them together
+  std::vector<CameraPrior> priors;      // per view
+  std::vector<CameraSimilarity> alike;  // no view in two of them
+  CameraGroupPrior group;               // of known views; empty: nothing is known of them together
   std::vector<double> working_from_image;  // per view
   std::vector<AdjustedObject> objects;
   std::vector<double> log_scale;  // per object, 0: as enrolled
@@ -67,14 +67,14 @@ enum class Gauge {
 
 SceneBundleLayout LayoutOf(const SceneBundle& bundle);
 
-// Parameters held: those of the gauge, and all scales unless they are adjusted.
-struct HeldParameters {
+// Parameters fixed: those of the gauge, and all scales unless they are adjusted.
+struct FixedParameters {
   Gauge gauge = Gauge::kFirstObject;
   bool scales = true;
 };
-std::vector<bool> Held(const SceneBundle& bundle,
-                       const SceneBundleLayout& layout,
-                       const HeldParameters& held);
+std::vector<bool> FixedMask(const SceneBundle& bundle,
+                            const SceneBundleLayout& layout,
+                            const FixedParameters& fixed);
 
 // One edge residual in sigmas, and its derivatives by the parameters of its view (10), its object
 // (7) and by the sample's position in the object (3). Invalid (false) behind the camera.
@@ -110,7 +110,7 @@ double BundleCost(const SceneBundle& bundle, int threads);
 struct SceneBundleOptions {
   int max_iterations = 15;
   double min_decrease = 1e-4;  // of the cost, relative; less ends the adjustment
-  HeldParameters held;
+  FixedParameters fixed;
   int threads = 1;
 };
 

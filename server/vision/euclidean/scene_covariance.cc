@@ -8,8 +8,8 @@
 #include <optional>
 #include <tuple>
 
-#include "server/vision/euclidean/pose_perturbation.h"
 #include "server/vision/euclidean/representative.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 namespace horopter {
 namespace {
@@ -250,12 +250,12 @@ void AddPriors(const SceneBundle& bundle, const SceneBundleLayout& layout, Sandw
   for (Eigen::MatrixXd* matrix : {&s->H, &s->V_prior}) BoundObjects(bundle, layout, matrix);
 }
 
-// Inverse over the parameters that are not held; equilibrated, so that radians, metres and pixels
+// Inverse over the parameters that are not fixed; equilibrated, so that radians, metres and pixels
 // are treated alike.
-Eigen::MatrixXd InverseOfFree(const Eigen::MatrixXd& H, const std::vector<bool>& held) {
+Eigen::MatrixXd InverseOfFree(const Eigen::MatrixXd& H, const std::vector<bool>& fixed) {
   std::vector<int> free;
-  for (int i = 0; i < static_cast<int>(held.size()); ++i) {
-    if (!held[i]) free.push_back(i);
+  for (int i = 0; i < static_cast<int>(fixed.size()); ++i) {
+    if (!fixed[i]) free.push_back(i);
   }
   const int n = static_cast<int>(free.size());
   Eigen::MatrixXd A(n, n);
@@ -330,7 +330,7 @@ Eigen::VectorXd DataGradient(const SceneBundleLayout& layout,
   return g;
 }
 
-Assembled Assemble(const SceneBundle& bundle, const NoiseOptions& options, bool scales_held) {
+Assembled Assemble(const SceneBundle& bundle, const NoiseOptions& options, bool scales_fixed) {
   Assembled out;
   out.layout = LayoutOf(bundle);
   const int size = out.layout.size;
@@ -375,7 +375,8 @@ Assembled Assemble(const SceneBundle& bundle, const NoiseOptions& options, bool 
   out.H_seen = s.H;
   out.g_seen = DataGradient(out.layout, groups, plane);
   AddPriors(bundle, out.layout, &s);
-  out.inverse = InverseOfFree(s.H, Held(bundle, out.layout, {Gauge::kFirstView, scales_held}));
+  out.inverse =
+      InverseOfFree(s.H, FixedMask(bundle, out.layout, {Gauge::kFirstView, scales_fixed}));
   if (!out.inverse.allFinite()) return out;
   // An adjustment explains a part of the scatter away: offset and tilt of an edge are two values.
   const double values = 2.0 * static_cast<double>(groups.size());
@@ -401,8 +402,8 @@ Eigen::MatrixXd Picked(const Eigen::MatrixXd& M,
 
 SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
                                        const NoiseOptions& options,
-                                       bool scales_held) {
-  Assembled a = Assemble(bundle, options, scales_held);
+                                       bool scales_fixed) {
+  Assembled a = Assemble(bundle, options, scales_fixed);
   SceneCovariance out{std::move(a.layout), {}, a.scatter};
   if (!a.inverse.allFinite()) return out;
   out.matrix = a.inverse * (DataVariance(a, options) + a.s.V_prior) * a.inverse;

@@ -31,7 +31,7 @@ struct EdgeScatter {
 };
 
 // Covariance of the perturbations of all parameters, in the order of `layout`. The pose of the
-// first known view is the origin: its columns are zero, as are those of scales that are held.
+// first known view is the origin: its columns are zero, as are those of scales that are fixed.
 // Directions that nothing determines have the width of a weak prior (kUnknownTurnRad, ten
 // diameters).
 struct SceneCovariance {
@@ -45,11 +45,11 @@ inline constexpr double kUnknownTurnRad = 3.14;
 // Of the robust estimate that AdjustBundle makes: H^-1 V H^-1 (Huber's sandwich), H the weighted
 // normal matrix, V the covariance of its right side. Points of one edge in one view err in common
 // (offset and tilt) and each on its own; the scatters are estimated from the residuals, and what
-// cannot be seen in them is added. scales_held = false: the objects' scales (but the first's) are
+// cannot be seen in them is added. scales_fixed = false: the objects' scales (but the first's) are
 // unknown too.
 SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
                                        const NoiseOptions& options,
-                                       bool scales_held = true);
+                                       bool scales_fixed = true);
 
 // What edges and plane say of the known cameras, with the objects unknown and without any prior of
 // the cameras, as the same robust estimate; linearised where the bundle is, which need not be the

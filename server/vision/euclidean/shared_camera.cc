@@ -35,7 +35,7 @@ Differences DifferencesOf(const std::vector<int>& views,
 }
 
 // Log density of the differences, up to a constant, where parameters are drawn with this spread.
-double LogEvidence(const Differences& d, double spread) {
+double LogLikelihood(const Differences& d, double spread) {
   const Eigen::LDLT<Eigen::MatrixXd> ldlt(d.covariance + spread * spread * d.of_unit_spread);
   return -0.5 * d.values.dot(ldlt.solve(d.values)) -
          0.5 * ldlt.vectorD().cwiseMax(1e-300).array().log().sum();
@@ -51,19 +51,19 @@ bool OneCamera(const SceneBundle& bundle,
   constexpr int kLogFocal = 6;
   Differences focal = DifferencesOf(views, log_focals, covariance, kLogFocal);
   focal.covariance *= options.widening * options.widening;
-  const double same = LogEvidence(focal, options.same_log_focal),
-               similar = LogEvidence(focal, options.similar_log_focal),
-               apart = LogEvidence(focal, bundle.priors[views[0]].log_focal_sigma);
+  const double same = LogLikelihood(focal, options.same_log_focal),
+               similar = LogLikelihood(focal, options.similar_log_focal),
+               apart = LogLikelihood(focal, bundle.priors[views[0]].log_focal_sigma);
   return same > std::max(similar, apart) + options.least_log_odds;
 }
 
 }  // namespace
 
-std::vector<CameraLikeness> JudgeCameras(const SceneBundle& bundle,
-                                         const SceneCovariance& covariance,
-                                         const std::vector<bool>& hinted,
-                                         const SharedCameraOptions& options) {
-  std::vector<CameraLikeness> out;
+std::vector<CameraSimilarity> JudgeCameras(const SceneBundle& bundle,
+                                           const SceneCovariance& covariance,
+                                           const std::vector<bool>& hinted,
+                                           const SharedCameraOptions& options) {
+  std::vector<CameraSimilarity> out;
   if (covariance.matrix.size() == 0) return out;
   std::map<std::pair<int, int>, std::vector<int>> groups;  // by image size
   for (int v = 0; v < static_cast<int>(bundle.views.size()); ++v) {

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "server/vision/euclidean/camera_likeness.h"
+#include "server/vision/euclidean/camera_similarity.h"
 #include "server/vision/euclidean/scene_bundle.h"
 #include "server/vision/euclidean/scene_covariance.h"
 
@@ -11,7 +11,7 @@ namespace horopter {
 
 struct SharedCameraOptions {
   // Spread of log f among cameras of one kind, or of one that is focused anew for every image: the
-  // likeliest alternative to one camera (parts-train: 0.03). Higher: unlike cameras are held
+  // likeliest alternative to one camera (parts-train: 0.03). Higher: unlike cameras are fixed
   // together.
   double similar_log_focal = 0.03;
   // What is left between the views of one camera.
@@ -31,9 +31,9 @@ struct SharedCameraOptions {
 // bundle: adjusted with every camera on its own (`alike` empty); covariance: of that adjustment.
 // The principal point is not asked: where it is open, what single views say of it is mostly the
 // error of their edges.
-std::vector<CameraLikeness> JudgeCameras(const SceneBundle& bundle,
-                                         const SceneCovariance& covariance,
-                                         const std::vector<bool>& hinted,
-                                         const SharedCameraOptions& options);
+std::vector<CameraSimilarity> JudgeCameras(const SceneBundle& bundle,
+                                           const SceneCovariance& covariance,
+                                           const std::vector<bool>& hinted,
+                                           const SharedCameraOptions& options);
 
 }  // namespace horopter

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "server/vision/euclidean/pose_perturbation.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 namespace horopter {
 

@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "server/vision/geometry/depth_buffer.h"
+#include "server/vision/geometry/hidden_tolerance.h"
 #include "server/vision/recognition/aspects/aspect_score.h"
 #include "server/vision/recognition/aspects/render_mesh.h"
 #include "server/vision/recognition/aspects/visible_edges.h"
@@ -15,11 +16,10 @@
 namespace horopter {
 namespace {
 
-constexpr double kRenderPx = 260.0;         // a diameter
-constexpr double kHiddenTolerance = 0.015;  // share of the diameter
-constexpr double kOnEdge = 0.012;           // share of the diameter: a point of an enrolled edge
-constexpr double kExplainedPx = 4.0;        // working pixels beside a visible edge
-constexpr double kWorkingWidth = 640.0;     // of the cells of what is explained
+constexpr double kRenderPx = 260.0;      // a diameter
+constexpr double kOnEdge = 0.012;        // share of the diameter: a point of an enrolled edge
+constexpr double kExplainedPx = 4.0;     // working pixels beside a visible edge
+constexpr double kWorkingWidth = 640.0;  // of the cells of what is explained
 
 // What is rendered of a part: enrolled parts bring it with their aspects.
 const RenderMesh* MeshOf(const PreparedObject& object, std::optional<RenderMesh>* made) {
@@ -101,7 +101,7 @@ EdgeReport ReportEdges(const AspectImage& image,
   straight.k1 = 0.0;
   const DepthBuffer depth = DepthOf(others, image, straight);
   const EnrolledEdges enrolled(part.object->model);
-  const double hidden_by = kHiddenTolerance * part.object->model.diameter_m;
+  const double hidden_by = kHiddenShareFound * part.object->model.diameter_m;
   // Where AspectScore's support is one half.
   const double reach =
       AspectScoreOptions{}.tolerance_px * (2.0 / 3.0) * AspectImage::kDistanceScale;

@@ -13,6 +13,7 @@
 #include "server/vision/recognition/aspects/fragment_index.h"
 #include "server/vision/recognition/aspects/scene_objects.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
+#include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/aspect_part.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
@@ -52,7 +53,7 @@ class Explainer {
     for (std::size_t v = 0; v < images_.size(); ++v) {
       if (metric_ != nullptr && v < metric_->cameras.size() && metric_->cameras[v]) {
         cameras_[v] =
-            RecognizedView{metric_->cameras[v]->camera, metric_->cameras[v]->camera_from_scene};
+            CalibratedCamera{metric_->cameras[v]->camera, metric_->cameras[v]->camera_from_scene};
       } else if (metric_ == nullptr && v < found_.views.size()) {
         cameras_[v] = found_.views[v];
       }
@@ -134,7 +135,7 @@ class Explainer {
     if (!kept.empty() || object_.aspects == nullptr) return kept;
     const AspectPart part = AspectPartOf(object_);
     HOROPTER_ASSIGN_OR_RETURN(const FragmentIndex index, BuildFragmentIndex({&part, 1}));
-    FindAspectOptions search;
+    FindAspectOptions search = in_.aspects != nullptr ? in_.aspects->find : FindAspectOptions();
     search.threads = search.votes.threads = options_.threads;
     for (std::size_t v = 0; v < images_.size(); ++v) {
       const std::optional<PinholeCamera> known = KnownCamera(v);
@@ -151,7 +152,7 @@ class Explainer {
   std::optional<PinholeCamera> KnownCamera(std::size_t v) const {
     if (cameras_[v]) return cameras_[v]->camera;
     if (in_.hints.empty() || !in_.hints[v].focal_px ||
-        in_.hints[v].focal_log_sigma.value_or(0.0) > kSureFocalSigma)
+        FocalLogSigma(in_.hints[v]) > kSureFocalSigma)
       return std::nullopt;
     PinholeCamera camera = NominalCamera(images_[v]);
     camera.focal_px = *in_.hints[v].focal_px;
@@ -159,7 +160,7 @@ class Explainer {
   }
 
   static std::vector<std::optional<AspectSceneView>> SceneViews(
-      const std::vector<std::optional<RecognizedView>>& cameras) {
+      const std::vector<std::optional<CalibratedCamera>>& cameras) {
     std::vector<std::optional<AspectSceneView>> out(cameras.size());
     for (std::size_t v = 0; v < cameras.size(); ++v) {
       if (cameras[v]) out[v] = AspectSceneView{cameras[v]->camera, cameras[v]->camera_from_scene};
@@ -168,7 +169,8 @@ class Explainer {
   }
 
   double Score(const Rigid3& scene_from_object, double render_px) {
-    SceneJudgementOptions options;
+    SceneJudgementOptions options =
+        in_.aspects != nullptr ? in_.aspects->judging : SceneJudgementOptions();
     options.render_px = render_px;
     return JudgeInViews(
                images_, *Mesh(), SceneViews(cameras_), {log_.object, scene_from_object}, options)
@@ -220,12 +222,12 @@ class Explainer {
 
   // Score from which on an object is answered beside others.
   double NeededScore() const {
-    const AspectRouteOptions& o = options_.aspects;
+    const AspectAcceptance& o = options_.acceptance.aspects;
     const bool beside = metric_ != nullptr && !metric_->objects.empty();
     const double even = Registered() < 2 ? o.even_in_one_view
                         : beside         ? o.even_score
                                          : o.even_alone;
-    return even + std::log(o.accept_probability / (1.0 - o.accept_probability)) / o.score_weight;
+    return even + std::log(o.min_probability / (1.0 - o.min_probability)) / o.score_weight;
   }
 
   // The answered object that stands where this one would; -1: none.
@@ -258,7 +260,7 @@ class Explainer {
   }
 
   void Show(const Rigid3& scene_from_object,
-            const std::vector<std::optional<RecognizedView>>& cameras) {
+            const std::vector<std::optional<CalibratedCamera>>& cameras) {
     for (std::size_t v = 0; v < cameras.size(); ++v) {
       if (cameras[v])
         ShowIn(v, cameras[v]->camera, cameras[v]->camera_from_scene * scene_from_object);
@@ -330,7 +332,7 @@ class Explainer {
   const StopRequested& stop_;
   const PreparedObject& object_;
   const std::vector<AspectImage> images_;
-  std::vector<std::optional<RecognizedView>> cameras_;  // of the scene that is answered
+  std::vector<std::optional<CalibratedCamera>> cameras_;  // of the scene that is answered
   std::optional<RenderMesh> mesh_;
   Explanation out_;
 };

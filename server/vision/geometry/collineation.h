@@ -1,5 +1,5 @@
 // Collineations of projective 3-space on points, planes and lines, and their estimation from
-// corresponding points and lines (thesis A, 4.4; geometry.md 4.5).
+// corresponding points and lines (thesis A, 4.4).
 #pragma once
 
 #include <Eigen/Core>

@@ -1,4 +1,4 @@
-// Invariants of sets with lines under collineations (geometry.md 4.2, 4.3), in forms that do not
+// Invariants of sets with lines under collineations, in forms that do not
 // depend on the order of the points or of the lines. Lines are Plücker six-vectors (direction;
 // moment), points homogeneous; any scale and sign.
 //

@@ -47,7 +47,7 @@ struct LookAlike {
 // transformation of so few fits anything) or all corners in a plane.
 //
 // Method: four connected corners of a not in a plane fix an affine map to every chain of b; five
-// fix a collineation (geometry.md 4.5).
+// fix a collineation.
 std::optional<LookAlike> FindLookAlike(const ObjectModel& a,
                                        const ObjectModel& b,
                                        const LookAlikeOptions& options = {});

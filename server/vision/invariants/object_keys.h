@@ -55,7 +55,7 @@ struct ObjectKeys {
 
 struct ObjectKeyOptions {
   // Of more, evenly chosen ones are kept: more keys find the object more often and cost memory and
-  // time of every query alike (geometry.md 7.4).
+  // time of every query alike.
   int max_chains = 2000;
   int max_stars = 500;
   // Best spread sets of six that are looked at (WellSpreadSets), and six-tuples kept of them. No

@@ -1,5 +1,5 @@
 // Keys of connected vertex paths as seen in an image, under weak and full perspective, for the
-// view-led route (frontend.md 4).
+// view-led route.
 //
 // No single view of four points has an invariant: a model path is a surface of keys over the view
 // sphere. The catalog keeps it as boxes, one per cell of the view sphere, that hold the keys of all

@@ -1,4 +1,4 @@
-// Keys of four connected vertices under similarities (geometry.md 7.3).
+// Keys of four connected vertices under similarities.
 #pragma once
 
 #include <Eigen/Core>

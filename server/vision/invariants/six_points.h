@@ -1,4 +1,4 @@
-// Invariants of six points of projective 3-space under collineations (geometry.md 4.1).
+// Invariants of six points of projective 3-space under collineations.
 #pragma once
 
 #include <Eigen/Core>

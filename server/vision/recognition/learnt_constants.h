@@ -6,7 +6,7 @@ namespace horopter {
 
 // The support and sharpness that chance gives a placement: what exceeds it speaks for the object.
 // Chosen as the offset of both regressions below; an object with less is not accepted
-// (RecognitionOptions::accept_score).
+// (PlacementAcceptance::min_score).
 inline constexpr double kChanceSupport = 0.55;
 
 // Whether a scene is no chance fit. Scenes of parts-train with all their parts enrolled against the

@@ -9,11 +9,11 @@
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/explained_recognition.h"
 #include "server/vision/recognition/initialization/view_linking.h"
+#include "server/vision/recognition/interpretation/alternative_hypotheses.h"
 #include "server/vision/recognition/interpretation/answer.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/decision.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
-#include "server/vision/recognition/interpretation/rivals.h"
 #include "server/vision/recognition/interpretation/routes.h"
 #include "server/vision/recognition/interpretation/symmetric_views.h"
 #include "server/vision/recognition/scene/surface_texture.h"
@@ -24,13 +24,17 @@ namespace {
 
 constexpr int kMinSegments = 5;  // fewer in every view: nothing can be said
 
-// A way to a scene's first part. table_found: the search on the plane has found parts, so that
+// A way to a scene's first part. plane_found: the search on the plane has found parts, so that
 // whoever needs no plane need not look.
 struct Route {
   const char* name;
-  bool (*applies)(const RecognitionInput& input, const RecognitionRoutes& on, bool table_found);
+  bool (*applies)(const RecognitionInput& input, const RecognitionRoutes& on, bool plane_found);
   absl::StatusOr<FoundScene> (*run)(const RouteInput&, JointContext*);
 };
+
+AspectRecognitionOptions AspectOptionsOf(const RecognitionInput& input) {
+  return input.aspects != nullptr ? *input.aspects : AspectRecognitionOptions();
+}
 
 bool CamerasTrusted(const RecognitionInput& input) {
   return input.reconstruction != nullptr && input.reconstruction->trusted;
@@ -45,12 +49,13 @@ constexpr Route kRoutes[] = {
      MetricRoute},
     {"table",
      [](const RecognitionInput& input, const RecognitionRoutes& on, bool) {
-       return on.table && input.reconstruction != nullptr && input.reconstruction->has_plane;
+       return on.supporting_plane && input.reconstruction != nullptr &&
+              input.reconstruction->has_plane;
      },
-     TableRoute},
+     PlaneRoute},
     {"view_led",
-     [](const RecognitionInput&, const RecognitionRoutes& on, bool table_found) {
-       return on.view_led && !table_found;
+     [](const RecognitionInput&, const RecognitionRoutes& on, bool plane_found) {
+       return on.view_led && !plane_found;
      },
      ViewLedRoute},
     // In cameras that are trusted the metric route has asked for the same parts at lower cost.
@@ -70,19 +75,21 @@ struct RouteAnswers {
 absl::StatusOr<RouteAnswers> AskRoutes(const RecognitionInput& input,
                                        const RecognitionRoutes& routes,
                                        JointContext* context) {
-  const RouteInput route_input{input.features, input.reconstruction, input.keys, input.slots};
+  const RouteInput route_input{
+      input.features, input.reconstruction, input.keys, input.slots, input.bottom_up};
   RouteAnswers answers;
   FoundScene& best = answers.best;
-  bool table_found = false;
+  bool plane_found = false;
   for (const Route& route : kRoutes) {
     if (!IsOpen(*context, best)) break;
-    if (!route.applies(input, routes, table_found)) continue;
+    if (!route.applies(input, routes, plane_found)) continue;
     if (IsStopRequested(context->give_up)) {
       answers.unasked.push_back(route.name);
       continue;
     }
     HOROPTER_ASSIGN_OR_RETURN(FoundScene found, route.run(route_input, context));
-    if (found.route == RecognitionRoute::kTable) table_found = !found.scene.objects.empty();
+    if (found.route == RecognitionRoute::kSupportingPlane)
+      plane_found = !found.scene.objects.empty();
     TakeIfBetter(*context, std::move(found), &best);
     if (IsStopRequested(context->stop))
       return absl::CancelledError(absl::StrCat("stopped during the route ", route.name));
@@ -103,7 +110,7 @@ void ReportHypotheses(const JointContext& context, RecognitionResult* result) {
     }
   }
   result->counts["view_hypotheses"] = hypotheses;
-  result->counts["seeds"] = static_cast<double>(context.seed_count);
+  result->counts["initial_hypotheses"] = static_cast<double>(context.initial_count);
 }
 
 // Notes placements of the logged object that leave the scene; without a log nothing.
@@ -135,8 +142,8 @@ class RefusalNotes {
   std::vector<PlacedObject> before_;
 };
 
-// What is answered of the best scene: symmetric views aligned, rivals heard, what chance explains
-// left out.
+// What is answered of the best scene: symmetric views aligned, alternatives heard, what chance
+// explains left out.
 RecognitionResult Conclude(const RecognitionInput& input,
                            FoundScene best,
                            JointContext* context,
@@ -150,21 +157,24 @@ RecognitionResult Conclude(const RecognitionInput& input,
   AlignSymmetricViews(*context, &scene);
   notes.Begin(scene);
   DropChanceObjects(*context, best.verified, &scene);
-  notes.Left(scene, AcceptanceTest::kChance, PriceOfTrying(input.objects.size()), EvidenceOf);
-  BeginStep(*context, "rivals");
-  std::vector<Rival> rivals = ContestObjects(*context, best.verified, {}, &scene);
+  notes.Left(scene,
+             AcceptanceTest::kChance,
+             MultipleTestingPenalty(input.objects.size()),
+             LogLikelihoodRatio);
+  BeginStep(*context, "alternatives");
+  std::vector<Alternative> alternatives = ContestObjects(*context, best.verified, &scene);
   notes.Left(scene, AcceptanceTest::kPlace, 0.0, [](const PlacedObject& p) { return p.score; });
   if (DropContradictedViews(*context, &scene) > 0) EvaluateTogether(*context, &scene);
   BeginStep(*context, "surfaces");
   JudgeTexture(*context, &scene);
   notes.Begin(scene);
-  DropUnlikelyObjects(&scene, &rivals);
+  DropUnlikelyObjects(context->options.acceptance.scene, &scene, &alternatives);
   notes.Left(scene, AcceptanceTest::kChance, 0.0, ObjectProbability);
-  best.runners_up = RunnersUp(*context, scene, best.verified, rivals);
-  const std::string doubt = ReasonToDoubt(*context, scene, best.runners_up);
+  best.best_competing = BestCompeting(*context, scene, best.verified, alternatives);
+  const std::string doubt = ReasonToDoubt(*context, scene, best.best_competing);
   if (!doubt.empty()) {
-    const double probability = SceneProbability(*context, scene, best.runners_up);
-    const double needed = context->options.accept_probability;
+    const double probability = SceneProbability(*context, scene, best.best_competing);
+    const double needed = context->options.acceptance.scene.min_probability;
     scene.objects.clear();
     const bool unlikely = probability < needed;
     notes.Left(scene,
@@ -177,14 +187,14 @@ RecognitionResult Conclude(const RecognitionInput& input,
   const bool trusted = scene.objects.size() > 1 || CamerasTrusted(input);
   BeginStep(*context, "result");
   RecognitionResult result =
-      MakeResult(*context, scene, best.verified, best.runners_up, rivals, trusted);
+      MakeResult(*context, scene, best.verified, best.best_competing, alternatives, trusted);
   if (!result.objects.empty()) result.route = best.route;
   if (result.state == RecognitionState::kNoParallax) {
     const double parallax = LargestParallax(*context, scene);
     notes.Begin(scene);
     notes.Left({scene.views, {}, {}, 0.0},
                AcceptanceTest::kParallax,
-               context->options.min_parallax_rad,
+               context->options.acceptance.scene.min_parallax_rad,
                [&](const PlacedObject&) { return parallax; });
   }
   ReportHypotheses(*context, &result);
@@ -196,9 +206,9 @@ RecognitionResult Conclude(const RecognitionInput& input,
   result.counts["views"] = scene.registered();
   if (result.state == RecognitionState::kNothingFound) {
     result.detail = !doubt.empty() ? doubt
-                                   : absl::StrCat(context->seed_count,
+                                   : absl::StrCat(context->initial_count,
                                                   " linked hypotheses, none with a joint score of ",
-                                                  context->options.accept_score);
+                                                  context->options.acceptance.placements.min_score);
   }
   return result;
 }
@@ -233,29 +243,30 @@ int Registered(const RecognitionResult& result) {
 }
 
 // Objects with few edges are asked for by the routes in the cameras of the reconstruction: where a
-// table's texture gives these they are quick. Their answer is judged by what the cameras should see
-// of it; unless that confirms it, the aspects give theirs, and the one that explains more is taken.
-// What neither finds the dearer routes are asked for. Rich ones have been asked for by their
-// aspects before (AspectsComeFirst): here only what trusted cameras say is added.
+// supporting plane's texture gives these they are quick. Their answer is judged by what the cameras
+// should see of it; unless that confirms it, the aspects give theirs, and the one that explains
+// more is taken. What neither finds the dearer routes are asked for. Rich ones have been asked for
+// by their aspects before (AspectsComeFirst): here only what trusted cameras say is added.
 absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
                                               std::span<const AspectImage> images,
                                               JointContext* context,
                                               RefusalLog* log) {
   const AspectRouteOptions& options = context->options.aspects;
+  const AspectAcceptance& acceptance = context->options.acceptance.aspects;
   const bool rich = static_cast<int>(input.objects.size()) <= options.max_objects &&
                     AreRich(input.objects, options);
   RecognitionRoutes quick = context->options.routes, dear = quick;
   quick.view_led = quick.projective = false;
-  if (rich) quick.table = false;
-  dear.metric = dear.table = false;
+  if (rich) quick.supporting_plane = false;
+  dear.metric = dear.supporting_plane = false;
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context, log));
-  AspectJudgement judged = JudgeAnswer(*context, images, result);
-  const bool confirmed = judged.median >= options.confirming_score;
+  AspectJudgement judged = JudgeAnswer(*context, images, result, AspectOptionsOf(input));
+  const bool confirmed = judged.median >= acceptance.confirming_score;
   const bool enough = confirmed && Registered(result) == static_cast<int>(images.size());
   if (rich || IsStopRequested(context->give_up)) {
     if (!rich && !enough) CountUnasked({"aspects", "view_led", "projective"}, &result);
     RefuseContradicted(
-        judged, rich ? options.confirming_score : options.contradicting_score, log, &result);
+        judged, rich ? acceptance.confirming_score : acceptance.contradicting_score, log, &result);
     return result;
   }
   BeginStep(*context, "aspect_images");
@@ -263,10 +274,10 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
       MakeAspectImages(input.images, true, context->options.threads);
   HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search, ChooseObjects(*context, plain));
   if (enough) {
-    HOROPTER_RETURN_IF_ERROR(AddOthers(*context, plain, search, &result));
+    HOROPTER_RETURN_IF_ERROR(AddOthers(*context, plain, search, &result, AspectOptionsOf(input)));
     return result;
   }
-  const bool contradicted = judged.median < options.contradicting_score;
+  const bool contradicted = judged.median < acceptance.contradicting_score;
   // What no route found parts in may be no table: its cameras are not believed.
   const JointContext unmatched =
       MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
@@ -275,18 +286,21 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
                   context->on_step);
   HOROPTER_ASSIGN_OR_RETURN(
       RecognitionResult aspects,
-      RecognizeByAspects(unmatched, plain, search, contradicted ? nullptr : &result, log));
+      RecognizeByAspects(
+          unmatched, plain, search, contradicted ? nullptr : &result, log, AspectOptionsOf(input)));
   // An answer that leaves out views explains what is easy.
-  if (!aspects.objects.empty() && JudgeAnswer(*context, images, aspects).score > judged.score &&
+  if (!aspects.objects.empty() &&
+      JudgeAnswer(*context, images, aspects, AspectOptionsOf(input)).score > judged.score &&
       Registered(aspects) >= Registered(result)) {
+    aspects.plane_confirmed = !contradicted && !result.objects.empty();
     return aspects;
   }
   if (result.objects.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context, log));
     if (result.objects.empty()) CopyUnasked(result, &aspects);
-    judged = JudgeAnswer(*context, images, result);
+    judged = JudgeAnswer(*context, images, result, AspectOptionsOf(input));
   }
-  RefuseContradicted(judged, options.contradicting_score, log, &result);
+  RefuseContradicted(judged, acceptance.contradicting_score, log, &result);
   return result.objects.empty() && !aspects.detail.empty() ? aspects : result;
 }
 
@@ -348,11 +362,12 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
     nothing.views.resize(images.size());
     return nothing;
   }
-  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult aspects,
-                            RecognizeByAspects(context, images, search, nullptr, log));
+  HOROPTER_ASSIGN_OR_RETURN(
+      RecognitionResult aspects,
+      RecognizeByAspects(context, images, search, nullptr, log, AspectOptionsOf(input)));
   BeginStep(context, "pose_alternatives");
   SayPoseAlternatives(context, images, &aspects);
-  return std::move(aspects);
+  return aspects;
 }
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,

@@ -1,5 +1,5 @@
 // Which catalog objects are in the scene, and where: hypotheses in single views, linked and judged
-// over all views (thesis 4, frontend.md 4-5).
+// over all views (thesis 4).
 #pragma once
 
 #include <memory>
@@ -15,7 +15,9 @@
 
 namespace horopter {
 
-class KeyIndexSnapshot;  // invariant_matching/key_index.h
+class KeyIndexSnapshot;           // invariant_matching/key_index.h
+struct BottomUpOptions;           // initialization/bottom_up_route.h
+struct AspectRecognitionOptions;  // object/aspect_options.h
 
 struct RecognitionInput {
   std::span<const cv::Mat> images;
@@ -27,6 +29,8 @@ struct RecognitionInput {
   // The catalog's keys, object i in slot slots[i]. Null: an index is built when it is asked for.
   const KeyIndexSnapshot* keys = nullptr;
   std::span<const int> slots;
+  const BottomUpOptions* bottom_up = nullptr;  // of the metric and projective route; null: defaults
+  const AspectRecognitionOptions* aspects = nullptr;  // null: defaults
 };
 
 // Whether the objects are asked for by their aspects before views are matched and reconstructed:

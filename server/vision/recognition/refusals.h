@@ -28,9 +28,9 @@ enum class AcceptanceTest {
 struct Refusal {
   AcceptanceTest test = AcceptanceTest::kNone;
   Rigid3 scene_from_object;
-  std::vector<std::optional<RecognizedView>> views;  // the cameras it was judged in
-  double value = 0.0;                                // what the test measured
-  double needed = 0.0;                               // 0: the test has no number
+  std::vector<std::optional<CalibratedCamera>> views;  // the cameras it was judged in
+  double value = 0.0;                                  // what the test measured
+  double needed = 0.0;                                 // 0: the test has no number
 };
 
 // Of one object. Recognition only adds to it.

@@ -9,21 +9,13 @@
 #include <string_view>
 #include <vector>
 
-#include "server/vision/geometry/pinhole_camera.h"
-#include "server/vision/geometry/rigid3.h"
+#include "server/vision/geometry/calibrated_camera.h"
+#include "server/vision/geometry/camera_prior.h"
 
 namespace horopter {
 
 struct PreparedObject;  // object/prepared_object.h: what recognition derives from an ObjectModel,
                         // once
-
-// What the caller happens to know about a camera. Unset fields are unknown.
-struct CameraHint {
-  std::optional<double> focal_px;
-  std::optional<double> focal_log_sigma;  // default 0.02 when focal_px is given
-  std::optional<Eigen::Vector2d> principal_point;
-  std::optional<double> k1;
-};
 
 // One pose of one object in one view, before the views are joined.
 struct ViewHypothesis {
@@ -39,11 +31,6 @@ struct ViewHypotheses {
   std::vector<ViewHypothesis> best;  // verified, distinct, best F1 first
   // Refined, distinct, best quick score first; score = quick score.
   std::vector<ViewHypothesis> pool;
-};
-
-struct RecognizedView {
-  PinholeCamera camera;
-  Rigid3 camera_from_scene;
 };
 
 // An accepted object. scene: metric frame shared by all recognised views.
@@ -68,19 +55,22 @@ enum class RecognitionState {
 // How a scene's first part, and with it metric cameras, is come by.
 enum class RecognitionRoute {
   kNone,
-  kTable,       // standing on the matched plane, in the cameras of the reconstruction
-  kMetric,      // similarity invariants of corners in space, cameras known up to scale
-  kViewLed,     // hypotheses of single views, linked
-  kProjective,  // projective invariants of matched corners, nothing known of the cameras
-  kAspects,     // contours of single images, views linked through the parts
+  kSupportingPlane,  // standing on the matched plane, in the cameras of the reconstruction
+  kMetric,           // similarity invariants of corners in space, cameras known up to scale
+  kViewLed,          // hypotheses of single views, linked
+  kProjective,       // projective invariants of matched corners, nothing known of the cameras
+  kAspects,          // contours of single images, views linked through the parts
 };
 
 struct RecognitionResult {
   RecognitionState state = RecognitionState::kNothingFound;
   std::string detail;  // numbers behind the state, readable
-  std::vector<std::optional<RecognizedView>> views;
+  std::vector<std::optional<CalibratedCamera>> views;
   std::vector<SceneObject> objects;
   RecognitionRoute route = RecognitionRoute::kNone;  // that found the first of the objects
+  // Whether routes that use the matched plane found some of it: else the plane may be a part's own
+  // print, or a background that moves against the parts.
+  bool plane_confirmed = true;
   std::vector<ViewHypothesis> hypotheses;  // kept per view, best first; for the stage report
   std::vector<SceneObject> verified;  // joint hypotheses before consolidation; for the stage report
   std::map<std::string, double> counts;

@@ -1,5 +1,5 @@
 // The thesis's reconstruction methods: decomposition of the projective depths, and alternating
-// intersection and resection of points and lines (thesis 3.2, 3.3; geometry.md 3.1, 3.2).
+// intersection and resection of points and lines (thesis 3.2, 3.3).
 #pragma once
 
 #include <optional>

@@ -1,5 +1,5 @@
 // Incremental projective reconstruction: from the best pair or triple, view by view, so that one
-// bad image does not sink the set (thesis 3.3.3; geometry.md 3.1 - 3.5).
+// bad image does not sink the set (thesis 3.3.3).
 #pragma once
 
 #include <string>

@@ -1,5 +1,5 @@
 // The two linear halves of the alternation: features from cameras and cameras from features
-// (thesis 3.3.1, 3.3.2; geometry.md 3.2).
+// (thesis 3.3.1, 3.3.2).
 #pragma once
 
 #include <Eigen/Core>

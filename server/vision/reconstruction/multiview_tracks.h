@@ -59,7 +59,7 @@ absl::Status Validate(const MultiviewTracks& tracks);
 ProjectiveScene EmptyScene(const MultiviewTracks& tracks);
 
 // Coordinates in which the algorithms work: image centre 0, half diagonal about 1 (pixels divided
-// by (w + h) / 2.8, geometry.md 3). x_normalized = T x_pixels.
+// by (w + h) / 2.8). x_normalized = T x_pixels.
 Eigen::Matrix3d NormalizedFromPixels(const ImageSize& size);
 MultiviewTracks NormalizeTracks(const MultiviewTracks& tracks);
 // Cameras of normalised coordinates become cameras of pixels.

@@ -1,4 +1,4 @@
-// Starts for focal lengths and poses from the homographies of one plane (frontend.md 3).
+// Starts for focal lengths and poses from the homographies of one plane.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,4 +1,4 @@
-// Cameras and points of the views that share a supporting plane (frontend.md 3): calibration from
+// Cameras and points of the views that share a supporting plane: calibration from
 // the plane's homographies, then junctions off the plane.
 #pragma once
 

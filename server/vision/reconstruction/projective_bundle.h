@@ -1,4 +1,4 @@
-// Robust projective bundle adjustment of cameras, points and lines (geometry.md 3.4).
+// Robust projective bundle adjustment of cameras, points and lines.
 #pragma once
 
 #include "server/vision/reconstruction/bundle_covariance.h"

@@ -1,4 +1,4 @@
-// Cameras from matches alone, before any part is recognised (thesis 3, geometry.md 3 and 7.3).
+// Cameras from matches alone, before any part is recognised (thesis 3).
 #pragma once
 
 #include <Eigen/Core>

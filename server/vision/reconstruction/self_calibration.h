@@ -1,5 +1,5 @@
 // From a projective scene to a metric one by what is known about cameras: square pixels, no skew, a
-// principal point near the centre; each focal length unknown (geometry.md 7.3).
+// principal point near the centre; each focal length unknown.
 #pragma once
 
 #include <map>

@@ -1,5 +1,5 @@
 // Robust epipolar geometry of all pairs of views: the screening that alternation needs, and where
-// a reconstruction may start (geometry.md 3.1, 7.1).
+// a reconstruction may start.
 #pragma once
 
 #include <Eigen/Core>

@@ -44,8 +44,9 @@ absl::StatusOr<StationScene> RefineUnderStation(const RecognitionInput& input,
                                                 const StationState& state,
                                                 const StationViews& views,
                                                 const StationOptions& station,
-                                                const EuclideanOptions& options,
+                                                EuclideanOptions options,
                                                 const StopRequested& stop) {
+  options.camera_evidence = true;
   HOROPTER_RETURN_IF_ERROR(Validate(station));
   if (views.size() != recognition.views.size())
     return absl::InvalidArgumentError("station: one camera per image is needed");

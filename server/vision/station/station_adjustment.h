@@ -25,7 +25,7 @@ absl::StatusOr<StationScene> RefineUnderStation(const RecognitionInput& input,
                                                 const StationState& state,
                                                 const StationViews& views,
                                                 const StationOptions& station,
-                                                const EuclideanOptions& options,
+                                                EuclideanOptions options,
                                                 const StopRequested& stop = {});
 
 }  // namespace horopter

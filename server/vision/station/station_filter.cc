@@ -10,7 +10,7 @@
 #include <optional>
 
 #include "absl/strings/str_cat.h"
-#include "server/vision/euclidean/pose_perturbation.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 namespace horopter {
 namespace {

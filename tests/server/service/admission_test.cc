@@ -204,6 +204,65 @@ TEST(Admission, AFullQueueIsRefusedAtOnceWithARetryHintAndTheOthersFinish) {
   EXPECT_EQ(gate.entered(), 3);
 }
 
+// Reading megabytes to refuse them would take longer than the refusal.
+TEST(Admission, AFullQueueRefusesARequestThatItHasNotRead) {
+  Gate gate;
+  ServerOptions options;
+  options.queue = 0;
+  TestServer server(gate.recognizer(), options);
+  grpc::ClientContext first, context;
+  auto running = std::async(std::launch::async, [&] { return Recognize(server, first); });
+  ASSERT_TRUE(gate.AwaitEntered(1));
+  grpc::GenericStub stub(server.channel());
+  const grpc::Slice slice("no message of this method");
+  const grpc::ByteBuffer request(&slice, 1);
+  grpc::ByteBuffer response;
+  std::promise<grpc::Status> refused;
+  stub.UnaryCall(&context,
+                 "/horopter.v1.RecognitionService/RecognizeScene",
+                 {},
+                 &request,
+                 &response,
+                 [&](const grpc::Status& status) { refused.set_value(status); });
+  const grpc::Status status = refused.get_future().get();
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+  EXPECT_GE(std::atoi(Trailing(context, kRetryAfterKey).c_str()), 100);
+  gate.Open();
+  EXPECT_TRUE(running.get().ok());
+}
+
+// Over the network, where gRPC counts the bytes.
+TEST(Admission, TwoOfTheLargestRequestsAtOnceAreBothAnswered) {
+  Gate gate;
+  ServerOptions options;
+  options.listen = "127.0.0.1:0";
+  options.max_message_mb = options.max_object_mb = 4;
+  options.memory_mb = 256;
+  options.workers = 2;
+  TestServer server(gate.recognizer(), options);
+  v1::RecognizeSceneRequest largest;
+  v1::RawFrame* frame = largest.add_images()->mutable_raw();
+  frame->set_format(v1::RawFrame::PIXEL_FORMAT_GRAY8);
+  frame->set_width_px(2000);
+  frame->set_height_px(2000);
+  frame->set_data(std::string(2000 * 2000, 'x'));
+  const auto stub = v1::RecognitionService::NewStub(
+      grpc::CreateChannel(server.server().address(), grpc::InsecureChannelCredentials()));
+  const auto recognize = [&] {
+    grpc::ClientContext context;
+    v1::RecognizeSceneResponse answer;
+    return stub->RecognizeScene(&context, largest, &answer);
+  };
+  auto first = std::async(std::launch::async, recognize);
+  auto second = std::async(std::launch::async, recognize);
+  EXPECT_TRUE(gate.AwaitEntered(2));
+  gate.Open();
+  for (auto* call : {&first, &second}) {
+    const grpc::Status status = call->get();
+    EXPECT_TRUE(status.ok()) << status.error_message();
+  }
+}
+
 TEST(Admission, ACallCancelledInTheQueueGivesItsPlaceBackAtOnce) {
   Gate gate;
   ServerOptions options;
@@ -288,6 +347,9 @@ TEST(Admission, TheServerTellsItsLimits) {
   EXPECT_EQ(info.limits().max_images(), 32);
   EXPECT_EQ(info.limits().max_image_pixels(), 12345678);
   EXPECT_EQ(info.limits().queue(), 3);
+  EXPECT_EQ(info.limits().max_segments_per_image(), PipelineOptions().features.max_segments);
+  EXPECT_EQ(info.limits().max_arcs_per_image(), PipelineOptions().features.max_arcs);
+  EXPECT_GT(info.limits().max_arcs_per_image(), 0);
   EXPECT_EQ(info.object_count(), 1);
   EXPECT_GE(info.catalog_generation(), 1);
 }

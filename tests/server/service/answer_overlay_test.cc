@@ -46,7 +46,7 @@ absl::StatusOr<PipelineResult> Answer(const SceneRequest& request,
   object.grasps.push_back(cup);
   answer.objects.push_back(object);
   answer.joint_covariance = Eigen::MatrixXd::Zero(6, 6);
-  answer.plane = SupportPlane{-Eigen::Vector3d::UnitY(), -0.02};
+  answer.plane = SupportingPlane{-Eigen::Vector3d::UnitY(), -0.02};
   if (request.unexplained_edges) {
     answer.unexplained_edges.resize(request.images.size());
     answer.unexplained_edges[0] = {{{100, 100}, {140, 100}}};

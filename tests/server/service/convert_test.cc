@@ -219,7 +219,7 @@ TEST(ConvertAnswer, TheBasicViewHasNoCovariancesAndObjectsBelowTheScoreAreCounte
   }
   answer.joint_covariance = Eigen::MatrixXd::Identity(12, 12);
   answer.stages = {{"features", 1.0, {}}};
-  answer.plane = SupportPlane{Eigen::Vector3d::UnitX(), 0.25};
+  answer.plane = SupportingPlane{Eigen::Vector3d::UnitX(), 0.25};
   answer.base_from_scene = Rigid3{RotationAboutZ(M_PI / 2), {1, 2, 3}};
   v1::RecognizeSceneResponse full, basic, none;
   SceneAnswerToProto(answer, request, {true, 0.5}, &full);
@@ -264,7 +264,7 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
                        {UnsearchedCause::kCatalogSize, "aspects"}};
   answer.base_from_scene = RandomRigid(rng);
   answer.cameras.resize(2);
-  answer.cameras[1] = PosedCamera{{50, 40, 77.5, 24.0, 19.5, -0.03}, RandomRigid(rng), 0.02};
+  answer.cameras[1] = PosedCamera{{{50, 40, 77.5, 24.0, 19.5, -0.03}, RandomRigid(rng)}, 0.02};
   AnswerObject object;
   object.object_id = "box";
   object.instance = 1;

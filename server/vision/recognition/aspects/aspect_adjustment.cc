@@ -134,7 +134,7 @@ Equations Linearise(std::span<const SceneRow> rows,
     out.H(at, at) += w;
     out.g(at) += w * off;
     out.cost += w * off * off;
-    // The mean moves with the views, but deviations from it sum to nothing: no slope.
+    // The mean is held for the step: it moves with the views, and is taken anew before the next.
     const double unlike = (mean - std::log(RelativeFocal(view.camera))) / kAlikeSigma;
     const double reach = kAlikeReach * kAlikeReach;
     const double alike = 1.0 / (1.0 + unlike * unlike / reach);

@@ -23,12 +23,11 @@ constexpr double kBetterScore = 0.06;    // of another pose of an object in one 
 constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
 constexpr double kNearM = 1e-3;
 constexpr int kCoarsePoints = 120;
-constexpr int kDraftCarried = 8;           // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;       // score of one whose place is taken
-constexpr double kTurnedScore = 0.01;      // by which another turn must be better
-constexpr std::size_t kFewObjects = 2;     // a scene with more is sure of its views by agreement
-constexpr double kOthersRenderPx = 200.0;  // of the scores that are answered
-constexpr int kSwept = 2;                  // parts that are looked for at all places of a view
+constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;    // score of one whose place is taken
+constexpr double kTurnedScore = 0.01;   // by which another turn must be better
+constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
+constexpr int kSwept = 2;               // parts that are looked for at all places of a view
 constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
 
 class Linker {
@@ -45,7 +44,7 @@ class Linker {
   LinkedScene Run() {
     LinkedScene best;
     if (in_.known != nullptr && !in_.known->objects.empty()) best = Completed(*in_.known);
-    for (const Draft& draft : Drafts(links_.Seeds())) {
+    for (const Draft& draft : Drafts(links_.InitialScenes())) {
       if (IsStopRequested(stop_) && !best.objects.empty()) break;
       LinkedScene scene = Completed(draft.scene);
       if (scene.score > best.score) best = std::move(scene);
@@ -77,7 +76,7 @@ class Linker {
     if (options_.standing > 0 && !IsStopRequested(stop_))
       objects_.Place(Standing(PlanesUnder(in_.known->objects, in_.parts, scene.views), scene),
                      &scene);
-    std::vector<LinkedObject> judged = objects_.Judge(scene, kOthersRenderPx);
+    std::vector<LinkedObject> judged = objects_.Judge(scene, kFineRenderPx);
     LinkedScene out;
     out.views = scene.views;
     for (std::size_t i = known; i < judged.size(); ++i) {
@@ -97,7 +96,7 @@ class Linker {
     bool turned = false;
     for (LinkedObject& o : scene->objects) {
       std::vector<Rigid3> turns;
-      links_.AppendSpread(in_.parts[o.object].near_turns, &turns);
+      links_.turns().AppendSpread(in_.parts[o.object].near_turns, &turns);
       if (turns.empty()) continue;
       turns.insert(turns.begin(), Rigid3{});
       std::vector<double> scores(turns.size());

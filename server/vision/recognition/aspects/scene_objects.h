@@ -10,6 +10,8 @@
 
 namespace horopter {
 
+inline constexpr double kFineRenderPx = 200.0;  // of the scores that are answered
+
 class SceneObjects {
  public:
   // What is pointed to outlives the object.

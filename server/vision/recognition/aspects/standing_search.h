@@ -3,7 +3,6 @@
 // on, so that every place can be tried. Finds what no single image shows well enough.
 #pragma once
 
-#include <Eigen/Core>
 #include <optional>
 #include <span>
 #include <vector>
@@ -12,15 +11,9 @@
 #include "server/vision/recognition/aspects/aspect_adjustment.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/aspects/fragment_index.h"
+#include "server/vision/recognition/aspects/standing_planes.h"
 
 namespace horopter {
-
-// normal . x = offset, scene frame, metres; cameras are on the side the unit normal points to.
-struct StandingPlane {
-  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
-  double offset_m = 0.0;
-  int objects = 0;  // that rest on it
-};
 
 struct StandingSearchOptions {
   double step_share = 0.14;   // of the diameter: between the places tried first
@@ -40,13 +33,6 @@ struct StandingCandidate {
   AspectSceneObject placed;
   double support = 0.0;  // mean over the views that show it, above what chance gives
 };
-
-// The plane on which most objects rest by one of their faces, below no camera and with no object
-// under it; then those parallel to it on which others rest: the tops of blocks. Empty without
-// views, objects or such a plane.
-std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> objects,
-                                       std::span<const AspectPart> parts,
-                                       const std::vector<std::optional<AspectSceneView>>& views);
 
 // Best first over all parts, the first places of parts before second ones. `views` are those of the
 // scene in which `plane` is given; one without camera is not asked. What was found so far when

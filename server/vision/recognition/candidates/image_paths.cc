@@ -11,7 +11,8 @@ constexpr int kPerspectiveIterations = 4;
 // Ends that are no junction make a path less likely to end at a model vertex.
 constexpr double kFreeEndFactor = 0.55;
 
-// A corner of two edges on the table is texture or shadow more often than the foot of a part.
+// A corner of two edges on the supporting plane is texture or shadow more often than the foot of a
+// part.
 constexpr double kOnPlaneFactor = 0.4;
 
 // Rotation that takes the ray of a pixel to the optical axis.

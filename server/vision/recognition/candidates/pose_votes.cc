@@ -62,7 +62,7 @@ int PoseVotes::ScaleBin(double units_per_metre) const {
 
 // Positions are voted for in units: they hardly depend on the scale. The cells' size does, so that
 // every scale bin has a grid of its own.
-PoseVotes::Key PoseVotes::KeyOf(const TableYaw& pose, int scale) const {
+PoseVotes::Key PoseVotes::KeyOf(const PlaneYaw& pose, int scale) const {
   const double cell = options_.cell_m * std::exp((scale + 0.5) * options_.cell_log);
   const double yaw = std::atan2(pose.sin_yaw, pose.cos_yaw) / kTwoPi + 0.5;
   const int bins = YawBins();
@@ -72,7 +72,7 @@ PoseVotes::Key PoseVotes::KeyOf(const TableYaw& pose, int scale) const {
           scale};
 }
 
-void PoseVotes::Add(const TableYaw& pose, double weight) {
+void PoseVotes::Add(const PlaneYaw& pose, double weight) {
   Cell& cell = cells_[KeyOf(pose, ScaleBin(pose.units_per_metre))];
   cell.weight += weight;
   cell.x += weight * pose.position.x();
@@ -82,8 +82,8 @@ void PoseVotes::Add(const TableYaw& pose, double weight) {
   cell.log_units += weight * std::log(pose.units_per_metre);
 }
 
-TableYaw PoseVotes::MeanOf(const Cell& cell) const {
-  TableYaw mean;
+PlaneYaw PoseVotes::MeanOf(const Cell& cell) const {
+  PlaneYaw mean;
   mean.position = Eigen::Vector2d(cell.x, cell.y) / cell.weight;
   const double norm = std::hypot(cell.c, cell.s);
   mean.cos_yaw = cell.c / norm;
@@ -107,7 +107,7 @@ std::vector<PoseVotes::Peak> PoseVotes::Peaks(double min_weight, int most) const
   for (const auto& [key, cell] : cells_) {
     if (cell.weight < kPeakShare * min_weight) continue;
     if (coarse.Around(key.x, key.y, key.yaw, key.scale, reach) < min_weight) continue;
-    const TableYaw mean = MeanOf(cell);
+    const PlaneYaw mean = MeanOf(cell);
     double weight = 0.0;
     bool heaviest = true;
     for (int ds = -reach; ds <= reach && heaviest; ++ds) {

@@ -10,11 +10,11 @@
 
 namespace horopter {
 
-// Yaw and position of a standing part, and the table units that one metre has.
-struct TableYaw {
+// Yaw and position of a standing part, and the plane units that one metre has.
+struct PlaneYaw {
   double cos_yaw = 1.0;
   double sin_yaw = 0.0;
-  Eigen::Vector2d position = Eigen::Vector2d::Zero();  // table units
+  Eigen::Vector2d position = Eigen::Vector2d::Zero();  // plane units
   double units_per_metre = 1.0;
 };
 
@@ -29,10 +29,10 @@ class PoseVotes {
  public:
   explicit PoseVotes(const PoseVoteOptions& options = {}) : options_(options) {}
 
-  void Add(const TableYaw& pose, double weight);
+  void Add(const PlaneYaw& pose, double weight);
 
   struct Peak {
-    TableYaw pose;        // weighted mean of the cell
+    PlaneYaw pose;        // weighted mean of the cell
     double weight = 0.0;  // of the cell and its neighbours
   };
   // Cells whose neighbourhood holds at least min_weight and that are the heaviest of it (and hold
@@ -52,10 +52,10 @@ class PoseVotes {
     double weight = 0.0;
     double x = 0.0, y = 0.0, c = 0.0, s = 0.0, log_units = 0.0;  // weighted sums
   };
-  Key KeyOf(const TableYaw& pose, int scale) const;
+  Key KeyOf(const PlaneYaw& pose, int scale) const;
   int ScaleBin(double units_per_metre) const;
   int YawBins() const;
-  TableYaw MeanOf(const Cell& cell) const;
+  PlaneYaw MeanOf(const Cell& cell) const;
 
   PoseVoteOptions options_;
   absl::flat_hash_map<Key, Cell> cells_;

@@ -7,16 +7,13 @@
 #include <vector>
 
 #include "server/vision/features/features.h"
-#include "server/vision/geometry/pinhole_camera.h"
-#include "server/vision/geometry/rigid3.h"
+#include "server/vision/geometry/calibrated_camera.h"
 
 namespace horopter {
 
 // A view whose camera is known. The scene frame is any metric frame.
-struct FeatureView {
+struct FeatureView : CalibratedCamera {
   const ImageFeatures* features = nullptr;
-  PinholeCamera camera;
-  Rigid3 camera_from_scene;
   double working_from_image = 1.0;
 };
 

@@ -28,39 +28,39 @@ double LargestShift(const PreparedObject& object,
       largest = std::max(largest,
                          ProjectionDistance(object,
                                             view.camera,
-                                            of_a * a.table_from_object,
+                                            of_a * a.plane_from_object,
                                             view.camera,
                                             of_b * turned_b,
                                             view.maps->working_from_image));
     }
     return largest;
   };
-  double smallest = shift(b.table_from_object);
+  double smallest = shift(b.plane_from_object);
   for (const Rigid3& s : object.model.symmetries)
-    smallest = std::min(smallest, shift(b.table_from_object * s));
+    smallest = std::min(smallest, shift(b.plane_from_object * s));
   return smallest;
 }
 
 }  // namespace
 
-Rigid3 PlaceOnTable(const StandingPart& part, const TableYaw& yaw) {
+Rigid3 PlaceOnTable(const StandingPart& part, const PlaneYaw& yaw) {
   Rigid3 turn;
   turn.R << yaw.cos_yaw, -yaw.sin_yaw, 0, yaw.sin_yaw, yaw.cos_yaw, 0, 0, 0, 1;
   turn.t << yaw.position / yaw.units_per_metre, 0.0;
-  return turn * part.table_from_object;
+  return turn * part.plane_from_object;
 }
 
 double MeanQuick(const PreparedObject& object,
                  std::span<const KnownView> views,
                  double units_per_metre,
-                 const Rigid3& table_from_object,
+                 const Rigid3& plane_from_object,
                  float reach_px,
                  double give_up) {
   absl::InlinedVector<QuickView, 8> seen;
   for (const KnownView& view : views) {
-    Rigid3 camera_from_table = view.camera_from_scene;
-    camera_from_table.t /= units_per_metre;
-    const Rigid3 pose = camera_from_table * table_from_object;
+    Rigid3 camera_from_plane = view.camera_from_scene;
+    camera_from_plane.t /= units_per_metre;
+    const Rigid3 pose = camera_from_plane * plane_from_object;
     const Eigen::Vector3d c = pose * object.center;
     if (c.z() <= object.radius_m) return 0.0;
     const double radius =
@@ -113,9 +113,9 @@ std::vector<PooledPose> SettledPoses(const PreparedObject& object,
   refine.start_reach_px = options.settle_reach_px;
   std::vector<PooledPose> out;
   for (PooledPose& p : DistinctPoses(object, views, InTurn(std::move(sorted)), options.settled)) {
-    const auto settled = RefineInScene(object, views, p.table_from_object, refine);
+    const auto settled = RefineInScene(object, views, p.plane_from_object, refine);
     if (!settled) continue;
-    p.table_from_object = *settled;
+    p.plane_from_object = *settled;
     p.quick = MeanQuick(object, views, 1.0, *settled, options.settled_reach_px, 0.0);
     out.push_back(p);
   }
@@ -128,7 +128,7 @@ std::vector<PooledPose> SettledPoses(const PreparedObject& object,
 
 bool EdgesVisible(const PreparedObject& object,
                   const StandingPart& part,
-                  const TableYaw& yaw,
+                  const PlaneYaw& yaw,
                   const Eigen::Vector3d& eye,
                   int first,
                   int second) {
@@ -137,7 +137,7 @@ bool EdgesVisible(const PreparedObject& object,
       Turned(yaw.cos_yaw, -yaw.sin_yaw, metres * (eye.head<2>() - yaw.position));
   const Eigen::Vector3d eye_at_rest(level.x(), level.y(), metres * eye.z());
   const Eigen::Vector3d to_camera =
-      part.table_from_object.R.transpose() * (eye_at_rest - part.table_from_object.t) -
+      part.plane_from_object.R.transpose() * (eye_at_rest - part.plane_from_object.t) -
       object.center;
   const int aspect = AspectIndex(to_camera.cast<float>());
   return object.EdgeVisible(aspect, first) >= kMinPathVisible &&

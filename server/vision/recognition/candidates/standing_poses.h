@@ -1,5 +1,5 @@
-// Candidate poses of parts that stand on the table: kept by quick score, told apart, judged in all
-// views.
+// Candidate poses of parts that stand on the supporting plane: kept by quick score, told apart,
+// judged in all views.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
+#include "server/vision/recognition/candidates/plane_sighting.h"
 #include "server/vision/recognition/candidates/pose_votes.h"
-#include "server/vision/recognition/candidates/table_sighting.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
@@ -19,7 +19,7 @@ namespace horopter {
 inline constexpr double kDistinctScale = 0.05;
 
 struct PooledPose {
-  Rigid3 table_from_object;  // metres
+  Rigid3 plane_from_object;  // metres
   double units_per_metre = 1.0;
   double quick = 0.0;
   double votes = 0.0;
@@ -51,14 +51,14 @@ class PosePool {
   double floor_;
 };
 
-// The standing part turned and moved on the table, metres.
-Rigid3 PlaceOnTable(const StandingPart& part, const TableYaw& yaw);
+// The standing part turned and moved on the supporting plane, metres.
+Rigid3 PlaceOnTable(const StandingPart& part, const PlaneYaw& yaw);
 
 // Mean quick score over the views that show the part's centre, at least two.
 double MeanQuick(const PreparedObject& object,
                  std::span<const KnownView> views,
                  double units_per_metre,
-                 const Rigid3& table_from_object,
+                 const Rigid3& plane_from_object,
                  float reach_px,
                  double give_up);
 
@@ -89,7 +89,7 @@ std::vector<PooledPose> SettledPoses(const PreparedObject& object,
 // units)?
 bool EdgesVisible(const PreparedObject& object,
                   const StandingPart& part,
-                  const TableYaw& yaw,
+                  const PlaneYaw& yaw,
                   const Eigen::Vector3d& eye,
                   int first,
                   int second);

@@ -139,7 +139,7 @@ std::vector<ModelCircle> DistinctCircles(const ObjectModel& model) {
   return distinct;
 }
 
-// Each arc held against each circle of the part: two attitudes, the circle seen from either side,
+// Each arc compared with each circle of the part: two attitudes, the circle seen from either side,
 // and turns about its axis.
 void OfferCirclePoses(const PreparedObject& object,
                       const ViewEvidence& view,

@@ -1,5 +1,5 @@
-// Hypotheses of one object in one view: two connected image edges held against two connected model
-// edges (thesis 4.6, frontend.md 4), elliptic arcs against circles.
+// Hypotheses of one object in one view: two connected image edges compared with two connected model
+// edges (thesis 4.6), elliptic arcs against circles.
 #pragma once
 
 #include <Eigen/Core>
@@ -24,7 +24,7 @@ struct ViewHypothesisOptions {
   double min_radius_px = 12.0;  // projected radius of the part, working pixels
   double max_radius_px = 420.0;
   double focal_log_sigma = 0.35;
-  // Arcs that are held against circles of the part: angle, and width in working pixels.
+  // Arcs that are compared with circles of the part: angle, and width in working pixels.
   double min_sweep_rad = 1.6;
   double min_minor_px = 2.5;
   int turns = 24;  // about a circle's axis that are tried

@@ -12,7 +12,8 @@
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/camera_factors.h"
 #include "server/vision/recognition/candidates/standing_poses.h"
-#include "server/vision/recognition/initialization/table_seeds.h"
+#include "server/vision/recognition/initialization/plane_initialization.h"
+#include "server/vision/recognition/initialization/scene_decomposition.h"
 #include "server/vision/recognition/scene/scene_refine.h"
 #include "server/vision/recognition/scoring/pose_refine.h"
 #include "server/vision/reconstruction/grow_projective.h"
@@ -79,7 +80,7 @@ std::map<int, std::vector<int>> TracksOfSegments(std::span<const FeatureTrack> p
 
 // The camera in the object's own frame, metres; its principal point goes back to the prior one: a
 // collineation of few corners says nothing of it, and a turn of the camera stands in for it.
-std::optional<RecognizedView> CameraOfObject(const CameraMatrix& P, const PinholeCamera& start) {
+std::optional<CalibratedCamera> CameraOfObject(const CameraMatrix& P, const PinholeCamera& start) {
   const auto factors = FactorCamera(P);
   if (!factors) return std::nullopt;
   const Eigen::Matrix3d& K = factors->K;
@@ -90,7 +91,7 @@ std::optional<RecognizedView> CameraOfObject(const CameraMatrix& P, const Pinhol
         std::abs(K(1, 2) - start.cy) < kMaxCentreOff * width)) {
     return std::nullopt;
   }
-  RecognizedView view;
+  CalibratedCamera view;
   view.camera = start;
   view.camera.focal_px = focal;
   view.camera_from_scene = factors->camera_from_scene;
@@ -132,7 +133,7 @@ SceneModel SceneOfCollineation(const JointContext& context,
                                    options.quick_reach_px,
                                    static_cast<float>(options.min_quick));
     if (quick < options.min_quick) continue;
-    scene.views[v] = RecognizedView{refined->camera, refined->camera_from_object};
+    scene.views[v] = CalibratedCamera{refined->camera, refined->camera_from_object};
   }
   if (scene.registered() < 2) return {};
   PlacedObject placed;
@@ -207,21 +208,20 @@ std::vector<std::array<int, 2>> TrackEdges(std::span<const FeatureTrack> points,
   return out;
 }
 
-std::vector<SceneModel> MetricSeeds(const JointContext& context,
-                                    const Reconstruction& reconstruction,
-                                    const RouteCatalog& catalog,
-                                    const BottomUpOptions& options) {
+std::vector<SceneModel> MetricInitialScenes(const JointContext& context,
+                                            const Reconstruction& reconstruction,
+                                            const RouteCatalog& catalog,
+                                            const BottomUpOptions& options) {
   BeginStep(context, "metric_route");
   std::vector<FeatureView> views;
   std::vector<KnownView> known;
   for (std::size_t v = 0; v < reconstruction.views.size(); ++v) {
     if (!reconstruction.views[v]) continue;
     const ReconstructedView& view = *reconstruction.views[v];
-    views.push_back({context.views[v].features,
-                     view.camera,
-                     view.camera_from_world,
+    views.push_back({{view.camera, view.camera_from_world},
+                     context.views[v].features,
                      context.views[v].maps.working_from_image});
-    known.push_back({&context.views[v].maps, view.camera, view.camera_from_world});
+    known.push_back({{view.camera, view.camera_from_world}, &context.views[v].maps});
   }
   if (views.size() < 2) return {};
   SpaceCornerOptions corners;
@@ -251,22 +251,22 @@ std::vector<SceneModel> MetricSeeds(const JointContext& context,
     if (p.quick >= options.min_quick) proposals.push_back(p);
   }
   KeepBest(&proposals, share * options.refined, [](const Proposal& p) { return p.quick; });
-  std::vector<ScaledSeed> seeds(proposals.size());
+  std::vector<ScaledHypothesis> starts(proposals.size());
   ParallelFor(static_cast<int>(proposals.size()), context.options.threads, [&](int i) {
     if (IsStopRequested(context.give_up)) return;
     const Proposal& p = proposals[i];
-    auto scene =
-        RefinedSeed(context, reconstruction, p.units_per_metre, p.object, p.world_from_object);
-    if (scene) seeds[i] = {*std::move(scene), p.units_per_metre};
+    auto scene = RefinedHypothesis(
+        context, reconstruction, p.units_per_metre, p.object, p.world_from_object);
+    if (scene) starts[i] = {*std::move(scene), p.units_per_metre};
   });
   if (IsStopRequested(context.give_up)) return {};  // a part of them may lack the right ones
-  return BestScales(std::move(seeds), options.max_scales, context.objects.size());
+  return BestScales(std::move(starts), options.max_scales, context.objects.size());
 }
 
-std::vector<SceneModel> ProjectiveSeeds(const JointContext& context,
-                                        std::span<const ImageFeatures> features,
-                                        const RouteCatalog& catalog,
-                                        const BottomUpOptions& options) {
+std::vector<SceneModel> ProjectiveInitialScenes(const JointContext& context,
+                                                std::span<const ImageFeatures> features,
+                                                const RouteCatalog& catalog,
+                                                const BottomUpOptions& options) {
   BeginStep(context, "projective_route");
   std::vector<ImageSize> sizes;
   for (const ImageFeatures& f : features) sizes.push_back({f.width, f.height});
@@ -292,6 +292,15 @@ std::vector<SceneModel> ProjectiveSeeds(const JointContext& context,
   });
   if (IsStopRequested(context.give_up)) return {};
   std::erase_if(scenes, [](const SceneModel& s) { return s.objects.empty(); });
+  if (auto scene = SceneByDecomposition(
+          context.objects, context.start_cameras, *structure, hypotheses, options)) {
+    SceneRefineOptions refine;
+    refine.start_reach_px = options.quick_reach_px;
+    if (RefineScene(context, refine, &*scene)) {
+      EvaluateTogether(context, &*scene);
+      scenes.push_back(*std::move(scene));
+    }
+  }
   KeepBest(&scenes, scenes.size(), [](const SceneModel& s) { return s.gain; });
   return scenes;
 }

@@ -29,16 +29,27 @@ absl::StatusOr<RouteCatalog> MakeRouteCatalog(
     const KeyIndexSnapshot* index,
     std::span<const int> slots);
 
+// How several objects' collineations become one metric frame (thesis 5.3; decomposition.h).
+enum class DecompositionMethod {
+  kNone,       // one object each starts a scene: its own collineation tells the cameras
+  kPerObject,  // the first object gives the upgrade, every other one its polar factor
+  kCommon,     // one upgrade from all objects, and their poses, in turn
+  kMetric,     // ... then together, on the distances in the metric frame
+  kImages,     // ... on the distances in the images
+};
+
 struct BottomUpOptions {
   CornerStructureOptions structure;
   MetricRouteOptions metric = MetricDefaults();
   ProjectiveRouteOptions projective = ProjectiveDefaults();
   double corner_share = 0.005;  // corners nearer than this, of the distance to the cameras, are one
-  double min_log_odds = 0.0;    // of a hypothesis that is held against the images
+  double min_log_odds = 0.0;    // of a hypothesis that is compared with the images
   float quick_reach_px = 10.0f;  // working pixels
   double min_quick = 0.35;       // mean over the views
   int refined = 24;              // scenes refined and judged, of each route
   int max_scales = 3;            // of the metric route's scenes
+  DecompositionMethod decomposition = DecompositionMethod::kNone;  // of the projective route
+  double max_stretch = 1.5;  // of an object under the upgrade, above which it is something else
 
   static MetricRouteOptions MetricDefaults();
   static ProjectiveRouteOptions ProjectiveDefaults();
@@ -47,18 +58,18 @@ struct BottomUpOptions {
 // Scenes of one part each, in the cameras of the reconstruction, scaled by the part; one for each
 // of the best scales, see BestScales. Empty where there are no two cameras, no structure or no
 // hypothesis, or on a stop.
-std::vector<SceneModel> MetricSeeds(const JointContext& context,
-                                    const Reconstruction& reconstruction,
-                                    const RouteCatalog& catalog,
-                                    const BottomUpOptions& options = {});
+std::vector<SceneModel> MetricInitialScenes(const JointContext& context,
+                                            const Reconstruction& reconstruction,
+                                            const RouteCatalog& catalog,
+                                            const BottomUpOptions& options);
 
 // Scenes of one part each, cameras P H = K [R | t] of its collineation into a projective
 // reconstruction of the matched tracks, which nothing is assumed about before; largest gain first.
 // Empty as above.
-std::vector<SceneModel> ProjectiveSeeds(const JointContext& context,
-                                        std::span<const ImageFeatures> features,
-                                        const RouteCatalog& catalog,
-                                        const BottomUpOptions& options = {});
+std::vector<SceneModel> ProjectiveInitialScenes(const JointContext& context,
+                                                std::span<const ImageFeatures> features,
+                                                const RouteCatalog& catalog,
+                                                const BottomUpOptions& options);
 
 // Pairs of point tracks that a segment joins in two views or more: it ends in the junctions of
 // both.

@@ -12,8 +12,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kSeedsPerView = 18;
-constexpr double kMinSeedScore = 0.40;
+constexpr int kHypothesesPerView = 18;
+constexpr double kMinHypothesisScore = 0.40;
 // A stable pose needs the camera above its plane by this much (sine of the elevation).
 constexpr double kMinElevationSine = 0.10;
 // Footprint transfer error (working pixels) at which two views' hypotheses agree with the plane.
@@ -24,7 +24,7 @@ constexpr int kCandidatesPerView = 6;
 constexpr double kShownScore = 0.3;
 
 constexpr double kMinCandidateScore = 0.30;
-// Transferred rivals scoring above this speak for a relative camera pose.
+// Transferred alternatives scoring above this speak for a relative camera pose.
 constexpr double kTransferScore = 0.45;
 constexpr double kTransferWeight = 0.4;
 constexpr double kMinLinkScore = 0.35;
@@ -55,42 +55,42 @@ class Linker {
   Linker(const JointContext& context, int object) : context_(context), object_index_(object) {}
 
   // Links via the plane for one stable pose; empty links where a view does not follow.
-  std::vector<Link> ThroughPlane(const ViewHypothesis& seed,
+  std::vector<Link> ThroughPlane(const ViewHypothesis& start,
                                  const StablePose& stable,
                                  VerifyScratch* scratch) {
     std::vector<Link> links(context_.views.size());
-    links[seed.view] = {seed.camera, seed.camera_from_object, seed.score};
+    links[start.view] = {start.camera, start.camera_from_object, start.score};
     const std::vector<Eigen::Vector3d> footprint = Footprint(object(), stable);
     if (footprint.size() < 3) return links;
     for (int j = 0; j < static_cast<int>(links.size()); ++j) {
-      if (j == seed.view) continue;
-      const auto transfer = PlaneTransfer(*context_.matching, seed.view, j);
+      if (j == start.view) continue;
+      const auto transfer = PlaneTransfer(*context_.matching, start.view, j);
       if (!transfer) continue;
       const double limit = kFootprintPx / context_.views[j].maps.working_from_image;
       for (const ViewHypothesis& h : Candidates(j)) {
         ForEachSymmetry(h.camera_from_object, [&](const Rigid3& pose) {
           if (h.score > links[j].score &&
-              MaxFootprintError(footprint, links[seed.view], *transfer, h.camera, pose) < limit) {
+              MaxFootprintError(footprint, links[start.view], *transfer, h.camera, pose) < limit) {
             links[j] = {h.camera, pose, h.score};
           }
         });
       }
       if (links[j].score < 0)
-        links[j] = FollowPlane(links[seed.view], stable, *transfer, j, scratch);
+        links[j] = FollowPlane(links[start.view], stable, *transfer, j, scratch);
       if (links[j].score < kMinLinkScore) links[j] = {};
     }
     return links;
   }
 
   // Fills the views that have no link with that view's own hypotheses of the object; the other
-  // objects' hypotheses of the seed view, carried over, decide between them.
-  void ThroughHypotheses(const ViewHypothesis& seed, std::vector<Link>* links) {
+  // objects' hypotheses of its view, carried over, decide between them.
+  void ThroughHypotheses(const ViewHypothesis& start, std::vector<Link>* links) {
     for (int j = 0; j < static_cast<int>(links->size()); ++j) {
       if ((*links)[j].score >= 0) continue;
       double best = -1.0;
       for (const ViewHypothesis& h : Candidates(j)) {
         ForEachSymmetry(h.camera_from_object, [&](const Rigid3& pose) {
-          const double vote = h.score + kTransferWeight * TransferVotes(seed, j, h.camera, pose);
+          const double vote = h.score + kTransferWeight * TransferVotes(start, j, h.camera, pose);
           if (h.score >= kMinLinkScore && vote > best) {
             best = vote;
             (*links)[j] = {h.camera, pose, h.score};
@@ -116,7 +116,7 @@ class Linker {
     for (const Rigid3& s : object().model.symmetries) f(pose * s);
   }
 
-  Link FollowPlane(const Link& seed,
+  Link FollowPlane(const Link& start,
                    const StablePose& stable,
                    const Eigen::Matrix3d& transfer,
                    int view,
@@ -127,11 +127,11 @@ class Linker {
     object_from_plane.R.col(1) = stable.up.cross(object_from_plane.R.col(0));
     object_from_plane.t =
         object().center - stable.up * (stable.up.dot(object().center) + stable.height_m);
-    const Rigid3 camera_from_plane = seed.camera_from_object * object_from_plane;
+    const Rigid3 camera_from_plane = start.camera_from_object * object_from_plane;
     Eigen::Matrix3d M;
     M << camera_from_plane.R.col(0), camera_from_plane.R.col(1), camera_from_plane.t;
     const auto plane =
-        CameraFromPlane(transfer * seed.camera.K() * M, context_.start_cameras[view]);
+        CameraFromPlane(transfer * start.camera.K() * M, context_.start_cameras[view]);
     if (!plane) return {};
     RefineOptions refine;
     refine.start_reach_px = 14.0;
@@ -152,23 +152,25 @@ class Linker {
     return {refined->camera, refined->camera_from_object, score};
   }
 
-  double TransferVotes(const ViewHypothesis& seed,
+  double TransferVotes(const ViewHypothesis& start,
                        int view,
                        const PinholeCamera& camera,
                        const Rigid3& pose) const {
-    const Rigid3 j_from_seed = pose * seed.camera_from_object.Inverse();
+    const Rigid3 j_from_initial = pose * start.camera_from_object.Inverse();
     double votes = 0.0;
     for (std::size_t k = 0; k < context_.objects.size(); ++k) {
       if (static_cast<int>(k) == object_index_) continue;
       double best = 0.0;
-      const auto& rivals = context_.hypotheses[seed.view][k].best;
-      for (std::size_t i = 0; i < rivals.size() && i < 3 && rivals[i].score > 0.5; ++i) {
-        const Rigid3 here = WithFocal(
-            rivals[i].camera_from_object, rivals[i].camera.focal_px, seed.camera.focal_px);
+      const auto& alternatives = context_.hypotheses[start.view][k].best;
+      for (std::size_t i = 0; i < alternatives.size() && i < 3 && alternatives[i].score > 0.5;
+           ++i) {
+        const Rigid3 here = WithFocal(alternatives[i].camera_from_object,
+                                      alternatives[i].camera.focal_px,
+                                      start.camera.focal_px);
         const float s = QuickScore(*context_.objects[k],
                                    context_.views[view].maps,
                                    camera,
-                                   j_from_seed * here,
+                                   j_from_initial * here,
                                    8.0f,
                                    0.3f);
         best = std::max(best, static_cast<double>(s));
@@ -190,7 +192,7 @@ SceneModel ToScene(const JointContext& context,
   scene.views.resize(links.size());
   for (std::size_t v = 0; v < links.size(); ++v) {
     if (links[v].score < 0) continue;
-    scene.views[v] = RecognizedView{links[v].camera, links[v].camera_from_object};
+    scene.views[v] = CalibratedCamera{links[v].camera, links[v].camera_from_object};
   }
   PlacedObject placed;
   placed.object = object;
@@ -214,7 +216,7 @@ struct ViewGain {
 ViewGain GainOfView(const JointContext& context,
                     const SceneModel& scene,
                     int v,
-                    const RecognizedView& view,
+                    const CalibratedCamera& view,
                     VerifyScratch* scratch) {
   ViewGain gain;
   for (const PlacedObject& o : scene.objects) {
@@ -228,6 +230,66 @@ ViewGain GainOfView(const JointContext& context,
     gain.shown += support.visible > 0 && ViewScore(support) >= kShownScore;
   }
   return gain;
+}
+
+// The best few of each view, of all objects.
+std::vector<ViewHypothesis> BestViewHypotheses(const JointContext& context) {
+  std::vector<ViewHypothesis> starts;
+  for (const auto& view : context.hypotheses) {
+    std::vector<ViewHypothesis> of_view;
+    for (const ViewHypotheses& object : view) {
+      for (std::size_t i = 0; i < object.best.size() && i < 3; ++i) {
+        if (object.best[i].score >= kMinHypothesisScore) of_view.push_back(object.best[i]);
+      }
+    }
+    std::stable_sort(of_view.begin(), of_view.end(), [](const auto& x, const auto& y) {
+      return x.score > y.score;
+    });
+    if (of_view.size() > kHypothesesPerView) of_view.resize(kHypothesesPerView);
+    starts.insert(starts.end(), of_view.begin(), of_view.end());
+  }
+  return starts;
+}
+
+// The scenes, at most two, that one hypothesis of a view gives; none where a plane links the view
+// and it was not asked for, or the other way round.
+std::vector<SceneModel> ScenesFrom(const JointContext& context,
+                                   const ViewHypothesis& start,
+                                   bool through_plane) {
+  std::vector<SceneModel> scenes;
+  const PreparedObject& object = *context.objects[start.object];
+  Linker linker(context, start.object);
+  VerifyScratch scratch;
+  std::vector<std::vector<Link>> alternatives;
+  bool has_mate = false;
+  for (int j = 0; j < static_cast<int>(context.views.size()); ++j) {
+    has_mate = has_mate ||
+               (j != start.view && PlaneTransfer(*context.matching, start.view, j).has_value());
+  }
+  if (has_mate != through_plane) return {};
+  const Eigen::Vector3d to_camera =
+      (start.camera_from_object.R.transpose() * -start.camera_from_object.t - object.center)
+          .normalized();
+  for (const StablePose& stable : object.stable_poses) {
+    if (!has_mate || stable.up.dot(to_camera) < kMinElevationSine) continue;
+    std::vector<Link> links = linker.ThroughPlane(start, stable, &scratch);
+    const auto linked =
+        std::count_if(links.begin(), links.end(), [](const Link& l) { return l.score >= 0; });
+    if (linked >= 2) alternatives.push_back(std::move(links));
+  }
+  if (!has_mate) {
+    std::vector<Link> alone(context.views.size());
+    alone[start.view] = {start.camera, start.camera_from_object, start.score};
+    linker.ThroughHypotheses(start, &alone);
+    alternatives.push_back(std::move(alone));
+  }
+  for (const std::vector<Link>& links : alternatives) {
+    scenes.push_back(ToScene(context, start.object, links, &scratch));
+  }
+  std::stable_sort(
+      scenes.begin(), scenes.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
+  if (scenes.size() > 2) scenes.resize(2);
+  return scenes;
 }
 
 }  // namespace
@@ -270,59 +332,11 @@ std::optional<PlaneCamera> CameraFromPlane(const Eigen::Matrix3d& M, const Pinho
   return out;
 }
 
-std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plane) {
-  std::vector<ViewHypothesis> seeds;
-  for (const auto& view : context.hypotheses) {
-    std::vector<ViewHypothesis> of_view;
-    for (const ViewHypotheses& object : view) {
-      for (std::size_t i = 0; i < object.best.size() && i < 3; ++i) {
-        if (object.best[i].score >= kMinSeedScore) of_view.push_back(object.best[i]);
-      }
-    }
-    std::stable_sort(of_view.begin(), of_view.end(), [](const auto& x, const auto& y) {
-      return x.score > y.score;
-    });
-    if (of_view.size() > kSeedsPerView) of_view.resize(kSeedsPerView);
-    seeds.insert(seeds.end(), of_view.begin(), of_view.end());
-  }
-
-  std::vector<std::vector<SceneModel>> scenes(seeds.size());
-  ParallelFor(static_cast<int>(seeds.size()), context.options.threads, [&](int i) {
-    if (IsStopRequested(context.stop)) return;
-    const ViewHypothesis& seed = seeds[i];
-    const PreparedObject& object = *context.objects[seed.object];
-    Linker linker(context, seed.object);
-    VerifyScratch scratch;
-    std::vector<std::vector<Link>> alternatives;
-    bool has_mate = false;
-    for (int j = 0; j < static_cast<int>(context.views.size()); ++j) {
-      has_mate = has_mate ||
-                 (j != seed.view && PlaneTransfer(*context.matching, seed.view, j).has_value());
-    }
-    if (has_mate != through_plane) return;
-    const Eigen::Vector3d to_camera =
-        (seed.camera_from_object.R.transpose() * -seed.camera_from_object.t - object.center)
-            .normalized();
-    for (const StablePose& stable : object.stable_poses) {
-      if (!has_mate || stable.up.dot(to_camera) < kMinElevationSine) continue;
-      std::vector<Link> links = linker.ThroughPlane(seed, stable, &scratch);
-      const auto linked =
-          std::count_if(links.begin(), links.end(), [](const Link& l) { return l.score >= 0; });
-      if (linked >= 2) alternatives.push_back(std::move(links));
-    }
-    if (!has_mate) {
-      std::vector<Link> alone(context.views.size());
-      alone[seed.view] = {seed.camera, seed.camera_from_object, seed.score};
-      linker.ThroughHypotheses(seed, &alone);
-      alternatives.push_back(std::move(alone));
-    }
-    for (const std::vector<Link>& links : alternatives) {
-      scenes[i].push_back(ToScene(context, seed.object, links, &scratch));
-    }
-    std::stable_sort(scenes[i].begin(), scenes[i].end(), [](const auto& x, const auto& y) {
-      return x.gain > y.gain;
-    });
-    if (scenes[i].size() > 2) scenes[i].resize(2);
+std::vector<SceneModel> LinkedInitialScenes(const JointContext& context, bool through_plane) {
+  const std::vector<ViewHypothesis> starts = BestViewHypotheses(context);
+  std::vector<std::vector<SceneModel>> scenes(starts.size());
+  ParallelFor(static_cast<int>(starts.size()), context.options.threads, [&](int i) {
+    if (!IsStopRequested(context.stop)) scenes[i] = ScenesFrom(context, starts[i], through_plane);
   });
   std::vector<SceneModel> out;
   for (auto& list : scenes) {
@@ -333,7 +347,7 @@ std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plan
   return out;
 }
 
-bool TiedByPlane(const JointContext& context, const SceneModel& scene, int v) {
+bool LinkedByPlane(const JointContext& context, const SceneModel& scene, int v) {
   for (int other = 0; other < static_cast<int>(scene.views.size()); ++other) {
     if (other != v && scene.views[other] && PlaneTransfer(*context.matching, v, other)) return true;
   }
@@ -346,7 +360,7 @@ int DropContradictedViews(const JointContext& context, SceneModel* scene) {
   const int views = static_cast<int>(scene->views.size());
   for (int v = 0; v < views && scene->registered() > 2; ++v) {
     // The plane's texture ties a view surer than a part that others may hide in it.
-    if (TiedByPlane(context, *scene, v)) continue;
+    if (LinkedByPlane(context, *scene, v)) continue;
     if (!scene->views[v] ||
         GainOfView(context, *scene, v, *scene->views[v], &scratch).Convinces(*scene)) {
       continue;
@@ -362,7 +376,7 @@ int RegisterMissingViews(const JointContext& context, SceneModel* scene) {
   VerifyScratch scratch;
   for (int v = 0; v < static_cast<int>(scene->views.size()); ++v) {
     if (scene->views[v]) continue;
-    std::optional<RecognizedView> best;
+    std::optional<CalibratedCamera> best;
     double best_gain = 0.0;
     for (const PlacedObject& placed : scene->objects) {
       const auto& hypotheses = context.hypotheses[v][placed.object].best;
@@ -371,8 +385,8 @@ int RegisterMissingViews(const JointContext& context, SceneModel* scene) {
         for (const Rigid3& s : context.objects[placed.object]->model.symmetries)
           poses.push_back(poses[0] * s);
         for (const Rigid3& pose : poses) {
-          const RecognizedView view{hypotheses[i].camera,
-                                    pose * placed.scene_from_object.Inverse()};
+          const CalibratedCamera view{hypotheses[i].camera,
+                                      pose * placed.scene_from_object.Inverse()};
           const ViewGain gain = GainOfView(context, *scene, v, view, &scratch);
           if (gain.Convinces(*scene) && gain.sum > best_gain) {
             best_gain = gain.sum;

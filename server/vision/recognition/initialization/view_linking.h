@@ -22,13 +22,14 @@ std::optional<PlaneCamera> CameraFromPlane(const Eigen::Matrix3d& M, const Pinho
 std::optional<Eigen::Matrix3d> PlaneTransfer(const MatchingResult& matching, int a, int b);
 
 // Whether the plane's texture ties a view to another registered one.
-bool TiedByPlane(const JointContext& context, const SceneModel& scene, int v);
+bool LinkedByPlane(const JointContext& context, const SceneModel& scene, int v);
 
-// Scene hypotheses of one placed object each, best gain first: every seed is a hypothesis of one
-// view, continued into the other views by the plane homography (through_plane: seeds of views that
-// have one) or by those views' own hypotheses of the same object (seeds of the other views). Links
-// through the plane are the surer ones: a texture that repeats can fit a part in every single view.
-std::vector<SceneModel> LinkSeeds(const JointContext& context, bool through_plane);
+// Scene hypotheses of one placed object each, best gain first: every initial hypothesis is a
+// hypothesis of one view, continued into the other views by the plane homography (through_plane:
+// initial hypotheses of views that have one) or by those views' own hypotheses of the same object
+// (initial hypotheses of the other views). Links through the plane are the surer ones: a texture
+// that repeats can fit a part in every single view.
+std::vector<SceneModel> LinkedInitialScenes(const JointContext& context, bool through_plane);
 
 // Adds views that are not registered yet: resects them from the placed objects' hypotheses in those
 // views. Returns the number of views added.

@@ -43,49 +43,49 @@ double LargestParallax(const JointContext& context, const SceneModel& scene) {
 RecognitionResult MakeResult(const JointContext& context,
                              const SceneModel& scene,
                              std::span<const PlacedObject> verified,
-                             std::span<const double> runners_up,
-                             std::span<const Rival> rivals,
+                             std::span<const double> best_competing,
+                             std::span<const Alternative> alternatives,
                              bool trusted) {
-  const RecognitionOptions& options = context.options;
+  const SceneAcceptance& acceptance = context.options.acceptance.scene;
   RecognitionResult result;
   result.views = scene.views;
   for (const PlacedObject& p : verified) result.verified.push_back(ToObject(scene, p));
   if (scene.objects.empty()) return result;
 
   const double parallax = LargestParallax(context, scene);
-  if (scene.registered() > 1 && parallax < options.min_parallax_rad) {
+  if (scene.registered() > 1 && parallax < acceptance.min_parallax_rad) {
     constexpr double kDegrees = 180.0 / std::numbers::pi;
     result.state = RecognitionState::kNoParallax;
     result.detail = absl::StrFormat("the views see the objects within %.1f degrees, need %.1f",
                                     kDegrees * parallax,
-                                    kDegrees * options.min_parallax_rad);
+                                    kDegrees * acceptance.min_parallax_rad);
     result.views.assign(scene.views.size(), std::nullopt);
     return result;
   }
   result.state = RecognitionState::kRecognized;
-  const double probability = SceneProbability(context, scene, runners_up);
+  const double probability = SceneProbability(context, scene, best_competing);
   for (const PlacedObject& p : scene.objects) {
     result.objects.push_back(ToObject(scene, p));
     result.objects.back().score = probability * ObjectProbability(p);
   }
-  for (const Rival& rival : rivals) {
-    SceneObject& accepted = result.objects[rival.accepted];
-    const bool itself = rival.placed.object == accepted.object;
-    const double gap = itself && !trusted ? options.loose_ambiguity_gap : options.ambiguity_gap;
-    if (rival.score < accepted.support - gap) continue;
+  for (const Alternative& alternative : alternatives) {
+    SceneObject& accepted = result.objects[alternative.accepted];
+    const bool itself = alternative.placed.object == accepted.object;
+    const double gap =
+        itself && !trusted ? acceptance.loose_ambiguity_gap : acceptance.ambiguity_gap;
+    if (alternative.score < accepted.support - gap) continue;
     result.state = RecognitionState::kAmbiguous;
-    auto& alternatives = accepted.alternatives;
-    if (std::find(alternatives.begin(), alternatives.end(), rival.placed.object) !=
-        alternatives.end()) {
+    std::vector<int>& listed = accepted.alternatives;
+    if (std::find(listed.begin(), listed.end(), alternative.placed.object) != listed.end()) {
       continue;
     }
-    alternatives.push_back(rival.placed.object);
+    listed.push_back(alternative.placed.object);
     if (itself) {
       absl::StrAppendFormat(&result.detail,
                             "%s%s scores %.2f in another pose, %.2f in this one",
                             result.detail.empty() ? "" : "; ",
                             context.objects[accepted.object]->model.id,
-                            rival.score,
+                            alternative.score,
                             accepted.support);
     }
   }

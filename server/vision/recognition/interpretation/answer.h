@@ -3,7 +3,7 @@
 
 #include <span>
 
-#include "server/vision/recognition/interpretation/rivals.h"
+#include "server/vision/recognition/interpretation/alternative_hypotheses.h"
 #include "server/vision/recognition/scene/scene_model.h"
 #include "server/vision/recognition/types.h"
 
@@ -13,14 +13,14 @@ namespace horopter {
 // than two views or without objects.
 double LargestParallax(const JointContext& context, const SceneModel& scene);
 
-// State, cameras, objects with alternatives, and what was verified. runners_up: see decision.h.
+// State, cameras, objects with alternatives, and what was verified. best_competing: see decision.h.
 // trusted: the cameras do not
 // hang on a single object. Several views without parallax answer nothing.
 RecognitionResult MakeResult(const JointContext& context,
                              const SceneModel& scene,
                              std::span<const PlacedObject> verified,
-                             std::span<const double> runners_up,
-                             std::span<const Rival> rivals,
+                             std::span<const double> best_competing,
+                             std::span<const Alternative> alternatives,
                              bool trusted);
 
 }  // namespace horopter

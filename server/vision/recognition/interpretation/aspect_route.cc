@@ -38,7 +38,7 @@ std::vector<double> ViewScores(const LinkedObject& o) {
 }
 
 std::vector<std::optional<AspectSceneView>> SceneViews(
-    const std::vector<std::optional<RecognizedView>>& views) {
+    const std::vector<std::optional<CalibratedCamera>>& views) {
   std::vector<std::optional<AspectSceneView>> out;
   for (const auto& view : views) {
     out.emplace_back();
@@ -51,7 +51,7 @@ std::vector<std::optional<AspectSceneView>> SceneViews(
 }
 
 // What one part alone must score, for the views it links and the cameras it says they have.
-double EvenAlone(const LinkedScene& scene, const AspectRouteOptions& options) {
+double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
   std::vector<double> logs;
   for (const auto& view : scene.views) {
     if (view) logs.push_back(std::log(view->camera.focal_px));
@@ -69,7 +69,7 @@ double EvenAlone(const LinkedScene& scene, const AspectRouteOptions& options) {
 
 double ObjectProbability(const LinkedObject& o,
                          const LinkedScene& scene,
-                         const AspectRouteOptions& options) {
+                         const AspectAcceptance& options) {
   // Objects are best first. A second one of a part is what a view with a wrong camera makes of the
   // first: it must be as sure as one alone.
   const bool again = std::any_of(scene.objects.begin(), scene.objects.end(), [&](const auto& p) {
@@ -85,14 +85,14 @@ double ObjectProbability(const LinkedObject& o,
 
 // The other route's object in this place of the images, -1: none.
 int KnownInPlace(const JointContext& context,
-                 const std::vector<std::optional<RecognizedView>>& views,
+                 const std::vector<std::optional<CalibratedCamera>>& views,
                  int object_index,
                  const Rigid3& scene_from_object,
                  const RecognitionResult& known) {
   const PreparedObject& object = *context.objects[object_index];
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!views[v] || !known.views[v]) continue;
-    const auto seen = [&](const RecognizedView& view, const Rigid3& pose) {
+    const auto seen = [&](const CalibratedCamera& view, const Rigid3& pose) {
       return Project(view.camera, view.camera_from_scene * pose * object.center);
     };
     const double depth = (views[v]->camera_from_scene * scene_from_object * object.center).z();
@@ -172,11 +172,24 @@ SceneObject ToAnswer(const LinkedObject& o, double probability) {
   return out;
 }
 
-std::vector<std::optional<RecognizedView>> RecognizedViews(const LinkedScene& scene) {
-  std::vector<std::optional<RecognizedView>> out(scene.views.size());
+// With its runner-up where that is closer than `ambiguity_gap`.
+void AddAnswer(const LinkedObject& o,
+               double probability,
+               double ambiguity_gap,
+               RecognitionResult* result) {
+  SceneObject answer = ToAnswer(o, probability);
+  if (o.runner_up_object >= 0 && o.runner_up > o.score - ambiguity_gap) {
+    answer.alternatives.push_back(o.runner_up_object);
+    result->state = RecognitionState::kAmbiguous;
+  }
+  result->objects.push_back(std::move(answer));
+}
+
+std::vector<std::optional<CalibratedCamera>> RecognizedViews(const LinkedScene& scene) {
+  std::vector<std::optional<CalibratedCamera>> out(scene.views.size());
   for (std::size_t v = 0; v < out.size(); ++v) {
     if (scene.views[v])
-      out[v] = RecognizedView{scene.views[v]->camera, scene.views[v]->camera_from_scene};
+      out[v] = CalibratedCamera{scene.views[v]->camera, scene.views[v]->camera_from_scene};
   }
   return out;
 }
@@ -200,7 +213,8 @@ RecognitionResult ToResult(const JointContext& context,
                            const LinkedScene& scene,
                            const RecognitionResult* known,
                            RefusalLog* log) {
-  const AspectRouteOptions& options = context.options.aspects;
+  const AspectAcceptance& options = context.options.acceptance.aspects;
+  const SceneAcceptance& of_scenes = context.options.acceptance.scene;
   const auto views = RecognizedViews(scene);
   const auto probability = [&](const LinkedObject& o) {
     const int k =
@@ -210,9 +224,9 @@ RecognitionResult ToResult(const JointContext& context,
   RecognitionResult result;
   result.views.resize(scene.views.size());
   LinkedScene accepted = scene;
-  NoteBelow(scene, AcceptanceTest::kChance, options.accept_probability, probability, log);
+  NoteBelow(scene, AcceptanceTest::kChance, options.min_probability, probability, log);
   std::erase_if(accepted.objects,
-                [&](const LinkedObject& o) { return probability(o) < options.accept_probability; });
+                [&](const LinkedObject& o) { return probability(o) < options.min_probability; });
   if (accepted.objects.empty()) {
     if (!scene.objects.empty()) {
       const LinkedObject& best = scene.objects.front();
@@ -224,30 +238,25 @@ RecognitionResult ToResult(const JointContext& context,
     return result;
   }
   const double parallax = Parallax(accepted, context.objects);
-  if (scene.registered() > 1 && parallax < context.options.min_parallax_rad) {
+  if (scene.registered() > 1 && parallax < of_scenes.min_parallax_rad) {
     constexpr double kDegrees = 180.0 / std::numbers::pi;
     result.state = RecognitionState::kNoParallax;
     NoteBelow(
         accepted,
         AcceptanceTest::kParallax,
-        context.options.min_parallax_rad,
+        of_scenes.min_parallax_rad,
         [&](const LinkedObject&) { return parallax; },
         log);
     result.detail = absl::StrFormat("the views see the objects within %.1f degrees, need %.1f",
                                     kDegrees * parallax,
-                                    kDegrees * context.options.min_parallax_rad);
+                                    kDegrees * of_scenes.min_parallax_rad);
     return result;
   }
   result.route = RecognitionRoute::kAspects;
   result.state = RecognitionState::kRecognized;
   result.views = RecognizedViews(scene);
   for (const LinkedObject& o : accepted.objects) {
-    SceneObject answer = ToAnswer(o, probability(o));
-    if (o.runner_up_object >= 0 && o.runner_up > o.score - context.options.ambiguity_gap) {
-      answer.alternatives.push_back(o.runner_up_object);
-      result.state = RecognitionState::kAmbiguous;
-    }
-    result.objects.push_back(std::move(answer));
+    AddAnswer(o, probability(o), of_scenes.ambiguity_gap, &result);
   }
   if (known != nullptr) KeepKnown(context, *known, &result);
   return result;
@@ -256,8 +265,8 @@ RecognitionResult ToResult(const JointContext& context,
 std::vector<AspectHypothesis> SearchImage(const JointContext& context,
                                           const AspectImage& image,
                                           const AspectSearch& search,
-                                          const PinholeCamera* known) {
-  FindAspectOptions find;
+                                          const PinholeCamera* known,
+                                          FindAspectOptions find) {
   find.threads = find.votes.threads = context.options.threads;
   return FindAspectHypotheses(image, *search.index, find, known, context.give_up).hypotheses;
 }
@@ -360,8 +369,8 @@ std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
 
 AspectJudgement JudgeAnswer(const JointContext& context,
                             std::span<const AspectImage> images,
-                            const RecognitionResult& answer) {
-  const AspectRouteOptions& options = context.options.aspects;
+                            const RecognitionResult& answer,
+                            const AspectRecognitionOptions& options) {
   AspectJudgement out;
   AspectScene scene;
   scene.views = SceneViews(answer.views);
@@ -369,13 +378,13 @@ AspectJudgement JudgeAnswer(const JointContext& context,
     scene.objects.push_back({o.object, o.scene_from_object});
   std::vector<const RenderMesh*> meshes;
   for (const auto& o : context.objects) meshes.push_back(&o->aspects->object.mesh);
-  SceneJudgementOptions judging;
-  judging.render_px = options.judge_render_px;
+  SceneJudgementOptions judging = options.judging;
+  judging.render_px = context.options.aspects.judge_render_px;
   judging.threads = context.options.threads;
   out.objects = JudgeScene(images, meshes, scene, judging);
   std::vector<double> scores;
   for (const LinkedObject& o : out.objects) {
-    out.score += AboveChance(ViewScores(o), options.chance_score);
+    out.score += AboveChance(ViewScores(o), context.options.acceptance.aspects.chance_score);
     scores.push_back(o.score);
   }
   if (!scores.empty()) {
@@ -410,7 +419,8 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
                                                      std::span<const AspectImage> images,
                                                      const AspectSearch& search,
                                                      const RecognitionResult* known,
-                                                     RefusalLog* log) {
+                                                     RefusalLog* log,
+                                                     const AspectRecognitionOptions& options) {
   BeginStep(context, "aspect_search");
   std::vector<AspectViewPrior> priors;
   std::vector<std::vector<AspectHypothesis>> hypotheses;
@@ -420,12 +430,13 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
     priors.push_back({start, context.focal_log_sigma[v]});
     if (context.focal_log_sigma[v] >= context.options.focal_log_sigma)
       priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
-    hypotheses.push_back(SearchImage(context, images[v], search, is_known ? &start : nullptr));
+    hypotheses.push_back(
+        SearchImage(context, images[v], search, is_known ? &start : nullptr, options.find));
     if (IsStopRequested(context.stop))
       return absl::CancelledError("stopped during the search for aspects");
   }
   BeginStep(context, "aspect_linking");
-  AspectLinkOptions link;
+  AspectLinkOptions link = options.link;
   link.threads = context.options.threads;
   AspectScene start;
   if (known != nullptr) start = KnownScene(*known, search).value_or(AspectScene{});
@@ -449,32 +460,30 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
 absl::Status AddOthers(const JointContext& context,
                        std::span<const AspectImage> images,
                        const AspectSearch& search,
-                       RecognitionResult* answer) {
-  const AspectRouteOptions& options = context.options.aspects;
+                       RecognitionResult* answer,
+                       const AspectRecognitionOptions& options) {
+  const AspectAcceptance& acceptance = context.options.acceptance.aspects;
   const std::optional<AspectScene> known = KnownScene(*answer, search);
   if (!known || known->objects.empty()) return absl::OkStatus();
   BeginStep(context, "aspect_others");
-  AspectLinkOptions link;
+  AspectLinkOptions link = options.link;
   link.threads = context.options.threads;
   std::vector<AspectViewPrior> priors(images.size());
   std::vector<std::vector<AspectHypothesis>> hypotheses(images.size());
   const AspectLinkInput input{images, priors, hypotheses, search.index->parts, &*known};
   // The middle view shows what most others show.
   const int v = MiddleView(known->views);
-  hypotheses[v] = SearchImage(context, images[v], search, &known->views[v]->camera);
+  hypotheses[v] = SearchImage(context, images[v], search, &known->views[v]->camera, options.find);
   LinkedScene others = FindOthers(input, link, context.give_up);
   if (IsStopRequested(context.stop))
     return absl::CancelledError("stopped while more objects were looked for");
   ToCatalog(search, &others);
   for (const LinkedObject& o : others.objects) {
-    if (o.score < options.even_score || o.precision < options.other_precision) continue;
-    const double probability = Logistic(options.score_weight * (o.score - options.even_score));
-    if (probability < options.accept_probability) continue;
-    answer->objects.push_back(ToAnswer(o, probability));
-    if (o.runner_up_object >= 0 && o.runner_up > o.score - context.options.ambiguity_gap) {
-      answer->objects.back().alternatives.push_back(o.runner_up_object);
-      answer->state = RecognitionState::kAmbiguous;
-    }
+    if (o.precision < acceptance.other_precision) continue;
+    const double probability =
+        Logistic(acceptance.score_weight * (o.score - acceptance.even_score));
+    if (probability < acceptance.min_probability) continue;
+    AddAnswer(o, probability, context.options.acceptance.scene.ambiguity_gap, answer);
   }
   return absl::OkStatus();
 }

@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/aspects/aspect_linking.h"
+#include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/aspect_search.h"
 #include "server/vision/recognition/refusals.h"
 #include "server/vision/recognition/scene/scene_model.h"
@@ -53,7 +54,8 @@ struct AspectJudgement {
 };
 AspectJudgement JudgeAnswer(const JointContext& context,
                             std::span<const AspectImage> images,
-                            const RecognitionResult& answer);
+                            const RecognitionResult& answer,
+                            const AspectRecognitionOptions& options = {});
 
 // Empties an answer whose median score is below `least`. log: may be null.
 void RefuseContradicted(const AspectJudgement& judgement,
@@ -67,13 +69,15 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
                                                      std::span<const AspectImage> images,
                                                      const AspectSearch& search,
                                                      const RecognitionResult* known,
-                                                     RefusalLog* log);
+                                                     RefusalLog* log,
+                                                     const AspectRecognitionOptions& options = {});
 
 // Adds to an answer, whose cameras and objects stay, what the aspects find beside them in its
 // middle view and the other views confirm. Errors: CANCELLED.
 absl::Status AddOthers(const JointContext& context,
                        std::span<const AspectImage> images,
                        const AspectSearch& search,
-                       RecognitionResult* answer);
+                       RecognitionResult* answer,
+                       const AspectRecognitionOptions& options = {});
 
 }  // namespace horopter

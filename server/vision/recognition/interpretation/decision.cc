@@ -10,22 +10,21 @@
 namespace horopter {
 namespace {
 
-constexpr double kUnlikely = 0.4;  // no object is answered with less probability beside others
-
 bool FocalContradicted(const JointContext& context, const SceneModel& scene) {
-  constexpr double kDeviations = 4.0;
+  const double most = context.options.acceptance.scene.max_focal_deviations;
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
     const double off =
         std::log(scene.views[v]->camera.focal_px / context.start_cameras[v].focal_px);
-    if (std::abs(off) > kDeviations * context.focal_log_sigma[v]) return true;
+    if (std::abs(off) > most * context.focal_log_sigma[v]) return true;
   }
   return false;
 }
 
-// What of the price an object pays that leads the runner-up in its place.
-double PriceLeft(const JointContext& context, double evidence, double runner_up) {
-  return std::max(0.0, PriceOfTrying(context.objects.size()) - std::max(0.0, evidence - runner_up));
+// What of the penalty an object pays that leads the best competing placement in its place.
+double PenaltyLeft(const JointContext& context, double evidence, double competing) {
+  return std::max(
+      0.0, MultipleTestingPenalty(context.objects.size()) - std::max(0.0, evidence - competing));
 }
 
 }  // namespace
@@ -37,27 +36,28 @@ double ObjectProbability(const PlacedObject& p) {
                   std::max(0.0, TextureLogOdds(p.texture, sharpness)));
 }
 
-std::vector<double> RunnersUp(const JointContext& context,
-                              const SceneModel& scene,
-                              std::span<const PlacedObject> placements,
-                              std::span<const Rival> rivals) {
+std::vector<double> BestCompeting(const JointContext& context,
+                                  const SceneModel& scene,
+                                  std::span<const PlacedObject> placements,
+                                  std::span<const Alternative> alternatives) {
   std::vector<double> out(scene.objects.size(), 0.0);
   for (std::size_t i = 0; i < out.size(); ++i) {
-    const PlacedObject& held = scene.objects[i];
+    const PlacedObject& answered = scene.objects[i];
     for (const PlacedObject& p : placements) {
-      const double evidence = EvidenceOf(p);
-      if (p.object == held.object || evidence <= out[i]) continue;
-      if (SharedVolume(*context.objects[held.object],
-                       held.scene_from_object,
+      const double evidence = LogLikelihoodRatio(p);
+      if (p.object == answered.object || evidence <= out[i]) continue;
+      if (SharedVolume(*context.objects[answered.object],
+                       answered.scene_from_object,
                        *context.objects[p.object],
-                       p.scene_from_object) > kSamePlaceVolume) {
+                       p.scene_from_object) >
+          context.options.acceptance.alternatives.min_shared_volume) {
         out[i] = evidence;
       }
     }
   }
-  for (const Rival& r : rivals) {
+  for (const Alternative& r : alternatives) {
     if (r.placed.object == scene.objects[r.accepted].object) continue;
-    out[r.accepted] = std::max(out[r.accepted], EvidenceOf(r.placed));
+    out[r.accepted] = std::max(out[r.accepted], LogLikelihoodRatio(r.placed));
   }
   return out;
 }
@@ -65,12 +65,13 @@ std::vector<double> RunnersUp(const JointContext& context,
 void DropChanceObjects(const JointContext& context,
                        std::span<const PlacedObject> placements,
                        SceneModel* scene) {
-  const std::vector<double> runners_up = RunnersUp(context, *scene, placements);
+  const std::vector<double> best_competing = BestCompeting(context, *scene, placements);
   std::vector<PlacedObject> kept;
   for (std::size_t i = 0; i < scene->objects.size(); ++i) {
     PlacedObject& placed = scene->objects[i];
-    const double evidence = EvidenceOf(placed), price = PriceLeft(context, evidence, runners_up[i]);
-    if (price > 0.0 && evidence <= price) {
+    const double evidence = LogLikelihoodRatio(placed),
+                 penalty = PenaltyLeft(context, evidence, best_competing[i]);
+    if (penalty > 0.0 && evidence <= penalty) {
       scene->gain -= std::max(0.0, placed.gain);
     } else {
       kept.push_back(std::move(placed));
@@ -81,32 +82,32 @@ void DropChanceObjects(const JointContext& context,
 
 double SceneLogOdds(const JointContext& context,
                     const SceneModel& scene,
-                    std::span<const double> runners_up) {
+                    std::span<const double> best_competing) {
   double log_odds = kScenePriorLogOdds;
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
-    const double evidence = EvidenceOf(scene.objects[i]);
-    const double price =
-        PriceLeft(context, evidence, runners_up.empty() ? evidence : runners_up[i]);
+    const double evidence = LogLikelihoodRatio(scene.objects[i]);
+    const double penalty =
+        PenaltyLeft(context, evidence, best_competing.empty() ? evidence : best_competing[i]);
     // What speaks against an object is no matter of how many there are.
-    log_odds += evidence - std::min(price, std::max(0.0, evidence));
+    log_odds += evidence - std::min(penalty, std::max(0.0, evidence));
   }
   return log_odds;
 }
 
 double SceneProbability(const JointContext& context,
                         const SceneModel& scene,
-                        std::span<const double> runners_up) {
-  return Logistic(SceneLogOdds(context, scene, runners_up));
+                        std::span<const double> best_competing) {
+  return Logistic(SceneLogOdds(context, scene, best_competing));
 }
 
 std::string ReasonToDoubt(const JointContext& context,
                           const SceneModel& scene,
-                          std::span<const double> runners_up) {
+                          std::span<const double> best_competing) {
   if (scene.objects.empty()) return {};
   if (FocalContradicted(context, scene))
     return "the objects found contradict what is known of the focal lengths";
-  const double probability = SceneProbability(context, scene, runners_up);
-  if (probability >= context.options.accept_probability) return {};
+  const double probability = SceneProbability(context, scene, best_competing);
+  if (probability >= context.options.acceptance.scene.min_probability) return {};
   const PlacedObject& best = *std::max_element(
       scene.objects.begin(), scene.objects.end(), [](const auto& a, const auto& b) {
         return a.score < b.score;
@@ -117,15 +118,19 @@ std::string ReasonToDoubt(const JointContext& context,
       context.objects[best.object]->model.id,
       best.score,
       probability,
-      context.options.accept_probability);
+      context.options.acceptance.scene.min_probability);
 }
 
-void DropUnlikelyObjects(SceneModel* scene, std::vector<Rival>* rivals) {
+void DropUnlikelyObjects(const SceneAcceptance& acceptance,
+                         SceneModel* scene,
+                         std::vector<Alternative>* alternatives) {
   for (int k = static_cast<int>(scene->objects.size()) - 1; k >= 0; --k) {
-    if (scene->objects.size() < 2 || ObjectProbability(scene->objects[k]) >= kUnlikely) continue;
+    if (scene->objects.size() < 2 ||
+        ObjectProbability(scene->objects[k]) >= acceptance.min_object_probability)
+      continue;
     scene->objects.erase(scene->objects.begin() + k);
-    std::erase_if(*rivals, [k](const Rival& r) { return r.accepted == k; });
-    for (Rival& r : *rivals) r.accepted -= r.accepted > k;
+    std::erase_if(*alternatives, [k](const Alternative& r) { return r.accepted == k; });
+    for (Alternative& r : *alternatives) r.accepted -= r.accepted > k;
   }
 }
 

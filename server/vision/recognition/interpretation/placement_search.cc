@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "server/base/parallel_for.h"
-#include "server/vision/recognition/candidates/prospects.h"
+#include "server/vision/recognition/candidates/shortlist.h"
 #include "server/vision/recognition/initialization/view_linking.h"
 #include "server/vision/recognition/scoring/pose_refine.h"
 
@@ -32,9 +32,8 @@ std::vector<FeatureView> FeatureViews(const JointContext& context, const SceneMo
   std::vector<FeatureView> views;
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
-    views.push_back({context.views[v].features,
-                     scene.views[v]->camera,
-                     scene.views[v]->camera_from_scene,
+    views.push_back({{scene.views[v]->camera, scene.views[v]->camera_from_scene},
+                     context.views[v].features,
                      context.views[v].maps.working_from_image});
   }
   return views;
@@ -60,19 +59,22 @@ double QuickOverViews(const PreparedObject& object,
   return n > 0 ? sum / n : 0.0;
 }
 
-std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
-                                             const SceneModel& scene,
-                                             int k,
-                                             std::span<const KnownView> known,
-                                             std::span<const TablePose> on_table,
-                                             const ExpansionOptions& options) {
+struct Candidate {
+  double quick = 0.0;
+  Rigid3 pose;  // scene from object
+};
+
+// Poses of an object, best quick score first: those on the plane, and hypotheses of single views
+// settled in these.
+std::vector<Candidate> CandidatesOf(const JointContext& context,
+                                    const SceneModel& scene,
+                                    int k,
+                                    std::span<const KnownView> known,
+                                    std::span<const PlanePose> on_plane,
+                                    const ExpansionOptions& options) {
   const PreparedObject& object = *context.objects[k];
-  struct Candidate {
-    double quick;
-    Rigid3 pose;
-  };
   std::vector<Candidate> candidates;
-  for (const TablePose& pose : on_table) {
+  for (const PlanePose& pose : on_plane) {
     candidates.push_back(
         {QuickOverViews(object, known, pose.scene_from_object, options), pose.scene_from_object});
   }
@@ -82,7 +84,7 @@ std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
   settle.focal_log_sigma = 0.0;
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
-    const RecognizedView& view = *scene.views[v];
+    const CalibratedCamera& view = *scene.views[v];
     const Rigid3 scene_from_camera = view.camera_from_scene.Inverse();
     const ViewHypotheses& hypotheses = context.hypotheses[v][k];
     for (const ViewHypothesis& h : options.use_pool ? hypotheses.pool : hypotheses.best) {
@@ -97,14 +99,23 @@ std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
   std::stable_sort(candidates.begin(), candidates.end(), [](const auto& x, const auto& y) {
     return x.quick > y.quick;
   });
+  return candidates;
+}
 
+std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
+                                             const SceneModel& scene,
+                                             int k,
+                                             std::span<const KnownView> known,
+                                             std::span<const PlanePose> on_plane,
+                                             const ExpansionOptions& options) {
+  const PreparedObject& object = *context.objects[k];
   std::vector<PlacedObject> placed;
   VerifyScratch scratch;
   RefineOptions refine;
   refine.start_reach_px = 10.0;
   int tried = 0;
   std::vector<Rigid3> starts;
-  for (const Candidate& c : candidates) {
+  for (const Candidate& c : CandidatesOf(context, scene, k, known, on_plane, options)) {
     if (tried >= options.kept_per_object || IsStopRequested(context.stop)) break;
     if (std::any_of(starts.begin(), starts.end(), [&](const Rigid3& p) {
           return SamePlacement(object, p, c.pose);
@@ -141,28 +152,28 @@ std::vector<PlacedObject> CollectPlacements(const JointContext& context,
   const std::vector<KnownView> known = KnownViews(context, scene);
   const std::vector<KnownView> searched = KnownViews(search, scene);
   std::vector<std::vector<PlacedObject>> per_object(context.objects.size());
-  std::optional<TableSearch> table;
-  if (options.use_table && scene.plane && !surfaces.empty())
-    table.emplace(search, scene, surfaces, options.table);
+  std::optional<PlaneSearch> plane_search;
+  if (options.use_plane_search && scene.plane && !surfaces.empty())
+    plane_search.emplace(search, scene, surfaces, options.plane_search);
   const std::vector<FeatureView> views = FeatureViews(search, scene);
   const std::vector<SpaceCorner> corners = FindSpaceCorners(views);
   const std::vector<SpaceCircle> circles = FindSpaceCircles(views);
   const int objects = static_cast<int>(per_object.size());
-  const Prospects prospects = PromisingInSpace(
-      context.objects, searched, corners, circles, *shortlist, options.prospects, options.threads);
-  if (shortlist->empty()) *shortlist = prospects.shortlist;
+  const Shortlist promising = PromisingInSpace(
+      context.objects, searched, corners, circles, *shortlist, options.shortlist, options.threads);
+  if (shortlist->empty()) *shortlist = promising.shortlist;
   ParallelFor(objects, options.threads, [&](int k) {
     if (IsStopRequested(context.stop)) return;
-    std::vector<TablePose> suggested;
-    if (prospects.searched[k]) {
-      if (table) suggested = table->Find(k);
+    std::vector<PlanePose> suggested;
+    if (promising.searched[k]) {
+      if (plane_search) suggested = plane_search->Find(k);
       const PreparedObject& object = *context.objects[k];
       for (const PooledPose& p :
            SettledPoses(object,
                         searched,
                         PosesInSpace(object, searched, corners, circles, options.corners),
                         options.corners.settle)) {
-        suggested.push_back({p.table_from_object, p.quick});
+        suggested.push_back({p.plane_from_object, p.quick});
       }
     }
     for (const PlacedObject& p : earlier) {

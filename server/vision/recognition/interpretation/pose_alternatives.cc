@@ -9,18 +9,17 @@
 #include "absl/strings/str_format.h"
 #include "server/base/parallel_for.h"
 #include "server/vision/geometry/depth_buffer.h"
+#include "server/vision/geometry/hidden_tolerance.h"
 #include "server/vision/recognition/object/prepared_object.h"
+#include "server/vision/recognition/object/same_pose.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kSameTurnRad = 0.09;  // poses of one object nearer than this are one
-constexpr double kSameShift = 0.02;    // diameters
-constexpr double kHiddenShare = 0.02;  // diameters behind a surface: hidden
 constexpr double kLeastChance = 0.03, kMostChance = 0.8;
 constexpr double kCircleReach = 0.06;  // diameters between a feature and a circle's middle
 
-using Views = std::vector<std::optional<RecognizedView>>;
+using Views = std::vector<std::optional<CalibratedCamera>>;
 
 // Log odds that an edge is there, of how far an image edge supports it (0..1).
 double EdgeLogOdds(double support, double found, double chance) {
@@ -45,8 +44,8 @@ double PointLogOdds(const AspectImage& image,
       std::clamp(image.ChanceAt(x, y, bin, AspectImage::ChanceLevel(kTolerancePx)) / 255.0,
                  kLeastChance,
                  kMostChance);
-  const double found =
-      p.kind == VisibleEdgeKind::kCrease ? options.found_crease : options.found_contour;
+  const double found = p.kind == VisibleEdgeKind::kCrease ? options.acceptance.found_crease
+                                                          : options.acceptance.found_contour;
   return EdgeLogOdds(support, found, chance);
 }
 
@@ -82,16 +81,6 @@ std::vector<DepthBuffer> DepthOfOthers(const JointContext& context,
   return out;
 }
 
-bool IsSamePose(const PreparedObject& object, const Rigid3& a, const Rigid3& b) {
-  const auto close = [&](const Rigid3& x) {
-    return 0.5 * ((x.R.transpose() * b.R).trace() - 1.0) > std::cos(kSameTurnRad) &&
-           (x * object.center - b * object.center).norm() < kSameShift * object.model.diameter_m;
-  };
-  return close(a) || std::any_of(object.model.symmetries.begin(),
-                                 object.model.symmetries.end(),
-                                 [&](const Rigid3& s) { return close(a * s); });
-}
-
 struct Candidate {
   int object = -1;
   Rigid3 scene_from_object;
@@ -100,20 +89,22 @@ struct Candidate {
 
 std::vector<Candidate> CandidatesFor(const JointContext& context,
                                      const SceneObject& answer,
-                                     std::span<const PoseRival> rivals,
+                                     std::span<const OtherPose> alternatives,
                                      const PoseAlternativeOptions& options) {
   const PreparedObject& object = *context.objects[answer.object];
   std::vector<Candidate> out;
   const auto add = [&](int k, const Rigid3& pose) {
     const PreparedObject& other = *context.objects[k];
     if (other.aspects == nullptr || static_cast<int>(out.size()) >= options.most_tried) return;
-    if (k == answer.object && IsSamePose(other, answer.scene_from_object, pose)) return;
+    if (k == answer.object && IsSamePose(other, answer.scene_from_object, pose, kSameAnswer))
+      return;
     const bool known = std::any_of(out.begin(), out.end(), [&](const Candidate& c) {
-      return c.object == k && IsSamePose(other, c.scene_from_object, pose);
+      return c.object == k && IsSamePose(other, c.scene_from_object, pose, kSameAnswer);
     });
     if (!known) out.push_back({k, pose});
   };
-  for (const PoseRival& rival : rivals) add(rival.object, rival.scene_from_object);
+  for (const OtherPose& alternative : alternatives)
+    add(alternative.object, alternative.scene_from_object);
   for (const NearSymmetry& near : object.near_symmetries) {
     for (const Rigid3& turn : TurnsOf(near.axis, options.turns))
       add(answer.object, answer.scene_from_object * turn);
@@ -224,13 +215,14 @@ double LogOddsOfPose(std::span<const AspectImage> images,
                    straight,
                    d.of_a ? camera_from_a : camera_from_b,
                    d.point,
-                   kHiddenShare * a.diameter_m)) {
+                   kHiddenShareOfFaces * a.diameter_m)) {
         continue;
       }
       const double says = PointLogOdds(images[v], d.point, options) * d.length_px;
-      of_view += (d.of_a ? says : -says) / options.independent_px;
+      of_view += (d.of_a ? says : -says) / options.acceptance.independent_px;
     }
-    sum += of_view * options.most_log_odds / (options.most_log_odds + std::abs(of_view));
+    sum += of_view * options.acceptance.most_log_odds /
+           (options.acceptance.most_log_odds + std::abs(of_view));
   }
   return sum;
 }
@@ -239,13 +231,13 @@ std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
                                              std::span<const AspectImage> images,
                                              const RecognitionResult& result,
                                              int place,
-                                             std::span<const PoseRival> rivals,
+                                             std::span<const OtherPose> alternatives,
                                              const PoseAlternativeOptions& options) {
   std::vector<PoseChoice> out;
   const SceneObject& answer = result.objects[place];
   const PreparedObject& object = *context.objects[answer.object];
   if (object.aspects == nullptr) return out;
-  std::vector<Candidate> candidates = CandidatesFor(context, answer, rivals, options);
+  std::vector<Candidate> candidates = CandidatesFor(context, answer, alternatives, options);
   if (candidates.empty()) return out;
   const RenderMesh& mesh = object.aspects->object.mesh;
   const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
@@ -267,7 +259,8 @@ std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
   for (const Candidate& c : candidates) sum += std::exp(-c.log_odds);
   for (const Candidate& c : candidates) {
     const double probability = std::exp(-c.log_odds) / sum;
-    if (probability < options.min_probability || static_cast<int>(out.size()) >= options.most)
+    if (probability < options.acceptance.min_probability ||
+        static_cast<int>(out.size()) >= options.most)
       break;
     out.push_back(MakeChoice(context, images, result.views, answer, mesh, c, probability));
   }
@@ -297,15 +290,16 @@ std::string DescribeChoice(const std::string& object_id, const PoseChoice& choic
 
 void SayPoseAlternatives(const JointContext& context,
                          std::span<const AspectImage> images,
-                         RecognitionResult* result,
-                         const PoseAlternativeOptions& options) {
+                         RecognitionResult* result) {
+  PoseAlternativeOptions options;
+  options.acceptance = context.options.acceptance.pose_choices;
   for (int k = 0; k < static_cast<int>(result->objects.size()); ++k) {
     SceneObject& answer = result->objects[k];
     double open = 0.0;
     const std::vector<PoseChoice> choices =
         FindPoseAlternatives(context, images, *result, k, {}, options);
     for (const PoseChoice& choice : choices) open += choice.probability;
-    if (open < options.ambiguous_share) continue;
+    if (open < options.acceptance.ambiguous_share) continue;
     if (result->state == RecognitionState::kRecognized)
       result->state = RecognitionState::kAmbiguous;
     if (std::find(answer.alternatives.begin(), answer.alternatives.end(), answer.object) ==

@@ -13,20 +13,10 @@
 namespace horopter {
 
 struct PoseAlternativeOptions {
-  double min_probability = 0.02;  // less likely ones are not listed
-  int most = 6;                   // listed of an object
+  PoseChoiceAcceptance acceptance;
+  int most = 6;  // listed of an object
   int most_tried = 32;
   int turns = 12;  // that stand for all of a near symmetry by any angle
-  // Chance that an edge of the kind is found in the image where the part has it and nothing hides
-  // it: contours; creases, which light may hide.
-  double found_contour = 0.8;
-  double found_crease = 0.55;
-  // Length of edge (working px) whose points say one thing: less makes few pixels sure.
-  double independent_px = 14.0;
-  // No image says more than this, and half of it where its edges say as much: what they are assumed
-  // to say is not all there is.
-  double most_log_odds = 12.0;
-  double ambiguous_share = 0.3;  // alternatives this likely together make the answer ambiguous
 };
 
 // Log odds that the images show the first and not the second placed object: over the edges that
@@ -34,7 +24,7 @@ struct PoseAlternativeOptions {
 // `hidden` (may be empty): per view a depth buffer of what else stands in the scene, of the working
 // camera without its lens.
 double LogOddsOfPose(std::span<const AspectImage> images,
-                     const std::vector<std::optional<RecognizedView>>& views,
+                     const std::vector<std::optional<CalibratedCamera>>& views,
                      const RenderMesh& a,
                      const Rigid3& scene_from_a,
                      const RenderMesh& b,
@@ -65,18 +55,18 @@ struct PoseChoice {
 };
 
 // A pose that may stand in an answer's place, besides the turns of its near symmetries.
-struct PoseRival {
+struct OtherPose {
   int object = -1;
   Rigid3 scene_from_object;
 };
 
-// Choices of the answer's object number `place`, likeliest first: its near symmetries and `rivals`.
-// Empty for an object without aspects.
+// Choices of the answer's object number `place`, likeliest first: its near symmetries and
+// `alternatives`. Empty for an object without aspects.
 std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
                                              std::span<const AspectImage> images,
                                              const RecognitionResult& result,
                                              int place,
-                                             std::span<const PoseRival> rivals = {},
+                                             std::span<const OtherPose> alternatives = {},
                                              const PoseAlternativeOptions& options = {});
 
 // "plate: 0.41 that it is turned by 180 degrees; a circle of 4.2 mm at (12.0, 3.1, 0.0) mm decides,
@@ -87,7 +77,6 @@ std::string DescribeChoice(const std::string& object_id, const PoseChoice& choic
 // alternatives; where they are likely the answer is ambiguous.
 void SayPoseAlternatives(const JointContext& context,
                          std::span<const AspectImage> images,
-                         RecognitionResult* result,
-                         const PoseAlternativeOptions& options = {});
+                         RecognitionResult* result);
 
 }  // namespace horopter

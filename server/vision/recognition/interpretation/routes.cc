@@ -6,11 +6,11 @@
 
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/candidates/prospects.h"
+#include "server/vision/recognition/candidates/shortlist.h"
 #include "server/vision/recognition/candidates/view_hypotheses.h"
 #include "server/vision/recognition/initialization/bottom_up_route.h"
-#include "server/vision/recognition/initialization/rig_seeds.h"
-#include "server/vision/recognition/initialization/table_seeds.h"
+#include "server/vision/recognition/initialization/plane_initialization.h"
+#include "server/vision/recognition/initialization/rig_initialization.h"
 #include "server/vision/recognition/initialization/view_linking.h"
 #include "server/vision/recognition/interpretation/decision.h"
 #include "server/vision/recognition/interpretation/scene_growth.h"
@@ -19,10 +19,11 @@
 namespace horopter {
 namespace {
 
-constexpr int kExpandedSeeds = 8;
-constexpr int kTableScales = 3;
-constexpr double kRivalScaleGain = 0.5;  // of the best scene's gain: below it a seed is not tried
-constexpr double kSameSeedPx = 10.0;     // working pixels
+constexpr int kExpandedHypotheses = 8;
+constexpr int kPlaneScales = 3;
+constexpr double kOtherScaleGain =
+    0.5;  // of the best scene's gain: below it an initial hypothesis is not tried
+constexpr double kSameHypothesisPx = 10.0;  // working pixels
 
 // Searches the given views (one flag each) for the given objects.
 void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
@@ -58,7 +59,7 @@ void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
   });
 }
 
-bool SameSeed(const JointContext& context, const SceneModel& a, const SceneModel& b) {
+bool SameHypothesis(const JointContext& context, const SceneModel& a, const SceneModel& b) {
   if (a.objects[0].object != b.objects[0].object) return false;
   const PreparedObject& object = *context.objects[a.objects[0].object];
   for (std::size_t v = 0; v < a.views.size(); ++v) {
@@ -69,7 +70,7 @@ bool SameSeed(const JointContext& context, const SceneModel& a, const SceneModel
                            a.views[v]->camera_from_scene,
                            b.views[v]->camera,
                            b.views[v]->camera_from_scene,
-                           context.views[v].maps.working_from_image) > kSameSeedPx) {
+                           context.views[v].maps.working_from_image) > kSameHypothesisPx) {
       return false;
     }
   }
@@ -78,19 +79,19 @@ bool SameSeed(const JointContext& context, const SceneModel& a, const SceneModel
 
 // Expands scenes that differ in scale; the one that chance explains least. (What is explained says
 // less: among many objects some fit at any scale.)
-FoundScene BestScale(const JointContext& context, const std::vector<SceneModel>& seeds) {
+FoundScene BestScale(const JointContext& context, const std::vector<SceneModel>& starts) {
   FoundScene best;
   double best_odds = -std::numeric_limits<double>::infinity();
-  for (const SceneModel& seed : seeds) {
+  for (const SceneModel& start : starts) {
     if (IsStopRequested(context.stop)) return {};
     if (!best.scene.objects.empty() &&
-        (seed.gain < kRivalScaleGain * best.scene.gain || IsStopRequested(context.give_up))) {
+        (start.gain < kOtherScaleGain * best.scene.gain || IsStopRequested(context.give_up))) {
       break;
     }
     FoundScene found;
-    found.scene = ExpandScene(context, seed, true, &found.verified);
-    found.runners_up = RunnersUp(context, found.scene, found.verified);
-    const double odds = SceneLogOdds(context, found.scene, found.runners_up);
+    found.scene = ExpandScene(context, start, true, &found.verified);
+    found.best_competing = BestCompeting(context, found.scene, found.verified);
+    const double odds = SceneLogOdds(context, found.scene, found.best_competing);
     if (found.scene.objects.empty() || odds <= best_odds) continue;
     best_odds = odds;
     best = std::move(found);
@@ -101,9 +102,9 @@ FoundScene BestScale(const JointContext& context, const std::vector<SceneModel>&
 // The routes in the cameras of the reconstruction. Views that these lack (the table's: they show no
 // part of the plane's texture) are registered by what the parts found say of them.
 FoundScene InKnownCameras(JointContext* context,
-                          const std::vector<SceneModel>& seeds,
+                          const std::vector<SceneModel>& starts,
                           RecognitionRoute route) {
-  FoundScene found = BestScale(*context, seeds);
+  FoundScene found = BestScale(*context, starts);
   found.route = route;
   const SceneModel& best = found.scene;
   if (best.objects.empty() || best.registered() == static_cast<int>(best.views.size()))
@@ -119,18 +120,18 @@ FoundScene InKnownCameras(JointContext* context,
   RefineScene(*context, {}, &again.scene);
   again.scene = ExpandScene(*context, again.scene, true, &again.verified);
   FoundScene& better = again.scene.gain > best.gain ? again : found;
-  better.runners_up = RunnersUp(*context, better.scene, better.verified);
+  better.best_competing = BestCompeting(*context, better.scene, better.verified);
   return std::move(better);
 }
 
-// Expands the best distinct seeds with the verified hypotheses only and returns the scene that
-// explains most.
-SceneModel BestExpansion(const JointContext& context, const std::vector<SceneModel>& seeds) {
+// Expands the best distinct initial hypotheses with the verified hypotheses only and returns the
+// scene that explains most.
+SceneModel BestExpansion(const JointContext& context, const std::vector<SceneModel>& starts) {
   std::vector<SceneModel> distinct;
-  for (const SceneModel& s : seeds) {
-    if (static_cast<int>(distinct.size()) >= kExpandedSeeds) break;
+  for (const SceneModel& s : starts) {
+    if (static_cast<int>(distinct.size()) >= kExpandedHypotheses) break;
     if (std::none_of(distinct.begin(), distinct.end(), [&](const SceneModel& d) {
-          return SameSeed(context, d, s);
+          return SameHypothesis(context, d, s);
         })) {
       distinct.push_back(s);
     }
@@ -146,16 +147,16 @@ SceneModel BestExpansion(const JointContext& context, const std::vector<SceneMod
 }
 
 FoundScene Grow(const JointContext& context,
-                const std::vector<SceneModel>& seeds,
+                const std::vector<SceneModel>& starts,
                 RecognitionRoute route) {
-  BeginStep(context, "seed_expansion");
-  SceneModel start = BestExpansion(context, seeds);
+  BeginStep(context, "hypothesis_expansion");
+  SceneModel start = BestExpansion(context, starts);
   FoundScene found;
   if (start.objects.empty()) return found;
   found.route = route;
   found.scene = ExpandScene(context, start, true, &found.verified);
   if (found.scene.gain < start.gain) found.scene = std::move(start);
-  found.runners_up = RunnersUp(context, found.scene, found.verified);
+  found.best_competing = BestCompeting(context, found.scene, found.verified);
   return found;
 }
 
@@ -164,11 +165,15 @@ absl::StatusOr<RouteCatalog> CatalogOf(const RouteInput& input, const JointConte
   return MakeRouteCatalog(context.objects, input.keys, input.slots);
 }
 
+BottomUpOptions OptionsOf(const RouteInput& input) {
+  return input.bottom_up != nullptr ? *input.bottom_up : BottomUpOptions();
+}
+
 }  // namespace
 
 bool IsOpen(const JointContext& context, const FoundScene& found) {
   return found.scene.objects.empty() ||
-         !ReasonToDoubt(context, found.scene, found.runners_up).empty();
+         !ReasonToDoubt(context, found.scene, found.best_competing).empty();
 }
 
 void TakeIfBetter(const JointContext& context, FoundScene other, FoundScene* best) {
@@ -184,19 +189,22 @@ void TakeIfBetter(const JointContext& context, FoundScene other, FoundScene* bes
 absl::StatusOr<FoundScene> MetricRoute(const RouteInput& input, JointContext* context) {
   HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog, CatalogOf(input, *context));
   return InKnownCameras(
-      context, MetricSeeds(*context, *input.reconstruction, catalog), RecognitionRoute::kMetric);
+      context,
+      MetricInitialScenes(*context, *input.reconstruction, catalog, OptionsOf(input)),
+      RecognitionRoute::kMetric);
 }
 
-absl::StatusOr<FoundScene> TableRoute(const RouteInput& input, JointContext* context) {
+absl::StatusOr<FoundScene> PlaneRoute(const RouteInput& input, JointContext* context) {
   return InKnownCameras(context,
-                        TableSeeds(*context, *input.reconstruction, {}, kTableScales),
-                        RecognitionRoute::kTable);
+                        PlaneInitialScenes(*context, *input.reconstruction, {}, kPlaneScales),
+                        RecognitionRoute::kSupportingPlane);
 }
 
 absl::StatusOr<FoundScene> ProjectiveRoute(const RouteInput& input, JointContext* context) {
   HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog, CatalogOf(input, *context));
-  return Grow(
-      *context, ProjectiveSeeds(*context, input.features, catalog), RecognitionRoute::kProjective);
+  return Grow(*context,
+              ProjectiveInitialScenes(*context, input.features, catalog, OptionsOf(input)),
+              RecognitionRoute::kProjective);
 }
 
 absl::StatusOr<FoundScene> ViewLedRoute(const RouteInput& input, JointContext* context) {
@@ -207,17 +215,18 @@ absl::StatusOr<FoundScene> ViewLedRoute(const RouteInput& input, JointContext* c
   if (IsStopRequested(context->give_up)) return FoundScene();
   for (const bool through_plane : {true, false}) {
     BeginStep(*context, "linking");
-    std::vector<SceneModel> seeds = LinkSeeds(*context, through_plane);
+    std::vector<SceneModel> starts = LinkedInitialScenes(*context, through_plane);
     if (through_plane && input.reconstruction != nullptr) {
-      for (SceneModel& seed : RigSeeds(*context, *input.reconstruction, {}))
-        seeds.push_back(std::move(seed));
-      std::stable_sort(
-          seeds.begin(), seeds.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
+      for (SceneModel& start : RigInitialScenes(*context, *input.reconstruction, {}))
+        starts.push_back(std::move(start));
+      std::stable_sort(starts.begin(), starts.end(), [](const auto& x, const auto& y) {
+        return x.gain > y.gain;
+      });
     }
     if (IsStopRequested(context->stop))
       return absl::CancelledError("stopped while views were linked");
-    context->seed_count += seeds.size();
-    FoundScene found = Grow(*context, seeds, RecognitionRoute::kViewLed);
+    context->initial_count += starts.size();
+    FoundScene found = Grow(*context, starts, RecognitionRoute::kViewLed);
     if (!found.scene.objects.empty()) return found;
   }
   return FoundScene();

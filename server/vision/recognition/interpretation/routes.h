@@ -8,6 +8,7 @@
 
 #include "absl/status/statusor.h"
 #include "server/vision/features/features.h"
+#include "server/vision/recognition/initialization/bottom_up_route.h"
 #include "server/vision/recognition/invariant_matching/key_index.h"
 #include "server/vision/recognition/scene/scene_model.h"
 #include "server/vision/reconstruction/reconstruction.h"
@@ -18,7 +19,7 @@ namespace horopter {
 struct FoundScene {
   SceneModel scene;
   std::vector<PlacedObject> verified;
-  std::vector<double> runners_up;  // of the scene's objects, see RunnersUp (decision.h)
+  std::vector<double> best_competing;  // of the scene's objects, see BestCompeting (decision.h)
   RecognitionRoute route = RecognitionRoute::kNone;
 };
 
@@ -26,8 +27,9 @@ struct FoundScene {
 struct RouteInput {
   std::span<const ImageFeatures> features;
   const Reconstruction* reconstruction = nullptr;
-  const KeyIndexSnapshot* keys = nullptr;  // null: an index is built when it is asked for
-  std::span<const int> slots;              // of the objects in `keys`
+  const KeyIndexSnapshot* keys = nullptr;      // null: an index is built when it is asked for
+  std::span<const int> slots;                  // of the objects in `keys`
+  const BottomUpOptions* bottom_up = nullptr;  // null: the defaults
 };
 
 // Whether further routes have a say: nothing was found, or what chance explains.
@@ -38,7 +40,7 @@ void TakeIfBetter(const JointContext& context, FoundScene other, FoundScene* bes
 
 // A route's scene; empty where it finds none or gives up. Errors: CANCELLED.
 absl::StatusOr<FoundScene> MetricRoute(const RouteInput& input, JointContext* context);
-absl::StatusOr<FoundScene> TableRoute(const RouteInput& input, JointContext* context);
+absl::StatusOr<FoundScene> PlaneRoute(const RouteInput& input, JointContext* context);
 absl::StatusOr<FoundScene> ViewLedRoute(const RouteInput& input, JointContext* context);
 absl::StatusOr<FoundScene> ProjectiveRoute(const RouteInput& input, JointContext* context);
 

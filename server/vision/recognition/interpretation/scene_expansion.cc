@@ -35,13 +35,15 @@ double Priority(const PlacedObject& p) {
   return (p.score - 0.45) * std::sqrt(std::max(0.0, p.total.supported));
 }
 
-bool IsUpright(const StablePose& pose, const Rigid3& scene_from_object, const ScenePlane& plane) {
+bool IsUpright(const StablePose& pose,
+               const Rigid3& scene_from_object,
+               const SupportingPlane& plane) {
   return (scene_from_object.R * pose.up).dot(plane.normal) > kPlaneCos;
 }
 
 bool RestsOn(const PreparedObject& object,
              const Rigid3& scene_from_object,
-             const ScenePlane& plane) {
+             const SupportingPlane& plane) {
   return std::any_of(
       object.stable_poses.begin(), object.stable_poses.end(), [&](const StablePose& s) {
         const double height = plane.normal.dot(scene_from_object.t) - plane.offset_m - s.height_m;
@@ -52,7 +54,7 @@ bool RestsOn(const PreparedObject& object,
 // Whether the part is turned as it can rest on a level surface.
 bool IsUprightPart(const PreparedObject& object,
                    const Rigid3& scene_from_object,
-                   const ScenePlane& plane) {
+                   const SupportingPlane& plane) {
   return std::any_of(object.stable_poses.begin(),
                      object.stable_poses.end(),
                      [&](const StablePose& s) { return IsUpright(s, scene_from_object, plane); });
@@ -63,14 +65,14 @@ bool IsUprightPart(const PreparedObject& object,
 bool Supports(const JointContext& context,
               const ExpansionOptions& options,
               std::span<const PlacedObject> placements,
-              const ScenePlane& plane) {
+              const SupportingPlane& plane) {
   double on = 0.0, behind = 0.0;
   for (const PlacedObject& p : placements) {
-    if (p.gain <= 0 || p.score < options.accept_score) continue;
+    if (p.gain <= 0 || p.score < options.acceptance.min_score) continue;
     const double height =
         HeightAbovePlane(*context.objects[p.object], p.scene_from_object, plane).lowest_m;
-    if (std::abs(height) < options.plane_tolerance_m) on = std::max(on, Priority(p));
-    if (height < -3 * options.plane_tolerance_m) behind = std::max(behind, Priority(p));
+    if (std::abs(height) < options.acceptance.plane_tolerance_m) on = std::max(on, Priority(p));
+    if (height < -3 * options.acceptance.plane_tolerance_m) behind = std::max(behind, Priority(p));
   }
   return behind <= kBehindFactor * on;
 }
@@ -90,7 +92,7 @@ double SharedEdges(const ExplainedSegments& explained, const ExplainedSegments& 
 // Whether two objects may meet in the image of some registered view: by circles about their
 // projections. Where they do not, neither hides the other nor explains its edges.
 bool MeetInView(const JointContext& context,
-                const std::vector<std::optional<RecognizedView>>& views,
+                const std::vector<std::optional<CalibratedCamera>>& views,
                 const PlacedObject& a,
                 const PlacedObject& b) {
   for (std::size_t v = 0; v < views.size(); ++v) {
@@ -123,16 +125,36 @@ bool StandsOnPart(const JointContext& context,
   return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const PlacedObject& o) {
     const PreparedObject &above = *context.objects[p.object], &below = *context.objects[o.object];
     const double top = HeightAbovePlane(below, o.scene_from_object, *scene.plane).highest_m;
-    return std::abs(height - top) < options.plane_tolerance_m &&
+    return std::abs(height - top) < options.acceptance.plane_tolerance_m &&
            LiesOver(OutlineOnPlane(above, p.scene_from_object, *scene.plane),
                     OutlineOnPlane(below, o.scene_from_object, *scene.plane));
   });
 }
 
+// Whether a placement may join the scene as it is: support enough for how it stands.
+bool IsAcceptable(const JointContext& context,
+                  const ExpansionOptions& options,
+                  const SceneModel& scene,
+                  const PlacedObject& p) {
+  if (p.score < options.acceptance.min_score) return false;
+  if (!scene.plane) return p.gain > 0;
+  const double height =
+      HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene.plane).lowest_m;
+  if (height < -2 * options.acceptance.plane_tolerance_m)
+    return false;  // below the supporting plane
+  if (p.score >= options.acceptance.off_plane_score) return p.gain > 0;
+  if (!IsUprightPart(*context.objects[p.object], p.scene_from_object, *scene.plane)) return false;
+  if (EdgeLogLikelihoodRatio(p.score, p.total.Sharpness()) >= options.acceptance.floating_log_odds)
+    return p.gain > 0;
+  // Camouflaged parts lack edges that they should show: what they stand on speaks for them.
+  return height < options.acceptance.plane_tolerance_m ||
+         StandsOnPart(context, options, scene, p, height);
+}
+
 // What the accepted parts hide and which image edges they explain.
 class Accepted {
  public:
-  Accepted(const JointContext& context, const std::vector<std::optional<RecognizedView>>& views)
+  Accepted(const JointContext& context, const std::vector<std::optional<CalibratedCamera>>& views)
       : context_(context), views_(views) {
     for (const ViewEvidence& view : context.views) {
       occluders_.push_back(MakeDepthBuffer(view.maps.width, view.maps.height));
@@ -161,7 +183,7 @@ class Accepted {
 
  private:
   const JointContext& context_;
-  const std::vector<std::optional<RecognizedView>>& views_;
+  const std::vector<std::optional<CalibratedCamera>>& views_;
   std::vector<DepthBuffer> occluders_;  // per view
   ExplainedSegments taken_, explained_;
   VerifyScratch scratch_;
@@ -174,31 +196,32 @@ std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel&
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
     known.push_back(
-        {&context.views[v].maps, scene.views[v]->camera, scene.views[v]->camera_from_scene});
+        {{scene.views[v]->camera, scene.views[v]->camera_from_scene}, &context.views[v].maps});
   }
   return known;
 }
 
-std::optional<ScenePlane> PlaneFromMatches(
-    const JointContext& context, const std::vector<std::optional<RecognizedView>>& views) {
+std::optional<SupportingPlane> PlaneFromMatches(
+    const JointContext& context, const std::vector<std::optional<CalibratedCamera>>& views) {
   const PlanePoints points = FindPlanePoints(*context.matching, views);
   if (static_cast<int>(points.matches.size()) < kMinPlaneMatches) return std::nullopt;
   // plane.(X - anchor) = -1: the normal points from the plane to the anchor, the mean camera
   // centre.
-  ScenePlane plane;
+  SupportingPlane plane;
   const double norm = points.plane.norm();
   plane.normal = points.plane / norm;
   plane.offset_m = plane.normal.dot(points.anchor) - 1.0 / norm;
   return plane;
 }
 
-std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
-                                           const std::vector<std::optional<RecognizedView>>& views,
-                                           std::span<const PlacedObject> placements,
-                                           const ExpansionOptions& options) {
+std::optional<SupportingPlane> PlaneOfPlacements(
+    const JointContext& context,
+    const std::vector<std::optional<CalibratedCamera>>& views,
+    std::span<const PlacedObject> placements,
+    const ExpansionOptions& options) {
   std::vector<const PlacedObject*> voters;
   for (const PlacedObject& p : placements) {
-    if (p.gain > 0 && p.score >= options.accept_score) voters.push_back(&p);
+    if (p.gain > 0 && p.score >= options.acceptance.min_score) voters.push_back(&p);
   }
   std::stable_sort(voters.begin(), voters.end(), [](const auto* x, const auto* y) {
     return Priority(*x) > Priority(*y);
@@ -208,11 +231,11 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
   for (const auto& view : views) {
     if (view) eyes.push_back(view->camera_from_scene.Inverse().t);
   }
-  std::optional<ScenePlane> best;
+  std::optional<SupportingPlane> best;
   double best_votes = 0.0;
   for (const PlacedObject* o : voters) {
     for (const StablePose& stable : context.objects[o->object]->stable_poses) {
-      ScenePlane plane;
+      SupportingPlane plane;
       plane.normal = o->scene_from_object.R * stable.up;
       plane.offset_m = plane.normal.dot(o->scene_from_object.t) - stable.height_m;
       if (std::any_of(eyes.begin(), eyes.end(), [&](const auto& eye) {
@@ -228,7 +251,7 @@ std::optional<ScenePlane> FindSupportPlane(const JointContext& context,
               return SharedVolume(*context.objects[r->object],
                                   r->scene_from_object,
                                   *context.objects[other->object],
-                                  other->scene_from_object) > options.max_shared_volume;
+                                  other->scene_from_object) > options.acceptance.max_shared_volume;
             })) {
           continue;
         }
@@ -254,23 +277,10 @@ void Consolidate(const JointContext& context,
   scene->plane = PlaneFromMatches(context, scene->views);
   if (scene->plane) scene->plane = PlaneUnderParts(context, before, *scene->plane);
   if (scene->plane && !Supports(context, options, candidates, *scene->plane)) scene->plane.reset();
-  if (!scene->plane) scene->plane = FindSupportPlane(context, scene->views, candidates, options);
+  if (!scene->plane) scene->plane = PlaneOfPlacements(context, scene->views, candidates, options);
   Accepted accepted_parts(context, scene->views);
   std::vector<bool> stale(candidates.size(), false);
   std::vector<bool> dead(candidates.size(), false);
-  auto acceptable = [&](const PlacedObject& p) {
-    if (p.score < options.accept_score) return false;
-    if (!scene->plane) return p.gain > 0;
-    const double height =
-        HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene->plane).lowest_m;
-    if (height < -2 * options.plane_tolerance_m) return false;  // below the table
-    if (p.score >= options.off_plane_score) return p.gain > 0;
-    if (!IsUprightPart(*context.objects[p.object], p.scene_from_object, *scene->plane))
-      return false;
-    if (Evidence(p.score, p.total.Sharpness()) >= options.floating_evidence) return p.gain > 0;
-    // Camouflaged parts lack edges that they should show: what they stand on speaks for them.
-    return height < options.plane_tolerance_m || StandsOnPart(context, options, *scene, p, height);
-  };
   while (!IsStopRequested(context.stop)) {
     int best = -1;
     for (int i = 0; i < static_cast<int>(candidates.size()); ++i) {
@@ -278,12 +288,12 @@ void Consolidate(const JointContext& context,
       if (stale[i]) {
         stale[i] = false;
         // One scene feature serves one object.
-        if (accepted_parts.Judge(&candidates[i]) > options.max_shared_edges) {
+        if (accepted_parts.Judge(&candidates[i]) > options.acceptance.max_shared_edges) {
           dead[i] = true;
           continue;
         }
       }
-      if (!acceptable(candidates[i])) continue;
+      if (!IsAcceptable(context, options, *scene, candidates[i])) continue;
       if (best < 0 || Priority(candidates[i]) > Priority(candidates[best])) best = i;
     }
     if (best < 0) break;
@@ -299,7 +309,7 @@ void Consolidate(const JointContext& context,
       if (SharedVolume(object,
                        accepted.scene_from_object,
                        *context.objects[candidates[i].object],
-                       candidates[i].scene_from_object) > options.max_shared_volume) {
+                       candidates[i].scene_from_object) > options.acceptance.max_shared_volume) {
         dead[i] = true;
       }
     }
@@ -311,15 +321,16 @@ void AddHiddenParts(const JointContext& context,
                     std::span<const PlacedObject> candidates,
                     SceneModel* scene) {
   if (!scene->plane || scene->objects.size() < 2) return;
-  if (SceneProbability(context, *scene) < options.sure_scene) return;
-  const ScenePlane plane = PlaneUnderParts(context, scene->objects, *scene->plane);
+  if (SceneProbability(context, *scene) < options.acceptance.sure_scene) return;
+  const SupportingPlane plane = PlaneUnderParts(context, scene->objects, *scene->plane);
   scene->plane = plane;
   const std::vector<KnownView> known = KnownViews(context, *scene);
   Accepted accepted_parts(context, scene->views);
   for (const PlacedObject& o : scene->objects) accepted_parts.Add(o);
   for (const PlacedObject& candidate : candidates) {
     if (IsStopRequested(context.stop)) return;
-    if (candidate.score < options.hidden_score - options.hidden_slack) continue;
+    if (candidate.score < options.acceptance.hidden_score - options.acceptance.hidden_slack)
+      continue;
     const PreparedObject& object = *context.objects[candidate.object];
     // The cameras have moved since it was found.
     const auto refined = RefineInScene(object, known, candidate.scene_from_object, {});
@@ -329,19 +340,21 @@ void AddHiddenParts(const JointContext& context,
     const Rigid3& pose = p.scene_from_object;
     const double height = HeightAbovePlane(object, pose, plane).lowest_m;
     if (!IsUprightPart(object, pose, plane)) continue;
-    if (std::abs(height) > options.plane_tolerance_m &&
+    if (std::abs(height) > options.acceptance.plane_tolerance_m &&
         !StandsOnPart(context, options, *scene, p, height)) {
       continue;
     }
     if (std::any_of(scene->objects.begin(), scene->objects.end(), [&](const PlacedObject& o) {
           return SharedVolume(*context.objects[o.object], o.scene_from_object, object, pose) >
-                 options.max_shared_volume;
+                 options.acceptance.max_shared_volume;
         })) {
       continue;
     }
     const double shared = accepted_parts.Judge(&p);
-    if (p.score < options.hidden_score || p.total.Sharpness() < options.hidden_sharpness) continue;
-    if (shared > options.max_shared_edges) continue;
+    if (p.score < options.acceptance.hidden_score ||
+        p.total.Sharpness() < options.acceptance.hidden_sharpness)
+      continue;
+    if (shared > options.acceptance.max_shared_edges) continue;
     scene->objects.push_back(p);
     accepted_parts.Add(p);
   }

@@ -30,8 +30,8 @@ void Evaluate(const JointContext& context, SceneModel* scene) {
   }
 }
 
-bool FocalLengthsMoved(const std::vector<std::optional<RecognizedView>>& before,
-                       const std::vector<std::optional<RecognizedView>>& after) {
+bool FocalLengthsMoved(const std::vector<std::optional<CalibratedCamera>>& before,
+                       const std::vector<std::optional<CalibratedCamera>>& after) {
   for (std::size_t v = 0; v < before.size(); ++v) {
     if (!before[v] || !after[v]) continue;
     if (std::abs(std::log(after[v]->camera.focal_px / before[v]->camera.focal_px)) > kSameLogFocal)
@@ -40,8 +40,8 @@ bool FocalLengthsMoved(const std::vector<std::optional<RecognizedView>>& before,
   return false;
 }
 
-TableSearchOptions FirstLook() {
-  TableSearchOptions options;
+PlaneSearchOptions FirstLook() {
+  PlaneSearchOptions options;
   options.peaks = 50;
   options.settle.settled = 8;
   options.settle.kept = 4;
@@ -55,7 +55,7 @@ double LargestMove(const JointContext& context, const SceneModel& before, const 
     if (before.views[v].has_value() != after.views[v].has_value()) return kFarPx;
     if (!before.views[v]) continue;
     for (std::size_t k = 0; k < before.objects.size(); ++k) {
-      const RecognizedView &a = *before.views[v], &b = *after.views[v];
+      const CalibratedCamera &a = *before.views[v], &b = *after.views[v];
       largest =
           std::max(largest,
                    ProjectionDistance(*context.objects[before.objects[k].object],
@@ -76,7 +76,7 @@ SceneModel ExpandScene(const JointContext& context,
                        bool thorough,
                        std::vector<PlacedObject>* verified) {
   ExpansionOptions options;
-  options.accept_score = context.options.accept_score;
+  options.acceptance = context.options.acceptance.placements;
   options.use_pool = thorough;
   options.threads = thorough ? context.options.threads : 1;
   std::vector<PlacedObject> placements;
@@ -86,7 +86,7 @@ SceneModel ExpandScene(const JointContext& context,
   for (int round = 0; changed && round < (thorough ? kRounds : 1); ++round) {
     if (round > 0 && IsStopRequested(context.give_up)) break;
     const std::size_t objects = scene.objects.size();
-    const std::vector<std::optional<RecognizedView>> views = scene.views;
+    const std::vector<std::optional<CalibratedCamera>> views = scene.views;
     if (thorough) BeginStep(context, "placements");
     if (const auto plane = PlaneFromMatches(context, scene.views))
       scene.plane = PlaneUnderParts(context, scene.objects, *plane);
@@ -96,7 +96,7 @@ SceneModel ExpandScene(const JointContext& context,
                                 scene,
                                 placements,
                                 options.doubtful_score,
-                                options.plane_tolerance_m,
+                                options.acceptance.plane_tolerance_m,
                                 options.max_surfaces);
       // A part may stand on one that is not found yet but as high as one that is.
       if (round == 0) {
@@ -105,13 +105,13 @@ SceneModel ExpandScene(const JointContext& context,
       surfaces = NotCovered(surfaces, searched);
       // The first cameras know one part only: a first look finds parts that tell more of them.
       // Corners in space do so in a tenth of the time, where three views confirm them.
-      options.table = round == 0 ? FirstLook() : TableSearchOptions();
-      options.use_table = round > 0 || scene.registered() < kCornerViews;
+      options.plane_search = round == 0 ? FirstLook() : PlaneSearchOptions();
+      options.use_plane_search = round > 0 || scene.registered() < kCornerViews;
       if (round > 0) searched.insert(searched.end(), surfaces.begin(), surfaces.end());
     }
     // From the second round on parts are looked for among the edges that the first do not explain.
     std::optional<RemainingEvidence> rest;
-    if (round > 0) rest = WithoutExplained(context, scene, options.sure_evidence);
+    if (round > 0) rest = WithoutExplained(context, scene, options.sure_log_odds);
     placements = CollectPlacements(
         context, rest ? rest->context : context, scene, surfaces, placements, options, &shortlist);
     if (verified != nullptr) *verified = placements;

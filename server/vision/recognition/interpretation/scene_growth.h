@@ -9,8 +9,8 @@
 namespace horopter {
 
 // thorough: all threads, several rounds, and a last look at what lost its support; otherwise one
-// round on this thread, to compare seeds. verified (may be null) receives what was judged in the
-// last round, accepted or not, best score first.
+// round on this thread, to compare initial hypotheses. verified (may be null) receives what was
+// judged in the last round, accepted or not, best score first.
 SceneModel ExpandScene(const JointContext& context,
                        SceneModel scene,
                        bool thorough,

@@ -23,9 +23,9 @@ constexpr int kFewestViews = 3;  // with so many aligned, views that fit none of
 int Likeness(const JointContext& context,
              const PlacedObject& placed,
              int a,
-             const RecognizedView& view_a,
+             const CalibratedCamera& view_a,
              int b,
-             const RecognizedView& view_b) {
+             const CalibratedCamera& view_b) {
   SceneModel pair;
   pair.views.resize(context.views.size());
   pair.views[a] = view_a;
@@ -37,20 +37,21 @@ int Likeness(const JointContext& context,
 }
 
 // The camera as it is when the object seen is taken for its equivalent pose.
-RecognizedView Turned(const RecognizedView& view,
-                      const Rigid3& scene_from_object,
-                      const Rigid3& symmetry) {
+CalibratedCamera Turned(const CalibratedCamera& view,
+                        const Rigid3& scene_from_object,
+                        const Rigid3& symmetry) {
   return {view.camera,
           view.camera_from_scene * scene_from_object * symmetry * scene_from_object.Inverse()};
 }
 
 // The view turned so that its faces look like those of the nearest aligned view that decides.
-std::optional<RecognizedView> AlignedTo(const JointContext& context,
-                                        const PlacedObject& placed,
-                                        const std::vector<std::optional<RecognizedView>>& aligned,
-                                        int v,
-                                        const RecognizedView& view) {
-  std::vector<RecognizedView> turned{view};
+std::optional<CalibratedCamera> AlignedTo(
+    const JointContext& context,
+    const PlacedObject& placed,
+    const std::vector<std::optional<CalibratedCamera>>& aligned,
+    int v,
+    const CalibratedCamera& view) {
+  std::vector<CalibratedCamera> turned{view};
   for (const Rigid3& s : context.objects[placed.object]->model.symmetries)
     turned.push_back(Turned(view, placed.scene_from_object, s));
   std::vector<int> others;
@@ -77,13 +78,14 @@ std::optional<RecognizedView> AlignedTo(const JointContext& context,
 }
 
 // One of the view's own hypotheses of the object that fits the aligned views.
-std::optional<RecognizedView> AnotherPose(const JointContext& context,
-                                          const PlacedObject& placed,
-                                          const std::vector<std::optional<RecognizedView>>& aligned,
-                                          int v) {
+std::optional<CalibratedCamera> AnotherPose(
+    const JointContext& context,
+    const PlacedObject& placed,
+    const std::vector<std::optional<CalibratedCamera>>& aligned,
+    int v) {
   const auto& hypotheses = context.hypotheses[v][placed.object].best;
   for (std::size_t i = 0; i < std::min<std::size_t>(hypotheses.size(), kHypotheses); ++i) {
-    const RecognizedView view{
+    const CalibratedCamera view{
         hypotheses[i].camera,
         hypotheses[i].camera_from_object * placed.scene_from_object.Inverse()};
     if (auto found = AlignedTo(context, placed, aligned, v, view)) return found;
@@ -101,7 +103,7 @@ void AlignSymmetricViews(const JointContext& context, SceneModel* scene) {
   std::vector<int> waiting;
   for (int v = 0; v < static_cast<int>(scene->views.size()); ++v) {
     if (!scene->views[v]) continue;
-    if (TiedByPlane(context, *scene, v)) return;
+    if (LinkedByPlane(context, *scene, v)) return;
     waiting.push_back(v);
   }
   // Plain parts, most of all, are done here.
@@ -111,7 +113,7 @@ void AlignSymmetricViews(const JointContext& context, SceneModel* scene) {
   const auto first = std::max_element(waiting.begin(), waiting.end(), [&](int a, int b) {
     return ViewScore(placed.support[a]) < ViewScore(placed.support[b]);
   });
-  std::vector<std::optional<RecognizedView>> aligned(scene->views.size());
+  std::vector<std::optional<CalibratedCamera>> aligned(scene->views.size());
   aligned[*first] = scene->views[*first];
   waiting.erase(first);
   bool replaced = false;

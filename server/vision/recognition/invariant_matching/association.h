@@ -1,5 +1,5 @@
-// Which vertex is which point: the fault-tolerant association table of the thesis (4.4;
-// geometry.md 4.1).
+// Which vertex is which point: the fault-tolerant association table of the thesis
+// (4.4).
 #pragma once
 
 #include <Eigen/Core>

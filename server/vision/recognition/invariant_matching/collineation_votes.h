@@ -1,5 +1,5 @@
 // Many tuples say where an object is, each badly: votes for transformations, clustered so that
-// evidence adds up (thesis 4.4, appendix F; geometry.md 4.5).
+// evidence adds up (thesis 4.4, appendix F).
 #pragma once
 
 #include <Eigen/Core>

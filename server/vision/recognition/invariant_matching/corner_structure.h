@@ -28,7 +28,7 @@ struct CornerStructure {
 };
 
 // corners: of FindSpaceCorners on the same views; views of the structure are theirs. The cameras
-// are held: the covariance is block-diagonal. Errors: FAILED_PRECONDITION (fewer than five
+// are fixed: the covariance is block-diagonal. Errors: FAILED_PRECONDITION (fewer than five
 // corners), INVALID_ARGUMENT (more than kMaxStructurePoints).
 absl::StatusOr<CornerStructure> StructureOfCorners(std::span<const FeatureView> views,
                                                    std::span<const SpaceCorner> corners,

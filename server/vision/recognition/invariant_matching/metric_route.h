@@ -1,5 +1,5 @@
 // Recognition of a structure known up to a similarity, or up to a rigid motion once one object has
-// told the scale (geometry.md 7.3, 7.4, 7.6).
+// told the scale.
 #pragma once
 
 #include <optional>

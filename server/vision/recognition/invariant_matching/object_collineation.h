@@ -1,5 +1,5 @@
 // The transformation of an object into a reconstructed scene from corresponding vertices and edges:
-// a collineation, a similarity or a rigid motion (thesis 4.4; geometry.md 4.5, 7.6).
+// a collineation, a similarity or a rigid motion (thesis 4.4).
 #pragma once
 
 #include <Eigen/Core>
@@ -63,7 +63,8 @@ absl::StatusOr<Eigen::Matrix4d> FitTransform(TransformGroup group,
 absl::StatusOr<Eigen::Matrix4d> CollineationFromBasis(std::span<const Eigen::Vector4d> from,
                                                       std::span<const Eigen::Vector4d> to);
 
-// What the observations of each point say about it with the cameras held: 3 x 3, inverse variances.
+// What the observations of each point say about it with the cameras fixed: 3 x 3, inverse
+// variances.
 std::vector<Eigen::Matrix3d> PointInformation(const SceneStructure& structure);
 
 // Squared Mahalanobis distance of a mapped vertex (3 degrees of freedom); infinite behind w = 0.

@@ -1,5 +1,5 @@
 // Recognition of a structure known up to a collineation: no assumption about the cameras
-// (thesis 4.2 - 4.4; geometry.md 4, 7.2, 7.6).
+// (thesis 4.2 - 4.4).
 #pragma once
 
 #include <map>

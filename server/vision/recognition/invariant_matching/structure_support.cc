@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "server/vision/invariants/line_sets.h"
+
 namespace horopter {
 namespace {
 
@@ -199,6 +201,36 @@ bool IsSeenUnmirrored(const SceneStructure& structure,
   return proper > 0;
 }
 
+bool LineSetsAgree(const SceneStructure& structure,
+                   const ObjectShape& shape,
+                   std::span<const VertexMatch> vertices,
+                   std::span<const EdgeMatch> edges,
+                   double tolerance_rad) {
+  int sets = 0, agreeing = 0;
+  for (const EdgeMatch& e : edges) {
+    const auto [a, b] = shape.edges[e.edge];
+    std::vector<VertexMatch> beside;
+    for (const VertexMatch& m : vertices) {
+      if (m.vertex != a && m.vertex != b) beside.push_back(m);
+    }
+    const Vector6d of_model =
+        LineThrough(shape.vertices[a].homogeneous(), shape.vertices[b].homogeneous());
+    for (std::size_t first = 0; first + 4 <= beside.size(); ++first) {
+      std::array<Eigen::Vector4d, 4> points, model;
+      for (int i = 0; i < 4; ++i) {
+        points[i] = structure.points[beside[first + i].point].homogeneous();
+        model[i] = shape.vertices[beside[first + i].vertex].homogeneous();
+      }
+      const auto of_scene = FourPointsOneLine(points, structure.lines[e.line]);
+      const auto of_object = FourPointsOneLine(model, of_model);
+      if (!of_scene || !of_object) continue;
+      ++sets;
+      agreeing += std::abs(of_scene->values(0) - of_object->values(0)) < tolerance_rad;
+    }
+  }
+  return 2 * agreeing >= sets;
+}
+
 StructureHypothesis JudgeTransform(TransformGroup group,
                                    const StructureEvidence& evidence,
                                    const ObjectShape& shape,
@@ -226,6 +258,10 @@ StructureHypothesis JudgeTransform(TransformGroup group,
   if (!IsSeenUnmirrored(structure, shape, H)) return out;
   std::vector<double> edge_chi2;
   out.edges = MatchEdges(evidence, shape, mapped, H, options.edge_gate, &edge_chi2);
+  if (options.check_line_sets &&
+      !LineSetsAgree(structure, shape, out.vertices, out.edges, options.line_set_rad)) {
+    return out;
+  }
 
   double sum = 0.0, chi2_sum = 0.0;
   for (const VertexMatch& m : out.vertices) {

@@ -1,5 +1,5 @@
 // What a reconstructed structure says for an object in it: the hypothesis of both bottom-up routes
-// and its verification by collineation or similarity (thesis 4.4; geometry.md 4.5, 7.6).
+// and its verification by collineation or similarity (thesis 4.4).
 #pragma once
 
 #include <Eigen/Core>
@@ -29,6 +29,10 @@ struct SupportOptions {
   // the structure.
   double rough_reach = 0.10;
   int rounds = 3;  // of matching and refinement
+  // Half of the sets of four matched vertices and a matched edge must have the invariant of the
+  // model's (thesis 4.2) within the angle, or the hypothesis goes.
+  bool check_line_sets = false;
+  double line_set_rad = 0.15;
 };
 
 // An object in a structure. What makes it an answer, or not, are the images.
@@ -75,9 +79,19 @@ bool IsSeenUnmirrored(const SceneStructure& structure,
                       const ObjectShape& shape,
                       const Eigen::Matrix4d& structure_from_shape);
 
+// Whether half and more of the sets of four matched vertices and a matched edge beside them have
+// the invariant of the model's (FourPointsOneLine, thesis 4.2) within `tolerance_rad`; true without
+// such sets. Needs no transformation, but correspondences.
+bool LineSetsAgree(const SceneStructure& structure,
+                   const ObjectShape& shape,
+                   std::span<const VertexMatch> vertices,
+                   std::span<const EdgeMatch> edges,
+                   double tolerance_rad);
+
 // Matches vertices and edges, refines the transformation on them, and sums up what speaks for it.
 // log_odds is negative infinity when fewer vertices match than determine the transformation and one
-// more, or when it mirrors the object or takes it through the plane at infinity.
+// more, or when it mirrors the object or takes it through the plane at infinity, or its line sets
+// do not agree where that is asked for.
 StructureHypothesis JudgeTransform(TransformGroup group,
                                    const StructureEvidence& evidence,
                                    const ObjectShape& shape,

@@ -1,5 +1,5 @@
 // Which points of a component are asked for together: conditioning and visibility choose, not
-// neighbourhood (geometry.md 7.2, 7.6).
+// neighbourhood.
 #pragma once
 
 #include <array>

@@ -1,6 +1,6 @@
 // What is costly in a PreparedObject as bytes, so that a catalog of a thousand objects is ready in
 // a second: the view sphere, resting poses, solid cells and invariant keys. The rest (samples,
-// vertex paths, shares of visible edges) follows from the model in microseconds and is made anew.
+// vertex paths, shares of visible edges) follows from the model in microseconds and is recomputed.
 //
 // Byte layout, little-endian, no padding: the header of checked_blob.h (magic "HPRE", fingerprint
 // of the model's geometry and of the options it was prepared with), then
@@ -30,7 +30,7 @@
 namespace horopter {
 
 // To be raised with every change of what PrepareObject computes or how it is written: stored blobs
-// of another version are made anew.
+// of another version are recomputed.
 inline constexpr int kPreparedVersion = 6;
 
 PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options = {});

@@ -11,6 +11,7 @@
 #include "server/base/status_macros.h"
 #include "server/base/stop_scope.h"
 #include "server/vision/geometry/depth_buffer.h"
+#include "server/vision/geometry/hidden_tolerance.h"
 #include "server/vision/geometry/pinhole_camera.h"
 
 namespace horopter {
@@ -18,7 +19,6 @@ namespace {
 
 constexpr int kAspectPixels = 160;
 // A point this far behind the nearest surface (share of the diameter) is hidden.
-constexpr double kHiddenTolerance = 0.012;
 constexpr double kSameVertex = 1e-3;  // diameters
 
 struct CubeCell {
@@ -97,7 +97,7 @@ void ComputeAspects(const PrepareOptions& options, PreparedObject* object) {
     RenderDepth(object->model.mesh, camera, camera_from_object, &buffer);
     for (int i = 0; i < n; ++i) {
       const Eigen::Vector3d p = camera_from_object * object->samples[i].point.cast<double>();
-      if (!IsVisible(buffer, Project(camera, p), p.z(), kHiddenTolerance * diameter)) continue;
+      if (!IsVisible(buffer, Project(camera, p), p.z(), kHiddenShareAdjusted * diameter)) continue;
       object->visible[static_cast<std::size_t>(aspect) * object->words + i / 64] |= 1ull
                                                                                     << (i % 64);
     }

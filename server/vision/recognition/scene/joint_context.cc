@@ -16,17 +16,14 @@ void StartCamera(const EvidenceInput& input, int v, JointContext* context) {
   if (input.reconstruction != nullptr && input.reconstruction->trusted &&
       input.reconstruction->views[v]) {
     camera = input.reconstruction->views[v]->camera;
-    sigma = std::min(sigma, std::max(0.02, input.reconstruction->views[v]->focal_log_sigma));
+    // Cameras found from images are believed no better than those that a caller knows.
+    sigma = std::min(
+        sigma, std::max(kHintedFocalLogSigma, input.reconstruction->views[v]->focal_log_sigma));
   }
   if (!input.hints.empty()) {
     const CameraHint& hint = input.hints[v];
-    if (hint.focal_px) {
-      camera.focal_px = *hint.focal_px;
-      sigma = hint.focal_log_sigma.value_or(0.02);
-    }
-    if (hint.principal_point)
-      camera.cx = hint.principal_point->x(), camera.cy = hint.principal_point->y();
-    if (hint.k1) camera.k1 = *hint.k1;
+    camera = WithHint(camera, hint);
+    if (hint.focal_px) sigma = FocalLogSigma(hint);
   }
   context->start_cameras.push_back(camera);
   context->focal_log_sigma.push_back(sigma);

@@ -19,14 +19,14 @@ struct Candidate {
   Eigen::Vector3d point;  // scene, relative to the anchor
 };
 
-Eigen::Vector3d SceneRay(const RecognizedView& view, const Eigen::Vector2d& pixel) {
+Eigen::Vector3d SceneRay(const CalibratedCamera& view, const Eigen::Vector2d& pixel) {
   return (view.camera_from_scene.R.transpose() * NormalizedPoint(view.camera, pixel).homogeneous())
       .normalized();
 }
 
 // Midpoint of the common perpendicular; empty for nearly parallel rays or points behind a camera.
-std::optional<Eigen::Vector3d> Triangulate(const RecognizedView& a,
-                                           const RecognizedView& b,
+std::optional<Eigen::Vector3d> Triangulate(const CalibratedCamera& a,
+                                           const CalibratedCamera& b,
                                            const PlanePoints::Match& m) {
   const Eigen::Vector3d ca = a.camera_from_scene.Inverse().t, cb = b.camera_from_scene.Inverse().t;
   const Eigen::Vector3d u = SceneRay(a, m.pixel_a), v = SceneRay(b, m.pixel_b);
@@ -40,8 +40,8 @@ std::optional<Eigen::Vector3d> Triangulate(const RecognizedView& a,
 
 }  // namespace
 
-std::optional<Eigen::Vector2d> PlaneTransferError(const RecognizedView& a,
-                                                  const RecognizedView& b,
+std::optional<Eigen::Vector2d> PlaneTransferError(const CalibratedCamera& a,
+                                                  const CalibratedCamera& b,
                                                   const PlanePoints& points,
                                                   const PlanePoints::Match& m) {
   const Eigen::Vector3d origin = a.camera_from_scene.Inverse().t, ray = SceneRay(a, m.pixel_a);
@@ -54,7 +54,7 @@ std::optional<Eigen::Vector2d> PlaneTransferError(const RecognizedView& a,
 }
 
 PlanePoints FindPlanePoints(const MatchingResult& matching,
-                            const std::vector<std::optional<RecognizedView>>& views) {
+                            const std::vector<std::optional<CalibratedCamera>>& views) {
   PlanePoints out;
   int known = 0;
   for (const auto& v : views) {

@@ -26,8 +26,8 @@ struct PlanePoints {
 
 // Where view b sees the plane's point that view a sees at m.pixel_a, minus m.pixel_b; empty when
 // there is no such point before both cameras.
-std::optional<Eigen::Vector2d> PlaneTransferError(const RecognizedView& a,
-                                                  const RecognizedView& b,
+std::optional<Eigen::Vector2d> PlaneTransferError(const CalibratedCamera& a,
+                                                  const CalibratedCamera& b,
                                                   const PlanePoints& points,
                                                   const PlanePoints::Match& m);
 
@@ -35,6 +35,6 @@ std::optional<Eigen::Vector2d> PlaneTransferError(const RecognizedView& a,
 // at most 60 matches per pair that agree with it within 12 px. No matches when fewer than 12 agree:
 // the plane then plays no part.
 PlanePoints FindPlanePoints(const MatchingResult& matching,
-                            const std::vector<std::optional<RecognizedView>>& views);
+                            const std::vector<std::optional<CalibratedCamera>>& views);
 
 }  // namespace horopter

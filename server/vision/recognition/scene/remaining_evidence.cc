@@ -90,7 +90,7 @@ RemainingEvidence WithoutExplained(const JointContext& context,
   for (const ViewEvidence& view : context.views) gone.emplace_back(view.segment_samples.size(), 0);
   VerifyScratch scratch;
   for (const PlacedObject& o : scene.objects) {
-    if (Evidence(o.score, o.total.Sharpness()) < sure_evidence) continue;
+    if (EdgeLogLikelihoodRatio(o.score, o.total.Sharpness()) < sure_evidence) continue;
     PlacedObject again = o;
     ExplainedSegments explained;
     EvaluatePlacement(context, scene.views, nearest, &scratch, &again, &explained);

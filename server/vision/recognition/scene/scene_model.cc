@@ -13,8 +13,8 @@ namespace {
 // stays unexplained, in units of an explained edge.
 constexpr double kPrintedPrecision = 0.8;
 constexpr double kPrintedShare = 0.5;
-constexpr double kMissingPrice = 1.5;
-constexpr double kUnexplainedPrice = 0.5;
+constexpr double kMissingCost = 1.5;
+constexpr double kUnexplainedCost = 0.5;
 constexpr double kFootprintTouch = 0.006;  // share of the diameter
 
 // Views in which less is predicted to be visible (working pixels) have no say.
@@ -25,13 +25,13 @@ constexpr double kViewFloor = 0.12;
 
 }  // namespace
 
-double EvidenceOf(const PlacedObject& p) {
+double LogLikelihoodRatio(const PlacedObject& p) {
   const double sharpness = p.total.Sharpness();
-  return Evidence(p.score, sharpness) + TextureLogOdds(p.texture, sharpness);
+  return EdgeLogLikelihoodRatio(p.score, sharpness) + TextureLogOdds(p.texture, sharpness);
 }
 
 double JointScore(std::span<const EdgeSupport> support,
-                  const std::vector<std::optional<RecognizedView>>& views) {
+                  const std::vector<std::optional<CalibratedCamera>>& views) {
   int registered = 0, seen = 0, hidden = 0;
   double log_sum = 0.0;
   for (std::size_t v = 0; v < support.size(); ++v) {
@@ -54,11 +54,11 @@ double SupportGain(const EdgeSupport& s) {
   // Print on a part that is there beyond doubt is no evidence against it.
   if (s.Precision() >= kPrintedPrecision)
     unexplained = std::min(unexplained, kPrintedShare * s.supported);
-  return s.supported - kMissingPrice * (s.visible - s.supported) - kUnexplainedPrice * unexplained;
+  return s.supported - kMissingCost * (s.visible - s.supported) - kUnexplainedCost * unexplained;
 }
 
 void EvaluatePlacement(const JointContext& context,
-                       const std::vector<std::optional<RecognizedView>>& views,
+                       const std::vector<std::optional<CalibratedCamera>>& views,
                        std::span<const DepthBuffer> occluders,
                        VerifyScratch* scratch,
                        PlacedObject* placed,

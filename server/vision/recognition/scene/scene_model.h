@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "server/vision/geometry/supporting_plane.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/recognition/options.h"
 #include "server/vision/recognition/scoring/pose_score.h"
@@ -14,12 +15,6 @@
 #include "server/vision/recognition/types.h"
 
 namespace horopter {
-
-// Plane {x : normal . x = offset} in the scene frame, normal towards the cameras.
-struct ScenePlane {
-  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
-  double offset_m = 0.0;
-};
 
 struct PlacedObject {
   int object = -1;
@@ -32,12 +27,12 @@ struct PlacedObject {
 };
 
 // What a placement's edges and the texture on its faces say for it, log odds (log_odds.h).
-double EvidenceOf(const PlacedObject& placed);
+double LogLikelihoodRatio(const PlacedObject& placed);
 
 struct SceneModel {
-  std::vector<std::optional<RecognizedView>> views;
+  std::vector<std::optional<CalibratedCamera>> views;
   std::vector<PlacedObject> objects;
-  std::optional<ScenePlane> plane;
+  std::optional<SupportingPlane> plane;
   double gain = 0.0;  // sum over the objects
   int registered() const {
     int n = 0;
@@ -61,10 +56,10 @@ struct JointContext {
   std::shared_ptr<const SurfaceImages> surface_images;
   RecognitionOptions options;
   StopRequested stop;
-  // A stop or a hurry: seeds need not be looked for any more, nor another round begun.
+  // A stop or a hurry: initial hypotheses need not be looked for any more, nor another round begun.
   StopRequested give_up;
   StepListener on_step;
-  std::size_t seed_count = 0;  // linked hypotheses of single views; for the report
+  std::size_t initial_count = 0;  // linked hypotheses of single views; for the report
 };
 
 // What a request brings, as far as the images and cameras go. hints: empty or one per view.
@@ -97,7 +92,7 @@ double SupportGain(const EdgeSupport& support);
 // lies outside the image in most registered views, or is seen in one of several only: wrong cameras
 // push objects out of the images that contradict them.
 double JointScore(std::span<const EdgeSupport> support,
-                  const std::vector<std::optional<RecognizedView>>& views);
+                  const std::vector<std::optional<CalibratedCamera>>& views);
 
 // One byte per segment sample of every view: 1 where an object explains it.
 using ExplainedSegments = std::vector<std::vector<std::uint8_t>>;
@@ -105,7 +100,7 @@ using ExplainedSegments = std::vector<std::vector<std::uint8_t>>;
 // Verifies a placed object in every registered view. occluders: one depth buffer per view (empty:
 // none). explained: if not null, receives what the object explains.
 void EvaluatePlacement(const JointContext& context,
-                       const std::vector<std::optional<RecognizedView>>& views,
+                       const std::vector<std::optional<CalibratedCamera>>& views,
                        std::span<const DepthBuffer> occluders,
                        VerifyScratch* scratch,
                        PlacedObject* placed,

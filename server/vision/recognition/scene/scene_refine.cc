@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "server/vision/geometry/plucker_line.h"
+#include "server/vision/geometry/pose_perturbation.h"
 #include "server/vision/recognition/scene/plane_points.h"
 #include "server/vision/recognition/scoring/pose_refine.h"
 
@@ -20,7 +21,7 @@ constexpr double kMaxTurn = 0.5;  // radians per step; more means the system is 
 
 struct Layout {
   std::vector<int> camera;  // first parameter of a view, -1: not registered
-  std::vector<int> object;  // first parameter of an object, -1: held
+  std::vector<int> object;  // first parameter of an object, -1: fixed
   int size = 0;
 };
 
@@ -58,10 +59,10 @@ struct NormalEquations {
 using CameraStep = Eigen::Matrix<double, kCameraSize, 1>;
 
 // The camera turned about the pivot (scene frame), moved, and its focal length scaled.
-RecognizedView Stepped(const RecognizedView& view,
-                       const Eigen::Vector3d& pivot,
-                       const CameraStep& d) {
-  RecognizedView out = view;
+CalibratedCamera Stepped(const CalibratedCamera& view,
+                         const Eigen::Vector3d& pivot,
+                         const CameraStep& d) {
+  CalibratedCamera out = view;
   const Eigen::Vector3d pivot_in_camera = view.camera_from_scene * pivot;
   const Eigen::Matrix3d dR = RotationFromVector(d.head<3>());
   const Rigid3& T = view.camera_from_scene;
@@ -91,7 +92,7 @@ class PlaneTerms {
     for (std::size_t i = 0; i < points_.matches.size(); i += step_) {
       const PlanePoints::Match& m = points_.matches[i];
       if (!scene.views[m.view_a] || !scene.views[m.view_b]) continue;
-      const RecognizedView &a = *scene.views[m.view_a], &b = *scene.views[m.view_b];
+      const CalibratedCamera &a = *scene.views[m.view_a], &b = *scene.views[m.view_b];
       const auto e = PlaneTransferError(a, b, points_, m);
       if (!e) continue;
       const Eigen::Matrix<double, 2, 17> J = Derivatives(a, b, m, pivot);
@@ -116,8 +117,8 @@ class PlaneTerms {
   // Of the misfit after the steps of camera a and b (Stepped: turn, shift, log focal length) and of
   // the plane. With C the centre of a and r = R_a^T q the ray of its pixel, the plane's point is
   // P = C + s r, s = (-1 - n.(C - anchor)) / (n.r). k1 is taken as zero in the derivatives.
-  Eigen::Matrix<double, 2, 17> Derivatives(const RecognizedView& a,
-                                           const RecognizedView& b,
+  Eigen::Matrix<double, 2, 17> Derivatives(const CalibratedCamera& a,
+                                           const CalibratedCamera& b,
                                            const PlanePoints::Match& m,
                                            const Eigen::Vector3d& pivot) const {
     const Eigen::Vector3d& n = points_.plane;
@@ -183,7 +184,7 @@ bool RefineScene(const JointContext& context,
                            Eigen::VectorXd::Zero(layout.size)};
     for (std::size_t v = 0; v < trial.views.size(); ++v) {
       if (!trial.views[v]) continue;
-      const RecognizedView& view = *trial.views[v];
+      const CalibratedCamera& view = *trial.views[v];
       const Eigen::Matrix3d Rt = view.camera_from_scene.R.transpose();
       const Eigen::Vector3d pivot_in_camera = view.camera_from_scene * pivot;
       for (std::size_t k = 0; k < trial.objects.size(); ++k) {

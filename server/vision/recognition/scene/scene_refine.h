@@ -14,7 +14,7 @@ struct SceneRefineOptions {
   double plane_weight = 0.5;  // of a plane match against an edge sample
 };
 
-// Refines focal lengths, camera poses and object poses (the first object is held, it fixes the
+// Refines focal lengths, camera poses and object poses (the first object is fixed, it fixes the
 // gauge) on the visible edges and on the plane's matched texture: a small part alone says little
 // about the cameras. Leaves the scene unchanged and returns false when the system cannot
 // be solved.

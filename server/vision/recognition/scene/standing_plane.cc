@@ -12,10 +12,10 @@ constexpr int kIterations = 10;
 
 }  // namespace
 
-ScenePlane PlaneUnderParts(const JointContext& context,
-                           std::span<const PlacedObject> parts,
-                           const ScenePlane& plane,
-                           const StandingPlaneOptions& options) {
+SupportingPlane PlaneUnderParts(const JointContext& context,
+                                std::span<const PlacedObject> parts,
+                                const SupportingPlane& plane,
+                                const StandingPlaneOptions& options) {
   std::vector<Eigen::Vector3d> feet;
   int standing = 0;
   for (const PlacedObject& p : parts) {
@@ -54,7 +54,7 @@ ScenePlane PlaneUnderParts(const JointContext& context,
     abc = N.ldlt().solve(g);
   }
   if (!abc.allFinite()) return plane;
-  ScenePlane out;
+  SupportingPlane out;
   out.normal = (plane.normal - abc(0) * x - abc(1) * y).normalized();
   out.offset_m =
       out.normal.dot(middle - (plane.normal.dot(middle) - plane.offset_m - abc(2)) * plane.normal);

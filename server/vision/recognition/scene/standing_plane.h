@@ -21,9 +21,9 @@ struct StandingPlaneOptions {
 // cameras whose lenses are known badly, parts through what they are themselves. Robust least
 // squares of offset and tilt with the given plane as prior; the given plane where fewer parts stand
 // near it.
-ScenePlane PlaneUnderParts(const JointContext& context,
-                           std::span<const PlacedObject> parts,
-                           const ScenePlane& plane,
-                           const StandingPlaneOptions& options = {});
+SupportingPlane PlaneUnderParts(const JointContext& context,
+                                std::span<const PlacedObject> parts,
+                                const SupportingPlane& plane,
+                                const StandingPlaneOptions& options = {});
 
 }  // namespace horopter

@@ -15,7 +15,7 @@ constexpr double kDiscSlackM = 0.015;
 
 HeightRange HeightAbovePlane(const PreparedObject& object,
                              const Rigid3& scene_from_object,
-                             const ScenePlane& plane) {
+                             const SupportingPlane& plane) {
   HeightRange range{1e9, -1e9};
   for (const auto& v : object.model.mesh.vertices) {
     const double h = plane.normal.dot(scene_from_object * v) - plane.offset_m;
@@ -40,7 +40,7 @@ double Outline::Radius() const {
 
 Outline OutlineOnPlane(const PreparedObject& object,
                        const Rigid3& scene_from_object,
-                       const ScenePlane& plane) {
+                       const SupportingPlane& plane) {
   Outline out;
   out.x = plane.normal.unitOrthogonal();
   out.y = plane.normal.cross(out.x);

@@ -19,7 +19,7 @@ struct HeightRange {
 };
 HeightRange HeightAbovePlane(const PreparedObject& object,
                              const Rigid3& scene_from_object,
-                             const ScenePlane& plane);
+                             const SupportingPlane& plane);
 
 // Outline of an object seen along a plane's normal.
 struct Outline {
@@ -34,7 +34,7 @@ struct Outline {
 };
 Outline OutlineOnPlane(const PreparedObject& object,
                        const Rigid3& scene_from_object,
-                       const ScenePlane& plane);
+                       const SupportingPlane& plane);
 
 // Whether the middle of `above` lies over `below`, kOverhangM beside it at most.
 bool LiesOver(const Outline& above, const Outline& below);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/geometry/hidden_tolerance.h"
 #include "server/vision/recognition/learnt_constants.h"
 
 namespace horopter {
@@ -22,13 +23,12 @@ struct SurfaceImages {
 
 namespace {
 
-constexpr double kEdgeMargin = 1.8;        // half windows between a patch and the next edge
-constexpr double kMinFacing = 0.3;         // cosine between a face's normal and the view
-constexpr double kHiddenTolerance = 0.02;  // diameters
-constexpr double kWindowWidth = 640.0;     // image width that window and shift are stated for
-constexpr double kMostWidth = 1280.0;      // wider images are made smaller
-constexpr double kSmoothing = 1.0;         // pixels of such an image
-constexpr double kPlaneShare = 0.7;        // of the shift: nearer transfers are not told apart
+constexpr double kEdgeMargin = 1.8;     // half windows between a patch and the next edge
+constexpr double kMinFacing = 0.3;      // cosine between a face's normal and the view
+constexpr double kWindowWidth = 640.0;  // image width that window and shift are stated for
+constexpr double kMostWidth = 1280.0;   // wider images are made smaller
+constexpr double kSmoothing = 1.0;      // pixels of such an image
+constexpr double kPlaneShare = 0.7;     // of the shift: nearer transfers are not told apart
 
 struct Patch {
   Eigen::Vector3d point;  // scene frame
@@ -204,7 +204,7 @@ class Comparison {
 
   // More than 0: alike in most of the views; less: unlike; 0: nothing is said.
   int Judge(const Patch& patch) const {
-    const double tolerance = kHiddenTolerance * diameter_m_;
+    const double tolerance = kHiddenShareOfFaces * diameter_m_;
     int best = -1;
     double best_size = 0.0;
     std::vector<int> seeing;
@@ -260,7 +260,7 @@ class Comparison {
       const Eigen::Vector2d u = DepthPixel(view, p);
       const int x = static_cast<int>(std::lround(u.x())), y = static_cast<int>(std::lround(u.y()));
       if (x < 0 || y < 0 || x >= view.depth.width || y >= view.depth.height) return false;
-      if (std::abs(view.depth.At(x, y) - p.z()) > kHiddenTolerance * diameter_m_) return false;
+      if (std::abs(view.depth.At(x, y) - p.z()) > kHiddenShareOfFaces * diameter_m_) return false;
     }
     return true;
   }
@@ -350,7 +350,7 @@ std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
   return out;
 }
 
-double TextureEvidence(const SurfaceTexture& texture) {
+double TextureLogLikelihoodRatio(const SurfaceTexture& texture) {
   return std::clamp((texture.alike - kUnlikePatchWeight * texture.unlike) / kPatchesPerLogOdds,
                     -kMostTextureAgainst,
                     kMostTextureFor);
@@ -361,12 +361,12 @@ void JudgeTexture(const JointContext& context, SceneModel* scene) {
   std::iota(all.begin(), all.end(), 0);
   const std::vector<SurfaceTexture> found = CompareSurfaces(context, *scene, all);
   for (std::size_t i = 0; i < found.size(); ++i)
-    scene->objects[i].texture = TextureEvidence(found[i]);
+    scene->objects[i].texture = TextureLogLikelihoodRatio(found[i]);
 }
 
 void JudgeTexture(const JointContext& context, int object, SceneModel* scene) {
   scene->objects.at(object).texture =
-      TextureEvidence(CompareSurfaces(context, *scene, {&object, 1})[0]);
+      TextureLogLikelihoodRatio(CompareSurfaces(context, *scene, {&object, 1})[0]);
 }
 
 }  // namespace horopter

@@ -45,7 +45,7 @@ std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
 
 // What the texture on an object's faces adds to the log odds that it is right, for or against.
 // Neighbouring patches are not independent, so that it is bounded.
-double TextureEvidence(const SurfaceTexture& texture);
+double TextureLogLikelihoodRatio(const SurfaceTexture& texture);
 
 // Sets the texture evidence of the scene's objects, of all or of one.
 void JudgeTexture(const JointContext& context, SceneModel* scene);

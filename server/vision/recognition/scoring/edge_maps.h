@@ -1,4 +1,4 @@
-// Oriented distance maps of one image's edges: what a projected model edge is held against.
+// Oriented distance maps of one image's edges: what a projected model edge is compared with.
 #pragma once
 
 #include <Eigen/Core>

@@ -10,7 +10,7 @@ double Logistic(double log_odds) {
   return 1.0 / (1.0 + std::exp(-log_odds));
 }
 
-double Evidence(double support, double sharpness) {
+double EdgeLogLikelihoodRatio(double support, double sharpness) {
   return std::max(0.0,
                   kSceneSupportWeight * (support - kChanceSupport) +
                       kSceneSharpnessWeight * (sharpness - kChanceSupport));
@@ -22,7 +22,7 @@ double TextureLogOdds(double texture, double sharpness) {
          std::clamp(1.0 - (kChanceSupport - sharpness) / kBluntness, 0.0, 1.0);
 }
 
-double PriceOfTrying(std::size_t objects) {
+double MultipleTestingPenalty(std::size_t objects) {
   return std::max(0.0, std::log(static_cast<double>(objects) / kLearntCatalogObjects));
 }
 

@@ -9,14 +9,14 @@ double Logistic(double log_odds);
 
 // What one object says for the scene's cameras and scale, in units of log odds; 0 for support that
 // chance may give. support: see JointScore; sharpness: EdgeSupport::Sharpness over all views.
-double Evidence(double support, double sharpness);
+double EdgeLogLikelihoodRatio(double support, double sharpness);
 
 // What the texture on its faces adds to that of an object of this sharpness. texture: log odds, see
 // surface_texture.h.
 double TextureLogOdds(double texture, double sharpness);
 
 // How much evidence (log odds) chance gives the best of so many objects more than the best of the
-// 20 that the verdict was learnt with: ln(n / 20), at least 0.
-double PriceOfTrying(std::size_t objects);
+// 20 that the decision was learnt with: ln(n / 20), at least 0.
+double MultipleTestingPenalty(std::size_t objects);
 
 }  // namespace horopter

@@ -6,6 +6,8 @@
 #include <bit>
 #include <cmath>
 
+#include "server/vision/geometry/pose_perturbation.h"
+
 namespace horopter {
 namespace {
 
@@ -20,12 +22,6 @@ double Reach(const RefineOptions& options, int iteration) {
 }
 
 }  // namespace
-
-Eigen::Matrix3d RotationFromVector(const Eigen::Vector3d& w) {
-  const double angle = w.norm();
-  if (angle < 1e-12) return Eigen::Matrix3d::Identity();
-  return Eigen::AngleAxisd(angle, w / angle).toRotationMatrix();
-}
 
 std::vector<EdgeResidual> AssociateEdges(const PreparedObject& object,
                                          const EdgeMaps& maps,

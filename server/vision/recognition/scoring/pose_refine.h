@@ -6,8 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "server/vision/geometry/pinhole_camera.h"
-#include "server/vision/geometry/rigid3.h"
+#include "server/vision/geometry/calibrated_camera.h"
 #include "server/vision/recognition/object/prepared_object.h"
 #include "server/vision/recognition/scoring/view_evidence.h"
 
@@ -55,10 +54,8 @@ std::optional<RefinedPose> RefineInView(const PreparedObject& object,
                                         const RefineOptions& options);
 
 // The views an object is refined in together, cameras fixed.
-struct KnownView {
+struct KnownView : CalibratedCamera {
   const EdgeMaps* maps = nullptr;
-  PinholeCamera camera;
-  Rigid3 camera_from_scene;
 };
 
 // Refines one object's pose against all views with known cameras.
@@ -66,8 +63,5 @@ std::optional<Rigid3> RefineInScene(const PreparedObject& object,
                                     std::span<const KnownView> views,
                                     const Rigid3& scene_from_object,
                                     const RefineOptions& options);
-
-// exp of a rotation vector.
-Eigen::Matrix3d RotationFromVector(const Eigen::Vector3d& w);
 
 }  // namespace horopter

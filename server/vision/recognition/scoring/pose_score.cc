@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "absl/container/inlined_vector.h"
+#include "server/vision/geometry/hidden_tolerance.h"
 
 namespace horopter {
 namespace {
@@ -19,7 +20,6 @@ constexpr double kSharpPx = 0.35;
 // An image segment is explained by a visible model edge within this.
 constexpr int kExplainPx = 3;
 // A segment sample this close to the silhouette counts as inside.
-constexpr double kHiddenTolerance = 0.015;  // share of the diameter
 constexpr float kMinDepth = 1e-4f;
 // Supported samples of 4 px at which the small-count factor is one half.
 constexpr double kSmallCount = 20.0;
@@ -269,7 +269,7 @@ EdgeSupport VerifyPose(const PreparedObject& object,
   shifted.cy -= scratch->y0;
   RenderDepth(object.model.mesh, shifted, camera_from_object, &scratch->depth);
 
-  const double tolerance = kHiddenTolerance * object.model.diameter_m;
+  const double tolerance = kHiddenShareFound * object.model.diameter_m;
   const std::size_t cells = static_cast<std::size_t>(maps.width) * maps.height;
   for (const EdgeSample& s : object.samples) {
     const Eigen::Vector3d p = camera_from_object * s.point.cast<double>();

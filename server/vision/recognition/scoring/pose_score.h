@@ -57,8 +57,8 @@ struct EdgeSupport {
   double RecallAll() const { return segments > 0 ? all_explained / segments : 0.0; }
 };
 
-// 2PR/(P+R) with R inside the silhouette, times n/(n+20) for n supported 4 px samples (frontend.md
-// 4).
+// 2PR/(P+R) with R inside the silhouette, times n/(n+20) for n supported
+// 4 px samples.
 double SilhouetteF1(const EdgeSupport& support);
 // The larger of SilhouetteF1 and what P alone is worth, 0.85 P^2: print on a part leaves edges
 // inside its silhouette that the model does not have. True poses of printed boxes have P of 0.85

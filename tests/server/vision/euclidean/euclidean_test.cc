@@ -51,7 +51,7 @@ struct Scene {
                     pose.t + Eigen::Vector3d(move * g(rng), move * g(rng), move * g(rng))};
     };
     for (int v = 0; v < 5; ++v) {
-      RecognizedView view{cameras[v], camera_from_world[v]};
+      CalibratedCamera view{cameras[v], camera_from_world[v]};
       view.camera.focal_px *= 1.01;
       recognition.views.push_back(view);
     }
@@ -172,12 +172,21 @@ TEST(RefineMetricScene, NothingToRefineIsAPrecondition) {
             absl::StatusCode::kFailedPrecondition);
 }
 
+TEST(RefineMetricScene, NoObjectThatFitsIsAPrecondition) {
+  Scene scene(0.3, 9);
+  scene.recognition.objects.push_back(scene.recognition.objects[1]);  // of two none is rejected
+  EuclideanOptions options;
+  options.rejection.least_found = 2.0;  // more than all of its edges
+  EXPECT_EQ(RefineMetricScene(scene.Input(), scene.recognition, options).status().code(),
+            absl::StatusCode::kFailedPrecondition);
+}
+
 TEST(FindPlanePoints, PlaneOfTheTableAndNothingFromTooFewMatches) {
   Scene scene(0.0, 9);
   std::mt19937 rng(9);
-  std::vector<std::optional<RecognizedView>> views;
+  std::vector<std::optional<CalibratedCamera>> views;
   for (int v = 0; v < 5; ++v)
-    views.push_back(RecognizedView{scene.cameras[v], scene.camera_from_world[v]});
+    views.push_back(CalibratedCamera{scene.cameras[v], scene.camera_from_world[v]});
   EXPECT_TRUE(FindPlanePoints(scene.matching, views).matches.empty());
   scene.AddTable(&rng);
   const PlanePoints plane = FindPlanePoints(scene.matching, views);

@@ -50,7 +50,7 @@ TEST(PlanGrasps, NothingThroughThePlaneOrThroughANeighbour) {
   GraspScene scene;
   scene.objects = {{&block, {}, Matrix6d::Zero()}};
   EXPECT_EQ(PlanGrasps(scene, 0, {}).size(), 3u);
-  scene.plane = SupportPlane{};
+  scene.plane = SupportingPlane{};
   GraspCounts counts;
   EXPECT_EQ(Names(PlanGrasps(scene, 0, {}, &counts)), (std::vector<std::string>{"top", "side"}));
   EXPECT_EQ(counts.considered, 3);
@@ -94,7 +94,7 @@ TEST(PlanGrasps, ACupNeedsRoomForItsHolderAndASurePlaceAndTilt) {
   block.grasps = {cup};
   GraspScene scene;
   scene.objects = {{&block, {}, Matrix6d::Zero()}};
-  scene.plane = SupportPlane{};
+  scene.plane = SupportingPlane{};
   ASSERT_EQ(PlanGrasps(scene, 0, {}).size(), 1u);
   EXPECT_EQ(PlanGrasps(scene, 0, {})[0].success, 1.0);
   // A higher neighbour 25 mm aside: room for the cup, not for a wide holder.

@@ -236,7 +236,7 @@ TEST(RepresentativePose, IsTheSameForAllEquivalentPoses) {
   }
 }
 
-TEST(SupportPlane, IsTheTableWithAndWithoutTexture) {
+TEST(SupportingPlane, IsTheTableWithAndWithoutTexture) {
   for (const bool table : {true, false}) {
     MetricSceneOptions options = Options({Bracket(), WedgePart(), StepPart()}, 12);
     options.table = table;

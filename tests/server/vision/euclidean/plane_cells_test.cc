@@ -17,7 +17,7 @@ namespace {
 // Two views of the plane z = 0 through lenses with distortion.
 struct PlaneScene {
   MetricSceneTruth truth;
-  std::vector<std::optional<RecognizedView>> views;
+  std::vector<std::optional<CalibratedCamera>> views;
   PlanePoints plane;  // the true one
 
   explicit PlaneScene(unsigned seed) {
@@ -30,7 +30,7 @@ struct PlaneScene {
     truth.cameras[0].k1 = -0.06;
     truth.cameras[1].k1 = -0.02;
     for (int v = 0; v < 2; ++v)
-      views.push_back(RecognizedView{truth.cameras[v], truth.camera_from_world[v]});
+      views.push_back(CalibratedCamera{truth.cameras[v], truth.camera_from_world[v]});
     plane.anchor = truth.camera_from_world[0].Inverse().t;
     plane.plane = {0.0, 0.0, 1.0 / plane.anchor.z()};
   }

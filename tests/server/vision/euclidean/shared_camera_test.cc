@@ -91,7 +91,7 @@ TEST(Likeness, OfTheSameIntrinsicsCostsNothingAndItsDerivativesAreThoseOfTheCost
     views[v].known = true;
     views[v].camera = CenteredCamera(640, 480, 900.0);
   }
-  const std::vector<CameraLikeness> alike{{{0, 2}, 0.01, 0.5, 0.002}};
+  const std::vector<CameraSimilarity> alike{{{0, 2}, 0.01, 0.5, 0.002}};
   EXPECT_EQ(LikenessCost(views, alike), 0.0);
   views[0].camera.focal_px *= 1.02;
   views[1].camera.focal_px *= 3.0;  // in no group

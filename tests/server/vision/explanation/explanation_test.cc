@@ -21,7 +21,7 @@ class ExplainObjectTest : public testing::Test {
       const PinholeCamera camera = CenteredCamera(640, 480, 780.0);
       const Rigid3 camera_from_scene =
           LookAt({0.32 * std::sin(a), -0.32 * std::cos(a), 0.26}, {0.03, 0.02, 0.02});
-      world_->views.push_back(RecognizedView{camera, camera_from_scene});
+      world_->views.push_back(CalibratedCamera{camera, camera_from_scene});
       const ShadedPart shown{&world_->objects[0]->model, camera_from_scene};
       world_->images.push_back(PhotographParts(camera, {&shown, 1}, 1 + v));
       world_->features.push_back(DetectFeatures(world_->images.back(), {}).value());
@@ -83,7 +83,7 @@ class ExplainObjectTest : public testing::Test {
 
   struct World {
     std::vector<std::shared_ptr<const PreparedObject>> objects;
-    std::vector<std::optional<RecognizedView>> views;
+    std::vector<std::optional<CalibratedCamera>> views;
     std::vector<cv::Mat> images;
     std::vector<ImageFeatures> features;
   };
@@ -121,7 +121,7 @@ TEST_F(ExplainObjectTest, AnObjectInThePlaceOfAnotherGivesWay) {
   RefusalLog log = Log(1);
   // The wedge, put where the bracket is.
   for (int v = 0; v < 4; ++v) {
-    const RecognizedView& view = *world_->views[v];
+    const CalibratedCamera& view = *world_->views[v];
     log.hypotheses.push_back({1, v, view.camera, view.camera_from_scene, 0.4});
   }
   const Explanation e = Explain(log, Seen(), &metric);

@@ -62,7 +62,7 @@ TEST(SixPointsTest, KeySurvivesCollineationsAndPermutationsAndGivesTheCorrespond
       EXPECT_EQ(order[labeling->groups[g][0]], before->labelings[0].groups[g][0]);
     }
   }
-  // geometry.md 7.2: 67 % of general sets pass the gate.
+  // 67 % of general sets pass the gate.
   EXPECT_GT(kept, 1000);
 }
 
@@ -119,7 +119,7 @@ TEST(SixPointsTest, RejectsFiveAndSixCoplanarPointsRepeatedPointsAndNan) {
 }
 
 TEST(SixPointsTest, CubeCornersNeverHaveThreeInvariants) {
-  // geometry.md 6: of a cube's 28 six-tuples 16 have none and 12 one.
+  // Of a cube's 28 six-tuples 16 have none and 12 one.
   std::vector<Eigen::Vector4d> corners;
   for (int i = 0; i < 8; ++i) {
     corners.emplace_back(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1, 1.0);

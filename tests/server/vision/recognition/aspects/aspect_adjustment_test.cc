@@ -101,6 +101,37 @@ TEST(AdjustToRows, FindsCamerasAndPosesAgainAndErrorsGrowWithTheNoise) {
   }
 }
 
+TEST(AdjustToRows, FocalLengthsThatOneViewLeavesFreeFollowTheOthers) {
+  AspectScene truth = TrueScene();
+  truth.objects.pop_back();
+  for (auto& view : truth.views) view->camera.focal_px = 900.0;
+  for (unsigned seed = 1; seed <= 10; ++seed) {
+    SCOPED_TRACE(testing::Message() << "seed " << seed);
+    std::mt19937 random(seed);
+    // View 2 sees two points, which tell nothing of its focal length.
+    std::vector<SceneRow> rows = RowsOf(truth, 0.3, &random);
+    int of_view = 0;
+    std::erase_if(rows, [&](const SceneRow& r) { return r.view == 2 && ++of_view > 4; });
+    AspectScene scene = truth;
+    scene.views[2]->camera.focal_px = 700.0;
+    for (int k = 0; k < 5; ++k) AdjustToRows(rows, 20, 1.0, &scene);
+    EXPECT_NEAR(std::log(scene.views[2]->camera.focal_px / 900.0), 0.0, 0.1);
+  }
+}
+
+TEST(AdjustToRows, ASetOfTwoCamerasKeepsTheirFocalLengths) {
+  AspectScene truth = TrueScene();
+  truth.views[2]->camera.focal_px = 1100.0;
+  for (unsigned seed = 1; seed <= 10; ++seed) {
+    SCOPED_TRACE(testing::Message() << "seed " << seed);
+    std::mt19937 random(seed);
+    const std::vector<SceneRow> rows = RowsOf(truth, 0.3, &random);
+    AspectScene scene = Disturbed(truth, &random);
+    AdjustToRows(rows, 30, 1.0, &scene);
+    EXPECT_NEAR(std::log(scene.views[2]->camera.focal_px / 1100.0), 0.0, 0.03);
+  }
+}
+
 TEST(AdjustToRows, NeverMakesItWorse) {
   const AspectScene truth = TrueScene();
   for (unsigned seed = 1; seed <= 20; ++seed) {

@@ -38,9 +38,10 @@ struct Shares {
   double found = 0.0, taken = 0.0;
 };
 
-Shares Ask(const Drawing& drawing) {
+Shares Ask(const Drawing& drawing, const std::vector<Eigen::Vector2f>& texture = {}) {
   const PointRaster raster = MakePointRaster(kWidth, kHeight, drawing.points);
-  const std::vector<std::uint8_t> marked = FindPatternPoints(raster, TraceContours(raster, 6.0));
+  const std::vector<std::uint8_t> marked =
+      FindPatternPoints(raster, TraceContours(raster, 6.0), texture);
   if (marked.empty()) return {};
   EXPECT_EQ(marked.size(), raster.points.size());
   double found = 0, of_pattern = 0, taken = 0, others = 0;
@@ -115,6 +116,30 @@ TEST(PatternEdges, HolesWithBrokenRimsAreFoundWhereTheirLatticeGoesOn) {
   const Shares shares = Ask(drawing);
   EXPECT_GT(shares.found, 0.9);
   EXPECT_LT(shares.taken, 0.05);
+}
+
+// Edges dropped as texture above a height of the image.
+std::vector<Eigen::Vector2f> TextureAbove(int height) {
+  std::vector<Eigen::Vector2f> out;
+  for (int y = 0; y < height; y += 4) {
+    for (int x = 0; x < kWidth; x += 4)
+      out.emplace_back(static_cast<float>(x), static_cast<float>(y));
+  }
+  return out;
+}
+
+TEST(PatternEdges, ASheetWhoseFarEndIsTextureIsFoundByItsNearHoles) {
+  Drawing drawing;
+  for (int y = 340; y < kHeight; y += 40) {
+    for (int x = 20; x < kWidth; x += 40)
+      drawing.Circle({static_cast<float>(x), static_cast<float>(y)}, 9, true);
+  }
+  EXPECT_EQ(Ask(drawing).found, 0.0);
+  EXPECT_GT(Ask(drawing, TextureAbove(320)).found, 0.9);
+  Drawing few;
+  for (int k = 0; k < 12; ++k)
+    few.Circle({60.0f + 45.0f * static_cast<float>(k), 400.0f}, 9, false);
+  EXPECT_EQ(Ask(few, TextureAbove(320)).taken, 0.0);
 }
 
 TEST(PatternEdges, AFewHolesAreAPartsOwn) {

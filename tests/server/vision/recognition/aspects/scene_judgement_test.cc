@@ -2,42 +2,14 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <random>
 
-#include "tests/server/vision/recognition/aspects/part_photos.h"
+#include "tests/server/vision/recognition/aspects/photo_scene.h"
 
 namespace horopter {
 namespace {
-
-constexpr int kViews = 4;
-
-// A block with a step, so that no turn of it looks the same.
-TriangleMesh SteppedBlock() {
-  return SweptMesh(
-      {{0.03, -0.02}, {0.03, 0.004}, {0.0, 0.012}, {0.0, 0.02}, {-0.03, 0.02}, {-0.03, -0.02}},
-      0.012);
-}
-
-PinholeCamera Camera() {
-  return CenteredCamera(640, 480, 800.0);
-}
-
-// From above, half a metre away, around the z axis.
-Rigid3 CameraFromScene(int view) {
-  const Eigen::Quaterniond tilt(Eigen::AngleAxisd(2.5, Eigen::Vector3d::UnitX()));
-  const Eigen::Quaterniond around(Eigen::AngleAxisd(0.3 * view, Eigen::Vector3d::UnitZ()));
-  return {(tilt * around).toRotationMatrix(), Eigen::Vector3d(0, 0, 0.32)};
-}
-
-std::vector<std::optional<AspectSceneView>> Views() {
-  std::vector<std::optional<AspectSceneView>> out;
-  for (int v = 0; v < kViews; ++v)
-    out.push_back(AspectSceneView{Camera(), CameraFromScene(v), std::log(800.0), 0.35});
-  return out;
-}
 
 // Short dark lines on the block's upper face, in the block's frame.
 std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> Print(unsigned seed) {
@@ -157,6 +129,29 @@ TEST_F(SceneJudgement, PrintThatStaysInItsPlaceNeedsNoExplanation) {
         JudgeInViews(clutter.images, block(), Views(), {0, Rigid3{}}, strict);
     EXPECT_LT(moving.score, moving_strict.score + 0.03);
   }
+}
+
+TEST_F(SceneJudgement, TwoViewsPresumePrintWhileASceneGrowsAndThreeAskForIt) {
+  SceneJudgementOptions growing;
+  growing.presumed_recall = 0.55;
+  growing.print_precision = 0.6;
+  const unsigned seed = 3;
+  const Photos clutter = Take({{&block(), Rigid3{}}}, [&](int v) { return seed + 10 * (v + 1); });
+  auto two = Views();
+  for (std::size_t v = 2; v < two.size(); ++v) two[v].reset();
+  const auto strict = JudgeInViews(clutter.images, block(), two, {0, Rigid3{}});
+  const auto presumed = JudgeInViews(clutter.images, block(), two, {0, Rigid3{}}, growing);
+  ASSERT_LT(strict.views[0].recall, 0.55);
+  EXPECT_GT(presumed.score, strict.score);
+  EXPECT_GE(presumed.views[0].recall, 0.55);
+  // A wrong pose finds few of its edges: nothing is presumed.
+  Rigid3 shifted;
+  shifted.t.x() = 0.008;
+  EXPECT_EQ(JudgeInViews(clutter.images, block(), two, {0, shifted}, growing).score,
+            JudgeInViews(clutter.images, block(), two, {0, shifted}).score);
+  // Three and more views say what it is: edges that move are none of its print.
+  const auto all = JudgeInViews(clutter.images, block(), Views(), {0, Rigid3{}}, growing);
+  EXPECT_LT(all.views[0].recall, 0.55);
 }
 
 TEST_F(SceneJudgement, NothingRegisteredScoresNothing) {

@@ -14,14 +14,14 @@ namespace {
 std::vector<FeatureView> FeatureViews(const Table& table) {
   std::vector<FeatureView> views;
   for (std::size_t v = 0; v < table.features.size(); ++v)
-    views.push_back({&table.features[v], table.cameras[v], table.camera_from_table[v], 1.0});
+    views.push_back({{table.cameras[v], table.camera_from_table[v]}, &table.features[v], 1.0});
   return views;
 }
 
 std::vector<KnownView> KnownViews(const Table& table, const JointContext& context) {
   std::vector<KnownView> views;
   for (std::size_t v = 0; v < table.features.size(); ++v)
-    views.push_back({&context.views[v].maps, table.cameras[v], table.camera_from_table[v]});
+    views.push_back({{table.cameras[v], table.camera_from_table[v]}, &context.views[v].maps});
   return views;
 }
 
@@ -131,9 +131,9 @@ TEST(PosesFromCorners, FindsPartsInAnyAttitudeAndNotTheOtherPart) {
     double error = 1e9;
     const PreparedObject& model = *table.objects[object];
     if (!own.empty()) {
-      error = LargestError(table, object, own[0].table_from_object, pose);
+      error = LargestError(table, object, own[0].plane_from_object, pose);
       for (const Rigid3& s : model.model.symmetries)
-        error = std::min(error, LargestError(table, object, own[0].table_from_object, pose * s));
+        error = std::min(error, LargestError(table, object, own[0].plane_from_object, pose * s));
     }
     found += error < 1.5;
     mistaken += !own.empty() && !other.empty() && other[0].quick > own[0].quick;

@@ -22,7 +22,7 @@ struct Scene {
   std::vector<FeatureView> Views() const {
     std::vector<FeatureView> views;
     for (std::size_t v = 0; v < cameras.size(); ++v)
-      views.push_back({&features[v], cameras[v], poses[v], 1.0});
+      views.push_back({{cameras[v], poses[v]}, &features[v], 1.0});
     return views;
   }
 };
@@ -108,11 +108,11 @@ TEST(PosesFromCircles, FindsATurnedPartFromItsRim) {
   }
   std::vector<KnownView> views;
   for (std::size_t v = 0; v < evidence.size(); ++v)
-    views.push_back({&evidence[v].maps, scene.cameras[v], scene.poses[v]});
+    views.push_back({{scene.cameras[v], scene.poses[v]}, &evidence[v].maps});
   const std::vector<PooledPose> poses =
       PosesFromCircles(*object, views, FindSpaceCircles(scene.Views()), {});
   ASSERT_FALSE(poses.empty());
-  const Rigid3& best = poses[0].table_from_object;
+  const Rigid3& best = poses[0].plane_from_object;
   // The disc may be turned about its axis, and upside down.
   const Eigen::Vector3d middle(0, 0, 0.0075);
   EXPECT_LT((best * middle - truth * middle).norm(), 0.0015);

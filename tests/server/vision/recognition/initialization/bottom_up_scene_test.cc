@@ -19,7 +19,7 @@ Objects Prepared(const std::vector<ObjectModel>& models) {
 
 RecognitionOptions Only(RecognitionRoute route) {
   RecognitionOptions options;
-  options.routes.table = route == RecognitionRoute::kTable;
+  options.routes.supporting_plane = route == RecognitionRoute::kSupportingPlane;
   options.routes.metric = route == RecognitionRoute::kMetric;
   options.routes.view_led = route == RecognitionRoute::kViewLed;
   options.routes.projective = route == RecognitionRoute::kProjective;
@@ -29,7 +29,7 @@ RecognitionOptions Only(RecognitionRoute route) {
 std::vector<FeatureView> FeatureViews(const MatchedScene& scene) {
   std::vector<FeatureView> views;
   for (std::size_t v = 0; v < scene.cameras.size(); ++v) {
-    views.push_back({&scene.features[v], scene.cameras[v], scene.camera_from_world[v], 1.0});
+    views.push_back({{scene.cameras[v], scene.camera_from_world[v]}, &scene.features[v], 1.0});
   }
   return views;
 }
@@ -255,14 +255,14 @@ TEST(RecognitionOptions, AreCheckedFieldByField) {
   options.routes = {false, false, false, false, false};
   EXPECT_EQ(message(options), "routes: none is on");
   options = {};
-  options.accept_score = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_NE(message(options).find("accept_score"), std::string::npos);
+  options.acceptance.placements.min_score = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_NE(message(options).find("acceptance.placements.min_score"), std::string::npos);
   options = {};
   options.threads = 0;
   EXPECT_NE(message(options).find("threads"), std::string::npos);
   options = {};
-  options.min_parallax_rad = -1.0;
-  EXPECT_NE(message(options).find("min_parallax_rad"), std::string::npos);
+  options.acceptance.scene.min_parallax_rad = -1.0;
+  EXPECT_NE(message(options).find("acceptance.scene.min_parallax_rad"), std::string::npos);
   const MatchedScene scene = MakeMatchedScene(Prepared({LBracket()}), 2, 0.0, 8);
   EXPECT_EQ(RecognizeObjects(scene.Input(), options).status().code(),
             absl::StatusCode::kInvalidArgument);

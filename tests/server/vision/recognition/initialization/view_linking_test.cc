@@ -63,24 +63,24 @@ TEST(PlaneTransfer, TakesPlanePointsFromViewToViewWithinOneChain) {
   EXPECT_FALSE(PlaneTransfer(t.matching, 0, 3).has_value());
 }
 
-TEST(TiedByPlane, NeedsAnotherRegisteredViewOfTheChain) {
+TEST(LinkedByPlane, NeedsAnotherRegisteredViewOfTheChain) {
   LinkedTable linked(true);
   SceneModel scene;
   scene.views.resize(4);
-  scene.views[0] = RecognizedView{linked.table.cameras[0], linked.table.camera_from_table[0]};
-  EXPECT_FALSE(TiedByPlane(linked.context, scene, 0));
-  scene.views[1] = RecognizedView{linked.table.cameras[1], linked.table.camera_from_table[1]};
-  EXPECT_TRUE(TiedByPlane(linked.context, scene, 0));
-  EXPECT_FALSE(TiedByPlane(LinkedTable(false).context, scene, 0));
+  scene.views[0] = CalibratedCamera{linked.table.cameras[0], linked.table.camera_from_table[0]};
+  EXPECT_FALSE(LinkedByPlane(linked.context, scene, 0));
+  scene.views[1] = CalibratedCamera{linked.table.cameras[1], linked.table.camera_from_table[1]};
+  EXPECT_TRUE(LinkedByPlane(linked.context, scene, 0));
+  EXPECT_FALSE(LinkedByPlane(LinkedTable(false).context, scene, 0));
 }
 
-TEST(LinkSeeds, LinkAllViewsThroughThePlaneAndWithoutIt) {
+TEST(LinkedInitialScenes, LinkAllViewsThroughThePlaneAndWithoutIt) {
   for (const bool plane : {true, false}) {
     SCOPED_TRACE(plane);
     const LinkedTable linked(plane);
     // Hypotheses of the other kind of views are not asked.
-    EXPECT_TRUE(LinkSeeds(linked.context, !plane).empty());
-    const std::vector<SceneModel> found = LinkSeeds(linked.context, plane);
+    EXPECT_TRUE(LinkedInitialScenes(linked.context, !plane).empty());
+    const std::vector<SceneModel> found = LinkedInitialScenes(linked.context, plane);
     ASSERT_FALSE(found.empty());
     const SceneModel& best = found[0];
     ASSERT_EQ(best.objects.size(), 1u);
@@ -99,7 +99,7 @@ TEST(RegisterMissingViews, AddsTheViewFromItsOwnHypotheses) {
   SceneModel scene;
   for (int v = 0; v < 4; ++v) {
     scene.views.push_back(
-        RecognizedView{linked.table.cameras[v], linked.table.camera_from_table[v]});
+        CalibratedCamera{linked.table.cameras[v], linked.table.camera_from_table[v]});
   }
   PlacedObject& placed = scene.objects.emplace_back();
   placed.object = 0;

@@ -60,7 +60,7 @@ TEST(SceneProbability, AnObjectThatLeadsThoseInItsPlacePaysNothingForTheirNumber
   other.object = 1;
   const auto probability = [&](double score) {
     other.score = score;
-    const std::vector<double> second = RunnersUp(views.context, views.scene, {&other, 1});
+    const std::vector<double> second = BestCompeting(views.context, views.scene, {&other, 1});
     EXPECT_EQ(second.size(), 1u);
     return SceneProbability(views.context, views.scene, second);
   };
@@ -97,7 +97,7 @@ TEST(DropChanceObjects, LeavesOutWhatSomeOfManyObjectsFitByChance) {
 
 // Support alone does not make an object likely: a part that shares edges with what stands there
 // fits bluntly.
-TEST(DropUnlikelyObjects, LeavesOutBluntOnesAndRenumbersTheRivals) {
+TEST(DropUnlikelyObjects, LeavesOutBluntOnesAndRenumbersTheAlternatives) {
   const auto placed = [](double score, double sharpness) {
     PlacedObject p;
     p.score = score;
@@ -107,17 +107,17 @@ TEST(DropUnlikelyObjects, LeavesOutBluntOnesAndRenumbersTheRivals) {
   };
   SceneModel scene;
   scene.objects = {placed(0.8, 0.8), placed(0.62, 0.2), placed(0.56, 0.7)};
-  std::vector<Rival> rivals(3);
-  for (int k = 0; k < 3; ++k) rivals[k].accepted = k;
-  DropUnlikelyObjects(&scene, &rivals);
+  std::vector<Alternative> alternatives(3);
+  for (int k = 0; k < 3; ++k) alternatives[k].accepted = k;
+  DropUnlikelyObjects({}, &scene, &alternatives);
   ASSERT_EQ(scene.objects.size(), 2u);
   EXPECT_EQ(scene.objects[1].score, 0.56);
-  ASSERT_EQ(rivals.size(), 2u);
-  EXPECT_EQ(rivals[0].accepted, 0);
-  EXPECT_EQ(rivals[1].accepted, 1);
+  ASSERT_EQ(alternatives.size(), 2u);
+  EXPECT_EQ(alternatives[0].accepted, 0);
+  EXPECT_EQ(alternatives[1].accepted, 1);
   scene.objects = {placed(0.62, 0.1), placed(0.6, 0.1)};
-  rivals.clear();
-  DropUnlikelyObjects(&scene, &rivals);
+  alternatives.clear();
+  DropUnlikelyObjects({}, &scene, &alternatives);
   EXPECT_EQ(scene.objects.size(), 1u);  // whether the scene is one is asked elsewhere
 }
 

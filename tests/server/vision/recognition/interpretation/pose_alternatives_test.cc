@@ -59,7 +59,7 @@ class PoseAlternatives : public testing::Test {
           {0.22 * std::sin(a), -0.22 * std::cos(a), from_above ? 0.2 : -0.2}, {0.0, 0.0, 0.0});
       images_.push_back(
           MakeAspectImage(ShadedPhoto({{&(*objects_)[0]->model.mesh, camera_from_scene}}, camera)));
-      result_.views.push_back(RecognizedView{camera, camera_from_scene});
+      result_.views.push_back(CalibratedCamera{camera, camera_from_scene});
     }
     SceneObject answer;
     answer.object = 0;
@@ -67,8 +67,8 @@ class PoseAlternatives : public testing::Test {
     result_.objects.push_back(answer);
   }
 
-  void Find(std::vector<PoseRival> rivals = {}) {
-    choices_ = FindPoseAlternatives(context_, images_, result_, 0, rivals);
+  void Find(std::vector<OtherPose> alternatives = {}) {
+    choices_ = FindPoseAlternatives(context_, images_, result_, 0, alternatives);
     SayPoseAlternatives(context_, images_, &result_);
   }
 

@@ -30,12 +30,12 @@ struct HiddenWedge {
     }
     context = table.Context();
     for (std::size_t v = 0; v < table.cameras.size(); ++v)
-      scene.views.push_back(RecognizedView{table.cameras[v], table.camera_from_table[v]});
-    scene.plane = ScenePlane();
+      scene.views.push_back(CalibratedCamera{table.cameras[v], table.camera_from_table[v]});
+    scene.plane = SupportingPlane();
     for (const Shown& s : brackets) {
       PlacedObject& placed = scene.objects.emplace_back();
       placed.object = s.object;
-      placed.scene_from_object = s.table_from_object;
+      placed.scene_from_object = s.plane_from_object;
     }
     EvaluateTogether(context, &scene);
   }
@@ -56,8 +56,8 @@ TEST(AddHiddenParts, AddsThePartThatStandsAndFitsSharply) {
     HiddenWedge hidden(seed);
     const PlacedObject right = hidden.At(kWedge);
     ExpansionOptions options;
-    ASSERT_GT(right.score, options.hidden_score - options.hidden_slack);
-    options.hidden_score = std::min(options.hidden_score, right.score - 0.02);
+    ASSERT_GT(right.score, options.acceptance.hidden_score - options.acceptance.hidden_slack);
+    options.acceptance.hidden_score = std::min(options.acceptance.hidden_score, right.score - 0.02);
     AddHiddenParts(hidden.context, options, std::vector<PlacedObject>{right}, &hidden.scene);
     ASSERT_EQ(hidden.scene.objects.size(), 3u);
     EXPECT_EQ(hidden.scene.objects[2].object, 1);
@@ -71,8 +71,8 @@ TEST(AddHiddenParts, AddsThePartThatStandsAndFitsSharply) {
 TEST(AddHiddenParts, FloatingPartsAndScenesOfOnePartGetNone) {
   HiddenWedge hidden(5);
   ExpansionOptions options;
-  options.hidden_score = 0.3;
-  options.hidden_sharpness = 0.3;
+  options.acceptance.hidden_score = 0.3;
+  options.acceptance.hidden_sharpness = 0.3;
   Rigid3 floating = kWedge, lying = kWedge;
   floating.t.z() += 0.03;
   lying.R = lying.R * Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitX());

@@ -31,8 +31,8 @@ struct TurnedViews {
   }
 
   // The camera of view v as it is when the box is taken for its equivalent pose.
-  RecognizedView Turned(int v, int symmetry) const {
-    RecognizedView view = *box.scene.views[v];
+  CalibratedCamera Turned(int v, int symmetry) const {
+    CalibratedCamera view = *box.scene.views[v];
     view.camera_from_scene = view.camera_from_scene * box.objects[0]->model.symmetries[symmetry];
     return view;
   }

@@ -16,7 +16,7 @@ SceneModel SceneOf(const Table& table,
                    const Rigid3& pose) {
   SceneModel scene;
   for (std::size_t v = 0; v < table.cameras.size(); ++v)
-    scene.views.push_back(RecognizedView{table.cameras[v], table.camera_from_table[v]});
+    scene.views.push_back(CalibratedCamera{table.cameras[v], table.camera_from_table[v]});
   PlacedObject& placed = scene.objects.emplace_back();
   placed.object = object;
   placed.scene_from_object = pose;

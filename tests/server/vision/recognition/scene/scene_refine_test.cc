@@ -18,7 +18,7 @@ struct TwoObjects {
 
   TwoObjects() {
     for (std::size_t v = 0; v < table.cameras.size(); ++v)
-      scene.views.push_back(RecognizedView{table.cameras[v], table.camera_from_table[v]});
+      scene.views.push_back(CalibratedCamera{table.cameras[v], table.camera_from_table[v]});
     for (const auto& [object, pose] : {std::pair(0, bracket), std::pair(1, wedge)}) {
       PlacedObject& placed = scene.objects.emplace_back();
       placed.object = object;
@@ -103,7 +103,7 @@ TEST(RefineScene, ThePlanesTextureKeepsTheFocalLengths) {
     SceneModel scene;
     for (std::size_t v = 0; v < table.cameras.size(); ++v) {
       context.focal_log_sigma[v] = 0.35;
-      RecognizedView view{table.cameras[v], table.camera_from_table[v]};
+      CalibratedCamera view{table.cameras[v], table.camera_from_table[v]};
       view.camera.focal_px *= 1.02;
       scene.views.push_back(view);
     }

@@ -35,15 +35,15 @@ struct Parts {
 };
 
 // What a badly known lens does to a matched plane.
-ScenePlane Off(double offset_m, double tilt_rad) {
-  ScenePlane plane;
+SupportingPlane Off(double offset_m, double tilt_rad) {
+  SupportingPlane plane;
   plane.normal =
       Eigen::AngleAxisd(tilt_rad, Eigen::Vector3d(0.8, 0.6, 0.0)) * Eigen::Vector3d::UnitZ();
   plane.offset_m = offset_m;
   return plane;
 }
 
-double Tilt(const ScenePlane& plane) {
+double Tilt(const SupportingPlane& plane) {
   return std::acos(std::min(1.0, plane.normal.z()));
 }
 
@@ -52,7 +52,7 @@ TEST(PlaneUnderParts, ReturnsToTheFeetAsNoiseGrows) {
     for (unsigned seed = 1; seed <= 5; ++seed) {
       SCOPED_TRACE(testing::Message() << "seed " << seed << " noise " << noise_m);
       const Parts parts(4, seed, noise_m);
-      const ScenePlane plane = PlaneUnderParts(parts.context, parts.placed, Off(-0.012, 0.03));
+      const SupportingPlane plane = PlaneUnderParts(parts.context, parts.placed, Off(-0.012, 0.03));
       EXPECT_LT(Tilt(plane), 0.006 + 20 * noise_m);
       EXPECT_LT(std::abs(plane.offset_m), 0.001 + 3 * noise_m);
     }
@@ -62,7 +62,7 @@ TEST(PlaneUnderParts, ReturnsToTheFeetAsNoiseGrows) {
 TEST(PlaneUnderParts, APartOnTopOfAFlatOneDoesNotLiftIt) {
   Parts parts(5, 7, 0.0002);
   parts.placed.back().scene_from_object.t.z() += 0.015;
-  const ScenePlane plane = PlaneUnderParts(parts.context, parts.placed, Off(-0.004, 0.01));
+  const SupportingPlane plane = PlaneUnderParts(parts.context, parts.placed, Off(-0.004, 0.01));
   for (std::size_t i = 0; i + 1 < parts.placed.size(); ++i) {
     EXPECT_NEAR(
         plane.normal.dot(parts.placed[i].scene_from_object.t) - plane.offset_m, 0.0, 0.0015);
@@ -70,9 +70,9 @@ TEST(PlaneUnderParts, APartOnTopOfAFlatOneDoesNotLiftIt) {
 }
 
 TEST(PlaneUnderParts, TooFewOrFarOrTiltedPartsLeaveIt) {
-  const ScenePlane given = Off(-0.01, 0.02);
+  const SupportingPlane given = Off(-0.01, 0.02);
   const auto expect_given = [&](const Parts& parts) {
-    const ScenePlane plane = PlaneUnderParts(parts.context, parts.placed, given);
+    const SupportingPlane plane = PlaneUnderParts(parts.context, parts.placed, given);
     EXPECT_EQ(plane.offset_m, given.offset_m);
     EXPECT_EQ(plane.normal, given.normal);
   };

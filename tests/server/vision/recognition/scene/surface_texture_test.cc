@@ -101,13 +101,13 @@ TEST(SurfaceTexture, IsTheSameInLargeImages) {
   EXPECT_LE(large.unlike, large.alike / 20);
 }
 
-TEST(TextureEvidence, GrowsWithAgreementAndIsBounded) {
-  EXPECT_EQ(TextureEvidence({0, 0}), 0.0);
-  EXPECT_GT(TextureEvidence({12, 0}), 1.0);
-  EXPECT_GT(TextureEvidence({12, 0}), TextureEvidence({12, 3}));
-  EXPECT_LT(TextureEvidence({3, 6}), -1.0);
-  EXPECT_EQ(TextureEvidence({1000, 0}), TextureEvidence({2000, 0}));
-  EXPECT_EQ(TextureEvidence({0, 1000}), TextureEvidence({0, 2000}));
+TEST(TextureLogLikelihoodRatio, GrowsWithAgreementAndIsBounded) {
+  EXPECT_EQ(TextureLogLikelihoodRatio({0, 0}), 0.0);
+  EXPECT_GT(TextureLogLikelihoodRatio({12, 0}), 1.0);
+  EXPECT_GT(TextureLogLikelihoodRatio({12, 0}), TextureLogLikelihoodRatio({12, 3}));
+  EXPECT_LT(TextureLogLikelihoodRatio({3, 6}), -1.0);
+  EXPECT_EQ(TextureLogLikelihoodRatio({1000, 0}), TextureLogLikelihoodRatio({2000, 0}));
+  EXPECT_EQ(TextureLogLikelihoodRatio({0, 1000}), TextureLogLikelihoodRatio({0, 2000}));
 }
 
 }  // namespace

@@ -1,0 +1,167 @@
+#include "server/pipeline/recognition_stage.h"
+
+#include <iterator>
+#include <map>
+#include <string_view>
+#include <utility>
+
+#include "server/base/status_macros.h"
+#include "server/pipeline/answer.h"
+#include "server/pipeline/clocks.h"
+#include "server/vision/recognition/explained_recognition.h"
+
+namespace horopter {
+
+namespace {
+
+// Routes that were due but not asked for want of time: in the counts as "unasked_<route>".
+std::vector<std::string> UnaskedRoutes(const RecognitionResult& recognition) {
+  constexpr std::string_view kUnasked = "unasked_";
+  std::vector<std::string> routes;
+  for (const auto& [name, count] : recognition.counts) {
+    if (name.rfind(kUnasked, 0) == 0) routes.push_back(name.substr(kUnasked.size()));
+  }
+  return routes;
+}
+
+// What recognition says of the scene as a whole, in terms of the answer.
+void TellState(const RecognitionResult& recognition, SceneAnswer* answer) {
+  switch (recognition.state) {
+    case RecognitionState::kRecognized:
+      return;
+    case RecognitionState::kNothingFound:
+      return AddReason(ReasonKind::kNothingFound, recognition.detail, answer);
+    case RecognitionState::kAmbiguous:
+      return AddReason(ReasonKind::kAmbiguous, recognition.detail, answer);
+    case RecognitionState::kTooFewFeatures:
+      return AddReason(ReasonKind::kTooFewFeatures, recognition.detail, answer);
+    case RecognitionState::kNoParallax:
+      return AddReason(ReasonKind::kNoParallax, recognition.detail, answer);
+  }
+}
+
+// Matching and reconstruction.
+absl::Status Reconstruct(const SceneRequest& request,
+                         const PipelineOptions& options,
+                         const StopRequested& stop,
+                         SceneTrace* trace,
+                         std::vector<StageReport>* stages) {
+  StageClock matching_clock("matching", stages);
+  HOROPTER_ASSIGN_OR_RETURN(trace->matching,
+                            MatchViews(request.images, trace->features, options.matching, stop));
+  matching_clock.Finish(trace->matching.counts);
+
+  StageClock reconstruction_clock("reconstruction", stages);
+  std::vector<ImageSize> sizes;
+  for (const cv::Mat& image : request.images) sizes.push_back({image.cols, image.rows});
+  HOROPTER_ASSIGN_OR_RETURN(trace->reconstruction,
+                            ReconstructViews(trace->matching,
+                                             trace->features,
+                                             sizes,
+                                             PriorsOf(request),
+                                             options.reconstruction,
+                                             stop));
+  reconstruction_clock.Finish(trace->reconstruction.counts);
+  return absl::OkStatus();
+}
+
+// One call of recognition with the time of its steps.
+using Recognize = absl::StatusOr<RecognitionResult>(const RecognitionInput&,
+                                                    const RecognitionOptions&,
+                                                    const StopRequested&,
+                                                    const StepListener&,
+                                                    RefusalLog*);
+absl::StatusOr<RecognitionResult> TimedRecognition(Recognize* recognize,
+                                                   const RecognitionInput& input,
+                                                   const PipelineOptions& options,
+                                                   const StopRequested& stop,
+                                                   HurryWatch* watch,
+                                                   RefusalLog* log,
+                                                   std::vector<StageReport>* stages) {
+  StageClock clock("recognition", stages);
+  StepClock steps;
+  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
+                            recognize(
+                                input,
+                                options.recognition,
+                                stop,
+                                [&](std::string_view step) {
+                                  steps.Begin(step);
+                                  watch->Begin(step);
+                                },
+                                log));
+  steps.End();
+  std::map<std::string, double> counts = steps.seconds();
+  counts.insert(result.counts.begin(), result.counts.end());
+  clock.Finish(std::move(counts));
+  return result;
+}
+
+}  // namespace
+
+std::vector<ViewPrior> PriorsOf(const SceneRequest& request) {
+  if (request.hints.empty() && request.camera_poses.empty()) return {};
+  std::vector<ViewPrior> priors(request.images.size());
+  for (std::size_t i = 0; i < request.hints.size(); ++i) {
+    const CameraHint& hint = request.hints[i];
+    priors[i].focal_px = hint.focal_px;
+    priors[i].focal_log_sigma = FocalLogSigma(hint);
+    priors[i].principal_point_px = hint.principal_point;
+    priors[i].k1 = hint.k1;
+  }
+  for (std::size_t i = 0; i < request.camera_poses.size(); ++i) {
+    if (!request.camera_poses[i]) continue;
+    priors[i].camera_from_world = request.camera_poses[i]->camera_from_base;
+    priors[i].rotation_sigma_rad = request.camera_poses[i]->rotation_sigma_rad;
+    priors[i].position_sigma_m = request.camera_poses[i]->position_sigma_m;
+  }
+  return priors;
+}
+
+absl::Status RunRecognition(PipelineOptions options,
+                            const SceneRequest& request,
+                            const StopRequested& stop,
+                            RefusalLog* log,
+                            RecognitionInput* input,
+                            PipelineResult* result) {
+  SceneTrace& trace = result->trace;
+  SceneAnswer& answer = result->answer;
+  HurryWatch watch(options.recognition.hurry);
+  options.recognition.hurry = watch.Token();
+  const auto recognize = [&](Recognize* by) {
+    return TimedRecognition(by, *input, options, stop, &watch, log, &answer.stages);
+  };
+  std::vector<std::string> unasked;
+  bool aspects_first = AspectsComeFirst(input->objects, options.recognition);
+  if (aspects_first) {
+    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize(RecognizeByAspectsAlone));
+    // Of a large catalog the images may say that it need not have been.
+    aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
+  }
+  if (trace.recognition.objects.empty() && IsStopRequested(options.recognition.hurry)) {
+    unasked = {"matching", "reconstruction", "recognition"};
+  } else if (trace.recognition.objects.empty()) {
+    watch.Begin("matching");
+    HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));
+    if (!aspects_first || trace.reconstruction.trusted) {
+      input->matching = &trace.matching;
+      input->reconstruction = &trace.reconstruction;
+      HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize(RecognizeObjects));
+      unasked = UnaskedRoutes(found);
+      if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
+    }
+  }
+  answer.time_limited = watch.heard();
+  if (!watch.step().empty()) answer.unsearched.push_back({UnsearchedCause::kTime, watch.step()});
+  for (std::string& step : unasked) {
+    answer.unsearched.push_back({UnsearchedCause::kTime, std::move(step)});
+  }
+  if (options.recognition.routes.aspects &&
+      std::ssize(input->objects) > options.recognition.aspects.max_objects) {
+    answer.unsearched.push_back({UnsearchedCause::kCatalogSize, "aspects"});
+  }
+  TellState(trace.recognition, &answer);
+  return absl::OkStatus();
+}
+
+}  // namespace horopter

@@ -1,0 +1,24 @@
+// Which objects of a catalog a request is about.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/pipeline/pipeline.h"
+
+namespace horopter {
+
+struct Selection {
+  std::vector<std::shared_ptr<const PreparedObject>> objects;
+  std::vector<int> slots;  // of the objects in the catalog's keys; empty when it has none
+};
+
+// The candidates, the reference and the explained object, or all; in the catalog's order.
+// Errors: NOT_FOUND (one of them is not enrolled), INVALID_ARGUMENT (more than `most`), those of
+// the stored objects.
+absl::StatusOr<Selection> SelectObjects(const SceneRequest& request,
+                                        const CatalogSnapshot& catalog,
+                                        int most);
+
+}  // namespace horopter

@@ -1,0 +1,28 @@
+// Variants of the methods, those of the thesis among them, that an operator may choose for one
+// request. The defaults are what recognition does best with (tests/bench/results.md).
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "server/pipeline/pipeline.h"
+
+namespace horopter {
+
+// "NAME=VALUE[,NAME=VALUE...]", nothing twice:
+//   detector       linked_field | edge_drawing (EDLines on five channels)
+//   splitting      chords | curvature_threshold | curvature_templates (thesis 2.3)
+//   conic_fit      rim | orthogonal (thesis 2.4)
+//   line_sets      off | verify (thesis 4.2), of the projective and the metric route
+//   association    cyclic_order | axes (thesis 4.4), of the projective route
+//   decomposition  none | per_object | common | metric | images (thesis 5.3), of that route
+//   routes         all | plane | metric | views | projective | aspects: this one alone
+// Errors: INVALID_ARGUMENT, says what is not known and what is; the options are then as they were.
+absl::Status ApplyVariants(std::string_view variants, PipelineOptions* options);
+
+// Every NAME=VALUE there is, in the order above.
+std::vector<std::string> AllVariants();
+
+}  // namespace horopter

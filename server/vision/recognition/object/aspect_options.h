@@ -1,0 +1,17 @@
+// Options of the room of the aspects, in one place for whoever recognises by them.
+#pragma once
+
+#include "server/vision/recognition/aspects/aspect_linking.h"
+#include "server/vision/recognition/aspects/find_aspects.h"
+#include "server/vision/recognition/aspects/scene_judgement.h"
+
+namespace horopter {
+
+// Threads are the request's, whatever stands here.
+struct AspectRecognitionOptions {
+  FindAspectOptions find;         // hypotheses of single images
+  AspectLinkOptions link;         // from these to a scene
+  SceneJudgementOptions judging;  // of other routes' answers; render_px: judge_render_px
+};
+
+}  // namespace horopter

@@ -1,0 +1,49 @@
+"""The counts of house.py on sources small enough to count by hand."""
+import contextlib
+import io
+import os
+import sys
+import tempfile
+import unittest
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import house  # noqa: E402
+
+
+class Functions(unittest.TestCase):
+    def lines(self, text):
+        return [(lines, name) for lines, name in house.functions(text)]
+
+    def test_bodies_count_from_the_first_word_to_the_brace(self):
+        self.assertEqual(self.lines("namespace a {\nint F(int x,\n      int y) {\n  return x;\n}\n}\n"),
+                         [(4, "int F(int x, int y)")])
+
+    def test_members_count_and_what_stands_inside_does_not(self):
+        text = "class A {\n void F() {\n  auto f = [](int x) {\n   if (x) {\n   }\n  };\n }\n};\nint g[] = {1};\n"
+        self.assertEqual(self.lines(text), [(6, "void F()")])
+
+
+class Tree(unittest.TestCase):
+    def test_rooms_arrows_and_options(self):
+        files = {
+            "server/vision/recognition/low/a.h": "struct AOptions {\n  int x = 0;  // not } this\n  BOptions b;\n};\n",
+            "server/vision/recognition/low/b.h": "struct BOptions {\n  double y = 1.0;\n};\nstruct LostOptions {\n  int z = 0;\n};\n",
+            "server/vision/recognition/high/c.cc": '#include "server/vision/recognition/low/a.h"\n'
+                                                   "struct PipelineOptions {\n  AOptions a;\n};\n",
+            "client/d.cc": "", "db/e.cc": ""}
+        with tempfile.TemporaryDirectory() as root:
+            for path, text in files.items():
+                os.makedirs(os.path.dirname(os.path.join(root, path)), exist_ok=True)
+                with open(os.path.join(root, path), "w", encoding="utf-8") as file:
+                    file.write(text)
+            out = io.StringIO()
+            with contextlib.redirect_stdout(out):
+                house.print_rooms(root)
+                house.print_options(root)
+        self.assertIn("low: 2 modules, 10 lines", out.getvalue())
+        self.assertIn("arrows between rooms: 1, includes: 1\n  high -> low", out.getvalue())
+        self.assertIn("options: 4 structs, 3 fields; reached from PipelineOptions: 3 structs, 2 fields", out.getvalue())
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,84 @@
+#include "server/pipeline/variants.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
+
+namespace horopter {
+namespace {
+
+using testing::HasSubstr;
+
+TEST(ApplyVariants, SetsWhatItNames) {
+  PipelineOptions options;
+  ASSERT_TRUE(ApplyVariants("detector=edge_drawing,splitting=curvature_templates,conic_fit="
+                            "orthogonal,line_sets=verify,"
+                            "association=axes,decomposition=common,routes=projective",
+                            &options)
+                  .ok());
+  const BottomUpOptions& bottom_up = options.bottom_up;
+  EXPECT_EQ(options.features.splitting, ChainSplittingMethod::kCurvatureTemplates);
+  EXPECT_EQ(options.features.detector, EdgeDetector::kEdgeDrawingChannels);
+  EXPECT_TRUE(options.refit_arcs);
+  EXPECT_TRUE(bottom_up.projective.route.support.check_line_sets);
+  EXPECT_TRUE(bottom_up.metric.route.support.check_line_sets);
+  EXPECT_EQ(bottom_up.projective.association, AssociationForm::kAxes);
+  EXPECT_EQ(bottom_up.decomposition, DecompositionMethod::kCommon);
+  EXPECT_TRUE(options.recognition.routes.projective);
+  EXPECT_FALSE(options.recognition.routes.supporting_plane || options.recognition.routes.view_led ||
+               options.recognition.routes.metric || options.recognition.routes.aspects);
+}
+
+TEST(ApplyVariants, EveryVariantIsTakenAndItsOptionsAreValid) {
+  for (const std::string& variant : AllVariants()) {
+    PipelineOptions options;
+    EXPECT_TRUE(ApplyVariants(variant, &options).ok()) << variant;
+    EXPECT_TRUE(Validate(options.features).ok()) << variant;
+    EXPECT_TRUE(Validate(options.recognition).ok()) << variant;
+  }
+}
+
+// The first value of every name is what the options are without it.
+TEST(ApplyVariants, DefaultsChangeNothing) {
+  std::set<std::string> seen;
+  std::vector<std::string> defaults;
+  for (const std::string& variant : AllVariants()) {
+    const std::string name = std::vector<std::string>(absl::StrSplit(variant, '='))[0];
+    if (seen.insert(name).second) defaults.push_back(variant);
+  }
+  PipelineOptions options;
+  ASSERT_TRUE(ApplyVariants(absl::StrJoin(defaults, ","), &options).ok());
+  EXPECT_EQ(options.features.splitting, FeatureOptions().splitting);
+  EXPECT_EQ(options.refit_arcs, PipelineOptions().refit_arcs);
+  EXPECT_EQ(options.bottom_up.projective.association, BottomUpOptions().projective.association);
+  EXPECT_EQ(options.bottom_up.decomposition, BottomUpOptions().decomposition);
+  EXPECT_TRUE(options.recognition.routes.supporting_plane && options.recognition.routes.aspects);
+}
+
+TEST(ApplyVariants, RefusesWhatIsUnknownOrTwiceAndLeavesTheOptions) {
+  for (const char* wrong : {"splitting",
+                            "splitting=",
+                            "splitting=none",
+                            "",
+                            ",",
+                            "edges=all",
+                            "splitting=chords,splitting=chords",
+                            "conic_fit=rim, line_sets=off"}) {
+    PipelineOptions options;
+    options.refit_arcs = true;
+    const absl::Status status = ApplyVariants(wrong, &options);
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << wrong;
+    EXPECT_TRUE(options.refit_arcs) << wrong;
+  }
+  PipelineOptions options;
+  EXPECT_THAT(
+      std::string(ApplyVariants("splitting=none", &options).message()),
+      testing::AllOf(HasSubstr("splitting=none"), HasSubstr("splitting=curvature_templates")));
+}
+
+}  // namespace
+}  // namespace horopter
