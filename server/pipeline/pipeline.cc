@@ -165,6 +165,18 @@ absl::Status RunStation(const PipelineOptions& options,
   return absl::OkStatus();
 }
 
+// Where a reference object says that the cameras are in the base frame, per image; else empty.
+std::vector<std::optional<Rigid3>> CamerasByReference(const SceneRequest& request,
+                                                      const SceneAnswer& answer) {
+  std::vector<std::optional<Rigid3>> out;
+  if (!request.reference || !answer.base_from_scene) return out;
+  for (const auto& camera : answer.cameras) {
+    out.emplace_back();
+    if (camera) out.back() = *answer.base_from_scene * camera->camera_from_scene.Inverse();
+  }
+  return out;
+}
+
 // The options are resolved.
 absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                                          const CatalogSnapshot& catalog,
@@ -210,12 +222,11 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
     HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
     return result;
   }
+  const SceneRequest placed =
+      request.station ? WithStationBase(request, result.station->test) : request;
   HOROPTER_RETURN_IF_ERROR(
-      FillAnswer(*trace.metric,
-                 objects,
-                 request.station ? WithStationBase(request, options.station) : request,
-                 options.euclidean.grasps,
-                 &answer));
+      FillAnswer(*trace.metric, objects, placed, options.euclidean.grasps, &answer));
+  if (request.station) result.station->base_from_camera = CamerasByReference(request, answer);
   if (answer.objects.empty()) AddReason(ReasonKind::kNothingFound, "no object is left", &answer);
   HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
   return result;

@@ -37,6 +37,19 @@ bool HasPlace(const StationRequest& station, std::size_t view) {
 
 }  // namespace
 
+bool IsSwapped(const StationTest& test) {
+  return std::any_of(test.changes.begin(), test.changes.end(), [](const StationChange& change) {
+    return change.kind == StationChangeKind::kSwapped;
+  });
+}
+
+bool HasMoved(const StationTest& test, int camera) {
+  return std::any_of(test.changes.begin(), test.changes.end(), [&](const StationChange& change) {
+    return change.kind == StationChangeKind::kMoved &&
+           std::find(change.cameras.begin(), change.cameras.end(), camera) != change.cameras.end();
+  });
+}
+
 SceneRequest WithStationHints(const SceneRequest& request, const StationOptions&) {
   SceneRequest out = request;
   const StationRequest& station = *request.station;
@@ -66,9 +79,9 @@ SceneRequest WithStationHints(const SceneRequest& request, const StationOptions&
   return out;
 }
 
-SceneRequest WithStationBase(const SceneRequest& request, const StationOptions&) {
+SceneRequest WithStationBase(const SceneRequest& request, const StationTest& test) {
   const StationRequest& station = *request.station;
-  if (!request.camera_poses.empty()) return request;
+  if (!request.camera_poses.empty() || IsSwapped(test)) return request;
   const std::size_t cameras =
       std::min(station.state.cameras.size(), station.base_from_camera.size());
   std::optional<Rigid3> base_from_rig;
@@ -83,6 +96,7 @@ SceneRequest WithStationBase(const SceneRequest& request, const StationOptions&)
   for (std::size_t v = 0; v < poses.size(); ++v) {
     const int c = station.views[v];
     if (c < 0 || c >= static_cast<int>(cameras) || station.state.cameras[c].moving) continue;
+    if (HasMoved(test, c)) continue;
     std::optional<Rigid3> base_from_camera = station.base_from_camera[c];
     if (!base_from_camera && base_from_rig && HasPlace(station, v))
       base_from_camera = *base_from_rig * station.state.cameras[c].camera_from_rig.Inverse();

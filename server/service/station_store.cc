@@ -176,6 +176,45 @@ std::string DescribeChange(const StationState& state, const StationChange& chang
   return cameras;
 }
 
+namespace {
+
+// Of cameras that moved the hand-eye calibration is void; the others take theirs over through the
+// rig as it was before.
+void ForgetMovedBases(const StationTest& test, StationRecord* record) {
+  const std::vector<StationCamera>& cameras = record->state.cameras;
+  const auto fixed = [&](const StationCamera& c) { return c.posed && !c.moving; };
+  for (size_t m = 0; m < cameras.size(); ++m) {
+    const auto known = record->base_from_camera.find(cameras[m].id);
+    if (!HasMoved(test, static_cast<int>(m)) || known == record->base_from_camera.end()) continue;
+    if (fixed(cameras[m])) {
+      const Rigid3 base_from_rig = known->second * cameras[m].camera_from_rig;
+      for (size_t c = 0; c < cameras.size(); ++c) {
+        if (!fixed(cameras[c]) || HasMoved(test, static_cast<int>(c))) continue;
+        record->base_from_camera.try_emplace(cameras[c].id,
+                                             base_from_rig * cameras[c].camera_from_rig.Inverse());
+      }
+    }
+    record->base_from_camera.erase(cameras[m].id);
+  }
+}
+
+// What a reference object says of fixed cameras of which nobody said where they are. Returns their
+// ids.
+std::vector<std::string> LearnBases(const StationViews& views,
+                                    const std::vector<std::optional<Rigid3>>& base_from_camera,
+                                    StationRecord* record) {
+  std::vector<std::string> learnt;
+  for (size_t v = 0; v < std::min(views.size(), base_from_camera.size()); ++v) {
+    const StationCamera& camera = record->state.cameras[views[v]];
+    if (!base_from_camera[v] || camera.moving) continue;
+    if (record->base_from_camera.try_emplace(camera.id, *base_from_camera[v]).second)
+      learnt.push_back(camera.id);
+  }
+  return learnt;
+}
+
+}  // namespace
+
 absl::StatusOr<bool> TeachStation(Catalog& catalog,
                                   const StationStart& start,
                                   const StationOutcome& outcome,
@@ -224,12 +263,20 @@ absl::StatusOr<bool> TeachStation(Catalog& catalog,
       for (const int c : change.cameras) event.camera_ids.push_back(next.state.cameras[c].id);
       event.detail = DescribeChange(next.state, change);
     }
-    learnt = std::none_of(test.changes.begin(), test.changes.end(), [](const auto& c) {
-      return c.kind == StationChangeKind::kSwapped;
-    });
+    learnt = !IsSwapped(test);
     if (test.agrees) {
       next.agreed_request_id = request_id;
       next.agreed_time = next.update_time;
+    }
+    ForgetMovedBases(test, &next);
+    const std::vector<std::string> based =
+        learnt ? LearnBases(views, outcome.base_from_camera, &next) : std::vector<std::string>();
+    if (!based.empty()) {
+      events->push_back({v1::StationEvent::KIND_BASE_LEARNT,
+                         next.update_time,
+                         request_id,
+                         based,
+                         "places in the robot's base frame by the reference object"});
     }
     next.state = UpdateStation(std::move(next.state), views, outcome.evidence, test, options);
     return next;

@@ -31,8 +31,8 @@ std::string Png(int rows = kRows, int columns = kColumns) {
 }
 
 // A rig whose images have the size of the test's.
-SyntheticRig SmallRig() {
-  SyntheticRig rig = MakeSyntheticRig(2, 3);
+SyntheticRig SmallRig(int cameras = 2) {
+  SyntheticRig rig = MakeSyntheticRig(cameras, 3);
   for (PinholeCamera& c : rig.cameras) {
     c.width = kColumns;
     c.height = kRows;
@@ -50,6 +50,7 @@ struct FakeScene {
   std::mutex mutex;
   int calls = 0;
   std::optional<StationRequest> seen;
+  std::vector<std::optional<Rigid3>> by_reference;  // base_from_camera, per image
 
   Recognizer Answers() {
     return [this](const SceneRequest& request, const CatalogSnapshot&, const CallLimits&) {
@@ -66,6 +67,7 @@ struct FakeScene {
       result.station->test =
           TestStation(request.station->state, request.station->views, result.station->evidence, {});
       result.station->prior_used = result.station->test.agrees;
+      result.station->base_from_camera = by_reference;
       return absl::StatusOr<PipelineResult>(std::move(result));
     };
   }
@@ -179,6 +181,39 @@ TEST_F(StationServiceTest, AMovedCameraIsReportedWithTheLastRequestThatAgreed) {
   // It is learnt anew.
   ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
   EXPECT_EQ(answer_.station().findings_size(), 0);
+}
+
+TEST_F(StationServiceTest, AReferenceTeachesTheBaseAndAMovedCameraLosesIt) {
+  scene_.rig = SmallRig(3);
+  const auto base_from = [&](int camera) { return scene_.rig.poses[camera].Inverse(); };
+  const v1::RecognizeSceneRequest request = Request("cell", {"left", "right", "top"});
+  ASSERT_TRUE(Make("cell").ok());
+  for (int i = 0; i < 8; ++i) ASSERT_TRUE(Recognize(request).ok());
+  scene_.by_reference = {base_from(0), base_from(1), std::nullopt};
+  ASSERT_TRUE(Recognize(request).ok());
+  v1::Station station = Get("cell");
+  ASSERT_TRUE(station.cameras(0).has_base_from_camera());
+  ASSERT_TRUE(station.cameras(1).has_base_from_camera());
+  EXPECT_FALSE(station.cameras(2).has_base_from_camera());
+  EXPECT_EQ(station.events(0).kind(), v1::StationEvent::KIND_BASE_LEARNT);
+  EXPECT_EQ(station.events(0).cameras_size(), 2);
+  // Once is enough: the first word stays.
+  const double x = station.cameras(0).base_from_camera().translation_m().x();
+  scene_.by_reference = {base_from(1), std::nullopt, std::nullopt};
+  ASSERT_TRUE(Recognize(request).ok());
+  EXPECT_EQ(Get("cell").cameras(0).base_from_camera().translation_m().x(), x);
+
+  scene_.by_reference.clear();
+  scene_.rig.poses[1].t.x() += 0.05;
+  ASSERT_TRUE(Recognize(request).ok());
+  ASSERT_EQ(answer_.station().findings_size(), 1);
+  ASSERT_EQ(answer_.station().findings(0).cameras_size(), 1);
+  station = Get("cell");
+  EXPECT_TRUE(station.cameras(0).has_base_from_camera());
+  EXPECT_FALSE(station.cameras(1).has_base_from_camera());
+  // The third has it through the rig as it was.
+  ASSERT_TRUE(station.cameras(2).has_base_from_camera());
+  EXPECT_NEAR(station.cameras(2).base_from_camera().translation_m().z(), base_from(2).t.z(), 0.01);
 }
 
 TEST_F(StationServiceTest, ImagesOfAnotherSizeAreAFinding) {
