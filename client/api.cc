@@ -156,6 +156,7 @@ HoropterClient::HoropterClient(const std::string& address, ClientOptions options
   stubs_->catalog = v1::CatalogService::NewStub(stubs_->channel);
   stubs_->recognition = v1::RecognitionService::NewStub(stubs_->channel);
   stubs_->server = v1::ServerService::NewStub(stubs_->channel);
+  stubs_->stations = v1::StationService::NewStub(stubs_->channel);
 }
 
 std::shared_ptr<grpc::Channel> HoropterClient::channel() const {

@@ -13,6 +13,7 @@
 #include "horopter/v1/catalog.pb.h"
 #include "horopter/v1/recognition.pb.h"
 #include "horopter/v1/server.pb.h"
+#include "horopter/v1/station.pb.h"
 #include "server/vision/geometry/object_model.h"
 
 namespace grpc {
@@ -93,6 +94,15 @@ class HoropterClient {
   absl::StatusOr<v1::RestoreCatalogResponse> RestoreCatalog(const std::string& path);
   absl::StatusOr<v1::RecognizeSceneResponse> RecognizeScene(
       const v1::RecognizeSceneRequest& request);
+  // Stations by their ids; cameras by `stations/{station}/cameras/{camera}`.
+  absl::StatusOr<v1::Station> GetStation(const std::string& id);
+  absl::StatusOr<std::vector<v1::Station>> ListStations();  // all pages, without events
+  absl::StatusOr<v1::Station> UpdateStation(const v1::UpdateStationRequest& request);
+  absl::Status DeleteStation(const std::string& id);
+  absl::StatusOr<v1::Station> ResetStation(const std::string& name);  // station or camera
+  absl::StatusOr<v1::Station> ImportCalibration(const std::string& camera_name,
+                                                const v1::CameraCalibration& calibration);
+  absl::StatusOr<v1::CameraCalibration> ExportCalibration(const std::string& camera_name);
   // Version, limits, catalog and load of the server.
   absl::StatusOr<v1::ServerInfo> GetServerInfo();
   // True: the server takes calls; false: it is stopping.

@@ -10,6 +10,7 @@
 #include "horopter/v1/catalog.grpc.pb.h"
 #include "horopter/v1/recognition.grpc.pb.h"
 #include "horopter/v1/server.grpc.pb.h"
+#include "horopter/v1/station.grpc.pb.h"
 
 namespace horopter {
 
@@ -19,6 +20,7 @@ struct HoropterClient::Stubs {
   std::unique_ptr<v1::CatalogService::Stub> catalog;
   std::unique_ptr<v1::RecognitionService::Stub> recognition;
   std::unique_ptr<v1::ServerService::Stub> server;
+  std::unique_ptr<v1::StationService::Stub> stations;
 };
 
 // gRPC of the server broke the call off because messages on their way held all of its memory: the

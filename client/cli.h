@@ -23,6 +23,7 @@ void AddCatalogCommands(CLI::App& app, Command* command);
 void AddDatasetCommands(CLI::App& app, Command* command);
 void AddRecognizeCommand(CLI::App& app, Command* command);
 void AddExplainCommand(CLI::App& app, Command* command);
+void AddStationCommands(CLI::App& app, Command* command);
 void AddToolCommands(CLI::App& app, Command* command);
 
 // Adds a sub-command with the example of its help.

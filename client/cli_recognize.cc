@@ -85,6 +85,14 @@ void AddSceneOptions(CLI::App* command, RecognizeArguments& a) {
                       a.cameras.camera,
                       "calibration, one for all images or one for each: camera_info YAML of ROS "
                       "or YAML of OpenCV's calibration; scaled to the image's size");
+  command->add_option("--station",
+                      a.station,
+                      "ID of the station whose cameras took the images: see horopter station");
+  command
+      ->add_option("--station-cameras",
+                   a.station_cameras,
+                   "its camera of each image, e.g. left,right (default: camera1,camera2,..)")
+      ->delimiter(',');
   command->add_option("--camera-pose",
                       a.cameras.camera_pose,
                       "X Y Z QW QX QY QZ of each camera in the robot base, metres; the camera "

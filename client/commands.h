@@ -91,6 +91,8 @@ struct RecognizeArguments {
   // reference.
   std::vector<std::string> reference;
   CameraArguments cameras;
+  std::string station;                       // whose cameras took the images; empty: none
+  std::vector<std::string> station_cameras;  // ids, one per image
 };
 absl::Status Recognize(HoropterClient& client, const RecognizeArguments& arguments);
 
@@ -98,6 +100,33 @@ absl::Status Recognize(HoropterClient& client, const RecognizeArguments& argumen
 absl::Status Explain(HoropterClient& client,
                      const std::string& object,
                      const RecognizeArguments& arguments);
+
+// Stations: fixed cameras that the server calibrates by use.
+absl::Status StationList(HoropterClient& client);
+// Cameras with deviations, and what was noticed of them.
+absl::Status StationShow(HoropterClient& client, const std::string& id);
+struct StationSetArguments {
+  std::string id;
+  std::optional<std::string> display_name;
+  std::vector<std::string> moving, zooming, fixed;  // cameras
+  // Camera, then its pose in the robot base: x y z (metres) qw qx qy qz.
+  std::vector<std::string> camera_pose;
+};
+// Makes the station where it is missing.
+absl::Status StationSet(HoropterClient& client, const StationSetArguments& arguments);
+absl::Status StationRemove(HoropterClient& client, const std::string& id);
+// Camera empty: the whole station.
+absl::Status StationReset(HoropterClient& client, const std::string& id, const std::string& camera);
+// path: see ReadCameraFile. Errors: INVALID_ARGUMENT (a lens beyond k1, no image size).
+absl::Status StationImport(HoropterClient& client,
+                           const std::string& id,
+                           const std::string& camera,
+                           const std::string& path);
+// Writes camera_info YAML of ROS.
+absl::Status StationExport(HoropterClient& client,
+                           const std::string& id,
+                           const std::string& camera,
+                           const std::string& path);
 
 // Sends recorded requests and compares the answers with the recorded ones, bit for bit but for
 // times and ids. Errors: ABORTED (answers differ; they are printed), those of reading and of the

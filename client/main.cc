@@ -120,6 +120,7 @@ int Main(int argc, char** argv) {
   AddObjectCommands(app, &command);
   AddCatalogCommands(app, &command);
   AddDatasetCommands(app, &command);
+  AddStationCommands(app, &command);
   AddToolCommands(app, &command);
   try {
     app.parse(argc, argv);

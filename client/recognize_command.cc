@@ -125,6 +125,19 @@ void PrintTable(const v1::RecognizeSceneResponse& response,
   for (const v1::SceneFinding& f : response.findings()) {
     Say("%s: %s\n", FindingName(f).c_str(), f.detail().c_str());
   }
+  if (response.has_station()) {
+    const v1::StationReport& station = response.station();
+    Say("%s: %s, %s\n",
+        station.station().c_str(),
+        station.prior_used() ? "what is known of its cameras was used"
+                             : "its cameras by the images alone",
+        station.learnt() ? "learnt from this request" : "learnt nothing");
+    for (const v1::StationFinding& f : station.findings()) {
+      Say("%s: %s\n",
+          v1::StationFinding::Kind_Name(f.kind()).substr(sizeof("KIND_") - 1).c_str(),
+          f.detail().c_str());
+    }
+  }
   double seconds = 0.0;
   for (const v1::StageReport& s : response.stages()) {
     seconds += static_cast<double>(s.elapsed().seconds()) + 1e-9 * s.elapsed().nanos();

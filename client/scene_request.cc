@@ -53,6 +53,23 @@ absl::StatusOr<v1::ReferenceObject> ReferenceOf(const std::vector<std::string>& 
   return reference;
 }
 
+absl::Status NameStation(const RecognizeArguments& arguments, v1::RecognizeSceneRequest* request) {
+  if (arguments.station.empty()) {
+    return arguments.station_cameras.empty()
+               ? absl::OkStatus()
+               : absl::InvalidArgumentError("--station-cameras: only with --station");
+  }
+  const std::vector<std::string>& cameras = arguments.station_cameras;
+  if (!cameras.empty() && static_cast<int>(cameras.size()) != request->images_size())
+    return absl::InvalidArgumentError("--station-cameras: one per image");
+  request->set_station(absl::StrCat("stations/", arguments.station));
+  for (int i = 0; i < request->images_size(); ++i) {
+    request->mutable_images(i)->set_camera_id(cameras.empty() ? absl::StrCat("camera", i + 1)
+                                                              : cameras[static_cast<size_t>(i)]);
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::StatusOr<v1::RecognizeSceneRequest> BuildSceneRequest(const RecognizeArguments& arguments) {
@@ -69,6 +86,7 @@ absl::StatusOr<v1::RecognizeSceneRequest> BuildSceneRequest(const RecognizeArgum
   if (!arguments.reference.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(*request.mutable_reference(), ReferenceOf(arguments.reference));
   }
+  HOROPTER_RETURN_IF_ERROR(NameStation(arguments, &request));
   return request;
 }
 

@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "db/catalog_record.h"
+#include "db/station_record.h"
 #include "server/base/stop_token.h"
 
 struct sqlite3;
@@ -133,6 +134,27 @@ class Catalog {
   // At most `limit` objects' keys, id > after_id, ordered by id: objects without keys too. Errors:
   // INVALID_ARGUMENT (limit < 1).
   absl::StatusOr<std::vector<StoredKeys>> LoadKeys(const std::string& after_id, int limit);
+
+  // Stations lie in the same file, with the same guarantees; their writes are counted apart from
+  // the catalog's. Errors: NOT_FOUND, DATA_LOSS (its state is damaged).
+  absl::StatusOr<StationRecord> GetStation(const std::string& id);
+  // At most `limit` stations with id > after_id, ordered by id. Errors: INVALID_ARGUMENT (limit <
+  // 1), DATA_LOSS.
+  absl::StatusOr<std::vector<StationRecord>> ListStations(const std::string& after_id, int limit);
+  // Latest first, kKeptStationEvents at most; empty when there is no such station.
+  absl::StatusOr<std::vector<StationEventRecord>> StationEvents(const std::string& id);
+  // Reads the station (null: there is none), lets `change` make its next state and adds the events,
+  // with no other write in between. Id and revision are set here. Errors: those of `change`,
+  // DATA_LOSS.
+  using StationChangeFunction = std::function<absl::StatusOr<StationRecord>(
+      const StationRecord* current, std::vector<StationEventRecord>* events)>;
+  absl::StatusOr<StationRecord> WriteStation(const std::string& id,
+                                             const StationChangeFunction& change);
+  // `check` sees the station as it is; its error ends the call. Errors: NOT_FOUND, DATA_LOSS, those
+  // of `check`.
+  absl::Status DeleteStation(
+      const std::string& id,
+      const std::function<absl::Status(const StationRecord& current)>& check = {});
 
   // Writes a copy of the whole catalog, as of one moment, to a new file while other calls go on.
   // The copy is checked, synced and only then given its name; a failure leaves nothing behind.

@@ -12,6 +12,7 @@
 #include "db/sqlite.h"
 #include "server/base/sha256.h"
 #include "server/base/status_macros.h"
+#include "server/vision/geometry/station_blob.h"
 
 namespace horopter {
 namespace {
@@ -97,12 +98,26 @@ absl::Status CheckObject(sqlite3* db,
   return absl::OkStatus();
 }
 
+absl::Status CheckStations(sqlite3* db, Problems* problems) {
+  Statement select(db, "SELECT station_id, state FROM station ORDER BY station_id");
+  while (true) {
+    HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
+    if (!row) return absl::OkStatus();
+    if (const auto state = DecodeStationState(select.Bytes(1)); !state.ok()) {
+      problems->push_back(
+          {"",
+           absl::StrCat("station ", select.Text(0), ": ", std::string(state.status().message()))});
+    }
+  }
+}
+
 absl::StatusOr<Problems> VerifyDatabase(sqlite3* db,
                                         const StopRequested& stop,
                                         const Catalog::Progress& progress) {
   const Interruptible interruptible(db, stop);
   Problems problems;
   absl::Status status = CheckPages(db, &problems);
+  if (status.ok()) status = CheckStations(db, &problems);
   absl::StatusOr<std::vector<std::string>> ids;
   if (status.ok()) status = (ids = AllIds(db)).status();
   for (size_t i = 0; status.ok() && i < ids->size(); ++i) {
@@ -166,10 +181,16 @@ absl::Status Catalog::Restore(const std::string& path) {
   // Numbers of writes do not come twice, and what was read before is not what is there now.
   HOROPTER_ASSIGN_OR_RETURN(const int64_t before,
                             QueryInt(db, "SELECT generation FROM catalog_state"));
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t station_writes,
+                            QueryInt(db, "SELECT writes FROM station_writes"));
   HOROPTER_RETURN_IF_ERROR(CopyPages(backup->connection_->handle.get(), db, {}));
   return RunInTransaction(db, [&]() -> absl::Status {
     Statement count(db, "UPDATE catalog_state SET generation = max(generation, ?) + 1");
     HOROPTER_RETURN_IF_ERROR(count.Bind(before).Run());
+    Statement of_stations(db, "UPDATE station_writes SET writes = max(writes, ?) + 1");
+    HOROPTER_RETURN_IF_ERROR(of_stations.Bind(station_writes).Run());
+    HOROPTER_RETURN_IF_ERROR(
+        Execute(db, "UPDATE station SET revision = (SELECT writes FROM station_writes)"));
     return Execute(db, "UPDATE object SET revision = (SELECT generation FROM catalog_state)");
   });
 }

@@ -31,6 +31,9 @@ absl::Status ValidateRequest(const SceneRequest& request) {
     return absl::InvalidArgumentError("camera_poses: one per image or none");
   }
   HOROPTER_RETURN_IF_ERROR(Validate(PriorsOf(request), request.images.size()));
+  if (request.station && request.station->views.size() != request.images.size()) {
+    return absl::InvalidArgumentError("station: one camera per image");
+  }
   for (std::size_t i = 0; i < request.images.size(); ++i) {
     const int type = request.images[i].type();
     if (request.images[i].empty() || (type != CV_8UC1 && type != CV_8UC3)) {
@@ -95,6 +98,85 @@ absl::Status Explain(const RecognitionInput& input,
   return absl::OkStatus();
 }
 
+// Adjusts what was recognised; nothing to do without. Of a station under what is known of it.
+absl::Status RunEuclidean(const PipelineOptions& options,
+                          const SceneRequest& request,
+                          const RecognitionInput& input,
+                          const StopRequested& stop,
+                          PipelineResult* result) {
+  SceneTrace& trace = result->trace;
+  trace.metric.reset();
+  if (trace.recognition.objects.empty()) return absl::OkStatus();
+  StageClock clock("euclidean", &result->answer.stages);
+  if (!request.station) {
+    HOROPTER_ASSIGN_OR_RETURN(trace.metric,
+                              RefineMetricScene(input, trace.recognition, options.euclidean, stop));
+  } else {
+    HOROPTER_ASSIGN_OR_RETURN(StationScene scene,
+                              RefineUnderStation(input,
+                                                 trace.recognition,
+                                                 request.station->state,
+                                                 request.station->views,
+                                                 options.station,
+                                                 options.euclidean,
+                                                 stop));
+    trace.metric = std::move(scene.metric);
+    result->station = {std::move(scene.test), scene.prior_used, std::move(scene.evidence)};
+  }
+  clock.Finish(trace.metric->counts);
+  return absl::OkStatus();
+}
+
+// Recognition with what is known of the station, and again without it where it finds nothing or the
+// images contradict it. Both answer by the images alone what they say of the cameras.
+absl::Status RunStation(const PipelineOptions& options,
+                        const SceneRequest& request,
+                        const StopRequested& stop,
+                        RefusalLog* log,
+                        RecognitionInput* input,
+                        PipelineResult* result) {
+  const SceneRequest hinted = WithStationHints(request, options.station);
+  const auto lenses = [](const SceneRequest& r) {
+    return std::count_if(
+        r.hints.begin(), r.hints.end(), [](const CameraHint& h) { return h.focal_px.has_value(); });
+  };
+  const bool anything_known =
+      lenses(hinted) > lenses(request) || hinted.camera_poses.size() > request.camera_poses.size();
+  result->station.emplace();
+  for (const bool with_prior : {true, false}) {
+    if (with_prior && !anything_known) continue;
+    const SceneRequest& asked = with_prior ? hinted : request;
+    result->trace.recognition = {};
+    result->trace.matching = {};
+    result->trace.reconstruction = {};
+    result->answer.reasons.clear();
+    result->answer.unsearched.clear();
+    input->hints = asked.hints;
+    input->matching = nullptr;
+    input->reconstruction = nullptr;
+    HOROPTER_RETURN_IF_ERROR(RunRecognition(options, asked, stop, log, input, result));
+    input->hints = request.hints;
+    HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, *input, stop, result));
+    if (result->trace.metric && (result->station->prior_used || result->station->test.agrees))
+      return absl::OkStatus();
+  }
+  // What was found under a prior that the images contradict teaches nothing.
+  if (!result->trace.metric) result->station->evidence = {};
+  return absl::OkStatus();
+}
+
+// Where a reference object says that the cameras are in the base frame, per image; else empty.
+std::vector<std::optional<Rigid3>> CamerasByReference(const SceneRequest& request,
+                                                      const SceneAnswer& answer) {
+  std::vector<std::optional<Rigid3>> out;
+  if (!request.reference || !answer.base_from_scene) return out;
+  for (const auto& camera : answer.cameras) {
+    out.emplace_back();
+    if (camera) out.back() = *answer.base_from_scene * camera->camera_from_scene.Inverse();
+  }
+  return out;
+}
+
 // The options are resolved.
 absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                                          const CatalogSnapshot& catalog,
@@ -130,18 +212,21 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   RefusalLog log;
   log.object = IndexOf(request.explained, objects);
   RefusalLog* const kept = log.object < 0 ? nullptr : &log;
-  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, stop, kept, &input, &result));
-  if (trace.recognition.objects.empty()) {
+  if (request.station) {
+    HOROPTER_RETURN_IF_ERROR(RunStation(options, request, stop, kept, &input, &result));
+  } else {
+    HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, stop, kept, &input, &result));
+    HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, input, stop, &result));
+  }
+  if (!trace.metric) {
     HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
     return result;
   }
-
-  StageClock euclidean_clock("euclidean", &answer.stages);
-  HOROPTER_ASSIGN_OR_RETURN(trace.metric,
-                            RefineMetricScene(input, trace.recognition, options.euclidean, stop));
-  euclidean_clock.Finish(trace.metric->counts);
+  const SceneRequest placed =
+      request.station ? WithStationBase(request, result.station->test) : request;
   HOROPTER_RETURN_IF_ERROR(
-      FillAnswer(*trace.metric, objects, request, options.euclidean.grasps, &answer));
+      FillAnswer(*trace.metric, objects, placed, options.euclidean.grasps, &answer));
+  if (request.station) result.station->base_from_camera = CamerasByReference(request, answer);
   if (answer.objects.empty()) AddReason(ReasonKind::kNothingFound, "no object is left", &answer);
   HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
   return result;

@@ -71,6 +71,7 @@ struct PipelineOptions {
   AspectRecognitionOptions aspects;  // ... and by the aspects of the parts
   // Fits arcs once more by orthogonal distance (features/arc_refit.h, thesis 2.4).
   bool refit_arcs = false;
+  StationOptions station;  // of requests that name one
   // Cores one request uses; the stages get this value (ResolveOptions). More: a faster answer.
   int threads = 2;
   // Objects that are searched for at once; a request over a larger catalog has to name candidates.
@@ -81,6 +82,7 @@ struct PipelineOptions {
 struct PipelineResult {
   SceneAnswer answer;
   SceneTrace trace;
+  std::optional<StationOutcome> station;  // of a request that names one
 };
 
 // The options as the stages see them: what several stages share has one place in the tree, and is

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "server/pipeline/base_frame.h"
+#include "server/pipeline/station.h"
 #include "server/vision/euclidean/euclidean.h"
 #include "server/vision/explanation/explanation.h"
 #include "server/vision/matching/matching.h"
@@ -44,6 +45,7 @@ struct SceneRequest {
   std::string explained;
   bool unexplained_edges = false;  // SceneAnswer::unexplained_edges is wanted
   std::string variants;            // of the methods, see variants.h; empty: the options as they are
+  std::optional<StationRequest> station;  // whose cameras took the images
 };
 
 // Why an answer is less than objects with poses in every frame that was asked for; see SceneReason

@@ -16,8 +16,10 @@
 namespace horopter {
 namespace {
 
-constexpr const char* kServiceNames[] = {
-    "horopter.v1.RecognitionService", "horopter.v1.CatalogService", "horopter.v1.ServerService"};
+constexpr const char* kServiceNames[] = {"horopter.v1.RecognitionService",
+                                         "horopter.v1.CatalogService",
+                                         "horopter.v1.StationService",
+                                         "horopter.v1.ServerService"};
 constexpr int kMaxStreamsPerConnection = 100;
 constexpr int kMaxMetadataBytes = 16 << 10;
 // Largest messages that gRPC itself may hold. Above it breaks calls off, those that are answered as
@@ -72,6 +74,8 @@ Listener::Listener(std::unique_ptr<Access> access, const ServedParts& served)
                served.shelf,
                CallGate{&served.catalog_calls, &served.memory, access_.get(), served.sink},
                served.max_object_bytes),
+      stations_(served.store.catalog(),
+                CallGate{&served.catalog_calls, &served.memory, access_.get(), served.sink}),
       info_(served.store, served.scenes, served.memory, *access_, served.limits) {}
 
 Listener::~Listener() = default;
@@ -89,6 +93,7 @@ absl::StatusOr<std::unique_ptr<Listener>> Listener::Start(const ListenerOptions&
   SetLimits(options, &builder);
   builder.RegisterService(&listener->recognition_);
   builder.RegisterService(&listener->catalog_);
+  builder.RegisterService(&listener->stations_);
   builder.RegisterService(&listener->info_);
   int port = 0;
   if (!options.address.empty()) builder.AddListeningPort(options.address, credentials, &port);

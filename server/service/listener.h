@@ -10,6 +10,7 @@
 #include "server/service/catalog_service.h"
 #include "server/service/recognition_service.h"
 #include "server/service/server_info_service.h"
+#include "server/service/station_service.h"
 #include "server/service/transport_security.h"
 
 namespace grpc {
@@ -63,6 +64,7 @@ class Listener {
   const std::unique_ptr<Access> access_;
   RecognitionService recognition_;
   CatalogService catalog_;
+  StationService stations_;
   ServerInfoService info_;
   std::unique_ptr<grpc::Server> server_;
   std::string address_;

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -14,6 +15,8 @@
 #include "server/service/answer_overlay.h"
 #include "server/service/convert.h"
 #include "server/service/rpc_status.h"
+#include "server/service/station_convert.h"
+#include "server/service/station_store.h"
 #include "server/service/unary_call.h"
 
 namespace horopter {
@@ -50,6 +53,30 @@ absl::StatusOr<std::string> AllowedVariants(const std::string& named,
   return FieldError(absl::StatusCode::kPermissionDenied,
                     kVariantsKey,
                     "this server takes no variants: start it with --allow-variants");
+}
+
+// Of a request that names a station; its state goes into the record, for a replay.
+absl::StatusOr<std::optional<StationStart>> BeginStationOf(const v1::RecognizeSceneRequest& proto,
+                                                           Catalog& catalog,
+                                                           SceneRequest* scene,
+                                                           RequestRecord* record) {
+  if (proto.station().empty()) {
+    if (!proto.station_state().empty()) return InvalidField("station_state", "set without station");
+    return std::nullopt;
+  }
+  HOROPTER_ASSIGN_OR_RETURN(const std::string id, StationIdFromName(proto.station(), "station"));
+  std::vector<std::string> cameras;
+  for (const v1::SceneImage& image : proto.images()) cameras.push_back(image.camera_id());
+  HOROPTER_ASSIGN_OR_RETURN(
+      std::optional<StationStart> station,
+      BeginStation(catalog, id, proto.station_state(), cameras, scene->images));
+  scene->station = station->request;
+  if (proto.station_state().empty()) {
+    v1::RecognizeSceneRequest supplement;
+    supplement.set_station_state(station->state);
+    record->request_supplement = supplement.SerializeAsString();
+  }
+  return station;
 }
 
 StageReport DecodeReport(std::chrono::steady_clock::time_point start, const SceneRequest& request) {
@@ -166,6 +193,8 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
       SceneRequestFromProto(request, limits_.images, limits_.decode_threads, call.limits.stop));
   HOROPTER_RETURN_IF_ERROR(CheckIds(request, scene, *published));
   HOROPTER_ASSIGN_OR_RETURN(scene.variants, AllowedVariants(call.variants, limits_));
+  HOROPTER_ASSIGN_OR_RETURN(const std::optional<StationStart> station,
+                            BeginStationOf(request, store_.catalog(), &scene, call.record));
   StageReport decode = DecodeReport(start, scene);
 
   HOROPTER_ASSIGN_OR_RETURN(PipelineResult result,
@@ -177,6 +206,21 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
         AddDrawings(request, scene, format, store_, published->snapshot, &result, response));
   }
   SceneAnswerToProto(result.answer, scene, format, response);
+  if (station) {
+    // An answer is no worse for a station that could not be taught.
+    const auto learnt = TeachStation(
+        store_.catalog(), *station, result.station.value_or(StationOutcome()), call.request_id);
+    if (!learnt.ok()) {
+      spdlog::error("request={} station={} cannot be taught: {}",
+                    call.request_id,
+                    station->id,
+                    std::string(learnt.status().message()));
+    }
+    StationReportToProto(*station,
+                         result.station.value_or(StationOutcome()),
+                         learnt.ok() && *learnt,
+                         response->mutable_station());
+  }
   EchoImages(request, response);
   response->set_request_id(call.request_id);
   response->set_catalog_generation(published->snapshot.generation);

@@ -111,7 +111,8 @@ Recorder::Outcome Recorder::Record(const RequestRecord& record) {
   if (!Wanted(record)) return Outcome::kNotWanted;
   RecordingFile recording;
   recording.about = AboutOf(record, version_, settings_);
-  recording.request = record.request->SerializeAsString();
+  // Fields that follow a serialized message are merged into it when it is read.
+  recording.request = record.request->SerializeAsString() + record.request_supplement;
   if (record.status.ok() && record.response != nullptr) {
     recording.response = record.response->SerializeAsString();
   }

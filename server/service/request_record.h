@@ -51,6 +51,9 @@ struct RequestRecord {
   // Of RecognizeScene that was read, for a sink that KeepsMessages, only while the sink is called.
   const google::protobuf::Message* request = nullptr;
   const google::protobuf::Message* response = nullptr;
+  // Serialized fields that the request did not have and that a replay needs: what was known of its
+  // station.
+  std::string request_supplement;
 };
 
 // Thread-safe; called once per call, before the client gets the answer. Must not throw and should

@@ -179,7 +179,8 @@ std::string NamedResource(const google::protobuf::Message& request) {
       return reflection->GetString(request, field);
     }
   }
-  const auto* const object = descriptor->FindFieldByName("object");
+  const auto* object = descriptor->FindFieldByName("object");
+  if (object == nullptr) object = descriptor->FindFieldByName("station");
   if (object == nullptr || object->is_repeated() ||
       object->cpp_type() != google::protobuf::FieldDescriptor::CPPTYPE_MESSAGE) {
     return "";

@@ -65,7 +65,8 @@ struct ParsedCall {
   std::string resource;  // the object that the request names
 };
 
-// The object that a request names in `name`, `object_id` or `object.name`; empty: none.
+// The object or station that a request names in `name`, `object_id`, `object.name` or
+// `station.name`; empty: none.
 std::string NamedResource(const google::protobuf::Message& request);
 
 // The part that does not depend on the messages. `parse` is called at most once, before this

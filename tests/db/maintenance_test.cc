@@ -177,7 +177,8 @@ TEST(DigestTest, ObjectsOfTheSchemaBeforeRevisionsKeepTheirDigestsAndGetRevision
     before = catalog->Generation().value();
   }
   Tamper(path,
-         "DROP TABLE label; DROP TABLE create_request; "
+         "DROP TABLE station_event; DROP TABLE station_hand_eye; DROP TABLE station; "
+         "DROP TABLE station_writes; DROP TABLE label; DROP TABLE create_request; "
          "ALTER TABLE object DROP COLUMN revision; ALTER TABLE grasp DROP COLUMN kind; "
          "ALTER TABLE grasp DROP COLUMN cup_radius_m; PRAGMA user_version=4");
   Tamper(path, "UPDATE grasp SET jaw_opening_m = 0.2 WHERE object_id = 'obj_2' AND idx = 0");
@@ -205,7 +206,9 @@ TEST(DigestTest, ObjectsOfAnOlderSchemaGetTheirDigestsAndTheFileIsCopiedBefore) 
   Enrol(*Catalog::Open(path).value(), 0, 3);
   // As the schema before digests left it.
   Tamper(path,
-         "DROP TABLE object_digest; DROP TABLE label; DROP TABLE create_request; "
+         "DROP TABLE station_event; DROP TABLE station_hand_eye; DROP TABLE station; "
+         "DROP TABLE station_writes; DROP TABLE object_digest; DROP TABLE label; DROP TABLE "
+         "create_request; "
          "ALTER TABLE object DROP COLUMN revision; ALTER TABLE grasp DROP COLUMN kind; "
          "ALTER TABLE grasp DROP COLUMN cup_radius_m; PRAGMA user_version=3");
   {

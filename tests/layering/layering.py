@@ -48,6 +48,10 @@ FOLDERS = collections.OrderedDict([
     ("server/vision/recognition", BELOW_ROOMS + ROOMS_SHARE + ["server/vision/recognition/" + r for r in ROOMS]),
     ("server/vision/euclidean",
      BELOW_ROOMS + ROOMS_SHARE + ["server/vision/recognition"] + ["server/vision/recognition/" + r for r in ROOMS]),
+    # What is known of a cell's cameras from request to request: above the adjustment it learns from.
+    ("server/vision/station",
+     ["server/base", "server/vision/geometry", "server/vision/recognition", "server/vision/euclidean",
+      "server/vision/recognition/types.h"]),
     # Reads what recognition and the adjustment found, and changes none of it.
     ("server/vision/explanation",
      BELOW_ROOMS + ROOMS_SHARE + ["server/vision/recognition", "server/vision/euclidean"] +
@@ -58,7 +62,7 @@ FOLDERS = collections.OrderedDict([
     ("server/pipeline",
      ["server/base", "db", "server/vision/geometry", "server/vision/features", "server/vision/matching",
       "server/vision/reconstruction", "server/vision/recognition", "server/vision/euclidean",
-      "server/vision/explanation"] + ROOMS_SHARE +
+      "server/vision/explanation", "server/vision/station"] + ROOMS_SHARE +
      # Stored objects, the catalog's keys, and the options that variants of the methods change.
      ["server/vision/recognition/object", "server/vision/recognition/invariant_matching",
       "server/vision/recognition/initialization"]),

@@ -74,6 +74,23 @@ class Values(unittest.TestCase):
         self.assertTrue(np.isnan(pixel[1]).all())
         self.assertEqual(camera.K[0, 2], 320.0)
 
+    def test_a_request_of_a_station_names_its_cameras(self):
+        from horopter import _requests
+        request = _requests.recognize_request(IMAGES, None, None, None, station="cell")
+        self.assertEqual((request.station, [i.camera_id for i in request.images]), ("stations/cell", ["camera1", "camera2"]))
+        request = _requests.recognize_request(IMAGES, None, None, None, station="cell", station_cameras=["left", "right"])
+        self.assertEqual([i.camera_id for i in request.images], ["left", "right"])
+        for wrong in (dict(station="cell", station_cameras=["left"]), dict(station_cameras=["left", "right"])):
+            with self.assertRaises(ValueError):
+                _requests.recognize_request(IMAGES, None, None, None, **wrong)
+        answer = types.recognition_pb2.RecognizeSceneResponse()
+        finding = answer.station.findings.add(cameras=["stations/cell/cameras/left"], rotation_rad=0.01)
+        finding.kind = 1
+        answer.station.station = "stations/cell"
+        scene = horopter.Scene.from_proto(answer)
+        self.assertEqual((scene.station.station, scene.station.findings[0].kind, scene.station.findings[0].cameras),
+                         ("cell", "CAMERA_MOVED", ["left"]))
+
     def test_the_docstrings_are_right(self):
         for name in ("horopter", "horopter.client", "horopter.aio", "horopter.types", "horopter.images"):
             self.assertEqual(doctest.testmod(importlib.import_module(name)).failed, 0)

@@ -147,9 +147,13 @@ MetricSceneTruth MakeMetricScene(const MetricSceneOptions& options) {
     camera.cx += source.Normal(options.center_sigma * 640.0);
     camera.cy += source.Normal(options.center_sigma * 640.0);
     if (options.one_camera && v > 0) camera = scene.cameras[0];
+    Rigid3 pose = LookAt(eye, {source.Uniform(-0.01, 0.01), source.Uniform(-0.01, 0.01), 0.02});
+    if (!options.rig_cameras.empty()) {
+      camera = options.rig_cameras[v];
+      pose = options.rig_from_world[v];
+    }
     scene.cameras.push_back(camera);
-    scene.camera_from_world.push_back(
-        LookAt(eye, {source.Uniform(-0.01, 0.01), source.Uniform(-0.01, 0.01), 0.02}));
+    scene.camera_from_world.push_back(pose);
     ImageFeatures f;
     f.width = 640;
     f.height = 480;
@@ -170,6 +174,15 @@ MetricSceneTruth MakeMetricScene(const MetricSceneOptions& options) {
     CalibratedCamera view{scene.cameras[v], scene.camera_from_world[v]};
     view.camera.cx = 0.5 * 639.0;
     view.camera.cy = 0.5 * 479.0;
+    if (!options.rig_cameras.empty()) {
+      // Recognition fits what it sees: a turn stands for the offset of the principal point.
+      const Eigen::Vector2d off(scene.cameras[v].cx - view.camera.cx,
+                                scene.cameras[v].cy - view.camera.cy);
+      const Rigid3 turn{RotationFromVector(
+                            {-off.y() / view.camera.focal_px, off.x() / view.camera.focal_px, 0.0}),
+                        Eigen::Vector3d::Zero()};
+      view.camera_from_scene = turn * view.camera_from_scene;
+    }
     scene.recognition.views.push_back(view);
   }
   for (int k = 0; k < n; ++k) {

@@ -20,7 +20,10 @@ struct MetricSceneOptions {
   double center_sigma = 0.01;    // of the principal point, share of the width
   double min_focal_widths = 1.1;
   double max_focal_widths = 1.9;
-  bool one_camera = false;   // all views have the first one's intrinsics
+  bool one_camera = false;  // all views have the first one's intrinsics
+  // Cameras that stand still from scene to scene; empty: new ones. One per view each.
+  std::vector<PinholeCamera> rig_cameras;
+  std::vector<Rigid3> rig_from_world;
   double distance_m = 0.55;  // of the cameras
   double arc_rad = 1.2;
   double start_turn_rad = 0.004;  // how far recognition's poses are off

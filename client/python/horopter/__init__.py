@@ -17,13 +17,14 @@ from .errors import (AlreadyExists, Busy, Cancelled, Conflict, DataLoss, Deadlin
 from .images import encode_image
 from .security import Security
 from .types import (Camera, CameraHint, CatalogObject, ExplainedEdge, ExplainedImage, Explanation, Finding, FoundGrasp,
-                    FoundObject, GraspModel, Gripper, LookAlike, ObjectInImage, Reason, Reference, Scene)
+                    FoundObject, GraspModel, Gripper, LookAlike, ObjectInImage, Reason, Reference, Scene, StationFinding,
+                    StationReport)
 
 __all__ = [
     "AlreadyExists", "AsyncClient", "Busy", "Camera", "CameraHint", "Cancelled", "CatalogObject", "Client", "Conflict",
     "DataLoss", "DeadlineExceeded", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp",
     "FoundObject", "GraspModel", "Gripper", "HoropterError", "InternalError", "InvalidRequest", "LookAlike", "NotFound",
-    "ObjectInImage", "PermissionDenied", "Reason", "Reference", "Scene", "Security", "TooLarge", "Unauthenticated",
-    "Unavailable", "encode_image",
+    "ObjectInImage", "PermissionDenied", "Reason", "Reference", "Scene", "Security", "StationFinding", "StationReport",
+    "TooLarge", "Unauthenticated", "Unavailable", "encode_image",
 ]
 __version__ = "@PROJECT_VERSION@"

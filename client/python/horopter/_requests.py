@@ -17,7 +17,8 @@ Hints = Union[None, CameraHint, Sequence[Optional[CameraHint]]]
 def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Optional[Iterable[str]],
                       reference: Optional[Reference], gripper: Optional[Gripper] = None, min_score: float = 0.0,
                       full: bool = True, overlay: Optional[str] = None,
-                      explain: Optional[str] = None) -> recognition_pb2.RecognizeSceneRequest:
+                      explain: Optional[str] = None, station: Optional[str] = None,
+                      station_cameras: Optional[Sequence[str]] = None) -> recognition_pb2.RecognizeSceneRequest:
     if isinstance(images, (str, bytes)):
         raise TypeError("images is a list, also of one image")
     if overlay not in (None, "png", "svg"):
@@ -45,6 +46,15 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
         request.overlay.format = recognition_pb2.OverlayOptions.Format.Value("FORMAT_" + overlay.upper())
     if explain is not None:
         request.explain_object = resource_name(explain)
+    if station_cameras is not None and station is None:
+        raise ValueError("station_cameras without a station")
+    if station is not None:
+        cameras = list(station_cameras or ("camera%d" % (i + 1) for i in range(len(request.images))))
+        if len(cameras) != len(request.images):
+            raise ValueError("%d cameras of the station for %d images" % (len(cameras), len(request.images)))
+        request.station = "stations/" + station
+        for image, camera in zip(request.images, cameras):
+            image.camera_id = camera
     return request
 
 

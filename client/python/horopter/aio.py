@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import Any, Callable, Iterable, List, Optional
+from typing import Any, Callable, Iterable, List, Optional, Sequence
 
 import grpc
 import grpc.aio
@@ -61,10 +61,11 @@ class AsyncClient:
     async def recognize(self, images: Iterable[ImageLike], hints: Hints = None,
                         candidates: Optional[Iterable[str]] = None, reference: Optional[Reference] = None,
                         deadline_s: Optional[float] = None, gripper: Optional[Gripper] = None, min_score: float = 0.0,
-                        full: bool = True, overlay: Optional[str] = None, explain: Optional[str] = None) -> Scene:
+                        full: bool = True, overlay: Optional[str] = None, explain: Optional[str] = None,
+                        station: Optional[str] = None, station_cameras: Optional[Sequence[str]] = None) -> Scene:
         """As Client.recognize."""
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
-                                              explain)
+                                              explain, station, station_cameras)
         return Scene.from_proto(await self._call(self._recognition.RecognizeScene, request, deadline_s))
 
     async def list_objects(self, deadline_s: Optional[float] = None) -> List[CatalogObject]:

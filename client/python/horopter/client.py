@@ -4,7 +4,7 @@ from __future__ import annotations
 import os
 import subprocess
 import time
-from typing import Any, Callable, Iterable, List, Optional
+from typing import Any, Callable, Iterable, List, Optional, Sequence
 
 import grpc
 
@@ -65,17 +65,20 @@ class Client:
     def recognize(self, images: Iterable[ImageLike], hints: Hints = None, candidates: Optional[Iterable[str]] = None,
                   reference: Optional[Reference] = None, deadline_s: Optional[float] = None,
                   gripper: Optional[Gripper] = None, min_score: float = 0.0, full: bool = True,
-                  overlay: Optional[str] = None, explain: Optional[str] = None) -> Scene:
+                  overlay: Optional[str] = None, explain: Optional[str] = None, station: Optional[str] = None,
+                  station_cameras: Optional[Sequence[str]] = None) -> Scene:
         """Which parts are in the images of one static scene, where, and how to grip them.
 
         images: 1 to 32 paths, encoded bytes or arrays (see encode_image); hints: one CameraHint for all images or a list
         with one or None for each; candidates: ids to look for (default: the whole catalog); gripper: what the robot grips
         with; min_score: parts that score less are left out; full: with covariances, stages and poses per image; overlay:
         "png" (images with the answer drawn on them) or "svg" (drawings to lay over them), in `Scene.overlays`; explain:
-        id of an object of which `Scene.explanation` says why it is, or is not, recognised.
+        id of an object of which `Scene.explanation` says why it is, or is not, recognised; station: id of the station whose
+        cameras took the images, station_cameras: its camera of each (default: camera1, camera2, ..): the server uses what
+        it knows of them and learns; `Scene.station` says what came of it.
         """
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
-                                              explain)
+                                              explain, station, station_cameras)
         return Scene.from_proto(self._call(self._recognition.RecognizeScene, request, deadline_s))
 
     def server_info(self, deadline_s: Optional[float] = None) -> server_pb2.ServerInfo:

@@ -6,7 +6,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from horopter.v1 import catalog_pb2, recognition_pb2, types_pb2
+from horopter.v1 import catalog_pb2, recognition_pb2, station_pb2, types_pb2
 
 
 def matrix_from_proto(transform: types_pb2.RigidTransform) -> np.ndarray:
@@ -280,6 +280,28 @@ class Reason:
 
 
 @dataclasses.dataclass
+class StationFinding:
+    """Images that contradict what was known of a station. kind: "CAMERA_MOVED", "LENS_CHANGED", "CAMERAS_SWAPPED",
+    "IMAGE_SIZE_CHANGED"; cameras: ids; more than one of a moved camera: one of them."""
+    kind: str
+    cameras: List[str]
+    rotation_rad: float
+    translation_m: float
+    focal_log_ratio: float
+    detail: str
+
+
+@dataclasses.dataclass
+class StationReport:
+    """What a request of a station made of it. prior_used: what was known of the cameras agreed and was used; learnt: the
+    station learnt from the request."""
+    station: str
+    prior_used: bool
+    learnt: bool
+    findings: List[StationFinding]
+
+
+@dataclasses.dataclass
 class Scene:
     """An answer. complete: False when time ran short before all was searched; unsearched: what was left out, for that or
     for the catalog's size. reasons: empty when objects were recognised and nothing is in doubt. joint_covariance:
@@ -302,6 +324,7 @@ class Scene:
     raw: recognition_pb2.RecognizeSceneResponse = dataclasses.field(repr=False)
     overlays: List[bytes] = dataclasses.field(default_factory=list, repr=False)
     explanation: Optional[Explanation] = None
+    station: Optional[StationReport] = None
 
     @classmethod
     def from_proto(cls, answer: recognition_pb2.RecognizeSceneResponse) -> "Scene":
@@ -315,7 +338,8 @@ class Scene:
                    request_id=answer.request_id, catalog_generation=answer.catalog_generation,
                    supporting_plane=_plane(answer), objects_below_min_score=answer.objects_below_min_score,
                    overlays=[o.content for o in answer.overlays],
-                   explanation=_explanation(answer.explanation) if answer.HasField("explanation") else None, raw=answer)
+                   explanation=_explanation(answer.explanation) if answer.HasField("explanation") else None, raw=answer,
+                   station=_station(answer.station) if answer.HasField("station") else None)
 
     @property
     def outcome(self) -> str:
@@ -325,6 +349,14 @@ class Scene:
 
     def has_reason(self, kind: str) -> bool:
         return any(r.kind == kind for r in self.reasons)
+
+
+def _station(report: station_pb2.StationReport) -> StationReport:
+    def last(name: str) -> str:
+        return name.rsplit("/", 1)[-1]
+    findings = [StationFinding(station_pb2.StationFinding.Kind.Name(f.kind)[len("KIND_"):], [last(c) for c in f.cameras],
+                               f.rotation_rad, f.translation_m, f.focal_log_ratio, f.detail) for f in report.findings]
+    return StationReport(last(report.station), report.prior_used, report.learnt, findings)
 
 
 def _plane(answer: recognition_pb2.RecognizeSceneResponse) -> Optional[Tuple[np.ndarray, float]]:

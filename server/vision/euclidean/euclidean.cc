@@ -17,6 +17,7 @@ namespace {
 constexpr double kK1Sigma = 0.03;
 constexpr double kHintedCenterSigmaPx = 1.0;
 constexpr double kHintedK1Sigma = 0.002;
+constexpr double kUnknownSigma = 1e6;  // of what another prior says
 constexpr std::size_t kFewestEdges = 8;
 // Of the rotation between two poses: below it they are different representatives (2.6 degrees; an
 // axis of revolution turns by the pose's own noise).
@@ -65,6 +66,7 @@ struct Refinement {
 Refinement Begin(const RecognitionInput& input,
                  const RecognitionResult& recognition,
                  const std::vector<int>& objects,
+                 const CameraGroupPrior& group,
                  const EuclideanOptions& options) {
   Refinement r;
   SceneBundle& b = r.bundle;
@@ -92,6 +94,11 @@ Refinement Begin(const RecognitionInput& input,
                   recognition.views[v]->camera,
                   recognition.views[v]->camera_from_scene * old_from_scene};
     b.priors[v] = PriorOf(input, options, v);
+  }
+  b.group = group;
+  for (const int v : group.group.views) {
+    CameraPrior& prior = b.priors[v];
+    prior.log_focal_sigma = prior.center_sigma_px = prior.k1_sigma = kUnknownSigma;
   }
   ParallelFor(views, options.threads, [&](int v) {
     if (b.views[v].known) r.grids[v] = EdgeGrid(input.features[v]);
@@ -216,6 +223,7 @@ absl::Status ShareCameras(const RecognitionInput& input,
     const CameraHint& hint = input.hints[v];
     hinted[v] = hint.focal_px || hint.principal_point || hint.k1;
   }
+  for (const int v : b.group.group.views) hinted[v] = true;
   b.alike = JudgeCameras(b, ComputeSceneCovariance(b, options.noise), hinted, options.cameras);
   if (b.alike.empty()) return absl::OkStatus();
   for (const CameraSimilarity& alike : b.alike) {
@@ -323,6 +331,30 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                                               const RecognitionResult& recognition,
                                               const EuclideanOptions& options,
                                               const StopRequested& stop) {
+  return RefineMetricScene(input, recognition, CameraGroupPrior{}, options, stop);
+}
+
+RecognitionResult AsRecognized(const MetricScene& metric, RecognitionResult recognition) {
+  for (std::size_t v = 0; v < metric.cameras.size(); ++v) {
+    recognition.views[v].reset();
+    if (metric.cameras[v]) {
+      recognition.views[v] =
+          CalibratedCamera{metric.cameras[v]->camera, metric.cameras[v]->camera_from_scene};
+    }
+  }
+  recognition.objects.clear();
+  for (const PosedObject& o : metric.objects) {
+    recognition.objects.push_back(
+        {o.object, o.scene_from_object, o.score, 0.0, o.view_scores, o.alternatives});
+  }
+  return recognition;
+}
+
+absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
+                                              const RecognitionResult& recognition,
+                                              const CameraGroupPrior& group,
+                                              const EuclideanOptions& options,
+                                              const StopRequested& stop) {
   if (recognition.objects.empty()) return absl::FailedPreconditionError("no recognised object");
   if (std::none_of(recognition.views.begin(), recognition.views.end(), [](const auto& v) {
         return v.has_value();
@@ -332,10 +364,14 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   if (recognition.views.size() != input.features.size()) {
     return absl::InvalidArgumentError("views and features differ in number");
   }
+  for (const int v : group.group.views) {
+    if (v < 0 || v >= static_cast<int>(recognition.views.size()) || !recognition.views[v])
+      return absl::InvalidArgumentError("the group of cameras has a view that was not recovered");
+  }
   MetricScene out;
   std::vector<int> kept;
   for (int k = 0; k < static_cast<int>(recognition.objects.size()); ++k) kept.push_back(k);
-  Refinement r = Begin(input, recognition, kept, options);
+  Refinement r = Begin(input, recognition, kept, group, options);
   HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   RejectionOptions rejection = options.rejection;
   // Aspects were judged by the edges that others leave to see: hidden ones are no misfit.
@@ -346,18 +382,19 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
     std::erase_if(
         kept, [&](int k) { return std::find(misfits.begin(), misfits.end(), k) != misfits.end(); });
     if (kept.empty()) return absl::FailedPreconditionError("no object fits the cameras");
-    r = Begin(input, recognition, kept, options);
+    r = Begin(input, recognition, kept, group, options);
     HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   }
   if (RecognitionResult adjusted = recognition;
       IsAnotherRepresentative(input, r, &adjusted, kept)) {
-    r = Begin(input, adjusted, kept, options);
+    r = Begin(input, adjusted, kept, group, options);
     HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   }
   HOROPTER_RETURN_IF_ERROR(ShareCameras(input, options, stop, &r));
 
   const SceneBundle& b = r.bundle;
   TakeAdjusted(b, recognition, kept, options.noise, &out);
+  if (options.camera_evidence) out.evidence = ComputeCameraEvidence(b, options.noise);
   TransformGraph graph;
   const SceneFrames frames = AddSceneFrames(out, &graph);
   for (std::size_t k = 1; k < out.objects.size(); ++k) {

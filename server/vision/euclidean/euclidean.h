@@ -10,6 +10,7 @@
 
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
+#include "server/vision/euclidean/camera_group.h"
 #include "server/vision/euclidean/findings.h"
 #include "server/vision/euclidean/grasps.h"
 #include "server/vision/euclidean/scene_covariance.h"
@@ -45,6 +46,8 @@ struct MetricScene {
   std::optional<SupportingPlane> plane;
   std::vector<ScaleSource> scales;  // objects, then focal lengths that were given
   std::vector<Finding> findings;
+  // Of the cameras, by the data alone; empty without EuclideanOptions::camera_evidence.
+  CameraEvidence evidence;
   double rms_px = 0.0;
   std::map<std::string, double> counts;
 };
@@ -68,7 +71,8 @@ struct EuclideanOptions {
   FindingOptions findings;
   RejectionOptions rejection;
   GraspOptions grasps;
-  int threads = 1;  // cores to use; the result does not depend on it
+  bool camera_evidence = false;  // MetricScene::evidence is wanted: as dear as the covariance
+  int threads = 1;               // cores to use; the result does not depend on it
 };
 
 // Joint bundle adjustment of focal lengths, camera poses and object poses on the CAD edges seen in
@@ -81,6 +85,18 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                                               const RecognitionResult& recognition,
                                               const EuclideanOptions& options,
                                               const StopRequested& stop = {});
+
+// The same where the cameras are known as a group (a calibrated station): its prior takes the place
+// of the weak ones and of the request's hints, and no view is asked whose camera took it.
+// Errors: also INVALID_ARGUMENT (the group has a view that recognition has not).
+absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
+                                              const RecognitionResult& recognition,
+                                              const CameraGroupPrior& group,
+                                              const EuclideanOptions& options,
+                                              const StopRequested& stop = {});
+
+// What recognition would have said, had it known the adjusted scene: to adjust it again.
+RecognitionResult AsRecognized(const MetricScene& metric, RecognitionResult recognition);
 
 // Frames of a metric scene in a transformation graph.
 struct SceneFrames {

@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "server/vision/euclidean/camera_group.h"
 #include "server/vision/euclidean/camera_similarity.h"
 #include "server/vision/euclidean/edge_observations.h"
 #include "server/vision/euclidean/plane_cells.h"
@@ -31,8 +32,9 @@ struct CameraPrior {
 
 struct SceneBundle {
   std::vector<AdjustedView> views;
-  std::vector<CameraPrior> priors;         // per view
-  std::vector<CameraSimilarity> alike;     // no view in two of them
+  std::vector<CameraPrior> priors;      // per view
+  std::vector<CameraSimilarity> alike;  // no view in two of them
+  CameraGroupPrior group;               // of known views; empty: nothing is known of them together
   std::vector<double> working_from_image;  // per view
   std::vector<AdjustedObject> objects;
   std::vector<double> log_scale;  // per object, 0: as enrolled

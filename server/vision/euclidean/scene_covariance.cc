@@ -9,6 +9,7 @@
 #include <tuple>
 
 #include "server/vision/euclidean/representative.h"
+#include "server/vision/geometry/pose_perturbation.h"
 
 namespace horopter {
 namespace {
@@ -216,9 +217,22 @@ void AddPlane(const SceneBundleLayout& layout,
   }
 }
 
+// Directions of the objects that nothing determines.
+void BoundObjects(const SceneBundle& bundle, const SceneBundleLayout& layout, Eigen::MatrixXd* H) {
+  for (std::size_t k = 0; k < bundle.objects.size(); ++k) {
+    const double far = kUnknownDiameters * bundle.objects[k].model->model.diameter_m;
+    for (int i = 0; i < 6; ++i) {
+      const double sigma = i < 3 ? kUnknownTurnRad : far;
+      (*H)(layout.object[k] + i, layout.object[k] + i) += 1.0 / (sigma * sigma);
+    }
+  }
+}
+
 void AddPriors(const SceneBundle& bundle, const SceneBundleLayout& layout, Sandwich* s) {
   for (Eigen::MatrixXd* matrix : {&s->H, &s->V_prior})
     AddLikeness(bundle.views, bundle.alike, IntrinsicsColumns(layout), matrix, nullptr);
+  for (Eigen::MatrixXd* matrix : {&s->H, &s->V_prior})
+    AddGroupPrior(bundle.group, bundle.views, layout.view, matrix, nullptr);
   for (std::size_t v = 0; v < bundle.views.size(); ++v) {
     if (!bundle.views[v].known) continue;
     const Eigen::Vector4d w = PriorWeights(bundle, static_cast<int>(v)).cwiseAbs2();
@@ -233,14 +247,7 @@ void AddPriors(const SceneBundle& bundle, const SceneBundleLayout& layout, Sandw
       s->V_prior(at + i, at + i) += 1.0 / (sigma * sigma);
     }
   }
-  for (std::size_t k = 0; k < bundle.objects.size(); ++k) {
-    const double far = kUnknownDiameters * bundle.objects[k].model->model.diameter_m;
-    for (int i = 0; i < 6; ++i) {
-      const double sigma = i < 3 ? kUnknownTurnRad : far;
-      s->H(layout.object[k] + i, layout.object[k] + i) += 1.0 / (sigma * sigma);
-      s->V_prior(layout.object[k] + i, layout.object[k] + i) += 1.0 / (sigma * sigma);
-    }
-  }
+  for (Eigen::MatrixXd* matrix : {&s->H, &s->V_prior}) BoundObjects(bundle, layout, matrix);
 }
 
 // Inverse over the parameters that are not fixed; equilibrated, so that radians, metres and pixels
@@ -284,12 +291,47 @@ double MeanCurvature(double sigmas, const std::vector<double>& squared) {
   return squared.empty() ? 1.0 : std::clamp(curvature / weight, kLeastCurvature, 1.0);
 }
 
-}  // namespace
+// All that the covariance and the evidence are made of.
+struct Assembled {
+  SceneBundleLayout layout;
+  Sandwich s;               // H: with all priors
+  Eigen::MatrixXd H_seen;   // edges and plane
+  Eigen::VectorXd g_seen;   // gradient of their cost, halved
+  Eigen::MatrixXd inverse;  // of H; zero where it is held
+  EdgeScatter scatter;
+  double dof = 1.0;  // factor on the edges' variance
+};
 
-SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
-                                       const NoiseOptions& options,
-                                       bool scales_fixed) {
-  SceneCovariance out;
+// Covariance of the right side of the data.
+Eigen::MatrixXd DataVariance(const Assembled& a, const NoiseOptions& options) {
+  const double cad2 = options.cad_edge_sigma_m * options.cad_edge_sigma_m;
+  const double inflation2 = options.inflation * options.inflation;
+  return inflation2 * (a.dof * a.s.V_edges + a.s.V_plane + cad2 * a.s.V_cad);
+}
+
+Eigen::VectorXd DataGradient(const SceneBundleLayout& layout,
+                             const std::vector<EdgeGroup>& groups,
+                             const std::vector<PlaneTerm>& plane) {
+  Eigen::VectorXd g = Eigen::VectorXd::Zero(layout.size);
+  for (const EdgeGroup& group : groups) {
+    for (const EdgeGroup::Point& p : group.points) {
+      const Eigen::Matrix<double, kEdgeRow, 1> by = p.weight * p.row.residual * p.row.J;
+      g.segment<kViewParameters>(layout.view[group.view]) += by.head<kViewParameters>();
+      g.segment<kObjectParameters>(layout.object[group.object]) += by.tail<kObjectParameters>();
+    }
+  }
+  for (const PlaneTerm& t : plane) {
+    const Eigen::Matrix<double, 23, 1> by = t.weight * t.row.J.transpose() * t.row.residual;
+    g.segment<kViewParameters>(layout.view[t.cell->view_a]) += by.head<kViewParameters>();
+    g.segment<kViewParameters>(layout.view[t.cell->view_b]) +=
+        by.segment<kViewParameters>(kViewParameters);
+    g.segment<kPlaneParameters>(layout.plane) += by.tail<kPlaneParameters>();
+  }
+  return g;
+}
+
+Assembled Assemble(const SceneBundle& bundle, const NoiseOptions& options, bool scales_fixed) {
+  Assembled out;
   out.layout = LayoutOf(bundle);
   const int size = out.layout.size;
   const std::vector<EdgeGroup> groups = GroupEdges(bundle);
@@ -317,7 +359,8 @@ SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
   }
 
   const Eigen::MatrixXd zero = Eigen::MatrixXd::Zero(size, size);
-  Sandwich s{zero, zero, zero, zero, zero, zero};
+  out.s = {zero, zero, zero, zero, zero, zero};
+  Sandwich& s = out.s;
   EdgeScatter& scatter = out.scatter;
   scatter.edges = static_cast<int>(groups.size());
   scatter.common_px = std::max(options.min_common_px, Mad(means));
@@ -329,20 +372,106 @@ SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
   AddEdges(out.layout, groups, MeanCurvature(bundle.cauchy_sigmas, squared_edges), scatter, &s);
   s.H += s.H_data;
   AddPlane(out.layout, plane, MeanCurvature(bundle.plane_cauchy_sigmas, squared_plane), ratio, &s);
+  out.H_seen = s.H;
+  out.g_seen = DataGradient(out.layout, groups, plane);
   AddPriors(bundle, out.layout, &s);
-  const Eigen::MatrixXd inverse =
+  out.inverse =
       InverseOfFree(s.H, FixedMask(bundle, out.layout, {Gauge::kFirstView, scales_fixed}));
-  if (!inverse.allFinite()) return out;
+  if (!out.inverse.allFinite()) return out;
   // An adjustment explains a part of the scatter away: offset and tilt of an edge are two values.
   const double values = 2.0 * static_cast<double>(groups.size());
-  const double explained = (s.H_data * inverse).trace();
-  const double dof = std::min(kMostDofFactor, values / std::max(1.0, values - explained));
-  scatter.common_px *= std::sqrt(dof);
-  scatter.tilt_px *= std::sqrt(dof);
-  const double cad2 = options.cad_edge_sigma_m * options.cad_edge_sigma_m;
-  const double inflation2 = options.inflation * options.inflation;
-  const Eigen::MatrixXd V = inflation2 * (dof * s.V_edges + s.V_plane + cad2 * s.V_cad) + s.V_prior;
-  out.matrix = inverse * V * inverse;
+  const double explained = (s.H_data * out.inverse).trace();
+  out.dof = std::min(kMostDofFactor, values / std::max(1.0, values - explained));
+  scatter.common_px *= std::sqrt(out.dof);
+  scatter.tilt_px *= std::sqrt(out.dof);
+  return out;
+}
+
+// Rows and columns of M.
+Eigen::MatrixXd Picked(const Eigen::MatrixXd& M,
+                       const std::vector<int>& rows,
+                       const std::vector<int>& columns) {
+  Eigen::MatrixXd out(rows.size(), columns.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    for (std::size_t j = 0; j < columns.size(); ++j) out(i, j) = M(rows[i], columns[j]);
+  }
+  return out;
+}
+
+}  // namespace
+
+SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
+                                       const NoiseOptions& options,
+                                       bool scales_fixed) {
+  Assembled a = Assemble(bundle, options, scales_fixed);
+  SceneCovariance out{std::move(a.layout), {}, a.scatter};
+  if (!a.inverse.allFinite()) return out;
+  out.matrix = a.inverse * (DataVariance(a, options) + a.s.V_prior) * a.inverse;
+  return out;
+}
+
+// With the objects eliminated from normal matrix H, gradient g and its covariance V, the optimum is
+// at -H^-1 g with covariance H^-1 V H^-1: its information is H V^-1 H and its information vector
+// -H V^-1 g, which exist also where H is singular.
+CameraEvidence ComputeCameraEvidence(const SceneBundle& bundle, const NoiseOptions& options) {
+  Assembled a = Assemble(bundle, options, true);
+  CameraEvidence out;
+  if (!a.inverse.allFinite()) return out;
+  std::vector<int> kept, eliminated, place;  // place: in the group's parameters
+  for (std::size_t v = 0; v < bundle.views.size(); ++v) {
+    if (!bundle.views[v].known) continue;
+    const int first = kGroupParameters * static_cast<int>(out.group.views.size());
+    for (int i = first == 0 ? 6 : 0; i < kViewParameters; ++i) {
+      kept.push_back(a.layout.view[v] + i);
+      place.push_back(first + i);
+    }
+    const Rigid3& anchor =
+        bundle.views[out.group.views.empty() ? v : out.group.views[0]].camera_from_scene;
+    out.group.views.push_back(static_cast<int>(v));
+    out.group.cameras.push_back(bundle.views[v].camera);
+    out.group.camera_from_anchor.push_back(bundle.views[v].camera_from_scene * anchor.Inverse());
+  }
+  for (const int at : a.layout.object) {
+    for (int i = 0; i < 6; ++i) eliminated.push_back(at + i);
+  }
+  for (int i = 0; a.layout.plane >= 0 && i < kPlaneParameters; ++i)
+    eliminated.push_back(a.layout.plane + i);
+  BoundObjects(bundle, a.layout, &a.H_seen);
+  const Eigen::MatrixXd V = DataVariance(a, options);
+  const Eigen::LDLT<Eigen::MatrixXd> of_eliminated(Picked(a.H_seen, eliminated, eliminated));
+  const Eigen::MatrixXd X = of_eliminated.solve(Picked(a.H_seen, eliminated, kept));
+  Eigen::MatrixXd H = Picked(a.H_seen, kept, kept) - Picked(a.H_seen, kept, eliminated) * X;
+  const Eigen::MatrixXd V_ek = Picked(V, eliminated, kept);
+  Eigen::MatrixXd Vm = Picked(V, kept, kept) - X.transpose() * V_ek - V_ek.transpose() * X +
+                       X.transpose() * Picked(V, eliminated, eliminated) * X;
+  const int n = static_cast<int>(kept.size());
+  Eigen::VectorXd g(n);
+  for (int i = 0; i < n; ++i) g(i) = a.g_seen(kept[i]);
+  for (std::size_t i = 0; i < eliminated.size(); ++i)
+    g -= X.row(static_cast<int>(i)).transpose() * a.g_seen(eliminated[i]);
+  // The relative poses are those of the scene but for the anchor's turn of the translation's arm.
+  Eigen::MatrixXd from_group =
+      Eigen::MatrixXd::Zero(n, kGroupParameters * static_cast<int>(out.group.views.size()));
+  for (int i = 0; i < n; ++i) from_group(i, place[i]) = 1.0;
+  for (std::size_t i = 1; i < out.group.views.size(); ++i) {
+    const Matrix6d J = FirstInProduct(bundle.views[out.group.views[i]].camera_from_scene,
+                                      bundle.views[out.group.views[0]].camera_from_scene.Inverse());
+    const int row = static_cast<int>(
+        std::find(kept.begin(), kept.end(), a.layout.view[out.group.views[i]]) - kept.begin());
+    from_group.block<6, 6>(row, kGroupParameters * static_cast<int>(i)) = J.inverse();
+  }
+  // Equilibrated, so that radians, metres and pixels are treated alike.
+  const Eigen::VectorXd scale = H.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  H = scale.asDiagonal() * H * scale.asDiagonal();
+  Vm = scale.asDiagonal() * Vm * scale.asDiagonal();
+  Vm.diagonal().array() += kSmallestPivot * (1.0 + Vm.diagonal().mean());
+  const Eigen::LDLT<Eigen::MatrixXd> of_variance(Vm);
+  const Eigen::MatrixXd from_scaled = scale.cwiseInverse().asDiagonal() * from_group;
+  const Eigen::MatrixXd left = from_scaled.transpose() * H;
+  Eigen::MatrixXd information = left * of_variance.solve(H * from_scaled);
+  if (!information.allFinite()) return out;
+  out.information = 0.5 * (information + information.transpose());
+  out.vector = -left * of_variance.solve(Eigen::VectorXd(scale.cwiseProduct(g)));
   return out;
 }
 

@@ -51,4 +51,9 @@ SceneCovariance ComputeSceneCovariance(const SceneBundle& bundle,
                                        const NoiseOptions& options,
                                        bool scales_fixed = true);
 
+// What edges and plane say of the known cameras, with the objects unknown and without any prior of
+// the cameras, as the same robust estimate; linearised where the bundle is, which need not be the
+// data's optimum. Empty when it cannot be computed.
+CameraEvidence ComputeCameraEvidence(const SceneBundle& bundle, const NoiseOptions& options);
+
 }  // namespace horopter

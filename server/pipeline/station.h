@@ -1,0 +1,46 @@
+// A request whose cameras are a station's: what is known of them for recognition, and what the
+// request made of it (ADR 30).
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "server/vision/geometry/rigid3.h"
+#include "server/vision/station/station_adjustment.h"
+
+namespace horopter {
+
+struct SceneRequest;
+
+struct StationRequest {
+  StationState state;
+  StationViews views;  // one per image
+  // Per camera of the state: where it is in the robot's base frame, when somebody said.
+  std::vector<std::optional<Rigid3>> base_from_camera;
+};
+
+struct StationOutcome {
+  StationTest test;
+  bool prior_used = false;
+  CameraEvidence evidence;  // to learn from; empty: nothing was recognised
+  // By a reference object in the robot's base frame, one per image; empty: none was seen.
+  std::vector<std::optional<Rigid3>> base_from_camera;
+};
+
+// Whether the test says that the images fit the cameras in another order.
+bool IsSwapped(const StationTest& test);
+
+// Whether the test says that the camera may have moved.
+bool HasMoved(const StationTest& test, int camera);
+
+// The request with what is known of its cameras as hints, for recognition: lenses where the caller
+// says nothing of them, and places in the rig. The same request where nothing is known.
+SceneRequest WithStationHints(const SceneRequest& request, const StationOptions& options);
+
+// The request with the cameras' places in the robot's base frame, where the caller says nothing of
+// them: by their hand-eye calibrations and, for the others, through the rig. Cameras that the test
+// says have moved are nowhere, and all are when it says that they are swapped.
+SceneRequest WithStationBase(const SceneRequest& request, const StationTest& test);
+
+}  // namespace horopter

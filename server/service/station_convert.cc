@@ -1,0 +1,176 @@
+#include "server/service/station_convert.h"
+
+#include <google/protobuf/util/time_util.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_cat.h"
+#include "horopter/v1/station.pb.h"
+#include "horopter/v1/types.pb.h"
+#include "server/base/status_macros.h"
+#include "server/service/convert.h"
+#include "server/service/rpc_status.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kMostPixels = 100'000;
+constexpr double kMostAspect = 1.01;  // of fx and fy
+constexpr double kMostDistortion = 10.0;
+constexpr double kMostFocalWidths = 1000.0;
+constexpr double kMostCenterWidths = 10.0;
+
+void TimeToProto(const std::string& time, google::protobuf::Timestamp* proto) {
+  if (!time.empty()) google::protobuf::util::TimeUtil::FromString(time, proto);
+}
+
+absl::Status CheckSigma(bool set, double value, double most, const std::string& field) {
+  if (!set || (value > 0.0 && value <= most)) return absl::OkStatus();
+  return InvalidField(field, absl::StrCat(value, " is outside 0..", most));
+}
+
+}  // namespace
+
+void CalibrationToProto(const StationState& state, int camera, v1::CameraCalibration* proto) {
+  const PinholeCamera& c = state.cameras[camera].camera;
+  const StationDeviations d = DeviationsOf(state, camera);
+  proto->set_image_width_px(c.width);
+  proto->set_image_height_px(c.height);
+  for (const double k : {c.focal_px, 0.0, c.cx, 0.0, c.focal_px, c.cy, 0.0, 0.0, 1.0})
+    proto->add_k(k);
+  for (const double k : {c.k1, 0.0, 0.0, 0.0, 0.0}) proto->add_d(k);
+  proto->set_focal_log_sigma(d.log_focal);
+  proto->set_principal_point_sigma_px(d.center_px);
+  proto->set_k1_sigma(d.k1);
+}
+
+absl::StatusOr<KnownLens> LensFromCalibration(const v1::CameraCalibration& proto,
+                                              const std::string& field) {
+  KnownLens lens;
+  PinholeCamera& c = lens.camera;
+  c.width = proto.image_width_px();
+  c.height = proto.image_height_px();
+  for (const auto& [size, name] :
+       {std::pair{c.width, ".image_width_px"}, std::pair{c.height, ".image_height_px"}}) {
+    if (size < 1 || size > kMostPixels)
+      return InvalidField(field + name, absl::StrCat(size, " is outside 1..", kMostPixels));
+  }
+  if (proto.k_size() != 9) return InvalidField(field + ".k", "9 numbers are needed");
+  const double fx = proto.k(0), fy = proto.k(4);
+  if (!(fx > 0.0 && fx <= kMostFocalWidths * c.width) || !(fy > 0.0))
+    return InvalidField(field + ".k", absl::StrCat(fx, " is no focal length of these images"));
+  if (!(fx / fy < kMostAspect && fy / fx < kMostAspect))
+    return InvalidField(field + ".k", "pixels are not square");
+  for (const int i : {1, 3, 6, 7}) {
+    if (proto.k(i) != 0.0) return InvalidField(field + ".k", "not fx 0 cx 0 fy cy 0 0 1");
+  }
+  if (proto.k(8) != 1.0) return InvalidField(field + ".k", "not fx 0 cx 0 fy cy 0 0 1");
+  c.focal_px = std::sqrt(fx * fy);
+  c.cx = proto.k(2);
+  c.cy = proto.k(5);
+  if (!(std::abs(c.cx) <= kMostCenterWidths * c.width &&
+        std::abs(c.cy) <= kMostCenterWidths * c.height))
+    return InvalidField(field + ".k", "the principal point is not near the image");
+  for (int i = 0; i < proto.d_size(); ++i) {
+    const std::string at = absl::StrCat(field, ".d[", i, "]");
+    if (!(std::abs(proto.d(i)) <= kMostDistortion)) return InvalidField(at, "out of range");
+    if (i > 0 && proto.d(i) != 0.0)
+      return InvalidField(at, "a lens beyond k1 is given with each image (camera_hint)");
+  }
+  if (proto.d_size() > 0) c.k1 = proto.d(0);
+  HOROPTER_RETURN_IF_ERROR(CheckSigma(
+      proto.has_focal_log_sigma(), proto.focal_log_sigma(), 2.0, field + ".focal_log_sigma"));
+  HOROPTER_RETURN_IF_ERROR(CheckSigma(proto.has_principal_point_sigma_px(),
+                                      proto.principal_point_sigma_px(),
+                                      kMostPixels,
+                                      field + ".principal_point_sigma_px"));
+  HOROPTER_RETURN_IF_ERROR(
+      CheckSigma(proto.has_k1_sigma(), proto.k1_sigma(), 1.0, field + ".k1_sigma"));
+  lens.focal_log_sigma = proto.has_focal_log_sigma() ? proto.focal_log_sigma() : 0.003;
+  lens.center_sigma_px =
+      proto.has_principal_point_sigma_px() ? proto.principal_point_sigma_px() : 2.0;
+  lens.k1_sigma = proto.has_k1_sigma() ? proto.k1_sigma() : 0.005;
+  return lens;
+}
+
+void StationToProto(const StationRecord& record,
+                    const std::vector<StationEventRecord>& events,
+                    v1::Station* proto) {
+  proto->set_name(StationName(record.id));
+  proto->set_display_name(record.display_name);
+  TimeToProto(record.create_time, proto->mutable_create_time());
+  TimeToProto(record.update_time, proto->mutable_update_time());
+  for (size_t c = 0; c < record.state.cameras.size(); ++c) {
+    const StationCamera& camera = record.state.cameras[c];
+    v1::StationCamera* out = proto->add_cameras();
+    out->set_name(StationCameraName(record.id, camera.id));
+    out->set_motion(camera.moving    ? v1::StationCamera::MOTION_MOVING
+                    : camera.zooming ? v1::StationCamera::MOTION_ZOOMING
+                                     : v1::StationCamera::MOTION_FIXED);
+    if (const auto pose = record.base_from_camera.find(camera.id);
+        pose != record.base_from_camera.end())
+      RigidToProto(pose->second, out->mutable_base_from_camera());
+    out->set_request_count(camera.requests);
+    if (camera.camera.width > 1) {
+      CalibrationToProto(record.state, static_cast<int>(c), out->mutable_calibration());
+    }
+    if (!camera.posed) continue;
+    const StationDeviations d = DeviationsOf(record.state, static_cast<int>(c));
+    RigidToProto(camera.camera_from_rig, out->mutable_camera_from_rig());
+    out->set_rotation_sigma_rad(d.turn_rad);
+    out->set_translation_sigma_m(d.shift_m);
+  }
+  proto->set_request_count(record.state.requests);
+  proto->set_etag(EtagOf(record));
+  for (const StationEventRecord& event : events) {
+    v1::StationEvent* out = proto->add_events();
+    out->set_kind(static_cast<v1::StationEvent::Kind>(event.kind));
+    TimeToProto(event.time, out->mutable_time());
+    out->set_request_id(event.request_id);
+    for (const std::string& camera : event.camera_ids)
+      out->add_cameras(StationCameraName(record.id, camera));
+    out->set_detail(event.detail);
+  }
+}
+
+void StationReportToProto(const StationStart& start,
+                          const StationOutcome& outcome,
+                          bool learnt,
+                          v1::StationReport* proto) {
+  proto->set_station(StationName(start.id));
+  proto->set_prior_used(outcome.prior_used);
+  proto->set_learnt(learnt);
+  if (std::isfinite(outcome.test.limit) && outcome.test.limit > 0.0) {
+    proto->set_distance_squared(outcome.test.squared);
+    proto->set_distance_limit(outcome.test.limit);
+  }
+  const auto add = [&](int kind) {
+    v1::StationFinding* finding = proto->add_findings();
+    finding->set_kind(static_cast<v1::StationFinding::Kind>(kind));
+    finding->set_last_agreeing_request_id(start.agreed_request_id);
+    if (!start.agreed_time.empty())
+      TimeToProto(start.agreed_time, finding->mutable_last_agreeing_time());
+    return finding;
+  };
+  for (const std::string& camera : start.resized) {
+    v1::StationFinding* finding = add(v1::StationFinding::KIND_IMAGE_SIZE_CHANGED);
+    finding->add_cameras(StationCameraName(start.id, camera));
+    finding->set_detail(
+        absl::StrCat("images of camera ", camera, " have another size than before"));
+  }
+  for (const StationChange& change : outcome.test.changes) {
+    v1::StationFinding* finding = add(KindOf(change));
+    for (const int c : change.cameras)
+      finding->add_cameras(StationCameraName(start.id, start.request.state.cameras[c].id));
+    finding->set_rotation_rad(change.turn_rad);
+    finding->set_translation_m(change.shift_m);
+    finding->set_focal_log_ratio(change.log_focal);
+    finding->set_principal_point_x_shift_px(change.center_px.x());
+    finding->set_principal_point_y_shift_px(change.center_px.y());
+    finding->set_k1_change(change.k1);
+    finding->set_detail(DescribeChange(start.request.state, change));
+  }
+}
+
+}  // namespace horopter

@@ -1,0 +1,291 @@
+#include "server/service/station_store.h"
+
+#include <algorithm>
+#include <chrono>
+#include <numbers>
+#include <opencv2/core/mat.hpp>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "horopter/v1/station.pb.h"
+#include "server/base/sha256.h"
+#include "server/base/status_macros.h"
+#include "server/service/rpc_status.h"
+#include "server/vision/geometry/station_blob.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kDegrees = 180.0 / std::numbers::pi;
+
+int IndexOfCamera(const StationState& state, const std::string& id) {
+  for (size_t c = 0; c < state.cameras.size(); ++c) {
+    if (state.cameras[c].id == id) return static_cast<int>(c);
+  }
+  return -1;
+}
+
+// The cameras of the images, those the state does not have yet appended; cameras of which nothing
+// is known take the images' size.
+absl::StatusOr<StationViews> CamerasOf(const std::vector<std::string>& ids,
+                                       const std::vector<cv::Mat>& images,
+                                       StationState* state,
+                                       std::vector<std::string>* resized) {
+  const StationOptions options;
+  StationViews views;
+  for (size_t i = 0; i < ids.size(); ++i) {
+    const std::string field = absl::StrCat("images[", i, "].camera_id");
+    if (!IsStationId(ids[i]))
+      return InvalidField(field, "a request of a station needs [a-z0-9_-]{1,63} here");
+    int c = IndexOfCamera(*state, ids[i]);
+    if (c < 0 && static_cast<int>(state->cameras.size()) >= kMostStationCameras)
+      return InvalidField(
+          field, absl::StrCat("the station has ", kMostStationCameras, " cameras already"));
+    const int width = images[i].cols, height = images[i].rows;
+    if (c < 0) c = AddStationCamera(ids[i], width, height, options, state);
+    StationCamera& camera = state->cameras[c];
+    if (camera.camera.width != width || camera.camera.height != height) {
+      if (camera.requests > 0) resized->push_back(ids[i]);
+      camera.camera.width = width;
+      camera.camera.height = height;
+      ForgetLens(c, options, state);
+      ForgetPlace(c, state);
+    }
+    views.push_back(c);
+  }
+  return views;
+}
+
+}  // namespace
+
+std::string StationName(const std::string& id) {
+  return "stations/" + id;
+}
+
+std::string StationCameraName(const std::string& id, const std::string& camera) {
+  return absl::StrCat("stations/", id, "/cameras/", camera);
+}
+
+absl::StatusOr<std::string> StationIdFromName(const std::string& name, const std::string& field) {
+  const std::vector<std::string> parts = absl::StrSplit(name, '/');
+  if (parts.size() == 2 && parts[0] == "stations" && IsStationId(parts[1])) return parts[1];
+  return InvalidField(
+      field,
+      absl::StrCat("'",
+                   name.substr(0, 80),
+                   "' is not stations/{station} with {station} of [a-z0-9_-]{1,63}"));
+}
+
+absl::StatusOr<StationCameraId> StationCameraFromName(const std::string& name,
+                                                      const std::string& field) {
+  const std::vector<std::string> parts = absl::StrSplit(name, '/');
+  if (parts.size() == 4 && parts[0] == "stations" && parts[2] == "cameras" &&
+      IsStationId(parts[1]) && IsStationId(parts[3])) {
+    return StationCameraId{parts[1], parts[3]};
+  }
+  return InvalidField(
+      field,
+      absl::StrCat("'", name.substr(0, 160), "' is not stations/{station}/cameras/{camera}"));
+}
+
+std::string EtagOf(const StationRecord& record) {
+  constexpr size_t kDigits = 16;
+  return Sha256Hex(
+             absl::StrCat("station\n", record.id, "\n", record.revision, "\n", record.update_time))
+      .substr(0, kDigits);
+}
+
+std::string StationTime() {
+  return absl::FormatTime("%Y-%m-%dT%H:%M:%E3SZ", absl::Now(), absl::UTCTimeZone());
+}
+
+absl::StatusOr<StationStart> BeginStation(Catalog& catalog,
+                                          const std::string& id,
+                                          const std::string& state,
+                                          const std::vector<std::string>& camera_ids,
+                                          const std::vector<cv::Mat>& images) {
+  StationStart out;
+  out.id = id;
+  out.learns = state.empty();
+  StationRecord record;
+  if (state.empty()) {
+    absl::StatusOr<StationRecord> stored = catalog.GetStation(id);
+    if (absl::IsNotFound(stored.status())) {
+      return FieldError(absl::StatusCode::kNotFound,
+                        "station",
+                        absl::StrCat("'", StationName(id), "' is not known"));
+    }
+    HOROPTER_RETURN_IF_ERROR(stored.status());
+    record = *std::move(stored);
+  } else {
+    absl::StatusOr<StationState> brought = DecodeStationState(state);
+    if (!brought.ok())
+      return InvalidField("station_state", std::string(brought.status().message()));
+    record.state = *std::move(brought);
+  }
+  out.state = EncodeStationState(record.state);
+  out.agreed_request_id = record.agreed_request_id;
+  out.agreed_time = record.agreed_time;
+  out.request.state = std::move(record.state);
+  HOROPTER_ASSIGN_OR_RETURN(out.request.views,
+                            CamerasOf(camera_ids, images, &out.request.state, &out.resized));
+  out.request.base_from_camera.resize(out.request.state.cameras.size());
+  for (const auto& [camera, pose] : record.base_from_camera) {
+    if (const int c = IndexOfCamera(out.request.state, camera); c >= 0)
+      out.request.base_from_camera[c] = pose;
+  }
+  return out;
+}
+
+int KindOf(const StationChange& change) {
+  switch (change.kind) {
+    case StationChangeKind::kMoved:
+      return v1::StationFinding::KIND_CAMERA_MOVED;
+    case StationChangeKind::kLens:
+      return v1::StationFinding::KIND_LENS_CHANGED;
+    case StationChangeKind::kSwapped:
+      return v1::StationFinding::KIND_CAMERAS_SWAPPED;
+  }
+  return v1::StationFinding::KIND_UNSPECIFIED;
+}
+
+std::string DescribeChange(const StationState& state, const StationChange& change) {
+  std::string cameras;
+  for (const int c : change.cameras)
+    absl::StrAppend(&cameras, cameras.empty() ? "" : " or ", state.cameras[c].id);
+  switch (change.kind) {
+    case StationChangeKind::kMoved:
+      return absl::StrFormat("camera %s moved by %.2f degrees and %.1f mm",
+                             cameras,
+                             kDegrees * change.turn_rad,
+                             1000.0 * change.shift_m);
+    case StationChangeKind::kLens:
+      return absl::StrFormat(
+          "lens of camera %s changed: focal length %+.2f %%, principal point %+.1f %+.1f px",
+          cameras,
+          100.0 * change.log_focal,
+          change.center_px.x(),
+          change.center_px.y());
+    case StationChangeKind::kSwapped:
+      return absl::StrCat("the images fit the cameras in another order: ", cameras);
+  }
+  return cameras;
+}
+
+namespace {
+
+// Of cameras that moved the hand-eye calibration is void; the others take theirs over through the
+// rig as it was before.
+void ForgetMovedBases(const StationTest& test, StationRecord* record) {
+  const std::vector<StationCamera>& cameras = record->state.cameras;
+  const auto fixed = [&](const StationCamera& c) { return c.posed && !c.moving; };
+  for (size_t m = 0; m < cameras.size(); ++m) {
+    const auto known = record->base_from_camera.find(cameras[m].id);
+    if (!HasMoved(test, static_cast<int>(m)) || known == record->base_from_camera.end()) continue;
+    if (fixed(cameras[m])) {
+      const Rigid3 base_from_rig = known->second * cameras[m].camera_from_rig;
+      for (size_t c = 0; c < cameras.size(); ++c) {
+        if (!fixed(cameras[c]) || HasMoved(test, static_cast<int>(c))) continue;
+        record->base_from_camera.try_emplace(cameras[c].id,
+                                             base_from_rig * cameras[c].camera_from_rig.Inverse());
+      }
+    }
+    record->base_from_camera.erase(cameras[m].id);
+  }
+}
+
+// What a reference object says of fixed cameras of which nobody said where they are. Returns their
+// ids.
+std::vector<std::string> LearnBases(const StationViews& views,
+                                    const std::vector<std::optional<Rigid3>>& base_from_camera,
+                                    StationRecord* record) {
+  std::vector<std::string> learnt;
+  for (size_t v = 0; v < std::min(views.size(), base_from_camera.size()); ++v) {
+    const StationCamera& camera = record->state.cameras[views[v]];
+    if (!base_from_camera[v] || camera.moving) continue;
+    if (record->base_from_camera.try_emplace(camera.id, *base_from_camera[v]).second)
+      learnt.push_back(camera.id);
+  }
+  return learnt;
+}
+
+}  // namespace
+
+absl::StatusOr<bool> TeachStation(Catalog& catalog,
+                                  const StationStart& start,
+                                  const StationOutcome& outcome,
+                                  const std::string& request_id) {
+  if (!start.learns || outcome.evidence.information.size() == 0) return false;
+  const StationOptions options;
+  bool learnt = false;
+  const auto teach = [&](const StationRecord* current,
+                         std::vector<StationEventRecord>* events) -> absl::StatusOr<StationRecord> {
+    if (current == nullptr) return absl::NotFoundError("the station was deleted meanwhile");
+    StationRecord next = *current;
+    // The cameras by their ids: others may have been added since.
+    std::vector<std::string> resized;
+    StationViews views;
+    for (const int c : start.request.views) {
+      const StationCamera& camera = start.request.state.cameras[c];
+      int index = IndexOfCamera(next.state, camera.id);
+      if (index < 0) {
+        if (static_cast<int>(next.state.cameras.size()) >= kMostStationCameras)
+          return absl::FailedPreconditionError("the station is full");
+        index = AddStationCamera(
+            camera.id, camera.camera.width, camera.camera.height, options, &next.state);
+        events->push_back({v1::StationEvent::KIND_CAMERA_ADDED,
+                           StationTime(),
+                           request_id,
+                           {camera.id},
+                           "first seen"});
+      }
+      StationCamera& now = next.state.cameras[index];
+      if (now.camera.width != camera.camera.width || now.camera.height != camera.camera.height) {
+        now.camera.width = camera.camera.width;
+        now.camera.height = camera.camera.height;
+        ForgetLens(index, options, &next.state);
+        ForgetPlace(index, &next.state);
+      }
+      views.push_back(index);
+    }
+    // A prior that stood because of the scene adjusted under it stands here, too.
+    StationTest test = TestStation(next.state, views, outcome.evidence, options);
+    next.update_time = StationTime();
+    for (const StationChange& change : test.changes) {
+      StationEventRecord& event = events->emplace_back();
+      event.kind = KindOf(change);
+      event.time = next.update_time;
+      event.request_id = request_id;
+      for (const int c : change.cameras) event.camera_ids.push_back(next.state.cameras[c].id);
+      event.detail = DescribeChange(next.state, change);
+    }
+    learnt = !IsSwapped(test);
+    if (test.agrees) {
+      next.agreed_request_id = request_id;
+      next.agreed_time = next.update_time;
+    }
+    ForgetMovedBases(test, &next);
+    const std::vector<std::string> based =
+        learnt ? LearnBases(views, outcome.base_from_camera, &next) : std::vector<std::string>();
+    if (!based.empty()) {
+      events->push_back({v1::StationEvent::KIND_BASE_LEARNT,
+                         next.update_time,
+                         request_id,
+                         based,
+                         "places in the robot's base frame by the reference object"});
+    }
+    next.state = UpdateStation(std::move(next.state), views, outcome.evidence, test, options);
+    return next;
+  };
+  const absl::StatusOr<StationRecord> written = catalog.WriteStation(start.id, teach);
+  if (absl::IsNotFound(written.status()) || absl::IsFailedPrecondition(written.status()))
+    return false;
+  HOROPTER_RETURN_IF_ERROR(written.status());
+  return learnt;
+}
+
+}  // namespace horopter

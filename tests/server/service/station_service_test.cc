@@ -1,0 +1,428 @@
+#include "server/service/station_service.h"
+
+#include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <mutex>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <thread>
+
+#include "server/base/recording_file.h"
+#include "server/service/rpc_status.h"
+#include "server/vision/geometry/station_blob.h"
+#include "tests/support/scratch_dir.h"
+#include "tests/support/service_fixture.h"
+#include "tests/support/synthetic_rig.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kRows = 96, kColumns = 128;
+
+std::string Png(int rows = kRows, int columns = kColumns) {
+  std::vector<unsigned char> bytes;
+  cv::imencode(".png", cv::Mat(rows, columns, CV_8UC3, cv::Scalar(10, 20, 30)), bytes);
+  return {bytes.begin(), bytes.end()};
+}
+
+// A rig whose images have the size of the test's.
+SyntheticRig SmallRig(int cameras = 2) {
+  SyntheticRig rig = MakeSyntheticRig(cameras, 3);
+  for (PinholeCamera& c : rig.cameras) {
+    c.width = kColumns;
+    c.height = kRows;
+    c.focal_px *= 0.1;
+    c.cx = 63.0;
+    c.cy = 48.0;
+  }
+  return rig;
+}
+
+// Answers without objects; of a station, what images of the rig say of it.
+struct FakeScene {
+  SyntheticRig rig = SmallRig();
+  std::mt19937 rng{5};
+  std::mutex mutex;
+  int calls = 0;
+  std::optional<StationRequest> seen;
+  std::vector<std::optional<Rigid3>> by_reference;  // base_from_camera, per image
+
+  Recognizer Answers() {
+    return [this](const SceneRequest& request, const CatalogSnapshot&, const CallLimits&) {
+      const std::lock_guard lock(mutex);
+      ++calls;
+      seen = request.station;
+      PipelineResult result;
+      result.answer.cameras.resize(request.images.size());
+      if (!request.station) return absl::StatusOr<PipelineResult>(std::move(result));
+      std::vector<int> images(request.images.size());
+      for (std::size_t i = 0; i < images.size(); ++i) images[i] = static_cast<int>(i);
+      result.station.emplace();
+      result.station->evidence = SayOf(rig, images, 0.3, &rng);
+      result.station->test =
+          TestStation(request.station->state, request.station->views, result.station->evidence, {});
+      result.station->prior_used = result.station->test.agrees;
+      result.station->base_from_camera = by_reference;
+      return absl::StatusOr<PipelineResult>(std::move(result));
+    };
+  }
+};
+
+class StationServiceTest : public testing::Test {
+ protected:
+  explicit StationServiceTest(const ServerOptions& options = {})
+      : server_(scene_.Answers(), options),
+        stations_(v1::StationService::NewStub(server_.channel())) {}
+
+  grpc::Status Make(const std::string& id) {
+    v1::UpdateStationRequest request;
+    request.mutable_station()->set_name("stations/" + id);
+    request.set_allow_missing(true);
+    return Update(request);
+  }
+  grpc::Status Update(const v1::UpdateStationRequest& request) {
+    grpc::ClientContext context;
+    const grpc::Status status = stations_->UpdateStation(&context, request, &station_);
+    field_ = Trailing(context, kErrorFieldKey);
+    return status;
+  }
+  v1::Station Get(const std::string& id) {
+    grpc::ClientContext context;
+    v1::GetStationRequest request;
+    request.set_name("stations/" + id);
+    v1::Station out;
+    EXPECT_TRUE(stations_->GetStation(&context, request, &out).ok());
+    return out;
+  }
+  static v1::RecognizeSceneRequest Request(const std::string& station,
+                                           const std::vector<std::string>& cameras) {
+    v1::RecognizeSceneRequest request;
+    if (!station.empty()) request.set_station("stations/" + station);
+    for (const std::string& camera : cameras) {
+      v1::SceneImage* image = request.add_images();
+      image->set_content(Png());
+      image->set_camera_id(camera);
+    }
+    return request;
+  }
+  grpc::Status Recognize(const v1::RecognizeSceneRequest& request) {
+    grpc::ClientContext context;
+    answer_.Clear();
+    const grpc::Status status = server_.recognition().RecognizeScene(&context, request, &answer_);
+    field_ = Trailing(context, kErrorFieldKey);
+    return status;
+  }
+
+  FakeScene scene_;
+  TestServer server_;
+  std::unique_ptr<v1::StationService::Stub> stations_;
+  v1::Station station_;
+  v1::RecognizeSceneResponse answer_;
+  std::string field_;
+};
+
+TEST_F(StationServiceTest, RequestsTeachTheStationTheyName) {
+  ASSERT_TRUE(Make("cell").ok());
+  const std::string etag = station_.etag();
+  for (int i = 0; i < 6; ++i) {
+    ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
+    EXPECT_EQ(answer_.station().station(), "stations/cell");
+    EXPECT_TRUE(answer_.station().learnt());
+    EXPECT_EQ(answer_.station().findings_size(), 0);
+  }
+  EXPECT_TRUE(answer_.station().prior_used());
+  EXPECT_GT(answer_.station().distance_limit(), answer_.station().distance_squared());
+  const v1::Station station = Get("cell");
+  EXPECT_NE(station.etag(), etag);
+  EXPECT_EQ(station.request_count(), 6);
+  ASSERT_EQ(station.cameras_size(), 2);
+  EXPECT_EQ(station.cameras(0).name(), "stations/cell/cameras/left");
+  EXPECT_EQ(station.cameras(0).request_count(), 6);
+  EXPECT_NEAR(station.cameras(0).calibration().k(0),
+              scene_.rig.cameras[0].focal_px,
+              0.01 * scene_.rig.cameras[0].focal_px);
+  EXPECT_LT(station.cameras(0).calibration().focal_log_sigma(), 0.005);
+  EXPECT_TRUE(station.cameras(1).has_camera_from_rig());
+  // What is known reaches the pipeline.
+  ASSERT_TRUE(scene_.seen.has_value());
+  EXPECT_EQ(scene_.seen->state.requests, 5);
+}
+
+TEST_F(StationServiceTest, RequestsThatNameNoneAreNotTouched) {
+  ASSERT_TRUE(Recognize(Request("", {"Any label", ""})).ok());
+  EXPECT_FALSE(answer_.has_station());
+  EXPECT_FALSE(scene_.seen.has_value());
+}
+
+TEST_F(StationServiceTest, AMovedCameraIsReportedWithTheLastRequestThatAgreed) {
+  ASSERT_TRUE(Make("cell").ok());
+  std::string last;
+  for (int i = 0; i < 8; ++i) {
+    ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
+    last = answer_.request_id();
+  }
+  scene_.rig.poses[1].t.x() += 0.05;
+  ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
+  EXPECT_FALSE(answer_.station().prior_used());
+  ASSERT_EQ(answer_.station().findings_size(), 1);
+  const v1::StationFinding& finding = answer_.station().findings(0);
+  EXPECT_EQ(finding.kind(), v1::StationFinding::KIND_CAMERA_MOVED);
+  EXPECT_EQ(finding.cameras_size(), 2);  // one of the two
+  EXPECT_EQ(finding.last_agreeing_request_id(), last);
+  EXPECT_TRUE(finding.has_last_agreeing_time());
+  const v1::Station station = Get("cell");
+  EXPECT_EQ(station.events(0).kind(), v1::StationEvent::KIND_CAMERA_MOVED);
+  EXPECT_EQ(station.events(0).request_id(), answer_.request_id());
+  // It is learnt anew.
+  ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
+  EXPECT_EQ(answer_.station().findings_size(), 0);
+}
+
+TEST_F(StationServiceTest, AReferenceTeachesTheBaseAndAMovedCameraLosesIt) {
+  scene_.rig = SmallRig(3);
+  const auto base_from = [&](int camera) { return scene_.rig.poses[camera].Inverse(); };
+  const v1::RecognizeSceneRequest request = Request("cell", {"left", "right", "top"});
+  ASSERT_TRUE(Make("cell").ok());
+  for (int i = 0; i < 8; ++i) ASSERT_TRUE(Recognize(request).ok());
+  scene_.by_reference = {base_from(0), base_from(1), std::nullopt};
+  ASSERT_TRUE(Recognize(request).ok());
+  v1::Station station = Get("cell");
+  ASSERT_TRUE(station.cameras(0).has_base_from_camera());
+  ASSERT_TRUE(station.cameras(1).has_base_from_camera());
+  EXPECT_FALSE(station.cameras(2).has_base_from_camera());
+  EXPECT_EQ(station.events(0).kind(), v1::StationEvent::KIND_BASE_LEARNT);
+  EXPECT_EQ(station.events(0).cameras_size(), 2);
+  // Once is enough: the first word stays.
+  const double x = station.cameras(0).base_from_camera().translation_m().x();
+  scene_.by_reference = {base_from(1), std::nullopt, std::nullopt};
+  ASSERT_TRUE(Recognize(request).ok());
+  EXPECT_EQ(Get("cell").cameras(0).base_from_camera().translation_m().x(), x);
+
+  scene_.by_reference.clear();
+  scene_.rig.poses[1].t.x() += 0.05;
+  ASSERT_TRUE(Recognize(request).ok());
+  ASSERT_EQ(answer_.station().findings_size(), 1);
+  ASSERT_EQ(answer_.station().findings(0).cameras_size(), 1);
+  station = Get("cell");
+  EXPECT_TRUE(station.cameras(0).has_base_from_camera());
+  EXPECT_FALSE(station.cameras(1).has_base_from_camera());
+  // The third has it through the rig as it was.
+  ASSERT_TRUE(station.cameras(2).has_base_from_camera());
+  EXPECT_NEAR(station.cameras(2).base_from_camera().translation_m().z(), base_from(2).t.z(), 0.01);
+}
+
+TEST_F(StationServiceTest, ImagesOfAnotherSizeAreAFinding) {
+  ASSERT_TRUE(Make("cell").ok());
+  ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
+  v1::RecognizeSceneRequest request = Request("cell", {"left", "right"});
+  request.mutable_images(1)->set_content(Png(48, 64));
+  ASSERT_TRUE(Recognize(request).ok());
+  ASSERT_GE(answer_.station().findings_size(), 1);
+  EXPECT_EQ(answer_.station().findings(0).kind(), v1::StationFinding::KIND_IMAGE_SIZE_CHANGED);
+  EXPECT_EQ(answer_.station().findings(0).cameras(0), "stations/cell/cameras/right");
+}
+
+TEST_F(StationServiceTest, BadRequestsNameTheField) {
+  EXPECT_EQ(Recognize(Request("cell", {"left"})).error_code(), grpc::StatusCode::NOT_FOUND);
+  EXPECT_EQ(field_, "station");
+  ASSERT_TRUE(Make("cell").ok());
+  EXPECT_EQ(Recognize(Request("cell", {"left", ""})).error_code(),
+            grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(field_, "images[1].camera_id");
+  v1::RecognizeSceneRequest request = Request("", {"left"});
+  request.set_station("cell");
+  EXPECT_EQ(Recognize(request).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(field_, "station");
+  request = Request("cell", {"left"});
+  request.set_station_state("nonsense");
+  EXPECT_EQ(Recognize(request).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(field_, "station_state");
+  request.clear_station();
+  EXPECT_EQ(Recognize(request).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(field_, "station_state");
+  std::vector<std::string> many;
+  for (int i = 0; i < 17; ++i) many.push_back("c" + std::to_string(i));
+  EXPECT_EQ(Recognize(Request("cell", many)).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(field_, "images[16].camera_id");
+  EXPECT_EQ(Make("Cell").error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(field_, "station.name");
+  EXPECT_EQ(Get("cell").request_count(), 0);
+}
+
+TEST_F(StationServiceTest, ChangesAreGuardedByTheEtag) {
+  ASSERT_TRUE(Make("cell").ok());
+  v1::UpdateStationRequest update;
+  update.mutable_station()->set_name("stations/cell");
+  update.mutable_station()->set_display_name("press 4");
+  update.set_if_match("0123456789abcdef");
+  EXPECT_EQ(Update(update).error_code(), grpc::StatusCode::ABORTED);
+  update.set_if_match(station_.etag().empty() ? Get("cell").etag() : station_.etag());
+  ASSERT_TRUE(Update(update).ok());
+  EXPECT_EQ(station_.display_name(), "press 4");
+  EXPECT_EQ(Update(update).error_code(), grpc::StatusCode::ABORTED);  // changed since
+  grpc::ClientContext context;
+  v1::DeleteStationRequest remove;
+  remove.set_name("stations/cell");
+  remove.set_if_match("x");
+  google::protobuf::Empty nothing;
+  EXPECT_EQ(stations_->DeleteStation(&context, remove, &nothing).error_code(),
+            grpc::StatusCode::ABORTED);
+  grpc::ClientContext again;
+  remove.clear_if_match();
+  EXPECT_TRUE(stations_->DeleteStation(&again, remove, &nothing).ok());
+}
+
+TEST_F(StationServiceTest, MotionAndHandEyeAreWrittenAndReachThePipeline) {
+  ASSERT_TRUE(Make("cell").ok());
+  v1::UpdateStationRequest update;
+  update.mutable_station()->set_name("stations/cell");
+  v1::StationCamera* camera = update.mutable_station()->add_cameras();
+  camera->set_name("stations/cell/cameras/left");
+  camera->set_motion(v1::StationCamera::MOTION_MOVING);
+  camera->mutable_base_from_camera()->mutable_rotation()->set_w(1.0);
+  camera->mutable_base_from_camera()->mutable_translation_m()->set_z(0.5);
+  ASSERT_TRUE(Update(update).ok());
+  EXPECT_EQ(station_.cameras(0).motion(), v1::StationCamera::MOTION_MOVING);
+  EXPECT_FALSE(station_.cameras(0).has_calibration());
+  ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
+  EXPECT_TRUE(scene_.seen->state.cameras[0].moving);
+  ASSERT_TRUE(scene_.seen->base_from_camera[0].has_value());
+  EXPECT_EQ(scene_.seen->base_from_camera[0]->t.z(), 0.5);
+  EXPECT_FALSE(Get("cell").cameras(0).has_camera_from_rig());
+  camera->set_name("stations/other/cameras/left");
+  EXPECT_EQ(Update(update).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(field_, "station.cameras[0].name");
+}
+
+TEST_F(StationServiceTest, CalibrationsComeAndGo) {
+  ASSERT_TRUE(Make("cell").ok());
+  v1::ImportCalibrationRequest import_;
+  import_.set_name("stations/cell/cameras/left");
+  v1::CameraCalibration& c = *import_.mutable_calibration();
+  c.set_image_width_px(kColumns);
+  c.set_image_height_px(kRows);
+  for (const double k : {180.0, 0.0, 64.0, 0.0, 180.0, 47.0, 0.0, 0.0, 1.0}) c.add_k(k);
+  c.add_d(-0.05);
+  const auto import_now = [&] {
+    grpc::ClientContext context;
+    const grpc::Status status = stations_->ImportCalibration(&context, import_, &station_);
+    field_ = Trailing(context, kErrorFieldKey);
+    return status;
+  };
+  const auto export_now = [&](v1::CameraCalibration* out) {
+    grpc::ClientContext context;
+    v1::ExportCalibrationRequest request;
+    request.set_name(import_.name());
+    return stations_->ExportCalibration(&context, request, out);
+  };
+  v1::CameraCalibration out;
+  EXPECT_EQ(export_now(&out).error_code(), grpc::StatusCode::NOT_FOUND);
+  ASSERT_TRUE(import_now().ok());
+  ASSERT_TRUE(export_now(&out).ok());
+  EXPECT_EQ(out.k(0), 180.0);
+  EXPECT_EQ(out.d(0), -0.05);
+  EXPECT_NEAR(out.focal_log_sigma(), 0.003, 1e-12);
+  EXPECT_EQ(Get("cell").events(0).kind(), v1::StationEvent::KIND_CALIBRATION_IMPORTED);
+  grpc::ClientContext context;
+  v1::ResetStationRequest reset;
+  reset.set_name(import_.name());
+  ASSERT_TRUE(stations_->ResetStation(&context, reset, &station_).ok());
+  EXPECT_EQ(export_now(&out).error_code(), grpc::StatusCode::FAILED_PRECONDITION);
+  for (int what = 0; what < 7; ++what) {
+    const v1::CameraCalibration good = c;
+    if (what == 0) c.set_image_width_px(0);
+    if (what == 1) c.mutable_k()->RemoveLast();
+    if (what == 2) c.set_k(4, 200.0);
+    if (what == 3) c.set_k(1, 1.0);
+    if (what == 4) c.set_k(0, std::nan(""));
+    if (what == 5) c.add_d(0.1);
+    if (what == 6) c.set_focal_log_sigma(-1.0);
+    EXPECT_EQ(import_now().error_code(), grpc::StatusCode::INVALID_ARGUMENT) << what;
+    EXPECT_THAT(field_, testing::StartsWith("calibration.")) << what;
+    c = good;
+  }
+}
+
+TEST_F(StationServiceTest, StationsAreListedInPages) {
+  for (const char* id : {"c", "a", "b"}) ASSERT_TRUE(Make(id).ok());
+  v1::ListStationsRequest request;
+  request.set_page_size(2);
+  v1::ListStationsResponse page;
+  grpc::ClientContext first;
+  ASSERT_TRUE(stations_->ListStations(&first, request, &page).ok());
+  ASSERT_EQ(page.stations_size(), 2);
+  EXPECT_EQ(page.stations(1).name(), "stations/b");
+  request.set_page_token(page.next_page_token());
+  grpc::ClientContext second;
+  ASSERT_TRUE(stations_->ListStations(&second, request, &page).ok());
+  ASSERT_EQ(page.stations_size(), 1);
+  EXPECT_EQ(page.next_page_token(), "");
+  request.set_page_token("v1.a");
+  grpc::ClientContext third;
+  EXPECT_EQ(stations_->ListStations(&third, request, &page).error_code(),
+            grpc::StatusCode::INVALID_ARGUMENT);
+}
+
+TEST_F(StationServiceTest, ConcurrentRequestsAllTeach) {
+  ASSERT_TRUE(Make("cell").ok());
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 3; ++t) {
+    threads.emplace_back([&] {
+      for (int i = 0; i < 3; ++i) {
+        grpc::ClientContext context;
+        v1::RecognizeSceneResponse answer;
+        EXPECT_TRUE(server_.recognition()
+                        .RecognizeScene(&context, Request("cell", {"left", "right"}), &answer)
+                        .ok());
+        EXPECT_TRUE(answer.station().learnt());
+      }
+    });
+  }
+  for (std::thread& t : threads) t.join();
+  EXPECT_EQ(Get("cell").request_count(), 9);
+}
+
+class RecordedStationTest : public StationServiceTest {
+ protected:
+  RecordedStationTest() : StationServiceTest(Options()) {}
+  static ServerOptions Options() {
+    ServerOptions options;
+    options.telemetry.recorder.folder = Folder().path().string();
+    options.telemetry.recorder.sample = 1.0;
+    return options;
+  }
+  static ScratchDir& Folder() {
+    static ScratchDir folder;
+    return folder;
+  }
+};
+
+TEST_F(RecordedStationTest, ARecordingHoldsThePriorAndItsReplayTeachesNothing) {
+  ASSERT_TRUE(Make("cell").ok());
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
+  v1::RecognizeSceneRequest recorded;
+  int files = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(Folder().path())) {
+    std::ifstream file(entry.path(), std::ios::binary);
+    const std::string bytes((std::istreambuf_iterator<char>(file)), {});
+    const auto recording = DecodeRecording(bytes);
+    ASSERT_TRUE(recording.ok()) << recording.status();
+    ASSERT_TRUE(recorded.ParseFromString(recording->request));
+    ASSERT_TRUE(DecodeStationState(recorded.station_state()).ok());
+    ++files;
+  }
+  EXPECT_EQ(files, 3);
+  ASSERT_TRUE(Recognize(recorded).ok());
+  EXPECT_FALSE(answer_.station().learnt());
+  EXPECT_EQ(Get("cell").request_count(), 3);
+  const int64_t known = DecodeStationState(recorded.station_state())->requests;
+  EXPECT_EQ(scene_.seen->state.requests, known);
+}
+
+}  // namespace
+}  // namespace horopter
