@@ -8,6 +8,7 @@
 #include <numeric>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspects/segment_pairs.h"
 #include "server/vision/recognition/aspects/vote_support.h"
 
 namespace horopter {
@@ -58,17 +59,47 @@ class Share {
     }
   }
 
+  void Vote(const SegmentPair& pair) {
+    ++counts_.pairs;
+    const auto [first, last] =
+        index_.FindPairs(pair.opening_rad, static_cast<float>(options_.pair_opening_rad));
+    agreeing_.clear();
+    others_.clear();
+    const float wanted = pair.length_b / pair.length_a;
+    const auto most = static_cast<float>(std::exp(options_.pair_log_ratio));
+    for (std::size_t i = first; i < last; ++i) {
+      const IndexedPair& p = index_.pairs[i];
+      if (!wanted_.empty() && !wanted_[index_.aspects[p.aspect].part]) continue;
+      const float ratio = wanted * p.length_a / p.length_b;
+      (ratio < most && ratio * most > 1.0f ? agreeing_ : others_)
+          .push_back(static_cast<std::uint32_t>(i));
+    }
+    counts_.pair_matches += static_cast<std::int64_t>(agreeing_.size());
+    const auto left = static_cast<std::size_t>(std::max(0, options_.max_pair_matches));
+    TestSome(pair, agreeing_, left);
+    if (agreeing_.size() < left) TestSome(pair, others_, left - agreeing_.size());
+  }
+
   std::vector<std::vector<AspectVote>>& pools() { return pools_; }
   const AspectVotes& counts() const { return counts_; }
 
  private:
+  // At most `most`, spread over all.
+  void TestSome(const SegmentPair& pair,
+                const std::vector<std::uint32_t>& found,
+                std::size_t most) {
+    if (most == 0) return;
+    const std::size_t stride = 1 + found.size() / most;
+    for (std::size_t i = counts_.pairs % stride; i < found.size(); i += stride)
+      Test(pair, index_.pairs[found[i]]);
+  }
+
   // Scale and turn by least squares over directions and spreads, place by the centres.
   void Test(const ContourFragment& image_side,
             const IndexedFragment& model_side,
             const PackedFragmentKey& key) {
     const float size = image_side.spread / model_side.spread;
-    const float width = static_cast<float>(image_.width);
-    if (size < options_.min_size_share * width || size > options_.max_size_share * width) return;
+    if (!IsSoughtSize(size)) return;
     float turn = image_side.chord_rad - model_side.chord_rad;
     float off = 0.0f;
     for (int i = 0; i < kFragmentAngles; ++i) off += image_side.key[i] - key[i] / kKeyScale;
@@ -76,10 +107,38 @@ class Share {
     Similarity s = MakeSimilarity(size, turn);
     s.x = image_side.center.x() - (s.a * model_side.x - s.b * model_side.y);
     s.y = image_side.center.y() - (s.b * model_side.x + s.a * model_side.y);
-    if (!(s.x >= 0 && s.y >= 0 && s.x < width && s.y < static_cast<float>(image_.height))) return;
+    Test(model_side.aspect, s, image_side.pivot);
+  }
+
+  // Size by both arms where they agree, else by the one whose image is longer: the other is cut
+  // off.
+  void Test(const SegmentPair& image_side, const IndexedPair& model_side) {
+    const float by_a = image_side.length_a / model_side.length_a;
+    const float by_b = image_side.length_b / model_side.length_b;
+    const float ratio = std::abs(std::log(by_a / by_b));
+    const float size =
+        ratio < options_.pair_log_ratio ? std::sqrt(by_a * by_b) : std::max(by_a, by_b);
+    if (!IsSoughtSize(size)) return;
+    const float turn = image_side.direction_rad - model_side.direction_rad +
+                       0.5f * (image_side.opening_rad - model_side.opening_rad);
+    Similarity s = MakeSimilarity(size, turn);
+    s.x = image_side.corner.x() - (s.a * model_side.x - s.b * model_side.y);
+    s.y = image_side.corner.y() - (s.b * model_side.x + s.a * model_side.y);
+    Test(model_side.aspect, s, image_side.corner);
+  }
+
+  bool IsSoughtSize(float size) const {
+    const float width = static_cast<float>(image_.width);
+    return size >= options_.min_size_share * width && size <= options_.max_size_share * width;
+  }
+
+  void Test(std::int32_t number, Similarity s, const Eigen::Vector2f& pivot) {
+    if (!(s.x >= 0 && s.y >= 0 && s.x < static_cast<float>(image_.width) &&
+          s.y < static_cast<float>(image_.height)))
+      return;
     const PackedVotePoint* first =
-        index_.first_points.data() + static_cast<std::size_t>(model_side.aspect) * kSecondPoints;
-    const int tau8 = Tau8(size);
+        index_.first_points.data() + static_cast<std::size_t>(number) * kSecondPoints;
+    const int tau8 = Tau8(s.size);
     const CoarseMap& map = maps_.For(tau8);
     const float six = map.Support(first, 0, kFirstPoints, s, tau8);
     if (six < options_.min_support_6) return;
@@ -88,14 +147,14 @@ class Share {
     const float sixteen =
         (six * kFirstPoints + rest * (kSecondPoints - kFirstPoints)) / kSecondPoints;
     if (sixteen < options_.min_support_16) return;
-    const IndexedAspect& aspect = index_.aspects[model_side.aspect];
+    const IndexedAspect& aspect = index_.aspects[number];
     const VotePoint* points = index_.points.data() + aspect.first_point;
     const int n = aspect.points;
     const float excess = ExcessChance(points, kFirstPoints, s);
     if (sixteen - excess < options_.min_support_16 * (1.0f - excess)) return;
-    if (!IsNew(model_side.aspect, s)) return;
+    if (!IsNew(number, s)) return;
     ++counts_.climbs;
-    s = Climb(first, image_side.pivot, sixteen, s);
+    s = Climb(first, pivot, sixteen, s);
     const float support = Support(image_, points, 0, n, s, Tau8(s.size));
     if (support < options_.min_support) return;
     const float chance = ExcessChance(points, n, s);
@@ -104,7 +163,7 @@ class Share {
     if (gain <= 0) return;
     ++counts_.accepted;
     const float rank = aspect.edge_length * s.size * gain;
-    Keep(aspect.part, {rank, support, model_side.aspect, s.size, s.turn, s.x, s.y});
+    Keep(aspect.part, {rank, support, number, s.size, s.turn, s.x, s.y});
   }
 
   int Tau8(float size) const {
@@ -205,7 +264,7 @@ class Share {
   std::span<const std::uint8_t> wanted_;
   std::vector<std::vector<AspectVote>> pools_;
   std::vector<float> floors_;
-  std::vector<std::uint32_t> found_;
+  std::vector<std::uint32_t> found_, agreeing_, others_;
   std::vector<std::uint32_t> seen_ = std::vector<std::uint32_t>(kSeenSlots, 0);
   AspectVotes counts_;
 };
@@ -285,6 +344,11 @@ AspectVotes VoteForAspects(const AspectImage& image,
   pieces.min_step = options.min_step;
   std::vector<ContourFragment> fragments = CollectFragments(image.contours, pieces);
   DropRepeated(options.max_repeats, &fragments);
+  SegmentPairOptions corners;
+  corners.min_length = options.min_arm_px;
+  corners.max_pairs = options.max_pairs;
+  std::vector<SegmentPair> pairs;
+  if (!index.pairs.empty()) pairs = CollectSegmentPairs(image.contours, corners);
   // Each share keeps its own pool, so the result does not depend on the number of threads.
   const CoarseMaps maps(image);
   std::vector<Share> shares(kShares, Share(image, maps, index, options, wanted));
@@ -293,10 +357,14 @@ AspectVotes VoteForAspects(const AspectImage& image,
       if (f / kShares % 16 == 0 && IsStopRequested(stop)) return;
       shares[i].Vote(fragments[f]);
     }
+    for (std::size_t p = i; p < pairs.size() && !IsStopRequested(stop); p += kShares)
+      shares[i].Vote(pairs[p]);
   });
   for (Share& share : shares) {
     out.fragments += share.counts().fragments;
     out.matches += share.counts().matches;
+    out.pairs += share.counts().pairs;
+    out.pair_matches += share.counts().pair_matches;
     out.tests_16 += share.counts().tests_16;
     out.climbs += share.counts().climbs;
     out.accepted += share.counts().accepted;

@@ -24,7 +24,14 @@ struct AspectVoteOptions {
   int max_matches = 1000;
   // Pieces that the image holds in more places than this, at one size and turn, are pattern.
   int max_repeats = 6;
-  double key_rms_rad = 0.18;     // fragments whose keys differ by less are alike
+  double key_rms_rad = 0.18;  // fragments whose keys differ by less are alike
+  // Pairs of adjacent straight edges (segment_pairs.h): openings that differ by less are alike.
+  // Both lengths give the size where they agree, else the one that is less cut off.
+  double pair_opening_rad = 0.14;
+  double pair_log_ratio = 0.2;  // up to this lengths agree
+  int max_pairs = 300;          // of the image
+  int max_pair_matches = 6000;  // of one pair that are tested, those that agree before others
+  double min_arm_px = 12.0;
   double min_size_share = 0.06;  // of the image's width: diameter of the smallest part sought
   double max_size_share = 1.6;
   double tau_share = 0.045;  // of the diameter: an edge farther away supports nothing
@@ -56,6 +63,7 @@ struct AspectVotes {
   std::vector<std::vector<AspectVote>> of_part;  // distinct, best first
   std::int64_t fragments = 0;                    // of the image
   std::int64_t matches = 0;                      // of the index
+  std::int64_t pairs = 0, pair_matches = 0;      // the same of adjacent straight edges
   std::int64_t tests_16 = 0, climbs = 0, accepted = 0;
 };
 
