@@ -18,7 +18,7 @@ constexpr double kEnoughEdges =
 constexpr double kNever = 1e6;
 
 // An object placed in a metric scene with cameras.
-struct PlacedObject {
+struct NamedPlacement {
   std::string id;
   Rigid3 scene_from_object;
 };
@@ -52,7 +52,7 @@ std::vector<int> CountedViews(const BopScene& scene, int instance) {
 }
 
 // Errors in the counted views; kNever where the camera is missing.
-std::vector<double> ErrorsOf(const PlacedObject& object,
+std::vector<double> ErrorsOf(const NamedPlacement& object,
                              const PlacedViews& views,
                              const BopScene& scene,
                              const TruePose& truth) {
@@ -71,12 +71,12 @@ std::vector<double> ErrorsOf(const PlacedObject& object,
 }
 
 // Smallest median error of the objects with the right id.
-std::optional<double> BestError(const std::vector<PlacedObject>& objects,
+std::optional<double> BestError(const std::vector<NamedPlacement>& objects,
                                 const PlacedViews& views,
                                 const BopScene& scene,
                                 const TruePose& truth) {
   std::optional<double> best;
-  for (const PlacedObject& object : objects) {
+  for (const NamedPlacement& object : objects) {
     if (object.id == truth.model->id) {
       const double error = Median(ErrorsOf(object, views, scene, truth));
       best = std::min(best.value_or(kNever), error);
@@ -86,7 +86,7 @@ std::optional<double> BestError(const std::vector<PlacedObject>& objects,
 }
 
 // One answer serves one instance: best pairs first. Fills final and final_px.
-void AssignAnswers(const std::vector<PlacedObject>& answers,
+void AssignAnswers(const std::vector<NamedPlacement>& answers,
                    const PlacedViews& views,
                    const BopScene& scene,
                    const std::vector<TruePose>& truths,
@@ -233,7 +233,7 @@ std::vector<ObjectFate> FollowObjects(const PipelineResult& result,
     answer_views.push_back(view ? std::optional<PlacedView>({view->camera, view->camera_from_scene})
                                 : std::nullopt);
   }
-  std::vector<PlacedObject> verified, answers;
+  std::vector<NamedPlacement> verified, answers;
   for (const SceneObject& object : result.trace.recognition.verified) {
     verified.push_back({object_ids.at(object.object), object.scene_from_object});
   }

@@ -6,6 +6,7 @@
 #include <map>
 #include <random>
 
+#include "server/vision/geometry/pose_perturbation.h"
 #include "server/vision/recognition/scoring/pose_refine.h"
 #include "tests/support/synthetic_part.h"
 

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "server/vision/geometry/pose_perturbation.h"
 #include "server/vision/recognition/scoring/pose_refine.h"
 #include "tests/support/synthetic_part.h"
 
