@@ -26,8 +26,8 @@
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_search/find_aspects.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
-#include "server/vision/recognition/aspects/find_aspects.h"
 #include "tests/bench/aspect_catalog.h"
 
 namespace horopter {

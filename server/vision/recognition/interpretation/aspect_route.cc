@@ -10,7 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/aspects/object_ranking.h"
+#include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {

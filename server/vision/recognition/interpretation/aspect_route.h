@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
-#include "server/vision/recognition/aspects/aspect_linking.h"
 #include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/aspect_search.h"
 #include "server/vision/recognition/refusals.h"
