@@ -26,8 +26,8 @@
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_search/find_aspects.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
-#include "server/vision/recognition/aspects/find_aspects.h"
 #include "tests/bench/aspect_catalog.h"
 
 namespace horopter {
@@ -67,6 +67,8 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"fragment_factor", &o.find.votes.fragment_factor},
       {"start_share", &o.find.votes.start_share},
       {"min_step", &o.find.votes.min_step},
+      {"pair_opening_rad", &o.find.votes.pair_opening_rad},
+      {"pair_log_ratio", &o.find.votes.pair_log_ratio},
       {"tau_share", &o.find.votes.tau_share},
       {"min_support_6", &o.find.votes.min_support_6},
       {"min_support_16", &o.find.votes.min_support_16},
@@ -77,14 +79,16 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"coarse_render_px", &o.find.coarse_render_px},
       {"fine_render_px", &o.find.fine_render_px},
       {"fine_share", &o.find.fine_share}};
-  const std::map<std::string, int*> integers = {{"pool", &o.find.votes.pool},
-                                                {"max_matches", &o.find.votes.max_matches},
-                                                {"max_repeats", &o.find.votes.max_repeats},
-
-                                                {"max_per_part", &o.find.votes.max_per_part},
-                                                {"max_per_place", &o.find.votes.max_per_place},
-                                                {"coarse_per_part", &o.find.coarse_per_part},
-                                                {"fine_per_part", &o.find.fine_per_part}};
+  const std::map<std::string, int*> integers = {
+      {"pool", &o.find.votes.pool},
+      {"max_matches", &o.find.votes.max_matches},
+      {"max_repeats", &o.find.votes.max_repeats},
+      {"max_pairs", &o.find.votes.max_pairs},
+      {"max_pair_matches", &o.find.votes.max_pair_matches},
+      {"max_per_part", &o.find.votes.max_per_part},
+      {"max_per_place", &o.find.votes.max_per_place},
+      {"coarse_per_part", &o.find.coarse_per_part},
+      {"fine_per_part", &o.find.fine_per_part}};
   for (const std::string& text : arguments.set) {
     const std::size_t equals = text.find('=');
     const std::string name = text.substr(0, equals);
@@ -174,13 +178,16 @@ class Report {
     sums.seconds.push_back(seconds);
     const std::string name = absl::StrFormat("%d/%d", scene.scene_id, view.im_id);
     std::cout << absl::StrFormat(
-        "%s %s: %.2f s CPU, %d edges, %d fragments, %d matches, %d of 16, %d climbs, %d accepted\n",
+        "%s %s: %.2f s CPU, %d edges, %d fragments, %d matches, %d pairs, %d matches, %d of 16, %d "
+        "climbs, %d accepted\n",
         name,
         scene.tier,
         seconds,
         static_cast<int>(image.edges.size()),
         found.votes.fragments,
         found.votes.matches,
+        found.votes.pairs,
+        found.votes.pair_matches,
         found.votes.tests_16,
         found.votes.climbs,
         found.votes.accepted);

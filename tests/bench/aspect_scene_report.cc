@@ -18,7 +18,7 @@
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
 #include "client/bop_results.h"
-#include "server/vision/recognition/aspects/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "tests/bench/aspect_catalog.h"
 

@@ -14,7 +14,7 @@ import re
 import sys
 
 # The rooms of recognition, in the order of the dependency.
-ROOMS = ["aspects", "object", "scoring", "scene", "candidates", "invariant_matching", "initialization", "interpretation"]
+ROOMS = ["aspects", "aspect_search", "aspect_scenes", "object", "scoring", "scene", "candidates", "invariant_matching", "initialization", "interpretation"]
 ROOMS_SHARE = ["server/vision/recognition/types.h", "server/vision/recognition/options.h",
                "server/vision/recognition/learnt_constants.h", "server/vision/recognition/acceptance.h",
                "server/vision/recognition/refusals.h"]

@@ -9,7 +9,7 @@
 
 #include "server/vision/geometry/depth_buffer.h"
 #include "server/vision/geometry/hidden_tolerance.h"
-#include "server/vision/recognition/aspects/aspect_score.h"
+#include "server/vision/recognition/aspect_search/aspect_score.h"
 #include "server/vision/recognition/aspects/render_mesh.h"
 #include "server/vision/recognition/aspects/visible_edges.h"
 

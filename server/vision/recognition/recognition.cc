@@ -278,16 +278,20 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
     return result;
   }
   const bool contradicted = judged.median < acceptance.contradicting_score;
-  // What no route found parts in may be no table: its cameras are not believed.
+  // What no route found parts in may be no table: its cameras are not believed, but tried.
   const JointContext unmatched =
       MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
                   context->options,
                   context->stop,
                   context->on_step);
-  HOROPTER_ASSIGN_OR_RETURN(
-      RecognitionResult aspects,
-      RecognizeByAspects(
-          unmatched, plain, search, contradicted ? nullptr : &result, log, AspectOptionsOf(input)));
+  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult aspects,
+                            RecognizeByAspects(unmatched,
+                                               plain,
+                                               search,
+                                               {CamerasTrusted(input) ? context : nullptr,
+                                                contradicted ? nullptr : &result},
+                                               log,
+                                               AspectOptionsOf(input)));
   // An answer that leaves out views explains what is easy.
   if (!aspects.objects.empty() &&
       JudgeAnswer(*context, images, aspects, AspectOptionsOf(input)).score > judged.score &&
@@ -364,7 +368,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
   }
   HOROPTER_ASSIGN_OR_RETURN(
       RecognitionResult aspects,
-      RecognizeByAspects(context, images, search, nullptr, log, AspectOptionsOf(input)));
+      RecognizeByAspects(context, images, search, {}, log, AspectOptionsOf(input)));
   BeginStep(context, "pose_alternatives");
   SayPoseAlternatives(context, images, &aspects);
   return aspects;

@@ -5,6 +5,7 @@
 #include <random>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspects/segment_pairs.h"
 
 namespace horopter {
 namespace {
@@ -18,28 +19,92 @@ bool IsNew(const ContourFragment& f, const std::vector<ContourFragment>& drawn) 
   });
 }
 
-AspectFragment PackFragment(const ContourFragment& f,
-                            const Eigen::Vector2f& origin,
-                            float unit,
-                            int aspect) {
-  const auto to16 = [](float v) {
-    return static_cast<std::int16_t>(std::clamp(std::lround(v), -32768L, 32767L));
-  };
-  const Eigen::Vector2f center = (f.center - origin) * (unit * AspectFragment::kPlaceScale);
+// Of an aspect's image: what its pixels are measured from and in.
+struct Frame {
+  Eigen::Vector2f origin = Eigen::Vector2f::Zero();
+  float render_px = 1.0f;
+  int aspect = 0;
+};
+
+std::int16_t To16(float v) {
+  return static_cast<std::int16_t>(std::clamp(std::lround(v), -32768L, 32767L));
+}
+
+std::uint16_t ToUnsigned16(float v) {
+  return static_cast<std::uint16_t>(std::clamp(std::lround(v), 1L, 65535L));
+}
+
+AspectFragment PackFragment(const ContourFragment& f, const Frame& frame) {
+  const float unit = 1.0f / frame.render_px;
+  const Eigen::Vector2f center = (f.center - frame.origin) * (unit * AspectFragment::kPlaceScale);
   AspectFragment packed;
   packed.key = PackKey(f.key);
-  packed.x = to16(center.x());
-  packed.y = to16(center.y());
-  packed.spread = static_cast<std::uint16_t>(
-      std::clamp(std::lround(f.spread * unit * AspectFragment::kSpreadScale), 1L, 65535L));
-  packed.chord = to16(f.chord_rad * AspectFragment::kTurnScale);
-  packed.aspect = static_cast<std::uint16_t>(aspect);
+  packed.x = To16(center.x());
+  packed.y = To16(center.y());
+  packed.spread = ToUnsigned16(f.spread * unit * AspectFragment::kSpreadScale);
+  packed.chord = To16(f.chord_rad * AspectFragment::kTurnScale);
+  packed.aspect = static_cast<std::uint16_t>(frame.aspect);
   return packed;
+}
+
+AspectSegmentPair PackPair(const SegmentPair& p, const Frame& frame) {
+  const float scale = AspectSegmentPair::kPlaceScale / frame.render_px;
+  const Eigen::Vector2f corner = (p.corner - frame.origin) * scale;
+  AspectSegmentPair packed;
+  packed.x = To16(corner.x());
+  packed.y = To16(corner.y());
+  packed.direction = To16(p.direction_rad * AspectSegmentPair::kTurnScale);
+  packed.opening = ToUnsigned16(p.opening_rad * AspectSegmentPair::kTurnScale);
+  packed.length_a = ToUnsigned16(p.length_a * scale);
+  packed.length_b = ToUnsigned16(p.length_b * scale);
+  packed.aspect = static_cast<std::uint16_t>(frame.aspect);
+  return packed;
+}
+
+// Weighted drawing without replacement: largest log(u) / weight first (Efraimidis, Spirakis 2006).
+std::vector<AspectFragment> DrawFragments(const ContourGraph& graph,
+                                          const Frame& frame,
+                                          const AspectFragmentOptions& options) {
+  FragmentOptions pieces;
+  pieces.min_length = options.min_length_diameters * frame.render_px;
+  pieces.max_length = options.max_length_diameters * frame.render_px;
+  pieces.length_factor = options.length_factor;
+  std::vector<ContourFragment> all = CollectFragments(graph, pieces);
+  std::mt19937 random(1234567u + static_cast<unsigned>(frame.aspect));
+  std::vector<std::pair<double, int>> order;
+  for (int i = 0; i < static_cast<int>(all.size()); ++i) {
+    const double u = (random() + 1.0) / 4294967297.0;
+    order.push_back({std::log(u) / (all[i].length * all[i].turning + 1e-9), i});
+  }
+  std::sort(order.rbegin(), order.rend());
+  std::vector<ContourFragment> drawn;
+  std::vector<AspectFragment> out;
+  for (const auto& [priority, i] : order) {
+    if (static_cast<int>(drawn.size()) >= options.per_aspect) break;
+    const ContourFragment& f = all[i];
+    if (!IsNew(f, drawn)) continue;
+    drawn.push_back(f);
+    out.push_back(PackFragment(f, frame));
+  }
+  return out;
+}
+
+std::vector<AspectSegmentPair> TakePairs(const ContourGraph& graph,
+                                         const Frame& frame,
+                                         const AspectFragmentOptions& options) {
+  SegmentPairOptions pairs;
+  pairs.min_length = options.min_arm_diameters * frame.render_px;
+  pairs.max_gap = options.max_gap_diameters * frame.render_px;
+  pairs.max_pairs = options.pairs_per_aspect;
+  std::vector<AspectSegmentPair> out;
+  for (const SegmentPair& p : CollectSegmentPairs(graph, pairs)) out.push_back(PackPair(p, frame));
+  return out;
 }
 
 // What is taken of one aspect.
 struct DrawnAspect {
   std::vector<AspectFragment> fragments;
+  std::vector<AspectSegmentPair> pairs;
   float edge_length = 0.0f;
 };
 
@@ -56,54 +121,23 @@ DrawnAspect DrawAspect(const VisibleEdges& edges,
     if (edges.points[i].chain != edges.points[i - 1].chain) continue;
     out.edge_length += static_cast<float>((points[i] - points[i - 1]).norm() / render_px);
   }
-  const Eigen::Vector2f origin(static_cast<float>(camera.cx), static_cast<float>(camera.cy));
-  out.fragments =
-      DrawFragments(points, camera.width, camera.height, render_px, origin, aspect, options);
+  const ContourGraph graph = TraceContours(MakePointRaster(camera.width, camera.height, points),
+                                           options.max_gap_diameters * render_px);
+  const Frame frame{Eigen::Vector2f(static_cast<float>(camera.cx), static_cast<float>(camera.cy)),
+                    static_cast<float>(render_px),
+                    aspect};
+  out.fragments = DrawFragments(graph, frame, options);
+  out.pairs = TakePairs(graph, frame, options);
   return out;
 }
 
 void AppendAspect(const DrawnAspect& drawn, PartFragments* out) {
   out->fragments.insert(out->fragments.end(), drawn.fragments.begin(), drawn.fragments.end());
+  out->pairs.insert(out->pairs.end(), drawn.pairs.begin(), drawn.pairs.end());
   out->edge_length.push_back(drawn.edge_length);
 }
 
 }  // namespace
-
-std::vector<AspectFragment> DrawFragments(const std::vector<Eigen::Vector2f>& edge_points,
-                                          int width,
-                                          int height,
-                                          double render_px,
-                                          const Eigen::Vector2f& origin,
-                                          int aspect,
-                                          const AspectFragmentOptions& options) {
-  const ContourGraph graph = TraceContours(MakePointRaster(width, height, edge_points),
-                                           options.max_gap_diameters * render_px);
-  FragmentOptions pieces;
-  pieces.min_length = options.min_length_diameters * render_px;
-  pieces.max_length = options.max_length_diameters * render_px;
-  pieces.length_factor = options.length_factor;
-  std::vector<ContourFragment> all = CollectFragments(graph, pieces);
-  // Weighted drawing without replacement: largest log(u) / weight first (Efraimidis, Spirakis
-  // 2006).
-  std::mt19937 random(1234567u + static_cast<unsigned>(aspect));
-  std::vector<std::pair<double, int>> order;
-  for (int i = 0; i < static_cast<int>(all.size()); ++i) {
-    const double u = (random() + 1.0) / 4294967297.0;
-    order.push_back({std::log(u) / (all[i].length * all[i].turning + 1e-9), i});
-  }
-  std::sort(order.rbegin(), order.rend());
-  std::vector<ContourFragment> drawn;
-  std::vector<AspectFragment> out;
-  const float unit = static_cast<float>(1.0 / render_px);
-  for (const auto& [priority, i] : order) {
-    if (static_cast<int>(drawn.size()) >= options.per_aspect) break;
-    const ContourFragment& f = all[i];
-    if (!IsNew(f, drawn)) continue;
-    drawn.push_back(f);
-    out.push_back(PackFragment(f, origin, unit, aspect));
-  }
-  return out;
-}
 
 PartFragments MakePartFragments(const RenderMesh& mesh,
                                 const AspectSet& set,

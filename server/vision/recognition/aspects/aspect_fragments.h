@@ -18,6 +18,8 @@ struct AspectFragmentOptions {
   double max_length_diameters = 1.6;
   double length_factor = 1.3;
   double max_gap_diameters = 0.03;  // contours are linked over such gaps, as in images
+  int pairs_per_aspect = 24;  // of adjacent straight edges, those with the longest shorter ones
+  double min_arm_diameters = 0.07;
   int threads = 1;
 };
 
@@ -37,8 +39,23 @@ struct AspectFragment {
   friend bool operator==(const AspectFragment&, const AspectFragment&) = default;
 };
 
+// Two adjacent straight edges of an aspect, in 14 bytes; units and axes as above.
+struct AspectSegmentPair {
+  static constexpr float kTurnScale = AspectFragment::kTurnScale;
+  static constexpr float kPlaceScale = AspectFragment::kPlaceScale;
+
+  std::int16_t x = 0, y = 0;   // corner
+  std::int16_t direction = 0;  // of arm a
+  std::uint16_t opening = 0;   // from it to arm b, see segment_pairs.h
+  std::uint16_t length_a = 1, length_b = 1;
+  std::uint16_t aspect = 0;
+
+  friend bool operator==(const AspectSegmentPair&, const AspectSegmentPair&) = default;
+};
+
 struct PartFragments {
   std::vector<AspectFragment> fragments;
+  std::vector<AspectSegmentPair> pairs;
   std::vector<float> edge_length;  // of each aspect, diameters
 
   friend bool operator==(const PartFragments&, const PartFragments&) = default;
@@ -60,15 +77,5 @@ AspectsWithFragments MakeAspectsWithFragments(const RenderMesh& mesh,
                                               std::span<const Rigid3> symmetries,
                                               const AspectOptions& aspect_options = {},
                                               const AspectFragmentOptions& options = {});
-
-// The drawing alone, from the points of one view's edges (pixels of a width x height image whose
-// diameter is `render_px`).
-std::vector<AspectFragment> DrawFragments(const std::vector<Eigen::Vector2f>& edge_points,
-                                          int width,
-                                          int height,
-                                          double render_px,
-                                          const Eigen::Vector2f& origin,
-                                          int aspect,
-                                          const AspectFragmentOptions& options);
 
 }  // namespace horopter

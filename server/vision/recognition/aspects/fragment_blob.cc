@@ -22,10 +22,12 @@ std::uint64_t Fingerprint(const AspectSet& set, const AspectFragmentOptions& o) 
                          o.min_length_diameters,
                          o.max_length_diameters,
                          o.length_factor,
-                         o.max_gap_diameters}) {
+                         o.max_gap_diameters,
+                         o.min_arm_diameters}) {
     hash.Add(v);
   }
   hash.Add(o.per_aspect);
+  hash.Add(o.pairs_per_aspect);
   for (const Aspect& a : set.aspects) {
     hash.Add(a.camera_from_object.data(), 9 * sizeof(float));
   }
@@ -45,6 +47,9 @@ std::string EncodePartFragments(const PartFragments& fragments,
   AppendNumber(body, static_cast<std::uint32_t>(fragments.fragments.size()));
   body.append(reinterpret_cast<const char*>(fragments.fragments.data()),
               fragments.fragments.size() * sizeof(AspectFragment));
+  AppendNumber(body, static_cast<std::uint32_t>(fragments.pairs.size()));
+  body.append(reinterpret_cast<const char*>(fragments.pairs.data()),
+              fragments.pairs.size() * sizeof(AspectSegmentPair));
   return WithBlobHeader(kMagic, kFragmentVersion, Fingerprint(set, options), body);
 }
 
@@ -64,13 +69,22 @@ absl::StatusOr<PartFragments> DecodePartFragments(std::string_view blob,
   const std::string_view lengths = reader.TakeBytes(aspects * sizeof(float));
   if (!lengths.empty()) std::memcpy(out.edge_length.data(), lengths.data(), lengths.size());
   const auto count = reader.Take<std::uint32_t>();
-  if (!reader.ok() || reader.left() != std::size_t{count} * sizeof(AspectFragment))
+  if (!reader.ok() || reader.left() < std::size_t{count} * sizeof(AspectFragment))
     return absl::DataLossError("fragments: truncated");
   out.fragments.resize(count);
-  const std::string_view fragments = reader.TakeBytes(reader.left());
+  const std::string_view fragments = reader.TakeBytes(std::size_t{count} * sizeof(AspectFragment));
   if (!fragments.empty()) std::memcpy(out.fragments.data(), fragments.data(), fragments.size());
   for (const AspectFragment& f : out.fragments) {
     if (f.aspect >= aspects) return absl::DataLossError("fragments: aspect out of range");
+  }
+  const auto pairs = reader.Take<std::uint32_t>();
+  if (!reader.ok() || reader.left() != std::size_t{pairs} * sizeof(AspectSegmentPair))
+    return absl::DataLossError("fragments: truncated");
+  out.pairs.resize(pairs);
+  const std::string_view bytes = reader.TakeBytes(reader.left());
+  if (!bytes.empty()) std::memcpy(out.pairs.data(), bytes.data(), bytes.size());
+  for (const AspectSegmentPair& p : out.pairs) {
+    if (p.aspect >= aspects) return absl::DataLossError("fragments: aspect out of range");
   }
   return out;
 }

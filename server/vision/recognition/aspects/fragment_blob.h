@@ -2,7 +2,7 @@
 //
 // Byte layout, little-endian, no padding: the header of checked_blob.h (magic "HFRG", fingerprint
 // of the aspects they were drawn from and the options), then u32 aspects, f32 edge length each, u32
-// fragments, 26 bytes each.
+// fragments, 26 bytes each, u32 pairs, 14 bytes each.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@
 namespace horopter {
 
 // To be raised with every change of what MakePartFragments computes or of how it is written.
-inline constexpr int kFragmentVersion = 2;
+inline constexpr int kFragmentVersion = 3;
 
 std::string EncodePartFragments(const PartFragments& fragments,
                                 const AspectSet& set,

@@ -130,6 +130,10 @@ void AddPiece(const FragmentPiece& piece, FragmentIndex* index, std::vector<Entr
     entry.fragment.aspect += first_aspect;
     all->push_back(entry);
   }
+  for (IndexedPair pair : piece.pairs) {
+    pair.aspect += first_aspect;
+    index->pairs.push_back(pair);
+  }
   ++index->part_count;
 }
 
@@ -266,9 +270,23 @@ void FragmentIndex::Find(const FragmentKey& key,
   }
 }
 
+std::pair<std::size_t, std::size_t> FragmentIndex::FindPairs(float opening_rad,
+                                                             float reach_rad) const {
+  const auto first = std::lower_bound(
+      pairs.begin(), pairs.end(), opening_rad - reach_rad, [](const IndexedPair& p, float v) {
+        return p.opening_rad < v;
+      });
+  const auto last = std::upper_bound(
+      first, pairs.end(), opening_rad + reach_rad, [](float v, const IndexedPair& p) {
+        return v < p.opening_rad;
+      });
+  return {first - pairs.begin(), last - pairs.begin()};
+}
+
 std::size_t FragmentIndex::bytes() const {
   const auto of = [](const auto& v) { return v.capacity() * sizeof(v[0]); };
-  return of(aspects) + of(points) + of(first_points) + of(fragments) + of(keys) + of(cell_begin);
+  return of(aspects) + of(points) + of(first_points) + of(fragments) + of(keys) + of(cell_begin) +
+         of(pairs);
 }
 
 FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
@@ -294,6 +312,17 @@ FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
                               f.y / AspectFragment::kPlaceScale,
                               f.spread / AspectFragment::kSpreadScale,
                               f.chord / AspectFragment::kTurnScale}});
+  }
+  for (const AspectSegmentPair& p : fragments.pairs) {
+    if (!choice.pairs) break;
+    if (place[p.aspect] < 0 || piece.aspects[place[p.aspect]].points < kFirstVotePoints) continue;
+    piece.pairs.push_back({place[p.aspect],
+                           p.x / AspectSegmentPair::kPlaceScale,
+                           p.y / AspectSegmentPair::kPlaceScale,
+                           p.direction / AspectSegmentPair::kTurnScale,
+                           p.opening / AspectSegmentPair::kTurnScale,
+                           p.length_a / AspectSegmentPair::kPlaceScale,
+                           p.length_b / AspectSegmentPair::kPlaceScale});
   }
   return piece;
 }
@@ -324,6 +353,10 @@ absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const FragmentPiece* 
     index.axes = MainDirections(all);
     FillGrid(all, &index);
   }
+  std::stable_sort(
+      index.pairs.begin(), index.pairs.end(), [](const IndexedPair& a, const IndexedPair& b) {
+        return a.opening_rad < b.opening_rad;
+      });
   if (options.lookup == FragmentLookup::kXTree) {
     HOROPTER_ASSIGN_OR_RETURN(index.tree, BuildTree(index));
   }

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -66,6 +67,14 @@ struct IndexedFragment {
   float chord_rad = 0.0f;
 };
 
+// The same of a pair of adjacent straight edges.
+struct IndexedPair {
+  std::int32_t aspect = -1;
+  float x = 0.0f, y = 0.0f;  // corner
+  float direction_rad = 0.0f, opening_rad = 0.0f;
+  float length_a = 0.0f, length_b = 0.0f;
+};
+
 enum class FragmentLookup {
   kGrid,  // cells over the three main directions of the keys, scanned
   kXTree  // radius queries of the X-tree
@@ -83,6 +92,7 @@ struct FragmentChoice {
   double view_spacing_rad = 0;  // views nearer than this to one that is taken are left out
   // Of the part, evenly of the aspects that are taken: a symmetric part has few of these.
   int fragments = 1 << 20;
+  bool pairs = true;  // of adjacent straight edges as well
 };
 
 // What an index holds of one part, its numbers counted from 0.
@@ -95,6 +105,7 @@ struct FragmentPiece {
   std::vector<VotePoint> points;
   std::vector<PackedVotePoint> first_points;
   std::vector<Entry> entries;
+  std::vector<IndexedPair> pairs;
 };
 FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
                                 const PartFragments& fragments,
@@ -117,10 +128,14 @@ struct FragmentIndex {
   Eigen::Array3f low = Eigen::Array3f::Zero();
   Eigen::Array3i cells = Eigen::Array3i::Zero();
   std::vector<std::uint32_t> cell_begin;
-  XTreeSnapshot tree;  // only with kXTree
+  std::vector<IndexedPair> pairs;  // by opening
+  XTreeSnapshot tree;              // only with kXTree
 
   // Appends the fragments whose keys differ by at most `radius` (Euclidean, radians).
   void Find(const FragmentKey& key, float radius, std::vector<std::uint32_t>* found) const;
+
+  // The pairs whose openings differ by at most `reach_rad`: [first, last) of `pairs`.
+  std::pair<std::size_t, std::size_t> FindPairs(float opening_rad, float reach_rad) const;
 
   std::size_t bytes() const;  // without the tree
 };

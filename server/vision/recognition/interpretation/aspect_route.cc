@@ -10,7 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/aspects/object_ranking.h"
+#include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
@@ -271,6 +271,37 @@ std::vector<AspectHypothesis> SearchImage(const JointContext& context,
   return FindAspectHypotheses(image, *search.index, find, known, context.give_up).hypotheses;
 }
 
+// What is known of the views' cameras before any part is.
+std::vector<AspectViewPrior> ViewPriors(const JointContext& context,
+                                        std::span<const AspectImage> images) {
+  std::vector<AspectViewPrior> priors;
+  for (std::size_t v = 0; v < images.size(); ++v) {
+    priors.push_back({context.start_cameras[v], context.focal_log_sigma[v]});
+    if (context.focal_log_sigma[v] >= context.options.focal_log_sigma)
+      priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
+  }
+  return priors;
+}
+
+bool IsKnown(const AspectViewPrior& prior) {
+  return prior.log_focal_sigma < kKnownLogSigma;
+}
+
+// The hypotheses of views whose focal lengths are known under these.
+std::vector<std::vector<AspectHypothesis>> Under(
+    std::span<const AspectViewPrior> priors,
+    std::vector<std::vector<AspectHypothesis>> hypotheses) {
+  for (std::size_t v = 0; v < hypotheses.size(); ++v) {
+    if (!IsKnown(priors[v])) continue;
+    for (AspectHypothesis& h : hypotheses[v]) {
+      h.camera_from_object =
+          WithFocal(h.camera_from_object, h.camera.focal_px, priors[v].camera.focal_px);
+      h.camera = priors[v].camera;
+    }
+  }
+  return hypotheses;
+}
+
 // Another route's answer by the numbers of the parts that are searched for; nothing when one of its
 // objects is not.
 std::optional<AspectScene> KnownScene(const RecognitionResult& answer, const AspectSearch& search) {
@@ -418,20 +449,18 @@ void RefuseContradicted(const AspectJudgement& judgement,
 absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context,
                                                      std::span<const AspectImage> images,
                                                      const AspectSearch& search,
-                                                     const RecognitionResult* known,
+                                                     const AspectStarts& starts,
                                                      RefusalLog* log,
                                                      const AspectRecognitionOptions& options) {
   BeginStep(context, "aspect_search");
-  std::vector<AspectViewPrior> priors;
+  const std::vector<AspectViewPrior> priors = ViewPriors(context, images);
   std::vector<std::vector<AspectHypothesis>> hypotheses;
   for (std::size_t v = 0; v < images.size(); ++v) {
-    const PinholeCamera& start = context.start_cameras[v];
-    const bool is_known = context.focal_log_sigma[v] < kKnownLogSigma;
-    priors.push_back({start, context.focal_log_sigma[v]});
-    if (context.focal_log_sigma[v] >= context.options.focal_log_sigma)
-      priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
-    hypotheses.push_back(
-        SearchImage(context, images[v], search, is_known ? &start : nullptr, options.find));
+    hypotheses.push_back(SearchImage(context,
+                                     images[v],
+                                     search,
+                                     IsKnown(priors[v]) ? &priors[v].camera : nullptr,
+                                     options.find));
     if (IsStopRequested(context.stop))
       return absl::CancelledError("stopped during the search for aspects");
   }
@@ -439,13 +468,22 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
   AspectLinkOptions link = options.link;
   link.threads = context.options.threads;
   AspectScene start;
-  if (known != nullptr) start = KnownScene(*known, search).value_or(AspectScene{});
+  if (starts.known != nullptr) start = KnownScene(*starts.known, search).value_or(AspectScene{});
   LinkedScene scene =
       LinkAspects({images, priors, hypotheses, search.index->parts, &start}, link, context.give_up);
+  if (starts.matched != nullptr) {
+    const std::vector<AspectViewPrior> seen = ViewPriors(*starts.matched, images);
+    if (std::any_of(seen.begin(), seen.end(), IsKnown)) {
+      const auto under = Under(seen, hypotheses);
+      LinkedScene other =
+          LinkAspects({images, seen, under, search.index->parts, &start}, link, context.give_up);
+      if (other.score > scene.score) scene = std::move(other);
+    }
+  }
   if (IsStopRequested(context.stop))
     return absl::CancelledError("stopped while aspects were linked");
   ToCatalog(search, &scene);
-  RecognitionResult out = ToResult(context, scene, known, log);
+  RecognitionResult out = ToResult(context, scene, starts.known, log);
   out.counts["aspects_searched"] = static_cast<double>(search.objects.size());
   for (std::size_t v = 0; log != nullptr && v < hypotheses.size(); ++v) {
     for (const AspectHypothesis& h : hypotheses[v]) {

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
-#include "server/vision/recognition/aspects/aspect_linking.h"
 #include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/aspect_search.h"
 #include "server/vision/recognition/refusals.h"
@@ -63,12 +63,19 @@ void RefuseContradicted(const AspectJudgement& judgement,
                         RefusalLog* log,
                         RecognitionResult* answer);
 
+// What other stages offer the aspects to start from; null: nothing.
+struct AspectStarts {
+  // With the focal lengths of trusted cameras: a scene under them is taken where it explains more
+  // than one under those that the parts give.
+  const JointContext* matched = nullptr;
+  const RecognitionResult* known = nullptr;  // another route's answer, to complete
+};
+
 // The scene that the aspects find of the objects searched for. log: may be null. Errors: CANCELLED.
-// known: another route's answer that the aspects may complete, null: none.
 absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context,
                                                      std::span<const AspectImage> images,
                                                      const AspectSearch& search,
-                                                     const RecognitionResult* known,
+                                                     const AspectStarts& starts,
                                                      RefusalLog* log,
                                                      const AspectRecognitionOptions& options = {});
 

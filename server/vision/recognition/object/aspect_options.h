@@ -1,9 +1,9 @@
 // Options of the room of the aspects, in one place for whoever recognises by them.
 #pragma once
 
-#include "server/vision/recognition/aspects/aspect_linking.h"
-#include "server/vision/recognition/aspects/find_aspects.h"
-#include "server/vision/recognition/aspects/scene_judgement.h"
+#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/scene_judgement.h"
+#include "server/vision/recognition/aspect_search/find_aspects.h"
 
 namespace horopter {
 

@@ -7,7 +7,7 @@
 
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/aspects/object_ranking.h"
+#include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/object/aspect_part.h"
 
 namespace horopter {

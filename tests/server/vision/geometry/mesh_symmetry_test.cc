@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "server/vision/geometry/surface_distance.h"
-#include "tests/server/vision/recognition/aspects/solid_meshes.h"
+#include "tests/support/solid_meshes.h"
 
 namespace horopter {
 namespace {

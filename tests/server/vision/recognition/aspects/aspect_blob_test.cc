@@ -5,7 +5,7 @@
 #include <cstring>
 #include <string>
 
-#include "tests/server/vision/recognition/aspects/solid_meshes.h"
+#include "tests/support/solid_meshes.h"
 
 namespace horopter {
 namespace {

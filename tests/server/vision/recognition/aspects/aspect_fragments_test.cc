@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/server/vision/recognition/aspects/solid_meshes.h"
+#include "tests/support/solid_meshes.h"
 
 namespace horopter {
 namespace {

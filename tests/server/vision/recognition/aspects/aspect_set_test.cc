@@ -7,8 +7,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "tests/server/vision/recognition/aspects/solid_meshes.h"
 #include "tests/support/random.h"
+#include "tests/support/solid_meshes.h"
 
 namespace horopter {
 namespace {

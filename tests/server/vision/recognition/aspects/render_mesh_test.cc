@@ -8,7 +8,7 @@
 #include <cmath>
 #include <limits>
 
-#include "tests/server/vision/recognition/aspects/solid_meshes.h"
+#include "tests/support/solid_meshes.h"
 
 namespace horopter {
 namespace {

@@ -8,8 +8,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "tests/server/vision/recognition/aspects/solid_meshes.h"
 #include "tests/support/random.h"
+#include "tests/support/solid_meshes.h"
 
 namespace horopter {
 namespace {

@@ -7,8 +7,8 @@
 
 #include "server/vision/recognition/interpretation/answer.h"
 #include "server/vision/recognition/interpretation/decision.h"
-#include "tests/server/vision/recognition/aspects/solid_meshes.h"
 #include "tests/support/one_object_views.h"
+#include "tests/support/solid_meshes.h"
 
 namespace horopter {
 namespace {

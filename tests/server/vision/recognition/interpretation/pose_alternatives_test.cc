@@ -9,8 +9,8 @@
 
 #include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/object/prepared_object.h"
-#include "tests/server/vision/recognition/aspects/solid_meshes.h"
 #include "tests/support/shaded_photo.h"
+#include "tests/support/solid_meshes.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {

@@ -7,7 +7,7 @@
 #include <random>
 
 #include "server/vision/recognition/object/prepared_blob.h"
-#include "tests/server/vision/recognition/aspects/solid_meshes.h"
+#include "tests/support/solid_meshes.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {

@@ -1,0 +1,501 @@
+#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/aspect_scenes/standing_search.h"
+#include "server/vision/recognition/aspect_scenes/view_links.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kLeastChance = 0.25;    // of a wrong pose's score in an image
+constexpr int kCompleted = 3;            // drafts, of those that explain ...
+constexpr double kNearlyBest = 0.6;      // ... this share of what the best does
+constexpr int kRescues = 2;              // rounds in which doubtful views are looked at again
+constexpr double kDoubtfulShare = 0.5;   // of what the middle view shows: looked at again
+constexpr double kPoorShare = 0.4;       // ... and left out when that did not help
+constexpr double kBetterScore = 0.06;    // of another pose of an object in one view
+constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
+constexpr double kNearM = 1e-3;
+constexpr int kCoarsePoints = 120;
+constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;    // score of one whose place is taken
+constexpr double kTurnedScore = 0.01;   // by which another turn must be better
+constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
+constexpr int kSwept = 2;               // parts that are looked for at all places of a view
+constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
+
+class Linker {
+ public:
+  Linker(const AspectLinkInput& input, const AspectLinkOptions& options, const StopRequested& stop)
+      : in_(input),
+        options_(options),
+        stop_(stop),
+        links_(input, options, stop),
+        objects_(input, options, stop) {
+    for (const AspectPart& part : in_.parts) meshes_.push_back(&part.object->mesh);
+  }
+
+  LinkedScene Run() {
+    LinkedScene best;
+    if (in_.known != nullptr && !in_.known->objects.empty()) best = Completed(*in_.known);
+    for (const Draft& draft : Drafts(links_.InitialScenes())) {
+      if (IsStopRequested(stop_) && !best.objects.empty()) break;
+      LinkedScene scene = Completed(draft.scene);
+      if (scene.score > best.score) best = std::move(scene);
+    }
+    if (best.views.empty()) best.views.resize(in_.images.size());
+    searched_again_.assign(best.views.size(), false);
+    if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1)
+      SearchAgain(best, std::vector<bool>(best.views.size(), true));
+    Rescue(&best);
+    if (AddStanding(&best)) {
+      // What was added may settle views that the others left in doubt.
+      searched_again_.assign(best.views.size(), false);
+      Rescue(&best);
+    }
+    if (!best.objects.empty()) DropPoorViews(&best);
+    if (LinkedScene turned = best; ChooseTurns(&turned)) {
+      turned = Finish(SceneOf(turned));
+      if (turned.score > best.score) best = std::move(turned);
+    }
+    if (!best.objects.empty()) FindRunnersUp(&best);
+    return best;
+  }
+
+  // Beside the known objects.
+  LinkedScene Others() const {
+    AspectScene scene = *in_.known;
+    const std::size_t known = scene.objects.size();
+    CarryOver(options_.carried, &scene);
+    if (options_.standing > 0 && !IsStopRequested(stop_))
+      objects_.Place(Standing(PlanesUnder(in_.known->objects, in_.parts, scene.views), scene),
+                     &scene);
+    std::vector<LinkedObject> judged = objects_.Judge(scene, kFineRenderPx);
+    LinkedScene out;
+    out.views = scene.views;
+    for (std::size_t i = known; i < judged.size(); ++i) {
+      if (judged[i].score >= options_.min_joint) out.objects.push_back(std::move(judged[i]));
+    }
+    std::stable_sort(out.objects.begin(), out.objects.end(), [](const auto& a, const auto& b) {
+      return a.score > b.score;
+    });
+    FindRunnersUp(&out);
+    return out;
+  }
+
+ private:
+  // Of an object that is nearly symmetric the turn which the images of all views bear out best.
+  // Returns whether any was turned.
+  bool ChooseTurns(LinkedScene* scene) const {
+    bool turned = false;
+    for (LinkedObject& o : scene->objects) {
+      std::vector<Rigid3> turns;
+      links_.turns().AppendSpread(in_.parts[o.object].near_turns, &turns);
+      if (turns.empty()) continue;
+      turns.insert(turns.begin(), Rigid3{});
+      std::vector<double> scores(turns.size());
+      ParallelFor(static_cast<int>(turns.size()), options_.threads, [&](int t) {
+        scores[t] =
+            objects_.JudgeOne(scene->views, {o.object, o.scene_from_object * turns[t]}).score;
+      });
+      const auto best = std::max_element(scores.begin(), scores.end());
+      if (*best < scores.front() + kTurnedScore) continue;
+      o.scene_from_object = o.scene_from_object * turns[best - scores.begin()];
+      turned = true;
+    }
+    return turned;
+  }
+
+  // A seed's scene before other hypotheses are carried over, and what it explains.
+  struct Draft {
+    AspectScene scene;
+    double score = 0.0;
+  };
+
+  // The best links adjusted first to what their views say, then to the images, with what both views
+  // show of other objects; those that explain nearly as much as the best, best first.
+  std::vector<Draft> Drafts(const std::vector<GrownScene>& seeds) const {
+    std::vector<Draft> drafts;
+    for (const GrownScene& seed : seeds) {
+      if (static_cast<int>(drafts.size()) >= options_.adjusted_seeds || IsStopRequested(stop_))
+        break;
+      Draft draft;
+      draft.scene.views = seed.views;
+      for (const GrownObject& o : seed.objects) draft.scene.objects.push_back(o.placed);
+      links_.AdjustToHypotheses(seed, &draft.scene);
+      AdjustCoarsely(&draft.scene);
+      if (objects_.Sift(&draft.scene) > 0.0) CarryOver(kDraftCarried, &draft.scene);
+      draft.score = objects_.Sift(&draft.scene);
+      drafts.push_back(std::move(draft));
+    }
+    std::stable_sort(drafts.begin(), drafts.end(), [](const Draft& a, const Draft& b) {
+      return a.score > b.score;
+    });
+    while (static_cast<int>(drafts.size()) > kCompleted ||
+           (!drafts.empty() && drafts.back().score < kNearlyBest * drafts.front().score)) {
+      drafts.pop_back();
+    }
+    return drafts;
+  }
+
+  void AdjustCoarsely(AspectScene* scene) const {
+    AspectAdjustmentOptions coarse = options_.adjustment;
+    coarse.render_px = options_.quick_render_px;
+    coarse.search_px = {8.0, 5.0, 3.0};
+    coarse.max_points = kCoarsePoints;
+    AdjustToEdges(in_.images, meshes_, coarse, options_.threads, scene);
+  }
+
+  // A draft with the other views added one by one, each held against the images before the next.
+  LinkedScene Completed(AspectScene scene) const {
+    AddViews(&scene);
+    return Finish(&scene);
+  }
+
+  void AddViews(AspectScene* scene) const {
+    std::vector<bool> wanted(scene->views.size(), true);
+    while (!scene->objects.empty() && !IsStopRequested(stop_)) {
+      GrownScene grown;
+      grown.views = scene->views;
+      for (const AspectSceneObject& o : scene->objects)
+        grown.objects.push_back({o, std::vector<int>(scene->views.size(), -1)});
+      const int v = links_.Grow(wanted, &grown);
+      if (v < 0) break;
+      wanted[v] = false;
+      AspectScene more;
+      more.views = grown.views;
+      more.objects = scene->objects;
+      AdjustCoarsely(&more);
+      objects_.Sift(&more);
+      CarryOver(kDraftCarried, &more);
+      objects_.Sift(&more);
+      if (more.objects.empty() || !more.views[v]) continue;
+      *scene = std::move(more);
+    }
+  }
+
+  // Views that show much less of the objects than the others do: of three and more.
+  std::vector<bool> PoorViews(const LinkedScene& scene, double share) const {
+    std::vector<bool> poor(scene.views.size(), false);
+    if (scene.registered() < 3) return poor;
+    std::vector<double> shows;
+    std::vector<double> of_view(scene.views.size(), 0.0);
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      if (!scene.views[v]) continue;
+      for (const LinkedObject& o : scene.objects)
+        of_view[v] += o.shown[v] ? std::max(0.0, o.views[v].score - kLeastChance) : 0.0;
+      shows.push_back(of_view[v]);
+    }
+    const auto middle = shows.begin() + static_cast<std::ptrdiff_t>(shows.size() / 2);
+    std::nth_element(shows.begin(), middle, shows.end());
+    for (std::size_t v = 0; v < scene.views.size(); ++v)
+      poor[v] = scene.views[v].has_value() && of_view[v] < share * *middle;
+    return poor;
+  }
+
+  // Poor ones, and those whose own hypothesis of an object, elsewhere in pose, explains more: these
+  // may hang on a wrong hypothesis.
+  LinkedScene WithoutDoubtfulViews(const LinkedScene& scene) const {
+    LinkedScene out = scene;
+    const std::vector<bool> poor = PoorViews(scene, kDoubtfulShare);
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      if (!scene.views[v] || out.registered() < 3) continue;
+      if (poor[v] || IsContradicted(scene, static_cast<int>(v))) out.views[v].reset();
+    }
+    return out;
+  }
+
+  // A view that stays poor has a wrong camera: better none. The rest is adjusted without it.
+  void DropPoorViews(LinkedScene* scene) const {
+    const std::vector<bool> poor = PoorViews(*scene, kPoorShare);
+    if (std::none_of(poor.begin(), poor.end(), [](bool p) { return p; })) return;
+    AspectScene rest = SceneOf(*scene);
+    for (std::size_t v = 0; v < poor.size(); ++v) {
+      if (poor[v]) rest.views[v].reset();
+    }
+    LinkedScene out = Finish(&rest);
+    if (!out.objects.empty()) *scene = std::move(out);
+  }
+
+  bool IsContradicted(const LinkedScene& scene, int v) const {
+    const AspectSceneView& view = *scene.views[v];
+    for (const LinkedObject& o : scene.objects) {
+      if (!o.shown[v]) continue;
+      const Rigid3 expected = view.camera_from_scene * o.scene_from_object;
+      const Eigen::Vector3d center = meshes_[o.object]->center.cast<double>();
+      const double size = view.camera.focal_px * meshes_[o.object]->diameter_m /
+                          std::max((expected * center).z(), kNearM);
+      for (const AspectHypothesis& h : links_.Hypotheses(v)) {
+        if (h.object != o.object || h.score < o.views[v].score + kBetterScore) continue;
+        const Eigen::Vector2d there = Project(h.camera, h.camera_from_object * center);
+        if ((Project(view.camera, expected * center) - there).norm() > 0.5 * size) continue;
+        const double off = PoseDistancePx(
+            in_.parts[h.object], view.camera, expected, h.camera, h.camera_from_object);
+        if (off > kOtherPoseShare * size) return true;
+      }
+    }
+    return false;
+  }
+
+  // Drops what the images contradict, carries the other hypotheses over, adjusts and judges, while
+  // objects are added.
+  LinkedScene Finish(AspectScene scene) const { return Finish(&scene); }
+
+  static AspectScene SceneOf(const LinkedScene& linked) {
+    AspectScene scene;
+    scene.views = linked.views;
+    for (const LinkedObject& o : linked.objects)
+      scene.objects.push_back({o.object, o.scene_from_object});
+    return scene;
+  }
+
+  LinkedScene Finish(AspectScene* scene) const {
+    objects_.Sift(scene);
+    for (int round = 0; round < 2; ++round) {
+      const std::size_t before = scene->objects.size();
+      if (before == 0 || IsStopRequested(stop_)) break;
+      CarryOver(options_.carried, scene);
+      if (round == 0 || scene->objects.size() > before)
+        AdjustToEdges(in_.images, meshes_, options_.adjustment, options_.threads, scene);
+      objects_.Sift(scene);
+      if (scene->objects.size() <= before) break;
+    }
+    return objects_.Result(*scene);
+  }
+
+  // Hypotheses of all views in the scene's cameras, those that most views confirm.
+  void CarryOver(int most, AspectScene* scene) const {
+    std::vector<std::pair<double, AspectSceneObject>> carried;
+    for (std::size_t v = 0; v < scene->views.size(); ++v) {
+      if (!scene->views[v]) continue;
+      const Rigid3 scene_from_camera = scene->views[v]->camera_from_scene.Inverse();
+      for (const AspectHypothesis& h : links_.Hypotheses(v)) {
+        carried.emplace_back(
+            h.score,
+            AspectSceneObject{h.object,
+                              scene_from_camera * WithFocal(h.camera_from_object,
+                                                            h.camera.focal_px,
+                                                            scene->views[v]->camera.focal_px)});
+      }
+    }
+    std::stable_sort(carried.begin(), carried.end(), [](const auto& a, const auto& b) {
+      return a.first > b.first;
+    });
+    std::erase_if(carried, [&](const std::pair<double, AspectSceneObject>& c) {
+      return !objects_.IsFree(scene->views, scene->objects, c.second);
+    });
+    if (static_cast<int>(carried.size()) > most) carried.resize(most);
+    std::vector<AspectSceneObject> candidates;
+    for (auto& [score, object] : carried) candidates.push_back(object);
+    objects_.Place(std::move(candidates), scene);
+  }
+
+  // What stands in free places of the planes.
+  std::vector<AspectSceneObject> Standing(const std::vector<StandingPlane>& planes,
+                                          const AspectScene& scene) const {
+    StandingSearchOptions search;
+    search.threads = options_.threads;
+    std::vector<AspectSceneObject> candidates;
+    for (const StandingPlane& plane : planes) {
+      int of_plane = 0;
+      for (const StandingCandidate& c :
+           FindStanding(in_.images, scene.views, in_.parts, plane, scene.objects, search, stop_)) {
+        if (of_plane >= options_.standing) break;
+        if (!objects_.IsFree(scene.views, scene.objects, c.placed)) continue;
+        candidates.push_back(c.placed);
+        ++of_plane;
+      }
+    }
+    return candidates;
+  }
+
+  // Parts on the plane under those found which no single image showed well enough.
+  // Returns whether any was added.
+  bool AddStanding(LinkedScene* best) const {
+    if (options_.standing <= 0 || best->registered() < 2 || IsStopRequested(stop_)) return false;
+    AspectScene scene = SceneOf(*best);
+    const auto planes = PlanesUnder(scene.objects, in_.parts, scene.views);
+    // A doubtful object does not keep its place from others.
+    std::vector<AspectSceneObject> doubtful;
+    for (std::size_t o = scene.objects.size(); o-- > 1;) {
+      if (best->objects[o].score >= kSureObject) continue;
+      doubtful.push_back(scene.objects[o]);
+      scene.objects.erase(scene.objects.begin() + static_cast<std::ptrdiff_t>(o));
+    }
+    std::vector<AspectSceneObject> candidates = Standing(planes, scene);
+    const std::size_t before = scene.objects.size();
+    objects_.Place(std::move(candidates), &scene);
+    if (scene.objects.size() == before) return false;
+    scene.objects.insert(scene.objects.end(), doubtful.begin(), doubtful.end());
+    LinkedScene more = Finish(&scene);
+    if (more.score <= best->score) return false;
+    *best = std::move(more);
+    return true;
+  }
+
+  // What the other views say of the parts, `objects` in the order of an index of them, in view v.
+  std::vector<AspectExpectation> Expected(const LinkedScene& found,
+                                          const std::vector<int>& objects,
+                                          int v) const {
+    std::vector<AspectExpectation> out;
+    for (const LinkedObject& o : found.objects) {
+      if (static_cast<int>(out.size()) >= kSwept) break;
+      AspectExpectation e;
+      e.part =
+          static_cast<int>(std::find(objects.begin(), objects.end(), o.object) - objects.begin());
+      if (std::any_of(out.begin(), out.end(), [&](const auto& x) { return x.part == e.part; }))
+        continue;
+      for (std::size_t w = 0; w < found.views.size(); ++w) {
+        if (!found.views[w] || !o.shown[w] || static_cast<int>(w) == v) continue;
+        const Rigid3 pose = found.views[w]->camera_from_scene * o.scene_from_object;
+        const Eigen::Vector3d center = pose * meshes_[o.object]->center.cast<double>();
+        const float size =
+            static_cast<float>(found.views[w]->camera.focal_px * meshes_[o.object]->diameter_m /
+                               center.z() * in_.images[w].working_from_image);
+        // Seen along the axis of the camera, as aspects are.
+        const Eigen::Matrix3d ahead =
+            Eigen::Quaterniond::FromTwoVectors(center, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+        e.rotations.push_back((ahead * pose.R).cast<float>());
+        e.min_size_px = e.rotations.size() == 1 ? size : std::min(e.min_size_px, size);
+        e.max_size_px = std::max(e.max_size_px, size);
+      }
+      if (e.rotations.empty()) continue;
+      e.min_size_px *= kSweptSize[0];
+      e.max_size_px *= kSweptSize[1];
+      out.push_back(std::move(e));
+    }
+    return out;
+  }
+
+  // Hypotheses of the scene's parts, and only of them, in the wanted views: much further down the
+  // list than a search of the catalog goes. Adds to what is known of these views.
+  void SearchAgain(const LinkedScene& found, const std::vector<bool>& wanted) {
+    std::vector<int> objects;
+    std::vector<AspectPart> parts;
+    for (const LinkedObject& o : found.objects) {
+      if (std::find(objects.begin(), objects.end(), o.object) != objects.end()) continue;
+      objects.push_back(o.object);
+      parts.push_back(in_.parts[o.object]);
+    }
+    const auto index = BuildFragmentIndex(parts);
+    if (!index.ok()) return;
+    FindAspectOptions deep;
+    deep.coarse_per_part = options_.rescue_per_part;
+    deep.fine_per_part = options_.rescue_per_part / 4;
+    deep.fine_share = 0.5;
+    deep.threads = deep.votes.threads = options_.threads;
+    for (std::size_t v = 0; v < wanted.size(); ++v) {
+      if (!wanted[v] || searched_again_[v] || IsStopRequested(stop_)) continue;
+      searched_again_[v] = true;
+      deep.expected = Expected(found, objects, static_cast<int>(v));
+      std::vector<AspectHypothesis> list =
+          FindAspectHypotheses(in_.images[v], *index, deep, nullptr, stop_).hypotheses;
+      for (AspectHypothesis& h : list) h.object = objects[h.object];
+      links_.Add(static_cast<int>(v), std::move(list));
+    }
+  }
+
+  // Looks again at the views that have no camera or a doubtful one, while that explains more.
+  void Rescue(LinkedScene* best) {
+    for (int round = 0; round < kRescues && !best->objects.empty(); ++round) {
+      const LinkedScene trusted = WithoutDoubtfulViews(*best);
+      if (trusted.registered() == static_cast<int>(best->views.size()) || IsStopRequested(stop_))
+        return;
+      std::vector<bool> missing;
+      for (const auto& view : trusted.views) missing.push_back(!view);
+      SearchAgain(trusted, missing);
+      LinkedScene more = Completed(SceneOf(trusted));
+      if (more.score <= best->score) return;
+      *best = std::move(more);
+    }
+  }
+
+  // Whether the scene has this object in this place.
+  bool IsAccepted(const LinkedScene& scene, int object, const Eigen::Vector3d& center) const {
+    return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const LinkedObject& o) {
+      const RenderMesh& mesh = *meshes_[o.object];
+      return o.object == object &&
+             (o.scene_from_object * mesh.center.cast<double>() - center).norm() <
+                 options_.apart_share * mesh.diameter_m;
+    });
+  }
+
+  // Best score that another part's hypothesis has in the place of each object.
+  void FindRunnersUp(LinkedScene* scene) const {
+    for (LinkedObject& o : scene->objects) {
+      const Eigen::Vector3d center = o.scene_from_object * meshes_[o.object]->center.cast<double>();
+      std::vector<double> best(in_.parts.size(), 0.0);
+      std::vector<AspectSceneObject> candidates(in_.parts.size());
+      for (std::size_t v = 0; v < scene->views.size(); ++v) {
+        if (!scene->views[v]) continue;
+        const Rigid3 scene_from_camera = scene->views[v]->camera_from_scene.Inverse();
+        for (const AspectHypothesis& h : links_.Hypotheses(v)) {
+          if (h.object == o.object || h.score <= best[h.object]) continue;
+          const Rigid3 placed =
+              scene_from_camera *
+              WithFocal(h.camera_from_object, h.camera.focal_px, scene->views[v]->camera.focal_px);
+          const Eigen::Vector3d there = placed * meshes_[h.object]->center.cast<double>();
+          const double size =
+              std::min(meshes_[h.object]->diameter_m, meshes_[o.object]->diameter_m);
+          if ((there - center).norm() > size || IsAccepted(*scene, h.object, there)) continue;
+          best[h.object] = h.score;
+          candidates[h.object] = {h.object, placed};
+        }
+      }
+      std::vector<int> order(best.size());
+      std::iota(order.begin(), order.end(), 0);
+      std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return best[a] > best[b]; });
+      constexpr int kJudged = 4;
+      std::array<double, kJudged> scores{};
+      ParallelFor(kJudged, options_.threads, [&](int k) {
+        if (k >= static_cast<int>(order.size()) || best[order[k]] <= 0.0) return;
+        const AspectSceneObject settled = objects_.Settled(scene->views, candidates[order[k]]);
+        scores[k] = objects_.JudgeOne(scene->views, settled).score;
+      });
+      const auto most = std::max_element(scores.begin(), scores.end());
+      if (*most <= 0.0) continue;
+      o.runner_up = *most;
+      o.runner_up_object = order[most - scores.begin()];
+    }
+  }
+
+  const AspectLinkInput& in_;
+  const AspectLinkOptions& options_;
+  const StopRequested& stop_;
+  ViewLinks links_;
+  SceneObjects objects_;
+  std::vector<const RenderMesh*> meshes_;
+  std::vector<bool> searched_again_;  // of each view
+};
+
+}  // namespace
+
+int LinkedScene::registered() const {
+  return static_cast<int>(
+      std::count_if(views.begin(), views.end(), [](const auto& v) { return v.has_value(); }));
+}
+
+LinkedScene LinkAspects(const AspectLinkInput& input,
+                        const AspectLinkOptions& options,
+                        const StopRequested& stop) {
+  return Linker(input, options, stop).Run();
+}
+
+LinkedScene FindOthers(const AspectLinkInput& input,
+                       const AspectLinkOptions& options,
+                       const StopRequested& stop) {
+  if (input.known == nullptr || input.known->objects.empty()) {
+    LinkedScene nothing;
+    nothing.views.resize(input.images.size());
+    return nothing;
+  }
+  return Linker(input, options, stop).Others();
+}
+
+}  // namespace horopter

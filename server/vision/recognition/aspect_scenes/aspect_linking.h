@@ -1,0 +1,76 @@
+// From hypotheses of single images to a scene: the same part seen in two images gives their
+// relative pose in metres and both focal lengths, other parts confirm it, every hypothesis is
+// carried into the views that missed it, and all is adjusted together. Needs no table and no
+// calibration.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/base/stop_token.h"
+#include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
+#include "server/vision/recognition/aspect_scenes/scene_judgement.h"
+#include "server/vision/recognition/aspect_search/find_aspects.h"
+#include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/recognition/aspects/fragment_index.h"
+
+namespace horopter {
+
+struct AspectLinkOptions {
+  int hypotheses_per_view = 60;   // best of a view that link and are carried over
+  double min_hypothesis = 0.12;   // score of these
+  int max_symmetries = 24;        // of a part that are tried when views are linked
+  double same_pose_share = 0.35;  // of its size: a part carried into another view may be so far off
+  int pair_seeds = 120;           // links of two views that are looked at closer, of each pair
+  int links_per_pair = 4;         // different ones that are kept
+  int adjusted_seeds = 10;        // links that are adjusted and held against the images, of all
+  int carried = 40;               // hypotheses carried into all views of a scene
+  int standing = 56;              // places on a plane under the parts that are looked at closer
+  double quick_render_px = 110.0;
+  double min_quick = 0.36;   // mean score over the views of one that is placed and adjusted
+  double apart_share = 0.4;  // of the smaller diameter: nearer centres are one place
+  double min_joint = 0.40;   // objects that explain less are left out
+  double shown_share = 0.6;  // of a part's box inside the image for a view to count
+  // Poses of a found part that are refined in a view which its hypotheses did not link.
+  int rescue_per_part = 120;
+  AspectAdjustmentOptions adjustment;
+  int threads = 1;
+};
+
+// What is known of a view's camera before any part is.
+struct AspectViewPrior {
+  PinholeCamera camera;
+  double log_focal_sigma = 0.35;
+};
+
+struct AspectLinkInput {
+  std::span<const AspectImage> images;
+  std::span<const AspectViewPrior> priors;                    // one per image
+  std::span<const std::vector<AspectHypothesis>> hypotheses;  // of each image, best first
+  std::span<const AspectPart> parts;
+  // What is known of the scene by other means (null: nothing), completed beside the links: views
+  // with the priors of their focal lengths, objects by the numbers of `parts`.
+  const AspectScene* known = nullptr;
+};
+
+struct LinkedScene {
+  std::vector<std::optional<AspectSceneView>> views;
+  std::vector<LinkedObject> objects;  // best first
+  double score = 0.0;                 // sum over objects and views of what exceeds chance
+  int registered() const;
+};
+
+// The scene that explains most; without objects when nothing links. One image alone gives the scene
+// of its best hypothesis. Stops early with what it has.
+LinkedScene LinkAspects(const AspectLinkInput& input,
+                        const AspectLinkOptions& options = {},
+                        const StopRequested& stop = {});
+
+// What else is in the known scene, whose cameras and objects stay as they are: hypotheses that its
+// views confirm, and what stands on the plane under its objects. The known ones are not listed.
+LinkedScene FindOthers(const AspectLinkInput& input,
+                       const AspectLinkOptions& options = {},
+                       const StopRequested& stop = {});
+
+}  // namespace horopter

@@ -1,0 +1,151 @@
+#include "server/vision/recognition/aspect_scenes/hypothesis_support.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_search/aspect_score.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kLeastWeight = 0.003;  // of a hypothesis that is no better than chance
+constexpr double kLeastChance = 0.25;   // of a wrong pose's score in an image
+constexpr double kMostChance = 0.5;
+constexpr std::size_t kLongList = 12;  // hypotheses of which a fifth may be right
+constexpr double kNearM = 1e-3;
+constexpr double kCarriedReach = 0.06;  // of the size
+constexpr double kCarriedReachPx[] = {4.0, 12.0};
+constexpr double kFreeChance = 0.10;
+constexpr std::size_t kCarriedHypotheses = 8;  // of a view, by their edges in the other one
+constexpr int kCarriedPoints = 48;
+constexpr double kCarriedChance = 0.35;  // support of edges in a wrong place
+
+// Most of a long list is wrong.
+std::vector<double> Weights(const std::vector<AspectHypothesis>& kept) {
+  double chance = kLeastChance;
+  if (kept.size() >= kLongList)
+    chance = std::clamp(kept[kept.size() / 5].score, kLeastChance, kMostChance);
+  std::vector<double> weights;
+  for (const AspectHypothesis& h : kept)
+    weights.push_back(std::max(kLeastWeight, h.score - chance));
+  return weights;
+}
+
+}  // namespace
+
+HypothesisSupport::HypothesisSupport(const AspectLinkInput& input, const AspectLinkOptions& options)
+    : in_(input), options_(options) {
+  for (std::size_t v = 0; v < in_.images.size(); ++v) {
+    std::vector<AspectHypothesis> kept;
+    for (const AspectHypothesis& h : in_.hypotheses[v]) {
+      if (static_cast<int>(kept.size()) >= options.hypotheses_per_view) break;
+      if (h.score >= options.min_hypothesis) kept.push_back(h);
+    }
+    weights_.push_back(Weights(kept));
+    hypotheses_.push_back(std::move(kept));
+  }
+  points_.resize(in_.images.size());
+  ParallelFor(static_cast<int>(points_.size()), options_.threads, [&](int v) {
+    for (std::size_t k = 0; k < hypotheses_[v].size() && k < kCarriedHypotheses; ++k) {
+      const AspectHypothesis& h = hypotheses_[v][k];
+      points_[v].push_back(EdgePoints(h.object, h.camera, h.camera_from_object));
+    }
+  });
+}
+
+void HypothesisSupport::Add(int view, std::vector<AspectHypothesis> more) {
+  std::vector<AspectHypothesis>& list = hypotheses_[view];
+  more.insert(more.end(), list.begin(), list.end());
+  std::stable_sort(
+      more.begin(), more.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
+  weights_[view] = Weights(more);
+  list = std::move(more);
+}
+
+bool HypothesisSupport::IsByChance(int view, std::size_t i) const {
+  return weights_[view][i] <= kLeastWeight;
+}
+
+AspectSceneView HypothesisSupport::ViewOf(int v,
+                                          const PinholeCamera& camera,
+                                          const Rigid3& pose) const {
+  const AspectViewPrior& prior = in_.priors[v];
+  return {camera, pose, std::log(prior.camera.focal_px), prior.log_focal_sigma};
+}
+
+// Whether a placed object of hypothesis h is where the view expects it.
+double HypothesisSupport::Agreement(const AspectSceneView& view,
+                                    const Rigid3& expected,
+                                    const AspectHypothesis& h) const {
+  const AspectPart& part = in_.parts[h.object];
+  const Eigen::Vector3d center = part.object->mesh.center.cast<double>();
+  const Eigen::Vector3d x = expected * center;
+  if (x.z() <= 0) return 0.0;
+  const double size = view.camera.focal_px * part.object->mesh.diameter_m / x.z();
+  const double reach = options_.same_pose_share * size;
+  const Eigen::Vector2d there = Project(h.camera, h.camera_from_object * center);
+  if ((Project(view.camera, x) - there).norm() > reach) return 0.0;
+  const double off = PoseDistancePx(part, view.camera, expected, h.camera, h.camera_from_object);
+  return off < reach ? 1.0 - 0.5 * off / reach : 0.0;
+}
+
+std::pair<int, double> HypothesisSupport::BestAgreeing(int v,
+                                                       const AspectSceneView& view,
+                                                       int object,
+                                                       const Rigid3& expected) const {
+  std::pair<int, double> best{-1, 0.0};
+  for (std::size_t i = 0; i < hypotheses_[v].size(); ++i) {
+    const AspectHypothesis& h = hypotheses_[v][i];
+    if (h.object != object) continue;
+    const double value = weights_[v][i] * Agreement(view, expected, h);
+    if (value > best.second) best = {static_cast<int>(i), value};
+  }
+  return best;
+}
+
+double HypothesisSupport::CarriedSupport(const AspectSceneView& view_from,
+                                         const AspectSceneView& view_to,
+                                         int from,
+                                         int to,
+                                         const std::vector<int>& known) const {
+  double sum = 0.0;
+  const Rigid3 to_from_from = view_to.camera_from_scene * view_from.camera_from_scene.Inverse();
+  for (std::size_t k = 0; k < points_[from].size(); ++k) {
+    const AspectHypothesis& h = hypotheses_[from][k];
+    if (weights_[from][k] <= kLeastWeight ||
+        std::find(known.begin(), known.end(), static_cast<int>(k)) != known.end()) {
+      continue;
+    }
+    const Rigid3 pose =
+        to_from_from *
+        WithFocal(h.camera_from_object, h.camera.focal_px, view_from.camera.focal_px);
+    sum += weights_[from][k] * Found(to, h.object, points_[from][k], view_to.camera, pose);
+  }
+  return sum;
+}
+
+double HypothesisSupport::Found(int v,
+                                int object,
+                                const std::vector<ModelEdgePoint>& points,
+                                const PinholeCamera& camera,
+                                const Rigid3& pose) const {
+  const RenderMesh& mesh = MeshOf(object);
+  const double depth = (pose * mesh.center.cast<double>()).z();
+  if (depth < kNearM) return 0.0;
+  const double size = camera.focal_px * mesh.diameter_m / depth * in_.images[v].working_from_image;
+  const double reach = std::clamp(kCarriedReach * size, kCarriedReachPx[0], kCarriedReachPx[1]);
+  const double found = PointSupport(in_.images[v], points, camera, pose, kFreeChance, reach);
+  return std::max(0.0, found - kCarriedChance) / (1.0 - kCarriedChance);
+}
+
+std::vector<ModelEdgePoint> HypothesisSupport::EdgePoints(int object,
+                                                          const PinholeCamera& camera,
+                                                          const Rigid3& camera_from_object) const {
+  PoseEdgeOptions edges;
+  edges.max_points = kCarriedPoints;
+  edges.render_px = options_.quick_render_px;
+  return RenderedEdgePoints(MeshOf(object), camera, camera_from_object, edges);
+}
+
+}  // namespace horopter

@@ -1,0 +1,156 @@
+#include "server/vision/recognition/aspect_scenes/part_on_plane.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+namespace horopter {
+namespace {
+
+constexpr double kSymmetric = 0.02;   // between unit vectors that are the same
+constexpr double kFreeChance = 0.10;  // as parts have themselves
+
+}  // namespace
+
+PartOnPlane::PartOnPlane(const StandingGround& ground,
+                         const AspectPart& part,
+                         const StandingSearchOptions& options)
+    : ground_(ground), options_(options) {
+  center_ = part.object->mesh.center.cast<double>();
+  diameter_m_ = part.object->mesh.diameter_m;
+  const AspectSet& set = part.object->aspects;
+  for (std::size_t a = 0; a < set.aspects.size(); ++a) {
+    directions_.push_back(-set.aspects[a].camera_from_object.row(2).transpose().cast<double>());
+    points_.push_back(AspectPoints(set, static_cast<int>(a)));
+    if (points_.back().size() > kStandingPoints) points_.back().resize(kStandingPoints);
+  }
+  turns_.push_back(Rigid3{});
+  turns_.insert(turns_.end(), part.symmetries.begin(), part.symmetries.end());
+  FindFaces(part);
+}
+
+void PartOnPlane::FindFaces(const AspectPart& part) {
+  std::vector<Eigen::Vector3d> ups;
+  for (const RestingFace& rest : part.resting) {
+    if (static_cast<int>(faces_.size()) >= options_.max_faces) break;
+    const bool known = std::any_of(ups.begin(), ups.end(), [&](const Eigen::Vector3d& up) {
+      return std::any_of(turns_.begin(), turns_.end(), [&](const Rigid3& turn) {
+        return (turn.R * up - rest.up).norm() < kSymmetric;
+      });
+    });
+    if (known) continue;
+    ups.push_back(rest.up);
+    StandingFace face;
+    face.scene_from_object =
+        Eigen::Quaterniond::FromTwoVectors(rest.up, ground_.plane.normal).toRotationMatrix();
+    face.height_m = rest.height_m;
+    for (const Rigid3& turn : turns_) {
+      const double angle = Eigen::AngleAxisd(turn.R).angle();
+      if ((turn.R * rest.up - rest.up).norm() < kSymmetric && angle > kSymmetric)
+        face.yaw_range = std::min(face.yaw_range, angle);
+    }
+    faces_.push_back(face);
+  }
+}
+
+Eigen::Matrix3d PartOnPlane::RotationOf(int face, double yaw) const {
+  return Eigen::AngleAxisd(yaw, ground_.plane.normal).toRotationMatrix() *
+         faces_[face].scene_from_object;
+}
+
+Eigen::Vector3d PartOnPlane::CenterOf(int face, double x, double y, double yaw) const {
+  const Eigen::Vector3d above = RotationOf(face, yaw) * center_;
+  return ground_.At(x, y) +
+         (faces_[face].height_m + ground_.plane.normal.dot(above)) * ground_.plane.normal;
+}
+
+Rigid3 PartOnPlane::PoseOf(const StandingPlace& place) const {
+  Rigid3 pose;
+  pose.R = RotationOf(place.face, place.yaw);
+  pose.t = CenterOf(place.face, place.x, place.y, place.yaw) - pose.R * center_;
+  return pose;
+}
+
+TurnedPoints PartOnPlane::Look(std::size_t v,
+                               const Eigen::Matrix3d& rotation,
+                               const Eigen::Vector3d& center) const {
+  const Eigen::Vector3d eye = ground_.camera_from_scene[v].Inverse().t;
+  const Eigen::Vector3d direction = rotation.transpose() * (eye - center).normalized();
+  std::size_t aspect = 0, symmetry = 0;
+  double nearest = -2.0;
+  for (std::size_t t = 0; t < turns_.size(); ++t) {
+    const Eigen::Vector3d turned = turns_[t].R.transpose() * direction;
+    for (std::size_t a = 0; a < directions_.size(); ++a) {
+      if (turned.dot(directions_[a]) > nearest)
+        nearest = turned.dot(directions_[a]), aspect = a, symmetry = t;
+    }
+  }
+  const Eigen::Matrix3d camera_from_object = ground_.camera_from_scene[v].R * rotation;
+  const Eigen::Matrix3f R = (camera_from_object * turns_[symmetry].R).cast<float>();
+  // Symmetries keep the part but not the centre of its box.
+  const Eigen::Vector3f offset =
+      (camera_from_object * (turns_[symmetry].t - center_)).cast<float>();
+  const Eigen::Vector3f there = (ground_.camera_from_scene[v] * center).cast<float>();
+  TurnedPoints out;
+  for (const AspectPoint& p : points_[aspect]) {
+    const Eigen::Vector3f x = R * p.point + offset;
+    const Eigen::Vector3f d = R * p.direction;
+    const Eigen::Vector3f at = x + there;
+    out.x[out.count] = x.x();
+    out.y[out.count] = x.y();
+    out.z[out.count] = x.z();
+    out.bin[out.count] = static_cast<std::uint8_t>(
+        AspectBin(d.x() * at.z() - at.x() * d.z(), d.y() * at.z() - at.y() * d.z()));
+    ++out.count;
+  }
+  return out;
+}
+
+// Support of the points with the part's centre here, 0 .. 1; -1 where the view does not show it.
+double PartOnPlane::Support(std::size_t v,
+                            const TurnedPoints& points,
+                            const Eigen::Vector3d& center,
+                            double share) const {
+  const PinholeCamera& camera = ground_.cameras[v];
+  const AspectImage& image = *ground_.images[v];
+  const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
+  if (!IsShown(ground_, v, there)) return -1.0;
+  const double size_px = camera.focal_px * diameter_m_ / there.z();
+  if (size_px < options_.min_size_px || points.count == 0) return -1.0;
+  const float reach_px =
+      std::clamp(static_cast<float>(share * size_px), kMinStandingReachPx, kMaxStandingReachPx);
+  const float reach = reach_px * AspectImage::kDistanceScale;
+  const Eigen::Vector3f c = there.cast<float>();
+  const float f = static_cast<float>(camera.focal_px), k1 = static_cast<float>(camera.k1);
+  const float cx = static_cast<float>(camera.cx), cy = static_cast<float>(camera.cy);
+  const int level = AspectImage::ChanceLevel(reach_px);
+  float sum = 0.0f, chance = 0.0f;
+  for (std::size_t i = 0; i < points.count; ++i) {
+    const float z = 1.0f / (points.z[i] + c.z());
+    const float x = (points.x[i] + c.x()) * z, y = (points.y[i] + c.y()) * z;
+    const float scale = f * (1.0f + k1 * (x * x + y * y));
+    const float u = scale * x + cx, w = scale * y + cy;
+    const float d = image.DistanceAt(u, w, points.bin[i]);
+    sum += std::max(0.0f, 1.0f - d / reach);
+    chance += image.ChanceAt(u, w, points.bin[i], level);
+  }
+  const double n = static_cast<double>(points.count);
+  const double excess = std::clamp(chance / (255.0 * n) - kFreeChance, 0.0, 0.9);
+  return (sum / n - excess) / (1.0 - excess);
+}
+
+double PartOnPlane::Judge(const StandingPlace& p, double share) const {
+  const Eigen::Matrix3d rotation = RotationOf(p.face, p.yaw);
+  const Eigen::Vector3d center = CenterOf(p.face, p.x, p.y, p.yaw);
+  double sum = 0.0;
+  std::size_t shown = 0;
+  for (std::size_t v = 0; v < ground_.images.size(); ++v) {
+    const double s = Support(v, Look(v, rotation, center), center, share);
+    if (s < 0) continue;
+    sum += s;
+    ++shown;
+  }
+  return shown < ground_.least_views ? 0.0 : sum / static_cast<double>(shown);
+}
+
+}  // namespace horopter

@@ -1,0 +1,83 @@
+// A part as it may stand on a plane: faces it rests on, and what the views would show of it.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <numbers>
+#include <vector>
+
+#include "server/vision/recognition/aspect_scenes/standing_ground.h"
+#include "server/vision/recognition/aspect_scenes/standing_search.h"
+
+namespace horopter {
+
+// Limits of what a view is asked for, pixels of its working image.
+inline constexpr float kMinStandingReachPx = 4.0f, kMaxStandingReachPx = 26.0f;
+inline constexpr std::size_t kStandingPoints = 24;  // of an aspect
+
+// A face that lies on the plane.
+struct StandingFace {
+  Eigen::Matrix3d scene_from_object = Eigen::Matrix3d::Identity();  // before it is turned
+  double height_m = 0.0;                                            // of the origin
+  double yaw_range = 2 * std::numbers::pi;                          // until the part looks the same
+};
+
+// Of the part's centre, in the axes of the ground.
+struct StandingPlace {
+  double x = 0.0, y = 0.0, yaw = 0.0;
+  int face = 0;
+  double support = 0.0;
+};
+
+// Points of an aspect in a camera's axes, up to the place of the part's centre.
+struct TurnedPoints {
+  std::array<float, kStandingPoints> x, y, z;
+  std::array<std::uint8_t, kStandingPoints> bin;
+  std::size_t count = 0;
+};
+
+// Refers to the ground and the options.
+class PartOnPlane {
+ public:
+  PartOnPlane(const StandingGround& ground,
+              const AspectPart& part,
+              const StandingSearchOptions& options);
+
+  const StandingGround& ground() const { return ground_; }
+  const StandingSearchOptions& options() const { return options_; }
+  double diameter_m() const { return diameter_m_; }
+  // Those that look different, the safest first.
+  const std::vector<StandingFace>& faces() const { return faces_; }
+
+  Eigen::Matrix3d RotationOf(int face, double yaw) const;
+  Eigen::Vector3d CenterOf(int face, double x, double y, double yaw) const;  // scene frame
+  Rigid3 PoseOf(const StandingPlace& place) const;                           // scene from object
+
+  // The aspect that view v has of the part turned by `rotation` with its centre here.
+  TurnedPoints Look(std::size_t v,
+                    const Eigen::Matrix3d& rotation,
+                    const Eigen::Vector3d& center) const;
+
+  // Mean support over the views that show it, above chance; edges may lie `share` of the size away.
+  double Judge(const StandingPlace& place, double share) const;
+
+ private:
+  void FindFaces(const AspectPart& part);
+  double Support(std::size_t v,
+                 const TurnedPoints& points,
+                 const Eigen::Vector3d& center,
+                 double share) const;
+
+  const StandingGround& ground_;
+  const StandingSearchOptions& options_;
+  Eigen::Vector3d center_;
+  double diameter_m_ = 0.0;
+  std::vector<Eigen::Vector3d> directions_;       // to the camera, object frame, of each aspect
+  std::vector<std::vector<AspectPoint>> points_;  // of each aspect
+  std::vector<Rigid3> turns_;                     // identity and symmetries
+  std::vector<StandingFace> faces_;
+};
+
+}  // namespace horopter

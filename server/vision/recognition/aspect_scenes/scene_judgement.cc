@@ -1,0 +1,259 @@
+#include "server/vision/recognition/aspect_scenes/scene_judgement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <utility>
+
+#include "server/base/parallel_for.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kPrintViews = 3;  // that tell print from what stands before or behind a part
+
+using ViewSpan = std::span<const std::vector<PartLayer>* const>;
+
+// Working pixels about the image of a part, for the layers that may overlap it.
+struct Disc {
+  Eigen::Vector2d center = Eigen::Vector2d::Zero();
+  double radius = 0.0;
+
+  bool Meets(const PartLayer& layer) const {
+    return layer.width > 0 && center.x() + radius > layer.x0 && center.y() + radius > layer.y0 &&
+           center.x() - radius < layer.x0 + layer.width &&
+           center.y() - radius < layer.y0 + layer.height;
+  }
+};
+
+Disc DiscOf(const AspectImage& image,
+            const RenderMesh& mesh,
+            const PinholeCamera& camera,
+            const Rigid3& pose) {
+  constexpr double kAround = 0.6;  // of the diameter, with a margin
+  const PinholeCamera working = WorkingCamera(image, camera);
+  const Eigen::Vector3d center = pose * mesh.center.cast<double>();
+  return {Project(working, center), kAround * working.focal_px * mesh.diameter_m / center.z()};
+}
+
+bool IsInside(const RenderMesh& mesh,
+              const PinholeCamera& camera,
+              const Rigid3& pose,
+              double shown_share) {
+  int inside = 0;
+  for (const Eigen::Vector3d& corner : BoxCorners(mesh)) {
+    const Eigen::Vector3d x = pose * corner;
+    if (x.z() <= 0) continue;
+    const Eigen::Vector2d u = Project(camera, x);
+    inside += u.x() >= 0 && u.y() >= 0 && u.x() < camera.width && u.y() < camera.height;
+  }
+  return inside >= 8 * shown_share;
+}
+
+// Of the smaller image of two parts, the share where both have one surface; over all views.
+double SharedSurface(std::span<const PartLayer> a,
+                     std::span<const PartLayer> b,
+                     double tolerance_m) {
+  std::int64_t of_a = 0, of_b = 0, shared = 0;
+  for (std::size_t v = 0; v < a.size(); ++v) {
+    of_b += std::count_if(
+        b[v].inverse_depth.begin(), b[v].inverse_depth.end(), [](float d) { return d > 0; });
+    for (int y = a[v].y0; y < a[v].y0 + a[v].height; ++y) {
+      for (int x = a[v].x0; x < a[v].x0 + a[v].width; ++x) {
+        const float near = a[v].inverse_depth[a[v].Cell(x, y)];
+        if (near <= 0) continue;
+        ++of_a;
+        if (!b[v].Has(x, y)) continue;
+        const float other = b[v].inverse_depth[b[v].Cell(x, y)];
+        shared += other > 0 && std::abs(1.0 / near - 1.0 / other) < tolerance_m;
+      }
+    }
+  }
+  const std::int64_t smaller = std::min(of_a, of_b);
+  return smaller > 0 ? static_cast<double>(shared) / static_cast<double>(smaller) : 0.0;
+}
+
+AspectScore Mean(const LinkedObject& o, int shown) {
+  AspectScore mean;
+  for (const AspectScore& score : o.views) {
+    mean.precision += score.precision / shown;
+    mean.recall += score.recall / shown;
+  }
+  return mean;
+}
+
+// Edges of the model are found, but the images have many more within it.
+bool MayBePrinted(const LinkedObject& o, int shown, const SceneJudgementOptions& options) {
+  if (shown == 0) return false;
+  const AspectScore mean = Mean(o, shown);
+  return mean.precision >= options.print_precision && mean.recall < options.print_recall;
+}
+
+void PresumeRecall(double recall, const AspectScoreOptions& scoring, AspectScore* score) {
+  if (score->recall >= recall || !(score->precision > 0)) return;
+  score->recall = recall;
+  score->score = ScoreOf(score->precision, recall, score->support_px, scoring);
+}
+
+// Scores once more, without the edges that stay in their places on the surface from view to view.
+void ForgivePrint(std::span<const AspectImage> images,
+                  const RenderMesh& mesh,
+                  const std::vector<std::optional<AspectSceneView>>& views,
+                  const AspectSceneObject& placed,
+                  const std::vector<std::vector<const PartLayer*>>& near,
+                  const AspectScoreOptions& scoring,
+                  const SceneJudgementOptions& options,
+                  LinkedObject* out) {
+  AspectScoreOptions rendering;
+  rendering.render_px = options.layer_px;
+  std::vector<PartLayer> layers(views.size());
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!out->shown[v]) continue;
+    const Rigid3 pose = views[v]->camera_from_scene * placed.scene_from_object;
+    layers[v] = MakePartLayer(images[v], mesh, views[v]->camera, pose, rendering);
+  }
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!out->shown[v]) continue;
+    std::vector<SiblingView> siblings;
+    for (std::size_t w = 0; w < views.size(); ++w) {
+      if (w == v || !out->shown[w]) continue;
+      const Rigid3 pose = views[w]->camera_from_scene * placed.scene_from_object;
+      siblings.push_back({&images[w], views[w]->camera, pose, &layers[w]});
+    }
+    const Rigid3 pose = views[v]->camera_from_scene * placed.scene_from_object;
+    out->views[v] = ScorePose(images[v], mesh, views[v]->camera, pose, scoring, near[v], siblings);
+  }
+}
+
+}  // namespace
+
+std::array<Eigen::Vector3d, 8> BoxCorners(const RenderMesh& mesh) {
+  const double h = 0.29 * mesh.diameter_m;
+  std::array<Eigen::Vector3d, 8> out;
+  for (int i = 0; i < 8; ++i) {
+    out[i] = mesh.center.cast<double>() +
+             h * Eigen::Vector3d(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1);
+  }
+  return out;
+}
+
+LinkedObject JudgeInViews(std::span<const AspectImage> images,
+                          const RenderMesh& mesh,
+                          const std::vector<std::optional<AspectSceneView>>& views,
+                          const AspectSceneObject& placed,
+                          const SceneJudgementOptions& options,
+                          ViewSpan others) {
+  LinkedObject out;
+  out.object = placed.object;
+  out.scene_from_object = placed.scene_from_object;
+  out.views.resize(views.size());
+  out.shown.assign(views.size(), false);
+  AspectScoreOptions scoring;
+  scoring.render_px = options.render_px;
+  std::vector<std::vector<const PartLayer*>> near(views.size());
+  int registered = 0, shown = 0;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!views[v]) continue;
+    ++registered;
+    const Rigid3 pose = views[v]->camera_from_scene * placed.scene_from_object;
+    if (!IsInside(mesh, views[v]->camera, pose, options.shown_share)) continue;
+    if (!others.empty()) {
+      const Disc disc = DiscOf(images[v], mesh, views[v]->camera, pose);
+      for (const std::vector<PartLayer>* layers : others) {
+        if (disc.Meets((*layers)[v])) near[v].push_back(&(*layers)[v]);
+      }
+    }
+    const AspectScore score = ScorePose(images[v], mesh, views[v]->camera, pose, scoring, near[v]);
+    if (score.visible_px < options.visible_share * (score.visible_px + score.hidden_px)) continue;
+    out.views[v] = score;
+    out.shown[v] = true;
+    ++shown;
+  }
+  const bool may_be_printed = MayBePrinted(out, shown, options);
+  if (may_be_printed && shown < kPrintViews) {
+    for (AspectScore& score : out.views) PresumeRecall(options.presumed_recall, scoring, &score);
+  } else if (may_be_printed) {
+    LinkedObject printed = out;
+    ForgivePrint(images, mesh, views, placed, near, scoring, options, &printed);
+    if (Mean(printed, shown).recall >= options.print_recall) out = std::move(printed);
+  }
+  for (const AspectScore& score : out.views) {
+    out.score += score.score;
+    out.precision += score.precision;
+  }
+  // Wrong cameras push objects out of the images that contradict them.
+  if (shown == 0 || 2 * shown < registered) {
+    out.score = out.precision = 0.0;
+    return out;
+  }
+  out.score /= shown;
+  out.precision /= shown;
+  return out;
+}
+
+SceneLayers MakeSceneLayers(std::span<const AspectImage> images,
+                            std::span<const RenderMesh* const> meshes,
+                            const AspectScene& scene,
+                            std::span<const LinkedObject> judged,
+                            const SceneJudgementOptions& options) {
+  SceneLayers out(scene.objects.size());
+  AspectScoreOptions scoring;
+  scoring.render_px = options.layer_px;
+  ParallelFor(static_cast<int>(out.size()), options.threads, [&](int o) {
+    out[o].resize(scene.views.size());
+    if (judged[o].score < options.hiding_score) return;
+    const AspectSceneObject& object = scene.objects[o];
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      if (!scene.views[v]) continue;
+      out[o][v] = MakePartLayer(images[v],
+                                *meshes[object.object],
+                                scene.views[v]->camera,
+                                scene.views[v]->camera_from_scene * object.scene_from_object,
+                                scoring);
+    }
+  });
+  return out;
+}
+
+std::vector<LinkedObject> JudgeScene(std::span<const AspectImage> images,
+                                     std::span<const RenderMesh* const> meshes,
+                                     const AspectScene& scene,
+                                     const SceneJudgementOptions& options) {
+  const int count = static_cast<int>(scene.objects.size());
+  const auto judge = [&](int i, ViewSpan others) {
+    const AspectSceneObject& o = scene.objects[i];
+    return JudgeInViews(images, *meshes[o.object], scene.views, o, options, others);
+  };
+  std::vector<LinkedObject> alone(count);
+  ParallelFor(count, options.threads, [&](int i) { alone[i] = judge(i, {}); });
+  if (count < 2) return alone;
+  const SceneLayers layers = MakeSceneLayers(images, meshes, scene, alone, options);
+  std::vector<LinkedObject> out(count);
+  ParallelFor(count, options.threads, [&](int i) {
+    const AspectSceneObject& object = scene.objects[i];
+    const double diameter = meshes[object.object]->diameter_m;
+    std::vector<const std::vector<PartLayer>*> better;
+    bool taken = false;
+    for (int o = 0; o < count; ++o) {
+      if (alone[o].score <= alone[i].score || alone[o].score < options.hiding_score) continue;
+      bool meets = false;
+      for (std::size_t v = 0; v < scene.views.size() && !meets; ++v) {
+        if (!scene.views[v]) continue;
+        const Rigid3 pose = scene.views[v]->camera_from_scene * object.scene_from_object;
+        meets = DiscOf(images[v], *meshes[object.object], scene.views[v]->camera, pose)
+                    .Meets(layers[o][v]);
+      }
+      if (!meets) continue;
+      better.push_back(&layers[o]);
+      const double smaller = std::min(diameter, meshes[scene.objects[o].object]->diameter_m);
+      taken |= SharedSurface(layers[i], layers[o], options.one_surface_share * smaller) >
+               options.max_shared;
+    }
+    out[i] = better.empty() ? alone[i] : judge(i, better);
+    // Its edges are those of the other part that stands there.
+    if (taken) out[i].score = 0.0;
+  });
+  return out;
+}
+
+}  // namespace horopter

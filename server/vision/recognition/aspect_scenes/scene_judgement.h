@@ -1,0 +1,77 @@
+// What the images say of objects that are placed in a scene: each by the edges its cameras should
+// see, as far as no other object hides them, and the image's edges that no other object explains.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
+#include "server/vision/recognition/aspect_search/aspect_score.h"
+#include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/recognition/aspects/render_mesh.h"
+
+namespace horopter {
+
+struct LinkedObject {
+  int object = -1;  // index of the parts
+  Rigid3 scene_from_object;
+  std::vector<AspectScore> views;  // score 0 and visible_px 0 where not shown or not registered
+  std::vector<bool> shown;
+  double score = 0.0;      // mean of the shown views' scores
+  double precision = 0.0;  // ... of their precisions
+  double runner_up = 0.0;  // best score of another part in its place, and which
+  int runner_up_object = -1;
+};
+
+struct SceneJudgementOptions {
+  double render_px = 200.0;    // a diameter, of the scores
+  double layer_px = 110.0;     // ... of what hides others
+  double shown_share = 0.6;    // of a part's box inside the image for a view to count
+  double visible_share = 0.3;  // of its edges that others leave to see
+  double hiding_score = 0.42;  // of objects that are believed to hide others
+  // Of a better part's surface, a part must not have more than this share as its own: surfaces
+  // nearer than a share of the smaller diameter are one.
+  double max_shared = 0.25;
+  double one_surface_share = 0.02;
+  // A part whose edges are found so well, in three views or more, may be printed on where so little
+  // of the images' edges within it are its own; it is when print explains them up to this share.
+  double print_precision = 0.75;
+  double print_recall = 0.6;
+  // Two views cannot tell print from what speaks against a part. While a scene grows, one whose
+  // edges are found so well is given this recall; 0: it is not.
+  double presumed_recall = 0.0;
+  int threads = 1;
+};
+
+// Corners of a cube of the diameter's size about a part's centre: what turns and scale are seen by.
+std::array<Eigen::Vector3d, 8> BoxCorners(const RenderMesh& mesh);
+
+// The objects of a scene as its views show them, [object][view]; empty where not registered.
+using SceneLayers = std::vector<std::vector<PartLayer>>;
+
+// An object in all registered views; `others`: what hides it, [object][view], or empty. A view that
+// shows little of the object does not count; an object that few views show scores nothing.
+LinkedObject JudgeInViews(std::span<const AspectImage> images,
+                          const RenderMesh& mesh,
+                          const std::vector<std::optional<AspectSceneView>>& views,
+                          const AspectSceneObject& placed,
+                          const SceneJudgementOptions& options = {},
+                          std::span<const std::vector<PartLayer>* const> others = {});
+
+// Layers of the objects whose scores (one each) reach hiding_score.
+SceneLayers MakeSceneLayers(std::span<const AspectImage> images,
+                            std::span<const RenderMesh* const> meshes,
+                            const AspectScene& scene,
+                            std::span<const LinkedObject> judged,
+                            const SceneJudgementOptions& options = {});
+
+// Each object by itself first, then with what better ones hide and explain; in the scene's order.
+// An object in the place of a better one scores 0.
+std::vector<LinkedObject> JudgeScene(std::span<const AspectImage> images,
+                                     std::span<const RenderMesh* const> meshes,
+                                     const AspectScene& scene,
+                                     const SceneJudgementOptions& options = {});
+
+}  // namespace horopter

@@ -1,0 +1,208 @@
+#include "server/vision/recognition/aspect_scenes/scene_objects.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include "server/base/parallel_for.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kChanceScore = 0.4;  // what a wrong pose reaches in one image
+constexpr double kShownScore = 0.35;  // of the best object in a view whose camera is right
+constexpr double kNearM = 1e-3;
+constexpr double kPresumedRecall = 0.55;  // enough to let a small printed part grow
+constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
+
+}  // namespace
+
+SceneObjects::SceneObjects(const AspectLinkInput& input,
+                           const AspectLinkOptions& options,
+                           const StopRequested& stop)
+    : in_(input), options_(options), stop_(stop) {
+  for (const AspectPart& part : in_.parts) meshes_.push_back(&part.object->mesh);
+}
+
+double SceneObjects::Sift(AspectScene* scene) const {
+  std::vector<LinkedObject> judged = Judge(*scene, options_.quick_render_px);
+  bool dropped = false;
+  for (std::size_t v = 0; v < scene->views.size(); ++v) {
+    if (!scene->views[v]) continue;
+    double best = 0.0;
+    for (const LinkedObject& o : judged) {
+      if (o.shown[v]) best = std::max(best, o.views[v].score);
+    }
+    if (best >= kShownScore) continue;
+    scene->views[v].reset();
+    dropped = true;
+  }
+  if (dropped) judged = Judge(*scene, options_.quick_render_px);
+  return Keep(judged, scene);
+}
+
+double SceneObjects::AboveChance(const LinkedObject& o) {
+  double sum = 0.0;
+  for (std::size_t v = 0; v < o.views.size(); ++v) {
+    if (o.shown[v]) sum += std::max(0.0, o.views[v].score - kChanceScore);
+  }
+  return sum;
+}
+
+SceneJudgementOptions SceneObjects::Judging(double render_px) const {
+  SceneJudgementOptions out;
+  out.render_px = render_px;
+  out.layer_px = options_.quick_render_px;
+  out.shown_share = options_.shown_share;
+  if (render_px < kFineRenderPx) out.presumed_recall = kPresumedRecall;
+  return out;
+}
+
+std::vector<LinkedObject> SceneObjects::Judge(const AspectScene& scene, double render_px) const {
+  SceneJudgementOptions judging = Judging(render_px);
+  judging.threads = options_.threads;
+  return JudgeScene(in_.images, meshes_, scene, judging);
+}
+
+LinkedObject SceneObjects::JudgeOne(const std::vector<std::optional<AspectSceneView>>& views,
+                                    const AspectSceneObject& placed,
+                                    std::span<const std::vector<PartLayer>* const> others) const {
+  return JudgeInViews(in_.images,
+                      *meshes_[placed.object],
+                      views,
+                      placed,
+                      Judging(options_.quick_render_px),
+                      others);
+}
+
+double SceneObjects::Keep(const std::vector<LinkedObject>& judged, AspectScene* scene) const {
+  std::vector<int> order(judged.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(
+      order.begin(), order.end(), [&](int a, int b) { return judged[a].score > judged[b].score; });
+  std::vector<AspectSceneObject> kept;
+  double explained = 0.0;
+  for (const int i : order) {
+    if (judged[i].score < options_.min_joint) break;
+    if (!IsFree(scene->views, kept, scene->objects[i])) continue;
+    kept.push_back(scene->objects[i]);
+    explained += AboveChance(judged[i]);
+  }
+  scene->objects = std::move(kept);
+  return explained;
+}
+
+Eigen::Vector3d SceneObjects::CenterOf(const AspectSceneObject& o) const {
+  return o.scene_from_object * meshes_[o.object]->center.cast<double>();
+}
+
+bool SceneObjects::IsFree(const std::vector<std::optional<AspectSceneView>>& views,
+                          const std::vector<AspectSceneObject>& taken,
+                          const AspectSceneObject& o) const {
+  const double diameter = meshes_[o.object]->diameter_m;
+  return std::none_of(taken.begin(), taken.end(), [&](const AspectSceneObject& other) {
+    const double smaller = std::min(diameter, meshes_[other.object]->diameter_m);
+    const Eigen::Vector3d here = CenterOf(o), there = CenterOf(other);
+    if ((here - there).norm() < options_.apart_share * smaller) return true;
+    int seen = 0;
+    for (const auto& view : views) {
+      if (!view) continue;
+      const Eigen::Vector3d a = view->camera_from_scene * here, b = view->camera_from_scene * there;
+      if (a.z() < kNearM || b.z() < kNearM) return false;
+      const double size = view->camera.focal_px * smaller / std::max(a.z(), b.z());
+      if ((Project(view->camera, a) - Project(view->camera, b)).norm() > kOverlapShare * size) {
+        return false;
+      }
+      ++seen;
+    }
+    return seen > 1;
+  });
+}
+
+void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const {
+  std::vector<LinkedObject> there(scene->objects.size());
+  ParallelFor(static_cast<int>(there.size()), options_.threads, [&](int i) {
+    there[i] = JudgeOne(scene->views, scene->objects[i]);
+  });
+  SceneJudgementOptions judging = Judging(options_.quick_render_px);
+  judging.threads = options_.threads;
+  const SceneLayers layers = MakeSceneLayers(in_.images, meshes_, *scene, there, judging);
+  std::vector<const std::vector<PartLayer>*> others;
+  for (const std::vector<PartLayer>& object : layers) others.push_back(&object);
+  std::vector<LinkedObject> judged(candidates.size());
+  ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
+    if (IsStopRequested(stop_)) return;
+    // Its depth is the least certain: the other views set it.
+    candidates[i] = Settled(scene->views, candidates[i]);
+    judged[i] = JudgeOne(scene->views, candidates[i], others);
+  });
+  std::vector<int> order(judged.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(
+      order.begin(), order.end(), [&](int a, int b) { return judged[a].score > judged[b].score; });
+  for (const int i : order) {
+    if (judged[i].score < options_.min_quick) break;
+    if (IsFree(scene->views, scene->objects, candidates[i]))
+      scene->objects.push_back(candidates[i]);
+  }
+}
+
+AspectSceneObject SceneObjects::Settled(const std::vector<std::optional<AspectSceneView>>& views,
+                                        const AspectSceneObject& placed) const {
+  return SettleInViews(
+      in_.images, *meshes_[placed.object], views, placed, options_.quick_render_px);
+}
+
+LinkedScene SceneObjects::Result(const AspectScene& scene) const {
+  LinkedScene out;
+  out.views = scene.views;
+  if (scene.objects.empty()) {
+    out.views.assign(scene.views.size(), std::nullopt);
+    return out;
+  }
+  for (LinkedObject& o : Judge(scene, kFineRenderPx)) {
+    if (o.score < options_.min_joint) continue;
+    out.score += AboveChance(o);
+    out.objects.push_back(std::move(o));
+  }
+  std::stable_sort(out.objects.begin(), out.objects.end(), [](const auto& a, const auto& b) {
+    return a.score > b.score;
+  });
+  return out;
+}
+
+AspectSceneObject SettleInViews(std::span<const AspectImage> images,
+                                const RenderMesh& mesh,
+                                const std::vector<std::optional<AspectSceneView>>& views,
+                                AspectSceneObject out,
+                                double render_px) {
+  for (const double search : {8.0, 5.0, 3.0}) {
+    PoseEdgeOptions edges;
+    edges.search_px = search;
+    edges.max_points = 120;
+    edges.render_px = render_px;
+    std::vector<std::vector<ModelEdgePoint>> points(views.size());
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      if (!views[v]) continue;
+      points[v] = RenderedEdgePoints(
+          mesh, views[v]->camera, views[v]->camera_from_scene * out.scene_from_object, edges);
+    }
+    for (int step = 0; step < 3; ++step) {
+      std::vector<SceneRow> rows;
+      for (std::size_t v = 0; v < views.size(); ++v) {
+        if (points[v].empty()) continue;
+        for (const PoseEdgeMatch& m :
+             MatchPoseEdges(images[v],
+                            points[v],
+                            views[v]->camera,
+                            views[v]->camera_from_scene * out.scene_from_object,
+                            edges)) {
+          rows.push_back({static_cast<int>(v), 0, m.point, m.matched, m.normal, m.weight});
+        }
+      }
+      out.scene_from_object = AdjustObjectToRows(rows, views, out.scene_from_object);
+    }
+  }
+  return out;
+}
+
+}  // namespace horopter

@@ -1,0 +1,63 @@
+// The objects of a scene held against its images: settled, judged, and one to a place.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/scene_judgement.h"
+
+namespace horopter {
+
+inline constexpr double kFineRenderPx = 200.0;  // of the scores that are answered
+
+class SceneObjects {
+ public:
+  // What is pointed to outlives the object.
+  SceneObjects(const AspectLinkInput& input,
+               const AspectLinkOptions& options,
+               const StopRequested& stop);
+
+  // Views that show no object are no views, objects that explain too little are none. Returns what
+  // the rest explains above chance.
+  double Sift(AspectScene* scene) const;
+  std::vector<LinkedObject> Judge(const AspectScene& scene, double render_px) const;
+  // One object, rendered quickly.
+  LinkedObject JudgeOne(const std::vector<std::optional<AspectSceneView>>& views,
+                        const AspectSceneObject& placed,
+                        std::span<const std::vector<PartLayer>* const> others = {}) const;
+  // Whether no object of the scene is in this one's place: not in space, and not in the images of
+  // all views, where wrong cameras may show one object as two.
+  bool IsFree(const std::vector<std::optional<AspectSceneView>>& views,
+              const std::vector<AspectSceneObject>& taken,
+              const AspectSceneObject& o) const;
+  // Candidates adjusted alone and added where the images bear them out and nothing else is.
+  void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const;
+  // An object adjusted alone, cameras held.
+  AspectSceneObject Settled(const std::vector<std::optional<AspectSceneView>>& views,
+                            const AspectSceneObject& placed) const;
+  LinkedScene Result(const AspectScene& scene) const;
+
+ private:
+  static double AboveChance(const LinkedObject& o);
+  SceneJudgementOptions Judging(double render_px) const;
+  // Leaves out what explains too little; the frame goes to the best. Returns what is explained.
+  double Keep(const std::vector<LinkedObject>& judged, AspectScene* scene) const;
+  Eigen::Vector3d CenterOf(const AspectSceneObject& o) const;
+
+  const AspectLinkInput& in_;
+  const AspectLinkOptions& options_;
+  const StopRequested& stop_;
+  std::vector<const RenderMesh*> meshes_;
+};
+
+// An object's pose adjusted to the edges of all registered views, cameras held. render_px: see
+// PoseEdgeOptions.
+AspectSceneObject SettleInViews(std::span<const AspectImage> images,
+                                const RenderMesh& mesh,
+                                const std::vector<std::optional<AspectSceneView>>& views,
+                                AspectSceneObject placed,
+                                double render_px);
+
+}  // namespace horopter

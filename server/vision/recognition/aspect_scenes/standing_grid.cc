@@ -1,0 +1,230 @@
+#include "server/vision/recognition/aspect_scenes/standing_grid.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+
+namespace horopter {
+namespace {
+
+constexpr int kTiles = 3;  // of the plane, a side: each has its own aspects
+constexpr double kNearM = 1e-3;
+constexpr double kEdgeHalf = 0.35;    // of the size: half the square whose edges are counted ...
+constexpr double kEdgeLength = 0.6;   // ... and how long they must be
+constexpr int kBlock = 4;             // places a side over which a part looks the same
+constexpr std::size_t kFirst = 8;     // points that refuse a place
+constexpr double kFirstSlack = 0.12;  // by which their support may be below min_first
+
+class FaceSearch {
+ public:
+  FaceSearch(const PartOnPlane& part, int face)
+      : part_(part), ground_(part.ground()), options_(part.options()), face_(face) {
+    MakeGrid();
+  }
+
+  std::vector<StandingPlace> Run(const StopRequested& stop) const {
+    const int yaws = std::max(
+        1, static_cast<int>(std::ceil(part_.faces()[face_].yaw_range / options_.yaw_step_rad)));
+    std::vector<StandingPlace> best(grid_.open.size());
+    for (int k = 0; k < yaws; ++k) {
+      if (IsStopRequested(stop)) return {};
+      const double yaw = part_.faces()[face_].yaw_range * k / yaws;
+      for (int tile = 0; tile < kTiles * kTiles; ++tile) {
+        const int x0 = grid_.columns * (tile % kTiles) / kTiles;
+        const int x1 = grid_.columns * (tile % kTiles + 1) / kTiles;
+        const int y0 = grid_.rows * (tile / kTiles) / kTiles;
+        const int y1 = grid_.rows * (tile / kTiles + 1) / kTiles;
+        const Eigen::Vector3d middle = PlaceOf(0.5 * (x0 + x1), 0.5 * (y0 + y1), yaw);
+        std::vector<TurnedPoints> looks;
+        for (std::size_t v = 0; v < ground_.images.size(); ++v)
+          looks.push_back(part_.Look(v, part_.RotationOf(face_, yaw), middle));
+        for (int y = y0; y < y1; y += kBlock) {
+          for (int x = x0; x < x1; x += kBlock) {
+            SearchBlock(
+                {x, std::min(x + kBlock, x1), y, std::min(y + kBlock, y1)}, yaw, looks, &best);
+          }
+        }
+      }
+    }
+    best.erase(
+        std::remove_if(
+            best.begin(), best.end(), [](const StandingPlace& p) { return p.support <= 0.0; }),
+        best.end());
+    return best;
+  }
+
+ private:
+  // Places of a grid, and whether enough views show edges there that are still unexplained.
+  struct Grid {
+    double step = 0.0;
+    int columns = 0, rows = 0;
+    std::vector<std::uint8_t> open;
+  };
+
+  struct Block {
+    int x0, x1, y0, y1;
+  };
+
+  // Points of an aspect in the half map of a view's image.
+  struct MapPoints {
+    std::array<std::int16_t, kStandingPoints> u, v;
+    std::array<std::int32_t, kStandingPoints> map;  // where the bin's map begins
+    std::size_t count = 0;
+    std::int32_t reach = 0;  // 1/8 px
+    Eigen::Vector2d center = Eigen::Vector2d::Zero();
+  };
+
+  void MakeGrid() {
+    const Eigen::Vector2d size = ground_.high - ground_.low;
+    grid_.step = std::max(options_.step_share * part_.diameter_m(),
+                          std::sqrt(size.x() * size.y() / options_.max_places));
+    grid_.columns = static_cast<int>(size.x() / grid_.step) + 1;
+    grid_.rows = static_cast<int>(size.y() / grid_.step) + 1;
+    grid_.open.resize(static_cast<std::size_t>(grid_.columns) * grid_.rows);
+    for (int j = 0; j < grid_.rows; ++j) {
+      for (int i = 0; i < grid_.columns; ++i) {
+        const Eigen::Vector3d center = PlaceOf(i, j, 0.0);
+        std::size_t open = 0;
+        for (std::size_t v = 0; v < ground_.images.size(); ++v) {
+          const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
+          if (!IsShown(ground_, v, there)) continue;
+          const double px = ground_.cameras[v].focal_px * part_.diameter_m() / there.z();
+          open += px >= options_.min_size_px &&
+                  UnexplainedNear(ground_, v, Project(ground_.cameras[v], there), kEdgeHalf * px) >=
+                      kEdgeLength * px;
+        }
+        grid_.open[static_cast<std::size_t>(j) * grid_.columns + i] = open >= ground_.least_views;
+      }
+    }
+  }
+
+  Eigen::Vector3d PlaceOf(double i, double j, double yaw) const {
+    return part_.CenterOf(
+        face_, ground_.low.x() + i * grid_.step, ground_.low.y() + j * grid_.step, yaw);
+  }
+
+  // Support of each open place of a block; the part looks the same from all of them, only moved.
+  void SearchBlock(const Block& block,
+                   double yaw,
+                   const std::vector<TurnedPoints>& looks,
+                   std::vector<StandingPlace>* best) const {
+    std::array<double, kBlock * kBlock> sums{};
+    std::array<std::uint8_t, kBlock * kBlock> shown{}, refused{};
+    const auto index = [&](int x, int y) { return (y - block.y0) * kBlock + x - block.x0; };
+    const auto cell = [&](int x, int y) { return static_cast<std::size_t>(y) * grid_.columns + x; };
+    bool open = false;
+    for (int y = block.y0; y < block.y1; ++y) {
+      for (int x = block.x0; x < block.x1; ++x) {
+        refused[index(x, y)] = !grid_.open[cell(x, y)];
+        open = open || grid_.open[cell(x, y)];
+      }
+    }
+    if (!open) return;
+    const Eigen::Vector3d middle =
+        PlaceOf(0.5 * (block.x0 + block.x1 - 1), 0.5 * (block.y0 + block.y1 - 1), yaw);
+    const Eigen::Vector3d first = PlaceOf(block.x0, block.y0, yaw);
+    const Eigen::Vector3d along_x = grid_.step * ground_.e1, along_y = grid_.step * ground_.e2;
+    for (std::size_t v = 0; v < looks.size(); ++v) {
+      MapPoints points;
+      if (!OnMap(v, looks[v], middle, &points)) continue;
+      for (int y = block.y0; y < block.y1; ++y) {
+        for (int x = block.x0; x < block.x1; ++x) {
+          const int i = index(x, y);
+          if (refused[i]) continue;
+          const Eigen::Vector3d there =
+              ground_.camera_from_scene[v] *
+              Eigen::Vector3d(first + (x - block.x0) * along_x + (y - block.y0) * along_y);
+          if (!IsShown(ground_, v, there)) continue;
+          const Eigen::Vector2d moved = Project(ground_.cameras[v], there) - points.center;
+          const double support = MapSupport(*ground_.images[v], points, moved);
+          if (support < options_.min_first) {
+            refused[i] = 1;
+            continue;
+          }
+          sums[i] += support;
+          ++shown[i];
+        }
+      }
+    }
+    for (int y = block.y0; y < block.y1; ++y) {
+      for (int x = block.x0; x < block.x1; ++x) {
+        const int i = index(x, y);
+        if (refused[i] || shown[i] < ground_.least_views) continue;
+        StandingPlace& here = (*best)[cell(x, y)];
+        const double support = sums[i] / shown[i];
+        if (support <= here.support) continue;
+        here = {ground_.low.x() + x * grid_.step,
+                ground_.low.y() + y * grid_.step,
+                yaw,
+                face_,
+                support};
+      }
+    }
+  }
+
+  bool OnMap(std::size_t v,
+             const TurnedPoints& look,
+             const Eigen::Vector3d& center,
+             MapPoints* out) const {
+    const PinholeCamera& camera = ground_.cameras[v];
+    const AspectImage& image = *ground_.images[v];
+    const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
+    if (there.z() < kNearM) return false;
+    const double size_px = camera.focal_px * part_.diameter_m() / there.z();
+    if (size_px < options_.min_size_px) return false;
+    out->center = Project(camera, there);
+    out->count = look.count;
+    out->reach = static_cast<std::int32_t>(
+        AspectImage::kDistanceScale * std::clamp(static_cast<float>(options_.reach_share * size_px),
+                                                 kMinStandingReachPx,
+                                                 kMaxStandingReachPx));
+    for (std::size_t i = 0; i < out->count; ++i) {
+      const Eigen::Vector3d x(look.x[i] + there.x(), look.y[i] + there.y(), look.z[i] + there.z());
+      const Eigen::Vector2d u = 0.5 * Project(camera, x);
+      out->u[i] = static_cast<std::int16_t>(std::clamp(u.x(), -8000.0, 8000.0));
+      out->v[i] = static_cast<std::int16_t>(std::clamp(u.y(), -8000.0, 8000.0));
+      out->map[i] = look.bin[i] * image.half_width * image.half_height;
+    }
+    return out->count >= kFirst;
+  }
+
+  // 0 when the first points find nothing.
+  double MapSupport(const AspectImage& image,
+                    const MapPoints& points,
+                    const Eigen::Vector2d& moved) const {
+    const int du = static_cast<int>(std::lround(0.5 * moved.x()));
+    const int dv = static_cast<int>(std::lround(0.5 * moved.y()));
+    const std::uint8_t* maps = image.half_distance.data();
+    std::int32_t away = 0;
+    const auto add = [&](std::size_t i) {
+      const int u = points.u[i] + du, w = points.v[i] + dv;
+      const bool inside = static_cast<unsigned>(u) < static_cast<unsigned>(image.half_width) &&
+                          static_cast<unsigned>(w) < static_cast<unsigned>(image.half_height);
+      away += inside ? std::min<std::int32_t>(maps[points.map[i] + w * image.half_width + u],
+                                              points.reach)
+                     : points.reach;
+    };
+    for (std::size_t i = 0; i < kFirst; ++i) add(i);
+    const double least = options_.min_first - kFirstSlack;
+    if (away > (1.0 - least) * kFirst * points.reach) return 0.0;
+    for (std::size_t i = kFirst; i < points.count; ++i) add(i);
+    return 1.0 - static_cast<double>(away) / (static_cast<double>(points.count) * points.reach);
+  }
+
+  const PartOnPlane& part_;
+  const StandingGround& ground_;
+  const StandingSearchOptions& options_;
+  const int face_;
+  Grid grid_;
+};
+
+}  // namespace
+
+std::vector<StandingPlace> SearchFace(const PartOnPlane& part,
+                                      int face,
+                                      const StopRequested& stop) {
+  return FaceSearch(part, face).Run(stop);
+}
+
+}  // namespace horopter

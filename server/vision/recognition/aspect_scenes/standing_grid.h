@@ -1,0 +1,15 @@
+// Every place and turn of a part on one of its faces, coarsely, on half maps of the images.
+#pragma once
+
+#include <vector>
+
+#include "server/base/stop_token.h"
+#include "server/vision/recognition/aspect_scenes/part_on_plane.h"
+
+namespace horopter {
+
+// The best turn at each place of a grid (StandingSearchOptions::step_share) that enough views
+// support; nothing when stopped.
+std::vector<StandingPlace> SearchFace(const PartOnPlane& part, int face, const StopRequested& stop);
+
+}  // namespace horopter

@@ -1,0 +1,71 @@
+#include "server/vision/recognition/aspect_scenes/standing_planes.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace horopter {
+namespace {
+
+constexpr double kSamePlaneRad = 0.06;    // between the normals of faces on one plane
+constexpr double kSamePlaneShare = 0.08;  // of the diameter: between their heights
+constexpr int kPlanes = 2;                // of different heights
+constexpr double kLevelM = 0.006;         // between these
+
+// How many of the objects rest on the plane; -1 when one of them, or a camera, is below it.
+int RestingOn(const StandingPlane& plane,
+              std::span<const AspectSceneObject> objects,
+              std::span<const AspectPart> parts,
+              const std::vector<std::optional<AspectSceneView>>& views) {
+  for (const auto& view : views) {
+    if (view && plane.normal.dot(view->camera_from_scene.Inverse().t) < plane.offset_m) return -1;
+  }
+  int resting = 0;
+  for (const AspectSceneObject& o : objects) {
+    const AspectPart& part = parts[o.object];
+    const double same = kSamePlaneShare * part.object->mesh.diameter_m;
+    const Eigen::Vector3d center = o.scene_from_object * part.object->mesh.center.cast<double>();
+    if (plane.normal.dot(center) < plane.offset_m) return -1;
+    resting += std::any_of(part.resting.begin(), part.resting.end(), [&](const RestingFace& face) {
+      const Eigen::Vector3d up = o.scene_from_object.R * face.up;
+      return up.dot(plane.normal) > std::cos(kSamePlaneRad) &&
+             std::abs(plane.normal.dot(o.scene_from_object.t) - face.height_m - plane.offset_m) <
+                 same;
+    });
+  }
+  return resting;
+}
+
+}  // namespace
+
+std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> objects,
+                                       std::span<const AspectPart> parts,
+                                       const std::vector<std::optional<AspectSceneView>>& views) {
+  StandingPlane best;
+  std::vector<StandingPlane> all;
+  for (const AspectSceneObject& o : objects) {
+    for (const RestingFace& face : parts[o.object].resting) {
+      StandingPlane plane;
+      plane.normal = o.scene_from_object.R * face.up;
+      plane.offset_m = plane.normal.dot(o.scene_from_object.t) - face.height_m;
+      plane.objects = RestingOn(plane, objects, parts, views);
+      if (plane.objects > best.objects) best = plane;
+      all.push_back(plane);
+    }
+  }
+  if (best.objects == 0) return {};
+  std::vector<StandingPlane> out = {best};
+  for (StandingPlane& plane : all) {
+    if (static_cast<int>(out.size()) >= kPlanes) break;
+    if (plane.normal.dot(best.normal) < std::cos(kSamePlaneRad)) continue;
+    plane.normal = best.normal;
+    const bool known = std::any_of(out.begin(), out.end(), [&](const StandingPlane& p) {
+      return plane.offset_m < p.offset_m + kLevelM;
+    });
+    if (known) continue;
+    plane.objects = 1;
+    out.push_back(plane);
+  }
+  return out;
+}
+
+}  // namespace horopter

@@ -1,0 +1,25 @@
+// Planes that parts of a scene stand on.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/vision/geometry/supporting_plane.h"
+#include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
+#include "server/vision/recognition/aspects/fragment_index.h"
+
+namespace horopter {
+
+struct StandingPlane : SupportingPlane {
+  int objects = 0;  // that rest on it
+};
+
+// The plane on which most objects rest by one of their faces, below no camera and with no object
+// under it; then those parallel to it on which others rest: the tops of blocks. Empty without
+// views, objects or such a plane.
+std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> objects,
+                                       std::span<const AspectPart> parts,
+                                       const std::vector<std::optional<AspectSceneView>>& views);
+
+}  // namespace horopter

@@ -1,0 +1,154 @@
+#include "server/vision/recognition/aspect_scenes/view_links.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "server/base/parallel_for.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kCarriedShare = 0.2;  // of carried edges against a hypothesis's weight
+constexpr int kVirtualSteps = 12;
+constexpr double kVirtualSigmaPx = 6.0;
+
+}  // namespace
+
+ViewLinks::ViewLinks(const AspectLinkInput& input,
+                     const AspectLinkOptions& options,
+                     const StopRequested& stop)
+    : in_(input),
+      options_(options),
+      stop_(stop),
+      turns_(input.parts, options.max_symmetries),
+      support_(input, options) {}
+
+std::vector<GrownScene> ViewLinks::InitialScenes() const {
+  return LinkPairs(in_, options_, support_, turns_, stop_);
+}
+
+int ViewLinks::Grow(const std::vector<bool>& wanted, GrownScene* scene) const {
+  const std::vector<std::vector<ModelEdgePoint>> points = PointsOf(*scene);
+  const int count = static_cast<int>(scene->views.size());
+  std::vector<std::pair<double, AspectSceneView>> best(count);
+  ParallelFor(count, options_.threads, [&](int v) {
+    if (!scene->views[v] && wanted[v]) best[v] = BestView(*scene, points, v);
+  });
+  const auto most = std::max_element(
+      best.begin(), best.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  if (most->first <= 0.0) return -1;
+  const int v = static_cast<int>(most - best.begin());
+  scene->views[v] = most->second;
+  scene->support += most->first;
+  for (GrownObject& o : scene->objects) {
+    const Rigid3 expected = most->second.camera_from_scene * o.placed.scene_from_object;
+    o.hypothesis[v] = support_.BestAgreeing(v, most->second, o.placed.object, expected).first;
+  }
+  return v;
+}
+
+std::pair<double, AspectSceneView> ViewLinks::BestView(
+    const GrownScene& scene, const std::vector<std::vector<ModelEdgePoint>>& points, int v) const {
+  std::pair<double, AspectSceneView> best{0.0, {}};
+  for (const GrownObject& o : scene.objects) {
+    for (const AspectHypothesis& h : support_.Hypotheses(v)) {
+      if (h.object != o.placed.object) continue;
+      const auto view_of = [&](const Rigid3& turn) {
+        return support_.ViewOf(
+            v, h.camera, h.camera_from_object * turn * o.placed.scene_from_object.Inverse());
+      };
+      const auto support = [&](const Rigid3& turn) {
+        return SupportOfView(scene, points, v, view_of(turn), &o) +
+               SupportInOthers(scene, v, view_of(turn), h);
+      };
+      for (const Rigid3& turn : turns_.Supported(h.object, support)) {
+        const AspectSceneView view = view_of(turn);
+        const double sum =
+            SupportOfView(scene, points, v, view, nullptr) + SupportInOthers(scene, v, view, h);
+        if (sum > best.first) best = {sum, view};
+      }
+    }
+  }
+  return best;
+}
+
+double ViewLinks::SupportOfView(const GrownScene& scene,
+                                const std::vector<std::vector<ModelEdgePoint>>& points,
+                                int v,
+                                const AspectSceneView& view,
+                                const GrownObject* linking) const {
+  double sum = 0.0;
+  for (std::size_t o = 0; o < scene.objects.size(); ++o) {
+    if (&scene.objects[o] == linking) continue;
+    const AspectSceneObject& placed = scene.objects[o].placed;
+    const Rigid3 expected = view.camera_from_scene * placed.scene_from_object;
+    sum += std::max(
+        support_.BestAgreeing(v, view, placed.object, expected).second,
+        kCarriedShare * support_.Found(v, placed.object, points[o], view.camera, expected));
+  }
+  return sum;
+}
+
+double ViewLinks::SupportInOthers(const GrownScene& scene,
+                                  int v,
+                                  const AspectSceneView& view,
+                                  const AspectHypothesis& linking) const {
+  int nearest = -1;
+  for (int w = 0; w < static_cast<int>(scene.views.size()); ++w) {
+    if (scene.views[w] && (nearest < 0 || std::abs(w - v) < std::abs(nearest - v))) nearest = w;
+  }
+  std::vector<int> known;
+  for (std::size_t k = 0; k < support_.CarriedCount(v); ++k) {
+    const AspectHypothesis& h = support_.Hypotheses(v)[k];
+    const bool placed =
+        std::any_of(scene.objects.begin(), scene.objects.end(), [&](const GrownObject& o) {
+          return o.placed.object == h.object;
+        });
+    if (&h == &linking || placed) known.push_back(static_cast<int>(k));
+  }
+  return support_.CarriedSupport(view, *scene.views[nearest], v, nearest, known);
+}
+
+std::vector<std::vector<ModelEdgePoint>> ViewLinks::PointsOf(const GrownScene& scene) const {
+  const auto view = std::find_if(
+      scene.views.begin(), scene.views.end(), [](const auto& v) { return v.has_value(); });
+  std::vector<std::vector<ModelEdgePoint>> out;
+  for (const GrownObject& o : scene.objects) {
+    const Rigid3 pose = (*view)->camera_from_scene * o.placed.scene_from_object;
+    out.push_back(support_.EdgePoints(o.placed.object, (*view)->camera, pose));
+  }
+  return out;
+}
+
+void ViewLinks::AdjustToHypotheses(const GrownScene& grown, AspectScene* scene) const {
+  std::vector<SceneRow> rows;
+  for (std::size_t o = 0; o < grown.objects.size(); ++o) {
+    const int object = grown.objects[o].placed.object;
+    const auto corners = BoxCorners(support_.MeshOf(object));
+    for (std::size_t v = 0; v < grown.views.size(); ++v) {
+      const int i = grown.objects[o].hypothesis[v];
+      if (i < 0 || !grown.views[v]) continue;
+      const AspectHypothesis& h = support_.Hypotheses(v)[i];
+      const Rigid3 expected =
+          grown.views[v]->camera_from_scene * grown.objects[o].placed.scene_from_object;
+      Rigid3 nearest = h.camera_from_object;
+      double least = 1e18;
+      for (const Rigid3& turn : turns_.Of(object)) {
+        const Rigid3 pose = h.camera_from_object * turn;
+        double off = 0.0;
+        for (const Eigen::Vector3d& c : corners)
+          off +=
+              (Project(h.camera, pose * c) - Project(grown.views[v]->camera, expected * c)).norm();
+        if (off < least) least = off, nearest = pose;
+      }
+      for (const Eigen::Vector3d& c : corners) {
+        const Eigen::Vector2d target = Project(h.camera, nearest * c);
+        for (const Eigen::Vector2d& axis : {Eigen::Vector2d(1, 0), Eigen::Vector2d(0, 1)})
+          rows.push_back({static_cast<int>(v), static_cast<int>(o), c, target, axis, h.score});
+      }
+    }
+  }
+  AdjustToRows(rows, kVirtualSteps, kVirtualSigmaPx, scene);
+}
+
+}  // namespace horopter

@@ -1,0 +1,402 @@
+#include "server/vision/recognition/aspect_search/aspect_score.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "server/vision/recognition/aspects/visible_edges.h"
+
+namespace horopter {
+namespace {
+
+// How the part stands among others.
+struct Seen {
+  const Rigid3& camera_from_object;
+  std::span<const PartLayer* const> others;
+  double hidden_m = 0.0;
+  std::span<const SiblingView> siblings;
+};
+
+// Nearest model edge point of each working pixel near the part, within the tolerance.
+struct ModelRaster {
+  int x0 = 0, y0 = 0, width = 0, height = 0;
+  std::vector<std::int32_t> nearest;
+  std::vector<float> squared;
+};
+
+ModelRaster RasterEdges(const VisibleEdges& edges, const AspectImage& image, double tolerance) {
+  ModelRaster raster;
+  float low_x = 1e9f, low_y = 1e9f, high_x = -1e9f, high_y = -1e9f;
+  for (const VisibleEdgePoint& p : edges.points) {
+    low_x = std::min(low_x, p.image.x());
+    low_y = std::min(low_y, p.image.y());
+    high_x = std::max(high_x, p.image.x());
+    high_y = std::max(high_y, p.image.y());
+  }
+  const int reach = static_cast<int>(std::ceil(tolerance));
+  raster.x0 = std::max(0, static_cast<int>(low_x) - reach);
+  raster.y0 = std::max(0, static_cast<int>(low_y) - reach);
+  raster.width = std::min(image.width, static_cast<int>(high_x) + reach + 2) - raster.x0;
+  raster.height = std::min(image.height, static_cast<int>(high_y) + reach + 2) - raster.y0;
+  if (raster.width <= 0 || raster.height <= 0) return {};
+  raster.nearest.assign(static_cast<std::size_t>(raster.width) * raster.height, -1);
+  raster.squared.assign(raster.nearest.size(), static_cast<float>(tolerance * tolerance));
+  for (std::size_t i = 0; i < edges.points.size(); ++i) {
+    const Eigen::Vector2f& p = edges.points[i].image;
+    const int cx = static_cast<int>(std::lround(p.x())) - raster.x0;
+    const int cy = static_cast<int>(std::lround(p.y())) - raster.y0;
+    for (int y = std::max(0, cy - reach); y <= std::min(raster.height - 1, cy + reach); ++y) {
+      for (int x = std::max(0, cx - reach); x <= std::min(raster.width - 1, cx + reach); ++x) {
+        const float dx = static_cast<float>(x + raster.x0) - p.x();
+        const float dy = static_cast<float>(y + raster.y0) - p.y();
+        const std::size_t cell = static_cast<std::size_t>(y) * raster.width + x;
+        if (dx * dx + dy * dy >= raster.squared[cell]) continue;
+        raster.squared[cell] = dx * dx + dy * dy;
+        raster.nearest[cell] = static_cast<std::int32_t>(i);
+      }
+    }
+  }
+  return raster;
+}
+
+// Distance of every rendered pixel to the part, rendered pixels (3-4 chamfer, thirds of pixels),
+// in a window widened by `margin`.
+struct SilhouetteDistance {
+  int margin = 0, width = 0, height = 0;
+  std::vector<std::uint16_t> thirds;
+};
+
+SilhouetteDistance DistanceToSilhouette(const RenderedView& view, int margin) {
+  SilhouetteDistance out;
+  out.margin = margin;
+  out.width = view.width + 2 * margin;
+  out.height = view.height + 2 * margin;
+  out.thirds.assign(static_cast<std::size_t>(out.width) * out.height, 30000);
+  for (int y = 0; y < view.height; ++y) {
+    for (int x = 0; x < view.width; ++x) {
+      if (view.Covered(x, y)) {
+        out.thirds[static_cast<std::size_t>(y + margin) * out.width + x + margin] = 0;
+      }
+    }
+  }
+  const int w = out.width;
+  std::uint16_t* d = out.thirds.data();
+  const auto relax = [&](std::size_t at, std::size_t from, int cost) {
+    d[at] = static_cast<std::uint16_t>(std::min<int>(d[at], d[from] + cost));
+  };
+  for (int y = 0; y < out.height; ++y) {
+    for (int x = 0; x < w; ++x) {
+      const std::size_t at = static_cast<std::size_t>(y) * w + x;
+      if (x > 0) relax(at, at - 1, 3);
+      if (y == 0) continue;
+      relax(at, at - w, 3);
+      if (x > 0) relax(at, at - w - 1, 4);
+      if (x + 1 < w) relax(at, at - w + 1, 4);
+    }
+  }
+  for (int y = out.height - 1; y >= 0; --y) {
+    for (int x = w - 1; x >= 0; --x) {
+      const std::size_t at = static_cast<std::size_t>(y) * w + x;
+      if (x + 1 < w) relax(at, at + 1, 3);
+      if (y + 1 == out.height) continue;
+      relax(at, at + w, 3);
+      if (x + 1 < w) relax(at, at + w + 1, 4);
+      if (x > 0) relax(at, at + w - 1, 4);
+    }
+  }
+  return out;
+}
+
+// How much more than is free a place and direction support anything.
+double ExcessChance(const AspectImage& image,
+                    const Eigen::Vector2f& at,
+                    int bin,
+                    const AspectScoreOptions& options) {
+  if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image.width && at.y() < image.height)) return 0.0;
+  const int level = AspectImage::ChanceLevel(static_cast<float>(options.tolerance_px));
+  return std::max(0.0, image.ChanceAt(at.x(), at.y(), bin, level) / 255.0 - options.free_chance);
+}
+
+// Whether one of the parts stands here, nearer than `inverse_depth`; 0: at any depth.
+bool IsCovered(std::span<const PartLayer* const> others, int x, int y, float inverse_depth) {
+  return std::any_of(others.begin(), others.end(), [&](const PartLayer* o) {
+    return o->Has(x, y) && o->inverse_depth[o->Cell(x, y)] > inverse_depth;
+  });
+}
+
+// Whether one of the parts has a like-directed edge here.
+bool IsEdgeOf(std::span<const PartLayer* const> others, int x, int y, int bin) {
+  return std::any_of(others.begin(), others.end(), [&](const PartLayer* o) {
+    if (!o->Has(x, y)) return false;
+    const int there = o->edge_bin[o->Cell(x, y)];
+    if (there == PartLayer::kNoEdge) return false;
+    const int apart = std::abs(bin - there);
+    return std::min(apart, kAspectBins - apart) <= 1;
+  });
+}
+
+// Precision, supported and visible length.
+void ScoreModelEdges(const AspectImage& image,
+                     const VisibleEdges& edges,
+                     const Seen& seen,
+                     const AspectScoreOptions& options,
+                     AspectScore* score) {
+  const float tolerance = static_cast<float>(options.tolerance_px * AspectImage::kDistanceScale);
+  const std::size_t n = edges.points.size();
+  double chance_px = 0.0;
+  for (std::size_t i = 0; i < n; ++i) {
+    const VisibleEdgePoint& p = edges.points[i];
+    // Length it stands for: half the way to both neighbours on its chain.
+    float length = 0.0f;
+    if (i > 0 && edges.points[i - 1].chain == p.chain) {
+      length += 0.5f * (p.image - edges.points[i - 1].image).norm();
+    }
+    if (i + 1 < n && edges.points[i + 1].chain == p.chain) {
+      length += 0.5f * (edges.points[i + 1].image - p.image).norm();
+    }
+    if (!seen.others.empty()) {
+      const double depth = (seen.camera_from_object * p.point.cast<double>()).z();
+      if (IsCovered(seen.others,
+                    static_cast<int>(std::lround(p.image.x())),
+                    static_cast<int>(std::lround(p.image.y())),
+                    static_cast<float>(1.0 / (depth - seen.hidden_m)))) {
+        score->hidden_px += length;
+        continue;
+      }
+    }
+    const int bin = AspectBin(p.tangent.x(), p.tangent.y());
+    const float d = image.DistanceAt(p.image.x(), p.image.y(), bin);
+    score->visible_px += length;
+    chance_px += length * ExcessChance(image, p.image, bin, options);
+    // Full within a third of the tolerance: poses are that exact, not more.
+    score->support_px += length * std::clamp(1.5f * (1.0f - d / tolerance), 0.0f, 1.0f);
+  }
+  if (!(score->visible_px > 0)) return;
+  const double chance = std::min(0.9, chance_px / score->visible_px);
+  score->precision = std::max(0.0, (score->support_px / score->visible_px - chance) / (1 - chance));
+}
+
+bool IsExplained(const ModelRaster& raster,
+                 const VisibleEdges& edges,
+                 const ImageEdgePoint& edge,
+                 int x,
+                 int y,
+                 float least_cosine) {
+  const int rx = x - raster.x0, ry = y - raster.y0;
+  if (rx < 0 || ry < 0 || rx >= raster.width || ry >= raster.height) return false;
+  const std::int32_t m = raster.nearest[static_cast<std::size_t>(ry) * raster.width + rx];
+  if (m < 0) return false;
+  const Eigen::Vector2f& tangent = edges.points[m].tangent;
+  return std::abs(tangent.x() * edge.normal.y() - tangent.y() * edge.normal.x()) >= least_cosine;
+}
+
+// Of a place in the rendering, 0 where the part is not.
+float InverseDepthAt(const RenderedView& view, const Eigen::Vector2d& at) {
+  const int x = static_cast<int>(std::lround(at.x())), y = static_cast<int>(std::lround(at.y()));
+  if (x < 0 || y < 0 || x >= view.width || y >= view.height) return 0.0f;
+  return view.inverse_depth[static_cast<std::size_t>(y) * view.width + x];
+}
+
+// Where the ray of a working pixel meets the part; nullopt where the part is not.
+std::optional<Eigen::Vector3d> SurfaceAt(const RenderedView& view,
+                                         const PinholeCamera& working,
+                                         const Rigid3& object_from_camera,
+                                         const Eigen::Vector2d& pixel) {
+  const float inverse_depth = InverseDepthAt(view, RenderedFromImage(view, working, pixel));
+  if (inverse_depth <= 0) return std::nullopt;
+  return object_from_camera *
+         Eigen::Vector3d(NormalizedPoint(working, pixel).homogeneous() / inverse_depth);
+}
+
+// Whether the siblings show an image edge at the same place of the part's surface.
+bool IsPrint(const PinholeCamera& working,
+             const RenderedView& rendered,
+             const Seen& seen,
+             const ImageEdgePoint& edge,
+             const AspectScoreOptions& options) {
+  const Rigid3 object_from_camera = seen.camera_from_object.Inverse();
+  const Eigen::Vector2d pixel = edge.point.cast<double>();
+  const Eigen::Vector2d along(-edge.normal.y(), edge.normal.x());
+  const auto here = SurfaceAt(rendered, working, object_from_camera, pixel);
+  const auto next = SurfaceAt(rendered, working, object_from_camera, pixel + 2.0 * along);
+  if (!here || !next) return false;
+  const float tolerance = static_cast<float>(options.tolerance_px * AspectImage::kDistanceScale);
+  int asked = 0;
+  double support = 0.0, chance = 0.0;
+  for (const SiblingView& sibling : seen.siblings) {
+    const PinholeCamera camera = WorkingCamera(*sibling.image, sibling.camera);
+    const Eigen::Vector3d a = sibling.camera_from_object * *here;
+    const Eigen::Vector3d b = sibling.camera_from_object * *next;
+    if (a.z() <= 0 || b.z() <= 0) continue;
+    const Eigen::Vector2f at = Project(camera, a).cast<float>();
+    const int x = static_cast<int>(std::lround(at.x())), y = static_cast<int>(std::lround(at.y()));
+    if (x < 0 || y < 0 || x >= sibling.image->width || y >= sibling.image->height) continue;
+    if (!sibling.layer->Has(x, y)) continue;
+    const float front = sibling.layer->inverse_depth[sibling.layer->Cell(x, y)];
+    if (front <= 0 || std::abs(1.0 / front - a.z()) > seen.hidden_m) continue;
+    const Eigen::Vector2f turn = Project(camera, b).cast<float>() - at;
+    const int bin = AspectBin(turn.x(), turn.y());
+    const float d = sibling.image->DistanceAt(at.x(), at.y(), bin);
+    ++asked;
+    support += std::clamp(1.5f * (1.0f - d / tolerance), 0.0f, 1.0f);
+    chance += sibling.image->ChanceAt(
+                  at.x(),
+                  at.y(),
+                  bin,
+                  AspectImage::ChanceLevel(static_cast<float>(options.tolerance_px))) /
+              255.0;
+  }
+  if (asked < 2) return false;
+  const double expected = std::min(0.9, chance / asked);
+  return (support / asked - expected) / (1.0 - expected) >= options.print_support;
+}
+
+double Recall(const AspectImage& image,
+              const PinholeCamera& working,
+              const VisibleEdges& edges,
+              const Seen& seen,
+              double size_px,
+              const AspectScoreOptions& options) {
+  const ModelRaster raster = RasterEdges(edges, image, options.tolerance_px);
+  if (raster.nearest.empty()) return 0.0;
+  const int margin_px = static_cast<int>(std::ceil(options.margin_share * size_px));
+  const double margin_rendered = margin_px * edges.view.scale;
+  const SilhouetteDistance silhouette =
+      DistanceToSilhouette(edges.view, static_cast<int>(std::ceil(margin_rendered)) + 1);
+  const int limit = static_cast<int>(3.0 * margin_rendered);
+  const float least_cosine = static_cast<float>(std::cos(options.max_turn_rad));
+  double all = 0.0, explained = 0.0;
+  const int y1 = std::min(image.height, raster.y0 + raster.height + margin_px);
+  const int x0 = std::max(0, raster.x0 - margin_px);
+  const int x1 = std::min(image.width, raster.x0 + raster.width + margin_px);
+  for (int y = std::max(0, raster.y0 - margin_px); y < y1; ++y) {
+    for (int x = x0; x < x1; ++x) {
+      const std::int32_t e = image.edge_at[image.Cell(x, y)];
+      if (e < 0) continue;
+      const ImageEdgePoint& edge = image.edges[e];
+      const Eigen::Vector2d at = RenderedFromImage(edges.view, working, edge.point.cast<double>());
+      const int sx = static_cast<int>(std::lround(at.x())) + silhouette.margin;
+      const int sy = static_cast<int>(std::lround(at.y())) + silhouette.margin;
+      if (sx < 0 || sy < 0 || sx >= silhouette.width || sy >= silhouette.height) continue;
+      if (silhouette.thirds[static_cast<std::size_t>(sy) * silhouette.width + sx] > limit) {
+        continue;
+      }
+      const int bin = AspectBin(-edge.normal.y(), edge.normal.x());
+      const bool own = IsExplained(raster, edges, edge, x, y, least_cosine);
+      if (!own && !seen.others.empty() &&
+          (IsEdgeOf(seen.others, x, y, bin) ||
+           IsCovered(seen.others, x, y, InverseDepthAt(edges.view, at)))) {
+        continue;
+      }
+      if (!own && !seen.siblings.empty() && IsPrint(working, edges.view, seen, edge, options)) {
+        continue;
+      }
+      // Where half of all places are supported, an edge says nothing.
+      const double telling =
+          std::max(0.0, 1.0 - 2.0 * ExcessChance(image, edge.point, bin, options));
+      const double strength = telling * std::min(edge.strength, AspectImage::kMaxStrength);
+      all += strength;
+      if (own) explained += strength;
+    }
+  }
+  return all > 0 ? explained / all : 0.0;
+}
+
+}  // namespace
+
+double ScoreOf(double precision,
+               double recall,
+               double support_px,
+               const AspectScoreOptions& options) {
+  const double sum = precision + recall;
+  if (!(sum > 0)) return 0.0;
+  return 2 * precision * recall / sum * support_px / (support_px + options.half_length_px);
+}
+
+AspectScore ScorePose(const AspectImage& image,
+                      const RenderMesh& mesh,
+                      const PinholeCamera& camera,
+                      const Rigid3& camera_from_object,
+                      const AspectScoreOptions& options,
+                      std::span<const PartLayer* const> others,
+                      std::span<const SiblingView> siblings) {
+  AspectScore score;
+  if (image.width == 0) return score;
+  const PinholeCamera working = WorkingCamera(image, camera);
+  VisibleEdgeOptions rendering;
+  rendering.render_px = options.render_px;
+  const VisibleEdges edges = FindVisibleEdges(mesh, working, camera_from_object, rendering);
+  if (edges.points.empty()) return score;
+  const Seen seen{camera_from_object, others, options.hidden_share * mesh.diameter_m, siblings};
+  ScoreModelEdges(image, edges, seen, options, &score);
+  const double depth = (camera_from_object * mesh.center.cast<double>()).z();
+  const double size_px = working.focal_px * mesh.diameter_m / std::max(depth, 1e-6);
+  score.recall = Recall(image, working, edges, seen, size_px, options);
+  score.score = ScoreOf(score.precision, score.recall, score.support_px, options);
+  return score;
+}
+
+PartLayer MakePartLayer(const AspectImage& image,
+                        const RenderMesh& mesh,
+                        const PinholeCamera& camera,
+                        const Rigid3& camera_from_object,
+                        const AspectScoreOptions& options) {
+  PartLayer out;
+  if (image.width == 0) return out;
+  const PinholeCamera working = WorkingCamera(image, camera);
+  VisibleEdgeOptions rendering;
+  rendering.render_px = options.render_px;
+  const VisibleEdges edges = FindVisibleEdges(mesh, working, camera_from_object, rendering);
+  const ModelRaster raster = RasterEdges(edges, image, options.tolerance_px);
+  if (edges.points.empty() || raster.nearest.empty()) return out;
+  out.x0 = raster.x0;
+  out.y0 = raster.y0;
+  out.width = raster.width;
+  out.height = raster.height;
+  out.inverse_depth.resize(raster.nearest.size());
+  out.edge_bin.assign(raster.nearest.size(), PartLayer::kNoEdge);
+  for (int y = out.y0; y < out.y0 + out.height; ++y) {
+    for (int x = out.x0; x < out.x0 + out.width; ++x) {
+      const std::size_t cell = out.Cell(x, y);
+      const Eigen::Vector2d pixel(x, y);
+      out.inverse_depth[cell] =
+          InverseDepthAt(edges.view, RenderedFromImage(edges.view, working, pixel));
+      if (raster.nearest[cell] < 0) continue;
+      const Eigen::Vector2f& tangent = edges.points[raster.nearest[cell]].tangent;
+      out.edge_bin[cell] = static_cast<std::uint8_t>(AspectBin(tangent.x(), tangent.y()));
+    }
+  }
+  return out;
+}
+
+double PointSupport(const AspectImage& image,
+                    std::span<const ModelEdgePoint> points,
+                    const PinholeCamera& camera,
+                    const Rigid3& camera_from_object,
+                    double free_chance,
+                    double reach_px) {
+  const PinholeCamera working = WorkingCamera(image, camera);
+  const int level = reach_px > 4.0 ? AspectImage::ChanceLevel(static_cast<float>(reach_px)) : 0;
+  double sum = 0.0, chance = 0.0;
+  for (const ModelEdgePoint& p : points) {
+    const Eigen::Vector3d x = camera_from_object * p.point.cast<double>();
+    if (x.z() <= 0) continue;
+    const Eigen::Vector3d d = camera_from_object.R * p.direction.cast<double>();
+    const Eigen::Vector2f at = Project(working, x).cast<float>();
+    const int bin = AspectBin(static_cast<float>(d.x() * x.z() - x.x() * d.z()),
+                              static_cast<float>(d.y() * x.z() - x.y() * d.z()));
+    if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image.width && at.y() < image.height)) continue;
+    const double distance = image.DistanceAt(at.x(), at.y(), bin) / AspectImage::kDistanceScale;
+    sum += std::max(0.0, 1.0 - distance / reach_px);
+    chance += image.ChanceAt(at.x(), at.y(), bin, level) / 255.0;
+  }
+  if (points.empty()) return 0.0;
+  const double n = static_cast<double>(points.size());
+  const double excess = std::max(0.0, chance / n - free_chance);
+  return (sum / n - excess) / (1.0 - excess);
+}
+
+}  // namespace horopter

@@ -1,0 +1,104 @@
+// How well a pose explains one image: its visible edges are there, and the image's edges inside the
+// part are its own.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/rigid3.h"
+#include "server/vision/recognition/aspect_search/pose_edges.h"
+#include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/recognition/aspects/render_mesh.h"
+
+namespace horopter {
+
+// A part as one view shows it: working pixels x0 .. x0 + width - 1 and so on.
+struct PartLayer {
+  static constexpr std::uint8_t kNoEdge = 255;
+  int x0 = 0, y0 = 0, width = 0, height = 0;
+  std::vector<float> inverse_depth;    // 1 / m, 0 where the part is not
+  std::vector<std::uint8_t> edge_bin;  // direction of a visible edge of the part that is near
+
+  bool Has(int x, int y) const { return x >= x0 && y >= y0 && x < x0 + width && y < y0 + height; }
+  std::size_t Cell(int x, int y) const {
+    return static_cast<std::size_t>(y - y0) * width + (x - x0);
+  }
+};
+
+// The same part in another image of a scene.
+struct SiblingView {
+  const AspectImage* image = nullptr;
+  PinholeCamera camera;  // of the original image
+  Rigid3 camera_from_object;
+  const PartLayer* layer = nullptr;  // of the part in that image
+};
+
+struct AspectScoreOptions {
+  double render_px = 200.0;       // a diameter; smaller is faster and coarser
+  double tolerance_px = 3.0;      // working pixels; support falls to 0 there
+  double max_turn_rad = 0.45;     // between directions of model and image edge
+  double margin_share = 0.10;     // of the size: image edges so near the silhouette must be
+                                  // explained as well
+  double half_length_px = 200.0;  // supported px at which the size factor is one half
+  // Chance (AspectImage::chance) up to this is free, as parts have it themselves; what exceeds it
+  // is taken off the precision, and image edges in such places count less in the recall.
+  double free_chance = 0.10;
+  double hidden_share = 0.02;  // of the diameter by which what hides an edge is nearer
+  // An image edge is print on the surface when the siblings that see its place, at least two, show
+  // a like-directed edge there with this support above chance.
+  double print_support = 0.5;
+};
+
+// precision: share of the visible model edge with like-directed image edge, as far as that is not
+// chance; recall: share of the
+// image's edge strength (at most AspectImage::kMaxStrength a point) inside silhouette and margin
+// that lies on like-directed model edge. score = 2 P R / (P + R) * n / (n + half_length_px) with
+// n = support_px.
+struct AspectScore {
+  double precision = 0.0;
+  double recall = 0.0;
+  double support_px = 0.0;  // supported visible edge, working pixels
+  double visible_px = 0.0;  // visible edge that no other part hides, working pixels
+  double hidden_px = 0.0;   // ... that other parts hide
+  double score = 0.0;
+};
+
+// AspectScore::score of its parts.
+double ScoreOf(double precision,
+               double recall,
+               double support_px,
+               const AspectScoreOptions& options = {});
+
+// The camera is that of the original image. All zero when nothing of the part is visible. `others`
+// are parts that are known to be there: what they hide of this one is not asked for, and image
+// edges of theirs need no explanation; nor do edges that `siblings` show in the same places of the
+// part's surface: those are print, scratches or seams that CAD does not have.
+AspectScore ScorePose(const AspectImage& image,
+                      const RenderMesh& mesh,
+                      const PinholeCamera& camera,
+                      const Rigid3& camera_from_object,
+                      const AspectScoreOptions& options = {},
+                      std::span<const PartLayer* const> others = {},
+                      std::span<const SiblingView> siblings = {});
+
+// What ScorePose needs of the others. Empty when nothing of the part is visible.
+PartLayer MakePartLayer(const AspectImage& image,
+                        const RenderMesh& mesh,
+                        const PinholeCamera& camera,
+                        const Rigid3& camera_from_object,
+                        const AspectScoreOptions& options = {});
+
+// Mean support (0..1) that edge points of a part find in the distance maps, above what chance gives
+// there beyond `free_chance`; edges farther than reach_px (working pixels) support nothing. Much
+// cheaper than a score: nothing is rendered.
+double PointSupport(const AspectImage& image,
+                    std::span<const ModelEdgePoint> points,
+                    const PinholeCamera& camera,
+                    const Rigid3& camera_from_object,
+                    double free_chance = 0.10,
+                    double reach_px = 4.0);
+
+}  // namespace horopter

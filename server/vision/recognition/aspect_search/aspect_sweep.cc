@@ -1,0 +1,169 @@
+#include "server/vision/recognition/aspect_search/aspect_sweep.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_search/vote_support.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kFirst = 6;
+constexpr int kClimbs = 3;  // rounds, each with half the steps and tolerance
+
+struct Found {
+  std::int32_t aspect = -1;
+  Similarity s;
+  float support = 0.0f;
+};
+
+class Sweep {
+ public:
+  Sweep(const AspectImage& image,
+        const FragmentIndex& index,
+        const AspectVoteOptions& votes,
+        const AspectSweepOptions& options)
+      : image_(image), maps_(image), index_(index), votes_(votes), options_(options) {}
+
+  // One aspect at all places, sizes and turns that are expected.
+  std::vector<Found> Places(int aspect, const AspectExpectation& expected) const {
+    std::vector<Found> out;
+    const IndexedAspect& a = index_.aspects[aspect];
+    const Eigen::Matrix3f& from_object =
+        index_.parts[a.part].object->aspects.aspects[a.aspect].camera_from_object;
+    const float least = 1.0f + 2.0f * static_cast<float>(std::cos(options_.reach_rad));
+    const int turns = static_cast<int>(2 * std::numbers::pi / options_.turn_step_rad);
+    for (int k = 0; k < turns; ++k) {
+      const float turn = 2 * std::numbers::pi_v<float> * k / turns;
+      const Eigen::Matrix3f R =
+          Eigen::AngleAxisf(turn, Eigen::Vector3f::UnitZ()).toRotationMatrix() * from_object;
+      const bool wanted =
+          std::any_of(expected.rotations.begin(), expected.rotations.end(), [&](const auto& other) {
+            return R.cwiseProduct(other).sum() > least;
+          });
+      if (!wanted) continue;
+      for (float size = expected.min_size_px; size <= expected.max_size_px;
+           size *= static_cast<float>(options_.size_step)) {
+        PlacesOf(aspect, MakeSimilarity(size, turn), &out);
+      }
+    }
+    return out;
+  }
+
+  // The vote that a place climbs to; rank 0: none.
+  AspectVote Climbed(const Found& start) const {
+    const IndexedAspect& a = index_.aspects[start.aspect];
+    const VotePoint* points = index_.points.data() + a.first_point;
+    Similarity s = start.s;
+    float move = 0.5f * static_cast<float>(options_.place_share);
+    float turn = 0.5f * static_cast<float>(options_.turn_step_rad);
+    float grow = std::sqrt(static_cast<float>(options_.size_step));
+    float tau = static_cast<float>(options_.tau_share);
+    const float narrower =
+        std::pow(static_cast<float>(votes_.tau_share) / tau, 1.0f / static_cast<float>(kClimbs));
+    float best = 0.0f;
+    for (int round = 0; round < kClimbs; ++round) {
+      tau *= narrower;
+      best = Support(image_, points, 0, a.points, s, Tau8(tau, s.size));
+      for (const std::array<float, 4>& step : {std::array{move, 0.0f, 1.0f, 0.0f},
+                                               std::array{-move, 0.0f, 1.0f, 0.0f},
+                                               std::array{0.0f, move, 1.0f, 0.0f},
+                                               std::array{0.0f, -move, 1.0f, 0.0f},
+                                               std::array{0.0f, 0.0f, grow, 0.0f},
+                                               std::array{0.0f, 0.0f, 1.0f / grow, 0.0f},
+                                               std::array{0.0f, 0.0f, 1.0f, turn},
+                                               std::array{0.0f, 0.0f, 1.0f, -turn}}) {
+        Similarity other = MakeSimilarity(s.size * step[2], s.turn + step[3]);
+        other.x = s.x + step[0] * s.size;
+        other.y = s.y + step[1] * s.size;
+        const float support = Support(image_, points, 0, a.points, other, Tau8(tau, other.size));
+        if (support > best) best = support, s = other;
+      }
+      move *= 0.5f;
+      turn *= 0.5f;
+      grow = std::sqrt(grow);
+    }
+    const float gain = best - static_cast<float>(votes_.rank_support);
+    const float rank = best < votes_.min_support ? 0.0f : a.edge_length * s.size * gain;
+    return {rank, best, start.aspect, s.size, s.turn, s.x, s.y};
+  }
+
+ private:
+  void PlacesOf(int aspect, Similarity s, std::vector<Found>* out) const {
+    const PackedVotePoint* points =
+        index_.first_points.data() + static_cast<std::size_t>(aspect) * kFirstVotePoints;
+    const int tau8 = Tau8(static_cast<float>(options_.tau_share), s.size);
+    const CoarseMap& map = maps_.For(tau8);
+    const float step = static_cast<float>(options_.place_share) * s.size;
+    for (s.y = 0.5f * step; s.y < static_cast<float>(image_.height); s.y += step) {
+      for (s.x = 0.5f * step; s.x < static_cast<float>(image_.width); s.x += step) {
+        const float six = map.Support(points, 0, kFirst, s, tau8);
+        if (six < options_.min_support_6) continue;
+        const float rest = map.Support(points, kFirst, kFirstVotePoints, s, tau8);
+        const float sixteen =
+            (kFirst * six + (kFirstVotePoints - kFirst) * rest) / kFirstVotePoints;
+        if (sixteen >= options_.min_support_16) out->push_back({aspect, s, sixteen});
+      }
+    }
+  }
+
+  int Tau8(float share, float size) const {
+    const float tau = std::max(static_cast<float>(votes_.min_tau_px), share * size);
+    return std::clamp(static_cast<int>(tau * AspectImage::kDistanceScale), 1, 254);
+  }
+
+  const AspectImage& image_;
+  CoarseMaps maps_;
+  const FragmentIndex& index_;
+  const AspectVoteOptions& votes_;
+  const AspectSweepOptions& options_;
+};
+
+std::vector<AspectVote> VotesOf(const Sweep& sweep,
+                                const FragmentIndex& index,
+                                const AspectExpectation& expected,
+                                const AspectVoteOptions& votes,
+                                const AspectSweepOptions& options,
+                                const StopRequested& stop) {
+  std::vector<std::vector<Found>> of_aspect(index.aspects.size());
+  ParallelFor(static_cast<int>(index.aspects.size()), votes.threads, [&](int a) {
+    if (index.aspects[a].part != expected.part || IsStopRequested(stop)) return;
+    of_aspect[a] = sweep.Places(a, expected);
+  });
+  std::vector<Found> found;
+  for (const auto& list : of_aspect) found.insert(found.end(), list.begin(), list.end());
+  std::stable_sort(found.begin(), found.end(), [](const Found& a, const Found& b) {
+    return a.support > b.support;
+  });
+  if (static_cast<int>(found.size()) > options.climbed) found.resize(options.climbed);
+  std::vector<AspectVote> out(found.size());
+  ParallelFor(static_cast<int>(found.size()), votes.threads, [&](int i) {
+    if (!IsStopRequested(stop)) out[i] = sweep.Climbed(found[i]);
+  });
+  std::erase_if(out, [](const AspectVote& v) { return v.rank <= 0.0f; });
+  return ChooseDistinct(std::move(out), index, index.parts[expected.part].symmetries, votes);
+}
+
+}  // namespace
+
+std::vector<std::vector<AspectVote>> SweepForAspects(const AspectImage& image,
+                                                     const FragmentIndex& index,
+                                                     std::span<const AspectExpectation> expected,
+                                                     const AspectVoteOptions& votes,
+                                                     const AspectSweepOptions& options,
+                                                     const StopRequested& stop) {
+  std::vector<std::vector<AspectVote>> out(index.parts.size());
+  if (image.width == 0) return out;
+  const Sweep sweep(image, index, votes, options);
+  for (const AspectExpectation& e : expected) {
+    if (IsStopRequested(stop)) break;
+    out[e.part] = VotesOf(sweep, index, e, votes, options, stop);
+  }
+  return out;
+}
+
+}  // namespace horopter

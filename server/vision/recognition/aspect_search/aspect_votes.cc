@@ -1,0 +1,400 @@
+#include "server/vision/recognition/aspect_search/aspect_votes.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+#include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_search/vote_support.h"
+#include "server/vision/recognition/aspects/segment_pairs.h"
+
+namespace horopter {
+namespace {
+
+constexpr float kPi = std::numbers::pi_v<float>;
+constexpr int kFirstPoints = 6, kSecondPoints = kFirstVotePoints;
+constexpr int kShares = 16;  // of the image's fragments, so that threads do not matter
+constexpr float kSeenShare =
+    0.03f;  // similarities this near, as a share of the size, are tested once
+constexpr std::uint32_t kSeenSlots = 1u << 15;
+constexpr float kSameSize = 1.1f;  // votes this alike in size, place and turn are one
+constexpr float kSamePlace = 0.06f;
+constexpr float kSameTurnRad = 0.2f;
+constexpr float kPlaceRadius = 0.25f;  // of the size: centres nearer than this are in one place
+
+class Share {
+ public:
+  Share(const AspectImage& image,
+        const CoarseMaps& maps,
+        const FragmentIndex& index,
+        const AspectVoteOptions& options,
+        std::span<const std::uint8_t> wanted)
+      : image_(image), maps_(maps), index_(index), options_(options), wanted_(wanted) {
+    pools_.resize(index.part_count);
+    floors_.assign(index.part_count, 0.0f);
+  }
+
+  void Vote(const ContourFragment& fragment) {
+    ++counts_.fragments;
+    for (const ContourFragment& way : {fragment, Reversed(fragment)}) {
+      found_.clear();
+      index_.Find(way.key,
+                  static_cast<float>(options_.key_rms_rad) * std::sqrt(float{kFragmentAngles}),
+                  &found_);
+      if (!wanted_.empty()) {
+        std::erase_if(found_, [&](std::uint32_t f) {
+          return !wanted_[index_.aspects[index_.fragments[f].aspect].part];
+        });
+      }
+      counts_.matches += static_cast<std::int64_t>(found_.size());
+      const std::size_t stride =
+          1 + found_.size() / static_cast<std::size_t>(std::max(1, options_.max_matches));
+      for (std::size_t i = counts_.fragments % stride; i < found_.size(); i += stride) {
+        const std::uint32_t f = found_[i];
+        Test(way, index_.fragments[f], index_.keys[f]);
+      }
+    }
+  }
+
+  void Vote(const SegmentPair& pair) {
+    ++counts_.pairs;
+    const auto [first, last] =
+        index_.FindPairs(pair.opening_rad, static_cast<float>(options_.pair_opening_rad));
+    agreeing_.clear();
+    others_.clear();
+    const float wanted = pair.length_b / pair.length_a;
+    const auto most = static_cast<float>(std::exp(options_.pair_log_ratio));
+    for (std::size_t i = first; i < last; ++i) {
+      const IndexedPair& p = index_.pairs[i];
+      if (!wanted_.empty() && !wanted_[index_.aspects[p.aspect].part]) continue;
+      const float ratio = wanted * p.length_a / p.length_b;
+      (ratio < most && ratio * most > 1.0f ? agreeing_ : others_)
+          .push_back(static_cast<std::uint32_t>(i));
+    }
+    counts_.pair_matches += static_cast<std::int64_t>(agreeing_.size());
+    const auto left = static_cast<std::size_t>(std::max(0, options_.max_pair_matches));
+    TestSome(pair, agreeing_, left);
+    if (agreeing_.size() < left) TestSome(pair, others_, left - agreeing_.size());
+  }
+
+  std::vector<std::vector<AspectVote>>& pools() { return pools_; }
+  const AspectVotes& counts() const { return counts_; }
+
+ private:
+  // At most `most`, spread over all.
+  void TestSome(const SegmentPair& pair,
+                const std::vector<std::uint32_t>& found,
+                std::size_t most) {
+    if (most == 0) return;
+    const std::size_t stride = 1 + found.size() / most;
+    for (std::size_t i = counts_.pairs % stride; i < found.size(); i += stride)
+      Test(pair, index_.pairs[found[i]]);
+  }
+
+  // Scale and turn by least squares over directions and spreads, place by the centres.
+  void Test(const ContourFragment& image_side,
+            const IndexedFragment& model_side,
+            const PackedFragmentKey& key) {
+    const float size = image_side.spread / model_side.spread;
+    if (!IsSoughtSize(size)) return;
+    float turn = image_side.chord_rad - model_side.chord_rad;
+    float off = 0.0f;
+    for (int i = 0; i < kFragmentAngles; ++i) off += image_side.key[i] - key[i] / kKeyScale;
+    turn += off / kFragmentAngles;
+    Similarity s = MakeSimilarity(size, turn);
+    s.x = image_side.center.x() - (s.a * model_side.x - s.b * model_side.y);
+    s.y = image_side.center.y() - (s.b * model_side.x + s.a * model_side.y);
+    Test(model_side.aspect, s, image_side.pivot);
+  }
+
+  // Size by both arms where they agree, else by the one whose image is longer: the other is cut
+  // off.
+  void Test(const SegmentPair& image_side, const IndexedPair& model_side) {
+    const float by_a = image_side.length_a / model_side.length_a;
+    const float by_b = image_side.length_b / model_side.length_b;
+    const float ratio = std::abs(std::log(by_a / by_b));
+    const float size =
+        ratio < options_.pair_log_ratio ? std::sqrt(by_a * by_b) : std::max(by_a, by_b);
+    if (!IsSoughtSize(size)) return;
+    const float turn = image_side.direction_rad - model_side.direction_rad +
+                       0.5f * (image_side.opening_rad - model_side.opening_rad);
+    Similarity s = MakeSimilarity(size, turn);
+    s.x = image_side.corner.x() - (s.a * model_side.x - s.b * model_side.y);
+    s.y = image_side.corner.y() - (s.b * model_side.x + s.a * model_side.y);
+    Test(model_side.aspect, s, image_side.corner);
+  }
+
+  bool IsSoughtSize(float size) const {
+    const float width = static_cast<float>(image_.width);
+    return size >= options_.min_size_share * width && size <= options_.max_size_share * width;
+  }
+
+  void Test(std::int32_t number, Similarity s, const Eigen::Vector2f& pivot) {
+    if (!(s.x >= 0 && s.y >= 0 && s.x < static_cast<float>(image_.width) &&
+          s.y < static_cast<float>(image_.height)))
+      return;
+    const PackedVotePoint* first =
+        index_.first_points.data() + static_cast<std::size_t>(number) * kSecondPoints;
+    const int tau8 = Tau8(s.size);
+    const CoarseMap& map = maps_.For(tau8);
+    const float six = map.Support(first, 0, kFirstPoints, s, tau8);
+    if (six < options_.min_support_6) return;
+    ++counts_.tests_16;
+    const float rest = map.Support(first, kFirstPoints, kSecondPoints, s, tau8);
+    const float sixteen =
+        (six * kFirstPoints + rest * (kSecondPoints - kFirstPoints)) / kSecondPoints;
+    if (sixteen < options_.min_support_16) return;
+    const IndexedAspect& aspect = index_.aspects[number];
+    const VotePoint* points = index_.points.data() + aspect.first_point;
+    const int n = aspect.points;
+    const float excess = ExcessChance(points, kFirstPoints, s);
+    if (sixteen - excess < options_.min_support_16 * (1.0f - excess)) return;
+    if (!IsNew(number, s)) return;
+    ++counts_.climbs;
+    s = Climb(first, pivot, sixteen, s);
+    const float support = Support(image_, points, 0, n, s, Tau8(s.size));
+    if (support < options_.min_support) return;
+    const float chance = ExcessChance(points, n, s);
+    const float gain =
+        (support - chance) / (1.0f - chance) - static_cast<float>(options_.rank_support);
+    if (gain <= 0) return;
+    ++counts_.accepted;
+    const float rank = aspect.edge_length * s.size * gain;
+    Keep(aspect.part, {rank, support, number, s.size, s.turn, s.x, s.y});
+  }
+
+  int Tau8(float size) const {
+    const float tau = std::max(static_cast<float>(options_.min_tau_px),
+                               static_cast<float>(options_.tau_share) * size);
+    return std::clamp(static_cast<int>(tau * AspectImage::kDistanceScale), 1, 254);
+  }
+
+  // Other lengths of a contour lead to the same similarity again. A table of the last ones of each
+  // hash: what it forgets is only tested once more.
+  bool IsNew(std::int32_t aspect, const Similarity& s) {
+    const auto step = [](float v, float width) {
+      return static_cast<std::uint32_t>(static_cast<std::int32_t>(std::floor(v / width)));
+    };
+    const float place = kSeenShare * s.size;
+    std::uint32_t hash = static_cast<std::uint32_t>(aspect);
+    for (const std::uint32_t v :
+         {step(std::log(s.size), 2 * kSeenShare),
+          step(s.turn - 2 * kPi * std::floor(s.turn / (2 * kPi)), 2 * kSeenShare),
+          step(s.x, place),
+          step(s.y, place)}) {
+      hash = (hash ^ v) * 0x9E3779B1u;
+      hash ^= hash >> 15;
+    }
+    std::uint32_t& seen = seen_[hash % kSeenSlots];
+    if (seen == hash) return false;
+    seen = hash;
+    return true;
+  }
+
+  float ExcessChance(const VotePoint* points, int n, const Similarity& s) const {
+    return std::max(0.0f, Chance(points, n, s) - static_cast<float>(options_.free_chance));
+  }
+
+  // Mean support that these directions find around these places anyway.
+  float Chance(const VotePoint* points, int n, const Similarity& s) const {
+    const float turn_bins = TurnBins(s.turn);
+    const int level =
+        AspectImage::ChanceLevel(static_cast<float>(Tau8(s.size)) / AspectImage::kDistanceScale);
+    int sum = 0;
+    for (int i = 0; i < n; ++i) {
+      const VotePoint& p = points[i];
+      const float x = s.a * p.x - s.b * p.y + s.x;
+      const float y = s.b * p.x + s.a * p.y + s.y;
+      if (!(x >= 0 && y >= 0 && x < image_.width && y < image_.height)) continue;
+      sum += image_.ChanceAt(x, y, TurnedBin(p.bin + turn_bins), level);
+    }
+    return static_cast<float>(sum) / (255.0f * static_cast<float>(n));
+  }
+
+  // Better size and turn about a point that stays.
+  Similarity Climb(const PackedVotePoint* points,
+                   const Eigen::Vector2f& pivot,
+                   float best,
+                   Similarity s) const {
+    constexpr float kSteps[][2] = {{1.08f, 0.0f},
+                                   {0.926f, 0.0f},
+                                   {1.0f, 0.07f},
+                                   {1.0f, -0.07f},
+                                   {1.04f, 0.0f},
+                                   {0.962f, 0.0f},
+                                   {1.0f, 0.035f},
+                                   {1.0f, -0.035f}};
+    for (const auto& step : kSteps) {
+      Similarity other = MakeSimilarity(s.size * step[0], s.turn + step[1]);
+      const float dx = s.x - pivot.x(), dy = s.y - pivot.y();
+      const float c = step[0] * std::cos(step[1]), t = step[0] * std::sin(step[1]);
+      other.x = pivot.x() + c * dx - t * dy;
+      other.y = pivot.y() + t * dx + c * dy;
+      const int tau8 = Tau8(other.size);
+      const float support = maps_.For(tau8).Support(points, 0, kSecondPoints, other, tau8);
+      if (support > best) {
+        best = support;
+        s = other;
+      }
+    }
+    return s;
+  }
+
+  void Keep(int part, const AspectVote& vote) {
+    std::vector<AspectVote>& pool = pools_[part];
+    if (vote.rank < floors_[part]) return;
+    pool.push_back(vote);
+    const std::size_t keep = static_cast<std::size_t>(options_.pool);
+    if (pool.size() < 2 * keep) return;
+    std::nth_element(pool.begin(),
+                     pool.begin() + static_cast<std::ptrdiff_t>(keep) - 1,
+                     pool.end(),
+                     [](const AspectVote& p, const AspectVote& q) { return p.rank > q.rank; });
+    floors_[part] = pool[keep - 1].rank;
+    pool.resize(keep);
+  }
+
+  const AspectImage& image_;
+  const CoarseMaps& maps_;
+  const FragmentIndex& index_;
+  const AspectVoteOptions& options_;
+  std::span<const std::uint8_t> wanted_;
+  std::vector<std::vector<AspectVote>> pools_;
+  std::vector<float> floors_;
+  std::vector<std::uint32_t> found_, agreeing_, others_;
+  std::vector<std::uint32_t> seen_ = std::vector<std::uint32_t>(kSeenSlots, 0);
+  AspectVotes counts_;
+};
+
+// Direction of view in the object's frame and the axis that is up in the image: two aspects with
+// their turns are alike when the rotation between them is small.
+Eigen::Matrix3f RotationOf(const AspectVote& vote, const FragmentIndex& index) {
+  return Eigen::AngleAxisf(vote.turn_rad, Eigen::Vector3f::UnitZ()) *
+         index.aspects[vote.aspect].camera_from_object;
+}
+
+struct Chosen {
+  AspectVote vote;
+  Eigen::Matrix3f rotation;
+};
+
+bool SamePose(const Chosen& a, const Chosen& b, std::span<const Rigid3> symmetries) {
+  const float ratio = a.vote.size_px / b.vote.size_px;
+  if (ratio > kSameSize || ratio < 1 / kSameSize) return false;
+  const float dx = a.vote.x - b.vote.x, dy = a.vote.y - b.vote.y;
+  const float reach = kSamePlace * b.vote.size_px;
+  if (dx * dx + dy * dy > reach * reach) return false;
+  // Trace of the rotation between them.
+  const Eigen::Matrix3f between = b.rotation.transpose() * a.rotation;
+  const float least = 1.0f + 2.0f * std::cos(kSameTurnRad);
+  if (between.trace() > least) return true;
+  return std::any_of(symmetries.begin(), symmetries.end(), [&](const Rigid3& s) {
+    return between.cwiseProduct(s.R.cast<float>()).sum() > least;
+  });
+}
+
+}  // namespace
+
+std::vector<AspectVote> ChooseDistinct(std::vector<AspectVote> pool,
+                                       const FragmentIndex& index,
+                                       std::span<const Rigid3> symmetries,
+                                       const AspectVoteOptions& options) {
+  std::sort(pool.begin(), pool.end(), [](const AspectVote& p, const AspectVote& q) {
+    if (p.rank != q.rank) return p.rank > q.rank;
+    if (p.aspect != q.aspect) return p.aspect < q.aspect;
+    return p.x < q.x;
+  });
+  if (static_cast<int>(pool.size()) > options.pool) pool.resize(options.pool);
+  std::vector<Chosen> chosen;
+  for (const AspectVote& vote : pool) {
+    if (static_cast<int>(chosen.size()) >= options.max_per_part) break;
+    const Chosen candidate{vote, RotationOf(vote, index)};
+    int here = 0;
+    bool known = false;
+    for (const Chosen& other : chosen) {
+      const float dx = vote.x - other.vote.x, dy = vote.y - other.vote.y;
+      const float reach = kPlaceRadius * std::min(vote.size_px, other.vote.size_px);
+      here += dx * dx + dy * dy < reach * reach ? 1 : 0;
+      known = known || SamePose(candidate, other, symmetries);
+    }
+    if (known || here >= options.max_per_place) continue;
+    chosen.push_back(candidate);
+  }
+  std::vector<AspectVote> out;
+  for (const Chosen& c : chosen) out.push_back(c.vote);
+  return out;
+}
+
+AspectVotes VoteForAspects(const AspectImage& image,
+                           const FragmentIndex& index,
+                           const AspectVoteOptions& options,
+                           const StopRequested& stop,
+                           std::span<const std::uint8_t> wanted) {
+  AspectVotes out;
+  out.of_part.resize(index.part_count);
+  if (image.width == 0 || index.fragments.empty()) return out;
+  FragmentOptions pieces;
+  pieces.min_length = options.min_fragment_px;
+  pieces.max_length = options.max_fragment_share * image.width;
+  pieces.length_factor = options.fragment_factor;
+  pieces.start_share = options.start_share;
+  pieces.min_step = options.min_step;
+  std::vector<ContourFragment> fragments = CollectFragments(image.contours, pieces);
+  DropRepeated(options.max_repeats, &fragments);
+  SegmentPairOptions corners;
+  corners.min_length = options.min_arm_px;
+  corners.max_pairs = options.max_pairs;
+  std::vector<SegmentPair> pairs;
+  if (!index.pairs.empty()) pairs = CollectSegmentPairs(image.contours, corners);
+  // Each share keeps its own pool, so the result does not depend on the number of threads.
+  const CoarseMaps maps(image);
+  std::vector<Share> shares(kShares, Share(image, maps, index, options, wanted));
+  ParallelFor(kShares, options.threads, [&](int i) {
+    for (std::size_t f = i; f < fragments.size(); f += kShares) {
+      if (f / kShares % 16 == 0 && IsStopRequested(stop)) return;
+      shares[i].Vote(fragments[f]);
+    }
+    for (std::size_t p = i; p < pairs.size() && !IsStopRequested(stop); p += kShares)
+      shares[i].Vote(pairs[p]);
+  });
+  for (Share& share : shares) {
+    out.fragments += share.counts().fragments;
+    out.matches += share.counts().matches;
+    out.pairs += share.counts().pairs;
+    out.pair_matches += share.counts().pair_matches;
+    out.tests_16 += share.counts().tests_16;
+    out.climbs += share.counts().climbs;
+    out.accepted += share.counts().accepted;
+  }
+  ParallelFor(index.part_count, options.threads, [&](int part) {
+    std::vector<AspectVote> pool;
+    for (Share& share : shares) {
+      pool.insert(pool.end(), share.pools()[part].begin(), share.pools()[part].end());
+    }
+    const std::span<const Rigid3> symmetries =
+        index.parts.empty() ? std::span<const Rigid3>() : index.parts[part].symmetries;
+    out.of_part[part] = ChooseDistinct(std::move(pool), index, symmetries, options);
+  });
+  return out;
+}
+
+Rigid3 PoseOfVote(const AspectVote& vote, const FragmentIndex& index, const PinholeCamera& camera) {
+  const IndexedAspect& a = index.aspects[vote.aspect];
+  const AspectSet& set = index.parts[a.part].object->aspects;
+  const Eigen::Vector3d ray(
+      (vote.x - camera.cx) / camera.focal_px, (vote.y - camera.cy) / camera.focal_px, 1.0);
+  const double depth = camera.focal_px * set.diameter_m / vote.size_px;
+  const Eigen::Matrix3d onto_ray =
+      Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), ray).toRotationMatrix();
+  Rigid3 pose;
+  pose.R = onto_ray *
+           Eigen::AngleAxisd(vote.turn_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix() *
+           set.aspects[a.aspect].camera_from_object.cast<double>();
+  pose.t = depth * ray - pose.R * set.center.cast<double>();
+  return pose;
+}
+
+}  // namespace horopter

@@ -1,0 +1,238 @@
+#include "server/vision/recognition/aspect_search/find_aspects.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "server/base/parallel_for.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kVoteSearchShare = 0.05;  // of the size: edges looked for around a vote
+// Of the size: poses nearer than this are one. Turns of a surface of revolution are listed every 10
+// degrees, which leaves 0.043.
+constexpr double kSameShare = 0.045;
+constexpr int kVotePoints = 120;  // of an aspect, for the first refinement
+constexpr int kVoteIterations = 6;
+constexpr int kCoarsePoints = 160;
+constexpr double kCoarseSearchShare = 0.03, kFineSearchShare = 0.015;
+constexpr double kCoarseSearchPx[] = {6.0, 14.0}, kFineSearchPx[] = {4.0, 8.0};  // least, most
+
+// A pose on its way through the steps. Camera and score are of the original image.
+struct Candidate {
+  int part = -1;
+  PinholeCamera camera;
+  Rigid3 pose;
+  double rank = 0.0;
+  AspectScore score;
+};
+
+double SizePx(const AspectPart& part, const PinholeCamera& camera, const Rigid3& pose) {
+  const double depth = (pose * part.object->mesh.center.cast<double>()).z();
+  return camera.focal_px * part.object->mesh.diameter_m / std::max(depth, 1e-6);
+}
+
+// Best first, each differing from all before it; at most `count`.
+std::vector<Candidate> Distinct(std::vector<Candidate> list, const AspectPart& part, int count) {
+  std::stable_sort(list.begin(), list.end(), [](const Candidate& a, const Candidate& b) {
+    return a.rank > b.rank;
+  });
+  std::vector<Candidate> out;
+  for (const Candidate& c : list) {
+    if (static_cast<int>(out.size()) >= count) break;
+    const double same = kSameShare * SizePx(part, c.camera, c.pose);
+    const bool known = std::any_of(out.begin(), out.end(), [&](const Candidate& other) {
+      return PoseDistancePx(part, c.camera, c.pose, other.camera, other.pose) < same;
+    });
+    if (!known) out.push_back(c);
+  }
+  return out;
+}
+
+class Finder {
+ public:
+  Finder(const AspectImage& image,
+         const FragmentIndex& index,
+         const FindAspectOptions& options,
+         const PinholeCamera* known,
+         const StopRequested& stop)
+      : image_(image),
+        index_(index),
+        options_(options),
+        free_focal_(known == nullptr),
+        stop_(stop) {
+    camera_ = known != nullptr ? *known : NominalCamera(image, options.nominal_focal_share);
+    working_ = WorkingCamera(image, camera_);
+  }
+
+  // All votes of a part, refined on the points of their aspects; ranked by supported length.
+  std::vector<Candidate> FromVotes(int part, const std::vector<AspectVote>& votes) const {
+    std::vector<Candidate> out;
+    int aspect = -1;
+    std::vector<ModelEdgePoint> points;
+    for (const AspectVote& vote : votes) {
+      if (IsStopRequested(stop_)) break;
+      if (vote.aspect != aspect) {
+        aspect = vote.aspect;
+        points = PointsOf(aspect);
+      }
+      PoseEdgeOptions refine;
+      refine.iterations = kVoteIterations;
+      refine.search_px = std::clamp(kVoteSearchShare * vote.size_px, 4.0, 24.0);
+      const Rigid3 pose = PoseOfVote(vote, index_, working_);
+      const RefinedAspect refined =
+          RefinePose(image_,
+                     points,
+                     index_.parts[part].object->mesh.center.cast<double>(),
+                     camera_,
+                     pose,
+                     refine);
+      Candidate c{part, refined.camera, refined.camera_from_object, 0.0, {}};
+      c.rank = index_.aspects[vote.aspect].edge_length * vote.size_px *
+               (PointSupport(image_, points, c.camera, c.pose, options_.votes.free_chance) -
+                options_.votes.rank_support);
+      out.push_back(c);
+    }
+    return Distinct(std::move(out), index_.parts[part], options_.coarse_per_part);
+  }
+
+  // Renders, refines and scores.
+  void Improve(double render_px, int renderings, double search_px, Candidate* c) const {
+    const RenderMesh& mesh = index_.parts[c->part].object->mesh;
+    PoseEdgeOptions refine;
+    refine.render_px = render_px;
+    refine.renderings = renderings;
+    refine.search_px = search_px;
+    refine.max_points = kCoarsePoints * (render_px > options_.coarse_render_px ? 2 : 1);
+    refine.refine_focal = free_focal_;
+    refine.nominal_focal_share = options_.nominal_focal_share;
+    refine.log_focal_sigma = options_.log_focal_sigma;
+    const RefinedAspect refined = RefinePose(image_, mesh, c->camera, c->pose, refine);
+    c->camera = refined.camera;
+    c->pose = refined.camera_from_object;
+    AspectScoreOptions score;
+    score.render_px = render_px;
+    c->score = ScorePose(image_, mesh, c->camera, c->pose, score);
+    c->rank = c->score.score;
+  }
+
+ private:
+  std::vector<ModelEdgePoint> PointsOf(int aspect) const {
+    const IndexedAspect& a = index_.aspects[aspect];
+    std::vector<ModelEdgePoint> points;
+    for (const AspectPoint& p : AspectPoints(index_.parts[a.part].object->aspects, a.aspect)) {
+      if (static_cast<int>(points.size()) >= kVotePoints) break;
+      points.push_back({p.point, p.direction, 1.0f});
+    }
+    return points;
+  }
+
+  const AspectImage& image_;
+  const FragmentIndex& index_;
+  const FindAspectOptions& options_;
+  bool free_focal_;
+  const StopRequested& stop_;
+  PinholeCamera camera_, working_;
+};
+
+}  // namespace
+
+PinholeCamera NominalCamera(const AspectImage& image, double nominal_focal_share) {
+  return CenteredCamera(
+      image.image_width, image.image_height, nominal_focal_share * image.image_width);
+}
+
+double PoseDistancePx(const AspectPart& part,
+                      const PinholeCamera& camera_a,
+                      const Rigid3& a,
+                      const PinholeCamera& camera_b,
+                      const Rigid3& b) {
+  // A cube about the centre stands for the part.
+  const double half = 0.35 * part.object->mesh.diameter_m;
+  const Eigen::Vector3d center = part.object->mesh.center.cast<double>();
+  const auto distance = [&](const Rigid3* symmetry) {
+    double worst = 0.0;
+    for (int corner = 0; corner < 8; corner += 1) {
+      const Eigen::Vector3d x =
+          center +
+          half * Eigen::Vector3d(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1);
+      const Eigen::Vector3d in_a = a * x;
+      const Eigen::Vector3d in_b = b * (symmetry != nullptr ? *symmetry * x : x);
+      if (in_a.z() <= 0 || in_b.z() <= 0) return std::numeric_limits<double>::infinity();
+      worst = std::max(worst, (Project(camera_a, in_a) - Project(camera_b, in_b)).norm());
+    }
+    return worst;
+  };
+  double best = distance(nullptr);
+  for (const Rigid3& symmetry : part.symmetries) best = std::min(best, distance(&symmetry));
+  return best;
+}
+
+AspectFindings FindAspectHypotheses(const AspectImage& image,
+                                    const FragmentIndex& index,
+                                    const FindAspectOptions& options,
+                                    const PinholeCamera* known,
+                                    const StopRequested& stop) {
+  AspectFindings out;
+  AspectVoteOptions voting = options.votes;
+  voting.threads = options.threads;
+  out.votes = VoteForAspects(image, index, voting, stop);
+  if (!options.expected.empty()) {
+    const auto swept = SweepForAspects(image, index, options.expected, voting, options.sweep, stop);
+    for (std::size_t p = 0; p < swept.size(); ++p)
+      out.votes.of_part[p].insert(out.votes.of_part[p].end(), swept[p].begin(), swept[p].end());
+  }
+  if (image.width == 0 || IsStopRequested(stop)) return out;
+  const Finder finder(image, index, options, known, stop);
+  // Working pixels.
+  const auto search_of = [&](const Candidate& c, double share, const double(&bounds)[2]) {
+    const double size = SizePx(index.parts[c.part], c.camera, c.pose) * image.working_from_image;
+    return std::clamp(share * size, bounds[0], bounds[1]);
+  };
+  const int parts = static_cast<int>(index.parts.size());
+  std::vector<std::vector<Candidate>> of_part(parts);
+  ParallelFor(parts, options.threads, [&](int p) {
+    of_part[p] = finder.FromVotes(p, out.votes.of_part[p]);
+    for (Candidate& c : of_part[p]) {
+      if (IsStopRequested(stop)) return;
+      finder.Improve(
+          options.coarse_render_px, 1, search_of(c, kCoarseSearchShare, kCoarseSearchPx), &c);
+    }
+    of_part[p] = Distinct(std::move(of_part[p]), index.parts[p], options.fine_per_part);
+  });
+  double best = 0.0;
+  for (int p = 0; p < parts; ++p) {
+    out.refined += static_cast<int>(out.votes.of_part[p].size());
+    for (const Candidate& c : of_part[p]) best = std::max(best, c.rank);
+  }
+  ParallelFor(parts, options.threads, [&](int p) {
+    std::erase_if(of_part[p],
+                  [&](const Candidate& c) { return c.rank < options.fine_share * best; });
+    for (Candidate& c : of_part[p]) {
+      if (IsStopRequested(stop)) return;
+      finder.Improve(options.fine_render_px, 2, search_of(c, kFineSearchShare, kFineSearchPx), &c);
+    }
+    of_part[p] = Distinct(std::move(of_part[p]), index.parts[p], options.fine_per_part);
+  });
+  for (const auto& list : of_part) {
+    for (const Candidate& c : list) {
+      ++out.fine;
+      if (c.score.score < options.min_score) continue;
+      out.hypotheses.push_back({c.part,
+                                c.camera,
+                                c.pose,
+                                c.score.precision,
+                                c.score.recall,
+                                c.score.support_px,
+                                c.score.score});
+    }
+  }
+  std::stable_sort(out.hypotheses.begin(), out.hypotheses.end(), [](const auto& a, const auto& b) {
+    return a.score > b.score;
+  });
+  return out;
+}
+
+}  // namespace horopter

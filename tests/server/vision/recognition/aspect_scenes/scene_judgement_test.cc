@@ -1,0 +1,165 @@
+#include "server/vision/recognition/aspect_scenes/scene_judgement.h"
+
+#include <gtest/gtest.h>
+
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <random>
+
+#include "tests/support/photo_scene.h"
+
+namespace horopter {
+namespace {
+
+// Short dark lines on the block's upper face, in the block's frame.
+std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> Print(unsigned seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> x(-0.026, 0.0), y(-0.017, 0.0), along(-0.008, 0.008);
+  std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> out;
+  for (int i = 0; i < 14; ++i) {
+    const Eigen::Vector3d a(x(random), y(random), 0.012);
+    out.push_back({a, a + Eigen::Vector3d(along(random), along(random), 0)});
+  }
+  return out;
+}
+
+struct Photos {
+  std::vector<cv::Mat> pictures;
+  std::vector<AspectImage> images;
+};
+
+// print_seed of a view; 0: nothing is printed.
+template <typename SeedOf>
+Photos Take(const std::vector<std::pair<const RenderMesh*, Rigid3>>& parts,
+            const SeedOf& print_seed) {
+  Photos out;
+  for (int v = 0; v < kViews; ++v) {
+    std::vector<std::pair<const RenderMesh*, Rigid3>> seen;
+    for (const auto& [mesh, pose] : parts) seen.push_back({mesh, CameraFromScene(v) * pose});
+    cv::Mat picture = PhotoOf(seen, Camera());
+    if (const unsigned seed = print_seed(v); seed != 0) {
+      for (const auto& [a, b] : Print(seed)) {
+        const Eigen::Vector2d p = 16 * Project(Camera(), seen.front().second * a);
+        const Eigen::Vector2d q = 16 * Project(Camera(), seen.front().second * b);
+        cv::line(picture,
+                 cv::Point(std::lround(p.x()), std::lround(p.y())),
+                 cv::Point(std::lround(q.x()), std::lround(q.y())),
+                 cv::Scalar(25, 25, 25),
+                 2,
+                 cv::LINE_AA,
+                 4);
+      }
+    }
+    out.pictures.push_back(picture);
+    out.images.push_back(MakeAspectImage(picture));
+  }
+  return out;
+}
+
+constexpr auto kNoPrint = [](int) { return 0u; };
+
+class SceneJudgement : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    block_ = new PhotoPart(MakePart(SteppedBlock()));
+    cube_ = new PhotoPart(MakePart(BoxMesh({0.012, 0.012, 0.012})));
+  }
+  static void TearDownTestSuite() {
+    delete block_;
+    delete cube_;
+  }
+  static const RenderMesh& block() { return block_->object.mesh; }
+  static const RenderMesh& cube() { return cube_->object.mesh; }
+
+ private:
+  static inline PhotoPart *block_ = nullptr, *cube_ = nullptr;
+};
+
+TEST_F(SceneJudgement, TrueScoresHighAShiftedPoseLow) {
+  const Photos photos = Take({{&block(), Rigid3{}}}, kNoPrint);
+  const LinkedObject right = JudgeInViews(photos.images, block(), Views(), {0, Rigid3{}});
+  Rigid3 shifted;
+  shifted.t.x() = 0.008;
+  const LinkedObject wrong = JudgeInViews(photos.images, block(), Views(), {0, shifted});
+  EXPECT_EQ(std::count(right.shown.begin(), right.shown.end(), true), kViews);
+  EXPECT_GT(right.score, 0.6);
+  EXPECT_LT(wrong.score, 0.5 * right.score);
+}
+
+TEST_F(SceneJudgement, ASecondPartInTheSameSurfaceScoresNothing) {
+  const Photos photos = Take({{&block(), Rigid3{}}}, kNoPrint);
+  AspectScene scene;
+  scene.views = Views();
+  Rigid3 near;
+  near.t = {0.0004, 0.0, 0.0};
+  scene.objects = {{0, near}, {0, Rigid3{}}};
+  const RenderMesh* meshes[] = {&block()};
+  const auto judged = JudgeScene(photos.images, meshes, scene);
+  EXPECT_EQ(std::min(judged[0].score, judged[1].score), 0.0);
+  EXPECT_GT(std::max(judged[0].score, judged[1].score), 0.6);
+}
+
+TEST_F(SceneJudgement, PartsBesideEachOtherBothStand) {
+  Rigid3 beside;
+  beside.t = {0.05, 0.0, 0.0};
+  const Photos photos = Take({{&block(), Rigid3{}}, {&cube(), beside}}, kNoPrint);
+  AspectScene scene;
+  scene.views = Views();
+  scene.objects = {{0, Rigid3{}}, {1, beside}};
+  const RenderMesh* meshes[] = {&block(), &cube()};
+  const auto judged = JudgeScene(photos.images, meshes, scene);
+  EXPECT_GT(judged[0].score, 0.55);
+  EXPECT_GT(judged[1].score, 0.55);
+}
+
+TEST_F(SceneJudgement, PrintThatStaysInItsPlaceNeedsNoExplanation) {
+  SceneJudgementOptions strict;
+  strict.print_precision = 2.0;  // never
+  for (const unsigned seed : {3u, 4u, 5u}) {
+    SCOPED_TRACE(testing::Message() << "seed " << seed);
+    const Photos printed = Take({{&block(), Rigid3{}}}, [&](int) { return seed; });
+    const auto with = JudgeInViews(printed.images, block(), Views(), {0, Rigid3{}});
+    const auto without = JudgeInViews(printed.images, block(), Views(), {0, Rigid3{}}, strict);
+    EXPECT_LT(without.score, 0.62);
+    EXPECT_GT(with.score, without.score + 0.1);
+    // Edges that lie elsewhere in every image are no print.
+    const Photos clutter = Take({{&block(), Rigid3{}}}, [&](int v) { return seed + 10 * (v + 1); });
+    const auto moving = JudgeInViews(clutter.images, block(), Views(), {0, Rigid3{}});
+    const auto moving_strict =
+        JudgeInViews(clutter.images, block(), Views(), {0, Rigid3{}}, strict);
+    EXPECT_LT(moving.score, moving_strict.score + 0.03);
+  }
+}
+
+TEST_F(SceneJudgement, TwoViewsPresumePrintWhileASceneGrowsAndThreeAskForIt) {
+  SceneJudgementOptions growing;
+  growing.presumed_recall = 0.55;
+  growing.print_precision = 0.6;
+  const unsigned seed = 3;
+  const Photos clutter = Take({{&block(), Rigid3{}}}, [&](int v) { return seed + 10 * (v + 1); });
+  auto two = Views();
+  for (std::size_t v = 2; v < two.size(); ++v) two[v].reset();
+  const auto strict = JudgeInViews(clutter.images, block(), two, {0, Rigid3{}});
+  const auto presumed = JudgeInViews(clutter.images, block(), two, {0, Rigid3{}}, growing);
+  ASSERT_LT(strict.views[0].recall, 0.55);
+  EXPECT_GT(presumed.score, strict.score);
+  EXPECT_GE(presumed.views[0].recall, 0.55);
+  // A wrong pose finds few of its edges: nothing is presumed.
+  Rigid3 shifted;
+  shifted.t.x() = 0.008;
+  EXPECT_EQ(JudgeInViews(clutter.images, block(), two, {0, shifted}, growing).score,
+            JudgeInViews(clutter.images, block(), two, {0, shifted}).score);
+  // Three and more views say what it is: edges that move are none of its print.
+  const auto all = JudgeInViews(clutter.images, block(), Views(), {0, Rigid3{}}, growing);
+  EXPECT_LT(all.views[0].recall, 0.55);
+}
+
+TEST_F(SceneJudgement, NothingRegisteredScoresNothing) {
+  const Photos photos = Take({{&block(), Rigid3{}}}, kNoPrint);
+  const std::vector<std::optional<AspectSceneView>> none(kViews);
+  EXPECT_EQ(JudgeInViews(photos.images, block(), none, {0, Rigid3{}}).score, 0.0);
+  EXPECT_TRUE(JudgeScene(photos.images, {}, {none, {}}).empty());
+}
+
+}  // namespace
+}  // namespace horopter

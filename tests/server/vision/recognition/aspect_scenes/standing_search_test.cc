@@ -1,0 +1,273 @@
+#include "server/vision/recognition/aspect_scenes/standing_search.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+
+#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "tests/support/part_photos.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kAngle = 0, kBlock = 1, kCylinder = 2;
+
+// An angle, a block and a cylinder on the plane z = 0 before three cameras; made once.
+class StandingSearch : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    parts_ = new std::vector<PhotoPart>;
+    parts_->push_back(MakePart(SweptMesh(
+        {{-0.03, -0.02}, {0.04, -0.02}, {0.04, 0.0}, {-0.01, 0.0}, {-0.01, 0.03}, {-0.03, 0.03}},
+        0.012)));
+    parts_->push_back(MakePart(BoxMesh({0.03, 0.02, 0.012}),
+                               {Turn(Eigen::Vector3d::UnitX(), M_PI),
+                                Turn(Eigen::Vector3d::UnitY(), M_PI),
+                                Turn(Eigen::Vector3d::UnitZ(), M_PI)}));
+    std::vector<Rigid3> round;
+    for (int i = 0; i < 36; ++i) {
+      const Rigid3 turn = Turn(Eigen::Vector3d::UnitZ(), i * M_PI / 18);
+      if (i > 0) round.push_back(turn);
+      round.push_back(turn * Turn(Eigen::Vector3d::UnitX(), M_PI));
+    }
+    parts_->push_back(MakePart(CylinderMesh(0.018, 0.012, 64), round));
+    for (const PhotoPart& p : *parts_) {
+      list_.push_back({&p.object, &p.fragments, p.model.symmetries});
+      list_.back().resting = {{Eigen::Vector3d::UnitZ(), 0.012},
+                              {-Eigen::Vector3d::UnitZ(), 0.012}};
+    }
+    list_[kCylinder].round.push_back({Eigen::Vector3d::UnitZ(), Eigen::Vector3d::Zero(), 0});
+    index_ = new FragmentIndex(*BuildFragmentIndex(list_));
+  }
+  static void TearDownTestSuite() {
+    delete index_;
+    delete parts_;
+  }
+
+  static PinholeCamera Camera() { return CenteredCamera(640, 480, 700.0); }
+
+  // Looking down on the plane from the side, turned about the vertical.
+  static std::vector<std::optional<AspectSceneView>> Views() {
+    std::vector<std::optional<AspectSceneView>> out;
+    for (const double turn : {-0.35, 0.0, 0.4}) {
+      AspectSceneView view;
+      view.camera = Camera();
+      view.camera_from_scene.R = (Eigen::AngleAxisd(M_PI - 0.75, Eigen::Vector3d::UnitX()) *
+                                  Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ()))
+                                     .toRotationMatrix();
+      view.camera_from_scene.t = {0.0, 0.0, 0.36};
+      view.prior_log_focal = std::log(view.camera.focal_px);
+      out.push_back(view);
+    }
+    return out;
+  }
+
+  static Rigid3 Standing(double x, double y, double yaw) {
+    Rigid3 pose = Turn(Eigen::Vector3d::UnitZ(), yaw);
+    pose.t = {x, y, 0.012};
+    return pose;
+  }
+  static AspectSceneObject AngleThere() { return {kAngle, Standing(-0.05, 0.01, 0.4)}; }
+  static AspectSceneObject BlockThere() { return {kBlock, Standing(0.055, -0.015, 1.1)}; }
+  static AspectSceneObject CylinderThere() { return {kCylinder, Standing(0.03, 0.055, 0.0)}; }
+
+  static std::vector<AspectImage> Images(const std::vector<AspectSceneObject>& objects) {
+    std::vector<AspectImage> out;
+    for (const auto& view : Views()) {
+      std::vector<std::pair<double, int>> order;
+      for (std::size_t o = 0; o < objects.size(); ++o) {
+        order.push_back(
+            {-(view->camera_from_scene * objects[o].scene_from_object.t).z(), static_cast<int>(o)});
+      }
+      std::sort(order.begin(), order.end());
+      std::vector<std::pair<const RenderMesh*, Rigid3>> drawn;
+      for (const auto& [depth, o] : order) {
+        drawn.emplace_back(&(*parts_)[objects[o].object].object.mesh,
+                           view->camera_from_scene * objects[o].scene_from_object);
+      }
+      out.push_back(MakeAspectImage(PhotoOf(drawn, view->camera)));
+    }
+    return out;
+  }
+
+  static double WorstPx(const AspectSceneObject& found, const AspectSceneObject& truth) {
+    double worst = 0.0;
+    for (const auto& view : Views()) {
+      worst = std::max(worst,
+                       PoseDistancePx(list_[truth.object],
+                                      view->camera,
+                                      view->camera_from_scene * found.scene_from_object,
+                                      view->camera,
+                                      view->camera_from_scene * truth.scene_from_object));
+    }
+    return worst;
+  }
+
+  static std::vector<PhotoPart>* parts_;
+  static std::vector<AspectPart> list_;
+  static FragmentIndex* index_;
+};
+
+std::vector<PhotoPart>* StandingSearch::parts_ = nullptr;
+std::vector<AspectPart> StandingSearch::list_;
+FragmentIndex* StandingSearch::index_ = nullptr;
+
+TEST_F(StandingSearch, ThePlaneIsWhereMostPartsRest) {
+  const std::vector<AspectSceneObject> objects = {AngleThere(), BlockThere()};
+  const auto planes = PlanesUnder(objects, list_, Views());
+  ASSERT_EQ(planes.size(), 1u);
+  EXPECT_EQ(planes[0].objects, 2);
+  EXPECT_GT(planes[0].normal.z(), 0.999);
+  EXPECT_NEAR(planes[0].offset_m, 0.0, 1e-6);
+}
+
+TEST_F(StandingSearch, ThePlaneOfABlockThatOnePartStandsOnIsSecond) {
+  std::vector<AspectSceneObject> objects = {AngleThere(), BlockThere(), CylinderThere()};
+  objects[2].scene_from_object.t.z() += 0.03;
+  const auto planes = PlanesUnder(objects, list_, Views());
+  ASSERT_EQ(planes.size(), 2u);
+  EXPECT_NEAR(planes[0].offset_m, 0.0, 1e-6);
+  EXPECT_NEAR(planes[1].offset_m, 0.03, 1e-6);
+}
+
+TEST_F(StandingSearch, NoPlaneWithoutARestingPart) {
+  EXPECT_TRUE(PlanesUnder({}, list_, Views()).empty());
+  AspectSceneObject tilted = AngleThere();
+  std::vector<AspectPart> faceless = list_;
+  faceless[kAngle].resting.clear();
+  EXPECT_TRUE(PlanesUnder({&tilted, 1}, faceless, Views()).empty());
+  // Upside down below the plane: the cameras would be under it.
+  AspectSceneObject hanging = AngleThere();
+  hanging.scene_from_object = hanging.scene_from_object * Turn(Eigen::Vector3d::UnitX(), M_PI);
+  for (AspectPart& part : faceless) part.resting = {{Eigen::Vector3d::UnitZ(), 0.012}};
+  EXPECT_TRUE(PlanesUnder({&hanging, 1}, faceless, Views()).empty());
+}
+
+TEST_F(StandingSearch, APartNobodyHypothesisedIsFoundInItsPlace) {
+  const std::vector<AspectSceneObject> there = {AngleThere(), BlockThere(), CylinderThere()};
+  const std::vector<AspectImage> images = Images(there);
+  const std::vector<AspectSceneObject> taken = {AngleThere()};
+  const auto planes = PlanesUnder(taken, list_, Views());
+  ASSERT_EQ(planes.size(), 1u);
+  const auto found = FindStanding(images, Views(), list_, planes[0], taken);
+  for (const AspectSceneObject& truth : {BlockThere(), CylinderThere()}) {
+    const auto best = std::find_if(found.begin(), found.end(), [&](const StandingCandidate& c) {
+      return c.placed.object == truth.object;
+    });
+    ASSERT_NE(best, found.end()) << truth.object;
+    EXPECT_LT(WorstPx(best->placed, truth), truth.object == kCylinder ? 14.0 : 8.0);
+    EXPECT_GT(best->support, 0.5);
+  }
+}
+
+TEST_F(StandingSearch, NothingStandsOnAnEmptyTable) {
+  const std::vector<AspectSceneObject> taken = {AngleThere()};
+  const std::vector<AspectImage> images = Images(taken);
+  const auto planes = PlanesUnder(taken, list_, Views());
+  ASSERT_EQ(planes.size(), 1u);
+  EXPECT_TRUE(FindStanding(images, Views(), list_, planes[0], taken).empty());
+  EXPECT_TRUE(FindStanding({}, {}, list_, planes[0], taken).empty());
+  const auto stopped =
+      FindStanding(Images({AngleThere(), BlockThere()}), Views(), list_, planes[0], taken, {}, [] {
+        return true;
+      });
+  EXPECT_TRUE(stopped.empty());
+}
+
+TEST_F(StandingSearch, WhatAnotherPartHidesIsNotMissed) {
+  // The block right behind the angle, as the cameras look along +y.
+  AspectSceneObject behind{kBlock, Standing(-0.04, 0.055, 0.5)};
+  const std::vector<AspectSceneObject> there = {AngleThere(), behind};
+  const std::vector<AspectImage> images = Images(there);
+  const auto views = Views();
+  const RenderMesh& mesh = list_[kBlock].object->mesh;
+  const Rigid3 pose = views[1]->camera_from_scene * behind.scene_from_object;
+  const PartLayer layer =
+      MakePartLayer(images[1],
+                    list_[kAngle].object->mesh,
+                    views[1]->camera,
+                    views[1]->camera_from_scene * AngleThere().scene_from_object);
+  ASSERT_GT(layer.width, 0);
+  const PartLayer* others[] = {&layer};
+  const AspectScore alone = ScorePose(images[1], mesh, views[1]->camera, pose);
+  const AspectScore among = ScorePose(images[1], mesh, views[1]->camera, pose, {}, others);
+  EXPECT_EQ(alone.hidden_px, 0.0);
+  EXPECT_GT(among.hidden_px, 10.0);
+  EXPECT_NEAR(among.hidden_px + among.visible_px, alone.visible_px, 1e-3);
+  EXPECT_GT(among.precision, alone.precision + 0.05);
+  EXPECT_GE(among.recall, alone.recall);
+}
+
+TEST_F(StandingSearch, APartIsSweptForWhereOtherViewsExpectIt) {
+  const std::vector<AspectImage> images = Images({AngleThere()});
+  const auto views = Views();
+  AspectExpectation expected;
+  expected.part = kAngle;
+  expected.rotations = {
+      (views[0]->camera_from_scene.R * AngleThere().scene_from_object.R).cast<float>()};
+  const double size = 700.0 * list_[kAngle].object->mesh.diameter_m / 0.36;
+  expected.min_size_px = static_cast<float>(0.75 * size);
+  expected.max_size_px = static_cast<float>(1.4 * size);
+  const auto votes = SweepForAspects(images[1], *index_, {&expected, 1});
+  ASSERT_EQ(votes.size(), list_.size());
+  EXPECT_TRUE(votes[kBlock].empty());
+  ASSERT_FALSE(votes[kAngle].empty());
+  const Rigid3 truth = views[1]->camera_from_scene * AngleThere().scene_from_object;
+  double nearest = 1e9;
+  for (std::size_t i = 0; i < votes[kAngle].size() && i < 10; ++i) {
+    const Rigid3 pose = PoseOfVote(votes[kAngle][i], *index_, Camera());
+    nearest = std::min(nearest, PoseDistancePx(list_[kAngle], Camera(), pose, Camera(), truth));
+  }
+  EXPECT_LT(nearest, 0.25 * size);
+  EXPECT_TRUE(
+      SweepForAspects(images[1], *index_, {&expected, 1}, {}, {}, [] { return true; })[kAngle]
+          .empty());
+}
+
+// The views agree only on a round part, whose turn they do not show: what else is seen settles it.
+TEST_F(StandingSearch, RoundPartsLinkViewsByTheTurnThatOthersBearOut) {
+  const std::vector<AspectSceneObject> there = {AngleThere(), BlockThere(), CylinderThere()};
+  const std::vector<AspectImage> images = Images(there);
+  const auto views = Views();
+  std::vector<AspectViewPrior> priors;
+  std::vector<std::vector<AspectHypothesis>> hypotheses(images.size());
+  for (std::size_t v = 0; v < images.size(); ++v) {
+    priors.push_back({Camera(), 0.05});
+    for (const AspectSceneObject& o : there) {
+      // The angle is hypothesised in the first view only, the block in the second only.
+      if ((o.object == kAngle && v != 0) || (o.object == kBlock && v != 1)) continue;
+      AspectHypothesis h;
+      h.object = o.object;
+      h.camera = Camera();
+      h.camera_from_object =
+          views[v]->camera_from_scene * o.scene_from_object *
+          (o.object == kCylinder ? Turn(Eigen::Vector3d::UnitZ(), 1.7 * v) : Rigid3{});
+      h.score = 0.7;
+      hypotheses[v].push_back(h);
+    }
+  }
+  AspectLinkOptions options;
+  options.standing = 0;
+  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_}, options);
+  EXPECT_EQ(scene.registered(), 3);
+  ASSERT_EQ(scene.objects.size(), 3u);
+  for (const AspectSceneObject& truth : there) {
+    const auto found = std::find_if(scene.objects.begin(), scene.objects.end(), [&](const auto& o) {
+      return o.object == truth.object;
+    });
+    ASSERT_NE(found, scene.objects.end()) << truth.object;
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      ASSERT_TRUE(scene.views[v].has_value());
+      EXPECT_LT(PoseDistancePx(list_[truth.object],
+                               scene.views[v]->camera,
+                               scene.views[v]->camera_from_scene * found->scene_from_object,
+                               views[v]->camera,
+                               views[v]->camera_from_scene * truth.scene_from_object),
+                truth.object == kCylinder ? 12.0 : 5.0)
+          << "part " << truth.object << " view " << v;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace horopter

@@ -1,0 +1,381 @@
+#include "server/vision/recognition/aspect_search/find_aspects.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_search/object_ranking.h"
+#include "server/vision/recognition/aspects/fragment_blob.h"
+#include "tests/support/part_photos.h"
+#include "tests/support/shaded_photo.h"
+#include "tests/support/solid_meshes.h"
+
+namespace horopter {
+namespace {
+
+// An angle with arms of different length, a block and a cylinder; made once.
+class FindAspects : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    parts_ = new std::vector<PhotoPart>;
+    parts_->push_back(MakePart(SweptMesh(
+        {{-0.03, -0.02}, {0.04, -0.02}, {0.04, 0.0}, {-0.01, 0.0}, {-0.01, 0.03}, {-0.03, 0.03}},
+        0.012)));
+    parts_->push_back(MakePart(BoxMesh({0.04, 0.025, 0.012}),
+                               {Turn(Eigen::Vector3d::UnitX(), M_PI),
+                                Turn(Eigen::Vector3d::UnitY(), M_PI),
+                                Turn(Eigen::Vector3d::UnitZ(), M_PI)}));
+    std::vector<Rigid3> round;
+    for (int i = 0; i < 36; ++i) {
+      const Rigid3 turn = Turn(Eigen::Vector3d::UnitZ(), i * M_PI / 18);
+      if (i > 0) round.push_back(turn);
+      round.push_back(turn * Turn(Eigen::Vector3d::UnitX(), M_PI));
+    }
+    parts_->push_back(MakePart(CylinderMesh(0.02, 0.035, 64), round));
+    for (const PhotoPart& p : *parts_)
+      list_.push_back({&p.object, &p.fragments, p.model.symmetries});
+    index_ = new FragmentIndex(*BuildFragmentIndex(list_));
+  }
+  static void TearDownTestSuite() {
+    delete index_;
+    delete parts_;
+  }
+
+  static PinholeCamera Camera() { return CenteredCamera(640, 480, 700.0); }
+  static Rigid3 Pose() {
+    Rigid3 pose;
+    pose.R = (Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ()) *
+              Eigen::AngleAxisd(-2.2, Eigen::Vector3d::UnitX()) *
+              Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitY()))
+                 .toRotationMatrix();
+    pose.t = {0.02, -0.01, 0.28};
+    return pose;
+  }
+
+  static cv::Mat Photo(int part, const Rigid3& pose) {
+    return PhotoOf({{&(*parts_)[part].object.mesh, pose}}, Camera());
+  }
+
+  static double ErrorPx(const AspectHypothesis& h, const Rigid3& truth) {
+    return PoseDistancePx(list_[h.object], h.camera, h.camera_from_object, Camera(), truth);
+  }
+
+  static std::vector<PhotoPart>* parts_;
+  static std::vector<AspectPart> list_;
+  static FragmentIndex* index_;
+};
+
+std::vector<PhotoPart>* FindAspects::parts_ = nullptr;
+std::vector<AspectPart> FindAspects::list_;
+FragmentIndex* FindAspects::index_ = nullptr;
+
+TEST_F(FindAspects, EachPartIsFirstAtItsPose) {
+  for (int part = 0; part < 3; ++part) {
+    const AspectImage image = MakeAspectImage(Photo(part, Pose()));
+    const AspectFindings found = FindAspectHypotheses(image, *index_);
+    ASSERT_FALSE(found.hypotheses.empty()) << part;
+    EXPECT_EQ(found.hypotheses[0].object, part);
+    // Of the cylinder any turn is right; the nearest listed one may be 5 degrees off.
+    EXPECT_LT(ErrorPx(found.hypotheses[0], Pose()), part == 2 ? 12.0 : 4.0) << part;
+    EXPECT_GT(found.hypotheses[0].score, 0.5) << part;
+    for (std::size_t i = 0; i < found.hypotheses.size(); ++i) {
+      const AspectHypothesis& h = found.hypotheses[i];
+      EXPECT_LE(h.score, found.hypotheses[i > 0 ? i - 1 : 0].score);
+      for (std::size_t j = 0; j < i; ++j) {
+        const AspectHypothesis& other = found.hypotheses[j];
+        if (h.object != other.object) continue;
+        EXPECT_GT(PoseDistancePx(list_[h.object],
+                                 h.camera,
+                                 h.camera_from_object,
+                                 other.camera,
+                                 other.camera_from_object),
+                  1.0);
+      }
+    }
+  }
+}
+
+TEST_F(FindAspects, AKnownCameraIsKept) {
+  const PinholeCamera camera = Camera();
+  const AspectFindings found =
+      FindAspectHypotheses(MakeAspectImage(Photo(0, Pose())), *index_, {}, &camera);
+  ASSERT_FALSE(found.hypotheses.empty());
+  EXPECT_NEAR(found.hypotheses[0].camera.focal_px, camera.focal_px, 1e-9);
+  EXPECT_LT((found.hypotheses[0].camera_from_object.t - Pose().t).norm(), 0.003);
+}
+
+TEST_F(FindAspects, ThreadsAndLookupDoNotMatterToTheVotes) {
+  const AspectImage image = MakeAspectImage(Photo(0, Pose()));
+  AspectVoteOptions two;
+  two.threads = 2;
+  FragmentIndexOptions with_tree;
+  with_tree.lookup = FragmentLookup::kXTree;
+  const FragmentIndex tree = *BuildFragmentIndex(list_, with_tree);
+  const AspectVotes a = VoteForAspects(image, *index_);
+  const AspectVotes b = VoteForAspects(image, *index_, two);
+  const AspectVotes c = VoteForAspects(image, tree);
+  EXPECT_GT(a.matches, 0);
+  EXPECT_EQ(a.matches, b.matches);
+  EXPECT_EQ(a.accepted, b.accepted);
+  // Packed keys are compared with packed or plain ones: pairs at the gate may differ.
+  EXPECT_NEAR(static_cast<double>(c.matches), static_cast<double>(a.matches), 0.01 * a.matches);
+  for (std::size_t p = 0; p < a.of_part.size(); ++p) {
+    ASSERT_EQ(a.of_part[p].size(), b.of_part[p].size());
+    for (std::size_t i = 0; i < a.of_part[p].size(); ++i) {
+      EXPECT_EQ(a.of_part[p][i].rank, b.of_part[p][i].rank);
+      EXPECT_EQ(a.of_part[p][i].aspect, b.of_part[p][i].aspect);
+    }
+  }
+}
+
+TEST_F(FindAspects, GridFindsWhatALinearScanFinds) {
+  std::vector<std::uint32_t> found;
+  for (std::size_t f = 0; f < index_->fragments.size(); f += 97) {
+    FragmentKey key = UnpackKey(index_->keys[f]);
+    key[f % kFragmentAngles] += 0.2f;
+    const PackedFragmentKey packed = PackKey(key);
+    const float radius = 0.5f;
+    std::size_t expected = 0;
+    for (const PackedFragmentKey& other : index_->keys) {
+      int sum = 0;
+      for (int i = 0; i < kFragmentAngles; ++i) {
+        sum += (other[i] - packed[i]) * (other[i] - packed[i]);
+      }
+      expected += sum <= static_cast<int>(radius * radius * kKeyScale * kKeyScale) ? 1 : 0;
+    }
+    found.clear();
+    index_->Find(key, radius, &found);
+    EXPECT_EQ(found.size(), expected);
+  }
+}
+
+TEST_F(FindAspects, PiecesMakeTheIndexOfTheirParts) {
+  std::vector<FragmentPiece> pieces;
+  for (const PhotoPart& p : *parts_) pieces.push_back(MakeFragmentPiece(p.object, p.fragments));
+  const std::vector<const FragmentPiece*> pointers = {&pieces[0], nullptr, &pieces[2]};
+  const FragmentIndex index = *BuildFragmentIndex(pointers);
+  EXPECT_EQ(index.part_count, 3);
+  EXPECT_EQ(index.aspects.size(), pieces[0].aspects.size() + pieces[2].aspects.size());
+  const AspectImage image = MakeAspectImage(Photo(0, Pose()));
+  const std::vector<std::uint8_t> wanted = {1, 0, 1};
+  const AspectVotes by_pieces = VoteForAspects(image, index);
+  const AspectVotes by_parts = VoteForAspects(image, *index_, {}, {}, wanted);
+  EXPECT_TRUE(by_parts.of_part[1].empty());
+  ASSERT_FALSE(by_parts.of_part[0].empty());
+  ASSERT_FALSE(by_pieces.of_part[0].empty());
+  // The grids' axes differ, and with them which of common fragments are tested.
+  EXPECT_EQ(by_parts.matches, by_pieces.matches);
+  EXPECT_NEAR(by_parts.of_part[0][0].rank, by_pieces.of_part[0][0].rank, 60.0f);
+}
+
+TEST_F(FindAspects, ViewsOfAPieceAreApartAndCoverTheSphere) {
+  const PhotoPart& part = (*parts_)[0];
+  const FragmentChoice choice{.view_spacing_rad = 0.5, .fragments = 120};
+  const FragmentPiece piece = MakeFragmentPiece(part.object, part.fragments, choice);
+  EXPECT_LT(piece.aspects.size(), part.object.aspects.aspects.size());
+  const auto cosine = [](const Eigen::Matrix3f& a, const Eigen::Matrix3f& b) {
+    return a.row(2).dot(b.row(2));
+  };
+  const float near = static_cast<float>(std::cos(choice.view_spacing_rad));
+  for (const Aspect& a : part.object.aspects.aspects) {
+    int covered = 0;
+    for (const IndexedAspect& b : piece.aspects)
+      covered += cosine(a.camera_from_object, b.camera_from_object) >= near - 1e-5f ? 1 : 0;
+    EXPECT_GE(covered, 1);
+  }
+  std::vector<int> fragments(piece.aspects.size(), 0);
+  for (const FragmentPiece::Entry& e : piece.entries) ++fragments[e.fragment.aspect];
+  for (std::size_t i = 0; i < piece.aspects.size(); ++i) {
+    EXPECT_LE(fragments[i], 1 + choice.fragments / static_cast<int>(piece.aspects.size()));
+    for (std::size_t j = 0; j < i; ++j) {
+      EXPECT_LT(cosine(piece.aspects[i].camera_from_object, piece.aspects[j].camera_from_object),
+                near + 1e-5f);
+    }
+  }
+}
+
+TEST_F(FindAspects, TheShownPartIsAmongTheFirstTwoOfThree) {
+  std::vector<FragmentPiece> pieces;
+  std::vector<const FragmentPiece*> pointers;
+  for (const PhotoPart& p : *parts_)
+    pieces.push_back(MakeFragmentPiece(p.object, p.fragments, kRankingChoice));
+  for (const FragmentPiece& piece : pieces) pointers.push_back(&piece);
+  const FragmentIndex index = *BuildFragmentIndex(pointers);
+  ObjectRankingOptions two;
+  two.objects = 2;
+  for (int part = 0; part < 3; ++part) {
+    const std::vector<AspectImage> images = {MakeAspectImage(Photo(part, Pose()))};
+    const std::vector<int> listed = RankObjects(images, index, two);
+    EXPECT_EQ(listed.size(), 2u);
+    EXPECT_EQ(std::count(listed.begin(), listed.end(), part), 1) << part;
+    // What is not wanted is not listed, and what can be searched for as a whole is not ranked.
+    std::vector<std::uint8_t> wanted = {1, 1, 1};
+    wanted[part] = 0;
+    const std::vector<int> others = RankObjects(images, index, {}, {}, wanted);
+    EXPECT_EQ(others.size(), 2u);
+    EXPECT_EQ(std::count(others.begin(), others.end(), part), 0);
+  }
+}
+
+// A lump without one sharp edge: all it shows are contours.
+TEST_F(FindAspects, ASmoothPartIsFoundByItsContours) {
+  TriangleMesh lump = SphereMesh(1.0, 32);
+  for (Eigen::Vector3d& p : lump.vertices) {
+    const Eigen::Vector3d d = p.normalized();
+    p = 0.02 * (1 + 0.6 * d.x() * d.x() * d.x() + 0.5 * d.y() * d.y() - 0.4 * d.z() * d.y()) * d;
+  }
+  const PhotoPart smooth = MakePart(lump);
+  int creases = 0, points = 0;
+  for (int a = 0; a < static_cast<int>(smooth.object.aspects.aspects.size()); a += 29) {
+    for (const AspectPoint& p : AspectPoints(smooth.object.aspects, a)) {
+      ++points;
+      creases += p.kind == VisibleEdgeKind::kCrease ? 1 : 0;
+    }
+  }
+  EXPECT_LT(creases, 0.1 * points);
+  std::vector<AspectPart> parts = list_;
+  parts.push_back({&smooth.object, &smooth.fragments, smooth.model.symmetries});
+  const FragmentIndex index = *BuildFragmentIndex(parts);
+  int found_right = 0;
+  for (const double tilt : {-2.2, -1.2, 0.4}) {
+    Rigid3 pose = Pose();
+    pose.R = Eigen::AngleAxisd(tilt, Eigen::Vector3d(1, 0.3, 0.2).normalized()).toRotationMatrix();
+    const cv::Mat photo = ShadedPhoto({{&smooth.model.mesh, pose}}, Camera());
+    const PinholeCamera camera = Camera();
+    const AspectFindings found = FindAspectHypotheses(MakeAspectImage(photo), index, {}, &camera);
+    ASSERT_FALSE(found.hypotheses.empty()) << tilt;
+    EXPECT_EQ(found.hypotheses[0].object, 3) << tilt;
+    // One outline has several lumps behind it: of the list one is right.
+    for (const AspectHypothesis& h : found.hypotheses) {
+      if (h.object != 3) continue;
+      if (PoseDistancePx(parts[3], h.camera, h.camera_from_object, camera, pose) < 10.0) {
+        ++found_right;
+        break;
+      }
+    }
+  }
+  EXPECT_GE(found_right, 2);
+}
+
+TEST_F(FindAspects, NothingIsFoundInNothing) {
+  EXPECT_TRUE(FindAspectHypotheses(MakeAspectImage(cv::Mat()), *index_).hypotheses.empty());
+  const cv::Mat flat(480, 640, CV_8UC3, cv::Scalar(100, 100, 100));
+  EXPECT_TRUE(FindAspectHypotheses(MakeAspectImage(flat), *index_).hypotheses.empty());
+  const AspectImage image = MakeAspectImage(Photo(0, Pose()));
+  EXPECT_TRUE(FindAspectHypotheses(image, FragmentIndex{}).hypotheses.empty());
+}
+
+TEST_F(FindAspects, NoiseIsNoPart) {
+  cv::Mat noise(480, 640, CV_8UC3);
+  cv::RNG random(11);
+  random.fill(noise, cv::RNG::UNIFORM, 0, 255);
+  cv::GaussianBlur(noise, noise, cv::Size(), 2.0);
+  for (const AspectHypothesis& h :
+       FindAspectHypotheses(MakeAspectImage(noise), *index_).hypotheses) {
+    EXPECT_LT(h.score, 0.35);
+  }
+}
+
+TEST_F(FindAspects, StopsWhenAsked) {
+  const AspectImage image = MakeAspectImage(Photo(0, Pose()));
+  const AspectFindings found =
+      FindAspectHypotheses(image, *index_, {}, nullptr, [] { return true; });
+  EXPECT_TRUE(found.hypotheses.empty());
+  EXPECT_EQ(found.votes.matches, 0);
+}
+
+TEST_F(FindAspects, RefinementReturnsToThePoseItWasMovedFrom) {
+  const AspectImage image = MakeAspectImage(Photo(0, Pose()));
+  Rigid3 moved = Pose();
+  moved.R = Eigen::AngleAxisd(0.04, Eigen::Vector3d(1, 2, -1).normalized()) * moved.R;
+  moved.t += Eigen::Vector3d(0.0012, -0.001, 0.004);
+  const RenderMesh& mesh = (*parts_)[0].object.mesh;
+  const RefinedAspect refined = RefinePose(image, mesh, Camera(), moved);
+  const auto error = [&](const Rigid3& pose) {
+    return PoseDistancePx(list_[0], Camera(), pose, Camera(), Pose());
+  };
+  EXPECT_GT(error(moved), 4.0);
+  EXPECT_LT(error(refined.camera_from_object), 1.0);
+  EXPECT_LT(refined.rms_px, 1.0);
+  // There the edges meet the image's, and the score says so.
+  int near = 0;
+  const auto matches = MatchPoseEdges(image, mesh, Camera(), refined.camera_from_object);
+  for (const PoseEdgeMatch& m : matches) {
+    EXPECT_NEAR(m.residual_px, m.normal.dot(m.matched - m.projected), 1e-9);
+    near += std::abs(m.residual_px) < 1.0 ? 1 : 0;
+  }
+  EXPECT_GT(near, 0.8 * matches.size());
+  EXPECT_GT(ScorePose(image, mesh, Camera(), refined.camera_from_object).score,
+            ScorePose(image, mesh, Camera(), moved).score + 0.1);
+}
+
+TEST_F(FindAspects, FragmentsSurviveTheirBlob) {
+  const PhotoPart& part = (*parts_)[0];
+  const std::string blob = EncodePartFragments(part.fragments, part.object.aspects);
+  const auto back = DecodePartFragments(blob, part.object.aspects);
+  ASSERT_TRUE(back.ok()) << back.status();
+  EXPECT_TRUE(*back == part.fragments);
+  EXPECT_EQ(DecodePartFragments(blob, (*parts_)[1].object.aspects).status().code(),
+            absl::StatusCode::kFailedPrecondition);
+  std::string damaged = blob;
+  damaged[blob.size() / 2] ^= 1;
+  EXPECT_EQ(DecodePartFragments(damaged, part.object.aspects).status().code(),
+            absl::StatusCode::kDataLoss);
+  for (const std::size_t size : {std::size_t{0}, std::size_t{23}, blob.size() - 1}) {
+    EXPECT_FALSE(DecodePartFragments(blob.substr(0, size), part.object.aspects).ok());
+  }
+}
+
+// The same part before three cameras whose relative pose nobody knows.
+TEST_F(FindAspects, ViewsAreLinkedThroughAPart) {
+  std::vector<AspectImage> images;
+  std::vector<AspectViewPrior> priors;
+  std::vector<std::vector<AspectHypothesis>> hypotheses;
+  std::vector<Rigid3> truth;
+  for (const double turn : {-0.25, 0.0, 0.3}) {
+    Rigid3 pose = Pose();
+    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
+    truth.push_back(pose);
+    images.push_back(MakeAspectImage(Photo(0, pose)));
+    priors.push_back({NominalCamera(images.back())});
+    hypotheses.push_back(FindAspectHypotheses(images.back(), *index_).hypotheses);
+  }
+  // A view of nothing gets no camera, and does no harm.
+  images.push_back(MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(128))));
+  priors.push_back({NominalCamera(images.back())});
+  hypotheses.emplace_back();
+  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_});
+  ASSERT_EQ(scene.objects.size(), 1u);
+  EXPECT_EQ(scene.objects[0].object, 0);
+  EXPECT_EQ(scene.registered(), 3);
+  EXPECT_FALSE(scene.views[3].has_value());
+  for (int v = 0; v < 3; ++v) {
+    ASSERT_TRUE(scene.views[v].has_value()) << v;
+    const AspectSceneView& view = *scene.views[v];
+    EXPECT_LT(PoseDistancePx(list_[0],
+                             view.camera,
+                             view.camera_from_scene * scene.objects[0].scene_from_object,
+                             Camera(),
+                             truth[v]),
+              4.0)
+        << "view " << v;
+    EXPECT_GT(scene.objects[0].views[v].score, 0.5) << "view " << v;
+  }
+}
+
+TEST_F(FindAspects, NothingLinksViewsOfNothing) {
+  std::vector<AspectImage> images(2,
+                                  MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(90))));
+  std::vector<AspectViewPrior> priors(2, {NominalCamera(images[0])});
+  std::vector<std::vector<AspectHypothesis>> hypotheses(2);
+  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_});
+  EXPECT_TRUE(scene.objects.empty());
+  EXPECT_EQ(scene.views.size(), 2u);
+  EXPECT_EQ(scene.registered(), 0);
+}
+
+}  // namespace
+}  // namespace horopter

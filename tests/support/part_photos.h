@@ -1,0 +1,57 @@
+// Parts of simple solids and flat-shaded pictures of them.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <opencv2/core.hpp>
+#include <utility>
+#include <vector>
+
+#include "server/vision/recognition/aspects/aspect_blob.h"
+#include "server/vision/recognition/aspects/aspect_fragments.h"
+#include "tests/support/shaded_photo.h"
+#include "tests/support/solid_meshes.h"
+
+namespace horopter {
+
+struct PhotoPart {
+  ObjectModel model;
+  ObjectAspects object;
+  PartFragments fragments;
+};
+
+inline PhotoPart MakePart(const TriangleMesh& mesh, std::vector<Rigid3> symmetries = {}) {
+  PhotoPart part;
+  part.model.mesh = mesh;
+  part.model.symmetries = std::move(symmetries);
+  for (const auto& a : mesh.vertices) {
+    for (const auto& b : mesh.vertices) {
+      part.model.diameter_m = std::max(part.model.diameter_m, (a - b).norm());
+    }
+  }
+  ObjectAspectOptions options;
+  options.aspects.directions = 150;
+  part.object = *MakeObjectAspects(part.model, options);
+  part.fragments = MakePartFragments(part.object.mesh, part.object.aspects);
+  return part;
+}
+
+inline Rigid3 Turn(const Eigen::Vector3d& axis, double angle) {
+  return {Eigen::AngleAxisd(angle, axis).toRotationMatrix(), Eigen::Vector3d::Zero()};
+}
+
+// Render meshes as ShadedPhoto takes them.
+inline cv::Mat PhotoOf(const std::vector<std::pair<const RenderMesh*, Rigid3>>& parts,
+                       const PinholeCamera& camera) {
+  std::vector<TriangleMesh> meshes(parts.size());
+  std::vector<PosedMesh> posed;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    for (const auto& v : parts[i].first->vertices) meshes[i].vertices.push_back(v.cast<double>());
+    for (const auto& t : parts[i].first->triangles)
+      meshes[i].triangles.push_back(Eigen::Vector3i(t[0], t[1], t[2]));
+    posed.emplace_back(&meshes[i], parts[i].second);
+  }
+  return ShadedPhoto(posed, camera);
+}
+
+}  // namespace horopter
