@@ -68,6 +68,8 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"start_share", &o.find.votes.start_share},
       {"min_step", &o.find.votes.min_step},
       {"pair_opening_rad", &o.find.votes.pair_opening_rad},
+      {"min_arm_px", &o.find.votes.min_arm_px},
+      {"max_arm_offset_px", &o.find.votes.max_arm_offset_px},
       {"pair_log_ratio", &o.find.votes.pair_log_ratio},
       {"tau_share", &o.find.votes.tau_share},
       {"min_support_6", &o.find.votes.min_support_6},

@@ -75,6 +75,7 @@ absl::Status Validate(const AcceptanceOptions& options) {
       {"aspects.focal_spread_free", v.focal_spread_free, Range::kNotNegative},
       {"aspects.focal_spread_more", v.focal_spread_more, Range::kNotNegative},
       {"aspects.min_probability", v.min_probability, Range::kShare},
+      {"aspects.sure_probability", v.sure_probability, Range::kShare},
       {"aspects.other_precision", v.other_precision, Range::kShare},
       {"pose_choices.min_probability", c.min_probability, Range::kShare},
       {"pose_choices.found_contour", c.found_contour, Range::kShare},

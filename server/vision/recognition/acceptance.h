@@ -120,6 +120,10 @@ struct AspectAcceptance {
       0.15;                        // deviation of the views' log focal lengths; what exceeds it ...
   double focal_spread_more = 0.2;  // ... adds so much of it
   double min_probability = 0.6;    // commit 4502559, the same scenes
+  // Of the surest object of an answer that no other route shares: below it the dearer routes are
+  // asked too, and the answer with more log odds is taken. Scene 13 of parts-train: one object by
+  // aspects, 0.62, against four, 0.97 and more. Commit of ADR 32, `dataset recognize parts-train`.
+  double sure_probability = 0.9;
   // Precision of what is added beside the objects of a confirmed answer of another route: blocks
   // fit into other blocks' edges; wrong ones had 0.59 and 0.67, right ones 0.69 and more. Commit
   // 07f9a46, `aspect_scene_report parts-dev val`.

@@ -1,6 +1,7 @@
 #include "server/vision/recognition/recognition.h"
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 #include <string>
 #include <vector>
@@ -242,10 +243,28 @@ int Registered(const RecognitionResult& result) {
       result.views.begin(), result.views.end(), [](const auto& v) { return v.has_value(); }));
 }
 
+bool IsSure(const RecognitionResult& result, const AspectAcceptance& options) {
+  return std::any_of(result.objects.begin(), result.objects.end(), [&](const SceneObject& o) {
+    return o.score >= options.sure_probability;
+  });
+}
+
+// How much more likely than not all of an answer's objects are, as each route says of its own.
+double SumOfLogOdds(const RecognitionResult& result) {
+  constexpr double kMost = 0.999;
+  double sum = 0.0;
+  for (const SceneObject& o : result.objects) {
+    const double p = std::clamp(o.score, 1.0 - kMost, kMost);
+    sum += std::log(p / (1.0 - p));
+  }
+  return sum;
+}
+
 // Objects with few edges are asked for by the routes in the cameras of the reconstruction: where a
 // supporting plane's texture gives these they are quick. Their answer is judged by what the cameras
 // should see of it; unless that confirms it, the aspects give theirs, and the one that explains
-// more is taken. What neither finds the dearer routes are asked for. Rich ones have been asked for
+// more is taken. What neither finds, or aspects alone with little to show for it, the dearer routes
+// are asked for. Rich ones have been asked for
 // by their aspects before (AspectsComeFirst): here only what trusted cameras say is added.
 absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
                                               std::span<const AspectImage> images,
@@ -293,18 +312,19 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
                                                log,
                                                AspectOptionsOf(input)));
   // An answer that leaves out views explains what is easy.
-  if (!aspects.objects.empty() &&
+  const bool explains_more =
+      !aspects.objects.empty() &&
       JudgeAnswer(*context, images, aspects, AspectOptionsOf(input)).score > judged.score &&
-      Registered(aspects) >= Registered(result)) {
-    aspects.plane_confirmed = !contradicted && !result.objects.empty();
-    return aspects;
-  }
+      Registered(aspects) >= Registered(result);
+  if (explains_more) aspects.plane_confirmed = !contradicted && !result.objects.empty();
+  if (explains_more && (!result.objects.empty() || IsSure(aspects, acceptance))) return aspects;
   if (result.objects.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context, log));
     if (result.objects.empty()) CopyUnasked(result, &aspects);
     judged = JudgeAnswer(*context, images, result, AspectOptionsOf(input));
   }
   RefuseContradicted(judged, acceptance.contradicting_score, log, &result);
+  if (explains_more) return SumOfLogOdds(result) > SumOfLogOdds(aspects) ? result : aspects;
   return result.objects.empty() && !aspects.detail.empty() ? aspects : result;
 }
 

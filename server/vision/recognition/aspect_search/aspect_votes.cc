@@ -347,6 +347,7 @@ AspectVotes VoteForAspects(const AspectImage& image,
   SegmentPairOptions corners;
   corners.min_length = options.min_arm_px;
   corners.max_pairs = options.max_pairs;
+  corners.max_offset = options.max_arm_offset_px;
   std::vector<SegmentPair> pairs;
   if (!index.pairs.empty()) pairs = CollectSegmentPairs(image.contours, corners);
   // Each share keeps its own pool, so the result does not depend on the number of threads.

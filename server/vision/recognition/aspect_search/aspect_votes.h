@@ -32,7 +32,8 @@ struct AspectVoteOptions {
   int max_pairs = 300;          // of the image
   int max_pair_matches = 6000;  // of one pair that are tested, those that agree before others
   double min_arm_px = 12.0;
-  double min_size_share = 0.06;  // of the image's width: diameter of the smallest part sought
+  double max_arm_offset_px = 1.8;  // SegmentPairOptions::max_offset of the image's
+  double min_size_share = 0.06;    // of the image's width: diameter of the smallest part sought
   double max_size_share = 1.6;
   double tau_share = 0.045;  // of the diameter: an edge farther away supports nothing
   double min_tau_px = 1.5;

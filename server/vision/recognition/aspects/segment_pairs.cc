@@ -11,8 +11,9 @@ namespace {
 constexpr float kPi = std::numbers::pi_v<float>;
 constexpr std::size_t kMostPieces = 1200;  // the longest: pairs are sought among all of them
 constexpr float kShortestPiece = 0.4f;     // of an arm: pieces that may join in line
-constexpr float kInLineCosine = 0.9962f;   // 5 degrees
+constexpr float kInLineSine = 0.087f;      // 5 degrees
 constexpr float kGapShare = 0.12f;         // of the shorter piece: what a corner may lack
+constexpr float kInLineGapShare = 0.25f;   // ... and what an arm may lack between its pieces
 constexpr float kThroughCorner = 0.5f;     // of the gap: an arm may run so far past its corner
 
 struct Piece {
@@ -86,13 +87,16 @@ std::vector<Piece> StraightPieces(const ContourGraph& graph, const SegmentPairOp
 // Joins b to the end of a when it goes on in line there.
 bool Join(const Piece& b, const SegmentPairOptions& options, Piece* a) {
   const Eigen::Vector2f along = a->direction();
-  if (std::abs(along.dot(b.direction())) < kInLineCosine) return false;
-  const float length = a->length();
+  const float length = a->length(), most = 1.5f * static_cast<float>(options.max_offset);
+  // Short pieces have no sure direction.
+  const Eigen::Vector2f other = b.direction();
+  if (std::abs(along.x() * other.y() - along.y() * other.x()) >
+      std::max(kInLineSine, most / b.length()))
+    return false;
   const auto offset = [&](const Eigen::Vector2f& p) {
     const Eigen::Vector2f d = p - a->from;
     return std::abs(along.x() * d.y() - along.y() * d.x());
   };
-  const float most = 1.5f * static_cast<float>(options.max_offset);
   if (offset(b.from) > most || offset(b.to) > most) return false;
   float low = along.dot(b.from - a->from), high = along.dot(b.to - a->from);
   if (low > high) std::swap(low, high);

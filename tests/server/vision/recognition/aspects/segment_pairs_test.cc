@@ -53,12 +53,14 @@ const SegmentPair* At(const std::vector<SegmentPair>& pairs, const Eigen::Vector
 
 TEST(SegmentPairs, CornersOfATriangleAtAllTurnsAndUnderNoise) {
   for (int turn = 0; turn < 12; ++turn) {
-    for (const float sigma_px : {0.0f, 0.2f, 0.4f}) {
+    for (const float sigma_px : {0.0f, 0.15f, 0.3f}) {
       const auto angle = static_cast<float>(turn * M_PI / 6.0 + 0.1);
       SCOPED_TRACE(testing::Message()
                    << "turn " << turn << " noise " << sigma_px << " seed " << turn);
       const Polygon triangle = Triangle(angle);
-      const auto pairs = CollectSegmentPairs(Contours({triangle}, sigma_px, turn));
+      SegmentPairOptions options;
+      options.max_offset = 1.2 + 2.0 * sigma_px;
+      const auto pairs = CollectSegmentPairs(Contours({triangle}, sigma_px, turn), options);
       ASSERT_EQ(pairs.size(), 3u);
       const SegmentPair* right = At(pairs, triangle[0]);
       ASSERT_NE(right, nullptr);
@@ -89,7 +91,7 @@ TEST(SegmentPairs, AnArmGoesOnOverAGap) {
   const Eigen::Vector2f middle = 0.5f * (triangle[0] + triangle[1]);
   std::vector<Eigen::Vector2f> left;
   for (const Eigen::Vector2f& p : graph.points) {
-    if ((p - middle).norm() > 2.5f) left.push_back(p);
+    if ((p - middle).norm() > 1.8f) left.push_back(p);
   }
   const auto pairs =
       CollectSegmentPairs(TraceContours(MakePointRaster(kWidth, kHeight, left), 6.0));
