@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "server/vision/euclidean/pose_perturbation.h"
+#include "server/vision/geometry/pose_perturbation.h"
 #include "server/vision/station/station_filter.h"
 
 namespace horopter {
