@@ -90,6 +90,9 @@ class Examples(Workplace):
             for example in examples:
                 with self.subTest(example):
                     self.enrol()
+                    if path[0] == "station":  # whatever the example before left of it
+                        self.run_horopter("station", "set", "cell1")
+                        self.run_horopter("station", "import", "cell1", "left", "left.yaml")
                     if path == ("replay",):  # the answers must be of this catalog
                         shutil.rmtree(os.path.join(self.folder, "recordings"))
                         os.mkdir(os.path.join(self.folder, "recordings"))
