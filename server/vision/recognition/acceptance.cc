@@ -70,6 +70,8 @@ absl::Status Validate(const AcceptanceOptions& options) {
       {"aspects.even_alone", v.even_alone, Range::kShare},
       {"aspects.even_in_one_view", v.even_in_one_view, Range::kShare},
       {"aspects.sure_score", v.sure_score, Range::kShare},
+      {"aspects.accompanied_score", v.accompanied_score, Range::kShare},
+      {"aspects.companion_score", v.companion_score, Range::kShare},
       {"aspects.few_views_share", v.few_views_share, Range::kShare},
       {"aspects.few_views_more", v.few_views_more, Range::kShare},
       {"aspects.focal_spread_free", v.focal_spread_free, Range::kNotNegative},

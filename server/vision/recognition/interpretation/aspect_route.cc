@@ -11,6 +11,7 @@
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/aspect_search/object_ranking.h"
+#include "server/vision/recognition/interpretation/aspect_decision.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
@@ -48,39 +49,6 @@ std::vector<std::optional<AspectSceneView>> SceneViews(
     }
   }
   return out;
-}
-
-// What one part alone must score, for the views it links and the cameras it says they have.
-double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
-  std::vector<double> logs;
-  for (const auto& view : scene.views) {
-    if (view) logs.push_back(std::log(view->camera.focal_px));
-  }
-  const double n = static_cast<double>(logs.size());
-  if (logs.size() < 2) return options.even_in_one_view;
-  const double mean = std::accumulate(logs.begin(), logs.end(), 0.0) / n;
-  double squares = 0.0;
-  for (const double l : logs) squares += (l - mean) * (l - mean);
-  const double spread = std::sqrt(squares / n);
-  const bool few = n < options.few_views_share * static_cast<double>(scene.views.size());
-  return options.even_alone + (few ? options.few_views_more : 0.0) +
-         options.focal_spread_more * std::max(0.0, spread - options.focal_spread_free);
-}
-
-double ObjectProbability(const LinkedObject& o,
-                         const LinkedScene& scene,
-                         const AspectAcceptance& options) {
-  // Objects are best first. A second one of a part is what a view with a wrong camera makes of the
-  // first: it must be as sure as one alone.
-  const bool again = std::any_of(scene.objects.begin(), scene.objects.end(), [&](const auto& p) {
-    return p.object == o.object && p.score > o.score;
-  });
-  const double alone = EvenAlone(scene, options);
-  const double sure = options.sure_score + alone - options.even_alone;
-  const bool beside = scene.registered() > 1 && !again && scene.objects.front().score >= sure &&
-                      o.score < scene.objects.front().score;
-  const double even = beside ? options.even_score : alone;
-  return Logistic(options.score_weight * (o.score - even));
 }
 
 // The other route's object in this place of the images, -1: none.
@@ -219,7 +187,7 @@ RecognitionResult ToResult(const JointContext& context,
   const auto probability = [&](const LinkedObject& o) {
     const int k =
         known == nullptr ? -1 : KnownInPlace(context, views, o.object, o.scene_from_object, *known);
-    return std::max(ObjectProbability(o, scene, options), k >= 0 ? known->objects[k].score : 0.0);
+    return std::max(AspectProbability(o, scene, options), k >= 0 ? known->objects[k].score : 0.0);
   };
   RecognitionResult result;
   result.views.resize(scene.views.size());

@@ -1,0 +1,69 @@
+#include "server/vision/recognition/interpretation/aspect_decision.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <vector>
+
+#include "server/vision/recognition/scoring/log_odds.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kAgreeingViews = 3;
+constexpr double kAlikeShare = 0.5;  // of the free spread of focal lengths: right scenes have less
+
+// Deviation of the views' log focal lengths.
+double FocalSpread(const LinkedScene& scene) {
+  std::vector<double> logs;
+  for (const auto& view : scene.views) {
+    if (view) logs.push_back(std::log(view->camera.focal_px));
+  }
+  const double n = static_cast<double>(logs.size());
+  const double mean = std::accumulate(logs.begin(), logs.end(), 0.0) / n;
+  double squares = 0.0;
+  for (const double l : logs) squares += (l - mean) * (l - mean);
+  return std::sqrt(squares / n);
+}
+
+// What one part alone must score, for the views it links and the cameras it says they have.
+double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
+  if (scene.registered() < 2) return options.even_in_one_view;
+  const bool few =
+      scene.registered() < options.few_views_share * static_cast<double>(scene.views.size());
+  return options.even_alone + (few ? options.few_views_more : 0.0) +
+         options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
+}
+
+// Whether another part agrees with the best one on the cameras of three and more views, which are
+// much alike: cameras that adapted to a wrong part leave nothing for a second one.
+bool IsAccompanied(const LinkedScene& scene, const AspectAcceptance& options) {
+  if (scene.registered() < kAgreeingViews ||
+      scene.objects.front().score < options.accompanied_score ||
+      FocalSpread(scene) > kAlikeShare * options.focal_spread_free)
+    return false;
+  return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const LinkedObject& o) {
+    return o.object != scene.objects.front().object && o.score >= options.companion_score;
+  });
+}
+
+}  // namespace
+
+double AspectProbability(const LinkedObject& o,
+                         const LinkedScene& scene,
+                         const AspectAcceptance& options) {
+  // Objects are best first. A second one of a part is what a view with a wrong camera makes of the
+  // first: it must be as sure as one alone.
+  const bool again = std::any_of(scene.objects.begin(), scene.objects.end(), [&](const auto& p) {
+    return p.object == o.object && p.score > o.score;
+  });
+  const double alone = EvenAlone(scene, options);
+  const double sure = options.sure_score + alone - options.even_alone;
+  const bool beside = scene.registered() > 1 && scene.objects.front().score >= sure &&
+                      o.score < scene.objects.front().score;
+  const double even =
+      !again && (beside || IsAccompanied(scene, options)) ? options.even_score : alone;
+  return Logistic(options.score_weight * (o.score - even));
+}
+
+}  // namespace horopter

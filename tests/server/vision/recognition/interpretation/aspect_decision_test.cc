@@ -1,0 +1,83 @@
+#include "server/vision/recognition/interpretation/aspect_decision.h"
+
+#include <gtest/gtest.h>
+
+#include <initializer_list>
+
+namespace horopter {
+namespace {
+
+// `registered` of `views` views with these focal lengths in turn, objects of parts 0, 1, ... with
+// these scores.
+LinkedScene Scene(int registered,
+                  int views,
+                  std::initializer_list<double> scores,
+                  std::initializer_list<double> focals_px = {800.0}) {
+  LinkedScene scene;
+  scene.views.resize(views);
+  for (int v = 0; v < registered; ++v) {
+    scene.views[v].emplace();
+    scene.views[v]->camera.focal_px = focals_px.begin()[v % focals_px.size()];
+  }
+  for (const double score : scores) {
+    LinkedObject& o = scene.objects.emplace_back();
+    o.object = static_cast<int>(scene.objects.size()) - 1;
+    o.score = score;
+  }
+  return scene;
+}
+
+double Probability(const LinkedScene& scene, int object) {
+  return AspectProbability(scene.objects[object], scene, {});
+}
+
+TEST(AspectDecision, OnePartAloneIsEvenAtItsOwnScore) {
+  const AspectAcceptance options;
+  EXPECT_NEAR(Probability(Scene(4, 4, {options.even_alone}), 0), 0.5, 1e-9);
+  EXPECT_NEAR(Probability(Scene(1, 4, {options.even_in_one_view}), 0), 0.5, 1e-9);
+  EXPECT_NEAR(
+      Probability(Scene(2, 4, {options.even_alone + options.few_views_more}), 0), 0.5, 1e-9);
+  EXPECT_GT(Probability(Scene(4, 4, {0.62}), 0), 0.9);
+}
+
+TEST(AspectDecision, BesideASurePartLessIsEnough) {
+  EXPECT_NEAR(Probability(Scene(4, 4, {0.60, AspectAcceptance().even_score}), 1), 0.5, 1e-9);
+  EXPECT_LT(Probability(Scene(4, 4, {0.50, 0.46}), 1), 0.2);  // the first one is not sure
+  EXPECT_LT(Probability(Scene(1, 4, {0.60, 0.50}), 1), 0.2);  // one view agrees with itself
+}
+
+// Cameras that adapted to a wrong part leave nothing for a second one.
+TEST(AspectDecision, TwoPartsThatAgreeOnThreeViewsBearEachOtherOut) {
+  const LinkedScene two = Scene(4, 5, {0.53, 0.50});
+  EXPECT_LT(Probability(Scene(4, 5, {0.53}), 0), 0.6);
+  EXPECT_GT(Probability(two, 0), 0.9);
+  EXPECT_GT(Probability(two, 1), 0.8);
+  EXPECT_LT(Probability(Scene(2, 4, {0.53, 0.50}), 0), 0.3);  // of two views anything can be made
+  EXPECT_LT(Probability(Scene(4, 4, {0.49, 0.49}), 0), 0.3);  // neither says enough
+  EXPECT_LT(Probability(Scene(4, 4, {0.53, 0.44}), 0), 0.6);  // the second one does not
+  // Photographs of tools: focal lengths by which a turned part fits.
+  EXPECT_LT(Probability(Scene(4, 4, {0.53, 0.50}, {800.0, 1050.0}), 0), 0.6);
+  LinkedScene same = two;
+  same.objects[1].object = same.objects[0].object;  // what a wrong camera makes of the first
+  EXPECT_LT(Probability(same, 0), 0.6);
+  EXPECT_LT(Probability(same, 1), 0.5);
+}
+
+TEST(AspectDecision, FocalLengthsThatDifferMuchAskForMore) {
+  EXPECT_LT(Probability(Scene(4, 4, {0.56}, {500.0, 1400.0}), 0),
+            Probability(Scene(4, 4, {0.56}), 0) - 0.2);
+}
+
+TEST(AspectDecision, MoreScoreIsNeverLessSure) {
+  for (const int registered : {1, 2, 3, 4}) {
+    double before = 0.0;
+    for (double score = 0.0; score <= 1.0; score += 0.01) {
+      const double now = Probability(Scene(registered, 4, {score}), 0);
+      EXPECT_GE(now, before) << registered << " views, score " << score;
+      before = now;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace horopter
