@@ -17,7 +17,8 @@ namespace {
 constexpr double kK1Sigma = 0.03;
 constexpr double kHintedCenterSigmaPx = 1.0;
 constexpr double kHintedK1Sigma = 0.002;
-constexpr double kUnknownSigma = 1e6;  // of what another prior says
+constexpr double kUnknownSigma = 1e6;   // of what another prior says
+constexpr double kAspectScatter = 2.0;  // against the scatter of sharp edges
 constexpr std::size_t kFewestEdges = 8;
 // Of the rotation between two poses: below it they are different representatives (2.6 degrees; an
 // axis of revolution turns by the pose's own noise).
@@ -375,7 +376,11 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   RejectionOptions rejection = options.rejection;
   // Aspects were judged by the edges that others leave to see: hidden ones are no misfit.
-  if (r.observation.aspects) rejection.least_found = 0.0;
+  // ... and the rims and fillets of rich parts scatter more than sharp edges do.
+  if (r.observation.aspects) {
+    rejection.least_found = 0.0;
+    rejection.least_px *= kAspectScatter;
+  }
   const std::vector<int> misfits = FindMisfits(r.bundle, r.visible, rejection);
   if (!misfits.empty()) {
     for (const int k : misfits) out.findings.push_back(Rejected(recognition.objects[k].object));
