@@ -40,6 +40,29 @@ inline Rigid3 Turn(const Eigen::Vector3d& axis, double angle) {
   return {Eigen::AngleAxisd(angle, axis).toRotationMatrix(), Eigen::Vector3d::Zero()};
 }
 
+// An angle with arms of different length, a block of these half edges and an upright cylinder, each
+// with its symmetries.
+inline std::vector<PhotoPart> AngleBlockCylinder(const Eigen::Vector3d& block_half,
+                                                 double cylinder_radius,
+                                                 double cylinder_half) {
+  std::vector<PhotoPart> parts;
+  parts.push_back(MakePart(SweptMesh(
+      {{-0.03, -0.02}, {0.04, -0.02}, {0.04, 0.0}, {-0.01, 0.0}, {-0.01, 0.03}, {-0.03, 0.03}},
+      0.012)));
+  parts.push_back(MakePart(BoxMesh(block_half),
+                           {Turn(Eigen::Vector3d::UnitX(), M_PI),
+                            Turn(Eigen::Vector3d::UnitY(), M_PI),
+                            Turn(Eigen::Vector3d::UnitZ(), M_PI)}));
+  std::vector<Rigid3> round;
+  for (int i = 0; i < 36; ++i) {
+    const Rigid3 turn = Turn(Eigen::Vector3d::UnitZ(), i * M_PI / 18);
+    if (i > 0) round.push_back(turn);
+    round.push_back(turn * Turn(Eigen::Vector3d::UnitX(), M_PI));
+  }
+  parts.push_back(MakePart(CylinderMesh(cylinder_radius, cylinder_half, 64), round));
+  return parts;
+}
+
 // Render meshes as ShadedPhoto takes them.
 inline cv::Mat PhotoOf(const std::vector<std::pair<const RenderMesh*, Rigid3>>& parts,
                        const PinholeCamera& camera) {

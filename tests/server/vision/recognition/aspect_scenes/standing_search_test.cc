@@ -16,21 +16,7 @@ constexpr int kAngle = 0, kBlock = 1, kCylinder = 2;
 class StandingSearch : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    parts_ = new std::vector<PhotoPart>;
-    parts_->push_back(MakePart(SweptMesh(
-        {{-0.03, -0.02}, {0.04, -0.02}, {0.04, 0.0}, {-0.01, 0.0}, {-0.01, 0.03}, {-0.03, 0.03}},
-        0.012)));
-    parts_->push_back(MakePart(BoxMesh({0.03, 0.02, 0.012}),
-                               {Turn(Eigen::Vector3d::UnitX(), M_PI),
-                                Turn(Eigen::Vector3d::UnitY(), M_PI),
-                                Turn(Eigen::Vector3d::UnitZ(), M_PI)}));
-    std::vector<Rigid3> round;
-    for (int i = 0; i < 36; ++i) {
-      const Rigid3 turn = Turn(Eigen::Vector3d::UnitZ(), i * M_PI / 18);
-      if (i > 0) round.push_back(turn);
-      round.push_back(turn * Turn(Eigen::Vector3d::UnitX(), M_PI));
-    }
-    parts_->push_back(MakePart(CylinderMesh(0.018, 0.012, 64), round));
+    parts_ = new std::vector<PhotoPart>(AngleBlockCylinder({0.03, 0.02, 0.012}, 0.018, 0.012));
     for (const PhotoPart& p : *parts_) {
       list_.push_back({&p.object, &p.fragments, p.model.symmetries});
       list_.back().resting = {{Eigen::Vector3d::UnitZ(), 0.012},

@@ -1,0 +1,64 @@
+#!/usr/bin/env python3
+"""Objects that a decision over the scores of aspects would answer, right and wrong.
+
+    aspect_decision_report.py WITH [WITH ...] --without WITHOUT [WITHOUT ...] [--even 0.43] [--accompanied 0.52] [--companion 0.47]
+
+WITH and WITHOUT are what aspect_scene_report printed for data sets, with the scenes' parts and with --without-truth. The options
+are those of AspectAcceptance (--companion 9: no part bears another out); its conditions on focal lengths are left out. Prints
+the numbers of objects answered and how high the two best parts of scenes without truth come.
+"""
+import argparse
+import math
+import re
+
+SCENE = re.compile(r"scene (\d+) \S+: (\d+) of (\d+) views")
+OBJECT = re.compile(r"  object (\d+) score ([\d.]+) .*? px( WRONG)?,")
+ALONE, IN_ONE_VIEW, SURE, FEW_SHARE, FEW_MORE, WEIGHT, LEAST = 0.53, 0.58, 0.546, 0.55, 0.05, 25.0, 0.6
+
+
+def scenes(paths):
+    """(views linked, views, [(part, score, right)]) of each scene, best first."""
+    found = []
+    for path in paths:
+        with open(path, encoding="utf-8") as lines:
+            for line in lines:
+                if scene := SCENE.match(line):
+                    found.append((int(scene[2]), int(scene[3]), []))
+                elif thing := OBJECT.match(line):
+                    found[-1][2].append((int(thing[1]), float(thing[2]), thing[3] is None))
+    return found
+
+
+def answered(linked, views, objects, arguments):
+    alone = IN_ONE_VIEW if linked < 2 else ALONE + (FEW_MORE if linked < FEW_SHARE * views else 0.0)
+    borne_out = (linked >= 3 and objects[0][1] >= arguments.accompanied
+                 and any(o[1] >= arguments.companion and o[0] != objects[0][0] for o in objects[1:]))
+    for part, score, right in objects:
+        again = any(p == part and s > score for p, s, _ in objects)
+        beside = linked > 1 and objects[0][1] >= SURE + alone - ALONE and score < objects[0][1]
+        even = arguments.even if not again and (beside or borne_out) else alone
+        if 1.0 / (1.0 + math.exp(-WEIGHT * (score - even))) >= LEAST:
+            yield right
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("paths", nargs="+")
+    parser.add_argument("--without", nargs="+", default=[])
+    parser.add_argument("--even", type=float, default=0.43)
+    parser.add_argument("--accompanied", type=float, default=0.52)
+    parser.add_argument("--companion", type=float, default=0.47)
+    arguments = parser.parse_args()
+    right = [r for s in scenes(arguments.paths) if s[2] for r in answered(*s, arguments)]
+    others = scenes(arguments.without)
+    wrong = sum(1 for s in others if s[2] for _ in answered(*s, arguments))
+    print("%d right, %d wrong; without truth %d wrong" % (sum(right), len(right) - sum(right), wrong))
+    linked = [s for s in others if s[0] >= 3]
+    pairs = sorted((min(s[2][0][1], s[2][1][1]), s[2][0][1], s[2][1][1]) for s in linked if len(s[2]) > 1)
+    print("%d scenes without truth, %d of three views and more, %d with a second part" % (len(others), len(linked), len(pairs)))
+    for _, best, second in pairs[-3:]:
+        print("  %.3f and %.3f" % (best, second))
+
+
+if __name__ == "__main__":
+    main()
