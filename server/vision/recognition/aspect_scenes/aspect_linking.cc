@@ -455,8 +455,8 @@ class Linker {
       std::array<double, kJudged> scores{};
       ParallelFor(kJudged, options_.threads, [&](int k) {
         if (k >= static_cast<int>(order.size()) || best[order[k]] <= 0.0) return;
-        const AspectSceneObject settled = objects_.Settled(scene->views, candidates[order[k]]);
-        scores[k] = objects_.JudgeOne(scene->views, settled).score;
+        const auto settled = objects_.Settled(scene->views, candidates[order[k]]);
+        if (settled) scores[k] = objects_.JudgeOne(scene->views, *settled).score;
       });
       const auto most = std::max_element(scores.begin(), scores.end());
       if (*most <= 0.0) continue;

@@ -34,9 +34,9 @@ class SceneObjects {
               const AspectSceneObject& o) const;
   // Candidates adjusted alone and added where the images bear them out and nothing else is.
   void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const;
-  // An object adjusted alone, cameras held.
-  AspectSceneObject Settled(const std::vector<std::optional<AspectSceneView>>& views,
-                            const AspectSceneObject& placed) const;
+  // An object adjusted alone, cameras held; nothing when too few of its edges are there.
+  std::optional<AspectSceneObject> Settled(const std::vector<std::optional<AspectSceneView>>& views,
+                                           const AspectSceneObject& placed) const;
   LinkedScene Result(const AspectScene& scene) const;
 
  private:
@@ -53,11 +53,14 @@ class SceneObjects {
 };
 
 // An object's pose adjusted to the edges of all registered views, cameras held. render_px: see
-// PoseEdgeOptions.
-AspectSceneObject SettleInViews(std::span<const AspectImage> images,
-                                const RenderMesh& mesh,
-                                const std::vector<std::optional<AspectSceneView>>& views,
-                                AspectSceneObject placed,
-                                double render_px);
+// PoseEdgeOptions. Nothing when fewer than `least_met` of its edge points meet image edges after
+// the first round.
+std::optional<AspectSceneObject> SettleInViews(
+    std::span<const AspectImage> images,
+    const RenderMesh& mesh,
+    const std::vector<std::optional<AspectSceneView>>& views,
+    AspectSceneObject placed,
+    double render_px,
+    double least_met = 0.0);
 
 }  // namespace horopter

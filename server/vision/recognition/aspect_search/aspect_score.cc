@@ -323,13 +323,31 @@ AspectScore ScorePose(const AspectImage& image,
                       const AspectScoreOptions& options,
                       std::span<const PartLayer* const> others,
                       std::span<const SiblingView> siblings) {
-  AspectScore score;
-  if (image.width == 0) return score;
-  const PinholeCamera working = WorkingCamera(image, camera);
+  if (image.width == 0) return {};
   VisibleEdgeOptions rendering;
   rendering.render_px = options.render_px;
-  const VisibleEdges edges = FindVisibleEdges(mesh, working, camera_from_object, rendering);
-  if (edges.points.empty()) return score;
+  return ScoreEdges(
+      image,
+      mesh,
+      FindVisibleEdges(mesh, WorkingCamera(image, camera), camera_from_object, rendering),
+      camera,
+      camera_from_object,
+      options,
+      others,
+      siblings);
+}
+
+AspectScore ScoreEdges(const AspectImage& image,
+                       const RenderMesh& mesh,
+                       const VisibleEdges& edges,
+                       const PinholeCamera& camera,
+                       const Rigid3& camera_from_object,
+                       const AspectScoreOptions& options,
+                       std::span<const PartLayer* const> others,
+                       std::span<const SiblingView> siblings) {
+  AspectScore score;
+  if (image.width == 0 || edges.points.empty()) return score;
+  const PinholeCamera working = WorkingCamera(image, camera);
   const Seen seen{camera_from_object, others, options.hidden_share * mesh.diameter_m, siblings};
   ScoreModelEdges(image, edges, seen, options, &score);
   const double depth = (camera_from_object * mesh.center.cast<double>()).z();

@@ -84,6 +84,16 @@ AspectScore ScorePose(const AspectImage& image,
                       std::span<const PartLayer* const> others = {},
                       std::span<const SiblingView> siblings = {});
 
+// The same of given visible edges of the working image at that pose.
+AspectScore ScoreEdges(const AspectImage& image,
+                       const RenderMesh& mesh,
+                       const VisibleEdges& edges,
+                       const PinholeCamera& camera,
+                       const Rigid3& camera_from_object,
+                       const AspectScoreOptions& options = {},
+                       std::span<const PartLayer* const> others = {},
+                       std::span<const SiblingView> siblings = {});
+
 // What ScorePose needs of the others. Empty when nothing of the part is visible.
 PartLayer MakePartLayer(const AspectImage& image,
                         const RenderMesh& mesh,

@@ -19,6 +19,7 @@ constexpr int kVoteIterations = 6;
 constexpr int kCoarsePoints = 160;
 constexpr double kCoarseSearchShare = 0.03, kFineSearchShare = 0.015;
 constexpr double kCoarseSearchPx[] = {6.0, 14.0}, kFineSearchPx[] = {4.0, 8.0};  // least, most
+constexpr double kStalePx = 3.0;  // working pixels; poses that shifted by less keep their rendering
 
 // A pose on its way through the steps. Camera and score are of the original image.
 struct Candidate {
@@ -109,12 +110,17 @@ class Finder {
     refine.refine_focal = free_focal_;
     refine.nominal_focal_share = options_.nominal_focal_share;
     refine.log_focal_sigma = options_.log_focal_sigma;
-    const RefinedAspect refined = RefinePose(image_, mesh, c->camera, c->pose, refine);
+    VisibleEdgeOptions visible;
+    visible.render_px = render_px;
+    PoseRendering rendering(mesh, visible, kStalePx);
+    const RefinedAspect refined = RefinePose(image_, mesh, c->camera, c->pose, refine, &rendering);
     c->camera = refined.camera;
     c->pose = refined.camera_from_object;
-    AspectScoreOptions score;
-    score.render_px = render_px;
-    c->score = ScorePose(image_, mesh, c->camera, c->pose, score);
+    c->score = ScoreEdges(image_,
+                          mesh,
+                          rendering.At(WorkingCamera(image_, c->camera), c->pose),
+                          c->camera,
+                          c->pose);
     c->rank = c->score.score;
   }
 

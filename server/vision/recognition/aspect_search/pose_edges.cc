@@ -205,22 +205,26 @@ RefinedAspect Iterate(const AspectImage& image,
 
 }  // namespace
 
-std::vector<ModelEdgePoint> RenderedEdgePoints(const RenderMesh& mesh,
-                                               const PinholeCamera& camera,
-                                               const Rigid3& camera_from_object,
-                                               const PoseEdgeOptions& options) {
-  VisibleEdgeOptions rendering;
-  rendering.render_px = options.render_px;
-  const VisibleEdges edges = FindVisibleEdges(mesh, camera, camera_from_object, rendering);
+std::vector<ModelEdgePoint> ThinnedEdgePoints(const VisibleEdges& edges, int max_points) {
   std::vector<ModelEdgePoint> points;
   const std::size_t n = edges.points.size();
-  const std::size_t keep = std::min<std::size_t>(n, std::max(1, options.max_points));
+  const std::size_t keep = std::min<std::size_t>(n, std::max(1, max_points));
   points.reserve(keep);
   for (std::size_t k = 0; k < keep; ++k) {
     const VisibleEdgePoint& p = edges.points[k * n / keep];
     points.push_back({p.point, p.direction, 1.0f});
   }
   return points;
+}
+
+std::vector<ModelEdgePoint> RenderedEdgePoints(const RenderMesh& mesh,
+                                               const PinholeCamera& camera,
+                                               const Rigid3& camera_from_object,
+                                               const PoseEdgeOptions& options) {
+  VisibleEdgeOptions rendering;
+  rendering.render_px = options.render_px;
+  return ThinnedEdgePoints(FindVisibleEdges(mesh, camera, camera_from_object, rendering),
+                           options.max_points);
 }
 
 std::vector<PoseEdgeMatch> MatchPoseEdges(const AspectImage& image,
@@ -289,11 +293,24 @@ RefinedAspect RefinePose(const AspectImage& image,
                          const PinholeCamera& camera,
                          const Rigid3& camera_from_object,
                          const PoseEdgeOptions& options) {
+  VisibleEdgeOptions visible;
+  visible.render_px = options.render_px;
+  PoseRendering rendering(mesh, visible, 0.0);
+  return RefinePose(image, mesh, camera, camera_from_object, options, &rendering);
+}
+
+RefinedAspect RefinePose(const AspectImage& image,
+                         const RenderMesh& mesh,
+                         const PinholeCamera& camera,
+                         const Rigid3& camera_from_object,
+                         const PoseEdgeOptions& options,
+                         PoseRendering* rendering) {
   RefinedAspect refined{camera, camera_from_object, 0, 0.0};
   PoseEdgeOptions now = options;
   for (int i = 0; i < options.renderings && image.width > 0; ++i) {
-    const auto points =
-        RenderedEdgePoints(mesh, refined.camera, refined.camera_from_object, options);
+    const auto points = ThinnedEdgePoints(
+        rendering->At(WorkingCamera(image, refined.camera), refined.camera_from_object),
+        options.max_points);
     if (points.empty()) break;
     refined = RefinePose(
         image, points, mesh.center.cast<double>(), refined.camera, refined.camera_from_object, now);

@@ -8,6 +8,7 @@
 
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
+#include "server/vision/recognition/aspect_search/pose_rendering.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/aspects/render_mesh.h"
 #include "server/vision/recognition/aspects/visible_edges.h"
@@ -44,7 +45,10 @@ struct PoseEdgeOptions {
   double residual_sigma_px = 1.0;  // of a good match, working pixels
 };
 
-// Edge points of a rendering at this pose, thinned evenly to max_points.
+// Edge points thinned evenly to max_points.
+std::vector<ModelEdgePoint> ThinnedEdgePoints(const VisibleEdges& edges, int max_points);
+
+// ... of a rendering at this pose.
 std::vector<ModelEdgePoint> RenderedEdgePoints(const RenderMesh& mesh,
                                                const PinholeCamera& camera,
                                                const Rigid3& camera_from_object,
@@ -80,6 +84,14 @@ RefinedAspect RefinePose(const AspectImage& image,
                          const PinholeCamera& camera,
                          const Rigid3& camera_from_object,
                          const PoseEdgeOptions& options = {});
+
+// The same on edges of the working image that are kept as far as they serve.
+RefinedAspect RefinePose(const AspectImage& image,
+                         const RenderMesh& mesh,
+                         const PinholeCamera& camera,
+                         const Rigid3& camera_from_object,
+                         const PoseEdgeOptions& options,
+                         PoseRendering* rendering);
 
 // The same with given edge points and no rendering: `center` (object frame) is what rotations keep.
 RefinedAspect RefinePose(const AspectImage& image,
