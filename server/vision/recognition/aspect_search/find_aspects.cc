@@ -116,11 +116,8 @@ class Finder {
     const RefinedAspect refined = RefinePose(image_, mesh, c->camera, c->pose, refine, &rendering);
     c->camera = refined.camera;
     c->pose = refined.camera_from_object;
-    c->score = ScoreEdges(image_,
-                          mesh,
-                          rendering.At(WorkingCamera(image_, c->camera), c->pose),
-                          c->camera,
-                          c->pose);
+    c->score = ScoreEdges(
+        image_, mesh, rendering.At(WorkingCamera(image_, c->camera), c->pose), c->camera, c->pose);
     c->rank = c->score.score;
   }
 

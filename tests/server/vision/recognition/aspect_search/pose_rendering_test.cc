@@ -90,8 +90,8 @@ TEST(PoseRendering, EdgesFollowAPoseThatShiftsLittle) {
   rendering.At(Camera(), Pose());
   int followed = 0;
   for (int i = 0; i < 40; ++i) {
-    const Rigid3 pose =
-        Moved(0.02 * unit(random), 0.001 * Eigen::Vector3d(unit(random), unit(random), unit(random)));
+    const Rigid3 pose = Moved(0.02 * unit(random),
+                              0.001 * Eigen::Vector3d(unit(random), unit(random), unit(random)));
     PinholeCamera camera = Camera();
     camera.focal_px *= 1.0 + 0.005 * unit(random);
     if (PoseShiftPx(mesh, Camera(), Pose(), camera, pose) > kStalePx) continue;
@@ -131,8 +131,8 @@ TEST(PoseRendering, RendersAnewWhenThePoseHasLeft) {
   int rendered = 0;
   for (int i = 0; i < 30; ++i) {
     const Rigid3 pose = Moved(0.0, {0.0005 * i, 0, 0});
-    rendered += SamePoints(creeping.At(Camera(), pose),
-                           FindVisibleEdges(mesh, Camera(), pose, Options()));
+    rendered +=
+        SamePoints(creeping.At(Camera(), pose), FindVisibleEdges(mesh, Camera(), pose, Options()));
   }
   EXPECT_GE(rendered, 5);
   EXPECT_LE(rendered, 15);
