@@ -135,7 +135,7 @@ absl::Status RunStation(const PipelineOptions& options,
                         RefusalLog* log,
                         RecognitionInput* input,
                         PipelineResult* result) {
-  const SceneRequest hinted = WithStationHints(request, options.station);
+  const SceneRequest hinted = WithStationHints(request);
   const auto lenses = [](const SceneRequest& r) {
     return std::count_if(
         r.hints.begin(), r.hints.end(), [](const CameraHint& h) { return h.focal_px.has_value(); });
