@@ -239,6 +239,7 @@ PipelineOptions ResolveOptions(PipelineOptions options) {
   options.recognition.threads = options.threads;
   options.euclidean.threads = options.threads;
   options.euclidean.focal_start_widths = options.recognition.focal_start_widths;
+  options.euclidean.misfits = options.recognition.acceptance.misfits;
   return options;
 }
 

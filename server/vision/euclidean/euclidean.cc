@@ -18,9 +18,6 @@ constexpr double kK1Sigma = 0.03;
 constexpr double kHintedCenterSigmaPx = 1.0;
 constexpr double kHintedK1Sigma = 0.002;
 constexpr double kUnknownSigma = 1e6;  // of what another prior says
-// Scatter that parts found by their aspects may have, against sharp edges: a right one of cad-dev,
-// scene 17, has more than 0.8 px (`dataset recognize cad-dev val` after commit 588835a).
-constexpr double kAspectScatter = 2.0;
 constexpr std::size_t kFewestEdges = 8;
 // Of the rotation between two poses: below it they are different representatives (2.6 degrees; an
 // axis of revolution turns by the pose's own noise).
@@ -376,14 +373,13 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   for (int k = 0; k < static_cast<int>(recognition.objects.size()); ++k) kept.push_back(k);
   Refinement r = Begin(input, recognition, kept, group, options);
   HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
-  RejectionOptions rejection = options.rejection;
+  MisfitAcceptance acceptance = options.misfits;
   // Aspects were judged by the edges that others leave to see: hidden ones are no misfit.
-  // ... and the rims and fillets of rich parts scatter more than sharp edges do.
   if (r.observation.aspects) {
-    rejection.least_found = 0.0;
-    rejection.least_px *= kAspectScatter;
+    acceptance.least_found = 0.0;
+    acceptance.least_px *= acceptance.aspect_scatter;
   }
-  const std::vector<int> misfits = FindMisfits(r.bundle, r.visible, rejection);
+  const std::vector<int> misfits = FindMisfits(r.bundle, r.visible, acceptance);
   if (!misfits.empty()) {
     for (const int k : misfits) out.findings.push_back(Rejected(recognition.objects[k].object));
     std::erase_if(

@@ -146,15 +146,14 @@ std::vector<double> ScatterOfObjects(const SceneBundle& bundle) {
 // views that show enough of it; 1 without such a view.
 std::vector<double> FoundShares(const SceneBundle& bundle,
                                 std::span<const VisibleSamples> visible,
-                                double found_px) {
-  constexpr std::size_t kFewestSamples = 20;
+                                const MisfitAcceptance& acceptance) {
   std::map<std::pair<int, int>, double> found;
   for (const EdgeObservation& o : bundle.edges) {
-    found[{o.object, o.view}] += std::abs(o.residual_px) < found_px ? 1.0 : 0.0;
+    found[{o.object, o.view}] += std::abs(o.residual_px) < acceptance.found_px ? 1.0 : 0.0;
   }
   std::vector<std::vector<double>> shares(bundle.objects.size());
   for (const VisibleSamples& seen : visible) {
-    if (seen.samples.size() < kFewestSamples) continue;
+    if (static_cast<int>(seen.samples.size()) < acceptance.min_samples) continue;
     shares[seen.object].push_back(found[{seen.object, seen.view}] /
                                   static_cast<double>(seen.samples.size()));
   }
@@ -284,12 +283,12 @@ std::vector<ScaleSource> EstimateScales(const SceneBundle& bundle,
 
 std::vector<int> FindMisfits(const SceneBundle& bundle,
                              std::span<const VisibleSamples> visible,
-                             const RejectionOptions& options) {
+                             const MisfitAcceptance& acceptance) {
   const int n = static_cast<int>(bundle.objects.size());
   std::vector<int> out;
   if (n < 3) return out;
   const std::vector<double> scatter = ScatterOfObjects(bundle);
-  const std::vector<double> found = FoundShares(bundle, visible, options.found_px);
+  const std::vector<double> found = FoundShares(bundle, visible, acceptance);
   for (int k = 0; k < n; ++k) {
     std::vector<double> other_scatter, other_found;
     for (int j = 0; j < n; ++j) {
@@ -298,8 +297,8 @@ std::vector<int> FindMisfits(const SceneBundle& bundle,
       other_found.push_back(found[j]);
     }
     const double typical = MedianOf(std::move(other_scatter));
-    if (scatter[k] > std::max(options.least_px, options.factor * typical) ||
-        found[k] < options.least_found * MedianOf(std::move(other_found))) {
+    if (scatter[k] > std::max(acceptance.least_px, acceptance.factor * typical) ||
+        found[k] < acceptance.least_found * MedianOf(std::move(other_found))) {
       out.push_back(k);
     }
   }

@@ -19,8 +19,6 @@ namespace {
 
 constexpr int kLeading = 12;  // of a shortlist: these decide whether aspects come first
 constexpr double kKnownSceneLogSigma = 0.02;  // of the cameras of another route's answer
-constexpr double kSamePlaceShare = 0.2;       // of the size: centres nearer are one place
-constexpr double kApartShare = 0.4;  // of the smaller diameter: nearer centres are one place
 constexpr double kNearM = 1e-3;
 constexpr double kKnownLogSigma = 0.1;  // a focal length known better is not searched for
 
@@ -70,7 +68,8 @@ int KnownInPlace(const JointContext& context,
     for (std::size_t k = 0; k < known.objects.size(); ++k) {
       const SceneObject& other = known.objects[k];
       if (other.object == object_index &&
-          (here - seen(*known.views[v], other.scene_from_object)).norm() < kSamePlaceShare * size) {
+          (here - seen(*known.views[v], other.scene_from_object)).norm() <
+              context.options.acceptance.aspects.same_place_share * size) {
         return static_cast<int>(k);
       }
     }
@@ -108,7 +107,8 @@ void KeepKnown(const JointContext& context,
         std::any_of(result->objects.begin(), result->objects.end(), [&](const SceneObject& o) {
           const double smaller = std::min(context.objects[o.object]->model.diameter_m,
                                           context.objects[lost.object]->model.diameter_m);
-          return (center(o) - center(lost)).norm() < kApartShare * smaller;
+          return (center(o) - center(lost)).norm() <
+                 context.options.acceptance.aspects.apart_share * smaller;
         });
     if (!taken) result->objects.push_back(std::move(lost));
   }
