@@ -419,7 +419,7 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
 SceneFrames AddSceneFrames(const MetricScene& metric, TransformGraph* graph) {
   SceneFrames out;
   // The first known camera holds the coordinates in which the covariance is stated; the scene frame
-  // is tied to the first object.
+  // is fixed to the first object.
   const int origin = graph->AddFrame("adjustment");
   const bool known = metric.covariance.matrix.size() > 0;
   const int first = known ? graph->AddUncertainty(metric.covariance.matrix) : 0;

@@ -167,8 +167,8 @@ NormalEquations Linearize(const SceneBundle& bundle,
     out.b.segment<4>(layout.view[v] + 6) += w.cwiseProduct(r);
     out.cost += r.squaredNorm();
   }
-  AddLikeness(bundle.views, bundle.alike, IntrinsicsColumns(layout), &out.A, &out.b);
-  out.cost += LikenessCost(bundle.views, bundle.alike);
+  AddSimilarity(bundle.views, bundle.alike, IntrinsicsColumns(layout), &out.A, &out.b);
+  out.cost += SimilarityCost(bundle.views, bundle.alike);
   AddGroupPrior(bundle.group, bundle.views, layout.view, &out.A, &out.b);
   out.cost += GroupCost(bundle.group, bundle.views);
   return out;
@@ -355,7 +355,7 @@ double BundleCost(const SceneBundle& bundle, int threads) {
   for (std::size_t v = 0; v < bundle.views.size(); ++v) {
     if (bundle.views[v].known) cost += PriorResiduals(bundle, static_cast<int>(v)).squaredNorm();
   }
-  return cost + LikenessCost(bundle.views, bundle.alike) + GroupCost(bundle.group, bundle.views);
+  return cost + SimilarityCost(bundle.views, bundle.alike) + GroupCost(bundle.group, bundle.views);
 }
 
 bool AdjustBundle(const SceneBundleOptions& options, SceneBundle* bundle) {

@@ -98,9 +98,9 @@ struct AlternativeAcceptance {
   // Difference in texture (log odds) that decides alone: shadow and what stands before a plain part
   // say as much by chance as less. Commit 5f7c679, parts-dev and the real photographs.
   double clear_texture = 3.5;
-  // Lead in score that decides between two poses of one object, whatever they gain: gain prices
-  // predicted edges that are not seen, and the pose that shows a pocket predicts more of them.
-  // Commit 5f7c679, parts-dev.
+  // Lead in score that decides between two poses of one object, whatever their description-length
+  // gain, which penalises predicted edges that are not seen, and the pose that shows a pocket
+  // predicts more of them. Commit 5f7c679, parts-dev.
   double clear_lead = 0.01;
   // Of score a unit of sharpness is worth between such poses. Commit 584e846, parts-dev.
   double sharpness_weight = 0.2;

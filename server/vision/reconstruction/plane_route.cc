@@ -302,7 +302,9 @@ void Export(const Bundle& bundle, const Component& component, Reconstruction* re
   result->counts["observations"] = observations;
 }
 
-void DecideTrust(const ReconstructionOptions& options, double rival_ratio, Reconstruction* result) {
+void DecideTrust(const ReconstructionOptions& options,
+                 double alternative_ratio,
+                 Reconstruction* result) {
   double sigma = 0.0;
   int registered = 0;
   for (const auto& view : result->views) {
@@ -332,11 +334,11 @@ void DecideTrust(const ReconstructionOptions& options, double rival_ratio, Recon
                   "focal length known to %.0f %%, need %.0f %%",
                   100 * std::min(sigma, 10.0),
                   100 * kMaxTrustedFocalSigma);
-  } else if (rival_ratio < 1.1) {
+  } else if (alternative_ratio < 1.1) {
     std::snprintf(text,
                   sizeof(text),
                   "a different calibration costs only %.2f times as much, need 1.1",
-                  rival_ratio);
+                  alternative_ratio);
   }
   result->refusal = text;
   result->trusted = result->refusal.empty();
@@ -405,14 +407,14 @@ absl::StatusOr<Reconstruction> ReconstructFromPlane(const MatchingResult& matchi
     result.refusal = text;
     return result;
   }
-  double rival_ratio = 1e9;
+  double alternative_ratio = 1e9;
   if (solutions.size() > 1 &&
       std::abs(std::log(best.views[0].focal_px / solutions[1].bundle.views[0].focal_px)) > 0.1) {
-    rival_ratio = (solutions[1].cost + 1e-6) / (solutions[0].cost + 1e-6);
+    alternative_ratio = (solutions[1].cost + 1e-6) / (solutions[0].cost + 1e-6);
   }
   result.has_plane = true;
   Export(best, component, &result);
-  DecideTrust(options, rival_ratio, &result);
+  DecideTrust(options, alternative_ratio, &result);
   return result;
 }
 

@@ -115,11 +115,11 @@ void Decide(const MultiviewTracks& tracks,
   } else if (InFront(tracks, projective, result->scene) < 0.99) {
     result->outcome = MetricOutcome::kCameraModel;
     result->reason = "points behind the cameras";
-  } else if (result->rival_gap < options.min_rival_gap) {
+  } else if (result->alternative_gap < options.min_alternative_gap) {
     result->outcome = MetricOutcome::kAmbiguous;
     result->reason = Text("a different calibration is worse by chi^2 %.1f only, need %.1f",
-                          result->rival_gap,
-                          options.min_rival_gap);
+                          result->alternative_gap,
+                          options.min_alternative_gap);
   } else {
     result->outcome = MetricOutcome::kMetric;
   }
@@ -166,7 +166,7 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
   result.scene.points.resize(tracks.points);
   result.scene.lines.resize(tracks.lines);
   result.mirrored.assign(tracks.sizes.size(), false);
-  result.rival_gap = std::numeric_limits<double>::infinity();
+  result.alternative_gap = std::numeric_limits<double>::infinity();
 
   const auto frame = FindQuasiAffineFrame(tracks, projective);
   if (!frame) {
@@ -213,7 +213,7 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
     if (found[k].dropped != found[0].dropped || SameCalibration(found[0].scene, found[k].scene)) {
       continue;
     }
-    result.rival_gap = 2.0 * (found[k].summary.cost - found[0].summary.cost);
+    result.alternative_gap = 2.0 * (found[k].summary.cost - found[0].summary.cost);
     break;
   }
   CalibratedBundleOptions last = options.bundle;

@@ -112,7 +112,7 @@ class Linker {
     return turned;
   }
 
-  // A seed's scene before other hypotheses are carried over, and what it explains.
+  // An initial hypothesis' scene before other hypotheses are carried over, and what it explains.
   struct Draft {
     AspectScene scene;
     double score = 0.0;
@@ -120,15 +120,15 @@ class Linker {
 
   // The best links adjusted first to what their views say, then to the images, with what both views
   // show of other objects; those that explain nearly as much as the best, best first.
-  std::vector<Draft> Drafts(const std::vector<GrownScene>& seeds) const {
+  std::vector<Draft> Drafts(const std::vector<GrownScene>& starts) const {
     std::vector<Draft> drafts;
-    for (const GrownScene& seed : seeds) {
-      if (static_cast<int>(drafts.size()) >= options_.adjusted_seeds || IsStopRequested(stop_))
+    for (const GrownScene& start : starts) {
+      if (static_cast<int>(drafts.size()) >= options_.adjusted_links || IsStopRequested(stop_))
         break;
       Draft draft;
-      draft.scene.views = seed.views;
-      for (const GrownObject& o : seed.objects) draft.scene.objects.push_back(o.placed);
-      links_.AdjustToHypotheses(seed, &draft.scene);
+      draft.scene.views = start.views;
+      for (const GrownObject& o : start.objects) draft.scene.objects.push_back(o.placed);
+      links_.AdjustToHypotheses(start, &draft.scene);
       AdjustCoarsely(&draft.scene);
       if (objects_.Sift(&draft.scene) > 0.0) CarryOver(kDraftCarried, &draft.scene);
       draft.score = objects_.Sift(&draft.scene);
@@ -460,8 +460,8 @@ class Linker {
       });
       const auto most = std::max_element(scores.begin(), scores.end());
       if (*most <= 0.0) continue;
-      o.runner_up = *most;
-      o.runner_up_object = order[most - scores.begin()];
+      o.competing_score = *most;
+      o.competing_object = order[most - scores.begin()];
     }
   }
 

@@ -1,6 +1,6 @@
 // Poses of parts that stand on the supporting plane. With the cameras known in the plane's frame a
 // pose has three unknowns: one edge of one image gives them all, and every view judges the result.
-// Where the scale is unknown too, see table_seeds.h.
+// Where the scale is unknown too, see plane_initialization.h.
 #pragma once
 
 #include <Eigen/Core>

@@ -301,7 +301,7 @@ std::vector<SceneModel> ProjectiveInitialScenes(const JointContext& context,
       scenes.push_back(*std::move(scene));
     }
   }
-  KeepBest(&scenes, scenes.size(), [](const SceneModel& s) { return s.gain; });
+  KeepBest(&scenes, scenes.size(), [](const SceneModel& s) { return s.description_gain; });
   return scenes;
 }
 

@@ -191,7 +191,7 @@ std::optional<SceneModel> RefinedHypothesis(const JointContext& context,
   if (!RefineScene(context, refine, &scene)) return std::nullopt;
   VerifyScratch scratch;
   EvaluatePlacement(context, scene.views, {}, &scratch, &scene.objects[0]);
-  scene.gain = scene.objects[0].gain;
+  scene.description_gain = scene.objects[0].description_gain;
   return scene;
 }
 

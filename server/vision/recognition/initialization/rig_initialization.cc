@@ -94,8 +94,9 @@ std::vector<SceneModel> RigInitialScenes(const JointContext& context,
     if (scene) scenes[i] = *std::move(scene);
   });
   std::erase_if(scenes, [](const SceneModel& s) { return s.objects.empty(); });
-  std::stable_sort(
-      scenes.begin(), scenes.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
+  std::stable_sort(scenes.begin(), scenes.end(), [](const auto& x, const auto& y) {
+    return x.description_gain > y.description_gain;
+  });
   return scenes;
 }
 

@@ -140,14 +140,14 @@ SceneObject ToAnswer(const LinkedObject& o, double probability) {
   return out;
 }
 
-// With its runner-up where that is closer than `ambiguity_gap`.
+// With its best competing placement where that is closer than `ambiguity_gap`.
 void AddAnswer(const LinkedObject& o,
                double probability,
                double ambiguity_gap,
                RecognitionResult* result) {
   SceneObject answer = ToAnswer(o, probability);
-  if (o.runner_up_object >= 0 && o.runner_up > o.score - ambiguity_gap) {
-    answer.alternatives.push_back(o.runner_up_object);
+  if (o.competing_object >= 0 && o.competing_score > o.score - ambiguity_gap) {
+    answer.alternatives.push_back(o.competing_object);
     result->state = RecognitionState::kAmbiguous;
   }
   result->objects.push_back(std::move(answer));
@@ -290,7 +290,7 @@ std::optional<AspectScene> KnownScene(const RecognitionResult& answer, const Asp
 void ToCatalog(const AspectSearch& search, LinkedScene* scene) {
   for (LinkedObject& o : scene->objects) {
     o.object = search.objects[o.object];
-    if (o.runner_up_object >= 0) o.runner_up_object = search.objects[o.runner_up_object];
+    if (o.competing_object >= 0) o.competing_object = search.objects[o.competing_object];
   }
 }
 

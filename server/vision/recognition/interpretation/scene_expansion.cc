@@ -68,7 +68,7 @@ bool Supports(const JointContext& context,
               const SupportingPlane& plane) {
   double on = 0.0, behind = 0.0;
   for (const PlacedObject& p : placements) {
-    if (p.gain <= 0 || p.score < options.acceptance.min_score) continue;
+    if (p.description_gain <= 0 || p.score < options.acceptance.min_score) continue;
     const double height =
         HeightAbovePlane(*context.objects[p.object], p.scene_from_object, plane).lowest_m;
     if (std::abs(height) < options.acceptance.plane_tolerance_m)
@@ -139,17 +139,17 @@ bool IsAcceptable(const JointContext& context,
                   const SceneModel& scene,
                   const PlacedObject& p) {
   if (p.score < options.acceptance.min_score) return false;
-  if (!scene.plane) return p.gain > 0;
+  if (!scene.plane) return p.description_gain > 0;
   const double height =
       HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene.plane).lowest_m;
   if (height < -2 * options.acceptance.plane_tolerance_m)
     return false;  // below the supporting plane
-  if (p.score >= options.acceptance.off_plane_score) return p.gain > 0;
+  if (p.score >= options.acceptance.off_plane_score) return p.description_gain > 0;
   if (!IsUprightPart(
           options.acceptance, *context.objects[p.object], p.scene_from_object, *scene.plane))
     return false;
   if (EdgeLogLikelihoodRatio(p.score, p.total.Sharpness()) >= options.acceptance.floating_log_odds)
-    return p.gain > 0;
+    return p.description_gain > 0;
   // Camouflaged parts lack edges that they should show: what they stand on speaks for them.
   return height < options.acceptance.plane_tolerance_m ||
          StandsOnPart(context, options, scene, p, height);
@@ -225,7 +225,7 @@ std::optional<SupportingPlane> PlaneOfPlacements(
     const ExpansionOptions& options) {
   std::vector<const PlacedObject*> voters;
   for (const PlacedObject& p : placements) {
-    if (p.gain > 0 && p.score >= options.acceptance.min_score) voters.push_back(&p);
+    if (p.description_gain > 0 && p.score >= options.acceptance.min_score) voters.push_back(&p);
   }
   std::stable_sort(voters.begin(), voters.end(), [&](const auto* x, const auto* y) {
     return Priority(options.acceptance, *x) > Priority(options.acceptance, *y);
@@ -281,7 +281,7 @@ void Consolidate(const JointContext& context,
                  SceneModel* scene) {
   const std::vector<PlacedObject> before = std::move(scene->objects);
   scene->objects.clear();
-  scene->gain = 0.0;
+  scene->description_gain = 0.0;
   scene->plane = PlaneFromMatches(context, scene->views);
   if (scene->plane) scene->plane = PlaneUnderParts(context, before, *scene->plane);
   if (scene->plane && !Supports(context, options, candidates, *scene->plane)) scene->plane.reset();
@@ -311,7 +311,7 @@ void Consolidate(const JointContext& context,
     accepted_parts.Add(accepted);
     const PreparedObject& object = *context.objects[accepted.object];
     scene->objects.push_back(accepted);
-    scene->gain += std::max(0.0, accepted.gain);
+    scene->description_gain += std::max(0.0, accepted.description_gain);
     dead[best] = true;
     for (std::size_t i = 0; i < candidates.size(); ++i) {
       if (dead[i] || !MeetInView(context, scene->views, accepted, candidates[i])) continue;

@@ -23,10 +23,10 @@ constexpr double kFarPx = 1e9;
 
 void Evaluate(const JointContext& context, SceneModel* scene) {
   VerifyScratch scratch;
-  scene->gain = 0.0;
+  scene->description_gain = 0.0;
   for (PlacedObject& o : scene->objects) {
     EvaluatePlacement(context, scene->views, {}, &scratch, &o);
-    scene->gain += std::max(0.0, o.gain);
+    scene->description_gain += std::max(0.0, o.description_gain);
   }
 }
 
