@@ -141,6 +141,22 @@ class RefusalNotes {
   std::vector<PlacedObject> before_;
 };
 
+// A scene that is doubtful is not answered at all.
+void RefuseScene(const JointContext& context,
+                 std::span<const double> best_competing,
+                 SceneModel* scene,
+                 RefusalNotes* notes) {
+  const double probability = SceneProbability(context, *scene, best_competing);
+  const double needed = context.options.acceptance.scene.min_probability;
+  scene->objects.clear();
+  const bool unlikely = probability < needed;
+  notes->Left(*scene,
+              unlikely ? AcceptanceTest::kChance : AcceptanceTest::kFocal,
+              unlikely ? needed : 0.0,
+              [&](const PlacedObject&) { return probability; });
+  scene->views.assign(scene->views.size(), std::nullopt);
+}
+
 // What is answered of the best scene: symmetric views aligned, alternatives heard, what chance
 // explains left out.
 RecognitionResult Conclude(const RecognitionInput& input,
@@ -171,17 +187,7 @@ RecognitionResult Conclude(const RecognitionInput& input,
   notes.Left(scene, AcceptanceTest::kChance, 0.0, ObjectProbability);
   best.best_competing = BestCompeting(*context, scene, best.verified, alternatives);
   const std::string doubt = ReasonToDoubt(*context, scene, best.best_competing);
-  if (!doubt.empty()) {
-    const double probability = SceneProbability(*context, scene, best.best_competing);
-    const double needed = context->options.acceptance.scene.min_probability;
-    scene.objects.clear();
-    const bool unlikely = probability < needed;
-    notes.Left(scene,
-               unlikely ? AcceptanceTest::kChance : AcceptanceTest::kFocal,
-               unlikely ? needed : 0.0,
-               [&](const PlacedObject&) { return probability; });
-    scene.views.assign(input.features.size(), std::nullopt);
-  }
+  if (!doubt.empty()) RefuseScene(*context, best.best_competing, &scene, &notes);
   // A single part that the cameras hang on leaves them free to adapt to a wrong pose of it.
   const bool trusted = scene.objects.size() > 1 || CamerasTrusted(input);
   BeginStep(*context, "result");
