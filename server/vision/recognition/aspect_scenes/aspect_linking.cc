@@ -21,13 +21,13 @@ constexpr double kDoubtfulShare = 0.5;   // of what the middle view shows: looke
 constexpr double kPoorShare = 0.4;       // ... and left out when that did not help
 constexpr double kBetterScore = 0.06;    // of another pose of an object in one view
 constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
-constexpr double kNearM = 1e-3;
-constexpr int kCoarsePoints = 120;
-constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;    // score of one whose place is taken
-constexpr double kTurnedScore = 0.01;   // by which another turn must be better
-constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
-constexpr int kSwept = 2;               // parts that are looked for at all places of a view
+constexpr double kNearM = 1e-3;          // points nearer to the camera plane have no image
+constexpr int kCoarsePoints = 120;       // of an object and view, for drafts; chosen, for time
+constexpr int kDraftCarried = 8;         // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;     // score of one whose place is taken
+constexpr double kTurnedScore = 0.01;    // by which another turn must be better
+constexpr std::size_t kFewObjects = 2;   // a scene with more is sure of its views by agreement
+constexpr int kSwept = 2;                // parts that are looked for at all places of a view
 constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
 
 class Linker {
@@ -451,7 +451,7 @@ class Linker {
       std::vector<int> order(best.size());
       std::iota(order.begin(), order.end(), 0);
       std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return best[a] > best[b]; });
-      constexpr int kJudged = 4;
+      constexpr int kJudged = 4;  // best ones that are judged in full; chosen, for time
       std::array<double, kJudged> scores{};
       ParallelFor(kJudged, options_.threads, [&](int k) {
         if (k >= static_cast<int>(order.size()) || best[order[k]] <= 0.0) return;

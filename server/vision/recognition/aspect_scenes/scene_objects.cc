@@ -8,9 +8,9 @@
 namespace horopter {
 namespace {
 
-constexpr double kChanceScore = 0.4;  // what a wrong pose reaches in one image
-constexpr double kShownScore = 0.35;  // of the best object in a view whose camera is right
-constexpr double kNearM = 1e-3;
+constexpr double kChanceScore = 0.4;      // what a wrong pose reaches in one image
+constexpr double kShownScore = 0.35;      // of the best object in a view whose camera is right
+constexpr double kNearM = 1e-3;           // points nearer to the camera plane have no image
 constexpr double kPresumedRecall = 0.55;  // enough to let a small printed part grow
 constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
 
