@@ -263,9 +263,6 @@ TEST(RecognitionOptions, AreCheckedFieldByField) {
   options = {};
   options.acceptance.scene.min_parallax_rad = -1.0;
   EXPECT_NE(message(options).find("acceptance.scene.min_parallax_rad"), std::string::npos);
-  options = {};
-  options.acceptance.misfits.factor = 0.0;
-  EXPECT_NE(message(options).find("acceptance.misfits.factor"), std::string::npos);
   const MatchedScene scene = MakeMatchedScene(Prepared({LBracket()}), 2, 0.0, 8);
   EXPECT_EQ(RecognizeObjects(scene.Input(), options).status().code(),
             absl::StatusCode::kInvalidArgument);
