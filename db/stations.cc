@@ -171,7 +171,7 @@ absl::StatusOr<StationRecord> Catalog::WriteStation(const std::string& id,
   const std::lock_guard lock(mutex_);
   sqlite3* db = connection_->handle.get();
   StationRecord written;
-  HOROPTER_RETURN_IF_ERROR(RunInTransaction(db, [&]() -> absl::Status {
+  const absl::Status done = RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(std::vector<StationRecord> found, ReadStations(db, id, true, 1));
     std::vector<StationEventRecord> events;
     HOROPTER_ASSIGN_OR_RETURN(written, change(found.empty() ? nullptr : &found.front(), &events));
@@ -180,7 +180,8 @@ absl::StatusOr<StationRecord> Catalog::WriteStation(const std::string& id,
     HOROPTER_RETURN_IF_ERROR(WriteRow(db, written));
     HOROPTER_RETURN_IF_ERROR(WriteHandEye(db, written));
     return AddEvents(db, id, events);
-  }));
+  });
+  HOROPTER_RETURN_IF_ERROR(done);
   return written;
 }
 

@@ -17,7 +17,7 @@ using index_internal::Split;
 
 namespace {
 
-// R*-tree: the share of an overflowing node's entries that is inserted anew.
+// R*-tree: the share of an overflowing node's entries that is reinserted.
 constexpr double kReinsertShare = 0.3;
 // R*-tree: overlap is compared among this many children of least enlargement.
 constexpr size_t kOverlapCandidates = 32;
@@ -153,7 +153,7 @@ void XTree::Overflow(std::vector<PathStep>& path, uint64_t* reinserted_levels) {
   }
 }
 
-// R*-tree, 4.3: the entries farthest from the centre are inserted anew, the nearest of them first.
+// R*-tree, 4.3: the entries farthest from the centre are reinserted, the nearest of them first.
 void XTree::Reinsert(std::vector<PathStep>& path, uint64_t* reinserted_levels) {
   Node& node = *path.back().node;
   const Entry bounds = node.Bounds();

@@ -135,7 +135,7 @@ absl::Status RunStation(const PipelineOptions& options,
                         RefusalLog* log,
                         RecognitionInput* input,
                         PipelineResult* result) {
-  const SceneRequest hinted = WithStationHints(request, options.station);
+  const SceneRequest hinted = WithStationHints(request);
   const auto lenses = [](const SceneRequest& r) {
     return std::count_if(
         r.hints.begin(), r.hints.end(), [](const CameraHint& h) { return h.focal_px.has_value(); });
@@ -239,6 +239,7 @@ PipelineOptions ResolveOptions(PipelineOptions options) {
   options.recognition.threads = options.threads;
   options.euclidean.threads = options.threads;
   options.euclidean.focal_start_widths = options.recognition.focal_start_widths;
+  options.euclidean.misfits = options.recognition.acceptance.misfits;
   return options;
 }
 

@@ -87,7 +87,7 @@ struct PipelineResult {
 
 // The options as the stages see them: what several stages share has one place in the tree, and is
 // copied from there to the others. `threads` goes to matching, recognition and euclidean,
-// recognition's focal_start_widths to euclidean.
+// recognition's focal_start_widths and misfits to euclidean.
 PipelineOptions ResolveOptions(PipelineOptions options);
 
 // Recognises the catalog's objects in a set of images of one static scene, with the options that

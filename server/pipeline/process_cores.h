@@ -9,7 +9,7 @@ namespace horopter {
 void SetProcessCores(int cores);
 
 // Freed memory up to the size of an image stays with the process: given back to the system after
-// each request and taken anew, it costs a request of four VGA images 800 page faults, more
+// each request and taken again, it costs a request of four VGA images 800 page faults, more
 // processor time than all of the service. To be called before threads are started.
 void KeepFreedMemory();
 

@@ -50,7 +50,7 @@ bool HasMoved(const StationTest& test, int camera) {
   });
 }
 
-SceneRequest WithStationHints(const SceneRequest& request, const StationOptions&) {
+SceneRequest WithStationHints(const SceneRequest& request) {
   SceneRequest out = request;
   const StationRequest& station = *request.station;
   const std::size_t n = request.images.size();

@@ -25,7 +25,7 @@ struct StationOutcome {
   bool prior_used = false;
   CameraEvidence evidence;  // to learn from; empty: nothing was recognised
   // By a reference object in the robot's base frame, one per image; empty: none was seen.
-  std::vector<std::optional<Rigid3>> base_from_camera;
+  std::vector<std::optional<Rigid3>> base_from_camera = {};
 };
 
 // Whether the test says that the images fit the cameras in another order.
@@ -36,7 +36,7 @@ bool HasMoved(const StationTest& test, int camera);
 
 // The request with what is known of its cameras as hints, for recognition: lenses where the caller
 // says nothing of them, and places in the rig. The same request where nothing is known.
-SceneRequest WithStationHints(const SceneRequest& request, const StationOptions& options);
+SceneRequest WithStationHints(const SceneRequest& request);
 
 // The request with the cameras' places in the robot's base frame, where the caller says nothing of
 // them: by their hand-eye calibrations and, for the others, through the rig. Cameras that the test

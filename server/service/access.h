@@ -51,7 +51,7 @@ struct AccessList {
 absl::StatusOr<AccessList> ParseAccessList(std::string_view text);
 
 struct AccessOptions {
-  std::string file;         // access file; empty: every caller is an admin without a name
+  std::string file = {};    // access file; empty: every caller is an admin without a name
   bool admin_calls = true;  // false: calls that need an admin are refused, whoever asks
 };
 

@@ -126,12 +126,12 @@ void ReportScene(const std::vector<BopImage>& images,
     }
     std::sort(errors.begin(), errors.end());
     std::cout << absl::StrFormat(
-        "  object %d score %.3f precision %.3f runner-up %.3f worst %.3f: right in %d of %d views, "
+        "  object %d score %.3f precision %.3f competing %.3f worst %.3f: right in %d of %d views, "
         "median %.1f px%s, log odds of the true turn %.1f\n",
         catalog.obj_ids[o.object],
         o.score,
         o.precision,
-        o.runner_up,
+        o.competing_score,
         worst_score,
         right,
         right + wrong,

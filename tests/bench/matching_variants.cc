@@ -127,13 +127,13 @@ std::vector<Variant> Variants() {
     Variant v;
     v.known = known;
     v.options.assignment.method = AssignmentMethod::kGreedy;
-    v.options.likeness.correlation = false;
+    v.options.similarity.correlation = false;
     const auto add = [&](const char* name) {
       v.name = std::string(name) + suffix;
       variants.push_back(v);
     };
     add("parameters");
-    v.options.likeness.correlation = true;
+    v.options.similarity.correlation = true;
     add("+ correlation");
     v.options.assignment.method = AssignmentMethod::kRandomWalks;
     v.options.transformations = false;

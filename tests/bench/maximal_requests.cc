@@ -146,8 +146,8 @@ int Main(int argc, char** argv) {
   const int64_t held = before + info.limits().memory_bytes() + 4 * message;
   const int64_t ceiling = held + held / 20;
   for (const auto& [code, times] : outcomes.codes) std::printf("%8d  %s\n", times, code.c_str());
-  for (const auto& [message, times] : outcomes.messages) {
-    std::printf("%8d  %s\n", times, message.c_str());
+  for (const auto& [text, times] : outcomes.messages) {
+    std::printf("%8d  %s\n", times, text.c_str());
   }
   std::printf("%d requests of %.1f MB at once: %.0f MB before, peak %.0f MB, ceiling %.0f MB\n",
               calls,

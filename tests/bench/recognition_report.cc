@@ -237,7 +237,7 @@ void RunTrial(const Bench& bench, const std::string& trial, const Enrolled& cata
         t.supported,
         t.Precision(),
         t.RecallInside(),
-        placed.gain,
+        placed.description_gain,
         static_cast<int>(result->objects.size()),
         front.reconstruction.trusted ? 1 : 0,
         static_cast<int>(answered.alternatives.size()),

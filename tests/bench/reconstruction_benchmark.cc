@@ -177,7 +177,7 @@ void AdjustPoints(benchmark::State& state) {
         bundle.views.push_back(view);
         const CameraMatrix P = truth.TrueCamera(v);
         scene.cameras[v] = P / P.norm();
-        metric.views.push_back(CalibratedView{truth.cameras[v], truth.camera_from_world[v], 0.0});
+        metric.views.push_back(CalibratedView{{truth.cameras[v], truth.camera_from_world[v]}, 0.0});
       }
       bundle.points.resize(truth.points.size());
       for (size_t j = 0; j < truth.points.size(); ++j) {

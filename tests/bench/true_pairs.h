@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "server/vision/matching/feature_likeness.h"
+#include "server/vision/matching/feature_similarity.h"
 #include "tests/diagnose/true_matches.h"
 
 namespace horopter {

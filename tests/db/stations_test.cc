@@ -44,7 +44,9 @@ TEST(Stations, SurviveReopeningWithAllTheyHold) {
   const ScratchDir dir;
   for (const bool create : {true, false}) {
     auto catalog = Catalog::Open(dir.File("a.db")).value();
-    if (create) ASSERT_TRUE(Teach(*catalog, "cell", 2).ok());
+    if (create) {
+      ASSERT_TRUE(Teach(*catalog, "cell", 2).ok());
+    }
     const auto read = catalog->GetStation("cell");
     ASSERT_TRUE(read.ok()) << read.status();
     EXPECT_EQ(read->display_name, "press 4");

@@ -77,6 +77,34 @@ def print_functions(root):
         print("  %d %s: %s" % (lines, path, name[:80]))
 
 
+def bare_constants(path):
+    """How many named constants a file has, and the lines of those that no comment explains: neither their own line nor one
+    above them or above the constants just before them."""
+    with open(path, encoding="utf-8") as file:
+        lines = file.read().split("\n")
+    count, bare = 0, []
+    for i, line in enumerate(lines):
+        if not re.match(r"\s*(static |inline )*constexpr\b.*\bk[A-Z]\w*\s*[={\[]", line):
+            continue
+        count += 1
+        end = i
+        while ";" not in lines[end] and end < min(i + 4, len(lines) - 1):
+            end += 1
+        above = i - 1
+        while above >= 0 and "constexpr" in lines[above] and "//" not in lines[above]:
+            above -= 1
+        explained = any("//" in x for x in lines[i:end + 1]) or (above >= 0 and lines[above].lstrip().startswith("//"))
+        if not explained:
+            bare.append(i + 1)
+    return count, bare
+
+
+def print_constants(root):
+    found = {path: bare_constants(path) for path in sources(root, ["server/vision"])}
+    print("constants of server/vision: %d, without a comment: %d" %
+          (sum(count for count, _ in found.values()), sum(len(bare) for _, bare in found.values())))
+
+
 def print_rooms(root):
     home = os.path.join(root, ROOMS)
     rooms = sorted(name for name in os.listdir(home) if os.path.isdir(os.path.join(home, name)))
@@ -130,3 +158,4 @@ if __name__ == "__main__":
     print_functions(ROOT)
     print_rooms(ROOT)
     print_options(ROOT)
+    print_constants(ROOT)

@@ -45,5 +45,16 @@ class Tree(unittest.TestCase):
         self.assertIn("options: 4 structs, 3 fields; reached from PipelineOptions: 3 structs, 2 fields", out.getvalue())
 
 
+class Constants(unittest.TestCase):
+    def test_a_comment_beside_or_above_explains_and_one_above_a_run_explains_all_of_it(self):
+        text = ("// of both\nconstexpr int kA = 1;\nconstexpr int kB = 2;\n\nconstexpr int kC = 3;\n"
+                "constexpr int kD = 4;  // metres\nconstexpr int kE = 5;\n")
+        with tempfile.TemporaryDirectory() as root:
+            path = os.path.join(root, "a.cc")
+            with open(path, "w", encoding="utf-8") as file:
+                file.write(text)
+            self.assertEqual(house.bare_constants(path), (5, [5, 7]))
+
+
 if __name__ == "__main__":
     unittest.main()

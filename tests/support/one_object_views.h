@@ -51,7 +51,7 @@ struct OneObjectViews {
     VerifyScratch scratch;
     EvaluatePlacement(context, scene.views, {}, &scratch, &p);
     scene.objects = {p};
-    scene.gain = p.gain;
+    scene.description_gain = p.description_gain;
   }
 };
 

@@ -19,8 +19,8 @@ struct SyntheticTracksOptions {
   int lines = 0;
   int parts = 3;
   // Instead of all these: exactly these points and lines.
-  std::vector<Eigen::Vector3d> given_points;
-  std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> given_lines;
+  std::vector<Eigen::Vector3d> given_points = {};
+  std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> given_lines = {};
   bool planar = false;         // everything in the plane z = 0
   bool pure_rotation = false;  // all centres equal
   bool parallel_lines = false;

@@ -26,7 +26,8 @@ Eigen::Vector4d Weights(const CameraSimilarity& alike) {
 
 }  // namespace
 
-double LikenessCost(std::span<const AdjustedView> views, std::span<const CameraSimilarity> alike) {
+double SimilarityCost(std::span<const AdjustedView> views,
+                      std::span<const CameraSimilarity> alike) {
   double cost = 0.0;
   for (const CameraSimilarity& a : alike) {
     const Eigen::Vector4d mean = Mean(views, a), w = Weights(a);
@@ -36,11 +37,11 @@ double LikenessCost(std::span<const AdjustedView> views, std::span<const CameraS
 }
 
 // sum_v (x_v - mean)^2 = x' (I - 11' / n) x; the mean itself drops out of the derivative.
-void AddLikeness(std::span<const AdjustedView> views,
-                 std::span<const CameraSimilarity> alike,
-                 std::span<const int> at,
-                 Eigen::MatrixXd* A,
-                 Eigen::VectorXd* b) {
+void AddSimilarity(std::span<const AdjustedView> views,
+                   std::span<const CameraSimilarity> alike,
+                   std::span<const int> at,
+                   Eigen::MatrixXd* A,
+                   Eigen::VectorXd* b) {
   for (const CameraSimilarity& a : alike) {
     const Eigen::Vector4d mean = Mean(views, a), w = Weights(a);
     const double share = 1.0 / static_cast<double>(a.views.size());

@@ -20,14 +20,14 @@ struct CameraSimilarity {
 };
 
 // Sum of the squared distances from the means, in sigmas.
-double LikenessCost(std::span<const AdjustedView> views, std::span<const CameraSimilarity> alike);
+double SimilarityCost(std::span<const AdjustedView> views, std::span<const CameraSimilarity> alike);
 
 // Adds the same to normal equations A x = -b; at[v]: first of the four parameters log f, cx, cy, k1
 // of view v. b may be null.
-void AddLikeness(std::span<const AdjustedView> views,
-                 std::span<const CameraSimilarity> alike,
-                 std::span<const int> at,
-                 Eigen::MatrixXd* A,
-                 Eigen::VectorXd* b);
+void AddSimilarity(std::span<const AdjustedView> views,
+                   std::span<const CameraSimilarity> alike,
+                   std::span<const int> at,
+                   Eigen::MatrixXd* A,
+                   Eigen::VectorXd* b);
 
 }  // namespace horopter

@@ -18,9 +18,6 @@ constexpr double kK1Sigma = 0.03;
 constexpr double kHintedCenterSigmaPx = 1.0;
 constexpr double kHintedK1Sigma = 0.002;
 constexpr double kUnknownSigma = 1e6;  // of what another prior says
-// Scatter that parts found by their aspects may have, against sharp edges: a right one of cad-dev,
-// scene 17, has more than 0.8 px (`dataset recognize cad-dev val` after commit 588835a).
-constexpr double kAspectScatter = 2.0;
 constexpr std::size_t kFewestEdges = 8;
 // Of the rotation between two poses: below it they are different representatives (2.6 degrees; an
 // axis of revolution turns by the pose's own noise).
@@ -328,6 +325,42 @@ void TakeAdjusted(const SceneBundle& b,
   }
 }
 
+absl::Status CheckInput(const RecognitionInput& input,
+                        const RecognitionResult& recognition,
+                        const CameraGroupPrior& group) {
+  if (recognition.objects.empty()) return absl::FailedPreconditionError("no recognised object");
+  if (std::none_of(recognition.views.begin(), recognition.views.end(), [](const auto& v) {
+        return v.has_value();
+      })) {
+    return absl::FailedPreconditionError("no recovered camera");
+  }
+  if (recognition.views.size() != input.features.size()) {
+    return absl::InvalidArgumentError("views and features differ in number");
+  }
+  for (const int v : group.group.views) {
+    if (v < 0 || v >= static_cast<int>(recognition.views.size()) || !recognition.views[v])
+      return absl::InvalidArgumentError("the group of cameras has a view that was not recovered");
+  }
+  return absl::OkStatus();
+}
+
+std::vector<int> Misfits(const Refinement& r, MisfitAcceptance acceptance) {
+  // Aspects were judged by the edges that others leave to see: hidden ones are no misfit.
+  if (r.observation.aspects) {
+    acceptance.least_found = 0.0;
+    acceptance.least_px *= acceptance.aspect_scatter;
+  }
+  return FindMisfits(r.bundle, r.visible, acceptance);
+}
+
+void CountScene(const SceneBundle& b, MetricScene* out) {
+  out->counts["edge_observations"] = static_cast<double>(b.edges.size());
+  out->counts["views_of_one_camera"] = 0.0;
+  for (const CameraSimilarity& alike : b.alike)
+    out->counts["views_of_one_camera"] += static_cast<double>(alike.views.size());
+  out->counts["plane_cells"] = static_cast<double>(b.plane.cells.size());
+}
+
 }  // namespace
 
 absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
@@ -358,32 +391,13 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                                               const CameraGroupPrior& group,
                                               const EuclideanOptions& options,
                                               const StopRequested& stop) {
-  if (recognition.objects.empty()) return absl::FailedPreconditionError("no recognised object");
-  if (std::none_of(recognition.views.begin(), recognition.views.end(), [](const auto& v) {
-        return v.has_value();
-      })) {
-    return absl::FailedPreconditionError("no recovered camera");
-  }
-  if (recognition.views.size() != input.features.size()) {
-    return absl::InvalidArgumentError("views and features differ in number");
-  }
-  for (const int v : group.group.views) {
-    if (v < 0 || v >= static_cast<int>(recognition.views.size()) || !recognition.views[v])
-      return absl::InvalidArgumentError("the group of cameras has a view that was not recovered");
-  }
+  HOROPTER_RETURN_IF_ERROR(CheckInput(input, recognition, group));
   MetricScene out;
   std::vector<int> kept;
   for (int k = 0; k < static_cast<int>(recognition.objects.size()); ++k) kept.push_back(k);
   Refinement r = Begin(input, recognition, kept, group, options);
   HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
-  RejectionOptions rejection = options.rejection;
-  // Aspects were judged by the edges that others leave to see: hidden ones are no misfit.
-  // ... and the rims and fillets of rich parts scatter more than sharp edges do.
-  if (r.observation.aspects) {
-    rejection.least_found = 0.0;
-    rejection.least_px *= kAspectScatter;
-  }
-  const std::vector<int> misfits = FindMisfits(r.bundle, r.visible, rejection);
+  const std::vector<int> misfits = Misfits(r, options.misfits);
   if (!misfits.empty()) {
     for (const int k : misfits) out.findings.push_back(Rejected(recognition.objects[k].object));
     std::erase_if(
@@ -411,19 +425,15 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   }
   out.plane = FindSupportingPlane(b);
   AddFindings(b, input, options, &out);
+  CountScene(b, &out);
   out.counts["rejected_objects"] = static_cast<double>(misfits.size());
-  out.counts["edge_observations"] = static_cast<double>(b.edges.size());
-  out.counts["views_of_one_camera"] = 0.0;
-  for (const CameraSimilarity& alike : b.alike)
-    out.counts["views_of_one_camera"] += static_cast<double>(alike.views.size());
-  out.counts["plane_cells"] = static_cast<double>(b.plane.cells.size());
   return out;
 }
 
 SceneFrames AddSceneFrames(const MetricScene& metric, TransformGraph* graph) {
   SceneFrames out;
   // The first known camera holds the coordinates in which the covariance is stated; the scene frame
-  // is tied to the first object.
+  // is fixed to the first object.
   const int origin = graph->AddFrame("adjustment");
   const bool known = metric.covariance.matrix.size() > 0;
   const int first = known ? graph->AddUncertainty(metric.covariance.matrix) : 0;

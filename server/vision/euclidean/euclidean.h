@@ -69,7 +69,7 @@ struct EuclideanOptions {
   SharedCameraOptions cameras;
   NoiseOptions noise;
   FindingOptions findings;
-  RejectionOptions rejection;
+  MisfitAcceptance misfits;  // of AcceptanceOptions
   GraspOptions grasps;
   bool camera_evidence = false;  // MetricScene::evidence is wanted: as dear as the covariance
   int threads = 1;               // cores to use; the result does not depend on it

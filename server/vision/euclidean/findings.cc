@@ -146,15 +146,14 @@ std::vector<double> ScatterOfObjects(const SceneBundle& bundle) {
 // views that show enough of it; 1 without such a view.
 std::vector<double> FoundShares(const SceneBundle& bundle,
                                 std::span<const VisibleSamples> visible,
-                                double found_px) {
-  constexpr std::size_t kFewestSamples = 20;
+                                const MisfitAcceptance& acceptance) {
   std::map<std::pair<int, int>, double> found;
   for (const EdgeObservation& o : bundle.edges) {
-    found[{o.object, o.view}] += std::abs(o.residual_px) < found_px ? 1.0 : 0.0;
+    found[{o.object, o.view}] += std::abs(o.residual_px) < acceptance.found_px ? 1.0 : 0.0;
   }
   std::vector<std::vector<double>> shares(bundle.objects.size());
   for (const VisibleSamples& seen : visible) {
-    if (seen.samples.size() < kFewestSamples) continue;
+    if (static_cast<int>(seen.samples.size()) < acceptance.min_samples) continue;
     shares[seen.object].push_back(found[{seen.object, seen.view}] /
                                   static_cast<double>(seen.samples.size()));
   }
@@ -163,65 +162,81 @@ std::vector<double> FoundShares(const SceneBundle& bundle,
   return out;
 }
 
-}  // namespace
+// The camera that knows an object best, -1: none, and the covariance of the object in it.
+struct BestView {
+  int view = -1;
+  Matrix6d covariance = Matrix6d::Zero();
+};
 
-std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
-                                        const SceneCovariance& covariance,
-                                        const FindingOptions& options) {
-  std::vector<Finding> out;
-  if (covariance.matrix.size() == 0) return out;
-  for (int k = 0; k < static_cast<int>(bundle.objects.size()); ++k) {
-    // The camera that knows the object best: one that sees little is itself uncertain.
-    int view = -1;
-    Matrix6d C = Matrix6d::Zero();
-    for (int v = 0; v < static_cast<int>(bundle.views.size()); ++v) {
-      if (!bundle.views[v].known) continue;
-      const Matrix6d in_view = InCamera(bundle, covariance, v, k);
-      if (view >= 0 && in_view.topLeftCorner<3, 3>().trace() >= C.topLeftCorner<3, 3>().trace()) {
-        continue;
-      }
-      view = v;
-      C = in_view;
+// A camera that sees little is itself uncertain.
+BestView FindBestView(const SceneBundle& bundle, const SceneCovariance& covariance, int k) {
+  BestView best;
+  for (int v = 0; v < static_cast<int>(bundle.views.size()); ++v) {
+    if (!bundle.views[v].known) continue;
+    const Matrix6d in_view = InCamera(bundle, covariance, v, k);
+    if (best.view >= 0 &&
+        in_view.topLeftCorner<3, 3>().trace() >= best.covariance.topLeftCorner<3, 3>().trace()) {
+      continue;
     }
-    if (view < 0) break;
-    const Rigid3 pose = bundle.views[view].camera_from_scene * bundle.objects[k].scene_from_object;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> turn(C.topLeftCorner<3, 3>());
-    for (int i = 2; i >= 0; --i) {
-      const double sigma = std::sqrt(std::max(0.0, turn.eigenvalues()(i)));
-      if (sigma < options.turn_rad) break;
-      out.push_back(Weak(FindingKind::kTurnUndetermined,
-                         k,
-                         pose.R.transpose() * turn.eigenvectors().col(i),
-                         sigma));
-    }
-    // Across the line of sight, or in another object's frame: depth alone is the focal length's.
-    const double limit = options.shift_diameters * bundle.objects[k].model->model.diameter_m;
-    Eigen::Matrix3d shift;
-    Eigen::Matrix3d object_from_frame;
-    // From a shift to the way in space that goes with it.
-    Eigen::Matrix3d in_space = Eigen::Matrix3d::Identity();
-    if (bundle.objects.size() > 1) {
-      const int other = k == 0 ? 1 : 0;
-      shift = InObject(bundle, covariance, other, k).bottomRightCorner<3, 3>();
-      object_from_frame = bundle.objects[k].scene_from_object.R.transpose() *
-                          bundle.objects[other].scene_from_object.R;
-    } else {
-      const Eigen::Vector3d sight = (pose * bundle.objects[k].model->center).normalized();
-      const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - sight * sight.transpose();
-      in_space = C.bottomRightCorner<3, 3>();
-      shift = across * in_space * across;
-      object_from_frame = pose.R.transpose();
-    }
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(shift);
-    const double sigma = std::sqrt(std::max(0.0, eigen.eigenvalues()(2)));
-    if (sigma > limit) {
-      out.push_back(Weak(FindingKind::kShiftUndetermined,
-                         k,
-                         (object_from_frame * in_space * eigen.eigenvectors().col(2)).normalized(),
-                         sigma));
-    }
-    AddLoneDirections(bundle, k, options, &out);
+    best = {v, in_view};
   }
+  return best;
+}
+
+// pose: camera_from_object, C: its covariance.
+void AddOpenTurns(const Rigid3& pose,
+                  const Matrix6d& C,
+                  int k,
+                  const FindingOptions& options,
+                  std::vector<Finding>* out) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> turn(C.topLeftCorner<3, 3>());
+  for (int i = 2; i >= 0; --i) {
+    const double sigma = std::sqrt(std::max(0.0, turn.eigenvalues()(i)));
+    if (sigma < options.turn_rad) break;
+    out->push_back(Weak(
+        FindingKind::kTurnUndetermined, k, pose.R.transpose() * turn.eigenvectors().col(i), sigma));
+  }
+}
+
+// Across the line of sight, or in another object's frame: depth alone is the focal length's.
+void AddOpenShift(const SceneBundle& bundle,
+                  const SceneCovariance& covariance,
+                  const Rigid3& pose,
+                  const Matrix6d& C,
+                  int k,
+                  const FindingOptions& options,
+                  std::vector<Finding>* out) {
+  const double limit = options.shift_diameters * bundle.objects[k].model->model.diameter_m;
+  Eigen::Matrix3d shift;
+  Eigen::Matrix3d object_from_frame;
+  // From a shift to the way in space that goes with it.
+  Eigen::Matrix3d in_space = Eigen::Matrix3d::Identity();
+  if (bundle.objects.size() > 1) {
+    const int other = k == 0 ? 1 : 0;
+    shift = InObject(bundle, covariance, other, k).bottomRightCorner<3, 3>();
+    object_from_frame = bundle.objects[k].scene_from_object.R.transpose() *
+                        bundle.objects[other].scene_from_object.R;
+  } else {
+    const Eigen::Vector3d sight = (pose * bundle.objects[k].model->center).normalized();
+    const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - sight * sight.transpose();
+    in_space = C.bottomRightCorner<3, 3>();
+    shift = across * in_space * across;
+    object_from_frame = pose.R.transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(shift);
+  const double sigma = std::sqrt(std::max(0.0, eigen.eigenvalues()(2)));
+  if (sigma > limit) {
+    out->push_back(Weak(FindingKind::kShiftUndetermined,
+                        k,
+                        (object_from_frame * in_space * eigen.eigenvectors().col(2)).normalized(),
+                        sigma));
+  }
+}
+
+void AddOpenFocalLengths(const SceneBundle& bundle,
+                         const SceneCovariance& covariance,
+                         const FindingOptions& options,
+                         std::vector<Finding>* out) {
   for (int v = 0; v < static_cast<int>(bundle.views.size()); ++v) {
     if (!bundle.views[v].known) continue;
     const int at = covariance.layout.view[v] + 6;
@@ -235,8 +250,26 @@ std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
         absl::StrFormat("image %d: focal length and depth compensate each other, known to %.1f %%",
                         v,
                         100.0 * sigma);
-    out.push_back(f);
+    out->push_back(f);
   }
+}
+
+}  // namespace
+
+std::vector<Finding> FindWeakDirections(const SceneBundle& bundle,
+                                        const SceneCovariance& covariance,
+                                        const FindingOptions& options) {
+  std::vector<Finding> out;
+  if (covariance.matrix.size() == 0) return out;
+  for (int k = 0; k < static_cast<int>(bundle.objects.size()); ++k) {
+    const auto [view, C] = FindBestView(bundle, covariance, k);
+    if (view < 0) break;
+    const Rigid3 pose = bundle.views[view].camera_from_scene * bundle.objects[k].scene_from_object;
+    AddOpenTurns(pose, C, k, options, &out);
+    AddOpenShift(bundle, covariance, pose, C, k, options, &out);
+    AddLoneDirections(bundle, k, options, &out);
+  }
+  AddOpenFocalLengths(bundle, covariance, options, &out);
   return out;
 }
 
@@ -284,12 +317,12 @@ std::vector<ScaleSource> EstimateScales(const SceneBundle& bundle,
 
 std::vector<int> FindMisfits(const SceneBundle& bundle,
                              std::span<const VisibleSamples> visible,
-                             const RejectionOptions& options) {
+                             const MisfitAcceptance& acceptance) {
   const int n = static_cast<int>(bundle.objects.size());
   std::vector<int> out;
   if (n < 3) return out;
   const std::vector<double> scatter = ScatterOfObjects(bundle);
-  const std::vector<double> found = FoundShares(bundle, visible, options.found_px);
+  const std::vector<double> found = FoundShares(bundle, visible, acceptance);
   for (int k = 0; k < n; ++k) {
     std::vector<double> other_scatter, other_found;
     for (int j = 0; j < n; ++j) {
@@ -298,8 +331,8 @@ std::vector<int> FindMisfits(const SceneBundle& bundle,
       other_found.push_back(found[j]);
     }
     const double typical = MedianOf(std::move(other_scatter));
-    if (scatter[k] > std::max(options.least_px, options.factor * typical) ||
-        found[k] < options.least_found * MedianOf(std::move(other_found))) {
+    if (scatter[k] > std::max(acceptance.least_px, acceptance.factor * typical) ||
+        found[k] < acceptance.least_found * MedianOf(std::move(other_found))) {
       out.push_back(k);
     }
   }

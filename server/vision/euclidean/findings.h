@@ -9,6 +9,7 @@
 #include "server/vision/euclidean/scene_bundle.h"
 #include "server/vision/euclidean/scene_covariance.h"
 #include "server/vision/geometry/pose_perturbation.h"
+#include "server/vision/recognition/acceptance.h"
 
 namespace horopter {
 
@@ -71,14 +72,8 @@ std::vector<ScaleSource> EstimateScales(const SceneBundle& bundle,
 // widely as the others' and more than `least_px`, or of the edges expected (`visible`) less than
 // `least_found` times the others' share was found, in most of the views. Fewer than two others:
 // none.
-struct RejectionOptions {
-  double least_px = 0.8;
-  double factor = 3.0;
-  double found_px = 2.5;     // an expected sample is found when an edge point is this near
-  double least_found = 0.6;  // higher: more objects are left out
-};
 std::vector<int> FindMisfits(const SceneBundle& bundle,
                              std::span<const VisibleSamples> visible,
-                             const RejectionOptions& options);
+                             const MisfitAcceptance& acceptance);
 
 }  // namespace horopter

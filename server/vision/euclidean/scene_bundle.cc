@@ -101,6 +101,68 @@ struct RunSums {
 };
 
 // J^T W J, J^T W r of all residuals. Runs of edges are summed in parallel, added up in order.
+void AddEdgeRuns(const SceneBundle& bundle,
+                 const SceneBundleLayout& layout,
+                 const std::vector<EdgeRun>& runs,
+                 const std::vector<RunSums>& sums,
+                 NormalEquations* out) {
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    const EdgeObservation& o = bundle.edges[runs[i].first];
+    const int v = layout.view[o.view], k = layout.object[o.object];
+    const EdgeMatrix& A = sums[i].A;
+    out->A.block<kViewParameters, kViewParameters>(v, v) +=
+        A.topLeftCorner<kViewParameters, kViewParameters>();
+    out->A.block<kObjectParameters, kObjectParameters>(k, k) +=
+        A.bottomRightCorner<kObjectParameters, kObjectParameters>();
+    out->A.block<kViewParameters, kObjectParameters>(v, k) +=
+        A.topRightCorner<kViewParameters, kObjectParameters>();
+    out->A.block<kObjectParameters, kViewParameters>(k, v) +=
+        A.bottomLeftCorner<kObjectParameters, kViewParameters>();
+    out->b.segment<kViewParameters>(v) += sums[i].b.head<kViewParameters>();
+    out->b.segment<kObjectParameters>(k) += sums[i].b.tail<kObjectParameters>();
+    out->cost += sums[i].cost;
+  }
+}
+
+void AddPlaneCells(const SceneBundle& bundle,
+                   const SceneBundleLayout& layout,
+                   NormalEquations* out) {
+  PlaneRow row;
+  for (const PlaneCell& m : bundle.plane.cells) {
+    if (!LinearizePlaneCell(bundle, m, &row)) {
+      out->cost += RobustLoss(bundle.plane_cauchy_sigmas, kBehindSigmas * kBehindSigmas);
+      continue;
+    }
+    const double w = RobustWeight(bundle.plane_cauchy_sigmas, row.residual.squaredNorm());
+    out->cost += RobustLoss(bundle.plane_cauchy_sigmas, row.residual.squaredNorm());
+    const int starts[3] = {layout.view[m.view_a], layout.view[m.view_b], layout.plane};
+    const int columns[3] = {0, kViewParameters, 2 * kViewParameters};
+    const int sizes[3] = {kViewParameters, kViewParameters, kPlaneParameters};
+    const Eigen::Matrix<double, 23, 23> JtJ = w * row.J.transpose() * row.J;
+    const Eigen::Matrix<double, 23, 1> Jtr = w * row.J.transpose() * row.residual;
+    for (int p = 0; p < 3; ++p) {
+      out->b.segment(starts[p], sizes[p]) += Jtr.segment(columns[p], sizes[p]);
+      for (int q = 0; q < 3; ++q) {
+        out->A.block(starts[p], starts[q], sizes[p], sizes[q]) +=
+            JtJ.block(columns[p], columns[q], sizes[p], sizes[q]);
+      }
+    }
+  }
+}
+
+void AddCameraPriors(const SceneBundle& bundle,
+                     const SceneBundleLayout& layout,
+                     NormalEquations* out) {
+  for (std::size_t v = 0; v < bundle.views.size(); ++v) {
+    if (!bundle.views[v].known) continue;
+    const Eigen::Vector4d r = PriorResiduals(bundle, static_cast<int>(v));
+    const Eigen::Vector4d w = PriorWeights(bundle, static_cast<int>(v));
+    out->A.diagonal().segment<4>(layout.view[v] + 6) += w.cwiseAbs2();
+    out->b.segment<4>(layout.view[v] + 6) += w.cwiseProduct(r);
+    out->cost += r.squaredNorm();
+  }
+}
+
 NormalEquations Linearize(const SceneBundle& bundle,
                           const SceneBundleLayout& layout,
                           const std::vector<EdgeRun>& runs,
@@ -122,53 +184,11 @@ NormalEquations Linearize(const SceneBundle& bundle,
       sums[i].b += w * row.residual * row.J;
     }
   });
-  for (std::size_t i = 0; i < runs.size(); ++i) {
-    const EdgeObservation& o = bundle.edges[runs[i].first];
-    const int v = layout.view[o.view], k = layout.object[o.object];
-    const EdgeMatrix& A = sums[i].A;
-    out.A.block<kViewParameters, kViewParameters>(v, v) +=
-        A.topLeftCorner<kViewParameters, kViewParameters>();
-    out.A.block<kObjectParameters, kObjectParameters>(k, k) +=
-        A.bottomRightCorner<kObjectParameters, kObjectParameters>();
-    out.A.block<kViewParameters, kObjectParameters>(v, k) +=
-        A.topRightCorner<kViewParameters, kObjectParameters>();
-    out.A.block<kObjectParameters, kViewParameters>(k, v) +=
-        A.bottomLeftCorner<kObjectParameters, kViewParameters>();
-    out.b.segment<kViewParameters>(v) += sums[i].b.head<kViewParameters>();
-    out.b.segment<kObjectParameters>(k) += sums[i].b.tail<kObjectParameters>();
-    out.cost += sums[i].cost;
-  }
-  PlaneRow row;
-  for (const PlaneCell& m : bundle.plane.cells) {
-    if (!LinearizePlaneCell(bundle, m, &row)) {
-      out.cost += RobustLoss(bundle.plane_cauchy_sigmas, kBehindSigmas * kBehindSigmas);
-      continue;
-    }
-    const double w = RobustWeight(bundle.plane_cauchy_sigmas, row.residual.squaredNorm());
-    out.cost += RobustLoss(bundle.plane_cauchy_sigmas, row.residual.squaredNorm());
-    const int starts[3] = {layout.view[m.view_a], layout.view[m.view_b], layout.plane};
-    const int columns[3] = {0, kViewParameters, 2 * kViewParameters};
-    const int sizes[3] = {kViewParameters, kViewParameters, kPlaneParameters};
-    const Eigen::Matrix<double, 23, 23> JtJ = w * row.J.transpose() * row.J;
-    const Eigen::Matrix<double, 23, 1> Jtr = w * row.J.transpose() * row.residual;
-    for (int p = 0; p < 3; ++p) {
-      out.b.segment(starts[p], sizes[p]) += Jtr.segment(columns[p], sizes[p]);
-      for (int q = 0; q < 3; ++q) {
-        out.A.block(starts[p], starts[q], sizes[p], sizes[q]) +=
-            JtJ.block(columns[p], columns[q], sizes[p], sizes[q]);
-      }
-    }
-  }
-  for (std::size_t v = 0; v < bundle.views.size(); ++v) {
-    if (!bundle.views[v].known) continue;
-    const Eigen::Vector4d r = PriorResiduals(bundle, static_cast<int>(v));
-    const Eigen::Vector4d w = PriorWeights(bundle, static_cast<int>(v));
-    out.A.diagonal().segment<4>(layout.view[v] + 6) += w.cwiseAbs2();
-    out.b.segment<4>(layout.view[v] + 6) += w.cwiseProduct(r);
-    out.cost += r.squaredNorm();
-  }
-  AddLikeness(bundle.views, bundle.alike, IntrinsicsColumns(layout), &out.A, &out.b);
-  out.cost += LikenessCost(bundle.views, bundle.alike);
+  AddEdgeRuns(bundle, layout, runs, sums, &out);
+  AddPlaneCells(bundle, layout, &out);
+  AddCameraPriors(bundle, layout, &out);
+  AddSimilarity(bundle.views, bundle.alike, IntrinsicsColumns(layout), &out.A, &out.b);
+  out.cost += SimilarityCost(bundle.views, bundle.alike);
   AddGroupPrior(bundle.group, bundle.views, layout.view, &out.A, &out.b);
   out.cost += GroupCost(bundle.group, bundle.views);
   return out;
@@ -355,7 +375,7 @@ double BundleCost(const SceneBundle& bundle, int threads) {
   for (std::size_t v = 0; v < bundle.views.size(); ++v) {
     if (bundle.views[v].known) cost += PriorResiduals(bundle, static_cast<int>(v)).squaredNorm();
   }
-  return cost + LikenessCost(bundle.views, bundle.alike) + GroupCost(bundle.group, bundle.views);
+  return cost + SimilarityCost(bundle.views, bundle.alike) + GroupCost(bundle.group, bundle.views);
 }
 
 bool AdjustBundle(const SceneBundleOptions& options, SceneBundle* bundle) {

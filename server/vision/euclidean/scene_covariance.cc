@@ -230,7 +230,7 @@ void BoundObjects(const SceneBundle& bundle, const SceneBundleLayout& layout, Ei
 
 void AddPriors(const SceneBundle& bundle, const SceneBundleLayout& layout, Sandwich* s) {
   for (Eigen::MatrixXd* matrix : {&s->H, &s->V_prior})
-    AddLikeness(bundle.views, bundle.alike, IntrinsicsColumns(layout), matrix, nullptr);
+    AddSimilarity(bundle.views, bundle.alike, IntrinsicsColumns(layout), matrix, nullptr);
   for (Eigen::MatrixXd* matrix : {&s->H, &s->V_prior})
     AddGroupPrior(bundle.group, bundle.views, layout.view, matrix, nullptr);
   for (std::size_t v = 0; v < bundle.views.size(); ++v) {
@@ -297,7 +297,7 @@ struct Assembled {
   Sandwich s;               // H: with all priors
   Eigen::MatrixXd H_seen;   // edges and plane
   Eigen::VectorXd g_seen;   // gradient of their cost, halved
-  Eigen::MatrixXd inverse;  // of H; zero where it is held
+  Eigen::MatrixXd inverse;  // of H; zero where it is fixed
   EdgeScatter scatter;
   double dof = 1.0;  // factor on the edges' variance
 };

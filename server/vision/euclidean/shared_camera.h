@@ -10,7 +10,7 @@
 namespace horopter {
 
 struct SharedCameraOptions {
-  // Spread of log f among cameras of one kind, or of one that is focused anew for every image: the
+  // Spread of log f among cameras of one kind, or of one that is refocused for every image: the
   // likeliest alternative to one camera (parts-train: 0.03). Higher: unlike cameras are fixed
   // together.
   double similar_log_focal = 0.03;

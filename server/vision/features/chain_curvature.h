@@ -30,7 +30,7 @@ absl::Status Validate(const CurvatureOptions& options);
 // towards y (clockwise on the screen), never beyond +-1. A closed chain wraps around; on an open
 // one the l points at each end have the value of the nearest full window. Chains shorter than a
 // window get a smaller one; fewer than 5 points have curvature 0. Costs O(points) whatever l is:
-// the window's moments are updated, not summed anew.
+// the window's moments are updated, not recomputed.
 // Errors: INVALID_ARGUMENT for options or coordinates that are not finite.
 absl::StatusOr<std::vector<double>> ChainCurvature(std::span<const Eigen::Vector2f> points,
                                                    bool closed,

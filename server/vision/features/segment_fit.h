@@ -41,7 +41,7 @@ std::optional<FittedSegment> FitChainPiece(const EdgeChain& chain,
                                            int end,
                                            double min_length_px);
 
-// Fits the line anew to the samples (gradient-weighted, Tukey) and spans it over the projections of
+// Refits the line to the samples (gradient-weighted, Tukey) and spans it over the projections of
 // `ends`. Keeps the orientation of `like`. Used when pieces are joined.
 Segment FitLineToSamples(const std::vector<GradientPeak>& samples,
                          const std::vector<Eigen::Vector2d>& ends,

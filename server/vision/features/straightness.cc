@@ -198,6 +198,66 @@ absl::Status CheckInput(std::span<const EdgeChain> chains, const PinholeCamera& 
   return absl::OkStatus();
 }
 
+// Votes that agree with the consensus.
+struct Agreement {
+  std::vector<bool> inlier;
+  double weight = 0.0, chi_square = 0.0;  // of these
+  size_t best = 0;                        // the surest of them
+};
+
+// Counts the lines that agree. Errors: FAILED_PRECONDITION (too few).
+absl::StatusOr<Agreement> Agree(const std::vector<Vote>& votes,
+                                const StraightnessOptions& options,
+                                StraightnessEstimate* estimate) {
+  StraightnessEstimate& out = *estimate;
+  Agreement agreed;
+  auto& [inlier, weight, chi_square, best] = agreed;
+  double all = 0.0;
+  for (size_t j = 0; j < votes.size(); ++j) {
+    const Vote& v = votes[j];
+    const double z = (v.k1 - out.k1) * (v.k1 - out.k1) / v.variance;
+    inlier.push_back(z < kInlierSigmas * kInlierSigmas);
+    all += 1.0 / v.variance;
+    if (!inlier[j]) continue;
+    if (out.lines == 0 || v.variance < votes[best].variance) best = j;
+    ++out.lines;
+    weight += 1.0 / v.variance;
+    chi_square += z;
+  }
+  if (out.lines < options.min_lines) {
+    return absl::FailedPreconditionError(
+        absl::StrFormat("straightness: %d of %d long pieces agree, need %d",
+                        out.lines,
+                        out.candidates,
+                        options.min_lines));
+  }
+  if (weight < options.min_agreement * all) {
+    return absl::FailedPreconditionError(absl::StrFormat(
+        "straightness: %d of %d pieces agree, with %.2f of the information, need %.2f",
+        out.lines,
+        out.candidates,
+        weight / all,
+        options.min_agreement));
+  }
+  return agreed;
+}
+
+// The variance with what the same lines say when the principal point is elsewhere.
+double WithCenterVariance(double variance,
+                          const std::vector<Piece>& pieces,
+                          const std::vector<bool>& inlier,
+                          const PinholeCamera& guess,
+                          double center,
+                          const StraightnessOptions& options) {
+  for (int axis = 0; axis < 2; ++axis) {
+    PinholeCamera moved = guess;
+    (axis == 0 ? moved.cx : moved.cy) += options.center_sigma * guess.width;
+    const double shift = WeightedMean(Votes(pieces, moved, options), inlier) - center;
+    variance += shift * shift;
+  }
+  return variance;
+}
+
 }  // namespace
 
 absl::Status Validate(const StraightnessOptions& options) {
@@ -242,35 +302,8 @@ absl::StatusOr<StraightnessEstimate> EstimateRadialDistortion(std::span<const Ed
   StraightnessEstimate out;
   out.k1 = Consensus(votes, options.max_k1);
   out.candidates = static_cast<int>(votes.size());
-  std::vector<bool> inlier;
-  double weight = 0.0, all = 0.0, chi_square = 0.0;
-  size_t best = 0;
-  for (size_t j = 0; j < votes.size(); ++j) {
-    const Vote& v = votes[j];
-    const double z = (v.k1 - out.k1) * (v.k1 - out.k1) / v.variance;
-    inlier.push_back(z < kInlierSigmas * kInlierSigmas);
-    all += 1.0 / v.variance;
-    if (!inlier[j]) continue;
-    if (out.lines == 0 || v.variance < votes[best].variance) best = j;
-    ++out.lines;
-    weight += 1.0 / v.variance;
-    chi_square += z;
-  }
-  if (out.lines < options.min_lines) {
-    return absl::FailedPreconditionError(
-        absl::StrFormat("straightness: %d of %d long pieces agree, need %d",
-                        out.lines,
-                        out.candidates,
-                        options.min_lines));
-  }
-  if (weight < options.min_agreement * all) {
-    return absl::FailedPreconditionError(absl::StrFormat(
-        "straightness: %d of %d pieces agree, with %.2f of the information, need %.2f",
-        out.lines,
-        out.candidates,
-        weight / all,
-        options.min_agreement));
-  }
+  HOROPTER_ASSIGN_OR_RETURN(const Agreement agreed, Agree(votes, options, &out));
+  const auto& [inlier, weight, chi_square, best] = agreed;
   const double center = WeightedMean(votes, inlier);
   const double scatter = std::max(chi_square / std::max(out.lines - 1.0, 1.0), 1.0);
   std::vector<bool> rest = inlier;
@@ -281,15 +314,8 @@ absl::StatusOr<StraightnessEstimate> EstimateRadialDistortion(std::span<const Ed
       difference * difference <
       kInlierSigmas * kInlierSigmas * (rest_variance + scatter * votes[best].variance);
   out.k1_sigma_without_best = std::sqrt(rest_variance);
-  // What the same lines say when the principal point is elsewhere.
-  double variance = scatter / weight;
-  for (int axis = 0; axis < 2; ++axis) {
-    PinholeCamera moved = guess;
-    (axis == 0 ? moved.cx : moved.cy) += options.center_sigma * camera.width;
-    const double shift = WeightedMean(Votes(pieces, moved, options), inlier) - center;
-    variance += shift * shift;
-  }
-  out.k1_sigma = std::sqrt(variance);
+  out.k1_sigma =
+      std::sqrt(WithCenterVariance(scatter / weight, pieces, inlier, guess, center, options));
   if (!(out.k1_sigma <= options.max_k1_sigma) || !(std::abs(out.k1) <= options.max_k1)) {
     return absl::FailedPreconditionError(
         absl::StrFormat("straightness: k1 = %.3f with a deviation of %.3f, need at most %.3f",

@@ -20,7 +20,7 @@ constexpr int kGlanceSamples = 60;          // for a first look
 constexpr int kFewFold = 12;                // orders that near symmetries are looked for in
 constexpr double kAnyTurns[] = {2.3, 1.0};  // rad; no rational parts of a turn
 constexpr double kFlipStep = kPi / 60.0;    // between half turns that are tried
-constexpr double kSameTurn = 0.1;           // Frobenius, 4 degrees: an exact one, measured anew
+constexpr double kSameTurn = 0.1;           // Frobenius, 4 degrees: an exact one, measured again
 // A near symmetry is one of small features, or of small steps (diameters) of large faces.
 constexpr double kSmallShare = 0.2, kSmallStep = 0.015;
 constexpr double kSharper = 1.5;  // a lower order must fit so much better

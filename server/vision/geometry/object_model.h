@@ -49,7 +49,7 @@ struct Grasp {
   double grip_width_m = 0.0;   // distance of the gripped faces
   double quality = 1.0;        // 0..1, larger is better
   // Where the gripper waits, open, before it moves straight to the grasp. Unset: not given.
-  std::optional<Rigid3> object_from_pregrasp;
+  std::optional<Rigid3> object_from_pregrasp = {};
 };
 
 // All geometry in the object's own frame, metres. `symmetries` lists every rotation of the discrete

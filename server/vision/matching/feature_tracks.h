@@ -24,7 +24,7 @@ std::vector<FeatureTrack> JoinTracks(std::vector<TrackLink> links);
 std::vector<TrackLink> JunctionLinks(std::span<const PairGeometry> pairs, bool accepted_only);
 std::vector<TrackLink> SegmentLinks(std::span<const PairGeometry> pairs, bool accepted_only);
 
-// Joins the tracks of a result anew from its pairs with an F, and counts both.
+// Rejoins the tracks of a result from its pairs with an F, and counts both.
 void JoinAllTracks(MatchingResult* result);
 
 }  // namespace horopter

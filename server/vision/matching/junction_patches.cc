@@ -119,13 +119,13 @@ std::vector<JunctionPatch> SampleJunctionPatches(const cv::Mat& smooth,
   return patches;
 }
 
-double PatchLikeness(const JunctionPatch& a, const JunctionPatch& b) {
+double PatchSimilarity(const JunctionPatch& a, const JunctionPatch& b) {
   if (a.empty || b.empty) return -1.0;
   return 0.5 *
          (static_cast<double>(a.fine.dot(b.fine)) + static_cast<double>(a.coarse.dot(b.coarse)));
 }
 
-float HighestLikeness(const JunctionPatch& a, const JunctionPatch& b) {
+float HighestSimilarity(const JunctionPatch& a, const JunctionPatch& b) {
   if (a.empty || b.empty) return -1.0f;
   return a.code.dot(b.code) + a.rest * b.rest;
 }

@@ -1,4 +1,4 @@
-// Colour patches about junctions and their likeness between two views.
+// Colour patches about junctions and their similarity between two views.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,7 +12,7 @@
 namespace horopter {
 
 // Two concentric patches (radius about 8 and 16 px), three channels each, zero mean and unit norm:
-// the likeness is a correlation. A patch that leaves the image by more than half is empty and
+// the similarity is a correlation. A patch that leaves the image by more than half is empty and
 // matches nothing.
 struct JunctionPatch {
   static constexpr int kSide = 11;
@@ -44,10 +44,10 @@ std::vector<JunctionPatch> SampleJunctionPatches(const cv::Mat& smooth,
                                                  const PatchShape& shape = {});
 
 // Correlation in [-1, 1], mean of both scales; -1 when either patch is empty.
-double PatchLikeness(const JunctionPatch& a, const JunctionPatch& b);
+double PatchSimilarity(const JunctionPatch& a, const JunctionPatch& b);
 
-// At least PatchLikeness, but for rounding, at an eighth of its cost: the low frequencies, and what
-// the others add if they agree entirely.
-float HighestLikeness(const JunctionPatch& a, const JunctionPatch& b);
+// At least PatchSimilarity, but for rounding, at an eighth of its cost: the low frequencies, and
+// what the others add if they agree entirely.
+float HighestSimilarity(const JunctionPatch& a, const JunctionPatch& b);
 
 }  // namespace horopter

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <unordered_map>
 
-#include "server/vision/matching/likeness_bounds.h"
-#include "server/vision/matching/likeness_tables.h"
+#include "server/vision/matching/similarity_bounds.h"
+#include "server/vision/matching/similarity_tables.h"
 
 namespace horopter {
 namespace {
@@ -46,14 +46,16 @@ Candidates KeepBest(const Candidates& all, int rows, int columns, int keep) {
 class CandidateSearch {
  public:
   CandidateSearch(const PairComparison& pair, const FeatureMatchOptions& options)
-      : pair_(pair), options_(options), bounds_(pair, options.likeness) {}
+      : pair_(pair), options_(options), bounds_(pair, options.similarity) {}
 
   Candidates Segments() const {
     return Search(
         FeatureKind::kSegment,
         pair_.a().features->segments.size(),
         pair_.b().features->segments.size(),
-        [&](int a, std::vector<LikenessBounds::Bound>* out) { bounds_.OfSegment(a, Least(), out); },
+        [&](int a, std::vector<SimilarityBounds::Bound>* out) {
+          bounds_.OfSegment(a, Least(), out);
+        },
         [&](int a, int b) { return pair_.MaySegments(a, b); },
         [&](int a, int b) { return pair_.Segments(a, b); });
   }
@@ -62,7 +64,7 @@ class CandidateSearch {
         FeatureKind::kJunction,
         pair_.a().features->junctions.size(),
         pair_.b().features->junctions.size(),
-        [&](int a, std::vector<LikenessBounds::Bound>* out) {
+        [&](int a, std::vector<SimilarityBounds::Bound>* out) {
           bounds_.OfJunction(a, Least(), out);
         },
         [&](int a, int b) { return pair_.MayJunctions(a, b); },
@@ -80,7 +82,7 @@ class CandidateSearch {
                     const May& may,
                     const Compare& compare) const {
     HighestSoFar highest(rows, columns, options_.per_feature, Least());
-    std::vector<LikenessBounds::Bound> bounds;
+    std::vector<SimilarityBounds::Bound> bounds;
     Candidates found;
     for (size_t i = 0; i < rows; ++i) {
       const int a = static_cast<int>(i);
@@ -92,9 +94,9 @@ class CandidateSearch {
                         [](const auto& x, const auto& y) {
                           return x.log_ratio != y.log_ratio ? x.log_ratio > y.log_ratio : x.b < y.b;
                         });
-      for (const LikenessBounds::Bound& bound : bounds) {
+      for (const SimilarityBounds::Bound& bound : bounds) {
         if (!highest.MayEnter(a, bound.b, bound.log_ratio) || !may(a, bound.b)) continue;
-        const double ratio = LogRatio(compare(a, bound.b), pair_.has_plane(), options_.likeness);
+        const double ratio = LogRatio(compare(a, bound.b), pair_.has_plane(), options_.similarity);
         if (ratio < options_.min_candidate) continue;
         found.push_back({kind, a, bound.b, ratio});
         highest.Enter(a, bound.b, static_cast<float>(ratio));
@@ -108,7 +110,7 @@ class CandidateSearch {
 
   const PairComparison& pair_;
   const FeatureMatchOptions& options_;
-  LikenessBounds bounds_;
+  SimilarityBounds bounds_;
 };
 
 Candidates FindCandidates(const PairComparison& pair, const FeatureMatchOptions& options) {

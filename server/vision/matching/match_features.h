@@ -1,5 +1,5 @@
-// Segments and junctions of two views matched with each other: likeness of each candidate, support
-// of neighbouring candidates, one-to-one assignment (thesis 2.7).
+// Segments and junctions of two views matched with each other: similarity of each candidate,
+// support of neighbouring candidates, one-to-one assignment (thesis 2.7).
 #pragma once
 
 #include <string>
@@ -7,7 +7,7 @@
 
 #include "absl/status/status.h"
 #include "server/vision/matching/assignment.h"
-#include "server/vision/matching/feature_likeness.h"
+#include "server/vision/matching/feature_similarity.h"
 
 namespace horopter {
 
@@ -31,7 +31,7 @@ enum class MatchRelation {
 constexpr int kMatchRelationCount = 6;
 
 struct FeatureMatchOptions {
-  LikenessOptions likeness;
+  SimilarityOptions similarity;
   AssignmentOptions assignment;  // the default finds most (tests/bench/results.md)
   // 2.7.3: neighbouring matches must imply like transformations; without it only that they are
   // neighbours in both views counts.

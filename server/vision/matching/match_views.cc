@@ -131,7 +131,7 @@ class PairMatcher {
     });
   }
 
-  // A pair that a plane does not tie to the others was estimated alone.
+  // A pair that a plane does not link to the others was estimated alone.
   void CheckThreeViews() {
     std::vector<const ImageFeatures*> features;
     for (const MatchingView& view : views_) features.push_back(view.features);

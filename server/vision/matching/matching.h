@@ -53,7 +53,7 @@ struct FeatureTrack {
 };
 
 // Epipolar geometry of two views, x_b^T F x_a = 0, with the matches found along its lines; without
-// F the matches that likeness and neighbourhood alone give.
+// F the matches that similarity and neighbourhood alone give.
 struct PairGeometry {
   int view_a = -1;
   int view_b = -1;

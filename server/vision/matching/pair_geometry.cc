@@ -64,7 +64,8 @@ void DropShiftedTexture(const PairComparison& compare,
   for (const Junction& j : of_a) warped.push_back(Transfer(*b_from_a, j.point));
   const auto explains = [&](int a, int b) {
     return (warped[a] - of_b[b].point).squaredNorm() < kOnPlanePx * kOnPlanePx &&
-           LogRatio(compare.Junctions(a, b), compare.has_plane(), LikenessOptions()) > kLikelyRatio;
+           LogRatio(compare.Junctions(a, b), compare.has_plane(), SimilarityOptions()) >
+               kLikelyRatio;
   };
   std::erase_if(*matches, [&](const JunctionMatch& m) {
     if ((warped[m.junction_a] - of_b[m.junction_b].point).norm() < kShiftedPx) return false;

@@ -1,4 +1,4 @@
-// Feature matches and epipolar geometry of one pair of views: likeness and neighbourhood give
+// Feature matches and epipolar geometry of one pair of views: similarity and neighbourhood give
 // matches, the matches a geometry, the geometry better matches (thesis 2.7, frontend study).
 #pragma once
 
@@ -11,7 +11,7 @@
 
 namespace horopter {
 
-// Matches by likeness and neighbourhood alone; no F.
+// Matches by similarity and neighbourhood alone; no F.
 PairGeometry MatchPair(int view_a,
                        int view_b,
                        const MatchingView& a,

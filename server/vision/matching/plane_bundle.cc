@@ -102,8 +102,8 @@ void AddPoint(const PlaneBundle& bundle,
   }
 }
 
-// held_entry: of the scaled view's e.
-ReducedSystem Reduce(const PlaneBundle& bundle, int held_entry, double lambda) {
+// fixed_entry: of the scaled view's e.
+ReducedSystem Reduce(const PlaneBundle& bundle, int fixed_entry, double lambda) {
   const int n = static_cast<int>(bundle.cameras.size());
   ReducedSystem system;
   system.S = Eigen::MatrixXd::Zero(3 * n, 3 * n);
@@ -117,8 +117,8 @@ ReducedSystem Reduce(const PlaneBundle& bundle, int held_entry, double lambda) {
     if (!bundle.cameras[v].known || v == bundle.reference)
       system.S.block<3, 3>(3 * v, 3 * v) += kGaugeWeight * Eigen::Matrix3d::Identity();
   }
-  const int held = 3 * bundle.scaled + held_entry;
-  system.S(held, held) += kGaugeWeight;
+  const int fixed = 3 * bundle.scaled + fixed_entry;
+  system.S(fixed, fixed) += kGaugeWeight;
   return system;
 }
 
@@ -207,12 +207,12 @@ void AdjustPlaneBundle(PlaneBundle* bundle) {
       !RepairGauge(bundle)) {
     return;
   }
-  int held_entry = 0;
-  bundle->cameras[bundle->scaled].e.cwiseAbs().maxCoeff(&held_entry);
+  int fixed_entry = 0;
+  bundle->cameras[bundle->scaled].e.cwiseAbs().maxCoeff(&fixed_entry);
   double lambda = 1e-4, current = Cost(*bundle);
   ReducedSystem system;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
-    system = Reduce(*bundle, held_entry, lambda);
+    system = Reduce(*bundle, fixed_entry, lambda);
     Eigen::MatrixXd damped = system.S;
     damped.diagonal() *= 1.0 + lambda;
     const Eigen::VectorXd step = damped.ldlt().solve(system.g);

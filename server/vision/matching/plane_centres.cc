@@ -216,7 +216,7 @@ std::vector<std::pair<int, int>> StartPairs(const PlaneBundle& bundle, int max_p
 std::optional<PlaneBundle> Grow(const PlaneBundle& problem, const PlaneCentresOptions& options) {
   std::optional<PlaneBundle> best;
   double best_score = 0.0;
-  for (const auto& [a, b] : StartPairs(problem, options.seeds)) {
+  for (const auto& [a, b] : StartPairs(problem, options.starts)) {
     std::mt19937 rng(options.seed);
     PlaneBundle bundle = problem;
     if (!Start(a, b, options, &rng, &bundle)) continue;

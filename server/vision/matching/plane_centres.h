@@ -29,8 +29,8 @@ struct PlaneCentresOptions {
   int min_off_plane = 6;      // consistent points off the plane that a view needs
   double min_share = 0.25;    // ... and of those that the other views fix
   double max_sigma_px = 0.8;  // predicted deviation of the epipolar lines of a pair
-  int seeds = 6;              // pairs of views tried as a start
-  int hypotheses = 300;       // samples of two points per view and seed
+  int starts = 6;             // pairs of views tried as a start
+  int hypotheses = 300;       // samples of two points per view and start
   unsigned seed = 1;
 };
 

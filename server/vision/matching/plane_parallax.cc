@@ -178,7 +178,7 @@ std::vector<Vote> MakeVotes(const Frame& frame,
   std::map<int, const MatchCandidate*> best;
   for (const MatchCandidate& c : candidates) {
     const auto [it, added] = best.emplace(c.index_a, &c);
-    if (!added && c.likeness > it->second->likeness) it->second = &c;
+    if (!added && c.similarity > it->second->similarity) it->second = &c;
   }
   std::vector<Vote> votes;
   for (const MatchCandidate& c : candidates) {
@@ -186,7 +186,7 @@ std::vector<Vote> MakeVotes(const Frame& frame,
     if (best.at(c.index_a)->parallax_px <= options.on_plane_px) continue;
     const Eigen::Vector3d y = frame.H * Eigen::Vector3d(c.a.x(), c.a.y(), 1.0);
     if (!(y.z() > 0.0)) continue;
-    votes.push_back({&c, Unit(y.head<2>() / y.z()), Unit(c.b), std::max(0.05, c.likeness)});
+    votes.push_back({&c, Unit(y.head<2>() / y.z()), Unit(c.b), std::max(0.05, c.similarity)});
   }
   return votes;
 }
@@ -259,7 +259,7 @@ void AppendOnPlane(std::span<const MatchCandidate> candidates,
   }
   std::stable_sort(
       on_plane.begin(), on_plane.end(), [](const MatchCandidate* x, const MatchCandidate* y) {
-        return x->likeness > y->likeness;
+        return x->similarity > y->similarity;
       });
   for (const MatchCandidate* c : on_plane) {
     if (used_a.count(c->index_a) || used_b.count(c->index_b)) continue;

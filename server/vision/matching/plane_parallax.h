@@ -12,13 +12,13 @@
 
 namespace horopter {
 
-// A possible match of junction index_a with index_b; likeness in [-1, 1].
+// A possible match of junction index_a with index_b; similarity in [-1, 1].
 struct MatchCandidate {
   int index_a = -1;
   int index_b = -1;
   Eigen::Vector2d a = Eigen::Vector2d::Zero();
   Eigen::Vector2d b = Eigen::Vector2d::Zero();
-  double likeness = 0.0;
+  double similarity = 0.0;
   double parallax_px = 0.0;  // |H^-1 b - a|
 };
 

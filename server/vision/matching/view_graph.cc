@@ -15,18 +15,18 @@ constexpr int kKeypoints = 200;     // of a sketch
 constexpr double kContrast = 5.0;   // times MatchingOptions::sift_contrast: the strong ones
 constexpr double kVoteRatio = 0.8;  // Lowe's
 constexpr size_t kJunctions = 150;
-constexpr float kMinLikeness = 0.75f;  // of two junctions' low frequencies
+constexpr float kMinSimilarity = 0.75f;  // of two junctions' low frequencies
 
 std::vector<int> NearestOf(const std::vector<JunctionPatch::Code>& from,
                            const std::vector<JunctionPatch::Code>& to) {
   std::vector<int> nearest;
   for (const JunctionPatch::Code& a : from) {
     int best = -1;
-    float highest = kMinLikeness;
+    float highest = kMinSimilarity;
     for (size_t j = 0; j < to.size(); ++j) {
-      const float likeness = a.dot(to[j]);
-      if (likeness <= highest) continue;
-      highest = likeness;
+      const float similarity = a.dot(to[j]);
+      if (similarity <= highest) continue;
+      highest = similarity;
       best = static_cast<int>(j);
     }
     nearest.push_back(best);

@@ -1,8 +1,10 @@
 #include "server/vision/recognition/acceptance.h"
 
 #include <cmath>
+#include <initializer_list>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/status_macros.h"
 
 namespace horopter {
 namespace {
@@ -28,69 +30,112 @@ bool IsIn(Range range, double x) {
   return false;
 }
 
-}  // namespace
-
-absl::Status Validate(const AcceptanceOptions& options) {
-  const PlacementAcceptance& p = options.placements;
-  const SceneAcceptance& s = options.scene;
-  const AlternativeAcceptance& a = options.alternatives;
-  const AspectAcceptance& v = options.aspects;
-  const PoseChoiceAcceptance& c = options.pose_choices;
-  const Field fields[] = {
-      {"placements.min_score", p.min_score, Range::kShare},
-      {"placements.off_plane_score", p.off_plane_score, Range::kShare},
-      {"placements.plane_tolerance_m", p.plane_tolerance_m, Range::kPositive},
-      {"placements.max_shared_volume", p.max_shared_volume, Range::kShare},
-      {"placements.max_shared_edges", p.max_shared_edges, Range::kShare},
-      {"placements.floating_log_odds", p.floating_log_odds, Range::kNotNegative},
-      {"placements.hidden_score", p.hidden_score, Range::kShare},
-      {"placements.hidden_sharpness", p.hidden_sharpness, Range::kShare},
-      {"placements.hidden_slack", p.hidden_slack, Range::kShare},
-      {"placements.sure_scene", p.sure_scene, Range::kShare},
-      {"scene.min_probability", s.min_probability, Range::kShare},
-      {"scene.min_object_probability", s.min_object_probability, Range::kShare},
-      {"scene.max_focal_deviations", s.max_focal_deviations, Range::kPositive},
-      {"scene.min_parallax_rad", s.min_parallax_rad, Range::kNotNegative},
-      {"scene.ambiguity_gap", s.ambiguity_gap, Range::kShare},
-      {"scene.loose_ambiguity_gap", s.loose_ambiguity_gap, Range::kShare},
-      {"alternatives.misfit_diameters", a.misfit_diameters, Range::kPositive},
-      {"alternatives.min_shared_volume", a.min_shared_volume, Range::kShare},
-      {"alternatives.max_score_deficit", a.max_score_deficit, Range::kShare},
-      {"alternatives.most_per_object", static_cast<double>(a.most_per_object), Range::kPositive},
-      {"alternatives.max_harm", a.max_harm, Range::kShare},
-      {"alternatives.texture_weight", a.texture_weight, Range::kNotNegative},
-      {"alternatives.clear_texture", a.clear_texture, Range::kNotNegative},
-      {"alternatives.clear_lead", a.clear_lead, Range::kShare},
-      {"alternatives.sharpness_weight", a.sharpness_weight, Range::kNotNegative},
-      {"aspects.confirming_score", v.confirming_score, Range::kShare},
-      {"aspects.contradicting_score", v.contradicting_score, Range::kShare},
-      {"aspects.chance_score", v.chance_score, Range::kShare},
-      {"aspects.score_weight", v.score_weight, Range::kPositive},
-      {"aspects.even_score", v.even_score, Range::kShare},
-      {"aspects.even_alone", v.even_alone, Range::kShare},
-      {"aspects.even_in_one_view", v.even_in_one_view, Range::kShare},
-      {"aspects.sure_score", v.sure_score, Range::kShare},
-      {"aspects.accompanied_score", v.accompanied_score, Range::kShare},
-      {"aspects.companion_score", v.companion_score, Range::kShare},
-      {"aspects.few_views_share", v.few_views_share, Range::kShare},
-      {"aspects.few_views_more", v.few_views_more, Range::kShare},
-      {"aspects.focal_spread_free", v.focal_spread_free, Range::kNotNegative},
-      {"aspects.focal_spread_more", v.focal_spread_more, Range::kNotNegative},
-      {"aspects.min_probability", v.min_probability, Range::kShare},
-      {"aspects.sure_probability", v.sure_probability, Range::kShare},
-      {"aspects.other_precision", v.other_precision, Range::kShare},
-      {"pose_choices.min_probability", c.min_probability, Range::kShare},
-      {"pose_choices.found_contour", c.found_contour, Range::kShare},
-      {"pose_choices.found_crease", c.found_crease, Range::kShare},
-      {"pose_choices.independent_px", c.independent_px, Range::kPositive},
-      {"pose_choices.most_log_odds", c.most_log_odds, Range::kPositive},
-      {"pose_choices.ambiguous_share", c.ambiguous_share, Range::kShare}};
+absl::Status CheckFields(const char* group, std::initializer_list<Field> fields) {
   for (const Field& f : fields) {
     if (!IsIn(f.range, f.value))
       return absl::InvalidArgumentError(
-          absl::StrCat("acceptance.", f.name, ": ", f.value, " is out of range"));
+          absl::StrCat("acceptance.", group, ".", f.name, ": ", f.value, " is out of range"));
   }
   return absl::OkStatus();
+}
+
+absl::Status Check(const PlacementAcceptance& o) {
+  return CheckFields("placements",
+                     {{"min_score", o.min_score, Range::kShare},
+                      {"off_plane_score", o.off_plane_score, Range::kShare},
+                      {"plane_tolerance_m", o.plane_tolerance_m, Range::kPositive},
+                      {"max_shared_volume", o.max_shared_volume, Range::kShare},
+                      {"max_shared_edges", o.max_shared_edges, Range::kShare},
+                      {"floating_log_odds", o.floating_log_odds, Range::kNotNegative},
+                      {"hidden_score", o.hidden_score, Range::kShare},
+                      {"hidden_sharpness", o.hidden_sharpness, Range::kShare},
+                      {"hidden_slack", o.hidden_slack, Range::kShare},
+                      {"sure_scene", o.sure_scene, Range::kShare},
+                      {"upright_cos", o.upright_cos, Range::kShare},
+                      {"same_plane_m", o.same_plane_m, Range::kPositive},
+                      {"priority_score", o.priority_score, Range::kShare},
+                      {"behind_factor", o.behind_factor, Range::kPositive}});
+}
+
+absl::Status Check(const SceneAcceptance& o) {
+  return CheckFields("scene",
+                     {{"min_probability", o.min_probability, Range::kShare},
+                      {"min_object_probability", o.min_object_probability, Range::kShare},
+                      {"max_focal_deviations", o.max_focal_deviations, Range::kPositive},
+                      {"min_parallax_rad", o.min_parallax_rad, Range::kNotNegative},
+                      {"ambiguity_gap", o.ambiguity_gap, Range::kShare},
+                      {"loose_ambiguity_gap", o.loose_ambiguity_gap, Range::kShare},
+                      {"min_segments", static_cast<double>(o.min_segments), Range::kPositive}});
+}
+
+absl::Status Check(const AlternativeAcceptance& o) {
+  return CheckFields("alternatives",
+                     {{"misfit_diameters", o.misfit_diameters, Range::kPositive},
+                      {"min_shared_volume", o.min_shared_volume, Range::kShare},
+                      {"max_score_deficit", o.max_score_deficit, Range::kShare},
+                      {"most_per_object", static_cast<double>(o.most_per_object), Range::kPositive},
+                      {"max_harm", o.max_harm, Range::kShare},
+                      {"texture_weight", o.texture_weight, Range::kNotNegative},
+                      {"clear_texture", o.clear_texture, Range::kNotNegative},
+                      {"clear_lead", o.clear_lead, Range::kShare},
+                      {"sharpness_weight", o.sharpness_weight, Range::kNotNegative}});
+}
+
+absl::Status Check(const AspectAcceptance& o) {
+  return CheckFields(
+      "aspects",
+      {{"confirming_score", o.confirming_score, Range::kShare},
+       {"contradicting_score", o.contradicting_score, Range::kShare},
+       {"chance_score", o.chance_score, Range::kShare},
+       {"score_weight", o.score_weight, Range::kPositive},
+       {"even_score", o.even_score, Range::kShare},
+       {"even_alone", o.even_alone, Range::kShare},
+       {"even_in_one_view", o.even_in_one_view, Range::kShare},
+       {"sure_score", o.sure_score, Range::kShare},
+       {"accompanied_score", o.accompanied_score, Range::kShare},
+       {"companion_score", o.companion_score, Range::kShare},
+       {"few_views_share", o.few_views_share, Range::kShare},
+       {"few_views_more", o.few_views_more, Range::kShare},
+       {"focal_spread_free", o.focal_spread_free, Range::kNotNegative},
+       {"focal_spread_more", o.focal_spread_more, Range::kNotNegative},
+       {"min_probability", o.min_probability, Range::kShare},
+       {"sure_probability", o.sure_probability, Range::kShare},
+       {"other_precision", o.other_precision, Range::kShare},
+       {"accompanied_focal_share", o.accompanied_focal_share, Range::kNotNegative},
+       {"accompanied_views", static_cast<double>(o.accompanied_views), Range::kPositive},
+       {"same_place_share", o.same_place_share, Range::kShare},
+       {"apart_share", o.apart_share, Range::kShare}});
+}
+
+absl::Status Check(const PoseChoiceAcceptance& o) {
+  return CheckFields("pose_choices",
+                     {{"min_probability", o.min_probability, Range::kShare},
+                      {"found_contour", o.found_contour, Range::kShare},
+                      {"found_crease", o.found_crease, Range::kShare},
+                      {"independent_px", o.independent_px, Range::kPositive},
+                      {"most_log_odds", o.most_log_odds, Range::kPositive},
+                      {"ambiguous_share", o.ambiguous_share, Range::kShare}});
+}
+
+absl::Status Check(const MisfitAcceptance& o) {
+  return CheckFields("misfits",
+                     {{"least_px", o.least_px, Range::kPositive},
+                      {"factor", o.factor, Range::kPositive},
+                      {"aspect_scatter", o.aspect_scatter, Range::kPositive},
+                      {"found_px", o.found_px, Range::kPositive},
+                      {"least_found", o.least_found, Range::kNotNegative},
+                      {"min_samples", static_cast<double>(o.min_samples), Range::kPositive}});
+}
+
+}  // namespace
+
+absl::Status Validate(const AcceptanceOptions& options) {
+  HOROPTER_RETURN_IF_ERROR(Check(options.placements));
+  HOROPTER_RETURN_IF_ERROR(Check(options.scene));
+  HOROPTER_RETURN_IF_ERROR(Check(options.alternatives));
+  HOROPTER_RETURN_IF_ERROR(Check(options.aspects));
+  HOROPTER_RETURN_IF_ERROR(Check(options.pose_choices));
+  return Check(options.misfits);
 }
 
 }  // namespace horopter

@@ -38,10 +38,24 @@ struct PlacementAcceptance {
   double hidden_slack = 0.06;
   // Probability of a scene to which they are added. Commit b6e7799, the same scenes.
   double sure_scene = 0.9;
+  // Cosine of the angle between a stable pose's upward direction and the plane's normal, 6 degrees:
+  // within it a part stands upright. Commit 312385b, parts-dev.
+  double upright_cos = 0.9945;
+  // Metres by which the planes that parts stand on may differ and be one. Commit 312385b,
+  // parts-dev.
+  double same_plane_m = 0.008;
+  // Placements come in the order of their score above this by the root of what supports it, working
+  // px: sure and large ones first. Commit 312385b, parts-dev.
+  double priority_score = 0.45;
+  // A placement behind a plane of matched texture must have so many times the priority of any on it
+  // to show that the plane carries no parts. Commit 0f32eb3, which names no data.
+  double behind_factor = 2.0;
 };
 
 // Which scenes, and which objects of a scene, are answered (interpretation/decision.h, answer.h).
 struct SceneAcceptance {
+  // Segments in the image that has most: of fewer nothing can be said. Chosen, commit 312385b.
+  int min_segments = 5;
   // Of a scene, by the fit kScenePriorLogOdds; higher: fewer, surer answers. An even bet is what
   // the fit is made for. Commit d8af989, parts-train.
   double min_probability = 0.5;
@@ -84,9 +98,9 @@ struct AlternativeAcceptance {
   // Difference in texture (log odds) that decides alone: shadow and what stands before a plain part
   // say as much by chance as less. Commit 5f7c679, parts-dev and the real photographs.
   double clear_texture = 3.5;
-  // Lead in score that decides between two poses of one object, whatever they gain: gain prices
-  // predicted edges that are not seen, and the pose that shows a pocket predicts more of them.
-  // Commit 5f7c679, parts-dev.
+  // Lead in score that decides between two poses of one object, whatever their description-length
+  // gain, which penalises predicted edges that are not seen, and the pose that shows a pocket
+  // predicts more of them. Commit 5f7c679, parts-dev.
   double clear_lead = 0.01;
   // Of score a unit of sharpness is worth between such poses. Commit 584e846, parts-dev.
   double sharpness_weight = 0.2;
@@ -121,6 +135,10 @@ struct AspectAcceptance {
   // `aspect_scene_report` says of cad-dev, parts-dev, parts-train and two one-off sets.
   double accompanied_score = 0.52;
   double companion_score = 0.47;
+  // Of focal_spread_free: how much such cameras' focal lengths may differ; right scenes have less.
+  // Commit 588835a, the scenes of accompanied_score.
+  double accompanied_focal_share = 0.5;
+  int accompanied_views = 3;      // of such a scene, at least; two adapt to a wrong part
   double few_views_share = 0.55;  // of the views: fewer add ...
   double few_views_more = 0.05;   // ... this to even_alone
   double focal_spread_free =
@@ -135,6 +153,12 @@ struct AspectAcceptance {
   // fit into other blocks' edges; wrong ones had 0.59 and 0.67, right ones 0.69 and more. Commit
   // 07f9a46, `aspect_scene_report parts-dev val`.
   double other_precision = 0.70;
+  // Share of its projected diameter by which two placements of one part are one place in an image.
+  // Commit f9fb7b8, which names no data.
+  double same_place_share = 0.2;
+  // Share of the smaller diameter within which two parts' centres are one place: an object of
+  // another route's answer that got lost is not put back there. The same commit.
+  double apart_share = 0.4;
 };
 
 // Which poses an answer names as left open (interpretation/pose_alternatives.h). All of commit
@@ -153,12 +177,34 @@ struct PoseChoiceAcceptance {
   double ambiguous_share = 0.3;  // alternatives this likely together make the answer ambiguous
 };
 
+// Which adjusted objects do not fit the cameras of the others and are left out
+// (euclidean/findings.h).
+struct MisfitAcceptance {
+  // The edges found scatter more than this (working px) and `factor` times as widely as the
+  // others'. Commit 264310e, which names no data.
+  double least_px = 0.8;
+  double factor = 3.0;
+  // ... where aspects found the parts, by how much least_px is larger: rims and fillets scatter
+  // more than sharp edges, a right part of cad-dev, scene 17, more than 0.8 px. Commit e69dd09,
+  // `dataset recognize cad-dev val`.
+  double aspect_scatter = 2.0;
+  // An expected sample is found when an edge point is this near, working px. Commit 8251326, which
+  // names no data.
+  double found_px = 2.5;
+  // Share of the samples expected in a view, relative to the others' share, that must be found;
+  // higher: more objects are left out. Commit 3adafc1, which names no data.
+  double least_found = 0.6;
+  // Expected samples of a view that has a say. Chosen, commit 3adafc1.
+  int min_samples = 20;
+};
+
 struct AcceptanceOptions {
   PlacementAcceptance placements;
   SceneAcceptance scene;
   AlternativeAcceptance alternatives;
   AspectAcceptance aspects;
   PoseChoiceAcceptance pose_choices;
+  MisfitAcceptance misfits;
 };
 
 // Errors: INVALID_ARGUMENT, names the field: not finite, a share or probability outside of [0, 1],

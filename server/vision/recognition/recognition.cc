@@ -23,8 +23,6 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinSegments = 5;  // fewer in every view: nothing can be said
-
 // A way to a scene's first part. plane_found: the search on the plane has found parts, so that
 // whoever needs no plane need not look.
 struct Route {
@@ -143,6 +141,22 @@ class RefusalNotes {
   std::vector<PlacedObject> before_;
 };
 
+// A scene that is doubtful is not answered at all.
+void RefuseScene(const JointContext& context,
+                 std::span<const double> best_competing,
+                 SceneModel* scene,
+                 RefusalNotes* notes) {
+  const double probability = SceneProbability(context, *scene, best_competing);
+  const double needed = context.options.acceptance.scene.min_probability;
+  scene->objects.clear();
+  const bool unlikely = probability < needed;
+  notes->Left(*scene,
+              unlikely ? AcceptanceTest::kChance : AcceptanceTest::kFocal,
+              unlikely ? needed : 0.0,
+              [&](const PlacedObject&) { return probability; });
+  scene->views.assign(scene->views.size(), std::nullopt);
+}
+
 // What is answered of the best scene: symmetric views aligned, alternatives heard, what chance
 // explains left out.
 RecognitionResult Conclude(const RecognitionInput& input,
@@ -173,17 +187,7 @@ RecognitionResult Conclude(const RecognitionInput& input,
   notes.Left(scene, AcceptanceTest::kChance, 0.0, ObjectProbability);
   best.best_competing = BestCompeting(*context, scene, best.verified, alternatives);
   const std::string doubt = ReasonToDoubt(*context, scene, best.best_competing);
-  if (!doubt.empty()) {
-    const double probability = SceneProbability(*context, scene, best.best_competing);
-    const double needed = context->options.acceptance.scene.min_probability;
-    scene.objects.clear();
-    const bool unlikely = probability < needed;
-    notes.Left(scene,
-               unlikely ? AcceptanceTest::kChance : AcceptanceTest::kFocal,
-               unlikely ? needed : 0.0,
-               [&](const PlacedObject&) { return probability; });
-    scene.views.assign(input.features.size(), std::nullopt);
-  }
+  if (!doubt.empty()) RefuseScene(*context, best.best_competing, &scene, &notes);
   // A single part that the cameras hang on leaves them free to adapt to a wrong pose of it.
   const bool trusted = scene.objects.size() > 1 || CamerasTrusted(input);
   BeginStep(*context, "result");
@@ -335,22 +339,24 @@ absl::Status CheckInput(const RecognitionInput& input, const RecognitionOptions&
   return Validate(options);
 }
 
-std::optional<RecognitionResult> TooFewFeatures(const RecognitionInput& input, RefusalLog* log) {
+std::optional<RecognitionResult> TooFewFeatures(const RecognitionInput& input,
+                                                const SceneAcceptance& acceptance,
+                                                RefusalLog* log) {
   std::size_t most_segments = 0;
   for (const ImageFeatures& f : input.features)
     most_segments = std::max(most_segments, f.segments.size());
-  if (most_segments >= kMinSegments) return std::nullopt;
+  if (static_cast<int>(most_segments) >= acceptance.min_segments) return std::nullopt;
   RecognitionResult result;
   result.views.resize(input.features.size());
   result.state = RecognitionState::kTooFewFeatures;
-  result.detail =
-      absl::StrCat("at most ", most_segments, " segments in an image, need ", kMinSegments);
+  result.detail = absl::StrCat(
+      "at most ", most_segments, " segments in an image, need ", acceptance.min_segments);
   if (log != nullptr) {
     log->refusals.push_back({AcceptanceTest::kFeatures,
                              {},
                              result.views,
                              static_cast<double>(most_segments),
-                             kMinSegments});
+                             static_cast<double>(acceptance.min_segments)});
   }
   return result;
 }
@@ -372,7 +378,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
     return absl::InvalidArgumentError("images: one per list of features");
   if (!HaveAspects(input.objects))
     return absl::InvalidArgumentError("objects: not all have aspects");
-  if (auto result = TooFewFeatures(input, log)) return *std::move(result);
+  if (auto result = TooFewFeatures(input, options.acceptance.scene, log)) return *std::move(result);
   const JointContext context =
       MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
                   options,
@@ -401,7 +407,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
                                                    RefusalLog* log) {
   HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
   if (input.matching == nullptr) return absl::InvalidArgumentError("matching: missing");
-  if (auto result = TooFewFeatures(input, log)) return *std::move(result);
+  if (auto result = TooFewFeatures(input, options.acceptance.scene, log)) return *std::move(result);
   JointContext context = MakeContext(
       {input.features, input.hints, input.matching, input.reconstruction, input.objects},
       options,

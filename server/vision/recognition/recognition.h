@@ -28,7 +28,7 @@ struct RecognitionInput {
   std::span<const std::shared_ptr<const PreparedObject>> objects;
   // The catalog's keys, object i in slot slots[i]. Null: an index is built when it is asked for.
   const KeyIndexSnapshot* keys = nullptr;
-  std::span<const int> slots;
+  std::span<const int> slots = {};
   const BottomUpOptions* bottom_up = nullptr;  // of the metric and projective route; null: defaults
   const AspectRecognitionOptions* aspects = nullptr;  // null: defaults
 };

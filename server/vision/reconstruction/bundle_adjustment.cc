@@ -167,7 +167,7 @@ SparseMatrix FromCeres(const ceres::CRSMatrix& crs) {
   return out;
 }
 
-// Fills the deviations of every log f. The principal points are held at the images' centres: what
+// Fills the deviations of every log f. The principal points are fixed at the images' centres: what
 // their own deviation adds is propagated as that of consider parameters (Schmidt 1966),
 // C = s^2 N^-1 + S Sigma S^T with S = N^-1 J^T J_c.
 void FillFocalDeviations(const BundleOptions& options,

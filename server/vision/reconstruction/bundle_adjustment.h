@@ -45,7 +45,7 @@ struct BundleOptions {
   double focal_prior_widths = 1.5;
   double focal_prior_log_sigma = 0.5;
   double k1_sigma = 0.04;  // prior of the radial coefficient about 0
-  // Of each coordinate of the principal point, which is held at the image's centre unless it is
+  // Of each coordinate of the principal point, which is fixed at the image's centre unless it is
   // given. 0.012: uniform within 2 %.
   double principal_point_sigma_widths = 0.012;
   double loss_px = 1.0;  // Cauchy scale

@@ -5,16 +5,13 @@
 #include <optional>
 #include <vector>
 
-#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/calibrated_camera.h"
 #include "server/vision/geometry/plucker_line.h"
-#include "server/vision/geometry/rigid3.h"
 #include "server/vision/reconstruction/view_prior.h"
 
 namespace horopter {
 
-struct CalibratedView {
-  PinholeCamera camera;
-  Rigid3 camera_from_scene;
+struct CalibratedView : CalibratedCamera {
   double focal_log_sigma = 0.0;  // posterior, with the principal point's uncertainty in it
 };
 

@@ -10,6 +10,8 @@
 #include <random>
 #include <string>
 
+#include "server/base/status_macros.h"
+
 namespace horopter {
 namespace {
 
@@ -206,6 +208,58 @@ std::optional<Rigid3> AlignTriangles(const std::array<Eigen::Vector3d, 3>& from,
   return out;
 }
 
+// The pose and focal length of three points that the others agree with best (RANSAC). Errors:
+// CANCELLED.
+absl::StatusOr<std::optional<Pose>> DrawPose(const Problem& problem,
+                                             std::span<const PointSight> points,
+                                             const ImageSize& size,
+                                             const ViewPrior& prior,
+                                             const ResectionOptions& options,
+                                             const StopRequested& stop) {
+  const int n = static_cast<int>(points.size());
+  PinholeCamera given = CenteredCamera(size.width, size.height, 1.0);
+  if (prior.principal_point_px) {
+    given.cx = prior.principal_point_px->x();
+    given.cy = prior.principal_point_px->y();
+  }
+  given.k1 = prior.k1.value_or(0.0);
+  std::mt19937 rng(options.seed);
+  std::optional<Pose> best;
+  double best_score = 1e300;
+  const std::vector<double> focal_lengths = FocalLengths(size, prior, options);
+  double needed = options.max_iterations;
+  for (int i = 0; i < needed; ++i) {
+    if (i % 64 == 0 && IsStopRequested(stop)) return absl::CancelledError("resection: cancelled");
+    std::array<int, 3> chosen{};
+    for (int k = 0; k < 3; ++k) {
+      do {
+        chosen[k] = static_cast<int>(rng() % static_cast<unsigned>(n));
+      } while (std::find(chosen.begin(), chosen.begin() + k, chosen[k]) != chosen.begin() + k);
+    }
+    const std::array<Eigen::Vector3d, 3> X = {points[chosen[0]].point_in_world,
+                                              points[chosen[1]].point_in_world,
+                                              points[chosen[2]].point_in_world};
+    for (const double focal_px : focal_lengths) {
+      PinholeCamera camera = given;
+      camera.focal_px = focal_px;
+      std::array<Eigen::Vector3d, 3> rays;
+      for (int k = 0; k < 3; ++k) {
+        rays[k] = NormalizedPoint(camera, points[chosen[k]].pixel).homogeneous();
+      }
+      for (const Rigid3& camera_from_world : PosesFromThreePoints(X, rays)) {
+        const Pose pose{camera, camera_from_world};
+        const double score = problem.Score(pose, best_score);
+        if (score >= best_score) continue;
+        best = pose, best_score = score;
+        const double share = static_cast<double>(problem.Agreeing(pose)) / n;
+        const double miss = std::log1p(-std::pow(share, 3));
+        if (miss < 0.0) needed = std::min(needed, std::log(kMissed) / miss);
+      }
+    }
+  }
+  return best;
+}
+
 }  // namespace
 
 std::vector<Rigid3> PosesFromThreePoints(std::span<const Eigen::Vector3d, 3> X,
@@ -251,46 +305,8 @@ absl::StatusOr<ResectedCamera> ResectPinhole(std::span<const PointSight> points,
         Text("%d known points matched, need %d", n, options.min_points));
   }
   const Problem problem(points, lines, size, prior, options);
-  PinholeCamera given = CenteredCamera(size.width, size.height, 1.0);
-  if (prior.principal_point_px) {
-    given.cx = prior.principal_point_px->x();
-    given.cy = prior.principal_point_px->y();
-  }
-  given.k1 = prior.k1.value_or(0.0);
-  std::mt19937 rng(options.seed);
-  std::optional<Pose> best;
-  double best_score = 1e300;
-  const std::vector<double> focal_lengths = FocalLengths(size, prior, options);
-  double needed = options.max_iterations;
-  for (int i = 0; i < needed; ++i) {
-    if (i % 64 == 0 && IsStopRequested(stop)) return absl::CancelledError("resection: cancelled");
-    std::array<int, 3> chosen{};
-    for (int k = 0; k < 3; ++k) {
-      do {
-        chosen[k] = static_cast<int>(rng() % static_cast<unsigned>(n));
-      } while (std::find(chosen.begin(), chosen.begin() + k, chosen[k]) != chosen.begin() + k);
-    }
-    const std::array<Eigen::Vector3d, 3> X = {points[chosen[0]].point_in_world,
-                                              points[chosen[1]].point_in_world,
-                                              points[chosen[2]].point_in_world};
-    for (const double focal_px : focal_lengths) {
-      PinholeCamera camera = given;
-      camera.focal_px = focal_px;
-      std::array<Eigen::Vector3d, 3> rays;
-      for (int k = 0; k < 3; ++k) {
-        rays[k] = NormalizedPoint(camera, points[chosen[k]].pixel).homogeneous();
-      }
-      for (const Rigid3& camera_from_world : PosesFromThreePoints(X, rays)) {
-        const Pose pose{camera, camera_from_world};
-        const double score = problem.Score(pose, best_score);
-        if (score >= best_score) continue;
-        best = pose, best_score = score;
-        const double share = static_cast<double>(problem.Agreeing(pose)) / n;
-        const double miss = std::log1p(-std::pow(share, 3));
-        if (miss < 0.0) needed = std::min(needed, std::log(kMissed) / miss);
-      }
-    }
-  }
+  HOROPTER_ASSIGN_OR_RETURN(std::optional<Pose> best,
+                            DrawPose(problem, points, size, prior, options, stop));
   if (!best) return absl::FailedPreconditionError("no pose from any three points");
   const Matrix7d normal = problem.Refine(&*best);
   ResectedCamera out{best->camera, best->camera_from_world, 0, 0, 0.0, 0.0};

@@ -12,7 +12,7 @@
 namespace horopter {
 namespace {
 
-// A solution that explains this share needs no rival.
+// A solution that explains this share needs no alternative.
 constexpr double kSureShare = 0.75;
 
 template <typename... Arguments>

@@ -18,9 +18,9 @@ struct MatchedTracks {
 // Which pairs' matches make tracks.
 enum class MatchedPairs {
   kWithEpipolarGeometry,
-  // Those first; then matches that likeness and neighbourhood alone gave extend them where nothing
-  // contradicts: a pair whose few matches determine no F may still tie its views by way of others.
-  // Wrong ones among them are left to whoever reconstructs.
+  // Those first; then matches that similarity and neighbourhood alone gave extend them where
+  // nothing contradicts: a pair whose few matches determine no F may still link its views by way of
+  // others. Wrong ones among them are left to whoever reconstructs.
   kAll,
 };
 

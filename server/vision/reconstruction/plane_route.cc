@@ -13,6 +13,7 @@
 namespace horopter {
 namespace {
 
+constexpr double kOtherFocalLog = 0.1;  // log of the ratio of focal lengths that differ
 constexpr int kStarts = 8;
 constexpr std::size_t kRefinedStarts = 2;
 // Three views of a plane leave one unknown to the prior: more starts are tried on the points off
@@ -302,7 +303,9 @@ void Export(const Bundle& bundle, const Component& component, Reconstruction* re
   result->counts["observations"] = observations;
 }
 
-void DecideTrust(const ReconstructionOptions& options, double rival_ratio, Reconstruction* result) {
+void DecideTrust(const ReconstructionOptions& options,
+                 double alternative_ratio,
+                 Reconstruction* result) {
   double sigma = 0.0;
   int registered = 0;
   for (const auto& view : result->views) {
@@ -332,14 +335,42 @@ void DecideTrust(const ReconstructionOptions& options, double rival_ratio, Recon
                   "focal length known to %.0f %%, need %.0f %%",
                   100 * std::min(sigma, 10.0),
                   100 * kMaxTrustedFocalSigma);
-  } else if (rival_ratio < 1.1) {
+  } else if (alternative_ratio < 1.1) {
     std::snprintf(text,
                   sizeof(text),
                   "a different calibration costs only %.2f times as much, need 1.1",
-                  rival_ratio);
+                  alternative_ratio);
   }
   result->refusal = text;
   result->trusted = result->refusal.empty();
+}
+
+// Cost of the second solution relative to the first, where its focal length is another.
+double AlternativeRatio(const std::vector<Solution>& solutions) {
+  if (solutions.size() < 2 ||
+      !(std::abs(std::log(solutions[0].bundle.views[0].focal_px /
+                          solutions[1].bundle.views[0].focal_px)) > kOtherFocalLog))
+    return 1e9;
+  return (solutions[1].cost + 1e-6) / (solutions[0].cost + 1e-6);
+}
+
+// The cheapest starts refined with all tracks, cheapest first; what does not converge costs 1e300.
+void RefineSolutions(const std::vector<Track>& plane,
+                     const std::vector<Track>& junctions,
+                     std::size_t views,
+                     const ReconstructionOptions& options,
+                     const StopRequested& stop,
+                     std::vector<Solution>* solutions) {
+  const std::size_t refined = views <= kFewViews ? kRefinedStartsOfFew : kRefinedStarts;
+  if (solutions->size() > refined) solutions->resize(refined);
+  for (Solution& s : *solutions) {
+    s.cost = Refine(plane, junctions, options, stop, &s.bundle)
+                 ? TruncatedCost(s.bundle, plane, junctions) + PriorCost(s.bundle, options)
+                 : 1e300;
+  }
+  std::stable_sort(solutions->begin(), solutions->end(), [](const Solution& x, const Solution& y) {
+    return x.cost < y.cost;
+  });
 }
 
 }  // namespace
@@ -376,18 +407,8 @@ absl::StatusOr<Reconstruction> ReconstructFromPlane(const MatchingResult& matchi
         "no camera geometry fits the plane in " + std::to_string(component.views.size()) + " views";
     return result;
   }
-  const std::size_t refined =
-      component.views.size() <= kFewViews ? kRefinedStartsOfFew : kRefinedStarts;
-  if (solutions.size() > refined) solutions.resize(refined);
-  for (Solution& s : solutions) {
-    s.cost = Refine(plane, junctions, options, stop, &s.bundle)
-                 ? TruncatedCost(s.bundle, plane, junctions) + PriorCost(s.bundle, options)
-                 : 1e300;
-  }
+  RefineSolutions(plane, junctions, component.views.size(), options, stop, &solutions);
   if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");
-  std::stable_sort(solutions.begin(), solutions.end(), [](const Solution& x, const Solution& y) {
-    return x.cost < y.cost;
-  });
   const Bundle& best = solutions.front().bundle;
   if (solutions.front().cost >= 1e300) {
     result.refusal = "bundle adjustment did not converge";
@@ -405,14 +426,9 @@ absl::StatusOr<Reconstruction> ReconstructFromPlane(const MatchingResult& matchi
     result.refusal = text;
     return result;
   }
-  double rival_ratio = 1e9;
-  if (solutions.size() > 1 &&
-      std::abs(std::log(best.views[0].focal_px / solutions[1].bundle.views[0].focal_px)) > 0.1) {
-    rival_ratio = (solutions[1].cost + 1e-6) / (solutions[0].cost + 1e-6);
-  }
   result.has_plane = true;
   Export(best, component, &result);
-  DecideTrust(options, rival_ratio, &result);
+  DecideTrust(options, AlternativeRatio(solutions), &result);
   return result;
 }
 

@@ -18,6 +18,9 @@
 
 namespace horopter {
 
+// No CalibratedCamera: `world` is the reconstruction's own frame (points, plane, priors and bundle
+// are stated in it), and its unit is no metre. Whoever takes a view into a scene converts it
+// explicitly.
 struct ReconstructedView {
   PinholeCamera camera;
   Rigid3 camera_from_world;  // similarity gauge: the scale of t is arbitrary

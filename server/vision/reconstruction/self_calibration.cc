@@ -115,14 +115,65 @@ void Decide(const MultiviewTracks& tracks,
   } else if (InFront(tracks, projective, result->scene) < 0.99) {
     result->outcome = MetricOutcome::kCameraModel;
     result->reason = "points behind the cameras";
-  } else if (result->rival_gap < options.min_rival_gap) {
+  } else if (result->alternative_gap < options.min_alternative_gap) {
     result->outcome = MetricOutcome::kAmbiguous;
     result->reason = Text("a different calibration is worse by chi^2 %.1f only, need %.1f",
-                          result->rival_gap,
-                          options.min_rival_gap);
+                          result->alternative_gap,
+                          options.min_alternative_gap);
   } else {
     result->outcome = MetricOutcome::kMetric;
   }
+}
+
+bool IsSceneOf(const MultiviewTracks& tracks, const ProjectiveScene& projective) {
+  return projective.cameras.size() == tracks.sizes.size() &&
+         static_cast<int>(projective.points.size()) == tracks.points &&
+         static_cast<int>(projective.lines.size()) == tracks.lines &&
+         projective.point_inlier.size() == tracks.point_observations.size() &&
+         projective.line_inlier.size() == tracks.line_observations.size();
+}
+
+// Chi^2 by which the best calibration that is another than the first is worse; infinite without
+// one.
+double AlternativeGap(const std::vector<Candidate>& found) {
+  for (size_t k = 1; k < found.size(); ++k) {
+    if (found[k].dropped != found[0].dropped || SameCalibration(found[0].scene, found[k].scene)) {
+      continue;
+    }
+    return 2.0 * (found[k].summary.cost - found[0].summary.cost);
+  }
+  return std::numeric_limits<double>::infinity();
+}
+
+// Cameras that fit, those with fewest mirrored views first, then cheapest first. cameras: in the
+// scene; starts: counts those tried. Errors: CANCELLED.
+absl::StatusOr<std::vector<Candidate>> PlausibleCalibrations(const MultiviewTracks& tracks,
+                                                             const ProjectiveScene& scene,
+                                                             std::span<const ViewPrior> priors,
+                                                             int cameras,
+                                                             const SelfCalibrationOptions& options,
+                                                             const StopRequested& stop,
+                                                             int* starts) {
+  std::vector<Candidate> found;
+  for (const CalibratedScene& start : FindCalibrationStarts(tracks, scene, priors, options)) {
+    if (IsStopRequested(stop)) return absl::CancelledError("self-calibration: cancelled");
+    ++*starts;
+    Candidate candidate{start, 0, {}};
+    candidate.dropped = DropMirroredViews(tracks, scene, &candidate.scene);
+    if (3 * candidate.dropped > cameras) continue;
+    AlignToPoses(priors, &candidate.scene);
+    CalibratedBundleOptions bundle = options.bundle;
+    bundle.loss = RobustLoss::kCauchy;
+    candidate.summary = AdjustCalibrated(tracks, scene, priors, bundle, &candidate.scene);
+    if (!candidate.summary.usable) continue;
+    if (InFront(tracks, scene, candidate.scene) < kMinInFront) continue;
+    found.push_back(std::move(candidate));
+  }
+  std::stable_sort(found.begin(), found.end(), [](const Candidate& x, const Candidate& y) {
+    if (x.dropped != y.dropped) return x.dropped < y.dropped;
+    return x.summary.cost < y.summary.cost;
+  });
+  return found;
 }
 
 }  // namespace
@@ -154,11 +205,7 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
   HOROPTER_RETURN_IF_ERROR(Validate(options));
   HOROPTER_RETURN_IF_ERROR(Validate(tracks));
   HOROPTER_RETURN_IF_ERROR(Validate(priors, tracks.sizes.size()));
-  if (projective.cameras.size() != tracks.sizes.size() ||
-      static_cast<int>(projective.points.size()) != tracks.points ||
-      static_cast<int>(projective.lines.size()) != tracks.lines ||
-      projective.point_inlier.size() != tracks.point_observations.size() ||
-      projective.line_inlier.size() != tracks.line_observations.size()) {
+  if (!IsSceneOf(tracks, projective)) {
     return absl::InvalidArgumentError("projective: not a scene of these tracks");
   }
   MetricResult result;
@@ -166,8 +213,7 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
   result.scene.points.resize(tracks.points);
   result.scene.lines.resize(tracks.lines);
   result.mirrored.assign(tracks.sizes.size(), false);
-  result.rival_gap = std::numeric_limits<double>::infinity();
-
+  result.alternative_gap = std::numeric_limits<double>::infinity();
   const auto frame = FindQuasiAffineFrame(tracks, projective);
   if (!frame) {
     result.outcome = MetricOutcome::kNoQuasiAffine;
@@ -185,37 +231,15 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
   for (int j = 0; j < tracks.points; ++j) {
     if (!frame->point_consistent[j]) scene.points[j].reset();
   }
-  std::vector<Candidate> found;
-  for (const CalibratedScene& start : FindCalibrationStarts(tracks, scene, priors, options)) {
-    if (IsStopRequested(stop)) return absl::CancelledError("self-calibration: cancelled");
-    ++result.starts;
-    Candidate candidate{start, 0, {}};
-    candidate.dropped = DropMirroredViews(tracks, scene, &candidate.scene);
-    if (3 * candidate.dropped > cameras) continue;
-    AlignToPoses(priors, &candidate.scene);
-    CalibratedBundleOptions bundle = options.bundle;
-    bundle.loss = RobustLoss::kCauchy;
-    candidate.summary = AdjustCalibrated(tracks, scene, priors, bundle, &candidate.scene);
-    if (!candidate.summary.usable) continue;
-    if (InFront(tracks, scene, candidate.scene) < kMinInFront) continue;
-    found.push_back(std::move(candidate));
-  }
+  HOROPTER_ASSIGN_OR_RETURN(
+      std::vector<Candidate> found,
+      PlausibleCalibrations(tracks, scene, priors, cameras, options, stop, &result.starts));
   if (found.empty()) {
     result.outcome = MetricOutcome::kCameraModel;
     result.reason = Text("no plausible cameras fit %d views", cameras);
     return result;
   }
-  std::stable_sort(found.begin(), found.end(), [](const Candidate& x, const Candidate& y) {
-    if (x.dropped != y.dropped) return x.dropped < y.dropped;
-    return x.summary.cost < y.summary.cost;
-  });
-  for (size_t k = 1; k < found.size(); ++k) {
-    if (found[k].dropped != found[0].dropped || SameCalibration(found[0].scene, found[k].scene)) {
-      continue;
-    }
-    result.rival_gap = 2.0 * (found[k].summary.cost - found[0].summary.cost);
-    break;
-  }
+  result.alternative_gap = AlternativeGap(found);
   CalibratedBundleOptions last = options.bundle;
   last.loss = RobustLoss::kTukey;
   last.covariance = true;

@@ -32,8 +32,8 @@ struct SelfCalibrationOptions {
   int max_pairs = 15;    // pairs of views the grid is tried on
   // Largest posterior deviation of a log focal length that is called metric.
   double max_focal_log_sigma = 0.12;
-  double max_rms_ratio = 1.3;   // metric to projective residuals, in sigmas
-  double min_rival_gap = 10.0;  // chi^2 by which a different calibration must be worse
+  double max_rms_ratio = 1.3;         // metric to projective residuals, in sigmas
+  double min_alternative_gap = 10.0;  // chi^2 by which a different calibration must be worse
 };
 absl::Status Validate(const SelfCalibrationOptions& options);
 
@@ -46,7 +46,8 @@ struct MetricResult {
   double rms_sigma = 0.0;
   double weakest_deviation = 0.0;  // of the camera parameters, from the covariance's spectrum
   double worst_focal_log_sigma = 0.0;
-  double rival_gap = 0.0;  // chi^2 to the second-best distinct calibration; infinite without one
+  double alternative_gap =
+      0.0;  // chi^2 to the second-best distinct calibration; infinite without one
   int starts = 0;
   std::optional<BundleCovariance> covariance;
 };

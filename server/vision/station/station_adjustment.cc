@@ -11,9 +11,9 @@ namespace {
 constexpr double kLeastEdgesKept = 0.93;
 constexpr double kMostRmsRatio = 1.25;
 
-// The scene in which prior and images are compared is adjusted with the focal lengths held near to
-// the known ones: near enough that what the images say is linear there, and far too loose to hide
-// a change. A scene of one part alone would wander off by 30 %.
+// The scene in which prior and images are compared is adjusted with the focal lengths constrained
+// near to the known ones: near enough that what the images say is linear there, and far too loose
+// to hide a change. A scene of one part alone would wander off by 30 %.
 std::vector<CameraHint> NearHints(const RecognitionInput& input,
                                   const StationState& state,
                                   const StationViews& views,

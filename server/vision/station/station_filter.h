@@ -35,7 +35,7 @@ struct StationOptions {
   double focal_log_sigma = 0.35;
   double center_sigma = 0.01;  // of the width
   double k1_sigma = 0.03;
-  // Of a lens that was focused anew, zoomed or exchanged.
+  // Of a lens that was refocused, zoomed or exchanged.
   double changed_log_focal = 0.2;
   double changed_center = 0.002;  // of the width: a turn moves the image further
   double changed_k1 = 0.03;

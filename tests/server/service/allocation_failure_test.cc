@@ -157,8 +157,11 @@ TEST(AllocationFailure, AnywhereInAWriteNeverSplitsFileAndAnswers) {
     const bool stored = (*store)->catalog().GetSummary(id).ok();
     EXPECT_EQ(stored, status.ok()) << at << ": " << status;
     EXPECT_EQ((*store)->Published()->Contains(id), status.ok()) << at;
-    if (status.ok()) EXPECT_EQ(answered, id);
-    if (!status.ok()) EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+    if (status.ok()) {
+      EXPECT_EQ(answered, id);
+    } else {
+      EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+    }
     ASSERT_TRUE((*store)->CheckIndex().ok()) << at;
   }
   EXPECT_GT(failed, 100);

@@ -134,7 +134,7 @@ Equations Linearise(std::span<const SceneRow> rows,
     out.H(at, at) += w;
     out.g(at) += w * off;
     out.cost += w * off * off;
-    // The mean is held for the step: it moves with the views, and is taken anew before the next.
+    // The mean is fixed for the step: it moves with the views, and is recomputed before the next.
     const double unlike = (mean - std::log(RelativeFocal(view.camera))) / kAlikeSigma;
     const double reach = kAlikeReach * kAlikeReach;
     const double alike = 1.0 / (1.0 + unlike * unlike / reach);

@@ -45,7 +45,7 @@ struct AspectScene {
 };
 
 struct AspectAdjustmentOptions {
-  // Of each round: reach along the normals (working pixels) and whether edges are rendered anew.
+  // Of each round: reach along the normals (working pixels) and whether edges are rendered again.
   std::vector<double> search_px = {8.0, 5.0, 4.0, 3.0, 3.0};
   double render_px = 160.0;
   int max_points = 250;   // of an object in a view
@@ -58,7 +58,7 @@ struct AspectAdjustmentOptions {
 // makes it worse is damped (Levenberg-Marquardt).
 double AdjustToRows(std::span<const SceneRow> rows, int steps, double sigma_px, AspectScene* scene);
 
-// One step of a single object's pose over its rows, cameras held.
+// One step of a single object's pose over its rows, cameras fixed.
 Rigid3 AdjustObjectToRows(std::span<const SceneRow> rows,
                           const std::vector<std::optional<AspectSceneView>>& views,
                           const Rigid3& scene_from_object);

@@ -21,13 +21,13 @@ constexpr double kDoubtfulShare = 0.5;   // of what the middle view shows: looke
 constexpr double kPoorShare = 0.4;       // ... and left out when that did not help
 constexpr double kBetterScore = 0.06;    // of another pose of an object in one view
 constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
-constexpr double kNearM = 1e-3;
-constexpr int kCoarsePoints = 120;
-constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;    // score of one whose place is taken
-constexpr double kTurnedScore = 0.01;   // by which another turn must be better
-constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
-constexpr int kSwept = 2;               // parts that are looked for at all places of a view
+constexpr double kNearM = 1e-3;          // points nearer to the camera plane have no image
+constexpr int kCoarsePoints = 120;       // of an object and view, for drafts; chosen, for time
+constexpr int kDraftCarried = 8;         // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;     // score of one whose place is taken
+constexpr double kTurnedScore = 0.01;    // by which another turn must be better
+constexpr std::size_t kFewObjects = 2;   // a scene with more is sure of its views by agreement
+constexpr int kSwept = 2;                // parts that are looked for at all places of a view
 constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
 
 class Linker {
@@ -112,7 +112,7 @@ class Linker {
     return turned;
   }
 
-  // A seed's scene before other hypotheses are carried over, and what it explains.
+  // An initial hypothesis' scene before other hypotheses are carried over, and what it explains.
   struct Draft {
     AspectScene scene;
     double score = 0.0;
@@ -120,15 +120,15 @@ class Linker {
 
   // The best links adjusted first to what their views say, then to the images, with what both views
   // show of other objects; those that explain nearly as much as the best, best first.
-  std::vector<Draft> Drafts(const std::vector<GrownScene>& seeds) const {
+  std::vector<Draft> Drafts(const std::vector<GrownScene>& starts) const {
     std::vector<Draft> drafts;
-    for (const GrownScene& seed : seeds) {
-      if (static_cast<int>(drafts.size()) >= options_.adjusted_seeds || IsStopRequested(stop_))
+    for (const GrownScene& start : starts) {
+      if (static_cast<int>(drafts.size()) >= options_.adjusted_links || IsStopRequested(stop_))
         break;
       Draft draft;
-      draft.scene.views = seed.views;
-      for (const GrownObject& o : seed.objects) draft.scene.objects.push_back(o.placed);
-      links_.AdjustToHypotheses(seed, &draft.scene);
+      draft.scene.views = start.views;
+      for (const GrownObject& o : start.objects) draft.scene.objects.push_back(o.placed);
+      links_.AdjustToHypotheses(start, &draft.scene);
       AdjustCoarsely(&draft.scene);
       if (objects_.Sift(&draft.scene) > 0.0) CarryOver(kDraftCarried, &draft.scene);
       draft.score = objects_.Sift(&draft.scene);
@@ -451,7 +451,7 @@ class Linker {
       std::vector<int> order(best.size());
       std::iota(order.begin(), order.end(), 0);
       std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return best[a] > best[b]; });
-      constexpr int kJudged = 4;
+      constexpr int kJudged = 4;  // best ones that are judged in full; chosen, for time
       std::array<double, kJudged> scores{};
       ParallelFor(kJudged, options_.threads, [&](int k) {
         if (k >= static_cast<int>(order.size()) || best[order[k]] <= 0.0) return;
@@ -460,8 +460,8 @@ class Linker {
       });
       const auto most = std::max_element(scores.begin(), scores.end());
       if (*most <= 0.0) continue;
-      o.runner_up = *most;
-      o.runner_up_object = order[most - scores.begin()];
+      o.competing_score = *most;
+      o.competing_object = order[most - scores.begin()];
     }
   }
 

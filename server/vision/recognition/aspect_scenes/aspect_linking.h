@@ -22,9 +22,9 @@ struct AspectLinkOptions {
   double min_hypothesis = 0.12;   // score of these
   int max_symmetries = 24;        // of a part that are tried when views are linked
   double same_pose_share = 0.35;  // of its size: a part carried into another view may be so far off
-  int pair_seeds = 120;           // links of two views that are looked at closer, of each pair
+  int pair_starts = 120;          // links of two views that are looked at closer, of each pair
   int links_per_pair = 4;         // different ones that are kept
-  int adjusted_seeds = 10;        // links that are adjusted and held against the images, of all
+  int adjusted_links = 10;        // links that are adjusted and compared with the images, of all
   int carried = 40;               // hypotheses carried into all views of a scene
   int standing = 56;              // places on a plane under the parts that are looked at closer
   double quick_render_px = 110.0;

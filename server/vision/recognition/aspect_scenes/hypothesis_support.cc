@@ -11,15 +11,15 @@ namespace {
 
 constexpr double kLeastWeight = 0.003;  // of a hypothesis that is no better than chance
 constexpr double kLeastChance = 0.25;   // of a wrong pose's score in an image
-constexpr double kMostChance = 0.5;
-constexpr std::size_t kLongList = 12;  // hypotheses of which a fifth may be right
-constexpr double kNearM = 1e-3;
+constexpr double kMostChance = 0.5;     // ... and at most; chosen, commit cffbdd4
+constexpr std::size_t kLongList = 12;   // hypotheses of which a fifth may be right
+constexpr double kNearM = 1e-3;         // points nearer to the camera plane have no image
 constexpr double kCarriedReach = 0.06;  // of the size
-constexpr double kCarriedReachPx[] = {4.0, 12.0};
-constexpr double kFreeChance = 0.10;
-constexpr std::size_t kCarriedHypotheses = 8;  // of a view, by their edges in the other one
-constexpr int kCarriedPoints = 48;
-constexpr double kCarriedChance = 0.35;  // support of edges in a wrong place
+constexpr double kCarriedReachPx[] = {4.0, 12.0};  // working px, least and most; chosen
+constexpr double kFreeChance = 0.10;               // of parts themselves: costs nothing; chosen
+constexpr std::size_t kCarriedHypotheses = 8;      // of a view, by their edges in the other one
+constexpr int kCarriedPoints = 48;                 // of an object; chosen, for time
+constexpr double kCarriedChance = 0.35;            // support of edges in a wrong place
 
 // Most of a long list is wrong.
 std::vector<double> Weights(const std::vector<AspectHypothesis>& kept) {

@@ -8,9 +8,9 @@
 namespace horopter {
 namespace {
 
-constexpr int kFineTurns = 120;  // of a round part
-constexpr int kPeaks = 3;        // of these, that are looked at closer
-constexpr int kPeakWidth = 4;
+constexpr int kFineTurns = 120;         // of a round part
+constexpr int kPeaks = 3;               // of these, that are looked at closer
+constexpr int kPeakWidth = 4;           // of kFineTurns: turns nearer are one peak; chosen
 constexpr double kNearPeak = 0.7;       // of the best support
 constexpr double kLeastCarried = 0.02;  // that tells turns apart
 constexpr double kSameAxis = 0.01;      // between unit vectors

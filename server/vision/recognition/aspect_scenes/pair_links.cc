@@ -96,7 +96,7 @@ class PairLinks {
         for (GrownScene& s : turned) found.push_back(std::move(s));
       }
     }
-    KeepBest(static_cast<std::size_t>(options_.pair_seeds), &found);
+    KeepBest(static_cast<std::size_t>(options_.pair_starts), &found);
     for (GrownScene& s : found) {
       s.support += support_.CarriedSupport(*s.views[a], *s.views[b], a, b, HypothesesOf(s, a)) +
                    support_.CarriedSupport(*s.views[b], *s.views[a], b, a, HypothesesOf(s, b));

@@ -19,10 +19,10 @@ struct LinkedObject {
   Rigid3 scene_from_object;
   std::vector<AspectScore> views;  // score 0 and visible_px 0 where not shown or not registered
   std::vector<bool> shown;
-  double score = 0.0;      // mean of the shown views' scores
-  double precision = 0.0;  // ... of their precisions
-  double runner_up = 0.0;  // best score of another part in its place, and which
-  int runner_up_object = -1;
+  double score = 0.0;            // mean of the shown views' scores
+  double precision = 0.0;        // ... of their precisions
+  double competing_score = 0.0;  // of the best competing placement of another part, and which
+  int competing_object = -1;
 };
 
 struct SceneJudgementOptions {

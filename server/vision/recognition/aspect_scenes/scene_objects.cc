@@ -9,9 +9,9 @@
 namespace horopter {
 namespace {
 
-constexpr double kChanceScore = 0.4;  // what a wrong pose reaches in one image
-constexpr double kShownScore = 0.35;  // of the best object in a view whose camera is right
-constexpr double kNearM = 1e-3;
+constexpr double kChanceScore = 0.4;      // what a wrong pose reaches in one image
+constexpr double kShownScore = 0.35;      // of the best object in a view whose camera is right
+constexpr double kNearM = 1e-3;           // points nearer to the camera plane have no image
 constexpr double kPresumedRecall = 0.55;  // enough to let a small printed part grow
 constexpr double kSettleSearchPx[] = {8.0, 5.0, 3.0};  // working pixels, rounds of a settlement
 constexpr int kSettleSteps = 3;                        // of each round
@@ -200,10 +200,10 @@ std::optional<AspectSceneObject> SettleInViews(
     edges.search_px = search;
     for (std::size_t v = 0; v < views.size(); ++v) {
       if (!views[v]) continue;
-      points[v] = ThinnedEdgePoints(
-          renderings[v].At(WorkingCamera(images[v], views[v]->camera),
-                           views[v]->camera_from_scene * out.scene_from_object),
-          kSettlePoints);
+      points[v] =
+          ThinnedEdgePoints(renderings[v].At(WorkingCamera(images[v], views[v]->camera),
+                                             views[v]->camera_from_scene * out.scene_from_object),
+                            kSettlePoints);
     }
     for (int step = 0; step < kSettleSteps; ++step) {
       std::vector<SceneRow> rows;

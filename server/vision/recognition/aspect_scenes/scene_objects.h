@@ -34,7 +34,7 @@ class SceneObjects {
               const AspectSceneObject& o) const;
   // Candidates adjusted alone and added where the images bear them out and nothing else is.
   void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const;
-  // An object adjusted alone, cameras held; nothing when too few of its edges are there.
+  // An object adjusted alone, cameras fixed; nothing when too few of its edges are there.
   std::optional<AspectSceneObject> Settled(const std::vector<std::optional<AspectSceneView>>& views,
                                            const AspectSceneObject& placed) const;
   LinkedScene Result(const AspectScene& scene) const;
@@ -52,7 +52,7 @@ class SceneObjects {
   std::vector<const RenderMesh*> meshes_;
 };
 
-// An object's pose adjusted to the edges of all registered views, cameras held. render_px: see
+// An object's pose adjusted to the edges of all registered views, cameras fixed. render_px: see
 // PoseEdgeOptions. Nothing when fewer than `least_met` of its edge points meet image edges after
 // the first round.
 std::optional<AspectSceneObject> SettleInViews(

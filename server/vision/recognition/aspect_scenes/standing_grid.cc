@@ -8,8 +8,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kTiles = 3;  // of the plane, a side: each has its own aspects
-constexpr double kNearM = 1e-3;
+constexpr int kTiles = 3;             // of the plane, a side: each has its own aspects
+constexpr double kNearM = 1e-3;       // points nearer to the camera plane have no image
 constexpr double kEdgeHalf = 0.35;    // of the size: half the square whose edges are counted ...
 constexpr double kEdgeLength = 0.6;   // ... and how long they must be
 constexpr int kBlock = 4;             // places a side over which a part looks the same

@@ -8,9 +8,9 @@
 namespace horopter {
 namespace {
 
-constexpr double kFarShare = 1.8;  // of the parts' depth: no farther is searched
-constexpr double kNearM = 1e-3;
-constexpr double kLayerRenderPx = 110.0;
+constexpr double kFarShare = 1.8;         // of the parts' depth: no farther is searched
+constexpr double kNearM = 1e-3;           // points nearer to the camera plane have no image
+constexpr double kLayerRenderPx = 110.0;  // of a part that hides others; chosen
 
 std::size_t Showing(const StandingGround& ground, const Eigen::Vector3d& x) {
   std::size_t shown = 0;
@@ -24,7 +24,7 @@ void FindRegion(StandingGround* ground) {
   for (std::size_t v = 0; v < ground->images.size(); ++v) {
     const Rigid3 scene_from_camera = ground->camera_from_scene[v].Inverse();
     const double far = kFarShare * (ground->camera_from_scene[v] * ground->origin).z();
-    constexpr int kRays = 9;
+    constexpr int kRays = 9;  // a side of each image; chosen
     for (int i = 0; i < kRays * kRays; ++i) {
       const Eigen::Vector2d pixel((i % kRays) * (ground->images[v]->width - 1.0) / (kRays - 1),
                                   (i / kRays) * (ground->images[v]->height - 1.0) / (kRays - 1));

@@ -8,9 +8,9 @@
 namespace horopter {
 namespace {
 
-constexpr double kCarriedShare = 0.2;  // of carried edges against a hypothesis's weight
-constexpr int kVirtualSteps = 12;
-constexpr double kVirtualSigmaPx = 6.0;
+constexpr double kCarriedShare = 0.2;    // of carried edges against a hypothesis's weight
+constexpr int kVirtualSteps = 12;        // Gauss-Newton; chosen
+constexpr double kVirtualSigmaPx = 6.0;  // working px; chosen, commit cffbdd4
 
 }  // namespace
 

@@ -17,7 +17,7 @@ namespace horopter {
 
 // A part as one view shows it: working pixels x0 .. x0 + width - 1 and so on.
 struct PartLayer {
-  static constexpr std::uint8_t kNoEdge = 255;
+  static constexpr std::uint8_t kNoEdge = 255;  // where the part has none
   int x0 = 0, y0 = 0, width = 0, height = 0;
   std::vector<float> inverse_depth;    // 1 / m, 0 where the part is not
   std::vector<std::uint8_t> edge_bin;  // direction of a visible edge of the part that is near

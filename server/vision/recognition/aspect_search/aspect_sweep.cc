@@ -12,7 +12,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kFirst = 6;
+constexpr int kFirst = 6;   // points that refuse a place; chosen, for time
 constexpr int kClimbs = 3;  // rounds, each with half the steps and tolerance
 
 struct Found {

@@ -15,14 +15,14 @@ namespace horopter {
 namespace {
 
 constexpr float kPi = std::numbers::pi_v<float>;
-constexpr int kFirstPoints = 6, kSecondPoints = kFirstVotePoints;
+constexpr int kFirstPoints = 6, kSecondPoints = kFirstVotePoints;  // looked at in two steps
 constexpr int kShares = 16;  // of the image's fragments, so that threads do not matter
 constexpr float kSeenShare =
     0.03f;  // similarities this near, as a share of the size, are tested once
-constexpr std::uint32_t kSeenSlots = 1u << 15;
-constexpr float kSameSize = 1.1f;  // votes this alike in size, place and turn are one
-constexpr float kSamePlace = 0.06f;
-constexpr float kSameTurnRad = 0.2f;
+constexpr std::uint32_t kSeenSlots = 1u << 15;  // of hashes; for memory
+constexpr float kSameSize = 1.1f;               // votes this alike in size, place and turn are one
+constexpr float kSamePlace = 0.06f;             // ... of the size
+constexpr float kSameTurnRad = 0.2f;            // ... 11 degrees; chosen
 constexpr float kPlaceRadius = 0.25f;  // of the size: centres nearer than this are in one place
 
 class Share {

@@ -14,10 +14,10 @@ constexpr double kVoteSearchShare = 0.05;  // of the size: edges looked for arou
 // Of the size: poses nearer than this are one. Turns of a surface of revolution are listed every 10
 // degrees, which leaves 0.043.
 constexpr double kSameShare = 0.045;
-constexpr int kVotePoints = 120;  // of an aspect, for the first refinement
-constexpr int kVoteIterations = 6;
-constexpr int kCoarsePoints = 160;
-constexpr double kCoarseSearchShare = 0.03, kFineSearchShare = 0.015;
+constexpr int kVotePoints = 120;    // of an aspect, for the first refinement
+constexpr int kVoteIterations = 6;  // Gauss-Newton; chosen, for time
+constexpr int kCoarsePoints = 160;  // for the second refinement; chosen, for time
+constexpr double kCoarseSearchShare = 0.03, kFineSearchShare = 0.015;  // of the size; chosen
 constexpr double kCoarseSearchPx[] = {6.0, 14.0}, kFineSearchPx[] = {4.0, 8.0};  // least, most
 constexpr double kStalePx = 3.0;  // working pixels; poses that shifted by less keep their rendering
 

@@ -77,8 +77,8 @@ struct RefinedAspect {
   double rms_px = 0.0;  // weighted, of those, working pixels
 };
 
-// Gauss-Newton over the pose, and the focal length when asked, rendering the edges anew at the pose
-// reached.
+// Gauss-Newton over the pose, and the focal length when asked, rendering the edges again at the
+// pose reached.
 RefinedAspect RefinePose(const AspectImage& image,
                          const RenderMesh& mesh,
                          const PinholeCamera& camera,

@@ -18,7 +18,7 @@ namespace {
 using Eigen::Vector3f;
 using Eigen::Vector3i;
 
-constexpr std::string_view kMagic = "HASP";
+constexpr std::string_view kMagic = "HASP";  // first bytes of the stored format
 
 std::uint64_t Fingerprint(const ObjectModel& model, const ObjectAspectOptions& options) {
   BlobHash hash;

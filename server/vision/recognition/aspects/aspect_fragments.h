@@ -26,9 +26,9 @@ struct AspectFragmentOptions {
 // One fragment of an aspect in 26 bytes. Unit of length: the diameter as the aspect's camera sees
 // it at the centre's depth; origin: the image of the centre of the bounding box; axes as in images.
 struct AspectFragment {
-  static constexpr float kPlaceScale = 8192.0f;    // of x and y
-  static constexpr float kSpreadScale = 16384.0f;  // of spread
-  static constexpr float kTurnScale = 32768.0f / 3.14159265358979f;
+  static constexpr float kPlaceScale = 8192.0f;                      // of x and y
+  static constexpr float kSpreadScale = 16384.0f;                    // of spread
+  static constexpr float kTurnScale = 32768.0f / 3.14159265358979f;  // 16 bits hold pi
 
   PackedFragmentKey key{};
   std::int16_t x = 0, y = 0;  // centre of the nine points

@@ -61,7 +61,7 @@ void FillBin(int bin, double reach_rad, const std::vector<float>& directions, As
 
 // Chance levels of one bin: block means of the support, then means over the window.
 void FillChance(int bin, AspectImage* image) {
-  constexpr int kBlock = AspectImage::kChanceBlockPx;
+  constexpr int kBlock = AspectImage::kChanceBlockPx;  // px
   const std::size_t blocks = static_cast<std::size_t>(image->chance_width) * image->chance_height;
   const std::uint8_t* half = image->half_distance.data() +
                              static_cast<std::size_t>(bin) * image->half_width * image->half_height;
@@ -180,7 +180,7 @@ bool DropTexture(const AspectImageOptions& options,
                  AspectImage* image) {
   constexpr float kAside = 11.0f;  // px between an edge and the middle of what lies beside it
   constexpr int kHalf = 7;         // of the box beside it: far enough not to see the edge itself
-  constexpr double kTexturedShare = 0.2;
+  constexpr double kTexturedShare = 0.2;  // of the blocks; chosen, commit f40c0a3
   int limit = static_cast<int>(255 * options.max_texture);
   const auto textured = std::count_if(
       image->texture.begin(), image->texture.end(), [&](int level) { return level > limit; });

@@ -8,12 +8,12 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinChain = 4;         // points; shorter runs are no contour
-constexpr int kDirectionReach = 4;   // points an end's direction is taken over
-constexpr int kJunctionReachPx = 2;  // an end this near to another chain's middle meets it there
-constexpr float kMaxUTurn = -0.8f;   // cosine below which going on is turning back
-constexpr float kTurnCostPx = 3.0f;  // of a turn by 180 degrees, against a gap of so many px
-constexpr std::size_t kMaxLinks = 3;
+constexpr int kMinChain = 4;          // points; shorter runs are no contour
+constexpr int kDirectionReach = 4;    // points an end's direction is taken over
+constexpr int kJunctionReachPx = 2;   // an end this near to another chain's middle meets it there
+constexpr float kMaxUTurn = -0.8f;    // cosine below which going on is turning back
+constexpr float kTurnCostPx = 3.0f;   // of a turn by 180 degrees, against a gap of so many px
+constexpr std::size_t kMaxLinks = 3;  // ways on from an end; chosen
 
 struct Tracer {
   const PointRaster& raster;

@@ -166,7 +166,7 @@ class Walker {
 
 // The bin of a fragment's shape, size and direction; `shift` moves the bins by a share of theirs.
 std::uint32_t ShapeHash(const ContourFragment& f, float shift) {
-  constexpr float kKeyBin = 0.6f, kLogSizeBin = 0.15f, kChordBin = 0.3f;
+  constexpr float kKeyBin = 0.6f, kLogSizeBin = 0.15f, kChordBin = 0.3f;  // rad, log, rad; chosen
   std::uint32_t hash = 0;
   const auto mix = [&](float v, float width) {
     const auto bin = static_cast<std::int32_t>(std::floor(v / width + shift));

@@ -13,14 +13,14 @@
 
 namespace horopter {
 
-inline constexpr int kFragmentPoints = 9;
-inline constexpr int kFragmentAngles = kFragmentPoints - 1;
+inline constexpr int kFragmentPoints = 9;                    // a fragment is sampled at; chosen
+inline constexpr int kFragmentAngles = kFragmentPoints - 1;  // 16 bit each: one vector
 
 using FragmentKey = std::array<float, kFragmentAngles>;  // radians
 
 // A key in steps of 1 / kKeyScale rad: one 16 byte vector.
 using PackedFragmentKey = std::array<std::int16_t, kFragmentAngles>;
-inline constexpr float kKeyScale = 512.0f;
+inline constexpr float kKeyScale = 512.0f;  // steps a radian; kMaxPacked of them are 15.6 rad
 PackedFragmentKey PackKey(const FragmentKey& key);
 FragmentKey UnpackKey(const PackedFragmentKey& packed);
 

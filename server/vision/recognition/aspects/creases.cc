@@ -16,11 +16,11 @@ constexpr float kSharpCosine = 0.966f;  // edges of the mesh of more than 15 deg
 constexpr float kSharpShare = 0.6f;     // such an edge explains turns up to its own / this
 constexpr float kOnSurfacePx = 3.0f;    // it is as deep as the surface, in footprints
 constexpr float kSnapAcrossPx = 1.3f;   // and so near the ridge
-constexpr float kSnapAlongPx = 0.8f;
-constexpr float kSteepShare = 0.5f;   // squared turn along a line against that across it
-constexpr float kLinkPx = 1.8f;       // between points of a chain
-constexpr int kBorderPx = 4;          // of the window, which every search stays in
-constexpr float kLeastCosine = 0.5f;  // a chain bends by less from point to point
+constexpr float kSnapAlongPx = 0.8f;    // ... and so near along it; chosen
+constexpr float kSteepShare = 0.5f;     // squared turn along a line against that across it
+constexpr float kLinkPx = 1.8f;         // between points of a chain
+constexpr int kBorderPx = 4;            // of the window, which every search stays in
+constexpr float kLeastCosine = 0.5f;    // a chain bends by less from point to point
 
 // A peak of the turning of the normals along a row or column of pixels.
 struct Ridge {
@@ -350,8 +350,8 @@ class CreaseFinder {
   }
 
   static constexpr float kCut = -1.0f;  // no turn: a contour runs between the pixels
-  static constexpr int kIdle = -1;
-  static constexpr int kWanted = -2;  // a pixel near a ridge, without a crossing so far
+  static constexpr int kIdle = -1;      // a pixel that no ridge is near
+  static constexpr int kWanted = -2;    // a pixel near a ridge, without a crossing so far
 
   const Rendering& r_;
   const RenderMesh& mesh_;

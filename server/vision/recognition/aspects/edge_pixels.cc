@@ -11,7 +11,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kChannels = 5;
+constexpr int kChannels = 5;  // B, G, R, R - G, (R + G) / 2 - B
 
 // Gradient of the channel that changes most, per cell.
 struct GradientField {
@@ -75,10 +75,10 @@ float Quantile(double share, std::vector<float>* values) {
 // above what the smoothest places have, it is a texture's, and theirs counts: a table of granite is
 // no noise. A flat image without noise gives 0.
 double NoiseLevel(const GradientField& field) {
-  constexpr int kBlock = 16;
+  constexpr int kBlock = 16;             // px a side
   constexpr double kSmoothBlocks = 0.1;  // share of the image that parts show without texture
   constexpr double kScatter = 1.3;       // of a block's quartile, among blocks of one noise
-  constexpr double kTextured = 2.0;
+  constexpr double kTextured = 2.0;      // times the smoothest; chosen, commit f40c0a3
   std::vector<float> all, blocks, block;
   const int height = static_cast<int>(field.squared.size()) / field.width;
   for (std::size_t i = 0; i < field.squared.size(); i += 7) all.push_back(field.squared[i]);

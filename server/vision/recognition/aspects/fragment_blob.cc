@@ -12,7 +12,7 @@ namespace {
 static_assert(sizeof(AspectFragment) == 26, "fragments are written as they lie in memory");
 static_assert(std::is_trivially_copyable_v<AspectFragment>);
 
-constexpr std::string_view kMagic = "HFRG";
+constexpr std::string_view kMagic = "HFRG";  // first bytes of the stored format
 
 std::uint64_t Fingerprint(const AspectSet& set, const AspectFragmentOptions& o) {
   BlobHash hash;

@@ -43,7 +43,7 @@ Eigen::Matrix<float, 3, kFragmentAngles> MainDirections(const std::vector<Entry>
 }
 
 void AddFirstPoints(const IndexedAspect& aspect, FragmentPiece* piece) {
-  constexpr float kReach = 32767.0f;
+  constexpr float kReach = 32767.0f;  // largest 16 bit step
   for (int i = 0; i < kFirstVotePoints; ++i) {
     PackedVotePoint& packed = piece->first_points.emplace_back();
     if (aspect.points < kFirstVotePoints) continue;

@@ -44,7 +44,7 @@ struct VotePoint {
 // The same in steps: small enough that the first points of a whole catalog stay in the cache.
 struct PackedVotePoint {
   static constexpr float kPlaceScale = 16384.0f;  // steps a diameter
-  static constexpr int kBinSteps = 256;
+  static constexpr int kBinSteps = 256;           // a bin of directions: 16 bits hold all bins
   std::int16_t x = 0, y = 0;
   std::uint16_t bin = 0;
 };

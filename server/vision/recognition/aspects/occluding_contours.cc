@@ -15,8 +15,8 @@ using Eigen::Vector3f;
 // than a pixel wide, goes deeper.
 constexpr float kSameSurfacePx = 25.0f;
 
-constexpr std::array<int, 4> kDx = {1, 0, -1, 0};
-constexpr std::array<int, 4> kDy = {0, 1, 0, -1};
+constexpr std::array<int, 4> kDx = {1, 0, -1, 0};  // right, down, left, up
+constexpr std::array<int, 4> kDy = {0, 1, 0, -1};  // the same
 
 bool ShareVertex(const Eigen::Vector3i& a, const Eigen::Vector3i& b) {
   return std::any_of(a.begin(), a.end(), [&](int v) { return (b.array() == v).any(); });

@@ -202,7 +202,7 @@ std::vector<Piece> DotOf(const ContourGraph& contours,
     perimeter += sides.back().length;
     twice_area += from.x() * to.y() - from.y() * to.x();
   }
-  constexpr double kFourPi = 12.566370614359172;
+  constexpr double kFourPi = 12.566370614359172;  // area = perimeter^2 / 4 pi of a circle
   if (perimeter < options.min_dot_share * width || perimeter > options.max_dot_share * width ||
       0.5 * kFourPi * std::abs(twice_area) < options.min_roundness * perimeter * perimeter) {
     sides.clear();
@@ -264,7 +264,7 @@ struct Expectations {
 };
 
 Expectations GoOn(const std::vector<Dot>& dots) {
-  constexpr int kNeighbours = 6;
+  constexpr int kNeighbours = 6;  // the nearest, of which rows and columns are made
   constexpr float kReach = 1.7f;  // of the nearest one's distance: rows, columns and diagonals
   Expectations out;
   std::vector<std::pair<float, int>> near;
@@ -320,7 +320,7 @@ constexpr float kLarger = 1.35f;  // than the dot beside it
 
 // Whether each dot stands where others expect one of its size.
 std::vector<char> OfLattice(const std::vector<Dot>& dots) {
-  constexpr float kOff = 0.15f, kSmaller = 0.7f;
+  constexpr float kOff = 0.15f, kSmaller = 0.7f;  // of the expected step; of the size; chosen
   const Expectations expected = GoOn(dots);
   std::vector<char> out;
   for (const Dot& dot : dots)
@@ -333,7 +333,7 @@ std::vector<char> OfLattice(const std::vector<Dot>& dots) {
 void MarkLattice(const PointRaster& raster,
                  std::vector<Dot> dots,
                  std::vector<std::uint8_t>* marked) {
-  constexpr int kRounds = 20;
+  constexpr int kRounds = 20;    // in which a lattice may go on; chosen, for time
   constexpr float kOff = 0.25f;  // of the middle of what is left of a rim
   struct Component {
     const std::vector<int>* points;

@@ -22,12 +22,12 @@ using Eigen::Vector3d;
 using Eigen::Vector3f;
 using Eigen::Vector3i;
 
-constexpr double kGridSteps = 65535.0;
+constexpr double kGridSteps = 65535.0;  // along the longest side: 16 bits
 // Larger meshes are clustered first, on a grid of this share of the diameter: less than a pixel of
 // a rendering of 200 px, and some 200000 cells of a compact part's surface.
 constexpr std::size_t kManyTriangles = 300000;
-constexpr float kFlatCosine = 0.9998f;  // one degree
-constexpr double kClusterCell = 1.0 / 250.0;
+constexpr float kFlatCosine = 0.9998f;        // one degree
+constexpr double kClusterCell = 1.0 / 250.0;  // of the diameter
 
 struct Box {
   Vector3d low = Vector3d::Constant(std::numeric_limits<double>::infinity());

@@ -49,50 +49,56 @@ PlaneSearch::PlaneSearch(const JointContext& context,
   for (const auto& object : context.objects) tallest = std::max(tallest, object->model.diameter_m);
   edges_.resize(views_.size());
   ParallelFor(static_cast<int>(views_.size()), context.options.threads, [&](int i) {
-    const std::size_t v = index[i];
-    const ViewEvidence& evidence = context.views[v];
-    const PinholeCamera& camera = views_[i].camera;
-    const Rigid3& camera_from_plane = views_[i].camera_from_scene;
-    const ImageFeatures& features = *evidence.features;
-    const auto& flags = context.matching->segment_on_plane;
-    std::vector<Eigen::Vector2d> ends[2];
-    std::vector<bool> corner[2];
-    for (int e = 0; e < 2; ++e) {
-      for (const Segment& s : features.segments) ends[e].push_back(e == 0 ? s.start : s.end);
-      corner[e].assign(features.segments.size(), false);
-    }
-    for (const Junction& j : features.junctions) {
-      for (const Junction::End& end : j.ends) {
-        if (end.interior) continue;
-        const int e = end.at_start ? 0 : 1;
-        ends[e][end.segment] = j.point;
-        corner[e][end.segment] = true;
-      }
-    }
-    for (std::size_t s = 0; s < features.segments.size(); ++s) {
-      if (features.segments[s].in_texture) continue;
-      const double length = (ends[0][s] - ends[1][s]).norm();
-      if (length * evidence.maps.working_from_image < options.min_edge_px) continue;
-      SightedEdge edge;
-      bool seen = true;
-      for (int e = 0; e < 2 && seen; ++e) {
-        seen = SightPlane(camera, camera_from_plane, ends[e][s], &edge.ends[e]);
-        if (!seen) break;
-        edge.corner[e] = corner[e][s];
-        const Eigen::Vector3d p(edge.ends[e].base.x(), edge.ends[e].base.y(), 0.0);
-        const Eigen::Vector3d eye = camera_from_plane.Inverse().t;
-        const double depth = (camera_from_plane * p).z();
-        const double elevation = eye.z() / (eye - p).norm();
-        edge.pixel[e] = depth / (camera.focal_px * evidence.maps.working_from_image) /
-                        std::max(0.25, elevation);
-      }
-      if (!seen) continue;
-      edge.on_plane = v < flags.size() && s < flags[v].size() && flags[v][s];
-      edge.heights =
-          SupportedHeights(views_, i, edge.ends[0], edge.ends[1], max_height_, highest + tallest);
-      edges_[i].push_back(edge);
-    }
+    edges_[i] = SightedEdges(i, index[i], highest + tallest);
   });
+}
+
+std::vector<PlaneSearch::SightedEdge> PlaneSearch::SightedEdges(int i,
+                                                                std::size_t v,
+                                                                double top) const {
+  std::vector<SightedEdge> edges;
+  const ViewEvidence& evidence = context_.views[v];
+  const PinholeCamera& camera = views_[i].camera;
+  const Rigid3& camera_from_plane = views_[i].camera_from_scene;
+  const ImageFeatures& features = *evidence.features;
+  const auto& flags = context_.matching->segment_on_plane;
+  std::vector<Eigen::Vector2d> ends[2];
+  std::vector<bool> corner[2];
+  for (int e = 0; e < 2; ++e) {
+    for (const Segment& s : features.segments) ends[e].push_back(e == 0 ? s.start : s.end);
+    corner[e].assign(features.segments.size(), false);
+  }
+  for (const Junction& j : features.junctions) {
+    for (const Junction::End& end : j.ends) {
+      if (end.interior) continue;
+      const int e = end.at_start ? 0 : 1;
+      ends[e][end.segment] = j.point;
+      corner[e][end.segment] = true;
+    }
+  }
+  for (std::size_t s = 0; s < features.segments.size(); ++s) {
+    if (features.segments[s].in_texture) continue;
+    const double length = (ends[0][s] - ends[1][s]).norm();
+    if (length * evidence.maps.working_from_image < options_.min_edge_px) continue;
+    SightedEdge edge;
+    bool seen = true;
+    for (int e = 0; e < 2 && seen; ++e) {
+      seen = SightPlane(camera, camera_from_plane, ends[e][s], &edge.ends[e]);
+      if (!seen) break;
+      edge.corner[e] = corner[e][s];
+      const Eigen::Vector3d p(edge.ends[e].base.x(), edge.ends[e].base.y(), 0.0);
+      const Eigen::Vector3d eye = camera_from_plane.Inverse().t;
+      const double depth = (camera_from_plane * p).z();
+      const double elevation = eye.z() / (eye - p).norm();
+      edge.pixel[e] =
+          depth / (camera.focal_px * evidence.maps.working_from_image) / std::max(0.25, elevation);
+    }
+    if (!seen) continue;
+    edge.on_plane = v < flags.size() && s < flags[v].size() && flags[v][s];
+    edge.heights = SupportedHeights(views_, i, edge.ends[0], edge.ends[1], max_height_, top);
+    edges.push_back(edge);
+  }
+  return edges;
 }
 
 std::vector<std::vector<const PlaneSearch::SightedEdge*>> PlaneSearch::EdgesOver(

@@ -1,6 +1,6 @@
 // Poses of parts that stand on the supporting plane. With the cameras known in the plane's frame a
 // pose has three unknowns: one edge of one image gives them all, and every view judges the result.
-// Where the scale is unknown too, see table_seeds.h.
+// Where the scale is unknown too, see plane_initialization.h.
 #pragma once
 
 #include <Eigen/Core>
@@ -63,6 +63,8 @@ class PlaneSearch {
     double height_m = 0.0;
     std::vector<Disc> discs;  // empty: anywhere
   };
+  // Of views_[i], which is view v of the request; top: metres above the plane that parts reach.
+  std::vector<SightedEdge> SightedEdges(int i, std::size_t v, double top) const;
   // Per view the edges that a part of this size (diameter) may show on the surface.
   std::vector<std::vector<const SightedEdge*>> EdgesOver(const Surface& surface,
                                                          double diameter_m) const;

@@ -292,16 +292,16 @@ std::vector<SceneModel> ProjectiveInitialScenes(const JointContext& context,
   });
   if (IsStopRequested(context.give_up)) return {};
   std::erase_if(scenes, [](const SceneModel& s) { return s.objects.empty(); });
-  if (auto scene = SceneByDecomposition(
+  if (auto decomposed = SceneByDecomposition(
           context.objects, context.start_cameras, *structure, hypotheses, options)) {
     SceneRefineOptions refine;
     refine.start_reach_px = options.quick_reach_px;
-    if (RefineScene(context, refine, &*scene)) {
-      EvaluateTogether(context, &*scene);
-      scenes.push_back(*std::move(scene));
+    if (RefineScene(context, refine, &*decomposed)) {
+      EvaluateTogether(context, &*decomposed);
+      scenes.push_back(*std::move(decomposed));
     }
   }
-  KeepBest(&scenes, scenes.size(), [](const SceneModel& s) { return s.gain; });
+  KeepBest(&scenes, scenes.size(), [](const SceneModel& s) { return s.description_gain; });
   return scenes;
 }
 

@@ -64,8 +64,8 @@ std::vector<SceneModel> MetricInitialScenes(const JointContext& context,
                                             const BottomUpOptions& options);
 
 // Scenes of one part each, cameras P H = K [R | t] of its collineation into a projective
-// reconstruction of the matched tracks, which nothing is assumed about before; largest gain first.
-// Empty as above.
+// reconstruction of the matched tracks, which nothing is assumed about before; largest
+// description-length gain first. Empty as above.
 std::vector<SceneModel> ProjectiveInitialScenes(const JointContext& context,
                                                 std::span<const ImageFeatures> features,
                                                 const RouteCatalog& catalog,

@@ -191,7 +191,7 @@ std::optional<SceneModel> RefinedHypothesis(const JointContext& context,
   if (!RefineScene(context, refine, &scene)) return std::nullopt;
   VerifyScratch scratch;
   EvaluatePlacement(context, scene.views, {}, &scratch, &scene.objects[0]);
-  scene.gain = scene.objects[0].gain;
+  scene.description_gain = scene.objects[0].description_gain;
   return scene;
 }
 
@@ -266,6 +266,17 @@ std::vector<ScaledHypothesis> RefinedPoses(const JointContext& context,
   return starts;
 }
 
+// The objects whose poses have the best quick scores.
+std::vector<bool> MostPromising(const std::vector<std::vector<PooledPose>>& ranked, int most) {
+  std::vector<double> promise(ranked.size(), 0.0);
+  for (std::size_t k = 0; k < ranked.size(); ++k) {
+    for (const PooledPose& p : ranked[k]) promise[k] = std::max(promise[k], p.quick);
+  }
+  std::vector<bool> wanted(ranked.size(), false);
+  for (const int k : Largest(promise, most)) wanted[k] = true;
+  return wanted;
+}
+
 }  // namespace
 
 std::vector<SceneModel> PlaneInitialScenes(const JointContext& context,
@@ -305,15 +316,8 @@ std::vector<SceneModel> PlaneInitialScenes(const JointContext& context,
 
   BeginStep(context, "plane_votes");
   std::vector<bool> wanted(objects, true);
-  if (objects > shortlist.searched) {
-    const auto ranked = find(sight(shortlist.plane_paths_asked), wanted);
-    std::vector<double> promise(objects, 0.0);
-    for (int k = 0; k < objects; ++k) {
-      for (const PooledPose& p : ranked[k]) promise[k] = std::max(promise[k], p.quick);
-    }
-    wanted.assign(objects, false);
-    for (const int k : Largest(promise, shortlist.searched)) wanted[k] = true;
-  }
+  if (objects > shortlist.searched)
+    wanted = MostPromising(find(sight(shortlist.plane_paths_asked), wanted), shortlist.searched);
   const std::vector<std::vector<PooledPose>> found = find(edges, wanted);
 
   BeginStep(context, "plane_hypotheses");

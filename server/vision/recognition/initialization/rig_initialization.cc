@@ -28,6 +28,44 @@ double PlaneDepth(const ReconstructedView& view, const Eigen::Vector2d& pixel) {
   return down < -1e-3 ? -height / down : std::abs(height);
 }
 
+// The depth of a view's hypothesis at which the other views support it best; no object when none
+// does.
+Candidate BestDepth(const JointContext& context,
+                    const Reconstruction& reconstruction,
+                    int v,
+                    const ViewHypothesis& h,
+                    const RigInitializationOptions& options) {
+  const ReconstructedView& own = *reconstruction.views[v];
+  const PreparedObject& object = *context.objects[h.object];
+  const Rigid3 pose = WithFocal(h.camera_from_object, h.camera.focal_px, own.camera.focal_px);
+  const Eigen::Vector3d center = pose * object.center;
+  if (center.z() <= object.radius_m) return {};
+  const double plane = PlaneDepth(own, Project(own.camera, center));
+  Candidate best;
+  best.quick = options.min_quick;
+  for (int step = 0; step < options.scale_steps; ++step) {
+    const double share = (step + 0.5) / options.scale_steps;
+    const double depth =
+        plane * options.nearest * std::pow(options.farthest / options.nearest, share);
+    const double units = depth / center.z();
+    Rigid3 own_from_world = own.camera_from_world;
+    own_from_world.t /= units;
+    const Rigid3 world_from_object = own_from_world.Inverse() * pose;
+    absl::InlinedVector<QuickView, 8> others;
+    for (int w = 0; w < static_cast<int>(context.views.size()); ++w) {
+      if (w == v || !reconstruction.views[w]) continue;
+      Rigid3 other = reconstruction.views[w]->camera_from_world;
+      other.t /= units;
+      others.push_back(
+          {&context.views[w].maps, &reconstruction.views[w]->camera, other * world_from_object});
+    }
+    const double quick =
+        QuickScoreOverViews(object, others, options.reach_px, static_cast<float>(best.quick));
+    if (quick > best.quick) best = {h.object, units, world_from_object, quick};
+  }
+  return best;
+}
+
 }  // namespace
 
 std::vector<SceneModel> RigInitialScenes(const JointContext& context,
@@ -41,41 +79,12 @@ std::vector<SceneModel> RigInitialScenes(const JointContext& context,
   std::vector<std::vector<Candidate>> found(views);
   ParallelFor(views, context.options.threads, [&](int v) {
     if (!reconstruction.views[v]) return;
-    const ReconstructedView& own = *reconstruction.views[v];
     for (const ViewHypotheses& of_object : context.hypotheses[v]) {
       for (int i = 0; i < std::min<int>(options.hypotheses_per_object,
                                         static_cast<int>(of_object.best.size()));
            ++i) {
         if (IsStopRequested(context.give_up)) return;
-        const ViewHypothesis& h = of_object.best[i];
-        const PreparedObject& object = *context.objects[h.object];
-        const Rigid3 pose = WithFocal(h.camera_from_object, h.camera.focal_px, own.camera.focal_px);
-        const Eigen::Vector3d center = pose * object.center;
-        if (center.z() <= object.radius_m) continue;
-        const double plane = PlaneDepth(own, Project(own.camera, center));
-        Candidate best;
-        best.quick = options.min_quick;
-        for (int step = 0; step < options.scale_steps; ++step) {
-          const double share = (step + 0.5) / options.scale_steps;
-          const double depth =
-              plane * options.nearest * std::pow(options.farthest / options.nearest, share);
-          const double units = depth / center.z();
-          Rigid3 own_from_world = own.camera_from_world;
-          own_from_world.t /= units;
-          const Rigid3 world_from_object = own_from_world.Inverse() * pose;
-          absl::InlinedVector<QuickView, 8> others;
-          for (int w = 0; w < views; ++w) {
-            if (w == v || !reconstruction.views[w]) continue;
-            Rigid3 other = reconstruction.views[w]->camera_from_world;
-            other.t /= units;
-            others.push_back({&context.views[w].maps,
-                              &reconstruction.views[w]->camera,
-                              other * world_from_object});
-          }
-          const double quick =
-              QuickScoreOverViews(object, others, options.reach_px, static_cast<float>(best.quick));
-          if (quick > best.quick) best = {h.object, units, world_from_object, quick};
-        }
+        const Candidate best = BestDepth(context, reconstruction, v, of_object.best[i], options);
         if (best.object >= 0) found[v].push_back(best);
       }
     }
@@ -94,8 +103,9 @@ std::vector<SceneModel> RigInitialScenes(const JointContext& context,
     if (scene) scenes[i] = *std::move(scene);
   });
   std::erase_if(scenes, [](const SceneModel& s) { return s.objects.empty(); });
-  std::stable_sort(
-      scenes.begin(), scenes.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
+  std::stable_sort(scenes.begin(), scenes.end(), [](const auto& x, const auto& y) {
+    return x.description_gain > y.description_gain;
+  });
   return scenes;
 }
 

@@ -20,8 +20,8 @@ struct RigInitializationOptions {
   int refined = 24;
 };
 
-// Scenes of one part each, cameras from the reconstruction; largest gain first. Uses the view
-// hypotheses of the context. Empty with fewer than two reconstructed views.
+// Scenes of one part each, cameras from the reconstruction; largest description-length gain first.
+// Uses the view hypotheses of the context. Empty with fewer than two reconstructed views.
 std::vector<SceneModel> RigInitialScenes(const JointContext& context,
                                          const Reconstruction& reconstruction,
                                          const RigInitializationOptions& options);

@@ -198,7 +198,7 @@ SceneModel ToScene(const JointContext& context,
   placed.object = object;
   EvaluatePlacement(context, scene.views, {}, scratch, &placed);
   scene.objects.push_back(placed);
-  scene.gain = placed.gain;
+  scene.description_gain = placed.description_gain;
   return scene;
 }
 
@@ -212,7 +212,7 @@ struct ViewGain {
   }
 };
 
-// What the scene's objects gain in one view under a camera.
+// Description-length gain of the scene's objects in one view under a camera.
 ViewGain GainOfView(const JointContext& context,
                     const SceneModel& scene,
                     int v,
@@ -226,7 +226,7 @@ ViewGain GainOfView(const JointContext& context,
                                            view.camera_from_scene * o.scene_from_object,
                                            nullptr,
                                            scratch);
-    gain.sum += SupportGain(support);
+    gain.sum += DescriptionGain(support);
     gain.shown += support.visible > 0 && ViewScore(support) >= kShownScore;
   }
   return gain;
@@ -286,8 +286,9 @@ std::vector<SceneModel> ScenesFrom(const JointContext& context,
   for (const std::vector<Link>& links : alternatives) {
     scenes.push_back(ToScene(context, start.object, links, &scratch));
   }
-  std::stable_sort(
-      scenes.begin(), scenes.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
+  std::stable_sort(scenes.begin(), scenes.end(), [](const auto& x, const auto& y) {
+    return x.description_gain > y.description_gain;
+  });
   if (scenes.size() > 2) scenes.resize(2);
   return scenes;
 }
@@ -342,8 +343,9 @@ std::vector<SceneModel> LinkedInitialScenes(const JointContext& context, bool th
   for (auto& list : scenes) {
     for (SceneModel& s : list) out.push_back(std::move(s));
   }
-  std::stable_sort(
-      out.begin(), out.end(), [](const auto& x, const auto& y) { return x.gain > y.gain; });
+  std::stable_sort(out.begin(), out.end(), [](const auto& x, const auto& y) {
+    return x.description_gain > y.description_gain;
+  });
   return out;
 }
 
@@ -359,7 +361,7 @@ int DropContradictedViews(const JointContext& context, SceneModel* scene) {
   VerifyScratch scratch;
   const int views = static_cast<int>(scene->views.size());
   for (int v = 0; v < views && scene->registered() > 2; ++v) {
-    // The plane's texture ties a view surer than a part that others may hide in it.
+    // The plane's texture links a view surer than a part that others may hide in it.
     if (LinkedByPlane(context, *scene, v)) continue;
     if (!scene->views[v] ||
         GainOfView(context, *scene, v, *scene->views[v], &scratch).Convinces(*scene)) {

@@ -21,21 +21,21 @@ std::optional<PlaneCamera> CameraFromPlane(const Eigen::Matrix3d& M, const Pinho
 // chain.
 std::optional<Eigen::Matrix3d> PlaneTransfer(const MatchingResult& matching, int a, int b);
 
-// Whether the plane's texture ties a view to another registered one.
+// Whether the plane's texture links a view to another registered one.
 bool LinkedByPlane(const JointContext& context, const SceneModel& scene, int v);
 
-// Scene hypotheses of one placed object each, best gain first: every initial hypothesis is a
-// hypothesis of one view, continued into the other views by the plane homography (through_plane:
-// initial hypotheses of views that have one) or by those views' own hypotheses of the same object
-// (initial hypotheses of the other views). Links through the plane are the surer ones: a texture
-// that repeats can fit a part in every single view.
+// Scene hypotheses of one placed object each, best description-length gain first: every initial
+// hypothesis is a hypothesis of one view, continued into the other views by the plane homography
+// (through_plane: initial hypotheses of views that have one) or by those views' own hypotheses of
+// the same object (initial hypotheses of the other views). Links through the plane are the surer
+// ones: a texture that repeats can fit a part in every single view.
 std::vector<SceneModel> LinkedInitialScenes(const JointContext& context, bool through_plane);
 
 // Adds views that are not registered yet: resects them from the placed objects' hypotheses in those
 // views. Returns the number of views added.
 int RegisterMissingViews(const JointContext& context, SceneModel* scene);
 
-// Removes views that no plane texture ties to another and in which the placed objects together
+// Removes views that no plane texture links to another and in which the placed objects together
 // predict more wrong than right, or most of them are not shown, as long as more than two remain.
 int DropContradictedViews(const JointContext& context, SceneModel* scene);
 

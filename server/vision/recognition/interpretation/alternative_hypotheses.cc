@@ -71,7 +71,7 @@ bool Harms(const AlternativeAcceptance& acceptance,
 }
 
 // By how much score an alternative leads what holds the place, less than 0: it does not. Sharpness
-// tells poses of one object apart, of different objects their gain must (Leads).
+// tells poses of one object apart, of different objects their description-length gain must (Leads).
 double Lead(const AlternativeAcceptance& acceptance,
             const PlacedObject& alternative,
             const PlacedObject& holder) {
@@ -97,7 +97,7 @@ bool Leads(const AlternativeAcceptance& acceptance,
       LogLikelihoodRatio(alternative) <= LogLikelihoodRatio(holder))
     return false;
   const double lead = Lead(acceptance, alternative, holder);
-  if (lead > 0.0 && with_alternative.gain > with_holder.gain) return true;
+  if (lead > 0.0 && with_alternative.description_gain > with_holder.description_gain) return true;
   const double texture = alternative.texture - holder.texture;
   if (std::abs(texture) > acceptance.clear_texture) return lead > 0.0 && texture > 0.0;
   return alternative.object == holder.object && lead > acceptance.clear_lead;
@@ -205,7 +205,10 @@ std::vector<Alternative> ContestObjects(const JointContext& context,
                                                        kSamePlacement)) {
         continue;
       }
-      out.push_back({place, placed, winner.score + Lead(options, placed, winner), trials[i]->gain});
+      out.push_back({place,
+                     placed,
+                     winner.score + Lead(options, placed, winner),
+                     trials[i]->description_gain});
     }
     if (best > 0) *scene = *std::move(trials[best]);
   }

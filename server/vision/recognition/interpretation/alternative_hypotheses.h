@@ -19,13 +19,14 @@ struct Alternative {
   // Joint score with cameras and the other objects refined to this alternative, more or less by
   // what sharpness and the texture on its faces say for it and not for the winner.
   double score = 0.0;
-  double gain = 0.0;  // of the whole scene then
+  double description_gain = 0.0;  // of the whole scene then
 };
 
 // Puts every alternative in the place of its accepted object, refines cameras and objects as for an
 // answer, and judges it. alternatives come from `placements` and from near symmetries. A
-// alternative that leads to a better scene by both score and gain, or whose faces clearly agree
-// better in texture, takes the place; the one that loses it becomes an alternative.
+// alternative that leads to a better scene by both score and description-length gain, or whose
+// faces clearly agree better in texture, takes the place; the one that loses it becomes an
+// alternative.
 std::vector<Alternative> ContestObjects(const JointContext& context,
                                         std::span<const PlacedObject> placements,
                                         SceneModel* scene);

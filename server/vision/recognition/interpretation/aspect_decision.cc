@@ -10,9 +10,6 @@
 namespace horopter {
 namespace {
 
-constexpr int kAgreeingViews = 3;
-constexpr double kAlikeShare = 0.5;  // of the free spread of focal lengths: right scenes have less
-
 // Deviation of the views' log focal lengths.
 double FocalSpread(const LinkedScene& scene) {
   std::vector<double> logs;
@@ -35,12 +32,12 @@ double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
          options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
 }
 
-// Whether another part agrees with the best one on the cameras of three and more views, which are
+// Whether another part agrees with the best one on the cameras of enough views, which are
 // much alike: cameras that adapted to a wrong part leave nothing for a second one.
 bool IsAccompanied(const LinkedScene& scene, const AspectAcceptance& options) {
-  if (scene.registered() < kAgreeingViews ||
+  if (scene.registered() < options.accompanied_views ||
       scene.objects.front().score < options.accompanied_score ||
-      FocalSpread(scene) > kAlikeShare * options.focal_spread_free)
+      FocalSpread(scene) > options.accompanied_focal_share * options.focal_spread_free)
     return false;
   return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const LinkedObject& o) {
     return o.object != scene.objects.front().object && o.score >= options.companion_score;

@@ -19,8 +19,6 @@ namespace {
 
 constexpr int kLeading = 12;  // of a shortlist: these decide whether aspects come first
 constexpr double kKnownSceneLogSigma = 0.02;  // of the cameras of another route's answer
-constexpr double kSamePlaceShare = 0.2;       // of the size: centres nearer are one place
-constexpr double kApartShare = 0.4;  // of the smaller diameter: nearer centres are one place
 constexpr double kNearM = 1e-3;
 constexpr double kKnownLogSigma = 0.1;  // a focal length known better is not searched for
 
@@ -70,7 +68,8 @@ int KnownInPlace(const JointContext& context,
     for (std::size_t k = 0; k < known.objects.size(); ++k) {
       const SceneObject& other = known.objects[k];
       if (other.object == object_index &&
-          (here - seen(*known.views[v], other.scene_from_object)).norm() < kSamePlaceShare * size) {
+          (here - seen(*known.views[v], other.scene_from_object)).norm() <
+              context.options.acceptance.aspects.same_place_share * size) {
         return static_cast<int>(k);
       }
     }
@@ -108,7 +107,8 @@ void KeepKnown(const JointContext& context,
         std::any_of(result->objects.begin(), result->objects.end(), [&](const SceneObject& o) {
           const double smaller = std::min(context.objects[o.object]->model.diameter_m,
                                           context.objects[lost.object]->model.diameter_m);
-          return (center(o) - center(lost)).norm() < kApartShare * smaller;
+          return (center(o) - center(lost)).norm() <
+                 context.options.acceptance.aspects.apart_share * smaller;
         });
     if (!taken) result->objects.push_back(std::move(lost));
   }
@@ -140,14 +140,14 @@ SceneObject ToAnswer(const LinkedObject& o, double probability) {
   return out;
 }
 
-// With its runner-up where that is closer than `ambiguity_gap`.
+// With its best competing placement where that is closer than `ambiguity_gap`.
 void AddAnswer(const LinkedObject& o,
                double probability,
                double ambiguity_gap,
                RecognitionResult* result) {
   SceneObject answer = ToAnswer(o, probability);
-  if (o.runner_up_object >= 0 && o.runner_up > o.score - ambiguity_gap) {
-    answer.alternatives.push_back(o.runner_up_object);
+  if (o.competing_object >= 0 && o.competing_score > o.score - ambiguity_gap) {
+    answer.alternatives.push_back(o.competing_object);
     result->state = RecognitionState::kAmbiguous;
   }
   result->objects.push_back(std::move(answer));
@@ -290,7 +290,7 @@ std::optional<AspectScene> KnownScene(const RecognitionResult& answer, const Asp
 void ToCatalog(const AspectSearch& search, LinkedScene* scene) {
   for (LinkedObject& o : scene->objects) {
     o.object = search.objects[o.object];
-    if (o.runner_up_object >= 0) o.runner_up_object = search.objects[o.runner_up_object];
+    if (o.competing_object >= 0) o.competing_object = search.objects[o.competing_object];
   }
 }
 

@@ -72,7 +72,7 @@ void DropChanceObjects(const JointContext& context,
     const double evidence = LogLikelihoodRatio(placed),
                  penalty = PenaltyLeft(context, evidence, best_competing[i]);
     if (penalty > 0.0 && evidence <= penalty) {
-      scene->gain -= std::max(0.0, placed.gain);
+      scene->description_gain -= std::max(0.0, placed.description_gain);
     } else {
       kept.push_back(std::move(placed));
     }

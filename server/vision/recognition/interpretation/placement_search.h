@@ -15,7 +15,7 @@ namespace horopter {
 // the given surfaces; refined and verified over all registered views (no occlusion considered),
 // best score first. search: the evidence that parts are looked for in, `context` itself or what
 // remains of it (remaining_evidence.h); they are judged by all of it. Of a catalog of more than
-// options.prospects.searched objects only the most promising are looked for, see prospects.h.
+// options.shortlist.searched objects only the most promising are looked for, see shortlist.h.
 // shortlist: the objects that are ranked (one flag each); empty: all, and it receives those that
 // the next call in the same scene needs to look at.
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,

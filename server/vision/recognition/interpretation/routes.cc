@@ -21,8 +21,8 @@ namespace {
 
 constexpr int kExpandedHypotheses = 8;
 constexpr int kPlaneScales = 3;
-constexpr double kOtherScaleGain =
-    0.5;  // of the best scene's gain: below it an initial hypothesis is not tried
+constexpr double kOtherScaleGain = 0.5;  // of the best scene's description-length gain: below it an
+                                         // initial hypothesis is not tried
 constexpr double kSameHypothesisPx = 10.0;  // working pixels
 
 // Searches the given views (one flag each) for the given objects.
@@ -85,7 +85,8 @@ FoundScene BestScale(const JointContext& context, const std::vector<SceneModel>&
   for (const SceneModel& start : starts) {
     if (IsStopRequested(context.stop)) return {};
     if (!best.scene.objects.empty() &&
-        (start.gain < kOtherScaleGain * best.scene.gain || IsStopRequested(context.give_up))) {
+        (start.description_gain < kOtherScaleGain * best.scene.description_gain ||
+         IsStopRequested(context.give_up))) {
       break;
     }
     FoundScene found;
@@ -119,7 +120,7 @@ FoundScene InKnownCameras(JointContext* context,
   again.scene = best;
   RefineScene(*context, {}, &again.scene);
   again.scene = ExpandScene(*context, again.scene, true, &again.verified);
-  FoundScene& better = again.scene.gain > best.gain ? again : found;
+  FoundScene& better = again.scene.description_gain > best.description_gain ? again : found;
   better.best_competing = BestCompeting(*context, better.scene, better.verified);
   return std::move(better);
 }
@@ -140,9 +141,10 @@ SceneModel BestExpansion(const JointContext& context, const std::vector<SceneMod
   ParallelFor(static_cast<int>(distinct.size()), context.options.threads, [&](int i) {
     expanded[i] = ExpandScene(context, distinct[i], false, nullptr);
   });
-  const auto best = std::max_element(expanded.begin(),
-                                     expanded.end(),
-                                     [](const auto& x, const auto& y) { return x.gain < y.gain; });
+  const auto best =
+      std::max_element(expanded.begin(), expanded.end(), [](const auto& x, const auto& y) {
+        return x.description_gain < y.description_gain;
+      });
   return best == expanded.end() ? SceneModel{} : *best;
 }
 
@@ -155,7 +157,7 @@ FoundScene Grow(const JointContext& context,
   if (start.objects.empty()) return found;
   found.route = route;
   found.scene = ExpandScene(context, start, true, &found.verified);
-  if (found.scene.gain < start.gain) found.scene = std::move(start);
+  if (found.scene.description_gain < start.description_gain) found.scene = std::move(start);
   found.best_competing = BestCompeting(context, found.scene, found.verified);
   return found;
 }
@@ -183,7 +185,8 @@ void TakeIfBetter(const JointContext& context, FoundScene other, FoundScene* bes
   }
   if (other.scene.objects.empty()) return;
   const bool open = IsOpen(context, other), was_open = IsOpen(context, *best);
-  if (open == was_open ? other.scene.gain > best->scene.gain : !open) *best = std::move(other);
+  if (open == was_open ? other.scene.description_gain > best->scene.description_gain : !open)
+    *best = std::move(other);
 }
 
 absl::StatusOr<FoundScene> MetricRoute(const RouteInput& input, JointContext* context) {
@@ -220,7 +223,7 @@ absl::StatusOr<FoundScene> ViewLedRoute(const RouteInput& input, JointContext* c
       for (SceneModel& start : RigInitialScenes(*context, *input.reconstruction, {}))
         starts.push_back(std::move(start));
       std::stable_sort(starts.begin(), starts.end(), [](const auto& x, const auto& y) {
-        return x.gain > y.gain;
+        return x.description_gain > y.description_gain;
       });
     }
     if (IsStopRequested(context->stop))

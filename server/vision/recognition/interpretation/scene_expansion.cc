@@ -17,12 +17,7 @@
 namespace horopter {
 namespace {
 
-// A plane is shared by objects whose stable plane agrees within these.
-constexpr double kPlaneCos = 0.9945;  // 6 degrees
-constexpr double kPlaneOffsetM = 0.008;
 constexpr int kMinPlaneMatches = 20;
-// A placement behind the plane must be so much surer than any on it to disprove the plane.
-constexpr double kBehindFactor = 2.0;
 // Of the circles that objects keep to in an image: depth (radii) from which the stretch covers the
 // perspective of a sphere (with the lens's bend), and how far beside an edge image edges are
 // explained, working pixels.
@@ -31,33 +26,38 @@ constexpr double kStretch = 1.35;
 constexpr double kExplainReachPx = 8.0;
 
 // What decides which placement is accepted next: sure and large ones first.
-double Priority(const PlacedObject& p) {
-  return (p.score - 0.45) * std::sqrt(std::max(0.0, p.total.supported));
+double Priority(const PlacementAcceptance& acceptance, const PlacedObject& p) {
+  return (p.score - acceptance.priority_score) * std::sqrt(std::max(0.0, p.total.supported));
 }
 
-bool IsUpright(const StablePose& pose,
+bool IsUpright(const PlacementAcceptance& acceptance,
+               const StablePose& pose,
                const Rigid3& scene_from_object,
                const SupportingPlane& plane) {
-  return (scene_from_object.R * pose.up).dot(plane.normal) > kPlaneCos;
+  return (scene_from_object.R * pose.up).dot(plane.normal) > acceptance.upright_cos;
 }
 
-bool RestsOn(const PreparedObject& object,
+bool RestsOn(const PlacementAcceptance& acceptance,
+             const PreparedObject& object,
              const Rigid3& scene_from_object,
              const SupportingPlane& plane) {
   return std::any_of(
       object.stable_poses.begin(), object.stable_poses.end(), [&](const StablePose& s) {
         const double height = plane.normal.dot(scene_from_object.t) - plane.offset_m - s.height_m;
-        return IsUpright(s, scene_from_object, plane) && std::abs(height) < kPlaneOffsetM;
+        return IsUpright(acceptance, s, scene_from_object, plane) &&
+               std::abs(height) < acceptance.same_plane_m;
       });
 }
 
 // Whether the part is turned as it can rest on a level surface.
-bool IsUprightPart(const PreparedObject& object,
+bool IsUprightPart(const PlacementAcceptance& acceptance,
+                   const PreparedObject& object,
                    const Rigid3& scene_from_object,
                    const SupportingPlane& plane) {
-  return std::any_of(object.stable_poses.begin(),
-                     object.stable_poses.end(),
-                     [&](const StablePose& s) { return IsUpright(s, scene_from_object, plane); });
+  return std::any_of(
+      object.stable_poses.begin(), object.stable_poses.end(), [&](const StablePose& s) {
+        return IsUpright(acceptance, s, scene_from_object, plane);
+      });
 }
 
 // Whether a plane of matched texture carries parts. It may as well be a printed face of a part:
@@ -68,13 +68,15 @@ bool Supports(const JointContext& context,
               const SupportingPlane& plane) {
   double on = 0.0, behind = 0.0;
   for (const PlacedObject& p : placements) {
-    if (p.gain <= 0 || p.score < options.acceptance.min_score) continue;
+    if (p.description_gain <= 0 || p.score < options.acceptance.min_score) continue;
     const double height =
         HeightAbovePlane(*context.objects[p.object], p.scene_from_object, plane).lowest_m;
-    if (std::abs(height) < options.acceptance.plane_tolerance_m) on = std::max(on, Priority(p));
-    if (height < -3 * options.acceptance.plane_tolerance_m) behind = std::max(behind, Priority(p));
+    if (std::abs(height) < options.acceptance.plane_tolerance_m)
+      on = std::max(on, Priority(options.acceptance, p));
+    if (height < -3 * options.acceptance.plane_tolerance_m)
+      behind = std::max(behind, Priority(options.acceptance, p));
   }
-  return behind <= kBehindFactor * on;
+  return behind <= options.acceptance.behind_factor * on;
 }
 
 // Share of what `explained` holds that is taken already; 0 when it holds nothing.
@@ -137,15 +139,17 @@ bool IsAcceptable(const JointContext& context,
                   const SceneModel& scene,
                   const PlacedObject& p) {
   if (p.score < options.acceptance.min_score) return false;
-  if (!scene.plane) return p.gain > 0;
+  if (!scene.plane) return p.description_gain > 0;
   const double height =
       HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene.plane).lowest_m;
   if (height < -2 * options.acceptance.plane_tolerance_m)
     return false;  // below the supporting plane
-  if (p.score >= options.acceptance.off_plane_score) return p.gain > 0;
-  if (!IsUprightPart(*context.objects[p.object], p.scene_from_object, *scene.plane)) return false;
+  if (p.score >= options.acceptance.off_plane_score) return p.description_gain > 0;
+  if (!IsUprightPart(
+          options.acceptance, *context.objects[p.object], p.scene_from_object, *scene.plane))
+    return false;
   if (EdgeLogLikelihoodRatio(p.score, p.total.Sharpness()) >= options.acceptance.floating_log_odds)
-    return p.gain > 0;
+    return p.description_gain > 0;
   // Camouflaged parts lack edges that they should show: what they stand on speaks for them.
   return height < options.acceptance.plane_tolerance_m ||
          StandsOnPart(context, options, scene, p, height);
@@ -221,10 +225,10 @@ std::optional<SupportingPlane> PlaneOfPlacements(
     const ExpansionOptions& options) {
   std::vector<const PlacedObject*> voters;
   for (const PlacedObject& p : placements) {
-    if (p.gain > 0 && p.score >= options.acceptance.min_score) voters.push_back(&p);
+    if (p.description_gain > 0 && p.score >= options.acceptance.min_score) voters.push_back(&p);
   }
-  std::stable_sort(voters.begin(), voters.end(), [](const auto* x, const auto* y) {
-    return Priority(*x) > Priority(*y);
+  std::stable_sort(voters.begin(), voters.end(), [&](const auto* x, const auto* y) {
+    return Priority(options.acceptance, *x) > Priority(options.acceptance, *y);
   });
   if (static_cast<int>(voters.size()) > options.plane_voters) voters.resize(options.plane_voters);
   std::vector<Eigen::Vector3d> eyes;
@@ -246,7 +250,11 @@ std::optional<SupportingPlane> PlaneOfPlacements(
       std::vector<const PlacedObject*> resting;
       double votes = 0.0;
       for (const PlacedObject* other : voters) {
-        if (!RestsOn(*context.objects[other->object], other->scene_from_object, plane)) continue;
+        if (!RestsOn(options.acceptance,
+                     *context.objects[other->object],
+                     other->scene_from_object,
+                     plane))
+          continue;
         if (std::any_of(resting.begin(), resting.end(), [&](const PlacedObject* r) {
               return SharedVolume(*context.objects[r->object],
                                   r->scene_from_object,
@@ -256,7 +264,7 @@ std::optional<SupportingPlane> PlaneOfPlacements(
           continue;
         }
         resting.push_back(other);
-        votes += Priority(*other);
+        votes += Priority(options.acceptance, *other);
       }
       if (resting.size() >= 2 && votes > best_votes) {
         best_votes = votes;
@@ -273,7 +281,7 @@ void Consolidate(const JointContext& context,
                  SceneModel* scene) {
   const std::vector<PlacedObject> before = std::move(scene->objects);
   scene->objects.clear();
-  scene->gain = 0.0;
+  scene->description_gain = 0.0;
   scene->plane = PlaneFromMatches(context, scene->views);
   if (scene->plane) scene->plane = PlaneUnderParts(context, before, *scene->plane);
   if (scene->plane && !Supports(context, options, candidates, *scene->plane)) scene->plane.reset();
@@ -294,14 +302,16 @@ void Consolidate(const JointContext& context,
         }
       }
       if (!IsAcceptable(context, options, *scene, candidates[i])) continue;
-      if (best < 0 || Priority(candidates[i]) > Priority(candidates[best])) best = i;
+      if (best < 0 || Priority(options.acceptance, candidates[i]) >
+                          Priority(options.acceptance, candidates[best]))
+        best = i;
     }
     if (best < 0) break;
     const PlacedObject accepted = candidates[best];
     accepted_parts.Add(accepted);
     const PreparedObject& object = *context.objects[accepted.object];
     scene->objects.push_back(accepted);
-    scene->gain += std::max(0.0, accepted.gain);
+    scene->description_gain += std::max(0.0, accepted.description_gain);
     dead[best] = true;
     for (std::size_t i = 0; i < candidates.size(); ++i) {
       if (dead[i] || !MeetInView(context, scene->views, accepted, candidates[i])) continue;
@@ -339,7 +349,7 @@ void AddHiddenParts(const JointContext& context,
     p.scene_from_object = *refined;
     const Rigid3& pose = p.scene_from_object;
     const double height = HeightAbovePlane(object, pose, plane).lowest_m;
-    if (!IsUprightPart(object, pose, plane)) continue;
+    if (!IsUprightPart(options.acceptance, object, pose, plane)) continue;
     if (std::abs(height) > options.acceptance.plane_tolerance_m &&
         !StandsOnPart(context, options, *scene, p, height)) {
       continue;

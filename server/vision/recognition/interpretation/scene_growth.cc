@@ -23,10 +23,10 @@ constexpr double kFarPx = 1e9;
 
 void Evaluate(const JointContext& context, SceneModel* scene) {
   VerifyScratch scratch;
-  scene->gain = 0.0;
+  scene->description_gain = 0.0;
   for (PlacedObject& o : scene->objects) {
     EvaluatePlacement(context, scene->views, {}, &scratch, &o);
-    scene->gain += std::max(0.0, o.gain);
+    scene->description_gain += std::max(0.0, o.description_gain);
   }
 }
 
@@ -69,6 +69,40 @@ double LargestMove(const JointContext& context, const SceneModel& before, const 
   return largest;
 }
 
+// What the last cameras say of a scene that grows no more.
+void Complete(const JointContext& context,
+              const ExpansionOptions& options,
+              const std::vector<PlacedObject>& placements,
+              SceneModel* scene) {
+  BeginStep(context, "consolidation");
+  // The last views may have been registered by fewer objects than there are now.
+  DropContradictedViews(context, scene);
+  // What lost its support in the refined cameras goes.
+  std::vector<PlacedObject> placed = scene->objects;
+  Consolidate(context, options, std::move(placed), scene);
+  AddHiddenParts(context, options, placements, scene);
+}
+
+// Where parts may stand and none was looked for yet.
+std::vector<SearchSurface> OpenSurfaces(const JointContext& context,
+                                        const SceneModel& scene,
+                                        const std::vector<PlacedObject>& placements,
+                                        const std::vector<SearchSurface>& searched,
+                                        const ExpansionOptions& options,
+                                        bool first) {
+  std::vector<SearchSurface> surfaces = SearchSurfaces(context,
+                                                       scene,
+                                                       placements,
+                                                       options.doubtful_score,
+                                                       options.acceptance.plane_tolerance_m,
+                                                       options.max_surfaces);
+  // A part may stand on one that is not found yet but as high as one that is.
+  if (first) {
+    for (SearchSurface& s : surfaces) s.discs.clear();
+  }
+  return NotCovered(surfaces, searched);
+}
+
 }  // namespace
 
 SceneModel ExpandScene(const JointContext& context,
@@ -92,17 +126,7 @@ SceneModel ExpandScene(const JointContext& context,
       scene.plane = PlaneUnderParts(context, scene.objects, *plane);
     std::vector<SearchSurface> surfaces;
     if (scene.plane) {
-      surfaces = SearchSurfaces(context,
-                                scene,
-                                placements,
-                                options.doubtful_score,
-                                options.acceptance.plane_tolerance_m,
-                                options.max_surfaces);
-      // A part may stand on one that is not found yet but as high as one that is.
-      if (round == 0) {
-        for (SearchSurface& s : surfaces) s.discs.clear();
-      }
-      surfaces = NotCovered(surfaces, searched);
+      surfaces = OpenSurfaces(context, scene, placements, searched, options, round == 0);
       // The first cameras know one part only: a first look finds parts that tell more of them.
       // Corners in space do so in a tenth of the time, where three views confirm them.
       options.plane_search = round == 0 ? FirstLook() : PlaneSearchOptions();
@@ -131,15 +155,7 @@ SceneModel ExpandScene(const JointContext& context,
     // Twice at least: the first cameras know one part only.
     changed = round == 0 || scene.objects.size() > objects || FocalLengthsMoved(views, scene.views);
   }
-  if (thorough) {
-    BeginStep(context, "consolidation");
-    // The last views may have been registered by fewer objects than there are now.
-    DropContradictedViews(context, &scene);
-    // What lost its support in the refined cameras goes.
-    std::vector<PlacedObject> placed = scene.objects;
-    Consolidate(context, options, std::move(placed), &scene);
-    AddHiddenParts(context, options, placements, &scene);
-  }
+  if (thorough) Complete(context, options, placements, &scene);
   return scene;
 }
 

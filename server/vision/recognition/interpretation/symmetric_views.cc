@@ -20,12 +20,12 @@ constexpr std::size_t kHypotheses = 4;       // of a view that are tried
 constexpr int kFewestViews = 3;  // with so many aligned, views that fit none of them are left out
 
 // Patches alike less patches unlike on the faces that two views see.
-int Likeness(const JointContext& context,
-             const PlacedObject& placed,
-             int a,
-             const CalibratedCamera& view_a,
-             int b,
-             const CalibratedCamera& view_b) {
+int Similarity(const JointContext& context,
+               const PlacedObject& placed,
+               int a,
+               const CalibratedCamera& view_a,
+               int b,
+               const CalibratedCamera& view_b) {
   SceneModel pair;
   pair.views.resize(context.views.size());
   pair.views[a] = view_a;
@@ -63,16 +63,16 @@ std::optional<CalibratedCamera> AlignedTo(
     return std::abs(a - v) < std::abs(b - v);
   });
   for (const int w : others) {
-    std::vector<int> likeness(turned.size(), 0);
+    std::vector<int> similarity(turned.size(), 0);
     ParallelFor(static_cast<int>(turned.size()), context.options.threads, [&](int i) {
       if (IsStopRequested(context.stop)) return;
-      likeness[i] = Likeness(context, placed, w, *aligned[w], v, turned[i]);
+      similarity[i] = Similarity(context, placed, w, *aligned[w], v, turned[i]);
     });
-    const auto best = std::max_element(likeness.begin(), likeness.end());
+    const auto best = std::max_element(similarity.begin(), similarity.end());
     const int most = *best;
     *best = std::numeric_limits<int>::min();
-    const int next = *std::max_element(likeness.begin(), likeness.end());
-    if (most >= std::max(next, 0) + kFewestPatches) return turned[best - likeness.begin()];
+    const int next = *std::max_element(similarity.begin(), similarity.end());
+    if (most >= std::max(next, 0) + kFewestPatches) return turned[best - similarity.begin()];
   }
   return std::nullopt;
 }

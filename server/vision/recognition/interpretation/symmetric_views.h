@@ -1,4 +1,4 @@
-// Views of a symmetric part that nothing but the part ties together.
+// Views of a symmetric part that nothing but the part links.
 #pragma once
 
 #include "server/vision/recognition/scene/scene_model.h"
@@ -9,7 +9,7 @@ namespace horopter {
 // the part links may each have taken another one: the cameras then stand around it in wrong places.
 // The texture on its faces tells: view by view the equivalent pose is taken in which the faces look
 // most like they do in the views before it. Scenes of several objects, views that the supporting
-// plane ties to another, surfaces of revolution and parts without texture stay as they are.
+// plane links to another, surfaces of revolution and parts without texture stay as they are.
 void AlignSymmetricViews(const JointContext& context, SceneModel* scene);
 
 }  // namespace horopter

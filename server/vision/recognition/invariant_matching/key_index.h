@@ -119,7 +119,7 @@ class KeyIndex {
   // The same for a slot whose keys are not known: reads the whole index.
   void EraseSlot(int slot);
 
-  // Computes the transformations anew, if the number of keys has changed by a tenth since the last
+  // Recomputes the transformations, if the number of keys has changed by a tenth since the last
   // time: their quantiles hardly move by less.
   absl::Status RefreshTransforms(std::uint32_t generation);
 

@@ -51,7 +51,7 @@ std::vector<FourTuple> TuplesOf(const SceneStructure& structure, std::span<const
 }
 
 // Deviation of the mean log distance: the key's five values span the other directions, so the
-// covariance of the points is propagated anew.
+// covariance of the points is recomputed.
 double LogSizeDeviation(const std::array<Eigen::Vector3d, 4>& points,
                         const Eigen::MatrixXd& covariance) {
   Eigen::RowVectorXd gradient = Eigen::RowVectorXd::Zero(12);

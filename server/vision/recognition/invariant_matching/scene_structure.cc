@@ -291,7 +291,7 @@ std::vector<std::vector<int>> StructureComponents(const SceneStructure& structur
     }
     if (!taken) left_over.insert(left_over.end(), fragment->begin(), fragment->end());
   }
-  // What nothing ties to anything is one component more, so that no point is lost.
+  // What nothing links to anything is one component more, so that no point is lost.
   if (static_cast<int>(left_over.size()) >= options.min_points) out.push_back(left_over);
   struct Gap {
     double distance;

@@ -9,7 +9,7 @@
 namespace horopter {
 namespace {
 
-// Price of a predicted edge that is not there, and of an image edge inside the silhouette that
+// Cost of a predicted edge that is not there, and of an image edge inside the silhouette that
 // stays unexplained, in units of an explained edge.
 constexpr double kPrintedPrecision = 0.8;
 constexpr double kPrintedShare = 0.5;
@@ -49,7 +49,7 @@ double JointScore(std::span<const EdgeSupport> support,
   return std::exp(log_sum / seen);
 }
 
-double SupportGain(const EdgeSupport& s) {
+double DescriptionGain(const EdgeSupport& s) {
   double unexplained = s.inside - s.explained;
   // Print on a part that is there beyond doubt is no evidence against it.
   if (s.Precision() >= kPrintedPrecision)
@@ -79,12 +79,12 @@ void EvaluatePlacement(const JointContext& context,
     placed->total += placed->support[v];
   }
   placed->score = JointScore(placed->support, views);
-  placed->gain = SupportGain(placed->total);
+  placed->description_gain = DescriptionGain(placed->total);
 }
 
 void EvaluateTogether(const JointContext& context, SceneModel* scene) {
   VerifyScratch scratch;
-  scene->gain = 0.0;
+  scene->description_gain = 0.0;
   for (PlacedObject& o : scene->objects) {
     std::vector<DepthBuffer> others;
     if (scene->objects.size() > 1) {
@@ -102,7 +102,7 @@ void EvaluateTogether(const JointContext& context, SceneModel* scene) {
       }
     }
     EvaluatePlacement(context, scene->views, others, &scratch, &o);
-    scene->gain += std::max(0.0, o.gain);
+    scene->description_gain += std::max(0.0, o.description_gain);
   }
 }
 

@@ -21,8 +21,8 @@ struct PlacedObject {
   Rigid3 scene_from_object;
   std::vector<EdgeSupport> support;  // per view, zero where the view is not registered
   EdgeSupport total;
-  double score = 0.0;    // see JointScore
-  double gain = 0.0;     // see SupportGain
+  double score = 0.0;             // see JointScore
+  double description_gain = 0.0;  // see DescriptionGain
   double texture = 0.0;  // log odds that the texture on its faces adds, see surface_texture.h
 };
 
@@ -33,7 +33,7 @@ struct SceneModel {
   std::vector<std::optional<CalibratedCamera>> views;
   std::vector<PlacedObject> objects;
   std::optional<SupportingPlane> plane;
-  double gain = 0.0;  // sum over the objects
+  double description_gain = 0.0;  // sum over the objects
   int registered() const {
     int n = 0;
     for (const auto& v : views) n += v.has_value();
@@ -86,7 +86,7 @@ inline void BeginStep(const JointContext& context, std::string_view step) {
 // Description-length gain of an object in working pixels: edges it explains minus what it predicts
 // in vain and what it leaves unexplained inside its silhouette. Positive for poses that are more
 // right than wrong.
-double SupportGain(const EdgeSupport& support);
+double DescriptionGain(const EdgeSupport& support);
 
 // Geometric mean of the silhouette F1 over the views in which the object should be seen; 0 when it
 // lies outside the image in most registered views, or is seen in one of several only: wrong cameras
@@ -107,7 +107,7 @@ void EvaluatePlacement(const JointContext& context,
                        ExplainedSegments* explained = nullptr);
 
 // Verifies every object of the scene in every registered view, hidden behind the others where it
-// is, and sums up the gain.
+// is, and sums up the description-length gain.
 void EvaluateTogether(const JointContext& context, SceneModel* scene);
 
 // Up to 8 points of the object that touch the plane of a stable pose (object frame): its footprint.

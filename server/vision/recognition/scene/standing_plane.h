@@ -17,10 +17,10 @@ struct StandingPlaneOptions {
   int min_parts = 2;
 };
 
-// The plane moved to the feet of the upright parts near it: matched texture ties a plane through
-// cameras whose lenses are known badly, parts through what they are themselves. Robust least
-// squares of offset and tilt with the given plane as prior; the given plane where fewer parts stand
-// near it.
+// The plane moved to the feet of the upright parts near it: matched texture links to a plane
+// through cameras whose lenses are known badly, parts through what they are themselves. Robust
+// least squares of offset and tilt with the given plane as prior; the given plane where fewer parts
+// stand near it.
 SupportingPlane PlaneUnderParts(const JointContext& context,
                                 std::span<const PlacedObject> parts,
                                 const SupportingPlane& plane,

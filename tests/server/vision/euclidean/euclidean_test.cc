@@ -176,7 +176,7 @@ TEST(RefineMetricScene, NoObjectThatFitsIsAPrecondition) {
   Scene scene(0.3, 9);
   scene.recognition.objects.push_back(scene.recognition.objects[1]);  // of two none is rejected
   EuclideanOptions options;
-  options.rejection.least_found = 2.0;  // more than all of its edges
+  options.misfits.least_found = 2.0;  // more than all of its edges
   EXPECT_EQ(RefineMetricScene(scene.Input(), scene.recognition, options).status().code(),
             absl::StatusCode::kFailedPrecondition);
 }

@@ -85,14 +85,14 @@ TEST(JudgeCameras, AsksNothingOfCamerasThatAreGiven) {
   EXPECT_EQ(metric->counts.at("views_of_one_camera"), 0);
 }
 
-TEST(Likeness, OfTheSameIntrinsicsCostsNothingAndItsDerivativesAreThoseOfTheCost) {
+TEST(Similarity, OfTheSameIntrinsicsCostsNothingAndItsDerivativesAreThoseOfTheCost) {
   std::vector<AdjustedView> views(3);
   for (int v = 0; v < 3; ++v) {
     views[v].known = true;
     views[v].camera = CenteredCamera(640, 480, 900.0);
   }
   const std::vector<CameraSimilarity> alike{{{0, 2}, 0.01, 0.5, 0.002}};
-  EXPECT_EQ(LikenessCost(views, alike), 0.0);
+  EXPECT_EQ(SimilarityCost(views, alike), 0.0);
   views[0].camera.focal_px *= 1.02;
   views[1].camera.focal_px *= 3.0;  // in no group
   views[2].camera.cx += 2.0;
@@ -100,8 +100,8 @@ TEST(Likeness, OfTheSameIntrinsicsCostsNothingAndItsDerivativesAreThoseOfTheCost
   const std::vector<int> at{0, 4, 8};
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(12, 12);
   Eigen::VectorXd b = Eigen::VectorXd::Zero(12);
-  AddLikeness(views, alike, at, &A, &b);
-  const double cost = LikenessCost(views, alike);
+  AddSimilarity(views, alike, at, &A, &b);
+  const double cost = SimilarityCost(views, alike);
   for (int i = 0; i < 12; ++i) {
     constexpr double kStep = 1e-4;
     std::vector<AdjustedView> moved = views;
@@ -111,7 +111,7 @@ TEST(Likeness, OfTheSameIntrinsicsCostsNothingAndItsDerivativesAreThoseOfTheCost
     if (i % 4 == 2) c.cy += kStep;
     if (i % 4 == 3) c.k1 += kStep;
     // The cost is quadratic in log f, cx, cy, k1: b is half its slope, A half its curvature.
-    EXPECT_NEAR(LikenessCost(moved, alike) - cost,
+    EXPECT_NEAR(SimilarityCost(moved, alike) - cost,
                 2.0 * kStep * b(i) + kStep * kStep * A(i, i),
                 1e-9 * (1.0 + cost))
         << i;

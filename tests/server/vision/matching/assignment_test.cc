@@ -59,7 +59,7 @@ double ShareRight(const Planted& planted, AssignmentMethod method) {
   return static_cast<double>(right) / std::max<size_t>(1, taken.size());
 }
 
-TEST(Assignment, NeighboursFindWhatLikenessAloneCannot) {
+TEST(Assignment, NeighboursFindWhatSimilarityAloneCannot) {
   for (unsigned seed = 1; seed <= 10; ++seed) {
     const Planted planted = MakePlanted(seed, 30, 0.4);
     EXPECT_GE(ShareRight(planted, AssignmentMethod::kSpectral), 0.95) << "seed " << seed;

@@ -19,7 +19,7 @@ struct Pair {
 };
 
 // Candidates of views 0 and 1: the true ones with noise and, per junction, `wrong` arbitrary
-// partners of like likeness.
+// partners as similar.
 Pair MakePair(unsigned seed, double sigma_px, int wrong, bool pure_rotation = false) {
   SyntheticSceneOptions options;
   options.seed = seed;
@@ -36,12 +36,12 @@ Pair MakePair(unsigned seed, double sigma_px, int wrong, bool pure_rotation = fa
   for (int i = 0; i < static_cast<int>(a.size()); ++i) {
     for (int w = 0; w <= wrong; ++w) {
       const int k = w == 0 ? i : static_cast<int>(rng() % b.size());
-      const double likeness = 0.5 + 0.4 * (static_cast<double>(rng()) / 4294967296.0);
+      const double similarity = 0.5 + 0.4 * (static_cast<double>(rng()) / 4294967296.0);
       pair.candidates.push_back({i,
                                  k,
                                  a[i].point,
                                  b[k].point,
-                                 likeness,
+                                 similarity,
                                  (Transfer(H_inverse, b[k].point) - a[i].point).norm()});
     }
   }

@@ -58,10 +58,20 @@ TEST(AcceptanceOptions, NamesTheFieldThatIsOutOfItsRange) {
                   &PoseChoiceAcceptance::independent_px,
                   value,
                   "pose_choices.independent_px");
+    ExpectRefused(&A::misfits, &MisfitAcceptance::factor, value, "misfits.factor");
   }
   AcceptanceOptions none;
   none.alternatives.most_per_object = 0;
   ExpectRefused(none, "alternatives.most_per_object");
+  none = {};
+  none.scene.min_segments = 0;
+  ExpectRefused(none, "scene.min_segments");
+  none = {};
+  none.aspects.accompanied_views = 0;
+  ExpectRefused(none, "aspects.accompanied_views");
+  none = {};
+  none.misfits.min_samples = 0;
+  ExpectRefused(none, "misfits.min_samples");
 }
 
 // A server is configured by RecognitionOptions alone: what is wrong about acceptance is refused

@@ -22,7 +22,7 @@ struct Matched {
 };
 
 // One junction or segment per observation; matches of all pairs. `with_geometry`: the pairs have an
-// F, else likeness alone is said to have matched them.
+// F, else similarity alone is said to have matched them.
 Matched MatchTracks(const SyntheticTracks& truth, bool with_geometry) {
   Matched out;
   const int views = static_cast<int>(truth.cameras.size());

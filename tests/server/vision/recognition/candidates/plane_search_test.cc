@@ -189,10 +189,10 @@ TEST(ViewScore, PrintInsideASureSilhouetteIsForgiven) {
   s.explained = 950;
   EXPECT_LT(SilhouetteF1(s), 0.5);
   EXPECT_GT(ViewScore(s), 0.65);
-  EXPECT_GT(SupportGain(s), 0.0);
+  EXPECT_GT(DescriptionGain(s), 0.0);
   s.supported = s.explained = 600;  // what chance finds in texture
   EXPECT_LT(ViewScore(s), 0.4);
-  EXPECT_LT(SupportGain(s), 0.0);
+  EXPECT_LT(DescriptionGain(s), 0.0);
   EXPECT_EQ(ViewScore({}), 0.0);
 }
 

@@ -58,9 +58,9 @@ TEST(BestScales, ScalesThatOtherObjectsShareComeFirstAndEachScaleOnce) {
     p.score = score;
     p.total.supported = 1000.0;
     p.total.sharp = 1000.0 * score;
-    p.gain = 100.0 * score;
+    p.description_gain = 100.0 * score;
     h.scene.objects.push_back(p);
-    h.scene.gain = p.gain;
+    h.scene.description_gain = p.description_gain;
     return h;
   };
   const std::vector<SceneModel> best = BestScales({scaled(0, 0.80, 2.0),

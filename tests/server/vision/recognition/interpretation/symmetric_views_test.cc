@@ -7,7 +7,7 @@
 namespace horopter {
 namespace {
 
-// The printed box whose half turns are symmetries of its edges, and views that nothing else ties.
+// The printed box whose half turns are symmetries of its edges, and views that nothing else links.
 struct TurnedViews {
   PrintedBoxScene box;
   MatchingResult matching;

@@ -105,11 +105,11 @@ TEST(PreparedBlob, NonsenseBehindARightChecksumIsRefusedOrHarmless) {
   const ObjectModel model = Wedge();
   const PreparedBytes bytes = EncodePrepared(*PrepareObject(model).value());
   const std::string& blob = bytes.data;
-  const auto checksum = [](const std::string& bytes) {
+  const auto checksum = [](const std::string& encoded) {
     std::uint64_t value = 0xcbf29ce484222325ull;
-    for (std::size_t at = 24; at < bytes.size(); at += 8) {
+    for (std::size_t at = 24; at < encoded.size(); at += 8) {
       std::uint64_t word = 0;
-      std::memcpy(&word, bytes.data() + at, std::min<std::size_t>(8, bytes.size() - at));
+      std::memcpy(&word, encoded.data() + at, std::min<std::size_t>(8, encoded.size() - at));
       value = (value ^ word) * 0x100000001b3ull;
       value ^= value >> 29;
     }

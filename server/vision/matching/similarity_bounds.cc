@@ -1,10 +1,10 @@
-#include "server/vision/matching/likeness_bounds.h"
+#include "server/vision/matching/similarity_bounds.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 
-#include "server/vision/matching/likeness_tables.h"
+#include "server/vision/matching/similarity_tables.h"
 
 namespace horopter {
 namespace {
@@ -21,7 +21,7 @@ float Of(double value) {
 
 }  // namespace
 
-float LikenessBounds::Table::At(float cue) const {
+float SimilarityBounds::Table::At(float cue) const {
   const float at =
       std::clamp((cue - low) * inverse_step - 0.5f, 0.0f, static_cast<float>(bins - 1));
   const int k = std::min(static_cast<int>(at), bins - 2);
@@ -29,7 +29,7 @@ float LikenessBounds::Table::At(float cue) const {
   return values[k] + part * (values[k + 1] - values[k]);
 }
 
-float LikenessBounds::Table::AtMost(float cue) const {
+float SimilarityBounds::Table::AtMost(float cue) const {
   const float at =
       std::clamp((cue - low) * inverse_step - 0.5f, 0.0f, static_cast<float>(bins - 1));
   const int k = std::min(static_cast<int>(at), bins - 2);
@@ -37,7 +37,7 @@ float LikenessBounds::Table::AtMost(float cue) const {
   return std::max(highest_upto[k], values[k] + part * (values[k + 1] - values[k]));
 }
 
-LikenessBounds::Table LikenessBounds::Weighted(const LogRatioTable& table, bool wanted) {
+SimilarityBounds::Table SimilarityBounds::Weighted(const LogRatioTable& table, bool wanted) {
   Table out;
   out.low = table.low;
   out.inverse_step = 1.0f / table.step;
@@ -52,7 +52,7 @@ LikenessBounds::Table LikenessBounds::Weighted(const LogRatioTable& table, bool 
   return out;
 }
 
-LikenessBounds::LikenessBounds(const PairComparison& pair, const LikenessOptions& options)
+SimilarityBounds::SimilarityBounds(const PairComparison& pair, const SimilarityOptions& options)
     : pair_(pair), reach_px_(Of(pair.reach_px()) * (1.0f + kGateMargin)) {
   const int prior = pair.has_plane() ? 0 : 1;
   for (int k = 0; k < kSegmentCueCount; ++k)
@@ -73,7 +73,7 @@ LikenessBounds::LikenessBounds(const PairComparison& pair, const LikenessOptions
   for (const Eigen::Vector3d& l : pair.lines_in_a()) lines_in_a_.push_back(l.cast<float>());
 }
 
-LikenessBounds::SegmentRow LikenessBounds::SegmentsOfA() const {
+SimilarityBounds::SegmentRow SimilarityBounds::SegmentsOfA() const {
   SegmentRow row;
   for (size_t i = 0; i < pair_.warped_segments().size(); ++i) {
     const PairComparison::WarpedSegment& w = pair_.warped_segments()[i];
@@ -92,7 +92,7 @@ LikenessBounds::SegmentRow LikenessBounds::SegmentsOfA() const {
   return row;
 }
 
-LikenessBounds::SegmentRow LikenessBounds::SegmentsOfB() const {
+SimilarityBounds::SegmentRow SimilarityBounds::SegmentsOfB() const {
   SegmentRow row;
   for (const Segment& s : pair_.b().features->segments) {
     const Eigen::Vector2d u = (s.end - s.start).normalized();
@@ -110,7 +110,7 @@ LikenessBounds::SegmentRow LikenessBounds::SegmentsOfB() const {
 }
 
 // Marks what passes the gates; a loop without branches.
-void LikenessBounds::GateSegments(int i, std::vector<std::int32_t>* passes) const {
+void SimilarityBounds::GateSegments(int i, std::vector<std::int32_t>* passes) const {
   const int n = static_cast<int>(b_.x.size());
   passes->assign(n, 1);
   if (!pair_.has_plane()) return;
@@ -129,7 +129,7 @@ void LikenessBounds::GateSegments(int i, std::vector<std::int32_t>* passes) cons
 }
 
 // All cues but the strip's correlation and the beam.
-float LikenessBounds::SegmentBound(int i, int j) const {
+float SimilarityBounds::SegmentBound(int i, int j) const {
   const float cosine = a_.ux[i] * b_.ux[j] + a_.uy[i] * b_.uy[j];
   float bound = segment_rest_ +
                 segment_[kLengthRatio].At(std::abs(a_.log_length[i] - b_.log_length[j])) +
@@ -154,7 +154,7 @@ float LikenessBounds::SegmentBound(int i, int j) const {
          segment_[kBetterSide].At(std::min(l, r)) + segment_[kWorseSide].At(std::max(l, r));
 }
 
-void LikenessBounds::OfSegment(int i, float least, std::vector<Bound>* bounds) const {
+void SimilarityBounds::OfSegment(int i, float least, std::vector<Bound>* bounds) const {
   bounds->clear();
   if (!a_.valid[i]) return;
   std::vector<std::int32_t> passes;
@@ -173,7 +173,7 @@ void LikenessBounds::OfSegment(int i, float least, std::vector<Bound>* bounds) c
   }
 }
 
-void LikenessBounds::OfJunction(int i, float least, std::vector<Bound>* bounds) const {
+void SimilarityBounds::OfJunction(int i, float least, std::vector<Bound>* bounds) const {
   bounds->clear();
   const JunctionPatch& patch = pair_.a().patches[i];
   if (patch.empty) return;
@@ -201,7 +201,7 @@ void LikenessBounds::OfJunction(int i, float least, std::vector<Bound>* bounds) 
                         junction_[kEpipolar].At(d + kEpipolarMarginPx));
     }
     if (patches[j].empty || bound + junction_[kPatch].highest < least) continue;
-    bound += junction_[kPatch].AtMost(HighestLikeness(patch, patches[j]) + kGateMargin);
+    bound += junction_[kPatch].AtMost(HighestSimilarity(patch, patches[j]) + kGateMargin);
     if (bound >= least) bounds->push_back({j, bound});
   }
 }

@@ -1,4 +1,4 @@
-// Upper bounds of how like two features can be, many times cheaper than the likeness itself: most
+// Upper bounds of how like two features can be, many times cheaper than the similarity itself: most
 // of all pairs of two views need no comparison (the results stay the same, bit for bit).
 #pragma once
 
@@ -6,20 +6,20 @@
 #include <cstdint>
 #include <vector>
 
-#include "server/vision/matching/feature_likeness.h"
+#include "server/vision/matching/feature_similarity.h"
 
 namespace horopter {
 
 // Log-likelihood ratios no pair reaches; pairs that fail a gate of PairComparison::May* are left
 // out. Single precision with a margin above its rounding. Refers to the comparison.
-class LikenessBounds {
+class SimilarityBounds {
  public:
   struct Bound {
     int b = -1;
     float log_ratio = 0.0f;
   };
 
-  LikenessBounds(const PairComparison& pair, const LikenessOptions& options);
+  SimilarityBounds(const PairComparison& pair, const SimilarityOptions& options);
 
   // Features of view b that may be like feature index_a of view a by at least `least`.
   void OfSegment(int index_a, float least, std::vector<Bound>* bounds) const;

@@ -43,14 +43,14 @@ using SegmentCues = Eigen::Matrix<float, kSegmentCueCount, 1>;
 using JunctionCues = Eigen::Matrix<float, kJunctionCueCount, 1>;
 
 // Which evidence is used; the variants of the thesis and of the comparison.
-struct LikenessOptions {
+struct SimilarityOptions {
   bool parameters = true;   // 2.7.1: length, angle, contrast, colours, types
   bool correlation = true;  // 2.7.2: windows
 };
 
 // Whether a cue counts under the options.
-bool IsUsed(SegmentCue cue, const LikenessOptions& options);
-bool IsUsed(JunctionCue cue, const LikenessOptions& options);
+bool IsUsed(SegmentCue cue, const SimilarityOptions& options);
+bool IsUsed(JunctionCue cue, const SimilarityOptions& options);
 
 // Patches of view b's junctions, laid out by the prior's homography so that they show what view a's
 // upright ones show; upright themselves without one.
@@ -99,7 +99,7 @@ class PairComparison {
   // Overlap of a segment with the epipolar beam of one of view a (kBeam). Needs an F.
   double Beam(int index_a, int index_b) const;
 
-  // What the bounds of likeness are made of.
+  // What the bounds of similarity are made of.
   double reach_px() const { return kMaxShiftWidths * b_.features->width; }
   const std::vector<WarpedSegment>& warped_segments() const { return segments_a_; }
   const std::vector<Eigen::Vector2d>& warped_junctions() const { return junctions_a_; }
@@ -121,7 +121,7 @@ class PairComparison {
 };
 
 // Weighted sum of the cues' log-likelihood ratios.
-double LogRatio(const SegmentCues& cues, bool has_plane, const LikenessOptions& options);
-double LogRatio(const JunctionCues& cues, bool has_plane, const LikenessOptions& options);
+double LogRatio(const SegmentCues& cues, bool has_plane, const SimilarityOptions& options);
+double LogRatio(const JunctionCues& cues, bool has_plane, const SimilarityOptions& options);
 
 }  // namespace horopter

@@ -1,4 +1,4 @@
-#include "server/vision/matching/feature_likeness.h"
+#include "server/vision/matching/feature_similarity.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -7,7 +7,7 @@
 #include <limits>
 
 #include "server/vision/matching/homography.h"
-#include "server/vision/matching/likeness_tables.h"
+#include "server/vision/matching/similarity_tables.h"
 
 namespace horopter {
 namespace {
@@ -79,12 +79,12 @@ double TableValue(const LogRatioTable& table, float cue) {
   return (1.0 - part) * table.values[k] + part * table.values[k + 1];
 }
 
-bool IsUsed(SegmentCue cue, const LikenessOptions& options) {
+bool IsUsed(SegmentCue cue, const SimilarityOptions& options) {
   if (cue == kStrip) return options.correlation;
   return cue == kShift || cue == kBeam || options.parameters;
 }
 
-bool IsUsed(JunctionCue cue, const LikenessOptions& options) {
+bool IsUsed(JunctionCue cue, const SimilarityOptions& options) {
   if (cue == kPatch) return options.correlation;
   return cue == kPointShift || cue == kEpipolar || options.parameters;
 }
@@ -238,7 +238,7 @@ JunctionCues PairComparison::Junctions(int index_a, int index_b) const {
   const Junction& ja = a_.features->junctions[index_a];
   const Junction& jb = b_.features->junctions[index_b];
   JunctionCues cues;
-  cues[kPatch] = static_cast<float>(PatchLikeness(a_.patches[index_a], patches_b_[index_b]));
+  cues[kPatch] = static_cast<float>(PatchSimilarity(a_.patches[index_a], patches_b_[index_b]));
   cues[kTypePair] = ja.type == jb.type                                             ? 0.0f
                     : (ja.type == JunctionType::kL || jb.type == JunctionType::kL) ? 1.0f
                                                                                    : 2.0f;
@@ -253,7 +253,7 @@ JunctionCues PairComparison::Junctions(int index_a, int index_b) const {
   return cues;
 }
 
-double LogRatio(const SegmentCues& cues, bool has_plane, const LikenessOptions& options) {
+double LogRatio(const SegmentCues& cues, bool has_plane, const SimilarityOptions& options) {
   double sum = 0.0;
   for (int k = 0; k < kSegmentCueCount; ++k) {
     if (IsUsed(static_cast<SegmentCue>(k), options))
@@ -262,7 +262,7 @@ double LogRatio(const SegmentCues& cues, bool has_plane, const LikenessOptions& 
   return sum;
 }
 
-double LogRatio(const JunctionCues& cues, bool has_plane, const LikenessOptions& options) {
+double LogRatio(const JunctionCues& cues, bool has_plane, const SimilarityOptions& options) {
   double sum = 0.0;
   for (int k = 0; k < kJunctionCueCount; ++k) {
     if (IsUsed(static_cast<JunctionCue>(k), options))

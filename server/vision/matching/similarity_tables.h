@@ -1,7 +1,7 @@
 // Log-likelihood ratios of the cues, learned from parts-train by tests/bench/matching_learning.
 #pragma once
 
-#include "server/vision/matching/feature_likeness.h"
+#include "server/vision/matching/feature_similarity.h"
 #include "server/vision/matching/match_features.h"
 
 namespace horopter {
