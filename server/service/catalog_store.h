@@ -29,7 +29,7 @@ struct LoadReport {
 };
 
 struct StoreOptions {
-  int threads = 1;     // that load
+  int threads = 1;          // that load
   StopRequested stop = {};  // of loading
   // Objects held in memory. A larger catalog has only its keys there; objects are read when they
   // are asked for, and as many as this stay. Raising it costs 0.2 MB an object, more for large
