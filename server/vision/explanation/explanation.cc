@@ -206,7 +206,7 @@ class Explainer {
                         views,
                         {log_.object, placements[i].scene_from_object},
                         kQuickRenderPx)
-              ->scene_from_object;
+              ->placed.scene_from_object;
     });
     judge_all(kRenderPx);
     const Placement& best = placements.front();

@@ -455,8 +455,9 @@ class Linker {
       std::array<double, kJudged> scores{};
       ParallelFor(kJudged, options_.threads, [&](int k) {
         if (k >= static_cast<int>(order.size()) || best[order[k]] <= 0.0) return;
-        const auto settled = objects_.Settled(scene->views, candidates[order[k]]);
-        if (settled) scores[k] = objects_.JudgeOne(scene->views, *settled).score;
+        auto settled = objects_.Settled(scene->views, candidates[order[k]]);
+        if (!settled) return;
+        scores[k] = objects_.JudgeOne(scene->views, settled->placed, {}, settled->rendered).score;
       });
       const auto most = std::max_element(scores.begin(), scores.end());
       if (*most <= 0.0) continue;

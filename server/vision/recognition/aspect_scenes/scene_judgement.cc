@@ -95,6 +95,56 @@ void PresumeRecall(double recall, const AspectScoreOptions& scoring, AspectScore
   score->score = ScoreOf(score->precision, recall, score->support_px, scoring);
 }
 
+// The edges that the views of a scene show of an object, rendered once at each size asked for.
+class ObjectEdges {
+ public:
+  ObjectEdges(std::span<const AspectImage> images,
+              const RenderMesh& mesh,
+              const std::vector<std::optional<AspectSceneView>>& views,
+              const AspectSceneObject& placed,
+              const SceneJudgementOptions& options,
+              std::span<PoseRendering> rendered = {})
+      : images_(images),
+        mesh_(mesh),
+        views_(views),
+        placed_(placed),
+        options_(options),
+        rendered_(rendered),
+        scored_(views.size()) {}
+
+  const VisibleEdges& Scored(std::size_t v) {
+    if (!rendered_.empty()) return rendered_[v].At(WorkingCamera(v), Pose(v));
+    if (!scored_[v]) scored_[v] = Rendered(v, options_.render_px);
+    return *scored_[v];
+  }
+
+  PartLayer Layer(std::size_t v) {
+    const PinholeCamera& camera = views_[v]->camera;
+    if (options_.layer_px == options_.render_px)
+      return MakePartLayer(images_[v], Scored(v), camera);
+    return MakePartLayer(images_[v], Rendered(v, options_.layer_px), camera);
+  }
+
+ private:
+  PinholeCamera WorkingCamera(std::size_t v) const {
+    return horopter::WorkingCamera(images_[v], views_[v]->camera);
+  }
+  Rigid3 Pose(std::size_t v) const {
+    return views_[v]->camera_from_scene * placed_.scene_from_object;
+  }
+  VisibleEdges Rendered(std::size_t v, double render_px) const {
+    return WorkingEdges(images_[v], mesh_, views_[v]->camera, Pose(v), render_px);
+  }
+
+  std::span<const AspectImage> images_;
+  const RenderMesh& mesh_;
+  const std::vector<std::optional<AspectSceneView>>& views_;
+  const AspectSceneObject& placed_;
+  const SceneJudgementOptions& options_;
+  std::span<PoseRendering> rendered_;
+  std::vector<std::optional<VisibleEdges>> scored_;
+};
+
 // Scores once more, without the edges that stay in their places on the surface from view to view.
 void ForgivePrint(std::span<const AspectImage> images,
                   const RenderMesh& mesh,
@@ -102,15 +152,11 @@ void ForgivePrint(std::span<const AspectImage> images,
                   const AspectSceneObject& placed,
                   const std::vector<std::vector<const PartLayer*>>& near,
                   const AspectScoreOptions& scoring,
-                  const SceneJudgementOptions& options,
+                  ObjectEdges* edges,
                   LinkedObject* out) {
-  AspectScoreOptions rendering;
-  rendering.render_px = options.layer_px;
   std::vector<PartLayer> layers(views.size());
   for (std::size_t v = 0; v < views.size(); ++v) {
-    if (!out->shown[v]) continue;
-    const Rigid3 pose = views[v]->camera_from_scene * placed.scene_from_object;
-    layers[v] = MakePartLayer(images[v], mesh, views[v]->camera, pose, rendering);
+    if (out->shown[v]) layers[v] = edges->Layer(v);
   }
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!out->shown[v]) continue;
@@ -121,28 +167,18 @@ void ForgivePrint(std::span<const AspectImage> images,
       siblings.push_back({&images[w], views[w]->camera, pose, &layers[w]});
     }
     const Rigid3 pose = views[v]->camera_from_scene * placed.scene_from_object;
-    out->views[v] = ScorePose(images[v], mesh, views[v]->camera, pose, scoring, near[v], siblings);
+    out->views[v] = ScoreEdges(
+        images[v], mesh, edges->Scored(v), views[v]->camera, pose, scoring, near[v], siblings);
   }
 }
 
-}  // namespace
-
-std::array<Eigen::Vector3d, 8> BoxCorners(const RenderMesh& mesh) {
-  const double h = 0.29 * mesh.diameter_m;
-  std::array<Eigen::Vector3d, 8> out;
-  for (int i = 0; i < 8; ++i) {
-    out[i] = mesh.center.cast<double>() +
-             h * Eigen::Vector3d(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1);
-  }
-  return out;
-}
-
-LinkedObject JudgeInViews(std::span<const AspectImage> images,
-                          const RenderMesh& mesh,
-                          const std::vector<std::optional<AspectSceneView>>& views,
-                          const AspectSceneObject& placed,
-                          const SceneJudgementOptions& options,
-                          ViewSpan others) {
+LinkedObject Judged(std::span<const AspectImage> images,
+                    const RenderMesh& mesh,
+                    const std::vector<std::optional<AspectSceneView>>& views,
+                    const AspectSceneObject& placed,
+                    const SceneJudgementOptions& options,
+                    ViewSpan others,
+                    ObjectEdges* edges) {
   LinkedObject out;
   out.object = placed.object;
   out.scene_from_object = placed.scene_from_object;
@@ -163,7 +199,8 @@ LinkedObject JudgeInViews(std::span<const AspectImage> images,
         if (disc.Meets((*layers)[v])) near[v].push_back(&(*layers)[v]);
       }
     }
-    const AspectScore score = ScorePose(images[v], mesh, views[v]->camera, pose, scoring, near[v]);
+    const AspectScore score =
+        ScoreEdges(images[v], mesh, edges->Scored(v), views[v]->camera, pose, scoring, near[v]);
     if (score.visible_px < options.visible_share * (score.visible_px + score.hidden_px)) continue;
     out.views[v] = score;
     out.shown[v] = true;
@@ -174,7 +211,7 @@ LinkedObject JudgeInViews(std::span<const AspectImage> images,
     for (AspectScore& score : out.views) PresumeRecall(options.presumed_recall, scoring, &score);
   } else if (may_be_printed) {
     LinkedObject printed = out;
-    ForgivePrint(images, mesh, views, placed, near, scoring, options, &printed);
+    ForgivePrint(images, mesh, views, placed, near, scoring, edges, &printed);
     if (Mean(printed, shown).recall >= options.print_recall) out = std::move(printed);
   }
   for (const AspectScore& score : out.views) {
@@ -191,28 +228,62 @@ LinkedObject JudgeInViews(std::span<const AspectImage> images,
   return out;
 }
 
+SceneLayers LayersOf(const AspectScene& scene,
+                     std::span<const LinkedObject> judged,
+                     const SceneJudgementOptions& options,
+                     std::span<ObjectEdges> edges) {
+  SceneLayers out(scene.objects.size());
+  ParallelFor(static_cast<int>(out.size()), options.threads, [&](int o) {
+    out[o].resize(scene.views.size());
+    if (judged[o].score < options.hiding_score) return;
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      if (scene.views[v]) out[o][v] = edges[o].Layer(v);
+    }
+  });
+  return out;
+}
+
+std::vector<ObjectEdges> EdgesOf(std::span<const AspectImage> images,
+                                 std::span<const RenderMesh* const> meshes,
+                                 const AspectScene& scene,
+                                 const SceneJudgementOptions& options) {
+  std::vector<ObjectEdges> out;
+  out.reserve(scene.objects.size());
+  for (const AspectSceneObject& o : scene.objects)
+    out.emplace_back(images, *meshes[o.object], scene.views, o, options);
+  return out;
+}
+
+}  // namespace
+
+std::array<Eigen::Vector3d, 8> BoxCorners(const RenderMesh& mesh) {
+  const double h = 0.29 * mesh.diameter_m;
+  std::array<Eigen::Vector3d, 8> out;
+  for (int i = 0; i < 8; ++i) {
+    out[i] = mesh.center.cast<double>() +
+             h * Eigen::Vector3d(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1);
+  }
+  return out;
+}
+
+LinkedObject JudgeInViews(std::span<const AspectImage> images,
+                          const RenderMesh& mesh,
+                          const std::vector<std::optional<AspectSceneView>>& views,
+                          const AspectSceneObject& placed,
+                          const SceneJudgementOptions& options,
+                          ViewSpan others,
+                          std::span<PoseRendering> rendered) {
+  ObjectEdges edges(images, mesh, views, placed, options, rendered);
+  return Judged(images, mesh, views, placed, options, others, &edges);
+}
+
 SceneLayers MakeSceneLayers(std::span<const AspectImage> images,
                             std::span<const RenderMesh* const> meshes,
                             const AspectScene& scene,
                             std::span<const LinkedObject> judged,
                             const SceneJudgementOptions& options) {
-  SceneLayers out(scene.objects.size());
-  AspectScoreOptions scoring;
-  scoring.render_px = options.layer_px;
-  ParallelFor(static_cast<int>(out.size()), options.threads, [&](int o) {
-    out[o].resize(scene.views.size());
-    if (judged[o].score < options.hiding_score) return;
-    const AspectSceneObject& object = scene.objects[o];
-    for (std::size_t v = 0; v < scene.views.size(); ++v) {
-      if (!scene.views[v]) continue;
-      out[o][v] = MakePartLayer(images[v],
-                                *meshes[object.object],
-                                scene.views[v]->camera,
-                                scene.views[v]->camera_from_scene * object.scene_from_object,
-                                scoring);
-    }
-  });
-  return out;
+  std::vector<ObjectEdges> edges = EdgesOf(images, meshes, scene, options);
+  return LayersOf(scene, judged, options, edges);
 }
 
 std::vector<LinkedObject> JudgeScene(std::span<const AspectImage> images,
@@ -220,14 +291,15 @@ std::vector<LinkedObject> JudgeScene(std::span<const AspectImage> images,
                                      const AspectScene& scene,
                                      const SceneJudgementOptions& options) {
   const int count = static_cast<int>(scene.objects.size());
+  std::vector<ObjectEdges> edges = EdgesOf(images, meshes, scene, options);
   const auto judge = [&](int i, ViewSpan others) {
     const AspectSceneObject& o = scene.objects[i];
-    return JudgeInViews(images, *meshes[o.object], scene.views, o, options, others);
+    return Judged(images, *meshes[o.object], scene.views, o, options, others, &edges[i]);
   };
   std::vector<LinkedObject> alone(count);
   ParallelFor(count, options.threads, [&](int i) { alone[i] = judge(i, {}); });
   if (count < 2) return alone;
-  const SceneLayers layers = MakeSceneLayers(images, meshes, scene, alone, options);
+  const SceneLayers layers = LayersOf(scene, alone, options, edges);
   std::vector<LinkedObject> out(count);
   ParallelFor(count, options.threads, [&](int i) {
     const AspectSceneObject& object = scene.objects[i];

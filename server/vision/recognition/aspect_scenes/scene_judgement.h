@@ -9,6 +9,7 @@
 
 #include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
 #include "server/vision/recognition/aspect_search/aspect_score.h"
+#include "server/vision/recognition/aspect_search/pose_rendering.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/aspects/render_mesh.h"
 
@@ -53,12 +54,14 @@ using SceneLayers = std::vector<std::vector<PartLayer>>;
 
 // An object in all registered views; `others`: what hides it, [object][view], or empty. A view that
 // shows little of the object does not count; an object that few views show scores nothing.
+// `rendered`: its renderings of each view's working image on its way here, or empty.
 LinkedObject JudgeInViews(std::span<const AspectImage> images,
                           const RenderMesh& mesh,
                           const std::vector<std::optional<AspectSceneView>>& views,
                           const AspectSceneObject& placed,
                           const SceneJudgementOptions& options = {},
-                          std::span<const std::vector<PartLayer>* const> others = {});
+                          std::span<const std::vector<PartLayer>* const> others = {},
+                          std::span<PoseRendering> rendered = {});
 
 // Layers of the objects whose scores (one each) reach hiding_score.
 SceneLayers MakeSceneLayers(std::span<const AspectImage> images,

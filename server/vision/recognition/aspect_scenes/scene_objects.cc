@@ -75,13 +75,15 @@ std::vector<LinkedObject> SceneObjects::Judge(const AspectScene& scene, double r
 
 LinkedObject SceneObjects::JudgeOne(const std::vector<std::optional<AspectSceneView>>& views,
                                     const AspectSceneObject& placed,
-                                    std::span<const std::vector<PartLayer>* const> others) const {
+                                    std::span<const std::vector<PartLayer>* const> others,
+                                    std::span<PoseRendering> rendered) const {
   return JudgeInViews(in_.images,
                       *meshes_[placed.object],
                       views,
                       placed,
                       Judging(options_.quick_render_px),
-                      others);
+                      others,
+                      rendered);
 }
 
 double SceneObjects::Keep(const std::vector<LinkedObject>& judged, AspectScene* scene) const {
@@ -142,10 +144,10 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene*
   ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
     if (IsStopRequested(stop_)) return;
     // Its depth is the least certain: the other views set it.
-    const std::optional<AspectSceneObject> settled = Settled(scene->views, candidates[i]);
+    std::optional<SettledObject> settled = Settled(scene->views, candidates[i]);
     if (!settled) return;
-    candidates[i] = *settled;
-    judged[i] = JudgeOne(scene->views, candidates[i], others);
+    candidates[i] = settled->placed;
+    judged[i] = JudgeOne(scene->views, candidates[i], others, settled->rendered);
   });
   std::vector<int> order(judged.size());
   std::iota(order.begin(), order.end(), 0);
@@ -158,7 +160,7 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene*
   }
 }
 
-std::optional<AspectSceneObject> SceneObjects::Settled(
+std::optional<SettledObject> SceneObjects::Settled(
     const std::vector<std::optional<AspectSceneView>>& views,
     const AspectSceneObject& placed) const {
   return SettleInViews(
@@ -183,13 +185,12 @@ LinkedScene SceneObjects::Result(const AspectScene& scene) const {
   return out;
 }
 
-std::optional<AspectSceneObject> SettleInViews(
-    std::span<const AspectImage> images,
-    const RenderMesh& mesh,
-    const std::vector<std::optional<AspectSceneView>>& views,
-    AspectSceneObject out,
-    double render_px,
-    double least_met) {
+std::optional<SettledObject> SettleInViews(std::span<const AspectImage> images,
+                                           const RenderMesh& mesh,
+                                           const std::vector<std::optional<AspectSceneView>>& views,
+                                           AspectSceneObject out,
+                                           double render_px,
+                                           double least_met) {
   VisibleEdgeOptions visible;
   visible.render_px = render_px;
   std::vector<PoseRendering> renderings(views.size(), PoseRendering(mesh, visible, kStalePx));
@@ -226,7 +227,7 @@ std::optional<AspectSceneObject> SettleInViews(
     }
     if (search == kSettleSearchPx[0] && met < least_met) return std::nullopt;
   }
-  return out;
+  return SettledObject{out, std::move(renderings)};
 }
 
 }  // namespace horopter

@@ -12,6 +12,11 @@ namespace horopter {
 
 inline constexpr double kFineRenderPx = 200.0;  // of the scores that are answered
 
+struct SettledObject {
+  AspectSceneObject placed;
+  std::vector<PoseRendering> rendered;  // of it in each view's working image, on its way there
+};
+
 class SceneObjects {
  public:
   // What is pointed to outlives the object.
@@ -26,7 +31,8 @@ class SceneObjects {
   // One object, rendered quickly.
   LinkedObject JudgeOne(const std::vector<std::optional<AspectSceneView>>& views,
                         const AspectSceneObject& placed,
-                        std::span<const std::vector<PartLayer>* const> others = {}) const;
+                        std::span<const std::vector<PartLayer>* const> others = {},
+                        std::span<PoseRendering> rendered = {}) const;
   // Whether no object of the scene is in this one's place: not in space, and not in the images of
   // all views, where wrong cameras may show one object as two.
   bool IsFree(const std::vector<std::optional<AspectSceneView>>& views,
@@ -35,8 +41,8 @@ class SceneObjects {
   // Candidates adjusted alone and added where the images bear them out and nothing else is.
   void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const;
   // An object adjusted alone, cameras fixed; nothing when too few of its edges are there.
-  std::optional<AspectSceneObject> Settled(const std::vector<std::optional<AspectSceneView>>& views,
-                                           const AspectSceneObject& placed) const;
+  std::optional<SettledObject> Settled(const std::vector<std::optional<AspectSceneView>>& views,
+                                       const AspectSceneObject& placed) const;
   LinkedScene Result(const AspectScene& scene) const;
 
  private:
@@ -55,12 +61,11 @@ class SceneObjects {
 // An object's pose adjusted to the edges of all registered views, cameras fixed. render_px: see
 // PoseEdgeOptions. Nothing when fewer than `least_met` of its edge points meet image edges after
 // the first round.
-std::optional<AspectSceneObject> SettleInViews(
-    std::span<const AspectImage> images,
-    const RenderMesh& mesh,
-    const std::vector<std::optional<AspectSceneView>>& views,
-    AspectSceneObject placed,
-    double render_px,
-    double least_met = 0.0);
+std::optional<SettledObject> SettleInViews(std::span<const AspectImage> images,
+                                           const RenderMesh& mesh,
+                                           const std::vector<std::optional<AspectSceneView>>& views,
+                                           AspectSceneObject placed,
+                                           double render_px,
+                                           double least_met = 0.0);
 
 }  // namespace horopter

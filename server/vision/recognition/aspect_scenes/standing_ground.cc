@@ -108,14 +108,13 @@ StandingGround MakeGround(std::span<const AspectImage> images,
     out.cameras.push_back(WorkingCamera(images[v], views[v]->camera));
     out.camera_from_scene.push_back(views[v]->camera_from_scene);
     std::vector<PartLayer> layers;
-    AspectScoreOptions rendering;
-    rendering.render_px = kLayerRenderPx;
     for (const AspectSceneObject& o : taken) {
-      layers.push_back(MakePartLayer(images[v],
-                                     parts[o.object].object->mesh,
-                                     views[v]->camera,
-                                     views[v]->camera_from_scene * o.scene_from_object,
-                                     rendering));
+      const VisibleEdges edges = WorkingEdges(images[v],
+                                              parts[o.object].object->mesh,
+                                              views[v]->camera,
+                                              views[v]->camera_from_scene * o.scene_from_object,
+                                              kLayerRenderPx);
+      layers.push_back(MakePartLayer(images[v], edges, views[v]->camera));
     }
     out.unexplained.push_back(SumUnexplained(images[v], layers));
   }

@@ -324,17 +324,24 @@ AspectScore ScorePose(const AspectImage& image,
                       std::span<const PartLayer* const> others,
                       std::span<const SiblingView> siblings) {
   if (image.width == 0) return {};
+  return ScoreEdges(image,
+                    mesh,
+                    WorkingEdges(image, mesh, camera, camera_from_object, options.render_px),
+                    camera,
+                    camera_from_object,
+                    options,
+                    others,
+                    siblings);
+}
+
+VisibleEdges WorkingEdges(const AspectImage& image,
+                          const RenderMesh& mesh,
+                          const PinholeCamera& camera,
+                          const Rigid3& camera_from_object,
+                          double render_px) {
   VisibleEdgeOptions rendering;
-  rendering.render_px = options.render_px;
-  return ScoreEdges(
-      image,
-      mesh,
-      FindVisibleEdges(mesh, WorkingCamera(image, camera), camera_from_object, rendering),
-      camera,
-      camera_from_object,
-      options,
-      others,
-      siblings);
+  rendering.render_px = render_px;
+  return FindVisibleEdges(mesh, WorkingCamera(image, camera), camera_from_object, rendering);
 }
 
 AspectScore ScoreEdges(const AspectImage& image,
@@ -358,16 +365,12 @@ AspectScore ScoreEdges(const AspectImage& image,
 }
 
 PartLayer MakePartLayer(const AspectImage& image,
-                        const RenderMesh& mesh,
+                        const VisibleEdges& edges,
                         const PinholeCamera& camera,
-                        const Rigid3& camera_from_object,
                         const AspectScoreOptions& options) {
   PartLayer out;
   if (image.width == 0) return out;
   const PinholeCamera working = WorkingCamera(image, camera);
-  VisibleEdgeOptions rendering;
-  rendering.render_px = options.render_px;
-  const VisibleEdges edges = FindVisibleEdges(mesh, working, camera_from_object, rendering);
   const ModelRaster raster = RasterEdges(edges, image, options.tolerance_px);
   if (edges.points.empty() || raster.nearest.empty()) return out;
   out.x0 = raster.x0;

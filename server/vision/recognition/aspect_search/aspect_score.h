@@ -94,11 +94,18 @@ AspectScore ScoreEdges(const AspectImage& image,
                        std::span<const PartLayer* const> others = {},
                        std::span<const SiblingView> siblings = {});
 
-// What ScorePose needs of the others. Empty when nothing of the part is visible.
+// Visible edges of the working image at a pose, the camera that of the original.
+VisibleEdges WorkingEdges(const AspectImage& image,
+                          const RenderMesh& mesh,
+                          const PinholeCamera& camera,
+                          const Rigid3& camera_from_object,
+                          double render_px);
+
+// What ScorePose needs of the others, of visible edges of the working image. Empty when nothing of
+// the part is visible.
 PartLayer MakePartLayer(const AspectImage& image,
-                        const RenderMesh& mesh,
+                        const VisibleEdges& edges,
                         const PinholeCamera& camera,
-                        const Rigid3& camera_from_object,
                         const AspectScoreOptions& options = {});
 
 // Mean support (0..1) that edge points of a part find in the distance maps, above what chance gives

@@ -282,16 +282,15 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& opti
   IndexEdges(&out);
   FillMaps(options, &out);
   std::vector<Eigen::Vector2f> texture;
-  if (DropTexture(options, &texture, &out)) {
-    IndexEdges(&out);
-    FillMaps(options, &out);
-  }
+  const bool textured = DropTexture(options, &texture, &out);
+  if (textured) IndexEdges(&out);
   out.contours = Contours(options, out);
-  if (DropPattern(options, texture, &out)) {
+  const bool patterned = DropPattern(options, texture, &out);
+  if (patterned) {
     IndexEdges(&out);
-    FillMaps(options, &out);
     out.contours = Contours(options, out);
   }
+  if (textured || patterned) FillMaps(options, &out);
   return out;
 }
 

@@ -170,9 +170,12 @@ TEST_F(StandingSearch, WhatAnotherPartHidesIsNotMissed) {
   const Rigid3 pose = views[1]->camera_from_scene * behind.scene_from_object;
   const PartLayer layer =
       MakePartLayer(images[1],
-                    list_[kAngle].object->mesh,
-                    views[1]->camera,
-                    views[1]->camera_from_scene * AngleThere().scene_from_object);
+                    WorkingEdges(images[1],
+                                 list_[kAngle].object->mesh,
+                                 views[1]->camera,
+                                 views[1]->camera_from_scene * AngleThere().scene_from_object,
+                                 200.0),
+                    views[1]->camera);
   ASSERT_GT(layer.width, 0);
   const PartLayer* others[] = {&layer};
   const AspectScore alone = ScorePose(images[1], mesh, views[1]->camera, pose);
