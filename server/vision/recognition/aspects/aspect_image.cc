@@ -8,6 +8,7 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspects/edge_pixels.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
+#include "server/vision/recognition/aspects/texture_border.h"
 
 namespace horopter {
 namespace {
@@ -173,6 +174,23 @@ class EdgeCounts {
   std::vector<int> sums_;
 };
 
+// Edges in whose place a border is.
+void MarkNear(const AspectImage& image,
+              const std::vector<ImageEdgePoint>& border,
+              std::vector<std::uint8_t>* drop) {
+  constexpr int kNear = 3;  // px that grains stand out of it
+  for (const ImageEdgePoint& b : border) {
+    const int cx = static_cast<int>(std::lround(b.point.x()));
+    const int cy = static_cast<int>(std::lround(b.point.y()));
+    for (int y = std::max(0, cy - kNear); y <= std::min(image.height - 1, cy + kNear); ++y) {
+      for (int x = std::max(0, cx - kNear); x <= std::min(image.width - 1, cx + kNear); ++x) {
+        const std::int32_t at = image.edge_at[image.Cell(x, y)];
+        if (at >= 0) (*drop)[at] = 1;
+      }
+    }
+  }
+}
+
 // Drops the edges of textured places but for those with a smooth side: outlines of smooth parts on
 // granite. Returns whether there were any; `dropped` are their places.
 bool DropTexture(const AspectImageOptions& options,
@@ -187,16 +205,25 @@ bool DropTexture(const AspectImageOptions& options,
   if (textured == 0) return false;
   // Beside a part half of the window is smooth.
   if (static_cast<double>(textured) > kTexturedShare * image->texture.size()) limit /= 2;
-  const std::size_t before = image->edges.size();
   const EdgeCounts counts(*image);
-  std::erase_if(image->edges, [&](const ImageEdgePoint& e) {
-    if (image->texture[image->Block(e.point.x(), e.point.y())] <= limit) return false;
-    const bool drop = counts.Share(e.point + kAside * e.normal, kHalf) > options.smooth_side &&
-                      counts.Share(e.point - kAside * e.normal, kHalf) > options.smooth_side;
-    if (drop) dropped->push_back(e.point);
-    return drop;
-  });
-  return image->edges.size() < before;
+  std::vector<std::uint8_t> drop(image->edges.size(), 0);
+  for (std::size_t i = 0; i < image->edges.size(); ++i) {
+    const ImageEdgePoint& e = image->edges[i];
+    if (image->texture[image->Block(e.point.x(), e.point.y())] <= limit) continue;
+    drop[i] = counts.Share(e.point + kAside * e.normal, kHalf) > options.smooth_side &&
+              counts.Share(e.point - kAside * e.normal, kHalf) > options.smooth_side;
+    if (drop[i]) dropped->push_back(e.point);
+  }
+  if (dropped->empty()) return false;
+  const std::vector<ImageEdgePoint> border = TextureBorder(*image, drop, options);
+  MarkNear(*image, border, &drop);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < drop.size(); ++i) {
+    if (!drop[i]) image->edges[kept++] = image->edges[i];
+  }
+  image->edges.resize(kept);
+  image->edges.insert(image->edges.end(), border.begin(), border.end());
+  return true;
 }
 
 ContourGraph Contours(const AspectImageOptions& options, const AspectImage& image) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <set>
 #include <vector>
 
 #include "server/vision/recognition/scoring/log_odds.h"
@@ -32,16 +33,36 @@ double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
          options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
 }
 
-// Whether another part agrees with the best one on the cameras of enough views, which are
-// much alike: cameras that adapted to a wrong part leave nothing for a second one.
-bool IsAccompanied(const LinkedScene& scene, const AspectAcceptance& options) {
-  if (scene.registered() < options.accompanied_views ||
-      scene.objects.front().score < options.accompanied_score ||
-      FocalSpread(scene) > options.accompanied_focal_share * options.focal_spread_free)
-    return false;
-  return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const LinkedObject& o) {
-    return o.object != scene.objects.front().object && o.score >= options.companion_score;
-  });
+// Different parts of a scene that score so much.
+int PartsThatScore(const LinkedScene& scene, double score) {
+  std::set<int> parts;
+  for (const LinkedObject& o : scene.objects) {
+    if (o.score >= score) parts.insert(o.object);
+  }
+  return static_cast<int>(parts.size());
+}
+
+enum class Agreement {
+  kNone,
+  kPair,     // another part scores nearly as much as the best one
+  kCompany,  // several score less
+};
+
+// Other parts that agree with the best one on the cameras of enough views, which are much alike:
+// cameras that adapted to a wrong part leave nothing for others.
+Agreement AgreementOf(const LinkedScene& scene, const AspectAcceptance& options) {
+  const double spread = FocalSpread(scene);
+  if (scene.registered() < options.accompanied_views || spread > options.focal_spread_free)
+    return Agreement::kNone;
+  const double best = scene.objects.front().score;
+  if (best >= options.accompanied_score &&
+      spread <= options.accompanied_focal_share * options.focal_spread_free &&
+      PartsThatScore(scene, options.companion_score) > 1)
+    return Agreement::kPair;
+  if (best >= options.company_best_score &&
+      PartsThatScore(scene, options.company_score) >= options.company_parts)
+    return Agreement::kCompany;
+  return Agreement::kNone;
 }
 
 }  // namespace
@@ -58,9 +79,16 @@ double AspectProbability(const LinkedObject& o,
   const double sure = options.sure_score + alone - options.even_alone;
   const bool beside = scene.registered() > 1 && scene.objects.front().score >= sure &&
                       o.score < scene.objects.front().score;
-  const double even =
-      !again && (beside || IsAccompanied(scene, options)) ? options.even_score : alone;
-  return Logistic(options.score_weight * (o.score - even));
+  const auto probability = [&](double even) {
+    return Logistic(options.score_weight * (o.score - even));
+  };
+  const double by_itself = probability(alone);
+  if (again) return by_itself;
+  const Agreement agreement = AgreementOf(scene, options);
+  if (beside || agreement == Agreement::kPair) return probability(options.even_score);
+  if (agreement == Agreement::kNone) return by_itself;
+  return std::max(by_itself,
+                  std::min(options.company_probability, probability(options.even_score)));
 }
 
 }  // namespace horopter
