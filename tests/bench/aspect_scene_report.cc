@@ -226,7 +226,7 @@ absl::Status Run(const Arguments& arguments) {
     std::vector<std::vector<AspectHypothesis>> hypotheses;
     for (const BopImage& view : scene.images) {
       images.push_back(MakeAspectImage(cv::imread(view.path, cv::IMREAD_COLOR)));
-      priors.push_back({NominalCamera(images.back()), 0.35});
+      priors.push_back({NominalCamera(images.back()), kNominalFocalLogSigma});
       const std::string file =
           absl::StrFormat("%s/%d_%d.txt", arguments.hypotheses, scene.scene_id, view.im_id);
       std::vector<AspectHypothesis> found;

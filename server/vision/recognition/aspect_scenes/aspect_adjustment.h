@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "server/base/stop_token.h"
+#include "server/vision/geometry/camera_prior.h"
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
@@ -20,7 +21,7 @@ struct AspectSceneView {
   Rigid3 camera_from_scene;
   // Prior of the focal length: ln f has this mean and deviation.
   double prior_log_focal = 0.0;
-  double log_focal_sigma = 0.35;
+  double log_focal_sigma = kNominalFocalLogSigma;
 };
 
 struct AspectSceneObject {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "server/base/stop_token.h"
+#include "server/vision/geometry/camera_prior.h"
 #include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
 #include "server/vision/recognition/aspect_scenes/scene_judgement.h"
 #include "server/vision/recognition/aspect_search/find_aspects.h"
@@ -41,7 +42,7 @@ struct AspectLinkOptions {
 // What is known of a view's camera before any part is.
 struct AspectViewPrior {
   PinholeCamera camera;
-  double log_focal_sigma = 0.35;
+  double log_focal_sigma = kNominalFocalLogSigma;
 };
 
 struct AspectLinkInput {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "server/base/stop_token.h"
+#include "server/vision/geometry/camera_prior.h"
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/recognition/aspect_search/aspect_score.h"
@@ -25,8 +26,8 @@ struct FindAspectOptions {
   std::vector<AspectExpectation> expected;
   AspectSweepOptions sweep;
   // Focal length in image widths; a known camera is given to FindAspectHypotheses instead.
-  double nominal_focal_share = 1.2;
-  double log_focal_sigma = 0.35;
+  double nominal_focal_share = kNominalFocalShare;
+  double log_focal_sigma = kNominalFocalLogSigma;
   int coarse_per_part = 10;  // poses refined and scored in a coarse rendering
   double coarse_render_px = 110.0;
   int fine_per_part = 6;  // ... in a fine one; also the most hypotheses of a part
@@ -54,7 +55,8 @@ struct AspectFindings {
 };
 
 // The camera of an image of unknown focal length.
-PinholeCamera NominalCamera(const AspectImage& image, double nominal_focal_share = 1.2);
+PinholeCamera NominalCamera(const AspectImage& image,
+                            double nominal_focal_share = kNominalFocalShare);
 
 // `known`: the camera of the original image; its focal length is kept. Null: nominal, and refined
 // under its prior. Empty when nothing is found; what was found so far when stopped.

@@ -42,8 +42,10 @@ std::vector<std::optional<AspectSceneView>> SceneViews(
   for (const auto& view : views) {
     out.emplace_back();
     if (view) {
-      out.back() = AspectSceneView{
-          view->camera, view->camera_from_scene, std::log(view->camera.focal_px), 0.35};
+      out.back() = AspectSceneView{view->camera,
+                                   view->camera_from_scene,
+                                   std::log(view->camera.focal_px),
+                                   kNominalFocalLogSigma};
     }
   }
   return out;
@@ -245,8 +247,9 @@ std::vector<AspectViewPrior> ViewPriors(const JointContext& context,
   std::vector<AspectViewPrior> priors;
   for (std::size_t v = 0; v < images.size(); ++v) {
     priors.push_back({context.start_cameras[v], context.focal_log_sigma[v]});
-    if (context.focal_log_sigma[v] >= context.options.focal_log_sigma)
-      priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
+    if (context.focal_log_sigma[v] < context.options.focal_log_sigma) continue;
+    priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
+    priors.back().log_focal_sigma = kNominalFocalLogSigma;
   }
   return priors;
 }

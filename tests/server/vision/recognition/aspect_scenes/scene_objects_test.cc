@@ -1,0 +1,70 @@
+#include "server/vision/recognition/aspect_scenes/scene_objects.h"
+
+#include <gtest/gtest.h>
+
+#include <opencv2/core.hpp>
+#include <random>
+
+#include "tests/support/photo_scene.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kRenderPx = 110.0;
+
+class SettledObjects : public testing::TestWithParam<unsigned> {
+ protected:
+  static void SetUpTestSuite() {
+    block_ = new PhotoPart(MakePart(SteppedBlock()));
+    for (int v = 0; v < kViews; ++v) {
+      images_.push_back(
+          MakeAspectImage(PhotoOf({{&block_->object.mesh, CameraFromScene(v)}}, Camera())));
+    }
+  }
+  static void TearDownTestSuite() {
+    delete block_;
+    images_.clear();
+  }
+
+  static inline PhotoPart* block_ = nullptr;
+  static inline std::vector<AspectImage> images_;
+};
+
+TEST_P(SettledObjects, ComeToWhereTheEdgesAreAndKeepTheirRenderings) {
+  std::mt19937 random(GetParam());
+  std::uniform_real_distribution<double> m(-0.0015, 0.0015), rad(-0.04, 0.04);
+  Rigid3 off;
+  off.R = Eigen::AngleAxisd(rad(random), Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  off.t = {m(random), m(random), m(random)};
+  auto settled = SettleInViews(images_, block_->object.mesh, Views(), {0, off}, kRenderPx, 0.34);
+  ASSERT_TRUE(settled) << "seed " << GetParam();
+  EXPECT_LT(settled->placed.scene_from_object.t.norm(), 0.0006) << "seed " << GetParam();
+  ASSERT_EQ(settled->rendered.size(), static_cast<std::size_t>(kViews));
+  SceneJudgementOptions judging;
+  judging.render_px = kRenderPx;
+  const double fresh =
+      JudgeInViews(images_, block_->object.mesh, Views(), settled->placed, judging).score;
+  const double kept =
+      JudgeInViews(
+          images_, block_->object.mesh, Views(), settled->placed, judging, {}, settled->rendered)
+          .score;
+  EXPECT_GT(fresh, 0.6) << "seed " << GetParam();
+  EXPECT_NEAR(kept, fresh, 0.02) << "seed " << GetParam();
+}
+
+TEST_P(SettledObjects, AreGivenUpWhereFewEdgesMeet) {
+  std::mt19937 random(GetParam());
+  std::uniform_real_distribution<double> rad(0.0, 6.28);
+  const double at = rad(random);
+  Rigid3 away;
+  away.t = 0.05 * Eigen::Vector3d(std::cos(at), std::sin(at), 0.0);
+  const RenderMesh& mesh = block_->object.mesh;
+  EXPECT_FALSE(SettleInViews(images_, mesh, Views(), {0, away}, kRenderPx, 0.34))
+      << "seed " << GetParam();
+  EXPECT_TRUE(SettleInViews(images_, mesh, Views(), {0, away}, kRenderPx)) << GetParam();
+}
+
+INSTANTIATE_TEST_SUITE_P(Seeds, SettledObjects, testing::Values(1u, 2u, 3u, 4u, 5u));
+
+}  // namespace
+}  // namespace horopter
