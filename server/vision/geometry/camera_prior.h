@@ -21,9 +21,9 @@ struct CameraHint {
 inline constexpr double kHintedFocalLogSigma = 0.02;
 
 // A focal length nobody knows, in image widths, and the deviation of its logarithm: from wrist
-// cameras that see 90 degrees (0.5) over webcams and telephones (0.7 - 1) to machine vision's lenses
-// (1.2 - 2.5). 0.95 and 0.5, which hold all of these, were tried: see "Nominal focal length" in
-// tests/bench/history/photographs.md.
+// cameras that see 90 degrees (0.5) over webcams and telephones (0.7 - 1) to machine vision's
+// lenses (1.2 - 2.5). 0.95 and 0.5, which hold all of these, were tried: see "Nominal focal length"
+// in tests/bench/history/photographs.md.
 inline constexpr double kNominalFocalShare = 1.2;
 inline constexpr double kNominalFocalLogSigma = 0.35;
 

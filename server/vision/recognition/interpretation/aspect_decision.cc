@@ -51,13 +51,11 @@ enum class Agreement {
 // Other parts that agree with the best one on the cameras of enough views, which are much alike:
 // cameras that adapted to a wrong part leave nothing for others.
 Agreement AgreementOf(const LinkedScene& scene, const AspectAcceptance& options) {
-  const double spread = FocalSpread(scene);
-  if (scene.registered() < options.accompanied_views || spread > options.focal_spread_free)
+  if (scene.registered() < options.accompanied_views ||
+      FocalSpread(scene) > options.accompanied_focal_share * options.focal_spread_free)
     return Agreement::kNone;
   const double best = scene.objects.front().score;
-  if (best >= options.accompanied_score &&
-      spread <= options.accompanied_focal_share * options.focal_spread_free &&
-      PartsThatScore(scene, options.companion_score) > 1)
+  if (best >= options.accompanied_score && PartsThatScore(scene, options.companion_score) > 1)
     return Agreement::kPair;
   if (best >= options.company_best_score &&
       PartsThatScore(scene, options.company_score) >= options.company_parts)
