@@ -21,6 +21,9 @@ constexpr double kDoubtfulShare = 0.5;   // of what the middle view shows: looke
 constexpr double kPoorShare = 0.4;       // ... and left out when that did not help
 constexpr double kBetterScore = 0.06;    // of another pose of an object in one view
 constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
+constexpr double kAlikeShare = 0.06;     // ... nearer ones are the same; chosen
+constexpr double kSureScore = 0.6;       // least of objects that are not searched again ...
+constexpr double kEvenShare = 0.95;      // ... and what each view has of it; chosen on 3 scenes
 constexpr double kNearM = 1e-3;          // points nearer to the camera plane have no image
 constexpr int kCoarsePoints = 120;       // of an object and view, for drafts; chosen, for time
 constexpr int kDraftCarried = 8;         // hypotheses carried over before all views are there
@@ -46,17 +49,19 @@ class Linker {
     if (in_.known != nullptr && !in_.known->objects.empty()) best = Completed(*in_.known);
     for (const Draft& draft : Drafts(links_.InitialScenes())) {
       if (IsStopRequested(stop_) && !best.objects.empty()) break;
+      if (IsWithin(draft.scene, SceneOf(best))) continue;  // it would grow into the same
       LinkedScene scene = Completed(draft.scene);
       if (scene.score > best.score) best = std::move(scene);
     }
     if (best.views.empty()) best.views.resize(in_.images.size());
-    searched_again_.assign(best.views.size(), false);
-    if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1)
-      SearchAgain(best, std::vector<bool>(best.views.size(), true));
+    searched_again_.assign(best.views.size(), 0);
+    if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1 &&
+        !IsSure(best))
+      SearchAgain(best, std::vector<bool>(best.views.size(), true), options_.few_per_part);
     Rescue(&best);
     if (AddStanding(&best)) {
       // What was added may settle views that the others left in doubt.
-      searched_again_.assign(best.views.size(), false);
+      searched_again_.assign(best.views.size(), 0);
       Rescue(&best);
     }
     if (!best.objects.empty()) DropPoorViews(&best);
@@ -129,6 +134,10 @@ class Linker {
       draft.scene.views = start.views;
       for (const GrownObject& o : start.objects) draft.scene.objects.push_back(o.placed);
       links_.AdjustToHypotheses(start, &draft.scene);
+      if (std::any_of(drafts.begin(), drafts.end(), [&](const Draft& other) {
+            return IsWithin(draft.scene, other.scene);
+          }))
+        continue;
       AdjustCoarsely(&draft.scene);
       if (objects_.Sift(&draft.scene) > 0.0) CarryOver(kDraftCarried, &draft.scene);
       draft.score = objects_.Sift(&draft.scene);
@@ -142,6 +151,38 @@ class Linker {
       drafts.pop_back();
     }
     return drafts;
+  }
+
+  // Whether the scene has the other's views, and its objects where those show them.
+  bool IsWithin(const AspectScene& scene, const AspectScene& other) const {
+    return std::all_of(scene.objects.begin(), scene.objects.end(), [&](const auto& o) {
+      return std::any_of(other.objects.begin(), other.objects.end(), [&](const auto& there) {
+        return there.object == o.object && AreAlike(scene, o, other, there);
+      });
+    });
+  }
+
+  // One part in both scenes: whether all views of the first show it in the same pose.
+  bool AreAlike(const AspectScene& scene,
+                const AspectSceneObject& object,
+                const AspectScene& other,
+                const AspectSceneObject& there) const {
+    const Eigen::Vector3d center = meshes_[object.object]->center.cast<double>();
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      if (!scene.views[v]) continue;
+      if (!other.views[v]) return false;
+      const Rigid3 pose = scene.views[v]->camera_from_scene * object.scene_from_object;
+      const double size = scene.views[v]->camera.focal_px * meshes_[object.object]->diameter_m /
+                          std::max((pose * center).z(), kNearM);
+      if (PoseDistancePx(in_.parts[object.object],
+                         scene.views[v]->camera,
+                         pose,
+                         other.views[v]->camera,
+                         other.views[v]->camera_from_scene * there.scene_from_object) >
+          kAlikeShare * size)
+        return false;
+    }
+    return true;
   }
 
   void AdjustCoarsely(AspectScene* scene) const {
@@ -178,6 +219,18 @@ class Linker {
       if (more.objects.empty() || !more.views[v]) continue;
       *scene = std::move(more);
     }
+  }
+
+  // All views are there and show all objects equally well.
+  static bool IsSure(const LinkedScene& scene) {
+    if (scene.registered() < static_cast<int>(scene.views.size())) return false;
+    return std::all_of(scene.objects.begin(), scene.objects.end(), [](const LinkedObject& o) {
+      if (o.score < kSureScore) return false;
+      for (std::size_t v = 0; v < o.views.size(); ++v) {
+        if (o.shown[v] && o.views[v].score < kEvenShare * o.score) return false;
+      }
+      return true;
+    });
   }
 
   // Views that show much less of the objects than the others do: of three and more.
@@ -375,7 +428,7 @@ class Linker {
 
   // Hypotheses of the scene's parts, and only of them, in the wanted views: much further down the
   // list than a search of the catalog goes. Adds to what is known of these views.
-  void SearchAgain(const LinkedScene& found, const std::vector<bool>& wanted) {
+  void SearchAgain(const LinkedScene& found, const std::vector<bool>& wanted, int per_part) {
     std::vector<int> objects;
     std::vector<AspectPart> parts;
     for (const LinkedObject& o : found.objects) {
@@ -386,13 +439,13 @@ class Linker {
     const auto index = BuildFragmentIndex(parts);
     if (!index.ok()) return;
     FindAspectOptions deep;
-    deep.coarse_per_part = options_.rescue_per_part;
-    deep.fine_per_part = options_.rescue_per_part / 4;
+    deep.coarse_per_part = per_part;
+    deep.fine_per_part = per_part / 4;
     deep.fine_share = 0.5;
     deep.threads = deep.votes.threads = options_.threads;
     for (std::size_t v = 0; v < wanted.size(); ++v) {
-      if (!wanted[v] || searched_again_[v] || IsStopRequested(stop_)) continue;
-      searched_again_[v] = true;
+      if (!wanted[v] || searched_again_[v] >= per_part || IsStopRequested(stop_)) continue;
+      searched_again_[v] = per_part;
       deep.expected = Expected(found, objects, static_cast<int>(v));
       std::vector<AspectHypothesis> list =
           FindAspectHypotheses(in_.images[v], *index, deep, nullptr, stop_).hypotheses;
@@ -409,7 +462,7 @@ class Linker {
         return;
       std::vector<bool> missing;
       for (const auto& view : trusted.views) missing.push_back(!view);
-      SearchAgain(trusted, missing);
+      SearchAgain(trusted, missing, options_.rescue_per_part);
       LinkedScene more = Completed(SceneOf(trusted));
       if (more.score <= best->score) return;
       *best = std::move(more);
@@ -472,7 +525,7 @@ class Linker {
   ViewLinks links_;
   SceneObjects objects_;
   std::vector<const RenderMesh*> meshes_;
-  std::vector<bool> searched_again_;  // of each view
+  std::vector<int> searched_again_;  // of each view: poses of a part that were refined
 };
 
 }  // namespace

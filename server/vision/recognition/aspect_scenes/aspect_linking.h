@@ -35,6 +35,7 @@ struct AspectLinkOptions {
   double shown_share = 0.6;  // of a part's box inside the image for a view to count
   // Poses of a found part that are refined in a view which its hypotheses did not link.
   int rescue_per_part = 120;
+  int few_per_part = 40;  // ... in all views of a scene of one or two parts
   AspectAdjustmentOptions adjustment;
   int threads = 1;
 };
