@@ -118,6 +118,7 @@ absl::Status Check(const PoseChoiceAcceptance& o) {
                       {"found_crease", o.found_crease, Range::kShare},
                       {"independent_px", o.independent_px, Range::kPositive},
                       {"most_log_odds", o.most_log_odds, Range::kPositive},
+                      {"turned_log_odds", o.turned_log_odds, Range::kNotNegative},
                       {"ambiguous_share", o.ambiguous_share, Range::kShare}});
 }
 

@@ -184,6 +184,8 @@ struct PoseChoiceAcceptance {
   // No image says more than this, and half of it where its edges say as much: what they are assumed
   // to say is not all there is.
   double most_log_odds = 12.0;
+  // An answer is turned when the images show it so rather than as it is with these log odds.
+  double turned_log_odds = 0.1;
   double ambiguous_share = 0.3;  // alternatives this likely together make the answer ambiguous
 };
 

@@ -396,6 +396,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
       RecognitionResult aspects,
       RecognizeByAspects(context, images, search, {}, log, AspectOptionsOf(input)));
   BeginStep(context, "pose_alternatives");
+  TurnToLikeliest(context, images, &aspects);
   SayPoseAlternatives(context, images, &aspects);
   return aspects;
 }
@@ -420,6 +421,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     const std::vector<AspectImage> images = MakeAspectImages(input.images, false, options.threads);
     HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, WithAspects(input, images, &context, log));
     BeginStep(context, "pose_alternatives");
+    TurnToLikeliest(context, images, &result);
     SayPoseAlternatives(context, images, &result);
     return result;
   }

@@ -10,6 +10,7 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/geometry/depth_buffer.h"
 #include "server/vision/geometry/hidden_tolerance.h"
+#include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/object/prepared_object.h"
 #include "server/vision/recognition/object/same_pose.h"
 
@@ -189,6 +190,49 @@ PoseChoice MakeChoice(const JointContext& context,
   return choice;
 }
 
+// Candidates in the place of the answer's object number `place`, likeliest first.
+std::vector<Candidate> RatedCandidates(const JointContext& context,
+                                       std::span<const AspectImage> images,
+                                       const RecognitionResult& result,
+                                       int place,
+                                       std::span<const OtherPose> alternatives,
+                                       const PoseAlternativeOptions& options) {
+  const SceneObject& answer = result.objects[place];
+  std::vector<Candidate> candidates = CandidatesFor(context, answer, alternatives, options);
+  if (candidates.empty()) return candidates;
+  const RenderMesh& mesh = context.objects[answer.object]->aspects->object.mesh;
+  const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
+  ParallelFor(static_cast<int>(candidates.size()), context.options.threads, [&](int i) {
+    Candidate& c = candidates[i];
+    c.log_odds = LogOddsOfPose(images,
+                               result.views,
+                               mesh,
+                               answer.scene_from_object,
+                               context.objects[c.object]->aspects->object.mesh,
+                               c.scene_from_object,
+                               hidden,
+                               options);
+  });
+  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
+    return a.log_odds < b.log_odds;
+  });
+  return candidates;
+}
+
+// The pose adjusted to the edges of all views, which keep their cameras.
+Rigid3 Settled(std::span<const AspectImage> images,
+               const RenderMesh& mesh,
+               const Views& views,
+               const Rigid3& scene_from_object) {
+  std::vector<std::optional<AspectSceneView>> fixed;
+  for (const auto& view : views) {
+    fixed.emplace_back();
+    if (view) fixed.back() = AspectSceneView{view->camera, view->camera_from_scene, 0.0, 1.0};
+  }
+  return SettleInViews(images, mesh, fixed, {0, scene_from_object}, kFineRenderPx)
+      ->placed.scene_from_object;
+}
+
 }  // namespace
 
 double LogOddsOfPose(std::span<const AspectImage> images,
@@ -237,24 +281,9 @@ std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
   const SceneObject& answer = result.objects[place];
   const PreparedObject& object = *context.objects[answer.object];
   if (object.aspects == nullptr) return out;
-  std::vector<Candidate> candidates = CandidatesFor(context, answer, alternatives, options);
-  if (candidates.empty()) return out;
+  const std::vector<Candidate> candidates =
+      RatedCandidates(context, images, result, place, alternatives, options);
   const RenderMesh& mesh = object.aspects->object.mesh;
-  const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
-  ParallelFor(static_cast<int>(candidates.size()), context.options.threads, [&](int i) {
-    Candidate& c = candidates[i];
-    c.log_odds = LogOddsOfPose(images,
-                               result.views,
-                               mesh,
-                               answer.scene_from_object,
-                               context.objects[c.object]->aspects->object.mesh,
-                               c.scene_from_object,
-                               hidden,
-                               options);
-  });
-  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
-    return a.log_odds < b.log_odds;
-  });
   double sum = 1.0;
   for (const Candidate& c : candidates) sum += std::exp(-c.log_odds);
   for (const Candidate& c : candidates) {
@@ -286,6 +315,23 @@ std::string DescribeChoice(const std::string& object_id, const PoseChoice& choic
                         f.place.z() * 1e3,
                         f.visible_px > 0 ? "" : ", which no image shows");
   return text;
+}
+
+void TurnToLikeliest(const JointContext& context,
+                     std::span<const AspectImage> images,
+                     RecognitionResult* result) {
+  PoseAlternativeOptions options;
+  options.acceptance = context.options.acceptance.pose_choices;
+  for (int k = 0; k < static_cast<int>(result->objects.size()); ++k) {
+    SceneObject& answer = result->objects[k];
+    const PreparedObject& object = *context.objects[answer.object];
+    if (object.aspects == nullptr) continue;
+    const auto candidates = RatedCandidates(context, images, *result, k, {}, options);
+    if (candidates.empty() || -candidates.front().log_odds < options.acceptance.turned_log_odds)
+      continue;
+    answer.scene_from_object = Settled(
+        images, object.aspects->object.mesh, result->views, candidates.front().scene_from_object);
+  }
 }
 
 void SayPoseAlternatives(const JointContext& context,

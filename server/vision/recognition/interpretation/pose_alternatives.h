@@ -73,6 +73,13 @@ std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
 // which no image shows".
 std::string DescribeChoice(const std::string& object_id, const PoseChoice& choice);
 
+// Objects that the images show turned by one of their near symmetries rather than as answered are
+// turned, and adjusted to the images again. The score of a whole part hardly tells such turns: what
+// the part has in common with itself drowns the features that do.
+void TurnToLikeliest(const JointContext& context,
+                     std::span<const AspectImage> images,
+                     RecognitionResult* result);
+
 // Poses of the answer's objects that are left open: named in `detail` and among the object's
 // alternatives; where they are likely the answer is ambiguous.
 void SayPoseAlternatives(const JointContext& context,

@@ -112,6 +112,23 @@ TEST_F(PoseAlternatives, ThePoseThatThePegContradictsIsTheLessLikelyOne) {
   EXPECT_EQ(result_.state, RecognitionState::kAmbiguous);
 }
 
+TEST_F(PoseAlternatives, AnAnswerThatThePegContradictsIsTurned) {
+  See(true, HalfTurn());
+  TurnToLikeliest(context_, images_, &result_);
+  const Rigid3& turned = result_.objects[0].scene_from_object;
+  EXPECT_LT((turned.R - Rigid3().R).norm(), 0.02);
+  EXPECT_LT((turned * kPeg - kPeg).norm(), 0.001);
+}
+
+TEST_F(PoseAlternatives, AnAnswerThatNothingContradictsStays) {
+  for (const bool from_above : {false, true}) {
+    See(from_above, Rigid3());
+    TurnToLikeliest(context_, images_, &result_);
+    const Rigid3& pose = result_.objects[0].scene_from_object;
+    EXPECT_TRUE(pose.R == Rigid3().R && pose.t == Rigid3().t) << from_above;
+  }
+}
+
 TEST_F(PoseAlternatives, APegThatNoImageShowsLeavesTheTurnOpenAndIsNamed) {
   See(false, Rigid3());
   Find();
