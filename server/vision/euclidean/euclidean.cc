@@ -59,6 +59,8 @@ struct Refinement {
   std::vector<VisibleSamples> visible;
   std::vector<AdjustedView> seen_views;  // when `visible` was found
   std::vector<AdjustedObject> seen_objects;
+  std::vector<AdjustedView> first_views;  // before anything was adjusted
+  std::vector<AdjustedObject> first_objects;
   ObservationOptions observation;
 };
 
@@ -121,6 +123,8 @@ Refinement Begin(const RecognitionInput& input,
   }
   r.observation = {options.search_px, options.samples_per_view, options.threads};
   r.observation.aspects = recognition.route == RecognitionRoute::kAspects;
+  r.first_views = b.views;
+  r.first_objects = b.objects;
   return r;
 }
 
@@ -224,16 +228,30 @@ absl::Status ShareCameras(const RecognitionInput& input,
     hinted[v] = hint.focal_px || hint.principal_point || hint.k1;
   }
   for (const int v : b.group.group.views) hinted[v] = true;
-  b.alike = JudgeCameras(b, ComputeSceneCovariance(b, options.noise), hinted, options.cameras);
-  if (b.alike.empty()) return absl::OkStatus();
-  for (const CameraSimilarity& alike : b.alike) {
-    const double share = std::sqrt(static_cast<double>(alike.views.size()));
-    for (const int v : alike.views) {
+  std::vector<CameraSimilarity> alike =
+      JudgeCameras(b, ComputeSceneCovariance(b, options.noise), hinted, options.cameras);
+  if (alike.empty()) return absl::OkStatus();
+  const bool unbelievable = std::any_of(alike.begin(), alike.end(), [&](const auto& group) {
+    return AreUnbelievable(b, group.views, options.cameras);
+  });
+  Refinement apart = *r;
+  b.alike = std::move(alike);
+  for (const CameraSimilarity& group : b.alike) {
+    const double share = std::sqrt(static_cast<double>(group.views.size()));
+    for (const int v : group.views) {
       b.priors[v].log_focal_sigma *= share;
       b.priors[v].k1_sigma *= share;
     }
   }
-  return Adjust(options, stop, r);
+  if (!unbelievable) return Adjust(options, stop, r);
+  // Each on its own went far from what recognition saw.
+  b.views = r->first_views;
+  b.objects = r->first_objects;
+  HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, r));
+  // They were several cameras after all.
+  if (RobustRms(b.edges) > options.cameras.as_good * RobustRms(apart.bundle.edges))
+    *r = std::move(apart);
+  return absl::OkStatus();
 }
 
 Finding Rejected(int catalog_object) {

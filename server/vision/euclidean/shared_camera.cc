@@ -59,6 +59,17 @@ bool OneCamera(const SceneBundle& bundle,
 
 }  // namespace
 
+bool AreUnbelievable(const SceneBundle& bundle,
+                     const std::vector<int>& views,
+                     const SharedCameraOptions& options) {
+  if (views.size() < 3) return false;
+  const auto [least, most] = std::minmax_element(views.begin(), views.end(), [&](int a, int b) {
+    return bundle.views[a].camera.focal_px < bundle.views[b].camera.focal_px;
+  });
+  return std::log(bundle.views[*most].camera.focal_px / bundle.views[*least].camera.focal_px) >
+         options.unbelievable_log_focal;
+}
+
 std::vector<CameraSimilarity> JudgeCameras(const SceneBundle& bundle,
                                            const SceneCovariance& covariance,
                                            const std::vector<bool>& hinted,
@@ -71,7 +82,9 @@ std::vector<CameraSimilarity> JudgeCameras(const SceneBundle& bundle,
     if (view.known && !hinted[v]) groups[{view.camera.width, view.camera.height}].push_back(v);
   }
   for (const auto& [size, views] : groups) {
-    if (views.size() < 2 || !OneCamera(bundle, covariance, views, options)) continue;
+    if (views.size() < 2) continue;
+    if (!AreUnbelievable(bundle, views, options) && !OneCamera(bundle, covariance, views, options))
+      continue;
     out.push_back({views, options.same_log_focal, options.same_center_px, options.same_k1});
   }
   return out;

@@ -106,11 +106,6 @@ void AddRow(const SceneRow& row,
   out->g.segment<kObjectParameters>(b) += w * r * jo.transpose();
 }
 
-// Of images of one camera in different sizes the same.
-double RelativeFocal(const PinholeCamera& camera) {
-  return camera.focal_px / std::max(1, std::max(camera.width, camera.height));
-}
-
 Equations Linearise(std::span<const SceneRow> rows,
                     double sigma_px,
                     const AspectScene& scene,
@@ -165,6 +160,26 @@ AspectScene Moved(const AspectScene& scene, const Layout& layout, const Eigen::V
 }
 
 }  // namespace
+
+double RelativeFocal(const PinholeCamera& camera) {
+  return camera.focal_px / std::max(1, std::max(camera.width, camera.height));
+}
+
+AspectScene WithOneFocal(AspectScene scene,
+                         const Eigen::Vector3d& middle,
+                         double relative_focal,
+                         double log_focal_sigma) {
+  for (auto& view : scene.views) {
+    if (!view) continue;
+    const double ratio = relative_focal / RelativeFocal(view->camera);
+    // Farther away by as much as it is drawn larger.
+    view->camera_from_scene.t.z() += (view->camera_from_scene * middle).z() * (ratio - 1.0);
+    view->camera.focal_px *= ratio;
+    view->prior_log_focal = std::log(view->camera.focal_px);
+    view->log_focal_sigma = log_focal_sigma;
+  }
+  return scene;
+}
 
 double AdjustToRows(std::span<const SceneRow> rows,
                     int steps,
@@ -237,13 +252,14 @@ Rigid3 AdjustObjectToRows(std::span<const SceneRow> rows,
   return {Rotation(step.head<3>()) * scene_from_object.R, scene_from_object.t + step.tail<3>()};
 }
 
-void AdjustToEdges(std::span<const AspectImage> images,
-                   std::span<const RenderMesh* const> meshes,
-                   const AspectAdjustmentOptions& options,
-                   int threads,
-                   AspectScene* scene) {
+double AdjustToEdges(std::span<const AspectImage> images,
+                     std::span<const RenderMesh* const> meshes,
+                     const AspectAdjustmentOptions& options,
+                     int threads,
+                     AspectScene* scene) {
   const int views = static_cast<int>(scene->views.size());
   const int objects = static_cast<int>(scene->objects.size());
+  double rms_px = 0.0;
   for (const double search : options.search_px) {
     std::vector<std::vector<ModelEdgePoint>> points(views * objects);
     PoseEdgeOptions edges;
@@ -274,9 +290,10 @@ void AdjustToEdges(std::span<const AspectImage> images,
           rows.push_back({v, o, m.point, m.matched, m.normal, m.weight});
         }
       }
-      AdjustToRows(rows, 1, options.sigma_px, scene);
+      rms_px = AdjustToRows(rows, 1, options.sigma_px, scene);
     }
   }
+  return rms_px;
 }
 
 }  // namespace horopter

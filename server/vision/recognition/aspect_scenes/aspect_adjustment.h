@@ -45,6 +45,17 @@ struct AspectScene {
   std::vector<AspectSceneObject> objects;
 };
 
+// Focal length over the larger side of the image: of images of one camera in different sizes the
+// same.
+double RelativeFocal(const PinholeCamera& camera);
+
+// The scene with one relative focal length for all views, and this prior of it; `middle` (scene
+// frame, metres) keeps its place in every image, and what is around it its size.
+AspectScene WithOneFocal(AspectScene scene,
+                         const Eigen::Vector3d& middle,
+                         double relative_focal,
+                         double log_focal_sigma);
+
 struct AspectAdjustmentOptions {
   // Of each round: reach along the normals (working pixels) and whether edges are rendered again.
   std::vector<double> search_px = {8.0, 5.0, 4.0, 3.0, 3.0};
@@ -65,11 +76,12 @@ Rigid3 AdjustObjectToRows(std::span<const SceneRow> rows,
                           const Rigid3& scene_from_object);
 
 // The same over the image edges that the objects' visible edges meet. `images` one per view,
-// `meshes` by AspectSceneObject::object. Leaves the scene as it is where nothing meets.
-void AdjustToEdges(std::span<const AspectImage> images,
-                   std::span<const RenderMesh* const> meshes,
-                   const AspectAdjustmentOptions& options,
-                   int threads,
-                   AspectScene* scene);
+// `meshes` by AspectSceneObject::object. Leaves the scene as it is where nothing meets. Returns the
+// weighted rms of the edges met in the last step, pixels.
+double AdjustToEdges(std::span<const AspectImage> images,
+                     std::span<const RenderMesh* const> meshes,
+                     const AspectAdjustmentOptions& options,
+                     int threads,
+                     AspectScene* scene);
 
 }  // namespace horopter

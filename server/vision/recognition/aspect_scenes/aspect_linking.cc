@@ -24,13 +24,20 @@ constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are
 constexpr double kAlikeShare = 0.06;     // ... nearer ones are the same; chosen
 constexpr double kSureScore = 0.6;       // least of objects that are not searched again ...
 constexpr double kEvenShare = 0.95;      // ... and what each view has of it; chosen on 3 scenes
-constexpr double kNearM = 1e-3;          // points nearer to the camera plane have no image
-constexpr int kCoarsePoints = 120;       // of an object and view, for drafts; chosen, for time
-constexpr int kDraftCarried = 8;         // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;     // score of one whose place is taken
-constexpr double kTurnedScore = 0.01;    // by which another turn must be better
-constexpr std::size_t kFewObjects = 2;   // a scene with more is sure of its views by agreement
-constexpr int kSwept = 2;                // parts that are looked for at all places of a view
+constexpr double kUnlikeFocals = 0.35;   // largest difference of log focal lengths left alone
+constexpr double kNewFocal = 1.08;       // ratio of those that are tried for all views
+constexpr double kOneCameraSigma = 0.02;
+constexpr double kOneCameraScore = 0.6;  // of the scene's with different focal lengths
+// Of the rms of its edges. Photographs of one camera: 0.97 - 1.04; scenes of cad-dev with every
+// other image enlarged by 1.5: 1.09 - 2.8.
+constexpr double kOneCameraRms = 1.06;
+constexpr double kNearM = 1e-3;         // points nearer to the camera plane have no image
+constexpr int kCoarsePoints = 120;      // of an object and view, for drafts; chosen, for time
+constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;    // score of one whose place is taken
+constexpr double kTurnedScore = 0.01;   // by which another turn must be better
+constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
+constexpr int kSwept = 2;               // parts that are looked for at all places of a view
 constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
 
 class Linker {
@@ -64,6 +71,7 @@ class Linker {
       searched_again_.assign(best.views.size(), 0);
       Rescue(&best);
     }
+    AgreeOnFocal(&best);
     if (!best.objects.empty()) DropPoorViews(&best);
     if (LinkedScene turned = best; ChooseTurns(&turned)) {
       turned = Finish(SceneOf(turned));
@@ -185,12 +193,13 @@ class Linker {
     return true;
   }
 
-  void AdjustCoarsely(AspectScene* scene) const {
+  // Returns the rms of the edges met, pixels.
+  double AdjustCoarsely(AspectScene* scene) const {
     AspectAdjustmentOptions coarse = options_.adjustment;
     coarse.render_px = options_.quick_render_px;
     coarse.search_px = {8.0, 5.0, 3.0};
     coarse.max_points = kCoarsePoints;
-    AdjustToEdges(in_.images, meshes_, coarse, options_.threads, scene);
+    return AdjustToEdges(in_.images, meshes_, coarse, options_.threads, scene);
   }
 
   // A draft with the other views added one by one, each held against the images before the next.
@@ -262,6 +271,44 @@ class Linker {
       if (poor[v] || IsContradicted(scene, static_cast<int>(v))) out.views[v].reset();
     }
     return out;
+  }
+
+  // Focal lengths that differ more than those of one camera, or of a cell's, are mostly not seen:
+  // what explains as much with one focal length is taken.
+  void AgreeOnFocal(LinkedScene* best) const {
+    std::vector<double> focals;
+    for (const auto& view : best->views) {
+      if (!view) continue;
+      if (view->log_focal_sigma < kNominalFocalLogSigma) return;  // somebody knows better
+      focals.push_back(RelativeFocal(view->camera));
+    }
+    if (focals.size() < 3 || best->objects.empty()) return;
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    for (const LinkedObject& o : best->objects)
+      middle += o.scene_from_object * meshes_[o.object]->center.cast<double>();
+    middle /= static_cast<double>(best->objects.size());
+    std::sort(focals.begin(), focals.end());
+    if (std::log(focals.back() / focals.front()) < kUnlikeFocals) return;
+    AspectScene apart = SceneOf(*best);
+    const double apart_px = AdjustCoarsely(&apart);
+    AspectScene most;
+    double most_score = -1.0;
+    double last = 0.0;
+    for (const double focal : focals) {
+      if (focal < kNewFocal * last || IsStopRequested(stop_)) continue;
+      last = focal;
+      AspectScene scene = WithOneFocal(SceneOf(*best), middle, focal, kOneCameraSigma);
+      if (AdjustCoarsely(&scene) > kOneCameraRms * apart_px) continue;
+      AspectScene sifted = scene;
+      const double score = objects_.Sift(&sifted);
+      if (score <= most_score) continue;
+      most_score = score;
+      most = std::move(sifted);
+    }
+    if (most.objects.empty()) return;
+    LinkedScene one = Finish(&most);
+    if (one.registered() >= best->registered() && one.score > kOneCameraScore * best->score)
+      *best = std::move(one);
   }
 
   // A view that stays poor has a wrong camera: better none. The rest is adjusted without it.

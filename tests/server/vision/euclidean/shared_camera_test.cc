@@ -72,6 +72,39 @@ TEST(JudgeCameras, LeavesUnlikeFocalLengthsApart) {
   }
 }
 
+TEST(AreUnbelievable, AsksThreeViewsWhoseFocalLengthsNoLensHas) {
+  SceneBundle bundle;
+  for (const double focal_px : {627.0, 615.0, 1450.0, 700.0})
+    bundle.views.push_back({true, CenteredCamera(1280, 800, focal_px), Rigid3{}});
+  const SharedCameraOptions options;
+  EXPECT_TRUE(AreUnbelievable(bundle, {0, 1, 2}, options));
+  EXPECT_FALSE(AreUnbelievable(bundle, {0, 1, 3}, options));
+  EXPECT_FALSE(AreUnbelievable(bundle, {0, 2}, options));
+}
+
+// Focal lengths of 1.1 to 1.9 widths in one set look as if they could not be believed: what one
+// camera for all leaves in the edges says that they are.
+TEST(JudgeCameras, LensesThatAreVeryUnlikeStayApartAndAsExactAsTheyWere) {
+  int unlike = 0;
+  for (unsigned seed = 1; seed <= kScenes; ++seed) {
+    const MetricSceneTruth truth = MakeMetricScene(Options(seed));
+    double least = 1e9, most = 0.0;
+    for (const PinholeCamera& c : truth.cameras) {
+      least = std::min(least, c.focal_px);
+      most = std::max(most, c.focal_px);
+    }
+    if (std::log(most / least) < SharedCameraOptions{}.unbelievable_log_focal) continue;
+    ++unlike;
+    EuclideanOptions each;
+    each.cameras.unbelievable_log_focal = 1e9;
+    const auto asked = RefineMetricScene(truth.Input(), truth.recognition, {});
+    const auto apart = RefineMetricScene(truth.Input(), truth.recognition, each);
+    ASSERT_TRUE(asked.ok() && apart.ok()) << "seed " << seed;
+    EXPECT_EQ(WorstFocalError(*asked, truth), WorstFocalError(*apart, truth)) << "seed " << seed;
+  }
+  EXPECT_GE(unlike, 3);
+}
+
 TEST(JudgeCameras, AsksNothingOfCamerasThatAreGiven) {
   MetricSceneOptions options = Options(3);
   options.one_camera = true;

@@ -132,6 +132,30 @@ TEST(AdjustToRows, ASetOfTwoCamerasKeepsTheirFocalLengths) {
   }
 }
 
+TEST(WithOneFocal, KeepsThePlaceAndTheSizeOfTheMiddle) {
+  AspectScene scene = TrueScene();
+  scene.views[1]->camera = CenteredCamera(320, 240, 365.0);  // of half the size
+  scene.views[2].reset();
+  const Eigen::Vector3d middle(0.04, 0.015, 0.005);
+  const AspectScene one = WithOneFocal(scene, middle, 2.0, 0.02);
+  EXPECT_FALSE(one.views[2].has_value());
+  for (int v = 0; v < 2; ++v) {
+    const AspectSceneView &before = *scene.views[v], &after = *one.views[v];
+    EXPECT_NEAR(RelativeFocal(after.camera), 2.0, 1e-12);
+    EXPECT_NEAR(after.prior_log_focal, std::log(after.camera.focal_px), 1e-12);
+    EXPECT_EQ(after.log_focal_sigma, 0.02);
+    const auto pixel = [&](const AspectSceneView& view,
+                           const Eigen::Vector3d& x) -> Eigen::Vector2d {
+      return Project(view.camera, view.camera_from_scene * x);
+    };
+    EXPECT_LT((pixel(after, middle) - pixel(before, middle)).norm(), 1e-9);
+    // Across the line of sight.
+    const Eigen::Vector3d across =
+        0.01 * (before.camera_from_scene.R.transpose() * Eigen::Vector3d::UnitX());
+    EXPECT_LT((pixel(after, middle + across) - pixel(before, middle + across)).norm(), 1e-9);
+  }
+}
+
 TEST(AdjustToRows, NeverMakesItWorse) {
   const AspectScene truth = TrueScene();
   for (unsigned seed = 1; seed <= 20; ++seed) {
