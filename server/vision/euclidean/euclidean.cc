@@ -247,9 +247,11 @@ absl::Status ShareCameras(const RecognitionInput& input,
   // Each on its own went far from what recognition saw.
   b.views = r->first_views;
   b.objects = r->first_objects;
-  HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, r));
+  const absl::Status adjusted = Adjust(options, stop, r);
+  if (absl::IsCancelled(adjusted)) return adjusted;
   // They were several cameras after all.
-  if (RobustRms(b.edges) > options.cameras.as_good * RobustRms(apart.bundle.edges))
+  if (!adjusted.ok() ||
+      RobustRms(b.edges) > options.cameras.as_good * RobustRms(apart.bundle.edges))
     *r = std::move(apart);
   return absl::OkStatus();
 }

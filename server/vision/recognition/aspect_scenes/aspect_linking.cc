@@ -170,11 +170,25 @@ class Linker {
     });
   }
 
-  // One part in both scenes: whether all views of the first show it in the same pose.
+  // One part in both scenes: whether all views of the first show it in the same pose, but for one
+  // of its symmetries, the same for all.
   bool AreAlike(const AspectScene& scene,
                 const AspectSceneObject& object,
                 const AspectScene& other,
                 const AspectSceneObject& there) const {
+    const AspectPart& part = in_.parts[object.object];
+    if (AreAlikeAsTheyAre(scene, object, other, there)) return true;
+    return std::any_of(part.symmetries.begin(), part.symmetries.end(), [&](const Rigid3& s) {
+      return AreAlikeAsTheyAre(scene, object, other, {there.object, there.scene_from_object * s});
+    });
+  }
+
+  bool AreAlikeAsTheyAre(const AspectScene& scene,
+                         const AspectSceneObject& object,
+                         const AspectScene& other,
+                         const AspectSceneObject& there) const {
+    AspectPart plain;  // without symmetries
+    plain.object = in_.parts[object.object].object;
     const Eigen::Vector3d center = meshes_[object.object]->center.cast<double>();
     for (std::size_t v = 0; v < scene.views.size(); ++v) {
       if (!scene.views[v]) continue;
@@ -182,7 +196,7 @@ class Linker {
       const Rigid3 pose = scene.views[v]->camera_from_scene * object.scene_from_object;
       const double size = scene.views[v]->camera.focal_px * meshes_[object.object]->diameter_m /
                           std::max((pose * center).z(), kNearM);
-      if (PoseDistancePx(in_.parts[object.object],
+      if (PoseDistancePx(plain,
                          scene.views[v]->camera,
                          pose,
                          other.views[v]->camera,

@@ -63,13 +63,24 @@ TEST(JudgeCameras, SeesOneCameraAndKnowsItBetterForIt) {
   EXPECT_LT(shared[shared.size() / 2], 0.8 * alone[alone.size() / 2]);
 }
 
+// But where they lead nowhere near the truth, and one camera explains the edges as well.
 TEST(JudgeCameras, LeavesUnlikeFocalLengthsApart) {
+  EuclideanOptions each;
+  each.cameras.unbelievable_log_focal = 1e9;
+  int left = 0;
   for (unsigned seed = 1; seed <= kScenes; ++seed) {
     const MetricSceneTruth truth = MakeMetricScene(Options(seed));
     const auto metric = RefineMetricScene(truth.Input(), truth.recognition, {});
     ASSERT_TRUE(metric.ok()) << "seed " << seed;
-    EXPECT_EQ(metric->counts.at("views_of_one_camera"), 0) << "seed " << seed;
+    if (metric->counts.at("views_of_one_camera") == 0) {
+      ++left;
+      continue;
+    }
+    const auto apart = RefineMetricScene(truth.Input(), truth.recognition, each);
+    ASSERT_TRUE(apart.ok()) << "seed " << seed;
+    EXPECT_LT(WorstFocalError(*metric, truth), WorstFocalError(*apart, truth)) << "seed " << seed;
   }
+  EXPECT_GE(left, kScenes - 1);
 }
 
 TEST(AreUnbelievable, AsksThreeViewsWhoseFocalLengthsNoLensHas) {
@@ -100,7 +111,7 @@ TEST(JudgeCameras, LensesThatAreVeryUnlikeStayApartAndAsExactAsTheyWere) {
     const auto asked = RefineMetricScene(truth.Input(), truth.recognition, {});
     const auto apart = RefineMetricScene(truth.Input(), truth.recognition, each);
     ASSERT_TRUE(asked.ok() && apart.ok()) << "seed " << seed;
-    EXPECT_EQ(WorstFocalError(*asked, truth), WorstFocalError(*apart, truth)) << "seed " << seed;
+    EXPECT_LE(WorstFocalError(*asked, truth), WorstFocalError(*apart, truth)) << "seed " << seed;
   }
   EXPECT_GE(unlike, 3);
 }
