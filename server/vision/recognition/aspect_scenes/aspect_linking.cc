@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_scenes/scene_likeness.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/standing_search.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
@@ -21,7 +22,6 @@ constexpr double kDoubtfulShare = 0.5;   // of what the middle view shows: looke
 constexpr double kPoorShare = 0.4;       // ... and left out when that did not help
 constexpr double kBetterScore = 0.06;    // of another pose of an object in one view
 constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
-constexpr double kAlikeShare = 0.06;     // ... nearer ones are the same; chosen
 constexpr double kSureScore = 0.6;       // least of objects that are not searched again ...
 constexpr double kEvenShare = 0.95;      // ... and what each view has of it; chosen on 3 scenes
 constexpr double kUnlikeFocals = 0.35;   // largest difference of log focal lengths left alone
@@ -56,7 +56,7 @@ class Linker {
     if (in_.known != nullptr && !in_.known->objects.empty()) best = Completed(*in_.known);
     for (const Draft& draft : Drafts(links_.InitialScenes())) {
       if (IsStopRequested(stop_) && !best.objects.empty()) break;
-      if (IsWithin(draft.scene, SceneOf(best))) continue;  // it would grow into the same
+      if (IsWithin(draft.scene, SceneOf(best), in_.parts)) continue;  // it would grow into the same
       LinkedScene scene = Completed(draft.scene);
       if (scene.score > best.score) best = std::move(scene);
     }
@@ -143,7 +143,7 @@ class Linker {
       for (const GrownObject& o : start.objects) draft.scene.objects.push_back(o.placed);
       links_.AdjustToHypotheses(start, &draft.scene);
       if (std::any_of(drafts.begin(), drafts.end(), [&](const Draft& other) {
-            return IsWithin(draft.scene, other.scene);
+            return IsWithin(draft.scene, other.scene, in_.parts);
           }))
         continue;
       AdjustCoarsely(&draft.scene);
@@ -159,52 +159,6 @@ class Linker {
       drafts.pop_back();
     }
     return drafts;
-  }
-
-  // Whether the scene has the other's views, and its objects where those show them.
-  bool IsWithin(const AspectScene& scene, const AspectScene& other) const {
-    return std::all_of(scene.objects.begin(), scene.objects.end(), [&](const auto& o) {
-      return std::any_of(other.objects.begin(), other.objects.end(), [&](const auto& there) {
-        return there.object == o.object && AreAlike(scene, o, other, there);
-      });
-    });
-  }
-
-  // One part in both scenes: whether all views of the first show it in the same pose, but for one
-  // of its symmetries, the same for all.
-  bool AreAlike(const AspectScene& scene,
-                const AspectSceneObject& object,
-                const AspectScene& other,
-                const AspectSceneObject& there) const {
-    const AspectPart& part = in_.parts[object.object];
-    if (AreAlikeAsTheyAre(scene, object, other, there)) return true;
-    return std::any_of(part.symmetries.begin(), part.symmetries.end(), [&](const Rigid3& s) {
-      return AreAlikeAsTheyAre(scene, object, other, {there.object, there.scene_from_object * s});
-    });
-  }
-
-  bool AreAlikeAsTheyAre(const AspectScene& scene,
-                         const AspectSceneObject& object,
-                         const AspectScene& other,
-                         const AspectSceneObject& there) const {
-    AspectPart plain;  // without symmetries
-    plain.object = in_.parts[object.object].object;
-    const Eigen::Vector3d center = meshes_[object.object]->center.cast<double>();
-    for (std::size_t v = 0; v < scene.views.size(); ++v) {
-      if (!scene.views[v]) continue;
-      if (!other.views[v]) return false;
-      const Rigid3 pose = scene.views[v]->camera_from_scene * object.scene_from_object;
-      const double size = scene.views[v]->camera.focal_px * meshes_[object.object]->diameter_m /
-                          std::max((pose * center).z(), kNearM);
-      if (PoseDistancePx(plain,
-                         scene.views[v]->camera,
-                         pose,
-                         other.views[v]->camera,
-                         other.views[v]->camera_from_scene * there.scene_from_object) >
-          kAlikeShare * size)
-        return false;
-    }
-    return true;
   }
 
   // Returns the rms of the edges met, pixels.
