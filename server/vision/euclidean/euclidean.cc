@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
@@ -234,7 +235,8 @@ absl::Status ShareCameras(const RecognitionInput& input,
   const bool unbelievable = std::any_of(alike.begin(), alike.end(), [&](const auto& group) {
     return AreUnbelievable(b, group.views, options.cameras);
   });
-  Refinement apart = *r;
+  std::optional<Refinement> apart;
+  if (unbelievable) apart = *r;
   b.alike = std::move(alike);
   for (const CameraSimilarity& group : b.alike) {
     const double share = std::sqrt(static_cast<double>(group.views.size()));
@@ -243,7 +245,7 @@ absl::Status ShareCameras(const RecognitionInput& input,
       b.priors[v].k1_sigma *= share;
     }
   }
-  if (!unbelievable) return Adjust(options, stop, r);
+  if (!apart) return Adjust(options, stop, r);
   // Each on its own went far from what recognition saw.
   b.views = r->first_views;
   b.objects = r->first_objects;
@@ -251,8 +253,8 @@ absl::Status ShareCameras(const RecognitionInput& input,
   if (absl::IsCancelled(adjusted)) return adjusted;
   // They were several cameras after all.
   if (!adjusted.ok() ||
-      RobustRms(b.edges) > options.cameras.as_good * RobustRms(apart.bundle.edges))
-    *r = std::move(apart);
+      RobustRms(b.edges) > options.cameras.as_good * RobustRms(apart->bundle.edges))
+    *r = *std::move(apart);
   return absl::OkStatus();
 }
 

@@ -25,7 +25,7 @@ struct SharedCameraOptions {
   // similar ones. Higher: fewer scenes are said to come from one camera.
   double least_log_odds = 2.0;
   // Views, three at least, whose log focal lengths differ by more than this say nothing of them
-  // that could be believed (parts-dev, parts-train and cad-dev, which vary them: 0.31 at most): one
+  // that could be believed (parts-dev, parts-train and cad-dev, which vary them: 0.30 at most): one
   // camera is likelier than any zoom between them.
   double unbelievable_log_focal = 0.35;
   // ... unless one camera leaves residuals that are larger by this factor. Sets of one camera: 0.8

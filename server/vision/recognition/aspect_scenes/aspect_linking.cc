@@ -267,11 +267,10 @@ class Linker {
       last = focal;
       AspectScene scene = WithOneFocal(SceneOf(*best), middle, focal, kOneCameraSigma);
       if (AdjustCoarsely(&scene) > kOneCameraRms * apart_px) continue;
-      AspectScene sifted = scene;
-      const double score = objects_.Sift(&sifted);
+      const double score = objects_.Sift(&scene);
       if (score <= most_score) continue;
       most_score = score;
-      most = std::move(sifted);
+      most = std::move(scene);
     }
     if (most.objects.empty()) return;
     LinkedScene one = Finish(&most);

@@ -219,6 +219,12 @@ std::vector<Candidate> RatedCandidates(const JointContext& context,
   return candidates;
 }
 
+PoseAlternativeOptions OptionsOf(const JointContext& context) {
+  PoseAlternativeOptions options;
+  options.acceptance = context.options.acceptance.pose_choices;
+  return options;
+}
+
 // The pose adjusted to the edges of all views, which keep their cameras.
 Rigid3 Settled(std::span<const AspectImage> images,
                const RenderMesh& mesh,
@@ -320,8 +326,7 @@ std::string DescribeChoice(const std::string& object_id, const PoseChoice& choic
 void TurnToLikeliest(const JointContext& context,
                      std::span<const AspectImage> images,
                      RecognitionResult* result) {
-  PoseAlternativeOptions options;
-  options.acceptance = context.options.acceptance.pose_choices;
+  const PoseAlternativeOptions options = OptionsOf(context);
   for (int k = 0; k < static_cast<int>(result->objects.size()); ++k) {
     SceneObject& answer = result->objects[k];
     const PreparedObject& object = *context.objects[answer.object];
@@ -337,8 +342,7 @@ void TurnToLikeliest(const JointContext& context,
 void SayPoseAlternatives(const JointContext& context,
                          std::span<const AspectImage> images,
                          RecognitionResult* result) {
-  PoseAlternativeOptions options;
-  options.acceptance = context.options.acceptance.pose_choices;
+  const PoseAlternativeOptions options = OptionsOf(context);
   for (int k = 0; k < static_cast<int>(result->objects.size()); ++k) {
     SceneObject& answer = result->objects[k];
     double open = 0.0;
