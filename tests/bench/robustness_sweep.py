@@ -39,6 +39,11 @@ class View:
         k[2], k[5] = scale * (k[2] + 0.5) - 0.5 - dx, scale * (k[5] + 0.5) - 0.5 - dy
         self.camera["cam_K"] = k
 
+    def project(self, point):
+        """Pixels of a point of the camera's frame, without the lens."""
+        x = np.array(self.camera["cam_K"]).reshape(3, 3) @ np.array(point)
+        return x[:2] / x[2]
+
 
 def resize(view, scale):
     height, width = view.image.shape[:2]
@@ -128,8 +133,7 @@ def crop60(views, rng):
     for v in views:
         height, width = v.image.shape[:2]
         w, h = round(0.6 * width), round(0.6 * height)
-        boxes = [i["bbox_visib"] for i in v.info if i["bbox_visib"][2] > 0]
-        middle = [np.mean([b[k] + b[k + 2] / 2 for b in boxes]) if boxes else s / 2 for k, s in ((0, width), (1, height))]
+        middle = np.mean([v.project(g["cam_t_m2c"]) for g in v.truth] or [(width / 2, height / 2)], axis=0)
         x = int(np.clip(middle[0] - w / 2 + rng.uniform(-10, 10), 0, width - w))
         y = int(np.clip(middle[1] - h / 2 + rng.uniform(-10, 10), 0, height - h))
         v.image = v.image[y:y + h, x:x + w].copy()
