@@ -251,7 +251,7 @@ bool DropPattern(const AspectImageOptions& options,
 // looked at as large as others are.
 double WorkingScale(const cv::Size& size, const AspectImageOptions& options) {
   constexpr double kMostEnlarged = 2.6;  // beyond, an edge is wider than the tolerances
-  constexpr double kSmall = 0.8;         // of max_width_px
+  constexpr double kSmall = 0.7;         // of max_width_px
   const double width = options.max_width_px, side = std::max(size.width, size.height);
   if (size.width > width) return width / size.width;
   return side < kSmall * width ? std::min(kMostEnlarged, width / side) : 1.0;
