@@ -7,6 +7,7 @@
 //     --hypotheses  keeps the hypotheses of the images between runs
 //     --bar         least joint score that is written (default 0: all)
 //     --standing    AspectLinkOptions::standing
+//     --searched    views of a scene that are searched for all parts (default 0: all)
 //     --without-truth  the scene's own parts are not looked for: all that is found is wrong
 #include <CLI/CLI.hpp>
 #include <chrono>
@@ -33,6 +34,7 @@ struct Arguments {
   int threads = 2;
   double bar = 0.0;
   int standing = AspectLinkOptions{}.standing;
+  int searched = 0;
   bool without_truth = false;
 };
 
@@ -245,7 +247,16 @@ absl::Status Run(const Arguments& arguments) {
     AspectLinkOptions options;
     options.threads = arguments.threads;
     options.standing = arguments.standing;
-    const LinkedScene linked = LinkAspects({images, priors, hypotheses, parts}, options);
+    const std::vector<std::vector<AspectHypothesis>> none(images.size());
+    int searched = 0;
+    AspectLinkInput input{images, priors, none, parts, nullptr, [&](int v) {
+                            ++searched;
+                            return hypotheses[v];
+                          }};
+    if (arguments.searched == 0) input = {images, priors, hypotheses, parts};
+    const LinkedScene linked = LinkAspects(input, options);
+    if (arguments.searched != 0)
+      std::cout << "   searched " << searched << " of " << images.size() << "\n";
     std::string focal;
     for (std::size_t v = 0; v < linked.views.size(); ++v) {
       focal +=
@@ -300,6 +311,7 @@ int main(int argc, char** argv) {
   app.add_option("--threads", arguments.threads);
   app.add_option("--bar", arguments.bar);
   app.add_option("--standing", arguments.standing);
+  app.add_option("--searched", arguments.searched);
   app.add_flag("--without-truth", arguments.without_truth);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);
