@@ -31,13 +31,17 @@ constexpr double kOneCameraScore = 0.6;  // of the scene's with different focal 
 // Of the rms of its edges. Photographs of one camera: 0.97 - 1.04; scenes of cad-dev with every
 // other image enlarged by 1.5: 1.09 - 2.8.
 constexpr double kOneCameraRms = 1.06;
-constexpr double kNearM = 1e-3;         // points nearer to the camera plane have no image
-constexpr int kCoarsePoints = 120;      // of an object and view, for drafts; chosen, for time
-constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;    // score of one whose place is taken
-constexpr double kTurnedScore = 0.01;   // by which another turn must be better
-constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
-constexpr int kSwept = 2;               // parts that are looked for at all places of a view
+constexpr double kNearM = 1e-3;           // points nearer to the camera plane have no image
+constexpr int kCoarsePoints = 120;        // of an object and view, for drafts; chosen, for time
+constexpr int kDraftCarried = 8;          // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;      // score of one whose place is taken
+constexpr double kTurnedScore = 0.01;     // by which another turn must be better
+constexpr double kReplacingScore = 0.02;  // by which another pose or part must be better
+constexpr double kNearlyScore = 0.03;     // of a view by which it may be worse there
+constexpr double kSamePlaceShare = 0.6;   // of the smaller diameter: centres so near are one place
+constexpr std::size_t kRivals = 6;        // that are settled; chosen, for time
+constexpr std::size_t kFewObjects = 2;    // a scene with more is sure of its views by agreement
+constexpr int kSwept = 2;                 // parts that are looked for at all places of a view
 constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
 constexpr int kFirstViews = 2;                 // that are searched for all parts before any others
 constexpr int kQuickMatches =
@@ -76,9 +80,11 @@ class Linker {
     }
     AgreeOnFocal(&best);
     if (!best.objects.empty()) DropPoorViews(&best);
-    if (LinkedScene turned = best; ChooseTurns(&turned)) {
-      turned = Finish(SceneOf(turned));
-      if (turned.score > best.score) best = std::move(turned);
+    LinkedScene other = best;
+    const bool contested = Contest(&other);
+    if (ChooseTurns(&other) || contested) {
+      other = Finish(SceneOf(other));
+      if (other.score > best.score) best = std::move(other);
     }
     if (!best.objects.empty()) FindRunnersUp(&best);
     return best;
@@ -604,6 +610,74 @@ class Linker {
              (o.scene_from_object * mesh.center.cast<double>() - center).norm() <
                  options_.apart_share * mesh.diameter_m;
     });
+  }
+
+  // Other poses that single images show better in an object's place, of it and of other parts, take
+  // its place where all views say so. Returns whether any did.
+  bool Contest(LinkedScene* scene) const {
+    bool replaced = false;
+    for (LinkedObject& o : scene->objects) {
+      const std::vector<AspectSceneObject> rivals = BetterInOneView(*scene, o);
+      std::vector<double> scores(rivals.size(), 0.0);
+      std::vector<AspectSceneObject> settled = rivals;
+      ParallelFor(static_cast<int>(rivals.size()), options_.threads, [&](int r) {
+        auto found = objects_.Settled(scene->views, rivals[r]);
+        if (!found) return;
+        settled[r] = found->placed;
+        scores[r] = objects_.JudgeOne(scene->views, settled[r], {}, found->rendered).score;
+      });
+      if (scores.empty()) continue;
+      const double own = objects_.JudgeOne(scene->views, {o.object, o.scene_from_object}).score;
+      const auto best = std::max_element(scores.begin(), scores.end());
+      if (*best < own + kReplacingScore) continue;
+      o.object = settled[best - scores.begin()].object;
+      o.scene_from_object = settled[best - scores.begin()].scene_from_object;
+      replaced = true;
+    }
+    return replaced;
+  }
+
+  // Hypotheses in the place of an object that score in their image what it scores there, or nearly
+  // so, best first.
+  std::vector<AspectSceneObject> BetterInOneView(const LinkedScene& scene,
+                                                 const LinkedObject& o) const {
+    std::vector<std::pair<double, AspectSceneObject>> found;
+    const Eigen::Vector3d here = o.scene_from_object * meshes_[o.object]->center.cast<double>();
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      if (!scene.views[v] || !o.shown[v]) continue;
+      const AspectSceneView& view = *scene.views[v];
+      for (const AspectHypothesis& h : links_.Hypotheses(static_cast<int>(v))) {
+        const double lead = h.score - o.views[v].score;
+        if (lead < -kNearlyScore) continue;
+        const Rigid3 pose =
+            WithFocal(h.camera_from_object, h.camera.focal_px, view.camera.focal_px);
+        const AspectSceneObject placed{h.object, view.camera_from_scene.Inverse() * pose};
+        const Eigen::Vector3d there =
+            placed.scene_from_object * meshes_[h.object]->center.cast<double>();
+        const double smaller =
+            std::min(meshes_[h.object]->diameter_m, meshes_[o.object]->diameter_m);
+        if ((there - here).norm() > kSamePlaceShare * smaller) continue;
+        if (h.object == o.object) {
+          const double size =
+              view.camera.focal_px * meshes_[o.object]->diameter_m /
+              std::max((pose * meshes_[o.object]->center.cast<double>()).z(), kNearM);
+          const double off = PoseDistancePx(in_.parts[h.object],
+                                            view.camera,
+                                            view.camera_from_scene * o.scene_from_object,
+                                            view.camera,
+                                            pose);
+          if (off < kOtherPoseShare * size) continue;
+        } else if (IsAccepted(scene, h.object, there)) {
+          continue;
+        }
+        found.emplace_back(lead, placed);
+      }
+    }
+    std::stable_sort(
+        found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
+    std::vector<AspectSceneObject> out;
+    for (std::size_t i = 0; i < found.size() && i < kRivals; ++i) out.push_back(found[i].second);
+    return out;
   }
 
   // Best score that another part's hypothesis has in the place of each object.
