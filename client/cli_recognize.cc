@@ -85,6 +85,13 @@ void AddSceneOptions(CLI::App* command, RecognizeArguments& a) {
                       a.cameras.camera,
                       "calibration, one for all images or one for each: camera_info YAML of ROS "
                       "or YAML of OpenCV's calibration; scaled to the image's size");
+  command->add_flag("--cropped",
+                    a.cropped,
+                    "the images are cut-outs: the cameras' principal points may be far from their "
+                    "middles");
+  command->add_flag("--ignore-exif",
+                    a.ignore_exif,
+                    "do not use the focal lengths that the images' files give (Exif)");
   command->add_option("--station",
                       a.station,
                       "ID of the station whose cameras took the images: see horopter station");

@@ -75,8 +75,11 @@ absl::Status NameStation(const RecognizeArguments& arguments, v1::RecognizeScene
 absl::StatusOr<v1::RecognizeSceneRequest> BuildSceneRequest(const RecognizeArguments& arguments) {
   v1::RecognizeSceneRequest request;
   for (const std::string& path : arguments.images) {
-    HOROPTER_ASSIGN_OR_RETURN(*request.add_images()->mutable_content(), ReadFileBytes(path));
+    v1::SceneImage* image = request.add_images();
+    HOROPTER_ASSIGN_OR_RETURN(*image->mutable_content(), ReadFileBytes(path));
+    image->set_cropped(arguments.cropped);
   }
+  request.set_ignore_exif(arguments.ignore_exif);
   std::vector<std::string> warnings;
   HOROPTER_RETURN_IF_ERROR(AddCameraHints(arguments.cameras, &request, &warnings));
   for (const std::string& w : warnings) std::fprintf(stderr, "warning: %s\n", w.c_str());

@@ -13,6 +13,7 @@
 #include "server/pipeline/clocks.h"
 #include "server/pipeline/exception_status.h"
 #include "server/pipeline/explain.h"
+#include "server/pipeline/presumed_focal.h"
 #include "server/pipeline/recognition_stage.h"
 #include "server/pipeline/select_objects.h"
 #include "server/pipeline/variants.h"
@@ -127,6 +128,54 @@ absl::Status RunEuclidean(const PipelineOptions& options,
   return absl::OkStatus();
 }
 
+// What an attempt at recognition has answered.
+void Forget(RecognitionInput* input, PipelineResult* result) {
+  result->trace.recognition = {};
+  result->trace.matching = {};
+  result->trace.reconstruction = {};
+  result->trace.metric.reset();
+  result->answer.reasons.clear();
+  result->answer.unsearched.clear();
+  input->matching = nullptr;
+  input->reconstruction = nullptr;
+}
+
+// Recognition with the focal lengths that the images' files give, and again without them where that
+// finds nothing or the images contradict them.
+absl::Status RunPresumed(const PipelineOptions& options,
+                         const SceneRequest& request,
+                         const SceneRequest& stripped,
+                         const StopRequested& stop,
+                         RefusalLog* log,
+                         RecognitionInput* input,
+                         PipelineResult* result) {
+  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, stop, log, input, result));
+  HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, *input, stop, result));
+  std::vector<int> contradicted;
+  if (result->trace.metric) {
+    input->hints = stripped.hints;
+    const absl::StatusOr<MetricScene> free =
+        RefineMetricScene(*input, result->trace.recognition, options.euclidean, stop);
+    input->hints = request.hints;
+    if (absl::IsCancelled(free.status())) return free.status();
+    if (free.ok()) contradicted = ContradictedFocals(request.hints, free->cameras);
+    if (contradicted.empty()) {
+      TellPresumed(request.hints, result->trace.metric->cameras, &result->answer);
+      return absl::OkStatus();
+    }
+  }
+  Forget(input, result);
+  input->hints = stripped.hints;
+  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, stripped, stop, log, input, result));
+  HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, stripped, *input, stop, result));
+  if (result->trace.metric) {
+    // What fits the files' focal lengths was not found with them: they misled the search.
+    contradicted = ContradictedFocals(request.hints, result->trace.metric->cameras);
+  }
+  TellContradicted(request.hints, contradicted, &result->answer);
+  return absl::OkStatus();
+}
+
 // Recognition with what is known of the station, and again without it where it finds nothing or the
 // images contradict it. Both answer by the images alone what they say of the cameras.
 absl::Status RunStation(const PipelineOptions& options,
@@ -146,14 +195,8 @@ absl::Status RunStation(const PipelineOptions& options,
   for (const bool with_prior : {true, false}) {
     if (with_prior && !anything_known) continue;
     const SceneRequest& asked = with_prior ? hinted : request;
-    result->trace.recognition = {};
-    result->trace.matching = {};
-    result->trace.reconstruction = {};
-    result->answer.reasons.clear();
-    result->answer.unsearched.clear();
+    Forget(input, result);
     input->hints = asked.hints;
-    input->matching = nullptr;
-    input->reconstruction = nullptr;
     HOROPTER_RETURN_IF_ERROR(RunRecognition(options, asked, stop, log, input, result));
     input->hints = request.hints;
     HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, *input, stop, result));
@@ -209,11 +252,14 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                          selection.slots,
                          &options.bottom_up,
                          &options.aspects};
+  const SceneRequest stripped = WithoutPresumed(request);
   RefusalLog log;
   log.object = IndexOf(request.explained, objects);
   RefusalLog* const kept = log.object < 0 ? nullptr : &log;
   if (request.station) {
     HOROPTER_RETURN_IF_ERROR(RunStation(options, request, stop, kept, &input, &result));
+  } else if (HasPresumed(request.hints)) {
+    HOROPTER_RETURN_IF_ERROR(RunPresumed(options, request, stripped, stop, kept, &input, &result));
   } else {
     HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, stop, kept, &input, &result));
     HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, input, stop, &result));

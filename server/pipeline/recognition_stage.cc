@@ -107,6 +107,13 @@ std::vector<ViewPrior> PriorsOf(const SceneRequest& request) {
     priors[i].focal_px = hint.focal_px;
     priors[i].focal_log_sigma = FocalLogSigma(hint);
     priors[i].principal_point_px = hint.principal_point;
+    if (hint.principal_point_sigma_px) {
+      if (!hint.principal_point) {
+        const cv::Mat& image = request.images[i];
+        priors[i].principal_point_px = Eigen::Vector2d(image.cols - 1, image.rows - 1) / 2.0;
+      }
+      priors[i].principal_point_sigma_px = *hint.principal_point_sigma_px;
+    }
     priors[i].k1 = hint.k1;
   }
   for (std::size_t i = 0; i < request.camera_poses.size(); ++i) {

@@ -129,6 +129,8 @@ struct SceneAnswer {
   std::vector<AnswerReason> reasons;  // each kind at most once; see AddReason
   std::vector<UnsearchedStep> unsearched;
   std::vector<std::optional<PosedCamera>> cameras;  // one per image; empty: not recovered
+  // One per image, or none: whether a focal length that its file gives was believed.
+  std::vector<bool> presumed_focal;
   std::vector<AnswerObject> objects;
   // Joint covariance of all scene_from_object, six rows per object in the order of `objects`.
   Eigen::MatrixXd joint_covariance;

@@ -103,6 +103,9 @@ void FindingValueToProto(const AnswerFinding& finding, v1::SceneFinding* proto) 
         proto->mutable_reference_conflict()->set_distance_m(finding.value);
       }
       return;
+    case FindingKind::kExifContradicted:
+      proto->mutable_exif_contradicted()->set_focal_px(finding.value);
+      return;
   }
 }
 
@@ -275,6 +278,7 @@ void SceneAnswerToProto(const SceneAnswer& answer,
     camera->set_image_width_px(request.images[i].cols);
     camera->set_image_height_px(request.images[i].rows);
     if (i < answer.cameras.size() && answer.cameras[i]) CameraToProto(*answer.cameras[i], camera);
+    camera->set_focal_from_exif(i < answer.presumed_focal.size() && answer.presumed_focal[i]);
   }
   const std::vector<const AnswerObject*> objects = ToldObjects(answer, format.min_score);
   for (const AnswerObject* object : objects) {

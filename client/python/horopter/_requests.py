@@ -18,17 +18,18 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
                       reference: Optional[Reference], gripper: Optional[Gripper] = None, min_score: float = 0.0,
                       full: bool = True, overlay: Optional[str] = None,
                       explain: Optional[str] = None, station: Optional[str] = None,
-                      station_cameras: Optional[Sequence[str]] = None) -> recognition_pb2.RecognizeSceneRequest:
+                      station_cameras: Optional[Sequence[str]] = None, cropped: bool = False,
+                      ignore_exif: bool = False) -> recognition_pb2.RecognizeSceneRequest:
     if isinstance(images, (str, bytes)):
         raise TypeError("images is a list, also of one image")
     if overlay not in (None, "png", "svg"):
         raise ValueError("overlay is None, 'png' or 'svg'")
     view = recognition_pb2.ANSWER_VIEW_FULL if full else recognition_pb2.ANSWER_VIEW_BASIC
-    request = recognition_pb2.RecognizeSceneRequest(min_score=min_score, view=view)
+    request = recognition_pb2.RecognizeSceneRequest(min_score=min_score, view=view, ignore_exif=ignore_exif)
     if gripper is not None:
         request.gripper.CopyFrom(gripper.to_proto())
     for image in images:
-        request.images.add(content=encode_image(image))
+        request.images.add(content=encode_image(image), cropped=cropped)
     if isinstance(hints, CameraHint):
         hints = [hints] * len(request.images)
     if hints is not None:

@@ -62,10 +62,11 @@ class AsyncClient:
                         candidates: Optional[Iterable[str]] = None, reference: Optional[Reference] = None,
                         deadline_s: Optional[float] = None, gripper: Optional[Gripper] = None, min_score: float = 0.0,
                         full: bool = True, overlay: Optional[str] = None, explain: Optional[str] = None,
-                        station: Optional[str] = None, station_cameras: Optional[Sequence[str]] = None) -> Scene:
+                        station: Optional[str] = None, station_cameras: Optional[Sequence[str]] = None,
+                        cropped: bool = False, ignore_exif: bool = False) -> Scene:
         """As Client.recognize."""
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
-                                              explain, station, station_cameras)
+                                              explain, station, station_cameras, cropped, ignore_exif)
         return Scene.from_proto(await self._call(self._recognition.RecognizeScene, request, deadline_s))
 
     async def list_objects(self, deadline_s: Optional[float] = None) -> List[CatalogObject]:

@@ -66,7 +66,8 @@ class Client:
                   reference: Optional[Reference] = None, deadline_s: Optional[float] = None,
                   gripper: Optional[Gripper] = None, min_score: float = 0.0, full: bool = True,
                   overlay: Optional[str] = None, explain: Optional[str] = None, station: Optional[str] = None,
-                  station_cameras: Optional[Sequence[str]] = None) -> Scene:
+                  station_cameras: Optional[Sequence[str]] = None, cropped: bool = False,
+                  ignore_exif: bool = False) -> Scene:
         """Which parts are in the images of one static scene, where, and how to grip them.
 
         images: 1 to 32 paths, encoded bytes or arrays (see encode_image); hints: one CameraHint for all images or a list
@@ -75,10 +76,11 @@ class Client:
         "png" (images with the answer drawn on them) or "svg" (drawings to lay over them), in `Scene.overlays`; explain:
         id of an object of which `Scene.explanation` says why it is, or is not, recognised; station: id of the station whose
         cameras took the images, station_cameras: its camera of each (default: camera1, camera2, ..): the server uses what
-        it knows of them and learns; `Scene.station` says what came of it.
+        it knows of them and learns; `Scene.station` says what came of it; cropped: the images are cut-outs; ignore_exif: the
+        focal lengths that image files give are not used (arrays have none).
         """
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
-                                              explain, station, station_cameras)
+                                              explain, station, station_cameras, cropped, ignore_exif)
         return Scene.from_proto(self._call(self._recognition.RecognizeScene, request, deadline_s))
 
     def server_info(self, deadline_s: Optional[float] = None) -> server_pb2.ServerInfo:

@@ -150,7 +150,8 @@ class Reference:
 @dataclasses.dataclass
 class Camera:
     """A recovered camera: square pixels, no skew, one radial coefficient (x_d = x (1 + k1 r^2)). rectified: of the image that
-    the server has rectified by its hint, not of the one that was sent."""
+    the server has rectified by its hint, not of the one that was sent; focal_from_exif: found with what the image's file says of
+    the focal length."""
     recovered: bool
     width_px: int
     height_px: int
@@ -160,6 +161,7 @@ class Camera:
     focal_log_sigma: float
     camera_from_scene: Optional[np.ndarray]
     rectified: bool = False
+    focal_from_exif: bool = False
 
     @property
     def K(self) -> np.ndarray:
@@ -369,7 +371,7 @@ def _plane(answer: recognition_pb2.RecognizeSceneResponse) -> Optional[Tuple[np.
 def _camera(c: recognition_pb2.Camera) -> Camera:
     return Camera(c.recovered, c.image_width_px, c.image_height_px, c.focal_px,
                   (c.principal_point_x_px, c.principal_point_y_px), c.k1, c.focal_log_sigma,
-                  _optional(c, "camera_from_scene"), c.rectified)
+                  _optional(c, "camera_from_scene"), c.rectified, c.focal_from_exif)
 
 
 def _grasp(g: recognition_pb2.RecognizedGrasp) -> FoundGrasp:

@@ -46,6 +46,7 @@ CameraPrior PriorOf(const RecognitionInput& input, const EuclideanOptions& optio
     prior.cy = hint.principal_point->y();
     prior.center_sigma_px = kHintedCenterSigmaPx;
   }
+  if (hint.principal_point_sigma_px) prior.center_sigma_px = *hint.principal_point_sigma_px;
   if (hint.k1) {
     prior.k1 = *hint.k1;
     prior.k1_sigma = kHintedK1Sigma;
@@ -226,7 +227,7 @@ absl::Status ShareCameras(const RecognitionInput& input,
   std::vector<bool> hinted(b.views.size(), false);
   for (std::size_t v = 0; v < input.hints.size(); ++v) {
     const CameraHint& hint = input.hints[v];
-    hinted[v] = hint.focal_px || hint.principal_point || hint.k1;
+    hinted[v] = (hint.focal_px && !hint.presumed) || hint.principal_point || hint.k1;
   }
   for (const int v : b.group.group.views) hinted[v] = true;
   std::vector<CameraSimilarity> alike =
@@ -298,7 +299,7 @@ void AddFindings(const SceneBundle& bundle,
                      " times as large as enrolled, measured by the others"));
   }
   for (int v = 0; v < static_cast<int>(input.hints.size()); ++v) {
-    if (input.hints[v].focal_px && bundle.views[v].known) {
+    if (input.hints[v].focal_px && !input.hints[v].presumed && bundle.views[v].known) {
       out->scales.push_back({ScaleSourceKind::kKnownFocalLength,
                              v,
                              std::log(bundle.views[v].camera.focal_px / *input.hints[v].focal_px),

@@ -22,6 +22,7 @@ enum class FindingKind {
   kScaleConflict,      // an object's size disagrees with the others, or with a reference
   kObjectRejected,     // an object's edges do not fit the cameras of the others; left out
   kReferenceConflict,  // references put the robot base in different places
+  kExifContradicted,   // the focal length that a view's file gives does not fit the view
 };
 
 struct Finding {
@@ -29,7 +30,8 @@ struct Finding {
   int object = -1;  // index into the answer's objects; of kObjectRejected: of the catalog's
   int view = -1;
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();  // object frame, unit
-  double value = 0.0;  // standard deviation (rad, m, of log f), or the log of the ratio of scales
+  // Standard deviation (rad, m, of log f), the log of the ratio of scales, or the focal length.
+  double value = 0.0;
   std::string detail;  // for people
 };
 

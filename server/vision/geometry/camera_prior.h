@@ -13,7 +13,12 @@ struct CameraHint {
   std::optional<double> focal_px;
   std::optional<double> focal_log_sigma;  // default kHintedFocalLogSigma when focal_px is given
   std::optional<Eigen::Vector2d> principal_point;
+  // Deviation of each of its coordinates, about the point given or the middle of the image; pixels.
+  std::optional<double> principal_point_sigma_px;
   std::optional<double> k1;
+  // The focal length is what the image's file says, which may have been edited: who took the image
+  // said nothing.
+  bool presumed = false;
 };
 
 // Deviation of ln f about a focal length that is known and whose deviation is not: two per cent, of

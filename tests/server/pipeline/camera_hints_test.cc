@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>
 
@@ -77,6 +78,53 @@ TEST(CameraHints, KnownCamerasGiveTheBaseFrameAndContradictionsAreNamed) {
   ASSERT_FALSE(wrong->answer.objects.empty()) << ReasonsText(wrong->answer);
   EXPECT_FALSE(wrong->answer.base_from_scene);
   EXPECT_THAT(ReasonsText(wrong->answer), testing::HasSubstr("contradict each other"));
+}
+
+// The request as its images' files would have it, with focal lengths that are off by this factor.
+SceneRequest Presumed(const Sample& sample, double factor) {
+  SceneRequest request = sample.request;
+  request.camera_poses.clear();
+  for (CameraHint& hint : request.hints) {
+    CameraHint presumed;
+    presumed.focal_px = factor * *hint.focal_px;
+    presumed.focal_log_sigma = 0.06;
+    presumed.presumed = true;
+    hint = presumed;
+  }
+  return request;
+}
+
+int CountContradicted(const SceneAnswer& answer) {
+  return static_cast<int>(
+      std::count_if(answer.findings.begin(), answer.findings.end(), [](const AnswerFinding& f) {
+        return f.kind == FindingKind::kExifContradicted;
+      }));
+}
+
+TEST(PresumedFocals, AreUsedWhereTheyFitAndSaidToBeWrongWhereTheyDoNot) {
+  const absl::StatusOr<Sample> loaded = Load();
+  ASSERT_TRUE(loaded.ok()) << loaded.status();
+  const auto right = RecognizeScene(Presumed(*loaded, 1.05), loaded->catalog, {});
+  ASSERT_TRUE(right.ok()) << right.status();
+  ASSERT_FALSE(right->answer.objects.empty()) << ReasonsText(right->answer);
+  EXPECT_EQ(CountContradicted(right->answer), 0);
+  EXPECT_EQ(right->answer.presumed_focal, std::vector<bool>(loaded->request.images.size(), true));
+
+  // A cut-out of 60 per cent that kept the file's Exif: as if nothing had been said.
+  SceneRequest unknown = Presumed(*loaded, 1.0);
+  unknown.hints.clear();
+  const auto without = RecognizeScene(unknown, loaded->catalog, {});
+  const auto lied = RecognizeScene(Presumed(*loaded, 0.6), loaded->catalog, {});
+  ASSERT_TRUE(without.ok() && lied.ok()) << without.status() << lied.status();
+  EXPECT_GT(CountContradicted(lied->answer), 0);
+  EXPECT_TRUE(lied->answer.presumed_focal.empty());
+  ASSERT_EQ(lied->answer.objects.size(), without->answer.objects.size());
+  for (size_t v = 0; v < lied->answer.cameras.size(); ++v) {
+    ASSERT_EQ(lied->answer.cameras[v].has_value(), without->answer.cameras[v].has_value());
+    if (!lied->answer.cameras[v]) continue;
+    EXPECT_EQ(lied->answer.cameras[v]->camera.focal_px,
+              without->answer.cameras[v]->camera.focal_px);
+  }
 }
 
 }  // namespace

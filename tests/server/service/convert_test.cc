@@ -187,7 +187,7 @@ TEST(ConvertMask, KnowsEveryWritableFieldAndNoOther) {
 
 TEST(ConvertAnswer, EveryKindOfFindingHasItsOwnTypedValue) {
   SceneAnswer answer;
-  for (int kind = 0; kind <= static_cast<int>(FindingKind::kReferenceConflict); ++kind) {
+  for (int kind = 0; kind <= static_cast<int>(FindingKind::kExifContradicted); ++kind) {
     AnswerFinding finding;
     finding.kind = static_cast<FindingKind>(kind);
     finding.value = 0.25;
@@ -203,6 +203,7 @@ TEST(ConvertAnswer, EveryKindOfFindingHasItsOwnTypedValue) {
   EXPECT_EQ(proto.findings(4).focal_and_depth().focal_log_sigma(), 0.25);
   EXPECT_DOUBLE_EQ(proto.findings(5).scale_conflict().size_ratio(), std::exp(0.25));
   EXPECT_EQ(proto.findings(7).reference_conflict().distance_m(), 0.25);
+  EXPECT_EQ(proto.findings(8).exif_contradicted().focal_px(), 0.25);
 }
 
 TEST(ConvertAnswer, TheBasicViewHasNoCovariancesAndObjectsBelowTheScoreAreCounted) {

@@ -281,6 +281,16 @@ bool DropPattern(const AspectImageOptions& options,
   return !patterned.empty();
 }
 
+// Scores count supported pixels, and tolerances are a few: a small image, as of a cut-out, is
+// looked at as large as others are.
+double WorkingScale(const cv::Size& size, const AspectImageOptions& options) {
+  constexpr double kMostEnlarged = 2.6;  // beyond, an edge is wider than the tolerances
+  constexpr double kSmall = 0.7;         // of max_width_px
+  const double width = options.max_width_px, side = std::max(size.width, size.height);
+  if (size.width > width) return width / size.width;
+  return side < kSmall * width ? std::min(kMostEnlarged, width / side) : 1.0;
+}
+
 }  // namespace
 
 absl::Status Validate(const AspectImageOptions& o) {
@@ -323,17 +333,26 @@ PinholeCamera OriginalCamera(const AspectImage& image, const PinholeCamera& work
   return out;
 }
 
-AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& options) {
+AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& given) {
   AspectImage out;
+  AspectImageOptions options = given;
   cv::Mat bgr = image.empty() ? cv::Mat() : AsBgr(image);
   if (bgr.empty()) return out;
-  if (bgr.cols > options.max_width_px) {
-    out.working_from_image = static_cast<double>(options.max_width_px) / bgr.cols;
+  out.working_from_image = WorkingScale(bgr.size(), options);
+  if (out.working_from_image != 1.0) {
+    const bool larger = out.working_from_image > 1.0;
+    const int width = std::max(1, static_cast<int>(std::lround(bgr.cols * out.working_from_image)));
     const int height =
         std::max(1, static_cast<int>(std::lround(bgr.rows * out.working_from_image)));
-    cv::Mat small;
-    cv::resize(bgr, small, cv::Size(options.max_width_px, height), 0, 0, cv::INTER_AREA);
-    bgr = small;
+    cv::Mat scaled;
+    cv::resize(
+        bgr, scaled, cv::Size(width, height), 0, 0, larger ? cv::INTER_CUBIC : cv::INTER_AREA);
+    bgr = scaled;
+    if (larger) {
+      // The same edge is so much less steep.
+      options.low_threshold /= out.working_from_image;
+      options.high_threshold /= out.working_from_image;
+    }
   }
   out.image_width = image.cols;
   out.image_height = image.rows;

@@ -23,7 +23,9 @@ namespace horopter {
 inline constexpr int kAspectBins = 12;
 
 struct AspectImageOptions {
-  int max_width_px = 640;       // larger images are scaled down to this; larger: finer, slower
+  // Larger images are scaled down to this, those of less than 0.7 of it enlarged; larger: finer,
+  // slower.
+  int max_width_px = 640;
   double sigma_px = 1.0;        // of the smoothing; larger: fewer weak edges, rounder corners
   double low_threshold = 1.8;   // grey levels per px an edge must have
   double high_threshold = 4.0;  // ... and its component must reach somewhere
@@ -48,7 +50,7 @@ struct ImageEdgePoint {
   float strength = 0.0f;                              // grey levels per px, of the best channel
 };
 
-// Working pixels: the image scaled so that its width is at most max_width_px. Distances are held in
+// Working pixels: the image scaled as max_width_px says. Distances are held in
 // 1/8 px, saturated: per bin the distance to the nearest edge point whose direction is within
 // bin_reach_rad of the bin's; the half maps have one cell per 2 x 2 pixels.
 struct AspectImage {

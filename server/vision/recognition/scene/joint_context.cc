@@ -21,7 +21,8 @@ void StartCamera(const EvidenceInput& input, int v, JointContext* context) {
         sigma, std::max(kHintedFocalLogSigma, input.reconstruction->views[v]->focal_log_sigma));
   }
   if (!input.hints.empty()) {
-    const CameraHint& hint = input.hints[v];
+    CameraHint hint = input.hints[v];
+    if (hint.presumed && FocalLogSigma(hint) > sigma) hint.focal_px.reset();
     camera = WithHint(camera, hint);
     if (hint.focal_px) sigma = FocalLogSigma(hint);
   }

@@ -20,10 +20,18 @@ TEST(AspectImage, BinIsTheNearestDirection) {
   }
 }
 
+// Looks at small images in their own size.
+AspectImageOptions OfWidth(int width_px) {
+  AspectImageOptions options;
+  options.max_width_px = width_px;
+  return options;
+}
+
 TEST(AspectImage, EmptyAndForeignImagesGiveNothing) {
   EXPECT_EQ(MakeAspectImage(cv::Mat()).width, 0);
   EXPECT_EQ(MakeAspectImage(cv::Mat(50, 50, CV_32FC3, cv::Scalar(1))).width, 0);
-  const AspectImage flat = MakeAspectImage(cv::Mat(120, 160, CV_8UC3, cv::Scalar(90, 90, 90)));
+  const AspectImage flat =
+      MakeAspectImage(cv::Mat(120, 160, CV_8UC3, cv::Scalar(90, 90, 90)), OfWidth(160));
   EXPECT_EQ(flat.width, 160);
   EXPECT_TRUE(flat.edges.empty());
   EXPECT_TRUE(flat.contours.chains.empty());
@@ -36,7 +44,7 @@ cv::Mat Disc(const cv::Scalar& background, const cv::Scalar& disc) {
 }
 
 TEST(AspectImage, EdgesLieOnTheContourWithItsDirection) {
-  const AspectImage image = MakeAspectImage(Disc({60, 60, 60}, {150, 150, 150}));
+  const AspectImage image = MakeAspectImage(Disc({60, 60, 60}, {150, 150, 150}), OfWidth(320));
   ASSERT_GT(image.edges.size(), 300u);
   for (const ImageEdgePoint& e : image.edges) {
     const Eigen::Vector2f radius = e.point - Eigen::Vector2f(160, 120);
@@ -52,7 +60,7 @@ TEST(AspectImage, EdgesLieOnTheContourWithItsDirection) {
 
 TEST(AspectImage, ColourAloneMakesAnEdge) {
   // The same grey by the usual weights.
-  const AspectImage image = MakeAspectImage(Disc({100, 100, 100}, {100, 78, 143}));
+  const AspectImage image = MakeAspectImage(Disc({100, 100, 100}, {100, 78, 143}), OfWidth(320));
   EXPECT_GT(image.edges.size(), 300u);
 }
 
@@ -61,12 +69,12 @@ TEST(AspectImage, FineRandomTextureIsNoEdge) {
   cv::RNG random(5);
   random.fill(noise, cv::RNG::UNIFORM, 0, 255);
   cv::GaussianBlur(noise, noise, cv::Size(), 1.5);
-  AspectImageOptions keep;
+  AspectImageOptions keep = OfWidth(320);
   keep.max_texture = 1.0;
   keep.noise_factor = 0.0;
   const std::size_t all = MakeAspectImage(noise, keep).edges.size();
   ASSERT_GT(all, 5000u);
-  AspectImageOptions drop;
+  AspectImageOptions drop = OfWidth(320);
   drop.noise_factor = 0.0;
   EXPECT_LT(MakeAspectImage(noise, drop).edges.size(), all / 20);
 }
@@ -88,9 +96,9 @@ TEST(AspectImage, OutlineOfASmoothPartOnTextureStays) {
         return std::abs((e.point - Eigen::Vector2f(160, 120)).norm() - 60.0f) < 2.0f;
       });
     };
-    AspectImageOptions all;
+    AspectImageOptions all = OfWidth(320);
     all.max_texture = 1.0;
-    const AspectImage kept = MakeAspectImage(granite);
+    const AspectImage kept = MakeAspectImage(granite, OfWidth(320));
     const auto most = of_disc(MakeAspectImage(granite, all));
     EXPECT_GT(of_disc(kept), 0.8 * most);
     EXPECT_LT(kept.edges.size(), 0.5 * MakeAspectImage(granite, all).edges.size());
@@ -117,6 +125,26 @@ TEST(AspectImage, WorkingCameraShowsThePointWhereTheSmallImageHasIt) {
     }
   }
   EXPECT_LT(nearest, 0.1f);
+}
+
+// The disc of a small image has the edges that it has in a large one, and they map back to where it
+// is.
+TEST(AspectImage, ASmallImageIsLookedAtAsLargeAsOthers) {
+  const AspectImage image = MakeAspectImage(Disc({100, 100, 100}, {112, 112, 112}));
+  EXPECT_EQ(image.width, 640);
+  EXPECT_EQ(image.working_from_image, 2.0);
+  ASSERT_GT(image.edges.size(), 600u);
+  for (const ImageEdgePoint& e : image.edges) {
+    const Eigen::Vector2f at = (e.point.array() + 0.5f) / 2.0f - 0.5f;
+    EXPECT_NEAR((at - Eigen::Vector2f(160, 120)).norm(), 60.0f, 1.0f);
+  }
+  const PinholeCamera camera = CenteredCamera(320, 240, 400.0);
+  const PinholeCamera back = OriginalCamera(image, WorkingCamera(image, camera));
+  EXPECT_NEAR(back.focal_px, camera.focal_px, 1e-9);
+  EXPECT_NEAR(back.cx, camera.cx, 1e-9);
+  // Larger than by 2.6 nothing is made; a portrait of common size stays.
+  EXPECT_EQ(MakeAspectImage(cv::Mat(80, 100, CV_8UC1, cv::Scalar(9))).width, 260);
+  EXPECT_EQ(MakeAspectImage(cv::Mat(640, 480, CV_8UC1, cv::Scalar(9))).width, 480);
 }
 
 TEST(AspectImage, ThreadsDoNotMatter) {
