@@ -18,6 +18,14 @@ class Functions(unittest.TestCase):
         self.assertEqual(self.lines("namespace a {\nint F(int x,\n      int y) {\n  return x;\n}\n}\n"),
                          [(4, "int F(int x, int y)")])
 
+    def test_a_condition_of_the_preprocessor_over_several_lines_is_no_function(self):
+        text = "#if defined(A) && \\\n    !defined(B)\nnamespace a {\nint F() {\n}\n}\n#endif\n"
+        with tempfile.TemporaryDirectory() as root:
+            path = os.path.join(root, "a.cc")
+            with open(path, "w", encoding="utf-8") as file:
+                file.write(text)
+            self.assertEqual(self.lines(house.code_of(path)), [(2, "int F()")])
+
     def test_members_count_and_what_stands_inside_does_not(self):
         text = "class A {\n void F() {\n  auto f = [](int x) {\n   if (x) {\n   }\n  };\n }\n};\nint g[] = {1};\n"
         self.assertEqual(self.lines(text), [(6, "void F()")])
@@ -48,7 +56,8 @@ class Tree(unittest.TestCase):
 class Constants(unittest.TestCase):
     def test_a_comment_beside_or_above_explains_and_one_above_a_run_explains_all_of_it(self):
         text = ("// of both\nconstexpr int kA = 1;\nconstexpr int kB = 2;\n\nconstexpr int kC = 3;\n"
-                "constexpr int kD = 4;  // metres\nconstexpr int kE = 5;\n")
+                "constexpr int kD = 4;  // metres\nconstexpr int kE = 5;\n"
+                "constexpr double kPi = std::numbers::pi;\n")
         with tempfile.TemporaryDirectory() as root:
             path = os.path.join(root, "a.cc")
             with open(path, "w", encoding="utf-8") as file:

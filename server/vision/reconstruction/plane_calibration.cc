@@ -9,15 +9,15 @@
 namespace horopter {
 namespace {
 
-constexpr int kFocalSteps = 12;
-constexpr double kMinFocalWidths = 0.5;
-constexpr double kMaxFocalWidths = 5.0;
+constexpr int kFocalSteps = 12;          // of the grid, geometric: a factor of 1.23 apart
+constexpr double kMinFocalWidths = 0.5;  // image widths: 90 degrees ...
+constexpr double kMaxFocalWidths = 5.0;  // ... to 11 degrees of view
 constexpr int kTiltSteps = 12;  // 3 .. 80 degrees between the plane's normal and the optical axis
-constexpr int kAzimuthSteps = 36;
+constexpr int kAzimuthSteps = 36;  // 10 degrees apart
 constexpr double kAnisotropySigma =
     0.02;                                // error of a homography's relative axis lengths and angle
 constexpr double kDistinctAngle = 0.17;  // 10 degrees
-constexpr double kDistinctLogFocal = 0.2;
+constexpr double kDistinctLogFocal = 0.2;  // log of the ratio; nearer starts lead to one solution
 
 // Focal lengths to try, image widths: the given one or a geometric series.
 std::vector<double> FocalGrid(const ImageSize& size, const ViewPrior& prior) {
@@ -112,20 +112,12 @@ std::optional<CalibrationStart> MakeStart(const GridPoint& point,
   return start;
 }
 
-}  // namespace
-
-std::vector<CalibrationStart> CalibrateFromPlane(std::span<const Eigen::Matrix3d> view_from_plane,
-                                                 std::span<const ImageSize> sizes,
-                                                 std::span<const ViewPrior> priors,
-                                                 const ReconstructionOptions& options,
-                                                 int keep) {
-  std::vector<Eigen::Matrix3d> maps;  // centred view from centred first view
-  for (size_t i = 0; i < view_from_plane.size(); ++i) {
-    maps.push_back(CenteredFromPixels(sizes[i], priors[i]) * view_from_plane[i] *
-                   CenteredFromPixels(sizes[0], priors[0]).inverse());
-  }
-  std::vector<std::vector<double>> focals;
-  for (size_t i = 0; i < sizes.size(); ++i) focals.push_back(FocalGrid(sizes[i], priors[i]));
+// Every first focal length and normal, with the other views' best focal lengths. maps: centred view
+// from centred first view.
+std::vector<GridPoint> CostGrid(const std::vector<Eigen::Matrix3d>& maps,
+                                const std::vector<std::vector<double>>& focals,
+                                std::span<const ViewPrior> priors,
+                                const ReconstructionOptions& options) {
   const auto prior = [&](size_t view, double focal_widths) {
     if (priors[view].focal_px) return 0.0;
     const double d =
@@ -162,6 +154,24 @@ std::vector<CalibrationStart> CalibrateFromPlane(std::span<const Eigen::Matrix3d
       }
     }
   }
+  return grid;
+}
+
+}  // namespace
+
+std::vector<CalibrationStart> CalibrateFromPlane(std::span<const Eigen::Matrix3d> view_from_plane,
+                                                 std::span<const ImageSize> sizes,
+                                                 std::span<const ViewPrior> priors,
+                                                 const ReconstructionOptions& options,
+                                                 int keep) {
+  std::vector<Eigen::Matrix3d> maps;  // centred view from centred first view
+  for (size_t i = 0; i < view_from_plane.size(); ++i) {
+    maps.push_back(CenteredFromPixels(sizes[i], priors[i]) * view_from_plane[i] *
+                   CenteredFromPixels(sizes[0], priors[0]).inverse());
+  }
+  std::vector<std::vector<double>> focals;
+  for (size_t i = 0; i < sizes.size(); ++i) focals.push_back(FocalGrid(sizes[i], priors[i]));
+  std::vector<GridPoint> grid = CostGrid(maps, focals, priors, options);
   std::stable_sort(grid.begin(), grid.end(), [](const GridPoint& x, const GridPoint& y) {
     return x.cost < y.cost;
   });

@@ -27,6 +27,7 @@ constexpr double kSureScore = 0.6;      // least of objects that are not searche
 constexpr double kEvenShare = 0.95;     // ... and what each view has of it; chosen on 3 scenes
 constexpr double kUnlikeFocals = 0.35;  // largest difference of log focal lengths left alone
 constexpr double kNewFocal = 1.08;      // ratio of those that are tried for all views
+// Of ln f about that one.
 constexpr double kOneCameraSigma = 0.02;
 constexpr double kOneCameraScore = 0.6;  // of the scene's with different focal lengths
 // Of the rms of its edges. Photographs of one camera: 0.97 - 1.04; scenes of cad-dev with every

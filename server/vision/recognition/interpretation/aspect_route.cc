@@ -19,8 +19,8 @@ namespace {
 
 constexpr int kLeading = 12;  // of a shortlist: these decide whether aspects come first
 constexpr double kKnownSceneLogSigma = 0.02;  // of the cameras of another route's answer
-constexpr double kNearM = 1e-3;
-constexpr double kKnownLogSigma = 0.1;  // a focal length known better is not searched for
+constexpr double kNearM = 1e-3;               // least depth that a size in the image is taken of
+constexpr double kKnownLogSigma = 0.1;        // a focal length known better is not searched for
 
 double AboveChance(const std::vector<double>& view_scores, double chance) {
   double sum = 0.0;
