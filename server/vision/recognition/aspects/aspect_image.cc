@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
+#include "server/vision/features/image_strips.h"
 #include "server/vision/recognition/aspects/edge_pixels.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
 #include "server/vision/recognition/aspects/texture_border.h"
@@ -17,16 +18,13 @@ constexpr float kPi = 3.14159265358979f;
 
 cv::Mat AsBgr(const cv::Mat& image) {
   if (image.depth() != CV_8U) return {};
-  cv::Mat bgr;
   switch (image.channels()) {
     case 1:
-      cv::cvtColor(image, bgr, cv::COLOR_GRAY2BGR);
-      return bgr;
+      return RecolourInStrips(image, cv::COLOR_GRAY2BGR, 3);
     case 3:
       return image;
     case 4:
-      cv::cvtColor(image, bgr, cv::COLOR_BGRA2BGR);
-      return bgr;
+      return RecolourInStrips(image, cv::COLOR_BGRA2BGR, 3);
     default:
       return {};
   }
@@ -330,7 +328,9 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& opti
   if (bgr.cols > options.max_width_px) {
     out.working_from_image = static_cast<double>(options.max_width_px) / bgr.cols;
     const int height =
-        std::max(1, static_cast<int>(std::lround(bgr.rows * out.working_from_image)));
+        std::max(1, static_cast<int>(std::lround(image.rows * out.working_from_image)));
+    const int factor = StripFactor(bgr.size(), out.working_from_image);
+    if (factor > 1) bgr = ShrinkInStrips(bgr, factor);
     cv::Mat small;
     cv::resize(bgr, small, cv::Size(options.max_width_px, height), 0, 0, cv::INTER_AREA);
     bgr = small;
