@@ -6,46 +6,37 @@
 #include <numeric>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_scenes/place_contest.h"
 #include "server/vision/recognition/aspect_scenes/scene_likeness.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/standing_search.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
+#include "server/vision/recognition/aspect_scenes/view_search.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kLeastChance = 0.25;    // of a wrong pose's score in an image
-constexpr int kCompleted = 3;            // drafts, of those that explain ...
-constexpr double kNearlyBest = 0.6;      // ... this share of what the best does
-constexpr int kRescues = 2;              // rounds in which doubtful views are looked at again
-constexpr double kDoubtfulShare = 0.5;   // of what the middle view shows: looked at again
-constexpr double kPoorShare = 0.4;       // ... and left out when that did not help
-constexpr double kBetterScore = 0.06;    // of another pose of an object in one view
-constexpr double kOtherPoseShare = 0.1;  // of the size: poses farther apart are others
-constexpr double kSureScore = 0.6;       // least of objects that are not searched again ...
-constexpr double kEvenShare = 0.95;      // ... and what each view has of it; chosen on 3 scenes
-constexpr double kUnlikeFocals = 0.35;   // largest difference of log focal lengths left alone
-constexpr double kNewFocal = 1.08;       // ratio of those that are tried for all views
+constexpr double kLeastChance = 0.25;   // of a wrong pose's score in an image
+constexpr int kCompleted = 3;           // drafts, of those that explain ...
+constexpr double kNearlyBest = 0.6;     // ... this share of what the best does
+constexpr int kRescues = 2;             // rounds in which doubtful views are looked at again
+constexpr double kDoubtfulShare = 0.5;  // of what the middle view shows: looked at again
+constexpr double kPoorShare = 0.4;      // ... and left out when that did not help
+constexpr double kBetterScore = 0.06;   // of another pose of an object in one view
+constexpr double kSureScore = 0.6;      // least of objects that are not searched again ...
+constexpr double kEvenShare = 0.95;     // ... and what each view has of it; chosen on 3 scenes
+constexpr double kUnlikeFocals = 0.35;  // largest difference of log focal lengths left alone
+constexpr double kNewFocal = 1.08;      // ratio of those that are tried for all views
 constexpr double kOneCameraSigma = 0.02;
 constexpr double kOneCameraScore = 0.6;  // of the scene's with different focal lengths
 // Of the rms of its edges. Photographs of one camera: 0.97 - 1.04; scenes of cad-dev with every
 // other image enlarged by 1.5: 1.09 - 2.8.
 constexpr double kOneCameraRms = 1.06;
-constexpr double kNearM = 1e-3;           // points nearer to the camera plane have no image
-constexpr int kCoarsePoints = 120;        // of an object and view, for drafts; chosen, for time
-constexpr int kDraftCarried = 8;          // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;      // score of one whose place is taken
-constexpr double kTurnedScore = 0.01;     // by which another turn must be better
-constexpr double kReplacingScore = 0.02;  // by which another pose or part must be better
-constexpr double kNearlyScore = 0.03;     // of a view by which it may be worse there
-constexpr double kSamePlaceShare = 0.6;   // of the smaller diameter: centres so near are one place
-constexpr std::size_t kRivals = 6;        // that are settled; chosen, for time
-constexpr std::size_t kFewObjects = 2;    // a scene with more is sure of its views by agreement
-constexpr int kSwept = 2;                 // parts that are looked for at all places of a view
-constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
-constexpr int kFirstViews = 2;                 // that are searched for all parts before any others
-constexpr int kQuickMatches =
-    300;  // of a fragment, where few parts are looked for; chosen, for time
+constexpr double kNearM = 1e-3;         // points nearer to the camera plane have no image
+constexpr int kCoarsePoints = 120;      // of an object and view, for drafts; chosen, for time
+constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;    // score of one whose place is taken
+constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
 // Of the best object: others are looked for in its views, or are known well enough. Of the scenes
 // of cad-dev that have parts the right ones have 0.56 and more in two views, those without known
 // parts 0.46.
@@ -58,35 +49,35 @@ class Linker {
         options_(options),
         stop_(stop),
         links_(input, options, stop),
-        objects_(input, options, stop) {
+        search_(input, options, stop, &links_),
+        objects_(input, options, stop),
+        contest_(input, options, links_, objects_) {
     for (const AspectPart& part : in_.parts) meshes_.push_back(&part.object->mesh);
-    searched_.assign(in_.images.size(), !in_.search);
-    searched_again_.assign(in_.images.size(), 0);
   }
 
   LinkedScene Run() {
-    SearchFirst();
+    search_.SearchFirst();
     LinkedScene best = BestLinked();
     SearchAsNeeded(&best);
-    searched_again_.assign(best.views.size(), 0);
+    search_.Forget();
     if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1 &&
         !IsSure(best))
-      SearchAgain(best, std::vector<bool>(best.views.size(), true), options_.few_per_part);
+      search_.SearchFor(best, std::vector<bool>(best.views.size(), true), options_.few_per_part);
     Rescue(&best);
     if (AddStanding(&best)) {
       // What was added may settle views that the others left in doubt.
-      searched_again_.assign(best.views.size(), 0);
+      search_.Forget();
       Rescue(&best);
     }
     AgreeOnFocal(&best);
     if (!best.objects.empty()) DropPoorViews(&best);
     LinkedScene other = best;
-    const bool contested = Contest(&other);
-    if (ChooseTurns(&other) || contested) {
+    const bool contested = contest_.Contest(&other);
+    if (contest_.ChooseTurns(&other) || contested) {
       other = Finish(SceneOf(other));
       if (other.score > best.score) best = std::move(other);
     }
-    if (!best.objects.empty()) FindRunnersUp(&best);
+    if (!best.objects.empty()) contest_.FindBestCompeting(&best);
     return best;
   }
 
@@ -107,7 +98,7 @@ class Linker {
     std::stable_sort(out.objects.begin(), out.objects.end(), [](const auto& a, const auto& b) {
       return a.score > b.score;
     });
-    FindRunnersUp(&out);
+    contest_.FindBestCompeting(&out);
     return out;
   }
 
@@ -126,41 +117,6 @@ class Linker {
     return best;
   }
 
-  bool AllSearched() const {
-    return std::all_of(searched_.begin(), searched_.end(), [](bool s) { return s; });
-  }
-
-  void Search(int v) {
-    if (searched_[v]) return;
-    searched_[v] = true;
-    links_.Add(v, in_.search(v));
-  }
-
-  // Two views far from each other show what most views show.
-  void SearchFirst() {
-    const int views = static_cast<int>(searched_.size());
-    for (int i = 0; i < kFirstViews; ++i) Search((2 * i + 1) * views / (2 * kFirstViews));
-  }
-
-  // The view farthest in number from those that were searched.
-  void SearchNext() {
-    const int views = static_cast<int>(searched_.size());
-    int next = -1, farthest = 0;
-    for (int v = 0; v < views; ++v) {
-      int nearest = views;
-      for (int w = 0; w < views; ++w) {
-        if (searched_[w]) nearest = std::min(nearest, std::abs(v - w));
-      }
-      if (nearest > farthest) farthest = nearest, next = v;
-    }
-    if (next >= 0) Search(next);
-  }
-
-  void SearchRest() {
-    for (std::size_t v = 0; v < searched_.size() && !IsStopRequested(stop_); ++v)
-      Search(static_cast<int>(v));
-  }
-
   static bool IsCredible(const LinkedScene& scene) {
     return scene.registered() > 1 && !scene.objects.empty() &&
            scene.objects.front().score >= kCredibleScore;
@@ -175,51 +131,27 @@ class Linker {
   // more is searched for what else there is. Doubtful scenes are linked anew with all views
   // searched.
   void SearchAsNeeded(LinkedScene* best) {
-    while (!AllSearched() && IsCredible(*best) && !IsStopRequested(stop_)) {
+    if (search_.AllSearched()) return;
+    while (!search_.AllSearched() && IsCredible(*best) && !IsStopRequested(stop_)) {
       AddUnsearched(best);
       if (IsSettled(*best)) break;
-      SearchNext();
+      search_.SearchNext();
     }
-    if (AllSearched() && in_.search == nullptr) return;
     if (!IsSettled(*best) && !IsStopRequested(stop_)) {
-      SearchRest();
+      search_.SearchRest();
       LinkedScene other = BestLinked();
       if (other.score > best->score) *best = std::move(other);
     } else if (best->objects.size() > 1 && !IsStopRequested(stop_)) {
-      SearchNext();
+      search_.SearchNext();
       LinkedScene more = Finish(SceneOf(*best));
       if (more.score > best->score) *best = std::move(more);
     }
   }
 
   void AddUnsearched(LinkedScene* best) {
-    std::vector<bool> wanted;
-    for (const bool searched : searched_) wanted.push_back(!searched);
-    SearchAgain(*best, wanted, options_.quick_per_part);
+    search_.SearchUnsearchedFor(*best, options_.quick_per_part);
     LinkedScene more = Completed(SceneOf(*best));
     if (more.score > best->score) *best = std::move(more);
-  }
-
-  // Of an object that is nearly symmetric the turn which the images of all views bear out best.
-  // Returns whether any was turned.
-  bool ChooseTurns(LinkedScene* scene) const {
-    bool turned = false;
-    for (LinkedObject& o : scene->objects) {
-      std::vector<Rigid3> turns;
-      links_.turns().AppendSpread(in_.parts[o.object].near_turns, &turns);
-      if (turns.empty()) continue;
-      turns.insert(turns.begin(), Rigid3{});
-      std::vector<double> scores(turns.size());
-      ParallelFor(static_cast<int>(turns.size()), options_.threads, [&](int t) {
-        scores[t] =
-            objects_.JudgeOne(scene->views, {o.object, o.scene_from_object * turns[t]}).score;
-      });
-      const auto best = std::max_element(scores.begin(), scores.end());
-      if (*best < scores.front() + kTurnedScore) continue;
-      o.scene_from_object = o.scene_from_object * turns[best - scores.begin()];
-      turned = true;
-    }
-    return turned;
   }
 
   // An initial hypothesis' scene before other hypotheses are carried over, and what it explains.
@@ -503,90 +435,6 @@ class Linker {
     return true;
   }
 
-  // What the other views say of so many parts, `objects` in the order of an index of them, in view
-  // v.
-  std::vector<AspectExpectation> Expected(const LinkedScene& found,
-                                          const std::vector<int>& objects,
-                                          int most,
-                                          int v) const {
-    std::vector<AspectExpectation> out;
-    for (const LinkedObject& o : found.objects) {
-      if (static_cast<int>(out.size()) >= most) break;
-      AspectExpectation e;
-      e.part =
-          static_cast<int>(std::find(objects.begin(), objects.end(), o.object) - objects.begin());
-      if (std::any_of(out.begin(), out.end(), [&](const auto& x) { return x.part == e.part; }))
-        continue;
-      for (std::size_t w = 0; w < found.views.size(); ++w) {
-        if (!found.views[w] || !o.shown[w] || static_cast<int>(w) == v) continue;
-        const Rigid3 pose = found.views[w]->camera_from_scene * o.scene_from_object;
-        const Eigen::Vector3d center = pose * meshes_[o.object]->center.cast<double>();
-        const float size =
-            static_cast<float>(found.views[w]->camera.focal_px * meshes_[o.object]->diameter_m /
-                               center.z() * in_.images[w].working_from_image);
-        // Seen along the axis of the camera, as aspects are.
-        const Eigen::Matrix3d ahead =
-            Eigen::Quaterniond::FromTwoVectors(center, Eigen::Vector3d::UnitZ()).toRotationMatrix();
-        e.rotations.push_back((ahead * pose.R).cast<float>());
-        e.min_size_px = e.rotations.size() == 1 ? size : std::min(e.min_size_px, size);
-        e.max_size_px = std::max(e.max_size_px, size);
-      }
-      if (e.rotations.empty()) continue;
-      e.min_size_px *= kSweptSize[0];
-      e.max_size_px *= kSweptSize[1];
-      out.push_back(std::move(e));
-    }
-    return out;
-  }
-
-  // Refining so many poses of a part that is known to be in the scene. A first look trusts the size
-  // that other views show; a deep one also tries all places, for parts without whole contours.
-  FindAspectOptions SearchFor(int per_part, std::vector<AspectExpectation> expected, int v) const {
-    FindAspectOptions find;
-    find.threads = find.votes.threads = options_.threads;
-    find.coarse_per_part = per_part;
-    if (per_part > options_.quick_per_part) {
-      find.fine_per_part = per_part / 4;
-      find.fine_share = 0.5;
-      find.expected = std::move(expected);
-      return find;
-    }
-    find.votes.max_matches = find.votes.max_pair_matches = kQuickMatches;
-    double low = find.votes.max_size_share, high = find.votes.min_size_share;
-    for (const AspectExpectation& e : expected) {
-      low = std::min(low, static_cast<double>(e.min_size_px) / in_.images[v].width);
-      high = std::max(high, static_cast<double>(e.max_size_px) / in_.images[v].width);
-    }
-    find.votes.min_size_share = std::max(low, find.votes.min_size_share);
-    find.votes.max_size_share = std::min(high, find.votes.max_size_share);
-    return find;
-  }
-
-  // Hypotheses of the scene's parts, and only of them, in the wanted views: further down the list
-  // than a search of the catalog goes. Adds to what is known of these views.
-  void SearchAgain(const LinkedScene& found, const std::vector<bool>& wanted, int per_part) {
-    std::vector<int> objects;
-    std::vector<AspectPart> parts;
-    for (const LinkedObject& o : found.objects) {
-      if (std::find(objects.begin(), objects.end(), o.object) != objects.end()) continue;
-      objects.push_back(o.object);
-      parts.push_back(in_.parts[o.object]);
-    }
-    const auto index = BuildFragmentIndex(parts);
-    if (!index.ok()) return;
-    const bool quick = per_part <= options_.quick_per_part;
-    const int most = quick ? static_cast<int>(found.objects.size()) : kSwept;
-    for (int v = 0; v < static_cast<int>(wanted.size()); ++v) {
-      if (!wanted[v] || searched_again_[v] >= per_part || IsStopRequested(stop_)) continue;
-      searched_again_[v] = per_part;
-      const FindAspectOptions find = SearchFor(per_part, Expected(found, objects, most, v), v);
-      std::vector<AspectHypothesis> list =
-          FindAspectHypotheses(in_.images[v], *index, find, nullptr, stop_).hypotheses;
-      for (AspectHypothesis& h : list) h.object = objects[h.object];
-      links_.Add(v, std::move(list));
-    }
-  }
-
   // Looks again at the views that have no camera or a doubtful one, while that explains more.
   void Rescue(LinkedScene* best) {
     for (int round = 0; round < kRescues && !best->objects.empty(); ++round) {
@@ -595,128 +443,10 @@ class Linker {
         return;
       std::vector<bool> missing;
       for (const auto& view : trusted.views) missing.push_back(!view);
-      SearchAgain(trusted, missing, options_.rescue_per_part);
+      search_.SearchFor(trusted, missing, options_.rescue_per_part);
       LinkedScene more = Completed(SceneOf(trusted));
       if (more.score <= best->score) return;
       *best = std::move(more);
-    }
-  }
-
-  // Whether the scene has this object in this place.
-  bool IsAccepted(const LinkedScene& scene, int object, const Eigen::Vector3d& center) const {
-    return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const LinkedObject& o) {
-      const RenderMesh& mesh = *meshes_[o.object];
-      return o.object == object &&
-             (o.scene_from_object * mesh.center.cast<double>() - center).norm() <
-                 options_.apart_share * mesh.diameter_m;
-    });
-  }
-
-  // Other poses that single images show better in an object's place, of it and of other parts, take
-  // its place where all views say so. Returns whether any did.
-  bool Contest(LinkedScene* scene) const {
-    bool replaced = false;
-    for (LinkedObject& o : scene->objects) {
-      const std::vector<AspectSceneObject> rivals = BetterInOneView(*scene, o);
-      std::vector<double> scores(rivals.size(), 0.0);
-      std::vector<AspectSceneObject> settled = rivals;
-      ParallelFor(static_cast<int>(rivals.size()), options_.threads, [&](int r) {
-        auto found = objects_.Settled(scene->views, rivals[r]);
-        if (!found) return;
-        settled[r] = found->placed;
-        scores[r] = objects_.JudgeOne(scene->views, settled[r], {}, found->rendered).score;
-      });
-      if (scores.empty()) continue;
-      const double own = objects_.JudgeOne(scene->views, {o.object, o.scene_from_object}).score;
-      const auto best = std::max_element(scores.begin(), scores.end());
-      if (*best < own + kReplacingScore) continue;
-      o.object = settled[best - scores.begin()].object;
-      o.scene_from_object = settled[best - scores.begin()].scene_from_object;
-      replaced = true;
-    }
-    return replaced;
-  }
-
-  // Hypotheses in the place of an object that score in their image what it scores there, or nearly
-  // so, best first.
-  std::vector<AspectSceneObject> BetterInOneView(const LinkedScene& scene,
-                                                 const LinkedObject& o) const {
-    std::vector<std::pair<double, AspectSceneObject>> found;
-    const Eigen::Vector3d here = o.scene_from_object * meshes_[o.object]->center.cast<double>();
-    for (std::size_t v = 0; v < scene.views.size(); ++v) {
-      if (!scene.views[v] || !o.shown[v]) continue;
-      const AspectSceneView& view = *scene.views[v];
-      for (const AspectHypothesis& h : links_.Hypotheses(static_cast<int>(v))) {
-        const double lead = h.score - o.views[v].score;
-        if (lead < -kNearlyScore) continue;
-        const Rigid3 pose =
-            WithFocal(h.camera_from_object, h.camera.focal_px, view.camera.focal_px);
-        const AspectSceneObject placed{h.object, view.camera_from_scene.Inverse() * pose};
-        const Eigen::Vector3d there =
-            placed.scene_from_object * meshes_[h.object]->center.cast<double>();
-        const double smaller =
-            std::min(meshes_[h.object]->diameter_m, meshes_[o.object]->diameter_m);
-        if ((there - here).norm() > kSamePlaceShare * smaller) continue;
-        if (h.object == o.object) {
-          const double size =
-              view.camera.focal_px * meshes_[o.object]->diameter_m /
-              std::max((pose * meshes_[o.object]->center.cast<double>()).z(), kNearM);
-          const double off = PoseDistancePx(in_.parts[h.object],
-                                            view.camera,
-                                            view.camera_from_scene * o.scene_from_object,
-                                            view.camera,
-                                            pose);
-          if (off < kOtherPoseShare * size) continue;
-        } else if (IsAccepted(scene, h.object, there)) {
-          continue;
-        }
-        found.emplace_back(lead, placed);
-      }
-    }
-    std::stable_sort(
-        found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
-    std::vector<AspectSceneObject> out;
-    for (std::size_t i = 0; i < found.size() && i < kRivals; ++i) out.push_back(found[i].second);
-    return out;
-  }
-
-  // Best score that another part's hypothesis has in the place of each object.
-  void FindRunnersUp(LinkedScene* scene) const {
-    for (LinkedObject& o : scene->objects) {
-      const Eigen::Vector3d center = o.scene_from_object * meshes_[o.object]->center.cast<double>();
-      std::vector<double> best(in_.parts.size(), 0.0);
-      std::vector<AspectSceneObject> candidates(in_.parts.size());
-      for (std::size_t v = 0; v < scene->views.size(); ++v) {
-        if (!scene->views[v]) continue;
-        const Rigid3 scene_from_camera = scene->views[v]->camera_from_scene.Inverse();
-        for (const AspectHypothesis& h : links_.Hypotheses(v)) {
-          if (h.object == o.object || h.score <= best[h.object]) continue;
-          const Rigid3 placed =
-              scene_from_camera *
-              WithFocal(h.camera_from_object, h.camera.focal_px, scene->views[v]->camera.focal_px);
-          const Eigen::Vector3d there = placed * meshes_[h.object]->center.cast<double>();
-          const double size =
-              std::min(meshes_[h.object]->diameter_m, meshes_[o.object]->diameter_m);
-          if ((there - center).norm() > size || IsAccepted(*scene, h.object, there)) continue;
-          best[h.object] = h.score;
-          candidates[h.object] = {h.object, placed};
-        }
-      }
-      std::vector<int> order(best.size());
-      std::iota(order.begin(), order.end(), 0);
-      std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return best[a] > best[b]; });
-      constexpr int kJudged = 4;  // best ones that are judged in full; chosen, for time
-      std::array<double, kJudged> scores{};
-      ParallelFor(kJudged, options_.threads, [&](int k) {
-        if (k >= static_cast<int>(order.size()) || best[order[k]] <= 0.0) return;
-        auto settled = objects_.Settled(scene->views, candidates[order[k]]);
-        if (!settled) return;
-        scores[k] = objects_.JudgeOne(scene->views, settled->placed, {}, settled->rendered).score;
-      });
-      const auto most = std::max_element(scores.begin(), scores.end());
-      if (*most <= 0.0) continue;
-      o.competing_score = *most;
-      o.competing_object = order[most - scores.begin()];
     }
   }
 
@@ -724,10 +454,10 @@ class Linker {
   const AspectLinkOptions& options_;
   const StopRequested& stop_;
   ViewLinks links_;
+  ViewSearch search_;
   SceneObjects objects_;
+  PlaceContest contest_;
   std::vector<const RenderMesh*> meshes_;
-  std::vector<bool> searched_;       // for all parts
-  std::vector<int> searched_again_;  // of each view: poses of a part that were refined
 };
 
 }  // namespace

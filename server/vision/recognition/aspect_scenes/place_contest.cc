@@ -1,0 +1,158 @@
+#include "server/vision/recognition/aspect_scenes/place_contest.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include "server/base/parallel_for.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kNearM = 1e-3;           // points nearer to the camera plane have no image
+constexpr double kTurnedScore = 0.01;     // by which another turn must be better
+constexpr double kReplacingScore = 0.02;  // by which another pose or part must be better; chosen
+constexpr double kNearlyScore = 0.03;     // of a view by which it may be worse there; chosen
+constexpr double kSamePlaceShare = 0.6;   // of the smaller diameter: centres so near are one place
+constexpr std::size_t kSettled = 6;       // other poses and parts of a place; chosen, for time
+
+}  // namespace
+
+PlaceContest::PlaceContest(const AspectLinkInput& input,
+                           const AspectLinkOptions& options,
+                           const ViewLinks& links,
+                           const SceneObjects& objects)
+    : in_(input), options_(options), links_(links), objects_(objects) {}
+
+bool PlaceContest::ChooseTurns(LinkedScene* scene) const {
+  bool turned = false;
+  for (LinkedObject& o : scene->objects) {
+    std::vector<Rigid3> turns;
+    links_.turns().AppendSpread(in_.parts[o.object].near_turns, &turns);
+    if (turns.empty()) continue;
+    turns.insert(turns.begin(), Rigid3{});
+    std::vector<double> scores(turns.size());
+    ParallelFor(static_cast<int>(turns.size()), options_.threads, [&](int t) {
+      scores[t] = objects_.JudgeOne(scene->views, {o.object, o.scene_from_object * turns[t]}).score;
+    });
+    const auto best = std::max_element(scores.begin(), scores.end());
+    if (*best < scores.front() + kTurnedScore) continue;
+    o.scene_from_object = o.scene_from_object * turns[best - scores.begin()];
+    turned = true;
+  }
+  return turned;
+}
+
+bool PlaceContest::IsAccepted(const LinkedScene& scene,
+                              int object,
+                              const Eigen::Vector3d& center) const {
+  return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const LinkedObject& o) {
+    const RenderMesh& mesh = MeshOf(o.object);
+    return o.object == object &&
+           (o.scene_from_object * mesh.center.cast<double>() - center).norm() <
+               options_.apart_share * mesh.diameter_m;
+  });
+}
+
+bool PlaceContest::Contest(LinkedScene* scene) const {
+  bool replaced = false;
+  for (LinkedObject& o : scene->objects) {
+    const std::vector<AspectSceneObject> others = BetterInOneView(*scene, o);
+    std::vector<double> scores(others.size(), 0.0);
+    std::vector<AspectSceneObject> settled = others;
+    ParallelFor(static_cast<int>(others.size()), options_.threads, [&](int r) {
+      auto found = objects_.Settled(scene->views, others[r]);
+      if (!found) return;
+      settled[r] = found->placed;
+      scores[r] = objects_.JudgeOne(scene->views, settled[r], {}, found->rendered).score;
+    });
+    if (scores.empty()) continue;
+    const double own = objects_.JudgeOne(scene->views, {o.object, o.scene_from_object}).score;
+    const auto best = std::max_element(scores.begin(), scores.end());
+    if (*best < own + kReplacingScore) continue;
+    o.object = settled[best - scores.begin()].object;
+    o.scene_from_object = settled[best - scores.begin()].scene_from_object;
+    replaced = true;
+  }
+  return replaced;
+}
+
+std::vector<AspectSceneObject> PlaceContest::BetterInOneView(const LinkedScene& scene,
+                                                             const LinkedObject& o) const {
+  std::vector<std::pair<double, AspectSceneObject>> found;
+  const Eigen::Vector3d here = o.scene_from_object * MeshOf(o.object).center.cast<double>();
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!scene.views[v] || !o.shown[v]) continue;
+    const AspectSceneView& view = *scene.views[v];
+    for (const AspectHypothesis& h : links_.Hypotheses(static_cast<int>(v))) {
+      const double lead = h.score - o.views[v].score;
+      if (lead < -kNearlyScore) continue;
+      const Rigid3 pose = WithFocal(h.camera_from_object, h.camera.focal_px, view.camera.focal_px);
+      const AspectSceneObject placed{h.object, view.camera_from_scene.Inverse() * pose};
+      const Eigen::Vector3d there =
+          placed.scene_from_object * MeshOf(h.object).center.cast<double>();
+      const double smaller = std::min(MeshOf(h.object).diameter_m, MeshOf(o.object).diameter_m);
+      if ((there - here).norm() > kSamePlaceShare * smaller) continue;
+      if (h.object == o.object) {
+        const double size = view.camera.focal_px * MeshOf(o.object).diameter_m /
+                            std::max((pose * MeshOf(o.object).center.cast<double>()).z(), kNearM);
+        const double off = PoseDistancePx(in_.parts[h.object],
+                                          view.camera,
+                                          view.camera_from_scene * o.scene_from_object,
+                                          view.camera,
+                                          pose);
+        if (off < kOtherPoseShare * size) continue;
+      } else if (IsAccepted(scene, h.object, there)) {
+        continue;
+      }
+      found.emplace_back(lead, placed);
+    }
+  }
+  std::stable_sort(
+      found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
+  std::vector<AspectSceneObject> out;
+  for (std::size_t i = 0; i < found.size() && i < kSettled; ++i) out.push_back(found[i].second);
+  return out;
+}
+
+void PlaceContest::FindBestCompeting(LinkedScene* scene) const {
+  for (LinkedObject& o : scene->objects) {
+    const Eigen::Vector3d center = o.scene_from_object * MeshOf(o.object).center.cast<double>();
+    std::vector<double> best(in_.parts.size(), 0.0);
+    std::vector<AspectSceneObject> candidates(in_.parts.size());
+    for (std::size_t v = 0; v < scene->views.size(); ++v) {
+      if (!scene->views[v]) continue;
+      const Rigid3 scene_from_camera = scene->views[v]->camera_from_scene.Inverse();
+      for (const AspectHypothesis& h : links_.Hypotheses(v)) {
+        if (h.object == o.object || h.score <= best[h.object]) continue;
+        const Rigid3 placed =
+            scene_from_camera *
+            WithFocal(h.camera_from_object, h.camera.focal_px, scene->views[v]->camera.focal_px);
+        const Eigen::Vector3d there = placed * MeshOf(h.object).center.cast<double>();
+        const double size = std::min(MeshOf(h.object).diameter_m, MeshOf(o.object).diameter_m);
+        if ((there - center).norm() > size || IsAccepted(*scene, h.object, there)) continue;
+        best[h.object] = h.score;
+        candidates[h.object] = {h.object, placed};
+      }
+    }
+    std::vector<int> order(best.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return best[a] > best[b]; });
+    constexpr int kJudged = 4;  // best ones that are judged in full; chosen, for time
+    std::array<double, kJudged> scores{};
+    ParallelFor(kJudged, options_.threads, [&](int k) {
+      if (k >= static_cast<int>(order.size()) || best[order[k]] <= 0.0) return;
+      auto settled = objects_.Settled(scene->views, candidates[order[k]]);
+      if (!settled) return;
+      scores[k] = objects_.JudgeOne(scene->views, settled->placed, {}, settled->rendered).score;
+    });
+    const auto most = std::max_element(scores.begin(), scores.end());
+    if (*most <= 0.0) continue;
+    o.competing_score = *most;
+    o.competing_object = order[most - scores.begin()];
+  }
+}
+
+}  // namespace horopter

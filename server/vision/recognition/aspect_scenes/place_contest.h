@@ -1,0 +1,47 @@
+// What else could stand in an object's place: turns of nearly symmetric parts, other poses and
+// other parts that single images show there, and how well the best other part does.
+#pragma once
+
+#include <vector>
+
+#include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/aspect_scenes/view_links.h"
+
+namespace horopter {
+
+class PlaceContest {
+ public:
+  // What is pointed to outlives the object.
+  PlaceContest(const AspectLinkInput& input,
+               const AspectLinkOptions& options,
+               const ViewLinks& links,
+               const SceneObjects& objects);
+
+  // Of an object that is nearly symmetric the turn which the images of all views bear out best.
+  // Returns whether any was turned.
+  bool ChooseTurns(LinkedScene* scene) const;
+  // Other poses that single images show better in an object's place, of it and of other parts, take
+  // its place where all views say so. Returns whether any did.
+  bool Contest(LinkedScene* scene) const;
+  // Notes the best score that another part's hypothesis has in the place of each object.
+  void FindBestCompeting(LinkedScene* scene) const;
+
+ private:
+  const RenderMesh& MeshOf(int object) const { return in_.parts[object].object->mesh; }
+  // Whether the scene has this object in this place.
+  bool IsAccepted(const LinkedScene& scene, int object, const Eigen::Vector3d& center) const;
+  // Hypotheses in the place of an object that score in their image what it scores there, or nearly
+  // so, best first.
+  std::vector<AspectSceneObject> BetterInOneView(const LinkedScene& scene,
+                                                 const LinkedObject& o) const;
+
+  const AspectLinkInput& in_;
+  const AspectLinkOptions& options_;
+  const ViewLinks& links_;
+  const SceneObjects& objects_;
+};
+
+// Poses of an object that are farther apart than this share of its size in an image are others.
+inline constexpr double kOtherPoseShare = 0.1;
+
+}  // namespace horopter

@@ -1,0 +1,150 @@
+#include "server/vision/recognition/aspect_scenes/view_search.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+namespace horopter {
+namespace {
+
+constexpr int kSwept = 2;                      // parts that are looked for at all places of a view
+constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
+constexpr int kFirstViews = 2;                 // that are searched for all parts before any others
+// Of a fragment that are tested, where few parts are looked for; chosen, for time.
+constexpr int kQuickMatches = 300;
+
+}  // namespace
+
+ViewSearch::ViewSearch(const AspectLinkInput& input,
+                       const AspectLinkOptions& options,
+                       const StopRequested& stop,
+                       ViewLinks* links)
+    : in_(input),
+      options_(options),
+      stop_(stop),
+      links_(*links),
+      searched_(input.images.size(), !input.search),
+      depth_(input.images.size(), 0) {}
+
+bool ViewSearch::AllSearched() const {
+  return std::all_of(searched_.begin(), searched_.end(), [](bool s) { return s; });
+}
+
+void ViewSearch::Search(int v) {
+  if (searched_[v]) return;
+  searched_[v] = true;
+  links_.Add(v, in_.search(v));
+}
+
+void ViewSearch::SearchFirst() {
+  const int views = static_cast<int>(searched_.size());
+  for (int i = 0; i < kFirstViews; ++i) Search((2 * i + 1) * views / (2 * kFirstViews));
+}
+
+void ViewSearch::SearchNext() {
+  const int views = static_cast<int>(searched_.size());
+  int next = -1, farthest = 0;
+  for (int v = 0; v < views; ++v) {
+    int nearest = views;
+    for (int w = 0; w < views; ++w) {
+      if (searched_[w]) nearest = std::min(nearest, std::abs(v - w));
+    }
+    if (nearest > farthest) farthest = nearest, next = v;
+  }
+  if (next >= 0) Search(next);
+}
+
+void ViewSearch::SearchRest() {
+  for (std::size_t v = 0; v < searched_.size() && !IsStopRequested(stop_); ++v)
+    Search(static_cast<int>(v));
+}
+
+std::vector<AspectExpectation> ViewSearch::Expected(const LinkedScene& found,
+                                                    const std::vector<int>& objects,
+                                                    int most,
+                                                    int v) const {
+  std::vector<AspectExpectation> out;
+  for (const LinkedObject& o : found.objects) {
+    if (static_cast<int>(out.size()) >= most) break;
+    const RenderMesh& mesh = in_.parts[o.object].object->mesh;
+    AspectExpectation e;
+    e.part =
+        static_cast<int>(std::find(objects.begin(), objects.end(), o.object) - objects.begin());
+    if (std::any_of(out.begin(), out.end(), [&](const auto& x) { return x.part == e.part; }))
+      continue;
+    for (std::size_t w = 0; w < found.views.size(); ++w) {
+      if (!found.views[w] || !o.shown[w] || static_cast<int>(w) == v) continue;
+      const Rigid3 pose = found.views[w]->camera_from_scene * o.scene_from_object;
+      const Eigen::Vector3d center = pose * mesh.center.cast<double>();
+      const float size = static_cast<float>(found.views[w]->camera.focal_px * mesh.diameter_m /
+                                            center.z() * in_.images[w].working_from_image);
+      // Seen along the axis of the camera, as aspects are.
+      const Eigen::Matrix3d ahead =
+          Eigen::Quaterniond::FromTwoVectors(center, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+      e.rotations.push_back((ahead * pose.R).cast<float>());
+      e.min_size_px = e.rotations.size() == 1 ? size : std::min(e.min_size_px, size);
+      e.max_size_px = std::max(e.max_size_px, size);
+    }
+    if (e.rotations.empty()) continue;
+    e.min_size_px *= kSweptSize[0];
+    e.max_size_px *= kSweptSize[1];
+    out.push_back(std::move(e));
+  }
+  return out;
+}
+
+FindAspectOptions ViewSearch::Options(int per_part,
+                                      std::vector<AspectExpectation> expected,
+                                      int v) const {
+  FindAspectOptions find;
+  find.threads = find.votes.threads = options_.threads;
+  find.coarse_per_part = per_part;
+  if (per_part > options_.quick_per_part) {
+    find.fine_per_part = per_part / 4;
+    find.fine_share = 0.5;
+    find.expected = std::move(expected);
+    return find;
+  }
+  find.votes.max_matches = find.votes.max_pair_matches = kQuickMatches;
+  double low = find.votes.max_size_share, high = find.votes.min_size_share;
+  for (const AspectExpectation& e : expected) {
+    low = std::min(low, static_cast<double>(e.min_size_px) / in_.images[v].width);
+    high = std::max(high, static_cast<double>(e.max_size_px) / in_.images[v].width);
+  }
+  find.votes.min_size_share = std::max(low, find.votes.min_size_share);
+  find.votes.max_size_share = std::min(high, find.votes.max_size_share);
+  return find;
+}
+
+void ViewSearch::SearchFor(const LinkedScene& found,
+                           const std::vector<bool>& wanted,
+                           int per_part) {
+  std::vector<int> objects;
+  std::vector<AspectPart> parts;
+  for (const LinkedObject& o : found.objects) {
+    if (std::find(objects.begin(), objects.end(), o.object) != objects.end()) continue;
+    objects.push_back(o.object);
+    parts.push_back(in_.parts[o.object]);
+  }
+  const auto index = BuildFragmentIndex(parts);
+  if (!index.ok()) return;
+  const bool quick = per_part <= options_.quick_per_part;
+  const int most = quick ? static_cast<int>(found.objects.size()) : kSwept;
+  for (int v = 0; v < static_cast<int>(wanted.size()); ++v) {
+    if (!wanted[v] || depth_[v] >= per_part || IsStopRequested(stop_)) continue;
+    depth_[v] = per_part;
+    const FindAspectOptions find = Options(per_part, Expected(found, objects, most, v), v);
+    std::vector<AspectHypothesis> list =
+        FindAspectHypotheses(in_.images[v], *index, find, nullptr, stop_).hypotheses;
+    for (AspectHypothesis& h : list) h.object = objects[h.object];
+    links_.Add(v, std::move(list));
+  }
+}
+
+void ViewSearch::SearchUnsearchedFor(const LinkedScene& found, int per_part) {
+  std::vector<bool> wanted;
+  for (const bool searched : searched_) wanted.push_back(!searched);
+  SearchFor(found, wanted, per_part);
+}
+
+}  // namespace horopter

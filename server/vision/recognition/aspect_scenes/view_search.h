@@ -1,0 +1,55 @@
+// Which views of a scene are searched for what: for all parts where that is needed, else for those
+// that other views show.
+#pragma once
+
+#include <vector>
+
+#include "server/vision/recognition/aspect_scenes/view_links.h"
+
+namespace horopter {
+
+class ViewSearch {
+ public:
+  // What is pointed to outlives the object; what is found is added to the links.
+  ViewSearch(const AspectLinkInput& input,
+             const AspectLinkOptions& options,
+             const StopRequested& stop,
+             ViewLinks* links);
+
+  // Whether every view has been searched for all parts.
+  bool AllSearched() const;
+  // For all parts: two views far from each other, which show what most views show; the view
+  // farthest in number from those that were searched; all that are left.
+  void SearchFirst();
+  void SearchNext();
+  void SearchRest();
+
+  // For the scene's parts and only for them, in the wanted views or in those not searched for all:
+  // so many poses of a part are refined, more than a search of the catalog does. Views looked at as
+  // deeply before are left out.
+  void SearchFor(const LinkedScene& found, const std::vector<bool>& wanted, int per_part);
+  void SearchUnsearchedFor(const LinkedScene& found, int per_part);
+  // What was looked at may be looked at again.
+  void Forget() { depth_.assign(depth_.size(), 0); }
+
+ private:
+  void Search(int v);
+  // What the other views say of so many parts, `objects` in the order of an index of them, in view
+  // v.
+  std::vector<AspectExpectation> Expected(const LinkedScene& found,
+                                          const std::vector<int>& objects,
+                                          int most,
+                                          int v) const;
+  // A first look trusts the size that other views show; a deep one also tries all places, for parts
+  // without whole contours.
+  FindAspectOptions Options(int per_part, std::vector<AspectExpectation> expected, int v) const;
+
+  const AspectLinkInput& in_;
+  const AspectLinkOptions& options_;
+  const StopRequested& stop_;
+  ViewLinks& links_;
+  std::vector<bool> searched_;  // for all parts
+  std::vector<int> depth_;      // of each view: poses of a part that were refined
+};
+
+}  // namespace horopter
