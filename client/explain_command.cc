@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_join.h"
 #include "client/commands.h"
 #include "client/convert.h"
 #include "client/output.h"
@@ -103,12 +104,13 @@ absl::Status Explain(HoropterClient& client,
     return absl::InternalError(
         "the answer explains nothing: is the server older than this program?");
   }
+  std::vector<std::string> drawn;
   if (!arguments.overlay_path.empty()) {
-    HOROPTER_RETURN_IF_ERROR(WriteOverlays(response, arguments.overlay_path));
+    HOROPTER_ASSIGN_OR_RETURN(drawn, WriteOverlays(response, arguments.overlay_path));
   }
   if (JsonOutput()) return SayMessage(response.explanation());
   SayExplanation(response, arguments.images);
-  if (!arguments.overlay_path.empty()) Say("overlay in %s\n", arguments.overlay_path.c_str());
+  if (!drawn.empty()) Say("overlay in %s\n", absl::StrJoin(drawn, ", ").c_str());
   return absl::OkStatus();
 }
 

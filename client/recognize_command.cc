@@ -1,9 +1,12 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <map>
+#include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "client/answer_text.h"
 #include "client/commands.h"
 #include "client/convert.h"
@@ -169,15 +172,16 @@ absl::Status Recognize(HoropterClient& client, const RecognizeArguments& argumen
       models[id] = FromProto(object);
     }
   }
+  std::vector<std::string> drawn;
   if (!arguments.overlay_path.empty()) {
-    HOROPTER_RETURN_IF_ERROR(WriteOverlays(response, arguments.overlay_path));
+    HOROPTER_ASSIGN_OR_RETURN(drawn, WriteOverlays(response, arguments.overlay_path));
   }
   if (JsonOutput()) {
     response.clear_overlays();  // they are in their files
     return SayMessage(response);
   }
   PrintTable(response, arguments.images, models);
-  if (!arguments.overlay_path.empty()) Say("overlay in %s\n", arguments.overlay_path.c_str());
+  if (!drawn.empty()) Say("overlay in %s\n", absl::StrJoin(drawn, ", ").c_str());
   return absl::OkStatus();
 }
 

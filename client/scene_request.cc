@@ -98,18 +98,20 @@ v1::OverlayOptions::Format OverlayFormatOf(const std::string& path) {
                                                 : v1::OverlayOptions::FORMAT_PNG;
 }
 
-absl::Status WriteOverlays(const v1::RecognizeSceneResponse& response, const std::string& path) {
+absl::StatusOr<std::vector<std::string>> WriteOverlays(const v1::RecognizeSceneResponse& response,
+                                                       const std::string& path) {
   if (response.overlays().empty()) {
     return absl::InternalError(
         "the answer has no drawings: is the server older than this program?");
   }
   if (OverlayFormatOf(path) == v1::OverlayOptions::FORMAT_SVG) {
     const std::string stem = path.substr(0, path.size() - 4);
+    std::vector<std::string> files;
     for (int i = 0; i < response.overlays_size(); ++i) {
-      HOROPTER_RETURN_IF_ERROR(WriteFileAtomically(absl::StrCat(stem, "-", i + 1, ".svg"),
-                                                   response.overlays(i).content()));
+      files.push_back(absl::StrCat(stem, "-", i + 1, ".svg"));
+      HOROPTER_RETURN_IF_ERROR(WriteFileAtomically(files.back(), response.overlays(i).content()));
     }
-    return absl::OkStatus();
+    return files;
   }
   try {
     std::vector<cv::Mat> tiles;
@@ -121,7 +123,8 @@ absl::Status WriteOverlays(const v1::RecognizeSceneResponse& response, const std
     }
     std::vector<uchar> png;
     cv::imencode(".png", Tile(tiles, kTileWidth), png);
-    return WriteFileAtomically(path, std::string(png.begin(), png.end()));
+    HOROPTER_RETURN_IF_ERROR(WriteFileAtomically(path, std::string(png.begin(), png.end())));
+    return std::vector<std::string>{path};
   } catch (const std::exception& e) {
     return absl::InternalError(absl::StrCat("overlay: ", e.what()));
   }

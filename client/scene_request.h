@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -19,7 +20,8 @@ v1::OverlayOptions::Format OverlayFormatOf(const std::string& path);
 
 // The answer's drawings: PNG all in one picture, SVG one file an image, NAME-1.svg and so on.
 // Errors: INTERNAL (the answer has none, or what cannot be read), those of writing.
-absl::Status WriteOverlays(const v1::RecognizeSceneResponse& response, const std::string& path);
+absl::StatusOr<std::vector<std::string>> WriteOverlays(const v1::RecognizeSceneResponse& response,
+                                                       const std::string& path);
 
 // A message as JSON to stdout. Errors: INTERNAL.
 absl::Status SayMessage(const google::protobuf::Message& message);

@@ -81,6 +81,12 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_option("--queue", flags.server.queue, "Scenes that may wait before new ones are refused")
       ->check(CLI::Range(0, 10000))
       ->capture_default_str();
+  app.add_option("--max-wait",
+                 flags.server.max_wait,
+                 "Refuse scenes that would wait longer than this share of a scene's mean time; 0: "
+                 "only the queue bounds it")
+      ->check(CLI::Range(0.0, 1e4))
+      ->capture_default_str();
   app.add_option("--max-resident",
                  flags.server.max_resident,
                  "Objects held in memory; of a larger catalog only the keys are")

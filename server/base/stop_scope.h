@@ -31,7 +31,23 @@ class StopScope {
 // Throws WorkStopped when the work of this thread is to stop. ParallelFor asks before each item;
 // loops of their own that take more than some 10 ms ask at about each millisecond. Costs 50 ns.
 void LeaveIfStopped();
-// The same as an answer, for callbacks of libraries that exceptions must not pass.
+
+// For loops whose steps are too short to ask at each: asks at every `steps`-th.
+class StopPacer {
+ public:
+  explicit StopPacer(int steps) : steps_(steps) {}
+  void Step() {
+    if (++done_ < steps_) return;
+    done_ = 0;
+    LeaveIfStopped();
+  }
+
+ private:
+  const int steps_;
+  int done_ = 0;
+};
+
+// LeaveIfStopped as an answer, for callbacks of libraries that exceptions must not pass.
 bool IsWorkStopped();
 
 }  // namespace horopter

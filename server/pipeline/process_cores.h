@@ -5,7 +5,8 @@ namespace horopter {
 
 // Sizes the pool of ParallelFor so that a request and its helpers can use `cores`, and takes
 // OpenCV's own threads away: its functions are called inside the loops of the pool, and would start
-// threads that no request's budget knows. To be called before the first request.
+// threads that no request's budget knows. They leave when the work is to stop (stop_scope.h), at
+// the next image or matrix that they take memory for. To be called before the first request.
 void SetProcessCores(int cores);
 
 // Freed memory up to the size of an image stays with the process: given back to the system after

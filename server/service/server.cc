@@ -116,6 +116,10 @@ absl::Status Validate(const ServerOptions& options) {
   HOROPTER_RETURN_IF_ERROR(InRange("tls_reload_seconds", options.tls.reload_seconds, 1, 86400));
   HOROPTER_RETURN_IF_ERROR(InRange("workers", options.workers, 1, 256));
   HOROPTER_RETURN_IF_ERROR(InRange("queue", options.queue, 0, 10000));
+  if (!(options.max_wait >= 0.0 && options.max_wait <= 1e4)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("max_wait: ", options.max_wait, " is not between 0 and 10000"));
+  }
   HOROPTER_RETURN_IF_ERROR(InRange("catalog_workers", options.catalog_workers, 1, 256));
   HOROPTER_RETURN_IF_ERROR(InRange("catalog_queue", options.catalog_queue, 0, 10000));
   HOROPTER_RETURN_IF_ERROR(InRange("max_message_mb", options.max_message_mb, 1, 2047));
@@ -163,7 +167,8 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   };
   HOROPTER_ASSIGN_OR_RETURN(parts->telemetry, Telemetry::Start(options.telemetry, figures));
   RequestSink* const sink = parts->telemetry.get();
-  parts->scene_pool = std::make_unique<WorkerPool>(options.workers, options.queue);
+  parts->scene_pool =
+      std::make_unique<WorkerPool>(options.workers, options.queue, options.max_wait);
   parts->catalog_pool =
       std::make_unique<WorkerPool>(options.catalog_workers, options.catalog_queue);
   parts->memory = std::make_unique<MemoryBudget>(int64_t{options.memory_mb} << 20);

@@ -31,8 +31,11 @@ struct ServerOptions {
   std::string admin_listen;
   bool admin_calls = true;  // false: the first listener refuses them
   bool reflection = true;
-  int workers = 1;          // scenes at once; more: more throughput, slower single answers
-  int queue = 8;            // scenes that may wait; more: longer waits before a refusal
+  int workers = 1;  // scenes at once; more: more throughput, slower single answers
+  int queue = 8;    // scenes that may wait; more: longer waits before a refusal
+  // How long a scene may have to wait by the mean time of a scene, as a share of it; raising it
+  // refuses less under load and makes answers later. 0: as long as the queue is.
+  double max_wait = 0.0;
   int catalog_workers = 2;  // catalog calls at once
   int catalog_queue = 64;
   int max_message_mb = 256;  // of a request for recognition

@@ -1,6 +1,7 @@
 #include "server/service/worker_pool.h"
 
 #include <algorithm>
+#include <cmath>
 #include <tuple>
 #include <utility>
 
@@ -12,8 +13,11 @@ constexpr size_t kMaxPeers = 1000;
 
 }  // namespace
 
-WorkerPool::WorkerPool(int threads, int queue_limit) : queue_limit_(queue_limit) {
-  for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Run(); });
+WorkerPool::WorkerPool(int threads, int queue_limit, double max_wait_jobs)
+    : queue_limit_(queue_limit),
+      max_wait_jobs_(max_wait_jobs),
+      begun_(static_cast<size_t>(threads)) {
+  for (size_t i = 0; i < begun_.size(); ++i) threads_.emplace_back([this, i] { Run(i); });
 }
 
 WorkerPool::~WorkerPool() {
@@ -30,7 +34,9 @@ int WorkerPool::QueueLimitOf(const JobTraits& traits) const {
 
 bool WorkerPool::HasPlace(const JobTraits& traits) const {
   const int ahead = running_ + static_cast<int>(queue_.size());
-  return ahead < static_cast<int>(threads_.size()) + QueueLimitOf(traits);
+  if (ahead >= static_cast<int>(begun_.size()) + QueueLimitOf(traits)) return false;
+  return max_wait_jobs_ <= 0.0 || !measured_ ||
+         ExpectedWaitSeconds(traits.batch) <= max_wait_jobs_ * mean_job_seconds_;
 }
 
 bool WorkerPool::IsFull(const JobTraits& traits) const {
@@ -39,18 +45,24 @@ bool WorkerPool::IsFull(const JobTraits& traits) const {
 }
 
 bool WorkerPool::IsTooLate(const JobTraits& traits) const {
-  if (!measured_ || running_ < static_cast<int>(threads_.size()) ||
-      traits.deadline == std::chrono::steady_clock::time_point::max()) {
-    return false;
+  if (!measured_ || traits.deadline == Clock::time_point::max()) return false;
+  const std::chrono::duration<double> left = traits.deadline - Clock::now();
+  return ExpectedWaitSeconds(traits.batch) > left.count();
+}
+
+double WorkerPool::ExpectedWaitSeconds(bool batch) const {
+  std::vector<double> free_in;
+  const auto now = Clock::now();
+  for (const auto& begun : begun_) {
+    // A job that has taken longer than the mean is believed to take as long again beyond it.
+    const std::chrono::duration<double> elapsed = begun ? now - *begun : Clock::duration::zero();
+    free_in.push_back(begun ? std::abs(mean_job_seconds_ - elapsed.count()) : 0.0);
   }
-  const auto ahead = std::count_if(queue_.begin(), queue_.end(), [&](const Job& job) {
-    return traits.batch || !job.traits.batch;
-  });
-  // Those that run are halfway through.
-  const double wait_seconds =
-      mean_job_seconds_ * (0.5 + static_cast<double>(ahead)) / static_cast<double>(threads_.size());
-  const std::chrono::duration<double> left = traits.deadline - std::chrono::steady_clock::now();
-  return wait_seconds > left.count();
+  const auto ahead = std::count_if(
+      queue_.begin(), queue_.end(), [&](const Job& job) { return batch || !job.traits.batch; });
+  for (auto i = ahead; i > 0; --i)
+    *std::min_element(free_in.begin(), free_in.end()) += mean_job_seconds_;
+  return *std::min_element(free_in.begin(), free_in.end());
 }
 
 WorkerPool::Submission WorkerPool::TrySubmit(std::function<void()> job, const JobTraits& traits) {
@@ -89,7 +101,7 @@ void WorkerPool::Close() {
 int WorkerPool::RetryAfterMs() const {
   const std::lock_guard lock(mutex_);
   const double jobs_ahead =
-      static_cast<double>(running_ + queue_.size()) / static_cast<double>(threads_.size());
+      static_cast<double>(running_ + queue_.size()) / static_cast<double>(begun_.size());
   return static_cast<int>(std::clamp(1000.0 * mean_job_seconds_ * jobs_ahead, 100.0, 30000.0));
 }
 
@@ -116,7 +128,7 @@ WorkerPool::Job WorkerPool::TakeNext() {
   return job;
 }
 
-void WorkerPool::Run() {
+void WorkerPool::Run(size_t thread) {
   constexpr double kMeanWeight = 0.2;  // of the newest job
   std::unique_lock lock(mutex_);
   while (true) {
@@ -124,13 +136,15 @@ void WorkerPool::Run() {
     if (queue_.empty()) return;
     Job job = TakeNext();
     ++running_;
+    const auto start = Clock::now();
+    begun_[thread] = start;
     lock.unlock();
-    const auto start = std::chrono::steady_clock::now();
     job.run();
     job = {};
-    const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
+    const std::chrono::duration<double> elapsed = Clock::now() - start;
     lock.lock();
     --running_;
+    begun_[thread].reset();
     mean_job_seconds_ += (measured_ ? kMeanWeight : 1.0) * (elapsed.count() - mean_job_seconds_);
     measured_ = true;
   }

@@ -8,6 +8,7 @@
 #include <functional>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -29,6 +30,7 @@ class WorkerPool {
  public:
   enum class Admission {
     kAccepted,
+    // No place in it, or, of a pool with a bound of waiting, the job would wait longer.
     kQueueFull,
     kClosed,
     // By the time of the last jobs its turn would come after its deadline.
@@ -40,8 +42,9 @@ class WorkerPool {
   };
 
   // `queue_limit`: jobs that may wait while all threads are busy; 0 lets a job in only when a
-  // thread is free.
-  WorkerPool(int threads, int queue_limit);
+  // thread is free. `max_wait_jobs`: by the mean time of a job, how long one may have to wait; 0:
+  // as long as the queue is.
+  WorkerPool(int threads, int queue_limit, double max_wait_jobs = 0.0);
   // Closes, runs what is queued, joins.
   ~WorkerPool();
   WorkerPool(const WorkerPool&) = delete;
@@ -77,19 +80,24 @@ class WorkerPool {
     JobTraits traits;
   };
 
-  void Run();
+  using Clock = std::chrono::steady_clock;
+
+  void Run(size_t thread);
   // All need mutex_.
   int QueueLimitOf(const JobTraits& traits) const;
   bool HasPlace(const JobTraits& traits) const;
   bool IsTooLate(const JobTraits& traits) const;
+  double ExpectedWaitSeconds(bool batch) const;
   Job TakeNext();
 
   const int queue_limit_;
+  const double max_wait_jobs_;
   mutable std::mutex mutex_;
   std::condition_variable wake_;
   std::deque<Job> queue_;  // guarded by mutex_, as all below
   bool closed_ = false;
   int running_ = 0;
+  std::vector<std::optional<Clock::time_point>> begun_;  // the job of each thread
   uint64_t next_ticket_ = 1;
   uint64_t turns_ = 0;
   std::map<std::string, uint64_t> last_turn_;  // of the peers served lately

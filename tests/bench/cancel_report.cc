@@ -38,6 +38,7 @@
 #include "server/pipeline/process_cores.h"
 #include "server/service/catalog_store.h"
 #include "server/service/convert.h"
+#include "tests/support/look_clock.h"
 
 namespace horopter {
 namespace {
@@ -112,52 +113,11 @@ double At(std::vector<double> values, double share) {
   return values[static_cast<size_t>(share * static_cast<double>(values.size() - 1) + 0.5)];
 }
 
-double ThreadCpuMs() {
-  timespec now = {};
-  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
-}
-
-// A stop flag that never stops and notes how long each thread computed since it asked before.
-class LookClock {
- public:
-  explicit LookClock(double above_ms) : above_ms_(above_ms) {}
-
-  bool operator()() {
-    thread_local int run = 0;
-    thread_local double last_ms = 0.0;
-    const double now = ThreadCpuMs();
-    if (run == run_) Note(now - last_ms);
-    run = run_;
-    last_ms = now;
-    return false;
-  }
-
-  // Looks of the work before do not count for the next.
-  void Next() { ++run_; }
-
-  int64_t looks() const { return looks_; }
-  double longest_ms() const { return longest_ms_; }
-
- private:
-  void Note(double gap_ms) {
-    ++looks_;
-    if (gap_ms < above_ms_) return;
-    const std::lock_guard lock(mutex_);
-    longest_ms_ = std::max(longest_ms_, gap_ms);
+void ReportLooks(const char* name, const std::vector<Work>& works, double above_ms) {
+  LookClock clock(above_ms, [](double gap_ms) {
     std::fprintf(stderr, "%.0f ms without a look before:\n", gap_ms);
     PrintStack(0);
-  }
-
-  const double above_ms_;
-  std::atomic<int> run_{0};
-  std::atomic<int64_t> looks_{0};
-  std::mutex mutex_;
-  double longest_ms_ = 0.0;  // guarded by mutex_
-};
-
-void ReportLooks(const char* name, const std::vector<Work>& works, double above_ms) {
-  LookClock clock(above_ms);
+  });
   const StopRequested look = [&clock] { return clock(); };
   for (size_t i = 0; i < works.size(); ++i) {
     clock.Next();
@@ -293,7 +253,7 @@ int Main(int argc, char** argv) {
         *Catalog::Open(file), CatalogPreparer(), {.threads = 2, .stop = stop});
   };
   if (looks_ms <= 0.0) std::printf("seed %llu\n", static_cast<unsigned long long>(seed));
-  std::printf(looks_ms > 0.0 ? "| work | of them | looks | longest ms between two, if above |\n"
+  std::printf(looks_ms > 0.0 ? "| work | of them | looks | longest ms between two |\n"
                                "|---|---|---|---|\n"
                              : "| work | whole, ms | cancelled | wall ms p50 / p99 / most | CPU ms "
                                "|\n|---|---|---|---|---|\n");

@@ -402,6 +402,7 @@ class Pictures(Workplace):
     def test_the_server_draws_png_and_svg(self):
         done = self.run_horopter("recognize", "0.png", "1.png", "--out", "over.svg")
         self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("overlay in over-1.svg, over-2.svg", done.stdout)
         for i in (1, 2):
             root = ElementTree.parse(os.path.join(self.folder, "over-%d.svg" % i)).getroot()
             self.assertGreater(len(list(root.iter("{http://www.w3.org/2000/svg}polyline"))), 5)

@@ -1,9 +1,8 @@
 // A server whose recognition is a stand-in: every catalog object stands at a known place, after a
 // chosen time. For tests of what is around recognition, and to measure clients by.
 //
-//   mock_horopterd [--delay-ms MS] [--delay-spread-ms MS] [--workers N] [--queue N] [--listen
-//   HOST:PORT] [--metrics-listen
-//   ..] [--version-name NAME]
+//   mock_horopterd [--delay-ms MS] [--delay-spread-ms MS] [--workers N] [--queue N]
+//   [--max-wait SHARE] [--listen HOST:PORT] [--metrics-listen ..] [--version-name NAME]
 //
 // The options of telemetry, TLS and access are those of horopterd.
 #include <spdlog/spdlog.h>
@@ -88,6 +87,7 @@ int Main(int argc, char** argv) {
   app.add_option("--delay-spread-ms", spread_ms, "up to so much longer, differently each call");
   app.add_option("--workers", options.workers);
   app.add_option("--queue", options.queue);
+  app.add_option("--max-wait", options.max_wait);
   app.add_option("--listen", options.listen);
   app.add_option("--tls-cert", options.tls.certificate);
   app.add_option("--tls-key", options.tls.key);

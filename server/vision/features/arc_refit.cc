@@ -3,6 +3,7 @@
 #include <cmath>
 #include <vector>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/features/conic_fit.h"
 #include "server/vision/features/ellipse_fit.h"
 #include "server/vision/features/ellipse_frame.h"
@@ -12,6 +13,7 @@ namespace {
 
 constexpr double kNearPx = 1.5;  // chain points this near are the arc's, and it must fit them
 constexpr std::size_t kFewestPoints = 12;  // over twice the five of an ellipse
+constexpr int kChainsPerLook = 1024;       // at the stop flag
 
 bool IsInSweep(const EllipseArc& arc, const EllipseFrame& frame, const Eigen::Vector2d& point) {
   const Eigen::Vector2d unit = frame.inverse * (point - frame.center);
@@ -23,7 +25,9 @@ bool IsInSweep(const EllipseArc& arc, const EllipseFrame& frame, const Eigen::Ve
 std::vector<Eigen::Vector2f> PointsOf(const EllipseArc& arc, const ImageFeatures& features) {
   const EllipseFrame frame(arc);
   std::vector<Eigen::Vector2f> points;
+  StopPacer pacer(kChainsPerLook);
   for (const EdgeChain& chain : features.chains) {
+    pacer.Step();
     for (const Eigen::Vector2f& p : chain.points) {
       const Eigen::Vector2d at = p.cast<double>();
       if ((at - frame.center).squaredNorm() > std::pow(arc.semi_major_px + kNearPx, 2)) continue;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/features/edge_cover.h"
 #include "server/vision/features/ellipse_fit.h"
 #include "server/vision/features/line_scatter.h"
@@ -22,6 +23,8 @@ constexpr size_t kMaxRuns = 1500;           // longest first; for time
 constexpr int kMaxDropped = 4;              // chords, in all
 constexpr double kTurnShare = 0.6;  // of the least sweep: the chords at both ends miss some of it
 constexpr double kChordPx = 0.6;    // how closely chords follow a run
+constexpr int kChainsPerLook = 64;  // at the stop flag
+constexpr int kComparisonsPerLook = 1 << 14;
 
 using Points = std::vector<Eigen::Vector2f>;
 
@@ -246,7 +249,11 @@ std::vector<std::vector<ChainPiece>> ChordsOf(const std::vector<EdgeChain>& chai
   split.min_points = 2;
   std::vector<std::vector<ChainPiece>> chords;
   chords.reserve(chains.size());
-  for (const EdgeChain& chain : chains) chords.push_back(SplitAndMerge(chain.points, split));
+  StopPacer pacer(kChainsPerLook);
+  for (const EdgeChain& chain : chains) {
+    pacer.Step();
+    chords.push_back(SplitAndMerge(chain.points, split));
+  }
   return chords;
 }
 
@@ -256,17 +263,23 @@ std::vector<EllipseArc> SeedsOfRuns(const std::vector<EdgeChain>& chains,
                                     int height,
                                     const ArcSeedOptions& options) {
   std::vector<Run> runs;
+  StopPacer pacer(kChainsPerLook);
   for (size_t c = 0; c < chains.size(); ++c) {
+    pacer.Step();
     if (chains[c].points.size() >= static_cast<size_t>(kMinPoints)) {
       CollectRuns(chains[c], chords[c], static_cast<int>(c), &runs);
     }
   }
-  std::stable_sort(
-      runs.begin(), runs.end(), [](const Run& a, const Run& b) { return a.Size() > b.Size(); });
+  StopPacer comparisons(kComparisonsPerLook);
+  std::stable_sort(runs.begin(), runs.end(), [&](const Run& a, const Run& b) {
+    comparisons.Step();
+    return a.Size() > b.Size();
+  });
   if (runs.size() > kMaxRuns) runs.resize(kMaxRuns);
   std::vector<EllipseArc> seeds;
   EdgeCover tried(width, height);
   for (const Run& run : runs) {
+    LeaveIfStopped();
     if (seeds.size() >= static_cast<size_t>(options.max_run_seeds)) break;
     const EdgeChain& chain = chains[run.chain];
     int known = 0;
@@ -287,14 +300,22 @@ std::vector<EllipseArc> SeedsOfPairs(const std::vector<EdgeChain>& chains,
                                      const std::vector<std::vector<ChainPiece>>& chords,
                                      const ArcSeedOptions& options) {
   std::vector<Bow> bows;
-  for (size_t c = 0; c < chains.size(); ++c) CollectBows(chains[c], chords[c], &bows);
-  std::stable_sort(
-      bows.begin(), bows.end(), [](const Bow& a, const Bow& b) { return a.weight > b.weight; });
+  StopPacer pacer(kChainsPerLook);
+  for (size_t c = 0; c < chains.size(); ++c) {
+    pacer.Step();
+    CollectBows(chains[c], chords[c], &bows);
+  }
+  StopPacer comparisons(kComparisonsPerLook);
+  std::stable_sort(bows.begin(), bows.end(), [&](const Bow& a, const Bow& b) {
+    comparisons.Step();
+    return a.weight > b.weight;
+  });
   if (bows.size() > static_cast<size_t>(options.max_bows)) bows.resize(options.max_bows);
   std::vector<EllipseArc> seeds;
   const auto reach = static_cast<float>(options.max_bow_distance_px);
   std::vector<std::pair<float, size_t>> partners;
   for (size_t i = 0; i < bows.size(); ++i) {
+    LeaveIfStopped();
     partners.clear();
     for (size_t j = i + 1; j < bows.size(); ++j) {
       if (Face(bows[i], bows[j], reach)) {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/features/edge_cover.h"
 #include "server/vision/features/ellipse_frame.h"
 #include "server/vision/features/rim_evidence.h"
@@ -79,9 +80,11 @@ std::vector<EllipseArc> FindArcs(const std::vector<EdgeChain>& chains,
   RimList list(strongest, options);
   const std::vector<std::vector<ChainPiece>> chords = ChordsOf(chains);
   for (const EllipseArc& seed : SeedsOfRuns(chains, chords, width, height, options.seeds)) {
+    LeaveIfStopped();
     list.Try(seed, options.min_sweep_rad);
   }
   for (const EllipseArc& seed : SeedsOfPairs(chains, chords, options.seeds)) {
+    LeaveIfStopped();
     list.Try(seed, options.min_pair_sweep_rad);
   }
   std::vector<FittedRim> rims = list.Take();

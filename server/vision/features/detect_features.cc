@@ -18,6 +18,7 @@
 #include "server/vision/features/edge_gradient.h"
 #include "server/vision/features/edge_linking.h"
 #include "server/vision/features/features.h"
+#include "server/vision/features/image_strips.h"
 #include "server/vision/features/junctions.h"
 #include "server/vision/features/light_response.h"
 #include "server/vision/features/segment_fit.h"
@@ -29,7 +30,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinSidePx = 16;  // of an image; smaller ones hold no edge of the least length
+constexpr int kMinSidePx = 16;      // of an image; smaller ones hold no edge of the least length
+constexpr int kChainsPerLook = 16;  // at the stop flag
 // A piece of which other pieces cover more than this tells nothing new.
 constexpr double kMaxCoveredShare = 0.85;
 // The detector's gradient is a sum over 3x3 pixels (6 x the slope per pixel); a peak of the fit
@@ -71,13 +73,12 @@ absl::StatusOr<Pieces> DetectByLinking(const cv::Mat& image, const FeatureOption
   if (options.undo_response) {
     UndoResponse(image, EstimateBlur(image, pieces.chains), &pieces.chains);
   }
-  std::stable_sort(
-      pieces.chains.begin(), pieces.chains.end(), [](const EdgeChain& a, const EdgeChain& b) {
-        return a.points.size() > b.points.size();
-      });
+  SortLongestFirst(&pieces.chains);
   // What another channel has already given is not fitted again.
   EdgeCover cover(image.cols, image.rows);
+  StopPacer pacer(kChainsPerLook);
   for (const EdgeChain& chain : pieces.chains) {
+    pacer.Step();
     absl::StatusOr<std::vector<ChainPiece>> cut = SplitChain(chain.points, chain.closed, splitting);
     if (!cut.ok()) {
       return cut.status();
@@ -228,9 +229,7 @@ absl::StatusOr<ImageFeatures> DetectFeatures(const cv::Mat& image, const Feature
   }
   try {
     if (!deep) return Detect(image, options);
-    cv::Mat shallow;
-    image.convertTo(shallow, CV_8U, 255.0 / 65535.0);
-    return Detect(shallow, options);
+    return Detect(ConvertInStrips(image, CV_8U, 255.0 / 65535.0), options);
   } catch (const cv::Exception& error) {
     return absl::InternalError(std::string("feature detection: ") + error.what());
   }

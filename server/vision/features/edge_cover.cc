@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
@@ -10,6 +12,8 @@ constexpr uint8_t kFree = 255;      // no direction has this number
 constexpr int kHalfTurn = 180;      // steps of the coarse angle, about a degree each
 constexpr int kSameDirection = 30;  // of these
 constexpr int kMinRun = 6;          // px of a chain between what is covered
+constexpr int kChainsPerLook = 64;  // at the stop flag
+constexpr int kComparisonsPerLook = 1 << 14;
 
 }  // namespace
 
@@ -48,6 +52,14 @@ bool EdgeCover::Covers(const Eigen::Vector2f& point, uint8_t direction) const {
   return false;
 }
 
+void SortLongestFirst(std::vector<EdgeChain>* chains) {
+  StopPacer comparisons(kComparisonsPerLook);
+  std::stable_sort(chains->begin(), chains->end(), [&](const EdgeChain& a, const EdgeChain& b) {
+    comparisons.Step();
+    return a.points.size() > b.points.size();
+  });
+}
+
 std::vector<EdgeChain> JoinLinkedChains(std::vector<EdgeChain> chains, int width, int height) {
   const bool one_channel = std::all_of(chains.begin(), chains.end(), [&](const EdgeChain& chain) {
     return chain.channel == chains.front().channel;
@@ -55,13 +67,13 @@ std::vector<EdgeChain> JoinLinkedChains(std::vector<EdgeChain> chains, int width
   if (one_channel) {
     return chains;
   }
-  std::stable_sort(chains.begin(), chains.end(), [](const EdgeChain& a, const EdgeChain& b) {
-    return a.points.size() > b.points.size();
-  });
+  SortLongestFirst(&chains);
   EdgeCover cover(width, height);
   std::vector<EdgeChain> joined;
   std::vector<uint8_t> direction;
+  StopPacer pacer(kChainsPerLook);
   for (EdgeChain& chain : chains) {
+    pacer.Step();
     const int n = static_cast<int>(chain.points.size());
     direction.resize(n);
     std::vector<std::pair<int, int>> runs;

@@ -28,6 +28,9 @@ class EdgeCover {
   std::vector<uint8_t> direction_;
 };
 
+// Equally long ones stay in their order.
+void SortLongestFirst(std::vector<EdgeChain>* chains);
+
 // Drops what a longer chain of another channel already covers; runs shorter than 6 points are
 // dropped too. Chains of a single channel come back unchanged.
 std::vector<EdgeChain> JoinLinkedChains(std::vector<EdgeChain> chains, int width, int height);

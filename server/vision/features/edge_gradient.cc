@@ -7,6 +7,9 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "server/base/stop_scope.h"
+#include "server/vision/features/image_strips.h"
+
 namespace horopter {
 namespace {
 
@@ -163,10 +166,9 @@ class FieldMaker {
         low_(image.cols) {
     std::vector<cv::Mat> planes;
     if (image.channels() == 3 && options.colour != ColourGradient::kIntensity) {
-      cv::split(image, planes);
+      SplitInStrips(image, &planes);
     } else if (image.channels() == 3) {
-      planes.resize(1);
-      cv::cvtColor(image, planes[0], cv::COLOR_BGR2GRAY);
+      planes = {RecolourInStrips(image, cv::COLOR_BGR2GRAY, 1)};
     } else {
       planes = {image};
     }
@@ -194,6 +196,7 @@ class FieldMaker {
     }
     if (!each) field_ = fields[0];  // shares the pixels
     for (int y = 0; y < height_; ++y) {
+      LeaveIfStopped();
       Gradients(y);
       if (each || channels_ == 1) {
         for (size_t c = 0; c < fields.size(); ++c) Single(y, static_cast<int>(c), &fields[c]);
@@ -400,9 +403,10 @@ GradientField StrongestOf(std::span<const GradientField> fields) {
   if (fields.size() == 1) {
     return best;
   }
-  best.magnitude = best.magnitude.clone();
-  best.dx = best.dx.clone();
-  best.dy = best.dy.clone();
+  for (cv::Mat* own : {&best.magnitude, &best.dx, &best.dy}) {
+    LeaveIfStopped();
+    *own = own->clone();
+  }
   best.channel = cv::Mat(best.dx.size(), CV_8UC1, cv::Scalar(best.single_channel));
   best.single_channel = -1;
   for (const GradientField& field : fields.subspan(1)) {
@@ -410,6 +414,7 @@ GradientField StrongestOf(std::span<const GradientField> fields) {
     best.median_gradient[field.single_channel] = field.median_gradient[field.single_channel];
     const auto channel = static_cast<uint8_t>(field.single_channel);
     for (int y = 0; y < best.dx.rows; ++y) {
+      LeaveIfStopped();
       const int16_t* __restrict magnitude = field.magnitude.ptr<int16_t>(y);
       const int16_t* __restrict dx = field.dx.ptr<int16_t>(y);
       const int16_t* __restrict dy = field.dy.ptr<int16_t>(y);

@@ -8,6 +8,8 @@
 #include <opencv2/core.hpp>
 #include <opencv2/core/hal/intrin.hpp>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
@@ -17,8 +19,9 @@ constexpr uint8_t kSeed = 2;     // ... above `high`
 constexpr uint8_t kTaken = 4;    // on the chain being walked or a finished one
 constexpr uint8_t kLinked = 8;   // on a finished one
 
-constexpr int kBlock = 16;     // px of two vectors
-constexpr int kBuckets = 256;  // of seed strength, an eighth of a threshold wide
+constexpr int kBlock = 16;          // px of two vectors
+constexpr int kSeedsPerLook = 256;  // at the stop flag
+constexpr int kBuckets = 256;       // of seed strength, an eighth of a threshold wide
 
 struct Pixel {
   int x = 0, y = 0;
@@ -39,7 +42,9 @@ class Linker {
   std::vector<EdgeChain> Link() {
     FindMaxima();
     std::vector<EdgeChain> chains;
+    StopPacer pacer(kSeedsPerLook);
     for (const int32_t seed : SeedsStrongestFirst()) {
+      pacer.Step();
       const Pixel p = {seed % width_, seed / width_};
       if ((Flags(p) & kTaken) == 0) {
         Trace(p, &chains);
@@ -66,6 +71,7 @@ class Linker {
     std::vector<int32_t> seeds;
     std::array<int32_t, kBuckets + 1> begin{};
     for (int y = 2; y + 2 < height_; ++y) {
+      LeaveIfStopped();
       const uint8_t* row = flags_.ptr<uint8_t>(y);
       for (int x = 0; x < width_;) {
         uint64_t eight;
@@ -83,7 +89,9 @@ class Linker {
     }
     for (int b = 0; b < kBuckets; ++b) begin[b + 1] += begin[b];
     std::vector<int32_t> sorted(seeds.size());
+    StopPacer pacer(kSeedsPerLook);
     for (const int32_t seed : seeds) {
+      pacer.Step();
       sorted[begin[Bucket({seed % width_, seed / width_})]++] = seed;
     }
     return sorted;
@@ -98,6 +106,7 @@ class Linker {
     flags_.row(0).setTo(0);
     flags_.row(height_ - 1).setTo(0);
     for (int y = 1; y + 1 < height_; ++y) {
+      LeaveIfStopped();
       const int16_t* up = field_.magnitude.ptr<int16_t>(y - 1);
       const int16_t* here = field_.magnitude.ptr<int16_t>(y);
       const int16_t* down = field_.magnitude.ptr<int16_t>(y + 1);

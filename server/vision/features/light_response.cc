@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <opencv2/core.hpp>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
@@ -22,6 +24,8 @@ constexpr double kSteepestShare = 0.65;
 constexpr double kMostShiftPx = 0.6;
 constexpr int kTableStep = 8;                     // grey levels
 constexpr int kTableSize = 256 / kTableStep + 1;  // both ends included
+constexpr int kChainsPerLook = 64;                // at the stop flag
+constexpr int kComparisonsPerLook = 1 << 16;
 
 double Light(double grey) {
   const double v = grey / 255.0;
@@ -132,7 +136,9 @@ double DarkwardShift(double dark, double bright) {
 double EstimateBlur(const cv::Mat& image, const std::vector<EdgeChain>& chains) {
   // The slope at the middle of a step of height h blurred by s is h / (sqrt(2 pi) s).
   std::vector<double> widths;
+  StopPacer pacer(kChainsPerLook);
   for (const EdgeChain& chain : chains) {
+    pacer.Step();
     if (!Usable(chain)) continue;
     for (std::size_t i = 0; i < chain.points.size(); ++i) {
       const double slope = chain.gradients[i].norm();
@@ -143,14 +149,20 @@ double EstimateBlur(const cv::Mat& image, const std::vector<EdgeChain>& chains) 
   }
   if (widths.size() < kFewestSteps) return 0.0;
   const auto middle = widths.begin() + static_cast<std::ptrdiff_t>(widths.size() / 2);
-  std::nth_element(widths.begin(), middle, widths.end());
+  StopPacer comparisons(kComparisonsPerLook);
+  std::nth_element(widths.begin(), middle, widths.end(), [&](double a, double b) {
+    comparisons.Step();
+    return a < b;
+  });
   const double squared = *middle * *middle - kDetectorWidthPx * kDetectorWidthPx;
   return std::min(kMostBlurPx, std::sqrt(std::max(0.0, squared)));
 }
 
 void UndoResponse(const cv::Mat& image, double blur_px, std::vector<EdgeChain>* chains) {
   if (!(blur_px > 0.0)) return;
+  StopPacer pacer(kChainsPerLook);
   for (EdgeChain& chain : *chains) {
+    pacer.Step();
     if (!Usable(chain)) continue;
     for (std::size_t i = 0; i < chain.points.size(); ++i) {
       if (!(chain.gradients[i].squaredNorm() > 0.0f)) continue;

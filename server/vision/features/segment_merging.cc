@@ -4,11 +4,15 @@
 #include <cmath>
 #include <numeric>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
-constexpr double kCellPx = 32.0;           // of the grid that finds neighbours
-constexpr int kMaxRounds = 3;              // what was merged may merge again
+constexpr double kCellPx = 32.0;    // of the grid that finds neighbours
+constexpr int kMaxRounds = 3;       // what was merged may merge again
+constexpr int kPiecesPerLook = 32;  // at the stop flag
+constexpr int kComparisonsPerLook = 1 << 14;
 constexpr size_t kMaxJoinedSamples = 300;  // bounds the cost of long edges seen in all channels
 
 double Strength(const Segment& segment) {
@@ -90,7 +94,14 @@ class SegmentGrid {
   void Insert(const Segment& segment, double margin, int id) {
     ForEachCell(segment, margin, [&](long key) { entries_.emplace_back(key, id); });
   }
-  void Sort() { std::sort(entries_.begin(), entries_.end()); }
+  void Sort() {
+    using Entry = std::pair<long, int>;
+    StopPacer comparisons(kComparisonsPerLook);
+    std::sort(entries_.begin(), entries_.end(), [&](const Entry& a, const Entry& b) {
+      comparisons.Step();
+      return a < b;
+    });
+  }
 
   // Sorted ids without repetition.
   std::vector<int> Near(const Segment& segment) const {
@@ -133,12 +144,16 @@ class SegmentGrid {
 };
 
 bool MergeOnce(std::vector<FittedSegment>* pieces, const FeatureOptions& options) {
+  StopPacer comparisons(kComparisonsPerLook);
   std::stable_sort(
-      pieces->begin(), pieces->end(), [](const FittedSegment& a, const FittedSegment& b) {
+      pieces->begin(), pieces->end(), [&](const FittedSegment& a, const FittedSegment& b) {
+        comparisons.Step();
         return Strength(a.segment) > Strength(b.segment);
       });
   SegmentGrid grid;
+  StopPacer pacer(kPiecesPerLook);
   for (size_t i = 0; i < pieces->size(); ++i) {
+    pacer.Step();
     grid.Insert((*pieces)[i].segment, options.merge_gap_px, static_cast<int>(i));
   }
   grid.Sort();
@@ -148,6 +163,7 @@ bool MergeOnce(std::vector<FittedSegment>* pieces, const FeatureOptions& options
     if (gone[i]) {
       continue;
     }
+    pacer.Step();
     for (int j : grid.Near((*pieces)[i].segment)) {
       if (j > static_cast<int>(i) && !gone[j] &&
           SameEdge((*pieces)[i].segment, (*pieces)[j].segment, options)) {
@@ -181,7 +197,9 @@ std::vector<Segment> MergeSegments(std::vector<FittedSegment> pieces,
   for (FittedSegment& piece : pieces) {
     segments.push_back(piece.segment);
   }
-  std::stable_sort(segments.begin(), segments.end(), [](const Segment& a, const Segment& b) {
+  StopPacer comparisons(kComparisonsPerLook);
+  std::stable_sort(segments.begin(), segments.end(), [&](const Segment& a, const Segment& b) {
+    comparisons.Step();
     return Strength(a) > Strength(b);
   });
   return segments;

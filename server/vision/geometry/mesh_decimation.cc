@@ -10,12 +10,15 @@
 
 #include "absl/container/flat_hash_map.h"
 #include "absl/container/inlined_vector.h"
+#include "server/base/stop_scope.h"
 
 namespace horopter {
 namespace {
 
 using Eigen::Vector3d;
 using Eigen::Vector3i;
+
+constexpr int kStepsPerLook = 256;  // at the stop flag
 
 // A vertex sums up the planes of all it has swallowed, so its error is overrated many times on
 // round surfaces. Passes forget them; each may use a part of the tolerance.
@@ -84,8 +87,13 @@ class Decimator {
     for (int t = 0; t < left_; ++t) {
       for (const int v : mesh_.triangles[t]) rings_[v].push_back(t);
     }
-    for (int t = 0; t < left_; ++t) AddTriangle(t);
+    StopPacer pacer(kStepsPerLook);
+    for (int t = 0; t < left_; ++t) {
+      pacer.Step();
+      AddTriangle(t);
+    }
     for (int v = 0; v < static_cast<int>(n); ++v) {
+      pacer.Step();
       for (const int u : Neighbors(v)) {
         if (u > v) Push(v, u);
       }
@@ -95,7 +103,9 @@ class Decimator {
   void Run(const DecimationLimits& limits) {
     const double fine = limits.tolerance * limits.tolerance;
     const double coarse = limits.coarse_tolerance * limits.coarse_tolerance;
+    StopPacer pacer(kStepsPerLook);
     while (!queue_.empty()) {
+      pacer.Step();
       const Collapse next = queue_.top();
       if (next.cost > (left_ > limits.max_triangles ? std::max(fine, coarse) : fine)) break;
       queue_.pop();
@@ -279,7 +289,9 @@ IndexedMesh ClusterVertices(const IndexedMesh& mesh, double cell) {
   std::vector<int> index(mesh.vertices.size());
   Vector3d low = mesh.vertices.front();
   for (const Vector3d& p : mesh.vertices) low = low.cwiseMin(p);
+  StopPacer pacer(kStepsPerLook);
   for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
+    pacer.Step();
     const Vector3d& p = mesh.vertices[i];
     std::uint64_t key = 0;
     for (int k = 0; k < 3; ++k) {
@@ -294,6 +306,7 @@ IndexedMesh ClusterVertices(const IndexedMesh& mesh, double cell) {
   }
   IndexedMesh out;
   for (const Vector3i& t : mesh.triangles) {
+    pacer.Step();
     const Vector3d& a = mesh.vertices[t[0]];
     const Vector3d n = (mesh.vertices[t[1]] - a).cross(mesh.vertices[t[2]] - a).normalized();
     const Vector3i mapped(index[t[0]], index[t[1]], index[t[2]]);
@@ -306,6 +319,7 @@ IndexedMesh ClusterVertices(const IndexedMesh& mesh, double cell) {
     }
   }
   for (const Cluster& c : clusters) {
+    pacer.Step();
     // Where its planes meet: corners and edges stay sharp.
     const Vector3d mean = c.sum / c.count;
     const Eigen::Matrix3d m = c.planes.A();

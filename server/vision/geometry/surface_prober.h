@@ -60,6 +60,7 @@ class SurfaceProber {
 
   // Whether no sample is off.
   bool Exact(const Rigid3& motion) const {
+    LeaveIfStopped();
     const auto on = [&](const SurfaceSample& s) {
       return surface_.At(motion * s.point).distance <= tolerance_m();
     };
@@ -80,6 +81,7 @@ class SurfaceProber {
   }
 
   SurfaceMismatch Measure(const Rigid3& motion) const {
+    LeaveIfStopped();
     SurfaceMismatch out;
     std::vector<Eigen::Vector3d> off_area, off_vertices;
     for (const auto* samples : {&area_, &vertices_}) {
@@ -108,6 +110,7 @@ class SurfaceProber {
     Rigid3 motion = TurnAbout(axis, angle);
     double gate = 0.03 * diameter_;
     for (int round = 0; round < 4; ++round, gate *= 0.6) {
+      LeaveIfStopped();
       Eigen::Matrix<double, 6, 6> A = Eigen::Matrix<double, 6, 6>::Zero();
       Eigen::Matrix<double, 6, 1> b = Eigen::Matrix<double, 6, 1>::Zero();
       const int count = std::min<int>(kFitSamples, static_cast<int>(area_.size()));

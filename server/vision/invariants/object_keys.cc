@@ -9,6 +9,7 @@
 #include <span>
 
 #include "server/base/status_macros.h"
+#include "server/base/stop_scope.h"
 #include "server/vision/invariants/six_point_sets.h"
 #include "server/vision/invariants/six_points.h"
 
@@ -16,6 +17,7 @@ namespace horopter {
 namespace {
 
 constexpr std::size_t kMaxVertices = 65536;  // keys hold them in 16 bits
+constexpr int kSetsPerLook = 64;             // at the stop flag
 
 bool Indexable(std::span<const int> vertices) {
   return std::all_of(vertices.begin(), vertices.end(), [](int v) {
@@ -28,7 +30,9 @@ std::vector<FourVertexKey> FourVertexKeys(const ObjectModel& model,
                                           int most) {
   std::vector<FourVertexKey> keys;
   const std::size_t kept = std::min(tuples.size(), static_cast<std::size_t>(most));
+  StopPacer pacer(kSetsPerLook);
   for (std::size_t i = 0; i < kept; ++i) {
+    pacer.Step();
     const FourVertices& tuple = tuples[i * tuples.size() / kept];
     if (!Indexable(tuple)) continue;
     std::array<Eigen::Vector3d, 4> points;
@@ -56,8 +60,10 @@ std::vector<SixVertexKey> SixVertexKeys(const ObjectModel& model, const ObjectKe
       static_cast<int>(std::ceil(options.six_point_balance * 6.0 * options.max_six_points / count));
   std::vector<int> uses(count, 0);
   std::vector<bool> left_out(sets.size(), false);
+  StopPacer pacer(kSetsPerLook);
   for (const bool again : {false, true}) {
     for (std::size_t i = 0; i < sets.size(); ++i) {
+      pacer.Step();
       if (static_cast<int>(keys.size()) >= options.max_six_points) return keys;
       const std::array<int, 6>& tuple = sets[i];
       if (again && !left_out[i]) continue;
@@ -95,7 +101,9 @@ std::vector<PathViewRow> PathViewRows(const ObjectModel& model, int most) {
   };
   std::stable_sort(
       order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return at(a) < at(b); });
+  StopPacer pacer(kSetsPerLook);
   for (const std::size_t i : order) {
+    pacer.Step();
     const FourVertices& chain = chains[i];
     if (!Indexable(chain)) continue;
     std::array<Eigen::Vector3d, 4> path;

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
@@ -43,6 +45,7 @@ void Balance(const AssignmentProblem& p, int rows, int columns, std::vector<doub
     for (size_t i = 0; i < x->size(); ++i) (*x)[i] /= std::max(1e-300, sums[group[i]]);
   };
   for (int round = 0; round < kBalanceRounds; ++round) {
+    LeaveIfStopped();
     normalize(p.row, rows);
     normalize(p.column, columns);
   }
@@ -60,6 +63,7 @@ std::vector<double> Confidences(const AssignmentProblem& problem,
     const int columns = 1 + *std::max_element(problem.column.begin(), problem.column.end());
     x.assign(n, 1.0 / n);
     for (int iteration = 0; iteration < options.iterations; ++iteration) {
+      LeaveIfStopped();
       std::vector<double> y = Apply(problem, x);
       ScaleToSum(&y);  // stays zero where nothing speaks for any candidate
       if (options.method == AssignmentMethod::kRandomWalks) {

@@ -5,7 +5,14 @@
 #include <numeric>
 #include <tuple>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
+namespace {
+
+constexpr int kLinksPerLook = 1024;  // at the stop flag
+
+}  // namespace
 
 std::vector<FeatureTrack> JoinTracks(std::vector<TrackLink> links) {
   std::sort(links.begin(), links.end(), [](const TrackLink& x, const TrackLink& y) {
@@ -27,7 +34,9 @@ std::vector<FeatureTrack> JoinTracks(std::vector<TrackLink> links) {
     while (parent[i] != i) i = parent[i] = parent[parent[i]];
     return i;
   };
+  StopPacer pacer(kLinksPerLook);
   for (const TrackLink& link : links) {
+    pacer.Step();
     int a = root_of(id_of(link.view_a, link.feature_a));
     int b = root_of(id_of(link.view_b, link.feature_b));
     if (a == b) continue;

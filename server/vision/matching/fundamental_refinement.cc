@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/geometry/fundamental_matrix.h"
 #include "server/vision/geometry/plucker_line.h"
 
@@ -97,6 +98,7 @@ class Refiner {
   void Run() {
     double lambda = 1e-3, current = Cost(at_, true);
     for (int iteration = 0; iteration < 15; ++iteration) {
+      LeaveIfStopped();
       Vector7 g;
       Normals(&g);
       Normal damped = A_;

@@ -7,11 +7,15 @@
 #include <cstring>
 #include <opencv2/imgproc.hpp>
 
+#include "server/base/stop_scope.h"
+#include "server/vision/features/image_strips.h"
+
 namespace horopter {
 namespace {
 
 constexpr double kFineStepPx = 1.6;    // between samples: 16 px wide in all
 constexpr double kCoarseStepPx = 3.2;  // twice the fine one
+constexpr int kJunctionsPerLook = 64;  // at the stop flag
 constexpr double kMinNorm =
     12.0;  // grey levels over the whole patch: below it there is nothing but noise
 
@@ -96,12 +100,9 @@ void Encode(JunctionPatch* patch) {
 }  // namespace
 
 cv::Mat SmoothForPatches(const cv::Mat& image) {
-  // A copied cv::Mat shares its pixels: the blur must write into one of its own.
-  cv::Mat colour = image, smooth;
-  if (image.channels() == 1) cv::cvtColor(image, colour, cv::COLOR_GRAY2BGR);
-  cv::GaussianBlur(colour, smooth, cv::Size(), 1.2);
-  cv::cvtColor(smooth, smooth, cv::COLOR_BGR2BGRA);
-  return smooth;
+  const cv::Mat colour =
+      image.channels() == 1 ? RecolourInStrips(image, cv::COLOR_GRAY2BGR, 3) : image;
+  return RecolourInStrips(BlurInStrips(colour, cv::Size(), 1.2), cv::COLOR_BGR2BGRA, 4);
 }
 
 std::vector<JunctionPatch> SampleJunctionPatches(const cv::Mat& smooth,
@@ -109,7 +110,9 @@ std::vector<JunctionPatch> SampleJunctionPatches(const cv::Mat& smooth,
                                                  const PatchShape& shape) {
   std::vector<JunctionPatch> patches(junctions.size());
   if (smooth.rows < 2 || smooth.cols < 2) return patches;
+  StopPacer pacer(kJunctionsPerLook);
   for (size_t i = 0; i < junctions.size(); ++i) {
+    pacer.Step();
     const Eigen::Vector2d& p = junctions[i].point;
     const Eigen::Matrix2d A = shape ? shape(p) : Eigen::Matrix2d::Identity().eval();
     if (!A.allFinite() || A.norm() > 20.0 || !p.allFinite()) continue;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <unordered_map>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/matching/similarity_bounds.h"
 #include "server/vision/matching/similarity_tables.h"
 
@@ -14,6 +15,7 @@ namespace {
 constexpr double kMaxSupport = 8.0;  // of all neighbours together: they share their mistakes
 // Least mean distance: nearer features change order by noise.
 constexpr double kMinSeparationPx = 6.0;
+constexpr int kFeaturesPerLook = 32;  // at the stop flag
 
 using Candidates = std::vector<FeatureMatch>;
 
@@ -85,7 +87,9 @@ class CandidateSearch {
     HighestSoFar highest(rows, columns, options_.per_feature, Least());
     std::vector<SimilarityBounds::Bound> bounds;
     Candidates found;
+    StopPacer pacer(kFeaturesPerLook);
     for (size_t i = 0; i < rows; ++i) {
+      pacer.Step();
       const int a = static_cast<int>(i);
       bounds_of(a, &bounds);
       const size_t first = std::min<size_t>(bounds.size(), 2 * options_.per_feature);
@@ -170,7 +174,9 @@ class Linker {
       : pair_(pair), out_(out), by_feature_(out->candidates) {}
 
   void Run() {
+    StopPacer pacer(kFeaturesPerLook);
     for (size_t k = 0; k < out_->candidates.size(); ++k) {
+      pacer.Step();
       LinkNeighbours(static_cast<int>(k));
       if (out_->candidates[k].kind == FeatureKind::kSegment) LinkEnds(static_cast<int>(k));
     }

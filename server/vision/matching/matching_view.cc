@@ -4,11 +4,15 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "server/base/stop_scope.h"
+#include "server/vision/features/image_strips.h"
+
 namespace horopter {
 namespace {
 
 // Px from the segment: beyond its blur, to where it may leave the surface.
 constexpr double kRowPx[SideStrip::kRows] = {2.0, 4.5, 8.0};
+constexpr int kSegmentsPerLook = 256;  // at the stop flag
 constexpr float kMinDeviation = 3.0f;  // grey levels, of a strip
 
 float SampleGrey(const cv::Mat& grey, const Eigen::Vector2d& p) {
@@ -41,12 +45,14 @@ MatchingView PrepareMatchingView(const cv::Mat& image, const ImageFeatures& feat
   MatchingView view;
   view.features = &features;
   view.graph = BuildFeatureGraph(features, FeatureGraphOptions());
-  cv::Mat grey = image;
-  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
-  cv::Mat smooth;  // nearest-pixel sampling needs no finer image
-  cv::GaussianBlur(grey, smooth, cv::Size(), 1.2);
+  const cv::Mat grey =
+      image.channels() == 3 ? RecolourInStrips(image, cv::COLOR_BGR2GRAY, 1) : image;
+  // Nearest-pixel sampling needs no finer image.
+  const cv::Mat smooth = BlurInStrips(grey, cv::Size(), 1.2);
   view.strips.reserve(features.segments.size());
+  StopPacer pacer(kSegmentsPerLook);
   for (const Segment& segment : features.segments) {
+    pacer.Step();
     view.strips.push_back({SampleStrip(smooth, segment, -1.0), SampleStrip(smooth, segment, 1.0)});
   }
   view.smooth = SmoothForPatches(image);

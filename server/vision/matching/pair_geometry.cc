@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/geometry/fundamental_matrix.h"
 #include "server/vision/matching/homography.h"
 #include "server/vision/matching/match_features.h"
@@ -69,6 +70,7 @@ void DropShiftedTexture(const PairComparison& compare,
                kLikelyRatio;
   };
   std::erase_if(*matches, [&](const JunctionMatch& m) {
+    LeaveIfStopped();
     if ((warped[m.junction_a] - of_b[m.junction_b].point).norm() < kShiftedPx) return false;
     for (int b = 0; b < static_cast<int>(of_b.size()); ++b) {
       if (explains(m.junction_a, b)) return true;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/geometry/plucker_line.h"
 
 namespace horopter {
@@ -212,6 +213,7 @@ void AdjustPlaneBundle(PlaneBundle* bundle) {
   double lambda = 1e-4, current = Cost(*bundle);
   ReducedSystem system;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
+    LeaveIfStopped();
     system = Reduce(*bundle, fixed_entry, lambda);
     Eigen::MatrixXd damped = system.S;
     damped.diagonal() *= 1.0 + lambda;

@@ -7,6 +7,7 @@
 #include <tuple>
 #include <utility>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/matching/homography.h"
 #include "server/vision/matching/plane_bundle.h"
 #include "server/vision/matching/plane_epipole.h"
@@ -51,6 +52,7 @@ bool AddBestView(const PlaneCentresOptions& options, std::mt19937* rng, PlaneBun
   PlaneResection best;
   for (size_t v = 0; v < bundle->cameras.size(); ++v) {
     if (bundle->cameras[v].known) continue;
+    LeaveIfStopped();
     std::vector<PlaneResectionSight> sights;
     for (const PlaneBundlePoint& point : bundle->points) {
       const PlaneSight* s = point.In(static_cast<int>(v));
@@ -108,6 +110,7 @@ void DropWeakViews(const PlaneCentresOptions& options, PlaneBundle* bundle) {
     int worst_view = -1;
     for (size_t v = 0; v < bundle->cameras.size(); ++v) {
       if (!bundle->cameras[v].known) continue;
+      LeaveIfStopped();
       const double margin = Margin(*bundle, static_cast<int>(v), options);
       if (margin >= worst) continue;
       worst = margin;
@@ -217,6 +220,7 @@ std::optional<PlaneBundle> Grow(const PlaneBundle& problem, const PlaneCentresOp
   std::optional<PlaneBundle> best;
   double best_score = 0.0;
   for (const auto& [a, b] : StartPairs(problem, options.starts)) {
+    LeaveIfStopped();
     std::mt19937 rng(options.seed);
     PlaneBundle bundle = problem;
     if (!Start(a, b, options, &rng, &bundle)) continue;
@@ -245,6 +249,7 @@ PlaneCentres EstimatePlaneCentres(std::span<const PlaneView> views,
   std::optional<PlaneBundle> best = Grow(problem->bundle, options);
   if (!best) return result;
   for (int round = 0; round < kRounds; ++round) {
+    LeaveIfStopped();
     AdjustPlaneBundle(&*best);
     TriangulateAll(options.inlier_px, &*best);
   }

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/geometry/plucker_line.h"
 
 namespace horopter {
@@ -53,6 +54,7 @@ std::optional<Eigen::Vector3d> EpipoleFromParallax(std::span<const PlaneParallax
   double best_score = 0.0;
   bool best_side = true;
   for (int h = 0; h < options.hypotheses; ++h) {
+    LeaveIfStopped();
     const PlaneParallax& v = points[Draw(points.size(), rng)];
     const PlaneParallax& w = points[Draw(points.size(), rng)];
     Eigen::Vector3d e = v.y.cross(v.p).cross(w.y.cross(w.p));
@@ -88,6 +90,7 @@ PlaneResection EpipoleFromPoints(const Eigen::Matrix3d& H,
   };
   PlaneResection best;
   for (int h = 0; h < options.hypotheses; ++h) {
+    LeaveIfStopped();
     const PlaneResectionSight& s = sights[Draw(sights.size(), rng)];
     const PlaneResectionSight& t = sights[Draw(sights.size(), rng)];
     const PlaneResectionSight sample[] = {s, t};

@@ -12,6 +12,9 @@
 #include <set>
 #include <utility>
 
+#include "server/base/stop_scope.h"
+#include "server/vision/features/image_strips.h"
+
 namespace horopter {
 namespace {
 
@@ -30,21 +33,80 @@ constexpr double kMaxStretch = 2.5;
 constexpr double kAreaGrowth = 1.2;  // pixels of the view from above per pixel of the image
 // Px of a view from above; planes seen nearly edge-on would need more.
 constexpr int kMaxSide = 3000;
+// Larger images are searched for keypoints in tiles, with a margin that the patches of all but the
+// largest keypoints fit into.
+constexpr int kWholePixels = 400000;
+constexpr int kTileWidth = 640;
+constexpr int kTileHeight = 480;
+constexpr int kTileMargin = 48;
 constexpr int kBorderPx = 4;  // points this close to the cut are left out
+
+struct Keypoints {
+  std::vector<cv::KeyPoint> points;
+  cv::Mat descriptors;  // a row each
+};
+
+// Empty for images too small for one octave.
+Keypoints Sift(const cv::Mat& grey, const cv::Mat& within, const MatchingOptions& options) {
+  Keypoints found;
+  try {
+    const auto sift = cv::SIFT::create(options.max_keypoints, 3, options.sift_contrast, 10.0, 1.6);
+    sift->detectAndCompute(grey, within, found.points, found.descriptors);
+  } catch (const cv::Exception&) {
+    return {};
+  }
+  return found;
+}
+
+// The strongest of all tiles, each searched with a margin: what SIFT does to a whole image at a
+// time would keep a call that is cancelled.
+Keypoints SiftInTiles(const cv::Mat& grey, const cv::Mat& within, const MatchingOptions& options) {
+  const int across = (grey.cols + kTileWidth - 1) / kTileWidth;
+  const int down = (grey.rows + kTileHeight - 1) / kTileHeight;
+  std::vector<cv::KeyPoint> points;
+  cv::Mat descriptors;
+  for (int tile = 0; tile < across * down; ++tile) {
+    const int i = tile % across, j = tile / across;
+    const cv::Rect core(cv::Point(i * grey.cols / across, j * grey.rows / down),
+                        cv::Point((i + 1) * grey.cols / across, (j + 1) * grey.rows / down));
+    const cv::Rect searched = cv::Rect(core.tl() - cv::Point(kTileMargin, kTileMargin),
+                                       core.br() + cv::Point(kTileMargin, kTileMargin)) &
+                              cv::Rect(cv::Point(), grey.size());
+    LeaveIfStopped();
+    const Keypoints found =
+        Sift(grey(searched).clone(), within.empty() ? within : within(searched).clone(), options);
+    for (int k = 0; k < found.descriptors.rows; ++k) {
+      cv::KeyPoint point = found.points[k];
+      point.pt += cv::Point2f(searched.tl());
+      // A point between two tiles belongs to one.
+      if (!cv::Rect2f(core).contains(point.pt + cv::Point2f(0.5f, 0.5f))) continue;
+      points.push_back(point);
+      descriptors.push_back(found.descriptors.row(k));
+    }
+  }
+  std::vector<int> order(points.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return points[a].response > points[b].response;
+  });
+  if (order.size() > static_cast<size_t>(options.max_keypoints))
+    order.resize(options.max_keypoints);
+  Keypoints strongest;
+  for (const int k : order) {
+    strongest.points.push_back(points[k]);
+    strongest.descriptors.push_back(descriptors.row(k));
+  }
+  return strongest;
+}
 
 // within: CV_8UC1 mask of the pixels whose points are wanted; empty: all.
 KeypointSet DetectKeypoints(const cv::Mat& grey,
                             const cv::Mat& within,
                             const MatchingOptions& options) {
   KeypointSet set;
-  std::vector<cv::KeyPoint> keypoints;
-  cv::Mat descriptors;
-  try {
-    const auto sift = cv::SIFT::create(options.max_keypoints, 3, options.sift_contrast, 10.0, 1.6);
-    sift->detectAndCompute(grey, within, keypoints, descriptors);
-  } catch (const cv::Exception&) {
-    return set;  // images too small for one octave
-  }
+  const bool large = static_cast<int>(grey.total()) > kWholePixels;
+  const auto [keypoints, descriptors] =
+      large ? SiftInTiles(grey, within, options) : Sift(grey, within, options);
   const int n = std::min<int>(descriptors.rows, options.max_keypoints);
   set.points.reserve(n);
   set.descriptors.resize(static_cast<size_t>(n) * kDescriptorLength);
@@ -197,28 +259,31 @@ std::vector<PointPair> InliersOf(const Eigen::Matrix3d& H,
 
 // Gaussian of many pixels, taken at reduced size, where it loses nothing.
 cv::Mat WideBlur(const cv::Mat& value, double sigma_px) {
-  cv::Mat reduced, blurred;
-  const cv::Size size((value.cols + kReduction - 1) / kReduction,
-                      (value.rows + kReduction - 1) / kReduction);
-  const double sigma = sigma_px / kReduction;
-  cv::resize(value, reduced, size, 0, 0, cv::INTER_AREA);
-  cv::GaussianBlur(reduced, reduced, cv::Size(), sigma, sigma, cv::BORDER_REFLECT);
-  cv::resize(reduced, blurred, value.size(), 0, 0, cv::INTER_LINEAR);
-  return blurred;
+  const cv::Mat blurred = BlurInStrips(
+      ShrinkInStrips(value, kReduction), cv::Size(), sigma_px / kReduction, cv::BORDER_REFLECT);
+  return EnlargeInStrips(blurred, kReduction, value.size());
 }
 
 }  // namespace
 
 cv::Mat NormalizeLocalContrast(const cv::Mat& grey) {
-  cv::Mat value, deviation, result;
-  grey.convertTo(value, CV_32F);
-  value -= WideBlur(value, kMeanSigmaPx);
-  cv::sqrt(WideBlur(value.mul(value), kDeviationSigmaPx), deviation);
-  cv::max(deviation, kDeviationFloor, deviation);
-  cv::divide(value, deviation, value);
-  cv::GaussianBlur(value, value, cv::Size(kBlurSide, kBlurSide), kBlurSigmaPx);
-  value.convertTo(result, CV_8U, kGreyPerDeviation, 128.0);
-  return result;
+  cv::Mat value = ConvertInStrips(grey, CV_32F);
+  const cv::Mat mean = WideBlur(value, kMeanSigmaPx);
+  cv::Mat square(value.size(), value.type());
+  ForEachStrip(value.size(), [&](const cv::Range& rows) {
+    cv::Mat of_value = value.rowRange(rows), of_square = square.rowRange(rows);
+    of_value -= mean.rowRange(rows);
+    cv::multiply(of_value, of_value, of_square);
+  });
+  cv::Mat deviation = WideBlur(square, kDeviationSigmaPx);
+  ForEachStrip(value.size(), [&](const cv::Range& rows) {
+    cv::Mat of_value = value.rowRange(rows), of_deviation = deviation.rowRange(rows);
+    cv::sqrt(of_deviation, of_deviation);
+    cv::max(of_deviation, kDeviationFloor, of_deviation);
+    cv::divide(of_value, of_deviation, of_value);
+  });
+  const cv::Mat smooth = BlurInStrips(value, cv::Size(kBlurSide, kBlurSide), kBlurSigmaPx);
+  return ConvertInStrips(smooth, CV_8U, kGreyPerDeviation, 128.0);
 }
 
 KeypointSet DetectPlaneKeypoints(const cv::Mat& grey,
@@ -245,6 +310,7 @@ std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b
   std::vector<Nearest> of_a(a.size()), of_b(b.size());
   constexpr int kBlock = 64;  // rows of b that stay in the cache while all of a passes
   for (int j0 = 0; j0 < b.size(); j0 += kBlock) {
+    LeaveIfStopped();
     const int j1 = std::min(j0 + kBlock, b.size());
     for (int i = 0; i < a.size(); ++i) {
       std::int32_t dots[kBlock];

@@ -39,6 +39,7 @@ constexpr double kQuickContrast = 5.0;  // times MatchingOptions::sift_contrast:
 constexpr int kManyKeypoints = 2000;    // of an image at kSlowScale; for time
 constexpr double kSlowScale = 0.5;      // of the image's size, twice kQuickScale
 constexpr std::size_t kFewViews = 2;    // of which all is tried
+constexpr std::size_t kMostKeypointPixels = 1'300'000;
 // Keypoints of views from above, at a quarter of the size: enough in 9 of the 12 scenes of
 // parts-dev and parts-train whose views the first effort leaves apart.
 constexpr double kAboveContrast = 3.0;  // times MatchingOptions::sift_contrast
@@ -254,6 +255,21 @@ class PlaneLinks {
   std::vector<int> matches_;  // per pair: of the best keypoint sets so far
 };
 
+// What keypoints are sought in.
+struct ScaledImage {
+  cv::Mat grey;
+  double scale = 1.0;  // of the whole image's size
+};
+
+ScaledImage ForKeypoints(const cv::Mat& grey, double scale) {
+  ScaledImage image{grey, scale};
+  while (image.grey.total() > kMostKeypointPixels) {
+    image.grey = HalfSize(image.grey);
+    image.scale /= 2;
+  }
+  return image;
+}
+
 }  // namespace
 
 // Ever more expensive keypoints until all views are joined.
@@ -267,25 +283,26 @@ FoundPlanes FindPlanes(std::span<const cv::Mat> images,
   few.sift_contrast = kQuickContrast * options.sift_contrast;
   some.sift_contrast = kAboveContrast * options.sift_contrast;
   many.max_keypoints = std::min(options.max_keypoints, kManyKeypoints);
-  const auto from_above = [](const cv::Mat& image, double scale, const MatchingOptions& o) {
+  const auto straight = [](const ScaledImage& image, const MatchingOptions& o) {
+    return std::vector<KeypointSet>{DetectPlaneKeypoints(image.grey, image.scale, o)};
+  };
+  const auto from_above = [](const ScaledImage& image, const MatchingOptions& o) {
     std::vector<KeypointSet> sets;
     for (const double elevation : kElevationsRad)
-      sets.push_back(DetectKeypointsFromAbove(image, scale, elevation, o));
+      sets.push_back(DetectKeypointsFromAbove(image.grey, image.scale, elevation, o));
     return sets;
   };
+  const auto quarter = [](const PatchImage& image) {
+    return ForKeypoints(image.normalized_quarter, kQuickScale);
+  };
+  const auto half = [](const PatchImage& image) {
+    return ForKeypoints(image.normalized_half, kSlowScale);
+  };
   const PlaneLinks::Detect efforts[] = {
-      [&](const PatchImage& image) {
-        return std::vector<KeypointSet>{
-            DetectPlaneKeypoints(image.normalized_quarter, kQuickScale, few)};
-      },
-      [&](const PatchImage& image) {
-        return from_above(image.normalized_quarter, kQuickScale, some);
-      },
-      [&](const PatchImage& image) {
-        return std::vector<KeypointSet>{
-            DetectPlaneKeypoints(image.normalized_half, kSlowScale, many)};
-      },
-      [&](const PatchImage& image) { return from_above(image.normalized_half, kSlowScale, few); }};
+      [&](const PatchImage& image) { return straight(quarter(image), few); },
+      [&](const PatchImage& image) { return from_above(quarter(image), some); },
+      [&](const PatchImage& image) { return straight(half(image), many); },
+      [&](const PatchImage& image) { return from_above(half(image), few); }};
   for (size_t effort = 0; effort < std::size(efforts) && !IsStopRequested(stop); ++effort) {
     // So few views are cheap enough to try everything.
     const bool nothing = images.size() > kFewViews && links.Planes(false).empty();

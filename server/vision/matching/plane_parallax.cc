@@ -8,6 +8,7 @@
 #include <random>
 #include <set>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/geometry/plucker_line.h"
 #include "server/vision/matching/homography.h"
 
@@ -227,6 +228,7 @@ Support SearchEpipole(const std::vector<Vote>& votes,
     return static_cast<size_t>(u * u * static_cast<double>(by_weight.size()));
   };
   for (int h = 0; h < options.hypotheses; ++h) {
+    LeaveIfStopped();
     const Vote& v = by_weight[draw()];
     const Vote& w = by_weight[draw()];
     if (v.candidate->index_a == w.candidate->index_a ||

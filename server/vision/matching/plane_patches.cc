@@ -12,6 +12,9 @@
 #include <utility>
 #include <vector>
 
+#include "server/base/stop_scope.h"
+#include "server/vision/features/image_strips.h"
+
 namespace horopter {
 namespace {
 
@@ -277,6 +280,7 @@ std::vector<PatchMatch> MatchPatches(const PatchImage& a,
   const double area = static_cast<double>(rows_a) * cols_a;
   const int step = std::max(round.step, static_cast<int>(std::sqrt(area / kMaxPatches)));
   for (int y = kSide / 2; y < rows_a - kSide / 2; y += step) {
+    LeaveIfStopped();
     for (int x = kSide / 2; x < cols_a - kSide / 2; x += step) {
       // The same points in all pairs of a view, so that they become tracks through many views.
       const Eigen::Vector2d center(x, y);
@@ -361,16 +365,6 @@ void SumAlong(std::vector<std::int32_t>* in) {
   }
 }
 
-// An odd last column or row is left out, so that u_half = (u - 0.5) / 2.
-cv::Mat HalfSize(const cv::Mat& grey) {
-  const cv::Size half(std::max(1, grey.cols / 2), std::max(1, grey.rows / 2));
-  const cv::Rect even(
-      0, 0, std::min(grey.cols, 2 * half.width), std::min(grey.rows, 2 * half.height));
-  cv::Mat out;
-  cv::resize(grey(even), out, half, 0, 0, cv::INTER_AREA);
-  return out;
-}
-
 // grey: CV_8UC1.
 PatchImage::Level PrepareLevel(const cv::Mat& grey) {
   PatchImage::Level level;
@@ -378,11 +372,14 @@ PatchImage::Level PrepareLevel(const cv::Mat& grey) {
   cv::Mat padded;
   cv::copyMakeBorder(
       grey, padded, 0, kPadding, 0, kPadding, cv::BORDER_CONSTANT, cv::Scalar(kMiddle));
-  padded.convertTo(level.value, CV_32F, 1.0, -kMiddle);
-  level.inverse_spread = cv::Mat::zeros(grey.size(), CV_32FC1);
+  level.value = ConvertInStrips(padded, CV_32F, 1.0, -kMiddle);
+  level.inverse_spread.create(grey.size(), CV_32FC1);
+  ForEachStrip(grey.size(),
+               [&](const cv::Range& rows) { level.inverse_spread.rowRange(rows).setTo(0.0); });
   const int cols = grey.cols;
   std::vector<std::int32_t> column(cols, 0), column_squares(cols, 0), sums, squares;
   for (int y = 0; y < grey.rows; ++y) {
+    LeaveIfStopped();
     const float* enter = level.value.ptr<float>(y);
     const float* leave = y >= kSide ? level.value.ptr<float>(y - kSide) : nullptr;
     for (int x = 0; x < cols; ++x) {
@@ -426,10 +423,22 @@ bool Repeats(const PatchImage::Level& level, const Template& t, int x, int y) {
 
 }  // namespace
 
+cv::Mat HalfSize(const cv::Mat& grey) {
+  const cv::Size half(std::max(1, grey.cols / 2), std::max(1, grey.rows / 2));
+  const cv::Rect even(
+      0, 0, std::min(grey.cols, 2 * half.width), std::min(grey.rows, 2 * half.height));
+  if (even.height < 2 || even.width < 2) {
+    cv::Mat out;
+    cv::resize(grey(even), out, half, 0, 0, cv::INTER_AREA);
+    return out;
+  }
+  return ShrinkInStrips(grey(even), 2);
+}
+
 PatchImage PreparePatches(const cv::Mat& image) {
   PatchImage out;
-  cv::Mat grey = image;
-  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
+  const cv::Mat grey =
+      image.channels() == 3 ? RecolourInStrips(image, cv::COLOR_BGR2GRAY, 1) : image;
   const cv::Mat normalized = NormalizeLocalContrast(grey);
   out.normalized_half = HalfSize(normalized);
   out.normalized_quarter = HalfSize(out.normalized_half);

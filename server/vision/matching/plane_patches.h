@@ -22,6 +22,9 @@ struct PatchImage {
   Level levels[2];
 };
 
+// An odd last column or row is left out, so that u_half = (u - 0.5) / 2.
+cv::Mat HalfSize(const cv::Mat& grey);
+
 // image: CV_8UC1 or CV_8UC3.
 PatchImage PreparePatches(const cv::Mat& image);
 

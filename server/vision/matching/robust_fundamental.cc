@@ -8,6 +8,7 @@
 #include <numeric>
 #include <random>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/geometry/fundamental_matrix.h"
 #include "server/vision/matching/homography.h"
 
@@ -64,6 +65,7 @@ int OffHomography(const std::vector<WeightedMatch>& inliers, double limit_px, un
   std::mt19937 rng(seed);
   int most = 0;
   for (int h = 0; h < kHomographySamples; ++h) {
+    LeaveIfStopped();
     std::array<PointPair, 4> sample;
     std::array<int, 4> index{};
     for (int k = 0; k < 4; ++k) {
@@ -100,6 +102,7 @@ class Search {
 
   bool Run() {
     for (int h = 0; h < options_.hypotheses; ++h) {
+      LeaveIfStopped();
       std::array<Eigen::Vector2d, 7> a, b;
       if (!Draw(&a, &b)) continue;
       for (const Eigen::Matrix3d& F : SevenPoint(a, b)) {

@@ -7,6 +7,8 @@
 #include <opencv2/imgproc.hpp>
 #include <set>
 
+#include "server/vision/features/image_strips.h"
+
 namespace horopter {
 namespace {
 
@@ -38,11 +40,13 @@ std::vector<int> NearestOf(const std::vector<JunctionPatch::Code>& from,
 
 OverlapSketch SketchForOverlap(const cv::Mat& image, std::span<const JunctionPatch> patches) {
   OverlapSketch sketch;
-  cv::Mat grey = image;
-  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
+  const cv::Mat grey =
+      image.channels() == 3 ? RecolourInStrips(image, cv::COLOR_BGR2GRAY, 1) : image;
   const double scale = std::min(1.0, static_cast<double>(kSketchWidth) / grey.cols);
-  cv::Mat small;
-  cv::resize(NormalizeLocalContrast(grey), small, cv::Size(), scale, scale, cv::INTER_AREA);
+  cv::Mat normalized = NormalizeLocalContrast(grey), small;
+  const int factor = StripFactor(normalized.size(), scale);
+  if (factor > 1) normalized = ShrinkInStrips(normalized, factor);
+  cv::resize(normalized, small, cv::Size(), factor * scale, factor * scale, cv::INTER_AREA);
   MatchingOptions options;
   options.max_keypoints = kKeypoints;
   options.sift_contrast *= kContrast;

@@ -142,5 +142,26 @@ TEST(WorkerPool, AJobWhoseTurnWouldComeAfterItsDeadlineIsRefused) {
   open.set_value();
 }
 
+TEST(WorkerPool, AJobThatWouldWaitLongerThanItMayIsRefusedThoughTheQueueHasPlaces) {
+  WorkerPool pool(2, 10, /*max_wait_jobs=*/0.5);
+  // Teaches the pool that jobs take 400 ms.
+  const auto slow = [] { std::this_thread::sleep_for(std::chrono::milliseconds(400)); };
+  EXPECT_EQ(pool.TrySubmit(slow).admission, Admission::kAccepted);
+  while (pool.load().running + pool.load().waiting > 0) std::this_thread::yield();
+  std::promise<void> open;
+  const std::shared_future<void> gate = open.get_future().share();
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_EQ(pool.TrySubmit([gate] { gate.wait(); }).admission, Admission::kAccepted);
+  }
+  EXPECT_TRUE(pool.IsFull({})) << "both threads have just begun";
+  EXPECT_EQ(pool.TrySubmit([] {}).admission, Admission::kQueueFull);
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  EXPECT_FALSE(pool.IsFull({})) << "both are nearly done, by what is known";
+  EXPECT_EQ(pool.TrySubmit([] {}).admission, Admission::kAccepted);
+  EXPECT_EQ(pool.TrySubmit([] {}).admission, Admission::kAccepted) << "one for each thread";
+  EXPECT_EQ(pool.TrySubmit([] {}).admission, Admission::kQueueFull);
+  open.set_value();
+}
+
 }  // namespace
 }  // namespace horopter

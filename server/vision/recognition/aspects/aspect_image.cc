@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/parallel_for.h"
+#include "server/vision/features/image_strips.h"
 #include "server/vision/recognition/aspects/edge_pixels.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
 #include "server/vision/recognition/aspects/texture_border.h"
@@ -17,16 +18,13 @@ constexpr float kPi = 3.14159265358979f;
 
 cv::Mat AsBgr(const cv::Mat& image) {
   if (image.depth() != CV_8U) return {};
-  cv::Mat bgr;
   switch (image.channels()) {
     case 1:
-      cv::cvtColor(image, bgr, cv::COLOR_GRAY2BGR);
-      return bgr;
+      return RecolourInStrips(image, cv::COLOR_GRAY2BGR, 3);
     case 3:
       return image;
     case 4:
-      cv::cvtColor(image, bgr, cv::COLOR_BGRA2BGR);
-      return bgr;
+      return RecolourInStrips(image, cv::COLOR_BGRA2BGR, 3);
     default:
       return {};
   }
@@ -343,7 +341,9 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& give
     const bool larger = out.working_from_image > 1.0;
     const int width = std::max(1, static_cast<int>(std::lround(bgr.cols * out.working_from_image)));
     const int height =
-        std::max(1, static_cast<int>(std::lround(bgr.rows * out.working_from_image)));
+        std::max(1, static_cast<int>(std::lround(image.rows * out.working_from_image)));
+    const int factor = larger ? 1 : StripFactor(bgr.size(), out.working_from_image);
+    if (factor > 1) bgr = ShrinkInStrips(bgr, factor);
     cv::Mat scaled;
     cv::resize(
         bgr, scaled, cv::Size(width, height), 0, 0, larger ? cv::INTER_CUBIC : cv::INTER_AREA);

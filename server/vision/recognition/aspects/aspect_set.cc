@@ -108,6 +108,7 @@ std::vector<Vector3d> Directions(int count, std::span<const Rigid3> symmetries) 
   const double near = std::cos(spacing);
   std::vector<Vector3d> kept;
   for (const Vector3d& d : SphereDirections(kCandidates * count)) {
+    LeaveIfStopped();
     const auto is_near = [&](const Vector3d& equal) {
       return std::any_of(
           kept.begin(), kept.end(), [&](const Vector3d& k) { return k.dot(equal) > near; });

@@ -18,6 +18,7 @@ namespace horopter {
 namespace {
 
 constexpr int kAspectPixels = 160;  // side of the rendering that tells which edges an aspect shows
+constexpr int kPathsPerLook = 64;   // at the stop flag
 // A point this far behind the nearest surface (share of the diameter) is hidden.
 constexpr double kSameVertex = 1e-3;  // diameters
 
@@ -115,6 +116,7 @@ void FindPaths(const PrepareOptions& options, PreparedObject* object) {
     incident[edge.end_vertex].emplace_back(e, edge.start_vertex);
   }
   for (int b = 0; b < static_cast<int>(incident.size()); ++b) {
+    LeaveIfStopped();
     for (std::size_t i = 0; i < incident[b].size(); ++i) {
       for (std::size_t j = i + 1; j < incident[b].size(); ++j) {
         VertexPath p;
@@ -172,11 +174,14 @@ void FindDistinctPaths(PreparedObject* object) {
   const VertexFinder finder(model);
   std::vector<std::vector<int>> images;  // of the vertices, per symmetry
   for (const Rigid3& s : model.symmetries) {
+    LeaveIfStopped();
     images.emplace_back();
     for (const Eigen::Vector3d& v : model.vertices) images.back().push_back(finder.At(s * v));
   }
   std::set<std::array<int, 3>> seen;
+  StopPacer pacer(kPathsPerLook);
   for (int i = 0; i < static_cast<int>(object->paths.size()); ++i) {
+    pacer.Step();
     const VertexPath& path = object->paths[i];
     if (seen.count({path.a, path.b, path.c}) > 0) continue;
     object->distinct_paths.push_back(i);
@@ -213,6 +218,7 @@ void FillEdgeVisibility(PreparedObject* object) {
   std::vector<int> per_edge(edges, 0), seen(edges, 0);
   for (const EdgeSample& s : object->samples) ++per_edge[s.edge];
   for (int aspect = 0; aspect < kAspectCount; ++aspect) {
+    LeaveIfStopped();
     const std::uint64_t* bits = object->VisibleBits(aspect);
     std::fill(seen.begin(), seen.end(), 0);
     for (std::size_t i = 0; i < object->samples.size(); ++i) {

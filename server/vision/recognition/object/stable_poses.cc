@@ -7,6 +7,7 @@
 #include <set>
 #include <utility>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
@@ -81,6 +82,7 @@ std::vector<Facet> ConvexHull(const std::vector<Eigen::Vector3d>& p) {
   add(s[0], s[2], s[3]);
   add(s[1], s[2], s[3]);
   for (int i = 0; i < static_cast<int>(p.size()); ++i) {
+    LeaveIfStopped();
     std::set<std::pair<int, int>> open_edges;
     std::vector<Facet> kept;
     for (const Facet& f : facets) {
@@ -180,6 +182,7 @@ std::vector<StablePose> WithFewRolling(std::vector<StablePose> poses, double ext
               });
   }
   for (double spacing = 0.0;; spacing += kRollStep) {
+    LeaveIfStopped();
     std::vector<StablePose> kept;
     int rolling = 0;
     for (const StablePose& p : poses) {
@@ -211,6 +214,7 @@ std::vector<StablePose> FindStablePoses(const TriangleMesh& mesh) {
 
   std::vector<Eigen::Vector3d> seen;
   for (const Facet& f : ConvexHull(points)) {
+    LeaveIfStopped();
     if (f.normal.squaredNorm() < 0.5) continue;
     if (std::any_of(
             seen.begin(), seen.end(), [&](const auto& n) { return n.dot(f.normal) > kMergeCos; })) {

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/features/image_strips.h"
 #include "server/vision/geometry/hidden_tolerance.h"
 #include "server/vision/recognition/learnt_constants.h"
 
@@ -315,7 +316,13 @@ std::shared_ptr<const SurfaceImages> MakeSurfaceImages(std::span<const cv::Mat> 
   ParallelFor(static_cast<int>(images.size()), threads, [&](int v) {
     cv::Mat image = images[v];
     const double size = std::min(1.0, kMostWidth / image.cols);
-    if (size < 1.0) cv::resize(images[v], image, {}, size, size, cv::INTER_AREA);
+    if (size < 1.0) {
+      const int factor = StripFactor(image.size(), size);
+      if (factor > 1) image = ShrinkInStrips(image, factor);
+      cv::Mat reduced;
+      cv::resize(image, reduced, {}, factor * size, factor * size, cv::INTER_AREA);
+      image = reduced;
+    }
     if (image.channels() == 3) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
     cv::Mat& grey = out->grey[v];
     image.convertTo(grey, CV_32F);
