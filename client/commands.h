@@ -91,8 +91,8 @@ struct RecognizeArguments {
   // reference.
   std::vector<std::string> reference;
   CameraArguments cameras;
-  bool cropped = false;      // the images are cut-outs
-  bool ignore_exif = false;  // what their files say of the cameras is not used
+  bool cropped = false;                      // the images are cut-outs
+  bool ignore_exif = false;                  // what their files say of the cameras is not used
   std::string station;                       // whose cameras took the images; empty: none
   std::vector<std::string> station_cameras;  // ids, one per image
 };
