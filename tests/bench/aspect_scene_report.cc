@@ -7,7 +7,9 @@
 //     --hypotheses  keeps the hypotheses of the images between runs
 //     --bar         least joint score that is written (default 0: all)
 //     --standing    AspectLinkOptions::standing
-//     --searched    views of a scene that are searched for all parts (default 0: all)
+//     --as-needed   views are searched for all parts only as linking asks for them, as in a
+//     request;
+//                   without: all are
 //     --overlays    DIR: what cameras should see of the true poses, one file an image: found edges
 //     green
 //                   (contours) and cyan (creases), missing ones red and orange
@@ -38,7 +40,7 @@ struct Arguments {
   int threads = 2;
   double bar = 0.0;
   int standing = AspectLinkOptions{}.standing;
-  int searched = 0;
+  bool as_needed = false;
   bool without_truth = false;
 };
 
@@ -295,9 +297,9 @@ absl::Status Run(const Arguments& arguments) {
                             ++searched;
                             return hypotheses[v];
                           }};
-    if (arguments.searched == 0) input = {images, priors, hypotheses, parts};
+    if (!arguments.as_needed) input = {images, priors, hypotheses, parts};
     const LinkedScene linked = LinkAspects(input, options);
-    if (arguments.searched != 0)
+    if (arguments.as_needed)
       std::cout << "   searched " << searched << " of " << images.size() << "\n";
     std::string focal;
     for (std::size_t v = 0; v < linked.views.size(); ++v) {
@@ -354,7 +356,7 @@ int main(int argc, char** argv) {
   app.add_option("--overlays", arguments.overlays);
   app.add_option("--bar", arguments.bar);
   app.add_option("--standing", arguments.standing);
-  app.add_option("--searched", arguments.searched);
+  app.add_flag("--as-needed", arguments.as_needed);
   app.add_flag("--without-truth", arguments.without_truth);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);

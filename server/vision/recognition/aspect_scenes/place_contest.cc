@@ -1,7 +1,6 @@
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numeric>
 #include <utility>
@@ -56,24 +55,28 @@ bool PlaceContest::IsAccepted(const LinkedScene& scene,
   });
 }
 
+std::vector<PlaceContest::Rated> PlaceContest::Settled(
+    const LinkedScene& scene, const std::vector<AspectSceneObject>& candidates) const {
+  std::vector<Rated> out(candidates.size());
+  ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
+    auto settled = objects_.Settled(scene.views, candidates[i]);
+    if (!settled) return;
+    out[i] = {settled->placed,
+              objects_.JudgeOne(scene.views, settled->placed, {}, settled->rendered).score};
+  });
+  return out;
+}
+
 bool PlaceContest::Contest(LinkedScene* scene) const {
   bool replaced = false;
   for (LinkedObject& o : scene->objects) {
-    const std::vector<AspectSceneObject> others = BetterInOneView(*scene, o);
-    std::vector<double> scores(others.size(), 0.0);
-    std::vector<AspectSceneObject> settled = others;
-    ParallelFor(static_cast<int>(others.size()), options_.threads, [&](int r) {
-      auto found = objects_.Settled(scene->views, others[r]);
-      if (!found) return;
-      settled[r] = found->placed;
-      scores[r] = objects_.JudgeOne(scene->views, settled[r], {}, found->rendered).score;
-    });
-    if (scores.empty()) continue;
+    const std::vector<Rated> others = Settled(*scene, BetterInOneView(*scene, o));
+    if (others.empty()) continue;
     const double own = objects_.JudgeOne(scene->views, {o.object, o.scene_from_object}).score;
-    const auto best = std::max_element(scores.begin(), scores.end());
-    if (*best < own + kReplacingScore) continue;
-    o.object = settled[best - scores.begin()].object;
-    o.scene_from_object = settled[best - scores.begin()].scene_from_object;
+    const auto best = std::max_element(others.begin(), others.end(), IsWorse);
+    if (best->score < own + kReplacingScore) continue;
+    o.object = best->placed.object;
+    o.scene_from_object = best->placed.scene_from_object;
     replaced = true;
   }
   return replaced;
@@ -140,18 +143,17 @@ void PlaceContest::FindBestCompeting(LinkedScene* scene) const {
     std::vector<int> order(best.size());
     std::iota(order.begin(), order.end(), 0);
     std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return best[a] > best[b]; });
-    constexpr int kJudged = 4;  // best ones that are judged in full; chosen, for time
-    std::array<double, kJudged> scores{};
-    ParallelFor(kJudged, options_.threads, [&](int k) {
-      if (k >= static_cast<int>(order.size()) || best[order[k]] <= 0.0) return;
-      auto settled = objects_.Settled(scene->views, candidates[order[k]]);
-      if (!settled) return;
-      scores[k] = objects_.JudgeOne(scene->views, settled->placed, {}, settled->rendered).score;
-    });
-    const auto most = std::max_element(scores.begin(), scores.end());
-    if (*most <= 0.0) continue;
-    o.competing_score = *most;
-    o.competing_object = order[most - scores.begin()];
+    constexpr std::size_t kJudged = 4;  // best ones that are judged in full; chosen, for time
+    std::vector<AspectSceneObject> judged;
+    for (const int k : order) {
+      if (judged.size() >= kJudged || best[k] <= 0.0) break;
+      judged.push_back(candidates[k]);
+    }
+    const std::vector<Rated> others = Settled(*scene, judged);
+    const auto most = std::max_element(others.begin(), others.end(), IsWorse);
+    if (most == others.end() || most->score <= 0.0) continue;
+    o.competing_score = most->score;
+    o.competing_object = most->placed.object;
   }
 }
 

@@ -27,6 +27,14 @@ class PlaceContest {
   void FindBestCompeting(LinkedScene* scene) const;
 
  private:
+  struct Rated {
+    AspectSceneObject placed;
+    double score = 0.0;  // in all views; 0: too few of its edges are there
+  };
+  static bool IsWorse(const Rated& a, const Rated& b) { return a.score < b.score; }
+  // Candidates adjusted to all views and judged there, in their order.
+  std::vector<Rated> Settled(const LinkedScene& scene,
+                             const std::vector<AspectSceneObject>& candidates) const;
   const RenderMesh& MeshOf(int object) const { return in_.parts[object].object->mesh; }
   // Whether the scene has this object in this place.
   bool IsAccepted(const LinkedScene& scene, int object, const Eigen::Vector3d& center) const;
