@@ -14,6 +14,7 @@ import sys
 LONG = 60  # lines of a function that is long
 ROOMS = "server/vision/recognition"
 FUNCTIONS_IN = ["server", "client", "db"]
+MATHEMATICAL = ["kPi", "kHalfPi", "kTwoPi", "kDegrees", "kInfinity"]  # constants that need no reason
 OPTIONS = re.compile(r"\bstruct (\w*(?:Options|Acceptance|Routes))\b[^{;]*\{")
 
 
@@ -79,12 +80,13 @@ def print_functions(root):
 
 def bare_constants(path):
     """How many named constants a file has, and the lines of those that no comment explains: neither their own line nor one
-    above them or above the constants just before them."""
+    above them or above the constants just before them. Those of mathematics explain themselves."""
     with open(path, encoding="utf-8") as file:
         lines = file.read().split("\n")
     count, bare = 0, []
     for i, line in enumerate(lines):
-        if not re.match(r"\s*(static |inline )*constexpr\b.*\bk[A-Z]\w*\s*[={\[]", line):
+        named = re.match(r"\s*(static |inline )*constexpr\b.*?\b(k[A-Z]\w*)\s*[={\[]", line)
+        if not named or named.group(2) in MATHEMATICAL:
             continue
         count += 1
         end = i

@@ -48,7 +48,8 @@ class Tree(unittest.TestCase):
 class Constants(unittest.TestCase):
     def test_a_comment_beside_or_above_explains_and_one_above_a_run_explains_all_of_it(self):
         text = ("// of both\nconstexpr int kA = 1;\nconstexpr int kB = 2;\n\nconstexpr int kC = 3;\n"
-                "constexpr int kD = 4;  // metres\nconstexpr int kE = 5;\n")
+                "constexpr int kD = 4;  // metres\nconstexpr int kE = 5;\n"
+                "constexpr double kPi = std::numbers::pi;\n")
         with tempfile.TemporaryDirectory() as root:
             path = os.path.join(root, "a.cc")
             with open(path, "w", encoding="utf-8") as file:

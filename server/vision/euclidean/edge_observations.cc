@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kMaxTurnRad = 0.35;  // between a sample's and its edge point's direction
 constexpr double kEndOn = 0.05;       // sine of the angle between edge and ray
-constexpr double kMinDepthM = 1e-3;
+constexpr double kMinDepthM = 1e-3;   // nearer to the camera nothing is projected
 
 PinholeCamera WorkingCamera(const PinholeCamera& camera, const EdgeGrid& grid) {
   const double s = grid.working_from_image();

@@ -31,7 +31,7 @@ class EdgeGrid {
                            double reach_px,
                            double max_turn_rad) const;
 
-  static constexpr double kCellPx = 8.0;
+  static constexpr double kCellPx = 8.0;  // working px; the reach of a search
 
  private:
   double scale_ = 1.0;

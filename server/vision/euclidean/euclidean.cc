@@ -15,11 +15,11 @@
 namespace horopter {
 namespace {
 
-constexpr double kK1Sigma = 0.03;
-constexpr double kHintedCenterSigmaPx = 1.0;
-constexpr double kHintedK1Sigma = 0.002;
-constexpr double kUnknownSigma = 1e6;  // of what another prior says
-constexpr std::size_t kFewestEdges = 8;
+constexpr double kK1Sigma = 0.03;             // of a lens nobody knows
+constexpr double kHintedCenterSigmaPx = 1.0;  // of a calibrated camera
+constexpr double kHintedK1Sigma = 0.002;      // of a calibrated camera
+constexpr double kUnknownSigma = 1e6;         // of what another prior says
+constexpr std::size_t kFewestEdges = 8;       // one over a pose with its focal length
 // Of the rotation between two poses: below it they are different representatives (2.6 degrees; an
 // axis of revolution turns by the pose's own noise).
 constexpr double kSameTurnTrace = 2.998;

@@ -10,8 +10,8 @@
 namespace horopter {
 namespace {
 
-constexpr double kNormalFromMad = 1.4826;
-constexpr double kUnknownLimits = 18.0;  // deviation of what nothing determines, in limits of it
+constexpr double kNormalFromMad = 1.4826;  // median absolute deviation to that of normal noise
+constexpr double kUnknownLimits = 18.0;    // deviation of what nothing determines, in limits of it
 
 // Covariance of the perturbation of a_from_object at the object's centre, a: camera `view`.
 Matrix6d InCamera(const SceneBundle& bundle, const SceneCovariance& c, int view, int object) {

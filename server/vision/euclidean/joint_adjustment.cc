@@ -10,6 +10,7 @@ namespace {
 
 // Prior of the joint adjustment: photographs are rarely cut out.
 constexpr double kCenterSigma = 0.016;  // of the width
+// Of ln f about 1.2 widths; wide, as nothing is known of the lens.
 constexpr double kFocalLogSigma = 0.7;
 constexpr double kAlonePx = 1e3;  // spacing of observations that each count by themselves
 

@@ -12,15 +12,15 @@ namespace horopter {
 namespace {
 
 constexpr double kMedianOfChiSquare2 = 1.386;  // two degrees of freedom
-constexpr double kOutlierSigmas = 3.0;
-constexpr int kTrims = 2;
+constexpr double kOutlierSigmas = 3.0;  // of the scatter; further ones are left out of a cell
+constexpr int kTrims = 2;               // of outliers
 constexpr double kLeastSigmaPx = 0.02;  // of one match
 // A match's offset is stored times its information: what is asked back along the edges of its patch
 // is bounded by this.
 constexpr double kLeastInformation = 0.002;
 constexpr double kNoInformation = 1e-6;  // keeps matrices regular
 constexpr double kAspect = 0.75;         // of an image, about
-constexpr double kMostColumns = 12.0;
+constexpr double kMostColumns = 12.0;    // of cells across an image: more hold single matches
 
 // What a patch's structure says beyond `noise_share`, of its strongest direction.
 Eigen::Matrix2d BeyondNoise(const Eigen::Matrix2d& structure, double noise_share) {
@@ -83,7 +83,7 @@ std::map<int, Heap> SortIntoCells(const PlaneHomography& pair, double cell_px, d
       m.information = BeyondNoise(pair.information[i], noise_share);
     }
     if (!a.allFinite() || !m.offset.allFinite()) continue;
-    constexpr int kStride = 1 << 12;
+    constexpr int kStride = 1 << 12;  // columns fit below it
     const int cell = static_cast<int>(std::floor(a.y() / cell_px)) * kStride +
                      static_cast<int>(std::floor(a.x() / cell_px));
     heaps[cell].matches.push_back(m);

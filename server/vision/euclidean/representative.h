@@ -14,7 +14,7 @@ struct RevolutionAxis {
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
 };
-inline constexpr int kRevolutionSteps = 17;
+inline constexpr int kRevolutionSteps = 17;  // rotations about an axis of revolution
 std::optional<RevolutionAxis> FindRevolutionAxis(const ObjectModel& model);
 
 // Among camera_from_object * S over the symmetries S (any angle about an axis of revolution), the

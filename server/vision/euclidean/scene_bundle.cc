@@ -16,6 +16,7 @@ namespace {
 constexpr double kCorrelationPx = 12.0;
 constexpr double kMinDepthM = 1e-4;
 constexpr double kBehindSigmas = 1e4;  // stands for the residual of a point behind its camera
+// Parameters that an edge point depends on.
 constexpr int kEdgeRow = kViewParameters + kObjectParameters;
 using EdgeMatrix = Eigen::Matrix<double, kEdgeRow, kEdgeRow>;
 using EdgeVector = Eigen::Matrix<double, kEdgeRow, 1>;

@@ -40,7 +40,7 @@ struct SceneCovariance {
   EdgeScatter scatter;
 };
 
-inline constexpr double kUnknownTurnRad = 3.14;
+inline constexpr double kUnknownTurnRad = 3.14;  // half a turn: nothing is known
 
 // Of the robust estimate that AdjustBundle makes: H^-1 V H^-1 (Huber's sandwich), H the weighted
 // normal matrix, V the covariance of its right side. Points of one edge in one view err in common

@@ -48,7 +48,7 @@ bool OneCamera(const SceneBundle& bundle,
   Eigen::VectorXd log_focals(static_cast<Eigen::Index>(views.size()));
   for (std::size_t i = 0; i < views.size(); ++i)
     log_focals(static_cast<Eigen::Index>(i)) = std::log(bundle.views[views[i]].camera.focal_px);
-  constexpr int kLogFocal = 6;
+  constexpr int kLogFocal = 6;  // place in a view's block of parameters
   Differences focal = DifferencesOf(views, log_focals, covariance, kLogFocal);
   focal.covariance *= options.widening * options.widening;
   const double same = LogLikelihood(focal, options.same_log_focal),

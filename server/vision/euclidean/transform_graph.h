@@ -26,7 +26,7 @@ struct LoopGap {
 //   graph.Connect(base, part, base_from_part, graph.AddUncertainty(covariance));
 class TransformGraph {
  public:
-  static constexpr int kExact = -1;
+  static constexpr int kExact = -1;  // no column: the pose is certain
 
   int AddFrame(std::string name);
   // Extends the covariance by a block that is independent of the rest; its first column.

@@ -20,11 +20,11 @@
 namespace horopter {
 namespace {
 
-constexpr double kQuickRenderPx = 110.0;
-constexpr double kRenderPx = 200.0;      // as scores that are answered
-constexpr std::size_t kSettled = 4;      // hypotheses adjusted to all views
-constexpr double kSamePlace = 0.4;       // of the smaller diameter: nearer centres are one place
-constexpr double kSureFocalSigma = 0.1;  // a focal length known better is not searched for
+constexpr double kQuickRenderPx = 110.0;  // diameter of what is compared first; for time
+constexpr double kRenderPx = 200.0;       // as scores that are answered
+constexpr std::size_t kSettled = 4;       // hypotheses adjusted to all views
+constexpr double kSamePlace = 0.4;        // of the smaller diameter: nearer centres are one place
+constexpr double kSureFocalSigma = 0.1;   // a focal length known better is not searched for
 
 // A pose of the object under cameras of one scene.
 struct Placement {

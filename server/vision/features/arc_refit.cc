@@ -10,8 +10,8 @@
 namespace horopter {
 namespace {
 
-constexpr double kNearPx = 1.5;
-constexpr std::size_t kFewestPoints = 12;
+constexpr double kNearPx = 1.5;  // chain points this near are the arc's, and it must fit them
+constexpr std::size_t kFewestPoints = 12;  // over twice the five of an ellipse
 
 bool IsInSweep(const EllipseArc& arc, const EllipseFrame& frame, const Eigen::Vector2d& point) {
   const Eigen::Vector2d unit = frame.inverse * (point - frame.center);

@@ -11,17 +11,17 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinPoints = 12;
-constexpr double kMaxTurn = 1.25;  // between neighbouring chords of one run
-constexpr double kMaxSemiMajorPx = 2000.0;
-constexpr double kMinRadiusPx = 1.2;  // smallest radius of curvature, b^2 / a
-constexpr double kSurelyRound = 2.6;  // an arc that turns this far is no corner
-constexpr size_t kMaxFitPoints = 48;  // longer arcs are thinned for the fit
-constexpr double kMaxTried = 0.85;    // of a run by runs of other channels tried before
-constexpr size_t kMaxRuns = 1500;
-constexpr int kMaxDropped = 4;  // chords, in all
-constexpr double kTurnShare = 0.6;
-constexpr double kChordPx = 0.6;  // how closely chords follow a run
+constexpr int kMinPoints = 12;              // over twice the five of an ellipse
+constexpr double kMaxTurn = 1.25;           // between neighbouring chords of one run
+constexpr double kMaxSemiMajorPx = 2000.0;  // larger ones are straight within an image
+constexpr double kMinRadiusPx = 1.2;        // smallest radius of curvature, b^2 / a
+constexpr double kSurelyRound = 2.6;        // an arc that turns this far is no corner
+constexpr size_t kMaxFitPoints = 48;        // longer arcs are thinned for the fit
+constexpr double kMaxTried = 0.85;          // of a run by runs of other channels tried before
+constexpr size_t kMaxRuns = 1500;           // longest first; for time
+constexpr int kMaxDropped = 4;              // chords, in all
+constexpr double kTurnShare = 0.6;  // of the least sweep: the chords at both ends miss some of it
+constexpr double kChordPx = 0.6;    // how closely chords follow a run
 
 using Points = std::vector<Eigen::Vector2f>;
 
@@ -65,8 +65,8 @@ double LineRms(const Eigen::Vector2f* begin, size_t count) {
 // An ellipse also hugs the rounded corner of two straight edges: two lines that meet at the point
 // farthest from the chord must fit clearly worse.
 bool IsCorner(const Eigen::Vector2f* begin, size_t count, const EllipseArc& arc) {
-  constexpr size_t kApexSkip = 3;  // points left out on each side of a corner's tip
-  constexpr double kStraightRmsPx = 0.25;
+  constexpr size_t kApexSkip = 3;          // points left out on each side of a corner's tip
+  constexpr double kStraightRmsPx = 0.25;  // two straight pieces that fit as well are a corner
   if (arc.sweep_rad > kSurelyRound) {
     return false;
   }
@@ -177,12 +177,12 @@ struct Bow {
   float weight = 0.0f;
 };
 
-constexpr int kMinBowPoints = 7;
-constexpr int kMaxBowPoints = 60;
-constexpr double kMinBowTurn = 0.25;
-constexpr double kMaxBowTurn = 0.85;  // between its chords: more is a corner
-constexpr float kMinFacing = 0.25f;   // sine of half the angle between two bows of a rim
-constexpr size_t kMaxPairFitPoints = 24;
+constexpr int kMinBowPoints = 7;          // to have a direction at both ends
+constexpr int kMaxBowPoints = 60;         // longer ones are runs of their own
+constexpr double kMinBowTurn = 0.25;      // rad; less may be a straight edge's noise
+constexpr double kMaxBowTurn = 0.85;      // between its chords: more is a corner
+constexpr float kMinFacing = 0.25f;       // sine of half the angle between two bows of a rim
+constexpr size_t kMaxPairFitPoints = 24;  // of a pair of bows; for time
 
 void CollectBows(const EdgeChain& chain,
                  const std::vector<ChainPiece>& pieces,

@@ -17,7 +17,7 @@ double ArcLength(const EllipseArc& arc) {
 
 // Two guesses this near grow into the same rim.
 bool SameEllipse(const EllipseArc& a, const EllipseArc& b) {
-  constexpr double kSamePx = 1.0;
+  constexpr double kSamePx = 1.0;  // of centre, axes and ends: below what seeds differ by noise
   return (a.center - b.center).squaredNorm() < kSamePx * kSamePx &&
          std::abs(a.semi_major_px - b.semi_major_px) < kSamePx &&
          std::abs(a.semi_minor_px - b.semi_minor_px) < kSamePx &&

@@ -13,8 +13,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kMaxHalfWidth = 200;
-constexpr int kMinHalfWidth = 2;  // 5 points: as many as an ellipse has parameters
+constexpr int kMaxHalfWidth = 200;  // points; wider windows smooth all corners away
+constexpr int kMinHalfWidth = 2;    // 5 points: as many as an ellipse has parameters
 // A radius below the distance of two points cannot be seen in them.
 constexpr double kMaxCurvature = 1.0;
 // Points that leave their line by less (rms) are on it: what float coordinates round off.
@@ -98,6 +98,7 @@ class WindowMoments {
   double operator()(int i, int j) const { return sums_[i][j]; }
 
  private:
+  // Binomial coefficients.
   static constexpr double kBinomial[5][5] = {
       {1, 0, 0, 0, 0}, {1, 1, 0, 0, 0}, {1, 2, 1, 0, 0}, {1, 3, 3, 1, 0}, {1, 4, 6, 4, 1}};
   std::array<std::array<double, 5>, 5> sums_{};
@@ -124,6 +125,7 @@ std::optional<EllipseArc> WindowEllipse(WindowMoments m) {
   const double sx = std::sqrt(n / m(2, 0)), sy = std::sqrt(n / m(0, 2));
   if (!std::isfinite(sx) || !std::isfinite(sy)) return std::nullopt;
   m.Scale(sx, sy);
+  // Of x and y, of a conic's terms.
   constexpr int kPower[6][2] = {{2, 0}, {1, 1}, {0, 2}, {1, 0}, {0, 1}, {0, 0}};
   Eigen::Matrix<double, 6, 6> scatter;
   for (int r = 0; r < 6; ++r) {

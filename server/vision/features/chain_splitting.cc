@@ -15,7 +15,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kSagittaSigmas = 3.0;
+constexpr double kSagittaSigmas = 3.0;  // of the bow's height, to be no noise
 // Points that double back by more than this share of the piece's extent are no graph over their
 // line: an arc of more than half a turn.
 constexpr double kMaxDoublingBack = 0.1;

@@ -20,13 +20,13 @@ using Matrix5 = Eigen::Matrix<double, 5, 5>;
 using Vector6 = ConicCoefficients;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
-constexpr size_t kMinPoints = 6;
-constexpr int kFootSteps = 12;
-constexpr double kConverged = 1e-10;  // relative step
-constexpr int kMaxCorrelatedLag = 20;
-constexpr double kOnePercent = 2.33;  // of a normal distribution
-constexpr double kTwoLinesShare = 0.3;
-constexpr double kFloatPx = 1e-5;  // what float coordinates hide
+constexpr size_t kMinPoints = 6;        // one over the five of a conic
+constexpr int kFootSteps = 12;          // Newton steps to the nearest point of a conic
+constexpr double kConverged = 1e-10;    // relative step
+constexpr int kMaxCorrelatedLag = 20;   // points along the chain; blur reaches no further
+constexpr double kOnePercent = 2.33;    // of a normal distribution
+constexpr double kTwoLinesShare = 0.3;  // of the line's variance: see LineIsEnough
+constexpr double kFloatPx = 1e-5;       // what float coordinates hide
 // A gradient this small (normalised coordinates, unit norm) is that of a line pair's crossing.
 constexpr double kMinGradient = 1e-3;
 

@@ -9,7 +9,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kTouchPx = 1.0;
+constexpr double kTouchPx = 1.0;  // a line that misses an arc by less touches it
 
 double Wrapped(double angle) {
   const double turn = std::fmod(angle, 2.0 * M_PI);
@@ -55,7 +55,7 @@ Eigen::Matrix2d Covariance(const Segment& segment,
   // the sine is kept from zero.
   const Eigen::Vector2d line_normal(-along.y(), along.x());
   const Eigen::Vector2d arc_normal(-tangent.y(), tangent.x());
-  constexpr double kMinSine = 0.1;
+  constexpr double kMinSine = 0.1;  // of line and tangent; bounds the point's uncertainty
   double sine = along.x() * tangent.y() - along.y() * tangent.x();
   sine = std::copysign(std::max(std::abs(sine), kMinSine), sine);
   // Moving the line by e moves the point along the tangent by e / sine, and the other way about.

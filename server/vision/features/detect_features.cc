@@ -29,7 +29,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinSidePx = 16;
+constexpr int kMinSidePx = 16;  // of an image; smaller ones hold no edge of the least length
 // A piece of which other pieces cover more than this tells nothing new.
 constexpr double kMaxCoveredShare = 0.85;
 // The detector's gradient is a sum over 3x3 pixels (6 x the slope per pixel); a peak of the fit

@@ -9,7 +9,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kOpponentGain = 1.5;
+constexpr double kOpponentGain = 1.5;  // of opponent colours against grey
 
 cv::Mat Opponent(const cv::Mat& bgr, double weight_b, double weight_g, double weight_r) {
   cv::Mat out;
@@ -47,8 +47,8 @@ std::vector<DetectionChannel> MakeDetectionChannels(const cv::Mat& image,
 }
 
 double MedianGradient(const cv::Mat& smooth) {
-  constexpr int kBins = 1024;
-  constexpr float kBinsPerUnit = 8.0f;
+  constexpr int kBins = 1024;           // of the histogram, up to 128
+  constexpr float kBinsPerUnit = 8.0f;  // of |dx| + |dy|
   std::array<int, kBins> histogram{};
   int total = 0;
   for (int y = 1; y + 1 < smooth.rows; y += 2) {

@@ -7,9 +7,9 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinRun = 6;
-constexpr int kTangentReach = 3;  // points on each side
-constexpr uint8_t kFree = 255;
+constexpr int kMinRun = 6;          // px of a chain between what is covered
+constexpr int kTangentReach = 3;    // points on each side
+constexpr uint8_t kFree = 255;      // no direction has this number
 constexpr int kDirections = 180;    // of the occupancy map, over half a turn
 constexpr int kSameDirection = 30;  // in the same units
 

@@ -6,10 +6,10 @@
 namespace horopter {
 namespace {
 
-constexpr uint8_t kFree = 255;
-constexpr int kHalfTurn = 180;
-constexpr int kSameDirection = 30;
-constexpr int kMinRun = 6;
+constexpr uint8_t kFree = 255;      // no direction has this number
+constexpr int kHalfTurn = 180;      // steps of the coarse angle, about a degree each
+constexpr int kSameDirection = 30;  // of these
+constexpr int kMinRun = 6;          // px of a chain between what is covered
 
 }  // namespace
 

@@ -12,11 +12,11 @@ namespace {
 
 // Rows are 16-bit with fixed point so that eight pixels fit a register: smoothed values are 8 x
 // grey level, gradients 4 x the sum over 3x3 pixels.
-constexpr int kPad = 8;             // columns left and right of a row
-constexpr int kMaxGradient = 9800;  // keeps gradient x largest weight inside 16 bits
-constexpr double kUnitsPerSum = 4.0;
-constexpr int kMaxPlanes = 3;
-constexpr int kMaxChannels = 5;
+constexpr int kPad = 8;               // columns left and right of a row
+constexpr int kMaxGradient = 9800;    // keeps gradient x largest weight inside 16 bits
+constexpr double kUnitsPerSum = 4.0;  // units of Size for |dx| + |dy| of one
+constexpr int kMaxPlanes = 3;         // colours of an image
+constexpr int kMaxChannels = 5;       // grey and opponent colours with them
 // P(|dx| + |dy| < t) = erf(t / 2)^2 for standard normal dx, dy.
 constexpr double kQuietShare = 0.05;
 constexpr double kMedianPerQuiet = 1.487 / 0.402;

@@ -21,8 +21,8 @@ struct GradientField {
   std::array<double, 5> median_gradient{};  // what noise and fine texture give
 };
 
-constexpr int kThresholdUnits = 80;
-constexpr double kSlopeUnits = 24.0;
+constexpr int kThresholdUnits = 80;   // the threshold in the magnitude's 16 bits
+constexpr double kSlopeUnits = 24.0;  // a grey level per pixel in the slopes' 16 bits
 
 // Gaussian (binomial, sigma 1) and 3x3 differences. image: CV_8UC1 or CV_8UC3 (BGR), at least 3x3
 // pixels; the border is repeated. Five fields for kEachChannel, one otherwise; a grey image has one

@@ -17,7 +17,7 @@ constexpr uint8_t kSeed = 2;     // ... above `high`
 constexpr uint8_t kTaken = 4;    // on the chain being walked or a finished one
 constexpr uint8_t kLinked = 8;   // on a finished one
 
-constexpr int kBlock = 16;
+constexpr int kBlock = 16;     // px of two vectors
 constexpr int kBuckets = 256;  // of seed strength, an eighth of a threshold wide
 
 struct Pixel {

@@ -11,7 +11,7 @@ namespace horopter {
 namespace {
 
 constexpr double kJoinPx = 2.0;  // another line through the junction must pass this near
-constexpr int kMaxJunctionsPerSegment = 12;
+constexpr int kMaxJunctionsPerSegment = 12;  // more are texture; for time
 
 // Buckets of ids over the image; a point's neighbourhood of 3x3 cells holds everything within one
 // cell size.

@@ -9,10 +9,10 @@
 namespace horopter {
 namespace {
 
-constexpr double kSidePx = 3.0;       // where the colours beside an edge are read
-constexpr double kStrongStep = 40.0;  // grey levels; weaker steps do not tell the blur
-constexpr std::size_t kFewestSteps = 50;
-constexpr double kMostBlurPx = 2.0;
+constexpr double kSidePx = 3.0;           // where the colours beside an edge are read
+constexpr double kStrongStep = 40.0;      // grey levels; weaker steps do not tell the blur
+constexpr std::size_t kFewestSteps = 50;  // strong ones, for their median to say the blur
+constexpr double kMostBlurPx = 2.0;       // deviation that is corrected at most
 // What the detector's smoothing and differences make of a sharp step, all directions together; and
 // which share of the way to the middle of the grey step its steepest place lies. Learned together
 // on parts-train: edges of tiers T1, T2, T3 were 0.40, 0.42, 0.58 of the distance off that the blur
@@ -20,8 +20,8 @@ constexpr double kMostBlurPx = 2.0;
 constexpr double kDetectorWidthPx = 1.3;
 constexpr double kSteepestShare = 0.65;
 constexpr double kMostShiftPx = 0.6;
-constexpr int kTableStep = 8;  // grey levels
-constexpr int kTableSize = 256 / kTableStep + 1;
+constexpr int kTableStep = 8;                     // grey levels
+constexpr int kTableSize = 256 / kTableStep + 1;  // both ends included
 
 double Light(double grey) {
   const double v = grey / 255.0;
@@ -35,6 +35,7 @@ double Grey(double light) {
 // (step at 0 - normalised grey), negated for the dark side.
 double IntegrateShift(double dark, double bright) {
   const double low = Light(dark), high = Light(bright);
+  // Deviations of the blur on each side, and the integral's step.
   constexpr double kReach = 4.0, kStep = 0.1;
   double area = 0.0;
   for (double x = -kReach + 0.5 * kStep; x < kReach; x += kStep) {

@@ -10,16 +10,16 @@
 namespace horopter {
 namespace {
 
-constexpr int kMaxReach = 4;
-constexpr int kOffsets = 2 * kMaxReach + 1;
-constexpr int kHalfWindow = 2;  // places averaged on each side
-constexpr int kMinPlaces = 16;
-constexpr int kMaxPlaces = 1500;
-constexpr float kMaxAlong = 0.6f;  // slope along the curve over the slope across: 31 degrees
-constexpr int kMinSeen = 10;
+constexpr int kMaxReach = 4;                 // px across the curve on each side
+constexpr int kOffsets = 2 * kMaxReach + 1;  // px across the curve in all
+constexpr int kHalfWindow = 2;               // places averaged on each side
+constexpr int kMinPlaces = 16;               // along the curve
+constexpr int kMaxPlaces = 1500;             // along the curve; for time
+constexpr float kMaxAlong = 0.6f;        // slope along the curve over the slope across: 31 degrees
+constexpr int kMinSeen = 10;             // twice the five of an ellipse
 constexpr double kFullStrength = 1.5;    // thresholds; stronger is not surer
 constexpr double kHopelessShare = 0.35;  // of all places seen in the first round
-constexpr size_t kMaxFitPoints = 96;
+constexpr size_t kMaxFitPoints = 96;     // of an ellipse's fit; for time
 // The field's sum over 3x3 pixels is 6 x the slope.
 constexpr float kSumPerSlope = 6.0f / static_cast<float>(kSlopeUnits);
 
@@ -150,8 +150,8 @@ bool IsHopeless(const EllipseArc& seed,
                 std::span<const GradientField> fields,
                 const RimOptions& options,
                 double min_share) {
-  constexpr int kLooks = 24;
-  constexpr int kReach = 2;
+  constexpr int kLooks = 24;  // places along the curve, 15 degrees apart
+  constexpr int kReach = 2;   // px across the curve on each side
   const EllipseFrame frame(seed);
   int seen = 0;
   for (int k = 0; k < kLooks; ++k) {

@@ -7,8 +7,8 @@
 namespace horopter {
 namespace {
 
-constexpr double kCellPx = 32.0;
-constexpr int kMaxRounds = 3;
+constexpr double kCellPx = 32.0;           // of the grid that finds neighbours
+constexpr int kMaxRounds = 3;              // what was merged may merge again
 constexpr size_t kMaxJoinedSamples = 300;  // bounds the cost of long edges seen in all channels
 
 double Strength(const Segment& segment) {

@@ -7,8 +7,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kMaxSamples = 15;
-constexpr double kDistancePx = 3.0;
+constexpr int kMaxSamples = 15;      // along the segment; for time
+constexpr double kDistancePx = 3.0;  // from the segment: beyond its blur
 
 Eigen::Vector3f MedianBeside(const cv::Mat& image, const Segment& segment, double side) {
   const Eigen::Vector2d direction = (segment.end - segment.start).normalized();

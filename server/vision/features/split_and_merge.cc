@@ -99,7 +99,7 @@ std::vector<ChainPiece> SplitAndMerge(std::span<const Eigen::Vector2f> points,
   }
   // A cut belongs where the two lines together fit best.
   for (size_t k = 0; k + 1 < split.size(); ++k) {
-    constexpr int kShift = 4;
+    constexpr int kShift = 4;  // points by which a cut may move
     const int cut = split[k + 1].begin;
     int best = cut;
     double best_square = 1e18;

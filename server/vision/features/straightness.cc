@@ -18,11 +18,11 @@ constexpr int kMaxPoints = 128;      // of a piece; more are thinned
 constexpr double kPointRmsPx = 0.1;  // least deviation of a point, and what correlates neighbours:
 constexpr double kCorrelatedPx = 3.0;  // ... only one point in so many is new
 constexpr double kStepK1 = 1e-4;       // of numerical derivatives
-constexpr double kTukey = 4.685;
-constexpr double kInlierSigmas = 3.0;
+constexpr double kTukey = 4.685;       // deviations; 95 % efficient for normal noise
+constexpr double kInlierSigmas = 3.0;  // votes further off are no noise
 constexpr double kTellingShare = 0.5;  // of max_k1: the deviation of a vote that counts
-constexpr int kRounds = 2;  // the second cuts the chains where they bend without the lens
-constexpr size_t kMaxPieces = 2000;
+constexpr int kRounds = 2;           // the second cuts the chains where they bend without the lens
+constexpr size_t kMaxPieces = 2000;  // longest first; for time
 
 struct Piece {
   std::vector<Eigen::Vector2d> points;  // distorted, pixels

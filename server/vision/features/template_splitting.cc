@@ -7,8 +7,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kMaxTemplateLength = 1000;
-constexpr size_t kMaxTemplates = 64;
+constexpr int kMaxTemplateLength = 1000;  // points; chains are shorter
+constexpr size_t kMaxTemplates = 64;      // for time
 
 // Zero mean, unit norm.
 std::vector<double> Samples(const CurvatureTemplate& shape) {

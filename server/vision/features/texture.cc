@@ -6,7 +6,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kCellPx = 16;
+constexpr int kCellPx = 16;         // of the grid that counts chains
 constexpr int kReachCells = 2;      // density is taken over 5x5 cells: 80 px
 constexpr size_t kShortChain = 60;  // points
 constexpr double kLongFactor =

@@ -8,8 +8,8 @@
 namespace horopter {
 namespace {
 
-constexpr double kDegenerate = 1e-9;
-constexpr int kRefineRounds = 50;
+constexpr double kDegenerate = 1e-9;  // relative singular value: the points lie in a plane
+constexpr int kRefineRounds = 50;     // Levenberg-Marquardt steps at most
 
 using Row16 = Eigen::Matrix<double, 1, 16>;  // H row by row
 using Moment16 = Eigen::Matrix<double, 16, 16>;

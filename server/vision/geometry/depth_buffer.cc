@@ -7,7 +7,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kNearM = 1e-3;
+constexpr double kNearM = 1e-3;  // nothing is drawn nearer to the camera
 
 struct ScreenPoint {
   double u = 0.0;

@@ -13,7 +13,7 @@ namespace horopter {
 // Depth along the optical axis (camera z, metres) of the nearest surface through each pixel centre,
 // row-major; kNoDepth where nothing was drawn.
 struct DepthBuffer {
-  static constexpr float kNoDepth = 1e30f;
+  static constexpr float kNoDepth = 1e30f;  // metres; further than anything drawn
 
   int width = 0;
   int height = 0;

@@ -26,7 +26,7 @@ std::vector<double> Crossings(const TriangleMesh& mesh,
                               const Eigen::Vector3d& from,
                               const Eigen::Vector3d& direction,
                               double length) {
-  constexpr double kParallel = 1e-12;
+  constexpr double kParallel = 1e-12;  // sine of ray and triangle: they do not meet
   std::vector<double> crossings;
   for (const Eigen::Vector3i& t : mesh.triangles) {
     const Eigen::Vector3d& a = mesh.vertices[t(0)];
@@ -44,7 +44,7 @@ std::vector<double> Crossings(const TriangleMesh& mesh,
 
 // The part must begin where the rim is, in its middle and all around it. Empty: it does.
 std::string SuctionProblem(const ObjectModel& model, const Rigid3& pose, double cup_radius_m) {
-  constexpr int kAround = 8;
+  constexpr int kAround = 8;          // points of the cup's rim that must lie on the face
   constexpr double kSealShare = 0.1;  // of the radius: what a lip makes up for
   const double reach = std::max(cup_radius_m, 1e-3 * model.diameter_m);
   for (int i = -1; i < kAround; ++i) {

@@ -9,11 +9,11 @@
 namespace horopter {
 namespace {
 
-constexpr std::string_view kMagic = "HSTA";
-constexpr int kVersion = 1;
-constexpr std::uint8_t kMoving = 1, kZooming = 2, kPosed = 4;
-constexpr double kRotationTolerance = 1e-6;
-constexpr int kMostPixels = 100'000;
+constexpr std::string_view kMagic = "HSTA";                    // first bytes of the blob
+constexpr int kVersion = 1;                                    // of the blob's layout
+constexpr std::uint8_t kMoving = 1, kZooming = 2, kPosed = 4;  // bits of a camera's flags
+constexpr double kRotationTolerance = 1e-6;  // largest entry of R R' - I; doubles were stored
+constexpr int kMostPixels = 100'000;         // of a side; more is damage
 
 bool IsCamera(const StationCamera& c) {
   const PinholeCamera& p = c.camera;

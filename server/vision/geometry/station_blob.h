@@ -15,7 +15,7 @@
 
 namespace horopter {
 
-inline constexpr int kMostStationCameras = 16;
+inline constexpr int kMostStationCameras = 16;  // as many as a station may have
 
 std::string EncodeStationState(const StationState& state);
 

@@ -174,7 +174,7 @@ class SurfaceProber {
   }
 
  private:
-  static constexpr int kVertexSamples = 1200;
+  static constexpr int kVertexSamples = 1200;    // of the mesh's vertices that are tested; for time
   static constexpr double kRegionGap = 0.06;     // diameters; nearer samples are one region
   static constexpr int kPlaneAxes = 5;           // faces whose normals are tried as axes
   static constexpr double kSphereInside = 0.97;  // of the radius; sixteen facets around

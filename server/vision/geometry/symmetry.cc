@@ -104,7 +104,7 @@ bool MapsAnchors(const Part& part, const Eigen::Matrix3d& R) {
 
 // But for single ones: where smooth surfaces meet, an edge may be told on one side only.
 bool KeepsEdges(const Part& part, const Eigen::Matrix3d& R) {
-  constexpr double kMostLost = 0.005;
+  constexpr double kMostLost = 0.005;  // share of the edge samples that may miss the edges
   const auto lost = std::count_if(part.edge_samples.begin(),
                                   part.edge_samples.end(),
                                   [&](const auto& p) { return !NearEdges(part, R * p); });
@@ -122,7 +122,7 @@ bool Verify(const Part& part, const Eigen::Matrix3d& R) {
 }
 
 void SampleSurface(Part& part) {
-  constexpr size_t kMaxEdgeSamples = 1200, kMaxMeshSamples = 600;
+  constexpr size_t kMaxEdgeSamples = 1200, kMaxMeshSamples = 600;  // that are compared; for time
   const auto thin = [](std::vector<Eigen::Vector3d>& points, size_t most) {
     if (points.size() <= most) return;
     std::vector<Eigen::Vector3d> kept;
@@ -200,7 +200,7 @@ bool IsNew(const std::vector<Eigen::Matrix3d>& known, const Eigen::Matrix3d& R) 
 // fewest candidates.
 std::optional<std::pair<int, int>> BasePair(const Part& part, double diameter_m) {
   const double min_distance = 0.02 * diameter_m;
-  constexpr double kMinSine = 0.05;
+  constexpr double kMinSine = 0.05;  // of two axes' angle; nearer ones do not tell the turn
   for (size_t i = 0; i < part.orbits.size(); ++i) {
     for (size_t j = 0; j <= i; ++j) {
       for (const int a : part.orbits[j]) {

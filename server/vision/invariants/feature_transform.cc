@@ -11,9 +11,9 @@ namespace horopter {
 namespace {
 
 static_assert(std::endian::native == std::endian::little);
-constexpr std::string_view kMagic = "HFTR";
-constexpr uint16_t kVersion = 1;
-constexpr size_t kHeaderBytes = 20;
+constexpr std::string_view kMagic = "HFTR";  // first bytes of the blob
+constexpr uint16_t kVersion = 1;             // of the blob's layout
+constexpr size_t kHeaderBytes = 20;          // magic, version, reserved, three sizes
 
 // Interval of row d that holds x; the outermost ones reach to infinity.
 Eigen::Index IntervalOf(const Eigen::MatrixXd& quantiles, Eigen::Index d, double x) {

@@ -12,7 +12,7 @@ namespace {
 
 using Vertices = std::vector<Eigen::Vector3d>;
 
-constexpr size_t kMinVertices = 5;
+constexpr size_t kMinVertices = 5;  // one over the four that a start takes
 // A part with more corners is compared by the first chains found; its own chains are all tried.
 constexpr size_t kMaxVertices = 400;
 constexpr size_t kMaxChains = 4000;
@@ -175,7 +175,7 @@ std::optional<LookAlike> FindLookAlike(const ObjectModel& a,
   std::sort(starts.begin(), starts.end(), [&](const FourVertices& x, const FourVertices& y) {
     return Volume(a.vertices, x) > Volume(a.vertices, y);
   });
-  constexpr size_t kStarts = 4;
+  constexpr size_t kStarts = 4;  // sets of four vertices that are searched from; for time
   const double flat = 1e-6 * std::pow(a.diameter_m, 3);
   Search search(a, b, options);
   for (size_t s = 0; s < starts.size() && s < kStarts; ++s) {

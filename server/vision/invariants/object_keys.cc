@@ -15,7 +15,7 @@
 namespace horopter {
 namespace {
 
-constexpr std::size_t kMaxVertices = 65536;
+constexpr std::size_t kMaxVertices = 65536;  // keys hold them in 16 bits
 
 bool Indexable(std::span<const int> vertices) {
   return std::all_of(vertices.begin(), vertices.end(), [](int v) {

@@ -38,7 +38,7 @@ Eigen::Vector3d PathCellDirection(int cell);  // unit
 // How an image path is looked up: as it is, in reverse (d-c-b-a), and the mirror image of both,
 // which a view from behind has.
 enum class PathReading { kForward = 0, kReverse = 1, kMirrored = 2, kMirroredReverse = 3 };
-inline constexpr int kPathReadings = 4;
+inline constexpr int kPathReadings = 4;  // of the enumeration above
 
 std::optional<InvariantKey> PathViewKey(std::span<const Eigen::Vector2d, 4> image_points,
                                         const Eigen::MatrixXd& covariance,

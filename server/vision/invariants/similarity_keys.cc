@@ -8,7 +8,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kPairs[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
+constexpr int kPairs[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};  // of four points
 
 // Rows: Helmert's basis of the complement of (1, .., 1) in R^6.
 Eigen::Matrix<double, 5, 6> HelmertBasis() {

@@ -22,7 +22,7 @@ struct Normalised {
 };
 
 std::optional<Normalised> Normalise(const Points& points) {
-  constexpr int kIterations = 4;
+  constexpr int kIterations = 4;  // of scaling rows and columns in turn
   Normalised result;
   result.points = points;
   for (int k = 0; k < kIterations; ++k) {

@@ -12,7 +12,7 @@
 namespace horopter {
 namespace {
 
-constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+constexpr float kNone = std::numeric_limits<float>::quiet_NaN();  // a cue that says nothing
 constexpr double kMinBeamSine = 0.17;  // 10 degrees: flatter beams do not bound a segment
 double LineAngle(const Eigen::Vector2d& u, const Eigen::Vector2d& v) {
   return std::atan2(std::abs(u.x() * v.y() - u.y() * v.x()), std::abs(u.dot(v)));

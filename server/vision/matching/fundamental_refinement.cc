@@ -12,7 +12,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kStop = 1e-10;
+constexpr double kStop = 1e-10;  // relative change of the cost
 
 using Vector7 = Eigen::Matrix<double, 7, 1>;
 
@@ -44,7 +44,7 @@ struct Factors {
     moved.t += step(6);
     return moved;
   }
-  static constexpr int kPriors = 0;
+  static constexpr int kPriors = 0;  // what speaks beside the matches: nothing
   Eigen::Matrix<double, 3, 1> Priors() const { return Eigen::Vector3d::Zero(); }
 };
 
@@ -77,7 +77,7 @@ struct Motion {
     moved.log_focal_b += step(6);
     return moved;
   }
-  static constexpr int kPriors = 3;
+  static constexpr int kPriors = 3;  // both focal lengths and their ratio
   Eigen::Vector3d Priors() const {
     const double middle = std::log(prior.focal_widths);
     return {(log_focal_a - middle) / prior.log_sigma,
@@ -146,7 +146,7 @@ class Refiner {
  private:
   using Normal = Eigen::Matrix<double, 7, 7>;
   using Row = Eigen::Matrix<double, 1, 7>;
-  static constexpr double kStep = 1e-6;
+  static constexpr double kStep = 1e-6;  // of numerical derivatives; parameters are of order 1
   static constexpr double kPointSigmaPx = 0.4;  // a junction is not known better than this
 
   double Cost(const Model& model, bool with_priors) const {
@@ -219,7 +219,7 @@ CalibratedStart StartFrom(const Eigen::Matrix3d& F, const FocalPrior& prior) {
   CalibratedStart start;
   start.motion.prior = prior;
   double best = std::numeric_limits<double>::infinity();
-  constexpr int kFocals = 11;
+  constexpr int kFocals = 11;  // of each view, 0.8 to 2.5 image widths, 1.12 apart
   for (int i = 0; i < kFocals; ++i) {
     for (int j = 0; j < kFocals; ++j) {
       Motion m = start.motion;

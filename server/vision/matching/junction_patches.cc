@@ -10,8 +10,8 @@
 namespace horopter {
 namespace {
 
-constexpr double kFineStepPx = 1.6;
-constexpr double kCoarseStepPx = 3.2;
+constexpr double kFineStepPx = 1.6;    // between samples: 16 px wide in all
+constexpr double kCoarseStepPx = 3.2;  // twice the fine one
 constexpr double kMinNorm =
     12.0;  // grey levels over the whole patch: below it there is nothing but noise
 
@@ -31,8 +31,8 @@ bool SamplePatch(const cv::Mat& smooth,
                  const Eigen::Matrix2d& shape,
                  double step,
                  JunctionPatch::Vector* patch) {
-  constexpr int kHalf = JunctionPatch::kSide / 2;
-  constexpr int kArea = JunctionPatch::kSide * JunctionPatch::kSide;
+  constexpr int kHalf = JunctionPatch::kSide / 2;  // samples on each side of the middle
+  constexpr int kArea = JunctionPatch::kSide * JunctionPatch::kSide;  // samples of a channel
   int outside = 0, k = 0;
   for (int gy = -kHalf; gy <= kHalf; ++gy) {
     for (int gx = -kHalf; gx <= kHalf; ++gx, ++k) {
@@ -77,6 +77,7 @@ Basis CosineBasis() {
 
 void Encode(JunctionPatch* patch) {
   static const Basis kBasis = CosineBasis();
+  // Samples along a side, and frequencies kept of them.
   constexpr int kSide = JunctionPatch::kSide, kLow = JunctionPatch::kFrequencies;
   using Square = Eigen::Matrix<float, kSide, kSide>;
   int at = 0;

@@ -15,8 +15,8 @@ namespace horopter {
 // the similarity is a correlation. A patch that leaves the image by more than half is empty and
 // matches nothing.
 struct JunctionPatch {
-  static constexpr int kSide = 11;
-  static constexpr int kLength = 3 * kSide * kSide;
+  static constexpr int kSide = 11;                   // samples along a side
+  static constexpr int kLength = 3 * kSide * kSide;  // of three colours
   using Vector = Eigen::Matrix<float, kLength, 1>;
   Vector fine = Vector::Zero();
   Vector coarse = Vector::Zero();

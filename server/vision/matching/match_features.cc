@@ -12,6 +12,7 @@ namespace horopter {
 namespace {
 
 constexpr double kMaxSupport = 8.0;  // of all neighbours together: they share their mistakes
+// Least mean distance: nearer features change order by noise.
 constexpr double kMinSeparationPx = 6.0;
 
 using Candidates = std::vector<FeatureMatch>;

@@ -28,7 +28,7 @@ enum class MatchRelation {
   kSegmentsSameRegion,
   kJunctionsOfOneSegment,
 };
-constexpr int kMatchRelationCount = 6;
+constexpr int kMatchRelationCount = 6;  // of the enumeration above
 
 struct FeatureMatchOptions {
   SimilarityOptions similarity;

@@ -7,6 +7,7 @@
 namespace horopter {
 namespace {
 
+// Px from the segment: beyond its blur, to where it may leave the surface.
 constexpr double kRowPx[SideStrip::kRows] = {2.0, 4.5, 8.0};
 constexpr float kMinDeviation = 3.0f;  // grey levels, of a strip
 

@@ -16,8 +16,8 @@ namespace horopter {
 // Grey values beside a segment, on one side: 12 places along it, 3 rows of growing distance (2 to
 // 8 px), so that length and direction are normalised away. Zero mean, unit norm unless flat.
 struct SideStrip {
-  static constexpr int kAlong = 12;
-  static constexpr int kRows = 3;
+  static constexpr int kAlong = 12;  // samples along the segment
+  static constexpr int kRows = 3;    // distances from it
   using Vector = Eigen::Matrix<float, kAlong * kRows, 1>;
   Vector values = Vector::Zero();
   bool flat = true;  // less structure than noise has: correlates with nothing

@@ -22,10 +22,11 @@ constexpr double kMinBeam = 0.4;         // mean overlap of the segments matched
 constexpr double kSureShare = 0.7;       // ... not asked when so many of
 constexpr int kSureInliers = 40;         // ... so many first matches agree
 constexpr double kMaxStrainCost = 0.1;   // per inlier: what plausible cameras add to the cost
+// Image widths; of plausible lenses.
 constexpr double kMinFocalWidths = 0.6, kMaxFocalWidths = 3.2, kMaxFocalRatio = 1.6;
-constexpr double kMaxSigmaPx = 0.8;
-constexpr double kRefineScalePx = 1.0;
-constexpr double kNearPx = 2.0;  // of the epipolar line, for a match along it
+constexpr double kMaxSigmaPx = 0.8;     // of epipolar lines: wider bands tell no match
+constexpr double kRefineScalePx = 1.0;  // of the robust loss
+constexpr double kNearPx = 2.0;         // of the epipolar line, for a match along it
 // Strain of F; right ones of parts-train stay under 0.07.
 constexpr double kMaxStrain = 0.12;
 // A free F must explain so much more than plane and parallax, which has five freedoms less.

@@ -13,8 +13,8 @@ namespace {
 constexpr double kPointSigmaPx = 0.4;  // a junction is not known better than this
 constexpr double kCauchyPx = 1.0;      // errors beyond count ever less: junctions err by half of it
 constexpr double kGaugeWeight = 1e6;   // 1 / squared working units: holds a coordinate
-constexpr int kIterations = 10;
-constexpr double kNowherePx = 1e9;
+constexpr int kIterations = 10;        // Gauss-Newton steps at most
+constexpr double kNowherePx = 1e9;     // the error of what cannot be projected
 
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
 
@@ -245,7 +245,7 @@ Eigen::Matrix3d FundamentalOf(const ParallaxCamera& a, const ParallaxCamera& b) 
 
 double EpipolarSigmaPx(const PlaneBundle& bundle, int a, int b) {
   if (bundle.covariance.size() == 0) return kNowherePx;
-  constexpr double kStep = 1e-6;
+  constexpr double kStep = 1e-6;  // of numerical derivatives; epipoles have unit norm
   Eigen::Matrix<double, 6, 6> C;
   const int at[2] = {3 * a, 3 * b};
   for (int i = 0; i < 2; ++i) {

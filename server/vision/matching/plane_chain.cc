@@ -18,7 +18,7 @@ constexpr double kUnitPx =
     300.0;  // pixels per unit of the refinement's coordinates: entries of order 1
 constexpr double kCauchyPx = 1.0;      // residual at which a match has lost half its weight
 constexpr int kMaxPairsPerLink = 400;  // matches of one link used by the refinement
-constexpr int kMaxIterations = 15;
+constexpr int kMaxIterations = 15;     // Gauss-Newton steps at most
 
 double MedianTransferError(const PlaneHomography& plane, const Eigen::Matrix3d& b_from_a) {
   if (plane.inliers_a.empty()) return 1e30;

@@ -15,19 +15,20 @@
 namespace horopter {
 namespace {
 
-constexpr double kMeanSigmaPx = 12.0;
-constexpr double kDeviationSigmaPx = 20.0;
-constexpr double kDeviationFloor = 1.0;  // grey levels: below it there is only noise
-constexpr double kBlurSigmaPx = 1.0;
-constexpr int kBlurSide = 7;
+constexpr double kMeanSigmaPx = 12.0;       // light changes more slowly than this ...
+constexpr double kDeviationSigmaPx = 20.0;  // ... and contrast than this
+constexpr double kDeviationFloor = 1.0;     // grey levels: below it there is only noise
+constexpr double kBlurSigmaPx = 1.0;        // against the noise that normalising enlarges
+constexpr int kBlurSide = 7;                // px; three deviations on each side
 constexpr int kReduction = 4;               // of the image for the wide blurs
 constexpr double kGreyPerDeviation = 40.0;  // +-3 deviations fill the byte
-constexpr int kDescriptorLength = 128;
+constexpr int kDescriptorLength = 128;      // of SIFT
 // Views from above: of a camera with this focal length, cut where one pixel becomes longer than
 // kMaxStretch times what the middle of the image shows.
 constexpr double kAssumedFocalWidths = 1.5;
 constexpr double kMaxStretch = 2.5;
 constexpr double kAreaGrowth = 1.2;  // pixels of the view from above per pixel of the image
+// Px of a view from above; planes seen nearly edge-on would need more.
 constexpr int kMaxSide = 3000;
 constexpr int kBorderPx = 4;  // points this close to the cut are left out
 

@@ -36,9 +36,9 @@ constexpr double kSurePatchShare = 0.85;
 constexpr double kQuickScale = 0.25;
 constexpr int kFewKeypoints = 500;
 constexpr double kQuickContrast = 5.0;  // times MatchingOptions::sift_contrast: enough stay
-constexpr int kManyKeypoints = 2000;
-constexpr double kSlowScale = 0.5;
-constexpr std::size_t kFewViews = 2;
+constexpr int kManyKeypoints = 2000;    // of an image at kSlowScale; for time
+constexpr double kSlowScale = 0.5;      // of the image's size, twice kQuickScale
+constexpr std::size_t kFewViews = 2;    // of which all is tried
 // Keypoints of views from above, at a quarter of the size: enough in 9 of the 12 scenes of
 // parts-dev and parts-train whose views the first effort leaves apart.
 constexpr double kAboveContrast = 3.0;  // times MatchingOptions::sift_contrast

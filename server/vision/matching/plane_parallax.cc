@@ -136,7 +136,7 @@ Refinement RefineEpipole(const std::vector<Inlier>& inliers, Eigen::Vector3d e) 
     Eigen::Vector2d g = Eigen::Vector2d::Zero();
     weighted = weights = 0.0;
     for (const Inlier& i : inliers) {
-      constexpr double kStep = 1e-6;
+      constexpr double kStep = 1e-6;  // of a numerical derivative; the epipole has unit norm
       const double r = LineDistance(i.vote, e);
       Eigen::RowVector2d J;
       for (int k = 0; k < 2; ++k) J(k) = (LineDistance(i.vote, e + kStep * T.col(k)) - r) / kStep;

@@ -15,15 +15,16 @@
 namespace horopter {
 namespace {
 
-constexpr int kSide = 16;  // of a patch, pixels of its level
-constexpr int kPixels = kSide * kSide;
+constexpr int kSide = 16;               // of a patch, pixels of its level
+constexpr int kPixels = kSide * kSide;  // of a patch
 constexpr int kLanes = 8;               // positions correlated at once along a row
 constexpr double kMinDeviation = 12.0;  // grey levels of the normalised image, of a patch
 constexpr int kPadding = 24;            // columns and rows a block may read beyond its windows
 constexpr double kMiddle = 128.0;       // of the normalised image
+// Between two views: a patch stretched more shows other texture.
 constexpr double kMaxAreaChange = 12.0;
-constexpr int kRefits = 3;
-constexpr std::size_t kMinInliers = 8;
+constexpr int kRefits = 3;              // of the homography in a round
+constexpr std::size_t kMinInliers = 8;  // twice what a homography needs
 
 // One search: every patch within `radius` of where the homography puts it, then a refit to those
 // within `inlier_px` of it. In pixels of the level.
@@ -33,8 +34,9 @@ struct Round {
   int radius;
   double inlier_px;
 };
+// Coarse and wide, then fine and narrow; see Round.
 constexpr Round kRounds[] = {{1, 14, 6, 3.5}, {1, 14, 6, 2.5}, {1, 14, 3, 1.5}, {0, 14, 3, 1.0}};
-constexpr double kLastInlierPx = 1.0;
+constexpr double kLastInlierPx = 1.0;   // of the answer, px of the full image
 constexpr double kMaxPatches = 1600.0;  // of one search, about
 
 struct Template {
@@ -183,16 +185,16 @@ HOROPTER_CLONES void CorrelateBlock(const float* value,
 }
 
 constexpr int kMaxSearch = 2 * kBlockRows;  // positions along one axis, padded to whole blocks
-constexpr int kMapStride = 2 * kLanes;
+constexpr int kMapStride = 2 * kLanes;      // floats of a row of positions, in whole vectors
 
 // Repeated texture: a patch is compared with its own image at a quarter of the size, up to
 // kSelfRadius away.
 constexpr int kSelfRadius = 24;
 constexpr int kSelfSide = 2 * kSelfRadius + 1;
-constexpr int kSelfPatches = 11;  // along a row of the image, at most
-constexpr int kSelfPeak = 3;      // half side of the peak of the patch itself
-constexpr float kSelfCorrelation = 0.85f;
-constexpr int kSelfLeast = 8;
+constexpr int kSelfPatches = 11;           // along a row of the image, at most
+constexpr int kSelfPeak = 3;               // half side of the peak of the patch itself
+constexpr float kSelfCorrelation = 0.85f;  // at another place, to count as the patch again
+constexpr int kSelfLeast = 8;              // patches asked; of fewer no share is told
 
 // Normalised correlations with the side x side windows of b from (first_x, first_y) on.
 template <int kStride>
@@ -315,7 +317,7 @@ Eigen::Matrix3d Refit(const Eigen::Matrix3d& H, const std::vector<PatchMatch>& m
   // Centred and scaled coordinates keep the normal equations well conditioned.
   Eigen::Vector2d mean = Eigen::Vector2d::Zero();
   for (const PatchMatch& m : matches) mean += m.pair.a / static_cast<double>(matches.size());
-  constexpr double kScale = 1.0 / 200.0;
+  constexpr double kScale = 1.0 / 200.0;  // px to numbers of order 1, for conditioning
   Eigen::Matrix3d T;
   T << kScale, 0, -kScale * mean.x(), 0, kScale, -kScale * mean.y(), 0, 0, 1;
   Eigen::Matrix3d G = H * T.inverse();
@@ -398,6 +400,7 @@ PatchImage::Level PrepareLevel(const cv::Mat& grey) {
     for (int x = 0; x + kSide <= cols; ++x) {
       const float mean = static_cast<float>(sums[x]) / kPixels;
       const float spread = static_cast<float>(squares[x]) - mean * static_cast<float>(sums[x]);
+      // Sum of squares of a window of least deviation.
       constexpr float kLeast = kPixels * kMinDeviation * kMinDeviation;
       to[x] = spread < kLeast ? 0.0f : 1.0f / std::sqrt(spread);
     }

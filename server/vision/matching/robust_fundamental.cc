@@ -14,8 +14,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kLocalRounds = 4;
-constexpr int kHomographySamples = 300;
+constexpr int kLocalRounds = 4;          // refits of a good draw (locally optimised RANSAC)
+constexpr int kHomographySamples = 300;  // draws that look for one plane behind all; for time
 
 // Sign by which both rays leave the epipoles; the same for all points before both cameras.
 bool SideOf(const Eigen::Matrix3d& F, const Eigen::Vector3d& epipole_b, const WeightedMatch& m) {

@@ -12,8 +12,8 @@ namespace {
 // Above what single precision makes of the cues: angles and logarithms are right to 1e-6, the
 // steepest table changes by 20 per radian.
 constexpr float kMargin = 1e-3f;
-constexpr float kGateMargin = 1e-4f;  // of gates, relative
-constexpr float kEpipolarMarginPx = 0.01f;
+constexpr float kGateMargin = 1e-4f;        // of gates, relative
+constexpr float kEpipolarMarginPx = 0.01f;  // for rounding, so that the bound stays one
 
 float Of(double value) {
   return static_cast<float>(value);

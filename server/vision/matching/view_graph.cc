@@ -10,11 +10,11 @@
 namespace horopter {
 namespace {
 
-constexpr int kSketchWidth = 160;   // pixels
-constexpr int kKeypoints = 200;     // of a sketch
-constexpr double kContrast = 5.0;   // times MatchingOptions::sift_contrast: the strong ones
-constexpr double kVoteRatio = 0.8;  // Lowe's
-constexpr size_t kJunctions = 150;
+constexpr int kSketchWidth = 160;        // pixels
+constexpr int kKeypoints = 200;          // of a sketch
+constexpr double kContrast = 5.0;        // times MatchingOptions::sift_contrast: the strong ones
+constexpr double kVoteRatio = 0.8;       // Lowe's
+constexpr size_t kJunctions = 150;       // of an image's sketch; for time
 constexpr float kMinSimilarity = 0.75f;  // of two junctions' low frequencies
 
 std::vector<int> NearestOf(const std::vector<JunctionPatch::Code>& from,

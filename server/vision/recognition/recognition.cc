@@ -255,7 +255,7 @@ bool IsSure(const RecognitionResult& result, const AspectAcceptance& options) {
 
 // How much more likely than not all of an answer's objects are, as each route says of its own.
 double SumOfLogOdds(const RecognitionResult& result) {
-  constexpr double kMost = 0.999;
+  constexpr double kMost = 0.999;  // so that no certain object outweighs all others
   double sum = 0.0;
   for (const SceneObject& o : result.objects) {
     const double p = std::clamp(o.score, 1.0 - kMost, kMost);

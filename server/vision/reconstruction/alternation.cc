@@ -10,8 +10,9 @@
 namespace horopter {
 namespace {
 
+// Of a projective scene of several views: of fewer nothing is over to judge it.
 constexpr int kMinPoints = 7;
-constexpr int kGaugePoints = 8;
+constexpr int kGaugePoints = 8;  // of fewer points the frame follows the lines, too
 
 // Weights of the residuals against the present scene; 1 where nothing is known yet.
 double PointWeight(

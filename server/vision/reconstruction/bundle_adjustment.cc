@@ -348,7 +348,7 @@ std::optional<Eigen::Vector3d> Triangulate(const Bundle& bundle,
       const auto p = ProjectInto(view, x);
       if (!p) return std::nullopt;
       Eigen::Matrix<double, 2, 3> J;
-      constexpr double kStep = 1e-6;
+      constexpr double kStep = 1e-6;  // of a numerical derivative, units of the scene
       for (int k = 0; k < 3; ++k) {
         const auto q = ProjectInto(view, x + kStep * Eigen::Vector3d::Unit(k));
         if (!q) return std::nullopt;

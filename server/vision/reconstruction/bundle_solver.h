@@ -122,7 +122,7 @@ BundleReport MinimizeBundle(const BundleLayout& layout,
                             const BundleSolverOptions& options,
                             const Model& model,
                             State* state) {
-  constexpr double kGiveUp = 1e10;
+  constexpr double kGiveUp = 1e10;  // damping at which a step is nothing against the parameters
   BundleReport report;
   report.cost = model.Cost(*state);
   if (!std::isfinite(report.cost)) return report;

@@ -9,7 +9,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kFunctionTolerance = 1e-7;
+constexpr double kFunctionTolerance = 1e-7;  // relative change of the cost; adjusted again later
 
 using State = BundleState<BundleCamera>;
 

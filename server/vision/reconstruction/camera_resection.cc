@@ -15,12 +15,12 @@
 namespace horopter {
 namespace {
 
-constexpr int kParameters = 7;  // rotation, translation, log f
-constexpr int kRefinements = 12;
+constexpr int kParameters = 7;       // rotation, translation, log f
+constexpr int kRefinements = 12;     // Gauss-Newton steps
 constexpr double kLossPx = 1.0;      // Cauchy
 constexpr double kLineWeight = 0.5;  // a line of two views agrees with more poses than a point
 constexpr double kMinSigmaPx = 0.3;  // of features; what fits better does so by chance
-constexpr double kFar = 1e6;
+constexpr double kFar = 1e6;         // px: the error of what cannot be projected
 // Chance that no sample was of right points only. Noisy triangles make poor poses: low.
 constexpr double kMissed = 1e-6;
 

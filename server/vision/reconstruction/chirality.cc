@@ -9,8 +9,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kMajorityRounds = 20;
-constexpr int kGilbertSteps = 3000;
+constexpr int kMajorityRounds = 20;  // of votes of points and views at most
+constexpr int kGilbertSteps = 3000;  // towards the nearest point of the hull; for time
 
 struct Signs {
   std::vector<int> camera, point;  // +-1; 0 unknown

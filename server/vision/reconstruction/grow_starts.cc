@@ -10,10 +10,10 @@
 namespace horopter {
 namespace {
 
-constexpr double kStartGate2 = 64.0;  // 8 sigma: a linear start is rough
-constexpr int kMinStartFeatures = 7;
-constexpr int kTripleIterations = 60;
-constexpr int kTripleEquations = 26;
+constexpr double kStartGate2 = 64.0;   // 8 sigma: a linear start is rough
+constexpr int kMinStartFeatures = 7;   // seen by all views of a start
+constexpr int kTripleIterations = 60;  // draws of a start from three views; for time
+constexpr int kTripleEquations = 26;   // of the 26 free numbers of a trifocal tensor
 
 double PointSquared(const GrowContext& c, const ProjectiveScene& scene, int k) {
   const PointObservation& o = c.tracks.point_observations[k];

@@ -9,10 +9,10 @@
 namespace horopter {
 namespace {
 
-constexpr double kRegisterGate2 = 64.0;  // 8 sigma: structure of two views is still rough
-constexpr int kRegisterIterations = 200;
-constexpr int kMinimalFeatures = 6;  // 12 equations for a camera's 11 unknowns
-constexpr int kMinRegistered = 7;    // one more than minimal, or nothing is checked
+constexpr double kRegisterGate2 = 64.0;   // 8 sigma: structure of two views is still rough
+constexpr int kRegisterIterations = 200;  // draws at most for one camera; fewer where most fit
+constexpr int kMinimalFeatures = 6;       // 12 equations for a camera's 11 unknowns
+constexpr int kMinRegistered = 7;         // one more than minimal, or nothing is checked
 // Sweeps after each view: the first ones decide what the others are registered to.
 constexpr int kEarlySweeps = 3, kLateSweeps = 1, kEarlyViews = 4;
 constexpr int kFinalRounds = 4;

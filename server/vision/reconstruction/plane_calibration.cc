@@ -9,15 +9,15 @@
 namespace horopter {
 namespace {
 
-constexpr int kFocalSteps = 12;
-constexpr double kMinFocalWidths = 0.5;
-constexpr double kMaxFocalWidths = 5.0;
+constexpr int kFocalSteps = 12;          // of the grid, geometric: a factor of 1.23 apart
+constexpr double kMinFocalWidths = 0.5;  // image widths: 90 degrees ...
+constexpr double kMaxFocalWidths = 5.0;  // ... to 11 degrees of view
 constexpr int kTiltSteps = 12;  // 3 .. 80 degrees between the plane's normal and the optical axis
-constexpr int kAzimuthSteps = 36;
+constexpr int kAzimuthSteps = 36;  // 10 degrees apart
 constexpr double kAnisotropySigma =
     0.02;                                // error of a homography's relative axis lengths and angle
 constexpr double kDistinctAngle = 0.17;  // 10 degrees
-constexpr double kDistinctLogFocal = 0.2;
+constexpr double kDistinctLogFocal = 0.2;  // log of the ratio; nearer starts lead to one solution
 
 // Focal lengths to try, image widths: the given one or a geometric series.
 std::vector<double> FocalGrid(const ImageSize& size, const ViewPrior& prior) {

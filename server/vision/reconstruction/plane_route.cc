@@ -14,8 +14,8 @@ namespace horopter {
 namespace {
 
 constexpr double kOtherFocalLog = 0.1;  // log of the ratio of focal lengths that differ
-constexpr int kStarts = 8;
-constexpr std::size_t kRefinedStarts = 2;
+constexpr int kStarts = 8;  // calibrations that are adjusted roughly, the likeliest first; for time
+constexpr std::size_t kRefinedStarts = 2;  // of these adjusted with all points; for time
 // Three views of a plane leave one unknown to the prior: more starts are tried on the points off
 // it.
 constexpr std::size_t kRefinedStartsOfFew = 5;

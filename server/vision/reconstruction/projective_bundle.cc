@@ -115,7 +115,7 @@ std::optional<BundleCovariance> ProjectiveCovariance(const MultiviewTracks& trac
   for (const CameraMatrix& P : state.cameras) {
     bases.cameras.push_back(SphereTangent<kProjectiveCamera>(Stacked(P)));
   }
-  constexpr int kCollineation = 15;
+  constexpr int kCollineation = 15;  // free numbers of the projective frame
   auto out = InvertBundle<kProjectiveCamera>(used.layout, normal, bases, kCollineation);
   if (!out) return std::nullopt;
   out->redundancy = Redundancy(used, bases, kCollineation);

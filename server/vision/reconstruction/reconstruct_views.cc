@@ -13,9 +13,9 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinSureViews = 3;
-constexpr double kDoubtfulFocalSigma = 0.05;
-constexpr double kDoubtfulRatio = 3.0;  // to the median of the views
+constexpr int kMinSureViews = 3;              // beside a doubtful one, to tell that it is
+constexpr double kDoubtfulFocalSigma = 0.05;  // of ln f; below it no view is doubtful
+constexpr double kDoubtfulRatio = 3.0;        // to the median of the views
 
 absl::Status ValidateInput(const MatchingResult& matching,
                            std::span<const ImageFeatures> features,

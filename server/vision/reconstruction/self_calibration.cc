@@ -14,8 +14,8 @@
 namespace horopter {
 namespace {
 
-constexpr double kDistinctLogFocal = 0.1;
-constexpr double kMinInFront = 0.9;  // share of points before the cameras in a start
+constexpr double kDistinctLogFocal = 0.1;  // log of the ratio; nearer solutions are one
+constexpr double kMinInFront = 0.9;        // share of points before the cameras in a start
 
 template <typename... Arguments>
 std::string Text(const char* format, Arguments... arguments) {

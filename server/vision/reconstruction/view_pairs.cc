@@ -13,8 +13,8 @@ namespace horopter {
 namespace {
 
 constexpr int kScored = 400;  // matches that judge a hypothesis; more of them only cost time
-constexpr int kHomographyTrials = 30;
-constexpr int kHomographyRefits = 3;
+constexpr int kHomographyTrials = 30;   // draws that look for one plane behind a pair; for time
+constexpr int kHomographyRefits = 3;    // of a draw to what fits it
 constexpr double kOffPlaneChi2 = 13.8;  // 2 degrees of freedom, 99.9 %
 // Where no F can be estimated: share of the matches that a homography must explain to blame it.
 constexpr double kOnPlaneShare = 0.9;

@@ -7,6 +7,7 @@
 namespace horopter {
 namespace {
 
+// Frobenius norm of R R' - I: a caller's matrix may be rounded.
 constexpr double kRotationTolerance = 1e-3;
 
 bool IsPositive(double x) {

@@ -14,6 +14,7 @@ namespace horopter {
 namespace {
 
 constexpr double kAlikeCriterion = 6.0;  // explanations this near cannot be told apart
+// Cameras whose orders are all tried, 120; of more pairs are swapped.
 constexpr std::size_t kMostPermuted = 5;
 // Penalty of a number that an explanation leaves free; Akaike's is 2, Bayes' the logarithm of the
 // count of points, about 6. Higher: a changed lens (4) is preferred to a moved camera (6).

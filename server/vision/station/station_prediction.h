@@ -9,9 +9,9 @@
 
 namespace horopter {
 
-inline constexpr int kCam = kStationCameraParameters;
-inline constexpr int kLensAt = kStationIntrinsics;
-inline constexpr int kLensSize = kCam - kLensAt;
+inline constexpr int kCam = kStationCameraParameters;  // of a camera's block in the state
+inline constexpr int kLensAt = kStationIntrinsics;     // focal length, principal point and k1 in it
+inline constexpr int kLensSize = kCam - kLensAt;       // how many these are
 using StationVector = Eigen::Matrix<double, kCam, 1>;
 
 // Deviations of log f, cx, cy, k1 of any camera.

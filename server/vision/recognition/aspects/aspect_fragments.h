@@ -41,8 +41,8 @@ struct AspectFragment {
 
 // Two adjacent straight edges of an aspect, in 14 bytes; units and axes as above.
 struct AspectSegmentPair {
-  static constexpr float kTurnScale = AspectFragment::kTurnScale;
-  static constexpr float kPlaceScale = AspectFragment::kPlaceScale;
+  static constexpr float kTurnScale = AspectFragment::kTurnScale;    // of the angles
+  static constexpr float kPlaceScale = AspectFragment::kPlaceScale;  // of x and y
 
   std::int16_t x = 0, y = 0;   // corner
   std::int16_t direction = 0;  // of arm a

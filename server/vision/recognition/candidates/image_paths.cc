@@ -7,7 +7,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kPerspectiveIterations = 4;
+constexpr int kPerspectiveIterations = 4;  // of a fixed point
 // Ends that are no junction make a path less likely to end at a model vertex.
 constexpr double kFreeEndFactor = 0.55;
 

@@ -9,8 +9,8 @@
 namespace horopter {
 namespace {
 
-constexpr double kTwinCos = 0.9999;
-constexpr double kMaxHeightShare = 0.5;
+constexpr double kTwinCos = 0.9999;      // 0.8 degrees: one stable pose up to a symmetry
+constexpr double kMaxHeightShare = 0.5;  // of the lowest camera's height over the plane
 constexpr float kHeightReachPx = 7.0f;   // working pixels
 constexpr float kHeightSupport = 0.45f;  // mean support of a segment in another view
 
@@ -70,7 +70,7 @@ HeightMask SupportedHeights(std::span<const KnownView> views,
                             const PlaneSighting& to,
                             double max_height,
                             double needed_height) {
-  constexpr int kPoints = 5;
+  constexpr int kPoints = 5;  // along an edge that are asked
   HeightMask mask;
   const int needed = views.size() > 2 ? 2 : 1;
   for (int bin = 0; bin < HeightMask::kBins; ++bin) {

@@ -42,7 +42,7 @@ bool SightPlane(const PinholeCamera& camera,
 // The heights at which a level edge seen as one segment would also be seen in other views.
 class HeightMask {
  public:
-  static constexpr int kBins = 128;
+  static constexpr int kBins = 128;  // of heights, two words of 64 bits
   void Set(int bin) { bits_[bin >> 6] |= 1ull << (bin & 63); }
   // height_share: height / the largest height the mask covers.
   bool At(double height_share) const {

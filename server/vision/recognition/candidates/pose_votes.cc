@@ -37,9 +37,9 @@ class CoarseSums {
   }
 
  private:
-  static constexpr int kYaws = 4;
-  static constexpr std::size_t kSlots = 1 << 15;
-  static constexpr float kRounding = 1.001f;
+  static constexpr int kYaws = 4;                 // cells that share a block
+  static constexpr std::size_t kSlots = 1 << 15;  // of the sketch, 128 kB
+  static constexpr float kRounding = 1.001f;      // sums in single precision stay bounds
   static std::size_t Slot(int x, int y, int yaw, int scale) {
     const auto u = [](int i) { return static_cast<std::uint32_t>(i); };
     const std::uint32_t h =

@@ -45,7 +45,7 @@ class PosePool {
   }
 
  private:
-  static constexpr std::size_t kPool = 150;
+  static constexpr std::size_t kPool = 150;  // poses that are kept; for time
   static bool Better(const PooledPose& a, const PooledPose& b) { return a.quick > b.quick; }
   std::vector<PooledPose> poses_;
   double floor_;

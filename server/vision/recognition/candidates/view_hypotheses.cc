@@ -90,7 +90,7 @@ class ViewPool {
   }
 
  private:
-  static constexpr float kMinScore = 0.3f;
+  static constexpr float kMinScore = 0.3f;  // least quick score of a pose, however large
   const PreparedObject& object_;
   const ViewEvidence& view_;
   const PinholeCamera& camera_;

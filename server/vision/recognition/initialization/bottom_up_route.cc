@@ -21,10 +21,11 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinEdgeViews = 2;
+constexpr int kMinEdgeViews = 2;      // views in which both corners lie on one segment
 constexpr double kFewObjects = 40.0;  // in a catalog for which the options are meant
 // Of a camera that a collineation gives, before the images refine it.
 constexpr double kMaxSkew = 0.35;  // of the focal length; also of the aspect's logarithm
+// Image widths; wider than lenses: structure is rough.
 constexpr double kMinFocalWidths = 0.3, kMaxFocalWidths = 8.0;
 constexpr double kMaxCentreOff = 0.35;  // of the principal point from the image's, in widths
 

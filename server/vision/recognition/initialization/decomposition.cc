@@ -14,7 +14,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kUpgradeParameters = 15;
+constexpr int kUpgradeParameters = 15;  // of a collineation of space
 constexpr double kStep = 1e-6;  // of numeric derivatives, relative to parameters of order one
 
 Eigen::Vector3d Euclidean(const Eigen::Vector4d& X) {

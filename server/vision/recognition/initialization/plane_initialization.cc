@@ -15,7 +15,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kMinHypothesisScore = 0.42;
+constexpr double kMinHypothesisScore = 0.42;  // joint; worse ones are not refined, for time
 
 // An image edge that ends at a junction b, with the edges that go on from there.
 struct SightedEdge {

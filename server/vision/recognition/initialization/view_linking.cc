@@ -12,8 +12,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kHypothesesPerView = 18;
-constexpr double kMinHypothesisScore = 0.40;
+constexpr int kHypothesesPerView = 18;        // best first; for time
+constexpr double kMinHypothesisScore = 0.40;  // of one view; below it nothing is started from
 // A stable pose needs the camera above its plane by this much (sine of the elevation).
 constexpr double kMinElevationSine = 0.10;
 // Footprint transfer error (working pixels) at which two views' hypotheses agree with the plane.
@@ -23,7 +23,7 @@ constexpr int kCandidatesPerView = 6;
 // reach it, parts projected to a wrong place do not.
 constexpr double kShownScore = 0.3;
 
-constexpr double kMinCandidateScore = 0.30;
+constexpr double kMinCandidateScore = 0.30;  // of one view, to join a hypothesis of another one
 // Transferred alternatives scoring above this speak for a relative camera pose.
 constexpr double kTransferScore = 0.45;
 constexpr double kTransferWeight = 0.4;

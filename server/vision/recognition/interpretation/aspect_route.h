@@ -34,7 +34,7 @@ struct AspectSearch {
   std::shared_ptr<const FragmentIndex> index;
   bool rich = false;  // see AreRich; of a choice the leading ones decide
 };
-inline constexpr int kShortlist = 48;
+inline constexpr int kShortlist = 48;  // objects searched by all aspects; for time
 
 // Errors: those of the index, CANCELLED.
 absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,

@@ -17,6 +17,7 @@
 namespace horopter {
 namespace {
 
+// That something is found where nothing is expected, bounded.
 constexpr double kLeastChance = 0.03, kMostChance = 0.8;
 constexpr double kCircleReach = 0.06;  // diameters between a feature and a circle's middle
 
@@ -32,7 +33,7 @@ double EdgeLogOdds(double support, double found, double chance) {
 double PointLogOdds(const AspectImage& image,
                     const VisibleEdgePoint& p,
                     const PoseAlternativeOptions& options) {
-  constexpr float kTolerancePx = 3.0f;
+  constexpr float kTolerancePx = 3.0f;  // working px to an edge that supports
   const float x = p.image.x(), y = p.image.y();
   if (!(x >= 0 && y >= 0 && x < static_cast<float>(image.width) &&
         y < static_cast<float>(image.height))) {

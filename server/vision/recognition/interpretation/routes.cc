@@ -19,8 +19,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kExpandedHypotheses = 8;
-constexpr int kPlaneScales = 3;
+constexpr int kExpandedHypotheses = 8;   // distinct ones, best first; for time
+constexpr int kPlaneScales = 3;          // scenes that differ in scale; for time
 constexpr double kOtherScaleGain = 0.5;  // of the best scene's description-length gain: below it an
                                          // initial hypothesis is not tried
 constexpr double kSameHypothesisPx = 10.0;  // working pixels

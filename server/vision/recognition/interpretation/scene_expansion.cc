@@ -17,7 +17,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinPlaneMatches = 20;
+constexpr int kMinPlaneMatches = 20;  // of fewer the plane's tilt is not told
 // Of the circles that objects keep to in an image: depth (radii) from which the stretch covers the
 // perspective of a sphere (with the lens's bend), and how far beside an edge image edges are
 // explained, working pixels.

@@ -16,10 +16,10 @@ namespace horopter {
 namespace {
 
 constexpr int kRounds = 4;  // expansion and refinement in turn while objects are added, at most
-constexpr int kCornerViews = 3;
-constexpr double kSameLogFocal = 0.01;
-constexpr double kStillPx = 0.5;  // a search is not repeated when its cameras move less
-constexpr double kFarPx = 1e9;
+constexpr int kCornerViews = 3;         // with which corners in space are tried before the plane
+constexpr double kSameLogFocal = 0.01;  // log of the ratio; larger changes call for another search
+constexpr double kStillPx = 0.5;        // a search is not repeated when its cameras move less
+constexpr double kFarPx = 1e9;          // a view came or went: everything moved
 
 void Evaluate(const JointContext& context, SceneModel* scene) {
   VerifyScratch scratch;

@@ -11,7 +11,7 @@
 namespace horopter {
 namespace {
 
-constexpr std::size_t kMinPoints = 5;
+constexpr std::size_t kMinPoints = 5;  // one over the four corners of a key
 
 Eigen::Vector2d Undistorted(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
   return camera.focal_px * NormalizedPoint(camera, pixel) + Eigen::Vector2d(camera.cx, camera.cy);

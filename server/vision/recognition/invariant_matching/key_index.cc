@@ -11,9 +11,10 @@
 namespace horopter {
 namespace {
 
-constexpr int kDimensions[kKeyTables] = {5, 5, 3, 4};
+constexpr int kDimensions[kKeyTables] = {5, 5, 3, 4};  // of each table's keys
+// The table of ranges instead of points.
 constexpr int kPathViews = static_cast<int>(KeyTable::kPathViews);
-constexpr int kTransformKnots = 65;
+constexpr int kTransformKnots = 65;  // quantiles of each dimension, 64 pieces
 // Keys that a transformation is computed from; more change its quantiles by less than a hundredth.
 constexpr int64_t kTransformKeys = 20000;
 
@@ -111,7 +112,7 @@ absl::StatusOr<std::vector<KeyHit>> KeyIndexSnapshot::Find(KeyTable table,
 
 absl::StatusOr<std::vector<KeyHit>> KeyIndexSnapshot::FindPathViews(const InvariantKey& key,
                                                                     double gate) const {
-  constexpr int kSize = kDimensions[kPathViews];
+  constexpr int kSize = kDimensions[kPathViews];  // numbers of a path view
   if (key.values.size() != kSize || key.covariance.rows() != kSize ||
       key.covariance.cols() != kSize) {
     return absl::InvalidArgumentError(
@@ -186,6 +187,7 @@ void KeyTally::Add(int slot, const ObjectKeys& keys) {
 }
 
 std::vector<int> SharedKeys(const KeyIndexSnapshot& index, const ObjectKeys& keys) {
+  // Keys of an object, for how many objects share them; for time.
   constexpr std::size_t kMostAsked = 64;
   // Twice the tolerance within which FindLookAlike calls corners equal, as of a part's typical
   // edge.

@@ -16,7 +16,7 @@ namespace horopter {
 
 // kPathViews holds boxes (server/vision/invariants/path_views.h), the others points.
 enum class KeyTable { kChains = 0, kStars = 1, kSixPoints = 2, kPathViews = 3 };
-inline constexpr int kKeyTables = 4;
+inline constexpr int kKeyTables = 4;  // of the enumeration above
 
 // A key of the catalog inside a query's gate: key `key` of the object in slot `slot`.
 struct KeyHit {

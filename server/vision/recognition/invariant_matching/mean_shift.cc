@@ -11,7 +11,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kDensityBins = 128;
+constexpr int kDensityBins = 128;         // of the density in which the lowest valley is sought
 constexpr double kPieceDeviations = 4.0;  // bins reach this many bandwidths beyond the votes
 
 // Distance of each vote to its k-th neighbour, within the bounds.

@@ -10,7 +10,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kScaleSigmas = 3.0;
+constexpr double kScaleSigmas = 3.0;  // of the log size, beside the tolerance
 
 struct FourTuple {
   KeyTable table = KeyTable::kChains;

@@ -16,8 +16,8 @@ using Vector16 = Eigen::Matrix<double, 16, 1>;
 using Matrix16 = Eigen::Matrix<double, 16, 16>;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kCoplanar = 1e-9;
-constexpr int kMinForSimilarity = 3;
+constexpr double kCoplanar = 1e-9;    // determinant or relative eigenvalue of points in a plane
+constexpr int kMinForSimilarity = 3;  // points that determine one
 
 // Second over largest singular value of the vertices about their middle: below it they are called
 // collinear. Rounding leaves 1e-16.

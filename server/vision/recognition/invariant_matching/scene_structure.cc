@@ -14,8 +14,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinPoints = 5;
-constexpr double kCovarianceFloor = 1e-16;
+constexpr int kMinPoints = 5;               // of fewer there are no keys to compare
+constexpr double kCovarianceFloor = 1e-16;  // squared units of the scene; keeps it invertible
 
 // Tracks with enough inlier observations in known cameras, among those marked usable.
 std::vector<int> WellSeen(const MultiviewTracks& tracks,

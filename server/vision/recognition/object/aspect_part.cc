@@ -8,9 +8,9 @@
 namespace horopter {
 namespace {
 
-constexpr int kNearTurns = 24;   // of a surface that is nearly one of revolution
-constexpr int kRoundTurns = 20;  // symmetric turns about an axis that stand for any
-constexpr double kSameAxis = 1e-3;
+constexpr int kNearTurns = 24;      // of a surface that is nearly one of revolution
+constexpr int kRoundTurns = 20;     // symmetric turns about an axis that stand for any
+constexpr double kSameAxis = 1e-3;  // length of the difference of unit axes
 
 // The axis about which at least kRoundTurns of the symmetries turn.
 std::optional<SymmetryAxis> RoundAxis(std::span<const Rigid3> symmetries) {

@@ -8,8 +8,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kLongestSide = 40;  // cells along the longest side of the bounding box
-constexpr std::size_t kInterior = 300;
+constexpr int kLongestSide = 40;        // cells along the longest side of the bounding box
+constexpr std::size_t kInterior = 300;  // cells kept of those inside a part; for time
 
 // z of the triangle above (x, y), if it covers that point.
 bool HeightAt(const Eigen::Vector3d& a,

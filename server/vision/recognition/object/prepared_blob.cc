@@ -12,8 +12,8 @@
 namespace horopter {
 namespace {
 
-constexpr std::string_view kMagic = "HPRE";
-constexpr std::string_view kKeyMagic = "HKEY";
+constexpr std::string_view kMagic = "HPRE";     // first bytes of the blob
+constexpr std::string_view kKeyMagic = "HKEY";  // first bytes of the keys' blob
 // More cells than ComputeOccupancy makes along a side mean a damaged blob.
 constexpr int kMaxCells = 1024;
 
@@ -106,7 +106,7 @@ void AppendNearSymmetries(std::string& out, const PreparedObject& object) {
 }
 
 bool TakeNearSymmetries(BlobReader& reader, PreparedObject& out) {
-  constexpr std::size_t kBytes = 6 * 8 + 4 + 7 * 8;
+  constexpr std::size_t kBytes = 6 * 8 + 4 + 7 * 8;  // of one near symmetry in the blob
   out.sphere = reader.Take<std::uint8_t>() != 0;
   const auto count = reader.Take<std::uint32_t>();
   if (count > reader.left() / kBytes) return false;

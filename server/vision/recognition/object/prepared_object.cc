@@ -17,7 +17,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kAspectPixels = 160;
+constexpr int kAspectPixels = 160;  // side of the rendering that tells which edges an aspect shows
 // A point this far behind the nearest surface (share of the diameter) is hidden.
 constexpr double kSameVertex = 1e-3;  // diameters
 

@@ -8,10 +8,10 @@
 namespace horopter {
 namespace {
 
-constexpr int kMatchesPerPair = 60;
-constexpr double kAgreePx = 12.0;
-constexpr int kMinMatches = 12;
-constexpr int kTrials = 300;
+constexpr int kMatchesPerPair = 60;   // spread evenly; for time
+constexpr double kAgreePx = 12.0;     // in the other image; cameras are rough
+constexpr int kMinMatches = 12;       // of fewer there is no plane
+constexpr int kTrials = 300;          // draws of three points
 constexpr double kPlaneShare = 0.01;  // inlier distance, share of the distance from the anchor
 
 struct Candidate {

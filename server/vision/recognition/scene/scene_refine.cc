@@ -14,10 +14,10 @@
 namespace horopter {
 namespace {
 
-constexpr int kCameraSize = 7;
-constexpr int kObjectSize = 6;
-constexpr double kDamping = 1e-3;
-constexpr double kMaxTurn = 0.5;  // radians per step; more means the system is not solved but lost
+constexpr int kCameraSize = 7;     // pose and log f
+constexpr int kObjectSize = 6;     // pose
+constexpr double kDamping = 1e-3;  // relative, of the normal equations
+constexpr double kMaxTurn = 0.5;   // radians per step; more means the system is not solved but lost
 
 struct Layout {
   std::vector<int> camera;  // first parameter of a view, -1: not registered
@@ -149,7 +149,7 @@ class PlaneTerms {
     return J;
   }
 
-  static constexpr double kCauchyPx = 1.0;
+  static constexpr double kCauchyPx = 1.0;  // of the robust loss, image px
   PlanePoints points_;
   double weight_;
   std::size_t step_;

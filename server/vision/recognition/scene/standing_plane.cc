@@ -8,7 +8,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kIterations = 10;
+constexpr int kIterations = 10;  // of reweighting
 
 }  // namespace
 

@@ -77,6 +77,7 @@ class NearestMap {
   }
 
  private:
+  // Squared working px.
   static constexpr float kFar = EdgeMaps::kMaxDistance * EdgeMaps::kMaxDistance;
 
   struct Cell {

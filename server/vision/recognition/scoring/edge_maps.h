@@ -26,9 +26,9 @@ struct EdgePoint {
 // kDistanceScale, saturated). The latter is asked at random millions of times: small enough for a
 // core's own cache.
 struct EdgeMaps {
-  static constexpr int kWorkingWidth = 640;
-  static constexpr float kDistanceScale = 8.0f;
-  static constexpr float kMaxDistance = 255.0f / 8.0f;
+  static constexpr int kWorkingWidth = 640;             // px
+  static constexpr float kDistanceScale = 8.0f;         // steps of 1/8 px in a byte
+  static constexpr float kMaxDistance = 255.0f / 8.0f;  // working px that a byte holds
 
   int width = 0;  // cells
   int height = 0;

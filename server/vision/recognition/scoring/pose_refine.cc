@@ -11,9 +11,9 @@
 namespace horopter {
 namespace {
 
-constexpr double kMinDepth = 1e-3;
-constexpr int kMinAssociated = 8;
-constexpr double kDamping = 1e-3;  // of the normal matrix's diagonal
+constexpr double kMinDepth = 1e-3;  // metres; nearer nothing is projected
+constexpr int kMinAssociated = 8;   // residuals: one over a pose with its focal length
+constexpr double kDamping = 1e-3;   // of the normal matrix's diagonal
 
 double Reach(const RefineOptions& options, int iteration) {
   if (options.iterations <= 1) return options.end_reach_px;

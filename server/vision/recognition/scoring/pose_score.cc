@@ -122,6 +122,7 @@ bool FitScratch(const PreparedObject& object,
                 const PinholeCamera& working,
                 const Rigid3& pose,
                 VerifyScratch* scratch) {
+  // Working px about the outline: reach of what explains, and rounding.
   constexpr double kMargin = kExplainPx + 2;
   double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
   for (const auto& v : object.model.mesh.vertices) {

@@ -19,7 +19,7 @@ struct SegmentSample {
 };
 
 struct ViewEvidence {
-  static constexpr float kSegmentSampleStep = 4.0f;
+  static constexpr float kSegmentSampleStep = 4.0f;  // working px
 
   int width = 0;  // of the image, pixels
   int height = 0;
