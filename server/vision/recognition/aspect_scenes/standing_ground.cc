@@ -1,5 +1,6 @@
 #include "server/vision/recognition/aspect_scenes/standing_ground.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
