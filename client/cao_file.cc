@@ -171,6 +171,33 @@ std::vector<int> SingleBorder(const TriangleMesh& mesh, const std::vector<int>& 
   return loop.size() == count ? loop : std::vector<int>{};
 }
 
+// Of lines, or of corners; corners: how many there are.
+absl::Status ReadFaces(Reader& reader,
+                       bool from_lines,
+                       const std::vector<std::pair<int, int>>& lines,
+                       size_t corners,
+                       TriangleMesh& soup) {
+  HOROPTER_ASSIGN_OR_RETURN(const int faces, reader.Count());
+  for (int i = 0; i < faces; ++i) {
+    HOROPTER_ASSIGN_OR_RETURN(std::istringstream line, reader.Next());
+    int n = 0;
+    if (!(line >> n) || n < 3 || n > kMaxFaceCorners) {
+      return reader.Error("a face needs at least three corners");
+    }
+    HOROPTER_ASSIGN_OR_RETURN(const std::vector<int> named,
+                              reader.Indices(line, n, from_lines ? lines.size() : corners));
+    std::vector<int> polygon = named;
+    if (from_lines) {
+      std::vector<std::pair<int, int>> sides;
+      for (const int l : named) sides.push_back(lines[l]);
+      polygon = LoopOf(std::move(sides));
+      if (polygon.empty()) return reader.Error("the lines of a face do not close");
+    }
+    AddPolygon(soup, polygon);
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::StatusOr<TriangleMesh> ReadCao(const std::string& path, double metres_per_unit) {
@@ -201,26 +228,8 @@ absl::StatusOr<TriangleMesh> ReadCao(const std::string& path, double metres_per_
     HOROPTER_ASSIGN_OR_RETURN(const std::vector<int> ends, reader.Indices(line, 2, corners));
     lines.emplace_back(ends[0], ends[1]);
   }
-  for (const bool from_lines : {true, false}) {
-    HOROPTER_ASSIGN_OR_RETURN(const int faces, reader.Count());
-    for (int i = 0; i < faces; ++i) {
-      HOROPTER_ASSIGN_OR_RETURN(std::istringstream line, reader.Next());
-      int n = 0;
-      if (!(line >> n) || n < 3 || n > kMaxFaceCorners) {
-        return reader.Error("a face needs at least three corners");
-      }
-      HOROPTER_ASSIGN_OR_RETURN(const std::vector<int> named,
-                                reader.Indices(line, n, from_lines ? lines.size() : corners));
-      std::vector<int> polygon = named;
-      if (from_lines) {
-        std::vector<std::pair<int, int>> sides;
-        for (const int l : named) sides.push_back(lines[l]);
-        polygon = LoopOf(std::move(sides));
-        if (polygon.empty()) return reader.Error("the lines of a face do not close");
-      }
-      AddPolygon(soup, polygon);
-    }
-  }
+  for (const bool from_lines : {true, false})
+    HOROPTER_RETURN_IF_ERROR(ReadFaces(reader, from_lines, lines, corners, soup));
   HOROPTER_ASSIGN_OR_RETURN(const int cylinders, reader.Count());
   for (int i = 0; i < cylinders; ++i) {
     HOROPTER_ASSIGN_OR_RETURN(std::istringstream line, reader.Next());

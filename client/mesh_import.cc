@@ -348,6 +348,49 @@ void BuildEdges(ObjectModel& model, double diagonal, double sharp_angle_rad) {
   DropUnusedVertices(model);
 }
 
+// What the file says of itself, else what the caller says; ViSP works in metres. Errors:
+// INVALID_ARGUMENT, both differ or the unit is unknown.
+absl::Status SetUnit(const std::string& path,
+                     const std::string& of_file,
+                     const CadImportOptions& options,
+                     bool cao,
+                     CadImport* import) {
+  import->unit_from_file = !of_file.empty();
+  if (import->unit_from_file && !options.unit.empty() &&
+      MetresPerUnit(options.unit) != MetresPerUnit(of_file)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "units: ", path, " is in ", of_file, " by its own word, not in ", options.unit));
+  }
+  import->unit_name = import->unit_from_file  ? of_file
+                      : !options.unit.empty() ? options.unit
+                      : cao                   ? "m"
+                                              : "mm";
+  import->metres_per_unit = MetresPerUnit(import->unit_name);
+  if (import->metres_per_unit <= 0.0) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "units: ", path, ": unknown unit '", import->unit_name, "' (use mm, cm, m, in, ft or um)"));
+  }
+  return absl::OkStatus();
+}
+
+// told_faces: the file says which side of a face is outside.
+void TellRepairs(const CleanMesh& clean, bool told_faces, CadImport* import) {
+  if (clean.turned_triangles > 0 && told_faces) {
+    AddFinding(CadFindingKind::kInvertedFaces,
+               absl::StrCat(clean.turned_triangles, " triangles pointed inwards; turned"),
+               import);
+  }
+  if (clean.duplicate_triangles > 0) {
+    AddFinding(CadFindingKind::kDuplicateFaces,
+               absl::StrCat(clean.duplicate_triangles, " triangles were there twice; dropped"),
+               import);
+  }
+  if (clean.degenerate_triangles > 0) {
+    import->warnings.push_back(
+        absl::StrCat(clean.degenerate_triangles, " degenerate triangles dropped"));
+  }
+}
+
 }  // namespace
 
 absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOptions& options) {
@@ -356,28 +399,9 @@ absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOpt
   const bool wireframe = absl::EndsWithIgnoreCase(path, ".json");
   if (wireframe) {
     HOROPTER_ASSIGN_OR_RETURN(reconstruction, ReadReconstruction(path));
-    import.unit_from_file = !reconstruction.unit.empty();
-    if (import.unit_from_file && !options.unit.empty() &&
-        MetresPerUnit(options.unit) != MetresPerUnit(reconstruction.unit)) {
-      return absl::InvalidArgumentError(absl::StrCat("units: ",
-                                                     path,
-                                                     " is in ",
-                                                     reconstruction.unit,
-                                                     " by its own word, not in ",
-                                                     options.unit));
-    }
   }
   const bool cao = absl::EndsWithIgnoreCase(path, ".cao");
-  // ViSP works in metres.
-  import.unit_name = import.unit_from_file   ? reconstruction.unit
-                     : !options.unit.empty() ? options.unit
-                     : cao                   ? "m"
-                                             : "mm";
-  import.metres_per_unit = MetresPerUnit(import.unit_name);
-  if (import.metres_per_unit <= 0.0) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        "units: ", path, ": unknown unit '", import.unit_name, "' (use mm, cm, m, in, ft or um)"));
-  }
+  HOROPTER_RETURN_IF_ERROR(SetUnit(path, reconstruction.unit, options, cao, &import));
   std::vector<Eigen::Vector3d> cloud;
   if (absl::EndsWithIgnoreCase(path, ".ply")) {
     // assimp never returns from a header without an end, and takes missing vertices for zeros.
@@ -406,21 +430,7 @@ absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOpt
       return absl::InvalidArgumentError(absl::StrCat(path, ": all triangles are degenerate"));
     }
     // Faces made here have no side of their own.
-    const bool told_faces = !wireframe && !cao && cloud.empty();
-    if (clean.turned_triangles > 0 && told_faces) {
-      AddFinding(CadFindingKind::kInvertedFaces,
-                 absl::StrCat(clean.turned_triangles, " triangles pointed inwards; turned"),
-                 &import);
-    }
-    if (clean.duplicate_triangles > 0) {
-      AddFinding(CadFindingKind::kDuplicateFaces,
-                 absl::StrCat(clean.duplicate_triangles, " triangles were there twice; dropped"),
-                 &import);
-    }
-    if (clean.degenerate_triangles > 0) {
-      import.warnings.push_back(
-          absl::StrCat(clean.degenerate_triangles, " degenerate triangles dropped"));
-    }
+    TellRepairs(clean, !wireframe && !cao && cloud.empty(), &import);
     import.model.mesh = std::move(clean.mesh);
     BuildEdges(import.model, diagonal, options.sharp_angle_rad);
   } catch (const std::exception& e) {  // assimp and the allocator throw on hostile files

@@ -73,6 +73,48 @@ std::string GraspText(const v1::RecognizedObject& object, const Rigid3& table_fr
                          DroppedText(object.grasp_counts()));
 }
 
+void PrintObjects(const v1::RecognizeSceneResponse& response,
+                  const std::vector<std::string>& paths,
+                  const std::map<std::string, ObjectModel>& models) {
+  const TableFrame frame = FrameOf(response, paths);
+  Say("\nposition (mm) and orientation (roll pitch yaw, degrees) in %s\n", frame.name.c_str());
+  Say("%-14s %-20s %5s  %26s  %26s  %s\n",
+      "object",
+      "name",
+      "score",
+      "position",
+      "orientation",
+      "grasp (mm)");
+  for (const v1::RecognizedObject& o : response.objects()) {
+    const Rigid3 pose = frame.table_from_scene * FromProto(o.scene_from_object());
+    const std::string id = IdOfResource(o.object());
+    const auto model = models.find(id);
+    Say("%-14s %-20s %5.2f  %s  %s  %s\n",
+        id.c_str(),
+        model == models.end() ? "" : model->second.display_name.c_str(),
+        o.score(),
+        Triple(pose.t * 1e3).c_str(),
+        Triple(RollPitchYawDeg(pose.R)).c_str(),
+        GraspText(o, frame.table_from_scene).c_str());
+    for (const std::string& other : o.alternative_objects()) {
+      Say("               could also be %s\n", IdOfResource(other).c_str());
+    }
+  }
+}
+
+void PrintStation(const v1::StationReport& station) {
+  Say("%s: %s, %s\n",
+      station.station().c_str(),
+      station.prior_used() ? "what is known of its cameras was used"
+                           : "its cameras by the images alone",
+      station.learnt() ? "learnt from this request" : "learnt nothing");
+  for (const v1::StationFinding& f : station.findings()) {
+    Say("%s: %s\n",
+        v1::StationFinding::Kind_Name(f.kind()).substr(sizeof("KIND_") - 1).c_str(),
+        f.detail().c_str());
+  }
+}
+
 void PrintTable(const v1::RecognizeSceneResponse& response,
                 const std::vector<std::string>& paths,
                 const std::map<std::string, ObjectModel>& models) {
@@ -96,48 +138,11 @@ void PrintTable(const v1::RecognizeSceneResponse& response,
       Say("image %d: camera not recovered\n", i + 1);
     }
   }
-  if (response.objects_size() > 0) {
-    const TableFrame frame = FrameOf(response, paths);
-    Say("\nposition (mm) and orientation (roll pitch yaw, degrees) in %s\n", frame.name.c_str());
-    Say("%-14s %-20s %5s  %26s  %26s  %s\n",
-        "object",
-        "name",
-        "score",
-        "position",
-        "orientation",
-        "grasp (mm)");
-    for (const v1::RecognizedObject& o : response.objects()) {
-      const Rigid3 pose = frame.table_from_scene * FromProto(o.scene_from_object());
-      const std::string id = IdOfResource(o.object());
-      const auto model = models.find(id);
-      Say("%-14s %-20s %5.2f  %s  %s  %s\n",
-          id.c_str(),
-          model == models.end() ? "" : model->second.display_name.c_str(),
-          o.score(),
-          Triple(pose.t * 1e3).c_str(),
-          Triple(RollPitchYawDeg(pose.R)).c_str(),
-          GraspText(o, frame.table_from_scene).c_str());
-      for (const std::string& other : o.alternative_objects()) {
-        Say("               could also be %s\n", IdOfResource(other).c_str());
-      }
-    }
-  }
+  if (response.objects_size() > 0) PrintObjects(response, paths, models);
   for (const v1::SceneFinding& f : response.findings()) {
     Say("%s: %s\n", FindingName(f).c_str(), f.detail().c_str());
   }
-  if (response.has_station()) {
-    const v1::StationReport& station = response.station();
-    Say("%s: %s, %s\n",
-        station.station().c_str(),
-        station.prior_used() ? "what is known of its cameras was used"
-                             : "its cameras by the images alone",
-        station.learnt() ? "learnt from this request" : "learnt nothing");
-    for (const v1::StationFinding& f : station.findings()) {
-      Say("%s: %s\n",
-          v1::StationFinding::Kind_Name(f.kind()).substr(sizeof("KIND_") - 1).c_str(),
-          f.detail().c_str());
-    }
-  }
+  if (response.has_station()) PrintStation(response.station());
   double seconds = 0.0;
   for (const v1::StageReport& s : response.stages()) {
     seconds += static_cast<double>(s.elapsed().seconds()) + 1e-9 * s.elapsed().nanos();

@@ -65,17 +65,42 @@ std::string Text(double x, double y, const char* anchor, const std::string& text
       "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\">%s</text>\n", x, y, anchor, Escaped(text));
 }
 
+bool Usable(const SvgChart& chart, const std::pair<double, double>& p) {
+  return std::isfinite(p.first) && std::isfinite(p.second) && (!chart.log_y || p.second > 0.0);
+}
+
+// The k-th series with its legend.
+void AppendSeries(const SvgChart& chart, int k, const Axis& x, const Axis& y, std::string* svg) {
+  const SvgSeries& s = chart.series[k];
+  const char* color = kColors[k % static_cast<int>(std::size(kColors))];
+  std::string points;
+  for (const auto& p : s.points) {
+    if (Usable(chart, p))
+      absl::StrAppend(&points, absl::StrFormat("%.1f,%.1f ", x.At(p.first), y.At(p.second)));
+  }
+  absl::StrAppend(svg,
+                  "<polyline fill=\"none\" stroke-width=\"2\" stroke=\"",
+                  color,
+                  "\" points=\"",
+                  points,
+                  "\"/>\n");
+  const double at = kTop + 18.0 * k;
+  absl::StrAppend(svg,
+                  absl::StrFormat("<path d=\"M%.1f %.1fh18\" stroke-width=\"3\" stroke=\"%s\"/>\n",
+                                  kWidth - kRight + 12,
+                                  at,
+                                  color),
+                  Text(kWidth - kRight + 36, at + 4, "start", s.name));
+}
+
 }  // namespace
 
 std::string SvgOf(const SvgChart& chart) {
   double x_low = std::numeric_limits<double>::infinity(), x_high = -x_low;
   double y_low = x_low, y_high = -x_low;
-  const auto usable = [&](const std::pair<double, double>& p) {
-    return std::isfinite(p.first) && std::isfinite(p.second) && (!chart.log_y || p.second > 0.0);
-  };
   for (const SvgSeries& s : chart.series) {
     for (const auto& p : s.points) {
-      if (!usable(p)) continue;
+      if (!Usable(chart, p)) continue;
       x_low = std::min(x_low, p.first), x_high = std::max(x_high, p.first);
       y_low = std::min(y_low, p.second), y_high = std::max(y_high, p.second);
     }
@@ -108,29 +133,8 @@ std::string SvgOf(const SvgChart& chart) {
         absl::StrFormat("<path d=\"M%.1f %.1fH%.1f\" stroke=\"#ddd\"/>\n", x.from, y.At(t), x.to),
         Text(x.from - 6, y.At(t) + 4, "end", absl::StrFormat("%g", t)));
   }
-  for (size_t k = 0; k < chart.series.size(); ++k) {
-    const SvgSeries& s = chart.series[k];
-    const char* color = kColors[k % std::size(kColors)];
-    std::string points;
-    for (const auto& p : s.points) {
-      if (usable(p))
-        absl::StrAppend(&points, absl::StrFormat("%.1f,%.1f ", x.At(p.first), y.At(p.second)));
-    }
-    absl::StrAppend(&svg,
-                    "<polyline fill=\"none\" stroke-width=\"2\" stroke=\"",
-                    color,
-                    "\" points=\"",
-                    points,
-                    "\"/>\n");
-    const double at = kTop + 18.0 * static_cast<double>(k);
-    absl::StrAppend(
-        &svg,
-        absl::StrFormat("<path d=\"M%.1f %.1fh18\" stroke-width=\"3\" stroke=\"%s\"/>\n",
-                        kWidth - kRight + 12,
-                        at,
-                        color),
-        Text(kWidth - kRight + 36, at + 4, "start", s.name));
-  }
+  for (size_t k = 0; k < chart.series.size(); ++k)
+    AppendSeries(chart, static_cast<int>(k), x, y, &svg);
   return svg + "</svg>\n";
 }
 

@@ -46,6 +46,61 @@ bool InvertedCholesky(const Eigen::MatrixXd& covariance, double* inverse) {
   return true;
 }
 
+// The ellipsoid as a ball of whitened coordinates, and its bounding box.
+struct WhitenedBall {
+  WhitenedBall(const Ellipsoid& ellipsoid, const double* whitening)
+      : n(static_cast<int>(ellipsoid.center.size())),
+        gate(ellipsoid.gate),
+        center(ellipsoid.center.data()),
+        whiten(whitening) {
+    // A hair wider than exact: rounding must not lose what the exact test would accept.
+    for (int d = 0; d < n; ++d) {
+      const double half = std::sqrt(ellipsoid.covariance(d, d) * gate) * (1.0 + 1e-12);
+      low[d] = center[d] - half;
+      high[d] = center[d] + half;
+    }
+  }
+
+  // By a lower bound of |y|^2 over child i's box, from interval arithmetic row by row.
+  bool Misses(const Node& node, int i) const {
+    double sum = 0.0;
+    const double* w = whiten;
+    for (int r = 0; r < n; ++r) {
+      double least = 0.0, most = 0.0;
+      for (int c = 0; c <= r; ++c, ++w) {
+        const double a = *w * (node.Low(c)[i] - center[c]);
+        const double b = *w * (node.High(c)[i] - center[c]);
+        least += std::min(a, b);
+        most += std::max(a, b);
+      }
+      const double t = least > 0.0 ? least : most < 0.0 ? most : 0.0;
+      sum += t * t;
+      if (sum > gate * (1.0 + 1e-9)) return true;
+    }
+    return false;
+  }
+
+  // Of the middle of child i's box; beyond the gate some number beyond it.
+  double SquaredMahalanobis(const Node& node, int i) const {
+    double sum = 0.0;
+    const double* w = whiten;
+    for (int r = 0; r < n && sum <= gate; ++r) {
+      double y = 0.0;
+      for (int c = 0; c <= r; ++c, ++w) {
+        y += *w * (0.5 * (node.Low(c)[i] + node.High(c)[i]) - center[c]);
+      }
+      sum += y * y;
+    }
+    return sum;
+  }
+
+  int n;
+  double gate;
+  const double* center;
+  const double* whiten;  // lower triangle, row by row
+  double low[kMaxDimensions], high[kMaxDimensions];
+};
+
 }  // namespace
 
 absl::StatusOr<std::vector<EllipsoidMatch>> XTreeSnapshot::Inside(const Ellipsoid& ellipsoid,
@@ -63,60 +118,22 @@ absl::StatusOr<std::vector<EllipsoidMatch>> XTreeSnapshot::Inside(const Ellipsoi
   const double gate = ellipsoid.gate;
   if (root_ == nullptr || !(gate >= 0.0)) return found;
 
-  // A hair wider than exact: rounding must not lose what the exact test would accept.
-  double low[kMaxDimensions], high[kMaxDimensions];
-  const double* center = ellipsoid.center.data();
-  for (int d = 0; d < n; ++d) {
-    const double half = std::sqrt(ellipsoid.covariance(d, d) * gate) * (1.0 + 1e-12);
-    low[d] = center[d] - half;
-    high[d] = center[d] + half;
-  }
-
-  // Lower bound of |y|^2 over child i's box, by interval arithmetic row by row.
-  const auto misses = [&](const Node& node, int i) {
-    double sum = 0.0;
-    const double* w = whiten;
-    for (int r = 0; r < n; ++r) {
-      double least = 0.0, most = 0.0;
-      for (int c = 0; c <= r; ++c, ++w) {
-        const double a = *w * (node.Low(c)[i] - center[c]);
-        const double b = *w * (node.High(c)[i] - center[c]);
-        least += std::min(a, b);
-        most += std::max(a, b);
-      }
-      const double t = least > 0.0 ? least : most < 0.0 ? most : 0.0;
-      sum += t * t;
-      if (sum > gate * (1.0 + 1e-9)) return true;
-    }
-    return false;
-  };
-  const auto squared_mahalanobis = [&](const Node& node, int i) {
-    double sum = 0.0;
-    const double* w = whiten;
-    for (int r = 0; r < n && sum <= gate; ++r) {
-      double y = 0.0;
-      for (int c = 0; c <= r; ++c, ++w) {
-        y += *w * (0.5 * (node.Low(c)[i] + node.High(c)[i]) - center[c]);
-      }
-      sum += y * y;
-    }
-    return sum;
-  };
+  const WhitenedBall ball(ellipsoid, whiten);
   QueryStats unused;
   Walk(
       *root_,
       options_.scan_share,
       stats != nullptr ? *stats : unused,
       [&](const Node& node, Scratch&, auto visit) {
-        ForEachMeeting(node, low, high, [&](int i) {
-          if (!misses(node, i)) visit(i);
+        ForEachMeeting(node, ball.low, ball.high, [&](int i) {
+          if (!ball.Misses(node, i)) visit(i);
         });
       },
       [&](const Node& node, Scratch&) {
         // The bounding box of the ellipsoid thins the entries of points; a box is judged by its
         // centre, which lies in it.
-        ForEachMeeting(node, low, high, [&](int i) {
-          const double squared = squared_mahalanobis(node, i);
+        ForEachMeeting(node, ball.low, ball.high, [&](int i) {
+          const double squared = ball.SquaredMahalanobis(node, i);
           if (squared <= gate) found.push_back({node.ids[i], squared});
         });
       });

@@ -92,6 +92,25 @@ absl::Status CheckLabels(const v1::RecognizeSceneRequest& proto) {
   return absl::OkStatus();
 }
 
+// Ids, each once. Errors: INVALID_ARGUMENT naming the field.
+absl::StatusOr<std::vector<std::string>> CandidatesFromProto(
+    const v1::RecognizeSceneRequest& proto) {
+  if (proto.candidate_objects_size() > kMaxCandidates) {
+    return InvalidField("candidate_objects", absl::StrCat("more than ", kMaxCandidates));
+  }
+  std::vector<std::string> candidates;
+  for (int i = 0; i < proto.candidate_objects_size(); ++i) {
+    HOROPTER_ASSIGN_OR_RETURN(
+        std::string id,
+        ObjectIdFromName(proto.candidate_objects(i), absl::StrCat("candidate_objects[", i, "]")));
+    // A name given twice means the same as once.
+    if (std::find(candidates.begin(), candidates.end(), id) == candidates.end()) {
+      candidates.push_back(std::move(id));
+    }
+  }
+  return candidates;
+}
+
 }  // namespace
 
 absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneRequest& proto,
@@ -99,20 +118,8 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
                                                    int threads,
                                                    const StopRequested& stop) {
   HOROPTER_RETURN_IF_ERROR(ShapesOf(proto, limits).status());
-  if (proto.candidate_objects_size() > kMaxCandidates) {
-    return InvalidField("candidate_objects", absl::StrCat("more than ", kMaxCandidates));
-  }
   SceneRequest request;
-  for (int i = 0; i < proto.candidate_objects_size(); ++i) {
-    HOROPTER_ASSIGN_OR_RETURN(
-        std::string id,
-        ObjectIdFromName(proto.candidate_objects(i), absl::StrCat("candidate_objects[", i, "]")));
-    // A name given twice means the same as once.
-    if (std::find(request.candidates.begin(), request.candidates.end(), id) ==
-        request.candidates.end()) {
-      request.candidates.push_back(std::move(id));
-    }
-  }
+  HOROPTER_ASSIGN_OR_RETURN(request.candidates, CandidatesFromProto(proto));
   if (proto.has_reference()) {
     ReferenceObject reference;
     HOROPTER_ASSIGN_OR_RETURN(reference.object_id,

@@ -76,6 +76,20 @@ absl::Status InRange(const char* name, int value, int low, int high) {
       absl::StrCat(name, ": ", value, " is outside ", low, "..", high));
 }
 
+void TellLoad(const LoadReport& loaded) {
+  for (const std::string& failure : loaded.failures) {
+    spdlog::error("left out of recognition: {}", failure);
+  }
+  if (loaded.prepared > 0) {
+    spdlog::info("{} objects prepared again: their derived data were missing or out of date",
+                 loaded.prepared);
+  }
+  if (!loaded.stored.ok()) {
+    spdlog::warn("derived data cannot be stored, the next start is slow again: {}",
+                 std::string(loaded.stored.message()));
+  }
+}
+
 }  // namespace
 
 // In order of construction; the pools go before the listeners, whose services their jobs use.
@@ -140,18 +154,7 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
                                .max_objects = options.max_objects});
   };
   HOROPTER_ASSIGN_OR_RETURN(parts->store, CatchExceptions(load));
-  const LoadReport& loaded = parts->store->load_report();
-  for (const std::string& failure : loaded.failures) {
-    spdlog::error("left out of recognition: {}", failure);
-  }
-  if (loaded.prepared > 0) {
-    spdlog::info("{} objects prepared again: their derived data were missing or out of date",
-                 loaded.prepared);
-  }
-  if (!loaded.stored.ok()) {
-    spdlog::warn("derived data cannot be stored, the next start is slow again: {}",
-                 std::string(loaded.stored.message()));
-  }
+  TellLoad(parts->store->load_report());
   const auto figures = [store = parts->store.get()] {
     const auto published = store->Published();
     return CatalogFigures{static_cast<int64_t>(published->ids.size()),

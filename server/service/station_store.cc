@@ -60,6 +60,40 @@ absl::StatusOr<StationViews> CamerasOf(const std::vector<std::string>& ids,
   return views;
 }
 
+// Where the request's cameras are in the station, by their ids: others may have been added since.
+// New ones are added, resized ones forgotten. Errors: FAILED_PRECONDITION, the station is full.
+absl::StatusOr<StationViews> PlaceCameras(const StationStart& start,
+                                          const std::string& request_id,
+                                          const StationOptions& options,
+                                          StationState* state,
+                                          std::vector<StationEventRecord>* events) {
+  StationViews views;
+  for (const int c : start.request.views) {
+    const StationCamera& camera = start.request.state.cameras[c];
+    int index = IndexOfCamera(*state, camera.id);
+    if (index < 0) {
+      if (static_cast<int>(state->cameras.size()) >= kMostStationCameras)
+        return absl::FailedPreconditionError("the station is full");
+      index =
+          AddStationCamera(camera.id, camera.camera.width, camera.camera.height, options, state);
+      events->push_back({v1::StationEvent::KIND_CAMERA_ADDED,
+                         StationTime(),
+                         request_id,
+                         {camera.id},
+                         "first seen"});
+    }
+    StationCamera& now = state->cameras[index];
+    if (now.camera.width != camera.camera.width || now.camera.height != camera.camera.height) {
+      now.camera.width = camera.camera.width;
+      now.camera.height = camera.camera.height;
+      ForgetLens(index, options, state);
+      ForgetPlace(index, state);
+    }
+    views.push_back(index);
+  }
+  return views;
+}
+
 }  // namespace
 
 std::string StationName(const std::string& id) {
@@ -226,32 +260,8 @@ absl::StatusOr<bool> TeachStation(Catalog& catalog,
                          std::vector<StationEventRecord>* events) -> absl::StatusOr<StationRecord> {
     if (current == nullptr) return absl::NotFoundError("the station was deleted meanwhile");
     StationRecord next = *current;
-    // The cameras by their ids: others may have been added since.
-    std::vector<std::string> resized;
-    StationViews views;
-    for (const int c : start.request.views) {
-      const StationCamera& camera = start.request.state.cameras[c];
-      int index = IndexOfCamera(next.state, camera.id);
-      if (index < 0) {
-        if (static_cast<int>(next.state.cameras.size()) >= kMostStationCameras)
-          return absl::FailedPreconditionError("the station is full");
-        index = AddStationCamera(
-            camera.id, camera.camera.width, camera.camera.height, options, &next.state);
-        events->push_back({v1::StationEvent::KIND_CAMERA_ADDED,
-                           StationTime(),
-                           request_id,
-                           {camera.id},
-                           "first seen"});
-      }
-      StationCamera& now = next.state.cameras[index];
-      if (now.camera.width != camera.camera.width || now.camera.height != camera.camera.height) {
-        now.camera.width = camera.camera.width;
-        now.camera.height = camera.camera.height;
-        ForgetLens(index, options, &next.state);
-        ForgetPlace(index, &next.state);
-      }
-      views.push_back(index);
-    }
+    HOROPTER_ASSIGN_OR_RETURN(const StationViews views,
+                              PlaceCameras(start, request_id, options, &next.state, events));
     // A prior that stood because of the scene adjusted under it stands here, too.
     StationTest test = TestStation(next.state, views, outcome.evidence, options);
     next.update_time = StationTime();

@@ -36,7 +36,7 @@ def code_of(path):
         return "\n" * found.count("\n") if found[0] in "/#" else '""'
 
     text = re.sub(r'R"\((?:.|\n)*?\)"|//[^\n]*|/\*(?:.|\n)*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])\'(?![0-9])', blank, text)
-    return re.sub(r"(?m)^[ \t]*#[^\n]*(?:\\\n[^\n]*)*", blank, text)
+    return re.sub(r"(?m)^[ \t]*#(?:\\\n|[^\n])*", blank, text)
 
 
 def functions(text):

@@ -18,6 +18,14 @@ class Functions(unittest.TestCase):
         self.assertEqual(self.lines("namespace a {\nint F(int x,\n      int y) {\n  return x;\n}\n}\n"),
                          [(4, "int F(int x, int y)")])
 
+    def test_a_condition_of_the_preprocessor_over_several_lines_is_no_function(self):
+        text = "#if defined(A) && \\\n    !defined(B)\nnamespace a {\nint F() {\n}\n}\n#endif\n"
+        with tempfile.TemporaryDirectory() as root:
+            path = os.path.join(root, "a.cc")
+            with open(path, "w", encoding="utf-8") as file:
+                file.write(text)
+            self.assertEqual(self.lines(house.code_of(path)), [(2, "int F()")])
+
     def test_members_count_and_what_stands_inside_does_not(self):
         text = "class A {\n void F() {\n  auto f = [](int x) {\n   if (x) {\n   }\n  };\n }\n};\nint g[] = {1};\n"
         self.assertEqual(self.lines(text), [(6, "void F()")])

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 
 #include "server/vision/geometry/grasp_kind.h"
 
@@ -61,6 +62,60 @@ std::string SuctionProblem(const ObjectModel& model, const Rigid3& pose, double 
   return "";
 }
 
+using Report = std::function<void(const std::string& what)>;
+
+// From the pre-grasp to the grasp.
+void CheckWay(const Rigid3& pose, const Rigid3& before, const Report& report) {
+  const Eigen::Vector3d z = pose.R.col(2);
+  const Eigen::Vector3d way = pose.t - before.t;
+  if (!before.R.isApprox(pose.R, kSameTurn)) report("the gripper turns after the pre-grasp");
+  if (!(way.dot(z) > 0.0)) report("the pre-grasp is not before the part");
+  if (way.cross(z).norm() > kAside * way.norm()) {
+    report("the way from the pre-grasp is not along the approach axis");
+  }
+}
+
+// Fingers and what is between them.
+void CheckJaws(const ObjectModel& model,
+               const Grasp& grasp,
+               const GraspCheckOptions& options,
+               const Report& report) {
+  const Rigid3& pose = grasp.object_from_gripper;
+  const Eigen::Vector3d x = pose.R.col(0), z = pose.R.col(2);
+  if (grasp.grip_width_m > grasp.jaw_opening_m) {
+    report("the part is wider (" + Millimetres(grasp.grip_width_m) + ") than the opening (" +
+           Millimetres(grasp.jaw_opening_m) + ")");
+  }
+  // From the pre-grasp on, which may lie farther away than where a bare grasp's approach begins.
+  double approach = options.approach_diameters * model.diameter_m;
+  if (grasp.object_from_pregrasp) {
+    approach = std::max(approach, (pose.t - grasp.object_from_pregrasp->t).norm());
+  }
+  const double half = 0.5 * grasp.jaw_opening_m;
+  // Coordinates of a part are round numbers: a finger that slides along a face is moved off it by
+  // nothing that matters.
+  const double aside = 1e-7 * model.diameter_m;
+  for (const double side : {-1.0, 1.0}) {
+    const Eigen::Vector3d tip = pose * Eigen::Vector3d(side * half + side * aside, aside, aside);
+    if (!Crossings(model.mesh, tip - approach * z, z, approach).empty()) {
+      report("a finger passes through the part on its way");
+      break;
+    }
+  }
+  const Eigen::Vector3d start = pose * Eigen::Vector3d(-half, aside, aside);
+  const std::vector<double> hits = Crossings(model.mesh, start, x, grasp.jaw_opening_m);
+  if (hits.empty()) {
+    report("nothing is between the fingers");
+    return;
+  }
+  const double width = hits.back() - hits.front();
+  if (grasp.grip_width_m > 0.0 &&
+      std::abs(width - grasp.grip_width_m) > options.width_tolerance * grasp.jaw_opening_m) {
+    report("the part is " + Millimetres(width) + " wide between the fingers, not " +
+           Millimetres(grasp.grip_width_m));
+  }
+}
+
 }  // namespace
 
 std::vector<std::string> CheckGrasps(const ObjectModel& model, const GraspCheckOptions& options) {
@@ -69,57 +124,16 @@ std::vector<std::string> CheckGrasps(const ObjectModel& model, const GraspCheckO
     const auto report = [&](const std::string& what) {
       problems.push_back(grasp.name + ": " + what);
     };
-    const Rigid3& pose = grasp.object_from_gripper;
-    const Eigen::Vector3d x = pose.R.col(0), z = pose.R.col(2);
-    if (grasp.object_from_pregrasp) {
-      const Rigid3& before = *grasp.object_from_pregrasp;
-      const Eigen::Vector3d way = pose.t - before.t;
-      if (!before.R.isApprox(pose.R, kSameTurn)) report("the gripper turns after the pre-grasp");
-      if (!(way.dot(z) > 0.0)) report("the pre-grasp is not before the part");
-      if (way.cross(z).norm() > kAside * way.norm()) {
-        report("the way from the pre-grasp is not along the approach axis");
-      }
-    }
+    if (grasp.object_from_pregrasp)
+      CheckWay(grasp.object_from_gripper, *grasp.object_from_pregrasp, report);
     if (IsSuction(grasp)) {
-      const std::string problem = SuctionProblem(model, pose, CupRadius(grasp));
+      const std::string problem =
+          SuctionProblem(model, grasp.object_from_gripper, CupRadius(grasp));
       if (!problem.empty()) report(problem);
-      continue;
-    }
-    if (!(grasp.jaw_opening_m > 0.0)) {
+    } else if (!(grasp.jaw_opening_m > 0.0)) {
       report("no jaw opening is given");
-      continue;
-    }
-    if (grasp.grip_width_m > grasp.jaw_opening_m) {
-      report("the part is wider (" + Millimetres(grasp.grip_width_m) + ") than the opening (" +
-             Millimetres(grasp.jaw_opening_m) + ")");
-    }
-    // From the pre-grasp on, which may lie farther away than where a bare grasp's approach begins.
-    double approach = options.approach_diameters * model.diameter_m;
-    if (grasp.object_from_pregrasp) {
-      approach = std::max(approach, (pose.t - grasp.object_from_pregrasp->t).norm());
-    }
-    const double half = 0.5 * grasp.jaw_opening_m;
-    // Coordinates of a part are round numbers: a finger that slides along a face is moved off it by
-    // nothing that matters.
-    const double aside = 1e-7 * model.diameter_m;
-    for (const double side : {-1.0, 1.0}) {
-      const Eigen::Vector3d tip = pose * Eigen::Vector3d(side * half + side * aside, aside, aside);
-      if (!Crossings(model.mesh, tip - approach * z, z, approach).empty()) {
-        report("a finger passes through the part on its way");
-        break;
-      }
-    }
-    const Eigen::Vector3d start = pose * Eigen::Vector3d(-half, aside, aside);
-    const std::vector<double> hits = Crossings(model.mesh, start, x, grasp.jaw_opening_m);
-    if (hits.empty()) {
-      report("nothing is between the fingers");
-      continue;
-    }
-    const double width = hits.back() - hits.front();
-    if (grasp.grip_width_m > 0.0 &&
-        std::abs(width - grasp.grip_width_m) > options.width_tolerance * grasp.jaw_opening_m) {
-      report("the part is " + Millimetres(width) + " wide between the fingers, not " +
-             Millimetres(grasp.grip_width_m));
+    } else {
+      CheckJaws(model, grasp, options, report);
     }
   }
   return problems;

@@ -162,6 +162,56 @@ bool SpansSpace(const Eigen::Matrix4d& m) {
   return std::abs(m.colwise().normalized().determinant()) > 1e-9;
 }
 
+// Four of the five points of a stacked set.
+Eigen::Matrix4d BasisWithout(const Eigen::VectorXd& x, int left_out) {
+  return Columns(
+      x,
+      {left_out == 0 ? 1 : 0, left_out <= 1 ? 2 : 1, left_out <= 2 ? 3 : 2, left_out <= 3 ? 4 : 3});
+}
+
+// Where the planes of three of five points meet the line that is stacked behind them, on the line;
+// by the two points left out.
+std::array<std::array<Eigen::Vector2d, 5>, 5> PlanesOnLine(const Eigen::VectorXd& x) {
+  const Eigen::Matrix4d matrix = MatrixOf(x.segment<6>(20));
+  const Eigen::JacobiSVD<Eigen::Matrix4d> svd(matrix, Eigen::ComputeFullU);
+  const Eigen::Matrix<double, 4, 2> basis = svd.matrixU().leftCols<2>();
+  std::array<std::array<Eigen::Vector2d, 5>, 5> at;
+  for (int i = 0; i < 5; ++i) {
+    for (int j = i + 1; j < 5; ++j) {
+      Eigen::Matrix<double, 4, 3> plane_points;
+      for (int k = 0, to = 0; k < 5; ++k) {
+        if (k != i && k != j) plane_points.col(to++) = x.segment<4>(4 * k);
+      }
+      at[i][j] = at[j][i] =
+          (basis.transpose() * (matrix * PlaneThrough(plane_points))).normalized();
+    }
+  }
+  return at;
+}
+
+// The three pairings of the four points other than i cut the line in three pairs of points; two
+// pairs have a cross ratio (jk, lm; jl, km), of which the mean over all is symmetric.
+Eigen::VectorXd PairingRatios(const Eigen::VectorXd& x) {
+  const auto at = PlanesOnLine(x);
+  Eigen::VectorXd values(5);
+  for (int i = 0; i < 5; ++i) {
+    int o[4];
+    for (int k = 0, to = 0; k < 5; ++k) {
+      if (k != i) o[to++] = k;
+    }
+    const Eigen::Vector2d* pairs[3][2] = {{&at[o[0]][o[1]], &at[o[2]][o[3]]},
+                                          {&at[o[0]][o[2]], &at[o[1]][o[3]]},
+                                          {&at[o[0]][o[3]], &at[o[1]][o[2]]}};
+    values(i) = 0.0;
+    for (int a = 0; a < 3; ++a) {
+      const int b = (a + 1) % 3;
+      values(i) +=
+          FoldedAngle(CrossRatioOf(*pairs[a][0], *pairs[a][1], *pairs[b][0], *pairs[b][1])) / 3.0;
+    }
+  }
+  return values;
+}
+
 }  // namespace
 
 Vector6d LineThrough(const Eigen::Vector4d& a, const Eigen::Vector4d& b) {
@@ -307,65 +357,18 @@ std::optional<InvariantKey> FivePointsOneLine(std::span<const Eigen::Vector4d, 5
                                               const Eigen::MatrixXd& covariance,
                                               const LineSetOptions& options) {
   const Stacked s = Stack(points, std::span(&line, 1), covariance);
-  const auto basis_without = [](const Eigen::VectorXd& x, int left_out) {
-    return Columns(x,
-                   {left_out == 0 ? 1 : 0,
-                    left_out <= 1 ? 2 : 1,
-                    left_out <= 2 ? 3 : 2,
-                    left_out <= 3 ? 4 : 3});
-  };
   for (int i = 0; i < 5; ++i) {
-    if (!SpansSpace(basis_without(s.x, i))) return std::nullopt;
-    const std::array<double, 3> p = BasisProducts(basis_without(s.x, i), s.x.segment<6>(20));
+    if (!SpansSpace(BasisWithout(s.x, i))) return std::nullopt;
+    const std::array<double, 3> p = BasisProducts(BasisWithout(s.x, i), s.x.segment<6>(20));
     if (!WellSpread({p[0], p[1], p[2]}, options.min_ratio)) return std::nullopt;
   }
-  // Where the plane of the three other points meets the line, for each pair left out.
-  const auto meets = [](const Eigen::VectorXd& x) {
-    const Eigen::Matrix4d matrix = MatrixOf(x.segment<6>(20));
-    const Eigen::JacobiSVD<Eigen::Matrix4d> svd(matrix, Eigen::ComputeFullU);
-    const Eigen::Matrix<double, 4, 2> basis = svd.matrixU().leftCols<2>();
-    std::array<std::array<Eigen::Vector2d, 5>, 5> at;
-    for (int i = 0; i < 5; ++i) {
-      for (int j = i + 1; j < 5; ++j) {
-        Eigen::Matrix<double, 4, 3> plane_points;
-        for (int k = 0, to = 0; k < 5; ++k) {
-          if (k != i && k != j) plane_points.col(to++) = x.segment<4>(4 * k);
-        }
-        at[i][j] = at[j][i] =
-            (basis.transpose() * (matrix * PlaneThrough(plane_points))).normalized();
-      }
-    }
-    return at;
-  };
-  // The three pairings of the four points other than i cut the line in three pairs of points; two
-  // pairs have a cross ratio (jk, lm; jl, km), of which the mean over all is symmetric.
-  const auto pairings = [&](const Eigen::VectorXd& x) -> Eigen::VectorXd {
-    const auto at = meets(x);
-    Eigen::VectorXd values(5);
-    for (int i = 0; i < 5; ++i) {
-      int o[4];
-      for (int k = 0, to = 0; k < 5; ++k) {
-        if (k != i) o[to++] = k;
-      }
-      const Eigen::Vector2d* pairs[3][2] = {{&at[o[0]][o[1]], &at[o[2]][o[3]]},
-                                            {&at[o[0]][o[2]], &at[o[1]][o[3]]},
-                                            {&at[o[0]][o[3]], &at[o[1]][o[2]]}};
-      values(i) = 0.0;
-      for (int a = 0; a < 3; ++a) {
-        const int b = (a + 1) % 3;
-        values(i) +=
-            FoldedAngle(CrossRatioOf(*pairs[a][0], *pairs[a][1], *pairs[b][0], *pairs[b][1])) / 3.0;
-      }
-    }
-    return values;
-  };
   // Both halves are sorted by themselves; derivatives are taken of both together.
   const auto both = [&](const Eigen::VectorXd& x) -> Eigen::VectorXd {
     Eigen::VectorXd values(10);
     for (int i = 0; i < 5; ++i) {
-      values(i) = FoldedProducts(BasisProducts(basis_without(x, i), x.segment<6>(20)));
+      values(i) = FoldedProducts(BasisProducts(BasisWithout(x, i), x.segment<6>(20)));
     }
-    values.tail<5>() = pairings(x);
+    values.tail<5>() = PairingRatios(x);
     return values;
   };
   const Eigen::VectorXd raw = both(s.x);

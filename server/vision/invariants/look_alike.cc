@@ -153,6 +153,50 @@ std::optional<Eigen::Matrix4d> FivePointMap(const Frame& a,
   return b.columns * fifth_in_b.cwiseQuotient(fifth_in_a).asDiagonal() * a.inverse;
 }
 
+// Collineations keep the vertex graph. One fifth corner of a that is in general position against
+// the start, every one of b.
+void TryFivePointMaps(const ObjectModel& a,
+                      const ObjectModel& b,
+                      const FourVertices& start,
+                      const std::vector<FourVertices>& chains_b,
+                      Search* search) {
+  const Frame from(Homogeneous(a.vertices, start));
+  for (size_t fifth = 0; fifth < a.vertices.size(); ++fifth) {
+    const Eigen::Vector4d in_a = from.inverse * a.vertices[fifth].homogeneous();
+    if (!(in_a.cwiseAbs().minCoeff() > 1e-3)) continue;
+    for (const FourVertices& chain : chains_b) {
+      if (!(Volume(b.vertices, chain) > 1e-9 * std::pow(b.diameter_m, 3))) continue;
+      const Frame to(Homogeneous(b.vertices, chain));
+      for (const Eigen::Vector3d& b5 : b.vertices) {
+        const auto map = FivePointMap(from, in_a, to, to.inverse * b5.homogeneous());
+        if (map) search->Try(*map);
+      }
+    }
+    return;
+  }
+}
+
+LookAlike ToLookAlike(const Best& best, size_t vertices_a, size_t vertices_b) {
+  LookAlike result;
+  result.kind = best.kind;
+  result.b_from_a = best.map;
+  result.stretch = best.stretch;
+  result.matched = best.matching.count;
+  std::vector<char> taken(vertices_b, 0);
+  for (size_t i = 0; i < vertices_a; ++i) {
+    const int partner = best.matching.partner[i];
+    if (partner < 0) {
+      result.only_in_a.push_back(static_cast<int>(i));
+    } else {
+      taken[partner] = 1;
+    }
+  }
+  for (size_t j = 0; j < vertices_b; ++j) {
+    if (!taken[j]) result.only_in_b.push_back(static_cast<int>(j));
+  }
+  return result;
+}
+
 }  // namespace
 
 std::optional<LookAlike> FindLookAlike(const ObjectModel& a,
@@ -186,49 +230,13 @@ std::optional<LookAlike> FindLookAlike(const ObjectModel& a,
       search.Try(Homogeneous(b.vertices, chain) * inverse);
     }
   }
+  // Equal counts suggest one vertex graph.
   if (!search.best() && options.projective && a.vertices.size() == b.vertices.size() &&
-      chains_a.size() * 2 == chains_b.size()) {
-    // Collineations keep the vertex graph, which the equal counts suggest. One fifth corner of a
-    // that is in general position, every one of b.
-    const FourVertices& start = starts[0];
-    const Frame from(Homogeneous(a.vertices, start));
-    if (Volume(a.vertices, start) > flat) {
-      for (size_t fifth = 0; fifth < a.vertices.size(); ++fifth) {
-        const Eigen::Vector4d in_a = from.inverse * a.vertices[fifth].homogeneous();
-        if (!(in_a.cwiseAbs().minCoeff() > 1e-3)) continue;
-        for (const FourVertices& chain : chains_b) {
-          if (!(Volume(b.vertices, chain) > 1e-9 * std::pow(b.diameter_m, 3))) continue;
-          const Frame to(Homogeneous(b.vertices, chain));
-          for (const Eigen::Vector3d& b5 : b.vertices) {
-            const auto map = FivePointMap(from, in_a, to, to.inverse * b5.homogeneous());
-            if (map) search.Try(*map);
-          }
-        }
-        break;
-      }
-    }
+      chains_a.size() * 2 == chains_b.size() && Volume(a.vertices, starts[0]) > flat) {
+    TryFivePointMaps(a, b, starts[0], chains_b, &search);
   }
   if (!search.best()) return std::nullopt;
-
-  const Best& best = *search.best();
-  LookAlike result;
-  result.kind = best.kind;
-  result.b_from_a = best.map;
-  result.stretch = best.stretch;
-  result.matched = best.matching.count;
-  std::vector<char> taken(b.vertices.size(), 0);
-  for (size_t i = 0; i < a.vertices.size(); ++i) {
-    const int partner = best.matching.partner[i];
-    if (partner < 0) {
-      result.only_in_a.push_back(static_cast<int>(i));
-    } else {
-      taken[partner] = 1;
-    }
-  }
-  for (size_t j = 0; j < b.vertices.size(); ++j) {
-    if (!taken[j]) result.only_in_b.push_back(static_cast<int>(j));
-  }
-  return result;
+  return ToLookAlike(*search.best(), a.vertices.size(), b.vertices.size());
 }
 
 }  // namespace horopter

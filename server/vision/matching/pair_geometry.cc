@@ -125,6 +125,32 @@ std::string Format(const char* format, double x, double y) {
   return text;
 }
 
+// Empty when plausible cameras have the fundamental matrix. strain: what they cost a match more.
+std::string WhyImplausible(const CalibratedFundamental& calibrated,
+                           double strain,
+                           const MatchingView& a,
+                           const MatchingView& b) {
+  if (!(strain <= kMaxStrainCost)) {
+    return Format("no plausible cameras have it: they cost %.2f a match more, allowed %.2f",
+                  strain,
+                  kMaxStrainCost);
+  }
+  const double focal_a = calibrated.focal_a_px / a.features->width;
+  const double focal_b = calibrated.focal_b_px / b.features->width;
+  if (!(std::min(focal_a, focal_b) >= kMinFocalWidths &&
+        std::max(focal_a, focal_b) <= kMaxFocalWidths &&
+        std::max(focal_a / focal_b, focal_b / focal_a) <= kMaxFocalRatio)) {
+    return Format(
+        "focal lengths of %.2f and %.2f image widths are not plausible", focal_a, focal_b);
+  }
+  const double sigma = *std::max_element(calibrated.refined.line_sigma_px.begin(),
+                                         calibrated.refined.line_sigma_px.end());
+  if (!(sigma <= kMaxSigmaPx)) {
+    return Format(
+        "epipolar lines uncertain by %.1f px, need %.2f px", std::min(sigma, 999.0), kMaxSigmaPx);
+  }
+  return {};
+}
 // A free F from matches made without one, or the refusal.
 std::optional<Eigen::Matrix3d> EstimateFree(const MatchingView& a,
                                             const MatchingView& b,
@@ -171,26 +197,9 @@ std::optional<Eigen::Matrix3d> EstimateFree(const MatchingView& a,
   const double free_cost = RefineFundamental(*again.F, agreeing, kRefineScalePx).cost;
   const double strain =
       (calibrated.refined.cost - free_cost) / static_cast<double>(agreeing.size());
-  const double focal_a = calibrated.focal_a_px / a.features->width;
-  const double focal_b = calibrated.focal_b_px / b.features->width;
-  const double sigma = *std::max_element(calibrated.refined.line_sigma_px.begin(),
-                                         calibrated.refined.line_sigma_px.end());
-  if (!(strain <= kMaxStrainCost)) {
-    *refusal = Format("no plausible cameras have it: they cost %.2f a match more, allowed %.2f",
-                      strain,
-                      kMaxStrainCost);
-  } else if (!(std::min(focal_a, focal_b) >= kMinFocalWidths &&
-               std::max(focal_a, focal_b) <= kMaxFocalWidths &&
-               std::max(focal_a / focal_b, focal_b / focal_a) <= kMaxFocalRatio)) {
-    *refusal =
-        Format("focal lengths of %.2f and %.2f image widths are not plausible", focal_a, focal_b);
-  } else if (!(sigma <= kMaxSigmaPx)) {
-    *refusal = Format(
-        "epipolar lines uncertain by %.1f px, need %.2f px", std::min(sigma, 999.0), kMaxSigmaPx);
-  } else {
-    return calibrated.refined.F;
-  }
-  return std::nullopt;
+  *refusal = WhyImplausible(calibrated, strain, a, b);
+  if (!refusal->empty()) return std::nullopt;
+  return calibrated.refined.F;
 }
 
 double Explained(const Eigen::Matrix3d& F,

@@ -140,6 +140,56 @@ void Resect(const Sweep& sweep, ProjectiveScene* scene) {
   }
 }
 
+// Cameras (rows of three) and points (columns) whose product is the pixels times their depths,
+// which are found in turn with these; where a point is not seen, what the last round says. q:
+// homogeneous pixels, three rows a view; seen: 1 where there is one. False: no such factors.
+bool FactorDepths(const Eigen::MatrixXd& q,
+                  const Eigen::MatrixXi& seen,
+                  int rounds,
+                  Eigen::MatrixXd* P,
+                  Eigen::MatrixXd* X) {
+  const int m = static_cast<int>(seen.rows()), n = static_cast<int>(seen.cols());
+  Eigen::MatrixXd depths = Eigen::MatrixXd::Ones(m, n);
+  Eigen::MatrixXd product = Eigen::MatrixXd::Zero(3 * m, n);  // P X of the last round
+  for (int i = 0; i < m; ++i) {
+    for (int j = 0; j < n; ++j) product(3 * i + 2, j) = 1.0;  // before it: the image's centre
+  }
+  for (int round = 0; round < rounds; ++round) {
+    Eigen::MatrixXd W = product;
+    for (int j = 0; j < n; ++j) {
+      for (int i = 0; i < m; ++i) {
+        if (seen(i, j)) W.block<3, 1>(3 * i, j) = depths(i, j) * q.block<3, 1>(3 * i, j);
+      }
+    }
+    // Balance: rows of a view, then columns, to unit mean square; scales go into P and X.
+    Eigen::VectorXd row_scale(m), column_scale(n);
+    for (int j = 0; j < n; ++j) {
+      column_scale(j) = std::sqrt(static_cast<double>(m)) / W.col(j).norm();
+      W.col(j) *= column_scale(j);
+    }
+    for (int i = 0; i < m; ++i) {
+      row_scale(i) = std::sqrt(static_cast<double>(n)) / W.middleRows(3 * i, 3).norm();
+      W.middleRows(3 * i, 3) *= row_scale(i);
+    }
+    if (!W.allFinite()) return false;
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(W * W.transpose());
+    if (solver.info() != Eigen::Success) return false;
+    *P = solver.eigenvectors().rightCols(4);
+    *X = P->transpose() * W;
+    for (int i = 0; i < m; ++i) P->middleRows(3 * i, 3) /= row_scale(i);
+    for (int j = 0; j < n; ++j) X->col(j) /= column_scale(j);
+    product = *P * *X;
+    for (int j = 0; j < n; ++j) {
+      for (int i = 0; i < m; ++i) {
+        if (!seen(i, j)) continue;
+        const Eigen::Vector3d x = q.block<3, 1>(3 * i, j), y = product.block<3, 1>(3 * i, j);
+        depths(i, j) = x.dot(y) / x.squaredNorm();
+      }
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 TrackIndex IndexTracks(const MultiviewTracks& tracks) {
@@ -183,45 +233,8 @@ std::optional<ProjectiveScene> DecomposeDepths(const MultiviewTracks& tracks,
     q.block<3, 1>(3 * row_of[o.view], o.point) = o.pixel.homogeneous();
     seen(row_of[o.view], o.point) = 1;
   }
-  Eigen::MatrixXd depths = Eigen::MatrixXd::Ones(m, n);
-  Eigen::MatrixXd product = Eigen::MatrixXd::Zero(3 * m, n);  // P X of the last round
-  for (int i = 0; i < m; ++i) {
-    for (int j = 0; j < n; ++j) product(3 * i + 2, j) = 1.0;  // before it: the image's centre
-  }
   Eigen::MatrixXd P, X;
-  for (int round = 0; round < options.rounds; ++round) {
-    Eigen::MatrixXd W = product;
-    for (int j = 0; j < n; ++j) {
-      for (int i = 0; i < m; ++i) {
-        if (seen(i, j)) W.block<3, 1>(3 * i, j) = depths(i, j) * q.block<3, 1>(3 * i, j);
-      }
-    }
-    // Balance: rows of a view, then columns, to unit mean square; scales go into P and X.
-    Eigen::VectorXd row_scale(m), column_scale(n);
-    for (int j = 0; j < n; ++j) {
-      column_scale(j) = std::sqrt(static_cast<double>(m)) / W.col(j).norm();
-      W.col(j) *= column_scale(j);
-    }
-    for (int i = 0; i < m; ++i) {
-      row_scale(i) = std::sqrt(static_cast<double>(n)) / W.middleRows(3 * i, 3).norm();
-      W.middleRows(3 * i, 3) *= row_scale(i);
-    }
-    if (!W.allFinite()) return std::nullopt;
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(W * W.transpose());
-    if (solver.info() != Eigen::Success) return std::nullopt;
-    P = solver.eigenvectors().rightCols(4);
-    X = P.transpose() * W;
-    for (int i = 0; i < m; ++i) P.middleRows(3 * i, 3) /= row_scale(i);
-    for (int j = 0; j < n; ++j) X.col(j) /= column_scale(j);
-    product = P * X;
-    for (int j = 0; j < n; ++j) {
-      for (int i = 0; i < m; ++i) {
-        if (!seen(i, j)) continue;
-        const Eigen::Vector3d x = q.block<3, 1>(3 * i, j), y = product.block<3, 1>(3 * i, j);
-        depths(i, j) = x.dot(y) / x.squaredNorm();
-      }
-    }
-  }
+  if (!FactorDepths(q, seen, options.rounds, &P, &X)) return std::nullopt;
   ProjectiveScene scene = EmptyScene(tracks);
   for (int i = 0; i < m; ++i) {
     const CameraMatrix camera = P.middleRows(3 * i, 3);

@@ -167,6 +167,26 @@ SparseMatrix FromCeres(const ceres::CRSMatrix& crs) {
   return out;
 }
 
+// By the principal points. A pixel moves as its principal point does. Rows are in the order of
+// BuildProblem, scaled as Ceres scales them by the loss; residuals: without the loss.
+SparseMatrix CenterJacobian(const BundleOptions& options,
+                            const Bundle& bundle,
+                            const std::vector<double>& residuals) {
+  SparseMatrix J(static_cast<Eigen::Index>(residuals.size()),
+                 2 * static_cast<Eigen::Index>(bundle.views.size()));
+  std::vector<Eigen::Triplet<double>> entries;
+  int row = 0;
+  for (const BundlePoint& point : bundle.points) {
+    for (const TrackObservation& o : point.track.observations) {
+      const double r2 = residuals[row] * residuals[row] + residuals[row + 1] * residuals[row + 1];
+      const double weight = 1.0 / std::sqrt(1.0 + r2 / (options.loss_px * options.loss_px));
+      for (int k = 0; k < 2; ++k) entries.emplace_back(row + k, 2 * o.view + k, weight);
+      row += 2;
+    }
+  }
+  J.setFromTriplets(entries.begin(), entries.end());
+  return J;
+}
 // Fills the deviations of every log f. The principal points are fixed at the images' centres: what
 // their own deviation adds is propagated as that of consider parameters (Schmidt 1966),
 // C = s^2 N^-1 + S Sigma S^T with S = N^-1 J^T J_c.
@@ -197,21 +217,8 @@ void FillFocalDeviations(const BundleOptions& options,
   evaluate.apply_loss_function = false;
   if (!problem->Evaluate(evaluate, nullptr, &residuals, nullptr, nullptr)) return;
   const SparseMatrix J = FromCeres(crs);
-  // A pixel moves as its principal point does. Rows are in the order of BuildProblem, scaled as
-  // Ceres scales them by the loss.
   const auto views = static_cast<Eigen::Index>(bundle->views.size());
-  SparseMatrix J_center(J.rows(), 2 * views);
-  std::vector<Eigen::Triplet<double>> entries;
-  int row = 0;
-  for (const BundlePoint& point : bundle->points) {
-    for (const TrackObservation& o : point.track.observations) {
-      const double r2 = residuals[row] * residuals[row] + residuals[row + 1] * residuals[row + 1];
-      const double weight = 1.0 / std::sqrt(1.0 + r2 / (options.loss_px * options.loss_px));
-      for (int k = 0; k < 2; ++k) entries.emplace_back(row + k, 2 * o.view + k, weight);
-      row += 2;
-    }
-  }
-  J_center.setFromTriplets(entries.begin(), entries.end());
+  const SparseMatrix J_center = CenterJacobian(options, *bundle, residuals);
   const Eigen::SimplicialLDLT<SparseMatrix> normal(SparseMatrix(J.transpose() * J));
   if (normal.info() != Eigen::Success) return;
   Eigen::MatrixXd units = Eigen::MatrixXd::Zero(J.cols(), views);

@@ -103,6 +103,62 @@ std::vector<std::array<int, 2>> SomePairs(const std::vector<int>& views, int mos
   return pairs;
 }
 
+// Points of a projective scene in a metric frame, and where they lie.
+struct MetricPoints {
+  std::vector<std::optional<Eigen::Vector3d>> of_scene;
+  std::vector<Eigen::Vector3d> known;
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  double spread = 0.0;  // root of the mean squared distance from `mean`
+};
+
+// nullopt: none, or all in one place.
+std::optional<MetricPoints> UpgradePoints(const ProjectiveScene& unit,
+                                          const Eigen::Matrix4d& metric_from_projective) {
+  MetricPoints out;
+  out.of_scene.resize(unit.points.size());
+  for (size_t j = 0; j < unit.points.size(); ++j) {
+    if (!unit.points[j]) continue;
+    const Eigen::Vector4d X = metric_from_projective * *unit.points[j];
+    const Eigen::Vector3d x = X.head<3>() / X.w();
+    if (!x.allFinite()) continue;
+    out.of_scene[j] = x;
+    out.known.push_back(x);
+    out.mean += x;
+  }
+  if (out.known.empty()) return std::nullopt;
+  out.mean /= static_cast<double>(out.known.size());
+  for (const Eigen::Vector3d& x : out.known) out.spread += (x - out.mean).squaredNorm();
+  out.spread = std::sqrt(out.spread / static_cast<double>(out.known.size()));
+  if (!(out.spread > 0.0) || !std::isfinite(out.spread)) return std::nullopt;
+  return out;
+}
+
+// nullopt when it is not plausible. P: in the metric frame, for points of the unit square.
+std::optional<CalibratedView> UpgradeCamera(const CameraMatrix& P,
+                                            const ImageSize& size,
+                                            const Frame& frame,
+                                            const ViewPrior& prior) {
+  const Judged judged = Judge(P.leftCols<3>());
+  if (!(judged.focal2 > 0.0)) return std::nullopt;
+  const double f = std::sqrt(judged.focal2);
+  CameraMatrix N = Eigen::Vector3d(1.0 / f, 1.0 / f, 1.0).asDiagonal() * P;
+  if (N.leftCols<3>().determinant() < 0.0) N = -N;
+  if (!N.allFinite()) return std::nullopt;  // it has no singular values
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(N.leftCols<3>(),
+                                              Eigen::ComputeFullU | Eigen::ComputeFullV);
+  CalibratedView view;
+  view.camera = CenteredCamera(size.width, size.height, f * frame.width);
+  if (prior.principal_point_px) {
+    view.camera.cx = prior.principal_point_px->x();
+    view.camera.cy = prior.principal_point_px->y();
+  }
+  if (prior.k1) view.camera.k1 = *prior.k1;
+  view.camera_from_scene.R = svd.matrixU() * svd.matrixV().transpose();
+  view.camera_from_scene.t = N.col(3) / svd.singularValues().mean();
+  if (!view.camera_from_scene.t.allFinite()) return std::nullopt;
+  return view;
+}
+
 // Metric cameras and structure of a plane at infinity; nullopt when a camera is not plausible.
 std::optional<CalibratedScene> Upgrade(const MultiviewTracks& tracks,
                                        const ProjectiveScene& unit,
@@ -111,57 +167,27 @@ std::optional<CalibratedScene> Upgrade(const MultiviewTracks& tracks,
                                        const Hypothesis& hypothesis) {
   CalibratedScene out;
   out.views.resize(unit.cameras.size());
-  out.points.resize(unit.points.size());
   out.lines.resize(unit.lines.size());
   const Eigen::Matrix4d metric_from_projective = hypothesis.H.inverse();
   if (!metric_from_projective.allFinite()) return std::nullopt;
-  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-  std::vector<Eigen::Vector3d> points;
-  for (size_t j = 0; j < unit.points.size(); ++j) {
-    if (!unit.points[j]) continue;
-    const Eigen::Vector4d X = metric_from_projective * *unit.points[j];
-    const Eigen::Vector3d x = X.head<3>() / X.w();
-    if (!x.allFinite()) continue;
-    out.points[j] = x;
-    points.push_back(x);
-    mean += x;
-  }
-  if (points.empty()) return std::nullopt;
-  mean /= static_cast<double>(points.size());
-  double spread = 0.0;
-  for (const Eigen::Vector3d& x : points) spread += (x - mean).squaredNorm();
-  spread = std::sqrt(spread / static_cast<double>(points.size()));
-  if (!(spread > 0.0) || !std::isfinite(spread)) return std::nullopt;
-
+  std::optional<MetricPoints> points = UpgradePoints(unit, metric_from_projective);
+  if (!points) return std::nullopt;
+  out.points = std::move(points->of_scene);
   int votes = 0;  // depths in front minus behind
   for (size_t v = 0; v < unit.cameras.size(); ++v) {
     if (!unit.cameras[v]) continue;
-    const CameraMatrix P = *unit.cameras[v] * hypothesis.H;
-    const Judged judged = Judge(P.leftCols<3>());
-    if (!(judged.focal2 > 0.0)) return std::nullopt;
-    const double f = std::sqrt(judged.focal2);
-    CameraMatrix N = Eigen::Vector3d(1.0 / f, 1.0 / f, 1.0).asDiagonal() * P;
-    if (N.leftCols<3>().determinant() < 0.0) N = -N;
-    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(N.leftCols<3>(),
-                                                Eigen::ComputeFullU | Eigen::ComputeFullV);
-    CalibratedView view;
-    view.camera =
-        CenteredCamera(tracks.sizes[v].width, tracks.sizes[v].height, f * frames[v].width);
-    if (!priors.empty() && priors[v].principal_point_px) {
-      view.camera.cx = priors[v].principal_point_px->x();
-      view.camera.cy = priors[v].principal_point_px->y();
+    out.views[v] = UpgradeCamera(*unit.cameras[v] * hypothesis.H,
+                                 tracks.sizes[v],
+                                 frames[v],
+                                 priors.empty() ? ViewPrior() : priors[v]);
+    if (!out.views[v]) return std::nullopt;
+    for (const Eigen::Vector3d& x : points->known) {
+      votes += (out.views[v]->camera_from_scene * x).z() > 0.0 ? 1 : -1;
     }
-    if (!priors.empty() && priors[v].k1) view.camera.k1 = *priors[v].k1;
-    view.camera_from_scene.R = svd.matrixU() * svd.matrixV().transpose();
-    view.camera_from_scene.t = N.col(3) / svd.singularValues().mean();
-    if (!view.camera_from_scene.t.allFinite()) return std::nullopt;
-    for (const Eigen::Vector3d& x : points) {
-      votes += (view.camera_from_scene * x).z() > 0.0 ? 1 : -1;
-    }
-    out.views[v] = view;
   }
   // Depths decide between the scene and its reflection in a point.
-  const double sign = votes < 0 ? -1.0 : 1.0;
+  const double sign = votes < 0 ? -1.0 : 1.0, spread = points->spread;
+  const Eigen::Vector3d& mean = points->mean;
   Eigen::Matrix4d S = Eigen::Matrix4d::Identity();
   S.topLeftCorner<3, 3>() *= sign / spread;
   S.topRightCorner<3, 1>() = -sign / spread * mean;
@@ -191,6 +217,44 @@ double ShareInFront(const CalibratedScene& scene) {
     }
   }
   return all > 0 ? static_cast<double>(front) / all : 0.0;
+}
+
+// Planes at infinity by pairs of cameras and a grid of their focal lengths, with what each costs in
+// all views.
+std::vector<Hypothesis> PlanesOfPairs(const ProjectiveScene& unit,
+                                      const std::vector<int>& views,
+                                      const std::vector<Frame>& frames,
+                                      std::span<const ViewPrior> priors,
+                                      const SelfCalibrationOptions& options) {
+  const auto prior = [&](int view) { return priors.empty() ? ViewPrior() : priors[view]; };
+  std::vector<Hypothesis> hypotheses;
+  for (const auto& [a, b] : SomePairs(views, options.max_pairs)) {
+    const Eigen::Matrix4d canonical = CanonicalFrame(*unit.cameras[a]);
+    if (!canonical.allFinite()) continue;
+    for (const double fa : FocalGrid(options, prior(a), frames[a])) {
+      for (const double fb : FocalGrid(options, prior(b), frames[b])) {
+        for (const double sign : {1.0, -1.0}) {
+          const Eigen::Matrix3d K_a = Eigen::Vector3d(fa, fa, 1.0).asDiagonal();
+          const Eigen::Matrix3d K_b = Eigen::Vector3d(fb, fb, 1.0).asDiagonal();
+          const auto v = PlaneAtInfinity(sign * *unit.cameras[b] * canonical, K_a, K_b);
+          if (!v) continue;
+          Eigen::Matrix4d upgrade = Eigen::Matrix4d::Identity();
+          upgrade.topLeftCorner<3, 3>() = K_a;
+          upgrade.bottomLeftCorner<1, 3>() = v->transpose();
+          Hypothesis h;
+          h.H = canonical * upgrade;
+          for (const int view : views) {
+            const Judged judged = Judge((*unit.cameras[view] * h.H).leftCols<3>());
+            const double log_focal = judged.focal2 > 0.0 ? 0.5 * std::log(judged.focal2) : 0.0;
+            h.log_focal.push_back(log_focal);
+            h.cost += judged.cost + PriorCost(log_focal, frames[view], prior(view), options);
+          }
+          if (std::isfinite(h.cost)) hypotheses.push_back(std::move(h));
+        }
+      }
+    }
+  }
+  return hypotheses;
 }
 
 }  // namespace
@@ -227,38 +291,7 @@ std::vector<CalibratedScene> FindCalibrationStarts(const MultiviewTracks& tracks
     unit.cameras[v] = CameraMatrix(*unit.cameras[v] / unit.cameras[v]->norm());
     views.push_back(static_cast<int>(v));
   }
-  std::vector<Hypothesis> hypotheses;
-  for (const auto& [a, b] : SomePairs(views, options.max_pairs)) {
-    const Eigen::Matrix4d canonical = CanonicalFrame(*unit.cameras[a]);
-    if (!canonical.allFinite()) continue;
-    const ViewPrior prior_a = priors.empty() ? ViewPrior() : priors[a];
-    const ViewPrior prior_b = priors.empty() ? ViewPrior() : priors[b];
-    for (const double fa : FocalGrid(options, prior_a, frames[a])) {
-      for (const double fb : FocalGrid(options, prior_b, frames[b])) {
-        for (const double sign : {1.0, -1.0}) {
-          const Eigen::Matrix3d K_a = Eigen::Vector3d(fa, fa, 1.0).asDiagonal();
-          const Eigen::Matrix3d K_b = Eigen::Vector3d(fb, fb, 1.0).asDiagonal();
-          const auto v = PlaneAtInfinity(sign * *unit.cameras[b] * canonical, K_a, K_b);
-          if (!v) continue;
-          Eigen::Matrix4d upgrade = Eigen::Matrix4d::Identity();
-          upgrade.topLeftCorner<3, 3>() = K_a;
-          upgrade.bottomLeftCorner<1, 3>() = v->transpose();
-          Hypothesis h;
-          h.H = canonical * upgrade;
-          for (const int view : views) {
-            const Judged judged = Judge((*unit.cameras[view] * h.H).leftCols<3>());
-            const double log_focal = judged.focal2 > 0.0 ? 0.5 * std::log(judged.focal2) : 0.0;
-            h.log_focal.push_back(log_focal);
-            h.cost += judged.cost + PriorCost(log_focal,
-                                              frames[view],
-                                              priors.empty() ? ViewPrior() : priors[view],
-                                              options);
-          }
-          if (std::isfinite(h.cost)) hypotheses.push_back(std::move(h));
-        }
-      }
-    }
-  }
+  std::vector<Hypothesis> hypotheses = PlanesOfPairs(unit, views, frames, priors, options);
   std::stable_sort(hypotheses.begin(), hypotheses.end(), [](const auto& x, const auto& y) {
     return x.cost < y.cost;
   });

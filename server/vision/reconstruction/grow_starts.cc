@@ -53,6 +53,27 @@ std::vector<std::array<int, 3>> InAllThree(const std::vector<std::vector<int>>& 
   return out;
 }
 
+// As many as determine a trifocal tensor, of points and lines alike.
+void DrawTriplets(const std::vector<Triplet>& x,
+                  const std::vector<Triplet>& l,
+                  std::mt19937* rng,
+                  std::vector<Triplet>* some_x,
+                  std::vector<Triplet>* some_l) {
+  const auto n = static_cast<unsigned>(x.size() + l.size());
+  some_x->clear();
+  some_l->clear();
+  for (unsigned draw = 0;
+       draw < 4 * n && 4 * some_x->size() + 2 * some_l->size() < kTripleEquations + 2;
+       ++draw) {
+    const size_t k = (*rng)() % n;
+    if (k < x.size()) {
+      some_x->push_back(x[k]);
+    } else {
+      some_l->push_back(l[k - x.size()]);
+    }
+  }
+}
+
 }  // namespace
 
 std::optional<ProjectiveScene> StartFromPair(const GrowContext& c,
@@ -123,20 +144,7 @@ std::optional<ProjectiveScene> StartFromTriple(const GrowContext& c,
   for (int trial = 0; trial < kTripleIterations && best_fitting < 0.9 * n; ++trial) {
     if (IsStopRequested(c.stop)) return std::nullopt;
     std::vector<Triplet> some_x = x, some_l = l;
-    if (trial > 0) {  // all of them first
-      some_x.clear();
-      some_l.clear();
-      for (int draw = 0;
-           draw < 4 * n && 4 * some_x.size() + 2 * some_l.size() < kTripleEquations + 2;
-           ++draw) {
-        const size_t k = rng() % static_cast<unsigned>(n);
-        if (k < x.size()) {
-          some_x.push_back(x[k]);
-        } else {
-          some_l.push_back(l[k - x.size()]);
-        }
-      }
-    }
+    if (trial > 0) DrawTriplets(x, l, &rng, &some_x, &some_l);  // all of them first
     const auto T = EstimateTrifocal(some_x, some_l);
     const auto P = T ? CamerasFromTrifocal(*T) : std::nullopt;
     if (!P) continue;

@@ -112,20 +112,12 @@ std::optional<CalibrationStart> MakeStart(const GridPoint& point,
   return start;
 }
 
-}  // namespace
-
-std::vector<CalibrationStart> CalibrateFromPlane(std::span<const Eigen::Matrix3d> view_from_plane,
-                                                 std::span<const ImageSize> sizes,
-                                                 std::span<const ViewPrior> priors,
-                                                 const ReconstructionOptions& options,
-                                                 int keep) {
-  std::vector<Eigen::Matrix3d> maps;  // centred view from centred first view
-  for (size_t i = 0; i < view_from_plane.size(); ++i) {
-    maps.push_back(CenteredFromPixels(sizes[i], priors[i]) * view_from_plane[i] *
-                   CenteredFromPixels(sizes[0], priors[0]).inverse());
-  }
-  std::vector<std::vector<double>> focals;
-  for (size_t i = 0; i < sizes.size(); ++i) focals.push_back(FocalGrid(sizes[i], priors[i]));
+// Every first focal length and normal, with the other views' best focal lengths. maps: centred view
+// from centred first view.
+std::vector<GridPoint> CostGrid(const std::vector<Eigen::Matrix3d>& maps,
+                                const std::vector<std::vector<double>>& focals,
+                                std::span<const ViewPrior> priors,
+                                const ReconstructionOptions& options) {
   const auto prior = [&](size_t view, double focal_widths) {
     if (priors[view].focal_px) return 0.0;
     const double d =
@@ -162,6 +154,24 @@ std::vector<CalibrationStart> CalibrateFromPlane(std::span<const Eigen::Matrix3d
       }
     }
   }
+  return grid;
+}
+
+}  // namespace
+
+std::vector<CalibrationStart> CalibrateFromPlane(std::span<const Eigen::Matrix3d> view_from_plane,
+                                                 std::span<const ImageSize> sizes,
+                                                 std::span<const ViewPrior> priors,
+                                                 const ReconstructionOptions& options,
+                                                 int keep) {
+  std::vector<Eigen::Matrix3d> maps;  // centred view from centred first view
+  for (size_t i = 0; i < view_from_plane.size(); ++i) {
+    maps.push_back(CenteredFromPixels(sizes[i], priors[i]) * view_from_plane[i] *
+                   CenteredFromPixels(sizes[0], priors[0]).inverse());
+  }
+  std::vector<std::vector<double>> focals;
+  for (size_t i = 0; i < sizes.size(); ++i) focals.push_back(FocalGrid(sizes[i], priors[i]));
+  std::vector<GridPoint> grid = CostGrid(maps, focals, priors, options);
   std::stable_sort(grid.begin(), grid.end(), [](const GridPoint& x, const GridPoint& y) {
     return x.cost < y.cost;
   });

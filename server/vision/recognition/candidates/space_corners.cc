@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 namespace horopter {
@@ -183,6 +184,39 @@ std::vector<SpaceCorner::Edge> AgreedEdges(std::span<const SightedView> views,
   return out;
 }
 
+// The corner in space that two junctions show, if enough views agree on it and on its edges, and no
+// pair of earlier views shows it.
+std::optional<SpaceCorner> CornerOfPair(const std::vector<SightedView>& sighted,
+                                        const Shown& first,
+                                        const Shown& second,
+                                        const SpaceCornerOptions& options) {
+  const int n = static_cast<int>(sighted.size()), needed = std::min(3, n);
+  std::vector<Shown> shown{first, second};
+  Eigen::Vector3d point = NearestToRays(sighted, shown);
+  for (int c = 0; c < n; ++c) {
+    if (c == first.view || c == second.view) continue;
+    const int k = JunctionAt(sighted[c], point, options.reach_px);
+    if (k < 0) continue;
+    // Pairs of later views find the same corners again: the first pair that shows it counts.
+    if (c < first.view) return std::nullopt;
+    shown.push_back({c, k});
+  }
+  if (static_cast<int>(shown.size()) < needed) return std::nullopt;
+  point = NearestToRays(sighted, shown);
+  for (const Shown& s : shown) {
+    const double miss =
+        MissPx(*sighted[s.view].view, point, sighted[s.view].corners[s.corner].pixel);
+    if (miss < 0 || miss > options.reach_px) return std::nullopt;
+  }
+  SpaceCorner corner;
+  corner.point = point;
+  corner.edges = AgreedEdges(sighted, shown, point, needed, options);
+  if (corner.edges.size() < 2) return std::nullopt;
+  for (const Shown& s : shown)
+    corner.junctions.push_back({s.view, sighted[s.view].corners[s.corner].junction});
+  return corner;
+}
+
 }  // namespace
 
 std::vector<SpaceCorner> FindSpaceCorners(std::span<const FeatureView> views,
@@ -190,7 +224,6 @@ std::vector<SpaceCorner> FindSpaceCorners(std::span<const FeatureView> views,
   std::vector<SightedView> sighted;
   for (const FeatureView& view : views) sighted.push_back(Sight(view));
   const int n = static_cast<int>(sighted.size());
-  const int needed = std::min(3, n);
   std::vector<SpaceCorner> found;
   if (n < 2) return found;
   for (int a = 0; a < n; ++a) {
@@ -208,35 +241,8 @@ std::vector<SpaceCorner> FindSpaceCorners(std::span<const FeatureView> views,
           const Eigen::Vector3d& other = sighted[b].corners[j].ray;
           if (std::abs(plane.dot(other)) * px_b > 2.0 * options.reach_px * norm) continue;
           if (ray.cross(other).norm() < options.min_parallax_rad) continue;
-          std::vector<Shown> shown{{a, i}, {b, j}};
-          Eigen::Vector3d point = NearestToRays(sighted, shown);
-          // Pairs of later views find the same corners again: the first pair that shows it counts.
-          bool earlier = false;
-          for (int c = 0; c < n && !earlier; ++c) {
-            if (c == a || c == b) continue;
-            const int k = JunctionAt(sighted[c], point, options.reach_px);
-            if (k < 0) continue;
-            earlier = c < a;
-            shown.push_back({c, k});
-          }
-          if (earlier || static_cast<int>(shown.size()) < needed) continue;
-          point = NearestToRays(sighted, shown);
-          if (std::any_of(shown.begin(), shown.end(), [&](const Shown& s) {
-                const double miss =
-                    MissPx(*sighted[s.view].view, point, sighted[s.view].corners[s.corner].pixel);
-                return miss < 0 || miss > options.reach_px;
-              })) {
-            continue;
-          }
-          std::vector<SpaceCorner::Edge> edges =
-              AgreedEdges(sighted, shown, point, needed, options);
-          if (edges.size() < 2) continue;
-          SpaceCorner& corner = found.emplace_back();
-          corner.point = point;
-          corner.edges = std::move(edges);
-          for (const Shown& s : shown) {
-            corner.junctions.push_back({s.view, sighted[s.view].corners[s.corner].junction});
-          }
+          if (auto corner = CornerOfPair(sighted, {a, i}, {b, j}, options))
+            found.push_back(*std::move(corner));
         }
       }
     }

@@ -173,6 +173,42 @@ void OfferCirclePoses(const PreparedObject& object,
   }
 }
 
+// Whether none of those kept shows the object, up to its symmetries, in nearly the same pose.
+bool IsNew(const PreparedObject& object,
+           const std::vector<ViewHypothesis>& kept,
+           const ViewHypothesis& h,
+           double working_from_image,
+           double distinct_px) {
+  const auto near = [&](const ViewHypothesis& k, const Rigid3& pose) {
+    return ProjectionDistance(
+               object, k.camera, k.camera_from_object, h.camera, pose, working_from_image) <
+           distinct_px;
+  };
+  return std::none_of(kept.begin(), kept.end(), [&](const ViewHypothesis& k) {
+    return near(k, h.camera_from_object) ||
+           std::any_of(object.model.symmetries.begin(),
+                       object.model.symmetries.end(),
+                       [&](const Rigid3& s) { return near(k, h.camera_from_object * s); });
+  });
+}
+
+// With its own focal length; where that fails it stays as it is.
+void RefineHypothesis(const PreparedObject& object,
+                      const ViewEvidence& view,
+                      const PinholeCamera& start,
+                      const ViewHypothesisOptions& options,
+                      ViewHypothesis* h) {
+  RefineOptions refine;
+  refine.focal_log_sigma = options.focal_log_sigma;
+  refine.focal_prior_px = start.focal_px;
+  const auto refined = RefineInView(object, view.maps, h->camera, h->camera_from_object, refine);
+  if (!refined) return;
+  h->camera = refined->camera;
+  h->camera_from_object = refined->camera_from_object;
+  h->score = QuickScore(
+      object, view.maps, h->camera, h->camera_from_object, 0.5f * options.quick_reach_px, 0.0f);
+}
+
 }  // namespace
 
 ViewHypotheses FindViewHypotheses(const PreparedObject& object,
@@ -184,19 +220,9 @@ ViewHypotheses FindViewHypotheses(const PreparedObject& object,
                                   const ViewHypothesisOptions& options,
                                   const StopRequested& stop) {
   const double scale = view.maps.working_from_image;
-  auto is_new = [&](const std::vector<ViewHypothesis>& kept, const ViewHypothesis& h) {
-    const auto near = [&](const ViewHypothesis& k, const Rigid3& pose) {
-      return ProjectionDistance(object, k.camera, k.camera_from_object, h.camera, pose, scale) <
-             options.distinct_px;
-    };
-    return std::none_of(kept.begin(), kept.end(), [&](const ViewHypothesis& k) {
-      return near(k, h.camera_from_object) ||
-             std::any_of(object.model.symmetries.begin(),
-                         object.model.symmetries.end(),
-                         [&](const Rigid3& s) { return near(k, h.camera_from_object * s); });
-    });
+  const auto is_new = [&](const std::vector<ViewHypothesis>& kept, const ViewHypothesis& h) {
+    return IsNew(object, kept, h, scale, options.distinct_px);
   };
-
   std::vector<ViewHypothesis> distinct;
   ViewPool pool(object, view, start, options);
   OfferPathPoses(object, paths, start, stop, &pool);
@@ -208,17 +234,9 @@ ViewHypotheses FindViewHypotheses(const PreparedObject& object,
   }
 
   ViewHypotheses out;
-  RefineOptions refine;
-  refine.focal_log_sigma = options.focal_log_sigma;
-  refine.focal_prior_px = start.focal_px;
   for (ViewHypothesis& h : distinct) {
     if (IsStopRequested(stop)) return {};
-    const auto refined = RefineInView(object, view.maps, h.camera, h.camera_from_object, refine);
-    if (!refined) continue;
-    h.camera = refined->camera;
-    h.camera_from_object = refined->camera_from_object;
-    h.score = QuickScore(
-        object, view.maps, h.camera, h.camera_from_object, 0.5f * options.quick_reach_px, 0.0f);
+    RefineHypothesis(object, view, start, options, &h);
   }
   const auto significance = [&](const ViewHypothesis& h) {
     return Significance(static_cast<float>(h.score),

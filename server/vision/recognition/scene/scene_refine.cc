@@ -161,6 +161,59 @@ double ReachAt(const SceneRefineOptions& options, int iteration) {
   return options.start_reach_px * std::pow(options.end_reach_px / options.start_reach_px, s);
 }
 
+// What the edges that a view sees of all objects, and its focal length, say of the step.
+void AddView(const JointContext& context,
+             const SceneModel& scene,
+             std::size_t v,
+             const Layout& layout,
+             const Eigen::Vector3d& pivot,
+             double reach,
+             NormalEquations* normal) {
+  const CalibratedCamera& view = *scene.views[v];
+  const Eigen::Matrix3d Rt = view.camera_from_scene.R.transpose();
+  const Eigen::Vector3d pivot_in_camera = view.camera_from_scene * pivot;
+  for (std::size_t k = 0; k < scene.objects.size(); ++k) {
+    const PreparedObject& object = *context.objects[scene.objects[k].object];
+    const Rigid3& pose = scene.objects[k].scene_from_object;
+    const Eigen::Vector3d center = pose * object.center;
+    for (const EdgeResidual& r : AssociateEdges(
+             object, context.views[v].maps, view.camera, view.camera_from_scene * pose, reach)) {
+      const Eigen::Vector3d g = Rt * r.g;
+      const Eigen::Vector3d arm = Rt * (r.point_in_camera - view.camera_from_scene.t) - center;
+      Eigen::Matrix<double, 13, 1> J;
+      J << (r.point_in_camera - pivot_in_camera).cross(r.g), r.g, r.d_log_focal, arm.cross(g), g;
+      normal->Add(J, r.residual, r.weight, layout.camera[v], layout.object[k]);
+    }
+  }
+  const double prior = 1.0 / (context.focal_log_sigma[v] * context.focal_log_sigma[v]);
+  const int f = layout.camera[v] + 6;
+  normal->A(f, f) += prior;
+  normal->b(f) += prior * std::log(view.camera.focal_px / context.start_cameras[v].focal_px);
+}
+
+// False where the step turns or zooms too far: the scene is lost.
+bool MoveScene(const JointContext& context,
+               const Layout& layout,
+               const Eigen::Vector3d& pivot,
+               const Eigen::VectorXd& step,
+               SceneModel* scene) {
+  for (std::size_t v = 0; v < scene->views.size(); ++v) {
+    if (!scene->views[v]) continue;
+    const auto d = step.segment<7>(layout.camera[v]);
+    if (d.head<3>().norm() > kMaxTurn || std::abs(d(6)) > 1.0) return false;
+    scene->views[v] = Stepped(*scene->views[v], pivot, d);
+  }
+  for (std::size_t k = 1; k < scene->objects.size(); ++k) {
+    const auto d = step.segment<6>(layout.object[k]);
+    if (d.head<3>().norm() > kMaxTurn) return false;
+    Rigid3& T = scene->objects[k].scene_from_object;
+    const Eigen::Vector3d center = T * context.objects[scene->objects[k].object]->center;
+    const Eigen::Matrix3d dR = RotationFromVector(d.head<3>());
+    T = {dR * T.R, dR * (T.t - center) + center + d.tail<3>()};
+  }
+  return true;
+}
+
 }  // namespace
 
 bool RefineScene(const JointContext& context,
@@ -183,52 +236,15 @@ bool RefineScene(const JointContext& context,
     NormalEquations normal{Eigen::MatrixXd::Zero(layout.size, layout.size),
                            Eigen::VectorXd::Zero(layout.size)};
     for (std::size_t v = 0; v < trial.views.size(); ++v) {
-      if (!trial.views[v]) continue;
-      const CalibratedCamera& view = *trial.views[v];
-      const Eigen::Matrix3d Rt = view.camera_from_scene.R.transpose();
-      const Eigen::Vector3d pivot_in_camera = view.camera_from_scene * pivot;
-      for (std::size_t k = 0; k < trial.objects.size(); ++k) {
-        const PreparedObject& object = *context.objects[trial.objects[k].object];
-        const Rigid3& pose = trial.objects[k].scene_from_object;
-        const Eigen::Vector3d center = pose * object.center;
-        for (const EdgeResidual& r : AssociateEdges(object,
-                                                    context.views[v].maps,
-                                                    view.camera,
-                                                    view.camera_from_scene * pose,
-                                                    reach)) {
-          const Eigen::Vector3d g = Rt * r.g;
-          const Eigen::Vector3d arm = Rt * (r.point_in_camera - view.camera_from_scene.t) - center;
-          Eigen::Matrix<double, 13, 1> J;
-          J << (r.point_in_camera - pivot_in_camera).cross(r.g), r.g, r.d_log_focal, arm.cross(g),
-              g;
-          normal.Add(J, r.residual, r.weight, layout.camera[v], layout.object[k]);
-        }
-      }
-      const double prior = 1.0 / (context.focal_log_sigma[v] * context.focal_log_sigma[v]);
-      const int f = layout.camera[v] + 6;
-      normal.A(f, f) += prior;
-      normal.b(f) += prior * std::log(view.camera.focal_px / context.start_cameras[v].focal_px);
+      if (trial.views[v]) AddView(context, trial, v, layout, pivot, reach, &normal);
     }
     if (!plane.empty()) plane.Add(trial, layout, plane_at, pivot, &normal);
     normal.A.diagonal() *= 1.0 + kDamping;
     normal.A.diagonal().array() += 1e-9;
     const Eigen::VectorXd step = -normal.A.ldlt().solve(normal.b);
     if (!step.allFinite()) return false;
-    for (std::size_t v = 0; v < trial.views.size(); ++v) {
-      if (!trial.views[v]) continue;
-      const auto d = step.segment<7>(layout.camera[v]);
-      if (d.head<3>().norm() > kMaxTurn || std::abs(d(6)) > 1.0) return false;
-      trial.views[v] = Stepped(*trial.views[v], pivot, d);
-    }
+    if (!MoveScene(context, layout, pivot, step, &trial)) return false;
     if (!plane.empty()) plane.Move(step.segment<3>(plane_at));
-    for (std::size_t k = 1; k < trial.objects.size(); ++k) {
-      const auto d = step.segment<6>(layout.object[k]);
-      if (d.head<3>().norm() > kMaxTurn) return false;
-      Rigid3& T = trial.objects[k].scene_from_object;
-      const Eigen::Vector3d center = T * context.objects[trial.objects[k].object]->center;
-      const Eigen::Matrix3d dR = RotationFromVector(d.head<3>());
-      T = {dR * T.R, dR * (T.t - center) + center + d.tail<3>()};
-    }
   }
   *scene = std::move(trial);
   return true;

@@ -166,6 +166,80 @@ void MarkModelEdge(float x, float y, int bin, VerifyScratch* scratch) {
   }
 }
 
+// What the object's samples that nothing hides find in the image; marks where they lie.
+void CountModelEdges(const PreparedObject& object,
+                     const EdgeMaps& maps,
+                     const PinholeCamera& working,
+                     const Rigid3& camera_from_object,
+                     const DepthBuffer* occluders,
+                     VerifyScratch* scratch,
+                     EdgeSupport* support) {
+  const DepthBuffer& depth = scratch->depth;
+  const Eigen::Vector2d origin(scratch->x0, scratch->y0);
+  const double tolerance = kHiddenShareFound * object.model.diameter_m;
+  const std::size_t cells = static_cast<std::size_t>(maps.width) * maps.height;
+  for (const EdgeSample& s : object.samples) {
+    const Eigen::Vector3d p = camera_from_object * s.point.cast<double>();
+    const Eigen::Vector2d u = Project(working, p);
+    if (!IsVisible(depth, u - origin, p.z(), tolerance)) continue;
+    const Eigen::Vector3d q = camera_from_object.R * s.tangent.cast<double>();
+    const Eigen::Vector2d along(q.x() * p.z() - p.x() * q.z(), q.y() * p.z() - p.y() * q.z());
+    const double length =
+        along.norm() / (p.z() * p.z()) * working.focal_px * object.sample_spacing_m;
+    if (occluders != nullptr && !IsVisible(*occluders, u, p.z(), tolerance)) {
+      support->hidden_by_others += length;
+      continue;
+    }
+    const int bin = OrientationBin(static_cast<float>(along.x()), static_cast<float>(along.y()));
+    const int cx = std::clamp(static_cast<int>(std::lround(u.x())), 0, maps.width - 1);
+    const int cy = std::clamp(static_cast<int>(std::lround(u.y())), 0, maps.height - 1);
+    support->visible += length;
+    MarkModelEdge(static_cast<float>(u.x()), static_cast<float>(u.y()), bin, scratch);
+    const std::int32_t nearest = maps.nearest[cells * bin + maps.Cell(cx, cy)];
+    if (nearest < 0) continue;
+    const EdgePoint& e = maps.points[nearest];
+    const Eigen::Vector2f off = e.point * maps.scale_f - u.cast<float>();
+    const float turn = std::abs(std::remainder(
+        e.direction - static_cast<float>(std::atan2(along.y(), along.x())), 3.14159265f));
+    if (off.norm() < kSupportPx && turn < kSupportRad) {
+      support->supported += length;
+      const double beside =
+          std::abs(off.x() * along.y() - off.y() * along.x()) / std::max(along.norm(), 1e-12);
+      if (beside < kSharpPx) support->sharp += length;
+    }
+  }
+}
+
+// The image's segments inside the silhouette, and which of them the marks explain.
+void CountSegments(const ViewEvidence& view,
+                   const DepthBuffer* occluders,
+                   const VerifyScratch& scratch,
+                   std::vector<std::uint8_t>* explained_segments,
+                   EdgeSupport* support) {
+  const DepthBuffer& depth = scratch.depth;
+  support->segments =
+      ViewEvidence::kSegmentSampleStep * static_cast<double>(view.segment_samples.size());
+  for (std::size_t i = 0; i < view.segment_samples.size(); ++i) {
+    const SegmentSample& s = view.segment_samples[i];
+    const int x = static_cast<int>(std::lround(s.point.x())) - scratch.x0;
+    const int y = static_cast<int>(std::lround(s.point.y())) - scratch.y0;
+    if (x < 0 || y < 0 || x >= depth.width || y >= depth.height) continue;
+    const bool explained =
+        scratch.model_mask[static_cast<std::size_t>(y) * depth.width + x] >> s.bin & 1;
+    if (explained) {
+      support->all_explained += ViewEvidence::kSegmentSampleStep;
+      if (explained_segments != nullptr) (*explained_segments)[i] = 1;
+    } else {
+      if (!(depth.At(x, y) < DepthBuffer::kNoDepth)) continue;
+      // What another object hides asks for no explanation by this one.
+      if (occluders != nullptr && occluders->At(x + scratch.x0, y + scratch.y0) < depth.At(x, y))
+        continue;
+    }
+    support->inside += ViewEvidence::kSegmentSampleStep;
+    if (explained) support->explained += ViewEvidence::kSegmentSampleStep;
+  }
+}
+
 }  // namespace
 
 EdgeSupport& EdgeSupport::operator+=(const EdgeSupport& o) {
@@ -263,67 +337,13 @@ EdgeSupport VerifyPose(const PreparedObject& object,
   const PinholeCamera working = WorkingCamera(camera, maps);
   if (explained_segments != nullptr) explained_segments->assign(view.segment_samples.size(), 0);
   if (!FitScratch(object, working, camera_from_object, scratch)) return support;
-  const DepthBuffer& depth = scratch->depth;
-  const Eigen::Vector2d origin(scratch->x0, scratch->y0);
   PinholeCamera shifted = working;
   shifted.cx -= scratch->x0;
   shifted.cy -= scratch->y0;
   RenderDepth(object.model.mesh, shifted, camera_from_object, &scratch->depth);
 
-  const double tolerance = kHiddenShareFound * object.model.diameter_m;
-  const std::size_t cells = static_cast<std::size_t>(maps.width) * maps.height;
-  for (const EdgeSample& s : object.samples) {
-    const Eigen::Vector3d p = camera_from_object * s.point.cast<double>();
-    const Eigen::Vector2d u = Project(working, p);
-    if (!IsVisible(depth, u - origin, p.z(), tolerance)) continue;
-    const Eigen::Vector3d q = camera_from_object.R * s.tangent.cast<double>();
-    const Eigen::Vector2d along(q.x() * p.z() - p.x() * q.z(), q.y() * p.z() - p.y() * q.z());
-    const double length =
-        along.norm() / (p.z() * p.z()) * working.focal_px * object.sample_spacing_m;
-    if (occluders != nullptr && !IsVisible(*occluders, u, p.z(), tolerance)) {
-      support.hidden_by_others += length;
-      continue;
-    }
-    const int bin = OrientationBin(static_cast<float>(along.x()), static_cast<float>(along.y()));
-    const int cx = std::clamp(static_cast<int>(std::lround(u.x())), 0, maps.width - 1);
-    const int cy = std::clamp(static_cast<int>(std::lround(u.y())), 0, maps.height - 1);
-    support.visible += length;
-    MarkModelEdge(static_cast<float>(u.x()), static_cast<float>(u.y()), bin, scratch);
-    const std::int32_t nearest = maps.nearest[cells * bin + maps.Cell(cx, cy)];
-    if (nearest < 0) continue;
-    const EdgePoint& e = maps.points[nearest];
-    const Eigen::Vector2f off = e.point * maps.scale_f - u.cast<float>();
-    const float turn = std::abs(std::remainder(
-        e.direction - static_cast<float>(std::atan2(along.y(), along.x())), 3.14159265f));
-    if (off.norm() < kSupportPx && turn < kSupportRad) {
-      support.supported += length;
-      const double beside =
-          std::abs(off.x() * along.y() - off.y() * along.x()) / std::max(along.norm(), 1e-12);
-      if (beside < kSharpPx) support.sharp += length;
-    }
-  }
-
-  support.segments =
-      ViewEvidence::kSegmentSampleStep * static_cast<double>(view.segment_samples.size());
-  for (std::size_t i = 0; i < view.segment_samples.size(); ++i) {
-    const SegmentSample& s = view.segment_samples[i];
-    const int x = static_cast<int>(std::lround(s.point.x())) - scratch->x0;
-    const int y = static_cast<int>(std::lround(s.point.y())) - scratch->y0;
-    if (x < 0 || y < 0 || x >= depth.width || y >= depth.height) continue;
-    const bool explained =
-        scratch->model_mask[static_cast<std::size_t>(y) * depth.width + x] >> s.bin & 1;
-    if (explained) {
-      support.all_explained += ViewEvidence::kSegmentSampleStep;
-      if (explained_segments != nullptr) (*explained_segments)[i] = 1;
-    } else {
-      if (!(depth.At(x, y) < DepthBuffer::kNoDepth)) continue;
-      // What another object hides asks for no explanation by this one.
-      if (occluders != nullptr && occluders->At(x + scratch->x0, y + scratch->y0) < depth.At(x, y))
-        continue;
-    }
-    support.inside += ViewEvidence::kSegmentSampleStep;
-    if (explained) support.explained += ViewEvidence::kSegmentSampleStep;
-  }
+  CountModelEdges(object, maps, working, camera_from_object, occluders, scratch, &support);
+  CountSegments(view, occluders, *scratch, explained_segments, &support);
   return support;
 }
 
