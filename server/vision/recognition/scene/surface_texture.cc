@@ -81,7 +81,9 @@ std::vector<Patch> Patches(const PreparedObject& object,
   return patches;
 }
 
-std::vector<SurfaceView> SurfaceViews(const SurfaceImages& images, const SceneModel& scene) {
+std::vector<SurfaceView> SurfaceViews(const JointContext& context,
+                                      const SurfaceImages& images,
+                                      const SceneModel& scene) {
   std::vector<SurfaceView> views;
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
@@ -332,7 +334,7 @@ std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
                                             const SurfaceTextureOptions& options) {
   std::vector<SurfaceTexture> out(objects.size());
   if (images == nullptr || images->grey.size() != scene.views.size()) return out;
-  const std::vector<SurfaceView> views = SurfaceViews(*images, scene);
+  const std::vector<SurfaceView> views = SurfaceViews(context, *images, scene);
   ParallelFor(static_cast<int>(objects.size()), context.options.threads, [&](int i) {
     const PlacedObject& placed = scene.objects.at(objects[i]);
     const PreparedObject& object = *context.objects[placed.object];
