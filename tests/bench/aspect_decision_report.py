@@ -13,7 +13,7 @@ import re
 
 SCENE = re.compile(r"scene (\d+) \S+: (\d+) of (\d+) views")
 OBJECT = re.compile(r"  object (\d+) score ([\d.]+) .*? px( WRONG)?,")
-ALONE, IN_ONE_VIEW, SURE, FEW_SHARE, FEW_MORE, WEIGHT, LEAST = 0.53, 0.58, 0.546, 0.55, 0.05, 25.0, 0.6
+ALONE, IN_ONE_VIEW, SURE, MISSING_MORE, WEIGHT, LEAST = 0.53, 0.58, 0.546, 0.11, 25.0, 0.6
 
 
 def scenes(paths):
@@ -30,7 +30,7 @@ def scenes(paths):
 
 
 def answered(linked, views, objects, arguments):
-    alone = IN_ONE_VIEW if linked < 2 else ALONE + (FEW_MORE if linked < FEW_SHARE * views else 0.0)
+    alone = IN_ONE_VIEW if linked < 2 else ALONE + MISSING_MORE * (1.0 - linked / views)
     borne_out = (linked >= 3 and objects[0][1] >= arguments.accompanied
                  and any(o[1] >= arguments.companion and o[0] != objects[0][0] for o in objects[1:]))
     for part, score, right in objects:

@@ -2,10 +2,11 @@
 // the catalog: the right pose among the votes, in the verified list, and first of all.
 //
 //   aspect_report DATASET SPLIT [--scenes 1,2] [--max-images N] [--cache DIR] [--overlays DIR]
-//                 [--threads N] [--xtree] [--list] [--set coarse_per_part=12,...]
+//                 [--edges DIR] [--threads N] [--xtree] [--list] [--set coarse_per_part=12,...]
 //     --max-images  views of each scene: 1 the first, 2 first and middle one, ... (0: all)
 //     --cache       keeps what was derived of the parts between runs
 //     --overlays    the image with the best hypotheses of the list, one file an image
+//     --edges       the edges that are searched, in their directions' colours, one file an image
 //     --xtree       fragments are looked up in the X-tree instead of the grid
 //     --list        prints the hypotheses of each image
 //     --set         name=value of an option (Options() below), for ablations
@@ -40,7 +41,7 @@ constexpr double kAccept = 0.60;
 constexpr double kOverlapShare = 0.3;  // of the smaller size: accepted parts' centres are farther
 
 struct Arguments {
-  std::string dataset, split, cache, overlays;
+  std::string dataset, split, cache, overlays, edges;
   std::vector<int> scenes;
   int max_images = 2;
   int threads = 1;
@@ -159,6 +160,24 @@ void WriteOverlay(const std::string& file,
   cv::imwrite(file, image);
 }
 
+// Dark where the image is, each edge in the colour of its direction.
+void WriteEdges(const std::string& file, const cv::Mat& photo, const AspectImage& image) {
+  constexpr double kDim = 0.35;  // of the photo's light
+  constexpr int kLarger = 2;     // times the working size
+  cv::Mat out;
+  cv::resize(photo, out, cv::Size(kLarger * image.width, kLarger * image.height));
+  out *= kDim;
+  for (const ImageEdgePoint& e : image.edges) {
+    const int bin = AspectBin(-e.normal.y(), e.normal.x());
+    cv::Mat3b hue(1, 1, cv::Vec3b(static_cast<std::uint8_t>(180 * bin / kAspectBins), 200, 255));
+    cv::cvtColor(hue, hue, cv::COLOR_HSV2BGR);
+    const cv::Point at(static_cast<int>(std::lround(kLarger * (e.point.x() + 0.5f) - 0.5f)),
+                       static_cast<int>(std::lround(kLarger * (e.point.y() + 0.5f) - 0.5f)));
+    cv::circle(out, at, 1, hue(0, 0), cv::FILLED);
+  }
+  cv::imwrite(file, out);
+}
+
 class Report {
  public:
   Report(const Arguments& arguments, const Settings& settings, const AspectCatalog& catalog)
@@ -200,6 +219,11 @@ class Report {
           photo,
           catalog_,
           found);
+    }
+    if (!arguments_.edges.empty()) {
+      WriteEdges(absl::StrFormat("%s/%02d_%02d.png", arguments_.edges, scene.scene_id, view.im_id),
+                 photo,
+                 image);
     }
     std::cout << std::flush;
   }
@@ -391,7 +415,7 @@ class Report {
 };
 
 absl::Status Run(const Arguments& arguments) {
-  for (const std::string& folder : {arguments.cache, arguments.overlays}) {
+  for (const std::string& folder : {arguments.cache, arguments.overlays, arguments.edges}) {
     if (!folder.empty()) std::filesystem::create_directories(folder);
   }
   const auto settings = Options(arguments);
@@ -440,6 +464,7 @@ int main(int argc, char** argv) {
   app.add_option("--max-images", arguments.max_images);
   app.add_option("--cache", arguments.cache);
   app.add_option("--overlays", arguments.overlays);
+  app.add_option("--edges", arguments.edges);
   app.add_option("--threads", arguments.threads);
   app.add_option("--set", arguments.set)->delimiter(',');
   app.add_flag("--xtree", arguments.xtree);

@@ -7,6 +7,10 @@
 //     --hypotheses  keeps the hypotheses of the images between runs
 //     --bar         least joint score that is written (default 0: all)
 //     --standing    AspectLinkOptions::standing
+//     --searched    views of a scene that are searched for all parts (default 0: all)
+//     --overlays    DIR: what cameras should see of the true poses, one file an image: found edges
+//     green
+//                   (contours) and cyan (creases), missing ones red and orange
 //     --without-truth  the scene's own parts are not looked for: all that is found is wrong
 #include <CLI/CLI.hpp>
 #include <chrono>
@@ -14,6 +18,7 @@
 #include <iostream>
 #include <limits>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
@@ -28,11 +33,12 @@ namespace {
 constexpr double kRightPx = 14.0;  // of a hypothesis, worst vertex
 
 struct Arguments {
-  std::string dataset, split, out, cache, hypotheses;
+  std::string dataset, split, out, cache, hypotheses, overlays;
   std::vector<int> scenes;
   int threads = 2;
   double bar = 0.0;
   int standing = AspectLinkOptions{}.standing;
+  int searched = 0;
   bool without_truth = false;
 };
 
@@ -188,6 +194,37 @@ void ReportTruth(const std::vector<BopImage>& images,
   }
 }
 
+void WriteOverlay(const std::string& file,
+                  const BopImage& view,
+                  const AspectImage& image,
+                  const AspectCatalog& catalog) {
+  constexpr int kLarger = 2;  // times the working size
+  cv::Mat out = cv::imread(view.path, cv::IMREAD_COLOR);
+  cv::resize(out, out, cv::Size(kLarger * image.width, kLarger * image.height));
+  for (const BopInstance& truth : view.instances) {
+    const auto part = std::find(catalog.obj_ids.begin(), catalog.obj_ids.end(), truth.obj_id);
+    if (part == catalog.obj_ids.end()) continue;
+    const RenderMesh& mesh = catalog.parts[part - catalog.obj_ids.begin()].object->mesh;
+    const VisibleEdges edges =
+        WorkingEdges(image, mesh, view.camera, truth.camera_from_object, 200.0);
+    for (const VisibleEdgePoint& p : edges.points) {
+      const bool crease = p.kind == VisibleEdgeKind::kCrease;
+      const bool found =
+          image.DistanceAt(p.image.x(), p.image.y(), AspectBin(p.tangent.x(), p.tangent.y())) <
+          2.0f * AspectImage::kDistanceScale;
+      const cv::Scalar color = found ? (crease ? cv::Scalar(255, 255, 0) : cv::Scalar(0, 255, 0))
+                                     : (crease ? cv::Scalar(0, 140, 255) : cv::Scalar(0, 0, 255));
+      cv::circle(out,
+                 cv::Point(static_cast<int>(kLarger * (p.image.x() + 0.5f)),
+                           static_cast<int>(kLarger * (p.image.y() + 0.5f))),
+                 1,
+                 color,
+                 cv::FILLED);
+    }
+  }
+  cv::imwrite(file, out);
+}
+
 void HideTruth(const BopScene& scene,
                const AspectCatalog& catalog,
                std::vector<AspectPart>* parts,
@@ -241,11 +278,27 @@ absl::Status Run(const Arguments& arguments) {
     }
     const double search_s = Seconds(start);
     std::vector<AspectPart> parts = catalog.parts;
+    for (std::size_t v = 0; !arguments.overlays.empty() && v < images.size(); ++v) {
+      WriteOverlay(absl::StrFormat(
+                       "%s/%d_%d.png", arguments.overlays, scene.scene_id, scene.images[v].im_id),
+                   scene.images[v],
+                   images[v],
+                   catalog);
+    }
     if (arguments.without_truth) HideTruth(scene, catalog, &parts, &hypotheses);
     AspectLinkOptions options;
     options.threads = arguments.threads;
     options.standing = arguments.standing;
-    const LinkedScene linked = LinkAspects({images, priors, hypotheses, parts}, options);
+    const std::vector<std::vector<AspectHypothesis>> none(images.size());
+    int searched = 0;
+    AspectLinkInput input{images, priors, none, parts, nullptr, [&](int v) {
+                            ++searched;
+                            return hypotheses[v];
+                          }};
+    if (arguments.searched == 0) input = {images, priors, hypotheses, parts};
+    const LinkedScene linked = LinkAspects(input, options);
+    if (arguments.searched != 0)
+      std::cout << "   searched " << searched << " of " << images.size() << "\n";
     std::string focal;
     for (std::size_t v = 0; v < linked.views.size(); ++v) {
       focal +=
@@ -298,8 +351,10 @@ int main(int argc, char** argv) {
   app.add_option("--cache", arguments.cache);
   app.add_option("--hypotheses", arguments.hypotheses);
   app.add_option("--threads", arguments.threads);
+  app.add_option("--overlays", arguments.overlays);
   app.add_option("--bar", arguments.bar);
   app.add_option("--standing", arguments.standing);
+  app.add_option("--searched", arguments.searched);
   app.add_flag("--without-truth", arguments.without_truth);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);

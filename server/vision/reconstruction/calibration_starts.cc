@@ -133,32 +133,6 @@ std::optional<MetricPoints> UpgradePoints(const ProjectiveScene& unit,
   return out;
 }
 
-// nullopt when it is not plausible. P: in the metric frame, for points of the unit square.
-std::optional<CalibratedView> UpgradeCamera(const CameraMatrix& P,
-                                            const ImageSize& size,
-                                            const Frame& frame,
-                                            const ViewPrior& prior) {
-  const Judged judged = Judge(P.leftCols<3>());
-  if (!(judged.focal2 > 0.0)) return std::nullopt;
-  const double f = std::sqrt(judged.focal2);
-  CameraMatrix N = Eigen::Vector3d(1.0 / f, 1.0 / f, 1.0).asDiagonal() * P;
-  if (N.leftCols<3>().determinant() < 0.0) N = -N;
-  if (!N.allFinite()) return std::nullopt;  // it has no singular values
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(N.leftCols<3>(),
-                                              Eigen::ComputeFullU | Eigen::ComputeFullV);
-  CalibratedView view;
-  view.camera = CenteredCamera(size.width, size.height, f * frame.width);
-  if (prior.principal_point_px) {
-    view.camera.cx = prior.principal_point_px->x();
-    view.camera.cy = prior.principal_point_px->y();
-  }
-  if (prior.k1) view.camera.k1 = *prior.k1;
-  view.camera_from_scene.R = svd.matrixU() * svd.matrixV().transpose();
-  view.camera_from_scene.t = N.col(3) / svd.singularValues().mean();
-  if (!view.camera_from_scene.t.allFinite()) return std::nullopt;
-  return view;
-}
-
 // Metric cameras and structure of a plane at infinity; nullopt when a camera is not plausible.
 std::optional<CalibratedScene> Upgrade(const MultiviewTracks& tracks,
                                        const ProjectiveScene& unit,
@@ -176,14 +150,29 @@ std::optional<CalibratedScene> Upgrade(const MultiviewTracks& tracks,
   int votes = 0;  // depths in front minus behind
   for (size_t v = 0; v < unit.cameras.size(); ++v) {
     if (!unit.cameras[v]) continue;
-    out.views[v] = UpgradeCamera(*unit.cameras[v] * hypothesis.H,
-                                 tracks.sizes[v],
-                                 frames[v],
-                                 priors.empty() ? ViewPrior() : priors[v]);
-    if (!out.views[v]) return std::nullopt;
-    for (const Eigen::Vector3d& x : points->known) {
-      votes += (out.views[v]->camera_from_scene * x).z() > 0.0 ? 1 : -1;
+    const CameraMatrix P = *unit.cameras[v] * hypothesis.H;
+    const Judged judged = Judge(P.leftCols<3>());
+    if (!(judged.focal2 > 0.0)) return std::nullopt;
+    const double f = std::sqrt(judged.focal2);
+    CameraMatrix N = Eigen::Vector3d(1.0 / f, 1.0 / f, 1.0).asDiagonal() * P;
+    if (N.leftCols<3>().determinant() < 0.0) N = -N;
+    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(N.leftCols<3>(),
+                                                Eigen::ComputeFullU | Eigen::ComputeFullV);
+    CalibratedView view;
+    view.camera =
+        CenteredCamera(tracks.sizes[v].width, tracks.sizes[v].height, f * frames[v].width);
+    if (!priors.empty() && priors[v].principal_point_px) {
+      view.camera.cx = priors[v].principal_point_px->x();
+      view.camera.cy = priors[v].principal_point_px->y();
     }
+    if (!priors.empty() && priors[v].k1) view.camera.k1 = *priors[v].k1;
+    view.camera_from_scene.R = svd.matrixU() * svd.matrixV().transpose();
+    view.camera_from_scene.t = N.col(3) / svd.singularValues().mean();
+    if (!view.camera_from_scene.t.allFinite()) return std::nullopt;
+    for (const Eigen::Vector3d& x : points->known) {
+      votes += (view.camera_from_scene * x).z() > 0.0 ? 1 : -1;
+    }
+    out.views[v] = view;
   }
   // Depths decide between the scene and its reflection in a point.
   const double sign = votes < 0 ? -1.0 : 1.0, spread = points->spread;

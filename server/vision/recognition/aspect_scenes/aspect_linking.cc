@@ -26,19 +26,31 @@ constexpr double kSureScore = 0.6;       // least of objects that are not search
 constexpr double kEvenShare = 0.95;      // ... and what each view has of it; chosen on 3 scenes
 constexpr double kUnlikeFocals = 0.35;   // largest difference of log focal lengths left alone
 constexpr double kNewFocal = 1.08;       // ratio of those that are tried for all views
+// Of ln f about that one.
 constexpr double kOneCameraSigma = 0.02;
 constexpr double kOneCameraScore = 0.6;  // of the scene's with different focal lengths
 // Of the rms of its edges. Photographs of one camera: 0.97 - 1.04; scenes of cad-dev with every
 // other image enlarged by 1.5: 1.09 - 2.8.
 constexpr double kOneCameraRms = 1.06;
-constexpr double kNearM = 1e-3;         // points nearer to the camera plane have no image
-constexpr int kCoarsePoints = 120;      // of an object and view, for drafts; chosen, for time
-constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;    // score of one whose place is taken
-constexpr double kTurnedScore = 0.01;   // by which another turn must be better
-constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
-constexpr int kSwept = 2;               // parts that are looked for at all places of a view
+constexpr double kNearM = 1e-3;           // points nearer to the camera plane have no image
+constexpr int kCoarsePoints = 120;        // of an object and view, for drafts; chosen, for time
+constexpr int kDraftCarried = 8;          // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;      // score of one whose place is taken
+constexpr double kTurnedScore = 0.01;     // by which another turn must be better
+constexpr double kReplacingScore = 0.02;  // by which another pose or part must be better
+constexpr double kNearlyScore = 0.03;     // of a view by which it may be worse there
+constexpr double kSamePlaceShare = 0.6;   // of the smaller diameter: centres so near are one place
+constexpr std::size_t kRivals = 6;        // that are settled; chosen, for time
+constexpr std::size_t kFewObjects = 2;    // a scene with more is sure of its views by agreement
+constexpr int kSwept = 2;                 // parts that are looked for at all places of a view
 constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
+constexpr int kFirstViews = 2;                 // that are searched for all parts before any others
+constexpr int kQuickMatches =
+    300;  // of a fragment, where few parts are looked for; chosen, for time
+// Of the best object: others are looked for in its views, or are known well enough. Of the scenes
+// of cad-dev that have parts the right ones have 0.56 and more in two views, those without known
+// parts 0.46.
+constexpr double kCredibleScore = 0.45, kSettledScore = 0.5;
 
 class Linker {
  public:
@@ -49,18 +61,14 @@ class Linker {
         links_(input, options, stop),
         objects_(input, options, stop) {
     for (const AspectPart& part : in_.parts) meshes_.push_back(&part.object->mesh);
+    searched_.assign(in_.images.size(), !in_.search);
+    searched_again_.assign(in_.images.size(), 0);
   }
 
   LinkedScene Run() {
-    LinkedScene best;
-    if (in_.known != nullptr && !in_.known->objects.empty()) best = Completed(*in_.known);
-    for (const Draft& draft : Drafts(links_.InitialScenes())) {
-      if (IsStopRequested(stop_) && !best.objects.empty()) break;
-      if (IsWithin(draft.scene, SceneOf(best), in_.parts)) continue;  // it would grow into the same
-      LinkedScene scene = Completed(draft.scene);
-      if (scene.score > best.score) best = std::move(scene);
-    }
-    if (best.views.empty()) best.views.resize(in_.images.size());
+    SearchFirst();
+    LinkedScene best = BestLinked();
+    SearchAsNeeded(&best);
     searched_again_.assign(best.views.size(), 0);
     if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1 &&
         !IsSure(best))
@@ -73,9 +81,11 @@ class Linker {
     }
     AgreeOnFocal(&best);
     if (!best.objects.empty()) DropPoorViews(&best);
-    if (LinkedScene turned = best; ChooseTurns(&turned)) {
-      turned = Finish(SceneOf(turned));
-      if (turned.score > best.score) best = std::move(turned);
+    LinkedScene other = best;
+    const bool contested = Contest(&other);
+    if (ChooseTurns(&other) || contested) {
+      other = Finish(SceneOf(other));
+      if (other.score > best.score) best = std::move(other);
     }
     if (!best.objects.empty()) FindRunnersUp(&best);
     return best;
@@ -103,6 +113,94 @@ class Linker {
   }
 
  private:
+  // What links of views and what is known lead to.
+  LinkedScene BestLinked() const {
+    LinkedScene best;
+    if (in_.known != nullptr && !in_.known->objects.empty()) best = Completed(*in_.known);
+    for (const Draft& draft : Drafts(links_.InitialScenes())) {
+      if (IsStopRequested(stop_) && !best.objects.empty()) break;
+      if (IsWithin(draft.scene, SceneOf(best), in_.parts)) continue;  // it would grow into the same
+      LinkedScene scene = Completed(draft.scene);
+      if (scene.score > best.score) best = std::move(scene);
+    }
+    if (best.views.empty()) best.views.resize(in_.images.size());
+    return best;
+  }
+
+  bool AllSearched() const {
+    return std::all_of(searched_.begin(), searched_.end(), [](bool s) { return s; });
+  }
+
+  void Search(int v) {
+    if (searched_[v]) return;
+    searched_[v] = true;
+    links_.Add(v, in_.search(v));
+  }
+
+  // Two views far from each other show what most views show.
+  void SearchFirst() {
+    const int views = static_cast<int>(searched_.size());
+    for (int i = 0; i < kFirstViews; ++i) Search((2 * i + 1) * views / (2 * kFirstViews));
+  }
+
+  // The view farthest in number from those that were searched.
+  void SearchNext() {
+    const int views = static_cast<int>(searched_.size());
+    int next = -1, farthest = 0;
+    for (int v = 0; v < views; ++v) {
+      int nearest = views;
+      for (int w = 0; w < views; ++w) {
+        if (searched_[w]) nearest = std::min(nearest, std::abs(v - w));
+      }
+      if (nearest > farthest) farthest = nearest, next = v;
+    }
+    if (next >= 0) Search(next);
+  }
+
+  void SearchRest() {
+    for (std::size_t v = 0; v < searched_.size() && !IsStopRequested(stop_); ++v)
+      Search(static_cast<int>(v));
+  }
+
+  static bool IsCredible(const LinkedScene& scene) {
+    return scene.registered() > 1 && !scene.objects.empty() &&
+           scene.objects.front().score >= kCredibleScore;
+  }
+
+  static bool IsSettled(const LinkedScene& scene) {
+    return scene.registered() == static_cast<int>(scene.views.size()) && !scene.objects.empty() &&
+           scene.objects.front().score >= kSettledScore;
+  }
+
+  // The other views are looked at for what those searched show, while that leaves no doubt; one
+  // more is searched for what else there is. Doubtful scenes are linked anew with all views
+  // searched.
+  void SearchAsNeeded(LinkedScene* best) {
+    while (!AllSearched() && IsCredible(*best) && !IsStopRequested(stop_)) {
+      AddUnsearched(best);
+      if (IsSettled(*best)) break;
+      SearchNext();
+    }
+    if (AllSearched() && in_.search == nullptr) return;
+    if (!IsSettled(*best) && !IsStopRequested(stop_)) {
+      SearchRest();
+      LinkedScene other = BestLinked();
+      if (other.score > best->score) *best = std::move(other);
+    } else if (best->objects.size() > 1 && !IsStopRequested(stop_)) {
+      SearchNext();
+      LinkedScene more = Finish(SceneOf(*best));
+      if (more.score > best->score) *best = std::move(more);
+    }
+  }
+
+  void AddUnsearched(LinkedScene* best) {
+    std::vector<bool> wanted;
+    for (const bool searched : searched_) wanted.push_back(!searched);
+    SearchAgain(*best, wanted, options_.quick_per_part);
+    LinkedScene more = Completed(SceneOf(*best));
+    if (more.score > best->score) *best = std::move(more);
+  }
+
   // Of an object that is nearly symmetric the turn which the images of all views bear out best.
   // Returns whether any was turned.
   bool ChooseTurns(LinkedScene* scene) const {
@@ -406,13 +504,15 @@ class Linker {
     return true;
   }
 
-  // What the other views say of the parts, `objects` in the order of an index of them, in view v.
+  // What the other views say of so many parts, `objects` in the order of an index of them, in view
+  // v.
   std::vector<AspectExpectation> Expected(const LinkedScene& found,
                                           const std::vector<int>& objects,
+                                          int most,
                                           int v) const {
     std::vector<AspectExpectation> out;
     for (const LinkedObject& o : found.objects) {
-      if (static_cast<int>(out.size()) >= kSwept) break;
+      if (static_cast<int>(out.size()) >= most) break;
       AspectExpectation e;
       e.part =
           static_cast<int>(std::find(objects.begin(), objects.end(), o.object) - objects.begin());
@@ -440,8 +540,31 @@ class Linker {
     return out;
   }
 
-  // Hypotheses of the scene's parts, and only of them, in the wanted views: much further down the
-  // list than a search of the catalog goes. Adds to what is known of these views.
+  // Refining so many poses of a part that is known to be in the scene. A first look trusts the size
+  // that other views show; a deep one also tries all places, for parts without whole contours.
+  FindAspectOptions SearchFor(int per_part, std::vector<AspectExpectation> expected, int v) const {
+    FindAspectOptions find;
+    find.threads = find.votes.threads = options_.threads;
+    find.coarse_per_part = per_part;
+    if (per_part > options_.quick_per_part) {
+      find.fine_per_part = per_part / 4;
+      find.fine_share = 0.5;
+      find.expected = std::move(expected);
+      return find;
+    }
+    find.votes.max_matches = find.votes.max_pair_matches = kQuickMatches;
+    double low = find.votes.max_size_share, high = find.votes.min_size_share;
+    for (const AspectExpectation& e : expected) {
+      low = std::min(low, static_cast<double>(e.min_size_px) / in_.images[v].width);
+      high = std::max(high, static_cast<double>(e.max_size_px) / in_.images[v].width);
+    }
+    find.votes.min_size_share = std::max(low, find.votes.min_size_share);
+    find.votes.max_size_share = std::min(high, find.votes.max_size_share);
+    return find;
+  }
+
+  // Hypotheses of the scene's parts, and only of them, in the wanted views: further down the list
+  // than a search of the catalog goes. Adds to what is known of these views.
   void SearchAgain(const LinkedScene& found, const std::vector<bool>& wanted, int per_part) {
     std::vector<int> objects;
     std::vector<AspectPart> parts;
@@ -452,19 +575,16 @@ class Linker {
     }
     const auto index = BuildFragmentIndex(parts);
     if (!index.ok()) return;
-    FindAspectOptions deep;
-    deep.coarse_per_part = per_part;
-    deep.fine_per_part = per_part / 4;
-    deep.fine_share = 0.5;
-    deep.threads = deep.votes.threads = options_.threads;
-    for (std::size_t v = 0; v < wanted.size(); ++v) {
+    const bool quick = per_part <= options_.quick_per_part;
+    const int most = quick ? static_cast<int>(found.objects.size()) : kSwept;
+    for (int v = 0; v < static_cast<int>(wanted.size()); ++v) {
       if (!wanted[v] || searched_again_[v] >= per_part || IsStopRequested(stop_)) continue;
       searched_again_[v] = per_part;
-      deep.expected = Expected(found, objects, static_cast<int>(v));
+      const FindAspectOptions find = SearchFor(per_part, Expected(found, objects, most, v), v);
       std::vector<AspectHypothesis> list =
-          FindAspectHypotheses(in_.images[v], *index, deep, nullptr, stop_).hypotheses;
+          FindAspectHypotheses(in_.images[v], *index, find, nullptr, stop_).hypotheses;
       for (AspectHypothesis& h : list) h.object = objects[h.object];
-      links_.Add(static_cast<int>(v), std::move(list));
+      links_.Add(v, std::move(list));
     }
   }
 
@@ -491,6 +611,74 @@ class Linker {
              (o.scene_from_object * mesh.center.cast<double>() - center).norm() <
                  options_.apart_share * mesh.diameter_m;
     });
+  }
+
+  // Other poses that single images show better in an object's place, of it and of other parts, take
+  // its place where all views say so. Returns whether any did.
+  bool Contest(LinkedScene* scene) const {
+    bool replaced = false;
+    for (LinkedObject& o : scene->objects) {
+      const std::vector<AspectSceneObject> rivals = BetterInOneView(*scene, o);
+      std::vector<double> scores(rivals.size(), 0.0);
+      std::vector<AspectSceneObject> settled = rivals;
+      ParallelFor(static_cast<int>(rivals.size()), options_.threads, [&](int r) {
+        auto found = objects_.Settled(scene->views, rivals[r]);
+        if (!found) return;
+        settled[r] = found->placed;
+        scores[r] = objects_.JudgeOne(scene->views, settled[r], {}, found->rendered).score;
+      });
+      if (scores.empty()) continue;
+      const double own = objects_.JudgeOne(scene->views, {o.object, o.scene_from_object}).score;
+      const auto best = std::max_element(scores.begin(), scores.end());
+      if (*best < own + kReplacingScore) continue;
+      o.object = settled[best - scores.begin()].object;
+      o.scene_from_object = settled[best - scores.begin()].scene_from_object;
+      replaced = true;
+    }
+    return replaced;
+  }
+
+  // Hypotheses in the place of an object that score in their image what it scores there, or nearly
+  // so, best first.
+  std::vector<AspectSceneObject> BetterInOneView(const LinkedScene& scene,
+                                                 const LinkedObject& o) const {
+    std::vector<std::pair<double, AspectSceneObject>> found;
+    const Eigen::Vector3d here = o.scene_from_object * meshes_[o.object]->center.cast<double>();
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      if (!scene.views[v] || !o.shown[v]) continue;
+      const AspectSceneView& view = *scene.views[v];
+      for (const AspectHypothesis& h : links_.Hypotheses(static_cast<int>(v))) {
+        const double lead = h.score - o.views[v].score;
+        if (lead < -kNearlyScore) continue;
+        const Rigid3 pose =
+            WithFocal(h.camera_from_object, h.camera.focal_px, view.camera.focal_px);
+        const AspectSceneObject placed{h.object, view.camera_from_scene.Inverse() * pose};
+        const Eigen::Vector3d there =
+            placed.scene_from_object * meshes_[h.object]->center.cast<double>();
+        const double smaller =
+            std::min(meshes_[h.object]->diameter_m, meshes_[o.object]->diameter_m);
+        if ((there - here).norm() > kSamePlaceShare * smaller) continue;
+        if (h.object == o.object) {
+          const double size =
+              view.camera.focal_px * meshes_[o.object]->diameter_m /
+              std::max((pose * meshes_[o.object]->center.cast<double>()).z(), kNearM);
+          const double off = PoseDistancePx(in_.parts[h.object],
+                                            view.camera,
+                                            view.camera_from_scene * o.scene_from_object,
+                                            view.camera,
+                                            pose);
+          if (off < kOtherPoseShare * size) continue;
+        } else if (IsAccepted(scene, h.object, there)) {
+          continue;
+        }
+        found.emplace_back(lead, placed);
+      }
+    }
+    std::stable_sort(
+        found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
+    std::vector<AspectSceneObject> out;
+    for (std::size_t i = 0; i < found.size() && i < kRivals; ++i) out.push_back(found[i].second);
+    return out;
   }
 
   // Best score that another part's hypothesis has in the place of each object.
@@ -539,6 +727,7 @@ class Linker {
   ViewLinks links_;
   SceneObjects objects_;
   std::vector<const RenderMesh*> meshes_;
+  std::vector<bool> searched_;       // for all parts
   std::vector<int> searched_again_;  // of each view: poses of a part that were refined
 };
 

@@ -4,6 +4,7 @@
 // calibration.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
@@ -35,7 +36,8 @@ struct AspectLinkOptions {
   double shown_share = 0.6;  // of a part's box inside the image for a view to count
   // Poses of a found part that are refined in a view which its hypotheses did not link.
   int rescue_per_part = 120;
-  int few_per_part = 40;  // ... in all views of a scene of one or two parts
+  int few_per_part = 40;    // ... in all views of a scene of one or two parts
+  int quick_per_part = 16;  // ... in views that were not searched for all parts
   AspectAdjustmentOptions adjustment;
   int threads = 1;
 };
@@ -54,6 +56,9 @@ struct AspectLinkInput {
   // What is known of the scene by other means (null: nothing), completed beside the links: views
   // with the priors of their focal lengths, objects by the numbers of `parts`.
   const AspectScene* known = nullptr;
+  // Searches a view for all parts, best hypothesis first; `hypotheses` are empty lists then. Only
+  // views that are needed are searched. Null: all have been.
+  std::function<std::vector<AspectHypothesis>(int view)> search = nullptr;
 };
 
 struct LinkedScene {

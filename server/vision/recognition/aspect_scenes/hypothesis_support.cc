@@ -46,12 +46,17 @@ HypothesisSupport::HypothesisSupport(const AspectLinkInput& input, const AspectL
     hypotheses_.push_back(std::move(kept));
   }
   points_.resize(in_.images.size());
-  ParallelFor(static_cast<int>(points_.size()), options_.threads, [&](int v) {
-    for (std::size_t k = 0; k < hypotheses_[v].size() && k < kCarriedHypotheses; ++k) {
-      const AspectHypothesis& h = hypotheses_[v][k];
-      points_[v].push_back(EdgePoints(h.object, h.camera, h.camera_from_object));
-    }
-  });
+  ParallelFor(
+      static_cast<int>(points_.size()), options_.threads, [&](int v) { points_[v] = Carried(v); });
+}
+
+std::vector<std::vector<ModelEdgePoint>> HypothesisSupport::Carried(int v) const {
+  std::vector<std::vector<ModelEdgePoint>> out;
+  for (std::size_t k = 0; k < hypotheses_[v].size() && k < kCarriedHypotheses; ++k) {
+    const AspectHypothesis& h = hypotheses_[v][k];
+    out.push_back(EdgePoints(h.object, h.camera, h.camera_from_object));
+  }
+  return out;
 }
 
 void HypothesisSupport::Add(int view, std::vector<AspectHypothesis> more) {
@@ -61,6 +66,7 @@ void HypothesisSupport::Add(int view, std::vector<AspectHypothesis> more) {
       more.begin(), more.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
   weights_[view] = Weights(more);
   list = std::move(more);
+  points_[view] = Carried(view);
 }
 
 bool HypothesisSupport::IsByChance(int view, std::size_t i) const {

@@ -56,6 +56,8 @@ class HypothesisSupport {
                    const Rigid3& expected,
                    const AspectHypothesis& h) const;
 
+  std::vector<std::vector<ModelEdgePoint>> Carried(int view) const;
+
   const AspectLinkInput& in_;
   const AspectLinkOptions& options_;
   std::vector<std::vector<AspectHypothesis>> hypotheses_;

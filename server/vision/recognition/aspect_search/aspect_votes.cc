@@ -219,6 +219,7 @@ class Share {
                    const Eigen::Vector2f& pivot,
                    float best,
                    Similarity s) const {
+    // Of size (factor) and turn (rad), tried in this order.
     constexpr float kSteps[][2] = {{1.08f, 0.0f},
                                    {0.926f, 0.0f},
                                    {1.0f, 0.07f},

@@ -191,6 +191,17 @@ void MarkNear(const AspectImage& image,
   }
 }
 
+// Chance level from which on edges are texture.
+int TextureLimit(const AspectImageOptions& options) {
+  return static_cast<int>(255 * options.max_texture);
+}
+
+bool HasTexture(const AspectImageOptions& options, const AspectImage& image) {
+  return std::any_of(image.texture.begin(), image.texture.end(), [&](int level) {
+    return level > TextureLimit(options);
+  });
+}
+
 // Drops the edges of textured places but for those with a smooth side: outlines of smooth parts on
 // granite. Returns whether there were any; `dropped` are their places.
 bool DropTexture(const AspectImageOptions& options,
@@ -199,7 +210,7 @@ bool DropTexture(const AspectImageOptions& options,
   constexpr float kAside = 11.0f;  // px between an edge and the middle of what lies beside it
   constexpr int kHalf = 7;         // of the box beside it: far enough not to see the edge itself
   constexpr double kTexturedShare = 0.2;  // of the blocks; chosen, commit f40c0a3
-  int limit = static_cast<int>(255 * options.max_texture);
+  int limit = TextureLimit(options);
   const auto textured = std::count_if(
       image->texture.begin(), image->texture.end(), [&](int level) { return level > limit; });
   if (textured == 0) return false;
@@ -231,20 +242,43 @@ ContourGraph Contours(const AspectImageOptions& options, const AspectImage& imag
                        options.max_gap_px);
 }
 
+void Drop(const std::vector<std::uint8_t>& marked, AspectImage* image) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < marked.size(); ++i) {
+    if (!marked[i]) image->edges[kept++] = image->edges[i];
+  }
+  image->edges.resize(kept);
+  IndexEdges(image);
+}
+
+PointRaster RasterOf(const AspectImage& image) {
+  return {image.width, image.height, EdgePlaces(image), image.edge_at};
+}
+
+// Holes of a perforated sheet are told one by one before they count as texture, which takes what
+// lies beside them with it. Returns whether there were any.
+bool DropHoles(const AspectImageOptions& options, AspectImage* image) {
+  if (!options.drop_pattern || !HasTexture(options, *image)) return false;
+  std::vector<Eigen::Vector2f> texture;
+  for (const ImageEdgePoint& e : image->edges) {
+    if (image->texture[image->Block(e.point.x(), e.point.y())] > TextureLimit(options))
+      texture.push_back(e.point);
+  }
+  const std::vector<std::uint8_t> holes =
+      FindHolePoints(RasterOf(*image), Contours(options, *image), texture);
+  if (!holes.empty()) Drop(holes, image);
+  return !holes.empty();
+}
+
 // Returns whether there were any.
 bool DropPattern(const AspectImageOptions& options,
                  const std::vector<Eigen::Vector2f>& texture,
                  AspectImage* image) {
   if (!options.drop_pattern) return false;
-  const std::vector<std::uint8_t> patterned = FindPatternPoints(
-      {image->width, image->height, EdgePlaces(*image), image->edge_at}, image->contours, texture);
-  if (patterned.empty()) return false;
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < patterned.size(); ++i) {
-    if (!patterned[i]) image->edges[kept++] = image->edges[i];
-  }
-  image->edges.resize(kept);
-  return true;
+  const std::vector<std::uint8_t> patterned =
+      FindPatternPoints(RasterOf(*image), image->contours, texture);
+  if (!patterned.empty()) Drop(patterned, image);
+  return !patterned.empty();
 }
 
 }  // namespace
@@ -308,15 +342,13 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& opti
   out.edges = DetectEdgePoints(bgr, options);
   IndexEdges(&out);
   FillMaps(options, &out);
+  if (DropHoles(options, &out)) FillMaps(options, &out);
   std::vector<Eigen::Vector2f> texture;
   const bool textured = DropTexture(options, &texture, &out);
   if (textured) IndexEdges(&out);
   out.contours = Contours(options, out);
   const bool patterned = DropPattern(options, texture, &out);
-  if (patterned) {
-    IndexEdges(&out);
-    out.contours = Contours(options, out);
-  }
+  if (patterned) out.contours = Contours(options, out);
   if (textured || patterned) FillMaps(options, &out);
   return out;
 }

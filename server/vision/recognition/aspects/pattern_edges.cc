@@ -9,6 +9,8 @@
 #include <span>
 #include <utility>
 
+#include "server/vision/recognition/aspects/dot_lattice.h"
+
 namespace horopter {
 namespace {
 
@@ -186,35 +188,37 @@ void MarkStripes(const PointRaster& raster,
   }
 }
 
-// The sides of a chain that closes on itself and is round enough; empty for others.
-std::vector<Piece> DotOf(const ContourGraph& contours,
-                         const ContourChain& chain,
-                         float width,
-                         const PatternOptions& options) {
+// A closed curve.
+struct Rim {
+  std::vector<Piece> sides;
+  float perimeter = 0.0f;
+};
+
+// Of a chain that closes on itself and is round enough; without sides for others.
+Rim RimOf(const ContourGraph& contours,
+          const ContourChain& chain,
+          float width,
+          const PatternOptions& options) {
   const Eigen::Vector2f* p = contours.points.data() + chain.begin;
   const int n = chain.size;
-  std::vector<Piece> sides;
-  if ((p[n - 1] - p[0]).norm() > kMaxOpeningPx) return sides;
-  float perimeter = 0.0f, twice_area = 0.0f;
+  Rim rim;
+  if ((p[n - 1] - p[0]).norm() > kMaxOpeningPx) return rim;
+  float twice_area = 0.0f;
   for (int i = 0; i < n; ++i) {
     const Eigen::Vector2f &from = p[i], &to = p[(i + 1) % n];
-    sides.push_back({from, to, (to - from).norm()});
-    perimeter += sides.back().length;
+    rim.sides.push_back({from, to, (to - from).norm()});
+    rim.perimeter += rim.sides.back().length;
     twice_area += from.x() * to.y() - from.y() * to.x();
   }
   constexpr double kFourPi = 12.566370614359172;  // area = perimeter^2 / 4 pi of a circle
-  if (perimeter < options.min_dot_share * width || perimeter > options.max_dot_share * width ||
-      0.5 * kFourPi * std::abs(twice_area) < options.min_roundness * perimeter * perimeter) {
-    sides.clear();
+  if (rim.perimeter < options.min_lattice_share * width ||
+      rim.perimeter > options.max_dot_share * width ||
+      0.5 * kFourPi * std::abs(twice_area) <
+          options.min_roundness * rim.perimeter * rim.perimeter) {
+    rim.sides.clear();
   }
-  return sides;
+  return rim;
 }
-
-// A hole or a speck: the middle of its box and the longer side.
-struct Dot {
-  Eigen::Vector2f middle;
-  float size = 0.0f;
-};
 
 template <typename Points>
 Dot BoxOf(const Points& points) {
@@ -251,96 +255,14 @@ std::vector<std::vector<int>> Components(const PointRaster& raster) {
   return out;
 }
 
-// Where a lattice of dots goes on: beyond a dot, as far as its neighbour on the other side.
-struct Expected {
-  Eigen::Vector2f place;
-  float spacing = 0.0f;
-  float size = 0.0f;
-};
-
-struct Expectations {
-  std::vector<Expected> places;  // ordered by x
-  float widest = 0.0f;           // spacing
-};
-
-Expectations GoOn(const std::vector<Dot>& dots) {
-  constexpr int kNeighbours = 6;  // the nearest, of which rows and columns are made
-  constexpr float kReach = 1.7f;  // of the nearest one's distance: rows, columns and diagonals
-  Expectations out;
-  std::vector<std::pair<float, int>> near;
-  for (const Dot& dot : dots) {
-    near.clear();
-    for (int k = 0; k < static_cast<int>(dots.size()); ++k) {
-      const float d = (dots[k].middle - dot.middle).norm();
-      if (d > dot.size) near.push_back({d, k});
-    }
-    const std::size_t kept = std::min<std::size_t>(kNeighbours, near.size());
-    std::partial_sort(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(kept), near.end());
-    for (std::size_t i = 0; i < kept && near[i].first <= kReach * near[0].first; ++i) {
-      out.places.push_back(
-          {2.0f * dot.middle - dots[near[i].second].middle, near[i].first, dot.size});
-      out.widest = std::max(out.widest, near[i].first);
-    }
-  }
-  std::sort(out.places.begin(), out.places.end(), [](const Expected& a, const Expected& b) {
-    return a.place.x() < b.place.x();
-  });
-  return out;
-}
-
-// What is expected where a dot stands: how many neighbours expect one, and the largest of theirs.
-struct Votes {
-  int count = 0;
-  float size = 0.0f;
-};
-
-// off: of the spacing; `smallest`, `largest`: of the size that is expected.
-Votes VotesFor(
-    const Dot& dot, const Expectations& expected, float off, float smallest, float largest) {
-  Votes out;
-  const float reach = off * expected.widest;
-  const auto& places = expected.places;
-  auto e = std::lower_bound(
-      places.begin(), places.end(), dot.middle.x() - reach, [](const Expected& x, float v) {
-        return x.place.x() < v;
-      });
-  for (; e != places.end() && e->place.x() <= dot.middle.x() + reach; ++e) {
-    if (dot.size < smallest * e->size || dot.size > largest * e->size ||
-        (dot.middle - e->place).norm() > off * e->spacing) {
-      continue;
-    }
-    ++out.count;
-    out.size = std::max(out.size, e->size);
-  }
-  return out;
-}
-
-constexpr int kVotes = 2;         // of neighbours that expect a dot there
-constexpr float kLarger = 1.35f;  // than the dot beside it
-
-// Whether each dot stands where others expect one of its size.
-std::vector<char> OfLattice(const std::vector<Dot>& dots) {
-  constexpr float kOff = 0.15f, kSmaller = 0.7f;  // of the expected step; of the size; chosen
-  const Expectations expected = GoOn(dots);
-  std::vector<char> out;
-  for (const Dot& dot : dots)
-    out.push_back(VotesFor(dot, expected, kOff, kSmaller, kLarger).count >= kVotes);
-  return out;
-}
-
-// Marks what stands where a lattice of dots goes on, if it is no larger than they are: holes whose
+// Marks what stands where the holes of a lattice are, if it is no larger than they are: holes whose
 // rims are broken by glints, cut off by the image or half hidden by a part.
 void MarkLattice(const PointRaster& raster,
-                 std::vector<Dot> dots,
+                 const std::vector<Dot>& dots,
                  std::vector<std::uint8_t>* marked) {
-  constexpr int kRounds = 20;    // in which a lattice may go on; chosen, for time
-  constexpr float kOff = 0.25f;  // of the middle of what is left of a rim
-  struct Component {
-    const std::vector<int>* points;
-    Dot box;
-  };
   const std::vector<std::vector<int>> components = Components(raster);
-  std::vector<Component> open;
+  std::vector<const std::vector<int>*> open;
+  std::vector<Dot> boxes;
   for (const std::vector<int>& c : components) {
     std::vector<Eigen::Vector2f> places;
     int of_pattern = 0;
@@ -348,20 +270,62 @@ void MarkLattice(const PointRaster& raster,
       places.push_back(raster.points[e]);
       of_pattern += (*marked)[e];
     }
-    if (2 * of_pattern < static_cast<int>(c.size())) open.push_back({&c, BoxOf(places)});
+    if (2 * of_pattern >= static_cast<int>(c.size())) continue;
+    open.push_back(&c);
+    boxes.push_back(BoxOf(places));
   }
-  for (int round = 0; round < kRounds; ++round) {
-    const Expectations expected = GoOn(dots);
-    const std::size_t before = open.size();
-    std::erase_if(open, [&](const Component& c) {
-      const Votes votes = VotesFor(c.box, expected, kOff, 0.0f, kLarger);
-      if (votes.count < kVotes) return false;
-      for (const int e : *c.points) (*marked)[e] = 1;
-      dots.push_back({c.box.middle, votes.size});
-      return true;
-    });
-    if (open.size() == before) break;
+  const std::vector<char> holes = HolesOfLattice(dots, boxes);
+  for (std::size_t i = 0; i < open.size(); ++i) {
+    if (!holes[i]) continue;
+    for (const int e : *open[i]) (*marked)[e] = 1;
   }
+}
+
+// Whether there are enough of them over enough of the image.
+bool CoverImage(const std::vector<Rim>& rims,
+                const PointRaster& raster,
+                const std::vector<Eigen::Vector2f>& texture,
+                const PatternOptions& options) {
+  if (static_cast<int>(rims.size()) < options.min_dots) return false;
+  std::vector<Piece> all;
+  for (const Rim& rim : rims) all.insert(all.end(), rim.sides.begin(), rim.sides.end());
+  return RunsOverImage(all, raster, texture, options);
+}
+
+// Closed curves that are no larger than holes, and their boxes.
+struct Dots {
+  std::vector<Rim> rims;
+  std::vector<Dot> boxes;
+};
+
+Dots FindDots(const PointRaster& raster,
+              const ContourGraph& contours,
+              const PatternOptions& options) {
+  Dots out;
+  for (const ContourChain& c : contours.chains) {
+    Rim rim = RimOf(contours, c, static_cast<float>(raster.width), options);
+    if (rim.sides.empty()) continue;
+    out.boxes.push_back(BoxOf(std::span(contours.points).subspan(c.begin, c.size)));
+    out.rims.push_back(std::move(rim));
+  }
+  return out;
+}
+
+// Returns whether most of the dots are of a lattice, which is marked then.
+bool MarkHoles(const PointRaster& raster, const Dots& dots, std::vector<std::uint8_t>* marked) {
+  constexpr double kRegular = 0.6;  // of the dots: else they are strewn
+  const std::vector<char> regular = RegularDots(dots.boxes);
+  if (static_cast<double>(std::count(regular.begin(), regular.end(), 1)) <
+      kRegular * static_cast<double>(regular.size()))
+    return false;
+  std::vector<Dot> lattice;
+  for (std::size_t i = 0; i < regular.size(); ++i) {
+    if (!regular[i]) continue;
+    for (const Piece& side : dots.rims[i].sides) Mark(raster, side, marked);
+    lattice.push_back(dots.boxes[i]);
+  }
+  MarkLattice(raster, lattice, marked);
+  return true;
 }
 
 void MarkDots(const PointRaster& raster,
@@ -369,34 +333,28 @@ void MarkDots(const PointRaster& raster,
               const std::vector<Eigen::Vector2f>& texture,
               const PatternOptions& options,
               std::vector<std::uint8_t>* marked) {
-  constexpr double kRegular = 0.6;  // of the dots: else they are strewn
-  std::vector<Piece> all;
-  std::vector<std::vector<Piece>> rims;
-  std::vector<Dot> dots;
-  for (const ContourChain& c : contours.chains) {
-    std::vector<Piece> sides = DotOf(contours, c, static_cast<float>(raster.width), options);
-    if (sides.empty()) continue;
-    dots.push_back(BoxOf(std::span(contours.points).subspan(c.begin, c.size)));
-    all.insert(all.end(), sides.begin(), sides.end());
-    rims.push_back(std::move(sides));
+  Dots dots = FindDots(raster, contours, options);
+  if (!CoverImage(dots.rims, raster, texture, options) || MarkHoles(raster, dots, marked)) return;
+  std::erase_if(dots.rims, [&](const Rim& rim) {
+    return rim.perimeter < options.min_dot_share * raster.width;
+  });
+  if (!CoverImage(dots.rims, raster, texture, options)) return;
+  for (const Rim& rim : dots.rims) {
+    for (const Piece& side : rim.sides) Mark(raster, side, marked);
   }
-  if (static_cast<int>(dots.size()) < options.min_dots ||
-      !RunsOverImage(all, raster, texture, options)) {
-    return;
-  }
-  const std::vector<char> regular = OfLattice(dots);
-  const bool strewn = static_cast<double>(std::count(regular.begin(), regular.end(), 1)) <
-                      kRegular * static_cast<double>(dots.size());
-  std::vector<Dot> lattice;
-  for (std::size_t i = 0; i < dots.size(); ++i) {
-    if (!strewn && !regular[i]) continue;
-    for (const Piece& side : rims[i]) Mark(raster, side, marked);
-    lattice.push_back(dots[i]);
-  }
-  if (!strewn) MarkLattice(raster, std::move(lattice), marked);
 }
 
 }  // namespace
+
+std::vector<std::uint8_t> FindHolePoints(const PointRaster& raster,
+                                         const ContourGraph& contours,
+                                         const std::vector<Eigen::Vector2f>& texture,
+                                         const PatternOptions& options) {
+  std::vector<std::uint8_t> marked;
+  const Dots dots = FindDots(raster, contours, options);
+  if (CoverImage(dots.rims, raster, texture, options)) MarkHoles(raster, dots, &marked);
+  return marked;
+}
 
 std::vector<std::uint8_t> FindPatternPoints(const PointRaster& raster,
                                             const ContourGraph& contours,

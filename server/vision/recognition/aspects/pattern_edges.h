@@ -23,10 +23,11 @@ struct PatternOptions {
   int min_pieces = 24;
   int max_families = 2;  // a grid has two
   // Closed curves that make a pattern: how many, their shortest and longest perimeters as shares of
-  // the width (speckles are shorter), and their least area as a share of a circle's of the same
-  // perimeter.
+  // the width, and their least area as a share of a circle's of the same perimeter. The holes of a
+  // lattice may be small; what is strewn and so small are speckles, which are told by texture.
   int min_dots = 40;
   double min_dot_share = 0.035;
+  double min_lattice_share = 0.016;
   double max_dot_share = 0.25;
   double min_roundness = 0.35;
 };
@@ -38,5 +39,11 @@ std::vector<std::uint8_t> FindPatternPoints(const PointRaster& raster,
                                             const ContourGraph& contours,
                                             const std::vector<Eigen::Vector2f>& texture = {},
                                             const PatternOptions& options = {});
+
+// The same of the holes of a perforated sheet alone.
+std::vector<std::uint8_t> FindHolePoints(const PointRaster& raster,
+                                         const ContourGraph& contours,
+                                         const std::vector<Eigen::Vector2f>& texture = {},
+                                         const PatternOptions& options = {});
 
 }  // namespace horopter

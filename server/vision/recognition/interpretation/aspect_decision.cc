@@ -27,9 +27,8 @@ double FocalSpread(const LinkedScene& scene) {
 // What one part alone must score, for the views it links and the cameras it says they have.
 double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
   if (scene.registered() < 2) return options.even_in_one_view;
-  const bool few =
-      scene.registered() < options.few_views_share * static_cast<double>(scene.views.size());
-  return options.even_alone + (few ? options.few_views_more : 0.0) +
+  const double missing = 1.0 - scene.registered() / static_cast<double>(scene.views.size());
+  return options.even_alone + missing * options.missing_views_more +
          options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
 }
 

@@ -19,8 +19,8 @@ namespace {
 
 constexpr int kLeading = 12;  // of a shortlist: these decide whether aspects come first
 constexpr double kKnownSceneLogSigma = 0.02;  // of the cameras of another route's answer
-constexpr double kNearM = 1e-3;
-constexpr double kKnownLogSigma = 0.1;  // a focal length known better is not searched for
+constexpr double kNearM = 1e-3;               // least depth that a size in the image is taken of
+constexpr double kKnownLogSigma = 0.1;        // a focal length known better is not searched for
 
 double AboveChance(const std::vector<double>& view_scores, double chance) {
   double sum = 0.0;
@@ -258,17 +258,14 @@ bool IsKnown(const AspectViewPrior& prior) {
   return prior.log_focal_sigma < kKnownLogSigma;
 }
 
-// The hypotheses of views whose focal lengths are known under these.
-std::vector<std::vector<AspectHypothesis>> Under(
-    std::span<const AspectViewPrior> priors,
-    std::vector<std::vector<AspectHypothesis>> hypotheses) {
-  for (std::size_t v = 0; v < hypotheses.size(); ++v) {
-    if (!IsKnown(priors[v])) continue;
-    for (AspectHypothesis& h : hypotheses[v]) {
-      h.camera_from_object =
-          WithFocal(h.camera_from_object, h.camera.focal_px, priors[v].camera.focal_px);
-      h.camera = priors[v].camera;
-    }
+// A view's hypotheses under its camera, where that is known.
+std::vector<AspectHypothesis> Under(const AspectViewPrior& prior,
+                                    std::vector<AspectHypothesis> hypotheses) {
+  if (!IsKnown(prior)) return hypotheses;
+  for (AspectHypothesis& h : hypotheses) {
+    h.camera_from_object =
+        WithFocal(h.camera_from_object, h.camera.focal_px, prior.camera.focal_px);
+    h.camera = prior.camera;
   }
   return hypotheses;
 }
@@ -425,29 +422,32 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
                                                      const AspectRecognitionOptions& options) {
   BeginStep(context, "aspect_search");
   const std::vector<AspectViewPrior> priors = ViewPriors(context, images);
-  std::vector<std::vector<AspectHypothesis>> hypotheses;
-  for (std::size_t v = 0; v < images.size(); ++v) {
-    hypotheses.push_back(SearchImage(context,
-                                     images[v],
-                                     search,
-                                     IsKnown(priors[v]) ? &priors[v].camera : nullptr,
-                                     options.find));
-    if (IsStopRequested(context.stop))
-      return absl::CancelledError("stopped during the search for aspects");
-  }
-  BeginStep(context, "aspect_linking");
+  const std::vector<std::vector<AspectHypothesis>> none(images.size());
+  std::vector<std::vector<AspectHypothesis>> hypotheses(images.size());
+  std::vector<bool> searched(images.size(), false);
+  const auto search_view = [&](int v) {
+    if (!searched[v]) {
+      hypotheses[v] = SearchImage(context,
+                                  images[v],
+                                  search,
+                                  IsKnown(priors[v]) ? &priors[v].camera : nullptr,
+                                  options.find);
+    }
+    searched[v] = true;
+    return hypotheses[v];
+  };
   AspectLinkOptions link = options.link;
   link.threads = context.options.threads;
   AspectScene start;
   if (starts.known != nullptr) start = KnownScene(*starts.known, search).value_or(AspectScene{});
-  LinkedScene scene =
-      LinkAspects({images, priors, hypotheses, search.index->parts, &start}, link, context.give_up);
+  LinkedScene scene = LinkAspects(
+      {images, priors, none, search.index->parts, &start, search_view}, link, context.give_up);
   if (starts.matched != nullptr) {
     const std::vector<AspectViewPrior> seen = ViewPriors(*starts.matched, images);
     if (std::any_of(seen.begin(), seen.end(), IsKnown)) {
-      const auto under = Under(seen, hypotheses);
-      LinkedScene other =
-          LinkAspects({images, seen, under, search.index->parts, &start}, link, context.give_up);
+      const auto under = [&](int v) { return Under(seen[v], search_view(v)); };
+      LinkedScene other = LinkAspects(
+          {images, seen, none, search.index->parts, &start, under}, link, context.give_up);
       if (other.score > scene.score) scene = std::move(other);
     }
   }
@@ -456,6 +456,8 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
   ToCatalog(search, &scene);
   RecognitionResult out = ToResult(context, scene, starts.known, log);
   out.counts["aspects_searched"] = static_cast<double>(search.objects.size());
+  out.counts["aspect_views_searched"] =
+      static_cast<double>(std::count(searched.begin(), searched.end(), true));
   for (std::size_t v = 0; log != nullptr && v < hypotheses.size(); ++v) {
     for (const AspectHypothesis& h : hypotheses[v]) {
       if (search.objects[h.object] != log->object) continue;

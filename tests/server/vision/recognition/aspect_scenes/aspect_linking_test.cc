@@ -92,6 +92,24 @@ TEST_F(KnownScene, AHypothesisInAKnownObjectsPlaceOrWhereNothingIsAddsNothing) {
   EXPECT_TRUE(FindOthers(Input(), options_).objects.empty());
 }
 
+// What is taken for another part keeps the place from the right one unless the two are compared.
+TEST_F(KnownScene, APartThatOneViewShowsBetterTakesTheWrongOnesPlace) {
+  const PhotoPart slab = MakePart(BoxMesh({0.017, 0.012, 0.012}));
+  parts_.push_back(PartOf(slab));
+  for (const int v : {0, 1, 2}) {
+    SCOPED_TRACE(testing::Message() << "view " << v);
+    known_.objects = {{0, Rigid3{}}, {2, cube_pose_}};
+    options_.min_joint = 0.05;  // enough to keep it
+    hypotheses_.assign(kViews, {});
+    hypotheses_[v] = {Cube(v, 1)};
+    const LinkedScene scene = LinkAspects(Input(), options_);
+    EXPECT_EQ(scene.registered(), kViews);
+    ASSERT_EQ(scene.objects.size(), 2u);
+    EXPECT_EQ(scene.objects[1].object, 1);
+    EXPECT_LT((scene.objects[1].scene_from_object.t - cube_pose_.t).norm(), 1e-3);
+  }
+}
+
 TEST_F(KnownScene, IsCompletedWithoutAnyLinkOfViews) {
   hypotheses_[2] = {Cube(2, 1)};
   const LinkedScene scene = LinkAspects(Input(), options_);

@@ -352,6 +352,37 @@ TEST_F(FindAspects, ViewsAreLinkedThroughAPart) {
   }
 }
 
+// Two views show what there is; the others are only looked at for that.
+TEST_F(FindAspects, ViewsAreSearchedForAllPartsOnlyWhenTheyAreNeeded) {
+  std::vector<AspectImage> images;
+  std::vector<AspectViewPrior> priors;
+  for (const double turn : {-0.4, -0.2, 0.0, 0.2, 0.4}) {
+    Rigid3 pose = Pose();
+    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
+    images.push_back(MakeAspectImage(Photo(0, pose)));
+    priors.push_back({NominalCamera(images.back())});
+  }
+  const auto searched = [&] {
+    std::vector<int> views;
+    const std::vector<std::vector<AspectHypothesis>> none(images.size());
+    const LinkedScene scene =
+        LinkAspects({images, priors, none, list_, nullptr, [&](int v) {
+                       views.push_back(v);
+                       return FindAspectHypotheses(images[v], *index_).hypotheses;
+                     }});
+    EXPECT_EQ(scene.objects.size(), 1u);
+    EXPECT_TRUE(!scene.objects.empty() && scene.objects[0].object == 0);
+    for (std::size_t v = 0; v < images.size(); ++v) EXPECT_EQ(scene.views[v].has_value(), v < 5);
+    std::sort(views.begin(), views.end());
+    return views;
+  };
+  EXPECT_EQ(searched(), (std::vector<int>{1, 3}));
+  // Where a view does not show it, all are searched, each once.
+  images.push_back(MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(128))));
+  priors.push_back({NominalCamera(images.back())});
+  EXPECT_EQ(searched(), (std::vector<int>{0, 1, 2, 3, 4, 5}));
+}
+
 TEST_F(FindAspects, NothingLinksViewsOfNothing) {
   std::vector<AspectImage> images(2,
                                   MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(90))));

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tests/support/random.h"
+
 namespace horopter {
 namespace {
 
@@ -147,6 +149,26 @@ TEST(PatternEdges, AFewHolesAreAPartsOwn) {
   for (int k = 0; k < 12; ++k)
     drawing.Circle({60.0f + 45.0f * static_cast<float>(k), 200.0f}, 9, false);
   EXPECT_EQ(Ask(drawing).taken, 0.0);
+}
+
+TEST(PatternEdges, SmallHolesArePatternInALatticeAndSpecksAreNot) {
+  Drawing sheet, specks;
+  Random random(1);
+  for (int y = 10; y < kHeight; y += 16) {
+    for (int x = 10; x < kWidth; x += 16) {
+      const Eigen::Vector2f center(static_cast<float>(x), static_cast<float>(y));
+      if ((center - Eigen::Vector2f(320, 240)).norm() > 105) sheet.Circle(center, 2.6f, true);
+      specks.Circle({static_cast<float>(random.Uniform(0, kWidth)),
+                     static_cast<float>(random.Uniform(0, kHeight))},
+                    2.6f,
+                    false);
+    }
+  }
+  sheet.Circle({320, 240}, 100, false);
+  const Shares shares = Ask(sheet);
+  EXPECT_GT(shares.found, 0.9);
+  EXPECT_LT(shares.taken, 0.05);
+  EXPECT_EQ(Ask(specks).taken, 0.0);
 }
 
 TEST(PatternEdges, NothingOfAnEmptyImage) {
