@@ -38,7 +38,7 @@ void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
   for (int v = 0; v < views; ++v) {
     if (!wanted_views[v]) continue;
     const auto& flags = context.matching->segment_on_plane;
-    paths[v] = FindImagePaths(context.views[v].features,
+    paths[v] = FindImagePaths(*context.views[v].features,
                               v < static_cast<int>(flags.size()) ? flags[v] : std::vector<bool>{},
                               context.views[v].maps.working_from_image,
                               options.max_paths);
@@ -49,7 +49,7 @@ void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
     if (!wanted_views[v] || !promising[k]) return;
     ViewHypothesisOptions of_view = options;
     of_view.focal_log_sigma = context.focal_log_sigma[v];
-    (*hypotheses)[v][k] = FindViewHypotheses(context.objects[k],
+    (*hypotheses)[v][k] = FindViewHypotheses(*context.objects[k],
                                              k,
                                              context.views[v],
                                              v,
@@ -62,7 +62,7 @@ void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
 
 bool SameHypothesis(const JointContext& context, const SceneModel& a, const SceneModel& b) {
   if (a.objects[0].object != b.objects[0].object) return false;
-  const PreparedObject& object = context.objects[a.objects[0].object];
+  const PreparedObject& object = *context.objects[a.objects[0].object];
   for (std::size_t v = 0; v < a.views.size(); ++v) {
     if (a.views[v].has_value() != b.views[v].has_value()) return false;
     if (!a.views[v]) continue;
