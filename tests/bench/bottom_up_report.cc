@@ -219,7 +219,6 @@ int Main(int argc, char** argv) {
   app.add_flag("--ndd", arguments.ndd);
   app.add_flag("--verbose", arguments.verbose);
   CLI11_PARSE(app, argc, argv);
-  arguments.keys.max_path_views = 0;
   const Catalog catalog = MakeCatalog(arguments);
   Sums sums;
   for (int i = 0; i < arguments.scenes; ++i) {

@@ -59,43 +59,28 @@ double ThreadCpuSeconds() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-struct Queries {
-  std::vector<InvariantKey> chains;
-  std::vector<InvariantKey> path_views;
-};
-
 // Keys of the catalog's objects as a query with the uncertainty of a good image has them.
-Queries QueriesOf(const CatalogSnapshot& snapshot, int count) {
+std::vector<InvariantKey> QueriesOf(const CatalogSnapshot& snapshot, int count) {
   constexpr int kObjects = 50;  // few, as of a large catalog each must be read and prepared
   std::mt19937 rng(1);
-  Queries queries;
+  std::vector<InvariantKey> queries;
   const ObjectPreparer preparer = CatalogPreparer();
-  const auto add = [&](std::vector<InvariantKey>& to, const Eigen::VectorXd& values) {
-    const Eigen::Index n = values.size();
-    to.push_back({values, 4e-4 * Eigen::MatrixXd::Identity(n, n)});
-  };
   for (int k = 0; k < kObjects; ++k) {
     const auto object = ObjectAt(snapshot, static_cast<int>(rng() % ObjectCount(snapshot)));
     if (!object.ok()) continue;
     const ObjectKeys& keys = preparer.keys_of(**object);
     for (int q = 0; q < count / kObjects; ++q) {
-      if (!keys.chains.empty()) {
-        const auto& values = keys.chains[rng() % keys.chains.size()].values;
-        add(queries.chains, Eigen::Map<const Eigen::VectorXf>(values.data(), 5).cast<double>());
-      }
-      if (!keys.path_views.empty()) {
-        const PathViewRow& row = keys.path_views[rng() % keys.path_views.size()];
-        using Values = Eigen::Map<const Eigen::Vector4f>;
-        add(queries.path_views,
-            (0.5f * (Values(row.low.data()) + Values(row.high.data()))).cast<double>());
-      }
+      if (keys.chains.empty()) continue;
+      const auto& values = keys.chains[rng() % keys.chains.size()].values;
+      queries.push_back({Eigen::Map<const Eigen::VectorXf>(values.data(), 5).cast<double>(),
+                         4e-4 * Eigen::MatrixXd::Identity(5, 5)});
     }
   }
   return queries;
 }
 
 // CPU time and answers of each kind of query, for comparing catalogs of different sizes.
-void PrintCosts(const CatalogSnapshot& snapshot, const Queries& queries) {
+void PrintCosts(const CatalogSnapshot& snapshot, const std::vector<InvariantKey>& queries) {
   constexpr double kSeconds =
       2.0;  // each kind: several rounds of cheap queries, a part of dear ones
   const auto measure = [&](const char* name, const std::vector<InvariantKey>& keys, auto find) {
@@ -108,16 +93,13 @@ void PrintCosts(const CatalogSnapshot& snapshot, const Queries& queries) {
     const double us = 1e6 * (ThreadCpuSeconds() - start) / n;
     std::printf("%s: %.2f us CPU a query, %.1f answers\n", name, us, static_cast<double>(hits) / n);
   };
-  measure("chains, small gate", queries.chains, [&](const InvariantKey& key) {
+  measure("chains, small gate", queries, [&](const InvariantKey& key) {
     InvariantKey sharp = key;
     sharp.covariance *= 1e-4;
     return snapshot.keys.Find(KeyTable::kChains, sharp, 11.07)->size();
   });
-  measure("chains", queries.chains, [&](const InvariantKey& key) {
+  measure("chains", queries, [&](const InvariantKey& key) {
     return snapshot.keys.Find(KeyTable::kChains, key, 11.07)->size();
-  });
-  measure("path views", queries.path_views, [&](const InvariantKey& key) {
-    return snapshot.keys.FindPathViews(key, 9.49)->size();
   });
 }
 
@@ -190,9 +172,8 @@ int Main(int argc, char** argv) {
               ResidentMb());
   if (seconds < 0.0) return RemoveCopy(path);
 
-  const Queries all_queries = QueriesOf(published->snapshot, 2000);
-  const std::vector<InvariantKey>& queries = all_queries.chains;
-  PrintCosts(published->snapshot, all_queries);
+  const std::vector<InvariantKey> queries = QueriesOf(published->snapshot, 2000);
+  PrintCosts(published->snapshot, queries);
   if (seconds <= 0.0) return RemoveCopy(path);
   Latencies idle, busy;
   int64_t hits = 0;

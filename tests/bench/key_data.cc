@@ -2,8 +2,8 @@
 // copies of them stretched along their axes, stand for a catalog.
 //
 //   key_data DATASET COPIES OUT_PREFIX
-//     writes OUT_PREFIX-chains and -stars (5 values, similarity), -six (3 values, projective) and
-//     -paths (boxes of 4 values, images of chains), as many of an object as the catalog keeps
+//     writes OUT_PREFIX-chains and -stars (5 values, similarity) and -six (3 values, projective),
+//     as many of an object as the catalog keeps
 #include <Eigen/Geometry>
 #include <cstdio>
 #include <cstdlib>
@@ -33,11 +33,6 @@ class KeyFile {
     for (const double x : key) Put(x);
     ++count_;
   }
-  template <typename Values>
-  void WriteBox(const Values& low, const Values& high) {
-    for (const double x : low) Put(x);
-    Write(high);
-  }
 
  private:
   void Put(double x) { out_.write(reinterpret_cast<const char*>(&x), sizeof(x)); }
@@ -58,7 +53,6 @@ int Main(int argc, char** argv) {
   }
   const std::string prefix = argv[3];
   KeyFile chains(prefix + "-chains", 5), stars(prefix + "-stars", 5), six(prefix + "-six", 3);
-  KeyFile paths(prefix + "-paths", -4);  // negative: boxes
   std::mt19937 rng(1);
   std::uniform_real_distribution<double> stretch(0.6, 1.6);
   for (const BopObject& object : dataset->objects) {
@@ -75,7 +69,6 @@ int Main(int argc, char** argv) {
       const ObjectKeys keys = ComputeObjectKeys(model, {.six_point_sets = 0});
       for (const FourVertexKey& key : keys.chains) chains.Write(key.values);
       for (const FourVertexKey& key : keys.stars) stars.Write(key.values);
-      for (const PathViewRow& row : keys.path_views) paths.WriteBox(row.low, row.high);
       if (v.size() < 6 || copy >= 40) continue;
       // A stretched copy is projectively the same part: corners are moved one by one instead.
       for (Eigen::Vector3d& p : v) {

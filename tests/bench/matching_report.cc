@@ -177,12 +177,12 @@ double VertexReprojection(const Models& models,
   std::vector<int> views;
   for (size_t v = 0; v < reconstruction.views.size(); ++v) {
     if (!reconstruction.views[v]) continue;
-    const ReconstructedView& r = *reconstruction.views[v];
+    const CalibratedView& r = *reconstruction.views[v];
     BundleView view;
     view.size = {r.camera.width, r.camera.height};
     view.focal_px = r.camera.focal_px;
     view.k1 = r.camera.k1;
-    view.camera_from_world = r.camera_from_world;
+    view.camera_from_world = r.camera_from_scene;
     view.prior.principal_point_px = Eigen::Vector2d(r.camera.cx, r.camera.cy);
     bundle.views.push_back(view);
     views.push_back(static_cast<int>(v));

@@ -140,7 +140,7 @@ void ReportCameras(const PipelineResult& result,
   std::vector<std::optional<EstimatedView>> before(scene.images.size()), after(scene.images.size());
   for (size_t v = 0; v < result.trace.reconstruction.views.size(); ++v) {
     if (const auto& view = result.trace.reconstruction.views[v]) {
-      before[v] = {view->camera, view->camera_from_world};
+      before[v] = {view->camera, view->camera_from_scene};
     }
   }
   for (size_t v = 0; v < result.answer.cameras.size(); ++v) {

@@ -146,10 +146,10 @@ inline MatchedScene MakeMatchedScene(std::vector<std::shared_ptr<const PreparedO
                          &rng,
                          &f);
     scene.features.push_back(std::move(f));
-    ReconstructedView view;
+    CalibratedView view;
     view.camera = scene.cameras[v];
-    view.camera_from_world.R = scene.camera_from_world[v].R * turned;
-    view.camera_from_world.t = units * scene.camera_from_world[v].t;
+    view.camera_from_scene.R = scene.camera_from_world[v].R * turned;
+    view.camera_from_scene.t = units * scene.camera_from_world[v].t;
     view.focal_log_sigma = 0.05;
     scene.reconstruction.views.push_back(view);
   }

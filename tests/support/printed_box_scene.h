@@ -57,6 +57,7 @@ struct PrintedBoxScene {
           .value()};
   std::vector<cv::Mat> images;
   JointContext context;
+  std::shared_ptr<const SurfaceImages> surface_images;
   SceneModel scene;
 
   explicit PrintedBoxScene(const Looks& looks) {
@@ -69,7 +70,7 @@ struct PrintedBoxScene {
       images.push_back(Render(looks, camera, camera_from_scene, looks.seed + v));
     }
     context.objects = objects;
-    context.surface_images = MakeSurfaceImages(images, 1);
+    surface_images = MakeSurfaceImages(images, 1);
     scene.plane = SupportingPlane{Eigen::Vector3d::UnitZ(), 0.0};
     scene.objects.resize(1);
     scene.objects[0].object = 0;
@@ -116,7 +117,7 @@ struct PrintedBoxScene {
   SurfaceTexture At(const Rigid3& pose) {
     scene.objects[0].scene_from_object = pose;
     const int first = 0;
-    return CompareSurfaces(context, scene, {&first, 1})[0];
+    return CompareSurfaces(context, surface_images.get(), scene, {&first, 1})[0];
   }
 };
 

@@ -32,8 +32,11 @@ struct Table {
       context.start_cameras.push_back(cameras[v]);
       context.focal_log_sigma.push_back(0.1);
     }
-    context.hypotheses.assign(features.size(), std::vector<ViewHypotheses>(objects.size()));
     return context;
+  }
+
+  HypothesisTable NoHypotheses() const {
+    return HypothesisTable(features.size(), std::vector<ViewHypotheses>(objects.size()));
   }
 };
 

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <numeric>
 #include <span>
 
 #include "server/base/status_macros.h"
@@ -88,39 +87,6 @@ std::vector<SixVertexKey> SixVertexKeys(const ObjectModel& model, const ObjectKe
   return keys;
 }
 
-// Chains in an order in which every beginning is spread evenly over all of them: i times the golden
-// section, modulo 1.
-std::vector<PathViewRow> PathViewRows(const ObjectModel& model, int most) {
-  std::vector<PathViewRow> rows;
-  const std::vector<FourVertices> chains = VertexChains(model);
-  std::vector<std::size_t> order(chains.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  const auto at = [](std::size_t i) {
-    const double x = 0.6180339887498949 * static_cast<double>(i);
-    return x - std::floor(x);
-  };
-  std::stable_sort(
-      order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return at(a) < at(b); });
-  StopPacer pacer(kSetsPerLook);
-  for (const std::size_t i : order) {
-    pacer.Step();
-    const FourVertices& chain = chains[i];
-    if (!Indexable(chain)) continue;
-    std::array<Eigen::Vector3d, 4> path;
-    for (int k = 0; k < 4; ++k) path[k] = model.vertices[chain[k]];
-    const std::vector<PathViewBox> boxes = PathViewBoxes(path);
-    if (rows.size() + boxes.size() > static_cast<std::size_t>(most)) break;
-    for (const PathViewBox& box : boxes) {
-      PathViewRow& row = rows.emplace_back();
-      for (int k = 0; k < 4; ++k) row.vertices[k] = static_cast<std::uint16_t>(chain[k]);
-      row.cell = static_cast<std::uint8_t>(box.cell);
-      row.low = box.low;
-      row.high = box.high;
-    }
-  }
-  return rows;
-}
-
 template <typename T>
 void Append(std::string& out, const T& value) {
   out.append(reinterpret_cast<const char*>(&value), sizeof(value));
@@ -142,11 +108,6 @@ template <>
 constexpr std::size_t BytesOf<SixVertexKey>() {
   return 12 + 12;
 }
-template <>
-constexpr std::size_t BytesOf<PathViewRow>() {
-  return 8 + 1 + 32;
-}
-
 template <typename Key>
 void AppendTable(std::string& out, const std::vector<Key>& keys) {
   Append(out, static_cast<std::uint32_t>(keys.size()));
@@ -156,13 +117,7 @@ void AppendTable(std::string& out, const std::vector<Key>& keys) {
       Append(out, key.handedness);
       Append(out, key.log_size);
     }
-    if constexpr (std::is_same_v<Key, PathViewRow>) {
-      Append(out, key.cell);
-      Append(out, key.low);
-      Append(out, key.high);
-    } else {
-      Append(out, key.values);
-    }
+    Append(out, key.values);
   }
 }
 
@@ -182,21 +137,10 @@ absl::StatusOr<std::vector<Key>> TakeTable(std::string_view& bytes, int vertex_c
       Take(bytes, key.handedness);
       Take(bytes, key.log_size);
     }
-    const auto finite = [](std::span<const float> values) {
-      return std::all_of(values.begin(), values.end(), [](float x) { return std::isfinite(x); });
-    };
-    bool valid = true;
-    if constexpr (std::is_same_v<Key, PathViewRow>) {
-      Take(bytes, key.cell);
-      Take(bytes, key.low);
-      Take(bytes, key.high);
-      valid = key.cell < kPathCells && finite(key.low) && finite(key.high);
-      for (int k = 0; k < 4; ++k) valid &= key.low[k] <= key.high[k];
-    } else {
-      Take(bytes, key.values);
-      valid = finite(key.values);
-    }
-    if (!valid) return absl::DataLossError("key with impossible values");
+    Take(bytes, key.values);
+    if (!std::all_of(
+            key.values.begin(), key.values.end(), [](float x) { return std::isfinite(x); }))
+      return absl::DataLossError("key with impossible values");
   }
   return keys;
 }
@@ -208,7 +152,6 @@ ObjectKeys ComputeObjectKeys(const ObjectModel& model, const ObjectKeyOptions& o
   keys.chains = FourVertexKeys(model, VertexChains(model), options.max_chains);
   keys.stars = FourVertexKeys(model, VertexStars(model), options.max_stars);
   keys.six_points = SixVertexKeys(model, options);
-  keys.path_views = PathViewRows(model, options.max_path_views);
   return keys;
 }
 
@@ -217,7 +160,6 @@ std::string EncodeObjectKeys(const ObjectKeys& keys) {
   AppendTable(out, keys.chains);
   AppendTable(out, keys.stars);
   AppendTable(out, keys.six_points);
-  AppendTable(out, keys.path_views);
   return out;
 }
 
@@ -226,7 +168,6 @@ absl::StatusOr<ObjectKeys> DecodeObjectKeys(std::string_view bytes, int vertex_c
   HOROPTER_ASSIGN_OR_RETURN(keys.chains, TakeTable<FourVertexKey>(bytes, vertex_count));
   HOROPTER_ASSIGN_OR_RETURN(keys.stars, TakeTable<FourVertexKey>(bytes, vertex_count));
   HOROPTER_ASSIGN_OR_RETURN(keys.six_points, TakeTable<SixVertexKey>(bytes, vertex_count));
-  HOROPTER_ASSIGN_OR_RETURN(keys.path_views, TakeTable<PathViewRow>(bytes, vertex_count));
   if (!bytes.empty()) return absl::DataLossError("bytes behind the key tables");
   return keys;
 }

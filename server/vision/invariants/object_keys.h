@@ -10,7 +10,6 @@
 
 #include "absl/status/statusor.h"
 #include "server/vision/geometry/object_model.h"
-#include "server/vision/invariants/path_views.h"
 #include "server/vision/invariants/similarity_keys.h"
 
 namespace horopter {
@@ -34,21 +33,10 @@ struct SixVertexKey {
   friend bool operator==(const SixVertexKey&, const SixVertexKey&) = default;
 };
 
-// Images of a vertex chain from one cell of the view sphere: PathViewBoxes.
-struct PathViewRow {
-  std::array<std::uint16_t, 4> vertices{};
-  std::uint8_t cell = 0;
-  std::array<float, 4> low{};
-  std::array<float, 4> high{};
-
-  friend bool operator==(const PathViewRow&, const PathViewRow&) = default;
-};
-
 struct ObjectKeys {
   std::vector<FourVertexKey> chains;
   std::vector<FourVertexKey> stars;
   std::vector<SixVertexKey> six_points;
-  std::vector<PathViewRow> path_views;
 
   friend bool operator==(const ObjectKeys&, const ObjectKeys&) = default;
 };
@@ -64,18 +52,14 @@ struct ObjectKeyOptions {
   int six_point_sets = 4000;
   int max_six_points = 200;
   double six_point_balance = 1.5;
-  // Boxes of path views. Chains are taken evenly until they are used up: the others are not found
-  // by this table, and every object has more than one that is.
-  int max_path_views = 192;
 };
 
 // Vertices beyond the first 65536 and degenerate tuples give no keys. The same model gives the same
 // keys, bit by bit.
 ObjectKeys ComputeObjectKeys(const ObjectModel& model, const ObjectKeyOptions& options = {});
 
-// Byte layout, little-endian, no padding: four tables, each u32 count, then per key the vertices
-// (u16 each), for chains and stars handedness (i8) and log_size (f32), for path views the cell
-// (u8), and the values (f32 each; of path views low, then high).
+// Byte layout, little-endian, no padding: three tables, each u32 count, then per key the vertices
+// (u16 each), for chains and stars handedness (i8) and log_size (f32), and the values (f32 each).
 std::string EncodeObjectKeys(const ObjectKeys& keys);
 // `vertex_count` bounds the indices. Errors: DATA_LOSS.
 absl::StatusOr<ObjectKeys> DecodeObjectKeys(std::string_view bytes, int vertex_count);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -28,7 +29,7 @@ namespace {
 struct Route {
   const char* name;
   bool (*applies)(const RecognitionInput& input, const RecognitionRoutes& on, bool plane_found);
-  absl::StatusOr<FoundScene> (*run)(const RouteInput&, JointContext*);
+  absl::StatusOr<FoundScene> (*run)(const RouteInput&, const JointContext&, RouteWork*);
 };
 
 AspectRecognitionOptions AspectOptionsOf(const RecognitionInput& input) {
@@ -73,33 +74,36 @@ struct RouteAnswers {
 // The routes in their order, while time is left and the scene open. Errors: CANCELLED.
 absl::StatusOr<RouteAnswers> AskRoutes(const RecognitionInput& input,
                                        const RecognitionRoutes& routes,
-                                       JointContext* context) {
+                                       const JointContext& context,
+                                       RouteWork* work) {
   const RouteInput route_input{
       input.features, input.reconstruction, input.keys, input.slots, input.bottom_up};
   RouteAnswers answers;
   FoundScene& best = answers.best;
   bool plane_found = false;
   for (const Route& route : kRoutes) {
-    if (!IsOpen(*context, best)) break;
+    if (!IsOpen(context, best)) break;
     if (!route.applies(input, routes, plane_found)) continue;
-    if (IsStopRequested(context->give_up)) {
+    if (IsStopRequested(context.give_up)) {
       answers.unasked.push_back(route.name);
       continue;
     }
-    HOROPTER_ASSIGN_OR_RETURN(FoundScene found, route.run(route_input, context));
+    HOROPTER_ASSIGN_OR_RETURN(FoundScene found, route.run(route_input, context, work));
     if (found.route == RecognitionRoute::kSupportingPlane)
       plane_found = !found.scene.objects.empty();
-    TakeIfBetter(*context, std::move(found), &best);
-    if (IsStopRequested(context->stop))
+    TakeIfBetter(context, std::move(found), &best);
+    if (IsStopRequested(context.stop))
       return absl::CancelledError(absl::StrCat("stopped during the route ", route.name));
   }
-  if (IsStopRequested(context->stop)) return absl::CancelledError("stopped between routes");
+  if (IsStopRequested(context.stop)) return absl::CancelledError("stopped between routes");
   return answers;
 }
 
-void ReportHypotheses(const JointContext& context, RecognitionResult* result) {
+void ReportHypotheses(const JointContext& context,
+                      const RouteWork& work,
+                      RecognitionResult* result) {
   double hypotheses = 0;
-  for (const auto& view : context.hypotheses) {
+  for (const auto& view : work.hypotheses) {
     for (const ViewHypotheses& object : view) {
       hypotheses += static_cast<double>(object.pool.size());
       const int kept = std::min<int>(context.options.hypotheses_per_object,
@@ -109,7 +113,7 @@ void ReportHypotheses(const JointContext& context, RecognitionResult* result) {
     }
   }
   result->counts["view_hypotheses"] = hypotheses;
-  result->counts["initial_hypotheses"] = static_cast<double>(context.initial_count);
+  result->counts["initial_hypotheses"] = static_cast<double>(work.initial_count);
 }
 
 // Notes placements of the logged object that leave the scene; without a log nothing.
@@ -161,48 +165,50 @@ void RefuseScene(const JointContext& context,
 // explains left out.
 RecognitionResult Conclude(const RecognitionInput& input,
                            FoundScene best,
-                           JointContext* context,
+                           const JointContext& context,
+                           const RouteWork& work,
                            RefusalLog* log) {
   SceneModel& scene = best.scene;
   RefusalNotes notes(log);
   scene.views.resize(input.features.size());
-  BeginStep(*context, "symmetric_views");
-  if (!scene.objects.empty())
-    context->surface_images = MakeSurfaceImages(input.images, context->options.threads);
-  AlignSymmetricViews(*context, &scene);
+  BeginStep(context, "symmetric_views");
+  std::shared_ptr<const SurfaceImages> images;
+  if (!scene.objects.empty()) images = MakeSurfaceImages(input.images, context.options.threads);
+  AlignSymmetricViews(context, work.hypotheses, images.get(), &scene);
   notes.Begin(scene);
-  DropChanceObjects(*context, best.verified, &scene);
+  DropChanceObjects(context, best.verified, &scene);
   notes.Left(scene,
              AcceptanceTest::kChance,
              MultipleTestingPenalty(input.objects.size()),
              LogLikelihoodRatio);
-  BeginStep(*context, "alternatives");
-  std::vector<Alternative> alternatives = ContestObjects(*context, best.verified, &scene);
+  BeginStep(context, "alternatives");
+  std::vector<Alternative> alternatives =
+      ContestObjects(context, images.get(), best.verified, &scene);
   notes.Left(scene, AcceptanceTest::kPlace, 0.0, [](const PlacedObject& p) { return p.score; });
-  if (DropContradictedViews(*context, &scene) > 0) EvaluateTogether(*context, &scene);
-  BeginStep(*context, "surfaces");
-  JudgeTexture(*context, &scene);
+  if (DropContradictedViews(context, &scene) > 0) EvaluateTogether(context, &scene);
+  BeginStep(context, "surfaces");
+  JudgeTexture(context, images.get(), &scene);
   notes.Begin(scene);
-  DropUnlikelyObjects(context->options.acceptance.scene, &scene, &alternatives);
+  DropUnlikelyObjects(context.options.acceptance.scene, &scene, &alternatives);
   notes.Left(scene, AcceptanceTest::kChance, 0.0, ObjectProbability);
-  best.best_competing = BestCompeting(*context, scene, best.verified, alternatives);
-  const std::string doubt = ReasonToDoubt(*context, scene, best.best_competing);
-  if (!doubt.empty()) RefuseScene(*context, best.best_competing, &scene, &notes);
+  best.best_competing = BestCompeting(context, scene, best.verified, alternatives);
+  const std::string doubt = ReasonToDoubt(context, scene, best.best_competing);
+  if (!doubt.empty()) RefuseScene(context, best.best_competing, &scene, &notes);
   // A single part that the cameras hang on leaves them free to adapt to a wrong pose of it.
   const bool trusted = scene.objects.size() > 1 || CamerasTrusted(input);
-  BeginStep(*context, "result");
+  BeginStep(context, "result");
   RecognitionResult result =
-      MakeResult(*context, scene, best.verified, best.best_competing, alternatives, trusted);
+      MakeResult(context, scene, best.verified, best.best_competing, alternatives, trusted);
   if (!result.objects.empty()) result.route = best.route;
   if (result.state == RecognitionState::kNoParallax) {
-    const double parallax = LargestParallax(*context, scene);
+    const double parallax = LargestParallax(context, scene);
     notes.Begin(scene);
     notes.Left({scene.views, {}, {}, 0.0},
                AcceptanceTest::kParallax,
-               context->options.acceptance.scene.min_parallax_rad,
+               context.options.acceptance.scene.min_parallax_rad,
                [&](const PlacedObject&) { return parallax; });
   }
-  ReportHypotheses(*context, &result);
+  ReportHypotheses(context, work, &result);
   for (const ViewHypothesis& h : result.hypotheses) {
     if (log != nullptr && h.object == log->object) log->hypotheses.push_back(h);
   }
@@ -211,9 +217,9 @@ RecognitionResult Conclude(const RecognitionInput& input,
   result.counts["views"] = scene.registered();
   if (result.state == RecognitionState::kNothingFound) {
     result.detail = !doubt.empty() ? doubt
-                                   : absl::StrCat(context->initial_count,
+                                   : absl::StrCat(work.initial_count,
                                                   " linked hypotheses, none with a joint score of ",
-                                                  context->options.acceptance.placements.min_score);
+                                                  context.options.acceptance.placements.min_score);
   }
   return result;
 }
@@ -234,10 +240,11 @@ void CopyUnasked(const RecognitionResult& from, RecognitionResult* to) {
 // What the given routes answer.
 absl::StatusOr<RecognitionResult> ByRoutes(const RecognitionInput& input,
                                            const RecognitionRoutes& routes,
-                                           JointContext* context,
+                                           const JointContext& context,
+                                           RouteWork* work,
                                            RefusalLog* log) {
-  HOROPTER_ASSIGN_OR_RETURN(RouteAnswers answers, AskRoutes(input, routes, context));
-  RecognitionResult result = Conclude(input, std::move(answers.best), context, log);
+  HOROPTER_ASSIGN_OR_RETURN(RouteAnswers answers, AskRoutes(input, routes, context, work));
+  RecognitionResult result = Conclude(input, std::move(answers.best), context, *work, log);
   CountUnasked(answers.unasked, &result);
   return result;
 }
@@ -272,60 +279,61 @@ double SumOfLogOdds(const RecognitionResult& result) {
 // by their aspects before (AspectsComeFirst): here only what trusted cameras say is added.
 absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
                                               std::span<const AspectImage> images,
-                                              JointContext* context,
+                                              const JointContext& context,
+                                              RouteWork* work,
                                               RefusalLog* log) {
-  const AspectRouteOptions& options = context->options.aspects;
-  const AspectAcceptance& acceptance = context->options.acceptance.aspects;
+  const AspectRouteOptions& options = context.options.aspects;
+  const AspectAcceptance& acceptance = context.options.acceptance.aspects;
   const bool rich = static_cast<int>(input.objects.size()) <= options.max_objects &&
                     AreRich(input.objects, options);
-  RecognitionRoutes quick = context->options.routes, dear = quick;
+  RecognitionRoutes quick = context.options.routes, dear = quick;
   quick.view_led = quick.projective = false;
   if (rich) quick.supporting_plane = false;
   dear.metric = dear.supporting_plane = false;
-  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context, log));
-  AspectJudgement judged = JudgeAnswer(*context, images, result, AspectOptionsOf(input));
+  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context, work, log));
+  AspectJudgement judged = JudgeAnswer(context, images, result, AspectOptionsOf(input));
   const bool confirmed = judged.median >= acceptance.confirming_score;
   const bool enough = confirmed && Registered(result) == static_cast<int>(images.size());
-  if (rich || IsStopRequested(context->give_up)) {
+  if (rich || IsStopRequested(context.give_up)) {
     if (!rich && !enough) CountUnasked({"aspects", "view_led", "projective"}, &result);
     RefuseContradicted(
         judged, rich ? acceptance.confirming_score : acceptance.contradicting_score, log, &result);
     return result;
   }
-  BeginStep(*context, "aspect_images");
+  BeginStep(context, "aspect_images");
   const std::vector<AspectImage> plain =
-      MakeAspectImages(input.images, true, context->options.threads);
-  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search, ChooseObjects(*context, plain));
+      MakeAspectImages(input.images, true, context.options.threads);
+  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search, ChooseObjects(context, plain));
   if (enough) {
-    HOROPTER_RETURN_IF_ERROR(AddOthers(*context, plain, search, &result, AspectOptionsOf(input)));
+    HOROPTER_RETURN_IF_ERROR(AddOthers(context, plain, search, &result, AspectOptionsOf(input)));
     return result;
   }
   const bool contradicted = judged.median < acceptance.contradicting_score;
   // What no route found parts in may be no table: its cameras are not believed, but tried.
   const JointContext unmatched =
       MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
-                  context->options,
-                  context->stop,
-                  context->on_step);
+                  context.options,
+                  context.stop,
+                  context.on_step);
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult aspects,
                             RecognizeByAspects(unmatched,
                                                plain,
                                                search,
-                                               {CamerasTrusted(input) ? context : nullptr,
+                                               {CamerasTrusted(input) ? &context : nullptr,
                                                 contradicted ? nullptr : &result},
                                                log,
                                                AspectOptionsOf(input)));
   // An answer that leaves out views explains what is easy.
   const bool explains_more =
       !aspects.objects.empty() &&
-      JudgeAnswer(*context, images, aspects, AspectOptionsOf(input)).score > judged.score &&
+      JudgeAnswer(context, images, aspects, AspectOptionsOf(input)).score > judged.score &&
       Registered(aspects) >= Registered(result);
   if (explains_more) aspects.plane_confirmed = !contradicted && !result.objects.empty();
   if (explains_more && (!result.objects.empty() || IsSure(aspects, acceptance))) return aspects;
   if (result.objects.empty()) {
-    HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context, log));
+    HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context, work, log));
     if (result.objects.empty()) CopyUnasked(result, &aspects);
-    judged = JudgeAnswer(*context, images, result, AspectOptionsOf(input));
+    judged = JudgeAnswer(context, images, result, AspectOptionsOf(input));
   }
   RefuseContradicted(judged, acceptance.contradicting_score, log, &result);
   if (explains_more) return SumOfLogOdds(result) > SumOfLogOdds(aspects) ? result : aspects;
@@ -409,23 +417,26 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
   if (input.matching == nullptr) return absl::InvalidArgumentError("matching: missing");
   if (auto result = TooFewFeatures(input, options.acceptance.scene, log)) return *std::move(result);
-  JointContext context = MakeContext(
+  const JointContext context = MakeContext(
       {input.features, input.hints, input.matching, input.reconstruction, input.objects},
       options,
       stop,
       on_step);
+  RouteWork work;
+  work.hypotheses.assign(input.features.size(), std::vector<ViewHypotheses>(input.objects.size()));
   if (options.routes.aspects && HaveAspects(input.objects) &&
       input.images.size() == input.features.size()) {
     BeginStep(context, "aspect_images");
     // Judged with all edges: stripes and a block's own edges can be parallel.
     const std::vector<AspectImage> images = MakeAspectImages(input.images, false, options.threads);
-    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, WithAspects(input, images, &context, log));
+    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
+                              WithAspects(input, images, context, &work, log));
     BeginStep(context, "pose_alternatives");
     TurnToLikeliest(context, images, &result);
     SayPoseAlternatives(context, images, &result);
     return result;
   }
-  return ByRoutes(input, options.routes, &context, log);
+  return ByRoutes(input, options.routes, context, &work, log);
 }
 
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,

@@ -11,7 +11,7 @@
 
 namespace horopter {
 
-// Camera: CameraMatrix or BundleCamera.
+// Camera: CameraMatrix or CalibratedCamera.
 template <typename Camera>
 struct BundleState {
   std::vector<Camera> cameras;          // of the layout

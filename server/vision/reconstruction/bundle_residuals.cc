@@ -104,9 +104,9 @@ Linearized<kProjectiveCamera> Linearize(const LineObservation& o,
   return out;
 }
 
-BundleCamera MoveCamera(const BundleCamera& camera,
-                        const Eigen::Matrix<double, kMetricCamera, 1>& step) {
-  BundleCamera next = camera;
+CalibratedCamera MoveCamera(const CalibratedCamera& camera,
+                            const Eigen::Matrix<double, kMetricCamera, 1>& step) {
+  CalibratedCamera next = camera;
   const double angle = step.head<3>().norm();
   if (angle > 0.0) {
     const Eigen::AngleAxisd turn(angle, Eigen::Vector3d(step.head<3>() / angle));
@@ -121,14 +121,16 @@ BundleCamera MoveCamera(const BundleCamera& camera,
 }
 
 Eigen::Vector2d Residual(const PointObservation& o,
-                         const BundleCamera& view,
+                         const CalibratedCamera& view,
                          const Eigen::Vector4d& X) {
   const Eigen::Vector3d c =
       view.camera_from_scene.R * X.head<3>() + view.camera_from_scene.t * X.w();
   return (Project(view.camera, c) - o.pixel) / o.sigma_px;
 }
 
-Eigen::Vector2d Residual(const LineObservation& o, const BundleCamera& view, const LineSpan& X) {
+Eigen::Vector2d Residual(const LineObservation& o,
+                         const CalibratedCamera& view,
+                         const LineSpan& X) {
   const auto& [R, t] = view.camera_from_scene;
   const Eigen::Vector3d p = R * X.col(0).head<3>() + t * X(3, 0);
   const Eigen::Vector3d q = R * X.col(1).head<3>() + t * X(3, 1);
@@ -139,7 +141,7 @@ Eigen::Vector2d Residual(const LineObservation& o, const BundleCamera& view, con
 }
 
 Linearized<kMetricCamera> Linearize(const PointObservation& o,
-                                    const BundleCamera& view,
+                                    const CalibratedCamera& view,
                                     const Eigen::Vector4d& X) {
   const auto& [R, t] = view.camera_from_scene;
   const PinholeCamera& camera = view.camera;
@@ -167,7 +169,7 @@ Linearized<kMetricCamera> Linearize(const PointObservation& o,
 }
 
 Linearized<kMetricCamera> Linearize(const LineObservation& o,
-                                    const BundleCamera& view,
+                                    const CalibratedCamera& view,
                                     const LineSpan& X,
                                     const LineSpan& N) {
   const auto& [R, t] = view.camera_from_scene;

@@ -4,7 +4,7 @@
 
 #include <Eigen/Core>
 
-#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/calibrated_camera.h"
 #include "server/vision/geometry/projection.h"
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/reconstruction/bundle_manifolds.h"
@@ -44,22 +44,18 @@ Linearized<kProjectiveCamera> Linearize(const LineObservation& o,
 inline constexpr int kMetricCamera = 10;
 inline constexpr int kLogFocal = 6;
 inline constexpr int kRadial = 9;
-struct BundleCamera {
-  PinholeCamera camera;
-  Rigid3 camera_from_scene;
-};
-BundleCamera MoveCamera(const BundleCamera& camera,
-                        const Eigen::Matrix<double, kMetricCamera, 1>& step);
+CalibratedCamera MoveCamera(const CalibratedCamera& camera,
+                            const Eigen::Matrix<double, kMetricCamera, 1>& step);
 Eigen::Vector2d Residual(const PointObservation& o,
-                         const BundleCamera& view,
+                         const CalibratedCamera& view,
                          const Eigen::Vector4d& X);
 // The observed ends are undistorted, so that the projected line is straight.
-Eigen::Vector2d Residual(const LineObservation& o, const BundleCamera& view, const LineSpan& X);
+Eigen::Vector2d Residual(const LineObservation& o, const CalibratedCamera& view, const LineSpan& X);
 Linearized<kMetricCamera> Linearize(const PointObservation& o,
-                                    const BundleCamera& view,
+                                    const CalibratedCamera& view,
                                     const Eigen::Vector4d& X);
 Linearized<kMetricCamera> Linearize(const LineObservation& o,
-                                    const BundleCamera& view,
+                                    const CalibratedCamera& view,
                                     const LineSpan& X,
                                     const LineSpan& N);
 

@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kFunctionTolerance = 1e-7;  // relative change of the cost; adjusted again later
 
-using State = BundleState<BundleCamera>;
+using State = BundleState<CalibratedCamera>;
 
 struct IntrinsicsPrior {
   Eigen::Vector4d mean, sigma;  // log f, cx, cy, k1
@@ -73,7 +73,7 @@ Priors PriorsOf(const MultiviewTracks& tracks,
   return out;
 }
 
-class Model : public BundleModel<kMetricCamera, BundleCamera> {
+class Model : public BundleModel<kMetricCamera, CalibratedCamera> {
  public:
   Model(const MultiviewTracks& tracks,
         const BundleObservations& used,

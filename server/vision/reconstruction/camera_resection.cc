@@ -34,21 +34,16 @@ std::string Text(const char* format, Arguments... arguments) {
 using Vector7d = Eigen::Matrix<double, kParameters, 1>;
 using Matrix7d = Eigen::Matrix<double, kParameters, kParameters>;
 
-struct Pose {
-  PinholeCamera camera;
-  Rigid3 camera_from_world;
-};
-
-Eigen::Vector2d PointError(const Pose& pose, const PointSight& s) {
-  const Eigen::Vector3d x = pose.camera_from_world * s.point_in_world;
+Eigen::Vector2d PointError(const CalibratedCamera& pose, const PointSight& s) {
+  const Eigen::Vector3d x = pose.camera_from_scene * s.point_in_world;
   if (x.z() <= 0.0) return Eigen::Vector2d::Constant(kFar);
   return Project(pose.camera, x) - s.pixel;
 }
 
 // Distances of both ends, lens distortion undone, from the projected line.
-Eigen::Vector2d LineError(const Pose& pose, const LineSight& s) {
+Eigen::Vector2d LineError(const CalibratedCamera& pose, const LineSight& s) {
   const Eigen::Vector3d d = s.line_in_world.head<3>(), m = s.line_in_world.tail<3>();
-  const Rigid3& T = pose.camera_from_world;
+  const Rigid3& T = pose.camera_from_scene;
   // Moment about the camera's centre is the normal of the plane through it.
   const Eigen::Vector3d l = T.R * m + T.t.cross(T.R * d);
   const double norm = l.head<2>().norm();
@@ -59,15 +54,15 @@ Eigen::Vector2d LineError(const Pose& pose, const LineSight& s) {
          (f / norm);
 }
 
-Pose Moved(const Pose& pose, const Vector7d& step) {
-  Pose next = pose;
+CalibratedCamera Moved(const CalibratedCamera& pose, const Vector7d& step) {
+  CalibratedCamera next = pose;
   const Eigen::Vector3d w = step.head<3>();
   const double angle = w.norm();
   if (angle > 0.0) {
-    next.camera_from_world.R =
-        Eigen::AngleAxisd(angle, w / angle).toRotationMatrix() * pose.camera_from_world.R;
+    next.camera_from_scene.R =
+        Eigen::AngleAxisd(angle, w / angle).toRotationMatrix() * pose.camera_from_scene.R;
   }
-  next.camera_from_world.t += step.segment<3>(3);
+  next.camera_from_scene.t += step.segment<3>(3);
   next.camera.focal_px *= std::exp(std::clamp(step(6), -1.0, 1.0));
   return next;
 }
@@ -85,7 +80,7 @@ class Problem {
   }
 
   // Truncated squares of the points, in gates; half of that for lines. Lower is better.
-  double Score(const Pose& pose, double best) const {
+  double Score(const CalibratedCamera& pose, double best) const {
     const double gate2 = options_.gate_px * options_.gate_px;
     double score = 0.0;
     for (const PointSight& s : points_) {
@@ -108,7 +103,7 @@ class Problem {
     return std::sqrt(posterior.ldlt().solve(Vector7d::Unit(6))(6));
   }
 
-  int Agreeing(const Pose& pose) const {
+  int Agreeing(const CalibratedCamera& pose) const {
     const double gate2 = options_.gate_px * options_.gate_px;
     return static_cast<int>(std::count_if(points_.begin(), points_.end(), [&](const PointSight& s) {
       return PointError(pose, s).squaredNorm() < gate2;
@@ -117,7 +112,7 @@ class Problem {
 
   // Gauss-Newton with a Cauchy loss on what is within the gate; the observations' normal matrix at
   // the end, for 1 px.
-  Matrix7d Refine(Pose* pose) const {
+  Matrix7d Refine(CalibratedCamera* pose) const {
     Matrix7d normal = Matrix7d::Zero();
     for (int round = 0; round <= kRefinements; ++round) {
       normal.setZero();
@@ -129,7 +124,7 @@ class Problem {
         Eigen::Matrix<double, 2, kParameters> J;
         for (int k = 0; k < kParameters; ++k) {
           Vector7d step = Vector7d::Zero();
-          const double h = k >= 3 && k < 6 ? 1e-6 * pose->camera_from_world.t.norm() : 1e-6;
+          const double h = k >= 3 && k < 6 ? 1e-6 * pose->camera_from_scene.t.norm() : 1e-6;
           step(k) = h;
           J.col(k) =
               (error(Moved(*pose, step), sight) - error(Moved(*pose, -step), sight)) / (2 * h);
@@ -210,12 +205,12 @@ std::optional<Rigid3> AlignTriangles(const std::array<Eigen::Vector3d, 3>& from,
 
 // The pose and focal length of three points that the others agree with best (RANSAC). Errors:
 // CANCELLED.
-absl::StatusOr<std::optional<Pose>> DrawPose(const Problem& problem,
-                                             std::span<const PointSight> points,
-                                             const ImageSize& size,
-                                             const ViewPrior& prior,
-                                             const ResectionOptions& options,
-                                             const StopRequested& stop) {
+absl::StatusOr<std::optional<CalibratedCamera>> DrawPose(const Problem& problem,
+                                                         std::span<const PointSight> points,
+                                                         const ImageSize& size,
+                                                         const ViewPrior& prior,
+                                                         const ResectionOptions& options,
+                                                         const StopRequested& stop) {
   const int n = static_cast<int>(points.size());
   PinholeCamera given = CenteredCamera(size.width, size.height, 1.0);
   if (prior.principal_point_px) {
@@ -224,7 +219,7 @@ absl::StatusOr<std::optional<Pose>> DrawPose(const Problem& problem,
   }
   given.k1 = prior.k1.value_or(0.0);
   std::mt19937 rng(options.seed);
-  std::optional<Pose> best;
+  std::optional<CalibratedCamera> best;
   double best_score = 1e300;
   const std::vector<double> focal_lengths = FocalLengths(size, prior, options);
   double needed = options.max_iterations;
@@ -246,8 +241,8 @@ absl::StatusOr<std::optional<Pose>> DrawPose(const Problem& problem,
       for (int k = 0; k < 3; ++k) {
         rays[k] = NormalizedPoint(camera, points[chosen[k]].pixel).homogeneous();
       }
-      for (const Rigid3& camera_from_world : PosesFromThreePoints(X, rays)) {
-        const Pose pose{camera, camera_from_world};
+      for (const Rigid3& camera_from_scene : PosesFromThreePoints(X, rays)) {
+        const CalibratedCamera pose{camera, camera_from_scene};
         const double score = problem.Score(pose, best_score);
         if (score >= best_score) continue;
         best = pose, best_score = score;
@@ -305,11 +300,11 @@ absl::StatusOr<ResectedCamera> ResectPinhole(std::span<const PointSight> points,
         Text("%d known points matched, need %d", n, options.min_points));
   }
   const Problem problem(points, lines, size, prior, options);
-  HOROPTER_ASSIGN_OR_RETURN(std::optional<Pose> best,
+  HOROPTER_ASSIGN_OR_RETURN(std::optional<CalibratedCamera> best,
                             DrawPose(problem, points, size, prior, options, stop));
   if (!best) return absl::FailedPreconditionError("no pose from any three points");
   const Matrix7d normal = problem.Refine(&*best);
-  ResectedCamera out{best->camera, best->camera_from_world, 0, 0, 0.0, 0.0};
+  ResectedCamera out{*best};
   double squared = 0.0;
   for (const PointSight& s : points) {
     const double e2 = PointError(*best, s).squaredNorm();
@@ -334,13 +329,13 @@ absl::StatusOr<ResectedCamera> ResectPinhole(std::span<const PointSight> points,
   out.rms_px = std::sqrt(squared / (2.0 * out.points));
   out.focal_log_sigma = problem.FocalLogSigma(normal, std::max(out.rms_px, kMinSigmaPx));
   if (!(out.focal_log_sigma <= options.max_focal_log_sigma) ||
-      !best->camera_from_world.R.allFinite() || !best->camera_from_world.t.allFinite()) {
+      !best->camera_from_scene.R.allFinite() || !best->camera_from_scene.t.allFinite()) {
     return absl::FailedPreconditionError(Text("focal length known to %.0f %%, need %.0f %%",
                                               100.0 * std::min(out.focal_log_sigma, 10.0),
                                               100.0 * options.max_focal_log_sigma));
   }
-  const Eigen::Quaterniond rotation(best->camera_from_world.R);
-  out.camera_from_world.R = rotation.normalized().toRotationMatrix();
+  const Eigen::Quaterniond rotation(best->camera_from_scene.R);
+  out.camera_from_scene.R = rotation.normalized().toRotationMatrix();
   return out;
 }
 

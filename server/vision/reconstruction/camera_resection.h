@@ -7,7 +7,7 @@
 
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
-#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/calibrated_camera.h"
 #include "server/vision/geometry/plucker_line.h"
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/reconstruction/image_size.h"
@@ -41,9 +41,8 @@ struct ResectionOptions {
   unsigned seed = 1;
 };
 
-struct ResectedCamera {
-  PinholeCamera camera;  // k1 and principal point as given, else 0 and the centre
-  Rigid3 camera_from_world;
+// k1 and principal point as given, else 0 and the centre.
+struct ResectedCamera : CalibratedCamera {
   int points = 0, lines = 0;     // that agree
   double rms_px = 0.0;           // of these points, per coordinate
   double focal_log_sigma = 0.0;  // posterior, for a world that is exact

@@ -288,10 +288,10 @@ void Export(const Bundle& bundle, const Component& component, Reconstruction* re
   for (size_t i = 0; i < bundle.views.size(); ++i) {
     if (per_view[i] < kMinObservations) continue;
     const BundleView& v = bundle.views[i];
-    ReconstructedView out;
+    CalibratedView out;
     const Eigen::Vector2d center = v.PrincipalPoint();
     out.camera = {v.size.width, v.size.height, v.focal_px, center.x(), center.y(), v.k1};
-    out.camera_from_world = v.camera_from_world;
+    out.camera_from_scene = v.camera_from_world;
     out.focal_log_sigma = v.focal_log_sigma > 0.0
                               ? std::hypot(std::hypot(kFocalFloor, v.focal_log_sigma_of_center),
                                            kFocalInflation * v.focal_log_sigma)

@@ -51,12 +51,12 @@ bool HasViews(const Reconstruction& r) {
 
 // Views that know their focal length far worse than the others do: few of their observations agree
 // with the bundle, which may have settled them wrongly. Taken out, by view.
-std::vector<std::optional<ReconstructedView>> TakeDoubtfulViews(Reconstruction* r) {
+std::vector<std::optional<CalibratedView>> TakeDoubtfulViews(Reconstruction* r) {
   std::vector<double> sigmas;
   for (const auto& view : r->views) {
     if (view) sigmas.push_back(view->focal_log_sigma);
   }
-  std::vector<std::optional<ReconstructedView>> taken(r->views.size());
+  std::vector<std::optional<CalibratedView>> taken(r->views.size());
   if (static_cast<int>(sigmas.size()) < kMinSureViews + 1) return taken;
   std::nth_element(sigmas.begin(), sigmas.begin() + sigmas.size() / 2, sigmas.end());
   const double doubtful = std::max(kDoubtfulFocalSigma, kDoubtfulRatio * sigmas[sigmas.size() / 2]);
@@ -91,7 +91,7 @@ absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
   const auto before = TakeDoubtfulViews(&result);
   RegisterRemainingViews(matching, features, sizes, priors, options, stop, &result);
   for (std::size_t v = 0; v < before.size(); ++v) {
-    std::optional<ReconstructedView>& now = result.views[v];
+    std::optional<CalibratedView>& now = result.views[v];
     if (!before[v] || (now && now->focal_log_sigma < before[v]->focal_log_sigma)) continue;
     if (!now) ++result.counts["views"];
     now = before[v];

@@ -10,22 +10,12 @@
 
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
-#include "server/vision/geometry/pinhole_camera.h"
-#include "server/vision/geometry/rigid3.h"
 #include "server/vision/matching/matching.h"
+#include "server/vision/reconstruction/calibrated_scene.h"
 #include "server/vision/reconstruction/image_size.h"
 #include "server/vision/reconstruction/view_prior.h"
 
 namespace horopter {
-
-// No CalibratedCamera: `world` is the reconstruction's own frame (points, plane, priors and bundle
-// are stated in it), and its unit is no metre. Whoever takes a view into a scene converts it
-// explicitly.
-struct ReconstructedView {
-  PinholeCamera camera;
-  Rigid3 camera_from_world;  // similarity gauge: the scale of t is arbitrary
-  double focal_log_sigma = 0.0;
-};
 
 struct ReconstructedPoint {
   Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
@@ -35,10 +25,11 @@ struct ReconstructedPoint {
 };
 
 // world: z = 0 is the supporting plane when has_plane, else a plane through the middle of what was
-// seen, facing the cameras; z up towards the cameras.
+// seen, facing the cameras; z up towards the cameras. Its unit is no metre: whoever takes a view
+// into a metric scene scales its translation.
 struct Reconstruction {
   bool has_plane = false;
-  std::vector<std::optional<ReconstructedView>> views;  // empty: not registered
+  std::vector<std::optional<CalibratedView>> views;  // scene: this world; empty: not registered
   std::vector<ReconstructedPoint> points;
   double rms_px = 0.0;
   bool trusted =

@@ -85,12 +85,12 @@ void Export(const MatchedTracks& matched, const TracksResult& from, Reconstructi
   int registered = 0;
   for (size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
-    ReconstructedView view;
+    CalibratedView view;
     view.camera = scene.views[v]->camera;
     view.focal_log_sigma = scene.views[v]->focal_log_sigma;
     const Eigen::Vector3d centre = world_from_scene * scene.views[v]->camera_from_scene.Inverse().t;
-    view.camera_from_world.R = scene.views[v]->camera_from_scene.R * world_from_scene.R.transpose();
-    view.camera_from_world.t = -(view.camera_from_world.R * centre);
+    view.camera_from_scene.R = scene.views[v]->camera_from_scene.R * world_from_scene.R.transpose();
+    view.camera_from_scene.t = -(view.camera_from_scene.R * centre);
     result->views[v] = std::move(view);
     sigma = std::max(sigma, scene.views[v]->focal_log_sigma);
     ++registered;

@@ -37,7 +37,7 @@ NormalizedViews Normalize(const MultiviewTracks& tracks, const Reconstruction& r
   for (size_t v = 0; v < r.views.size(); ++v) {
     if (!r.views[v]) continue;
     CameraMatrix P;
-    P << r.views[v]->camera_from_world.R, r.views[v]->camera_from_world.t;
+    P << r.views[v]->camera_from_scene.R, r.views[v]->camera_from_scene.t;
     out.scene.cameras[v] = P;
   }
   for (PointObservation& o : out.tracks.point_observations) {
@@ -117,7 +117,7 @@ Structure TriangulateAll(const MultiviewTracks& tracks,
     std::vector<Eigen::Vector3d> rays;
     for (const int k : seen) {
       rays.push_back(x -
-                     r.views[n.tracks.point_observations[k].view]->camera_from_world.Inverse().t);
+                     r.views[n.tracks.point_observations[k].view]->camera_from_scene.Inverse().t);
     }
     if (x.allFinite() && WidestAngle(rays) > kMinRayAngle) out.points[j] = x;
   }
@@ -134,7 +134,7 @@ Structure TriangulateAll(const MultiviewTracks& tracks,
     std::vector<Eigen::Vector3d> normals;
     for (const int k : seen) {
       const LineObservation& o = n.tracks.line_observations[k];
-      normals.push_back(r.views[o.view]->camera_from_world.R.transpose() *
+      normals.push_back(r.views[o.view]->camera_from_scene.R.transpose() *
                         o.start.homogeneous().cross(o.end.homogeneous()));
     }
     if (WidestAngle(normals) > kMinPlaneAngle) out.lines[j] = L;
@@ -224,7 +224,7 @@ int RegisterRemainingViews(const MatchingResult& matching,
       continue;
     }
     r.view_refusals[next].clear();
-    r.views[next] = ReconstructedView{found->camera, found->camera_from_world, sigma};
+    r.views[next] = CalibratedView{*found, sigma};
     ++added;
     for (int v = 0; v < views; ++v) failed[v] = failed[v] && r.views[v].has_value();
   }

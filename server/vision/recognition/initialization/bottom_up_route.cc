@@ -218,11 +218,9 @@ std::vector<SceneModel> MetricInitialScenes(const JointContext& context,
   std::vector<KnownView> known;
   for (std::size_t v = 0; v < reconstruction.views.size(); ++v) {
     if (!reconstruction.views[v]) continue;
-    const ReconstructedView& view = *reconstruction.views[v];
-    views.push_back({{view.camera, view.camera_from_world},
-                     context.views[v].features,
-                     context.views[v].maps.working_from_image});
-    known.push_back({{view.camera, view.camera_from_world}, &context.views[v].maps});
+    const CalibratedCamera& view = *reconstruction.views[v];
+    views.push_back({view, context.views[v].features, context.views[v].maps.working_from_image});
+    known.push_back({view, &context.views[v].maps});
   }
   if (views.size() < 2) return {};
   SpaceCornerOptions corners;

@@ -177,8 +177,7 @@ std::optional<SceneModel> RefinedHypothesis(const JointContext& context,
   scene.views.resize(reconstruction.views.size());
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!reconstruction.views[v]) continue;
-    CalibratedCamera view{reconstruction.views[v]->camera,
-                          reconstruction.views[v]->camera_from_world};
+    CalibratedCamera view = *reconstruction.views[v];
     view.camera_from_scene.t /= units_per_metre;
     scene.views[v] = view;
   }
@@ -289,8 +288,7 @@ std::vector<SceneModel> PlaneInitialScenes(const JointContext& context,
   std::vector<int> index;
   for (std::size_t v = 0; v < reconstruction.views.size(); ++v) {
     if (!reconstruction.views[v]) continue;
-    const ReconstructedView& view = *reconstruction.views[v];
-    views.push_back({{view.camera, view.camera_from_world}, &context.views[v].maps});
+    views.push_back({*reconstruction.views[v], &context.views[v].maps});
     index.push_back(static_cast<int>(v));
   }
   if (views.size() < 2) return {};

@@ -21,8 +21,8 @@ struct Candidate {
 };
 
 // Depth of the plane z = 0 on the ray through a pixel; a view's own height where the ray misses it.
-double PlaneDepth(const ReconstructedView& view, const Eigen::Vector2d& pixel) {
-  const Rigid3 world_from_camera = view.camera_from_world.Inverse();
+double PlaneDepth(const CalibratedCamera& view, const Eigen::Vector2d& pixel) {
+  const Rigid3 world_from_camera = view.camera_from_scene.Inverse();
   const Eigen::Vector3d ray = NormalizedPoint(view.camera, pixel).homogeneous();
   const double down = (world_from_camera.R * ray).z(), height = world_from_camera.t.z();
   return down < -1e-3 ? -height / down : std::abs(height);
@@ -35,7 +35,7 @@ Candidate BestDepth(const JointContext& context,
                     int v,
                     const ViewHypothesis& h,
                     const RigInitializationOptions& options) {
-  const ReconstructedView& own = *reconstruction.views[v];
+  const CalibratedCamera& own = *reconstruction.views[v];
   const PreparedObject& object = *context.objects[h.object];
   const Rigid3 pose = WithFocal(h.camera_from_object, h.camera.focal_px, own.camera.focal_px);
   const Eigen::Vector3d center = pose * object.center;
@@ -48,13 +48,13 @@ Candidate BestDepth(const JointContext& context,
     const double depth =
         plane * options.nearest * std::pow(options.farthest / options.nearest, share);
     const double units = depth / center.z();
-    Rigid3 own_from_world = own.camera_from_world;
+    Rigid3 own_from_world = own.camera_from_scene;
     own_from_world.t /= units;
     const Rigid3 world_from_object = own_from_world.Inverse() * pose;
     absl::InlinedVector<QuickView, 8> others;
     for (int w = 0; w < static_cast<int>(context.views.size()); ++w) {
       if (w == v || !reconstruction.views[w]) continue;
-      Rigid3 other = reconstruction.views[w]->camera_from_world;
+      Rigid3 other = reconstruction.views[w]->camera_from_scene;
       other.t /= units;
       others.push_back(
           {&context.views[w].maps, &reconstruction.views[w]->camera, other * world_from_object});
@@ -69,6 +69,7 @@ Candidate BestDepth(const JointContext& context,
 }  // namespace
 
 std::vector<SceneModel> RigInitialScenes(const JointContext& context,
+                                         const HypothesisTable& hypotheses,
                                          const Reconstruction& reconstruction,
                                          const RigInitializationOptions& options) {
   const int views = static_cast<int>(context.views.size());
@@ -79,7 +80,7 @@ std::vector<SceneModel> RigInitialScenes(const JointContext& context,
   std::vector<std::vector<Candidate>> found(views);
   ParallelFor(views, context.options.threads, [&](int v) {
     if (!reconstruction.views[v]) return;
-    for (const ViewHypotheses& of_object : context.hypotheses[v]) {
+    for (const ViewHypotheses& of_object : hypotheses[v]) {
       for (int i = 0; i < std::min<int>(options.hypotheses_per_object,
                                         static_cast<int>(of_object.best.size()));
            ++i) {

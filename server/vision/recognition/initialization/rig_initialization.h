@@ -23,6 +23,7 @@ struct RigInitializationOptions {
 // Scenes of one part each, cameras from the reconstruction; largest description-length gain first.
 // Uses the view hypotheses of the context. Empty with fewer than two reconstructed views.
 std::vector<SceneModel> RigInitialScenes(const JointContext& context,
+                                         const HypothesisTable& hypotheses,
                                          const Reconstruction& reconstruction,
                                          const RigInitializationOptions& options);
 

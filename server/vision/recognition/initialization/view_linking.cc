@@ -52,7 +52,8 @@ double MaxFootprintError(const std::vector<Eigen::Vector3d>& footprint,
 
 class Linker {
  public:
-  Linker(const JointContext& context, int object) : context_(context), object_index_(object) {}
+  Linker(const JointContext& context, const HypothesisTable& hypotheses, int object)
+      : context_(context), hypotheses_(hypotheses), object_index_(object) {}
 
   // Links via the plane for one stable pose; empty links where a view does not follow.
   std::vector<Link> ThroughPlane(const ViewHypothesis& start,
@@ -104,7 +105,7 @@ class Linker {
   const PreparedObject& object() const { return *context_.objects[object_index_]; }
 
   std::span<const ViewHypothesis> Candidates(int view) const {
-    const auto& best = context_.hypotheses[view][object_index_].best;
+    const auto& best = hypotheses_[view][object_index_].best;
     std::size_t n = 0;
     while (n < best.size() && n < kCandidatesPerView && best[n].score >= kMinCandidateScore) ++n;
     return std::span(best.data(), n);
@@ -161,7 +162,7 @@ class Linker {
     for (std::size_t k = 0; k < context_.objects.size(); ++k) {
       if (static_cast<int>(k) == object_index_) continue;
       double best = 0.0;
-      const auto& alternatives = context_.hypotheses[start.view][k].best;
+      const auto& alternatives = hypotheses_[start.view][k].best;
       for (std::size_t i = 0; i < alternatives.size() && i < 3 && alternatives[i].score > 0.5;
            ++i) {
         const Rigid3 here = WithFocal(alternatives[i].camera_from_object,
@@ -181,6 +182,7 @@ class Linker {
   }
 
   const JointContext& context_;
+  const HypothesisTable& hypotheses_;
   int object_index_;
 };
 
@@ -233,9 +235,9 @@ ViewGain GainOfView(const JointContext& context,
 }
 
 // The best few of each view, of all objects.
-std::vector<ViewHypothesis> BestViewHypotheses(const JointContext& context) {
+std::vector<ViewHypothesis> BestViewHypotheses(const HypothesisTable& hypotheses) {
   std::vector<ViewHypothesis> starts;
-  for (const auto& view : context.hypotheses) {
+  for (const auto& view : hypotheses) {
     std::vector<ViewHypothesis> of_view;
     for (const ViewHypotheses& object : view) {
       for (std::size_t i = 0; i < object.best.size() && i < 3; ++i) {
@@ -254,11 +256,12 @@ std::vector<ViewHypothesis> BestViewHypotheses(const JointContext& context) {
 // The scenes, at most two, that one hypothesis of a view gives; none where a plane links the view
 // and it was not asked for, or the other way round.
 std::vector<SceneModel> ScenesFrom(const JointContext& context,
+                                   const HypothesisTable& hypotheses,
                                    const ViewHypothesis& start,
                                    bool through_plane) {
   std::vector<SceneModel> scenes;
   const PreparedObject& object = *context.objects[start.object];
-  Linker linker(context, start.object);
+  Linker linker(context, hypotheses, start.object);
   VerifyScratch scratch;
   std::vector<std::vector<Link>> alternatives;
   bool has_mate = false;
@@ -333,11 +336,14 @@ std::optional<PlaneCamera> CameraFromPlane(const Eigen::Matrix3d& M, const Pinho
   return out;
 }
 
-std::vector<SceneModel> LinkedInitialScenes(const JointContext& context, bool through_plane) {
-  const std::vector<ViewHypothesis> starts = BestViewHypotheses(context);
+std::vector<SceneModel> LinkedInitialScenes(const JointContext& context,
+                                            const HypothesisTable& hypotheses,
+                                            bool through_plane) {
+  const std::vector<ViewHypothesis> starts = BestViewHypotheses(hypotheses);
   std::vector<std::vector<SceneModel>> scenes(starts.size());
   ParallelFor(static_cast<int>(starts.size()), context.options.threads, [&](int i) {
-    if (!IsStopRequested(context.stop)) scenes[i] = ScenesFrom(context, starts[i], through_plane);
+    if (!IsStopRequested(context.stop))
+      scenes[i] = ScenesFrom(context, hypotheses, starts[i], through_plane);
   });
   std::vector<SceneModel> out;
   for (auto& list : scenes) {
@@ -373,7 +379,9 @@ int DropContradictedViews(const JointContext& context, SceneModel* scene) {
   return dropped;
 }
 
-int RegisterMissingViews(const JointContext& context, SceneModel* scene) {
+int RegisterMissingViews(const JointContext& context,
+                         const HypothesisTable& table,
+                         SceneModel* scene) {
   int added = 0;
   VerifyScratch scratch;
   for (int v = 0; v < static_cast<int>(scene->views.size()); ++v) {
@@ -381,7 +389,7 @@ int RegisterMissingViews(const JointContext& context, SceneModel* scene) {
     std::optional<CalibratedCamera> best;
     double best_gain = 0.0;
     for (const PlacedObject& placed : scene->objects) {
-      const auto& hypotheses = context.hypotheses[v][placed.object].best;
+      const auto& hypotheses = table[v][placed.object].best;
       for (std::size_t i = 0; i < hypotheses.size() && i < kCandidatesPerView; ++i) {
         std::vector<Rigid3> poses{hypotheses[i].camera_from_object};
         for (const Rigid3& s : context.objects[placed.object]->model.symmetries)

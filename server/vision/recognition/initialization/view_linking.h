@@ -29,11 +29,15 @@ bool LinkedByPlane(const JointContext& context, const SceneModel& scene, int v);
 // (through_plane: initial hypotheses of views that have one) or by those views' own hypotheses of
 // the same object (initial hypotheses of the other views). Links through the plane are the surer
 // ones: a texture that repeats can fit a part in every single view.
-std::vector<SceneModel> LinkedInitialScenes(const JointContext& context, bool through_plane);
+std::vector<SceneModel> LinkedInitialScenes(const JointContext& context,
+                                            const HypothesisTable& hypotheses,
+                                            bool through_plane);
 
 // Adds views that are not registered yet: resects them from the placed objects' hypotheses in those
 // views. Returns the number of views added.
-int RegisterMissingViews(const JointContext& context, SceneModel* scene);
+int RegisterMissingViews(const JointContext& context,
+                         const HypothesisTable& hypotheses,
+                         SceneModel* scene);
 
 // Removes views that no plane texture links to another and in which the placed objects together
 // predict more wrong than right, or most of them are not shown, as long as more than two remain.

@@ -40,6 +40,7 @@ bool Fits(const PreparedObject& object, const Rigid3& turn, double limit) {
 
 // The scene with another object in the place of one of its own, refined and judged.
 std::optional<SceneModel> WithAlternative(const JointContext& context,
+                                          const SurfaceImages* images,
                                           const SceneModel& scene,
                                           int place,
                                           const PlacedObject& alternative) {
@@ -53,7 +54,7 @@ std::optional<SceneModel> WithAlternative(const JointContext& context,
     refine.start_reach_px = 8.0;
   }
   EvaluateTogether(context, &trial);
-  JudgeTexture(context, place, &trial);
+  JudgeTexture(context, images, place, &trial);
   return trial;
 }
 
@@ -172,6 +173,7 @@ std::vector<Rigid3> NearSymmetries(const PreparedObject& object, double misfit_d
 }
 
 std::vector<Alternative> ContestObjects(const JointContext& context,
+                                        const SurfaceImages* images,
                                         std::span<const PlacedObject> placements,
                                         SceneModel* scene) {
   const AlternativeAcceptance& options = context.options.acceptance.alternatives;
@@ -183,7 +185,7 @@ std::vector<Alternative> ContestObjects(const JointContext& context,
     std::vector<std::optional<SceneModel>> trials(tried.size());
     ParallelFor(static_cast<int>(tried.size()), context.options.threads, [&](int i) {
       if (!IsStopRequested(context.stop))
-        trials[i] = WithAlternative(context, *scene, place, tried[i]);
+        trials[i] = WithAlternative(context, images, *scene, place, tried[i]);
     });
     std::size_t best = 0;
     for (std::size_t i = 1; i < trials.size() && trials[0]; ++i) {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/recognition/scene/surface_texture.h"
 
 namespace horopter {
 
@@ -26,8 +27,9 @@ struct Alternative {
 // answer, and judges it. alternatives come from `placements` and from near symmetries. A
 // alternative that leads to a better scene by both score and description-length gain, or whose
 // faces clearly agree better in texture, takes the place; the one that loses it becomes an
-// alternative.
+// alternative. images: null, texture says nothing.
 std::vector<Alternative> ContestObjects(const JointContext& context,
+                                        const SurfaceImages* images,
                                         std::span<const PlacedObject> placements,
                                         SceneModel* scene);
 

@@ -67,6 +67,7 @@ struct Candidate {
 // Poses of an object, best quick score first: those on the plane, and hypotheses of single views
 // settled in these.
 std::vector<Candidate> CandidatesOf(const JointContext& context,
+                                    const HypothesisTable& table,
                                     const SceneModel& scene,
                                     int k,
                                     std::span<const KnownView> known,
@@ -86,7 +87,7 @@ std::vector<Candidate> CandidatesOf(const JointContext& context,
     if (!scene.views[v]) continue;
     const CalibratedCamera& view = *scene.views[v];
     const Rigid3 scene_from_camera = view.camera_from_scene.Inverse();
-    const ViewHypotheses& hypotheses = context.hypotheses[v][k];
+    const ViewHypotheses& hypotheses = table[v][k];
     for (const ViewHypothesis& h : options.use_pool ? hypotheses.pool : hypotheses.best) {
       const Rigid3 start = WithFocal(h.camera_from_object, h.camera.focal_px, view.camera.focal_px);
       const auto settled = RefineInView(object, context.views[v].maps, view.camera, start, settle);
@@ -103,6 +104,7 @@ std::vector<Candidate> CandidatesOf(const JointContext& context,
 }
 
 std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
+                                             const HypothesisTable& hypotheses,
                                              const SceneModel& scene,
                                              int k,
                                              std::span<const KnownView> known,
@@ -115,7 +117,7 @@ std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
   refine.start_reach_px = 10.0;
   int tried = 0;
   std::vector<Rigid3> starts;
-  for (const Candidate& c : CandidatesOf(context, scene, k, known, on_plane, options)) {
+  for (const Candidate& c : CandidatesOf(context, hypotheses, scene, k, known, on_plane, options)) {
     if (tried >= options.kept_per_object || IsStopRequested(context.stop)) break;
     if (std::any_of(starts.begin(), starts.end(), [&](const Rigid3& p) {
           return SamePlacement(object, p, c.pose);
@@ -144,6 +146,7 @@ std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
 
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const JointContext& search,
+                                            const HypothesisTable& hypotheses,
                                             const SceneModel& scene,
                                             const std::vector<SearchSurface>& surfaces,
                                             std::span<const PlacedObject> earlier,
@@ -179,7 +182,7 @@ std::vector<PlacedObject> CollectPlacements(const JointContext& context,
     for (const PlacedObject& p : earlier) {
       if (p.object == k) suggested.push_back({p.scene_from_object});
     }
-    per_object[k] = PlacementsOfObject(context, scene, k, known, suggested, options);
+    per_object[k] = PlacementsOfObject(context, hypotheses, scene, k, known, suggested, options);
   });
   std::vector<PlacedObject> all;
   for (auto& list : per_object) {

@@ -20,6 +20,7 @@ namespace horopter {
 // the next call in the same scene needs to look at.
 std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const JointContext& search,
+                                            const HypothesisTable& hypotheses,
                                             const SceneModel& scene,
                                             const std::vector<SearchSurface>& surfaces,
                                             std::span<const PlacedObject> earlier,

@@ -28,34 +28,35 @@ constexpr double kSameHypothesisPx = 10.0;  // working pixels
 // Searches the given views (one flag each) for the given objects.
 void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
                            const std::vector<bool>& wanted_objects,
-                           JointContext* context) {
-  BeginStep(*context, "view_hypotheses");
-  const int views = static_cast<int>(context->views.size());
-  const int objects = static_cast<int>(context->objects.size());
+                           const JointContext& context,
+                           HypothesisTable* hypotheses) {
+  BeginStep(context, "view_hypotheses");
+  const int views = static_cast<int>(context.views.size());
+  const int objects = static_cast<int>(context.objects.size());
   std::vector<std::vector<ImagePath>> paths(views);
   ViewHypothesisOptions options;
   for (int v = 0; v < views; ++v) {
     if (!wanted_views[v]) continue;
-    const auto& flags = context->matching->segment_on_plane;
-    paths[v] = FindImagePaths(*context->views[v].features,
+    const auto& flags = context.matching->segment_on_plane;
+    paths[v] = FindImagePaths(*context.views[v].features,
                               v < static_cast<int>(flags.size()) ? flags[v] : std::vector<bool>{},
-                              context->views[v].maps.working_from_image,
+                              context.views[v].maps.working_from_image,
                               options.max_paths);
   }
-  const std::vector<bool> promising = PromisingInViews(*context, paths, wanted_objects, {});
-  ParallelFor(views * objects, context->options.threads, [&](int i) {
+  const std::vector<bool> promising = PromisingInViews(context, paths, wanted_objects, {});
+  ParallelFor(views * objects, context.options.threads, [&](int i) {
     const int v = i / objects, k = i % objects;
     if (!wanted_views[v] || !promising[k]) return;
     ViewHypothesisOptions of_view = options;
-    of_view.focal_log_sigma = context->focal_log_sigma[v];
-    context->hypotheses[v][k] = FindViewHypotheses(*context->objects[k],
-                                                   k,
-                                                   context->views[v],
-                                                   v,
-                                                   paths[v],
-                                                   context->start_cameras[v],
-                                                   of_view,
-                                                   context->give_up);
+    of_view.focal_log_sigma = context.focal_log_sigma[v];
+    (*hypotheses)[v][k] = FindViewHypotheses(*context.objects[k],
+                                             k,
+                                             context.views[v],
+                                             v,
+                                             paths[v],
+                                             context.start_cameras[v],
+                                             of_view,
+                                             context.give_up);
   });
 }
 
@@ -79,7 +80,9 @@ bool SameHypothesis(const JointContext& context, const SceneModel& a, const Scen
 
 // Expands scenes that differ in scale; the one that chance explains least. (What is explained says
 // less: among many objects some fit at any scale.)
-FoundScene BestScale(const JointContext& context, const std::vector<SceneModel>& starts) {
+FoundScene BestScale(const JointContext& context,
+                     const HypothesisTable& hypotheses,
+                     const std::vector<SceneModel>& starts) {
   FoundScene best;
   double best_odds = -std::numeric_limits<double>::infinity();
   for (const SceneModel& start : starts) {
@@ -90,7 +93,7 @@ FoundScene BestScale(const JointContext& context, const std::vector<SceneModel>&
       break;
     }
     FoundScene found;
-    found.scene = ExpandScene(context, start, true, &found.verified);
+    found.scene = ExpandScene(context, hypotheses, start, true, &found.verified);
     found.best_competing = BestCompeting(context, found.scene, found.verified);
     const double odds = SceneLogOdds(context, found.scene, found.best_competing);
     if (found.scene.objects.empty() || odds <= best_odds) continue;
@@ -102,32 +105,35 @@ FoundScene BestScale(const JointContext& context, const std::vector<SceneModel>&
 
 // The routes in the cameras of the reconstruction. Views that these lack (the table's: they show no
 // part of the plane's texture) are registered by what the parts found say of them.
-FoundScene InKnownCameras(JointContext* context,
+FoundScene InKnownCameras(const JointContext& context,
+                          HypothesisTable* hypotheses,
                           const std::vector<SceneModel>& starts,
                           RecognitionRoute route) {
-  FoundScene found = BestScale(*context, starts);
+  FoundScene found = BestScale(context, *hypotheses, starts);
   found.route = route;
   const SceneModel& best = found.scene;
   if (best.objects.empty() || best.registered() == static_cast<int>(best.views.size()))
     return found;
-  std::vector<bool> missing, wanted(context->objects.size(), false);
+  std::vector<bool> missing, wanted(context.objects.size(), false);
   for (const auto& view : best.views) missing.push_back(!view.has_value());
   for (const PlacedObject& o : best.objects) wanted[o.object] = true;
-  FindAllViewHypotheses(missing, wanted, context);
-  if (RegisterMissingViews(*context, &found.scene) == 0) return found;
+  FindAllViewHypotheses(missing, wanted, context, hypotheses);
+  if (RegisterMissingViews(context, *hypotheses, &found.scene) == 0) return found;
   FoundScene again;
   again.route = route;
   again.scene = best;
-  RefineScene(*context, {}, &again.scene);
-  again.scene = ExpandScene(*context, again.scene, true, &again.verified);
+  RefineScene(context, {}, &again.scene);
+  again.scene = ExpandScene(context, *hypotheses, again.scene, true, &again.verified);
   FoundScene& better = again.scene.description_gain > best.description_gain ? again : found;
-  better.best_competing = BestCompeting(*context, better.scene, better.verified);
+  better.best_competing = BestCompeting(context, better.scene, better.verified);
   return std::move(better);
 }
 
 // Expands the best distinct initial hypotheses with the verified hypotheses only and returns the
 // scene that explains most.
-SceneModel BestExpansion(const JointContext& context, const std::vector<SceneModel>& starts) {
+SceneModel BestExpansion(const JointContext& context,
+                         const HypothesisTable& hypotheses,
+                         const std::vector<SceneModel>& starts) {
   std::vector<SceneModel> distinct;
   for (const SceneModel& s : starts) {
     if (static_cast<int>(distinct.size()) >= kExpandedHypotheses) break;
@@ -139,7 +145,7 @@ SceneModel BestExpansion(const JointContext& context, const std::vector<SceneMod
   }
   std::vector<SceneModel> expanded(distinct.size());
   ParallelFor(static_cast<int>(distinct.size()), context.options.threads, [&](int i) {
-    expanded[i] = ExpandScene(context, distinct[i], false, nullptr);
+    expanded[i] = ExpandScene(context, hypotheses, distinct[i], false, nullptr);
   });
   const auto best =
       std::max_element(expanded.begin(), expanded.end(), [](const auto& x, const auto& y) {
@@ -149,14 +155,15 @@ SceneModel BestExpansion(const JointContext& context, const std::vector<SceneMod
 }
 
 FoundScene Grow(const JointContext& context,
+                const HypothesisTable& hypotheses,
                 const std::vector<SceneModel>& starts,
                 RecognitionRoute route) {
   BeginStep(context, "hypothesis_expansion");
-  SceneModel start = BestExpansion(context, starts);
+  SceneModel start = BestExpansion(context, hypotheses, starts);
   FoundScene found;
   if (start.objects.empty()) return found;
   found.route = route;
-  found.scene = ExpandScene(context, start, true, &found.verified);
+  found.scene = ExpandScene(context, hypotheses, start, true, &found.verified);
   if (found.scene.description_gain < start.description_gain) found.scene = std::move(start);
   found.best_competing = BestCompeting(context, found.scene, found.verified);
   return found;
@@ -189,47 +196,60 @@ void TakeIfBetter(const JointContext& context, FoundScene other, FoundScene* bes
     *best = std::move(other);
 }
 
-absl::StatusOr<FoundScene> MetricRoute(const RouteInput& input, JointContext* context) {
-  HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog, CatalogOf(input, *context));
+absl::StatusOr<FoundScene> MetricRoute(const RouteInput& input,
+                                       const JointContext& context,
+                                       RouteWork* work) {
+  HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog, CatalogOf(input, context));
   return InKnownCameras(
       context,
-      MetricInitialScenes(*context, *input.reconstruction, catalog, OptionsOf(input)),
+      &work->hypotheses,
+      MetricInitialScenes(context, *input.reconstruction, catalog, OptionsOf(input)),
       RecognitionRoute::kMetric);
 }
 
-absl::StatusOr<FoundScene> PlaneRoute(const RouteInput& input, JointContext* context) {
+absl::StatusOr<FoundScene> PlaneRoute(const RouteInput& input,
+                                      const JointContext& context,
+                                      RouteWork* work) {
   return InKnownCameras(context,
-                        PlaneInitialScenes(*context, *input.reconstruction, {}, kPlaneScales),
+                        &work->hypotheses,
+                        PlaneInitialScenes(context, *input.reconstruction, {}, kPlaneScales),
                         RecognitionRoute::kSupportingPlane);
 }
 
-absl::StatusOr<FoundScene> ProjectiveRoute(const RouteInput& input, JointContext* context) {
-  HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog, CatalogOf(input, *context));
-  return Grow(*context,
-              ProjectiveInitialScenes(*context, input.features, catalog, OptionsOf(input)),
+absl::StatusOr<FoundScene> ProjectiveRoute(const RouteInput& input,
+                                           const JointContext& context,
+                                           RouteWork* work) {
+  HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog, CatalogOf(input, context));
+  return Grow(context,
+              work->hypotheses,
+              ProjectiveInitialScenes(context, input.features, catalog, OptionsOf(input)),
               RecognitionRoute::kProjective);
 }
 
-absl::StatusOr<FoundScene> ViewLedRoute(const RouteInput& input, JointContext* context) {
-  FindAllViewHypotheses(std::vector<bool>(context->views.size(), true),
-                        std::vector<bool>(context->objects.size(), true),
-                        context);
-  if (IsStopRequested(context->stop)) return absl::CancelledError("stopped during view hypotheses");
-  if (IsStopRequested(context->give_up)) return FoundScene();
+absl::StatusOr<FoundScene> ViewLedRoute(const RouteInput& input,
+                                        const JointContext& context,
+                                        RouteWork* work) {
+  FindAllViewHypotheses(std::vector<bool>(context.views.size(), true),
+                        std::vector<bool>(context.objects.size(), true),
+                        context,
+                        &work->hypotheses);
+  if (IsStopRequested(context.stop)) return absl::CancelledError("stopped during view hypotheses");
+  if (IsStopRequested(context.give_up)) return FoundScene();
   for (const bool through_plane : {true, false}) {
-    BeginStep(*context, "linking");
-    std::vector<SceneModel> starts = LinkedInitialScenes(*context, through_plane);
+    BeginStep(context, "linking");
+    std::vector<SceneModel> starts = LinkedInitialScenes(context, work->hypotheses, through_plane);
     if (through_plane && input.reconstruction != nullptr) {
-      for (SceneModel& start : RigInitialScenes(*context, *input.reconstruction, {}))
+      for (SceneModel& start :
+           RigInitialScenes(context, work->hypotheses, *input.reconstruction, {}))
         starts.push_back(std::move(start));
       std::stable_sort(starts.begin(), starts.end(), [](const auto& x, const auto& y) {
         return x.description_gain > y.description_gain;
       });
     }
-    if (IsStopRequested(context->stop))
+    if (IsStopRequested(context.stop))
       return absl::CancelledError("stopped while views were linked");
-    context->initial_count += starts.size();
-    FoundScene found = Grow(*context, starts, RecognitionRoute::kViewLed);
+    work->initial_count += starts.size();
+    FoundScene found = Grow(context, work->hypotheses, starts, RecognitionRoute::kViewLed);
     if (!found.scene.objects.empty()) return found;
   }
   return FoundScene();

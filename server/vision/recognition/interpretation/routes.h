@@ -32,6 +32,12 @@ struct RouteInput {
   const BottomUpOptions* bottom_up = nullptr;  // null: the defaults
 };
 
+// What the routes work on, for those that follow and for the answer.
+struct RouteWork {
+  HypothesisTable hypotheses;
+  std::size_t initial_count = 0;  // linked hypotheses of single views; for the report
+};
+
 // Whether further routes have a say: nothing was found, or what chance explains.
 bool IsOpen(const JointContext& context, const FoundScene& found);
 
@@ -39,9 +45,17 @@ bool IsOpen(const JointContext& context, const FoundScene& found);
 void TakeIfBetter(const JointContext& context, FoundScene other, FoundScene* best);
 
 // A route's scene; empty where it finds none or gives up. Errors: CANCELLED.
-absl::StatusOr<FoundScene> MetricRoute(const RouteInput& input, JointContext* context);
-absl::StatusOr<FoundScene> PlaneRoute(const RouteInput& input, JointContext* context);
-absl::StatusOr<FoundScene> ViewLedRoute(const RouteInput& input, JointContext* context);
-absl::StatusOr<FoundScene> ProjectiveRoute(const RouteInput& input, JointContext* context);
+absl::StatusOr<FoundScene> MetricRoute(const RouteInput& input,
+                                       const JointContext& context,
+                                       RouteWork* work);
+absl::StatusOr<FoundScene> PlaneRoute(const RouteInput& input,
+                                      const JointContext& context,
+                                      RouteWork* work);
+absl::StatusOr<FoundScene> ViewLedRoute(const RouteInput& input,
+                                        const JointContext& context,
+                                        RouteWork* work);
+absl::StatusOr<FoundScene> ProjectiveRoute(const RouteInput& input,
+                                           const JointContext& context,
+                                           RouteWork* work);
 
 }  // namespace horopter

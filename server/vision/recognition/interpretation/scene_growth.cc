@@ -106,6 +106,7 @@ std::vector<SearchSurface> OpenSurfaces(const JointContext& context,
 }  // namespace
 
 SceneModel ExpandScene(const JointContext& context,
+                       const HypothesisTable& hypotheses,
                        SceneModel scene,
                        bool thorough,
                        std::vector<PlacedObject>* verified) {
@@ -136,8 +137,14 @@ SceneModel ExpandScene(const JointContext& context,
     // From the second round on parts are looked for among the edges that the first do not explain.
     std::optional<RemainingEvidence> rest;
     if (round > 0) rest = WithoutExplained(context, scene, options.sure_log_odds);
-    placements = CollectPlacements(
-        context, rest ? rest->context : context, scene, surfaces, placements, options, &shortlist);
+    placements = CollectPlacements(context,
+                                   rest ? rest->context : context,
+                                   hypotheses,
+                                   scene,
+                                   surfaces,
+                                   placements,
+                                   options,
+                                   &shortlist);
     if (verified != nullptr) *verified = placements;
     if (thorough) BeginStep(context, "consolidation");
     Consolidate(context, options, placements, &scene);
@@ -147,7 +154,7 @@ SceneModel ExpandScene(const JointContext& context,
     RefineScene(context, {}, &scene);
     if (LargestMove(context, before, scene) > kStillPx) searched.clear();
     DropContradictedViews(context, &scene);
-    if (RegisterMissingViews(context, &scene) > 0) {
+    if (RegisterMissingViews(context, hypotheses, &scene) > 0) {
       RefineScene(context, {}, &scene);
       searched.clear();
     }

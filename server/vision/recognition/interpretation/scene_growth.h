@@ -12,6 +12,7 @@ namespace horopter {
 // round on this thread, to compare initial hypotheses. verified (may be null) receives what was
 // judged in the last round, accepted or not, best score first.
 SceneModel ExpandScene(const JointContext& context,
+                       const HypothesisTable& hypotheses,
                        SceneModel scene,
                        bool thorough,
                        std::vector<PlacedObject>* verified);

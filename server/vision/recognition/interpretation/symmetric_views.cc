@@ -21,6 +21,7 @@ constexpr int kFewestViews = 3;  // with so many aligned, views that fit none of
 
 // Patches alike less patches unlike on the faces that two views see.
 int Similarity(const JointContext& context,
+               const SurfaceImages* images,
                const PlacedObject& placed,
                int a,
                const CalibratedCamera& view_a,
@@ -32,7 +33,7 @@ int Similarity(const JointContext& context,
   pair.views[b] = view_b;
   pair.objects.push_back(placed);
   const int object = 0;
-  const SurfaceTexture t = CompareSurfaces(context, pair, {&object, 1})[0];
+  const SurfaceTexture t = CompareSurfaces(context, images, pair, {&object, 1})[0];
   return t.alike - t.unlike;
 }
 
@@ -47,6 +48,7 @@ CalibratedCamera Turned(const CalibratedCamera& view,
 // The view turned so that its faces look like those of the nearest aligned view that decides.
 std::optional<CalibratedCamera> AlignedTo(
     const JointContext& context,
+    const SurfaceImages* images,
     const PlacedObject& placed,
     const std::vector<std::optional<CalibratedCamera>>& aligned,
     int v,
@@ -66,7 +68,7 @@ std::optional<CalibratedCamera> AlignedTo(
     std::vector<int> similarity(turned.size(), 0);
     ParallelFor(static_cast<int>(turned.size()), context.options.threads, [&](int i) {
       if (IsStopRequested(context.stop)) return;
-      similarity[i] = Similarity(context, placed, w, *aligned[w], v, turned[i]);
+      similarity[i] = Similarity(context, images, placed, w, *aligned[w], v, turned[i]);
     });
     const auto best = std::max_element(similarity.begin(), similarity.end());
     const int most = *best;
@@ -80,22 +82,27 @@ std::optional<CalibratedCamera> AlignedTo(
 // One of the view's own hypotheses of the object that fits the aligned views.
 std::optional<CalibratedCamera> AnotherPose(
     const JointContext& context,
+    const HypothesisTable& table,
+    const SurfaceImages* images,
     const PlacedObject& placed,
     const std::vector<std::optional<CalibratedCamera>>& aligned,
     int v) {
-  const auto& hypotheses = context.hypotheses[v][placed.object].best;
+  const auto& hypotheses = table[v][placed.object].best;
   for (std::size_t i = 0; i < std::min<std::size_t>(hypotheses.size(), kHypotheses); ++i) {
     const CalibratedCamera view{
         hypotheses[i].camera,
         hypotheses[i].camera_from_object * placed.scene_from_object.Inverse()};
-    if (auto found = AlignedTo(context, placed, aligned, v, view)) return found;
+    if (auto found = AlignedTo(context, images, placed, aligned, v, view)) return found;
   }
   return std::nullopt;
 }
 
 }  // namespace
 
-void AlignSymmetricViews(const JointContext& context, SceneModel* scene) {
+void AlignSymmetricViews(const JointContext& context,
+                         const HypothesisTable& hypotheses,
+                         const SurfaceImages* images,
+                         SceneModel* scene) {
   if (scene->objects.size() != 1 || scene->registered() < 2) return;
   const PlacedObject& placed = scene->objects[0];
   const auto& symmetries = context.objects[placed.object]->model.symmetries;
@@ -108,7 +115,7 @@ void AlignSymmetricViews(const JointContext& context, SceneModel* scene) {
   }
   // Plain parts, most of all, are done here.
   const int object = 0;
-  const SurfaceTexture now = CompareSurfaces(context, *scene, {&object, 1})[0];
+  const SurfaceTexture now = CompareSurfaces(context, images, *scene, {&object, 1})[0];
   if (now.alike + now.unlike < kFewestPatches) return;
   const auto first = std::max_element(waiting.begin(), waiting.end(), [&](int a, int b) {
     return ViewScore(placed.support[a]) < ViewScore(placed.support[b]);
@@ -124,8 +131,8 @@ void AlignSymmetricViews(const JointContext& context, SceneModel* scene) {
       progress = false;
       for (std::size_t i = 0; i < waiting.size() && !IsStopRequested(context.stop);) {
         const int v = waiting[i];
-        aligned[v] = others ? AnotherPose(context, placed, aligned, v)
-                            : AlignedTo(context, placed, aligned, v, *scene->views[v]);
+        aligned[v] = others ? AnotherPose(context, hypotheses, images, placed, aligned, v)
+                            : AlignedTo(context, images, placed, aligned, v, *scene->views[v]);
         if (!aligned[v]) {
           ++i;
           continue;

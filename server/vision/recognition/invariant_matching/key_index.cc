@@ -11,10 +11,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kDimensions[kKeyTables] = {5, 5, 3, 4};  // of each table's keys
-// The table of ranges instead of points.
-constexpr int kPathViews = static_cast<int>(KeyTable::kPathViews);
-constexpr int kTransformKnots = 65;  // quantiles of each dimension, 64 pieces
+constexpr int kDimensions[kKeyTables] = {5, 5, 3};  // of each table's keys
+constexpr int kTransformKnots = 65;                 // quantiles of each dimension, 64 pieces
 // Keys that a transformation is computed from; more change its quantiles by less than a hundredth.
 constexpr int64_t kTransformKeys = 20000;
 
@@ -29,15 +27,15 @@ int KeyOf(int64_t id) {
 }
 
 XTreeOptions TreeOptions(int table) {
-  return {.dimensions = kDimensions[table], .boxes = table == kPathViews};
+  return {.dimensions = kDimensions[table]};
 }
 
-// Calls visit(number, low, high) for every key of one table; points have low = high.
+// Calls visit(number, values) for every key of one table.
 template <typename Visit>
 void ForEachKey(const ObjectKeys& keys, int table, const Visit& visit) {
   const auto all = [&](const auto& rows) {
     for (std::size_t i = 0; i < rows.size(); ++i) {
-      visit(static_cast<int>(i), std::span(rows[i].values), std::span(rows[i].values));
+      visit(static_cast<int>(i), std::span(rows[i].values));
     }
   };
   switch (static_cast<KeyTable>(table)) {
@@ -47,12 +45,6 @@ void ForEachKey(const ObjectKeys& keys, int table, const Visit& visit) {
       return all(keys.stars);
     case KeyTable::kSixPoints:
       return all(keys.six_points);
-    case KeyTable::kPathViews:
-      for (std::size_t i = 0; i < keys.path_views.size(); ++i) {
-        const PathViewRow& row = keys.path_views[i];
-        visit(static_cast<int>(i), std::span(row.low), std::span(row.high));
-      }
-      return;
   }
 }
 
@@ -62,7 +54,7 @@ std::vector<double> Doubles(std::span<const float> values) {
 
 // Of an entry of a tree; floats and the doubles they become give the same.
 template <typename Scalar>
-std::uint64_t HashOf(int64_t id, std::span<const Scalar> low, std::span<const Scalar> high) {
+std::uint64_t HashOf(int64_t id, std::span<const Scalar> values) {
   std::uint64_t hash = 0;
   const auto mix = [&](std::uint64_t value) {  // the finaliser of splitmix64
     hash += value + 0x9e3779b97f4a7c15ull;
@@ -71,8 +63,7 @@ std::uint64_t HashOf(int64_t id, std::span<const Scalar> low, std::span<const Sc
     hash ^= hash >> 31;
   };
   mix(static_cast<std::uint64_t>(id));
-  for (const Scalar x : low) mix(std::bit_cast<std::uint64_t>(static_cast<double>(x)));
-  for (const Scalar x : high) mix(std::bit_cast<std::uint64_t>(static_cast<double>(x)));
+  for (const Scalar x : values) mix(std::bit_cast<std::uint64_t>(static_cast<double>(x)));
   return hash;
 }
 
@@ -80,10 +71,10 @@ absl::StatusOr<FeatureTransform> Fit(const XTreeSnapshot& tree, std::uint32_t ge
   std::vector<Eigen::VectorXd> keys;
   const int64_t stride = std::max<int64_t>(1, tree.size() / kTransformKeys);
   int64_t at = 0;
-  tree.ForEach([&](int64_t, std::span<const double> low, std::span<const double> high) {
+  tree.ForEach([&](int64_t, std::span<const double> values, std::span<const double>) {
     if (at++ % stride == 0) {
-      using Values = Eigen::Map<const Eigen::VectorXd>;
-      keys.push_back(0.5 * (Values(low.data(), low.size()) + Values(high.data(), high.size())));
+      keys.push_back(Eigen::Map<const Eigen::VectorXd>(values.data(),
+                                                       static_cast<Eigen::Index>(values.size())));
     }
   });
   if (keys.size() < 2) return FeatureTransform();
@@ -96,7 +87,7 @@ absl::StatusOr<std::vector<KeyHit>> KeyIndexSnapshot::Find(KeyTable table,
                                                            const InvariantKey& key,
                                                            double gate) const {
   const int t = static_cast<int>(table);
-  if (key.values.size() != kDimensions[t] || t == kPathViews) {
+  if (key.values.size() != kDimensions[t]) {
     return absl::InvalidArgumentError(absl::StrCat(
         "key of ", key.values.size(), " values for table ", t, ", need ", kDimensions[t]));
   }
@@ -106,27 +97,6 @@ absl::StatusOr<std::vector<KeyHit>> KeyIndexSnapshot::Find(KeyTable table,
   hits.reserve(found.size());
   for (const EllipsoidMatch& m : found) {
     hits.push_back({SlotOf(m.id), KeyOf(m.id), m.squared_mahalanobis});
-  }
-  return hits;
-}
-
-absl::StatusOr<std::vector<KeyHit>> KeyIndexSnapshot::FindPathViews(const InvariantKey& key,
-                                                                    double gate) const {
-  constexpr int kSize = kDimensions[kPathViews];  // numbers of a path view
-  if (key.values.size() != kSize || key.covariance.rows() != kSize ||
-      key.covariance.cols() != kSize) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("path view of ", key.values.size(), " values, need ", kSize));
-  }
-  const Eigen::VectorXd half = (gate * key.covariance.diagonal()).cwiseSqrt();
-  if (!half.allFinite() || !key.values.allFinite() || !(half.minCoeff() > 0.0)) {
-    return absl::InvalidArgumentError("path view: a variance that is not positive");
-  }
-  const Eigen::VectorXd low = key.values - half, high = key.values + half;
-  std::vector<KeyHit> hits;
-  for (const int64_t id :
-       trees_[kPathViews].Box({low.data(), size_t{kSize}}, {high.data(), size_t{kSize}})) {
-    hits.push_back({SlotOf(id), KeyOf(id), 0.0});
   }
   return hits;
 }
@@ -159,8 +129,8 @@ absl::Status KeyIndexSnapshot::CheckAgainst(const KeyTally& keys) const {
                                               keys.tables_[t].count));
     }
     std::uint64_t sum = 0;
-    trees_[t].ForEach([&](int64_t id, std::span<const double> low, std::span<const double> high) {
-      sum += HashOf(id, low, high);
+    trees_[t].ForEach([&](int64_t id, std::span<const double> values, std::span<const double>) {
+      sum += HashOf(id, values);
     });
     if (sum != keys.tables_[t].sum) {
       return absl::InternalError(absl::StrCat("index ", t, " holds foreign keys"));
@@ -179,9 +149,9 @@ absl::Status KeyIndexSnapshot::CheckAgainst(const std::vector<const ObjectKeys*>
 
 void KeyTally::Add(int slot, const ObjectKeys& keys) {
   for (int t = 0; t < kKeyTables; ++t) {
-    ForEachKey(keys, t, [&](int key, std::span<const float> low, std::span<const float> high) {
+    ForEachKey(keys, t, [&](int key, std::span<const float> values) {
       ++tables_[t].count;
-      tables_[t].sum += HashOf(IdOf(slot, key), low, high);
+      tables_[t].sum += HashOf(IdOf(slot, key), values);
     });
   }
 }
@@ -224,9 +194,8 @@ std::vector<int> SharedKeys(const KeyIndexSnapshot& index, const ObjectKeys& key
 void KeyCollection::Add(int slot, const ObjectKeys& keys) {
   for (int t = 0; t < kKeyTables; ++t) {
     Table& table = tables_[t];
-    ForEachKey(keys, t, [&](int key, std::span<const float> low, std::span<const float> high) {
-      table.lows.insert(table.lows.end(), low.begin(), low.end());
-      if (t == kPathViews) table.highs.insert(table.highs.end(), high.begin(), high.end());
+    ForEachKey(keys, t, [&](int key, std::span<const float> values) {
+      table.values.insert(table.values.end(), values.begin(), values.end());
       table.ids.push_back(IdOf(slot, key));
     });
   }
@@ -238,12 +207,11 @@ absl::StatusOr<KeyIndex> KeyIndex::FromCollection(KeyCollection keys,
   std::array<std::optional<XTree>, kKeyTables> trees;
   for (int t = kKeyTables; t-- > 0;) {  // the largest first, while the memory is still there
     const KeyCollection::Table table = std::exchange(keys.tables_[t], {});
-    const std::vector<float>& highs = t == kPathViews ? table.highs : table.lows;
     HOROPTER_ASSIGN_OR_RETURN(
-        trees[t], XTree::BulkLoadBoxes(TreeOptions(t), table.lows, highs, table.ids, threads));
+        trees[t],
+        XTree::BulkLoadBoxes(TreeOptions(t), table.values, table.values, table.ids, threads));
   }
-  KeyIndex index(
-      {*std::move(trees[0]), *std::move(trees[1]), *std::move(trees[2]), *std::move(trees[3])});
+  KeyIndex index({*std::move(trees[0]), *std::move(trees[1]), *std::move(trees[2])});
   index.transforms_ = std::make_shared<const std::array<FeatureTransform, kKeyTables>>();
   HOROPTER_RETURN_IF_ERROR(index.RefreshTransforms(generation));
   return index;
@@ -263,8 +231,8 @@ absl::Status KeyIndex::Insert(int slot, const ObjectKeys& keys) {
   if (slot < 0) return absl::InvalidArgumentError("negative slot");
   absl::Status status;
   for (int t = 0; t < kKeyTables; ++t) {
-    ForEachKey(keys, t, [&](int key, std::span<const float> low, std::span<const float> high) {
-      status.Update(trees_[t].InsertBox(Doubles(low), Doubles(high), IdOf(slot, key)));
+    ForEachKey(keys, t, [&](int key, std::span<const float> values) {
+      status.Update(trees_[t].Insert(Doubles(values), IdOf(slot, key)));
     });
   }
   return status;
@@ -273,8 +241,8 @@ absl::Status KeyIndex::Insert(int slot, const ObjectKeys& keys) {
 absl::Status KeyIndex::Erase(int slot, const ObjectKeys& keys) {
   absl::Status status;
   for (int t = 0; t < kKeyTables; ++t) {
-    ForEachKey(keys, t, [&](int key, std::span<const float> low, std::span<const float> high) {
-      status.Update(trees_[t].DeleteBox(Doubles(low), Doubles(high), IdOf(slot, key)));
+    ForEachKey(keys, t, [&](int key, std::span<const float> values) {
+      status.Update(trees_[t].Delete(Doubles(values), IdOf(slot, key)));
     });
   }
   return status;
@@ -284,14 +252,13 @@ void KeyIndex::EraseSlot(int slot) {
   for (XTree& tree : trees_) {
     struct Found {
       int64_t id;
-      std::vector<double> low, high;
+      std::vector<double> values;
     };
     std::vector<Found> found;
-    tree.view().ForEach([&](int64_t id, std::span<const double> low, std::span<const double> high) {
-      if (SlotOf(id) != slot) return;
-      found.push_back({id, {low.begin(), low.end()}, {high.begin(), high.end()}});
+    tree.view().ForEach([&](int64_t id, std::span<const double> at, std::span<const double>) {
+      if (SlotOf(id) == slot) found.push_back({id, {at.begin(), at.end()}});
     });
-    for (const Found& entry : found) (void)tree.DeleteBox(entry.low, entry.high, entry.id);
+    for (const Found& entry : found) (void)tree.Delete(entry.values, entry.id);
   }
 }
 

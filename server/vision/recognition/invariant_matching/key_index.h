@@ -14,9 +14,8 @@
 
 namespace horopter {
 
-// kPathViews holds boxes (server/vision/invariants/path_views.h), the others points.
-enum class KeyTable { kChains = 0, kStars = 1, kSixPoints = 2, kPathViews = 3 };
-inline constexpr int kKeyTables = 4;  // of the enumeration above
+enum class KeyTable { kChains = 0, kStars = 1, kSixPoints = 2 };
+inline constexpr int kKeyTables = 3;  // of the enumeration above
 
 // A key of the catalog inside a query's gate: key `key` of the object in slot `slot`.
 struct KeyHit {
@@ -46,19 +45,14 @@ class KeyTally {
 class KeyIndexSnapshot {
  public:
   // Keys whose squared Mahalanobis distance to `key` is at most `gate`; handedness and size are for
-  // the caller to compare. Not for kPathViews. Errors: INVALID_ARGUMENT (wrong length or table,
-  // covariance not positive definite).
+  // the caller to compare. Errors: INVALID_ARGUMENT (wrong length, covariance not positive
+  // definite).
   absl::StatusOr<std::vector<KeyHit>> Find(KeyTable table,
                                            const InvariantKey& key,
                                            double gate) const;
 
-  // Path views whose box meets the bounds of the ellipsoid that `key`, its covariance and `gate`
-  // span, with distance 0. The caller asks once for every PathReading. Errors: INVALID_ARGUMENT
-  // (wrong length, a variance that is not positive).
-  absl::StatusOr<std::vector<KeyHit>> FindPathViews(const InvariantKey& key, double gate) const;
-
   // The transformation that makes the table's density flat, with the generation of the catalog it
-  // was computed from (of boxes by their centres); empty (0 dimensions) while the table has fewer
+  // was computed from; empty (0 dimensions) while the table has fewer
   // than two keys.
   const FeatureTransform& Transform(KeyTable table) const;
 
@@ -92,8 +86,7 @@ class KeyCollection {
  private:
   friend class KeyIndex;
   struct Table {
-    std::vector<float> lows;
-    std::vector<float> highs;  // of boxes
+    std::vector<float> values;
     std::vector<int64_t> ids;
   };
   std::array<Table, kKeyTables> tables_;

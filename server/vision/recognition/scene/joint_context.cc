@@ -47,7 +47,6 @@ JointContext MakeContext(const EvidenceInput& input,
     return IsStopRequested(stop) || IsStopRequested(hurry);
   };
   const int views = static_cast<int>(input.features.size());
-  context.hypotheses.assign(views, std::vector<ViewHypotheses>(input.objects.size()));
   for (int v = 0; v < views && input.edge_maps; ++v)
     context.views.push_back(BuildViewEvidence(input.features[v], options.threads));
   for (int v = 0; v < views; ++v) StartCamera(input, v, &context);

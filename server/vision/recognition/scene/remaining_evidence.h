@@ -13,7 +13,7 @@ struct RemainingEvidence {
   // Without edge chains; segments that objects explain are marked as texture, which starts no
   // hypothesis. `context` points into them: copies share them.
   std::shared_ptr<const std::vector<ImageFeatures>> features;
-  // Of these features, for a search under known cameras: without view hypotheses and start
+  // Of these features, for a search under known cameras: without start
   // cameras; no maps where no camera is.
   JointContext context;
 };

@@ -42,25 +42,25 @@ struct SceneModel {
 };
 
 struct Reconstruction;  // reconstruction/reconstruction.h
-struct SurfaceImages;   // surface_texture.h
 
-// Everything the joint search reads; nothing of it changes.
+// What a request gives to the joint search: nothing of it changes. What the search works on is told
+// beside it, to those who read it or write it.
 struct JointContext {
   std::span<const std::shared_ptr<const PreparedObject>> objects;
   std::vector<ViewEvidence> views;
-  std::vector<std::vector<ViewHypotheses>> hypotheses;  // [view][object]
   std::vector<PinholeCamera> start_cameras;
   std::vector<double> focal_log_sigma;  // prior about the start camera, per view
   const MatchingResult* matching = nullptr;
-  // Null: texture on surfaces is not looked at.
-  std::shared_ptr<const SurfaceImages> surface_images;
   RecognitionOptions options;
   StopRequested stop;
   // A stop or a hurry: initial hypotheses need not be looked for any more, nor another round begun.
   StopRequested give_up;
   StepListener on_step;
-  std::size_t initial_count = 0;  // linked hypotheses of single views; for the report
 };
+
+// Hypotheses of single views, [view][object]: a list for each pair, empty where none was looked for
+// yet. Only routes that are led by views write it (interpretation/routes.h).
+using HypothesisTable = std::vector<std::vector<ViewHypotheses>>;
 
 // What a request brings, as far as the images and cameras go. hints: empty or one per view.
 struct EvidenceInput {

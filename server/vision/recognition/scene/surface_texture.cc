@@ -82,12 +82,14 @@ std::vector<Patch> Patches(const PreparedObject& object,
   return patches;
 }
 
-std::vector<SurfaceView> SurfaceViews(const JointContext& context, const SceneModel& scene) {
+std::vector<SurfaceView> SurfaceViews(const JointContext& context,
+                                      const SurfaceImages& images,
+                                      const SceneModel& scene) {
   std::vector<SurfaceView> views;
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
     SurfaceView view;
-    view.grey = context.surface_images->grey[v];
+    view.grey = images.grey[v];
     const double size = static_cast<double>(view.grey.cols) / scene.views[v]->camera.width;
     view.scale = view.grey.cols / kWindowWidth;
     const PinholeCamera& camera = scene.views[v]->camera;
@@ -333,15 +335,13 @@ std::shared_ptr<const SurfaceImages> MakeSurfaceImages(std::span<const cv::Mat> 
 }
 
 std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
+                                            const SurfaceImages* images,
                                             const SceneModel& scene,
                                             std::span<const int> objects,
                                             const SurfaceTextureOptions& options) {
   std::vector<SurfaceTexture> out(objects.size());
-  if (context.surface_images == nullptr ||
-      context.surface_images->grey.size() != scene.views.size()) {
-    return out;
-  }
-  const std::vector<SurfaceView> views = SurfaceViews(context, scene);
+  if (images == nullptr || images->grey.size() != scene.views.size()) return out;
+  const std::vector<SurfaceView> views = SurfaceViews(context, *images, scene);
   ParallelFor(static_cast<int>(objects.size()), context.options.threads, [&](int i) {
     const PlacedObject& placed = scene.objects.at(objects[i]);
     const PreparedObject& object = *context.objects[placed.object];
@@ -363,17 +363,20 @@ double TextureLogLikelihoodRatio(const SurfaceTexture& texture) {
                     kMostTextureFor);
 }
 
-void JudgeTexture(const JointContext& context, SceneModel* scene) {
+void JudgeTexture(const JointContext& context, const SurfaceImages* images, SceneModel* scene) {
   std::vector<int> all(scene->objects.size());
   std::iota(all.begin(), all.end(), 0);
-  const std::vector<SurfaceTexture> found = CompareSurfaces(context, *scene, all);
+  const std::vector<SurfaceTexture> found = CompareSurfaces(context, images, *scene, all);
   for (std::size_t i = 0; i < found.size(); ++i)
     scene->objects[i].texture = TextureLogLikelihoodRatio(found[i]);
 }
 
-void JudgeTexture(const JointContext& context, int object, SceneModel* scene) {
+void JudgeTexture(const JointContext& context,
+                  const SurfaceImages* images,
+                  int object,
+                  SceneModel* scene) {
   scene->objects.at(object).texture =
-      TextureLogLikelihoodRatio(CompareSurfaces(context, *scene, {&object, 1})[0]);
+      TextureLogLikelihoodRatio(CompareSurfaces(context, images, *scene, {&object, 1})[0]);
 }
 
 }  // namespace horopter

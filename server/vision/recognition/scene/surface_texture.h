@@ -28,6 +28,8 @@ struct SurfaceTexture {
   int unlike = 0;
 };
 
+struct SurfaceImages;
+
 // The images as patches are compared in: grey, smoothed, at most 1280 pixels wide. Made once a
 // request.
 std::shared_ptr<const SurfaceImages> MakeSurfaceImages(std::span<const cv::Mat> images,
@@ -36,9 +38,10 @@ std::shared_ptr<const SurfaceImages> MakeSurfaceImages(std::span<const cv::Mat> 
 // Compares the patches of some of the scene's objects between the view that shows them best and all
 // others, by normalised correlation over the patch's plane. Patches that another accepted object
 // hides, such as touch an edge of the object, and such as the supporting plane alone would make
-// look alike, do not count. Without surface images in the context nothing is found. One result per
-// index in `objects`.
+// look alike, do not count. images: one per view; null: texture is not looked at and nothing is
+// found. One result per index in `objects`.
 std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
+                                            const SurfaceImages* images,
                                             const SceneModel& scene,
                                             std::span<const int> objects,
                                             const SurfaceTextureOptions& options = {});
@@ -48,7 +51,10 @@ std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
 double TextureLogLikelihoodRatio(const SurfaceTexture& texture);
 
 // Sets the texture evidence of the scene's objects, of all or of one.
-void JudgeTexture(const JointContext& context, SceneModel* scene);
-void JudgeTexture(const JointContext& context, int object, SceneModel* scene);
+void JudgeTexture(const JointContext& context, const SurfaceImages* images, SceneModel* scene);
+void JudgeTexture(const JointContext& context,
+                  const SurfaceImages* images,
+                  int object,
+                  SceneModel* scene);
 
 }  // namespace horopter

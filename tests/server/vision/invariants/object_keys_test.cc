@@ -5,15 +5,12 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <random>
-#include <set>
 
 #include "server/vision/invariants/six_points.h"
 #include "tests/server/vision/invariants/random_space.h"
 
 namespace horopter {
 namespace {
-
-using Four = std::array<Eigen::Vector3d, 4>;
 
 // A frame of straight edges over random corners: a path through all of them and some chords.
 ObjectModel RandomFrame(std::mt19937& rng, int corners) {
@@ -86,27 +83,6 @@ TEST(ObjectKeys, StayTheSameUnderASimilarityAndSixPointsUnderACollineation) {
     }
   }
   ASSERT_EQ(same.six_points.size(), keys.six_points.size());
-}
-
-TEST(ObjectKeys, PathViewsAreBoxesOfChainsSpreadOverTheObject) {
-  std::mt19937 rng(5);
-  const ObjectModel model = RandomFrame(rng, 40);
-  const ObjectKeys keys = ComputeObjectKeys(model);
-  ASSERT_GT(keys.path_views.size(), 100u);
-  EXPECT_LE(keys.path_views.size(), 192u);
-  std::set<std::array<std::uint16_t, 4>> chains;
-  for (const PathViewRow& row : keys.path_views) {
-    chains.insert(row.vertices);
-    Four path;
-    for (int k = 0; k < 4; ++k) path[k] = model.vertices[row.vertices[k]];
-    const auto key = PathViewKey(ProjectPath(path, PathCellDirection(row.cell), 6.0));
-    ASSERT_TRUE(key);
-    for (int k = 0; k < 4; ++k) {
-      EXPECT_GE(key->values(k), row.low[k]);
-      EXPECT_LE(key->values(k), row.high[k]);
-    }
-  }
-  EXPECT_GT(chains.size(), 5u);
 }
 
 TEST(ObjectKeys, AreTheSameEveryTimeAndWithinTheirLimits) {

@@ -129,8 +129,8 @@ TEST(BundleResiduals, ProjectiveDerivativesAreThoseOfTheResidual) {
   }
 }
 
-BundleCamera RandomCamera(Random* random) {
-  BundleCamera view;
+CalibratedCamera RandomCamera(Random* random) {
+  CalibratedCamera view;
   view.camera = CenteredCamera(640, 480, (*random)(600, 1200));
   view.camera.k1 = (*random)(-0.2, 0.2);
   view.camera_from_scene.R =
@@ -143,7 +143,7 @@ BundleCamera RandomCamera(Random* random) {
 TEST(BundleResiduals, MetricDerivativesAreThoseOfTheResidual) {
   for (unsigned seed = 1; seed <= 50; ++seed) {
     Random random(seed);
-    const BundleCamera view = RandomCamera(&random);
+    const CalibratedCamera view = RandomCamera(&random);
     Sample s = RandomSample(150.0, &random);
     for (Eigen::Vector2d* x : {&s.point.pixel, &s.line.start, &s.line.end})
       *x += Eigen::Vector2d(320, 240);
@@ -177,7 +177,7 @@ TEST(BundleResiduals, MetricDerivativesAreThoseOfTheResidual) {
 TEST(BundleResiduals, PosePriorDerivativesAreThoseOfTheResidual) {
   for (unsigned seed = 1; seed <= 50; ++seed) {
     Random random(seed);
-    const BundleCamera view = RandomCamera(&random);
+    const CalibratedCamera view = RandomCamera(&random);
     PosePrior prior{view.camera_from_scene, 0.02, 0.01};
     if (seed > 1) {  // the first one is met exactly
       const double angle = std::exp(random(std::log(1e-6), std::log(2.0)));

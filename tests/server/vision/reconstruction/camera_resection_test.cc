@@ -128,7 +128,7 @@ TEST_P(Noise, ErrorsGrowNoFasterThanNoiseAndDeviationsHold) {
     ASSERT_TRUE(found.ok()) << found.status();
     const double log_error = std::log(found->camera.focal_px / truth.camera.focal_px);
     EXPECT_LT(std::abs(log_error), 0.005 + 0.1 * sigma_px);
-    EXPECT_LT(Degrees(found->camera_from_world.R, truth.camera_from_world.R), 0.1 + sigma_px);
+    EXPECT_LT(Degrees(found->camera_from_scene.R, truth.camera_from_world.R), 0.1 + sigma_px);
     EXPECT_GE(found->points, 27);
     squared += std::pow(log_error / found->focal_log_sigma, 2);
     ++n;
@@ -146,7 +146,7 @@ TEST(ResectPinhole, FindsOneRightMatchInFour) {
     const Truth truth = RandomCamera(&random);
     const auto found = Resect(Look(truth, 120, 80, 90, 0.4, &random));
     ASSERT_TRUE(found.ok()) << found.status();
-    EXPECT_LT(Degrees(found->camera_from_world.R, truth.camera_from_world.R), 1.0);
+    EXPECT_LT(Degrees(found->camera_from_scene.R, truth.camera_from_world.R), 1.0);
     EXPECT_LT(std::abs(std::log(found->camera.focal_px / truth.camera.focal_px)), 0.06);
   }
 }

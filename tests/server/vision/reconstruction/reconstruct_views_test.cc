@@ -33,9 +33,9 @@ void ExpectFinite(const Reconstruction& r) {
     EXPECT_TRUE(std::isfinite(v->camera.focal_px) && v->camera.focal_px > 0.0);
     EXPECT_TRUE(std::isfinite(v->camera.k1));
     EXPECT_TRUE(std::isfinite(v->focal_log_sigma));
-    EXPECT_TRUE(v->camera_from_world.R.allFinite() && v->camera_from_world.t.allFinite());
+    EXPECT_TRUE(v->camera_from_scene.R.allFinite() && v->camera_from_scene.t.allFinite());
     EXPECT_NEAR(
-        (v->camera_from_world.R * v->camera_from_world.R.transpose() - Eigen::Matrix3d::Identity())
+        (v->camera_from_scene.R * v->camera_from_scene.R.transpose() - Eigen::Matrix3d::Identity())
             .norm(),
         0.0,
         1e-6);
@@ -60,7 +60,7 @@ double WorstRotationError(const SyntheticScene& scene, const Reconstruction& r) 
   double worst = 0.0;
   for (size_t i = 1; i < r.views.size(); ++i) {
     const Eigen::Matrix3d found =
-        r.views[i]->camera_from_world.R * r.views[0]->camera_from_world.R.transpose();
+        r.views[i]->camera_from_scene.R * r.views[0]->camera_from_scene.R.transpose();
     const Eigen::Matrix3d truth =
         scene.camera_from_world[i].R * scene.camera_from_world[0].R.transpose();
     worst = std::max(worst, Eigen::AngleAxisd(found * truth.transpose()).angle());
@@ -87,7 +87,7 @@ TEST_P(NoiseTest, ErrorGrowsNoFasterThanNoise) {
     EXPECT_LT(r.rms_px, 0.1 + 1.5 * sigma);
     EXPECT_TRUE(r.trusted) << r.refusal;
     // The world's plane is z = 0, cameras and points above it.
-    for (const auto& v : r.views) EXPECT_GT(v->camera_from_world.Inverse().t.z(), 0.0);
+    for (const auto& v : r.views) EXPECT_GT(v->camera_from_scene.Inverse().t.z(), 0.0);
     for (const ReconstructedPoint& p : r.points) {
       EXPECT_TRUE(p.on_plane ? std::abs(p.point_in_world.z()) < 0.02 : p.point_in_world.z() > 0.0);
     }
@@ -279,7 +279,7 @@ TEST(ReconstructViews, DuplicatedViewAddsNothingAndBreaksNothing) {
   const Reconstruction r = Reconstruct(scene, MatchSyntheticScene(scene, {1, 0.3, 0.0}));
   ExpectFinite(r);
   ASSERT_EQ(Registered(r), 5);
-  EXPECT_LT((r.views[0]->camera_from_world.Inverse().t - r.views[1]->camera_from_world.Inverse().t)
+  EXPECT_LT((r.views[0]->camera_from_scene.Inverse().t - r.views[1]->camera_from_scene.Inverse().t)
                 .norm(),
             0.02);
 }

@@ -85,7 +85,7 @@ double FocalError(const SyntheticTracks& truth, const Reconstruction& r, size_t 
 // Of the relative pose of two views, degrees.
 double RotationError(const SyntheticTracks& truth, const Reconstruction& r, size_t a, size_t b) {
   const Eigen::Matrix3d found =
-      r.views[b]->camera_from_world.R * r.views[a]->camera_from_world.R.transpose();
+      r.views[b]->camera_from_scene.R * r.views[a]->camera_from_scene.R.transpose();
   const Eigen::Matrix3d right =
       truth.camera_from_world[b].R * truth.camera_from_world[a].R.transpose();
   return Eigen::AngleAxisd(found * right.transpose()).angle() * 180.0 / M_PI;
@@ -140,7 +140,7 @@ TEST(TrackRoute, FindsCamerasWithoutAPlaneAndStatesItsDeviations) {
       ++n;
       EXPECT_LT(std::abs(e), 0.15);
       EXPECT_TRUE(r.view_refusals[v].empty());
-      const Eigen::Vector3d centre = r.views[v]->camera_from_world.Inverse().t;
+      const Eigen::Vector3d centre = r.views[v]->camera_from_scene.Inverse().t;
       towards += centre.normalized();
       mean_distance += centre.norm() / Registered(r);
     }
@@ -152,8 +152,8 @@ TEST(TrackRoute, FindsCamerasWithoutAPlaneAndStatesItsDeviations) {
       EXPECT_GE(p.observations.size(), 2u);
       EXPECT_TRUE(p.point_in_world.allFinite());
       for (const auto& [view, junction] : p.observations) {
-        const ReconstructedView& in = *r.views[view];
-        const Eigen::Vector3d x = in.camera_from_world * p.point_in_world;
+        const CalibratedView& in = *r.views[view];
+        const Eigen::Vector3d x = in.camera_from_scene * p.point_in_world;
         EXPECT_GT(x.z(), 0.0);
       }
     }
@@ -203,7 +203,7 @@ TEST(TrackRoute, RefusalsAreTypedAndNeverTrusted) {
       EXPECT_FALSE(r.refusal.empty());
       for (const auto& v : r.views) {
         if (v) {
-          EXPECT_TRUE(v->camera_from_world.R.allFinite() && v->camera_from_world.t.allFinite());
+          EXPECT_TRUE(v->camera_from_scene.R.allFinite() && v->camera_from_scene.t.allFinite());
         }
       }
       for (size_t v = 0; v < r.views.size(); ++v) {
@@ -267,7 +267,7 @@ Reconstruction AllButLast(const SyntheticTracks& truth) {
   r.trusted = true;
   r.views.resize(truth.cameras.size());
   for (size_t v = 0; v + 1 < truth.cameras.size(); ++v) {
-    r.views[v] = ReconstructedView{truth.cameras[v], truth.camera_from_world[v], 0.01};
+    r.views[v] = CalibratedView{{truth.cameras[v], truth.camera_from_world[v]}, 0.01};
   }
   return r;
 }

@@ -16,10 +16,10 @@ TEST_P(Noise, FindAPartAndTheScale) {
   constexpr double kUnits = 2.7;  // per metre
   Reconstruction reconstruction;
   for (std::size_t v = 0; v < table.cameras.size(); ++v) {
-    ReconstructedView view;
+    CalibratedView view;
     view.camera = table.cameras[v];
-    view.camera_from_world = table.camera_from_table[v];
-    view.camera_from_world.t *= kUnits;
+    view.camera_from_scene = table.camera_from_table[v];
+    view.camera_from_scene.t *= kUnits;
     reconstruction.views.push_back(view);
   }
   const std::vector<SceneModel> found = PlaneInitialScenes(context, reconstruction, {}, 3);

@@ -15,14 +15,15 @@ TEST(RigInitialScenes, FindAPartThatDoesNotStand) {
   truth.R =
       Eigen::AngleAxisd(0.5, Eigen::Vector3d(1, 1, 0).normalized()).toRotationMatrix() * truth.R;
   Table table = MakeTable({{0, truth}}, 4, 0.3, 17);
-  JointContext context = table.Context();
+  const JointContext context = table.Context();
+  HypothesisTable hypotheses = table.NoHypotheses();
   constexpr double kUnits = 0.6;  // per metre
   Reconstruction reconstruction;
   for (std::size_t v = 0; v < table.cameras.size(); ++v) {
-    ReconstructedView view;
+    CalibratedView view;
     view.camera = table.cameras[v];
-    view.camera_from_world = table.camera_from_table[v];
-    view.camera_from_world.t *= kUnits;
+    view.camera_from_scene = table.camera_from_table[v];
+    view.camera_from_scene.t *= kUnits;
     reconstruction.views.push_back(view);
     ViewHypothesis h;
     h.object = 0;
@@ -32,9 +33,9 @@ TEST(RigInitialScenes, FindAPartThatDoesNotStand) {
     h.camera_from_object = table.camera_from_table[v] * truth;
     h.camera_from_object.t *= 1.1;
     h.score = 0.8;
-    context.hypotheses[v][0].best.push_back(h);
+    hypotheses[v][0].best.push_back(h);
   }
-  const std::vector<SceneModel> found = RigInitialScenes(context, reconstruction, {});
+  const std::vector<SceneModel> found = RigInitialScenes(context, hypotheses, reconstruction, {});
   ASSERT_FALSE(found.empty());
   EXPECT_GT(found[0].objects[0].score, 0.6);
   for (std::size_t v = 0; v < table.cameras.size(); ++v) {
@@ -49,7 +50,8 @@ TEST(RigInitialScenes, FindAPartThatDoesNotStand) {
   }
   reconstruction.views.resize(1);
   reconstruction.views.resize(4);
-  EXPECT_TRUE(RigInitialScenes(context, reconstruction, {}).empty());  // one view has no scale
+  EXPECT_TRUE(
+      RigInitialScenes(context, hypotheses, reconstruction, {}).empty());  // one view has no scale
 }
 
 }  // namespace

@@ -18,6 +18,7 @@ struct LinkedTable {
   Rigid3 truth = Standing(0.4, 0.02, 0.0, 0);
   Table table = MakeTable({{0, truth}}, 4, 0.2, 31);
   JointContext context;
+  HypothesisTable hypotheses;
 
   // plane: with homographies of the plane, else every view in a component of its own.
   explicit LinkedTable(bool plane) {
@@ -26,6 +27,7 @@ struct LinkedTable {
       if (!plane) table.matching.component[v] = -1;
     }
     context = table.Context();
+    hypotheses = table.NoHypotheses();
     for (int v = 0; v < 4; ++v) {
       ViewHypothesis h;
       h.object = 0;
@@ -33,8 +35,8 @@ struct LinkedTable {
       h.camera = table.cameras[v];
       h.camera_from_object = table.camera_from_table[v] * truth;
       h.score = 0.8;
-      context.hypotheses[v][0].best.push_back(h);
-      context.hypotheses[v][0].pool.push_back(h);
+      hypotheses[v][0].best.push_back(h);
+      hypotheses[v][0].pool.push_back(h);
     }
   }
   double Error(const SceneModel& scene, std::size_t v) const {
@@ -79,8 +81,9 @@ TEST(LinkedInitialScenes, LinkAllViewsThroughThePlaneAndWithoutIt) {
     SCOPED_TRACE(plane);
     const LinkedTable linked(plane);
     // Hypotheses of the other kind of views are not asked.
-    EXPECT_TRUE(LinkedInitialScenes(linked.context, !plane).empty());
-    const std::vector<SceneModel> found = LinkedInitialScenes(linked.context, plane);
+    EXPECT_TRUE(LinkedInitialScenes(linked.context, linked.hypotheses, !plane).empty());
+    const std::vector<SceneModel> found =
+        LinkedInitialScenes(linked.context, linked.hypotheses, plane);
     ASSERT_FALSE(found.empty());
     const SceneModel& best = found[0];
     ASSERT_EQ(best.objects.size(), 1u);
@@ -105,9 +108,9 @@ TEST(RegisterMissingViews, AddsTheViewFromItsOwnHypotheses) {
   placed.object = 0;
   placed.scene_from_object = linked.truth;
   EvaluateTogether(linked.context, &scene);
-  EXPECT_EQ(RegisterMissingViews(linked.context, &scene), 0);  // none is missing
+  EXPECT_EQ(RegisterMissingViews(linked.context, linked.hypotheses, &scene), 0);  // none is missing
   scene.views[2].reset();
-  EXPECT_EQ(RegisterMissingViews(linked.context, &scene), 1);
+  EXPECT_EQ(RegisterMissingViews(linked.context, linked.hypotheses, &scene), 1);
   ASSERT_TRUE(scene.views[2].has_value());
   EXPECT_LT(linked.Error(scene, 2), 3.0);
 }

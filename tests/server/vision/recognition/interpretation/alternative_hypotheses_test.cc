@@ -63,7 +63,8 @@ TEST(ContestObjects, TurnsABoxThatStandsTheWrongWayRound) {
     const PreparedObject& box = *views.objects[0];
     views.Place(Turn(box, std::numbers::pi / 2, Eigen::Vector3d::UnitZ()));
     const double wrong = views.scene.objects[0].score;
-    const std::vector<Alternative> alternatives = ContestObjects(views.context, {}, &views.scene);
+    const std::vector<Alternative> alternatives =
+        ContestObjects(views.context, nullptr, {}, &views.scene);
     EXPECT_FALSE(alternatives.empty());
     EXPECT_GT(views.scene.objects[0].score, wrong);
     // Right up to the half turn, which is a symmetry that nobody declared.

@@ -24,10 +24,16 @@ struct TurnedViews {
     box.objects[0] = PrepareObject(std::move(model)).value();
     box.context.objects = box.objects;
     box.context.matching = &matching;
-    box.context.hypotheses.assign(4, std::vector<ViewHypotheses>(1));
     box.context.views.resize(4);
     box.scene.objects[0].support.resize(4);
     box.scene.objects[0].support[0] = {100, 100, 100, 100, 100, 100, 100, 0};  // the surest view
+  }
+
+  void Align() {
+    AlignSymmetricViews(box.context,
+                        HypothesisTable(4, std::vector<ViewHypotheses>(1)),
+                        box.surface_images.get(),
+                        &box.scene);
   }
 
   // The camera of view v as it is when the box is taken for its equivalent pose.
@@ -46,7 +52,7 @@ TEST(AlignSymmetricViews, TurnsEveryViewToWhereTheFacesLookAlike) {
     TurnedViews turned(looks);
     const auto truth = turned.box.scene.views;
     for (int v = 1; v < 4; ++v) turned.box.scene.views[v] = turned.Turned(v, v - 1);
-    AlignSymmetricViews(turned.box.context, &turned.box.scene);
+    turned.Align();
     for (int v = 0; v < 4; ++v) {
       ASSERT_TRUE(turned.box.scene.views[v].has_value());
       EXPECT_LT(
@@ -63,7 +69,7 @@ TEST(AlignSymmetricViews, LeavesAPlainPartAsItIs) {
   TurnedViews turned(looks);
   turned.box.scene.views[2] = turned.Turned(2, 1);
   const auto before = turned.box.scene.views;
-  AlignSymmetricViews(turned.box.context, &turned.box.scene);
+  turned.Align();
   for (int v = 0; v < 4; ++v)
     EXPECT_EQ(turned.box.scene.views[v]->camera_from_scene.R, before[v]->camera_from_scene.R);
 }
@@ -74,7 +80,7 @@ TEST(AlignSymmetricViews, LeavesViewsAsTheyAreThatThePlaneTies) {
   turned.matching.view_from_plane.assign(4, Eigen::Matrix3d::Identity());
   turned.box.scene.views[3] = turned.Turned(3, 0);
   const auto before = turned.box.scene.views;
-  AlignSymmetricViews(turned.box.context, &turned.box.scene);
+  turned.Align();
   EXPECT_EQ(turned.box.scene.views[3]->camera_from_scene.R, before[3]->camera_from_scene.R);
 }
 

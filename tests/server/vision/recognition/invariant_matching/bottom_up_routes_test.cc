@@ -21,11 +21,9 @@ struct Catalog {
 
 Catalog MakeCatalog(int count) {
   Catalog out;
-  ObjectKeyOptions options;
-  options.max_path_views = 0;
   for (int i = 0; i < count; ++i) {
     out.models.push_back(ProfilePart(static_cast<unsigned>(i) + 1, {1.0, 1.0}));
-    out.keys.push_back(ComputeObjectKeys(out.models.back(), options));
+    out.keys.push_back(ComputeObjectKeys(out.models.back()));
   }
   std::vector<const ObjectKeys*> keys;
   for (int i = 0; i < count; ++i) {

@@ -66,45 +66,6 @@ TEST(KeyIndex, FindsEveryKeyAmongAllAndAgreesWithAScan) {
   EXPECT_FALSE(snapshot.Find(KeyTable::kSixPoints, Around(catalog[0].chains[0], 1.0), 1.0).ok());
 }
 
-TEST(KeyIndex, FindsThePathsOfAnObjectInItsImageAndAgreesWithAScan) {
-  const std::vector<ObjectKeys> catalog = RandomCatalog(30, 6);
-  KeyIndex index = KeyIndex::Build(Pointers(catalog), 1, 2).value();
-  const KeyIndexSnapshot snapshot = index.Snapshot();
-  for (int slot = 0; slot < 30; slot += 5) {
-    ASSERT_FALSE(catalog[slot].path_views.empty());
-    for (size_t k = 0; k < catalog[slot].path_views.size(); k += 11) {
-      const PathViewRow& row = catalog[slot].path_views[k];
-      InvariantKey query;
-      query.values.resize(4);
-      for (int d = 0; d < 4; ++d) query.values(d) = 0.5 * (row.low[d] + row.high[d]);
-      query.covariance = 1e-4 * Eigen::MatrixXd::Identity(4, 4);
-      const auto hits = snapshot.FindPathViews(query, 9.49);
-      ASSERT_TRUE(hits.ok()) << hits.status();
-      const double half = std::sqrt(9.49e-4);
-      size_t expected = 0;
-      for (const ObjectKeys& object : catalog) {
-        for (const PathViewRow& other : object.path_views) {
-          bool meets = true;
-          for (int d = 0; d < 4; ++d) {
-            meets &=
-                other.low[d] <= query.values(d) + half && other.high[d] >= query.values(d) - half;
-          }
-          expected += meets;
-        }
-      }
-      EXPECT_EQ(hits->size(), expected);
-      EXPECT_TRUE(std::any_of(hits->begin(), hits->end(), [&](const KeyHit& h) {
-        return h.slot == slot && h.key == static_cast<int>(k);
-      }));
-    }
-  }
-  InvariantKey bad;
-  bad.values = Eigen::VectorXd::Zero(4);
-  EXPECT_FALSE(snapshot.FindPathViews(bad, 9.0).ok());  // no covariance
-  bad.covariance = Eigen::MatrixXd::Zero(4, 4);
-  EXPECT_FALSE(snapshot.FindPathViews(bad, 9.0).ok());
-}
-
 TEST(KeyIndex, ErasesASlotWhoseKeysAreNotKnownAndRanksWhoSharesKeys) {
   std::vector<ObjectKeys> catalog = RandomCatalog(12, 7);
   catalog[9] = catalog[4];  // the same part again
@@ -143,7 +104,7 @@ TEST(KeyIndex, OneChangedValueAndOneSwappedSlotAreNoticed) {
   std::swap(catalog[2], catalog[5]);
   EXPECT_EQ(snapshot.CheckAgainst(Pointers(catalog)).code(), absl::StatusCode::kInternal);
   std::swap(catalog[2], catalog[5]);
-  float& value = catalog[3].path_views.back().high[1];
+  float& value = catalog[3].six_points.back().values[1];
   value = std::nextafter(value, 1e9f);
   EXPECT_EQ(snapshot.CheckAgainst(Pointers(catalog)).code(), absl::StatusCode::kInternal);
 }

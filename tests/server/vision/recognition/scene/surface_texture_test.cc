@@ -79,11 +79,11 @@ TEST(SurfaceTexture, NeedsParallaxAndImages) {
   }
   const SurfaceTexture none = still.At({});
   EXPECT_EQ(none.alike + none.unlike, 0);
-  scene.context.surface_images = nullptr;
+  scene.surface_images = nullptr;
   const SurfaceTexture blind = scene.At({});
   EXPECT_EQ(blind.alike + blind.unlike, 0);
   scene.scene.views.assign(4, std::nullopt);
-  scene.context.surface_images = MakeSurfaceImages(scene.images, 1);
+  scene.surface_images = MakeSurfaceImages(scene.images, 1);
   const SurfaceTexture lost = scene.At({});
   EXPECT_EQ(lost.alike + lost.unlike, 0);
 }
