@@ -166,7 +166,7 @@ absl::Status StationReset(HoropterClient& client,
   HOROPTER_ASSIGN_OR_RETURN(
       const v1::Station station,
       client.ResetStation(camera.empty() ? "stations/" + id : CameraName(id, camera)));
-  Say("%s of station %s is learnt anew\n",
+  Say("%s of station %s is learnt from the next request on\n",
       camera.empty() ? "every camera" : ("camera " + camera).c_str(),
       id.c_str());
   return JsonOutput() ? SayMessage(station) : absl::OkStatus();

@@ -6,6 +6,8 @@
 //     --cache       keeps what was derived of the parts between runs
 //     --hypotheses  keeps the hypotheses of the images between runs
 //     --bar         least joint score that is written (default 0: all)
+//     --least       least joint score of objects that are kept and said
+//     (AspectLinkOptions::min_joint)
 //     --standing    AspectLinkOptions::standing
 //     --as-needed   views are searched for all parts only as linking asks for them, as in a
 //     request;
@@ -19,6 +21,7 @@
 #include <fstream>
 #include <iostream>
 #include <limits>
+#include <numbers>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -26,6 +29,7 @@
 #include "client/bop_dataset.h"
 #include "client/bop_results.h"
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "tests/bench/aspect_catalog.h"
 
@@ -39,6 +43,7 @@ struct Arguments {
   std::vector<int> scenes;
   int threads = 2;
   double bar = 0.0;
+  double least = AspectLinkOptions{}.min_joint;
   int standing = AspectLinkOptions{}.standing;
   bool as_needed = false;
   bool without_truth = false;
@@ -108,11 +113,38 @@ double LogOddsOfTruth(const std::vector<BopImage>& images,
   return LogOddsOfPose(edges, views, mesh, turned, mesh, o.scene_from_object, {});
 }
 
+// How an object lies on the plane under the better ones: the face it would rest on nearest.
+struct Contact {
+  double tilt_deg = -1.0, height_mm = 0.0;  // -1: no plane, or no face within a quarter turn
+};
+Contact ContactOf(const AspectCatalog& catalog, const LinkedScene& linked, std::size_t object) {
+  std::vector<AspectSceneObject> better;
+  for (std::size_t i = 0; i < object; ++i)
+    better.push_back({linked.objects[i].object, linked.objects[i].scene_from_object});
+  Contact out;
+  double least = std::numeric_limits<double>::infinity();
+  const LinkedObject& o = linked.objects[object];
+  for (const StandingPlane& plane : PlanesUnder(better, catalog.parts, linked.views)) {
+    for (const RestingFace& face : catalog.parts[o.object].resting) {
+      const double cosine = plane.normal.dot(o.scene_from_object.R * face.up);
+      if (cosine <= 0.0) continue;
+      const double tilt_deg = std::acos(std::min(1.0, cosine)) * 180.0 / std::numbers::pi;
+      const double height_mm =
+          1000 * (plane.normal.dot(o.scene_from_object.t) - face.height_m - plane.offset_m);
+      if (tilt_deg + std::abs(height_mm) > least) continue;
+      least = tilt_deg + std::abs(height_mm);
+      out = {tilt_deg, height_mm};
+    }
+  }
+  return out;
+}
+
 void ReportScene(const std::vector<BopImage>& images,
                  const std::vector<AspectImage>& edges,
                  const AspectCatalog& catalog,
                  const LinkedScene& linked) {
-  for (const LinkedObject& o : linked.objects) {
+  for (std::size_t i = 0; i < linked.objects.size(); ++i) {
+    const LinkedObject& o = linked.objects[i];
     int right = 0, wrong = 0;
     double worst_score = 1.0;
     std::vector<double> errors;
@@ -133,9 +165,19 @@ void ReportScene(const std::vector<BopImage>& images,
       if (o.shown[v]) worst_score = std::min(worst_score, o.views[v].score);
     }
     std::sort(errors.begin(), errors.end());
+    const Contact contact = ContactOf(catalog, linked, i);
+    double recall = 0.0, support_px = 0.0, hidden_px = 0.0;
+    const auto shown = static_cast<double>(std::count(o.shown.begin(), o.shown.end(), true));
+    for (std::size_t v = 0; v < images.size(); ++v) {
+      if (!o.shown[v]) continue;
+      recall += o.views[v].recall / shown;
+      support_px += o.views[v].support_px / shown;
+      hidden_px += o.views[v].hidden_px / shown;
+    }
     std::cout << absl::StrFormat(
         "  object %d score %.3f precision %.3f competing %.3f worst %.3f: right in %d of %d views, "
-        "median %.1f px%s, log odds of the true turn %.1f\n",
+        "median %.1f px%s, log odds of the true turn %.1f, contact %.1f deg %.1f mm, size %.0f "
+        "mm, recall %.3f, support %.0f px, hidden %.0f px, shown in %.0f\n",
         catalog.obj_ids[o.object],
         o.score,
         o.precision,
@@ -145,7 +187,14 @@ void ReportScene(const std::vector<BopImage>& images,
         right + wrong,
         errors.empty() ? 0.0 : errors[errors.size() / 2],
         right > wrong ? "" : " WRONG",
-        LogOddsOfTruth(images, edges, catalog, linked, o));
+        LogOddsOfTruth(images, edges, catalog, linked, o),
+        contact.tilt_deg,
+        contact.height_mm,
+        1000 * catalog.parts[o.object].object->mesh.diameter_m,
+        recall,
+        support_px,
+        hidden_px,
+        shown);
   }
 }
 
@@ -291,6 +340,8 @@ absl::Status Run(const Arguments& arguments) {
     AspectLinkOptions options;
     options.threads = arguments.threads;
     options.standing = arguments.standing;
+    options.min_quick += arguments.least - options.min_joint;
+    options.min_joint = arguments.least;
     const std::vector<std::vector<AspectHypothesis>> none(images.size());
     int searched = 0;
     AspectLinkInput input{images, priors, none, parts, nullptr, [&](int v) {
@@ -355,6 +406,7 @@ int main(int argc, char** argv) {
   app.add_option("--threads", arguments.threads);
   app.add_option("--overlays", arguments.overlays);
   app.add_option("--bar", arguments.bar);
+  app.add_option("--least", arguments.least);
   app.add_option("--standing", arguments.standing);
   app.add_flag("--as-needed", arguments.as_needed);
   app.add_flag("--without-truth", arguments.without_truth);

@@ -155,7 +155,7 @@ TEST(Stations, DamagedStatesAreFound) {
   ASSERT_EQ(problems->size(), 1u);
   EXPECT_THAT((*problems)[0].what, testing::HasSubstr("station cell"));
   EXPECT_EQ(Teach(*catalog, "cell").status().code(), absl::StatusCode::kDataLoss);
-  // It can be removed and made anew.
+  // It can be removed and made again.
   EXPECT_TRUE(catalog->DeleteStation("cell").ok());
   EXPECT_TRUE(Teach(*catalog, "cell").ok());
 }

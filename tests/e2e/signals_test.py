@@ -91,7 +91,7 @@ class Signals(unittest.TestCase):
                            check=True, capture_output=True)
         server.signal(signal.SIGTERM)
         self.assertEqual(server.end(), 0)
-        with sqlite3.connect(self.db) as db:  # of another program: all are prepared anew, which takes seconds
+        with sqlite3.connect(self.db) as db:  # of another program: all are prepared again, which takes seconds
             db.execute("UPDATE derived SET version = 0")
         db.close()
         server = self.start()

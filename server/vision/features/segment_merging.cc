@@ -9,11 +9,11 @@
 namespace horopter {
 namespace {
 
-constexpr double kCellPx = 32.0;    // of the grid that finds neighbours
-constexpr int kMaxRounds = 3;       // what was merged may merge again
-constexpr int kPiecesPerLook = 32;  // at the stop flag
-constexpr int kComparisonsPerLook = 1 << 14;
-constexpr size_t kMaxJoinedSamples = 300;  // bounds the cost of long edges seen in all channels
+constexpr double kCellPx = 32.0;              // of the grid that finds neighbours
+constexpr int kMaxRounds = 3;                 // what was merged may merge again
+constexpr int kPiecesPerLook = 32;            // at the stop flag
+constexpr int kComparisonsPerLook = 1 << 14;  // about a millisecond
+constexpr size_t kMaxJoinedSamples = 300;     // bounds the cost of long edges seen in all channels
 
 double Strength(const Segment& segment) {
   return segment.Length() * (segment.contrast + 1.0);

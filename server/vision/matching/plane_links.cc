@@ -39,6 +39,7 @@ constexpr double kQuickContrast = 5.0;  // times MatchingOptions::sift_contrast:
 constexpr int kManyKeypoints = 2000;    // of an image at kSlowScale; for time
 constexpr double kSlowScale = 0.5;      // of the image's size, twice kQuickScale
 constexpr std::size_t kFewViews = 2;    // of which all is tried
+// Of an image in which keypoints are sought; larger ones are reduced, for time and memory.
 constexpr std::size_t kMostKeypointPixels = 1'300'000;
 // Keypoints of views from above, at a quarter of the size: enough in 9 of the 12 scenes of
 // parts-dev and parts-train whose views the first effort leaves apart.

@@ -1,4 +1,4 @@
-// Derived data: stored with the object, used at the next start, made anew when they are not right.
+// Derived data: stored with the object, used at the next start, recomputed when they are not right.
 #include "server/service/catalog_store.h"
 
 #include <gtest/gtest.h>

@@ -363,7 +363,7 @@ TEST(ServerStart, MemoryThatIsShortOnAThreadOfTheLoadIsAStatus) {
     TestServer server(nullptr, {}, db);
     for (const char* id : {"nut", "box", "rod"}) ASSERT_TRUE(server.Enrol(id));
   }
-  ObjectPreparer preparer = FakePreparer(2);  // another version: all are prepared anew
+  ObjectPreparer preparer = FakePreparer(2);  // another version: all are prepared again
   preparer.prepare = [](ObjectModel) -> absl::StatusOr<ObjectPreparer::Prepared> {
     throw std::bad_alloc();
   };

@@ -178,7 +178,7 @@ TEST_F(StationServiceTest, AMovedCameraIsReportedWithTheLastRequestThatAgreed) {
   const v1::Station station = Get("cell");
   EXPECT_EQ(station.events(0).kind(), v1::StationEvent::KIND_CAMERA_MOVED);
   EXPECT_EQ(station.events(0).request_id(), answer_.request_id());
-  // It is learnt anew.
+  // It is learnt from the start again.
   ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
   EXPECT_EQ(answer_.station().findings_size(), 0);
 }

@@ -7,8 +7,8 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
-#include "server/vision/recognition/aspect_scenes/scene_likeness.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/aspect_scenes/scene_similarity.h"
 #include "server/vision/recognition/aspect_scenes/standing_search.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 #include "server/vision/recognition/aspect_scenes/view_search.h"
@@ -129,7 +129,7 @@ class Linker {
   }
 
   // The other views are looked at for what those searched show, while that leaves no doubt; one
-  // more is searched for what else there is. Doubtful scenes are linked anew with all views
+  // more is searched for what else there is. Doubtful scenes are linked again with all views
   // searched.
   void SearchAsNeeded(LinkedScene* best) {
     if (search_.AllSearched()) return;

@@ -1,4 +1,4 @@
-// The visible edges of a part along a pose on its way: rendered anew only when the pose has left
+// The visible edges of a part along a pose on its way: rendered again only when the pose has left
 // the one they were rendered at.
 #pragma once
 

@@ -21,7 +21,7 @@
 namespace horopter {
 
 // To be raised with every change of what MakeRenderMesh, FindVisibleEdges or MakeAspects compute or
-// of how it is written: stored blobs of another version are made anew.
+// of how it is written: stored blobs of another version are recomputed.
 inline constexpr int kAspectVersion = 1;
 
 // What recognition by aspects knows about a part.

@@ -60,8 +60,8 @@ std::vector<AspectPoint> AspectPoints(const AspectSet& set, int aspect);
 Rigid3 AspectPose(const AspectSet& set, int aspect);
 PinholeCamera AspectCamera(const AspectSet& set);
 
-// All edges of an aspect in chains, as they were when its points were drawn from them. Made anew (a
-// few milliseconds), so that nothing large is stored.
+// All edges of an aspect in chains, as they were when its points were drawn from them. Recomputed
+// (a few milliseconds), so that nothing large is stored.
 VisibleEdges AspectEdges(const RenderMesh& mesh, const AspectSet& set, int aspect);
 
 // Called with each aspect's number and its edges, in order; they are what AspectEdges gives.

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/aspect_scenes/scene_likeness.h"
+#include "server/vision/recognition/aspect_scenes/scene_similarity.h"
 
 #include <gtest/gtest.h>
 
