@@ -177,7 +177,7 @@ void ReportScene(const std::vector<BopImage>& images,
     std::cout << absl::StrFormat(
         "  object %d score %.3f precision %.3f competing %.3f worst %.3f: right in %d of %d views, "
         "median %.1f px%s, log odds of the true turn %.1f, contact %.1f deg %.1f mm, size %.0f "
-        "mm, recall %.3f, support %.0f px, hidden %.0f px, shown in %.0f\n",
+        "mm, recall %.3f, support %.0f px, hidden %.0f px, shown in %.0f%s\n",
         catalog.obj_ids[o.object],
         o.score,
         o.precision,
@@ -194,7 +194,8 @@ void ReportScene(const std::vector<BopImage>& images,
         recall,
         support_px,
         hidden_px,
-        shown);
+        shown,
+        o.lies ? ", lies" : "");
   }
 }
 

@@ -10,6 +10,7 @@
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/aspect_search/find_aspects.h"
 #include "server/vision/recognition/aspects/fragment_index.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
@@ -211,7 +212,7 @@ class Explainer {
     judge_all(kRenderPx);
     const Placement& best = placements.front();
     out_.value = best.score;
-    out_.needed = NeededScore();
+    out_.needed = NeededScore(Lies(best.scene_from_object));
     out_.other = Occupant(best.scene_from_object);
     out_.failed = out_.other >= 0            ? AcceptanceTest::kPlace
                   : best.score < out_.needed ? AcceptanceTest::kSupport
@@ -220,13 +221,29 @@ class Explainer {
     Show(best.scene_from_object, cameras_);
   }
 
+  // Whether the object lies on a plane with the answered ones or on them.
+  bool Lies(const Rigid3& scene_from_object) const {
+    if (metric_ == nullptr) return false;
+    std::vector<AspectPart> parts;
+    std::vector<AspectSceneObject> answered;
+    for (const PosedObject& o : metric_->objects) {
+      if (in_.objects[o.object]->aspects == nullptr) continue;
+      answered.push_back({static_cast<int>(parts.size()), o.scene_from_object});
+      parts.push_back(AspectPartOf(*in_.objects[o.object]));
+    }
+    return LiesOn(PlanesToLieOn(answered, parts, SceneViews(cameras_)),
+                  scene_from_object,
+                  AspectPartOf(object_));
+  }
+
   // Score from which on an object is answered beside others.
-  double NeededScore() const {
+  double NeededScore(bool lies) const {
     const AspectAcceptance& o = options_.acceptance.aspects;
     const bool beside = metric_ != nullptr && !metric_->objects.empty();
     const double even = Registered() < 2 ? o.even_in_one_view
-                        : beside         ? o.even_score
-                                         : o.even_alone;
+                        : !beside        ? o.even_alone
+                        : lies           ? o.even_lying
+                                         : o.even_score;
     return even + std::log(o.min_probability / (1.0 - o.min_probability)) / o.score_weight;
   }
 
@@ -256,7 +273,7 @@ class Explainer {
       ShowIn(v, best[v]->camera, best[v]->camera_from_object);
       out_.value = std::max(out_.value, out_.views[v]->score);
     }
-    if (out_.failed == AcceptanceTest::kSupport) out_.needed = NeededScore();
+    if (out_.failed == AcceptanceTest::kSupport) out_.needed = NeededScore(false);
   }
 
   void Show(const Rigid3& scene_from_object,

@@ -91,10 +91,12 @@ class Linker {
       objects_.Place(Standing(PlanesUnder(in_.known->objects, in_.parts, scene.views), scene),
                      &scene);
     std::vector<LinkedObject> judged = objects_.Judge(scene, kFineRenderPx);
+    objects_.FindLying(scene.views, &judged);
     LinkedScene out;
     out.views = scene.views;
     for (std::size_t i = known; i < judged.size(); ++i) {
-      if (judged[i].score >= options_.min_joint) out.objects.push_back(std::move(judged[i]));
+      if (objects_.Value(judged[i]) >= options_.min_joint)
+        out.objects.push_back(std::move(judged[i]));
     }
     std::stable_sort(out.objects.begin(), out.objects.end(), [](const auto& a, const auto& b) {
       return a.score > b.score;

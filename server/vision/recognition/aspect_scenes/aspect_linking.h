@@ -30,10 +30,11 @@ struct AspectLinkOptions {
   int carried = 40;               // hypotheses carried into all views of a scene
   int standing = 56;              // places on a plane under the parts that are looked at closer
   double quick_render_px = 110.0;
-  double min_quick = 0.36;   // mean score over the views of one that is placed and adjusted
-  double apart_share = 0.4;  // of the smaller diameter: nearer centres are one place
-  double min_joint = 0.40;   // objects that explain less are left out
-  double shown_share = 0.6;  // of a part's box inside the image for a view to count
+  double min_quick = 0.36;    // mean score over the views of one that is placed and adjusted
+  double apart_share = 0.4;   // of the smaller diameter: nearer centres are one place
+  double min_joint = 0.40;    // objects that explain less are left out
+  double lying_bonus = 0.08;  // of score; what LinkedObject::lies is worth in both
+  double shown_share = 0.6;   // of a part's box inside the image for a view to count
   // Poses of a found part that are refined in a view which its hypotheses did not link.
   int rescue_per_part = 120;
   int few_per_part = 40;    // ... in all views of a scene of one or two parts

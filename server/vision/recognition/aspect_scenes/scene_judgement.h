@@ -24,6 +24,8 @@ struct LinkedObject {
   double precision = 0.0;        // ... of their precisions
   double competing_score = 0.0;  // of the best competing placement of another part, and which
   int competing_object = -1;
+  // Whether it lies on a plane beside or on surer objects: its pose was not told to.
+  bool lies = false;
 };
 
 struct SceneJudgementOptions {

@@ -24,6 +24,7 @@ constexpr double kStalePx = 1.0;
 // but for 1 in 100; half of the others and more had not.
 constexpr double kMetPx = 3.0;
 constexpr double kLeastMet = 0.34;
+constexpr double kSureScore = 0.5;      // of objects whose plane others may lie on
 constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
 
 }  // namespace
@@ -52,12 +53,41 @@ double SceneObjects::Sift(AspectScene* scene) const {
   return Keep(judged, scene);
 }
 
-double SceneObjects::AboveChance(const LinkedObject& o) {
+double SceneObjects::AboveChance(const LinkedObject& o) const {
   double sum = 0.0;
   for (std::size_t v = 0; v < o.views.size(); ++v) {
-    if (o.shown[v]) sum += std::max(0.0, o.views[v].score - kChanceScore);
+    if (!o.shown[v]) continue;
+    sum += std::max(0.0, o.views[v].score + (o.lies ? options_.lying_bonus : 0.0) - kChanceScore);
   }
   return sum;
+}
+
+double SceneObjects::Value(const LinkedObject& o) const {
+  return o.score + (o.lies ? options_.lying_bonus : 0.0);
+}
+
+std::vector<SupportingPlane> SceneObjects::PlanesOfSure(
+    const std::vector<std::optional<AspectSceneView>>& views,
+    const std::vector<LinkedObject>& judged,
+    int but) const {
+  std::vector<AspectSceneObject> sure;
+  for (int i = 0; i < static_cast<int>(judged.size()); ++i) {
+    if (i != but && judged[i].score >= kSureScore)
+      sure.push_back({judged[i].object, judged[i].scene_from_object});
+  }
+  return PlanesToLieOn(sure, in_.parts, views);
+}
+
+void SceneObjects::FindLying(const std::vector<std::optional<AspectSceneView>>& views,
+                             std::vector<LinkedObject>* judged) const {
+  const std::vector<SupportingPlane> planes = PlanesOfSure(views, *judged);
+  for (int i = 0; i < static_cast<int>(judged->size()); ++i) {
+    LinkedObject& o = (*judged)[i];
+    const AspectPart& part = in_.parts[o.object];
+    o.lies = o.score >= kSureScore
+                 ? LiesOn(PlanesOfSure(views, *judged, i), o.scene_from_object, part)
+                 : LiesOn(planes, o.scene_from_object, part);
+  }
 }
 
 SceneJudgementOptions SceneObjects::Judging(double render_px) const {
@@ -88,15 +118,17 @@ LinkedObject SceneObjects::JudgeOne(const std::vector<std::optional<AspectSceneV
                       rendered);
 }
 
-double SceneObjects::Keep(const std::vector<LinkedObject>& judged, AspectScene* scene) const {
+double SceneObjects::Keep(std::vector<LinkedObject> judged, AspectScene* scene) const {
+  FindLying(scene->views, &judged);
   std::vector<int> order(judged.size());
   std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(
-      order.begin(), order.end(), [&](int a, int b) { return judged[a].score > judged[b].score; });
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return Value(judged[a]) > Value(judged[b]);
+  });
   std::vector<AspectSceneObject> kept;
   double explained = 0.0;
   for (const int i : order) {
-    if (judged[i].score < options_.min_joint) break;
+    if (Value(judged[i]) < options_.min_joint) break;
     if (!IsFree(scene->views, kept, scene->objects[i])) continue;
     kept.push_back(scene->objects[i]);
     explained += AboveChance(judged[i]);
@@ -142,6 +174,7 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene*
   const SceneLayers layers = MakeSceneLayers(in_.images, meshes_, *scene, there, judging);
   std::vector<const std::vector<PartLayer>*> others;
   for (const std::vector<PartLayer>& object : layers) others.push_back(&object);
+  const std::vector<SupportingPlane> planes = PlanesOfSure(scene->views, there);
   std::vector<LinkedObject> judged(candidates.size());
   ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
     if (IsStopRequested(stop_)) return;
@@ -150,13 +183,16 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene*
     if (!settled) return;
     candidates[i] = settled->placed;
     judged[i] = JudgeOne(scene->views, candidates[i], others, settled->rendered);
+    judged[i].lies =
+        LiesOn(planes, candidates[i].scene_from_object, in_.parts[candidates[i].object]);
   });
   std::vector<int> order(judged.size());
   std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(
-      order.begin(), order.end(), [&](int a, int b) { return judged[a].score > judged[b].score; });
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return Value(judged[a]) > Value(judged[b]);
+  });
   for (const int i : order) {
-    if (judged[i].score < options_.min_quick) break;
+    if (Value(judged[i]) < options_.min_quick) break;
     if (IsFree(scene->views, scene->objects, candidates[i]))
       scene->objects.push_back(candidates[i]);
   }
@@ -176,8 +212,10 @@ LinkedScene SceneObjects::Result(const AspectScene& scene) const {
     out.views.assign(scene.views.size(), std::nullopt);
     return out;
   }
-  for (LinkedObject& o : Judge(scene, kFineRenderPx)) {
-    if (o.score < options_.min_joint) continue;
+  std::vector<LinkedObject> judged = Judge(scene, kFineRenderPx);
+  FindLying(scene.views, &judged);
+  for (LinkedObject& o : judged) {
+    if (Value(o) < options_.min_joint) continue;
     out.score += AboveChance(o);
     out.objects.push_back(std::move(o));
   }

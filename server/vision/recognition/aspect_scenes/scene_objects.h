@@ -7,6 +7,7 @@
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspect_scenes/scene_judgement.h"
+#include "server/vision/recognition/aspect_scenes/standing_planes.h"
 
 namespace horopter {
 
@@ -44,12 +45,22 @@ class SceneObjects {
   std::optional<SettledObject> Settled(const std::vector<std::optional<AspectSceneView>>& views,
                                        const AspectSceneObject& placed) const;
   LinkedScene Result(const AspectScene& scene) const;
+  // Score, more where it lies on a plane.
+  double Value(const LinkedObject& o) const;
+  // Sets LinkedObject::lies.
+  void FindLying(const std::vector<std::optional<AspectSceneView>>& views,
+                 std::vector<LinkedObject>* judged) const;
 
  private:
-  static double AboveChance(const LinkedObject& o);
+  double AboveChance(const LinkedObject& o) const;
+  // Where parts may lie beside the sure ones of these, `but` left out.
+  std::vector<SupportingPlane> PlanesOfSure(
+      const std::vector<std::optional<AspectSceneView>>& views,
+      const std::vector<LinkedObject>& judged,
+      int but = -1) const;
   SceneJudgementOptions Judging(double render_px) const;
   // Leaves out what explains too little; the frame goes to the best. Returns what is explained.
-  double Keep(const std::vector<LinkedObject>& judged, AspectScene* scene) const;
+  double Keep(std::vector<LinkedObject> judged, AspectScene* scene) const;
   Eigen::Vector3d CenterOf(const AspectSceneObject& o) const;
 
   const AspectLinkInput& in_;

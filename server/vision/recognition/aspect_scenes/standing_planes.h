@@ -22,4 +22,18 @@ std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> object
                                        std::span<const AspectPart> parts,
                                        const std::vector<std::optional<AspectSceneView>>& views);
 
+// Planes on which a part may lie beside these objects, and on them: that which most of them rest
+// on, planes parallel to it on which others rest, and the tops of the objects.
+std::vector<SupportingPlane> PlanesToLieOn(
+    std::span<const AspectSceneObject> objects,
+    std::span<const AspectPart> parts,
+    const std::vector<std::optional<AspectSceneView>>& views);
+
+// Whether one of the part's resting faces lies on one of the planes, to a few degrees and
+// hundredths of its diameter. A pose that was settled freely does so by chance in one of some
+// thousand.
+bool LiesOn(std::span<const SupportingPlane> planes,
+            const Rigid3& scene_from_object,
+            const AspectPart& part);
+
 }  // namespace horopter

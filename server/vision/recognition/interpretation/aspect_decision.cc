@@ -32,11 +32,11 @@ double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
          options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
 }
 
-// Different parts of a scene that score so much.
-int PartsThatScore(const LinkedScene& scene, double score) {
+// Different parts of a scene that score so much, those that lie on a plane with others `lying`.
+int PartsThatScore(const LinkedScene& scene, double score, double lying) {
   std::set<int> parts;
   for (const LinkedObject& o : scene.objects) {
-    if (o.score >= score) parts.insert(o.object);
+    if (o.score >= (o.lies ? lying : score)) parts.insert(o.object);
   }
   return static_cast<int>(parts.size());
 }
@@ -54,10 +54,11 @@ Agreement AgreementOf(const LinkedScene& scene, const AspectAcceptance& options)
       FocalSpread(scene) > options.accompanied_focal_share * options.focal_spread_free)
     return Agreement::kNone;
   const double best = scene.objects.front().score;
-  if (best >= options.accompanied_score && PartsThatScore(scene, options.companion_score) > 1)
+  if (best >= options.accompanied_score &&
+      PartsThatScore(scene, options.companion_score, options.companion_lying) > 1)
     return Agreement::kPair;
   if (best >= options.company_best_score &&
-      PartsThatScore(scene, options.company_score) >= options.company_parts)
+      PartsThatScore(scene, options.company_score, options.company_score) >= options.company_parts)
     return Agreement::kCompany;
   return Agreement::kNone;
 }
@@ -82,10 +83,11 @@ double AspectProbability(const LinkedObject& o,
   const double by_itself = probability(alone);
   if (again) return by_itself;
   const Agreement agreement = AgreementOf(scene, options);
-  if (beside || agreement == Agreement::kPair) return probability(options.even_score);
+  if (beside || agreement == Agreement::kPair)
+    return probability(o.lies ? options.even_lying : options.even_score);
   if (agreement == Agreement::kNone) return by_itself;
   return std::max(by_itself,
-                  std::min(options.company_probability, probability(options.even_score)));
+                  std::min(options.company_probability, probability(options.company_even)));
 }
 
 }  // namespace horopter

@@ -492,7 +492,8 @@ absl::Status AddOthers(const JointContext& context,
   for (const LinkedObject& o : others.objects) {
     if (o.precision < acceptance.other_precision) continue;
     const double probability =
-        Logistic(acceptance.score_weight * (o.score - acceptance.even_score));
+        Logistic(acceptance.score_weight *
+                 (o.score - (o.lies ? acceptance.even_lying : acceptance.even_score)));
     if (probability < acceptance.min_probability) continue;
     AddAnswer(o, probability, context.options.acceptance.scene.ambiguity_gap, answer);
   }

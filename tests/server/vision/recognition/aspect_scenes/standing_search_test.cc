@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <random>
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "tests/support/part_photos.h"
 
 namespace horopter {
@@ -127,6 +129,77 @@ TEST_F(StandingSearch, NoPlaneWithoutARestingPart) {
   hanging.scene_from_object = hanging.scene_from_object * Turn(Eigen::Vector3d::UnitX(), M_PI);
   for (AspectPart& part : faceless) part.resting = {{Eigen::Vector3d::UnitZ(), 0.012}};
   EXPECT_TRUE(PlanesUnder({&hanging, 1}, faceless, Views()).empty());
+}
+
+TEST_F(StandingSearch, PartsLieOnThePlaneOfOthersAndOnTheirTops) {
+  const std::vector<AspectSceneObject> objects = {AngleThere(), BlockThere()};
+  const auto planes = PlanesToLieOn(objects, list_, Views());
+  const AspectPart& cylinder = list_[kCylinder];
+  Rigid3 pose = CylinderThere().scene_from_object;
+  EXPECT_TRUE(LiesOn(planes, pose, cylinder));
+  pose.t.z() += 0.004;  // in the air
+  EXPECT_FALSE(LiesOn(planes, pose, cylinder));
+  pose.t.z() = 0.036;  // on the block
+  EXPECT_TRUE(LiesOn(planes, pose, cylinder));
+  EXPECT_TRUE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), M_PI), cylinder));
+  EXPECT_TRUE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.03), cylinder));
+  EXPECT_FALSE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.06), cylinder));
+  EXPECT_FALSE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), M_PI_2), cylinder));
+  EXPECT_FALSE(LiesOn(PlanesToLieOn({}, list_, Views()), pose, cylinder));
+  AspectPart round = cylinder;  // rests on nothing
+  round.resting.clear();
+  EXPECT_FALSE(LiesOn(planes, pose, round));
+}
+
+// A turned pose does so by chance where a face meets a plane: how often is what its score may be
+// lower by.
+TEST_F(StandingSearch, TurnedPosesHardlyEverLie) {
+  constexpr unsigned kSeed = 20261124;
+  std::mt19937 random(kSeed);
+  std::normal_distribution<double> turn;
+  std::uniform_real_distribution<double> place(-0.1, 0.1);
+  const std::vector<AspectSceneObject> objects = {AngleThere(), BlockThere()};
+  const auto planes = PlanesToLieOn(objects, list_, Views());
+  int lying = 0;
+  for (int i = 0; i < 20000; ++i) {
+    Rigid3 pose;
+    pose.R = Eigen::Quaterniond(turn(random), turn(random), turn(random), turn(random))
+                 .normalized()
+                 .toRotationMatrix();
+    pose.t = {place(random), place(random), place(random)};
+    lying += LiesOn(planes, pose, list_[kCylinder]);
+  }
+  EXPECT_LT(lying, 20) << "seed " << kSeed;
+}
+
+TEST_F(StandingSearch, ObjectsKnowWhetherTheyLieWithTheSureOnes) {
+  const std::vector<AspectSceneObject> objects = {AngleThere(), BlockThere(), CylinderThere()};
+  const std::vector<AspectImage> images = Images(objects);
+  const std::vector<AspectViewPrior> priors(images.size());
+  const std::vector<std::vector<AspectHypothesis>> none(images.size());
+  const AspectLinkInput input{images, priors, none, list_};
+  const AspectLinkOptions options;
+  const StopRequested never;
+  const SceneObjects scene(input, options, never);
+  std::vector<LinkedObject> judged(3);
+  for (int i = 0; i < 3; ++i) {
+    judged[i].object = objects[i].object;
+    judged[i].scene_from_object = objects[i].scene_from_object;
+    judged[i].score = i < 2 ? 0.6 : 0.36;
+  }
+  scene.FindLying(Views(), &judged);
+  for (const LinkedObject& o : judged) {
+    EXPECT_TRUE(o.lies) << o.object;
+    EXPECT_NEAR(scene.Value(o), o.score + options.lying_bonus, 1e-12);
+  }
+  judged[2].scene_from_object.t.z() += 0.004;
+  scene.FindLying(Views(), &judged);
+  EXPECT_TRUE(judged[0].lies);
+  EXPECT_FALSE(judged[2].lies);
+  EXPECT_NEAR(scene.Value(judged[2]), judged[2].score, 1e-12);
+  for (LinkedObject& o : judged) o.score = 0.4;  // none is sure
+  scene.FindLying(Views(), &judged);
+  for (const LinkedObject& o : judged) EXPECT_FALSE(o.lies) << o.object;
 }
 
 TEST_F(StandingSearch, APartNobodyHypothesisedIsFoundInItsPlace) {
