@@ -14,9 +14,6 @@
 #include <grpcpp/grpcpp.h>
 #include <malloc.h>
 #include <unistd.h>
-#ifdef __SANITIZE_ADDRESS__
-#include <sanitizer/allocator_interface.h>
-#endif
 
 #include <CLI/CLI.hpp>
 #include <chrono>
@@ -31,6 +28,11 @@
 #include <random>
 
 #include "tests/support/service_fixture.h"
+
+#ifdef __SANITIZE_ADDRESS__
+// Of the sanitizer's runtime; GCC installs no header that declares it.
+extern "C" std::size_t __sanitizer_get_current_allocated_bytes();
+#endif
 
 namespace horopter {
 namespace {
