@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <functional>
+#include <mutex>
 #include <new>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -323,7 +324,12 @@ TEST(RecognitionServiceErrors, StatusAndExceptionsOfThePipelineReachTheClient) {
 }
 
 TEST(RecognitionServiceErrors, AThrowOnAThreadOfTheRequestIsItsStatusAndTheServerLives) {
+  std::mutex mutex;  // who watches threads does not see that a call follows what was set before it
   std::function<void()> fail;
+  const auto fail_by = [&](std::function<void()> how) {
+    const std::lock_guard lock(mutex);
+    fail = std::move(how);
+  };
   TestServer server([&](const SceneRequest& request,
                         const CatalogSnapshot& catalog,
                         const CallLimits& limits) -> absl::StatusOr<PipelineResult> {
@@ -331,6 +337,7 @@ TEST(RecognitionServiceErrors, AThrowOnAThreadOfTheRequestIsItsStatusAndTheServe
     options.threads = 2;
     // Asked in the loop over the images first.
     const auto stop = [&] {
+      const std::lock_guard lock(mutex);
       fail();
       return limits.stop();
     };
@@ -347,9 +354,9 @@ TEST(RecognitionServiceErrors, AThrowOnAThreadOfTheRequestIsItsStatusAndTheServe
     return status;
   };
   for (int repetition = 0; repetition < 20; ++repetition) {
-    fail = [] { throw std::bad_alloc(); };
+    fail_by([] { throw std::bad_alloc(); });
     EXPECT_EQ(call().error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
-    fail = [] { throw cv::Exception(cv::Error::StsBadArg, "odd kernel", "f", "filter.cpp", 1); };
+    fail_by([] { throw cv::Exception(cv::Error::StsBadArg, "odd kernel", "f", "filter.cpp", 1); });
     const grpc::Status status = call();
     EXPECT_EQ(status.error_code(), grpc::StatusCode::INTERNAL);
     EXPECT_THAT(status.error_message(), testing::HasSubstr("odd kernel"));

@@ -52,6 +52,13 @@ struct FakeScene {
   std::optional<StationRequest> seen;
   std::vector<std::optional<Rigid3>> by_reference;  // base_from_camera, per image
 
+  // What the last call saw of its station; under the lock, for who watches threads does not see
+  // that the call is over.
+  std::optional<StationRequest> Seen() {
+    const std::lock_guard lock(mutex);
+    return seen;
+  }
+
   Recognizer Answers() {
     return [this](const SceneRequest& request, const CatalogSnapshot&, const CallLimits&) {
       const std::lock_guard lock(mutex);
@@ -149,14 +156,14 @@ TEST_F(StationServiceTest, RequestsTeachTheStationTheyName) {
   EXPECT_LT(station.cameras(0).calibration().focal_log_sigma(), 0.005);
   EXPECT_TRUE(station.cameras(1).has_camera_from_rig());
   // What is known reaches the pipeline.
-  ASSERT_TRUE(scene_.seen.has_value());
-  EXPECT_EQ(scene_.seen->state.requests, 5);
+  ASSERT_TRUE(scene_.Seen().has_value());
+  EXPECT_EQ(scene_.Seen()->state.requests, 5);
 }
 
 TEST_F(StationServiceTest, RequestsThatNameNoneAreNotTouched) {
   ASSERT_TRUE(Recognize(Request("", {"Any label", ""})).ok());
   EXPECT_FALSE(answer_.has_station());
-  EXPECT_FALSE(scene_.seen.has_value());
+  EXPECT_FALSE(scene_.Seen().has_value());
 }
 
 TEST_F(StationServiceTest, AMovedCameraIsReportedWithTheLastRequestThatAgreed) {
@@ -290,9 +297,9 @@ TEST_F(StationServiceTest, MotionAndHandEyeAreWrittenAndReachThePipeline) {
   EXPECT_EQ(station_.cameras(0).motion(), v1::StationCamera::MOTION_MOVING);
   EXPECT_FALSE(station_.cameras(0).has_calibration());
   ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
-  EXPECT_TRUE(scene_.seen->state.cameras[0].moving);
-  ASSERT_TRUE(scene_.seen->base_from_camera[0].has_value());
-  EXPECT_EQ(scene_.seen->base_from_camera[0]->t.z(), 0.5);
+  EXPECT_TRUE(scene_.Seen()->state.cameras[0].moving);
+  ASSERT_TRUE(scene_.Seen()->base_from_camera[0].has_value());
+  EXPECT_EQ(scene_.Seen()->base_from_camera[0]->t.z(), 0.5);
   EXPECT_FALSE(Get("cell").cameras(0).has_camera_from_rig());
   camera->set_name("stations/other/cameras/left");
   EXPECT_EQ(Update(update).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
@@ -421,7 +428,7 @@ TEST_F(RecordedStationTest, ARecordingHoldsThePriorAndItsReplayTeachesNothing) {
   EXPECT_FALSE(answer_.station().learnt());
   EXPECT_EQ(Get("cell").request_count(), 3);
   const int64_t known = DecodeStationState(recorded.station_state())->requests;
-  EXPECT_EQ(scene_.seen->state.requests, known);
+  EXPECT_EQ(scene_.Seen()->state.requests, known);
 }
 
 }  // namespace
