@@ -108,7 +108,7 @@ std::optional<Vector27> ConstrainedMinimum(const Matrix27& moment,
       }
     }
   }
-  const Eigen::JacobiSVD<Eigen::Matrix<double, 27, 18>> svd(E, Eigen::ComputeThinU);
+  const Eigen::JacobiSVD<Eigen::Matrix<double, 27, 18>> svd(E, Eigen::ComputeFullU);
   const Eigen::Matrix<double, 27, 15> U = svd.matrixU().leftCols<15>();  // E has rank 15
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 15, 15>> solver(U.transpose() * moment *
                                                                             U);
