@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 
 #include "tests/support/collineated_scene.h"
 
@@ -83,7 +84,11 @@ TEST(SceneByDecomposition, NeedsTwoObjectsThatShareNoPoint) {
   EXPECT_FALSE(scene.Decomposed(DecompositionMethod::kNone).has_value());
   scene.hypotheses.resize(2);
   EXPECT_TRUE(scene.Decomposed(DecompositionMethod::kCommon).has_value());
-  scene.hypotheses[1].vertices = scene.hypotheses[0].vertices;
+  // The same points of the scene for vertices of both.
+  auto& shared = scene.hypotheses[1].vertices;
+  shared.resize(std::min(shared.size(), scene.hypotheses[0].vertices.size()));
+  for (std::size_t i = 0; i < shared.size(); ++i)
+    shared[i].point = scene.hypotheses[0].vertices[i].point;
   EXPECT_FALSE(scene.Decomposed(DecompositionMethod::kCommon).has_value());
   scene.hypotheses.resize(1);
   EXPECT_FALSE(scene.Decomposed(DecompositionMethod::kCommon).has_value());
