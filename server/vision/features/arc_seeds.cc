@@ -24,7 +24,7 @@ constexpr int kMaxDropped = 4;              // chords, in all
 constexpr double kTurnShare = 0.6;  // of the least sweep: the chords at both ends miss some of it
 constexpr double kChordPx = 0.6;    // how closely chords follow a run
 constexpr int kChainsPerLook = 64;  // at the stop flag
-constexpr int kComparisonsPerLook = 1 << 14;  // about a millisecond
+constexpr int kComparisonsPerLook = 1 << 14;  // at the stop flag
 
 using Points = std::vector<Eigen::Vector2f>;
 

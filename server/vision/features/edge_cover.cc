@@ -13,7 +13,7 @@ constexpr int kHalfTurn = 180;                // steps of the coarse angle, abou
 constexpr int kSameDirection = 30;            // of these
 constexpr int kMinRun = 6;                    // px of a chain between what is covered
 constexpr int kChainsPerLook = 64;            // at the stop flag
-constexpr int kComparisonsPerLook = 1 << 14;  // about a millisecond
+constexpr int kComparisonsPerLook = 1 << 14;  // at the stop flag
 
 }  // namespace
 

@@ -9,7 +9,7 @@
 
 namespace horopter {
 
-inline constexpr int kStripPixels = 1 << 20;  // a few milliseconds of filtering
+inline constexpr int kStripPixels = 1 << 20;  // between two looks at the stop flag
 
 // Calls body with consecutive ranges of rows, each a multiple of `unit` rows but the last and about
 // kStripPixels large, at least `least` rows; together all of them.

@@ -25,7 +25,7 @@ constexpr double kMostShiftPx = 0.6;
 constexpr int kTableStep = 8;                     // grey levels
 constexpr int kTableSize = 256 / kTableStep + 1;  // both ends included
 constexpr int kChainsPerLook = 64;                // at the stop flag
-constexpr int kComparisonsPerLook = 1 << 16;      // about a millisecond
+constexpr int kComparisonsPerLook = 1 << 16;      // at the stop flag
 
 double Light(double grey) {
   const double v = grey / 255.0;

@@ -12,7 +12,7 @@ namespace {
 constexpr double kCellPx = 32.0;              // of the grid that finds neighbours
 constexpr int kMaxRounds = 3;                 // what was merged may merge again
 constexpr int kPiecesPerLook = 32;            // at the stop flag
-constexpr int kComparisonsPerLook = 1 << 14;  // about a millisecond
+constexpr int kComparisonsPerLook = 1 << 14;  // at the stop flag
 constexpr size_t kMaxJoinedSamples = 300;     // bounds the cost of long edges seen in all channels
 
 double Strength(const Segment& segment) {
