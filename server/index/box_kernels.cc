@@ -3,15 +3,10 @@
 #include <algorithm>
 #include <bit>
 
+#include "server/base/target_clones.h"
+
 #if defined(__x86_64__) && defined(__GNUC__)
 #include <immintrin.h>
-#endif
-
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
-    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define HOROPTER_WIDEST_VECTORS __attribute__((target_clones("avx2", "default")))
-#else
-#define HOROPTER_WIDEST_VECTORS
 #endif
 
 namespace horopter::index_internal {
@@ -35,7 +30,7 @@ struct Rows {
   int count;
 };
 
-HOROPTER_WIDEST_VECTORS
+HOROPTER_TARGET_CLONES
 void AccumulatePoints(const Rows& rows, const double* center, double* __restrict squared) {
   for (int d = rows.begin; d < rows.end; ++d) {
     const double* at = rows.low + static_cast<size_t>(d) * rows.step;
@@ -47,7 +42,7 @@ void AccumulatePoints(const Rows& rows, const double* center, double* __restrict
   }
 }
 
-HOROPTER_WIDEST_VECTORS
+HOROPTER_TARGET_CLONES
 void AccumulateBoxes(const Rows& rows, const double* center, double* __restrict squared) {
   for (int d = rows.begin; d < rows.end; ++d) {
     const double* low = rows.low + static_cast<size_t>(d) * rows.step;
@@ -63,7 +58,7 @@ void AccumulateBoxes(const Rows& rows, const double* center, double* __restrict 
   }
 }
 
-HOROPTER_WIDEST_VECTORS
+HOROPTER_TARGET_CLONES
 bool AllAbove(const double* values, int count, double bound) {
   int64_t within = 0;
   for (int i = 0; i < count; ++i) within |= values[i] <= bound ? 1 : 0;

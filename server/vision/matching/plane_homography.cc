@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "server/base/stop_scope.h"
+#include "server/base/target_clones.h"
 #include "server/vision/features/image_strips.h"
 
 namespace horopter {
@@ -199,19 +200,11 @@ struct Nearest {
   }
 };
 
-// Integer sums are the same on every instruction set, so the faster one may be chosen at run time.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
-    !defined(__SANITIZE_ADDRESS__)
-#define HOROPTER_DOT_CLONES __attribute__((target_clones("avx2", "default")))
-#else
-#define HOROPTER_DOT_CLONES
-#endif
-
 // Inner products of one descriptor with `count` consecutive ones.
-HOROPTER_DOT_CLONES void Dots(const std::int16_t* a,
-                              const std::int16_t* b,
-                              int count,
-                              std::int32_t* dots) {
+HOROPTER_TARGET_CLONES void Dots(const std::int16_t* a,
+                                 const std::int16_t* b,
+                                 int count,
+                                 std::int32_t* dots) {
   int j = 0;
   for (; j + 4 <= count; j += 4, b += 4 * kDescriptorLength) {
     std::int32_t s0 = 0, s1 = 0, s2 = 0, s3 = 0;

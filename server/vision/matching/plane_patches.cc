@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "server/base/stop_scope.h"
+#include "server/base/target_clones.h"
 #include "server/vision/features/image_strips.h"
 
 namespace horopter {
@@ -67,22 +68,13 @@ Eigen::Matrix2d RelativeStructure(const float* value) {
   return tensor / std::max(1e-12, mean + half);
 }
 
-// For functions that round every operation alone and add in one order, so that the faster
-// instruction set may be chosen at run time without another result.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
-    !defined(__SANITIZE_ADDRESS__)
-#define HOROPTER_CLONES __attribute__((target_clones("avx2", "default")))
-#else
-#define HOROPTER_CLONES
-#endif
-
 // Bilinear values at first + u x_step + v y_step (pixels), row by row.
-HOROPTER_CLONES void SampleGrid(const float* origin,
-                                int stride,
-                                const Eigen::Vector2f& first,
-                                const Eigen::Vector2f& x_step,
-                                const Eigen::Vector2f& y_step,
-                                float* values) {
+HOROPTER_TARGET_CLONES void SampleGrid(const float* origin,
+                                       int stride,
+                                       const Eigen::Vector2f& first,
+                                       const Eigen::Vector2f& x_step,
+                                       const Eigen::Vector2f& y_step,
+                                       float* values) {
   for (int v = 0; v < kSide; ++v, values += kSide) {
     const float row_x = first.x() + static_cast<float>(v) * y_step.x();
     const float row_y = first.y() + static_cast<float>(v) * y_step.y();
@@ -111,7 +103,7 @@ HOROPTER_CLONES void SampleGrid(const float* origin,
 }
 
 // To zero mean and unit norm. Returns the squared norm before.
-HOROPTER_CLONES float Normalize(float* values) {
+HOROPTER_TARGET_CLONES float Normalize(float* values) {
   float sums[kSide] = {}, squares[kSide] = {};
   for (int v = 0; v < kSide; ++v) {
     for (int u = 0; u < kSide; ++u) sums[u] += values[v * kSide + u];
@@ -180,10 +172,10 @@ inline __attribute__((always_inline)) void CorrelateRows(const float* value,
 
 constexpr int kBlockRows = 7;  // as many sums as registers hold
 
-HOROPTER_CLONES void CorrelateBlock(const float* value,
-                                    const float* at,
-                                    std::ptrdiff_t stride,
-                                    float (*products)[kLanes]) {
+HOROPTER_TARGET_CLONES void CorrelateBlock(const float* value,
+                                           const float* at,
+                                           std::ptrdiff_t stride,
+                                           float (*products)[kLanes]) {
   CorrelateRows<kBlockRows>(value, at, stride, products);
 }
 
