@@ -240,8 +240,10 @@ class Explainer {
   double NeededScore(bool lies) const {
     const AspectAcceptance& o = options_.acceptance.aspects;
     const bool beside = metric_ != nullptr && !metric_->objects.empty();
-    const double even = Registered() < 2 ? o.even_in_one_view
-                        : !beside        ? o.even_alone
+    const double missing = 1.0 - Registered() / static_cast<double>(cameras_.size());
+    const double unseen = missing * o.missing_views_more;
+    const double even = Registered() < 2 ? o.even_in_one_view + unseen
+                        : !beside        ? o.even_alone + unseen
                         : lies           ? o.even_lying
                                          : o.even_score;
     return even + std::log(o.min_probability / (1.0 - o.min_probability)) / o.score_weight;

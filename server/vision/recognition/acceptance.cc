@@ -97,6 +97,7 @@ absl::Status Check(const AspectAcceptance& o) {
        {"companion_score", o.companion_score, Range::kShare},
        {"companion_lying", o.companion_lying, Range::kShare},
        {"company_parts", static_cast<double>(o.company_parts), Range::kPositive},
+       {"company_lying", o.company_lying, Range::kShare},
        {"company_score", o.company_score, Range::kShare},
        {"company_even", o.company_even, Range::kShare},
        {"company_best_score", o.company_best_score, Range::kShare},

@@ -91,7 +91,7 @@ class Linker {
       objects_.Place(Standing(PlanesUnder(in_.known->objects, in_.parts, scene.views), scene),
                      &scene);
     std::vector<LinkedObject> judged = objects_.Judge(scene, kFineRenderPx);
-    objects_.FindLying(scene.views, &judged);
+    objects_.FindLying(scene.views, kPlaneScore, &judged);
     LinkedScene out;
     out.views = scene.views;
     for (std::size_t i = known; i < judged.size(); ++i) {

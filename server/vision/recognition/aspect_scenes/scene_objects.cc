@@ -24,7 +24,7 @@ constexpr double kStalePx = 1.0;
 // but for 1 in 100; half of the others and more had not.
 constexpr double kMetPx = 3.0;
 constexpr double kLeastMet = 0.34;
-constexpr double kSureScore = 0.5;      // of objects whose plane others may lie on
+constexpr double kFairPlaneScore = 0.38;  // as kPlaneScore, in the end, where none reaches that
 constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
 
 }  // namespace
@@ -69,24 +69,25 @@ double SceneObjects::Value(const LinkedObject& o) const {
 std::vector<SupportingPlane> SceneObjects::PlanesOfSure(
     const std::vector<std::optional<AspectSceneView>>& views,
     const std::vector<LinkedObject>& judged,
+    double least,
     int but) const {
   std::vector<AspectSceneObject> sure;
+  int left_out = -1;
   for (int i = 0; i < static_cast<int>(judged.size()); ++i) {
-    if (i != but && judged[i].score >= kSureScore)
-      sure.push_back({judged[i].object, judged[i].scene_from_object});
+    if (judged[i].score < least) continue;
+    if (i == but) left_out = static_cast<int>(sure.size());
+    sure.push_back({judged[i].object, judged[i].scene_from_object});
   }
-  return PlanesToLieOn(sure, in_.parts, views);
+  return PlanesToLieOn(sure, in_.parts, views, left_out);
 }
 
 void SceneObjects::FindLying(const std::vector<std::optional<AspectSceneView>>& views,
+                             double least,
                              std::vector<LinkedObject>* judged) const {
-  const std::vector<SupportingPlane> planes = PlanesOfSure(views, *judged);
   for (int i = 0; i < static_cast<int>(judged->size()); ++i) {
     LinkedObject& o = (*judged)[i];
-    const AspectPart& part = in_.parts[o.object];
-    o.lies = o.score >= kSureScore
-                 ? LiesOn(PlanesOfSure(views, *judged, i), o.scene_from_object, part)
-                 : LiesOn(planes, o.scene_from_object, part);
+    o.lies =
+        LiesOn(PlanesOfSure(views, *judged, least, i), o.scene_from_object, in_.parts[o.object]);
   }
 }
 
@@ -119,7 +120,7 @@ LinkedObject SceneObjects::JudgeOne(const std::vector<std::optional<AspectSceneV
 }
 
 double SceneObjects::Keep(std::vector<LinkedObject> judged, AspectScene* scene) const {
-  FindLying(scene->views, &judged);
+  FindLying(scene->views, kPlaneScore, &judged);
   std::vector<int> order(judged.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
@@ -174,7 +175,7 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene*
   const SceneLayers layers = MakeSceneLayers(in_.images, meshes_, *scene, there, judging);
   std::vector<const std::vector<PartLayer>*> others;
   for (const std::vector<PartLayer>& object : layers) others.push_back(&object);
-  const std::vector<SupportingPlane> planes = PlanesOfSure(scene->views, there);
+  const std::vector<SupportingPlane> planes = PlanesOfSure(scene->views, there, kPlaneScore);
   std::vector<LinkedObject> judged(candidates.size());
   ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
     if (IsStopRequested(stop_)) return;
@@ -213,7 +214,9 @@ LinkedScene SceneObjects::Result(const AspectScene& scene) const {
     return out;
   }
   std::vector<LinkedObject> judged = Judge(scene, kFineRenderPx);
-  FindLying(scene.views, &judged);
+  const bool any = std::any_of(
+      judged.begin(), judged.end(), [](const LinkedObject& o) { return o.score >= kPlaneScore; });
+  FindLying(scene.views, any ? kPlaneScore : kFairPlaneScore, &judged);
   for (LinkedObject& o : judged) {
     if (Value(o) < options_.min_joint) continue;
     out.score += AboveChance(o);

@@ -18,6 +18,9 @@ struct SettledObject {
   std::vector<PoseRendering> rendered;  // of it in each view's working image, on its way there
 };
 
+// Score of objects on whose plane others may lie while a scene grows.
+inline constexpr double kPlaneScore = 0.5;
+
 class SceneObjects {
  public:
   // What is pointed to outlives the object.
@@ -47,16 +50,18 @@ class SceneObjects {
   LinkedScene Result(const AspectScene& scene) const;
   // Score, more where it lies on a plane.
   double Value(const LinkedObject& o) const;
-  // Sets LinkedObject::lies.
+  // Sets LinkedObject::lies: beside or on others that score at least so much.
   void FindLying(const std::vector<std::optional<AspectSceneView>>& views,
+                 double least,
                  std::vector<LinkedObject>* judged) const;
 
  private:
   double AboveChance(const LinkedObject& o) const;
-  // Where parts may lie beside the sure ones of these, `but` left out.
+  // Where parts may lie beside those of these that score at least so much, `but` left out.
   std::vector<SupportingPlane> PlanesOfSure(
       const std::vector<std::optional<AspectSceneView>>& views,
       const std::vector<LinkedObject>& judged,
+      double least,
       int but = -1) const;
   SceneJudgementOptions Judging(double render_px) const;
   // Leaves out what explains too little; the frame goes to the best. Returns what is explained.

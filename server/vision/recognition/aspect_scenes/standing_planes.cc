@@ -78,21 +78,22 @@ std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> object
   return out;
 }
 
-std::vector<SupportingPlane> PlanesToLieOn(
-    std::span<const AspectSceneObject> objects,
-    std::span<const AspectPart> parts,
-    const std::vector<std::optional<AspectSceneView>>& views) {
+std::vector<SupportingPlane> PlanesToLieOn(std::span<const AspectSceneObject> objects,
+                                           std::span<const AspectPart> parts,
+                                           const std::vector<std::optional<AspectSceneView>>& views,
+                                           int but) {
   const std::vector<StandingPlane> under = PlanesUnder(objects, parts, views);
   if (under.empty()) return {};
   const StandingPlane& base = under.front();
-  std::vector<SupportingPlane> out = {base};
-  for (const AspectSceneObject& o : objects) {
-    for (const RestingFace& face : parts[o.object].resting) {
-      const StandingPlane plane = PlaneUnder(o, face);
+  std::vector<SupportingPlane> out;
+  for (int i = 0; i < static_cast<int>(objects.size()); ++i) {
+    if (i == but) continue;
+    for (const RestingFace& face : parts[objects[i].object].resting) {
+      const StandingPlane plane = PlaneUnder(objects[i], face);
       const double cosine = plane.normal.dot(base.normal);
       if (std::abs(cosine) < std::cos(kSamePlaneRad)) continue;
       const double sign = cosine > 0.0 ? 1.0 : -1.0;  // below zero: a face on top of the object
-      if (sign * plane.offset_m > base.offset_m + kLevelM)
+      if (sign * plane.offset_m > base.offset_m - kLevelM)
         out.push_back({sign * plane.normal, sign * plane.offset_m});
     }
   }

@@ -22,12 +22,13 @@ std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> object
                                        std::span<const AspectPart> parts,
                                        const std::vector<std::optional<AspectSceneView>>& views);
 
-// Planes on which a part may lie beside these objects, and on them: that which most of them rest
-// on, planes parallel to it on which others rest, and the tops of the objects.
-std::vector<SupportingPlane> PlanesToLieOn(
-    std::span<const AspectSceneObject> objects,
-    std::span<const AspectPart> parts,
-    const std::vector<std::optional<AspectSceneView>>& views);
+// Planes on which a part may lie beside these objects, and on them: those under them and on top of
+// them that are parallel to the one that most of them rest on, and not below it. `but`: index of an
+// object that helps to choose that plane, but gives none itself; -1: none.
+std::vector<SupportingPlane> PlanesToLieOn(std::span<const AspectSceneObject> objects,
+                                           std::span<const AspectPart> parts,
+                                           const std::vector<std::optional<AspectSceneView>>& views,
+                                           int but = -1);
 
 // Whether one of the part's resting faces lies on one of the planes, to a few degrees and
 // hundredths of its diameter. A pose that was settled freely does so by chance in one of some

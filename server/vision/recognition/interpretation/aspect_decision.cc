@@ -26,9 +26,10 @@ double FocalSpread(const LinkedScene& scene) {
 
 // What one part alone must score, for the views it links and the cameras it says they have.
 double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
-  if (scene.registered() < 2) return options.even_in_one_view;
   const double missing = 1.0 - scene.registered() / static_cast<double>(scene.views.size());
-  return options.even_alone + missing * options.missing_views_more +
+  const double unseen = missing * options.missing_views_more;
+  if (scene.registered() < 2) return options.even_in_one_view + unseen;
+  return options.even_alone + unseen +
          options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
 }
 
@@ -41,9 +42,19 @@ int PartsThatScore(const LinkedScene& scene, double score, double lying) {
   return static_cast<int>(parts.size());
 }
 
+// ... that lie on a plane with others.
+int PartsThatLie(const LinkedScene& scene, double score) {
+  std::set<int> parts;
+  for (const LinkedObject& o : scene.objects) {
+    if (o.lies && o.score >= score) parts.insert(o.object);
+  }
+  return static_cast<int>(parts.size());
+}
+
 enum class Agreement {
   kNone,
   kPair,     // another part scores nearly as much as the best one
+  kLying,    // several lie on a plane together
   kCompany,  // several score less
 };
 
@@ -57,6 +68,7 @@ Agreement AgreementOf(const LinkedScene& scene, const AspectAcceptance& options)
   if (best >= options.accompanied_score &&
       PartsThatScore(scene, options.companion_score, options.companion_lying) > 1)
     return Agreement::kPair;
+  if (PartsThatLie(scene, options.company_lying) >= options.company_parts) return Agreement::kLying;
   if (best >= options.company_best_score &&
       PartsThatScore(scene, options.company_score, options.company_score) >= options.company_parts)
     return Agreement::kCompany;
@@ -83,11 +95,12 @@ double AspectProbability(const LinkedObject& o,
   const double by_itself = probability(alone);
   if (again) return by_itself;
   const Agreement agreement = AgreementOf(scene, options);
-  if (beside || agreement == Agreement::kPair)
-    return probability(o.lies ? options.even_lying : options.even_score);
+  const double shared = probability(o.lies ? options.even_lying : options.even_score);
+  if (beside || agreement == Agreement::kPair) return shared;
   if (agreement == Agreement::kNone) return by_itself;
-  return std::max(by_itself,
-                  std::min(options.company_probability, probability(options.company_even)));
+  const double in_company =
+      agreement == Agreement::kLying ? shared : probability(options.company_even);
+  return std::max(by_itself, std::min(options.company_probability, in_company));
 }
 
 }  // namespace horopter

@@ -187,19 +187,23 @@ TEST_F(StandingSearch, ObjectsKnowWhetherTheyLieWithTheSureOnes) {
     judged[i].scene_from_object = objects[i].scene_from_object;
     judged[i].score = i < 2 ? 0.6 : 0.36;
   }
-  scene.FindLying(Views(), &judged);
+  scene.FindLying(Views(), kPlaneScore, &judged);
   for (const LinkedObject& o : judged) {
     EXPECT_TRUE(o.lies) << o.object;
     EXPECT_NEAR(scene.Value(o), o.score + options.lying_bonus, 1e-12);
   }
   judged[2].scene_from_object.t.z() += 0.004;
-  scene.FindLying(Views(), &judged);
+  scene.FindLying(Views(), kPlaneScore, &judged);
   EXPECT_TRUE(judged[0].lies);
   EXPECT_FALSE(judged[2].lies);
   EXPECT_NEAR(scene.Value(judged[2]), judged[2].score, 1e-12);
   for (LinkedObject& o : judged) o.score = 0.4;  // none is sure
-  scene.FindLying(Views(), &judged);
+  scene.FindLying(Views(), kPlaneScore, &judged);
   for (const LinkedObject& o : judged) EXPECT_FALSE(o.lies) << o.object;
+  scene.FindLying(Views(), 0.38, &judged);  // two of these lie together
+  EXPECT_TRUE(judged[0].lies);
+  EXPECT_TRUE(judged[1].lies);
+  EXPECT_FALSE(judged[2].lies);
 }
 
 TEST_F(StandingSearch, APartNobodyHypothesisedIsFoundInItsPlace) {

@@ -34,11 +34,12 @@ double Probability(const LinkedScene& scene, int object) {
 TEST(AspectDecision, OnePartAloneIsEvenAtItsOwnScore) {
   const AspectAcceptance options;
   EXPECT_NEAR(Probability(Scene(4, 4, {options.even_alone}), 0), 0.5, 1e-9);
-  EXPECT_NEAR(Probability(Scene(1, 4, {options.even_in_one_view}), 0), 0.5, 1e-9);
+  EXPECT_NEAR(Probability(Scene(1, 1, {options.even_in_one_view}), 0), 0.5, 1e-9);
   EXPECT_NEAR(Probability(Scene(2, 4, {options.even_alone + 0.5 * options.missing_views_more}), 0),
               0.5,
               1e-9);
   EXPECT_LT(Probability(Scene(3, 4, {0.575}), 0), 0.6);  // was a wrong one
+  EXPECT_LT(Probability(Scene(1, 4, {0.667}), 0), 0.6);  // and so was this
   EXPECT_GT(Probability(Scene(4, 4, {0.56}), 0), 0.6);
   EXPECT_GT(Probability(Scene(4, 4, {0.62}), 0), 0.9);
 }
@@ -96,6 +97,28 @@ TEST(AspectDecision, ThreePartsThatAgreeOnThreeViewsMayEachSayLess) {
   LinkedScene same = three;
   same.objects[2].object = same.objects[1].object;
   EXPECT_LT(Probability(same, 0), 0.4);
+}
+
+// On granite no part says much: scores of two scenes whose parts were all right.
+TEST(AspectDecision, ThreePartsOnAPlaneBearEachOtherOut) {
+  LinkedScene lying = Scene(4, 4, {0.45, 0.43, 0.41, 0.40});
+  for (int i = 0; i < 4; ++i) EXPECT_LT(Probability(lying, i), 0.3) << i;
+  for (LinkedObject& o : lying.objects) o.lies = true;
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_GT(Probability(lying, i), 0.8) << i;
+    EXPECT_LE(Probability(lying, i), AspectAcceptance().company_probability) << i;
+  }
+  LinkedScene two_views = Scene(2, 4, {0.45, 0.43, 0.41, 0.40});
+  for (LinkedObject& o : two_views.objects) o.lies = true;
+  EXPECT_LT(Probability(two_views, 0), 0.3);
+  lying.objects[3].lies = false;  // three do
+  EXPECT_GT(Probability(lying, 0), 0.8);
+  EXPECT_LT(Probability(lying, 3), 0.3);
+  lying.objects[2].lies = false;  // two do
+  EXPECT_LT(Probability(lying, 0), 0.3);
+  lying.objects[2].lies = true;
+  lying.objects[2].object = lying.objects[1].object;  // a wrong part thrice lies on itself
+  EXPECT_LT(Probability(lying, 0), 0.3);
 }
 
 TEST(AspectDecision, FocalLengthsThatDifferMuchAskForMore) {
