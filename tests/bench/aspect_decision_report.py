@@ -15,6 +15,7 @@ import re
 SCENE = re.compile(r"scene (\d+) \S+: (\d+) of (\d+) views")
 OBJECT = re.compile(r"  object (\d+) score ([\d.]+) .*? px( WRONG)?,.*?(, lies)?$")
 ALONE, IN_ONE_VIEW, SURE, MISSING_MORE, WEIGHT, LEAST = 0.53, 0.58, 0.546, 0.16, 25.0, 0.6
+COMPANY_PARTS, COMPANY_LYING = 3, 0.38
 
 
 def scenes(paths):
@@ -31,10 +32,13 @@ def scenes(paths):
 
 
 def answered(linked, views, objects, arguments):
-    alone = IN_ONE_VIEW if linked < 2 else ALONE + MISSING_MORE * (1.0 - linked / views)
+    unseen = MISSING_MORE * (1.0 - linked / views)
+    alone = (IN_ONE_VIEW if linked < 2 else ALONE) + unseen
     borne_out = (linked >= 3 and objects[0][1] >= arguments.accompanied
                  and any(o[1] >= (arguments.companion_lying if o[3] else arguments.companion) and o[0] != objects[0][0]
                          for o in objects[1:]))
+    lying = {part for part, score, _, lies in objects if lies and score >= COMPANY_LYING}
+    borne_out = borne_out or (linked >= 3 and len(lying) >= COMPANY_PARTS)
     for part, score, right, lies in objects:
         again = any(o[0] == part and o[1] > score for o in objects)
         beside = linked > 1 and objects[0][1] >= SURE + alone - ALONE and score < objects[0][1]
