@@ -13,7 +13,9 @@
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/aspect_search/find_aspects.h"
 #include "server/vision/recognition/aspects/fragment_index.h"
+#include "server/vision/recognition/interpretation/aspect_decision.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
+#include "server/vision/recognition/interpretation/aspect_starts.h"
 #include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/aspect_part.h"
 #include "server/vision/recognition/object/prepared_object.h"
@@ -160,15 +162,6 @@ class Explainer {
     return camera;
   }
 
-  static std::vector<std::optional<AspectSceneView>> SceneViews(
-      const std::vector<std::optional<CalibratedCamera>>& cameras) {
-    std::vector<std::optional<AspectSceneView>> out(cameras.size());
-    for (std::size_t v = 0; v < cameras.size(); ++v) {
-      if (cameras[v]) out[v] = AspectSceneView{cameras[v]->camera, cameras[v]->camera_from_scene};
-    }
-    return out;
-  }
-
   double Score(const Rigid3& scene_from_object, double render_px) {
     SceneJudgementOptions options =
         in_.aspects != nullptr ? in_.aspects->judging : SceneJudgementOptions();
@@ -240,12 +233,10 @@ class Explainer {
   double NeededScore(bool lies) const {
     const AspectAcceptance& o = options_.acceptance.aspects;
     const bool beside = metric_ != nullptr && !metric_->objects.empty();
-    const double missing = 1.0 - Registered() / static_cast<double>(cameras_.size());
-    const double unseen = missing * o.missing_views_more;
-    const double even = Registered() < 2 ? o.even_in_one_view + unseen
-                        : !beside        ? o.even_alone + unseen
-                        : lies           ? o.even_lying
-                                         : o.even_score;
+    const double even = Registered() < 2 || !beside
+                            ? EvenInViews(Registered(), static_cast<int>(cameras_.size()), o)
+                        : lies ? o.even_lying
+                               : o.even_score;
     return even + std::log(o.min_probability / (1.0 - o.min_probability)) / o.score_weight;
   }
 

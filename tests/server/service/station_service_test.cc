@@ -52,6 +52,20 @@ struct FakeScene {
   std::optional<StationRequest> seen;
   std::vector<std::optional<Rigid3>> by_reference;  // base_from_camera, per image
 
+  // Under the lock, like Seen.
+  void RefersTo(std::vector<std::optional<Rigid3>> bases) {
+    const std::lock_guard lock(mutex);
+    by_reference = std::move(bases);
+  }
+  void SetRig(const SyntheticRig& other) {
+    const std::lock_guard lock(mutex);
+    rig = other;
+  }
+  void ShiftCamera(int camera, double x_m) {
+    const std::lock_guard lock(mutex);
+    rig.poses[camera].t.x() += x_m;
+  }
+
   // What the last call saw of its station; under the lock, for who watches threads does not see
   // that the call is over.
   std::optional<StationRequest> Seen() {
@@ -173,7 +187,7 @@ TEST_F(StationServiceTest, AMovedCameraIsReportedWithTheLastRequestThatAgreed) {
     ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
     last = answer_.request_id();
   }
-  scene_.rig.poses[1].t.x() += 0.05;
+  scene_.ShiftCamera(1, 0.05);
   ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
   EXPECT_FALSE(answer_.station().prior_used());
   ASSERT_EQ(answer_.station().findings_size(), 1);
@@ -191,12 +205,12 @@ TEST_F(StationServiceTest, AMovedCameraIsReportedWithTheLastRequestThatAgreed) {
 }
 
 TEST_F(StationServiceTest, AReferenceTeachesTheBaseAndAMovedCameraLosesIt) {
-  scene_.rig = SmallRig(3);
+  scene_.SetRig(SmallRig(3));
   const auto base_from = [&](int camera) { return scene_.rig.poses[camera].Inverse(); };
   const v1::RecognizeSceneRequest request = Request("cell", {"left", "right", "top"});
   ASSERT_TRUE(Make("cell").ok());
   for (int i = 0; i < 8; ++i) ASSERT_TRUE(Recognize(request).ok());
-  scene_.by_reference = {base_from(0), base_from(1), std::nullopt};
+  scene_.RefersTo({base_from(0), base_from(1), std::nullopt});
   ASSERT_TRUE(Recognize(request).ok());
   v1::Station station = Get("cell");
   ASSERT_TRUE(station.cameras(0).has_base_from_camera());
@@ -206,12 +220,12 @@ TEST_F(StationServiceTest, AReferenceTeachesTheBaseAndAMovedCameraLosesIt) {
   EXPECT_EQ(station.events(0).cameras_size(), 2);
   // Once is enough: the first word stays.
   const double x = station.cameras(0).base_from_camera().translation_m().x();
-  scene_.by_reference = {base_from(1), std::nullopt, std::nullopt};
+  scene_.RefersTo({base_from(1), std::nullopt, std::nullopt});
   ASSERT_TRUE(Recognize(request).ok());
   EXPECT_EQ(Get("cell").cameras(0).base_from_camera().translation_m().x(), x);
 
-  scene_.by_reference.clear();
-  scene_.rig.poses[1].t.x() += 0.05;
+  scene_.RefersTo({});
+  scene_.ShiftCamera(1, 0.05);
   ASSERT_TRUE(Recognize(request).ok());
   ASSERT_EQ(answer_.station().findings_size(), 1);
   ASSERT_EQ(answer_.station().findings(0).cameras_size(), 1);

@@ -24,7 +24,7 @@ struct LinkedObject {
   double precision = 0.0;        // ... of their precisions
   double competing_score = 0.0;  // of the best competing placement of another part, and which
   int competing_object = -1;
-  // Whether it lies on a plane beside or on surer objects: its pose was not told to.
+  // Whether it lies on a plane beside or on others (scene_objects.h): its pose was not told to.
   bool lies = false;
 };
 

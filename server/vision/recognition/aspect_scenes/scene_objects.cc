@@ -66,28 +66,31 @@ double SceneObjects::Value(const LinkedObject& o) const {
   return o.score + (o.lies ? options_.lying_bonus : 0.0);
 }
 
-std::vector<SupportingPlane> SceneObjects::PlanesOfSure(
+std::vector<SupportingPlane> SceneObjects::PlanesOf(
     const std::vector<std::optional<AspectSceneView>>& views,
     const std::vector<LinkedObject>& judged,
     double least,
     int but) const {
-  std::vector<AspectSceneObject> sure;
+  std::vector<AspectSceneObject> givers;
   int left_out = -1;
   for (int i = 0; i < static_cast<int>(judged.size()); ++i) {
     if (judged[i].score < least) continue;
-    if (i == but) left_out = static_cast<int>(sure.size());
-    sure.push_back({judged[i].object, judged[i].scene_from_object});
+    if (i == but) left_out = static_cast<int>(givers.size());
+    givers.push_back({judged[i].object, judged[i].scene_from_object});
   }
-  return PlanesToLieOn(sure, in_.parts, views, left_out);
+  return PlanesToLieOn(givers, in_.parts, views, left_out);
 }
 
 void SceneObjects::FindLying(const std::vector<std::optional<AspectSceneView>>& views,
                              double least,
                              std::vector<LinkedObject>* judged) const {
+  const std::vector<SupportingPlane> planes = PlanesOf(views, *judged, least);
   for (int i = 0; i < static_cast<int>(judged->size()); ++i) {
     LinkedObject& o = (*judged)[i];
-    o.lies =
-        LiesOn(PlanesOfSure(views, *judged, least, i), o.scene_from_object, in_.parts[o.object]);
+    const AspectPart& part = in_.parts[o.object];
+    o.lies = o.score >= least
+                 ? LiesOn(PlanesOf(views, *judged, least, i), o.scene_from_object, part)
+                 : LiesOn(planes, o.scene_from_object, part);
   }
 }
 
@@ -175,7 +178,7 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene*
   const SceneLayers layers = MakeSceneLayers(in_.images, meshes_, *scene, there, judging);
   std::vector<const std::vector<PartLayer>*> others;
   for (const std::vector<PartLayer>& object : layers) others.push_back(&object);
-  const std::vector<SupportingPlane> planes = PlanesOfSure(scene->views, there, kPlaneScore);
+  const std::vector<SupportingPlane> planes = PlanesOf(scene->views, there, kPlaneScore);
   std::vector<LinkedObject> judged(candidates.size());
   ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
     if (IsStopRequested(stop_)) return;
@@ -214,9 +217,9 @@ LinkedScene SceneObjects::Result(const AspectScene& scene) const {
     return out;
   }
   std::vector<LinkedObject> judged = Judge(scene, kFineRenderPx);
-  const bool any = std::any_of(
+  const bool any_gives_planes = std::any_of(
       judged.begin(), judged.end(), [](const LinkedObject& o) { return o.score >= kPlaneScore; });
-  FindLying(scene.views, any ? kPlaneScore : kFairPlaneScore, &judged);
+  FindLying(scene.views, any_gives_planes ? kPlaneScore : kFairPlaneScore, &judged);
   for (LinkedObject& o : judged) {
     if (Value(o) < options_.min_joint) continue;
     out.score += AboveChance(o);

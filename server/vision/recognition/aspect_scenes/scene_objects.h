@@ -58,11 +58,10 @@ class SceneObjects {
  private:
   double AboveChance(const LinkedObject& o) const;
   // Where parts may lie beside those of these that score at least so much, `but` left out.
-  std::vector<SupportingPlane> PlanesOfSure(
-      const std::vector<std::optional<AspectSceneView>>& views,
-      const std::vector<LinkedObject>& judged,
-      double least,
-      int but = -1) const;
+  std::vector<SupportingPlane> PlanesOf(const std::vector<std::optional<AspectSceneView>>& views,
+                                        const std::vector<LinkedObject>& judged,
+                                        double least,
+                                        int but = -1) const;
   SceneJudgementOptions Judging(double render_px) const;
   // Leaves out what explains too little; the frame goes to the best. Returns what is explained.
   double Keep(std::vector<LinkedObject> judged, AspectScene* scene) const;

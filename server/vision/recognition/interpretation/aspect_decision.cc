@@ -11,6 +11,8 @@
 namespace horopter {
 namespace {
 
+constexpr double kNever = 2.0;  // above all scores
+
 // Deviation of the views' log focal lengths.
 double FocalSpread(const LinkedScene& scene) {
   std::vector<double> logs;
@@ -26,10 +28,10 @@ double FocalSpread(const LinkedScene& scene) {
 
 // What one part alone must score, for the views it links and the cameras it says they have.
 double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
-  const double missing = 1.0 - scene.registered() / static_cast<double>(scene.views.size());
-  const double unseen = missing * options.missing_views_more;
-  if (scene.registered() < 2) return options.even_in_one_view + unseen;
-  return options.even_alone + unseen +
+  const double even =
+      EvenInViews(scene.registered(), static_cast<int>(scene.views.size()), options);
+  if (scene.registered() < 2) return even;
+  return even +
          options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
 }
 
@@ -38,15 +40,6 @@ int PartsThatScore(const LinkedScene& scene, double score, double lying) {
   std::set<int> parts;
   for (const LinkedObject& o : scene.objects) {
     if (o.score >= (o.lies ? lying : score)) parts.insert(o.object);
-  }
-  return static_cast<int>(parts.size());
-}
-
-// ... that lie on a plane with others.
-int PartsThatLie(const LinkedScene& scene, double score) {
-  std::set<int> parts;
-  for (const LinkedObject& o : scene.objects) {
-    if (o.lies && o.score >= score) parts.insert(o.object);
   }
   return static_cast<int>(parts.size());
 }
@@ -68,7 +61,8 @@ Agreement AgreementOf(const LinkedScene& scene, const AspectAcceptance& options)
   if (best >= options.accompanied_score &&
       PartsThatScore(scene, options.companion_score, options.companion_lying) > 1)
     return Agreement::kPair;
-  if (PartsThatLie(scene, options.company_lying) >= options.company_parts) return Agreement::kLying;
+  if (PartsThatScore(scene, kNever, options.company_lying) >= options.company_parts)
+    return Agreement::kLying;
   if (best >= options.company_best_score &&
       PartsThatScore(scene, options.company_score, options.company_score) >= options.company_parts)
     return Agreement::kCompany;
@@ -76,6 +70,12 @@ Agreement AgreementOf(const LinkedScene& scene, const AspectAcceptance& options)
 }
 
 }  // namespace
+
+double EvenInViews(int registered, int views, const AspectAcceptance& options) {
+  const double missing = 1.0 - registered / static_cast<double>(views);
+  return (registered < 2 ? options.even_in_one_view : options.even_alone) +
+         missing * options.missing_views_more;
+}
 
 double AspectProbability(const LinkedObject& o,
                          const LinkedScene& scene,

@@ -12,15 +12,14 @@
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
+#include "server/vision/recognition/interpretation/aspect_starts.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kLeading = 12;  // of a shortlist: these decide whether aspects come first
-constexpr double kKnownSceneLogSigma = 0.02;  // of the cameras of another route's answer
-constexpr double kNearM = 1e-3;               // least depth that a size in the image is taken of
-constexpr double kKnownLogSigma = 0.1;        // a focal length known better is not searched for
+constexpr int kLeading = 12;     // of a shortlist: these decide whether aspects come first
+constexpr double kNearM = 1e-3;  // least depth that a size in the image is taken of
 
 double AboveChance(const std::vector<double>& view_scores, double chance) {
   double sum = 0.0;
@@ -33,21 +32,6 @@ std::vector<double> ViewScores(const LinkedObject& o) {
   std::vector<double> out;
   for (std::size_t v = 0; v < o.views.size(); ++v)
     out.push_back(o.shown[v] ? o.views[v].score : -1.0);
-  return out;
-}
-
-std::vector<std::optional<AspectSceneView>> SceneViews(
-    const std::vector<std::optional<CalibratedCamera>>& views) {
-  std::vector<std::optional<AspectSceneView>> out;
-  for (const auto& view : views) {
-    out.emplace_back();
-    if (view) {
-      out.back() = AspectSceneView{view->camera,
-                                   view->camera_from_scene,
-                                   std::log(view->camera.focal_px),
-                                   kNominalFocalLogSigma};
-    }
-  }
   return out;
 }
 
@@ -239,51 +223,6 @@ std::vector<AspectHypothesis> SearchImage(const JointContext& context,
                                           FindAspectOptions find) {
   find.threads = find.votes.threads = context.options.threads;
   return FindAspectHypotheses(image, *search.index, find, known, context.give_up).hypotheses;
-}
-
-// What is known of the views' cameras before any part is.
-std::vector<AspectViewPrior> ViewPriors(const JointContext& context,
-                                        std::span<const AspectImage> images) {
-  std::vector<AspectViewPrior> priors;
-  for (std::size_t v = 0; v < images.size(); ++v) {
-    priors.push_back({context.start_cameras[v], context.focal_log_sigma[v]});
-    if (context.focal_log_sigma[v] < context.options.focal_log_sigma) continue;
-    priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
-    priors.back().log_focal_sigma = kNominalFocalLogSigma;
-  }
-  return priors;
-}
-
-bool IsKnown(const AspectViewPrior& prior) {
-  return prior.log_focal_sigma < kKnownLogSigma;
-}
-
-// A view's hypotheses under its camera, where that is known.
-std::vector<AspectHypothesis> Under(const AspectViewPrior& prior,
-                                    std::vector<AspectHypothesis> hypotheses) {
-  if (!IsKnown(prior)) return hypotheses;
-  for (AspectHypothesis& h : hypotheses) {
-    h.camera_from_object =
-        WithFocal(h.camera_from_object, h.camera.focal_px, prior.camera.focal_px);
-    h.camera = prior.camera;
-  }
-  return hypotheses;
-}
-
-// Another route's answer by the numbers of the parts that are searched for; nothing when one of its
-// objects is not.
-std::optional<AspectScene> KnownScene(const RecognitionResult& answer, const AspectSearch& search) {
-  AspectScene out;
-  out.views = SceneViews(answer.views);
-  for (auto& view : out.views) {
-    if (view) view->log_focal_sigma = kKnownSceneLogSigma;
-  }
-  for (const SceneObject& o : answer.objects) {
-    const auto part = std::find(search.objects.begin(), search.objects.end(), o.object);
-    if (part == search.objects.end()) return std::nullopt;
-    out.objects.push_back({static_cast<int>(part - search.objects.begin()), o.scene_from_object});
-  }
-  return out;
 }
 
 // From numbers of the parts searched for to those of the catalog.

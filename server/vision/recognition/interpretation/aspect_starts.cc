@@ -1,0 +1,70 @@
+#include "server/vision/recognition/interpretation/aspect_starts.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace horopter {
+namespace {
+
+constexpr double kKnownSceneLogSigma = 0.02;  // of the cameras of another route's answer
+constexpr double kKnownLogSigma = 0.1;        // a focal length known better is not searched for
+
+}  // namespace
+
+std::vector<std::optional<AspectSceneView>> SceneViews(
+    const std::vector<std::optional<CalibratedCamera>>& views) {
+  std::vector<std::optional<AspectSceneView>> out;
+  for (const auto& view : views) {
+    out.emplace_back();
+    if (view) {
+      out.back() = AspectSceneView{view->camera,
+                                   view->camera_from_scene,
+                                   std::log(view->camera.focal_px),
+                                   kNominalFocalLogSigma};
+    }
+  }
+  return out;
+}
+
+std::vector<AspectViewPrior> ViewPriors(const JointContext& context,
+                                        std::span<const AspectImage> images) {
+  std::vector<AspectViewPrior> priors;
+  for (std::size_t v = 0; v < images.size(); ++v) {
+    priors.push_back({context.start_cameras[v], context.focal_log_sigma[v]});
+    if (context.focal_log_sigma[v] < context.options.focal_log_sigma) continue;
+    priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
+    priors.back().log_focal_sigma = kNominalFocalLogSigma;
+  }
+  return priors;
+}
+
+bool IsKnown(const AspectViewPrior& prior) {
+  return prior.log_focal_sigma < kKnownLogSigma;
+}
+
+std::vector<AspectHypothesis> Under(const AspectViewPrior& prior,
+                                    std::vector<AspectHypothesis> hypotheses) {
+  if (!IsKnown(prior)) return hypotheses;
+  for (AspectHypothesis& h : hypotheses) {
+    h.camera_from_object =
+        WithFocal(h.camera_from_object, h.camera.focal_px, prior.camera.focal_px);
+    h.camera = prior.camera;
+  }
+  return hypotheses;
+}
+
+std::optional<AspectScene> KnownScene(const RecognitionResult& answer, const AspectSearch& search) {
+  AspectScene out;
+  out.views = SceneViews(answer.views);
+  for (auto& view : out.views) {
+    if (view) view->log_focal_sigma = kKnownSceneLogSigma;
+  }
+  for (const SceneObject& o : answer.objects) {
+    const auto part = std::find(search.objects.begin(), search.objects.end(), o.object);
+    if (part == search.objects.end()) return std::nullopt;
+    out.objects.push_back({static_cast<int>(part - search.objects.begin()), o.scene_from_object});
+  }
+  return out;
+}
+
+}  // namespace horopter
