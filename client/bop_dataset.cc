@@ -1,6 +1,7 @@
 #include "client/bop_dataset.h"
 
 #include <Eigen/Geometry>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <exception>
@@ -68,15 +69,21 @@ Rigid3 RigidFromMm(const Json& R, const Json& t, const std::string& what) {
   return {Matrix3(R, what), kMetresPerMm * Eigen::Vector3d(n[0], n[1], n[2])};
 }
 
-Rigid3 Rigid4x4FromMm(const Json& value, const std::string& what) {
+// Of R R^T from the identity. Grasps are written by hand and by tools that round to few digits: what
+// is a rotation to two degrees is taken for the nearest one.
+constexpr double kRigid = 1e-3, kNearlyRigid = 0.05;
+
+Rigid3 Rigid4x4FromMm(const Json& value, const std::string& what, double tolerance = kRigid) {
   const std::vector<double> n = Numbers(value, 16, what);
   const Eigen::Matrix4d m =
       Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(n.data());
   const Eigen::Matrix3d R = m.topLeftCorner<3, 3>();
-  if ((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() > 1e-3 || R.determinant() < 0.0) {
+  if ((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() > tolerance ||
+      R.determinant() < 0.0) {
     throw std::runtime_error(absl::StrCat(what, " is not a rigid transform"));
   }
-  return {R, kMetresPerMm * m.topRightCorner<3, 1>()};
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(R, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  return {svd.matrixU() * svd.matrixV().transpose(), kMetresPerMm * m.topRightCorner<3, 1>()};
 }
 
 // Discrete symmetries times discretised continuous ones, as BOP's evaluation does.
@@ -380,7 +387,7 @@ absl::StatusOr<std::vector<Grasp>> ReadGrasps(const std::string& path) {
       Grasp grasp;
       grasp.name = value.at("name").get<std::string>();
       grasp.object_from_gripper =
-          Rigid4x4FromMm(value.at("T_gripper_in_object"), grasp.name + ".T_gripper_in_object");
+          Rigid4x4FromMm(value.at("T_gripper_in_object"), grasp.name + ".T_gripper_in_object", kNearlyRigid);
       grasp.jaw_opening_m = kMetresPerMm * value.value("jaw_opening_mm", 0.0);
       grasp.grip_width_m = kMetresPerMm * value.value("grip_width_mm", 0.0);
       if (value.contains("suction_cup_radius_mm")) {
@@ -389,7 +396,7 @@ absl::StatusOr<std::vector<Grasp>> ReadGrasps(const std::string& path) {
       grasp.quality = value.value("quality", 1.0);
       if (value.contains("T_pregrasp_in_object")) {
         grasp.object_from_pregrasp =
-            Rigid4x4FromMm(value.at("T_pregrasp_in_object"), grasp.name + ".T_pregrasp_in_object");
+            Rigid4x4FromMm(value.at("T_pregrasp_in_object"), grasp.name + ".T_pregrasp_in_object", kNearlyRigid);
       }
       grasps.push_back(std::move(grasp));
     }

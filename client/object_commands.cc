@@ -126,6 +126,33 @@ absl::StatusOr<LoadedCad> LoadDatasetObject(const BopObject& object) {
   return cad;
 }
 
+// Enrols one, or replaces it. Returns the verb.
+absl::StatusOr<std::string> EnrollOrUpdate(HoropterClient& client, const LoadedCad& cad) {
+  const ObjectModel& model = cad.import.model;
+  const absl::Status created = client.CreateObject(model, cad.file).status();
+  if (created.ok()) return "added";
+  if (!absl::IsAlreadyExists(created)) return created;
+  HOROPTER_RETURN_IF_ERROR(client.UpdateObject(model, cad.file, {true, true, true}).status());
+  return "updated";
+}
+
+absl::Status EnrollOfDataset(HoropterClient& client,
+                             const BopObject& object,
+                             const std::string& place) {
+  HOROPTER_ASSIGN_OR_RETURN(const LoadedCad cad, LoadDatasetObject(object));
+  const ObjectModel& model = cad.import.model;
+  HOROPTER_ASSIGN_OR_RETURN(const std::string verb, EnrollOrUpdate(client, cad));
+  Say("%s %s %s %s: %s, %zu grasps\n",
+      place.c_str(),
+      model.id.c_str(),
+      model.display_name.c_str(),
+      verb.c_str(),
+      Describe(cad.import).c_str(),
+      model.grasps.size());
+  SayJson({{"id", model.id}, {"verb", verb}, {"grasps", model.grasps.size()}});
+  return ReportLookAlikes(client, model.id);
+}
+
 }  // namespace
 
 absl::StatusOr<std::string> ReadFileBytes(const std::string& path) {
@@ -333,30 +360,30 @@ absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>
 
 absl::Status DatasetEnroll(HoropterClient& client, const std::string& folder) {
   HOROPTER_ASSIGN_OR_RETURN(const BopDataset dataset, ReadBopDataset(folder));
-  size_t number = 0;
+  size_t number = 0, failed = 0;
+  absl::Status first_error;
   for (const BopObject& object : dataset.objects) {
-    HOROPTER_ASSIGN_OR_RETURN(const LoadedCad cad, LoadDatasetObject(object));
-    const ObjectModel& model = cad.import.model;
-    const char* verb = "added";
-    absl::Status status = client.CreateObject(model, cad.file).status();
-    if (absl::IsAlreadyExists(status)) {
-      verb = "updated";
-      status = client.UpdateObject(model, cad.file, {true, true, true}).status();
-    }
-    HOROPTER_RETURN_IF_ERROR(status);
-    Say("[%zu/%zu] %s %s %s: %s, %zu grasps\n",
-        ++number,
-        dataset.objects.size(),
-        model.id.c_str(),
-        model.display_name.c_str(),
-        verb,
-        Describe(cad.import).c_str(),
-        model.grasps.size());
-    SayJson({{"id", model.id}, {"verb", verb}, {"grasps", model.grasps.size()}});
-    HOROPTER_RETURN_IF_ERROR(ReportLookAlikes(client, model.id));
+    const std::string place = absl::StrFormat("[%zu/%zu]", ++number, dataset.objects.size());
+    const absl::Status status = EnrollOfDataset(client, object, place);
+    if (absl::IsUnavailable(status)) return status;
     if (Interrupted()) return absl::CancelledError("interrupted");
+    if (status.ok()) continue;
+    // One bad file must not keep the others out.
+    const std::string id = BopObjectName(object.obj_id);
+    Say("%s %s not enrolled: %s\n", place.c_str(), id.c_str(), status.ToString().c_str());
+    SayJson({{"id", id}, {"error", status.ToString()}});
+    ++failed;
+    if (first_error.ok()) first_error = status;
   }
-  return absl::OkStatus();
+  if (failed == 0) return absl::OkStatus();
+  absl::Status status(first_error.code(),
+                      absl::StrFormat("%zu of %zu objects not enrolled; the first: %s",
+                                      failed,
+                                      dataset.objects.size(),
+                                      first_error.message()));
+  first_error.ForEachPayload(
+      [&](absl::string_view type, const absl::Cord& payload) { status.SetPayload(type, payload); });
+  return status;
 }
 
 }  // namespace horopter

@@ -134,6 +134,27 @@ TEST(BopDataset, BrokenFilesAreNamed) {
   }
 }
 
+std::string GraspTurnedBy(double sine) {
+  return absl::StrFormat(
+      R"({"grasps": [{"name": "g", "T_gripper_in_object": [1,%.4f,0,5, 0,1,0,6, 0,0,1,7, 0,0,0,1]}]})",
+      sine);
+}
+
+TEST(BopDataset, AGraspOfFewDigitsIsTheNearestRigidOne) {
+  const Sample sample;
+  const std::string file = "grasps/obj_000012.json";
+  sample.folder.Write(file, GraspTurnedBy(0.015));
+  const auto grasps = ReadGrasps(sample.folder.path() + "/" + file);
+  ASSERT_TRUE(grasps.ok()) << grasps.status();
+  const Eigen::Matrix3d& R = grasps->front().object_from_gripper.R;
+  EXPECT_LT((R * R.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-12);
+  EXPECT_NEAR(R(0, 1), 0.0075, 1e-4);
+  EXPECT_NEAR(R(1, 0), -0.0075, 1e-4);
+  sample.folder.Write(file, GraspTurnedBy(0.06));
+  EXPECT_EQ(ReadGrasps(sample.folder.path() + "/" + file).status().code(),
+            absl::StatusCode::kInvalidArgument);
+}
+
 TEST(BopDataset, MissingThingsAreNotFound) {
   const Sample sample;
   const std::string& path = sample.folder.path();

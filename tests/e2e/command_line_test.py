@@ -158,6 +158,24 @@ class Json(Workplace):
         self.assertEqual(load["steps"][0]["accuracy"]["AR"], 0.0)
         self.assertEqual(self.values("object", "rm", "bracket")[0], {"id": "bracket", "verb": "removed"})
 
+    def test_one_bad_object_of_a_dataset_keeps_no_other_out(self):
+        some = os.path.join(self.folder, "some")
+        for kind, ending in (("cad", "step"), ("grasps", "json")):
+            os.makedirs(os.path.join(some, kind))
+            for i in (1, 2, 3):
+                name = "obj_%06d.%s" % (i, ending)
+                shutil.copy(os.path.join(DATASET, kind, name), os.path.join(some, kind, name))
+        with open(os.path.join(some, "grasps", "obj_000002.json"), "w", encoding="utf-8") as out:
+            out.write('{"grasps": [')
+        done = self.run_horopter("dataset", "enroll", some, "--json")
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn("1 of 3 objects not enrolled", json.loads(done.stderr)["error"]["message"])
+        listed = [json.loads(line) for line in done.stdout.splitlines()]
+        self.assertEqual([o["id"] for o in listed], ["obj_000001", "obj_000002", "obj_000003"])
+        self.assertIn("obj_000002.json", listed[1]["error"])
+        there = [o["id"] for o in self.values("object", "list")[0]["objects"]]
+        self.assertEqual(there, ["bracket", "obj_000001", "obj_000003"])
+
     def test_errors_are_json_with_request_and_field(self):
         done = self.run_horopter("recognize", "0.png", "--candidates", "nobody", "--json")
         self.assertEqual(done.returncode, 3)
