@@ -363,13 +363,17 @@ absl::Status Run(const Arguments& arguments) {
               : " -";
     }
     std::cout << absl::StrFormat(
-        "scene %d %s: %d of %d views, score %.2f, focal%s; search %.1f s, linking %.1f s\n",
+        "scene %d %s: %d of %d views, score %.2f, focal%s, surface %.2f of %d, ground %.2f; search "
+        "%.1f s, linking %.1f s\n",
         scene.scene_id,
         scene.tier,
         linked.registered(),
         static_cast<int>(images.size()),
         linked.score,
         focal,
+        linked.agreement.surface,
+        linked.agreement.surface_pairs,
+        linked.agreement.ground,
         search_s,
         Seconds(start) - search_s);
     ReportScene(scene.images, images, catalog, linked);

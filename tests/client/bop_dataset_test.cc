@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "absl/strings/str_format.h"
 #include "client/bop_results.h"
 #include "tests/client/temp_folder.h"
 

@@ -167,9 +167,19 @@ struct AspectAcceptance {
   // four and more 0.513; right ones left out none of four and more. cad-dev and 18 scenes of other
   // people's parts, with and without their parts; commit of ADR 39, `aspect_decision_report.py`.
   double missing_views_more = 0.16;
+  // What a part alone must score where three views and more agree on the texture of the plane it
+  // rests on (surface_agreement.h), whose correlation is this in each of them: then its cameras
+  // hold for what is around it. Of 60 scenes of which no part was looked for none has 0.3 in three
+  // views. Commit of ADR 41, cad-dev and two sets of other people's parts.
+  double ground_agrees = 0.35;
+  double even_on_ground = 0.46;
+  // ... and what it must score more where the views do not agree on how bright its surface is:
+  // right parts that are best of their scene have 0.37 and more. The same commit and scenes.
+  double surface_disagrees = 0.15;
+  double disagreement_more = 0.25;
   double focal_spread_free =
       0.15;                        // deviation of the views' log focal lengths; what exceeds it ...
-  double focal_spread_more = 0.2;  // ... adds so much of it
+  double focal_spread_more = 0.45;  // ... adds so much of it
   double min_probability = 0.6;    // commit 4502559, the same scenes
   // Of the surest object of an answer that no other route shares: below it the dearer routes are
   // asked too, and the answer with more log odds is taken. Scene 13 of parts-train: one object by

@@ -42,6 +42,10 @@ constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its view
 // of cad-dev that have parts the right ones have 0.56 and more in two views, those without known
 // parts 0.46.
 constexpr double kCredibleScore = 0.45, kSettledScore = 0.5;
+// ... where no other agrees, as the views may show several poses of one: a wrong link of a battery
+// holder had 0.57 in four views, the right one of it and two more parts 0.58.
+constexpr double kSettledAlone = 0.65;
+constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface of a settled scene
 
 class Linker {
  public:
@@ -78,7 +82,19 @@ class Linker {
       other = Finish(SceneOf(other));
       if (other.score > best.score) best = std::move(other);
     }
-    if (!best.objects.empty()) contest_.FindBestCompeting(&best);
+    if (best.objects.empty()) return best;
+    contest_.FindBestCompeting(&best);
+    const LinkedObject& first = best.objects.front();
+    best.agreement.ground =
+        GroundAgreement(in_.images,
+                        best.views,
+                        LayersInViews(in_.images,
+                                      best.views,
+                                      *meshes_[first.object],
+                                      first.scene_from_object,
+                                      options_.quick_render_px),
+                        in_.parts[first.object].resting,
+                        first.scene_from_object);
     return best;
   }
 
@@ -126,8 +142,11 @@ class Linker {
   }
 
   static bool IsSettled(const LinkedScene& scene) {
-    return scene.registered() == static_cast<int>(scene.views.size()) && !scene.objects.empty() &&
-           scene.objects.front().score >= kSettledScore;
+    if (scene.registered() < static_cast<int>(scene.views.size()) || scene.objects.empty() ||
+        scene.agreement.Contradicts(kSettledSurface))
+      return false;
+    const bool several = scene.objects.size() > 1 && scene.objects[1].score >= kSettledScore;
+    return scene.objects.front().score >= (several ? kSettledScore : kSettledAlone);
   }
 
   // The other views are looked at for what those searched show, while that leaves no doubt; one
@@ -257,7 +276,8 @@ class Linker {
     const auto middle = shows.begin() + static_cast<std::ptrdiff_t>(shows.size() / 2);
     std::nth_element(shows.begin(), middle, shows.end());
     for (std::size_t v = 0; v < scene.views.size(); ++v)
-      poor[v] = scene.views[v].has_value() && of_view[v] < share * *middle;
+      poor[v] = scene.views[v].has_value() &&
+                (of_view[v] < share * *middle || scene.agreement.IsOdd(static_cast<int>(v)));
     return poor;
   }
 

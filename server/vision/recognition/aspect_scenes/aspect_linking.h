@@ -13,6 +13,7 @@
 #include "server/vision/geometry/camera_prior.h"
 #include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
 #include "server/vision/recognition/aspect_scenes/scene_judgement.h"
+#include "server/vision/recognition/aspect_scenes/surface_agreement.h"
 #include "server/vision/recognition/aspect_search/find_aspects.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/aspects/fragment_index.h"
@@ -65,7 +66,10 @@ struct AspectLinkInput {
 struct LinkedScene {
   std::vector<std::optional<AspectSceneView>> views;
   std::vector<LinkedObject> objects;  // best first
-  double score = 0.0;                 // sum over objects and views of what exceeds chance
+  // Sum over objects and views of what exceeds chance, less where the views do not agree on the
+  // surface of the best object.
+  double score = 0.0;
+  ViewAgreement agreement;  // on the best object; `ground` is what LinkAspects sets in the end
   int registered() const;
 };
 

@@ -57,6 +57,8 @@ class SceneObjects {
 
  private:
   double AboveChance(const LinkedObject& o) const;
+  // Sets LinkedScene::agreement, and takes off the score what is not agreed on.
+  void AgreeOnSurface(LinkedScene* scene) const;
   // Where parts may lie beside those of these that score at least so much, `but` left out.
   std::vector<SupportingPlane> PlanesOf(const std::vector<std::optional<AspectSceneView>>& views,
                                         const std::vector<LinkedObject>& judged,

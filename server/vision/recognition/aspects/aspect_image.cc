@@ -289,6 +289,18 @@ double WorkingScale(const cv::Size& size, const AspectImageOptions& options) {
   return side < kSmall * width ? std::min(kMostEnlarged, width / side) : 1.0;
 }
 
+void FillGrey(const cv::Mat& bgr, AspectImage* out) {
+  constexpr double kSmoothPx = 1.0, kSurroundingsPx = 8.0;
+  cv::Mat grey, around, detail;
+  cv::cvtColor(bgr, grey, cv::COLOR_BGR2GRAY);
+  cv::GaussianBlur(grey, grey, {}, kSmoothPx);
+  cv::GaussianBlur(grey, around, {}, kSurroundingsPx);
+  cv::subtract(grey, around, detail, cv::noArray(), CV_16S);
+  detail.convertTo(detail, CV_8U, 1.0, 128.0);
+  out->grey.assign(grey.datastart, grey.dataend);
+  out->detail.assign(detail.datastart, detail.dataend);
+}
+
 }  // namespace
 
 absl::Status Validate(const AspectImageOptions& o) {
@@ -358,6 +370,7 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& give
   out.image_height = image.rows;
   out.width = bgr.cols;
   out.height = bgr.rows;
+  FillGrey(bgr, &out);
   out.edges = DetectEdgePoints(bgr, options);
   IndexEdges(&out);
   FillMaps(options, &out);

@@ -28,9 +28,13 @@ double FocalSpread(const LinkedScene& scene) {
 
 // What one part alone must score, for the views it links and the cameras it says they have.
 double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
-  const double even =
-      EvenInViews(scene.registered(), static_cast<int>(scene.views.size()), options);
+  double even = EvenInViews(scene.registered(), static_cast<int>(scene.views.size()), options);
   if (scene.registered() < 2) return even;
+  const ViewAgreement& views = scene.agreement;
+  if (views.surface_pairs > 0 && views.surface < options.surface_disagrees)
+    even += options.disagreement_more;
+  else if (scene.registered() >= options.accompanied_views && views.ground >= options.ground_agrees)
+    return options.even_on_ground;
   return even +
          options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
 }
@@ -86,7 +90,7 @@ double AspectProbability(const LinkedObject& o,
     return p.object == o.object && p.score > o.score;
   });
   const double alone = EvenAlone(scene, options);
-  const double sure = options.sure_score + alone - options.even_alone;
+  const double sure = options.sure_score + std::max(0.0, alone - options.even_alone);
   const bool beside = scene.registered() > 1 && scene.objects.front().score >= sure &&
                       o.score < scene.objects.front().score;
   const auto probability = [&](double even) {

@@ -44,6 +44,29 @@ TEST(AspectDecision, OnePartAloneIsEvenAtItsOwnScore) {
   EXPECT_GT(Probability(Scene(4, 4, {0.62}), 0), 0.9);
 }
 
+TEST(AspectDecision, ThreeViewsThatAgreeOnTheGroundMakeLessEnough) {
+  const AspectAcceptance options;
+  LinkedScene scene = Scene(3, 5, {options.even_on_ground});
+  EXPECT_LT(Probability(scene, 0), 0.1);
+  scene.agreement.ground = options.ground_agrees;
+  EXPECT_NEAR(Probability(scene, 0), 0.5, 1e-9);
+  LinkedScene pair = Scene(2, 2, {0.50});
+  pair.agreement.ground = 0.9;
+  EXPECT_LT(Probability(pair, 0), 0.5);  // two views adapt to a wrong part
+}
+
+TEST(AspectDecision, ViewsThatShowAnotherSurfaceAreNotBelieved) {
+  LinkedScene scene = Scene(4, 4, {0.70});
+  EXPECT_GT(Probability(scene, 0), 0.9);
+  scene.agreement.surface_pairs = 12;
+  scene.agreement.surface = -0.05;
+  EXPECT_LT(Probability(scene, 0), 0.2);
+  scene.agreement.ground = 0.9;
+  EXPECT_LT(Probability(scene, 0), 0.2);
+  scene.agreement.surface_pairs = 0;  // a plain surface
+  EXPECT_GT(Probability(scene, 0), 0.9);
+}
+
 TEST(AspectDecision, BesideASurePartLessIsEnough) {
   EXPECT_NEAR(Probability(Scene(4, 4, {0.60, AspectAcceptance().even_score}), 1), 0.5, 1e-9);
   EXPECT_LT(Probability(Scene(4, 4, {0.50, 0.46}), 1), 0.2);  // the first one is not sure

@@ -1,0 +1,65 @@
+// Whether the views agree on how bright the surface of a placed part is, and on the texture of the
+// plane it lies on: the same place of a still scene is as bright in every view, but for exposure
+// and gloss. Edges say where a part's outline is; this says which of its faces is seen, and whether
+// the cameras that it gave hold for what is around it.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/vision/geometry/supporting_plane.h"
+#include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
+#include "server/vision/recognition/aspect_search/aspect_score.h"
+#include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/recognition/aspects/fragment_index.h"
+
+namespace horopter {
+
+// Correlations of brightness, -1 .. 1, between pairs of views.
+struct Correlations {
+  std::vector<std::optional<double>> views;  // mean with the other views; nothing: none says a thing
+  double mean = 0.0;                         // of all pairs
+  int pairs = 0;                             // ordered; that show enough of a surface with contrast
+};
+
+// Over the part's surface. `layers`: the part in each view, empty where not registered.
+Correlations SurfaceCorrelations(std::span<const AspectImage> images,
+                                 const std::vector<std::optional<AspectSceneView>>& views,
+                                 std::span<const PartLayer> layers);
+
+// Of the texture, AspectImage::detail, of a plane around the part.
+Correlations PlaneCorrelations(std::span<const AspectImage> images,
+                               const std::vector<std::optional<AspectSceneView>>& views,
+                               std::span<const PartLayer> layers,
+                               const SupportingPlane& plane);
+
+// Of the best part of a scene.
+struct ViewAgreement {
+  double surface = 0.0;  // Correlations of the part's surface
+  int surface_pairs = 0;
+  std::vector<std::optional<double>> surface_views;
+  // Least over the views of the correlation over the plane under the resting face that has the
+  // highest; 0 where not every registered view has one.
+  double ground = 0.0;
+
+  bool Contradicts(double least) const { return surface_pairs > 0 && surface < least; }
+  // Whether a view shows another surface than most do: its camera is wrong.
+  bool IsOdd(int view) const;
+};
+
+// The part in each registered view. render_px: see PoseEdgeOptions.
+std::vector<PartLayer> LayersInViews(std::span<const AspectImage> images,
+                                     const std::vector<std::optional<AspectSceneView>>& views,
+                                     const RenderMesh& mesh,
+                                     const Rigid3& scene_from_object,
+                                     double render_px);
+
+// ViewAgreement::ground; planes above a camera are none.
+double GroundAgreement(std::span<const AspectImage> images,
+                       const std::vector<std::optional<AspectSceneView>>& views,
+                       std::span<const PartLayer> layers,
+                       std::span<const RestingFace> resting,
+                       const Rigid3& scene_from_object);
+
+}  // namespace horopter
