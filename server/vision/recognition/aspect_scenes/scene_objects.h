@@ -57,6 +57,8 @@ class SceneObjects {
 
  private:
   double AboveChance(const LinkedObject& o) const;
+  // The best object in the views that show it; `without_hidden`: less what the others hide.
+  std::vector<PartLayer> LayersOfFirst(const LinkedScene& scene, bool without_hidden) const;
   // Sets LinkedScene::agreement, and takes off the score what is not agreed on.
   void AgreeOnSurface(LinkedScene* scene) const;
   // Where parts may lie beside those of these that score at least so much, `but` left out.

@@ -212,6 +212,17 @@ std::vector<PartLayer> LayersInViews(std::span<const AspectImage> images,
   return out;
 }
 
+void HideBehind(const PartLayer& nearer, PartLayer* layer) {
+  const int x1 = std::min(layer->x0 + layer->width, nearer.x0 + nearer.width);
+  const int y1 = std::min(layer->y0 + layer->height, nearer.y0 + nearer.height);
+  for (int y = std::max(layer->y0, nearer.y0); y < y1; ++y) {
+    for (int x = std::max(layer->x0, nearer.x0); x < x1; ++x) {
+      float& inverse = layer->inverse_depth[layer->Cell(x, y)];
+      if (nearer.inverse_depth[nearer.Cell(x, y)] > inverse) inverse = 0.0f;
+    }
+  }
+}
+
 double GroundAgreement(std::span<const AspectImage> images,
                        const std::vector<std::optional<AspectSceneView>>& views,
                        std::span<const PartLayer> layers,

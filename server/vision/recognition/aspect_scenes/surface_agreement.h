@@ -55,6 +55,9 @@ std::vector<PartLayer> LayersInViews(std::span<const AspectImage> images,
                                      const Rigid3& scene_from_object,
                                      double render_px);
 
+// Takes from a part's layer what a nearer part of the same view hides.
+void HideBehind(const PartLayer& nearer, PartLayer* layer);
+
 // ViewAgreement::ground; planes above a camera are none.
 double GroundAgreement(std::span<const AspectImage> images,
                        const std::vector<std::optional<AspectSceneView>>& views,
