@@ -69,8 +69,8 @@ Rigid3 RigidFromMm(const Json& R, const Json& t, const std::string& what) {
   return {Matrix3(R, what), kMetresPerMm * Eigen::Vector3d(n[0], n[1], n[2])};
 }
 
-// Of R R^T from the identity. Grasps are written by hand and by tools that round to few digits: what
-// is a rotation to two degrees is taken for the nearest one.
+// Of R R^T from the identity. Grasps are written by hand and by tools that round to few digits:
+// what is a rotation to two degrees is taken for the nearest one.
 constexpr double kRigid = 1e-3, kNearlyRigid = 0.05;
 
 Rigid3 Rigid4x4FromMm(const Json& value, const std::string& what, double tolerance = kRigid) {
@@ -386,8 +386,8 @@ absl::StatusOr<std::vector<Grasp>> ReadGrasps(const std::string& path) {
     for (const Json& value : file.at("grasps")) {
       Grasp grasp;
       grasp.name = value.at("name").get<std::string>();
-      grasp.object_from_gripper =
-          Rigid4x4FromMm(value.at("T_gripper_in_object"), grasp.name + ".T_gripper_in_object", kNearlyRigid);
+      grasp.object_from_gripper = Rigid4x4FromMm(
+          value.at("T_gripper_in_object"), grasp.name + ".T_gripper_in_object", kNearlyRigid);
       grasp.jaw_opening_m = kMetresPerMm * value.value("jaw_opening_mm", 0.0);
       grasp.grip_width_m = kMetresPerMm * value.value("grip_width_mm", 0.0);
       if (value.contains("suction_cup_radius_mm")) {
@@ -395,8 +395,8 @@ absl::StatusOr<std::vector<Grasp>> ReadGrasps(const std::string& path) {
       }
       grasp.quality = value.value("quality", 1.0);
       if (value.contains("T_pregrasp_in_object")) {
-        grasp.object_from_pregrasp =
-            Rigid4x4FromMm(value.at("T_pregrasp_in_object"), grasp.name + ".T_pregrasp_in_object", kNearlyRigid);
+        grasp.object_from_pregrasp = Rigid4x4FromMm(
+            value.at("T_pregrasp_in_object"), grasp.name + ".T_pregrasp_in_object", kNearlyRigid);
       }
       grasps.push_back(std::move(grasp));
     }

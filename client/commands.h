@@ -61,8 +61,8 @@ absl::Status ObjectExport(HoropterClient& client,
 // What CatalogExport wrote comes back exactly; any other BOP dataset is enrolled.
 absl::Status CatalogImport(HoropterClient& client, const std::string& folder);
 
-// Enrols every object of a BOP dataset, or updates those that are in the catalog already. Those that
-// cannot be are named and left out; the error is the first of them.
+// Enrols every object of a BOP dataset, or updates those that are in the catalog already. Those
+// that cannot be are named and left out; the error is the first of them.
 absl::Status DatasetEnroll(HoropterClient& client, const std::string& dataset);
 
 struct DatasetRecognizeArguments {

@@ -178,9 +178,9 @@ struct AspectAcceptance {
   double surface_disagrees = 0.15;
   double disagreement_more = 0.25;
   double focal_spread_free =
-      0.15;                        // deviation of the views' log focal lengths; what exceeds it ...
+      0.15;  // deviation of the views' log focal lengths; what exceeds it ...
   double focal_spread_more = 0.45;  // ... adds so much of it
-  double min_probability = 0.6;    // commit 4502559, the same scenes
+  double min_probability = 0.6;     // commit 4502559, the same scenes
   // Of the surest object of an answer that no other route shares: below it the dearer routes are
   // asked too, and the answer with more log odds is taken. Scene 13 of parts-train: one object by
   // aspects, 0.62, against four, 0.97 and more. Commit of ADR 32, `dataset recognize parts-train`.

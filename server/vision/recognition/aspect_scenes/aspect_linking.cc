@@ -85,16 +85,15 @@ class Linker {
     if (best.objects.empty()) return best;
     contest_.FindBestCompeting(&best);
     const LinkedObject& first = best.objects.front();
-    best.agreement.ground =
-        GroundAgreement(in_.images,
-                        best.views,
-                        LayersInViews(in_.images,
-                                      best.views,
-                                      *meshes_[first.object],
-                                      first.scene_from_object,
-                                      options_.quick_render_px),
-                        in_.parts[first.object].resting,
-                        first.scene_from_object);
+    best.agreement.ground = GroundAgreement(in_.images,
+                                            best.views,
+                                            LayersInViews(in_.images,
+                                                          best.views,
+                                                          *meshes_[first.object],
+                                                          first.scene_from_object,
+                                                          options_.quick_render_px),
+                                            in_.parts[first.object].resting,
+                                            first.scene_from_object);
     return best;
   }
 

@@ -240,11 +240,8 @@ LinkedScene SceneObjects::Result(const AspectScene& scene) const {
 std::vector<PartLayer> SceneObjects::LayersOfFirst(const LinkedScene& scene,
                                                    bool without_hidden) const {
   const auto layers_of = [&](const LinkedObject& o) {
-    return LayersInViews(in_.images,
-                         scene.views,
-                         *meshes_[o.object],
-                         o.scene_from_object,
-                         options_.quick_render_px);
+    return LayersInViews(
+        in_.images, scene.views, *meshes_[o.object], o.scene_from_object, options_.quick_render_px);
   };
   const LinkedObject& first = scene.objects.front();
   std::vector<PartLayer> out = layers_of(first);

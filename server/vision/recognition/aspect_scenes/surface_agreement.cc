@@ -13,8 +13,8 @@ constexpr int kStepPx = 2;          // working pixels between the places looked 
 constexpr double kHiddenM = 0.003;  // by which what hides a place is nearer
 constexpr double kAround = 0.6;     // of the part's size: how far about it the plane is looked at
 constexpr double kLeastSlope = 0.1;  // cosine between plane normal and ray; flatter says little
-// Of a view with the others, and by which the middle view has more. Right views of the best parts of
-// scenes have 0.25 and more; views with wrong cameras -0.2 - 0.16.
+// Of a view with the others, and by which the middle view has more. Right views of the best parts
+// of scenes have 0.25 and more; views with wrong cameras -0.2 - 0.16.
 constexpr double kOddView = 0.25;
 // Grey levels of noise, which no correlation is asked to explain.
 constexpr double kGreyNoise = 3.0, kDetailNoise = 1.0;
@@ -35,8 +35,8 @@ class Sums {
   double Contrast() const { return std::sqrt(std::max(Variance(a_, aa_), Variance(b_, bb_))); }
   double Correlation(double noise) const {
     const double covariance = ab_ / n_ - a_ / n_ * (b_ / n_);
-    return covariance / std::sqrt((Variance(a_, aa_) + noise * noise) *
-                                  (Variance(b_, bb_) + noise * noise));
+    return covariance /
+           std::sqrt((Variance(a_, aa_) + noise * noise) * (Variance(b_, bb_) + noise * noise));
   }
 
  private:
@@ -113,7 +113,8 @@ Correlations Correlate(std::span<const AspectImage> images,
           const float front = InverseDepthOf(layers[w],
                                              static_cast<int>(std::lround(u.x())),
                                              static_cast<int>(std::lround(u.y())));
-          if (looked.on_part ? front <= 0 || 1.0 / front < seen.z() - kHiddenM : front > 0) continue;
+          if (looked.on_part ? front <= 0 || 1.0 / front < seen.z() - kHiddenM : front > 0)
+            continue;
           sums.Add((images[v].*looked.map)[images[v].Cell(x, y)],
                    Sample(image, image.*looked.map, u.x(), u.y()));
         }

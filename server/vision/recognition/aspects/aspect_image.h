@@ -65,8 +65,8 @@ struct AspectImage {
   int image_width = 0, image_height = 0;  // of the original
   int width = 0, height = 0;              // working pixels
   double working_from_image = 1.0;        // u_working = (u + 0.5) * working_from_image - 0.5
-  std::vector<std::uint8_t> grey;    // [cell], smoothed a little
-  std::vector<std::uint8_t> detail;  // [cell], 128 + its difference from what is around it
+  std::vector<std::uint8_t> grey;         // [cell], smoothed a little
+  std::vector<std::uint8_t> detail;       // [cell], 128 + its difference from what is around it
   std::vector<ImageEdgePoint> edges;
   std::vector<std::int32_t> edge_at;  // [cell], index into edges, -1: none
   ContourGraph contours;

@@ -18,7 +18,9 @@ double Texture(const Eigen::Vector3d& x) {
          50 * std::cos(740 * x.y() + 2 * std::sin(450 * x.x()));
 }
 
-PinholeCamera Camera() { return CenteredCamera(kWidth, kHeight, 400.0); }
+PinholeCamera Camera() {
+  return CenteredCamera(kWidth, kHeight, 400.0);
+}
 
 // Looks at the origin from 0.35 m, `turn_rad` around the plane's normal.
 Rigid3 From(double turn_rad, double tilt_rad = 0.5) {
