@@ -18,10 +18,9 @@ namespace horopter {
 
 // Correlations of brightness, -1 .. 1, between pairs of views.
 struct Correlations {
-  std::vector<std::optional<double>>
-      views;          // mean with the other views; nothing: none says a thing
-  double mean = 0.0;  // of all pairs
-  int pairs = 0;      // ordered; that show enough of a surface with contrast
+  std::vector<std::optional<double>> views;  // mean with the others; nothing: they say nothing
+  double mean = 0.0;                         // of all pairs
+  int pairs = 0;                             // ordered; that show enough of a surface with contrast
 };
 
 // Over the part's surface. `layers`: the part in each view, empty where not registered.

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -119,6 +120,24 @@ TEST(SurfaceAgreement, TheFaceAPartRestsOnGivesTheGround) {
   const std::vector<RestingFace> below = {{-Eigen::Vector3d::UnitZ(), 0.0}};
   EXPECT_EQ(GroundAgreement(seen.images, seen.views, seen.layers, below, {}), 0.0);
   EXPECT_EQ(GroundAgreement(seen.images, seen.views, seen.layers, {}, {}), 0.0);
+}
+
+TEST(SurfaceAgreement, WhatANearerPartHidesIsLeftOut) {
+  PartLayer layer, nearer, farther;
+  for (PartLayer* l : {&layer, &nearer, &farther}) l->width = l->height = 4;
+  nearer.x0 = nearer.y0 = 2;
+  farther.x0 = -2;
+  layer.inverse_depth.assign(16, 2.0f);
+  nearer.inverse_depth.assign(16, 2.5f);
+  farther.inverse_depth.assign(16, 1.5f);
+  HideBehind(farther, &layer);
+  EXPECT_EQ(std::count(layer.inverse_depth.begin(), layer.inverse_depth.end(), 2.0f), 16);
+  HideBehind(nearer, &layer);
+  EXPECT_EQ(std::count(layer.inverse_depth.begin(), layer.inverse_depth.end(), 0.0f), 4);
+  EXPECT_EQ(layer.inverse_depth[layer.Cell(3, 3)], 0.0f);
+  EXPECT_EQ(layer.inverse_depth[layer.Cell(1, 3)], 2.0f);
+  HideBehind({}, &layer);  // not shown
+  EXPECT_EQ(std::count(layer.inverse_depth.begin(), layer.inverse_depth.end(), 0.0f), 4);
 }
 
 TEST(SurfaceAgreement, ViewsWithoutACameraAreLeftOut) {
