@@ -83,7 +83,8 @@ Correlations Correlate(std::span<const AspectImage> images,
   std::vector<double> sum(views.size(), 0.0);
   std::vector<int> count(views.size(), 0);
   const auto is_looked_at = [&](std::size_t v) {
-    return views[v] && layers[v].width > 0 && !(images[v].*looked.map).empty();
+    return views[v] && layers[v].width > 0 && images[v].width > 1 && images[v].height > 1 &&
+           !(images[v].*looked.map).empty();
   };
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!is_looked_at(v)) continue;
