@@ -362,8 +362,11 @@ absl::Status Run(const Arguments& arguments) {
                     100 * (linked.views[v]->camera.focal_px / scene.images[v].camera.focal_px - 1))
               : " -";
     }
+    std::string of_views;
+    for (const auto& v : linked.agreement.surface.views)
+      of_views += (of_views.empty() ? "" : " ") + (v ? absl::StrFormat("%.2f", *v) : "-");
     std::cout << absl::StrFormat(
-        "scene %d %s: %d of %d views, score %.2f, focal%s, surface %.2f of %d, ground %.2f; search "
+        "scene %d %s: %d of %d views, score %.2f, focal%s, surface %.2f (%s), ground %.2f; search "
         "%.1f s, linking %.1f s\n",
         scene.scene_id,
         scene.tier,
@@ -371,8 +374,8 @@ absl::Status Run(const Arguments& arguments) {
         static_cast<int>(images.size()),
         linked.score,
         focal,
-        linked.agreement.surface,
-        linked.agreement.surface_pairs,
+        linked.agreement.surface.mean,
+        of_views,
         linked.agreement.ground,
         search_s,
         Seconds(start) - search_s);

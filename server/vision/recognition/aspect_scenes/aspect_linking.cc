@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_scenes/doubtful_views.h"
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/scene_similarity.h"
@@ -16,13 +17,10 @@
 namespace horopter {
 namespace {
 
-constexpr double kLeastChance = 0.25;   // of a wrong pose's score in an image
 constexpr int kCompleted = 3;           // drafts, of those that explain ...
 constexpr double kNearlyBest = 0.6;     // ... this share of what the best does
 constexpr int kRescues = 2;             // rounds in which doubtful views are looked at again
-constexpr double kDoubtfulShare = 0.5;  // of what the middle view shows: looked at again
-constexpr double kPoorShare = 0.4;      // ... and left out when that did not help
-constexpr double kBetterScore = 0.06;   // of another pose of an object in one view
+constexpr double kPoorShare = 0.4;      // of what the middle view shows: left out in the end
 constexpr double kSureScore = 0.6;      // least of objects that are not searched again ...
 constexpr double kEvenShare = 0.95;     // ... and what each view has of it; chosen on 3 scenes
 constexpr double kUnlikeFocals = 0.35;  // largest difference of log focal lengths left alone
@@ -33,7 +31,6 @@ constexpr double kOneCameraScore = 0.6;  // of the scene's with different focal 
 // Of the rms of its edges. Photographs of one camera: 0.97 - 1.04; scenes of cad-dev with every
 // other image enlarged by 1.5: 1.09 - 2.8.
 constexpr double kOneCameraRms = 1.06;
-constexpr double kNearM = 1e-3;         // points nearer to the camera plane have no image
 constexpr int kCoarsePoints = 120;      // of an object and view, for drafts; chosen, for time
 constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
 constexpr double kSureObject = 0.45;    // score of one whose place is taken
@@ -84,16 +81,7 @@ class Linker {
     }
     if (best.objects.empty()) return best;
     contest_.FindBestCompeting(&best);
-    const LinkedObject& first = best.objects.front();
-    best.agreement.ground = GroundAgreement(in_.images,
-                                            best.views,
-                                            LayersInViews(in_.images,
-                                                          best.views,
-                                                          *meshes_[first.object],
-                                                          first.scene_from_object,
-                                                          options_.quick_render_px),
-                                            in_.parts[first.object].resting,
-                                            first.scene_from_object);
+    objects_.AgreeOnGround(&best);
     return best;
   }
 
@@ -260,38 +248,6 @@ class Linker {
     });
   }
 
-  // Views that show much less of the objects than the others do: of three and more.
-  std::vector<bool> PoorViews(const LinkedScene& scene, double share) const {
-    std::vector<bool> poor(scene.views.size(), false);
-    if (scene.registered() < 3) return poor;
-    std::vector<double> shows;
-    std::vector<double> of_view(scene.views.size(), 0.0);
-    for (std::size_t v = 0; v < scene.views.size(); ++v) {
-      if (!scene.views[v]) continue;
-      for (const LinkedObject& o : scene.objects)
-        of_view[v] += o.shown[v] ? std::max(0.0, o.views[v].score - kLeastChance) : 0.0;
-      shows.push_back(of_view[v]);
-    }
-    const auto middle = shows.begin() + static_cast<std::ptrdiff_t>(shows.size() / 2);
-    std::nth_element(shows.begin(), middle, shows.end());
-    for (std::size_t v = 0; v < scene.views.size(); ++v)
-      poor[v] = scene.views[v].has_value() &&
-                (of_view[v] < share * *middle || scene.agreement.IsOdd(static_cast<int>(v)));
-    return poor;
-  }
-
-  // Poor ones, and those whose own hypothesis of an object, elsewhere in pose, explains more: these
-  // may hang on a wrong hypothesis.
-  LinkedScene WithoutDoubtfulViews(const LinkedScene& scene) const {
-    LinkedScene out = scene;
-    const std::vector<bool> poor = PoorViews(scene, kDoubtfulShare);
-    for (std::size_t v = 0; v < scene.views.size(); ++v) {
-      if (!scene.views[v] || out.registered() < 3) continue;
-      if (poor[v] || IsContradicted(scene, static_cast<int>(v))) out.views[v].reset();
-    }
-    return out;
-  }
-
   // Focal lengths that differ more than those of one camera, or of a cell's, are mostly not seen:
   // what explains as much with one focal length is taken.
   void AgreeOnFocal(LinkedScene* best) const {
@@ -339,26 +295,6 @@ class Linker {
     }
     LinkedScene out = Finish(&rest);
     if (!out.objects.empty()) *scene = std::move(out);
-  }
-
-  bool IsContradicted(const LinkedScene& scene, int v) const {
-    const AspectSceneView& view = *scene.views[v];
-    for (const LinkedObject& o : scene.objects) {
-      if (!o.shown[v]) continue;
-      const Rigid3 expected = view.camera_from_scene * o.scene_from_object;
-      const Eigen::Vector3d center = meshes_[o.object]->center.cast<double>();
-      const double size = view.camera.focal_px * meshes_[o.object]->diameter_m /
-                          std::max((expected * center).z(), kNearM);
-      for (const AspectHypothesis& h : links_.Hypotheses(v)) {
-        if (h.object != o.object || h.score < o.views[v].score + kBetterScore) continue;
-        const Eigen::Vector2d there = Project(h.camera, h.camera_from_object * center);
-        if ((Project(view.camera, expected * center) - there).norm() > 0.5 * size) continue;
-        const double off = PoseDistancePx(
-            in_.parts[h.object], view.camera, expected, h.camera, h.camera_from_object);
-        if (off > kOtherPoseShare * size) return true;
-      }
-    }
-    return false;
   }
 
   // Drops what the images contradict, carries the other hypotheses over, adjusts and judges, while
@@ -460,7 +396,7 @@ class Linker {
   // Looks again at the views that have no camera or a doubtful one, while that explains more.
   void Rescue(LinkedScene* best) {
     for (int round = 0; round < kRescues && !best->objects.empty(); ++round) {
-      const LinkedScene trusted = WithoutDoubtfulViews(*best);
+      const LinkedScene trusted = WithoutDoubtfulViews(*best, in_.parts, links_);
       if (trusted.registered() == static_cast<int>(best->views.size()) || IsStopRequested(stop_))
         return;
       std::vector<bool> missing;

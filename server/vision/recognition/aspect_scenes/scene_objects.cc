@@ -237,44 +237,50 @@ LinkedScene SceneObjects::Result(const AspectScene& scene) const {
   return out;
 }
 
-std::vector<PartLayer> SceneObjects::LayersOfFirst(const LinkedScene& scene,
-                                                   bool without_hidden) const {
-  const auto layers_of = [&](const LinkedObject& o) {
-    return LayersInViews(
-        in_.images, scene.views, *meshes_[o.object], o.scene_from_object, options_.quick_render_px);
-  };
+std::vector<PartLayer> SceneObjects::LayersOf(const LinkedScene& scene,
+                                              const LinkedObject& o) const {
+  return LayersInViews(
+      in_.images, scene.views, *meshes_[o.object], o.scene_from_object, options_.quick_render_px);
+}
+
+std::vector<PartLayer> SceneObjects::ShownOfFirst(const LinkedScene& scene,
+                                                  bool without_hidden) const {
   const LinkedObject& first = scene.objects.front();
-  std::vector<PartLayer> out = layers_of(first);
+  std::vector<PartLayer> out = LayersOf(scene, first);
   for (std::size_t v = 0; v < out.size(); ++v) {
     if (!first.shown[v]) out[v] = {};
   }
   for (std::size_t i = 1; without_hidden && i < scene.objects.size(); ++i) {
-    const std::vector<PartLayer> other = layers_of(scene.objects[i]);
+    const std::vector<PartLayer> other = LayersOf(scene, scene.objects[i]);
     for (std::size_t v = 0; v < out.size(); ++v) HideBehind(other[v], &out[v]);
   }
   return out;
 }
 
 void SceneObjects::AgreeOnSurface(LinkedScene* scene) const {
+  ViewAgreement& agreement = scene->agreement;
   const auto agree = [&](bool without_hidden) {
-    const Correlations surface =
-        SurfaceCorrelations(in_.images, scene->views, LayersOfFirst(*scene, without_hidden));
-    scene->agreement.surface = surface.mean;
-    scene->agreement.surface_pairs = surface.pairs;
-    scene->agreement.surface_views = surface.views;
-  };
-  const auto is_doubtful = [&] {
-    bool odd = scene->agreement.Contradicts(kAgreeingSurface);
-    for (int v = 0; v < static_cast<int>(scene->views.size()); ++v)
-      odd = odd || scene->agreement.IsOdd(v);
-    return odd;
+    agreement.surface =
+        SurfaceCorrelations(in_.images, scene->views, ShownOfFirst(*scene, without_hidden));
   };
   agree(false);
+  bool doubtful = agreement.Contradicts(kAgreeingSurface);
+  for (int v = 0; v < static_cast<int>(scene->views.size()); ++v)
+    doubtful = doubtful || agreement.IsOdd(v);
   // What other parts hide takes time and is rarely asked for.
-  if (is_doubtful() && scene->objects.size() > 1) agree(true);
-  if (!scene->agreement.Contradicts(kAgreeingSurface)) return;
-  const double lacking = std::min(1.0, 1.0 - scene->agreement.surface / kAgreeingSurface);
+  if (doubtful && scene->objects.size() > 1) agree(true);
+  if (!agreement.Contradicts(kAgreeingSurface)) return;
+  const double lacking = std::min(1.0, 1.0 - agreement.surface.mean / kAgreeingSurface);
   scene->score -= kDisagreement * lacking * scene->registered();
+}
+
+void SceneObjects::AgreeOnGround(LinkedScene* scene) const {
+  const LinkedObject& first = scene->objects.front();
+  scene->agreement.ground = GroundAgreement(in_.images,
+                                            scene->views,
+                                            LayersOf(*scene, first),
+                                            in_.parts[first.object].resting,
+                                            first.scene_from_object);
 }
 
 std::optional<SettledObject> SettleInViews(std::span<const AspectImage> images,

@@ -48,6 +48,8 @@ class SceneObjects {
   std::optional<SettledObject> Settled(const std::vector<std::optional<AspectSceneView>>& views,
                                        const AspectSceneObject& placed) const;
   LinkedScene Result(const AspectScene& scene) const;
+  // Sets ViewAgreement::ground of a scene with objects.
+  void AgreeOnGround(LinkedScene* scene) const;
   // Score, more where it lies on a plane.
   double Value(const LinkedObject& o) const;
   // Sets LinkedObject::lies: beside or on others that score at least so much.
@@ -57,9 +59,10 @@ class SceneObjects {
 
  private:
   double AboveChance(const LinkedObject& o) const;
+  std::vector<PartLayer> LayersOf(const LinkedScene& scene, const LinkedObject& o) const;
   // The best object in the views that show it; `without_hidden`: less what the others hide.
-  std::vector<PartLayer> LayersOfFirst(const LinkedScene& scene, bool without_hidden) const;
-  // Sets LinkedScene::agreement, and takes off the score what is not agreed on.
+  std::vector<PartLayer> ShownOfFirst(const LinkedScene& scene, bool without_hidden) const;
+  // Sets ViewAgreement::surface, and takes off the score what is not agreed on.
   void AgreeOnSurface(LinkedScene* scene) const;
   // Where parts may lie beside those of these that score at least so much, `but` left out.
   std::vector<SupportingPlane> PlanesOf(const std::vector<std::optional<AspectSceneView>>& views,

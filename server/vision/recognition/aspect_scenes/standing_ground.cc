@@ -110,12 +110,11 @@ StandingGround MakeGround(std::span<const AspectImage> images,
     out.camera_from_scene.push_back(views[v]->camera_from_scene);
     std::vector<PartLayer> layers;
     for (const AspectSceneObject& o : taken) {
-      const VisibleEdges edges = WorkingEdges(images[v],
-                                              parts[o.object].object->mesh,
-                                              views[v]->camera,
-                                              views[v]->camera_from_scene * o.scene_from_object,
-                                              kLayerRenderPx);
-      layers.push_back(MakePartLayer(images[v], edges, views[v]->camera));
+      layers.push_back(MakePartLayer(images[v],
+                                     parts[o.object].object->mesh,
+                                     views[v]->camera,
+                                     views[v]->camera_from_scene * o.scene_from_object,
+                                     kLayerRenderPx));
     }
     out.unexplained.push_back(SumUnexplained(images[v], layers));
   }

@@ -20,9 +20,7 @@ int RestingOn(const StandingPlane& plane,
               std::span<const AspectSceneObject> objects,
               std::span<const AspectPart> parts,
               const std::vector<std::optional<AspectSceneView>>& views) {
-  for (const auto& view : views) {
-    if (view && plane.normal.dot(view->camera_from_scene.Inverse().t) < plane.offset_m) return -1;
-  }
+  if (!IsBelow(plane, views)) return -1;
   int resting = 0;
   for (const AspectSceneObject& o : objects) {
     const AspectPart& part = parts[o.object];
@@ -39,15 +37,19 @@ int RestingOn(const StandingPlane& plane,
   return resting;
 }
 
-// The plane under a face of an object that rests on it.
-StandingPlane PlaneUnder(const AspectSceneObject& o, const RestingFace& face) {
-  StandingPlane plane;
-  plane.normal = o.scene_from_object.R * face.up;
-  plane.offset_m = plane.normal.dot(o.scene_from_object.t) - face.height_m;
-  return plane;
+}  // namespace
+
+SupportingPlane PlaneUnder(const Rigid3& scene_from_object, const RestingFace& face) {
+  const Eigen::Vector3d normal = scene_from_object.R * face.up;
+  return {normal, normal.dot(scene_from_object.t) - face.height_m};
 }
 
-}  // namespace
+bool IsBelow(const SupportingPlane& plane,
+             const std::vector<std::optional<AspectSceneView>>& views) {
+  return std::none_of(views.begin(), views.end(), [&](const auto& view) {
+    return view && plane.normal.dot(view->camera_from_scene.Inverse().t) < plane.offset_m;
+  });
+}
 
 std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> objects,
                                        std::span<const AspectPart> parts,
@@ -56,7 +58,7 @@ std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> object
   std::vector<StandingPlane> all;
   for (const AspectSceneObject& o : objects) {
     for (const RestingFace& face : parts[o.object].resting) {
-      StandingPlane plane = PlaneUnder(o, face);
+      StandingPlane plane{PlaneUnder(o.scene_from_object, face)};
       plane.objects = RestingOn(plane, objects, parts, views);
       if (plane.objects > best.objects) best = plane;
       all.push_back(plane);
@@ -89,7 +91,7 @@ std::vector<SupportingPlane> PlanesToLieOn(std::span<const AspectSceneObject> ob
   for (int i = 0; i < static_cast<int>(objects.size()); ++i) {
     if (i == but) continue;
     for (const RestingFace& face : parts[objects[i].object].resting) {
-      const StandingPlane plane = PlaneUnder(objects[i], face);
+      const SupportingPlane plane = PlaneUnder(objects[i].scene_from_object, face);
       const double cosine = plane.normal.dot(base.normal);
       if (std::abs(cosine) < std::cos(kSamePlaneRad)) continue;
       const double sign = cosine > 0.0 ? 1.0 : -1.0;  // below zero: a face on top of the object

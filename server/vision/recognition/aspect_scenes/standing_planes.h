@@ -15,6 +15,13 @@ struct StandingPlane : SupportingPlane {
   int objects = 0;  // that rest on it
 };
 
+// The plane under a face of an object that rests on it.
+SupportingPlane PlaneUnder(const Rigid3& scene_from_object, const RestingFace& face);
+
+// Whether no camera is below the plane.
+bool IsBelow(const SupportingPlane& plane,
+             const std::vector<std::optional<AspectSceneView>>& views);
+
 // The plane on which most objects rest by one of their faces, below no camera and with no object
 // under it; then those parallel to it on which others rest: the tops of blocks. Empty without
 // views, objects or such a plane.

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "server/vision/recognition/aspect_scenes/standing_planes.h"
+
 namespace horopter {
 namespace {
 
@@ -13,8 +15,8 @@ constexpr int kStepPx = 2;          // working pixels between the places looked 
 constexpr double kHiddenM = 0.003;  // by which what hides a place is nearer
 constexpr double kAround = 0.6;     // of the part's size: how far about it the plane is looked at
 constexpr double kLeastSlope = 0.1;  // cosine between plane normal and ray; flatter says little
-// Of a view with the others, and by which the middle view has more. Right views of the best parts
-// of scenes have 0.25 and more; views with wrong cameras -0.2 - 0.16.
+// Of a view with the others, and by which the middle view has more. Views with wrong cameras had
+// -0.38 - 0.16; so had right ones (0.05, 0.16) before what other parts hide was left out.
 constexpr double kOddView = 0.25;
 // Grey levels of noise, which no correlation is asked to explain.
 constexpr double kGreyNoise = 3.0, kDetailNoise = 1.0;
@@ -153,13 +155,13 @@ double Least(const Correlations& correlations,
 
 bool ViewAgreement::IsOdd(int view) const {
   std::vector<double> all;
-  for (const auto& correlation : surface_views) {
+  for (const auto& correlation : surface.views) {
     if (correlation) all.push_back(*correlation);
   }
-  if (all.size() < 3 || !surface_views[view] || *surface_views[view] >= kOddView) return false;
+  if (all.size() < 3 || !surface.views[view] || *surface.views[view] >= kOddView) return false;
   const auto middle = all.begin() + static_cast<std::ptrdiff_t>(all.size() / 2);
   std::nth_element(all.begin(), middle, all.end());
-  return *surface_views[view] < *middle - kOddView;
+  return *surface.views[view] < *middle - kOddView;
 }
 
 Correlations SurfaceCorrelations(std::span<const AspectImage> images,
@@ -206,10 +208,11 @@ std::vector<PartLayer> LayersInViews(std::span<const AspectImage> images,
   std::vector<PartLayer> out(views.size());
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!views[v]) continue;
-    const PinholeCamera& camera = views[v]->camera;
-    const Rigid3 pose = views[v]->camera_from_scene * scene_from_object;
-    out[v] =
-        MakePartLayer(images[v], WorkingEdges(images[v], mesh, camera, pose, render_px), camera);
+    out[v] = MakePartLayer(images[v],
+                           mesh,
+                           views[v]->camera,
+                           views[v]->camera_from_scene * scene_from_object,
+                           render_px);
   }
   return out;
 }
@@ -232,13 +235,8 @@ double GroundAgreement(std::span<const AspectImage> images,
                        const Rigid3& scene_from_object) {
   double best = 0.0;
   for (const RestingFace& face : resting) {
-    SupportingPlane plane;
-    plane.normal = scene_from_object.R * face.up;
-    plane.offset_m = plane.normal.dot(scene_from_object.t) - face.height_m;
-    const bool above_a_camera = std::any_of(views.begin(), views.end(), [&](const auto& view) {
-      return view && plane.normal.dot(view->camera_from_scene.Inverse().t) < plane.offset_m;
-    });
-    if (above_a_camera) continue;
+    const SupportingPlane plane = PlaneUnder(scene_from_object, face);
+    if (!IsBelow(plane, views)) continue;
     best = std::max(best, Least(PlaneCorrelations(images, views, layers, plane), views));
   }
   return best;

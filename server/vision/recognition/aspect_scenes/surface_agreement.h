@@ -36,14 +36,12 @@ Correlations PlaneCorrelations(std::span<const AspectImage> images,
 
 // Of the best part of a scene.
 struct ViewAgreement {
-  double surface = 0.0;  // Correlations of the part's surface
-  int surface_pairs = 0;
-  std::vector<std::optional<double>> surface_views;
+  Correlations surface;  // of the part
   // Least over the views of the correlation over the plane under the resting face that has the
   // highest; 0 where not every registered view has one.
   double ground = 0.0;
 
-  bool Contradicts(double least) const { return surface_pairs > 0 && surface < least; }
+  bool Contradicts(double least) const { return surface.pairs > 0 && surface.mean < least; }
   // Whether a view shows another surface than most do: its camera is wrong.
   bool IsOdd(int view) const;
 };

@@ -393,6 +393,15 @@ PartLayer MakePartLayer(const AspectImage& image,
   return out;
 }
 
+PartLayer MakePartLayer(const AspectImage& image,
+                        const RenderMesh& mesh,
+                        const PinholeCamera& camera,
+                        const Rigid3& camera_from_object,
+                        double render_px) {
+  return MakePartLayer(
+      image, WorkingEdges(image, mesh, camera, camera_from_object, render_px), camera);
+}
+
 double PointSupport(const AspectImage& image,
                     std::span<const ModelEdgePoint> points,
                     const PinholeCamera& camera,

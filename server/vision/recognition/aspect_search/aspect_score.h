@@ -108,6 +108,13 @@ PartLayer MakePartLayer(const AspectImage& image,
                         const PinholeCamera& camera,
                         const AspectScoreOptions& options = {});
 
+// The same of a part at a pose, rendered anew.
+PartLayer MakePartLayer(const AspectImage& image,
+                        const RenderMesh& mesh,
+                        const PinholeCamera& camera,
+                        const Rigid3& camera_from_object,
+                        double render_px);
+
 // Mean support (0..1) that edge points of a part find in the distance maps, above what chance gives
 // there beyond `free_chance`; edges farther than reach_px (working pixels) support nothing. Much
 // cheaper than a score: nothing is rendered.

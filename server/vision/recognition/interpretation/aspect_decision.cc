@@ -31,7 +31,7 @@ double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
   double even = EvenInViews(scene.registered(), static_cast<int>(scene.views.size()), options);
   if (scene.registered() < 2) return even;
   const ViewAgreement& views = scene.agreement;
-  if (views.surface_pairs > 0 && views.surface < options.surface_disagrees)
+  if (views.Contradicts(options.surface_disagrees))
     even += options.disagreement_more;
   else if (scene.registered() >= options.accompanied_views && views.ground >= options.ground_agrees)
     return options.even_on_ground;

@@ -87,7 +87,7 @@ TEST(SurfaceAgreement, RightViewsAgreeOnTheSurface) {
 TEST(SurfaceAgreement, ATurnThatTheOutlineDoesNotShowIsSeenOnTheSurface) {
   const Seen seen = See({0.0, 0.4, 0.9, 1.2}, {0.0, 0.4, 0.9 + std::numbers::pi / 2, 1.2});
   const Correlations surface = SurfaceCorrelations(seen.images, seen.views, seen.layers);
-  ViewAgreement agreement{surface.mean, surface.pairs, surface.views};
+  const ViewAgreement agreement{surface};
   for (int v = 0; v < 4; ++v) EXPECT_EQ(agreement.IsOdd(v), v == 2) << *surface.views[v];
 }
 
@@ -96,7 +96,7 @@ TEST(SurfaceAgreement, APlainSurfaceSaysNothing) {
   for (AspectImage& image : seen.images) image.grey.assign(image.grey.size(), 90);
   const Correlations surface = SurfaceCorrelations(seen.images, seen.views, seen.layers);
   EXPECT_EQ(surface.pairs, 0);
-  EXPECT_FALSE((ViewAgreement{surface.mean, surface.pairs, surface.views}.Contradicts(0.4)));
+  EXPECT_FALSE((ViewAgreement{surface}.Contradicts(0.4)));
 }
 
 TEST(SurfaceAgreement, TheGroundAgreesOnlyWhereThePlaneIsAndForRightCameras) {

@@ -58,12 +58,12 @@ TEST(AspectDecision, ThreeViewsThatAgreeOnTheGroundMakeLessEnough) {
 TEST(AspectDecision, ViewsThatShowAnotherSurfaceAreNotBelieved) {
   LinkedScene scene = Scene(4, 4, {0.70});
   EXPECT_GT(Probability(scene, 0), 0.9);
-  scene.agreement.surface_pairs = 12;
-  scene.agreement.surface = -0.05;
+  scene.agreement.surface.pairs = 12;
+  scene.agreement.surface.mean = -0.05;
   EXPECT_LT(Probability(scene, 0), 0.2);
   scene.agreement.ground = 0.9;
   EXPECT_LT(Probability(scene, 0), 0.2);
-  scene.agreement.surface_pairs = 0;  // a plain surface
+  scene.agreement.surface.pairs = 0;  // a plain surface
   EXPECT_GT(Probability(scene, 0), 0.9);
 }
 
