@@ -1,5 +1,6 @@
 #include "server/vision/recognition/aspect_scenes/surface_agreement.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
