@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Checks every #include of the sources against the layers of the architecture, and that no two files define a type of
-one name in one namespace.
+"""Checks every #include of the sources against the layers of the architecture, that no two files define a type of one
+name in one namespace, and that a file includes the modules of Eigen that it uses.
 
     layering.py [ROOT]        prints one line per violation; exit 0 none, 1 some, 2 nothing to check
 
@@ -135,6 +135,25 @@ EXCEPTIONS = [
     ("server/vision/reconstruction/bundle_manifolds.h", "Ceres", "manifolds and losses that both adjustments share"),
     ("server/vision/euclidean/scene_costs.h", "Ceres", "cost functors split off euclidean.cc, their only user"),
 ]
+
+# What needs a module of Eigen beside Eigen/Core. Without the include it compiles only where the precompiled headers, or
+# another header by chance, bring it along.
+EIGEN_MODULES = collections.OrderedDict([
+    ("Geometry", r"[.>](?:homogeneous|hnormalized|cross|cross3|unitOrthogonal|eulerAngles)\s*\(|"
+                 r"\bEigen::(?:Quaternion|AngleAxis|Isometry|Affine|Projective|Transform|Translation|Rotation2D|"
+                 r"AlignedBox|Hyperplane|ParametrizedLine|Scaling)|\bEigen::umeyama"),
+    ("SVD", r"\bEigen::(?:JacobiSVD|BDCSVD)"),
+    ("Cholesky", r"\bEigen::(?:LLT|LDLT)|[.>](?:llt|ldlt)\s*\("),
+    ("QR", r"\bEigen::(?:HouseholderQR|ColPivHouseholderQR|FullPivHouseholderQR|CompleteOrthogonal)|"
+           r"[.>](?:householderQr|colPivHouseholderQr|fullPivHouseholderQr)\s*\("),
+    ("LU", r"\bEigen::(?:PartialPivLU|FullPivLU)|[.>](?:partialPivLu|fullPivLu|inverse|determinant)\s*\("),
+    ("Eigenvalues", r"\bEigen::(?:SelfAdjointEigenSolver|EigenSolver|GeneralizedSelfAdjointEigenSolver|"
+                    r"ComplexEigenSolver)|[.>]eigenvalues\s*\("),
+])
+# What Eigen's own headers bring along.
+EIGEN_BRINGS = {"Dense": list(EIGEN_MODULES), "Eigenvalues": ["Cholesky", "LU", "Geometry", "QR"],
+                "Geometry": ["SVD", "LU", "QR"], "SVD": ["QR"], "QR": ["Cholesky"]}
+EIGEN_INCLUDE = re.compile(r"^\s*#\s*include\s*<Eigen/(\w+)>", re.MULTILINE)
 
 STANDARD = re.compile(r"[a-z0-9_]+$|(std(int|lib|io|def)|string|math|assert|errno|limits|float)\.h$")
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^">]+)[">]')
@@ -278,6 +297,36 @@ def check_types(root):
     return found
 
 
+def eigen_modules_of(root, path):
+    """Eigen's modules that a file includes, or its own header does."""
+    modules = set()
+    for name in (path, os.path.splitext(path)[0] + ".h"):
+        full = os.path.join(root, name)
+        if os.path.exists(full):
+            with open(full, encoding="utf-8") as source:
+                modules.update(EIGEN_INCLUDE.findall(source.read()))
+    for module in ("Dense", "Eigenvalues", "Geometry", "SVD", "QR"):  # each brings what stands behind it
+        if module in modules:
+            modules.update(EIGEN_BRINGS[module])
+    return modules
+
+
+def check_eigen(root):
+    """A file that uses a module of Eigen includes it, or its own header does."""
+    found = []
+    for path in sources(root, ("server", "db", "client", "tests")):
+        with open(os.path.join(root, path), encoding="utf-8") as source:
+            text = source.read()
+        plain = NOISE.sub(lambda match: re.sub(r"[^\n]", " ", match.group(0)), text)
+        modules = eigen_modules_of(root, path)
+        for module, use in EIGEN_MODULES.items():
+            match = re.search(use, plain)
+            if match and module not in modules:
+                found.append((path, plain.count("\n", 0, match.start()) + 1,
+                              "%s: include <Eigen/%s>" % (match.group(0).strip(".>( "), module)))
+    return found
+
+
 def check_table():
     """The table itself: folders name only folders above them, exceptions name real things."""
     found = []
@@ -297,7 +346,7 @@ def check_tree(root):
     found = []
     for path in paths:
         found += check_file(root, path)
-    return found + check_types(root), len(paths)
+    return found + check_types(root) + check_eigen(root), len(paths)
 
 
 def main():

@@ -175,6 +175,29 @@ class Layering(unittest.TestCase):
             self.assertTrue(any("Twin" in said for texts in violations(files, counted=False).values()
                                 for said in texts), where)
 
+    def test_eigen_modules_that_are_used_are_included(self):
+        where = "server/vision/geometry/a"
+
+        def said(source, header=None):
+            files = {where + ".cc": source}
+            if header is not None:
+                files[where + ".h"] = header
+            return bool(violations(files))
+
+        for use, module in (("p.homogeneous();", "Geometry"), ("a->cross(b);", "Geometry"),
+                            ("Eigen::Quaterniond q;", "Geometry"), ("Eigen::JacobiSVD<M> d(m);", "SVD"),
+                            ("m.ldlt().solve(b);", "Cholesky"), ("m.inverse();", "LU"),
+                            ("m.colPivHouseholderQr();", "QR"), ("Eigen::SelfAdjointEigenSolver<M> s(m);", "Eigenvalues")):
+            self.assertTrue(said("#include <Eigen/Core>\n" + use), use)
+            self.assertFalse(said("#include <Eigen/%s>\n%s" % (module, use)), use)
+            self.assertFalse(said(use, "#include <Eigen/%s>\n" % module), use)
+            self.assertFalse(said("#include <Eigen/Dense>\n" + use), use)
+            self.assertFalse(said("// %s\nconst char* s = \"%s\";\n" % (use, use)), use)
+        # A header that somebody else includes says nothing: only the file's own does.
+        self.assertTrue(violations({where + ".cc": '#include "server/vision/geometry/b.h"\nm.inverse();',
+                                    "server/vision/geometry/b.h": "#include <Eigen/LU>\n"}))
+        self.assertFalse(said("Inverse(m); inverse(m); determinant;"))
+
     def test_spacing_does_not_hide_an_include(self):
         self.assertTrue(violations({"db/x.cc": "  #  include\t<grpcpp/grpcpp.h>  // why\n"}))
         self.assertFalse(violations({"db/x.cc": '// #include <grpcpp/grpcpp.h>\nconst char* s = "#include <ceres/x.h>";\n'}))

@@ -1,6 +1,7 @@
 // A part in general position before several cameras, with its features matched as they truly are.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <memory>

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
+
 #include "server/vision/recognition/initialization/view_linking.h"
 #include "tests/support/synthetic_table.h"
 
