@@ -218,8 +218,9 @@ LinkedObject Judged(std::span<const AspectImage> images,
     out.score += score.score;
     out.precision += score.precision;
   }
-  // Wrong cameras push objects out of the images that contradict them.
-  if (shown == 0 || 2 * shown < registered) {
+  // Wrong cameras push objects out of the images that contradict them, and one image says nothing
+  // of two cameras.
+  if (shown < std::min(2, registered) || 2 * shown < registered || shown == 0) {
     out.score = out.precision = 0.0;
     return out;
   }

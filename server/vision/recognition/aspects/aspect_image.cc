@@ -8,6 +8,7 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/features/image_strips.h"
 #include "server/vision/recognition/aspects/edge_pixels.h"
+#include "server/vision/recognition/aspects/ground_colour.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
 #include "server/vision/recognition/aspects/texture_border.h"
 
@@ -172,11 +173,12 @@ class EdgeCounts {
   std::vector<int> sums_;
 };
 
+constexpr int kNear = 3;  // px that grains stand out of a border
+
 // Edges in whose place a border is.
 void MarkNear(const AspectImage& image,
               const std::vector<ImageEdgePoint>& border,
               std::vector<std::uint8_t>* drop) {
-  constexpr int kNear = 3;  // px that grains stand out of it
   for (const ImageEdgePoint& b : border) {
     const int cx = static_cast<int>(std::lround(b.point.x()));
     const int cy = static_cast<int>(std::lround(b.point.y()));
@@ -187,6 +189,26 @@ void MarkNear(const AspectImage& image,
       }
     }
   }
+}
+
+// The better one takes the place of the other where both are.
+void AddBorder(const std::vector<ImageEdgePoint>& better,
+               const AspectImage& image,
+               std::vector<ImageEdgePoint>* border) {
+  std::vector<Eigen::Vector2f> points;
+  for (const ImageEdgePoint& e : better) points.push_back(e.point);
+  const PointRaster raster = MakePointRaster(image.width, image.height, points);
+  std::erase_if(*border, [&](const ImageEdgePoint& e) {
+    const int cx = static_cast<int>(std::lround(e.point.x()));
+    const int cy = static_cast<int>(std::lround(e.point.y()));
+    for (int y = std::max(0, cy - kNear); y <= std::min(image.height - 1, cy + kNear); ++y) {
+      for (int x = std::max(0, cx - kNear); x <= std::min(image.width - 1, cx + kNear); ++x) {
+        if (raster.at[image.Cell(x, y)] >= 0) return true;
+      }
+    }
+    return false;
+  });
+  border->insert(border->end(), better.begin(), better.end());
 }
 
 // Chance level from which on edges are texture.
@@ -200,13 +222,16 @@ bool HasTexture(const AspectImageOptions& options, const AspectImage& image) {
   });
 }
 
-// Drops the edges of textured places but for those with a smooth side: outlines of smooth parts on
-// granite. Returns whether there were any; `dropped` are their places.
-bool DropTexture(const AspectImageOptions& options,
+// Drops the edges of textured places but for those with a smooth side, outlines of smooth parts on
+// granite, and those of things of another colour. Returns whether there were any; `dropped` are
+// their places.
+bool DropTexture(const cv::Mat& bgr,
+                 const AspectImageOptions& options,
                  std::vector<Eigen::Vector2f>* dropped,
                  AspectImage* image) {
-  constexpr float kAside = 11.0f;  // px between an edge and the middle of what lies beside it
-  constexpr int kHalf = 7;         // of the box beside it: far enough not to see the edge itself
+  constexpr float kOfEdgePx = 3.0f;  // from an edge to what it is the edge of
+  constexpr float kAside = 11.0f;    // px between an edge and the middle of what lies beside it
+  constexpr int kHalf = 7;           // of the box beside it: far enough not to see the edge itself
   constexpr double kTexturedShare = 0.2;  // of the blocks; chosen, commit f40c0a3
   int limit = TextureLimit(options);
   const auto textured = std::count_if(
@@ -224,8 +249,23 @@ bool DropTexture(const AspectImageOptions& options,
     if (drop[i]) dropped->push_back(e.point);
   }
   if (dropped->empty()) return false;
-  const std::vector<ImageEdgePoint> border = TextureBorder(*image, drop, options);
+  std::vector<ImageEdgePoint> border = TextureBorder(*image, drop, options);
   MarkNear(*image, border, &drop);
+  const ColourFigure figure = FindColourFigure(bgr, *dropped, options);
+  if (figure.width > 0) {
+    for (std::size_t i = 0; i < drop.size(); ++i) {
+      const ImageEdgePoint& e = image->edges[i];
+      if (drop[i] && figure.Differs(e.point + kOfEdgePx * e.normal) &&
+          figure.Differs(e.point - kOfEdgePx * e.normal))
+        drop[i] = 0;
+    }
+    std::vector<ImageEdgePoint> outline = figure.outline;
+    std::erase_if(outline, [&](const ImageEdgePoint& e) {
+      return image->texture[image->Block(e.point.x(), e.point.y())] <= limit;
+    });
+    MarkNear(*image, outline, &drop);
+    AddBorder(outline, *image, &border);
+  }
   std::size_t kept = 0;
   for (std::size_t i = 0; i < drop.size(); ++i) {
     if (!drop[i]) image->edges[kept++] = image->edges[i];
@@ -376,7 +416,7 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& give
   FillMaps(options, &out);
   if (DropHoles(options, &out)) FillMaps(options, &out);
   std::vector<Eigen::Vector2f> texture;
-  const bool textured = DropTexture(options, &texture, &out);
+  const bool textured = DropTexture(bgr, options, &texture, &out);
   if (textured) IndexEdges(&out);
   out.contours = Contours(options, out);
   const bool patterned = DropPattern(options, texture, &out);
