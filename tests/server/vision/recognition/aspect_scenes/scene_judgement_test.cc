@@ -154,6 +154,19 @@ TEST_F(SceneJudgement, TwoViewsPresumePrintWhileASceneGrowsAndThreeAskForIt) {
   EXPECT_LT(all.views[0].recall, 0.55);
 }
 
+TEST_F(SceneJudgement, OneOfTwoCamerasSaysNothingOfBoth) {
+  const Photos photos = Take({{&block(), Rigid3{}}}, kNoPrint);
+  std::vector<std::optional<AspectSceneView>> views = Views();
+  for (int v = 1; v < kViews; ++v) views[v].reset();
+  EXPECT_GT(JudgeInViews(photos.images, block(), views, {0, Rigid3{}}).score, 0.6);
+  // A second one that looks past the part.
+  views[1] = Views()[1];
+  views[1]->camera_from_scene.t.x() += 10.0;
+  const LinkedObject seen_once = JudgeInViews(photos.images, block(), views, {0, Rigid3{}});
+  EXPECT_EQ(std::count(seen_once.shown.begin(), seen_once.shown.end(), true), 1);
+  EXPECT_EQ(seen_once.score, 0.0);
+}
+
 TEST_F(SceneJudgement, NothingRegisteredScoresNothing) {
   const Photos photos = Take({{&block(), Rigid3{}}}, kNoPrint);
   const std::vector<std::optional<AspectSceneView>> none(kViews);
