@@ -42,6 +42,10 @@ constexpr double kCredibleScore = 0.45, kSettledScore = 0.5;
 // ... where no other agrees, as the views may show several poses of one: a wrong link of a battery
 // holder had 0.57 in four views, the right one of it and two more parts 0.58.
 constexpr double kSettledAlone = 0.65;
+// Of a hypothesis for whose part all views are looked at deeply when nothing links them, and how
+// many parts are; chosen.
+constexpr double kLeadingScore = 0.48;
+constexpr std::size_t kLeading = 2;
 constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface of a settled scene
 
 class Linker {
@@ -61,6 +65,7 @@ class Linker {
     search_.SearchFirst();
     LinkedScene best = BestLinked();
     SearchAsNeeded(&best);
+    FollowLeads(&best);
     search_.Forget();
     if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1 &&
         !IsSure(best))
@@ -154,6 +159,51 @@ class Linker {
       search_.SearchNext();
       LinkedScene more = Finish(SceneOf(*best));
       if (more.score > best->score) *best = std::move(more);
+    }
+  }
+
+  // The best hypotheses of different parts, with their views.
+  std::vector<std::pair<int, AspectHypothesis>> Leads() const {
+    std::vector<std::pair<int, AspectHypothesis>> all, leads;
+    for (std::size_t v = 0; v < in_.images.size(); ++v) {
+      for (const AspectHypothesis& h : links_.Hypotheses(static_cast<int>(v))) {
+        if (h.score >= kLeadingScore) all.emplace_back(static_cast<int>(v), h);
+      }
+    }
+    std::stable_sort(all.begin(), all.end(), [](const auto& a, const auto& b) {
+      return a.second.score > b.second.score;
+    });
+    for (const auto& lead : all) {
+      if (leads.size() >= kLeading) break;
+      if (std::none_of(leads.begin(), leads.end(), [&](const auto& other) {
+            return other.second.object == lead.second.object;
+          }))
+        leads.push_back(lead);
+    }
+    return leads;
+  }
+
+  // Where nothing credible links the views, a part that one of them shows well may be among the
+  // many that the others might show, too: they are looked at for it alone.
+  void FollowLeads(LinkedScene* best) {
+    if (IsCredible(*best) || in_.images.size() < 2) return;
+    for (const auto& [view, lead] : Leads()) {
+      if (IsStopRequested(stop_)) return;
+      LinkedScene alone;
+      alone.views.resize(in_.images.size());
+      alone.views[view] = links_.ViewOf(view, lead);
+      LinkedObject part;
+      part.object = lead.object;
+      part.shown.assign(in_.images.size(), false);
+      part.shown[view] = true;
+      alone.objects.push_back(std::move(part));
+      std::vector<bool> wanted(in_.images.size(), true);
+      wanted[view] = false;
+      search_.Forget();
+      search_.SearchFor(alone, wanted, options_.rescue_per_part);
+      LinkedScene other = BestLinked();
+      if (other.score > best->score) *best = std::move(other);
+      if (IsCredible(*best)) return;
     }
   }
 

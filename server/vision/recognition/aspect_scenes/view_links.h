@@ -18,6 +18,10 @@ class ViewLinks {
             const StopRequested& stop);
 
   // Of a view, best first.
+  // The view of a scene in which the hypothesis' part is where its own frame is.
+  AspectSceneView ViewOf(int view, const AspectHypothesis& h) const {
+    return support_.ViewOf(view, h.camera, h.camera_from_object);
+  }
   const std::vector<AspectHypothesis>& Hypotheses(int view) const {
     return support_.Hypotheses(view);
   }
