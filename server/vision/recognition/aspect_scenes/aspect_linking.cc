@@ -45,7 +45,7 @@ constexpr double kSettledAlone = 0.65;
 // Of a hypothesis for whose part all views are looked at deeply when nothing links them, and how
 // many parts are; chosen.
 constexpr double kLeadingScore = 0.48;
-constexpr std::size_t kLeading = 2;
+constexpr std::size_t kLeading = 2;      // for time
 constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface of a settled scene
 
 class Linker {

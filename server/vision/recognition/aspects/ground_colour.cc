@@ -11,8 +11,8 @@
 namespace horopter {
 namespace {
 
-constexpr std::size_t kLeastPlaces = 200;
-constexpr double kSmoothPx = 1.5;      // of the channels: noise of single pixels is coloured
+constexpr std::size_t kLeastPlaces = 200;  // that say what colour the ground has; chosen
+constexpr double kSmoothPx = 1.5;      // of the channels, px: noise of single pixels is coloured
 constexpr float kDarkLevels = 30.0f;   // added to the brightness: what is dark has no colour
 constexpr float kLeastStep = 0.04f;    // of the colour coordinates, which reach 1; and ...
 constexpr float kScatterStep = 4.0f;   // ... so many deviations of the ground's
