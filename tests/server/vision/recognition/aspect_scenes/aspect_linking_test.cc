@@ -117,6 +117,9 @@ TEST_F(KnownScene, IsCompletedWithoutAnyLinkOfViews) {
   EXPECT_EQ(scene.registered(), kViews);
   AspectLinkInput unknown = Input();
   unknown.known = nullptr;
+  // A good hypothesis of one view alone is looked for in the others; a poor one is not.
+  EXPECT_EQ(LinkAspects(unknown, options_).registered(), kViews);
+  hypotheses_[2].front().score = 0.4;
   EXPECT_LT(LinkAspects(unknown, options_).registered(), 2);
 }
 
