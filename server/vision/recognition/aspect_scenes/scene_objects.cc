@@ -58,13 +58,15 @@ double SceneObjects::Sift(AspectScene* scene) const {
   return Keep(judged, scene);
 }
 
-double SceneObjects::AboveChance(const LinkedObject& o) const {
-  double sum = 0.0;
+Explained SceneObjects::ExplainedBy(const LinkedObject& o) const {
+  Explained out;
   for (std::size_t v = 0; v < o.views.size(); ++v) {
     if (!o.shown[v]) continue;
-    sum += std::max(0.0, o.views[v].score + (o.lies ? options_.lying_bonus : 0.0) - kChanceScore);
+    out.above_chance +=
+        std::max(0.0, o.views[v].score + (o.lies ? options_.lying_bonus : 0.0) - kChanceScore);
+    ++out.views;
   }
-  return sum;
+  return out;
 }
 
 double SceneObjects::Value(const LinkedObject& o) const {
@@ -135,15 +137,15 @@ double SceneObjects::Keep(std::vector<LinkedObject> judged, AspectScene* scene) 
     return Value(judged[a]) > Value(judged[b]);
   });
   std::vector<AspectSceneObject> kept;
-  double explained = 0.0;
+  std::vector<Explained> explained;
   for (const int i : order) {
     if (Value(judged[i]) < options_.min_joint) break;
     if (!IsFree(scene->views, kept, scene->objects[i])) continue;
     kept.push_back(scene->objects[i]);
-    explained += AboveChance(judged[i]);
+    explained.push_back(ExplainedBy(judged[i]));
   }
   scene->objects = std::move(kept);
-  return explained;
+  return ExplainedTogether(explained);
 }
 
 Eigen::Vector3d SceneObjects::CenterOf(const AspectSceneObject& o) const {
@@ -225,11 +227,13 @@ LinkedScene SceneObjects::Result(const AspectScene& scene) const {
   const bool any_gives_planes = std::any_of(
       judged.begin(), judged.end(), [](const LinkedObject& o) { return o.score >= kPlaneScore; });
   FindLying(scene.views, any_gives_planes ? kPlaneScore : kFairPlaneScore, &judged);
+  std::vector<Explained> explained;
   for (LinkedObject& o : judged) {
     if (Value(o) < options_.min_joint) continue;
-    out.score += AboveChance(o);
+    explained.push_back(ExplainedBy(o));
     out.objects.push_back(std::move(o));
   }
+  out.score = ExplainedTogether(explained);
   std::stable_sort(out.objects.begin(), out.objects.end(), [](const auto& a, const auto& b) {
     return a.score > b.score;
   });
@@ -281,6 +285,17 @@ void SceneObjects::AgreeOnGround(LinkedScene* scene) const {
                                             LayersOf(*scene, first),
                                             in_.parts[first.object].resting,
                                             first.scene_from_object);
+}
+
+double ExplainedTogether(std::span<const Explained> objects) {
+  double borne_out = 0.0, most_chosen = 0.0;
+  for (const Explained& o : objects) {
+    if (o.views <= 0) continue;
+    const double chosen = o.above_chance / o.views;
+    borne_out += o.above_chance - chosen;
+    most_chosen = std::max(most_chosen, chosen);
+  }
+  return borne_out + most_chosen;
 }
 
 std::optional<SettledObject> SettleInViews(std::span<const AspectImage> images,

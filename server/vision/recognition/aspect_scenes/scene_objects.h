@@ -21,6 +21,17 @@ struct SettledObject {
 // Score of objects on whose plane others may lie while a scene grows.
 inline constexpr double kPlaneScore = 0.5;
 
+// What an object explains of the images above chance, summed over the views that show it.
+struct Explained {
+  double above_chance = 0.0;
+  int views = 0;
+};
+
+// What the objects of a scene explain together. One of them says where the cameras are, and each of
+// its views bears it out; the place of every other is chosen in one view and borne out by the rest:
+// small parts that fit two views by chance are not worth more than two further views.
+double ExplainedTogether(std::span<const Explained> objects);
+
 class SceneObjects {
  public:
   // What is pointed to outlives the object.
@@ -58,7 +69,7 @@ class SceneObjects {
                  std::vector<LinkedObject>* judged) const;
 
  private:
-  double AboveChance(const LinkedObject& o) const;
+  Explained ExplainedBy(const LinkedObject& o) const;
   std::vector<PartLayer> LayersOf(const LinkedScene& scene, const LinkedObject& o) const;
   // The best object in the views that show it; `without_hidden`: less what the others hide.
   std::vector<PartLayer> ShownOfFirst(const LinkedScene& scene, bool without_hidden) const;

@@ -67,5 +67,20 @@ TEST_P(SettledObjects, AreGivenUpWhereFewEdgesMeet) {
 
 INSTANTIATE_TEST_SUITE_P(Seeds, SettledObjects, testing::Values(1u, 2u, 3u, 4u, 5u));
 
+TEST(ExplainedTogether, CountsEveryViewOfOneObjectAndAllButOneOfTheOthers) {
+  EXPECT_EQ(ExplainedTogether({}), 0.0);
+  EXPECT_NEAR(ExplainedTogether(std::vector<Explained>{{1.6, 4}}), 1.6, 1e-12);
+  EXPECT_NEAR(ExplainedTogether(std::vector<Explained>{{1.6, 4}, {0.8, 4}}), 1.6 + 0.6, 1e-12);
+  EXPECT_NEAR(ExplainedTogether(std::vector<Explained>{{0.8, 4}, {1.6, 4}}), 1.6 + 0.6, 1e-12);
+  EXPECT_NEAR(ExplainedTogether(std::vector<Explained>{{0.4, 1}, {0.0, 0}}), 0.4, 1e-12);
+}
+
+// A bracket in four views, or in two of them with small parts in its holes (figures of a scene).
+TEST(ExplainedTogether, FourViewsOfOneObjectAreMoreThanTwoWithSmallPartsThatFitByChance) {
+  const std::vector<Explained> four{{4 * 0.43, 4}};
+  const std::vector<Explained> two{{2 * 0.42, 2}, {2 * 0.25, 2}, {2 * 0.13, 2}, {2 * 0.12, 2}};
+  EXPECT_GT(ExplainedTogether(four), ExplainedTogether(two));
+}
+
 }  // namespace
 }  // namespace horopter
