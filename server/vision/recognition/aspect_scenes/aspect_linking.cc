@@ -13,6 +13,7 @@
 #include "server/vision/recognition/aspect_scenes/standing_search.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 #include "server/vision/recognition/aspect_scenes/view_search.h"
+#include "server/vision/recognition/aspect_scenes/view_turns.h"
 
 namespace horopter {
 namespace {
@@ -31,6 +32,7 @@ constexpr double kOneCameraScore = 0.6;  // of the scene's with different focal 
 // Of the rms of its edges. Photographs of one camera: 0.97 - 1.04; scenes of cad-dev with every
 // other image enlarged by 1.5: 1.09 - 2.8.
 constexpr double kOneCameraRms = 1.06;
+constexpr double kTurnedScore = 0.9;    // of the scene's before its views were turned; chosen
 constexpr int kCoarsePoints = 120;      // of an object and view, for drafts; chosen, for time
 constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
 constexpr double kSureObject = 0.45;    // score of one whose place is taken
@@ -57,7 +59,8 @@ class Linker {
         links_(input, options, stop),
         search_(input, options, stop, &links_),
         objects_(input, options, stop),
-        contest_(input, options, links_, objects_) {
+        contest_(input, options, links_, objects_),
+        turns_(input, options, links_, objects_) {
     for (const AspectPart& part : in_.parts) meshes_.push_back(&part.object->mesh);
   }
 
@@ -78,6 +81,7 @@ class Linker {
     }
     AgreeOnFocal(&best);
     if (!best.objects.empty()) DropPoorViews(&best);
+    TurnViews(&best);
     LinkedScene other = best;
     const bool contested = contest_.Contest(&other);
     if (contest_.ChooseTurns(&other) || contested) {
@@ -443,6 +447,16 @@ class Linker {
     return true;
   }
 
+  // The views of a part that is seen alone are turned where that makes them agree.
+  void TurnViews(LinkedScene* best) const {
+    if (IsStopRequested(stop_)) return;
+    std::optional<AspectScene> scene = turns_.Turned(*best);
+    if (!scene) return;
+    LinkedScene turned = Finish(&*scene);
+    if (turned.registered() >= best->registered() && turned.score >= kTurnedScore * best->score)
+      *best = std::move(turned);
+  }
+
   // Looks again at the views that have no camera or a doubtful one, while that explains more.
   void Rescue(LinkedScene* best) {
     for (int round = 0; round < kRescues && !best->objects.empty(); ++round) {
@@ -465,6 +479,7 @@ class Linker {
   ViewSearch search_;
   SceneObjects objects_;
   PlaceContest contest_;
+  ViewTurns turns_;
   std::vector<const RenderMesh*> meshes_;
 };
 

@@ -10,11 +10,12 @@
 namespace horopter {
 namespace {
 
-constexpr int kLeastPlaces = 150;   // that two views share; fewer say nothing
-constexpr int kMuchShown = 2;       // times these
-constexpr int kStepPx = 2;          // working pixels between the places looked at; chosen, for time
-constexpr double kHiddenM = 0.003;  // by which what hides a place is nearer
-constexpr double kAround = 0.6;     // of the part's size: how far about it the plane is looked at
+constexpr int kLeastPlaces = 150;  // that two views share; fewer say nothing
+constexpr int kMuchShown = 2;      // times these
+constexpr int kStepPx = 2;         // working pixels between the places looked at; chosen, for time
+constexpr int kPlaces = 2000;      // of a view, about which are looked at quickly; chosen, for time
+constexpr double kHiddenM = 0.003;   // by which what hides a place is nearer
+constexpr double kAround = 0.6;      // of the part's size: how far about it the plane is looked at
 constexpr double kLeastSlope = 0.1;  // cosine between plane normal and ray; flatter says little
 // Of a view with the others, and by which the middle view has more. Views with wrong cameras had
 // -0.38 - 0.16; so had right ones (0.05, 0.16) before what other parts hide was left out.
@@ -74,64 +75,118 @@ struct Looked {
   double contrast;  // least
 };
 
-// `place`: the point of view v's camera frame that pixel (x, y) shows, or nothing.
+enum class Speed { kFull, kQuick };
+
+// What v shows against what w shows of the same places; `place`: the point of v's camera frame that
+// a working pixel (x, y) of camera `here` shows, or nothing. Nothing where they say nothing.
 template <typename Place>
+std::optional<double> CorrelateOneWay(
+    const SeenPart& v, const SeenPart& w, const Looked& looked, Speed speed, const Place& place) {
+  const auto is_looked_at = [&](const SeenPart& s) {
+    return s.layer->width > 0 && s.image->width > 1 && s.image->height > 1 &&
+           !(s.image->*looked.map).empty();
+  };
+  if (!is_looked_at(v) || !is_looked_at(w)) return std::nullopt;
+  const PartLayer& layer = *v.layer;
+  const AspectImage& image = *w.image;
+  const PinholeCamera here = WorkingCamera(*v.image, v.camera);
+  const PinholeCamera there = WorkingCamera(image, w.camera);
+  const Rigid3 there_from_here = w.camera_from_scene * v.camera_from_scene.Inverse();
+  const int margin = static_cast<int>(looked.around * std::max(layer.width, layer.height));
+  const int x1 = std::min(v.image->width, layer.x0 + layer.width + margin);
+  const int y1 = std::min(v.image->height, layer.y0 + layer.height + margin);
+  const int x0 = std::max(0, layer.x0 - margin), y0 = std::max(0, layer.y0 - margin);
+  int step = kStepPx;
+  if (speed == Speed::kQuick) {
+    const double area = std::max(0, x1 - x0) * static_cast<double>(std::max(0, y1 - y0));
+    step = std::max(step, static_cast<int>(std::sqrt(area / kPlaces)));
+  }
+  const int least = kLeastPlaces * kStepPx * kStepPx / (step * step);
+  Sums sums;
+  int shown = 0;
+  for (int y = y0; y < y1; y += step) {
+    for (int x = x0; x < x1; x += step) {
+      const std::optional<Eigen::Vector3d> at = place(v, here, x, y);
+      if (!at) continue;
+      ++shown;
+      const Eigen::Vector3d seen = there_from_here * *at;
+      if (seen.z() <= 0) continue;
+      const Eigen::Vector2d u = Project(there, seen);
+      if (!(u.x() >= 0 && u.y() >= 0 && u.x() <= image.width - 1 && u.y() <= image.height - 1))
+        continue;
+      const float front = InverseDepthOf(
+          *w.layer, static_cast<int>(std::lround(u.x())), static_cast<int>(std::lround(u.y())));
+      if (looked.on_part ? front <= 0 || 1.0 / front < seen.z() - kHiddenM : front > 0) continue;
+      sums.Add((v.image->*looked.map)[v.image->Cell(x, y)],
+               Sample(image, image.*looked.map, u.x(), u.y()));
+    }
+  }
+  // Views that show much of the part, but hardly a place of it in common, do not agree.
+  const bool shared = sums.places() >= least;
+  if (shared ? sums.Contrast() < looked.contrast : shown < kMuchShown * least) return std::nullopt;
+  return shared ? sums.Correlation(looked.noise) : 0.0;
+}
+
+std::optional<double> SurfaceOneWay(const SeenPart& v, const SeenPart& w, Speed speed) {
+  const Looked looked{&AspectImage::grey, true, 0.0, kGreyNoise, kContrast};
+  const auto place = [](const SeenPart& s, const PinholeCamera& camera, int x, int y) {
+    const float inverse = InverseDepthOf(*s.layer, x, y);
+    std::optional<Eigen::Vector3d> out;
+    if (inverse > 0) out = NormalizedPoint(camera, Eigen::Vector2d(x, y)).homogeneous() / inverse;
+    return out;
+  };
+  return CorrelateOneWay(v, w, looked, speed, place);
+}
+
+std::optional<double> PlaneOneWay(const SeenPart& v,
+                                  const SeenPart& w,
+                                  const SupportingPlane& plane,
+                                  Speed speed) {
+  const Looked looked{&AspectImage::detail, false, kAround, kDetailNoise, 0.0};
+  const Eigen::Vector3d normal = v.camera_from_scene.R * plane.normal;
+  const double offset = plane.offset_m + normal.dot(v.camera_from_scene.t);
+  const auto place = [&](const SeenPart& s,
+                         const PinholeCamera& camera,
+                         int x,
+                         int y) -> std::optional<Eigen::Vector3d> {
+    if (InverseDepthOf(*s.layer, x, y) > 0) return std::nullopt;
+    const Eigen::Vector3d ray = NormalizedPoint(camera, Eigen::Vector2d(x, y)).homogeneous();
+    const double falls = normal.dot(ray);
+    if (offset * falls <= 0.0 || std::abs(falls) < kLeastSlope * ray.norm()) return std::nullopt;
+    return Eigen::Vector3d(offset / falls * ray);
+  };
+  return CorrelateOneWay(v, w, looked, speed, place);
+}
+
+// Mean of both ways.
+std::optional<double> BothWays(std::optional<double> a, std::optional<double> b) {
+  if (a && b) return (*a + *b) / 2;
+  return a ? a : b;
+}
+
+// Of all pairs of views; `one_way` of two of them.
+template <typename OneWay>
 Correlations Correlate(std::span<const AspectImage> images,
                        const std::vector<std::optional<AspectSceneView>>& views,
                        std::span<const PartLayer> layers,
-                       const Looked& looked,
-                       const Place& place) {
+                       const OneWay& one_way) {
   Correlations out;
   out.views.resize(views.size());
   std::vector<double> sum(views.size(), 0.0);
   std::vector<int> count(views.size(), 0);
-  const auto is_looked_at = [&](std::size_t v) {
-    return views[v] && layers[v].width > 0 && images[v].width > 1 && images[v].height > 1 &&
-           !(images[v].*looked.map).empty();
+  const auto seen = [&](std::size_t v) {
+    return SeenPart{&images[v], views[v]->camera, views[v]->camera_from_scene, &layers[v]};
   };
   for (std::size_t v = 0; v < views.size(); ++v) {
-    if (!is_looked_at(v)) continue;
-    const PartLayer& layer = layers[v];
-    const PinholeCamera here = WorkingCamera(images[v], views[v]->camera);
-    const int margin = static_cast<int>(looked.around * std::max(layer.width, layer.height));
-    const int x1 = std::min(images[v].width, layer.x0 + layer.width + margin);
-    const int y1 = std::min(images[v].height, layer.y0 + layer.height + margin);
     for (std::size_t w = 0; w < views.size(); ++w) {
-      if (w == v || !is_looked_at(w)) continue;
-      const AspectImage& image = images[w];
-      const PinholeCamera there = WorkingCamera(image, views[w]->camera);
-      const Rigid3 there_from_here =
-          views[w]->camera_from_scene * views[v]->camera_from_scene.Inverse();
-      Sums sums;
-      int shown = 0;
-      for (int y = std::max(0, layer.y0 - margin); y < y1; y += kStepPx) {
-        for (int x = std::max(0, layer.x0 - margin); x < x1; x += kStepPx) {
-          const std::optional<Eigen::Vector3d> at = place(v, here, x, y);
-          if (!at) continue;
-          ++shown;
-          const Eigen::Vector3d seen = there_from_here * *at;
-          if (seen.z() <= 0) continue;
-          const Eigen::Vector2d u = Project(there, seen);
-          if (!(u.x() >= 0 && u.y() >= 0 && u.x() <= image.width - 1 && u.y() <= image.height - 1))
-            continue;
-          const float front = InverseDepthOf(layers[w],
-                                             static_cast<int>(std::lround(u.x())),
-                                             static_cast<int>(std::lround(u.y())));
-          if (looked.on_part ? front <= 0 || 1.0 / front < seen.z() - kHiddenM : front > 0)
-            continue;
-          sums.Add((images[v].*looked.map)[images[v].Cell(x, y)],
-                   Sample(image, image.*looked.map, u.x(), u.y()));
-        }
-      }
-      // Views that show much of the part, but hardly a place of it in common, do not agree.
-      const bool shared = sums.places() >= kLeastPlaces;
-      if (shared ? sums.Contrast() < looked.contrast : shown < kMuchShown * kLeastPlaces) continue;
-      const double correlation = shared ? sums.Correlation(looked.noise) : 0.0;
+      if (w == v || !views[v] || !views[w]) continue;
+      const std::optional<double> correlation = one_way(seen(v), seen(w));
+      if (!correlation) continue;
       for (const std::size_t i : {v, w}) {
-        sum[i] += correlation;
+        sum[i] += *correlation;
         ++count[i];
       }
-      out.mean += correlation;
+      out.mean += *correlation;
       ++out.pairs;
     }
   }
@@ -165,40 +220,31 @@ bool ViewAgreement::IsOdd(int view) const {
   return *surface.views[view] < *middle - kOddView;
 }
 
+std::optional<double> SurfaceCorrelation(const SeenPart& a, const SeenPart& b) {
+  return BothWays(SurfaceOneWay(a, b, Speed::kQuick), SurfaceOneWay(b, a, Speed::kQuick));
+}
+
+std::optional<double> PlaneCorrelation(const SeenPart& a,
+                                       const SeenPart& b,
+                                       const SupportingPlane& plane) {
+  return BothWays(PlaneOneWay(a, b, plane, Speed::kQuick), PlaneOneWay(b, a, plane, Speed::kQuick));
+}
+
 Correlations SurfaceCorrelations(std::span<const AspectImage> images,
                                  const std::vector<std::optional<AspectSceneView>>& views,
                                  std::span<const PartLayer> layers) {
-  const auto place = [&](std::size_t v,
-                         const PinholeCamera& camera,
-                         int x,
-                         int y) -> std::optional<Eigen::Vector3d> {
-    const float inverse = InverseDepthOf(layers[v], x, y);
-    if (inverse <= 0) return std::nullopt;
-    return NormalizedPoint(camera, Eigen::Vector2d(x, y)).homogeneous() / inverse;
-  };
-  const Looked looked{&AspectImage::grey, true, 0.0, kGreyNoise, kContrast};
-  return Correlate(images, views, layers, looked, place);
+  return Correlate(images, views, layers, [](const SeenPart& v, const SeenPart& w) {
+    return SurfaceOneWay(v, w, Speed::kFull);
+  });
 }
 
 Correlations PlaneCorrelations(std::span<const AspectImage> images,
                                const std::vector<std::optional<AspectSceneView>>& views,
                                std::span<const PartLayer> layers,
                                const SupportingPlane& plane) {
-  const auto place = [&](std::size_t v,
-                         const PinholeCamera& camera,
-                         int x,
-                         int y) -> std::optional<Eigen::Vector3d> {
-    if (InverseDepthOf(layers[v], x, y) > 0) return std::nullopt;
-    const Rigid3& pose = views[v]->camera_from_scene;
-    const Eigen::Vector3d normal = pose.R * plane.normal;
-    const double offset = plane.offset_m + normal.dot(pose.t);
-    const Eigen::Vector3d ray = NormalizedPoint(camera, Eigen::Vector2d(x, y)).homogeneous();
-    const double falls = normal.dot(ray);
-    if (offset * falls <= 0.0 || std::abs(falls) < kLeastSlope * ray.norm()) return std::nullopt;
-    return Eigen::Vector3d(offset / falls * ray);
-  };
-  const Looked looked{&AspectImage::detail, false, kAround, kDetailNoise, 0.0};
-  return Correlate(images, views, layers, looked, place);
+  return Correlate(images, views, layers, [&](const SeenPart& v, const SeenPart& w) {
+    return PlaneOneWay(v, w, plane, Speed::kFull);
+  });
 }
 
 std::vector<PartLayer> LayersInViews(std::span<const AspectImage> images,

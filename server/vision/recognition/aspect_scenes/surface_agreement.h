@@ -23,6 +23,21 @@ struct Correlations {
   int pairs = 0;                             // ordered; that show enough of a surface with contrast
 };
 
+// A part in an image; what is pointed to outlives it.
+struct SeenPart {
+  const AspectImage* image = nullptr;
+  PinholeCamera camera;
+  Rigid3 camera_from_scene;
+  const PartLayer* layer = nullptr;  // the part, from there
+};
+
+// Of two views, mean of both ways: over the part's surface, and over the texture of a plane around
+// it (scene frame). Nothing where they say nothing. Looks at some 2000 places of each view.
+std::optional<double> SurfaceCorrelation(const SeenPart& a, const SeenPart& b);
+std::optional<double> PlaneCorrelation(const SeenPart& a,
+                                       const SeenPart& b,
+                                       const SupportingPlane& plane);
+
 // Over the part's surface. `layers`: the part in each view, empty where not registered.
 Correlations SurfaceCorrelations(std::span<const AspectImage> images,
                                  const std::vector<std::optional<AspectSceneView>>& views,
