@@ -222,6 +222,13 @@ bool HasTexture(const AspectImageOptions& options, const AspectImage& image) {
   });
 }
 
+int MedianLevel(std::vector<std::uint8_t> levels) {
+  if (levels.empty()) return 0;
+  const auto middle = levels.begin() + static_cast<std::ptrdiff_t>(levels.size() / 2);
+  std::nth_element(levels.begin(), middle, levels.end());
+  return *middle;
+}
+
 // Drops the edges of textured places but for those with a smooth side, outlines of smooth parts on
 // granite, and those of things of another colour. Returns whether there were any; `dropped` are
 // their places.
@@ -232,8 +239,17 @@ bool DropTexture(const cv::Mat& bgr,
   constexpr float kOfEdgePx = 3.0f;  // from an edge to what it is the edge of
   constexpr float kAside = 11.0f;    // px between an edge and the middle of what lies beside it
   constexpr int kHalf = 7;           // of the box beside it: far enough not to see the edge itself
+  constexpr double kCoarseShare = 0.62;  // of the limit
+  constexpr double kFineShare = 1.4;     // of the limit, what fine granite has
   constexpr double kTexturedShare = 0.2;  // of the blocks; chosen, commit f40c0a3
   int limit = TextureLimit(options);
+  double smooth_side = options.smooth_side;
+  // A ground of coarser grain has fewer edges, but has them everywhere.
+  const int middle = MedianLevel(image->texture);
+  if (middle >= kCoarseShare * limit && middle < limit) {
+    smooth_side *= static_cast<double>(middle) / (kFineShare * limit);
+    limit = middle / 2;
+  }
   const auto textured = std::count_if(
       image->texture.begin(), image->texture.end(), [&](int level) { return level > limit; });
   if (textured == 0) return false;
@@ -244,8 +260,8 @@ bool DropTexture(const cv::Mat& bgr,
   for (std::size_t i = 0; i < image->edges.size(); ++i) {
     const ImageEdgePoint& e = image->edges[i];
     if (image->texture[image->Block(e.point.x(), e.point.y())] <= limit) continue;
-    drop[i] = counts.Share(e.point + kAside * e.normal, kHalf) > options.smooth_side &&
-              counts.Share(e.point - kAside * e.normal, kHalf) > options.smooth_side;
+    drop[i] = counts.Share(e.point + kAside * e.normal, kHalf) > smooth_side &&
+              counts.Share(e.point - kAside * e.normal, kHalf) > smooth_side;
     if (drop[i]) dropped->push_back(e.point);
   }
   if (dropped->empty()) return false;
