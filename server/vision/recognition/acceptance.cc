@@ -106,6 +106,8 @@ absl::Status Check(const AspectAcceptance& o) {
        {"even_on_ground", o.even_on_ground, Range::kShare},
        {"surface_disagrees", o.surface_disagrees, Range::kShare},
        {"disagreement_more", o.disagreement_more, Range::kShare},
+       {"telling_texture", o.telling_texture, Range::kNotNegative},
+       {"ground_disagrees", o.ground_disagrees, Range::kShare},
        {"missing_views_more", o.missing_views_more, Range::kShare},
        {"focal_spread_free", o.focal_spread_free, Range::kNotNegative},
        {"focal_spread_more", o.focal_spread_more, Range::kNotNegative},

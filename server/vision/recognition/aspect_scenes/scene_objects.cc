@@ -280,11 +280,12 @@ void SceneObjects::AgreeOnSurface(LinkedScene* scene) const {
 
 void SceneObjects::AgreeOnGround(LinkedScene* scene) const {
   const LinkedObject& first = scene->objects.front();
-  scene->agreement.ground = GroundAgreement(in_.images,
-                                            scene->views,
-                                            LayersOf(*scene, first),
-                                            in_.parts[first.object].resting,
-                                            first.scene_from_object);
+  const std::vector<PartLayer> layers = LayersOf(*scene, first);
+  // Views turn about a round part's axis as they like: the ground denies their turns, not the part.
+  scene->agreement.texture =
+      in_.parts[first.object].round.empty() ? TextureAround(in_.images, scene->views, layers) : 0.0;
+  scene->agreement.ground = GroundAgreement(
+      in_.images, scene->views, layers, in_.parts[first.object].resting, first.scene_from_object);
 }
 
 double ExplainedTogether(std::span<const Explained> objects) {

@@ -275,6 +275,34 @@ void HideBehind(const PartLayer& nearer, PartLayer* layer) {
   }
 }
 
+double TextureAround(std::span<const AspectImage> images,
+                     const std::vector<std::optional<AspectSceneView>>& views,
+                     std::span<const PartLayer> layers) {
+  std::optional<double> least;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    const AspectImage& image = images[v];
+    const PartLayer& layer = layers[v];
+    if (!views[v] || layer.width <= 0 || image.detail.empty()) continue;
+    const int margin = static_cast<int>(kAround * std::max(layer.width, layer.height));
+    const int x1 = std::min(image.width, layer.x0 + layer.width + margin);
+    const int y1 = std::min(image.height, layer.y0 + layer.height + margin);
+    double n = 0.0, sum = 0.0, squares = 0.0;
+    for (int y = std::max(0, layer.y0 - margin); y < y1; y += kStepPx) {
+      for (int x = std::max(0, layer.x0 - margin); x < x1; x += kStepPx) {
+        if (InverseDepthOf(layer, x, y) > 0) continue;
+        const double detail = image.detail[image.Cell(x, y)];
+        n += 1.0;
+        sum += detail;
+        squares += detail * detail;
+      }
+    }
+    if (n < kLeastPlaces) continue;
+    const double deviation = std::sqrt(std::max(0.0, squares / n - sum / n * (sum / n)));
+    least = std::min(least.value_or(deviation), deviation);
+  }
+  return least.value_or(0.0);
+}
+
 double GroundAgreement(std::span<const AspectImage> images,
                        const std::vector<std::optional<AspectSceneView>>& views,
                        std::span<const PartLayer> layers,

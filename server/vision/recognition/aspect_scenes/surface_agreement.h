@@ -55,6 +55,9 @@ struct ViewAgreement {
   // Least over the views of the correlation over the plane under the resting face that has the
   // highest; 0 where not every registered view has one.
   double ground = 0.0;
+  // How textured the image is around the part: deviation of AspectImage::detail, grey levels, least
+  // of the registered views. 0 for a surface of revolution, whose turns no edge tells.
+  double texture = 0.0;
 
   bool Contradicts(double least) const { return surface.pairs > 0 && surface.mean < least; }
   // Whether a view shows another surface than most do: its camera is wrong.
@@ -70,6 +73,11 @@ std::vector<PartLayer> LayersInViews(std::span<const AspectImage> images,
 
 // Takes from a part's layer what a nearer part of the same view hides.
 void HideBehind(const PartLayer& nearer, PartLayer* layer);
+
+// ViewAgreement::texture.
+double TextureAround(std::span<const AspectImage> images,
+                     const std::vector<std::optional<AspectSceneView>>& views,
+                     std::span<const PartLayer> layers);
 
 // ViewAgreement::ground; planes above a camera are none.
 double GroundAgreement(std::span<const AspectImage> images,

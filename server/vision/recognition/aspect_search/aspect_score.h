@@ -42,7 +42,7 @@ struct AspectScoreOptions {
   double max_turn_rad = 0.45;     // between directions of model and image edge
   double margin_share = 0.10;     // of the size: image edges so near the silhouette must be
                                   // explained as well
-  double max_margin_px = 16.0;
+  double max_margin_px = 16.0;    // ... no farther, as large parts stand beside others; ADR 43
   double half_length_px = 200.0;  // supported px at which the size factor is one half
   // Chance (AspectImage::chance) up to this is free, as parts have it themselves; what exceeds it
   // is taken off the precision, and image edges in such places count less in the recall.

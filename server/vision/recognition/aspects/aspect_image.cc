@@ -239,8 +239,8 @@ bool DropTexture(const cv::Mat& bgr,
   constexpr float kOfEdgePx = 3.0f;  // from an edge to what it is the edge of
   constexpr float kAside = 11.0f;    // px between an edge and the middle of what lies beside it
   constexpr int kHalf = 7;           // of the box beside it: far enough not to see the edge itself
-  constexpr double kCoarseShare = 0.62;  // of the limit
-  constexpr double kFineShare = 1.4;     // of the limit, what fine granite has
+  constexpr double kCoarseShare = 0.62;   // of the limit
+  constexpr double kFineShare = 1.4;      // of the limit, what fine granite has
   constexpr double kTexturedShare = 0.2;  // of the blocks; chosen, commit f40c0a3
   int limit = TextureLimit(options);
   double smooth_side = options.smooth_side;

@@ -26,19 +26,6 @@ double FocalSpread(const LinkedScene& scene) {
   return std::sqrt(squares / n);
 }
 
-// What one part alone must score, for the views it links and the cameras it says they have.
-double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
-  double even = EvenInViews(scene.registered(), static_cast<int>(scene.views.size()), options);
-  if (scene.registered() < 2) return even;
-  const ViewAgreement& views = scene.agreement;
-  if (views.Contradicts(options.surface_disagrees))
-    even += options.disagreement_more;
-  else if (scene.registered() >= options.accompanied_views && views.ground >= options.ground_agrees)
-    return options.even_on_ground;
-  return even +
-         options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
-}
-
 // Different parts of a scene that score so much, those that lie on a plane with others `lying`.
 int PartsThatScore(const LinkedScene& scene, double score, double lying) {
   std::set<int> parts;
@@ -46,6 +33,30 @@ int PartsThatScore(const LinkedScene& scene, double score, double lying) {
     if (o.score >= (o.lies ? lying : score)) parts.insert(o.object);
   }
   return static_cast<int>(parts.size());
+}
+
+// The ground around the first part has texture, and not where its cameras say. Two parts may tile
+// the image of a third; of three, and of two that lie on a plane, the first may stand on something.
+bool GroundContradicts(const LinkedScene& scene, const AspectAcceptance& options) {
+  const auto lying = std::count_if(
+      scene.objects.begin(), scene.objects.end(), [](const LinkedObject& o) { return o.lies; });
+  return scene.registered() > 1 && scene.agreement.texture >= options.telling_texture &&
+         scene.agreement.ground < options.ground_disagrees && lying < 2 &&
+         PartsThatScore(scene, options.company_score, options.company_score) <
+             options.company_parts;
+}
+
+// What one part alone must score, for the views it links and the cameras it says they have.
+double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
+  double even = EvenInViews(scene.registered(), static_cast<int>(scene.views.size()), options);
+  if (scene.registered() < 2) return even;
+  const ViewAgreement& views = scene.agreement;
+  if (views.Contradicts(options.surface_disagrees) || GroundContradicts(scene, options))
+    even += options.disagreement_more;
+  else if (scene.registered() >= options.accompanied_views && views.ground >= options.ground_agrees)
+    return options.even_on_ground;
+  return even +
+         options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
 }
 
 enum class Agreement {
@@ -62,7 +73,7 @@ Agreement AgreementOf(const LinkedScene& scene, const AspectAcceptance& options)
       FocalSpread(scene) > options.accompanied_focal_share * options.focal_spread_free)
     return Agreement::kNone;
   const double best = scene.objects.front().score;
-  if (best >= options.accompanied_score &&
+  if (best >= options.accompanied_score && !GroundContradicts(scene, options) &&
       PartsThatScore(scene, options.companion_score, options.companion_lying) > 1)
     return Agreement::kPair;
   if (PartsThatScore(scene, kNever, options.company_lying) >= options.company_parts)

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 
 namespace horopter {
 namespace {
@@ -109,6 +110,18 @@ TEST(SurfaceAgreement, TheGroundAgreesOnlyWhereThePlaneIsAndForRightCameras) {
   EXPECT_GT(ground(seen, 0.0), 0.9);
   EXPECT_LT(ground(seen, -0.02), 0.3);
   EXPECT_LT(ground(See({0.0, 0.4, 0.9}, {0.0, 0.5, 0.8}), 0.0), 0.4);
+}
+
+TEST(SurfaceAgreement, TextureIsWhatTheLeastTexturedViewHasAroundThePart) {
+  Seen seen = See({0.0, 0.4, 0.9}, {0.0, 0.4, 0.9});
+  // Two waves of amplitude 50 in the darkest image: 0.7 * 50 * (1/2 + 1/2)^(1/2).
+  EXPECT_NEAR(TextureAround(seen.images, seen.views, seen.layers), 35.0, 8.0);
+  seen.images[1].detail.assign(seen.images[1].detail.size(), 128);
+  EXPECT_EQ(TextureAround(seen.images, seen.views, seen.layers), 0.0);
+  seen.views[1].reset();
+  EXPECT_GT(TextureAround(seen.images, seen.views, seen.layers), 25.0);
+  seen.views.assign(3, std::nullopt);
+  EXPECT_EQ(TextureAround(seen.images, seen.views, seen.layers), 0.0);
 }
 
 TEST(SurfaceAgreement, TheFaceAPartRestsOnGivesTheGround) {

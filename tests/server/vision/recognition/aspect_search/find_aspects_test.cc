@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -296,6 +297,27 @@ TEST_F(FindAspects, RefinementReturnsToThePoseItWasMovedFrom) {
   EXPECT_GT(near, 0.8 * matches.size());
   EXPECT_GT(ScorePose(image, mesh, Camera(), refined.camera_from_object).score,
             ScorePose(image, mesh, Camera(), moved).score + 0.1);
+}
+
+// What stands 20 px beside a part of 250 px is its own matter.
+TEST_F(FindAspects, TheMarginOfALargePartIsBounded) {
+  const PhotoPart& part = (*parts_)[0];
+  Rigid3 pose = Pose();
+  pose.t = {0.0, 0.0, 0.22};
+  cv::Mat photo = Photo(0, pose);
+  const AspectImage bare = MakeAspectImage(photo);
+  float right = 0.0f;
+  for (const ImageEdgePoint& e : bare.edges) right = std::max(right, e.point.x());
+  cv::rectangle(photo, cv::Rect(static_cast<int>(right) + 20, 60, 12, 360), {255, 255, 255}, -1);
+  const AspectImage beside = MakeAspectImage(photo);
+  AspectScoreOptions unbounded;
+  unbounded.max_margin_px = 1e3;
+  const auto recall = [&](const AspectImage& image, const AspectScoreOptions& options) {
+    return ScorePose(image, part.object.mesh, Camera(), pose, options).recall;
+  };
+  EXPECT_GT(beside.edges.size(), bare.edges.size() + 300);
+  EXPECT_NEAR(recall(beside, {}), recall(bare, {}), 0.02);
+  EXPECT_LT(recall(beside, unbounded), recall(bare, unbounded) - 0.05);
 }
 
 TEST_F(FindAspects, FragmentsSurviveTheirBlob) {

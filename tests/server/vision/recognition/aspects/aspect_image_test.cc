@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
+#include <vector>
 
 namespace horopter {
 namespace {
@@ -102,6 +104,34 @@ TEST(AspectImage, OutlineOfASmoothPartOnTextureStays) {
     const auto most = of_disc(MakeAspectImage(granite, all));
     EXPECT_GT(of_disc(kept), 0.8 * most);
     EXPECT_LT(kept.edges.size(), 0.5 * MakeAspectImage(granite, all).edges.size());
+  }
+}
+
+// Its edges are fewer than those of fine grain, but everywhere.
+TEST(AspectImage, CoarseGrainIsTextureToo) {
+  for (const int seed : {71, 72, 73}) {
+    SCOPED_TRACE(seed);
+    cv::Mat granite(480, 640, CV_8UC1);
+    cv::RNG random(seed);
+    random.fill(granite, cv::RNG::UNIFORM, 0, 255);
+    cv::GaussianBlur(granite, granite, cv::Size(), 2.6);
+    cv::normalize(granite, granite, 40, 170, cv::NORM_MINMAX);
+    cv::cvtColor(granite, granite, cv::COLOR_GRAY2BGR);
+    cv::circle(granite, cv::Point(320, 240), 110, cv::Scalar(235, 235, 235), -1, cv::LINE_AA);
+    const auto of_disc = [](const AspectImage& image) {
+      return std::count_if(image.edges.begin(), image.edges.end(), [](const ImageEdgePoint& e) {
+        return std::abs((e.point - Eigen::Vector2f(320, 240)).norm() - 110.0f) < 2.0f;
+      });
+    };
+    AspectImageOptions all = OfWidth(640);
+    all.max_texture = 1.0;
+    const AspectImage kept = MakeAspectImage(granite, OfWidth(640));
+    const AspectImage most = MakeAspectImage(granite, all);
+    std::vector<std::uint8_t> levels(most.texture.begin(), most.texture.end());
+    std::nth_element(levels.begin(), levels.begin() + levels.size() / 2, levels.end());
+    EXPECT_LT(levels[levels.size() / 2], 255 * AspectImageOptions{}.max_texture);
+    EXPECT_GT(of_disc(kept), 0.7 * of_disc(most));
+    EXPECT_LT(kept.edges.size(), 0.6 * most.edges.size());
   }
 }
 

@@ -67,6 +67,34 @@ TEST(AspectDecision, ViewsThatShowAnotherSurfaceAreNotBelieved) {
   EXPECT_GT(Probability(scene, 0), 0.9);
 }
 
+TEST(AspectDecision, ATexturedGroundThatIsNotWhereTheCamerasSayContradicts) {
+  const AspectAcceptance options;
+  LinkedScene scene = Scene(5, 5, {0.61, 0.57, 0.55});  // was a wrong one: two parts, one twice
+  scene.objects[2].object = 1;
+  EXPECT_GT(Probability(scene, 0), 0.8);
+  EXPECT_GT(Probability(scene, 1), 0.8);
+  scene.agreement.texture = options.telling_texture;
+  scene.agreement.ground = 0.05;
+  EXPECT_LT(Probability(scene, 0), 0.1);
+  EXPECT_LT(Probability(scene, 1), 0.1);
+  LinkedScene sure = scene;
+  sure.objects[0].score = 0.85;  // too much to be denied
+  EXPECT_GT(Probability(sure, 0), 0.6);
+  LinkedScene blank = scene, agreeing = scene, lying = scene;
+  blank.agreement.texture = 3.0;
+  EXPECT_GT(Probability(blank, 0), 0.8);
+  agreeing.agreement.ground = options.ground_disagrees;
+  EXPECT_GT(Probability(agreeing, 0), 0.8);
+  LinkedScene three = scene;
+  three.objects[2].object = 2;
+  EXPECT_GT(Probability(three, 0), 0.8);
+  EXPECT_GT(Probability(three, 1), 0.8);
+  // The first of them stands on something.
+  lying.objects[1].lies = lying.objects[2].lies = true;
+  EXPECT_GT(Probability(lying, 0), 0.8);
+  EXPECT_GT(Probability(lying, 1), 0.8);
+}
+
 TEST(AspectDecision, BesideASurePartLessIsEnough) {
   EXPECT_NEAR(Probability(Scene(4, 4, {0.60, AspectAcceptance().even_score}), 1), 0.5, 1e-9);
   EXPECT_LT(Probability(Scene(4, 4, {0.50, 0.46}), 1), 0.2);  // the first one is not sure
