@@ -366,7 +366,8 @@ absl::Status Run(const Arguments& arguments) {
     for (const auto& v : linked.agreement.surface.views)
       of_views += (of_views.empty() ? "" : " ") + (v ? absl::StrFormat("%.2f", *v) : "-");
     std::cout << absl::StrFormat(
-        "scene %d %s: %d of %d views, score %.2f, focal%s, surface %.2f (%s), ground %.2f of %.1f; search "
+        "scene %d %s: %d of %d views, score %.2f, focal%s, surface %.2f (%s), ground %.2f of %.1f; "
+        "search "
         "%.1f s, linking %.1f s\n",
         scene.scene_id,
         scene.tier,

@@ -262,8 +262,8 @@ double Recall(const AspectImage& image,
               const AspectScoreOptions& options) {
   const ModelRaster raster = RasterEdges(edges, image, options.tolerance_px);
   if (raster.nearest.empty()) return 0.0;
-  const int margin_px = static_cast<int>(
-      std::ceil(std::min(options.max_margin_px, options.margin_share * size_px)));
+  const int margin_px =
+      static_cast<int>(std::ceil(std::min(options.max_margin_px, options.margin_share * size_px)));
   const double margin_rendered = margin_px * edges.view.scale;
   const SilhouetteDistance silhouette =
       DistanceToSilhouette(edges.view, static_cast<int>(std::ceil(margin_rendered)) + 1);
