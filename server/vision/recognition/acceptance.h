@@ -178,11 +178,10 @@ struct AspectAcceptance {
   double surface_disagrees = 0.15;
   double disagreement_more = 0.25;
   // As much more where the ground around the first part has texture (grey levels), the views agree
-  // on it less than so much, and neither two parts lie on a plane together nor three are company.
-  // Of 40 scenes with their parts 4 are like that: one of wrong parts, two of parts turned wrongly
-  // in some views, one of two linked views of four; of 30 linked ones without their parts 20.
-  // Commit of ADR 43, `aspect_scene_report` on cad-dev's and parts-dev's parts on 26 other tables
-  // and 25 other parts.
+  // on it less than so much, and neither two parts lie on a plane together nor three are company;
+  // surfaces of revolution are left out. Of 40 linked scenes with their parts 3 are like that: one
+  // of wrong parts, one of a part turned wrongly in a view, one of two views of four; of 30 without
+  // their parts 15. Commit of ADR 43, `aspect_scene_report` on sets D, E and F of results.md.
   double telling_texture = 7.0;
   double ground_disagrees = 0.15;
   double focal_spread_free =

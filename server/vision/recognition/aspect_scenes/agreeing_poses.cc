@@ -15,7 +15,7 @@ namespace {
 struct PairTable {
   std::size_t v = 0, w = 0;  // views
   std::size_t columns = 0;   // poses of w
-  std::vector<std::vector<double>> values;
+  std::vector<std::vector<double>> values = {};
 
   double At(std::size_t kind, int a, int b) const {
     return values[kind][static_cast<std::size_t>(a) * columns + static_cast<std::size_t>(b)];
@@ -94,7 +94,8 @@ class Chooser {
     for (std::size_t a = 0; a < of_v.size(); ++a) {
       for (std::size_t b = 0; b < of_w.size(); ++b) {
         const std::size_t cell = a * of_w.size() + b;
-        table->values[0][cell] = SurfaceCorrelation(of_v[a], of_w[b]).value_or(0.0);
+        if (options_.surface_tells)
+          table->values[0][cell] = SurfaceCorrelation(of_v[a], of_w[b]).value_or(0.0);
         for (std::size_t p = 0; p < planes_.size(); ++p) {
           if (!IsAbove(of_v[a], planes_[p]) || !IsAbove(of_w[b], planes_[p])) continue;
           table->values[1 + p][cell] = PlaneCorrelation(of_v[a], of_w[b], planes_[p]).value_or(0.0);
@@ -103,7 +104,7 @@ class Chooser {
     }
   }
 
-  double Worth(const ChosenPoses& c) const { return c.Agreement(options_.surface_tells) + c.score; }
+  static double Worth(const ChosenPoses& c) { return c.Agreement() + c.score; }
 
   // Of the views chosen for.
   double Agreement(std::size_t kind, const std::vector<int>& chosen) const {
@@ -134,9 +135,9 @@ class Chooser {
 
   const AgreeingPosesOptions& options_;
   const std::size_t count_;
-  std::vector<std::size_t> views_;               // that have poses
-  std::vector<std::vector<AllowedPose>> lists_;  // of these
-  std::vector<SupportingPlane> planes_;          // object frame
+  std::vector<std::size_t> views_;                   // that have poses
+  std::vector<std::span<const AllowedPose>> lists_;  // of these
+  std::vector<SupportingPlane> planes_;              // object frame
   std::vector<std::vector<PartLayer>> layers_;
   std::vector<std::vector<SeenPart>> seen_;
   std::vector<PairTable> tables_;

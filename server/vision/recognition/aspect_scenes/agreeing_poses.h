@@ -17,12 +17,12 @@ struct AllowedPose {
 
 struct ChosenPoses {
   std::vector<int> poses;  // of each view, index into its list; -1: the list is empty
-  // Means over the pairs of views of the correlation over the surface, and over the plane under the
-  // resting face that has the highest.
+  // Means over the pairs of views of the correlation over the surface, 0 where it does not tell,
+  // and over the plane under the resting face that has the highest.
   double surface = 0.0, ground = 0.0;
   double score = 0.0;  // mean of the views'
 
-  double Agreement(bool surface_tells) const { return (surface_tells ? surface : 0.0) + ground; }
+  double Agreement() const { return surface + ground; }
 };
 
 struct AgreeingPoses {

@@ -44,10 +44,6 @@ constexpr double kCredibleScore = 0.45, kSettledScore = 0.5;
 // ... where no other agrees, as the views may show several poses of one: a wrong link of a battery
 // holder had 0.57 in four views, the right one of it and two more parts 0.58.
 constexpr double kSettledAlone = 0.65;
-// Of a hypothesis for whose part all views are looked at deeply when nothing links them, and how
-// many parts are; chosen.
-constexpr double kLeadingScore = 0.48;
-constexpr std::size_t kLeading = 2;      // for time
 constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface of a settled scene
 
 class Linker {
@@ -90,7 +86,7 @@ class Linker {
     }
     if (best.objects.empty()) return best;
     contest_.FindBestCompeting(&best);
-    objects_.AgreeOnGround(&best);
+    best.agreement = objects_.WithGround(best);
     return best;
   }
 
@@ -166,32 +162,11 @@ class Linker {
     }
   }
 
-  // The best hypotheses of different parts, with their views.
-  std::vector<std::pair<int, AspectHypothesis>> Leads() const {
-    std::vector<std::pair<int, AspectHypothesis>> all, leads;
-    for (std::size_t v = 0; v < in_.images.size(); ++v) {
-      for (const AspectHypothesis& h : links_.Hypotheses(static_cast<int>(v))) {
-        if (h.score >= kLeadingScore) all.emplace_back(static_cast<int>(v), h);
-      }
-    }
-    std::stable_sort(all.begin(), all.end(), [](const auto& a, const auto& b) {
-      return a.second.score > b.second.score;
-    });
-    for (const auto& lead : all) {
-      if (leads.size() >= kLeading) break;
-      if (std::none_of(leads.begin(), leads.end(), [&](const auto& other) {
-            return other.second.object == lead.second.object;
-          }))
-        leads.push_back(lead);
-    }
-    return leads;
-  }
-
   // Where nothing credible links the views, a part that one of them shows well may be among the
   // many that the others might show, too: they are looked at for it alone.
   void FollowLeads(LinkedScene* best) {
     if (IsCredible(*best) || in_.images.size() < 2) return;
-    for (const auto& [view, lead] : Leads()) {
+    for (const auto& [view, lead] : links_.Leads()) {
       if (IsStopRequested(stop_)) return;
       LinkedScene alone;
       alone.views.resize(in_.images.size());
@@ -452,7 +427,7 @@ class Linker {
     if (IsStopRequested(stop_)) return;
     std::optional<AspectScene> scene = turns_.Turned(*best);
     if (!scene) return;
-    LinkedScene turned = Finish(&*scene);
+    LinkedScene turned = Finish(std::move(*scene));
     if (turned.registered() >= best->registered() && turned.score >= kTurnedScore * best->score)
       *best = std::move(turned);
   }

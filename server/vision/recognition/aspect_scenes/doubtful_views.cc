@@ -10,7 +10,6 @@ namespace {
 constexpr double kLeastChance = 0.25;   // of a wrong pose's score in an image
 constexpr double kDoubtfulShare = 0.5;  // of what the middle view shows: looked at again
 constexpr double kBetterScore = 0.06;   // of another pose of an object in one view
-constexpr double kNearM = 1e-3;         // points nearer to the camera plane have no image
 
 // Whether the view has a hypothesis of an object, in its place but elsewhere in pose, that explains
 // more.
@@ -24,8 +23,7 @@ bool IsContradicted(const LinkedScene& scene,
     const Rigid3 expected = view.camera_from_scene * o.scene_from_object;
     const RenderMesh& mesh = parts[o.object].object->mesh;
     const Eigen::Vector3d center = mesh.center.cast<double>();
-    const double size =
-        view.camera.focal_px * mesh.diameter_m / std::max((expected * center).z(), kNearM);
+    const double size = SizePx(parts[o.object], view.camera, expected);
     for (const AspectHypothesis& h : links.Hypotheses(v)) {
       if (h.object != o.object || h.score < o.views[v].score + kBetterScore) continue;
       const Eigen::Vector2d there = Project(h.camera, h.camera_from_object * center);

@@ -10,7 +10,6 @@
 namespace horopter {
 namespace {
 
-constexpr double kNearM = 1e-3;           // points nearer to the camera plane have no image
 constexpr double kTurnedScore = 0.01;     // by which another turn must be better
 constexpr double kReplacingScore = 0.02;  // by which another pose or part must be better; chosen
 constexpr double kNearlyScore = 0.03;     // of a view by which it may be worse there; chosen
@@ -99,8 +98,7 @@ std::vector<AspectSceneObject> PlaceContest::BetterInOneView(const LinkedScene& 
       const double smaller = std::min(MeshOf(h.object).diameter_m, MeshOf(o.object).diameter_m);
       if ((there - here).norm() > kSamePlaceShare * smaller) continue;
       if (h.object == o.object) {
-        const double size = view.camera.focal_px * MeshOf(o.object).diameter_m /
-                            std::max((pose * MeshOf(o.object).center.cast<double>()).z(), kNearM);
+        const double size = SizePx(in_.parts[o.object], view.camera, pose);
         const double off = PoseDistancePx(in_.parts[h.object],
                                           view.camera,
                                           view.camera_from_scene * o.scene_from_object,

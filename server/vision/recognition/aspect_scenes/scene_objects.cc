@@ -278,14 +278,16 @@ void SceneObjects::AgreeOnSurface(LinkedScene* scene) const {
   scene->score -= kDisagreement * lacking * scene->registered();
 }
 
-void SceneObjects::AgreeOnGround(LinkedScene* scene) const {
-  const LinkedObject& first = scene->objects.front();
-  const std::vector<PartLayer> layers = LayersOf(*scene, first);
+ViewAgreement SceneObjects::WithGround(const LinkedScene& scene) const {
+  const LinkedObject& first = scene.objects.front();
+  const AspectPart& part = in_.parts[first.object];
+  const std::vector<PartLayer> layers = LayersOf(scene, first);
+  ViewAgreement out = scene.agreement;
   // Views turn about a round part's axis as they like: the ground denies their turns, not the part.
-  scene->agreement.texture =
-      in_.parts[first.object].round.empty() ? TextureAround(in_.images, scene->views, layers) : 0.0;
-  scene->agreement.ground = GroundAgreement(
-      in_.images, scene->views, layers, in_.parts[first.object].resting, first.scene_from_object);
+  out.texture = part.round.empty() ? TextureAround(in_.images, scene.views, layers) : 0.0;
+  out.ground =
+      GroundAgreement(in_.images, scene.views, layers, part.resting, first.scene_from_object);
+  return out;
 }
 
 double ExplainedTogether(std::span<const Explained> objects) {

@@ -59,8 +59,8 @@ class SceneObjects {
   std::optional<SettledObject> Settled(const std::vector<std::optional<AspectSceneView>>& views,
                                        const AspectSceneObject& placed) const;
   LinkedScene Result(const AspectScene& scene) const;
-  // Sets ViewAgreement::ground of a scene with objects.
-  void AgreeOnGround(LinkedScene* scene) const;
+  // The agreement of a scene with objects, with what its views say of the ground.
+  ViewAgreement WithGround(const LinkedScene& scene) const;
   // Score, more where it lies on a plane.
   double Value(const LinkedObject& o) const;
   // Sets LinkedObject::lies: beside or on others that score at least so much.

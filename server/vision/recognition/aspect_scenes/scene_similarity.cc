@@ -8,7 +8,6 @@ namespace horopter {
 namespace {
 
 constexpr double kAlikeShare = 0.06;  // of the size: poses nearer are the same; chosen
-constexpr double kNearM = 1e-3;       // points nearer to the camera plane have no image
 
 bool AreAlikeAsTheyAre(const AspectScene& scene,
                        const AspectSceneObject& object,
@@ -17,14 +16,12 @@ bool AreAlikeAsTheyAre(const AspectScene& scene,
                        const ObjectAspects& aspects) {
   AspectPart plain;  // without symmetries
   plain.object = &aspects;
-  const Eigen::Vector3d center = aspects.mesh.center.cast<double>();
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
     if (!other.views[v]) return false;
     const PinholeCamera& camera = scene.views[v]->camera;
     const Rigid3 pose = scene.views[v]->camera_from_scene * object.scene_from_object;
-    const double size =
-        camera.focal_px * aspects.mesh.diameter_m / std::max((pose * center).z(), kNearM);
+    const double size = SizePx(plain, camera, pose);
     if (PoseDistancePx(plain,
                        camera,
                        pose,

@@ -11,6 +11,10 @@ namespace {
 constexpr double kCarriedShare = 0.2;    // of carried edges against a hypothesis's weight
 constexpr int kVirtualSteps = 12;        // Gauss-Newton; chosen
 constexpr double kVirtualSigmaPx = 6.0;  // working px; chosen, commit cffbdd4
+// Of a hypothesis for whose part all views are looked at deeply when nothing links them, and how
+// many parts are; chosen.
+constexpr double kLeadingScore = 0.48;
+constexpr std::size_t kLeading = 2;  // for time
 
 }  // namespace
 
@@ -22,6 +26,26 @@ ViewLinks::ViewLinks(const AspectLinkInput& input,
       stop_(stop),
       turns_(input.parts, options.max_symmetries),
       support_(input, options) {}
+
+std::vector<std::pair<int, AspectHypothesis>> ViewLinks::Leads() const {
+  std::vector<std::pair<int, AspectHypothesis>> all, leads;
+  for (int v = 0; v < static_cast<int>(in_.images.size()); ++v) {
+    for (const AspectHypothesis& h : Hypotheses(v)) {
+      if (h.score >= kLeadingScore) all.emplace_back(v, h);
+    }
+  }
+  std::stable_sort(all.begin(), all.end(), [](const auto& a, const auto& b) {
+    return a.second.score > b.second.score;
+  });
+  for (const auto& lead : all) {
+    if (leads.size() >= kLeading) break;
+    if (std::none_of(leads.begin(), leads.end(), [&](const auto& other) {
+          return other.second.object == lead.second.object;
+        }))
+      leads.push_back(lead);
+  }
+  return leads;
+}
 
 std::vector<GrownScene> ViewLinks::InitialScenes() const {
   return LinkPairs(in_, options_, support_, turns_, stop_);

@@ -17,16 +17,18 @@ class ViewLinks {
             const AspectLinkOptions& options,
             const StopRequested& stop);
 
-  // Of a view, best first.
   // The view of a scene in which the hypothesis' part is where its own frame is.
   AspectSceneView ViewOf(int view, const AspectHypothesis& h) const {
     return support_.ViewOf(view, h.camera, h.camera_from_object);
   }
+  // Of a view, best first.
   const std::vector<AspectHypothesis>& Hypotheses(int view) const {
     return support_.Hypotheses(view);
   }
   // Adds to what is known of a view.
   void Add(int view, std::vector<AspectHypothesis> more) { support_.Add(view, std::move(more)); }
+  // The best hypotheses of different parts, few and good ones, with their views.
+  std::vector<std::pair<int, AspectHypothesis>> Leads() const;
   const LinkTurns& turns() const { return turns_; }
 
   // Links of pairs of views, best first, of each pair only a few.

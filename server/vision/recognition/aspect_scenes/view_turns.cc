@@ -9,7 +9,6 @@
 namespace horopter {
 namespace {
 
-constexpr double kNearM = 1e-3;       // points nearer to the camera plane have no image
 constexpr std::size_t kAllowed = 12;  // poses of a view; chosen, for time
 // What a view may lose in score by a turn. A box on stripes: 0.45 for the right turn's 0.59 in one
 // of five views, at most 0.02 the other way in the others.
@@ -65,11 +64,9 @@ std::vector<AllowedPose> ViewTurns::OthersIn(const LinkedScene& scene, int view)
 std::vector<AllowedPose> ViewTurns::AllowedIn(const LinkedScene& scene, int view) const {
   const LinkedObject& o = scene.objects.front();
   const AspectPart& part = in_.parts[o.object];
-  const RenderMesh& mesh = part.object->mesh;
   const AspectSceneView& seen = *scene.views[view];
   const Rigid3 stated = seen.camera_from_scene * o.scene_from_object;
-  const double depth_m = std::max(kNearM, (stated * mesh.center.cast<double>()).z());
-  const double apart_px = kOtherPoseShare * seen.camera.focal_px * mesh.diameter_m / depth_m;
+  const double apart_px = kOtherPoseShare * SizePx(part, seen.camera, stated);
   // What looks the same in one view is another camera beside the others.
   std::vector<Rigid3> symmetries = {Rigid3{}};
   links_.turns().AppendSpread(part.symmetries, &symmetries);
@@ -100,9 +97,8 @@ std::optional<AspectScene> ViewTurns::Turned(const LinkedScene& scene) const {
   const LinkedObject& o = scene.objects.front();
   const AspectPart& part = in_.parts[o.object];
   if (part.symmetries.empty() && part.near_turns.empty()) return std::nullopt;
-  LinkedScene stated = scene;
-  objects_.AgreeOnGround(&stated);
-  if (stated.agreement.surface.mean + stated.agreement.ground >= kAgreed) return std::nullopt;
+  const ViewAgreement stated = objects_.WithGround(scene);
+  if (stated.surface.mean + stated.ground >= kAgreed) return std::nullopt;
   AgreeingPosesOptions agreeing;
   agreeing.surface_tells = part.round.empty();
   agreeing.threads = options_.threads;
@@ -115,9 +111,9 @@ std::optional<AspectScene> ViewTurns::Turned(const LinkedScene& scene) const {
   }
   const AgreeingPoses found =
       FindAgreeingPoses(in_.images, cameras, part.object->mesh, part.resting, allowed, agreeing);
-  const auto agreement = [&](const ChosenPoses& c) { return c.Agreement(agreeing.surface_tells); };
-  if (agreement(found.best) < (agreeing.surface_tells ? kConvincing : kConvincingGround) ||
-      agreement(found.best) < agreement(found.first) + kGained)
+  const double agreed = found.best.Agreement();
+  if (agreed < (agreeing.surface_tells ? kConvincing : kConvincingGround) ||
+      agreed < found.first.Agreement() + kGained)
     return std::nullopt;
   AspectScene out;
   out.views = scene.views;

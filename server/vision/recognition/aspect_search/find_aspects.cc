@@ -30,11 +30,6 @@ struct Candidate {
   AspectScore score;
 };
 
-double SizePx(const AspectPart& part, const PinholeCamera& camera, const Rigid3& pose) {
-  const double depth = (pose * part.object->mesh.center.cast<double>()).z();
-  return camera.focal_px * part.object->mesh.diameter_m / std::max(depth, 1e-6);
-}
-
 // Best first, each differing from all before it; at most `count`.
 std::vector<Candidate> Distinct(std::vector<Candidate> list, const AspectPart& part, int count) {
   std::stable_sort(list.begin(), list.end(), [](const Candidate& a, const Candidate& b) {
@@ -145,6 +140,11 @@ class Finder {
 PinholeCamera NominalCamera(const AspectImage& image, double nominal_focal_share) {
   return CenteredCamera(
       image.image_width, image.image_height, nominal_focal_share * image.image_width);
+}
+
+double SizePx(const AspectPart& part, const PinholeCamera& camera, const Rigid3& pose) {
+  const double depth = (pose * part.object->mesh.center.cast<double>()).z();
+  return camera.focal_px * part.object->mesh.diameter_m / std::max(depth, 1e-6);
 }
 
 double PoseDistancePx(const AspectPart& part,

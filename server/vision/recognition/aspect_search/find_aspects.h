@@ -66,6 +66,9 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
                                     const PinholeCamera* known = nullptr,
                                     const StopRequested& stop = {});
 
+// A part's diameter at a pose in the image, px of the camera.
+double SizePx(const AspectPart& part, const PinholeCamera& camera, const Rigid3& pose);
+
 // Largest distance in the image (px of the cameras) between corners of the part's bounding box
 // under two poses, the least over its symmetries.
 double PoseDistancePx(const AspectPart& part,

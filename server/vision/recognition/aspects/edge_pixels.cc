@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
@@ -62,13 +63,6 @@ GradientField LargestGradient(const cv::Mat& bgr, const AspectImageOptions& opti
     }
   });
   return field;
-}
-
-float Quantile(double share, std::vector<float>* values) {
-  if (values->empty()) return 0.0f;
-  const auto at = values->begin() + static_cast<std::ptrdiff_t>(share * (values->size() - 1));
-  std::nth_element(values->begin(), at, values->end());
-  return *at;
 }
 
 // Noise of the largest gradient: its lower quartile, which edges hardly touch; where that is far

@@ -7,6 +7,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "server/vision/recognition/aspects/edge_pixels.h"
+#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
@@ -39,12 +40,6 @@ std::array<cv::Mat, 2> ColourCoordinates(const cv::Mat& bgr) {
     }
   }
   return out;
-}
-
-float Median(std::vector<float>* values) {
-  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
-  std::nth_element(values->begin(), middle, values->end());
-  return *middle;
 }
 
 struct Spread {

@@ -5,6 +5,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "server/vision/recognition/aspects/edge_pixels.h"
+#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
@@ -64,12 +65,6 @@ void DropSmall(double min_area, cv::Mat* mask) {
         mask->at<std::uint8_t>(y, x) = 0;
     }
   }
-}
-
-float Quantile(double share, std::vector<float>* values) {
-  const auto at = values->begin() + static_cast<std::ptrdiff_t>(share * (values->size() - 1));
-  std::nth_element(values->begin(), at, values->end());
-  return *at;
 }
 
 }  // namespace

@@ -118,7 +118,7 @@ TEST_P(QuarterTurned, ViewsAreTurnedUntilSurfaceAndGroundAgree) {
   EXPECT_GT(found.best.surface, 0.85);
   EXPECT_GT(found.best.ground, 0.75);
   EXPECT_NEAR(found.best.score, 0.7, 1e-9);
-  EXPECT_GE(found.best.Agreement(true), found.first.Agreement(true));
+  EXPECT_GE(found.best.Agreement(), found.first.Agreement());
 }
 
 TEST_P(QuarterTurned, TheGroundAloneTellsWhereTheSurfaceDoesNot) {
@@ -148,7 +148,7 @@ TEST(AgreeingPoses, PlainImagesLeaveTheStatedPoses) {
   }
   const AgreeingPoses found = Find(scene);
   EXPECT_EQ(found.best.poses, (std::vector<int>{0, 0, 0, 0}));
-  EXPECT_NEAR(found.best.Agreement(true), 0.0, 1e-9);
+  EXPECT_NEAR(found.best.Agreement(), 0.0, 1e-9);
 }
 
 TEST(AgreeingPoses, AViewWithoutPosesHasNone) {
@@ -166,7 +166,7 @@ TEST(AgreeingPoses, NoViewsNothing) {
   for (auto& list : scene.allowed) list.clear();
   const AgreeingPoses found = Find(scene);
   EXPECT_EQ(found.best.poses, (std::vector<int>{-1, -1, -1, -1}));
-  EXPECT_EQ(found.best.Agreement(true), 0.0);
+  EXPECT_EQ(found.best.Agreement(), 0.0);
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -81,6 +82,12 @@ TEST(AspectImage, FineRandomTextureIsNoEdge) {
   EXPECT_LT(MakeAspectImage(noise, drop).edges.size(), all / 20);
 }
 
+std::ptrdiff_t OnCircle(const AspectImage& image, const Eigen::Vector2f& center, float radius_px) {
+  return std::count_if(image.edges.begin(), image.edges.end(), [&](const ImageEdgePoint& e) {
+    return std::abs((e.point - center).norm() - radius_px) < 2.0f;
+  });
+}
+
 TEST(AspectImage, OutlineOfASmoothPartOnTextureStays) {
   for (const int seed : {5, 6, 7}) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
@@ -93,11 +100,7 @@ TEST(AspectImage, OutlineOfASmoothPartOnTextureStays) {
     cv::Mat noise(granite.size(), CV_8UC3);
     random.fill(noise, cv::RNG::UNIFORM, 0, 5);
     granite += noise;
-    const auto of_disc = [](const AspectImage& image) {
-      return std::count_if(image.edges.begin(), image.edges.end(), [](const ImageEdgePoint& e) {
-        return std::abs((e.point - Eigen::Vector2f(160, 120)).norm() - 60.0f) < 2.0f;
-      });
-    };
+    const auto of_disc = [](const AspectImage& image) { return OnCircle(image, {160, 120}, 60); };
     AspectImageOptions all = OfWidth(320);
     all.max_texture = 1.0;
     const AspectImage kept = MakeAspectImage(granite, OfWidth(320));
@@ -118,11 +121,7 @@ TEST(AspectImage, CoarseGrainIsTextureToo) {
     cv::normalize(granite, granite, 40, 170, cv::NORM_MINMAX);
     cv::cvtColor(granite, granite, cv::COLOR_GRAY2BGR);
     cv::circle(granite, cv::Point(320, 240), 110, cv::Scalar(235, 235, 235), -1, cv::LINE_AA);
-    const auto of_disc = [](const AspectImage& image) {
-      return std::count_if(image.edges.begin(), image.edges.end(), [](const ImageEdgePoint& e) {
-        return std::abs((e.point - Eigen::Vector2f(320, 240)).norm() - 110.0f) < 2.0f;
-      });
-    };
+    const auto of_disc = [](const AspectImage& image) { return OnCircle(image, {320, 240}, 110); };
     AspectImageOptions all = OfWidth(640);
     all.max_texture = 1.0;
     const AspectImage kept = MakeAspectImage(granite, OfWidth(640));
