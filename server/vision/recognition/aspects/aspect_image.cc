@@ -137,9 +137,19 @@ std::vector<Eigen::Vector2f> EdgePlaces(const AspectImage& image) {
   return points;
 }
 
-// There is one edge a cell at most, so indices of the raster are those of the edges.
+// Of several edges in one cell, as borders and edges of a figure may be, the first stays: edges and
+// their raster share indices.
 void IndexEdges(AspectImage* image) {
-  image->edge_at = MakePointRaster(image->width, image->height, EdgePlaces(*image)).at;
+  image->edge_at.assign(static_cast<std::size_t>(image->width) * image->height, -1);
+  std::size_t kept = 0;
+  for (const ImageEdgePoint& e : image->edges) {
+    std::int32_t& at = image->edge_at[image->Cell(static_cast<int>(e.point.x() + 0.5f),
+                                                  static_cast<int>(e.point.y() + 0.5f))];
+    if (at >= 0) continue;
+    at = static_cast<std::int32_t>(kept);
+    image->edges[kept++] = e;
+  }
+  image->edges.resize(kept);
 }
 
 // Sums of edge pixels over boxes.

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
@@ -86,6 +87,24 @@ TEST_P(GroundColour, WhatIsColouredStandsOutFromGreyGrains) {
     const AspectImage edges = MakeAspectImage(image);
     EXPECT_GT(Found(edges.edges, 110, 70), 0.9);
   }
+}
+
+// Outlines of several kinds may cross a cell that has an edge already.
+TEST_P(GroundColour, EdgesAndTheirRasterShareIndices) {
+  cv::Mat image = Granite(GetParam(), {1, 1, 1});
+  Draw(cv::Scalar(160, 95, 60), &image);
+  for (int x = 150; x < 330; x += 12)
+    cv::circle(image, {x, 140 + x % 60}, 4, cv::Scalar(120, 60, 30), cv::FILLED);
+  AddNoise(GetParam(), &image);
+  const AspectImage edges = MakeAspectImage(image);
+  int others = 0;
+  for (std::size_t i = 0; i < edges.edges.size(); ++i) {
+    const Eigen::Vector2f& p = edges.edges[i].point;
+    others += edges.edge_at[edges.Cell(static_cast<int>(std::lround(p.x())),
+                                       static_cast<int>(std::lround(p.y())))] !=
+              static_cast<std::int32_t>(i);
+  }
+  EXPECT_EQ(others, 0) << "of " << edges.edges.size() << ", seed " << GetParam();
 }
 
 TEST_P(GroundColour, GreyThingsDoNot) {
