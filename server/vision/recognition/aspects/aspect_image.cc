@@ -8,10 +8,8 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/features/image_strips.h"
 #include "server/vision/recognition/aspects/edge_pixels.h"
-#include "server/vision/recognition/aspects/ground_colour.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
-#include "server/vision/recognition/aspects/quantile.h"
-#include "server/vision/recognition/aspects/texture_border.h"
+#include "server/vision/recognition/aspects/texture_edges.h"
 
 namespace horopter {
 namespace {
@@ -152,159 +150,10 @@ void IndexEdges(AspectImage* image) {
   image->edges.resize(kept);
 }
 
-// Sums of edge pixels over boxes.
-class EdgeCounts {
- public:
-  explicit EdgeCounts(const AspectImage& image) : width_(image.width), height_(image.height) {
-    sums_.assign(static_cast<std::size_t>(width_ + 1) * (height_ + 1), 0);
-    for (int y = 0; y < height_; ++y) {
-      int row = 0;
-      for (int x = 0; x < width_; ++x) {
-        row += image.edge_at[image.Cell(x, y)] >= 0;
-        sums_[At(x + 1, y + 1)] = sums_[At(x + 1, y)] + row;
-      }
-    }
-  }
-
-  // Share of edge pixels in a box; 1 where little of the box is inside the image.
-  double Share(const Eigen::Vector2f& center, int half) const {
-    const int cx = static_cast<int>(std::lround(center.x()));
-    const int cy = static_cast<int>(std::lround(center.y()));
-    const int x0 = std::clamp(cx - half, 0, width_), x1 = std::clamp(cx + half + 1, 0, width_);
-    const int y0 = std::clamp(cy - half, 0, height_), y1 = std::clamp(cy + half + 1, 0, height_);
-    if (2 * (x1 - x0) * (y1 - y0) < (2 * half + 1) * (2 * half + 1)) return 1.0;
-    const int sum = sums_[At(x1, y1)] - sums_[At(x0, y1)] - sums_[At(x1, y0)] + sums_[At(x0, y0)];
-    return static_cast<double>(sum) / ((x1 - x0) * (y1 - y0));
-  }
-
- private:
-  std::size_t At(int x, int y) const { return static_cast<std::size_t>(y) * (width_ + 1) + x; }
-
-  int width_, height_;
-  std::vector<int> sums_;
-};
-
-constexpr int kNear = 3;  // px that grains stand out of a border
-
-// Edges in whose place a border is.
-void MarkNear(const AspectImage& image,
-              const std::vector<ImageEdgePoint>& border,
-              std::vector<std::uint8_t>* drop) {
-  for (const ImageEdgePoint& b : border) {
-    const int cx = static_cast<int>(std::lround(b.point.x()));
-    const int cy = static_cast<int>(std::lround(b.point.y()));
-    for (int y = std::max(0, cy - kNear); y <= std::min(image.height - 1, cy + kNear); ++y) {
-      for (int x = std::max(0, cx - kNear); x <= std::min(image.width - 1, cx + kNear); ++x) {
-        const std::int32_t at = image.edge_at[image.Cell(x, y)];
-        if (at >= 0) (*drop)[at] = 1;
-      }
-    }
-  }
-}
-
-// The better one takes the place of the other where both are.
-void AddBorder(const std::vector<ImageEdgePoint>& better,
-               const AspectImage& image,
-               std::vector<ImageEdgePoint>* border) {
-  std::vector<Eigen::Vector2f> points;
-  for (const ImageEdgePoint& e : better) points.push_back(e.point);
-  const PointRaster raster = MakePointRaster(image.width, image.height, points);
-  std::erase_if(*border, [&](const ImageEdgePoint& e) {
-    const int cx = static_cast<int>(std::lround(e.point.x()));
-    const int cy = static_cast<int>(std::lround(e.point.y()));
-    for (int y = std::max(0, cy - kNear); y <= std::min(image.height - 1, cy + kNear); ++y) {
-      for (int x = std::max(0, cx - kNear); x <= std::min(image.width - 1, cx + kNear); ++x) {
-        if (raster.at[image.Cell(x, y)] >= 0) return true;
-      }
-    }
-    return false;
-  });
-  border->insert(border->end(), better.begin(), better.end());
-}
-
-// Chance level from which on edges are texture.
-int TextureLimit(const AspectImageOptions& options) {
-  return static_cast<int>(255 * options.max_texture);
-}
-
 bool HasTexture(const AspectImageOptions& options, const AspectImage& image) {
   return std::any_of(image.texture.begin(), image.texture.end(), [&](int level) {
     return level > TextureLimit(options);
   });
-}
-
-// From where on places are texture, and what a smooth side beside them has of edges.
-struct TextureLimits {
-  int level = 0;
-  double smooth_side = 0.0;
-};
-
-// A ground of coarser grain has fewer edges than one of fine grain, but has them everywhere.
-TextureLimits LimitsOf(const AspectImageOptions& options, const AspectImage& image) {
-  // Of the usual limit: coarse or half covered granite has .72 - .95 in the middle place, fine
-  // granite 1.2 - 1.46, all else 0 - .52, and so had one view of granite. Looked at in 58 images.
-  constexpr double kCoarseShare = 0.62, kFineShare = 1.4;
-  TextureLimits out{TextureLimit(options), options.smooth_side};
-  std::vector<std::uint8_t> levels = image.texture;
-  const int middle = Median(&levels);
-  if (middle < kCoarseShare * out.level || middle >= out.level) return out;
-  out.smooth_side *= middle / (kFineShare * out.level);
-  out.level = middle / 2;
-  return out;
-}
-
-// Drops the edges of textured places but for those with a smooth side, outlines of smooth parts on
-// granite, and those of things of another colour. Returns whether there were any; `dropped` are
-// their places.
-bool DropTexture(const cv::Mat& bgr,
-                 const AspectImageOptions& options,
-                 std::vector<Eigen::Vector2f>* dropped,
-                 AspectImage* image) {
-  constexpr float kOfEdgePx = 3.0f;  // from an edge to what it is the edge of
-  constexpr float kAside = 11.0f;    // px between an edge and the middle of what lies beside it
-  constexpr int kHalf = 7;           // of the box beside it: far enough not to see the edge itself
-  constexpr double kTexturedShare = 0.2;  // of the blocks; chosen, commit f40c0a3
-  auto [limit, smooth_side] = LimitsOf(options, *image);
-  const auto textured = std::count_if(image->texture.begin(),
-                                      image->texture.end(),
-                                      [most = limit](int level) { return level > most; });
-  if (textured == 0) return false;
-  // Beside a part half of the window is smooth.
-  if (static_cast<double>(textured) > kTexturedShare * image->texture.size()) limit /= 2;
-  const EdgeCounts counts(*image);
-  std::vector<std::uint8_t> drop(image->edges.size(), 0);
-  for (std::size_t i = 0; i < image->edges.size(); ++i) {
-    const ImageEdgePoint& e = image->edges[i];
-    if (image->texture[image->Block(e.point.x(), e.point.y())] <= limit) continue;
-    drop[i] = counts.Share(e.point + kAside * e.normal, kHalf) > smooth_side &&
-              counts.Share(e.point - kAside * e.normal, kHalf) > smooth_side;
-    if (drop[i]) dropped->push_back(e.point);
-  }
-  if (dropped->empty()) return false;
-  std::vector<ImageEdgePoint> border = TextureBorder(*image, drop, options);
-  MarkNear(*image, border, &drop);
-  const ColourFigure figure = FindColourFigure(bgr, *dropped, options);
-  if (figure.width > 0) {
-    for (std::size_t i = 0; i < drop.size(); ++i) {
-      const ImageEdgePoint& e = image->edges[i];
-      if (drop[i] && figure.Differs(e.point + kOfEdgePx * e.normal) &&
-          figure.Differs(e.point - kOfEdgePx * e.normal))
-        drop[i] = 0;
-    }
-    std::vector<ImageEdgePoint> outline = figure.outline;
-    std::erase_if(outline, [&](const ImageEdgePoint& e) {
-      return image->texture[image->Block(e.point.x(), e.point.y())] <= limit;
-    });
-    MarkNear(*image, outline, &drop);
-    AddBorder(outline, *image, &border);
-  }
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < drop.size(); ++i) {
-    if (!drop[i]) image->edges[kept++] = image->edges[i];
-  }
-  image->edges.resize(kept);
-  image->edges.insert(image->edges.end(), border.begin(), border.end());
-  return true;
 }
 
 ContourGraph Contours(const AspectImageOptions& options, const AspectImage& image) {
@@ -447,8 +296,8 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& give
   IndexEdges(&out);
   FillMaps(options, &out);
   if (DropHoles(options, &out)) FillMaps(options, &out);
-  std::vector<Eigen::Vector2f> texture;
-  const bool textured = DropTexture(bgr, options, &texture, &out);
+  const std::vector<Eigen::Vector2f> texture = DropTexture(bgr, options, &out);
+  const bool textured = !texture.empty();
   if (textured) IndexEdges(&out);
   out.contours = Contours(options, out);
   const bool patterned = DropPattern(options, texture, &out);
