@@ -21,7 +21,7 @@ TEST(ApplyVariants, SetsWhatItNames) {
                             &options)
                   .ok());
   const BottomUpOptions& bottom_up = options.bottom_up;
-  EXPECT_EQ(options.features.splitting, ChainSplittingMethod::kCurvatureTemplates);
+  EXPECT_EQ(options.features.splitting.method, ChainSplittingMethod::kCurvatureTemplates);
   EXPECT_EQ(options.features.detector, EdgeDetector::kEdgeDrawingChannels);
   EXPECT_TRUE(options.refit_arcs);
   EXPECT_TRUE(bottom_up.projective.route.support.check_line_sets);
@@ -52,7 +52,7 @@ TEST(ApplyVariants, DefaultsChangeNothing) {
   }
   PipelineOptions options;
   ASSERT_TRUE(ApplyVariants(absl::StrJoin(defaults, ","), &options).ok());
-  EXPECT_EQ(options.features.splitting, FeatureOptions().splitting);
+  EXPECT_EQ(options.features.splitting.method, FeatureOptions().splitting.method);
   EXPECT_EQ(options.refit_arcs, PipelineOptions().refit_arcs);
   EXPECT_EQ(options.bottom_up.projective.association, BottomUpOptions().projective.association);
   EXPECT_EQ(options.bottom_up.decomposition, BottomUpOptions().decomposition);
