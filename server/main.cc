@@ -61,6 +61,34 @@ void AddTrustFlags(CLI::App& app, ServerOptions& server) {
       ->capture_default_str();
 }
 
+// What is kept in memory and what a message may hold.
+void AddLimitFlags(CLI::App& app, ServerOptions& server) {
+  app.add_option("--max-resident",
+                 server.max_resident,
+                 "Objects held in memory; of a larger catalog only the keys are")
+      ->capture_default_str();
+  app.add_option("--max-objects",
+                 server.max_objects,
+                 "Objects in the catalog; above 5000 requests have to name candidates")
+      ->check(CLI::Range(1, 10'000'000))
+      ->capture_default_str();
+  app.add_option("--max-message-mb", server.max_message_mb, "Largest request for recognition, MiB")
+      ->check(CLI::Range(1, 2047))
+      ->capture_default_str();
+  app.add_option("--max-object-mb", server.max_object_mb, "Largest object with its CAD file, MiB")
+      ->check(CLI::Range(1, 2047))
+      ->capture_default_str();
+  app.add_option(
+         "--memory-mb", server.memory_mb, "Requests, images and working memory of all calls, MiB")
+      ->check(CLI::Range(16, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--max-image-pixels", server.images.max_pixels, "Largest image")
+      ->capture_default_str();
+  app.add_flag("--tiff-and-pnm",
+               server.images.tiff_and_pnm,
+               "Also read TIFF and PNM images; only for clients that are trusted");
+}
+
 void AddFlags(CLI::App& app, Flags& flags) {
   app.set_config("--config", "", "Read options from a TOML or INI file; the command line wins");
   app.add_option("--db", flags.db, "Catalog file, created when it is not there")->required();
@@ -87,33 +115,7 @@ void AddFlags(CLI::App& app, Flags& flags) {
                  "only the queue bounds it")
       ->check(CLI::Range(0.0, 1e4))
       ->capture_default_str();
-  app.add_option("--max-resident",
-                 flags.server.max_resident,
-                 "Objects held in memory; of a larger catalog only the keys are")
-      ->capture_default_str();
-  app.add_option("--max-objects",
-                 flags.server.max_objects,
-                 "Objects in the catalog; above 5000 requests have to name candidates")
-      ->check(CLI::Range(1, 10'000'000))
-      ->capture_default_str();
-  app.add_option(
-         "--max-message-mb", flags.server.max_message_mb, "Largest request for recognition, MiB")
-      ->check(CLI::Range(1, 2047))
-      ->capture_default_str();
-  app.add_option(
-         "--max-object-mb", flags.server.max_object_mb, "Largest object with its CAD file, MiB")
-      ->check(CLI::Range(1, 2047))
-      ->capture_default_str();
-  app.add_option("--memory-mb",
-                 flags.server.memory_mb,
-                 "Requests, images and working memory of all calls, MiB")
-      ->check(CLI::Range(16, 1'000'000))
-      ->capture_default_str();
-  app.add_option("--max-image-pixels", flags.server.images.max_pixels, "Largest image")
-      ->capture_default_str();
-  app.add_flag("--tiff-and-pnm",
-               flags.server.images.tiff_and_pnm,
-               "Also read TIFF and PNM images; only for clients that are trusted");
+  AddLimitFlags(app, flags.server);
   app.add_flag("--allow-variants",
                flags.server.allow_variants,
                "Requests may choose variants of the methods in metadata, horopter-variants; for "

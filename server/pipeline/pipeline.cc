@@ -225,6 +225,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                                          const CatalogSnapshot& catalog,
                                          const PipelineOptions& options,
                                          const StopRequested& stop) {
+  HOROPTER_RETURN_IF_ERROR(Validate(options));
   HOROPTER_RETURN_IF_ERROR(ValidateRequest(request));
   HOROPTER_ASSIGN_OR_RETURN(const Selection selection,
                             SelectObjects(request, catalog, options.max_searched_objects));

@@ -79,6 +79,9 @@ struct PipelineOptions {
   int max_searched_objects = 5000;
 };
 
+// The whole tree. Errors: INVALID_ARGUMENT, names the field by its branches.
+absl::Status Validate(const PipelineOptions& options);
+
 struct PipelineResult {
   SceneAnswer answer;
   SceneTrace trace;

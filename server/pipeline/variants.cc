@@ -41,13 +41,19 @@ constexpr Variant kVariants[] = {
      [](PipelineOptions* o) { o->features.detector = EdgeDetector::kEdgeDrawingChannels; }},
     {"splitting",
      "chords",
-     [](PipelineOptions* o) { o->features.splitting = ChainSplittingMethod::kSplitAndMerge; }},
+     [](PipelineOptions* o) {
+       o->features.splitting.method = ChainSplittingMethod::kSplitAndMerge;
+     }},
     {"splitting",
      "curvature_threshold",
-     [](PipelineOptions* o) { o->features.splitting = ChainSplittingMethod::kCurvatureThreshold; }},
+     [](PipelineOptions* o) {
+       o->features.splitting.method = ChainSplittingMethod::kCurvatureThreshold;
+     }},
     {"splitting",
      "curvature_templates",
-     [](PipelineOptions* o) { o->features.splitting = ChainSplittingMethod::kCurvatureTemplates; }},
+     [](PipelineOptions* o) {
+       o->features.splitting.method = ChainSplittingMethod::kCurvatureTemplates;
+     }},
     {"conic_fit", "rim", [](PipelineOptions* o) { o->refit_arcs = false; }},
     {"conic_fit", "orthogonal", [](PipelineOptions* o) { o->refit_arcs = true; }},
     {"line_sets", "off", [](PipelineOptions* o) { CheckLineSets(o, false); }},

@@ -34,7 +34,7 @@ v1::ServerLimits LimitsToProto(const ServerOptions& options, const RecognitionLi
   proto.set_queue(options.queue);
   const FeatureOptions features = PipelineOptions().features;
   proto.set_max_segments_per_image(features.max_segments);
-  proto.set_max_arcs_per_image(features.max_arcs);
+  proto.set_max_arcs_per_image(features.arcs.max_arcs);
   proto.set_tiff_and_pnm(limits.images.tiff_and_pnm);
   return proto;
 }

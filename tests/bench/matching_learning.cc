@@ -1,5 +1,5 @@
 // Learns the log-likelihood ratios of matching's cues from a data set in BOP layout and prints them
-// as the tables of server/vision/matching/similarity_tables.h:
+// as the tables of server/vision/matching/learnt_constants.h:
 //   matching_learning DATASET SPLIT
 // A pair of features is the same when both are images of one CAD edge or corner; different when one
 // of them is and the other is not. Pairs that fail the cheap tests of PairComparison are left out
@@ -14,8 +14,8 @@
 
 #include "server/base/status_macros.h"
 #include "server/vision/matching/feature_similarity.h"
+#include "server/vision/matching/learnt_constants.h"
 #include "server/vision/matching/match_features.h"
-#include "server/vision/matching/similarity_tables.h"
 #include "tests/bench/true_pairs.h"
 
 namespace horopter {

@@ -13,7 +13,7 @@
 
 #include "client/bop_dataset.h"
 #include "server/vision/features/features.h"
-#include "server/vision/features/straightness.h"
+#include "tests/bench/straightness.h"
 
 namespace horopter {
 namespace {

@@ -13,6 +13,8 @@ import sys
 
 LONG = 60  # lines of a function that is long
 ROOMS = "server/vision/recognition"
+# Trees of options: of a request, of the server. What the catalog stores of a part is fixed by its format, and no tree has it.
+OPTION_ROOTS = ["PipelineOptions", "ServerOptions"]
 FUNCTIONS_IN = ["server", "client", "db"]
 MATHEMATICAL = ["kPi", "kHalfPi", "kTwoPi", "kDegrees", "kInfinity"]  # constants that need no reason
 OPTIONS = re.compile(r"\bstruct (\w*(?:Options|Acceptance|Routes))\b[^{;]*\{")
@@ -144,15 +146,19 @@ def print_options(root):
                 if field and not statement.startswith(("static", "using", "struct", "enum")):
                     fields.append(field.group(1))
             structs[match.group(1)] = fields
-    reached, waiting = set(), ["PipelineOptions"]
-    while waiting:
-        name = waiting.pop()
-        if name in structs and name not in reached:
-            reached.add(name)
-            waiting.extend(structs[name])
     count = {name: sum(kind not in structs for kind in fields) for name, fields in structs.items()}
-    print("options: %d structs, %d fields; reached from PipelineOptions: %d structs, %d fields" %
-          (len(structs), sum(count.values()), len(reached), sum(count[name] for name in reached)))
+    print("options: %d structs, %d fields" % (len(structs), sum(count.values())))
+    left = set(structs)
+    for root in OPTION_ROOTS:
+        reached, waiting = set(), [root]
+        while waiting:
+            name = waiting.pop()
+            if name in structs and name not in reached:
+                reached.add(name)
+                waiting.extend(structs[name])
+        left -= reached
+        print("  reached from %s: %d structs, %d fields" % (root, len(reached), sum(count[n] for n in reached)))
+    print("  by none of these: %d structs, %d fields: %s" % (len(left), sum(count[n] for n in left), ", ".join(sorted(left))))
 
 
 if __name__ == "__main__":

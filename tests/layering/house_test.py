@@ -38,7 +38,7 @@ class Tree(unittest.TestCase):
             "server/vision/recognition/low/b.h": "struct BOptions {\n  double y = 1.0;\n};\nstruct LostOptions {\n  int z = 0;\n};\n",
             "server/vision/recognition/high/c.cc": '#include "server/vision/recognition/low/a.h"\n'
                                                    "struct PipelineOptions {\n  AOptions a;\n};\n",
-            "client/d.cc": "", "db/e.cc": ""}
+            "server/service/server.h": "struct ServerOptions {\n  int port = 0;\n};\n", "client/d.cc": "", "db/e.cc": ""}
         with tempfile.TemporaryDirectory() as root:
             for path, text in files.items():
                 os.makedirs(os.path.dirname(os.path.join(root, path)), exist_ok=True)
@@ -50,7 +50,9 @@ class Tree(unittest.TestCase):
                 house.print_options(root)
         self.assertIn("low: 2 modules, 10 lines", out.getvalue())
         self.assertIn("arrows between rooms: 1, includes: 1\n  high -> low", out.getvalue())
-        self.assertIn("options: 4 structs, 3 fields; reached from PipelineOptions: 3 structs, 2 fields", out.getvalue())
+        self.assertIn("options: 5 structs, 4 fields\n  reached from PipelineOptions: 3 structs, 2 fields\n"
+                      "  reached from ServerOptions: 1 structs, 1 fields\n"
+                      "  by none of these: 1 structs, 1 fields: LostOptions\n", out.getvalue())
 
 
 class Constants(unittest.TestCase):

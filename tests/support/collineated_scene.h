@@ -4,8 +4,8 @@
 #include <optional>
 #include <vector>
 
-#include "server/vision/euclidean/joint_adjustment.h"
 #include "server/vision/reconstruction/grow_projective.h"
+#include "tests/support/joint_adjustment.h"
 
 namespace horopter {
 

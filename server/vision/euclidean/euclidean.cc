@@ -66,6 +66,15 @@ struct Refinement {
   ObservationOptions observation;
 };
 
+std::vector<std::optional<CalibratedCamera>> CamerasOf(const SceneBundle& bundle) {
+  std::vector<std::optional<CalibratedCamera>> known(bundle.views.size());
+  for (std::size_t v = 0; v < known.size(); ++v) {
+    const AdjustedView& view = bundle.views[v];
+    if (view.known) known[v] = CalibratedCamera{view.camera, view.camera_from_scene};
+  }
+  return known;
+}
+
 // objects: of recognition.objects, those that take part.
 Refinement Begin(const RecognitionInput& input,
                  const RecognitionResult& recognition,
@@ -116,12 +125,7 @@ Refinement Begin(const RecognitionInput& input,
   // Aspects need no plane, and are asked where the matched one gave no part: it may be the part's
   // own print, or a background that moves against it.
   if (input.matching != nullptr && recognition.plane_confirmed) {
-    std::vector<std::optional<CalibratedCamera>> known(views);
-    for (int v = 0; v < views; ++v) {
-      if (b.views[v].known)
-        known[v] = CalibratedCamera{b.views[v].camera, b.views[v].camera_from_scene};
-    }
-    b.plane = AveragePlaneMatches(*input.matching, known, options.plane);
+    b.plane = AveragePlaneMatches(*input.matching, CamerasOf(b), options.plane);
   }
   r.observation = {options.search_px, options.samples_per_view, options.threads};
   r.observation.aspects = recognition.route == RecognitionRoute::kAspects;
@@ -164,7 +168,7 @@ void Observe(Refinement* r) {
 }
 
 absl::Status Adjust(const EuclideanOptions& options, const StopRequested& stop, Refinement* r) {
-  SceneBundleOptions bundle;
+  SceneBundleOptions bundle = options.bundle;
   bundle.threads = options.threads;
   for (int round = 0; round < options.rounds; ++round) {
     if (IsStopRequested(stop)) return absl::CancelledError("stopped during the metric adjustment");

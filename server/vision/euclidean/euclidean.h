@@ -62,6 +62,7 @@ struct EuclideanOptions {
   // Edge samples of an object used per view; more: slower, hardly better (neighbours err in
   // common).
   int samples_per_view = 160;
+  SceneBundleOptions bundle;  // of a round
   PlaneCellOptions plane;
   // The plane's cells count as this many times less sure per round that is still to come: the
   // cameras recognition hands over are off by many of their deviations.

@@ -282,9 +282,7 @@ std::vector<ScaleSource> EstimateScales(const SceneBundle& bundle,
   for (int k = 0; k < n; ++k) out[k].index = k;
   if (n < 2) return out;
   SceneBundle scaled = bundle;
-  SceneBundleOptions adjust;
-  adjust.fixed.scales = false;
-  adjust.max_iterations = 8;
+  SceneBundleOptions adjust = options.scale_bundle;
   adjust.threads = threads;
   if (!AdjustBundle(adjust, &scaled)) return out;
   const SceneCovariance c = ComputeSceneCovariance(scaled, noise, /*scales_fixed=*/false);

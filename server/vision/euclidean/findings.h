@@ -54,6 +54,8 @@ struct FindingOptions {
   double focal_log = 0.05;
   double scale_sigmas = 4.0;  // a scale further off than this and `scale_log` disagrees
   double scale_log = 0.01;
+  // Of the adjustment that lets the scales go.
+  SceneBundleOptions scale_bundle{.max_iterations = 8, .fixed = {.scales = false}};
 };
 
 // Directions of the objects that the covariance leaves open (turns seen from the surest camera,

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "server/vision/euclidean/learnt_constants.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/recognition/recognition.h"
 
@@ -37,13 +38,12 @@ struct PlaneCellOptions {
   int max_cells = 600;
   int matches_per_cell = 8;  // about; where there are few matches, cells are larger
   // What the deviation of a cell's mean does not fall below, however many matches it has: pixels of
-  // an image EdgeMaps::kWorkingWidth wide. Learned on parts-train.
-  double floor_px = 0.12;
+  // an image EdgeMaps::kWorkingWidth wide.
+  double floor_px = kCellFloorPx;
   // Noise alone gives a patch this share of its structure in every direction. Along grain and other
   // parallel edges nothing more is there: the search for the patch stays where it began, pixels off
-  // and alike in all patches, and must not count. Higher: fewer directions are believed. Learned on
-  // parts-train (tests/bench/results.md says with what in view).
-  double noise_share = 0.4;
+  // and alike in all patches, and must not count. Higher: fewer directions are believed.
+  double noise_share = kPatchNoiseShare;
 };
 
 // The matched points of the supporting plane between known views (matching.planes), averaged in

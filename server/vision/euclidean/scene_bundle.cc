@@ -28,7 +28,7 @@ double EdgeWeight(const SceneBundle& bundle, const EdgeObservation& o) {
          (bundle.edge_sigma_px * std::sqrt(SharedSamples(o.spacing_px)));
 }
 
-double RobustLoss(double sigmas, double squared) {
+double CauchyLoss(double sigmas, double squared) {
   const double c2 = sigmas * sigmas;
   return c2 * std::log1p(squared / c2);
 }
@@ -131,11 +131,11 @@ void AddPlaneCells(const SceneBundle& bundle,
   PlaneRow row;
   for (const PlaneCell& m : bundle.plane.cells) {
     if (!LinearizePlaneCell(bundle, m, &row)) {
-      out->cost += RobustLoss(bundle.plane_cauchy_sigmas, kBehindSigmas * kBehindSigmas);
+      out->cost += CauchyLoss(bundle.plane_cauchy_sigmas, kBehindSigmas * kBehindSigmas);
       continue;
     }
     const double w = RobustWeight(bundle.plane_cauchy_sigmas, row.residual.squaredNorm());
-    out->cost += RobustLoss(bundle.plane_cauchy_sigmas, row.residual.squaredNorm());
+    out->cost += CauchyLoss(bundle.plane_cauchy_sigmas, row.residual.squaredNorm());
     const int starts[3] = {layout.view[m.view_a], layout.view[m.view_b], layout.plane};
     const int columns[3] = {0, kViewParameters, 2 * kViewParameters};
     const int sizes[3] = {kViewParameters, kViewParameters, kPlaneParameters};
@@ -175,12 +175,12 @@ NormalEquations Linearize(const SceneBundle& bundle,
     EdgeRow row;
     for (int e = runs[i].first; e < runs[i].last; ++e) {
       if (!LinearizeEdge(bundle, bundle.edges[e], &row)) {
-        sums[i].cost += RobustLoss(bundle.cauchy_sigmas, kBehindSigmas * kBehindSigmas);
+        sums[i].cost += CauchyLoss(bundle.cauchy_sigmas, kBehindSigmas * kBehindSigmas);
         continue;
       }
       const double squared = row.residual * row.residual,
                    w = RobustWeight(bundle.cauchy_sigmas, squared);
-      sums[i].cost += RobustLoss(bundle.cauchy_sigmas, squared);
+      sums[i].cost += CauchyLoss(bundle.cauchy_sigmas, squared);
       sums[i].A.noalias() += (w * row.J) * row.J.transpose();
       sums[i].b += w * row.residual * row.J;
     }
@@ -364,14 +364,14 @@ double BundleCost(const SceneBundle& bundle, int threads) {
       if (p.z() > kMinDepthM) {
         r = EdgeWeight(bundle, o) * o.normal.dot(Project(view.camera, p) - o.edge_point);
       }
-      parts[c] += RobustLoss(bundle.cauchy_sigmas, r * r);
+      parts[c] += CauchyLoss(bundle.cauchy_sigmas, r * r);
     }
   });
   double cost = 0.0;
   for (const double part : parts) cost += part;
   for (const PlaneCell& cell : bundle.plane.cells) {
     const double squared = PlaneCellSquared(bundle, cell);
-    cost += RobustLoss(bundle.plane_cauchy_sigmas, squared);
+    cost += CauchyLoss(bundle.plane_cauchy_sigmas, squared);
   }
   for (std::size_t v = 0; v < bundle.views.size(); ++v) {
     if (bundle.views[v].known) cost += PriorResiduals(bundle, static_cast<int>(v)).squaredNorm();

@@ -3,22 +3,22 @@
 
 #include <Eigen/Core>
 
+#include "server/vision/euclidean/learnt_constants.h"
 #include "server/vision/euclidean/scene_bundle.h"
 
 namespace horopter {
 
-// What edges err by that their scatter along one edge does not show. Learned on rendered parts
-// (tests/bench/results.md says how well it then holds).
+// What edges err by that their scatter along one edge does not show.
 struct NoiseOptions {
   // Displacement of a CAD edge in the part, the same in all views: rounded edges shine beside
   // themselves. Standard deviation per coordinate, metres. Higher: wider covariances of small
   // parts.
-  double cad_edge_sigma_m = 0.00004;
+  double cad_edge_sigma_m = kCadEdgeSigmaM;
   // Smallest deviations believed of an edge as a whole in one view, and of one point; working px.
-  double min_common_px = 0.08;
-  double min_point_px = 0.1;
+  double min_common_px = kMinCommonPx;
+  double min_point_px = kMinPointPx;
   // Factor on the deviations for all that is not modelled.
-  double inflation = 1.15;
+  double inflation = kDeviationInflation;
 };
 
 // Estimated scatter of the residuals; working pixels.

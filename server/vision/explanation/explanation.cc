@@ -50,7 +50,11 @@ class Explainer {
         options_(options),
         stop_(stop),
         object_(*input.objects[log.object]),
-        images_(MakeAspectImages(input.images, false, options.threads)) {
+        images_(MakeAspectImages(
+            input.images,
+            input.aspects != nullptr ? input.aspects->images : AspectImageOptions(),
+            false,
+            options.threads)) {
     out_.views.resize(images_.size());
     cameras_.resize(images_.size());
     for (std::size_t v = 0; v < images_.size(); ++v) {

@@ -8,20 +8,6 @@
 
 namespace horopter {
 
-struct ArcSeedOptions {
-  double max_rms_px = 0.7;      // of the points about the ellipse
-  double min_sweep_rad = 1.0;   // of one run of points; higher: fewer rounded corners taken
-  double min_sagitta_px = 1.5;  // how far a run must leave its chord
-  double min_semi_minor_px = 2.0;
-  double max_aspect = 10.0;
-  int max_run_seeds = 150;          // of the longest runs; higher: slower in texture
-  int max_bows = 500;               // bows paired at most, the strongest
-  int partners = 6;                 // tried for each bow, the nearest
-  double max_bow_distance_px = 90;  // between the middles of two that are paired
-  double max_pair_rms_px = 0.4;
-  int max_pairs = 150;  // the best fits are kept
-};
-
 // Could this be the image of a part's circle?
 bool IsPlausibleEllipse(const EllipseArc& arc, const ArcSeedOptions& options);
 

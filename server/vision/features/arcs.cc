@@ -38,7 +38,7 @@ class RimList {
       if (SameEllipse(known, seed)) return;
     }
     tried_.push_back(seed);
-    const std::optional<FittedRim> rim = FitRim(seed, fields_, RimOptions());
+    const std::optional<FittedRim> rim = FitRim(seed, fields_, options_.rim);
     if (rim && rim->seen_share >= options_.min_seen_share && rim->arc.sweep_rad >= min_sweep_rad &&
         IsPlausibleEllipse(rim->arc, options_.seeds)) {
       tried_.push_back(rim->arc);

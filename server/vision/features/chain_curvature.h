@@ -6,22 +6,9 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "server/vision/features/feature_options.h"
 
 namespace horopter {
-
-enum class CurvatureMethod {
-  // Curvature, at the point, of the ellipse fitted to the points of a window (thesis 2.3). A window
-  // whose points leave no ellipse (a line) has curvature 0.
-  kEllipse,
-  // Circle through the point and the two that are half_width away (Menger): the cross-check.
-  kCircle,
-};
-
-struct CurvatureOptions {
-  CurvatureMethod method = CurvatureMethod::kEllipse;
-  // l: the window is the points i - l .. i + l. Higher: less noise, lower and wider peaks.
-  int half_width = 5;
-};
 
 // Errors: INVALID_ARGUMENT naming the field.
 absl::Status Validate(const CurvatureOptions& options);

@@ -12,23 +12,6 @@
 
 namespace horopter {
 
-struct ChainSplittingOptions {
-  ChainSplittingMethod method = ChainSplittingMethod::kSplitAndMerge;
-  SplitAndMergeOptions split_and_merge;
-  CurvatureOptions curvature;          // of the two curvature methods
-  TemplateSplittingOptions templates;  // of kCurvatureTemplates
-  double max_curvature = 0.045;        // 1/px, of kCurvatureThreshold; higher: fewer cuts
-  int suppression = 8;                 // points, of kCurvatureThreshold
-  int min_points = 6;                  // of the two curvature methods: shorter pieces are left out
-  // Neighbouring pieces of the two curvature methods are joined again while one line or one ellipse
-  // leaves at most this many times what their own leave (rms). 0: never, as in the thesis, which
-  // joins fitted features later (2.5). Higher: fewer cuts across smooth curves, weak corners lost.
-  double rejoin_factor = 1.3;
-  double rejoin_rms_px = 0.4;  // ... and leaves no more than this
-  // A piece is curved when the parabola over its line rises by more, and by 3 of its deviations.
-  double straight_sagitta_px = 0.7;
-};
-
 // Errors: INVALID_ARGUMENT naming the field.
 absl::Status Validate(const ChainSplittingOptions& options);
 

@@ -7,13 +7,6 @@
 
 namespace horopter {
 
-struct ConicJunctionOptions {
-  double max_gap_px = 8.0;         // from the segment's end to the ellipse, along the line
-  double max_gap_fraction = 0.35;  // ... and at most this share of the segment
-  double end_gap_px = 8.0;         // from an end of the arc: the arc ends here too
-  double tangent_rad = 0.2;        // between line and ellipse: they run into each other
-};
-
 // Intersections of each segment's line with the arcs near its ends. A line that passes the ellipse
 // within 1 px of touching it meets it at the foot of the perpendicular (tangent continuation).
 // Chords of an arc (Segment::arc) do not meet that arc. The covariance is the line's, carried to

@@ -62,9 +62,6 @@ double CoveredShare(const EdgeChain& chain, const ChainPiece& piece, const EdgeC
 
 absl::StatusOr<Pieces> DetectByLinking(const cv::Mat& image, const FeatureOptions& options) {
   Pieces pieces;
-  ChainSplittingOptions splitting;
-  splitting.method = options.splitting;
-  splitting.split_and_merge = options.split;
   const std::vector<GradientField> fields = MakeGradientFields(image, options.gradient);
   for (const GradientField& field : fields) {
     std::vector<EdgeChain> chains = LinkEdges(field, options.linking);
@@ -79,7 +76,8 @@ absl::StatusOr<Pieces> DetectByLinking(const cv::Mat& image, const FeatureOption
   StopPacer pacer(kChainsPerLook);
   for (const EdgeChain& chain : pieces.chains) {
     pacer.Step();
-    absl::StatusOr<std::vector<ChainPiece>> cut = SplitChain(chain.points, chain.closed, splitting);
+    absl::StatusOr<std::vector<ChainPiece>> cut =
+        SplitChain(chain.points, chain.closed, options.splitting);
     if (!cut.ok()) {
       return cut.status();
     }
@@ -101,9 +99,7 @@ absl::StatusOr<Pieces> DetectByLinking(const cv::Mat& image, const FeatureOption
     }
   }
   LeaveIfStopped();
-  ArcOptions arcs;
-  arcs.max_arcs = options.max_arcs;
-  pieces.arcs = FindArcs(pieces.chains, fields, image.cols, image.rows, arcs);
+  pieces.arcs = FindArcs(pieces.chains, fields, image.cols, image.rows, options.arcs);
   pieces.chains = JoinLinkedChains(std::move(pieces.chains), image.cols, image.rows);
   return pieces;
 }
@@ -129,10 +125,11 @@ absl::StatusOr<Pieces> DetectByChannels(const cv::Mat& image, const FeatureOptio
   }
   pieces.chains = JoinChains(edges, channels);
   LeaveIfStopped();
-  ArcOptions arcs;
-  arcs.max_arcs = options.max_arcs;
-  pieces.arcs = FindArcs(
-      pieces.chains, MakeGradientFields(image, options.gradient), image.cols, image.rows, arcs);
+  pieces.arcs = FindArcs(pieces.chains,
+                         MakeGradientFields(image, options.gradient),
+                         image.cols,
+                         image.rows,
+                         options.arcs);
   return pieces;
 }
 
@@ -157,12 +154,12 @@ absl::StatusOr<ImageFeatures> Detect(const cv::Mat& image, const FeatureOptions&
   LeaveIfStopped();
   features.arcs = std::move(pieces.arcs);
   features.counts["arcs_straight"] =
-      ReconcileArcs(CoConicOptions(), &features.arcs, &features.segments);
+      ReconcileArcs(options.co_conic, &features.arcs, &features.segments);
   MeasureSideColours(image, &features.segments);
   LeaveIfStopped();
   features.junctions = FindJunctions(features.segments, options);
   features.conic_junctions =
-      FindConicJunctions(features.segments, features.arcs, ConicJunctionOptions());
+      FindConicJunctions(features.segments, features.arcs, options.conic_junctions);
   LeaveIfStopped();
   features.chains = std::move(pieces.chains);
   features.counts["segments_in_texture"] = MarkTexture(features.chains,
@@ -204,7 +201,7 @@ absl::Status Validate(const FeatureOptions& options) {
   if (!(options.gradient.max_threshold >= options.gradient.min_threshold)) {
     return refuse("gradient.max_threshold", options.gradient.max_threshold);
   }
-  if (!(options.split.split_px > 0.0)) return refuse("split.split_px", options.split.split_px);
+  HOROPTER_RETURN_IF_ERROR(Validate(options.splitting));
   if (!(options.min_segment_length_px >= 0.0)) {
     return refuse("min_segment_length_px", options.min_segment_length_px);
   }
@@ -212,7 +209,7 @@ absl::Status Validate(const FeatureOptions& options) {
     return refuse("merge_chi_square", options.merge_chi_square);
   }
   if (options.max_segments < 0) return refuse("max_segments", options.max_segments);
-  if (options.max_arcs < 0) return refuse("max_arcs", options.max_arcs);
+  if (options.arcs.max_arcs < 0) return refuse("arcs.max_arcs", options.arcs.max_arcs);
   return absl::OkStatus();
 }
 

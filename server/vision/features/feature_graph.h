@@ -57,17 +57,6 @@ class FeatureGraph {
   std::vector<GraphEdge> edges_;
 };
 
-struct FeatureGraphOptions {
-  double reach_px = 48.0;           // between the nearest points of two related segments
-  double collinear_px = 1.5;        // offset of the shorter from the longer one's line
-  double collinear_rad = 0.0524;    // 3 degrees
-  double parallel_rad = 0.0873;     // 5 degrees: images of parallel edges converge
-  double parallel_overlap = 0.5;    // of the shorter one
-  double min_parallel_px = 2.0;     // nearer ones are one edge
-  double max_region_colour = 24.0;  // distance in BGR; higher: more regions join
-  int max_neighbours = 8;           // of kCollinear and of kParallel for each segment, the nearest
-};
-
 // Builds the graph in time linear in features x neighbours. Segments in texture take part only in
 // what they meet.
 FeatureGraph BuildFeatureGraph(const ImageFeatures& features, const FeatureGraphOptions& options);

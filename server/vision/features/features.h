@@ -10,6 +10,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "server/vision/features/feature_options.h"
 
 namespace cv {
 class Mat;
@@ -101,103 +102,6 @@ struct ImageFeatures {
   std::vector<Junction> junctions;
   std::vector<ConicJunction> conic_junctions;
   std::map<std::string, double> counts;  // for the stage report
-};
-
-// How the gradients of a colour image become fields in which edges are linked.
-enum class ColourGradient {
-  // One field for each of B, G, R, 1.5 (R - G) and 1.5 ((R + G) / 2 - B): finds most, because two
-  // edges 2 px apart rarely hide each other in every channel.
-  kEachChannel,
-  // One field: the strongest of the five, each over its own noise threshold.
-  kStrongestChannel,
-  // Root of the largest eigenvalue of J^T J over B, G, R (Di Zenzo 1986).
-  kVectorValued,
-  // (1 - s) x intensity gradient + s x colour gradient, s the saturation (thesis 2.2).
-  kSaturationWeighted,
-  // Of 0.114 B + 0.587 G + 0.299 R.
-  kIntensity,
-};
-
-struct GradientOptions {
-  ColourGradient colour = ColourGradient::kStrongestChannel;
-  // A channel's threshold (of |dx| + |dy| summed over 3x3 pixels: 6 x the slope in grey levels per
-  // pixel) is noise_factor x its median gradient, between the two bounds, but never below
-  // noise_floor x the median that its quietest 5 % suggest: in an image full of noise a fixed
-  // bound would make all of it an edge.
-  double noise_factor = 5.0;
-  double min_threshold = 6.0;
-  double max_threshold = 20.0;
-  double noise_floor = 2.2;
-};
-
-struct LinkingOptions {
-  // Hysteresis in thresholds of the field: chains start at `high` and go on down to `low`. Higher:
-  // fewer edges, more gaps.
-  double high = 2.5;
-  double low = 1.2;
-  int max_gap_px = 4;     // pixels without a maximum across the edge that a chain may bridge
-  double gap_low = 0.35;  // ... while the gradient is at least this many thresholds
-  int min_chain_px = 8;   // shorter chains are dropped
-};
-
-struct SplitAndMergeOptions {
-  double split_px = 1.4;  // a piece whose points leave its chord by more is cut; higher: fewer cuts
-  double merge_rms_px = 0.7;  // neighbours that one line fits this well are joined again
-  int min_points = 6;         // shorter pieces are left out of the result
-};
-
-// Which edge detector feeds the stage.
-enum class EdgeDetector {
-  // One gradient field over all channels, ridge linking, split and merge.
-  kLinkedField,
-  // EDLines (OpenCV) on five channels, joined: the recipe of the front-end study.
-  kEdgeDrawingChannels,
-};
-
-// How chains are cut into pieces; see chain_splitting.h.
-enum class ChainSplittingMethod {
-  kSplitAndMerge,       // chord distance and joint line fits; straight pieces only
-  kCurvatureThreshold,  // maxima of |curvature| above one threshold for all chains
-  kCurvatureTemplates,  // correlation of the curvature with peaks and steps (thesis 2.3)
-};
-
-// When two pieces are the same straight edge.
-enum class MergeTest {
-  kTolerances,   // merge_angle_rad and merge_offset_px
-  kStatistical,  // chi-square of offset and angle under the deviations of both (thesis 2.5)
-};
-
-// gradient_threshold to smoothing_sigma_px belong to kEdgeDrawingChannels and are the recipe of the
-// front-end study: gradient 20, anchor 4, sigma 1.
-struct FeatureOptions {
-  EdgeDetector detector = EdgeDetector::kLinkedField;
-  GradientOptions gradient;
-  LinkingOptions linking;
-  // Moves the points of kLinkedField to where the light has its step: see light_response.h.
-  bool undo_response = true;
-  ChainSplittingMethod splitting = ChainSplittingMethod::kSplitAndMerge;  // of kLinkedField
-  SplitAndMergeOptions split;
-  // Threshold of a channel's gradient (sum of |dx| + |dy| over 3x3 pixels: 6 x the slope per pixel)
-  // = noise_factor x the channel's median gradient, between the two bounds: quiet images show
-  // weaker edges. Higher: fewer, stronger edges.
-  double gradient_threshold = 20.0;
-  double min_gradient_threshold = 6.0;
-  double noise_factor = 5.0;
-  double anchor_threshold = 4.0;        // higher: fewer, longer chains
-  double smoothing_sigma_px = 1.0;      // higher: less noise, rounder corners
-  double min_segment_length_px = 10.0;  // shorter pieces are dropped
-  MergeTest merge_test = MergeTest::kTolerances;
-  double merge_chi_square = 13.8;          // of two degrees of freedom: 0.1 % of true pairs refused
-  double merge_angle_rad = 0.0524;         // 3 degrees
-  double merge_offset_px = 1.5;            // lateral
-  double merge_gap_px = 10.0;              // along
-  double junction_gap_px = 14.0;           // end to intersection, at most
-  double junction_gap_fraction = 0.35;     // ... and at most this share of the segment
-  double junction_min_angle_rad = 0.2618;  // 15 degrees
-  double texture_max_length_px = 40.0;     // longer segments are never texture
-  double texture_density = 0.07;  // points of short chains per pixel; higher: fewer segments marked
-  int max_arcs = 400;             // the longest are kept
-  int max_segments = 4000;        // the strongest are kept; the cut is said in counts
 };
 
 // Options that find most: a field per channel and weak edges, two to four times slower in colour.

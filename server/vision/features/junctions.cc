@@ -222,6 +222,23 @@ long PairKey(int a, int b) {
   return static_cast<long>(std::min(a, b)) * 1048576 + std::max(a, b);
 }
 
+// The third and fourth line of a junction: those of a candidate beside it that meet the point.
+void AddEnds(const std::vector<Line>& lines,
+             const Candidate& other,
+             const Eigen::Vector2d& point,
+             Junction* junction) {
+  if ((other.point - point).norm() > 2.0 * kJoinPx) return;
+  for (const Junction::End& end : {other.a, other.b}) {
+    const bool known =
+        std::any_of(junction->ends.begin(), junction->ends.end(), [&](const Junction::End& k) {
+          return k.segment == end.segment;
+        });
+    const Line& line = lines[end.segment];
+    if (!known && std::abs(line.normal.dot(point) - line.offset) <= kJoinPx)
+      junction->ends.push_back(end);
+  }
+}
+
 }  // namespace
 
 std::vector<Junction> FindJunctions(const std::vector<Segment>& segments,
@@ -257,22 +274,8 @@ std::vector<Junction> FindJunctions(const std::vector<Segment>& segments,
     junction.point = candidate.point;
     junction.ends = {candidate.a, candidate.b};
     for (size_t e = 0; e < 2; ++e) {
-      for (int c : of_segment[junction.ends[e].segment]) {
-        const Candidate& other = candidates[c];
-        if ((other.point - candidate.point).norm() > 2.0 * kJoinPx) {
-          continue;
-        }
-        for (const Junction::End& end : {other.a, other.b}) {
-          const bool known =
-              std::any_of(junction.ends.begin(), junction.ends.end(), [&](const Junction::End& k) {
-                return k.segment == end.segment;
-              });
-          const Line& line = lines[end.segment];
-          if (!known && std::abs(line.normal.dot(candidate.point) - line.offset) <= kJoinPx) {
-            junction.ends.push_back(end);
-          }
-        }
-      }
+      for (int c : of_segment[junction.ends[e].segment])
+        AddEnds(lines, candidates[c], candidate.point, &junction);
     }
     Relocate(lines, &junction);
     junction.type = TypeOf(junction, segments);

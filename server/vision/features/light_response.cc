@@ -7,21 +7,16 @@
 #include <opencv2/core.hpp>
 
 #include "server/base/stop_scope.h"
+#include "server/vision/features/learnt_constants.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kSidePx = 3.0;           // where the colours beside an edge are read
-constexpr double kStrongStep = 40.0;      // grey levels; weaker steps do not tell the blur
-constexpr std::size_t kFewestSteps = 50;  // strong ones, for their median to say the blur
-constexpr double kMostBlurPx = 2.0;       // deviation that is corrected at most
-// What the detector's smoothing and differences make of a sharp step, all directions together; and
-// which share of the way to the middle of the grey step its steepest place lies. Learned together
-// on parts-train: edges of tiers T1, T2, T3 were 0.40, 0.42, 0.58 of the distance off that the blur
-// alone would give.
-constexpr double kDetectorWidthPx = 1.3;
-constexpr double kSteepestShare = 0.65;
-constexpr double kMostShiftPx = 0.6;
+constexpr double kSidePx = 3.0;                   // where the colours beside an edge are read
+constexpr double kStrongStep = 40.0;              // grey levels; weaker steps do not tell the blur
+constexpr std::size_t kFewestSteps = 50;          // strong ones, for their median to say the blur
+constexpr double kMostBlurPx = 2.0;               // deviation that is corrected at most
+constexpr double kMostShiftPx = 0.6;              // a point is moved by at most
 constexpr int kTableStep = 8;                     // grey levels
 constexpr int kTableSize = 256 / kTableStep + 1;  // both ends included
 constexpr int kChainsPerLook = 64;                // at the stop flag

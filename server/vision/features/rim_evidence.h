@@ -27,13 +27,6 @@ std::vector<RimPoint> MeasureRim(const EllipseArc& ellipse,
                                  std::span<const GradientField> fields,
                                  double reach_px);
 
-struct RimOptions {
-  double min_strength = 0.5;  // thresholds; of a place that counts as seen
-  double max_offset_px = 1.0;
-  double first_look_share = 0.5;  // of a few places, on guesses that claim the whole rim
-  int rounds = 2;                 // of measuring and fitting again
-};
-
 // The ellipse fitted to its own rim, with start and sweep of what is seen of it and the share of
 // that sweep that is seen.
 struct FittedRim {

@@ -211,36 +211,6 @@ std::array<double, 15> AxisInvariants(std::span<const Eigen::Vector4d, 6> points
   return values;
 }
 
-std::optional<InvariantKey> AxisInvariantKey(std::span<const Eigen::Vector4d, 6> points,
-                                             const Eigen::MatrixXd& covariance,
-                                             double min_bracket) {
-  Points stacked;
-  for (int i = 0; i < 6; ++i) stacked.col(i) = points[i];
-  if (!stacked.allFinite()) return std::nullopt;
-  const auto normalised = Normalise(stacked);
-  if (!normalised) return std::nullopt;
-  const Points& q = normalised->points;
-  for (int i = 0; i < 6; ++i) {
-    for (int j = i + 1; j < 6; ++j) {
-      const auto [k, l, m, n] = Complement(i, j);
-      Eigen::Matrix4d four;
-      four << q.col(k), q.col(l), q.col(m), q.col(n);
-      if (!(std::abs(four.determinant()) > min_bracket)) return std::nullopt;
-    }
-  }
-  Eigen::VectorXd x(24);
-  for (int i = 0; i < 6; ++i) x.segment<4>(4 * i) = points[i];
-  const auto values = [](const Eigen::VectorXd& at) -> Eigen::VectorXd {
-    std::array<Eigen::Vector4d, 6> moved;
-    for (int i = 0; i < 6; ++i) moved[i] = at.segment<4>(4 * i);
-    const std::array<double, 15> axes = AxisInvariants(moved);
-    return Eigen::Map<const Eigen::VectorXd>(axes.data(), 15);
-  };
-  InvariantKey key{values(x), {}};
-  if (covariance.size() > 0) key.covariance = PropagateCovariance(values, x, covariance);
-  return key;
-}
-
 std::array<int, 6> MatchByAxes(const std::array<double, 15>& a,
                                const std::array<double, 15>& b,
                                double tolerance) {

@@ -47,14 +47,6 @@ std::optional<SixPointInvariants> InvariantsOfSixPoints(std::span<const Eigen::V
 // that of the axes.
 std::array<double, 15> AxisInvariants(std::span<const Eigen::Vector4d, 6> points);
 
-// The same as a key: 15 values of rank 3 (add a floor before inverting the covariance, which is of
-// the 24 stacked coordinates or empty). Nothing when four points are so nearly in a plane that a
-// bracket, of points of unit norm in the frame that makes their second moment the identity, is
-// below min_bracket.
-std::optional<InvariantKey> AxisInvariantKey(std::span<const Eigen::Vector4d, 6> points,
-                                             const Eigen::MatrixXd& covariance = {},
-                                             double min_bracket = 0.02);
-
 // Point bijection b[i] of two sets by their axis invariants: every pair of axes that agrees within
 // `tolerance` votes for its four pairs of points; the permutation with most votes wins.
 std::array<int, 6> MatchByAxes(const std::array<double, 15>& a,

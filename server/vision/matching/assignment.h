@@ -4,6 +4,8 @@
 
 #include <vector>
 
+#include "server/vision/matching/matching_options.h"
+
 namespace horopter {
 
 // Candidates are numbered 0 .. n-1. Two candidates of one row, or of one column, exclude each
@@ -17,19 +19,6 @@ struct AssignmentProblem {
   std::vector<float> weight;     // >= 0: how much the two support each other
 
   int size() const { return static_cast<int>(row.size()); }
-};
-
-enum class AssignmentMethod {
-  kGreedy,       // `self` alone, best first
-  kSpectral,     // leading eigenvector (Leordeanu and Hebert 2005)
-  kRandomWalks,  // reweighted random walks with mutual exclusion (Cho, Lee and Lee 2010)
-};
-
-struct AssignmentOptions {
-  AssignmentMethod method = AssignmentMethod::kSpectral;
-  int iterations = 30;       // of the power iteration, at most
-  double reweighting = 0.2;  // share of the walk that follows the links; the rest jumps (alpha)
-  double inflation = 30.0;   // how strongly jumps prefer likely candidates (beta)
 };
 
 // Confidence of every candidate, >= 0, largest 1 (all 0 for an empty problem).

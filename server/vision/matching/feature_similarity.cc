@@ -7,7 +7,7 @@
 #include <limits>
 
 #include "server/vision/matching/homography.h"
-#include "server/vision/matching/similarity_tables.h"
+#include "server/vision/matching/learnt_constants.h"
 
 namespace horopter {
 namespace {

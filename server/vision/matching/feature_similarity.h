@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "server/vision/matching/matching_options.h"
 #include "server/vision/matching/matching_view.h"
 
 namespace horopter {
@@ -43,11 +44,6 @@ using SegmentCues = Eigen::Matrix<float, kSegmentCueCount, 1>;
 using JunctionCues = Eigen::Matrix<float, kJunctionCueCount, 1>;
 
 // Which evidence is used; the variants of the thesis and of the comparison.
-struct SimilarityOptions {
-  bool parameters = true;   // 2.7.1: length, angle, contrast, colours, types
-  bool correlation = true;  // 2.7.2: windows
-};
-
 // Whether a cue counts under the options.
 bool IsUsed(SegmentCue cue, const SimilarityOptions& options);
 bool IsUsed(JunctionCue cue, const SimilarityOptions& options);

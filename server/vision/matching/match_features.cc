@@ -6,8 +6,8 @@
 #include <unordered_map>
 
 #include "server/base/stop_scope.h"
+#include "server/vision/matching/learnt_constants.h"
 #include "server/vision/matching/similarity_bounds.h"
-#include "server/vision/matching/similarity_tables.h"
 
 namespace horopter {
 namespace {

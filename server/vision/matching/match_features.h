@@ -8,6 +8,7 @@
 #include "absl/status/status.h"
 #include "server/vision/matching/assignment.h"
 #include "server/vision/matching/feature_similarity.h"
+#include "server/vision/matching/matching_options.h"
 
 namespace horopter {
 
@@ -29,17 +30,6 @@ enum class MatchRelation {
   kJunctionsOfOneSegment,
 };
 constexpr int kMatchRelationCount = 6;  // of the enumeration above
-
-struct FeatureMatchOptions {
-  SimilarityOptions similarity;
-  AssignmentOptions assignment;  // the default finds most (tests/bench/results.md)
-  // 2.7.3: neighbouring matches must imply like transformations; without it only that they are
-  // neighbours in both views counts.
-  bool transformations = true;
-  int per_feature = 5;          // candidates kept per feature, in both directions; more: slower
-  double min_candidate = -1.0;  // log-likelihood ratio of a candidate; higher: fewer
-  double min_accepted = 3.0;    // ... of a match with its neighbours' support; higher: surer, fewer
-};
 
 // Errors: INVALID_ARGUMENT naming the field.
 absl::Status Validate(const FeatureMatchOptions& options);

@@ -7,6 +7,7 @@
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/vision/matching/feature_tracks.h"
+#include "server/vision/matching/match_features.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/matching/on_plane.h"
 #include "server/vision/matching/pair_geometry.h"
@@ -41,6 +42,7 @@ absl::Status ValidateInput(std::span<const cv::Mat> images,
                                         " and its features differ in size");
     }
   }
+  HOROPTER_RETURN_IF_ERROR(Validate(options.features));
   if (!(options.ratio > 0.0 && options.ratio <= 1.0)) {
     return absl::InvalidArgumentError("matching: ratio must be in (0, 1]");
   }
@@ -57,12 +59,13 @@ std::vector<std::pair<int, int>> PairsToCompare(std::span<const cv::Mat> images,
                                                 const MatchingOptions& options,
                                                 const StopRequested& stop) {
   const int n = static_cast<int>(images.size());
-  const ViewGraphOptions graph;
+  const ViewGraphOptions& graph = options.views;
   std::vector<ViewOverlap> overlaps;
   if (n > graph.all_up_to) {
     std::vector<OverlapSketch> sketches(n);
     ParallelFor(n, options.threads, [&](int v) {
-      if (!IsStopRequested(stop)) sketches[v] = SketchForOverlap(images[v], views[v].patches);
+      if (!IsStopRequested(stop))
+        sketches[v] = SketchForOverlap(images[v], views[v].patches, options);
     });
     for (int a = 0; a < n; ++a) {
       for (int b = a + 1; b < n; ++b) overlaps.push_back({a, b, 0.0});
@@ -90,7 +93,7 @@ class PairMatcher {
     result_.pairs.resize(pairs.size());
     ForEachPair([&](int k) {
       const auto [a, b] = pairs[k];
-      result_.pairs[k] = MatchPair(a, b, View(a), View(b), PlaneOf(a, b));
+      result_.pairs[k] = MatchPair(a, b, View(a), View(b), PlaneOf(a, b), options_.features);
     });
     LinkThroughPlanes();
     ForEachPair([&](int k) {
@@ -122,7 +125,8 @@ class PairMatcher {
   }
 
   void Rematch(PairGeometry* p) const {
-    MatchAlongEpipolarLines(View(p->view_a), View(p->view_b), PlaneOf(p->view_a, p->view_b), p);
+    MatchAlongEpipolarLines(
+        View(p->view_a), View(p->view_b), PlaneOf(p->view_a, p->view_b), p, options_.features);
   }
 
   bool PlanesComplete() const {
@@ -138,7 +142,7 @@ class PairMatcher {
     std::vector<char> alone;
     for (const PairGeometry& p : result_.pairs) alone.push_back(!PlaneOf(p.view_a, p.view_b));
     result_.counts["pairs_inconsistent"] =
-        RefuseInconsistentPairs(features, alone, ThreeViewOptions(), &result_.pairs);
+        RefuseInconsistentPairs(features, alone, options_.three_views, &result_.pairs);
   }
 
   // Where a plane joins views, one set of camera centres gives all their pairs an F: pairs too weak
@@ -178,7 +182,7 @@ class PairMatcher {
       }
       if (point.observations.size() >= 2) points.push_back(std::move(point));
     }
-    PlaneCentresOptions options;
+    PlaneCentresOptions options = options_.centres;
     options.seed = options_.seed;
     for (const PlaneCentres::Pair& p : EstimatePlaneCentres(views, points, options).pairs) {
       const int a = of_view[p.view_a], b = of_view[p.view_b];
@@ -222,7 +226,8 @@ absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
   const int views = static_cast<int>(images.size());
   std::vector<MatchingView> prepared(views);
   ParallelFor(views, options.threads, [&](int i) {
-    if (!IsStopRequested(stop)) prepared[i] = PrepareMatchingView(images[i], features[i]);
+    if (!IsStopRequested(stop))
+      prepared[i] = PrepareMatchingView(images[i], features[i], options.graph);
   });
   const std::vector<std::pair<int, int>> pairs = PairsToCompare(images, prepared, options, stop);
   if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
@@ -248,7 +253,7 @@ absl::StatusOr<MatchingResult> MatchViews(std::span<const cv::Mat> images,
   PairMatcher(prepared, options, stop, &result).Run(pairs);
   if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
   JoinAllTracks(&result);
-  result.segment_on_plane = FindSegmentsOnPlane(features, result);
+  result.segment_on_plane = FindSegmentsOnPlane(features, result, options.on_plane);
   result.counts["identical_views"] = CountIdenticalViews(images, pairs);
   return result;
 }

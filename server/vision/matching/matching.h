@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
 #include "server/vision/features/features.h"
+#include "server/vision/matching/matching_options.h"
 
 namespace horopter {
 
@@ -78,20 +79,6 @@ struct MatchingResult {
   // contact edge). Judged only against views whose epipolar geometry proves parallax; else false.
   std::vector<std::vector<bool>> segment_on_plane;
   std::map<std::string, double> counts;
-};
-
-struct MatchingOptions {
-  double sift_contrast = 0.004;  // on the locally normalised image; lower: more, weaker points
-  double ratio = 0.87;           // Lowe's ratio; higher: more, wronger matches
-  double ransac_px = 2.0;        // MAGSAC threshold of the plane homography
-  int min_plane_inliers = 14;    // measured: all sets >= 14 were right within 2.7 px
-  double loop_max_px = 4.0;      // chained homographies must agree with direct ones within this
-  double epipolar_px = 2.0;      // inlier distance to the epipolar line
-  // Bound of the strongest kept per image; the efforts keep 500 to 2000 (plane_links.cc). Lower:
-  // faster, fewer links on faint or large texture.
-  int max_keypoints = 4000;
-  int threads = 1;  // cores to use; the result does not depend on it
-  unsigned seed = 1;
 };
 
 // Matches N views of one static scene. images: CV_8UC3 or CV_8UC1, same order as features. Views

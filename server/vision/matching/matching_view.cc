@@ -41,10 +41,12 @@ SideStrip SampleStrip(const cv::Mat& grey, const Segment& segment, double side) 
 
 }  // namespace
 
-MatchingView PrepareMatchingView(const cv::Mat& image, const ImageFeatures& features) {
+MatchingView PrepareMatchingView(const cv::Mat& image,
+                                 const ImageFeatures& features,
+                                 const FeatureGraphOptions& options) {
   MatchingView view;
   view.features = &features;
-  view.graph = BuildFeatureGraph(features, FeatureGraphOptions());
+  view.graph = BuildFeatureGraph(features, options);
   const cv::Mat grey =
       image.channels() == 3 ? RecolourInStrips(image, cv::COLOR_BGR2GRAY, 1) : image;
   // Nearest-pixel sampling needs no finer image.

@@ -32,7 +32,9 @@ struct MatchingView {
 };
 
 // image: CV_8UC1 or CV_8UC3, the one the features were found in. The view refers to `features`.
-MatchingView PrepareMatchingView(const cv::Mat& image, const ImageFeatures& features);
+MatchingView PrepareMatchingView(const cv::Mat& image,
+                                 const ImageFeatures& features,
+                                 const FeatureGraphOptions& options = {});
 
 // Correlation of two strips in [-1, 1], the second one walked backwards when `reversed`;
 // nullopt-like NaN when either is flat.

@@ -17,12 +17,11 @@ namespace {
 
 // What a free F needs. Chosen in a one-off experiment on all pairs of parts-train without a plane;
 // what they let through is in tests/bench/results.md.
-constexpr int kMinGuided = 13;           // inliers among the matches along its lines
-constexpr double kMinFirstShare = 0.45;  // of the first matches agree
-constexpr double kMinBeam = 0.4;         // mean overlap of the segments matched before F was known
-constexpr double kSureShare = 0.7;       // ... not asked when so many of
-constexpr int kSureInliers = 40;         // ... so many first matches agree
-constexpr double kMaxStrainCost = 0.1;   // per inlier: what plausible cameras add to the cost
+constexpr int kMinGuided = 13;          // inliers among the matches along its lines
+constexpr double kMinBeam = 0.4;        // mean overlap of the segments matched before F was known
+constexpr double kSureShare = 0.7;      // ... not asked when so many of
+constexpr int kSureInliers = 40;        // ... so many first matches agree
+constexpr double kMaxStrainCost = 0.1;  // per inlier: what plausible cameras add to the cost
 // Image widths; of plausible lenses.
 constexpr double kMinFocalWidths = 0.6, kMaxFocalWidths = 3.2, kMaxFocalRatio = 1.6;
 constexpr double kMaxSigmaPx = 0.8;     // of epipolar lines: wider bands tell no match
@@ -58,6 +57,7 @@ PairComparison Compare(const MatchingView& a, const MatchingView& b, const PairP
 // what it is matched with away from there is none.
 void DropShiftedTexture(const PairComparison& compare,
                         const std::optional<Eigen::Matrix3d>& b_from_a,
+                        const SimilarityOptions& options,
                         std::vector<JunctionMatch>* matches) {
   if (!b_from_a) return;
   const std::vector<Junction>& of_a = compare.a().features->junctions;
@@ -66,8 +66,7 @@ void DropShiftedTexture(const PairComparison& compare,
   for (const Junction& j : of_a) warped.push_back(Transfer(*b_from_a, j.point));
   const auto explains = [&](int a, int b) {
     return (warped[a] - of_b[b].point).squaredNorm() < kOnPlanePx * kOnPlanePx &&
-           LogRatio(compare.Junctions(a, b), compare.has_plane(), SimilarityOptions()) >
-               kLikelyRatio;
+           LogRatio(compare.Junctions(a, b), compare.has_plane(), options) > kLikelyRatio;
   };
   std::erase_if(*matches, [&](const JunctionMatch& m) {
     LeaveIfStopped();
@@ -84,17 +83,18 @@ void DropShiftedTexture(const PairComparison& compare,
 
 void FillMatches(const PairComparison& compare,
                  const std::optional<Eigen::Matrix3d>& b_from_a,
+                 const FeatureMatchOptions& options,
                  PairGeometry* pair) {
   pair->matches.clear();
   pair->segments.clear();
-  for (const FeatureMatch& m : MatchFeatures(compare, FeatureMatchOptions())) {
+  for (const FeatureMatch& m : MatchFeatures(compare, options)) {
     if (m.kind == FeatureKind::kSegment) {
       pair->segments.push_back({m.a, m.b, m.log_ratio});
     } else if (!compare.has_epipolar() || compare.EpipolarDistance(m.a, m.b) < kNearPx) {
       pair->matches.push_back({m.a, m.b, m.log_ratio});
     }
   }
-  DropShiftedTexture(compare, b_from_a, &pair->matches);
+  DropShiftedTexture(compare, b_from_a, options.similarity, &pair->matches);
 }
 
 FocalPrior PriorOf(const MatchingView& a, const MatchingView& b) {
@@ -161,10 +161,8 @@ std::optional<Eigen::Matrix3d> EstimateFree(const MatchingView& a,
                                             const MatchingOptions& options,
                                             std::string* refusal) {
   const std::vector<WeightedMatch> first = PointsOf(a, b, pair.matches);
-  RobustFundamentalOptions robust;
+  RobustFundamentalOptions robust = options.fundamental;
   robust.inlier_px = options.epipolar_px;
-  robust.min_share = kMinFirstShare;
-  robust.max_sigma_px = 2.0 * kMaxSigmaPx;  // the matches along its lines make it sharper
   robust.seed = options.seed;
   const RobustFundamental estimate = EstimateFundamental(first, robust);
   if (!estimate.F) {
@@ -184,7 +182,7 @@ std::optional<Eigen::Matrix3d> EstimateFree(const MatchingView& a,
     return std::nullopt;
   }
   PairGeometry along;
-  FillMatches(compare, b_from_a, &along);
+  FillMatches(compare, b_from_a, options.features, &along);
   const std::vector<WeightedMatch> guided = PointsOf(a, b, along.matches);
   robust.min_inliers = kMinGuided;
   const RobustFundamental again = EstimateFundamental(guided, robust);
@@ -237,19 +235,21 @@ std::vector<MatchCandidate> ToCandidates(const Eigen::Matrix3d& b_from_a,
 void MatchAlongEpipolarLines(const MatchingView& a,
                              const MatchingView& b,
                              const std::optional<Eigen::Matrix3d>& b_from_a,
-                             PairGeometry* pair) {
-  FillMatches(Compare(a, b, {b_from_a, pair->F}), b_from_a, pair);
+                             PairGeometry* pair,
+                             const FeatureMatchOptions& options) {
+  FillMatches(Compare(a, b, {b_from_a, pair->F}), b_from_a, options, pair);
 }
 
 PairGeometry MatchPair(int view_a,
                        int view_b,
                        const MatchingView& a,
                        const MatchingView& b,
-                       const std::optional<Eigen::Matrix3d>& b_from_a) {
+                       const std::optional<Eigen::Matrix3d>& b_from_a,
+                       const FeatureMatchOptions& options) {
   PairGeometry pair;
   pair.view_a = view_a;
   pair.view_b = view_b;
-  FillMatches(Compare(a, b, {b_from_a, std::nullopt}), b_from_a, &pair);
+  FillMatches(Compare(a, b, {b_from_a, std::nullopt}), b_from_a, options, &pair);
   return pair;
 }
 
@@ -269,7 +269,7 @@ void EstimateEpipolarGeometry(const MatchingView& a,
     return;
   }
   const std::vector<WeightedMatch> points = PointsOf(a, b, pair->matches);
-  ParallaxOptions parallax;
+  ParallaxOptions parallax = options.parallax;
   parallax.epipolar_px = options.epipolar_px;
   parallax.seed = options.seed;
   ParallaxResult plane =

@@ -16,7 +16,8 @@ PairGeometry MatchPair(int view_a,
                        int view_b,
                        const MatchingView& a,
                        const MatchingView& b,
-                       const std::optional<Eigen::Matrix3d>& b_from_a);
+                       const std::optional<Eigen::Matrix3d>& b_from_a,
+                       const FeatureMatchOptions& options = {});
 
 // Sets F from the pair's matches, or the refusal. With the plane known: plane + parallax and a free
 // F, chosen by how many of the matches they explain. Without: a free F, refused when one homography
@@ -37,6 +38,7 @@ bool HasPlausibleCameras(const Eigen::Matrix3d& F, const MatchingView& a, const 
 void MatchAlongEpipolarLines(const MatchingView& a,
                              const MatchingView& b,
                              const std::optional<Eigen::Matrix3d>& b_from_a,
-                             PairGeometry* pair);
+                             PairGeometry* pair,
+                             const FeatureMatchOptions& options = {});
 
 }  // namespace horopter

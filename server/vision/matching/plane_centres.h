@@ -7,6 +7,8 @@
 #include <span>
 #include <vector>
 
+#include "server/vision/matching/matching_options.h"
+
 namespace horopter {
 
 // With the plane's homographies known, P_i = [H_i | e_i] and a point is (x, y, 1, rho): rho = 0 on
@@ -21,17 +23,6 @@ struct PlanePoint {
     Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   };
   std::vector<Observation> observations;  // at most one per view; tentative
-};
-
-struct PlaneCentresOptions {
-  double inlier_px = 2.0;     // reprojection
-  double on_plane_px = 2.0;   // displacement up to which a point counts as lying on the plane
-  int min_off_plane = 6;      // consistent points off the plane that a view needs
-  double min_share = 0.25;    // ... and of those that the other views fix
-  double max_sigma_px = 0.8;  // predicted deviation of the epipolar lines of a pair
-  int starts = 6;             // pairs of views tried as a start
-  int hypotheses = 300;       // samples of two points per view and start
-  unsigned seed = 1;
 };
 
 struct PlaneCentres {

@@ -47,9 +47,9 @@ constexpr double kAboveContrast = 3.0;  // times MatchingOptions::sift_contrast
 constexpr std::size_t kBestSets = 5;    // of keypoint sets with most matches get a homography
 constexpr std::size_t kAligned = 3;     // ... of which those with most inliers are aligned
 constexpr int kFarthest = 4;            // views apart in the given order that are proposed a link
-// Where nothing was found and no pair has so many matches, the table is blank: 35 at most in the
-// four such scenes of parts-dev and parts-train, 67 and more in the others that the first effort
-// fails.
+// Where nothing was found and no pair has so many matches, the supporting plane is blank: 35 at
+// most in the four such scenes of parts-dev and parts-train, 67 and more in the others that the
+// first effort fails.
 constexpr int kBlankMatches = 45;
 // Elevations tried for views from above.
 constexpr double kElevationsRad[] = {0.44, 0.70, 1.05};  // 25, 40 and 60 degrees
@@ -226,7 +226,7 @@ class PlaneLinks {
 
   bool Align(int k, const Eigen::Matrix3d& b_from_a, bool from_chain) {
     const auto [a, b] = pairs_[k];
-    AlignOptions options;
+    AlignOptions options = options_.alignment;
     options.start_is_aligned = from_chain;
     const PlaneAlignment aligned = AlignPlane(patches_[a], patches_[b], b_from_a, options);
     const int inliers = static_cast<int>(aligned.estimate.inliers.size());

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "server/vision/matching/matching.h"
+#include "server/vision/matching/matching_options.h"
 
 namespace horopter {
 
@@ -20,20 +21,6 @@ struct MatchCandidate {
   Eigen::Vector2d b = Eigen::Vector2d::Zero();
   double similarity = 0.0;
   double parallax_px = 0.0;  // |H^-1 b - a|
-};
-
-struct ParallaxOptions {
-  double on_plane_px = 2.0;   // displacement up to which a point counts as lying on the plane
-  double epipolar_px = 2.0;   // inlier distance to the epipolar line
-  int min_off_plane = 5;      // off-plane matches needed; two define the epipole
-  double min_surprise = 2.5;  // matches found / matches expected by chance
-  // Largest predicted deviation of the epipolar lines at the matches. Measured: above 0.6 px most
-  // are wrong.
-  double max_sigma_px = 0.55;
-  // Share of the off-plane junctions that must agree; real pairs reach 0.2 - 0.7.
-  double min_share = 0.15;
-  int hypotheses = 1500;
-  unsigned seed = 1;
 };
 
 struct ParallaxResult {

@@ -5,6 +5,7 @@
 
 #include <opencv2/core/mat.hpp>
 
+#include "server/vision/matching/matching_options.h"
 #include "server/vision/matching/plane_homography.h"
 
 namespace horopter {
@@ -32,12 +33,6 @@ PatchImage PreparePatches(const cv::Mat& image);
 // (correlation above 0.85 at a quarter of the size): near 1 on checkers, tiles and grids, where an
 // alignment may be right but for a whole period and nothing would tell. 0 without structure.
 double RepeatedShare(const PatchImage& image);
-
-struct AlignOptions {
-  // The start comes from other alignments: its first, most generous search is left out.
-  bool start_is_aligned = false;
-  double min_correlation = 0.7;  // NCC of 16x16 patches; locally normalised noise reaches 0.5
-};
 
 struct PlaneAlignment {
   PlaneEstimate estimate;  // inliers: patch centres in a and where they are found in b, < 1 px

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "server/vision/matching/similarity_tables.h"
+#include "server/vision/matching/learnt_constants.h"
 
 namespace horopter {
 namespace {

@@ -7,14 +7,9 @@
 #include <vector>
 
 #include "server/vision/matching/matching.h"
+#include "server/vision/matching/matching_options.h"
 
 namespace horopter {
-
-struct ThreeViewOptions {
-  double transfer_px = 4.0;  // of a handed-on point from its epipolar line, larger of both images
-  int min_handed_on = 5;     // fewer points in three views say nothing
-  double min_share = 0.5;    // of them must agree, on each of the three ways round
-};
 
 // Takes F from pairs until all triples of views with three of them close; returns how many. In a
 // triple that does not close one of the three is wrong: it is the suspect in most such triples,

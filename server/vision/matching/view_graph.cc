@@ -38,7 +38,9 @@ std::vector<int> NearestOf(const std::vector<JunctionPatch::Code>& from,
 
 }  // namespace
 
-OverlapSketch SketchForOverlap(const cv::Mat& image, std::span<const JunctionPatch> patches) {
+OverlapSketch SketchForOverlap(const cv::Mat& image,
+                               std::span<const JunctionPatch> patches,
+                               const MatchingOptions& options) {
   OverlapSketch sketch;
   const cv::Mat grey =
       image.channels() == 3 ? RecolourInStrips(image, cv::COLOR_BGR2GRAY, 1) : image;
@@ -47,10 +49,10 @@ OverlapSketch SketchForOverlap(const cv::Mat& image, std::span<const JunctionPat
   const int factor = StripFactor(normalized.size(), scale);
   if (factor > 1) normalized = ShrinkInStrips(normalized, factor);
   cv::resize(normalized, small, cv::Size(), factor * scale, factor * scale, cv::INTER_AREA);
-  MatchingOptions options;
-  options.max_keypoints = kKeypoints;
-  options.sift_contrast *= kContrast;
-  sketch.keypoints = DetectPlaneKeypoints(small, scale, options);
+  MatchingOptions few = options;
+  few.max_keypoints = kKeypoints;
+  few.sift_contrast *= kContrast;
+  sketch.keypoints = DetectPlaneKeypoints(small, scale, few);
   for (const JunctionPatch& patch : patches) {
     if (sketch.junctions.size() >= kJunctions) break;
     if (!patch.empty) sketch.junctions.push_back(patch.code);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "server/vision/matching/junction_patches.h"
+#include "server/vision/matching/matching_options.h"
 #include "server/vision/matching/plane_homography.h"
 
 namespace horopter {
@@ -18,7 +19,9 @@ struct OverlapSketch {
   std::vector<JunctionPatch::Code> junctions;  // of the patches that are not empty, at most 150
 };
 // image: CV_8UC1 or CV_8UC3. patches: of its junctions, upright.
-OverlapSketch SketchForOverlap(const cv::Mat& image, std::span<const JunctionPatch> patches);
+OverlapSketch SketchForOverlap(const cv::Mat& image,
+                               std::span<const JunctionPatch> patches,
+                               const MatchingOptions& options = {});
 
 // Keypoints and junctions of the two that are each other's nearest and clearly so: a vote count,
 // cheap and with wrong votes among them; only its order means anything.
@@ -28,11 +31,6 @@ struct ViewOverlap {
   int view_a = -1;
   int view_b = -1;
   double score = 0.0;
-};
-
-struct ViewGraphOptions {
-  int all_up_to = 8;  // views; so few are compared each with each
-  int best = 4;       // partners of highest score that every view has at least; more: dearer, surer
 };
 
 // The spanning tree of highest scores and the `best` partners of every view, in ascending order;

@@ -220,6 +220,9 @@ struct PoseChoiceAcceptance {
   // An answer is turned when the images show it so rather than as it is with these log odds.
   double turned_log_odds = 0.1;
   double ambiguous_share = 0.3;  // alternatives this likely together make the answer ambiguous
+  int most = 6;                  // listed of an object
+  int most_tried = 32;           // for time
+  int turns = 12;                // that stand for all of a near symmetry by any angle
 };
 
 // Which adjusted objects do not fit the cameras of the others and are left out

@@ -26,6 +26,7 @@ absl::Status Validate(const RecognitionOptions& options) {
       {"threads", options.threads}};
   for (const auto& [field, value] : sizes)
     HOROPTER_RETURN_IF_ERROR(check(positive(value), field, value));
+  HOROPTER_RETURN_IF_ERROR(Validate(options.search));
   return Validate(options.acceptance);
 }
 

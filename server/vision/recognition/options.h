@@ -4,6 +4,7 @@
 #include "absl/status/status.h"
 #include "server/base/stop_token.h"
 #include "server/vision/recognition/acceptance.h"
+#include "server/vision/recognition/search_options.h"
 
 namespace horopter {
 
@@ -32,6 +33,7 @@ struct RecognitionOptions {
   RecognitionRoutes routes;
   AspectRouteOptions aspects;
   AcceptanceOptions acceptance;
+  EdgeSearchOptions search;         // of all routes but the aspects
   double focal_start_widths = 1.5;  // first focal length tried, in image widths
   double focal_log_sigma = 0.35;    // prior width of log f; larger: weaker prior
   int hypotheses_per_object = 8;    // distinct poses kept per object and view

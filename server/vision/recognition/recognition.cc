@@ -271,6 +271,28 @@ double SumOfLogOdds(const RecognitionResult& result) {
   return sum;
 }
 
+// The aspects' own answer, in cameras that are known as far as they can be trusted; known: an
+// answer of another route that is not contradicted, or null.
+absl::StatusOr<RecognitionResult> AspectsOf(const RecognitionInput& input,
+                                            const JointContext& context,
+                                            std::span<const AspectImage> images,
+                                            const AspectSearch& search,
+                                            const RecognitionResult* known,
+                                            RefusalLog* log) {
+  // What no route found parts in may be no table: its cameras are not believed, but tried.
+  const JointContext unmatched =
+      MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
+                  context.options,
+                  context.stop,
+                  context.on_step);
+  return RecognizeByAspects(unmatched,
+                            images,
+                            search,
+                            {CamerasTrusted(input) ? &context : nullptr, known},
+                            log,
+                            AspectOptionsOf(input));
+}
+
 // Objects with few edges are asked for by the routes in the cameras of the reconstruction: where a
 // supporting plane's texture gives these they are quick. Their answer is judged by what the cameras
 // should see of it; unless that confirms it, the aspects give theirs, and the one that explains
@@ -302,27 +324,17 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   }
   BeginStep(context, "aspect_images");
   const std::vector<AspectImage> plain =
-      MakeAspectImages(input.images, true, context.options.threads);
-  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search, ChooseObjects(context, plain));
+      MakeAspectImages(input.images, AspectOptionsOf(input).images, true, context.options.threads);
+  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
+                            ChooseObjects(context, plain, AspectOptionsOf(input).ranking));
   if (enough) {
     HOROPTER_RETURN_IF_ERROR(AddOthers(context, plain, search, &result, AspectOptionsOf(input)));
     return result;
   }
   const bool contradicted = judged.median < acceptance.contradicting_score;
-  // What no route found parts in may be no table: its cameras are not believed, but tried.
-  const JointContext unmatched =
-      MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
-                  context.options,
-                  context.stop,
-                  context.on_step);
-  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult aspects,
-                            RecognizeByAspects(unmatched,
-                                               plain,
-                                               search,
-                                               {CamerasTrusted(input) ? &context : nullptr,
-                                                contradicted ? nullptr : &result},
-                                               log,
-                                               AspectOptionsOf(input)));
+  HOROPTER_ASSIGN_OR_RETURN(
+      RecognitionResult aspects,
+      AspectsOf(input, context, plain, search, contradicted ? nullptr : &result, log));
   // An answer that leaves out views explains what is easy.
   const bool explains_more =
       !aspects.objects.empty() &&
@@ -393,8 +405,10 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
                   stop,
                   on_step);
   BeginStep(context, "aspect_images");
-  const std::vector<AspectImage> images = MakeAspectImages(input.images, true, options.threads);
-  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search, ChooseObjects(context, images));
+  const std::vector<AspectImage> images =
+      MakeAspectImages(input.images, AspectOptionsOf(input).images, true, options.threads);
+  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
+                            ChooseObjects(context, images, AspectOptionsOf(input).ranking));
   if (!search.rich) {
     RecognitionResult nothing;
     nothing.views.resize(images.size());
@@ -428,7 +442,8 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
       input.images.size() == input.features.size()) {
     BeginStep(context, "aspect_images");
     // Judged with all edges: stripes and a block's own edges can be parallel.
-    const std::vector<AspectImage> images = MakeAspectImages(input.images, false, options.threads);
+    const std::vector<AspectImage> images =
+        MakeAspectImages(input.images, AspectOptionsOf(input).images, false, options.threads);
     HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
                               WithAspects(input, images, context, &work, log));
     BeginStep(context, "pose_alternatives");

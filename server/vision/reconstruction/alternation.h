@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "server/vision/reconstruction/multiview_tracks.h"
+#include "server/vision/reconstruction/reconstruction_options.h"
 #include "server/vision/reconstruction/robust_loss.h"
 
 namespace horopter {
@@ -20,32 +21,12 @@ struct TrackIndex {
 };
 TrackIndex IndexTracks(const MultiviewTracks& tracks);
 
-struct DepthDecompositionOptions {
-  int rounds = 30;
-  // Views that see fewer than this share of the points are left out; raising it leaves less to
-  // impute.
-  double min_view_share = 0.5;
-};
-
 // Factorises the matrix of depths times image points into cameras and points of rank 4 (Sturm,
 // Triggs 1996; balanced, missing entries filled in by the current product). Points only. Nullopt
 // with fewer than 2 views or 7 points. An initialiser: with missing data it does not reach the
 // least-squares optimum.
 std::optional<ProjectiveScene> DecomposeDepths(const MultiviewTracks& tracks,
                                                const DepthDecompositionOptions& options = {});
-
-struct AlternationOptions {
-  int max_sweeps = 25;
-  // Divides rows by the depths of the previous sweep, so that image distances are minimised.
-  // Without it the distances are algebraic, as first proposed.
-  bool geometric = true;
-  RobustLoss loss = RobustLoss::kTukey;
-  // Scale of the loss in the first sweep, in sigmas times its tuning constant; shrinks by `anneal`
-  // per sweep down to 1. Larger: a worse start is forgiven.
-  double start_scale = 8.0;
-  double anneal = 0.75;
-  double relative_change = 1e-4;  // of the rms between sweeps, at which it stops early
-};
 
 // Improves the scene in place: features with two or more inlier observations in known cameras are
 // intersected (again), then every known camera is resected. Features that cannot be determined

@@ -7,6 +7,7 @@
 
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/reconstruction/reconstruction.h"
+#include "server/vision/reconstruction/reconstruction_options.h"
 #include "server/vision/reconstruction/tracks.h"
 #include "server/vision/reconstruction/view_prior.h"
 
@@ -39,18 +40,6 @@ struct BundlePoint {
 struct Bundle {
   std::vector<BundleView> views;
   std::vector<BundlePoint> points;
-};
-
-struct BundleOptions {
-  double focal_prior_widths = 1.5;
-  double focal_prior_log_sigma = 0.5;
-  double k1_sigma = 0.04;  // prior of the radial coefficient about 0
-  // Of each coordinate of the principal point, which is fixed at the image's centre unless it is
-  // given. 0.012: uniform within 2 %.
-  double principal_point_sigma_widths = 0.012;
-  double loss_px = 1.0;  // Cauchy scale
-  int max_iterations = 40;
-  bool covariance = false;  // fill the deviations of log f
 };
 
 struct BundleSummary {

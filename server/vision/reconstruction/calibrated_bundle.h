@@ -6,21 +6,10 @@
 #include "server/vision/reconstruction/bundle_covariance.h"
 #include "server/vision/reconstruction/calibrated_scene.h"
 #include "server/vision/reconstruction/multiview_tracks.h"
+#include "server/vision/reconstruction/reconstruction_options.h"
 #include "server/vision/reconstruction/robust_loss.h"
 
 namespace horopter {
-
-struct CalibratedBundleOptions {
-  double focal_prior_widths = 1.5;  // weak prior of every focal length, image widths
-  double focal_prior_log_sigma = 1.0;
-  double principal_point_sigma_widths = 0.02;  // about the image's centre
-  bool estimate_k1 = false;                    // one radial coefficient per view
-  double k1_sigma = 0.05;
-  RobustLoss loss = RobustLoss::kCauchy;
-  double loss_scale = 1.0;
-  int max_iterations = 40;
-  bool covariance = false;  // fill the deviations of the result
-};
 
 struct CalibratedBundleSummary {
   bool usable = false;

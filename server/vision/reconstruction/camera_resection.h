@@ -11,6 +11,7 @@
 #include "server/vision/geometry/plucker_line.h"
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/reconstruction/image_size.h"
+#include "server/vision/reconstruction/reconstruction_options.h"
 #include "server/vision/reconstruction/view_prior.h"
 
 namespace horopter {
@@ -24,21 +25,6 @@ struct LineSight {
   PluckerLine line_in_world = PluckerLine::Zero();
   Eigen::Vector2d start = Eigen::Vector2d::Zero();
   Eigen::Vector2d end = Eigen::Vector2d::Zero();
-};
-
-struct ResectionOptions {
-  double gate_px = 3.0;  // of an inlier; of a segment, for both ends from the projected line
-  // Focal lengths tried, image widths; a given one is tried alone.
-  double min_focal_widths = 0.6;
-  double max_focal_widths = 3.2;
-  int focal_steps = 7;
-  int max_iterations = 1500;  // of RANSAC: a fifth of right matches is found
-  int min_points = 8;         // that agree
-  int min_support = 12;       // points and half the lines that agree
-  double focal_prior_widths = 1.5;
-  double focal_prior_log_sigma = 0.5;
-  double max_focal_log_sigma = 0.3;  // posterior
-  unsigned seed = 1;
 };
 
 // k1 and principal point as given, else 0 and the centre.

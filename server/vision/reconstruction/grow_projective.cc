@@ -44,11 +44,11 @@ using StartMaker = std::function<std::optional<ProjectiveScene>()>;
 
 std::optional<ProjectiveScene> StartFromDepths(const GrowContext& c,
                                                const ProjectiveScene& screened) {
-  auto scene = DecomposeDepths(c.tracks);
+  auto scene = DecomposeDepths(c.tracks, c.options.depths);
   if (!scene) return std::nullopt;
   scene->point_inlier = screened.point_inlier;
   BalanceGauge(&*scene);
-  Alternate(c.tracks, c.index, {}, &*scene);
+  Alternate(c.tracks, c.index, c.options.alternation, &*scene);
   return scene;
 }
 

@@ -9,18 +9,12 @@
 #include "server/vision/reconstruction/alternation.h"
 #include "server/vision/reconstruction/bundle_covariance.h"
 #include "server/vision/reconstruction/projective_bundle.h"
+#include "server/vision/reconstruction/reconstruction_options.h"
 #include "server/vision/reconstruction/view_pairs.h"
 
 namespace horopter {
 
 // Where cameras and structure come from first.
-enum class ProjectiveStart {
-  kBestOf,        // pairs, then triples where pairs do not suffice
-  kFundamental,   // the pair with most parallax
-  kTrifocal,      // three views, points and lines
-  kFactorisation  // decomposition of the projective depths; wants few outliers and complete tracks
-};
-
 enum class ProjectiveOutcome {
   kReconstructed,
   kTooFewViews,
@@ -30,23 +24,6 @@ enum class ProjectiveOutcome {
   kUndetermined,  // the observations leave a direction open (covariance)
 };
 
-struct GrowOptions {
-  ProjectiveStart start = ProjectiveStart::kBestOf;
-  ViewPairOptions pairs;
-  int max_starts = 8;
-  // Share of a view's observations of known features that must fit, or it is not registered.
-  double min_inlier_share = 0.5;
-  // An observation is an outlier beyond this chi^2 (2 degrees of freedom, 99.9 %), times the
-  // estimated variance.
-  double outlier_chi2 = 13.8;
-  RobustLoss loss = RobustLoss::kTukey;  // of the last adjustment; kCauchy for a milder one
-  bool bundle_adjust = true;             // false: alternation alone, the thesis's result
-  // Largest standard deviation of the least determined camera parameters (|P| = 1, balanced gauge)
-  // that is still called a reconstruction.
-  double max_deviation = 0.06;
-  int min_views = 2;
-  unsigned seed = 1;
-};
 absl::Status Validate(const GrowOptions& options);
 
 struct ProjectiveResult {

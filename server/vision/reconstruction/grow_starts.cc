@@ -74,6 +74,13 @@ void DrawTriplets(const std::vector<Triplet>& x,
   }
 }
 
+// A few sweeps over all its features.
+void Settle(const GrowContext& c, ProjectiveScene* scene) {
+  AlternationOptions few = c.options.alternation;
+  few.max_sweeps = 10;
+  Alternate(c.tracks, c.index, few, scene);
+}
+
 }  // namespace
 
 std::optional<ProjectiveScene> StartFromPair(const GrowContext& c,
@@ -177,7 +184,7 @@ std::optional<ProjectiveScene> StartFromTriple(const GrowContext& c,
       best = std::move(scene);
     }
   }
-  if (best) Alternate(c.tracks, c.index, {.max_sweeps = 10}, &*best);
+  if (best) Settle(c, &*best);
   return best;
 }
 

@@ -16,10 +16,7 @@ constexpr int kMinRegistered = 7;         // one more than minimal, or nothing i
 // Sweeps after each view: the first ones decide what the others are registered to.
 constexpr int kEarlySweeps = 3, kLateSweeps = 1, kEarlyViews = 4;
 constexpr int kFinalRounds = 4;
-constexpr int kRoughIterations = 3;
-constexpr int kBundleIterations = 15;
-constexpr double kBundleTolerance = 1e-5;  // of the cost: 1/50 of what one observation adds
-constexpr double kRoughGate = 3.0;         // chi^2 of the first round, before any adjustment
+constexpr double kRoughGate = 3.0;  // chi^2 of the first round, before any adjustment
 // Fewer marks changed than this: another adjustment would find the same optimum.
 constexpr double kSettledShare = 0.005;
 constexpr int kMaxSubsets = 15;  // pairs of views tried for a feature with outliers
@@ -133,8 +130,7 @@ std::optional<CameraMatrix> ResectRobustly(const GrowContext& c,
   return best;
 }
 
-AlternationOptions Sweeps(int count, double start_scale) {
-  AlternationOptions options;
+AlternationOptions Sweeps(AlternationOptions options, int count, double start_scale) {
   options.max_sweeps = count;
   options.start_scale = start_scale;
   return options;
@@ -305,7 +301,7 @@ void RegisterViews(const GrowContext& c, std::mt19937* rng, ProjectiveScene* sce
     scene->cameras[next] = P;
     failed.assign(views, false);  // more is known now
     const int sweeps = KnownCameras(*scene) <= kEarlyViews ? kEarlySweeps : kLateSweeps;
-    Alternate(c.tracks, c.index, Sweeps(sweeps, 4.0), scene);
+    Alternate(c.tracks, c.index, Sweeps(c.options.alternation, sweeps, 4.0), scene);
   }
 }
 
@@ -340,13 +336,12 @@ bool Finish(const GrowContext& c, ProjectiveScene* scene) {
   for (int round = 0; round < kFinalRounds; ++round) {
     if (IsStopRequested(c.stop) || KnownCameras(*scene) < 2) return false;
     if (!c.options.bundle_adjust) {
-      Alternate(c.tracks, c.index, Sweeps(round == 0 ? 12 : 25, round == 0 ? 3.0 : 1.0), scene);
+      Alternate(c.tracks,
+                c.index,
+                Sweeps(c.options.alternation, round == 0 ? 12 : 25, round == 0 ? 3.0 : 1.0),
+                scene);
     } else {
-      // The first round is rough: it sorts out what the others should see.
-      ProjectiveBundleOptions ba;
-      ba.loss = round == 0 ? RobustLoss::kCauchy : c.options.loss;
-      ba.max_iterations = round == 0 ? kRoughIterations : kBundleIterations;
-      ba.function_tolerance = kBundleTolerance;
+      const ProjectiveBundleOptions& ba = round == 0 ? c.options.rough : c.options.bundle;
       if (!AdjustProjective(c.tracks, ba, scene).usable) return false;
     }
     const std::vector<bool> points = scene->point_inlier, lines = scene->line_inlier;

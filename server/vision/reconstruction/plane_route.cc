@@ -176,7 +176,7 @@ bool Refine(const std::vector<Track>& plane,
             const ReconstructionOptions& options,
             const StopRequested& stop,
             Bundle* bundle) {
-  BundleOptions ba;
+  BundleOptions ba = options.bundle;
   ba.focal_prior_widths = options.focal_prior_widths;
   ba.focal_prior_log_sigma = options.focal_prior_log_sigma;
   const int rounds = static_cast<int>(std::size(kGatesPx));
@@ -217,10 +217,9 @@ std::vector<Solution> SolvePlane(const Component& component,
     component_priors.push_back(priors.empty() ? ViewPrior() : priors[v]);
   }
   std::vector<Solution> solutions;
-  BundleOptions ba;
+  BundleOptions ba = options.start_bundle;
   ba.focal_prior_widths = options.focal_prior_widths;
   ba.focal_prior_log_sigma = options.focal_prior_log_sigma;
-  ba.max_iterations = 25;
   for (const CalibrationStart& start :
        CalibrateFromPlane(maps, component_sizes, component_priors, options, kStarts)) {
     if (IsStopRequested(stop)) break;

@@ -3,16 +3,10 @@
 
 #include "server/vision/reconstruction/bundle_covariance.h"
 #include "server/vision/reconstruction/multiview_tracks.h"
+#include "server/vision/reconstruction/reconstruction_options.h"
 #include "server/vision/reconstruction/robust_loss.h"
 
 namespace horopter {
-
-struct ProjectiveBundleOptions {
-  RobustLoss loss = RobustLoss::kCauchy;
-  double loss_scale = 1.0;  // times TuningConstant(loss), in sigmas
-  int max_iterations = 30;
-  double function_tolerance = 1e-6;
-};
 
 struct ProjectiveBundleSummary {
   bool usable = false;

@@ -13,6 +13,7 @@
 #include "server/vision/matching/matching.h"
 #include "server/vision/reconstruction/calibrated_scene.h"
 #include "server/vision/reconstruction/image_size.h"
+#include "server/vision/reconstruction/reconstruction_options.h"
 #include "server/vision/reconstruction/view_prior.h"
 
 namespace horopter {
@@ -38,19 +39,6 @@ struct Reconstruction {
   std::vector<std::string> view_refusals;  // per view; empty: registered
   std::map<std::string, double> counts;
 };
-
-struct ReconstructionOptions {
-  double focal_prior_widths = 1.5;  // prior focal length in image widths
-  double focal_prior_log_sigma = 0.5;
-  double max_rms_px = 1.5;  // accepted reprojection error of the inliers
-  int min_views = 2;
-  unsigned seed = 1;
-};
-
-// Views whose deviation of log f is beyond this are not trusted. Four views of a plane know the
-// focal lengths to 15 % when the principal points are not known; a search for parts works with
-// that.
-inline constexpr double kMaxTrustedFocalSigma = 0.16;
 
 // Reconstructs cameras and points from the matches: over the supporting plane where views share
 // one, else from tracks of junctions and segments; views left over are registered to what the

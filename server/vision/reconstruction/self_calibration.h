@@ -10,6 +10,7 @@
 #include "server/base/stop_token.h"
 #include "server/vision/reconstruction/calibrated_bundle.h"
 #include "server/vision/reconstruction/grow_projective.h"
+#include "server/vision/reconstruction/reconstruction_options.h"
 
 namespace horopter {
 
@@ -23,18 +24,6 @@ enum class MetricOutcome {
   kAmbiguous,       // another calibration explains the images nearly as well
 };
 
-struct SelfCalibrationOptions {
-  CalibratedBundleOptions bundle;  // its priors; loss and covariance are chosen here
-  double min_focal_widths = 0.3;   // bounds of the grid and of an answer, image widths
-  double max_focal_widths = 8.0;
-  int focal_steps = 12;  // of the grid, each of two views; more: finer starts, quadratic time
-  int max_starts = 4;    // distinct ones that are refined
-  int max_pairs = 15;    // pairs of views the grid is tried on
-  // Largest posterior deviation of a log focal length that is called metric.
-  double max_focal_log_sigma = 0.12;
-  double max_rms_ratio = 1.3;         // metric to projective residuals, in sigmas
-  double min_alternative_gap = 10.0;  // chi^2 by which a different calibration must be worse
-};
 absl::Status Validate(const SelfCalibrationOptions& options);
 
 struct MetricResult {

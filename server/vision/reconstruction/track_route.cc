@@ -12,30 +12,25 @@
 namespace horopter {
 namespace {
 
-// Times the rms of the projective scene, or of one sigma: beyond it the cameras are not what was
-// seen.
-constexpr double kMaxRmsRatio = 1.3;
-constexpr double kMinSigma = 0.8;
+constexpr double kMinSigma = 0.8;  // rms that a projective scene is taken to have at least
 // Cameras whose focal lengths are known worse than this are not given even untrusted: a search for
 // parts that starts from them finds wrong ones (train 13, 33 %: nothing right any more; train 4, 18
 // %: right).
 constexpr double kMaxGivenFocalSigma = 0.2;
 
 SelfCalibrationOptions CalibrationOptions(const ReconstructionOptions& options) {
-  SelfCalibrationOptions out;
+  SelfCalibrationOptions out = options.calibration;
   out.bundle.focal_prior_widths = options.focal_prior_widths;
   out.bundle.focal_prior_log_sigma = options.focal_prior_log_sigma;
-  out.max_focal_log_sigma = kMaxTrustedFocalSigma;
-  out.max_rms_ratio = kMaxRmsRatio;
   return out;
 }
 
 // Cameras that may be given: metric, or open in their focal lengths only.
-bool HasCameras(const TracksResult& result) {
+bool HasCameras(const TracksResult& result, double max_rms_ratio) {
   const MetricOutcome outcome = result.metric.outcome;
   const bool open =
       outcome == MetricOutcome::kCriticalMotion || outcome == MetricOutcome::kAmbiguous;
-  const double limit = kMaxRmsRatio * std::max(kMinSigma, result.projective.summary.rms_sigma);
+  const double limit = max_rms_ratio * std::max(kMinSigma, result.projective.summary.rms_sigma);
   return outcome == MetricOutcome::kMetric ||
          (open && result.metric.covariance && result.metric.rms_sigma <= limit &&
           result.metric.worst_focal_log_sigma <= kMaxGivenFocalSigma);
@@ -126,7 +121,7 @@ absl::StatusOr<Reconstruction> ReconstructFromTracks(const MatchingResult& match
                                                      const StopRequested& stop) {
   Reconstruction result;
   result.views.resize(sizes.size());
-  GrowOptions grow;
+  GrowOptions grow = options.tracks;
   grow.seed = options.seed;
   grow.min_views = std::max(2, options.min_views);
   const SelfCalibrationOptions calibration = CalibrationOptions(options);
@@ -137,7 +132,7 @@ absl::StatusOr<Reconstruction> ReconstructFromTracks(const MatchingResult& match
     HOROPTER_ASSIGN_OR_RETURN(const TracksResult found,
                               ReconstructTracks(matched.tracks, priors, grow, calibration, stop));
     if (result.refusal.empty()) result.refusal = Refusal(found);
-    if (!HasCameras(found)) continue;
+    if (!HasCameras(found, calibration.max_rms_ratio)) continue;
     result.counts["junction_tracks"] = matched.tracks.points;
     result.counts["segment_tracks"] = matched.tracks.lines;
     result.refusal = Refusal(found);

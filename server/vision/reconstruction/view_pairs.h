@@ -8,16 +8,9 @@
 
 #include "server/base/stop_token.h"
 #include "server/vision/reconstruction/alternation.h"
+#include "server/vision/reconstruction/reconstruction_options.h"
 
 namespace horopter {
-
-struct ViewPairOptions {
-  double gate_sigma = 3.0;    // Sampson distance of an inlier; raising it lets more outliers in
-  int max_iterations = 1500;  // of RANSAC; enough for 50 % wrong pairs
-  double confidence = 0.999;
-  int min_inliers = 8;
-  unsigned seed = 1;
-};
 
 // Epipolar geometry of two views in the tracks' coordinates.
 struct ViewPair {

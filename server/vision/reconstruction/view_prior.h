@@ -7,6 +7,7 @@
 #include <span>
 
 #include "absl/status/status.h"
+#include "server/vision/geometry/camera_prior.h"
 #include "server/vision/geometry/rigid3.h"
 
 namespace horopter {
@@ -15,7 +16,7 @@ namespace horopter {
 // only the weak priors of the options hold.
 struct ViewPrior {
   std::optional<double> focal_px;
-  double focal_log_sigma = 0.02;
+  double focal_log_sigma = kHintedFocalLogSigma;
   std::optional<Eigen::Vector2d> principal_point_px;
   double principal_point_sigma_px = 2.0;
   std::optional<double> k1;

@@ -190,7 +190,7 @@ int RegisterRemainingViews(const MatchingResult& matching,
   const MultiviewTracks tracks =
       TracksOfMatches(matching, MatchedPairs::kAll, features, sizes).tracks;
   const TrackIndex index = IndexTracks(tracks);
-  ResectionOptions resection;
+  ResectionOptions resection = options.registration;
   resection.seed = options.seed;
   resection.focal_prior_widths = options.focal_prior_widths;
   resection.focal_prior_log_sigma = options.focal_prior_log_sigma;

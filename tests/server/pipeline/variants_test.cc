@@ -21,7 +21,7 @@ TEST(ApplyVariants, SetsWhatItNames) {
                             &options)
                   .ok());
   const BottomUpOptions& bottom_up = options.bottom_up;
-  EXPECT_EQ(options.features.splitting, ChainSplittingMethod::kCurvatureTemplates);
+  EXPECT_EQ(options.features.splitting.method, ChainSplittingMethod::kCurvatureTemplates);
   EXPECT_EQ(options.features.detector, EdgeDetector::kEdgeDrawingChannels);
   EXPECT_TRUE(options.refit_arcs);
   EXPECT_TRUE(bottom_up.projective.route.support.check_line_sets);
@@ -37,9 +37,34 @@ TEST(ApplyVariants, EveryVariantIsTakenAndItsOptionsAreValid) {
   for (const std::string& variant : AllVariants()) {
     PipelineOptions options;
     EXPECT_TRUE(ApplyVariants(variant, &options).ok()) << variant;
-    EXPECT_TRUE(Validate(options.features).ok()) << variant;
-    EXPECT_TRUE(Validate(options.recognition).ok()) << variant;
+    EXPECT_TRUE(Validate(options).ok()) << variant << Validate(options);
   }
+}
+
+TEST(PipelineOptions, AreValidatedAsOneTreeThatNamesTheField) {
+  ASSERT_TRUE(Validate(PipelineOptions()).ok()) << Validate(PipelineOptions());
+  const auto refused = [](const auto& spoil) {
+    PipelineOptions options;
+    spoil(&options);
+    const absl::Status status = Validate(options);
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+    return std::string(status.message());
+  };
+  using Options = PipelineOptions*;
+  EXPECT_THAT(refused([](Options o) { o->features.linking.high = -1.0; }),
+              HasSubstr("features.linking.high"));
+  EXPECT_THAT(refused([](Options o) { o->matching.features.per_feature = 0; }),
+              HasSubstr("matching.features."));
+  EXPECT_THAT(refused([](Options o) { o->reconstruction.tracks.max_starts = 0; }),
+              HasSubstr("reconstruction.tracks."));
+  EXPECT_THAT(
+      refused([](Options o) { o->recognition.search.corners.settle.refine.iterations = 0; }),
+      HasSubstr("recognition.search.corners.settle.refine.iterations"));
+  EXPECT_THAT(refused([](Options o) { o->recognition.acceptance.placements.min_score = 2.0; }),
+              HasSubstr("recognition.acceptance.placements.min_score"));
+  EXPECT_THAT(refused([](Options o) { o->aspects.images.sigma_px = 0.0; }),
+              HasSubstr("aspects.images."));
+  EXPECT_THAT(refused([](Options o) { o->threads = 0; }), HasSubstr("threads"));
 }
 
 // The first value of every name is what the options are without it.
@@ -52,7 +77,7 @@ TEST(ApplyVariants, DefaultsChangeNothing) {
   }
   PipelineOptions options;
   ASSERT_TRUE(ApplyVariants(absl::StrJoin(defaults, ","), &options).ok());
-  EXPECT_EQ(options.features.splitting, FeatureOptions().splitting);
+  EXPECT_EQ(options.features.splitting.method, FeatureOptions().splitting.method);
   EXPECT_EQ(options.refit_arcs, PipelineOptions().refit_arcs);
   EXPECT_EQ(options.bottom_up.projective.association, BottomUpOptions().projective.association);
   EXPECT_EQ(options.bottom_up.decomposition, BottomUpOptions().decomposition);

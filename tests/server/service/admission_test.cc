@@ -348,7 +348,7 @@ TEST(Admission, TheServerTellsItsLimits) {
   EXPECT_EQ(info.limits().max_image_pixels(), 12345678);
   EXPECT_EQ(info.limits().queue(), 3);
   EXPECT_EQ(info.limits().max_segments_per_image(), PipelineOptions().features.max_segments);
-  EXPECT_EQ(info.limits().max_arcs_per_image(), PipelineOptions().features.max_arcs);
+  EXPECT_EQ(info.limits().max_arcs_per_image(), PipelineOptions().features.arcs.max_arcs);
   EXPECT_GT(info.limits().max_arcs_per_image(), 0);
   EXPECT_EQ(info.object_count(), 1);
   EXPECT_GE(info.catalog_generation(), 1);

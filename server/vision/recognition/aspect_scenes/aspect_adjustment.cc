@@ -18,7 +18,7 @@ constexpr double kRotationSigma = 0.5;
 constexpr double kTranslationSigma = 0.5;
 // Deviation of the views' log focal lengths from their mean; Cauchy's loss beyond a few of them, as
 // a set may come from several cameras. Sets of cad-dev, parts-dev and parts-train deviate by 0.11
-// at most. Much less than that, since rows along an edge err together.
+// at most. Much less than that, since rows along an edge err together. Commit 79ca89f.
 constexpr double kAlikeSigma = 0.07;
 constexpr double kAlikeReach = 2.0;
 

@@ -18,19 +18,20 @@
 namespace horopter {
 namespace {
 
-constexpr int kCompleted = 3;           // drafts, of those that explain ...
-constexpr double kNearlyBest = 0.6;     // ... this share of what the best does
-constexpr int kRescues = 2;             // rounds in which doubtful views are looked at again
-constexpr double kPoorShare = 0.4;      // of what the middle view shows: left out in the end
-constexpr double kSureScore = 0.6;      // least of objects that are not searched again ...
-constexpr double kEvenShare = 0.95;     // ... and what each view has of it; chosen on 3 scenes
+constexpr int kCompleted = 3;        // drafts, of those that explain ...
+constexpr double kNearlyBest = 0.6;  // ... this share of what the best does
+constexpr int kRescues = 2;          // rounds in which doubtful views are looked at again
+constexpr double kPoorShare = 0.4;   // of what the middle view shows: left out in the end
+constexpr double kSureScore = 0.6;   // least of objects that are not searched again ...
+constexpr double kEvenShare =
+    0.95;  // ... and what each view has of it; chosen on 3 scenes, commit c5fb384
 constexpr double kUnlikeFocals = 0.35;  // largest difference of log focal lengths left alone
 constexpr double kNewFocal = 1.08;      // ratio of those that are tried for all views
 // Of ln f about that one.
 constexpr double kOneCameraSigma = 0.02;
 constexpr double kOneCameraScore = 0.6;  // of the scene's with different focal lengths
 // Of the rms of its edges. Photographs of one camera: 0.97 - 1.04; scenes of cad-dev with every
-// other image enlarged by 1.5: 1.09 - 2.8.
+// other image enlarged by 1.5: 1.09 - 2.8. Commit 8c74a24.
 constexpr double kOneCameraRms = 1.06;
 constexpr double kTurnedScore = 0.9;    // of the scene's before its views were turned; chosen
 constexpr int kCoarsePoints = 120;      // of an object and view, for drafts; chosen, for time
@@ -39,10 +40,10 @@ constexpr double kSureObject = 0.45;    // score of one whose place is taken
 constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
 // Of the best object: others are looked for in its views, or are known well enough. Of the scenes
 // of cad-dev that have parts the right ones have 0.56 and more in two views, those without known
-// parts 0.46.
+// parts 0.46. Commit 474778a.
 constexpr double kCredibleScore = 0.45, kSettledScore = 0.5;
 // ... where no other agrees, as the views may show several poses of one: a wrong link of a battery
-// holder had 0.57 in four views, the right one of it and two more parts 0.58.
+// holder had 0.57 in four views, the right one of it and two more parts 0.58. Commit 38de6ec.
 constexpr double kSettledAlone = 0.65;
 constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface of a settled scene
 
@@ -382,7 +383,7 @@ class Linker {
   // What stands in free places of the planes.
   std::vector<AspectSceneObject> Standing(const std::vector<StandingPlane>& planes,
                                           const AspectScene& scene) const {
-    StandingSearchOptions search;
+    StandingSearchOptions search = options_.standing_search;
     search.threads = options_.threads;
     std::vector<AspectSceneObject> candidates;
     for (const StandingPlane& plane : planes) {

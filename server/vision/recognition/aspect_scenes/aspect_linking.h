@@ -11,8 +11,10 @@
 
 #include "server/base/stop_token.h"
 #include "server/vision/geometry/camera_prior.h"
+#include "server/vision/recognition/aspect_scenes/agreeing_poses.h"
 #include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
 #include "server/vision/recognition/aspect_scenes/scene_judgement.h"
+#include "server/vision/recognition/aspect_scenes/standing_search.h"
 #include "server/vision/recognition/aspect_scenes/surface_agreement.h"
 #include "server/vision/recognition/aspect_search/find_aspects.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
@@ -41,6 +43,8 @@ struct AspectLinkOptions {
   int few_per_part = 40;    // ... in all views of a scene of one or two parts
   int quick_per_part = 16;  // ... in views that were not searched for all parts
   AspectAdjustmentOptions adjustment;
+  StandingSearchOptions standing_search;  // threads are these'
+  AgreeingPosesOptions agreeing;          // ... and surface_tells the part's
   int threads = 1;
 };
 

@@ -16,7 +16,6 @@ constexpr std::size_t kLongList = 12;   // hypotheses of which a fifth may be ri
 constexpr double kNearM = 1e-3;         // points nearer to the camera plane have no image
 constexpr double kCarriedReach = 0.06;  // of the size
 constexpr double kCarriedReachPx[] = {4.0, 12.0};  // working px, least and most; chosen
-constexpr double kFreeChance = 0.10;               // of parts themselves: costs nothing; chosen
 constexpr std::size_t kCarriedHypotheses = 8;      // of a view, by their edges in the other one
 constexpr int kCarriedPoints = 48;                 // of an object; chosen, for time
 constexpr double kCarriedChance = 0.35;            // support of edges in a wrong place

@@ -7,8 +7,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kSymmetric = 0.02;   // between unit vectors that are the same
-constexpr double kFreeChance = 0.10;  // as parts have themselves
+constexpr double kSymmetric = 0.02;  // between unit vectors that are the same
 
 }  // namespace
 

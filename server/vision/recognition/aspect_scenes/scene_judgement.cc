@@ -184,7 +184,7 @@ LinkedObject Judged(std::span<const AspectImage> images,
   out.scene_from_object = placed.scene_from_object;
   out.views.resize(views.size());
   out.shown.assign(views.size(), false);
-  AspectScoreOptions scoring;
+  AspectScoreOptions scoring = options.scoring;
   scoring.render_px = options.render_px;
   std::vector<std::vector<const PartLayer*>> near(views.size());
   int registered = 0, shown = 0;

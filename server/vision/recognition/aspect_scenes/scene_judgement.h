@@ -30,6 +30,7 @@ struct LinkedObject {
 
 struct SceneJudgementOptions {
   double render_px = 200.0;    // a diameter, of the scores
+  AspectScoreOptions scoring;  // but for its render_px
   double layer_px = 110.0;     // ... of what hides others
   double shown_share = 0.6;    // of a part's box inside the image for a view to count
   double visible_share = 0.3;  // of its edges that others leave to see

@@ -17,17 +17,18 @@ constexpr double kSettleSearchPx[] = {8.0, 5.0, 3.0};  // working pixels, rounds
 constexpr int kSettleSteps = 3;                        // of each round
 constexpr int kSettlePoints = 120;                     // of a view
 // Working pixels; poses that shifted by less keep their rendering. At 3 px right turns settled less
-// well than wrong ones (part 13 in scene 21 of cad-dev).
+// well than wrong ones (part 13 in scene 21 of cad-dev). Commit b2b2e44.
 constexpr double kStalePx = 1.0;
 // An edge point that has met the image: within so many px. Of 13,491 candidates in scenes of three
 // data sets those that scored min_quick in the end had met 0.34 and more after the first round,
-// but for 1 in 100; half of the others and more had not.
+// but for 1 in 100; half of the others and more had not. Commit 43cac74.
 constexpr double kMetPx = 3.0;
 constexpr double kLeastMet = 0.34;
 constexpr double kFairPlaneScore = 0.38;  // as kPlaneScore, in the end, where none reaches that
 // Of the best object of a scene: correlation of its brightness between the views, right ones have
 // 0.37 and more; what a view loses in score where there is none. Turns of a box that is seen alone
-// differ by less in their edges (a current transducer: 0.71 against 0.69 of the right one).
+// differ by less in their edges (a current transducer: 0.71 against 0.69 of the right one). Commit
+// 38de6ec, the scenes of ADR 41.
 constexpr double kAgreeingSurface = 0.4;
 constexpr double kDisagreement = 0.12;
 constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap

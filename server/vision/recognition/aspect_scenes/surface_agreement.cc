@@ -18,7 +18,8 @@ constexpr double kHiddenM = 0.003;   // by which what hides a place is nearer
 constexpr double kAround = 0.6;      // of the part's size: how far about it the plane is looked at
 constexpr double kLeastSlope = 0.1;  // cosine between plane normal and ray; flatter says little
 // Of a view with the others, and by which the middle view has more. Views with wrong cameras had
-// -0.38 - 0.16; so had right ones (0.05, 0.16) before what other parts hide was left out.
+// -0.38 - 0.16; so had right ones (0.05, 0.16) before what other parts hide was left out. Commit
+// 38de6ec.
 constexpr double kOddView = 0.25;
 // Grey levels of noise, which no correlation is asked to explain.
 constexpr double kGreyNoise = 3.0, kDetailNoise = 1.0;

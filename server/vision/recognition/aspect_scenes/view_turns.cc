@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::size_t kAllowed = 12;  // poses of a view; chosen, for time
 // What a view may lose in score by a turn. A box on stripes: 0.45 for the right turn's 0.59 in one
-// of five views, at most 0.02 the other way in the others.
+// of five views, at most 0.02 the other way in the others. Commit 7ff717a, as all here.
 constexpr double kNearlyScore = 0.06;
 // Surface and ground together (at most 2) of views that are not turned. Wrong turns had 0.3 - 1.1,
 // right ones in their place 1.8 - 1.9, and 0.9 of a part among others that were not known yet.
@@ -99,7 +99,7 @@ std::optional<AspectScene> ViewTurns::Turned(const LinkedScene& scene) const {
   if (part.symmetries.empty() && part.near_turns.empty()) return std::nullopt;
   const ViewAgreement stated = objects_.WithGround(scene);
   if (stated.surface.mean + stated.ground >= kAgreed) return std::nullopt;
-  AgreeingPosesOptions agreeing;
+  AgreeingPosesOptions agreeing = options_.agreeing;
   agreeing.surface_tells = part.round.empty();
   agreeing.threads = options_.threads;
   std::vector<PinholeCamera> cameras(scene.views.size());

@@ -46,7 +46,7 @@ struct AspectScoreOptions {
   double half_length_px = 200.0;  // supported px at which the size factor is one half
   // Chance (AspectImage::chance) up to this is free, as parts have it themselves; what exceeds it
   // is taken off the precision, and image edges in such places count less in the recall.
-  double free_chance = 0.10;
+  double free_chance = kFreeChance;
   double hidden_share = 0.02;  // of the diameter by which what hides an edge is nearer
   // An image edge is print on the surface when the siblings that see its place, at least two, show
   // a like-directed edge there with this support above chance.
@@ -109,7 +109,7 @@ PartLayer MakePartLayer(const AspectImage& image,
                         const PinholeCamera& camera,
                         const AspectScoreOptions& options = {});
 
-// The same of a part at a pose, rendered anew.
+// The same of a part at a pose, rendered for it.
 PartLayer MakePartLayer(const AspectImage& image,
                         const RenderMesh& mesh,
                         const PinholeCamera& camera,
@@ -123,7 +123,7 @@ double PointSupport(const AspectImage& image,
                     std::span<const ModelEdgePoint> points,
                     const PinholeCamera& camera,
                     const Rigid3& camera_from_object,
-                    double free_chance = 0.10,
+                    double free_chance = kFreeChance,
                     double reach_px = 4.0);
 
 }  // namespace horopter

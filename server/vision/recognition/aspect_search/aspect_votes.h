@@ -43,10 +43,10 @@ struct AspectVoteOptions {
   double min_support_16 = 0.42;
   double min_support = 0.50;
   double rank_support = 0.45;  // rank = length (px) x ((support - chance) / (1 - chance) - this)
-  double free_chance = 0.10;   // chance up to this, as parts have themselves, costs nothing
-  int pool = 2000;             // votes kept of a part before the distinct ones are chosen
-  int max_per_part = 80;       // distinct votes of a part
-  int max_per_place = 16;      // ... with their centres in one place
+  double free_chance = kFreeChance;  // chance up to this, as parts have themselves, costs nothing
+  int pool = 2000;                   // votes kept of a part before the distinct ones are chosen
+  int max_per_part = 80;             // distinct votes of a part
+  int max_per_place = 16;            // ... with their centres in one place
   int threads = 1;
 };
 

@@ -184,7 +184,7 @@ bool DropHoles(const AspectImageOptions& options, AspectImage* image) {
       texture.push_back(e.point);
   }
   const std::vector<std::uint8_t> holes =
-      FindHolePoints(RasterOf(*image), Contours(options, *image), texture);
+      FindHolePoints(RasterOf(*image), Contours(options, *image), texture, options.pattern);
   if (!holes.empty()) Drop(holes, image);
   return !holes.empty();
 }
@@ -195,7 +195,7 @@ bool DropPattern(const AspectImageOptions& options,
                  AspectImage* image) {
   if (!options.drop_pattern) return false;
   const std::vector<std::uint8_t> patterned =
-      FindPatternPoints(RasterOf(*image), image->contours, texture);
+      FindPatternPoints(RasterOf(*image), image->contours, texture, options.pattern);
   if (!patterned.empty()) Drop(patterned, image);
   return !patterned.empty();
 }
@@ -211,7 +211,7 @@ double WorkingScale(const cv::Size& size, const AspectImageOptions& options) {
 }
 
 void FillGrey(const cv::Mat& bgr, AspectImage* out) {
-  constexpr double kSmoothPx = 1.0, kSurroundingsPx = 8.0;
+  constexpr double kSmoothPx = 1.0, kSurroundingsPx = 8.0;  // working px: of noise; of shading
   cv::Mat grey, around, detail;
   cv::cvtColor(bgr, grey, cv::COLOR_BGR2GRAY);
   cv::GaussianBlur(grey, grey, {}, kSmoothPx);

@@ -12,6 +12,7 @@
 #include "absl/status/status.h"
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/recognition/aspects/contour_chains.h"
+#include "server/vision/recognition/aspects/pattern_edges.h"
 
 namespace cv {
 class Mat;
@@ -21,6 +22,10 @@ namespace horopter {
 
 // Unoriented direction bins of 15 degrees; bin b is centred on b * pi / kAspectBins.
 inline constexpr int kAspectBins = 12;
+
+// Chance (AspectImage::chance, 0..1) up to this costs a pose nothing, as parts have it themselves;
+// chosen.
+inline constexpr double kFreeChance = 0.10;
 
 struct AspectImageOptions {
   // Larger images are scaled down to this, those of less than 0.7 of it enlarged; larger: finer,
@@ -36,6 +41,7 @@ struct AspectImageOptions {
   double max_texture = 0.24;
   double smooth_side = 0.06;    // ... but for edges beside which so few pixels are edges
   bool drop_pattern = true;     // edges of patterned surfaces are dropped (pattern_edges.h)
+  PatternOptions pattern;       // which these are
   double max_gap_px = 6.0;      // ends of chains this near are linked
   double bin_reach_rad = 0.40;  // an edge point counts in bins within this of its direction
   int threads = 1;

@@ -9,22 +9,9 @@
 #include "server/vision/recognition/candidates/standing_poses.h"
 #include "server/vision/recognition/object/prepared_object.h"
 #include "server/vision/recognition/scoring/pose_refine.h"
+#include "server/vision/recognition/search_options.h"
 
 namespace horopter {
-
-struct CornerSearchOptions {
-  double angle_rad = 0.10;        // between the angles of two edges, seen and of the model
-  double length_share = 0.06;     // an edge may look so much longer than it is, and
-  double length_slack_m = 0.002;  // ... so much
-  double min_length_share = 0.2;  // of the model edge that is seen at least
-  bool one_complete = false;      // one of a corner's two edges is seen in its whole length
-  double radius_log = 0.06;       // difference of a circle's radius from the model's
-  int turns = 24;                 // about a circle's axis that are tried
-  float quick_reach_px = 7.0f;    // working pixels
-  float min_quick = 0.42f;        // mean over the views
-  float near_best = 1.0f;         // poses that score so much less than the best are not kept
-  SettleOptions settle{.settled = 12, .kept = 4};
-};
 
 // Rigid motion that takes a model corner to a corner in space: `vertex` to `point`, the bisector of
 // the unit directions (u, v) to that of (p, q).

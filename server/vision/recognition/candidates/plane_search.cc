@@ -129,7 +129,7 @@ PoseVotes PlaneSearch::VoteByEdges(
     const StandingPart& part,
     const Surface& surface,
     const std::vector<std::vector<const SightedEdge*>>& edges) const {
-  PoseVotes votes;
+  PoseVotes votes(options_.votes);
   std::vector<Eigen::Vector3d> eyes;
   for (const KnownView& view : views_) eyes.push_back(view.camera_from_scene.Inverse().t);
   const auto allowed = [&](const PlaneYaw& yaw) {

@@ -11,25 +11,9 @@
 #include "server/vision/recognition/candidates/standing_poses.h"
 #include "server/vision/recognition/scene/scene_model.h"
 #include "server/vision/recognition/scene/support_surface.h"
+#include "server/vision/recognition/search_options.h"
 
 namespace horopter {
-
-struct PlaneSearchOptions {
-  int max_paths = 700;           // image paths per view, scale unknown
-  double path_tolerance = 0.12;  // misfit of the third point, share of the path
-  float quick_reach_px = 10.0f;  // working pixels
-  float min_quick = 0.42f;       // mean over the views
-  float known_reach_px = 7.0f;   // ... once the cameras are known well
-  SettleOptions settle;
-  int kept_per_object = 8;      // distinct poses, scale unknown
-  int refined_initial = 40;     // ... of all objects that are verified as initial hypotheses
-  double min_edge_px = 14.0;    // working pixels, scale known
-  double min_partial = 0.5;     // seen share of an edge of which one end is hidden
-  double min_path_votes = 2.0;  // of two-edge paths, scale unknown
-  double min_edge_votes = 2.2;  // of edges seen whole; 0.5 for one of which an end is hidden
-  int peaks = 150;              // poses scored per standing pose of an object
-  int peaks_over = 40;          // ... on a surface that is only searched over other parts
-};
 
 struct PlanePose {
   Rigid3 scene_from_object;

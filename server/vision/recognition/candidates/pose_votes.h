@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
+#include "server/vision/recognition/search_options.h"
 
 namespace horopter {
 
@@ -16,12 +17,6 @@ struct PlaneYaw {
   double sin_yaw = 0.0;
   Eigen::Vector2d position = Eigen::Vector2d::Zero();  // plane units
   double units_per_metre = 1.0;
-};
-
-struct PoseVoteOptions {
-  double cell_m = 0.006;    // of position
-  double cell_rad = 0.087;  // of yaw
-  double cell_log = 0.04;   // of log scale
 };
 
 // An accumulator over position, yaw and scale whose cells know the mean of their votes.

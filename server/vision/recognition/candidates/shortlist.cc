@@ -17,18 +17,6 @@ constexpr std::size_t kRankedPoses = 24;
 
 }  // namespace
 
-CornerSearchOptions RankingSearch() {
-  CornerSearchOptions options;
-  options.one_complete = true;
-  options.min_length_share = 0.4;
-  options.near_best = 0.06f;
-  options.turns = 6;
-  options.min_quick = 0.47f;
-  options.settle.settled = 3;
-  options.settle.kept = 1;
-  return options;
-}
-
 std::vector<PooledPose> PosesInSpace(const PreparedObject& object,
                                      std::span<const KnownView> views,
                                      std::span<const SpaceCorner> corners,
@@ -57,11 +45,11 @@ double Promise(const PreparedObject& object,
 
 std::vector<bool> PromisingInViews(const JointContext& context,
                                    const std::vector<std::vector<ImagePath>>& paths,
-                                   const std::vector<bool>& wanted,
-                                   const ShortlistOptions& options) {
+                                   const std::vector<bool>& wanted) {
+  const ShortlistOptions& options = context.options.search.shortlist;
   if (std::count(wanted.begin(), wanted.end(), true) <= options.searched) return wanted;
   const int objects = static_cast<int>(wanted.size()), views = static_cast<int>(paths.size());
-  ViewHypothesisOptions few;
+  ViewHypothesisOptions few = context.options.search.views;
   few.pool = kRankedPoses;
   few.refined = options.corners.settle.settled;
   few.verified = 0;
@@ -73,7 +61,7 @@ std::vector<bool> PromisingInViews(const JointContext& context,
     const auto end =
         paths[v].begin() + std::min<std::ptrdiff_t>(options.paths_asked, std::ssize(paths[v]));
     ViewHypothesisOptions of_view = few;
-    of_view.focal_log_sigma = context.focal_log_sigma[v];
+    of_view.refine.focal_log_sigma = context.focal_log_sigma[v];
     const PreparedObject& object = *context.objects[k];
     for (const ViewHypothesis& h : FindViewHypotheses(object,
                                                       k,

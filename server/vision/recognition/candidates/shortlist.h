@@ -22,20 +22,6 @@ std::vector<PooledPose> PosesInSpace(const PreparedObject& object,
                                      std::span<const SpaceCircle> circles,
                                      const CornerSearchOptions& options);
 
-// Fewer poses of each: one of a corner's edges is seen whole, circles are turned in large steps,
-// and only what comes near the best is kept.
-CornerSearchOptions RankingSearch();
-
-struct ShortlistOptions {
-  int searched = 32;  // objects of the best promise; a catalog that is not larger is not ranked
-  int refined = 150;  // objects, best quick score first, of which poses are refined at all
-  int corners_asked = 80;  // in space, best shown first, that rank the objects
-  int circles_asked = 30;
-  int plane_paths_asked = 120;  // ... that rank the objects standing on the plane
-  CornerSearchOptions corners = RankingSearch();
-  int paths_asked = 24;  // of each image, best rank first, that rank the objects in single views
-};
-
 // How much better than chance a pose's quick score is: samples that agree by chance are fewer in
 // share the more there are, so that large parts are told from chance at lower scores.
 double Promise(const PreparedObject& object, std::span<const KnownView> views, const PooledPose& p);
@@ -60,8 +46,7 @@ Shortlist PromisingInSpace(std::span<const std::shared_ptr<const PreparedObject>
 // asked. wanted: one flag per object, the others are not ranked.
 std::vector<bool> PromisingInViews(const JointContext& context,
                                    const std::vector<std::vector<ImagePath>>& paths,
-                                   const std::vector<bool>& wanted,
-                                   const ShortlistOptions& options);
+                                   const std::vector<bool>& wanted);
 
 // The indices of the `most` largest values, ties by index; of values above zero only.
 std::vector<int> Largest(std::span<const double> values, int most);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "server/vision/recognition/candidates/space_corners.h"
+#include "server/vision/recognition/search_options.h"
 
 namespace horopter {
 
@@ -15,16 +16,6 @@ struct SpaceCircle {
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  // unit, towards the cameras
   double radius_m = 0.0;
   int views = 0;  // that show it
-};
-
-struct SpaceCircleOptions {
-  double reach_px = 3.0;       // of an ellipse's centre from the projected one, working pixels
-  double radius_log = 0.08;    // difference of the radii that views give
-  double normal_rad = 0.25;    // ... and of the normals
-  double min_sweep_rad = 1.6;  // shorter arcs say too little
-  double min_minor_px = 2.5;   // working pixels
-  double min_parallax_rad = 0.03;
-  int max_circles = 150;  // those that most views show are kept
 };
 
 // Circles that two views or more show (circle_sighting.h), best shown first.

@@ -8,6 +8,7 @@
 
 #include "server/vision/features/features.h"
 #include "server/vision/geometry/calibrated_camera.h"
+#include "server/vision/recognition/search_options.h"
 
 namespace horopter {
 
@@ -34,15 +35,6 @@ struct SpaceCorner {
   std::vector<ShownFeature> junctions;              // that show the point, one a view
 
   int views() const { return static_cast<int>(junctions.size()); }
-};
-
-struct SpaceCornerOptions {
-  double reach_px = 2.5;        // of a junction from the projected point, working pixels
-  double direction_rad = 0.09;  // of an image edge from the projected direction
-  double min_parallax_rad = 0.03;
-  double min_plane_angle_rad = 0.06;  // between the planes of rays that give a direction
-  double same_point_m = 0.003;        // nearer corners are one
-  int max_corners = 400;              // those that most views show are kept
 };
 
 // Corners that three views show (two where there are only two), best shown first. Directions are

@@ -43,7 +43,7 @@ double LargestShift(const PreparedObject& object,
 
 }  // namespace
 
-Rigid3 PlaceOnTable(const StandingPart& part, const PlaneYaw& yaw) {
+Rigid3 PlaceOnPlane(const StandingPart& part, const PlaneYaw& yaw) {
   Rigid3 turn;
   turn.R << yaw.cos_yaw, -yaw.sin_yaw, 0, yaw.sin_yaw, yaw.cos_yaw, 0, 0, 0, 1;
   turn.t << yaw.position / yaw.units_per_metre, 0.0;
@@ -108,12 +108,9 @@ std::vector<PooledPose> SettledPoses(const PreparedObject& object,
                                      std::span<const KnownView> views,
                                      std::vector<PooledPose> sorted,
                                      const SettleOptions& options) {
-  RefineOptions refine;
-  refine.iterations = 6;
-  refine.start_reach_px = options.settle_reach_px;
   std::vector<PooledPose> out;
   for (PooledPose& p : DistinctPoses(object, views, InTurn(std::move(sorted)), options.settled)) {
-    const auto settled = RefineInScene(object, views, p.plane_from_object, refine);
+    const auto settled = RefineInScene(object, views, p.plane_from_object, options.refine);
     if (!settled) continue;
     p.plane_from_object = *settled;
     p.quick = MeanQuick(object, views, 1.0, *settled, options.settled_reach_px, 0.0);
@@ -151,7 +148,7 @@ void ScorePeaks(const PreparedObject& object,
                 float reach_px,
                 PosePool* pool) {
   for (const PoseVotes::Peak& peak : peaks) {
-    const Rigid3 pose = PlaceOnTable(part, peak.pose);
+    const Rigid3 pose = PlaceOnPlane(part, peak.pose);
     const double quick =
         MeanQuick(object, views, peak.pose.units_per_metre, pose, reach_px, pool->floor());
     if (quick >= pool->floor()) pool->Add({pose, peak.pose.units_per_metre, quick, peak.weight});

@@ -12,6 +12,7 @@
 #include "server/vision/recognition/candidates/plane_sighting.h"
 #include "server/vision/recognition/candidates/pose_votes.h"
 #include "server/vision/recognition/object/prepared_object.h"
+#include "server/vision/recognition/search_options.h"
 
 namespace horopter {
 
@@ -52,7 +53,7 @@ class PosePool {
 };
 
 // The standing part turned and moved on the supporting plane, metres.
-Rigid3 PlaceOnTable(const StandingPart& part, const PlaneYaw& yaw);
+Rigid3 PlaceOnPlane(const StandingPart& part, const PlaneYaw& yaw);
 
 // Mean quick score over the views that show the part's centre, at least two.
 double MeanQuick(const PreparedObject& object,
@@ -72,12 +73,6 @@ std::vector<PooledPose> DistinctPoses(const PreparedObject& object,
 // where fine texture scores as well, and votes of texture may outnumber those of a part.
 std::vector<PooledPose> InTurn(std::vector<PooledPose> by_quick);
 
-struct SettleOptions {
-  int settled = 24;               // distinct poses refined
-  int kept = 8;                   // of these
-  double settle_reach_px = 14.0;  // first association when poses are refined over all views
-  float settled_reach_px = 3.0f;  // of the quick score of the refined poses
-};
 // The best of distinct poses (scale known), refined over all views: fine texture supports anything
 // within the first reach, settled poses tell truth from chance. Best first.
 std::vector<PooledPose> SettledPoses(const PreparedObject& object,

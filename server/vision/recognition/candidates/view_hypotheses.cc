@@ -198,8 +198,7 @@ void RefineHypothesis(const PreparedObject& object,
                       const PinholeCamera& start,
                       const ViewHypothesisOptions& options,
                       ViewHypothesis* h) {
-  RefineOptions refine;
-  refine.focal_log_sigma = options.focal_log_sigma;
+  RefineOptions refine = options.refine;
   refine.focal_prior_px = start.focal_px;
   const auto refined = RefineInView(object, view.maps, h->camera, h->camera_from_object, refine);
   if (!refined) return;

@@ -120,7 +120,7 @@ SceneModel SceneOfCollineation(const JointContext& context,
     const auto view = CameraOfObject(CameraMatrix(*structure.cameras[v] * h.structure_from_object),
                                      context.start_cameras[v]);
     if (!view) continue;
-    RefineOptions refine;
+    RefineOptions refine = context.options.search.views.refine;
     refine.start_reach_px = 2.0 * options.quick_reach_px;
     refine.focal_prior_px = context.start_cameras[v].focal_px;
     refine.focal_log_sigma = context.focal_log_sigma[v];
@@ -140,7 +140,7 @@ SceneModel SceneOfCollineation(const JointContext& context,
   PlacedObject placed;
   placed.object = h.object;
   scene.objects.push_back(placed);
-  SceneRefineOptions refine;
+  SceneRefineOptions refine = context.options.search.scene_refine;
   refine.start_reach_px = options.quick_reach_px;
   if (!RefineScene(context, refine, &scene)) return {};
   EvaluateTogether(context, &scene);
@@ -223,7 +223,7 @@ std::vector<SceneModel> MetricInitialScenes(const JointContext& context,
     known.push_back({view, &context.views[v].maps});
   }
   if (views.size() < 2) return {};
-  SpaceCornerOptions corners;
+  SpaceCornerOptions corners = context.options.search.space_corners;
   corners.same_point_m = options.corner_share * ViewingDistance(reconstruction, views);
   const auto found = StructureOfCorners(views, FindSpaceCorners(views, corners), options.structure);
   if (!found.ok()) return {};
@@ -273,7 +273,7 @@ std::vector<SceneModel> ProjectiveInitialScenes(const JointContext& context,
       TracksOfMatches(*context.matching, MatchedPairs::kAll, features, sizes);
   if (matched.tracks.points == 0) return {};
   // What cannot be had is no error: this route then has nothing to say.
-  const auto scene = ReconstructProjective(matched.tracks, {}, context.give_up);
+  const auto scene = ReconstructProjective(matched.tracks, options.reconstruction, context.give_up);
   if (!scene.ok() || scene->outcome != ProjectiveOutcome::kReconstructed) return {};
   const auto structure =
       ProjectiveStructure(matched.tracks, scene->scene, TrackEdges(matched.points, features));
@@ -293,7 +293,7 @@ std::vector<SceneModel> ProjectiveInitialScenes(const JointContext& context,
   std::erase_if(scenes, [](const SceneModel& s) { return s.objects.empty(); });
   if (auto decomposed = SceneByDecomposition(
           context.objects, context.start_cameras, *structure, hypotheses, options)) {
-    SceneRefineOptions refine;
+    SceneRefineOptions refine = context.options.search.scene_refine;
     refine.start_reach_px = options.quick_reach_px;
     if (RefineScene(context, refine, &*decomposed)) {
       EvaluateTogether(context, &*decomposed);

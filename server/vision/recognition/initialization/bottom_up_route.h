@@ -8,10 +8,12 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "server/vision/recognition/initialization/decomposition.h"
 #include "server/vision/recognition/invariant_matching/corner_structure.h"
 #include "server/vision/recognition/invariant_matching/metric_route.h"
 #include "server/vision/recognition/invariant_matching/projective_route.h"
 #include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/reconstruction/grow_projective.h"
 #include "server/vision/reconstruction/matched_tracks.h"
 
 namespace horopter {
@@ -40,6 +42,7 @@ enum class DecompositionMethod {
 
 struct BottomUpOptions {
   CornerStructureOptions structure;
+  GrowOptions reconstruction;  // of the projective route
   MetricRouteOptions metric = MetricDefaults();
   ProjectiveRouteOptions projective = ProjectiveDefaults();
   double corner_share = 0.005;  // corners nearer than this, of the distance to the cameras, are one
@@ -49,7 +52,8 @@ struct BottomUpOptions {
   int refined = 24;              // scenes refined and judged, of each route
   int max_scales = 3;            // of the metric route's scenes
   DecompositionMethod decomposition = DecompositionMethod::kNone;  // of the projective route
-  double max_stretch = 1.5;  // of an object under the upgrade, above which it is something else
+  CommonUpgradeOptions upgrade;  // of kCommon and what starts from it
+  double max_stretch = 1.5;      // of an object under the upgrade, above which it is something else
 
   static MetricRouteOptions MetricDefaults();
   static ProjectiveRouteOptions ProjectiveDefaults();

@@ -145,7 +145,7 @@ std::vector<PooledPose> InitialPoses(const JointContext& context,
   PosePool pool(options.min_quick);
   for (const StandingPart& part : StandingParts(object)) {
     if (IsStopRequested(context.give_up)) return {};
-    PoseVotes votes;
+    PoseVotes votes(options.votes);
     for (std::size_t v = 0; v < views.size(); ++v) {
       VoteByPaths(object,
                   part,
@@ -185,8 +185,8 @@ std::optional<SceneModel> RefinedHypothesis(const JointContext& context,
   placed.object = object;
   placed.scene_from_object = world_from_object;
   scene.objects.push_back(placed);
-  SceneRefineOptions refine;
-  refine.start_reach_px = 12.0;
+  SceneRefineOptions refine = context.options.search.scene_refine;
+  refine.start_reach_px = refine.guess_reach_px;
   if (!RefineScene(context, refine, &scene)) return std::nullopt;
   VerifyScratch scratch;
   EvaluatePlacement(context, scene.views, {}, &scratch, &scene.objects[0]);
@@ -279,10 +279,9 @@ std::vector<bool> MostPromising(const std::vector<std::vector<PooledPose>>& rank
 }  // namespace
 
 std::vector<SceneModel> PlaneInitialScenes(const JointContext& context,
-                                           const Reconstruction& reconstruction,
-                                           const PlaneSearchOptions& options,
-                                           int max_scales) {
-  const ShortlistOptions shortlist;
+                                           const Reconstruction& reconstruction) {
+  const PlaneSearchOptions& options = context.options.search.plane;
+  const ShortlistOptions& shortlist = context.options.search.shortlist;
   BeginStep(context, "plane_sightings");
   std::vector<KnownView> views;
   std::vector<int> index;
@@ -329,7 +328,7 @@ std::vector<SceneModel> PlaneInitialScenes(const JointContext& context,
   if (static_cast<int>(best.size()) > options.refined_initial) best.resize(options.refined_initial);
   std::vector<ScaledHypothesis> starts = RefinedPoses(context, reconstruction, best);
   if (IsStopRequested(context.give_up)) return {};  // a part of them may lack the right ones
-  return BestScales(std::move(starts), max_scales, context.objects.size());
+  return BestScales(std::move(starts), context.options.search.plane_scales, context.objects.size());
 }
 
 }  // namespace horopter

@@ -31,10 +31,9 @@ std::vector<SceneModel> BestScales(std::vector<ScaledHypothesis> starts,
                                    std::size_t catalog);
 
 // Scenes of one part each, cameras from the reconstruction and scaled by the part; best first, at
-// most `max_scales` different scales. Empty when the reconstruction has no two views.
+// most EdgeSearchOptions::plane_scales different ones. Empty when the reconstruction has no two
+// views.
 std::vector<SceneModel> PlaneInitialScenes(const JointContext& context,
-                                           const Reconstruction& reconstruction,
-                                           const PlaneSearchOptions& options,
-                                           int max_scales);
+                                           const Reconstruction& reconstruction);
 
 }  // namespace horopter

@@ -70,8 +70,8 @@ Candidate BestDepth(const JointContext& context,
 
 std::vector<SceneModel> RigInitialScenes(const JointContext& context,
                                          const HypothesisTable& hypotheses,
-                                         const Reconstruction& reconstruction,
-                                         const RigInitializationOptions& options) {
+                                         const Reconstruction& reconstruction) {
+  const RigInitializationOptions& options = context.options.search.rig;
   const int views = static_cast<int>(context.views.size());
   const int known = static_cast<int>(std::count_if(reconstruction.views.begin(),
                                                    reconstruction.views.end(),

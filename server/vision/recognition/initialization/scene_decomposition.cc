@@ -72,9 +72,10 @@ absl::StatusOr<Decomposition> Decompose(
     std::span<const std::shared_ptr<const PreparedObject>> objects,
     const SceneStructure& structure,
     const Chosen& chosen,
-    DecompositionMethod method) {
+    const BottomUpOptions& options) {
+  const DecompositionMethod method = options.decomposition;
   if (method == DecompositionMethod::kPerObject) return DecomposePerObject(chosen.objects);
-  absl::StatusOr<Decomposition> start = DecomposeCommon(chosen.objects);
+  absl::StatusOr<Decomposition> start = DecomposeCommon(chosen.objects, options.upgrade);
   if (!start.ok() || method == DecompositionMethod::kCommon) return start;
   if (method == DecompositionMethod::kMetric) return RefineDecomposition(chosen.objects, *start);
   return RefineInImages(
@@ -92,7 +93,7 @@ std::optional<SceneModel> SceneByDecomposition(
   if (options.decomposition == DecompositionMethod::kNone) return std::nullopt;
   const Chosen chosen = Choose(objects, structure, hypotheses);
   if (chosen.objects.size() < 2) return std::nullopt;
-  const auto found = Decompose(objects, structure, chosen, options.decomposition);
+  const auto found = Decompose(objects, structure, chosen, options);
   if (!found.ok()) return std::nullopt;
   SceneModel scene;
   scene.views.resize(start_cameras.size());

@@ -134,8 +134,7 @@ class Linker {
     const auto plane =
         CameraFromPlane(transfer * start.camera.K() * M, context_.start_cameras[view]);
     if (!plane) return {};
-    RefineOptions refine;
-    refine.start_reach_px = 14.0;
+    RefineOptions refine = context_.options.search.linking;
     refine.focal_log_sigma = context_.focal_log_sigma[view];
     refine.focal_prior_px = context_.start_cameras[view].focal_px;
     const auto refined = RefineInView(object(),

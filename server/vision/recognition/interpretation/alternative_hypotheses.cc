@@ -47,11 +47,11 @@ std::optional<SceneModel> WithAlternative(const JointContext& context,
   SceneModel trial = scene;
   trial.objects[place].object = alternative.object;
   trial.objects[place].scene_from_object = alternative.scene_from_object;
-  SceneRefineOptions refine;
-  refine.start_reach_px = 12.0;
+  SceneRefineOptions refine = context.options.search.scene_refine;
+  refine.start_reach_px = refine.guess_reach_px;
   for (int pass = 0; pass < 2; ++pass) {
     if (!RefineScene(context, refine, &trial)) return std::nullopt;
-    refine.start_reach_px = 8.0;
+    refine.start_reach_px = context.options.search.scene_refine.start_reach_px;
   }
   EvaluateTogether(context, &trial);
   JudgeTexture(context, images, place, &trial);

@@ -260,7 +260,8 @@ bool AreRich(PreparedObjects objects, const AspectRouteOptions& options) {
 }
 
 absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
-                                           std::span<const AspectImage> images) {
+                                           std::span<const AspectImage> images,
+                                           const ObjectRankingOptions& of_ranking) {
   const AspectRouteOptions& options = context.options.aspects;
   const int threads = context.options.threads;
   const std::shared_ptr<const CatalogAspects> catalog = SharedCatalogAspects(context.objects);
@@ -275,8 +276,7 @@ absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
   }
   BeginStep(context, "aspect_ranking");
   HOROPTER_ASSIGN_OR_RETURN(const auto ranking, catalog->Ranking(threads));
-  ObjectRankingOptions rank;
-  rank.objects = kShortlist;
+  ObjectRankingOptions rank = of_ranking;
   rank.votes.threads = threads;
   search.objects = RankObjects(images, *ranking, rank, context.give_up);
   if (IsStopRequested(context.stop))
@@ -294,10 +294,10 @@ absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
 }
 
 std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
+                                          AspectImageOptions options,
                                           bool drop_pattern,
                                           int threads) {
   std::vector<AspectImage> out(images.size());
-  AspectImageOptions options;
   options.drop_pattern = drop_pattern;
   ParallelFor(static_cast<int>(images.size()), threads, [&](int i) {
     out[i] = MakeAspectImage(images[i], options);

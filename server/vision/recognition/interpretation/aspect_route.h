@@ -28,20 +28,21 @@ bool HaveAspects(PreparedObjects objects);
 bool AreRich(PreparedObjects objects, const AspectRouteOptions& options);
 
 // The objects that are searched for by all their aspects, and their index. Of more than max_objects
-// the images choose kShortlist by a few fragments of each (object_ranking.h).
+// the images choose ObjectRankingOptions::objects by a few fragments of each (object_ranking.h).
 struct AspectSearch {
   std::vector<int> objects;  // of each part of the index; likeliest first if the images chose
   std::shared_ptr<const FragmentIndex> index;
   bool rich = false;  // see AreRich; of a choice the leading ones decide
 };
-inline constexpr int kShortlist = 48;  // objects searched by all aspects; for time
 
 // Errors: those of the index, CANCELLED.
 absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
-                                           std::span<const AspectImage> images);
+                                           std::span<const AspectImage> images,
+                                           const ObjectRankingOptions& ranking);
 
-// drop_pattern: AspectImageOptions::drop_pattern.
+// drop_pattern: in the place of the options'.
 std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
+                                          AspectImageOptions options,
                                           bool drop_pattern,
                                           int threads);
 

@@ -11,16 +11,14 @@
 namespace horopter {
 namespace {
 
-// Two placements of one object are the same below these (with its symmetries).
-constexpr double kSameDistanceM = 0.006;
-constexpr double kSameTurnRad = 0.12;
-constexpr double kMinRawScore = 0.35;  // placements below are not worth keeping
-
-bool SamePlacement(const PreparedObject& object, const Rigid3& a, const Rigid3& b) {
+bool SamePlacement(const PreparedObject& object,
+                   const PlacementSearchOptions& options,
+                   const Rigid3& a,
+                   const Rigid3& b) {
   auto close = [&](const Rigid3& x) {
-    if ((x * object.center - b * object.center).norm() > kSameDistanceM) return false;
+    if ((x * object.center - b * object.center).norm() > options.same_distance_m) return false;
     const double c = 0.5 * ((x.R.transpose() * b.R).trace() - 1.0);
-    return c > std::cos(kSameTurnRad);
+    return c > std::cos(options.same_turn_rad);
   };
   if (close(a)) return true;
   return std::any_of(object.model.symmetries.begin(),
@@ -43,7 +41,7 @@ std::vector<FeatureView> FeatureViews(const JointContext& context, const SceneMo
 double QuickOverViews(const PreparedObject& object,
                       std::span<const KnownView> views,
                       const Rigid3& scene_from_object,
-                      const ExpansionOptions& options) {
+                      float reach_px) {
   double sum = 0.0;
   int n = 0;
   for (const KnownView& view : views) {
@@ -53,7 +51,7 @@ double QuickOverViews(const PreparedObject& object,
     const Eigen::Vector2d u = Project(view.camera, c);
     if (u.x() < 0 || u.y() < 0 || u.x() >= view.camera.width || u.y() >= view.camera.height)
       continue;
-    sum += QuickScore(object, *view.maps, view.camera, pose, options.quick_reach_px, 0.2f);
+    sum += QuickScore(object, *view.maps, view.camera, pose, reach_px, 0.2f);
     ++n;
   }
   return n > 0 ? sum / n : 0.0;
@@ -72,28 +70,27 @@ std::vector<Candidate> CandidatesOf(const JointContext& context,
                                     int k,
                                     std::span<const KnownView> known,
                                     std::span<const PlanePose> on_plane,
-                                    const ExpansionOptions& options) {
+                                    bool use_pool) {
+  const PlacementSearchOptions& options = context.options.search.placements;
   const PreparedObject& object = *context.objects[k];
   std::vector<Candidate> candidates;
   for (const PlanePose& pose : on_plane) {
     candidates.push_back(
-        {QuickOverViews(object, known, pose.scene_from_object, options), pose.scene_from_object});
+        {QuickOverViews(object, known, pose.scene_from_object, options.quick_reach_px),
+         pose.scene_from_object});
   }
-  RefineOptions settle;
-  settle.iterations = 3;
-  settle.start_reach_px = 6.0;
-  settle.focal_log_sigma = 0.0;
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
     const CalibratedCamera& view = *scene.views[v];
     const Rigid3 scene_from_camera = view.camera_from_scene.Inverse();
     const ViewHypotheses& hypotheses = table[v][k];
-    for (const ViewHypothesis& h : options.use_pool ? hypotheses.pool : hypotheses.best) {
+    for (const ViewHypothesis& h : use_pool ? hypotheses.pool : hypotheses.best) {
       const Rigid3 start = WithFocal(h.camera_from_object, h.camera.focal_px, view.camera.focal_px);
-      const auto settled = RefineInView(object, context.views[v].maps, view.camera, start, settle);
+      const auto settled =
+          RefineInView(object, context.views[v].maps, view.camera, start, options.settle);
       if (!settled) continue;
       const Rigid3 pose = scene_from_camera * settled->camera_from_object;
-      const double quick = QuickOverViews(object, known, pose, options);
+      const double quick = QuickOverViews(object, known, pose, options.quick_reach_px);
       if (quick >= options.min_quick) candidates.push_back({quick, pose});
     }
   }
@@ -109,27 +106,27 @@ std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
                                              int k,
                                              std::span<const KnownView> known,
                                              std::span<const PlanePose> on_plane,
-                                             const ExpansionOptions& options) {
+                                             bool use_pool) {
+  const PlacementSearchOptions& options = context.options.search.placements;
   const PreparedObject& object = *context.objects[k];
   std::vector<PlacedObject> placed;
   VerifyScratch scratch;
-  RefineOptions refine;
-  refine.start_reach_px = 10.0;
   int tried = 0;
   std::vector<Rigid3> starts;
-  for (const Candidate& c : CandidatesOf(context, hypotheses, scene, k, known, on_plane, options)) {
+  for (const Candidate& c :
+       CandidatesOf(context, hypotheses, scene, k, known, on_plane, use_pool)) {
     if (tried >= options.kept_per_object || IsStopRequested(context.stop)) break;
     if (std::any_of(starts.begin(), starts.end(), [&](const Rigid3& p) {
-          return SamePlacement(object, p, c.pose);
+          return SamePlacement(object, options, p, c.pose);
         })) {
       continue;
     }
     starts.push_back(c.pose);
     ++tried;
-    const auto refined = RefineInScene(object, known, c.pose, refine);
+    const auto refined = RefineInScene(object, known, c.pose, options.refine);
     if (!refined) continue;
     if (std::any_of(placed.begin(), placed.end(), [&](const PlacedObject& p) {
-          return SamePlacement(object, p.scene_from_object, *refined);
+          return SamePlacement(object, options, p.scene_from_object, *refined);
         })) {
       continue;
     }
@@ -137,7 +134,7 @@ std::vector<PlacedObject> PlacementsOfObject(const JointContext& context,
     p.object = k;
     p.scene_from_object = *refined;
     EvaluatePlacement(context, scene.views, {}, &scratch, &p);
-    if (p.score >= kMinRawScore) placed.push_back(std::move(p));
+    if (p.score >= options.min_raw_score) placed.push_back(std::move(p));
   }
   return placed;
 }
@@ -150,22 +147,26 @@ std::vector<PlacedObject> CollectPlacements(const JointContext& context,
                                             const SceneModel& scene,
                                             const std::vector<SearchSurface>& surfaces,
                                             std::span<const PlacedObject> earlier,
-                                            const ExpansionOptions& options,
+                                            const PlacementRound& round,
                                             std::vector<bool>* shortlist) {
+  const EdgeSearchOptions& options = context.options.search;
+  const int threads = round.thorough ? context.options.threads : 1;
   const std::vector<KnownView> known = KnownViews(context, scene);
   const std::vector<KnownView> searched = KnownViews(search, scene);
   std::vector<std::vector<PlacedObject>> per_object(context.objects.size());
   std::optional<PlaneSearch> plane_search;
-  if (options.use_plane_search && scene.plane && !surfaces.empty())
-    plane_search.emplace(search, scene, surfaces, options.plane_search);
+  if (round.search_plane && scene.plane && !surfaces.empty()) {
+    plane_search.emplace(
+        search, scene, surfaces, round.first ? options.plane_first_look : options.plane);
+  }
   const std::vector<FeatureView> views = FeatureViews(search, scene);
-  const std::vector<SpaceCorner> corners = FindSpaceCorners(views);
-  const std::vector<SpaceCircle> circles = FindSpaceCircles(views);
+  const std::vector<SpaceCorner> corners = FindSpaceCorners(views, options.space_corners);
+  const std::vector<SpaceCircle> circles = FindSpaceCircles(views, options.space_circles);
   const int objects = static_cast<int>(per_object.size());
   const Shortlist promising = PromisingInSpace(
-      context.objects, searched, corners, circles, *shortlist, options.shortlist, options.threads);
+      context.objects, searched, corners, circles, *shortlist, options.shortlist, threads);
   if (shortlist->empty()) *shortlist = promising.shortlist;
-  ParallelFor(objects, options.threads, [&](int k) {
+  ParallelFor(objects, threads, [&](int k) {
     if (IsStopRequested(context.stop)) return;
     std::vector<PlanePose> suggested;
     if (promising.searched[k]) {
@@ -182,7 +183,8 @@ std::vector<PlacedObject> CollectPlacements(const JointContext& context,
     for (const PlacedObject& p : earlier) {
       if (p.object == k) suggested.push_back({p.scene_from_object});
     }
-    per_object[k] = PlacementsOfObject(context, hypotheses, scene, k, known, suggested, options);
+    per_object[k] =
+        PlacementsOfObject(context, hypotheses, scene, k, known, suggested, round.thorough);
   });
   std::vector<PlacedObject> all;
   for (auto& list : per_object) {

@@ -32,7 +32,7 @@ double EdgeLogOdds(double support, double found, double chance) {
 
 double PointLogOdds(const AspectImage& image,
                     const VisibleEdgePoint& p,
-                    const PoseAlternativeOptions& options) {
+                    const PoseChoiceAcceptance& acceptance) {
   constexpr float kTolerancePx = 3.0f;  // working px to an edge that supports
   const float x = p.image.x(), y = p.image.y();
   if (!(x >= 0 && y >= 0 && x < static_cast<float>(image.width) &&
@@ -46,8 +46,8 @@ double PointLogOdds(const AspectImage& image,
       std::clamp(image.ChanceAt(x, y, bin, AspectImage::ChanceLevel(kTolerancePx)) / 255.0,
                  kLeastChance,
                  kMostChance);
-  const double found = p.kind == VisibleEdgeKind::kCrease ? options.acceptance.found_crease
-                                                          : options.acceptance.found_contour;
+  const double found =
+      p.kind == VisibleEdgeKind::kCrease ? acceptance.found_crease : acceptance.found_contour;
   return EdgeLogOdds(support, found, chance);
 }
 
@@ -91,13 +91,13 @@ struct Candidate {
 
 std::vector<Candidate> CandidatesFor(const JointContext& context,
                                      const SceneObject& answer,
-                                     std::span<const OtherPose> alternatives,
-                                     const PoseAlternativeOptions& options) {
+                                     std::span<const OtherPose> alternatives) {
+  const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
   const PreparedObject& object = *context.objects[answer.object];
   std::vector<Candidate> out;
   const auto add = [&](int k, const Rigid3& pose) {
     const PreparedObject& other = *context.objects[k];
-    if (other.aspects == nullptr || static_cast<int>(out.size()) >= options.most_tried) return;
+    if (other.aspects == nullptr || static_cast<int>(out.size()) >= acceptance.most_tried) return;
     if (k == answer.object && IsSamePose(other, answer.scene_from_object, pose, kSameAnswer))
       return;
     const bool known = std::any_of(out.begin(), out.end(), [&](const Candidate& c) {
@@ -108,7 +108,7 @@ std::vector<Candidate> CandidatesFor(const JointContext& context,
   for (const OtherPose& alternative : alternatives)
     add(alternative.object, alternative.scene_from_object);
   for (const NearSymmetry& near : object.near_symmetries) {
-    for (const Rigid3& turn : TurnsOf(near.axis, options.turns))
+    for (const Rigid3& turn : TurnsOf(near.axis, acceptance.turns))
       add(answer.object, answer.scene_from_object * turn);
   }
   return out;
@@ -196,10 +196,9 @@ std::vector<Candidate> RatedCandidates(const JointContext& context,
                                        std::span<const AspectImage> images,
                                        const RecognitionResult& result,
                                        int place,
-                                       std::span<const OtherPose> alternatives,
-                                       const PoseAlternativeOptions& options) {
+                                       std::span<const OtherPose> alternatives) {
   const SceneObject& answer = result.objects[place];
-  std::vector<Candidate> candidates = CandidatesFor(context, answer, alternatives, options);
+  std::vector<Candidate> candidates = CandidatesFor(context, answer, alternatives);
   if (candidates.empty()) return candidates;
   const RenderMesh& mesh = context.objects[answer.object]->aspects->object.mesh;
   const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
@@ -212,18 +211,12 @@ std::vector<Candidate> RatedCandidates(const JointContext& context,
                                context.objects[c.object]->aspects->object.mesh,
                                c.scene_from_object,
                                hidden,
-                               options);
+                               context.options.acceptance.pose_choices);
   });
   std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
     return a.log_odds < b.log_odds;
   });
   return candidates;
-}
-
-PoseAlternativeOptions OptionsOf(const JointContext& context) {
-  PoseAlternativeOptions options;
-  options.acceptance = context.options.acceptance.pose_choices;
-  return options;
 }
 
 // The pose adjusted to the edges of all views, which keep their cameras.
@@ -249,7 +242,7 @@ double LogOddsOfPose(std::span<const AspectImage> images,
                      const RenderMesh& b,
                      const Rigid3& scene_from_b,
                      std::span<const DepthBuffer> hidden,
-                     const PoseAlternativeOptions& options) {
+                     const PoseChoiceAcceptance& acceptance) {
   double sum = 0.0;
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!views[v] || images[v].width == 0) continue;
@@ -269,11 +262,10 @@ double LogOddsOfPose(std::span<const AspectImage> images,
                    kHiddenShareOfFaces * a.diameter_m)) {
         continue;
       }
-      const double says = PointLogOdds(images[v], d.point, options) * d.length_px;
-      of_view += (d.of_a ? says : -says) / options.acceptance.independent_px;
+      const double says = PointLogOdds(images[v], d.point, acceptance) * d.length_px;
+      of_view += (d.of_a ? says : -says) / acceptance.independent_px;
     }
-    sum += of_view * options.acceptance.most_log_odds /
-           (options.acceptance.most_log_odds + std::abs(of_view));
+    sum += of_view * acceptance.most_log_odds / (acceptance.most_log_odds + std::abs(of_view));
   }
   return sum;
 }
@@ -282,21 +274,20 @@ std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
                                              std::span<const AspectImage> images,
                                              const RecognitionResult& result,
                                              int place,
-                                             std::span<const OtherPose> alternatives,
-                                             const PoseAlternativeOptions& options) {
+                                             std::span<const OtherPose> alternatives) {
+  const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
   std::vector<PoseChoice> out;
   const SceneObject& answer = result.objects[place];
   const PreparedObject& object = *context.objects[answer.object];
   if (object.aspects == nullptr) return out;
   const std::vector<Candidate> candidates =
-      RatedCandidates(context, images, result, place, alternatives, options);
+      RatedCandidates(context, images, result, place, alternatives);
   const RenderMesh& mesh = object.aspects->object.mesh;
   double sum = 1.0;
   for (const Candidate& c : candidates) sum += std::exp(-c.log_odds);
   for (const Candidate& c : candidates) {
     const double probability = std::exp(-c.log_odds) / sum;
-    if (probability < options.acceptance.min_probability ||
-        static_cast<int>(out.size()) >= options.most)
+    if (probability < acceptance.min_probability || static_cast<int>(out.size()) >= acceptance.most)
       break;
     out.push_back(MakeChoice(context, images, result.views, answer, mesh, c, probability));
   }
@@ -327,14 +318,13 @@ std::string DescribeChoice(const std::string& object_id, const PoseChoice& choic
 void TurnToLikeliest(const JointContext& context,
                      std::span<const AspectImage> images,
                      RecognitionResult* result) {
-  const PoseAlternativeOptions options = OptionsOf(context);
+  const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
   for (int k = 0; k < static_cast<int>(result->objects.size()); ++k) {
     SceneObject& answer = result->objects[k];
     const PreparedObject& object = *context.objects[answer.object];
     if (object.aspects == nullptr) continue;
-    const auto candidates = RatedCandidates(context, images, *result, k, {}, options);
-    if (candidates.empty() || -candidates.front().log_odds < options.acceptance.turned_log_odds)
-      continue;
+    const auto candidates = RatedCandidates(context, images, *result, k, {});
+    if (candidates.empty() || -candidates.front().log_odds < acceptance.turned_log_odds) continue;
     answer.scene_from_object = Settled(
         images, object.aspects->object.mesh, result->views, candidates.front().scene_from_object);
   }
@@ -343,14 +333,13 @@ void TurnToLikeliest(const JointContext& context,
 void SayPoseAlternatives(const JointContext& context,
                          std::span<const AspectImage> images,
                          RecognitionResult* result) {
-  const PoseAlternativeOptions options = OptionsOf(context);
+  const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
   for (int k = 0; k < static_cast<int>(result->objects.size()); ++k) {
     SceneObject& answer = result->objects[k];
     double open = 0.0;
-    const std::vector<PoseChoice> choices =
-        FindPoseAlternatives(context, images, *result, k, {}, options);
+    const std::vector<PoseChoice> choices = FindPoseAlternatives(context, images, *result, k);
     for (const PoseChoice& choice : choices) open += choice.probability;
-    if (open < options.acceptance.ambiguous_share) continue;
+    if (open < acceptance.ambiguous_share) continue;
     if (result->state == RecognitionState::kRecognized)
       result->state = RecognitionState::kAmbiguous;
     if (std::find(answer.alternatives.begin(), answer.alternatives.end(), answer.object) ==

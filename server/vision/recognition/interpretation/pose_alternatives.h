@@ -12,13 +12,6 @@
 
 namespace horopter {
 
-struct PoseAlternativeOptions {
-  PoseChoiceAcceptance acceptance;
-  int most = 6;  // listed of an object
-  int most_tried = 32;
-  int turns = 12;  // that stand for all of a near symmetry by any angle
-};
-
 // Log odds that the images show the first and not the second placed object: over the edges that
 // only one of them has, what finding or missing them says (against what chance finds there).
 // `hidden` (may be empty): per view a depth buffer of what else stands in the scene, of the working
@@ -30,7 +23,7 @@ double LogOddsOfPose(std::span<const AspectImage> images,
                      const RenderMesh& b,
                      const Rigid3& scene_from_b,
                      std::span<const DepthBuffer> hidden,
-                     const PoseAlternativeOptions& options = {});
+                     const PoseChoiceAcceptance& acceptance = {});
 
 // A place where an answer and an alternative to it look different.
 struct DecidingFeature {
@@ -66,8 +59,7 @@ std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
                                              std::span<const AspectImage> images,
                                              const RecognitionResult& result,
                                              int place,
-                                             std::span<const OtherPose> alternatives = {},
-                                             const PoseAlternativeOptions& options = {});
+                                             std::span<const OtherPose> alternatives = {});
 
 // "plate: 0.41 that it is turned by 180 degrees; a circle of 4.2 mm at (12.0, 3.1, 0.0) mm decides,
 // which no image shows".

@@ -20,7 +20,6 @@ namespace horopter {
 namespace {
 
 constexpr int kExpandedHypotheses = 8;   // distinct ones, best first; for time
-constexpr int kPlaneScales = 3;          // scenes that differ in scale; for time
 constexpr double kOtherScaleGain = 0.5;  // of the best scene's description-length gain: below it an
                                          // initial hypothesis is not tried
 constexpr double kSameHypothesisPx = 10.0;  // working pixels
@@ -34,7 +33,7 @@ void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
   const int views = static_cast<int>(context.views.size());
   const int objects = static_cast<int>(context.objects.size());
   std::vector<std::vector<ImagePath>> paths(views);
-  ViewHypothesisOptions options;
+  const ViewHypothesisOptions& options = context.options.search.views;
   for (int v = 0; v < views; ++v) {
     if (!wanted_views[v]) continue;
     const auto& flags = context.matching->segment_on_plane;
@@ -43,12 +42,12 @@ void FindAllViewHypotheses(const std::vector<bool>& wanted_views,
                               context.views[v].maps.working_from_image,
                               options.max_paths);
   }
-  const std::vector<bool> promising = PromisingInViews(context, paths, wanted_objects, {});
+  const std::vector<bool> promising = PromisingInViews(context, paths, wanted_objects);
   ParallelFor(views * objects, context.options.threads, [&](int i) {
     const int v = i / objects, k = i % objects;
     if (!wanted_views[v] || !promising[k]) return;
     ViewHypothesisOptions of_view = options;
-    of_view.focal_log_sigma = context.focal_log_sigma[v];
+    of_view.refine.focal_log_sigma = context.focal_log_sigma[v];
     (*hypotheses)[v][k] = FindViewHypotheses(*context.objects[k],
                                              k,
                                              context.views[v],
@@ -122,7 +121,7 @@ FoundScene InKnownCameras(const JointContext& context,
   FoundScene again;
   again.route = route;
   again.scene = best;
-  RefineScene(context, {}, &again.scene);
+  RefineScene(context, &again.scene);
   again.scene = ExpandScene(context, *hypotheses, again.scene, true, &again.verified);
   FoundScene& better = again.scene.description_gain > best.description_gain ? again : found;
   better.best_competing = BestCompeting(context, better.scene, better.verified);
@@ -212,7 +211,7 @@ absl::StatusOr<FoundScene> PlaneRoute(const RouteInput& input,
                                       RouteWork* work) {
   return InKnownCameras(context,
                         &work->hypotheses,
-                        PlaneInitialScenes(context, *input.reconstruction, {}, kPlaneScales),
+                        PlaneInitialScenes(context, *input.reconstruction),
                         RecognitionRoute::kSupportingPlane);
 }
 
@@ -239,8 +238,7 @@ absl::StatusOr<FoundScene> ViewLedRoute(const RouteInput& input,
     BeginStep(context, "linking");
     std::vector<SceneModel> starts = LinkedInitialScenes(context, work->hypotheses, through_plane);
     if (through_plane && input.reconstruction != nullptr) {
-      for (SceneModel& start :
-           RigInitialScenes(context, work->hypotheses, *input.reconstruction, {}))
+      for (SceneModel& start : RigInitialScenes(context, work->hypotheses, *input.reconstruction))
         starts.push_back(std::move(start));
       std::stable_sort(starts.begin(), starts.end(), [](const auto& x, const auto& y) {
         return x.description_gain > y.description_gain;

@@ -63,20 +63,19 @@ bool IsUprightPart(const PlacementAcceptance& acceptance,
 // Whether a plane of matched texture carries parts. It may as well be a printed face of a part:
 // then the surest placements lie behind it.
 bool Supports(const JointContext& context,
-              const ExpansionOptions& options,
               std::span<const PlacedObject> placements,
               const SupportingPlane& plane) {
+  const PlacementAcceptance& acceptance = context.options.acceptance.placements;
   double on = 0.0, behind = 0.0;
   for (const PlacedObject& p : placements) {
-    if (p.description_gain <= 0 || p.score < options.acceptance.min_score) continue;
+    if (p.description_gain <= 0 || p.score < acceptance.min_score) continue;
     const double height =
         HeightAbovePlane(*context.objects[p.object], p.scene_from_object, plane).lowest_m;
-    if (std::abs(height) < options.acceptance.plane_tolerance_m)
-      on = std::max(on, Priority(options.acceptance, p));
-    if (height < -3 * options.acceptance.plane_tolerance_m)
-      behind = std::max(behind, Priority(options.acceptance, p));
+    if (std::abs(height) < acceptance.plane_tolerance_m) on = std::max(on, Priority(acceptance, p));
+    if (height < -3 * acceptance.plane_tolerance_m)
+      behind = std::max(behind, Priority(acceptance, p));
   }
-  return behind <= options.acceptance.behind_factor * on;
+  return behind <= acceptance.behind_factor * on;
 }
 
 // Share of what `explained` holds that is taken already; 0 when it holds nothing.
@@ -120,39 +119,34 @@ bool MeetInView(const JointContext& context,
 
 // Whether a part whose lowest point is at the height lies on top of an accepted one.
 bool StandsOnPart(const JointContext& context,
-                  const ExpansionOptions& options,
                   const SceneModel& scene,
                   const PlacedObject& p,
                   double height) {
+  const PlacementAcceptance& acceptance = context.options.acceptance.placements;
   return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const PlacedObject& o) {
     const PreparedObject &above = *context.objects[p.object], &below = *context.objects[o.object];
     const double top = HeightAbovePlane(below, o.scene_from_object, *scene.plane).highest_m;
-    return std::abs(height - top) < options.acceptance.plane_tolerance_m &&
+    return std::abs(height - top) < acceptance.plane_tolerance_m &&
            LiesOver(OutlineOnPlane(above, p.scene_from_object, *scene.plane),
                     OutlineOnPlane(below, o.scene_from_object, *scene.plane));
   });
 }
 
 // Whether a placement may join the scene as it is: support enough for how it stands.
-bool IsAcceptable(const JointContext& context,
-                  const ExpansionOptions& options,
-                  const SceneModel& scene,
-                  const PlacedObject& p) {
-  if (p.score < options.acceptance.min_score) return false;
+bool IsAcceptable(const JointContext& context, const SceneModel& scene, const PlacedObject& p) {
+  const PlacementAcceptance& acceptance = context.options.acceptance.placements;
+  if (p.score < acceptance.min_score) return false;
   if (!scene.plane) return p.description_gain > 0;
   const double height =
       HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene.plane).lowest_m;
-  if (height < -2 * options.acceptance.plane_tolerance_m)
-    return false;  // below the supporting plane
-  if (p.score >= options.acceptance.off_plane_score) return p.description_gain > 0;
-  if (!IsUprightPart(
-          options.acceptance, *context.objects[p.object], p.scene_from_object, *scene.plane))
+  if (height < -2 * acceptance.plane_tolerance_m) return false;  // below the supporting plane
+  if (p.score >= acceptance.off_plane_score) return p.description_gain > 0;
+  if (!IsUprightPart(acceptance, *context.objects[p.object], p.scene_from_object, *scene.plane))
     return false;
-  if (EdgeLogLikelihoodRatio(p.score, p.total.Sharpness()) >= options.acceptance.floating_log_odds)
+  if (EdgeLogLikelihoodRatio(p.score, p.total.Sharpness()) >= acceptance.floating_log_odds)
     return p.description_gain > 0;
   // Camouflaged parts lack edges that they should show: what they stand on speaks for them.
-  return height < options.acceptance.plane_tolerance_m ||
-         StandsOnPart(context, options, scene, p, height);
+  return height < acceptance.plane_tolerance_m || StandsOnPart(context, scene, p, height);
 }
 
 // What the accepted parts hide and which image edges they explain.
@@ -221,16 +215,17 @@ std::optional<SupportingPlane> PlaneFromMatches(
 std::optional<SupportingPlane> PlaneOfPlacements(
     const JointContext& context,
     const std::vector<std::optional<CalibratedCamera>>& views,
-    std::span<const PlacedObject> placements,
-    const ExpansionOptions& options) {
+    std::span<const PlacedObject> placements) {
+  const PlacementAcceptance& acceptance = context.options.acceptance.placements;
   std::vector<const PlacedObject*> voters;
   for (const PlacedObject& p : placements) {
-    if (p.description_gain > 0 && p.score >= options.acceptance.min_score) voters.push_back(&p);
+    if (p.description_gain > 0 && p.score >= acceptance.min_score) voters.push_back(&p);
   }
   std::stable_sort(voters.begin(), voters.end(), [&](const auto* x, const auto* y) {
-    return Priority(options.acceptance, *x) > Priority(options.acceptance, *y);
+    return Priority(acceptance, *x) > Priority(acceptance, *y);
   });
-  if (static_cast<int>(voters.size()) > options.plane_voters) voters.resize(options.plane_voters);
+  const int most = context.options.search.placements.plane_voters;
+  if (static_cast<int>(voters.size()) > most) voters.resize(most);
   std::vector<Eigen::Vector3d> eyes;
   for (const auto& view : views) {
     if (view) eyes.push_back(view->camera_from_scene.Inverse().t);
@@ -250,21 +245,18 @@ std::optional<SupportingPlane> PlaneOfPlacements(
       std::vector<const PlacedObject*> resting;
       double votes = 0.0;
       for (const PlacedObject* other : voters) {
-        if (!RestsOn(options.acceptance,
-                     *context.objects[other->object],
-                     other->scene_from_object,
-                     plane))
+        if (!RestsOn(acceptance, *context.objects[other->object], other->scene_from_object, plane))
           continue;
         if (std::any_of(resting.begin(), resting.end(), [&](const PlacedObject* r) {
               return SharedVolume(*context.objects[r->object],
                                   r->scene_from_object,
                                   *context.objects[other->object],
-                                  other->scene_from_object) > options.acceptance.max_shared_volume;
+                                  other->scene_from_object) > acceptance.max_shared_volume;
             })) {
           continue;
         }
         resting.push_back(other);
-        votes += Priority(options.acceptance, *other);
+        votes += Priority(acceptance, *other);
       }
       if (resting.size() >= 2 && votes > best_votes) {
         best_votes = votes;
@@ -276,16 +268,16 @@ std::optional<SupportingPlane> PlaneOfPlacements(
 }
 
 void Consolidate(const JointContext& context,
-                 const ExpansionOptions& options,
                  std::vector<PlacedObject> candidates,
                  SceneModel* scene) {
+  const PlacementAcceptance& acceptance = context.options.acceptance.placements;
   const std::vector<PlacedObject> before = std::move(scene->objects);
   scene->objects.clear();
   scene->description_gain = 0.0;
   scene->plane = PlaneFromMatches(context, scene->views);
   if (scene->plane) scene->plane = PlaneUnderParts(context, before, *scene->plane);
-  if (scene->plane && !Supports(context, options, candidates, *scene->plane)) scene->plane.reset();
-  if (!scene->plane) scene->plane = PlaneOfPlacements(context, scene->views, candidates, options);
+  if (scene->plane && !Supports(context, candidates, *scene->plane)) scene->plane.reset();
+  if (!scene->plane) scene->plane = PlaneOfPlacements(context, scene->views, candidates);
   Accepted accepted_parts(context, scene->views);
   std::vector<bool> stale(candidates.size(), false);
   std::vector<bool> dead(candidates.size(), false);
@@ -296,14 +288,13 @@ void Consolidate(const JointContext& context,
       if (stale[i]) {
         stale[i] = false;
         // One scene feature serves one object.
-        if (accepted_parts.Judge(&candidates[i]) > options.acceptance.max_shared_edges) {
+        if (accepted_parts.Judge(&candidates[i]) > acceptance.max_shared_edges) {
           dead[i] = true;
           continue;
         }
       }
-      if (!IsAcceptable(context, options, *scene, candidates[i])) continue;
-      if (best < 0 || Priority(options.acceptance, candidates[i]) >
-                          Priority(options.acceptance, candidates[best]))
+      if (!IsAcceptable(context, *scene, candidates[i])) continue;
+      if (best < 0 || Priority(acceptance, candidates[i]) > Priority(acceptance, candidates[best]))
         best = i;
     }
     if (best < 0) break;
@@ -319,7 +310,7 @@ void Consolidate(const JointContext& context,
       if (SharedVolume(object,
                        accepted.scene_from_object,
                        *context.objects[candidates[i].object],
-                       candidates[i].scene_from_object) > options.acceptance.max_shared_volume) {
+                       candidates[i].scene_from_object) > acceptance.max_shared_volume) {
         dead[i] = true;
       }
     }
@@ -327,11 +318,11 @@ void Consolidate(const JointContext& context,
 }
 
 void AddHiddenParts(const JointContext& context,
-                    const ExpansionOptions& options,
                     std::span<const PlacedObject> candidates,
                     SceneModel* scene) {
+  const PlacementAcceptance& acceptance = context.options.acceptance.placements;
   if (!scene->plane || scene->objects.size() < 2) return;
-  if (SceneProbability(context, *scene) < options.acceptance.sure_scene) return;
+  if (SceneProbability(context, *scene) < acceptance.sure_scene) return;
   const SupportingPlane plane = PlaneUnderParts(context, scene->objects, *scene->plane);
   scene->plane = plane;
   const std::vector<KnownView> known = KnownViews(context, *scene);
@@ -339,32 +330,31 @@ void AddHiddenParts(const JointContext& context,
   for (const PlacedObject& o : scene->objects) accepted_parts.Add(o);
   for (const PlacedObject& candidate : candidates) {
     if (IsStopRequested(context.stop)) return;
-    if (candidate.score < options.acceptance.hidden_score - options.acceptance.hidden_slack)
-      continue;
+    if (candidate.score < acceptance.hidden_score - acceptance.hidden_slack) continue;
     const PreparedObject& object = *context.objects[candidate.object];
     // The cameras have moved since it was found.
-    const auto refined = RefineInScene(object, known, candidate.scene_from_object, {});
+    const auto refined = RefineInScene(
+        object, known, candidate.scene_from_object, context.options.search.placements.refine);
     if (!refined) continue;
     PlacedObject p = candidate;
     p.scene_from_object = *refined;
     const Rigid3& pose = p.scene_from_object;
     const double height = HeightAbovePlane(object, pose, plane).lowest_m;
-    if (!IsUprightPart(options.acceptance, object, pose, plane)) continue;
-    if (std::abs(height) > options.acceptance.plane_tolerance_m &&
-        !StandsOnPart(context, options, *scene, p, height)) {
+    if (!IsUprightPart(acceptance, object, pose, plane)) continue;
+    if (std::abs(height) > acceptance.plane_tolerance_m &&
+        !StandsOnPart(context, *scene, p, height)) {
       continue;
     }
     if (std::any_of(scene->objects.begin(), scene->objects.end(), [&](const PlacedObject& o) {
           return SharedVolume(*context.objects[o.object], o.scene_from_object, object, pose) >
-                 options.acceptance.max_shared_volume;
+                 acceptance.max_shared_volume;
         })) {
       continue;
     }
     const double shared = accepted_parts.Judge(&p);
-    if (p.score < options.acceptance.hidden_score ||
-        p.total.Sharpness() < options.acceptance.hidden_sharpness)
+    if (p.score < acceptance.hidden_score || p.total.Sharpness() < acceptance.hidden_sharpness)
       continue;
-    if (shared > options.acceptance.max_shared_edges) continue;
+    if (shared > acceptance.max_shared_edges) continue;
     scene->objects.push_back(p);
     accepted_parts.Add(p);
   }

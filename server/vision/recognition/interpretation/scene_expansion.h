@@ -12,24 +12,6 @@
 
 namespace horopter {
 
-struct ExpansionOptions {
-  bool use_pool = true;         // also the refined but unverified hypotheses
-  int kept_per_object = 12;     // distinct placements refined over all views
-  float quick_reach_px = 9.0f;  // working pixels, of the transfer into the other views
-  float min_quick = 0.40f;      // mean quick score over the views
-  PlacementAcceptance acceptance;
-  // Log-likelihood ratio of parts whose edges are taken out of the search for others.
-  double sure_log_odds = 4.0;
-  double doubtful_score = 0.42;  // of parts whose tops are searched though they are not accepted
-  int max_surfaces = 6;          // heights searched, the plane included
-  int plane_voters = 40;         // best placements that vote for the plane
-  PlaneSearchOptions plane_search;
-  bool use_plane_search = true;  // parts that stand on the surfaces
-  CornerSearchOptions corners;
-  ShortlistOptions shortlist;
-  int threads = 1;
-};
-
 // The scene's registered views with their edge maps.
 std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel& scene);
 
@@ -37,7 +19,6 @@ std::vector<KnownView> KnownViews(const JointContext& context, const SceneModel&
 // exclude each other, accepted parts hide what lies behind them, parts stand on the common plane.
 // Replaces scene->objects, scene->plane.
 void Consolidate(const JointContext& context,
-                 const ExpansionOptions& options,
                  std::vector<PlacedObject> candidates,
                  SceneModel* scene);
 
@@ -45,7 +26,6 @@ void Consolidate(const JointContext& context,
 // is taken back for them, so only where the scene is sure, and only parts that stand upright on its
 // plane or on a part of it, beside all others, with edges that fit sharply. candidates: best first.
 void AddHiddenParts(const JointContext& context,
-                    const ExpansionOptions& options,
                     std::span<const PlacedObject> candidates,
                     SceneModel* scene);
 
@@ -59,7 +39,6 @@ std::optional<SupportingPlane> PlaneFromMatches(
 std::optional<SupportingPlane> PlaneOfPlacements(
     const JointContext& context,
     const std::vector<std::optional<CalibratedCamera>>& views,
-    std::span<const PlacedObject> placements,
-    const ExpansionOptions& options);
+    std::span<const PlacedObject> placements);
 
 }  // namespace horopter

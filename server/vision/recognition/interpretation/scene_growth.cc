@@ -40,14 +40,6 @@ bool FocalLengthsMoved(const std::vector<std::optional<CalibratedCamera>>& befor
   return false;
 }
 
-PlaneSearchOptions FirstLook() {
-  PlaneSearchOptions options;
-  options.peaks = 50;
-  options.settle.settled = 8;
-  options.settle.kept = 4;
-  return options;
-}
-
 // How far (working pixels) the scene's objects are moved in the images by a refinement.
 double LargestMove(const JointContext& context, const SceneModel& before, const SceneModel& after) {
   double largest = 0.0;
@@ -71,7 +63,6 @@ double LargestMove(const JointContext& context, const SceneModel& before, const 
 
 // What the last cameras say of a scene that grows no more.
 void Complete(const JointContext& context,
-              const ExpansionOptions& options,
               const std::vector<PlacedObject>& placements,
               SceneModel* scene) {
   BeginStep(context, "consolidation");
@@ -79,8 +70,8 @@ void Complete(const JointContext& context,
   DropContradictedViews(context, scene);
   // What lost its support in the refined cameras goes.
   std::vector<PlacedObject> placed = scene->objects;
-  Consolidate(context, options, std::move(placed), scene);
-  AddHiddenParts(context, options, placements, scene);
+  Consolidate(context, std::move(placed), scene);
+  AddHiddenParts(context, placements, scene);
 }
 
 // Where parts may stand and none was looked for yet.
@@ -88,13 +79,14 @@ std::vector<SearchSurface> OpenSurfaces(const JointContext& context,
                                         const SceneModel& scene,
                                         const std::vector<PlacedObject>& placements,
                                         const std::vector<SearchSurface>& searched,
-                                        const ExpansionOptions& options,
                                         bool first) {
+  const PlacementSearchOptions& options = context.options.search.placements;
+  const PlacementAcceptance& acceptance = context.options.acceptance.placements;
   std::vector<SearchSurface> surfaces = SearchSurfaces(context,
                                                        scene,
                                                        placements,
                                                        options.doubtful_score,
-                                                       options.acceptance.plane_tolerance_m,
+                                                       acceptance.plane_tolerance_m,
                                                        options.max_surfaces);
   // A part may stand on one that is not found yet but as high as one that is.
   if (first) {
@@ -110,10 +102,8 @@ SceneModel ExpandScene(const JointContext& context,
                        SceneModel scene,
                        bool thorough,
                        std::vector<PlacedObject>* verified) {
-  ExpansionOptions options;
-  options.acceptance = context.options.acceptance.placements;
-  options.use_pool = thorough;
-  options.threads = thorough ? context.options.threads : 1;
+  PlacementRound search;
+  search.thorough = thorough;
   std::vector<PlacedObject> placements;
   std::vector<bool> shortlist;
   std::vector<SearchSurface> searched;  // in cameras that are still good
@@ -127,42 +117,44 @@ SceneModel ExpandScene(const JointContext& context,
       scene.plane = PlaneUnderParts(context, scene.objects, *plane);
     std::vector<SearchSurface> surfaces;
     if (scene.plane) {
-      surfaces = OpenSurfaces(context, scene, placements, searched, options, round == 0);
+      surfaces = OpenSurfaces(context, scene, placements, searched, round == 0);
       // The first cameras know one part only: a first look finds parts that tell more of them.
       // Corners in space do so in a tenth of the time, where three views confirm them.
-      options.plane_search = round == 0 ? FirstLook() : PlaneSearchOptions();
-      options.use_plane_search = round > 0 || scene.registered() < kCornerViews;
+      search.first = round == 0;
+      search.search_plane = round > 0 || scene.registered() < kCornerViews;
       if (round > 0) searched.insert(searched.end(), surfaces.begin(), surfaces.end());
     }
     // From the second round on parts are looked for among the edges that the first do not explain.
     std::optional<RemainingEvidence> rest;
-    if (round > 0) rest = WithoutExplained(context, scene, options.sure_log_odds);
+    if (round > 0) {
+      rest = WithoutExplained(context, scene, context.options.search.placements.sure_log_odds);
+    }
     placements = CollectPlacements(context,
                                    rest ? rest->context : context,
                                    hypotheses,
                                    scene,
                                    surfaces,
                                    placements,
-                                   options,
+                                   search,
                                    &shortlist);
     if (verified != nullptr) *verified = placements;
     if (thorough) BeginStep(context, "consolidation");
-    Consolidate(context, options, placements, &scene);
+    Consolidate(context, placements, &scene);
     if (scene.objects.empty()) break;
     if (thorough) BeginStep(context, "scene_refinement");
     const SceneModel before = scene;
-    RefineScene(context, {}, &scene);
+    RefineScene(context, &scene);
     if (LargestMove(context, before, scene) > kStillPx) searched.clear();
     DropContradictedViews(context, &scene);
     if (RegisterMissingViews(context, hypotheses, &scene) > 0) {
-      RefineScene(context, {}, &scene);
+      RefineScene(context, &scene);
       searched.clear();
     }
     Evaluate(context, &scene);
     // Twice at least: the first cameras know one part only.
     changed = round == 0 || scene.objects.size() > objects || FocalLengthsMoved(views, scene.views);
   }
-  if (thorough) Complete(context, options, placements, &scene);
+  if (thorough) Complete(context, placements, &scene);
   return scene;
 }
 

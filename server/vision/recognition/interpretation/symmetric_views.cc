@@ -149,7 +149,7 @@ void AlignSymmetricViews(const JointContext& context,
   for (std::size_t v = 0; v < aligned.size(); ++v) {
     if (aligned[v] || count >= kFewestViews) scene->views[v] = aligned[v];
   }
-  if (replaced) RefineScene(context, {}, scene);
+  if (replaced) RefineScene(context, scene);
   if (replaced || (!waiting.empty() && count >= kFewestViews)) EvaluateTogether(context, scene);
 }
 

@@ -18,6 +18,23 @@ int MinimalPairs(TransformGroup group) {
   return group == TransformGroup::kCollineation ? 5 : 4;
 }
 
+// As few pairs as determine it.
+absl::StatusOr<Eigen::Matrix4d> FitSample(TransformGroup group,
+                                          const SceneStructure& structure,
+                                          const ObjectShape& shape,
+                                          std::span<const VertexMatch> sample) {
+  if (group != TransformGroup::kCollineation) {
+    return FitTransform(group, structure, shape, sample, {});
+  }
+  std::vector<Eigen::Vector4d> from, to;
+  for (const VertexMatch& m : sample) {
+    from.emplace_back(shape.vertices[m.vertex].homogeneous());
+    to.emplace_back(structure.points[m.point].homogeneous());
+  }
+  HOROPTER_ASSIGN_OR_RETURN(const Eigen::Matrix4d H, CollineationFromBasis(from, to));
+  return H.row(3).dot(from[0]) < 0.0 ? Eigen::Matrix4d(-H) : H;
+}
+
 }  // namespace
 
 absl::StatusOr<std::array<int, 6>> AssociateByAxes(std::span<const Eigen::Vector4d, 6> points,
@@ -133,19 +150,6 @@ absl::StatusOr<ConsistentMatches> FindConsistentMatches(TransformGroup group,
     return all.status();
   }
   if (all.ok()) best = {*all, explained(*all)};
-  const auto fit_sample =
-      [&](std::span<const VertexMatch> sample) -> absl::StatusOr<Eigen::Matrix4d> {
-    if (group != TransformGroup::kCollineation) {
-      return FitTransform(group, structure, shape, sample, {});
-    }
-    std::vector<Eigen::Vector4d> from, to;
-    for (const VertexMatch& m : sample) {
-      from.emplace_back(shape.vertices[m.vertex].homogeneous());
-      to.emplace_back(structure.points[m.point].homogeneous());
-    }
-    HOROPTER_ASSIGN_OR_RETURN(const Eigen::Matrix4d H, CollineationFromBasis(from, to));
-    return H.row(3).dot(from[0]) < 0.0 ? Eigen::Matrix4d(-H) : H;
-  };
   std::mt19937 rng(options.seed);
   std::vector<int> order(n);
   for (int draw = 0; draw < options.draws && static_cast<int>(best.matches.size()) < n; ++draw) {
@@ -155,7 +159,7 @@ absl::StatusOr<ConsistentMatches> FindConsistentMatches(TransformGroup group,
       std::swap(order[k], order[k + static_cast<int>(rng() % static_cast<unsigned>(n - k))]);
       sample.push_back(pairs[order[k]]);
     }
-    const auto H = fit_sample(sample);
+    const auto H = FitSample(group, structure, shape, sample);
     if (!H.ok()) continue;
     std::vector<VertexMatch> matches = explained(*H);
     if (matches.size() <= best.matches.size()) continue;

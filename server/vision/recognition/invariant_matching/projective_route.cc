@@ -58,6 +58,47 @@ absl::StatusOr<SixMatches> ByAxes(const SceneStructure& structure,
   return out;
 }
 
+// One tuple of the structure, by the number `index` of its component.
+struct TupleQuestion {
+  const SceneStructure& structure;
+  const SixTuple& tuple;
+  int index = -1;
+  std::array<int, 6> basis;  // best conditioned points first
+};
+
+// Adds the vertices that have the tuple's invariants, under every labelling of it.
+absl::Status AskIndex(const TupleQuestion& question,
+                      const KeyIndexSnapshot& index,
+                      const ObjectTable& table,
+                      const ProjectiveRouteOptions& options,
+                      std::vector<TupleHit>* hits) {
+  for (const SixPointLabeling& labeling : question.tuple.invariants.labelings) {
+    const auto found = index.Find(KeyTable::kSixPoints, labeling.key, options.tuples.gate);
+    if (!found.ok()) continue;  // a covariance that is singular: nothing can be asked
+    for (const KeyHit& hit : *found) {
+      const int object = table.AtSlot(hit.slot);
+      if (object < 0) continue;
+      const SixVertexKey& key = table.object(object).keys->six_points[hit.key];
+      TupleHit& out = hits->emplace_back();
+      out.object = object;
+      out.tuple = question.index;
+      SixMatches matches;
+      if (options.association == AssociationForm::kCyclicOrder) {
+        matches = ByCyclicOrder(question.tuple, labeling, key);
+      } else {
+        HOROPTER_ASSIGN_OR_RETURN(matches,
+                                  ByAxes(question.structure,
+                                         question.tuple,
+                                         *table.object(object).model,
+                                         key,
+                                         options.axis_tolerance_rad));
+      }
+      for (int k = 0; k < 6; ++k) out.matches[k] = matches[question.basis[k]];
+    }
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::StatusOr<StructureRouteResult> ProjectiveHypotheses(const SceneStructure& structure,
@@ -80,30 +121,8 @@ absl::StatusOr<StructureRouteResult> ProjectiveHypotheses(const SceneStructure& 
       if (static_cast<int>(hits.size()) >= options.route.max_hits) break;
       const std::size_t first = hits.size();
       const std::array<int, 6> basis = BestBasisFirst(structure, tuples[t]);
-      for (const SixPointLabeling& labeling : tuples[t].invariants.labelings) {
-        const auto found = index.Find(KeyTable::kSixPoints, labeling.key, options.tuples.gate);
-        if (!found.ok()) continue;  // a covariance that is singular: nothing can be asked
-        for (const KeyHit& hit : *found) {
-          const int object = table.AtSlot(hit.slot);
-          if (object < 0) continue;
-          const SixVertexKey& key = table.object(object).keys->six_points[hit.key];
-          TupleHit& out = hits.emplace_back();
-          out.object = object;
-          out.tuple = static_cast<int>(t);
-          SixMatches matches;
-          if (options.association == AssociationForm::kCyclicOrder) {
-            matches = ByCyclicOrder(tuples[t], labeling, key);
-          } else {
-            HOROPTER_ASSIGN_OR_RETURN(matches,
-                                      ByAxes(structure,
-                                             tuples[t],
-                                             *table.object(object).model,
-                                             key,
-                                             options.axis_tolerance_rad));
-          }
-          for (int k = 0; k < 6; ++k) out.matches[k] = matches[basis[k]];
-        }
-      }
+      const TupleQuestion question{structure, tuples[t], static_cast<int>(t), basis};
+      HOROPTER_RETURN_IF_ERROR(AskIndex(question, index, table, options, &hits));
       ++asked;
       if (hits.size() > first + options.route.max_hits_per_tuple) hits.resize(first);
       for (std::size_t i = first; i < hits.size(); ++i) {

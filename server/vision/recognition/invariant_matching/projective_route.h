@@ -9,6 +9,7 @@
 
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
+#include "server/vision/recognition/invariant_matching/association.h"
 #include "server/vision/recognition/invariant_matching/collineation_votes.h"
 #include "server/vision/recognition/invariant_matching/key_index.h"
 #include "server/vision/recognition/invariant_matching/structure_support.h"
@@ -33,10 +34,11 @@ struct StructureRouteOptions {
   int max_hits_per_tuple = 3000;  // a tuple with more says too little
   // Vertices beyond the tuple's own that must have a point near before a vote is clustered.
   int min_extra_support = 1;
-  double quick_reach = 0.15;    // ... how near, of the object's extent
-  double settled_reach = 0.06;  // ... after the transformation was fitted to all of them
-  int judged_modes = 80;        // of a component
-  int kept = 10;                // hypotheses of a component
+  double quick_reach = 0.15;       // ... how near, of the object's extent
+  double settled_reach = 0.06;     // ... after the transformation was fitted to all of them
+  ConsistencyOptions consistency;  // of a mode's table; its reach is quick_reach
+  int judged_modes = 80;           // of a component
+  int kept = 10;                   // hypotheses of a component
 };
 
 struct ProjectiveRouteOptions {

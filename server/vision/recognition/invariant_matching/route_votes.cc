@@ -157,7 +157,7 @@ StructureHypothesis BestOfMode(const HitJudge& judge,
   if (mode.tuples < 2) return best;
   const std::vector<VertexMatch> associated = AssociateMode(
       votes, mode, static_cast<int>(structure.points.size()), shape.size(), judge.options.votes);
-  ConsistencyOptions consistency;
+  ConsistencyOptions consistency = judge.options.consistency;
   consistency.reach = judge.options.quick_reach * MappedExtent(shape, mode.structure_from_shape);
   const auto agreed = FindConsistentMatches(judge.group, structure, shape, associated, consistency);
   if (!agreed.ok()) return best;

@@ -69,6 +69,28 @@ Eigen::Matrix4d Balancing(const std::vector<Eigen::Vector3d>& points, bool simil
   return out;
 }
 
+// The scene's lines, mapped by H, and where they were seen.
+void AddLines(const MultiviewTracks& tracks,
+              const ProjectiveScene& scene,
+              const Eigen::Matrix4d& H,
+              SceneStructure* out) {
+  std::vector<int> line_index(tracks.lines, -1);
+  for (int j = 0; j < tracks.lines; ++j) {
+    if (!scene.lines[j]) continue;
+    const PluckerLine line = MapLine(H, *scene.lines[j]).normalized();
+    if (!line.allFinite()) continue;
+    line_index[j] = static_cast<int>(out->lines.size());
+    out->lines.push_back(line);
+    out->line_track.push_back(j);
+  }
+  for (std::size_t k = 0; k < tracks.line_observations.size(); ++k) {
+    LineObservation o = tracks.line_observations[k];
+    if (!scene.line_inlier[k] || !scene.cameras[o.view] || line_index[o.line] < 0) continue;
+    o.line = line_index[o.line];
+    out->line_observations.push_back(o);
+  }
+}
+
 // What both kinds of scenes share: homogeneous points (unit norm), cameras, lines, all in the frame
 // of `scene`, mapped by H.
 absl::StatusOr<SceneStructure> Assemble(const MultiviewTracks& tracks,
@@ -118,21 +140,7 @@ absl::StatusOr<SceneStructure> Assemble(const MultiviewTracks& tracks,
     o.point = index[o.point];
     out.point_observations.push_back(o);
   }
-  std::vector<int> line_index(tracks.lines, -1);
-  for (int j = 0; j < tracks.lines; ++j) {
-    if (!scene.lines[j]) continue;
-    const PluckerLine line = MapLine(H, *scene.lines[j]).normalized();
-    if (!line.allFinite()) continue;
-    line_index[j] = static_cast<int>(out.lines.size());
-    out.lines.push_back(line);
-    out.line_track.push_back(j);
-  }
-  for (std::size_t k = 0; k < tracks.line_observations.size(); ++k) {
-    LineObservation o = tracks.line_observations[k];
-    if (!scene.line_inlier[k] || !scene.cameras[o.view] || line_index[o.line] < 0) continue;
-    o.line = line_index[o.line];
-    out.line_observations.push_back(o);
-  }
+  AddLines(tracks, scene, H, &out);
   return out;
 }
 
@@ -165,6 +173,49 @@ double Extent(const SceneStructure& structure, const std::vector<int>& points) {
   for (const int i : points) distances.push_back((structure.points[i] - centre).norm());
   std::nth_element(distances.begin(), distances.begin() + distances.size() / 2, distances.end());
   return distances[distances.size() / 2];
+}
+
+// Between the nearest points of two sets.
+double Distance(const SceneStructure& structure,
+                const std::vector<int>& a,
+                const std::vector<int>& b) {
+  double nearest = INFINITY;
+  for (const int i : a) {
+    for (const int k : b) {
+      nearest = std::min(nearest, (structure.points[i] - structure.points[k]).norm());
+    }
+  }
+  return nearest;
+}
+
+// ComponentOptions::unions of the components, nearest first; `grown` are the components with what
+// was gathered to them.
+std::vector<std::vector<int>> NearestUnions(const SceneStructure& structure,
+                                            std::span<const std::vector<int>> components,
+                                            std::span<const std::vector<int>> grown,
+                                            const ComponentOptions& options) {
+  struct Gap {
+    double distance;
+    std::vector<int> points;
+  };
+  std::vector<Gap> gaps;
+  for (std::size_t a = 0; options.unions > 0 && a < components.size(); ++a) {
+    for (std::size_t b = 0; b < a; ++b) {
+      const double gap = Distance(structure, components[a], components[b]);
+      const double extent =
+          std::max(Extent(structure, components[a]), Extent(structure, components[b]));
+      if (!(gap < options.reach * extent)) continue;
+      std::vector<int> both = grown[a];
+      both.insert(both.end(), grown[b].begin(), grown[b].end());
+      gaps.push_back({gap / extent, std::move(both)});
+    }
+  }
+  std::stable_sort(
+      gaps.begin(), gaps.end(), [](const Gap& a, const Gap& b) { return a.distance < b.distance; });
+  if (static_cast<int>(gaps.size()) > options.unions) gaps.resize(options.unions);
+  std::vector<std::vector<int>> out;
+  for (Gap& gap : gaps) out.push_back(std::move(gap.points));
+  return out;
 }
 
 }  // namespace
@@ -267,15 +318,6 @@ std::vector<std::vector<int>> StructureComponents(const SceneStructure& structur
   std::stable_sort(linked.begin(), linked.end(), [](const auto& a, const auto& b) {
     return a.size() > b.size();
   });
-  const auto distance = [&](const std::vector<int>& a, const std::vector<int>& b) {
-    double nearest = INFINITY;
-    for (const int i : a) {
-      for (const int k : b) {
-        nearest = std::min(nearest, (structure.points[i] - structure.points[k]).norm());
-      }
-    }
-    return nearest;
-  };
   const auto small = std::find_if(linked.begin(), linked.end(), [&](const auto& c) {
     return static_cast<int>(c.size()) < options.min_points;
   });
@@ -284,7 +326,8 @@ std::vector<std::vector<int>> StructureComponents(const SceneStructure& structur
   for (auto fragment = small; fragment != linked.end(); ++fragment) {
     bool taken = false;
     for (auto large = linked.begin(); large != small; ++large) {
-      if (!(distance(*large, *fragment) < options.reach * Extent(structure, *large))) continue;
+      if (!(Distance(structure, *large, *fragment) < options.reach * Extent(structure, *large)))
+        continue;
       std::vector<int>& grown = out[static_cast<std::size_t>(large - linked.begin())];
       grown.insert(grown.end(), fragment->begin(), fragment->end());
       taken = true;
@@ -293,26 +336,9 @@ std::vector<std::vector<int>> StructureComponents(const SceneStructure& structur
   }
   // What nothing links to anything is one component more, so that no point is lost.
   if (static_cast<int>(left_over.size()) >= options.min_points) out.push_back(left_over);
-  struct Gap {
-    double distance;
-    std::vector<int> points;
-  };
-  std::vector<Gap> gaps;
-  const auto larger = static_cast<std::size_t>(small - linked.begin());
-  for (std::size_t a = 0; options.unions > 0 && a < larger; ++a) {
-    for (std::size_t b = 0; b < a; ++b) {
-      const double gap = distance(linked[a], linked[b]);
-      const double extent = std::max(Extent(structure, linked[a]), Extent(structure, linked[b]));
-      if (!(gap < options.reach * extent)) continue;
-      std::vector<int> both = out[a];
-      both.insert(both.end(), out[b].begin(), out[b].end());
-      gaps.push_back({gap / extent, std::move(both)});
-    }
-  }
-  std::stable_sort(
-      gaps.begin(), gaps.end(), [](const Gap& a, const Gap& b) { return a.distance < b.distance; });
-  if (static_cast<int>(gaps.size()) > options.unions) gaps.resize(options.unions);
-  for (Gap& gap : gaps) out.push_back(std::move(gap.points));
+  const std::span<const std::vector<int>> larger(linked.begin(), small);
+  for (std::vector<int>& both : NearestUnions(structure, larger, out, options))
+    out.push_back(std::move(both));
   for (std::vector<int>& component : out) {
     std::sort(component.begin(), component.end());
     component.erase(std::unique(component.begin(), component.end()), component.end());

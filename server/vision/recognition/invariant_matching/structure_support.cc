@@ -247,7 +247,8 @@ StructureHypothesis JudgeTransform(TransformGroup group,
   for (int round = 0; round < options.rounds; ++round) {
     out.vertices = MatchWithin(evidence, mapped, reach, gate);
     if (static_cast<int>(out.vertices.size()) < MinVertices(group)) return out;
-    H = RefineTransform(group, structure, evidence.information, shape, out.vertices, {}, {}, H);
+    H = RefineTransform(
+        group, structure, evidence.information, shape, out.vertices, {}, options.refine, H);
     mapped = MapShape(shape, H);
     if (!mapped.finite) return out;
     // From the rough distance to the gate of first order.

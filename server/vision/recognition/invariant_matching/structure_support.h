@@ -29,6 +29,7 @@ struct SupportOptions {
   // the structure.
   double rough_reach = 0.10;
   int rounds = 3;  // of matching and refinement
+  RefineTransformOptions refine;
   // Half of the sets of four matched vertices and a matched edge must have the invariant of the
   // model's (thesis 4.2) within the angle, or the hypothesis goes.
   bool check_line_sets = false;

@@ -33,9 +33,7 @@ std::vector<SixTuple> ChooseSixTuples(const SceneStructure& structure,
   std::vector<SixTuple> out;
   std::vector<Eigen::Vector3d> all;
   for (const int i : component) all.push_back(structure.points[i]);
-  SixPointSetOptions sets;
-  sets.seed = options.seed;
-  for (const std::array<int, 6>& set : WellSpreadSets(all, options.max_sets, sets)) {
+  for (const std::array<int, 6>& set : WellSpreadSets(all, options.max_sets, options.sets)) {
     SixTuple tuple;
     std::array<Eigen::Vector4d, 6> points;
     for (int k = 0; k < 6; ++k) {

@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "server/vision/invariants/six_point_sets.h"
 #include "server/vision/invariants/six_points.h"
 #include "server/vision/recognition/invariant_matching/key_index.h"
 #include "server/vision/recognition/invariant_matching/scene_structure.h"
@@ -17,7 +18,7 @@ struct SixTupleOptions {
   int max_tuples = 3000;  // kept of a component, fewest expected hits first
   double gate = 7.81;     // chi-square of three degrees of freedom, 95 %
   SixPointOptions invariants;
-  unsigned seed = 1;
+  SixPointSetOptions sets;
 };
 
 struct SixTuple {

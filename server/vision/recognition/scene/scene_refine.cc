@@ -250,4 +250,8 @@ bool RefineScene(const JointContext& context,
   return true;
 }
 
+bool RefineScene(const JointContext& context, SceneModel* scene) {
+  return RefineScene(context, context.options.search.scene_refine, scene);
+}
+
 }  // namespace horopter

@@ -6,18 +6,11 @@
 
 namespace horopter {
 
-struct SceneRefineOptions {
-  int iterations = 8;
-  double start_reach_px = 8.0;
-  double end_reach_px = 3.0;
-  int plane_matches = 240;    // at most, of all pairs
-  double plane_weight = 0.5;  // of a plane match against an edge sample
-};
-
 // Refines focal lengths, camera poses and object poses (the first object is fixed, it fixes the
 // gauge) on the visible edges and on the plane's matched texture: a small part alone says little
 // about the cameras. Leaves the scene unchanged and returns false when the system cannot
 // be solved.
 bool RefineScene(const JointContext& context, const SceneRefineOptions& options, SceneModel* scene);
+bool RefineScene(const JointContext& context, SceneModel* scene);  // as the request has them
 
 }  // namespace horopter

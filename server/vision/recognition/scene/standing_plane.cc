@@ -14,8 +14,8 @@ constexpr int kIterations = 10;  // of reweighting
 
 SupportingPlane PlaneUnderParts(const JointContext& context,
                                 std::span<const PlacedObject> parts,
-                                const SupportingPlane& plane,
-                                const StandingPlaneOptions& options) {
+                                const SupportingPlane& plane) {
+  const StandingPlaneOptions& options = context.options.search.standing_plane;
   std::vector<Eigen::Vector3d> feet;
   int standing = 0;
   for (const PlacedObject& p : parts) {

@@ -337,10 +337,10 @@ std::shared_ptr<const SurfaceImages> MakeSurfaceImages(std::span<const cv::Mat> 
 std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
                                             const SurfaceImages* images,
                                             const SceneModel& scene,
-                                            std::span<const int> objects,
-                                            const SurfaceTextureOptions& options) {
+                                            std::span<const int> objects) {
   std::vector<SurfaceTexture> out(objects.size());
   if (images == nullptr || images->grey.size() != scene.views.size()) return out;
+  const SurfaceTextureOptions& options = context.options.search.texture;
   const std::vector<SurfaceView> views = SurfaceViews(context, *images, scene);
   ParallelFor(static_cast<int>(objects.size()), context.options.threads, [&](int i) {
     const PlacedObject& placed = scene.objects.at(objects[i]);

@@ -11,17 +11,6 @@
 
 namespace horopter {
 
-struct SurfaceTextureOptions {
-  double spacing = 1.0 / 16.0;    // of the patches on the surface, in diameters of the object
-  int half_window = 5;            // a patch is a square of 2 h + 1 pixels (of images 640 wide)
-  double min_deviation = 5.0;     // grey levels of 255; fainter patches say nothing
-  double min_correlation = 0.7;   // alike
-  double max_correlation = 0.5;   // unlike
-  double shift_px = 3.0;          // a patch this far off must look clearly worse ...
-  double shift_loss = 0.1;        // ... by this much in correlation
-  double max_depth_share = 0.12;  // depth (diameters) that may hide in the shift: parallax needed
-};
-
 // Patches of the visible faces with enough texture and parallax to say anything.
 struct SurfaceTexture {
   int alike = 0;
@@ -43,8 +32,7 @@ std::shared_ptr<const SurfaceImages> MakeSurfaceImages(std::span<const cv::Mat> 
 std::vector<SurfaceTexture> CompareSurfaces(const JointContext& context,
                                             const SurfaceImages* images,
                                             const SceneModel& scene,
-                                            std::span<const int> objects,
-                                            const SurfaceTextureOptions& options = {});
+                                            std::span<const int> objects);
 
 // What the texture on an object's faces adds to the log odds that it is right, for or against.
 // Neighbouring patches are not independent, so that it is bounded.

@@ -9,6 +9,7 @@
 #include "server/vision/geometry/calibrated_camera.h"
 #include "server/vision/recognition/object/prepared_object.h"
 #include "server/vision/recognition/scoring/view_evidence.h"
+#include "server/vision/recognition/search_options.h"
 
 namespace horopter {
 
@@ -29,14 +30,6 @@ std::vector<EdgeResidual> AssociateEdges(const PreparedObject& object,
                                          const PinholeCamera& camera,
                                          const Rigid3& camera_from_object,
                                          double reach_px);
-
-struct RefineOptions {
-  int iterations = 8;
-  double start_reach_px = 10.0;   // association radius of the first iteration, working pixels
-  double end_reach_px = 3.0;      // ... and of the last
-  double focal_log_sigma = 0.35;  // prior of log f about focal_prior_px; 0 keeps f fixed
-  double focal_prior_px = 0.0;
-};
 
 struct RefinedPose {
   PinholeCamera camera;

@@ -261,10 +261,6 @@ double ViewScore(const EdgeSupport& s) {
   const double p = s.Precision(), n = s.supported / kSampleLength;
   return std::max(SilhouetteF1(s), kPrintedWorth * p * p * n / (n + kSmallCount));
 }
-double WholeImageF1(const EdgeSupport& s) {
-  return F1(s.Precision(), s.RecallAll(), s.supported);
-}
-
 float QuickScore(const PreparedObject& object,
                  const EdgeMaps& maps,
                  const PinholeCamera& camera,

@@ -64,8 +64,6 @@ double SilhouetteF1(const EdgeSupport& support);
 // inside its silhouette that the model does not have. True poses of printed boxes have P of 0.85
 // and more in real photographs (R 0.3 - 0.6); edges shifted by 25 - 40 px find 0.05 - 0.25.
 double ViewScore(const EdgeSupport& support);
-// The same with R over the whole image: right when the part is alone in the image.
-double WholeImageF1(const EdgeSupport& support);
 
 // Reusable buffers of VerifyPose, one per thread. They cover the cells around the object only, from
 // (x0, y0).

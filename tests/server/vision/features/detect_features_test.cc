@@ -290,7 +290,7 @@ TEST(DetectFeatures, HostileImagesStaySaneAndBounded) {
   cv::resize(stripes, wide_stripes, cv::Size(2560, 480), 0, 0, cv::INTER_NEAREST);
   FeatureOptions options;
   options.max_segments = 300;
-  options.max_arcs = 50;
+  options.arcs.max_arcs = 50;
   for (const cv::Mat& image : {noise, checks, stripes, salt, blocks, wide_stripes}) {
     const ImageFeatures features = Detect(image, options);
     ExpectSane(features);

@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <numeric>
 
@@ -179,45 +178,6 @@ TEST(SixPointsTest, AxisInvariantsMatchPermutedSetsThroughTheVotes) {
     right += MatchByAxes(AxisInvariants(points), AxisInvariants(shuffled), 1e-6) == order;
   }
   EXPECT_GT(right, trials * 9 / 10);
-}
-
-TEST(SixPointsTest, AxisInvariantsCovarianceIsWhatNoiseShowsAndHasRankThree) {
-  RandomSpace space(17);
-  constexpr double kSigma = 1e-5;
-  int checked = 0;
-  for (int trial = 0; trial < 400 && checked < 4; ++trial) {
-    const Six points = RandomSix(space);
-    Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(24, 24);
-    for (int i = 0; i < 24; ++i) covariance(i, i) = i % 4 == 3 ? 0.0 : kSigma * kSigma;
-    const auto stated = AxisInvariantKey(points, covariance, 0.1);
-    if (!stated) continue;
-    // Angles at the ends of the folded scale are not linear at any noise.
-    const double margin = 10.0 * std::sqrt(stated->covariance.diagonal().maxCoeff());
-    if (stated->values.minCoeff() < margin || stated->values.maxCoeff() > M_PI / 3 - margin)
-      continue;
-    ++checked;
-    const Eigen::VectorXd spread =
-        Eigen::JacobiSVD<Eigen::MatrixXd>(stated->covariance).singularValues();
-    EXPECT_GT(spread(2), 1e-6 * spread(0));
-    EXPECT_LT(spread(3), 1e-6 * spread(2));
-    std::vector<Eigen::VectorXd> samples;
-    for (int k = 0; k < 3000; ++k) {
-      Six noisy = points;
-      for (auto& p : noisy) p.head<3>() += kSigma * space.Noise(3);
-      samples.push_back(AxisInvariantKey(noisy)->values);
-    }
-    EXPECT_LT(CovarianceError(samples, stated->covariance), 0.15);
-  }
-  EXPECT_EQ(checked, 4);
-}
-
-TEST(SixPointsTest, AxisInvariantsAreRefusedWhereFourPointsAreNearlyInAPlane) {
-  RandomSpace space(18);
-  Six points = RandomSix(space);
-  points[3] = points[0] + points[1] - 0.7 * points[2] + 1e-4 * points[4];
-  EXPECT_FALSE(AxisInvariantKey(points));
-  points[3].x() = NAN;
-  EXPECT_FALSE(AxisInvariantKey(points));
 }
 
 }  // namespace

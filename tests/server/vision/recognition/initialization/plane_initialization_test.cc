@@ -22,7 +22,7 @@ TEST_P(Noise, FindAPartAndTheScale) {
     view.camera_from_scene.t *= kUnits;
     reconstruction.views.push_back(view);
   }
-  const std::vector<SceneModel> found = PlaneInitialScenes(context, reconstruction, {}, 3);
+  const std::vector<SceneModel> found = PlaneInitialScenes(context, reconstruction);
   ASSERT_FALSE(found.empty());
   const SceneModel& best = found[0];
   ASSERT_EQ(best.objects[0].object, 0);
@@ -45,7 +45,7 @@ TEST(PlaneInitialScenes, NeedTwoViews) {
   Table table = MakeTable({{0, Standing(0.7, 0.02, -0.01, 0)}}, 1, 0.0, 15);
   Reconstruction reconstruction;
   reconstruction.views.resize(1);
-  EXPECT_TRUE(PlaneInitialScenes(table.Context(), reconstruction, {}, 3).empty());
+  EXPECT_TRUE(PlaneInitialScenes(table.Context(), reconstruction).empty());
 }
 
 // A scale that objects of several kinds agree on is surer than one that a single object fits best.

@@ -35,7 +35,7 @@ TEST(RigInitialScenes, FindAPartThatDoesNotStand) {
     h.score = 0.8;
     hypotheses[v][0].best.push_back(h);
   }
-  const std::vector<SceneModel> found = RigInitialScenes(context, hypotheses, reconstruction, {});
+  const std::vector<SceneModel> found = RigInitialScenes(context, hypotheses, reconstruction);
   ASSERT_FALSE(found.empty());
   EXPECT_GT(found[0].objects[0].score, 0.6);
   for (std::size_t v = 0; v < table.cameras.size(); ++v) {
@@ -51,7 +51,7 @@ TEST(RigInitialScenes, FindAPartThatDoesNotStand) {
   reconstruction.views.resize(1);
   reconstruction.views.resize(4);
   EXPECT_TRUE(
-      RigInitialScenes(context, hypotheses, reconstruction, {}).empty());  // one view has no scale
+      RigInitialScenes(context, hypotheses, reconstruction).empty());  // one view has no scale
 }
 
 }  // namespace

@@ -57,38 +57,38 @@ TEST(AddHiddenParts, AddsThePartThatStandsAndFitsSharply) {
     SCOPED_TRACE(seed);
     HiddenWedge hidden(seed);
     const PlacedObject right = hidden.At(kWedge);
-    ExpansionOptions options;
-    ASSERT_GT(right.score, options.acceptance.hidden_score - options.acceptance.hidden_slack);
-    options.acceptance.hidden_score = std::min(options.acceptance.hidden_score, right.score - 0.02);
-    AddHiddenParts(hidden.context, options, std::vector<PlacedObject>{right}, &hidden.scene);
+    PlacementAcceptance& acceptance = hidden.context.options.acceptance.placements;
+    ASSERT_GT(right.score, acceptance.hidden_score - acceptance.hidden_slack);
+    acceptance.hidden_score = std::min(acceptance.hidden_score, right.score - 0.02);
+    AddHiddenParts(hidden.context, std::vector<PlacedObject>{right}, &hidden.scene);
     ASSERT_EQ(hidden.scene.objects.size(), 3u);
     EXPECT_EQ(hidden.scene.objects[2].object, 1);
     EXPECT_LT((hidden.scene.objects[2].scene_from_object.t - kWedge.t).norm(), 0.002);
     // Once is enough.
-    AddHiddenParts(hidden.context, options, std::vector<PlacedObject>{right}, &hidden.scene);
+    AddHiddenParts(hidden.context, std::vector<PlacedObject>{right}, &hidden.scene);
     EXPECT_EQ(hidden.scene.objects.size(), 3u);
   }
 }
 
 TEST(AddHiddenParts, FloatingPartsAndScenesOfOnePartGetNone) {
   HiddenWedge hidden(5);
-  ExpansionOptions options;
-  options.acceptance.hidden_score = 0.3;
-  options.acceptance.hidden_sharpness = 0.3;
+  PlacementAcceptance& acceptance = hidden.context.options.acceptance.placements;
+  acceptance.hidden_score = 0.3;
+  acceptance.hidden_sharpness = 0.3;
   Rigid3 floating = kWedge, lying = kWedge;
   floating.t.z() += 0.03;
   lying.R = lying.R * Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitX());
   const std::vector<PlacedObject> candidates = {hidden.At(floating), hidden.At(lying)};
-  AddHiddenParts(hidden.context, options, candidates, &hidden.scene);
+  AddHiddenParts(hidden.context, candidates, &hidden.scene);
   EXPECT_EQ(hidden.scene.objects.size(), 2u);
   const std::vector<PlacedObject> right = {hidden.At(kWedge)};
   SceneModel alone = hidden.scene;
   alone.objects.pop_back();
-  AddHiddenParts(hidden.context, options, right, &alone);
+  AddHiddenParts(hidden.context, right, &alone);
   EXPECT_EQ(alone.objects.size(), 1u);
   SceneModel in_the_air = hidden.scene;
   in_the_air.plane.reset();
-  AddHiddenParts(hidden.context, options, right, &in_the_air);
+  AddHiddenParts(hidden.context, right, &in_the_air);
   EXPECT_EQ(in_the_air.objects.size(), 2u);
 }
 

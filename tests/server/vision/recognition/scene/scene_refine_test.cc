@@ -48,7 +48,7 @@ TEST(RefineScene, BringsObjectsAndCamerasBackAndFixesTheFirstObject) {
   two.scene.views[2]->camera_from_scene.t.y() += 0.002;
   const double before = std::max(two.Error(0, two.bracket), two.Error(1, two.wedge));
   ASSERT_GT(before, 2.0);
-  ASSERT_TRUE(RefineScene(two.context, {}, &two.scene));
+  ASSERT_TRUE(RefineScene(two.context, &two.scene));
   EXPECT_LT(two.Error(0, two.bracket), 0.3 * before);
   EXPECT_LT(two.Error(1, two.wedge), 0.3 * before);
   EXPECT_EQ(two.scene.objects[0].scene_from_object.t, two.bracket.t);
@@ -57,7 +57,7 @@ TEST(RefineScene, BringsObjectsAndCamerasBackAndFixesTheFirstObject) {
 
 TEST(RefineScene, LeavesTheTruthWhereItIs) {
   TwoObjects two;
-  ASSERT_TRUE(RefineScene(two.context, {}, &two.scene));
+  ASSERT_TRUE(RefineScene(two.context, &two.scene));
   EXPECT_LT(std::max(two.Error(0, two.bracket), two.Error(1, two.wedge)), 1.5);
 }
 
@@ -65,12 +65,12 @@ TEST(RefineScene, WhatWouldTakeTooLongAStepStaysAsItIs) {
   TwoObjects two;
   SceneModel nothing;
   nothing.views = two.scene.views;
-  EXPECT_FALSE(RefineScene(two.context, {}, &nothing));
+  EXPECT_FALSE(RefineScene(two.context, &nothing));
   // Six times the focal length that is known to a thousandth: no small step leads there.
   two.context.focal_log_sigma[0] = 0.001;
   two.scene.views[0]->camera.focal_px *= 6.0;
   const double before = two.scene.views[0]->camera.focal_px;
-  EXPECT_FALSE(RefineScene(two.context, {}, &two.scene));
+  EXPECT_FALSE(RefineScene(two.context, &two.scene));
   EXPECT_EQ(two.scene.views[0]->camera.focal_px, before);
   EXPECT_EQ(two.scene.objects[0].scene_from_object.t, two.bracket.t);
 }
@@ -111,7 +111,7 @@ TEST(RefineScene, ThePlanesTextureKeepsTheFocalLengths) {
     placed.object = 1;
     placed.scene_from_object = truth;
     scene.objects.push_back(placed);
-    ASSERT_TRUE(RefineScene(context, {}, &scene));
+    ASSERT_TRUE(RefineScene(context, &scene));
     double worst = 0.0;
     for (std::size_t v = 0; v < table.cameras.size(); ++v) {
       worst = std::max(

@@ -1,4 +1,4 @@
-#include "server/vision/features/straightness.h"
+#include "tests/bench/straightness.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "server/vision/euclidean/joint_adjustment.h"
+#include "tests/support/joint_adjustment.h"
 
 #include <algorithm>
 #include <cmath>

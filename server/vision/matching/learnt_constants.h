@@ -1,4 +1,6 @@
-// Log-likelihood ratios of the cues, learned from parts-train by tests/bench/matching_learning.
+// What matching has learnt from data: log-likelihood ratios of the cues that two features are
+// images of one edge or corner. All pairs of views of parts-train, commit b0083f8;
+// `matching_learning parts-train train` prints these tables.
 #pragma once
 
 #include "server/vision/matching/feature_similarity.h"
