@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_search/aspect_score.h"
@@ -21,14 +22,19 @@ constexpr std::size_t kCarriedHypotheses = 8;      // of a view, by their edges 
 constexpr int kCarriedPoints = 48;                 // of an object; chosen, for time
 constexpr double kCarriedChance = 0.35;            // support of edges in a wrong place
 
-// Most of a long list is wrong.
+// Most of a long list is wrong. What may be printed on counts as two views judge it.
 std::vector<double> Weights(const std::vector<AspectHypothesis>& kept) {
-  double chance = kLeastChance;
-  if (kept.size() >= kLongList)
-    chance = std::clamp(kept[kept.size() / 5].score, kLeastChance, kMostChance);
-  std::vector<double> weights;
+  std::vector<double> scores;
   for (const AspectHypothesis& h : kept)
-    weights.push_back(std::max(kLeastWeight, h.score - chance));
+    scores.push_back(PresumedScore(h.precision, h.recall, h.support_px, kPresumedRecall));
+  double chance = kLeastChance;
+  if (scores.size() >= kLongList) {
+    std::vector<double> sorted = scores;
+    std::sort(sorted.begin(), sorted.end(), std::greater<>());
+    chance = std::clamp(sorted[sorted.size() / 5], kLeastChance, kMostChance);
+  }
+  std::vector<double> weights;
+  for (const double score : scores) weights.push_back(std::max(kLeastWeight, score - chance));
   return weights;
 }
 
