@@ -10,9 +10,11 @@
 namespace horopter {
 namespace {
 
-// Of print, in cameras that are not adjusted yet: right poses of a box printed all over had .35 -
-// .73, and .88 in the end.
-constexpr double kGrowingPrint = 0.35;
+// Of print in cameras that are not adjusted yet, and the recall that is presumed there: a right
+// pose of a box printed all over had .35 - .73, and .88 in the end. With 0.35 and kPresumedRecall
+// views with wrong cameras stayed in the scene of another one.
+constexpr double kGrowingPrint = 0.5;
+constexpr double kGrowingRecall = 0.5;
 constexpr int kPrintViews = 3;  // that tell print from what stands before or behind a part
 
 using ViewSpan = std::span<const std::vector<PartLayer>* const>;
@@ -221,7 +223,7 @@ LinkedObject Judged(std::span<const AspectImage> images,
     const bool growing = options.presumed_recall > 0 && mean.print >= kGrowingPrint;
     for (AspectScore& score : printed.views) {
       if (growing && score.precision >= options.print_precision && score.print >= kGrowingPrint)
-        PresumeRecall(options.presumed_recall, scoring, &score);
+        PresumeRecall(kGrowingRecall, scoring, &score);
     }
     if (growing || mean.recall >= options.print_recall || mean.print >= options.print_share)
       out = std::move(printed);
