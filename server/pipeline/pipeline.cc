@@ -13,6 +13,7 @@
 #include "server/pipeline/clocks.h"
 #include "server/pipeline/exception_status.h"
 #include "server/pipeline/explain.h"
+#include "server/pipeline/large_images.h"
 #include "server/pipeline/presumed_focal.h"
 #include "server/pipeline/recognition_stage.h"
 #include "server/pipeline/select_objects.h"
@@ -225,8 +226,6 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                                          const CatalogSnapshot& catalog,
                                          const PipelineOptions& options,
                                          const StopRequested& stop) {
-  HOROPTER_RETURN_IF_ERROR(Validate(options));
-  HOROPTER_RETURN_IF_ERROR(ValidateRequest(request));
   HOROPTER_ASSIGN_OR_RETURN(const Selection selection,
                             SelectObjects(request, catalog, options.max_searched_objects));
   const auto& objects = selection.objects;
@@ -279,6 +278,25 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   return result;
 }
 
+// The same, with large images made smaller. A station knows its cameras in their own pixels.
+absl::StatusOr<PipelineResult> RunReduced(const SceneRequest& request,
+                                          const CatalogSnapshot& catalog,
+                                          const PipelineOptions& options,
+                                          const StopRequested& stop) {
+  HOROPTER_RETURN_IF_ERROR(Validate(options));
+  HOROPTER_RETURN_IF_ERROR(ValidateRequest(request));
+  std::vector<int> factors;
+  for (const cv::Mat& image : request.images)
+    factors.push_back(ReductionOf(image.size(), options.least_side_px));
+  if (request.station ||
+      std::all_of(factors.begin(), factors.end(), [](int factor) { return factor == 1; }))
+    return RunStages(request, catalog, options, stop);
+  HOROPTER_ASSIGN_OR_RETURN(PipelineResult result,
+                            RunStages(ReducedRequest(request, factors), catalog, options, stop));
+  TellInOriginalPixels(request, factors, &result.answer);
+  return result;
+}
+
 }  // namespace
 
 PipelineOptions ResolveOptions(PipelineOptions options) {
@@ -301,7 +319,7 @@ absl::StatusOr<PipelineResult> RecognizeScene(const SceneRequest& request,
     PipelineOptions chosen = options;
     if (!request.variants.empty())
       HOROPTER_RETURN_IF_ERROR(ApplyVariants(request.variants, &chosen));
-    return RunStages(request, catalog, ResolveOptions(std::move(chosen)), stop);
+    return RunReduced(request, catalog, ResolveOptions(std::move(chosen)), stop);
   });
 }
 

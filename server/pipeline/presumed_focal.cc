@@ -54,22 +54,23 @@ void TellPresumed(std::span<const CameraHint> hints,
   }
 }
 
+AnswerFinding ContradictedFocal(int view, double focal_px) {
+  AnswerFinding f;
+  f.kind = FindingKind::kExifContradicted;
+  f.image = view;
+  f.value = focal_px;
+  f.detail = absl::StrFormat(
+      "the file of image %d gives a focal length of %.0f pixels, which does not fit the image; was "
+      "it cut out or edited?",
+      view,
+      focal_px);
+  return f;
+}
+
 void TellContradicted(std::span<const CameraHint> hints,
                       const std::vector<int>& images,
                       SceneAnswer* answer) {
-  for (const int v : images) {
-    AnswerFinding f;
-    f.kind = FindingKind::kExifContradicted;
-    f.image = v;
-    f.value = *hints[v].focal_px;
-    f.detail = absl::StrFormat(
-        "the file of image %d gives a focal length of %.0f pixels, which does not fit the image; "
-        "was "
-        "it cut out or edited?",
-        v,
-        f.value);
-    answer->findings.push_back(std::move(f));
-  }
+  for (const int v : images) answer->findings.push_back(ContradictedFocal(v, *hints[v].focal_px));
 }
 
 }  // namespace horopter

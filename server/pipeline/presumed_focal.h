@@ -20,6 +20,9 @@ SceneRequest WithoutPresumed(SceneRequest request);
 std::vector<int> ContradictedFocals(std::span<const CameraHint> hints,
                                     std::span<const std::optional<PosedCamera>> cameras);
 
+// The file of image `view` gives a focal length that the image contradicts.
+AnswerFinding ContradictedFocal(int view, double focal_px);
+
 // Say in the answer where presumed focal lengths were used, and where they were contradicted.
 void TellPresumed(std::span<const CameraHint> hints,
                   std::span<const std::optional<PosedCamera>> cameras,

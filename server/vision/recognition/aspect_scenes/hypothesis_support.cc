@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_search/aspect_score.h"
@@ -20,14 +21,25 @@ constexpr std::size_t kCarriedHypotheses = 8;      // of a view, by their edges 
 constexpr int kCarriedPoints = 48;                 // of an object; chosen, for time
 constexpr double kCarriedChance = 0.35;            // support of edges in a wrong place
 
-// Most of a long list is wrong.
-std::vector<double> Weights(const std::vector<AspectHypothesis>& kept) {
-  double chance = kLeastChance;
-  if (kept.size() >= kLongList)
-    chance = std::clamp(kept[kept.size() / 5].score, kLeastChance, kMostChance);
+// What a fifth of a list reaches: most of a long one is wrong.
+double ChanceOf(std::vector<double> scores) {
+  if (scores.size() < kLongList) return kLeastChance;
+  std::sort(scores.begin(), scores.end(), std::greater<>());
+  return std::clamp(scores[scores.size() / 5], kLeastChance, kMostChance);
+}
+
+// Where none would be kept by its own score the view's parts may be printed on all over: then the
+// score counts that two views presume.
+std::vector<double> Weights(const std::vector<AspectHypothesis>& kept, double min_joint) {
+  const bool any_stands = std::any_of(
+      kept.begin(), kept.end(), [&](const AspectHypothesis& h) { return h.score >= min_joint; });
   std::vector<double> weights;
-  for (const AspectHypothesis& h : kept)
-    weights.push_back(std::max(kLeastWeight, h.score - chance));
+  for (const AspectHypothesis& h : kept) {
+    weights.push_back(
+        any_stands ? h.score : PresumedScore(h.precision, h.recall, h.support_px, kPresumedRecall));
+  }
+  const double chance = ChanceOf(weights);
+  for (double& weight : weights) weight = std::max(kLeastWeight, weight - chance);
   return weights;
 }
 
@@ -41,7 +53,7 @@ HypothesisSupport::HypothesisSupport(const AspectLinkInput& input, const AspectL
       if (static_cast<int>(kept.size()) >= options.hypotheses_per_view) break;
       if (h.score >= options.min_hypothesis) kept.push_back(h);
     }
-    weights_.push_back(Weights(kept));
+    weights_.push_back(Weights(kept, options.min_joint));
     hypotheses_.push_back(std::move(kept));
   }
   points_.resize(in_.images.size());
@@ -63,7 +75,7 @@ void HypothesisSupport::Add(int view, std::vector<AspectHypothesis> more) {
   more.insert(more.end(), list.begin(), list.end());
   std::stable_sort(
       more.begin(), more.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
-  weights_[view] = Weights(more);
+  weights_[view] = Weights(more, options_.min_joint);
   list = std::move(more);
   points_[view] = Carried(view);
 }

@@ -28,6 +28,11 @@ struct LinkedObject {
   bool lies = false;
 };
 
+// Recall that a part whose edges are found well is given until three views tell what is print on
+// it: enough to let one of 250 px of edges grow. 0.55 left those of less than 400 px out (two of
+// 16 scenes of printed boxes, see "Printed boxes" in tests/bench/history/photographs.md).
+inline constexpr double kPresumedRecall = 0.7;
+
 struct SceneJudgementOptions {
   double render_px = 200.0;    // a diameter, of the scores
   AspectScoreOptions scoring;  // but for its render_px
@@ -41,8 +46,11 @@ struct SceneJudgementOptions {
   double one_surface_share = 0.02;
   // A part whose edges are found so well, in three views or more, may be printed on where so little
   // of the images' edges within it are its own; it is when print explains them up to this share.
-  double print_precision = 0.75;
+  double print_precision = kPrintPrecision;
   double print_recall = 0.6;
+  // ... or where print is this share of what is seen on its surface and not its own: what else
+  // speaks against it lies beside it, before a ground that has edges, too.
+  double print_share = 0.8;
   // Two views cannot tell print from what speaks against a part. While a scene grows, one whose
   // edges are found so well is given this recall; 0: it is not.
   double presumed_recall = 0.0;

@@ -9,10 +9,9 @@
 namespace horopter {
 namespace {
 
-constexpr double kChanceScore = 0.4;      // what a wrong pose reaches in one image
-constexpr double kShownScore = 0.35;      // of the best object in a view whose camera is right
-constexpr double kNearM = 1e-3;           // points nearer to the camera plane have no image
-constexpr double kPresumedRecall = 0.55;  // enough to let a small printed part grow
+constexpr double kChanceScore = 0.4;  // what a wrong pose reaches in one image
+constexpr double kShownScore = 0.35;  // of the best object in a view whose camera is right
+constexpr double kNearM = 1e-3;       // points nearer to the camera plane have no image
 constexpr double kSettleSearchPx[] = {8.0, 5.0, 3.0};  // working pixels, rounds of a settlement
 constexpr int kSettleSteps = 3;                        // of each round
 constexpr int kSettlePoints = 120;                     // of a view

@@ -254,14 +254,16 @@ bool IsPrint(const PinholeCamera& working,
   return (support / asked - expected) / (1.0 - expected) >= options.print_support;
 }
 
-double Recall(const AspectImage& image,
-              const PinholeCamera& working,
-              const VisibleEdges& edges,
-              const Seen& seen,
-              double size_px,
-              const AspectScoreOptions& options) {
+// Recall, and what of the edges on the surface that are not the part's is print.
+void ScoreImageEdges(const AspectImage& image,
+                     const PinholeCamera& working,
+                     const VisibleEdges& edges,
+                     const Seen& seen,
+                     double size_px,
+                     const AspectScoreOptions& options,
+                     AspectScore* score) {
   const ModelRaster raster = RasterEdges(edges, image, options.tolerance_px);
-  if (raster.nearest.empty()) return 0.0;
+  if (raster.nearest.empty()) return;
   const int margin_px =
       static_cast<int>(std::ceil(std::min(options.max_margin_px, options.margin_share * size_px)));
   const double margin_rendered = margin_px * edges.view.scale;
@@ -269,7 +271,7 @@ double Recall(const AspectImage& image,
       DistanceToSilhouette(edges.view, static_cast<int>(std::ceil(margin_rendered)) + 1);
   const int limit = static_cast<int>(3.0 * margin_rendered);
   const float least_cosine = static_cast<float>(std::cos(options.max_turn_rad));
-  double all = 0.0, explained = 0.0;
+  double all = 0.0, explained = 0.0, print = 0.0, foreign = 0.0;
   const int y1 = std::min(image.height, raster.y0 + raster.height + margin_px);
   const int x0 = std::max(0, raster.x0 - margin_px);
   const int x1 = std::min(image.width, raster.x0 + raster.width + margin_px);
@@ -282,9 +284,8 @@ double Recall(const AspectImage& image,
       const int sx = static_cast<int>(std::lround(at.x())) + silhouette.margin;
       const int sy = static_cast<int>(std::lround(at.y())) + silhouette.margin;
       if (sx < 0 || sy < 0 || sx >= silhouette.width || sy >= silhouette.height) continue;
-      if (silhouette.thirds[static_cast<std::size_t>(sy) * silhouette.width + sx] > limit) {
-        continue;
-      }
+      const int outside = silhouette.thirds[static_cast<std::size_t>(sy) * silhouette.width + sx];
+      if (outside > limit) continue;
       const int bin = AspectBin(-edge.normal.y(), edge.normal.x());
       const bool own = IsExplained(raster, edges, edge, x, y, least_cosine);
       if (!own && !seen.others.empty() &&
@@ -292,18 +293,23 @@ double Recall(const AspectImage& image,
            IsCovered(seen.others, x, y, InverseDepthAt(edges.view, at)))) {
         continue;
       }
-      if (!own && !seen.siblings.empty() && IsPrint(working, edges.view, seen, edge, options)) {
-        continue;
-      }
       // Where half of all places are supported, an edge says nothing.
       const double telling =
           std::max(0.0, 1.0 - 2.0 * ExcessChance(image, edge.point, bin, options));
       const double strength = telling * std::min(edge.strength, AspectImage::kMaxStrength);
+      if (!own && !seen.siblings.empty()) {
+        if (IsPrint(working, edges.view, seen, edge, options)) {
+          print += strength;
+          continue;
+        }
+        if (outside == 0) foreign += strength;
+      }
       all += strength;
       if (own) explained += strength;
     }
   }
-  return all > 0 ? explained / all : 0.0;
+  if (all > 0) score->recall = explained / all;
+  if (print > 0) score->print = print / (print + foreign);
 }
 
 }  // namespace
@@ -315,6 +321,15 @@ double ScoreOf(double precision,
   const double sum = precision + recall;
   if (!(sum > 0)) return 0.0;
   return 2 * precision * recall / sum * support_px / (support_px + options.half_length_px);
+}
+
+double PresumedScore(double precision,
+                     double recall,
+                     double support_px,
+                     double presumed_recall,
+                     const AspectScoreOptions& options) {
+  const double presumed = precision >= kPrintPrecision ? std::max(recall, presumed_recall) : recall;
+  return ScoreOf(precision, presumed, support_px, options);
 }
 
 AspectScore ScorePose(const AspectImage& image,
@@ -360,7 +375,7 @@ AspectScore ScoreEdges(const AspectImage& image,
   ScoreModelEdges(image, edges, seen, options, &score);
   const double depth = (camera_from_object * mesh.center.cast<double>()).z();
   const double size_px = working.focal_px * mesh.diameter_m / std::max(depth, 1e-6);
-  score.recall = Recall(image, working, edges, seen, size_px, options);
+  ScoreImageEdges(image, working, edges, seen, size_px, options, &score);
   score.score = ScoreOf(score.precision, score.recall, score.support_px, options);
   return score;
 }

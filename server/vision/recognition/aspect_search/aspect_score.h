@@ -65,6 +65,9 @@ struct AspectScore {
   double visible_px = 0.0;  // visible edge that no other part hides, working pixels
   double hidden_px = 0.0;   // ... that other parts hide
   double score = 0.0;
+  // Of the edge strength on its surface that is not its own, what siblings show in the same places;
+  // 0 without siblings.
+  double print = 0.0;
 };
 
 // AspectScore::score of its parts.
@@ -72,6 +75,16 @@ double ScoreOf(double precision,
                double recall,
                double support_px,
                const AspectScoreOptions& options = {});
+
+// A pose whose edges are found so well may be one of a part that is printed on: image edges within
+// it that are not its own say nothing before other views have told whether they stay in their
+// places. The score it has with this recall, if that is more; its own of others.
+inline constexpr double kPrintPrecision = 0.75;
+double PresumedScore(double precision,
+                     double recall,
+                     double support_px,
+                     double presumed_recall,
+                     const AspectScoreOptions& options = {});
 
 // The camera is that of the original image. All zero when nothing of the part is visible. `others`
 // are parts that are known to be there: what they hide of this one is not asked for, and image

@@ -47,6 +47,34 @@ std::vector<Candidate> Distinct(std::vector<Candidate> list, const AspectPart& p
   return out;
 }
 
+constexpr int kPrinted = 2;              // poses of a part that are kept beside the best; chosen
+constexpr double kPresumedRecall = 0.6;  // of these; chosen
+
+// ... and those that would be better than they are, were the part printed on: of a printed face
+// every rectangle fits some pattern, and has a better recall than the face itself.
+std::vector<Candidate> DistinctOrPrinted(const std::vector<Candidate>& list,
+                                         const AspectPart& part,
+                                         int count) {
+  std::vector<Candidate> out = Distinct(list, part, count);
+  std::vector<Candidate> presumed;
+  for (const Candidate& c : list) {
+    const AspectScore& s = c.score;
+    const double score = PresumedScore(s.precision, s.recall, s.support_px, kPresumedRecall);
+    if (score <= s.score) continue;
+    presumed.push_back(c);
+    presumed.back().rank = score;
+  }
+  for (Candidate& c : Distinct(std::move(presumed), part, kPrinted)) {
+    const double same = kSameShare * SizePx(part, c.camera, c.pose);
+    c.rank = c.score.score;
+    if (std::none_of(out.begin(), out.end(), [&](const Candidate& other) {
+          return PoseDistancePx(part, c.camera, c.pose, other.camera, other.pose) < same;
+        }))
+      out.push_back(c);
+  }
+  return out;
+}
+
 class Finder {
  public:
   Finder(const AspectImage& image,
@@ -203,7 +231,7 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
       finder.Improve(
           options.coarse_render_px, 1, search_of(c, kCoarseSearchShare, kCoarseSearchPx), &c);
     }
-    of_part[p] = Distinct(std::move(of_part[p]), index.parts[p], options.fine_per_part);
+    of_part[p] = DistinctOrPrinted(of_part[p], index.parts[p], options.fine_per_part);
   });
   double best = 0.0;
   for (int p = 0; p < parts; ++p) {
@@ -217,7 +245,7 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
       if (IsStopRequested(stop)) return;
       finder.Improve(options.fine_render_px, 2, search_of(c, kFineSearchShare, kFineSearchPx), &c);
     }
-    of_part[p] = Distinct(std::move(of_part[p]), index.parts[p], options.fine_per_part);
+    of_part[p] = DistinctOrPrinted(of_part[p], index.parts[p], options.fine_per_part);
   });
   for (const auto& list : of_part) {
     for (const Candidate& c : list) {

@@ -131,6 +131,72 @@ TEST_F(SceneJudgement, PrintThatStaysInItsPlaceNeedsNoExplanation) {
   }
 }
 
+// Short lines beside the part, other ones in every view: what lies behind it.
+void DrawGround(const std::vector<std::pair<const RenderMesh*, Rigid3>>& seen,
+                unsigned seed,
+                cv::Mat* picture) {
+  cv::Mat part, lines = picture->clone();
+  cv::absdiff(PhotoOf(seen, Camera()), PhotoOf({}, Camera()), part);
+  cv::cvtColor(part, part, cv::COLOR_BGR2GRAY);
+  cv::threshold(part, part, 4, 255, cv::THRESH_BINARY);
+  cv::dilate(part, part, cv::Mat(), {-1, -1}, 3);
+  const cv::Rect around = cv::boundingRect(part);
+  std::mt19937 random(seed);
+  std::uniform_int_distribution<int> x(around.x - 10, around.br().x + 10),
+      y(around.y - 10, around.br().y + 10), along(-9, 9);
+  for (int i = 0; i < 120; ++i) {
+    const cv::Point a(x(random), y(random));
+    cv::line(lines, a, a + cv::Point(along(random), along(random)), {20, 20, 20}, 2, cv::LINE_AA);
+  }
+  picture->copyTo(lines, part);
+  *picture = lines;
+}
+
+TEST_F(SceneJudgement, PrintIsToldBeforeAGroundWithEdges) {
+  SceneJudgementOptions by_recall;
+  by_recall.print_share = 2.0;  // never
+  for (const unsigned seed : {3u, 4u, 5u}) {
+    SCOPED_TRACE(testing::Message() << "seed " << seed);
+    const auto before_ground = [&](const auto& print_seed) {
+      Photos photos = Take({{&block(), Rigid3{}}}, print_seed);
+      for (int v = 0; v < kViews; ++v) {
+        DrawGround({{&block(), CameraFromScene(v)}}, 100 * seed + v, &photos.pictures[v]);
+        photos.images[v] = MakeAspectImage(photos.pictures[v]);
+      }
+      return photos;
+    };
+    const Photos printed = before_ground([&](int) { return seed; });
+    const auto share = JudgeInViews(printed.images, block(), Views(), {0, Rigid3{}});
+    const auto recall = JudgeInViews(printed.images, block(), Views(), {0, Rigid3{}}, by_recall);
+    EXPECT_GT(share.views[0].print, 0.8);
+    EXPECT_LT(share.views[0].recall, by_recall.print_recall);
+    EXPECT_GT(share.score, recall.score + 0.05);
+    // Edges that lie elsewhere in every image are no print.
+    const Photos clutter = before_ground([&](int v) { return seed + 10 * (v + 1); });
+    const auto moving = JudgeInViews(clutter.images, block(), Views(), {0, Rigid3{}});
+    EXPECT_EQ(moving.score,
+              JudgeInViews(clutter.images, block(), Views(), {0, Rigid3{}}, by_recall).score);
+    EXPECT_LT(moving.score, share.score);
+  }
+}
+
+TEST_F(SceneJudgement, RoughCamerasHideThatPrintStays) {
+  SceneJudgementOptions growing;
+  growing.presumed_recall = kPresumedRecall;
+  const unsigned seed = 3;
+  const Photos printed = Take({{&block(), Rigid3{}}}, [&](int) { return seed; });
+  for (const double off_m : {0.0, 0.0004, 0.0008}) {  // 2.5 px a millimetre
+    SCOPED_TRACE(off_m);
+    Rigid3 rough;
+    rough.t = {off_m, off_m, 0.0};
+    const auto grown = JudgeInViews(printed.images, block(), Views(), {0, rough}, growing);
+    EXPECT_GE(grown.score, JudgeInViews(printed.images, block(), Views(), {0, rough}).score);
+    for (const AspectScore& score : grown.views) {
+      if (score.print >= 0.5) EXPECT_GE(score.recall, 0.5);
+    }
+  }
+}
+
 TEST_F(SceneJudgement, TwoViewsPresumePrintWhileASceneGrowsAndThreeAskForIt) {
   SceneJudgementOptions growing;
   growing.presumed_recall = 0.55;

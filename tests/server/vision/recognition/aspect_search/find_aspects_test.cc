@@ -320,6 +320,13 @@ TEST_F(FindAspects, TheMarginOfALargePartIsBounded) {
   EXPECT_LT(recall(beside, unbounded), recall(bare, unbounded) - 0.05);
 }
 
+TEST(PresumedScore, IsOfPosesWhoseEdgesAreFoundAndOnlyEverMore) {
+  EXPECT_EQ(PresumedScore(0.9, 0.3, 400.0, 0.7), ScoreOf(0.9, 0.7, 400.0));
+  EXPECT_EQ(PresumedScore(0.9, 0.8, 400.0, 0.7), ScoreOf(0.9, 0.8, 400.0));
+  EXPECT_EQ(PresumedScore(kPrintPrecision - 0.01, 0.3, 400.0, 0.7),
+            ScoreOf(kPrintPrecision - 0.01, 0.3, 400.0));
+}
+
 TEST_F(FindAspects, FragmentsSurviveTheirBlob) {
   const PhotoPart& part = (*parts_)[0];
   const std::string blob = EncodePartFragments(part.fragments, part.object.aspects);

@@ -1,0 +1,92 @@
+#include "server/pipeline/large_images.h"
+
+#include <algorithm>
+
+#include "server/pipeline/presumed_focal.h"
+#include "server/vision/features/image_strips.h"
+
+namespace horopter {
+namespace {
+
+// Of the centre of a pixel: those of the larger image stand half a pixel about it.
+double Enlarged(double coordinate, int factor) {
+  return (coordinate + 0.5) * factor - 0.5;
+}
+double Reduced(double coordinate, int factor) {
+  return (coordinate + 0.5) / factor - 0.5;
+}
+
+Eigen::Vector2d Enlarged(const Eigen::Vector2d& point, int factor) {
+  return {Enlarged(point.x(), factor), Enlarged(point.y(), factor)};
+}
+
+void Reduce(int factor, CameraHint* hint) {
+  if (hint->focal_px) *hint->focal_px /= factor;
+  if (hint->principal_point)
+    hint->principal_point = Eigen::Vector2d(Reduced(hint->principal_point->x(), factor),
+                                            Reduced(hint->principal_point->y(), factor));
+  if (hint->principal_point_sigma_px) *hint->principal_point_sigma_px /= factor;
+}
+
+void Enlarge(int factor, const cv::Mat& image, PinholeCamera* camera) {
+  camera->width = image.cols;
+  camera->height = image.rows;
+  camera->focal_px *= factor;
+  camera->cx = Enlarged(camera->cx, factor);
+  camera->cy = Enlarged(camera->cy, factor);
+}
+
+void Enlarge(int factor, EdgeReport* edges) {
+  for (EdgeRun& run : edges->runs) {
+    for (Eigen::Vector2d& point : run.points) point = Enlarged(point, factor);
+  }
+  edges->visible_px *= factor;
+  edges->supported_px *= factor;
+  edges->hidden_px *= factor;
+}
+
+}  // namespace
+
+int ReductionOf(cv::Size image, int least_side_px) {
+  return least_side_px > 0 ? std::max(1, std::max(image.width, image.height) / least_side_px) : 1;
+}
+
+SceneRequest ReducedRequest(const SceneRequest& request, const std::vector<int>& factors) {
+  SceneRequest out = request;
+  for (std::size_t i = 0; i < factors.size(); ++i) {
+    const int factor = factors[i];
+    if (factor == 1) continue;
+    const cv::Mat& image = request.images[i];
+    const cv::Rect whole(0, 0, image.cols / factor * factor, image.rows / factor * factor);
+    out.images[i] = ShrinkInStrips(image(whole), factor);
+    if (!out.hints.empty()) Reduce(factor, &out.hints[i]);
+  }
+  return out;
+}
+
+void TellInOriginalPixels(const SceneRequest& original,
+                          const std::vector<int>& factors,
+                          SceneAnswer* answer) {
+  for (AnswerFinding& f : answer->findings) {
+    if (f.kind == FindingKind::kExifContradicted)
+      f = ContradictedFocal(f.image, f.value * factors[f.image]);
+  }
+  for (std::size_t i = 0; i < factors.size(); ++i) {
+    const int factor = factors[i];
+    if (factor == 1) continue;
+    const cv::Mat& image = original.images[i];
+    if (auto& camera = answer->cameras[i]) Enlarge(factor, image, &camera->camera);
+    if (!answer->unexplained_edges.empty()) {
+      for (auto& line : answer->unexplained_edges[i]) {
+        for (Eigen::Vector2d& point : line) point = Enlarged(point, factor);
+      }
+    }
+    if (!answer->explanation || answer->explanation->found.views.empty()) continue;
+    if (auto& view = answer->explanation->found.views[i]) {
+      Enlarge(factor, image, &view->camera);
+      Enlarge(factor, &view->edges);
+    }
+  }
+}
+
+}  // namespace horopter
