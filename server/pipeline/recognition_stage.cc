@@ -1,5 +1,6 @@
 #include "server/pipeline/recognition_stage.h"
 
+#include <functional>
 #include <iterator>
 #include <map>
 #include <string_view>
@@ -9,6 +10,7 @@
 #include "server/pipeline/answer.h"
 #include "server/pipeline/clocks.h"
 #include "server/vision/recognition/explained_recognition.h"
+#include "server/vision/recognition/rig_recognition.h"
 
 namespace horopter {
 
@@ -66,12 +68,27 @@ absl::Status Reconstruct(const SceneRequest& request,
 }
 
 // One call of recognition with the time of its steps.
-using Recognize = absl::StatusOr<RecognitionResult>(const RecognitionInput&,
-                                                    const RecognitionOptions&,
-                                                    const StopRequested&,
-                                                    const StepListener&,
-                                                    RefusalLog*);
-absl::StatusOr<RecognitionResult> TimedRecognition(Recognize* recognize,
+using Recognize = std::function<absl::StatusOr<RecognitionResult>(const RecognitionInput&,
+                                                                  const RecognitionOptions&,
+                                                                  const StopRequested&,
+                                                                  const StepListener&,
+                                                                  RefusalLog*)>;
+// The two with a log, of functions that have others of their names.
+absl::StatusOr<RecognitionResult> AspectsAlone(const RecognitionInput& input,
+                                               const RecognitionOptions& options,
+                                               const StopRequested& stop,
+                                               const StepListener& on_step,
+                                               RefusalLog* log) {
+  return RecognizeByAspectsAlone(input, options, stop, on_step, log);
+}
+absl::StatusOr<RecognitionResult> AllRoutes(const RecognitionInput& input,
+                                            const RecognitionOptions& options,
+                                            const StopRequested& stop,
+                                            const StepListener& on_step,
+                                            RefusalLog* log) {
+  return RecognizeObjects(input, options, stop, on_step, log);
+}
+absl::StatusOr<RecognitionResult> TimedRecognition(const Recognize& recognize,
                                                    const RecognitionInput& input,
                                                    const PipelineOptions& options,
                                                    const StopRequested& stop,
@@ -127,6 +144,7 @@ std::vector<ViewPrior> PriorsOf(const SceneRequest& request) {
 
 absl::Status RunRecognition(PipelineOptions options,
                             const SceneRequest& request,
+                            std::span<const CalibratedCamera> rig,
                             const StopRequested& stop,
                             RefusalLog* log,
                             RecognitionInput* input,
@@ -135,13 +153,21 @@ absl::Status RunRecognition(PipelineOptions options,
   SceneAnswer& answer = result->answer;
   HurryWatch watch(options.recognition.hurry);
   options.recognition.hurry = watch.Token();
-  const auto recognize = [&](Recognize* by) {
+  const auto recognize = [&](const Recognize& by) {
     return TimedRecognition(by, *input, options, stop, &watch, log, &answer.stages);
   };
   std::vector<std::string> unasked;
-  bool aspects_first = AspectsComeFirst(input->objects, options.recognition);
+  if (!rig.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(
+        trace.recognition,
+        recognize([&](const RecognitionInput& of, const auto& with, const auto&... rest) {
+          return RecognizeInRig(of, rig, with, rest...);
+        }));
+  }
+  const bool in_rig = !trace.recognition.objects.empty();
+  bool aspects_first = !in_rig && AspectsComeFirst(input->objects, options.recognition);
   if (aspects_first) {
-    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize(RecognizeByAspectsAlone));
+    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize(AspectsAlone));
     // Of a large catalog the images may say that it need not have been.
     aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
   }
@@ -153,7 +179,7 @@ absl::Status RunRecognition(PipelineOptions options,
     if (!aspects_first || trace.reconstruction.trusted) {
       input->matching = &trace.matching;
       input->reconstruction = &trace.reconstruction;
-      HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize(RecognizeObjects));
+      HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize(AllRoutes));
       unasked = UnaskedRoutes(found);
       if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
     }
