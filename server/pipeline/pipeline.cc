@@ -209,8 +209,13 @@ absl::Status RunStation(const PipelineOptions& options,
     HOROPTER_RETURN_IF_ERROR(RunRecognition(options, asked, tried, stop, log, input, result));
     input->hints = request.hints;
     HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, *input, stop, result));
-    if (result->trace.metric && (result->station->prior_used || result->station->test.agrees))
+    if (!result->trace.metric) continue;
+    // Under the rig every camera that was moved has been found again by the images.
+    const auto in_rig = result->trace.recognition.counts.find("in_rig");
+    if (result->station->prior_used || result->station->test.agrees ||
+        (in_rig != result->trace.recognition.counts.end() && in_rig->second > 0.0)) {
       return absl::OkStatus();
+    }
   }
   // What was found under a prior that the images contradict teaches nothing.
   if (!result->trace.metric) result->station->evidence = {};

@@ -1,6 +1,5 @@
 #include "server/pipeline/recognition_stage.h"
 
-#include <functional>
 #include <iterator>
 #include <map>
 #include <string_view>
@@ -67,28 +66,9 @@ absl::Status Reconstruct(const SceneRequest& request,
   return absl::OkStatus();
 }
 
-// One call of recognition with the time of its steps.
-using Recognize = std::function<absl::StatusOr<RecognitionResult>(const RecognitionInput&,
-                                                                  const RecognitionOptions&,
-                                                                  const StopRequested&,
-                                                                  const StepListener&,
-                                                                  RefusalLog*)>;
-// The two with a log, of functions that have others of their names.
-absl::StatusOr<RecognitionResult> AspectsAlone(const RecognitionInput& input,
-                                               const RecognitionOptions& options,
-                                               const StopRequested& stop,
-                                               const StepListener& on_step,
-                                               RefusalLog* log) {
-  return RecognizeByAspectsAlone(input, options, stop, on_step, log);
-}
-absl::StatusOr<RecognitionResult> AllRoutes(const RecognitionInput& input,
-                                            const RecognitionOptions& options,
-                                            const StopRequested& stop,
-                                            const StepListener& on_step,
-                                            RefusalLog* log) {
-  return RecognizeObjects(input, options, stop, on_step, log);
-}
-absl::StatusOr<RecognitionResult> TimedRecognition(const Recognize& recognize,
+// One call of recognition, by(input, options, stop, listener, log), with the time of its steps.
+template <typename By>
+absl::StatusOr<RecognitionResult> TimedRecognition(const By& by,
                                                    const RecognitionInput& input,
                                                    const PipelineOptions& options,
                                                    const StopRequested& stop,
@@ -98,7 +78,7 @@ absl::StatusOr<RecognitionResult> TimedRecognition(const Recognize& recognize,
   StageClock clock("recognition", stages);
   StepClock steps;
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
-                            recognize(
+                            by(
                                 input,
                                 options.recognition,
                                 stop,
@@ -153,21 +133,22 @@ absl::Status RunRecognition(PipelineOptions options,
   SceneAnswer& answer = result->answer;
   HurryWatch watch(options.recognition.hurry);
   options.recognition.hurry = watch.Token();
-  const auto recognize = [&](const Recognize& by) {
+  const auto recognize = [&](const auto& by) {
     return TimedRecognition(by, *input, options, stop, &watch, log, &answer.stages);
   };
   std::vector<std::string> unasked;
   if (!rig.empty()) {
-    HOROPTER_ASSIGN_OR_RETURN(
-        trace.recognition,
-        recognize([&](const RecognitionInput& of, const auto& with, const auto&... rest) {
-          return RecognizeInRig(of, rig, with, rest...);
-        }));
+    HOROPTER_ASSIGN_OR_RETURN(trace.recognition,
+                              recognize([&](const RecognitionInput& of, const auto&... given) {
+                                return RecognizeInRig(of, rig, given...);
+                              }));
   }
   const bool in_rig = !trace.recognition.objects.empty();
   bool aspects_first = !in_rig && AspectsComeFirst(input->objects, options.recognition);
   if (aspects_first) {
-    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize(AspectsAlone));
+    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize([](const auto&... given) {
+                                return RecognizeByAspectsAlone(given...);
+                              }));
     // Of a large catalog the images may say that it need not have been.
     aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
   }
@@ -179,7 +160,9 @@ absl::Status RunRecognition(PipelineOptions options,
     if (!aspects_first || trace.reconstruction.trusted) {
       input->matching = &trace.matching;
       input->reconstruction = &trace.reconstruction;
-      HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize(AllRoutes));
+      HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize([](const auto&... given) {
+                                  return RecognizeObjects(given...);
+                                }));
       unasked = UnaskedRoutes(found);
       if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
     }

@@ -1,7 +1,7 @@
 #include "server/vision/recognition/aspect_scenes/rig_search.h"
 
 #include <algorithm>
-#include <cmath>
+#include <iterator>
 #include <utility>
 
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
@@ -23,6 +23,10 @@ constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface, as where vie
 // What each view that shows the best object has of its score. A camera that was turned by half a
 // degree shows next to nothing of it; chosen.
 constexpr double kEvenShare = 0.7;
+constexpr std::size_t kAgreeing = 2;  // least views that show a part where others do not
+// Reach of the rounds in which a moved camera is found again, working pixels; half a degree is 8 -
+// 15 of them.
+constexpr double kMovedSearchPx[] = {24.0, 16.0, 10.0, 6.0, 4.0, 3.0, 3.0};
 
 class RigSearch {
  public:
@@ -36,7 +40,9 @@ class RigSearch {
         stop_(stop),
         links_(input, options, stop),
         objects_(input, options, stop),
-        contest_(input, options, links_, objects_) {}
+        contest_(input, options, links_, objects_) {
+    for (const AspectPart& part : in_.parts) meshes_.push_back(&part.object->mesh);
+  }
 
   LinkedScene Run() {
     const int views = static_cast<int>(in_.images.size());
@@ -53,7 +59,7 @@ class RigSearch {
       if (settled && (i > 1 || best.objects.size() < 2)) break;
       search((views / 2 + i) % views);
       best = Seen();
-      settled = IsSettled(best);
+      settled = IsSettled(best) || (i > 0 && FindMoved(&best));
     }
     if (IsStopRequested(stop_) || !settled) return Nothing();
     AddStanding(&best);
@@ -84,18 +90,65 @@ class RigSearch {
     return scene;
   }
 
-  // Views that show none of the objects have left the scene, and are asked here again.
   bool IsSettled(const LinkedScene& scene) const {
     if (scene.objects.empty() || scene.agreement.Contradicts(kSettledSurface)) return false;
-    const LinkedObject& first = scene.objects.front();
-    if (first.score < kSettledScore) return false;
-    const LinkedObject everywhere =
-        objects_.JudgeOne(rig_, {first.object, first.scene_from_object});
-    for (std::size_t v = 0; v < rig_.size(); ++v) {
-      if (everywhere.shown[v] && everywhere.views[v].score < kEvenShare * everywhere.score)
-        return false;
+    return scene.objects.front().score >= kSettledScore && OddViews(scene).empty();
+  }
+
+  // Views that show each object they should show worse than most do. Those that show none of the
+  // objects have left the scene, and are asked here again.
+  std::vector<int> OddViews(const LinkedScene& scene) const {
+    std::vector<bool> should(rig_.size(), false), does(rig_.size(), false);
+    for (const LinkedObject& o : scene.objects) {
+      const LinkedObject everywhere = objects_.JudgeOne(rig_, {o.object, o.scene_from_object});
+      std::vector<double> scores;
+      for (std::size_t v = 0; v < rig_.size(); ++v) {
+        if (everywhere.shown[v]) scores.push_back(everywhere.views[v].score);
+      }
+      if (scores.empty()) continue;
+      std::sort(scores.begin(), scores.end());
+      const double least = kEvenShare * scores[scores.size() / 2];
+      for (std::size_t v = 0; v < rig_.size(); ++v) {
+        should[v] = should[v] || everywhere.shown[v];
+        does[v] = does[v] || (everywhere.shown[v] && everywhere.views[v].score >= least);
+      }
     }
-    return true;
+    std::vector<int> odd;
+    for (std::size_t v = 0; v < rig_.size(); ++v) {
+      if (should[v] && !does[v]) odd.push_back(static_cast<int>(v));
+    }
+    return odd;
+  }
+
+  // Looks without the odd views, and by the best part for their cameras. Returns whether this
+  // leaves no doubt; the rig is then as the images have it.
+  bool FindMoved(LinkedScene* best) {
+    if (best->objects.empty() || IsStopRequested(stop_)) return false;
+    const std::vector<int> odd = OddViews(*best);
+    if (odd.empty() || rig_.size() < odd.size() + kAgreeing) return false;
+    const std::vector<std::optional<AspectSceneView>> given = rig_;
+    for (const int v : odd) rig_[v].reset();
+    const LinkedScene others = Seen();
+    if (!others.objects.empty()) {
+      const LinkedObject& first = others.objects.front();
+      AspectAdjustmentOptions adjustment = options_.adjustment;
+      adjustment.search_px.assign(std::begin(kMovedSearchPx), std::end(kMovedSearchPx));
+      for (const int v : odd) {
+        AspectScene one;
+        one.views.resize(rig_.size());
+        one.views[v] = given[v];
+        one.objects = {{first.object, first.scene_from_object}};
+        AdjustToEdges(in_.images, meshes_, adjustment, options_.threads, &one);
+        rig_[v] = one.views[v];
+      }
+      LinkedScene again = Seen();
+      if (IsSettled(again)) {
+        *best = std::move(again);
+        return true;
+      }
+    }
+    rig_ = given;
+    return false;
   }
 
   LinkedScene Finished(AspectScene scene) const {
@@ -109,6 +162,7 @@ class RigSearch {
     scene.views = rig_;
     std::vector<std::pair<double, AspectSceneObject>> carried;
     for (std::size_t v = 0; v < rig_.size(); ++v) {
+      if (!rig_[v]) continue;
       const Rigid3 scene_from_camera = rig_[v]->camera_from_scene.Inverse();
       for (const AspectHypothesis& h : links_.Hypotheses(static_cast<int>(v))) {
         carried.emplace_back(
@@ -158,9 +212,10 @@ class RigSearch {
   }
 
   const AspectLinkInput& in_;
-  const std::vector<std::optional<AspectSceneView>>& rig_;
+  std::vector<std::optional<AspectSceneView>> rig_;
   const AspectLinkOptions& options_;
   const StopRequested& stop_;
+  std::vector<const RenderMesh*> meshes_;
   ViewLinks links_;
   SceneObjects objects_;
   PlaceContest contest_;
