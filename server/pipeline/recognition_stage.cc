@@ -9,6 +9,7 @@
 #include "server/pipeline/answer.h"
 #include "server/pipeline/clocks.h"
 #include "server/vision/recognition/explained_recognition.h"
+#include "server/vision/recognition/rig_recognition.h"
 
 namespace horopter {
 
@@ -65,13 +66,9 @@ absl::Status Reconstruct(const SceneRequest& request,
   return absl::OkStatus();
 }
 
-// One call of recognition with the time of its steps.
-using Recognize = absl::StatusOr<RecognitionResult>(const RecognitionInput&,
-                                                    const RecognitionOptions&,
-                                                    const StopRequested&,
-                                                    const StepListener&,
-                                                    RefusalLog*);
-absl::StatusOr<RecognitionResult> TimedRecognition(Recognize* recognize,
+// One call of recognition, by(input, options, stop, listener, log), with the time of its steps.
+template <typename By>
+absl::StatusOr<RecognitionResult> TimedRecognition(const By& by,
                                                    const RecognitionInput& input,
                                                    const PipelineOptions& options,
                                                    const StopRequested& stop,
@@ -81,7 +78,7 @@ absl::StatusOr<RecognitionResult> TimedRecognition(Recognize* recognize,
   StageClock clock("recognition", stages);
   StepClock steps;
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
-                            recognize(
+                            by(
                                 input,
                                 options.recognition,
                                 stop,
@@ -127,6 +124,7 @@ std::vector<ViewPrior> PriorsOf(const SceneRequest& request) {
 
 absl::Status RunRecognition(PipelineOptions options,
                             const SceneRequest& request,
+                            std::span<const CalibratedCamera> rig,
                             const StopRequested& stop,
                             RefusalLog* log,
                             RecognitionInput* input,
@@ -135,13 +133,22 @@ absl::Status RunRecognition(PipelineOptions options,
   SceneAnswer& answer = result->answer;
   HurryWatch watch(options.recognition.hurry);
   options.recognition.hurry = watch.Token();
-  const auto recognize = [&](Recognize* by) {
+  const auto recognize = [&](const auto& by) {
     return TimedRecognition(by, *input, options, stop, &watch, log, &answer.stages);
   };
   std::vector<std::string> unasked;
-  bool aspects_first = AspectsComeFirst(input->objects, options.recognition);
+  if (!rig.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(trace.recognition,
+                              recognize([&](const RecognitionInput& of, const auto&... given) {
+                                return RecognizeInRig(of, rig, given...);
+                              }));
+  }
+  const bool in_rig = !trace.recognition.objects.empty();
+  bool aspects_first = !in_rig && AspectsComeFirst(input->objects, options.recognition);
   if (aspects_first) {
-    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize(RecognizeByAspectsAlone));
+    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize([](const auto&... given) {
+                                return RecognizeByAspectsAlone(given...);
+                              }));
     // Of a large catalog the images may say that it need not have been.
     aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
   }
@@ -153,7 +160,9 @@ absl::Status RunRecognition(PipelineOptions options,
     if (!aspects_first || trace.reconstruction.trusted) {
       input->matching = &trace.matching;
       input->reconstruction = &trace.reconstruction;
-      HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize(RecognizeObjects));
+      HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize([](const auto&... given) {
+                                  return RecognizeObjects(given...);
+                                }));
       unasked = UnaskedRoutes(found);
       if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
     }

@@ -18,6 +18,7 @@
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/interpretation/routes.h"
 #include "server/vision/recognition/interpretation/symmetric_views.h"
+#include "server/vision/recognition/rig_recognition.h"
 #include "server/vision/recognition/scene/surface_texture.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
@@ -421,6 +422,37 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
   TurnToLikeliest(context, images, &aspects);
   SayPoseAlternatives(context, images, &aspects);
   return aspects;
+}
+
+absl::StatusOr<RecognitionResult> RecognizeInRig(const RecognitionInput& input,
+                                                 std::span<const CalibratedCamera> rig,
+                                                 const RecognitionOptions& options,
+                                                 const StopRequested& stop,
+                                                 const StepListener& on_step,
+                                                 RefusalLog* log) {
+  HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
+  if (rig.size() != input.images.size() || input.images.size() != input.features.size())
+    return absl::InvalidArgumentError("rig: one camera per image");
+  RecognitionResult nothing;
+  nothing.views.resize(input.images.size());
+  if (!options.routes.aspects || !HaveAspects(input.objects)) return nothing;
+  if (TooFewFeatures(input, options.acceptance.scene, nullptr)) return nothing;
+  const JointContext context =
+      MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
+                  options,
+                  stop,
+                  on_step);
+  BeginStep(context, "aspect_images");
+  const std::vector<AspectImage> images = MakeAspectImages(input.images, true, options.threads);
+  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search, ChooseObjects(context, images));
+  HOROPTER_ASSIGN_OR_RETURN(
+      RecognitionResult found,
+      RecognizeByAspectsInRig(context, images, search, rig, log, AspectOptionsOf(input)));
+  if (found.objects.empty()) return nothing;
+  BeginStep(context, "pose_alternatives");
+  TurnToLikeliest(context, images, &found);
+  SayPoseAlternatives(context, images, &found);
+  return found;
 }
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,

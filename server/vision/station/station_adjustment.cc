@@ -1,5 +1,6 @@
 #include "server/vision/station/station_adjustment.h"
 
+#include <optional>
 #include <utility>
 
 #include "server/base/status_macros.h"
@@ -28,6 +29,22 @@ std::vector<CameraHint> NearHints(const RecognitionInput& input,
     hints[v].focal_log_sigma = options.near_log_focal;
   }
   return hints;
+}
+
+// What is known of the cameras when those that the test names are forgotten; nothing where it names
+// none, or another order.
+std::optional<StationState> WithoutChanged(StationState state,
+                                           const StationTest& test,
+                                           const StationOptions& options) {
+  if (test.changes.empty()) return std::nullopt;
+  for (const StationChange& change : test.changes) {
+    if (change.kind == StationChangeKind::kSwapped) return std::nullopt;
+    for (const int c : change.cameras) {
+      if (change.kind == StationChangeKind::kMoved) ForgetPlace(c, &state);
+      if (change.kind == StationChangeKind::kLens) ForgetLens(c, options, &state);
+    }
+  }
+  return state;
 }
 
 bool KeepsEdges(const MetricScene& under_prior, const MetricScene& alone) {
@@ -72,6 +89,18 @@ absl::StatusOr<StationScene> RefineUnderStation(const RecognitionInput& input,
     if (stands) out.test = std::move(again);
   }
   if (!stands) {
+    // Of the cameras that have not changed the prior holds, where the images agree with it.
+    if (const auto rest = WithoutChanged(state, out.test, station)) {
+      const CameraGroupPrior of_rest = PriorOfRequest(*rest, views, known, station);
+      auto metric =
+          RefineMetricScene(input, AsRecognized(compared, recognition), of_rest, options, stop);
+      if (absl::IsCancelled(metric.status())) return metric.status();
+      if (metric.ok() && KeepsEdges(*metric, compared) &&
+          TestStation(*rest, views, metric->evidence, station).agrees) {
+        out.metric = *std::move(metric);
+        return out;
+      }
+    }
     HOROPTER_ASSIGN_OR_RETURN(out.metric, RefineMetricScene(input, recognition, options, stop));
     return out;
   }

@@ -92,6 +92,15 @@ double EvenInViews(int registered, int views, const AspectAcceptance& options) {
          missing * options.missing_views_more;
 }
 
+double ProbabilityInRig(const LinkedObject& o,
+                        const LinkedScene& scene,
+                        const AspectAcceptance& options) {
+  double even = o.lies ? options.even_lying : options.even_score;
+  if (scene.agreement.Contradicts(options.surface_disagrees) || GroundContradicts(scene, options))
+    even += options.disagreement_more;
+  return Logistic(options.score_weight * (o.score - even));
+}
+
 double AspectProbability(const LinkedObject& o,
                          const LinkedScene& scene,
                          const AspectAcceptance& options) {

@@ -10,6 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
+#include "server/vision/recognition/aspect_scenes/rig_search.h"
 #include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
 #include "server/vision/recognition/interpretation/aspect_starts.h"
@@ -20,6 +21,8 @@ namespace {
 
 constexpr int kLeading = 12;     // of a shortlist: these decide whether aspects come first
 constexpr double kNearM = 1e-3;  // least depth that a size in the image is taken of
+// Of cameras of a calibrated station: better than any part alone tells.
+constexpr double kRigFocalLogSigma = 0.01;
 
 double AboveChance(const std::vector<double>& view_scores, double chance) {
   double sum = 0.0;
@@ -166,11 +169,13 @@ void NoteBelow(const LinkedScene& scene,
 RecognitionResult ToResult(const JointContext& context,
                            const LinkedScene& scene,
                            const RecognitionResult* known,
-                           RefusalLog* log) {
+                           RefusalLog* log,
+                           bool in_rig = false) {
   const AspectAcceptance& options = context.options.acceptance.aspects;
   const SceneAcceptance& of_scenes = context.options.acceptance.scene;
   const auto views = RecognizedViews(scene);
   const auto probability = [&](const LinkedObject& o) {
+    if (in_rig) return ProbabilityInRig(o, scene, options);
     const int k =
         known == nullptr ? -1 : KnownInPlace(context, views, o.object, o.scene_from_object, *known);
     return std::max(AspectProbability(o, scene, options), k >= 0 ? known->objects[k].score : 0.0);
@@ -404,6 +409,39 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
           {log->object, static_cast<int>(v), h.camera, h.camera_from_object, h.score});
     }
   }
+  return out;
+}
+
+absl::StatusOr<RecognitionResult> RecognizeByAspectsInRig(const JointContext& context,
+                                                          std::span<const AspectImage> images,
+                                                          const AspectSearch& search,
+                                                          std::span<const CalibratedCamera> rig,
+                                                          RefusalLog* log,
+                                                          const AspectRecognitionOptions& options) {
+  BeginStep(context, "rig_search");
+  std::vector<AspectViewPrior> priors;
+  for (const CalibratedCamera& camera : rig) priors.push_back({camera.camera, kRigFocalLogSigma});
+  std::vector<std::optional<AspectSceneView>> views = SceneViews({rig.begin(), rig.end()});
+  for (auto& view : views) view->log_focal_sigma = kRigFocalLogSigma;
+  const std::vector<std::vector<AspectHypothesis>> none(images.size());
+  int searched = 0;
+  const auto search_view = [&](int v) {
+    ++searched;
+    return SearchImage(context, images[v], search, &rig[v].camera, options.find);
+  };
+  AspectLinkOptions link = options.link;
+  link.threads = context.options.threads;
+  LinkedScene scene = FindInRig({images, priors, none, search.index->parts, nullptr, search_view},
+                                views,
+                                link,
+                                context.give_up);
+  if (IsStopRequested(context.stop))
+    return absl::CancelledError("stopped while parts were looked for in the rig");
+  ToCatalog(search, &scene);
+  RecognitionResult out = ToResult(context, scene, nullptr, log, true);
+  out.counts["aspects_searched"] = static_cast<double>(search.objects.size());
+  out.counts["aspect_views_searched"] = searched;
+  out.counts["in_rig"] = out.objects.empty() ? 0.0 : 1.0;
   return out;
 }
 

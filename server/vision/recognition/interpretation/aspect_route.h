@@ -80,6 +80,16 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
                                                      RefusalLog* log,
                                                      const AspectRecognitionOptions& options = {});
 
+// The same under cameras that are known with their places, one per image (rig_search.h): nothing
+// where they leave a doubt. Errors: CANCELLED.
+absl::StatusOr<RecognitionResult> RecognizeByAspectsInRig(
+    const JointContext& context,
+    std::span<const AspectImage> images,
+    const AspectSearch& search,
+    std::span<const CalibratedCamera> rig,
+    RefusalLog* log,
+    const AspectRecognitionOptions& options = {});
+
 // Adds to an answer, whose cameras and objects stay, what the aspects find beside them in its
 // middle view and the other views confirm. Errors: CANCELLED.
 absl::Status AddOthers(const JointContext& context,

@@ -1,0 +1,150 @@
+// A station whose cameras are known, through the whole pipeline, on rendered images.
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "client/bop_dataset.h"
+#include "client/cad_import.h"
+#include "server/pipeline/pipeline.h"
+#include "tests/support/staged_scene.h"
+
+namespace horopter {
+namespace {
+
+constexpr char kDataset[] = HOROPTER_TEST_DATA "/parts";
+constexpr int kParts[] = {1, 12, 14};
+constexpr unsigned kSeed = 5;
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+// Four cameras over a blank table with two parts on it, and a station that knows them.
+class StationImages : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    const absl::StatusOr<BopDataset> dataset = ReadBopDataset(kDataset);
+    ASSERT_TRUE(dataset.ok()) << dataset.status();
+    for (const int id : kParts) {
+      absl::StatusOr<CadImport> cad = ImportCad(dataset->Find(id)->cad_path);
+      ASSERT_TRUE(cad.ok()) << cad.status();
+      cad->model.id = BopObjectName(id);
+      parts_.push_back(MakeStageable(id, cad->model.mesh, 0.0).value());
+      catalog_.objects.push_back(PrepareCatalogObject(std::move(cad->model)).value());
+    }
+    Random random(kSeed);
+    RigOptions options;
+    options.scene_m = 2.2 * MedianDiameter(parts_);
+    rig_ = MakeRig(options, &random);
+    standing_ = StandParts(parts_, 2, &random);
+    ASSERT_EQ(standing_.size(), 2u);
+    renderer_ = new SceneRenderer(PaintScene(parts_,
+                                             standing_,
+                                             MakeTable(TableKind::kBlank, 0.01, &random),
+                                             MakeLights(&random),
+                                             &random));
+    for (std::size_t c = 0; c < rig_.cameras.size(); ++c) {
+      looks_.push_back(MakeLook(&random));
+      request_.images.push_back(Take(c, rig_.camera_from_world[c]));
+    }
+    request_.station = Known();
+  }
+  static void TearDownTestSuite() {
+    delete renderer_;
+    parts_.clear();
+    catalog_ = {};
+  }
+
+  static cv::Mat Take(std::size_t c, const Rigid3& camera_from_world) {
+    return renderer_->Take(rig_.cameras[c], camera_from_world, looks_[c]).image;
+  }
+
+  static StationRequest Known() {
+    StationRequest out;
+    const StationOptions options;
+    const Eigen::Matrix<double, kStationCameraParameters, 1> sigmas{
+        1e-3, 1e-3, 1e-3, 5e-4, 5e-4, 1e-3, 2e-3, 1.0, 1.0, 3e-3};
+    for (std::size_t c = 0; c < rig_.cameras.size(); ++c) {
+      const PinholeCamera& camera = rig_.cameras[c];
+      AddStationCamera(
+          "camera" + std::to_string(c), camera.width, camera.height, options, &out.state);
+      StationCamera& known = out.state.cameras.back();
+      known.camera = camera;
+      known.posed = true;
+      known.camera_from_rig = rig_.camera_from_world[c] * rig_.camera_from_world[0].Inverse();
+      known.requests = 10;
+      const auto at = static_cast<Eigen::Index>(kStationCameraParameters * c);
+      out.state.covariance.diagonal().segment<kStationCameraParameters>(at) = sigmas.cwiseAbs2();
+      // The first holds the rig's frame.
+      if (c == 0) out.state.covariance.diagonal().head<kStationIntrinsics>().setZero();
+      out.views.push_back(static_cast<int>(c));
+    }
+    out.state.requests = 10;
+    out.base_from_camera.resize(rig_.cameras.size());
+    return out;
+  }
+
+  // The answer's objects are where they stand, as the cameras but `but` see them.
+  static void ExpectRight(const PipelineResult& result, int but) {
+    ASSERT_EQ(result.answer.objects.size(), standing_.size()) << ReasonsText(result.answer);
+    for (const AnswerObject& o : result.answer.objects) {
+      const auto truth = std::find_if(standing_.begin(), standing_.end(), [&](const StagedPart& s) {
+        return BopObjectName(parts_[s.part].id) == o.object_id;
+      });
+      ASSERT_NE(truth, standing_.end()) << o.object_id;
+      for (int c = 0; c < static_cast<int>(rig_.cameras.size()); ++c) {
+        if (c == but) continue;
+        ASSERT_TRUE(result.answer.cameras[c]);
+        const Rigid3 found = result.answer.cameras[c]->camera_from_scene * o.scene_from_object;
+        const Rigid3 is = rig_.camera_from_world[c] * truth->world_from_object;
+        EXPECT_LT((Project(rig_.cameras[c], found.t) - Project(rig_.cameras[c], is.t)).norm(), 4.0);
+      }
+    }
+  }
+
+  static bool RanStage(const PipelineResult& result, const std::string& stage) {
+    return std::any_of(result.answer.stages.begin(),
+                       result.answer.stages.end(),
+                       [&](const StageReport& s) { return s.stage == stage; });
+  }
+
+  static inline std::vector<StageablePart> parts_;
+  static inline CatalogSnapshot catalog_;
+  static inline StagedRig rig_;
+  static inline std::vector<StagedPart> standing_;
+  static inline std::vector<CameraLook> looks_;
+  static inline SceneRenderer* renderer_ = nullptr;
+  static inline SceneRequest request_;
+};
+
+TEST_F(StationImages, KnownCamerasNeedNoMatchesBetweenViews) {
+  const auto result = RecognizeScene(request_, catalog_, {});
+  ASSERT_TRUE(result.ok()) << result.status();
+  ExpectRight(*result, -1);
+  ASSERT_TRUE(result->station);
+  EXPECT_TRUE(result->station->prior_used);
+  EXPECT_TRUE(result->station->test.changes.empty());
+  EXPECT_FALSE(RanStage(*result, "matching"));
+}
+
+TEST_F(StationImages, ACameraThatWasTurnedIsNamedAndBendsNothing) {
+  constexpr int kTurned = 2;
+  SceneRequest request = request_;
+  const Rigid3 bump{
+      Eigen::AngleAxisd(0.5 * kDegree, Eigen::Vector3d(0.6, 0.7, 0.2).normalized()).matrix(),
+      Eigen::Vector3d::Zero()};
+  request.images[kTurned] = Take(kTurned, bump * rig_.camera_from_world[kTurned]);
+  const auto result = RecognizeScene(request, catalog_, {});
+  ASSERT_TRUE(result.ok()) << result.status();
+  ExpectRight(*result, kTurned);
+  ASSERT_TRUE(result->station);
+  EXPECT_FALSE(result->station->test.agrees);
+  EXPECT_FALSE(result->station->prior_used);
+  ASSERT_EQ(result->station->test.changes.size(), 1u);
+  EXPECT_EQ(result->station->test.changes[0].kind, StationChangeKind::kMoved);
+  EXPECT_EQ(result->station->test.changes[0].cameras[0], kTurned);
+  EXPECT_NEAR(result->station->test.changes[0].turn_rad, 0.5 * kDegree, 0.3 * kDegree);
+}
+
+}  // namespace
+}  // namespace horopter
