@@ -443,8 +443,10 @@ absl::StatusOr<RecognitionResult> RecognizeInRig(const RecognitionInput& input,
                   stop,
                   on_step);
   BeginStep(context, "aspect_images");
-  const std::vector<AspectImage> images = MakeAspectImages(input.images, true, options.threads);
-  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search, ChooseObjects(context, images));
+  const std::vector<AspectImage> images =
+      MakeAspectImages(input.images, AspectOptionsOf(input).images, true, options.threads);
+  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
+                            ChooseObjects(context, images, AspectOptionsOf(input).ranking));
   HOROPTER_ASSIGN_OR_RETURN(
       RecognitionResult found,
       RecognizeByAspectsInRig(context, images, search, rig, log, AspectOptionsOf(input)));
