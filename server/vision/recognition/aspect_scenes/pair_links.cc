@@ -2,17 +2,22 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include "server/base/parallel_for.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kLinkedObjects = 8;        // of a pair of views
-constexpr std::size_t kLinkTurns = 2;    // of one pair of hypotheses
-constexpr std::size_t kAlone = 4;        // hypotheses of an image alone
-constexpr double kSameLinkRad = 0.07;    // relative poses of two views nearer than this are one
-constexpr double kSameLinkShare = 0.12;  // ... and of their distance
+constexpr int kLinkedObjects = 8;      // of a pair of views
+constexpr std::size_t kLinkTurns = 2;  // of one pair of hypotheses
+constexpr std::size_t kAlone = 4;      // hypotheses of an image alone
+// A part leads where it is listed best in half of the views, or nearly so, and well in each.
+constexpr double kNearlyBest = 0.9;       // of the view's best score
+constexpr double kLeadingScore = 0.45;    // of a view
+constexpr std::size_t kLeadingLinks = 3;  // of all pairs of views; chosen, for time
+constexpr double kSameLinkRad = 0.07;     // relative poses of two views nearer than this are one
+constexpr double kSameLinkShare = 0.12;   // ... and of their distance
 
 // Of a part seen in two views: as good as in the worse one, both count.
 double Support(double a, double b) {
@@ -68,10 +73,76 @@ class PairLinks {
       for (GrownScene& s : found) all.push_back(std::move(s));
     }
     KeepBest(all.size(), &all);
+    std::vector<GrownScene> leading = OfLeading();
+    all.insert(all.begin(),
+               std::make_move_iterator(leading.begin()),
+               std::make_move_iterator(leading.end()));
     return all;
   }
 
  private:
+  // Of each view the best hypothesis of an object, -1: none that leads there.
+  std::vector<int> LeadingIn(int object) const {
+    std::vector<int> out;
+    for (int v = 0; v < static_cast<int>(in_.images.size()); ++v) {
+      const std::vector<AspectHypothesis>& list = support_.Hypotheses(v);
+      const auto best = std::find_if(
+          list.begin(), list.end(), [&](const AspectHypothesis& h) { return h.object == object; });
+      const bool leads = best != list.end() && best->score >= kLeadingScore &&
+                         best->score >= kNearlyBest * list.front().score;
+      out.push_back(leads ? static_cast<int>(best - list.begin()) : -1);
+    }
+    return out;
+  }
+
+  // The object that leads in most views, -1: none does in half of those with hypotheses.
+  int LeadingObject() const {
+    int leading = -1, searched = 0;
+    std::ptrdiff_t most = 1;
+    for (int v = 0; v < static_cast<int>(in_.images.size()); ++v)
+      searched += !support_.Hypotheses(v).empty();
+    for (int o = 0; o < static_cast<int>(in_.parts.size()); ++o) {
+      const std::vector<int> in = LeadingIn(o);
+      const auto views = std::count_if(in.begin(), in.end(), [](int i) { return i >= 0; });
+      if (views > most && 2 * views >= searched) leading = o, most = views;
+    }
+    return leading;
+  }
+
+  // Links by the leading object alone: several small wrong parts that tile its image may support
+  // their own links more than it does.
+  std::vector<GrownScene> OfLeading() const {
+    const int object = LeadingObject();
+    if (object < 0) return {};
+    const std::vector<int> in = LeadingIn(object);
+    std::vector<GrownScene> out;
+    for (int a = 0; a < static_cast<int>(in.size()); ++a) {
+      for (int b = a + 1; b < static_cast<int>(in.size()); ++b) {
+        if (in[a] < 0 || in[b] < 0 || IsStopRequested(stop_)) continue;
+        for (GrownScene& s : Turned(a, b, in[a], in[b])) out.push_back(std::move(s));
+      }
+    }
+    KeepBest(kLeadingLinks, &out);
+    return out;
+  }
+
+  // Of two hypotheses of one object the links by its best turns.
+  std::vector<GrownScene> Turned(int a, int b, int i, int j) const {
+    const AspectHypothesis &h = support_.Hypotheses(a)[i], &g = support_.Hypotheses(b)[j];
+    const std::vector<int> here = {i}, there = {j};
+    const auto support = [&](const Rigid3& turn) {
+      const AspectSceneView from = support_.ViewOf(a, h.camera, h.camera_from_object);
+      const AspectSceneView to = support_.ViewOf(b, g.camera, g.camera_from_object * turn);
+      return support_.CarriedSupport(from, to, a, b, here) +
+             support_.CarriedSupport(to, from, b, a, there);
+    };
+    std::vector<GrownScene> turned;
+    for (const Rigid3& turn : turns_.Supported(h.object, support))
+      turned.push_back(Link(a, b, i, j, turn));
+    KeepBest(kLinkTurns, &turned);
+    return turned;
+  }
+
   std::vector<GrownScene> OfPair(int a, int b) const {
     std::vector<GrownScene> found;
     for (std::size_t i = 0; i < support_.Hypotheses(a).size(); ++i) {
@@ -81,19 +152,8 @@ class PairLinks {
         if (h.object != g.object || (support_.IsByChance(a, i) && support_.IsByChance(b, j))) {
           continue;
         }
-        const std::vector<int> here = {static_cast<int>(i)}, there = {static_cast<int>(j)};
-        const auto support = [&](const Rigid3& turn) {
-          const AspectSceneView from = support_.ViewOf(a, h.camera, h.camera_from_object);
-          const AspectSceneView to = support_.ViewOf(b, g.camera, g.camera_from_object * turn);
-          return support_.CarriedSupport(from, to, a, b, here) +
-                 support_.CarriedSupport(to, from, b, a, there);
-        };
-        // Of one link the best turns.
-        std::vector<GrownScene> turned;
-        for (const Rigid3& turn : turns_.Supported(h.object, support))
-          turned.push_back(Link(a, b, here.front(), there.front(), turn));
-        KeepBest(kLinkTurns, &turned);
-        for (GrownScene& s : turned) found.push_back(std::move(s));
+        for (GrownScene& s : Turned(a, b, static_cast<int>(i), static_cast<int>(j)))
+          found.push_back(std::move(s));
       }
     }
     KeepBest(static_cast<std::size_t>(options_.pair_starts), &found);
