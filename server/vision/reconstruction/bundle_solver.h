@@ -9,6 +9,8 @@
 #include <cmath>
 #include <vector>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 
 // Parameters of a feature: a homogeneous point, or the tangent of a line.
@@ -132,6 +134,7 @@ BundleReport MinimizeBundle(const BundleLayout& layout,
   BundleStep<C> step;
   bool converged = false;
   while (!converged && report.iterations < options.max_iterations) {
+    LeaveIfStopped();
     ++report.iterations;
     normal.SetZero(layout);
     model.Linearize(*state, &normal);
