@@ -7,6 +7,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "server/vision/recognition/aspects/edge_pixels.h"
+#include "server/vision/recognition/aspects/ground_places.h"
 #include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
@@ -49,13 +50,7 @@ struct Spread {
 // Robust: parts that lie on the ground are among the places.
 Spread SpreadAt(const cv::Mat& map, const std::vector<Eigen::Vector2f>& places) {
   constexpr float kDeviation = 1.4826f;  // of a normal distribution, in its median deviations
-  std::vector<float> values;
-  values.reserve(places.size());
-  for (const Eigen::Vector2f& p : places) {
-    const int x = std::clamp(static_cast<int>(std::lround(p.x())), 0, map.cols - 1);
-    const int y = std::clamp(static_cast<int>(std::lround(p.y())), 0, map.rows - 1);
-    values.push_back(map.at<float>(y, x));
-  }
+  std::vector<float> values = ValuesAt(map, places);
   Spread out;
   out.center = Median(&values);
   for (float& v : values) v = std::abs(v - out.center);

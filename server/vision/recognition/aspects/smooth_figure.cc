@@ -7,6 +7,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "server/vision/recognition/aspects/edge_pixels.h"
+#include "server/vision/recognition/aspects/ground_places.h"
 #include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
@@ -64,17 +65,6 @@ int Flip(bool value, double least_area, cv::Mat* mask) {
   return flipped;
 }
 
-float MedianAt(const cv::Mat& map, const std::vector<Eigen::Vector2f>& places) {
-  std::vector<float> values;
-  values.reserve(places.size());
-  for (const Eigen::Vector2f& p : places) {
-    const int x = std::clamp(static_cast<int>(std::lround(p.x())), 0, map.cols - 1);
-    const int y = std::clamp(static_cast<int>(std::lround(p.y())), 0, map.rows - 1);
-    values.push_back(map.at<float>(y, x));
-  }
-  return Median(&values);
-}
-
 }  // namespace
 
 bool SmoothFigure::Inside(const Eigen::Vector2f& p) const {
@@ -93,7 +83,8 @@ SmoothFigure FindSmoothFigure(const cv::Mat& bgr,
   cv::GaussianBlur(grey, grey, {}, kNoisePx);
   for (const int reach_px : kReachesPx) {
     const cv::Mat grain = Grain(grey, reach_px);
-    const float usual = MedianAt(grain, ground);
+    std::vector<float> of_ground = ValuesAt(grain, ground);
+    const float usual = Median(&of_ground);
     if (usual < kLeastGrain) return out;
     cv::threshold(grain, mask, kSmoothShare * usual, kMaskLevel, cv::THRESH_BINARY_INV);
     mask.convertTo(mask, CV_8U);
