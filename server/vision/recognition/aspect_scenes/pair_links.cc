@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <utility>
 
 #include "server/base/parallel_for.h"
 
@@ -95,16 +96,19 @@ class PairLinks {
     return out;
   }
 
-  // The object that leads in most views, -1: none does in half of those with hypotheses.
-  int LeadingObject() const {
-    int leading = -1, searched = 0;
-    std::ptrdiff_t most = 1;
+  // LeadingIn of the object that leads most views; empty: none leads two and half of those
+  // searched.
+  std::vector<int> LeadingInMost() const {
+    std::vector<int> leading;
+    std::ptrdiff_t most = 1, searched = 0;
     for (int v = 0; v < static_cast<int>(in_.images.size()); ++v)
       searched += !support_.Hypotheses(v).empty();
     for (int o = 0; o < static_cast<int>(in_.parts.size()); ++o) {
-      const std::vector<int> in = LeadingIn(o);
+      std::vector<int> in = LeadingIn(o);
       const auto views = std::count_if(in.begin(), in.end(), [](int i) { return i >= 0; });
-      if (views > most && 2 * views >= searched) leading = o, most = views;
+      if (views <= most || 2 * views < searched) continue;
+      most = views;
+      leading = std::move(in);
     }
     return leading;
   }
@@ -112,9 +116,7 @@ class PairLinks {
   // Links by the leading object alone: several small wrong parts that tile its image may support
   // their own links more than it does.
   std::vector<GrownScene> OfLeading() const {
-    const int object = LeadingObject();
-    if (object < 0) return {};
-    const std::vector<int> in = LeadingIn(object);
+    const std::vector<int> in = LeadingInMost();
     std::vector<GrownScene> out;
     for (int a = 0; a < static_cast<int>(in.size()); ++a) {
       for (int b = a + 1; b < static_cast<int>(in.size()); ++b) {
