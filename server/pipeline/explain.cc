@@ -19,15 +19,15 @@ std::vector<EdgeLines> FindUnexplained(
   ParallelFor(static_cast<int>(out.size()), threads, [&](int v) {
     const ImageFeatures& features = trace.features[v];
     PinholeCamera camera = CenteredCamera(features.width, features.height, features.width);
-    std::vector<PlacedPart> parts;
+    std::vector<ExplainedObject> placed;
     if (trace.metric && trace.metric->cameras[v]) {
       camera = trace.metric->cameras[v]->camera;
       for (const PosedObject& o : trace.metric->objects) {
-        parts.push_back({objects[o.object].get(),
-                         trace.metric->cameras[v]->camera_from_scene * o.scene_from_object});
+        placed.push_back({objects[o.object].get(),
+                          trace.metric->cameras[v]->camera_from_scene * o.scene_from_object});
       }
     }
-    out[v] = UnexplainedEdges(features, camera, parts);
+    out[v] = UnexplainedEdges(features, camera, placed);
   });
   return out;
 }

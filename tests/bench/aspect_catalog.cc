@@ -6,7 +6,7 @@
 
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/object/aspect_part.h"
+#include "server/vision/recognition/object/aspect_model.h"
 #include "server/vision/recognition/object/prepared_blob.h"
 #include "tests/diagnose/ground_truth.h"
 
@@ -55,7 +55,7 @@ absl::Status LoadAspectCatalog(const BopDataset& dataset,
   for (auto& object : prepared) {
     HOROPTER_RETURN_IF_ERROR(object.status());
     catalog->objects.push_back(*std::move(object));
-    catalog->parts.push_back(AspectPartOf(*catalog->objects.back()));
+    catalog->parts.push_back(AspectModelOf(*catalog->objects.back()));
   }
   HOROPTER_ASSIGN_OR_RETURN(catalog->index, BuildFragmentIndex(catalog->parts, lookup));
   return absl::OkStatus();

@@ -16,7 +16,7 @@ struct AspectCatalog {
   std::vector<int> obj_ids;
   std::vector<ObjectModel> models;
   std::vector<std::shared_ptr<const PreparedObject>> objects;
-  std::vector<AspectPart> parts;  // point into the others: do not copy
+  std::vector<AspectModel> parts;  // point into the others: do not copy
   FragmentIndex index;
 };
 

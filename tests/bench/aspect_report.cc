@@ -2,7 +2,7 @@
 // the catalog: the right pose among the votes, in the verified list, and first of all.
 //
 //   aspect_report DATASET SPLIT [--scenes 1,2] [--max-images N] [--cache DIR] [--overlays DIR]
-//                 [--edges DIR] [--threads N] [--xtree] [--list] [--set coarse_per_part=12,...]
+//                 [--edges DIR] [--threads N] [--xtree] [--list] [--set coarse_per_object=12,...]
 //     --max-images  views of each scene: 1 the first, 2 first and middle one, ... (0: all)
 //     --cache       keeps what was derived of the parts between runs
 //     --overlays    the image with the best hypotheses of the list, one file an image
@@ -88,10 +88,10 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"max_repeats", &o.find.votes.max_repeats},
       {"max_pairs", &o.find.votes.max_pairs},
       {"max_pair_matches", &o.find.votes.max_pair_matches},
-      {"max_per_part", &o.find.votes.max_per_part},
+      {"max_per_object", &o.find.votes.max_per_object},
       {"max_per_place", &o.find.votes.max_per_place},
-      {"coarse_per_part", &o.find.coarse_per_part},
-      {"fine_per_part", &o.find.fine_per_part}};
+      {"coarse_per_object", &o.find.coarse_per_object},
+      {"fine_per_object", &o.find.fine_per_object}};
   for (const std::string& text : arguments.set) {
     const std::size_t equals = text.find('=');
     const std::string name = text.substr(0, equals);
@@ -282,8 +282,8 @@ class Report {
     const PinholeCamera camera = NominalCamera(image);
     int own = -1;
     float rank = 0.0f;
-    for (std::size_t i = 0; i < votes.of_part[part].size() && own < 0; ++i) {
-      const AspectVote& vote = votes.of_part[part][i];
+    for (std::size_t i = 0; i < votes.of_model[part].size() && own < 0; ++i) {
+      const AspectVote& vote = votes.of_model[part][i];
       const double error =
           WorstVertexPx(catalog_.models[part],
                         camera,
@@ -297,7 +297,7 @@ class Report {
     }
     if (own < 0) return {-1, -1};
     int before = 0;
-    for (const auto& list : votes.of_part) {
+    for (const auto& list : votes.of_model) {
       for (const AspectVote& v : list) before += v.rank > rank ? 1 : 0;
     }
     return {own, before};

@@ -279,7 +279,7 @@ void WriteOverlay(const std::string& file,
 
 void HideTruth(const BopScene& scene,
                const AspectCatalog& catalog,
-               std::vector<AspectPart>* parts,
+               std::vector<AspectModel>* parts,
                std::vector<std::vector<AspectHypothesis>>* hypotheses) {
   std::vector<bool> there(parts->size(), false);
   for (const BopInstance& truth : scene.images.front().instances) {
@@ -329,7 +329,7 @@ absl::Status Run(const Arguments& arguments) {
       hypotheses.push_back(std::move(found));
     }
     const double search_s = Seconds(start);
-    std::vector<AspectPart> parts = catalog.parts;
+    std::vector<AspectModel> parts = catalog.parts;
     for (std::size_t v = 0; !arguments.overlays.empty() && v < images.size(); ++v) {
       WriteOverlay(absl::StrFormat(
                        "%s/%d_%d.png", arguments.overlays, scene.scene_id, scene.images[v].im_id),

@@ -78,7 +78,7 @@ absl::StatusOr<Row> Enrol(const BopObject& object) {
   const auto bare = PrepareObject(model);
   if (!bare.ok()) return bare.status();
   row.prepare_s = Seconds() - start - row.read_s;
-  const auto aspects = MakePartAspects(model);
+  const auto aspects = MakeModelAspects(model);
   if (!aspects.ok()) return aspects.status();
   row.aspects_s = Seconds() - start - row.read_s - row.prepare_s;
   PreparedObject whole = **bare;

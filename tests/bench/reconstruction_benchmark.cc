@@ -234,20 +234,21 @@ BENCHMARK(AdjustPoints)
 std::vector<double> PartErrors(const SyntheticTracks& truth, const CalibratedScene& scene) {
   std::vector<double> out;
   for (int part = 0; part < 3; ++part) {
-    std::vector<int> of_part;
+    std::vector<int> of_model;
     for (size_t j = 0; j < truth.part_of_point.size(); ++j) {
-      if (truth.part_of_point[j] == part && scene.points[j]) of_part.push_back(static_cast<int>(j));
+      if (truth.part_of_point[j] == part && scene.points[j])
+        of_model.push_back(static_cast<int>(j));
     }
-    if (of_part.size() < 6) continue;
-    Eigen::Matrix3Xd A(3, of_part.size()), B(3, of_part.size());
-    for (size_t k = 0; k < of_part.size(); ++k) {
-      A.col(static_cast<Eigen::Index>(k)) = *scene.points[of_part[k]];
-      B.col(static_cast<Eigen::Index>(k)) = truth.points[of_part[k]];
+    if (of_model.size() < 6) continue;
+    Eigen::Matrix3Xd A(3, of_model.size()), B(3, of_model.size());
+    for (size_t k = 0; k < of_model.size(); ++k) {
+      A.col(static_cast<Eigen::Index>(k)) = *scene.points[of_model[k]];
+      B.col(static_cast<Eigen::Index>(k)) = truth.points[of_model[k]];
     }
     const Eigen::Matrix4d T = Eigen::umeyama(A, B, true);
     const Eigen::Matrix3Xd D =
         ((T.topLeftCorner<3, 3>() * A).colwise() + T.topRightCorner<3, 1>()) - B;
-    out.push_back(1e3 * std::sqrt(D.squaredNorm() / static_cast<double>(of_part.size())));
+    out.push_back(1e3 * std::sqrt(D.squaredNorm() / static_cast<double>(of_model.size())));
   }
   return out;
 }

@@ -17,7 +17,7 @@ namespace horopter {
 struct PhotoPart {
   ObjectModel model;
   ObjectAspects object;
-  PartFragments fragments;
+  ModelFragments fragments;
 };
 
 inline PhotoPart MakePart(const TriangleMesh& mesh, std::vector<Rigid3> symmetries = {}) {
@@ -32,7 +32,7 @@ inline PhotoPart MakePart(const TriangleMesh& mesh, std::vector<Rigid3> symmetri
   ObjectAspectOptions options;
   options.aspects.directions = 150;
   part.object = *MakeObjectAspects(part.model, options);
-  part.fragments = MakePartFragments(part.object.mesh, part.object.aspects);
+  part.fragments = MakeModelFragments(part.object.mesh, part.object.aspects);
   return part;
 }
 

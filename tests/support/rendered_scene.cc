@@ -88,7 +88,7 @@ struct SceneRenderer::Canvas {
   }
 
   // Samples whose centres are inside the triangle; marks: a part's own silhouette.
-  void Fill(int of_part, int id, const Vector3d p[3], std::vector<bool>* marks) {
+  void Fill(int of_model, int id, const Vector3d p[3], std::vector<bool>* marks) {
     const double area = (p[1].x() - p[0].x()) * (p[2].y() - p[0].y()) -
                         (p[2].x() - p[0].x()) * (p[1].y() - p[0].y());
     if (std::abs(area) < 1e-12) return;
@@ -121,7 +121,7 @@ struct SceneRenderer::Canvas {
         (*marks)[at] = true;
         if (w <= inverse_depth[at]) continue;
         inverse_depth[at] = w;
-        part[at] = static_cast<std::int16_t>(of_part);
+        part[at] = static_cast<std::int16_t>(of_model);
         triangle[at] = id;
       }
     }

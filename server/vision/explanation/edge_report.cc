@@ -30,13 +30,14 @@ const RenderMesh* MeshOf(const PreparedObject& object, std::optional<RenderMesh>
   return &**made;
 }
 
-std::vector<VisibleEdgePoint> VisiblePoints(const PlacedPart& part, const PinholeCamera& camera) {
+std::vector<VisibleEdgePoint> VisiblePoints(const ExplainedObject& placed,
+                                            const PinholeCamera& camera) {
   std::optional<RenderMesh> made;
-  const RenderMesh* mesh = MeshOf(*part.object, &made);
+  const RenderMesh* mesh = MeshOf(*placed.object, &made);
   if (mesh == nullptr) return {};
   VisibleEdgeOptions options;
   options.render_px = kRenderPx;
-  return FindVisibleEdges(*mesh, camera, part.camera_from_object, options).points;
+  return FindVisibleEdges(*mesh, camera, placed.camera_from_object, options).points;
 }
 
 double DistanceToPiece(const Eigen::Vector3d& p,
@@ -78,11 +79,11 @@ class EnrolledEdges {
 };
 
 // Depth of the parts in the image's working pixels, without its lens.
-DepthBuffer DepthOf(std::span<const PlacedPart> parts,
+DepthBuffer DepthOf(std::span<const ExplainedObject> placed,
                     const AspectImage& image,
                     const PinholeCamera& straight) {
   DepthBuffer depth = MakeDepthBuffer(image.width, image.height);
-  for (const PlacedPart& p : parts) {
+  for (const ExplainedObject& p : placed) {
     RenderDepth(p.object->model.mesh, straight, p.camera_from_object, &depth);
   }
   return depth;
@@ -92,23 +93,23 @@ DepthBuffer DepthOf(std::span<const PlacedPart> parts,
 
 EdgeReport ReportEdges(const AspectImage& image,
                        const PinholeCamera& camera,
-                       const PlacedPart& part,
-                       std::span<const PlacedPart> others) {
+                       const ExplainedObject& placed,
+                       std::span<const ExplainedObject> others) {
   EdgeReport report;
   if (image.width == 0) return report;
   const PinholeCamera working = WorkingCamera(image, camera);
   PinholeCamera straight = working;
   straight.k1 = 0.0;
   const DepthBuffer depth = DepthOf(others, image, straight);
-  const EnrolledEdges enrolled(part.object->model);
-  const double hidden_by = kHiddenShareFound * part.object->model.diameter_m;
+  const EnrolledEdges enrolled(placed.object->model);
+  const double hidden_by = kHiddenShareFound * placed.object->model.diameter_m;
   // Where AspectScore's support is one half.
   const double reach =
       AspectScoreOptions{}.tolerance_px * (2.0 / 3.0) * AspectImage::kDistanceScale;
-  const std::vector<VisibleEdgePoint> points = VisiblePoints(part, working);
+  const std::vector<VisibleEdgePoint> points = VisiblePoints(placed, working);
   for (std::size_t i = 0; i < points.size(); ++i) {
     const VisibleEdgePoint& p = points[i];
-    const Eigen::Vector3d x = part.camera_from_object * p.point.cast<double>();
+    const Eigen::Vector3d x = placed.camera_from_object * p.point.cast<double>();
     const bool hidden = !IsVisible(depth, Project(straight, x), x.z(), hidden_by);
     const int bin = AspectBin(p.tangent.x(), p.tangent.y());
     const EdgeState state = hidden ? EdgeState::kHidden
@@ -137,15 +138,15 @@ EdgeReport ReportEdges(const AspectImage& image,
 
 std::vector<std::vector<Eigen::Vector2d>> UnexplainedEdges(const ImageFeatures& features,
                                                            const PinholeCamera& camera,
-                                                           std::span<const PlacedPart> parts,
+                                                           std::span<const ExplainedObject> placed,
                                                            double least_px) {
   const double scale = std::min(1.0, kWorkingWidth / std::max(1, features.width));
   const int width = static_cast<int>(features.width * scale) + 1;
   const int height = static_cast<int>(features.height * scale) + 1;
   std::vector<std::uint8_t> explained(static_cast<std::size_t>(width) * height, 0);
   const int reach = static_cast<int>(kExplainedPx);
-  for (const PlacedPart& part : parts) {
-    for (const VisibleEdgePoint& p : VisiblePoints(part, camera)) {
+  for (const ExplainedObject& one : placed) {
+    for (const VisibleEdgePoint& p : VisiblePoints(one, camera)) {
       const int cx = static_cast<int>(p.image.x() * scale);
       const int cy = static_cast<int>(p.image.y() * scale);
       for (int y = std::max(0, cy - reach); y <= std::min(height - 1, cy + reach); ++y) {

@@ -34,7 +34,7 @@ struct EdgeReport {
   double hidden_px = 0.0;
 };
 
-struct PlacedPart {
+struct ExplainedObject {
   const PreparedObject* object = nullptr;
   Rigid3 camera_from_object;
 };
@@ -44,15 +44,15 @@ struct PlacedPart {
 // is visible.
 EdgeReport ReportEdges(const AspectImage& image,
                        const PinholeCamera& camera,
-                       const PlacedPart& part,
-                       std::span<const PlacedPart> others);
+                       const ExplainedObject& placed,
+                       std::span<const ExplainedObject> others);
 
 // Pieces of the image's edge chains (pixels of the image) that lie beside all visible edges of the
 // parts; shorter ones than `least_px` are left out. Chains of fine texture are kept: they are
 // unexplained too.
 std::vector<std::vector<Eigen::Vector2d>> UnexplainedEdges(const ImageFeatures& features,
                                                            const PinholeCamera& camera,
-                                                           std::span<const PlacedPart> parts,
+                                                           std::span<const ExplainedObject> placed,
                                                            double least_px = 12.0);
 
 }  // namespace horopter

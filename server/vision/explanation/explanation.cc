@@ -16,8 +16,8 @@
 #include "server/vision/recognition/interpretation/aspect_decision.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/aspect_starts.h"
+#include "server/vision/recognition/object/aspect_model.h"
 #include "server/vision/recognition/object/aspect_options.h"
-#include "server/vision/recognition/object/aspect_part.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
@@ -140,8 +140,8 @@ class Explainer {
   absl::StatusOr<std::vector<ViewHypothesis>> Hypotheses() {
     std::vector<ViewHypothesis> kept = log_.hypotheses;
     if (!kept.empty() || object_.aspects == nullptr) return kept;
-    const AspectPart part = AspectPartOf(object_);
-    HOROPTER_ASSIGN_OR_RETURN(const FragmentIndex index, BuildFragmentIndex({&part, 1}));
+    const AspectModel model = AspectModelOf(object_);
+    HOROPTER_ASSIGN_OR_RETURN(const FragmentIndex index, BuildFragmentIndex({&model, 1}));
     FindAspectOptions search = in_.aspects != nullptr ? in_.aspects->find : FindAspectOptions();
     search.threads = search.votes.threads = options_.threads;
     for (std::size_t v = 0; v < images_.size(); ++v) {
@@ -221,16 +221,16 @@ class Explainer {
   // Whether the object lies on a plane with the answered ones or on them.
   bool Lies(const Rigid3& scene_from_object) const {
     if (metric_ == nullptr) return false;
-    std::vector<AspectPart> parts;
+    std::vector<AspectModel> models;
     std::vector<AspectSceneObject> answered;
     for (const PosedObject& o : metric_->objects) {
       if (in_.objects[o.object]->aspects == nullptr) continue;
-      answered.push_back({static_cast<int>(parts.size()), o.scene_from_object});
-      parts.push_back(AspectPartOf(*in_.objects[o.object]));
+      answered.push_back({static_cast<int>(models.size()), o.scene_from_object});
+      models.push_back(AspectModelOf(*in_.objects[o.object]));
     }
-    return LiesOn(PlanesToLieOn(answered, parts, SceneViews(cameras_)),
+    return LiesOn(PlanesToLieOn(answered, models, SceneViews(cameras_)),
                   scene_from_object,
-                  AspectPartOf(object_));
+                  AspectModelOf(object_));
   }
 
   // Score from which on an object is answered beside others.
@@ -287,7 +287,7 @@ class Explainer {
     view.camera_from_object = camera_from_object;
     if (Mesh() != nullptr)
       view.score = ScorePose(images_[v], *Mesh(), camera, camera_from_object).score;
-    std::vector<PlacedPart> others;
+    std::vector<ExplainedObject> others;
     if (metric_ != nullptr && metric_->cameras[v]) {
       for (const PosedObject& o : metric_->objects) {
         if (o.object == log_.object) continue;

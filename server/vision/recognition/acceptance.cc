@@ -65,7 +65,7 @@ absl::Status Check(const AspectAcceptance& o) {
        {"accompanied_score", o.accompanied_score, FieldRange::kShare},
        {"companion_score", o.companion_score, FieldRange::kShare},
        {"companion_lying", o.companion_lying, FieldRange::kShare},
-       {"company_parts", static_cast<double>(o.company_parts), FieldRange::kPositive},
+       {"company_parts", static_cast<double>(o.company_objects), FieldRange::kPositive},
        {"company_lying", o.company_lying, FieldRange::kShare},
        {"company_score", o.company_score, FieldRange::kShare},
        {"company_even", o.company_even, FieldRange::kShare},

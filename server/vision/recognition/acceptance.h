@@ -30,7 +30,7 @@ struct PlacementAcceptance {
   // Log-likelihood ratio (log_odds.h) of an upright part that stands on nothing known. Commit
   // bec4545, parts-dev and parts-train.
   double floating_log_odds = 4.0;
-  // Of half hidden parts (AddHiddenParts): of 258 wrong placements beside the parts of scenes of
+  // Of half hidden parts (AddHiddenObjects): of 258 wrong placements beside the parts of scenes of
   // parts-dev, parts-train and of other parts none stands so and reaches both, of 6 right ones 5
   // do. Commits b6e7799 and, for the slack before its own refinement, de757fa.
   double hidden_score = 0.50;
@@ -144,7 +144,7 @@ struct AspectAcceptance {
   // The same of the best part and so many parts of this score in all: granite leaves little of any
   // one. Of the 56 scenes of which no part was looked for that have three views none has more than
   // two parts of 0.40; one without known parts had 0.50, 0.43 and 0.41.
-  int company_parts = 3;
+  int company_objects = 3;
   // So many parts that lie on a plane together are company with so little: each pose was settled
   // freely, and by chance one in some thousand lies on another's plane. Of 46 scenes of which no
   // part was looked for one has two parts that do, none three. Commit of ADR 40, cad-dev and 30

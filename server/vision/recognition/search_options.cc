@@ -36,7 +36,7 @@ absl::Status Check(const std::string& name, const StandingPlaneOptions& o) {
                       {"tilt_sigma_rad", o.tilt_sigma_rad, FieldRange::kPositive},
                       {"offset_sigma_m", o.offset_sigma_m, FieldRange::kPositive},
                       {"robust_scale_m", o.robust_scale_m, FieldRange::kPositive},
-                      {"min_parts", static_cast<double>(o.min_parts), FieldRange::kPositive}});
+                      {"min_parts", static_cast<double>(o.min_objects), FieldRange::kPositive}});
 }
 
 absl::Status Check(const std::string& name, const SurfaceTextureOptions& o) {

@@ -34,7 +34,7 @@ struct StandingPlaneOptions {
   double tilt_sigma_rad = 0.02;   // prior of the given plane's normal
   double offset_sigma_m = 0.006;  // ... and of its offset
   double robust_scale_m = 0.002;  // Cauchy: a part on top of a flat one does not lift the plane
-  int min_parts = 2;
+  int min_objects = 2;
 };
 
 // Texture on faces (scene/surface_texture.h).

@@ -22,7 +22,7 @@ struct PairTable {
   }
 };
 
-bool IsAbove(const SeenPart& seen, const SupportingPlane& plane) {
+bool IsAbove(const SeenObject& seen, const SupportingPlane& plane) {
   return IsBelow(plane, {AspectSceneView{seen.camera, seen.camera_from_scene}});
 }
 
@@ -46,8 +46,8 @@ class Chooser {
     ParallelFor(static_cast<int>(views_.size()), options.threads, [&](int i) {
       const std::size_t v = views_[i];
       for (const AllowedPose& pose : lists_[i])
-        layers_[i].push_back(
-            MakePartLayer(images[v], mesh, cameras[v], pose.camera_from_object, options.render_px));
+        layers_[i].push_back(MakeObjectLayer(
+            images[v], mesh, cameras[v], pose.camera_from_object, options.render_px));
       for (std::size_t a = 0; a < lists_[i].size(); ++a)
         seen_[i].push_back(
             {&images[v], cameras[v], lists_[i][a].camera_from_object, &layers_[i][a]});
@@ -138,8 +138,8 @@ class Chooser {
   std::vector<std::size_t> views_;                   // that have poses
   std::vector<std::span<const AllowedPose>> lists_;  // of these
   std::vector<SupportingPlane> planes_;              // object frame
-  std::vector<std::vector<PartLayer>> layers_;
-  std::vector<std::vector<SeenPart>> seen_;
+  std::vector<std::vector<ObjectLayer>> layers_;
+  std::vector<std::vector<SeenObject>> seen_;
   std::vector<PairTable> tables_;
 };
 

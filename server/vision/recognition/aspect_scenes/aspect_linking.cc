@@ -58,7 +58,7 @@ class Linker {
         objects_(input, options, stop),
         contest_(input, options, links_, objects_),
         turns_(input, options, links_, objects_) {
-    for (const AspectPart& part : in_.parts) meshes_.push_back(&part.object->mesh);
+    for (const AspectModel& model : in_.models) meshes_.push_back(&model.object->mesh);
   }
 
   LinkedScene Run() {
@@ -69,7 +69,7 @@ class Linker {
     search_.Forget();
     if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1 &&
         !IsSure(best))
-      search_.SearchFor(best, std::vector<bool>(best.views.size(), true), options_.few_per_part);
+      search_.SearchFor(best, std::vector<bool>(best.views.size(), true), options_.few_per_object);
     Rescue(&best);
     if (AddStanding(&best)) {
       // What was added may settle views that the others left in doubt.
@@ -97,7 +97,7 @@ class Linker {
     const std::size_t known = scene.objects.size();
     CarryOver(options_.carried, &scene);
     if (options_.standing > 0 && !IsStopRequested(stop_))
-      objects_.Place(Standing(PlanesUnder(in_.known->objects, in_.parts, scene.views), scene),
+      objects_.Place(Standing(PlanesUnder(in_.known->objects, in_.models, scene.views), scene),
                      &scene);
     std::vector<LinkedObject> judged = objects_.Judge(scene, kFineRenderPx);
     objects_.FindLying(scene.views, kPlaneScore, &judged);
@@ -121,7 +121,8 @@ class Linker {
     if (in_.known != nullptr && !in_.known->objects.empty()) best = Completed(*in_.known);
     for (const Draft& draft : Drafts(links_.InitialScenes())) {
       if (IsStopRequested(stop_) && !best.objects.empty()) break;
-      if (IsWithin(draft.scene, SceneOf(best), in_.parts)) continue;  // it would grow into the same
+      if (IsWithin(draft.scene, SceneOf(best), in_.models))
+        continue;  // it would grow into the same
       LinkedScene scene = Completed(draft.scene);
       if (scene.score > best.score) best = std::move(scene);
     }
@@ -172,15 +173,15 @@ class Linker {
       LinkedScene alone;
       alone.views.resize(in_.images.size());
       alone.views[view] = links_.ViewOf(view, lead);
-      LinkedObject part;
-      part.object = lead.object;
-      part.shown.assign(in_.images.size(), false);
-      part.shown[view] = true;
-      alone.objects.push_back(std::move(part));
+      LinkedObject linked;
+      linked.object = lead.object;
+      linked.shown.assign(in_.images.size(), false);
+      linked.shown[view] = true;
+      alone.objects.push_back(std::move(linked));
       std::vector<bool> wanted(in_.images.size(), true);
       wanted[view] = false;
       search_.Forget();
-      search_.SearchFor(alone, wanted, options_.rescue_per_part);
+      search_.SearchFor(alone, wanted, options_.rescue_per_object);
       LinkedScene other = BestLinked();
       if (other.score > best->score) *best = std::move(other);
       if (IsCredible(*best)) return;
@@ -188,7 +189,7 @@ class Linker {
   }
 
   void AddUnsearched(LinkedScene* best) {
-    search_.SearchUnsearchedFor(*best, options_.quick_per_part);
+    search_.SearchUnsearchedFor(*best, options_.quick_per_object);
     LinkedScene more = Completed(SceneOf(*best));
     if (more.score > best->score) *best = std::move(more);
   }
@@ -211,7 +212,7 @@ class Linker {
       for (const GrownObject& o : start.objects) draft.scene.objects.push_back(o.placed);
       links_.AdjustToHypotheses(start, &draft.scene);
       if (std::any_of(drafts.begin(), drafts.end(), [&](const Draft& other) {
-            return IsWithin(draft.scene, other.scene, in_.parts);
+            return IsWithin(draft.scene, other.scene, in_.models);
           }))
         continue;
       AdjustCoarsely(&draft.scene);
@@ -389,7 +390,7 @@ class Linker {
     for (const StandingPlane& plane : planes) {
       int of_plane = 0;
       for (const StandingCandidate& c :
-           FindStanding(in_.images, scene.views, in_.parts, plane, scene.objects, search, stop_)) {
+           FindStanding(in_.images, scene.views, in_.models, plane, scene.objects, search, stop_)) {
         if (of_plane >= options_.standing) break;
         if (!objects_.IsFree(scene.views, scene.objects, c.placed)) continue;
         candidates.push_back(c.placed);
@@ -404,7 +405,7 @@ class Linker {
   bool AddStanding(LinkedScene* best) const {
     if (options_.standing <= 0 || best->registered() < 2 || IsStopRequested(stop_)) return false;
     AspectScene scene = SceneOf(*best);
-    const auto planes = PlanesUnder(scene.objects, in_.parts, scene.views);
+    const auto planes = PlanesUnder(scene.objects, in_.models, scene.views);
     // A doubtful object does not keep its place from others.
     std::vector<AspectSceneObject> doubtful;
     for (std::size_t o = scene.objects.size(); o-- > 1;) {
@@ -436,12 +437,12 @@ class Linker {
   // Looks again at the views that have no camera or a doubtful one, while that explains more.
   void Rescue(LinkedScene* best) {
     for (int round = 0; round < kRescues && !best->objects.empty(); ++round) {
-      const LinkedScene trusted = WithoutDoubtfulViews(*best, in_.parts, links_);
+      const LinkedScene trusted = WithoutDoubtfulViews(*best, in_.models, links_);
       if (trusted.registered() == static_cast<int>(best->views.size()) || IsStopRequested(stop_))
         return;
       std::vector<bool> missing;
       for (const auto& view : trusted.views) missing.push_back(!view);
-      search_.SearchFor(trusted, missing, options_.rescue_per_part);
+      search_.SearchFor(trusted, missing, options_.rescue_per_object);
       LinkedScene more = Completed(SceneOf(trusted));
       if (more.score <= best->score) return;
       *best = std::move(more);

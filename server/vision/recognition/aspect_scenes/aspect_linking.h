@@ -39,9 +39,9 @@ struct AspectLinkOptions {
   double lying_bonus = 0.08;  // of score; what LinkedObject::lies is worth in both
   double shown_share = 0.6;   // of a part's box inside the image for a view to count
   // Poses of a found part that are refined in a view which its hypotheses did not link.
-  int rescue_per_part = 120;
-  int few_per_part = 40;    // ... in all views of a scene of one or two parts
-  int quick_per_part = 16;  // ... in views that were not searched for all parts
+  int rescue_per_object = 120;
+  int few_per_object = 40;    // ... in all views of a scene of one or two parts
+  int quick_per_object = 16;  // ... in views that were not searched for all parts
   AspectAdjustmentOptions adjustment;
   StandingSearchOptions standing_search;  // threads are these'
   AgreeingPosesOptions agreeing;          // ... and surface_tells the part's
@@ -58,7 +58,7 @@ struct AspectLinkInput {
   std::span<const AspectImage> images;
   std::span<const AspectViewPrior> priors;                    // one per image
   std::span<const std::vector<AspectHypothesis>> hypotheses;  // of each image, best first
-  std::span<const AspectPart> parts;
+  std::span<const AspectModel> models;
   // What is known of the scene by other means (null: nothing), completed beside the links: views
   // with the priors of their focal lengths, objects by the numbers of `parts`.
   const AspectScene* known = nullptr;

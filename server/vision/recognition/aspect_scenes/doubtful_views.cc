@@ -14,22 +14,22 @@ constexpr double kBetterScore = 0.06;   // of another pose of an object in one v
 // Whether the view has a hypothesis of an object, in its place but elsewhere in pose, that explains
 // more.
 bool IsContradicted(const LinkedScene& scene,
-                    std::span<const AspectPart> parts,
+                    std::span<const AspectModel> models,
                     const ViewLinks& links,
                     int v) {
   const AspectSceneView& view = *scene.views[v];
   for (const LinkedObject& o : scene.objects) {
     if (!o.shown[v]) continue;
     const Rigid3 expected = view.camera_from_scene * o.scene_from_object;
-    const RenderMesh& mesh = parts[o.object].object->mesh;
+    const RenderMesh& mesh = models[o.object].object->mesh;
     const Eigen::Vector3d center = mesh.center.cast<double>();
-    const double size = SizePx(parts[o.object], view.camera, expected);
+    const double size = SizePx(models[o.object], view.camera, expected);
     for (const AspectHypothesis& h : links.Hypotheses(v)) {
       if (h.object != o.object || h.score < o.views[v].score + kBetterScore) continue;
       const Eigen::Vector2d there = Project(h.camera, h.camera_from_object * center);
       if ((Project(view.camera, expected * center) - there).norm() > 0.5 * size) continue;
       const double off =
-          PoseDistancePx(parts[h.object], view.camera, expected, h.camera, h.camera_from_object);
+          PoseDistancePx(models[h.object], view.camera, expected, h.camera, h.camera_from_object);
       if (off > kOtherPoseShare * size) return true;
     }
   }
@@ -58,13 +58,13 @@ std::vector<bool> PoorViews(const LinkedScene& scene, double share) {
 }
 
 LinkedScene WithoutDoubtfulViews(const LinkedScene& scene,
-                                 std::span<const AspectPart> parts,
+                                 std::span<const AspectModel> models,
                                  const ViewLinks& links) {
   LinkedScene out = scene;
   const std::vector<bool> poor = PoorViews(scene, kDoubtfulShare);
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v] || out.registered() < 3) continue;
-    if (poor[v] || IsContradicted(scene, parts, links, static_cast<int>(v))) out.views[v].reset();
+    if (poor[v] || IsContradicted(scene, models, links, static_cast<int>(v))) out.views[v].reset();
   }
   return out;
 }

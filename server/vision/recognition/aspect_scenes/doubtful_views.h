@@ -15,7 +15,7 @@ std::vector<bool> PoorViews(const LinkedScene& scene, double share);
 // Without poor ones, and those whose own hypothesis of an object, elsewhere in pose, explains more,
 // as long as two are left.
 LinkedScene WithoutDoubtfulViews(const LinkedScene& scene,
-                                 std::span<const AspectPart> parts,
+                                 std::span<const AspectModel> models,
                                  const ViewLinks& links);
 
 }  // namespace horopter

@@ -95,15 +95,15 @@ AspectSceneView HypothesisSupport::ViewOf(int v,
 double HypothesisSupport::Agreement(const AspectSceneView& view,
                                     const Rigid3& expected,
                                     const AspectHypothesis& h) const {
-  const AspectPart& part = in_.parts[h.object];
-  const Eigen::Vector3d center = part.object->mesh.center.cast<double>();
+  const AspectModel& model = in_.models[h.object];
+  const Eigen::Vector3d center = model.object->mesh.center.cast<double>();
   const Eigen::Vector3d x = expected * center;
   if (x.z() <= 0) return 0.0;
-  const double size = view.camera.focal_px * part.object->mesh.diameter_m / x.z();
+  const double size = view.camera.focal_px * model.object->mesh.diameter_m / x.z();
   const double reach = options_.same_pose_share * size;
   const Eigen::Vector2d there = Project(h.camera, h.camera_from_object * center);
   if ((Project(view.camera, x) - there).norm() > reach) return 0.0;
-  const double off = PoseDistancePx(part, view.camera, expected, h.camera, h.camera_from_object);
+  const double off = PoseDistancePx(model, view.camera, expected, h.camera, h.camera_from_object);
   return off < reach ? 1.0 - 0.5 * off / reach : 0.0;
 }
 

@@ -25,7 +25,7 @@ class HypothesisSupport {
   // Hypotheses of a view whose edges are carried into others: the first so many.
   std::size_t CarriedCount(int view) const { return points_[view].size(); }
 
-  const RenderMesh& MeshOf(int object) const { return in_.parts[object].object->mesh; }
+  const RenderMesh& MeshOf(int object) const { return in_.models[object].object->mesh; }
   AspectSceneView ViewOf(int v, const PinholeCamera& camera, const Rigid3& pose) const;
   // The hypothesis of view v that agrees best with an object placed at `expected` (camera frame),
   // and its weight times how well; -1: none.

@@ -15,11 +15,11 @@ constexpr double kNearPeak = 0.7;       // of the best support
 constexpr double kLeastCarried = 0.02;  // that tells turns apart
 constexpr double kSameAxis = 0.01;      // between unit vectors
 
-std::vector<Rigid3> FineTurns(const AspectPart& part) {
+std::vector<Rigid3> FineTurns(const AspectModel& model) {
   std::vector<Rigid3> out;
-  for (const SymmetryAxis& axis : part.round) {
+  for (const SymmetryAxis& axis : model.round) {
     std::vector<Rigid3> sides = {Rigid3{}};
-    for (const Rigid3& s : part.symmetries) {
+    for (const Rigid3& s : model.symmetries) {
       if ((s.R * axis.axis + axis.axis).norm() > kSameAxis) continue;
       sides.push_back(s);
       break;
@@ -34,15 +34,15 @@ std::vector<Rigid3> FineTurns(const AspectPart& part) {
 
 }  // namespace
 
-LinkTurns::LinkTurns(std::span<const AspectPart> parts, int max_symmetries)
-    : parts_(parts), max_symmetries_(max_symmetries) {
-  for (const AspectPart& part : parts) fine_.push_back(FineTurns(part));
+LinkTurns::LinkTurns(std::span<const AspectModel> models, int max_symmetries)
+    : models_(models), max_symmetries_(max_symmetries) {
+  for (const AspectModel& model : models) fine_.push_back(FineTurns(model));
 }
 
 std::vector<Rigid3> LinkTurns::Of(int object) const {
   std::vector<Rigid3> turns = {Rigid3{}};
-  AppendSpread(parts_[object].symmetries, &turns);
-  AppendSpread(parts_[object].near_turns, &turns);
+  AppendSpread(models_[object].symmetries, &turns);
+  AppendSpread(models_[object].near_turns, &turns);
   return turns;
 }
 

@@ -13,7 +13,7 @@ namespace horopter {
 class LinkTurns {
  public:
   // The parts outlive the object.
-  LinkTurns(std::span<const AspectPart> parts, int max_symmetries);
+  LinkTurns(std::span<const AspectModel> models, int max_symmetries);
 
   // The identity, the symmetries of a part and what is nearly one, at most max_symmetries of each.
   std::vector<Rigid3> Of(int object) const;
@@ -26,7 +26,7 @@ class LinkTurns {
                                 const std::function<double(const Rigid3&)>& support) const;
 
  private:
-  std::span<const AspectPart> parts_;
+  std::span<const AspectModel> models_;
   const int max_symmetries_;
   // Of each part, in steps of three degrees, both ways up when that looks the same; empty: it is
   // not round.

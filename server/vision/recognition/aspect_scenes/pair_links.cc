@@ -103,7 +103,7 @@ class PairLinks {
     std::ptrdiff_t most = 1, searched = 0;
     for (int v = 0; v < static_cast<int>(in_.images.size()); ++v)
       searched += !support_.Hypotheses(v).empty();
-    for (int o = 0; o < static_cast<int>(in_.parts.size()); ++o) {
+    for (int o = 0; o < static_cast<int>(in_.models.size()); ++o) {
       std::vector<int> in = LeadingIn(o);
       const auto views = std::count_if(in.begin(), in.end(), [](int i) { return i >= 0; });
       if (views <= most || 2 * views < searched) continue;

@@ -28,7 +28,7 @@ bool PlaceContest::ChooseTurns(LinkedScene* scene) const {
   bool turned = false;
   for (LinkedObject& o : scene->objects) {
     std::vector<Rigid3> turns;
-    links_.turns().AppendSpread(in_.parts[o.object].near_turns, &turns);
+    links_.turns().AppendSpread(in_.models[o.object].near_turns, &turns);
     if (turns.empty()) continue;
     turns.insert(turns.begin(), Rigid3{});
     std::vector<double> scores(turns.size());
@@ -98,8 +98,8 @@ std::vector<AspectSceneObject> PlaceContest::BetterInOneView(const LinkedScene& 
       const double smaller = std::min(MeshOf(h.object).diameter_m, MeshOf(o.object).diameter_m);
       if ((there - here).norm() > kSamePlaceShare * smaller) continue;
       if (h.object == o.object) {
-        const double size = SizePx(in_.parts[o.object], view.camera, pose);
-        const double off = PoseDistancePx(in_.parts[h.object],
+        const double size = SizePx(in_.models[o.object], view.camera, pose);
+        const double off = PoseDistancePx(in_.models[h.object],
                                           view.camera,
                                           view.camera_from_scene * o.scene_from_object,
                                           view.camera,
@@ -121,8 +121,8 @@ std::vector<AspectSceneObject> PlaceContest::BetterInOneView(const LinkedScene& 
 void PlaceContest::FindBestCompeting(LinkedScene* scene) const {
   for (LinkedObject& o : scene->objects) {
     const Eigen::Vector3d center = o.scene_from_object * MeshOf(o.object).center.cast<double>();
-    std::vector<double> best(in_.parts.size(), 0.0);
-    std::vector<AspectSceneObject> candidates(in_.parts.size());
+    std::vector<double> best(in_.models.size(), 0.0);
+    std::vector<AspectSceneObject> candidates(in_.models.size());
     for (std::size_t v = 0; v < scene->views.size(); ++v) {
       if (!scene->views[v]) continue;
       const Rigid3 scene_from_camera = scene->views[v]->camera_from_scene.Inverse();

@@ -35,7 +35,7 @@ class PlaceContest {
   // Candidates adjusted to all views and judged there, in their order.
   std::vector<Rated> Settled(const LinkedScene& scene,
                              const std::vector<AspectSceneObject>& candidates) const;
-  const RenderMesh& MeshOf(int object) const { return in_.parts[object].object->mesh; }
+  const RenderMesh& MeshOf(int object) const { return in_.models[object].object->mesh; }
   // Whether the scene has this object in this place.
   bool IsAccepted(const LinkedScene& scene, int object, const Eigen::Vector3d& center) const;
   // Hypotheses in the place of an object that score in their image what it scores there, or nearly

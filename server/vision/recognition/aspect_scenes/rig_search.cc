@@ -41,7 +41,7 @@ class RigSearch {
         links_(input, options, stop),
         objects_(input, options, stop),
         contest_(input, options, links_, objects_) {
-    for (const AspectPart& part : in_.parts) meshes_.push_back(&part.object->mesh);
+    for (const AspectModel& model : in_.models) meshes_.push_back(&model.object->mesh);
   }
 
   LinkedScene Run() {
@@ -190,14 +190,14 @@ class RigSearch {
     StandingSearchOptions search;
     search.threads = options_.threads;
     std::vector<AspectSceneObject> candidates;
-    const std::vector<StandingPlane> planes = PlanesUnder(scene.objects, in_.parts, scene.views);
+    const std::vector<StandingPlane> planes = PlanesUnder(scene.objects, in_.models, scene.views);
     int most = 0;
     for (const StandingPlane& plane : planes) most = std::max(most, plane.objects);
     for (const StandingPlane& plane : planes) {
       if (plane.objects < most) continue;  // parts that stand on one plane say which it is
       int of_plane = 0;
       for (const StandingCandidate& c :
-           FindStanding(in_.images, scene.views, in_.parts, plane, scene.objects, search, stop_)) {
+           FindStanding(in_.images, scene.views, in_.models, plane, scene.objects, search, stop_)) {
         if (of_plane >= std::min(kStanding, options_.standing)) break;
         if (!objects_.IsFree(scene.views, scene.objects, c.placed)) continue;
         candidates.push_back(c.placed);

@@ -17,14 +17,14 @@ constexpr double kGrowingPrint = 0.5;
 constexpr double kGrowingRecall = 0.5;
 constexpr int kPrintViews = 3;  // that tell print from what stands before or behind a part
 
-using ViewSpan = std::span<const std::vector<PartLayer>* const>;
+using ViewSpan = std::span<const std::vector<ObjectLayer>* const>;
 
 // Working pixels about the image of a part, for the layers that may overlap it.
 struct Disc {
   Eigen::Vector2d center = Eigen::Vector2d::Zero();
   double radius = 0.0;
 
-  bool Meets(const PartLayer& layer) const {
+  bool Meets(const ObjectLayer& layer) const {
     return layer.width > 0 && center.x() + radius > layer.x0 && center.y() + radius > layer.y0 &&
            center.x() - radius < layer.x0 + layer.width &&
            center.y() - radius < layer.y0 + layer.height;
@@ -56,8 +56,8 @@ bool IsInside(const RenderMesh& mesh,
 }
 
 // Of the smaller image of two parts, the share where both have one surface; over all views.
-double SharedSurface(std::span<const PartLayer> a,
-                     std::span<const PartLayer> b,
+double SharedSurface(std::span<const ObjectLayer> a,
+                     std::span<const ObjectLayer> b,
                      double tolerance_m) {
   std::int64_t of_a = 0, of_b = 0, shared = 0;
   for (std::size_t v = 0; v < a.size(); ++v) {
@@ -124,11 +124,11 @@ class ObjectEdges {
     return *scored_[v];
   }
 
-  PartLayer Layer(std::size_t v) {
+  ObjectLayer Layer(std::size_t v) {
     const PinholeCamera& camera = views_[v]->camera;
     if (options_.layer_px == options_.render_px)
-      return MakePartLayer(images_[v], Scored(v), camera);
-    return MakePartLayer(images_[v], Rendered(v, options_.layer_px), camera);
+      return MakeObjectLayer(images_[v], Scored(v), camera);
+    return MakeObjectLayer(images_[v], Rendered(v, options_.layer_px), camera);
   }
 
  private:
@@ -156,11 +156,11 @@ void ForgivePrint(std::span<const AspectImage> images,
                   const RenderMesh& mesh,
                   const std::vector<std::optional<AspectSceneView>>& views,
                   const AspectSceneObject& placed,
-                  const std::vector<std::vector<const PartLayer*>>& near,
+                  const std::vector<std::vector<const ObjectLayer*>>& near,
                   const AspectScoreOptions& scoring,
                   ObjectEdges* edges,
                   LinkedObject* out) {
-  std::vector<PartLayer> layers(views.size());
+  std::vector<ObjectLayer> layers(views.size());
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (out->shown[v]) layers[v] = edges->Layer(v);
   }
@@ -192,7 +192,7 @@ LinkedObject Judged(std::span<const AspectImage> images,
   out.shown.assign(views.size(), false);
   AspectScoreOptions scoring = options.scoring;
   scoring.render_px = options.render_px;
-  std::vector<std::vector<const PartLayer*>> near(views.size());
+  std::vector<std::vector<const ObjectLayer*>> near(views.size());
   int registered = 0, shown = 0;
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!views[v]) continue;
@@ -201,7 +201,7 @@ LinkedObject Judged(std::span<const AspectImage> images,
     if (!IsInside(mesh, views[v]->camera, pose, options.shown_share)) continue;
     if (!others.empty()) {
       const Disc disc = DiscOf(images[v], mesh, views[v]->camera, pose);
-      for (const std::vector<PartLayer>* layers : others) {
+      for (const std::vector<ObjectLayer>* layers : others) {
         if (disc.Meets((*layers)[v])) near[v].push_back(&(*layers)[v]);
       }
     }
@@ -319,7 +319,7 @@ std::vector<LinkedObject> JudgeScene(std::span<const AspectImage> images,
   ParallelFor(count, options.threads, [&](int i) {
     const AspectSceneObject& object = scene.objects[i];
     const double diameter = meshes[object.object]->diameter_m;
-    std::vector<const std::vector<PartLayer>*> better;
+    std::vector<const std::vector<ObjectLayer>*> better;
     bool taken = false;
     for (int o = 0; o < count; ++o) {
       if (alone[o].score <= alone[i].score || alone[o].score < options.hiding_score) continue;

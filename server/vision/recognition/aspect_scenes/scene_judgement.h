@@ -61,7 +61,7 @@ struct SceneJudgementOptions {
 std::array<Eigen::Vector3d, 8> BoxCorners(const RenderMesh& mesh);
 
 // The objects of a scene as its views show them, [object][view]; empty where not registered.
-using SceneLayers = std::vector<std::vector<PartLayer>>;
+using SceneLayers = std::vector<std::vector<ObjectLayer>>;
 
 // An object in all registered views; `others`: what hides it, [object][view], or empty. A view that
 // shows little of the object does not count; an object that few views show scores nothing.
@@ -71,7 +71,7 @@ LinkedObject JudgeInViews(std::span<const AspectImage> images,
                           const std::vector<std::optional<AspectSceneView>>& views,
                           const AspectSceneObject& placed,
                           const SceneJudgementOptions& options = {},
-                          std::span<const std::vector<PartLayer>* const> others = {},
+                          std::span<const std::vector<ObjectLayer>* const> others = {},
                           std::span<PoseRendering> rendered = {});
 
 // Layers of the objects whose scores (one each) reach hiding_score.

@@ -38,7 +38,7 @@ SceneObjects::SceneObjects(const AspectLinkInput& input,
                            const AspectLinkOptions& options,
                            const StopRequested& stop)
     : in_(input), options_(options), stop_(stop) {
-  for (const AspectPart& part : in_.parts) meshes_.push_back(&part.object->mesh);
+  for (const AspectModel& model : in_.models) meshes_.push_back(&model.object->mesh);
 }
 
 double SceneObjects::Sift(AspectScene* scene) const {
@@ -85,7 +85,7 @@ std::vector<SupportingPlane> SceneObjects::PlanesOf(
     if (i == but) left_out = static_cast<int>(givers.size());
     givers.push_back({judged[i].object, judged[i].scene_from_object});
   }
-  return PlanesToLieOn(givers, in_.parts, views, left_out);
+  return PlanesToLieOn(givers, in_.models, views, left_out);
 }
 
 void SceneObjects::FindLying(const std::vector<std::optional<AspectSceneView>>& views,
@@ -94,10 +94,10 @@ void SceneObjects::FindLying(const std::vector<std::optional<AspectSceneView>>& 
   const std::vector<SupportingPlane> planes = PlanesOf(views, *judged, least);
   for (int i = 0; i < static_cast<int>(judged->size()); ++i) {
     LinkedObject& o = (*judged)[i];
-    const AspectPart& part = in_.parts[o.object];
+    const AspectModel& model = in_.models[o.object];
     o.lies = o.score >= least
-                 ? LiesOn(PlanesOf(views, *judged, least, i), o.scene_from_object, part)
-                 : LiesOn(planes, o.scene_from_object, part);
+                 ? LiesOn(PlanesOf(views, *judged, least, i), o.scene_from_object, model)
+                 : LiesOn(planes, o.scene_from_object, model);
   }
 }
 
@@ -118,7 +118,7 @@ std::vector<LinkedObject> SceneObjects::Judge(const AspectScene& scene, double r
 
 LinkedObject SceneObjects::JudgeOne(const std::vector<std::optional<AspectSceneView>>& views,
                                     const AspectSceneObject& placed,
-                                    std::span<const std::vector<PartLayer>* const> others,
+                                    std::span<const std::vector<ObjectLayer>* const> others,
                                     std::span<PoseRendering> rendered) const {
   return JudgeInViews(in_.images,
                       *meshes_[placed.object],
@@ -183,8 +183,8 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene*
   SceneJudgementOptions judging = Judging(options_.quick_render_px);
   judging.threads = options_.threads;
   const SceneLayers layers = MakeSceneLayers(in_.images, meshes_, *scene, there, judging);
-  std::vector<const std::vector<PartLayer>*> others;
-  for (const std::vector<PartLayer>& object : layers) others.push_back(&object);
+  std::vector<const std::vector<ObjectLayer>*> others;
+  for (const std::vector<ObjectLayer>& object : layers) others.push_back(&object);
   const std::vector<SupportingPlane> planes = PlanesOf(scene->views, there, kPlaneScore);
   std::vector<LinkedObject> judged(candidates.size());
   ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
@@ -195,7 +195,7 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene*
     candidates[i] = settled->placed;
     judged[i] = JudgeOne(scene->views, candidates[i], others, settled->rendered);
     judged[i].lies =
-        LiesOn(planes, candidates[i].scene_from_object, in_.parts[candidates[i].object]);
+        LiesOn(planes, candidates[i].scene_from_object, in_.models[candidates[i].object]);
   });
   std::vector<int> order(judged.size());
   std::iota(order.begin(), order.end(), 0);
@@ -241,21 +241,21 @@ LinkedScene SceneObjects::Result(const AspectScene& scene) const {
   return out;
 }
 
-std::vector<PartLayer> SceneObjects::LayersOf(const LinkedScene& scene,
-                                              const LinkedObject& o) const {
+std::vector<ObjectLayer> SceneObjects::LayersOf(const LinkedScene& scene,
+                                                const LinkedObject& o) const {
   return LayersInViews(
       in_.images, scene.views, *meshes_[o.object], o.scene_from_object, options_.quick_render_px);
 }
 
-std::vector<PartLayer> SceneObjects::ShownOfFirst(const LinkedScene& scene,
-                                                  bool without_hidden) const {
+std::vector<ObjectLayer> SceneObjects::ShownOfFirst(const LinkedScene& scene,
+                                                    bool without_hidden) const {
   const LinkedObject& first = scene.objects.front();
-  std::vector<PartLayer> out = LayersOf(scene, first);
+  std::vector<ObjectLayer> out = LayersOf(scene, first);
   for (std::size_t v = 0; v < out.size(); ++v) {
     if (!first.shown[v]) out[v] = {};
   }
   for (std::size_t i = 1; without_hidden && i < scene.objects.size(); ++i) {
-    const std::vector<PartLayer> other = LayersOf(scene, scene.objects[i]);
+    const std::vector<ObjectLayer> other = LayersOf(scene, scene.objects[i]);
     for (std::size_t v = 0; v < out.size(); ++v) HideBehind(other[v], &out[v]);
   }
   return out;
@@ -280,13 +280,13 @@ void SceneObjects::AgreeOnSurface(LinkedScene* scene) const {
 
 ViewAgreement SceneObjects::WithGround(const LinkedScene& scene) const {
   const LinkedObject& first = scene.objects.front();
-  const AspectPart& part = in_.parts[first.object];
-  const std::vector<PartLayer> layers = LayersOf(scene, first);
+  const AspectModel& model = in_.models[first.object];
+  const std::vector<ObjectLayer> layers = LayersOf(scene, first);
   ViewAgreement out = scene.agreement;
   // Views turn about a round part's axis as they like: the ground denies their turns, not the part.
-  out.texture = part.round.empty() ? TextureAround(in_.images, scene.views, layers) : 0.0;
+  out.texture = model.round.empty() ? TextureAround(in_.images, scene.views, layers) : 0.0;
   out.ground =
-      GroundAgreement(in_.images, scene.views, layers, part.resting, first.scene_from_object);
+      GroundAgreement(in_.images, scene.views, layers, model.resting, first.scene_from_object);
   return out;
 }
 

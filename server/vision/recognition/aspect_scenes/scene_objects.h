@@ -46,7 +46,7 @@ class SceneObjects {
   // One object, rendered quickly.
   LinkedObject JudgeOne(const std::vector<std::optional<AspectSceneView>>& views,
                         const AspectSceneObject& placed,
-                        std::span<const std::vector<PartLayer>* const> others = {},
+                        std::span<const std::vector<ObjectLayer>* const> others = {},
                         std::span<PoseRendering> rendered = {}) const;
   // Whether no object of the scene is in this one's place: not in space, and not in the images of
   // all views, where wrong cameras may show one object as two.
@@ -70,9 +70,9 @@ class SceneObjects {
 
  private:
   Explained ExplainedBy(const LinkedObject& o) const;
-  std::vector<PartLayer> LayersOf(const LinkedScene& scene, const LinkedObject& o) const;
+  std::vector<ObjectLayer> LayersOf(const LinkedScene& scene, const LinkedObject& o) const;
   // The best object in the views that show it; `without_hidden`: less what the others hide.
-  std::vector<PartLayer> ShownOfFirst(const LinkedScene& scene, bool without_hidden) const;
+  std::vector<ObjectLayer> ShownOfFirst(const LinkedScene& scene, bool without_hidden) const;
   // Sets ViewAgreement::surface, and takes off the score what is not agreed on.
   void AgreeOnSurface(LinkedScene* scene) const;
   // Where parts may lie beside those of these that score at least so much, `but` left out.

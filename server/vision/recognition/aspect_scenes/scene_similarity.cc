@@ -14,7 +14,7 @@ bool AreAlikeAsTheyAre(const AspectScene& scene,
                        const AspectScene& other,
                        const Rigid3& there,
                        const ObjectAspects& aspects) {
-  AspectPart plain;  // without symmetries
+  AspectModel plain;  // without symmetries
   plain.object = &aspects;
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
@@ -36,12 +36,12 @@ bool AreAlike(const AspectScene& scene,
               const AspectSceneObject& object,
               const AspectScene& other,
               const AspectSceneObject& there,
-              const AspectPart& part) {
+              const AspectModel& model) {
   const auto alike = [&](const Rigid3& pose) {
-    return AreAlikeAsTheyAre(scene, object, other, pose, *part.object);
+    return AreAlikeAsTheyAre(scene, object, other, pose, *model.object);
   };
   return alike(there.scene_from_object) ||
-         std::any_of(part.symmetries.begin(), part.symmetries.end(), [&](const Rigid3& s) {
+         std::any_of(model.symmetries.begin(), model.symmetries.end(), [&](const Rigid3& s) {
            return alike(there.scene_from_object * s);
          });
 }
@@ -50,10 +50,10 @@ bool AreAlike(const AspectScene& scene,
 
 bool IsWithin(const AspectScene& scene,
               const AspectScene& other,
-              std::span<const AspectPart> parts) {
+              std::span<const AspectModel> models) {
   return std::all_of(scene.objects.begin(), scene.objects.end(), [&](const auto& o) {
     return std::any_of(other.objects.begin(), other.objects.end(), [&](const auto& there) {
-      return there.object == o.object && AreAlike(scene, o, other, there, parts[o.object]);
+      return there.object == o.object && AreAlike(scene, o, other, there, models[o.object]);
     });
   });
 }

@@ -13,6 +13,6 @@ namespace horopter {
 // views.
 bool IsWithin(const AspectScene& scene,
               const AspectScene& other,
-              std::span<const AspectPart> parts);
+              std::span<const AspectModel> models);
 
 }  // namespace horopter

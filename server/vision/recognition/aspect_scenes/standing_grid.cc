@@ -18,18 +18,18 @@ constexpr double kFirstSlack = 0.12;  // by which their support may be below min
 
 class FaceSearch {
  public:
-  FaceSearch(const PartOnPlane& part, int face)
-      : part_(part), ground_(part.ground()), options_(part.options()), face_(face) {
+  FaceSearch(const ObjectOnPlane& object, int face)
+      : object_(object), ground_(object.ground()), options_(object.options()), face_(face) {
     MakeGrid();
   }
 
   std::vector<StandingPlace> Run(const StopRequested& stop) const {
     const int yaws = std::max(
-        1, static_cast<int>(std::ceil(part_.faces()[face_].yaw_range / options_.yaw_step_rad)));
+        1, static_cast<int>(std::ceil(object_.faces()[face_].yaw_range / options_.yaw_step_rad)));
     std::vector<StandingPlace> best(grid_.open.size());
     for (int k = 0; k < yaws; ++k) {
       if (IsStopRequested(stop)) return {};
-      const double yaw = part_.faces()[face_].yaw_range * k / yaws;
+      const double yaw = object_.faces()[face_].yaw_range * k / yaws;
       for (int tile = 0; tile < kTiles * kTiles; ++tile) {
         const int x0 = grid_.columns * (tile % kTiles) / kTiles;
         const int x1 = grid_.columns * (tile % kTiles + 1) / kTiles;
@@ -38,7 +38,7 @@ class FaceSearch {
         const Eigen::Vector3d middle = PlaceOf(0.5 * (x0 + x1), 0.5 * (y0 + y1), yaw);
         std::vector<TurnedPoints> looks;
         for (std::size_t v = 0; v < ground_.images.size(); ++v)
-          looks.push_back(part_.Look(v, part_.RotationOf(face_, yaw), middle));
+          looks.push_back(object_.Look(v, object_.RotationOf(face_, yaw), middle));
         for (int y = y0; y < y1; y += kBlock) {
           for (int x = x0; x < x1; x += kBlock) {
             SearchBlock(
@@ -77,7 +77,7 @@ class FaceSearch {
 
   void MakeGrid() {
     const Eigen::Vector2d size = ground_.high - ground_.low;
-    grid_.step = std::max(options_.step_share * part_.diameter_m(),
+    grid_.step = std::max(options_.step_share * object_.diameter_m(),
                           std::sqrt(size.x() * size.y() / options_.max_places));
     grid_.columns = static_cast<int>(size.x() / grid_.step) + 1;
     grid_.rows = static_cast<int>(size.y() / grid_.step) + 1;
@@ -89,7 +89,7 @@ class FaceSearch {
         for (std::size_t v = 0; v < ground_.images.size(); ++v) {
           const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
           if (!IsShown(ground_, v, there)) continue;
-          const double px = ground_.cameras[v].focal_px * part_.diameter_m() / there.z();
+          const double px = ground_.cameras[v].focal_px * object_.diameter_m() / there.z();
           open += px >= options_.min_size_px &&
                   UnexplainedNear(ground_, v, Project(ground_.cameras[v], there), kEdgeHalf * px) >=
                       kEdgeLength * px;
@@ -100,7 +100,7 @@ class FaceSearch {
   }
 
   Eigen::Vector3d PlaceOf(double i, double j, double yaw) const {
-    return part_.CenterOf(
+    return object_.CenterOf(
         face_, ground_.low.x() + i * grid_.step, ground_.low.y() + j * grid_.step, yaw);
   }
 
@@ -171,7 +171,7 @@ class FaceSearch {
     const AspectImage& image = *ground_.images[v];
     const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
     if (there.z() < kNearM) return false;
-    const double size_px = camera.focal_px * part_.diameter_m() / there.z();
+    const double size_px = camera.focal_px * object_.diameter_m() / there.z();
     if (size_px < options_.min_size_px) return false;
     out->center = Project(camera, there);
     out->count = look.count;
@@ -212,7 +212,7 @@ class FaceSearch {
     return 1.0 - static_cast<double>(away) / (static_cast<double>(points.count) * points.reach);
   }
 
-  const PartOnPlane& part_;
+  const ObjectOnPlane& object_;
   const StandingGround& ground_;
   const StandingSearchOptions& options_;
   const int face_;
@@ -221,10 +221,10 @@ class FaceSearch {
 
 }  // namespace
 
-std::vector<StandingPlace> SearchFace(const PartOnPlane& part,
+std::vector<StandingPlace> SearchFace(const ObjectOnPlane& object,
                                       int face,
                                       const StopRequested& stop) {
-  return FaceSearch(part, face).Run(stop);
+  return FaceSearch(object, face).Run(stop);
 }
 
 }  // namespace horopter

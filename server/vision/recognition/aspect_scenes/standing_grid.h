@@ -4,12 +4,14 @@
 #include <vector>
 
 #include "server/base/stop_token.h"
-#include "server/vision/recognition/aspect_scenes/part_on_plane.h"
+#include "server/vision/recognition/aspect_scenes/object_on_plane.h"
 
 namespace horopter {
 
 // The best turn at each place of a grid (StandingSearchOptions::step_share) that enough views
 // support; nothing when stopped.
-std::vector<StandingPlace> SearchFace(const PartOnPlane& part, int face, const StopRequested& stop);
+std::vector<StandingPlace> SearchFace(const ObjectOnPlane& object,
+                                      int face,
+                                      const StopRequested& stop);
 
 }  // namespace horopter

@@ -46,15 +46,15 @@ void FindRegion(StandingGround* ground) {
 
 // Edge points that no part taken explains: [y][x] holds those above and left of a half map's cell.
 std::vector<std::int32_t> SumUnexplained(const AspectImage& image,
-                                         const std::vector<PartLayer>& layers) {
+                                         const std::vector<ObjectLayer>& layers) {
   const int w = image.half_width + 1;
   std::vector<std::int32_t> sums(static_cast<std::size_t>(w) * (image.half_height + 1), 0);
   for (const ImageEdgePoint& e : image.edges) {
     const int x = static_cast<int>(std::lround(e.point.x()));
     const int y = static_cast<int>(std::lround(e.point.y()));
-    const bool explained = std::any_of(layers.begin(), layers.end(), [&](const PartLayer& l) {
-      return l.Has(x, y) &&
-             (l.inverse_depth[l.Cell(x, y)] > 0 || l.edge_bin[l.Cell(x, y)] != PartLayer::kNoEdge);
+    const bool explained = std::any_of(layers.begin(), layers.end(), [&](const ObjectLayer& l) {
+      return l.Has(x, y) && (l.inverse_depth[l.Cell(x, y)] > 0 ||
+                             l.edge_bin[l.Cell(x, y)] != ObjectLayer::kNoEdge);
     });
     const int cx = x / 2, cy = y / 2;
     if (explained || cx < 0 || cy < 0 || cx >= image.half_width || cy >= image.half_height)
@@ -100,7 +100,7 @@ StandingGround MakeGround(std::span<const AspectImage> images,
                           const std::vector<std::optional<AspectSceneView>>& views,
                           const StandingPlane& plane,
                           std::span<const AspectSceneObject> taken,
-                          std::span<const AspectPart> parts) {
+                          std::span<const AspectModel> models) {
   StandingGround out;
   out.plane = plane;
   for (std::size_t v = 0; v < views.size(); ++v) {
@@ -108,20 +108,20 @@ StandingGround MakeGround(std::span<const AspectImage> images,
     out.images.push_back(&images[v]);
     out.cameras.push_back(WorkingCamera(images[v], views[v]->camera));
     out.camera_from_scene.push_back(views[v]->camera_from_scene);
-    std::vector<PartLayer> layers;
+    std::vector<ObjectLayer> layers;
     for (const AspectSceneObject& o : taken) {
-      layers.push_back(MakePartLayer(images[v],
-                                     parts[o.object].object->mesh,
-                                     views[v]->camera,
-                                     views[v]->camera_from_scene * o.scene_from_object,
-                                     kLayerRenderPx));
+      layers.push_back(MakeObjectLayer(images[v],
+                                       models[o.object].object->mesh,
+                                       views[v]->camera,
+                                       views[v]->camera_from_scene * o.scene_from_object,
+                                       kLayerRenderPx));
     }
     out.unexplained.push_back(SumUnexplained(images[v], layers));
   }
   out.least_views = std::max<std::size_t>(2, (out.images.size() + 1) / 2);
   out.origin.setZero();
   for (const AspectSceneObject& o : taken)
-    out.origin += o.scene_from_object * parts[o.object].object->mesh.center.cast<double>();
+    out.origin += o.scene_from_object * models[o.object].object->mesh.center.cast<double>();
   out.origin /= std::max<double>(1.0, static_cast<double>(taken.size()));
   out.origin -= (plane.normal.dot(out.origin) - plane.offset_m) * plane.normal;
   out.e1 = plane.normal.unitOrthogonal();

@@ -34,7 +34,7 @@ StandingGround MakeGround(std::span<const AspectImage> images,
                           const std::vector<std::optional<AspectSceneView>>& views,
                           const StandingPlane& plane,
                           std::span<const AspectSceneObject> taken,
-                          std::span<const AspectPart> parts);
+                          std::span<const AspectModel> models);
 
 // Whether a point of view v's camera frame, metres, lies in its image.
 bool IsShown(const StandingGround& ground, std::size_t v, const Eigen::Vector3d& in_camera);

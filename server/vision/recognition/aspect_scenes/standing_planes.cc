@@ -18,21 +18,22 @@ constexpr double kLyingShare = 0.02;
 // How many of the objects rest on the plane; -1 when one of them, or a camera, is below it.
 int RestingOn(const StandingPlane& plane,
               std::span<const AspectSceneObject> objects,
-              std::span<const AspectPart> parts,
+              std::span<const AspectModel> models,
               const std::vector<std::optional<AspectSceneView>>& views) {
   if (!IsBelow(plane, views)) return -1;
   int resting = 0;
   for (const AspectSceneObject& o : objects) {
-    const AspectPart& part = parts[o.object];
-    const double same = kSamePlaneShare * part.object->mesh.diameter_m;
-    const Eigen::Vector3d center = o.scene_from_object * part.object->mesh.center.cast<double>();
+    const AspectModel& model = models[o.object];
+    const double same = kSamePlaneShare * model.object->mesh.diameter_m;
+    const Eigen::Vector3d center = o.scene_from_object * model.object->mesh.center.cast<double>();
     if (plane.normal.dot(center) < plane.offset_m) return -1;
-    resting += std::any_of(part.resting.begin(), part.resting.end(), [&](const RestingFace& face) {
-      const Eigen::Vector3d up = o.scene_from_object.R * face.up;
-      return up.dot(plane.normal) > std::cos(kSamePlaneRad) &&
-             std::abs(plane.normal.dot(o.scene_from_object.t) - face.height_m - plane.offset_m) <
-                 same;
-    });
+    resting +=
+        std::any_of(model.resting.begin(), model.resting.end(), [&](const RestingFace& face) {
+          const Eigen::Vector3d up = o.scene_from_object.R * face.up;
+          return up.dot(plane.normal) > std::cos(kSamePlaneRad) &&
+                 std::abs(plane.normal.dot(o.scene_from_object.t) - face.height_m -
+                          plane.offset_m) < same;
+        });
   }
   return resting;
 }
@@ -52,14 +53,14 @@ bool IsBelow(const SupportingPlane& plane,
 }
 
 std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> objects,
-                                       std::span<const AspectPart> parts,
+                                       std::span<const AspectModel> models,
                                        const std::vector<std::optional<AspectSceneView>>& views) {
   StandingPlane best;
   std::vector<StandingPlane> all;
   for (const AspectSceneObject& o : objects) {
-    for (const RestingFace& face : parts[o.object].resting) {
+    for (const RestingFace& face : models[o.object].resting) {
       StandingPlane plane{PlaneUnder(o.scene_from_object, face)};
-      plane.objects = RestingOn(plane, objects, parts, views);
+      plane.objects = RestingOn(plane, objects, models, views);
       if (plane.objects > best.objects) best = plane;
       all.push_back(plane);
     }
@@ -81,16 +82,16 @@ std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> object
 }
 
 std::vector<SupportingPlane> PlanesToLieOn(std::span<const AspectSceneObject> objects,
-                                           std::span<const AspectPart> parts,
+                                           std::span<const AspectModel> models,
                                            const std::vector<std::optional<AspectSceneView>>& views,
                                            int but) {
-  const std::vector<StandingPlane> under = PlanesUnder(objects, parts, views);
+  const std::vector<StandingPlane> under = PlanesUnder(objects, models, views);
   if (under.empty()) return {};
   const StandingPlane& base = under.front();
   std::vector<SupportingPlane> out;
   for (int i = 0; i < static_cast<int>(objects.size()); ++i) {
     if (i == but) continue;
-    for (const RestingFace& face : parts[objects[i].object].resting) {
+    for (const RestingFace& face : models[objects[i].object].resting) {
       const SupportingPlane plane = PlaneUnder(objects[i].scene_from_object, face);
       const double cosine = plane.normal.dot(base.normal);
       if (std::abs(cosine) < std::cos(kSamePlaneRad)) continue;
@@ -104,9 +105,9 @@ std::vector<SupportingPlane> PlanesToLieOn(std::span<const AspectSceneObject> ob
 
 bool LiesOn(std::span<const SupportingPlane> planes,
             const Rigid3& scene_from_object,
-            const AspectPart& part) {
-  const double most_m = kLyingShare * part.object->mesh.diameter_m;
-  return std::any_of(part.resting.begin(), part.resting.end(), [&](const RestingFace& face) {
+            const AspectModel& model) {
+  const double most_m = kLyingShare * model.object->mesh.diameter_m;
+  return std::any_of(model.resting.begin(), model.resting.end(), [&](const RestingFace& face) {
     const Eigen::Vector3d up = scene_from_object.R * face.up;
     return std::any_of(planes.begin(), planes.end(), [&](const SupportingPlane& plane) {
       return up.dot(plane.normal) > std::cos(kLyingRad) &&

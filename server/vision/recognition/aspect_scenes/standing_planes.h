@@ -26,14 +26,14 @@ bool IsBelow(const SupportingPlane& plane,
 // under it; then those parallel to it on which others rest: the tops of blocks. Empty without
 // views, objects or such a plane.
 std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> objects,
-                                       std::span<const AspectPart> parts,
+                                       std::span<const AspectModel> models,
                                        const std::vector<std::optional<AspectSceneView>>& views);
 
 // Planes on which a part may lie beside these objects, and on them: those under them and on top of
 // them that are parallel to the one that most of them rest on, and not below it. `but`: index of an
 // object that helps to choose that plane, but gives none itself; -1: none.
 std::vector<SupportingPlane> PlanesToLieOn(std::span<const AspectSceneObject> objects,
-                                           std::span<const AspectPart> parts,
+                                           std::span<const AspectModel> models,
                                            const std::vector<std::optional<AspectSceneView>>& views,
                                            int but = -1);
 
@@ -42,6 +42,6 @@ std::vector<SupportingPlane> PlanesToLieOn(std::span<const AspectSceneObject> ob
 // thousand.
 bool LiesOn(std::span<const SupportingPlane> planes,
             const Rigid3& scene_from_object,
-            const AspectPart& part);
+            const AspectModel& model);
 
 }  // namespace horopter

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "server/base/parallel_for.h"
-#include "server/vision/recognition/aspect_scenes/part_on_plane.h"
+#include "server/vision/recognition/aspect_scenes/object_on_plane.h"
 #include "server/vision/recognition/aspect_scenes/standing_grid.h"
 #include "server/vision/recognition/aspect_scenes/standing_ground.h"
 
@@ -18,16 +18,16 @@ constexpr int kClimbs = 4;            // rounds, each with half the steps
 constexpr double kNextPlace = 0.02;   // of support
 
 // Uphill from a place, in steps that halve while edges may lie less far.
-void Climb(const PartOnPlane& part, StandingPlace* p) {
-  const StandingSearchOptions& options = part.options();
-  double step = options.step_share * part.diameter_m(), turn = options.yaw_step_rad;
+void Climb(const ObjectOnPlane& object, StandingPlace* p) {
+  const StandingSearchOptions& options = object.options();
+  double step = options.step_share * object.diameter_m(), turn = options.yaw_step_rad;
   double share = options.reach_share;
   const double narrower = std::pow(options.fine_share / options.reach_share, 1.0 / kClimbs);
   for (int round = 0; round < kClimbs; ++round) {
     step *= 0.5;
     turn *= 0.5;
     share *= narrower;
-    p->support = part.Judge(*p, share);
+    p->support = object.Judge(*p, share);
     for (const auto [dx, dy, dyaw] : {std::array{step, 0.0, 0.0},
                                       std::array{-step, 0.0, 0.0},
                                       std::array{0.0, step, 0.0},
@@ -38,14 +38,14 @@ void Climb(const PartOnPlane& part, StandingPlace* p) {
       moved.x += dx;
       moved.y += dy;
       moved.yaw += dyaw;
-      moved.support = part.Judge(moved, share);
+      moved.support = object.Judge(moved, share);
       if (moved.support > p->support) *p = moved;
     }
   }
 }
 
 // The best first, no two alike.
-std::vector<StandingPlace> Apart(const PartOnPlane& part,
+std::vector<StandingPlace> Apart(const ObjectOnPlane& object,
                                  std::vector<StandingPlace> list,
                                  int count) {
   std::stable_sort(list.begin(), list.end(), [](const StandingPlace& a, const StandingPlace& b) {
@@ -56,27 +56,28 @@ std::vector<StandingPlace> Apart(const PartOnPlane& part,
     if (static_cast<int>(out.size()) >= count) break;
     const bool known = std::any_of(out.begin(), out.end(), [&](const StandingPlace& o) {
       return o.face == p.face &&
-             std::abs(std::remainder(o.yaw - p.yaw, part.faces()[p.face].yaw_range)) < kApartRad &&
-             std::hypot(o.x - p.x, o.y - p.y) < kApartShare * part.diameter_m();
+             std::abs(std::remainder(o.yaw - p.yaw, object.faces()[p.face].yaw_range)) <
+                 kApartRad &&
+             std::hypot(o.x - p.x, o.y - p.y) < kApartShare * object.diameter_m();
     });
     if (!known) out.push_back(p);
   }
   return out;
 }
 
-std::vector<StandingPlace> SearchPart(const PartOnPlane& part, const StopRequested& stop) {
+std::vector<StandingPlace> SearchModel(const ObjectOnPlane& object, const StopRequested& stop) {
   std::vector<StandingPlace> found;
-  for (std::size_t f = 0; f < part.faces().size(); ++f) {
+  for (std::size_t f = 0; f < object.faces().size(); ++f) {
     if (IsStopRequested(stop)) break;
-    const std::vector<StandingPlace> on_face = SearchFace(part, static_cast<int>(f), stop);
+    const std::vector<StandingPlace> on_face = SearchFace(object, static_cast<int>(f), stop);
     found.insert(found.end(), on_face.begin(), on_face.end());
   }
-  found = Apart(part, std::move(found), part.options().climbed_per_part);
+  found = Apart(object, std::move(found), object.options().climbed_per_object);
   for (StandingPlace& p : found) {
     if (IsStopRequested(stop)) break;
-    Climb(part, &p);
+    Climb(object, &p);
   }
-  return Apart(part, std::move(found), part.options().kept_per_part);
+  return Apart(object, std::move(found), object.options().kept_per_object);
 }
 
 }  // namespace
@@ -84,22 +85,22 @@ std::vector<StandingPlace> SearchPart(const PartOnPlane& part, const StopRequest
 std::vector<StandingCandidate> FindStanding(
     std::span<const AspectImage> images,
     const std::vector<std::optional<AspectSceneView>>& views,
-    std::span<const AspectPart> parts,
+    std::span<const AspectModel> models,
     const StandingPlane& plane,
     std::span<const AspectSceneObject> taken,
     const StandingSearchOptions& options,
     const StopRequested& stop) {
-  const StandingGround ground = MakeGround(images, views, plane, taken, parts);
+  const StandingGround ground = MakeGround(images, views, plane, taken, models);
   if (ground.images.size() < 2 || !((ground.high - ground.low).array() > 0.0).all()) return {};
-  std::vector<std::vector<StandingCandidate>> of_part(parts.size());
-  ParallelFor(static_cast<int>(parts.size()), options.threads, [&](int p) {
-    const PartOnPlane part(ground, parts[p], options);
-    for (const StandingPlace& found : SearchPart(part, stop))
-      of_part[p].push_back({{p, part.PoseOf(found)}, found.support});
+  std::vector<std::vector<StandingCandidate>> of_model(models.size());
+  ParallelFor(static_cast<int>(models.size()), options.threads, [&](int p) {
+    const ObjectOnPlane object(ground, models[p], options);
+    for (const StandingPlace& found : SearchModel(object, stop))
+      of_model[p].push_back({{p, object.PoseOf(found)}, found.support});
   });
   // A part's second place comes after another part's first that is nearly as good.
   std::vector<std::pair<double, StandingCandidate>> ranked;
-  for (const auto& list : of_part) {
+  for (const auto& list : of_model) {
     for (std::size_t i = 0; i < list.size(); ++i)
       ranked.emplace_back(list[i].support - kNextPlace * static_cast<double>(i), list[i]);
   }

@@ -16,15 +16,15 @@
 namespace horopter {
 
 struct StandingSearchOptions {
-  double step_share = 0.14;   // of the diameter: between the places tried first
-  double yaw_step_rad = 0.2;  // between the turns tried first
-  double reach_share = 0.16;  // of the size: how far an edge may lie at first ...
-  double fine_share = 0.04;   // ... and at last
-  int max_faces = 6;          // a part is tried on, the safest first
-  int max_places = 12000;     // of a part; larger planes are cut around the parts
-  double min_first = 0.50;    // support in a view below which the others are not asked
-  int climbed_per_part = 30;  // places and turns improved
-  int kept_per_part = 4;
+  double step_share = 0.14;     // of the diameter: between the places tried first
+  double yaw_step_rad = 0.2;    // between the turns tried first
+  double reach_share = 0.16;    // of the size: how far an edge may lie at first ...
+  double fine_share = 0.04;     // ... and at last
+  int max_faces = 6;            // a part is tried on, the safest first
+  int max_places = 12000;       // of a part; larger planes are cut around the parts
+  double min_first = 0.50;      // support in a view below which the others are not asked
+  int climbed_per_object = 30;  // places and turns improved
+  int kept_per_object = 4;
   double min_size_px = 25.0;  // of a part's diameter in the image
   int threads = 1;
 };
@@ -40,7 +40,7 @@ struct StandingCandidate {
 std::vector<StandingCandidate> FindStanding(
     std::span<const AspectImage> images,
     const std::vector<std::optional<AspectSceneView>>& views,
-    std::span<const AspectPart> parts,
+    std::span<const AspectModel> models,
     const StandingPlane& plane,
     std::span<const AspectSceneObject> taken,
     const StandingSearchOptions& options = {},

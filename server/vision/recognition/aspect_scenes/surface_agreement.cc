@@ -64,13 +64,13 @@ double Sample(const AspectImage& image, const std::vector<std::uint8_t>& map, do
 }
 
 // 1 / m; 0 where the part is not.
-float InverseDepthOf(const PartLayer& layer, int x, int y) {
+float InverseDepthOf(const ObjectLayer& layer, int x, int y) {
   return layer.Has(x, y) ? layer.inverse_depth[layer.Cell(x, y)] : 0.0f;
 }
 
 struct Looked {
   std::vector<std::uint8_t> AspectImage::*map;
-  bool on_part;     // else beside it
+  bool on_object;   // else beside it
   double around;    // of the part's box, that is looked at as well
   double noise;     // grey levels
   double contrast;  // least
@@ -81,14 +81,17 @@ enum class Speed { kFull, kQuick };
 // What v shows against what w shows of the same places; `place`: the point of v's camera frame that
 // a working pixel (x, y) of camera `here` shows, or nothing. Nothing where they say nothing.
 template <typename Place>
-std::optional<double> CorrelateOneWay(
-    const SeenPart& v, const SeenPart& w, const Looked& looked, Speed speed, const Place& place) {
-  const auto is_looked_at = [&](const SeenPart& s) {
+std::optional<double> CorrelateOneWay(const SeenObject& v,
+                                      const SeenObject& w,
+                                      const Looked& looked,
+                                      Speed speed,
+                                      const Place& place) {
+  const auto is_looked_at = [&](const SeenObject& s) {
     return s.layer->width > 0 && s.image->width > 1 && s.image->height > 1 &&
            !(s.image->*looked.map).empty();
   };
   if (!is_looked_at(v) || !is_looked_at(w)) return std::nullopt;
-  const PartLayer& layer = *v.layer;
+  const ObjectLayer& layer = *v.layer;
   const AspectImage& image = *w.image;
   const PinholeCamera here = WorkingCamera(*v.image, v.camera);
   const PinholeCamera there = WorkingCamera(image, w.camera);
@@ -117,7 +120,7 @@ std::optional<double> CorrelateOneWay(
         continue;
       const float front = InverseDepthOf(
           *w.layer, static_cast<int>(std::lround(u.x())), static_cast<int>(std::lround(u.y())));
-      if (looked.on_part ? front <= 0 || 1.0 / front < seen.z() - kHiddenM : front > 0) continue;
+      if (looked.on_object ? front <= 0 || 1.0 / front < seen.z() - kHiddenM : front > 0) continue;
       sums.Add((v.image->*looked.map)[v.image->Cell(x, y)],
                Sample(image, image.*looked.map, u.x(), u.y()));
     }
@@ -128,9 +131,9 @@ std::optional<double> CorrelateOneWay(
   return shared ? sums.Correlation(looked.noise) : 0.0;
 }
 
-std::optional<double> SurfaceOneWay(const SeenPart& v, const SeenPart& w, Speed speed) {
+std::optional<double> SurfaceOneWay(const SeenObject& v, const SeenObject& w, Speed speed) {
   const Looked looked{&AspectImage::grey, true, 0.0, kGreyNoise, kContrast};
-  const auto place = [](const SeenPart& s, const PinholeCamera& camera, int x, int y) {
+  const auto place = [](const SeenObject& s, const PinholeCamera& camera, int x, int y) {
     const float inverse = InverseDepthOf(*s.layer, x, y);
     std::optional<Eigen::Vector3d> out;
     if (inverse > 0) out = NormalizedPoint(camera, Eigen::Vector2d(x, y)).homogeneous() / inverse;
@@ -139,14 +142,14 @@ std::optional<double> SurfaceOneWay(const SeenPart& v, const SeenPart& w, Speed 
   return CorrelateOneWay(v, w, looked, speed, place);
 }
 
-std::optional<double> PlaneOneWay(const SeenPart& v,
-                                  const SeenPart& w,
+std::optional<double> PlaneOneWay(const SeenObject& v,
+                                  const SeenObject& w,
                                   const SupportingPlane& plane,
                                   Speed speed) {
   const Looked looked{&AspectImage::detail, false, kAround, kDetailNoise, 0.0};
   const Eigen::Vector3d normal = v.camera_from_scene.R * plane.normal;
   const double offset = plane.offset_m + normal.dot(v.camera_from_scene.t);
-  const auto place = [&](const SeenPart& s,
+  const auto place = [&](const SeenObject& s,
                          const PinholeCamera& camera,
                          int x,
                          int y) -> std::optional<Eigen::Vector3d> {
@@ -169,14 +172,14 @@ std::optional<double> BothWays(std::optional<double> a, std::optional<double> b)
 template <typename OneWay>
 Correlations Correlate(std::span<const AspectImage> images,
                        const std::vector<std::optional<AspectSceneView>>& views,
-                       std::span<const PartLayer> layers,
+                       std::span<const ObjectLayer> layers,
                        const OneWay& one_way) {
   Correlations out;
   out.views.resize(views.size());
   std::vector<double> sum(views.size(), 0.0);
   std::vector<int> count(views.size(), 0);
   const auto seen = [&](std::size_t v) {
-    return SeenPart{&images[v], views[v]->camera, views[v]->camera_from_scene, &layers[v]};
+    return SeenObject{&images[v], views[v]->camera, views[v]->camera_from_scene, &layers[v]};
   };
   for (std::size_t v = 0; v < views.size(); ++v) {
     for (std::size_t w = 0; w < views.size(); ++w) {
@@ -221,51 +224,51 @@ bool ViewAgreement::IsOdd(int view) const {
   return *surface.views[view] < *middle - kOddView;
 }
 
-std::optional<double> SurfaceCorrelation(const SeenPart& a, const SeenPart& b) {
+std::optional<double> SurfaceCorrelation(const SeenObject& a, const SeenObject& b) {
   return BothWays(SurfaceOneWay(a, b, Speed::kQuick), SurfaceOneWay(b, a, Speed::kQuick));
 }
 
-std::optional<double> PlaneCorrelation(const SeenPart& a,
-                                       const SeenPart& b,
+std::optional<double> PlaneCorrelation(const SeenObject& a,
+                                       const SeenObject& b,
                                        const SupportingPlane& plane) {
   return BothWays(PlaneOneWay(a, b, plane, Speed::kQuick), PlaneOneWay(b, a, plane, Speed::kQuick));
 }
 
 Correlations SurfaceCorrelations(std::span<const AspectImage> images,
                                  const std::vector<std::optional<AspectSceneView>>& views,
-                                 std::span<const PartLayer> layers) {
-  return Correlate(images, views, layers, [](const SeenPart& v, const SeenPart& w) {
+                                 std::span<const ObjectLayer> layers) {
+  return Correlate(images, views, layers, [](const SeenObject& v, const SeenObject& w) {
     return SurfaceOneWay(v, w, Speed::kFull);
   });
 }
 
 Correlations PlaneCorrelations(std::span<const AspectImage> images,
                                const std::vector<std::optional<AspectSceneView>>& views,
-                               std::span<const PartLayer> layers,
+                               std::span<const ObjectLayer> layers,
                                const SupportingPlane& plane) {
-  return Correlate(images, views, layers, [&](const SeenPart& v, const SeenPart& w) {
+  return Correlate(images, views, layers, [&](const SeenObject& v, const SeenObject& w) {
     return PlaneOneWay(v, w, plane, Speed::kFull);
   });
 }
 
-std::vector<PartLayer> LayersInViews(std::span<const AspectImage> images,
-                                     const std::vector<std::optional<AspectSceneView>>& views,
-                                     const RenderMesh& mesh,
-                                     const Rigid3& scene_from_object,
-                                     double render_px) {
-  std::vector<PartLayer> out(views.size());
+std::vector<ObjectLayer> LayersInViews(std::span<const AspectImage> images,
+                                       const std::vector<std::optional<AspectSceneView>>& views,
+                                       const RenderMesh& mesh,
+                                       const Rigid3& scene_from_object,
+                                       double render_px) {
+  std::vector<ObjectLayer> out(views.size());
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!views[v]) continue;
-    out[v] = MakePartLayer(images[v],
-                           mesh,
-                           views[v]->camera,
-                           views[v]->camera_from_scene * scene_from_object,
-                           render_px);
+    out[v] = MakeObjectLayer(images[v],
+                             mesh,
+                             views[v]->camera,
+                             views[v]->camera_from_scene * scene_from_object,
+                             render_px);
   }
   return out;
 }
 
-void HideBehind(const PartLayer& nearer, PartLayer* layer) {
+void HideBehind(const ObjectLayer& nearer, ObjectLayer* layer) {
   const int x1 = std::min(layer->x0 + layer->width, nearer.x0 + nearer.width);
   const int y1 = std::min(layer->y0 + layer->height, nearer.y0 + nearer.height);
   for (int y = std::max(layer->y0, nearer.y0); y < y1; ++y) {
@@ -278,11 +281,11 @@ void HideBehind(const PartLayer& nearer, PartLayer* layer) {
 
 double TextureAround(std::span<const AspectImage> images,
                      const std::vector<std::optional<AspectSceneView>>& views,
-                     std::span<const PartLayer> layers) {
+                     std::span<const ObjectLayer> layers) {
   std::optional<double> least;
   for (std::size_t v = 0; v < views.size(); ++v) {
     const AspectImage& image = images[v];
-    const PartLayer& layer = layers[v];
+    const ObjectLayer& layer = layers[v];
     if (!views[v] || layer.width <= 0 || image.detail.empty()) continue;
     const int margin = static_cast<int>(kAround * std::max(layer.width, layer.height));
     const int x1 = std::min(image.width, layer.x0 + layer.width + margin);
@@ -306,7 +309,7 @@ double TextureAround(std::span<const AspectImage> images,
 
 double GroundAgreement(std::span<const AspectImage> images,
                        const std::vector<std::optional<AspectSceneView>>& views,
-                       std::span<const PartLayer> layers,
+                       std::span<const ObjectLayer> layers,
                        std::span<const RestingFace> resting,
                        const Rigid3& scene_from_object) {
   double best = 0.0;

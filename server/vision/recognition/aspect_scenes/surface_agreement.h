@@ -24,29 +24,29 @@ struct Correlations {
 };
 
 // A part in an image; what is pointed to outlives it.
-struct SeenPart {
+struct SeenObject {
   const AspectImage* image = nullptr;
   PinholeCamera camera;
   Rigid3 camera_from_scene;
-  const PartLayer* layer = nullptr;  // the part, from there
+  const ObjectLayer* layer = nullptr;  // the part, from there
 };
 
 // Of two views, mean of both ways: over the part's surface, and over the texture of a plane around
 // it (scene frame). Nothing where they say nothing. Looks at some 2000 places of each view.
-std::optional<double> SurfaceCorrelation(const SeenPart& a, const SeenPart& b);
-std::optional<double> PlaneCorrelation(const SeenPart& a,
-                                       const SeenPart& b,
+std::optional<double> SurfaceCorrelation(const SeenObject& a, const SeenObject& b);
+std::optional<double> PlaneCorrelation(const SeenObject& a,
+                                       const SeenObject& b,
                                        const SupportingPlane& plane);
 
 // Over the part's surface. `layers`: the part in each view, empty where not registered.
 Correlations SurfaceCorrelations(std::span<const AspectImage> images,
                                  const std::vector<std::optional<AspectSceneView>>& views,
-                                 std::span<const PartLayer> layers);
+                                 std::span<const ObjectLayer> layers);
 
 // Of the texture, AspectImage::detail, of a plane around the part.
 Correlations PlaneCorrelations(std::span<const AspectImage> images,
                                const std::vector<std::optional<AspectSceneView>>& views,
-                               std::span<const PartLayer> layers,
+                               std::span<const ObjectLayer> layers,
                                const SupportingPlane& plane);
 
 // Of the best part of a scene.
@@ -65,24 +65,24 @@ struct ViewAgreement {
 };
 
 // The part in each registered view. render_px: see PoseEdgeOptions.
-std::vector<PartLayer> LayersInViews(std::span<const AspectImage> images,
-                                     const std::vector<std::optional<AspectSceneView>>& views,
-                                     const RenderMesh& mesh,
-                                     const Rigid3& scene_from_object,
-                                     double render_px);
+std::vector<ObjectLayer> LayersInViews(std::span<const AspectImage> images,
+                                       const std::vector<std::optional<AspectSceneView>>& views,
+                                       const RenderMesh& mesh,
+                                       const Rigid3& scene_from_object,
+                                       double render_px);
 
 // Takes from a part's layer what a nearer part of the same view hides.
-void HideBehind(const PartLayer& nearer, PartLayer* layer);
+void HideBehind(const ObjectLayer& nearer, ObjectLayer* layer);
 
 // ViewAgreement::texture.
 double TextureAround(std::span<const AspectImage> images,
                      const std::vector<std::optional<AspectSceneView>>& views,
-                     std::span<const PartLayer> layers);
+                     std::span<const ObjectLayer> layers);
 
 // ViewAgreement::ground; planes above a camera are none.
 double GroundAgreement(std::span<const AspectImage> images,
                        const std::vector<std::optional<AspectSceneView>>& views,
-                       std::span<const PartLayer> layers,
+                       std::span<const ObjectLayer> layers,
                        std::span<const RestingFace> resting,
                        const Rigid3& scene_from_object);
 

@@ -24,7 +24,7 @@ ViewLinks::ViewLinks(const AspectLinkInput& input,
     : in_(input),
       options_(options),
       stop_(stop),
-      turns_(input.parts, options.max_symmetries),
+      turns_(input.models, options.max_symmetries),
       support_(input, options) {}
 
 std::vector<std::pair<int, AspectHypothesis>> ViewLinks::Leads() const {

@@ -66,11 +66,11 @@ std::vector<AspectExpectation> ViewSearch::Expected(const LinkedScene& found,
   std::vector<AspectExpectation> out;
   for (const LinkedObject& o : found.objects) {
     if (static_cast<int>(out.size()) >= most) break;
-    const RenderMesh& mesh = in_.parts[o.object].object->mesh;
+    const RenderMesh& mesh = in_.models[o.object].object->mesh;
     AspectExpectation e;
-    e.part =
+    e.model =
         static_cast<int>(std::find(objects.begin(), objects.end(), o.object) - objects.begin());
-    if (std::any_of(out.begin(), out.end(), [&](const auto& x) { return x.part == e.part; }))
+    if (std::any_of(out.begin(), out.end(), [&](const auto& x) { return x.model == e.model; }))
       continue;
     for (std::size_t w = 0; w < found.views.size(); ++w) {
       if (!found.views[w] || !o.shown[w] || static_cast<int>(w) == v) continue;
@@ -93,14 +93,14 @@ std::vector<AspectExpectation> ViewSearch::Expected(const LinkedScene& found,
   return out;
 }
 
-FindAspectOptions ViewSearch::Options(int per_part,
+FindAspectOptions ViewSearch::Options(int per_object,
                                       std::vector<AspectExpectation> expected,
                                       int v) const {
   FindAspectOptions find;
   find.threads = find.votes.threads = options_.threads;
-  find.coarse_per_part = per_part;
-  if (per_part > options_.quick_per_part) {
-    find.fine_per_part = per_part / 4;
+  find.coarse_per_object = per_object;
+  if (per_object > options_.quick_per_object) {
+    find.fine_per_object = per_object / 4;
     find.fine_share = 0.5;
     find.expected = std::move(expected);
     return find;
@@ -118,22 +118,22 @@ FindAspectOptions ViewSearch::Options(int per_part,
 
 void ViewSearch::SearchFor(const LinkedScene& found,
                            const std::vector<bool>& wanted,
-                           int per_part) {
+                           int per_object) {
   std::vector<int> objects;
-  std::vector<AspectPart> parts;
+  std::vector<AspectModel> models;
   for (const LinkedObject& o : found.objects) {
     if (std::find(objects.begin(), objects.end(), o.object) != objects.end()) continue;
     objects.push_back(o.object);
-    parts.push_back(in_.parts[o.object]);
+    models.push_back(in_.models[o.object]);
   }
-  const auto index = BuildFragmentIndex(parts);
+  const auto index = BuildFragmentIndex(models);
   if (!index.ok()) return;
-  const bool quick = per_part <= options_.quick_per_part;
+  const bool quick = per_object <= options_.quick_per_object;
   const int most = quick ? static_cast<int>(found.objects.size()) : kSwept;
   for (int v = 0; v < static_cast<int>(wanted.size()); ++v) {
-    if (!wanted[v] || depth_[v] >= per_part || IsStopRequested(stop_)) continue;
-    depth_[v] = per_part;
-    const FindAspectOptions find = Options(per_part, Expected(found, objects, most, v), v);
+    if (!wanted[v] || depth_[v] >= per_object || IsStopRequested(stop_)) continue;
+    depth_[v] = per_object;
+    const FindAspectOptions find = Options(per_object, Expected(found, objects, most, v), v);
     std::vector<AspectHypothesis> list =
         FindAspectHypotheses(in_.images[v], *index, find, nullptr, stop_).hypotheses;
     for (AspectHypothesis& h : list) h.object = objects[h.object];
@@ -141,10 +141,10 @@ void ViewSearch::SearchFor(const LinkedScene& found,
   }
 }
 
-void ViewSearch::SearchUnsearchedFor(const LinkedScene& found, int per_part) {
+void ViewSearch::SearchUnsearchedFor(const LinkedScene& found, int per_object) {
   std::vector<bool> wanted;
   for (const bool searched : searched_) wanted.push_back(!searched);
-  SearchFor(found, wanted, per_part);
+  SearchFor(found, wanted, per_object);
 }
 
 }  // namespace horopter

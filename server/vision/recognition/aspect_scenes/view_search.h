@@ -27,8 +27,8 @@ class ViewSearch {
   // For the scene's parts and only for them, in the wanted views or in those not searched for all:
   // so many poses of a part are refined, more than a search of the catalog does. Views looked at as
   // deeply before are left out.
-  void SearchFor(const LinkedScene& found, const std::vector<bool>& wanted, int per_part);
-  void SearchUnsearchedFor(const LinkedScene& found, int per_part);
+  void SearchFor(const LinkedScene& found, const std::vector<bool>& wanted, int per_object);
+  void SearchUnsearchedFor(const LinkedScene& found, int per_object);
   // What was looked at may be looked at again.
   void Forget() { depth_.assign(depth_.size(), 0); }
 
@@ -42,7 +42,7 @@ class ViewSearch {
                                           int v) const;
   // A first look trusts the size that other views show; a deep one also tries all places, for parts
   // without whole contours.
-  FindAspectOptions Options(int per_part, std::vector<AspectExpectation> expected, int v) const;
+  FindAspectOptions Options(int per_object, std::vector<AspectExpectation> expected, int v) const;
 
   const AspectLinkInput& in_;
   const AspectLinkOptions& options_;

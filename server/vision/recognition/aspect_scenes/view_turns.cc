@@ -41,7 +41,7 @@ std::vector<AllowedPose> ViewTurns::OthersIn(const LinkedScene& scene, int view)
   const AspectSceneView& seen = *scene.views[view];
   const Rigid3 scene_from_camera = seen.camera_from_scene.Inverse();
   std::vector<Rigid3> placed, turns;
-  links_.turns().AppendSpread(in_.parts[o.object].near_turns, &turns);
+  links_.turns().AppendSpread(in_.models[o.object].near_turns, &turns);
   for (const Rigid3& turn : turns) placed.push_back(o.scene_from_object * turn);
   for (const AspectHypothesis& h : links_.Hypotheses(view)) {
     if (h.object == o.object)
@@ -63,15 +63,15 @@ std::vector<AllowedPose> ViewTurns::OthersIn(const LinkedScene& scene, int view)
 
 std::vector<AllowedPose> ViewTurns::AllowedIn(const LinkedScene& scene, int view) const {
   const LinkedObject& o = scene.objects.front();
-  const AspectPart& part = in_.parts[o.object];
+  const AspectModel& model = in_.models[o.object];
   const AspectSceneView& seen = *scene.views[view];
   const Rigid3 stated = seen.camera_from_scene * o.scene_from_object;
-  const double apart_px = kOtherPoseShare * SizePx(part, seen.camera, stated);
+  const double apart_px = kOtherPoseShare * SizePx(model, seen.camera, stated);
   // What looks the same in one view is another camera beside the others.
   std::vector<Rigid3> symmetries = {Rigid3{}};
-  links_.turns().AppendSpread(part.symmetries, &symmetries);
-  AspectPart told_apart;
-  told_apart.object = part.object;
+  links_.turns().AppendSpread(model.symmetries, &symmetries);
+  AspectModel told_apart;
+  told_apart.object = model.object;
   const double own = objects_.JudgeOne(Alone(scene, view), {o.object, o.scene_from_object}).score;
   std::vector<AllowedPose> out;
   const auto add = [&](const AllowedPose& pose) {
@@ -95,12 +95,12 @@ std::vector<AllowedPose> ViewTurns::AllowedIn(const LinkedScene& scene, int view
 std::optional<AspectScene> ViewTurns::Turned(const LinkedScene& scene) const {
   if (scene.objects.size() != 1 || scene.registered() < 2) return std::nullopt;
   const LinkedObject& o = scene.objects.front();
-  const AspectPart& part = in_.parts[o.object];
-  if (part.symmetries.empty() && part.near_turns.empty()) return std::nullopt;
+  const AspectModel& model = in_.models[o.object];
+  if (model.symmetries.empty() && model.near_turns.empty()) return std::nullopt;
   const ViewAgreement stated = objects_.WithGround(scene);
   if (stated.surface.mean + stated.ground >= kAgreed) return std::nullopt;
   AgreeingPosesOptions agreeing = options_.agreeing;
-  agreeing.surface_tells = part.round.empty();
+  agreeing.surface_tells = model.round.empty();
   agreeing.threads = options_.threads;
   std::vector<PinholeCamera> cameras(scene.views.size());
   std::vector<std::vector<AllowedPose>> allowed(scene.views.size());
@@ -110,7 +110,7 @@ std::optional<AspectScene> ViewTurns::Turned(const LinkedScene& scene) const {
     allowed[v] = AllowedIn(scene, static_cast<int>(v));
   }
   const AgreeingPoses found =
-      FindAgreeingPoses(in_.images, cameras, part.object->mesh, part.resting, allowed, agreeing);
+      FindAgreeingPoses(in_.images, cameras, model.object->mesh, model.resting, allowed, agreeing);
   const double agreed = found.best.Agreement();
   if (agreed < (agreeing.surface_tells ? kConvincing : kConvincingGround) ||
       agreed < found.first.Agreement() + kGained)

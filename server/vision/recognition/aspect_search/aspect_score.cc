@@ -15,7 +15,7 @@ namespace {
 // How the part stands among others.
 struct Seen {
   const Rigid3& camera_from_object;
-  std::span<const PartLayer* const> others;
+  std::span<const ObjectLayer* const> others;
   double hidden_m = 0.0;
   std::span<const SiblingView> siblings;
 };
@@ -121,18 +121,18 @@ double ExcessChance(const AspectImage& image,
 }
 
 // Whether one of the parts stands here, nearer than `inverse_depth`; 0: at any depth.
-bool IsCovered(std::span<const PartLayer* const> others, int x, int y, float inverse_depth) {
-  return std::any_of(others.begin(), others.end(), [&](const PartLayer* o) {
+bool IsCovered(std::span<const ObjectLayer* const> others, int x, int y, float inverse_depth) {
+  return std::any_of(others.begin(), others.end(), [&](const ObjectLayer* o) {
     return o->Has(x, y) && o->inverse_depth[o->Cell(x, y)] > inverse_depth;
   });
 }
 
 // Whether one of the parts has a like-directed edge here.
-bool IsEdgeOf(std::span<const PartLayer* const> others, int x, int y, int bin) {
-  return std::any_of(others.begin(), others.end(), [&](const PartLayer* o) {
+bool IsEdgeOf(std::span<const ObjectLayer* const> others, int x, int y, int bin) {
+  return std::any_of(others.begin(), others.end(), [&](const ObjectLayer* o) {
     if (!o->Has(x, y)) return false;
     const int there = o->edge_bin[o->Cell(x, y)];
-    if (there == PartLayer::kNoEdge) return false;
+    if (there == ObjectLayer::kNoEdge) return false;
     const int apart = std::abs(bin - there);
     return std::min(apart, kAspectBins - apart) <= 1;
   });
@@ -337,7 +337,7 @@ AspectScore ScorePose(const AspectImage& image,
                       const PinholeCamera& camera,
                       const Rigid3& camera_from_object,
                       const AspectScoreOptions& options,
-                      std::span<const PartLayer* const> others,
+                      std::span<const ObjectLayer* const> others,
                       std::span<const SiblingView> siblings) {
   if (image.width == 0) return {};
   return ScoreEdges(image,
@@ -366,7 +366,7 @@ AspectScore ScoreEdges(const AspectImage& image,
                        const PinholeCamera& camera,
                        const Rigid3& camera_from_object,
                        const AspectScoreOptions& options,
-                       std::span<const PartLayer* const> others,
+                       std::span<const ObjectLayer* const> others,
                        std::span<const SiblingView> siblings) {
   AspectScore score;
   if (image.width == 0 || edges.points.empty()) return score;
@@ -380,11 +380,11 @@ AspectScore ScoreEdges(const AspectImage& image,
   return score;
 }
 
-PartLayer MakePartLayer(const AspectImage& image,
-                        const VisibleEdges& edges,
-                        const PinholeCamera& camera,
-                        const AspectScoreOptions& options) {
-  PartLayer out;
+ObjectLayer MakeObjectLayer(const AspectImage& image,
+                            const VisibleEdges& edges,
+                            const PinholeCamera& camera,
+                            const AspectScoreOptions& options) {
+  ObjectLayer out;
   if (image.width == 0) return out;
   const PinholeCamera working = WorkingCamera(image, camera);
   const ModelRaster raster = RasterEdges(edges, image, options.tolerance_px);
@@ -394,7 +394,7 @@ PartLayer MakePartLayer(const AspectImage& image,
   out.width = raster.width;
   out.height = raster.height;
   out.inverse_depth.resize(raster.nearest.size());
-  out.edge_bin.assign(raster.nearest.size(), PartLayer::kNoEdge);
+  out.edge_bin.assign(raster.nearest.size(), ObjectLayer::kNoEdge);
   for (int y = out.y0; y < out.y0 + out.height; ++y) {
     for (int x = out.x0; x < out.x0 + out.width; ++x) {
       const std::size_t cell = out.Cell(x, y);
@@ -409,12 +409,12 @@ PartLayer MakePartLayer(const AspectImage& image,
   return out;
 }
 
-PartLayer MakePartLayer(const AspectImage& image,
-                        const RenderMesh& mesh,
-                        const PinholeCamera& camera,
-                        const Rigid3& camera_from_object,
-                        double render_px) {
-  return MakePartLayer(
+ObjectLayer MakeObjectLayer(const AspectImage& image,
+                            const RenderMesh& mesh,
+                            const PinholeCamera& camera,
+                            const Rigid3& camera_from_object,
+                            double render_px) {
+  return MakeObjectLayer(
       image, WorkingEdges(image, mesh, camera, camera_from_object, render_px), camera);
 }
 

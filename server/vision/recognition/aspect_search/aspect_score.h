@@ -16,7 +16,7 @@
 namespace horopter {
 
 // A part as one view shows it: working pixels x0 .. x0 + width - 1 and so on.
-struct PartLayer {
+struct ObjectLayer {
   static constexpr std::uint8_t kNoEdge = 255;  // where the part has none
   int x0 = 0, y0 = 0, width = 0, height = 0;
   std::vector<float> inverse_depth;    // 1 / m, 0 where the part is not
@@ -33,7 +33,7 @@ struct SiblingView {
   const AspectImage* image = nullptr;
   PinholeCamera camera;  // of the original image
   Rigid3 camera_from_object;
-  const PartLayer* layer = nullptr;  // of the part in that image
+  const ObjectLayer* layer = nullptr;  // of the part in that image
 };
 
 struct AspectScoreOptions {
@@ -95,7 +95,7 @@ AspectScore ScorePose(const AspectImage& image,
                       const PinholeCamera& camera,
                       const Rigid3& camera_from_object,
                       const AspectScoreOptions& options = {},
-                      std::span<const PartLayer* const> others = {},
+                      std::span<const ObjectLayer* const> others = {},
                       std::span<const SiblingView> siblings = {});
 
 // The same of given visible edges of the working image at that pose.
@@ -105,7 +105,7 @@ AspectScore ScoreEdges(const AspectImage& image,
                        const PinholeCamera& camera,
                        const Rigid3& camera_from_object,
                        const AspectScoreOptions& options = {},
-                       std::span<const PartLayer* const> others = {},
+                       std::span<const ObjectLayer* const> others = {},
                        std::span<const SiblingView> siblings = {});
 
 // Visible edges of the working image at a pose, the camera that of the original.
@@ -117,17 +117,17 @@ VisibleEdges WorkingEdges(const AspectImage& image,
 
 // What ScorePose needs of the others, of visible edges of the working image. Empty when nothing of
 // the part is visible.
-PartLayer MakePartLayer(const AspectImage& image,
-                        const VisibleEdges& edges,
-                        const PinholeCamera& camera,
-                        const AspectScoreOptions& options = {});
+ObjectLayer MakeObjectLayer(const AspectImage& image,
+                            const VisibleEdges& edges,
+                            const PinholeCamera& camera,
+                            const AspectScoreOptions& options = {});
 
 // The same of a part at a pose, rendered for it.
-PartLayer MakePartLayer(const AspectImage& image,
-                        const RenderMesh& mesh,
-                        const PinholeCamera& camera,
-                        const Rigid3& camera_from_object,
-                        double render_px);
+ObjectLayer MakeObjectLayer(const AspectImage& image,
+                            const RenderMesh& mesh,
+                            const PinholeCamera& camera,
+                            const Rigid3& camera_from_object,
+                            double render_px);
 
 // Mean support (0..1) that edge points of a part find in the distance maps, above what chance gives
 // there beyond `free_chance`; edges farther than reach_px (working pixels) support nothing. Much

@@ -34,7 +34,7 @@ class Sweep {
     std::vector<Found> out;
     const IndexedAspect& a = index_.aspects[aspect];
     const Eigen::Matrix3f& from_object =
-        index_.parts[a.part].object->aspects.aspects[a.aspect].camera_from_object;
+        index_.models[a.model].object->aspects.aspects[a.aspect].camera_from_object;
     const float least = 1.0f + 2.0f * static_cast<float>(std::cos(options_.reach_rad));
     const int turns = static_cast<int>(2 * std::numbers::pi / options_.turn_step_rad);
     for (int k = 0; k < turns; ++k) {
@@ -131,7 +131,7 @@ std::vector<AspectVote> VotesOf(const Sweep& sweep,
                                 const StopRequested& stop) {
   std::vector<std::vector<Found>> of_aspect(index.aspects.size());
   ParallelFor(static_cast<int>(index.aspects.size()), votes.threads, [&](int a) {
-    if (index.aspects[a].part != expected.part || IsStopRequested(stop)) return;
+    if (index.aspects[a].model != expected.model || IsStopRequested(stop)) return;
     of_aspect[a] = sweep.Places(a, expected);
   });
   std::vector<Found> found;
@@ -145,7 +145,7 @@ std::vector<AspectVote> VotesOf(const Sweep& sweep,
     if (!IsStopRequested(stop)) out[i] = sweep.Climbed(found[i]);
   });
   std::erase_if(out, [](const AspectVote& v) { return v.rank <= 0.0f; });
-  return ChooseDistinct(std::move(out), index, index.parts[expected.part].symmetries, votes);
+  return ChooseDistinct(std::move(out), index, index.models[expected.model].symmetries, votes);
 }
 
 }  // namespace
@@ -156,12 +156,12 @@ std::vector<std::vector<AspectVote>> SweepForAspects(const AspectImage& image,
                                                      const AspectVoteOptions& votes,
                                                      const AspectSweepOptions& options,
                                                      const StopRequested& stop) {
-  std::vector<std::vector<AspectVote>> out(index.parts.size());
+  std::vector<std::vector<AspectVote>> out(index.models.size());
   if (image.width == 0) return out;
   const Sweep sweep(image, index, votes, options);
   for (const AspectExpectation& e : expected) {
     if (IsStopRequested(stop)) break;
-    out[e.part] = VotesOf(sweep, index, e, votes, options, stop);
+    out[e.model] = VotesOf(sweep, index, e, votes, options, stop);
   }
   return out;
 }

@@ -13,7 +13,7 @@ namespace horopter {
 
 // What other views say of a part.
 struct AspectExpectation {
-  int part = -1;                                 // of the index
+  int model = -1;                                // of the index
   std::vector<Eigen::Matrix3f> rotations;        // camera_from_object in the other views
   float min_size_px = 0.0f, max_size_px = 0.0f;  // of its diameter, working pixels
 };

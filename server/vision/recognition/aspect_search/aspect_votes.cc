@@ -33,8 +33,8 @@ class Share {
         const AspectVoteOptions& options,
         std::span<const std::uint8_t> wanted)
       : image_(image), maps_(maps), index_(index), options_(options), wanted_(wanted) {
-    pools_.resize(index.part_count);
-    floors_.assign(index.part_count, 0.0f);
+    pools_.resize(index.model_count);
+    floors_.assign(index.model_count, 0.0f);
   }
 
   void Vote(const ContourFragment& fragment) {
@@ -46,7 +46,7 @@ class Share {
                   &found_);
       if (!wanted_.empty()) {
         std::erase_if(found_, [&](std::uint32_t f) {
-          return !wanted_[index_.aspects[index_.fragments[f].aspect].part];
+          return !wanted_[index_.aspects[index_.fragments[f].aspect].model];
         });
       }
       counts_.matches += static_cast<std::int64_t>(found_.size());
@@ -69,7 +69,7 @@ class Share {
     const auto most = static_cast<float>(std::exp(options_.pair_log_ratio));
     for (std::size_t i = first; i < last; ++i) {
       const IndexedPair& p = index_.pairs[i];
-      if (!wanted_.empty() && !wanted_[index_.aspects[p.aspect].part]) continue;
+      if (!wanted_.empty() && !wanted_[index_.aspects[p.aspect].model]) continue;
       const float ratio = wanted * p.length_a / p.length_b;
       (ratio < most && ratio * most > 1.0f ? agreeing_ : others_)
           .push_back(static_cast<std::uint32_t>(i));
@@ -163,7 +163,7 @@ class Share {
     if (gain <= 0) return;
     ++counts_.accepted;
     const float rank = aspect.edge_length * s.size * gain;
-    Keep(aspect.part, {rank, support, number, s.size, s.turn, s.x, s.y});
+    Keep(aspect.model, {rank, support, number, s.size, s.turn, s.x, s.y});
   }
 
   int Tau8(float size) const {
@@ -244,9 +244,9 @@ class Share {
     return s;
   }
 
-  void Keep(int part, const AspectVote& vote) {
-    std::vector<AspectVote>& pool = pools_[part];
-    if (vote.rank < floors_[part]) return;
+  void Keep(int model, const AspectVote& vote) {
+    std::vector<AspectVote>& pool = pools_[model];
+    if (vote.rank < floors_[model]) return;
     pool.push_back(vote);
     const std::size_t keep = static_cast<std::size_t>(options_.pool);
     if (pool.size() < 2 * keep) return;
@@ -254,7 +254,7 @@ class Share {
                      pool.begin() + static_cast<std::ptrdiff_t>(keep) - 1,
                      pool.end(),
                      [](const AspectVote& p, const AspectVote& q) { return p.rank > q.rank; });
-    floors_[part] = pool[keep - 1].rank;
+    floors_[model] = pool[keep - 1].rank;
     pool.resize(keep);
   }
 
@@ -311,7 +311,7 @@ std::vector<AspectVote> ChooseDistinct(std::vector<AspectVote> pool,
   if (static_cast<int>(pool.size()) > options.pool) pool.resize(options.pool);
   std::vector<Chosen> chosen;
   for (const AspectVote& vote : pool) {
-    if (static_cast<int>(chosen.size()) >= options.max_per_part) break;
+    if (static_cast<int>(chosen.size()) >= options.max_per_object) break;
     const Chosen candidate{vote, RotationOf(vote, index)};
     int here = 0;
     bool known = false;
@@ -335,7 +335,7 @@ AspectVotes VoteForAspects(const AspectImage& image,
                            const StopRequested& stop,
                            std::span<const std::uint8_t> wanted) {
   AspectVotes out;
-  out.of_part.resize(index.part_count);
+  out.of_model.resize(index.model_count);
   if (image.width == 0 || index.fragments.empty()) return out;
   FragmentOptions pieces;
   pieces.min_length = options.min_fragment_px;
@@ -371,21 +371,21 @@ AspectVotes VoteForAspects(const AspectImage& image,
     out.climbs += share.counts().climbs;
     out.accepted += share.counts().accepted;
   }
-  ParallelFor(index.part_count, options.threads, [&](int part) {
+  ParallelFor(index.model_count, options.threads, [&](int model) {
     std::vector<AspectVote> pool;
     for (Share& share : shares) {
-      pool.insert(pool.end(), share.pools()[part].begin(), share.pools()[part].end());
+      pool.insert(pool.end(), share.pools()[model].begin(), share.pools()[model].end());
     }
     const std::span<const Rigid3> symmetries =
-        index.parts.empty() ? std::span<const Rigid3>() : index.parts[part].symmetries;
-    out.of_part[part] = ChooseDistinct(std::move(pool), index, symmetries, options);
+        index.models.empty() ? std::span<const Rigid3>() : index.models[model].symmetries;
+    out.of_model[model] = ChooseDistinct(std::move(pool), index, symmetries, options);
   });
   return out;
 }
 
 Rigid3 PoseOfVote(const AspectVote& vote, const FragmentIndex& index, const PinholeCamera& camera) {
   const IndexedAspect& a = index.aspects[vote.aspect];
-  const AspectSet& set = index.parts[a.part].object->aspects;
+  const AspectSet& set = index.models[a.model].object->aspects;
   const Eigen::Vector3d ray(
       (vote.x - camera.cx) / camera.focal_px, (vote.y - camera.cy) / camera.focal_px, 1.0);
   const double depth = camera.focal_px * set.diameter_m / vote.size_px;

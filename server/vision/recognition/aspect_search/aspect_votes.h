@@ -45,7 +45,7 @@ struct AspectVoteOptions {
   double rank_support = 0.45;  // rank = length (px) x ((support - chance) / (1 - chance) - this)
   double free_chance = kFreeChance;  // chance up to this, as parts have themselves, costs nothing
   int pool = 2000;                   // votes kept of a part before the distinct ones are chosen
-  int max_per_part = 80;             // distinct votes of a part
+  int max_per_object = 80;           // distinct votes of a part
   int max_per_place = 16;            // ... with their centres in one place
   int threads = 1;
 };
@@ -61,10 +61,10 @@ struct AspectVote {
 };
 
 struct AspectVotes {
-  std::vector<std::vector<AspectVote>> of_part;  // distinct, best first
-  std::int64_t fragments = 0;                    // of the image
-  std::int64_t matches = 0;                      // of the index
-  std::int64_t pairs = 0, pair_matches = 0;      // the same of adjacent straight edges
+  std::vector<std::vector<AspectVote>> of_model;  // distinct, best first
+  std::int64_t fragments = 0;                     // of the image
+  std::int64_t matches = 0;                       // of the index
+  std::int64_t pairs = 0, pair_matches = 0;       // the same of adjacent straight edges
   std::int64_t tests_16 = 0, climbs = 0, accepted = 0;
 };
 

@@ -23,7 +23,7 @@ constexpr double kStalePx = 1.0;  // working pixels; poses that shifted by less 
 
 // A pose on its way through the steps. Camera and score are of the original image.
 struct Candidate {
-  int part = -1;
+  int model = -1;
   PinholeCamera camera;
   Rigid3 pose;
   double rank = 0.0;
@@ -31,16 +31,16 @@ struct Candidate {
 };
 
 // Best first, each differing from all before it; at most `count`.
-std::vector<Candidate> Distinct(std::vector<Candidate> list, const AspectPart& part, int count) {
+std::vector<Candidate> Distinct(std::vector<Candidate> list, const AspectModel& model, int count) {
   std::stable_sort(list.begin(), list.end(), [](const Candidate& a, const Candidate& b) {
     return a.rank > b.rank;
   });
   std::vector<Candidate> out;
   for (const Candidate& c : list) {
     if (static_cast<int>(out.size()) >= count) break;
-    const double same = kSameShare * SizePx(part, c.camera, c.pose);
+    const double same = kSameShare * SizePx(model, c.camera, c.pose);
     const bool known = std::any_of(out.begin(), out.end(), [&](const Candidate& other) {
-      return PoseDistancePx(part, c.camera, c.pose, other.camera, other.pose) < same;
+      return PoseDistancePx(model, c.camera, c.pose, other.camera, other.pose) < same;
     });
     if (!known) out.push_back(c);
   }
@@ -53,9 +53,9 @@ constexpr double kPresumedRecall = 0.6;  // of these; chosen
 // ... and those that would be better than they are, were the part printed on: of a printed face
 // every rectangle fits some pattern, and has a better recall than the face itself.
 std::vector<Candidate> DistinctOrPrinted(const std::vector<Candidate>& list,
-                                         const AspectPart& part,
+                                         const AspectModel& model,
                                          int count) {
-  std::vector<Candidate> out = Distinct(list, part, count);
+  std::vector<Candidate> out = Distinct(list, model, count);
   std::vector<Candidate> presumed;
   for (const Candidate& c : list) {
     const AspectScore& s = c.score;
@@ -64,11 +64,11 @@ std::vector<Candidate> DistinctOrPrinted(const std::vector<Candidate>& list,
     presumed.push_back(c);
     presumed.back().rank = score;
   }
-  for (Candidate& c : Distinct(std::move(presumed), part, kPrinted)) {
-    const double same = kSameShare * SizePx(part, c.camera, c.pose);
+  for (Candidate& c : Distinct(std::move(presumed), model, kPrinted)) {
+    const double same = kSameShare * SizePx(model, c.camera, c.pose);
     c.rank = c.score.score;
     if (std::none_of(out.begin(), out.end(), [&](const Candidate& other) {
-          return PoseDistancePx(part, c.camera, c.pose, other.camera, other.pose) < same;
+          return PoseDistancePx(model, c.camera, c.pose, other.camera, other.pose) < same;
         }))
       out.push_back(c);
   }
@@ -92,7 +92,7 @@ class Finder {
   }
 
   // All votes of a part, refined on the points of their aspects; ranked by supported length.
-  std::vector<Candidate> FromVotes(int part, const std::vector<AspectVote>& votes) const {
+  std::vector<Candidate> FromVotes(int model, const std::vector<AspectVote>& votes) const {
     std::vector<Candidate> out;
     int aspect = -1;
     std::vector<ModelEdgePoint> points;
@@ -109,22 +109,22 @@ class Finder {
       const RefinedAspect refined =
           RefinePose(image_,
                      points,
-                     index_.parts[part].object->mesh.center.cast<double>(),
+                     index_.models[model].object->mesh.center.cast<double>(),
                      camera_,
                      pose,
                      refine);
-      Candidate c{part, refined.camera, refined.camera_from_object, 0.0, {}};
+      Candidate c{model, refined.camera, refined.camera_from_object, 0.0, {}};
       c.rank = index_.aspects[vote.aspect].edge_length * vote.size_px *
                (PointSupport(image_, points, c.camera, c.pose, options_.votes.free_chance) -
                 options_.votes.rank_support);
       out.push_back(c);
     }
-    return Distinct(std::move(out), index_.parts[part], options_.coarse_per_part);
+    return Distinct(std::move(out), index_.models[model], options_.coarse_per_object);
   }
 
   // Renders, refines and scores.
   void Improve(double render_px, int renderings, double search_px, Candidate* c) const {
-    const RenderMesh& mesh = index_.parts[c->part].object->mesh;
+    const RenderMesh& mesh = index_.models[c->model].object->mesh;
     PoseEdgeOptions refine;
     refine.render_px = render_px;
     refine.renderings = renderings;
@@ -148,7 +148,7 @@ class Finder {
   std::vector<ModelEdgePoint> PointsOf(int aspect) const {
     const IndexedAspect& a = index_.aspects[aspect];
     std::vector<ModelEdgePoint> points;
-    for (const AspectPoint& p : AspectPoints(index_.parts[a.part].object->aspects, a.aspect)) {
+    for (const AspectPoint& p : AspectPoints(index_.models[a.model].object->aspects, a.aspect)) {
       if (static_cast<int>(points.size()) >= kVotePoints) break;
       points.push_back({p.point, p.direction, 1.0f});
     }
@@ -170,19 +170,19 @@ PinholeCamera NominalCamera(const AspectImage& image, double nominal_focal_share
       image.image_width, image.image_height, nominal_focal_share * image.image_width);
 }
 
-double SizePx(const AspectPart& part, const PinholeCamera& camera, const Rigid3& pose) {
-  const double depth = (pose * part.object->mesh.center.cast<double>()).z();
-  return camera.focal_px * part.object->mesh.diameter_m / std::max(depth, 1e-6);
+double SizePx(const AspectModel& model, const PinholeCamera& camera, const Rigid3& pose) {
+  const double depth = (pose * model.object->mesh.center.cast<double>()).z();
+  return camera.focal_px * model.object->mesh.diameter_m / std::max(depth, 1e-6);
 }
 
-double PoseDistancePx(const AspectPart& part,
+double PoseDistancePx(const AspectModel& model,
                       const PinholeCamera& camera_a,
                       const Rigid3& a,
                       const PinholeCamera& camera_b,
                       const Rigid3& b) {
   // A cube about the centre stands for the part.
-  const double half = 0.35 * part.object->mesh.diameter_m;
-  const Eigen::Vector3d center = part.object->mesh.center.cast<double>();
+  const double half = 0.35 * model.object->mesh.diameter_m;
+  const Eigen::Vector3d center = model.object->mesh.center.cast<double>();
   const auto distance = [&](const Rigid3* symmetry) {
     double worst = 0.0;
     for (int corner = 0; corner < 8; corner += 1) {
@@ -197,7 +197,7 @@ double PoseDistancePx(const AspectPart& part,
     return worst;
   };
   double best = distance(nullptr);
-  for (const Rigid3& symmetry : part.symmetries) best = std::min(best, distance(&symmetry));
+  for (const Rigid3& symmetry : model.symmetries) best = std::min(best, distance(&symmetry));
   return best;
 }
 
@@ -213,45 +213,45 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
   if (!options.expected.empty()) {
     const auto swept = SweepForAspects(image, index, options.expected, voting, options.sweep, stop);
     for (std::size_t p = 0; p < swept.size(); ++p)
-      out.votes.of_part[p].insert(out.votes.of_part[p].end(), swept[p].begin(), swept[p].end());
+      out.votes.of_model[p].insert(out.votes.of_model[p].end(), swept[p].begin(), swept[p].end());
   }
   if (image.width == 0 || IsStopRequested(stop)) return out;
   const Finder finder(image, index, options, known, stop);
   // Working pixels.
   const auto search_of = [&](const Candidate& c, double share, const double(&bounds)[2]) {
-    const double size = SizePx(index.parts[c.part], c.camera, c.pose) * image.working_from_image;
+    const double size = SizePx(index.models[c.model], c.camera, c.pose) * image.working_from_image;
     return std::clamp(share * size, bounds[0], bounds[1]);
   };
-  const int parts = static_cast<int>(index.parts.size());
-  std::vector<std::vector<Candidate>> of_part(parts);
-  ParallelFor(parts, options.threads, [&](int p) {
-    of_part[p] = finder.FromVotes(p, out.votes.of_part[p]);
-    for (Candidate& c : of_part[p]) {
+  const int models = static_cast<int>(index.models.size());
+  std::vector<std::vector<Candidate>> of_model(models);
+  ParallelFor(models, options.threads, [&](int p) {
+    of_model[p] = finder.FromVotes(p, out.votes.of_model[p]);
+    for (Candidate& c : of_model[p]) {
       if (IsStopRequested(stop)) return;
       finder.Improve(
           options.coarse_render_px, 1, search_of(c, kCoarseSearchShare, kCoarseSearchPx), &c);
     }
-    of_part[p] = DistinctOrPrinted(of_part[p], index.parts[p], options.fine_per_part);
+    of_model[p] = DistinctOrPrinted(of_model[p], index.models[p], options.fine_per_object);
   });
   double best = 0.0;
-  for (int p = 0; p < parts; ++p) {
-    out.refined += static_cast<int>(out.votes.of_part[p].size());
-    for (const Candidate& c : of_part[p]) best = std::max(best, c.rank);
+  for (int p = 0; p < models; ++p) {
+    out.refined += static_cast<int>(out.votes.of_model[p].size());
+    for (const Candidate& c : of_model[p]) best = std::max(best, c.rank);
   }
-  ParallelFor(parts, options.threads, [&](int p) {
-    std::erase_if(of_part[p],
+  ParallelFor(models, options.threads, [&](int p) {
+    std::erase_if(of_model[p],
                   [&](const Candidate& c) { return c.rank < options.fine_share * best; });
-    for (Candidate& c : of_part[p]) {
+    for (Candidate& c : of_model[p]) {
       if (IsStopRequested(stop)) return;
       finder.Improve(options.fine_render_px, 2, search_of(c, kFineSearchShare, kFineSearchPx), &c);
     }
-    of_part[p] = DistinctOrPrinted(of_part[p], index.parts[p], options.fine_per_part);
+    of_model[p] = DistinctOrPrinted(of_model[p], index.models[p], options.fine_per_object);
   });
-  for (const auto& list : of_part) {
+  for (const auto& list : of_model) {
     for (const Candidate& c : list) {
       ++out.fine;
       if (c.score.score < options.min_score) continue;
-      out.hypotheses.push_back({c.part,
+      out.hypotheses.push_back({c.model,
                                 c.camera,
                                 c.pose,
                                 c.score.precision,

@@ -28,9 +28,9 @@ struct FindAspectOptions {
   // Focal length in image widths; a known camera is given to FindAspectHypotheses instead.
   double nominal_focal_share = kNominalFocalShare;
   double log_focal_sigma = kNominalFocalLogSigma;
-  int coarse_per_part = 10;  // poses refined and scored in a coarse rendering
+  int coarse_per_object = 10;  // poses refined and scored in a coarse rendering
   double coarse_render_px = 110.0;
-  int fine_per_part = 6;  // ... in a fine one; also the most hypotheses of a part
+  int fine_per_object = 6;  // ... in a fine one; also the most hypotheses of a part
   double fine_render_px = 200.0;
   // Coarse poses that score less than this share of the image's best are not refined finely.
   double fine_share = 0.3;
@@ -67,11 +67,11 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
                                     const StopRequested& stop = {});
 
 // A part's diameter at a pose in the image, px of the camera.
-double SizePx(const AspectPart& part, const PinholeCamera& camera, const Rigid3& pose);
+double SizePx(const AspectModel& model, const PinholeCamera& camera, const Rigid3& pose);
 
 // Largest distance in the image (px of the cameras) between corners of the part's bounding box
 // under two poses, the least over its symmetries.
-double PoseDistancePx(const AspectPart& part,
+double PoseDistancePx(const AspectModel& model,
                       const PinholeCamera& camera_a,
                       const Rigid3& a,
                       const PinholeCamera& camera_b,

@@ -21,7 +21,7 @@ std::vector<int> Order(const std::vector<float>& value) {
 // chance gives a long outline more than a short one.
 std::vector<float> BestRanks(const AspectVotes& votes, const FragmentIndex& index) {
   std::vector<float> best;
-  for (const auto& list : votes.of_part) {
+  for (const auto& list : votes.of_model) {
     best.push_back(0.0f);
     for (const AspectVote& vote : list) {
       const float length = index.aspects[vote.aspect].edge_length * vote.size_px;
@@ -35,7 +35,7 @@ std::vector<float> BestRanks(const AspectVotes& votes, const FragmentIndex& inde
 
 ObjectRankingOptions::ObjectRankingOptions() {
   votes.pool = 8;
-  votes.max_per_part = 1;
+  votes.max_per_object = 1;
 }
 
 std::vector<int> RankObjects(std::span<const AspectImage> images,
@@ -45,24 +45,24 @@ std::vector<int> RankObjects(std::span<const AspectImage> images,
                              std::span<const std::uint8_t> wanted) {
   std::vector<int> listed;
   const auto count = [&](int i) { return wanted.empty() || wanted[i] != 0; };
-  for (int i = 0; i < index.part_count; ++i) {
+  for (int i = 0; i < index.model_count; ++i) {
     if (count(i)) listed.push_back(i);
   }
   if (static_cast<int>(listed.size()) <= options.objects) return listed;
   const int views = static_cast<int>(images.size());
   const int looked_at = std::min(options.images, views);
-  std::vector<float> sum(index.part_count, 0.0f);
+  std::vector<float> sum(index.model_count, 0.0f);
   std::vector<std::vector<int>> orders;
   for (int i = 0; i < looked_at; ++i) {
     const AspectImage& image = images[static_cast<std::size_t>(i) * views / looked_at];
     const std::vector<float> best =
         BestRanks(VoteForAspects(image, index, options.votes, stop, wanted), index);
-    for (int k = 0; k < index.part_count; ++k) sum[k] += best[k];
+    for (int k = 0; k < index.model_count; ++k) sum[k] += best[k];
     orders.push_back(Order(best));
   }
   const std::vector<int> together = Order(sum);
   listed.clear();
-  std::vector<bool> taken(index.part_count, false);
+  std::vector<bool> taken(index.model_count, false);
   std::vector<std::size_t> next(orders.size() + 1, 0);
   const auto take = [&](const std::vector<int>& order, std::size_t* at) {
     while (*at < order.size() && taken[order[*at]]) ++*at;

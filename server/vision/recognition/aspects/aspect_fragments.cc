@@ -131,7 +131,7 @@ DrawnAspect DrawAspect(const VisibleEdges& edges,
   return out;
 }
 
-void AppendAspect(const DrawnAspect& drawn, PartFragments* out) {
+void AppendAspect(const DrawnAspect& drawn, ModelFragments* out) {
   out->fragments.insert(out->fragments.end(), drawn.fragments.begin(), drawn.fragments.end());
   out->pairs.insert(out->pairs.end(), drawn.pairs.begin(), drawn.pairs.end());
   out->edge_length.push_back(drawn.edge_length);
@@ -139,16 +139,16 @@ void AppendAspect(const DrawnAspect& drawn, PartFragments* out) {
 
 }  // namespace
 
-PartFragments MakePartFragments(const RenderMesh& mesh,
-                                const AspectSet& set,
-                                const AspectFragmentOptions& options) {
+ModelFragments MakeModelFragments(const RenderMesh& mesh,
+                                  const AspectSet& set,
+                                  const AspectFragmentOptions& options) {
   const int count = static_cast<int>(set.aspects.size());
   std::vector<DrawnAspect> drawn(count);
   const PinholeCamera camera = AspectCamera(set);
   ParallelFor(count, options.threads, [&](int a) {
     drawn[a] = DrawAspect(AspectEdges(mesh, set, a), camera, set.render_px, a, options);
   });
-  PartFragments out;
+  ModelFragments out;
   for (const DrawnAspect& aspect : drawn) AppendAspect(aspect, &out);
   return out;
 }

@@ -53,25 +53,25 @@ struct AspectSegmentPair {
   friend bool operator==(const AspectSegmentPair&, const AspectSegmentPair&) = default;
 };
 
-struct PartFragments {
+struct ModelFragments {
   std::vector<AspectFragment> fragments;
   std::vector<AspectSegmentPair> pairs;
   std::vector<float> edge_length;  // of each aspect, diameters
 
-  friend bool operator==(const PartFragments&, const PartFragments&) = default;
+  friend bool operator==(const ModelFragments&, const ModelFragments&) = default;
 };
 
 // Draws the fragments of each aspect with probabilities that grow with length x turning; the same
 // for the same input and any number of threads.
-PartFragments MakePartFragments(const RenderMesh& mesh,
-                                const AspectSet& set,
-                                const AspectFragmentOptions& options = {});
+ModelFragments MakeModelFragments(const RenderMesh& mesh,
+                                  const AspectSet& set,
+                                  const AspectFragmentOptions& options = {});
 
 // Aspects and their fragments from one rendering of each view: the same, bit for bit, as
-// MakeAspects and then MakePartFragments.
+// MakeAspects and then MakeModelFragments.
 struct AspectsWithFragments {
   AspectSet aspects;
-  PartFragments fragments;
+  ModelFragments fragments;
 };
 AspectsWithFragments MakeAspectsWithFragments(const RenderMesh& mesh,
                                               std::span<const Rigid3> symmetries,

@@ -37,9 +37,9 @@ std::uint64_t Fingerprint(const AspectSet& set, const AspectFragmentOptions& o) 
 
 }  // namespace
 
-std::string EncodePartFragments(const PartFragments& fragments,
-                                const AspectSet& set,
-                                const AspectFragmentOptions& options) {
+std::string EncodeModelFragments(const ModelFragments& fragments,
+                                 const AspectSet& set,
+                                 const AspectFragmentOptions& options) {
   std::string body;
   AppendNumber(body, static_cast<std::uint32_t>(fragments.edge_length.size()));
   body.append(reinterpret_cast<const char*>(fragments.edge_length.data()),
@@ -53,15 +53,15 @@ std::string EncodePartFragments(const PartFragments& fragments,
   return WithBlobHeader(kMagic, kFragmentVersion, Fingerprint(set, options), body);
 }
 
-absl::StatusOr<PartFragments> DecodePartFragments(std::string_view blob,
-                                                  const AspectSet& set,
-                                                  const AspectFragmentOptions& options) {
+absl::StatusOr<ModelFragments> DecodeModelFragments(std::string_view blob,
+                                                    const AspectSet& set,
+                                                    const AspectFragmentOptions& options) {
   HOROPTER_ASSIGN_OR_RETURN(const std::uint64_t fingerprint,
                             TakeBlobHeader("fragments", kMagic, kFragmentVersion, &blob));
   if (fingerprint != Fingerprint(set, options))
     return absl::FailedPreconditionError("fragments: of other aspects or options");
   BlobReader reader(blob);
-  PartFragments out;
+  ModelFragments out;
   const auto aspects = reader.Take<std::uint32_t>();
   if (!reader.ok() || aspects != set.aspects.size())
     return absl::DataLossError("fragments: of another number of aspects");

@@ -15,17 +15,17 @@
 
 namespace horopter {
 
-// To be raised with every change of what MakePartFragments computes or of how it is written.
+// To be raised with every change of what MakeModelFragments computes or of how it is written.
 inline constexpr int kFragmentVersion = 3;
 
-std::string EncodePartFragments(const PartFragments& fragments,
-                                const AspectSet& set,
-                                const AspectFragmentOptions& options = {});
+std::string EncodeModelFragments(const ModelFragments& fragments,
+                                 const AspectSet& set,
+                                 const AspectFragmentOptions& options = {});
 
-// What MakePartFragments(mesh, set, options) returned, bit for bit. Errors: FAILED_PRECONDITION
+// What MakeModelFragments(mesh, set, options) returned, bit for bit. Errors: FAILED_PRECONDITION
 // (another version, other aspects or options), DATA_LOSS (damaged).
-absl::StatusOr<PartFragments> DecodePartFragments(std::string_view blob,
-                                                  const AspectSet& set,
-                                                  const AspectFragmentOptions& options = {});
+absl::StatusOr<ModelFragments> DecodeModelFragments(std::string_view blob,
+                                                    const AspectSet& set,
+                                                    const AspectFragmentOptions& options = {});
 
 }  // namespace horopter

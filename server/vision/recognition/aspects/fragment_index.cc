@@ -92,7 +92,7 @@ void AddAspect(const AspectSet& set,
   const float unit = static_cast<float>(1.0 / set.render_px);
   const Rigid3 pose = AspectPose(set, number);
   IndexedAspect& aspect = piece->aspects.emplace_back();
-  aspect.part = 0;
+  aspect.model = 0;
   aspect.aspect = number;
   aspect.first_point = static_cast<std::uint32_t>(piece->points.size());
   aspect.camera_from_object = set.aspects[number].camera_from_object;
@@ -119,7 +119,7 @@ void AddPiece(const FragmentPiece& piece, FragmentIndex* index, std::vector<Entr
   const auto first_aspect = static_cast<std::int32_t>(index->aspects.size());
   const auto first_point = static_cast<std::uint32_t>(index->points.size());
   for (IndexedAspect aspect : piece.aspects) {
-    aspect.part = index->part_count;
+    aspect.model = index->model_count;
     aspect.first_point += first_point;
     index->aspects.push_back(aspect);
   }
@@ -134,7 +134,7 @@ void AddPiece(const FragmentPiece& piece, FragmentIndex* index, std::vector<Entr
     pair.aspect += first_aspect;
     index->pairs.push_back(pair);
   }
-  ++index->part_count;
+  ++index->model_count;
 }
 
 // Sorts the fragments into cells.
@@ -290,7 +290,7 @@ std::size_t FragmentIndex::bytes() const {
 }
 
 FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
-                                const PartFragments& fragments,
+                                const ModelFragments& fragments,
                                 const FragmentChoice& choice) {
   const AspectSet& set = object.aspects;
   const PinholeCamera camera = AspectCamera(set);
@@ -327,16 +327,16 @@ FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
   return piece;
 }
 
-absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectPart> parts,
+absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectModel> models,
                                                  const FragmentIndexOptions& options) {
-  std::vector<FragmentPiece> pieces(parts.size());
-  ParallelFor(static_cast<int>(parts.size()), options.threads, [&](int i) {
-    pieces[i] = MakeFragmentPiece(*parts[i].object, *parts[i].fragments);
+  std::vector<FragmentPiece> pieces(models.size());
+  ParallelFor(static_cast<int>(models.size()), options.threads, [&](int i) {
+    pieces[i] = MakeFragmentPiece(*models[i].object, *models[i].fragments);
   });
   std::vector<const FragmentPiece*> pointers;
   for (const FragmentPiece& piece : pieces) pointers.push_back(&piece);
   HOROPTER_ASSIGN_OR_RETURN(FragmentIndex index, BuildFragmentIndex(pointers, options));
-  index.parts.assign(parts.begin(), parts.end());
+  index.models.assign(models.begin(), models.end());
   return index;
 }
 

@@ -24,9 +24,9 @@ struct RestingFace {
 };
 
 // A part as the search for aspects knows it; what it points to outlives the index.
-struct AspectPart {
+struct AspectModel {
   const ObjectAspects* object = nullptr;
-  const PartFragments* fragments = nullptr;
+  const ModelFragments* fragments = nullptr;
   std::span<const Rigid3> symmetries;  // as ObjectModel::symmetries
   // Turns that leave the part the same but for small features: views that do not show these agree
   // on it only up to such a turn.
@@ -51,7 +51,7 @@ struct PackedVotePoint {
 inline constexpr int kFirstVotePoints = 16;  // of an aspect; those with fewer are not indexed
 
 struct IndexedAspect {
-  std::int32_t part = -1;
+  std::int32_t model = -1;
   std::int32_t aspect = -1;  // of the part's AspectSet
   std::uint32_t first_point = 0;
   std::uint16_t points = 0;
@@ -108,15 +108,15 @@ struct FragmentPiece {
   std::vector<IndexedPair> pairs;
 };
 FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
-                                const PartFragments& fragments,
+                                const ModelFragments& fragments,
                                 const FragmentChoice& choice = {});
 
 // Immutable once built; any number of threads may search it. `fragments` and `keys` are in the
 // order of the grid's cells.
 struct FragmentIndex {
   FragmentIndexOptions options;
-  std::vector<AspectPart> parts;  // of an index made of pieces alone empty
-  int part_count = 0;
+  std::vector<AspectModel> models;  // of an index made of pieces alone empty
+  int model_count = 0;
   std::vector<IndexedAspect> aspects;
   std::vector<VotePoint> points;
   std::vector<PackedVotePoint> first_points;  // kFirstVotePoints of each aspect
@@ -141,7 +141,7 @@ struct FragmentIndex {
 };
 
 // Errors: those of the X-tree.
-absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectPart> parts,
+absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectModel> models,
                                                  const FragmentIndexOptions& options = {});
 
 // Of parts that are known by their pieces alone; part i is pieces[i] (null: none). It can be voted

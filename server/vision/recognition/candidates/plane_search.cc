@@ -126,7 +126,7 @@ std::vector<std::vector<const PlaneSearch::SightedEdge*>> PlaneSearch::EdgesOver
 
 PoseVotes PlaneSearch::VoteByEdges(
     const PreparedObject& object,
-    const StandingPart& part,
+    const StandingObject& standing,
     const Surface& surface,
     const std::vector<std::vector<const SightedEdge*>>& edges) const {
   PoseVotes votes(options_.votes);
@@ -135,7 +135,7 @@ PoseVotes PlaneSearch::VoteByEdges(
   const auto allowed = [&](const PlaneYaw& yaw) {
     if (surface.discs.empty()) return true;
     const Eigen::Vector2d middle =
-        yaw.position + Turned(yaw.cos_yaw, yaw.sin_yaw, part.outline_middle);
+        yaw.position + Turned(yaw.cos_yaw, yaw.sin_yaw, standing.outline_middle);
     return std::any_of(surface.discs.begin(), surface.discs.end(), [&](const Disc& disc) {
       return (middle - disc.center).squaredNorm() < disc.radius_m * disc.radius_m;
     });
@@ -143,8 +143,8 @@ PoseVotes PlaneSearch::VoteByEdges(
   for (std::size_t e = 0; e < object.model.edges.size(); ++e) {
     const ModelEdge& edge = object.model.edges[e];
     if (edge.kind != CurveKind::kLine || edge.start_vertex < 0 || edge.end_vertex < 0) continue;
-    const Eigen::Vector3d& p = part.vertices[edge.start_vertex];
-    const Eigen::Vector3d& q = part.vertices[edge.end_vertex];
+    const Eigen::Vector3d& p = standing.vertices[edge.start_vertex];
+    const Eigen::Vector3d& q = standing.vertices[edge.end_vertex];
     const Eigen::Vector2d model = (q - p).head<2>();
     const double length = model.norm();
     if (length < kUprightShare * (q - p).norm() || length <= 0) continue;
@@ -182,7 +182,7 @@ PoseVotes PlaneSearch::VoteByEdges(
           const int index = static_cast<int>(e);
           for (int i = 0; i < n; ++i) {
             yaw.position = positions[i];
-            if (allowed(yaw) && EdgesVisible(object, part, yaw, eyes[v], index, index))
+            if (allowed(yaw) && EdgesVisible(object, standing, yaw, eyes[v], index, index))
               votes.Add(yaw, whole ? 1.0 : kPartialWeight);
           }
         }
@@ -195,17 +195,17 @@ PoseVotes PlaneSearch::VoteByEdges(
 std::vector<PlanePose> PlaneSearch::Find(int k) const {
   const PreparedObject& object = *context_.objects[k];
   PosePool pool(options_.min_quick);
-  const std::vector<StandingPart> on_plane = StandingParts(object);
+  const std::vector<StandingObject> on_plane = StandingObjects(object);
   for (const Surface& surface : surfaces_) {
     const auto edges = EdgesOver(surface, object.model.diameter_m);
-    for (StandingPart part : on_plane) {
+    for (StandingObject standing : on_plane) {
       if (IsStopRequested(context_.stop)) return {};
-      part.plane_from_object.t.z() += surface.height_m;
-      for (Eigen::Vector3d& v : part.vertices) v.z() += surface.height_m;
+      standing.plane_from_object.t.z() += surface.height_m;
+      for (Eigen::Vector3d& v : standing.vertices) v.z() += surface.height_m;
       ScorePeaks(object,
-                 part,
+                 standing,
                  views_,
-                 VoteByEdges(object, part, surface, edges)
+                 VoteByEdges(object, standing, surface, edges)
                      .Peaks(options_.min_edge_votes,
                             surface.discs.empty() ? options_.peaks : options_.peaks_over),
                  options_.known_reach_px,

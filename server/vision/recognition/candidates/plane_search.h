@@ -53,7 +53,7 @@ class PlaneSearch {
   std::vector<std::vector<const SightedEdge*>> EdgesOver(const Surface& surface,
                                                          double diameter_m) const;
   PoseVotes VoteByEdges(const PreparedObject& object,
-                        const StandingPart& part,
+                        const StandingObject& standing,
                         const Surface& surface,
                         const std::vector<std::vector<const SightedEdge*>>& edges) const;
 

@@ -16,8 +16,8 @@ constexpr float kHeightSupport = 0.45f;  // mean support of a segment in another
 
 }  // namespace
 
-std::vector<StandingPart> StandingParts(const PreparedObject& object) {
-  std::vector<StandingPart> parts;
+std::vector<StandingObject> StandingObjects(const PreparedObject& object) {
+  std::vector<StandingObject> out;
   const auto& poses = object.stable_poses;
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const StablePose& stable = poses[i];
@@ -29,19 +29,19 @@ std::vector<StandingPart> StandingParts(const PreparedObject& object) {
           });
     });
     if (twin) continue;
-    StandingPart part;
+    StandingObject standing;
     const Eigen::Vector3d u = stable.up.unitOrthogonal();
-    part.plane_from_object.R << u.transpose(), stable.up.cross(u).transpose(),
+    standing.plane_from_object.R << u.transpose(), stable.up.cross(u).transpose(),
         stable.up.transpose();
-    part.plane_from_object.t << 0.0, 0.0, stable.height_m;
+    standing.plane_from_object.t << 0.0, 0.0, stable.height_m;
     for (const Eigen::Vector3d& v : object.model.vertices)
-      part.vertices.push_back(part.plane_from_object * v);
-    const Outline outline = OutlineOnPlane(object, part.plane_from_object, SupportingPlane{});
+      standing.vertices.push_back(standing.plane_from_object * v);
+    const Outline outline = OutlineOnPlane(object, standing.plane_from_object, SupportingPlane{});
     const Eigen::Vector2d middle = outline.Middle();
-    part.outline_middle = (outline.x * middle.x() + outline.y * middle.y()).head<2>();
-    parts.push_back(std::move(part));
+    standing.outline_middle = (outline.x * middle.x() + outline.y * middle.y()).head<2>();
+    out.push_back(std::move(standing));
   }
-  return parts;
+  return out;
 }
 
 bool SightPlane(const PinholeCamera& camera,

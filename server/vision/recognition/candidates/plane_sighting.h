@@ -20,12 +20,12 @@ inline constexpr double kUprightShare = 0.15;
 inline constexpr double kLevel = 1e-6;
 
 // A part at rest: lowest points on z = 0, turned in one of its stable poses, yaw zero.
-struct StandingPart {
+struct StandingObject {
   Rigid3 plane_from_object;
   std::vector<Eigen::Vector3d> vertices;  // of the model, in the supporting plane frame, metres
   Eigen::Vector2d outline_middle = Eigen::Vector2d::Zero();  // seen from above, plane frame, metres
 };
-std::vector<StandingPart> StandingParts(const PreparedObject& object);
+std::vector<StandingObject> StandingObjects(const PreparedObject& object);
 
 // Where a pixel's ray meets the supporting plane and how that point moves with height: the ray is
 // at base + z * shift, at height z (plane frame).

@@ -43,11 +43,11 @@ double LargestShift(const PreparedObject& object,
 
 }  // namespace
 
-Rigid3 PlaceOnPlane(const StandingPart& part, const PlaneYaw& yaw) {
+Rigid3 PlaceOnPlane(const StandingObject& standing, const PlaneYaw& yaw) {
   Rigid3 turn;
   turn.R << yaw.cos_yaw, -yaw.sin_yaw, 0, yaw.sin_yaw, yaw.cos_yaw, 0, 0, 0, 1;
   turn.t << yaw.position / yaw.units_per_metre, 0.0;
-  return turn * part.plane_from_object;
+  return turn * standing.plane_from_object;
 }
 
 double MeanQuick(const PreparedObject& object,
@@ -124,7 +124,7 @@ std::vector<PooledPose> SettledPoses(const PreparedObject& object,
 }
 
 bool EdgesVisible(const PreparedObject& object,
-                  const StandingPart& part,
+                  const StandingObject& standing,
                   const PlaneYaw& yaw,
                   const Eigen::Vector3d& eye,
                   int first,
@@ -134,7 +134,7 @@ bool EdgesVisible(const PreparedObject& object,
       Turned(yaw.cos_yaw, -yaw.sin_yaw, metres * (eye.head<2>() - yaw.position));
   const Eigen::Vector3d eye_at_rest(level.x(), level.y(), metres * eye.z());
   const Eigen::Vector3d to_camera =
-      part.plane_from_object.R.transpose() * (eye_at_rest - part.plane_from_object.t) -
+      standing.plane_from_object.R.transpose() * (eye_at_rest - standing.plane_from_object.t) -
       object.center;
   const int aspect = AspectIndex(to_camera.cast<float>());
   return object.EdgeVisible(aspect, first) >= kMinPathVisible &&
@@ -142,13 +142,13 @@ bool EdgesVisible(const PreparedObject& object,
 }
 
 void ScorePeaks(const PreparedObject& object,
-                const StandingPart& part,
+                const StandingObject& standing,
                 std::span<const KnownView> views,
                 const std::vector<PoseVotes::Peak>& peaks,
                 float reach_px,
                 PosePool* pool) {
   for (const PoseVotes::Peak& peak : peaks) {
-    const Rigid3 pose = PlaceOnPlane(part, peak.pose);
+    const Rigid3 pose = PlaceOnPlane(standing, peak.pose);
     const double quick =
         MeanQuick(object, views, peak.pose.units_per_metre, pose, reach_px, pool->floor());
     if (quick >= pool->floor()) pool->Add({pose, peak.pose.units_per_metre, quick, peak.weight});

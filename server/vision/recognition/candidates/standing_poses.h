@@ -53,7 +53,7 @@ class PosePool {
 };
 
 // The standing part turned and moved on the supporting plane, metres.
-Rigid3 PlaceOnPlane(const StandingPart& part, const PlaneYaw& yaw);
+Rigid3 PlaceOnPlane(const StandingObject& standing, const PlaneYaw& yaw);
 
 // Mean quick score over the views that show the part's centre, at least two.
 double MeanQuick(const PreparedObject& object,
@@ -83,7 +83,7 @@ std::vector<PooledPose> SettledPoses(const PreparedObject& object,
 // Are both model edges of the standing part mostly visible from the camera centre `eye` (table
 // units)?
 bool EdgesVisible(const PreparedObject& object,
-                  const StandingPart& part,
+                  const StandingObject& standing,
                   const PlaneYaw& yaw,
                   const Eigen::Vector3d& eye,
                   int first,
@@ -91,7 +91,7 @@ bool EdgesVisible(const PreparedObject& object,
 
 // Holds the suggested poses against the edge maps of all views.
 void ScorePeaks(const PreparedObject& object,
-                const StandingPart& part,
+                const StandingObject& standing,
                 std::span<const KnownView> views,
                 const std::vector<PoseVotes::Peak>& peaks,
                 float reach_px,

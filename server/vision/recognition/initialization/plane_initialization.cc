@@ -87,7 +87,7 @@ std::vector<SightedEdge> SightEdges(const JointContext& context,
 
 // Votes of one view's paths for a standing part. eye: the camera's centre.
 void VoteByPaths(const PreparedObject& object,
-                 const StandingPart& part,
+                 const StandingObject& standing,
                  const std::vector<ModelEdgeEnd>& ends,
                  const Eigen::Vector3d& eye,
                  const std::vector<SightedEdge>& edges,
@@ -95,7 +95,7 @@ void VoteByPaths(const PreparedObject& object,
                  double tolerance,
                  PoseVotes* votes) {
   for (const ModelEdgeEnd& end : ends) {
-    const Eigen::Vector3d &a = part.vertices[end.a], &b = part.vertices[end.b];
+    const Eigen::Vector3d &a = standing.vertices[end.a], &b = standing.vertices[end.b];
     const bool level_ab = std::abs(a.z() - b.z()) < kLevel, upright = IsUpright(a, b);
     for (const SightedEdge& seen : edges) {
       const auto vote = [&](const PlaneYaw& yaw,
@@ -103,14 +103,14 @@ void VoteByPaths(const PreparedObject& object,
                             const SightedEdge::Next& seen_next) {
         const double share = b.z() * yaw.units_per_metre / max_height;
         if (level_ab && !seen.heights.At(share)) return;
-        const bool level_bc = std::abs(part.vertices[next.c].z() - b.z()) < kLevel;
+        const bool level_bc = std::abs(standing.vertices[next.c].z() - b.z()) < kLevel;
         if (level_bc && !seen_next.heights.At(share)) return;
-        if (EdgesVisible(object, part, yaw, eye, end.edge, next.edge)) votes->Add(yaw, 1.0);
+        if (EdgesVisible(object, standing, yaw, eye, end.edge, next.edge)) votes->Add(yaw, 1.0);
       };
       PlaneYaw yaws[2];
       if (upright) {
         for (const ModelEdgeEnd::Next& next : end.next) {
-          const Eigen::Vector3d vertices[3] = {a, b, part.vertices[next.c]};
+          const Eigen::Vector3d vertices[3] = {a, b, standing.vertices[next.c]};
           for (const SightedEdge::Next& seen_next : seen.next) {
             const PlaneSighting sightings[3] = {seen.a, seen.b, seen_next.c};
             const int n = PosesFromSightings(vertices, sightings, tolerance, yaws);
@@ -123,7 +123,7 @@ void VoteByPaths(const PreparedObject& object,
       for (int i = 0; i < n; ++i) {
         if (level_ab && !seen.heights.At(b.z() * yaws[i].units_per_metre / max_height)) continue;
         for (const ModelEdgeEnd::Next& next : end.next) {
-          const Eigen::Vector3d& c = part.vertices[next.c];
+          const Eigen::Vector3d& c = standing.vertices[next.c];
           const double limit = tolerance * ((b - a).norm() + (c - b).norm());
           for (const SightedEdge::Next& seen_next : seen.next) {
             if (MissOf(yaws[i], c, seen_next.c) <= limit) vote(yaws[i], next, seen_next);
@@ -143,12 +143,12 @@ std::vector<PooledPose> InitialPoses(const JointContext& context,
   const std::vector<ModelEdgeEnd> ends = EdgeEnds(object);
   const double max_height = MaxHeight(views);
   PosePool pool(options.min_quick);
-  for (const StandingPart& part : StandingParts(object)) {
+  for (const StandingObject& standing : StandingObjects(object)) {
     if (IsStopRequested(context.give_up)) return {};
     PoseVotes votes(options.votes);
     for (std::size_t v = 0; v < views.size(); ++v) {
       VoteByPaths(object,
-                  part,
+                  standing,
                   ends,
                   views[v].camera_from_scene.Inverse().t,
                   edges[v],
@@ -157,7 +157,7 @@ std::vector<PooledPose> InitialPoses(const JointContext& context,
                   &votes);
     }
     ScorePeaks(object,
-               part,
+               standing,
                views,
                votes.Peaks(options.min_path_votes, options.peaks),
                options.quick_reach_px,

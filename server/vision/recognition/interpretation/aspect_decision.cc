@@ -27,12 +27,12 @@ double FocalSpread(const LinkedScene& scene) {
 }
 
 // Different parts of a scene that score so much, those that lie on a plane with others `lying`.
-int PartsThatScore(const LinkedScene& scene, double score, double lying) {
-  std::set<int> parts;
+int ObjectsThatScore(const LinkedScene& scene, double score, double lying) {
+  std::set<int> models;
   for (const LinkedObject& o : scene.objects) {
-    if (o.score >= (o.lies ? lying : score)) parts.insert(o.object);
+    if (o.score >= (o.lies ? lying : score)) models.insert(o.object);
   }
-  return static_cast<int>(parts.size());
+  return static_cast<int>(models.size());
 }
 
 // The ground around the first part has texture, and not where its cameras say. Two parts may tile
@@ -42,8 +42,8 @@ bool GroundContradicts(const LinkedScene& scene, const AspectAcceptance& options
       scene.objects.begin(), scene.objects.end(), [](const LinkedObject& o) { return o.lies; });
   return scene.registered() > 1 && scene.agreement.texture >= options.telling_texture &&
          scene.agreement.ground < options.ground_disagrees && lying < 2 &&
-         PartsThatScore(scene, options.company_score, options.company_score) <
-             options.company_parts;
+         ObjectsThatScore(scene, options.company_score, options.company_score) <
+             options.company_objects;
 }
 
 // What one part alone must score, for the views it links and the cameras it says they have.
@@ -74,12 +74,13 @@ Agreement AgreementOf(const LinkedScene& scene, const AspectAcceptance& options)
     return Agreement::kNone;
   const double best = scene.objects.front().score;
   if (best >= options.accompanied_score && !GroundContradicts(scene, options) &&
-      PartsThatScore(scene, options.companion_score, options.companion_lying) > 1)
+      ObjectsThatScore(scene, options.companion_score, options.companion_lying) > 1)
     return Agreement::kPair;
-  if (PartsThatScore(scene, kNever, options.company_lying) >= options.company_parts)
+  if (ObjectsThatScore(scene, kNever, options.company_lying) >= options.company_objects)
     return Agreement::kLying;
   if (best >= options.company_best_score &&
-      PartsThatScore(scene, options.company_score, options.company_score) >= options.company_parts)
+      ObjectsThatScore(scene, options.company_score, options.company_score) >=
+          options.company_objects)
     return Agreement::kCompany;
   return Agreement::kNone;
 }

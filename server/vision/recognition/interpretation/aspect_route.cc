@@ -385,13 +385,13 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
   AspectScene start;
   if (starts.known != nullptr) start = KnownScene(*starts.known, search).value_or(AspectScene{});
   LinkedScene scene = LinkAspects(
-      {images, priors, none, search.index->parts, &start, search_view}, link, context.give_up);
+      {images, priors, none, search.index->models, &start, search_view}, link, context.give_up);
   if (starts.matched != nullptr) {
     const std::vector<AspectViewPrior> seen = ViewPriors(*starts.matched, images);
     if (std::any_of(seen.begin(), seen.end(), IsKnown)) {
       const auto under = [&](int v) { return Under(seen[v], search_view(v)); };
       LinkedScene other = LinkAspects(
-          {images, seen, none, search.index->parts, &start, under}, link, context.give_up);
+          {images, seen, none, search.index->models, &start, under}, link, context.give_up);
       if (other.score > scene.score) scene = std::move(other);
     }
   }
@@ -431,7 +431,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsInRig(const JointContext& co
   };
   AspectLinkOptions link = options.link;
   link.threads = context.options.threads;
-  LinkedScene scene = FindInRig({images, priors, none, search.index->parts, nullptr, search_view},
+  LinkedScene scene = FindInRig({images, priors, none, search.index->models, nullptr, search_view},
                                 views,
                                 link,
                                 context.give_up);
@@ -458,7 +458,7 @@ absl::Status AddOthers(const JointContext& context,
   link.threads = context.options.threads;
   std::vector<AspectViewPrior> priors(images.size());
   std::vector<std::vector<AspectHypothesis>> hypotheses(images.size());
-  const AspectLinkInput input{images, priors, hypotheses, search.index->parts, &*known};
+  const AspectLinkInput input{images, priors, hypotheses, search.index->models, &*known};
   // The middle view shows what most others show.
   const int v = MiddleView(known->views);
   hypotheses[v] = SearchImage(context, images[v], search, &known->views[v]->camera, options.find);

@@ -60,9 +60,9 @@ std::optional<AspectScene> KnownScene(const RecognitionResult& answer, const Asp
     if (view) view->log_focal_sigma = kKnownSceneLogSigma;
   }
   for (const SceneObject& o : answer.objects) {
-    const auto part = std::find(search.objects.begin(), search.objects.end(), o.object);
-    if (part == search.objects.end()) return std::nullopt;
-    out.objects.push_back({static_cast<int>(part - search.objects.begin()), o.scene_from_object});
+    const auto model = std::find(search.objects.begin(), search.objects.end(), o.object);
+    if (model == search.objects.end()) return std::nullopt;
+    out.objects.push_back({static_cast<int>(model - search.objects.begin()), o.scene_from_object});
   }
   return out;
 }

@@ -50,10 +50,10 @@ bool RestsOn(const PlacementAcceptance& acceptance,
 }
 
 // Whether the part is turned as it can rest on a level surface.
-bool IsUprightPart(const PlacementAcceptance& acceptance,
-                   const PreparedObject& object,
-                   const Rigid3& scene_from_object,
-                   const SupportingPlane& plane) {
+bool IsUprightObject(const PlacementAcceptance& acceptance,
+                     const PreparedObject& object,
+                     const Rigid3& scene_from_object,
+                     const SupportingPlane& plane) {
   return std::any_of(
       object.stable_poses.begin(), object.stable_poses.end(), [&](const StablePose& s) {
         return IsUpright(acceptance, s, scene_from_object, plane);
@@ -118,10 +118,10 @@ bool MeetInView(const JointContext& context,
 }
 
 // Whether a part whose lowest point is at the height lies on top of an accepted one.
-bool StandsOnPart(const JointContext& context,
-                  const SceneModel& scene,
-                  const PlacedObject& p,
-                  double height) {
+bool StandsOnObject(const JointContext& context,
+                    const SceneModel& scene,
+                    const PlacedObject& p,
+                    double height) {
   const PlacementAcceptance& acceptance = context.options.acceptance.placements;
   return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const PlacedObject& o) {
     const PreparedObject &above = *context.objects[p.object], &below = *context.objects[o.object];
@@ -141,12 +141,12 @@ bool IsAcceptable(const JointContext& context, const SceneModel& scene, const Pl
       HeightAbovePlane(*context.objects[p.object], p.scene_from_object, *scene.plane).lowest_m;
   if (height < -2 * acceptance.plane_tolerance_m) return false;  // below the supporting plane
   if (p.score >= acceptance.off_plane_score) return p.description_gain > 0;
-  if (!IsUprightPart(acceptance, *context.objects[p.object], p.scene_from_object, *scene.plane))
+  if (!IsUprightObject(acceptance, *context.objects[p.object], p.scene_from_object, *scene.plane))
     return false;
   if (EdgeLogLikelihoodRatio(p.score, p.total.Sharpness()) >= acceptance.floating_log_odds)
     return p.description_gain > 0;
   // Camouflaged parts lack edges that they should show: what they stand on speaks for them.
-  return height < acceptance.plane_tolerance_m || StandsOnPart(context, scene, p, height);
+  return height < acceptance.plane_tolerance_m || StandsOnObject(context, scene, p, height);
 }
 
 // What the accepted parts hide and which image edges they explain.
@@ -275,10 +275,10 @@ void Consolidate(const JointContext& context,
   scene->objects.clear();
   scene->description_gain = 0.0;
   scene->plane = PlaneFromMatches(context, scene->views);
-  if (scene->plane) scene->plane = PlaneUnderParts(context, before, *scene->plane);
+  if (scene->plane) scene->plane = PlaneUnderObjects(context, before, *scene->plane);
   if (scene->plane && !Supports(context, candidates, *scene->plane)) scene->plane.reset();
   if (!scene->plane) scene->plane = PlaneOfPlacements(context, scene->views, candidates);
-  Accepted accepted_parts(context, scene->views);
+  Accepted accepted_objects(context, scene->views);
   std::vector<bool> stale(candidates.size(), false);
   std::vector<bool> dead(candidates.size(), false);
   while (!IsStopRequested(context.stop)) {
@@ -288,7 +288,7 @@ void Consolidate(const JointContext& context,
       if (stale[i]) {
         stale[i] = false;
         // One scene feature serves one object.
-        if (accepted_parts.Judge(&candidates[i]) > acceptance.max_shared_edges) {
+        if (accepted_objects.Judge(&candidates[i]) > acceptance.max_shared_edges) {
           dead[i] = true;
           continue;
         }
@@ -299,7 +299,7 @@ void Consolidate(const JointContext& context,
     }
     if (best < 0) break;
     const PlacedObject accepted = candidates[best];
-    accepted_parts.Add(accepted);
+    accepted_objects.Add(accepted);
     const PreparedObject& object = *context.objects[accepted.object];
     scene->objects.push_back(accepted);
     scene->description_gain += std::max(0.0, accepted.description_gain);
@@ -317,17 +317,17 @@ void Consolidate(const JointContext& context,
   }
 }
 
-void AddHiddenParts(const JointContext& context,
-                    std::span<const PlacedObject> candidates,
-                    SceneModel* scene) {
+void AddHiddenObjects(const JointContext& context,
+                      std::span<const PlacedObject> candidates,
+                      SceneModel* scene) {
   const PlacementAcceptance& acceptance = context.options.acceptance.placements;
   if (!scene->plane || scene->objects.size() < 2) return;
   if (SceneProbability(context, *scene) < acceptance.sure_scene) return;
-  const SupportingPlane plane = PlaneUnderParts(context, scene->objects, *scene->plane);
+  const SupportingPlane plane = PlaneUnderObjects(context, scene->objects, *scene->plane);
   scene->plane = plane;
   const std::vector<KnownView> known = KnownViews(context, *scene);
-  Accepted accepted_parts(context, scene->views);
-  for (const PlacedObject& o : scene->objects) accepted_parts.Add(o);
+  Accepted accepted_objects(context, scene->views);
+  for (const PlacedObject& o : scene->objects) accepted_objects.Add(o);
   for (const PlacedObject& candidate : candidates) {
     if (IsStopRequested(context.stop)) return;
     if (candidate.score < acceptance.hidden_score - acceptance.hidden_slack) continue;
@@ -340,9 +340,9 @@ void AddHiddenParts(const JointContext& context,
     p.scene_from_object = *refined;
     const Rigid3& pose = p.scene_from_object;
     const double height = HeightAbovePlane(object, pose, plane).lowest_m;
-    if (!IsUprightPart(acceptance, object, pose, plane)) continue;
+    if (!IsUprightObject(acceptance, object, pose, plane)) continue;
     if (std::abs(height) > acceptance.plane_tolerance_m &&
-        !StandsOnPart(context, *scene, p, height)) {
+        !StandsOnObject(context, *scene, p, height)) {
       continue;
     }
     if (std::any_of(scene->objects.begin(), scene->objects.end(), [&](const PlacedObject& o) {
@@ -351,12 +351,12 @@ void AddHiddenParts(const JointContext& context,
         })) {
       continue;
     }
-    const double shared = accepted_parts.Judge(&p);
+    const double shared = accepted_objects.Judge(&p);
     if (p.score < acceptance.hidden_score || p.total.Sharpness() < acceptance.hidden_sharpness)
       continue;
     if (shared > acceptance.max_shared_edges) continue;
     scene->objects.push_back(p);
-    accepted_parts.Add(p);
+    accepted_objects.Add(p);
   }
 }
 

@@ -25,9 +25,9 @@ void Consolidate(const JointContext& context,
 // Adds what consolidation had no support enough for: parts half hidden by things unknown. Nothing
 // is taken back for them, so only where the scene is sure, and only parts that stand upright on its
 // plane or on a part of it, beside all others, with edges that fit sharply. candidates: best first.
-void AddHiddenParts(const JointContext& context,
-                    std::span<const PlacedObject> candidates,
-                    SceneModel* scene);
+void AddHiddenObjects(const JointContext& context,
+                      std::span<const PlacedObject> candidates,
+                      SceneModel* scene);
 
 // The supporting plane from the matched points of its texture; empty with fewer than 20 that agree.
 std::optional<SupportingPlane> PlaneFromMatches(

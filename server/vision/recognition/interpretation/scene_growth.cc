@@ -71,7 +71,7 @@ void Complete(const JointContext& context,
   // What lost its support in the refined cameras goes.
   std::vector<PlacedObject> placed = scene->objects;
   Consolidate(context, std::move(placed), scene);
-  AddHiddenParts(context, placements, scene);
+  AddHiddenObjects(context, placements, scene);
 }
 
 // Where parts may stand and none was looked for yet.
@@ -114,7 +114,7 @@ SceneModel ExpandScene(const JointContext& context,
     const std::vector<std::optional<CalibratedCamera>> views = scene.views;
     if (thorough) BeginStep(context, "placements");
     if (const auto plane = PlaneFromMatches(context, scene.views))
-      scene.plane = PlaneUnderParts(context, scene.objects, *plane);
+      scene.plane = PlaneUnderObjects(context, scene.objects, *plane);
     std::vector<SearchSurface> surfaces;
     if (scene.plane) {
       surfaces = OpenSurfaces(context, scene, placements, searched, round == 0);

@@ -8,18 +8,18 @@
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/aspect_search/object_ranking.h"
-#include "server/vision/recognition/object/aspect_part.h"
+#include "server/vision/recognition/object/aspect_model.h"
 
 namespace horopter {
 
 absl::StatusOr<FragmentIndex> MakeSearchIndex(PreparedObjects objects,
                                               std::span<const int> chosen,
                                               int threads) {
-  std::vector<AspectPart> parts;
-  for (const int i : chosen) parts.push_back(AspectPartOf(*objects[i]));
+  std::vector<AspectModel> models;
+  for (const int i : chosen) models.push_back(AspectModelOf(*objects[i]));
   FragmentIndexOptions options;
   options.threads = threads;
-  return BuildFragmentIndex(parts, options);
+  return BuildFragmentIndex(models, options);
 }
 
 absl::StatusOr<std::shared_ptr<const FragmentIndex>> CatalogAspects::Search(int threads) const {
@@ -37,7 +37,7 @@ absl::StatusOr<std::shared_ptr<const FragmentIndex>> CatalogAspects::Ranking(int
   if (ranking_ != nullptr) return ranking_;
   std::vector<FragmentPiece> pieces(objects_.size());
   ParallelFor(static_cast<int>(objects_.size()), threads, [&](int i) {
-    const PartAspects& aspects = *objects_[i]->aspects;
+    const ModelAspects& aspects = *objects_[i]->aspects;
     pieces[i] = MakeFragmentPiece(aspects.object, aspects.fragments, kRankingChoice);
   });
   std::vector<const FragmentPiece*> pointers;

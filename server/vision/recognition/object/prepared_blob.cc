@@ -170,9 +170,9 @@ void AppendAspects(std::string& out, const PreparedObject& object) {
     AppendBytes(out, {});
     return;
   }
-  const PartAspects& aspects = *object.aspects;
+  const ModelAspects& aspects = *object.aspects;
   AppendBytes(out, EncodeObjectAspects(aspects.object, object.model));
-  AppendBytes(out, EncodePartFragments(aspects.fragments, aspects.object.aspects));
+  AppendBytes(out, EncodeModelFragments(aspects.fragments, aspects.object.aspects));
 }
 
 absl::Status TakeAspects(BlobReader& reader, PreparedObject& out) {
@@ -180,10 +180,10 @@ absl::Status TakeAspects(BlobReader& reader, PreparedObject& out) {
   const std::string_view fragments = reader.TakeBytes(reader.Take<std::uint32_t>());
   if (!reader.ok()) return absl::DataLossError("derived data: aspects of a wrong size");
   if (object.empty()) return absl::OkStatus();
-  auto aspects = std::make_shared<PartAspects>();
+  auto aspects = std::make_shared<ModelAspects>();
   HOROPTER_ASSIGN_OR_RETURN(aspects->object, DecodeObjectAspects(object, out.model));
   HOROPTER_ASSIGN_OR_RETURN(aspects->fragments,
-                            DecodePartFragments(fragments, aspects->object.aspects));
+                            DecodeModelFragments(fragments, aspects->object.aspects));
   out.aspects = std::move(aspects);
   return absl::OkStatus();
 }

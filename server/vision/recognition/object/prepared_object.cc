@@ -252,13 +252,13 @@ absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
   return object;
 }
 
-absl::StatusOr<std::shared_ptr<const PartAspects>> MakePartAspects(const ObjectModel& model) {
-  auto aspects = std::make_shared<PartAspects>();
+absl::StatusOr<std::shared_ptr<const ModelAspects>> MakeModelAspects(const ObjectModel& model) {
+  auto aspects = std::make_shared<ModelAspects>();
   HOROPTER_ASSIGN_OR_RETURN(aspects->object.mesh, MakeRenderMesh(model.mesh, model.diameter_m));
   AspectsWithFragments made = MakeAspectsWithFragments(aspects->object.mesh, model.symmetries);
   aspects->object.aspects = std::move(made.aspects);
   aspects->fragments = std::move(made.fragments);
-  return std::shared_ptr<const PartAspects>(std::move(aspects));
+  return std::shared_ptr<const ModelAspects>(std::move(aspects));
 }
 
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel model,
@@ -274,7 +274,7 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel 
   object->occupancy = ComputeOccupancy(object->model.mesh);
   object->keys = ComputeObjectKeys(object->model);
   if (options.aspects) {
-    HOROPTER_ASSIGN_OR_RETURN(object->aspects, MakePartAspects(object->model));
+    HOROPTER_ASSIGN_OR_RETURN(object->aspects, MakeModelAspects(object->model));
   }
   return std::shared_ptr<const PreparedObject>(object);
 }

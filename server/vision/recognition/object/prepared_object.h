@@ -68,9 +68,9 @@ struct Occupancy {
 };
 
 // The part as a camera sees it from around, and the contour fragments that ask for it.
-struct PartAspects {
+struct ModelAspects {
   ObjectAspects object;
-  PartFragments fragments;
+  ModelFragments fragments;
 };
 
 struct PreparedObject {
@@ -94,8 +94,8 @@ struct PreparedObject {
   std::vector<NearSymmetry> near_symmetries;
   bool sphere = false;  // has no orientation
   Occupancy occupancy;
-  ObjectKeys keys;                             // for the catalog's index
-  std::shared_ptr<const PartAspects> aspects;  // null: not asked for
+  ObjectKeys keys;                              // for the catalog's index
+  std::shared_ptr<const ModelAspects> aspects;  // null: not asked for
 
   const std::uint64_t* VisibleBits(int aspect) const {
     return visible.data() + static_cast<std::size_t>(aspect) * words;
@@ -125,7 +125,7 @@ absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
 void FillEdgeVisibility(PreparedObject* object);
 
 // PreparedObject::aspects. Errors: INVALID_ARGUMENT (see MakeRenderMesh).
-absl::StatusOr<std::shared_ptr<const PartAspects>> MakePartAspects(const ObjectModel& model);
+absl::StatusOr<std::shared_ptr<const ModelAspects>> MakeModelAspects(const ObjectModel& model);
 
 // Stable resting poses of a mesh on a plane, of any shape: facets of the convex hull above which
 // the centre of mass lies, largest margin first. Of a round side, which has as many as facets, at

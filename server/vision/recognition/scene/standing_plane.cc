@@ -12,13 +12,13 @@ constexpr int kIterations = 10;  // of reweighting
 
 }  // namespace
 
-SupportingPlane PlaneUnderParts(const JointContext& context,
-                                std::span<const PlacedObject> parts,
-                                const SupportingPlane& plane) {
+SupportingPlane PlaneUnderObjects(const JointContext& context,
+                                  std::span<const PlacedObject> models,
+                                  const SupportingPlane& plane) {
   const StandingPlaneOptions& options = context.options.search.standing_plane;
   std::vector<Eigen::Vector3d> feet;
   int standing = 0;
-  for (const PlacedObject& p : parts) {
+  for (const PlacedObject& p : models) {
     const PreparedObject& object = *context.objects[p.object];
     for (const StablePose& pose : object.stable_poses) {
       const Eigen::Vector3d up = p.scene_from_object.R * pose.up;
@@ -32,7 +32,7 @@ SupportingPlane PlaneUnderParts(const JointContext& context,
       break;
     }
   }
-  if (standing < options.min_parts || feet.size() < 3) return plane;
+  if (standing < options.min_objects || feet.size() < 3) return plane;
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
   for (const Eigen::Vector3d& f : feet) middle += f / static_cast<double>(feet.size());
   const Eigen::Vector3d x = plane.normal.unitOrthogonal(), y = plane.normal.cross(x);

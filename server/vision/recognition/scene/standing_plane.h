@@ -11,8 +11,8 @@ namespace horopter {
 // through cameras whose lenses are known badly, parts through what they are themselves. Robust
 // least squares of offset and tilt with the given plane as prior; the given plane where fewer parts
 // stand near it.
-SupportingPlane PlaneUnderParts(const JointContext& context,
-                                std::span<const PlacedObject> parts,
-                                const SupportingPlane& plane);
+SupportingPlane PlaneUnderObjects(const JointContext& context,
+                                  std::span<const PlacedObject> models,
+                                  const SupportingPlane& plane);
 
 }  // namespace horopter

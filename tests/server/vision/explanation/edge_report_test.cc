@@ -83,7 +83,7 @@ TEST(EdgeReport, WhatStandsBeforeAnObjectHidesItsEdges) {
   nearer.t.z() -= 0.12;
   const ShadedPart shown[] = {{&bracket->model, PoseAt(0)}, {&wedge->model, nearer}};
   const AspectImage image = ImageOf(shown);
-  const PlacedPart other{wedge.get(), nearer};
+  const ExplainedObject other{wedge.get(), nearer};
   const EdgeReport report = ReportEdges(image, kCamera, {bracket.get(), PoseAt(0)}, {&other, 1});
   EXPECT_GT(report.hidden_px, 50.0);
   EXPECT_GT(Share(report), 0.85);
@@ -91,7 +91,7 @@ TEST(EdgeReport, WhatStandsBeforeAnObjectHidesItsEdges) {
   EXPECT_NEAR(alone.visible_px, report.visible_px + report.hidden_px, 1e-6);
   EXPECT_LT(Share(alone), Share(report));
   // It does not hide what is nearer.
-  const PlacedPart behind{bracket.get(), PoseAt(0)};
+  const ExplainedObject behind{bracket.get(), PoseAt(0)};
   EXPECT_LT(ReportEdges(image, kCamera, {wedge.get(), nearer}, {&behind, 1}).hidden_px, 5.0);
 }
 
@@ -118,7 +118,7 @@ TEST(UnexplainedEdges, AreThoseOfWhatIsNotThere) {
   const ShadedPart shown[] = {{&bracket->model, PoseAt(-0.06)}, {&wedge->model, PoseAt(0.06)}};
   const cv::Mat photo = PhotographParts(kCamera, shown);
   const ImageFeatures features = DetectFeatures(photo, {}).value();
-  const PlacedPart parts[] = {{bracket.get(), PoseAt(-0.06)}, {wedge.get(), PoseAt(0.06)}};
+  const ExplainedObject parts[] = {{bracket.get(), PoseAt(-0.06)}, {wedge.get(), PoseAt(0.06)}};
   const double all = Length(UnexplainedEdges(features, kCamera, {}));
   const auto rest = UnexplainedEdges(features, kCamera, std::span(parts, 1));
   const double none = Length(UnexplainedEdges(features, kCamera, parts));

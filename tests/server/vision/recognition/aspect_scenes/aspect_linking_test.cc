@@ -12,8 +12,8 @@
 namespace horopter {
 namespace {
 
-AspectPart PartOf(const PhotoPart& photo) {
-  AspectPart part;
+AspectModel PartOf(const PhotoPart& photo) {
+  AspectModel part;
   part.object = &photo.object;
   part.fragments = &photo.fragments;
   part.symmetries = photo.model.symmetries;
@@ -68,7 +68,7 @@ class KnownScene : public testing::Test {
   std::vector<AspectImage> images_;
   std::vector<AspectViewPrior> priors_;
   std::vector<std::vector<AspectHypothesis>> hypotheses_;
-  std::vector<AspectPart> parts_;
+  std::vector<AspectModel> parts_;
   AspectScene known_;
   AspectLinkOptions options_;
 };

@@ -24,7 +24,7 @@ class RigSearch : public testing::Test {
   RigSearch() {
     cube_pose_.t = {0.055, 0.0, 0.0};
     for (const PhotoPart* photo : {block_, cube_}) {
-      AspectPart part;
+      AspectModel part;
       part.object = &photo->object;
       part.fragments = &photo->fragments;
       parts_.push_back(part);
@@ -71,7 +71,7 @@ class RigSearch : public testing::Test {
   std::vector<AspectImage> images_;
   std::vector<AspectViewPrior> priors_;
   std::vector<std::vector<AspectHypothesis>> none_;
-  std::vector<AspectPart> parts_;
+  std::vector<AspectModel> parts_;
   std::vector<std::optional<AspectSceneView>> rig_;
   AspectLinkOptions options_;
   int searched_ = 0;

@@ -37,7 +37,7 @@ class IsWithinTest : public testing::Test {
 
   ObjectAspects aspects_;
   std::vector<Rigid3> symmetries_ = {TurnZ(std::numbers::pi)};
-  AspectPart part_;
+  AspectModel part_;
   AspectScene scene_;
 };
 

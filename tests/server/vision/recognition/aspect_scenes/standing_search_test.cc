@@ -92,12 +92,12 @@ class StandingSearch : public testing::Test {
   }
 
   static std::vector<PhotoPart>* parts_;
-  static std::vector<AspectPart> list_;
+  static std::vector<AspectModel> list_;
   static FragmentIndex* index_;
 };
 
 std::vector<PhotoPart>* StandingSearch::parts_ = nullptr;
-std::vector<AspectPart> StandingSearch::list_;
+std::vector<AspectModel> StandingSearch::list_;
 FragmentIndex* StandingSearch::index_ = nullptr;
 
 TEST_F(StandingSearch, ThePlaneIsWhereMostPartsRest) {
@@ -121,20 +121,20 @@ TEST_F(StandingSearch, ThePlaneOfABlockThatOnePartStandsOnIsSecond) {
 TEST_F(StandingSearch, NoPlaneWithoutARestingPart) {
   EXPECT_TRUE(PlanesUnder({}, list_, Views()).empty());
   AspectSceneObject tilted = AngleThere();
-  std::vector<AspectPart> faceless = list_;
+  std::vector<AspectModel> faceless = list_;
   faceless[kAngle].resting.clear();
   EXPECT_TRUE(PlanesUnder({&tilted, 1}, faceless, Views()).empty());
   // Upside down below the plane: the cameras would be under it.
   AspectSceneObject hanging = AngleThere();
   hanging.scene_from_object = hanging.scene_from_object * Turn(Eigen::Vector3d::UnitX(), M_PI);
-  for (AspectPart& part : faceless) part.resting = {{Eigen::Vector3d::UnitZ(), 0.012}};
+  for (AspectModel& part : faceless) part.resting = {{Eigen::Vector3d::UnitZ(), 0.012}};
   EXPECT_TRUE(PlanesUnder({&hanging, 1}, faceless, Views()).empty());
 }
 
 TEST_F(StandingSearch, PartsLieOnThePlaneOfOthersAndOnTheirTops) {
   const std::vector<AspectSceneObject> objects = {AngleThere(), BlockThere()};
   const auto planes = PlanesToLieOn(objects, list_, Views());
-  const AspectPart& cylinder = list_[kCylinder];
+  const AspectModel& cylinder = list_[kCylinder];
   Rigid3 pose = CylinderThere().scene_from_object;
   EXPECT_TRUE(LiesOn(planes, pose, cylinder));
   pose.t.z() += 0.004;  // in the air
@@ -146,7 +146,7 @@ TEST_F(StandingSearch, PartsLieOnThePlaneOfOthersAndOnTheirTops) {
   EXPECT_FALSE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.06), cylinder));
   EXPECT_FALSE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), M_PI_2), cylinder));
   EXPECT_FALSE(LiesOn(PlanesToLieOn({}, list_, Views()), pose, cylinder));
-  AspectPart round = cylinder;  // rests on nothing
+  AspectModel round = cylinder;  // rests on nothing
   round.resting.clear();
   EXPECT_FALSE(LiesOn(planes, pose, round));
 }
@@ -245,16 +245,16 @@ TEST_F(StandingSearch, WhatAnotherPartHidesIsNotMissed) {
   const auto views = Views();
   const RenderMesh& mesh = list_[kBlock].object->mesh;
   const Rigid3 pose = views[1]->camera_from_scene * behind.scene_from_object;
-  const PartLayer layer =
-      MakePartLayer(images[1],
-                    WorkingEdges(images[1],
-                                 list_[kAngle].object->mesh,
-                                 views[1]->camera,
-                                 views[1]->camera_from_scene * AngleThere().scene_from_object,
-                                 200.0),
-                    views[1]->camera);
+  const ObjectLayer layer =
+      MakeObjectLayer(images[1],
+                      WorkingEdges(images[1],
+                                   list_[kAngle].object->mesh,
+                                   views[1]->camera,
+                                   views[1]->camera_from_scene * AngleThere().scene_from_object,
+                                   200.0),
+                      views[1]->camera);
   ASSERT_GT(layer.width, 0);
-  const PartLayer* others[] = {&layer};
+  const ObjectLayer* others[] = {&layer};
   const AspectScore alone = ScorePose(images[1], mesh, views[1]->camera, pose);
   const AspectScore among = ScorePose(images[1], mesh, views[1]->camera, pose, {}, others);
   EXPECT_EQ(alone.hidden_px, 0.0);

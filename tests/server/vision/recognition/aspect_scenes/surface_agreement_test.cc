@@ -45,7 +45,7 @@ std::optional<Eigen::Vector3d> OnPlane(const Rigid3& camera_from_scene, int x, i
 struct Seen {
   std::vector<AspectImage> images;
   std::vector<std::optional<AspectSceneView>> views;
-  std::vector<PartLayer> layers;
+  std::vector<ObjectLayer> layers;
 };
 
 // Images from the true places, views and layers as the stated ones say.
@@ -55,7 +55,7 @@ Seen See(const std::vector<double>& turns, const std::vector<double>& stated) {
     AspectImage& image = out.images.emplace_back();
     image.width = image.image_width = kWidth;
     image.height = image.image_height = kHeight;
-    PartLayer& layer = out.layers.emplace_back();
+    ObjectLayer& layer = out.layers.emplace_back();
     layer.width = kWidth;
     layer.height = kHeight;
     layer.inverse_depth.assign(kWidth * kHeight, 0.0f);
@@ -136,8 +136,8 @@ TEST(SurfaceAgreement, TheFaceAPartRestsOnGivesTheGround) {
 }
 
 TEST(SurfaceAgreement, WhatANearerPartHidesIsLeftOut) {
-  PartLayer layer, nearer, farther;
-  for (PartLayer* l : {&layer, &nearer, &farther}) l->width = l->height = 4;
+  ObjectLayer layer, nearer, farther;
+  for (ObjectLayer* l : {&layer, &nearer, &farther}) l->width = l->height = 4;
   nearer.x0 = nearer.y0 = 2;
   farther.x0 = -2;
   layer.inverse_depth.assign(16, 2.0f);

@@ -51,12 +51,12 @@ class FindAspects : public testing::Test {
   }
 
   static std::vector<PhotoPart>* parts_;
-  static std::vector<AspectPart> list_;
+  static std::vector<AspectModel> list_;
   static FragmentIndex* index_;
 };
 
 std::vector<PhotoPart>* FindAspects::parts_ = nullptr;
-std::vector<AspectPart> FindAspects::list_;
+std::vector<AspectModel> FindAspects::list_;
 FragmentIndex* FindAspects::index_ = nullptr;
 
 TEST_F(FindAspects, EachPartIsFirstAtItsPose) {
@@ -109,11 +109,11 @@ TEST_F(FindAspects, ThreadsAndLookupDoNotMatterToTheVotes) {
   EXPECT_EQ(a.accepted, b.accepted);
   // Packed keys are compared with packed or plain ones: pairs at the gate may differ.
   EXPECT_NEAR(static_cast<double>(c.matches), static_cast<double>(a.matches), 0.01 * a.matches);
-  for (std::size_t p = 0; p < a.of_part.size(); ++p) {
-    ASSERT_EQ(a.of_part[p].size(), b.of_part[p].size());
-    for (std::size_t i = 0; i < a.of_part[p].size(); ++i) {
-      EXPECT_EQ(a.of_part[p][i].rank, b.of_part[p][i].rank);
-      EXPECT_EQ(a.of_part[p][i].aspect, b.of_part[p][i].aspect);
+  for (std::size_t p = 0; p < a.of_model.size(); ++p) {
+    ASSERT_EQ(a.of_model[p].size(), b.of_model[p].size());
+    for (std::size_t i = 0; i < a.of_model[p].size(); ++i) {
+      EXPECT_EQ(a.of_model[p][i].rank, b.of_model[p][i].rank);
+      EXPECT_EQ(a.of_model[p][i].aspect, b.of_model[p][i].aspect);
     }
   }
 }
@@ -144,18 +144,18 @@ TEST_F(FindAspects, PiecesMakeTheIndexOfTheirParts) {
   for (const PhotoPart& p : *parts_) pieces.push_back(MakeFragmentPiece(p.object, p.fragments));
   const std::vector<const FragmentPiece*> pointers = {&pieces[0], nullptr, &pieces[2]};
   const FragmentIndex index = *BuildFragmentIndex(pointers);
-  EXPECT_EQ(index.part_count, 3);
+  EXPECT_EQ(index.model_count, 3);
   EXPECT_EQ(index.aspects.size(), pieces[0].aspects.size() + pieces[2].aspects.size());
   const AspectImage image = MakeAspectImage(Photo(0, Pose()));
   const std::vector<std::uint8_t> wanted = {1, 0, 1};
   const AspectVotes by_pieces = VoteForAspects(image, index);
   const AspectVotes by_parts = VoteForAspects(image, *index_, {}, {}, wanted);
-  EXPECT_TRUE(by_parts.of_part[1].empty());
-  ASSERT_FALSE(by_parts.of_part[0].empty());
-  ASSERT_FALSE(by_pieces.of_part[0].empty());
+  EXPECT_TRUE(by_parts.of_model[1].empty());
+  ASSERT_FALSE(by_parts.of_model[0].empty());
+  ASSERT_FALSE(by_pieces.of_model[0].empty());
   // The grids' axes differ, and with them which of common fragments are tested.
   EXPECT_EQ(by_parts.matches, by_pieces.matches);
-  EXPECT_NEAR(by_parts.of_part[0][0].rank, by_pieces.of_part[0][0].rank, 60.0f);
+  EXPECT_NEAR(by_parts.of_model[0][0].rank, by_pieces.of_model[0][0].rank, 60.0f);
 }
 
 TEST_F(FindAspects, ViewsOfAPieceAreApartAndCoverTheSphere) {
@@ -223,7 +223,7 @@ TEST_F(FindAspects, ASmoothPartIsFoundByItsContours) {
     }
   }
   EXPECT_LT(creases, 0.1 * points);
-  std::vector<AspectPart> parts = list_;
+  std::vector<AspectModel> parts = list_;
   parts.push_back({&smooth.object, &smooth.fragments, smooth.model.symmetries});
   const FragmentIndex index = *BuildFragmentIndex(parts);
   int found_right = 0;
@@ -329,18 +329,18 @@ TEST(PresumedScore, IsOfPosesWhoseEdgesAreFoundAndOnlyEverMore) {
 
 TEST_F(FindAspects, FragmentsSurviveTheirBlob) {
   const PhotoPart& part = (*parts_)[0];
-  const std::string blob = EncodePartFragments(part.fragments, part.object.aspects);
-  const auto back = DecodePartFragments(blob, part.object.aspects);
+  const std::string blob = EncodeModelFragments(part.fragments, part.object.aspects);
+  const auto back = DecodeModelFragments(blob, part.object.aspects);
   ASSERT_TRUE(back.ok()) << back.status();
   EXPECT_TRUE(*back == part.fragments);
-  EXPECT_EQ(DecodePartFragments(blob, (*parts_)[1].object.aspects).status().code(),
+  EXPECT_EQ(DecodeModelFragments(blob, (*parts_)[1].object.aspects).status().code(),
             absl::StatusCode::kFailedPrecondition);
   std::string damaged = blob;
   damaged[blob.size() / 2] ^= 1;
-  EXPECT_EQ(DecodePartFragments(damaged, part.object.aspects).status().code(),
+  EXPECT_EQ(DecodeModelFragments(damaged, part.object.aspects).status().code(),
             absl::StatusCode::kDataLoss);
   for (const std::size_t size : {std::size_t{0}, std::size_t{23}, blob.size() - 1}) {
-    EXPECT_FALSE(DecodePartFragments(blob.substr(0, size), part.object.aspects).ok());
+    EXPECT_FALSE(DecodeModelFragments(blob.substr(0, size), part.object.aspects).ok());
   }
 }
 

@@ -12,7 +12,7 @@ TEST(AspectFragments, OneRenderingGivesWhatTwoGive) {
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   const AspectOptions options{.directions = 20};
   const AspectSet aspects = MakeAspects(*mesh, {}, options);
-  const PartFragments fragments = MakePartFragments(*mesh, aspects);
+  const ModelFragments fragments = MakeModelFragments(*mesh, aspects);
   ASSERT_FALSE(fragments.fragments.empty());
   const AspectsWithFragments both = MakeAspectsWithFragments(*mesh, {}, options);
   EXPECT_EQ(both.fragments, fragments);

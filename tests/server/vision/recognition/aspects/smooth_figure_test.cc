@@ -77,14 +77,14 @@ double Found(const std::vector<ImageEdgePoint>& edges, float a, float b, float n
 class SmoothFigureOf : public testing::TestWithParam<int> {};
 
 // Share of cells that are inside, of those on the part or on the ground, some px from its outline.
-double ShareInside(const SmoothFigure& figure, bool of_part) {
+double ShareInside(const SmoothFigure& figure, bool of_model) {
   cv::Mat mask = PartMask();
   const cv::Mat disc = cv::getStructuringElement(cv::MORPH_ELLIPSE, {13, 13});
-  of_part ? cv::erode(mask, mask, disc) : cv::dilate(mask, mask, disc);
+  of_model ? cv::erode(mask, mask, disc) : cv::dilate(mask, mask, disc);
   int all = 0, inside = 0;
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
-      if ((mask.at<std::uint8_t>(y, x) != 0) != of_part) continue;
+      if ((mask.at<std::uint8_t>(y, x) != 0) != of_model) continue;
       ++all;
       inside += figure.Inside({static_cast<float>(x), static_cast<float>(y)});
     }

@@ -112,11 +112,11 @@ TEST(PoseVotes, FindsTheHeaviestPosesAcrossCellBorders) {
   EXPECT_TRUE(PoseVotes().Peaks(1.0, 10).empty());
 }
 
-TEST(StandingParts, StandOnTheTable) {
+TEST(StandingObjects, StandOnTheTable) {
   const auto object = PrepareObject(LBracket()).value();
-  const std::vector<StandingPart> parts = StandingParts(*object);
+  const std::vector<StandingObject> parts = StandingObjects(*object);
   ASSERT_GE(parts.size(), 3u);
-  for (const StandingPart& part : parts) {
+  for (const StandingObject& part : parts) {
     double lowest = 1e9;
     for (const Eigen::Vector3d& v : part.vertices) lowest = std::min(lowest, v.z());
     EXPECT_NEAR(lowest, 0.0, 1e-9);

@@ -52,7 +52,7 @@ struct HiddenWedge {
   }
 };
 
-TEST(AddHiddenParts, AddsThePartThatStandsAndFitsSharply) {
+TEST(AddHiddenObjects, AddsThePartThatStandsAndFitsSharply) {
   for (unsigned seed = 1; seed <= 4; ++seed) {
     SCOPED_TRACE(seed);
     HiddenWedge hidden(seed);
@@ -60,17 +60,17 @@ TEST(AddHiddenParts, AddsThePartThatStandsAndFitsSharply) {
     PlacementAcceptance& acceptance = hidden.context.options.acceptance.placements;
     ASSERT_GT(right.score, acceptance.hidden_score - acceptance.hidden_slack);
     acceptance.hidden_score = std::min(acceptance.hidden_score, right.score - 0.02);
-    AddHiddenParts(hidden.context, std::vector<PlacedObject>{right}, &hidden.scene);
+    AddHiddenObjects(hidden.context, std::vector<PlacedObject>{right}, &hidden.scene);
     ASSERT_EQ(hidden.scene.objects.size(), 3u);
     EXPECT_EQ(hidden.scene.objects[2].object, 1);
     EXPECT_LT((hidden.scene.objects[2].scene_from_object.t - kWedge.t).norm(), 0.002);
     // Once is enough.
-    AddHiddenParts(hidden.context, std::vector<PlacedObject>{right}, &hidden.scene);
+    AddHiddenObjects(hidden.context, std::vector<PlacedObject>{right}, &hidden.scene);
     EXPECT_EQ(hidden.scene.objects.size(), 3u);
   }
 }
 
-TEST(AddHiddenParts, FloatingPartsAndScenesOfOnePartGetNone) {
+TEST(AddHiddenObjects, FloatingPartsAndScenesOfOnePartGetNone) {
   HiddenWedge hidden(5);
   PlacementAcceptance& acceptance = hidden.context.options.acceptance.placements;
   acceptance.hidden_score = 0.3;
@@ -79,16 +79,16 @@ TEST(AddHiddenParts, FloatingPartsAndScenesOfOnePartGetNone) {
   floating.t.z() += 0.03;
   lying.R = lying.R * Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitX());
   const std::vector<PlacedObject> candidates = {hidden.At(floating), hidden.At(lying)};
-  AddHiddenParts(hidden.context, candidates, &hidden.scene);
+  AddHiddenObjects(hidden.context, candidates, &hidden.scene);
   EXPECT_EQ(hidden.scene.objects.size(), 2u);
   const std::vector<PlacedObject> right = {hidden.At(kWedge)};
   SceneModel alone = hidden.scene;
   alone.objects.pop_back();
-  AddHiddenParts(hidden.context, right, &alone);
+  AddHiddenObjects(hidden.context, right, &alone);
   EXPECT_EQ(alone.objects.size(), 1u);
   SceneModel in_the_air = hidden.scene;
   in_the_air.plane.reset();
-  AddHiddenParts(hidden.context, right, &in_the_air);
+  AddHiddenObjects(hidden.context, right, &in_the_air);
   EXPECT_EQ(in_the_air.objects.size(), 2u);
 }
 

@@ -47,32 +47,33 @@ double Tilt(const SupportingPlane& plane) {
   return std::acos(std::min(1.0, plane.normal.z()));
 }
 
-TEST(PlaneUnderParts, ReturnsToTheFeetAsNoiseGrows) {
+TEST(PlaneUnderObjects, ReturnsToTheFeetAsNoiseGrows) {
   for (const double noise_m : {0.0, 0.0005, 0.001}) {
     for (unsigned seed = 1; seed <= 5; ++seed) {
       SCOPED_TRACE(testing::Message() << "seed " << seed << " noise " << noise_m);
       const Parts parts(4, seed, noise_m);
-      const SupportingPlane plane = PlaneUnderParts(parts.context, parts.placed, Off(-0.012, 0.03));
+      const SupportingPlane plane =
+          PlaneUnderObjects(parts.context, parts.placed, Off(-0.012, 0.03));
       EXPECT_LT(Tilt(plane), 0.006 + 20 * noise_m);
       EXPECT_LT(std::abs(plane.offset_m), 0.001 + 3 * noise_m);
     }
   }
 }
 
-TEST(PlaneUnderParts, APartOnTopOfAFlatOneDoesNotLiftIt) {
+TEST(PlaneUnderObjects, APartOnTopOfAFlatOneDoesNotLiftIt) {
   Parts parts(5, 7, 0.0002);
   parts.placed.back().scene_from_object.t.z() += 0.015;
-  const SupportingPlane plane = PlaneUnderParts(parts.context, parts.placed, Off(-0.004, 0.01));
+  const SupportingPlane plane = PlaneUnderObjects(parts.context, parts.placed, Off(-0.004, 0.01));
   for (std::size_t i = 0; i + 1 < parts.placed.size(); ++i) {
     EXPECT_NEAR(
         plane.normal.dot(parts.placed[i].scene_from_object.t) - plane.offset_m, 0.0, 0.0015);
   }
 }
 
-TEST(PlaneUnderParts, TooFewOrFarOrTiltedPartsLeaveIt) {
+TEST(PlaneUnderObjects, TooFewOrFarOrTiltedPartsLeaveIt) {
   const SupportingPlane given = Off(-0.01, 0.02);
   const auto expect_given = [&](const Parts& parts) {
-    const SupportingPlane plane = PlaneUnderParts(parts.context, parts.placed, given);
+    const SupportingPlane plane = PlaneUnderObjects(parts.context, parts.placed, given);
     EXPECT_EQ(plane.offset_m, given.offset_m);
     EXPECT_EQ(plane.normal, given.normal);
   };

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/object/aspect_part.h"
+#include "server/vision/recognition/object/aspect_model.h"
 
 #include <Eigen/Geometry>
 #include <Eigen/SVD>
@@ -36,20 +36,20 @@ std::optional<SymmetryAxis> RoundAxis(std::span<const Rigid3> symmetries) {
 
 }  // namespace
 
-AspectPart AspectPartOf(const PreparedObject& object) {
-  AspectPart part;
-  part.object = &object.aspects->object;
-  part.fragments = &object.aspects->fragments;
-  part.symmetries = object.model.symmetries;
+AspectModel AspectModelOf(const PreparedObject& object) {
+  AspectModel model;
+  model.object = &object.aspects->object;
+  model.fragments = &object.aspects->fragments;
+  model.symmetries = object.model.symmetries;
   for (const NearSymmetry& near : object.near_symmetries) {
     const std::vector<Rigid3> turns = TurnsOf(near.axis, kNearTurns);
-    part.near_turns.insert(part.near_turns.end(), turns.begin(), turns.end());
-    if (near.axis.order == 0 || near.axis.order >= kRoundTurns) part.round.push_back(near.axis);
+    model.near_turns.insert(model.near_turns.end(), turns.begin(), turns.end());
+    if (near.axis.order == 0 || near.axis.order >= kRoundTurns) model.round.push_back(near.axis);
   }
-  if (const auto axis = RoundAxis(part.symmetries)) part.round.push_back(*axis);
+  if (const auto axis = RoundAxis(model.symmetries)) model.round.push_back(*axis);
   for (const StablePose& pose : object.stable_poses)
-    part.resting.push_back({pose.up, pose.height_m});
-  return part;
+    model.resting.push_back({pose.up, pose.height_m});
+  return model;
 }
 
 }  // namespace horopter

@@ -39,11 +39,11 @@ struct TurnedPoints {
 };
 
 // Refers to the ground and the options.
-class PartOnPlane {
+class ObjectOnPlane {
  public:
-  PartOnPlane(const StandingGround& ground,
-              const AspectPart& part,
-              const StandingSearchOptions& options);
+  ObjectOnPlane(const StandingGround& ground,
+                const AspectModel& model,
+                const StandingSearchOptions& options);
 
   const StandingGround& ground() const { return ground_; }
   const StandingSearchOptions& options() const { return options_; }
@@ -64,7 +64,7 @@ class PartOnPlane {
   double Judge(const StandingPlace& place, double share) const;
 
  private:
-  void FindFaces(const AspectPart& part);
+  void FindFaces(const AspectModel& model);
   double Support(std::size_t v,
                  const TurnedPoints& points,
                  const Eigen::Vector3d& center,

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/aspect_scenes/part_on_plane.h"
+#include "server/vision/recognition/aspect_scenes/object_on_plane.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -11,26 +11,26 @@ constexpr double kSymmetric = 0.02;  // between unit vectors that are the same
 
 }  // namespace
 
-PartOnPlane::PartOnPlane(const StandingGround& ground,
-                         const AspectPart& part,
-                         const StandingSearchOptions& options)
+ObjectOnPlane::ObjectOnPlane(const StandingGround& ground,
+                             const AspectModel& model,
+                             const StandingSearchOptions& options)
     : ground_(ground), options_(options) {
-  center_ = part.object->mesh.center.cast<double>();
-  diameter_m_ = part.object->mesh.diameter_m;
-  const AspectSet& set = part.object->aspects;
+  center_ = model.object->mesh.center.cast<double>();
+  diameter_m_ = model.object->mesh.diameter_m;
+  const AspectSet& set = model.object->aspects;
   for (std::size_t a = 0; a < set.aspects.size(); ++a) {
     directions_.push_back(-set.aspects[a].camera_from_object.row(2).transpose().cast<double>());
     points_.push_back(AspectPoints(set, static_cast<int>(a)));
     if (points_.back().size() > kStandingPoints) points_.back().resize(kStandingPoints);
   }
   turns_.push_back(Rigid3{});
-  turns_.insert(turns_.end(), part.symmetries.begin(), part.symmetries.end());
-  FindFaces(part);
+  turns_.insert(turns_.end(), model.symmetries.begin(), model.symmetries.end());
+  FindFaces(model);
 }
 
-void PartOnPlane::FindFaces(const AspectPart& part) {
+void ObjectOnPlane::FindFaces(const AspectModel& model) {
   std::vector<Eigen::Vector3d> ups;
-  for (const RestingFace& rest : part.resting) {
+  for (const RestingFace& rest : model.resting) {
     if (static_cast<int>(faces_.size()) >= options_.max_faces) break;
     const bool known = std::any_of(ups.begin(), ups.end(), [&](const Eigen::Vector3d& up) {
       return std::any_of(turns_.begin(), turns_.end(), [&](const Rigid3& turn) {
@@ -52,27 +52,27 @@ void PartOnPlane::FindFaces(const AspectPart& part) {
   }
 }
 
-Eigen::Matrix3d PartOnPlane::RotationOf(int face, double yaw) const {
+Eigen::Matrix3d ObjectOnPlane::RotationOf(int face, double yaw) const {
   return Eigen::AngleAxisd(yaw, ground_.plane.normal).toRotationMatrix() *
          faces_[face].scene_from_object;
 }
 
-Eigen::Vector3d PartOnPlane::CenterOf(int face, double x, double y, double yaw) const {
+Eigen::Vector3d ObjectOnPlane::CenterOf(int face, double x, double y, double yaw) const {
   const Eigen::Vector3d above = RotationOf(face, yaw) * center_;
   return ground_.At(x, y) +
          (faces_[face].height_m + ground_.plane.normal.dot(above)) * ground_.plane.normal;
 }
 
-Rigid3 PartOnPlane::PoseOf(const StandingPlace& place) const {
+Rigid3 ObjectOnPlane::PoseOf(const StandingPlace& place) const {
   Rigid3 pose;
   pose.R = RotationOf(place.face, place.yaw);
   pose.t = CenterOf(place.face, place.x, place.y, place.yaw) - pose.R * center_;
   return pose;
 }
 
-TurnedPoints PartOnPlane::Look(std::size_t v,
-                               const Eigen::Matrix3d& rotation,
-                               const Eigen::Vector3d& center) const {
+TurnedPoints ObjectOnPlane::Look(std::size_t v,
+                                 const Eigen::Matrix3d& rotation,
+                                 const Eigen::Vector3d& center) const {
   const Eigen::Vector3d eye = ground_.camera_from_scene[v].Inverse().t;
   const Eigen::Vector3d direction = rotation.transpose() * (eye - center).normalized();
   std::size_t aspect = 0, symmetry = 0;
@@ -106,10 +106,10 @@ TurnedPoints PartOnPlane::Look(std::size_t v,
 }
 
 // Support of the points with the part's centre here, 0 .. 1; -1 where the view does not show it.
-double PartOnPlane::Support(std::size_t v,
-                            const TurnedPoints& points,
-                            const Eigen::Vector3d& center,
-                            double share) const {
+double ObjectOnPlane::Support(std::size_t v,
+                              const TurnedPoints& points,
+                              const Eigen::Vector3d& center,
+                              double share) const {
   const PinholeCamera& camera = ground_.cameras[v];
   const AspectImage& image = *ground_.images[v];
   const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
@@ -138,7 +138,7 @@ double PartOnPlane::Support(std::size_t v,
   return (sum / n - excess) / (1.0 - excess);
 }
 
-double PartOnPlane::Judge(const StandingPlace& p, double share) const {
+double ObjectOnPlane::Judge(const StandingPlace& p, double share) const {
   const Eigen::Matrix3d rotation = RotationOf(p.face, p.yaw);
   const Eigen::Vector3d center = CenterOf(p.face, p.x, p.y, p.yaw);
   double sum = 0.0;

@@ -7,6 +7,6 @@
 namespace horopter {
 
 // object.aspects must not be null; the object outlives the part.
-AspectPart AspectPartOf(const PreparedObject& object);
+AspectModel AspectModelOf(const PreparedObject& object);
 
 }  // namespace horopter
