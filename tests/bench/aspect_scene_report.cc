@@ -166,18 +166,19 @@ void ReportScene(const std::vector<BopImage>& images,
     }
     std::sort(errors.begin(), errors.end());
     const Contact contact = ContactOf(catalog, linked, i);
-    double recall = 0.0, support_px = 0.0, hidden_px = 0.0;
+    double recall = 0.0, support_px = 0.0, hidden_px = 0.0, claimed_px = 0.0;
     const auto shown = static_cast<double>(std::count(o.shown.begin(), o.shown.end(), true));
     for (std::size_t v = 0; v < images.size(); ++v) {
       if (!o.shown[v]) continue;
       recall += o.views[v].recall / shown;
       support_px += o.views[v].support_px / shown;
       hidden_px += o.views[v].hidden_px / shown;
+      claimed_px += o.views[v].claimed_px / shown;
     }
     std::cout << absl::StrFormat(
         "  object %d score %.3f precision %.3f competing %.3f worst %.3f: right in %d of %d views, "
         "median %.1f px%s, log odds of the true turn %.1f, contact %.1f deg %.1f mm, size %.0f "
-        "mm, recall %.3f, support %.0f px, hidden %.0f px, shown in %.0f%s\n",
+        "mm, recall %.3f, support %.0f px, hidden %.0f px, claimed %.0f px, shown in %.0f%s\n",
         catalog.obj_ids[o.object],
         o.score,
         o.precision,
@@ -194,6 +195,7 @@ void ReportScene(const std::vector<BopImage>& images,
         recall,
         support_px,
         hidden_px,
+        claimed_px,
         shown,
         o.lies ? ", lies" : "");
   }

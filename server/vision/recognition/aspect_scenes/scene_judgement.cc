@@ -207,7 +207,8 @@ LinkedObject Judged(std::span<const AspectImage> images,
     }
     const AspectScore score =
         ScoreEdges(images[v], mesh, edges->Scored(v), views[v]->camera, pose, scoring, near[v]);
-    if (score.visible_px < options.visible_share * (score.visible_px + score.hidden_px)) continue;
+    const double in_sight = score.visible_px + score.claimed_px;
+    if (in_sight < options.visible_share * (in_sight + score.hidden_px)) continue;
     out.views[v] = score;
     out.shown[v] = true;
     ++shown;

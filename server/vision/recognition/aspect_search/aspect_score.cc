@@ -157,22 +157,27 @@ void ScoreModelEdges(const AspectImage& image,
     if (i + 1 < n && edges.points[i + 1].chain == p.chain) {
       length += 0.5f * (edges.points[i + 1].image - p.image).norm();
     }
+    const int x = static_cast<int>(std::lround(p.image.x()));
+    const int y = static_cast<int>(std::lround(p.image.y()));
     if (!seen.others.empty()) {
       const double depth = (seen.camera_from_object * p.point.cast<double>()).z();
-      if (IsCovered(seen.others,
-                    static_cast<int>(std::lround(p.image.x())),
-                    static_cast<int>(std::lround(p.image.y())),
-                    static_cast<float>(1.0 / (depth - seen.hidden_m)))) {
+      if (IsCovered(seen.others, x, y, static_cast<float>(1.0 / (depth - seen.hidden_m)))) {
         score->hidden_px += length;
         continue;
       }
     }
     const int bin = AspectBin(p.tangent.x(), p.tangent.y());
     const float d = image.DistanceAt(p.image.x(), p.image.y(), bin);
+    // Full within a third of the tolerance: poses are that exact, not more.
+    const float supported = length * std::clamp(1.5f * (1.0f - d / tolerance), 0.0f, 1.0f);
+    // What another part explains says nothing of this one: small parts fit into large ones' edges.
+    if (supported > 0.0f && IsEdgeOf(seen.others, x, y, bin)) {
+      score->claimed_px += length;
+      continue;
+    }
     score->visible_px += length;
     chance_px += length * ExcessChance(image, p.image, bin, options);
-    // Full within a third of the tolerance: poses are that exact, not more.
-    score->support_px += length * std::clamp(1.5f * (1.0f - d / tolerance), 0.0f, 1.0f);
+    score->support_px += supported;
   }
   if (!(score->visible_px > 0)) return;
   const double chance = std::min(0.9, chance_px / score->visible_px);
@@ -288,9 +293,9 @@ void ScoreImageEdges(const AspectImage& image,
       if (outside > limit) continue;
       const int bin = AspectBin(-edge.normal.y(), edge.normal.x());
       const bool own = IsExplained(raster, edges, edge, x, y, least_cosine);
-      if (!own && !seen.others.empty() &&
+      if (!seen.others.empty() &&
           (IsEdgeOf(seen.others, x, y, bin) ||
-           IsCovered(seen.others, x, y, InverseDepthAt(edges.view, at)))) {
+           (!own && IsCovered(seen.others, x, y, InverseDepthAt(edges.view, at))))) {
         continue;
       }
       // Where half of all places are supported, an edge says nothing.

@@ -64,6 +64,7 @@ struct AspectScore {
   double support_px = 0.0;  // supported visible edge, working pixels
   double visible_px = 0.0;  // visible edge that no other part hides, working pixels
   double hidden_px = 0.0;   // ... that other parts hide
+  double claimed_px = 0.0;  // ... found where another part has an edge of this direction: its own
   double score = 0.0;
   // Of the edge strength on its surface that is not its own, what siblings show in the same places;
   // 0 without siblings.
@@ -87,8 +88,8 @@ double PresumedScore(double precision,
                      const AspectScoreOptions& options = {});
 
 // The camera is that of the original image. All zero when nothing of the part is visible. `others`
-// are parts that are known to be there: what they hide of this one is not asked for, and image
-// edges of theirs need no explanation; nor do edges that `siblings` show in the same places of the
+// are parts that are known to be there: what they hide of this one is not asked for, image edges of
+// theirs need no explanation and support nothing; nor do edges that `siblings` show in the same places of the
 // part's surface: those are print, scratches or seams that CAD does not have.
 AspectScore ScorePose(const AspectImage& image,
                       const RenderMesh& mesh,

@@ -112,6 +112,31 @@ TEST_F(SceneJudgement, PartsBesideEachOtherBothStand) {
   EXPECT_GT(judged[1].score, 0.55);
 }
 
+TEST_F(SceneJudgement, WhatFitsIntoTheEdgesOfABetterPartSaysNothing) {
+  const Photos photos = Take({{&block(), Rigid3{}}}, kNoPrint);
+  AspectScene scene;
+  scene.views = Views();
+  scene.objects = {{0, Rigid3{}}};
+  const RenderMesh* meshes[] = {&block()};
+  const auto judged = JudgeScene(photos.images, meshes, scene);
+  const SceneLayers layers = MakeSceneLayers(photos.images, meshes, scene, judged);
+  const std::vector<ObjectLayer>* better[] = {&layers[0]};
+  // A plate that would be the block's lower step: nothing of it is hidden from above the edges.
+  const PhotoPart plate = MakePart(BoxMesh({0.03, 0.02, 0.003}));
+  Rigid3 there;
+  there.t.z() = -0.009;
+  const LinkedObject alone =
+      JudgeInViews(photos.images, plate.object.mesh, scene.views, {0, there});
+  const LinkedObject beside =
+      JudgeInViews(photos.images, plate.object.mesh, scene.views, {0, there}, {}, better);
+  EXPECT_GT(alone.score, 0.25);
+  EXPECT_LT(beside.score, 0.4 * alone.score);
+  for (int v = 0; v < kViews; ++v) {
+    EXPECT_EQ(alone.views[v].claimed_px, 0.0);
+    EXPECT_GT(beside.views[v].claimed_px, 0.5 * alone.views[v].support_px);
+  }
+}
+
 TEST_F(SceneJudgement, PrintThatStaysInItsPlaceNeedsNoExplanation) {
   SceneJudgementOptions strict;
   strict.print_precision = 2.0;  // never
