@@ -30,6 +30,7 @@
 #include "client/bop_results.h"
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
+#include "server/vision/recognition/interpretation/aspect_decision.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "tests/bench/aspect_catalog.h"
 
@@ -176,11 +177,13 @@ void ReportScene(const std::vector<BopImage>& images,
       claimed_px += o.views[v].claimed_px / shown;
     }
     std::cout << absl::StrFormat(
-        "  object %d score %.3f precision %.3f competing %.3f worst %.3f: right in %d of %d views, "
+        "  object %d score %.3f probability %.2f precision %.3f competing %.3f worst %.3f: right "
+        "in %d of %d views, "
         "median %.1f px%s, log odds of the true turn %.1f, contact %.1f deg %.1f mm, size %.0f "
         "mm, recall %.3f, support %.0f px, hidden %.0f px, claimed %.0f px, shown in %.0f%s\n",
         catalog.obj_ids[o.object],
         o.score,
+        AspectProbability(o, linked, {}),
         o.precision,
         o.competing_score,
         worst_score,

@@ -87,7 +87,8 @@ class Sweep {
       turn *= 0.5f;
       grow = std::sqrt(grow);
     }
-    const float gain = best - static_cast<float>(votes_.rank_support);
+    const float gain = AboveChance(best, Chance(points, a.points, s, tau)) -
+                       static_cast<float>(votes_.rank_support);
     const float rank = best < votes_.min_support ? 0.0f : a.edge_length * s.size * gain;
     return {rank, best, start.aspect, s.size, s.turn, s.x, s.y};
   }
@@ -106,9 +107,18 @@ class Sweep {
         const float rest = map.Support(points, kFirst, kFirstVotePoints, s, tau8);
         const float sixteen =
             (kFirst * six + (kFirstVotePoints - kFirst) * rest) / kFirstVotePoints;
-        if (sixteen >= options_.min_support_16) out->push_back({aspect, s, sixteen});
+        if (sixteen < options_.min_support_16) continue;
+        // Where anything is supported, thousands of places are: those that say more come first.
+        const VotePoint* fine = index_.points.data() + index_.aspects[aspect].first_point;
+        const float chance =
+            Chance(fine, kFirstVotePoints, s, static_cast<float>(options_.tau_share));
+        out->push_back({aspect, s, AboveChance(sixteen, chance)});
       }
     }
+  }
+
+  float Chance(const VotePoint* points, int n, const Similarity& s, float tau_share) const {
+    return ExcessChance(image_, points, n, s, Tau8(tau_share, s.size), votes_.free_chance);
   }
 
   int Tau8(float share, float size) const {

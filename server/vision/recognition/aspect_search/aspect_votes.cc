@@ -158,8 +158,7 @@ class Share {
     const float support = Support(image_, points, 0, n, s, Tau8(s.size));
     if (support < options_.min_support) return;
     const float chance = ExcessChance(points, n, s);
-    const float gain =
-        (support - chance) / (1.0f - chance) - static_cast<float>(options_.rank_support);
+    const float gain = AboveChance(support, chance) - static_cast<float>(options_.rank_support);
     if (gain <= 0) return;
     ++counts_.accepted;
     const float rank = aspect.edge_length * s.size * gain;
@@ -195,23 +194,7 @@ class Share {
   }
 
   float ExcessChance(const VotePoint* points, int n, const Similarity& s) const {
-    return std::max(0.0f, Chance(points, n, s) - static_cast<float>(options_.free_chance));
-  }
-
-  // Mean support that these directions find around these places anyway.
-  float Chance(const VotePoint* points, int n, const Similarity& s) const {
-    const float turn_bins = TurnBins(s.turn);
-    const int level =
-        AspectImage::ChanceLevel(static_cast<float>(Tau8(s.size)) / AspectImage::kDistanceScale);
-    int sum = 0;
-    for (int i = 0; i < n; ++i) {
-      const VotePoint& p = points[i];
-      const float x = s.a * p.x - s.b * p.y + s.x;
-      const float y = s.b * p.x + s.a * p.y + s.y;
-      if (!(x >= 0 && y >= 0 && x < image_.width && y < image_.height)) continue;
-      sum += image_.ChanceAt(x, y, TurnedBin(p.bin + turn_bins), level);
-    }
-    return static_cast<float>(sum) / (255.0f * static_cast<float>(n));
+    return horopter::ExcessChance(image_, points, n, s, Tau8(s.size), options_.free_chance);
   }
 
   // Better size and turn about a point that stays.

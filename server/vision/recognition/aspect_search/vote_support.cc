@@ -55,6 +55,27 @@ float Support(const AspectImage& image,
   return static_cast<float>(sum) / static_cast<float>(tau8 * (to - from));
 }
 
+float ExcessChance(const AspectImage& image,
+                   const VotePoint* points,
+                   int n,
+                   const Similarity& s,
+                   int tau8,
+                   double free_chance) {
+  const float turn_bins = TurnBins(s.turn);
+  const int level =
+      AspectImage::ChanceLevel(static_cast<float>(tau8) / AspectImage::kDistanceScale);
+  int sum = 0;
+  for (int i = 0; i < n; ++i) {
+    const VotePoint& p = points[i];
+    const float x = s.a * p.x - s.b * p.y + s.x;
+    const float y = s.b * p.x + s.a * p.y + s.y;
+    if (!(x >= 0 && y >= 0 && x < image.width && y < image.height)) continue;
+    sum += image.ChanceAt(x, y, TurnedBin(p.bin + turn_bins), level);
+  }
+  const float chance = static_cast<float>(sum) / (255.0f * static_cast<float>(n));
+  return std::max(0.0f, chance - static_cast<float>(free_chance));
+}
+
 CoarseMap::CoarseMap(const AspectImage& image, int cell) : cell_px(cell) {
   const int step = cell / 2;  // cells of the half map
   const int w = (image.half_width + step - 1) / step, h = (image.half_height + step - 1) / step;

@@ -35,6 +35,20 @@ float Support(const AspectImage& image,
               const Similarity& s,
               int tau8);
 
+// Mean support that the directions of the first n points find around their places anyway, beyond
+// what is free (AspectScoreOptions::free_chance).
+float ExcessChance(const AspectImage& image,
+                   const VotePoint* points,
+                   int n,
+                   const Similarity& s,
+                   int tau8,
+                   double free_chance);
+
+// What a support says where this much of it is chance.
+inline float AboveChance(float support, float excess_chance) {
+  return (support - excess_chance) / (1.0f - excess_chance);
+}
+
 // An oriented distance map in cells of some pixels, with a border of far cells so that places are
 // clamped, not tested.
 struct CoarseMap {

@@ -46,15 +46,23 @@ bool GroundContradicts(const LinkedScene& scene, const AspectAcceptance& options
              options.company_objects;
 }
 
+// Three views and more agree on the texture of the plane that the first part rests on, and on its
+// surface: its cameras hold for what is around it.
+bool GroundAgrees(const LinkedScene& scene, const AspectAcceptance& options) {
+  return scene.registered() >= options.accompanied_views &&
+         scene.agreement.ground >= options.ground_agrees &&
+         !scene.agreement.Contradicts(options.surface_disagrees) &&
+         !GroundContradicts(scene, options);
+}
+
 // What one part alone must score, for the views it links and the cameras it says they have.
 double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
   double even = EvenInViews(scene.registered(), static_cast<int>(scene.views.size()), options);
   if (scene.registered() < 2) return even;
   const ViewAgreement& views = scene.agreement;
+  if (GroundAgrees(scene, options)) return options.even_on_ground;
   if (views.Contradicts(options.surface_disagrees) || GroundContradicts(scene, options))
     even += options.disagreement_more;
-  else if (scene.registered() >= options.accompanied_views && views.ground >= options.ground_agrees)
-    return options.even_on_ground;
   return even +
          options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
 }
@@ -106,19 +114,24 @@ double AspectProbability(const LinkedObject& o,
                          const LinkedScene& scene,
                          const AspectAcceptance& options) {
   // Objects are best first. A second one of a part is what a view with a wrong camera makes of the
-  // first: it must be as sure as one alone.
+  // first: it must be as sure as one alone, but where other parts leave no doubt of the cameras.
   const bool again = std::any_of(scene.objects.begin(), scene.objects.end(), [&](const auto& p) {
     return p.object == o.object && p.score > o.score;
   });
+  const bool one_of_many =
+      o.lies && ObjectsThatScore(scene, options.company_score, options.company_lying) >=
+                    options.company_objects;
   const double alone = EvenAlone(scene, options);
-  const double sure = options.sure_score + std::max(0.0, alone - options.even_alone);
+  const double sure = GroundAgrees(scene, options)
+                          ? options.even_on_ground
+                          : options.sure_score + std::max(0.0, alone - options.even_alone);
   const bool beside = scene.registered() > 1 && scene.objects.front().score >= sure &&
                       o.score < scene.objects.front().score;
   const auto probability = [&](double even) {
     return Logistic(options.score_weight * (o.score - even));
   };
   const double by_itself = probability(alone);
-  if (again) return by_itself;
+  if (again && !one_of_many) return by_itself;
   const Agreement agreement = AgreementOf(scene, options);
   const double shared = probability(o.lies ? options.even_lying : options.even_score);
   if (beside || agreement == Agreement::kPair) return shared;

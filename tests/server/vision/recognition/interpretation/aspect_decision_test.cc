@@ -113,6 +113,32 @@ TEST(AspectDecision, WhatLiesOnAPlaneWithASurePartNeedsLess) {
   EXPECT_LT(Probability(unsure, 1), 0.2);
 }
 
+// The ground says that the cameras are right: what lies on it needs no surer part beside it.
+TEST(AspectDecision, AGroundThatViewsAgreeOnIsAsGoodAsASurePart) {
+  const AspectAcceptance options;
+  LinkedScene scene = Scene(5, 5, {0.50, options.even_lying, options.even_score});
+  scene.objects[1].lies = true;
+  EXPECT_LT(Probability(scene, 1), 0.1);
+  EXPECT_LT(Probability(scene, 2), 0.3);
+  scene.agreement.ground = options.ground_agrees;
+  EXPECT_NEAR(Probability(scene, 1), 0.5, 1e-9);
+  EXPECT_NEAR(Probability(scene, 2), 0.5, 1e-9);
+  LinkedScene two_views = Scene(2, 5, {0.50, 0.45});
+  two_views.objects[1].lies = true;
+  two_views.agreement.ground = 0.9;
+  EXPECT_LT(Probability(two_views, 1), 0.2);
+}
+
+TEST(AspectDecision, ASecondOfAPartOnThePlaneOfSeveralIsOneOfThem) {
+  LinkedScene scene = Scene(4, 4, {0.60, 0.57, 0.55, 0.51});
+  scene.objects[3].object = 0;
+  EXPECT_LT(Probability(scene, 3), 0.5);  // what a wrong camera makes of the first
+  for (LinkedObject& o : scene.objects) o.lies = true;
+  EXPECT_GT(Probability(scene, 3), 0.9);
+  scene.objects[2].object = 1;  // two kinds of parts may both be wrong
+  EXPECT_LT(Probability(scene, 3), 0.5);
+}
+
 TEST(AspectDecision, TwoPartsOnAPlaneBearEachOtherOutSooner) {
   LinkedScene two = Scene(4, 4, {0.53, 0.44});
   EXPECT_LT(Probability(two, 0), 0.6);
