@@ -72,6 +72,8 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"min_arm_px", &o.find.votes.min_arm_px},
       {"max_arm_offset_px", &o.find.votes.max_arm_offset_px},
       {"pair_log_ratio", &o.find.votes.pair_log_ratio},
+      {"outline_radius", &o.find.votes.outline_radius},
+      {"ellipse_ratio", &o.find.votes.ellipse_ratio},
       {"tau_share", &o.find.votes.tau_share},
       {"min_support_6", &o.find.votes.min_support_6},
       {"min_support_16", &o.find.votes.min_support_16},
@@ -88,6 +90,8 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"max_repeats", &o.find.votes.max_repeats},
       {"max_pairs", &o.find.votes.max_pairs},
       {"max_pair_matches", &o.find.votes.max_pair_matches},
+      {"max_outline_matches", &o.find.votes.max_outline_matches},
+      {"max_ellipse_matches", &o.find.votes.max_ellipse_matches},
       {"max_per_object", &o.find.votes.max_per_object},
       {"max_per_place", &o.find.votes.max_per_place},
       {"coarse_per_object", &o.find.coarse_per_object},
@@ -199,7 +203,8 @@ class Report {
     sums.seconds.push_back(seconds);
     const std::string name = absl::StrFormat("%d/%d", scene.scene_id, view.im_id);
     std::cout << absl::StrFormat(
-        "%s %s: %.2f s CPU, %d edges, %d fragments, %d matches, %d pairs, %d matches, %d of 16, %d "
+        "%s %s: %.2f s CPU, %d edges, %d fragments, %d matches, %d pairs, %d matches, %d outlines, "
+        "%d matches, %d ellipses, %d matches, %d of 16, %d "
         "climbs, %d accepted\n",
         name,
         scene.tier,
@@ -209,6 +214,10 @@ class Report {
         found.votes.matches,
         found.votes.pairs,
         found.votes.pair_matches,
+        found.votes.outlines,
+        found.votes.outline_matches,
+        found.votes.ellipses,
+        found.votes.ellipse_matches,
         found.votes.tests_16,
         found.votes.climbs,
         found.votes.accepted);

@@ -6,9 +6,11 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <tuple>
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_search/vote_support.h"
+#include "server/vision/recognition/aspects/closed_outlines.h"
 #include "server/vision/recognition/aspects/segment_pairs.h"
 
 namespace horopter {
@@ -23,6 +25,9 @@ constexpr std::uint32_t kSeenSlots = 1u << 15;  // of hashes; for memory
 constexpr float kSameSize = 1.1f;               // votes this alike in size, place and turn are one
 constexpr float kSamePlace = 0.06f;             // ... of the size
 constexpr float kSameTurnRad = 0.2f;            // ... 11 degrees; chosen
+constexpr int kOutlineTurns = 4;                // of an outline that is nearly symmetric
+constexpr float kRoundRatio = 0.96f;            // of an ellipse's axes: beyond it has no direction
+constexpr int kRoundTurns = 12;                 // that are tried of such a one
 constexpr float kPlaceRadius = 0.25f;  // of the size: centres nearer than this are in one place
 
 class Share {
@@ -80,6 +85,61 @@ class Share {
     if (agreeing_.size() < left) TestSome(pair, others_, left - agreeing_.size());
   }
 
+  void Vote(const OutlineShape& outline) {
+    ++counts_.outlines;
+    const std::array<double, kOutlineOrders> key = outline.Key();
+    struct Match {
+      float apart, turn;
+      std::size_t outline;
+    };
+    std::vector<Match> matches;
+    for (const Neighbor& n : index_.outline_tree.Radius(key, options_.outline_radius)) {
+      const IndexedOutline& model = index_.outlines[static_cast<std::size_t>(n.id)];
+      if (!wanted_.empty() && !wanted_[index_.aspects[model.aspect].model]) continue;
+      if (!IsSoughtSize(outline.width / model.shape.width)) continue;
+      for (const OutlineTurn& t : TurnsBetween(model.shape, outline, kOutlineTurns))
+        matches.push_back({t.apart, t.turn_rad, static_cast<std::size_t>(n.id)});
+    }
+    std::sort(matches.begin(), matches.end(), [](const Match& a, const Match& b) {
+      return std::tie(a.apart, a.outline, a.turn) < std::tie(b.apart, b.outline, b.turn);
+    });
+    if (static_cast<int>(matches.size()) > options_.max_outline_matches)
+      matches.resize(options_.max_outline_matches);
+    counts_.outline_matches += static_cast<std::int64_t>(matches.size());
+    for (const Match& m : matches) {
+      const IndexedOutline& model = index_.outlines[m.outline];
+      Test(model.aspect,
+           outline.width / model.shape.width,
+           m.turn,
+           model.shape.center,
+           outline.center);
+    }
+  }
+
+  void Vote(const EllipseArc& ellipse) {
+    ++counts_.ellipses;
+    const auto ratio = static_cast<float>(ellipse.semi_minor_px / ellipse.semi_major_px);
+    const auto [first, last] =
+        index_.FindEllipses(ratio, static_cast<float>(options_.ellipse_ratio));
+    const std::size_t stride =
+        1 + (last - first) / static_cast<std::size_t>(std::max(1, options_.max_ellipse_matches));
+    const Eigen::Vector2f center = ellipse.center.cast<float>();
+    // The major axis has no sense, and that of a circle no direction.
+    const int turns = ratio > kRoundRatio ? kRoundTurns : 2;
+    for (std::size_t i = first + counts_.ellipses % stride; i < last; i += stride) {
+      const IndexedEllipse& e = index_.ellipses[i];
+      if (!wanted_.empty() && !wanted_[index_.aspects[e.aspect].model]) continue;
+      const float size = static_cast<float>(ellipse.semi_major_px) / e.semi_major;
+      if (!IsSoughtSize(size)) continue;
+      ++counts_.ellipse_matches;
+      for (int k = 0; k < turns; ++k) {
+        const float turn = static_cast<float>(ellipse.angle_rad) - e.direction_rad +
+                           2.0f * kPi * static_cast<float>(k) / static_cast<float>(turns);
+        Test(e.aspect, size, turn, {e.x, e.y}, center);
+      }
+    }
+  }
+
   std::vector<std::vector<AspectVote>>& pools() { return pools_; }
   const AspectVotes& counts() const { return counts_; }
 
@@ -125,6 +185,18 @@ class Share {
     s.x = image_side.corner.x() - (s.a * model_side.x - s.b * model_side.y);
     s.y = image_side.corner.y() - (s.b * model_side.x + s.a * model_side.y);
     Test(model_side.aspect, s, image_side.corner);
+  }
+
+  // What brings a point of the aspect, in diameters, to a place of the image.
+  void Test(std::int32_t aspect,
+            float size,
+            float turn,
+            const Eigen::Vector2f& from,
+            const Eigen::Vector2f& to) {
+    Similarity s = MakeSimilarity(size, turn);
+    s.x = to.x() - (s.a * from.x() - s.b * from.y());
+    s.y = to.y() - (s.b * from.x() + s.a * from.y());
+    Test(aspect, s, to);
   }
 
   bool IsSoughtSize(float size) const {
@@ -334,6 +406,14 @@ AspectVotes VoteForAspects(const AspectImage& image,
   corners.max_offset = options.max_arm_offset_px;
   std::vector<SegmentPair> pairs;
   if (!index.pairs.empty()) pairs = CollectSegmentPairs(image.contours, corners);
+  std::vector<OutlineShape> outlines;
+  if (!index.outlines.empty()) {
+    for (const std::vector<Eigen::Vector2f>& points : FindClosedOutlines(image)) {
+      if (const auto shape = ShapeOf(points)) outlines.push_back(*shape);
+    }
+  }
+  std::vector<EllipseArc> ellipses;
+  if (!index.ellipses.empty()) ellipses = FindContourEllipses(image.contours);
   // Each share keeps its own pool, so the result does not depend on the number of threads.
   const CoarseMaps maps(image);
   std::vector<Share> shares(kShares, Share(image, maps, index, options, wanted));
@@ -344,12 +424,20 @@ AspectVotes VoteForAspects(const AspectImage& image,
     }
     for (std::size_t p = i; p < pairs.size() && !IsStopRequested(stop); p += kShares)
       shares[i].Vote(pairs[p]);
+    for (std::size_t o = i; o < outlines.size() && !IsStopRequested(stop); o += kShares)
+      shares[i].Vote(outlines[o]);
+    for (std::size_t e = i; e < ellipses.size() && !IsStopRequested(stop); e += kShares)
+      shares[i].Vote(ellipses[e]);
   });
   for (Share& share : shares) {
     out.fragments += share.counts().fragments;
     out.matches += share.counts().matches;
     out.pairs += share.counts().pairs;
     out.pair_matches += share.counts().pair_matches;
+    out.outlines += share.counts().outlines;
+    out.outline_matches += share.counts().outline_matches;
+    out.ellipses += share.counts().ellipses;
+    out.ellipse_matches += share.counts().ellipse_matches;
     out.tests_16 += share.counts().tests_16;
     out.climbs += share.counts().climbs;
     out.accepted += share.counts().accepted;

@@ -15,8 +15,11 @@ namespace horopter {
 
 // Of each object, for an index that ranks: up to some 200 views over the sphere, two fragments of
 // each, more of fewer views.
-inline constexpr FragmentChoice kRankingChoice{
-    .points = kFirstVotePoints, .view_spacing_rad = 0.2, .fragments = 400, .pairs = false};
+inline constexpr FragmentChoice kRankingChoice{.points = kFirstVotePoints,
+                                               .view_spacing_rad = 0.2,
+                                               .fragments = 400,
+                                               .pairs = false,
+                                               .outlines = false};
 
 struct ObjectRankingOptions {
   AspectVoteOptions votes;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <numbers>
 #include <numeric>
 #include <opencv2/core/hal/intrin.hpp>
 
@@ -115,6 +116,64 @@ void AddAspect(const AspectSet& set,
   AddFirstPoints(aspect, piece);
 }
 
+// Whether most of a rim is among the points that the view shows of the part's edges.
+bool IsShown(const std::vector<Eigen::Vector2f>& points,
+             const ModelCircle& rim,
+             const Rigid3& pose,
+             const PinholeCamera& camera,
+             float unit) {
+  constexpr int kSamples = 12;
+  constexpr float kNear = 0.03f;  // diameters; points of an aspect are some 0.02 apart
+  const Eigen::Vector3d u = rim.axis.unitOrthogonal(), v = rim.axis.cross(u);
+  int shown = 0;
+  for (int k = 0; k < kSamples; ++k) {
+    const double a = 2.0 * std::numbers::pi * k / kSamples;
+    const Eigen::Vector3d x = rim.center + rim.radius_m * (std::cos(a) * u + std::sin(a) * v);
+    const Eigen::Vector2f at =
+        unit * (Project(camera, pose * x) - Eigen::Vector2d(camera.cx, camera.cy)).cast<float>();
+    shown += std::any_of(points.begin(), points.end(), [&](const Eigen::Vector2f& p) {
+      return (p - at).squaredNorm() < kNear * kNear;
+    });
+  }
+  return 3 * shown >= 2 * kSamples;
+}
+
+void AddOutline(const AspectSet& set,
+                const PinholeCamera& camera,
+                int number,
+                std::span<const ModelCircle> rims,
+                FragmentPiece* piece) {
+  const auto aspect = static_cast<std::int32_t>(piece->aspects.size()) - 1;
+  if (piece->aspects.back().points < kFirstVotePoints) return;
+  const float unit = static_cast<float>(1.0 / set.render_px);
+  const Rigid3 pose = AspectPose(set, number);
+  std::vector<Eigen::Vector2f> points;
+  for (const AspectPoint& p : AspectPoints(set, number)) {
+    points.push_back(unit * (Project(camera, pose * p.point.cast<double>()) -
+                             Eigen::Vector2d(camera.cx, camera.cy))
+                                .cast<float>());
+  }
+  if (const auto shape = ShapeOf(points)) piece->outlines.push_back({aspect, *shape});
+  for (const ModelCircle& rim : rims) {
+    if (!IsShown(points, rim, pose, camera, unit)) continue;
+    const Eigen::Vector3d center = pose * rim.center;
+    const Eigen::Vector3d ray = center.normalized();
+    const Eigen::Vector3d normal = pose.R * rim.axis;
+    const Eigen::Vector3d major = ray.cross(normal);
+    float direction = static_cast<float>(std::atan2(major.y(), major.x()));
+    if (direction < 0) direction += kPi;
+    const Eigen::Vector2f at =
+        unit * (Project(camera, center) - Eigen::Vector2d(camera.cx, camera.cy)).cast<float>();
+    piece->ellipses.push_back(
+        {aspect,
+         at.x(),
+         at.y(),
+         unit * static_cast<float>(camera.focal_px * rim.radius_m / center.z()),
+         static_cast<float>(std::abs(normal.dot(ray))),
+         direction});
+  }
+}
+
 void AddPiece(const FragmentPiece& piece, FragmentIndex* index, std::vector<Entry>* all) {
   const auto first_aspect = static_cast<std::int32_t>(index->aspects.size());
   const auto first_point = static_cast<std::uint32_t>(index->points.size());
@@ -133,6 +192,14 @@ void AddPiece(const FragmentPiece& piece, FragmentIndex* index, std::vector<Entr
   for (IndexedPair pair : piece.pairs) {
     pair.aspect += first_aspect;
     index->pairs.push_back(pair);
+  }
+  for (IndexedOutline outline : piece.outlines) {
+    outline.aspect += first_aspect;
+    index->outlines.push_back(outline);
+  }
+  for (IndexedEllipse ellipse : piece.ellipses) {
+    ellipse.aspect += first_aspect;
+    index->ellipses.push_back(ellipse);
   }
   ++index->model_count;
 }
@@ -224,6 +291,20 @@ absl::StatusOr<XTreeSnapshot> BuildTree(const FragmentIndex& index) {
   return tree.Snapshot();
 }
 
+absl::StatusOr<XTreeSnapshot> BuildOutlineTree(const FragmentIndex& index) {
+  std::vector<double> points;
+  std::vector<std::int64_t> ids(index.outlines.size());
+  std::iota(ids.begin(), ids.end(), 0);
+  for (const IndexedOutline& outline : index.outlines) {
+    for (const double v : outline.shape.Key()) points.push_back(v);
+  }
+  XTreeOptions options;
+  options.dimensions = kOutlineOrders;
+  HOROPTER_ASSIGN_OR_RETURN(XTree tree,
+                            XTree::BulkLoad(options, points, ids, index.options.threads));
+  return tree.Snapshot();
+}
+
 }  // namespace
 
 void FragmentIndex::Find(const FragmentKey& key,
@@ -283,15 +364,28 @@ std::pair<std::size_t, std::size_t> FragmentIndex::FindPairs(float opening_rad,
   return {first - pairs.begin(), last - pairs.begin()};
 }
 
+std::pair<std::size_t, std::size_t> FragmentIndex::FindEllipses(float ratio, float reach) const {
+  const auto first = std::lower_bound(
+      ellipses.begin(), ellipses.end(), ratio - reach, [](const IndexedEllipse& e, float v) {
+        return e.ratio < v;
+      });
+  const auto last =
+      std::upper_bound(first, ellipses.end(), ratio + reach, [](float v, const IndexedEllipse& e) {
+        return v < e.ratio;
+      });
+  return {first - ellipses.begin(), last - ellipses.begin()};
+}
+
 std::size_t FragmentIndex::bytes() const {
   const auto of = [](const auto& v) { return v.capacity() * sizeof(v[0]); };
   return of(aspects) + of(points) + of(first_points) + of(fragments) + of(keys) + of(cell_begin) +
-         of(pairs);
+         of(pairs) + of(outlines) + of(ellipses);
 }
 
 FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
                                 const ModelFragments& fragments,
-                                const FragmentChoice& choice) {
+                                const FragmentChoice& choice,
+                                std::span<const ModelCircle> rims) {
   const AspectSet& set = object.aspects;
   const PinholeCamera camera = AspectCamera(set);
   FragmentPiece piece;
@@ -300,6 +394,7 @@ FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
     place[a] = static_cast<int>(piece.aspects.size());
     AddAspect(set, camera, a, choice.points, &piece);
     piece.aspects.back().edge_length = fragments.edge_length[a];
+    if (choice.outlines) AddOutline(set, camera, a, rims, &piece);
   }
   const int aspects = std::max(1, static_cast<int>(piece.aspects.size()));
   std::vector<int> left(set.aspects.size(), (choice.fragments + aspects - 1) / aspects);
@@ -331,7 +426,7 @@ absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectModel> mo
                                                  const FragmentIndexOptions& options) {
   std::vector<FragmentPiece> pieces(models.size());
   ParallelFor(static_cast<int>(models.size()), options.threads, [&](int i) {
-    pieces[i] = MakeFragmentPiece(*models[i].object, *models[i].fragments);
+    pieces[i] = MakeFragmentPiece(*models[i].object, *models[i].fragments, {}, models[i].rims);
   });
   std::vector<const FragmentPiece*> pointers;
   for (const FragmentPiece& piece : pieces) pointers.push_back(&piece);
@@ -357,6 +452,12 @@ absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const FragmentPiece* 
       index.pairs.begin(), index.pairs.end(), [](const IndexedPair& a, const IndexedPair& b) {
         return a.opening_rad < b.opening_rad;
       });
+  std::stable_sort(index.ellipses.begin(), index.ellipses.end(), [](const auto& a, const auto& b) {
+    return a.ratio < b.ratio;
+  });
+  if (!index.outlines.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(index.outline_tree, BuildOutlineTree(index));
+  }
   if (options.lookup == FragmentLookup::kXTree) {
     HOROPTER_ASSIGN_OR_RETURN(index.tree, BuildTree(index));
   }

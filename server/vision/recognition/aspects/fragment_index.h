@@ -11,8 +11,10 @@
 #include "absl/status/statusor.h"
 #include "server/index/x_tree.h"
 #include "server/vision/geometry/mesh_symmetry.h"
+#include "server/vision/geometry/model_circles.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
 #include "server/vision/recognition/aspects/aspect_fragments.h"
+#include "server/vision/recognition/aspects/outline_shape.h"
 
 namespace horopter {
 
@@ -33,6 +35,7 @@ struct AspectModel {
   std::vector<Rigid3> near_turns = {};
   std::vector<RestingFace> resting = {};  // safest first
   std::vector<SymmetryAxis> round = {};   // axes about which it is the same, or nearly, by any turn
+  std::vector<ModelCircle> rims = {};     // largest first (LargeRims)
 };
 
 // A point of an aspect in the plane: diameters from the image of its centre, and the direction of
@@ -75,6 +78,19 @@ struct IndexedPair {
   float length_a = 0.0f, length_b = 0.0f;
 };
 
+// The outline of an aspect's hull, and the ellipse of a rim that it shows, in diameters.
+struct IndexedOutline {
+  std::int32_t aspect = -1;
+  OutlineShape shape;
+};
+struct IndexedEllipse {
+  std::int32_t aspect = -1;
+  float x = 0.0f, y = 0.0f;  // centre
+  float semi_major = 0.0f;
+  float ratio = 0.0f;          // minor over major
+  float direction_rad = 0.0f;  // of the major axis, modulo pi
+};
+
 enum class FragmentLookup {
   kGrid,  // cells over the three main directions of the keys, scanned
   kXTree  // radius queries of the X-tree
@@ -93,6 +109,7 @@ struct FragmentChoice {
   // Of the part, evenly of the aspects that are taken: a symmetric part has few of these.
   int fragments = 1 << 20;
   bool pairs = true;  // of adjacent straight edges as well
+  bool outlines = true;
 };
 
 // What an index holds of one part, its numbers counted from 0.
@@ -106,10 +123,13 @@ struct FragmentPiece {
   std::vector<PackedVotePoint> first_points;
   std::vector<Entry> entries;
   std::vector<IndexedPair> pairs;
+  std::vector<IndexedOutline> outlines;
+  std::vector<IndexedEllipse> ellipses;
 };
 FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
                                 const ModelFragments& fragments,
-                                const FragmentChoice& choice = {});
+                                const FragmentChoice& choice = {},
+                                std::span<const ModelCircle> rims = {});
 
 // Immutable once built; any number of threads may search it. `fragments` and `keys` are in the
 // order of the grid's cells.
@@ -130,6 +150,9 @@ struct FragmentIndex {
   std::vector<std::uint32_t> cell_begin;
   std::vector<IndexedPair> pairs;  // by opening
   XTreeSnapshot tree;              // only with kXTree
+  std::vector<IndexedOutline> outlines;
+  XTreeSnapshot outline_tree;            // of their keys
+  std::vector<IndexedEllipse> ellipses;  // by ratio
 
   // Appends the fragments whose keys differ by at most `radius` (Euclidean, radians).
   void Find(const FragmentKey& key, float radius, std::vector<std::uint32_t>* found) const;
@@ -137,7 +160,10 @@ struct FragmentIndex {
   // The pairs whose openings differ by at most `reach_rad`: [first, last) of `pairs`.
   std::pair<std::size_t, std::size_t> FindPairs(float opening_rad, float reach_rad) const;
 
-  std::size_t bytes() const;  // without the tree
+  // The ellipses whose ratios differ by at most `reach`: [first, last) of `ellipses`.
+  std::pair<std::size_t, std::size_t> FindEllipses(float ratio, float reach) const;
+
+  std::size_t bytes() const;  // without the trees
 };
 
 // Errors: those of the X-tree.

@@ -8,8 +8,11 @@
 namespace horopter {
 namespace {
 
-constexpr int kNearTurns = 24;      // of a surface that is nearly one of revolution
-constexpr int kRoundTurns = 20;     // symmetric turns about an axis that stand for any
+constexpr int kNearTurns = 24;   // of a surface that is nearly one of revolution
+constexpr int kRoundTurns = 20;  // symmetric turns about an axis that stand for any
+// Rims that start a search, and of the diameter the radius of the smallest; chosen, for time.
+constexpr int kRims = 6;
+constexpr double kRimShare = 0.04;
 constexpr double kSameAxis = 1e-3;  // length of the difference of unit axes
 
 // The axis about which at least kRoundTurns of the symmetries turn.
@@ -49,6 +52,7 @@ AspectModel AspectModelOf(const PreparedObject& object) {
   if (const auto axis = RoundAxis(model.symmetries)) model.round.push_back(*axis);
   for (const StablePose& pose : object.stable_poses)
     model.resting.push_back({pose.up, pose.height_m});
+  model.rims = LargeRims(object.model, kRimShare, kRims);
   return model;
 }
 

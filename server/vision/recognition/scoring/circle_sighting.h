@@ -1,4 +1,4 @@
-// Circles of parts, and what an elliptic arc says of the circle that it shows.
+// What an elliptic arc says of the circle that it shows.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,22 +7,11 @@
 #include <vector>
 
 #include "server/vision/features/features.h"
-#include "server/vision/geometry/object_model.h"
+#include "server/vision/geometry/model_circles.h"
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
 
 namespace horopter {
-
-// Object frame, metres; the axis has unit length and either sense.
-struct ModelCircle {
-  Eigen::Vector3d center = Eigen::Vector3d::Zero();
-  Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
-  double radius_m = 0.0;
-  int edge = -1;  // index into ObjectModel::edges
-};
-
-// The circles and circular arcs among the edges.
-std::vector<ModelCircle> CirclesOf(const ObjectModel& model);
 
 // Weak perspective about the arc's centre: minor / major is the cosine of the angle between the
 // circle's normal and the ray, and the minor axis lies along the normal's image. The centre's image

@@ -85,6 +85,46 @@ TEST_F(FindAspects, EachPartIsFirstAtItsPose) {
   }
 }
 
+// Neither fragments nor pairs.
+FindAspectOptions WithoutContours() {
+  FindAspectOptions options;
+  options.votes.min_fragment_px = 1e6;
+  options.votes.max_pairs = 0;
+  return options;
+}
+
+TEST_F(FindAspects, ClosedOutlinesAloneFindAPart) {
+  for (int part = 0; part < 3; ++part) {
+    const AspectImage image = MakeAspectImage(Photo(part, Pose()));
+    const AspectFindings found = FindAspectHypotheses(image, *index_, WithoutContours());
+    EXPECT_EQ(found.votes.fragments + found.votes.pairs + found.votes.ellipses, 0);
+    EXPECT_GE(found.votes.outlines, 1) << part;
+    EXPECT_GT(found.votes.outline_matches, 0) << part;
+    ASSERT_FALSE(found.hypotheses.empty()) << part;
+    EXPECT_EQ(found.hypotheses[0].object, part);
+    EXPECT_LT(ErrorPx(found.hypotheses[0], Pose()), part == 2 ? 12.0 : 4.0) << part;
+  }
+}
+
+TEST_F(FindAspects, EllipsesOfARimAloneFindAPart) {
+  std::vector<AspectModel> models = list_;
+  for (const double end : {0.035, -0.035})
+    models[2].rims.push_back({{0, 0, end}, Eigen::Vector3d::UnitZ(), 0.02, 0});
+  const auto index = BuildFragmentIndex(models);
+  ASSERT_TRUE(index.ok());
+  ASSERT_FALSE(index->ellipses.empty());
+  FindAspectOptions options = WithoutContours();
+  options.votes.outline_radius = 0.0;
+  const AspectImage image = MakeAspectImage(Photo(2, Pose()));
+  const AspectFindings found = FindAspectHypotheses(image, *index, options);
+  EXPECT_GE(found.votes.ellipses, 1);
+  EXPECT_EQ(found.votes.outline_matches, 0);
+  EXPECT_GT(found.votes.ellipse_matches, 0);
+  ASSERT_FALSE(found.hypotheses.empty());
+  EXPECT_EQ(found.hypotheses[0].object, 2);
+  EXPECT_LT(ErrorPx(found.hypotheses[0], Pose()), 12.0);
+}
+
 TEST_F(FindAspects, AKnownCameraIsKept) {
   const PinholeCamera camera = Camera();
   const AspectFindings found =
