@@ -36,8 +36,8 @@ struct AspectVoteOptions {
   // Closed outlines of what stands alone (outline_shape.h) and ellipses: keys of outlines that
   // differ by less are alike, and so are ellipses by their ratio of axes.
   double outline_radius = 0.07;
-  int max_outline_matches = 300;  // of one outline that are tested, those that fit best
-  double ellipse_ratio = 0.06;
+  int max_outline_matches = 300;   // of one outline that are tested, those that fit best
+  double ellipse_ratio = 0.1;      // views are 10 degrees apart
   int max_ellipse_matches = 2000;  // of one ellipse that are tested, spread over all
   double min_size_share = 0.06;    // of the image's width: diameter of the smallest part sought
   double max_size_share = 1.6;
