@@ -33,7 +33,7 @@ struct FindAspectOptions {
   int fine_per_object = 6;  // ... in a fine one; also the most hypotheses of a part
   double fine_render_px = 200.0;
   // Coarse poses that score less than this share of the image's best are not refined finely.
-  double fine_share = 0.45;
+  double fine_share = 0.3;
   double min_score = 0.05;  // hypotheses below are dropped
   int threads = 1;
 };

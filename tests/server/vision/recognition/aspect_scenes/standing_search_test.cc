@@ -268,7 +268,7 @@ TEST_F(StandingSearch, APartIsSweptForWhereOtherViewsExpectIt) {
   const std::vector<AspectImage> images = Images({AngleThere()});
   const auto views = Views();
   AspectExpectation expected;
-  expected.part = kAngle;
+  expected.model = kAngle;
   expected.rotations = {
       (views[0]->camera_from_scene.R * AngleThere().scene_from_object.R).cast<float>()};
   const double size = 700.0 * list_[kAngle].object->mesh.diameter_m / 0.36;
