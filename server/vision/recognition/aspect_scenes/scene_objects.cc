@@ -30,6 +30,10 @@ constexpr double kFairPlaneScore = 0.38;  // as kPlaneScore, in the end, where n
 // 38de6ec, the scenes of ADR 41.
 constexpr double kAgreeingSurface = 0.4;
 constexpr double kDisagreement = 0.12;
+// Of the first round's search: a candidate that was as near to one that was refused settles as that
+// did. And by how much less than min_quick is a refusal whatever else hides of it; both chosen.
+constexpr double kSameQuestionPx = 3.0;
+constexpr double kClearly = 0.1;
 constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
 
 }  // namespace
@@ -175,7 +179,41 @@ bool SceneObjects::IsFree(const std::vector<std::optional<AspectSceneView>>& vie
   });
 }
 
+SceneObjects::Refused SceneObjects::InViews(
+    const std::vector<std::optional<AspectSceneView>>& views,
+    const AspectSceneObject& placed) const {
+  Refused out{placed.object, std::vector<std::optional<Rigid3>>(views.size())};
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (views[v])
+      out.camera_from_object[v] = views[v]->camera_from_scene * placed.scene_from_object;
+  }
+  return out;
+}
+
+bool SceneObjects::WasRefused(const std::vector<std::optional<AspectSceneView>>& views,
+                              const Refused& asked) const {
+  AspectModel told_apart;
+  told_apart.object = in_.models[asked.object].object;
+  return std::any_of(refused_.begin(), refused_.end(), [&](const Refused& other) {
+    if (other.object != asked.object) return false;
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      const auto& a = asked.camera_from_object[v];
+      const auto& b = other.camera_from_object[v];
+      if (a.has_value() != b.has_value()) return false;
+      if (a &&
+          PoseDistancePx(told_apart, views[v]->camera, *a, views[v]->camera, *b) > kSameQuestionPx)
+        return false;
+    }
+    return true;
+  });
+}
+
 void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const {
+  std::erase_if(candidates, [&](const AspectSceneObject& c) {
+    return WasRefused(scene->views, InViews(scene->views, c));
+  });
+  if (candidates.empty()) return;
+  const std::vector<AspectSceneObject> asked = candidates;
   std::vector<LinkedObject> there(scene->objects.size());
   ParallelFor(static_cast<int>(there.size()), options_.threads, [&](int i) {
     there[i] = JudgeOne(scene->views, scene->objects[i]);
@@ -197,6 +235,10 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene*
     judged[i].lies =
         LiesOn(planes, candidates[i].scene_from_object, in_.models[candidates[i].object]);
   });
+  for (std::size_t i = 0; i < judged.size() && !IsStopRequested(stop_); ++i) {
+    if (Value(judged[i]) < options_.min_quick - kClearly)
+      refused_.push_back(InViews(scene->views, asked[i]));
+  }
   std::vector<int> order(judged.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) {

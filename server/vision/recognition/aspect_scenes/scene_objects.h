@@ -53,7 +53,8 @@ class SceneObjects {
   bool IsFree(const std::vector<std::optional<AspectSceneView>>& views,
               const std::vector<AspectSceneObject>& taken,
               const AspectSceneObject& o) const;
-  // Candidates adjusted alone and added where the images bear them out and nothing else is.
+  // Candidates adjusted alone and added where the images bear them out and nothing else is. Those
+  // that were clearly refused at nearly the same places of the same views are not asked for again.
   void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const;
   // An object adjusted alone, cameras fixed; nothing when too few of its edges are there.
   std::optional<SettledObject> Settled(const std::vector<std::optional<AspectSceneView>>& views,
@@ -80,6 +81,16 @@ class SceneObjects {
                                         const std::vector<LinkedObject>& judged,
                                         double least,
                                         int but = -1) const;
+  // What Place has clearly refused: where the views showed it.
+  struct Refused {
+    int object = -1;
+    std::vector<std::optional<Rigid3>> camera_from_object;
+  };
+  Refused InViews(const std::vector<std::optional<AspectSceneView>>& views,
+                  const AspectSceneObject& placed) const;
+  bool WasRefused(const std::vector<std::optional<AspectSceneView>>& views,
+                  const Refused& asked) const;
+
   SceneJudgementOptions Judging(double render_px) const;
   // Leaves out what explains too little; the frame goes to the best. Returns what is explained.
   double Keep(std::vector<LinkedObject> judged, AspectScene* scene) const;
@@ -89,6 +100,7 @@ class SceneObjects {
   const AspectLinkOptions& options_;
   const StopRequested& stop_;
   std::vector<const RenderMesh*> meshes_;
+  mutable std::vector<Refused> refused_;  // of Place alone, which runs on one thread
 };
 
 // An object's pose adjusted to the edges of all registered views, cameras fixed. render_px: see

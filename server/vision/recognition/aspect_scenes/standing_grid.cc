@@ -113,19 +113,18 @@ class FaceSearch {
     std::array<std::uint8_t, kBlock * kBlock> shown{}, refused{};
     const auto index = [&](int x, int y) { return (y - block.y0) * kBlock + x - block.x0; };
     const auto cell = [&](int x, int y) { return static_cast<std::size_t>(y) * grid_.columns + x; };
-    bool open = false;
+    int open = 0;
     for (int y = block.y0; y < block.y1; ++y) {
       for (int x = block.x0; x < block.x1; ++x) {
         refused[index(x, y)] = !grid_.open[cell(x, y)];
-        open = open || grid_.open[cell(x, y)];
+        open += grid_.open[cell(x, y)];
       }
     }
-    if (!open) return;
     const Eigen::Vector3d middle =
         PlaceOf(0.5 * (block.x0 + block.x1 - 1), 0.5 * (block.y0 + block.y1 - 1), yaw);
     const Eigen::Vector3d first = PlaceOf(block.x0, block.y0, yaw);
     const Eigen::Vector3d along_x = grid_.step * ground_.e1, along_y = grid_.step * ground_.e2;
-    for (std::size_t v = 0; v < looks.size(); ++v) {
+    for (std::size_t v = 0; v < looks.size() && open > 0; ++v) {
       MapPoints points;
       if (!OnMap(v, looks[v], middle, &points)) continue;
       for (int y = block.y0; y < block.y1; ++y) {
@@ -140,6 +139,7 @@ class FaceSearch {
           const double support = MapSupport(*ground_.images[v], points, moved);
           if (support < options_.min_first) {
             refused[i] = 1;
+            --open;
             continue;
           }
           sums[i] += support;
@@ -147,6 +147,7 @@ class FaceSearch {
         }
       }
     }
+    if (open == 0) return;
     for (int y = block.y0; y < block.y1; ++y) {
       for (int x = block.x0; x < block.x1; ++x) {
         const int i = index(x, y);

@@ -13,6 +13,8 @@ constexpr std::size_t kAllowed = 12;  // poses of a view; chosen, for time
 // What a view may lose in score by a turn. A box on stripes: 0.45 for the right turn's 0.59 in one
 // of five views, at most 0.02 the other way in the others. Commit 7ff717a, as all here.
 constexpr double kNearlyScore = 0.06;
+// ... and what a hypothesis' score may be below that before it is adjusted to the view's camera.
+constexpr double kHopelessScore = 0.2;
 // Surface and ground together (at most 2) of views that are not turned. Wrong turns had 0.3 - 1.1,
 // right ones in their place 1.8 - 1.9, and 0.9 of a part among others that were not known yet.
 constexpr double kAgreed = 1.5;
@@ -36,7 +38,7 @@ ViewTurns::ViewTurns(const AspectLinkInput& input,
                      const SceneObjects& objects)
     : in_(input), options_(options), links_(links), objects_(objects) {}
 
-std::vector<AllowedPose> ViewTurns::OthersIn(const LinkedScene& scene, int view) const {
+std::vector<AllowedPose> ViewTurns::OthersIn(const LinkedScene& scene, int view, double own) const {
   const LinkedObject& o = scene.objects.front();
   const AspectSceneView& seen = *scene.views[view];
   const Rigid3 scene_from_camera = seen.camera_from_scene.Inverse();
@@ -44,7 +46,7 @@ std::vector<AllowedPose> ViewTurns::OthersIn(const LinkedScene& scene, int view)
   links_.turns().AppendSpread(in_.models[o.object].near_turns, &turns);
   for (const Rigid3& turn : turns) placed.push_back(o.scene_from_object * turn);
   for (const AspectHypothesis& h : links_.Hypotheses(view)) {
-    if (h.object == o.object)
+    if (h.object == o.object && h.score >= own - kHopelessScore)
       placed.push_back(scene_from_camera *
                        WithFocal(h.camera_from_object, h.camera.focal_px, seen.camera.focal_px));
   }
@@ -85,7 +87,7 @@ std::vector<AllowedPose> ViewTurns::AllowedIn(const LinkedScene& scene, int view
     }
   };
   add({stated, own});
-  for (const AllowedPose& pose : OthersIn(scene, view)) {
+  for (const AllowedPose& pose : OthersIn(scene, view, own)) {
     if (out.size() >= kAllowed || pose.score < own - kNearlyScore) break;
     add(pose);
   }

@@ -30,8 +30,9 @@ class ViewTurns {
   // Poses of the object in a view that score there nearly what the stated one does, which comes
   // first.
   std::vector<AllowedPose> AllowedIn(const LinkedScene& scene, int view) const;
-  // Its near turns and the view's hypotheses of the same part, each adjusted to the view alone.
-  std::vector<AllowedPose> OthersIn(const LinkedScene& scene, int view) const;
+  // Its near turns and the view's hypotheses of the same part that score there about `own`, what
+  // the stated one does, or more; each adjusted to the view alone.
+  std::vector<AllowedPose> OthersIn(const LinkedScene& scene, int view, double own) const;
 
   const AspectLinkInput& in_;
   const AspectLinkOptions& options_;

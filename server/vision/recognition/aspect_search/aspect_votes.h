@@ -21,7 +21,7 @@ struct AspectVoteOptions {
   double min_step = 2.0;
   // Matches of one fragment that are tested, spread over what the index finds: common shapes match
   // tens of thousands, and come again in the lengths and starts beside them.
-  int max_matches = 1000;
+  int max_matches = 300;
   // Pieces that the image holds in more places than this, at one size and turn, are pattern.
   int max_repeats = 6;
   double key_rms_rad = 0.18;  // fragments whose keys differ by less are alike
@@ -30,7 +30,7 @@ struct AspectVoteOptions {
   double pair_opening_rad = 0.14;
   double pair_log_ratio = 0.2;  // up to this lengths agree
   int max_pairs = 300;          // of the image
-  int max_pair_matches = 6000;  // of one pair that are tested, those that agree before others
+  int max_pair_matches = 2000;  // of one pair that are tested, those that agree before others
   double min_arm_px = 12.0;
   double max_arm_offset_px = 1.8;  // SegmentPairOptions::max_offset of the image's
   // Closed outlines of what stands alone (outline_shape.h) and ellipses: keys of outlines that
@@ -43,9 +43,9 @@ struct AspectVoteOptions {
   double max_size_share = 1.6;
   double tau_share = 0.045;  // of the diameter: an edge farther away supports nothing
   double min_tau_px = 1.5;
-  // Least support (0..1) on 6 and 16 points as matched, and on all points after the climb. Raising
+  // Least support (0..1) on 8 and 16 points as matched, and on all points after the climb. Raising
   // them is faster and loses parts that are hidden or faint.
-  double min_support_6 = 0.36;
+  double min_support_8 = 0.40;
   double min_support_16 = 0.42;
   double min_support = 0.50;
   double rank_support = 0.45;  // rank = length (px) x ((support - chance) / (1 - chance) - this)

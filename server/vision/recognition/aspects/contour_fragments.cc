@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 namespace horopter {
@@ -232,6 +233,10 @@ FragmentKey UnpackKey(const PackedFragmentKey& packed) {
   FragmentKey key;
   for (int i = 0; i < kFragmentAngles; ++i) key[i] = packed[i] / kKeyScale;
   return key;
+}
+
+float MeanAngle(const FragmentKey& key) {
+  return std::accumulate(key.begin(), key.end(), 0.0f) / kFragmentAngles;
 }
 
 ContourFragment Reversed(const ContourFragment& fragment) {

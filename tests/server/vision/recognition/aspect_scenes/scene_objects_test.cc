@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <opencv2/core.hpp>
 #include <random>
+#include <vector>
 
 #include "tests/support/photo_scene.h"
 
@@ -63,6 +64,38 @@ TEST_P(SettledObjects, AreGivenUpWhereFewEdgesMeet) {
   EXPECT_FALSE(SettleInViews(images_, mesh, Views(), {0, away}, kRenderPx, 0.34))
       << "seed " << GetParam();
   EXPECT_TRUE(SettleInViews(images_, mesh, Views(), {0, away}, kRenderPx)) << GetParam();
+}
+
+// What was refused is not asked for again, but only in its place of the same views.
+TEST_P(SettledObjects, ARefusedPlaceIsAskedForAgainInOtherViewsAndKeepsNoOtherOut) {
+  std::mt19937 random(GetParam());
+  std::uniform_real_distribution<double> rad(0.0, 6.28);
+  const double at = rad(random);
+  Rigid3 away;
+  away.t = 0.05 * Eigen::Vector3d(std::cos(at), std::sin(at), 0.0);
+  const std::vector<AspectModel> models = {
+      {&block_->object, &block_->fragments, block_->model.symmetries}};
+  const std::vector<AspectViewPrior> priors(images_.size());
+  const std::vector<std::vector<AspectHypothesis>> hypotheses(images_.size());
+  const AspectLinkInput input{images_, priors, hypotheses, models};
+  const AspectLinkOptions options;
+  const StopRequested never;
+  const SceneObjects objects(input, options, never);
+  const auto placed = [&](const std::vector<AspectSceneObject>& candidates, double turned_rad) {
+    AspectScene scene;
+    scene.views = Views();
+    const Eigen::AngleAxisd turn(turned_rad, Eigen::Vector3d::UnitY());
+    for (auto& view : scene.views) {
+      view->camera_from_scene.R = turn * view->camera_from_scene.R;
+      view->camera_from_scene.t = turn * view->camera_from_scene.t;
+    }
+    objects.Place(candidates, &scene);
+    return scene.objects.size();
+  };
+  EXPECT_EQ(placed({{0, away}}, 0.0), 0u) << "seed " << GetParam();
+  EXPECT_EQ(placed({{0, away}}, 0.0), 0u) << "seed " << GetParam();
+  EXPECT_EQ(placed({{0, Rigid3{}}}, 0.12), 0u) << "seed " << GetParam();
+  EXPECT_EQ(placed({{0, away}, {0, Rigid3{}}}, 0.0), 1u) << "seed " << GetParam();
 }
 
 INSTANTIATE_TEST_SUITE_P(Seeds, SettledObjects, testing::Values(1u, 2u, 3u, 4u, 5u));
