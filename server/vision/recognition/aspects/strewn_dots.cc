@@ -8,9 +8,9 @@
 namespace horopter {
 namespace {
 
-constexpr int kSectors = 8;       // around a curve
-constexpr int kRays = 3;          // of a sector: what stands between two dots is seen by one
-constexpr float kOwnPx = 3.0f;    // from a curve on: its own edge is passed
+constexpr int kSectors = 8;     // around a curve
+constexpr int kRays = 3;        // of a sector: what stands between two dots is seen by one
+constexpr float kOwnPx = 3.0f;  // from a curve on: its own edge is passed
 constexpr float kFarthestPx = 60.0f;
 // Of the middle clearance; of so many sectors. Holes of a plate on spots (parts-dev, scene 16,
 // blurred) have three and more beyond 4 times, spots hardly any.
@@ -51,7 +51,8 @@ std::array<float, kSectors> Clearances(const PointRaster& raster,
     float& clearance = out[ray / kRays];
     for (float t = kOwnPx; t < clearance; t += 1.0f) {
       const Eigen::Vector2f at = middle + (from + t) * along;
-      const int x = static_cast<int>(std::lround(at.x())), y = static_cast<int>(std::lround(at.y()));
+      const int x = static_cast<int>(std::lround(at.x())),
+                y = static_cast<int>(std::lround(at.y()));
       const bool outside = x < 0 || y < 0 || x >= raster.width || y >= raster.height;
       if (outside || occupied[static_cast<std::size_t>(y) * raster.width + x]) clearance = t;
     }
