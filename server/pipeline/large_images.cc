@@ -9,18 +9,18 @@ namespace horopter {
 namespace {
 
 // Of the centre of a pixel: those of the larger image stand half a pixel about it.
-double Enlarged(double coordinate, int factor) {
+double Enlarged(double coordinate, double factor) {
   return (coordinate + 0.5) * factor - 0.5;
 }
-double Reduced(double coordinate, int factor) {
+double Reduced(double coordinate, double factor) {
   return (coordinate + 0.5) / factor - 0.5;
 }
 
-Eigen::Vector2d Enlarged(const Eigen::Vector2d& point, int factor) {
+Eigen::Vector2d Enlarged(const Eigen::Vector2d& point, double factor) {
   return {Enlarged(point.x(), factor), Enlarged(point.y(), factor)};
 }
 
-void Reduce(int factor, CameraHint* hint) {
+void Reduce(double factor, CameraHint* hint) {
   if (hint->focal_px) *hint->focal_px /= factor;
   if (hint->principal_point)
     hint->principal_point = Eigen::Vector2d(Reduced(hint->principal_point->x(), factor),
@@ -28,7 +28,7 @@ void Reduce(int factor, CameraHint* hint) {
   if (hint->principal_point_sigma_px) *hint->principal_point_sigma_px /= factor;
 }
 
-void Enlarge(int factor, const cv::Mat& image, PinholeCamera* camera) {
+void Enlarge(double factor, const cv::Mat& image, PinholeCamera* camera) {
   camera->width = image.cols;
   camera->height = image.rows;
   camera->focal_px *= factor;
@@ -36,7 +36,7 @@ void Enlarge(int factor, const cv::Mat& image, PinholeCamera* camera) {
   camera->cy = Enlarged(camera->cy, factor);
 }
 
-void Enlarge(int factor, EdgeReport* edges) {
+void Enlarge(double factor, EdgeReport* edges) {
   for (EdgeRun& run : edges->runs) {
     for (Eigen::Vector2d& point : run.points) point = Enlarged(point, factor);
   }
@@ -45,34 +45,40 @@ void Enlarge(int factor, EdgeReport* edges) {
   edges->hidden_px *= factor;
 }
 
-}  // namespace
-
-int ReductionOf(cv::Size image, int least_side_px) {
-  return least_side_px > 0 ? std::max(1, std::max(image.width, image.height) / least_side_px) : 1;
+cv::Mat Shrunk(const cv::Mat& image, int factor) {
+  const cv::Rect whole(0, 0, image.cols / factor * factor, image.rows / factor * factor);
+  return ShrinkInStrips(image(whole), factor);
 }
 
-SceneRequest ReducedRequest(const SceneRequest& request, const std::vector<int>& factors) {
+}  // namespace
+
+double ReductionOf(cv::Size image, int least_side_px, int small_side_px) {
+  const int side = std::max(image.width, image.height);
+  if (side < small_side_px && 3 * side >= 2 * small_side_px) return 0.5;
+  return least_side_px > 0 ? std::max(1, side / least_side_px) : 1;
+}
+
+SceneRequest ReducedRequest(const SceneRequest& request, const std::vector<double>& factors) {
   SceneRequest out = request;
   for (std::size_t i = 0; i < factors.size(); ++i) {
-    const int factor = factors[i];
+    const double factor = factors[i];
     if (factor == 1) continue;
     const cv::Mat& image = request.images[i];
-    const cv::Rect whole(0, 0, image.cols / factor * factor, image.rows / factor * factor);
-    out.images[i] = ShrinkInStrips(image(whole), factor);
+    out.images[i] = factor < 1.0 ? Doubled(image) : Shrunk(image, static_cast<int>(factor));
     if (!out.hints.empty()) Reduce(factor, &out.hints[i]);
   }
   return out;
 }
 
 void TellInOriginalPixels(const SceneRequest& original,
-                          const std::vector<int>& factors,
+                          const std::vector<double>& factors,
                           SceneAnswer* answer) {
   for (AnswerFinding& f : answer->findings) {
     if (f.kind == FindingKind::kExifContradicted)
       f = ContradictedFocal(f.image, f.value * factors[f.image]);
   }
   for (std::size_t i = 0; i < factors.size(); ++i) {
-    const int factor = factors[i];
+    const double factor = factors[i];
     if (factor == 1) continue;
     const cv::Mat& image = original.images[i];
     if (auto& camera = answer->cameras[i]) Enlarge(factor, image, &camera->camera);

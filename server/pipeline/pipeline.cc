@@ -292,18 +292,19 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   return result;
 }
 
-// The same, with large images made smaller. A station knows its cameras in their own pixels.
+// The same, with large images made smaller and small ones larger. A station knows its cameras in
+// their own pixels.
 absl::StatusOr<PipelineResult> RunReduced(const SceneRequest& request,
                                           const CatalogSnapshot& catalog,
                                           const PipelineOptions& options,
                                           const StopRequested& stop) {
   HOROPTER_RETURN_IF_ERROR(Validate(options));
   HOROPTER_RETURN_IF_ERROR(ValidateRequest(request));
-  std::vector<int> factors;
+  std::vector<double> factors;
   for (const cv::Mat& image : request.images)
-    factors.push_back(ReductionOf(image.size(), options.least_side_px));
+    factors.push_back(ReductionOf(image.size(), options.least_side_px, options.small_side_px));
   if (request.station ||
-      std::all_of(factors.begin(), factors.end(), [](int factor) { return factor == 1; }))
+      std::all_of(factors.begin(), factors.end(), [](double factor) { return factor == 1.0; }))
     return RunStages(request, catalog, options, stop);
   HOROPTER_ASSIGN_OR_RETURN(PipelineResult result,
                             RunStages(ReducedRequest(request, factors), catalog, options, stop));

@@ -9,6 +9,7 @@
 //     --least       least joint score of objects that are kept and said
 //     (AspectLinkOptions::min_joint)
 //     --standing    AspectLinkOptions::standing
+//     --max-width   AspectImageOptions::max_width_px
 //     --as-needed   views are searched for all parts only as linking asks for them, as in a
 //     request;
 //                   without: all are
@@ -46,6 +47,7 @@ struct Arguments {
   double bar = 0.0;
   double least = AspectLinkOptions{}.min_joint;
   int standing = AspectLinkOptions{}.standing;
+  AspectImageOptions image;
   bool as_needed = false;
   bool without_truth = false;
 };
@@ -319,7 +321,7 @@ absl::Status Run(const Arguments& arguments) {
     std::vector<AspectViewPrior> priors;
     std::vector<std::vector<AspectHypothesis>> hypotheses;
     for (const BopImage& view : scene.images) {
-      images.push_back(MakeAspectImage(cv::imread(view.path, cv::IMREAD_COLOR)));
+      images.push_back(MakeAspectImage(cv::imread(view.path, cv::IMREAD_COLOR), arguments.image));
       priors.push_back({NominalCamera(images.back()), kNominalFocalLogSigma});
       const std::string file =
           absl::StrFormat("%s/%d_%d.txt", arguments.hypotheses, scene.scene_id, view.im_id);
@@ -423,6 +425,7 @@ int main(int argc, char** argv) {
   app.add_option("--bar", arguments.bar);
   app.add_option("--least", arguments.least);
   app.add_option("--standing", arguments.standing);
+  app.add_option("--max-width", arguments.image.max_width_px);
   app.add_flag("--as-needed", arguments.as_needed);
   app.add_flag("--without-truth", arguments.without_truth);
   CLI11_PARSE(app, argc, argv);

@@ -127,4 +127,10 @@ cv::Mat EnlargeInStrips(const cv::Mat& image, int factor, cv::Size size) {
   return out;
 }
 
+cv::Mat Doubled(const cv::Mat& image) {
+  cv::Mat out;
+  cv::resize(image, out, {}, 2.0, 2.0, cv::INTER_CUBIC);
+  return out;
+}
+
 }  // namespace horopter

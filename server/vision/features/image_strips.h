@@ -41,6 +41,9 @@ cv::Mat ShrinkInStrips(const cv::Mat& image, int factor);
 // what is left is half at least. 1 where nothing divides it, and of images that are not large.
 int StripFactor(cv::Size image, double size);
 
+// As cv::resize, cubic, to twice the size: of small images, all in one.
+cv::Mat Doubled(const cv::Mat& image);
+
 // As cv::resize, linear, to `factor` times the size but for rows and columns that are too many for
 // `size`. Where its rows are no multiple of the factor, all in one.
 cv::Mat EnlargeInStrips(const cv::Mat& image, int factor, cv::Size size);

@@ -15,6 +15,7 @@
 #include "server/vision/recognition/interpretation/answer.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/decision.h"
+#include "server/vision/recognition/interpretation/poor_views.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/interpretation/routes.h"
 #include "server/vision/recognition/interpretation/symmetric_views.h"
@@ -315,6 +316,7 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   dear.metric = dear.supporting_plane = false;
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result, ByRoutes(input, quick, context, work, log));
   AspectJudgement judged = JudgeAnswer(context, images, result, AspectOptionsOf(input));
+  LeaveOutPoorViews(judged, &result);
   const bool confirmed = judged.median >= acceptance.confirming_score;
   const bool enough = confirmed && Registered(result) == static_cast<int>(images.size());
   if (rich || IsStopRequested(context.give_up)) {
@@ -347,6 +349,7 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
     HOROPTER_ASSIGN_OR_RETURN(result, ByRoutes(input, dear, context, work, log));
     if (result.objects.empty()) CopyUnasked(result, &aspects);
     judged = JudgeAnswer(context, images, result, AspectOptionsOf(input));
+    LeaveOutPoorViews(judged, &result);
   }
   RefuseContradicted(judged, acceptance.contradicting_score, log, &result);
   if (explains_more) return SumOfLogOdds(result) > SumOfLogOdds(aspects) ? result : aspects;

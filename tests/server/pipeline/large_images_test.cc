@@ -26,6 +26,10 @@ TEST(LargeImages, AreReducedByWholeNumbersWhileEnoughStays) {
   EXPECT_EQ(ReductionOf({4000, 3000}, 1280), 3);
   EXPECT_EQ(ReductionOf({3024, 4032}, 1280), 3);
   EXPECT_EQ(ReductionOf({4000, 3000}, 0), 1);
+  EXPECT_EQ(ReductionOf({448, 336}, 1280, 448), 1);
+  EXPECT_EQ(ReductionOf({336, 447}, 1280, 448), 0.5);
+  EXPECT_EQ(ReductionOf({250, 210}, 1280, 448), 1);
+  EXPECT_EQ(ReductionOf({320, 240}, 1280, 0), 1);
 }
 
 TEST(LargeImages, HintsGoDownAsCamerasComeBack) {
@@ -36,7 +40,7 @@ TEST(LargeImages, HintsGoDownAsCamerasComeBack) {
   hint.principal_point = Eigen::Vector2d(210.25, 149.5);
   hint.principal_point_sigma_px = 6.0;
   request.hints.assign(2, hint);
-  const std::vector<int> factors = {3, 1};
+  const std::vector<double> factors = {3, 1};
   const SceneRequest reduced = ReducedRequest(request, factors);
   EXPECT_EQ(reduced.images[0].size(), cv::Size(134, 100));
   EXPECT_EQ(reduced.images[1].size(), cv::Size(402, 301));
@@ -68,6 +72,28 @@ TEST(LargeImages, HintsGoDownAsCamerasComeBack) {
     EXPECT_LT((answer.unexplained_edges[v][0][0] - *hint.principal_point).norm(), 1e-9);
   }
   EXPECT_NEAR(answer.findings[0].value, 450.0, 1e-9);
+}
+
+TEST(LargeImages, SmallOnesAreAskedTwiceAsLarge) {
+  SceneRequest request;
+  request.images.assign(1, cv::Mat(241, 320, CV_8UC3, cv::Scalar(9, 9, 9)));
+  CameraHint hint;
+  hint.focal_px = 210.0;
+  hint.principal_point = Eigen::Vector2d(101.25, 72.5);
+  request.hints.assign(1, hint);
+  const SceneRequest asked = ReducedRequest(request, {0.5});
+  EXPECT_EQ(asked.images[0].size(), cv::Size(640, 482));
+  EXPECT_DOUBLE_EQ(*asked.hints[0].focal_px, 420.0);
+  SceneAnswer answer;
+  answer.cameras.resize(1);
+  answer.cameras[0].emplace();
+  answer.cameras[0]->camera = WithHint(CenteredCamera(640, 482, 1.0), asked.hints[0]);
+  TellInOriginalPixels(request, {0.5}, &answer);
+  const PinholeCamera& camera = answer.cameras[0]->camera;
+  EXPECT_EQ(camera.width, 320);
+  EXPECT_NEAR(camera.focal_px, 210.0, 1e-9);
+  EXPECT_NEAR(camera.cx, 101.25, 1e-9);
+  EXPECT_NEAR(camera.cy, 72.5, 1e-9);
 }
 
 TEST(LargeImages, AreAnsweredAsSmallOnes) {

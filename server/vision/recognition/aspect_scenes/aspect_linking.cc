@@ -21,7 +21,6 @@ namespace {
 constexpr int kCompleted = 3;        // drafts, of those that explain ...
 constexpr double kNearlyBest = 0.6;  // ... this share of what the best does
 constexpr int kRescues = 2;          // rounds in which doubtful views are looked at again
-constexpr double kPoorShare = 0.4;   // of what the middle view shows: left out in the end
 constexpr double kSureScore = 0.6;   // least of objects that are not searched again ...
 constexpr double kEvenShare =
     0.95;  // ... and what each view has of it; chosen on 3 scenes, commit c5fb384

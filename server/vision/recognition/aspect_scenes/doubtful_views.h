@@ -8,6 +8,9 @@
 
 namespace horopter {
 
+// Of what the middle view shows: views that show less are left out in the end.
+inline constexpr double kPoorShare = 0.4;
+
 // Views that show less than `share` of what the middle view shows of the objects, or another
 // surface than most do: of three and more.
 std::vector<bool> PoorViews(const LinkedScene& scene, double share);

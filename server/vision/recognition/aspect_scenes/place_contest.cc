@@ -24,16 +24,30 @@ PlaceContest::PlaceContest(const AspectLinkInput& input,
                            const SceneObjects& objects)
     : in_(input), options_(options), links_(links), objects_(objects) {}
 
+PlaceContest::Hiding PlaceContest::HidingOf(const LinkedScene& scene,
+                                            const SceneLayers& layers,
+                                            std::size_t object) {
+  Hiding out;
+  for (std::size_t other = 0; other < layers.size(); ++other) {
+    if (scene.objects[other].score > scene.objects[object].score) out.push_back(&layers[other]);
+  }
+  return out;
+}
+
 bool PlaceContest::ChooseTurns(LinkedScene* scene) const {
   bool turned = false;
-  for (LinkedObject& o : scene->objects) {
+  const SceneLayers layers = objects_.HidingLayers(*scene);
+  for (std::size_t i = 0; i < scene->objects.size(); ++i) {
+    LinkedObject& o = scene->objects[i];
     std::vector<Rigid3> turns;
     links_.turns().AppendSpread(in_.models[o.object].near_turns, &turns);
     if (turns.empty()) continue;
     turns.insert(turns.begin(), Rigid3{});
+    const Hiding hiding = HidingOf(*scene, layers, i);
     std::vector<double> scores(turns.size());
     ParallelFor(static_cast<int>(turns.size()), options_.threads, [&](int t) {
-      scores[t] = objects_.JudgeOne(scene->views, {o.object, o.scene_from_object * turns[t]}).score;
+      scores[t] =
+          objects_.JudgeOne(scene->views, {o.object, o.scene_from_object * turns[t]}, hiding).score;
     });
     const auto best = std::max_element(scores.begin(), scores.end());
     if (*best < scores.front() + kTurnedScore) continue;
@@ -55,23 +69,29 @@ bool PlaceContest::IsAccepted(const LinkedScene& scene,
 }
 
 std::vector<PlaceContest::Rated> PlaceContest::Settled(
-    const LinkedScene& scene, const std::vector<AspectSceneObject>& candidates) const {
+    const LinkedScene& scene,
+    const std::vector<AspectSceneObject>& candidates,
+    const Hiding& hiding) const {
   std::vector<Rated> out(candidates.size());
   ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
     auto settled = objects_.Settled(scene.views, candidates[i]);
     if (!settled) return;
     out[i] = {settled->placed,
-              objects_.JudgeOne(scene.views, settled->placed, {}, settled->rendered).score};
+              objects_.JudgeOne(scene.views, settled->placed, hiding, settled->rendered).score};
   });
   return out;
 }
 
 bool PlaceContest::Contest(LinkedScene* scene) const {
   bool replaced = false;
-  for (LinkedObject& o : scene->objects) {
-    const std::vector<Rated> others = Settled(*scene, BetterInOneView(*scene, o));
+  const SceneLayers layers = objects_.HidingLayers(*scene);
+  for (std::size_t i = 0; i < scene->objects.size(); ++i) {
+    LinkedObject& o = scene->objects[i];
+    const Hiding hiding = HidingOf(*scene, layers, i);
+    const std::vector<Rated> others = Settled(*scene, BetterInOneView(*scene, o), hiding);
     if (others.empty()) continue;
-    const double own = objects_.JudgeOne(scene->views, {o.object, o.scene_from_object}).score;
+    const double own =
+        objects_.JudgeOne(scene->views, {o.object, o.scene_from_object}, hiding).score;
     const auto best = std::max_element(others.begin(), others.end(), IsWorse);
     if (best->score < own + kReplacingScore) continue;
     o.object = best->placed.object;

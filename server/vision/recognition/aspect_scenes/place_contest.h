@@ -31,10 +31,16 @@ class PlaceContest {
     AspectSceneObject placed;
     double score = 0.0;  // in all views; 0: too few of its edges are there
   };
+  // What hides an object: layers of others, in all views.
+  using Hiding = std::vector<const std::vector<ObjectLayer>*>;
+  // Of those of a scene's objects, what stands before one of them: what scores more. The rivals for
+  // its place are hidden by the same.
+  static Hiding HidingOf(const LinkedScene& scene, const SceneLayers& layers, std::size_t object);
   static bool IsWorse(const Rated& a, const Rated& b) { return a.score < b.score; }
   // Candidates adjusted to all views and judged there, in their order.
   std::vector<Rated> Settled(const LinkedScene& scene,
-                             const std::vector<AspectSceneObject>& candidates) const;
+                             const std::vector<AspectSceneObject>& candidates,
+                             const Hiding& hiding = {}) const;
   const RenderMesh& MeshOf(int object) const { return in_.models[object].object->mesh; }
   // Whether the scene has this object in this place.
   bool IsAccepted(const LinkedScene& scene, int object, const Eigen::Vector3d& center) const;

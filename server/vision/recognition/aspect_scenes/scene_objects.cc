@@ -156,6 +156,16 @@ Eigen::Vector3d SceneObjects::CenterOf(const AspectSceneObject& o) const {
   return o.scene_from_object * meshes_[o.object]->center.cast<double>();
 }
 
+SceneLayers SceneObjects::HidingLayers(const LinkedScene& scene) const {
+  AspectScene placed;
+  placed.views = scene.views;
+  for (const LinkedObject& o : scene.objects)
+    placed.objects.push_back({o.object, o.scene_from_object});
+  SceneJudgementOptions judging = Judging(options_.quick_render_px);
+  judging.threads = options_.threads;
+  return MakeSceneLayers(in_.images, meshes_, placed, scene.objects, judging);
+}
+
 bool SceneObjects::IsFree(const std::vector<std::optional<AspectSceneView>>& views,
                           const std::vector<AspectSceneObject>& taken,
                           const AspectSceneObject& o) const {

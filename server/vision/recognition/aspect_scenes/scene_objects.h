@@ -48,6 +48,8 @@ class SceneObjects {
                         const AspectSceneObject& placed,
                         std::span<const std::vector<ObjectLayer>* const> others = {},
                         std::span<PoseRendering> rendered = {}) const;
+  // What the objects of a judged scene that are believed to hide others show, [object][view].
+  SceneLayers HidingLayers(const LinkedScene& scene) const;
   // Whether no object of the scene is in this one's place: not in space, and not in the images of
   // all views, where wrong cameras may show one object as two.
   bool IsFree(const std::vector<std::optional<AspectSceneView>>& views,

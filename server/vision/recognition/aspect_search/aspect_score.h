@@ -89,8 +89,8 @@ double PresumedScore(double precision,
 
 // The camera is that of the original image. All zero when nothing of the part is visible. `others`
 // are parts that are known to be there: what they hide of this one is not asked for, image edges of
-// theirs need no explanation and support nothing; nor do edges that `siblings` show in the same places of the
-// part's surface: those are print, scratches or seams that CAD does not have.
+// theirs need no explanation and support nothing; nor do edges that `siblings` show in the same
+// places of the part's surface: those are print, scratches or seams that CAD does not have.
 AspectScore ScorePose(const AspectImage& image,
                       const RenderMesh& mesh,
                       const PinholeCamera& camera,

@@ -18,6 +18,7 @@ constexpr int kChannels = 5;  // B, G, R, R - G, (R + G) / 2 - B
 struct GradientField {
   int width = 0, height = 0;
   std::vector<float> gx, gy, squared;
+  std::vector<std::uint8_t> brightness;  // mean of B, G, R, smoothed
 };
 
 // B, G, R, R - G, (R + G) / 2 - B, smoothed. The differences are taken of smoothed channels, which
@@ -43,10 +44,16 @@ GradientField LargestGradient(const cv::Mat& bgr, const AspectImageOptions& opti
   field.gx.assign(cells, 0.0f);
   field.gy.assign(cells, 0.0f);
   field.squared.assign(cells, 0.0f);
+  field.brightness.assign(cells, 0);
   const auto channels = SmoothedChannels(bgr, options.sigma_px);
   ParallelFor(bgr.rows - 2, options.threads, [&](int row) {
     const int y = row + 1;
     const std::size_t base = static_cast<std::size_t>(y) * bgr.cols;
+    const float* plain[] = {
+        channels[0].ptr<float>(y), channels[1].ptr<float>(y), channels[2].ptr<float>(y)};
+    for (int x = 0; x < bgr.cols; ++x)
+      field.brightness[base + x] =
+          static_cast<std::uint8_t>((plain[0][x] + plain[1][x] + plain[2][x]) / 3.0f);
     for (const cv::Mat& channel : channels) {
       const float* above = channel.ptr<float>(y - 1);
       const float* here = channel.ptr<float>(y);
@@ -92,6 +99,35 @@ double NoiseLevel(const GradientField& field) {
   return everywhere > kTextured * smooth ? kScatter * smooth : everywhere;
 }
 
+// NoiseLevel, less where what is as bright has less of it: light comes in grains, and dark surfaces
+// have smaller ones. [brightness].
+std::array<float, 256> NoiseOfBrightness(const GradientField& field) {
+  constexpr int kBin = 16;               // grey levels
+  constexpr double kLeastShare = 0.004;  // of the image: what is as bright tells its noise
+  const float most = static_cast<float>(NoiseLevel(field));
+  std::array<std::vector<float>, 256 / kBin> squared;
+  std::size_t all = 0;
+  for (std::size_t i = 0; i < field.squared.size(); i += 7, ++all)
+    squared[field.brightness[i] / kBin].push_back(field.squared[i]);
+  std::array<float, 256 / kBin> of_bin;
+  for (std::size_t b = 0; b < squared.size(); ++b) {
+    const bool told =
+        static_cast<double>(squared[b].size()) >= kLeastShare * static_cast<double>(all);
+    of_bin[b] =
+        told ? std::min(most, static_cast<float>(std::sqrt(Quantile(0.25, &squared[b])))) : most;
+  }
+  std::array<float, 256> out;
+  for (int level = 0; level < 256; ++level) {
+    const float at =
+        std::clamp((static_cast<float>(level) + 0.5f) / kBin - 0.5f, 0.0f, 256.0f / kBin - 1.0f);
+    const int below = static_cast<int>(at);
+    const int above = std::min(below + 1, 256 / kBin - 1);
+    const float share = at - static_cast<float>(below);
+    out[level] = (1.0f - share) * of_bin[below] + share * of_bin[above];
+  }
+  return out;
+}
+
 // The edge point of a cell if its gradient is the largest along its direction.
 bool ThinnedPoint(const GradientField& field, int x, int y, ImageEdgePoint* out) {
   const std::size_t at = static_cast<std::size_t>(y) * field.width + x;
@@ -126,16 +162,19 @@ std::vector<ImageEdgePoint> DetectEdgePoints(const cv::Mat& bgr,
                                              const AspectImageOptions& options) {
   if (bgr.cols < 8 || bgr.rows < 8) return {};
   const GradientField field = LargestGradient(bgr, options);
-  const double noise = options.noise_factor * NoiseLevel(field);
-  const float low = static_cast<float>(std::max(options.low_threshold, noise));
-  const float high = static_cast<float>(
-      std::max(options.high_threshold, noise * options.high_threshold / options.low_threshold));
+  // Least strength of an edge, and of one point of its component, there.
+  const float high_per_low = static_cast<float>(options.high_threshold / options.low_threshold);
+  std::array<float, 256> low = NoiseOfBrightness(field);
+  for (float& of_level : low)
+    of_level = std::max(static_cast<float>(options.low_threshold),
+                        static_cast<float>(options.noise_factor) * of_level);
   std::vector<ImageEdgePoint> points;
   std::vector<std::int32_t> at(field.squared.size(), -1);
   for (int y = 2; y + 2 < bgr.rows; ++y) {
     for (int x = 2; x + 2 < bgr.cols; ++x) {
       const std::size_t cell = static_cast<std::size_t>(y) * bgr.cols + x;
-      if (field.squared[cell] < low * low) continue;
+      const float least = low[field.brightness[cell]];
+      if (field.squared[cell] < least * least) continue;
       ImageEdgePoint point;
       if (!ThinnedPoint(field, x, y, &point)) continue;
       at[cell] = static_cast<std::int32_t>(points.size());
@@ -155,7 +194,8 @@ std::vector<ImageEdgePoint> DetectEdgePoints(const cv::Mat& bgr,
     seen[first] = 1;
     bool strong = false;
     for (std::size_t i = 0; i < component.size(); ++i) {
-      strong = strong || points[component[i]].strength >= high;
+      strong = strong || points[component[i]].strength >=
+                             high_per_low * low[field.brightness[cell_of[component[i]]]];
       for (int dy = -1; dy <= 1; ++dy) {
         for (int dx = -1; dx <= 1; ++dx) {
           const std::int32_t next = at[cell_of[component[i]] + dy * bgr.cols + dx];

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "server/vision/recognition/aspects/dot_lattice.h"
+#include "server/vision/recognition/aspects/strewn_dots.h"
 
 namespace horopter {
 namespace {
@@ -339,8 +340,15 @@ void MarkDots(const PointRaster& raster,
     return rim.perimeter < options.min_dot_share * raster.width;
   });
   if (!CoverImage(dots.rims, raster, texture, options)) return;
+  std::vector<std::vector<Eigen::Vector2f>> curves;
   for (const Rim& rim : dots.rims) {
-    for (const Piece& side : rim.sides) Mark(raster, side, marked);
+    std::vector<Eigen::Vector2f>& curve = curves.emplace_back();
+    for (const Piece& side : rim.sides) curve.push_back(side.from);
+  }
+  const std::vector<char> strewn = AmongOthers(raster, texture, curves);
+  for (std::size_t i = 0; i < strewn.size(); ++i) {
+    if (!strewn[i]) continue;
+    for (const Piece& side : dots.rims[i].sides) Mark(raster, side, marked);
   }
 }
 

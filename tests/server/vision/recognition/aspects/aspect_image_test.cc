@@ -88,6 +88,32 @@ std::ptrdiff_t OnCircle(const AspectImage& image, const Eigen::Vector2f& center,
   });
 }
 
+TEST(AspectImage, EdgesOfDarkSurfacesAreMeasuredByTheNoiseThere) {
+  const std::uint64_t seed = 3;
+  SCOPED_TRACE(seed);
+  // A bright ground and a dark part with a darker face, under noise as of light.
+  cv::Mat image(480, 640, CV_32FC3, cv::Scalar::all(160));
+  cv::rectangle(image, cv::Rect(250, 180, 140, 120), cv::Scalar::all(32), cv::FILLED);
+  cv::rectangle(image, cv::Rect(320, 180, 70, 120), cv::Scalar::all(12), cv::FILLED);
+  cv::Mat grains(image.size(), CV_32FC3), deviation;
+  cv::RNG(seed).fill(grains, cv::RNG::NORMAL, 0.0, 1.0);
+  cv::sqrt(0.5 * image, deviation);
+  image += grains.mul(deviation);
+  image.convertTo(image, CV_8U);
+  const AspectImage found = MakeAspectImage(image);
+  int of_face = 0, of_outline = 0, others = 0;
+  for (const ImageEdgePoint& e : found.edges) {
+    const float x = e.point.x(), y = e.point.y();
+    const float outside = std::max(std::abs(x - 319.5f) - 70, std::abs(y - 239.5f) - 60);
+    const bool outline = std::abs(outside) < 4;
+    const bool face = std::abs(x - 319.5f) < 3 && std::abs(y - 239.5f) < 56;
+    ++(outline ? of_outline : face ? of_face : others);
+  }
+  EXPECT_GT(of_outline, 450);
+  EXPECT_GT(of_face, 80);
+  EXPECT_LT(others, 100);
+}
+
 TEST(AspectImage, OutlineOfASmoothPartOnTextureStays) {
   for (const int seed : {5, 6, 7}) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
