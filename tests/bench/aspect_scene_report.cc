@@ -316,8 +316,7 @@ absl::Status Run(const Arguments& arguments) {
     std::vector<AspectViewPrior> priors;
     std::vector<std::vector<AspectHypothesis>> hypotheses;
     for (const BopImage& view : scene.images) {
-      images.push_back(
-          MakeAspectImage(cv::imread(view.path, cv::IMREAD_COLOR), arguments.image));
+      images.push_back(MakeAspectImage(cv::imread(view.path, cv::IMREAD_COLOR), arguments.image));
       priors.push_back({NominalCamera(images.back()), kNominalFocalLogSigma});
       const std::string file =
           absl::StrFormat("%s/%d_%d.txt", arguments.hypotheses, scene.scene_id, view.im_id);
