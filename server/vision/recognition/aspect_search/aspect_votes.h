@@ -21,7 +21,7 @@ struct AspectVoteOptions {
   double min_step = 2.0;
   // Matches of one fragment that are tested, spread over what the index finds: common shapes match
   // tens of thousands, and come again in the lengths and starts beside them.
-  int max_matches = 300;
+  int max_matches = 1000;
   // Pieces that the image holds in more places than this, at one size and turn, are pattern.
   int max_repeats = 6;
   double key_rms_rad = 0.18;  // fragments whose keys differ by less are alike
@@ -30,7 +30,7 @@ struct AspectVoteOptions {
   double pair_opening_rad = 0.14;
   double pair_log_ratio = 0.2;  // up to this lengths agree
   int max_pairs = 300;          // of the image
-  int max_pair_matches = 2000;  // of one pair that are tested, those that agree before others
+  int max_pair_matches = 6000;  // of one pair that are tested, those that agree before others
   double min_arm_px = 12.0;
   double max_arm_offset_px = 1.8;  // SegmentPairOptions::max_offset of the image's
   // Closed outlines of what stands alone (outline_shape.h) and ellipses: keys of outlines that
