@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <span>
 
 #include "server/base/parallel_for.h"
 
@@ -15,12 +14,8 @@ constexpr double kVoteSearchShare = 0.05;  // of the size: edges looked for arou
 // Of the size: poses nearer than this are one. Turns of a surface of revolution are listed every 10
 // degrees, which leaves 0.043.
 constexpr double kSameShare = 0.045;
-// Of an aspect, and Gauss-Newton iterations: all votes are refined roughly, then so many times
-// those that are rendered once more, in a narrower search; chosen, for time.
-constexpr int kRoughPoints = 48, kVotePoints = 120;
-constexpr int kRoughIterations = 4, kVoteIterations = 4;
-constexpr std::size_t kRoughShare = 3;
-constexpr double kAgainShare = 0.6;
+constexpr int kVotePoints = 120;    // of an aspect, for the first refinement
+constexpr int kVoteIterations = 6;  // Gauss-Newton; chosen, for time
 constexpr int kCoarsePoints = 160;  // for the second refinement; chosen, for time
 constexpr double kCoarseSearchShare = 0.03, kFineSearchShare = 0.015;  // of the size; chosen
 constexpr double kCoarseSearchPx[] = {6.0, 14.0}, kFineSearchPx[] = {4.0, 8.0};  // least, most
@@ -96,29 +91,33 @@ class Finder {
     working_ = WorkingCamera(image, camera_);
   }
 
-  // The best votes of a part, refined on the points of their aspects; ranked by supported length.
-  // All are refined roughly, those that this ranks first once more.
+  // All votes of a part, refined on the points of their aspects; ranked by supported length.
   std::vector<Candidate> FromVotes(int model, const std::vector<AspectVote>& votes) const {
-    std::vector<VoteCandidate> rough;
+    std::vector<Candidate> out;
     int aspect = -1;
     std::vector<ModelEdgePoint> points;
     for (const AspectVote& vote : votes) {
       if (IsStopRequested(stop_)) break;
-      if (vote.aspect != aspect) points = PointsOf(aspect = vote.aspect, kRoughPoints);
-      Candidate start{model, camera_, PoseOfVote(vote, index_, working_), 0.0, {}};
-      rough.push_back({&vote, Refined(vote, points, start, kRoughIterations, 1.0)});
-    }
-    std::stable_sort(
-        rough.begin(), rough.end(), [](const VoteCandidate& a, const VoteCandidate& b) {
-          return a.refined.rank > b.refined.rank;
-        });
-    const std::size_t most = kRoughShare * std::max(1, options_.coarse_per_object);
-    if (rough.size() > most) rough.resize(most);
-    std::vector<Candidate> out;
-    for (const VoteCandidate& c : rough) {
-      if (IsStopRequested(stop_)) break;
-      points = PointsOf(c.vote->aspect, kVotePoints);
-      out.push_back(Refined(*c.vote, points, c.refined, kVoteIterations, kAgainShare));
+      if (vote.aspect != aspect) {
+        aspect = vote.aspect;
+        points = PointsOf(aspect);
+      }
+      PoseEdgeOptions refine;
+      refine.iterations = kVoteIterations;
+      refine.search_px = std::clamp(kVoteSearchShare * vote.size_px, 4.0, 24.0);
+      const Rigid3 pose = PoseOfVote(vote, index_, working_);
+      const RefinedAspect refined =
+          RefinePose(image_,
+                     points,
+                     index_.models[model].object->mesh.center.cast<double>(),
+                     camera_,
+                     pose,
+                     refine);
+      Candidate c{model, refined.camera, refined.camera_from_object, 0.0, {}};
+      c.rank = index_.aspects[vote.aspect].edge_length * vote.size_px *
+               (PointSupport(image_, points, c.camera, c.pose, options_.votes.free_chance) -
+                options_.votes.rank_support);
+      out.push_back(c);
     }
     return Distinct(std::move(out), index_.models[model], options_.coarse_per_object);
   }
@@ -146,40 +145,11 @@ class Finder {
   }
 
  private:
-  struct VoteCandidate {
-    const AspectVote* vote;
-    Candidate refined;
-  };
-
-  // `search_share`: of the usual search for edges.
-  Candidate Refined(const AspectVote& vote,
-                    std::span<const ModelEdgePoint> points,
-                    const Candidate& start,
-                    int iterations,
-                    double search_share) const {
-    PoseEdgeOptions refine;
-    refine.iterations = iterations;
-    refine.search_px =
-        std::clamp(search_share * kVoteSearchShare * vote.size_px, 4.0, search_share * 24.0);
-    const RefinedAspect refined =
-        RefinePose(image_,
-                   points,
-                   index_.models[start.model].object->mesh.center.cast<double>(),
-                   start.camera,
-                   start.pose,
-                   refine);
-    Candidate c{start.model, refined.camera, refined.camera_from_object, 0.0, {}};
-    c.rank = index_.aspects[vote.aspect].edge_length * vote.size_px *
-             (PointSupport(image_, points, c.camera, c.pose, options_.votes.free_chance) -
-              options_.votes.rank_support);
-    return c;
-  }
-
-  std::vector<ModelEdgePoint> PointsOf(int aspect, int most) const {
+  std::vector<ModelEdgePoint> PointsOf(int aspect) const {
     const IndexedAspect& a = index_.aspects[aspect];
     std::vector<ModelEdgePoint> points;
     for (const AspectPoint& p : AspectPoints(index_.models[a.model].object->aspects, a.aspect)) {
-      if (static_cast<int>(points.size()) >= most) break;
+      if (static_cast<int>(points.size()) >= kVotePoints) break;
       points.push_back({p.point, p.direction, 1.0f});
     }
     return points;
