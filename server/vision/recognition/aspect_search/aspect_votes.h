@@ -45,7 +45,7 @@ struct AspectVoteOptions {
   double min_tau_px = 1.5;
   // Least support (0..1) on 8 and 16 points as matched, and on all points after the climb. Raising
   // them is faster and loses parts that are hidden or faint.
-  double min_support_8 = 0.40;
+  double min_support_8 = 0.36;
   double min_support_16 = 0.42;
   double min_support = 0.50;
   double rank_support = 0.45;  // rank = length (px) x ((support - chance) / (1 - chance) - this)
