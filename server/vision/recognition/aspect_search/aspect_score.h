@@ -64,7 +64,7 @@ struct AspectScore {
   double support_px = 0.0;  // supported visible edge, working pixels
   double visible_px = 0.0;  // visible edge that no other part hides, working pixels
   double hidden_px = 0.0;   // ... that other parts hide
-  double claimed_px = 0.0;  // ... found where another part has an edge of this direction: its own
+  double claimed_px = 0.0;  // ... found where another part has a like-directed edge
   double score = 0.0;
   // Of the edge strength on its surface that is not its own, what siblings show in the same places;
   // 0 without siblings.
