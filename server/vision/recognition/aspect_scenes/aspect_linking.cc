@@ -76,8 +76,10 @@ class Linker {
       Rescue(&best);
     }
     AgreeOnFocal(&best);
-    if (!best.objects.empty()) DropPoorViews(&best);
+    // Views that disagree on the surface may only be turned.
+    if (!best.objects.empty()) DropViews(PoorInScore(best, kPoorShare), &best);
     TurnViews(&best);
+    if (!best.objects.empty()) DropViews(PoorViews(best, kPoorShare), &best);
     LinkedScene other = best;
     const bool contested = contest_.Contest(&other);
     if (contest_.ChooseTurns(&other) || contested) {
@@ -316,8 +318,7 @@ class Linker {
   }
 
   // A view that stays poor has a wrong camera: better none. The rest is adjusted without it.
-  void DropPoorViews(LinkedScene* scene) const {
-    const std::vector<bool> poor = PoorViews(*scene, kPoorShare);
+  void DropViews(const std::vector<bool>& poor, LinkedScene* scene) const {
     if (std::none_of(poor.begin(), poor.end(), [](bool p) { return p; })) return;
     AspectScene rest = SceneOf(*scene);
     for (std::size_t v = 0; v < poor.size(); ++v) {

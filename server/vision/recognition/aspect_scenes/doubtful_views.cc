@@ -38,7 +38,7 @@ bool IsContradicted(const LinkedScene& scene,
 
 }  // namespace
 
-std::vector<bool> PoorViews(const LinkedScene& scene, double share) {
+std::vector<bool> PoorInScore(const LinkedScene& scene, double share) {
   std::vector<bool> poor(scene.views.size(), false);
   if (scene.registered() < 3) return poor;
   std::vector<double> shows;
@@ -52,8 +52,15 @@ std::vector<bool> PoorViews(const LinkedScene& scene, double share) {
   const auto middle = shows.begin() + static_cast<std::ptrdiff_t>(shows.size() / 2);
   std::nth_element(shows.begin(), middle, shows.end());
   for (std::size_t v = 0; v < scene.views.size(); ++v)
-    poor[v] = scene.views[v].has_value() &&
-              (of_view[v] < share * *middle || scene.agreement.IsOdd(static_cast<int>(v)));
+    poor[v] = scene.views[v].has_value() && of_view[v] < share * *middle;
+  return poor;
+}
+
+std::vector<bool> PoorViews(const LinkedScene& scene, double share) {
+  std::vector<bool> poor = PoorInScore(scene, share);
+  if (scene.registered() < 3) return poor;
+  for (std::size_t v = 0; v < scene.views.size(); ++v)
+    poor[v] = poor[v] || (scene.views[v] && scene.agreement.IsOdd(static_cast<int>(v)));
   return poor;
 }
 
