@@ -75,7 +75,7 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"outline_radius", &o.find.votes.outline_radius},
       {"ellipse_ratio", &o.find.votes.ellipse_ratio},
       {"tau_share", &o.find.votes.tau_share},
-      {"min_support_8", &o.find.votes.min_support_8},
+      {"min_support_6", &o.find.votes.min_support_6},
       {"min_support_16", &o.find.votes.min_support_16},
       {"min_support", &o.find.votes.min_support},
       {"free_chance", &o.find.votes.free_chance},

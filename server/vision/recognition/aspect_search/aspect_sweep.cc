@@ -12,6 +12,7 @@
 namespace horopter {
 namespace {
 
+constexpr int kFirst = 6;   // points that refuse a place; chosen, for time
 constexpr int kClimbs = 3;  // rounds, each with half the steps and tolerance
 
 struct Found {
@@ -94,18 +95,18 @@ class Sweep {
 
  private:
   void PlacesOf(int aspect, Similarity s, std::vector<Found>* out) const {
-    const FirstVotePoints& points = index_.first_points[static_cast<std::size_t>(aspect)];
+    const PackedVotePoint* points =
+        index_.first_points.data() + static_cast<std::size_t>(aspect) * kFirstVotePoints;
     const int tau8 = Tau8(static_cast<float>(options_.tau_share), s.size);
     const CoarseMap& map = maps_.For(tau8);
     const float step = static_cast<float>(options_.place_share) * s.size;
-    const float least_eight =
-        static_cast<float>(options_.min_support_8) * static_cast<float>(tau8 * kVoteBatch);
     for (s.y = 0.5f * step; s.y < static_cast<float>(image_.height); s.y += step) {
       for (s.x = 0.5f * step; s.x < static_cast<float>(image_.width); s.x += step) {
-        const int eight = map.Supports(points, 0, s, tau8);
-        if (static_cast<float>(eight) < least_eight) continue;
-        const float sixteen = static_cast<float>(eight + map.Supports(points, 1, s, tau8)) /
-                              static_cast<float>(tau8 * kFirstVotePoints);
+        const float six = map.Support(points, 0, kFirst, s, tau8);
+        if (six < options_.min_support_6) continue;
+        const float rest = map.Support(points, kFirst, kFirstVotePoints, s, tau8);
+        const float sixteen =
+            (kFirst * six + (kFirstVotePoints - kFirst) * rest) / kFirstVotePoints;
         if (sixteen < options_.min_support_16) continue;
         // Where anything is supported, thousands of places are: those that say more come first.
         const VotePoint* fine = index_.points.data() + index_.aspects[aspect].first_point;

@@ -24,7 +24,7 @@ struct AspectSweepOptions {
   double size_step = 1.15;
   double place_share = 0.11;  // of the size: between places
   double tau_share = 0.10;    // of the size: an edge farther away supports nothing at first
-  double min_support_8 = 0.5, min_support_16 = 0.5;
+  double min_support_6 = 0.5, min_support_16 = 0.5;
   int climbed = 4000;  // of an expectation
 };
 

@@ -17,8 +17,7 @@ namespace horopter {
 namespace {
 
 constexpr float kPi = std::numbers::pi_v<float>;
-constexpr int kFirstPoints = kVoteBatch,
-              kSecondPoints = kFirstVotePoints;  // looked at in two steps
+constexpr int kFirstPoints = 6, kSecondPoints = kFirstVotePoints;  // looked at in two steps
 constexpr int kShares = 16;  // of the image's fragments, so that threads do not matter
 constexpr float kSeenShare =
     0.03f;  // similarities this near, as a share of the size, are tested once
@@ -30,16 +29,6 @@ constexpr int kOutlineTurns = 4;                // of an outline that is nearly 
 constexpr float kRoundRatio = 0.96f;            // of an ellipse's axes: beyond it has no direction
 constexpr int kRoundTurns = 12;                 // that are tried of such a one
 constexpr float kPlaceRadius = 0.25f;  // of the size: centres nearer than this are in one place
-
-// Of size and turn (rad), tried in this order.
-const std::array<Similarity, 8> kClimbSteps = {MakeSimilarity(1.08f, 0.0f),
-                                               MakeSimilarity(0.926f, 0.0f),
-                                               MakeSimilarity(1.0f, 0.07f),
-                                               MakeSimilarity(1.0f, -0.07f),
-                                               MakeSimilarity(1.04f, 0.0f),
-                                               MakeSimilarity(0.962f, 0.0f),
-                                               MakeSimilarity(1.0f, 0.035f),
-                                               MakeSimilarity(1.0f, -0.035f)};
 
 class Share {
  public:
@@ -56,8 +45,6 @@ class Share {
   void Vote(const ContourFragment& fragment) {
     ++counts_.fragments;
     for (const ContourFragment& way : {fragment, Reversed(fragment)}) {
-      const float turn = way.chord_rad + MeanAngle(way.key);
-      const Similarity image_side = MakeSimilarity(way.spread, turn);
       found_.clear();
       index_.Find(way.key,
                   static_cast<float>(options_.key_rms_rad) * std::sqrt(float{kFragmentAngles}),
@@ -71,7 +58,8 @@ class Share {
       const std::size_t stride =
           1 + found_.size() / static_cast<std::size_t>(std::max(1, options_.max_matches));
       for (std::size_t i = counts_.fragments % stride; i < found_.size(); i += stride) {
-        Test(way, image_side, index_.fragments[found_[i]]);
+        const std::uint32_t f = found_[i];
+        Test(way, index_.fragments[f], index_.keys[f]);
       }
     }
   }
@@ -167,18 +155,19 @@ class Share {
   }
 
   // Scale and turn by least squares over directions and spreads, place by the centres.
-  void Test(const ContourFragment& fragment,
-            const Similarity& image_side,
-            const IndexedFragment& model_side) {
-    Similarity s;
-    s.size = image_side.size / model_side.spread;
-    if (!IsSoughtSize(s.size)) return;
-    s.turn = image_side.turn - model_side.turn_rad;
-    s.a = image_side.a * model_side.cos_share + image_side.b * model_side.sin_share;
-    s.b = image_side.b * model_side.cos_share - image_side.a * model_side.sin_share;
-    s.x = fragment.center.x() - (s.a * model_side.x - s.b * model_side.y);
-    s.y = fragment.center.y() - (s.b * model_side.x + s.a * model_side.y);
-    Test(model_side.aspect, s, fragment.pivot);
+  void Test(const ContourFragment& image_side,
+            const IndexedFragment& model_side,
+            const PackedFragmentKey& key) {
+    const float size = image_side.spread / model_side.spread;
+    if (!IsSoughtSize(size)) return;
+    float turn = image_side.chord_rad - model_side.chord_rad;
+    float off = 0.0f;
+    for (int i = 0; i < kFragmentAngles; ++i) off += image_side.key[i] - key[i] / kKeyScale;
+    turn += off / kFragmentAngles;
+    Similarity s = MakeSimilarity(size, turn);
+    s.x = image_side.center.x() - (s.a * model_side.x - s.b * model_side.y);
+    s.y = image_side.center.y() - (s.b * model_side.x + s.a * model_side.y);
+    Test(model_side.aspect, s, image_side.pivot);
   }
 
   // Size by both arms where they agree, else by the one whose image is longer: the other is cut
@@ -219,15 +208,16 @@ class Share {
     if (!(s.x >= 0 && s.y >= 0 && s.x < static_cast<float>(image_.width) &&
           s.y < static_cast<float>(image_.height)))
       return;
-    const FirstVotePoints& first = index_.first_points[static_cast<std::size_t>(number)];
+    const PackedVotePoint* first =
+        index_.first_points.data() + static_cast<std::size_t>(number) * kSecondPoints;
     const int tau8 = Tau8(s.size);
     const CoarseMap& map = maps_.For(tau8);
-    const int eight = map.Supports(first, 0, s, tau8);
-    const float full = static_cast<float>(tau8 * kFirstPoints);
-    if (static_cast<float>(eight) < static_cast<float>(options_.min_support_8) * full) return;
+    const float six = map.Support(first, 0, kFirstPoints, s, tau8);
+    if (six < options_.min_support_6) return;
     ++counts_.tests_16;
+    const float rest = map.Support(first, kFirstPoints, kSecondPoints, s, tau8);
     const float sixteen =
-        static_cast<float>(eight + map.Supports(first, 1, s, tau8)) / (2.0f * full);
+        (six * kFirstPoints + rest * (kSecondPoints - kFirstPoints)) / kSecondPoints;
     if (sixteen < options_.min_support_16) return;
     const IndexedAspect& aspect = index_.aspects[number];
     const VotePoint* points = index_.points.data() + aspect.first_point;
@@ -280,23 +270,27 @@ class Share {
   }
 
   // Better size and turn about a point that stays.
-  Similarity Climb(const FirstVotePoints& points,
+  Similarity Climb(const PackedVotePoint* points,
                    const Eigen::Vector2f& pivot,
                    float best,
                    Similarity s) const {
-    for (const Similarity& step : kClimbSteps) {
-      Similarity other;
-      other.size = s.size * step.size;
-      other.turn = s.turn + step.turn;
-      other.a = step.a * s.a - step.b * s.b;
-      other.b = step.b * s.a + step.a * s.b;
+    // Of size (factor) and turn (rad), tried in this order.
+    constexpr float kSteps[][2] = {{1.08f, 0.0f},
+                                   {0.926f, 0.0f},
+                                   {1.0f, 0.07f},
+                                   {1.0f, -0.07f},
+                                   {1.04f, 0.0f},
+                                   {0.962f, 0.0f},
+                                   {1.0f, 0.035f},
+                                   {1.0f, -0.035f}};
+    for (const auto& step : kSteps) {
+      Similarity other = MakeSimilarity(s.size * step[0], s.turn + step[1]);
       const float dx = s.x - pivot.x(), dy = s.y - pivot.y();
-      other.x = pivot.x() + step.a * dx - step.b * dy;
-      other.y = pivot.y() + step.b * dx + step.a * dy;
+      const float c = step[0] * std::cos(step[1]), t = step[0] * std::sin(step[1]);
+      other.x = pivot.x() + c * dx - t * dy;
+      other.y = pivot.y() + t * dx + c * dy;
       const int tau8 = Tau8(other.size);
-      const CoarseMap& map = maps_.For(tau8);
-      const int sum = map.Supports(points, 0, other, tau8) + map.Supports(points, 1, other, tau8);
-      const float support = static_cast<float>(sum) / static_cast<float>(tau8 * kSecondPoints);
+      const float support = maps_.For(tau8).Support(points, 0, kSecondPoints, other, tau8);
       if (support > best) {
         best = support;
         s = other;

@@ -43,9 +43,9 @@ struct AspectVoteOptions {
   double max_size_share = 1.6;
   double tau_share = 0.045;  // of the diameter: an edge farther away supports nothing
   double min_tau_px = 1.5;
-  // Least support (0..1) on 8 and 16 points as matched, and on all points after the climb. Raising
+  // Least support (0..1) on 6 and 16 points as matched, and on all points after the climb. Raising
   // them is faster and loses parts that are hidden or faint.
-  double min_support_8 = 0.36;
+  double min_support_6 = 0.36;
   double min_support_16 = 0.42;
   double min_support = 0.50;
   double rank_support = 0.45;  // rank = length (px) x ((support - chance) / (1 - chance) - this)

@@ -31,9 +31,8 @@ Similarity MakeSimilarity(float size, float turn) {
 }
 
 float TurnBins(float turn) {
-  constexpr float kHalfTurns = 64.0f;  // more than any sum of turns has: the cast rounds down
-  float t = turn * std::numbers::inv_pi_v<float> + kHalfTurns;
-  t -= static_cast<float>(static_cast<int>(t));
+  float t = turn * std::numbers::inv_pi_v<float>;
+  t -= std::floor(t);
   return t * kAspectBins + 0.5f;
 }
 
@@ -100,39 +99,23 @@ CoarseMap::CoarseMap(const AspectImage& image, int cell) : cell_px(cell) {
   }
 }
 
-// Loops over a batch, without branches: several points a step where the compiler finds registers.
-// Numbers of cells are below 2^24, so floats hold them exactly.
-int CoarseMap::Supports(const FirstVotePoints& points,
-                        int batch,
-                        const Similarity& s,
-                        int tau8) const {
+float CoarseMap::Support(
+    const PackedVotePoint* points, int from, int to, const Similarity& s, int tau8) const {
   const float cells = 1.0f / static_cast<float>(cell_px);
-  const float unit = cells / FirstVotePoints::kPlaceScale;
+  const float unit = cells / PackedVotePoint::kPlaceScale;
   const float a = s.a * unit, b = s.b * unit;
   const float x0 = (s.x + 0.5f) * cells + 1.0f, y0 = (s.y + 0.5f) * cells + 1.0f;
-  const int turn = static_cast<int>(TurnBins(s.turn) * FirstVotePoints::kBinSteps);
+  const int turn = static_cast<int>(TurnBins(s.turn) * PackedVotePoint::kBinSteps);
   const float right = static_cast<float>(width - 1), bottom = static_cast<float>(height - 1);
-  const float row = static_cast<float>(width), plane = static_cast<float>(width * height);
-  const std::int16_t* xs = points.x.data() + batch * kVoteBatch;
-  const std::int16_t* ys = points.y.data() + batch * kVoteBatch;
-  const std::int16_t* bins = points.bin.data() + batch * kVoteBatch;
-  constexpr int kAllBins = kAspectBins * FirstVotePoints::kBinSteps;
-  std::array<std::int32_t, kVoteBatch> cell;
-  for (int i = 0; i < kVoteBatch; ++i) {
-    const float px = xs[i], py = ys[i];
-    const float x = std::min(std::max(a * px - b * py + x0, 0.0f), right);
-    const float y = std::min(std::max(b * px + a * py + y0, 0.0f), bottom);
-    int bin = bins[i] + turn;
-    bin -= bin >= kAllBins ? kAllBins : 0;
-    bin -= bin >= kAllBins ? kAllBins : 0;
-    bin /= FirstVotePoints::kBinSteps;
-    cell[i] = static_cast<std::int32_t>(static_cast<float>(bin) * plane +
-                                        static_cast<float>(static_cast<int>(y)) * row +
-                                        static_cast<float>(static_cast<int>(x)));
-  }
   int sum = 0;
-  for (int i = 0; i < kVoteBatch; ++i) sum += std::max(0, tau8 - distance[cell[i]]);
-  return sum;
+  for (int i = from; i < to; ++i) {
+    const float px = points[i].x, py = points[i].y;
+    const int x = static_cast<int>(std::clamp(a * px - b * py + x0, 0.0f, right));
+    const int y = static_cast<int>(std::clamp(b * px + a * py + y0, 0.0f, bottom));
+    const int bin = kBins.bin[(points[i].bin + turn) / PackedVotePoint::kBinSteps];
+    sum += std::max(0, tau8 - distance[(static_cast<std::size_t>(bin) * height + y) * width + x]);
+  }
+  return static_cast<float>(sum) / static_cast<float>(tau8 * (to - from));
 }
 
 const CoarseMap& CoarseMaps::For(int tau8) const {

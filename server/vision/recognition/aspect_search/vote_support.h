@@ -24,9 +24,6 @@ struct Similarity {
   float size = 0.0f, turn = 0.0f;
 };
 
-inline constexpr int kVoteBatch = 8;  // first points of an aspect that are looked up at once
-static_assert(kFirstVotePoints == 2 * kVoteBatch);
-
 // With the aspect's centre at the origin.
 Similarity MakeSimilarity(float size, float turn);
 
@@ -60,8 +57,9 @@ struct CoarseMap {
 
   CoarseMap(const AspectImage& image, int cell);
 
-  // As Support above, summed over the first or second kVoteBatch points: 0 .. kVoteBatch * tau8.
-  int Supports(const FirstVotePoints& points, int batch, const Similarity& s, int tau8) const;
+  // As Support above.
+  float Support(
+      const PackedVotePoint* points, int from, int to, const Similarity& s, int tau8) const;
 };
 
 // Of one image.

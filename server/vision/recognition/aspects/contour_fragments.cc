@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
 namespace horopter {
@@ -233,10 +232,6 @@ FragmentKey UnpackKey(const PackedFragmentKey& packed) {
   FragmentKey key;
   for (int i = 0; i < kFragmentAngles; ++i) key[i] = packed[i] / kKeyScale;
   return key;
-}
-
-float MeanAngle(const FragmentKey& key) {
-  return std::accumulate(key.begin(), key.end(), 0.0f) / kFragmentAngles;
 }
 
 ContourFragment Reversed(const ContourFragment& fragment) {

@@ -23,8 +23,6 @@ using PackedFragmentKey = std::array<std::int16_t, kFragmentAngles>;
 inline constexpr float kKeyScale = 512.0f;  // steps a radian; kMaxPacked of them are 15.6 rad
 PackedFragmentKey PackKey(const FragmentKey& key);
 FragmentKey UnpackKey(const PackedFragmentKey& packed);
-// Of a key's angles: with the chord's the direction by which a fragment is turned as a whole.
-float MeanAngle(const FragmentKey& key);
 
 // Laws: `key` is unchanged by similarities; a mirror image has all angles negated; the same piece
 // walked from its other end has them in reverse order and `chord_rad` turned by pi.

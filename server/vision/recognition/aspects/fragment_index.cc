@@ -17,8 +17,6 @@ namespace {
 
 constexpr float kPi = 3.14159265358979f;
 constexpr int kMaxCells = 64;  // along an axis
-// Keys that one look-up compares, or up to twice as many: of more in its cells a share is taken.
-constexpr std::size_t kMostCompared = 16384;
 
 using KeyVector = Eigen::Matrix<float, kFragmentAngles, 1>;
 
@@ -47,17 +45,17 @@ Eigen::Matrix<float, 3, kFragmentAngles> MainDirections(const std::vector<Entry>
 
 void AddFirstPoints(const IndexedAspect& aspect, FragmentPiece* piece) {
   constexpr float kReach = 32767.0f;  // largest 16 bit step
-  FirstVotePoints& packed = piece->first_points.emplace_back();
-  if (aspect.points < kFirstVotePoints) return;
-  const auto pack = [&](float v) {
-    return static_cast<std::int16_t>(
-        std::lround(std::clamp(v * FirstVotePoints::kPlaceScale, -kReach, kReach)));
-  };
   for (int i = 0; i < kFirstVotePoints; ++i) {
+    PackedVotePoint& packed = piece->first_points.emplace_back();
+    if (aspect.points < kFirstVotePoints) continue;
     const VotePoint& p = piece->points[aspect.first_point + i];
-    packed.x[i] = pack(p.x);
-    packed.y[i] = pack(p.y);
-    packed.bin[i] = static_cast<std::int16_t>(p.bin * FirstVotePoints::kBinSteps);
+    const auto pack = [&](float v) {
+      return static_cast<std::int16_t>(
+          std::lround(std::clamp(v * PackedVotePoint::kPlaceScale, -kReach, kReach)));
+    };
+    packed.x = pack(p.x);
+    packed.y = pack(p.y);
+    packed.bin = static_cast<std::uint16_t>(p.bin * PackedVotePoint::kBinSteps);
   }
 }
 
@@ -248,13 +246,12 @@ int SquaredSteps(const PackedFragmentKey& a, const PackedFragmentKey& b) {
 }
 
 // Appends the numbers in [begin, end) of the keys that differ by at most limit (squared steps): a
-// search spends a quarter of its time here, so four keys are taken at once, of every `stride` * 4.
+// search spends a quarter of its time here, so four keys are taken at once.
 void AppendNear(const PackedFragmentKey* keys,
                 std::uint32_t begin,
                 std::uint32_t end,
                 const PackedFragmentKey& key,
                 int limit,
-                std::uint32_t stride,
                 std::vector<std::uint32_t>* found) {
   std::uint32_t f = begin;
 #if CV_SIMD128
@@ -265,7 +262,7 @@ void AppendNear(const PackedFragmentKey* keys,
     const cv::v_int16x8 d = cv::v_sub_wrap(cv::v_load(keys[k].data()), center);
     return cv::v_dotprod(d, d);
   };
-  for (; f + 4 <= end; f += 4 * stride) {
+  for (; f + 4 <= end; f += 4) {
     cv::v_int32x4 a, b, c, d;
     cv::v_transpose4x4(squares(f), squares(f + 1), squares(f + 2), squares(f + 3), a, b, c, d);
     int near = cv::v_signmask(~((a + b) + (c + d) > most));
@@ -339,8 +336,6 @@ void FragmentIndex::Find(const FragmentKey& key,
   };
   const PackedFragmentKey packed = PackKey(key);
   const int limit = static_cast<int>(radius * radius * kKeyScale * kKeyScale);
-  std::vector<std::pair<std::uint32_t, std::uint32_t>> rows;
-  std::size_t all = 0;
   for (int i = first(0); i <= last(0, reach); ++i) {
     const float di = away(0, i);
     for (int j = first(1); j <= last(1, reach); ++j) {
@@ -351,13 +346,9 @@ void FragmentIndex::Find(const FragmentKey& key,
       const int k0 = std::clamp(static_cast<int>(std::floor(place[2] - r)), 0, cells[2] - 1);
       const std::size_t row = (static_cast<std::size_t>(i) * cells[1] + j) * cells[2];
       const std::uint32_t begin = cell_begin[row + k0], end = cell_begin[row + last(2, r) + 1];
-      if (begin < end) rows.emplace_back(begin, end);
-      all += end - begin;
+      AppendNear(keys.data(), begin, end, packed, limit, found);
     }
   }
-  const auto stride = static_cast<std::uint32_t>(1 + all / kMostCompared);
-  for (const auto& [begin, end] : rows)
-    AppendNear(keys.data(), begin, end, packed, limit, stride, found);
 }
 
 std::pair<std::size_t, std::size_t> FragmentIndex::FindPairs(float opening_rad,
@@ -410,15 +401,12 @@ FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
   for (const AspectFragment& f : fragments.fragments) {
     if (place[f.aspect] < 0 || piece.aspects[place[f.aspect]].points < kFirstVotePoints) continue;
     if (--left[f.aspect] < 0) continue;
-    IndexedFragment indexed;
-    indexed.aspect = place[f.aspect];
-    indexed.x = f.x / AspectFragment::kPlaceScale;
-    indexed.y = f.y / AspectFragment::kPlaceScale;
-    indexed.spread = f.spread / AspectFragment::kSpreadScale;
-    indexed.turn_rad = f.chord / AspectFragment::kTurnScale + MeanAngle(UnpackKey(f.key));
-    indexed.cos_share = std::cos(indexed.turn_rad) / indexed.spread;
-    indexed.sin_share = std::sin(indexed.turn_rad) / indexed.spread;
-    piece.entries.push_back({f.key, indexed});
+    piece.entries.push_back({f.key,
+                             {place[f.aspect],
+                              f.x / AspectFragment::kPlaceScale,
+                              f.y / AspectFragment::kPlaceScale,
+                              f.spread / AspectFragment::kSpreadScale,
+                              f.chord / AspectFragment::kTurnScale}});
   }
   for (const AspectSegmentPair& p : fragments.pairs) {
     if (!choice.pairs) break;

@@ -44,15 +44,14 @@ struct VotePoint {
   float x = 0.0f, y = 0.0f, bin = 0.0f;
 };
 
-inline constexpr int kFirstVotePoints = 16;  // of an aspect; those with fewer are not indexed
-
-// The first of an aspect in steps, small enough that those of a whole catalog stay in the cache,
-// and by coordinate, so that several are projected at once.
-struct FirstVotePoints {
+// The same in steps: small enough that the first points of a whole catalog stay in the cache.
+struct PackedVotePoint {
   static constexpr float kPlaceScale = 16384.0f;  // steps a diameter
   static constexpr int kBinSteps = 256;           // a bin of directions: 16 bits hold all bins
-  std::array<std::int16_t, kFirstVotePoints> x{}, y{}, bin{};
+  std::int16_t x = 0, y = 0;
+  std::uint16_t bin = 0;
 };
+inline constexpr int kFirstVotePoints = 16;  // of an aspect; those with fewer are not indexed
 
 struct IndexedAspect {
   std::int32_t model = -1;
@@ -68,8 +67,7 @@ struct IndexedFragment {
   std::int32_t aspect = -1;  // of FragmentIndex::aspects
   float x = 0.0f, y = 0.0f;  // centre
   float spread = 0.0f;
-  float turn_rad = 0.0f;                     // mean direction of its pieces
-  float cos_share = 0.0f, sin_share = 0.0f;  // of that turn, over the spread
+  float chord_rad = 0.0f;
 };
 
 // The same of a pair of adjacent straight edges.
@@ -122,7 +120,7 @@ struct FragmentPiece {
   };
   std::vector<IndexedAspect> aspects;
   std::vector<VotePoint> points;
-  std::vector<FirstVotePoints> first_points;  // of each aspect
+  std::vector<PackedVotePoint> first_points;
   std::vector<Entry> entries;
   std::vector<IndexedPair> pairs;
   std::vector<IndexedOutline> outlines;
@@ -141,7 +139,7 @@ struct FragmentIndex {
   int model_count = 0;
   std::vector<IndexedAspect> aspects;
   std::vector<VotePoint> points;
-  std::vector<FirstVotePoints> first_points;  // of each aspect
+  std::vector<PackedVotePoint> first_points;  // kFirstVotePoints of each aspect
   std::vector<IndexedFragment> fragments;
   std::vector<PackedFragmentKey> keys;
   // Grid: cell (i, j, k) holds fragments cell_begin[c] .. cell_begin[c + 1], k fastest.
