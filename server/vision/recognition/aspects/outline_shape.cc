@@ -76,7 +76,20 @@ std::vector<OutlineTurn> TurnsBetween(const OutlineShape& model,
                                       int most) {
   constexpr float kStep = 2.0f * std::numbers::pi_v<float> / kTurns;
   std::array<float, kTurns> apart;
-  for (int k = 0; k < kTurns; ++k) apart[k] = Apart(model, image, kStep * static_cast<float>(k));
+  static const auto kTurned = [] {
+    std::array<std::array<std::complex<float>, kOutlineOrders>, kTurns> out;
+    for (int k = 0; k < kTurns; ++k) {
+      for (int i = 0; i < kOutlineOrders; ++i)
+        out[k][i] = std::polar(1.0f, -static_cast<float>(i + 2) * (kStep * static_cast<float>(k)));
+    }
+    return out;
+  }();
+  for (int k = 0; k < kTurns; ++k) {
+    float sum = 0.0f;
+    for (int i = 0; i < kOutlineOrders; ++i)
+      sum += std::norm(image.orders[i] - model.orders[i] * kTurned[k][i]);
+    apart[k] = std::sqrt(sum);
+  }
   const auto [least, largest] = std::minmax_element(apart.begin(), apart.end());
   std::vector<OutlineTurn> out;
   if (*largest - *least < kRoundApart) {
