@@ -385,6 +385,15 @@ std::optional<RecognitionResult> TooFewFeatures(const RecognitionInput& input,
   return result;
 }
 
+// Turns that the images leave open: the likeliest is taken, the others are said.
+void WeighTurns(const JointContext& context,
+                std::span<const AspectImage> images,
+                RecognitionResult* result) {
+  BeginStep(context, "pose_alternatives");
+  TurnToLikeliest(context, images, result);
+  SayPoseAlternatives(context, images, result);
+}
+
 }  // namespace
 
 bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> objects,
@@ -421,9 +430,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
   HOROPTER_ASSIGN_OR_RETURN(
       RecognitionResult aspects,
       RecognizeByAspects(context, images, search, {}, log, AspectOptionsOf(input)));
-  BeginStep(context, "pose_alternatives");
-  TurnToLikeliest(context, images, &aspects);
-  SayPoseAlternatives(context, images, &aspects);
+  WeighTurns(context, images, &aspects);
   return aspects;
 }
 
@@ -454,9 +461,7 @@ absl::StatusOr<RecognitionResult> RecognizeInRig(const RecognitionInput& input,
       RecognitionResult found,
       RecognizeByAspectsInRig(context, images, search, rig, log, AspectOptionsOf(input)));
   if (found.objects.empty()) return nothing;
-  BeginStep(context, "pose_alternatives");
-  TurnToLikeliest(context, images, &found);
-  SayPoseAlternatives(context, images, &found);
+  WeighTurns(context, images, &found);
   return found;
 }
 
@@ -483,9 +488,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
         MakeAspectImages(input.images, AspectOptionsOf(input).images, false, options.threads);
     HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
                               WithAspects(input, images, context, &work, log));
-    BeginStep(context, "pose_alternatives");
-    TurnToLikeliest(context, images, &result);
-    SayPoseAlternatives(context, images, &result);
+    WeighTurns(context, images, &result);
     return result;
   }
   return ByRoutes(input, options.routes, context, &work, log);

@@ -332,14 +332,6 @@ class Linker {
   // objects are added.
   LinkedScene Finish(AspectScene scene) const { return Finish(&scene); }
 
-  static AspectScene SceneOf(const LinkedScene& linked) {
-    AspectScene scene;
-    scene.views = linked.views;
-    for (const LinkedObject& o : linked.objects)
-      scene.objects.push_back({o.object, o.scene_from_object});
-    return scene;
-  }
-
   LinkedScene Finish(AspectScene* scene) const {
     objects_.Sift(scene);
     for (int round = 0; round < 2; ++round) {
@@ -465,6 +457,14 @@ class Linker {
 int LinkedScene::registered() const {
   return static_cast<int>(
       std::count_if(views.begin(), views.end(), [](const auto& v) { return v.has_value(); }));
+}
+
+AspectScene SceneOf(const LinkedScene& linked) {
+  AspectScene scene;
+  scene.views = linked.views;
+  for (const LinkedObject& o : linked.objects)
+    scene.objects.push_back({o.object, o.scene_from_object});
+  return scene;
 }
 
 LinkedScene LinkAspects(const AspectLinkInput& input,

@@ -60,7 +60,7 @@ struct AspectLinkInput {
   std::span<const std::vector<AspectHypothesis>> hypotheses;  // of each image, best first
   std::span<const AspectModel> models;
   // What is known of the scene by other means (null: nothing), completed beside the links: views
-  // with the priors of their focal lengths, objects by the numbers of `parts`.
+  // with the priors of their focal lengths, objects by the numbers of `models`.
   const AspectScene* known = nullptr;
   // Searches a view for all parts, best hypothesis first; `hypotheses` are empty lists then. Only
   // views that are needed are searched. Null: all have been.
@@ -76,6 +76,9 @@ struct LinkedScene {
   ViewAgreement agreement;  // on the best object; `ground` is what LinkAspects sets in the end
   int registered() const;
 };
+
+// Its views and the places of its objects.
+AspectScene SceneOf(const LinkedScene& linked);
 
 // The scene that explains most; without objects when nothing links. One image alone gives the scene
 // of its best hypothesis. Stops early with what it has.

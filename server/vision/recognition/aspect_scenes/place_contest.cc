@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 #include <utility>
 
 #include "server/base/parallel_for.h"
@@ -36,14 +37,15 @@ PlaceContest::Hiding PlaceContest::HidingOf(const LinkedScene& scene,
 
 bool PlaceContest::ChooseTurns(LinkedScene* scene) const {
   bool turned = false;
-  const SceneLayers layers = objects_.HidingLayers(*scene);
+  std::optional<SceneLayers> layers;  // rendered for the first that may turn
   for (std::size_t i = 0; i < scene->objects.size(); ++i) {
     LinkedObject& o = scene->objects[i];
     std::vector<Rigid3> turns;
     links_.turns().AppendSpread(in_.models[o.object].near_turns, &turns);
     if (turns.empty()) continue;
     turns.insert(turns.begin(), Rigid3{});
-    const Hiding hiding = HidingOf(*scene, layers, i);
+    if (!layers) layers = objects_.HidingLayers(*scene);
+    const Hiding hiding = HidingOf(*scene, *layers, i);
     std::vector<double> scores(turns.size());
     ParallelFor(static_cast<int>(turns.size()), options_.threads, [&](int t) {
       scores[t] =
@@ -84,12 +86,14 @@ std::vector<PlaceContest::Rated> PlaceContest::Settled(
 
 bool PlaceContest::Contest(LinkedScene* scene) const {
   bool replaced = false;
-  const SceneLayers layers = objects_.HidingLayers(*scene);
+  std::optional<SceneLayers> layers;  // rendered for the first that has a rival
   for (std::size_t i = 0; i < scene->objects.size(); ++i) {
     LinkedObject& o = scene->objects[i];
-    const Hiding hiding = HidingOf(*scene, layers, i);
-    const std::vector<Rated> others = Settled(*scene, BetterInOneView(*scene, o), hiding);
-    if (others.empty()) continue;
+    const std::vector<AspectSceneObject> rivals = BetterInOneView(*scene, o);
+    if (rivals.empty()) continue;
+    if (!layers) layers = objects_.HidingLayers(*scene);
+    const Hiding hiding = HidingOf(*scene, *layers, i);
+    const std::vector<Rated> others = Settled(*scene, rivals, hiding);
     const double own =
         objects_.JudgeOne(scene->views, {o.object, o.scene_from_object}, hiding).score;
     const auto best = std::max_element(others.begin(), others.end(), IsWorse);

@@ -82,14 +82,6 @@ class RigSearch {
     return out;
   }
 
-  static AspectScene SceneOf(const LinkedScene& linked) {
-    AspectScene scene;
-    scene.views = linked.views;
-    for (const LinkedObject& o : linked.objects)
-      scene.objects.push_back({o.object, o.scene_from_object});
-    return scene;
-  }
-
   bool IsSettled(const LinkedScene& scene) const {
     if (scene.objects.empty() || scene.agreement.Contradicts(kSettledSurface)) return false;
     return scene.objects.front().score >= kSettledScore && OddViews(scene).empty();

@@ -157,13 +157,9 @@ Eigen::Vector3d SceneObjects::CenterOf(const AspectSceneObject& o) const {
 }
 
 SceneLayers SceneObjects::HidingLayers(const LinkedScene& scene) const {
-  AspectScene placed;
-  placed.views = scene.views;
-  for (const LinkedObject& o : scene.objects)
-    placed.objects.push_back({o.object, o.scene_from_object});
   SceneJudgementOptions judging = Judging(options_.quick_render_px);
   judging.threads = options_.threads;
-  return MakeSceneLayers(in_.images, meshes_, placed, scene.objects, judging);
+  return MakeSceneLayers(in_.images, meshes_, SceneOf(scene), scene.objects, judging);
 }
 
 bool SceneObjects::IsFree(const std::vector<std::optional<AspectSceneView>>& views,

@@ -181,10 +181,7 @@ class Share {
     if (!IsSoughtSize(size)) return;
     const float turn = image_side.direction_rad - model_side.direction_rad +
                        0.5f * (image_side.opening_rad - model_side.opening_rad);
-    Similarity s = MakeSimilarity(size, turn);
-    s.x = image_side.corner.x() - (s.a * model_side.x - s.b * model_side.y);
-    s.y = image_side.corner.y() - (s.b * model_side.x + s.a * model_side.y);
-    Test(model_side.aspect, s, image_side.corner);
+    Test(model_side.aspect, size, turn, {model_side.x, model_side.y}, image_side.corner);
   }
 
   // What brings a point of the aspect, in diameters, to a place of the image.

@@ -39,7 +39,7 @@ struct FindAspectOptions {
 };
 
 struct AspectHypothesis {
-  int object = -1;       // index of FragmentIndex::parts
+  int object = -1;       // index of FragmentIndex::models
   PinholeCamera camera;  // of the original image, with the focal length found
   Rigid3 camera_from_object;
   double precision = 0.0;

@@ -88,7 +88,7 @@ std::vector<int> SpreadViews(const AspectSet& set, double spacing_rad) {
 void AddAspect(const AspectSet& set,
                const PinholeCamera& camera,
                int number,
-               int most_points,
+               std::span<const AspectPoint> points,
                FragmentPiece* piece) {
   const float unit = static_cast<float>(1.0 / set.render_px);
   const Rigid3 pose = AspectPose(set, number);
@@ -97,8 +97,7 @@ void AddAspect(const AspectSet& set,
   aspect.aspect = number;
   aspect.first_point = static_cast<std::uint32_t>(piece->points.size());
   aspect.camera_from_object = set.aspects[number].camera_from_object;
-  for (const AspectPoint& p : AspectPoints(set, number)) {
-    if (aspect.points >= most_points) break;
+  for (const AspectPoint& p : points) {
     const Eigen::Vector3d x = pose * p.point.cast<double>();
     const Eigen::Vector3d d = pose.R * p.direction.cast<double>();
     const Eigen::Vector2d image = Project(camera, x);
@@ -141,6 +140,7 @@ bool IsShown(const std::vector<Eigen::Vector2f>& points,
 void AddOutline(const AspectSet& set,
                 const PinholeCamera& camera,
                 int number,
+                std::span<const AspectPoint> edges,
                 std::span<const ModelCircle> rims,
                 FragmentPiece* piece) {
   const auto aspect = static_cast<std::int32_t>(piece->aspects.size()) - 1;
@@ -148,7 +148,7 @@ void AddOutline(const AspectSet& set,
   const float unit = static_cast<float>(1.0 / set.render_px);
   const Rigid3 pose = AspectPose(set, number);
   std::vector<Eigen::Vector2f> points;
-  for (const AspectPoint& p : AspectPoints(set, number)) {
+  for (const AspectPoint& p : edges) {
     points.push_back(unit * (Project(camera, pose * p.point.cast<double>()) -
                              Eigen::Vector2d(camera.cx, camera.cy))
                                 .cast<float>());
@@ -392,9 +392,12 @@ FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
   std::vector<int> place(set.aspects.size(), -1);  // of an aspect in the piece
   for (const int a : SpreadViews(set, choice.view_spacing_rad)) {
     place[a] = static_cast<int>(piece.aspects.size());
-    AddAspect(set, camera, a, choice.points, &piece);
+    const std::vector<AspectPoint> points = AspectPoints(set, a);
+    const std::size_t voting =
+        std::min(points.size(), static_cast<std::size_t>(std::max(0, choice.points)));
+    AddAspect(set, camera, a, std::span(points).first(voting), &piece);
     piece.aspects.back().edge_length = fragments.edge_length[a];
-    if (choice.outlines) AddOutline(set, camera, a, rims, &piece);
+    if (choice.outlines) AddOutline(set, camera, a, points, rims, &piece);
   }
   const int aspects = std::max(1, static_cast<int>(piece.aspects.size()));
   std::vector<int> left(set.aspects.size(), (choice.fragments + aspects - 1) / aspects);
