@@ -51,8 +51,8 @@ std::size_t MemoryOf(const PreparedObject& o) {
   const RenderMesh& mesh = o.aspects->object.mesh;
   const AspectSet& set = o.aspects->object.aspects;
   return bytes + BytesOf(mesh.vertices) + BytesOf(mesh.triangles) + BytesOf(mesh.normals) +
-         BytesOf(mesh.face_normals) + BytesOf(mesh.edges) + BytesOf(set.aspects) +
-         BytesOf(set.points) + BytesOf(o.aspects->fragments.fragments);
+         BytesOf(mesh.face_normals) + BytesOf(mesh.edges) + BytesOf(mesh.sharp_edges) +
+         BytesOf(set.aspects) + BytesOf(set.points) + BytesOf(o.aspects->fragments.fragments);
 }
 
 struct Row {

@@ -11,16 +11,15 @@ namespace {
 using Eigen::Vector2f;
 using Eigen::Vector3f;
 
-constexpr float kLowShare = 0.7f;       // of the turn, for a chain to go on
-constexpr float kSharpCosine = 0.966f;  // edges of the mesh of more than 15 degrees are sharp
-constexpr float kSharpShare = 0.6f;     // such an edge explains turns up to its own / this
-constexpr float kOnSurfacePx = 3.0f;    // it is as deep as the surface, in footprints
-constexpr float kSnapAcrossPx = 1.3f;   // and so near the ridge
-constexpr float kSnapAlongPx = 0.8f;    // ... and so near along it; chosen
-constexpr float kSteepShare = 0.5f;     // squared turn along a line against that across it
-constexpr float kLinkPx = 1.8f;         // between points of a chain
-constexpr int kBorderPx = 4;            // of the window, which every search stays in
-constexpr float kLeastCosine = 0.5f;    // a chain bends by less from point to point
+constexpr float kLowShare = 0.7f;      // of the turn, for a chain to go on
+constexpr float kSharpShare = 0.6f;    // such an edge explains turns up to its own / this
+constexpr float kOnSurfacePx = 3.0f;   // it is as deep as the surface, in footprints
+constexpr float kSnapAcrossPx = 1.3f;  // and so near the ridge
+constexpr float kSnapAlongPx = 0.8f;   // ... and so near along it; chosen
+constexpr float kSteepShare = 0.5f;    // squared turn along a line against that across it
+constexpr float kLinkPx = 1.8f;        // between points of a chain
+constexpr int kBorderPx = 4;           // of the window, which every search stays in
+constexpr float kLeastCosine = 0.5f;   // a chain bends by less from point to point
 
 // A peak of the turning of the normals along a row or column of pixels.
 struct Ridge {
@@ -69,14 +68,20 @@ class CreaseFinder {
  private:
   void FillNormals() {
     normals_.resize(view_.triangle.size());
+    int last = -1;  // triangle, if it is flat: the same for many pixels
+    Vector3f of_last = Vector3f::Zero();
     for (int y = 0, i = 0; y < view_.height; ++y) {
       for (int x = 0; x < view_.width; ++x, ++i) {
         const int t = view_.triangle[i];
         if (t < 0) continue;
-        const Vector3f n = mesh_.flat[t]
-                               ? mesh_.face_normals[t]
-                               : Interpolated(t, static_cast<float>(x), static_cast<float>(y));
-        normals_[i] = r_.facing[t] < 0 ? Vector3f(-n) : n;
+        if (t != last) {
+          const bool flat = mesh_.flat[t] != 0;
+          const Vector3f n = flat ? mesh_.face_normals[t]
+                                  : Interpolated(t, static_cast<float>(x), static_cast<float>(y));
+          of_last = r_.facing[t] < 0 ? Vector3f(-n) : n;
+          last = flat ? t : -1;
+        }
+        normals_[i] = of_last;
       }
     }
   }
@@ -184,14 +189,12 @@ class CreaseFinder {
         for (int dx = -1; dx <= 1; ++dx) at_pixel_[pixel + dy * view_.width + dx] = kWanted;
       }
     }
-    for (const RenderMeshEdge& e : mesh_.edges) {
-      if (e.right < 0 || !(r_.screen[e.a].z() > 0.0f && r_.screen[e.b].z() > 0.0f)) continue;
+    for (const auto& [e, turn_rad] : mesh_.sharp_edges) {
+      if (!(r_.screen[e.a].z() > 0.0f && r_.screen[e.b].z() > 0.0f)) continue;
       if (r_.facing[e.left] == 0 || r_.facing[e.right] == 0) continue;
       if (((r_.facing[e.left] > 0) != (r_.facing[e.right] > 0)) != e.same_winding) continue;
       if (mesh_.closed && r_.facing[e.left] < 0) continue;
-      float cosine = mesh_.face_normals[e.left].dot(mesh_.face_normals[e.right]);
-      if (e.same_winding) cosine = -cosine;
-      if (cosine < kSharpCosine) Cross(e, std::acos(std::max(-1.0f, cosine)));
+      Cross(e, turn_rad);
     }
   }
 

@@ -263,6 +263,17 @@ void FillNormals(double smooth_angle_rad, RenderMesh* mesh) {
   }
 }
 
+void FillSharpEdges(RenderMesh* mesh) {
+  const auto least = static_cast<float>(std::cos(kSharpTurnRad));
+  mesh->sharp_edges.clear();
+  for (const RenderMeshEdge& e : mesh->edges) {
+    if (e.right < 0) continue;
+    float cosine = mesh->face_normals[e.left].dot(mesh->face_normals[e.right]);
+    if (e.same_winding) cosine = -cosine;
+    if (cosine < least) mesh->sharp_edges.push_back({e, std::acos(std::max(-1.0f, cosine))});
+  }
+}
+
 }  // namespace
 
 void ConnectRenderMesh(double smooth_angle_rad, RenderMesh* mesh) {
@@ -274,6 +285,7 @@ void ConnectRenderMesh(double smooth_angle_rad, RenderMesh* mesh) {
   mesh->center = 0.5f * (low + high);
   mesh->closed = FillEdges(mesh) && MakeOutward(mesh);
   FillNormals(smooth_angle_rad, mesh);
+  FillSharpEdges(mesh);
 }
 
 absl::StatusOr<RenderMesh> MakeRenderMesh(const TriangleMesh& mesh,

@@ -24,6 +24,8 @@ struct RenderMeshOptions {
   double smooth_angle_rad = 0.54;
 };
 
+inline constexpr double kSharpTurnRad = 0.2615;  // 15 degrees
+
 // An edge of the mesh between triangles `left` and `right`.
 struct RenderMeshEdge {
   std::int32_t a = 0;  // vertices
@@ -31,6 +33,12 @@ struct RenderMeshEdge {
   std::int32_t left = -1;
   std::int32_t right = -1;    // -1: an open border, or more than two triangles meet
   bool same_winding = false;  // both triangles run through it in one direction: one is inside out
+};
+
+// An edge between two triangles whose normals differ much.
+struct SharpEdge {
+  RenderMeshEdge edge;
+  float turn_rad = 0.0f;
 };
 
 // Vertices lie on a grid of 2^16 steps over the largest side of the bounding box, so that the mesh
@@ -45,6 +53,7 @@ struct RenderMesh {
   std::vector<Eigen::Vector3f> face_normals;            // unit
   std::vector<char> flat;  // of triangles: the corners' normals are the face's
   std::vector<RenderMeshEdge> edges;
+  std::vector<SharpEdge> sharp_edges;  // of them those that turn by more than kSharpTurnRad
   // No border, and the triangles agree which side is outside: back faces are never seen. Otherwise
   // both faces of a triangle are drawn.
   bool closed = false;

@@ -41,6 +41,27 @@ TEST(RenderMesh, SoupIsWeldedAndClosed) {
   EXPECT_EQ(mesh.edges.size(), 18u);
 }
 
+TEST(RenderMesh, ABoxHasTwelveSharpEdgesASphereNone) {
+  for (const bool inside_out : {false, true}) {
+    TriangleMesh box = BoxMesh({0.03, 0.02, 0.01});
+    if (inside_out) TurnInsideOut(&box);
+    const RenderMesh mesh = Made(box);
+    ASSERT_EQ(mesh.sharp_edges.size(), 12u);  // of 18: the others are diagonals of faces
+    for (const SharpEdge& s : mesh.sharp_edges) EXPECT_NEAR(s.turn_rad, 0.5 * M_PI, 1e-4);
+  }
+  EXPECT_TRUE(Made(SphereMesh(0.05, 60)).sharp_edges.empty());
+}
+
+TEST(RenderMesh, TrianglesThatRunTheOtherWayTurnAsTheirNeighbours) {
+  TriangleMesh sheet;  // of two triangles, one of them inside out
+  sheet.vertices = {{0, 0, 0}, {0.01, 0, 0}, {0.01, 0.01, 0}, {0, 0.01, 0}};
+  sheet.triangles = {{0, 1, 2}, {0, 3, 2}};
+  EXPECT_TRUE(Made(sheet).sharp_edges.empty());
+  sheet.vertices[3].z() = 0.01;
+  ASSERT_EQ(Made(sheet).sharp_edges.size(), 1u);
+  EXPECT_GT(Made(sheet).sharp_edges[0].turn_rad, kSharpTurnRad);
+}
+
 TEST(RenderMesh, DuplicateAndDegenerateTrianglesAreDropped) {
   TriangleMesh box = BoxMesh({0.03, 0.02, 0.01});
   const TriangleMesh clean = box;
