@@ -130,6 +130,9 @@ struct AspectAcceptance {
   // scenes of other people's parts, the same without their parts.
   double even_lying = 0.335;
   double even_score = 0.475;
+  // Of one that leans where several others lie on a plane: seven such had up to 0.53, and all were
+  // wrong; right ones that lie on nothing known are level. ADR 52.
+  double even_leaning = 0.56;
   double even_alone = 0.53;
   double even_in_one_view = 0.58;
   double sure_score = 0.546;
@@ -150,6 +153,10 @@ struct AspectAcceptance {
   // part was looked for one has two parts that do, none three. Commit of ADR 40, cad-dev and 30
   // scenes of other people's parts.
   double company_lying = 0.38;
+  // Two such parts are company where the views also agree on the brightness of the best one's
+  // surface: then no view is turned. One of two parts that score less than a sure one. ADR 52.
+  double pair_lying = 0.45;
+  double pair_surface = 0.8;
   double company_score = 0.44;
   double company_best_score = 0.47;
   double company_even = 0.43;  // each of them

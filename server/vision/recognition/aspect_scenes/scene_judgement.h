@@ -26,6 +26,8 @@ struct LinkedObject {
   int competing_object = -1;
   // Whether it lies on a plane beside or on others (scene_objects.h): its pose was not told to.
   bool lies = false;
+  // Whether none of its resting faces is even level with such a plane.
+  bool leans = false;
 };
 
 // Recall that a part whose edges are found well is given until three views tell what is print on

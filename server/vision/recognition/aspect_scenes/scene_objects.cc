@@ -99,9 +99,10 @@ void SceneObjects::FindLying(const std::vector<std::optional<AspectSceneView>>& 
   for (int i = 0; i < static_cast<int>(judged->size()); ++i) {
     LinkedObject& o = (*judged)[i];
     const AspectModel& model = in_.models[o.object];
-    o.lies = o.score >= least
-                 ? LiesOn(PlanesOf(views, *judged, least, i), o.scene_from_object, model)
-                 : LiesOn(planes, o.scene_from_object, model);
+    const std::vector<SupportingPlane> beside =
+        o.score >= least ? PlanesOf(views, *judged, least, i) : planes;
+    o.lies = LiesOn(beside, o.scene_from_object, model);
+    o.leans = Leans(beside, o.scene_from_object, model);
   }
 }
 

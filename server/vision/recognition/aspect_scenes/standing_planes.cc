@@ -14,6 +14,9 @@ constexpr double kLevelM = 0.006;         // between these
 // and 0.018 of the diameter. ADR 39.
 constexpr double kLyingRad = 0.044;
 constexpr double kLyingShare = 0.02;
+// Right ones that lie on no known plane have 0.012 and less; a round side's poses are up to 0.16
+// apart (kRollingPoses).
+constexpr double kLeaningRad = 0.14;
 
 // How many of the objects rest on the plane; -1 when one of them, or a camera, is below it.
 int RestingOn(const StandingPlane& plane,
@@ -113,6 +116,18 @@ bool LiesOn(std::span<const SupportingPlane> planes,
       return up.dot(plane.normal) > std::cos(kLyingRad) &&
              std::abs(plane.normal.dot(scene_from_object.t) - face.height_m - plane.offset_m) <
                  most_m;
+    });
+  });
+}
+
+bool Leans(std::span<const SupportingPlane> planes,
+           const Rigid3& scene_from_object,
+           const AspectModel& model) {
+  if (planes.empty() || model.resting.empty()) return false;
+  return std::none_of(model.resting.begin(), model.resting.end(), [&](const RestingFace& face) {
+    const Eigen::Vector3d up = scene_from_object.R * face.up;
+    return std::any_of(planes.begin(), planes.end(), [&](const SupportingPlane& plane) {
+      return up.dot(plane.normal) > std::cos(kLeaningRad);
     });
   });
 }

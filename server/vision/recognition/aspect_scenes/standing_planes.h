@@ -44,4 +44,10 @@ bool LiesOn(std::span<const SupportingPlane> planes,
             const Rigid3& scene_from_object,
             const AspectModel& model);
 
+// Whether none of the part's resting faces is level with any of the planes, at whatever height: it
+// leans on something, or its pose is wrong. False without planes or resting faces.
+bool Leans(std::span<const SupportingPlane> planes,
+           const Rigid3& scene_from_object,
+           const AspectModel& model);
+
 }  // namespace horopter

@@ -67,6 +67,13 @@ double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
          options.focal_spread_more * std::max(0.0, FocalSpread(scene) - options.focal_spread_free);
 }
 
+// It leans although others lie on a plane together.
+bool LeansBeside(const LinkedObject& o, const LinkedScene& scene) {
+  return o.leans && std::count_if(scene.objects.begin(),
+                                  scene.objects.end(),
+                                  [](const LinkedObject& other) { return other.lies; }) > 1;
+}
+
 enum class Agreement {
   kNone,
   kPair,     // another part scores nearly as much as the best one
@@ -85,6 +92,9 @@ Agreement AgreementOf(const LinkedScene& scene, const AspectAcceptance& options)
       ObjectsThatScore(scene, options.companion_score, options.companion_lying) > 1)
     return Agreement::kPair;
   if (ObjectsThatScore(scene, kNever, options.company_lying) >= options.company_objects)
+    return Agreement::kLying;
+  if (ObjectsThatScore(scene, kNever, options.pair_lying) > 1 &&
+      scene.agreement.surface.pairs > 0 && scene.agreement.surface.mean >= options.pair_surface)
     return Agreement::kLying;
   if (best >= options.company_best_score &&
       ObjectsThatScore(scene, options.company_score, options.company_score) >=
@@ -107,6 +117,7 @@ double ProbabilityInRig(const LinkedObject& o,
   double even = o.lies ? options.even_lying : options.even_score;
   if (scene.agreement.Contradicts(options.surface_disagrees) || GroundContradicts(scene, options))
     even += options.disagreement_more;
+  if (LeansBeside(o, scene)) even = std::max(even, options.even_leaning);
   return Logistic(options.score_weight * (o.score - even));
 }
 
@@ -127,8 +138,9 @@ double AspectProbability(const LinkedObject& o,
                           : options.sure_score + std::max(0.0, alone - options.even_alone);
   const bool beside = scene.registered() > 1 && scene.objects.front().score >= sure &&
                       o.score < scene.objects.front().score;
+  const double least = LeansBeside(o, scene) ? options.even_leaning : 0.0;
   const auto probability = [&](double even) {
-    return Logistic(options.score_weight * (o.score - even));
+    return Logistic(options.score_weight * (o.score - std::max(even, least)));
   };
   const double by_itself = probability(alone);
   if (again && !one_of_many) return by_itself;

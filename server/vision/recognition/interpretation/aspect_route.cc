@@ -468,9 +468,9 @@ absl::Status AddOthers(const JointContext& context,
   ToCatalog(search, &others);
   for (const LinkedObject& o : others.objects) {
     if (o.precision < acceptance.other_precision) continue;
-    const double probability =
-        Logistic(acceptance.score_weight *
-                 (o.score - (o.lies ? acceptance.even_lying : acceptance.even_score)));
+    double even = o.lies ? acceptance.even_lying : acceptance.even_score;
+    if (o.leans && known->objects.size() > 1) even = acceptance.even_leaning;
+    const double probability = Logistic(acceptance.score_weight * (o.score - even));
     if (probability < acceptance.min_probability) continue;
     AddAnswer(o, probability, context.options.acceptance.scene.ambiguity_gap, answer);
   }

@@ -149,6 +149,16 @@ TEST_F(StandingSearch, PartsLieOnThePlaneOfOthersAndOnTheirTops) {
   AspectModel round = cylinder;  // rests on nothing
   round.resting.clear();
   EXPECT_FALSE(LiesOn(planes, pose, round));
+  EXPECT_FALSE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.5), round));
+  for (const double height : {0.036, 0.05}) {  // level, whatever it stands on
+    pose.t.z() = height;
+    EXPECT_FALSE(Leans(planes, pose, cylinder));
+    EXPECT_FALSE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), M_PI), cylinder));
+    EXPECT_FALSE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.1), cylinder));
+    EXPECT_TRUE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.2), cylinder));
+    EXPECT_TRUE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitY(), 0.7), cylinder));
+    EXPECT_FALSE(Leans({}, pose * Turn(Eigen::Vector3d::UnitX(), 0.7), cylinder));
+  }
 }
 
 // A turned pose does so by chance where a face meets a plane: how often is what its score may be

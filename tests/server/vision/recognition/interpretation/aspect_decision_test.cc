@@ -147,7 +147,47 @@ TEST(AspectDecision, TwoPartsOnAPlaneBearEachOtherOutSooner) {
   EXPECT_GT(Probability(two, 1), 0.9);
 }
 
+TEST(AspectDecision, WhatLeansWhereOthersLieMustSayMore) {
+  const AspectAcceptance options;
+  LinkedScene scene = Scene(5, 5, {0.72, 0.60, 0.55, 0.52});  // the last one was wrong
+  EXPECT_GT(Probability(scene, 3), 0.7);
+  for (int i = 0; i < 3; ++i) scene.objects[i].lies = true;
+  EXPECT_GT(Probability(scene, 3), 0.7);  // it is level: on something that is not known
+  scene.objects[3].leans = true;
+  EXPECT_LT(Probability(scene, 3), 0.5);
+  EXPECT_LT(ProbabilityInRig(scene.objects[3], scene, options), 0.5);
+  EXPECT_GT(Probability(scene, 1), 0.9);
+  scene.objects[3].score = options.even_leaning + 0.05;
+  EXPECT_GT(Probability(scene, 3), 0.6);
+  scene.objects[3].score = 0.52;
+  scene.objects[1].lies = scene.objects[2].lies = false;  // one alone gives no plane
+  EXPECT_GT(Probability(scene, 3), 0.7);
+}
+
 // Cameras that adapted to a wrong part leave nothing for a second one.
+TEST(AspectDecision, TwoPartsOnAPlaneOnWhoseSurfaceViewsAgreeAreCompany) {
+  const AspectAcceptance options;
+  LinkedScene scene = Scene(4, 5, {0.50, 0.48});  // two right ones on granite
+  for (LinkedObject& o : scene.objects) o.lies = true;
+  EXPECT_LT(Probability(scene, 0), 0.5);
+  scene.agreement.surface.pairs = 12;
+  scene.agreement.surface.mean = 0.96;
+  EXPECT_NEAR(Probability(scene, 0), options.company_probability, 1e-9);
+  EXPECT_NEAR(Probability(scene, 1), options.company_probability, 1e-9);
+  LinkedScene other = scene;
+  other.objects[1].lies = false;
+  EXPECT_LT(Probability(other, 1), 0.5);
+  other = scene;
+  other.objects[1].object = other.objects[0].object;  // what a wrong camera makes of the first
+  EXPECT_LT(Probability(other, 0), 0.5);
+  other = scene;
+  other.objects[1].score = options.pair_lying - 0.01;
+  EXPECT_LT(Probability(other, 0), 0.5);
+  other = scene;
+  other.views[2].reset(), other.views[3].reset();  // two views adapt to wrong parts
+  EXPECT_LT(Probability(other, 0), 0.5);
+}
+
 TEST(AspectDecision, TwoPartsThatAgreeOnThreeViewsBearEachOtherOut) {
   const LinkedScene two = Scene(4, 5, {0.53, 0.50});
   EXPECT_LT(Probability(Scene(4, 5, {0.53}), 0), 0.6);
