@@ -130,7 +130,7 @@ struct AspectAcceptance {
   // scenes of other people's parts, the same without their parts.
   double even_lying = 0.335;
   double even_score = 0.475;
-  // Of one that leans where several others lie on a plane: seven such had up to 0.53, and all were
+  // Of one that leans where several others lie on a plane: six such had up to 0.53, and all were
   // wrong; right ones that lie on nothing known are level. ADR 52.
   double even_leaning = 0.56;
   double even_alone = 0.53;

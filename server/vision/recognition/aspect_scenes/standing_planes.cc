@@ -14,9 +14,9 @@ constexpr double kLevelM = 0.006;         // between these
 // and 0.018 of the diameter. ADR 39.
 constexpr double kLyingRad = 0.044;
 constexpr double kLyingShare = 0.02;
-// Right ones that lie on no known plane have 0.012 and less; a round side's poses are up to 0.16
-// apart (kRollingPoses).
-constexpr double kLeaningRad = 0.14;
+// Right ones that lie on no known plane have 0.012 and less, turned ones that are put right later
+// 0.22, wrong ones 0.52 and more; a round side's poses are up to 0.16 apart (kRollingPoses).
+constexpr double kLeaningRad = 0.3;
 
 // How many of the objects rest on the plane; -1 when one of them, or a camera, is below it.
 int RestingOn(const StandingPlane& plane,

@@ -13,7 +13,7 @@ namespace {
 constexpr int kSwept = 2;                      // parts that are looked for at all places of a view
 constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
 constexpr int kFirstViews = 2;                 // that are searched for all parts before any others
-// Of a pair of edges that are tested, where few parts are looked for; chosen, for time.
+// Of a fragment that are tested, where few parts are looked for; chosen, for time.
 constexpr int kQuickMatches = 300;
 // Least of ln f of a view beside linked ones: zooming cameras of rendered sets differ by 0.11. A
 // pose of a hinge before holes was refined to a focal length 20 % too short, and scored .33 of .57.
@@ -129,7 +129,7 @@ FindAspectOptions ViewSearch::Options(int per_object,
     find.expected = std::move(expected);
     return find;
   }
-  find.votes.max_pair_matches = kQuickMatches;
+  find.votes.max_matches = find.votes.max_pair_matches = kQuickMatches;
   double low = find.votes.max_size_share, high = find.votes.min_size_share;
   for (const AspectExpectation& e : expected) {
     low = std::min(low, static_cast<double>(e.min_size_px) / in_.images[v].width);

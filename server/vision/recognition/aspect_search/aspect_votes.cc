@@ -30,13 +30,6 @@ constexpr float kRoundRatio = 0.96f;            // of an ellipse's axes: beyond 
 constexpr int kRoundTurns = 12;                 // that are tried of such a one
 constexpr float kPlaceRadius = 0.25f;  // of the size: centres nearer than this are in one place
 
-// What a climb tries.
-struct ClimbStep {
-  float factor, turn_rad;  // of the size
-  float a, b;              // factor (cos, sin)
-  ClimbStep(float f, float t) : factor(f), turn_rad(t), a(f * std::cos(t)), b(f * std::sin(t)) {}
-};
-
 class Share {
  public:
   Share(const AspectImage& image,
@@ -57,16 +50,17 @@ class Share {
                   static_cast<float>(options_.key_rms_rad) * std::sqrt(float{kFragmentAngles}),
                   &found_);
       if (!wanted_.empty()) {
-        std::erase_if(found_, [&](const FragmentMatch& m) {
-          return !wanted_[index_.aspects[index_.fragments[m.fragment].aspect].model];
+        std::erase_if(found_, [&](std::uint32_t f) {
+          return !wanted_[index_.aspects[index_.fragments[f].aspect].model];
         });
       }
       counts_.matches += static_cast<std::int64_t>(found_.size());
-      KeepNearest(static_cast<std::size_t>(std::max(0, options_.max_matches)),
-                  static_cast<std::size_t>(counts_.fragments),
-                  &found_);
-      for (const FragmentMatch& m : found_)
-        Test(way, index_.fragments[m.fragment], index_.keys[m.fragment]);
+      const std::size_t stride =
+          1 + found_.size() / static_cast<std::size_t>(std::max(1, options_.max_matches));
+      for (std::size_t i = counts_.fragments % stride; i < found_.size(); i += stride) {
+        const std::uint32_t f = found_[i];
+        Test(way, index_.fragments[f], index_.keys[f]);
+      }
     }
   }
 
@@ -277,24 +271,21 @@ class Share {
                    const Eigen::Vector2f& pivot,
                    float best,
                    Similarity s) const {
-    // Tried in this order.
-    static const std::array<ClimbStep, 8> steps = {ClimbStep(1.08f, 0.0f),
-                                                   ClimbStep(0.926f, 0.0f),
-                                                   ClimbStep(1.0f, 0.07f),
-                                                   ClimbStep(1.0f, -0.07f),
-                                                   ClimbStep(1.04f, 0.0f),
-                                                   ClimbStep(0.962f, 0.0f),
-                                                   ClimbStep(1.0f, 0.035f),
-                                                   ClimbStep(1.0f, -0.035f)};
-    for (const ClimbStep& step : steps) {
+    // Of size (factor) and turn (rad), tried in this order.
+    constexpr float kSteps[][2] = {{1.08f, 0.0f},
+                                   {0.926f, 0.0f},
+                                   {1.0f, 0.07f},
+                                   {1.0f, -0.07f},
+                                   {1.04f, 0.0f},
+                                   {0.962f, 0.0f},
+                                   {1.0f, 0.035f},
+                                   {1.0f, -0.035f}};
+    for (const auto& step : kSteps) {
+      Similarity other = MakeSimilarity(s.size * step[0], s.turn + step[1]);
       const float dx = s.x - pivot.x(), dy = s.y - pivot.y();
-      Similarity other;
-      other.size = s.size * step.factor;
-      other.turn = s.turn + step.turn_rad;
-      other.a = step.a * s.a - step.b * s.b;
-      other.b = step.b * s.a + step.a * s.b;
-      other.x = pivot.x() + step.a * dx - step.b * dy;
-      other.y = pivot.y() + step.b * dx + step.a * dy;
+      const float c = step[0] * std::cos(step[1]), t = step[0] * std::sin(step[1]);
+      other.x = pivot.x() + c * dx - t * dy;
+      other.y = pivot.y() + t * dx + c * dy;
       const int tau8 = Tau8(other.size);
       const float support = maps_.For(tau8).Support(points, 0, kSecondPoints, other, tau8);
       if (support > best) {
@@ -326,8 +317,7 @@ class Share {
   std::span<const std::uint8_t> wanted_;
   std::vector<std::vector<AspectVote>> pools_;
   std::vector<float> floors_;
-  std::vector<FragmentMatch> found_;
-  std::vector<std::uint32_t> agreeing_, others_;
+  std::vector<std::uint32_t> found_, agreeing_, others_;
   std::vector<std::uint32_t> seen_ = std::vector<std::uint32_t>(kSeenSlots, 0);
   AspectVotes counts_;
 };

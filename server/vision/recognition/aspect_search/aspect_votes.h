@@ -21,9 +21,7 @@ struct AspectVoteOptions {
   double min_step = 2.0;
   // Matches of one fragment that are tested, spread over what the index finds: common shapes match
   // tens of thousands, and come again in the lengths and starts beside them.
-  // Of one fragment that are tested, the nearest: common shapes match tens of thousands, and come
-  // again in the lengths and starts beside them. ADR 52.
-  int max_matches = 150;
+  int max_matches = 1000;
   // Pieces that the image holds in more places than this, at one size and turn, are pattern.
   int max_repeats = 6;
   double key_rms_rad = 0.18;  // fragments whose keys differ by less are alike

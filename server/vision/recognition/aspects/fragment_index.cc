@@ -2,7 +2,6 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <numbers>
@@ -253,7 +252,7 @@ void AppendNear(const PackedFragmentKey* keys,
                 std::uint32_t end,
                 const PackedFragmentKey& key,
                 int limit,
-                std::vector<FragmentMatch>* found) {
+                std::vector<std::uint32_t>* found) {
   std::uint32_t f = begin;
 #if CV_SIMD128
   static_assert(kFragmentAngles == 8);
@@ -266,20 +265,14 @@ void AppendNear(const PackedFragmentKey* keys,
   for (; f + 4 <= end; f += 4) {
     cv::v_int32x4 a, b, c, d;
     cv::v_transpose4x4(squares(f), squares(f + 1), squares(f + 2), squares(f + 3), a, b, c, d);
-    const cv::v_int32x4 apart = (a + b) + (c + d);
-    int near = cv::v_signmask(~(apart > most));
-    if (near == 0) continue;
-    std::array<std::int32_t, 4> each;
-    cv::v_store(each.data(), apart);
-    for (; near != 0; near &= near - 1) {
-      const int k = std::countr_zero(static_cast<unsigned>(near));
-      found->push_back({f + static_cast<std::uint32_t>(k), each[k]});
-    }
+    int near = cv::v_signmask(~((a + b) + (c + d) > most));
+    for (; near != 0; near &= near - 1)
+      found->push_back(f +
+                       static_cast<std::uint32_t>(std::countr_zero(static_cast<unsigned>(near))));
   }
 #endif
   for (; f < end; ++f) {
-    const int apart = SquaredSteps(keys[f], key);
-    if (apart <= limit) found->push_back({f, apart});
+    if (SquaredSteps(keys[f], key) <= limit) found->push_back(f);
   }
 }
 
@@ -314,38 +307,14 @@ absl::StatusOr<XTreeSnapshot> BuildOutlineTree(const FragmentIndex& index) {
 
 }  // namespace
 
-void KeepNearest(std::size_t most, std::size_t phase, std::vector<FragmentMatch>* found) {
-  if (found->size() <= most) return;
-  constexpr std::int64_t kSteps = 64;
-  std::int64_t farthest = 0;
-  for (const FragmentMatch& m : *found) farthest = std::max<std::int64_t>(farthest, m.apart);
-  const auto step = [&](const FragmentMatch& m) {
-    return static_cast<std::size_t>(m.apart * kSteps / (farthest + 1));
-  };
-  std::array<std::size_t, kSteps> count{};
-  for (const FragmentMatch& m : *found) ++count[step(m)];
-  std::size_t border = 0, nearer = 0;
-  while (nearer + count[border] <= most) nearer += count[border++];
-  const std::size_t room = most - nearer;
-  const std::size_t stride =
-      room == 0 ? count[border] + 1 : (count[border] + room - 1) / room;  // of those at the border
-  std::size_t at_border = room == 0 ? 1 : phase % stride;
-  std::erase_if(*found, [&](const FragmentMatch& m) {
-    const std::size_t s = step(m);
-    return s > border || (s == border && at_border++ % stride != 0);
-  });
-}
-
 void FragmentIndex::Find(const FragmentKey& key,
                          float radius,
-                         std::vector<FragmentMatch>* found) const {
-  const PackedFragmentKey packed = PackKey(key);
+                         std::vector<std::uint32_t>* found) const {
   if (options.lookup == FragmentLookup::kXTree) {
     std::array<double, kFragmentAngles> center;
     std::copy(key.begin(), key.end(), center.begin());
     for (const Neighbor& n : tree.Radius(center, radius)) {
-      const auto f = static_cast<std::uint32_t>(n.id);
-      found->push_back({f, SquaredSteps(keys[f], packed)});
+      found->push_back(static_cast<std::uint32_t>(n.id));
     }
     return;
   }
@@ -365,6 +334,7 @@ void FragmentIndex::Find(const FragmentKey& key,
     const float over = i == cells[d] - 1 ? 0.0f : place[d] - (i + 1);
     return std::max(0.0f, std::max(under, over));
   };
+  const PackedFragmentKey packed = PackKey(key);
   const int limit = static_cast<int>(radius * radius * kKeyScale * kKeyScale);
   for (int i = first(0); i <= last(0, reach); ++i) {
     const float di = away(0, i);

@@ -131,16 +131,6 @@ FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
                                 const FragmentChoice& choice = {},
                                 std::span<const ModelCircle> rims = {});
 
-// A fragment of the index whose key is like the one looked for.
-struct FragmentMatch {
-  std::uint32_t fragment = 0;
-  std::int32_t apart = 0;  // of the keys: sum of squared steps
-};
-
-// Keeps at most `most` of them, the nearest, in their order. Of equally near ones (within a 64th of
-// the largest distance) some, spread over all: `phase` says which.
-void KeepNearest(std::size_t most, std::size_t phase, std::vector<FragmentMatch>* found);
-
 // Immutable once built; any number of threads may search it. `fragments` and `keys` are in the
 // order of the grid's cells.
 struct FragmentIndex {
@@ -165,7 +155,7 @@ struct FragmentIndex {
   std::vector<IndexedEllipse> ellipses;  // by ratio
 
   // Appends the fragments whose keys differ by at most `radius` (Euclidean, radians).
-  void Find(const FragmentKey& key, float radius, std::vector<FragmentMatch>* found) const;
+  void Find(const FragmentKey& key, float radius, std::vector<std::uint32_t>* found) const;
 
   // The pairs whose openings differ by at most `reach_rad`: [first, last) of `pairs`.
   std::pair<std::size_t, std::size_t> FindPairs(float opening_rad, float reach_rad) const;

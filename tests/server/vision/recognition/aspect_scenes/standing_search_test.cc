@@ -154,8 +154,8 @@ TEST_F(StandingSearch, PartsLieOnThePlaneOfOthersAndOnTheirTops) {
     pose.t.z() = height;
     EXPECT_FALSE(Leans(planes, pose, cylinder));
     EXPECT_FALSE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), M_PI), cylinder));
-    EXPECT_FALSE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.1), cylinder));
-    EXPECT_TRUE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.2), cylinder));
+    EXPECT_FALSE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.2), cylinder));
+    EXPECT_TRUE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.4), cylinder));
     EXPECT_TRUE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitY(), 0.7), cylinder));
     EXPECT_FALSE(Leans({}, pose * Turn(Eigen::Vector3d::UnitX(), 0.7), cylinder));
   }
