@@ -153,8 +153,8 @@ struct AspectAcceptance {
   // part was looked for one has two parts that do, none three. Commit of ADR 40, cad-dev and 30
   // scenes of other people's parts.
   double company_lying = 0.38;
-  // Two such parts are company where the views also agree on the brightness of the best one's
-  // surface: then no view is turned. One of two parts that score less than a sure one. ADR 52.
+  // Two of this score are company where the views agree on the brightness of the best one's
+  // surface (its correlation between them): then no view is turned. ADR 52.
   double pair_lying = 0.45;
   double pair_surface = 0.8;
   double company_score = 0.44;
