@@ -11,6 +11,7 @@
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/scene_similarity.h"
 #include "server/vision/recognition/aspect_scenes/standing_search.h"
+#include "server/vision/recognition/aspect_scenes/surface_links.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 #include "server/vision/recognition/aspect_scenes/view_search.h"
 #include "server/vision/recognition/aspect_scenes/view_turns.h"
@@ -65,6 +66,7 @@ class Linker {
     LinkedScene best = BestLinked();
     SearchAsNeeded(&best);
     FollowLeads(&best);
+    FollowSurfaces(&best);
     search_.Forget();
     if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1 &&
         !IsSure(best))
@@ -186,6 +188,16 @@ class Linker {
       LinkedScene other = BestLinked();
       if (other.score > best->score) *best = std::move(other);
       if (IsCredible(*best)) return;
+    }
+  }
+
+  // ... and of a part that is printed all over edges explain too little in any two.
+  void FollowSurfaces(LinkedScene* best) const {
+    if (IsCredible(*best) || IsStopRequested(stop_)) return;
+    for (AspectScene& scene : ScenesBySurface(in_, options_, links_, stop_)) {
+      AdjustCoarsely(&scene);
+      LinkedScene other = Completed(std::move(scene));
+      if (other.score > best->score) *best = std::move(other);
     }
   }
 

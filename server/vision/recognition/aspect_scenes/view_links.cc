@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_scenes/surface_links.h"
 
 namespace horopter {
 namespace {
@@ -15,6 +16,8 @@ constexpr double kVirtualSigmaPx = 6.0;  // working px; chosen, commit cffbdd4
 // many parts are; chosen.
 constexpr double kLeadingScore = 0.48;
 constexpr std::size_t kLeading = 2;  // for time
+// Of correlation over the surface: by so much more it denies a turn that edges do not; chosen.
+constexpr double kSurfaceTells = 0.2;
 
 }  // namespace
 
@@ -74,6 +77,7 @@ int ViewLinks::Grow(const std::vector<bool>& wanted, GrownScene* scene) const {
 std::pair<double, AspectSceneView> ViewLinks::BestView(
     const GrownScene& scene, const std::vector<std::vector<ModelEdgePoint>>& points, int v) const {
   std::pair<double, AspectSceneView> best{0.0, {}};
+  const GrownObject* by = nullptr;
   for (const GrownObject& o : scene.objects) {
     for (const AspectHypothesis& h : support_.Hypotheses(v)) {
       if (h.object != o.placed.object) continue;
@@ -89,11 +93,25 @@ std::pair<double, AspectSceneView> ViewLinks::BestView(
         const AspectSceneView view = view_of(turn);
         const double sum =
             SupportOfView(scene, points, v, view, nullptr) + SupportInOthers(scene, v, view, h);
-        if (sum > best.first) best = {sum, view};
+        if (sum > best.first) {
+          best = {sum, view};
+          by = &o;
+        }
       }
     }
   }
+  if (by != nullptr) TurnTo(scene, *by, v, &best.second);
   return best;
+}
+
+void ViewLinks::TurnTo(const GrownScene& scene,
+                       const GrownObject& by,
+                       int v,
+                       AspectSceneView* view) const {
+  const Rigid3 stated = view->camera_from_scene * by.placed.scene_from_object;
+  const auto turn = TurnBySurface(in_, options_, scene.views, by.placed, v, view->camera, stated);
+  if (turn && turn->correlation > turn->stated + kSurfaceTells)
+    view->camera_from_scene = stated * turn->turn * by.placed.scene_from_object.Inverse();
 }
 
 double ViewLinks::SupportOfView(const GrownScene& scene,

@@ -43,6 +43,8 @@ class ViewLinks {
  private:
   std::pair<double, AspectSceneView> BestView(
       const GrownScene& scene, const std::vector<std::vector<ModelEdgePoint>>& points, int v) const;
+  // Turns a view by a symmetry of the part that links it, where the part's surface asks for it.
+  void TurnTo(const GrownScene& scene, const GrownObject& by, int v, AspectSceneView* view) const;
   // What a view under this camera says of the scene's objects: by its hypotheses, or else by its
   // edges. Of all but `linking`.
   double SupportOfView(const GrownScene& scene,

@@ -203,7 +203,7 @@ bool DropPattern(const AspectImageOptions& options,
 // Scores count supported pixels, and tolerances are a few: a small image, as of a cut-out, is
 // looked at as large as others are.
 double WorkingScale(const cv::Size& size, const AspectImageOptions& options) {
-  constexpr double kMostEnlarged = 2.6;  // beyond, an edge is wider than the tolerances
+  constexpr double kMostEnlarged = 1.6;  // beyond, an edge is wider than the tolerances
   constexpr double kSmall = 0.7;         // of max_width_px
   const double width = options.max_width_px, side = std::max(size.width, size.height);
   if (size.width > width) return width / size.width;
