@@ -194,11 +194,37 @@ class Linker {
   // ... and of a part that is printed all over edges explain too little in any two.
   void FollowSurfaces(LinkedScene* best) const {
     if (IsCredible(*best) || IsStopRequested(stop_)) return;
-    for (AspectScene& scene : ScenesBySurface(in_, options_, links_, stop_)) {
-      AdjustCoarsely(&scene);
-      LinkedScene other = Completed(std::move(scene));
-      if (other.score > best->score) *best = std::move(other);
+    for (const AspectScene& scene : ScenesBySurface(in_, options_, links_, stop_)) {
+      for (AspectScene start : {scene, FromOneFocal(scene)}) {
+        AdjustCoarsely(&start);
+        LinkedScene other = Completed(std::move(start));
+        if (other.score > best->score) *best = std::move(other);
+      }
     }
+  }
+
+  // A scene of one part adjusted from the middle one of its focal lengths: a single image hardly
+  // says its own, and what is printed on the part is in its place only under the right one.
+  AspectScene FromOneFocal(const AspectScene& scene) const {
+    std::vector<double> focals;
+    for (const auto& view : scene.views) {
+      if (view) focals.push_back(RelativeFocal(view->camera));
+    }
+    const auto median = focals.begin() + static_cast<std::ptrdiff_t>(focals.size() / 2);
+    std::nth_element(focals.begin(), median, focals.end());
+    const AspectSceneObject& part = scene.objects.front();
+    AspectScene out =
+        WithOneFocal(scene,
+                     part.scene_from_object * meshes_[part.object]->center.cast<double>(),
+                     *median,
+                     kOneCameraSigma);
+    AdjustCoarsely(&out);
+    for (std::size_t v = 0; v < out.views.size(); ++v) {
+      if (!out.views[v]) continue;
+      out.views[v]->prior_log_focal = scene.views[v]->prior_log_focal;
+      out.views[v]->log_focal_sigma = scene.views[v]->log_focal_sigma;
+    }
+    return out;
   }
 
   void AddUnsearched(LinkedScene* best) {

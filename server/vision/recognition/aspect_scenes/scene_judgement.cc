@@ -83,9 +83,19 @@ AspectScore Mean(const LinkedObject& o, int shown) {
   for (const AspectScore& score : o.views) {
     mean.precision += score.precision / shown;
     mean.recall += score.recall / shown;
-    mean.print += score.print / shown;
   }
   return mean;
+}
+
+// Of the views that show it: one with a poor camera does not decide.
+double Middle(const LinkedObject& o, double AspectScore::*value) {
+  std::vector<double> values;
+  for (std::size_t v = 0; v < o.views.size(); ++v) {
+    if (o.shown[v]) values.push_back(o.views[v].*value);
+  }
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
 }
 
 // Edges of the model are found, but the images have many more within it.
@@ -219,14 +229,15 @@ LinkedObject Judged(std::span<const AspectImage> images,
   } else if (may_be_printed) {
     LinkedObject printed = out;
     ForgivePrint(images, mesh, views, placed, near, scoring, edges, &printed);
-    const AspectScore mean = Mean(printed, shown);
+    const double recall = Middle(printed, &AspectScore::recall);
+    const double print = Middle(printed, &AspectScore::print);
     // While the cameras are rough only some of the print stays in its places.
-    const bool growing = options.presumed_recall > 0 && mean.print >= kGrowingPrint;
+    const bool growing = options.presumed_recall > 0 && print >= kGrowingPrint;
     for (AspectScore& score : printed.views) {
       if (growing && score.precision >= options.print_precision && score.print >= kGrowingPrint)
         PresumeRecall(kGrowingRecall, scoring, &score);
     }
-    if (growing || mean.recall >= options.print_recall || mean.print >= options.print_share)
+    if (growing || recall >= options.print_recall || print >= options.print_share)
       out = std::move(printed);
   }
   for (const AspectScore& score : out.views) {

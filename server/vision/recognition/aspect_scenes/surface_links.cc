@@ -18,6 +18,7 @@ constexpr int kLeastViews = 3;       // two adapt to each other
 constexpr std::size_t kAsked = 3;    // nearest views in number that a view is held against
 // Of a view with those it is held against: right ones of printed boxes have 0.8 and more.
 constexpr double kAgrees = 0.5;
+constexpr double kOdd = 0.15;  // less than the middle one with all others: a poor pose
 
 // Views by their distance in number from one.
 std::vector<int> ByNearness(int from, std::size_t count) {
@@ -85,7 +86,7 @@ class SurfaceLinker {
                 const AspectLinkOptions& options,
                 const ViewLinks& links,
                 int object)
-      : in_(input), links_(links), object_(object), shown_(input.images.size()) {
+      : links_(links), object_(object), shown_(input.images.size()) {
     turns_ = {Rigid3{}};
     links.turns().AppendSpread(input.models[object].symmetries, &turns_);
     std::vector<std::pair<int, const AspectHypothesis*>> all;
@@ -158,6 +159,7 @@ class SurfaceLinker {
       }
       if (chosen[v]) worth += agrees;
     }
+    DropOdd(&chosen);
     AspectScene scene;
     scene.views.resize(shown_.size());
     int views = 0;
@@ -173,7 +175,29 @@ class SurfaceLinker {
     return {std::move(scene), views >= kLeastViews ? worth : 0.0};
   }
 
-  const AspectLinkInput& in_;
+  // A view that agrees less with the others than they do among themselves does without.
+  static void DropOdd(std::vector<std::optional<SeenObject>>* chosen) {
+    std::vector<std::pair<double, std::size_t>> means;
+    for (std::size_t v = 0; v < chosen->size(); ++v) {
+      if (!(*chosen)[v]) continue;
+      double sum = 0.0;
+      int told = 0;
+      for (std::size_t w = 0; w < chosen->size(); ++w) {
+        if (w == v || !(*chosen)[w]) continue;
+        const auto correlation = SurfaceCorrelation(*(*chosen)[v], *(*chosen)[w]);
+        sum += correlation.value_or(0.0);
+        told += correlation.has_value();
+      }
+      if (told > 0) means.emplace_back(sum / told, v);
+    }
+    if (means.size() <= static_cast<std::size_t>(kLeastViews)) return;
+    std::sort(means.begin(), means.end());
+    const double middle = means[means.size() / 2].first;
+    for (const auto& [mean, v] : means) {
+      if (mean < middle - kOdd) (*chosen)[v].reset();
+    }
+  }
+
   const ViewLinks& links_;
   int object_;
   std::vector<Rigid3> turns_;
