@@ -56,6 +56,12 @@ Shown ShownIn(const AspectLinkInput& input,
           MakeObjectLayer(image, mesh, camera, camera_from_object, options.quick_render_px)};
 }
 
+struct SurfaceTurn {
+  Rigid3 turn;
+  double correlation = 0.0;
+  double stated = 0.0;  // of the first turn; 0 where it says nothing
+};
+
 // Of the turns of a view that by which it agrees best with the others.
 std::optional<SurfaceTurn> BestTurn(const Shown& shown,
                                     std::span<const SeenObject> others,
@@ -232,16 +238,15 @@ std::vector<int> OutlinedObjects(const AspectLinkInput& input, const ViewLinks& 
 
 }  // namespace
 
-std::optional<SurfaceTurn> TurnBySurface(const AspectLinkInput& input,
-                                         const AspectLinkOptions& options,
-                                         const std::vector<std::optional<AspectSceneView>>& views,
-                                         const AspectSceneObject& placed,
-                                         int view,
-                                         const PinholeCamera& camera,
-                                         const Rigid3& camera_from_object) {
+std::optional<SurfaceChoice> ChooseBySurface(
+    const AspectLinkInput& input,
+    const AspectLinkOptions& options,
+    const std::vector<std::optional<AspectSceneView>>& views,
+    const AspectSceneObject& placed,
+    int view,
+    std::span<const PoseInView> poses) {
   const AspectModel& model = input.models[placed.object];
-  if (model.symmetries.empty() || !model.round.empty()) return std::nullopt;
-  const Shown shown = ShownIn(input, options, placed.object, view, camera, camera_from_object);
+  if ((poses.size() < 2 && model.symmetries.empty()) || !model.round.empty()) return std::nullopt;
   std::vector<Shown> near;
   for (const int w : ByNearness(view, views.size())) {
     if (!views[w] || w == view || near.size() >= kAsked) continue;
@@ -258,7 +263,19 @@ std::optional<SurfaceTurn> TurnBySurface(const AspectLinkInput& input,
   const std::size_t most = static_cast<std::size_t>(std::max(1, options.max_symmetries));
   for (std::size_t i = 0; i < std::min(most, model.symmetries.size()); ++i)
     turns.push_back(model.symmetries[i]);
-  return BestTurn(shown, others, turns);
+  std::optional<SurfaceChoice> best;
+  double stated = 0.0;
+  for (std::size_t p = 0; p < poses.size(); ++p) {
+    const Shown shown =
+        ShownIn(input, options, placed.object, view, poses[p].camera, poses[p].camera_from_object);
+    const std::optional<SurfaceTurn> turn = BestTurn(shown, others, turns);
+    if (!turn) continue;
+    if (p == 0) stated = turn->stated;
+    if (!best || turn->correlation > best->correlation)
+      best = SurfaceChoice{p, turn->turn, turn->correlation, 0.0};
+  }
+  if (best) best->stated = stated;
+  return best;
 }
 
 std::vector<AspectScene> ScenesBySurface(const AspectLinkInput& input,

@@ -11,21 +11,29 @@
 
 namespace horopter {
 
-// What the surface of a placed part says of a view: the exact symmetry of the part by which the
-// view agrees best with the others, and the mean correlation with them there; nothing where they
-// say nothing. A surface of revolution shows its gloss, not itself: nothing is said of it.
-struct SurfaceTurn {
-  Rigid3 turn;
-  double correlation = 0.0;
-  double stated = 0.0;  // without the turn; 0 where that says nothing
+// A part in a view.
+struct PoseInView {
+  PinholeCamera camera;
+  Rigid3 camera_from_object;
 };
-std::optional<SurfaceTurn> TurnBySurface(const AspectLinkInput& input,
-                                         const AspectLinkOptions& options,
-                                         const std::vector<std::optional<AspectSceneView>>& views,
-                                         const AspectSceneObject& placed,
-                                         int view,
-                                         const PinholeCamera& camera,
-                                         const Rigid3& camera_from_object);
+
+// What the surface of a placed part says of another view's poses of it: the one by which that view
+// agrees best with its nearest of `views`, turned by an exact symmetry of the part.
+struct SurfaceChoice {
+  std::size_t pose = 0;
+  Rigid3 turn;
+  double correlation = 0.0;  // mean with these views
+  double stated = 0.0;       // of the first pose without a turn; 0 where it says nothing
+};
+// Nothing where no other pose or turn is asked for, or none says anything. A surface of revolution
+// shows its gloss, not itself: nothing is said of it.
+std::optional<SurfaceChoice> ChooseBySurface(
+    const AspectLinkInput& input,
+    const AspectLinkOptions& options,
+    const std::vector<std::optional<AspectSceneView>>& views,
+    const AspectSceneObject& placed,
+    int view,
+    std::span<const PoseInView> poses);
 
 // Scenes of one part each, whose outline most of the views show: three and more views, each by that
 // hypothesis and symmetry by which they agree on the surface. Not adjusted; best first.

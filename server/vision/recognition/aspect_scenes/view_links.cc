@@ -18,6 +18,10 @@ constexpr double kLeadingScore = 0.48;
 constexpr std::size_t kLeading = 2;  // for time
 // Of correlation over the surface: by so much more it denies a turn that edges do not; chosen.
 constexpr double kSurfaceTells = 0.2;
+// Poses of a part alone in a view of which it chooses, and their support against the best one's;
+// chosen, for time.
+constexpr std::size_t kSurfacePoses = 4;
+constexpr double kNearlySupported = 0.5;
 
 }  // namespace
 
@@ -76,8 +80,7 @@ int ViewLinks::Grow(const std::vector<bool>& wanted, GrownScene* scene) const {
 
 std::pair<double, AspectSceneView> ViewLinks::BestView(
     const GrownScene& scene, const std::vector<std::vector<ModelEdgePoint>>& points, int v) const {
-  std::pair<double, AspectSceneView> best{0.0, {}};
-  const GrownObject* by = nullptr;
+  std::vector<LinkedView> linked;  // by each hypothesis, under its best turn
   for (const GrownObject& o : scene.objects) {
     for (const AspectHypothesis& h : support_.Hypotheses(v)) {
       if (h.object != o.placed.object) continue;
@@ -89,29 +92,42 @@ std::pair<double, AspectSceneView> ViewLinks::BestView(
         return SupportOfView(scene, points, v, view_of(turn), &o) +
                SupportInOthers(scene, v, view_of(turn), h);
       };
+      LinkedView best;
       for (const Rigid3& turn : turns_.Supported(h.object, support)) {
         const AspectSceneView view = view_of(turn);
         const double sum =
             SupportOfView(scene, points, v, view, nullptr) + SupportInOthers(scene, v, view, h);
-        if (sum > best.first) {
-          best = {sum, view};
-          by = &o;
-        }
+        if (sum > best.support) best = {sum, view, &o};
       }
+      if (best.by != nullptr) linked.push_back(best);
     }
   }
-  if (by != nullptr) TurnTo(scene, *by, v, &best.second);
-  return best;
+  std::stable_sort(linked.begin(), linked.end(), [](const LinkedView& a, const LinkedView& b) {
+    return a.support > b.support;
+  });
+  if (linked.empty()) return {0.0, {}};
+  return {linked.front().support, ChosenBySurface(scene, v, linked)};
 }
 
-void ViewLinks::TurnTo(const GrownScene& scene,
-                       const GrownObject& by,
-                       int v,
-                       AspectSceneView* view) const {
-  const Rigid3 stated = view->camera_from_scene * by.placed.scene_from_object;
-  const auto turn = TurnBySurface(in_, options_, scene.views, by.placed, v, view->camera, stated);
-  if (turn && turn->correlation > turn->stated + kSurfaceTells)
-    view->camera_from_scene = stated * turn->turn * by.placed.scene_from_object.Inverse();
+AspectSceneView ViewLinks::ChosenBySurface(const GrownScene& scene,
+                                           int v,
+                                           std::span<const LinkedView> linked) const {
+  const LinkedView& first = linked.front();
+  std::vector<AspectSceneView> views;
+  std::vector<PoseInView> poses;
+  for (const LinkedView& l : linked) {
+    // Others tell the poses of one apart.
+    const bool asked = poses.empty() || (scene.objects.size() == 1 && poses.size() < kSurfacePoses);
+    if (!asked || l.by != first.by || l.support < kNearlySupported * first.support) break;
+    views.push_back(l.view);
+    poses.push_back({l.view.camera, l.view.camera_from_scene * l.by->placed.scene_from_object});
+  }
+  const auto choice = ChooseBySurface(in_, options_, scene.views, first.by->placed, v, poses);
+  if (!choice || choice->correlation <= choice->stated + kSurfaceTells) return first.view;
+  AspectSceneView out = views[choice->pose];
+  out.camera_from_scene = poses[choice->pose].camera_from_object * choice->turn *
+                          first.by->placed.scene_from_object.Inverse();
+  return out;
 }
 
 double ViewLinks::SupportOfView(const GrownScene& scene,

@@ -43,8 +43,17 @@ class ViewLinks {
  private:
   std::pair<double, AspectSceneView> BestView(
       const GrownScene& scene, const std::vector<std::vector<ModelEdgePoint>>& points, int v) const;
-  // Turns a view by a symmetry of the part that links it, where the part's surface asks for it.
-  void TurnTo(const GrownScene& scene, const GrownObject& by, int v, AspectSceneView* view) const;
+  // A view by a hypothesis for an object of the scene, and what supports it.
+  struct LinkedView {
+    double support = 0.0;
+    AspectSceneView view;
+    const GrownObject* by = nullptr;
+  };
+  // The first of the list, best first, unless the surface of the part that links it asks for a
+  // symmetry of that part, or for another one of the list.
+  AspectSceneView ChosenBySurface(const GrownScene& scene,
+                                  int v,
+                                  std::span<const LinkedView> linked) const;
   // What a view under this camera says of the scene's objects: by its hypotheses, or else by its
   // edges. Of all but `linking`.
   double SupportOfView(const GrownScene& scene,
