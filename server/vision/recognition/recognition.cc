@@ -18,6 +18,7 @@
 #include "server/vision/recognition/interpretation/poor_views.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/interpretation/routes.h"
+#include "server/vision/recognition/interpretation/scale_alternatives.h"
 #include "server/vision/recognition/interpretation/symmetric_views.h"
 #include "server/vision/recognition/rig_recognition.h"
 #include "server/vision/recognition/scene/surface_texture.h"
@@ -431,6 +432,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
       RecognitionResult aspects,
       RecognizeByAspects(context, images, search, {}, log, AspectOptionsOf(input)));
   WeighTurns(context, images, &aspects);
+  SayScaleAlternatives(context, &aspects);
   return aspects;
 }
 
@@ -489,9 +491,13 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
                               WithAspects(input, images, context, &work, log));
     WeighTurns(context, images, &result);
+    SayScaleAlternatives(context, &result);
     return result;
   }
-  return ByRoutes(input, options.routes, context, &work, log);
+  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
+                            ByRoutes(input, options.routes, context, &work, log));
+  SayScaleAlternatives(context, &result);
+  return result;
 }
 
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,

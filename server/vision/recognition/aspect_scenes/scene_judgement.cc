@@ -202,7 +202,6 @@ LinkedObject Judged(std::span<const AspectImage> images,
   out.shown.assign(views.size(), false);
   AspectScoreOptions scoring = options.scoring;
   scoring.render_px = options.render_px;
-  scoring.outside_hides = true;
   std::vector<std::vector<const ObjectLayer*>> near(views.size());
   int registered = 0, shown = 0;
   for (std::size_t v = 0; v < views.size(); ++v) {

@@ -39,7 +39,7 @@ struct SceneJudgementOptions {
   double render_px = 200.0;    // a diameter, of the scores
   AspectScoreOptions scoring;  // but for its render_px
   double layer_px = 110.0;     // ... of what hides others
-  double shown_share = 0.35;   // of a part's box inside the image for a view to count
+  double shown_share = 0.35;   // of a part's box inside the image for a view to count; ADR 53
   double visible_share = 0.3;  // of its edges that others leave to see
   double hiding_score = 0.42;  // of objects that are believed to hide others
   // Of a better part's surface, a part must not have more than this share as its own: surfaces

@@ -159,10 +159,6 @@ void ScoreModelEdges(const AspectImage& image,
     }
     const int x = static_cast<int>(std::lround(p.image.x()));
     const int y = static_cast<int>(std::lround(p.image.y()));
-    if (options.outside_hides && (x < 0 || y < 0 || x >= image.width || y >= image.height)) {
-      score->hidden_px += length;
-      continue;
-    }
     if (!seen.others.empty()) {
       const double depth = (seen.camera_from_object * p.point.cast<double>()).z();
       if (IsCovered(seen.others, x, y, static_cast<float>(1.0 / (depth - seen.hidden_m)))) {

@@ -48,9 +48,6 @@ struct AspectScoreOptions {
   // is taken off the precision, and image edges in such places count less in the recall.
   double free_chance = kFreeChance;
   double hidden_share = 0.02;  // of the diameter by which what hides an edge is nearer
-  // Edges outside of the image are hidden, instead of not found: true once other views confirm a
-  // pose; hypotheses of one image would leave it where they are wrong.
-  bool outside_hides = false;
   // An image edge is print on the surface when the siblings that see its place, at least two, show
   // a like-directed edge there with this support above chance.
   double print_support = 0.5;
@@ -66,7 +63,7 @@ struct AspectScore {
   double recall = 0.0;
   double support_px = 0.0;  // supported visible edge, working pixels
   double visible_px = 0.0;  // visible edge that no other part hides, working pixels
-  double hidden_px = 0.0;   // ... that other parts hide, or the image's border
+  double hidden_px = 0.0;   // ... that other parts hide
   double claimed_px = 0.0;  // ... found where another part has a like-directed edge
   double score = 0.0;
   // Of the edge strength on its surface that is not its own, what siblings show in the same places;

@@ -86,6 +86,50 @@ TEST_F(SceneJudgement, TrueScoresHighAShiftedPoseLow) {
   EXPECT_LT(wrong.score, 0.5 * right.score);
 }
 
+// The photographs without what is left of a share of the part's box, and cameras that know it.
+struct CutOff {
+  Photos photos;
+  std::vector<std::optional<AspectSceneView>> views = Views();
+
+  CutOff(Photos whole, const RenderMesh& mesh, double share) : photos(std::move(whole)) {
+    for (int v = 0; v < kViews; ++v) {
+      PinholeCamera& camera = views[v]->camera;
+      double left = 1e9, right = -1e9;
+      for (const Eigen::Vector3d& corner : BoxCorners(mesh)) {
+        const double x = Project(camera, CameraFromScene(v) * corner).x();
+        left = std::min(left, x);
+        right = std::max(right, x);
+      }
+      const int cut = std::max(0, static_cast<int>(left + share * (right - left)));
+      cv::Mat& picture = photos.pictures[v];
+      picture = picture(cv::Rect(cut, 0, picture.cols - cut, picture.rows)).clone();
+      camera.cx -= cut;
+      camera.width -= cut;
+      photos.images[v] = MakeAspectImage(picture);
+    }
+  }
+};
+
+TEST_F(SceneJudgement, APartThatTheBorderCutsOffCountsByWhatIsSeen) {
+  const Photos whole = Take({{&block(), Rigid3{}}}, kNoPrint);
+  const LinkedObject uncut = JudgeInViews(whole.images, block(), Views(), {0, Rigid3{}});
+  for (const double share : {0.2, 0.4}) {
+    SCOPED_TRACE(share);
+    const CutOff cut(whole, block(), share);
+    const LinkedObject right = JudgeInViews(cut.photos.images, block(), cut.views, {0, Rigid3{}});
+    Rigid3 shifted;
+    shifted.t.y() = 0.008;
+    const LinkedObject wrong = JudgeInViews(cut.photos.images, block(), cut.views, {0, shifted});
+    EXPECT_EQ(std::count(right.shown.begin(), right.shown.end(), true), kViews);
+    for (const AspectScore& score : right.views)
+      EXPECT_LT(score.visible_px, uncut.views[0].visible_px);
+    EXPECT_GT(right.score, 0.75 * uncut.score);
+    EXPECT_LT(wrong.score, 0.6 * right.score);
+  }
+  const CutOff gone(whole, block(), 0.95);
+  EXPECT_EQ(JudgeInViews(gone.photos.images, block(), gone.views, {0, Rigid3{}}).score, 0.0);
+}
+
 TEST_F(SceneJudgement, ASecondPartInTheSameSurfaceScoresNothing) {
   const Photos photos = Take({{&block(), Rigid3{}}}, kNoPrint);
   AspectScene scene;
@@ -156,6 +200,20 @@ TEST_F(SceneJudgement, PrintThatStaysInItsPlaceNeedsNoExplanation) {
   }
 }
 
+TEST_F(SceneJudgement, OneViewWithAPoorCameraDoesNotDecideWhatIsPrint) {
+  const unsigned seed = 3;
+  const Photos printed = Take({{&block(), Rigid3{}}}, [&](int) { return seed; });
+  auto views = Views();
+  views[kViews - 1]->camera_from_scene.t.x() += 0.0015;
+  SceneJudgementOptions strict;
+  strict.print_precision = 2.0;  // never
+  const auto with = JudgeInViews(printed.images, block(), views, {0, Rigid3{}});
+  const auto without = JudgeInViews(printed.images, block(), views, {0, Rigid3{}}, strict);
+  EXPECT_LT(with.views[kViews - 1].print, with.views[0].print);
+  for (int v = 0; v + 1 < kViews; ++v)
+    EXPECT_GT(with.views[v].score, without.views[v].score + 0.05) << "view " << v;
+}
+
 // Short lines beside the part, other ones in every view: what lies behind it.
 void DrawGround(const std::vector<std::pair<const RenderMesh*, Rigid3>>& seen,
                 unsigned seed,
@@ -217,7 +275,9 @@ TEST_F(SceneJudgement, RoughCamerasHideThatPrintStays) {
     const auto grown = JudgeInViews(printed.images, block(), Views(), {0, rough}, growing);
     EXPECT_GE(grown.score, JudgeInViews(printed.images, block(), Views(), {0, rough}).score);
     for (const AspectScore& score : grown.views) {
-      if (score.print >= 0.5) EXPECT_GE(score.recall, 0.5);
+      if (score.print >= 0.5) {
+        EXPECT_GE(score.recall, 0.5);
+      }
     }
   }
 }
