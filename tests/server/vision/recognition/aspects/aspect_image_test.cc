@@ -186,19 +186,19 @@ TEST(AspectImage, WorkingCameraShowsThePointWhereTheSmallImageHasIt) {
 // is.
 TEST(AspectImage, ASmallImageIsLookedAtAsLargeAsOthers) {
   const AspectImage image = MakeAspectImage(Disc({100, 100, 100}, {112, 112, 112}));
-  EXPECT_EQ(image.width, 640);
-  EXPECT_EQ(image.working_from_image, 2.0);
+  EXPECT_EQ(image.width, 512);
+  EXPECT_DOUBLE_EQ(image.working_from_image, 1.6);
   ASSERT_GT(image.edges.size(), 600u);
   for (const ImageEdgePoint& e : image.edges) {
-    const Eigen::Vector2f at = (e.point.array() + 0.5f) / 2.0f - 0.5f;
+    const Eigen::Vector2f at = (e.point.array() + 0.5f) / 1.6f - 0.5f;
     EXPECT_NEAR((at - Eigen::Vector2f(160, 120)).norm(), 60.0f, 1.0f);
   }
   const PinholeCamera camera = CenteredCamera(320, 240, 400.0);
   const PinholeCamera back = OriginalCamera(image, WorkingCamera(image, camera));
   EXPECT_NEAR(back.focal_px, camera.focal_px, 1e-9);
   EXPECT_NEAR(back.cx, camera.cx, 1e-9);
-  // Larger than by 2.6 nothing is made; a portrait of common size stays.
-  EXPECT_EQ(MakeAspectImage(cv::Mat(80, 100, CV_8UC1, cv::Scalar(9))).width, 260);
+  // Larger than by 1.6 nothing is made; a portrait of common size stays.
+  EXPECT_EQ(MakeAspectImage(cv::Mat(80, 100, CV_8UC1, cv::Scalar(9))).width, 160);
   EXPECT_EQ(MakeAspectImage(cv::Mat(640, 480, CV_8UC1, cv::Scalar(9))).width, 480);
 }
 
