@@ -75,6 +75,7 @@ absl::Status Check(const AspectAcceptance& o) {
        {"company_best_score", o.company_best_score, FieldRange::kShare},
        {"company_probability", o.company_probability, FieldRange::kShare},
        {"ground_agrees", o.ground_agrees, FieldRange::kShare},
+       {"print_tells", o.print_tells, FieldRange::kShare},
        {"even_on_ground", o.even_on_ground, FieldRange::kShare},
        {"surface_disagrees", o.surface_disagrees, FieldRange::kShare},
        {"disagreement_more", o.disagreement_more, FieldRange::kShare},

@@ -55,12 +55,27 @@ bool GroundAgrees(const LinkedScene& scene, const AspectAcceptance& options) {
          !GroundContradicts(scene, options);
 }
 
+// Three views and more show the same print on the part.
+bool PrintTells(const LinkedObject& o, const LinkedScene& scene, const AspectAcceptance& options) {
+  std::vector<double> print;
+  for (std::size_t v = 0; v < o.views.size(); ++v) {
+    if (o.shown[v]) print.push_back(o.views[v].print);
+  }
+  if (static_cast<int>(print.size()) < options.accompanied_views ||
+      scene.agreement.Contradicts(options.surface_disagrees))
+    return false;
+  const auto middle = print.begin() + static_cast<std::ptrdiff_t>(print.size() / 2);
+  std::nth_element(print.begin(), middle, print.end());
+  return *middle >= options.print_tells;
+}
+
 // What one part alone must score, for the views it links and the cameras it says they have.
-double EvenAlone(const LinkedScene& scene, const AspectAcceptance& options) {
+double EvenAlone(const LinkedObject& o, const LinkedScene& scene, const AspectAcceptance& options) {
   double even = EvenInViews(scene.registered(), static_cast<int>(scene.views.size()), options);
   if (scene.registered() < 2) return even;
   const ViewAgreement& views = scene.agreement;
   if (GroundAgrees(scene, options)) return options.even_on_ground;
+  if (PrintTells(o, scene, options)) return even - options.even_alone + options.even_on_ground;
   if (views.Contradicts(options.surface_disagrees) || GroundContradicts(scene, options))
     even += options.disagreement_more;
   return even +
@@ -132,7 +147,7 @@ double AspectProbability(const LinkedObject& o,
   const bool one_of_many =
       o.lies && ObjectsThatScore(scene, options.company_score, options.company_lying) >=
                     options.company_objects;
-  const double alone = EvenAlone(scene, options);
+  const double alone = EvenAlone(o, scene, options);
   const double sure = GroundAgrees(scene, options)
                           ? options.even_on_ground
                           : options.sure_score + std::max(0.0, alone - options.even_alone);

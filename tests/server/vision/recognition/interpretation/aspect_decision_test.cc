@@ -55,6 +55,37 @@ TEST(AspectDecision, ThreeViewsThatAgreeOnTheGroundMakeLessEnough) {
   EXPECT_LT(Probability(pair, 0), 0.5);  // two views adapt to a wrong part
 }
 
+TEST(AspectDecision, PrintThatStaysInItsPlaceMakesLessEnough) {
+  const AspectAcceptance options;
+  const auto printed = [&](std::initializer_list<double> print, double score) {
+    LinkedScene scene =
+        Scene(static_cast<int>(print.size()), static_cast<int>(print.size()), {score});
+    for (const double share : print) {
+      scene.objects[0].views.emplace_back().print = share;
+      scene.objects[0].shown.push_back(true);
+    }
+    return scene;
+  };
+  const double even = options.even_on_ground;
+  EXPECT_NEAR(Probability(printed({0.8, 0.8, 0.7, 0.3}, even), 0), 0.5, 1e-9);
+  EXPECT_GT(Probability(printed({0.9, 0.9, 0.9, 0.9, 0.9, 0.9}, 0.49), 0), 0.6);
+  EXPECT_LT(Probability(printed({0.6, 0.6, 0.6, 0.9}, even), 0), 0.2);  // wrong ones had so much
+  EXPECT_LT(Probability(printed({0.9, 0.9}, 0.49), 0), 0.5);            // two views cannot tell
+  LinkedScene denied = printed({0.9, 0.9, 0.9, 0.9}, 0.49);
+  denied.agreement.surface.pairs = 12;
+  denied.agreement.surface.mean = 0.1;
+  EXPECT_LT(Probability(denied, 0), 0.1);
+  LinkedScene most = printed({0.9, 0.9, 0.9}, even);
+  most.views.resize(6);  // three of six views are linked
+  EXPECT_NEAR(Probability(most, 0),
+              Probability(Scene(6, 6, {options.even_alone - 0.5 * options.missing_views_more}), 0),
+              1e-9);
+  // Views that do not show it have no say.
+  LinkedScene hidden = printed({0.9, 0.9, 0.9, 0.0, 0.0, 0.0}, even);
+  for (int v = 3; v < 6; ++v) hidden.objects[0].shown[v] = false;
+  EXPECT_NEAR(Probability(hidden, 0), 0.5, 1e-9);
+}
+
 TEST(AspectDecision, ViewsThatShowAnotherSurfaceAreNotBelieved) {
   LinkedScene scene = Scene(4, 4, {0.70});
   EXPECT_GT(Probability(scene, 0), 0.9);
