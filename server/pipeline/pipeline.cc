@@ -266,6 +266,9 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                          selection.slots,
                          &options.bottom_up,
                          &options.aspects};
+  input.scale_known = std::count_if(request.camera_poses.begin(),
+                                    request.camera_poses.end(),
+                                    [](const auto& p) { return p.has_value(); }) > 1;
   const SceneRequest stripped = WithoutPresumed(request);
   RefusalLog log;
   log.object = IndexOf(request.explained, objects);

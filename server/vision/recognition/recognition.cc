@@ -432,7 +432,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
       RecognitionResult aspects,
       RecognizeByAspects(context, images, search, {}, log, AspectOptionsOf(input)));
   WeighTurns(context, images, &aspects);
-  SayScaleAlternatives(context, &aspects);
+  if (!input.scale_known) SayScaleAlternatives(context, &aspects);
   return aspects;
 }
 
@@ -491,12 +491,12 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
                               WithAspects(input, images, context, &work, log));
     WeighTurns(context, images, &result);
-    SayScaleAlternatives(context, &result);
+    if (!input.scale_known) SayScaleAlternatives(context, &result);
     return result;
   }
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
                             ByRoutes(input, options.routes, context, &work, log));
-  SayScaleAlternatives(context, &result);
+  if (!input.scale_known) SayScaleAlternatives(context, &result);
   return result;
 }
 

@@ -31,6 +31,8 @@ struct RecognitionInput {
   std::span<const int> slots = {};
   const BottomUpOptions* bottom_up = nullptr;  // of the metric and projective route; null: defaults
   const AspectRecognitionOptions* aspects = nullptr;  // null: defaults
+  // Two cameras' places are known: a part alone is told from its copies in other sizes.
+  bool scale_known = false;
 };
 
 // Whether the objects are asked for by their aspects before views are matched and reconstructed:
