@@ -138,11 +138,10 @@ class SurfaceLinker {
     return out;
   }
 
+  // Hypotheses are listed best first.
   double BestOf(std::ptrdiff_t v) const {
-    double best = 0.0;
-    for (const AspectHypothesis* h : OutlinedIn(static_cast<int>(v)))
-      best = std::max(best, h->score);
-    return best;
+    const auto outlined = OutlinedIn(static_cast<int>(v));
+    return outlined.empty() ? 0.0 : outlined.front()->score;
   }
 
   // From one pose in a view on, each view by the pose and turn that agrees best with those before.
@@ -244,7 +243,8 @@ std::optional<SurfaceChoice> ChooseBySurface(
     const std::vector<std::optional<AspectSceneView>>& views,
     const AspectSceneObject& placed,
     int view,
-    std::span<const PoseInView> poses) {
+    std::span<const PoseInView> poses,
+    const LinkTurns& turns) {
   const AspectModel& model = input.models[placed.object];
   if ((poses.size() < 2 && model.symmetries.empty()) || !model.round.empty()) return std::nullopt;
   std::vector<Shown> near;
@@ -259,16 +259,14 @@ std::optional<SurfaceChoice> ChooseBySurface(
   }
   std::vector<SeenObject> others;
   for (const Shown& other : near) others.push_back(other.Seen(Rigid3{}));
-  std::vector<Rigid3> turns = {Rigid3{}};
-  const std::size_t most = static_cast<std::size_t>(std::max(1, options.max_symmetries));
-  for (std::size_t i = 0; i < std::min(most, model.symmetries.size()); ++i)
-    turns.push_back(model.symmetries[i]);
+  std::vector<Rigid3> allowed = {Rigid3{}};
+  turns.AppendSpread(model.symmetries, &allowed);
   std::optional<SurfaceChoice> best;
   double stated = 0.0;
   for (std::size_t p = 0; p < poses.size(); ++p) {
     const Shown shown =
         ShownIn(input, options, placed.object, view, poses[p].camera, poses[p].camera_from_object);
-    const std::optional<SurfaceTurn> turn = BestTurn(shown, others, turns);
+    const std::optional<SurfaceTurn> turn = BestTurn(shown, others, allowed);
     if (!turn) continue;
     if (p == 0) stated = turn->stated;
     if (!best || turn->correlation > best->correlation)

@@ -33,7 +33,8 @@ std::optional<SurfaceChoice> ChooseBySurface(
     const std::vector<std::optional<AspectSceneView>>& views,
     const AspectSceneObject& placed,
     int view,
-    std::span<const PoseInView> poses);
+    std::span<const PoseInView> poses,
+    const LinkTurns& turns);
 
 // Scenes of one part each, whose outline most of the views show: three and more views, each by that
 // hypothesis and symmetry by which they agree on the surface. Not adjusted; best first.

@@ -122,7 +122,8 @@ AspectSceneView ViewLinks::ChosenBySurface(const GrownScene& scene,
     views.push_back(l.view);
     poses.push_back({l.view.camera, l.view.camera_from_scene * l.by->placed.scene_from_object});
   }
-  const auto choice = ChooseBySurface(in_, options_, scene.views, first.by->placed, v, poses);
+  const auto choice =
+      ChooseBySurface(in_, options_, scene.views, first.by->placed, v, poses, turns_);
   if (!choice || choice->correlation <= choice->stated + kSurfaceTells) return first.view;
   AspectSceneView out = views[choice->pose];
   out.camera_from_scene = poses[choice->pose].camera_from_object * choice->turn *

@@ -2,9 +2,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <string>
 
-#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "server/vision/invariants/look_alike.h"
 #include "server/vision/recognition/object/prepared_object.h"
