@@ -15,6 +15,7 @@
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 #include "server/vision/recognition/aspect_scenes/view_search.h"
 #include "server/vision/recognition/aspect_scenes/view_turns.h"
+#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
@@ -210,13 +211,11 @@ class Linker {
     for (const auto& view : scene.views) {
       if (view) focals.push_back(RelativeFocal(view->camera));
     }
-    const auto median = focals.begin() + static_cast<std::ptrdiff_t>(focals.size() / 2);
-    std::nth_element(focals.begin(), median, focals.end());
     const AspectSceneObject& part = scene.objects.front();
     AspectScene out =
         WithOneFocal(scene,
                      part.scene_from_object * meshes_[part.object]->center.cast<double>(),
-                     *median,
+                     Median(&focals),
                      kOneCameraSigma);
     AdjustCoarsely(&out);
     for (std::size_t v = 0; v < out.views.size(); ++v) {

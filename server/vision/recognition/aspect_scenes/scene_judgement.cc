@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
@@ -93,9 +94,7 @@ double Middle(const LinkedObject& o, double AspectScore::*value) {
   for (std::size_t v = 0; v < o.views.size(); ++v) {
     if (o.shown[v]) values.push_back(o.views[v].*value);
   }
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  return Median(&values);
 }
 
 // Edges of the model are found, but the images have many more within it.

@@ -6,6 +6,7 @@
 #include <set>
 #include <vector>
 
+#include "server/vision/recognition/aspects/quantile.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
@@ -64,9 +65,7 @@ bool PrintTells(const LinkedObject& o, const LinkedScene& scene, const AspectAcc
   if (static_cast<int>(print.size()) < options.accompanied_views ||
       scene.agreement.Contradicts(options.surface_disagrees))
     return false;
-  const auto middle = print.begin() + static_cast<std::ptrdiff_t>(print.size() / 2);
-  std::nth_element(print.begin(), middle, print.end());
-  return *middle >= options.print_tells;
+  return Median(&print) >= options.print_tells;
 }
 
 // What one part alone must score, for the views it links and the cameras it says they have.
