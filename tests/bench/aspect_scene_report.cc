@@ -142,6 +142,30 @@ Contact ContactOf(const AspectCatalog& catalog, const LinkedScene& linked, std::
   return out;
 }
 
+// Of an object's surface, as far as better ones do not hide it.
+Correlations SurfaceOf(const std::vector<AspectImage>& edges,
+                       const AspectCatalog& catalog,
+                       const LinkedScene& linked,
+                       std::size_t object) {
+  const auto layers = [&](std::size_t i) {
+    const LinkedObject& o = linked.objects[i];
+    return LayersInViews(edges,
+                         linked.views,
+                         catalog.parts[o.object].object->mesh,
+                         o.scene_from_object,
+                         AspectLinkOptions{}.quick_render_px);
+  };
+  std::vector<ObjectLayer> own = layers(object);
+  for (std::size_t v = 0; v < own.size(); ++v) {
+    if (!linked.objects[object].shown[v]) own[v] = {};
+  }
+  for (std::size_t i = 0; i < object; ++i) {
+    const std::vector<ObjectLayer> other = layers(i);
+    for (std::size_t v = 0; v < own.size(); ++v) HideBehind(other[v], &own[v]);
+  }
+  return SurfaceCorrelations(edges, linked.views, own);
+}
+
 void ReportScene(const std::vector<BopImage>& images,
                  const std::vector<AspectImage>& edges,
                  const AspectCatalog& catalog,
@@ -171,6 +195,7 @@ void ReportScene(const std::vector<BopImage>& images,
     const Contact contact = ContactOf(catalog, linked, i);
     double recall = 0.0, support_px = 0.0, hidden_px = 0.0, claimed_px = 0.0;
     const auto shown = static_cast<double>(std::count(o.shown.begin(), o.shown.end(), true));
+    const Correlations surface = SurfaceOf(edges, catalog, linked, i);
     for (std::size_t v = 0; v < images.size(); ++v) {
       if (!o.shown[v]) continue;
       recall += o.views[v].recall / shown;
@@ -182,7 +207,8 @@ void ReportScene(const std::vector<BopImage>& images,
         "  object %d score %.3f probability %.2f precision %.3f competing %.3f worst %.3f: right "
         "in %d of %d views, "
         "median %.1f px%s, log odds of the true turn %.1f, contact %.1f deg %.1f mm, size %.0f "
-        "mm, recall %.3f, support %.0f px, hidden %.0f px, claimed %.0f px, shown in %.0f%s\n",
+        "mm, recall %.3f, support %.0f px, hidden %.0f px, claimed %.0f px, shown in %.0f, surface "
+        "%.2f of %d%s\n",
         catalog.obj_ids[o.object],
         o.score,
         AspectProbability(o, linked, {}),
@@ -202,6 +228,8 @@ void ReportScene(const std::vector<BopImage>& images,
         hidden_px,
         claimed_px,
         shown,
+        surface.mean,
+        surface.pairs,
         o.lies ? ", lies" : "");
   }
 }

@@ -130,6 +130,11 @@ struct AspectAcceptance {
   // scenes of other people's parts, the same without their parts.
   double even_lying = 0.335;
   double even_score = 0.475;
+  // ... and of one that lies on a plane and on whose surface the views agree: this correlation of
+  // brightness, of so many ordered pairs of views. ADR 54.
+  double even_lying_surface = 0.27;
+  double surface_tells = 0.5;
+  int surface_pairs = 6;
   // Of one that leans where several others lie on a plane: six such had up to 0.53, and all were
   // wrong; right ones that lie on nothing known are level. ADR 52.
   double even_leaning = 0.56;

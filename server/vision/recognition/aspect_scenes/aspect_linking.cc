@@ -7,6 +7,7 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_scenes/doubtful_views.h"
+#include "server/vision/recognition/aspect_scenes/faint_objects.h"
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/scene_similarity.h"
@@ -90,6 +91,8 @@ class Linker {
       if (other.score > best.score) best = std::move(other);
     }
     if (best.objects.empty()) return best;
+    AddFaint(&best);
+    BestFirst(&best);
     contest_.FindBestCompeting(&best);
     best.agreement = objects_.WithGround(best);
     return best;
@@ -107,13 +110,14 @@ class Linker {
     objects_.FindLying(scene.views, kPlaneScore, &judged);
     LinkedScene out;
     out.views = scene.views;
-    for (std::size_t i = known; i < judged.size(); ++i) {
-      if (objects_.Value(judged[i]) >= options_.min_joint)
+    for (std::size_t i = 0; i < judged.size(); ++i) {
+      if (i < known || objects_.Value(judged[i]) >= options_.min_joint)
         out.objects.push_back(std::move(judged[i]));
     }
-    std::stable_sort(out.objects.begin(), out.objects.end(), [](const auto& a, const auto& b) {
-      return a.score > b.score;
-    });
+    AddFaint(&out);
+    out.objects.erase(out.objects.begin(),
+                      out.objects.begin() + static_cast<std::ptrdiff_t>(known));
+    BestFirst(&out);
     contest_.FindBestCompeting(&out);
     return out;
   }
@@ -385,28 +389,11 @@ class Linker {
 
   // Hypotheses of all views in the scene's cameras, those that most views confirm.
   void CarryOver(int most, AspectScene* scene) const {
-    std::vector<std::pair<double, AspectSceneObject>> carried;
-    for (std::size_t v = 0; v < scene->views.size(); ++v) {
-      if (!scene->views[v]) continue;
-      const Rigid3 scene_from_camera = scene->views[v]->camera_from_scene.Inverse();
-      for (const AspectHypothesis& h : links_.Hypotheses(v)) {
-        carried.emplace_back(
-            h.score,
-            AspectSceneObject{h.object,
-                              scene_from_camera * WithFocal(h.camera_from_object,
-                                                            h.camera.focal_px,
-                                                            scene->views[v]->camera.focal_px)});
-      }
-    }
-    std::stable_sort(carried.begin(), carried.end(), [](const auto& a, const auto& b) {
-      return a.first > b.first;
+    std::vector<AspectSceneObject> candidates = links_.Carried(scene->views);
+    std::erase_if(candidates, [&](const AspectSceneObject& c) {
+      return !objects_.IsFree(scene->views, scene->objects, c);
     });
-    std::erase_if(carried, [&](const std::pair<double, AspectSceneObject>& c) {
-      return !objects_.IsFree(scene->views, scene->objects, c.second);
-    });
-    if (static_cast<int>(carried.size()) > most) carried.resize(most);
-    std::vector<AspectSceneObject> candidates;
-    for (auto& [score, object] : carried) candidates.push_back(object);
+    if (static_cast<int>(candidates.size()) > most) candidates.resize(most);
     objects_.Place(std::move(candidates), scene);
   }
 
@@ -431,7 +418,7 @@ class Linker {
 
   // Parts on the plane under those found which no single image showed well enough.
   // Returns whether any was added.
-  bool AddStanding(LinkedScene* best) const {
+  bool AddStanding(LinkedScene* best) {
     if (options_.standing <= 0 || best->registered() < 2 || IsStopRequested(stop_)) return false;
     AspectScene scene = SceneOf(*best);
     const auto planes = PlanesUnder(scene.objects, in_.models, scene.views);
@@ -443,6 +430,7 @@ class Linker {
       scene.objects.erase(scene.objects.begin() + static_cast<std::ptrdiff_t>(o));
     }
     std::vector<AspectSceneObject> candidates = Standing(planes, scene);
+    stood_ = {scene.views, candidates};
     const std::size_t before = scene.objects.size();
     objects_.Place(std::move(candidates), &scene);
     if (scene.objects.size() == before) return false;
@@ -451,6 +439,40 @@ class Linker {
     if (more.score <= best->score) return false;
     *best = std::move(more);
     return true;
+  }
+
+  // Parts that say little by their edges, where the cameras are known.
+  void AddFaint(LinkedScene* best) const {
+    if (options_.standing <= 0 || IsStopRequested(stop_)) return;
+    const AspectScene scene = SceneOf(*best);
+    std::vector<AspectSceneObject> candidates = links_.Carried(scene.views);
+    std::erase_if(candidates, [&](const AspectSceneObject& c) {
+      return !objects_.IsFree(scene.views, scene.objects, c);
+    });
+    if (static_cast<int>(candidates.size()) > options_.carried) candidates.resize(options_.carried);
+    const std::vector<AspectSceneObject> standing =
+        SameCameras(stood_.views, scene.views)
+            ? stood_.candidates
+            : Standing(PlanesUnder(scene.objects, in_.models, scene.views), scene);
+    candidates.insert(candidates.end(), standing.begin(), standing.end());
+    AddFaintObjects(in_, options_, objects_, std::move(candidates), best);
+    objects_.MeasureSurfaces(best);
+  }
+
+  static bool SameCameras(const std::vector<std::optional<AspectSceneView>>& a,
+                          const std::vector<std::optional<AspectSceneView>>& b) {
+    return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const auto& p, const auto& q) {
+      return p.has_value() == q.has_value() &&
+             (!p || (p->camera.focal_px == q->camera.focal_px &&
+                     p->camera_from_scene.R == q->camera_from_scene.R &&
+                     p->camera_from_scene.t == q->camera_from_scene.t));
+    });
+  }
+
+  static void BestFirst(LinkedScene* scene) {
+    std::stable_sort(scene->objects.begin(),
+                     scene->objects.end(),
+                     [](const auto& a, const auto& b) { return a.score > b.score; });
   }
 
   // The views of a part that is seen alone are turned where that makes them agree.
@@ -486,6 +508,11 @@ class Linker {
   SceneObjects objects_;
   PlaceContest contest_;
   ViewTurns turns_;
+  // What was looked at on planes last, under which cameras.
+  struct Stood {
+    std::vector<std::optional<AspectSceneView>> views;
+    std::vector<AspectSceneObject> candidates;
+  } stood_;
   std::vector<const RenderMesh*> meshes_;
 };
 

@@ -152,25 +152,8 @@ class RigSearch {
   LinkedScene Seen() const {
     AspectScene scene;
     scene.views = rig_;
-    std::vector<std::pair<double, AspectSceneObject>> carried;
-    for (std::size_t v = 0; v < rig_.size(); ++v) {
-      if (!rig_[v]) continue;
-      const Rigid3 scene_from_camera = rig_[v]->camera_from_scene.Inverse();
-      for (const AspectHypothesis& h : links_.Hypotheses(static_cast<int>(v))) {
-        carried.emplace_back(
-            h.score,
-            AspectSceneObject{
-                h.object,
-                scene_from_camera *
-                    WithFocal(h.camera_from_object, h.camera.focal_px, rig_[v]->camera.focal_px)});
-      }
-    }
-    std::stable_sort(carried.begin(), carried.end(), [](const auto& a, const auto& b) {
-      return a.first > b.first;
-    });
-    if (static_cast<int>(carried.size()) > options_.carried) carried.resize(options_.carried);
-    std::vector<AspectSceneObject> candidates;
-    for (auto& [score, object] : carried) candidates.push_back(object);
+    std::vector<AspectSceneObject> candidates = links_.Carried(rig_);
+    if (static_cast<int>(candidates.size()) > options_.carried) candidates.resize(options_.carried);
     objects_.Place(std::move(candidates), &scene);
     return Finished(std::move(scene));
   }

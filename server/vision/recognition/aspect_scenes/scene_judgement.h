@@ -28,6 +28,10 @@ struct LinkedObject {
   bool lies = false;
   // Whether none of its resting faces is even level with such a plane.
   bool leans = false;
+  // Mean correlation of its surface's brightness between the views, less what better objects hide,
+  // and of how many ordered pairs of views (surface_agreement.h); 0 of 0 where not asked for.
+  double surface = 0.0;
+  int surface_pairs = 0;
 };
 
 // Recall that a part whose edges are found well is given until three views tell what is print on

@@ -31,9 +31,8 @@ constexpr double kFairPlaneScore = 0.38;  // as kPlaneScore, in the end, where n
 constexpr double kAgreeingSurface = 0.4;
 constexpr double kDisagreement = 0.12;
 // Of the first round's search: a candidate that was as near to one that was refused settles as that
-// did. And by how much less than min_quick is a refusal whatever else hides of it; both chosen.
+// did; chosen.
 constexpr double kSameQuestionPx = 3.0;
-constexpr double kClearly = 0.1;
 constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
 
 }  // namespace
@@ -215,7 +214,9 @@ bool SceneObjects::WasRefused(const std::vector<std::optional<AspectSceneView>>&
   });
 }
 
-void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const {
+void SceneObjects::Place(std::vector<AspectSceneObject> candidates,
+                         double least,
+                         AspectScene* scene) const {
   std::erase_if(candidates, [&](const AspectSceneObject& c) {
     return WasRefused(scene->views, InViews(scene->views, c));
   });
@@ -252,7 +253,7 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates, AspectScene*
     return Value(judged[a]) > Value(judged[b]);
   });
   for (const int i : order) {
-    if (Value(judged[i]) < options_.min_quick) break;
+    if (Value(judged[i]) < least) break;
     if (IsFree(scene->views, scene->objects, candidates[i]))
       scene->objects.push_back(candidates[i]);
   }
@@ -337,6 +338,24 @@ ViewAgreement SceneObjects::WithGround(const LinkedScene& scene) const {
   out.ground =
       GroundAgreement(in_.images, scene.views, layers, model.resting, first.scene_from_object);
   return out;
+}
+
+void SceneObjects::MeasureSurfaces(LinkedScene* scene) const {
+  std::vector<std::vector<ObjectLayer>> layers(scene->objects.size());
+  ParallelFor(static_cast<int>(layers.size()), options_.threads, [&](int i) {
+    layers[i] = LayersOf(*scene, scene->objects[i]);
+  });
+  ParallelFor(static_cast<int>(layers.size()), options_.threads, [&](int i) {
+    LinkedObject& o = scene->objects[i];
+    std::vector<ObjectLayer> own = layers[i];
+    for (std::size_t v = 0; v < own.size(); ++v) {
+      if (!o.shown[v]) own[v] = {};
+      for (int better = 0; better < i; ++better) HideBehind(layers[better][v], &own[v]);
+    }
+    const Correlations surface = SurfaceCorrelations(in_.images, scene->views, own);
+    o.surface = surface.mean;
+    o.surface_pairs = surface.pairs;
+  });
 }
 
 double ExplainedTogether(std::span<const Explained> objects) {

@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
@@ -20,6 +21,10 @@ struct SettledObject {
 
 // Score of objects on whose plane others may lie while a scene grows.
 inline constexpr double kPlaneScore = 0.5;
+
+// By how much less than AspectLinkOptions::min_quick a candidate is clearly refused, whatever else
+// hides of it; chosen.
+inline constexpr double kClearly = 0.1;
 
 // What an object explains of the images above chance, summed over the views that show it.
 struct Explained {
@@ -57,13 +62,20 @@ class SceneObjects {
               const AspectSceneObject& o) const;
   // Candidates adjusted alone and added where the images bear them out and nothing else is. Those
   // that were clearly refused at nearly the same places of the same views are not asked for again.
-  void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const;
+  // least: score of what is added; what scores up to kClearly less than min_quick may be asked for
+  // again.
+  void Place(std::vector<AspectSceneObject> candidates, double least, AspectScene* scene) const;
+  void Place(std::vector<AspectSceneObject> candidates, AspectScene* scene) const {
+    Place(std::move(candidates), options_.min_quick, scene);
+  }
   // An object adjusted alone, cameras fixed; nothing when too few of its edges are there.
   std::optional<SettledObject> Settled(const std::vector<std::optional<AspectSceneView>>& views,
                                        const AspectSceneObject& placed) const;
   LinkedScene Result(const AspectScene& scene) const;
   // The agreement of a scene with objects, with what its views say of the ground.
   ViewAgreement WithGround(const LinkedScene& scene) const;
+  // Sets LinkedObject::surface of all objects, best first.
+  void MeasureSurfaces(LinkedScene* scene) const;
   // Score, more where it lies on a plane.
   double Value(const LinkedObject& o) const;
   // Sets LinkedObject::lies: beside or on others that score at least so much.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace horopter {
 namespace {
@@ -41,6 +42,20 @@ int RestingOn(const StandingPlane& plane,
   return resting;
 }
 
+// How many of the objects have a resting face level with the plane, at whatever height: those that
+// stand on others do.
+int LevelWith(const StandingPlane& plane,
+              std::span<const AspectSceneObject> objects,
+              std::span<const AspectModel> models) {
+  return static_cast<int>(
+      std::count_if(objects.begin(), objects.end(), [&](const AspectSceneObject& o) {
+        const std::vector<RestingFace>& resting = models[o.object].resting;
+        return std::any_of(resting.begin(), resting.end(), [&](const RestingFace& face) {
+          return (o.scene_from_object.R * face.up).dot(plane.normal) > std::cos(kSamePlaneRad);
+        });
+      }));
+}
+
 }  // namespace
 
 SupportingPlane PlaneUnder(const Rigid3& scene_from_object, const RestingFace& face) {
@@ -59,12 +74,21 @@ std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> object
                                        std::span<const AspectModel> models,
                                        const std::vector<std::optional<AspectSceneView>>& views) {
   StandingPlane best;
+  int most_level = 0;
   std::vector<StandingPlane> all;
   for (const AspectSceneObject& o : objects) {
     for (const RestingFace& face : models[o.object].resting) {
       StandingPlane plane{PlaneUnder(o.scene_from_object, face)};
       plane.objects = RestingOn(plane, objects, models, views);
-      if (plane.objects > best.objects) best = plane;
+      const int level = LevelWith(plane, objects, models);
+      const std::pair here(plane.objects, level), there(best.objects, most_level);
+      // Of two heights the lower one: what is on it may carry the other.
+      const bool lower = plane.normal.dot(best.normal) > std::cos(kSamePlaneRad) &&
+                         plane.offset_m < best.offset_m - kLevelM;
+      if (here > there || (here == there && best.objects > 0 && lower)) {
+        best = plane;
+        most_level = level;
+      }
       all.push_back(plane);
     }
   }

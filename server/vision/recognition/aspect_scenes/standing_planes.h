@@ -23,8 +23,8 @@ bool IsBelow(const SupportingPlane& plane,
              const std::vector<std::optional<AspectSceneView>>& views);
 
 // The plane on which most objects rest by one of their faces, below no camera and with no object
-// under it; then those parallel to it on which others rest: the tops of blocks. Empty without
-// views, objects or such a plane.
+// under it, of such that with which most objects are level, the lowest; then those parallel to it
+// on which others rest: the tops of blocks. Empty without views, objects or such a plane.
 std::vector<StandingPlane> PlanesUnder(std::span<const AspectSceneObject> objects,
                                        std::span<const AspectModel> models,
                                        const std::vector<std::optional<AspectSceneView>>& views);

@@ -34,6 +34,26 @@ ViewLinks::ViewLinks(const AspectLinkInput& input,
       turns_(input.models, options.max_symmetries),
       support_(input, options) {}
 
+std::vector<AspectSceneObject> ViewLinks::Carried(
+    const std::vector<std::optional<AspectSceneView>>& views) const {
+  std::vector<std::pair<double, AspectSceneObject>> carried;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!views[v]) continue;
+    const Rigid3 scene_from_camera = views[v]->camera_from_scene.Inverse();
+    for (const AspectHypothesis& h : Hypotheses(static_cast<int>(v))) {
+      const Rigid3 pose =
+          WithFocal(h.camera_from_object, h.camera.focal_px, views[v]->camera.focal_px);
+      carried.emplace_back(h.score, AspectSceneObject{h.object, scene_from_camera * pose});
+    }
+  }
+  std::stable_sort(carried.begin(), carried.end(), [](const auto& a, const auto& b) {
+    return a.first > b.first;
+  });
+  std::vector<AspectSceneObject> out;
+  for (auto& [score, object] : carried) out.push_back(object);
+  return out;
+}
+
 std::vector<std::pair<int, AspectHypothesis>> ViewLinks::Leads() const {
   std::vector<std::pair<int, AspectHypothesis>> all, leads;
   for (int v = 0; v < static_cast<int>(in_.images.size()); ++v) {

@@ -2,6 +2,7 @@
 // the cameras stand, and the edges of what only one of them shows.
 #pragma once
 
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -27,6 +28,9 @@ class ViewLinks {
   }
   // Adds to what is known of a view.
   void Add(int view, std::vector<AspectHypothesis> more) { support_.Add(view, std::move(more)); }
+  // The hypotheses of all registered views in a scene with these cameras, best first.
+  std::vector<AspectSceneObject> Carried(
+      const std::vector<std::optional<AspectSceneView>>& views) const;
   // The best hypotheses of different parts, few and good ones, with their views.
   std::vector<std::pair<int, AspectHypothesis>> Leads() const;
   const LinkTurns& turns() const { return turns_; }

@@ -125,10 +125,19 @@ double EvenInViews(int registered, int views, const AspectAcceptance& options) {
          missing * options.missing_views_more;
 }
 
+bool SurfaceTells(const LinkedObject& o, const AspectAcceptance& options) {
+  return o.surface_pairs >= options.surface_pairs && o.surface >= options.surface_tells;
+}
+
+double EvenBeside(const LinkedObject& o, const AspectAcceptance& options) {
+  if (!o.lies) return options.even_score;
+  return SurfaceTells(o, options) ? options.even_lying_surface : options.even_lying;
+}
+
 double ProbabilityInRig(const LinkedObject& o,
                         const LinkedScene& scene,
                         const AspectAcceptance& options) {
-  double even = o.lies ? options.even_lying : options.even_score;
+  double even = EvenBeside(o, options);
   if (scene.agreement.Contradicts(options.surface_disagrees) || GroundContradicts(scene, options))
     even += options.disagreement_more;
   if (LeansBeside(o, scene)) even = std::max(even, options.even_leaning);
@@ -157,9 +166,10 @@ double AspectProbability(const LinkedObject& o,
     return Logistic(options.score_weight * (o.score - std::max(even, least)));
   };
   const double by_itself = probability(alone);
-  if (again && !one_of_many) return by_itself;
+  const bool seen_lying = o.lies && SurfaceTells(o, options);
+  if (again && !one_of_many && !seen_lying) return by_itself;
   const Agreement agreement = AgreementOf(scene, options);
-  const double shared = probability(o.lies ? options.even_lying : options.even_score);
+  const double shared = probability(EvenBeside(o, options));
   if (beside || agreement == Agreement::kPair) return shared;
   if (agreement == Agreement::kNone) return by_itself;
   const double in_company =

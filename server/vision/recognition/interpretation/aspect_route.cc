@@ -467,8 +467,9 @@ absl::Status AddOthers(const JointContext& context,
     return absl::CancelledError("stopped while more objects were looked for");
   ToCatalog(search, &others);
   for (const LinkedObject& o : others.objects) {
-    if (o.precision < acceptance.other_precision) continue;
-    double even = o.lies ? acceptance.even_lying : acceptance.even_score;
+    if (o.precision < acceptance.other_precision && !(o.lies && SurfaceTells(o, acceptance)))
+      continue;
+    double even = EvenBeside(o, acceptance);
     if (o.leans && known->objects.size() > 1) even = acceptance.even_leaning;
     const double probability = Logistic(acceptance.score_weight * (o.score - even));
     if (probability < acceptance.min_probability) continue;

@@ -144,6 +144,25 @@ TEST(AspectDecision, WhatLiesOnAPlaneWithASurePartNeedsLess) {
   EXPECT_LT(Probability(unsure, 1), 0.2);
 }
 
+// ... and less where the views agree on its surface, too; it is then no copy of the first that a
+// wrong camera makes.
+TEST(AspectDecision, ASurfaceThatViewsAgreeOnMakesLessEnoughOfWhatLies) {
+  const AspectAcceptance options;
+  LinkedScene scene = Scene(4, 4, {0.60, options.even_lying_surface});
+  scene.objects[1].surface = options.surface_tells;
+  scene.objects[1].surface_pairs = options.surface_pairs;
+  EXPECT_LT(Probability(scene, 1), 0.1);  // it lies on nothing: wrong ones had .84
+  scene.objects[1].lies = true;
+  EXPECT_NEAR(Probability(scene, 1), 0.5, 1e-9);
+  scene.objects[1].object = 0;
+  EXPECT_NEAR(Probability(scene, 1), 0.5, 1e-9);
+  scene.objects[1].surface_pairs = 2;  // two views agree on a wrong one, too
+  EXPECT_LT(Probability(scene, 1), 0.1);
+  scene.objects[1].surface_pairs = 12;
+  scene.objects[0].score = 0.50;  // nothing is sure of the cameras
+  EXPECT_LT(Probability(scene, 1), 0.1);
+}
+
 // The ground says that the cameras are right: what lies on it needs no surer part beside it.
 TEST(AspectDecision, AGroundThatViewsAgreeOnIsAsGoodAsASurePart) {
   const AspectAcceptance options;
