@@ -456,7 +456,6 @@ class Linker {
             : Standing(PlanesUnder(scene.objects, in_.models, scene.views), scene);
     candidates.insert(candidates.end(), standing.begin(), standing.end());
     AddFaintObjects(in_, options_, objects_, std::move(candidates), best);
-    objects_.MeasureSurfaces(best);
   }
 
   static bool SameCameras(const std::vector<std::optional<AspectSceneView>>& a,

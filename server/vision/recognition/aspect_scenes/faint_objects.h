@@ -9,8 +9,8 @@
 namespace horopter {
 
 // Adds those of the candidates, placed in the scene's cameras, that lie on a plane under or on its
-// objects and on whose surface the views agree; cameras and objects stay as they are. Nothing where
-// fewer than three views are linked or no object is credible.
+// objects and on whose surface the views agree, and sets LinkedObject::surface of all; poses stay
+// as they are. Nothing where fewer than three views are linked or no object is credible.
 void AddFaintObjects(const AspectLinkInput& input,
                      const AspectLinkOptions& options,
                      const SceneObjects& objects,

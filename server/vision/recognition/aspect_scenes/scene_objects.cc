@@ -93,14 +93,15 @@ std::vector<SupportingPlane> SceneObjects::PlanesOf(
 
 void SceneObjects::FindLying(const std::vector<std::optional<AspectSceneView>>& views,
                              double least,
-                             std::vector<LinkedObject>* judged) const {
+                             std::vector<LinkedObject>* judged,
+                             double slack) const {
   const std::vector<SupportingPlane> planes = PlanesOf(views, *judged, least);
   for (int i = 0; i < static_cast<int>(judged->size()); ++i) {
     LinkedObject& o = (*judged)[i];
     const AspectModel& model = in_.models[o.object];
     const std::vector<SupportingPlane> beside =
         o.score >= least ? PlanesOf(views, *judged, least, i) : planes;
-    o.lies = LiesOn(beside, o.scene_from_object, model);
+    o.lies = LiesOn(beside, o.scene_from_object, model, slack);
     o.leans = Leans(beside, o.scene_from_object, model);
   }
 }

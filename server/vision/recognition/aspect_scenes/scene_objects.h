@@ -78,10 +78,11 @@ class SceneObjects {
   void MeasureSurfaces(LinkedScene* scene) const;
   // Score, more where it lies on a plane.
   double Value(const LinkedObject& o) const;
-  // Sets LinkedObject::lies: beside or on others that score at least so much.
+  // Sets LinkedObject::lies: beside or on others that score at least so much; slack: see LiesOn.
   void FindLying(const std::vector<std::optional<AspectSceneView>>& views,
                  double least,
-                 std::vector<LinkedObject>* judged) const;
+                 std::vector<LinkedObject>* judged,
+                 double slack = 1.0) const;
 
  private:
   Explained ExplainedBy(const LinkedObject& o) const;

@@ -132,12 +132,13 @@ std::vector<SupportingPlane> PlanesToLieOn(std::span<const AspectSceneObject> ob
 
 bool LiesOn(std::span<const SupportingPlane> planes,
             const Rigid3& scene_from_object,
-            const AspectModel& model) {
-  const double most_m = kLyingShare * model.object->mesh.diameter_m;
+            const AspectModel& model,
+            double slack) {
+  const double most_m = slack * kLyingShare * model.object->mesh.diameter_m;
   return std::any_of(model.resting.begin(), model.resting.end(), [&](const RestingFace& face) {
     const Eigen::Vector3d up = scene_from_object.R * face.up;
     return std::any_of(planes.begin(), planes.end(), [&](const SupportingPlane& plane) {
-      return up.dot(plane.normal) > std::cos(kLyingRad) &&
+      return up.dot(plane.normal) > std::cos(slack * kLyingRad) &&
              std::abs(plane.normal.dot(scene_from_object.t) - face.height_m - plane.offset_m) <
                  most_m;
     });

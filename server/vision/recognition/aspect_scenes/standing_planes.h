@@ -39,10 +39,11 @@ std::vector<SupportingPlane> PlanesToLieOn(std::span<const AspectSceneObject> ob
 
 // Whether one of the part's resting faces lies on one of the planes, to a few degrees and
 // hundredths of its diameter. A pose that was settled freely does so by chance in one of some
-// thousand.
+// thousand. slack: times these limits.
 bool LiesOn(std::span<const SupportingPlane> planes,
             const Rigid3& scene_from_object,
-            const AspectModel& model);
+            const AspectModel& model,
+            double slack = 1.0);
 
 // Whether none of the part's resting faces is level with any of the planes, at whatever height: it
 // leans on something, or its pose is wrong. False without planes or resting faces.
