@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <numbers>
 #include <random>
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
@@ -118,6 +119,24 @@ TEST_F(StandingSearch, ThePlaneOfABlockThatOnePartStandsOnIsSecond) {
   EXPECT_NEAR(planes[1].offset_m, 0.03, 1e-6);
 }
 
+// A part on what is no part, and a tall one beside it: what either stands on is as likely, but for
+// what the lower plane may carry.
+TEST_F(StandingSearch, OfTwoHeightsTheLowerIsTheGround) {
+  std::vector<AspectModel> parts = list_;
+  parts[kBlock].resting = {{Eigen::Vector3d::UnitX(), 0.03}};  // on end
+  AspectSceneObject tall = BlockThere();
+  tall.scene_from_object =
+      tall.scene_from_object * Turn(Eigen::Vector3d::UnitY(), -0.5 * std::numbers::pi);
+  tall.scene_from_object.t.z() = 0.03;
+  AspectSceneObject raised = AngleThere();
+  raised.scene_from_object.t.z() += 0.02;
+  const std::vector<AspectSceneObject> objects = {raised, tall};
+  const auto planes = PlanesUnder(objects, parts, Views());
+  ASSERT_EQ(planes.size(), 2u);
+  EXPECT_NEAR(planes[0].offset_m, 0.0, 1e-6);
+  EXPECT_NEAR(planes[1].offset_m, 0.02, 1e-6);
+}
+
 TEST_F(StandingSearch, NoPlaneWithoutARestingPart) {
   EXPECT_TRUE(PlanesUnder({}, list_, Views()).empty());
   AspectSceneObject tilted = AngleThere();
@@ -144,6 +163,8 @@ TEST_F(StandingSearch, PartsLieOnThePlaneOfOthersAndOnTheirTops) {
   EXPECT_TRUE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), M_PI), cylinder));
   EXPECT_TRUE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.03), cylinder));
   EXPECT_FALSE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.06), cylinder));
+  EXPECT_TRUE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.06), cylinder, 1.8));
+  EXPECT_FALSE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.09), cylinder, 1.8));
   EXPECT_FALSE(LiesOn(planes, pose * Turn(Eigen::Vector3d::UnitX(), M_PI_2), cylinder));
   EXPECT_FALSE(LiesOn(PlanesToLieOn({}, list_, Views()), pose, cylinder));
   AspectModel round = cylinder;  // rests on nothing
