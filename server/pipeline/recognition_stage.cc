@@ -176,6 +176,7 @@ absl::Status RunRecognition(PipelineOptions options,
       std::ssize(input->objects) > options.recognition.aspects.max_objects) {
     answer.unsearched.push_back({UnsearchedCause::kCatalogSize, "aspects"});
   }
+  StateProbabilities(&trace.recognition);
   TellState(trace.recognition, &answer);
   return absl::OkStatus();
 }

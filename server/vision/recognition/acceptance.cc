@@ -59,6 +59,8 @@ absl::Status Check(const AspectAcceptance& o) {
        {"score_weight", o.score_weight, FieldRange::kPositive},
        {"even_lying", o.even_lying, FieldRange::kShare},
        {"even_score", o.even_score, FieldRange::kShare},
+       {"even_level", o.even_level, FieldRange::kShare},
+       {"surface_level", o.surface_level, FieldRange::kShare},
        {"even_lying_surface", o.even_lying_surface, FieldRange::kShare},
        {"surface_tells", o.surface_tells, FieldRange::kShare},
        {"surface_pairs", static_cast<double>(o.surface_pairs), FieldRange::kPositive},

@@ -500,6 +500,11 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   return result;
 }
 
+void StateProbabilities(RecognitionResult* result) {
+  for (SceneObject& o : result->objects)
+    o.score = StatedProbability(o.score, o.pose_probability);
+}
+
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
                                                           const RecognitionOptions& options,
                                                           const StopRequested& stop,

@@ -52,4 +52,8 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
                                                    const StopRequested& stop = {},
                                                    const StepListener& on_step = {});
 
+// From the probabilities that objects are answered for to those that are told of them
+// (SceneObject::score): that object and pose are right.
+void StateProbabilities(RecognitionResult* result);
+
 }  // namespace horopter

@@ -42,6 +42,8 @@ struct SceneObject {
   std::vector<double> view_scores;  // per view; negative: not visible or camera not recovered
   // Objects the images do not tell apart from this one; its own index: another pose of itself.
   std::vector<int> alternatives;
+  // That it is turned as it is, among the turns that the images leave open (pose_alternatives.h).
+  double pose_probability = 1.0;
 };
 
 enum class RecognitionState {

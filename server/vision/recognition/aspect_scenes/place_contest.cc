@@ -84,6 +84,16 @@ std::vector<PlaceContest::Rated> PlaceContest::Settled(
   return out;
 }
 
+double PlaceContest::BonusOf(const LinkedScene& scene,
+                             std::size_t object,
+                             const AspectSceneObject& placed) const {
+  std::vector<LinkedObject> judged = scene.objects;
+  judged[object].object = placed.object;
+  judged[object].scene_from_object = placed.scene_from_object;
+  objects_.FindLying(scene.views, kPlaneScore, &judged);
+  return judged[object].lies ? options_.lying_bonus : 0.0;
+}
+
 bool PlaceContest::Contest(LinkedScene* scene) const {
   bool replaced = false;
   std::optional<SceneLayers> layers;  // rendered for the first that has a rival
@@ -93,9 +103,11 @@ bool PlaceContest::Contest(LinkedScene* scene) const {
     if (rivals.empty()) continue;
     if (!layers) layers = objects_.HidingLayers(*scene);
     const Hiding hiding = HidingOf(*scene, *layers, i);
-    const std::vector<Rated> others = Settled(*scene, rivals, hiding);
+    std::vector<Rated> others = Settled(*scene, rivals, hiding);
+    for (Rated& other : others) other.score += BonusOf(*scene, i, other.placed);
+    const AspectSceneObject there{o.object, o.scene_from_object};
     const double own =
-        objects_.JudgeOne(scene->views, {o.object, o.scene_from_object}, hiding).score;
+        objects_.JudgeOne(scene->views, there, hiding).score + BonusOf(*scene, i, there);
     const auto best = std::max_element(others.begin(), others.end(), IsWorse);
     if (best->score < own + kReplacingScore) continue;
     o.object = best->placed.object;

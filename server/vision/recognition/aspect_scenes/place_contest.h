@@ -41,6 +41,11 @@ class PlaceContest {
   std::vector<Rated> Settled(const LinkedScene& scene,
                              const std::vector<AspectSceneObject>& candidates,
                              const Hiding& hiding = {}) const;
+  // What placed instead of an object of the scene is worth more where it lies on a plane of the
+  // others, as everywhere else.
+  double BonusOf(const LinkedScene& scene,
+                 std::size_t object,
+                 const AspectSceneObject& placed) const;
   const RenderMesh& MeshOf(int object) const { return in_.models[object].object->mesh; }
   // Whether the scene has this object in this place.
   bool IsAccepted(const LinkedScene& scene, int object, const Eigen::Vector3d& center) const;

@@ -26,8 +26,10 @@ struct LinkedObject {
   int competing_object = -1;
   // Whether it lies on a plane beside or on others (scene_objects.h): its pose was not told to.
   bool lies = false;
-  // Whether none of its resting faces is even level with such a plane.
+  // Whether none of its resting faces is even level with such a plane; and whether one is, to the
+  // same degree, at whatever height above the lowest: what it stands on is no part.
   bool leans = false;
+  bool level = false;
   // Mean correlation of its surface's brightness between the views, less what better objects hide,
   // and of how many ordered pairs of views (surface_agreement.h); 0 of 0 where not asked for.
   double surface = 0.0;

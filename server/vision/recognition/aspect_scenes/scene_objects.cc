@@ -103,6 +103,7 @@ void SceneObjects::FindLying(const std::vector<std::optional<AspectSceneView>>& 
         o.score >= least ? PlanesOf(views, *judged, least, i) : planes;
     o.lies = LiesOn(beside, o.scene_from_object, model, slack);
     o.leans = Leans(beside, o.scene_from_object, model);
+    o.level = IsLevel(beside, o.scene_from_object, model);
   }
 }
 

@@ -78,7 +78,8 @@ class SceneObjects {
   void MeasureSurfaces(LinkedScene* scene) const;
   // Score, more where it lies on a plane.
   double Value(const LinkedObject& o) const;
-  // Sets LinkedObject::lies: beside or on others that score at least so much; slack: see LiesOn.
+  // Sets LinkedObject::lies, leans and level: beside or on others that score at least so much;
+  // slack: see LiesOn.
   void FindLying(const std::vector<std::optional<AspectSceneView>>& views,
                  double least,
                  std::vector<LinkedObject>* judged,

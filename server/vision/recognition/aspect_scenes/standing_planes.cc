@@ -145,6 +145,24 @@ bool LiesOn(std::span<const SupportingPlane> planes,
   });
 }
 
+bool IsLevel(std::span<const SupportingPlane> planes,
+             const Rigid3& scene_from_object,
+             const AspectModel& model) {
+  if (planes.empty()) return false;
+  const SupportingPlane& lowest =
+      *std::min_element(planes.begin(), planes.end(), [](const auto& a, const auto& b) {
+        return a.offset_m < b.offset_m;
+      });
+  const double below_m = kLyingShare * model.object->mesh.diameter_m;
+  return std::any_of(model.resting.begin(), model.resting.end(), [&](const RestingFace& face) {
+    const Eigen::Vector3d up = scene_from_object.R * face.up;
+    return lowest.normal.dot(scene_from_object.t) - face.height_m > lowest.offset_m - below_m &&
+           std::any_of(planes.begin(), planes.end(), [&](const SupportingPlane& plane) {
+             return up.dot(plane.normal) > std::cos(kLyingRad);
+           });
+  });
+}
+
 bool Leans(std::span<const SupportingPlane> planes,
            const Rigid3& scene_from_object,
            const AspectModel& model) {

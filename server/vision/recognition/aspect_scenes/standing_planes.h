@@ -45,6 +45,12 @@ bool LiesOn(std::span<const SupportingPlane> planes,
             const AspectModel& model,
             double slack = 1.0);
 
+// Whether one of the part's resting faces is level with one of the planes, as what lies on it is,
+// and not below the lowest.
+bool IsLevel(std::span<const SupportingPlane> planes,
+             const Rigid3& scene_from_object,
+             const AspectModel& model);
+
 // Whether none of the part's resting faces is level with any of the planes, at whatever height: it
 // leans on something, or its pose is wrong. False without planes or resting faces.
 bool Leans(std::span<const SupportingPlane> planes,

@@ -339,6 +339,7 @@ void SayPoseAlternatives(const JointContext& context,
     double open = 0.0;
     const std::vector<PoseChoice> choices = FindPoseAlternatives(context, images, *result, k);
     for (const PoseChoice& choice : choices) open += choice.probability;
+    answer.pose_probability = 1.0 - open;
     if (open < acceptance.ambiguous_share) continue;
     if (result->state == RecognitionState::kRecognized)
       result->state = RecognitionState::kAmbiguous;

@@ -10,6 +10,12 @@ double Logistic(double log_odds) {
   return 1.0 / (1.0 + std::exp(-log_odds));
 }
 
+double StatedProbability(double probability, double pose_probability) {
+  constexpr double kMost = 1.0 - 1e-12;  // whose log odds are finite
+  const double p = std::clamp(probability, 1.0 - kMost, kMost);
+  return Logistic(std::log(p / (1.0 - p)) + kAnsweredLogOdds) * pose_probability;
+}
+
 double EdgeLogLikelihoodRatio(double support, double sharpness) {
   return std::max(0.0,
                   kSceneSupportWeight * (support - kChanceSupport) +

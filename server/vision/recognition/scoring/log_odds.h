@@ -7,6 +7,10 @@ namespace horopter {
 
 double Logistic(double log_odds);
 
+// What is told of an answered object, that it and its pose are right: from the probability that it
+// was answered for (kAnsweredLogOdds) and that of its turn.
+double StatedProbability(double probability, double pose_probability);
+
 // What one object says for the scene's cameras and scale, in units of log odds; 0 for support that
 // chance may give. support: see JointScore; sharpness: EdgeSupport::Sharpness over all views.
 double EdgeLogLikelihoodRatio(double support, double sharpness);

@@ -173,6 +173,11 @@ TEST_F(StandingSearch, PartsLieOnThePlaneOfOthersAndOnTheirTops) {
   EXPECT_FALSE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.5), round));
   for (const double height : {0.036, 0.05}) {  // level, whatever it stands on
     pose.t.z() = height;
+    EXPECT_TRUE(IsLevel(planes, pose, cylinder));
+    EXPECT_TRUE(IsLevel(planes, pose * Turn(Eigen::Vector3d::UnitX(), M_PI), cylinder));
+    EXPECT_FALSE(IsLevel(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.06), cylinder));
+    EXPECT_FALSE(IsLevel({}, pose, cylinder));
+    EXPECT_FALSE(IsLevel(planes, pose, round));
     EXPECT_FALSE(Leans(planes, pose, cylinder));
     EXPECT_FALSE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), M_PI), cylinder));
     EXPECT_FALSE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitX(), 0.2), cylinder));
@@ -180,6 +185,15 @@ TEST_F(StandingSearch, PartsLieOnThePlaneOfOthersAndOnTheirTops) {
     EXPECT_TRUE(Leans(planes, pose * Turn(Eigen::Vector3d::UnitY(), 0.7), cylinder));
     EXPECT_FALSE(Leans({}, pose * Turn(Eigen::Vector3d::UnitX(), 0.7), cylinder));
   }
+}
+
+TEST_F(StandingSearch, NothingIsLevelBelowTheGround) {
+  const std::vector<AspectSceneObject> objects = {AngleThere(), BlockThere()};
+  const auto planes = PlanesToLieOn(objects, list_, Views());
+  Rigid3 pose = CylinderThere().scene_from_object;
+  EXPECT_TRUE(IsLevel(planes, pose, list_[kCylinder]));
+  pose.t.z() = 0.012 - 0.005;
+  EXPECT_FALSE(IsLevel(planes, pose, list_[kCylinder]));
 }
 
 // A turned pose does so by chance where a face meets a plane: how often is what its score may be

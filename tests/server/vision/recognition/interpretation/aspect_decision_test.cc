@@ -144,6 +144,19 @@ TEST(AspectDecision, WhatLiesOnAPlaneWithASurePartNeedsLess) {
   EXPECT_LT(Probability(unsure, 1), 0.2);
 }
 
+// What is level with the others stands on something that is no part.
+TEST(AspectDecision, WhatIsLevelWithASurePartNeedsLessThanWhatLeans) {
+  const AspectAcceptance options;
+  LinkedScene scene = Scene(4, 4, {0.60, options.even_level});
+  scene.objects[1].surface = options.surface_level;
+  scene.objects[1].surface_pairs = options.surface_pairs;
+  EXPECT_LT(Probability(scene, 1), 0.3);
+  scene.objects[1].level = true;
+  EXPECT_NEAR(Probability(scene, 1), 0.5, 1e-9);
+  scene.objects[1].surface = 0.1;  // it is not where the views see it
+  EXPECT_LT(Probability(scene, 1), 0.3);
+}
+
 // ... and less where the views agree on its surface, too; it is then no copy of the first that a
 // wrong camera makes.
 TEST(AspectDecision, ASurfaceThatViewsAgreeOnMakesLessEnoughOfWhatLies) {
