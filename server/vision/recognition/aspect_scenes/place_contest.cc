@@ -104,7 +104,9 @@ bool PlaceContest::Contest(LinkedScene* scene) const {
     if (!layers) layers = objects_.HidingLayers(*scene);
     const Hiding hiding = HidingOf(*scene, *layers, i);
     std::vector<Rated> others = Settled(*scene, rivals, hiding);
-    for (Rated& other : others) other.score += BonusOf(*scene, i, other.placed);
+    for (Rated& other : others) {
+      if (other.score > 0.0) other.score += BonusOf(*scene, i, other.placed);
+    }
     const AspectSceneObject there{o.object, o.scene_from_object};
     const double own =
         objects_.JudgeOne(scene->views, there, hiding).score + BonusOf(*scene, i, there);
