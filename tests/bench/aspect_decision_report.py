@@ -1,71 +1,59 @@
 #!/usr/bin/env python3
-"""Objects that a decision over the scores of aspects would answer, right and wrong.
+"""What the decision over the scores of aspects answers, right and wrong.
 
-    aspect_decision_report.py WITH [WITH ...] --without WITHOUT [WITHOUT ...] [--even 0.475] [--lying 0.335] [--accompanied 0.52] [--companion 0.47]
-                              [--companion-lying 0.42]
+    aspect_decision_report.py WITH [WITH ...] [--without WITHOUT ...] [--least 0.6]
 
-WITH and WITHOUT are what aspect_scene_report printed for data sets, with the scenes' parts and with --without-truth. The options
-are those of AspectAcceptance (--companion 9: no part bears another out); its conditions on focal lengths are left out. Prints
-the numbers of objects answered and how high the two best parts of scenes without truth come.
+WITH and WITHOUT are what aspect_scene_report printed for data sets, with the scenes' parts and with --without-truth or
+--leave-one-out. --least is AspectAcceptance::min_probability. Prints how many objects are answered, the wrong ones, right ones
+that are left out, and how high the best parts of WITHOUT come.
 """
 import argparse
-import math
 import re
 
 SCENE = re.compile(r"scene (\d+) \S+: (\d+) of (\d+) views")
-OBJECT = re.compile(r"  object (\d+) score ([\d.]+) .*? px( WRONG)?,.*?(, lies)?$")
-ALONE, IN_ONE_VIEW, SURE, MISSING_MORE, WEIGHT, LEAST = 0.53, 0.58, 0.546, 0.16, 25.0, 0.6
-COMPANY_PARTS, COMPANY_LYING = 3, 0.38
+OBJECT = re.compile(
+    r"  object (\d+) score ([\d.]+) probability ([\d.]+) .*? px( WRONG)?,.*, surface (-?[\d.]+) of (\d+)(?:, (lies|level))?$"
+)
 
 
-def scenes(paths):
-    """(views linked, views, [(part, score, right, lies on a plane)]) of each scene, best first."""
-    found = []
+def objects(paths):
+    """(file and scene, part, score, probability, right, surface, pairs of views, lies or level) of each object."""
     for path in paths:
+        scene = ""
         with open(path, encoding="utf-8") as lines:
             for line in lines:
-                if scene := SCENE.match(line):
-                    found.append((int(scene[2]), int(scene[3]), []))
-                elif thing := OBJECT.match(line):
-                    found[-1][2].append((int(thing[1]), float(thing[2]), thing[3] is None, thing[4] is not None))
-    return found
+                if found := SCENE.match(line):
+                    scene = f"{path} {found[1]}, {found[2]} of {found[3]} views"
+                elif o := OBJECT.match(line):
+                    yield scene, int(o[1]), float(o[2]), float(o[3]), o[4] is None, float(o[5]), int(o[6]), o[7] or ""
 
 
-def answered(linked, views, objects, arguments):
-    unseen = MISSING_MORE * (1.0 - linked / views)
-    alone = (IN_ONE_VIEW if linked < 2 else ALONE) + unseen
-    borne_out = (linked >= 3 and objects[0][1] >= arguments.accompanied
-                 and any(o[1] >= (arguments.companion_lying if o[3] else arguments.companion) and o[0] != objects[0][0]
-                         for o in objects[1:]))
-    lying = {part for part, score, _, lies in objects if lies and score >= COMPANY_LYING}
-    borne_out = borne_out or (linked >= 3 and len(lying) >= COMPANY_PARTS)
-    for part, score, right, lies in objects:
-        again = any(o[0] == part and o[1] > score for o in objects)
-        beside = linked > 1 and objects[0][1] >= SURE + alone - ALONE and score < objects[0][1]
-        even = (arguments.lying if lies else arguments.even) if not again and (beside or borne_out) else alone
-        if 1.0 / (1.0 + math.exp(-WEIGHT * (score - even))) >= LEAST:
-            yield right
+def tell(thing):
+    scene, part, score, probability, _, surface, pairs, how = thing
+    print(f"  {scene}: object {part} score {score:.2f} probability {probability:.2f} surface {surface:.2f} of {pairs} {how}")
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("paths", nargs="+")
     parser.add_argument("--without", nargs="+", default=[])
-    parser.add_argument("--even", type=float, default=0.475)
-    parser.add_argument("--lying", type=float, default=0.335)
-    parser.add_argument("--accompanied", type=float, default=0.52)
-    parser.add_argument("--companion", type=float, default=0.47)
-    parser.add_argument("--companion-lying", type=float, default=0.42)
+    parser.add_argument("--least", type=float, default=0.6)
     arguments = parser.parse_args()
-    right = [r for s in scenes(arguments.paths) if s[2] for r in answered(*s, arguments)]
-    others = scenes(arguments.without)
-    wrong = sum(1 for s in others if s[2] for _ in answered(*s, arguments))
-    print("%d right, %d wrong; without truth %d wrong" % (sum(right), len(right) - sum(right), wrong))
-    linked = [s for s in others if s[0] >= 3]
-    pairs = sorted((min(s[2][0][1], s[2][1][1]), s[2][0][1], s[2][1][1]) for s in linked if len(s[2]) > 1)
-    print("%d scenes without truth, %d of three views and more, %d with a second part" % (len(others), len(linked), len(pairs)))
-    for _, best, second in pairs[-3:]:
-        print("  %.3f and %.3f" % (best, second))
+    for title, paths in (("with their parts", arguments.paths), ("without", arguments.without)):
+        found = list(objects(paths))
+        answered = [o for o in found if o[3] >= arguments.least]
+        wrong = [o for o in answered if not o[4]]
+        print(f"{title}: {len(answered) - len(wrong)} right, {len(wrong)} wrong")
+        for o in wrong:
+            tell(o)
+    left_out = [o for o in objects(arguments.paths) if o[4] and o[3] < arguments.least]
+    print(f"right ones left out: {len(left_out)}")
+    for o in left_out:
+        tell(o)
+    best = sorted((o for o in objects(arguments.without) if not o[4]), key=lambda o: -o[2])[:2]
+    print("best wrong ones without:")
+    for o in best:
+        tell(o)
 
 
 if __name__ == "__main__":

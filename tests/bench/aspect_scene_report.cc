@@ -17,6 +17,9 @@
 //     green
 //                   (contours) and cyan (creases), missing ones red and orange
 //     --without-truth  the scene's own parts are not looked for: all that is found is wrong
+//     --leave-one-out  each of the scene's parts in turn is not looked for: what stands in its
+//     place
+//                      is its look-alike
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <fstream>
@@ -25,6 +28,7 @@
 #include <numbers>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <set>
 
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
@@ -50,6 +54,7 @@ struct Arguments {
   AspectImageOptions image;
   bool as_needed = false;
   bool without_truth = false;
+  bool leave_one_out = false;
 };
 
 double Seconds(std::chrono::steady_clock::time_point since) {
@@ -142,30 +147,6 @@ Contact ContactOf(const AspectCatalog& catalog, const LinkedScene& linked, std::
   return out;
 }
 
-// Of an object's surface, as far as better ones do not hide it.
-Correlations SurfaceOf(const std::vector<AspectImage>& edges,
-                       const AspectCatalog& catalog,
-                       const LinkedScene& linked,
-                       std::size_t object) {
-  const auto layers = [&](std::size_t i) {
-    const LinkedObject& o = linked.objects[i];
-    return LayersInViews(edges,
-                         linked.views,
-                         catalog.parts[o.object].object->mesh,
-                         o.scene_from_object,
-                         AspectLinkOptions{}.quick_render_px);
-  };
-  std::vector<ObjectLayer> own = layers(object);
-  for (std::size_t v = 0; v < own.size(); ++v) {
-    if (!linked.objects[object].shown[v]) own[v] = {};
-  }
-  for (std::size_t i = 0; i < object; ++i) {
-    const std::vector<ObjectLayer> other = layers(i);
-    for (std::size_t v = 0; v < own.size(); ++v) HideBehind(other[v], &own[v]);
-  }
-  return SurfaceCorrelations(edges, linked.views, own);
-}
-
 void ReportScene(const std::vector<BopImage>& images,
                  const std::vector<AspectImage>& edges,
                  const AspectCatalog& catalog,
@@ -195,7 +176,6 @@ void ReportScene(const std::vector<BopImage>& images,
     const Contact contact = ContactOf(catalog, linked, i);
     double recall = 0.0, support_px = 0.0, hidden_px = 0.0, claimed_px = 0.0;
     const auto shown = static_cast<double>(std::count(o.shown.begin(), o.shown.end(), true));
-    const Correlations surface = SurfaceOf(edges, catalog, linked, i);
     for (std::size_t v = 0; v < images.size(); ++v) {
       if (!o.shown[v]) continue;
       recall += o.views[v].recall / shown;
@@ -228,9 +208,11 @@ void ReportScene(const std::vector<BopImage>& images,
         hidden_px,
         claimed_px,
         shown,
-        surface.mean,
-        surface.pairs,
-        o.lies ? ", lies" : "");
+        o.surface,
+        o.surface_pairs,
+        o.lies    ? ", lies"
+        : o.level ? ", level"
+                  : "");
   }
 }
 
@@ -312,20 +294,146 @@ void WriteOverlay(const std::string& file,
   cv::imwrite(file, out);
 }
 
-void HideTruth(const BopScene& scene,
+// The scene's parts, or one of them, are not looked for.
+void HideParts(const std::vector<int>& obj_ids,
                const AspectCatalog& catalog,
                std::vector<AspectModel>* parts,
                std::vector<std::vector<AspectHypothesis>>* hypotheses) {
   std::vector<bool> there(parts->size(), false);
-  for (const BopInstance& truth : scene.images.front().instances) {
-    for (std::size_t p = 0; p < there.size(); ++p)
-      there[p] = there[p] || catalog.obj_ids[p] == truth.obj_id;
-  }
+  for (std::size_t p = 0; p < there.size(); ++p)
+    there[p] = std::count(obj_ids.begin(), obj_ids.end(), catalog.obj_ids[p]) > 0;
   for (std::size_t p = 0; p < there.size(); ++p) {
     if (there[p]) (*parts)[p].resting.clear();
   }
   for (auto& list : *hypotheses)
     std::erase_if(list, [&](const AspectHypothesis& h) { return there[h.object]; });
+}
+
+// A scene's images, and what they show of all parts.
+struct SearchedScene {
+  BopScene scene;
+  std::vector<AspectImage> images;
+  std::vector<AspectViewPrior> priors;
+  std::vector<std::vector<AspectHypothesis>> hypotheses;
+};
+
+SearchedScene SearchImages(const Arguments& arguments,
+                           const AspectCatalog& catalog,
+                           BopScene scene) {
+  SearchedScene out{std::move(scene), {}, {}, {}};
+  for (const BopImage& view : out.scene.images) {
+    out.images.push_back(MakeAspectImage(cv::imread(view.path, cv::IMREAD_COLOR), arguments.image));
+    out.priors.push_back({NominalCamera(out.images.back()), kNominalFocalLogSigma});
+    const std::string file =
+        absl::StrFormat("%s/%d_%d.txt", arguments.hypotheses, out.scene.scene_id, view.im_id);
+    std::vector<AspectHypothesis> found;
+    if (arguments.hypotheses.empty() || !ReadHypotheses(file, &found)) {
+      FindAspectOptions options;
+      options.threads = arguments.threads;
+      options.votes.threads = arguments.threads;
+      found = FindAspectHypotheses(out.images.back(), catalog.index, options).hypotheses;
+      if (!arguments.hypotheses.empty()) WriteHypotheses(file, found);
+    }
+    out.hypotheses.push_back(std::move(found));
+  }
+  return out;
+}
+
+// The parts that are not looked for, one list a trial.
+std::vector<std::vector<int>> HiddenParts(const Arguments& arguments, const BopScene& scene) {
+  std::set<int> own;
+  for (const BopInstance& truth : scene.images.front().instances) own.insert(truth.obj_id);
+  std::vector<std::vector<int>> out;
+  if (arguments.leave_one_out) {
+    for (const int obj_id : own) out.push_back({obj_id});
+  } else {
+    out.emplace_back();
+    if (arguments.without_truth) out.back().assign(own.begin(), own.end());
+  }
+  return out;
+}
+
+void ReportLinks(const SearchedScene& searched, const LinkedScene& linked, double linking_s) {
+  std::string focal, of_views;
+  for (std::size_t v = 0; v < linked.views.size(); ++v) {
+    focal += linked.views[v] ? absl::StrFormat(" %+.1f%%",
+                                               100 * (linked.views[v]->camera.focal_px /
+                                                          searched.scene.images[v].camera.focal_px -
+                                                      1))
+                             : " -";
+  }
+  for (const auto& v : linked.agreement.surface.views)
+    of_views += (of_views.empty() ? "" : " ") + (v ? absl::StrFormat("%.2f", *v) : "-");
+  std::cout << absl::StrFormat(
+      "scene %d %s: %d of %d views, score %.2f, focal%s, surface %.2f (%s), ground %.2f of %.1f; "
+      "linking %.1f s\n",
+      searched.scene.scene_id,
+      searched.scene.tier,
+      linked.registered(),
+      static_cast<int>(linked.views.size()),
+      linked.score,
+      focal,
+      linked.agreement.surface.mean,
+      of_views,
+      linked.agreement.ground,
+      linked.agreement.texture,
+      linking_s);
+}
+
+void AddResults(const SearchedScene& searched,
+                const AspectCatalog& catalog,
+                const LinkedScene& linked,
+                double bar,
+                double seconds,
+                BopResults* results) {
+  const int scene_id = searched.scene.scene_id;
+  for (const LinkedObject& o : linked.objects) {
+    if (o.score < bar) continue;
+    for (std::size_t v = 0; v < linked.views.size(); ++v) {
+      if (!linked.views[v]) continue;
+      const int im_id = searched.scene.images[v].im_id;
+      results->estimates.push_back({scene_id,
+                                    im_id,
+                                    catalog.obj_ids[o.object],
+                                    o.score,
+                                    linked.views[v]->camera_from_scene * o.scene_from_object,
+                                    seconds});
+      results->cameras[scene_id][im_id] = linked.views[v]->camera.K();
+    }
+  }
+}
+
+// One scene without the hidden parts.
+void LinkWithout(const std::vector<int>& hidden,
+                 const Arguments& arguments,
+                 const AspectCatalog& catalog,
+                 const SearchedScene& searched,
+                 BopResults* results) {
+  const auto start = std::chrono::steady_clock::now();
+  std::vector<AspectModel> parts = catalog.parts;
+  std::vector<std::vector<AspectHypothesis>> hypotheses = searched.hypotheses;
+  HideParts(hidden, catalog, &parts, &hypotheses);
+  if (arguments.leave_one_out) std::cout << "   without object " << hidden.front() << "\n";
+  AspectLinkOptions options;
+  options.threads = arguments.threads;
+  options.standing = arguments.standing;
+  options.min_quick += arguments.least - options.min_joint;
+  options.min_joint = arguments.least;
+  const std::vector<std::vector<AspectHypothesis>> none(searched.images.size());
+  int views_searched = 0;
+  AspectLinkInput input{searched.images, searched.priors, none, parts, nullptr, [&](int v) {
+                          ++views_searched;
+                          return hypotheses[v];
+                        }};
+  if (!arguments.as_needed) input = {searched.images, searched.priors, hypotheses, parts};
+  const LinkedScene linked = LinkAspects(input, options);
+  if (arguments.as_needed)
+    std::cout << "   searched " << views_searched << " of " << searched.images.size() << "\n";
+  ReportLinks(searched, linked, Seconds(start));
+  ReportScene(searched.scene.images, searched.images, catalog, linked);
+  ReportTruth(searched.scene.images, searched.images, hypotheses, catalog);
+  std::cout << std::flush;
+  AddResults(searched, catalog, linked, arguments.bar, Seconds(start), results);
 }
 
 absl::Status Run(const Arguments& arguments) {
@@ -341,97 +449,18 @@ absl::Status Run(const Arguments& arguments) {
   }
   BopResults results;
   for (const int id : ids) {
-    const auto read = ReadBopScene(arguments.dataset, arguments.split, id);
+    auto read = ReadBopScene(arguments.dataset, arguments.split, id);
     if (!read.ok()) return read.status();
-    const BopScene& scene = *read;
-    const auto start = std::chrono::steady_clock::now();
-    std::vector<AspectImage> images;
-    std::vector<AspectViewPrior> priors;
-    std::vector<std::vector<AspectHypothesis>> hypotheses;
-    for (const BopImage& view : scene.images) {
-      images.push_back(MakeAspectImage(cv::imread(view.path, cv::IMREAD_COLOR), arguments.image));
-      priors.push_back({NominalCamera(images.back()), kNominalFocalLogSigma});
-      const std::string file =
-          absl::StrFormat("%s/%d_%d.txt", arguments.hypotheses, scene.scene_id, view.im_id);
-      std::vector<AspectHypothesis> found;
-      if (arguments.hypotheses.empty() || !ReadHypotheses(file, &found)) {
-        FindAspectOptions options;
-        options.threads = arguments.threads;
-        options.votes.threads = arguments.threads;
-        found = FindAspectHypotheses(images.back(), catalog.index, options).hypotheses;
-        if (!arguments.hypotheses.empty()) WriteHypotheses(file, found);
-      }
-      hypotheses.push_back(std::move(found));
-    }
-    const double search_s = Seconds(start);
-    std::vector<AspectModel> parts = catalog.parts;
-    for (std::size_t v = 0; !arguments.overlays.empty() && v < images.size(); ++v) {
-      WriteOverlay(absl::StrFormat(
-                       "%s/%d_%d.png", arguments.overlays, scene.scene_id, scene.images[v].im_id),
-                   scene.images[v],
-                   images[v],
+    const SearchedScene searched = SearchImages(arguments, catalog, *std::move(read));
+    for (std::size_t v = 0; !arguments.overlays.empty() && v < searched.images.size(); ++v) {
+      const BopImage& image = searched.scene.images[v];
+      WriteOverlay(absl::StrFormat("%s/%d_%d.png", arguments.overlays, id, image.im_id),
+                   image,
+                   searched.images[v],
                    catalog);
     }
-    if (arguments.without_truth) HideTruth(scene, catalog, &parts, &hypotheses);
-    AspectLinkOptions options;
-    options.threads = arguments.threads;
-    options.standing = arguments.standing;
-    options.min_quick += arguments.least - options.min_joint;
-    options.min_joint = arguments.least;
-    const std::vector<std::vector<AspectHypothesis>> none(images.size());
-    int searched = 0;
-    AspectLinkInput input{images, priors, none, parts, nullptr, [&](int v) {
-                            ++searched;
-                            return hypotheses[v];
-                          }};
-    if (!arguments.as_needed) input = {images, priors, hypotheses, parts};
-    const LinkedScene linked = LinkAspects(input, options);
-    if (arguments.as_needed)
-      std::cout << "   searched " << searched << " of " << images.size() << "\n";
-    std::string focal;
-    for (std::size_t v = 0; v < linked.views.size(); ++v) {
-      focal +=
-          linked.views[v]
-              ? absl::StrFormat(
-                    " %+.1f%%",
-                    100 * (linked.views[v]->camera.focal_px / scene.images[v].camera.focal_px - 1))
-              : " -";
-    }
-    std::string of_views;
-    for (const auto& v : linked.agreement.surface.views)
-      of_views += (of_views.empty() ? "" : " ") + (v ? absl::StrFormat("%.2f", *v) : "-");
-    std::cout << absl::StrFormat(
-        "scene %d %s: %d of %d views, score %.2f, focal%s, surface %.2f (%s), ground %.2f of %.1f; "
-        "search "
-        "%.1f s, linking %.1f s\n",
-        scene.scene_id,
-        scene.tier,
-        linked.registered(),
-        static_cast<int>(images.size()),
-        linked.score,
-        focal,
-        linked.agreement.surface.mean,
-        of_views,
-        linked.agreement.ground,
-        linked.agreement.texture,
-        search_s,
-        Seconds(start) - search_s);
-    ReportScene(scene.images, images, catalog, linked);
-    ReportTruth(scene.images, images, hypotheses, catalog);
-    std::cout << std::flush;
-    for (const LinkedObject& o : linked.objects) {
-      if (o.score < arguments.bar) continue;
-      for (std::size_t v = 0; v < images.size(); ++v) {
-        if (!linked.views[v]) continue;
-        results.estimates.push_back({scene.scene_id,
-                                     scene.images[v].im_id,
-                                     catalog.obj_ids[o.object],
-                                     o.score,
-                                     linked.views[v]->camera_from_scene * o.scene_from_object,
-                                     Seconds(start)});
-        results.cameras[scene.scene_id][scene.images[v].im_id] = linked.views[v]->camera.K();
-      }
-    }
+    for (const std::vector<int>& hidden : HiddenParts(arguments, searched.scene))
+      LinkWithout(hidden, arguments, catalog, searched, &results);
   }
   return WriteBopResults(results, arguments.out);
 }
@@ -456,6 +485,7 @@ int main(int argc, char** argv) {
   app.add_option("--max-width", arguments.image.max_width_px);
   app.add_flag("--as-needed", arguments.as_needed);
   app.add_flag("--without-truth", arguments.without_truth);
+  app.add_flag("--leave-one-out", arguments.leave_one_out);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);
   if (!status.ok()) {
