@@ -20,6 +20,7 @@
 #include "server/vision/recognition/interpretation/routes.h"
 #include "server/vision/recognition/interpretation/scale_alternatives.h"
 #include "server/vision/recognition/interpretation/symmetric_views.h"
+#include "server/vision/recognition/refusal_notes.h"
 #include "server/vision/recognition/rig_recognition.h"
 #include "server/vision/recognition/scene/surface_texture.h"
 #include "server/vision/recognition/scoring/log_odds.h"
@@ -118,35 +119,6 @@ void ReportHypotheses(const JointContext& context,
   result->counts["view_hypotheses"] = hypotheses;
   result->counts["initial_hypotheses"] = static_cast<double>(work.initial_count);
 }
-
-// Notes placements of the logged object that leave the scene; without a log nothing.
-class RefusalNotes {
- public:
-  explicit RefusalNotes(RefusalLog* log) : log_(log) {}
-
-  void Begin(const SceneModel& scene) {
-    before_.clear();
-    for (const PlacedObject& p : scene.objects) {
-      if (log_ != nullptr && p.object == log_->object) before_.push_back(p);
-    }
-  }
-  // What left since Begin. value_of: what the test measured of a placement.
-  template <typename ValueOf>
-  void Left(const SceneModel& scene, AcceptanceTest test, double needed, const ValueOf& value_of) {
-    for (const PlacedObject& p : before_) {
-      if (std::none_of(scene.objects.begin(), scene.objects.end(), [&](const PlacedObject& o) {
-            return o.object == p.object;
-          })) {
-        log_->refusals.push_back({test, p.scene_from_object, scene.views, value_of(p), needed});
-      }
-    }
-    Begin(scene);
-  }
-
- private:
-  RefusalLog* log_;
-  std::vector<PlacedObject> before_;
-};
 
 // A scene that is doubtful is not answered at all.
 void RefuseScene(const JointContext& context,
@@ -501,8 +473,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
 }
 
 void StateProbabilities(RecognitionResult* result) {
-  for (SceneObject& o : result->objects)
-    o.score = StatedProbability(o.score, o.pose_probability);
+  for (SceneObject& o : result->objects) o.score = StatedProbability(o.score, o.pose_probability);
 }
 
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,

@@ -1,13 +1,10 @@
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
-#include <numeric>
 
-#include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_scenes/doubtful_views.h"
 #include "server/vision/recognition/aspect_scenes/faint_objects.h"
+#include "server/vision/recognition/aspect_scenes/one_camera.h"
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/scene_similarity.h"
@@ -16,7 +13,6 @@
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 #include "server/vision/recognition/aspect_scenes/view_search.h"
 #include "server/vision/recognition/aspect_scenes/view_turns.h"
-#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
@@ -27,19 +23,11 @@ constexpr int kRescues = 2;          // rounds in which doubtful views are looke
 constexpr double kSureScore = 0.6;   // least of objects that are not searched again ...
 constexpr double kEvenShare =
     0.95;  // ... and what each view has of it; chosen on 3 scenes, commit c5fb384
-constexpr double kUnlikeFocals = 0.35;  // largest difference of log focal lengths left alone
-constexpr double kNewFocal = 1.08;      // ratio of those that are tried for all views
-// Of ln f about that one.
-constexpr double kOneCameraSigma = 0.02;
 constexpr double kOneCameraScore = 0.6;  // of the scene's with different focal lengths
-// Of the rms of its edges. Photographs of one camera: 0.97 - 1.04; scenes of cad-dev with every
-// other image enlarged by 1.5: 1.09 - 2.8. Commit 8c74a24.
-constexpr double kOneCameraRms = 1.06;
-constexpr double kTurnedScore = 0.9;    // of the scene's before its views were turned; chosen
-constexpr int kCoarsePoints = 120;      // of an object and view, for drafts; chosen, for time
-constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;    // score of one whose place is taken
-constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
+constexpr double kTurnedScore = 0.9;     // of the scene's before its views were turned; chosen
+constexpr int kDraftCarried = 8;         // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;     // score of one whose place is taken
+constexpr std::size_t kFewObjects = 2;   // a scene with more is sure of its views by agreement
 // Of the best object: others are looked for in its views, or are known well enough. Of the scenes
 // of cad-dev that have parts the right ones have 0.56 and more in two views, those without known
 // parts 0.46. Commit 474778a.
@@ -200,34 +188,12 @@ class Linker {
   void FollowSurfaces(LinkedScene* best) const {
     if (IsCredible(*best) || IsStopRequested(stop_)) return;
     for (const AspectScene& scene : ScenesBySurface(in_, options_, links_, stop_)) {
-      for (AspectScene start : {scene, FromOneFocal(scene)}) {
-        AdjustCoarsely(&start);
+      for (AspectScene start : {scene, FromOneFocal(in_, options_, scene)}) {
+        AdjustCoarsely(in_, options_, &start);
         LinkedScene other = Completed(std::move(start));
         if (other.score > best->score) *best = std::move(other);
       }
     }
-  }
-
-  // A scene of one part adjusted from the middle one of its focal lengths: a single image hardly
-  // says its own, and what is printed on the part is in its place only under the right one.
-  AspectScene FromOneFocal(const AspectScene& scene) const {
-    std::vector<double> focals;
-    for (const auto& view : scene.views) {
-      if (view) focals.push_back(RelativeFocal(view->camera));
-    }
-    const AspectSceneObject& part = scene.objects.front();
-    AspectScene out =
-        WithOneFocal(scene,
-                     part.scene_from_object * meshes_[part.object]->center.cast<double>(),
-                     Median(&focals),
-                     kOneCameraSigma);
-    AdjustCoarsely(&out);
-    for (std::size_t v = 0; v < out.views.size(); ++v) {
-      if (!out.views[v]) continue;
-      out.views[v]->prior_log_focal = scene.views[v]->prior_log_focal;
-      out.views[v]->log_focal_sigma = scene.views[v]->log_focal_sigma;
-    }
-    return out;
   }
 
   void AddUnsearched(LinkedScene* best) {
@@ -257,7 +223,7 @@ class Linker {
             return IsWithin(draft.scene, other.scene, in_.models);
           }))
         continue;
-      AdjustCoarsely(&draft.scene);
+      AdjustCoarsely(in_, options_, &draft.scene);
       if (objects_.Sift(&draft.scene) > 0.0) CarryOver(kDraftCarried, &draft.scene);
       draft.score = objects_.Sift(&draft.scene);
       drafts.push_back(std::move(draft));
@@ -270,15 +236,6 @@ class Linker {
       drafts.pop_back();
     }
     return drafts;
-  }
-
-  // Returns the rms of the edges met, pixels.
-  double AdjustCoarsely(AspectScene* scene) const {
-    AspectAdjustmentOptions coarse = options_.adjustment;
-    coarse.render_px = options_.quick_render_px;
-    coarse.search_px = {8.0, 5.0, 3.0};
-    coarse.max_points = kCoarsePoints;
-    return AdjustToEdges(in_.images, meshes_, coarse, options_.threads, scene);
   }
 
   // A draft with the other views added one by one, each held against the images before the next.
@@ -300,7 +257,7 @@ class Linker {
       AspectScene more;
       more.views = grown.views;
       more.objects = scene->objects;
-      AdjustCoarsely(&more);
+      AdjustCoarsely(in_, options_, &more);
       objects_.Sift(&more);
       CarryOver(kDraftCarried, &more);
       objects_.Sift(&more);
@@ -321,39 +278,11 @@ class Linker {
     });
   }
 
-  // Focal lengths that differ more than those of one camera, or of a cell's, are mostly not seen:
-  // what explains as much with one focal length is taken.
+  // What explains as much with one focal length is taken.
   void AgreeOnFocal(LinkedScene* best) const {
-    std::vector<double> focals;
-    for (const auto& view : best->views) {
-      if (!view) continue;
-      if (view->log_focal_sigma < kNominalFocalLogSigma) return;  // somebody knows better
-      focals.push_back(RelativeFocal(view->camera));
-    }
-    if (focals.size() < 3 || best->objects.empty()) return;
-    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-    for (const LinkedObject& o : best->objects)
-      middle += o.scene_from_object * meshes_[o.object]->center.cast<double>();
-    middle /= static_cast<double>(best->objects.size());
-    std::sort(focals.begin(), focals.end());
-    if (std::log(focals.back() / focals.front()) < kUnlikeFocals) return;
-    AspectScene apart = SceneOf(*best);
-    const double apart_px = AdjustCoarsely(&apart);
-    AspectScene most;
-    double most_score = -1.0;
-    double last = 0.0;
-    for (const double focal : focals) {
-      if (focal < kNewFocal * last || IsStopRequested(stop_)) continue;
-      last = focal;
-      AspectScene scene = WithOneFocal(SceneOf(*best), middle, focal, kOneCameraSigma);
-      if (AdjustCoarsely(&scene) > kOneCameraRms * apart_px) continue;
-      const double score = objects_.Sift(&scene);
-      if (score <= most_score) continue;
-      most_score = score;
-      most = std::move(scene);
-    }
-    if (most.objects.empty()) return;
-    LinkedScene one = Finish(&most);
+    std::optional<AspectScene> scene = WithOneCamera(in_, options_, objects_, *best, stop_);
+    if (!scene) return;
+    LinkedScene one = Finish(std::move(*scene));
     if (one.registered() >= best->registered() && one.score > kOneCameraScore * best->score)
       *best = std::move(one);
   }

@@ -131,8 +131,8 @@ bool SurfaceTells(const LinkedObject& o, const AspectAcceptance& options) {
 
 double EvenBeside(const LinkedObject& o, const AspectAcceptance& options) {
   if (!o.lies) {
-    const bool level = o.level && o.surface_pairs >= options.surface_pairs &&
-                       o.surface >= options.surface_level;
+    const bool level =
+        o.level && o.surface_pairs >= options.surface_pairs && o.surface >= options.surface_level;
     return level ? options.even_level : options.even_score;
   }
   return SurfaceTells(o, options) ? options.even_lying_surface : options.even_lying;
