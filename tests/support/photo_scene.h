@@ -1,12 +1,15 @@
 // Cameras around a few simple parts.
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <Eigen/Geometry>
 #include <cmath>
 #include <optional>
 #include <vector>
 
 #include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
+#include "server/vision/recognition/aspects/aspect_image.h"
 #include "tests/support/part_photos.h"
 
 namespace horopter {
@@ -37,5 +40,24 @@ inline std::vector<std::optional<AspectSceneView>> Views() {
     out.push_back(AspectSceneView{Camera(), CameraFromScene(v), std::log(800.0), 0.35});
   return out;
 }
+
+// The block before these cameras.
+class PhotographedBlock : public testing::TestWithParam<unsigned> {
+ protected:
+  static void SetUpTestSuite() {
+    block_ = new PhotoPart(MakePart(SteppedBlock()));
+    for (int v = 0; v < kViews; ++v) {
+      images_.push_back(
+          MakeAspectImage(PhotoOf({{&block_->object.mesh, CameraFromScene(v)}}, Camera())));
+    }
+  }
+  static void TearDownTestSuite() {
+    delete block_;
+    images_.clear();
+  }
+
+  static inline PhotoPart* block_ = nullptr;
+  static inline std::vector<AspectImage> images_;
+};
 
 }  // namespace horopter

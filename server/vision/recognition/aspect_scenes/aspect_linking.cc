@@ -318,12 +318,17 @@ class Linker {
 
   // Hypotheses of all views in the scene's cameras, those that most views confirm.
   void CarryOver(int most, AspectScene* scene) const {
-    std::vector<AspectSceneObject> candidates = links_.Carried(scene->views);
+    objects_.Place(FreeCarried(most, *scene), scene);
+  }
+
+  // The best hypotheses in places where the scene has no object.
+  std::vector<AspectSceneObject> FreeCarried(int most, const AspectScene& scene) const {
+    std::vector<AspectSceneObject> candidates = links_.Carried(scene.views);
     std::erase_if(candidates, [&](const AspectSceneObject& c) {
-      return !objects_.IsFree(scene->views, scene->objects, c);
+      return !objects_.IsFree(scene.views, scene.objects, c);
     });
     if (static_cast<int>(candidates.size()) > most) candidates.resize(most);
-    objects_.Place(std::move(candidates), scene);
+    return candidates;
   }
 
   // What stands in free places of the planes.
@@ -372,13 +377,9 @@ class Linker {
 
   // Parts that say little by their edges, where the cameras are known.
   void AddFaint(LinkedScene* best) const {
-    if (options_.standing <= 0 || IsStopRequested(stop_)) return;
+    if (options_.standing <= 0 || !MayShowFaintObjects(*best) || IsStopRequested(stop_)) return;
     const AspectScene scene = SceneOf(*best);
-    std::vector<AspectSceneObject> candidates = links_.Carried(scene.views);
-    std::erase_if(candidates, [&](const AspectSceneObject& c) {
-      return !objects_.IsFree(scene.views, scene.objects, c);
-    });
-    if (static_cast<int>(candidates.size()) > options_.carried) candidates.resize(options_.carried);
+    std::vector<AspectSceneObject> candidates = FreeCarried(options_.carried, scene);
     const std::vector<AspectSceneObject> standing =
         SameCameras(stood_.views, scene.views)
             ? stood_.candidates

@@ -8,9 +8,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kLeastViews = 3;            // two agree on a wrong surface, too
-constexpr double kCredibleScore = 0.45;   // of the scene's best object
-constexpr double kFairPlaneScore = 0.38;  // of what others lie on, where none reaches kPlaneScore
+constexpr int kLeastViews = 3;           // two agree on a wrong surface, too
+constexpr double kCredibleScore = 0.45;  // of the scene's best object
 // Least score, correlation over the surface and ordered pairs of views it is of. Of what lies on a
 // plane beside sure parts in scenes of six sets, scored .26 - .60, 61 of 67 right parts had .5 and
 // more, and of wrong ones four turned poses of right parts. ADR 54.
@@ -27,16 +26,19 @@ bool ViewsAgreeOn(const LinkedObject& o) {
 
 }  // namespace
 
+bool MayShowFaintObjects(const LinkedScene& scene) {
+  return scene.registered() >= kLeastViews &&
+         std::any_of(scene.objects.begin(), scene.objects.end(), [](const LinkedObject& o) {
+           return o.score >= kCredibleScore;
+         });
+}
+
 void AddFaintObjects(const AspectLinkInput& input,
                      const AspectLinkOptions& options,
                      const SceneObjects& objects,
                      std::vector<AspectSceneObject> candidates,
                      LinkedScene* linked) {
-  if (linked->registered() < kLeastViews ||
-      std::none_of(linked->objects.begin(), linked->objects.end(), [](const LinkedObject& o) {
-        return o.score >= kCredibleScore;
-      }))
-    return;
+  if (!MayShowFaintObjects(*linked)) return;
   AspectScene scene = SceneOf(*linked);
   const std::size_t known = scene.objects.size();
   objects.Place(std::move(candidates), options.min_quick - kClearly, &scene);
@@ -47,9 +49,7 @@ void AddFaintObjects(const AspectLinkInput& input,
       o = settled->placed;
   });
   std::vector<LinkedObject> judged = objects.Judge(scene, kFineRenderPx);
-  const bool any_gives_planes = std::any_of(
-      judged.begin(), judged.end(), [](const LinkedObject& o) { return o.score >= kPlaneScore; });
-  objects.FindLying(scene.views, any_gives_planes ? kPlaneScore : kFairPlaneScore, &judged, kSlack);
+  objects.FindLying(scene.views, &judged, kSlack);
   std::vector<LinkedObject> faint(judged.begin() + static_cast<std::ptrdiff_t>(known),
                                   judged.end());
   std::erase_if(faint, [](const LinkedObject& o) { return !o.lies || o.score < kLeastScore; });

@@ -8,9 +8,12 @@
 
 namespace horopter {
 
+// Three views are linked and an object is credible: its cameras may be asked for more.
+bool MayShowFaintObjects(const LinkedScene& scene);
+
 // Adds those of the candidates, placed in the scene's cameras, that lie on a plane under or on its
 // objects and on whose surface the views agree, and sets LinkedObject::surface of all; poses stay
-// as they are. Nothing where fewer than three views are linked or no object is credible.
+// as they are. Nothing where the scene may not show any (MayShowFaintObjects).
 void AddFaintObjects(const AspectLinkInput& input,
                      const AspectLinkOptions& options,
                      const SceneObjects& objects,

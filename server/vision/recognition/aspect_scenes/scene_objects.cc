@@ -107,6 +107,14 @@ void SceneObjects::FindLying(const std::vector<std::optional<AspectSceneView>>& 
   }
 }
 
+void SceneObjects::FindLying(const std::vector<std::optional<AspectSceneView>>& views,
+                             std::vector<LinkedObject>* judged,
+                             double slack) const {
+  const bool any_gives_planes = std::any_of(
+      judged->begin(), judged->end(), [](const LinkedObject& o) { return o.score >= kPlaneScore; });
+  FindLying(views, any_gives_planes ? kPlaneScore : kFairPlaneScore, judged, slack);
+}
+
 SceneJudgementOptions SceneObjects::Judging(double render_px) const {
   SceneJudgementOptions out;
   out.render_px = render_px;
@@ -276,9 +284,7 @@ LinkedScene SceneObjects::Result(const AspectScene& scene) const {
     return out;
   }
   std::vector<LinkedObject> judged = Judge(scene, kFineRenderPx);
-  const bool any_gives_planes = std::any_of(
-      judged.begin(), judged.end(), [](const LinkedObject& o) { return o.score >= kPlaneScore; });
-  FindLying(scene.views, any_gives_planes ? kPlaneScore : kFairPlaneScore, &judged);
+  FindLying(scene.views, &judged);
   std::vector<Explained> explained;
   for (LinkedObject& o : judged) {
     if (Value(o) < options_.min_joint) continue;

@@ -84,6 +84,10 @@ class SceneObjects {
                  double least,
                  std::vector<LinkedObject>* judged,
                  double slack = 1.0) const;
+  // In the end: beside those that score kPlaneScore, or less where none does.
+  void FindLying(const std::vector<std::optional<AspectSceneView>>& views,
+                 std::vector<LinkedObject>* judged,
+                 double slack = 1.0) const;
 
  private:
   Explained ExplainedBy(const LinkedObject& o) const;

@@ -12,20 +12,8 @@ namespace {
 
 // A stepped block before four cameras, found where it is or turned end for end, and what single
 // images say of it.
-class PlaceContests : public testing::TestWithParam<unsigned> {
+class PlaceContests : public PhotographedBlock {
  protected:
-  static void SetUpTestSuite() {
-    block_ = new PhotoPart(MakePart(SteppedBlock()));
-    for (int v = 0; v < kViews; ++v) {
-      images_.push_back(
-          MakeAspectImage(PhotoOf({{&block_->object.mesh, CameraFromScene(v)}}, Camera())));
-    }
-  }
-  static void TearDownTestSuite() {
-    delete block_;
-    images_.clear();
-  }
-
   // The scene with the block at `found` after the contest with one hypothesis of the second view.
   static std::optional<LinkedScene> Contested(const Rigid3& found, const Rigid3& rival) {
     const std::vector<AspectModel> models = {
@@ -49,9 +37,6 @@ class PlaceContests : public testing::TestWithParam<unsigned> {
   }
 
   static Rigid3 EndForEnd() { return Turn(Eigen::Vector3d::UnitZ(), M_PI); }
-
-  static inline PhotoPart* block_ = nullptr;
-  static inline std::vector<AspectImage> images_;
 };
 
 TEST_P(PlaceContests, ABetterPoseOfOneViewTakesThePlace) {

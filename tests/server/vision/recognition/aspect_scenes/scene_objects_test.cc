@@ -14,23 +14,7 @@ namespace {
 
 constexpr double kRenderPx = 110.0;
 
-class SettledObjects : public testing::TestWithParam<unsigned> {
- protected:
-  static void SetUpTestSuite() {
-    block_ = new PhotoPart(MakePart(SteppedBlock()));
-    for (int v = 0; v < kViews; ++v) {
-      images_.push_back(
-          MakeAspectImage(PhotoOf({{&block_->object.mesh, CameraFromScene(v)}}, Camera())));
-    }
-  }
-  static void TearDownTestSuite() {
-    delete block_;
-    images_.clear();
-  }
-
-  static inline PhotoPart* block_ = nullptr;
-  static inline std::vector<AspectImage> images_;
-};
+class SettledObjects : public PhotographedBlock {};
 
 TEST_P(SettledObjects, ComeToWhereTheEdgesAreAndKeepTheirRenderings) {
   std::mt19937 random(GetParam());
