@@ -1,5 +1,6 @@
 #include "server/pipeline/recognition_stage.h"
 
+#include <algorithm>
 #include <iterator>
 #include <map>
 #include <string_view>
@@ -8,6 +9,7 @@
 #include "server/base/status_macros.h"
 #include "server/pipeline/answer.h"
 #include "server/pipeline/clocks.h"
+#include "server/vision/matching/ground_motion.h"
 #include "server/vision/recognition/explained_recognition.h"
 #include "server/vision/recognition/rig_recognition.h"
 
@@ -39,6 +41,19 @@ void TellState(const RecognitionResult& recognition, SceneAnswer* answer) {
     case RecognitionState::kNoParallax:
       return AddReason(ReasonKind::kNoParallax, recognition.detail, answer);
   }
+}
+
+// How the ground moves: part of matching, without features.
+PlaneInViews AskGround(const SceneRequest& request,
+                       const PipelineOptions& options,
+                       const StopRequested& stop,
+                       std::vector<StageReport>* stages) {
+  StageClock clock("matching", stages);
+  PlaneInViews ground = FindGround(request.images, options.matching, stop);
+  const auto linked = std::count_if(
+      ground.begin(), ground.end(), [](const auto& view) { return view.has_value(); });
+  clock.Finish({{"ground_views", static_cast<double>(linked)}});
+  return ground;
 }
 
 // Matching and reconstruction.
@@ -145,12 +160,20 @@ absl::Status RunRecognition(PipelineOptions options,
   }
   const bool in_rig = !trace.recognition.objects.empty();
   bool aspects_first = !in_rig && AspectsComeFirst(input->objects, options.recognition);
+  PlaneInViews ground;
+  if (aspects_first && GroundComesFirst(trace.features, options.recognition)) {
+    watch.Begin("ground");
+    ground = AskGround(request, options, stop, &answer.stages);
+    if (IsStopRequested(stop)) return absl::CancelledError("stopped while the ground was asked");
+  }
   if (aspects_first) {
+    input->ground = ground;
     HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize([](const auto&... given) {
                                 return RecognizeByAspectsAlone(given...);
                               }));
     // Of a large catalog the images may say that it need not have been.
     aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
+    input->ground = {};
   }
   if (trace.recognition.objects.empty() && IsStopRequested(options.recognition.hurry)) {
     unasked = {"matching", "reconstruction", "recognition"};

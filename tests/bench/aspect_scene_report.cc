@@ -16,6 +16,8 @@
 //     --overlays    DIR: what cameras should see of the true poses, one file an image: found edges
 //     green
 //                   (contours) and cyan (creases), missing ones red and orange
+//     --on-ground   edges that move with the supporting plane, where its texture is matched, are
+//                   dropped
 //     --without-truth  the scene's own parts are not looked for: all that is found is wrong
 //     --leave-one-out  each of the scene's parts in turn is not looked for: what stands in its
 //     place
@@ -33,6 +35,7 @@
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
 #include "client/bop_results.h"
+#include "server/vision/matching/ground_motion.h"
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
@@ -53,6 +56,7 @@ struct Arguments {
   int standing = AspectLinkOptions{}.standing;
   AspectImageOptions image;
   bool as_needed = false;
+  bool on_ground = false;
   bool without_truth = false;
   bool leave_one_out = false;
 };
@@ -317,13 +321,25 @@ struct SearchedScene {
   std::vector<std::vector<AspectHypothesis>> hypotheses;
 };
 
+std::vector<AspectImage> ImagesOf(const Arguments& arguments, const BopScene& scene) {
+  std::vector<cv::Mat> images;
+  for (const BopImage& view : scene.images)
+    images.push_back(cv::imread(view.path, cv::IMREAD_COLOR));
+  PlaneInViews ground(images.size());
+  MatchingOptions matching;
+  matching.threads = arguments.threads;
+  if (arguments.on_ground) ground = FindGround(images, matching);
+  return MakeAspectImagesOnGround(images, ground, arguments.image, arguments.threads);
+}
+
 SearchedScene SearchImages(const Arguments& arguments,
                            const AspectCatalog& catalog,
                            BopScene scene) {
   SearchedScene out{std::move(scene), {}, {}, {}};
-  for (const BopImage& view : out.scene.images) {
-    out.images.push_back(MakeAspectImage(cv::imread(view.path, cv::IMREAD_COLOR), arguments.image));
-    out.priors.push_back({NominalCamera(out.images.back()), kNominalFocalLogSigma});
+  out.images = ImagesOf(arguments, out.scene);
+  for (std::size_t v = 0; v < out.images.size(); ++v) {
+    const BopImage& view = out.scene.images[v];
+    out.priors.push_back({NominalCamera(out.images[v]), kNominalFocalLogSigma});
     const std::string file =
         absl::StrFormat("%s/%d_%d.txt", arguments.hypotheses, out.scene.scene_id, view.im_id);
     std::vector<AspectHypothesis> found;
@@ -331,7 +347,7 @@ SearchedScene SearchImages(const Arguments& arguments,
       FindAspectOptions options;
       options.threads = arguments.threads;
       options.votes.threads = arguments.threads;
-      found = FindAspectHypotheses(out.images.back(), catalog.index, options).hypotheses;
+      found = FindAspectHypotheses(out.images[v], catalog.index, options).hypotheses;
       if (!arguments.hypotheses.empty()) WriteHypotheses(file, found);
     }
     out.hypotheses.push_back(std::move(found));
@@ -484,6 +500,7 @@ int main(int argc, char** argv) {
   app.add_option("--standing", arguments.standing);
   app.add_option("--max-width", arguments.image.max_width_px);
   app.add_flag("--as-needed", arguments.as_needed);
+  app.add_flag("--on-ground", arguments.on_ground);
   app.add_flag("--without-truth", arguments.without_truth);
   app.add_flag("--leave-one-out", arguments.leave_one_out);
   CLI11_PARSE(app, argc, argv);

@@ -14,6 +14,7 @@
 #include "server/vision/recognition/aspect_search/find_aspects.h"
 #include "server/vision/recognition/aspects/fragment_index.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
+#include "server/vision/recognition/interpretation/aspect_images.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/aspect_starts.h"
 #include "server/vision/recognition/object/aspect_model.h"
@@ -50,10 +51,9 @@ class Explainer {
         options_(options),
         stop_(stop),
         object_(*input.objects[log.object]),
-        images_(MakeAspectImages(
+        images_(MakeJudgedImages(
             input.images,
             input.aspects != nullptr ? input.aspects->images : AspectImageOptions(),
-            false,
             options.threads)) {
     out_.views.resize(images_.size());
     cameras_.resize(images_.size());

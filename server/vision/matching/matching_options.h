@@ -119,6 +119,9 @@ struct MatchingOptions {
   // Bound of the strongest kept per image; the efforts keep 500 to 2000 (plane_links.cc). Lower:
   // faster, fewer links on faint or large texture.
   int max_keypoints = 4000;
+  // Views of a repeated texture are linked too, though a homography a whole period off looks as
+  // right.
+  bool repeated_texture = false;
   FeatureGraphOptions graph;  // of each view (features/feature_graph.h)
   ViewGraphOptions views;
   FeatureMatchOptions features;

@@ -78,7 +78,7 @@ class PlaneLinks {
     ParallelFor(static_cast<int>(images.size()), options.threads, [&](int i) {
       if (IsStopRequested(stop_)) return;
       patches_[i] = PreparePatches(images[i]);
-      ambiguous_[i] = RepeatedShare(patches_[i]) > kMaxRepeatedShare;
+      ambiguous_[i] = !options_.repeated_texture && RepeatedShare(patches_[i]) > kMaxRepeatedShare;
     });
   }
 

@@ -9,10 +9,12 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/vision/matching/ground_motion.h"
 #include "server/vision/recognition/explained_recognition.h"
 #include "server/vision/recognition/initialization/view_linking.h"
 #include "server/vision/recognition/interpretation/alternative_hypotheses.h"
 #include "server/vision/recognition/interpretation/answer.h"
+#include "server/vision/recognition/interpretation/aspect_images.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/decision.h"
 #include "server/vision/recognition/interpretation/poor_views.h"
@@ -38,6 +40,11 @@ struct Route {
 
 AspectRecognitionOptions AspectOptionsOf(const RecognitionInput& input) {
   return input.aspects != nullptr ? *input.aspects : AspectRecognitionOptions();
+}
+
+PlaneInViews GroundOf(const RecognitionInput& input) {
+  if (!input.ground.empty()) return {input.ground.begin(), input.ground.end()};
+  return input.matching != nullptr ? LargestPlane(*input.matching) : PlaneInViews();
 }
 
 bool CamerasTrusted(const RecognitionInput& input) {
@@ -299,8 +306,8 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
     return result;
   }
   BeginStep(context, "aspect_images");
-  const std::vector<AspectImage> plain =
-      MakeAspectImages(input.images, AspectOptionsOf(input).images, true, context.options.threads);
+  const std::vector<AspectImage> plain = MakeAspectImages(
+      input.images, AspectOptionsOf(input).images, GroundOf(input), context.options.threads);
   HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
                             ChooseObjects(context, plain, AspectOptionsOf(input).ranking));
   if (enough) {
@@ -374,6 +381,10 @@ bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> obj
   return options.routes.aspects && HaveAspects(objects) && AreRich(objects, options.aspects);
 }
 
+bool GroundComesFirst(std::span<const ImageFeatures> features, const RecognitionOptions& options) {
+  return features.size() > 2 && EdgeShare(features) >= options.aspects.textured_share;
+}
+
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
                                                           const RecognitionOptions& options,
                                                           const StopRequested& stop,
@@ -391,8 +402,8 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
                   stop,
                   on_step);
   BeginStep(context, "aspect_images");
-  const std::vector<AspectImage> images =
-      MakeAspectImages(input.images, AspectOptionsOf(input).images, true, options.threads);
+  const std::vector<AspectImage> images = MakeAspectImages(
+      input.images, AspectOptionsOf(input).images, GroundOf(input), options.threads);
   HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
                             ChooseObjects(context, images, AspectOptionsOf(input).ranking));
   if (!search.rich) {
@@ -427,8 +438,8 @@ absl::StatusOr<RecognitionResult> RecognizeInRig(const RecognitionInput& input,
                   stop,
                   on_step);
   BeginStep(context, "aspect_images");
-  const std::vector<AspectImage> images =
-      MakeAspectImages(input.images, AspectOptionsOf(input).images, true, options.threads);
+  const std::vector<AspectImage> images = MakeAspectImages(
+      input.images, AspectOptionsOf(input).images, GroundOf(input), options.threads);
   HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
                             ChooseObjects(context, images, AspectOptionsOf(input).ranking));
   HOROPTER_ASSIGN_OR_RETURN(
@@ -459,7 +470,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     BeginStep(context, "aspect_images");
     // Judged with all edges: stripes and a block's own edges can be parallel.
     const std::vector<AspectImage> images =
-        MakeAspectImages(input.images, AspectOptionsOf(input).images, false, options.threads);
+        MakeJudgedImages(input.images, AspectOptionsOf(input).images, options.threads);
     HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
                               WithAspects(input, images, context, &work, log));
     WeighTurns(context, images, &result);

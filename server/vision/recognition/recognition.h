@@ -2,7 +2,9 @@
 // over all views (thesis 4).
 #pragma once
 
+#include <Eigen/Core>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "absl/status/statusor.h"
@@ -33,12 +35,19 @@ struct RecognitionInput {
   const AspectRecognitionOptions* aspects = nullptr;  // null: defaults
   // Two cameras' places are known: a part alone is told from its copies in other sizes.
   bool scale_known = false;
+  // How the textured ground moves from view to view (matching/ground_motion.h), one per image;
+  // empty: as `matching` says.
+  std::span<const std::optional<Eigen::Matrix3d>> ground = {};
 };
 
 // Whether the objects are asked for by their aspects before views are matched and reconstructed:
 // most of them have so many edges that the other routes cost more and say less.
 bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> objects,
                       const RecognitionOptions& options);
+
+// Whether the images have so many edges that the ground must be textured: how it moves is asked
+// before aspects are.
+bool GroundComesFirst(std::span<const ImageFeatures> features, const RecognitionOptions& options);
 
 // By aspects alone: matching and reconstruction are not looked at. Errors as RecognizeObjects.
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,

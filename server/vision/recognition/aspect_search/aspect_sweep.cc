@@ -95,8 +95,7 @@ class Sweep {
 
  private:
   void PlacesOf(int aspect, Similarity s, std::vector<Found>* out) const {
-    const PackedVotePoint* points =
-        index_.first_points.data() + static_cast<std::size_t>(aspect) * kFirstVotePoints;
+    const FirstVotePoints& points = index_.first_points[aspect];
     const int tau8 = Tau8(static_cast<float>(options_.tau_share), s.size);
     const CoarseMap& map = maps_.For(tau8);
     const float step = static_cast<float>(options_.place_share) * s.size;

@@ -205,8 +205,7 @@ class Share {
     if (!(s.x >= 0 && s.y >= 0 && s.x < static_cast<float>(image_.width) &&
           s.y < static_cast<float>(image_.height)))
       return;
-    const PackedVotePoint* first =
-        index_.first_points.data() + static_cast<std::size_t>(number) * kSecondPoints;
+    const FirstVotePoints& first = index_.first_points[number];
     const int tau8 = Tau8(s.size);
     const CoarseMap& map = maps_.For(tau8);
     const float six = map.Support(first, 0, kFirstPoints, s, tau8);
@@ -267,7 +266,7 @@ class Share {
   }
 
   // Better size and turn about a point that stays.
-  Similarity Climb(const PackedVotePoint* points,
+  Similarity Climb(const FirstVotePoints& points,
                    const Eigen::Vector2f& pivot,
                    float best,
                    Similarity s) const {

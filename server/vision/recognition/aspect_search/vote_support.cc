@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <numbers>
+
+#include "server/base/target_clones.h"
 
 namespace horopter {
 namespace {
@@ -18,6 +21,57 @@ struct BinTable {
   }
 };
 const BinTable kBins;
+
+// Eight points are moved at once. Vectors of the compiler: clones use the registers they have.
+constexpr int kLanes = 8;
+constexpr int kBinShift = 8;  // FirstVotePoints::kBinSteps, as a power of two
+using Shorts = std::int16_t __attribute__((vector_size(2 * kLanes)));
+using UnsignedShorts = std::uint16_t __attribute__((vector_size(2 * kLanes)));
+using Ints = std::int32_t __attribute__((vector_size(4 * kLanes)));
+using Floats = float __attribute__((vector_size(4 * kLanes)));
+
+// From steps of FirstVotePoints to cells of a coarse map.
+struct CellTransform {
+  float a, b, x0, y0;  // cells a step, cells
+  float right, bottom;
+  std::int32_t turn;  // steps of a bin, plus half a bin
+  std::int32_t width, height;
+};
+
+// Sum of tau8 - distance, where positive, over the points [from, to).
+HOROPTER_TARGET_CLONES
+int SumOfSupport(const std::uint8_t* distance,
+                 const FirstVotePoints& points,
+                 const CellTransform& t,
+                 int from,
+                 int to,
+                 int tau8) {
+  const auto load = [](const auto* from_points, auto* lanes) {
+    std::memcpy(lanes, from_points, sizeof(*lanes));
+  };
+  const Floats zero = {};
+  int sum = 0;
+  for (int begin = from / kLanes * kLanes; begin < to; begin += kLanes) {
+    Shorts xs, ys;
+    UnsignedShorts bins;
+    load(points.x.data() + begin, &xs);
+    load(points.y.data() + begin, &ys);
+    load(points.bin.data() + begin, &bins);
+    const Floats px = __builtin_convertvector(xs, Floats), py = __builtin_convertvector(ys, Floats);
+    const Floats x = t.a * px - t.b * py + t.x0, y = t.b * px + t.a * py + t.y0;
+    const Floats left = x < zero ? zero : x, top = y < zero ? zero : y;
+    const Floats right = zero + t.right, bottom = zero + t.bottom;
+    const Ints cx = __builtin_convertvector(left > right ? right : left, Ints);
+    const Ints cy = __builtin_convertvector(top > bottom ? bottom : top, Ints);
+    Ints bin = (__builtin_convertvector(bins, Ints) + t.turn) >> kBinShift;
+    // A comparison that holds is -1. At most twice around.
+    bin += ((bin >= kAspectBins) + (bin >= 2 * kAspectBins)) * kAspectBins;
+    const Ints cells = (bin * t.height + cy) * t.width + cx;
+    const int first = std::max(from - begin, 0), last = std::min(to - begin, kLanes);
+    for (int i = first; i < last; ++i) sum += std::max(0, tau8 - distance[cells[i]]);
+  }
+  return sum;
+}
 
 }  // namespace
 
@@ -100,21 +154,21 @@ CoarseMap::CoarseMap(const AspectImage& image, int cell) : cell_px(cell) {
 }
 
 float CoarseMap::Support(
-    const PackedVotePoint* points, int from, int to, const Similarity& s, int tau8) const {
+    const FirstVotePoints& points, int from, int to, const Similarity& s, int tau8) const {
+  static_assert(FirstVotePoints::kBinSteps == 1 << kBinShift && kFirstVotePoints % kLanes == 0);
   const float cells = 1.0f / static_cast<float>(cell_px);
-  const float unit = cells / PackedVotePoint::kPlaceScale;
-  const float a = s.a * unit, b = s.b * unit;
-  const float x0 = (s.x + 0.5f) * cells + 1.0f, y0 = (s.y + 0.5f) * cells + 1.0f;
-  const int turn = static_cast<int>(TurnBins(s.turn) * PackedVotePoint::kBinSteps);
-  const float right = static_cast<float>(width - 1), bottom = static_cast<float>(height - 1);
-  int sum = 0;
-  for (int i = from; i < to; ++i) {
-    const float px = points[i].x, py = points[i].y;
-    const int x = static_cast<int>(std::clamp(a * px - b * py + x0, 0.0f, right));
-    const int y = static_cast<int>(std::clamp(b * px + a * py + y0, 0.0f, bottom));
-    const int bin = kBins.bin[(points[i].bin + turn) / PackedVotePoint::kBinSteps];
-    sum += std::max(0, tau8 - distance[(static_cast<std::size_t>(bin) * height + y) * width + x]);
-  }
+  const float unit = cells / FirstVotePoints::kPlaceScale;
+  CellTransform t;
+  t.a = s.a * unit;
+  t.b = s.b * unit;
+  t.x0 = (s.x + 0.5f) * cells + 1.0f;
+  t.y0 = (s.y + 0.5f) * cells + 1.0f;
+  t.right = static_cast<float>(width - 1);
+  t.bottom = static_cast<float>(height - 1);
+  t.turn = static_cast<std::int32_t>(TurnBins(s.turn) * FirstVotePoints::kBinSteps);
+  t.width = width;
+  t.height = height;
+  const int sum = SumOfSupport(distance.data(), points, t, from, to, tau8);
   return static_cast<float>(sum) / static_cast<float>(tau8 * (to - from));
 }
 

@@ -59,7 +59,7 @@ struct CoarseMap {
 
   // As Support above.
   float Support(
-      const PackedVotePoint* points, int from, int to, const Similarity& s, int tau8) const;
+      const FirstVotePoints& points, int from, int to, const Similarity& s, int tau8) const;
 };
 
 // Of one image.

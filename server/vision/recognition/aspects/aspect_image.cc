@@ -1,5 +1,6 @@
 #include "server/vision/recognition/aspects/aspect_image.h"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
@@ -9,6 +10,7 @@
 #include "server/vision/features/image_strips.h"
 #include "server/vision/recognition/aspects/edge_pixels.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
+#include "server/vision/recognition/aspects/plane_edges.h"
 #include "server/vision/recognition/aspects/texture_edges.h"
 
 namespace horopter {
@@ -264,12 +266,22 @@ PinholeCamera OriginalCamera(const AspectImage& image, const PinholeCamera& work
   return out;
 }
 
-AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& given) {
-  AspectImage out;
-  AspectImageOptions options = given;
-  cv::Mat bgr = image.empty() ? cv::Mat() : AsBgr(image);
-  if (bgr.empty()) return out;
-  out.working_from_image = WorkingScale(bgr.size(), options);
+namespace {
+
+// An image on its way: its working pixels, and thresholds that fit them.
+struct Detected {
+  AspectImage image;
+  cv::Mat bgr;
+  AspectImageOptions options;
+};
+
+// All edges and their maps.
+Detected Detect(const cv::Mat& image, const AspectImageOptions& given) {
+  Detected d{{}, image.empty() ? cv::Mat() : AsBgr(image), given};
+  AspectImage& out = d.image;
+  cv::Mat& bgr = d.bgr;
+  if (bgr.empty()) return d;
+  out.working_from_image = WorkingScale(bgr.size(), d.options);
   if (out.working_from_image != 1.0) {
     const bool larger = out.working_from_image > 1.0;
     const int width = std::max(1, static_cast<int>(std::lround(bgr.cols * out.working_from_image)));
@@ -283,8 +295,8 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& give
     bgr = scaled;
     if (larger) {
       // The same edge is so much less steep.
-      options.low_threshold /= out.working_from_image;
-      options.high_threshold /= out.working_from_image;
+      d.options.low_threshold /= out.working_from_image;
+      d.options.high_threshold /= out.working_from_image;
     }
   }
   out.image_width = image.cols;
@@ -292,17 +304,70 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& give
   out.width = bgr.cols;
   out.height = bgr.rows;
   FillGrey(bgr, &out);
-  out.edges = DetectEdgePoints(bgr, options);
+  out.edges = DetectEdgePoints(bgr, d.options);
   IndexEdges(&out);
-  FillMaps(options, &out);
-  if (DropHoles(options, &out)) FillMaps(options, &out);
-  const std::vector<Eigen::Vector2f> texture = DropTexture(bgr, options, &out);
+  FillMaps(d.options, &out);
+  return d;
+}
+
+// Without the edges of texture and pattern.
+AspectImage WithoutTexture(Detected d) {
+  AspectImage& out = d.image;
+  if (d.bgr.empty()) return std::move(out);
+  if (DropHoles(d.options, &out)) FillMaps(d.options, &out);
+  const std::vector<Eigen::Vector2f> texture = DropTexture(d.bgr, d.options, &out);
   const bool textured = !texture.empty();
   if (textured) IndexEdges(&out);
-  out.contours = Contours(options, out);
-  const bool patterned = DropPattern(options, texture, &out);
-  if (patterned) out.contours = Contours(options, out);
-  if (textured || patterned) FillMaps(options, &out);
+  out.contours = Contours(d.options, out);
+  const bool patterned = DropPattern(d.options, texture, &out);
+  if (patterned) out.contours = Contours(d.options, out);
+  if (textured || patterned) FillMaps(d.options, &out);
+  return std::move(out);
+}
+
+// From image pixels to working pixels.
+Eigen::Matrix3d WorkingFromImage(const AspectImage& image) {
+  const double s = image.working_from_image;
+  Eigen::Matrix3d m;
+  m << s, 0, 0.5 * s - 0.5, 0, s, 0.5 * s - 0.5, 0, 0, 1;
+  return m;
+}
+
+}  // namespace
+
+AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& options) {
+  return WithoutTexture(Detect(image, options));
+}
+
+std::vector<AspectImage> MakeAspectImagesOnGround(
+    std::span<const cv::Mat> images,
+    std::span<const std::optional<Eigen::Matrix3d>> image_from_plane,
+    const AspectImageOptions& options,
+    int threads) {
+  const int n = static_cast<int>(images.size());
+  std::vector<Detected> detected(n);
+  ParallelFor(n, threads, [&](int i) { detected[i] = Detect(images[i], options); });
+  std::vector<std::vector<std::uint8_t>> on_ground(n);
+  ParallelFor(n, threads, [&](int i) {
+    if (!image_from_plane[i]) return;
+    const Eigen::Matrix3d plane_from_here =
+        (WorkingFromImage(detected[i].image) * *image_from_plane[i]).inverse();
+    std::vector<GroundView> others;
+    for (int k = 0; k < n; ++k) {
+      if (k == i || !image_from_plane[k]) continue;
+      const AspectImage& there = detected[k].image;
+      others.push_back({&there, WorkingFromImage(there) * *image_from_plane[k] * plane_from_here});
+    }
+    on_ground[i] = FindPlaneEdges(detected[i].image, others);
+  });
+  std::vector<AspectImage> out(n);
+  ParallelFor(n, threads, [&](int i) {
+    if (!on_ground[i].empty()) {
+      Drop(on_ground[i], &detected[i].image);
+      FillMaps(detected[i].options, &detected[i].image);
+    }
+    out[i] = WithoutTexture(std::move(detected[i]));
+  });
   return out;
 }
 

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -126,5 +128,14 @@ inline int AspectBin(float dx, float dy) {
 // result (width 0). The five channels are B, G, R, R - G and (R + G) / 2 - B: parts and tables of
 // one grey differ in colour.
 AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& options = {});
+
+// The same of the images of one scene, whose ground is textured: edges that move with it are
+// dropped before any other (plane_edges.h). image_from_plane: homographies (px) from one frame of
+// the supporting plane, one per image; nullopt: not linked, its edges all stay.
+std::vector<AspectImage> MakeAspectImagesOnGround(
+    std::span<const cv::Mat> images,
+    std::span<const std::optional<Eigen::Matrix3d>> image_from_plane,
+    const AspectImageOptions& options,
+    int threads);
 
 }  // namespace horopter

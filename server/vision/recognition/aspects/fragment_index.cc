@@ -45,17 +45,17 @@ Eigen::Matrix<float, 3, kFragmentAngles> MainDirections(const std::vector<Entry>
 
 void AddFirstPoints(const IndexedAspect& aspect, FragmentPiece* piece) {
   constexpr float kReach = 32767.0f;  // largest 16 bit step
+  FirstVotePoints& packed = piece->first_points.emplace_back();
+  if (aspect.points < kFirstVotePoints) return;
+  const auto pack = [&](float v) {
+    return static_cast<std::int16_t>(
+        std::lround(std::clamp(v * FirstVotePoints::kPlaceScale, -kReach, kReach)));
+  };
   for (int i = 0; i < kFirstVotePoints; ++i) {
-    PackedVotePoint& packed = piece->first_points.emplace_back();
-    if (aspect.points < kFirstVotePoints) continue;
     const VotePoint& p = piece->points[aspect.first_point + i];
-    const auto pack = [&](float v) {
-      return static_cast<std::int16_t>(
-          std::lround(std::clamp(v * PackedVotePoint::kPlaceScale, -kReach, kReach)));
-    };
-    packed.x = pack(p.x);
-    packed.y = pack(p.y);
-    packed.bin = static_cast<std::uint16_t>(p.bin * PackedVotePoint::kBinSteps);
+    packed.x[i] = pack(p.x);
+    packed.y[i] = pack(p.y);
+    packed.bin[i] = static_cast<std::uint16_t>(p.bin * FirstVotePoints::kBinSteps);
   }
 }
 

@@ -44,14 +44,16 @@ struct VotePoint {
   float x = 0.0f, y = 0.0f, bin = 0.0f;
 };
 
-// The same in steps: small enough that the first points of a whole catalog stay in the cache.
-struct PackedVotePoint {
+inline constexpr int kFirstVotePoints = 16;  // of an aspect; those with fewer are not indexed
+
+// The first of an aspect in steps: those of a whole catalog stay in the cache, and eight of them
+// are moved at once.
+struct FirstVotePoints {
   static constexpr float kPlaceScale = 16384.0f;  // steps a diameter
   static constexpr int kBinSteps = 256;           // a bin of directions: 16 bits hold all bins
-  std::int16_t x = 0, y = 0;
-  std::uint16_t bin = 0;
+  std::array<std::int16_t, kFirstVotePoints> x{}, y{};
+  std::array<std::uint16_t, kFirstVotePoints> bin{};
 };
-inline constexpr int kFirstVotePoints = 16;  // of an aspect; those with fewer are not indexed
 
 struct IndexedAspect {
   std::int32_t model = -1;
@@ -120,7 +122,7 @@ struct FragmentPiece {
   };
   std::vector<IndexedAspect> aspects;
   std::vector<VotePoint> points;
-  std::vector<PackedVotePoint> first_points;
+  std::vector<FirstVotePoints> first_points;  // of each aspect
   std::vector<Entry> entries;
   std::vector<IndexedPair> pairs;
   std::vector<IndexedOutline> outlines;
@@ -139,7 +141,7 @@ struct FragmentIndex {
   int model_count = 0;
   std::vector<IndexedAspect> aspects;
   std::vector<VotePoint> points;
-  std::vector<PackedVotePoint> first_points;  // kFirstVotePoints of each aspect
+  std::vector<FirstVotePoints> first_points;  // of each aspect
   std::vector<IndexedFragment> fragments;
   std::vector<PackedFragmentKey> keys;
   // Grid: cell (i, j, k) holds fragments cell_begin[c] .. cell_begin[c + 1], k fastest.

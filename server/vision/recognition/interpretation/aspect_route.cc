@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
-#include <opencv2/core/mat.hpp>
 #include <utility>
 
 #include "absl/strings/str_format.h"
@@ -296,18 +295,6 @@ absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
                             MakeSearchIndex(context.objects, search.objects, threads));
   search.index = std::make_shared<const FragmentIndex>(std::move(index));
   return search;
-}
-
-std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
-                                          AspectImageOptions options,
-                                          bool drop_pattern,
-                                          int threads) {
-  std::vector<AspectImage> out(images.size());
-  options.drop_pattern = drop_pattern;
-  ParallelFor(static_cast<int>(images.size()), threads, [&](int i) {
-    out[i] = MakeAspectImage(images[i], options);
-  });
-  return out;
 }
 
 AspectJudgement JudgeAnswer(const JointContext& context,

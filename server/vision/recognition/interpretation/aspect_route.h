@@ -14,10 +14,6 @@
 #include "server/vision/recognition/refusals.h"
 #include "server/vision/recognition/scene/scene_model.h"
 
-namespace cv {
-class Mat;
-}
-
 namespace horopter {
 
 // Whether the route can be taken: all objects have aspects.
@@ -39,12 +35,6 @@ struct AspectSearch {
 absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
                                            std::span<const AspectImage> images,
                                            const ObjectRankingOptions& ranking);
-
-// drop_pattern: in the place of the options'.
-std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
-                                          AspectImageOptions options,
-                                          bool drop_pattern,
-                                          int threads);
 
 // What the images say of an answer's objects as their cameras should see them. Single objects may
 // be hidden, which scores do not know: the answer as a whole is judged.

@@ -1,0 +1,139 @@
+#include "server/vision/recognition/aspects/plane_edges.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "server/vision/recognition/aspects/quantile.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kStepPx = 1.0;        // along an edge, to see how a homography turns it
+constexpr int kBesidePx = 3;           // edges so near ...
+constexpr float kAlikeCosine = 0.87f;  // ... and so alike in direction go with each other
+constexpr float kMostRoomPx = 48.0f;   // that is looked for beside an edge
+constexpr float kTouching = 0.8f;      // of its radius: a disc that touches an edge is free so far
+
+enum class Meeting { kOutside, kMet, kMissed };
+
+Meeting Meets(const ImageEdgePoint& edge, const GroundView& view, float tolerance) {
+  const Eigen::Vector2d p = edge.point.cast<double>();
+  const Eigen::Vector2d along(-edge.normal.y(), edge.normal.x());
+  const Eigen::Vector3d at = view.there_from_here * p.homogeneous();
+  const Eigen::Vector3d next =
+      view.there_from_here * Eigen::Vector2d(p + kStepPx * along).homogeneous();
+  if (!(at.z() * next.z() > 0.0)) return Meeting::kOutside;
+  const Eigen::Vector2f there = at.hnormalized().cast<float>();
+  const Eigen::Vector2f turn = next.hnormalized().cast<float>() - there;
+  const AspectImage& image = *view.image;
+  if (!(there.x() >= 0 && there.y() >= 0 && there.x() < static_cast<float>(image.width) - 1 &&
+        there.y() < static_cast<float>(image.height) - 1))
+    return Meeting::kOutside;
+  const int bin = AspectBin(turn.x(), turn.y());
+  return image.DistanceAt(there.x(), there.y(), bin) <= tolerance ? Meeting::kMet
+                                                                  : Meeting::kMissed;
+}
+
+std::vector<std::uint8_t> MovesWithPlane(const AspectImage& here,
+                                         std::span<const GroundView> others,
+                                         const PlaneEdgeOptions& options) {
+  const float tolerance = static_cast<float>(options.tolerance_px) * AspectImage::kDistanceScale;
+  std::vector<std::uint8_t> out(here.edges.size(), 0);
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    int met = 0, asked = 0;
+    for (const GroundView& view : others) {
+      const Meeting meeting = Meets(here.edges[i], view, tolerance);
+      asked += meeting != Meeting::kOutside;
+      met += meeting == Meeting::kMet;
+    }
+    const int may_miss = asked > options.min_views ? options.may_miss : 0;
+    out[i] = met >= options.min_views && met + may_miss >= asked;
+  }
+  return out;
+}
+
+// Edges go with most of those beside them: what meets another by chance does so for a few pixels.
+std::vector<std::uint8_t> WithNeighbours(const AspectImage& here,
+                                         const std::vector<std::uint8_t>& marked) {
+  std::vector<std::uint8_t> out(marked.size());
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const ImageEdgePoint& edge = here.edges[i];
+    const int cx = static_cast<int>(std::lround(edge.point.x()));
+    const int cy = static_cast<int>(std::lround(edge.point.y()));
+    int alike = 0, on_plane = 0;
+    for (int y = std::max(0, cy - kBesidePx); y <= std::min(here.height - 1, cy + kBesidePx); ++y) {
+      for (int x = std::max(0, cx - kBesidePx); x <= std::min(here.width - 1, cx + kBesidePx);
+           ++x) {
+        const std::int32_t e = here.edge_at[here.Cell(x, y)];
+        if (e < 0 || std::abs(here.edges[e].normal.dot(edge.normal)) < kAlikeCosine) continue;
+        ++alike;
+        on_plane += marked[e];
+      }
+    }
+    out[i] = 2 * on_plane > alike;
+  }
+  return out;
+}
+
+// Share of the blocks that have marked edges.
+double Coverage(const AspectImage& here, const std::vector<std::uint8_t>& marked) {
+  std::vector<std::uint8_t> blocks(static_cast<std::size_t>(here.chance_width) * here.chance_height,
+                                   0);
+  for (std::size_t i = 0; i < marked.size(); ++i) {
+    if (marked[i]) blocks[here.Block(here.edges[i].point.x(), here.edges[i].point.y())] = 1;
+  }
+  return static_cast<double>(std::count(blocks.begin(), blocks.end(), 1)) /
+         static_cast<double>(std::max<std::size_t>(1, blocks.size()));
+}
+
+// Radius of the largest disc without marked edges that touches an edge at its better side.
+std::vector<float> RoomBeside(const AspectImage& here, const std::vector<std::uint8_t>& marked) {
+  cv::Mat zero_at_edges(here.height, here.width, CV_8U, cv::Scalar(1));
+  for (std::size_t i = 0; i < marked.size(); ++i) {
+    if (!marked[i]) continue;
+    zero_at_edges.at<std::uint8_t>(static_cast<int>(std::lround(here.edges[i].point.y())),
+                                   static_cast<int>(std::lround(here.edges[i].point.x()))) = 0;
+  }
+  cv::Mat distance;
+  cv::distanceTransform(zero_at_edges, distance, cv::DIST_L2, cv::DIST_MASK_3, CV_32F);
+  const auto side = [&](const ImageEdgePoint& e, float sign) {
+    float room = 0.0f;
+    for (float r = 2.0f; r <= kMostRoomPx; r += 1.0f) {
+      const Eigen::Vector2f p = e.point + sign * r * e.normal;
+      const auto x = static_cast<int>(std::lround(p.x())), y = static_cast<int>(std::lround(p.y()));
+      if (x < 0 || y < 0 || x >= here.width || y >= here.height) break;
+      if (distance.at<float>(y, x) < kTouching * r) break;
+      room = r;
+    }
+    return room;
+  };
+  std::vector<float> out(marked.size(), 0.0f);
+  for (std::size_t i = 0; i < marked.size(); ++i) {
+    if (marked[i]) out[i] = std::max(side(here.edges[i], 1.0f), side(here.edges[i], -1.0f));
+  }
+  return out;
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> FindPlaneEdges(const AspectImage& here,
+                                         std::span<const GroundView> others,
+                                         const PlaneEdgeOptions& options) {
+  std::vector<std::uint8_t> marked = WithNeighbours(here, MovesWithPlane(here, others, options));
+  if (Coverage(here, marked) < options.min_coverage) return {};
+  const std::vector<float> room = RoomBeside(here, marked);
+  std::vector<float> of_marked;
+  for (std::size_t i = 0; i < marked.size(); ++i) {
+    if (marked[i]) of_marked.push_back(room[i]);
+  }
+  const float usual = Median(&of_marked);
+  if (usual > static_cast<float>(options.max_room_px)) return {};
+  const float outline =
+      static_cast<float>(options.outline_room * std::max<double>(usual, options.least_room_px));
+  for (std::size_t i = 0; i < marked.size(); ++i) marked[i] = marked[i] && room[i] < outline;
+  return marked;
+}
+
+}  // namespace horopter
