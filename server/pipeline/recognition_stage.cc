@@ -11,6 +11,7 @@
 #include "server/pipeline/clocks.h"
 #include "server/vision/matching/ground_motion.h"
 #include "server/vision/recognition/explained_recognition.h"
+#include "server/vision/recognition/ground_question.h"
 #include "server/vision/recognition/rig_recognition.h"
 
 namespace horopter {
@@ -161,7 +162,7 @@ absl::Status RunRecognition(PipelineOptions options,
   const bool in_rig = !trace.recognition.objects.empty();
   bool aspects_first = !in_rig && AspectsComeFirst(input->objects, options.recognition);
   PlaneInViews ground;
-  if (aspects_first && GroundComesFirst(trace.features, options.recognition)) {
+  if (aspects_first && GroundComesFirst(trace.features, options.recognition.aspects)) {
     watch.Begin("ground");
     ground = AskGround(request, options, stop, &answer.stages);
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while the ground was asked");

@@ -23,6 +23,7 @@ absl::Status Validate(const RecognitionOptions& options) {
       {"hypotheses_per_object", options.hypotheses_per_object},
       {"aspects.max_objects", options.aspects.max_objects},
       {"aspects.judge_render_px", options.aspects.judge_render_px},
+      {"aspects.textured_share", options.aspects.textured_share},
       {"threads", options.threads}};
   for (const auto& [field, value] : sizes)
     HOROPTER_RETURN_IF_ERROR(check(positive(value), field, value));

@@ -27,8 +27,9 @@ struct AspectRouteOptions {
   // over sharp edges cost grows with these.
   int rich_edges = 60;
   double judge_render_px = 200.0;  // diameter of what answers are compared with
-  // Share of the pixels that are edges from which on views are matched before aspects are searched:
-  // the ground has a texture that hides parts, and its motion tells it from them.
+  // Share of the pixels that are edges from which on the ground's motion is asked before aspects
+  // are: it has a texture that hides parts. Blank grounds have .01 - .03, perforated plate .05,
+  // granite, gravel and print .09 - .18. Lower: slower. Higher: parts lost. ADR 56.
   double textured_share = 0.05;
 };
 

@@ -9,7 +9,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
-#include "server/vision/matching/ground_motion.h"
 #include "server/vision/recognition/explained_recognition.h"
 #include "server/vision/recognition/initialization/view_linking.h"
 #include "server/vision/recognition/interpretation/alternative_hypotheses.h"
@@ -40,11 +39,6 @@ struct Route {
 
 AspectRecognitionOptions AspectOptionsOf(const RecognitionInput& input) {
   return input.aspects != nullptr ? *input.aspects : AspectRecognitionOptions();
-}
-
-PlaneInViews GroundOf(const RecognitionInput& input) {
-  if (!input.ground.empty()) return {input.ground.begin(), input.ground.end()};
-  return input.matching != nullptr ? LargestPlane(*input.matching) : PlaneInViews();
 }
 
 bool CamerasTrusted(const RecognitionInput& input) {
@@ -306,8 +300,10 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
     return result;
   }
   BeginStep(context, "aspect_images");
-  const std::vector<AspectImage> plain = MakeAspectImages(
-      input.images, AspectOptionsOf(input).images, GroundOf(input), context.options.threads);
+  const std::vector<AspectImage> plain = MakeAspectImages(input.images,
+                                                          AspectOptionsOf(input).images,
+                                                          GroundOf(input.ground, input.matching),
+                                                          context.options.threads);
   HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
                             ChooseObjects(context, plain, AspectOptionsOf(input).ranking));
   if (enough) {
@@ -381,10 +377,6 @@ bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> obj
   return options.routes.aspects && HaveAspects(objects) && AreRich(objects, options.aspects);
 }
 
-bool GroundComesFirst(std::span<const ImageFeatures> features, const RecognitionOptions& options) {
-  return features.size() > 2 && EdgeShare(features) >= options.aspects.textured_share;
-}
-
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
                                                           const RecognitionOptions& options,
                                                           const StopRequested& stop,
@@ -402,8 +394,10 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
                   stop,
                   on_step);
   BeginStep(context, "aspect_images");
-  const std::vector<AspectImage> images = MakeAspectImages(
-      input.images, AspectOptionsOf(input).images, GroundOf(input), options.threads);
+  const std::vector<AspectImage> images = MakeAspectImages(input.images,
+                                                           AspectOptionsOf(input).images,
+                                                           GroundOf(input.ground, input.matching),
+                                                           options.threads);
   HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
                             ChooseObjects(context, images, AspectOptionsOf(input).ranking));
   if (!search.rich) {
@@ -438,8 +432,10 @@ absl::StatusOr<RecognitionResult> RecognizeInRig(const RecognitionInput& input,
                   stop,
                   on_step);
   BeginStep(context, "aspect_images");
-  const std::vector<AspectImage> images = MakeAspectImages(
-      input.images, AspectOptionsOf(input).images, GroundOf(input), options.threads);
+  const std::vector<AspectImage> images = MakeAspectImages(input.images,
+                                                           AspectOptionsOf(input).images,
+                                                           GroundOf(input.ground, input.matching),
+                                                           options.threads);
   HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
                             ChooseObjects(context, images, AspectOptionsOf(input).ranking));
   HOROPTER_ASSIGN_OR_RETURN(

@@ -45,10 +45,6 @@ struct RecognitionInput {
 bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> objects,
                       const RecognitionOptions& options);
 
-// Whether the images have so many edges that the ground must be textured: how it moves is asked
-// before aspects are.
-bool GroundComesFirst(std::span<const ImageFeatures> features, const RecognitionOptions& options);
-
 // By aspects alone: matching and reconstruction are not looked at. Errors as RecognizeObjects.
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
                                                           const RecognitionOptions& options,

@@ -241,7 +241,7 @@ absl::Status Validate(const AspectImageOptions& o) {
   if (!(o.max_gap_px >= 0)) return bad("max_gap_px");
   if (!(o.bin_reach_rad > 0.14)) return bad("bin_reach_rad");
   if (o.threads < 1) return bad("threads");
-  return absl::OkStatus();
+  return Validate(o.ground);
 }
 
 PinholeCamera WorkingCamera(const AspectImage& image, const PinholeCamera& camera) {
@@ -358,7 +358,7 @@ std::vector<AspectImage> MakeAspectImagesOnGround(
       const AspectImage& there = detected[k].image;
       others.push_back({&there, WorkingFromImage(there) * *image_from_plane[k] * plane_from_here});
     }
-    on_ground[i] = FindPlaneEdges(detected[i].image, others);
+    on_ground[i] = FindPlaneEdges(detected[i].image, others, options.ground);
   });
   std::vector<AspectImage> out(n);
   ParallelFor(n, threads, [&](int i) {

@@ -15,6 +15,7 @@
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/recognition/aspects/contour_chains.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
+#include "server/vision/recognition/aspects/plane_edge_options.h"
 
 namespace cv {
 class Mat;
@@ -44,6 +45,7 @@ struct AspectImageOptions {
   double smooth_side = 0.06;    // ... but for edges beside which so few pixels are edges
   bool drop_pattern = true;     // edges of patterned surfaces are dropped (pattern_edges.h)
   PatternOptions pattern;       // which these are
+  PlaneEdgeOptions ground;      // what edges move with the ground, where its motion is known
   double max_gap_px = 6.0;      // ends of chains this near are linked
   double bin_reach_rad = 0.40;  // an edge point counts in bins within this of its direction
   int threads = 1;

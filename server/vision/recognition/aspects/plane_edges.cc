@@ -5,6 +5,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "absl/strings/str_cat.h"
 #include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
@@ -117,6 +118,20 @@ std::vector<float> RoomBeside(const AspectImage& here, const std::vector<std::ui
 }
 
 }  // namespace
+
+absl::Status Validate(const PlaneEdgeOptions& o) {
+  const auto bad = [](const char* field) {
+    return absl::InvalidArgumentError(absl::StrCat("PlaneEdgeOptions.", field));
+  };
+  if (!(o.tolerance_px > 0)) return bad("tolerance_px");
+  if (o.min_views < 1) return bad("min_views");
+  if (o.may_miss < 0) return bad("may_miss");
+  if (!(o.min_coverage >= 0 && o.min_coverage <= 1)) return bad("min_coverage");
+  if (!(o.max_room_px > 0)) return bad("max_room_px");
+  if (!(o.outline_room > 0)) return bad("outline_room");
+  if (!(o.least_room_px > 0)) return bad("least_room_px");
+  return absl::OkStatus();
+}
 
 std::vector<std::uint8_t> FindPlaneEdges(const AspectImage& here,
                                          std::span<const GroundView> others,

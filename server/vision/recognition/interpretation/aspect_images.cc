@@ -1,10 +1,6 @@
 #include "server/vision/recognition/interpretation/aspect_images.h"
 
-#include <algorithm>
-#include <cstddef>
 #include <opencv2/core/mat.hpp>
-
-#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 
@@ -26,14 +22,10 @@ std::vector<AspectImage> MakeJudgedImages(std::span<const cv::Mat> images,
       images, std::vector<std::optional<Eigen::Matrix3d>>(images.size()), options, threads);
 }
 
-double EdgeShare(std::span<const ImageFeatures> features) {
-  std::vector<double> shares;
-  for (const ImageFeatures& f : features) {
-    std::size_t points = 0;
-    for (const EdgeChain& chain : f.chains) points += chain.points.size();
-    shares.push_back(static_cast<double>(points) / std::max(1.0, 1.0 * f.width * f.height));
-  }
-  return Median(&shares);
+PlaneInViews GroundOf(std::span<const std::optional<Eigen::Matrix3d>> asked,
+                      const MatchingResult* matching) {
+  if (!asked.empty()) return {asked.begin(), asked.end()};
+  return matching != nullptr ? LargestPlane(*matching) : PlaneInViews();
 }
 
 }  // namespace horopter

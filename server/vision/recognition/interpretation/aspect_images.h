@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "server/vision/features/features.h"
+#include "server/vision/matching/ground_motion.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 
 namespace horopter {
@@ -23,7 +23,9 @@ std::vector<AspectImage> MakeJudgedImages(std::span<const cv::Mat> images,
                                           AspectImageOptions options,
                                           int threads);
 
-// Share of the pixels that are edges, of the middle one of the views.
-double EdgeShare(std::span<const ImageFeatures> features);
+// What is known of the ground's motion: what was asked for it, else what matching found (null:
+// nothing).
+PlaneInViews GroundOf(std::span<const std::optional<Eigen::Matrix3d>> asked,
+                      const MatchingResult* matching);
 
 }  // namespace horopter
