@@ -11,8 +11,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kLeastViews = 3;
-constexpr int kFarthest = 4;  // views apart in the given order that are compared
+constexpr int kLeastViews = 3;  // that say anything: two agree on much that is not there
+constexpr int kFarthest = 4;    // views apart in the given order that are compared
 
 PlaneInViews Largest(const std::vector<int>& component,
                      const std::vector<Eigen::Matrix3d>& view_from_plane) {

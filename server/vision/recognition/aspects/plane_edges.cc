@@ -1,5 +1,6 @@
 #include "server/vision/recognition/aspects/plane_edges.h"
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
