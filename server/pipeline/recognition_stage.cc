@@ -44,13 +44,15 @@ void TellState(const RecognitionResult& recognition, SceneAnswer* answer) {
   }
 }
 
-// How the ground moves: part of matching, without features.
+// How the ground moves: part of matching, without features. Where time is short, what is known.
 PlaneInViews AskGround(const SceneRequest& request,
                        const PipelineOptions& options,
                        const StopRequested& stop,
                        std::vector<StageReport>* stages) {
   StageClock clock("matching", stages);
-  PlaneInViews ground = FindGround(request.images, options.matching, stop);
+  PlaneInViews ground = FindGround(request.images, options.matching, [&] {
+    return IsStopRequested(stop) || IsStopRequested(options.recognition.hurry);
+  });
   const auto linked = std::count_if(
       ground.begin(), ground.end(), [](const auto& view) { return view.has_value(); });
   clock.Finish({{"ground_views", static_cast<double>(linked)}});
@@ -163,7 +165,7 @@ absl::Status RunRecognition(PipelineOptions options,
   bool aspects_first = !in_rig && AspectsComeFirst(input->objects, options.recognition);
   PlaneInViews ground;
   if (aspects_first && GroundComesFirst(trace.features, options.recognition.aspects)) {
-    watch.Begin("ground");
+    watch.Begin("matching");
     ground = AskGround(request, options, stop, &answer.stages);
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while the ground was asked");
   }
