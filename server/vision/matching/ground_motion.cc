@@ -1,5 +1,6 @@
 #include "server/vision/matching/ground_motion.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <map>
 #include <opencv2/core/mat.hpp>
@@ -32,6 +33,10 @@ PlaneInViews Largest(const std::vector<int>& component,
 }
 
 }  // namespace
+
+bool IsLinked(std::span<const std::optional<Eigen::Matrix3d>> plane) {
+  return std::any_of(plane.begin(), plane.end(), [](const auto& view) { return view.has_value(); });
+}
 
 PlaneInViews LargestPlane(const MatchingResult& matching) {
   return Largest(matching.component, matching.view_from_plane);

@@ -405,9 +405,11 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
     nothing.views.resize(images.size());
     return nothing;
   }
+  AspectStarts starts;
+  starts.without_ground = IsLinked(input.ground);
   HOROPTER_ASSIGN_OR_RETURN(
       RecognitionResult aspects,
-      RecognizeByAspects(context, images, search, {}, log, AspectOptionsOf(input)));
+      RecognizeByAspects(context, images, search, starts, log, AspectOptionsOf(input)));
   WeighTurns(context, images, &aspects);
   if (!input.scale_known) SayScaleAlternatives(context, &aspects);
   return aspects;

@@ -60,6 +60,9 @@ struct AspectStarts {
   // than one under those that the parts give.
   const JointContext* matched = nullptr;
   const RecognitionResult* known = nullptr;  // another route's answer, to complete
+  // The ground's edges are gone: where nothing is accepted, views are linked once more with objects
+  // that explain less, and the decision is left to say what they are worth. ADR 56.
+  bool without_ground = false;
 };
 
 // The scene that the aspects find of the objects searched for. log: may be null. Errors: CANCELLED.
