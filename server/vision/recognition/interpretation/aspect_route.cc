@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
-#include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/aspect_scenes/rig_search.h"
 #include "server/vision/recognition/aspect_search/object_ranking.h"
