@@ -73,7 +73,9 @@ class Linker {
     TurnViews(&best);
     if (!best.objects.empty()) DropViews(PoorViews(best, kPoorShare), &best);
     LinkedScene other = best;
-    const bool contested = contest_.Contest(&other);
+    const std::vector<AspectSceneObject> standing =
+        StoodBy(SceneOf(other)).value_or(std::vector<AspectSceneObject>{});
+    const bool contested = contest_.Contest(&other, standing);
     if (contest_.ChooseTurns(&other) || contested) {
       other = Finish(SceneOf(other));
       if (other.score > best.score) best = std::move(other);
@@ -87,13 +89,15 @@ class Linker {
   }
 
   // Beside the known objects.
-  LinkedScene Others() const {
+  LinkedScene Others() {
     AspectScene scene = *in_.known;
     const std::size_t known = scene.objects.size();
     CarryOver(options_.carried, &scene);
-    if (options_.standing > 0 && !IsStopRequested(stop_))
-      objects_.Place(Standing(PlanesUnder(in_.known->objects, in_.models, scene.views), scene),
-                     &scene);
+    if (options_.standing > 0 && !IsStopRequested(stop_)) {
+      stood_ = {scene.objects.front(),
+                Standing(PlanesUnder(in_.known->objects, in_.models, scene.views), scene)};
+      objects_.Place(stood_.candidates, &scene);
+    }
     std::vector<LinkedObject> judged = objects_.Judge(scene, kFineRenderPx);
     objects_.FindLying(scene.views, kPlaneScore, &judged);
     LinkedScene out;
@@ -364,7 +368,7 @@ class Linker {
       scene.objects.erase(scene.objects.begin() + static_cast<std::ptrdiff_t>(o));
     }
     std::vector<AspectSceneObject> candidates = Standing(planes, scene);
-    stood_ = {scene.views, candidates};
+    stood_ = {scene.objects.front(), candidates};
     const std::size_t before = scene.objects.size();
     objects_.Place(std::move(candidates), &scene);
     if (scene.objects.size() == before) return false;
@@ -380,22 +384,24 @@ class Linker {
     if (options_.standing <= 0 || !MayShowFaintObjects(*best) || IsStopRequested(stop_)) return;
     const AspectScene scene = SceneOf(*best);
     std::vector<AspectSceneObject> candidates = FreeCarried(options_.carried, scene);
-    const std::vector<AspectSceneObject> standing =
-        SameCameras(stood_.views, scene.views)
-            ? stood_.candidates
-            : Standing(PlanesUnder(scene.objects, in_.models, scene.views), scene);
-    candidates.insert(candidates.end(), standing.begin(), standing.end());
+    std::optional<std::vector<AspectSceneObject>> standing = StoodBy(scene);
+    if (!standing) standing = Standing(PlanesUnder(scene.objects, in_.models, scene.views), scene);
+    candidates.insert(candidates.end(), standing->begin(), standing->end());
     AddFaintObjects(in_, options_, objects_, std::move(candidates), best);
   }
 
-  static bool SameCameras(const std::vector<std::optional<AspectSceneView>>& a,
-                          const std::vector<std::optional<AspectSceneView>>& b) {
-    return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const auto& p, const auto& q) {
-      return p.has_value() == q.has_value() &&
-             (!p || (p->camera.focal_px == q->camera.focal_px &&
-                     p->camera_from_scene.R == q->camera_from_scene.R &&
-                     p->camera_from_scene.t == q->camera_from_scene.t));
-    });
+  // What was looked at on planes last, where that lies by the object that it was looked for beside;
+  // nothing when that has been lost.
+  std::optional<std::vector<AspectSceneObject>> StoodBy(const AspectScene& scene) const {
+    const auto same =
+        std::find_if(scene.objects.begin(), scene.objects.end(), [&](const AspectSceneObject& o) {
+          return o.object == stood_.beside.object;
+        });
+    if (same == scene.objects.end()) return std::nullopt;
+    const Rigid3 moved = same->scene_from_object * stood_.beside.scene_from_object.Inverse();
+    std::vector<AspectSceneObject> out = stood_.candidates;
+    for (AspectSceneObject& o : out) o.scene_from_object = moved * o.scene_from_object;
+    return out;
   }
 
   static void BestFirst(LinkedScene* scene) {
@@ -437,9 +443,9 @@ class Linker {
   SceneObjects objects_;
   PlaceContest contest_;
   ViewTurns turns_;
-  // What was looked at on planes last, under which cameras.
+  // What was looked at on planes last, and the best object of then.
   struct Stood {
-    std::vector<std::optional<AspectSceneView>> views;
+    AspectSceneObject beside;
     std::vector<AspectSceneObject> candidates;
   } stood_;
   std::vector<const RenderMesh*> meshes_;

@@ -1,6 +1,7 @@
 #include "server/vision/recognition/aspect_scenes/faint_objects.h"
 
 #include <algorithm>
+#include <span>
 #include <utility>
 
 #include "server/base/parallel_for.h"
@@ -19,6 +20,26 @@ constexpr int kLeastPairs = 6;
 // Of LiesOn's limits, where the views agree so much on the surface: a pose of few edges is less
 // exact (right ones were 3.0 degrees, or 0.028 of the diameter, off).
 constexpr double kSlack = 1.8;
+constexpr double kPlaceShare = 0.6;   // of the diameter: centres so near are one place; chosen
+constexpr std::size_t kRivals = 4;    // other poses of a placed object that are looked at; chosen
+
+// The object as it was placed, and the best candidates of the same part in its place: quickly
+// rendered, a few pixels of what others leave to see decide between its turns.
+std::vector<AspectSceneObject> InPlaceOf(const AspectSceneObject& o,
+                                         const AspectLinkInput& input,
+                                         std::span<const AspectSceneObject> candidates) {
+  const RenderMesh& mesh = input.models[o.object].object->mesh;
+  const auto center = [&](const AspectSceneObject& placed) {
+    return Eigen::Vector3d(placed.scene_from_object * mesh.center.cast<double>());
+  };
+  std::vector<AspectSceneObject> out = {o};
+  for (const AspectSceneObject& c : candidates) {
+    if (out.size() > kRivals) break;
+    if (c.object == o.object && (center(c) - center(o)).norm() < kPlaceShare * mesh.diameter_m)
+      out.push_back(c);
+  }
+  return out;
+}
 
 bool ViewsAgreeOn(const LinkedObject& o) {
   return o.surface >= kLeastSurface && o.surface_pairs >= kLeastPairs;
@@ -41,12 +62,32 @@ void AddFaintObjects(const AspectLinkInput& input,
   if (!MayShowFaintObjects(*linked)) return;
   AspectScene scene = SceneOf(*linked);
   const std::size_t known = scene.objects.size();
-  objects.Place(std::move(candidates), options.min_quick - kClearly, &scene);
+  objects.Place(candidates, options.min_quick - kClearly, &scene);
+  const SceneLayers hiding = objects.HidingLayers(*linked);
+  std::vector<const std::vector<ObjectLayer>*> others;
+  for (const std::vector<ObjectLayer>& layers : hiding) others.push_back(&layers);
   ParallelFor(static_cast<int>(scene.objects.size() - known), options.threads, [&](int i) {
     AspectSceneObject& o = scene.objects[known + i];
-    if (const auto settled = SettleInViews(
-            input.images, input.models[o.object].object->mesh, scene.views, o, kFineRenderPx))
+    double best = 0.0;
+    for (const AspectSceneObject& c : InPlaceOf(o, input, candidates)) {
+      const RenderMesh& mesh = input.models[c.object].object->mesh;
+      auto settled =
+          SettleInViews(input.images, mesh, scene.views, c, kFineRenderPx, 0.0, others);
+      if (!settled) continue;
+      SceneJudgementOptions judging;
+      judging.render_px = kFineRenderPx;
+      const double score = JudgeInViews(input.images,
+                                        mesh,
+                                        scene.views,
+                                        settled->placed,
+                                        judging,
+                                        others,
+                                        settled->rendered)
+                               .score;
+      if (score <= best) continue;
+      best = score;
       o = settled->placed;
+    }
   });
   std::vector<LinkedObject> judged = objects.Judge(scene, kFineRenderPx);
   objects.FindLying(scene.views, &judged, kSlack);

@@ -7,7 +7,8 @@
 namespace horopter {
 namespace {
 
-constexpr double kSymmetric = 0.02;  // between unit vectors that are the same
+constexpr double kSymmetric = 0.02;   // between unit vectors that are the same
+constexpr float kHiddenShare = 0.02f;  // of the diameter by which what hides an edge is nearer
 
 }  // namespace
 
@@ -18,10 +19,12 @@ ObjectOnPlane::ObjectOnPlane(const StandingGround& ground,
   center_ = model.object->mesh.center.cast<double>();
   diameter_m_ = model.object->mesh.diameter_m;
   const AspectSet& set = model.object->aspects;
+  directions_.resize(3, static_cast<Eigen::Index>(set.aspects.size()));
   for (std::size_t a = 0; a < set.aspects.size(); ++a) {
-    directions_.push_back(-set.aspects[a].camera_from_object.row(2).transpose().cast<double>());
+    directions_.col(static_cast<Eigen::Index>(a)) =
+        -set.aspects[a].camera_from_object.row(2).transpose();
     points_.push_back(AspectPoints(set, static_cast<int>(a)));
-    if (points_.back().size() > kStandingPoints) points_.back().resize(kStandingPoints);
+    if (points_.back().size() > kJudgedPoints) points_.back().resize(kJudgedPoints);
   }
   turns_.push_back(Rigid3{});
   turns_.insert(turns_.end(), model.symmetries.begin(), model.symmetries.end());
@@ -52,6 +55,10 @@ void ObjectOnPlane::FindFaces(const AspectModel& model) {
   }
 }
 
+float ObjectOnPlane::HiddenSlackM() const {
+  return kHiddenShare * static_cast<float>(diameter_m_);
+}
+
 Eigen::Matrix3d ObjectOnPlane::RotationOf(int face, double yaw) const {
   return Eigen::AngleAxisd(yaw, ground_.plane.normal).toRotationMatrix() *
          faces_[face].scene_from_object;
@@ -72,17 +79,18 @@ Rigid3 ObjectOnPlane::PoseOf(const StandingPlace& place) const {
 
 TurnedPoints ObjectOnPlane::Look(std::size_t v,
                                  const Eigen::Matrix3d& rotation,
-                                 const Eigen::Vector3d& center) const {
+                                 const Eigen::Vector3d& center,
+                                 std::size_t most) const {
   const Eigen::Vector3d eye = ground_.camera_from_scene[v].Inverse().t;
   const Eigen::Vector3d direction = rotation.transpose() * (eye - center).normalized();
-  std::size_t aspect = 0, symmetry = 0;
-  double nearest = -2.0;
+  Eigen::Index aspect = 0;
+  std::size_t symmetry = 0;
+  float nearest = -2.0f;
   for (std::size_t t = 0; t < turns_.size(); ++t) {
-    const Eigen::Vector3d turned = turns_[t].R.transpose() * direction;
-    for (std::size_t a = 0; a < directions_.size(); ++a) {
-      if (turned.dot(directions_[a]) > nearest)
-        nearest = turned.dot(directions_[a]), aspect = a, symmetry = t;
-    }
+    const Eigen::Vector3f turned = (turns_[t].R.transpose() * direction).cast<float>();
+    Eigen::Index best = 0;
+    const float cosine = (turned.transpose() * directions_).maxCoeff(&best);
+    if (cosine > nearest) nearest = cosine, aspect = best, symmetry = t;
   }
   const Eigen::Matrix3d camera_from_object = ground_.camera_from_scene[v].R * rotation;
   const Eigen::Matrix3f R = (camera_from_object * turns_[symmetry].R).cast<float>();
@@ -91,7 +99,9 @@ TurnedPoints ObjectOnPlane::Look(std::size_t v,
       (camera_from_object * (turns_[symmetry].t - center_)).cast<float>();
   const Eigen::Vector3f there = (ground_.camera_from_scene[v] * center).cast<float>();
   TurnedPoints out;
-  for (const AspectPoint& p : points_[aspect]) {
+  most = std::min(most, points_[aspect].size());
+  for (std::size_t i = 0; i < most; ++i) {
+    const AspectPoint& p = points_[aspect][i];
     const Eigen::Vector3f x = R * p.point + offset;
     const Eigen::Vector3f d = R * p.direction;
     const Eigen::Vector3f at = x + there;
@@ -105,17 +115,18 @@ TurnedPoints ObjectOnPlane::Look(std::size_t v,
   return out;
 }
 
-// Support of the points with the part's centre here, 0 .. 1; -1 where the view does not show it.
-double ObjectOnPlane::Support(std::size_t v,
-                              const TurnedPoints& points,
-                              const Eigen::Vector3d& center,
-                              double share) const {
+// Support of the points that nothing hides, with the part's centre here; none where the view does
+// not show enough of it.
+PlaceSupport ObjectOnPlane::Support(std::size_t v,
+                                    const TurnedPoints& points,
+                                    const Eigen::Vector3d& center,
+                                    double share) const {
   const PinholeCamera& camera = ground_.cameras[v];
-  const AspectImage& image = *ground_.images[v];
+  const AspectImage& image = ground_.images[v];
   const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
-  if (!IsShown(ground_, v, there)) return -1.0;
+  if (!IsShown(ground_, v, there)) return {};
   const double size_px = camera.focal_px * diameter_m_ / there.z();
-  if (size_px < options_.min_size_px || points.count == 0) return -1.0;
+  if (size_px < options_.min_size_px || points.count == 0) return {};
   const float reach_px =
       std::clamp(static_cast<float>(share * size_px), kMinStandingReachPx, kMaxStandingReachPx);
   const float reach = reach_px * AspectImage::kDistanceScale;
@@ -123,33 +134,45 @@ double ObjectOnPlane::Support(std::size_t v,
   const float f = static_cast<float>(camera.focal_px), k1 = static_cast<float>(camera.k1);
   const float cx = static_cast<float>(camera.cx), cy = static_cast<float>(camera.cy);
   const int level = AspectImage::ChanceLevel(reach_px);
+  const HidingMap& hiding = ground_.hiding[v];
+  const bool may_be_hidden = IsCoveredNear(ground_, v, Project(camera, there), 0.5 * size_px);
+  const float slack_m = HiddenSlackM();
   float sum = 0.0f, chance = 0.0f;
+  std::size_t shown = 0;
   for (std::size_t i = 0; i < points.count; ++i) {
-    const float z = 1.0f / (points.z[i] + c.z());
+    const float depth = points.z[i] + c.z();
+    const float z = 1.0f / depth;
     const float x = (points.x[i] + c.x()) * z, y = (points.y[i] + c.y()) * z;
     const float scale = f * (1.0f + k1 * (x * x + y * y));
     const float u = scale * x + cx, w = scale * y + cy;
+    if (may_be_hidden &&
+        hiding.Hides(static_cast<int>(0.5f * u), static_cast<int>(0.5f * w), depth - slack_m))
+      continue;
+    ++shown;
     const float d = image.DistanceAt(u, w, points.bin[i]);
     sum += std::max(0.0f, 1.0f - d / reach);
     chance += image.ChanceAt(u, w, points.bin[i], level);
   }
-  const double n = static_cast<double>(points.count);
+  if (shown < kShownPoints) return {};
+  const double n = static_cast<double>(shown);
   const double excess = std::clamp(chance / (255.0 * n) - kFreeChance, 0.0, 0.9);
-  return (sum / n - excess) / (1.0 - excess);
+  return {(sum / n - excess) / (1.0 - excess), shown};
 }
 
 double ObjectOnPlane::Judge(const StandingPlace& p, double share) const {
   const Eigen::Matrix3d rotation = RotationOf(p.face, p.yaw);
   const Eigen::Vector3d center = CenterOf(p.face, p.x, p.y, p.yaw);
-  double sum = 0.0;
-  std::size_t shown = 0;
+  double sum = 0.0, points = 0.0, per_view = 0.0;
+  std::size_t views = 0;
   for (std::size_t v = 0; v < ground_.images.size(); ++v) {
-    const double s = Support(v, Look(v, rotation, center), center, share);
-    if (s < 0) continue;
-    sum += s;
-    ++shown;
+    const TurnedPoints look = Look(v, rotation, center, kJudgedPoints);
+    const PlaceSupport s = Support(v, look, center, share);
+    sum += s.mean * static_cast<double>(s.points);
+    points += static_cast<double>(s.points);
+    views += s.points > 0;
+    per_view = std::max(per_view, static_cast<double>(look.count));
   }
-  return shown < ground_.least_views ? 0.0 : sum / static_cast<double>(shown);
+  return views < ground_.least_views ? 0.0 : Expected(sum, points, per_view);
 }
 
 }  // namespace horopter

@@ -15,7 +15,9 @@ namespace horopter {
 
 // Limits of what a view is asked for, pixels of its working image.
 inline constexpr float kMinStandingReachPx = 4.0f, kMaxStandingReachPx = 26.0f;
-inline constexpr std::size_t kStandingPoints = 24;  // of an aspect
+// Of an aspect: that the grid asks for, and that a place is judged by.
+inline constexpr std::size_t kGridPoints = 24, kJudgedPoints = 128;
+inline constexpr std::size_t kShownPoints = 8;  // fewer that nothing hides say nothing in a view
 
 // A face that lies on the plane.
 struct StandingFace {
@@ -33,9 +35,23 @@ struct StandingPlace {
 
 // Points of an aspect in a camera's axes, up to the place of the part's centre.
 struct TurnedPoints {
-  std::array<float, kStandingPoints> x, y, z;
-  std::array<std::uint8_t, kStandingPoints> bin;
+  std::array<float, kJudgedPoints> x, y, z;
+  std::array<std::uint8_t, kJudgedPoints> bin;
   std::size_t count = 0;
+};
+
+// Few points that nothing hides may all meet edges by chance: a place counts as if half a view more
+// found what chance gives. points: shown by all views; per_view: of a view that nothing hides.
+inline double Expected(double supported, double points, double per_view) {
+  constexpr double kPresumedViews = 0.5, kPresumedSupport = 0.2;  // chosen
+  const double more = kPresumedViews * per_view;
+  return (supported + kPresumedSupport * more) / (points + more);
+}
+
+// What one view says of a place.
+struct PlaceSupport {
+  double mean = 0.0;       // of the points that nothing hides, above chance
+  std::size_t points = 0;  // 0: the view does not count
 };
 
 // Refers to the ground and the options.
@@ -48,6 +64,7 @@ class ObjectOnPlane {
   const StandingGround& ground() const { return ground_; }
   const StandingSearchOptions& options() const { return options_; }
   double diameter_m() const { return diameter_m_; }
+  float HiddenSlackM() const;  // by which what hides a point is nearer
   // Those that look different, the safest first.
   const std::vector<StandingFace>& faces() const { return faces_; }
 
@@ -55,26 +72,29 @@ class ObjectOnPlane {
   Eigen::Vector3d CenterOf(int face, double x, double y, double yaw) const;  // scene frame
   Rigid3 PoseOf(const StandingPlace& place) const;                           // scene from object
 
-  // The aspect that view v has of the part turned by `rotation` with its centre here.
+  // The aspect that view v has of the part turned by `rotation` with its centre here, at most so
+  // many points of it.
   TurnedPoints Look(std::size_t v,
                     const Eigen::Matrix3d& rotation,
-                    const Eigen::Vector3d& center) const;
+                    const Eigen::Vector3d& center,
+                    std::size_t most) const;
 
-  // Mean support over the views that show it, above chance; edges may lie `share` of the size away.
+  // Support of the points that views show, above chance (Expected); edges may lie `share` of the size
+  // away.
   double Judge(const StandingPlace& place, double share) const;
 
  private:
   void FindFaces(const AspectModel& model);
-  double Support(std::size_t v,
-                 const TurnedPoints& points,
-                 const Eigen::Vector3d& center,
-                 double share) const;
+  PlaceSupport Support(std::size_t v,
+                       const TurnedPoints& points,
+                       const Eigen::Vector3d& center,
+                       double share) const;
 
   const StandingGround& ground_;
   const StandingSearchOptions& options_;
   Eigen::Vector3d center_;
   double diameter_m_ = 0.0;
-  std::vector<Eigen::Vector3d> directions_;       // to the camera, object frame, of each aspect
+  Eigen::Matrix3Xf directions_;                   // to the camera, object frame, of each aspect
   std::vector<std::vector<AspectPoint>> points_;  // of each aspect
   std::vector<Rigid3> turns_;                     // identity and symmetries
   std::vector<StandingFace> faces_;

@@ -76,7 +76,7 @@ std::vector<PlaceContest::Rated> PlaceContest::Settled(
     const Hiding& hiding) const {
   std::vector<Rated> out(candidates.size());
   ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
-    auto settled = objects_.Settled(scene.views, candidates[i]);
+    auto settled = objects_.Settled(scene.views, candidates[i], hiding);
     if (!settled) return;
     out[i] = {settled->placed,
               objects_.JudgeOne(scene.views, settled->placed, hiding, settled->rendered).score};
@@ -94,12 +94,40 @@ double PlaceContest::BonusOf(const LinkedScene& scene,
   return judged[object].lies ? options_.lying_bonus : 0.0;
 }
 
-bool PlaceContest::Contest(LinkedScene* scene) const {
+std::vector<AspectSceneObject> PlaceContest::OtherPoses(
+    const LinkedScene& scene,
+    const LinkedObject& o,
+    std::span<const AspectSceneObject> candidates) const {
+  std::vector<AspectSceneObject> out;
+  const RenderMesh& mesh = MeshOf(o.object);
+  const Eigen::Vector3d here = o.scene_from_object * mesh.center.cast<double>();
+  const auto view = std::find_if(
+      scene.views.begin(), scene.views.end(), [](const auto& v) { return v.has_value(); });
+  if (view == scene.views.end()) return out;
+  const Rigid3 own = (*view)->camera_from_scene * o.scene_from_object;
+  const double size = SizePx(in_.models[o.object], (*view)->camera, own);
+  for (const AspectSceneObject& c : candidates) {
+    if (out.size() >= kSettled) break;
+    if (c.object != o.object) continue;
+    const Eigen::Vector3d there = c.scene_from_object * mesh.center.cast<double>();
+    if ((there - here).norm() > kSamePlaceShare * mesh.diameter_m) continue;
+    const Rigid3 pose = (*view)->camera_from_scene * c.scene_from_object;
+    if (PoseDistancePx(in_.models[o.object], (*view)->camera, own, (*view)->camera, pose) <
+        kOtherPoseShare * size)
+      continue;
+    out.push_back(c);
+  }
+  return out;
+}
+
+bool PlaceContest::Contest(LinkedScene* scene, std::span<const AspectSceneObject> standing) const {
   bool replaced = false;
   std::optional<SceneLayers> layers;  // rendered for the first that has a rival
   for (std::size_t i = 0; i < scene->objects.size(); ++i) {
     LinkedObject& o = scene->objects[i];
-    const std::vector<AspectSceneObject> rivals = BetterInOneView(*scene, o);
+    std::vector<AspectSceneObject> rivals = BetterInOneView(*scene, o);
+    const std::vector<AspectSceneObject> turned = OtherPoses(*scene, o, standing);
+    rivals.insert(rivals.end(), turned.begin(), turned.end());
     if (rivals.empty()) continue;
     if (!layers) layers = objects_.HidingLayers(*scene);
     const Hiding hiding = HidingOf(*scene, *layers, i);

@@ -2,6 +2,7 @@
 // other parts that single images show there, and how well the best other part does.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
@@ -21,8 +22,9 @@ class PlaceContest {
   // Returns whether any was turned.
   bool ChooseTurns(LinkedScene* scene) const;
   // Other poses that single images show better in an object's place, of it and of other parts, take
-  // its place where all views say so. Returns whether any did.
-  bool Contest(LinkedScene* scene) const;
+  // its place where all views say so; `standing`: more of them, of the same parts. Returns whether
+  // any did.
+  bool Contest(LinkedScene* scene, std::span<const AspectSceneObject> standing = {}) const;
   // Notes the best score that another part's hypothesis has in the place of each object.
   void FindBestCompeting(LinkedScene* scene) const;
 
@@ -53,6 +55,11 @@ class PlaceContest {
   // so, best first.
   std::vector<AspectSceneObject> BetterInOneView(const LinkedScene& scene,
                                                  const LinkedObject& o) const;
+
+  // Those of the candidates that are another pose of the object in its place.
+  std::vector<AspectSceneObject> OtherPoses(const LinkedScene& scene,
+                                            const LinkedObject& o,
+                                            std::span<const AspectSceneObject> candidates) const;
 
   const AspectLinkInput& in_;
   const AspectLinkOptions& options_;

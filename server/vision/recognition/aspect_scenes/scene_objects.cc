@@ -33,6 +33,7 @@ constexpr double kDisagreement = 0.12;
 // Of the first round's search: a candidate that was as near to one that was refused settles as that
 // did; chosen.
 constexpr double kSameQuestionPx = 3.0;
+constexpr double kReachShare = 0.2;     // ... in space: centres of different parts are farther apart
 constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
 
 }  // namespace
@@ -179,7 +180,11 @@ bool SceneObjects::IsFree(const std::vector<std::optional<AspectSceneView>>& vie
   return std::none_of(taken.begin(), taken.end(), [&](const AspectSceneObject& other) {
     const double smaller = std::min(diameter, meshes_[other.object]->diameter_m);
     const Eigen::Vector3d here = CenterOf(o), there = CenterOf(other);
-    if ((here - there).norm() < options_.apart_share * smaller) return true;
+    // Another part may stand before or behind it, or reach into it.
+    const bool other_part = other.object != o.object;
+    if ((here - there).norm() < (other_part ? kReachShare : options_.apart_share) * smaller)
+      return true;
+    if (other_part) return false;
     int seen = 0;
     for (const auto& view : views) {
       if (!view) continue;
@@ -246,7 +251,7 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates,
   ParallelFor(static_cast<int>(candidates.size()), options_.threads, [&](int i) {
     if (IsStopRequested(stop_)) return;
     // Its depth is the least certain: the other views set it.
-    std::optional<SettledObject> settled = Settled(scene->views, candidates[i]);
+    std::optional<SettledObject> settled = Settled(scene->views, candidates[i], others);
     if (!settled) return;
     candidates[i] = settled->placed;
     judged[i] = JudgeOne(scene->views, candidates[i], others, settled->rendered);
@@ -271,9 +276,15 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates,
 
 std::optional<SettledObject> SceneObjects::Settled(
     const std::vector<std::optional<AspectSceneView>>& views,
-    const AspectSceneObject& placed) const {
-  return SettleInViews(
-      in_.images, *meshes_[placed.object], views, placed, options_.quick_render_px, kLeastMet);
+    const AspectSceneObject& placed,
+    std::span<const std::vector<ObjectLayer>* const> others) const {
+  return SettleInViews(in_.images,
+                       *meshes_[placed.object],
+                       views,
+                       placed,
+                       options_.quick_render_px,
+                       kLeastMet,
+                       others);
 }
 
 LinkedScene SceneObjects::Result(const AspectScene& scene) const {
@@ -377,12 +388,42 @@ double ExplainedTogether(std::span<const Explained> objects) {
   return borne_out + most_chosen;
 }
 
+namespace {
+
+// Edge points that others hide are not looked for: what is found there is of the others.
+void DropHidden(const AspectImage& image,
+                const RenderMesh& mesh,
+                const AspectSceneView& view,
+                const AspectSceneObject& placed,
+                std::span<const std::vector<ObjectLayer>* const> others,
+                std::size_t v,
+                std::vector<ModelEdgePoint>* points) {
+  if (others.empty()) return;
+  const PinholeCamera working = WorkingCamera(image, view.camera);
+  const Rigid3 pose = view.camera_from_scene * placed.scene_from_object;
+  const double slack_m = AspectScoreOptions{}.hidden_share * mesh.diameter_m;
+  std::erase_if(*points, [&](const ModelEdgePoint& p) {
+    const Eigen::Vector3d there = pose * p.point.cast<double>();
+    if (there.z() < kNearM) return false;
+    const Eigen::Vector2d u = Project(working, there);
+    const int x = static_cast<int>(std::lround(u.x())), y = static_cast<int>(std::lround(u.y()));
+    const float near = static_cast<float>(1.0 / std::max(kNearM, there.z() - slack_m));
+    return std::any_of(others.begin(), others.end(), [&](const auto* layers) {
+      const ObjectLayer& layer = (*layers)[v];
+      return layer.Has(x, y) && layer.inverse_depth[layer.Cell(x, y)] > near;
+    });
+  });
+}
+
+}  // namespace
+
 std::optional<SettledObject> SettleInViews(std::span<const AspectImage> images,
                                            const RenderMesh& mesh,
                                            const std::vector<std::optional<AspectSceneView>>& views,
                                            AspectSceneObject out,
                                            double render_px,
-                                           double least_met) {
+                                           double least_met,
+                                           std::span<const std::vector<ObjectLayer>* const> others) {
   VisibleEdgeOptions visible;
   visible.render_px = render_px;
   std::vector<PoseRendering> renderings(views.size(), PoseRendering(mesh, visible, kStalePx));
@@ -397,6 +438,7 @@ std::optional<SettledObject> SettleInViews(std::span<const AspectImage> images,
           ThinnedEdgePoints(renderings[v].At(WorkingCamera(images[v], views[v]->camera),
                                              views[v]->camera_from_scene * out.scene_from_object),
                             kSettlePoints);
+      DropHidden(images[v], mesh, *views[v], out, others, v, &points[v]);
     }
     for (int step = 0; step < kSettleSteps; ++step) {
       std::vector<SceneRow> rows;

@@ -55,8 +55,8 @@ class SceneObjects {
                         std::span<PoseRendering> rendered = {}) const;
   // What the objects of a judged scene that are believed to hide others show, [object][view].
   SceneLayers HidingLayers(const LinkedScene& scene) const;
-  // Whether no object of the scene is in this one's place: not in space, and not in the images of
-  // all views, where wrong cameras may show one object as two.
+  // Whether no object of the scene is in this one's place: not in space, and none of the same part
+  // in the images of all views, where wrong cameras may show one object as two.
   bool IsFree(const std::vector<std::optional<AspectSceneView>>& views,
               const std::vector<AspectSceneObject>& taken,
               const AspectSceneObject& o) const;
@@ -69,8 +69,10 @@ class SceneObjects {
     Place(std::move(candidates), options_.min_quick, scene);
   }
   // An object adjusted alone, cameras fixed; nothing when too few of its edges are there.
-  std::optional<SettledObject> Settled(const std::vector<std::optional<AspectSceneView>>& views,
-                                       const AspectSceneObject& placed) const;
+  std::optional<SettledObject> Settled(
+      const std::vector<std::optional<AspectSceneView>>& views,
+      const AspectSceneObject& placed,
+      std::span<const std::vector<ObjectLayer>* const> others = {}) const;
   LinkedScene Result(const AspectScene& scene) const;
   // The agreement of a scene with objects, with what its views say of the ground.
   ViewAgreement WithGround(const LinkedScene& scene) const;
@@ -124,13 +126,14 @@ class SceneObjects {
 };
 
 // An object's pose adjusted to the edges of all registered views, cameras fixed. render_px: see
-// PoseEdgeOptions. Nothing when fewer than `least_met` of its edge points meet image edges after
+// PoseEdgeOptions; others: what hides it, [object][view]. Nothing when fewer than `least_met` of its edge points meet image edges after
 // the first round.
 std::optional<SettledObject> SettleInViews(std::span<const AspectImage> images,
                                            const RenderMesh& mesh,
                                            const std::vector<std::optional<AspectSceneView>>& views,
                                            AspectSceneObject placed,
                                            double render_px,
-                                           double least_met = 0.0);
+                                           double least_met = 0.0,
+                                           std::span<const std::vector<ObjectLayer>* const> others = {});
 
 }  // namespace horopter

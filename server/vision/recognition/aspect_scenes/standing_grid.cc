@@ -10,11 +10,15 @@ namespace {
 
 constexpr int kTiles = 3;             // of the plane, a side: each has its own aspects
 constexpr double kNearM = 1e-3;       // points nearer to the camera plane have no image
+constexpr float kFarPx = 8000.0f;     // no point lies farther from the image, for all that counts
 constexpr double kEdgeHalf = 0.35;    // of the size: half the square whose edges are counted ...
-constexpr double kEdgeLength = 0.6;   // ... and how long they must be
+constexpr double kEdgeLength = 0.4;   // ... and how long they must be
+constexpr double kMostGround = 0.8;   // of that square: where it is seen, no part is
+constexpr int kSectors = 3;           // of turns: each keeps its best at every place
 constexpr int kBlock = 4;             // places a side over which a part looks the same
 constexpr std::size_t kFirst = 8;     // points that refuse a place
-constexpr double kFirstSlack = 0.12;  // by which their support may be below min_first
+constexpr double kFirstSlack = 0.12;  // by which their support may be below what is needed
+constexpr double kViewSlack = 0.14;   // ... and that of the views asked so far, over their number
 
 class FaceSearch {
  public:
@@ -26,23 +30,28 @@ class FaceSearch {
   std::vector<StandingPlace> Run(const StopRequested& stop) const {
     const int yaws = std::max(
         1, static_cast<int>(std::ceil(object_.faces()[face_].yaw_range / options_.yaw_step_rad)));
-    std::vector<StandingPlace> best(grid_.open.size());
+    std::vector<StandingPlace> best(grid_.open.size() * kSectors);
     for (int k = 0; k < yaws; ++k) {
       if (IsStopRequested(stop)) return {};
       const double yaw = object_.faces()[face_].yaw_range * k / yaws;
+      const Turned turned{yaw, object_.CenterOf(face_, ground_.low.x(), ground_.low.y(), yaw)};
+      StandingPlace* of_sector = best.data() + grid_.open.size() * (kSectors * k / yaws);
       for (int tile = 0; tile < kTiles * kTiles; ++tile) {
         const int x0 = grid_.columns * (tile % kTiles) / kTiles;
         const int x1 = grid_.columns * (tile % kTiles + 1) / kTiles;
         const int y0 = grid_.rows * (tile / kTiles) / kTiles;
         const int y1 = grid_.rows * (tile / kTiles + 1) / kTiles;
-        const Eigen::Vector3d middle = PlaceOf(0.5 * (x0 + x1), 0.5 * (y0 + y1), yaw);
+        const Eigen::Vector3d middle = PlaceOf(0.5 * (x0 + x1), 0.5 * (y0 + y1), turned);
         std::vector<TurnedPoints> looks;
         for (std::size_t v = 0; v < ground_.images.size(); ++v)
-          looks.push_back(object_.Look(v, object_.RotationOf(face_, yaw), middle));
+          looks.push_back(object_.Look(v, object_.RotationOf(face_, yaw), middle, kGridPoints));
         for (int y = y0; y < y1; y += kBlock) {
           for (int x = x0; x < x1; x += kBlock) {
             SearchBlock(
-                {x, std::min(x + kBlock, x1), y, std::min(y + kBlock, y1)}, yaw, looks, &best);
+                {x, std::min(x + kBlock, x1), y, std::min(y + kBlock, y1)},
+                        turned,
+                        looks,
+                        of_sector);
           }
         }
       }
@@ -66,13 +75,25 @@ class FaceSearch {
     int x0, x1, y0, y1;
   };
 
+  struct Turned {
+    double yaw = 0.0;
+    Eigen::Vector3d first = Eigen::Vector3d::Zero();  // centre in the first place of the grid
+  };
+
   // Points of an aspect in the half map of a view's image.
   struct MapPoints {
-    std::array<std::int16_t, kStandingPoints> u, v;
-    std::array<std::int32_t, kStandingPoints> map;  // where the bin's map begins
+    std::array<std::int16_t, kGridPoints> u, v;
+    std::array<std::int32_t, kGridPoints> map;  // where the bin's map begins
+    std::array<float, kGridPoints> depth_m;     // up to the place's
     std::size_t count = 0;
     std::int32_t reach = 0;  // 1/8 px
     Eigen::Vector2d center = Eigen::Vector2d::Zero();
+    bool may_be_hidden = false;  // in a place of the block
+  };
+
+  struct MapSum {
+    double support = 0.0;
+    std::size_t points = 0;  // that nothing hides
   };
 
   void MakeGrid() {
@@ -82,34 +103,35 @@ class FaceSearch {
     grid_.columns = static_cast<int>(size.x() / grid_.step) + 1;
     grid_.rows = static_cast<int>(size.y() / grid_.step) + 1;
     grid_.open.resize(static_cast<std::size_t>(grid_.columns) * grid_.rows);
+    const Turned unturned{0.0, object_.CenterOf(face_, ground_.low.x(), ground_.low.y(), 0.0)};
     for (int j = 0; j < grid_.rows; ++j) {
       for (int i = 0; i < grid_.columns; ++i) {
-        const Eigen::Vector3d center = PlaceOf(i, j, 0.0);
+        const Eigen::Vector3d center = PlaceOf(i, j, unturned);
         std::size_t open = 0;
         for (std::size_t v = 0; v < ground_.images.size(); ++v) {
           const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
           if (!IsShown(ground_, v, there)) continue;
           const double px = ground_.cameras[v].focal_px * object_.diameter_m() / there.z();
+          const Eigen::Vector2d at = Project(ground_.cameras[v], there);
           open += px >= options_.min_size_px &&
-                  UnexplainedNear(ground_, v, Project(ground_.cameras[v], there), kEdgeHalf * px) >=
-                      kEdgeLength * px;
+                  UnexplainedNear(ground_, v, at, kEdgeHalf * px) >= kEdgeLength * px &&
+                  GroundShareNear(ground_, v, at, kEdgeHalf * px) <= kMostGround;
         }
         grid_.open[static_cast<std::size_t>(j) * grid_.columns + i] = open >= ground_.least_views;
       }
     }
   }
 
-  Eigen::Vector3d PlaceOf(double i, double j, double yaw) const {
-    return object_.CenterOf(
-        face_, ground_.low.x() + i * grid_.step, ground_.low.y() + j * grid_.step, yaw);
+  Eigen::Vector3d PlaceOf(double i, double j, const Turned& turned) const {
+    return turned.first + grid_.step * (i * ground_.e1 + j * ground_.e2);
   }
 
   // Support of each open place of a block; the part looks the same from all of them, only moved.
   void SearchBlock(const Block& block,
-                   double yaw,
+                   const Turned& turned,
                    const std::vector<TurnedPoints>& looks,
-                   std::vector<StandingPlace>* best) const {
-    std::array<double, kBlock * kBlock> sums{};
+                   StandingPlace* best) const {
+    std::array<double, kBlock * kBlock> sums{}, points_shown{};
     std::array<std::uint8_t, kBlock * kBlock> shown{}, refused{};
     const auto index = [&](int x, int y) { return (y - block.y0) * kBlock + x - block.x0; };
     const auto cell = [&](int x, int y) { return static_cast<std::size_t>(y) * grid_.columns + x; };
@@ -121,8 +143,8 @@ class FaceSearch {
       }
     }
     const Eigen::Vector3d middle =
-        PlaceOf(0.5 * (block.x0 + block.x1 - 1), 0.5 * (block.y0 + block.y1 - 1), yaw);
-    const Eigen::Vector3d first = PlaceOf(block.x0, block.y0, yaw);
+        PlaceOf(0.5 * (block.x0 + block.x1 - 1), 0.5 * (block.y0 + block.y1 - 1), turned);
+    const Eigen::Vector3d first = PlaceOf(block.x0, block.y0, turned);
     const Eigen::Vector3d along_x = grid_.step * ground_.e1, along_y = grid_.step * ground_.e2;
     for (std::size_t v = 0; v < looks.size() && open > 0; ++v) {
       MapPoints points;
@@ -136,14 +158,15 @@ class FaceSearch {
               Eigen::Vector3d(first + (x - block.x0) * along_x + (y - block.y0) * along_y);
           if (!IsShown(ground_, v, there)) continue;
           const Eigen::Vector2d moved = Project(ground_.cameras[v], there) - points.center;
-          const double support = MapSupport(*ground_.images[v], points, moved);
-          if (support < options_.min_first) {
-            refused[i] = 1;
-            --open;
-            continue;
-          }
-          sums[i] += support;
+          const double least = options_.min_first - kViewSlack / (1.0 + shown[i]);
+          const MapSum sum = MapSupport(v, points, moved, there.z(), least - kFirstSlack);
+          if (sum.points == 0) continue;
+          sums[i] += sum.support;
+          points_shown[i] += static_cast<double>(sum.points);
           ++shown[i];
+          if (sums[i] >= least * points_shown[i]) continue;
+          refused[i] = 1;
+          --open;
         }
       }
     }
@@ -152,12 +175,12 @@ class FaceSearch {
       for (int x = block.x0; x < block.x1; ++x) {
         const int i = index(x, y);
         if (refused[i] || shown[i] < ground_.least_views) continue;
-        StandingPlace& here = (*best)[cell(x, y)];
-        const double support = sums[i] / shown[i];
+        StandingPlace& here = best[cell(x, y)];
+        const double support = Expected(sums[i], points_shown[i], kGridPoints);
         if (support <= here.support) continue;
         here = {ground_.low.x() + x * grid_.step,
                 ground_.low.y() + y * grid_.step,
-                yaw,
+                turned.yaw,
                 face_,
                 support};
       }
@@ -169,48 +192,69 @@ class FaceSearch {
              const Eigen::Vector3d& center,
              MapPoints* out) const {
     const PinholeCamera& camera = ground_.cameras[v];
-    const AspectImage& image = *ground_.images[v];
+    const AspectImage& image = ground_.images[v];
     const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
     if (there.z() < kNearM) return false;
     const double size_px = camera.focal_px * object_.diameter_m() / there.z();
     if (size_px < options_.min_size_px) return false;
+    // Places of the block are up to kBlock / 2 steps off, along both axes.
+    const double around = 0.5 * size_px * (1.0 + 1.5 * kBlock * grid_.step / object_.diameter_m());
+    out->may_be_hidden = IsCoveredNear(ground_, v, Project(camera, there), around);
     out->center = Project(camera, there);
     out->count = look.count;
     out->reach = static_cast<std::int32_t>(
         AspectImage::kDistanceScale * std::clamp(static_cast<float>(options_.reach_share * size_px),
                                                  kMinStandingReachPx,
                                                  kMaxStandingReachPx));
+    const float f = 0.5f * static_cast<float>(camera.focal_px), k1 = static_cast<float>(camera.k1);
+    const float cx = 0.5f * static_cast<float>(camera.cx);
+    const float cy = 0.5f * static_cast<float>(camera.cy);
+    const Eigen::Vector3f at = there.cast<float>();
+    const float slack_m = object_.HiddenSlackM();
+    const std::int32_t cells = image.half_width * image.half_height;
     for (std::size_t i = 0; i < out->count; ++i) {
-      const Eigen::Vector3d x(look.x[i] + there.x(), look.y[i] + there.y(), look.z[i] + there.z());
-      const Eigen::Vector2d u = 0.5 * Project(camera, x);
-      out->u[i] = static_cast<std::int16_t>(std::clamp(u.x(), -8000.0, 8000.0));
-      out->v[i] = static_cast<std::int16_t>(std::clamp(u.y(), -8000.0, 8000.0));
-      out->map[i] = look.bin[i] * image.half_width * image.half_height;
+      const float z = 1.0f / (look.z[i] + at.z());
+      const float x = (look.x[i] + at.x()) * z, y = (look.y[i] + at.y()) * z;
+      const float scale = f * (1.0f + k1 * (x * x + y * y));
+      out->u[i] = static_cast<std::int16_t>(std::clamp(scale * x + cx, -kFarPx, kFarPx));
+      out->v[i] = static_cast<std::int16_t>(std::clamp(scale * y + cy, -kFarPx, kFarPx));
+      out->depth_m[i] = look.z[i] - slack_m;
+      out->map[i] = look.bin[i] * cells;
     }
     return out->count >= kFirst;
   }
 
-  // 0 when the first points find nothing.
-  double MapSupport(const AspectImage& image,
+  // Of the points that nothing hides; refused where the first find less than `least` in the mean.
+  MapSum MapSupport(std::size_t v,
                     const MapPoints& points,
-                    const Eigen::Vector2d& moved) const {
+                    const Eigen::Vector2d& moved,
+                    double depth_m,
+                    double least) const {
+    const AspectImage& image = ground_.images[v];
+    const HidingMap& hiding = ground_.hiding[v];
     const int du = static_cast<int>(std::lround(0.5 * moved.x()));
     const int dv = static_cast<int>(std::lround(0.5 * moved.y()));
     const std::uint8_t* maps = image.half_distance.data();
+    const bool may_be_hidden = points.may_be_hidden;
     std::int32_t away = 0;
+    std::size_t shown = 0;
     const auto add = [&](std::size_t i) {
       const int u = points.u[i] + du, w = points.v[i] + dv;
+      if (may_be_hidden &&
+          hiding.Hides(u, w, points.depth_m[i] + static_cast<float>(depth_m)))
+        return;
       const bool inside = static_cast<unsigned>(u) < static_cast<unsigned>(image.half_width) &&
                           static_cast<unsigned>(w) < static_cast<unsigned>(image.half_height);
       away += inside ? std::min<std::int32_t>(maps[points.map[i] + w * image.half_width + u],
                                               points.reach)
                      : points.reach;
+      ++shown;
     };
     for (std::size_t i = 0; i < kFirst; ++i) add(i);
-    const double least = options_.min_first - kFirstSlack;
-    if (away > (1.0 - least) * kFirst * points.reach) return 0.0;
+    if (away > (1.0 - least) * static_cast<double>(shown) * points.reach) return {0.0, kFirst};
     for (std::size_t i = kFirst; i < points.count; ++i) add(i);
-    return 1.0 - static_cast<double>(away) / (static_cast<double>(points.count) * points.reach);
+    if (shown < kShownPoints) return {};
+    return {static_cast<double>(shown) - static_cast<double>(away) / points.reach, shown};
   }
 
   const ObjectOnPlane& object_;

@@ -8,8 +8,8 @@
 
 namespace horopter {
 
-// The best turn at each place of a grid (StandingSearchOptions::step_share) that enough views
-// support; nothing when stopped.
+// The best turns at each place of a grid (StandingSearchOptions::step_share), one of each third of
+// all turns, that enough views support; nothing when stopped.
 std::vector<StandingPlace> SearchFace(const ObjectOnPlane& object,
                                       int face,
                                       const StopRequested& stop);

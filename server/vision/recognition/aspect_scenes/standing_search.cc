@@ -15,32 +15,24 @@ namespace {
 constexpr double kApartShare = 0.35;  // of the diameter: places that are not improved twice
 constexpr double kApartRad = 0.45;    // ... unless turned by more
 constexpr int kClimbs = 4;            // rounds, each with half the steps
+constexpr double kLastClimbed = 12;   // places in the last
 constexpr double kNextPlace = 0.02;   // of support
 
-// Uphill from a place, in steps that halve while edges may lie less far.
-void Climb(const ObjectOnPlane& object, StandingPlace* p) {
-  const StandingSearchOptions& options = object.options();
-  double step = options.step_share * object.diameter_m(), turn = options.yaw_step_rad;
-  double share = options.reach_share;
-  const double narrower = std::pow(options.fine_share / options.reach_share, 1.0 / kClimbs);
-  for (int round = 0; round < kClimbs; ++round) {
-    step *= 0.5;
-    turn *= 0.5;
-    share *= narrower;
-    p->support = object.Judge(*p, share);
-    for (const auto [dx, dy, dyaw] : {std::array{step, 0.0, 0.0},
-                                      std::array{-step, 0.0, 0.0},
-                                      std::array{0.0, step, 0.0},
-                                      std::array{0.0, -step, 0.0},
-                                      std::array{0.0, 0.0, turn},
-                                      std::array{0.0, 0.0, -turn}}) {
-      StandingPlace moved = *p;
-      moved.x += dx;
-      moved.y += dy;
-      moved.yaw += dyaw;
-      moved.support = object.Judge(moved, share);
-      if (moved.support > p->support) *p = moved;
-    }
+// Uphill from a place: one step each way, edges within `share` of the size.
+void Climb(const ObjectOnPlane& object, double step, double turn, double share, StandingPlace* p) {
+  p->support = object.Judge(*p, share);
+  for (const auto [dx, dy, dyaw] : {std::array{step, 0.0, 0.0},
+                                    std::array{-step, 0.0, 0.0},
+                                    std::array{0.0, step, 0.0},
+                                    std::array{0.0, -step, 0.0},
+                                    std::array{0.0, 0.0, turn},
+                                    std::array{0.0, 0.0, -turn}}) {
+    StandingPlace moved = *p;
+    moved.x += dx;
+    moved.y += dy;
+    moved.yaw += dyaw;
+    moved.support = object.Judge(moved, share);
+    if (moved.support > p->support) *p = moved;
   }
 }
 
@@ -72,10 +64,25 @@ std::vector<StandingPlace> SearchModel(const ObjectOnPlane& object, const StopRe
     const std::vector<StandingPlace> on_face = SearchFace(object, static_cast<int>(f), stop);
     found.insert(found.end(), on_face.begin(), on_face.end());
   }
-  found = Apart(object, std::move(found), object.options().climbed_per_object);
-  for (StandingPlace& p : found) {
-    if (IsStopRequested(stop)) break;
-    Climb(object, &p);
+  // Steps halve while edges may lie less far, and of the places fewer and fewer are left.
+  const StandingSearchOptions& options = object.options();
+  double step = options.step_share * object.diameter_m(), turn = options.yaw_step_rad;
+  double share = options.reach_share;
+  const double narrower = std::pow(options.fine_share / options.reach_share, 1.0 / kClimbs);
+  found = Apart(object, std::move(found), options.judged_per_object);
+  for (StandingPlace& p : found) p.support = object.Judge(p, share);
+  double most = options.climbed_per_object;
+  const double fewer = std::pow(kLastClimbed / most, 1.0 / (kClimbs - 1));
+  for (int round = 0; round < kClimbs; ++round) {
+    found = Apart(object, std::move(found), static_cast<int>(most));
+    step *= 0.5;
+    turn *= 0.5;
+    share *= narrower;
+    most *= fewer;
+    for (StandingPlace& p : found) {
+      if (IsStopRequested(stop)) break;
+      Climb(object, step, turn, share, &p);
+    }
   }
   return Apart(object, std::move(found), object.options().kept_per_object);
 }
@@ -90,7 +97,7 @@ std::vector<StandingCandidate> FindStanding(
     std::span<const AspectSceneObject> taken,
     const StandingSearchOptions& options,
     const StopRequested& stop) {
-  const StandingGround ground = MakeGround(images, views, plane, taken, models);
+  const StandingGround ground = MakeGround(images, views, plane, taken, models, options.threads);
   if (ground.images.size() < 2 || !((ground.high - ground.low).array() > 0.0).all()) return {};
   std::vector<std::vector<StandingCandidate>> of_model(models.size());
   ParallelFor(static_cast<int>(models.size()), options.threads, [&](int p) {

@@ -22,8 +22,9 @@ struct StandingSearchOptions {
   double fine_share = 0.04;     // ... and at last
   int max_faces = 6;            // a part is tried on, the safest first
   int max_places = 12000;       // of a part; larger planes are cut around the parts
-  double min_first = 0.50;      // support in a view below which the others are not asked
-  int climbed_per_object = 30;  // places and turns improved
+  double min_first = 0.50;      // support of what views show at first; half of it may be hidden
+  int judged_per_object = 300;  // places and turns that are looked at with all points
+  int climbed_per_object = 60;  // ... and improved at first
   int kept_per_object = 4;
   double min_size_px = 25.0;  // of a part's diameter in the image
   int threads = 1;

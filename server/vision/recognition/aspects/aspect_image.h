@@ -84,6 +84,10 @@ struct AspectImage {
   int half_width = 0, half_height = 0;
   std::vector<std::uint8_t> half_distance;  // [bin][half cell]
 
+  // [half cell], 1: among edges that move with the ground, which have been dropped; empty where that
+  // is not known.
+  std::vector<std::uint8_t> ground;
+
   // Chance level: mean support max(0, 1 - d / tau) around each block of kChanceBlockPx, over a
   // window of some 16 tau; what an edge of that direction would find there anyway. 0 .. 255.
   int chance_width = 0, chance_height = 0;

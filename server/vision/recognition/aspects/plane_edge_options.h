@@ -7,8 +7,8 @@ namespace horopter {
 
 struct PlaneEdgeOptions {
   double tolerance_px = 1.4;  // working px: a homography and an edge are so exact; chosen
-  // Of the views that a homography takes an edge into, in so many it must be met; of three and more
-  // some may hide it.
+  // Of the views that a homography takes an edge into, in so many it must be met, or in all; of
+  // three and more some may hide it.
   int min_views = 2;
   int may_miss = 1;
   // A ground covers this share of the image (in blocks) with edges, and leaves no more room between

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "server/vision/recognition/aspects/quantile.h"
@@ -16,6 +17,7 @@ constexpr double kStepPx = 1.0;        // along an edge, to see how a homography
 constexpr int kBesidePx = 3;           // edges so near ...
 constexpr float kAlikeCosine = 0.87f;  // ... and so alike in direction go with each other
 constexpr float kMostRoomPx = 48.0f;   // that is looked for beside an edge
+constexpr double kLeastNearPx = 3.0;   // edges of the ground's texture so near: ground between them
 constexpr float kTouching = 0.8f;      // of its radius: a disc that touches an edge is free so far
 
 enum class Meeting { kOutside, kMet, kMissed };
@@ -38,12 +40,20 @@ Meeting Meets(const ImageEdgePoint& edge, const GroundView& view, float toleranc
                                                                   : Meeting::kMissed;
 }
 
-std::vector<std::uint8_t> MovesWithPlane(const AspectImage& here,
-                                         std::span<const GroundView> others,
-                                         const PlaneEdgeOptions& options) {
+struct MovingEdges {
+  std::vector<std::uint8_t> marked;  // they go where the plane does
+  // At the rim of the ground, where few or none of the others see it: what those that do bear out.
+  // What none sees none could bear out.
+  std::vector<std::uint8_t> rim;
+};
+
+MovingEdges MovesWithPlane(const AspectImage& here,
+                           std::span<const GroundView> others,
+                           const PlaneEdgeOptions& options) {
   const float tolerance = static_cast<float>(options.tolerance_px) * AspectImage::kDistanceScale;
-  std::vector<std::uint8_t> out(here.edges.size(), 0);
-  for (std::size_t i = 0; i < out.size(); ++i) {
+  const std::size_t n = here.edges.size();
+  MovingEdges out{std::vector<std::uint8_t>(n, 0), std::vector<std::uint8_t>(n, 0)};
+  for (std::size_t i = 0; i < n; ++i) {
     int met = 0, asked = 0;
     for (const GroundView& view : others) {
       const Meeting meeting = Meets(here.edges[i], view, tolerance);
@@ -51,7 +61,8 @@ std::vector<std::uint8_t> MovesWithPlane(const AspectImage& here,
       met += meeting == Meeting::kMet;
     }
     const int may_miss = asked > options.min_views ? options.may_miss : 0;
-    out[i] = met >= options.min_views && met + may_miss >= asked;
+    out.marked[i] = met >= options.min_views && met + may_miss >= asked;
+    out.rim[i] = asked < options.min_views && met == asked;
   }
   return out;
 }
@@ -90,8 +101,8 @@ double Coverage(const AspectImage& here, const std::vector<std::uint8_t>& marked
          static_cast<double>(std::max<std::size_t>(1, blocks.size()));
 }
 
-// Radius of the largest disc without marked edges that touches an edge at its better side.
-std::vector<float> RoomBeside(const AspectImage& here, const std::vector<std::uint8_t>& marked) {
+// Of every pixel to the nearest marked edge, px.
+cv::Mat DistanceToMarked(const AspectImage& here, const std::vector<std::uint8_t>& marked) {
   cv::Mat zero_at_edges(here.height, here.width, CV_8U, cv::Scalar(1));
   for (std::size_t i = 0; i < marked.size(); ++i) {
     if (!marked[i]) continue;
@@ -100,6 +111,12 @@ std::vector<float> RoomBeside(const AspectImage& here, const std::vector<std::ui
   }
   cv::Mat distance;
   cv::distanceTransform(zero_at_edges, distance, cv::DIST_L2, cv::DIST_MASK_3, CV_32F);
+  return distance;
+}
+
+// Radius of the largest disc without marked edges that touches an edge at its better side.
+std::vector<float> RoomBeside(const AspectImage& here, const std::vector<std::uint8_t>& marked) {
+  const cv::Mat distance = DistanceToMarked(here, marked);
   const auto side = [&](const ImageEdgePoint& e, float sign) {
     float room = 0.0f;
     for (float r = 2.0f; r <= kMostRoomPx; r += 1.0f) {
@@ -134,22 +151,48 @@ absl::Status Validate(const PlaneEdgeOptions& o) {
   return absl::OkStatus();
 }
 
-std::vector<std::uint8_t> FindPlaneEdges(const AspectImage& here,
-                                         std::span<const GroundView> others,
-                                         const PlaneEdgeOptions& options) {
-  std::vector<std::uint8_t> marked = WithNeighbours(here, MovesWithPlane(here, others, options));
-  if (Coverage(here, marked) < options.min_coverage) return {};
+PlaneEdges FindPlaneEdges(const AspectImage& here,
+                          std::span<const GroundView> others,
+                          const PlaneEdgeOptions& options) {
+  PlaneEdges out;
+  if (static_cast<int>(others.size()) < options.min_views) return out;
+  const MovingEdges moving = MovesWithPlane(here, others, options);
+  std::vector<std::uint8_t> marked = WithNeighbours(here, moving.marked);
+  if (Coverage(here, marked) < options.min_coverage) return out;
   const std::vector<float> room = RoomBeside(here, marked);
   std::vector<float> of_marked;
   for (std::size_t i = 0; i < marked.size(); ++i) {
     if (marked[i]) of_marked.push_back(room[i]);
   }
   const float usual = Median(&of_marked);
-  if (usual > static_cast<float>(options.max_room_px)) return {};
+  if (usual > static_cast<float>(options.max_room_px)) return out;
   const float outline =
       static_cast<float>(options.outline_room * std::max<double>(usual, options.least_room_px));
-  for (std::size_t i = 0; i < marked.size(); ++i) marked[i] = marked[i] && room[i] < outline;
-  return marked;
+  const std::vector<std::uint8_t> rim = WithNeighbours(here, moving.rim);
+  for (std::size_t i = 0; i < marked.size(); ++i)
+    marked[i] = (marked[i] && room[i] < outline) || rim[i];
+  out.marked = std::move(marked);
+  out.room_px = usual;
+  return out;
+}
+
+std::vector<std::uint8_t> GroundCells(const AspectImage& here, const PlaneEdges& edges) {
+  if (edges.marked.empty()) return {};
+  std::vector<std::uint8_t> out(static_cast<std::size_t>(here.half_width) * here.half_height, 0);
+  for (std::size_t i = 0; i < edges.marked.size(); ++i) {
+    if (!edges.marked[i]) continue;
+    const Eigen::Vector2f& p = here.edges[i].point;
+    out[static_cast<std::size_t>(p.y() + 0.5f) / 2 * here.half_width +
+        static_cast<std::size_t>(p.x() + 0.5f) / 2] = 1;
+  }
+  // Up to twice the room between them is ground as well, but not what is beside their outermost.
+  const int reach = static_cast<int>(std::lround(std::max(kLeastNearPx, edges.room_px)));
+  cv::Mat cells(here.half_height, here.half_width, CV_8U, out.data());
+  cv::morphologyEx(cells,
+                   cells,
+                   cv::MORPH_CLOSE,
+                   cv::getStructuringElement(cv::MORPH_ELLIPSE, {2 * reach + 1, 2 * reach + 1}));
+  return out;
 }
 
 }  // namespace horopter

@@ -17,10 +17,18 @@ struct GroundView {
   Eigen::Matrix3d there_from_here = Eigen::Matrix3d::Identity();  // working px of both
 };
 
-// For each edge of `here` whether it is of the ground's texture; empty where the ground has none
-// that is dense.
-std::vector<std::uint8_t> FindPlaneEdges(const AspectImage& here,
-                                         std::span<const GroundView> others,
-                                         const PlaneEdgeOptions& options = {});
+struct PlaneEdges {
+  // For each edge whether it is of the ground's texture; empty where the ground has none that is
+  // dense.
+  std::vector<std::uint8_t> marked;
+  double room_px = 0.0;  // beside the middle one: radius of discs without others that touch it
+};
+
+PlaneEdges FindPlaneEdges(const AspectImage& here,
+                          std::span<const GroundView> others,
+                          const PlaneEdgeOptions& options = {});
+
+// AspectImage::ground of an image with these edges of its ground.
+std::vector<std::uint8_t> GroundCells(const AspectImage& here, const PlaneEdges& edges);
 
 }  // namespace horopter

@@ -136,7 +136,7 @@ class PlaneEdges : public testing::TestWithParam<int> {};
 
 TEST_P(PlaneEdges, TheGroundsEdgesAreMarkedAndNotThoseOfWhatStandsOnIt) {
   const Scene scene = Make(GetParam(), 7.0);
-  const std::vector<std::uint8_t> marked = FindPlaneEdges(scene.images[0], scene.OthersOf(0));
+  const std::vector<std::uint8_t> marked = FindPlaneEdges(scene.images[0], scene.OthersOf(0)).marked;
   ASSERT_EQ(marked.size(), scene.images[0].edges.size());
   const Shares shares = MarkedShares(scene.images[0], marked);
   EXPECT_GT(shares.ground, 0.75);
@@ -145,7 +145,7 @@ TEST_P(PlaneEdges, TheGroundsEdgesAreMarkedAndNotThoseOfWhatStandsOnIt) {
 
 TEST_P(PlaneEdges, TheOutlineOfWhatLiesFlatStays) {
   const Scene scene = Make(GetParam(), 0.0);
-  const std::vector<std::uint8_t> marked = FindPlaneEdges(scene.images[0], scene.OthersOf(0));
+  const std::vector<std::uint8_t> marked = FindPlaneEdges(scene.images[0], scene.OthersOf(0)).marked;
   ASSERT_EQ(marked.size(), scene.images[0].edges.size());
   const Shares shares = MarkedShares(scene.images[0], marked);
   EXPECT_GT(shares.ground, 0.75);
@@ -160,13 +160,13 @@ TEST_P(PlaneEdges, AWrongMotionMarksNothing) {
     view.there_from_here(0, 2) += 9.0;
     view.there_from_here(1, 2) -= 5.0;
   }
-  EXPECT_TRUE(FindPlaneEdges(scene.images[0], others).empty());
+  EXPECT_TRUE(FindPlaneEdges(scene.images[0], others).marked.empty());
 }
 
 TEST_P(PlaneEdges, OneOtherViewSaysNothing) {
   const Scene scene = Make(GetParam(), 7.0);
   EXPECT_TRUE(
-      FindPlaneEdges(scene.images[0], std::vector<GroundView>{scene.OthersOf(0)[0]}).empty());
+      FindPlaneEdges(scene.images[0], std::vector<GroundView>{scene.OthersOf(0)[0]}).marked.empty());
 }
 
 INSTANTIATE_TEST_SUITE_P(Seeds, PlaneEdges, testing::Range(1, 4));
@@ -175,7 +175,7 @@ TEST(PlaneEdgesOfFewEdges, ABlankGroundHasNone) {
   Scene scene;
   const cv::Mat blank(900, 1000, CV_8U, cv::Scalar(120));
   for (int v = 0; v < kViews; ++v) scene.images.push_back(Plain(View(v, blank, 0.0, 5)));
-  EXPECT_TRUE(FindPlaneEdges(scene.images[0], scene.OthersOf(0)).empty());
+  EXPECT_TRUE(FindPlaneEdges(scene.images[0], scene.OthersOf(0)).marked.empty());
 }
 
 // Views that are not linked, and a scene without any, are as they are alone.
