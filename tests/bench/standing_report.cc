@@ -1,10 +1,11 @@
-// Where parts that no answer has are lost in the search on planes: of each true part that the linked
-// scene lacks, what places are found for it, and what these and its true pose score beside the
-// others; and of all places that are looked at closer, what the decision could be learnt from.
+// Where parts that no answer has are lost in the search on planes: of each true part that the
+// linked scene lacks, what places are found for it, and what these and its true pose score beside
+// the others; and of all places that are looked at closer, what the decision could be learnt from.
 //
 //   standing_report DATASET SPLIT [--scenes 1,2] [--cache DIR] [--linked DIR] [--table FILE.csv]
 //     --linked  keeps the linked scenes between runs
 //     --table   a row for each place that was looked at closer
+//     --yaw-step, --step-share, --judged  of StandingSearchOptions
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <fstream>
@@ -33,6 +34,7 @@ struct Arguments {
   std::string dataset, split, cache, linked, table;
   std::vector<int> scenes;
   int threads = 2;
+  StandingSearchOptions search;
 };
 
 bool ReadLinked(const std::string& path, LinkedScene* out) {
@@ -73,9 +75,8 @@ void WriteLinked(const std::string& path, const LinkedScene& scene) {
   for (const auto& view : scene.views) {
     out << view.has_value();
     if (view) {
-      out << " " << view->camera.width << " " << view->camera.height << " "
-          << view->camera.focal_px << " " << view->camera.cx << " " << view->camera.cy << " "
-          << view->camera.k1;
+      out << " " << view->camera.width << " " << view->camera.height << " " << view->camera.focal_px
+          << " " << view->camera.cx << " " << view->camera.cy << " " << view->camera.k1;
       write_pose(view->camera_from_scene);
     }
     out << "\n";
@@ -129,7 +130,7 @@ class SceneReport {
     const std::vector<StandingPlane> planes =
         PlanesUnder(scene.objects, catalog_.parts, scene.views);
     std::vector<std::vector<StandingCandidate>> found;
-    StandingSearchOptions search = options_.standing_search;
+    StandingSearchOptions search = arguments_.search;
     search.threads = arguments_.threads;
     for (const StandingPlane& plane : planes) {
       const auto start = std::chrono::steady_clock::now();
@@ -154,11 +155,11 @@ class SceneReport {
       find.threads = find.votes.threads = arguments_.threads;
       return FindAspectHypotheses(images_[v], catalog_.index, find).hypotheses;
     };
-    linked_ = LinkAspects({images_, priors_, none_, catalog_.parts, nullptr, search_view}, options_);
+    linked_ =
+        LinkAspects({images_, priors_, none_, catalog_.parts, nullptr, search_view}, options_);
     for (LinkedObject& o : linked_.objects) o.competing_object = -1;
     if (!arguments_.linked.empty()) WriteLinked(file, linked_);
-    for (LinkedObject& o : linked_.objects)
-      o.competing_score = AspectProbability(o, linked_, {});
+    for (LinkedObject& o : linked_.objects) o.competing_score = AspectProbability(o, linked_, {});
   }
 
   // Middle of the views' worst vertices against the nearest true pose of that part; infinite
@@ -170,13 +171,13 @@ class SceneReport {
       double least = std::numeric_limits<double>::infinity();
       for (const BopInstance& truth : scene_.images[v].instances) {
         if (truth.obj_id != catalog_.obj_ids[placed.object]) continue;
-        least = std::min(
-            least,
-            WorstVertexPx(catalog_.models[placed.object],
-                          linked_.views[v]->camera,
-                          linked_.views[v]->camera_from_scene * placed.scene_from_object,
-                          scene_.images[v].camera,
-                          truth.camera_from_object));
+        least =
+            std::min(least,
+                     WorstVertexPx(catalog_.models[placed.object],
+                                   linked_.views[v]->camera,
+                                   linked_.views[v]->camera_from_scene * placed.scene_from_object,
+                                   scene_.images[v].camera,
+                                   truth.camera_from_object));
       }
       errors.push_back(least);
     }
@@ -206,8 +207,7 @@ class SceneReport {
     std::size_t first = 0;
     while (!linked_.views[first]) ++first;
     for (const BopInstance& truth : scene_.images[first].instances) {
-      const auto part =
-          std::find(catalog_.obj_ids.begin(), catalog_.obj_ids.end(), truth.obj_id);
+      const auto part = std::find(catalog_.obj_ids.begin(), catalog_.obj_ids.end(), truth.obj_id);
       if (part == catalog_.obj_ids.end()) continue;
       const int number = static_cast<int>(part - catalog_.obj_ids.begin());
       const bool known =
@@ -249,8 +249,7 @@ class SceneReport {
         MakeGround(images_, scene.views, plane, scene.objects, catalog_.parts);
     const ObjectOnPlane object(ground, catalog_.parts[there.object], options_.standing_search);
     const Eigen::Vector3d center =
-        there.scene_from_object *
-        catalog_.parts[there.object].object->mesh.center.cast<double>();
+        there.scene_from_object * catalog_.parts[there.object].object->mesh.center.cast<double>();
     StandingPlace best;
     double nearest = 10.0;
     for (std::size_t f = 0; f < object.faces().size(); ++f) {
@@ -328,11 +327,8 @@ class SceneReport {
       const double error = ErrorPx(c.placed);
       nearest = std::min(nearest, error);
       AspectSceneObject settled = c.placed;
-      if (const auto s = SettleInViews(images_,
-                                       catalog_.parts[number].object->mesh,
-                                       scene.views,
-                                       c.placed,
-                                       kFineRenderPx))
+      if (const auto s = SettleInViews(
+              images_, catalog_.parts[number].object->mesh, scene.views, c.placed, kFineRenderPx))
         settled = s->placed;
       const LinkedObject judged = Judged(scene, objects, settled, kFineRenderPx);
       std::cout << absl::StrFormat(
@@ -392,8 +388,8 @@ class SceneReport {
       objects.MeasureSurfaces(&one);
       const LinkedObject& o = one.objects.back();
       double recall = 0.0, support = 0.0, visible = 0.0, hidden = 0.0, claimed = 0.0, least = 1.0;
-      const auto n = std::max(
-          1.0, static_cast<double>(std::count(o.shown.begin(), o.shown.end(), true)));
+      const auto n =
+          std::max(1.0, static_cast<double>(std::count(o.shown.begin(), o.shown.end(), true)));
       for (std::size_t v = 0; v < o.views.size(); ++v) {
         if (!o.shown[v]) continue;
         recall += o.views[v].recall / n;
@@ -474,6 +470,9 @@ int main(int argc, char** argv) {
   app.add_option("--linked", arguments.linked);
   app.add_option("--table", arguments.table);
   app.add_option("--threads", arguments.threads);
+  app.add_option("--yaw-step", arguments.search.yaw_step_rad);
+  app.add_option("--step-share", arguments.search.step_share);
+  app.add_option("--judged", arguments.search.judged_per_object);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);
   if (!status.ok()) {

@@ -20,8 +20,8 @@ constexpr int kLeastPairs = 6;
 // Of LiesOn's limits, where the views agree so much on the surface: a pose of few edges is less
 // exact (right ones were 3.0 degrees, or 0.028 of the diameter, off).
 constexpr double kSlack = 1.8;
-constexpr double kPlaceShare = 0.6;   // of the diameter: centres so near are one place; chosen
-constexpr std::size_t kRivals = 4;    // other poses of a placed object that are looked at; chosen
+constexpr double kPlaceShare = 0.6;  // of the diameter: centres so near are one place; chosen
+constexpr std::size_t kRivals = 4;   // other poses of a placed object that are looked at; chosen
 
 // The object as it was placed, and the best candidates of the same part in its place: quickly
 // rendered, a few pixels of what others leave to see decide between its turns.
@@ -71,19 +71,14 @@ void AddFaintObjects(const AspectLinkInput& input,
     double best = 0.0;
     for (const AspectSceneObject& c : InPlaceOf(o, input, candidates)) {
       const RenderMesh& mesh = input.models[c.object].object->mesh;
-      auto settled =
-          SettleInViews(input.images, mesh, scene.views, c, kFineRenderPx, 0.0, others);
+      auto settled = SettleInViews(input.images, mesh, scene.views, c, kFineRenderPx, 0.0, others);
       if (!settled) continue;
       SceneJudgementOptions judging;
       judging.render_px = kFineRenderPx;
-      const double score = JudgeInViews(input.images,
-                                        mesh,
-                                        scene.views,
-                                        settled->placed,
-                                        judging,
-                                        others,
-                                        settled->rendered)
-                               .score;
+      const double score =
+          JudgeInViews(
+              input.images, mesh, scene.views, settled->placed, judging, others, settled->rendered)
+              .score;
       if (score <= best) continue;
       best = score;
       o = settled->placed;

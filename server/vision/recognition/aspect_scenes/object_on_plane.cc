@@ -7,7 +7,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kSymmetric = 0.02;   // between unit vectors that are the same
+constexpr double kSymmetric = 0.02;    // between unit vectors that are the same
 constexpr float kHiddenShare = 0.02f;  // of the diameter by which what hides an edge is nearer
 
 }  // namespace

@@ -79,8 +79,8 @@ class ObjectOnPlane {
                     const Eigen::Vector3d& center,
                     std::size_t most) const;
 
-  // Support of the points that views show, above chance (Expected); edges may lie `share` of the size
-  // away.
+  // Support of the points that views show, above chance (Expected); edges may lie `share` of the
+  // size away.
   double Judge(const StandingPlace& place, double share) const;
 
  private:

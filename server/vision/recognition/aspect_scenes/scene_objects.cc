@@ -33,7 +33,7 @@ constexpr double kDisagreement = 0.12;
 // Of the first round's search: a candidate that was as near to one that was refused settles as that
 // did; chosen.
 constexpr double kSameQuestionPx = 3.0;
-constexpr double kReachShare = 0.2;     // ... in space: centres of different parts are farther apart
+constexpr double kReachShare = 0.2;  // ... in space: centres of different parts are farther apart
 constexpr double kOverlapShare = 0.35;  // of the smaller size: centres nearer in all views overlap
 
 }  // namespace
@@ -417,13 +417,14 @@ void DropHidden(const AspectImage& image,
 
 }  // namespace
 
-std::optional<SettledObject> SettleInViews(std::span<const AspectImage> images,
-                                           const RenderMesh& mesh,
-                                           const std::vector<std::optional<AspectSceneView>>& views,
-                                           AspectSceneObject out,
-                                           double render_px,
-                                           double least_met,
-                                           std::span<const std::vector<ObjectLayer>* const> others) {
+std::optional<SettledObject> SettleInViews(
+    std::span<const AspectImage> images,
+    const RenderMesh& mesh,
+    const std::vector<std::optional<AspectSceneView>>& views,
+    AspectSceneObject out,
+    double render_px,
+    double least_met,
+    std::span<const std::vector<ObjectLayer>* const> others) {
   VisibleEdgeOptions visible;
   visible.render_px = render_px;
   std::vector<PoseRendering> renderings(views.size(), PoseRendering(mesh, visible, kStalePx));

@@ -126,14 +126,15 @@ class SceneObjects {
 };
 
 // An object's pose adjusted to the edges of all registered views, cameras fixed. render_px: see
-// PoseEdgeOptions; others: what hides it, [object][view]. Nothing when fewer than `least_met` of its edge points meet image edges after
-// the first round.
-std::optional<SettledObject> SettleInViews(std::span<const AspectImage> images,
-                                           const RenderMesh& mesh,
-                                           const std::vector<std::optional<AspectSceneView>>& views,
-                                           AspectSceneObject placed,
-                                           double render_px,
-                                           double least_met = 0.0,
-                                           std::span<const std::vector<ObjectLayer>* const> others = {});
+// PoseEdgeOptions; others: what hides it, [object][view]. Nothing when fewer than `least_met` of
+// its edge points meet image edges after the first round.
+std::optional<SettledObject> SettleInViews(
+    std::span<const AspectImage> images,
+    const RenderMesh& mesh,
+    const std::vector<std::optional<AspectSceneView>>& views,
+    AspectSceneObject placed,
+    double render_px,
+    double least_met = 0.0,
+    std::span<const std::vector<ObjectLayer>* const> others = {});
 
 }  // namespace horopter

@@ -47,8 +47,7 @@ class FaceSearch {
           looks.push_back(object_.Look(v, object_.RotationOf(face_, yaw), middle, kGridPoints));
         for (int y = y0; y < y1; y += kBlock) {
           for (int x = x0; x < x1; x += kBlock) {
-            SearchBlock(
-                {x, std::min(x + kBlock, x1), y, std::min(y + kBlock, y1)},
+            SearchBlock({x, std::min(x + kBlock, x1), y, std::min(y + kBlock, y1)},
                         turned,
                         looks,
                         of_sector);
@@ -240,8 +239,7 @@ class FaceSearch {
     std::size_t shown = 0;
     const auto add = [&](std::size_t i) {
       const int u = points.u[i] + du, w = points.v[i] + dv;
-      if (may_be_hidden &&
-          hiding.Hides(u, w, points.depth_m[i] + static_cast<float>(depth_m)))
+      if (may_be_hidden && hiding.Hides(u, w, points.depth_m[i] + static_cast<float>(depth_m)))
         return;
       const bool inside = static_cast<unsigned>(u) < static_cast<unsigned>(image.half_width) &&
                           static_cast<unsigned>(w) < static_cast<unsigned>(image.half_height);

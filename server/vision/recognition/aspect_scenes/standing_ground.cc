@@ -75,7 +75,8 @@ std::vector<std::int32_t> Sums(const std::vector<std::uint8_t>& cells, int width
     std::int32_t row = 0;
     for (int x = 1; x < w; ++x) {
       row += cells[static_cast<std::size_t>(y - 1) * width + x - 1];
-      sums[static_cast<std::size_t>(y) * w + x] = sums[static_cast<std::size_t>(y - 1) * w + x] + row;
+      sums[static_cast<std::size_t>(y) * w + x] =
+          sums[static_cast<std::size_t>(y - 1) * w + x] + row;
     }
   }
   return sums;
@@ -84,8 +85,10 @@ std::vector<std::int32_t> Sums(const std::vector<std::uint8_t>& cells, int width
 std::vector<std::int32_t> SumEdges(const AspectImage& image) {
   std::vector<std::uint8_t> count(static_cast<std::size_t>(image.half_width) * image.half_height);
   for (const ImageEdgePoint& e : image.edges) {
-    const int x = std::clamp(static_cast<int>(std::lround(e.point.x())) / 2, 0, image.half_width - 1);
-    const int y = std::clamp(static_cast<int>(std::lround(e.point.y())) / 2, 0, image.half_height - 1);
+    const int x =
+        std::clamp(static_cast<int>(std::lround(e.point.x())) / 2, 0, image.half_width - 1);
+    const int y =
+        std::clamp(static_cast<int>(std::lround(e.point.y())) / 2, 0, image.half_height - 1);
     ++count[static_cast<std::size_t>(y) * image.half_width + x];
   }
   return Sums(count, image.half_width, image.half_height);

@@ -18,7 +18,7 @@ namespace horopter {
 // How near the parts taken are, in the cells of an image's half map.
 struct HidingMap {
   int width = 0, height = 0;
-  std::vector<float> depth_m;        // infinite where there is none
+  std::vector<float> depth_m;         // infinite where there is none
   std::vector<std::int32_t> covered;  // sums of cells that have one, as `unexplained`
 
   // Whether a point of this depth, at a half map's cell, is behind a part.
@@ -44,8 +44,8 @@ struct StandingGround {
   Eigen::Vector3d At(double x, double y) const { return origin + x * e1 + y * e2; }
 };
 
-// `views` without a camera are left out; threads work on the others. The region is where half of the others, at least two, see
-// the plane not much farther than the parts taken.
+// `views` without a camera are left out; threads work on the others. The region is where half of
+// the others, at least two, see the plane not much farther than the parts taken.
 StandingGround MakeGround(std::span<const AspectImage> images,
                           const std::vector<std::optional<AspectSceneView>>& views,
                           const StandingPlane& plane,

@@ -84,8 +84,8 @@ struct AspectImage {
   int half_width = 0, half_height = 0;
   std::vector<std::uint8_t> half_distance;  // [bin][half cell]
 
-  // [half cell], 1: among edges that move with the ground, which have been dropped; empty where that
-  // is not known.
+  // [half cell], 1: among edges that move with the ground, which have been dropped; empty where
+  // that is not known.
   std::vector<std::uint8_t> ground;
 
   // Chance level: mean support max(0, 1 - d / tau) around each block of kChanceBlockPx, over a

@@ -14,8 +14,11 @@ namespace {
 // images say of it.
 class PlaceContests : public PhotographedBlock {
  protected:
-  // The scene with the block at `found` after the contest with one hypothesis of the second view.
-  static std::optional<LinkedScene> Contested(const Rigid3& found, const Rigid3& rival) {
+  // The scene with the block at `found` after the contest with one hypothesis of the second view
+  // and what was looked at on a plane.
+  static std::optional<LinkedScene> Contested(const Rigid3& found,
+                                              const Rigid3& rival,
+                                              const std::vector<AspectSceneObject>& standing = {}) {
     const std::vector<AspectModel> models = {
         {&block_->object, &block_->fragments, block_->model.symmetries}};
     const std::vector<AspectViewPrior> priors(images_.size());
@@ -32,7 +35,8 @@ class PlaceContests : public PhotographedBlock {
     LinkedScene linked;
     linked.views = scene.views;
     linked.objects = objects.Judge(scene, kFineRenderPx);
-    if (!PlaceContest(input, options, links, objects).Contest(&linked)) return std::nullopt;
+    if (!PlaceContest(input, options, links, objects).Contest(&linked, standing))
+      return std::nullopt;
     return linked;
   }
 
@@ -49,6 +53,20 @@ TEST_P(PlaceContests, ABetterPoseOfOneViewTakesThePlace) {
   EXPECT_LT(contested->objects[0].scene_from_object.t.norm(), 0.001) << "seed " << GetParam();
   EXPECT_GT(contested->objects[0].scene_from_object.R.trace(), 2.9) << "seed " << GetParam();
   EXPECT_FALSE(Contested(Rigid3{}, EndForEnd())) << "seed " << GetParam();
+}
+
+// ... and what was looked at on a plane, whether or not a single image listed it.
+TEST_P(PlaceContests, ABetterPoseOnThePlaneTakesThePlace) {
+  std::mt19937 random(GetParam());
+  std::uniform_real_distribution<double> m(-0.001, 0.001);
+  Rigid3 near;
+  near.t = {m(random), m(random), m(random)};
+  const Rigid3 tilted = Turn(Eigen::Vector3d(1, 1, 0).normalized(), 0.9);  // of the single image
+  const auto contested = Contested(EndForEnd(), tilted, {{0, near}});
+  ASSERT_TRUE(contested) << "seed " << GetParam();
+  EXPECT_LT(contested->objects[0].scene_from_object.t.norm(), 0.001) << "seed " << GetParam();
+  EXPECT_GT(contested->objects[0].scene_from_object.R.trace(), 2.9) << "seed " << GetParam();
+  EXPECT_FALSE(Contested(Rigid3{}, tilted, {{0, EndForEnd()}})) << "seed " << GetParam();
 }
 
 // Whatever a single image is told to say.

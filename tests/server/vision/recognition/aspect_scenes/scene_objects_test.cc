@@ -50,6 +50,41 @@ TEST_P(SettledObjects, AreGivenUpWhereFewEdgesMeet) {
   EXPECT_TRUE(SettleInViews(images_, mesh, Views(), {0, away}, kRenderPx)) << GetParam();
 }
 
+// What others hide is not looked for: with all of it hidden nothing is met, and nothing moves.
+TEST_P(SettledObjects, AreNotDrawnToWhatHidesThem) {
+  std::mt19937 random(GetParam());
+  std::uniform_real_distribution<double> m(-0.0015, 0.0015);
+  Rigid3 off;
+  off.t = {m(random), m(random), m(random)};
+  const RenderMesh& mesh = block_->object.mesh;
+  std::vector<ObjectLayer> covering(images_.size()), left(images_.size());
+  for (std::size_t v = 0; v < images_.size(); ++v) {
+    ObjectLayer& all = covering[v];
+    all.width = images_[v].width;
+    all.height = images_[v].height;
+    all.inverse_depth.assign(static_cast<std::size_t>(all.width) * all.height, 1000.0f);
+    all.edge_bin.assign(all.inverse_depth.size(), ObjectLayer::kNoEdge);
+    left[v] = all;  // the left half of the block's image
+    const Rigid3 pose = Views()[v]->camera_from_scene;
+    const double middle = Project(WorkingCamera(images_[v], Views()[v]->camera),
+                                  Eigen::Vector3d(pose * mesh.center.cast<double>()))
+                              .x();
+    for (int y = 0; y < all.height; ++y) {
+      for (int x = static_cast<int>(middle); x < all.width; ++x)
+        left[v].inverse_depth[left[v].Cell(x, y)] = 0.0f;
+    }
+  }
+  const std::vector<ObjectLayer>* hidden[] = {&covering};
+  EXPECT_FALSE(SettleInViews(images_, mesh, Views(), {0, off}, kRenderPx, 0.34, hidden));
+  const auto still = SettleInViews(images_, mesh, Views(), {0, off}, kRenderPx, 0.0, hidden);
+  ASSERT_TRUE(still);
+  EXPECT_EQ(still->placed.scene_from_object.t, off.t);
+  const std::vector<ObjectLayer>* half[] = {&left};
+  const auto settled = SettleInViews(images_, mesh, Views(), {0, off}, kRenderPx, 0.34, half);
+  ASSERT_TRUE(settled) << "seed " << GetParam();
+  EXPECT_LT(settled->placed.scene_from_object.t.norm(), 0.0012) << "seed " << GetParam();
+}
+
 // What was refused is not asked for again, but only in its place of the same views.
 TEST_P(SettledObjects, ARefusedPlaceIsAskedForAgainInOtherViewsAndKeepsNoOtherOut) {
   std::mt19937 random(GetParam());

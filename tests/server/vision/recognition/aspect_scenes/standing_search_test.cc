@@ -3,10 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <numbers>
 #include <random>
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/object_on_plane.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "tests/support/part_photos.h"
 
@@ -266,6 +268,95 @@ TEST_F(StandingSearch, APartNobodyHypothesisedIsFoundInItsPlace) {
     EXPECT_LT(WorstPx(best->placed, truth), truth.object == kCylinder ? 14.0 : 8.0);
     EXPECT_GT(best->support, 0.5);
   }
+}
+
+// What stands before a part is known: points that it hides are not asked for, and its own edges say
+// nothing of what is behind it.
+TEST_F(StandingSearch, ExplainedEdgesAreGoneAndWhatPartsHideIsKnown) {
+  const std::vector<AspectSceneObject> taken = {AngleThere()};
+  const std::vector<AspectImage> images = Images({AngleThere(), BlockThere()});
+  const auto planes = PlanesUnder(taken, list_, Views());
+  ASSERT_EQ(planes.size(), 1u);
+  const StandingGround ground = MakeGround(images, Views(), planes[0], taken, list_);
+  ASSERT_EQ(ground.images.size(), images.size());
+  for (std::size_t v = 0; v < images.size(); ++v) {
+    const auto near = [&](const AspectSceneObject& o, const AspectImage& image) {
+      const double half = 0.55 * 700.0 * list_[o.object].object->mesh.diameter_m / 0.36;
+      const Eigen::Vector3d center =
+          o.scene_from_object * list_[o.object].object->mesh.center.cast<double>();
+      const Eigen::Vector2d at =
+          Project(ground.cameras[v], Eigen::Vector3d(ground.camera_from_scene[v] * center));
+      return std::count_if(image.edges.begin(), image.edges.end(), [&](const ImageEdgePoint& e) {
+        return (e.point.cast<double>() - at).norm() < half;
+      });
+    };
+    EXPECT_LT(near(AngleThere(), ground.images[v]), 0.25 * near(AngleThere(), images[v])) << v;
+    EXPECT_GT(near(BlockThere(), ground.images[v]), 0.9 * near(BlockThere(), images[v])) << v;
+    const HidingMap& hiding = ground.hiding[v];
+    const Eigen::Vector3d center =
+        ground.camera_from_scene[v] *
+        Eigen::Vector3d(AngleThere().scene_from_object * Eigen::Vector3d(0.0, 0.0, -0.011));
+    const Eigen::Vector2d at = 0.5 * Project(ground.cameras[v], center);
+    const int x = static_cast<int>(at.x()), y = static_cast<int>(at.y());
+    EXPECT_TRUE(hiding.Hides(x, y, static_cast<float>(center.z() + 0.05))) << v;
+    EXPECT_FALSE(hiding.Hides(x, y, static_cast<float>(center.z() - 0.05))) << v;
+    EXPECT_FALSE(hiding.Hides(-1, y, 10.0f));
+    EXPECT_FALSE(hiding.Hides(2, 2, 10.0f));  // the table
+  }
+}
+
+TEST_F(StandingSearch, APartHalfBehindAnotherIsFirst) {
+  const AspectSceneObject behind{kBlock, Standing(-0.04, 0.055, 0.5)};
+  const std::vector<AspectImage> images = Images({AngleThere(), behind});
+  const std::vector<AspectSceneObject> taken = {AngleThere()};
+  const auto planes = PlanesUnder(taken, list_, Views());
+  ASSERT_EQ(planes.size(), 1u);
+  const auto found = FindStanding(images, Views(), list_, planes[0], taken);
+  ASSERT_FALSE(found.empty());
+  EXPECT_EQ(found.front().placed.object, kBlock);
+  EXPECT_LT(WorstPx(found.front().placed, behind), 8.0);
+}
+
+// An object in its place, wrongly turned: its true pose is among those of the plane, and the first.
+TEST_F(StandingSearch, TheTruePoseIsAmongTheTurnsOnThePlane) {
+  const std::vector<AspectImage> images = Images({AngleThere(), BlockThere()});
+  AspectSceneObject wrong = AngleThere();
+  const Eigen::Vector3d center =
+      wrong.scene_from_object * list_[kAngle].object->mesh.center.cast<double>();
+  wrong.scene_from_object.R =
+      (Eigen::AngleAxisd(2.2, Eigen::Vector3d::UnitZ()) * wrong.scene_from_object.R).eval();
+  wrong.scene_from_object.t =
+      center - wrong.scene_from_object.R * list_[kAngle].object->mesh.center.cast<double>();
+  const std::vector<AspectSceneObject> objects = {wrong, BlockThere()};
+  const auto planes = PlanesUnder(objects, list_, Views());
+  ASSERT_FALSE(planes.empty());
+  const auto turned = TurnedOnPlane(images, Views(), list_, planes[0], objects);
+  ASSERT_FALSE(turned.empty());
+  const auto first = [&](int object) {
+    return *std::find_if(
+        turned.begin(), turned.end(), [&](const auto& o) { return o.object == object; });
+  };
+  EXPECT_LT(WorstPx(first(kAngle), AngleThere()), 8.0);
+  EXPECT_LT(WorstPx(first(kBlock), BlockThere()), 8.0);
+  EXPECT_TRUE(TurnedOnPlane(images, Views(), list_, planes[0], {}).empty());
+}
+
+// Where the ground is seen no part is.
+TEST_F(StandingSearch, NothingIsLookedForWhereTheGroundIsSeen) {
+  std::vector<AspectImage> images = Images({AngleThere(), BlockThere()});
+  const std::vector<AspectSceneObject> taken = {AngleThere()};
+  const auto planes = PlanesUnder(taken, list_, Views());
+  ASSERT_EQ(planes.size(), 1u);
+  ASSERT_FALSE(FindStanding(images, Views(), list_, planes[0], taken).empty());
+  for (AspectImage& image : images)
+    image.ground.assign(static_cast<std::size_t>(image.half_width) * image.half_height, 1);
+  EXPECT_TRUE(FindStanding(images, Views(), list_, planes[0], taken).empty());
+}
+
+TEST(Expected, FewPointsAreWorthLessThanMany) {
+  EXPECT_LT(Expected(8.0, 8.0, 24.0), Expected(24.0, 24.0, 24.0));
+  EXPECT_LT(Expected(24.0, 24.0, 24.0), Expected(96.0, 96.0, 24.0));
+  EXPECT_LT(Expected(96.0, 96.0, 24.0), 1.0);
 }
 
 TEST_F(StandingSearch, NothingStandsOnAnEmptyTable) {

@@ -132,20 +132,22 @@ Shares MarkedShares(const AspectImage& image, const std::vector<std::uint8_t>& m
   return out;
 }
 
-class PlaneEdges : public testing::TestWithParam<int> {};
+class GroundEdges : public testing::TestWithParam<int> {};
 
-TEST_P(PlaneEdges, TheGroundsEdgesAreMarkedAndNotThoseOfWhatStandsOnIt) {
+TEST_P(GroundEdges, TheGroundsEdgesAreMarkedAndNotThoseOfWhatStandsOnIt) {
   const Scene scene = Make(GetParam(), 7.0);
-  const std::vector<std::uint8_t> marked = FindPlaneEdges(scene.images[0], scene.OthersOf(0)).marked;
+  const std::vector<std::uint8_t> marked =
+      FindPlaneEdges(scene.images[0], scene.OthersOf(0)).marked;
   ASSERT_EQ(marked.size(), scene.images[0].edges.size());
   const Shares shares = MarkedShares(scene.images[0], marked);
   EXPECT_GT(shares.ground, 0.75);
   EXPECT_LT(shares.outline, 0.2);
 }
 
-TEST_P(PlaneEdges, TheOutlineOfWhatLiesFlatStays) {
+TEST_P(GroundEdges, TheOutlineOfWhatLiesFlatStays) {
   const Scene scene = Make(GetParam(), 0.0);
-  const std::vector<std::uint8_t> marked = FindPlaneEdges(scene.images[0], scene.OthersOf(0)).marked;
+  const std::vector<std::uint8_t> marked =
+      FindPlaneEdges(scene.images[0], scene.OthersOf(0)).marked;
   ASSERT_EQ(marked.size(), scene.images[0].edges.size());
   const Shares shares = MarkedShares(scene.images[0], marked);
   EXPECT_GT(shares.ground, 0.75);
@@ -153,7 +155,7 @@ TEST_P(PlaneEdges, TheOutlineOfWhatLiesFlatStays) {
   EXPECT_LT(shares.outline, 0.34);
 }
 
-TEST_P(PlaneEdges, AWrongMotionMarksNothing) {
+TEST_P(GroundEdges, AWrongMotionMarksNothing) {
   const Scene scene = Make(GetParam(), 7.0);
   std::vector<GroundView> others = scene.OthersOf(0);
   for (GroundView& view : others) {
@@ -163,13 +165,56 @@ TEST_P(PlaneEdges, AWrongMotionMarksNothing) {
   EXPECT_TRUE(FindPlaneEdges(scene.images[0], others).marked.empty());
 }
 
-TEST_P(PlaneEdges, OneOtherViewSaysNothing) {
+TEST_P(GroundEdges, OneOtherViewSaysNothing) {
   const Scene scene = Make(GetParam(), 7.0);
-  EXPECT_TRUE(
-      FindPlaneEdges(scene.images[0], std::vector<GroundView>{scene.OthersOf(0)[0]}).marked.empty());
+  EXPECT_TRUE(FindPlaneEdges(scene.images[0], std::vector<GroundView>{scene.OthersOf(0)[0]})
+                  .marked.empty());
 }
 
-INSTANTIATE_TEST_SUITE_P(Seeds, PlaneEdges, testing::Range(1, 4));
+// What no other view sees none could bear out.
+TEST_P(GroundEdges, AtTheRimTheOthersThatSeeItAreEnough) {
+  const Scene scene = Make(GetParam(), 7.0);
+  std::vector<GroundView> others = scene.OthersOf(0);
+  const PlaneEdges all = FindPlaneEdges(scene.images[0], others);
+  ASSERT_FALSE(all.marked.empty());
+  int unseen = 0, marked = 0;
+  for (std::size_t i = 0; i < all.marked.size(); ++i) {
+    int seen = 0;
+    for (const GroundView& view : others) {
+      const Eigen::Vector2d at =
+          (view.there_from_here * scene.images[0].edges[i].point.cast<double>().homogeneous())
+              .hnormalized();
+      seen += at.x() >= 0 && at.y() >= 0 && at.x() < kWidth - 1 && at.y() < kHeight - 1;
+    }
+    if (seen > 0) continue;
+    ++unseen;
+    marked += all.marked[i];
+  }
+  ASSERT_GT(unseen, 0);
+  EXPECT_GT(marked, 0.8 * unseen);
+}
+
+TEST_P(GroundEdges, GroundIsBetweenItsEdgesAndNotWhereSomethingStands) {
+  const Scene scene = Make(GetParam(), 7.0);
+  const AspectImage& image = scene.images[0];
+  const PlaneEdges edges = FindPlaneEdges(image, scene.OthersOf(0));
+  const std::vector<std::uint8_t> ground = GroundCells(image, edges);
+  ASSERT_EQ(ground.size(), static_cast<std::size_t>(image.half_width) * image.half_height);
+  int around = 0, seen = 0, inside = 0, wrong = 0;
+  for (int y = 0; y < image.half_height; ++y) {
+    for (int x = 0; x < image.half_width; ++x) {
+      const double from = FromCard({2.0f * x, 2.0f * y});
+      const int cell = ground[static_cast<std::size_t>(y) * image.half_width + x];
+      if (from > 40.0) ++around, seen += cell;
+      if (from < -15.0) ++inside, wrong += cell;
+    }
+  }
+  EXPECT_GT(seen, 0.4 * around);
+  EXPECT_LT(wrong, 0.1 * inside);
+  EXPECT_TRUE(GroundCells(image, {}).empty());
+}
+
+INSTANTIATE_TEST_SUITE_P(Seeds, GroundEdges, testing::Range(1, 4));
 
 TEST(PlaneEdgesOfFewEdges, ABlankGroundHasNone) {
   Scene scene;
