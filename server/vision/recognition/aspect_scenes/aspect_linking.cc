@@ -73,7 +73,9 @@ class Linker {
     TurnViews(&best);
     if (!best.objects.empty()) DropViews(PoorViews(best, kPoorShare), &best);
     LinkedScene other = best;
-    const bool contested = contest_.Contest(&other, OtherPoses(SceneOf(other)));
+    const std::vector<AspectSceneObject> standing =
+        StoodBy(SceneOf(other)).value_or(std::vector<AspectSceneObject>{});
+    const bool contested = contest_.Contest(&other, standing);
     if (contest_.ChooseTurns(&other) || contested) {
       other = Finish(SceneOf(other));
       if (other.score > best.score) best = std::move(other);
@@ -386,20 +388,6 @@ class Linker {
     if (!standing) standing = Standing(PlanesUnder(scene.objects, in_.models, scene.views), scene);
     candidates.insert(candidates.end(), standing->begin(), standing->end());
     AddFaintObjects(in_, options_, objects_, std::move(candidates), best);
-  }
-
-  // What the objects of the scene may be instead, as they stand on its plane.
-  std::vector<AspectSceneObject> OtherPoses(const AspectScene& scene) const {
-    std::vector<AspectSceneObject> out = StoodBy(scene).value_or(std::vector<AspectSceneObject>{});
-    if (options_.standing <= 0 || IsStopRequested(stop_)) return out;
-    const auto planes = PlanesUnder(scene.objects, in_.models, scene.views);
-    if (planes.empty()) return out;
-    StandingSearchOptions search = options_.standing_search;
-    search.threads = options_.threads;
-    const std::vector<AspectSceneObject> turned =
-        TurnedOnPlane(in_.images, scene.views, in_.models, planes.front(), scene.objects, search);
-    out.insert(out.begin(), turned.begin(), turned.end());
-    return out;
   }
 
   // What was looked at on planes last, where that lies by the object that it was looked for beside;

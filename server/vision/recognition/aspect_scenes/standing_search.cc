@@ -17,12 +17,6 @@ constexpr double kApartRad = 0.45;    // ... unless turned by more
 constexpr int kClimbs = 4;            // rounds, each with half the steps
 constexpr double kLastClimbed = 12;   // places in the last
 constexpr double kNextPlace = 0.02;   // of support
-// Turns of one object in its place: a tooth of a gear is .2 and more.
-constexpr double kTurnStepRad = 0.1, kTurnsApartRad = 0.12;
-constexpr double kTurnShare = 0.08;    // of the size: how far an edge may lie at first
-constexpr int kTurns = 16;             // that are improved
-constexpr std::size_t kTurnsKept = 5;  // ... and kept
-constexpr double kTurnSupport = 0.8;   // of the best one's; all chosen
 
 // Uphill from a place: one step each way, edges within `share` of the size.
 void Climb(const ObjectOnPlane& object, double step, double turn, double share, StandingPlace* p) {
@@ -42,18 +36,13 @@ void Climb(const ObjectOnPlane& object, double step, double turn, double share, 
   }
 }
 
-// Best first.
-void SortBySupport(std::vector<StandingPlace>* list) {
-  std::stable_sort(list->begin(), list->end(), [](const StandingPlace& a, const StandingPlace& b) {
-    return a.support > b.support;
-  });
-}
-
 // The best first, no two alike.
 std::vector<StandingPlace> Apart(const ObjectOnPlane& object,
                                  std::vector<StandingPlace> list,
                                  int count) {
-  SortBySupport(&list);
+  std::stable_sort(list.begin(), list.end(), [](const StandingPlace& a, const StandingPlace& b) {
+    return a.support > b.support;
+  });
   std::vector<StandingPlace> out;
   for (const StandingPlace& p : list) {
     if (static_cast<int>(out.size()) >= count) break;
@@ -98,80 +87,7 @@ std::vector<StandingPlace> SearchModel(const ObjectOnPlane& object, const StopRe
   return Apart(object, std::move(found), object.options().kept_per_object);
 }
 
-// The best first, none turned like a better one.
-std::vector<StandingPlace> TurnsApart(const ObjectOnPlane& object,
-                                      std::vector<StandingPlace> list,
-                                      std::size_t count) {
-  SortBySupport(&list);
-  std::vector<StandingPlace> out;
-  for (const StandingPlace& p : list) {
-    if (out.size() >= count) break;
-    const bool known = std::any_of(out.begin(), out.end(), [&](const StandingPlace& o) {
-      return o.face == p.face &&
-             std::abs(std::remainder(o.yaw - p.yaw, object.faces()[p.face].yaw_range)) <
-                 kTurnsApartRad;
-    });
-    if (!known) out.push_back(p);
-  }
-  return out;
-}
-
-// In the place of its centre.
-std::vector<StandingPlace> TurnsOf(const ObjectOnPlane& object, const Eigen::Vector3d& center) {
-  const StandingGround& ground = object.ground();
-  const double fine = object.options().fine_share;
-  StandingPlace there;
-  there.x = (center - ground.origin).dot(ground.e1);
-  there.y = (center - ground.origin).dot(ground.e2);
-  std::vector<StandingPlace> list;
-  for (std::size_t f = 0; f < object.faces().size(); ++f) {
-    for (double yaw = 0.0; yaw < object.faces()[f].yaw_range; yaw += kTurnStepRad) {
-      StandingPlace p = there;
-      p.face = static_cast<int>(f);
-      p.yaw = yaw;
-      p.support = object.Judge(p, kTurnShare);
-      list.push_back(p);
-    }
-  }
-  list = TurnsApart(object, std::move(list), kTurns);
-  for (StandingPlace& p : list) {
-    double step = 0.02 * object.diameter_m(), turn = 0.5 * kTurnStepRad;
-    for (const double share : {kTurnShare, std::sqrt(kTurnShare * fine), fine, fine}) {
-      Climb(object, step, turn, share, &p);
-      step *= 0.5;
-      turn *= 0.5;
-    }
-  }
-  list = TurnsApart(object, std::move(list), kTurnsKept);
-  std::erase_if(list, [&](const StandingPlace& p) {
-    return p.support < kTurnSupport * list.front().support;
-  });
-  return list;
-}
-
 }  // namespace
-
-std::vector<AspectSceneObject> TurnedOnPlane(
-    std::span<const AspectImage> images,
-    const std::vector<std::optional<AspectSceneView>>& views,
-    std::span<const AspectModel> models,
-    const StandingPlane& plane,
-    std::span<const AspectSceneObject> objects,
-    const StandingSearchOptions& options) {
-  const StandingGround ground = MakeGround(images, views, plane, {}, models, options.threads);
-  std::vector<std::vector<AspectSceneObject>> turned(objects.size());
-  ParallelFor(static_cast<int>(objects.size()), options.threads, [&](int i) {
-    const AspectModel& model = models[objects[i].object];
-    const ObjectOnPlane object(ground, model, options);
-    const Eigen::Vector3d center =
-        objects[i].scene_from_object * model.object->mesh.center.cast<double>();
-    for (const StandingPlace& p : TurnsOf(object, center))
-      turned[i].push_back({objects[i].object, object.PoseOf(p)});
-  });
-  std::vector<AspectSceneObject> out;
-  for (const auto& list : turned) out.insert(out.end(), list.begin(), list.end());
-  return out;
-}
 
 std::vector<StandingCandidate> FindStanding(
     std::span<const AspectImage> images,

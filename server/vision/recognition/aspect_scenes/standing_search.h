@@ -47,15 +47,4 @@ std::vector<StandingCandidate> FindStanding(
     const StandingSearchOptions& options = {},
     const StopRequested& stop = {});
 
-// Each object where it stands on the plane, on any of its faces and turned to any side, as far as
-// its edges are met nearly as well as in the best way; its own pose may be among them. Nothing
-// hides, as what stands there is known.
-std::vector<AspectSceneObject> TurnedOnPlane(
-    std::span<const AspectImage> images,
-    const std::vector<std::optional<AspectSceneView>>& views,
-    std::span<const AspectModel> models,
-    const StandingPlane& plane,
-    std::span<const AspectSceneObject> objects,
-    const StandingSearchOptions& options = {});
-
 }  // namespace horopter

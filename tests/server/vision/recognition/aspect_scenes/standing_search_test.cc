@@ -317,30 +317,6 @@ TEST_F(StandingSearch, APartHalfBehindAnotherIsFirst) {
   EXPECT_LT(WorstPx(found.front().placed, behind), 8.0);
 }
 
-// An object in its place, wrongly turned: its true pose is among those of the plane, and the first.
-TEST_F(StandingSearch, TheTruePoseIsAmongTheTurnsOnThePlane) {
-  const std::vector<AspectImage> images = Images({AngleThere(), BlockThere()});
-  AspectSceneObject wrong = AngleThere();
-  const Eigen::Vector3d center =
-      wrong.scene_from_object * list_[kAngle].object->mesh.center.cast<double>();
-  wrong.scene_from_object.R =
-      (Eigen::AngleAxisd(2.2, Eigen::Vector3d::UnitZ()) * wrong.scene_from_object.R).eval();
-  wrong.scene_from_object.t =
-      center - wrong.scene_from_object.R * list_[kAngle].object->mesh.center.cast<double>();
-  const std::vector<AspectSceneObject> objects = {wrong, BlockThere()};
-  const auto planes = PlanesUnder(objects, list_, Views());
-  ASSERT_FALSE(planes.empty());
-  const auto turned = TurnedOnPlane(images, Views(), list_, planes[0], objects);
-  ASSERT_FALSE(turned.empty());
-  const auto first = [&](int object) {
-    return *std::find_if(
-        turned.begin(), turned.end(), [&](const auto& o) { return o.object == object; });
-  };
-  EXPECT_LT(WorstPx(first(kAngle), AngleThere()), 8.0);
-  EXPECT_LT(WorstPx(first(kBlock), BlockThere()), 8.0);
-  EXPECT_TRUE(TurnedOnPlane(images, Views(), list_, planes[0], {}).empty());
-}
-
 // Where the ground is seen no part is.
 TEST_F(StandingSearch, NothingIsLookedForWhereTheGroundIsSeen) {
   std::vector<AspectImage> images = Images({AngleThere(), BlockThere()});
