@@ -85,6 +85,32 @@ TEST_P(SettledObjects, AreNotDrawnToWhatHidesThem) {
   EXPECT_LT(settled->placed.scene_from_object.t.norm(), 0.0012) << "seed " << GetParam();
 }
 
+// One part as two: the same may not stand so near, another may.
+TEST_P(SettledObjects, AnotherPartMayStandNearer) {
+  std::mt19937 random(GetParam());
+  std::uniform_real_distribution<double> rad(0.0, 6.28);
+  const double at = rad(random);
+  const AspectModel block{&block_->object, &block_->fragments, block_->model.symmetries};
+  const std::vector<AspectModel> models = {block, block};
+  const std::vector<AspectViewPrior> priors(images_.size());
+  const std::vector<std::vector<AspectHypothesis>> hypotheses(images_.size());
+  const AspectLinkInput input{images_, priors, hypotheses, models};
+  const AspectLinkOptions options;
+  const StopRequested never;
+  const SceneObjects objects(input, options, never);
+  const std::vector<AspectSceneObject> taken = {{0, Rigid3{}}};
+  const auto is_free = [&](int object, double share) {
+    Rigid3 pose;
+    pose.t =
+        share * block_->object.mesh.diameter_m * Eigen::Vector3d(std::cos(at), std::sin(at), 0.0);
+    return objects.IsFree(Views(), taken, {object, pose});
+  };
+  EXPECT_FALSE(is_free(0, 0.3)) << "seed " << GetParam();
+  EXPECT_TRUE(is_free(1, 0.3)) << "seed " << GetParam();
+  EXPECT_FALSE(is_free(1, 0.1)) << "seed " << GetParam();
+  EXPECT_TRUE(is_free(0, 1.5)) << "seed " << GetParam();
+}
+
 // What was refused is not asked for again, but only in its place of the same views.
 TEST_P(SettledObjects, ARefusedPlaceIsAskedForAgainInOtherViewsAndKeepsNoOtherOut) {
   std::mt19937 random(GetParam());
