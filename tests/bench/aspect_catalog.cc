@@ -61,6 +61,13 @@ absl::Status LoadAspectCatalog(const BopDataset& dataset,
   return absl::OkStatus();
 }
 
+absl::StatusOr<std::vector<int>> ScenesOf(const std::string& dataset,
+                                          const std::string& split,
+                                          const std::vector<int>& asked) {
+  if (!asked.empty()) return asked;
+  return ListBopScenes(dataset, split);
+}
+
 double WorstVertexPx(const ObjectModel& model,
                      const PinholeCamera& camera,
                      const Rigid3& pose,

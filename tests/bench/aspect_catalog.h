@@ -27,6 +27,11 @@ absl::Status LoadAspectCatalog(const BopDataset& dataset,
                                AspectCatalog* catalog,
                                const FragmentIndexOptions& lookup = {});
 
+// The scenes that were asked for, or all of the split. Errors: those of ListBopScenes.
+absl::StatusOr<std::vector<int>> ScenesOf(const std::string& dataset,
+                                          const std::string& split,
+                                          const std::vector<int>& asked);
+
 // Worst distance (px) of the mesh's vertices in the image under two cameras and poses, the least
 // over its symmetries; infinite behind a camera.
 double WorstVertexPx(const ObjectModel& model,

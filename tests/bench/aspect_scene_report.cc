@@ -457,14 +457,10 @@ absl::Status Run(const Arguments& arguments) {
   if (!dataset.ok()) return dataset.status();
   AspectCatalog catalog;
   if (absl::Status s = LoadAspectCatalog(*dataset, arguments.cache, &catalog); !s.ok()) return s;
-  std::vector<int> ids = arguments.scenes;
-  if (ids.empty()) {
-    auto listed = ListBopScenes(arguments.dataset, arguments.split);
-    if (!listed.ok()) return listed.status();
-    ids = *listed;
-  }
+  const auto ids = ScenesOf(arguments.dataset, arguments.split, arguments.scenes);
+  if (!ids.ok()) return ids.status();
   BopResults results;
-  for (const int id : ids) {
+  for (const int id : *ids) {
     auto read = ReadBopScene(arguments.dataset, arguments.split, id);
     if (!read.ok()) return read.status();
     const SearchedScene searched = SearchImages(arguments, catalog, *std::move(read));

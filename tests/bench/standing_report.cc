@@ -436,19 +436,15 @@ absl::Status Run(const Arguments& arguments) {
   if (!dataset.ok()) return dataset.status();
   AspectCatalog catalog;
   if (absl::Status s = LoadAspectCatalog(*dataset, arguments.cache, &catalog); !s.ok()) return s;
-  std::vector<int> ids = arguments.scenes;
-  if (ids.empty()) {
-    auto listed = ListBopScenes(arguments.dataset, arguments.split);
-    if (!listed.ok()) return listed.status();
-    ids = *listed;
-  }
+  const auto ids = ScenesOf(arguments.dataset, arguments.split, arguments.scenes);
+  if (!ids.ok()) return ids.status();
   std::ofstream table;
   if (!arguments.table.empty()) {
     table.open(arguments.table);
     table << "scene,object,score,precision,recall,support_px,visible_px,hidden_px,claimed_px,least,"
              "surface,pairs,lies,error_px,shown,known\n";
   }
-  for (const int id : ids) {
+  for (const int id : *ids) {
     auto read = ReadBopScene(arguments.dataset, arguments.split, id);
     if (!read.ok()) return read.status();
     SceneReport(arguments, catalog, *std::move(read)).Run(table.is_open() ? &table : nullptr);

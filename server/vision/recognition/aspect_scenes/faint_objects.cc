@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_scenes/place_contest.h"
 
 namespace horopter {
 namespace {
@@ -20,8 +21,7 @@ constexpr int kLeastPairs = 6;
 // Of LiesOn's limits, where the views agree so much on the surface: a pose of few edges is less
 // exact (right ones were 3.0 degrees, or 0.028 of the diameter, off).
 constexpr double kSlack = 1.8;
-constexpr double kPlaceShare = 0.6;  // of the diameter: centres so near are one place; chosen
-constexpr std::size_t kRivals = 4;   // other poses of a placed object that are looked at; chosen
+constexpr std::size_t kRivals = 4;  // other poses of a placed object that are looked at; chosen
 
 // The object as it was placed, and the best candidates of the same part in its place: quickly
 // rendered, a few pixels of what others leave to see decide between its turns.
@@ -35,7 +35,7 @@ std::vector<AspectSceneObject> InPlaceOf(const AspectSceneObject& o,
   std::vector<AspectSceneObject> out = {o};
   for (const AspectSceneObject& c : candidates) {
     if (out.size() > kRivals) break;
-    if (c.object == o.object && (center(c) - center(o)).norm() < kPlaceShare * mesh.diameter_m)
+    if (c.object == o.object && (center(c) - center(o)).norm() < kSamePlaceShare * mesh.diameter_m)
       out.push_back(c);
   }
   return out;

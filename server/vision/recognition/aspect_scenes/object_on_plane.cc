@@ -4,11 +4,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/vision/recognition/aspect_search/aspect_score.h"
+
 namespace horopter {
 namespace {
 
-constexpr double kSymmetric = 0.02;    // between unit vectors that are the same
-constexpr float kHiddenShare = 0.02f;  // of the diameter by which what hides an edge is nearer
+constexpr double kSymmetric = 0.02;  // between unit vectors that are the same
 
 }  // namespace
 
@@ -56,7 +57,7 @@ void ObjectOnPlane::FindFaces(const AspectModel& model) {
 }
 
 float ObjectOnPlane::HiddenSlackM() const {
-  return kHiddenShare * static_cast<float>(diameter_m_);
+  return static_cast<float>(AspectScoreOptions{}.hidden_share * diameter_m_);
 }
 
 Eigen::Matrix3d ObjectOnPlane::RotationOf(int face, double yaw) const {

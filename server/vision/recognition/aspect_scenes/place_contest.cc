@@ -14,7 +14,6 @@ namespace {
 constexpr double kTurnedScore = 0.01;     // by which another turn must be better
 constexpr double kReplacingScore = 0.02;  // by which another pose or part must be better; chosen
 constexpr double kNearlyScore = 0.03;     // of a view by which it may be worse there; chosen
-constexpr double kSamePlaceShare = 0.6;   // of the smaller diameter: centres so near are one place
 constexpr std::size_t kSettled = 6;       // other poses and parts of a place; chosen, for time
 
 }  // namespace

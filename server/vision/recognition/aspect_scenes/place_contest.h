@@ -70,4 +70,7 @@ class PlaceContest {
 // Poses of an object that are farther apart than this share of its size in an image are others.
 inline constexpr double kOtherPoseShare = 0.1;
 
+// Of the smaller diameter: centres so near are one place; chosen.
+inline constexpr double kSamePlaceShare = 0.6;
+
 }  // namespace horopter

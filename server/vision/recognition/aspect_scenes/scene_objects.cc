@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_search/object_layers.h"
 #include "server/vision/recognition/aspect_search/pose_rendering.h"
 
 namespace horopter {
@@ -399,6 +400,8 @@ void DropHidden(const AspectImage& image,
                 std::size_t v,
                 std::vector<ModelEdgePoint>* points) {
   if (others.empty()) return;
+  std::vector<const ObjectLayer*> layers;
+  for (const std::vector<ObjectLayer>* of_views : others) layers.push_back(&(*of_views)[v]);
   const PinholeCamera working = WorkingCamera(image, view.camera);
   const Rigid3 pose = view.camera_from_scene * placed.scene_from_object;
   const double slack_m = AspectScoreOptions{}.hidden_share * mesh.diameter_m;
@@ -408,10 +411,7 @@ void DropHidden(const AspectImage& image,
     const Eigen::Vector2d u = Project(working, there);
     const int x = static_cast<int>(std::lround(u.x())), y = static_cast<int>(std::lround(u.y()));
     const float near = static_cast<float>(1.0 / std::max(kNearM, there.z() - slack_m));
-    return std::any_of(others.begin(), others.end(), [&](const auto* layers) {
-      const ObjectLayer& layer = (*layers)[v];
-      return layer.Has(x, y) && layer.inverse_depth[layer.Cell(x, y)] > near;
-    });
+    return IsCovered(layers, x, y, near);
   });
 }
 

@@ -8,6 +8,7 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_search/aspect_score.h"
+#include "server/vision/recognition/aspect_search/object_layers.h"
 #include "server/vision/recognition/aspects/aspect_maps.h"
 
 namespace horopter {
@@ -50,19 +51,15 @@ void FindRegion(StandingGround* ground) {
 
 // Which edge points lie on a like-directed edge of one of the parts.
 std::vector<bool> Explained(const AspectImage& image, const std::vector<ObjectLayer>& layers) {
+  std::vector<const ObjectLayer*> parts;
+  for (const ObjectLayer& layer : layers) parts.push_back(&layer);
   std::vector<bool> out;
   out.reserve(image.edges.size());
   for (const ImageEdgePoint& e : image.edges) {
-    const int x = static_cast<int>(std::lround(e.point.x()));
-    const int y = static_cast<int>(std::lround(e.point.y()));
-    const int bin = AspectBin(-e.normal.y(), e.normal.x());
-    out.push_back(std::any_of(layers.begin(), layers.end(), [&](const ObjectLayer& l) {
-      if (!l.Has(x, y)) return false;
-      const int there = l.edge_bin[l.Cell(x, y)];
-      if (there == ObjectLayer::kNoEdge) return false;
-      const int apart = std::abs(bin - there);
-      return std::min(apart, kAspectBins - apart) <= 1;
-    }));
+    out.push_back(IsEdgeOf(parts,
+                           static_cast<int>(std::lround(e.point.x())),
+                           static_cast<int>(std::lround(e.point.y())),
+                           AspectBin(-e.normal.y(), e.normal.x())));
   }
   return out;
 }

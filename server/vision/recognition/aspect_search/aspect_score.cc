@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "server/vision/recognition/aspect_search/object_layers.h"
 #include "server/vision/recognition/aspects/visible_edges.h"
 
 namespace horopter {
@@ -118,24 +119,6 @@ double ExcessChance(const AspectImage& image,
   if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image.width && at.y() < image.height)) return 0.0;
   const int level = AspectImage::ChanceLevel(static_cast<float>(options.tolerance_px));
   return std::max(0.0, image.ChanceAt(at.x(), at.y(), bin, level) / 255.0 - options.free_chance);
-}
-
-// Whether one of the parts stands here, nearer than `inverse_depth`; 0: at any depth.
-bool IsCovered(std::span<const ObjectLayer* const> others, int x, int y, float inverse_depth) {
-  return std::any_of(others.begin(), others.end(), [&](const ObjectLayer* o) {
-    return o->Has(x, y) && o->inverse_depth[o->Cell(x, y)] > inverse_depth;
-  });
-}
-
-// Whether one of the parts has a like-directed edge here.
-bool IsEdgeOf(std::span<const ObjectLayer* const> others, int x, int y, int bin) {
-  return std::any_of(others.begin(), others.end(), [&](const ObjectLayer* o) {
-    if (!o->Has(x, y)) return false;
-    const int there = o->edge_bin[o->Cell(x, y)];
-    if (there == ObjectLayer::kNoEdge) return false;
-    const int apart = std::abs(bin - there);
-    return std::min(apart, kAspectBins - apart) <= 1;
-  });
 }
 
 // Precision, supported and visible length.
