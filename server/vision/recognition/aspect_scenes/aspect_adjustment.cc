@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_search/pose_edges.h"
@@ -13,6 +14,7 @@ namespace {
 constexpr int kViewParameters = 7;    // rotation, translation, ln f
 constexpr int kObjectParameters = 6;  // rotation about the object's origin, translation
 constexpr double kMinDepth = 1e-4;    // metres
+constexpr double kStalePx = 2.0;      // poses that shifted by less keep their edges; chosen
 // Weakly seen directions stay near where they were: radians, metres over the depth.
 constexpr double kRotationSigma = 0.5;
 constexpr double kTranslationSigma = 0.5;
@@ -260,6 +262,9 @@ double AdjustToEdges(std::span<const AspectImage> images,
   const int views = static_cast<int>(scene->views.size());
   const int objects = static_cast<int>(scene->objects.size());
   double rms_px = 0.0;
+  VisibleEdgeOptions visible;
+  visible.render_px = options.render_px;
+  std::vector<std::optional<PoseRendering>> rendered(views * objects);
   for (const double search : options.search_px) {
     std::vector<std::vector<ModelEdgePoint>> points(views * objects);
     PoseEdgeOptions edges;
@@ -270,10 +275,11 @@ double AdjustToEdges(std::span<const AspectImage> images,
       const int v = i / objects, o = i % objects;
       if (!scene->views[v]) return;
       const AspectSceneView& view = *scene->views[v];
-      points[i] = RenderedEdgePoints(*meshes[scene->objects[o].object],
-                                     view.camera,
-                                     view.camera_from_scene * scene->objects[o].scene_from_object,
-                                     edges);
+      if (!rendered[i]) rendered[i].emplace(*meshes[scene->objects[o].object], visible, kStalePx);
+      points[i] = ThinnedEdgePoints(
+          rendered[i]->At(view.camera,
+                          view.camera_from_scene * scene->objects[o].scene_from_object),
+          options.max_points);
     });
     for (int step = 0; step < options.steps; ++step) {
       std::vector<SceneRow> rows;

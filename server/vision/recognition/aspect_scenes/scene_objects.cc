@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "server/base/parallel_for.h"
+#include "server/base/rounded.h"
 #include "server/vision/recognition/aspect_search/object_layers.h"
 #include "server/vision/recognition/aspect_search/pose_rendering.h"
 
@@ -18,7 +19,7 @@ constexpr int kSettleSteps = 3;                        // of each round
 constexpr int kSettlePoints = 120;                     // of a view
 // Working pixels; poses that shifted by less keep their rendering. At 3 px right turns settled less
 // well than wrong ones (part 13 in scene 21 of cad-dev). Commit b2b2e44.
-constexpr double kStalePx = 1.0;
+constexpr double kStalePx = 2.0;
 // An edge point that has met the image: within so many px. Of 13,491 candidates in scenes of three
 // data sets those that scored min_quick in the end had met 0.34 and more after the first round,
 // but for 1 in 100; half of the others and more had not. Commit 43cac74.
@@ -409,7 +410,7 @@ void DropHidden(const AspectImage& image,
     const Eigen::Vector3d there = pose * p.point.cast<double>();
     if (there.z() < kNearM) return false;
     const Eigen::Vector2d u = Project(working, there);
-    const int x = static_cast<int>(std::lround(u.x())), y = static_cast<int>(std::lround(u.y()));
+    const int x = Rounded(u.x()), y = Rounded(u.y());
     const float near = static_cast<float>(1.0 / std::max(kNearM, there.z() - slack_m));
     return IsCovered(layers, x, y, near);
   });

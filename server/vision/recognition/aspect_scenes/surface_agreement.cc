@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "server/base/rounded.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
 
 namespace horopter {
@@ -118,8 +119,7 @@ std::optional<double> CorrelateOneWay(const SeenObject& v,
       const Eigen::Vector2d u = Project(there, seen);
       if (!(u.x() >= 0 && u.y() >= 0 && u.x() <= image.width - 1 && u.y() <= image.height - 1))
         continue;
-      const float front = InverseDepthOf(
-          *w.layer, static_cast<int>(std::lround(u.x())), static_cast<int>(std::lround(u.y())));
+      const float front = InverseDepthOf(*w.layer, Rounded(u.x()), Rounded(u.y()));
       if (looked.on_object ? front <= 0 || 1.0 / front < seen.z() - kHiddenM : front > 0) continue;
       sums.Add((v.image->*looked.map)[v.image->Cell(x, y)],
                Sample(image, image.*looked.map, u.x(), u.y()));

@@ -7,6 +7,8 @@
 #include <optional>
 #include <vector>
 
+#include "server/base/rounded.h"
+#include "server/base/target_clones.h"
 #include "server/vision/recognition/aspect_search/object_layers.h"
 #include "server/vision/recognition/aspects/visible_edges.h"
 
@@ -47,8 +49,8 @@ ModelRaster RasterEdges(const VisibleEdges& edges, const AspectImage& image, dou
   raster.squared.assign(raster.nearest.size(), static_cast<float>(tolerance * tolerance));
   for (std::size_t i = 0; i < edges.points.size(); ++i) {
     const Eigen::Vector2f& p = edges.points[i].image;
-    const int cx = static_cast<int>(std::lround(p.x())) - raster.x0;
-    const int cy = static_cast<int>(std::lround(p.y())) - raster.y0;
+    const int cx = Rounded(p.x()) - raster.x0;
+    const int cy = Rounded(p.y()) - raster.y0;
     for (int y = std::max(0, cy - reach); y <= std::min(raster.height - 1, cy + reach); ++y) {
       for (int x = std::max(0, cx - reach); x <= std::min(raster.width - 1, cx + reach); ++x) {
         const float dx = static_cast<float>(x + raster.x0) - p.x();
@@ -67,47 +69,50 @@ ModelRaster RasterEdges(const VisibleEdges& edges, const AspectImage& image, dou
 // in a window widened by `margin`.
 struct SilhouetteDistance {
   int margin = 0, width = 0, height = 0;
-  std::vector<std::uint16_t> thirds;
+  std::vector<std::int16_t> thirds;
 };
 
+// What a row is told by the one before it: a step straight on is 3, one across 4. Both are read one
+// beyond their ends.
+HOROPTER_TARGET_CLONES
+void RelaxFromRow(const std::int16_t* before, int width, std::int16_t* row) {
+  for (int x = 0; x < width; ++x) {
+    const auto across = static_cast<std::int16_t>(std::min(before[x - 1], before[x + 1]) + 4);
+    const auto straight = static_cast<std::int16_t>(before[x] + 3);
+    row[x] = std::min(row[x], std::min(across, straight));
+  }
+}
+
 SilhouetteDistance DistanceToSilhouette(const RenderedView& view, int margin) {
+  constexpr std::int16_t kFar = 30000;  // more than any distance, and not the most of 16 bits
   SilhouetteDistance out;
   out.margin = margin;
   out.width = view.width + 2 * margin;
   out.height = view.height + 2 * margin;
-  out.thirds.assign(static_cast<std::size_t>(out.width) * out.height, 30000);
-  for (int y = 0; y < view.height; ++y) {
-    for (int x = 0; x < view.width; ++x) {
-      if (view.Covered(x, y)) {
-        out.thirds[static_cast<std::size_t>(y + margin) * out.width + x + margin] = 0;
-      }
-    }
-  }
-  const int w = out.width;
-  std::uint16_t* d = out.thirds.data();
-  const auto relax = [&](std::size_t at, std::size_t from, int cost) {
-    d[at] = static_cast<std::uint16_t>(std::min<int>(d[at], d[from] + cost));
+  const int w = out.width, h = out.height;
+  const std::size_t stride = static_cast<std::size_t>(w) + 2;  // a far cell at both ends
+  std::vector<std::int16_t> padded(stride * (static_cast<std::size_t>(h) + 2), kFar);
+  const auto row = [&](int y) {
+    return padded.data() + stride * (static_cast<std::size_t>(y) + 1) + 1;
   };
-  for (int y = 0; y < out.height; ++y) {
-    for (int x = 0; x < w; ++x) {
-      const std::size_t at = static_cast<std::size_t>(y) * w + x;
-      if (x > 0) relax(at, at - 1, 3);
-      if (y == 0) continue;
-      relax(at, at - w, 3);
-      if (x > 0) relax(at, at - w - 1, 4);
-      if (x + 1 < w) relax(at, at - w + 1, 4);
-    }
+  for (int y = 0; y < view.height; ++y) {
+    std::int16_t* at = row(y + margin) + margin;
+    const float* depth = view.inverse_depth.data() + static_cast<std::size_t>(y) * view.width;
+    for (int x = 0; x < view.width; ++x) at[x] = depth[x] > 0.0f ? 0 : kFar;
   }
-  for (int y = out.height - 1; y >= 0; --y) {
-    for (int x = w - 1; x >= 0; --x) {
-      const std::size_t at = static_cast<std::size_t>(y) * w + x;
-      if (x + 1 < w) relax(at, at + 1, 3);
-      if (y + 1 == out.height) continue;
-      relax(at, at + w, 3);
-      if (x + 1 < w) relax(at, at + w + 1, 4);
-      if (x > 0) relax(at, at + w - 1, 4);
-    }
+  for (int y = 0; y < h; ++y) {
+    std::int16_t* d = row(y);
+    RelaxFromRow(row(y - 1), w, d);
+    for (int x = 1; x < w; ++x) d[x] = std::min<std::int16_t>(d[x], d[x - 1] + 3);
   }
+  for (int y = h - 1; y >= 0; --y) {
+    std::int16_t* d = row(y);
+    RelaxFromRow(row(y + 1), w, d);
+    for (int x = w - 2; x >= 0; --x) d[x] = std::min<std::int16_t>(d[x], d[x + 1] + 3);
+  }
+  out.thirds.resize(static_cast<std::size_t>(w) * h);
+  for (int y = 0; y < h; ++y)
+    std::copy_n(row(y), w, out.thirds.begin() + static_cast<std::ptrdiff_t>(y) * w);
   return out;
 }
 
@@ -140,8 +145,8 @@ void ScoreModelEdges(const AspectImage& image,
     if (i + 1 < n && edges.points[i + 1].chain == p.chain) {
       length += 0.5f * (edges.points[i + 1].image - p.image).norm();
     }
-    const int x = static_cast<int>(std::lround(p.image.x()));
-    const int y = static_cast<int>(std::lround(p.image.y()));
+    const int x = Rounded(p.image.x());
+    const int y = Rounded(p.image.y());
     if (!seen.others.empty()) {
       const double depth = (seen.camera_from_object * p.point.cast<double>()).z();
       if (IsCovered(seen.others, x, y, static_cast<float>(1.0 / (depth - seen.hidden_m)))) {
@@ -183,7 +188,7 @@ bool IsExplained(const ModelRaster& raster,
 
 // Of a place in the rendering, 0 where the part is not.
 float InverseDepthAt(const RenderedView& view, const Eigen::Vector2d& at) {
-  const int x = static_cast<int>(std::lround(at.x())), y = static_cast<int>(std::lround(at.y()));
+  const int x = Rounded(at.x()), y = Rounded(at.y());
   if (x < 0 || y < 0 || x >= view.width || y >= view.height) return 0.0f;
   return view.inverse_depth[static_cast<std::size_t>(y) * view.width + x];
 }
@@ -220,7 +225,7 @@ bool IsPrint(const PinholeCamera& working,
     const Eigen::Vector3d b = sibling.camera_from_object * *next;
     if (a.z() <= 0 || b.z() <= 0) continue;
     const Eigen::Vector2f at = Project(camera, a).cast<float>();
-    const int x = static_cast<int>(std::lround(at.x())), y = static_cast<int>(std::lround(at.y()));
+    const int x = Rounded(at.x()), y = Rounded(at.y());
     if (x < 0 || y < 0 || x >= sibling.image->width || y >= sibling.image->height) continue;
     if (!sibling.layer->Has(x, y)) continue;
     const float front = sibling.layer->inverse_depth[sibling.layer->Cell(x, y)];
@@ -269,8 +274,8 @@ void ScoreImageEdges(const AspectImage& image,
       if (e < 0) continue;
       const ImageEdgePoint& edge = image.edges[e];
       const Eigen::Vector2d at = RenderedFromImage(edges.view, working, edge.point.cast<double>());
-      const int sx = static_cast<int>(std::lround(at.x())) + silhouette.margin;
-      const int sy = static_cast<int>(std::lround(at.y())) + silhouette.margin;
+      const int sx = Rounded(at.x()) + silhouette.margin;
+      const int sy = Rounded(at.y()) + silhouette.margin;
       if (sx < 0 || sy < 0 || sx >= silhouette.width || sy >= silhouette.height) continue;
       const int outside = silhouette.thirds[static_cast<std::size_t>(sy) * silhouette.width + sx];
       if (outside > limit) continue;
@@ -414,22 +419,29 @@ double PointSupport(const AspectImage& image,
                     double reach_px) {
   const PinholeCamera working = WorkingCamera(image, camera);
   const int level = reach_px > 4.0 ? AspectImage::ChanceLevel(static_cast<float>(reach_px)) : 0;
-  double sum = 0.0, chance = 0.0;
+  // Floats, from a point of the part on, so that they are exact enough far from the origin.
+  const Eigen::Vector3f from = points.empty() ? Eigen::Vector3f::Zero() : points.front().point;
+  const Eigen::Matrix3f R = camera_from_object.R.cast<float>();
+  const Eigen::Vector3f t = (camera_from_object * from.cast<double>()).cast<float>();
+  const auto f = static_cast<float>(working.focal_px), k1 = static_cast<float>(working.k1);
+  const auto cx = static_cast<float>(working.cx), cy = static_cast<float>(working.cy);
+  const float reach = static_cast<float>(reach_px) * AspectImage::kDistanceScale;
+  float sum = 0.0f;
+  int chance = 0;
   for (const ModelEdgePoint& p : points) {
-    const Eigen::Vector3d x = camera_from_object * p.point.cast<double>();
+    const Eigen::Vector3f x = R * (p.point - from) + t;
     if (x.z() <= 0) continue;
-    const Eigen::Vector3d d = camera_from_object.R * p.direction.cast<double>();
-    const Eigen::Vector2f at = Project(working, x).cast<float>();
-    const int bin = AspectBin(static_cast<float>(d.x() * x.z() - x.x() * d.z()),
-                              static_cast<float>(d.y() * x.z() - x.y() * d.z()));
-    if (!(at.x() >= 0 && at.y() >= 0 && at.x() < image.width && at.y() < image.height)) continue;
-    const double distance = image.DistanceAt(at.x(), at.y(), bin) / AspectImage::kDistanceScale;
-    sum += std::max(0.0, 1.0 - distance / reach_px);
-    chance += image.ChanceAt(at.x(), at.y(), bin, level) / 255.0;
+    const Eigen::Vector3f d = R * p.direction;
+    const float u = x.x() / x.z(), v = x.y() / x.z(), scale = f * (1.0f + k1 * (u * u + v * v));
+    const float px = scale * u + cx, py = scale * v + cy;
+    if (!(px >= 0 && py >= 0 && px < image.width && py < image.height)) continue;
+    const int bin = AspectBin(d.x() * x.z() - x.x() * d.z(), d.y() * x.z() - x.y() * d.z());
+    sum += std::max(0.0f, 1.0f - image.DistanceAt(px, py, bin) / reach);
+    chance += image.ChanceAt(px, py, bin, level);
   }
   if (points.empty()) return 0.0;
   const double n = static_cast<double>(points.size());
-  const double excess = std::max(0.0, chance / n - free_chance);
+  const double excess = std::max(0.0, chance / (255.0 * n) - free_chance);
   return (sum / n - excess) / (1.0 - excess);
 }
 

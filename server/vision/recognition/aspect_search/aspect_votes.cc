@@ -37,7 +37,12 @@ class Share {
         const FragmentIndex& index,
         const AspectVoteOptions& options,
         std::span<const std::uint8_t> wanted)
-      : image_(image), maps_(maps), index_(index), options_(options), wanted_(wanted) {
+      : image_(image),
+        maps_(maps),
+        index_(index),
+        options_(options),
+        most_ratio_(static_cast<float>(std::exp(options.pair_log_ratio))),
+        wanted_(wanted) {
     pools_.resize(index.model_count);
     floors_.assign(index.model_count, 0.0f);
   }
@@ -46,21 +51,16 @@ class Share {
     ++counts_.fragments;
     for (const ContourFragment& way : {fragment, Reversed(fragment)}) {
       found_.clear();
-      index_.Find(way.key,
-                  static_cast<float>(options_.key_rms_rad) * std::sqrt(float{kFragmentAngles}),
-                  &found_);
-      if (!wanted_.empty()) {
-        std::erase_if(found_, [&](std::uint32_t f) {
-          return !wanted_[index_.aspects[index_.fragments[f].aspect].model];
-        });
-      }
+      index_.FindNearest(
+          way.key,
+          static_cast<float>(options_.key_rms_rad) * std::sqrt(float{kFragmentAngles}),
+          static_cast<std::size_t>(std::max(0, options_.max_matches)),
+          wanted_,
+          &found_);
       counts_.matches += static_cast<std::int64_t>(found_.size());
-      const std::size_t stride =
-          1 + found_.size() / static_cast<std::size_t>(std::max(1, options_.max_matches));
-      for (std::size_t i = counts_.fragments % stride; i < found_.size(); i += stride) {
-        const std::uint32_t f = found_[i];
-        Test(way, index_.fragments[f], index_.keys[f]);
-      }
+      const float mean = std::accumulate(way.key.begin(), way.key.end(), 0.0f) / kFragmentAngles;
+      const IndexedTurn turn(way.chord_rad + mean);
+      for (const std::uint32_t f : found_) Test(way, turn, index_.fragments[f]);
     }
   }
 
@@ -71,12 +71,11 @@ class Share {
     agreeing_.clear();
     others_.clear();
     const float wanted = pair.length_b / pair.length_a;
-    const auto most = static_cast<float>(std::exp(options_.pair_log_ratio));
     for (std::size_t i = first; i < last; ++i) {
       const IndexedPair& p = index_.pairs[i];
       if (!wanted_.empty() && !wanted_[index_.aspects[p.aspect].model]) continue;
       const float ratio = wanted * p.length_a / p.length_b;
-      (ratio < most && ratio * most > 1.0f ? agreeing_ : others_)
+      (ratio < most_ratio_ && ratio * most_ratio_ > 1.0f ? agreeing_ : others_)
           .push_back(static_cast<std::uint32_t>(i));
     }
     counts_.pair_matches += static_cast<std::int64_t>(agreeing_.size());
@@ -149,39 +148,53 @@ class Share {
                 const std::vector<std::uint32_t>& found,
                 std::size_t most) {
     if (most == 0) return;
+    const IndexedTurn turn(pair.direction_rad + 0.5f * pair.opening_rad);
     const std::size_t stride = 1 + found.size() / most;
     for (std::size_t i = counts_.pairs % stride; i < found.size(); i += stride)
-      Test(pair, index_.pairs[found[i]]);
+      Test(pair, turn, index_.pairs[found[i]]);
   }
 
   // Scale and turn by least squares over directions and spreads, place by the centres.
   void Test(const ContourFragment& image_side,
-            const IndexedFragment& model_side,
-            const PackedFragmentKey& key) {
+            const IndexedTurn& image_turn,
+            const IndexedFragment& model_side) {
     const float size = image_side.spread / model_side.spread;
     if (!IsSoughtSize(size)) return;
-    float turn = image_side.chord_rad - model_side.chord_rad;
-    float off = 0.0f;
-    for (int i = 0; i < kFragmentAngles; ++i) off += image_side.key[i] - key[i] / kKeyScale;
-    turn += off / kFragmentAngles;
-    Similarity s = MakeSimilarity(size, turn);
-    s.x = image_side.center.x() - (s.a * model_side.x - s.b * model_side.y);
-    s.y = image_side.center.y() - (s.b * model_side.x + s.a * model_side.y);
-    Test(model_side.aspect, s, image_side.pivot);
+    Test(model_side.aspect,
+         Placed(size, image_turn, model_side.turn, {model_side.x, model_side.y}, image_side.center),
+         image_side.pivot);
   }
 
   // Size by both arms where they agree, else by the one whose image is longer: the other is cut
   // off.
-  void Test(const SegmentPair& image_side, const IndexedPair& model_side) {
+  void Test(const SegmentPair& image_side,
+            const IndexedTurn& image_turn,
+            const IndexedPair& model_side) {
     const float by_a = image_side.length_a / model_side.length_a;
     const float by_b = image_side.length_b / model_side.length_b;
-    const float ratio = std::abs(std::log(by_a / by_b));
-    const float size =
-        ratio < options_.pair_log_ratio ? std::sqrt(by_a * by_b) : std::max(by_a, by_b);
+    const float ratio = by_a > by_b ? by_a / by_b : by_b / by_a;
+    const float size = ratio < most_ratio_ ? std::sqrt(by_a * by_b) : std::max(by_a, by_b);
     if (!IsSoughtSize(size)) return;
-    const float turn = image_side.direction_rad - model_side.direction_rad +
-                       0.5f * (image_side.opening_rad - model_side.opening_rad);
-    Test(model_side.aspect, size, turn, {model_side.x, model_side.y}, image_side.corner);
+    Test(model_side.aspect,
+         Placed(size, image_turn, model_side.turn, {model_side.x, model_side.y}, image_side.corner),
+         image_side.corner);
+  }
+
+  // Of this size, turning the model's direction into the image's, and a point of the aspect, in
+  // diameters, to its place.
+  static Similarity Placed(float size,
+                           const IndexedTurn& image,
+                           const IndexedTurn& model,
+                           const Eigen::Vector2f& from,
+                           const Eigen::Vector2f& to) {
+    Similarity s;
+    s.size = size;
+    s.turn = image.rad - model.rad;
+    s.a = size * (image.cos * model.cos + image.sin * model.sin);
+    s.b = size * (image.sin * model.cos - image.cos * model.sin);
+    s.x = to.x() - (s.a * from.x() - s.b * from.y());
+    s.y = to.y() - (s.b * from.x() + s.a * from.y());
+    return s;
   }
 
   // What brings a point of the aspect, in diameters, to a place of the image.
@@ -270,19 +283,27 @@ class Share {
                    const Eigen::Vector2f& pivot,
                    float best,
                    Similarity s) const {
-    // Of size (factor) and turn (rad), tried in this order.
-    constexpr float kSteps[][2] = {{1.08f, 0.0f},
-                                   {0.926f, 0.0f},
-                                   {1.0f, 0.07f},
-                                   {1.0f, -0.07f},
-                                   {1.04f, 0.0f},
-                                   {0.962f, 0.0f},
-                                   {1.0f, 0.035f},
-                                   {1.0f, -0.035f}};
-    for (const auto& step : kSteps) {
-      Similarity other = MakeSimilarity(s.size * step[0], s.turn + step[1]);
+    struct Step {
+      float size;  // factor
+      IndexedTurn turn;
+    };
+    // Tried in this order.
+    static const Step kSteps[] = {{1.08f, {}},
+                                  {0.926f, {}},
+                                  {1.0f, IndexedTurn(0.07f)},
+                                  {1.0f, IndexedTurn(-0.07f)},
+                                  {1.04f, {}},
+                                  {0.962f, {}},
+                                  {1.0f, IndexedTurn(0.035f)},
+                                  {1.0f, IndexedTurn(-0.035f)}};
+    for (const Step& step : kSteps) {
+      const float c = step.size * step.turn.cos, t = step.size * step.turn.sin;
       const float dx = s.x - pivot.x(), dy = s.y - pivot.y();
-      const float c = step[0] * std::cos(step[1]), t = step[0] * std::sin(step[1]);
+      Similarity other;
+      other.size = s.size * step.size;
+      other.turn = s.turn + step.turn.rad;
+      other.a = c * s.a - t * s.b;
+      other.b = t * s.a + c * s.b;
       other.x = pivot.x() + c * dx - t * dy;
       other.y = pivot.y() + t * dx + c * dy;
       const int tau8 = Tau8(other.size);
@@ -313,6 +334,7 @@ class Share {
   const CoarseMaps& maps_;
   const FragmentIndex& index_;
   const AspectVoteOptions& options_;
+  float most_ratio_;  // of lengths that agree
   std::span<const std::uint8_t> wanted_;
   std::vector<std::vector<AspectVote>> pools_;
   std::vector<float> floors_;

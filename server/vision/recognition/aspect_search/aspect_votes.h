@@ -19,9 +19,9 @@ struct AspectVoteOptions {
   double fragment_factor = 1.25;
   double start_share = 0.1;  // FragmentOptions::start_share, min_step of the image's contours
   double min_step = 2.0;
-  // Matches of one fragment that are tested, spread over what the index finds: common shapes match
+  // Matches of one fragment that are tested, those with the nearest keys: common shapes match
   // tens of thousands, and come again in the lengths and starts beside them.
-  int max_matches = 1000;
+  int max_matches = 120;
   // Pieces that the image holds in more places than this, at one size and turn, are pattern.
   int max_repeats = 6;
   double key_rms_rad = 0.18;  // fragments whose keys differ by less are alike

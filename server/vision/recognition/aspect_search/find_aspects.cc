@@ -19,7 +19,7 @@ constexpr int kVoteIterations = 6;  // Gauss-Newton; chosen, for time
 constexpr int kCoarsePoints = 160;  // for the second refinement; chosen, for time
 constexpr double kCoarseSearchShare = 0.03, kFineSearchShare = 0.015;  // of the size; chosen
 constexpr double kCoarseSearchPx[] = {6.0, 14.0}, kFineSearchPx[] = {4.0, 8.0};  // least, most
-constexpr double kStalePx = 1.0;  // working pixels; poses that shifted by less keep their rendering
+constexpr double kStalePx = 2.0;  // working pixels; poses that shifted by less keep their rendering
 
 // A pose on its way through the steps. Camera and score are of the original image.
 struct Candidate {

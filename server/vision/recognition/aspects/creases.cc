@@ -2,7 +2,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 
+#include "server/base/rounded.h"
+#include "server/base/target_clones.h"
 #include "server/vision/recognition/aspects/screen_edges.h"
 
 namespace horopter {
@@ -44,6 +48,56 @@ struct Turn {
   float wide = 0.0f;  // squared, over all four
 };
 
+constexpr float kCut = -1.0f;  // no turn: a contour runs between the pixels
+
+// Eight pixels are computed at once. Vectors of the compiler: clones use the registers they have.
+constexpr int kLanes = 8;
+using Floats = float __attribute__((vector_size(4 * kLanes)));
+using Ints = std::int32_t __attribute__((vector_size(4 * kLanes)));
+
+// The normals' coordinates, and for each pixel whether a contour runs to the one a stride on.
+struct TurnInput {
+  std::array<const float*, 3> normal;
+  const std::int32_t* cut;
+  const std::int32_t* triangle;  // -1: background
+};
+
+// Squared turn between pixels [begin, end) and those a stride on: kCut where a contour runs
+// between, 0 on the background. Reads and writes up to kLanes - 1 pixels more.
+HOROPTER_TARGET_CLONES
+void FillTurnPower(const TurnInput& in, int stride, int begin, int end, float* power) {
+  const auto load = [](const auto* from, auto* lanes) { std::memcpy(lanes, from, sizeof(*lanes)); };
+  for (int i = begin; i < end; i += kLanes) {
+    const int j = i + stride;
+    Ints cut, cut_before, cut_after, triangle;
+    load(in.cut + i, &cut);
+    load(in.cut + i - stride, &cut_before);
+    load(in.cut + j, &cut_after);
+    load(in.triangle + i, &triangle);
+    Floats squares[3];
+    for (int k = 0; k < 3; ++k) {
+      Floats before, here, next, after;
+      load(in.normal[k] + i - stride, &before);
+      load(in.normal[k] + i, &here);
+      load(in.normal[k] + j, &next);
+      load(in.normal[k] + j + stride, &after);
+      const Floats wide = (cut_after != 0 ? next : after) - (cut_before != 0 ? here : before);
+      const Floats turn = (2.0f * (next - here) + wide) / 3.0f;
+      squares[k] = turn * turn;
+    }
+    Floats out = squares[0] + (squares[1] + squares[2]);
+    out = cut != 0 ? Floats{} + kCut : out;
+    out = triangle < 0 ? Floats{} : out;
+    std::memcpy(power + i, &out, sizeof(out));
+  }
+}
+
+bool AllBelow(const float* values, float least) {
+  bool any = false;
+  for (int k = 0; k < kLanes; ++k) any |= values[k] > least;
+  return !any;
+}
+
 class CreaseFinder {
  public:
   CreaseFinder(const Rendering& rendering,
@@ -67,7 +121,7 @@ class CreaseFinder {
 
  private:
   void FillNormals() {
-    normals_.resize(view_.triangle.size());
+    for (std::vector<float>& n : normals_) n.assign(view_.triangle.size(), 0.0f);
     int last = -1;  // triangle, if it is flat: the same for many pixels
     Vector3f of_last = Vector3f::Zero();
     for (int y = 0, i = 0; y < view_.height; ++y) {
@@ -81,7 +135,7 @@ class CreaseFinder {
           of_last = r_.facing[t] < 0 ? Vector3f(-n) : n;
           last = flat ? t : -1;
         }
-        normals_[i] = of_last;
+        for (int k = 0; k < 3; ++k) normals_[k][i] = of_last[k];
       }
     }
   }
@@ -102,31 +156,37 @@ class CreaseFinder {
 
   int Stride(int axis) const { return axis == 0 ? 1 : view_.width; }
 
+  Vector3f NormalAt(int i) const { return {normals_[0][i], normals_[1][i], normals_[2][i]}; }
+
   // Pixels i and i + stride must belong to one surface.
   Turn TurnAt(int i, int stride) const {
     const int j = i + stride;
     const int before = steps_.Between(i - stride, i) ? i : i - stride;
     const int after = steps_.Between(j, j + stride) ? j : j + stride;
-    const Vector3f wide = normals_[after] - normals_[before];
-    return {(2.0f * (normals_[j] - normals_[i]) + wide) / 3.0f, wide.squaredNorm()};
-  }
-
-  bool FlatAround(int i, int stride) const {
-    const std::int32_t* id = view_.triangle.data() + i;
-    return mesh_.flat[*id] && id[stride] == *id && id[-stride] == *id && id[2 * stride] == *id;
+    const Vector3f wide = NormalAt(after) - NormalAt(before);
+    return {(2.0f * (NormalAt(j) - NormalAt(i)) + wide) / 3.0f, wide.squaredNorm()};
   }
 
   void FillTurns(int axis) {
     std::vector<float>& power = power_[axis];
     power.assign(view_.triangle.size(), 0.0f);
     const int stride = Stride(axis);
-    for (int y = kBorderPx; y < view_.height - kBorderPx; ++y) {
-      for (int x = kBorderPx; x < view_.width - kBorderPx; ++x) {
-        const int i = y * view_.width + x;
-        if (view_.triangle[i] < 0 || FlatAround(i, stride)) continue;
-        power[i] = steps_.Between(i, i + stride) ? kCut : TurnAt(i, stride).weighted.squaredNorm();
-      }
+    cut_.assign(view_.triangle.size(), 0);
+    const int last = static_cast<int>(cut_.size()) - stride;
+    const std::uint8_t* farther = steps_.farther.data();
+    for (int i = 0; i < last; ++i)
+      cut_[i] = (farther[i] >> axis & 1) | (farther[i + stride] >> (axis + 2) & 1);
+    const TurnInput in{{normals_[0].data(), normals_[1].data(), normals_[2].data()},
+                       cut_.data(),
+                       view_.triangle.data()};
+    const int w = view_.width, first = kBorderPx * w, end = (view_.height - kBorderPx) * w;
+    FillTurnPower(in, stride, first, end, power.data());
+    // Nothing turns at the border, and nothing that was written beyond the last row.
+    for (int i = first; i < end; i += w) {
+      std::fill_n(power.begin() + i, kBorderPx, 0.0f);
+      std::fill_n(power.begin() + i + w - kBorderPx, kBorderPx, 0.0f);
     }
+    std::fill_n(power.begin() + std::max(first, end), kLanes, 0.0f);
   }
 
   void FindRidges(int axis) {
@@ -134,10 +194,16 @@ class CreaseFinder {
     const std::vector<float>& other = power_[1 - axis];
     const int stride = Stride(axis), side = Stride(1 - axis);
     const float low = 2.0f * std::sin(0.5f * kLowShare * high_);
-    for (int i = 0; i < static_cast<int>(power.size()); ++i) {
+    // Weights of the turn add up to at most the widest one within.
+    const float least = 0.1f * low * low;
+    const int size = static_cast<int>(power.size());
+    for (int i = 0; i < size; ++i) {
+      if (i + kLanes <= size && AllBelow(power.data() + i, least)) {
+        i += kLanes - 1;
+        continue;
+      }
       const float here = power[i];
-      // Weights of the turn add up to at most the widest one within.
-      if (here <= 0.1f * low * low || power[i - stride] >= here || power[i + stride] > here) {
+      if (here <= least || power[i - stride] >= here || power[i + stride] > here) {
         continue;
       }
       const Turn turn = TurnAt(i, stride);
@@ -177,9 +243,7 @@ class CreaseFinder {
     return ridge;
   }
 
-  int PixelOf(float u, float v) const {
-    return static_cast<int>(std::lround(v)) * view_.width + static_cast<int>(std::lround(u));
-  }
+  int PixelOf(float u, float v) const { return Rounded(v) * view_.width + Rounded(u); }
 
   void CrossSharpEdges() {
     at_pixel_.assign(view_.triangle.size(), kIdle);
@@ -283,6 +347,18 @@ class CreaseFinder {
     return found;
   }
 
+  // Whether no ridge is left within two pixels in the row.
+  bool NoneWithin2(int pixel) const {
+    std::uint64_t around = 0;
+    std::memcpy(&around, left_.data() + pixel - 2, 5);
+    return around == 0;
+  }
+
+  void Done(int ridge) {
+    done_[ridge] = 1;
+    --left_[PixelOf(ridges_[ridge].point.u, ridges_[ridge].point.v)];
+  }
+
   // The point that goes on best in a direction; -1: none.
   int Follow(int from, const Vector2f& heading) const {
     const ScreenEdgePoint& p = ridges_[from].point;
@@ -290,8 +366,10 @@ class CreaseFinder {
     int found = -1;
     float least = kLinkPx;
     for (int dy = -2; dy <= 2; ++dy) {
+      const int row = pixel + dy * view_.width;
+      if (NoneWithin2(row)) continue;
       for (int dx = -2; dx <= 2; ++dx) {
-        for (int k = at_pixel_[pixel + dy * view_.width + dx]; k >= 0; k = ridges_[k].next) {
+        for (int k = at_pixel_[row + dx]; k >= 0; k = ridges_[k].next) {
           if (done_[k]) continue;
           const Vector2f off(ridges_[k].point.u - p.u, ridges_[k].point.v - p.v);
           const float length = off.norm();
@@ -314,7 +392,7 @@ class CreaseFinder {
     for (int at = from;;) {
       const int next = Follow(at, heading);
       if (next < 0) return out;
-      done_[next] = 1;
+      Done(next);
       out.push_back(next);
       const Ridge& r = ridges_[next];
       Vector2f along(-r.across.y(), r.across.x());
@@ -326,17 +404,19 @@ class CreaseFinder {
 
   ScreenEdges Link() {
     std::fill(at_pixel_.begin(), at_pixel_.end(), -1);
+    left_.assign(at_pixel_.size(), 0);
     const int count = static_cast<int>(ridges_.size());
     for (int i = count - 1; i >= 0; --i) {
       int& head = at_pixel_[PixelOf(ridges_[i].point.u, ridges_[i].point.v)];
       ridges_[i].next = head;
       head = i;
+      ++left_[PixelOf(ridges_[i].point.u, ridges_[i].point.v)];
     }
     done_.assign(ridges_.size(), 0);
     ScreenEdges out;
     for (int i = 0; i < count; ++i) {
       if (done_[i]) continue;
-      done_[i] = 1;
+      Done(i);
       const Vector2f along(-ridges_[i].across.y(), ridges_[i].across.x());
       const std::vector<int> forward = Walk(i, along);
       std::vector<int> chain = Walk(i, -along);
@@ -352,21 +432,22 @@ class CreaseFinder {
     return out;
   }
 
-  static constexpr float kCut = -1.0f;  // no turn: a contour runs between the pixels
-  static constexpr int kIdle = -1;      // a pixel that no ridge is near
-  static constexpr int kWanted = -2;    // a pixel near a ridge, without a crossing so far
+  static constexpr int kIdle = -1;    // a pixel that no ridge is near
+  static constexpr int kWanted = -2;  // a pixel near a ridge, without a crossing so far
 
   const Rendering& r_;
   const RenderMesh& mesh_;
   const DepthSteps& steps_;
   const RenderedView& view_;
   const float high_;
-  std::vector<Vector3f> normals_;            // towards the camera, object frame
-  std::array<std::vector<float>, 2> power_;  // squared turn to the right and lower neighbour
+  std::array<std::vector<float>, 3> normals_;  // x, y, z, towards the camera, object frame
+  std::vector<std::int32_t> cut_;              // a contour runs to the next pixel of the axis
+  std::array<std::vector<float>, 2> power_;    // squared turn to the right and lower neighbour
   std::vector<Ridge> ridges_;
   std::vector<Crossing> crossings_;
   std::vector<int> at_pixel_;  // crossing or ridge there
   std::vector<char> done_;
+  std::vector<std::uint8_t> left_;  // ridges of each pixel that are on no chain yet
 };
 
 }  // namespace

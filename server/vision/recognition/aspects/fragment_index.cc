@@ -2,11 +2,10 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <numbers>
 #include <numeric>
-#include <opencv2/core/hal/intrin.hpp>
+#include <tuple>
 
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
@@ -27,6 +26,11 @@ KeyVector AsVector(const FragmentKey& key) {
 }
 KeyVector AsVector(const PackedFragmentKey& key) {
   return AsVector(UnpackKey(key));
+}
+
+float MeanAngle(const PackedFragmentKey& key) {
+  return static_cast<float>(std::accumulate(key.begin(), key.end(), 0)) /
+         (kKeyScale * kFragmentAngles);
 }
 
 // The three directions in which keys differ most. A key read backwards is as likely, so the mean is
@@ -237,43 +241,7 @@ void FillGrid(const std::vector<Entry>& all, FragmentIndex* index) {
     index->fragments[at] = all[i].fragment;
     index->keys[at] = all[i].key;
   }
-}
-
-int SquaredSteps(const PackedFragmentKey& a, const PackedFragmentKey& b) {
-  int sum = 0;
-  for (int i = 0; i < kFragmentAngles; ++i) sum += (a[i] - b[i]) * (a[i] - b[i]);
-  return sum;
-}
-
-// Appends the numbers in [begin, end) of the keys that differ by at most limit (squared steps): a
-// search spends a quarter of its time here, so four keys are taken at once.
-void AppendNear(const PackedFragmentKey* keys,
-                std::uint32_t begin,
-                std::uint32_t end,
-                const PackedFragmentKey& key,
-                int limit,
-                std::vector<std::uint32_t>* found) {
-  std::uint32_t f = begin;
-#if CV_SIMD128
-  static_assert(kFragmentAngles == 8);
-  const cv::v_int16x8 center = cv::v_load(key.data());
-  const cv::v_int32x4 most = cv::v_setall_s32(limit);
-  const auto squares = [&](std::uint32_t k) {
-    const cv::v_int16x8 d = cv::v_sub_wrap(cv::v_load(keys[k].data()), center);
-    return cv::v_dotprod(d, d);
-  };
-  for (; f + 4 <= end; f += 4) {
-    cv::v_int32x4 a, b, c, d;
-    cv::v_transpose4x4(squares(f), squares(f + 1), squares(f + 2), squares(f + 3), a, b, c, d);
-    int near = cv::v_signmask(~((a + b) + (c + d) > most));
-    for (; near != 0; near &= near - 1)
-      found->push_back(f +
-                       static_cast<std::uint32_t>(std::countr_zero(static_cast<unsigned>(near))));
-  }
-#endif
-  for (; f < end; ++f) {
-    if (SquaredSteps(keys[f], key) <= limit) found->push_back(f);
-  }
+  index->coarse_keys = CoarseKeys(index->keys);
 }
 
 absl::StatusOr<XTreeSnapshot> BuildTree(const FragmentIndex& index) {
@@ -307,48 +275,93 @@ absl::StatusOr<XTreeSnapshot> BuildOutlineTree(const FragmentIndex& index) {
 
 }  // namespace
 
+std::vector<FragmentIndex::Row> FragmentIndex::RowsAround(const Eigen::Array3f& place,
+                                                          float reach) const {
+  // Squared distance of the place from the cells [i, i + 1); border cells reach to infinity.
+  const auto away = [&](int d, int i) {
+    const float under = i == 0 ? 0.0f : i - place[d];
+    const float over = i == cells[d] - 1 ? 0.0f : place[d] - (i + 1);
+    const float by = std::max(0.0f, std::max(under, over));
+    return by * by;
+  };
+  std::vector<Row> rows;
+  for (int i = CellAt(0, place[0] - reach); i <= CellAt(0, place[0] + reach); ++i) {
+    for (int j = CellAt(1, place[1] - reach); j <= CellAt(1, place[1] + reach); ++j) {
+      const float by = away(0, i) + away(1, j);
+      if (by <= reach * reach) rows.push_back({by, (i * cells[1] + j) * cells[2]});
+    }
+  }
+  std::sort(rows.begin(), rows.end(), [](const Row& a, const Row& b) {
+    return std::tie(a.away, a.first_cell) < std::tie(b.away, b.first_cell);
+  });
+  return rows;
+}
+
 void FragmentIndex::Find(const FragmentKey& key,
                          float radius,
                          std::vector<std::uint32_t>* found) const {
+  if (fragments.empty()) return;
+  if (options.lookup == FragmentLookup::kXTree) {
+    std::array<double, kFragmentAngles> center;
+    std::copy(key.begin(), key.end(), center.begin());
+    for (const Neighbor& n : tree.Radius(center, radius))
+      found->push_back(static_cast<std::uint32_t>(n.id));
+    return;
+  }
+  const PackedFragmentKey packed = PackKey(key);
+  const int limit = static_cast<int>(radius * radius * kKeyScale * kKeyScale);
+  const float cell = static_cast<float>(options.cell_rad), reach = radius / cell;
+  const Eigen::Array3f place = ((axes * AsVector(key)).array() - low) / cell;
+  for (const Row& row : RowsAround(place, reach)) {
+    const float r = std::sqrt(reach * reach - row.away);
+    const std::uint32_t end = cell_begin[row.first_cell + CellAt(2, place[2] + r) + 1];
+    for (std::uint32_t f = cell_begin[row.first_cell + CellAt(2, place[2] - r)]; f < end; ++f) {
+      if (SquaredSteps(keys[f], packed) <= limit) found->push_back(f);
+    }
+  }
+}
+
+void FragmentIndex::FindNearest(const FragmentKey& key,
+                                float radius,
+                                std::size_t most,
+                                std::span<const std::uint8_t> wanted,
+                                std::vector<std::uint32_t>* found) const {
+  if (fragments.empty() || most == 0) return;
+  const auto is_wanted = [&](std::uint32_t f) {
+    return wanted.empty() || wanted[aspects[fragments[f].aspect].model] != 0;
+  };
+  NearestKeys nearest(CoarseKeys::LimitOf(radius), most);
   if (options.lookup == FragmentLookup::kXTree) {
     std::array<double, kFragmentAngles> center;
     std::copy(key.begin(), key.end(), center.begin());
     for (const Neighbor& n : tree.Radius(center, radius)) {
-      found->push_back(static_cast<std::uint32_t>(n.id));
+      const auto f = static_cast<std::uint32_t>(n.id);
+      if (is_wanted(f)) nearest.Offer(f, CoarseKeys::LimitOf(static_cast<float>(n.distance)));
     }
+    nearest.Take(found);
     return;
   }
-  if (fragments.empty()) return;
+  const CoarseKeys::Key coarse = CoarseKeys::Coarse(PackKey(key));
   const float cell = static_cast<float>(options.cell_rad);
   const Eigen::Array3f place = ((axes * AsVector(key)).array() - low) / cell;
-  const float reach = radius / cell;
-  const auto first = [&](int d) {
-    return std::clamp(static_cast<int>(std::floor(place[d] - reach)), 0, cells[d] - 1);
-  };
-  const auto last = [&](int d, float r) {
-    return std::clamp(static_cast<int>(std::floor(place[d] + r)), 0, cells[d] - 1);
-  };
-  // Distance of the place from the cells [i, i + 1); border cells reach to infinity.
-  const auto away = [&](int d, int i) {
-    const float under = i == 0 ? 0.0f : i - place[d];
-    const float over = i == cells[d] - 1 ? 0.0f : place[d] - (i + 1);
-    return std::max(0.0f, std::max(under, over));
-  };
-  const PackedFragmentKey packed = PackKey(key);
-  const int limit = static_cast<int>(radius * radius * kKeyScale * kKeyScale);
-  for (int i = first(0); i <= last(0, reach); ++i) {
-    const float di = away(0, i);
-    for (int j = first(1); j <= last(1, reach); ++j) {
-      const float dj = away(1, j);
-      const float rest = reach * reach - di * di - dj * dj;
-      if (rest < 0) continue;
-      const float r = std::sqrt(rest);
-      const int k0 = std::clamp(static_cast<int>(std::floor(place[2] - r)), 0, cells[2] - 1);
-      const std::size_t row = (static_cast<std::size_t>(i) * cells[1] + j) * cells[2];
-      const std::uint32_t begin = cell_begin[row + k0], end = cell_begin[row + last(2, r) + 1];
-      AppendNear(keys.data(), begin, end, packed, limit, found);
+  constexpr std::uint32_t kBlock = 512;  // keys, between two looks at the limit
+  std::array<CoarseKeys::Near, kBlock + CoarseKeys::kLanes> near;
+  // Nearest rows of cells first: they close the rings.
+  for (const Row& row : RowsAround(place, CoarseKeys::RadiusOf(nearest.limit()) / cell)) {
+    const float reach = CoarseKeys::RadiusOf(nearest.limit()) / cell;
+    if (row.away > reach * reach) break;
+    const float r = std::sqrt(reach * reach - row.away);
+    const std::uint32_t end = cell_begin[row.first_cell + CellAt(2, place[2] + r) + 1];
+    for (std::uint32_t begin = cell_begin[row.first_cell + CellAt(2, place[2] - r)]; begin < end;
+         begin += kBlock) {
+      const std::uint32_t stop = std::min(end, begin + kBlock);
+      const std::size_t n = coarse_keys.Find(coarse, begin, stop, nearest.limit(), near.data());
+      for (std::size_t k = 0; k < n; ++k) {
+        if (is_wanted(near[k].number)) nearest.Offer(near[k].number, near[k].squared);
+      }
     }
   }
+  nearest.Take(found);
 }
 
 std::pair<std::size_t, std::size_t> FragmentIndex::FindPairs(float opening_rad,
@@ -379,7 +392,7 @@ std::pair<std::size_t, std::size_t> FragmentIndex::FindEllipses(float ratio, flo
 std::size_t FragmentIndex::bytes() const {
   const auto of = [](const auto& v) { return v.capacity() * sizeof(v[0]); };
   return of(aspects) + of(points) + of(first_points) + of(fragments) + of(keys) + of(cell_begin) +
-         of(pairs) + of(outlines) + of(ellipses);
+         coarse_keys.bytes() + of(pairs) + of(outlines) + of(ellipses);
 }
 
 FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
@@ -404,21 +417,24 @@ FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
   for (const AspectFragment& f : fragments.fragments) {
     if (place[f.aspect] < 0 || piece.aspects[place[f.aspect]].points < kFirstVotePoints) continue;
     if (--left[f.aspect] < 0) continue;
-    piece.entries.push_back({f.key,
-                             {place[f.aspect],
-                              f.x / AspectFragment::kPlaceScale,
-                              f.y / AspectFragment::kPlaceScale,
-                              f.spread / AspectFragment::kSpreadScale,
-                              f.chord / AspectFragment::kTurnScale}});
+    piece.entries.push_back(
+        {f.key,
+         {place[f.aspect],
+          f.x / AspectFragment::kPlaceScale,
+          f.y / AspectFragment::kPlaceScale,
+          f.spread / AspectFragment::kSpreadScale,
+          IndexedTurn(f.chord / AspectFragment::kTurnScale + MeanAngle(f.key))}});
   }
   for (const AspectSegmentPair& p : fragments.pairs) {
     if (!choice.pairs) break;
     if (place[p.aspect] < 0 || piece.aspects[place[p.aspect]].points < kFirstVotePoints) continue;
+    const float direction = p.direction / AspectSegmentPair::kTurnScale;
+    const float opening = p.opening / AspectSegmentPair::kTurnScale;
     piece.pairs.push_back({place[p.aspect],
                            p.x / AspectSegmentPair::kPlaceScale,
                            p.y / AspectSegmentPair::kPlaceScale,
-                           p.direction / AspectSegmentPair::kTurnScale,
-                           p.opening / AspectSegmentPair::kTurnScale,
+                           opening,
+                           IndexedTurn(direction + 0.5f * opening),
                            p.length_a / AspectSegmentPair::kPlaceScale,
                            p.length_b / AspectSegmentPair::kPlaceScale});
   }

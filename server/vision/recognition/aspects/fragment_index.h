@@ -2,7 +2,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <utility>
@@ -14,6 +16,7 @@
 #include "server/vision/geometry/model_circles.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
 #include "server/vision/recognition/aspects/aspect_fragments.h"
+#include "server/vision/recognition/aspects/near_keys.h"
 #include "server/vision/recognition/aspects/outline_shape.h"
 
 namespace horopter {
@@ -64,19 +67,28 @@ struct IndexedAspect {
   Eigen::Matrix3f camera_from_object = Eigen::Matrix3f::Identity();  // rotation
 };
 
+// A direction with its cosine and sine, which every test of a vote asks for.
+struct IndexedTurn {
+  float rad = 0.0f, cos = 1.0f, sin = 0.0f;
+
+  IndexedTurn() = default;
+  explicit IndexedTurn(float angle) : rad(angle), cos(std::cos(angle)), sin(std::sin(angle)) {}
+};
+
 // What a matched fragment says about its aspect, in diameters of the aspect.
 struct IndexedFragment {
   std::int32_t aspect = -1;  // of FragmentIndex::aspects
   float x = 0.0f, y = 0.0f;  // centre
   float spread = 0.0f;
-  float chord_rad = 0.0f;
+  IndexedTurn turn;  // mean direction of its pieces
 };
 
 // The same of a pair of adjacent straight edges.
 struct IndexedPair {
   std::int32_t aspect = -1;
   float x = 0.0f, y = 0.0f;  // corner
-  float direction_rad = 0.0f, opening_rad = 0.0f;
+  float opening_rad = 0.0f;
+  IndexedTurn turn;  // half way between its arms
   float length_a = 0.0f, length_b = 0.0f;
 };
 
@@ -144,6 +156,7 @@ struct FragmentIndex {
   std::vector<FirstVotePoints> first_points;  // of each aspect
   std::vector<IndexedFragment> fragments;
   std::vector<PackedFragmentKey> keys;
+  CoarseKeys coarse_keys;  // the same keys
   // Grid: cell (i, j, k) holds fragments cell_begin[c] .. cell_begin[c + 1], k fastest.
   Eigen::Matrix<float, 3, kFragmentAngles> axes =
       Eigen::Matrix<float, 3, kFragmentAngles>::Zero();  // orthonormal rows
@@ -159,6 +172,14 @@ struct FragmentIndex {
   // Appends the fragments whose keys differ by at most `radius` (Euclidean, radians).
   void Find(const FragmentKey& key, float radius, std::vector<std::uint32_t>* found) const;
 
+  // At most `most` of them, the nearest by coarse keys, of those equally near the first in the
+  // index; in its order. `wanted`: a flag for each part, the others are not found; empty: all.
+  void FindNearest(const FragmentKey& key,
+                   float radius,
+                   std::size_t most,
+                   std::span<const std::uint8_t> wanted,
+                   std::vector<std::uint32_t>* found) const;
+
   // The pairs whose openings differ by at most `reach_rad`: [first, last) of `pairs`.
   std::pair<std::size_t, std::size_t> FindPairs(float opening_rad, float reach_rad) const;
 
@@ -166,6 +187,19 @@ struct FragmentIndex {
   std::pair<std::size_t, std::size_t> FindEllipses(float ratio, float reach) const;
 
   std::size_t bytes() const;  // without the trees
+
+ private:
+  // Cells (i, j, all k) of the grid, from the first on.
+  struct Row {
+    float away;  // squared, cells: from the place that is searched
+    int first_cell;
+  };
+  // Nearest first. `place`: of the key, and how far around it, in cells.
+  std::vector<Row> RowsAround(const Eigen::Array3f& place, float reach) const;
+  // Of a place along an axis, within the grid.
+  int CellAt(int axis, float place) const {
+    return std::clamp(static_cast<int>(std::floor(place)), 0, cells[axis] - 1);
+  }
 };
 
 // Errors: those of the X-tree.

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "server/base/target_clones.h"
+
 namespace horopter {
 namespace {
 
@@ -70,7 +72,10 @@ class Rasterizer {
 
   // Pixels whose centres are inside or on the border, so that neighbours leave no gap: both compute
   // the same crossing, from the upper end of their common edge.
-  void Draw(int id, const Vector3f& p, const Vector3f& q, const Vector3f& r) {
+  [[gnu::always_inline]] void Draw(int id,
+                                   const Vector3f& p,
+                                   const Vector3f& q,
+                                   const Vector3f& r) {
     const Vector3f* a = &p;
     const Vector3f* b = &q;
     const Vector3f* c = &r;
@@ -82,7 +87,10 @@ class Rasterizer {
     if (below(a, b)) std::swap(a, b);
     const int first = std::max(0, static_cast<int>(std::ceil(a->y())));
     const int last = std::min(view_.height - 1, static_cast<int>(std::floor(c->y())));
-    if (first > last) return;
+    // Most triangles of a fine mesh hold no pixel's centre.
+    const float leftmost = std::min({a->x(), b->x(), c->x()});
+    const float rightmost = std::max({a->x(), b->x(), c->x()});
+    if (first > last || std::ceil(leftmost) > std::floor(rightmost)) return;
     const float area =
         (b->x() - a->x()) * (c->y() - a->y()) - (c->x() - a->x()) * (b->y() - a->y());
     float gu = 0.0f, gv = 0.0f;
@@ -116,7 +124,9 @@ class Rasterizer {
   }
 
  private:
-  static float Crossing(const Vector3f& upper, const Vector3f& lower, float v) {
+  [[gnu::always_inline]] static float Crossing(const Vector3f& upper,
+                                               const Vector3f& lower,
+                                               float v) {
     const float height = lower.y() - upper.y();
     if (!(height > 0.0f)) return upper.x();
     return upper.x() + (lower.x() - upper.x()) * ((v - upper.y()) / height);
@@ -124,6 +134,26 @@ class Rasterizer {
 
   RenderedView& view_;
 };
+
+// All triangles that face the camera, and which do.
+HOROPTER_TARGET_CLONES
+void DrawTriangles(const RenderMesh& mesh, Rendering* rendering) {
+  Rendering& out = *rendering;
+  out.facing.resize(mesh.triangles.size());
+  Rasterizer rasterizer(&out.view);
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const Eigen::Vector3i& t = mesh.triangles[i];
+    const Vector3f& a = out.screen[t[0]];
+    const Vector3f& b = out.screen[t[1]];
+    const Vector3f& c = out.screen[t[2]];
+    if (!(a.z() > 0.0f && b.z() > 0.0f && c.z() > 0.0f)) continue;
+    const float area = (b.x() - a.x()) * (c.y() - a.y()) - (c.x() - a.x()) * (b.y() - a.y());
+    // Image y runs down: counter-clockwise from outside is a negative area.
+    out.facing[i] = static_cast<std::int8_t>((area < 0.0f) - (area > 0.0f));
+    if (mesh.closed && out.facing[i] <= 0) continue;
+    rasterizer.Draw(static_cast<int>(i), a, b, c);
+  }
+}
 
 // Size and place of the window; false if it is empty.
 bool PlaceWindow(const std::vector<Vector3f>& vertices,
@@ -157,6 +187,7 @@ bool PlaceWindow(const std::vector<Vector3f>& vertices,
 Vector2d RenderedFromImage(const RenderedView& view,
                            const PinholeCamera& camera,
                            const Vector2d& pixel) {
+  if (camera.k1 == 0.0) return (pixel - view.origin) * view.scale;
   return (Undistorted(camera, pixel) - view.origin) * view.scale;
 }
 
@@ -177,20 +208,7 @@ Rendering Render(const RenderMesh& mesh,
   out.focal_px = s * static_cast<float>(camera.focal_px);
   out.principal =
       ((Vector2d(camera.cx, camera.cy) - out.view.origin) * out.view.scale).cast<float>();
-  out.facing.resize(mesh.triangles.size());
-  Rasterizer rasterizer(&out.view);
-  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-    const Eigen::Vector3i& t = mesh.triangles[i];
-    const Vector3f& a = out.screen[t[0]];
-    const Vector3f& b = out.screen[t[1]];
-    const Vector3f& c = out.screen[t[2]];
-    if (!(a.z() > 0.0f && b.z() > 0.0f && c.z() > 0.0f)) continue;
-    const float area = (b.x() - a.x()) * (c.y() - a.y()) - (c.x() - a.x()) * (b.y() - a.y());
-    // Image y runs down: counter-clockwise from outside is a negative area.
-    out.facing[i] = static_cast<std::int8_t>((area < 0.0f) - (area > 0.0f));
-    if (mesh.closed && out.facing[i] <= 0) continue;
-    rasterizer.Draw(static_cast<int>(i), a, b, c);
-  }
+  DrawTriangles(mesh, &out);
   return out;
 }
 

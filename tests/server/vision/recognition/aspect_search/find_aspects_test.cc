@@ -179,6 +179,39 @@ TEST_F(FindAspects, GridFindsWhatALinearScanFinds) {
   }
 }
 
+TEST_F(FindAspects, GridFindsTheNearestOfALinearScan) {
+  const std::vector<std::uint8_t> wanted = {1, 0, 1};
+  const float radius = 0.5f;
+  std::vector<std::uint32_t> found;
+  std::size_t full = 0;
+  for (std::size_t f = 0; f < index_->fragments.size(); f += 97) {
+    FragmentKey key = UnpackKey(index_->keys[f]);
+    key[f % kFragmentAngles] += 0.2f;
+    const CoarseKeys::Key center = CoarseKeys::Coarse(PackKey(key));
+    std::vector<std::pair<int, std::uint32_t>> near;
+    for (std::uint32_t k = 0; k < index_->keys.size(); ++k) {
+      if (index_->aspects[index_->fragments[k].aspect].model == 1) continue;
+      const CoarseKeys::Key other = CoarseKeys::Coarse(index_->keys[k]);
+      int sum = 0;
+      for (int i = 0; i < kFragmentAngles; ++i)
+        sum += (other[i] - center[i]) * (other[i] - center[i]);
+      if (sum <= CoarseKeys::LimitOf(radius)) near.emplace_back(sum, k);
+    }
+    std::sort(near.begin(), near.end());
+    for (const std::size_t most : {10u, 120u}) {
+      const std::size_t count = std::min(most, near.size());
+      found.clear();
+      index_->FindNearest(key, radius, most, wanted, &found);
+      ASSERT_EQ(found.size(), count);
+      EXPECT_TRUE(std::is_sorted(found.begin(), found.end()));
+      if (count == most) ++full;
+      for (std::size_t i = 0; i < count; ++i)
+        EXPECT_TRUE(std::binary_search(found.begin(), found.end(), near[i].second)) << i;
+    }
+  }
+  EXPECT_GT(full, 10u);
+}
+
 TEST_F(FindAspects, PiecesMakeTheIndexOfTheirParts) {
   std::vector<FragmentPiece> pieces;
   for (const PhotoPart& p : *parts_) pieces.push_back(MakeFragmentPiece(p.object, p.fragments));
