@@ -19,7 +19,7 @@ constexpr int kSettleSteps = 3;                        // of each round
 constexpr int kSettlePoints = 120;                     // of a view
 // Working pixels; poses that shifted by less keep their rendering. At 3 px right turns settled less
 // well than wrong ones (part 13 in scene 21 of cad-dev). Commit b2b2e44.
-constexpr double kStalePx = 2.0;
+constexpr double kStalePx = 1.0;
 // An edge point that has met the image: within so many px. Of 13,491 candidates in scenes of three
 // data sets those that scored min_quick in the end had met 0.34 and more after the first round,
 // but for 1 in 100; half of the others and more had not. Commit 43cac74.
