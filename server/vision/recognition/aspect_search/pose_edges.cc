@@ -46,8 +46,7 @@ int NearestAlong(const AspectImage& image, const Projected& p, double search, fl
   // The maps say at once when nothing is near.
   const int bin = AspectBin(-normal.y(), normal.x());
   const float x = static_cast<float>(p.pixel.x()), y = static_cast<float>(p.pixel.y());
-  const int nearest = image.DistanceAt(x, y, bin);
-  if (nearest > search * AspectImage::kDistanceScale) return -1;
+  if (image.DistanceAt(x, y, bin) > search * AspectImage::kDistanceScale) return -1;
   const bool steep = std::abs(normal.y()) > std::abs(normal.x());
   const int steps = static_cast<int>(std::ceil(search)) + 1;
   int best = -1;
@@ -62,9 +61,7 @@ int NearestAlong(const AspectImage& image, const Projected& p, double search, fl
       best = e;
     }
   };
-  // ... and how far away the first may be; cells are a pixel off what they hold.
-  const int first = std::max(0, nearest / static_cast<int>(AspectImage::kDistanceScale) - 2);
-  for (int k = first; k <= steps && static_cast<float>(k) < best_offset + 1.5f; ++k) {
+  for (int k = 0; k <= steps && static_cast<float>(k) < best_offset + 1.5f; ++k) {
     for (int sign = -1; sign <= (k == 0 ? -1 : 1); sign += 2) {
       const float px = x + static_cast<float>(sign * k) * normal.x();
       const float py = y + static_cast<float>(sign * k) * normal.y();

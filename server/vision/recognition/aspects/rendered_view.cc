@@ -71,7 +71,7 @@ class Rasterizer {
   explicit Rasterizer(RenderedView* view) : view_(*view) {}
 
   // Pixels whose centres are inside or on the border, so that neighbours leave no gap: both compute
-  // the same crossing, from the upper end of their common edge.
+  // the same crossing, from the upper end of their common edge. Inlined into what is cloned.
   [[gnu::always_inline]] void Draw(int id,
                                    const Vector3f& p,
                                    const Vector3f& q,

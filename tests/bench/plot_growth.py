@@ -1,0 +1,98 @@
+#!/usr/bin/env python3
+"""How the processor time of a request grows: draws files of request_speed as one SVG and prints the exponents.
+
+    request_speed SERVER DATASET SPLIT --images 3 --pid PID --csv i3.csv ..
+    plot_growth.py OUT.svg "images" 2=i2.csv 3=i3.csv 5=i5.csv -- "width, px" 640=w640.csv 1280=w1280.csv
+
+A panel for each group: its title, then the abscissa and the file of each run. Ordinate: mean processor seconds of a request of
+the scenes that all files of the group hold. Exponent: slope of the line of least squares in logarithms. Standard library only.
+"""
+import csv
+import math
+import sys
+
+WIDTH, HEIGHT, LEFT, BOTTOM, TOP = 380, 340, 60, 50, 40
+LOW, HIGH = 0.5, 50.0  # s
+
+
+def read(path):
+    """{scene: mean processor seconds}"""
+    seconds = {}
+    with open(path, encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            seconds.setdefault(int(row["scene"]), []).append(float(row["cpu_s"]))
+    return {scene: sum(values) / len(values) for scene, values in seconds.items()}
+
+
+def groups(arguments):
+    """[(title, [(x, {scene: seconds})])]"""
+    out, rest = [], list(arguments)
+    while rest:
+        end = rest.index("--") if "--" in rest else len(rest)
+        title, runs = rest[0], [run.split("=", 1) for run in rest[1:end]]
+        if len(runs) < 2 or any(len(run) != 2 for run in runs):
+            sys.exit(__doc__)
+        out.append((title, sorted((float(x), read(path)) for x, path in runs)))
+        rest = rest[end + 1:]
+    return out
+
+
+def means(runs):
+    """[(x, mean seconds)] of the scenes that all runs hold."""
+    common = set.intersection(*(set(scenes) for _, scenes in runs))
+    if not common:
+        sys.exit("the files of a group have no scene in common")
+    return [(x, sum(scenes[s] for s in common) / len(common)) for x, scenes in runs]
+
+
+def exponent(points):
+    logs = [(math.log(x), math.log(max(y, 1e-3))) for x, y in points]
+    mx, my = (sum(v[k] for v in logs) / len(logs) for k in (0, 1))
+    return sum((x - mx) * (y - my) for x, y in logs) / sum((x - mx) ** 2 for x, _ in logs)
+
+
+def panel(index, title, points):
+    left = index * WIDTH + LEFT
+    right, bottom = (index + 1) * WIDTH - 15, HEIGHT - BOTTOM
+    low, high = math.log(points[0][0]), math.log(points[-1][0])
+
+    def at(x, y):
+        share = (math.log(x) - low) / (high - low)
+        level = (math.log(min(max(y, LOW), HIGH)) - math.log(LOW)) / (math.log(HIGH) - math.log(LOW))
+        return left + share * (right - left), bottom - level * (bottom - TOP)
+
+    out = [f'<rect x="{left}" y="{TOP}" width="{right - left}" height="{bottom - TOP}" fill="none" stroke="#888"/>']
+    for tick in (0.5, 1, 2, 5, 10, 20, 50):
+        y = at(points[0][0], tick)[1]
+        out.append(f'<line x1="{left}" y1="{y:.1f}" x2="{right}" y2="{y:.1f}" stroke="#ddd"/>')
+        out.append(f'<text x="{left - 6}" y="{y + 4:.1f}" text-anchor="end">{tick:g}</text>')
+    places = [at(x, y) for x, y in points]
+    for (x, _), (u, _) in zip(points, places):
+        out.append(f'<text x="{u:.1f}" y="{bottom + 16}" text-anchor="middle">{x:g}</text>')
+    line = " ".join(f"{u:.1f},{v:.1f}" for u, v in places)
+    out.append(f'<polyline points="{line}" fill="none" stroke="#2471a3" stroke-width="2"/>')
+    out += [f'<circle cx="{u:.1f}" cy="{v:.1f}" r="3" fill="#2471a3"/>' for u, v in places]
+    out.append(f'<text x="{(left + right) / 2}" y="{bottom + 36}" text-anchor="middle">{title}</text>')
+    out.append(f'<text x="{(left + right) / 2}" y="{TOP - 12}" text-anchor="middle">exponent {exponent(points):.2f}</text>')
+    return out
+
+
+def main():
+    if len(sys.argv) < 5:
+        sys.exit(__doc__)
+    body = []
+    found = groups(sys.argv[2:])
+    for index, (title, runs) in enumerate(found):
+        points = means(runs)
+        print(f"{title}: exponent {exponent(points):.2f}; " + ", ".join(f"{x:g}: {y:.2f} s" for x, y in points))
+        body += panel(index, title, points)
+    body.append(f'<text x="14" y="{HEIGHT / 2}" transform="rotate(-90 14 {HEIGHT / 2})" text-anchor="middle">'
+                "processor seconds of a request (mean)</text>")
+    with open(sys.argv[1], "w", encoding="utf-8") as file:
+        file.write(f'<svg xmlns="http://www.w3.org/2000/svg" width="{len(found) * WIDTH}" height="{HEIGHT}" '
+                   'font-family="sans-serif" font-size="12"><rect width="100%" height="100%" fill="white"/>'
+                   + "\n".join(body) + "</svg>\n")
+
+
+if __name__ == "__main__":
+    main()
