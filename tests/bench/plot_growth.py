@@ -11,8 +11,9 @@ import csv
 import math
 import sys
 
-WIDTH, HEIGHT, LEFT, BOTTOM, TOP = 380, 340, 60, 50, 40
-LOW, HIGH = 0.5, 50.0  # s
+import log_panels
+
+LIMITS = (0.5, 50.0)  # s
 
 
 def read(path):
@@ -52,28 +53,9 @@ def exponent(points):
 
 
 def panel(index, title, points):
-    left = index * WIDTH + LEFT
-    right, bottom = (index + 1) * WIDTH - 15, HEIGHT - BOTTOM
-    low, high = math.log(points[0][0]), math.log(points[-1][0])
-
-    def at(x, y):
-        share = (math.log(x) - low) / (high - low)
-        level = (math.log(min(max(y, LOW), HIGH)) - math.log(LOW)) / (math.log(HIGH) - math.log(LOW))
-        return left + share * (right - left), bottom - level * (bottom - TOP)
-
-    out = [f'<rect x="{left}" y="{TOP}" width="{right - left}" height="{bottom - TOP}" fill="none" stroke="#888"/>']
-    for tick in (0.5, 1, 2, 5, 10, 20, 50):
-        y = at(points[0][0], tick)[1]
-        out.append(f'<line x1="{left}" y1="{y:.1f}" x2="{right}" y2="{y:.1f}" stroke="#ddd"/>')
-        out.append(f'<text x="{left - 6}" y="{y + 4:.1f}" text-anchor="end">{tick:g}</text>')
-    places = [at(x, y) for x, y in points]
-    for (x, _), (u, _) in zip(points, places):
-        out.append(f'<text x="{u:.1f}" y="{bottom + 16}" text-anchor="middle">{x:g}</text>')
-    line = " ".join(f"{u:.1f},{v:.1f}" for u, v in places)
-    out.append(f'<polyline points="{line}" fill="none" stroke="#2471a3" stroke-width="2"/>')
-    out += [f'<circle cx="{u:.1f}" cy="{v:.1f}" r="3" fill="#2471a3"/>' for u, v in places]
-    out.append(f'<text x="{(left + right) / 2}" y="{bottom + 36}" text-anchor="middle">{title}</text>')
-    out.append(f'<text x="{(left + right) / 2}" y="{TOP - 12}" text-anchor="middle">exponent {exponent(points):.2f}</text>')
+    out = log_panels.panel(index, title, [("#2471a3", points)], (0.5, 1, 2, 5, 10, 20, 50), LIMITS)
+    middle = index * log_panels.WIDTH + (log_panels.LEFT + log_panels.WIDTH - 15) / 2
+    out.append(f'<text x="{middle}" y="{log_panels.TOP - 12}" text-anchor="middle">exponent {exponent(points):.2f}</text>')
     return out
 
 
@@ -86,12 +68,7 @@ def main():
         points = means(runs)
         print(f"{title}: exponent {exponent(points):.2f}; " + ", ".join(f"{x:g}: {y:.2f} s" for x, y in points))
         body += panel(index, title, points)
-    body.append(f'<text x="14" y="{HEIGHT / 2}" transform="rotate(-90 14 {HEIGHT / 2})" text-anchor="middle">'
-                "processor seconds of a request (mean)</text>")
-    with open(sys.argv[1], "w", encoding="utf-8") as file:
-        file.write(f'<svg xmlns="http://www.w3.org/2000/svg" width="{len(found) * WIDTH}" height="{HEIGHT}" '
-                   'font-family="sans-serif" font-size="12"><rect width="100%" height="100%" fill="white"/>'
-                   + "\n".join(body) + "</svg>\n")
+    log_panels.write(sys.argv[1], len(found), body, "processor seconds of a request (mean)")
 
 
 if __name__ == "__main__":

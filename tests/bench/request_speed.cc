@@ -29,6 +29,7 @@
 #include "client/api.h"
 #include "client/bop_dataset.h"
 #include "horopter/v1/recognition.pb.h"
+#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
@@ -93,7 +94,6 @@ void Scale(int width, v1::RecognizeSceneRequest* request) {
 }
 
 void TimeYardsticks(const v1::RecognizeSceneRequest& request, Timed* out) {
-  cv::setNumThreads(1);
   for (const cv::Mat& image : Decoded(request)) {
     cv::Mat grey, edges, descriptors;
     cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
@@ -117,6 +117,10 @@ absl::StatusOr<Timed> TimeRequest(const Arguments& arguments,
     std::ifstream file(scene.images[i * there / count].path, std::ios::binary);
     request.add_images()->set_content(std::string(std::istreambuf_iterator<char>(file), {}));
   }
+  for (const cv::Mat& image : Decoded(request)) {
+    if (image.empty())
+      return absl::InvalidArgumentError(scene.folder + ": an image that cannot be decoded");
+  }
   if (arguments.width > 0) Scale(arguments.width, &request);
   Timed out;
   out.scene = scene.scene_id;
@@ -136,12 +140,6 @@ absl::StatusOr<Timed> TimeRequest(const Arguments& arguments,
   return out;
 }
 
-double Quantile(std::vector<double> values, double share) {
-  if (values.empty()) return 0.0;
-  std::sort(values.begin(), values.end());
-  return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1) + 0.5)];
-}
-
 template <typename Value>
 std::vector<double> Of(const std::vector<Timed>& all, Value value) {
   std::vector<double> out;
@@ -151,40 +149,42 @@ std::vector<double> Of(const std::vector<Timed>& all, Value value) {
 
 void Print(const std::string& name, const std::vector<Timed>& all) {
   if (all.empty()) return;
-  const std::vector<double> seconds = Of(all, [](const Timed& t) { return t.seconds; });
-  const double sift = Quantile(Of(all, [](const Timed& t) { return t.sift_s; }), 0.5);
-  const double canny = Quantile(Of(all, [](const Timed& t) { return t.canny_s; }), 0.5);
+  std::vector<double> seconds = Of(all, [](const Timed& t) { return t.seconds; });
+  std::vector<double> sift = Of(all, [](const Timed& t) { return t.sift_s; });
+  std::vector<double> canny = Of(all, [](const Timed& t) { return t.canny_s; });
   double cpu = 0.0;
   for (const Timed& t : all) cpu += t.cpu_s / static_cast<double>(all.size());
+  const double median = Median(&seconds), of_sift = Median(&sift);
   std::printf(
       "%-12s %4zu requests  p50 %6.2f  p95 %6.2f  p99 %6.2f  worst %6.2f s  processor %6.2f s  "
       "SIFT %.3f s  Canny %.4f s  p50 / SIFT %.1f\n",
       name.c_str(),
       all.size(),
-      Quantile(seconds, 0.5),
-      Quantile(seconds, 0.95),
-      Quantile(seconds, 0.99),
-      Quantile(seconds, 1.0),
+      median,
+      Quantile(0.95, &seconds),
+      Quantile(0.99, &seconds),
+      Quantile(1.0, &seconds),
       cpu,
-      sift,
-      canny,
-      Quantile(seconds, 0.5) / std::max(1e-9, sift));
+      of_sift,
+      Median(&canny),
+      median / std::max(1e-9, of_sift));
 }
 
 void PrintAll(const std::vector<Timed>& all) {
-  std::map<std::string, std::vector<Timed>> groups;
-  for (const Timed& t : all) {
-    groups[t.tier].push_back(t);
-    groups[t.recognized ? "~recognised" : "~refused"].push_back(t);
-  }
-  for (const auto& [name, group] : groups) Print(name, group);
-  Print("~all", all);
+  std::map<std::string, std::vector<Timed>> of_tier;
+  std::vector<Timed> recognized, refused;
   std::map<std::string, std::vector<double>> stages;
   for (const Timed& t : all) {
+    of_tier[t.tier].push_back(t);
+    (t.recognized ? recognized : refused).push_back(t);
     for (const auto& [stage, seconds] : t.stages) stages[stage].push_back(seconds);
   }
-  for (const auto& [stage, seconds] : stages)
-    std::printf("  stage %-16s median %.3f s\n", stage.c_str(), Quantile(seconds, 0.5));
+  for (const auto& [tier, requests] : of_tier) Print(tier, requests);
+  Print("recognised", recognized);
+  Print("refused", refused);
+  Print("together", all);
+  for (auto& [stage, seconds] : stages)
+    std::printf("  stage %-16s median %.3f s\n", stage.c_str(), Median(&seconds));
 }
 
 void WriteCsv(const std::string& path, const std::vector<Timed>& all) {
@@ -215,6 +215,7 @@ int Main(int argc, char** argv) {
   };
   const auto scenes = ListBopScenes(arguments.dataset, arguments.split);
   if (!scenes.ok()) return fail(scenes.status());
+  cv::setNumThreads(1);
   HoropterClient client(arguments.server, 600.0);
   std::vector<Timed> all;
   for (const int id : *scenes) {

@@ -269,8 +269,6 @@ double AdjustToEdges(std::span<const AspectImage> images,
     std::vector<std::vector<ModelEdgePoint>> points(views * objects);
     PoseEdgeOptions edges;
     edges.search_px = search;
-    edges.max_points = options.max_points;
-    edges.render_px = options.render_px;
     ParallelFor(views * objects, threads, [&](int i) {
       const int v = i / objects, o = i % objects;
       if (!scene->views[v]) return;

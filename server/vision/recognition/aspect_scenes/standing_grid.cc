@@ -4,8 +4,8 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 
+#include "server/base/lanes.h"
 #include "server/base/rounded.h"
 #include "server/base/target_clones.h"
 
@@ -27,52 +27,51 @@ constexpr double kViewSlack = 0.14;   // ... and that of the views asked so far,
 // Points of an aspect in the half map of a view's image.
 struct MapPoints {
   std::array<std::int16_t, kGridPoints> u{}, v{};
-  std::array<std::int32_t, kGridPoints> map{};  // where the bin's map begins
-  std::array<float, kGridPoints> depth_m{};     // up to the place's
+  std::array<std::int32_t, kGridPoints> map{};       // where the bin's map begins
+  std::array<float, kGridPoints> depth_m{};          // up to the place's
+  std::array<std::int32_t, kGridPoints> left_out{};  // -1: no point
   std::size_t count = 0;
   std::int32_t reach = 0;  // 1/8 px
   Eigen::Vector2d center = Eigen::Vector2d::Zero();
   bool may_be_hidden = false;  // in a place of the block
 };
 
-// Eight points are looked up at once. Vectors of the compiler: clones use the registers they have.
-constexpr std::size_t kLanes = 8;
 static_assert(kFirst % kLanes == 0 && kGridPoints % kLanes == 0);
-using Shorts = std::int16_t __attribute__((vector_size(2 * kLanes)));
-using Ints = std::int32_t __attribute__((vector_size(4 * kLanes)));
 
-// Sum over points [from, to), multiples of eight but for the last, moved by (du, dv): how far the
-// nearest edge is, 1/8 px and at most the reach, which it is outside the map.
+struct HalfMaps {
+  const std::uint8_t* distance;
+  std::int32_t width, height;
+};
+
+// Sum over points [from, to), multiples of the lanes, moved by (du, dv): how far the nearest edge
+// is, 1/8 px and at most the reach, which it is outside the map. Nothing of those left out (-1).
 HOROPTER_TARGET_CLONES
-std::int32_t SumAway(const std::uint8_t* maps,
-                     std::int32_t width,
-                     std::int32_t height,
+std::int32_t SumAway(const HalfMaps& maps,
                      const MapPoints& points,
+                     const std::int32_t* left_out,
                      std::int32_t du,
                      std::int32_t dv,
                      std::size_t from,
                      std::size_t to) {
-  Ints sum = {};
+  IntLanes sum = {};
   for (std::size_t i = from; i < to; i += kLanes) {
-    Shorts us, vs;
-    Ints map;
-    std::memcpy(&us, points.u.data() + i, sizeof(us));
-    std::memcpy(&vs, points.v.data() + i, sizeof(vs));
-    std::memcpy(&map, points.map.data() + i, sizeof(map));
-    const Ints u = __builtin_convertvector(us, Ints) + du;
-    const Ints v = __builtin_convertvector(vs, Ints) + dv;
-    const Ints inside = (u >= 0) & (u < width) & (v >= 0) & (v < height);
-    const Ints cell = (map + v * width + u) & inside;
-    Ints away;
-    for (std::size_t k = 0; k < kLanes; ++k) away[k] = maps[cell[k]];
-    away = (inside != 0) & (away < points.reach) ? away : Ints{} + points.reach;
-    if (i + kLanes > to) {
-      for (std::size_t k = to - i; k < kLanes; ++k) away[k] = 0;
-    }
-    sum += away;
+    ShortLanes us, vs;
+    IntLanes map, out;
+    LoadLanes(points.u.data() + i, &us);
+    LoadLanes(points.v.data() + i, &vs);
+    LoadLanes(points.map.data() + i, &map);
+    LoadLanes(left_out + i, &out);
+    const IntLanes u = __builtin_convertvector(us, IntLanes) + du;
+    const IntLanes v = __builtin_convertvector(vs, IntLanes) + dv;
+    const IntLanes inside = (u >= 0) & (u < maps.width) & (v >= 0) & (v < maps.height);
+    const IntLanes cell = (map + v * maps.width + u) & inside;
+    IntLanes away;
+    for (int k = 0; k < kLanes; ++k) away[k] = maps.distance[cell[k]];
+    away = (inside != 0) & (away < points.reach) ? away : IntLanes{} + points.reach;
+    sum += away & ~out;
   }
   std::int32_t all = 0;
-  for (std::size_t k = 0; k < kLanes; ++k) all += sum[k];
+  for (int k = 0; k < kLanes; ++k) all += sum[k];
   return all;
 }
 
@@ -265,6 +264,8 @@ class FaceSearch {
       out->depth_m[i] = look.z[i] - slack_m;
       out->map[i] = look.bin[i] * cells;
     }
+    std::fill(
+        out->left_out.begin() + static_cast<std::ptrdiff_t>(out->count), out->left_out.end(), -1);
     return out->count >= kFirst;
   }
 
@@ -278,29 +279,23 @@ class FaceSearch {
     const HidingMap& hiding = ground_.hiding[v];
     const int du = Rounded(0.5 * moved.x());
     const int dv = Rounded(0.5 * moved.y());
-    const std::uint8_t* maps = image.half_distance.data();
+    const HalfMaps maps{image.half_distance.data(), image.half_width, image.half_height};
+    std::array<std::int32_t, kGridPoints> left_out = points.left_out;
     std::int32_t away = 0;
     std::size_t shown = 0;
     const auto add = [&](std::size_t from, std::size_t to) {
-      if (!points.may_be_hidden) {
-        away += SumAway(maps, image.half_width, image.half_height, points, du, dv, from, to);
-        shown += to - from;
-        return;
+      shown += std::min(to, points.count) - from;
+      for (std::size_t i = from; points.may_be_hidden && i < std::min(to, points.count); ++i) {
+        const float depth = points.depth_m[i] + static_cast<float>(depth_m);
+        if (!hiding.Hides(points.u[i] + du, points.v[i] + dv, depth)) continue;
+        left_out[i] = -1;
+        --shown;
       }
-      for (std::size_t i = from; i < to; ++i) {
-        const int u = points.u[i] + du, w = points.v[i] + dv;
-        if (hiding.Hides(u, w, points.depth_m[i] + static_cast<float>(depth_m))) continue;
-        const bool inside = static_cast<unsigned>(u) < static_cast<unsigned>(image.half_width) &&
-                            static_cast<unsigned>(w) < static_cast<unsigned>(image.half_height);
-        away += inside ? std::min<std::int32_t>(maps[points.map[i] + w * image.half_width + u],
-                                                points.reach)
-                       : points.reach;
-        ++shown;
-      }
+      away += SumAway(maps, points, left_out.data(), du, dv, from, to);
     };
     add(0, kFirst);
     if (away > (1.0 - least) * static_cast<double>(shown) * points.reach) return {0.0, kFirst};
-    add(kFirst, points.count);
+    add(kFirst, kGridPoints);
     if (shown < kShownPoints) return {};
     return {static_cast<double>(shown) - static_cast<double>(away) / points.reach, shown};
   }

@@ -69,11 +69,17 @@ ModelRaster RasterEdges(const VisibleEdges& edges, const AspectImage& image, dou
 // in a window widened by `margin`.
 struct SilhouetteDistance {
   int margin = 0, width = 0, height = 0;
-  std::vector<std::int16_t> thirds;
+  std::vector<std::int16_t> thirds;  // with a cell more, far away, around the window
+
+  std::int16_t* Row(int y) { return thirds.data() + Cell(0, y); }
+  std::size_t Cell(int x, int y) const {
+    return (static_cast<std::size_t>(y) + 1) * (static_cast<std::size_t>(width) + 2) +
+           static_cast<std::size_t>(x) + 1;
+  }
 };
 
-// What a row is told by the one before it: a step straight on is 3, one across 4. Both are read one
-// beyond their ends.
+// What a row is told by the one before it, which is read one beyond its ends: a step straight on is
+// 3, one across 4.
 HOROPTER_TARGET_CLONES
 void RelaxFromRow(const std::int16_t* before, int width, std::int16_t* row) {
   for (int x = 0; x < width; ++x) {
@@ -90,29 +96,21 @@ SilhouetteDistance DistanceToSilhouette(const RenderedView& view, int margin) {
   out.width = view.width + 2 * margin;
   out.height = view.height + 2 * margin;
   const int w = out.width, h = out.height;
-  const std::size_t stride = static_cast<std::size_t>(w) + 2;  // a far cell at both ends
-  std::vector<std::int16_t> padded(stride * (static_cast<std::size_t>(h) + 2), kFar);
-  const auto row = [&](int y) {
-    return padded.data() + stride * (static_cast<std::size_t>(y) + 1) + 1;
-  };
+  out.thirds.assign((static_cast<std::size_t>(w) + 2) * (static_cast<std::size_t>(h) + 2), kFar);
   for (int y = 0; y < view.height; ++y) {
-    std::int16_t* at = row(y + margin) + margin;
-    const float* depth = view.inverse_depth.data() + static_cast<std::size_t>(y) * view.width;
-    for (int x = 0; x < view.width; ++x) at[x] = depth[x] > 0.0f ? 0 : kFar;
+    std::int16_t* at = out.Row(y + margin) + margin;
+    for (int x = 0; x < view.width; ++x) at[x] = view.Covered(x, y) ? 0 : kFar;
   }
   for (int y = 0; y < h; ++y) {
-    std::int16_t* d = row(y);
-    RelaxFromRow(row(y - 1), w, d);
+    std::int16_t* d = out.Row(y);
+    RelaxFromRow(out.Row(y - 1), w, d);
     for (int x = 1; x < w; ++x) d[x] = std::min<std::int16_t>(d[x], d[x - 1] + 3);
   }
   for (int y = h - 1; y >= 0; --y) {
-    std::int16_t* d = row(y);
-    RelaxFromRow(row(y + 1), w, d);
+    std::int16_t* d = out.Row(y);
+    RelaxFromRow(out.Row(y + 1), w, d);
     for (int x = w - 2; x >= 0; --x) d[x] = std::min<std::int16_t>(d[x], d[x + 1] + 3);
   }
-  out.thirds.resize(static_cast<std::size_t>(w) * h);
-  for (int y = 0; y < h; ++y)
-    std::copy_n(row(y), w, out.thirds.begin() + static_cast<std::ptrdiff_t>(y) * w);
   return out;
 }
 
@@ -277,7 +275,7 @@ void ScoreImageEdges(const AspectImage& image,
       const int sx = Rounded(at.x()) + silhouette.margin;
       const int sy = Rounded(at.y()) + silhouette.margin;
       if (sx < 0 || sy < 0 || sx >= silhouette.width || sy >= silhouette.height) continue;
-      const int outside = silhouette.thirds[static_cast<std::size_t>(sy) * silhouette.width + sx];
+      const int outside = silhouette.thirds[silhouette.Cell(sx, sy)];
       if (outside > limit) continue;
       const int bin = AspectBin(-edge.normal.y(), edge.normal.x());
       const bool own = IsExplained(raster, edges, edge, x, y, least_cosine);
@@ -417,10 +415,11 @@ double PointSupport(const AspectImage& image,
                     const Rigid3& camera_from_object,
                     double free_chance,
                     double reach_px) {
+  if (points.empty()) return 0.0;
   const PinholeCamera working = WorkingCamera(image, camera);
   const int level = reach_px > 4.0 ? AspectImage::ChanceLevel(static_cast<float>(reach_px)) : 0;
   // Floats, from a point of the part on, so that they are exact enough far from the origin.
-  const Eigen::Vector3f from = points.empty() ? Eigen::Vector3f::Zero() : points.front().point;
+  const Eigen::Vector3f from = points.front().point;
   const Eigen::Matrix3f R = camera_from_object.R.cast<float>();
   const Eigen::Vector3f t = (camera_from_object * from.cast<double>()).cast<float>();
   const auto f = static_cast<float>(working.focal_px), k1 = static_cast<float>(working.k1);
@@ -439,7 +438,6 @@ double PointSupport(const AspectImage& image,
     sum += std::max(0.0f, 1.0f - image.DistanceAt(px, py, bin) / reach);
     chance += image.ChanceAt(px, py, bin, level);
   }
-  if (points.empty()) return 0.0;
   const double n = static_cast<double>(points.size());
   const double excess = std::max(0.0, chance / (255.0 * n) - free_chance);
   return (sum / n - excess) / (1.0 - excess);

@@ -203,10 +203,7 @@ class Share {
             float turn,
             const Eigen::Vector2f& from,
             const Eigen::Vector2f& to) {
-    Similarity s = MakeSimilarity(size, turn);
-    s.x = to.x() - (s.a * from.x() - s.b * from.y());
-    s.y = to.y() - (s.b * from.x() + s.a * from.y());
-    Test(aspect, s, to);
+    Test(aspect, Placed(size, IndexedTurn(turn), {}, from, to), to);
   }
 
   bool IsSoughtSize(float size) const {

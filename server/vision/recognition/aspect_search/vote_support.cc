@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <numbers>
 
+#include "server/base/lanes.h"
 #include "server/base/target_clones.h"
 
 namespace horopter {
@@ -22,13 +22,7 @@ struct BinTable {
 };
 const BinTable kBins;
 
-// Eight points are moved at once. Vectors of the compiler: clones use the registers they have.
-constexpr int kLanes = 8;
 constexpr int kBinShift = 8;  // FirstVotePoints::kBinSteps, as a power of two
-using Shorts = std::int16_t __attribute__((vector_size(2 * kLanes)));
-using UnsignedShorts = std::uint16_t __attribute__((vector_size(2 * kLanes)));
-using Ints = std::int32_t __attribute__((vector_size(4 * kLanes)));
-using Floats = float __attribute__((vector_size(4 * kLanes)));
 
 // From steps of FirstVotePoints to cells of a coarse map.
 struct CellTransform {
@@ -46,27 +40,25 @@ int SumOfSupport(const std::uint8_t* distance,
                  int from,
                  int to,
                  int tau8) {
-  const auto load = [](const auto* from_points, auto* lanes) {
-    std::memcpy(lanes, from_points, sizeof(*lanes));
-  };
-  const Floats zero = {};
+  const FloatLanes zero = {};
   int sum = 0;
   for (int begin = from / kLanes * kLanes; begin < to; begin += kLanes) {
-    Shorts xs, ys;
-    UnsignedShorts bins;
-    load(points.x.data() + begin, &xs);
-    load(points.y.data() + begin, &ys);
-    load(points.bin.data() + begin, &bins);
-    const Floats px = __builtin_convertvector(xs, Floats), py = __builtin_convertvector(ys, Floats);
-    const Floats x = t.a * px - t.b * py + t.x0, y = t.b * px + t.a * py + t.y0;
-    const Floats left = x < zero ? zero : x, top = y < zero ? zero : y;
-    const Floats right = zero + t.right, bottom = zero + t.bottom;
-    const Ints cx = __builtin_convertvector(left > right ? right : left, Ints);
-    const Ints cy = __builtin_convertvector(top > bottom ? bottom : top, Ints);
-    Ints bin = (__builtin_convertvector(bins, Ints) + t.turn) >> kBinShift;
+    ShortLanes xs, ys;
+    UnsignedShortLanes bins;
+    LoadLanes(points.x.data() + begin, &xs);
+    LoadLanes(points.y.data() + begin, &ys);
+    LoadLanes(points.bin.data() + begin, &bins);
+    const FloatLanes px = __builtin_convertvector(xs, FloatLanes),
+                     py = __builtin_convertvector(ys, FloatLanes);
+    const FloatLanes x = t.a * px - t.b * py + t.x0, y = t.b * px + t.a * py + t.y0;
+    const FloatLanes left = x < zero ? zero : x, top = y < zero ? zero : y;
+    const FloatLanes right = zero + t.right, bottom = zero + t.bottom;
+    const IntLanes cx = __builtin_convertvector(left > right ? right : left, IntLanes);
+    const IntLanes cy = __builtin_convertvector(top > bottom ? bottom : top, IntLanes);
+    IntLanes bin = (__builtin_convertvector(bins, IntLanes) + t.turn) >> kBinShift;
     // A comparison that holds is -1. At most twice around.
     bin += ((bin >= kAspectBins) + (bin >= 2 * kAspectBins)) * kAspectBins;
-    const Ints cells = (bin * t.height + cy) * t.width + cx;
+    const IntLanes cells = (bin * t.height + cy) * t.width + cx;
     const int first = std::max(from - begin, 0), last = std::min(to - begin, kLanes);
     for (int i = first; i < last; ++i) sum += std::max(0, tau8 - distance[cells[i]]);
   }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <cstring>
 
+#include "server/base/lanes.h"
 #include "server/base/rounded.h"
 #include "server/base/target_clones.h"
 #include "server/vision/recognition/aspects/screen_edges.h"
@@ -50,11 +51,6 @@ struct Turn {
 
 constexpr float kCut = -1.0f;  // no turn: a contour runs between the pixels
 
-// Eight pixels are computed at once. Vectors of the compiler: clones use the registers they have.
-constexpr int kLanes = 8;
-using Floats = float __attribute__((vector_size(4 * kLanes)));
-using Ints = std::int32_t __attribute__((vector_size(4 * kLanes)));
-
 // The normals' coordinates, and for each pixel whether a contour runs to the one a stride on.
 struct TurnInput {
   std::array<const float*, 3> normal;
@@ -66,28 +62,27 @@ struct TurnInput {
 // between, 0 on the background. Reads and writes up to kLanes - 1 pixels more.
 HOROPTER_TARGET_CLONES
 void FillTurnPower(const TurnInput& in, int stride, int begin, int end, float* power) {
-  const auto load = [](const auto* from, auto* lanes) { std::memcpy(lanes, from, sizeof(*lanes)); };
   for (int i = begin; i < end; i += kLanes) {
     const int j = i + stride;
-    Ints cut, cut_before, cut_after, triangle;
-    load(in.cut + i, &cut);
-    load(in.cut + i - stride, &cut_before);
-    load(in.cut + j, &cut_after);
-    load(in.triangle + i, &triangle);
-    Floats squares[3];
+    IntLanes cut, cut_before, cut_after, triangle;
+    LoadLanes(in.cut + i, &cut);
+    LoadLanes(in.cut + i - stride, &cut_before);
+    LoadLanes(in.cut + j, &cut_after);
+    LoadLanes(in.triangle + i, &triangle);
+    FloatLanes squares[3];
     for (int k = 0; k < 3; ++k) {
-      Floats before, here, next, after;
-      load(in.normal[k] + i - stride, &before);
-      load(in.normal[k] + i, &here);
-      load(in.normal[k] + j, &next);
-      load(in.normal[k] + j + stride, &after);
-      const Floats wide = (cut_after != 0 ? next : after) - (cut_before != 0 ? here : before);
-      const Floats turn = (2.0f * (next - here) + wide) / 3.0f;
+      FloatLanes before, here, next, after;
+      LoadLanes(in.normal[k] + i - stride, &before);
+      LoadLanes(in.normal[k] + i, &here);
+      LoadLanes(in.normal[k] + j, &next);
+      LoadLanes(in.normal[k] + j + stride, &after);
+      const FloatLanes wide = (cut_after != 0 ? next : after) - (cut_before != 0 ? here : before);
+      const FloatLanes turn = (2.0f * (next - here) + wide) / 3.0f;
       squares[k] = turn * turn;
     }
-    Floats out = squares[0] + (squares[1] + squares[2]);
-    out = cut != 0 ? Floats{} + kCut : out;
-    out = triangle < 0 ? Floats{} : out;
+    FloatLanes out = squares[0] + (squares[1] + squares[2]);
+    out = cut != 0 ? FloatLanes{} + kCut : out;
+    out = triangle < 0 ? FloatLanes{} : out;
     std::memcpy(power + i, &out, sizeof(out));
   }
 }
@@ -173,6 +168,7 @@ class CreaseFinder {
     const int stride = Stride(axis);
     cut_.assign(view_.triangle.size(), 0);
     const int last = static_cast<int>(cut_.size()) - stride;
+    // DepthSteps::Between along one axis, without its choice.
     const std::uint8_t* farther = steps_.farther.data();
     for (int i = 0; i < last; ++i)
       cut_[i] = (farther[i] >> axis & 1) | (farther[i + stride] >> (axis + 2) & 1);

@@ -3,6 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 #include <numeric>
 #include <tuple>
@@ -300,25 +301,14 @@ std::vector<FragmentIndex::Row> FragmentIndex::RowsAround(const Eigen::Array3f& 
 void FragmentIndex::Find(const FragmentKey& key,
                          float radius,
                          std::vector<std::uint32_t>* found) const {
-  if (fragments.empty()) return;
-  if (options.lookup == FragmentLookup::kXTree) {
-    std::array<double, kFragmentAngles> center;
-    std::copy(key.begin(), key.end(), center.begin());
-    for (const Neighbor& n : tree.Radius(center, radius))
-      found->push_back(static_cast<std::uint32_t>(n.id));
-    return;
-  }
+  // As far as coarse steps may be off, and then what is near enough.
+  std::vector<std::uint32_t> near;
+  FindNearest(key, CoarseKeys::RadiusOf(CoarseKeys::LimitOf(radius)), fragments.size(), {}, &near);
   const PackedFragmentKey packed = PackKey(key);
   const int limit = static_cast<int>(radius * radius * kKeyScale * kKeyScale);
-  const float cell = static_cast<float>(options.cell_rad), reach = radius / cell;
-  const Eigen::Array3f place = ((axes * AsVector(key)).array() - low) / cell;
-  for (const Row& row : RowsAround(place, reach)) {
-    const float r = std::sqrt(reach * reach - row.away);
-    const std::uint32_t end = cell_begin[row.first_cell + CellAt(2, place[2] + r) + 1];
-    for (std::uint32_t f = cell_begin[row.first_cell + CellAt(2, place[2] - r)]; f < end; ++f) {
-      if (SquaredSteps(keys[f], packed) <= limit) found->push_back(f);
-    }
-  }
+  std::copy_if(near.begin(), near.end(), std::back_inserter(*found), [&](std::uint32_t f) {
+    return SquaredSteps(keys[f], packed) <= limit;
+  });
 }
 
 void FragmentIndex::FindNearest(const FragmentKey& key,

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "server/base/lanes.h"
 #include "server/base/target_clones.h"
 
 namespace horopter {
@@ -17,11 +18,11 @@ std::int16_t CoarseOf(std::int16_t step) {
                                    std::countr_zero(unsigned{kCoarseStep}));
 }
 
-// Vectors of the compiler: clones use the registers they have.
-constexpr int kLanes = CoarseKeys::kLanes;
-using Shorts = std::int16_t __attribute__((vector_size(2 * kLanes)));
-using Sums = std::uint16_t __attribute__((vector_size(2 * kLanes)));
-using Bytes = std::int8_t __attribute__((vector_size(kLanes)));
+// Twice the usual lanes: 16 bits are enough for a sum.
+constexpr int kKeys = CoarseKeys::kLanes;
+using Shorts = std::int16_t __attribute__((vector_size(2 * kKeys)));
+using Sums = std::uint16_t __attribute__((vector_size(2 * kKeys)));
+using Bytes = std::int8_t __attribute__((vector_size(kKeys)));
 
 HOROPTER_TARGET_CLONES
 std::size_t FindCoarse(const std::array<const std::int16_t*, kFragmentAngles>& keys,
@@ -30,13 +31,13 @@ std::size_t FindCoarse(const std::array<const std::int16_t*, kFragmentAngles>& k
                        std::uint32_t end,
                        std::uint16_t limit,
                        CoarseKeys::Near* near) {
-  constexpr int kHalf = kLanes / 2;
+  constexpr int kHalf = kKeys / 2;
   std::size_t count = 0;
-  for (std::uint32_t f = begin; f < end; f += kLanes) {
+  for (std::uint32_t f = begin; f < end; f += kKeys) {
     Sums sum = {};
     for (int k = 0; k < kFragmentAngles; ++k) {
       Shorts d;
-      std::memcpy(&d, keys[k] + f, sizeof(d));
+      LoadLanes(keys[k] + f, &d);
       d -= center[k];
       d = d < 0 ? -d : d;
       d = d < CoarseKeys::kFar ? d : Shorts{} + CoarseKeys::kFar;

@@ -29,6 +29,7 @@ struct Window {
 };
 
 Vector2d Undistorted(const PinholeCamera& camera, const Vector2d& pixel) {
+  if (camera.k1 == 0.0) return pixel;
   const Vector2d n = NormalizedPoint(camera, pixel);
   return {camera.focal_px * n.x() + camera.cx, camera.focal_px * n.y() + camera.cy};
 }
@@ -187,7 +188,6 @@ bool PlaceWindow(const std::vector<Vector3f>& vertices,
 Vector2d RenderedFromImage(const RenderedView& view,
                            const PinholeCamera& camera,
                            const Vector2d& pixel) {
-  if (camera.k1 == 0.0) return (pixel - view.origin) * view.scale;
   return (Undistorted(camera, pixel) - view.origin) * view.scale;
 }
 
