@@ -226,6 +226,36 @@ AspectImage WithoutTexture(Detected d) {
   return std::move(out);
 }
 
+// Of the marked edges those that are not in `left`, as a share.
+double ShareDropped(const AspectImage& all,
+                    const std::vector<std::uint8_t>& marked,
+                    const AspectImage& left) {
+  int of_marked = 0, dropped = 0;
+  for (std::size_t i = 0; i < marked.size(); ++i) {
+    if (!marked[i]) continue;
+    ++of_marked;
+    const Eigen::Vector2f& p = all.edges[i].point;
+    const std::int32_t at =
+        left.edge_at[left.Cell(static_cast<int>(p.x() + 0.5f), static_cast<int>(p.y() + 0.5f))];
+    dropped += at < 0 || left.edges[at].point != p;
+  }
+  return dropped / static_cast<double>(std::max(1, of_marked));
+}
+
+// Where the image alone tells the ground's texture it tells it best: before dense texture outlines
+// of what stands on it meet something in the other views, too.
+AspectImage WithoutGround(Detected d, const PlaneEdges& on_ground) {
+  const std::vector<std::uint8_t> ground = GroundCells(d.image, on_ground);
+  AspectImage out = WithoutTexture(d);
+  if (ShareDropped(d.image, on_ground.marked, out) < d.options.ground.told_alone) {
+    Drop(on_ground.marked, &d.image);
+    FillAspectMaps(d.options, &d.image);
+    out = WithoutTexture(std::move(d));
+  }
+  out.ground = ground;
+  return out;
+}
+
 // From image pixels to working pixels.
 Eigen::Matrix3d WorkingFromImage(const AspectImage& image) {
   const double s = image.working_from_image;
@@ -263,12 +293,8 @@ std::vector<AspectImage> MakeAspectImagesOnGround(
   });
   std::vector<AspectImage> out(n);
   ParallelFor(n, threads, [&](int i) {
-    if (!on_ground[i].marked.empty()) {
-      detected[i].image.ground = GroundCells(detected[i].image, on_ground[i]);
-      Drop(on_ground[i].marked, &detected[i].image);
-      FillAspectMaps(detected[i].options, &detected[i].image);
-    }
-    out[i] = WithoutTexture(std::move(detected[i]));
+    out[i] = on_ground[i].marked.empty() ? WithoutTexture(std::move(detected[i]))
+                                         : WithoutGround(std::move(detected[i]), on_ground[i]);
   });
   return out;
 }

@@ -20,6 +20,9 @@ struct PlaneEdgeOptions {
   // is the outline of what lies flat on the ground; chosen.
   double outline_room = 3.0;
   double least_room_px = 5.0;
+  // Where the tests of the image alone drop this share of the ground's edges they are enough. ADR
+  // 59.
+  double told_alone = 0.95;
 };
 
 // Errors: INVALID_ARGUMENT, names the field.

@@ -148,6 +148,7 @@ absl::Status Validate(const PlaneEdgeOptions& o) {
   if (!(o.max_room_px > 0)) return bad("max_room_px");
   if (!(o.outline_room > 0)) return bad("outline_room");
   if (!(o.least_room_px > 0)) return bad("least_room_px");
+  if (!(o.told_alone >= 0)) return bad("told_alone");
   return absl::OkStatus();
 }
 
