@@ -135,12 +135,15 @@ class Linker {
            scene.objects.front().score >= kCredibleScore;
   }
 
-  static bool IsSettled(const LinkedScene& scene) {
+  // Views may turn about a round part's axis: alone it settles nothing.
+  bool IsSettled(const LinkedScene& scene) const {
     if (scene.registered() < static_cast<int>(scene.views.size()) || scene.objects.empty() ||
         scene.agreement.Contradicts(kSettledSurface))
       return false;
     const bool several = scene.objects.size() > 1 && scene.objects[1].score >= kSettledScore;
-    return scene.objects.front().score >= (several ? kSettledScore : kSettledAlone);
+    const bool round = !in_.models[scene.objects.front().object].round.empty();
+    return (several || !round) &&
+           scene.objects.front().score >= (several ? kSettledScore : kSettledAlone);
   }
 
   // The other views are looked at for what those searched show, while that leaves no doubt; one

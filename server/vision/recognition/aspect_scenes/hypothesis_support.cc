@@ -14,12 +14,15 @@ constexpr double kLeastWeight = 0.003;  // of a hypothesis that is no better tha
 constexpr double kLeastChance = 0.25;   // of a wrong pose's score in an image
 constexpr double kMostChance = 0.5;     // ... and at most; chosen, commit cffbdd4
 constexpr std::size_t kLongList = 12;   // hypotheses of which a fifth may be right
-constexpr double kNearM = 1e-3;         // points nearer to the camera plane have no image
-constexpr double kCarriedReach = 0.06;  // of the size
+constexpr double kTurnedAgrees = 0.9;  // of a round part that small features turn otherwise; chosen
+constexpr double kNearM = 1e-3;        // points nearer to the camera plane have no image
+constexpr double kCarriedReach = 0.06;             // of the size
 constexpr double kCarriedReachPx[] = {4.0, 12.0};  // working px, least and most; chosen
 constexpr std::size_t kCarriedHypotheses = 8;      // of a view, by their edges in the other one
-constexpr int kCarriedPoints = 48;                 // of an object; chosen, for time
-constexpr double kCarriedChance = 0.35;            // support of edges in a wrong place
+constexpr std::size_t kCarriedOfPlace = 2;         // ... of one place; chosen
+constexpr double kSamePlace = 0.2;       // of the smaller size, between two centres; chosen
+constexpr int kCarriedPoints = 48;       // of an object; chosen, for time
+constexpr double kCarriedChance = 0.35;  // support of edges in a wrong place
 
 // What a fifth of a list reaches: most of a long one is wrong.
 double ChanceOf(std::vector<double> scores) {
@@ -43,6 +46,14 @@ std::vector<double> Weights(const std::vector<AspectHypothesis>& kept, double mi
   return weights;
 }
 
+// The turn about the axis that brings a pose nearest to another.
+Rigid3 TurnTowards(const SymmetryAxis& axis, const Rigid3& pose, const Rigid3& other) {
+  const Eigen::Matrix3d M = other.R.transpose() * pose.R;
+  const Eigen::Vector3d skew(M(2, 1) - M(1, 2), M(0, 2) - M(2, 0), M(1, 0) - M(0, 1));
+  const double cosine = M.trace() - axis.axis.dot(M * axis.axis);
+  return TurnAbout(axis, -std::atan2(axis.axis.dot(skew), cosine));
+}
+
 }  // namespace
 
 HypothesisSupport::HypothesisSupport(const AspectLinkInput& input, const AspectLinkOptions& options)
@@ -56,16 +67,44 @@ HypothesisSupport::HypothesisSupport(const AspectLinkInput& input, const AspectL
     weights_.push_back(Weights(kept, options.min_joint));
     hypotheses_.push_back(std::move(kept));
   }
-  points_.resize(in_.images.size());
-  ParallelFor(
-      static_cast<int>(points_.size()), options_.threads, [&](int v) { points_[v] = Carried(v); });
+  places_.resize(in_.images.size());
+  carried_.resize(in_.images.size());
+  ParallelFor(static_cast<int>(carried_.size()), options_.threads, [&](int v) {
+    places_[v] = PlacesOf(v);
+    carried_[v] = Carried(v);
+  });
 }
 
-std::vector<std::vector<ModelEdgePoint>> HypothesisSupport::Carried(int v) const {
-  std::vector<std::vector<ModelEdgePoint>> out;
-  for (std::size_t k = 0; k < hypotheses_[v].size() && k < kCarriedHypotheses; ++k) {
+std::vector<int> HypothesisSupport::PlacesOf(int v) const {
+  const std::vector<AspectHypothesis>& list = hypotheses_[v];
+  std::vector<Eigen::Vector2d> centers;
+  std::vector<double> sizes;
+  for (const AspectHypothesis& h : list) {
+    centers.push_back(
+        Project(h.camera, h.camera_from_object * MeshOf(h.object).center.cast<double>()));
+    sizes.push_back(SizePx(in_.models[h.object], h.camera, h.camera_from_object));
+  }
+  std::vector<int> out;
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    int place = static_cast<int>(i);
+    for (int k = 0; k < place; ++k) {
+      if ((centers[i] - centers[k]).norm() < kSamePlace * std::min(sizes[i], sizes[k])) place = k;
+    }
+    out.push_back(place);
+  }
+  return out;
+}
+
+std::vector<HypothesisSupport::CarriedEdges> HypothesisSupport::Carried(int v) const {
+  std::vector<CarriedEdges> out;
+  for (std::size_t k = 0; k < hypotheses_[v].size() && out.size() < kCarriedHypotheses; ++k) {
+    const int place = places_[v][k];
+    const auto there = std::count_if(
+        out.begin(), out.end(), [&](const CarriedEdges& c) { return c.place == place; });
+    if (static_cast<std::size_t>(there) >= kCarriedOfPlace) continue;
     const AspectHypothesis& h = hypotheses_[v][k];
-    out.push_back(EdgePoints(h.object, h.camera, h.camera_from_object));
+    out.push_back(
+        {static_cast<int>(k), place, EdgePoints(h.object, h.camera, h.camera_from_object)});
   }
   return out;
 }
@@ -77,7 +116,8 @@ void HypothesisSupport::Add(int view, std::vector<AspectHypothesis> more) {
       more.begin(), more.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
   weights_[view] = Weights(more, options_.min_joint);
   list = std::move(more);
-  points_[view] = Carried(view);
+  places_[view] = PlacesOf(view);
+  carried_[view] = Carried(view);
 }
 
 bool HypothesisSupport::IsByChance(int view, std::size_t i) const {
@@ -103,8 +143,16 @@ double HypothesisSupport::Agreement(const AspectSceneView& view,
   const double reach = options_.same_pose_share * size;
   const Eigen::Vector2d there = Project(h.camera, h.camera_from_object * center);
   if ((Project(view.camera, x) - there).norm() > reach) return 0.0;
-  const double off = PoseDistancePx(model, view.camera, expected, h.camera, h.camera_from_object);
-  return off < reach ? 1.0 - 0.5 * off / reach : 0.0;
+  const auto agreement = [&](const Rigid3& pose) {
+    const double off = PoseDistancePx(model, view.camera, expected, h.camera, pose);
+    return off < reach ? 1.0 - 0.5 * off / reach : 0.0;
+  };
+  double best = agreement(h.camera_from_object);
+  for (const SymmetryAxis& axis : model.round) {
+    const Rigid3 turned = h.camera_from_object * TurnTowards(axis, h.camera_from_object, expected);
+    best = std::max(best, kTurnedAgrees * agreement(turned));
+  }
+  return best;
 }
 
 std::pair<int, double> HypothesisSupport::BestAgreeing(int v,
@@ -126,19 +174,31 @@ double HypothesisSupport::CarriedSupport(const AspectSceneView& view_from,
                                          int from,
                                          int to,
                                          const std::vector<int>& known) const {
-  double sum = 0.0;
+  const auto is_known = [&](const CarriedEdges& c) {
+    return std::any_of(known.begin(), known.end(), [&](int k) {
+      return k >= 0 && (k == c.hypothesis || places_[from][k] == c.place);
+    });
+  };
   const Rigid3 to_from_from = view_to.camera_from_scene * view_from.camera_from_scene.Inverse();
-  for (std::size_t k = 0; k < points_[from].size(); ++k) {
-    const AspectHypothesis& h = hypotheses_[from][k];
-    if (weights_[from][k] <= kLeastWeight ||
-        std::find(known.begin(), known.end(), static_cast<int>(k)) != known.end()) {
-      continue;
-    }
+  std::vector<std::pair<int, double>> found;  // of a place
+  for (const CarriedEdges& c : carried_[from]) {
+    const double weight = weights_[from][c.hypothesis];
+    if (weight <= kLeastWeight || is_known(c)) continue;
+    const AspectHypothesis& h = hypotheses_[from][c.hypothesis];
     const Rigid3 pose =
         to_from_from *
         WithFocal(h.camera_from_object, h.camera.focal_px, view_from.camera.focal_px);
-    sum += weights_[from][k] * Found(to, h.object, points_[from][k], view_to.camera, pose);
+    const double value = weight * Found(to, h.object, c.points, view_to.camera, pose);
+    const auto same =
+        std::find_if(found.begin(), found.end(), [&](const auto& f) { return f.first == c.place; });
+    if (same == found.end()) {
+      found.emplace_back(c.place, value);
+    } else {
+      same->second = std::max(same->second, value);
+    }
   }
+  double sum = 0.0;
+  for (const auto& [place, value] : found) sum += value;
   return sum;
 }
 

@@ -22,9 +22,6 @@ class HypothesisSupport {
   // What a hypothesis scores above what chance gives wrong poses in its image.
   double Weight(int view, std::size_t i) const { return weights_[view][i]; }
   bool IsByChance(int view, std::size_t i) const;
-  // Hypotheses of a view whose edges are carried into others: the first so many.
-  std::size_t CarriedCount(int view) const { return points_[view].size(); }
-
   const RenderMesh& MeshOf(int object) const { return in_.models[object].object->mesh; }
   AspectSceneView ViewOf(int v, const PinholeCamera& camera, const Rigid3& pose) const;
   // The hypothesis of view v that agrees best with an object placed at `expected` (camera frame),
@@ -34,7 +31,8 @@ class HypothesisSupport {
                                       int object,
                                       const Rigid3& expected) const;
   // What the edges of view `from`'s best hypotheses find where a link of two views shows them in
-  // view `to`: settles which of a symmetric part's turns links them. `known` needs no telling.
+  // view `to`: settles which of a symmetric part's turns links them. Of one place of the image the
+  // one that finds most counts, of those of the `known` hypotheses none: they need no telling.
   double CarriedSupport(const AspectSceneView& view_from,
                         const AspectSceneView& view_to,
                         int from,
@@ -56,14 +54,21 @@ class HypothesisSupport {
                    const Rigid3& expected,
                    const AspectHypothesis& h) const;
 
-  std::vector<std::vector<ModelEdgePoint>> Carried(int view) const;
+  // Visible edges of a hypothesis, and which place of its image it has.
+  struct CarriedEdges {
+    int hypothesis = -1;
+    int place = -1;
+    std::vector<ModelEdgePoint> points;
+  };
+  std::vector<int> PlacesOf(int view) const;
+  std::vector<CarriedEdges> Carried(int view) const;
 
   const AspectLinkInput& in_;
   const AspectLinkOptions& options_;
   std::vector<std::vector<AspectHypothesis>> hypotheses_;
   std::vector<std::vector<double>> weights_;
-  // Of each view its best hypotheses' visible edges.
-  std::vector<std::vector<std::vector<ModelEdgePoint>>> points_;
+  std::vector<std::vector<int>> places_;            // of each hypothesis the first one in its place
+  std::vector<std::vector<CarriedEdges>> carried_;  // of each view's best hypotheses
 };
 
 }  // namespace horopter

@@ -312,13 +312,27 @@ double GroundAgreement(std::span<const AspectImage> images,
                        std::span<const ObjectLayer> layers,
                        std::span<const RestingFace> resting,
                        const Rigid3& scene_from_object) {
+  const auto agreement = [&](const SupportingPlane& plane, Speed speed) {
+    return Least(Correlate(images,
+                           views,
+                           layers,
+                           [&](const SeenObject& v, const SeenObject& w) {
+                             return PlaneOneWay(v, w, plane, speed);
+                           }),
+                 views);
+  };
+  // Few places tell which face it rests on.
+  std::optional<SupportingPlane> under;
   double best = 0.0;
   for (const RestingFace& face : resting) {
     const SupportingPlane plane = PlaneUnder(scene_from_object, face);
     if (!IsBelow(plane, views)) continue;
-    best = std::max(best, Least(PlaneCorrelations(images, views, layers, plane), views));
+    const double quick = agreement(plane, Speed::kQuick);
+    if (quick <= best) continue;
+    best = quick;
+    under = plane;
   }
-  return best;
+  return under ? agreement(*under, Speed::kFull) : 0.0;
 }
 
 }  // namespace horopter

@@ -177,7 +177,7 @@ double ViewLinks::SupportInOthers(const GrownScene& scene,
     if (scene.views[w] && (nearest < 0 || std::abs(w - v) < std::abs(nearest - v))) nearest = w;
   }
   std::vector<int> known;
-  for (std::size_t k = 0; k < support_.CarriedCount(v); ++k) {
+  for (std::size_t k = 0; k < support_.Hypotheses(v).size(); ++k) {
     const AspectHypothesis& h = support_.Hypotheses(v)[k];
     const bool placed =
         std::any_of(scene.objects.begin(), scene.objects.end(), [&](const GrownObject& o) {

@@ -136,6 +136,7 @@ absl::Status Validate(const AspectImageOptions& o) {
   if (!(o.low_threshold > 0)) return bad("low_threshold");
   if (!(o.high_threshold >= o.low_threshold)) return bad("high_threshold");
   if (!(o.noise_factor >= 0)) return bad("noise_factor");
+  if (!(o.noisy > 0)) return bad("noisy");
   if (o.min_component_px < 1) return bad("min_component_px");
   if (!(o.max_texture > 0)) return bad("max_texture");
   if (!(o.smooth_side >= 0)) return bad("smooth_side");

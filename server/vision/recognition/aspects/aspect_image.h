@@ -38,6 +38,9 @@ struct AspectImageOptions {
   double low_threshold = 1.8;   // grey levels per px an edge must have
   double high_threshold = 4.0;  // ... and its component must reach somewhere
   double noise_factor = 3.0;    // low threshold at least this often the gradient's noise; 0: off
+  // Images whose noise lifts the low threshold to more than so many times its value are smoothed
+  // more, where it is white (edge_pixels.cc); large: none is. ADR 59.
+  double noisy = 2.0;
   int min_component_px = 5;     // shorter edges are dropped
   // Edges where the chance level of all directions together exceeds this are texture, as granite
   // has, and dropped; 1: none is.

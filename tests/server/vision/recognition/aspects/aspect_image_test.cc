@@ -114,6 +114,24 @@ TEST(AspectImage, EdgesOfDarkSurfacesAreMeasuredByTheNoiseThere) {
   EXPECT_LT(others, 100);
 }
 
+TEST(AspectImage, WeakContoursInNoiseAreFoundBySmoothingMore) {
+  for (const int seed : {5, 6, 7}) {
+    SCOPED_TRACE(testing::Message() << "seed " << seed);
+    cv::Mat image(480, 640, CV_32FC3, cv::Scalar::all(110));
+    cv::circle(image, cv::Point(320, 240), 100, cv::Scalar::all(136), cv::FILLED, cv::LINE_AA);
+    cv::Mat noise(image.size(), CV_32FC3);
+    cv::RNG(seed).fill(noise, cv::RNG::NORMAL, 0.0, 8.0);
+    image += noise;
+    image.convertTo(image, CV_8U);
+    AspectImageOptions plain;
+    plain.noisy = 1e9;
+    const AspectImage found = MakeAspectImage(image), missed = MakeAspectImage(image, plain);
+    const auto of_circle = OnCircle(found, {320, 240}, 100);
+    EXPECT_GT(of_circle, 1.3 * OnCircle(missed, {320, 240}, 100));
+    EXPECT_LT(static_cast<double>(found.edges.size()), 1.2 * of_circle);
+  }
+}
+
 TEST(AspectImage, OutlineOfASmoothPartOnTextureStays) {
   for (const int seed : {5, 6, 7}) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);

@@ -18,12 +18,11 @@ constexpr int kWidth = 480, kHeight = 360;
 constexpr int kViews = 4;
 const cv::Rect kStanding(150, 110, 120, 90);  // in the frame of the ground
 
-// Stones of some 16 px, each of one grey; larger than the images.
-cv::Mat Stones(int seed) {
-  constexpr int kStonePx = 16;
+// Stones of some px, each of one grey; larger than the images.
+cv::Mat Stones(int seed, int stone_px = 16) {
   cv::RNG random(seed);
   cv::Mat zero_at_middles(900, 1000, CV_8U, cv::Scalar(1)), distance, nearest;
-  for (int i = 0; i < zero_at_middles.rows * zero_at_middles.cols / (kStonePx * kStonePx); ++i) {
+  for (int i = 0; i < zero_at_middles.rows * zero_at_middles.cols / (stone_px * stone_px); ++i) {
     zero_at_middles.at<std::uint8_t>(random.uniform(0, zero_at_middles.rows),
                                      random.uniform(0, zero_at_middles.cols)) = 0;
   }
@@ -233,6 +232,29 @@ TEST(AspectImagesOnGround, WithoutMotionAreTheImagesAlone) {
     const AspectImage alone = MakeAspectImage(images[v]);
     EXPECT_EQ(made[v].distance, alone.distance);
     EXPECT_EQ(made[v].edge_at, alone.edge_at);
+  }
+}
+
+// Before fine grains outlines meet something in the other views, too.
+TEST(AspectImagesOnGround, WhereTheImageAloneTellsTheTextureItDoes) {
+  for (const int seed : {1, 2, 3}) {
+    SCOPED_TRACE(testing::Message() << "seed " << seed);
+    const cv::Mat grains = Stones(seed, 7);
+    std::vector<cv::Mat> images;
+    std::vector<std::optional<Eigen::Matrix3d>> image_from_plane;
+    for (int v = 0; v < kViews; ++v) {
+      images.push_back(View(v, grains, 7.0, seed));
+      image_from_plane.emplace_back(ImageFromGround(v));
+    }
+    AspectImageOptions by_motion;
+    by_motion.ground.told_alone = 2.0;
+    const AspectImage alone = MakeAspectImage(images[0]);
+    const AspectImage made = MakeAspectImagesOnGround(images, image_from_plane, {}, 2)[0];
+    const AspectImage moved = MakeAspectImagesOnGround(images, image_from_plane, by_motion, 2)[0];
+    EXPECT_EQ(made.edge_at, alone.edge_at);
+    EXPECT_FALSE(made.ground.empty());
+    EXPECT_EQ(made.ground, moved.ground);
+    EXPECT_NE(moved.edge_at, alone.edge_at);
   }
 }
 
