@@ -1,9 +1,11 @@
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -19,6 +21,11 @@ namespace {
 
 // That something is found where nothing is expected, bounded.
 constexpr double kLeastChance = 0.03, kMostChance = 0.8;
+// A pose turned end for end or upside down: rendered so large (a diameter; for time), of whose
+// edges so many are met before it is settled, and which takes the answer's place with these log
+// odds.
+constexpr double kFlippedRenderPx = 110.0;
+constexpr double kFlippedLeastMet = 0.34, kFlippedLogOdds = 3.0;
 constexpr double kCircleReach = 0.06;  // diameters between a feature and a circle's middle
 
 using Views = std::vector<std::optional<CalibratedCamera>>;
@@ -219,18 +226,67 @@ std::vector<Candidate> RatedCandidates(const JointContext& context,
   return candidates;
 }
 
-// The pose adjusted to the edges of all views, which keep their cameras.
-Rigid3 Settled(std::span<const AspectImage> images,
-               const RenderMesh& mesh,
-               const Views& views,
-               const Rigid3& scene_from_object) {
+std::vector<std::optional<AspectSceneView>> Fixed(const Views& views) {
   std::vector<std::optional<AspectSceneView>> fixed;
   for (const auto& view : views) {
     fixed.emplace_back();
     if (view) fixed.back() = AspectSceneView{view->camera, view->camera_from_scene, 0.0, 1.0};
   }
-  return SettleInViews(images, mesh, fixed, {0, scene_from_object}, kFineRenderPx)
+  return fixed;
+}
+
+// The pose adjusted to the edges of all views, which keep their cameras.
+Rigid3 Settled(std::span<const AspectImage> images,
+               const RenderMesh& mesh,
+               const Views& views,
+               const Rigid3& scene_from_object) {
+  return SettleInViews(images, mesh, Fixed(views), {0, scene_from_object}, kFineRenderPx)
       ->placed.scene_from_object;
+}
+
+// End for end and upside down: half turns about the principal axes of the mesh.
+std::vector<Rigid3> HalfTurns(const RenderMesh& mesh) {
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
+  for (const Eigen::Vector3f& v : mesh.vertices) {
+    const Eigen::Vector3d d = (v - mesh.center).cast<double>();
+    scatter += d * d.transpose();
+  }
+  const Eigen::Matrix3d axes =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scatter).eigenvectors();
+  std::vector<Rigid3> out;
+  for (int k = 0; k < 3; ++k)
+    out.push_back(TurnAbout({axes.col(k), mesh.center.cast<double>(), 2}, std::numbers::pi));
+  return out;
+}
+
+// The answer's object number `place` turned end for end and upside down, adjusted to the images:
+// what is no near symmetry, no rule before has asked for.
+std::vector<OtherPose> FlippedPoses(const JointContext& context,
+                                    std::span<const AspectImage> images,
+                                    const RecognitionResult& result,
+                                    int place) {
+  const SceneObject& answer = result.objects[place];
+  const PreparedObject& object = *context.objects[answer.object];
+  const RenderMesh& mesh = object.aspects->object.mesh;
+  const auto fixed = Fixed(result.views);
+  const std::vector<Rigid3> turns = HalfTurns(mesh);
+  std::vector<std::optional<SettledObject>> settled(turns.size());
+  ParallelFor(static_cast<int>(turns.size()), context.options.threads, [&](int i) {
+    settled[i] = SettleInViews(images,
+                               mesh,
+                               fixed,
+                               {0, answer.scene_from_object * turns[i]},
+                               kFlippedRenderPx,
+                               kFlippedLeastMet);
+  });
+  std::vector<OtherPose> out;
+  for (const auto& s : settled) {
+    if (s && !IsSamePose(
+                 object, answer.scene_from_object, s->placed.scene_from_object, kSamePlacement)) {
+      out.push_back({answer.object, s->placed.scene_from_object});
+    }
+  }
+  return out;
 }
 
 }  // namespace
@@ -323,6 +379,12 @@ void TurnToLikeliest(const JointContext& context,
     SceneObject& answer = result->objects[k];
     const PreparedObject& object = *context.objects[answer.object];
     if (object.aspects == nullptr) continue;
+    const std::vector<OtherPose> flipped = FlippedPoses(context, images, *result, k);
+    if (const auto likeliest = RatedCandidates(context, images, *result, k, flipped);
+        !likeliest.empty() && -likeliest.front().log_odds >= kFlippedLogOdds) {
+      answer.scene_from_object = Settled(
+          images, object.aspects->object.mesh, result->views, likeliest.front().scene_from_object);
+    }
     const auto candidates = RatedCandidates(context, images, *result, k, {});
     if (candidates.empty() || -candidates.front().log_odds < acceptance.turned_log_odds) continue;
     answer.scene_from_object = Settled(
@@ -337,7 +399,9 @@ void SayPoseAlternatives(const JointContext& context,
   for (int k = 0; k < static_cast<int>(result->objects.size()); ++k) {
     SceneObject& answer = result->objects[k];
     double open = 0.0;
-    const std::vector<PoseChoice> choices = FindPoseAlternatives(context, images, *result, k);
+    if (context.objects[answer.object]->aspects == nullptr) continue;
+    const std::vector<PoseChoice> choices = FindPoseAlternatives(
+        context, images, *result, k, FlippedPoses(context, images, *result, k));
     for (const PoseChoice& choice : choices) open += choice.probability;
     answer.pose_probability = 1.0 - open;
     if (open < acceptance.ambiguous_share) continue;

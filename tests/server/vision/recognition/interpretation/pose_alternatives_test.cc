@@ -31,6 +31,16 @@ ObjectModel Block(const char* id, bool with_peg) {
   return model;
 }
 
+// 80 mm long, 40 mm wide at one end and 16 mm at the other.
+ObjectModel Wedge() {
+  ObjectModel model = Block("wedge", false);
+  model.mesh = SweptMesh({{-0.04, -0.02}, {0.04, -0.008}, {0.04, 0.008}, {-0.04, 0.02}}, 0.012);
+  model.symmetries = {
+      {Eigen::AngleAxisd(std::numbers::pi, Eigen::Vector3d::UnitX()).toRotationMatrix(),
+       Eigen::Vector3d::Zero()}};
+  return model;
+}
+
 Rigid3 HalfTurn() {
   return {Eigen::AngleAxisd(std::numbers::pi, Eigen::Vector3d::UnitZ()).toRotationMatrix(),
           Eigen::Vector3d::Zero()};
@@ -42,12 +52,13 @@ class PoseAlternatives : public testing::Test {
     objects_ = new std::vector<std::shared_ptr<const PreparedObject>>;
     objects_->push_back(PrepareObject(Block("pegged", true), {.aspects = true}).value());
     objects_->push_back(PrepareObject(Block("plain", false), {.aspects = true}).value());
+    objects_->push_back(PrepareObject(Wedge(), {.aspects = true}).value());
   }
   static void TearDownTestSuite() { delete objects_; }
 
-  // Three views of the pegged block in the origin, the answer `pose` of it. from_above: the peg is
-  // seen; else the cameras look at the lower side.
-  void See(bool from_above, const Rigid3& pose) {
+  // Three views of the pegged block (or another object) in the origin, the answer `pose` of it.
+  // from_above: the peg is seen; else the cameras look at the lower side.
+  void See(bool from_above, const Rigid3& pose, int object = 0) {
     result_ = {};
     images_.clear();
     result_.state = RecognitionState::kRecognized;
@@ -57,12 +68,12 @@ class PoseAlternatives : public testing::Test {
       const PinholeCamera camera = CenteredCamera(640, 480, 800);
       const Rigid3 camera_from_scene = LookAt(
           {0.22 * std::sin(a), -0.22 * std::cos(a), from_above ? 0.2 : -0.2}, {0.0, 0.0, 0.0});
-      images_.push_back(
-          MakeAspectImage(ShadedPhoto({{&(*objects_)[0]->model.mesh, camera_from_scene}}, camera)));
+      images_.push_back(MakeAspectImage(
+          ShadedPhoto({{&(*objects_)[object]->model.mesh, camera_from_scene}}, camera)));
       result_.views.push_back(CalibratedCamera{camera, camera_from_scene});
     }
     SceneObject answer;
-    answer.object = 0;
+    answer.object = object;
     answer.scene_from_object = pose;
     result_.objects.push_back(answer);
   }
@@ -118,6 +129,22 @@ TEST_F(PoseAlternatives, AnAnswerThatThePegContradictsIsTurned) {
   const Rigid3& turned = result_.objects[0].scene_from_object;
   EXPECT_LT((turned.R - Rigid3().R).norm(), 0.02);
   EXPECT_LT((turned * kPeg - kPeg).norm(), 0.001);
+}
+
+// No near symmetry: every turn end for end is asked for.
+TEST_F(PoseAlternatives, AnAnswerTheWrongWayRoundIsTurned) {
+  constexpr int kWedge = 2;
+  ASSERT_TRUE((*objects_)[kWedge]->near_symmetries.empty());
+  for (const bool right : {false, true}) {
+    See(true, right ? Rigid3() : HalfTurn(), kWedge);
+    TurnToLikeliest(context_, images_, &result_);
+    const Rigid3& turned = result_.objects[0].scene_from_object;
+    // Upside down it is the same.
+    EXPECT_LT((turned.R.col(0) - Eigen::Vector3d::UnitX()).norm(), 0.02) << right;
+    SayPoseAlternatives(context_, images_, &result_);
+    EXPECT_EQ(result_.state, RecognitionState::kRecognized) << right;
+    EXPECT_GT(result_.objects[0].pose_probability, 0.95) << right;
+  }
 }
 
 TEST_F(PoseAlternatives, AnAnswerThatNothingContradictsStays) {
