@@ -41,7 +41,7 @@ struct AspectImageOptions {
   // Images whose noise lifts the low threshold to more than so many times its value are smoothed
   // more, where it is white (edge_pixels.cc); large: none is. ADR 59.
   double noisy = 2.0;
-  int min_component_px = 5;     // shorter edges are dropped
+  int min_component_px = 5;  // shorter edges are dropped
   // Edges where the chance level of all directions together exceeds this are texture, as granite
   // has, and dropped; 1: none is.
   double max_texture = 0.24;

@@ -26,6 +26,7 @@ constexpr double kLeastChance = 0.03, kMostChance = 0.8;
 // odds.
 constexpr double kFlippedRenderPx = 110.0;
 constexpr double kFlippedLeastMet = 0.34, kFlippedLogOdds = 3.0;
+constexpr double kSureSupport = 0.55;  // of an answer that nobody asks to be flipped; for time
 constexpr double kCircleReach = 0.06;  // diameters between a feature and a circle's middle
 
 using Views = std::vector<std::optional<CalibratedCamera>>;
@@ -260,12 +261,13 @@ std::vector<Rigid3> HalfTurns(const RenderMesh& mesh) {
 }
 
 // The answer's object number `place` turned end for end and upside down, adjusted to the images:
-// what is no near symmetry, no rule before has asked for.
+// what is no near symmetry, no rule before has asked for. None of what is sure or in a hurry.
 std::vector<OtherPose> FlippedPoses(const JointContext& context,
                                     std::span<const AspectImage> images,
                                     const RecognitionResult& result,
                                     int place) {
   const SceneObject& answer = result.objects[place];
+  if (answer.support >= kSureSupport || IsStopRequested(context.give_up)) return {};
   const PreparedObject& object = *context.objects[answer.object];
   const RenderMesh& mesh = object.aspects->object.mesh;
   const auto fixed = Fixed(result.views);
