@@ -140,10 +140,10 @@ class Linker {
     if (scene.registered() < static_cast<int>(scene.views.size()) || scene.objects.empty() ||
         scene.agreement.Contradicts(kSettledSurface))
       return false;
-    const bool several = scene.objects.size() > 1 && scene.objects[1].score >= kSettledScore;
-    const bool round = !in_.models[scene.objects.front().object].round.empty();
-    return (several || !round) &&
-           scene.objects.front().score >= (several ? kSettledScore : kSettledAlone);
+    const LinkedObject& first = scene.objects.front();
+    if (scene.objects.size() > 1 && scene.objects[1].score >= kSettledScore)
+      return first.score >= kSettledScore;
+    return in_.models[first.object].round.empty() && first.score >= kSettledAlone;
   }
 
   // The other views are looked at for what those searched show, while that leaves no doubt; one

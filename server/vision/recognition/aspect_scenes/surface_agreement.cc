@@ -201,6 +201,16 @@ Correlations Correlate(std::span<const AspectImage> images,
   return out;
 }
 
+Correlations OfPlane(std::span<const AspectImage> images,
+                     const std::vector<std::optional<AspectSceneView>>& views,
+                     std::span<const ObjectLayer> layers,
+                     const SupportingPlane& plane,
+                     Speed speed) {
+  return Correlate(images, views, layers, [&](const SeenObject& v, const SeenObject& w) {
+    return PlaneOneWay(v, w, plane, speed);
+  });
+}
+
 // 0 where a registered view has none.
 double Least(const Correlations& correlations,
              const std::vector<std::optional<AspectSceneView>>& views) {
@@ -246,9 +256,7 @@ Correlations PlaneCorrelations(std::span<const AspectImage> images,
                                const std::vector<std::optional<AspectSceneView>>& views,
                                std::span<const ObjectLayer> layers,
                                const SupportingPlane& plane) {
-  return Correlate(images, views, layers, [&](const SeenObject& v, const SeenObject& w) {
-    return PlaneOneWay(v, w, plane, Speed::kFull);
-  });
+  return OfPlane(images, views, layers, plane, Speed::kFull);
 }
 
 std::vector<ObjectLayer> LayersInViews(std::span<const AspectImage> images,
@@ -313,13 +321,7 @@ double GroundAgreement(std::span<const AspectImage> images,
                        std::span<const RestingFace> resting,
                        const Rigid3& scene_from_object) {
   const auto agreement = [&](const SupportingPlane& plane, Speed speed) {
-    return Least(Correlate(images,
-                           views,
-                           layers,
-                           [&](const SeenObject& v, const SeenObject& w) {
-                             return PlaneOneWay(v, w, plane, speed);
-                           }),
-                 views);
+    return Least(OfPlane(images, views, layers, plane, speed), views);
   };
   // Few places tell which face it rests on.
   std::optional<SupportingPlane> under;

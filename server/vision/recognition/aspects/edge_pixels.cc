@@ -12,8 +12,8 @@
 namespace horopter {
 namespace {
 
-// Of images in noise: sigma_px, so many times as wide; gradients of white noise fall by more than
-// kWhiteFalls then (seen: 1.7 - 2.0), of granite by .8 - .95. ADR 59.
+// Of images in noise: sigma_px, so many times as wide, where gradients fall by so much then. At 1.8
+// times the sigma those of white noise fell by 1.7 - 2.0, of granite by .8 - .95. ADR 59.
 constexpr double kNoisySigma = 1.4, kWhiteFalls = 1.25;
 constexpr int kChannels = 5;  // B, G, R, R - G, (R + G) / 2 - B
 
@@ -22,6 +22,7 @@ struct GradientField {
   int width = 0, height = 0;
   std::vector<float> gx, gy, squared;
   std::vector<std::uint8_t> brightness;  // mean of B, G, R, smoothed
+  double noise = 0.0;                    // NoiseLevel
 };
 
 // B, G, R, R - G, (R + G) / 2 - B, smoothed. The differences are taken of smoothed channels, which
@@ -107,7 +108,7 @@ double NoiseLevel(const GradientField& field) {
 std::array<float, 256> NoiseOfBrightness(const GradientField& field) {
   constexpr int kBin = 16;               // grey levels
   constexpr double kLeastShare = 0.004;  // of the image: what is as bright tells its noise
-  const float most = static_cast<float>(NoiseLevel(field));
+  const float most = static_cast<float>(field.noise);
   std::array<std::vector<float>, 256 / kBin> squared;
   std::size_t all = 0;
   for (std::size_t i = 0; i < field.squared.size(); i += 7, ++all)
@@ -133,14 +134,15 @@ std::array<float, 256> NoiseOfBrightness(const GradientField& field) {
 
 // Smoothed more where noise drowns weak edges: white noise then has much less gradient, which
 // texture and edges have not.
-GradientField NoiselessGradient(const cv::Mat& bgr, const AspectImageOptions& options) {
+GradientField GradientInNoise(const cv::Mat& bgr, const AspectImageOptions& options) {
   GradientField field = LargestGradient(bgr, options);
-  const double noise = NoiseLevel(field);
-  if (options.noise_factor * noise <= options.noisy * options.low_threshold) return field;
+  field.noise = NoiseLevel(field);
+  if (options.noise_factor * field.noise <= options.noisy * options.low_threshold) return field;
   AspectImageOptions smoother = options;
   smoother.sigma_px = kNoisySigma * options.sigma_px;
   GradientField smooth = LargestGradient(bgr, smoother);
-  return noise > kWhiteFalls * NoiseLevel(smooth) ? smooth : field;
+  smooth.noise = NoiseLevel(smooth);
+  return field.noise > kWhiteFalls * smooth.noise ? smooth : field;
 }
 
 // The edge point of a cell if its gradient is the largest along its direction.
@@ -176,7 +178,7 @@ bool ThinnedPoint(const GradientField& field, int x, int y, ImageEdgePoint* out)
 std::vector<ImageEdgePoint> DetectEdgePoints(const cv::Mat& bgr,
                                              const AspectImageOptions& options) {
   if (bgr.cols < 8 || bgr.rows < 8) return {};
-  const GradientField field = NoiselessGradient(bgr, options);
+  const GradientField field = GradientInNoise(bgr, options);
   // Least strength of an edge, and of one point of its component, there.
   const float high_per_low = static_cast<float>(options.high_threshold / options.low_threshold);
   std::array<float, 256> low = NoiseOfBrightness(field);

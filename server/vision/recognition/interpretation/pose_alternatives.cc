@@ -291,6 +291,22 @@ std::vector<OtherPose> FlippedPoses(const JointContext& context,
   return out;
 }
 
+// The likeliest candidate takes the answer's place where the images show it with these log odds.
+void TurnIfLikelier(const JointContext& context,
+                    std::span<const AspectImage> images,
+                    int place,
+                    std::span<const OtherPose> alternatives,
+                    double least_log_odds,
+                    RecognitionResult* result) {
+  const auto candidates = RatedCandidates(context, images, *result, place, alternatives);
+  if (candidates.empty() || -candidates.front().log_odds < least_log_odds) return;
+  SceneObject& answer = result->objects[place];
+  answer.scene_from_object = Settled(images,
+                                     context.objects[answer.object]->aspects->object.mesh,
+                                     result->views,
+                                     candidates.front().scene_from_object);
+}
+
 }  // namespace
 
 double LogOddsOfPose(std::span<const AspectImage> images,
@@ -378,19 +394,11 @@ void TurnToLikeliest(const JointContext& context,
                      RecognitionResult* result) {
   const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
   for (int k = 0; k < static_cast<int>(result->objects.size()); ++k) {
-    SceneObject& answer = result->objects[k];
-    const PreparedObject& object = *context.objects[answer.object];
-    if (object.aspects == nullptr) continue;
+    if (context.objects[result->objects[k].object]->aspects == nullptr) continue;
     const std::vector<OtherPose> flipped = FlippedPoses(context, images, *result, k);
-    if (const auto likeliest = RatedCandidates(context, images, *result, k, flipped);
-        !likeliest.empty() && -likeliest.front().log_odds >= kFlippedLogOdds) {
-      answer.scene_from_object = Settled(
-          images, object.aspects->object.mesh, result->views, likeliest.front().scene_from_object);
-    }
-    const auto candidates = RatedCandidates(context, images, *result, k, {});
-    if (candidates.empty() || -candidates.front().log_odds < acceptance.turned_log_odds) continue;
-    answer.scene_from_object = Settled(
-        images, object.aspects->object.mesh, result->views, candidates.front().scene_from_object);
+    // Clear turns first: about a round part's axis a second one may be better still.
+    TurnIfLikelier(context, images, k, flipped, kFlippedLogOdds, result);
+    TurnIfLikelier(context, images, k, {}, acceptance.turned_log_odds, result);
   }
 }
 
