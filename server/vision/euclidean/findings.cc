@@ -6,6 +6,7 @@
 #include <map>
 
 #include "absl/strings/str_format.h"
+#include "server/vision/geometry/symmetric_eigen.h"
 
 namespace horopter {
 namespace {
@@ -84,7 +85,7 @@ Matrix6d AgreedInformation(const SceneBundle& bundle, int object, const FindingO
     all += JtJ;
     edges.try_emplace({e.view, e.edge}, Matrix6d::Zero()).first->second += JtJ;
   }
-  const Vector6d weakest = Eigen::SelfAdjointEigenSolver<Matrix6d>(all).eigenvectors().col(0);
+  const Vector6d weakest = SymmetricEigen<6>(all).eigenvectors().col(0);
   Matrix6d strongest = Matrix6d::Zero();
   for (const auto& [key, information] : edges) {
     if (weakest.dot(information * weakest) > weakest.dot(strongest * weakest)) {
@@ -106,7 +107,7 @@ void AddLoneDirections(const SceneBundle& bundle,
   };
   const AdjustedObject& o = bundle.objects[object];
   const double shift = options.shift_diameters * o.model->model.diameter_m;
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(AgreedInformation(bundle, object, options));
+  const SymmetricEigen<6> eigen(AgreedInformation(bundle, object, options));
   for (int i = 0; i < 6 && eigen.eigenvalues()(i) < 1.0; ++i) {
     const Vector6d d = eigen.eigenvectors().col(i);
     const double sigma =

@@ -10,6 +10,7 @@
 
 #include "server/vision/euclidean/representative.h"
 #include "server/vision/geometry/pose_perturbation.h"
+#include "server/vision/geometry/symmetric_eigen.h"
 
 namespace horopter {
 namespace {
@@ -269,7 +270,7 @@ Eigen::MatrixXd InverseOfFree(const Eigen::MatrixXd& H, const std::vector<bool>&
   if (ldlt.vectorD().minCoeff() > kSmallestPivot) {
     inverse = ldlt.solve(Eigen::MatrixXd::Identity(n, n));
   } else {
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(A);
+    const SymmetricEigen<Eigen::Dynamic> eigen(A);
     inverse = eigen.eigenvectors() *
               eigen.eigenvalues().cwiseMax(kSmallestEigenvalue).cwiseInverse().asDiagonal() *
               eigen.eigenvectors().transpose();

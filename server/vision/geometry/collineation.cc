@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "server/vision/geometry/symmetric_eigen.h"
+
 namespace horopter {
 namespace {
 
@@ -69,7 +71,7 @@ std::optional<Eigen::Matrix4d> FitCollineation(std::span<const PointPair3> point
   for (const PointPair3& pair : points) AddPoint(pair, &moment);
   for (const LinePair3& pair : lines) AddLine(pair, &moment);
   if (!moment.allFinite()) return std::nullopt;
-  const Eigen::SelfAdjointEigenSolver<Moment16> solver(moment);
+  const SymmetricEigen<Eigen::Dynamic> solver(Eigen::MatrixXd{moment});
   // Eigenvalues are squares of singular values.
   if (solver.info() != Eigen::Success ||
       solver.eigenvalues()(1) <= kDegenerate * kDegenerate * 1e4 * solver.eigenvalues()(15)) {

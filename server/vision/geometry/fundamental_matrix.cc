@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "server/vision/geometry/symmetric_eigen.h"
+
 namespace horopter {
 namespace {
 
@@ -118,7 +120,8 @@ std::optional<Eigen::Matrix3d> EightPoint(std::span<const Eigen::Vector2d> a,
         EpipolarRow((Ta * a[k].homogeneous()).head<2>(), (Tb * b[k].homogeneous()).head<2>());
   }
   if (!A.allFinite()) return std::nullopt;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> solver(A.transpose() * A);
+  const Eigen::Matrix<double, 9, 9> moment = A.transpose() * A;
+  const SymmetricEigen<9> solver(moment);
   if (solver.info() != Eigen::Success ||
       solver.eigenvalues()(1) < kDegenerate * solver.eigenvalues()(8)) {
     return std::nullopt;

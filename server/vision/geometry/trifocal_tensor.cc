@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "server/vision/geometry/fundamental_matrix.h"
+#include "server/vision/geometry/symmetric_eigen.h"
 
 namespace horopter {
 namespace {
@@ -12,7 +13,7 @@ namespace {
 constexpr double kDegenerate = 1e-11;  // of squared singular values
 
 using Vector27 = Eigen::Matrix<double, 27, 1>;  // T[i](j, k) at 9 i + 3 j + k
-using Matrix27 = Eigen::Matrix<double, 27, 27>;
+using Matrix27 = Eigen::MatrixXd;  // 27 x 27; of fixed size it takes a compiler twice as long
 
 TrifocalTensor FromVector(const Vector27& t) {
   TrifocalTensor T;
@@ -99,7 +100,7 @@ TrifocalTensor Denormalize(const TrifocalTensor& T, const std::array<Eigen::Matr
 std::optional<Vector27> ConstrainedMinimum(const Matrix27& moment,
                                            const Eigen::Vector3d& e2,
                                            const Eigen::Vector3d& e3) {
-  Eigen::Matrix<double, 27, 18> E = Eigen::Matrix<double, 27, 18>::Zero();
+  Eigen::MatrixXd E = Eigen::MatrixXd::Zero(27, 18);
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 3; ++j) {
       for (int k = 0; k < 3; ++k) {
@@ -108,10 +109,9 @@ std::optional<Vector27> ConstrainedMinimum(const Matrix27& moment,
       }
     }
   }
-  const Eigen::JacobiSVD<Eigen::Matrix<double, 27, 18>> svd(E, Eigen::ComputeFullU);
-  const Eigen::Matrix<double, 27, 15> U = svd.matrixU().leftCols<15>();  // E has rank 15
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 15, 15>> solver(U.transpose() * moment *
-                                                                            U);
+  const SymmetricEigen<Eigen::Dynamic> range(Eigen::MatrixXd{E * E.transpose()});
+  const Eigen::MatrixXd U = range.eigenvectors().rightCols(15);  // E has rank 15
+  const SymmetricEigen<Eigen::Dynamic> solver(Eigen::MatrixXd{U.transpose() * moment * U});
   if (solver.info() != Eigen::Success) return std::nullopt;
   return Vector27(U * solver.eigenvectors().col(0));
 }
@@ -174,7 +174,7 @@ std::optional<TrifocalTensor> EstimateTrifocal(std::span<const Triplet> points,
                                                std::span<const Triplet> lines) {
   if (4 * points.size() + 2 * lines.size() < 26) return std::nullopt;
   const std::array<Eigen::Matrix3d, 3> N = Normalizations(points, lines);
-  Matrix27 moment = Matrix27::Zero();
+  Matrix27 moment = Matrix27::Zero(27, 27);
   for (const Triplet& p : points) {
     Triplet x;
     for (int v = 0; v < 3; ++v) x[v] = (N[v] * p[v]).normalized();
@@ -186,7 +186,7 @@ std::optional<TrifocalTensor> EstimateTrifocal(std::span<const Triplet> points,
     AddLine(l, &moment);
   }
   if (!moment.allFinite()) return std::nullopt;
-  const Eigen::SelfAdjointEigenSolver<Matrix27> solver(moment);
+  const SymmetricEigen<Eigen::Dynamic> solver(moment);
   if (solver.info() != Eigen::Success ||
       solver.eigenvalues()(1) < kDegenerate * solver.eigenvalues()(26)) {
     return std::nullopt;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "server/vision/geometry/symmetric_eigen.h"
 #include "server/vision/invariants/cross_ratio.h"
 
 namespace horopter {
@@ -27,8 +28,8 @@ std::optional<Normalised> Normalise(const Points& points) {
   result.points = points;
   for (int k = 0; k < kIterations; ++k) {
     for (int i = 0; i < 6; ++i) result.points.col(i).normalize();
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> eigen(result.points *
-                                                               result.points.transpose());
+    const Eigen::Matrix4d moment = result.points * result.points.transpose();
+    const SymmetricEigen<4> eigen(moment);
     if (!(eigen.eigenvalues()(0) > 1e-12 * eigen.eigenvalues()(3))) return std::nullopt;
     const Eigen::Matrix4d whiten = eigen.operatorInverseSqrt();
     result.points = whiten * result.points;

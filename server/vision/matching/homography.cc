@@ -5,6 +5,8 @@
 #include <cmath>
 #include <vector>
 
+#include "server/vision/geometry/symmetric_eigen.h"
+
 namespace horopter {
 namespace {
 
@@ -133,7 +135,7 @@ std::optional<Eigen::Matrix3d> FitHomography(std::span<const PointPair> pairs) {
     M += rows.transpose() * rows;
   }
   if (!M.allFinite()) return std::nullopt;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> eigen(M);
+  const SymmetricEigen<9> eigen(M);
   // A second vanishing eigenvalue means a family of homographies.
   if (eigen.eigenvalues()(1) < 1e-12 * eigen.eigenvalues()(8)) return std::nullopt;
   const Eigen::Matrix<double, 9, 1> h = eigen.eigenvectors().col(0);

@@ -7,6 +7,7 @@
 
 #include "server/base/stop_scope.h"
 #include "server/vision/geometry/plucker_line.h"
+#include "server/vision/geometry/symmetric_eigen.h"
 
 namespace horopter {
 namespace {
@@ -187,7 +188,7 @@ PlaneBundlePoint Triangulated(const PlaneBundle& bundle,
     ++known;
   }
   if (known < 2) return out;
-  Eigen::Vector4d X = Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(A).eigenvectors().col(0);
+  Eigen::Vector4d X = SymmetricEigen<4>(A).eigenvectors().col(0);
   if (std::abs(X(2)) < 1e-9) return out;
   X /= X(2);
   int consistent = 0;

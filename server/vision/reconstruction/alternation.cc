@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "server/vision/geometry/collineation.h"
+#include "server/vision/geometry/symmetric_eigen.h"
 #include "server/vision/reconstruction/intersection_resection.h"
 
 namespace horopter {
@@ -172,7 +173,8 @@ bool FactorDepths(const Eigen::MatrixXd& q,
       W.middleRows(3 * i, 3) *= row_scale(i);
     }
     if (!W.allFinite()) return false;
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(W * W.transpose());
+    const Eigen::MatrixXd moment = W * W.transpose();
+    const SymmetricEigen<Eigen::Dynamic> solver(moment);
     if (solver.info() != Eigen::Success) return false;
     *P = solver.eigenvectors().rightCols(4);
     *X = P->transpose() * W;

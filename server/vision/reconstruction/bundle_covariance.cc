@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "server/vision/geometry/symmetric_eigen.h"
+
 namespace horopter {
 namespace {
 
@@ -82,7 +84,7 @@ std::optional<BundleCovariance> InvertBundle(const BundleLayout& layout,
                                 bases.cameras[i].transpose() * (normal.K[k] * (schur.Z[k] * half)));
     }
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(S);
+  const SymmetricEigen<Eigen::Dynamic> solver(S);
   if (solver.info() != Eigen::Success) return std::nullopt;
   out.camera_spectrum = solver.eigenvalues();
   Eigen::VectorXd inverse = Eigen::VectorXd::Zero(size);

@@ -3,6 +3,8 @@
 #include <Eigen/Dense>
 #include <cmath>
 
+#include "server/vision/geometry/symmetric_eigen.h"
+
 namespace horopter {
 namespace {
 
@@ -28,7 +30,7 @@ std::optional<PluckerLine> LineOfPlanes(std::span<const WeightedLine> observatio
     moment += o.weight * w * w * plane * plane.transpose();
   }
   if (!moment.allFinite()) return std::nullopt;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(moment);
+  const SymmetricEigen<4> solver(moment);
   if (!(solver.eigenvalues()(2) > kSameRay * solver.eigenvalues()(3))) return std::nullopt;
   return JoinPoints(Eigen::Vector4d(solver.eigenvectors().col(0)),
                     Eigen::Vector4d(solver.eigenvectors().col(1)))
@@ -84,7 +86,7 @@ std::optional<Eigen::Vector4d> IntersectPoint(std::span<const WeightedPoint> obs
     }
   }
   if (!moment.allFinite()) return std::nullopt;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(moment);
+  const SymmetricEigen<4> solver(moment);
   if (!(solver.eigenvalues()(1) > kSameRay * solver.eigenvalues()(3))) return std::nullopt;
   Eigen::Vector4d X = solver.eigenvectors().col(0);
   double depths = 0.0;
@@ -107,7 +109,7 @@ std::optional<PluckerLine> IntersectLine(std::span<const WeightedLine> observati
     }
   }
   if (!moment.allFinite()) return std::nullopt;
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(moment);
+  const SymmetricEigen<6> solver(moment);
   if (!(solver.eigenvalues()(1) > kSameRay * solver.eigenvalues()(5))) {
     return LineOfPlanes(observations);
   }
@@ -136,7 +138,7 @@ std::optional<CameraMatrix> ResectCamera(std::span<const WeightedPoint> points,
   }
   for (const WeightedLine& line : lines) AddLineRows(line, previous, &moment);
   if (!moment.allFinite()) return std::nullopt;
-  const Eigen::SelfAdjointEigenSolver<Moment12> solver(moment);
+  const SymmetricEigen<Eigen::Dynamic> solver(Eigen::MatrixXd{moment});
   if (!(solver.eigenvalues()(1) > kAmbiguousCamera * solver.eigenvalues()(11))) {
     return std::nullopt;
   }

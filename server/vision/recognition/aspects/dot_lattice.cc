@@ -8,6 +8,8 @@
 #include <queue>
 #include <utility>
 
+#include "server/vision/geometry/symmetric_eigen.h"
+
 namespace horopter {
 namespace {
 
@@ -214,7 +216,7 @@ Eigen::Matrix3d LinearHomography(const std::vector<Eigen::Vector2d>& from,
       A += row * row.transpose();
     }
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> solver(A);
+  const SymmetricEigen<9> solver(A);
   const Eigen::Matrix<double, 9, 1> h = solver.eigenvectors().col(0);
   Eigen::Matrix3d H;
   H << h.head<3>().transpose(), h.segment<3>(3).transpose(), h.tail<3>().transpose();

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "server/base/status_macros.h"
+#include "server/vision/geometry/symmetric_eigen.h"
 
 namespace horopter {
 namespace {
@@ -131,8 +132,8 @@ std::vector<DensityMode> DensityDerivative(const Eigen::MatrixXd& votes,
     std::optional<double> cut;
     Eigen::VectorXd along;
     if (n > 1) {
-      const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> scatter(centred * w.asDiagonal() *
-                                                                   centred.transpose() / total);
+      const Eigen::MatrixXd moment = centred * w.asDiagonal() * centred.transpose() / total;
+      const SymmetricEigen<Eigen::Dynamic> scatter(moment);
       // Directions of large scatter first; the others may still separate.
       for (Eigen::Index k = votes.rows() - 1; k >= 0 && !cut; --k) {
         const double deviation = std::sqrt(std::max(0.0, scatter.eigenvalues()(k)));

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/collineation.h"
+#include "server/vision/geometry/symmetric_eigen.h"
 
 namespace horopter {
 namespace {
@@ -69,8 +70,9 @@ absl::StatusOr<Eigen::Matrix4d> FitSimilarity(const SceneStructure& structure,
   const Eigen::Vector3d from_mean = from.rowwise().mean(), to_mean = to.rowwise().mean();
   from.colwise() -= from_mean;
   to.colwise() -= to_mean;
-  const Eigen::JacobiSVD<Eigen::Matrix3Xd> spread(from);
-  if (!(spread.singularValues()(1) > kFlat * spread.singularValues()(0))) {
+  const Eigen::Matrix3d moment = from * from.transpose();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spread(moment, Eigen::EigenvaluesOnly);
+  if (!(spread.eigenvalues()(1) > kFlat * kFlat * spread.eigenvalues()(2))) {
     return absl::FailedPreconditionError("the vertices lie on a line");
   }
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(to * from.transpose(),
@@ -297,7 +299,7 @@ absl::StatusOr<Eigen::Matrix4d> CollineationFromBasis(std::span<const Eigen::Vec
       }
     }
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(moment);
+  const SymmetricEigen<4> solver(moment);
   if (!moment.allFinite() || !(solver.eigenvalues()(1) > kCoplanar * solver.eigenvalues()(3))) {
     return absl::FailedPreconditionError("the points are in a degenerate position");
   }

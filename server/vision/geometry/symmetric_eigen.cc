@@ -1,0 +1,6 @@
+#include "server/vision/geometry/symmetric_eigen.h"
+
+HOROPTER_SYMMETRIC_EIGEN(4);
+HOROPTER_SYMMETRIC_EIGEN(6);
+HOROPTER_SYMMETRIC_EIGEN(9);
+HOROPTER_SYMMETRIC_EIGEN(Eigen::Dynamic);
