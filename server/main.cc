@@ -217,6 +217,7 @@ int Serve(const Flags& flags, StopSignals& signals) {
                                           const CallLimits& limits) {
     PipelineOptions of_call = options;
     of_call.recognition.hurry = limits.hurry;
+    of_call.recognition.allowed_s = limits.allowed_s;
     return RecognizeScene(request, snapshot, of_call, limits.stop);
   };
   absl::StatusOr<std::unique_ptr<HoropterServer>> server =

@@ -10,6 +10,7 @@ namespace horopter {
 struct CallLimits {
   StopRequested stop;
   StopRequested hurry;
+  double allowed_s = 0.0;  // from the call's arrival to its deadline; 0: any time
 };
 
 }  // namespace horopter

@@ -193,8 +193,13 @@ absl::Status RunRecognition(PipelineOptions options,
       if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
     }
   }
-  answer.time_limited = watch.heard();
-  if (!watch.step().empty()) answer.unsearched.push_back({UnsearchedCause::kTime, watch.step()});
+  const bool brief =
+      IsBrief(options.recognition) && trace.recognition.counts.count("aspects_searched") > 0;
+  answer.time_limited = watch.heard() || brief;
+  if (!watch.step().empty() || brief) {
+    answer.unsearched.push_back(
+        {UnsearchedCause::kTime, watch.step().empty() ? "aspect_search" : watch.step()});
+  }
   for (std::string& step : unasked) {
     answer.unsearched.push_back({UnsearchedCause::kTime, std::move(step)});
   }

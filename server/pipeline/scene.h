@@ -125,7 +125,7 @@ struct AnswerExplanation {
 using EdgeLines = std::vector<std::vector<Eigen::Vector2d>>;
 
 struct SceneAnswer {
-  bool time_limited = false;          // a stage was told to hurry: more time may give more
+  bool time_limited = false;          // it hurried or searched briefly: more time may give more
   std::vector<AnswerReason> reasons;  // each kind at most once; see AddReason
   std::vector<UnsearchedStep> unsearched;
   std::vector<std::optional<PosedCamera>> cameras;  // one per image; empty: not recovered

@@ -48,8 +48,12 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     state_->hurry = state_->deadline;
     if (state_->deadline != Clock::time_point::max()) {
       const std::chrono::duration<double> allowed = state_->deadline - call_.start();
-      state_->hurry =
-          call_.start() + std::chrono::duration_cast<Clock::duration>(kUnhurriedShare * allowed);
+      info_.limits.allowed_s = allowed.count();
+      const double unhurried_s =
+          std::max(kUnhurriedShare * allowed.count(),
+                   allowed.count() - std::max(kHurryShare * allowed.count(), kHurryS));
+      state_->hurry = call_.start() + std::chrono::duration_cast<Clock::duration>(
+                                          std::chrono::duration<double>(unhurried_s));
     }
     info_.limits.stop = [state = state_] {
       return state->cancelled.load() || state->DeadlinePassed();

@@ -21,16 +21,17 @@
 
 namespace horopter {
 
-// Share of the time from a call's arrival to its deadline after which it is in a hurry: a third
-// round of search, the alternative hypotheses and the adjustment take about as long as what came
-// before them.
-inline constexpr double kUnhurriedShare = 0.6;
+// A call is in a hurry once so much of the time to its deadline is left, but not before
+// kUnhurriedShare of it is gone: two views that were searched are still linked then, and what is
+// found is judged, adjusted and said, which takes some .3 to .8 s of five objects in six views.
+inline constexpr double kHurryShare = 0.25, kHurryS = 0.8;
+inline constexpr double kUnhurriedShare = 0.3;
 
 struct CallInfo {
   std::string request_id;
   std::string variants;  // what the client's metadata say under kVariantsKey
-  // stop: true once the client cancelled or its deadline passed; hurry: once kUnhurriedShare of the
-  // time is gone, never without a deadline. Usable after the call as well.
+  // stop: true once the client cancelled or its deadline passed; hurry: once kHurryShare
+  // or kHurryS of the time is left, never without a deadline. Usable after the call as well.
   CallLimits limits;
   // The handler says here what it knows beyond the status; never null.
   RequestRecord* record = nullptr;

@@ -24,9 +24,13 @@ absl::Status Validate(const RecognitionOptions& options) {
       {"aspects.max_objects", options.aspects.max_objects},
       {"aspects.judge_render_px", options.aspects.judge_render_px},
       {"aspects.textured_share", options.aspects.textured_share},
+      {"aspects.full_search_s", options.aspects.full_search_s},
       {"threads", options.threads}};
   for (const auto& [field, value] : sizes)
     HOROPTER_RETURN_IF_ERROR(check(positive(value), field, value));
+  HOROPTER_RETURN_IF_ERROR(check(options.allowed_s >= 0.0 && std::isfinite(options.allowed_s),
+                                 "allowed_s",
+                                 options.allowed_s));
   HOROPTER_RETURN_IF_ERROR(Validate(options.search));
   return Validate(options.acceptance);
 }

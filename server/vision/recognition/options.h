@@ -31,6 +31,8 @@ struct AspectRouteOptions {
   // are: it has a texture that hides parts. Blank grounds have .01 - .03, perforated plate .05,
   // granite, gravel and print .09 - .18. Lower: slower. Higher: parts lost. ADR 56.
   double textured_share = 0.05;
+  // What a whole request of six VGA images and 25 parts may take on two cores.
+  double full_search_s = 8.0;
 };
 
 struct RecognitionOptions {
@@ -43,9 +45,18 @@ struct RecognitionOptions {
   int hypotheses_per_object = 8;    // distinct poses kept per object and view
   int threads = 1;
   // Once it returns true no route, scale or round of search is begun any more, initial hypotheses
-  // that are being looked for are left, and what was found is judged and answered. Empty: never.
+  // that are being looked for are left, and what was found is linked, judged and answered. Empty:
+  // never.
   StopRequested hurry;
+  // For all of the request, 0: any. Less than AspectRouteOptions::full_search_s: single images are
+  // searched with less effort, so that some are linked and answered.
+  double allowed_s = 0.0;
 };
+
+// Whether single images are searched with less effort.
+inline bool IsBrief(const RecognitionOptions& options) {
+  return options.allowed_s > 0.0 && options.allowed_s < options.aspects.full_search_s;
+}
 
 // Errors: INVALID_ARGUMENT, names the field: no route at all, values outside of their range.
 absl::Status Validate(const RecognitionOptions& options);

@@ -366,8 +366,8 @@ void WeighTurns(const JointContext& context,
                 std::span<const AspectImage> images,
                 RecognitionResult* result) {
   BeginStep(context, "pose_alternatives");
-  TurnToLikeliest(context, images, result);
-  SayPoseAlternatives(context, images, result);
+  const std::vector<RatedPoses> rated = TurnToLikeliest(context, images, result);
+  SayPoseAlternatives(context, images, rated, result);
 }
 
 }  // namespace

@@ -103,6 +103,7 @@ TEST(Admission, ADeadlineStopsTheRunningStages) {
 // What a call's limits say until they stop it, or at once where it has no deadline to wait for.
 struct Limits {
   std::atomic<int> calls{0}, hurried_at_first{0}, hurried{0}, hurried_before_stop{0};
+  std::atomic<double> allowed_s{-1.0};
 };
 
 Recognizer Watching(Limits& seen, bool until_hurry) {
@@ -110,6 +111,7 @@ Recognizer Watching(Limits& seen, bool until_hurry) {
                               const CatalogSnapshot&,
                               const CallLimits& limits) -> absl::StatusOr<PipelineResult> {
     ++seen.calls;
+    seen.allowed_s = limits.allowed_s;
     seen.hurried_at_first += limits.hurry();
     while (until_hurry && !limits.hurry()) std::this_thread::sleep_for(1ms);
     seen.hurried_before_stop += !limits.stop() && until_hurry;
@@ -126,6 +128,7 @@ TEST(Admission, ACallWithoutADeadlineIsNeverInAHurryAndALongOneNotAtFirst) {
   TestServer server(Watching(seen, false));
   grpc::ClientContext unlimited, patient;
   EXPECT_TRUE(Recognize(server, unlimited).ok());
+  EXPECT_EQ(seen.allowed_s, 0.0);
   patient.set_deadline(std::chrono::system_clock::now() + 1h);
   EXPECT_TRUE(Recognize(server, patient).ok());
   EXPECT_EQ(seen.calls, 2);
@@ -142,6 +145,8 @@ TEST(Admission, ADeadlineHurriesTheStagesBeforeItStopsThem) {
     server.server().Stop(20.0);
   }
   ASSERT_EQ(seen.calls, 1);
+  EXPECT_GT(seen.allowed_s, 0.0);
+  EXPECT_LE(seen.allowed_s, 2.0);
   EXPECT_EQ(seen.hurried_at_first, 0);
   EXPECT_EQ(seen.hurried_before_stop, 1);
   EXPECT_EQ(seen.hurried, 1);

@@ -39,11 +39,15 @@ constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface of a settled 
 
 class Linker {
  public:
-  Linker(const AspectLinkInput& input, const AspectLinkOptions& options, const StopRequested& stop)
+  Linker(const AspectLinkInput& input,
+         const AspectLinkOptions& options,
+         const StopRequested& stop,
+         const StopRequested& cancelled)
       : in_(input),
         options_(options),
         stop_(stop),
-        links_(input, options, stop),
+        cancelled_(cancelled),
+        links_(input, options, cancelled),
         search_(input, options, stop, &links_),
         objects_(input, options, stop),
         contest_(input, options, links_, objects_),
@@ -72,15 +76,8 @@ class Linker {
     if (!best.objects.empty()) DropViews(PoorInScore(best, kPoorShare), &best);
     TurnViews(&best);
     if (!best.objects.empty()) DropViews(PoorViews(best, kPoorShare), &best);
-    LinkedScene other = best;
-    const std::vector<AspectSceneObject> standing =
-        StoodBy(SceneOf(other)).value_or(std::vector<AspectSceneObject>{});
-    const bool contested = contest_.Contest(&other, standing);
-    if (contest_.ChooseTurns(&other) || contested) {
-      other = Finish(SceneOf(other));
-      if (other.score > best.score) best = std::move(other);
-    }
     if (best.objects.empty()) return best;
+    ContestPlaces(&best);
     AddFaint(&best);
     BestFirst(&best);
     contest_.FindBestCompeting(&best);
@@ -220,7 +217,8 @@ class Linker {
   std::vector<Draft> Drafts(const std::vector<GrownScene>& starts) const {
     std::vector<Draft> drafts;
     for (const GrownScene& start : starts) {
-      if (static_cast<int>(drafts.size()) >= options_.adjusted_links || IsStopRequested(stop_))
+      if (static_cast<int>(drafts.size()) >= options_.adjusted_links ||
+          IsStopRequested(drafts.empty() ? cancelled_ : stop_))
         break;
       Draft draft;
       draft.scene.views = start.views;
@@ -407,6 +405,18 @@ class Linker {
     return out;
   }
 
+  // What better explains the places of the objects, and turns of them that do.
+  void ContestPlaces(LinkedScene* best) const {
+    if (IsStopRequested(stop_)) return;
+    LinkedScene other = *best;
+    const std::vector<AspectSceneObject> standing =
+        StoodBy(SceneOf(other)).value_or(std::vector<AspectSceneObject>{});
+    const bool contested = contest_.Contest(&other, standing);
+    if (!contest_.ChooseTurns(&other) && !contested) return;
+    other = Finish(SceneOf(other));
+    if (other.score > best->score) *best = std::move(other);
+  }
+
   static void BestFirst(LinkedScene* scene) {
     std::stable_sort(scene->objects.begin(),
                      scene->objects.end(),
@@ -441,6 +451,7 @@ class Linker {
   const AspectLinkInput& in_;
   const AspectLinkOptions& options_;
   const StopRequested& stop_;
+  const StopRequested& cancelled_;
   ViewLinks links_;
   ViewSearch search_;
   SceneObjects objects_;
@@ -471,8 +482,9 @@ AspectScene SceneOf(const LinkedScene& linked) {
 
 LinkedScene LinkAspects(const AspectLinkInput& input,
                         const AspectLinkOptions& options,
-                        const StopRequested& stop) {
-  return Linker(input, options, stop).Run();
+                        const StopRequested& stop,
+                        const StopRequested& cancelled) {
+  return Linker(input, options, stop, cancelled).Run();
 }
 
 LinkedScene FindOthers(const AspectLinkInput& input,
@@ -483,7 +495,7 @@ LinkedScene FindOthers(const AspectLinkInput& input,
     nothing.views.resize(input.images.size());
     return nothing;
   }
-  return Linker(input, options, stop).Others();
+  return Linker(input, options, stop, stop).Others();
 }
 
 }  // namespace horopter

@@ -81,10 +81,12 @@ struct LinkedScene {
 AspectScene SceneOf(const LinkedScene& linked);
 
 // The scene that explains most; without objects when nothing links. One image alone gives the scene
-// of its best hypothesis. Stops early with what it has.
+// of its best hypothesis. Stops early with what it has; unless `cancelled` says that it is not
+// wanted any more, views that have been searched by then are still linked.
 LinkedScene LinkAspects(const AspectLinkInput& input,
                         const AspectLinkOptions& options = {},
-                        const StopRequested& stop = {});
+                        const StopRequested& stop = {},
+                        const StopRequested& cancelled = {});
 
 // What else is in the known scene, whose cameras and objects stay as they are: hypotheses that its
 // views confirm, and what stands on the plane under its objects. The known ones are not listed.

@@ -19,6 +19,9 @@ constexpr int kVoteIterations = 6;  // Gauss-Newton; chosen, for time
 constexpr int kCoarsePoints = 160;  // for the second refinement; chosen, for time
 constexpr double kCoarseSearchShare = 0.03, kFineSearchShare = 0.015;  // of the size; chosen
 constexpr double kCoarseSearchPx[] = {6.0, 14.0}, kFineSearchPx[] = {4.0, 8.0};  // least, most
+// Of a brief search; measured on eight scenes of cad-dev (ADR 60).
+constexpr int kBriefMatches = 20, kBriefPairMatches = 500, kBriefEllipseMatches = 200;
+constexpr int kBriefVotes = 30, kBriefCoarse = 3, kBriefFine = 2;
 constexpr double kStalePx = 2.0;  // working pixels; poses that shifted by less keep their rendering
 
 // A pose on its way through the steps. Camera and score are of the original image.
@@ -199,6 +202,17 @@ double PoseDistancePx(const AspectModel& model,
   double best = distance(nullptr);
   for (const Rigid3& symmetry : model.symmetries) best = std::min(best, distance(&symmetry));
   return best;
+}
+
+FindAspectOptions Brief(FindAspectOptions options) {
+  options.votes.max_matches = std::min(options.votes.max_matches, kBriefMatches);
+  options.votes.max_pair_matches = std::min(options.votes.max_pair_matches, kBriefPairMatches);
+  options.votes.max_ellipse_matches =
+      std::min(options.votes.max_ellipse_matches, kBriefEllipseMatches);
+  options.votes.max_per_object = std::min(options.votes.max_per_object, kBriefVotes);
+  options.coarse_per_object = std::min(options.coarse_per_object, kBriefCoarse);
+  options.fine_per_object = std::min(options.fine_per_object, kBriefFine);
+  return options;
 }
 
 AspectFindings FindAspectHypotheses(const AspectImage& image,

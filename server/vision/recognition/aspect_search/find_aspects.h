@@ -38,6 +38,9 @@ struct FindAspectOptions {
   int threads = 1;
 };
 
+// For a request that has little time: a third of the effort, which lists half of the hypotheses.
+FindAspectOptions Brief(FindAspectOptions options);
+
 struct AspectHypothesis {
   int object = -1;       // index of FragmentIndex::models
   PinholeCamera camera;  // of the original image, with the focal length found

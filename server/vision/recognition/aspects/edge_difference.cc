@@ -136,9 +136,16 @@ EdgeDifference CompareEdges(const RenderMesh& a,
   rendering.render_px = options.render_px;
   const VisibleEdges of_a = FindVisibleEdges(a, camera, camera_from_a, rendering);
   const VisibleEdges of_b = FindVisibleEdges(b, camera, camera_from_b, rendering);
+  return CompareEdges(of_a, of_b, camera, options);
+}
+
+EdgeDifference CompareEdges(const VisibleEdges& a,
+                            const VisibleEdges& b,
+                            const PinholeCamera& camera,
+                            const EdgeDifferenceOptions& options) {
   EdgeDifference out;
-  AddDiffering(of_a, DirectionRaster(camera, of_b, options.tolerance_px), true, &out);
-  AddDiffering(of_b, DirectionRaster(camera, of_a, options.tolerance_px), false, &out);
+  AddDiffering(a, DirectionRaster(camera, b, options.tolerance_px), true, &out);
+  AddDiffering(b, DirectionRaster(camera, a, options.tolerance_px), false, &out);
   return out;
 }
 

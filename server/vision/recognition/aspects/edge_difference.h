@@ -38,6 +38,12 @@ EdgeDifference CompareEdges(const RenderMesh& a,
                             const PinholeCamera& camera,
                             const EdgeDifferenceOptions& options = {});
 
+// The same of edges that were found before.
+EdgeDifference CompareEdges(const VisibleEdges& a,
+                            const VisibleEdges& b,
+                            const PinholeCamera& camera,
+                            const EdgeDifferenceOptions& options = {});
+
 // A place on the parts where their edges differ.
 struct DistinguishingFeature {
   bool of_a = true;                                     // its edges are a's, b has none there

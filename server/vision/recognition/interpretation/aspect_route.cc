@@ -226,6 +226,7 @@ std::vector<AspectHypothesis> SearchImage(const JointContext& context,
                                           const AspectSearch& search,
                                           const PinholeCamera* known,
                                           FindAspectOptions find) {
+  if (IsBrief(context.options)) find = Brief(find);
   find.threads = find.votes.threads = context.options.threads;
   return FindAspectHypotheses(image, *search.index, find, known, context.give_up).hypotheses;
 }
@@ -372,14 +373,18 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
   link.threads = context.options.threads;
   AspectScene start;
   if (starts.known != nullptr) start = KnownScene(*starts.known, search).value_or(AspectScene{});
-  LinkedScene scene = LinkAspects(
-      {images, priors, none, search.index->models, &start, search_view}, link, context.give_up);
+  LinkedScene scene = LinkAspects({images, priors, none, search.index->models, &start, search_view},
+                                  link,
+                                  context.give_up,
+                                  context.stop);
   if (starts.matched != nullptr) {
     const std::vector<AspectViewPrior> seen = ViewPriors(*starts.matched, images);
     if (std::any_of(seen.begin(), seen.end(), IsKnown)) {
       const auto under = [&](int v) { return Under(seen[v], search_view(v)); };
-      LinkedScene other = LinkAspects(
-          {images, seen, none, search.index->models, &start, under}, link, context.give_up);
+      LinkedScene other = LinkAspects({images, seen, none, search.index->models, &start, under},
+                                      link,
+                                      context.give_up,
+                                      context.stop);
       if (other.score > scene.score) scene = std::move(other);
     }
   }
@@ -390,8 +395,11 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
   if (out.objects.empty() && starts.without_ground && !IsStopRequested(context.give_up)) {
     link.min_quick -= link.min_joint - kFaintJoint;
     link.min_joint = kFaintJoint;
-    LinkedScene faint = LinkAspects(
-        {images, priors, none, search.index->models, &start, search_view}, link, context.give_up);
+    LinkedScene faint =
+        LinkAspects({images, priors, none, search.index->models, &start, search_view},
+                    link,
+                    context.give_up,
+                    context.stop);
     if (IsStopRequested(context.stop))
       return absl::CancelledError("stopped while faint aspects were linked");
     ToCatalog(search, &faint);

@@ -91,33 +91,31 @@ std::vector<DepthBuffer> DepthOfOthers(const JointContext& context,
   return out;
 }
 
-struct Candidate {
-  int object = -1;
-  Rigid3 scene_from_object;
-  double log_odds = 0.0;  // of the answer against it
-};
-
-std::vector<Candidate> CandidatesFor(const JointContext& context,
-                                     const SceneObject& answer,
-                                     std::span<const OtherPose> alternatives) {
+RatedPoses CandidatesFor(const JointContext& context,
+                         const SceneObject& answer,
+                         std::span<const OtherPose> alternatives) {
   const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
   const PreparedObject& object = *context.objects[answer.object];
-  std::vector<Candidate> out;
-  const auto add = [&](int k, const Rigid3& pose) {
+  RatedPoses out;
+  const auto add = [&](int k, const Rigid3& pose, bool near_symmetric) {
     const PreparedObject& other = *context.objects[k];
     if (other.aspects == nullptr || static_cast<int>(out.size()) >= acceptance.most_tried) return;
     if (k == answer.object && IsSamePose(other, answer.scene_from_object, pose, kSameAnswer))
       return;
-    const bool known = std::any_of(out.begin(), out.end(), [&](const Candidate& c) {
+    const auto known = std::find_if(out.begin(), out.end(), [&](const RatedPose& c) {
       return c.object == k && IsSamePose(other, c.scene_from_object, pose, kSameAnswer);
     });
-    if (!known) out.push_back({k, pose});
+    if (known == out.end()) {
+      out.push_back({k, pose, 0.0, near_symmetric});
+    } else {
+      known->near_symmetric = known->near_symmetric || near_symmetric;
+    }
   };
   for (const OtherPose& alternative : alternatives)
-    add(alternative.object, alternative.scene_from_object);
+    add(alternative.object, alternative.scene_from_object, false);
   for (const NearSymmetry& near : object.near_symmetries) {
     for (const Rigid3& turn : TurnsOf(near.axis, acceptance.turns))
-      add(answer.object, answer.scene_from_object * turn);
+      add(answer.object, answer.scene_from_object * turn, true);
   }
   return out;
 }
@@ -163,7 +161,7 @@ PoseChoice MakeChoice(const JointContext& context,
                       const Views& views,
                       const SceneObject& answer,
                       const RenderMesh& a,
-                      const Candidate& c,
+                      const RatedPose& c,
                       double probability) {
   PoseChoice choice;
   choice.object = c.object;
@@ -199,27 +197,87 @@ PoseChoice MakeChoice(const JointContext& context,
   return choice;
 }
 
+// A part in each view's working image.
+std::vector<VisibleEdges> EdgesInViews(std::span<const AspectImage> images,
+                                       const Views& views,
+                                       const RenderMesh& mesh,
+                                       const Rigid3& scene_from_object) {
+  VisibleEdgeOptions rendering;
+  rendering.render_px = EdgeDifferenceOptions{}.render_px;
+  std::vector<VisibleEdges> out(views.size());
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!views[v] || images[v].width == 0) continue;
+    out[v] = FindVisibleEdges(mesh,
+                              WorkingCamera(images[v], views[v]->camera),
+                              views[v]->camera_from_scene * scene_from_object,
+                              rendering);
+  }
+  return out;
+}
+
+// A placed part and its edges in the views.
+struct SeenPart {
+  const RenderMesh& mesh;
+  const Rigid3& scene_from_object;
+  const std::vector<VisibleEdges>& edges;
+};
+
+// Log odds of a against b.
+double LogOddsBetween(std::span<const AspectImage> images,
+                      const Views& views,
+                      const SeenPart& a,
+                      const SeenPart& b,
+                      std::span<const DepthBuffer> hidden,
+                      const PoseChoiceAcceptance& acceptance) {
+  double sum = 0.0;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!views[v] || images[v].width == 0) continue;
+    const PinholeCamera working = WorkingCamera(images[v], views[v]->camera);
+    PinholeCamera straight = working;
+    straight.k1 = 0.0;
+    const EdgeDifference difference = CompareEdges(a.edges[v], b.edges[v], working);
+    double of_view = 0.0;
+    for (const DifferingPoint& d : difference.points) {
+      if (v < hidden.size() && hidden[v].width > 0 &&
+          IsHidden(hidden[v],
+                   straight,
+                   views[v]->camera_from_scene * (d.of_a ? a : b).scene_from_object,
+                   d.point,
+                   kHiddenShareOfFaces * a.mesh.diameter_m)) {
+        continue;
+      }
+      const double says = PointLogOdds(images[v], d.point, acceptance) * d.length_px;
+      of_view += (d.of_a ? says : -says) / acceptance.independent_px;
+    }
+    sum += of_view * acceptance.most_log_odds / (acceptance.most_log_odds + std::abs(of_view));
+  }
+  return sum;
+}
+
 // Candidates in the place of the answer's object number `place`, likeliest first.
-std::vector<Candidate> RatedCandidates(const JointContext& context,
-                                       std::span<const AspectImage> images,
-                                       const RecognitionResult& result,
-                                       int place,
-                                       std::span<const OtherPose> alternatives) {
+RatedPoses RatedCandidates(const JointContext& context,
+                           std::span<const AspectImage> images,
+                           const RecognitionResult& result,
+                           int place,
+                           std::span<const OtherPose> alternatives) {
   const SceneObject& answer = result.objects[place];
-  std::vector<Candidate> candidates = CandidatesFor(context, answer, alternatives);
+  RatedPoses candidates = CandidatesFor(context, answer, alternatives);
   if (candidates.empty()) return candidates;
   const RenderMesh& mesh = context.objects[answer.object]->aspects->object.mesh;
   const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
+  const std::vector<VisibleEdges> own =
+      EdgesInViews(images, result.views, mesh, answer.scene_from_object);
   ParallelFor(static_cast<int>(candidates.size()), context.options.threads, [&](int i) {
-    Candidate& c = candidates[i];
-    c.log_odds = LogOddsOfPose(images,
-                               result.views,
-                               mesh,
-                               answer.scene_from_object,
-                               context.objects[c.object]->aspects->object.mesh,
-                               c.scene_from_object,
-                               hidden,
-                               context.options.acceptance.pose_choices);
+    RatedPose& c = candidates[i];
+    const RenderMesh& other = context.objects[c.object]->aspects->object.mesh;
+    c.log_odds = LogOddsBetween(images,
+                                result.views,
+                                {mesh, answer.scene_from_object, own},
+                                {other,
+                                 c.scene_from_object,
+                                 EdgesInViews(images, result.views, other, c.scene_from_object)},
+                                hidden,
+                                context.options.acceptance.pose_choices);
   });
   std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
     return a.log_odds < b.log_odds;
@@ -291,20 +349,37 @@ std::vector<OtherPose> FlippedPoses(const JointContext& context,
   return out;
 }
 
-// The likeliest candidate takes the answer's place where the images show it with these log odds.
-void TurnIfLikelier(const JointContext& context,
-                    std::span<const AspectImage> images,
-                    int place,
-                    std::span<const OtherPose> alternatives,
-                    double least_log_odds,
-                    RecognitionResult* result) {
-  const auto candidates = RatedCandidates(context, images, *result, place, alternatives);
-  if (candidates.empty() || -candidates.front().log_odds < least_log_odds) return;
+// The pose takes the answer's place, adjusted to the images.
+void TurnTo(const JointContext& context,
+            std::span<const AspectImage> images,
+            const Rigid3& scene_from_object,
+            int place,
+            RecognitionResult* result) {
   SceneObject& answer = result->objects[place];
   answer.scene_from_object = Settled(images,
                                      context.objects[answer.object]->aspects->object.mesh,
                                      result->views,
-                                     candidates.front().scene_from_object);
+                                     scene_from_object);
+}
+
+std::vector<PoseChoice> ChoicesOf(const JointContext& context,
+                                  std::span<const AspectImage> images,
+                                  const RecognitionResult& result,
+                                  int place,
+                                  const RatedPoses& candidates) {
+  const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
+  const SceneObject& answer = result.objects[place];
+  const RenderMesh& mesh = context.objects[answer.object]->aspects->object.mesh;
+  std::vector<PoseChoice> out;
+  double sum = 1.0;
+  for (const RatedPose& c : candidates) sum += std::exp(-c.log_odds);
+  for (const RatedPose& c : candidates) {
+    const double probability = std::exp(-c.log_odds) / sum;
+    if (probability < acceptance.min_probability || static_cast<int>(out.size()) >= acceptance.most)
+      break;
+    out.push_back(MakeChoice(context, images, result.views, answer, mesh, c, probability));
+  }
+  return out;
 }
 
 }  // namespace
@@ -317,31 +392,12 @@ double LogOddsOfPose(std::span<const AspectImage> images,
                      const Rigid3& scene_from_b,
                      std::span<const DepthBuffer> hidden,
                      const PoseChoiceAcceptance& acceptance) {
-  double sum = 0.0;
-  for (std::size_t v = 0; v < views.size(); ++v) {
-    if (!views[v] || images[v].width == 0) continue;
-    const PinholeCamera working = WorkingCamera(images[v], views[v]->camera);
-    PinholeCamera straight = working;
-    straight.k1 = 0.0;
-    const Rigid3 camera_from_a = views[v]->camera_from_scene * scene_from_a;
-    const Rigid3 camera_from_b = views[v]->camera_from_scene * scene_from_b;
-    const EdgeDifference difference = CompareEdges(a, camera_from_a, b, camera_from_b, working);
-    double of_view = 0.0;
-    for (const DifferingPoint& d : difference.points) {
-      if (v < hidden.size() && hidden[v].width > 0 &&
-          IsHidden(hidden[v],
-                   straight,
-                   d.of_a ? camera_from_a : camera_from_b,
-                   d.point,
-                   kHiddenShareOfFaces * a.diameter_m)) {
-        continue;
-      }
-      const double says = PointLogOdds(images[v], d.point, acceptance) * d.length_px;
-      of_view += (d.of_a ? says : -says) / acceptance.independent_px;
-    }
-    sum += of_view * acceptance.most_log_odds / (acceptance.most_log_odds + std::abs(of_view));
-  }
-  return sum;
+  return LogOddsBetween(images,
+                        views,
+                        {a, scene_from_a, EdgesInViews(images, views, a, scene_from_a)},
+                        {b, scene_from_b, EdgesInViews(images, views, b, scene_from_b)},
+                        hidden,
+                        acceptance);
 }
 
 std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
@@ -349,23 +405,21 @@ std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
                                              const RecognitionResult& result,
                                              int place,
                                              std::span<const OtherPose> alternatives) {
-  const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
-  std::vector<PoseChoice> out;
-  const SceneObject& answer = result.objects[place];
-  const PreparedObject& object = *context.objects[answer.object];
-  if (object.aspects == nullptr) return out;
-  const std::vector<Candidate> candidates =
-      RatedCandidates(context, images, result, place, alternatives);
-  const RenderMesh& mesh = object.aspects->object.mesh;
-  double sum = 1.0;
-  for (const Candidate& c : candidates) sum += std::exp(-c.log_odds);
-  for (const Candidate& c : candidates) {
-    const double probability = std::exp(-c.log_odds) / sum;
-    if (probability < acceptance.min_probability || static_cast<int>(out.size()) >= acceptance.most)
-      break;
-    out.push_back(MakeChoice(context, images, result.views, answer, mesh, c, probability));
-  }
-  return out;
+  if (context.objects[result.objects[place].object]->aspects == nullptr) return {};
+  return ChoicesOf(context,
+                   images,
+                   result,
+                   place,
+                   RatedCandidates(context, images, result, place, alternatives));
+}
+
+RatedPoses RateTurns(const JointContext& context,
+                     std::span<const AspectImage> images,
+                     const RecognitionResult& result,
+                     int place) {
+  if (context.objects[result.objects[place].object]->aspects == nullptr) return {};
+  return RatedCandidates(
+      context, images, result, place, FlippedPoses(context, images, result, place));
 }
 
 std::string DescribeChoice(const std::string& object_id, const PoseChoice& choice) {
@@ -389,29 +443,38 @@ std::string DescribeChoice(const std::string& object_id, const PoseChoice& choic
   return text;
 }
 
-void TurnToLikeliest(const JointContext& context,
-                     std::span<const AspectImage> images,
-                     RecognitionResult* result) {
+std::vector<RatedPoses> TurnToLikeliest(const JointContext& context,
+                                        std::span<const AspectImage> images,
+                                        RecognitionResult* result) {
   const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
-  for (int k = 0; k < static_cast<int>(result->objects.size()); ++k) {
-    if (context.objects[result->objects[k].object]->aspects == nullptr) continue;
-    const std::vector<OtherPose> flipped = FlippedPoses(context, images, *result, k);
+  std::vector<RatedPoses> rated(result->objects.size());
+  for (int k = 0; k < static_cast<int>(rated.size()); ++k) {
+    rated[k] = RateTurns(context, images, *result, k);
     // Clear turns first: about a round part's axis a second one may be better still.
-    TurnIfLikelier(context, images, k, flipped, kFlippedLogOdds, result);
-    TurnIfLikelier(context, images, k, {}, acceptance.turned_log_odds, result);
+    if (!rated[k].empty() && -rated[k].front().log_odds >= kFlippedLogOdds) {
+      TurnTo(context, images, rated[k].front().scene_from_object, k, result);
+      rated[k] = RateTurns(context, images, *result, k);
+    }
+    const auto turn = std::find_if(
+        rated[k].begin(), rated[k].end(), [](const auto& c) { return c.near_symmetric; });
+    if (turn == rated[k].end() || -turn->log_odds < acceptance.turned_log_odds) continue;
+    TurnTo(context, images, turn->scene_from_object, k, result);
+    rated[k] = RateTurns(context, images, *result, k);
   }
+  return rated;
 }
 
 void SayPoseAlternatives(const JointContext& context,
                          std::span<const AspectImage> images,
+                         std::span<const RatedPoses> rated,
                          RecognitionResult* result) {
   const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
-  for (int k = 0; k < static_cast<int>(result->objects.size()); ++k) {
+  for (std::size_t k = 0; k < std::min(rated.size(), result->objects.size()); ++k) {
     SceneObject& answer = result->objects[k];
     double open = 0.0;
     if (context.objects[answer.object]->aspects == nullptr) continue;
-    const std::vector<PoseChoice> choices = FindPoseAlternatives(
-        context, images, *result, k, FlippedPoses(context, images, *result, k));
+    const std::vector<PoseChoice> choices =
+        ChoicesOf(context, images, *result, static_cast<int>(k), rated[k]);
     for (const PoseChoice& choice : choices) open += choice.probability;
     answer.pose_probability = 1.0 - open;
     if (open < acceptance.ambiguous_share) continue;

@@ -53,6 +53,15 @@ struct OtherPose {
   Rigid3 scene_from_object;
 };
 
+// What may stand in the place of one of the answer's objects.
+struct RatedPose {
+  int object = -1;
+  Rigid3 scene_from_object;
+  double log_odds = 0.0;        // of the answer against it
+  bool near_symmetric = false;  // a turn of a near symmetry of the object
+};
+using RatedPoses = std::vector<RatedPose>;  // of one object, likeliest first
+
 // Choices of the answer's object number `place`, likeliest first: its near symmetries and
 // `alternatives`. Empty for an object without aspects.
 std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
@@ -65,17 +74,26 @@ std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
 // which no image shows".
 std::string DescribeChoice(const std::string& object_id, const PoseChoice& choice);
 
+// The same before it is asked what is likely enough to be said, with half turns: end for end and
+// upside down, unless the part is sure of itself or the request in a hurry.
+RatedPoses RateTurns(const JointContext& context,
+                     std::span<const AspectImage> images,
+                     const RecognitionResult& result,
+                     int place);
+
 // Objects that the images show turned by one of their near symmetries rather than as answered are
 // turned, and adjusted to the images again. The score of a whole part hardly tells such turns: what
-// the part has in common with itself drowns the features that do.
-void TurnToLikeliest(const JointContext& context,
-                     std::span<const AspectImage> images,
-                     RecognitionResult* result);
+// the part has in common with itself drowns the features that do. Returns what else may be in the
+// place of each object.
+std::vector<RatedPoses> TurnToLikeliest(const JointContext& context,
+                                        std::span<const AspectImage> images,
+                                        RecognitionResult* result);
 
 // Poses of the answer's objects that are left open: named in `detail` and among the object's
-// alternatives; where they are likely the answer is ambiguous.
+// alternatives; where they are likely the answer is ambiguous. `rated` as TurnToLikeliest says.
 void SayPoseAlternatives(const JointContext& context,
                          std::span<const AspectImage> images,
+                         std::span<const RatedPoses> rated,
                          RecognitionResult* result);
 
 }  // namespace horopter

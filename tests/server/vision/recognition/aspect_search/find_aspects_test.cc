@@ -485,6 +485,41 @@ TEST_F(FindAspects, ViewsAreSearchedForAllPartsOnlyWhenTheyAreNeeded) {
   EXPECT_EQ(searched(), (std::vector<int>{0, 1, 2, 3, 4, 5}));
 }
 
+// Searches end at once in a hurry; what had been searched before is linked, unless nobody wants it.
+TEST_F(FindAspects, InAHurryViewsThatWereSearchedAreLinked) {
+  std::vector<AspectImage> images;
+  std::vector<AspectViewPrior> priors;
+  std::vector<std::vector<AspectHypothesis>> hypotheses;
+  for (const double turn : {-0.2, 0.2}) {
+    Rigid3 pose = Pose();
+    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
+    images.push_back(MakeAspectImage(Photo(0, pose)));
+    priors.push_back({NominalCamera(images.back())});
+    hypotheses.push_back(
+        FindAspectHypotheses(images.back(), *index_, Brief(FindAspectOptions{})).hypotheses);
+  }
+  const auto always = [] { return true; };
+  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_}, {}, always);
+  ASSERT_EQ(scene.objects.size(), 1u);
+  EXPECT_EQ(scene.objects[0].object, 0);
+  EXPECT_EQ(scene.registered(), 2);
+  EXPECT_TRUE(LinkAspects({images, priors, hypotheses, list_}, {}, always, always).objects.empty());
+}
+
+TEST(FindAspectOptions, BriefIsNeverMoreThanWhatIsAskedFor) {
+  FindAspectOptions little;
+  little.votes.max_matches = little.votes.max_pair_matches = little.votes.max_ellipse_matches = 1;
+  little.votes.max_per_object = little.coarse_per_object = little.fine_per_object = 1;
+  const FindAspectOptions brief = Brief(little);
+  EXPECT_EQ(brief.votes.max_matches, 1);
+  EXPECT_EQ(brief.votes.max_pair_matches, 1);
+  EXPECT_EQ(brief.votes.max_ellipse_matches, 1);
+  EXPECT_EQ(brief.votes.max_per_object, 1);
+  EXPECT_EQ(brief.coarse_per_object, 1);
+  EXPECT_EQ(brief.fine_per_object, 1);
+  EXPECT_LT(Brief({}).coarse_per_object, FindAspectOptions{}.coarse_per_object);
+}
+
 TEST_F(FindAspects, NothingLinksViewsOfNothing) {
   std::vector<AspectImage> images(2,
                                   MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(90))));

@@ -80,7 +80,12 @@ class PoseAlternatives : public testing::Test {
 
   void Find(std::vector<OtherPose> alternatives = {}) {
     choices_ = FindPoseAlternatives(context_, images_, result_, 0, alternatives);
-    SayPoseAlternatives(context_, images_, &result_);
+    Say();
+  }
+
+  void Say() {
+    const RatedPoses rated = RateTurns(context_, images_, result_, 0);
+    SayPoseAlternatives(context_, images_, {&rated, 1}, &result_);
   }
 
   const PoseChoice* ChoiceAt(int object, const Rigid3& object_from_alternative) const {
@@ -137,11 +142,11 @@ TEST_F(PoseAlternatives, AnAnswerTheWrongWayRoundIsTurned) {
   ASSERT_TRUE((*objects_)[kWedge]->near_symmetries.empty());
   for (const bool right : {false, true}) {
     See(true, right ? Rigid3() : HalfTurn(), kWedge);
-    TurnToLikeliest(context_, images_, &result_);
+    const std::vector<RatedPoses> rated = TurnToLikeliest(context_, images_, &result_);
     const Rigid3& turned = result_.objects[0].scene_from_object;
     // Upside down it is the same.
     EXPECT_LT((turned.R.col(0) - Eigen::Vector3d::UnitX()).norm(), 0.02) << right;
-    SayPoseAlternatives(context_, images_, &result_);
+    SayPoseAlternatives(context_, images_, rated, &result_);
     EXPECT_EQ(result_.state, RecognitionState::kRecognized) << right;
     EXPECT_GT(result_.objects[0].pose_probability, 0.95) << right;
   }
