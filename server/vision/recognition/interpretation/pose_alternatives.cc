@@ -105,11 +105,10 @@ RatedPoses CandidatesFor(const JointContext& context,
     const auto known = std::find_if(out.begin(), out.end(), [&](const RatedPose& c) {
       return c.object == k && IsSamePose(other, c.scene_from_object, pose, kSameAnswer);
     });
-    if (known == out.end()) {
-      out.push_back({k, pose, 0.0, near_symmetric});
-    } else {
-      known->near_symmetric = known->near_symmetric || near_symmetric;
-    }
+    // A turn of a near symmetry is asked for as it is, too.
+    const bool repeated = known != out.end();
+    if (!repeated || (near_symmetric && !known->near_symmetric))
+      out.push_back({k, pose, 0.0, near_symmetric, repeated});
   };
   for (const OtherPose& alternative : alternatives)
     add(alternative.object, alternative.scene_from_object, false);
@@ -372,8 +371,9 @@ std::vector<PoseChoice> ChoicesOf(const JointContext& context,
   const RenderMesh& mesh = context.objects[answer.object]->aspects->object.mesh;
   std::vector<PoseChoice> out;
   double sum = 1.0;
-  for (const RatedPose& c : candidates) sum += std::exp(-c.log_odds);
+  for (const RatedPose& c : candidates) sum += c.repeated ? 0.0 : std::exp(-c.log_odds);
   for (const RatedPose& c : candidates) {
+    if (c.repeated) continue;
     const double probability = std::exp(-c.log_odds) / sum;
     if (probability < acceptance.min_probability || static_cast<int>(out.size()) >= acceptance.most)
       break;
@@ -451,8 +451,10 @@ std::vector<RatedPoses> TurnToLikeliest(const JointContext& context,
   for (int k = 0; k < static_cast<int>(rated.size()); ++k) {
     rated[k] = RateTurns(context, images, *result, k);
     // Clear turns first: about a round part's axis a second one may be better still.
-    if (!rated[k].empty() && -rated[k].front().log_odds >= kFlippedLogOdds) {
-      TurnTo(context, images, rated[k].front().scene_from_object, k, result);
+    const auto likeliest = std::find_if(
+        rated[k].begin(), rated[k].end(), [](const RatedPose& c) { return !c.repeated; });
+    if (likeliest != rated[k].end() && -likeliest->log_odds >= kFlippedLogOdds) {
+      TurnTo(context, images, likeliest->scene_from_object, k, result);
       rated[k] = RateTurns(context, images, *result, k);
     }
     const auto turn = std::find_if(

@@ -59,6 +59,7 @@ struct RatedPose {
   Rigid3 scene_from_object;
   double log_odds = 0.0;        // of the answer against it
   bool near_symmetric = false;  // a turn of a near symmetry of the object
+  bool repeated = false;  // ... that is another one but for its adjustment: no choice beside it
 };
 using RatedPoses = std::vector<RatedPose>;  // of one object, likeliest first
 
