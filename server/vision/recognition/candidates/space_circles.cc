@@ -6,6 +6,7 @@
 #include <cmath>
 #include <optional>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/recognition/scoring/circle_sighting.h"
 
 namespace horopter {
@@ -79,6 +80,7 @@ std::vector<SpaceCircle> FindSpaceCircles(std::span<const FeatureView> views,
   for (int a = 0; a < n; ++a) {
     for (int b = a + 1; b < n; ++b) {
       for (const SightedArc& of_a : sighted[a].arcs) {
+        LeaveIfStopped();
         for (const SightedArc& of_b : sighted[b].arcs) {
           if (of_a.ray.cross(of_b.ray).norm() < options.min_parallax_rad) continue;
           const Eigen::Vector3d center = NearestToRays(sighted[a], of_a, sighted[b], of_b);
@@ -116,6 +118,7 @@ std::vector<SpaceCircle> FindSpaceCircles(std::span<const FeatureView> views,
   });
   std::vector<SpaceCircle> out;
   for (const SpaceCircle& circle : found) {
+    LeaveIfStopped();
     if (static_cast<int>(out.size()) >= options.max_circles) break;
     if (std::none_of(out.begin(), out.end(), [&](const SpaceCircle& o) {
           return (o.center - circle.center).norm() < 0.1 * circle.radius_m &&

@@ -6,6 +6,8 @@
 #include <optional>
 #include <utility>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
@@ -232,6 +234,7 @@ std::vector<SpaceCorner> FindSpaceCorners(std::span<const FeatureView> views,
       const FeatureView& view_b = *sighted[b].view;
       const double px_b = view_b.camera.focal_px * view_b.working_from_image;
       for (int i = 0; i < static_cast<int>(sighted[a].corners.size()); ++i) {
+        LeaveIfStopped();
         // The epipolar plane; its distance from a ray of b in pixels needs no epipolar line.
         const Eigen::Vector3d& ray = sighted[a].corners[i].ray;
         const Eigen::Vector3d plane = base.cross(ray);
@@ -253,6 +256,7 @@ std::vector<SpaceCorner> FindSpaceCorners(std::span<const FeatureView> views,
   });
   std::vector<SpaceCorner> out;
   for (SpaceCorner& corner : found) {
+    LeaveIfStopped();
     if (static_cast<int>(out.size()) >= options.max_corners) break;
     if (std::none_of(out.begin(), out.end(), [&](const SpaceCorner& o) {
           return (o.point - corner.point).norm() < options.same_point_m;
