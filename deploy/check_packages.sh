@@ -31,15 +31,15 @@ inside() { chroot "$root" env DEBIAN_FRONTEND=noninteractive LC_ALL=C.UTF-8 "$@"
 step() { printf '== %s\n' "$*"; }
 
 step "install"
-rm -rf "$root/tmp/packages"
-mkdir -p "$root/tmp/packages"
-cp "$packages"/*.deb "$root/tmp/packages"
+rm -rf "$root/packages"
+mkdir -p "$root/packages"
+cp "$packages"/*.deb "$root/packages"
 # The text of the Containerfile's last RUN, but for the network and for the packages' names.
 containerfile=$(sed -n '/^RUN apt-get/,/[^\\]$/p' deploy/Containerfile | sed 's/^RUN //; s/\\$//' | tr '\n' ' ')
 [[ $containerfile == *useradd* ]] || { echo "check_packages.sh: the Containerfile has changed its shape" >&2; exit 1; }
 containerfile=${containerfile//apt-get update &&/}
-containerfile=${containerfile//\/tmp\/horopter-\*.deb/\/tmp\/packages\/*.deb}
-containerfile=${containerfile//rm -rf \/tmp\/packages\/\*.deb \/var\/lib\/apt\/lists\/\* &&/}
+containerfile=${containerfile//\/packages\/horopter-\*.deb/\/packages\/*.deb}
+containerfile=${containerfile//rm -rf \/packages\/\*.deb \/var\/lib\/apt\/lists\/\* &&/}
 inside bash -euc "$containerfile" >"$copy/log" 2>&1 || { cat "$copy/log"; exit 1; }
 inside dpkg -s horopter-server horopter-client horopter-dev python3-horopter | grep -c '^Status: install ok installed' | grep -qx 4
 
@@ -63,11 +63,11 @@ for _ in $(seq 300); do
   sleep 0.1
 done
 cp -r "$source/tests/data/parts/cad/obj_000001.step" "$source/tests/data/parts/val/000005/rgb/000000.png" \
-  "$source/client/example" "$root/tmp/packages/"
+  "$source/client/example" "$root/packages/"
 inside horopter status
-inside horopter object add /tmp/packages/obj_000001.step --id bracket
-inside horopter recognize /tmp/packages/000000.png --out /tmp/packages/overlay.png >/dev/null
-[[ -s $root/tmp/packages/overlay.png ]]
+inside horopter object add /packages/obj_000001.step --id bracket
+inside horopter recognize /packages/000000.png --out /packages/overlay.png >/dev/null
+[[ -s $root/packages/overlay.png ]]
 inside /usr/bin/python3 -B -c 'import horopter
 with horopter.Client("localhost:50051") as client: assert [o.object_id for o in client.list_objects()] == ["bracket"]'
 python3 - <<'METRICS'
@@ -76,9 +76,9 @@ assert b"horopter_build_info" in urllib.request.urlopen("http://127.0.0.1:9464/m
 METRICS
 
 step "a C++ program by find_package"
-inside cmake -G Ninja -S /tmp/packages/example -B /tmp/packages/example-build >"$copy/log" 2>&1 &&
-  inside cmake --build /tmp/packages/example-build >>"$copy/log" 2>&1 || { cat "$copy/log"; exit 1; }
-inside /tmp/packages/example-build/pick localhost:50051 /tmp/packages/000000.png >/dev/null
+inside cmake -G Ninja -S /packages/example -B /packages/example-build >"$copy/log" 2>&1 &&
+  inside cmake --build /packages/example-build >>"$copy/log" 2>&1 || { cat "$copy/log"; exit 1; }
+inside /packages/example-build/pick localhost:50051 /packages/000000.png >/dev/null
 
 kill -TERM "$server"
 wait "$server"
@@ -86,7 +86,7 @@ wait "$server"
 
 step "remove"
 inside apt-get purge -y horopter-server horopter-client horopter-dev python3-horopter >"$copy/log" 2>&1 || { cat "$copy/log"; exit 1; }
-left=$(cd "$copy/upper" && find . \( -name '*horopter*' -o -path './etc/horopter*' \) -not -path './tmp/*' -not -path './var/*' \
+left=$(cd "$copy/upper" && find . \( -name '*horopter*' -o -path './etc/horopter*' \) -not -path './tmp/*' -not -path './packages/*' -not -path './var/*' \
   -not -path './home/*' -type f -print)
 [[ -z $left ]] || { echo "left behind: $left" >&2; exit 1; }
 echo "The packages are good."

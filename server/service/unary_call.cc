@@ -3,6 +3,7 @@
 #include <google/protobuf/descriptor.h>
 #include <google/protobuf/message.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <memory>
@@ -48,12 +49,10 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     state_->hurry = state_->deadline;
     if (state_->deadline != Clock::time_point::max()) {
       const std::chrono::duration<double> allowed = state_->deadline - call_.start();
-      info_.limits.allowed_s = allowed.count();
-      const double unhurried_s =
-          std::max(kUnhurriedShare * allowed.count(),
-                   allowed.count() - std::max(kHurryShare * allowed.count(), kHurryS));
-      state_->hurry = call_.start() + std::chrono::duration_cast<Clock::duration>(
-                                          std::chrono::duration<double>(unhurried_s));
+      info_.limits.allowed_s = std::max(0.0, allowed.count());
+      state_->hurry =
+          call_.start() + std::chrono::duration_cast<Clock::duration>(
+                              std::chrono::duration<double>(HurryAfterS(info_.limits.allowed_s)));
     }
     info_.limits.stop = [state = state_] {
       return state->cancelled.load() || state->DeadlinePassed();
@@ -172,6 +171,12 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
 };
 
 }  // namespace
+
+double HurryAfterS(double allowed_s) {
+  constexpr double kLeftShare = 0.25, kLeftS = 0.8, kUnhurriedShare = 0.3;
+  return std::max(kUnhurriedShare * allowed_s,
+                  allowed_s - std::max(kLeftShare * allowed_s, kLeftS));
+}
 
 std::string NamedResource(const google::protobuf::Message& request) {
   const auto* const descriptor = request.GetDescriptor();

@@ -10,15 +10,12 @@ namespace horopter {
 template <int kSize>
 using SymmetricEigen = Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, kSize, kSize>>;
 
-template <int kSize>
-using SymmetricEigenInput = Eigen::EigenBase<Eigen::Matrix<double, kSize, kSize>>;
-
 }  // namespace horopter
 
 #define HOROPTER_SYMMETRIC_EIGEN(size)                                                 \
   template horopter::SymmetricEigen<size>&                                             \
   horopter::SymmetricEigen<size>::compute<horopter::SymmetricEigen<size>::MatrixType>( \
-      const horopter::SymmetricEigenInput<size>&, int)
+      const Eigen::EigenBase<horopter::SymmetricEigen<size>::MatrixType>&, int)
 
 extern HOROPTER_SYMMETRIC_EIGEN(4);
 extern HOROPTER_SYMMETRIC_EIGEN(6);

@@ -105,5 +105,24 @@ TEST_F(Completeness, AnAnswerThatTimeChangedSaysSoAndWhatWasNotSearched) {
   EXPECT_GT(changed, 0) << "of " << all << " looks";
 }
 
+// Whatever route the parts are found by, their aspects are looked for in single images.
+TEST_F(Completeness, ABriefSearchSaysSo) {
+  for (const double allowed_s : {0.0, 1e-3, AspectRouteOptions{}.full_search_s}) {
+    SCOPED_TRACE(testing::Message() << allowed_s << " s");
+    PipelineOptions options;
+    options.recognition.allowed_s = allowed_s;
+    const auto result = RecognizeScene(request_, catalog_, options);
+    ASSERT_TRUE(result.ok()) << result.status();
+    const bool brief = allowed_s == 1e-3;
+    EXPECT_EQ(result->answer.time_limited, brief);
+    EXPECT_EQ(result->answer.unsearched.size(), brief ? 1u : 0u);
+    for (const UnsearchedStep& step : result->answer.unsearched) {
+      EXPECT_EQ(step.cause, UnsearchedCause::kTime);
+      EXPECT_EQ(step.step, "aspect_search");
+    }
+    EXPECT_FALSE(result->answer.objects.empty());
+  }
+}
+
 }  // namespace
 }  // namespace horopter

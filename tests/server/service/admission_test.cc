@@ -14,6 +14,7 @@
 
 #include "horopter/v1/server.grpc.pb.h"
 #include "server/service/rpc_status.h"
+#include "server/service/unary_call.h"
 #include "tests/support/scratch_dir.h"
 #include "tests/support/service_fixture.h"
 
@@ -150,6 +151,13 @@ TEST(Admission, ADeadlineHurriesTheStagesBeforeItStopsThem) {
   EXPECT_EQ(seen.hurried_at_first, 0);
   EXPECT_EQ(seen.hurried_before_stop, 1);
   EXPECT_EQ(seen.hurried, 1);
+}
+
+TEST(Admission, WhatTheHurryLeavesIsAShareOfLongCallsAndEnoughOfShortOnes) {
+  EXPECT_DOUBLE_EQ(HurryAfterS(6.0), 4.5);
+  EXPECT_DOUBLE_EQ(HurryAfterS(3.0), 2.2);
+  EXPECT_DOUBLE_EQ(HurryAfterS(1.0), 0.3);
+  EXPECT_DOUBLE_EQ(HurryAfterS(0.0), 0.0);
 }
 
 TEST(Admission, ACancelStopsTheRunningStages) {

@@ -1,6 +1,7 @@
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "server/vision/recognition/aspect_scenes/doubtful_views.h"
 #include "server/vision/recognition/aspect_scenes/faint_objects.h"
@@ -246,7 +247,7 @@ class Linker {
   // A draft with the other views added one by one, each held against the images before the next.
   LinkedScene Completed(AspectScene scene) const {
     AddViews(&scene);
-    return Finish(&scene);
+    return Finish(std::move(scene));
   }
 
   void AddViews(AspectScene* scene) const {
@@ -299,26 +300,24 @@ class Linker {
     for (std::size_t v = 0; v < poor.size(); ++v) {
       if (poor[v]) rest.views[v].reset();
     }
-    LinkedScene out = Finish(&rest);
+    LinkedScene out = Finish(std::move(rest));
     if (!out.objects.empty()) *scene = std::move(out);
   }
 
   // Drops what the images contradict, carries the other hypotheses over, adjusts and judges, while
   // objects are added.
-  LinkedScene Finish(AspectScene scene) const { return Finish(&scene); }
-
-  LinkedScene Finish(AspectScene* scene) const {
-    objects_.Sift(scene);
+  LinkedScene Finish(AspectScene scene) const {
+    objects_.Sift(&scene);
     for (int round = 0; round < 2; ++round) {
-      const std::size_t before = scene->objects.size();
+      const std::size_t before = scene.objects.size();
       if (before == 0 || IsStopRequested(stop_)) break;
-      CarryOver(options_.carried, scene);
-      if (round == 0 || scene->objects.size() > before)
-        AdjustToEdges(in_.images, meshes_, options_.adjustment, options_.threads, scene);
-      objects_.Sift(scene);
-      if (scene->objects.size() <= before) break;
+      CarryOver(options_.carried, &scene);
+      if (round == 0 || scene.objects.size() > before)
+        AdjustToEdges(in_.images, meshes_, options_.adjustment, options_.threads, &scene);
+      objects_.Sift(&scene);
+      if (scene.objects.size() <= before) break;
     }
-    return objects_.Result(*scene);
+    return objects_.Result(scene);
   }
 
   // Hypotheses of all views in the scene's cameras, those that most views confirm.
@@ -374,7 +373,7 @@ class Linker {
     objects_.Place(std::move(candidates), &scene);
     if (scene.objects.size() == before) return false;
     scene.objects.insert(scene.objects.end(), doubtful.begin(), doubtful.end());
-    LinkedScene more = Finish(&scene);
+    LinkedScene more = Finish(std::move(scene));
     if (more.score <= best->score) return false;
     *best = std::move(more);
     return true;

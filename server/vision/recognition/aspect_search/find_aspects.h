@@ -38,7 +38,8 @@ struct FindAspectOptions {
   int threads = 1;
 };
 
-// For a request that has little time: a third of the effort, which lists half of the hypotheses.
+// For a request that has little time: fewer matches, votes and poses, in less than half of the time
+// (25 parts; ADR 60). Never more than the options ask for.
 FindAspectOptions Brief(FindAspectOptions options);
 
 struct AspectHypothesis {

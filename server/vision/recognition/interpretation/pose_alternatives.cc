@@ -102,12 +102,14 @@ RatedPoses CandidatesFor(const JointContext& context,
     if (other.aspects == nullptr || static_cast<int>(out.size()) >= acceptance.most_tried) return;
     if (k == answer.object && IsSamePose(other, answer.scene_from_object, pose, kSameAnswer))
       return;
-    const auto known = std::find_if(out.begin(), out.end(), [&](const RatedPose& c) {
-      return c.object == k && IsSamePose(other, c.scene_from_object, pose, kSameAnswer);
-    });
-    // A turn of a near symmetry is asked for as it is, too.
-    const bool repeated = known != out.end();
-    if (!repeated || (near_symmetric && !known->near_symmetric))
+    // A turn of a near symmetry is asked for as it is, beside another pose that it is like.
+    bool repeated = false, asked = false;
+    for (const RatedPose& c : out) {
+      if (c.object != k || !IsSamePose(other, c.scene_from_object, pose, kSameAnswer)) continue;
+      repeated = true;
+      asked = asked || c.near_symmetric;
+    }
+    if (!repeated || (near_symmetric && !asked))
       out.push_back({k, pose, 0.0, near_symmetric, repeated});
   };
   for (const OtherPose& alternative : alternatives)
@@ -253,37 +255,6 @@ double LogOddsBetween(std::span<const AspectImage> images,
   return sum;
 }
 
-// Candidates in the place of the answer's object number `place`, likeliest first.
-RatedPoses RatedCandidates(const JointContext& context,
-                           std::span<const AspectImage> images,
-                           const RecognitionResult& result,
-                           int place,
-                           std::span<const OtherPose> alternatives) {
-  const SceneObject& answer = result.objects[place];
-  RatedPoses candidates = CandidatesFor(context, answer, alternatives);
-  if (candidates.empty()) return candidates;
-  const RenderMesh& mesh = context.objects[answer.object]->aspects->object.mesh;
-  const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
-  const std::vector<VisibleEdges> own =
-      EdgesInViews(images, result.views, mesh, answer.scene_from_object);
-  ParallelFor(static_cast<int>(candidates.size()), context.options.threads, [&](int i) {
-    RatedPose& c = candidates[i];
-    const RenderMesh& other = context.objects[c.object]->aspects->object.mesh;
-    c.log_odds = LogOddsBetween(images,
-                                result.views,
-                                {mesh, answer.scene_from_object, own},
-                                {other,
-                                 c.scene_from_object,
-                                 EdgesInViews(images, result.views, other, c.scene_from_object)},
-                                hidden,
-                                context.options.acceptance.pose_choices);
-  });
-  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
-    return a.log_odds < b.log_odds;
-  });
-  return candidates;
-}
-
 std::vector<std::optional<AspectSceneView>> Fixed(const Views& views) {
   std::vector<std::optional<AspectSceneView>> fixed;
   for (const auto& view : views) {
@@ -361,27 +332,6 @@ void TurnTo(const JointContext& context,
                                      scene_from_object);
 }
 
-std::vector<PoseChoice> ChoicesOf(const JointContext& context,
-                                  std::span<const AspectImage> images,
-                                  const RecognitionResult& result,
-                                  int place,
-                                  const RatedPoses& candidates) {
-  const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
-  const SceneObject& answer = result.objects[place];
-  const RenderMesh& mesh = context.objects[answer.object]->aspects->object.mesh;
-  std::vector<PoseChoice> out;
-  double sum = 1.0;
-  for (const RatedPose& c : candidates) sum += c.repeated ? 0.0 : std::exp(-c.log_odds);
-  for (const RatedPose& c : candidates) {
-    if (c.repeated) continue;
-    const double probability = std::exp(-c.log_odds) / sum;
-    if (probability < acceptance.min_probability || static_cast<int>(out.size()) >= acceptance.most)
-      break;
-    out.push_back(MakeChoice(context, images, result.views, answer, mesh, c, probability));
-  }
-  return out;
-}
-
 }  // namespace
 
 double LogOddsOfPose(std::span<const AspectImage> images,
@@ -400,17 +350,35 @@ double LogOddsOfPose(std::span<const AspectImage> images,
                         acceptance);
 }
 
-std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
-                                             std::span<const AspectImage> images,
-                                             const RecognitionResult& result,
-                                             int place,
-                                             std::span<const OtherPose> alternatives) {
-  if (context.objects[result.objects[place].object]->aspects == nullptr) return {};
-  return ChoicesOf(context,
-                   images,
-                   result,
-                   place,
-                   RatedCandidates(context, images, result, place, alternatives));
+RatedPoses RatePoses(const JointContext& context,
+                     std::span<const AspectImage> images,
+                     const RecognitionResult& result,
+                     int place,
+                     std::span<const OtherPose> alternatives) {
+  const SceneObject& answer = result.objects[place];
+  if (context.objects[answer.object]->aspects == nullptr) return {};
+  RatedPoses candidates = CandidatesFor(context, answer, alternatives);
+  if (candidates.empty()) return candidates;
+  const RenderMesh& mesh = context.objects[answer.object]->aspects->object.mesh;
+  const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
+  const std::vector<VisibleEdges> own =
+      EdgesInViews(images, result.views, mesh, answer.scene_from_object);
+  ParallelFor(static_cast<int>(candidates.size()), context.options.threads, [&](int i) {
+    RatedPose& c = candidates[i];
+    const RenderMesh& other = context.objects[c.object]->aspects->object.mesh;
+    c.log_odds = LogOddsBetween(images,
+                                result.views,
+                                {mesh, answer.scene_from_object, own},
+                                {other,
+                                 c.scene_from_object,
+                                 EdgesInViews(images, result.views, other, c.scene_from_object)},
+                                hidden,
+                                context.options.acceptance.pose_choices);
+  });
+  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
+    return a.log_odds < b.log_odds;
+  });
+  return candidates;
 }
 
 RatedPoses RateTurns(const JointContext& context,
@@ -418,8 +386,28 @@ RatedPoses RateTurns(const JointContext& context,
                      const RecognitionResult& result,
                      int place) {
   if (context.objects[result.objects[place].object]->aspects == nullptr) return {};
-  return RatedCandidates(
-      context, images, result, place, FlippedPoses(context, images, result, place));
+  return RatePoses(context, images, result, place, FlippedPoses(context, images, result, place));
+}
+
+std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
+                                             std::span<const AspectImage> images,
+                                             const RecognitionResult& result,
+                                             int place,
+                                             const RatedPoses& rated) {
+  const PoseChoiceAcceptance& acceptance = context.options.acceptance.pose_choices;
+  const SceneObject& answer = result.objects[place];
+  std::vector<PoseChoice> out;
+  double sum = 1.0;
+  for (const RatedPose& c : rated) sum += c.repeated ? 0.0 : std::exp(-c.log_odds);
+  for (const RatedPose& c : rated) {
+    if (c.repeated) continue;
+    const double probability = std::exp(-c.log_odds) / sum;
+    if (probability < acceptance.min_probability || static_cast<int>(out.size()) >= acceptance.most)
+      break;
+    const RenderMesh& mesh = context.objects[answer.object]->aspects->object.mesh;
+    out.push_back(MakeChoice(context, images, result.views, answer, mesh, c, probability));
+  }
+  return out;
 }
 
 std::string DescribeChoice(const std::string& object_id, const PoseChoice& choice) {
@@ -476,7 +464,7 @@ void SayPoseAlternatives(const JointContext& context,
     double open = 0.0;
     if (context.objects[answer.object]->aspects == nullptr) continue;
     const std::vector<PoseChoice> choices =
-        ChoicesOf(context, images, *result, static_cast<int>(k), rated[k]);
+        FindPoseAlternatives(context, images, *result, static_cast<int>(k), rated[k]);
     for (const PoseChoice& choice : choices) open += choice.probability;
     answer.pose_probability = 1.0 - open;
     if (open < acceptance.ambiguous_share) continue;

@@ -63,24 +63,31 @@ struct RatedPose {
 };
 using RatedPoses = std::vector<RatedPose>;  // of one object, likeliest first
 
-// Choices of the answer's object number `place`, likeliest first: its near symmetries and
-// `alternatives`. Empty for an object without aspects.
-std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
-                                             std::span<const AspectImage> images,
-                                             const RecognitionResult& result,
-                                             int place,
-                                             std::span<const OtherPose> alternatives = {});
+// The near symmetries of the answer's object number `place`, and `alternatives`. Empty for an
+// object without aspects.
+RatedPoses RatePoses(const JointContext& context,
+                     std::span<const AspectImage> images,
+                     const RecognitionResult& result,
+                     int place,
+                     std::span<const OtherPose> alternatives = {});
 
-// "plate: 0.41 that it is turned by 180 degrees; a circle of 4.2 mm at (12.0, 3.1, 0.0) mm decides,
-// which no image shows".
-std::string DescribeChoice(const std::string& object_id, const PoseChoice& choice);
-
-// The same before it is asked what is likely enough to be said, with half turns: end for end and
-// upside down, unless the part is sure of itself or the request in a hurry.
+// The same with half turns: end for end and upside down, unless the part is sure of itself or the
+// request in a hurry.
 RatedPoses RateTurns(const JointContext& context,
                      std::span<const AspectImage> images,
                      const RecognitionResult& result,
                      int place);
+
+// Of these what is likely enough to be said, likeliest first.
+std::vector<PoseChoice> FindPoseAlternatives(const JointContext& context,
+                                             std::span<const AspectImage> images,
+                                             const RecognitionResult& result,
+                                             int place,
+                                             const RatedPoses& rated);
+
+// "plate: 0.41 that it is turned by 180 degrees; a circle of 4.2 mm at (12.0, 3.1, 0.0) mm decides,
+// which no image shows".
+std::string DescribeChoice(const std::string& object_id, const PoseChoice& choice);
 
 // Objects that the images show turned by one of their near symmetries rather than as answered are
 // turned, and adjusted to the images again. The score of a whole part hardly tells such turns: what

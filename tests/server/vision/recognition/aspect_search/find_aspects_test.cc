@@ -7,57 +7,15 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/aspects/fragment_blob.h"
+#include "tests/server/vision/recognition/aspect_search/find_aspects_fixture.h"
 #include "tests/support/part_photos.h"
 #include "tests/support/shaded_photo.h"
 #include "tests/support/solid_meshes.h"
 
 namespace horopter {
 namespace {
-
-// An angle with arms of different length, a block and a cylinder; made once.
-class FindAspects : public testing::Test {
- protected:
-  static void SetUpTestSuite() {
-    parts_ = new std::vector<PhotoPart>(AngleBlockCylinder({0.04, 0.025, 0.012}, 0.02, 0.035));
-    for (const PhotoPart& p : *parts_)
-      list_.push_back({&p.object, &p.fragments, p.model.symmetries});
-    index_ = new FragmentIndex(*BuildFragmentIndex(list_));
-  }
-  static void TearDownTestSuite() {
-    delete index_;
-    delete parts_;
-  }
-
-  static PinholeCamera Camera() { return CenteredCamera(640, 480, 700.0); }
-  static Rigid3 Pose() {
-    Rigid3 pose;
-    pose.R = (Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ()) *
-              Eigen::AngleAxisd(-2.2, Eigen::Vector3d::UnitX()) *
-              Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitY()))
-                 .toRotationMatrix();
-    pose.t = {0.02, -0.01, 0.28};
-    return pose;
-  }
-
-  static cv::Mat Photo(int part, const Rigid3& pose) {
-    return PhotoOf({{&(*parts_)[part].object.mesh, pose}}, Camera());
-  }
-
-  static double ErrorPx(const AspectHypothesis& h, const Rigid3& truth) {
-    return PoseDistancePx(list_[h.object], h.camera, h.camera_from_object, Camera(), truth);
-  }
-
-  static std::vector<PhotoPart>* parts_;
-  static std::vector<AspectModel> list_;
-  static FragmentIndex* index_;
-};
-
-std::vector<PhotoPart>* FindAspects::parts_ = nullptr;
-std::vector<AspectModel> FindAspects::list_;
-FragmentIndex* FindAspects::index_ = nullptr;
 
 TEST_F(FindAspects, EachPartIsFirstAtItsPose) {
   for (int part = 0; part < 3; ++part) {
@@ -417,95 +375,6 @@ TEST_F(FindAspects, FragmentsSurviveTheirBlob) {
   }
 }
 
-// The same part before three cameras whose relative pose nobody knows.
-TEST_F(FindAspects, ViewsAreLinkedThroughAPart) {
-  std::vector<AspectImage> images;
-  std::vector<AspectViewPrior> priors;
-  std::vector<std::vector<AspectHypothesis>> hypotheses;
-  std::vector<Rigid3> truth;
-  for (const double turn : {-0.25, 0.0, 0.3}) {
-    Rigid3 pose = Pose();
-    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
-    truth.push_back(pose);
-    images.push_back(MakeAspectImage(Photo(0, pose)));
-    priors.push_back({NominalCamera(images.back())});
-    hypotheses.push_back(FindAspectHypotheses(images.back(), *index_).hypotheses);
-  }
-  // A view of nothing gets no camera, and does no harm.
-  images.push_back(MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(128))));
-  priors.push_back({NominalCamera(images.back())});
-  hypotheses.emplace_back();
-  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_});
-  ASSERT_EQ(scene.objects.size(), 1u);
-  EXPECT_EQ(scene.objects[0].object, 0);
-  EXPECT_EQ(scene.registered(), 3);
-  EXPECT_FALSE(scene.views[3].has_value());
-  for (int v = 0; v < 3; ++v) {
-    ASSERT_TRUE(scene.views[v].has_value()) << v;
-    const AspectSceneView& view = *scene.views[v];
-    EXPECT_LT(PoseDistancePx(list_[0],
-                             view.camera,
-                             view.camera_from_scene * scene.objects[0].scene_from_object,
-                             Camera(),
-                             truth[v]),
-              4.0)
-        << "view " << v;
-    EXPECT_GT(scene.objects[0].views[v].score, 0.5) << "view " << v;
-  }
-}
-
-// Two views show what there is; the others are only looked at for that.
-TEST_F(FindAspects, ViewsAreSearchedForAllPartsOnlyWhenTheyAreNeeded) {
-  std::vector<AspectImage> images;
-  std::vector<AspectViewPrior> priors;
-  for (const double turn : {-0.4, -0.2, 0.0, 0.2, 0.4}) {
-    Rigid3 pose = Pose();
-    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
-    images.push_back(MakeAspectImage(Photo(0, pose)));
-    priors.push_back({NominalCamera(images.back())});
-  }
-  const auto searched = [&] {
-    std::vector<int> views;
-    const std::vector<std::vector<AspectHypothesis>> none(images.size());
-    const LinkedScene scene =
-        LinkAspects({images, priors, none, list_, nullptr, [&](int v) {
-                       views.push_back(v);
-                       return FindAspectHypotheses(images[v], *index_).hypotheses;
-                     }});
-    EXPECT_EQ(scene.objects.size(), 1u);
-    EXPECT_TRUE(!scene.objects.empty() && scene.objects[0].object == 0);
-    for (std::size_t v = 0; v < images.size(); ++v) EXPECT_EQ(scene.views[v].has_value(), v < 5);
-    std::sort(views.begin(), views.end());
-    return views;
-  };
-  EXPECT_EQ(searched(), (std::vector<int>{1, 3}));
-  // Where a view does not show it, all are searched, each once.
-  images.push_back(MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(128))));
-  priors.push_back({NominalCamera(images.back())});
-  EXPECT_EQ(searched(), (std::vector<int>{0, 1, 2, 3, 4, 5}));
-}
-
-// Searches end at once in a hurry; what had been searched before is linked, unless nobody wants it.
-TEST_F(FindAspects, InAHurryViewsThatWereSearchedAreLinked) {
-  std::vector<AspectImage> images;
-  std::vector<AspectViewPrior> priors;
-  std::vector<std::vector<AspectHypothesis>> hypotheses;
-  for (const double turn : {-0.2, 0.2}) {
-    Rigid3 pose = Pose();
-    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
-    images.push_back(MakeAspectImage(Photo(0, pose)));
-    priors.push_back({NominalCamera(images.back())});
-    hypotheses.push_back(
-        FindAspectHypotheses(images.back(), *index_, Brief(FindAspectOptions{})).hypotheses);
-  }
-  const auto always = [] { return true; };
-  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_}, {}, always);
-  ASSERT_EQ(scene.objects.size(), 1u);
-  EXPECT_EQ(scene.objects[0].object, 0);
-  EXPECT_EQ(scene.registered(), 2);
-  EXPECT_TRUE(LinkAspects({images, priors, hypotheses, list_}, {}, always, always).objects.empty());
-}
-
 TEST(FindAspectOptions, BriefIsNeverMoreThanWhatIsAskedFor) {
   FindAspectOptions little;
   little.votes.max_matches = little.votes.max_pair_matches = little.votes.max_ellipse_matches = 1;
@@ -518,17 +387,6 @@ TEST(FindAspectOptions, BriefIsNeverMoreThanWhatIsAskedFor) {
   EXPECT_EQ(brief.coarse_per_object, 1);
   EXPECT_EQ(brief.fine_per_object, 1);
   EXPECT_LT(Brief({}).coarse_per_object, FindAspectOptions{}.coarse_per_object);
-}
-
-TEST_F(FindAspects, NothingLinksViewsOfNothing) {
-  std::vector<AspectImage> images(2,
-                                  MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(90))));
-  std::vector<AspectViewPrior> priors(2, {NominalCamera(images[0])});
-  std::vector<std::vector<AspectHypothesis>> hypotheses(2);
-  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_});
-  EXPECT_TRUE(scene.objects.empty());
-  EXPECT_EQ(scene.views.size(), 2u);
-  EXPECT_EQ(scene.registered(), 0);
 }
 
 }  // namespace

@@ -79,7 +79,8 @@ class PoseAlternatives : public testing::Test {
   }
 
   void Find(std::vector<OtherPose> alternatives = {}) {
-    choices_ = FindPoseAlternatives(context_, images_, result_, 0, alternatives);
+    choices_ = FindPoseAlternatives(
+        context_, images_, result_, 0, RatePoses(context_, images_, result_, 0, alternatives));
     Say();
   }
 

@@ -1,0 +1,31 @@
+// From a linked scene to the answer of the aspects' route: what chance does not explain, and what
+// another route found in the same places.
+#pragma once
+
+#include <vector>
+
+#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/refusals.h"
+#include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/recognition/types.h"
+
+namespace horopter {
+
+// Scores of an object's views, -1 where it is not shown.
+std::vector<double> ViewScores(const LinkedObject& o);
+
+// Adds the object, with its best competing placement where that is closer than `ambiguity_gap`.
+void AddAnswer(const LinkedObject& o,
+               double probability,
+               double ambiguity_gap,
+               RecognitionResult* result);
+
+// Objects by their numbers in the catalog. known: an answer of another route that is not
+// contradicted, or null. log: may be null. in_rig: cameras are a calibrated station's.
+RecognitionResult ToResult(const JointContext& context,
+                           const LinkedScene& scene,
+                           const RecognitionResult* known,
+                           RefusalLog* log,
+                           bool in_rig = false);
+
+}  // namespace horopter
