@@ -16,6 +16,7 @@ namespace horopter {
 namespace {
 
 constexpr int kTrials = 300;           // pairs of pieces that are asked for a vanishing point
+constexpr int kMostTried = 4;          // families, with those of parts
 constexpr int kBlocks = 8;             // along the width and the height
 constexpr float kMarkReachPx = 1.6f;   // of a piece: its own points
 constexpr float kMaxOpeningPx = 4.0f;  // between the ends of a chain that is closed
@@ -172,20 +173,23 @@ void MarkStripes(const PointRaster& raster,
   std::copy_if(all.begin(), all.end(), std::back_inserter(pieces), [&](const Piece& p) {
     return p.length >= least;
   });
-  for (int family = 0; family < options.max_families; ++family) {
+  // The pieces of a grid's far cells are short: they tell how far a family runs, long ones that
+  // there is one.
+  int families = 0;
+  for (int tried = 0; tried < kMostTried && families < options.max_families; ++tried) {
     if (static_cast<int>(pieces.size()) < options.min_pieces) break;
     const Eigen::Vector3f point = BestVanishingPoint(pieces, max_sine);
     const auto through = [&](const Piece& p) { return RunsThrough(p, point, max_sine); };
-    std::vector<Piece> found;
-    std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(found), through);
-    if (static_cast<int>(found.size()) < options.min_pieces ||
-        !RunsOverImage(found, raster, texture, options)) {
-      break;
-    }
-    for (const Piece& p : all) {
-      if (p.length >= kShortShare * least && through(p)) Mark(raster, p, marked);
-    }
+    const auto count = std::count_if(pieces.begin(), pieces.end(), through);
     std::erase_if(pieces, through);
+    if (count < options.min_pieces) continue;
+    std::vector<Piece> found;
+    std::copy_if(all.begin(), all.end(), std::back_inserter(found), [&](const Piece& p) {
+      return p.length >= kShortShare * least && through(p);
+    });
+    if (!RunsOverImage(found, raster, texture, options)) continue;
+    for (const Piece& p : found) Mark(raster, p, marked);
+    ++families;
   }
 }
 
