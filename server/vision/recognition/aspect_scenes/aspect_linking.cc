@@ -144,9 +144,9 @@ class Linker {
     return in_.models[first.object].round.empty() && first.score >= kSettledAlone;
   }
 
-  // The other views are looked at for what those searched show, while that leaves no doubt; one
-  // more is searched for what else there is. Doubtful scenes are linked again with all views
-  // searched.
+  // The other views are looked at for what those searched show, while that leaves no doubt. What
+  // else there is, the search on planes finds as well as one more view would (ADR 61). Doubtful
+  // scenes are linked again with all views searched.
   void SearchAsNeeded(LinkedScene* best) {
     if (search_.AllSearched()) return;
     while (!search_.AllSearched() && IsCredible(*best) && !IsStopRequested(stop_)) {
@@ -158,17 +158,13 @@ class Linker {
       search_.SearchRest();
       LinkedScene other = BestLinked();
       if (other.score > best->score) *best = std::move(other);
-    } else if (best->objects.size() > 1 && !IsStopRequested(stop_)) {
-      search_.SearchNext();
-      LinkedScene more = Finish(SceneOf(*best));
-      if (more.score > best->score) *best = std::move(more);
     }
   }
 
   // Where nothing credible links the views, a part that one of them shows well may be among the
   // many that the others might show, too: they are looked at for it alone.
   void FollowLeads(LinkedScene* best) {
-    if (IsCredible(*best) || in_.images.size() < 2) return;
+    if (!options_.follow_leads || IsCredible(*best) || in_.images.size() < 2) return;
     for (const auto& [view, lead] : links_.Leads()) {
       if (IsStopRequested(stop_)) return;
       LinkedScene alone;
@@ -432,8 +428,10 @@ class Linker {
       *best = std::move(turned);
   }
 
-  // Looks again at the views that have no camera or a doubtful one, while that explains more.
+  // Looks again at the views that have no camera or a doubtful one, while that explains more. What
+  // is not credible is not worth the time: it came out no better in 52 scenes (ADR 61).
   void Rescue(LinkedScene* best) {
+    if (!IsCredible(*best)) return;
     for (int round = 0; round < kRescues && !best->objects.empty(); ++round) {
       const LinkedScene trusted = WithoutDoubtfulViews(*best, in_.models, links_);
       if (trusted.registered() == static_cast<int>(best->views.size()) || IsStopRequested(stop_))

@@ -37,6 +37,7 @@ struct AspectLinkOptions {
   double apart_share = 0.4;   // of the smaller diameter: nearer centres are one place
   double min_joint = 0.40;    // objects that explain less are left out
   double lying_bonus = 0.08;  // of score; what LinkedObject::lies is worth in both
+  bool follow_leads = true;   // false: the same images were looked at for what one shows well
   double shown_share = 0.35;  // of a part's box inside the image for a view to count; ADR 53
   // Poses of a found part that are refined in a view which its hypotheses did not link.
   int rescue_per_object = 120;

@@ -220,6 +220,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
   if (out.objects.empty() && starts.without_ground && !IsStopRequested(context.give_up)) {
     link.min_quick -= link.min_joint - kFaintJoint;
     link.min_joint = kFaintJoint;
+    link.follow_leads = false;
     LinkedScene faint =
         LinkAspects({images, priors, none, search.index->models, &start, search_view},
                     link,
