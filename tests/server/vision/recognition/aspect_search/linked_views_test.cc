@@ -100,6 +100,24 @@ TEST_F(FindAspects, InAHurryViewsThatWereSearchedAreLinked) {
   EXPECT_TRUE(LinkAspects({images, priors, hypotheses, list_}, {}, always, always).objects.empty());
 }
 
+// What one view shows well is looked for in the others, unless that was done before.
+TEST_F(FindAspects, AViewsLeadIsFollowedIntoTheOthersOnce) {
+  std::vector<AspectImage> images;
+  std::vector<AspectViewPrior> priors;
+  for (const double turn : {-0.25, 0.0, 0.25}) {
+    Rigid3 pose = Pose();
+    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
+    images.push_back(MakeAspectImage(Photo(0, pose)));
+    priors.push_back({NominalCamera(images.back())});
+  }
+  std::vector<std::vector<AspectHypothesis>> hypotheses(images.size());
+  hypotheses[1] = FindAspectHypotheses(images[1], *index_).hypotheses;
+  AspectLinkOptions options;
+  EXPECT_EQ(LinkAspects({images, priors, hypotheses, list_}, options).registered(), 3);
+  options.follow_leads = false;
+  EXPECT_EQ(LinkAspects({images, priors, hypotheses, list_}, options).registered(), 0);
+}
+
 TEST_F(FindAspects, NothingLinksViewsOfNothing) {
   std::vector<AspectImage> images(2,
                                   MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(90))));
