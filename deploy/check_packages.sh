@@ -39,7 +39,7 @@ containerfile=$(sed -n '/^RUN apt-get/,/[^\\]$/p' deploy/Containerfile | sed 's/
 [[ $containerfile == *useradd* ]] || { echo "check_packages.sh: the Containerfile has changed its shape" >&2; exit 1; }
 containerfile=${containerfile//apt-get update &&/}
 containerfile=${containerfile//\/packages\/horopter-\*.deb/\/packages\/*.deb}
-containerfile=${containerfile//rm -rf \/packages\/\*.deb \/var\/lib\/apt\/lists\/\* &&/}
+containerfile=${containerfile//rm -rf \/packages \/var\/lib\/apt\/lists\/\* &&/}
 inside bash -euc "$containerfile" >"$copy/log" 2>&1 || { cat "$copy/log"; exit 1; }
 inside dpkg -s horopter-server horopter-client horopter-dev python3-horopter | grep -c '^Status: install ok installed' | grep -qx 4
 

@@ -242,7 +242,7 @@ TEST(LogFormat, OneMessageIsOneLineWhateverIsInIt) {
 TEST(ServerOptionsTest, OtherMachinesAreListenedToWithTlsOrWhenThatIsSaid) {
   ServerOptions options;
   for (const char* local :
-       {"localhost:1", "127.0.0.1:1", "127.1.2.3:0", "[::1]:5", "unix:/tmp/s", ""}) {
+       {"localhost:1", "127.0.0.1:1", "127.1.2.3:0", "[::1]:5", "unix:/run/s", ""}) {
     options.listen = local;
     EXPECT_TRUE(Validate(options).ok()) << local;
   }

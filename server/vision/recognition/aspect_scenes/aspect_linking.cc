@@ -432,7 +432,7 @@ class Linker {
   // is not credible is not worth the time: it came out no better in 52 scenes (ADR 61).
   void Rescue(LinkedScene* best) {
     if (!IsCredible(*best)) return;
-    for (int round = 0; round < kRescues && !best->objects.empty(); ++round) {
+    for (int round = 0; round < kRescues; ++round) {
       const LinkedScene trusted = WithoutDoubtfulViews(*best, in_.models, links_);
       if (trusted.registered() == static_cast<int>(best->views.size()) || IsStopRequested(stop_))
         return;

@@ -88,7 +88,7 @@ TEST(PatternEdges, RibsOfAPartAreNoStripes) {
 
 // A square grid on a plane that recedes: far cells are shorter than what makes a family. Contours
 // break at the crossings.
-void DrawGrid(Drawing* d) {
+void AddGrid(Drawing* drawing) {
   const auto at = [](float x, float y) {
     const float depth = 0.33f + 0.07f * y;
     return Eigen::Vector2f(320.0f + 20.0f * x / depth, -10.0f + 160.0f / depth);
@@ -97,29 +97,29 @@ void DrawGrid(Drawing* d) {
   for (int x = -15; x <= 15; ++x) {
     for (int y = 0; y < 8; ++y) {
       const float fx = static_cast<float>(x), fy = static_cast<float>(y);
-      d->Line(at(fx + kGap, fy), at(fx + 1 - kGap, fy), true);
-      d->Line(at(fx, fy + kGap), at(fx, fy + 1 - kGap), true);
+      drawing->Line(at(fx + kGap, fy), at(fx + 1 - kGap, fy), true);
+      drawing->Line(at(fx, fy + kGap), at(fx, fy + 1 - kGap), true);
     }
   }
 }
 
 TEST(PatternEdges, AGridIsFoundWithItsFarCells) {
-  Drawing d;
-  DrawGrid(&d);
-  d.Circle({330.0f, 250.0f}, 90.0f, false);
-  const Shares shares = Ask(d);
+  Drawing drawing;
+  AddGrid(&drawing);
+  drawing.Circle({330.0f, 250.0f}, 90.0f, false);
+  const Shares shares = Ask(drawing);
   EXPECT_GT(shares.found, 0.8);
   EXPECT_LT(shares.taken, 0.2);
 }
 
 TEST(PatternEdges, RibsOfAPartBeforeAGridHideItNot) {
-  Drawing d;
-  DrawGrid(&d);
+  Drawing drawing;
+  AddGrid(&drawing);
   for (int i = 0; i < 40; ++i) {
     const float x = 200.0f + 5.0f * static_cast<float>(i);
-    d.Line({x, 150.0f}, {x + 60.0f, 340.0f}, false);
+    drawing.Line({x, 150.0f}, {x + 60.0f, 340.0f}, false);
   }
-  const Shares shares = Ask(d);
+  const Shares shares = Ask(drawing);
   EXPECT_GT(shares.found, 0.6);  // ribs break cells
   EXPECT_LT(shares.taken, 0.2);
 }

@@ -3,7 +3,9 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <initializer_list>
 #include <opencv2/core.hpp>
+#include <vector>
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "tests/server/vision/recognition/aspect_search/find_aspects_fixture.h"
@@ -11,20 +13,34 @@
 namespace horopter {
 namespace {
 
-// The same part before three cameras whose relative pose nobody knows.
-TEST_F(FindAspects, ViewsAreLinkedThroughAPart) {
-  std::vector<AspectImage> images;
-  std::vector<AspectViewPrior> priors;
-  std::vector<std::vector<AspectHypothesis>> hypotheses;
-  std::vector<Rigid3> truth;
-  for (const double turn : {-0.25, 0.0, 0.3}) {
-    Rigid3 pose = Pose();
-    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
-    truth.push_back(pose);
-    images.push_back(MakeAspectImage(Photo(0, pose)));
-    priors.push_back({NominalCamera(images.back())});
-    hypotheses.push_back(FindAspectHypotheses(images.back(), *index_).hypotheses);
+class LinkedViews : public FindAspects {
+ protected:
+  struct Views {
+    std::vector<AspectImage> images;
+    std::vector<AspectViewPrior> priors;
+    std::vector<Rigid3> poses;  // camera from object
+  };
+
+  // The angle, turned by so many radians about its z from view to view.
+  static Views Turned(std::initializer_list<double> turns) {
+    Views out;
+    for (const double turn : turns) {
+      Rigid3 pose = Pose();
+      pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
+      out.poses.push_back(pose);
+      out.images.push_back(MakeAspectImage(Photo(0, pose)));
+      out.priors.push_back({NominalCamera(out.images.back())});
+    }
+    return out;
   }
+};
+
+// The same part before three cameras whose relative pose nobody knows.
+TEST_F(LinkedViews, ViewsAreLinkedThroughAPart) {
+  auto [images, priors, truth] = Turned({-0.25, 0.0, 0.3});
+  std::vector<std::vector<AspectHypothesis>> hypotheses;
+  for (const AspectImage& image : images)
+    hypotheses.push_back(FindAspectHypotheses(image, *index_).hypotheses);
   // A view of nothing gets no camera, and does no harm.
   images.push_back(MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(128))));
   priors.push_back({NominalCamera(images.back())});
@@ -49,15 +65,8 @@ TEST_F(FindAspects, ViewsAreLinkedThroughAPart) {
 }
 
 // Two views show what there is; the others are only looked at for that.
-TEST_F(FindAspects, ViewsAreSearchedForAllPartsOnlyWhenTheyAreNeeded) {
-  std::vector<AspectImage> images;
-  std::vector<AspectViewPrior> priors;
-  for (const double turn : {-0.4, -0.2, 0.0, 0.2, 0.4}) {
-    Rigid3 pose = Pose();
-    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
-    images.push_back(MakeAspectImage(Photo(0, pose)));
-    priors.push_back({NominalCamera(images.back())});
-  }
+TEST_F(LinkedViews, ViewsAreSearchedForAllPartsOnlyWhenTheyAreNeeded) {
+  auto [images, priors, poses] = Turned({-0.4, -0.2, 0.0, 0.2, 0.4});
   const auto searched = [&] {
     std::vector<int> views;
     const std::vector<std::vector<AspectHypothesis>> none(images.size());
@@ -80,18 +89,12 @@ TEST_F(FindAspects, ViewsAreSearchedForAllPartsOnlyWhenTheyAreNeeded) {
 }
 
 // Searches end at once in a hurry; what had been searched before is linked, unless nobody wants it.
-TEST_F(FindAspects, InAHurryViewsThatWereSearchedAreLinked) {
-  std::vector<AspectImage> images;
-  std::vector<AspectViewPrior> priors;
+TEST_F(LinkedViews, InAHurryViewsThatWereSearchedAreLinked) {
+  auto [images, priors, poses] = Turned({-0.2, 0.2});
   std::vector<std::vector<AspectHypothesis>> hypotheses;
-  for (const double turn : {-0.2, 0.2}) {
-    Rigid3 pose = Pose();
-    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
-    images.push_back(MakeAspectImage(Photo(0, pose)));
-    priors.push_back({NominalCamera(images.back())});
+  for (const AspectImage& image : images)
     hypotheses.push_back(
-        FindAspectHypotheses(images.back(), *index_, Brief(FindAspectOptions{})).hypotheses);
-  }
+        FindAspectHypotheses(image, *index_, Brief(FindAspectOptions{})).hypotheses);
   const auto always = [] { return true; };
   const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_}, {}, always);
   ASSERT_EQ(scene.objects.size(), 1u);
@@ -101,15 +104,8 @@ TEST_F(FindAspects, InAHurryViewsThatWereSearchedAreLinked) {
 }
 
 // What one view shows well is looked for in the others, unless that was done before.
-TEST_F(FindAspects, AViewsLeadIsFollowedIntoTheOthersOnce) {
-  std::vector<AspectImage> images;
-  std::vector<AspectViewPrior> priors;
-  for (const double turn : {-0.25, 0.0, 0.25}) {
-    Rigid3 pose = Pose();
-    pose.R = pose.R * Turn(Eigen::Vector3d::UnitZ(), turn).R;
-    images.push_back(MakeAspectImage(Photo(0, pose)));
-    priors.push_back({NominalCamera(images.back())});
-  }
+TEST_F(LinkedViews, AViewsLeadIsFollowedIntoTheOthersOnce) {
+  auto [images, priors, poses] = Turned({-0.25, 0.0, 0.25});
   std::vector<std::vector<AspectHypothesis>> hypotheses(images.size());
   hypotheses[1] = FindAspectHypotheses(images[1], *index_).hypotheses;
   AspectLinkOptions options;
@@ -118,7 +114,7 @@ TEST_F(FindAspects, AViewsLeadIsFollowedIntoTheOthersOnce) {
   EXPECT_EQ(LinkAspects({images, priors, hypotheses, list_}, options).registered(), 0);
 }
 
-TEST_F(FindAspects, NothingLinksViewsOfNothing) {
+TEST_F(LinkedViews, NothingLinksViewsOfNothing) {
   std::vector<AspectImage> images(2,
                                   MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(90))));
   std::vector<AspectViewPrior> priors(2, {NominalCamera(images[0])});
