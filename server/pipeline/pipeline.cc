@@ -13,6 +13,7 @@
 #include "server/pipeline/clocks.h"
 #include "server/pipeline/exception_status.h"
 #include "server/pipeline/explain.h"
+#include "server/pipeline/followed_ground.h"
 #include "server/pipeline/large_images.h"
 #include "server/pipeline/presumed_focal.h"
 #include "server/pipeline/recognition_stage.h"
@@ -103,7 +104,55 @@ absl::Status Explain(const RecognitionInput& input,
   return absl::OkStatus();
 }
 
-// Adjusts what was recognised; nothing to do without. Of a station under what is known of it.
+// Adjusts what was recognised. Of a station under what is known of it.
+absl::Status Adjust(const PipelineOptions& options,
+                    const SceneRequest& request,
+                    const RecognitionInput& input,
+                    const StopRequested& stop,
+                    PipelineResult* result) {
+  SceneTrace& trace = result->trace;
+  if (!request.station) {
+    HOROPTER_ASSIGN_OR_RETURN(trace.metric,
+                              RefineMetricScene(input, trace.recognition, options.euclidean, stop));
+    return absl::OkStatus();
+  }
+  HOROPTER_ASSIGN_OR_RETURN(StationScene scene,
+                            RefineUnderStation(input,
+                                               trace.recognition,
+                                               request.station->state,
+                                               request.station->views,
+                                               options.station,
+                                               options.euclidean,
+                                               stop));
+  trace.metric = std::move(scene.metric);
+  result->station = {std::move(scene.test), scene.prior_used, std::move(scene.evidence)};
+  return absl::OkStatus();
+}
+
+// The same with the ground that the parts stand on, where it can be followed and contradicts
+// nothing.
+absl::Status AdjustWithGround(const PipelineOptions& options,
+                              const SceneRequest& request,
+                              const RecognitionInput& input,
+                              const StopRequested& stop,
+                              PipelineResult* result) {
+  SceneTrace& trace = result->trace;
+  const MatchingResult ground = FollowGround(request, *trace.metric, options, stop);
+  if (ground.planes.empty()) return absl::OkStatus();
+  RecognitionInput on_ground = input;
+  on_ground.matching = &ground;
+  const MetricScene without = *trace.metric;
+  const std::optional<StationOutcome> station = result->station;
+  const absl::Status adjusted =
+      Adjust(WithFollowedGround(options), request, on_ground, stop, result);
+  if (absl::IsCancelled(adjusted)) return adjusted;
+  if (adjusted.ok() && KeepsAnswer(*trace.metric, without)) return absl::OkStatus();
+  trace.metric = without;
+  result->station = station;
+  return absl::OkStatus();
+}
+
+// Nothing to do without objects.
 absl::Status RunEuclidean(const PipelineOptions& options,
                           const SceneRequest& request,
                           const RecognitionInput& input,
@@ -113,21 +162,10 @@ absl::Status RunEuclidean(const PipelineOptions& options,
   trace.metric.reset();
   if (trace.recognition.objects.empty()) return absl::OkStatus();
   StageClock clock("euclidean", &result->answer.stages);
-  if (!request.station) {
-    HOROPTER_ASSIGN_OR_RETURN(trace.metric,
-                              RefineMetricScene(input, trace.recognition, options.euclidean, stop));
-  } else {
-    HOROPTER_ASSIGN_OR_RETURN(StationScene scene,
-                              RefineUnderStation(input,
-                                                 trace.recognition,
-                                                 request.station->state,
-                                                 request.station->views,
-                                                 options.station,
-                                                 options.euclidean,
-                                                 stop));
-    trace.metric = std::move(scene.metric);
-    result->station = {std::move(scene.test), scene.prior_used, std::move(scene.evidence)};
-  }
+  HOROPTER_RETURN_IF_ERROR(Adjust(options, request, input, stop, result));
+  // Parts alone gave the cameras.
+  if (options.follow_ground && input.matching == nullptr)
+    HOROPTER_RETURN_IF_ERROR(AdjustWithGround(options, request, input, stop, result));
   clock.Finish(trace.metric->counts);
   return absl::OkStatus();
 }

@@ -386,6 +386,7 @@ void CountScene(const SceneBundle& b, MetricScene* out) {
   for (const CameraSimilarity& alike : b.alike)
     out->counts["views_of_one_camera"] += static_cast<double>(alike.views.size());
   out->counts["plane_cells"] = static_cast<double>(b.plane.cells.size());
+  out->counts["plane_sigmas"] = PlaneDeviation(b);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/geometry/plucker_line.h"
 #include "server/vision/geometry/pose_perturbation.h"
+#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
@@ -416,6 +417,16 @@ bool AdjustBundle(const SceneBundleOptions& options, SceneBundle* bundle) {
     normal = Linearize(*bundle, layout, runs, options.threads);
   }
   return true;
+}
+
+double PlaneDeviation(const SceneBundle& bundle) {
+  constexpr double kMedianOfChiSquare2 = 1.386;
+  std::vector<double> squared;
+  PlaneRow row;
+  for (const PlaneCell& cell : bundle.plane.cells) {
+    if (LinearizePlaneCell(bundle, cell, &row)) squared.push_back(row.residual.squaredNorm());
+  }
+  return std::sqrt(Median(&squared) / kMedianOfChiSquare2);
 }
 
 }  // namespace horopter

@@ -92,6 +92,9 @@ struct PlaneRow {
   Eigen::Matrix<double, 2, 2 * kViewParameters + kPlaneParameters> J;
 };
 bool LinearizePlaneCell(const SceneBundle& bundle, const PlaneCell& cell, PlaneRow* row);
+// How far the plane's cells are off, in their deviations: about 1 where cameras and plane explain
+// them, whose median it is told by; 0 without cells.
+double PlaneDeviation(const SceneBundle& bundle);
 
 // Weight (Cauchy) of a squared residual in sigmas that begins to fade at `sigmas`.
 double RobustWeight(double sigmas, double squared);

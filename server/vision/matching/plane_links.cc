@@ -9,6 +9,7 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/matching/homography.h"
 #include "server/vision/matching/plane_chain.h"
+#include "server/vision/matching/plane_following.h"
 #include "server/vision/matching/plane_homography.h"
 #include "server/vision/matching/plane_patches.h"
 
@@ -19,10 +20,6 @@ namespace {
 // alignment (few, but sharp points on a blank plane) from kSureInliers on.
 constexpr int kProposalInliers = 8;
 constexpr int kSureInliers = 40;
-// Of 707 proposals for parts-dev and parts-train those with at least so many aligned patches, and
-// this share of the matched ones, were right within 3 px (638) but for 8, within 8 px but for 2.
-constexpr int kMinPatches = 60;
-constexpr double kMinPatchShare = 0.65;
 constexpr double kTrianglePx = 2.0;  // median transfer error
 // The images of parts-dev and parts-train have 0.49 at most (median 0.06), checkers and grids 0.64
 // and more.
@@ -212,16 +209,7 @@ class PlaneLinks {
   }
 
   PlaneHomography ToPlane(int k, const PlaneEstimate& estimate) const {
-    PlaneHomography plane;
-    plane.view_a = pairs_[k].first;
-    plane.view_b = pairs_[k].second;
-    plane.b_from_a = estimate.b_from_a;
-    for (const PointPair& p : estimate.inliers) {
-      plane.inliers_a.push_back(p.a);
-      plane.inliers_b.push_back(p.b);
-    }
-    plane.information = estimate.information;
-    return plane;
+    return AsPlane(pairs_[k].first, pairs_[k].second, estimate);
   }
 
   bool Align(int k, const Eigen::Matrix3d& b_from_a, bool from_chain) {
@@ -229,10 +217,8 @@ class PlaneLinks {
     AlignOptions options = options_.alignment;
     options.start_is_aligned = from_chain;
     const PlaneAlignment aligned = AlignPlane(patches_[a], patches_[b], b_from_a, options);
+    if (!IsConfirmed(aligned)) return false;
     const int inliers = static_cast<int>(aligned.estimate.inliers.size());
-    if (inliers < kMinPatches || inliers < kMinPatchShare * aligned.matched) return false;
-    if (!ImplausibleHomography(aligned.estimate.b_from_a, aligned.estimate.inliers).empty())
-      return false;
     if (!from_chain) proposals_[k] = ToPlane(k, aligned.estimate);
     // A later alignment replaces only what fewer patches confirm.
     if (links_[k] && links_[k]->inliers_a.size() >= aligned.estimate.inliers.size()) return true;

@@ -96,16 +96,15 @@ class FaceSearch {
         const int x1 = grid_.columns * (tile % kTiles + 1) / kTiles;
         const int y0 = grid_.rows * (tile / kTiles) / kTiles;
         const int y1 = grid_.rows * (tile / kTiles + 1) / kTiles;
+        if (!IsOpen({x0, x1, y0, y1})) continue;
         const Eigen::Vector3d middle = PlaceOf(0.5 * (x0 + x1), 0.5 * (y0 + y1), turned);
         std::vector<TurnedPoints> looks;
         for (std::size_t v = 0; v < ground_.images.size(); ++v)
           looks.push_back(object_.Look(v, object_.RotationOf(face_, yaw), middle, kGridPoints));
         for (int y = y0; y < y1; y += kBlock) {
           for (int x = x0; x < x1; x += kBlock) {
-            SearchBlock({x, std::min(x + kBlock, x1), y, std::min(y + kBlock, y1)},
-                        turned,
-                        looks,
-                        of_sector);
+            const Block block{x, std::min(x + kBlock, x1), y, std::min(y + kBlock, y1)};
+            if (IsOpen(block)) SearchBlock(block, turned, looks, of_sector);
           }
         }
       }
@@ -163,6 +162,14 @@ class FaceSearch {
         grid_.open[static_cast<std::size_t>(j) * grid_.columns + i] = open >= ground_.least_views;
       }
     }
+  }
+
+  bool IsOpen(const Block& block) const {
+    for (int y = block.y0; y < block.y1; ++y) {
+      const auto row = grid_.open.begin() + static_cast<std::ptrdiff_t>(y) * grid_.columns;
+      if (std::find(row + block.x0, row + block.x1, 1) != row + block.x1) return true;
+    }
+    return false;
   }
 
   Eigen::Vector3d PlaceOf(double i, double j, const Turned& turned) const {

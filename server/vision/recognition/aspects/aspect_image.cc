@@ -227,31 +227,56 @@ AspectImage WithoutTexture(Detected d) {
   return std::move(out);
 }
 
-// Of the marked edges those that are not in `left`, as a share.
-double ShareDropped(const AspectImage& all,
-                    const std::vector<std::uint8_t>& marked,
-                    const AspectImage& left) {
-  int of_marked = 0, dropped = 0;
-  for (std::size_t i = 0; i < marked.size(); ++i) {
-    if (!marked[i]) continue;
-    ++of_marked;
-    const Eigen::Vector2f& p = all.edges[i].point;
-    const std::int32_t at =
-        left.edge_at[left.Cell(static_cast<int>(p.x() + 0.5f), static_cast<int>(p.y() + 0.5f))];
-    dropped += at < 0 || left.edges[at].point != p;
+// What is left of edges that were dropped in part: nothing of this length is a part's.
+void DropFragments(AspectImage* image) {
+  constexpr int kFragmentPx = 8;  // chosen
+  cv::Mat there(image->height, image->width, CV_8U, cv::Scalar(0)), labels, stats, centroids;
+  for (std::size_t i = 0; i < image->edge_at.size(); ++i) there.data[i] = image->edge_at[i] >= 0;
+  cv::connectedComponentsWithStats(there, labels, stats, centroids, 8, CV_32S);
+  std::vector<std::uint8_t> fragments(image->edges.size(), 0);
+  for (std::size_t i = 0; i < image->edge_at.size(); ++i) {
+    if (image->edge_at[i] < 0) continue;
+    const int component =
+        labels.at<int>(static_cast<int>(i) / image->width, static_cast<int>(i) % image->width);
+    fragments[image->edge_at[i]] = stats.at<int>(component, cv::CC_STAT_AREA) < kFragmentPx;
   }
-  return dropped / static_cast<double>(std::max(1, of_marked));
+  Drop(fragments, image);
+}
+
+// The first image's edges in the blocks told, the second's in the others.
+AspectImage Composed(const AspectImageOptions& options,
+                     const std::vector<std::uint8_t>& told,
+                     const AspectImage& in_told,
+                     AspectImage elsewhere) {
+  std::vector<ImageEdgePoint> edges;
+  const auto take = [&](const AspectImage& image, bool where) {
+    for (const ImageEdgePoint& e : image.edges) {
+      if ((told[image.Block(e.point.x(), e.point.y())] != 0) == where) edges.push_back(e);
+    }
+  };
+  take(in_told, true);
+  take(elsewhere, false);
+  AspectImage& out = elsewhere;
+  out.edges = std::move(edges);
+  IndexEdges(&out);
+  out.contours = Contours(options, out);
+  FillAspectMaps(options, &out);
+  return std::move(out);
 }
 
 // Where the image alone tells the ground's texture it tells it best: before dense texture outlines
-// of what stands on it meet something in the other views, too.
+// of what stands on it meet something in the other views, too, and of what is no ground by itself
+// the texture is too thin to be told afterwards.
 AspectImage WithoutGround(Detected d, const PlaneEdges& on_ground) {
   const std::vector<std::uint8_t> ground = GroundCells(d.image, on_ground);
   AspectImage out = WithoutTexture(d);
-  if (ShareDropped(d.image, on_ground.marked, out) < d.options.ground.told_alone) {
+  const ToldAlone told = FindToldAlone(d.image, on_ground.marked, out, d.options.ground.told_alone);
+  if (!told.as_a_whole) {
     Drop(on_ground.marked, &d.image);
+    DropFragments(&d.image);
     FillAspectMaps(d.options, &d.image);
-    out = WithoutTexture(std::move(d));
+    const AspectImageOptions options = d.options;
+    out = Composed(options, told.blocks, out, WithoutTexture(std::move(d)));
   }
   out.ground = ground;
   return out;

@@ -4,6 +4,8 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <numeric>
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
@@ -135,6 +137,65 @@ std::vector<float> RoomBeside(const AspectImage& here, const std::vector<std::ui
   return out;
 }
 
+// Marked edges of an image's blocks, and those of them that another image of it does not have.
+struct DroppedEdges {
+  std::vector<int> marked, dropped;
+};
+
+DroppedEdges CountDropped(const AspectImage& all,
+                          const std::vector<std::uint8_t>& marked,
+                          const AspectImage& left) {
+  const std::size_t blocks = static_cast<std::size_t>(all.chance_width) * all.chance_height;
+  DroppedEdges out{std::vector<int>(blocks, 0), std::vector<int>(blocks, 0)};
+  for (std::size_t i = 0; i < marked.size(); ++i) {
+    if (!marked[i]) continue;
+    const Eigen::Vector2f& p = all.edges[i].point;
+    const std::size_t block = all.Block(p.x(), p.y());
+    const std::int32_t at =
+        left.edge_at[left.Cell(static_cast<int>(p.x() + 0.5f), static_cast<int>(p.y() + 0.5f))];
+    ++out.marked[block];
+    out.dropped[block] += at < 0 || left.edges[at].point != p;
+  }
+  return out;
+}
+
+// ToldAlone::blocks.
+std::vector<std::uint8_t> DroppedAround(const AspectImage& image,
+                                        const DroppedEdges& edges,
+                                        double share) {
+  constexpr int kEnough = 100;                         // chosen
+  constexpr int kWindows[] = {3, 5, 9, 17, 33, 1000};  // blocks a side
+  const cv::Size size(image.chance_width, image.chance_height);
+  std::vector<std::uint8_t> out(edges.marked.size(), 0), known(edges.marked.size(), 0);
+  const auto sums = [&](const std::vector<int>& counts) {
+    cv::Mat sum;
+    cv::Mat wide(size, CV_32F);
+    std::copy(counts.begin(), counts.end(), wide.begin<float>());
+    cv::integral(wide, sum, CV_64F);
+    return sum;
+  };
+  const cv::Mat marked = sums(edges.marked), dropped = sums(edges.dropped);
+  for (const int side : kWindows) {
+    for (int y = 0; y < size.height; ++y) {
+      for (int x = 0; x < size.width; ++x) {
+        const std::size_t block = static_cast<std::size_t>(y) * size.width + x;
+        if (known[block]) continue;
+        const int x0 = std::max(0, x - side / 2), x1 = std::min(size.width, x + side / 2 + 1);
+        const int y0 = std::max(0, y - side / 2), y1 = std::min(size.height, y + side / 2 + 1);
+        const auto within = [&](const cv::Mat& sum) {
+          return sum.at<double>(y1, x1) - sum.at<double>(y0, x1) - sum.at<double>(y1, x0) +
+                 sum.at<double>(y0, x0);
+        };
+        const double of = within(marked);
+        if (of < kEnough && side != kWindows[std::size(kWindows) - 1]) continue;
+        known[block] = 1;
+        out[block] = within(dropped) >= share * of;
+      }
+    }
+  }
+  return out;
+}
+
 }  // namespace
 
 absl::Status Validate(const PlaneEdgeOptions& o) {
@@ -175,6 +236,17 @@ PlaneEdges FindPlaneEdges(const AspectImage& here,
   out.marked = std::move(marked);
   out.room_px = usual;
   return out;
+}
+
+ToldAlone FindToldAlone(const AspectImage& here,
+                        const std::vector<std::uint8_t>& marked,
+                        const AspectImage& alone,
+                        double share) {
+  const DroppedEdges edges = CountDropped(here, marked, alone);
+  const auto sum = [](const std::vector<int>& counts) {
+    return std::accumulate(counts.begin(), counts.end(), 0.0);
+  };
+  return {sum(edges.dropped) >= share * sum(edges.marked), DroppedAround(here, edges, share)};
 }
 
 std::vector<std::uint8_t> GroundCells(const AspectImage& here, const PlaneEdges& edges) {

@@ -28,6 +28,20 @@ PlaneEdges FindPlaneEdges(const AspectImage& here,
                           std::span<const GroundView> others,
                           const PlaneEdgeOptions& options = {});
 
+// Where an image alone tells the texture of its ground, by its blocks (AspectImage::Block): of the
+// edges that move with the ground, in the smallest window about the block that has enough of them,
+// texture took at least this share. As a whole: of all of them.
+struct ToldAlone {
+  bool as_a_whole = false;
+  std::vector<std::uint8_t> blocks;
+};
+
+// `marked`: flags of the edges of `here`; `alone`: the same image without its texture.
+ToldAlone FindToldAlone(const AspectImage& here,
+                        const std::vector<std::uint8_t>& marked,
+                        const AspectImage& alone,
+                        double share);
+
 // AspectImage::ground of an image with these edges of its ground.
 std::vector<std::uint8_t> GroundCells(const AspectImage& here, const PlaneEdges& edges);
 

@@ -258,6 +258,44 @@ TEST(AspectImagesOnGround, WhereTheImageAloneTellsTheTextureItDoes) {
   }
 }
 
+// Edges of an image between two columns.
+std::vector<Eigen::Vector2f> Between(const AspectImage& image, float x0, float x1) {
+  std::vector<Eigen::Vector2f> out;
+  for (const ImageEdgePoint& e : image.edges) {
+    if (e.point.x() >= x0 && e.point.x() < x1) out.push_back(e.point);
+  }
+  return out;
+}
+
+TEST(AspectImagesOnGround, EachPlaceIsToldAsItIsToldBest) {
+  for (const int seed : {1, 2, 3}) {
+    SCOPED_TRACE(testing::Message() << "seed " << seed);
+    cv::Mat ground = Stones(seed, 7);
+    const cv::Rect right(560, 0, ground.cols - 560, ground.rows);
+    Stones(seed, 24)(right).copyTo(ground(right));
+    std::vector<cv::Mat> images;
+    std::vector<std::optional<Eigen::Matrix3d>> image_from_plane;
+    for (int v = 0; v < kViews; ++v) {
+      images.push_back(View(v, ground, 7.0, seed));
+      image_from_plane.emplace_back(ImageFromGround(v));
+    }
+    AspectImageOptions by_motion;
+    by_motion.ground.told_alone = 2.0;
+    const AspectImage alone = MakeAspectImage(images[0]);
+    const AspectImage made = MakeAspectImagesOnGround(images, image_from_plane, {}, 2)[0];
+    const AspectImage moved = MakeAspectImagesOnGround(images, image_from_plane, by_motion, 2)[0];
+    EXPECT_EQ(Between(made, 0, 130), Between(alone, 0, 130));
+    EXPECT_NE(Between(made, 0, 130), Between(moved, 0, 130));
+    EXPECT_LT(Between(made, 380, kWidth).size(), Between(alone, 380, kWidth).size() / 4);
+    for (std::size_t i = 0; i < made.edges.size(); ++i) {
+      const Eigen::Vector2f& p = made.edges[i].point;
+      EXPECT_EQ(
+          made.edge_at[made.Cell(static_cast<int>(p.x() + 0.5f), static_cast<int>(p.y() + 0.5f))],
+          static_cast<std::int32_t>(i));
+    }
+  }
+}
+
 TEST(AspectImagesOnGround, EmptyImagesStayEmpty) {
   const std::vector<cv::Mat> images(3);
   const std::vector<std::optional<Eigen::Matrix3d>> identity(3, Eigen::Matrix3d::Identity());
