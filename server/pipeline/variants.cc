@@ -81,6 +81,8 @@ constexpr Variant kVariants[] = {
     {"decomposition",
      "images",
      [](PipelineOptions* o) { BottomUp(o).decomposition = DecompositionMethod::kImages; }},
+    {"ground", "followed", [](PipelineOptions* o) { o->follow_ground = true; }},
+    {"ground", "unused", [](PipelineOptions* o) { o->follow_ground = false; }},
     {"routes", "all", [](PipelineOptions* o) { o->recognition.routes = {}; }},
     {"routes", "plane", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::supporting_plane); }},
     {"routes", "metric", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::metric); }},

@@ -79,9 +79,16 @@ TEST(ApplyVariants, DefaultsChangeNothing) {
   ASSERT_TRUE(ApplyVariants(absl::StrJoin(defaults, ","), &options).ok());
   EXPECT_EQ(options.features.splitting.method, FeatureOptions().splitting.method);
   EXPECT_EQ(options.refit_arcs, PipelineOptions().refit_arcs);
+  EXPECT_EQ(options.follow_ground, PipelineOptions().follow_ground);
   EXPECT_EQ(options.bottom_up.projective.association, BottomUpOptions().projective.association);
   EXPECT_EQ(options.bottom_up.decomposition, BottomUpOptions().decomposition);
   EXPECT_TRUE(options.recognition.routes.supporting_plane && options.recognition.routes.aspects);
+}
+
+TEST(ApplyVariants, TheGroundMayBeLeftUnused) {
+  PipelineOptions options;
+  ASSERT_TRUE(ApplyVariants("ground=unused", &options).ok());
+  EXPECT_FALSE(options.follow_ground);
 }
 
 TEST(ApplyVariants, RefusesWhatIsUnknownOrTwiceAndLeavesTheOptions) {
