@@ -164,7 +164,8 @@ absl::Status RunEuclidean(const PipelineOptions& options,
   StageClock clock("euclidean", &result->answer.stages);
   HOROPTER_RETURN_IF_ERROR(Adjust(options, request, input, stop, result));
   // Parts alone gave the cameras.
-  if (options.follow_ground && input.matching == nullptr)
+  if (options.follow_ground && input.matching == nullptr &&
+      !IsStopRequested(options.recognition.hurry))
     HOROPTER_RETURN_IF_ERROR(AdjustWithGround(options, request, input, stop, result));
   clock.Finish(trace.metric->counts);
   return absl::OkStatus();

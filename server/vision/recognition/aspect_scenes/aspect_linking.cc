@@ -9,6 +9,7 @@
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/scene_similarity.h"
+#include "server/vision/recognition/aspect_scenes/settled_scenes.h"
 #include "server/vision/recognition/aspect_scenes/standing_search.h"
 #include "server/vision/recognition/aspect_scenes/surface_links.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
@@ -29,14 +30,6 @@ constexpr double kTurnedScore = 0.9;     // of the scene's before its views were
 constexpr int kDraftCarried = 8;         // hypotheses carried over before all views are there
 constexpr double kSureObject = 0.45;     // score of one whose place is taken
 constexpr std::size_t kFewObjects = 2;   // a scene with more is sure of its views by agreement
-// Of the best object: others are looked for in its views, or are known well enough. Of the scenes
-// of cad-dev that have parts the right ones have 0.56 and more in two views, those without known
-// parts 0.46. Commit 474778a.
-constexpr double kCredibleScore = 0.45, kSettledScore = 0.5;
-// ... where no other agrees, as the views may show several poses of one: a wrong link of a battery
-// holder had 0.57 in four views, the right one of it and two more parts 0.58. Commit 38de6ec.
-constexpr double kSettledAlone = 0.65;
-constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface of a settled scene
 
 class Linker {
  public:
@@ -128,20 +121,8 @@ class Linker {
     return best;
   }
 
-  static bool IsCredible(const LinkedScene& scene) {
-    return scene.registered() > 1 && !scene.objects.empty() &&
-           scene.objects.front().score >= kCredibleScore;
-  }
-
-  // Views may turn about a round part's axis: alone it settles nothing.
   bool IsSettled(const LinkedScene& scene) const {
-    if (scene.registered() < static_cast<int>(scene.views.size()) || scene.objects.empty() ||
-        scene.agreement.Contradicts(kSettledSurface))
-      return false;
-    const LinkedObject& first = scene.objects.front();
-    if (scene.objects.size() > 1 && scene.objects[1].score >= kSettledScore)
-      return first.score >= kSettledScore;
-    return in_.models[first.object].round.empty() && first.score >= kSettledAlone;
+    return horopter::IsSettled(scene, in_.models, objects_);
   }
 
   // The other views are looked at for what those searched show, while that leaves no doubt. What
@@ -420,7 +401,7 @@ class Linker {
 
   // The views of a part that is seen alone are turned where that makes them agree.
   void TurnViews(LinkedScene* best) const {
-    if (IsStopRequested(stop_)) return;
+    if (IsStopRequested(stop_) || best->objects.empty() || GroundSettles(*best, objects_)) return;
     std::optional<AspectScene> scene = turns_.Turned(*best);
     if (!scene) return;
     LinkedScene turned = Finish(std::move(*scene));
