@@ -4,8 +4,11 @@
     request_speed SERVER DATASET SPLIT --images 3 --pid PID --csv i3.csv ..
     plot_growth.py OUT.svg "images" 2=i2.csv 3=i3.csv 5=i5.csv -- "width, px" 640=w640.csv 1280=w1280.csv
 
+    plot_growth.py OUT.svg .. -- "segments an image" segments=all.csv
+
 A panel for each group: its title, then the abscissa and the file of each run. Ordinate: mean processor seconds of a request of
-the scenes that all files of the group hold. Exponent: slope of the line of least squares in logarithms. Standard library only.
+the scenes that all files of the group hold. Exponent: slope of the line of least squares in logarithms. A column of the file
+instead of a number: the scenes of one run, in four groups by what they have of it. Standard library only.
 """
 import csv
 import math
@@ -25,15 +28,32 @@ def read(path):
     return {scene: sum(values) / len(values) for scene, values in seconds.items()}
 
 
+def by_column(column, path):
+    """[(geometric mean of the column, mean seconds)] of four groups of scenes."""
+    with open(path, encoding="utf-8") as file:
+        rows = sorted((float(row[column]), float(row["cpu_s"])) for row in csv.DictReader(file))
+    out = []
+    for k in range(4):
+        part = rows[k * len(rows) // 4:(k + 1) * len(rows) // 4]
+        if not part:
+            sys.exit(f"{path}: fewer than four scenes")
+        out.append((round(math.exp(sum(math.log(max(x, 1.0)) for x, _ in part) / len(part))),
+                    sum(y for _, y in part) / len(part)))
+    return out
+
+
 def groups(arguments):
-    """[(title, [(x, {scene: seconds})])]"""
+    """[(title, [(x, mean seconds)])]"""
     out, rest = [], list(arguments)
     while rest:
         end = rest.index("--") if "--" in rest else len(rest)
         title, runs = rest[0], [run.split("=", 1) for run in rest[1:end]]
-        if len(runs) < 2 or any(len(run) != 2 for run in runs):
+        if not runs or any(len(run) != 2 for run in runs):
             sys.exit(__doc__)
-        out.append((title, sorted((float(x), read(path)) for x, path in runs)))
+        if len(runs) == 1:
+            out.append((title, by_column(*runs[0])))
+        else:
+            out.append((title, means(sorted((float(x), read(path)) for x, path in runs))))
         rest = rest[end + 1:]
     return out
 
@@ -64,8 +84,7 @@ def main():
         sys.exit(__doc__)
     body = []
     found = groups(sys.argv[2:])
-    for index, (title, runs) in enumerate(found):
-        points = means(runs)
+    for index, (title, points) in enumerate(found):
         print(f"{title}: exponent {exponent(points):.2f}; " + ", ".join(f"{x:g}: {y:.2f} s" for x, y in points))
         body += panel(index, title, points)
     log_panels.write(sys.argv[1], len(found), body, "processor seconds of a request (mean)")

@@ -46,6 +46,7 @@ struct Timed {
   bool recognized = false;
   double seconds = 0.0, cpu_s = 0.0;     // of the request; of the server meanwhile
   double sift_s = 0.0, canny_s = 0.0;    // of its images, one core
+  double segments = 0.0;                 // of an image, mean
   std::map<std::string, double> stages;  // seconds
 };
 
@@ -136,6 +137,8 @@ absl::StatusOr<Timed> TimeRequest(const Arguments& arguments,
   for (const v1::StageReport& s : answer->stages()) {
     out.stages[s.stage()] +=
         static_cast<double>(s.elapsed().seconds()) + 1e-9 * s.elapsed().nanos();
+    const auto segments = s.counts().find("segments");
+    if (segments != s.counts().end()) out.segments = segments->second / std::max(1, count);
   }
   return out;
 }
@@ -189,10 +192,10 @@ void PrintAll(const std::vector<Timed>& all) {
 
 void WriteCsv(const std::string& path, const std::vector<Timed>& all) {
   std::ofstream file(path);
-  file << "scene,tier,recognized,seconds,cpu_s,sift_s,canny_s\n";
+  file << "scene,tier,recognized,seconds,cpu_s,sift_s,canny_s,segments\n";
   for (const Timed& t : all) {
     file << t.scene << ',' << t.tier << ',' << t.recognized << ',' << t.seconds << ',' << t.cpu_s
-         << ',' << t.sift_s << ',' << t.canny_s << '\n';
+         << ',' << t.sift_s << ',' << t.canny_s << ',' << t.segments << '\n';
   }
 }
 

@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
@@ -221,6 +223,7 @@ std::vector<Hypothesis> PlanesOfPairs(const ProjectiveScene& unit,
     const Eigen::Matrix4d canonical = CanonicalFrame(*unit.cameras[a]);
     if (!canonical.allFinite()) continue;
     for (const double fa : FocalGrid(options, prior(a), frames[a])) {
+      LeaveIfStopped();
       for (const double fb : FocalGrid(options, prior(b), frames[b])) {
         for (const double sign : {1.0, -1.0}) {
           const Eigen::Matrix3d K_a = Eigen::Vector3d(fa, fa, 1.0).asDiagonal();
@@ -289,6 +292,7 @@ std::vector<CalibratedScene> FindCalibrationStarts(const MultiviewTracks& tracks
   constexpr size_t kExamined = 200;  // of the cheapest; the rest only repeats them
   for (size_t k = 0; k < std::min(hypotheses.size(), kExamined); ++k) {
     if (static_cast<int>(starts.size()) >= options.max_starts) break;
+    LeaveIfStopped();
     const Hypothesis& h = hypotheses[k];
     const bool known = std::any_of(taken.begin(), taken.end(), [&](const auto& other) {
       double worst = 0.0;
