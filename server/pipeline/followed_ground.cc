@@ -18,7 +18,9 @@ constexpr double kRmsFloorPx = 0.2;  // smaller deviations are noise
 // of sets Y, W and X with ground to follow: .54, 1.07 and .57 % with .12 px, .48, 1.03, .51 with
 // .4, .49, 1.06, .50 with .8, .59, 1.47, .53 with 1.6, and .85, 3.08, .58 without their ground.
 constexpr double kFollowedFloorPx = 0.8;
-constexpr double kMostSigmas = 1.5;  // of these deviations: right ground has 1.4 and less
+// Of these deviations, median over the cells. Of 51 scenes 46 have less; of the others two have
+// their parts in worse distances with it, none in much better ones. The same sets and cad-dev.
+constexpr double kMostSigmas = 1.5;
 
 }  // namespace
 

@@ -164,6 +164,7 @@ class FaceSearch {
     }
   }
 
+  // Whether any of its places is.
   bool IsOpen(const Block& block) const {
     for (int y = block.y0; y < block.y1; ++y) {
       const auto row = grid_.open.begin() + static_cast<std::ptrdiff_t>(y) * grid_.columns;
