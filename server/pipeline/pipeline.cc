@@ -141,14 +141,14 @@ absl::Status AdjustWithGround(const PipelineOptions& options,
   if (ground.planes.empty()) return absl::OkStatus();
   RecognitionInput on_ground = input;
   on_ground.matching = &ground;
-  const MetricScene without = *trace.metric;
-  const std::optional<StationOutcome> station = result->station;
+  MetricScene without = *std::move(trace.metric);
+  std::optional<StationOutcome> station = result->station;
   const absl::Status adjusted =
       Adjust(WithFollowedGround(options), request, on_ground, stop, result);
   if (absl::IsCancelled(adjusted)) return adjusted;
   if (adjusted.ok() && KeepsAnswer(*trace.metric, without)) return absl::OkStatus();
-  trace.metric = without;
-  result->station = station;
+  trace.metric = std::move(without);
+  result->station = std::move(station);
   return absl::OkStatus();
 }
 

@@ -401,7 +401,7 @@ class Linker {
 
   // The views of a part that is seen alone are turned where that makes them agree.
   void TurnViews(LinkedScene* best) const {
-    if (IsStopRequested(stop_) || best->objects.empty() || GroundSettles(*best, objects_)) return;
+    if (IsStopRequested(stop_)) return;
     std::optional<AspectScene> scene = turns_.Turned(*best);
     if (!scene) return;
     LinkedScene turned = Finish(std::move(*scene));

@@ -15,6 +15,12 @@ constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface of a settled 
 constexpr double kSettledGround = 0.35;
 constexpr int kGroundViews = 3;
 
+// Before the ground is looked at, which takes time.
+bool GroundMaySettle(const LinkedScene& scene) {
+  return scene.registered() >= kGroundViews && !scene.objects.empty() &&
+         scene.objects.front().score >= kSettledScore;
+}
+
 }  // namespace
 
 bool IsCredible(const LinkedScene& scene) {
@@ -30,17 +36,16 @@ bool PartsSettle(const LinkedScene& scene, std::span<const AspectModel> models) 
   return models[first.object].round.empty() && first.score >= kSettledAlone;
 }
 
-bool GroundSettles(const LinkedScene& scene, const SceneObjects& objects) {
-  return scene.registered() >= kGroundViews && !scene.objects.empty() &&
-         scene.objects.front().score >= kSettledScore &&
-         objects.WithGround(scene).ground >= kSettledGround;
+bool GroundSettles(const LinkedScene& scene, const ViewAgreement& agreement) {
+  return GroundMaySettle(scene) && agreement.ground >= kSettledGround;
 }
 
 bool IsSettled(const LinkedScene& scene,
                std::span<const AspectModel> models,
                const SceneObjects& objects) {
   return scene.registered() == static_cast<int>(scene.views.size()) &&
-         (PartsSettle(scene, models) || GroundSettles(scene, objects));
+         (PartsSettle(scene, models) ||
+          (GroundMaySettle(scene) && GroundSettles(scene, objects.WithGround(scene))));
 }
 
 }  // namespace horopter

@@ -17,8 +17,8 @@ bool IsCredible(const LinkedScene& scene);
 bool PartsSettle(const LinkedScene& scene, std::span<const AspectModel> models);
 
 // Three views and more agree on the texture of the ground under the best object: their cameras are
-// right, about whatever axis a round one may turn.
-bool GroundSettles(const LinkedScene& scene, const SceneObjects& objects);
+// right, about whatever axis a round one may turn. `agreement` is SceneObjects::WithGround's.
+bool GroundSettles(const LinkedScene& scene, const ViewAgreement& agreement);
 
 // All views are there, and one or the other settles them.
 bool IsSettled(const LinkedScene& scene,

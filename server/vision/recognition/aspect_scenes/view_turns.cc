@@ -5,6 +5,7 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
+#include "server/vision/recognition/aspect_scenes/settled_scenes.h"
 
 namespace horopter {
 namespace {
@@ -100,7 +101,8 @@ std::optional<AspectScene> ViewTurns::Turned(const LinkedScene& scene) const {
   const AspectModel& model = in_.models[o.object];
   if (model.symmetries.empty() && model.near_turns.empty()) return std::nullopt;
   const ViewAgreement stated = objects_.WithGround(scene);
-  if (stated.surface.mean + stated.ground >= kAgreed) return std::nullopt;
+  if (stated.surface.mean + stated.ground >= kAgreed || GroundSettles(scene, stated))
+    return std::nullopt;
   AgreeingPosesOptions agreeing = options_.agreeing;
   agreeing.surface_tells = model.round.empty();
   agreeing.threads = options_.threads;

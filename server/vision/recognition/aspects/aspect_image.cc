@@ -234,11 +234,11 @@ void DropFragments(AspectImage* image) {
   for (std::size_t i = 0; i < image->edge_at.size(); ++i) there.data[i] = image->edge_at[i] >= 0;
   cv::connectedComponentsWithStats(there, labels, stats, centroids, 8, CV_32S);
   std::vector<std::uint8_t> fragments(image->edges.size(), 0);
-  for (std::size_t i = 0; i < image->edge_at.size(); ++i) {
-    if (image->edge_at[i] < 0) continue;
+  for (std::size_t i = 0; i < fragments.size(); ++i) {
+    const Eigen::Vector2f& p = image->edges[i].point;
     const int component =
-        labels.at<int>(static_cast<int>(i) / image->width, static_cast<int>(i) % image->width);
-    fragments[image->edge_at[i]] = stats.at<int>(component, cv::CC_STAT_AREA) < kFragmentPx;
+        labels.at<int>(static_cast<int>(p.y() + 0.5f), static_cast<int>(p.x() + 0.5f));
+    fragments[i] = stats.at<int>(component, cv::CC_STAT_AREA) < kFragmentPx;
   }
   Drop(fragments, image);
 }
@@ -265,8 +265,8 @@ AspectImage Composed(const AspectImageOptions& options,
 }
 
 // Where the image alone tells the ground's texture it tells it best: before dense texture outlines
-// of what stands on it meet something in the other views, too, and of what is no ground by itself
-// the texture is too thin to be told afterwards.
+// of what stands on it meet something in the other views, too, and what motion leaves of the
+// texture is too thin to be told afterwards.
 AspectImage WithoutGround(Detected d, const PlaneEdges& on_ground) {
   const std::vector<std::uint8_t> ground = GroundCells(d.image, on_ground);
   AspectImage out = WithoutTexture(d);

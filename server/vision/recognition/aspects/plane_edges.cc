@@ -159,38 +159,46 @@ DroppedEdges CountDropped(const AspectImage& all,
   return out;
 }
 
+// Sums of what blocks have, over windows of them.
+class BlockSums {
+ public:
+  BlockSums(const cv::Size& size, const std::vector<int>& counts) : size_(size) {
+    cv::Mat wide(size, CV_32F);
+    std::copy(counts.begin(), counts.end(), wide.begin<float>());
+    cv::integral(wide, sums_, CV_64F);
+  }
+
+  // So many blocks a side, less what is outside.
+  double Around(int x, int y, int side) const {
+    const int x0 = std::max(0, x - side / 2), x1 = std::min(size_.width, x + side / 2 + 1);
+    const int y0 = std::max(0, y - side / 2), y1 = std::min(size_.height, y + side / 2 + 1);
+    return sums_.at<double>(y1, x1) - sums_.at<double>(y0, x1) - sums_.at<double>(y1, x0) +
+           sums_.at<double>(y0, x0);
+  }
+
+ private:
+  cv::Size size_;
+  cv::Mat sums_;
+};
+
 // ToldAlone::blocks.
 std::vector<std::uint8_t> DroppedAround(const AspectImage& image,
                                         const DroppedEdges& edges,
                                         double share) {
-  constexpr int kEnough = 100;                         // chosen
-  constexpr int kWindows[] = {3, 5, 9, 17, 33, 1000};  // blocks a side
+  constexpr int kEnough = 100;                   // chosen
+  constexpr int kWindows[] = {3, 5, 9, 17, 33};  // blocks a side; else all
   const cv::Size size(image.chance_width, image.chance_height);
-  std::vector<std::uint8_t> out(edges.marked.size(), 0), known(edges.marked.size(), 0);
-  const auto sums = [&](const std::vector<int>& counts) {
-    cv::Mat sum;
-    cv::Mat wide(size, CV_32F);
-    std::copy(counts.begin(), counts.end(), wide.begin<float>());
-    cv::integral(wide, sum, CV_64F);
-    return sum;
-  };
-  const cv::Mat marked = sums(edges.marked), dropped = sums(edges.dropped);
-  for (const int side : kWindows) {
-    for (int y = 0; y < size.height; ++y) {
-      for (int x = 0; x < size.width; ++x) {
-        const std::size_t block = static_cast<std::size_t>(y) * size.width + x;
-        if (known[block]) continue;
-        const int x0 = std::max(0, x - side / 2), x1 = std::min(size.width, x + side / 2 + 1);
-        const int y0 = std::max(0, y - side / 2), y1 = std::min(size.height, y + side / 2 + 1);
-        const auto within = [&](const cv::Mat& sum) {
-          return sum.at<double>(y1, x1) - sum.at<double>(y0, x1) - sum.at<double>(y1, x0) +
-                 sum.at<double>(y0, x0);
-        };
-        const double of = within(marked);
-        if (of < kEnough && side != kWindows[std::size(kWindows) - 1]) continue;
-        known[block] = 1;
-        out[block] = within(dropped) >= share * of;
-      }
+  const int all = 2 * std::max(size.width, size.height);
+  const BlockSums marked(size, edges.marked), dropped(size, edges.dropped);
+  std::vector<std::uint8_t> out;
+  for (int y = 0; y < size.height; ++y) {
+    for (int x = 0; x < size.width; ++x) {
+      const auto* const window =
+          std::find_if(std::begin(kWindows), std::end(kWindows), [&](int side) {
+            return marked.Around(x, y, side) >= kEnough;
+          });
+      const int side = window != std::end(kWindows) ? *window : all;
+      out.push_back(dropped.Around(x, y, side) >= share * marked.Around(x, y, side));
     }
   }
   return out;

@@ -49,5 +49,16 @@ TEST(PartsSettle, NotWhereViewsShowDifferentSurfaces) {
   EXPECT_TRUE(PartsSettle(scene, Models(false)));
 }
 
+TEST(GroundSettles, ThreeViewsThatAgreeOnTheGroundOfAGoodObject) {
+  ViewAgreement agreement;
+  agreement.ground = 0.4;
+  EXPECT_TRUE(GroundSettles(Scene({0.55}, 3), agreement));
+  EXPECT_FALSE(GroundSettles(Scene({0.55}, 2), agreement));
+  EXPECT_FALSE(GroundSettles(Scene({0.45}, 4), agreement));
+  EXPECT_FALSE(GroundSettles(Scene({}, 4), agreement));
+  agreement.ground = 0.3;
+  EXPECT_FALSE(GroundSettles(Scene({0.9}, 4), agreement));
+}
+
 }  // namespace
 }  // namespace horopter

@@ -235,17 +235,26 @@ TEST(AspectImagesOnGround, WithoutMotionAreTheImagesAlone) {
   }
 }
 
+// The views of a ground and where they have it.
+struct SeenGround {
+  std::vector<cv::Mat> images;
+  std::vector<std::optional<Eigen::Matrix3d>> image_from_plane;
+};
+
+SeenGround ViewsOf(const cv::Mat& ground, int seed) {
+  SeenGround out;
+  for (int v = 0; v < kViews; ++v) {
+    out.images.push_back(View(v, ground, 7.0, seed));
+    out.image_from_plane.emplace_back(ImageFromGround(v));
+  }
+  return out;
+}
+
 // Before fine grains outlines meet something in the other views, too.
 TEST(AspectImagesOnGround, WhereTheImageAloneTellsTheTextureItDoes) {
   for (const int seed : {1, 2, 3}) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
-    const cv::Mat grains = Stones(seed, 7);
-    std::vector<cv::Mat> images;
-    std::vector<std::optional<Eigen::Matrix3d>> image_from_plane;
-    for (int v = 0; v < kViews; ++v) {
-      images.push_back(View(v, grains, 7.0, seed));
-      image_from_plane.emplace_back(ImageFromGround(v));
-    }
+    const auto [images, image_from_plane] = ViewsOf(Stones(seed, 7), seed);
     AspectImageOptions by_motion;
     by_motion.ground.told_alone = 2.0;
     const AspectImage alone = MakeAspectImage(images[0]);
@@ -273,12 +282,7 @@ TEST(AspectImagesOnGround, EachPlaceIsToldAsItIsToldBest) {
     cv::Mat ground = Stones(seed, 7);
     const cv::Rect right(560, 0, ground.cols - 560, ground.rows);
     Stones(seed, 24)(right).copyTo(ground(right));
-    std::vector<cv::Mat> images;
-    std::vector<std::optional<Eigen::Matrix3d>> image_from_plane;
-    for (int v = 0; v < kViews; ++v) {
-      images.push_back(View(v, ground, 7.0, seed));
-      image_from_plane.emplace_back(ImageFromGround(v));
-    }
+    const auto [images, image_from_plane] = ViewsOf(ground, seed);
     AspectImageOptions by_motion;
     by_motion.ground.told_alone = 2.0;
     const AspectImage alone = MakeAspectImage(images[0]);
