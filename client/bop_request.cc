@@ -48,7 +48,8 @@ void AddAnswer(int scene_id,
       K << camera.focal_px(), 0, camera.principal_point_x_px(), 0, camera.focal_px(),
           camera.principal_point_y_px(), 0, 0, 1;
       results.cameras[scene_id][im_ids[i]] = K;
-      results.distortions[scene_id][im_ids[i]] = std::vector<double>{camera.k1()};
+      results.distortions[scene_id][im_ids[i]] =
+          std::vector<double>{camera.k1(), camera.k2(), camera.p1(), camera.p2()};
     }
     for (const v1::RecognizedObject& object : response.objects()) {
       const std::optional<int> obj_id = BopIdOf(object.object());

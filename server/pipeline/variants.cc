@@ -20,6 +20,10 @@ BottomUpOptions& BottomUp(PipelineOptions* o) {
   return o->bottom_up;
 }
 
+AspectAcceptance::Decision& Decision(PipelineOptions* o) {
+  return o->recognition.acceptance.aspects.decision;
+}
+
 void CheckLineSets(PipelineOptions* o, bool check) {
   BottomUp(o).projective.route.support.check_line_sets = check;
   BottomUp(o).metric.route.support.check_line_sets = check;
@@ -81,8 +85,16 @@ constexpr Variant kVariants[] = {
     {"decomposition",
      "images",
      [](PipelineOptions* o) { BottomUp(o).decomposition = DecompositionMethod::kImages; }},
+    {"decision",
+     "fitted",
+     [](PipelineOptions* o) { Decision(o) = AspectAcceptance::Decision::kFitted; }},
+    {"decision",
+     "thresholds",
+     [](PipelineOptions* o) { Decision(o) = AspectAcceptance::Decision::kThresholds; }},
     {"ground", "followed", [](PipelineOptions* o) { o->follow_ground = true; }},
     {"ground", "unused", [](PipelineOptions* o) { o->follow_ground = false; }},
+    {"lens", "terms", [](PipelineOptions* o) { o->euclidean.lens.estimate = true; }},
+    {"lens", "k1", [](PipelineOptions* o) { o->euclidean.lens.estimate = false; }},
     {"routes", "all", [](PipelineOptions* o) { o->recognition.routes = {}; }},
     {"routes", "plane", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::supporting_plane); }},
     {"routes", "metric", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::metric); }},

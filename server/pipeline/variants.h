@@ -18,6 +18,9 @@ namespace horopter {
 //   line_sets      off | verify (thesis 4.2), of the projective and the metric route
 //   association    cyclic_order | axes (thesis 4.4), of the projective route
 //   decomposition  none | per_object | common | metric | images (thesis 5.3), of that route
+//   decision       fitted | thresholds: how sure a part is that aspects found
+//   ground         followed | unused: the plane under parts that gave the cameras
+//   lens           terms | k1: lenses may have k2 and tangential coefficients
 //   routes         all | plane | metric | views | projective | aspects: this one alone
 // Errors: INVALID_ARGUMENT, says what is not known and what is; the options are then as they were.
 absl::Status ApplyVariants(std::string_view variants, PipelineOptions* options);

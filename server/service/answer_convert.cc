@@ -57,6 +57,9 @@ void CameraToProto(const PosedCamera& posed, v1::Camera* proto) {
   proto->set_principal_point_x_px(posed.camera.cx);
   proto->set_principal_point_y_px(posed.camera.cy);
   proto->set_k1(posed.camera.k1);
+  proto->set_k2(posed.lens.k2);
+  proto->set_p1(posed.lens.p1);
+  proto->set_p2(posed.lens.p2);
   proto->set_focal_log_sigma(posed.focal_log_sigma);
   RigidToProto(posed.camera_from_scene, proto->mutable_camera_from_scene());
 }

@@ -82,6 +82,15 @@ void AddObjects(const SceneAnswer& answer,
   }
 }
 
+// Strokes are drawn by cameras without the lens's further terms.
+void ShiftByLens(const PosedCamera& posed, size_t first, Drawing* drawing) {
+  if (posed.lens.none()) return;
+  for (size_t i = first; i < drawing->strokes.size(); ++i) {
+    for (Eigen::Vector2d& point : drawing->strokes[i].points)
+      point += ShiftByTerms(posed.camera, posed.lens, point);
+  }
+}
+
 DrawingColor ColorOf(EdgeState state) {
   switch (state) {
     case EdgeState::kSupported:
@@ -133,8 +142,10 @@ std::vector<Drawing> DrawAnswer(const SceneAnswer& answer,
     }
     const bool recovered = i < answer.cameras.size() && answer.cameras[i].has_value();
     if (recovered) {
+      const size_t before = drawing.strokes.size();
       AddPlane(answer, models, *answer.cameras[i], &drawing);
       AddObjects(answer, models, *answer.cameras[i], &drawing);
+      ShiftByLens(*answer.cameras[i], before, &drawing);
     }
     if (answer.explanation) AddExplanation(*answer.explanation, i, &drawing);
     DrawCaption(recovered

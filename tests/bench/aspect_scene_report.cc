@@ -18,6 +18,10 @@
 //                   (contours) and cyan (creases), missing ones red and orange
 //     --on-ground   edges that move with the supporting plane, where its texture is matched, are
 //                   dropped
+//     --cues        FILE: what the decision is learnt from, a line an object (decision_cues.h);
+//                   fit_aspect_decision.py reads them
+//     --max-images  of a scene, the first ones
+//     --all-trials  each scene with all its parts, with one left out in turn, and with none
 //     --without-truth  the scene's own parts are not looked for: all that is found is wrong
 //     --leave-one-out  each of the scene's parts in turn is not looked for: what stands in its
 //     place
@@ -39,6 +43,7 @@
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
+#include "server/vision/recognition/interpretation/decision_cues.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "tests/bench/aspect_catalog.h"
 
@@ -48,9 +53,10 @@ namespace {
 constexpr double kRightPx = 14.0;  // of a hypothesis, worst vertex
 
 struct Arguments {
-  std::string dataset, split, out, cache, hypotheses, overlays;
+  std::string dataset, split, out, cache, hypotheses, overlays, cues;
   std::vector<int> scenes;
   int threads = 2;
+  std::size_t max_images = 0;  // 0: all
   double bar = 0.0;
   double least = AspectLinkOptions{}.min_joint;
   int standing = AspectLinkOptions{}.standing;
@@ -59,6 +65,15 @@ struct Arguments {
   bool on_ground = false;
   bool without_truth = false;
   bool leave_one_out = false;
+  bool all_trials = false;
+};
+
+// A scene's images, and what they show of all parts.
+struct SearchedScene {
+  BopScene scene;
+  std::vector<AspectImage> images;
+  std::vector<AspectViewPrior> priors;
+  std::vector<std::vector<AspectHypothesis>> hypotheses;
 };
 
 double Seconds(std::chrono::steady_clock::time_point since) {
@@ -151,10 +166,38 @@ Contact ContactOf(const AspectCatalog& catalog, const LinkedScene& linked, std::
   return out;
 }
 
-void ReportScene(const std::vector<BopImage>& images,
-                 const std::vector<AspectImage>& edges,
+// A line of --cues.
+void WriteCues(const SearchedScene& searched,
+               const std::string& trial,
+               const AspectCatalog& catalog,
+               const LinkedScene& linked,
+               std::size_t object,
+               bool right,
+               std::ostream* out) {
+  const int obj_id = catalog.obj_ids[linked.objects[object].object];
+  const auto& there = searched.scene.images.front().instances;
+  const bool in_scene = std::any_of(
+      there.begin(), there.end(), [&](const BopInstance& i) { return i.obj_id == obj_id; });
+  *out << absl::StrFormat("%d,%s,%s,%d,%d,%d,%.4f",
+                          searched.scene.scene_id,
+                          searched.scene.tier,
+                          trial,
+                          obj_id,
+                          right ? 1 : 0,
+                          in_scene ? 1 : 0,
+                          AspectProbability(linked.objects[object], linked, {}));
+  for (const double value : CuesOf(linked.objects[object], linked))
+    *out << absl::StrFormat(",%.4g", value);
+  *out << "\n";
+}
+
+void ReportScene(const SearchedScene& searched,
+                 const std::string& trial,
+                 std::ostream* cues,
                  const AspectCatalog& catalog,
                  const LinkedScene& linked) {
+  const std::vector<BopImage>& images = searched.scene.images;
+  const std::vector<AspectImage>& edges = searched.images;
   for (std::size_t i = 0; i < linked.objects.size(); ++i) {
     const LinkedObject& o = linked.objects[i];
     int right = 0, wrong = 0;
@@ -177,6 +220,7 @@ void ReportScene(const std::vector<BopImage>& images,
       if (o.shown[v]) worst_score = std::min(worst_score, o.views[v].score);
     }
     std::sort(errors.begin(), errors.end());
+    if (cues != nullptr) WriteCues(searched, trial, catalog, linked, i, right > wrong, cues);
     const Contact contact = ContactOf(catalog, linked, i);
     double recall = 0.0, support_px = 0.0, hidden_px = 0.0, claimed_px = 0.0;
     const auto shown = static_cast<double>(std::count(o.shown.begin(), o.shown.end(), true));
@@ -313,14 +357,6 @@ void HideParts(const std::vector<int>& obj_ids,
     std::erase_if(list, [&](const AspectHypothesis& h) { return there[h.object]; });
 }
 
-// A scene's images, and what they show of all parts.
-struct SearchedScene {
-  BopScene scene;
-  std::vector<AspectImage> images;
-  std::vector<AspectViewPrior> priors;
-  std::vector<std::vector<AspectHypothesis>> hypotheses;
-};
-
 std::vector<AspectImage> ImagesOf(const Arguments& arguments, const BopScene& scene) {
   std::vector<cv::Mat> images;
   for (const BopImage& view : scene.images)
@@ -336,6 +372,8 @@ SearchedScene SearchImages(const Arguments& arguments,
                            const AspectCatalog& catalog,
                            BopScene scene) {
   SearchedScene out{std::move(scene), {}, {}, {}};
+  if (arguments.max_images > 0 && out.scene.images.size() > arguments.max_images)
+    out.scene.images.resize(arguments.max_images);
   out.images = ImagesOf(arguments, out.scene);
   for (std::size_t v = 0; v < out.images.size(); ++v) {
     const BopImage& view = out.scene.images[v];
@@ -360,9 +398,10 @@ std::vector<std::vector<int>> HiddenParts(const Arguments& arguments, const BopS
   std::set<int> own;
   for (const BopInstance& truth : scene.images.front().instances) own.insert(truth.obj_id);
   std::vector<std::vector<int>> out;
-  if (arguments.leave_one_out) {
+  if (arguments.all_trials) out = {{}, {own.begin(), own.end()}};
+  if (arguments.leave_one_out || (arguments.all_trials && own.size() > 1)) {
     for (const int obj_id : own) out.push_back({obj_id});
-  } else {
+  } else if (!arguments.all_trials) {
     out.emplace_back();
     if (arguments.without_truth) out.back().assign(own.begin(), own.end());
   }
@@ -424,12 +463,15 @@ void LinkWithout(const std::vector<int>& hidden,
                  const Arguments& arguments,
                  const AspectCatalog& catalog,
                  const SearchedScene& searched,
+                 std::ostream* cues,
                  BopResults* results) {
   const auto start = std::chrono::steady_clock::now();
   std::vector<AspectModel> parts = catalog.parts;
   std::vector<std::vector<AspectHypothesis>> hypotheses = searched.hypotheses;
   HideParts(hidden, catalog, &parts, &hypotheses);
-  if (arguments.leave_one_out) std::cout << "   without object " << hidden.front() << "\n";
+  std::string trial = hidden.empty() ? "with" : "without";
+  for (const int obj_id : hidden) trial += absl::StrFormat(" %d", obj_id);
+  if (!hidden.empty()) std::cout << "   " << trial << "\n";
   AspectLinkOptions options;
   options.threads = arguments.threads;
   options.standing = arguments.standing;
@@ -446,9 +488,10 @@ void LinkWithout(const std::vector<int>& hidden,
   if (arguments.as_needed)
     std::cout << "   searched " << views_searched << " of " << searched.images.size() << "\n";
   ReportLinks(searched, linked, Seconds(start));
-  ReportScene(searched.scene.images, searched.images, catalog, linked);
+  ReportScene(searched, trial, cues, catalog, linked);
   ReportTruth(searched.scene.images, searched.images, hypotheses, catalog);
   std::cout << std::flush;
+  if (cues != nullptr) cues->flush();
   AddResults(searched, catalog, linked, arguments.bar, Seconds(start), results);
 }
 
@@ -459,6 +502,13 @@ absl::Status Run(const Arguments& arguments) {
   if (absl::Status s = LoadAspectCatalog(*dataset, arguments.cache, &catalog); !s.ok()) return s;
   const auto ids = ScenesOf(arguments.dataset, arguments.split, arguments.scenes);
   if (!ids.ok()) return ids.status();
+  std::ofstream cues;
+  if (!arguments.cues.empty()) {
+    cues.open(arguments.cues);
+    cues << "scene,tier,trial,object,right,in_scene,probability";
+    for (const std::string_view name : CueNames()) cues << "," << name;
+    cues << "\n";
+  }
   BopResults results;
   for (const int id : *ids) {
     auto read = ReadBopScene(arguments.dataset, arguments.split, id);
@@ -472,7 +522,7 @@ absl::Status Run(const Arguments& arguments) {
                    catalog);
     }
     for (const std::vector<int>& hidden : HiddenParts(arguments, searched.scene))
-      LinkWithout(hidden, arguments, catalog, searched, &results);
+      LinkWithout(hidden, arguments, catalog, searched, cues.is_open() ? &cues : nullptr, &results);
   }
   return WriteBopResults(results, arguments.out);
 }
@@ -499,6 +549,9 @@ int main(int argc, char** argv) {
   app.add_flag("--on-ground", arguments.on_ground);
   app.add_flag("--without-truth", arguments.without_truth);
   app.add_flag("--leave-one-out", arguments.leave_one_out);
+  app.add_flag("--all-trials", arguments.all_trials);
+  app.add_option("--cues", arguments.cues);
+  app.add_option("--max-images", arguments.max_images);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);
   if (!status.ok()) {

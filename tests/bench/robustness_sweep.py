@@ -120,6 +120,21 @@ def bayer(views, rng):
     return views
 
 
+def lens(views, rng):
+    """One lens for all images of a scene: k1 -0.2 - 0, k2 0 - 0.3, p1 and p2 up to 0.003 in size."""
+    k1, k2, p1, p2 = rng.uniform(-0.2, 0), rng.uniform(0, 0.3), rng.uniform(-0.003, 0.003), rng.uniform(-0.003, 0.003)
+    for v in views:
+        height, width = v.image.shape[:2]
+        camera = np.array(v.camera["cam_K"]).reshape(3, 3)
+        y, x = np.mgrid[0:height, 0:width].astype(np.float64)
+        pixels = np.stack([x.ravel(), y.ravel()], axis=1)[:, None]
+        source = cv2.undistortPoints(pixels, camera, np.array([k1, k2, p1, p2]), P=camera).reshape(height, width, 2)
+        source = source.astype(np.float32)
+        v.image = cv2.remap(v.image, source[..., 0], source[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        v.camera["cam_dist"] = [k1, k2, p1, p2]
+    return views
+
+
 def half(views, rng):
     return [resize(v, 0.5) for v in views]
 
@@ -173,7 +188,7 @@ def shuffled(views, rng):
     return [views[i] for i in rng.permutation(len(views))]
 
 
-DISTORTIONS = {f.__name__: f for f in (noise, blur, motion, exposure, white_balance, jpeg60, bayer, half, double, crop60, grey,
+DISTORTIONS = {f.__name__: f for f in (noise, blur, motion, exposure, white_balance, jpeg60, bayer, lens, half, double, crop60, grey,
                                        portrait, three, shuffled)}
 FOREIGN = "foreign"  # one image of another scene is added
 NAMES = ["as_is", *DISTORTIONS, FOREIGN]

@@ -5,9 +5,8 @@
 #include <optional>
 
 #include "absl/strings/str_cat.h"
-#include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
-#include "server/vision/euclidean/edge_observations.h"
+#include "server/vision/euclidean/refinement.h"
 #include "server/vision/euclidean/representative.h"
 #include "server/vision/euclidean/scene_bundle.h"
 #include "server/vision/recognition/object/prepared_object.h"
@@ -15,176 +14,9 @@
 namespace horopter {
 namespace {
 
-constexpr double kK1Sigma = 0.03;             // of a lens nobody knows
-constexpr double kHintedCenterSigmaPx = 1.0;  // of a calibrated camera
-constexpr double kHintedK1Sigma = 0.002;      // of a calibrated camera
-constexpr double kUnknownSigma = 1e6;         // of what another prior says
-constexpr std::size_t kFewestEdges = 8;       // one over a pose with its focal length
 // Of the rotation between two poses: below it they are different representatives (2.6 degrees; an
 // axis of revolution turns by the pose's own noise).
 constexpr double kSameTurnTrace = 2.998;
-// Hidden lines are recomputed once the objects have moved this far in some image.
-constexpr double kRecomputeHiddenPx = 1.0;
-
-CameraPrior PriorOf(const RecognitionInput& input, const EuclideanOptions& options, int v) {
-  const ImageFeatures& f = input.features[v];
-  CameraPrior prior;
-  prior.log_focal = std::log(options.focal_start_widths * f.width);
-  prior.log_focal_sigma = options.focal_log_sigma;
-  prior.cx = 0.5 * (f.width - 1);
-  prior.cy = 0.5 * (f.height - 1);
-  prior.center_sigma_px = options.principal_point_sigma * f.width;
-  prior.k1_sigma = kK1Sigma;
-  if (input.hints.empty()) return prior;
-  const CameraHint& hint = input.hints[v];
-  if (hint.focal_px) {
-    prior.log_focal = std::log(*hint.focal_px);
-    prior.log_focal_sigma = FocalLogSigma(hint);
-  }
-  if (hint.principal_point) {
-    prior.cx = hint.principal_point->x();
-    prior.cy = hint.principal_point->y();
-    prior.center_sigma_px = kHintedCenterSigmaPx;
-  }
-  if (hint.principal_point_sigma_px) prior.center_sigma_px = *hint.principal_point_sigma_px;
-  if (hint.k1) {
-    prior.k1 = *hint.k1;
-    prior.k1_sigma = kHintedK1Sigma;
-  }
-  return prior;
-}
-
-// Everything one refinement works on.
-struct Refinement {
-  SceneBundle bundle;
-  std::vector<EdgeGrid> grids;
-  std::vector<VisibleSamples> visible;
-  std::vector<AdjustedView> seen_views;  // when `visible` was found
-  std::vector<AdjustedObject> seen_objects;
-  std::vector<AdjustedView> first_views;  // before anything was adjusted
-  std::vector<AdjustedObject> first_objects;
-  ObservationOptions observation;
-};
-
-std::vector<std::optional<CalibratedCamera>> CamerasOf(const SceneBundle& bundle) {
-  std::vector<std::optional<CalibratedCamera>> known(bundle.views.size());
-  for (std::size_t v = 0; v < known.size(); ++v) {
-    const AdjustedView& view = bundle.views[v];
-    if (view.known) known[v] = CalibratedCamera{view.camera, view.camera_from_scene};
-  }
-  return known;
-}
-
-// objects: of recognition.objects, those that take part.
-Refinement Begin(const RecognitionInput& input,
-                 const RecognitionResult& recognition,
-                 const std::vector<int>& objects,
-                 const CameraGroupPrior& group,
-                 const EuclideanOptions& options) {
-  Refinement r;
-  SceneBundle& b = r.bundle;
-  const int views = static_cast<int>(recognition.views.size());
-  const auto first = std::find_if(recognition.views.begin(),
-                                  recognition.views.end(),
-                                  [](const auto& view) { return view.has_value(); });
-  // Symmetric objects: the representative is chosen before the adjustment, which moves it little.
-  const Rigid3& camera = (*first)->camera_from_scene;
-  std::vector<Rigid3> old_from_object;
-  for (const int k : objects) {
-    const SceneObject& o = recognition.objects[k];
-    old_from_object.push_back(camera.Inverse() * RepresentativePose(input.objects[o.object]->model,
-                                                                    camera * o.scene_from_object));
-  }
-  const Rigid3 old_from_scene = old_from_object[0];
-  b.views.resize(views);
-  b.priors.resize(views);
-  b.working_from_image.assign(views, 1.0);
-  b.edge_sigma_px = options.edge_sigma_px;
-  r.grids.resize(views);
-  for (int v = 0; v < views; ++v) {
-    if (!recognition.views[v]) continue;
-    b.views[v] = {true,
-                  recognition.views[v]->camera,
-                  recognition.views[v]->camera_from_scene * old_from_scene};
-    b.priors[v] = PriorOf(input, options, v);
-  }
-  b.group = group;
-  for (const int v : group.group.views) {
-    CameraPrior& prior = b.priors[v];
-    prior.log_focal_sigma = prior.center_sigma_px = prior.k1_sigma = kUnknownSigma;
-  }
-  ParallelFor(views, options.threads, [&](int v) {
-    if (b.views[v].known) r.grids[v] = EdgeGrid(input.features[v]);
-  });
-  for (int v = 0; v < views; ++v) b.working_from_image[v] = r.grids[v].working_from_image();
-  for (std::size_t i = 0; i < objects.size(); ++i) {
-    b.objects.push_back({old_from_scene.Inverse() * old_from_object[i],
-                         input.objects[recognition.objects[objects[i]].object].get()});
-  }
-  b.log_scale.assign(b.objects.size(), 0.0);
-  // Aspects need no plane, and are asked where the matched one gave no part: it may be the part's
-  // own print, or a background that moves against it.
-  if (input.matching != nullptr && recognition.plane_confirmed) {
-    b.plane = AveragePlaneMatches(*input.matching, CamerasOf(b), options.plane);
-  }
-  r.observation = {options.search_px, options.samples_per_view, options.threads};
-  r.observation.aspects = recognition.route == RecognitionRoute::kAspects;
-  r.first_views = b.views;
-  r.first_objects = b.objects;
-  return r;
-}
-
-// Largest move of an object's centre or rim in an image since hidden lines were removed, working
-// px.
-double MovedPx(const Refinement& r) {
-  double largest = 0.0;
-  for (std::size_t v = 0; v < r.bundle.views.size(); ++v) {
-    if (!r.bundle.views[v].known) continue;
-    for (std::size_t k = 0; k < r.bundle.objects.size(); ++k) {
-      const PreparedObject& model = *r.bundle.objects[k].model;
-      for (int axis = 0; axis < 3; ++axis) {
-        const Eigen::Vector3d x = model.center + model.radius_m * Eigen::Vector3d::Unit(axis);
-        const auto pixel = [&](const AdjustedView& view, const AdjustedObject& object) {
-          return Project(view.camera, view.camera_from_scene * (object.scene_from_object * x));
-        };
-        const double moved = (pixel(r.bundle.views[v], r.bundle.objects[k]) -
-                              pixel(r.seen_views[v], r.seen_objects[k]))
-                                 .norm();
-        largest = std::max(largest, moved * r.bundle.working_from_image[v]);
-      }
-    }
-  }
-  return largest;
-}
-
-void Observe(Refinement* r) {
-  const SceneBundle& b = r->bundle;
-  if (r->visible.empty() || !(MovedPx(*r) < kRecomputeHiddenPx)) {
-    r->visible = FindVisibleSamples(b.views, b.objects, r->grids, r->observation);
-    r->seen_views = b.views;
-    r->seen_objects = b.objects;
-  }
-  r->bundle.edges = ObserveEdges(b.views, b.objects, r->grids, r->visible, r->observation);
-}
-
-absl::Status Adjust(const EuclideanOptions& options, const StopRequested& stop, Refinement* r) {
-  SceneBundleOptions bundle = options.bundle;
-  bundle.threads = options.threads;
-  for (int round = 0; round < options.rounds; ++round) {
-    if (IsStopRequested(stop)) return absl::CancelledError("stopped during the metric adjustment");
-    Observe(r);
-    const int left = options.rounds - 1 - round;
-    r->bundle.plane_slack = std::pow(options.plane_slack, left);
-    if (r->bundle.edges.size() < kFewestEdges) {
-      return absl::FailedPreconditionError("fewer than 8 edge points support the objects");
-    }
-    if (!AdjustBundle(bundle, &r->bundle)) {
-      return absl::FailedPreconditionError("the metric adjustment failed");
-    }
-  }
-  Observe(r);
-  return absl::OkStatus();
-}
 
 // Whether the representative of an adjusted symmetric object is another than the one that was
 // adjusted: recognition's pose lay near the border between two. If so, `adjusted` is what to begin
@@ -212,63 +44,11 @@ bool IsAnotherRepresentative(const RecognitionInput& input,
   return another;
 }
 
-double RobustRms(const std::vector<EdgeObservation>& observations) {
-  if (observations.empty()) return 0.0;
-  std::vector<double> r;
-  for (const EdgeObservation& o : observations) r.push_back(std::abs(o.residual_px));
-  std::nth_element(r.begin(), r.begin() + static_cast<long>(r.size() / 2), r.end());
-  return 1.4826 * r[r.size() / 2];
-}
-
-// Where the views come from one camera the scene is adjusted once more with one set of intrinsics.
-// Their priors are one for all then, but that of the principal point counts for every view: what
-// the views say against it errs in common, because the part's own errors are the same in all.
-absl::Status ShareCameras(const RecognitionInput& input,
-                          const EuclideanOptions& options,
-                          const StopRequested& stop,
-                          Refinement* r) {
-  SceneBundle& b = r->bundle;
-  std::vector<bool> hinted(b.views.size(), false);
-  for (std::size_t v = 0; v < input.hints.size(); ++v) {
-    const CameraHint& hint = input.hints[v];
-    hinted[v] = (hint.focal_px && !hint.presumed) || hint.principal_point || hint.k1;
-  }
-  for (const int v : b.group.group.views) hinted[v] = true;
-  std::vector<CameraSimilarity> alike =
-      JudgeCameras(b, ComputeSceneCovariance(b, options.noise), hinted, options.cameras);
-  if (alike.empty()) return absl::OkStatus();
-  const bool unbelievable = std::any_of(alike.begin(), alike.end(), [&](const auto& group) {
-    return AreUnbelievable(b, group.views, options.cameras);
-  });
-  std::optional<Refinement> apart;
-  if (unbelievable) apart = *r;
-  b.alike = std::move(alike);
-  for (const CameraSimilarity& group : b.alike) {
-    const double share = std::sqrt(static_cast<double>(group.views.size()));
-    for (const int v : group.views) {
-      b.priors[v].log_focal_sigma *= share;
-      b.priors[v].k1_sigma *= share;
-    }
-  }
-  if (!apart) return Adjust(options, stop, r);
-  // Each on its own went far from what recognition saw.
-  b.views = r->first_views;
-  b.objects = r->first_objects;
-  const absl::Status adjusted = Adjust(options, stop, r);
-  if (absl::IsCancelled(adjusted)) return adjusted;
-  // They were several cameras after all.
-  if (!adjusted.ok() ||
-      RobustRms(b.edges) > options.cameras.as_good * RobustRms(apart->bundle.edges))
-    *r = *std::move(apart);
-  return absl::OkStatus();
-}
-
-Finding Rejected(int catalog_object) {
-  Finding f;
+void AddRejected(int catalog_object, std::vector<Finding>* findings) {
+  Finding& f = findings->emplace_back();
   f.kind = FindingKind::kObjectRejected;
   f.object = catalog_object;
   f.detail = "its edges do not fit the cameras of the other objects";
-  return f;
 }
 
 // What the scene leaves open, and where its metres come from.
@@ -318,6 +98,7 @@ void AddFindings(const SceneBundle& bundle,
 
 // Cameras and objects as they are adjusted. kept: of recognition.objects, those in the bundle.
 void TakeAdjusted(const SceneBundle& b,
+                  const std::vector<LensTerms>& lens,
                   const RecognitionResult& recognition,
                   const std::vector<int>& kept,
                   const NoiseOptions& noise,
@@ -328,7 +109,7 @@ void TakeAdjusted(const SceneBundle& b,
   out->cameras.resize(b.views.size());
   for (std::size_t v = 0; v < b.views.size(); ++v) {
     if (!b.views[v].known) continue;
-    PosedCamera c{{b.views[v].camera, b.views[v].camera_from_scene}, 0.0};
+    PosedCamera c{{b.views[v].camera, b.views[v].camera_from_scene}, 0.0, lens[v]};
     const int at = out->covariance.layout.view[v] + 6;
     if (known) c.focal_log_sigma = std::sqrt(out->covariance.matrix(at, at));
     out->cameras[v] = c;
@@ -423,26 +204,27 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   MetricScene out;
   std::vector<int> kept;
   for (int k = 0; k < static_cast<int>(recognition.objects.size()); ++k) kept.push_back(k);
-  Refinement r = Begin(input, recognition, kept, group, options);
+  Refinement r = BeginRefinement(input, recognition, kept, group, options);
   HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   const std::vector<int> misfits = Misfits(r, options.misfits);
   if (!misfits.empty()) {
-    for (const int k : misfits) out.findings.push_back(Rejected(recognition.objects[k].object));
+    for (const int k : misfits) AddRejected(recognition.objects[k].object, &out.findings);
     std::erase_if(
         kept, [&](int k) { return std::find(misfits.begin(), misfits.end(), k) != misfits.end(); });
     if (kept.empty()) return absl::FailedPreconditionError("no object fits the cameras");
-    r = Begin(input, recognition, kept, group, options);
+    r = BeginRefinement(input, recognition, kept, group, options);
     HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   }
   if (RecognitionResult adjusted = recognition;
       IsAnotherRepresentative(input, r, &adjusted, kept)) {
-    r = Begin(input, adjusted, kept, group, options);
+    r = BeginRefinement(input, adjusted, kept, group, options);
     HOROPTER_RETURN_IF_ERROR(Adjust(options, stop, &r));
   }
   HOROPTER_RETURN_IF_ERROR(ShareCameras(input, options, stop, &r));
+  HOROPTER_RETURN_IF_ERROR(AdjustLenses(input, options, stop, &r));
 
   const SceneBundle& b = r.bundle;
-  TakeAdjusted(b, recognition, kept, options.noise, &out);
+  TakeAdjusted(b, r.lens, recognition, kept, options.noise, &out);
   if (options.camera_evidence) out.evidence = ComputeCameraEvidence(b, options.noise);
   TransformGraph graph;
   const SceneFrames frames = AddSceneFrames(out, &graph);
@@ -454,6 +236,8 @@ absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
   out.plane = FindSupportingPlane(b);
   AddFindings(b, input, options, &out);
   CountScene(b, &out);
+  out.counts["lens_terms"] = static_cast<double>(
+      std::count_if(r.lens.begin(), r.lens.end(), [](const LensTerms& l) { return !l.none(); }));
   out.counts["rejected_objects"] = static_cast<double>(misfits.size());
   return out;
 }

@@ -13,6 +13,7 @@
 #include "server/vision/euclidean/camera_group.h"
 #include "server/vision/euclidean/findings.h"
 #include "server/vision/euclidean/grasps.h"
+#include "server/vision/euclidean/lens_terms.h"
 #include "server/vision/euclidean/scene_covariance.h"
 #include "server/vision/euclidean/shared_camera.h"
 #include "server/vision/euclidean/supporting_plane_search.h"
@@ -24,6 +25,7 @@ namespace horopter {
 
 struct PosedCamera : CalibratedCamera {
   double focal_log_sigma = 0.0;
+  LensTerms lens;  // beyond camera.k1
 };
 
 struct PosedObject {
@@ -68,6 +70,7 @@ struct EuclideanOptions {
   // cameras recognition hands over are off by many of their deviations.
   double plane_slack = 4.0;
   SharedCameraOptions cameras;
+  LensTermOptions lens;
   NoiseOptions noise;
   FindingOptions findings;
   MisfitAcceptance misfits;  // of AcceptanceOptions
@@ -79,9 +82,11 @@ struct EuclideanOptions {
 // Joint bundle adjustment of focal lengths, camera poses and object poses on the CAD edges seen in
 // the images and the plane's matched points. Objects that do not fit the cameras of two or more
 // others are left out and named in the findings. Views that come from one camera get one set of
-// intrinsics (JudgeCameras; counts["views_of_one_camera"]). Of the equivalent poses of a symmetric
-// object the one of RepresentativePose is answered. The scene frame is that of the first object.
-// Errors: INVALID_ARGUMENT, CANCELLED, FAILED_PRECONDITION (no object, no camera, too few edges).
+// intrinsics (JudgeCameras; counts["views_of_one_camera"]). Lenses that edges and plane prove to
+// have more than k1 get it (FitLensTerms; counts["lens_terms"], of views). Of the equivalent poses
+// of a symmetric object the one of RepresentativePose is answered. The scene frame is that of the
+// first object. Errors: INVALID_ARGUMENT, CANCELLED, FAILED_PRECONDITION (no object, no camera, too
+// few edges).
 absl::StatusOr<MetricScene> RefineMetricScene(const RecognitionInput& input,
                                               const RecognitionResult& recognition,
                                               const EuclideanOptions& options,

@@ -56,6 +56,7 @@ absl::Status Check(const AspectAcceptance& o) {
       {{"confirming_score", o.confirming_score, FieldRange::kShare},
        {"contradicting_score", o.contradicting_score, FieldRange::kShare},
        {"chance_score", o.chance_score, FieldRange::kShare},
+       {"min_fitted_probability", o.min_fitted_probability, FieldRange::kShare},
        {"score_weight", o.score_weight, FieldRange::kPositive},
        {"even_lying", o.even_lying, FieldRange::kShare},
        {"even_score", o.even_score, FieldRange::kShare},

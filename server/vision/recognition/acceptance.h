@@ -110,6 +110,13 @@ struct AlternativeAcceptance {
 // should see of them (interpretation/aspect_route.h). Scores are those of AspectScore, means over
 // the views.
 struct AspectAcceptance {
+  // How sure an object is: by a likelihood ratio of what is known of it (decision_cues.h), or by
+  // thresholds over its score (even_lying and so on), which were set by hand.
+  enum class Decision { kFitted, kThresholds };
+  Decision decision = Decision::kFitted;
+  // Of the likelihood ratio, for an answer: at most one answer in 200 is then of a part that
+  // is not there (fit_aspect_decision.py, sets held out; ADR 63).
+  double min_fitted_probability = 0.8;
   // Median score of another route's answer: above it stands, below it is refused, in between the
   // aspects' own answer is asked for and the better one taken. Commit 4502559, parts-dev and
   // cad-dev.

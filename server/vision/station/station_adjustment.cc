@@ -64,6 +64,8 @@ absl::StatusOr<StationScene> RefineUnderStation(const RecognitionInput& input,
                                                 EuclideanOptions options,
                                                 const StopRequested& stop) {
   options.camera_evidence = true;
+  // A station remembers k1 alone.
+  options.lens.estimate = false;
   HOROPTER_RETURN_IF_ERROR(Validate(station));
   if (views.size() != recognition.views.size())
     return absl::InvalidArgumentError("station: one camera per image is needed");

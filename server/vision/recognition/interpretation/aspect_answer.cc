@@ -157,18 +157,21 @@ RecognitionResult ToResult(const JointContext& context,
   const AspectAcceptance& options = context.options.acceptance.aspects;
   const SceneAcceptance& of_scenes = context.options.acceptance.scene;
   const auto views = RecognizedViews(scene);
+  const double least = in_rig ? options.min_probability : NeededProbability(options);
   const auto probability = [&](const LinkedObject& o) {
     if (in_rig) return ProbabilityInRig(o, scene, options);
     const int k =
         known == nullptr ? -1 : KnownInPlace(context, views, o.object, o.scene_from_object, *known);
-    return std::max(AspectProbability(o, scene, options), k >= 0 ? known->objects[k].score : 0.0);
+    const double found = AspectProbability(o, scene, options);
+    if (k < 0 || known->objects[k].score < options.min_probability) return found;
+    // Another route answers it: that is enough.
+    return std::max({found, known->objects[k].score, least});
   };
   RecognitionResult result;
   result.views.resize(scene.views.size());
   LinkedScene accepted = scene;
-  NoteBelow(scene, AcceptanceTest::kChance, options.min_probability, probability, log);
-  std::erase_if(accepted.objects,
-                [&](const LinkedObject& o) { return probability(o) < options.min_probability; });
+  NoteBelow(scene, AcceptanceTest::kChance, least, probability, log);
+  std::erase_if(accepted.objects, [&](const LinkedObject& o) { return probability(o) < least; });
   if (accepted.objects.empty()) {
     if (!scene.objects.empty()) {
       const LinkedObject& best = scene.objects.front();

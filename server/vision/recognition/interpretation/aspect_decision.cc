@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "server/vision/recognition/aspects/quantile.h"
+#include "server/vision/recognition/interpretation/decision_cues.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
@@ -148,9 +149,12 @@ double ProbabilityInRig(const LinkedObject& o,
   return Logistic(options.score_weight * (o.score - even));
 }
 
-double AspectProbability(const LinkedObject& o,
-                         const LinkedScene& scene,
-                         const AspectAcceptance& options) {
+namespace {
+
+// By hand-set thresholds over the score.
+double ByThresholds(const LinkedObject& o,
+                    const LinkedScene& scene,
+                    const AspectAcceptance& options) {
   // Objects are best first. A second one of a part is what a view with a wrong camera makes of the
   // first: it must be as sure as one alone, but where other parts leave no doubt of the cameras.
   const bool again = std::any_of(scene.objects.begin(), scene.objects.end(), [&](const auto& p) {
@@ -179,6 +183,23 @@ double AspectProbability(const LinkedObject& o,
   const double in_company =
       agreement == Agreement::kLying ? shared : probability(options.company_even);
   return std::max(by_itself, std::min(options.company_probability, in_company));
+}
+
+}  // namespace
+
+double NeededProbability(const AspectAcceptance& options) {
+  return options.decision == AspectAcceptance::Decision::kFitted ? options.min_fitted_probability
+                                                                 : options.min_probability;
+}
+
+double AspectProbability(const LinkedObject& o,
+                         const LinkedScene& scene,
+                         const AspectAcceptance& options) {
+  if (options.decision == AspectAcceptance::Decision::kThresholds)
+    return ByThresholds(o, scene, options);
+  const double fitted = Logistic(FittedLogOdds(CuesOf(o, scene)));
+  // No scene that the fit has seen shows print.
+  return PrintTells(o, scene, options) ? std::max(fitted, ByThresholds(o, scene, options)) : fitted;
 }
 
 }  // namespace horopter

@@ -21,6 +21,9 @@ double AspectProbability(const LinkedObject& o,
                          const LinkedScene& scene,
                          const AspectAcceptance& options);
 
+// What AspectProbability must reach for an answer.
+double NeededProbability(const AspectAcceptance& options);
+
 // The same under cameras that were known before and that no part has moved: they take it for chance
 // no more than those do that other parts share.
 double ProbabilityInRig(const LinkedObject& o,

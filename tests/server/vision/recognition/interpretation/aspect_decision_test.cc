@@ -27,8 +27,11 @@ LinkedScene Scene(int registered,
   return scene;
 }
 
+// By the thresholds.
 double Probability(const LinkedScene& scene, int object) {
-  return AspectProbability(scene.objects[object], scene, {});
+  AspectAcceptance options;
+  options.decision = AspectAcceptance::Decision::kThresholds;
+  return AspectProbability(scene.objects[object], scene, options);
 }
 
 TEST(AspectDecision, OnePartAloneIsEvenAtItsOwnScore) {

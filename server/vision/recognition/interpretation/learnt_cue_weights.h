@@ -1,0 +1,28 @@
+// What the decision over aspects has learnt from data (tests/bench/fit_aspect_decision.py).
+#pragma once
+
+#include <array>
+
+#include "server/vision/recognition/interpretation/decision_cues.h"
+
+namespace horopter {
+
+// Whether what aspects found is no chance fit: a constant and weights of the cues, in the order of
+// DecisionCues, log odds. FITTEDTO
+inline constexpr double kCueConstant = -25.97;
+inline constexpr std::array<double, kDecisionCues> kCueWeights = {
+    3.67,   // precision
+    16.05,  // score
+    2.29,   // log_support
+    1.06,   // surface_seen
+    0.58,   // ground
+    4.12,   // lies
+    2.55,   // level
+    -6.00,  // missing
+    -0.81,  // one
+    -3.03,  // first
+    6.11,   // first_other
+    4.86,   // first_ground
+};
+
+}  // namespace horopter
