@@ -73,6 +73,12 @@ class Values(unittest.TestCase):
         np.testing.assert_allclose(pixel[0], [320 + 600 * 0.2 * (1 + 0.1 * r2), 240 + 600 * 0.4 * (1 + 0.1 * r2)])
         self.assertTrue(np.isnan(pixel[1]).all())
         self.assertEqual(camera.K[0, 2], 320.0)
+        camera.k2, camera.p1, camera.p2 = 0.05, 0.002, -0.001
+        radial = 1 + 0.1 * r2 + 0.05 * r2 * r2
+        np.testing.assert_allclose(
+            camera.project(np.array([[0.1, 0.2, 0.5]]))[0],
+            [320 + 600 * (0.2 * radial + 2 * 0.002 * 0.08 - 0.001 * (r2 + 0.08)),
+             240 + 600 * (0.4 * radial + 0.002 * (r2 + 0.32) - 2 * 0.001 * 0.08)])
 
     def test_a_request_of_a_station_names_its_cameras(self):
         from horopter import _requests

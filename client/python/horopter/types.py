@@ -149,9 +149,9 @@ class Reference:
 
 @dataclasses.dataclass
 class Camera:
-    """A recovered camera: square pixels, no skew, one radial coefficient (x_d = x (1 + k1 r^2)). rectified: of the image that
-    the server has rectified by its hint, not of the one that was sent; focal_from_exif: found with what the image's file says of
-    the focal length."""
+    """A recovered camera: square pixels, no skew, Brown's lens (x_d = x (1 + k1 r^2 + k2 r^4) + 2 p1 x y + p2 (r^2 + 2 x^2)); k2, p1
+    and p2 are 0 where the images do not prove them. rectified: of the image that the server has rectified by its hint, not of the
+    one that was sent; focal_from_exif: found with what the image's file says of the focal length."""
     recovered: bool
     width_px: int
     height_px: int
@@ -162,6 +162,9 @@ class Camera:
     camera_from_scene: Optional[np.ndarray]
     rectified: bool = False
     focal_from_exif: bool = False
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
 
     @property
     def K(self) -> np.ndarray:
@@ -174,7 +177,11 @@ class Camera:
         points = np.asarray(points, dtype=float)
         z = np.where(points[:, 2] > 0.0, points[:, 2], np.nan)
         xy = points[:, :2] / z[:, None]
-        xy = xy * (1.0 + self.k1 * np.sum(xy * xy, axis=1, keepdims=True))
+        r2 = np.sum(xy * xy, axis=1, keepdims=True)
+        twice_product = 2.0 * xy[:, :1] * xy[:, 1:]
+        tangential = np.hstack([self.p1 * twice_product + self.p2 * (r2 + 2.0 * xy[:, :1] ** 2),
+                                self.p1 * (r2 + 2.0 * xy[:, 1:] ** 2) + self.p2 * twice_product])
+        xy = xy * (1.0 + self.k1 * r2 + self.k2 * r2 * r2) + tangential
         return self.focal_px * xy + np.array(self.principal_point_px)
 
 
@@ -371,7 +378,8 @@ def _plane(answer: recognition_pb2.RecognizeSceneResponse) -> Optional[Tuple[np.
 def _camera(c: recognition_pb2.Camera) -> Camera:
     return Camera(c.recovered, c.image_width_px, c.image_height_px, c.focal_px,
                   (c.principal_point_x_px, c.principal_point_y_px), c.k1, c.focal_log_sigma,
-                  _optional(c, "camera_from_scene"), c.rectified, c.focal_from_exif)
+                  _optional(c, "camera_from_scene"), c.rectified, c.focal_from_exif,
+                  c.k2, c.p1, c.p2)
 
 
 def _grasp(g: recognition_pb2.RecognizedGrasp) -> FoundGrasp:

@@ -265,7 +265,7 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
                        {UnsearchedCause::kCatalogSize, "aspects"}};
   answer.base_from_scene = RandomRigid(rng);
   answer.cameras.resize(2);
-  answer.cameras[1] = PosedCamera{{{50, 40, 77.5, 24.0, 19.5, -0.03}, RandomRigid(rng)}, 0.02};
+  answer.cameras[1] = PosedCamera{{{50, 40, 77.5, 24.0, 19.5, -0.03}, RandomRigid(rng)}, 0.02, {0.1, 0.002, -0.003}};
   AnswerObject object;
   object.object_id = "box";
   object.instance = 1;
@@ -316,6 +316,9 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   EXPECT_EQ(proto.cameras(1).focal_px(), 77.5);
   EXPECT_EQ(proto.cameras(1).principal_point_y_px(), 19.5);
   EXPECT_EQ(proto.cameras(1).k1(), -0.03);
+  EXPECT_EQ(proto.cameras(1).k2(), 0.1);
+  EXPECT_EQ(proto.cameras(1).p1(), 0.002);
+  EXPECT_EQ(proto.cameras(1).p2(), -0.003);
   ASSERT_EQ(proto.objects_size(), 2);
   EXPECT_EQ(proto.objects(0).instance(), 0);
   const v1::RecognizedObject& out = proto.objects(1);

@@ -8,7 +8,10 @@
 namespace horopter {
 
 // Whether what aspects found is no chance fit: a constant and weights of the cues, in the order of
-// DecisionCues, log odds. FITTEDTO
+// DecisionCues, log odds. Fitted to 4,740 objects, 1,971 of them right, of cad-dev, parts-dev,
+// parts-train and three sets of 20 - 24 parts of other people: their scenes with all parts, with
+// one left out in turn and with none, and of three of the sets with the first two images and one
+// alone. ADR 63.
 inline constexpr double kCueConstant = -25.97;
 inline constexpr std::array<double, kDecisionCues> kCueWeights = {
     3.67,   // precision
