@@ -119,7 +119,7 @@ def say_reliability(s, p):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="+")
-    parser.add_argument("--least", type=float, default=0.8, help="AspectAcceptance::min_fitted_probability")
+    parser.add_argument("--least", type=float, default=0.7, help="AspectAcceptance::min_fitted_probability")
     arguments = parser.parse_args()
     s = Samples(read(arguments.files))
     if len(set(s.family)) < 2 or len(set(s.right)) < 2:
@@ -130,7 +130,7 @@ def main():
         rows = np.ones(len(p), bool) if family is None else s.family == family
         print("held out: %s" % (family or "all"))
         say_answers(s, "as the report says", s.stated, arguments.least, rows)
-        for least in sorted({0.6, 0.7, arguments.least, 0.9}):
+        for least in sorted({0.6, arguments.least, 0.8, 0.9}):
             say_answers(s, "fitted, from %.2f" % least, p, least, rows)
     print("probabilities, held out (loss %.4f):" % loss(s, p))
     say_reliability(s, p)
