@@ -39,13 +39,13 @@
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
 #include "client/bop_results.h"
-#include "server/vision/matching/ground_motion.h"
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
 #include "server/vision/recognition/interpretation/decision_cues.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "tests/bench/aspect_catalog.h"
+#include "tests/bench/searched_scene.h"
 
 namespace horopter {
 namespace {
@@ -53,59 +53,20 @@ namespace {
 constexpr double kRightPx = 14.0;  // of a hypothesis, worst vertex
 
 struct Arguments {
-  std::string dataset, split, out, cache, hypotheses, overlays, cues;
+  std::string dataset, split, out, cache, overlays, cues;
   std::vector<int> scenes;
-  int threads = 2;
-  std::size_t max_images = 0;  // 0: all
   double bar = 0.0;
   double least = AspectLinkOptions{}.min_joint;
   int standing = AspectLinkOptions{}.standing;
-  AspectImageOptions image;
+  SceneSearchOptions search;
   bool as_needed = false;
-  bool on_ground = false;
   bool without_truth = false;
   bool leave_one_out = false;
   bool all_trials = false;
 };
 
-// A scene's images, and what they show of all parts.
-struct SearchedScene {
-  BopScene scene;
-  std::vector<AspectImage> images;
-  std::vector<AspectViewPrior> priors;
-  std::vector<std::vector<AspectHypothesis>> hypotheses;
-};
-
 double Seconds(std::chrono::steady_clock::time_point since) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();
-}
-
-bool ReadHypotheses(const std::string& path, std::vector<AspectHypothesis>* out) {
-  std::ifstream in(path);
-  std::size_t n = 0;
-  if (!(in >> n)) return false;
-  out->resize(n);
-  for (AspectHypothesis& h : *out) {
-    in >> h.object >> h.camera.width >> h.camera.height >> h.camera.focal_px >> h.camera.cx >>
-        h.camera.cy >> h.camera.k1;
-    for (int k = 0; k < 9; ++k) in >> h.camera_from_object.R(k / 3, k % 3);
-    for (int k = 0; k < 3; ++k) in >> h.camera_from_object.t(k);
-    in >> h.precision >> h.recall >> h.support_px >> h.score;
-  }
-  return static_cast<bool>(in);
-}
-
-void WriteHypotheses(const std::string& path, const std::vector<AspectHypothesis>& list) {
-  std::ofstream out(path);
-  out.precision(12);
-  out << list.size() << "\n";
-  for (const AspectHypothesis& h : list) {
-    out << h.object << " " << h.camera.width << " " << h.camera.height << " " << h.camera.focal_px
-        << " " << h.camera.cx << " " << h.camera.cy << " " << h.camera.k1;
-    for (int k = 0; k < 9; ++k) out << " " << h.camera_from_object.R(k / 3, k % 3);
-    for (int k = 0; k < 3; ++k) out << " " << h.camera_from_object.t(k);
-    out << " " << h.precision << " " << h.recall << " " << h.support_px << " " << h.score << "\n";
-  }
 }
 
 // Log odds of the nearest true pose of the object's kind, carried into the scene by the first view
@@ -357,42 +318,6 @@ void HideParts(const std::vector<int>& obj_ids,
     std::erase_if(list, [&](const AspectHypothesis& h) { return there[h.object]; });
 }
 
-std::vector<AspectImage> ImagesOf(const Arguments& arguments, const BopScene& scene) {
-  std::vector<cv::Mat> images;
-  for (const BopImage& view : scene.images)
-    images.push_back(cv::imread(view.path, cv::IMREAD_COLOR));
-  PlaneInViews ground(images.size());
-  MatchingOptions matching;
-  matching.threads = arguments.threads;
-  if (arguments.on_ground) ground = FindGround(images, matching);
-  return MakeAspectImagesOnGround(images, ground, arguments.image, arguments.threads);
-}
-
-SearchedScene SearchImages(const Arguments& arguments,
-                           const AspectCatalog& catalog,
-                           BopScene scene) {
-  SearchedScene out{std::move(scene), {}, {}, {}};
-  if (arguments.max_images > 0 && out.scene.images.size() > arguments.max_images)
-    out.scene.images.resize(arguments.max_images);
-  out.images = ImagesOf(arguments, out.scene);
-  for (std::size_t v = 0; v < out.images.size(); ++v) {
-    const BopImage& view = out.scene.images[v];
-    out.priors.push_back({NominalCamera(out.images[v]), kNominalFocalLogSigma});
-    const std::string file =
-        absl::StrFormat("%s/%d_%d.txt", arguments.hypotheses, out.scene.scene_id, view.im_id);
-    std::vector<AspectHypothesis> found;
-    if (arguments.hypotheses.empty() || !ReadHypotheses(file, &found)) {
-      FindAspectOptions options;
-      options.threads = arguments.threads;
-      options.votes.threads = arguments.threads;
-      found = FindAspectHypotheses(out.images[v], catalog.index, options).hypotheses;
-      if (!arguments.hypotheses.empty()) WriteHypotheses(file, found);
-    }
-    out.hypotheses.push_back(std::move(found));
-  }
-  return out;
-}
-
 // The parts that are not looked for, one list a trial.
 std::vector<std::vector<int>> HiddenParts(const Arguments& arguments, const BopScene& scene) {
   std::set<int> own;
@@ -473,7 +398,7 @@ void LinkWithout(const std::vector<int>& hidden,
   for (const int obj_id : hidden) trial += absl::StrFormat(" %d", obj_id);
   if (!hidden.empty()) std::cout << "   " << trial << "\n";
   AspectLinkOptions options;
-  options.threads = arguments.threads;
+  options.threads = arguments.search.threads;
   options.standing = arguments.standing;
   options.min_quick += arguments.least - options.min_joint;
   options.min_joint = arguments.least;
@@ -513,7 +438,7 @@ absl::Status Run(const Arguments& arguments) {
   for (const int id : *ids) {
     auto read = ReadBopScene(arguments.dataset, arguments.split, id);
     if (!read.ok()) return read.status();
-    const SearchedScene searched = SearchImages(arguments, catalog, *std::move(read));
+    const SearchedScene searched = SearchImages(arguments.search, catalog, *std::move(read));
     for (std::size_t v = 0; !arguments.overlays.empty() && v < searched.images.size(); ++v) {
       const BopImage& image = searched.scene.images[v];
       WriteOverlay(absl::StrFormat("%s/%d_%d.png", arguments.overlays, id, image.im_id),
@@ -538,20 +463,20 @@ int main(int argc, char** argv) {
   app.add_option("--out", arguments.out)->required();
   app.add_option("--scenes", arguments.scenes)->delimiter(',');
   app.add_option("--cache", arguments.cache);
-  app.add_option("--hypotheses", arguments.hypotheses);
-  app.add_option("--threads", arguments.threads);
+  app.add_option("--hypotheses", arguments.search.hypotheses);
+  app.add_option("--threads", arguments.search.threads);
   app.add_option("--overlays", arguments.overlays);
   app.add_option("--bar", arguments.bar);
   app.add_option("--least", arguments.least);
   app.add_option("--standing", arguments.standing);
-  app.add_option("--max-width", arguments.image.max_width_px);
+  app.add_option("--max-width", arguments.search.image.max_width_px);
   app.add_flag("--as-needed", arguments.as_needed);
-  app.add_flag("--on-ground", arguments.on_ground);
+  app.add_flag("--on-ground", arguments.search.on_ground);
   app.add_flag("--without-truth", arguments.without_truth);
   app.add_flag("--leave-one-out", arguments.leave_one_out);
   app.add_flag("--all-trials", arguments.all_trials);
   app.add_option("--cues", arguments.cues);
-  app.add_option("--max-images", arguments.max_images);
+  app.add_option("--max-images", arguments.search.max_images);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);
   if (!status.ok()) {
