@@ -265,7 +265,8 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
                        {UnsearchedCause::kCatalogSize, "aspects"}};
   answer.base_from_scene = RandomRigid(rng);
   answer.cameras.resize(2);
-  answer.cameras[1] = PosedCamera{{{50, 40, 77.5, 24.0, 19.5, -0.03}, RandomRigid(rng)}, 0.02, {0.1, 0.002, -0.003}};
+  answer.cameras[1] = PosedCamera{
+      {{50, 40, 77.5, 24.0, 19.5, -0.03}, RandomRigid(rng)}, 0.02, {0.1, 0.002, -0.003}};
   AnswerObject object;
   object.object_id = "box";
   object.instance = 1;
