@@ -6,9 +6,10 @@
 
 FILE: one a data set; those of one set of parts (fewer images, other tables) are named NAME.csv, NAME-2.csv and so on. Logistic
 regression on the cues of decision_cues.h, with a weak Gaussian prior on the weights in deviations of their cues. Right parts
-against such that are not in the scene; parts of the scene in a wrong turn are left out: whether it is turned is asked elsewhere. A
-part that several trials of a scene repeat counts as the root of their number. Weights of a sign that makes no sense are 0. Prints what the decision answers of each set when it was fitted to the others,
-beside what the reports' probability answers, how far its probabilities hold, and the weights. Needs Debian's python3-numpy.
+against such that are not in the scene; parts of the scene in a wrong turn are left out: whether it is turned is asked elsewhere.
+What several trials of a scene repeat counts as the root of their number. Weights of a sign that makes no sense are 0. Prints what
+the decision answers of each set when it was fitted to the others, beside what the reports' probability answers, how far its
+probabilities hold, and the weights. Needs Debian's python3-numpy.
 """
 import argparse
 import collections

@@ -189,7 +189,7 @@ class Json(Workplace):
         with open(os.path.join(self.folder, "r.cameras.json"), encoding="utf-8") as file:
             camera = json.load(file)["5"]["0"]
         self.assertEqual(len(camera["cam_K"]), 9)
-        self.assertEqual(len(camera["cam_dist"]), 1)
+        self.assertEqual(len(camera["cam_dist"]), 4)  # k1 k2 p1 p2
 
 
 class Hints(Workplace):
