@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <initializer_list>
 #include <map>
 #include <utility>
 
@@ -54,22 +55,41 @@ class Accumulator {
   }
 
  private:
-  // Moving the principal point moves an observed point back: its columns are those of shifts.
-  template <typename J>
-  void AddTerms(const J& by_center, int view, const Eigen::Vector2d& pixel, Eigen::MatrixXd* row) {
-    if (!has_terms_[view]) return;
-    designs_.push_back(DesignAt(bundle_.views[view].camera, pixel));
-    row->rightCols<kTerms>() += by_center * designs_.back();
+  // Rows by the parameters they depend on alone, each at its column.
+  struct Rows {
+    Eigen::MatrixXd J;
+    std::vector<int> columns;
+  };
+
+  // Without the terms', which are the last.
+  Rows MakeRows(int count, std::initializer_list<std::pair<int, int>> blocks) const {
+    Rows rows;
+    for (const auto& [first, size] : blocks) {
+      for (int i = 0; i < size; ++i) rows.columns.push_back(first + i);
+    }
+    for (int i = 0; i < kTerms; ++i) rows.columns.push_back(layout_.size + i);
+    rows.J = Eigen::MatrixXd::Zero(count, static_cast<Eigen::Index>(rows.columns.size()));
+    return rows;
   }
 
-  void Add(const Eigen::MatrixXd& row,
-           const Eigen::VectorXd& residual,
-           double weight,
-           int cluster) {
-    sums_.A.noalias() += weight * row.transpose() * row;
+  // Moving the principal point moves an observed point back: its columns, those that begin at
+  // `center`, are those of shifts.
+  void AddTerms(int center, int view, const Eigen::Vector2d& pixel, Rows* rows) {
+    if (!has_terms_[view]) return;
+    designs_.push_back(DesignAt(bundle_.views[view].camera, pixel));
+    rows->J.rightCols<kTerms>() += rows->J.middleCols<2>(center) * designs_.back();
+  }
+
+  void Add(const Rows& rows, const Eigen::VectorXd& residual, double weight, int cluster) {
     if (cluster == static_cast<int>(sums_.b.size()))
       sums_.b.emplace_back(Eigen::VectorXd::Zero(sums_.A.rows()));
-    sums_.b[cluster].noalias() += weight * row.transpose() * residual;
+    const Eigen::MatrixXd A = weight * rows.J.transpose() * rows.J;
+    const Eigen::VectorXd b = weight * rows.J.transpose() * residual;
+    for (Eigen::Index i = 0; i < b.size(); ++i) {
+      sums_.b[cluster](rows.columns[i]) += b(i);
+      for (Eigen::Index k = 0; k < b.size(); ++k)
+        sums_.A(rows.columns[k], rows.columns[i]) += A(k, i);
+    }
   }
 
   void AddEdges() {
@@ -77,15 +97,14 @@ class Accumulator {
     EdgeRow of_edge;
     for (const EdgeObservation& o : bundle_.edges) {
       if (!LinearizeEdge(bundle_, o, &of_edge)) continue;
-      Eigen::MatrixXd row = Eigen::MatrixXd::Zero(1, sums_.A.rows());
-      row.middleCols<kViewParameters>(layout_.view[o.view]) =
-          of_edge.J.head<kViewParameters>().transpose();
-      row.middleCols<kObjectParameters>(layout_.object[o.object]) =
-          of_edge.J.tail<kObjectParameters>().transpose();
-      AddTerms(of_edge.J.segment<2>(kCenterColumn).transpose().eval(), o.view, o.edge_point, &row);
+      Rows rows = MakeRows(
+          1,
+          {{layout_.view[o.view], kViewParameters}, {layout_.object[o.object], kObjectParameters}});
+      rows.J.leftCols(of_edge.J.size()) = of_edge.J.transpose();
+      AddTerms(kCenterColumn, o.view, o.edge_point, &rows);
       const auto [at, is_new] =
           clusters.try_emplace({o.object, o.edge}, static_cast<int>(sums_.b.size()));
-      Add(row,
+      Add(rows,
           Eigen::VectorXd::Constant(1, of_edge.residual),
           RobustWeight(bundle_.cauchy_sigmas, of_edge.residual * of_edge.residual),
           at->second);
@@ -96,18 +115,14 @@ class Accumulator {
     PlaneRow of_cell;
     for (const PlaneCell& cell : bundle_.plane.cells) {
       if (!LinearizePlaneCell(bundle_, cell, &of_cell)) continue;
-      Eigen::MatrixXd row = Eigen::MatrixXd::Zero(2, sums_.A.rows());
-      row.middleCols<kViewParameters>(layout_.view[cell.view_a]) =
-          of_cell.J.leftCols<kViewParameters>();
-      row.middleCols<kViewParameters>(layout_.view[cell.view_b]) =
-          of_cell.J.middleCols<kViewParameters>(kViewParameters);
-      row.middleCols<kPlaneParameters>(layout_.plane) = of_cell.J.rightCols<kPlaneParameters>();
-      AddTerms(of_cell.J.middleCols<2>(kCenterColumn).eval(), cell.view_a, cell.pixel_a, &row);
-      AddTerms(of_cell.J.middleCols<2>(kViewParameters + kCenterColumn).eval(),
-               cell.view_b,
-               cell.pixel_b,
-               &row);
-      Add(row,
+      Rows rows = MakeRows(2,
+                           {{layout_.view[cell.view_a], kViewParameters},
+                            {layout_.view[cell.view_b], kViewParameters},
+                            {layout_.plane, kPlaneParameters}});
+      rows.J.leftCols(of_cell.J.cols()) = of_cell.J;
+      AddTerms(kCenterColumn, cell.view_a, cell.pixel_a, &rows);
+      AddTerms(kViewParameters + kCenterColumn, cell.view_b, cell.pixel_b, &rows);
+      Add(rows,
           of_cell.residual,
           RobustWeight(bundle_.plane_cauchy_sigmas, of_cell.residual.squaredNorm()),
           static_cast<int>(sums_.b.size()));
@@ -157,11 +172,10 @@ Eigen::Vector2d WithoutTerms(const PinholeCamera& camera,
 
 std::optional<LensFit> FitLensTerms(const SceneBundle& bundle,
                                     const std::vector<int>& views,
-                                    const LensTermOptions& options,
-                                    const FixedParameters& fixed) {
+                                    const LensTermOptions& options) {
   const Accumulator rows(bundle, views);
   const int size = rows.layout().size;
-  const std::vector<bool> held = FixedMask(bundle, rows.layout(), fixed);
+  const std::vector<bool> held = FixedMask(bundle, rows.layout(), {});
   Eigen::MatrixXd A = rows.sums().A.topLeftCorner(size, size);
   Eigen::MatrixXd cross = rows.sums().A.topRightCorner(size, kTerms);
   for (int i = 0; i < size; ++i) {

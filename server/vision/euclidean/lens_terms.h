@@ -37,8 +37,8 @@ struct LensTermOptions {
   double k2_sigma = 0.2;
   double tangential_sigma = 0.005;
   // What edges and plane must say against a lens without terms (LensFit::proof). Few edges make its
-  // tail heavier than that of chi square: up to 42 in 12 scenes of real parts without terms.
-  // Higher: fewer lenses have terms.
+  // tail heavier than that of chi square: up to 42 in 12 scenes of real parts without terms
+  // (one-off). Higher: fewer lenses have terms.
   double least_proof = 60.0;
   // Shift that they make somewhere among what was observed, image pixels: less is not worth a word.
   double least_shift_px = 0.3;
@@ -52,12 +52,11 @@ struct LensFit {
 };
 
 // One step towards the terms that these views have in common, in an adjusted bundle; all else may
-// move, but for what `fixed` holds. The proof is a score test whose variance is that of the edges'
-// own sums (an edge of a part errs in common in all views: Liang and Zeger 1986), so that it needs
-// no model of their noise. Nothing where the system cannot be solved.
+// move, but for the gauge and the scales. The proof is a score test whose variance is that of the
+// edges' own sums (an edge of a part errs in common in all views: Liang and Zeger 1986), so that it
+// needs no model of their noise. Nothing where the system cannot be solved.
 std::optional<LensFit> FitLensTerms(const SceneBundle& bundle,
                                     const std::vector<int>& views,
-                                    const LensTermOptions& options,
-                                    const FixedParameters& fixed = {});
+                                    const LensTermOptions& options);
 
 }  // namespace horopter

@@ -111,6 +111,10 @@ void Observe(Refinement* r) {
   UndoLensTerms(r);
 }
 
+LensTerms Sum(const LensTerms& a, const LensTerms& b) {
+  return {a.k2 + b.k2, a.p1 + b.p1, a.p2 + b.p2};
+}
+
 // Views whose lenses may have terms: those of one camera together, and the others that have images
 // of one size: where each has another focal length, one alone says too little, and a lens that
 // zooms keeps its kind. Nothing of those whose lens is known, by the request or as a station's.
@@ -270,22 +274,19 @@ absl::Status AdjustLenses(const RecognitionInput& input,
   std::optional<Refinement> without;
   std::vector<std::vector<int>> lenses = LensesOf(input, r->bundle);
   for (int round = 0; round < options.lens.rounds && !lenses.empty(); ++round) {
-    std::vector<std::pair<std::size_t, LensTerms>> steps;
-    for (std::size_t l = 0; l < lenses.size(); ++l) {
-      const std::optional<LensFit> fit = FitLensTerms(r->bundle, lenses[l], options.lens);
-      const bool proven = fit && (round > 0 || (fit->proof >= options.lens.least_proof &&
-                                                fit->shift_px >= options.lens.least_shift_px));
-      if (proven) steps.emplace_back(l, fit->terms);
-    }
     std::vector<std::vector<int>> proven;
-    for (const auto& [l, terms] : steps) {
-      proven.push_back(lenses[l]);
+    for (const std::vector<int>& views : lenses) {
+      const std::optional<LensFit> fit = FitLensTerms(r->bundle, views, options.lens);
+      if (!fit || (round == 0 && (fit->proof < options.lens.least_proof ||
+                                  fit->shift_px < options.lens.least_shift_px)))
+        continue;
       if (!without) without = *r;
-      for (const int v : lenses[l]) {
-        LensTerms& sum = r->lens[v];
-        sum = {sum.k2 + terms.k2, sum.p1 + terms.p1, sum.p2 + terms.p2};
+      for (const int v : views) r->lens[v] = Sum(r->lens[v], fit->terms);
+      proven.push_back(views);
+    }
+    for (const std::vector<int>& views : proven) {
+      for (const int v : views)
         r->bundle.priors[v].k1_sigma = std::max(r->bundle.priors[v].k1_sigma, kStrongK1Sigma);
-      }
     }
     lenses = std::move(proven);
     if (lenses.empty()) break;
