@@ -7,7 +7,7 @@
 #include "server/vision/reconstruction/bundle_covariance.h"
 #include "server/vision/reconstruction/bundle_observations.h"
 #include "server/vision/reconstruction/bundle_residuals.h"
-#include "server/vision/reconstruction/robust_loss.h"
+#include "server/vision/reconstruction/robust_curvature.h"
 
 namespace horopter {
 
@@ -56,7 +56,7 @@ class BundleModel {
     return cost;
   }
 
-  void Linearize(const State& state, NormalEquations<C>* normal) const {
+  void Linearize(const State& state, Bend bend, NormalEquations<C>* normal) const {
     for (int f = 0; f < used_.layout.Features(); ++f) {
       if (!IsUsed(f)) continue;
       const bool is_point = f < used_.points;
@@ -71,8 +71,10 @@ class BundleModel {
                                            state.cameras[i],
                                            state.lines[f - used_.points],
                                            N);
-        const double weight = RobustWeight(loss_, l.r.norm(), c_);
-        if (weight > 0.0) normal->Add(k, i, f, weight, l.r, l.J_camera, l.J_feature);
+        const double r = l.r.norm(), weight = RobustWeight(loss_, r, c_);
+        if (!(weight > 0.0)) continue;
+        const double curvature = bend == Bend::kCurvature ? RobustCurvature(loss_, r, c_) : 1.0;
+        normal->Add(k, i, f, weight, curvature, l.r, l.J_camera, l.J_feature);
       }
       // The scale of a homogeneous point: no residual sees it, and nothing shall move along it.
       if (!is_point) continue;

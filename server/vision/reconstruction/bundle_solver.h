@@ -24,9 +24,9 @@ struct BundleLayout {
   int Features() const { return static_cast<int>(first.size()) - 1; }
 };
 
-// J^T J and J^T r. C: parameters of a camera. Blocks of a camera and a feature, W = K F, stay
-// factors: an observation has two rows, so they have rank two, and eliminating features takes half
-// the work.
+// J^T J (with the curvature of the loss in it) and J^T r. C: parameters of a camera. Blocks of a
+// camera and a feature, W = K F, stay factors: an observation has two rows, so they have rank two,
+// and eliminating features takes half the work.
 template <int C>
 struct NormalEquations {
   using CameraVector = Eigen::Matrix<double, C, 1>;
@@ -34,8 +34,8 @@ struct NormalEquations {
   using FeatureFactor = Eigen::Matrix<double, 2, kFeatureParameters>;
   std::vector<Eigen::Matrix<double, C, C>> U;  // per camera
   std::vector<Eigen::Matrix4d> V;              // per feature
-  std::vector<CameraFactor> K;                 // per observation: J_camera^T, weighted by its root
-  std::vector<FeatureFactor> F;                // ... and J_feature
+  std::vector<CameraFactor> K;   // per observation: J_camera^T times a root of its Hessian
+  std::vector<FeatureFactor> F;  // ... and J_feature
   std::vector<CameraVector> camera_gradient;
   std::vector<Eigen::Vector4d> feature_gradient;
 
@@ -48,22 +48,27 @@ struct NormalEquations {
     feature_gradient.assign(layout.Features(), Eigen::Vector4d::Zero());
   }
 
-  // One observation's residual and Jacobians, its square counted `weight` times.
+  // One observation's residual and Jacobians. Its cost bends by `weight` across the residual and by
+  // `curvature` times that along it (robust_curvature.h).
   void Add(int observation,
            int camera,
            int feature,
            double weight,
+           double curvature,
            const Eigen::Vector2d& r,
            const Eigen::Matrix<double, 2, C>& J_camera,
            const Eigen::Matrix<double, 2, kFeatureParameters>& J_feature) {
-    const double root = std::sqrt(weight);
-    const Eigen::Vector2d scaled = root * r;
-    const CameraFactor& k = K[observation] = root * J_camera.transpose();
-    const FeatureFactor& f = F[observation] = root * J_feature;
+    const double squared = r.squaredNorm();
+    Eigen::Matrix2d root = Eigen::Matrix2d::Identity();
+    if (squared > 0.0) root -= (1.0 - std::sqrt(curvature)) / squared * r * r.transpose();
+    root *= std::sqrt(weight);
+    const Eigen::Vector2d scaled = weight * r;
+    const CameraFactor& k = K[observation] = J_camera.transpose().lazyProduct(root);
+    const FeatureFactor& f = F[observation] = root.lazyProduct(J_feature);
     U[camera] += k.lazyProduct(k.transpose());
     V[feature] += f.transpose().lazyProduct(f);
-    camera_gradient[camera] += k.lazyProduct(scaled);
-    feature_gradient[feature] += f.transpose().lazyProduct(scaled);
+    camera_gradient[camera] += J_camera.transpose().lazyProduct(scaled);
+    feature_gradient[feature] += J_feature.transpose().lazyProduct(scaled);
   }
 };
 
@@ -107,6 +112,11 @@ struct BundleSolverOptions {
   double min_damping = 1e-8;
 };
 
+// What a linearisation takes the robust cost to bend like along a residual: like its square with
+// the weight of the place, which holds from afar, or as it does there (robust_curvature.h), without
+// which the last steps creep.
+enum class Bend { kWeights, kCurvature };
+
 struct BundleReport {
   bool usable = false;
   double cost = 0.0;
@@ -115,7 +125,7 @@ struct BundleReport {
 
 // Minimises model.Cost(state), starting from *state. The model has
 //   double Cost(const State&) const                        not finite where it has no meaning,
-//   void Linearize(const State&, NormalEquations<C>*) const  at a place of finite cost,
+//   void Linearize(const State&, Bend, NormalEquations<C>*) const  at a place of finite cost,
 //   State Moved(const State&, const BundleStep<C>&) const.
 // Damping follows Nielsen (1999). Unusable, and *state unchanged, when the cost is not finite at
 // the start.
@@ -125,6 +135,7 @@ BundleReport MinimizeBundle(const BundleLayout& layout,
                             const Model& model,
                             State* state) {
   constexpr double kGiveUp = 1e10;  // damping at which a step is nothing against the parameters
+  constexpr double kNear = 0.03;    // relative decrease from which on curvatures hold
   BundleReport report;
   report.cost = model.Cost(*state);
   if (!std::isfinite(report.cost)) return report;
@@ -132,12 +143,13 @@ BundleReport MinimizeBundle(const BundleLayout& layout,
   double damping = options.first_damping, growth = 2.0;
   NormalEquations<C> normal;
   BundleStep<C> step;
+  Bend bend = Bend::kWeights;
   bool converged = false;
   while (!converged && report.iterations < options.max_iterations) {
     LeaveIfStopped();
     ++report.iterations;
     normal.SetZero(layout);
-    model.Linearize(*state, &normal);
+    model.Linearize(*state, bend, &normal);
     bool moved = false;
     while (!moved && damping < kGiveUp) {
       if (SolveDamped(layout, normal, damping, &step)) {
@@ -145,7 +157,9 @@ BundleReport MinimizeBundle(const BundleLayout& layout,
         const double cost = model.Cost(next);
         const double gain = (report.cost - cost) / step.predicted;
         if (cost <= report.cost && gain > 0.0) {
-          converged = report.cost - cost <= options.function_tolerance * report.cost;
+          const double decrease = (report.cost - cost) / report.cost;
+          converged = decrease <= options.function_tolerance;
+          bend = decrease < kNear ? Bend::kCurvature : Bend::kWeights;
           *state = std::move(next);
           report.cost = cost;
           moved = true;
@@ -157,10 +171,13 @@ BundleReport MinimizeBundle(const BundleLayout& layout,
         // Nothing left to gain: rounding decides.
         if (step.predicted <= options.function_tolerance * report.cost * 1e-3) break;
       }
+      if (bend == Bend::kCurvature) break;
       damping *= growth;
       growth *= 2.0;
     }
-    if (!moved) break;
+    if (moved) continue;
+    if (bend == Bend::kWeights) break;
+    bend = Bend::kWeights;
   }
   return report;
 }

@@ -93,8 +93,8 @@ class Model : public BundleModel<kMetricCamera, CalibratedCamera> {
     return cost;
   }
 
-  void Linearize(const State& state, NormalEquations<kMetricCamera>* normal) const {
-    BundleModel::Linearize(state, normal);
+  void Linearize(const State& state, Bend bend, NormalEquations<kMetricCamera>* normal) const {
+    BundleModel::Linearize(state, bend, normal);
     for (size_t i = 0; i < state.cameras.size(); ++i) {
       const auto& [camera, pose] = state.cameras[i];
       auto& U = normal->U[i];
@@ -190,7 +190,7 @@ void FillCovariance(const MultiviewTracks& tracks,
   if (!std::isfinite(cost)) return;
   NormalEquations<kMetricCamera> normal;
   normal.SetZero(used.layout);
-  model.Linearize(state, &normal);
+  model.Linearize(state, Bend::kWeights, &normal);
   const int tangent = estimate_k1 ? kMetricCamera : kMetricCamera - 1;  // k1 comes last
   TangentBases<kMetricCamera> bases = model.FeatureBases(state);
   bases.cameras.assign(

@@ -22,8 +22,8 @@ class Model : public BundleModel<kProjectiveCamera, CameraMatrix> {
  public:
   using BundleModel::BundleModel;
 
-  void Linearize(const State& state, NormalEquations<kProjectiveCamera>* normal) const {
-    BundleModel::Linearize(state, normal);
+  void Linearize(const State& state, Bend bend, NormalEquations<kProjectiveCamera>* normal) const {
+    BundleModel::Linearize(state, bend, normal);
     // Scales of cameras, as those of points.
     for (size_t i = 0; i < normal->U.size(); ++i) {
       const CameraVector p = Stacked(state.cameras[i]);
@@ -110,7 +110,7 @@ std::optional<BundleCovariance> ProjectiveCovariance(const MultiviewTracks& trac
   if (!std::isfinite(cost)) return std::nullopt;
   NormalEquations<kProjectiveCamera> normal;
   normal.SetZero(used.layout);
-  model.Linearize(state, &normal);
+  model.Linearize(state, Bend::kWeights, &normal);
   TangentBases<kProjectiveCamera> bases = model.FeatureBases(state);
   for (const CameraMatrix& P : state.cameras) {
     bases.cameras.push_back(SphereTangent<kProjectiveCamera>(Stacked(P)));

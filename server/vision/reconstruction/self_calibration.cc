@@ -9,6 +9,7 @@
 #include "server/base/status_macros.h"
 #include "server/vision/reconstruction/calibration_starts.h"
 #include "server/vision/reconstruction/chirality.h"
+#include "server/vision/reconstruction/few_features.h"
 #include "server/vision/reconstruction/pose_alignment.h"
 
 namespace horopter {
@@ -16,6 +17,9 @@ namespace {
 
 constexpr double kDistinctLogFocal = 0.1;  // log of the ratio; nearer solutions are one
 constexpr double kMinInFront = 0.9;        // share of points before the cameras in a start
+// Observations of a view and sweeps that show which minimum a start ends in.
+constexpr int kFewOfView = 40;
+constexpr int kFewIterations = 12;
 
 template <typename... Arguments>
 std::string Text(const char* format, Arguments... arguments) {
@@ -145,6 +149,50 @@ double AlternativeGap(const std::vector<Candidate>& found) {
   return std::numeric_limits<double>::infinity();
 }
 
+void SortCandidates(std::vector<Candidate>* found) {
+  std::stable_sort(found->begin(), found->end(), [](const Candidate& x, const Candidate& y) {
+    if (x.dropped != y.dropped) return x.dropped < y.dropped;
+    return x.summary.cost < y.summary.cost;
+  });
+}
+
+// The minima that the starts end in, adjusted on few features, as candidates of all features; in
+// the order of SortCandidates. starts: counts those tried. Errors: CANCELLED.
+absl::StatusOr<std::vector<Candidate>> Minima(const MultiviewTracks& tracks,
+                                              const ProjectiveScene& scene,
+                                              std::span<const ViewPrior> priors,
+                                              int cameras,
+                                              const SelfCalibrationOptions& options,
+                                              const StopRequested& stop,
+                                              int* starts) {
+  CalibratedBundleOptions rough = options.bundle;
+  rough.loss = RobustLoss::kCauchy;
+  rough.max_iterations = std::min(kFewIterations, rough.max_iterations);
+  std::vector<Candidate> found;
+  for (const CalibratedScene& start : FindCalibrationStarts(tracks, scene, priors, options)) {
+    if (IsStopRequested(stop)) return absl::CancelledError("self-calibration: cancelled");
+    ++*starts;
+    Candidate candidate{start, 0, {}};
+    candidate.dropped = DropMirroredViews(tracks, scene, &candidate.scene);
+    if (3 * candidate.dropped > cameras) continue;
+    AlignToPoses(priors, &candidate.scene);
+    CalibratedScene few = OnFewFeatures(tracks, scene, kFewOfView, candidate.scene);
+    candidate.summary = AdjustCalibrated(tracks, scene, priors, rough, &few);
+    if (!candidate.summary.usable) continue;
+    candidate.scene = std::move(few);
+    found.push_back(std::move(candidate));
+  }
+  SortCandidates(&found);
+  std::vector<Candidate> distinct;
+  for (Candidate& candidate : found) {
+    const bool known = std::any_of(distinct.begin(), distinct.end(), [&](const Candidate& other) {
+      return other.dropped == candidate.dropped && SameCalibration(other.scene, candidate.scene);
+    });
+    if (!known) distinct.push_back(std::move(candidate));
+  }
+  return distinct;
+}
+
 // Cameras that fit, those with fewest mirrored views first, then cheapest first. cameras: in the
 // scene; starts: counts those tried. Errors: CANCELLED.
 absl::StatusOr<std::vector<Candidate>> PlausibleCalibrations(const MultiviewTracks& tracks,
@@ -154,25 +202,20 @@ absl::StatusOr<std::vector<Candidate>> PlausibleCalibrations(const MultiviewTrac
                                                              const SelfCalibrationOptions& options,
                                                              const StopRequested& stop,
                                                              int* starts) {
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<Candidate> minima,
+                            Minima(tracks, scene, priors, cameras, options, stop, starts));
+  CalibratedBundleOptions bundle = options.bundle;
+  bundle.loss = RobustLoss::kCauchy;
   std::vector<Candidate> found;
-  for (const CalibratedScene& start : FindCalibrationStarts(tracks, scene, priors, options)) {
+  for (Candidate& candidate : minima) {
+    TriangulateOthers(tracks, scene, &candidate.scene);
     if (IsStopRequested(stop)) return absl::CancelledError("self-calibration: cancelled");
-    ++*starts;
-    Candidate candidate{start, 0, {}};
-    candidate.dropped = DropMirroredViews(tracks, scene, &candidate.scene);
-    if (3 * candidate.dropped > cameras) continue;
-    AlignToPoses(priors, &candidate.scene);
-    CalibratedBundleOptions bundle = options.bundle;
-    bundle.loss = RobustLoss::kCauchy;
     candidate.summary = AdjustCalibrated(tracks, scene, priors, bundle, &candidate.scene);
     if (!candidate.summary.usable) continue;
     if (InFront(tracks, scene, candidate.scene) < kMinInFront) continue;
     found.push_back(std::move(candidate));
   }
-  std::stable_sort(found.begin(), found.end(), [](const Candidate& x, const Candidate& y) {
-    if (x.dropped != y.dropped) return x.dropped < y.dropped;
-    return x.summary.cost < y.summary.cost;
-  });
+  SortCandidates(&found);
   return found;
 }
 

@@ -121,20 +121,25 @@ std::optional<Eigen::Matrix3d> Ransac(const Matches& m,
   return best;
 }
 
-// Distances of matches from a homography in sigmas, capped; not a number is far.
-std::vector<double> HomographyDistances(const Matches& m,
-                                        const std::vector<int>& matches,
-                                        const Eigen::Matrix3d& H) {
-  std::vector<double> out;
-  for (const int k : matches) {
-    // Noise of a as H carries it over, and noise of b.
-    const Eigen::Matrix2d J = TransferJacobian(H, m.a[k]);
-    const Eigen::Matrix2d S = m.variance[k] * (J * J.transpose() + Eigen::Matrix2d::Identity());
-    const Eigen::Vector2d d = Transfer(H, m.a[k]) - m.b[k];
-    const double e = d.dot(S.inverse() * d);
-    out.push_back(e < kParallaxCap * kParallaxCap ? std::sqrt(e) : kParallaxCap);
-  }
-  return out;
+// Distance of a match from a homography in sigmas, capped; not a number is far.
+double HomographyDistance(const Matches& m, int k, const Eigen::Matrix3d& H) {
+  // Noise of a as H carries it over, and noise of b.
+  const Eigen::Matrix2d J = TransferJacobian(H, m.a[k]);
+  const Eigen::Matrix2d S = m.variance[k] * (J * J.transpose() + Eigen::Matrix2d::Identity());
+  const Eigen::Vector2d d = Transfer(H, m.a[k]) - m.b[k];
+  const double e = d.dot(S.inverse() * d);
+  return e < kParallaxCap * kParallaxCap ? std::sqrt(e) : kParallaxCap;
+}
+
+// The collineation that takes the unit points and (1, 1, 1) to four points; nothing when three of
+// them are on one line.
+std::optional<Eigen::Matrix3d> FromUnitPoints(const std::array<Eigen::Vector2d, 4>& x) {
+  Eigen::Matrix3d corners;
+  for (int i = 0; i < 3; ++i) corners.col(i) = x[i].homogeneous();
+  const Eigen::Vector3d scale = corners.inverse() * x[3].homogeneous();
+  const Eigen::Matrix3d H = corners * scale.asDiagonal();
+  if (!H.allFinite() || !(scale.cwiseAbs().minCoeff() > 1e-9)) return std::nullopt;
+  return H;
 }
 
 // How many inliers of F the best of some homographies leaves unexplained, and by how much.
@@ -145,22 +150,32 @@ void MeasureParallax(const Matches& m, std::mt19937* rng, ViewPair* pair) {
   }
   const int n = static_cast<int>(inliers.size());
   const double gate = std::sqrt(kOffPlaneChi2);
-  std::vector<double> best;
+  std::vector<double> best, distance;
   int best_off = n + 1;
   const auto consider = [&](const std::optional<Eigen::Matrix3d>& H) {
     if (!H) return false;
-    std::vector<double> distance = HomographyDistances(m, inliers, *H);
-    const int off = static_cast<int>(
-        std::count_if(distance.begin(), distance.end(), [&](double d) { return d >= gate; }));
-    if (off >= best_off) return false;
+    distance.clear();
+    int off = 0;
+    for (const int k : inliers) {
+      distance.push_back(HomographyDistance(m, k, *H));
+      off += distance.back() >= gate;
+      if (off >= best_off) return false;
+    }
     best_off = off;
-    best = std::move(distance);
+    best = distance;
     return true;
   };
+  std::vector<PointPair> pairs;
   for (int trial = 0; trial < kHomographyTrials && best_off > 0; ++trial) {
-    std::vector<PointPair> pairs;
-    for (const int k : Sample<4>(rng, n)) pairs.push_back({m.a[inliers[k]], m.b[inliers[k]]});
-    bool better = consider(FitHomography(pairs));
+    std::array<Eigen::Vector2d, 4> a, b;
+    const auto sample = Sample<4>(rng, n);
+    for (int i = 0; i < 4; ++i) {
+      a[i] = m.a[inliers[sample[i]]];
+      b[i] = m.b[inliers[sample[i]]];
+    }
+    const auto from_a = FromUnitPoints(a), from_b = FromUnitPoints(b);
+    if (!from_a || !from_b) continue;
+    bool better = consider(Eigen::Matrix3d(*from_b * from_a->inverse()));
     for (int refit = 0; refit < kHomographyRefits && better; ++refit) {
       pairs.clear();
       for (int k = 0; k < n; ++k) {

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "server/vision/reconstruction/intersection_resection.h"
+#include "server/vision/reconstruction/robust_curvature.h"
 #include "tests/support/synthetic_tracks.h"
 
 namespace horopter {
@@ -27,6 +28,22 @@ TEST(RobustLoss, WeightIsTheDerivativeOfTheCostOverTheResidual) {
     }
     EXPECT_EQ(RobustWeight(loss, 0.0, c), 1.0);
     EXPECT_EQ(RobustWeight(loss, std::nan(""), c), 0.0);
+  }
+}
+
+TEST(RobustLoss, CurvatureIsTheSecondDerivativeOfTheCostOverTheWeight) {
+  for (const RobustLoss loss : kLosses) {
+    const double c = TuningConstant(loss);
+    const auto slope = [&](double r) { return RobustWeight(loss, r, c) * r; };
+    for (double r = 0.05; r < 12.0; r += 0.1) {
+      if (std::abs(r - c) < 0.02) continue;  // the kink
+      const double weight = RobustWeight(loss, r, c);
+      const double bend = (slope(r + 1e-6) - slope(r - 1e-6)) / 2e-6;
+      const double expected = weight > 0.0 ? bend / weight : kLeastCurvature;
+      EXPECT_NEAR(std::max(kLeastCurvature, expected), RobustCurvature(loss, r, c), 1e-6)
+          << static_cast<int>(loss) << " " << r;
+    }
+    EXPECT_EQ(RobustCurvature(loss, 0.0, c), 1.0);
   }
 }
 

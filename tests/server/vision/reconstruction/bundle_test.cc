@@ -228,13 +228,22 @@ Problem RandomProblem(unsigned seed) {
     const auto r = random.In<Eigen::Vector2d>(-1, 1);
     const auto J_camera = random.In<Eigen::Matrix<double, 2, 10>>(-1, 1);
     const auto J_feature = random.In<FeatureJacobian>(-1, 1);
-    const double weight = random(0.1, 1.0);
-    p.normal.Add(
-        static_cast<int>(k), p.layout.camera[k], feature_of[k], weight, r, J_camera, J_feature);
+    const double weight = random(0.1, 1.0), curvature = random(0.1, 1.0);
+    p.normal.Add(static_cast<int>(k),
+                 p.layout.camera[k],
+                 feature_of[k],
+                 weight,
+                 curvature,
+                 r,
+                 J_camera,
+                 J_feature);
     Eigen::MatrixXd J = Eigen::MatrixXd::Zero(2, n);
     J.middleCols(10 * p.layout.camera[k], 10) = J_camera;
     J.middleCols(at + 4 * feature_of[k], 4) = J_feature;
-    p.A += weight * J.transpose() * J;
+    const Eigen::Vector2d along = r.normalized();
+    const Eigen::Matrix2d bend =
+        Eigen::Matrix2d::Identity() - (1.0 - curvature) * along * along.transpose();
+    p.A += weight * J.transpose() * bend * J;
     p.g += weight * J.transpose() * r;
   }
   return p;
