@@ -9,7 +9,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kFunctionTolerance = 1e-7;  // relative change of the cost; adjusted again later
+constexpr double kFunctionTolerance = 1e-6;  // relative change of the cost; adjusted again later
 
 using State = BundleState<CalibratedCamera>;
 
