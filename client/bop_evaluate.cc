@@ -3,8 +3,10 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "client/ply_vertices.h"
@@ -27,7 +29,8 @@ struct EvaluatedObject {
 
 // Raw figures of one scene or of several.
 struct Samples {
-  std::vector<double> mspd, mssd, recall_10px, precision, rel_mm, rel_deg, focal_error, seconds;
+  std::vector<double> mspd, mssd, recall_10px, own_10px, precision, rel_mm, rel_deg, focal_error,
+      seconds;
   int scenes = 0;
 
   void Append(const Samples& other) {
@@ -37,6 +40,7 @@ struct Samples {
     add(mspd, other.mspd);
     add(mssd, other.mssd);
     add(recall_10px, other.recall_10px);
+    add(own_10px, other.own_10px);
     add(precision, other.precision);
     add(rel_mm, other.rel_mm);
     add(rel_deg, other.rel_deg);
@@ -67,24 +71,42 @@ double Recall(double error, double scale) {
   return static_cast<double>(below) / kThresholds;
 }
 
-Eigen::Vector2d ProjectWithK(const Eigen::Matrix3d& K, const Eigen::Vector3d& p) {
-  if (p.z() <= 0.0) return {1e6, 1e6};
-  const Eigen::Vector3d x = K * p;
-  const double z = std::abs(x.z()) < 1e-12 ? 1e-12 : x.z();
-  return x.head<2>() / z;
+// K and k1 k2 p1 p2 of OpenCV's model.
+struct Lens {
+  Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
+  std::array<double, 4> distortion = {0.0, 0.0, 0.0, 0.0};
+};
+
+Lens LensOf(const Eigen::Matrix3d& K, const std::vector<double>& distortion) {
+  Lens lens{K};
+  std::copy_n(distortion.begin(), std::min<size_t>(4, distortion.size()), lens.distortion.begin());
+  return lens;
 }
 
+Eigen::Vector2d Project(const Lens& lens, const Eigen::Vector3d& p) {
+  if (p.z() <= 0.0) return {1e6, 1e6};
+  const auto& [k1, k2, p1, p2] = lens.distortion;
+  const double x = p.x() / p.z(), y = p.y() / p.z(), r2 = x * x + y * y;
+  const double radial = 1.0 + r2 * (k1 + r2 * k2);
+  const Eigen::Vector3d distorted(x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+                                  y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+                                  1.0);
+  return (lens.K * distorted).head<2>();
+}
+
+// Of the estimate seen by one camera and the truth seen by another.
 double Mspd(const Rigid3& estimate,
+            const Lens& of_estimate,
             const Rigid3& truth,
-            const EvaluatedObject& object,
-            const Eigen::Matrix3d& K) {
+            const Lens& of_truth,
+            const EvaluatedObject& object) {
   double best = std::numeric_limits<double>::infinity();
   for (const Rigid3& s : object.symmetries) {
     const Rigid3 g = truth * s;
     double worst = 0.0;
     for (const Eigen::Vector3d& p : object.points) {
-      worst =
-          std::max(worst, (ProjectWithK(K, estimate * p) - ProjectWithK(K, g * p)).squaredNorm());
+      worst = std::max(
+          worst, (Project(of_estimate, estimate * p) - Project(of_truth, g * p)).squaredNorm());
     }
     best = std::min(best, worst);
   }
@@ -140,35 +162,43 @@ RelativeError RelativePoseError(const Rigid3& estimate_x,
 
 struct Match {
   Rigid3 estimate;
-  double mspd_px = 0.0;
+  double mspd_px = 0.0;  // by the true camera, without its lens
+  double own_px = 0.0;   // the estimate by the camera of its answer, the truth by the true one
 };
 
-// Greedy matching of one image, best score first.
+// Greedy matching of one image, best score first. own: of the answer; without one the true camera.
 std::map<size_t, Match> MatchImage(const BopImage& image,
                                    std::vector<const BopEstimate*> estimates,
                                    const std::map<int, EvaluatedObject>& objects,
+                                   const std::optional<Lens>& own,
                                    Samples& samples) {
   const double width = image.camera.width > 0 ? image.camera.width : kReferenceWidth;
+  const Lens pinhole{image.K}, lens = LensOf(image.K, image.distortion);
   std::stable_sort(estimates.begin(), estimates.end(), [](const auto* a, const auto* b) {
     return a->score > b->score;
   });
   std::map<size_t, Match> matches;
   for (const BopEstimate* e : estimates) {
-    double best = std::numeric_limits<double>::infinity();
+    Match best;
+    double least = std::numeric_limits<double>::infinity();
     size_t best_instance = 0;
     for (size_t j = 0; j < image.instances.size(); ++j) {
       const BopInstance& truth = image.instances[j];
       if (truth.obj_id != e->obj_id || matches.contains(j)) continue;
-      const double px =
-          Mspd(e->camera_from_object, truth.camera_from_object, objects.at(e->obj_id), image.K) /
-          (width / kReferenceWidth);
-      if (px < best) {
-        best = px;
+      const EvaluatedObject& object = objects.at(e->obj_id);
+      const Rigid3 &estimate = e->camera_from_object, &pose = truth.camera_from_object;
+      const double to_reference = kReferenceWidth / width;
+      Match match{estimate, to_reference * Mspd(estimate, pinhole, pose, pinhole, object), 0.0};
+      match.own_px = own ? to_reference * Mspd(estimate, *own, pose, lens, object) : match.mspd_px;
+      const double px = std::min(match.mspd_px, match.own_px);
+      if (px < least) {
+        least = px;
+        best = match;
         best_instance = j;
       }
     }
-    if (best < kMatchPx) matches[best_instance] = {e->camera_from_object, best};
-    samples.precision.push_back(best < kMatchPx ? 1.0 : 0.0);
+    if (least < kMatchPx) matches[best_instance] = best;
+    samples.precision.push_back(least < kMatchPx ? 1.0 : 0.0);
   }
   return matches;
 }
@@ -176,21 +206,24 @@ std::map<size_t, Match> MatchImage(const BopImage& image,
 void EvaluateImage(const BopImage& image,
                    const std::vector<const BopEstimate*>& estimates,
                    const std::map<int, EvaluatedObject>& objects,
+                   const std::optional<Lens>& own,
                    double min_visib,
                    Samples& samples) {
-  const std::map<size_t, Match> matches = MatchImage(image, estimates, objects, samples);
+  const std::map<size_t, Match> matches = MatchImage(image, estimates, objects, own, samples);
   for (size_t j = 0; j < image.instances.size(); ++j) {
     const BopInstance& truth = image.instances[j];
     if (truth.visib_fract < min_visib) continue;
-    double px = 1e9, share = 1e9;
+    double px = 1e9, own_px = 1e9, share = 1e9;
     if (const auto it = matches.find(j); it != matches.end()) {
       const EvaluatedObject& object = objects.at(truth.obj_id);
       px = it->second.mspd_px;
+      own_px = it->second.own_px;
       share = Mssd(it->second.estimate, truth.camera_from_object, object) / object.diameter_m;
     }
     samples.mspd.push_back(Recall(px, 100.0));
     samples.mssd.push_back(Recall(share, 1.0));
     samples.recall_10px.push_back(px < 10.0 ? 1.0 : 0.0);
+    samples.own_10px.push_back(own_px < 10.0 ? 1.0 : 0.0);
   }
   for (const auto& [x, mx] : matches) {
     for (const auto& [y, my] : matches) {
@@ -241,12 +274,26 @@ BopScores Summarize(const Samples& s) {
   scores.ar_mssd = Mean(s.mssd);
   scores.ar = (scores.ar_mspd + scores.ar_mssd) / 2.0;
   scores.recall_10px = Mean(s.recall_10px);
+  scores.own_10px = Mean(s.own_10px);
   scores.precision = Mean(s.precision);
   scores.rel_mm = Median(s.rel_mm);
   scores.rel_deg = Median(s.rel_deg);
   scores.focal_error = Median(s.focal_error);
   scores.seconds_per_set = Median(s.seconds);
   return scores;
+}
+
+// The camera that an answer gives an image.
+std::optional<Lens> OwnCamera(const BopResults& results, int scene_id, int im_id) {
+  const auto cameras = results.cameras.find(scene_id);
+  if (cameras == results.cameras.end()) return std::nullopt;
+  const auto camera = cameras->second.find(im_id);
+  if (camera == cameras->second.end()) return std::nullopt;
+  const auto distortions = results.distortions.find(scene_id);
+  if (distortions == results.distortions.end()) return Lens{camera->second};
+  const auto distortion = distortions->second.find(im_id);
+  return distortion == distortions->second.end() ? Lens{camera->second}
+                                                 : LensOf(camera->second, distortion->second);
 }
 
 Samples EvaluateScene(const BopScene& scene,
@@ -263,14 +310,11 @@ Samples EvaluateScene(const BopScene& scene,
     seconds = e.time_s;
   }
   if (seconds >= 0.0) samples.seconds.push_back(seconds);
-  const auto cameras = results.cameras.find(scene.scene_id);
   for (const BopImage& image : scene.images) {
     if (image.camera.focal_px <= 0.0) continue;  // not in scene_camera.json
-    EvaluateImage(image, by_image[image.im_id], objects, min_visib, samples);
-    if (cameras == results.cameras.end()) continue;
-    if (const auto it = cameras->second.find(image.im_id); it != cameras->second.end()) {
-      samples.focal_error.push_back(std::abs(it->second(0, 0) / image.K(0, 0) - 1.0));
-    }
+    const std::optional<Lens> own = OwnCamera(results, scene.scene_id, image.im_id);
+    EvaluateImage(image, by_image[image.im_id], objects, own, min_visib, samples);
+    if (own) samples.focal_error.push_back(std::abs(own->K(0, 0) / image.K(0, 0) - 1.0));
   }
   return samples;
 }

@@ -26,6 +26,9 @@ struct BopScores {
   double ar_mspd = 0.0;  // average recall over 5..50 px at an image width of 640
   double ar_mssd = 0.0;  // over 5..50 % of the diameter, in the camera frame
   double recall_10px = 0.0;
+  // The same with the estimate seen by the camera of its own answer and the truth by the true one,
+  // lenses included: what the images decide when nothing is known of the cameras.
+  double own_10px = 0.0;
   double precision =
       0.0;  // share of estimates within 50 px of an instance of their object, however visible
   double rel_mm =
@@ -49,8 +52,8 @@ struct BopEvaluation {
 };
 
 // Estimates are matched per image, best score first, each to the unused instance of its object with
-// the smallest MSPD below 50 px. Symmetries are honoured; the lens distortion is not (K alone
-// projects), as BOP does. Errors: NOT_FOUND, INVALID_ARGUMENT (dataset without meshes or
+// the smallest MSPD below 50 px, by the true camera or by the answer's own. Symmetries are honoured;
+// the lens distortion is not (K alone projects), as BOP does, but where own cameras project. Errors: NOT_FOUND, INVALID_ARGUMENT (dataset without meshes or
 // models_info.json, broken file).
 absl::StatusOr<BopEvaluation> EvaluateBopResults(const BopDataset& dataset,
                                                  const std::string& split,

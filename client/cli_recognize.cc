@@ -11,6 +11,8 @@ namespace {
 const std::map<std::string, DatasetHints> kHints = {{"none", DatasetHints::kNone},
                                                     {"focal", DatasetHints::kFocal},
                                                     {"truth", DatasetHints::kTruth}};
+constexpr const char* kCroppedHelp =
+    "the images are cut-outs: the cameras' principal points may be far from their middles";
 
 void AddEnroll(CLI::App& dataset, Command* command) {
   auto folder = std::make_shared<std::string>();
@@ -41,6 +43,7 @@ void AddDatasetRecognize(CLI::App& dataset, Command* command) {
                    "what the server is told of the cameras: none (default), focal (the true focal "
                    "length), truth (principal point and distortion as well)")
       ->transform(CLI::CheckedTransformer(kHints));
+  recognize->add_flag("--cropped", a->cropped, kCroppedHelp);
   recognize->callback(
       [=] { *command = [a](HoropterClient& c) { return DatasetRecognize(c, *a); }; });
 }
@@ -85,10 +88,7 @@ void AddSceneOptions(CLI::App* command, RecognizeArguments& a) {
                       a.cameras.camera,
                       "calibration, one for all images or one for each: camera_info YAML of ROS "
                       "or YAML of OpenCV's calibration; scaled to the image's size");
-  command->add_flag("--cropped",
-                    a.cropped,
-                    "the images are cut-outs: the cameras' principal points may be far from their "
-                    "middles");
+  command->add_flag("--cropped", a.cropped, kCroppedHelp);
   command->add_flag("--ignore-exif",
                     a.ignore_exif,
                     "do not use the focal lengths that the images' files give (Exif)");

@@ -72,6 +72,7 @@ struct DatasetRecognizeArguments {
   std::vector<int> scenes;  // empty: all
   int max_images = 0;       // per scene, spread evenly; 0: all
   DatasetHints hints = DatasetHints::kNone;
+  bool cropped = false;  // the images are cut-outs
 };
 absl::Status DatasetRecognize(HoropterClient& client, const DatasetRecognizeArguments& arguments);
 

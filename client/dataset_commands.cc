@@ -62,6 +62,7 @@ nlohmann::json ToJson(const BopScores& s) {
           {"MSPD", s.ar_mspd},
           {"MSSD", s.ar_mssd},
           {"R10", s.recall_10px},
+          {"own10", s.own_10px},
           {"precision", s.precision},
           {"rel_mm", s.rel_mm},
           {"rel_deg", s.rel_deg},
@@ -70,7 +71,7 @@ nlohmann::json ToJson(const BopScores& s) {
 }
 
 void PrintScores(const std::string& tier, const BopScores& s) {
-  Say("%5s %6d %7d %6.3f %6.3f %6.3f %6.3f %6.3f %7.2f %7.2f %6.3f %7.2f\n",
+  Say("%5s %6d %7d %6.3f %6.3f %6.3f %6.3f %6.3f %6.3f %7.2f %7.2f %6.3f %7.2f\n",
       tier.c_str(),
       s.scenes,
       s.targets,
@@ -78,6 +79,7 @@ void PrintScores(const std::string& tier, const BopScores& s) {
       s.ar_mspd,
       s.ar_mssd,
       s.recall_10px,
+      s.own_10px,
       s.precision,
       s.rel_mm,
       s.rel_deg,
@@ -100,8 +102,9 @@ absl::Status DatasetRecognize(HoropterClient& client, const DatasetRecognizeArgu
     HOROPTER_ASSIGN_OR_RETURN(const BopScene scene,
                               ReadBopScene(arguments.dataset, arguments.split, scenes[k]));
     const auto images = ImagesToSend(scene, arguments.max_images);
-    HOROPTER_ASSIGN_OR_RETURN(const v1::RecognizeSceneRequest request,
+    HOROPTER_ASSIGN_OR_RETURN(v1::RecognizeSceneRequest request,
                               SceneRequestOf(images, arguments.hints));
+    for (v1::SceneImage& image : *request.mutable_images()) image.set_cropped(arguments.cropped);
     const auto start = std::chrono::steady_clock::now();
     const auto response = client.RecognizeScene(request);
     const double seconds =
@@ -149,7 +152,7 @@ absl::Status DatasetEvaluate(const DatasetEvaluateArguments& arguments) {
     std::printf("%s\n", json.dump(1).c_str());
     return absl::OkStatus();
   }
-  Say("%5s %6s %7s %6s %6s %6s %6s %6s %7s %7s %6s %7s\n",
+  Say("%5s %6s %7s %6s %6s %6s %6s %6s %6s %7s %7s %6s %7s\n",
       "tier",
       "scenes",
       "targets",
@@ -157,6 +160,7 @@ absl::Status DatasetEvaluate(const DatasetEvaluateArguments& arguments) {
       "MSPD",
       "MSSD",
       "R@10",
+      "own10",
       "prec",
       "rel-mm",
       "rel-deg",

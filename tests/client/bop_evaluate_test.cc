@@ -72,6 +72,36 @@ TEST(BopEvaluate, TruthScoresOne) {
   EXPECT_DOUBLE_EQ(s.seconds_per_set, 3.0);
 }
 
+TEST(BopEvaluate, ByItsOwnCameraAnAnswerMayBeRightWhereTheTrueOneSaysWrong) {
+  // What a cut-out's principal point does: all is turned a little, and seen in the same place.
+  const Sample sample;
+  BopResults results = sample.Truth();
+  const double shift_px = 120.0;
+  for (auto& [image, K] : results.cameras[1]) K(0, 2) += shift_px;
+  for (BopEstimate& e : results.estimates) {
+    const double focal_px = sample.scene.images[static_cast<size_t>(e.im_id)].K(0, 0);
+    e.camera_from_object.t.x() -= shift_px / focal_px * e.camera_from_object.t.z();
+  }
+  const BopScores s = sample.Score(results);
+  EXPECT_DOUBLE_EQ(s.precision, 1.0);
+  EXPECT_DOUBLE_EQ(s.recall_10px, 0.0);
+  EXPECT_DOUBLE_EQ(s.own_10px, 1.0);
+  for (BopEstimate& e : results.estimates) e.camera_from_object.t.x() += 0.5;
+  EXPECT_DOUBLE_EQ(sample.Score(results).own_10px, 0.0);
+  EXPECT_DOUBLE_EQ(sample.Score({}).own_10px, 0.0);
+}
+
+TEST(BopEvaluate, TheLensesOfAnAnswerCountByItsOwnCamera) {
+  const Sample sample;
+  BopResults results = sample.Truth();
+  EXPECT_DOUBLE_EQ(sample.Score(results).own_10px, 1.0);
+  for (const BopImage& image : sample.scene.images) {
+    results.distortions[1][image.im_id] = {-8.0, 0.0, 0.0, 0.0};
+  }
+  EXPECT_LT(sample.Score(results).own_10px, 1.0);
+  EXPECT_DOUBLE_EQ(sample.Score(results).recall_10px, 1.0);
+}
+
 TEST(BopEvaluate, SymmetricPosesAreEqual) {
   const Sample sample;
   BopResults results = sample.Truth();
