@@ -6,6 +6,8 @@
 #include <array>
 #include <cmath>
 
+#include "server/vision/features/ellipse_frame.h"
+
 namespace horopter {
 namespace {
 
@@ -29,12 +31,41 @@ double LargestRoot(double trace, double minors, double determinant) {
   return x;
 }
 
-double AngleOf(const EllipseArc& arc, const Eigen::Vector2d& point) {
-  const double c = std::cos(arc.angle_rad), s = std::sin(arc.angle_rad);
-  const Eigen::Vector2d q = point - arc.center;
-  return std::atan2((-s * q.x() + c * q.y()) / arc.semi_minor_px,
-                    (c * q.x() + s * q.y()) / arc.semi_major_px);
-}
+// Sums of x^i y^j over points, of all monomials that the scatter of conics is made of.
+struct PowerSums {
+  double n = 0, x = 0, y = 0, xx = 0, xy = 0, yy = 0, xxx = 0, xxy = 0, xyy = 0, yyy = 0, xxxx = 0,
+         xxxy = 0, xxyy = 0, xyyy = 0, yyyy = 0;
+
+  void Add(double px, double py) {
+    const double pxx = px * px, pxy = px * py, pyy = py * py;
+    n += 1.0;
+    x += px;
+    y += py;
+    xx += pxx;
+    xy += pxy;
+    yy += pyy;
+    xxx += pxx * px;
+    xxy += pxx * py;
+    xyy += pyy * px;
+    yyy += pyy * py;
+    xxxx += pxx * pxx;
+    xxxy += pxx * pxy;
+    xxyy += pxx * pyy;
+    xyyy += pyy * pxy;
+    yyyy += pyy * pyy;
+  }
+
+  Eigen::Matrix<double, 6, 6> Scatter() const {
+    Eigen::Matrix<double, 6, 6> S;
+    S << xxxx, xxxy, xxyy, xxx, xxy, xx,  //
+        xxxy, xxyy, xyyy, xxy, xyy, xy,   //
+        xxyy, xyyy, yyyy, xyy, yyy, yy,   //
+        xxx, xxy, xyy, xx, xy, x,         //
+        xxy, xyy, yyy, xy, yy, y,         //
+        xx, xy, yy, x, y, n;
+    return S;
+  }
+};
 
 }  // namespace
 
@@ -99,7 +130,7 @@ std::optional<EllipseArc> EllipseFromConic(const ConicCoefficients& conic) {
   return arc;
 }
 
-std::optional<EllipseArc> FitEllipse(std::span<const Eigen::Vector2f> points) {
+std::optional<EllipseArc> FitWholeEllipse(std::span<const Eigen::Vector2f> points) {
   if (points.size() < 6) {
     return std::nullopt;
   }
@@ -116,15 +147,12 @@ std::optional<EllipseArc> FitEllipse(std::span<const Eigen::Vector2f> points) {
   if (!(scale > 1e-9)) {
     return std::nullopt;
   }
-  Eigen::Matrix<double, 6, 6> scatter = Eigen::Matrix<double, 6, 6>::Zero();
+  PowerSums sums;
   for (const Eigen::Vector2f& p : points) {
     const Eigen::Vector2d q = (p.cast<double>() - mean) / scale;
-    ConicCoefficients monomials;
-    monomials << q.x() * q.x(), q.x() * q.y(), q.y() * q.y(), q.x(), q.y(), 1.0;
-    scatter.selfadjointView<Eigen::Upper>().rankUpdate(monomials);
+    sums.Add(q.x(), q.y());
   }
-  scatter.triangularView<Eigen::StrictlyLower>() = scatter.transpose();
-  const std::optional<ConicCoefficients> conic = EllipseFromScatter(scatter);
+  const std::optional<ConicCoefficients> conic = EllipseFromScatter(sums.Scatter());
   std::optional<EllipseArc> arc = conic ? EllipseFromConic(*conic) : std::nullopt;
   if (!arc) {
     return std::nullopt;
@@ -132,29 +160,24 @@ std::optional<EllipseArc> FitEllipse(std::span<const Eigen::Vector2f> points) {
   arc->center = mean + scale * arc->center;
   arc->semi_major_px *= scale;
   arc->semi_minor_px *= scale;
+  const EllipseFrame frame(*arc);
   double square = 0.0;
   for (const Eigen::Vector2f& p : points) {
-    const double distance = EllipseDistance(*arc, p.cast<double>());
+    const double distance = frame.DistanceOf(p.cast<double>());
     square += distance * distance;
   }
   arc->rms_px = std::sqrt(square / static_cast<double>(points.size()));
-  SpanInOrder(points, &*arc);
+  return arc;
+}
+
+std::optional<EllipseArc> FitEllipse(std::span<const Eigen::Vector2f> points) {
+  std::optional<EllipseArc> arc = FitWholeEllipse(points);
+  if (arc) SpanInOrder(points, &*arc);
   return arc;
 }
 
 double EllipseDistance(const EllipseArc& ellipse, const Eigen::Vector2d& point) {
-  const double c = std::cos(ellipse.angle_rad), s = std::sin(ellipse.angle_rad);
-  const Eigen::Vector2d q = point - ellipse.center;
-  const double u = (c * q.x() + s * q.y()) / ellipse.semi_major_px;
-  const double v = (-s * q.x() + c * q.y()) / ellipse.semi_minor_px;
-  const double radius = std::sqrt(u * u + v * v);
-  if (radius < 1e-9) {
-    return ellipse.semi_minor_px;
-  }
-  // g = radius - 1 is homogeneous of degree one, so g / |grad g| is accurate near the curve.
-  const double su = u / ellipse.semi_major_px, sv = v / ellipse.semi_minor_px;
-  const double slope = std::sqrt(su * su + sv * sv) / radius;
-  return std::abs(radius - 1.0) / slope;
+  return EllipseFrame(ellipse).DistanceOf(point);
 }
 
 Eigen::Vector2d NearestOnEllipse(const EllipseArc& ellipse, const Eigen::Vector2d& point) {
@@ -201,13 +224,15 @@ Eigen::Vector2d NearestOnEllipse(const EllipseArc& ellipse, const Eigen::Vector2
 }
 
 void SpanInOrder(std::span<const Eigen::Vector2f> points, EllipseArc* arc) {
+  const EllipseFrame frame(*arc);
   double travel = 0.0;
-  const double first = AngleOf(*arc, points.front().cast<double>());
+  const double first = frame.AngleOf(points.front().cast<double>());
   double previous = first;
   double lowest = 0.0, highest = 0.0;
   for (const Eigen::Vector2f& p : points) {
-    const double angle = AngleOf(*arc, p.cast<double>());
-    travel += std::remainder(angle - previous, 2.0 * M_PI);
+    const double angle = frame.AngleOf(p.cast<double>());
+    const double turn = angle - previous;  // the shorter way
+    travel += turn > M_PI ? turn - 2.0 * M_PI : turn < -M_PI ? turn + 2.0 * M_PI : turn;
     previous = angle;
     lowest = std::min(lowest, travel);
     highest = std::max(highest, travel);
@@ -218,9 +243,10 @@ void SpanInOrder(std::span<const Eigen::Vector2f> points, EllipseArc* arc) {
 
 double SpanOf(std::span<const Eigen::Vector2f> points, EllipseArc* arc) {
   constexpr int kBins = 72;  // 5 degrees
+  const EllipseFrame frame(*arc);
   std::array<bool, kBins> filled{};
   for (const Eigen::Vector2f& p : points) {
-    const double turn = AngleOf(*arc, p.cast<double>()) / (2.0 * M_PI);
+    const double turn = frame.AngleOf(p.cast<double>()) / (2.0 * M_PI);
     filled[static_cast<int>((turn - std::floor(turn)) * kBins) % kBins] = true;
   }
   int longest = 0, gap_end = 0, run = 0;

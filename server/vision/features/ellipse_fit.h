@@ -29,6 +29,9 @@ std::optional<EllipseArc> EllipseFromConic(const ConicCoefficients& conic);
 // anything (SpanOf finds it for unordered ones). Empty for collinear or too few points.
 std::optional<EllipseArc> FitEllipse(std::span<const Eigen::Vector2f> points);
 
+// The same without start and sweep, in half of the time.
+std::optional<EllipseArc> FitWholeEllipse(std::span<const Eigen::Vector2f> points);
+
 // First-order distance of a point from the whole ellipse, pixels.
 double EllipseDistance(const EllipseArc& ellipse, const Eigen::Vector2d& point);
 

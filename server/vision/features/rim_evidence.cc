@@ -49,31 +49,43 @@ std::vector<Place> PlacesOn(const EllipseArc& arc) {
 // Slopes across and along the curve, in thresholds.
 using Profile = std::array<Eigen::Vector2f, kOffsets>;
 
-// 0 outside the image.
-Eigen::Vector2f SlopeAt(const GradientField& field,
-                        const Eigen::Vector2f& p,
-                        const Eigen::Vector2f& normal) {
-  const int x = static_cast<int>(p.x() + 0.5f), y = static_cast<int>(p.y() + 0.5f);
-  if (p.x() < 0.0f || p.y() < 0.0f || x >= field.dx.cols || y >= field.dx.rows) {
-    return Eigen::Vector2f::Zero();
+// Slopes of a field in thresholds of their channels.
+class SlopeField {
+ public:
+  explicit SlopeField(const GradientField& field) : field_(field) {
+    for (size_t c = 0; c < scale_.size(); ++c) {
+      scale_[c] = kSumPerSlope / static_cast<float>(field.threshold[c]);
+    }
   }
-  const int channel =
-      field.single_channel >= 0 ? field.single_channel : field.channel.at<uint8_t>(y, x);
-  const float dx = field.dx.at<int16_t>(y, x), dy = field.dy.at<int16_t>(y, x);
-  return kSumPerSlope / static_cast<float>(field.threshold[channel]) *
-         Eigen::Vector2f(normal.x() * dx + normal.y() * dy, normal.x() * dy - normal.y() * dx);
-}
+
+  // 0 outside the image.
+  Eigen::Vector2f At(const Eigen::Vector2f& p, const Eigen::Vector2f& normal) const {
+    const int x = static_cast<int>(p.x() + 0.5f), y = static_cast<int>(p.y() + 0.5f);
+    if (p.x() < 0.0f || p.y() < 0.0f || x >= field_.dx.cols || y >= field_.dx.rows) {
+      return Eigen::Vector2f::Zero();
+    }
+    const int channel =
+        field_.single_channel >= 0 ? field_.single_channel : field_.channel.ptr<uint8_t>(y)[x];
+    const float dx = field_.dx.ptr<int16_t>(y)[x], dy = field_.dy.ptr<int16_t>(y)[x];
+    return scale_[channel] *
+           Eigen::Vector2f(normal.x() * dx + normal.y() * dy, normal.x() * dy - normal.y() * dx);
+  }
+
+ private:
+  const GradientField& field_;
+  std::array<float, 5> scale_{};
+};
 
 // Mean of each offset over the neighbouring places, across without sign.
 std::vector<Profile> Profiles(const std::vector<Place>& places,
-                              const GradientField& field,
+                              const SlopeField& field,
                               int reach) {
   const int n = static_cast<int>(places.size());
   std::vector<Profile> raw(n), mean(n);
   for (int k = 0; k < n; ++k) {
     for (int o = -reach; o <= reach; ++o) {
       raw[k][o + kMaxReach] =
-          SlopeAt(field, places[k].at + static_cast<float>(o) * places[k].normal, places[k].normal);
+          field.At(places[k].at + static_cast<float>(o) * places[k].normal, places[k].normal);
     }
   }
   for (int o = kMaxReach - reach; o <= kMaxReach + reach; ++o) {
@@ -97,7 +109,7 @@ std::vector<RimPoint> MeasureRim(const EllipseArc& ellipse,
   std::vector<RimPoint> rim(places.size());
   for (size_t k = 0; k < places.size(); ++k) rim[k].angle_rad = places[k].angle_rad;
   for (const GradientField& field : fields) {
-    const std::vector<Profile> profiles = Profiles(places, field, reach);
+    const std::vector<Profile> profiles = Profiles(places, SlopeField(field), reach);
     for (size_t k = 0; k < places.size(); ++k) {
       const Profile& v = profiles[k];
       // An end of the reach is no peak: the slope may go on beyond.
@@ -133,14 +145,15 @@ std::vector<Eigen::Vector2f> Thin(const std::vector<Eigen::Vector2f>& points) {
 
 // Fit, then again without the points that lie off.
 std::optional<EllipseArc> FitRobustly(std::vector<Eigen::Vector2f> points, double max_offset_px) {
-  std::optional<EllipseArc> arc = FitEllipse(Thin(points));
+  std::optional<EllipseArc> arc = FitWholeEllipse(Thin(points));
   if (arc) {
+    const EllipseFrame frame(*arc);
     std::vector<Eigen::Vector2f> near;
     for (const Eigen::Vector2f& p : points) {
-      if (EllipseDistance(*arc, p.cast<double>()) <= max_offset_px) near.push_back(p);
+      if (frame.DistanceOf(p.cast<double>()) <= max_offset_px) near.push_back(p);
     }
     if (static_cast<int>(near.size()) < kMinSeen) return std::nullopt;
-    arc = FitEllipse(Thin(near));
+    arc = FitWholeEllipse(Thin(near));
   }
   return arc;
 }
@@ -152,24 +165,27 @@ bool IsHopeless(const EllipseArc& seed,
                 double min_share) {
   constexpr int kLooks = 24;  // places along the curve, 15 degrees apart
   constexpr int kReach = 2;   // px across the curve on each side
+  static const auto kUnits = [] {
+    std::array<Eigen::Vector2d, kLooks> units;
+    for (int k = 0; k < kLooks; ++k) units[k] = UnitAt(2.0 * M_PI * k / kLooks);
+    return units;
+  }();
   const EllipseFrame frame(seed);
-  int seen = 0;
-  for (int k = 0; k < kLooks; ++k) {
-    const Eigen::Vector2d unit = UnitAt(2.0 * M_PI * k / kLooks);
-    const Eigen::Vector2f at = frame.PointAt(unit).cast<float>();
-    const Eigen::Vector2f normal = frame.NormalAt(unit).cast<float>();
-    bool here = false;
-    for (const GradientField& field : fields) {
-      for (int o = -kReach; o <= kReach && !here; ++o) {
+  std::array<bool, kLooks> seen{};
+  for (const GradientField& field : fields) {
+    const SlopeField slopes(field);
+    for (int k = 0; k < kLooks; ++k) {
+      const Eigen::Vector2f at = frame.PointAt(kUnits[k]).cast<float>();
+      const Eigen::Vector2f normal = frame.NormalAt(kUnits[k]).cast<float>();
+      for (int o = -kReach; o <= kReach && !seen[k]; ++o) {
         const Eigen::Vector2f slope =
-            SlopeAt(field, at + static_cast<float>(o) * normal, normal).cwiseAbs();
-        here = slope.x() >= static_cast<float>(options.min_strength) &&
-               slope.y() <= kMaxAlong * slope.x();
+            slopes.At(at + static_cast<float>(o) * normal, normal).cwiseAbs();
+        seen[k] = slope.x() >= static_cast<float>(options.min_strength) &&
+                  slope.y() <= kMaxAlong * slope.x();
       }
     }
-    seen += here ? 1 : 0;
   }
-  return seen < min_share * kLooks;
+  return std::count(seen.begin(), seen.end(), true) < min_share * kLooks;
 }
 
 }  // namespace
