@@ -6,6 +6,9 @@
 //     the same once more with one camera turned by half a degree (split turned) and with 2 % more
 //     focal length (split zoomed); scene_meta.json says which.
 //     --independent: each scene has cameras, a table and light of its own, three to six images.
+//     --as SPLIT: the scenes of this split of DATASET, its parts where they lie and its cameras, on
+//     another table in another light: what a table makes of the same scenes. What is no part of the
+//     data set, and heights other than the table's, are not there.
 //   --table KIND      blank, mottled, striped or speckled (default: by lot)
 //   --parts A,B       of a scene (default 1,4)
 // Scene i is the same whatever N is. About a second and a half of processor time an image.
@@ -38,7 +41,7 @@ constexpr double kTargetShare = 0.1;   // of an instance, visible in two views: 
 constexpr double kScenePerPart = 2.5;  // what cameras look at, in the parts' median diameter
 
 struct Arguments {
-  std::string dataset, out, table;
+  std::string dataset, out, table, as;
   unsigned seed = 1;
   int scenes = 30, first_scene = 1, first_change = 11, change_every = 2, cameras = 4;
   std::vector<int> parts = {1, 4};
@@ -154,6 +157,16 @@ Cell MakeCell(const Arguments& arguments, double size_m, int cameras, Random* ra
   return cell;
 }
 
+// A table and light for a scene of another.
+Cell CellOf(const Arguments& arguments, const BopScene& scene, Random* random) {
+  Cell cell = MakeCell(arguments, 0.1, 0, random);
+  for (const BopImage& image : scene.images) {
+    cell.rig.cameras.push_back(image.camera);
+    cell.rig.camera_from_world.push_back(image.camera_from_world);
+  }
+  return cell;
+}
+
 // The scene once more with one camera changed: `changed` differs from the rig in that one alone.
 void WriteChanged(const std::string& split,
                   int scene,
@@ -178,18 +191,25 @@ void WriteChanged(const std::string& split,
   writer->Write(split, scene, files, std::move(meta));
 }
 
-void WriteScene(const Arguments& arguments,
-                int scene,
-                const Cell& cell,
-                std::span<const StageablePart> parts,
-                Random* random,
-                Writer* writer) {
+std::vector<StagedPart> DrawParts(const Arguments& arguments,
+                                  std::span<const StageablePart> parts,
+                                  Random* random) {
   // Half of the scenes show as few parts as there may be: these say least of their cameras.
   const int least = arguments.parts[0], most = arguments.parts[1];
   const int drawn = random->Index(2) == 0 ? least : least + random->Index(most - least + 1);
-  const std::vector<StagedPart> standing = StandParts(parts, drawn, random);
+  return StandParts(parts, drawn, random);
+}
+
+void WriteScene(const Arguments& arguments,
+                int scene,
+                const std::string& tier,
+                const Cell& cell,
+                std::span<const StageablePart> parts,
+                std::span<const StagedPart> standing,
+                Random* random,
+                Writer* writer) {
   const SceneRenderer renderer(PaintScene(parts, standing, cell.table, cell.lights, random));
-  Json meta = {{"tier", standing.size() == 1 ? "T1" : "T2"},
+  Json meta = {{"tier", tier},
                {"seed", arguments.seed},
                {"table", NameOf(cell.kind)},
                {"num_parts", standing.size()}};
@@ -205,7 +225,7 @@ void WriteScene(const Arguments& arguments,
         c, cell.rig.cameras[c], cell.rig.camera_from_world[c], photographs.back(), parts, standing);
   }
   writer->Write("val", scene, files, meta);
-  if (arguments.independent || scene < arguments.first_change ||
+  if (arguments.independent || !arguments.as.empty() || scene < arguments.first_change ||
       (scene - arguments.first_change) % arguments.change_every != 0) {
     return;
   }
@@ -230,6 +250,53 @@ void WriteScene(const Arguments& arguments,
                  meta,
                  writer);
   }
+}
+
+void WriteDrawn(const Arguments& arguments, std::span<const StageablePart> parts, Writer* writer) {
+  const double size_m = MedianDiameter(parts);
+  Random of_rig(arguments.seed);
+  Cell cell;
+  if (!arguments.independent) cell = MakeCell(arguments, size_m, arguments.cameras, &of_rig);
+  for (int scene = arguments.first_scene; scene < arguments.first_scene + arguments.scenes;
+       ++scene) {
+    Random random(arguments.seed * 100003u + static_cast<unsigned>(scene));
+    if (arguments.independent) cell = MakeCell(arguments, size_m, 3 + random.Index(4), &random);
+    const std::vector<StagedPart> standing = DrawParts(arguments, parts, &random);
+    const std::string tier = standing.size() == 1 ? "T1" : "T2";
+    WriteScene(arguments, scene, tier, cell, parts, standing, &random, writer);
+  }
+}
+
+// The exit code.
+int WriteAs(const Arguments& arguments, std::span<const StageablePart> parts, Writer* writer) {
+  const auto ids = ListBopScenes(arguments.dataset, arguments.as);
+  if (!ids.ok()) {
+    std::cerr << ids.status().message() << "\n";
+    return 1;
+  }
+  for (const int id : *ids) {
+    const auto scene = ReadBopScene(arguments.dataset, arguments.as, id);
+    if (!scene.ok() || scene->images.empty() || !scene->images[0].has_pose) {
+      std::cerr << "scene " << id << ": cannot be read, or has no poses of its cameras\n";
+      return 1;
+    }
+    // Light, colours and noise are the same whatever the table.
+    Random of_table(arguments.seed * 100003u + static_cast<unsigned>(id));
+    Random random(arguments.seed * 100019u + static_cast<unsigned>(id));
+    Cell cell = CellOf(arguments, *scene, &of_table);
+    cell.lights = MakeLights(&random);
+    const Rigid3 world_from_camera = scene->images[0].camera_from_world.Inverse();
+    std::vector<StagedPart> standing;
+    for (const BopInstance& instance : scene->images[0].instances) {
+      const auto part = std::find_if(
+          parts.begin(), parts.end(), [&](const auto& p) { return p.id == instance.obj_id; });
+      if (part == parts.end()) continue;
+      standing.push_back({static_cast<int>(part - parts.begin()),
+                          world_from_camera * instance.camera_from_object});
+    }
+    WriteScene(arguments, id, scene->tier, cell, parts, standing, &random, writer);
+  }
+  return 0;
 }
 
 int Run(const Arguments& arguments) {
@@ -261,19 +328,11 @@ int Run(const Arguments& arguments) {
     if (fs::exists(from) && !fs::exists(fs::path(arguments.out) / name))
       fs::create_directory_symlink(from, fs::path(arguments.out) / name);
   }
-  const double size_m = MedianDiameter(parts);
-  Random of_rig(arguments.seed);
-  Cell cell;
-  if (!arguments.independent) cell = MakeCell(arguments, size_m, arguments.cameras, &of_rig);
   Writer writer(arguments);
-  for (int scene = arguments.first_scene; scene < arguments.first_scene + arguments.scenes;
-       ++scene) {
-    Random random(arguments.seed * 100003u + static_cast<unsigned>(scene));
-    if (arguments.independent) cell = MakeCell(arguments, size_m, 3 + random.Index(4), &random);
-    WriteScene(arguments, scene, cell, parts, &random, &writer);
-  }
+  const int failed = arguments.as.empty() ? (WriteDrawn(arguments, parts, &writer), 0)
+                                          : WriteAs(arguments, parts, &writer);
   writer.WriteTargets();
-  return 0;
+  return failed;
 }
 
 }  // namespace
@@ -294,6 +353,7 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({"blank", "mottled", "striped", "speckled"}));
   app.add_option("--parts", a.parts)->delimiter(',')->expected(2);
   app.add_flag("--independent", a.independent);
+  app.add_option("--as", a.as, "a split of the data set")->excludes("--independent");
   CLI11_PARSE(app, argc, argv);
   return horopter::Run(a);
 }
