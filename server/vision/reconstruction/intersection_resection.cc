@@ -1,6 +1,7 @@
 #include "server/vision/reconstruction/intersection_resection.h"
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 
 #include "server/vision/geometry/symmetric_eigen.h"
@@ -11,6 +12,35 @@ namespace {
 // Ratios of squared singular values below which a null vector is not unique.
 constexpr double kSameRay = 1e-14;
 constexpr double kAmbiguousCamera = 1e-13;
+
+// The eigenvector of the smallest eigenvalue of a moment near `guess`, by inverse iteration: a
+// fifth of the time of all eigenvectors. Nothing where a second one is as small or it does not
+// settle; whoever asks then wants all of them.
+template <int N>
+std::optional<Eigen::Matrix<double, N, 1>> NullVectorNear(
+    const Eigen::Matrix<double, N, N>& moment, const Eigen::Matrix<double, N, 1>& guess) {
+  constexpr double kShift = 1e-14;    // of the trace: exact moments have no inverse
+  constexpr double kSecond = 1e-9;    // of the trace: less may be a second null vector
+  constexpr double kSettled = 1e-20;  // squared change
+  constexpr int kIterations = 5;
+  const double trace = moment.trace();
+  Eigen::Matrix<double, N, N> shifted = moment;
+  shifted.diagonal().array() += kShift * trace;
+  const Eigen::LLT<Eigen::Matrix<double, N, N>> llt(shifted);
+  if (llt.info() != Eigen::Success) return std::nullopt;
+  Eigen::Matrix<double, N, 1> pivots = llt.matrixLLT().diagonal().cwiseAbs2();
+  std::nth_element(pivots.data(), pivots.data() + 1, pivots.data() + N);
+  if (!(pivots[1] > kSecond * trace)) return std::nullopt;
+  Eigen::Matrix<double, N, 1> x = guess.normalized();
+  for (int i = 0; i < kIterations; ++i) {
+    Eigen::Matrix<double, N, 1> next = llt.solve(x).normalized();
+    if (next.dot(x) < 0.0) next = -next;
+    const double change = (next - x).squaredNorm();
+    x = next;
+    if (change < kSettled) return x;
+  }
+  return std::nullopt;
+}
 
 using Row12 = Eigen::Matrix<double, 12, 1>;
 using Moment12 = Eigen::Matrix<double, 12, 12>;
@@ -86,9 +116,14 @@ std::optional<Eigen::Vector4d> IntersectPoint(std::span<const WeightedPoint> obs
     }
   }
   if (!moment.allFinite()) return std::nullopt;
-  const SymmetricEigen<4> solver(moment);
-  if (!(solver.eigenvalues()(1) > kSameRay * solver.eigenvalues()(3))) return std::nullopt;
-  Eigen::Vector4d X = solver.eigenvectors().col(0);
+  std::optional<Eigen::Vector4d> near;
+  if (previous) near = NullVectorNear<4>(moment, *previous);
+  if (!near) {
+    const SymmetricEigen<4> solver(moment);
+    if (!(solver.eigenvalues()(1) > kSameRay * solver.eigenvalues()(3))) return std::nullopt;
+    near = solver.eigenvectors().col(0);
+  }
+  const Eigen::Vector4d& X = *near;
   double depths = 0.0;
   for (const WeightedPoint& o : observations) depths += o.P.row(2).dot(X) < 0.0 ? -1.0 : 1.0;
   return depths < 0.0 ? Eigen::Vector4d(-X) : X;
@@ -109,6 +144,9 @@ std::optional<PluckerLine> IntersectLine(std::span<const WeightedLine> observati
     }
   }
   if (!moment.allFinite()) return std::nullopt;
+  if (const auto near = NullVectorNear<6>(moment, *previous)) {
+    return NearestLine(*near).normalized();
+  }
   const SymmetricEigen<6> solver(moment);
   if (!(solver.eigenvalues()(1) > kSameRay * solver.eigenvalues()(5))) {
     return LineOfPlanes(observations);
