@@ -1,5 +1,6 @@
 #include "server/vision/reconstruction/few_features.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 
 #include "server/vision/reconstruction/alternation.h"
