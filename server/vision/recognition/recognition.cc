@@ -327,7 +327,12 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
     judged = JudgeAnswer(context, images, result, AspectOptionsOf(input));
     LeaveOutPoorViews(judged, &result);
   }
-  RefuseContradicted(judged, acceptance.contradicting_score, log, &result);
+  // Where aspects find nothing at all, nothing speaks for an answer but what they confirm.
+  RefuseContradicted(
+      judged,
+      aspects.objects.empty() ? acceptance.confirming_score : acceptance.contradicting_score,
+      log,
+      &result);
   if (explains_more) return SumOfLogOdds(result) > SumOfLogOdds(aspects) ? result : aspects;
   return result.objects.empty() && !aspects.detail.empty() ? aspects : result;
 }
