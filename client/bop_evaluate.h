@@ -52,9 +52,10 @@ struct BopEvaluation {
 };
 
 // Estimates are matched per image, best score first, each to the unused instance of its object with
-// the smallest MSPD below 50 px, by the true camera or by the answer's own. Symmetries are honoured;
-// the lens distortion is not (K alone projects), as BOP does, but where own cameras project. Errors: NOT_FOUND, INVALID_ARGUMENT (dataset without meshes or
-// models_info.json, broken file).
+// the smallest MSPD below 50 px, by the true camera or by the answer's own. Symmetries are
+// honoured; the lens distortion is not (K alone projects), as BOP does, but where own cameras
+// project. Errors: NOT_FOUND, INVALID_ARGUMENT (dataset without meshes or models_info.json, broken
+// file).
 absl::StatusOr<BopEvaluation> EvaluateBopResults(const BopDataset& dataset,
                                                  const std::string& split,
                                                  const BopResults& results,
