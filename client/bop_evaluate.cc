@@ -11,6 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/ply_vertices.h"
 #include "server/base/status_macros.h"
+#include "server/vision/geometry/lens_model.h"
 
 namespace horopter {
 namespace {
@@ -71,27 +72,22 @@ double Recall(double error, double scale) {
   return static_cast<double>(below) / kThresholds;
 }
 
-// K and k1 k2 p1 p2 of OpenCV's model.
+// K, which may have skew, and the distortion in front of it.
 struct Lens {
   Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
-  std::array<double, 4> distortion = {0.0, 0.0, 0.0, 0.0};
+  LensModel distortion;  // fx = fy = 1, cx = cy = 0
 };
 
 Lens LensOf(const Eigen::Matrix3d& K, const std::vector<double>& distortion) {
-  Lens lens{K};
-  std::copy_n(distortion.begin(), std::min<size_t>(4, distortion.size()), lens.distortion.begin());
+  Lens lens{K, {}};
+  std::array<double, 5>& k = lens.distortion.coefficients;
+  std::copy_n(distortion.begin(), std::min(k.size(), distortion.size()), k.begin());
   return lens;
 }
 
 Eigen::Vector2d Project(const Lens& lens, const Eigen::Vector3d& p) {
   if (p.z() <= 0.0) return {1e6, 1e6};
-  const auto& [k1, k2, p1, p2] = lens.distortion;
-  const double x = p.x() / p.z(), y = p.y() / p.z(), r2 = x * x + y * y;
-  const double radial = 1.0 + r2 * (k1 + r2 * k2);
-  const Eigen::Vector3d distorted(x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-                                  y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-                                  1.0);
-  return (lens.K * distorted).head<2>();
+  return (lens.K * DistortedPixel(lens.distortion, p.hnormalized()).homogeneous()).head<2>();
 }
 
 // Of the estimate seen by one camera and the truth seen by another.
@@ -173,7 +169,7 @@ std::map<size_t, Match> MatchImage(const BopImage& image,
                                    const std::optional<Lens>& own,
                                    Samples& samples) {
   const double width = image.camera.width > 0 ? image.camera.width : kReferenceWidth;
-  const Lens pinhole{image.K}, lens = LensOf(image.K, image.distortion);
+  const Lens pinhole{image.K, {}}, lens = LensOf(image.K, image.distortion);
   std::stable_sort(estimates.begin(), estimates.end(), [](const auto* a, const auto* b) {
     return a->score > b->score;
   });
@@ -289,11 +285,13 @@ std::optional<Lens> OwnCamera(const BopResults& results, int scene_id, int im_id
   if (cameras == results.cameras.end()) return std::nullopt;
   const auto camera = cameras->second.find(im_id);
   if (camera == cameras->second.end()) return std::nullopt;
-  const auto distortions = results.distortions.find(scene_id);
-  if (distortions == results.distortions.end()) return Lens{camera->second};
-  const auto distortion = distortions->second.find(im_id);
-  return distortion == distortions->second.end() ? Lens{camera->second}
-                                                 : LensOf(camera->second, distortion->second);
+  std::vector<double> distortion;  // none is given where there is none
+  if (const auto of_scene = results.distortions.find(scene_id);
+      of_scene != results.distortions.end()) {
+    if (const auto it = of_scene->second.find(im_id); it != of_scene->second.end())
+      distortion = it->second;
+  }
+  return LensOf(camera->second, distortion);
 }
 
 Samples EvaluateScene(const BopScene& scene,

@@ -329,10 +329,14 @@ int Run(const Arguments& arguments) {
       fs::create_directory_symlink(from, fs::path(arguments.out) / name);
   }
   Writer writer(arguments);
-  const int failed = arguments.as.empty() ? (WriteDrawn(arguments, parts, &writer), 0)
-                                          : WriteAs(arguments, parts, &writer);
+  int exit_code = 0;
+  if (arguments.as.empty()) {
+    WriteDrawn(arguments, parts, &writer);
+  } else {
+    exit_code = WriteAs(arguments, parts, &writer);
+  }
   writer.WriteTargets();
-  return failed;
+  return exit_code;
 }
 
 }  // namespace

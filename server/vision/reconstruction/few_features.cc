@@ -18,22 +18,15 @@ std::vector<int> Spread(int count) {
   return order;
 }
 
-std::vector<std::vector<int>> ViewsOfPoints(const MultiviewTracks& tracks,
-                                            const ProjectiveScene& inliers) {
-  std::vector<std::vector<int>> views(tracks.points);
-  for (size_t k = 0; k < tracks.point_observations.size(); ++k) {
-    const PointObservation& o = tracks.point_observations[k];
-    if (inliers.point_inlier[k]) views[o.point].push_back(o.view);
-  }
-  return views;
-}
-
-std::vector<std::vector<int>> ViewsOfLines(const MultiviewTracks& tracks,
-                                           const ProjectiveScene& inliers) {
-  std::vector<std::vector<int>> views(tracks.lines);
-  for (size_t k = 0; k < tracks.line_observations.size(); ++k) {
-    const LineObservation& o = tracks.line_observations[k];
-    if (inliers.line_inlier[k]) views[o.line].push_back(o.view);
+// Of each feature the views with an inlier observation of it.
+template <typename Observation>
+std::vector<std::vector<int>> ViewsOf(int features,
+                                      const std::vector<Observation>& observations,
+                                      int Observation::*feature,
+                                      const std::vector<bool>& inlier) {
+  std::vector<std::vector<int>> views(features);
+  for (size_t k = 0; k < observations.size(); ++k) {
+    if (inlier[k]) views[observations[k].*feature].push_back(observations[k].view);
   }
   return views;
 }
@@ -63,7 +56,10 @@ CalibratedScene OnFewFeatures(const MultiviewTracks& tracks,
                               int of_view,
                               const CalibratedScene& scene) {
   CalibratedScene few = scene;
-  const auto points = ViewsOfPoints(tracks, inliers), lines = ViewsOfLines(tracks, inliers);
+  const auto points = ViewsOf(
+      tracks.points, tracks.point_observations, &PointObservation::point, inliers.point_inlier);
+  const auto lines =
+      ViewsOf(tracks.lines, tracks.line_observations, &LineObservation::line, inliers.line_inlier);
   // Points first up to a half: lines alone say little where they are few or parallel.
   Quota quota_points(tracks.sizes.size(), (of_view + 1) / 2), quota(tracks.sizes.size(), of_view);
   std::vector<bool> keep_point(tracks.points, false);
@@ -95,12 +91,10 @@ void TriangulateOthers(const MultiviewTracks& tracks,
   for (size_t v = 0; v < scene->views.size(); ++v) {
     cameras.cameras[v].reset();
     if (!scene->views[v]) continue;
-    const PinholeCamera& c = scene->views[v]->camera;
+    const auto& [camera, pose] = static_cast<const CalibratedCamera&>(*scene->views[v]);
     CameraMatrix P;
-    P << scene->views[v]->camera_from_scene.R, scene->views[v]->camera_from_scene.t;
-    Eigen::Matrix3d K;
-    K << c.focal_px, 0, c.cx, 0, c.focal_px, c.cy, 0, 0, 1;
-    cameras.cameras[v] = (NormalizedFromPixels(tracks.sizes[v]) * K * P).normalized();
+    P << pose.R, pose.t;
+    cameras.cameras[v] = (NormalizedFromPixels(tracks.sizes[v]) * camera.K() * P).normalized();
   }
   for (int j = 0; j < tracks.points; ++j) {
     if (scene->points[j] || !projective.points[j]) continue;

@@ -156,8 +156,8 @@ void SortCandidates(std::vector<Candidate>* found) {
   });
 }
 
-// The minima that the starts end in, adjusted on few features, as candidates of all features; in
-// the order of SortCandidates. starts: counts those tried. Errors: CANCELLED.
+// The minima that the starts end in, adjusted on few features, in the order of SortCandidates.
+// cameras: in the scene; starts: counts those tried. Errors: CANCELLED.
 absl::StatusOr<std::vector<Candidate>> Minima(const MultiviewTracks& tracks,
                                               const ProjectiveScene& scene,
                                               std::span<const ViewPrior> priors,
@@ -193,17 +193,14 @@ absl::StatusOr<std::vector<Candidate>> Minima(const MultiviewTracks& tracks,
   return distinct;
 }
 
-// Cameras that fit, those with fewest mirrored views first, then cheapest first. cameras: in the
-// scene; starts: counts those tried. Errors: CANCELLED.
+// The minima that fit when they are adjusted on everything, those with fewest mirrored views first,
+// then cheapest first. Errors: CANCELLED.
 absl::StatusOr<std::vector<Candidate>> PlausibleCalibrations(const MultiviewTracks& tracks,
                                                              const ProjectiveScene& scene,
                                                              std::span<const ViewPrior> priors,
-                                                             int cameras,
                                                              const SelfCalibrationOptions& options,
                                                              const StopRequested& stop,
-                                                             int* starts) {
-  HOROPTER_ASSIGN_OR_RETURN(std::vector<Candidate> minima,
-                            Minima(tracks, scene, priors, cameras, options, stop, starts));
+                                                             std::vector<Candidate> minima) {
   CalibratedBundleOptions bundle = options.bundle;
   bundle.loss = RobustLoss::kCauchy;
   std::vector<Candidate> found;
@@ -274,9 +271,11 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
   for (int j = 0; j < tracks.points; ++j) {
     if (!frame->point_consistent[j]) scene.points[j].reset();
   }
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<Candidate> minima,
+                            Minima(tracks, scene, priors, cameras, options, stop, &result.starts));
   HOROPTER_ASSIGN_OR_RETURN(
       std::vector<Candidate> found,
-      PlausibleCalibrations(tracks, scene, priors, cameras, options, stop, &result.starts));
+      PlausibleCalibrations(tracks, scene, priors, options, stop, std::move(minima)));
   if (found.empty()) {
     result.outcome = MetricOutcome::kCameraModel;
     result.reason = Text("no plausible cameras fit %d views", cameras);
