@@ -119,8 +119,8 @@ struct AspectAcceptance {
   // of 1,931, but parts of photographs are left out then (ADR 63).
   double min_fitted_probability = 0.7;
   // Median score of another route's answer: above it stands, below it is refused, in between the
-  // aspects' own answer is asked for and the better one taken. Commit 4502559, parts-dev and
-  // cad-dev.
+  // aspects' own answer is asked for and the better one taken (they find nothing: refused).
+  // Commit 4502559, parts-dev and cad-dev.
   double confirming_score = 0.45;
   double contradicting_score = 0.25;
   double chance_score = 0.40;  // of wrong poses: what exceeds it counts when answers are compared

@@ -118,39 +118,6 @@ Agreement AgreementOf(const LinkedScene& scene, const AspectAcceptance& options)
   return Agreement::kNone;
 }
 
-}  // namespace
-
-double EvenInViews(int registered, int views, const AspectAcceptance& options) {
-  const double missing = 1.0 - registered / static_cast<double>(views);
-  return (registered < 2 ? options.even_in_one_view : options.even_alone) +
-         missing * options.missing_views_more;
-}
-
-bool SurfaceTells(const LinkedObject& o, const AspectAcceptance& options) {
-  return o.surface_pairs >= options.surface_pairs && o.surface >= options.surface_tells;
-}
-
-double EvenBeside(const LinkedObject& o, const AspectAcceptance& options) {
-  if (!o.lies) {
-    const bool level =
-        o.level && o.surface_pairs >= options.surface_pairs && o.surface >= options.surface_level;
-    return level ? options.even_level : options.even_score;
-  }
-  return SurfaceTells(o, options) ? options.even_lying_surface : options.even_lying;
-}
-
-double ProbabilityInRig(const LinkedObject& o,
-                        const LinkedScene& scene,
-                        const AspectAcceptance& options) {
-  double even = EvenBeside(o, options);
-  if (scene.agreement.Contradicts(options.surface_disagrees) || GroundContradicts(scene, options))
-    even += options.disagreement_more;
-  if (LeansBeside(o, scene)) even = std::max(even, options.even_leaning);
-  return Logistic(options.score_weight * (o.score - even));
-}
-
-namespace {
-
 // By hand-set thresholds over the score.
 double ByThresholds(const LinkedObject& o,
                     const LinkedScene& scene,
@@ -186,6 +153,35 @@ double ByThresholds(const LinkedObject& o,
 }
 
 }  // namespace
+
+double EvenInViews(int registered, int views, const AspectAcceptance& options) {
+  const double missing = 1.0 - registered / static_cast<double>(views);
+  return (registered < 2 ? options.even_in_one_view : options.even_alone) +
+         missing * options.missing_views_more;
+}
+
+bool SurfaceTells(const LinkedObject& o, const AspectAcceptance& options) {
+  return o.surface_pairs >= options.surface_pairs && o.surface >= options.surface_tells;
+}
+
+double EvenBeside(const LinkedObject& o, const AspectAcceptance& options) {
+  if (!o.lies) {
+    const bool level =
+        o.level && o.surface_pairs >= options.surface_pairs && o.surface >= options.surface_level;
+    return level ? options.even_level : options.even_score;
+  }
+  return SurfaceTells(o, options) ? options.even_lying_surface : options.even_lying;
+}
+
+double ProbabilityInRig(const LinkedObject& o,
+                        const LinkedScene& scene,
+                        const AspectAcceptance& options) {
+  double even = EvenBeside(o, options);
+  if (scene.agreement.Contradicts(options.surface_disagrees) || GroundContradicts(scene, options))
+    even += options.disagreement_more;
+  if (LeansBeside(o, scene)) even = std::max(even, options.even_leaning);
+  return Logistic(options.score_weight * (o.score - even));
+}
 
 double NeededProbability(const AspectAcceptance& options) {
   return options.decision == AspectAcceptance::Decision::kFitted ? options.min_fitted_probability

@@ -153,9 +153,12 @@ AspectJudgement JudgeAnswer(const JointContext& context,
 }
 
 void RefuseContradicted(const AspectJudgement& judgement,
-                        double least,
+                        bool aspects_find_something,
+                        const AspectAcceptance& options,
                         RefusalLog* log,
                         RecognitionResult* answer) {
+  const double least =
+      aspects_find_something ? options.contradicting_score : options.confirming_score;
   if (answer->objects.empty() || judgement.median >= least) return;
   for (const SceneObject& o : answer->objects) {
     if (log == nullptr || o.object != log->object) continue;

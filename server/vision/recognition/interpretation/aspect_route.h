@@ -48,9 +48,11 @@ AspectJudgement JudgeAnswer(const JointContext& context,
                             const RecognitionResult& answer,
                             const AspectRecognitionOptions& options = {});
 
-// Empties an answer whose median score is below `least`. log: may be null.
+// Empties an answer of other routes that the aspects speak against: whose median score contradicts
+// it or, where the aspects themselves find nothing, does not confirm it. log: may be null.
 void RefuseContradicted(const AspectJudgement& judgement,
-                        double least,
+                        bool aspects_find_something,
+                        const AspectAcceptance& options,
                         RefusalLog* log,
                         RecognitionResult* answer);
 
