@@ -2,35 +2,35 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <opencv2/imgproc.hpp>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspects/capped_distance.h"
 
 namespace horopter {
 namespace {
 
+static_assert(AspectImage::kDistanceScale == 8.0f);  // of FillCappedDistance
 constexpr float kPi = 3.14159265358979f;
+constexpr int kSide = AspectImage::kChanceBlockPx / 2;  // of a block, half cells
 
 // Both maps of one bin.
 void FillBin(int bin, double reach_rad, const std::vector<float>& directions, AspectImage* image) {
-  cv::Mat zero_at_edges(image->height, image->width, CV_8U, cv::Scalar(1));
+  const std::size_t cells = static_cast<std::size_t>(image->width) * image->height;
+  std::vector<std::uint8_t> marked(cells, 0);
   const float center = bin * kPi / kAspectBins;
   for (std::size_t i = 0; i < image->edges.size(); ++i) {
     float off = std::abs(directions[i] - center);
     off = std::min(off, kPi - off);
     if (off > reach_rad) continue;
     const Eigen::Vector2f& p = image->edges[i].point;
-    zero_at_edges.at<std::uint8_t>(static_cast<int>(std::lround(p.y())),
-                                   static_cast<int>(std::lround(p.x()))) = 0;
+    marked[image->Cell(static_cast<int>(std::lround(p.x())),
+                       static_cast<int>(std::lround(p.y())))] = 1;
   }
-  cv::Mat distance;
-  cv::distanceTransform(zero_at_edges, distance, cv::DIST_L2, cv::DIST_MASK_3, CV_32F);
-  cv::Mat full(
-      image->height,
-      image->width,
-      CV_8U,
-      image->distance.data() + static_cast<std::size_t>(bin) * image->width * image->height);
-  distance.convertTo(full, CV_8U, AspectImage::kDistanceScale);
+  std::uint8_t* distance = image->distance.data() + bin * cells;
+  FillCappedDistance(marked, image->width, image->height, {distance, cells});
+  const cv::Mat full(image->height, image->width, CV_8U, distance);
   cv::Mat half(image->half_height,
                image->half_width,
                CV_8U,
@@ -39,36 +39,58 @@ void FillBin(int bin, double reach_rad, const std::vector<float>& directions, As
   cv::resize(full, half, half.size(), 0, 0, cv::INTER_AREA);
 }
 
+// Sums of max(0, tau - d) over the blocks, both in steps; half: distances, half cells of the image.
+cv::Mat BlockSums(const AspectImage& image, const std::uint8_t* half, int tau) {
+  cv::Mat sums(image.chance_height, image.chance_width, CV_32F);
+  std::vector<std::uint16_t> columns(image.half_width);  // of a row of blocks: at most 8 x 255
+  for (int block_y = 0; block_y < image.chance_height; ++block_y) {
+    std::fill(columns.begin(), columns.end(), 0);
+    const int end_y = std::min((block_y + 1) * kSide, image.half_height);
+    for (int y = block_y * kSide; y < end_y; ++y) {
+      const std::uint8_t* row = half + static_cast<std::size_t>(y) * image.half_width;
+      for (int x = 0; x < image.half_width; ++x)
+        columns[x] = static_cast<std::uint16_t>(columns[x] + std::max(0, tau - row[x]));
+    }
+    for (int block_x = 0; block_x < image.chance_width; ++block_x) {
+      const auto end_x = columns.begin() + std::min((block_x + 1) * kSide, image.half_width);
+      const int sum = std::accumulate(columns.begin() + block_x * kSide, end_x, 0);
+      sums.at<float>(block_y, block_x) = static_cast<float>(sum);
+    }
+  }
+  return sums;
+}
+
+// Half cells of each block.
+cv::Mat BlockCounts(const AspectImage& image) {
+  cv::Mat counts(image.chance_height, image.chance_width, CV_32F);
+  for (int y = 0; y < counts.rows; ++y) {
+    for (int x = 0; x < counts.cols; ++x) {
+      counts.at<float>(y, x) = static_cast<float>(std::min(kSide, image.half_height - y * kSide) *
+                                                  std::min(kSide, image.half_width - x * kSide));
+    }
+  }
+  return counts;
+}
+
 // Chance levels of one bin: block means of the support, then means over the window.
 void FillChance(int bin, AspectImage* image) {
-  constexpr int kBlock = AspectImage::kChanceBlockPx;  // px
   const std::size_t blocks = static_cast<std::size_t>(image->chance_width) * image->chance_height;
   const std::uint8_t* half = image->half_distance.data() +
                              static_cast<std::size_t>(bin) * image->half_width * image->half_height;
+  const cv::Mat counts = BlockCounts(*image);
   for (int level = 0; level < AspectImage::kChanceLevels; ++level) {
     const float tau = AspectImage::kChanceTausPx[level] * AspectImage::kDistanceScale;
-    cv::Mat sum(image->chance_height, image->chance_width, CV_32F, cv::Scalar(0));
-    cv::Mat count(image->chance_height, image->chance_width, CV_32F, cv::Scalar(1e-6));
-    for (int y = 0; y < image->half_height; ++y) {
-      float* sum_row = sum.ptr<float>(std::min(2 * y / kBlock, image->chance_height - 1));
-      float* count_row = count.ptr<float>(std::min(2 * y / kBlock, image->chance_height - 1));
-      for (int x = 0; x < image->half_width; ++x) {
-        const int block = std::min(2 * x / kBlock, image->chance_width - 1);
-        const float d = half[static_cast<std::size_t>(y) * image->half_width + x];
-        sum_row[block] += std::max(0.0f, 1.0f - d / tau);
-        count_row[block] += 1.0f;
-      }
-    }
+    cv::Mat sum = BlockSums(*image, half, static_cast<int>(tau)), count;
     const cv::Size window(AspectImage::kChanceWindows[level], AspectImage::kChanceWindows[level]);
     cv::blur(sum, sum, window, cv::Point(-1, -1), cv::BORDER_REPLICATE);
-    cv::blur(count, count, window, cv::Point(-1, -1), cv::BORDER_REPLICATE);
+    cv::blur(counts, count, window, cv::Point(-1, -1), cv::BORDER_REPLICATE);
     cv::divide(sum, count, sum);
     cv::Mat out(
         image->chance_height,
         image->chance_width,
         CV_8U,
         image->chance.data() + static_cast<std::size_t>(level * kAspectBins + bin) * blocks);
-    sum.convertTo(out, CV_8U, 255.0);
+    sum.convertTo(out, CV_8U, 255.0 / tau);
   }
 }
 
