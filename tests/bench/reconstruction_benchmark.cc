@@ -15,6 +15,7 @@
 #include "server/vision/reconstruction/bundle_adjustment.h"
 #include "server/vision/reconstruction/calibrated_bundle.h"
 #include "server/vision/reconstruction/self_calibration.h"
+#include "tests/support/ceres_bundle.h"
 #include "tests/support/synthetic_tracks.h"
 
 namespace horopter {
@@ -149,9 +150,10 @@ BENCHMARK(MetricTime)->Arg(150)->Iterations(1)->Unit(benchmark::kMillisecond);
 BENCHMARK(Time)->Arg(75)->Arg(150)->Arg(300)->Arg(600)->Iterations(1)->Unit(
     benchmark::kMillisecond);
 
-// Adjustment alone on the same point tracks from the same start: ours, projective and metric,
-// beside a points-only metric one of COLMAP's kind (Ceres, automatic derivatives, dense Schur).
-enum Adjuster { kProjective, kCeres, kMetric };
+// Adjustment alone on the same point tracks from the same start: ours, projective, metric and over
+// a plane, beside a points-only metric one of COLMAP's kind (Ceres, automatic derivatives, dense
+// Schur).
+enum Adjuster { kProjective, kCeres, kMetric, kPlane };
 
 void AdjustPoints(benchmark::State& state) {
   const auto adjuster = static_cast<Adjuster>(state.range(0));
@@ -196,11 +198,12 @@ void AdjustPoints(benchmark::State& state) {
       with_k1.estimate_k1 = true;
       CalibratedBundleSummary summary;
       state.ResumeTiming();
-      if (adjuster == kCeres) AdjustBundle({}, &bundle);
+      if (adjuster == kCeres) AdjustBundleInCeres({}, &bundle);
+      if (adjuster == kPlane) AdjustBundle({}, &bundle);
       if (adjuster == kProjective) AdjustProjective(normalized, {}, &scene);
       if (adjuster == kMetric) summary = AdjustCalibrated(truth.tracks, all, {}, with_k1, &metric);
       state.PauseTiming();
-      if (adjuster == kCeres) {
+      if (adjuster == kCeres || adjuster == kPlane) {
         double squared = 0.0;
         for (const BundlePoint& p : bundle.points) {
           for (const TrackObservation& o : p.track.observations) {
@@ -227,6 +230,7 @@ BENCHMARK(AdjustPoints)
     ->Arg(kProjective)
     ->Arg(kCeres)
     ->Arg(kMetric)
+    ->Arg(kPlane)
     ->Iterations(3)
     ->Unit(benchmark::kMillisecond);
 

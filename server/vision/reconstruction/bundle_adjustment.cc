@@ -1,239 +1,215 @@
 #include "server/vision/reconstruction/bundle_adjustment.h"
 
-#include <ceres/ceres.h>
-#include <ceres/rotation.h>
-
 #include <Eigen/Dense>
-#include <Eigen/Sparse>
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
-#include "server/base/stop_scope.h"
+#include "server/vision/reconstruction/bundle_residuals.h"
+#include "server/vision/reconstruction/robust_curvature.h"
 
 namespace horopter {
 namespace {
 
-// Parameters of a view: log f, k1 | rotation vector w (R = R0 exp(w)) | centre.
-struct ViewParameters {
-  double intrinsics[2];
-  double rotation[3];
-  double center[3];
-};
+constexpr double kFunctionTolerance = 1e-6;  // relative change of the cost
+// Parameters of a camera that the bundle does not move: the principal point, which MoveCamera has
+// between the focal length and k1.
+constexpr int kCenter = kLogFocal + 1;
+static_assert(kRadial == kCenter + 2);
 
-struct ReprojectionError {
-  ReprojectionError(const Eigen::Vector2d& pixel, const BundleView& view)
-      : pixel_(pixel), center_(view.PrincipalPoint()), R0_(view.camera_from_world.R) {}
-
-  template <typename T>
-  bool operator()(
-      const T* intrinsics, const T* rotation, const T* center, const T* point, T* residual) const {
-    const T d[3] = {point[0] - center[0], point[1] - center[1], point[2] - center[2]};
-    T q[3];
-    ceres::AngleAxisRotatePoint(rotation, d, q);
-    T c[3];
-    for (int r = 0; r < 3; ++r) c[r] = R0_(r, 0) * q[0] + R0_(r, 1) * q[1] + R0_(r, 2) * q[2];
-    if (c[2] < T(1e-6)) return false;
-    const T x = c[0] / c[2], y = c[1] / c[2];
-    const T scale = exp(intrinsics[0]) * (T(1.0) + intrinsics[1] * (x * x + y * y));
-    residual[0] = scale * x + center_.x() - pixel_.x();
-    residual[1] = scale * y + center_.y() - pixel_.y();
-    return true;
-  }
-
-  Eigen::Vector2d pixel_, center_;
-  Eigen::Matrix3d R0_;
-};
-
-struct Prior {
-  template <typename T>
-  bool operator()(const T* intrinsics, T* residual) const {
-    residual[0] = (intrinsics[0] - log_focal) / log_sigma;
-    residual[1] = (intrinsics[1] - k1) / k1_sigma;
-    return true;
-  }
-  double log_focal, log_sigma, k1, k1_sigma;
-};
-
-Prior PriorOf(const BundleView& view, const BundleOptions& options) {
-  const ViewPrior& given = view.prior;
-  Prior out{std::log(options.focal_prior_widths * view.size.width),
-            options.focal_prior_log_sigma,
-            0.0,
-            options.k1_sigma};
-  if (given.focal_px) {
-    out.log_focal = std::log(*given.focal_px);
-    out.log_sigma = given.focal_log_sigma;
-  }
-  if (given.k1) {
-    out.k1 = *given.k1;
-    out.k1_sigma = given.k1_sigma;
-  }
-  return out;
-}
-
-struct Parameters {
-  std::vector<ViewParameters> views;
+struct PlaneState {
+  std::vector<CalibratedCamera> cameras;
   std::vector<Eigen::Vector3d> points;
 };
 
-Parameters ReadParameters(const Bundle& bundle) {
-  Parameters p;
-  for (const BundleView& v : bundle.views) {
-    const Eigen::Vector3d c = v.camera_from_world.Inverse().t;
-    p.views.push_back({{std::log(v.focal_px), v.k1}, {0, 0, 0}, {c.x(), c.y(), c.z()}});
-  }
-  for (const BundlePoint& point : bundle.points) p.points.push_back(point.point_in_world);
-  return p;
-}
+struct IntrinsicsPrior {
+  Eigen::Vector2d mean, sigma;  // log f, k1
 
-void BuildProblem(const BundleOptions& options,
-                  const Bundle& bundle,
-                  Parameters* p,
-                  ceres::Problem* problem) {
-  // Owned by the problem once used.
-  ceres::LossFunction* loss = nullptr;
-  ceres::Manifold* plane_manifold = nullptr;
-  for (size_t k = 0; k < bundle.points.size(); ++k) {
-    const BundlePoint& point = bundle.points[k];
-    for (const TrackObservation& o : point.track.observations) {
-      ViewParameters& v = p->views[o.view];
-      if (loss == nullptr) loss = new ceres::CauchyLoss(options.loss_px);
-      problem->AddResidualBlock(new ceres::AutoDiffCostFunction<ReprojectionError, 2, 2, 3, 3, 3>(
-                                    new ReprojectionError(o.point, bundle.views[o.view])),
-                                loss,
-                                v.intrinsics,
-                                v.rotation,
-                                v.center,
-                                p->points[k].data());
-    }
-    if (point.on_plane && !point.track.observations.empty()) {
-      if (plane_manifold == nullptr) plane_manifold = new ceres::SubsetManifold(3, {2});
-      problem->SetManifold(p->points[k].data(), plane_manifold);
-    }
+  // In sigmas.
+  Eigen::Vector2d Residual(const PinholeCamera& c) const {
+    return (Eigen::Vector2d(std::log(c.focal_px), c.k1) - mean).cwiseQuotient(sigma);
   }
-  for (size_t i = 0; i < bundle.views.size(); ++i) {
-    problem->AddResidualBlock(
-        new ceres::AutoDiffCostFunction<Prior, 2, 2>(new Prior(PriorOf(bundle.views[i], options))),
-        nullptr,
-        p->views[i].intrinsics);
-  }
-  if (problem->HasParameterBlock(p->views[0].center)) {
-    problem->SetParameterBlockConstant(p->views[0].center);
-    problem->SetManifold(p->views[0].rotation, new ceres::SubsetManifold(3, {2}));
-  }
-}
+};
 
-void WriteParameters(const Parameters& p, Bundle* bundle) {
-  for (size_t i = 0; i < bundle->views.size(); ++i) {
-    BundleView& v = bundle->views[i];
-    v.focal_px = std::exp(p.views[i].intrinsics[0]);
-    v.k1 = p.views[i].intrinsics[1];
-    Eigen::Matrix3d dR;
-    ceres::AngleAxisToRotationMatrix(p.views[i].rotation, ceres::ColumnMajorAdapter3x3(dR.data()));
-    v.camera_from_world.R = v.camera_from_world.R * dR;
-    v.camera_from_world.t =
-        -(v.camera_from_world.R * Eigen::Map<const Eigen::Vector3d>(p.views[i].center));
+IntrinsicsPrior PriorOf(const BundleView& view, const BundleOptions& options) {
+  const ViewPrior& given = view.prior;
+  IntrinsicsPrior out{{std::log(options.focal_prior_widths * view.size.width), 0.0},
+                      {options.focal_prior_log_sigma, options.k1_sigma}};
+  if (given.focal_px) {
+    out.mean[0] = std::log(*given.focal_px);
+    out.sigma[0] = given.focal_log_sigma;
   }
-  for (size_t k = 0; k < bundle->points.size(); ++k) bundle->points[k].point_in_world = p.points[k];
-}
-
-bool AllFinite(const Parameters& p) {
-  for (const ViewParameters& v : p.views) {
-    for (double x : {v.intrinsics[0],
-                     v.intrinsics[1],
-                     v.rotation[0],
-                     v.rotation[1],
-                     v.rotation[2],
-                     v.center[0],
-                     v.center[1],
-                     v.center[2]}) {
-      if (!std::isfinite(x)) return false;
-    }
+  if (given.k1) {
+    out.mean[1] = *given.k1;
+    out.sigma[1] = given.k1_sigma;
   }
-  return std::all_of(p.points.begin(), p.points.end(), [](const auto& x) { return x.allFinite(); });
-}
-
-using SparseMatrix = Eigen::SparseMatrix<double>;
-
-SparseMatrix FromCeres(const ceres::CRSMatrix& crs) {
-  std::vector<Eigen::Triplet<double>> entries;
-  for (int r = 0; r < crs.num_rows; ++r) {
-    for (int k = crs.rows[r]; k < crs.rows[r + 1]; ++k) {
-      entries.emplace_back(r, crs.cols[k], crs.values[k]);
-    }
-  }
-  SparseMatrix out(crs.num_rows, crs.num_cols);
-  out.setFromTriplets(entries.begin(), entries.end());
   return out;
 }
 
-// By the principal points. A pixel moves as its principal point does. Rows are in the order of
-// BuildProblem, scaled as Ceres scales them by the loss; residuals: without the loss.
-SparseMatrix CenterJacobian(const BundleOptions& options,
-                            const Bundle& bundle,
-                            const std::vector<double>& residuals) {
-  SparseMatrix J(static_cast<Eigen::Index>(residuals.size()),
-                 2 * static_cast<Eigen::Index>(bundle.views.size()));
-  std::vector<Eigen::Triplet<double>> entries;
-  int row = 0;
-  for (const BundlePoint& point : bundle.points) {
-    for (const TrackObservation& o : point.track.observations) {
-      const double r2 = residuals[row] * residuals[row] + residuals[row + 1] * residuals[row + 1];
-      const double weight = 1.0 / std::sqrt(1.0 + r2 / (options.loss_px * options.loss_px));
-      for (int k = 0; k < 2; ++k) entries.emplace_back(row + k, 2 * o.view + k, weight);
-      row += 2;
+// A point's observations as the solver wants them, cameras ascending.
+std::vector<PointObservation> ObservationsOf(const BundlePoint& point) {
+  std::vector<PointObservation> out;
+  for (const TrackObservation& o : point.track.observations)
+    out.push_back({o.view, -1, o.point, 1.0});
+  std::stable_sort(
+      out.begin(), out.end(), [](const auto& x, const auto& y) { return x.view < y.view; });
+  return out;
+}
+
+// MinimizeBundle's model. Points are Euclidean: the fourth parameter of the solver's features does
+// not move, the third not where they lie on the plane. The bundle must outlive it.
+class PlaneModel {
+ public:
+  PlaneModel(const BundleOptions& options, const Bundle& bundle)
+      : bundle_(bundle), loss_px_(options.loss_px) {
+    layout_.cameras = static_cast<int>(bundle.views.size());
+    for (const BundlePoint& point : bundle.points) {
+      for (const PointObservation& o : ObservationsOf(point)) {
+        observations_.push_back(o);
+        layout_.camera.push_back(o.view);
+      }
+      layout_.first.push_back(static_cast<int>(observations_.size()));
+    }
+    for (const BundleView& view : bundle.views) priors_.push_back(PriorOf(view, options));
+  }
+
+  const BundleLayout& layout() const { return layout_; }
+
+  PlaneState Start() const {
+    PlaneState state;
+    for (const BundleView& v : bundle_.views) {
+      const Eigen::Vector2d center = v.PrincipalPoint();
+      state.cameras.push_back(
+          {{v.size.width, v.size.height, v.focal_px, center.x(), center.y(), v.k1},
+           v.camera_from_world});
+    }
+    for (const BundlePoint& point : bundle_.points) state.points.push_back(point.point_in_world);
+    return state;
+  }
+
+  double Cost(const PlaneState& state) const {
+    constexpr double kLeastDepth = 1e-6;  // units of the world
+    double cost = 0.0;
+    for (std::size_t i = 0; i < state.cameras.size(); ++i)
+      cost += 0.5 * priors_[i].Residual(state.cameras[i].camera).squaredNorm();
+    for (int f = 0; f < layout_.Features(); ++f) {
+      for (int k = layout_.first[f]; k < layout_.first[f + 1]; ++k) {
+        const CalibratedCamera& view = state.cameras[layout_.camera[k]];
+        const Eigen::Vector3d c = view.camera_from_scene * state.points[f];
+        if (!(c.z() >= kLeastDepth)) return INFINITY;
+        const double r = (Project(view.camera, c) - observations_[k].pixel).norm();
+        cost += RobustCost(RobustLoss::kCauchy, r, loss_px_);
+      }
+    }
+    return cost;
+  }
+
+  void Linearize(const PlaneState& state, Bend bend, NormalEquations<kMetricCamera>* normal) const {
+    Linearize(state, bend, false, normal);
+  }
+
+  // center: as if the principal points moved, too.
+  void Linearize(const PlaneState& state,
+                 Bend bend,
+                 bool center,
+                 NormalEquations<kMetricCamera>* normal) const {
+    for (int f = 0; f < layout_.Features(); ++f) {
+      const Eigen::Vector4d X = state.points[f].homogeneous();
+      for (int k = layout_.first[f]; k < layout_.first[f + 1]; ++k) {
+        const int i = layout_.camera[k];
+        Linearized<kMetricCamera> l = horopter::Linearize(observations_[k], state.cameras[i], X);
+        const double r = l.r.norm();
+        const double weight = RobustWeight(RobustLoss::kCauchy, r, loss_px_);
+        if (!(weight > 0.0)) continue;
+        const double curvature =
+            bend == Bend::kCurvature ? RobustCurvature(RobustLoss::kCauchy, r, loss_px_) : 1.0;
+        if (!center) l.J_camera.middleCols<2>(kCenter).setZero();
+        l.J_feature.rightCols(bundle_.points[f].on_plane ? 2 : 1).setZero();
+        normal->Add(k, i, f, weight, curvature, l.r, l.J_camera, l.J_feature);
+      }
+      Eigen::Matrix4d& V = normal->V[f];
+      const double stiff = V.trace();
+      for (int d = bundle_.points[f].on_plane ? 2 : 3; d < 4; ++d) V(d, d) = stiff;
+    }
+    for (std::size_t i = 0; i < priors_.size(); ++i) {
+      const Eigen::Vector2d residual = priors_[i].Residual(state.cameras[i].camera);
+      for (const auto& [row, d] : {std::pair(kLogFocal, 0), std::pair(kRadial, 1)}) {
+        const double inverse = 1.0 / priors_[i].sigma[d];
+        normal->U[i](row, row) += inverse * inverse;
+        normal->camera_gradient[i](row) += inverse * residual[d];
+      }
     }
   }
-  J.setFromTriplets(entries.begin(), entries.end());
-  return J;
-}
-// Fills the deviations of every log f. The principal points are fixed at the images' centres: what
-// their own deviation adds is propagated as that of consider parameters (Schmidt 1966),
-// C = s^2 N^-1 + S Sigma S^T with S = N^-1 J^T J_c.
+
+  PlaneState Moved(const PlaneState& state, const BundleStep<kMetricCamera>& step) const {
+    PlaneState next = state;
+    for (std::size_t i = 0; i < next.cameras.size(); ++i) {
+      Eigen::Matrix<double, kMetricCamera, 1> moves = step.cameras[i];
+      moves.segment<2>(kCenter).setZero();
+      next.cameras[i] = MoveCamera(state.cameras[i], moves);
+    }
+    for (std::size_t f = 0; f < next.points.size(); ++f)
+      next.points[f].head(bundle_.points[f].on_plane ? 2 : 3) +=
+          step.features[f].head(bundle_.points[f].on_plane ? 2 : 3);
+    return next;
+  }
+
+  // Residuals, those of the priors with them, minus unknowns that are not gauge: moves and turns of
+  // the plane within itself, and the scale.
+  int Redundancy() const {
+    constexpr int kMoving = kMetricCamera - 2, kGauge = 4;
+    int redundancy =
+        2 * static_cast<int>(observations_.size()) + (2 - kMoving) * layout_.cameras + kGauge;
+    for (const BundlePoint& point : bundle_.points)
+      redundancy -= point.track.observations.empty() ? 0 : point.on_plane ? 2 : 3;
+    return redundancy;
+  }
+
+ private:
+  const Bundle& bundle_;
+  double loss_px_;
+  BundleLayout layout_;
+  std::vector<PointObservation> observations_;
+  std::vector<IntrinsicsPrior> priors_;
+};
+
+// Every view's log f moves with the observations' noise and with the principal points, which are
+// fixed: what their own deviation adds is propagated as that of consider parameters (Schmidt 1966),
+// C = s^2 N^-1 + S Sigma S^T. With the points eliminated, N is the other parameters' block of the
+// cameras' system and S = N^-1 times its block beside the principal points.
 void FillFocalDeviations(const BundleOptions& options,
                          double cost,
-                         ceres::Problem* problem,
-                         Parameters* p,
+                         const PlaneModel& model,
+                         const PlaneState& state,
                          Bundle* bundle) {
-  ceres::Problem::EvaluateOptions evaluate;
-  evaluate.num_threads = 1;
-  std::vector<Eigen::Index> column_of;  // of log f, per view
-  int columns = 0;
-  for (ViewParameters& v : p->views) {
-    if (!problem->HasParameterBlock(v.center)) return;  // a view without observations
-    column_of.push_back(columns);
-    for (double* block : {v.intrinsics, v.rotation, v.center}) {
-      if (problem->IsParameterBlockConstant(block)) continue;
-      evaluate.parameter_blocks.push_back(block);
-      columns += problem->ParameterBlockTangentSize(block);
-    }
+  constexpr double kDamping = 1e-9;  // of the diagonal: the gauge is free, and no focal length's
+  NormalEquations<kMetricCamera> normal;
+  normal.SetZero(model.layout());
+  model.Linearize(state, Bend::kWeights, true, &normal);
+  SchurComplement<kMetricCamera> schur;
+  if (!EliminateFeatures(model.layout(), normal, kDamping, &schur)) return;
+  const Eigen::MatrixXd whole = schur.S.selfadjointView<Eigen::Upper>();
+  std::vector<int> moving, centers, of_focal;
+  for (int i = 0; i < model.layout().cameras; ++i) {
+    of_focal.push_back(static_cast<int>(moving.size()) + kLogFocal);
+    for (int k = 0; k < kMetricCamera; ++k)
+      (k == kCenter || k == kCenter + 1 ? centers : moving).push_back(kMetricCamera * i + k);
   }
-  for (Eigen::Vector3d& x : p->points) {
-    if (problem->HasParameterBlock(x.data())) evaluate.parameter_blocks.push_back(x.data());
-  }
-  ceres::CRSMatrix crs;
-  std::vector<double> residuals;
-  if (!problem->Evaluate(evaluate, nullptr, nullptr, nullptr, &crs)) return;
-  evaluate.apply_loss_function = false;
-  if (!problem->Evaluate(evaluate, nullptr, &residuals, nullptr, nullptr)) return;
-  const SparseMatrix J = FromCeres(crs);
-  const auto views = static_cast<Eigen::Index>(bundle->views.size());
-  const SparseMatrix J_center = CenterJacobian(options, *bundle, residuals);
-  const Eigen::SimplicialLDLT<SparseMatrix> normal(SparseMatrix(J.transpose() * J));
-  if (normal.info() != Eigen::Success) return;
-  Eigen::MatrixXd units = Eigen::MatrixXd::Zero(J.cols(), views);
-  for (Eigen::Index i = 0; i < views; ++i) units(column_of[i], i) = 1.0;
-  const Eigen::MatrixXd of_focals = normal.solve(units);  // columns of N^-1
-  if (normal.info() != Eigen::Success || !of_focals.allFinite()) return;
-  const Eigen::MatrixXd S = of_focals.transpose() * (J.transpose() * J_center);
-  const double freedom = std::max<double>(1.0, static_cast<double>(J.rows() - J.cols()));
-  const double variance = std::max(2.0 * cost / freedom, 0.01);
-  for (Eigen::Index i = 0; i < views; ++i) {
+  const Eigen::MatrixXd N = whole(moving, moving);
+  const Eigen::LLT<Eigen::MatrixXd> llt(N);
+  if (llt.info() != Eigen::Success) return;
+  Eigen::MatrixXd units = Eigen::MatrixXd::Zero(N.rows(), std::ssize(of_focal));
+  for (std::size_t i = 0; i < of_focal.size(); ++i) units(of_focal[i], i) = 1.0;
+  const Eigen::MatrixXd of_focals = llt.solve(units);  // columns of N^-1
+  if (!of_focals.allFinite()) return;
+  const Eigen::MatrixXd S = of_focals.transpose() * whole(moving, centers);
+  const double variance = std::max(2.0 * cost / std::max(1, model.Redundancy()), 0.01);
+  for (std::size_t i = 0; i < of_focal.size(); ++i) {
     BundleView& view = bundle->views[i];
-    const double noise = of_focals(column_of[i], i) * variance;
+    const double noise = of_focals(of_focal[i], i) * variance;
     if (!(noise >= 0.0)) continue;
     double center = 0.0;
-    for (Eigen::Index k = 0; k < 2 * views; ++k) {
+    for (std::size_t k = 0; k < centers.size(); ++k) {
       const BundleView& shifted = bundle->views[k / 2];
       const double sigma_px = shifted.prior.principal_point_px
                                   ? shifted.prior.principal_point_sigma_px
@@ -245,38 +221,67 @@ void FillFocalDeviations(const BundleOptions& options,
   }
 }
 
-class StopCallback final : public ceres::IterationCallback {
- public:
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
-    return IsWorkStopped() ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
+bool AllFinite(const PlaneState& state) {
+  return std::all_of(state.cameras.begin(),
+                     state.cameras.end(),
+                     [](const CalibratedCamera& c) {
+                       return std::isfinite(c.camera.focal_px) && std::isfinite(c.camera.k1) &&
+                              c.camera_from_scene.R.allFinite() &&
+                              c.camera_from_scene.t.allFinite();
+                     }) &&
+         std::all_of(
+             state.points.begin(), state.points.end(), [](const auto& x) { return x.allFinite(); });
+}
+
+// The similarity of the plane that takes the first view's centre back to where it was, and turns
+// about the plane's normal as little as may be seen from there.
+void FixGauge(const Rigid3& first, PlaneState* state) {
+  const Rigid3& moved = state->cameras[0].camera_from_scene;
+  const Eigen::Vector3d was = first.Inverse().t, is = moved.Inverse().t;
+  const double scale = was.z() / is.z();
+  if (!(scale > 0.0) || !std::isfinite(scale)) return;
+  const Eigen::Matrix3d turn = first.R.transpose() * moved.R;  // nearest turn about z
+  const double angle = std::atan2(turn(1, 0) - turn(0, 1), turn(0, 0) + turn(1, 1));
+  const Eigen::Matrix3d R = Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  const Eigen::Vector3d t = was - scale * (R * is);  // z: 0 but for rounding
+  for (CalibratedCamera& c : state->cameras) {
+    const Eigen::Vector3d center = scale * (R * c.camera_from_scene.Inverse().t) + t;
+    c.camera_from_scene.R = c.camera_from_scene.R * R.transpose();
+    c.camera_from_scene.t = -(c.camera_from_scene.R * center);
   }
-};
+  for (Eigen::Vector3d& x : state->points) {
+    const bool flat = x.z() == 0.0;
+    x = scale * (R * x) + t;
+    if (flat) x.z() = 0.0;
+  }
+}
 
 }  // namespace
 
 BundleSummary AdjustBundle(const BundleOptions& options, Bundle* bundle) {
   BundleSummary summary;
   if (bundle->views.empty()) return summary;
-  Parameters p = ReadParameters(*bundle);
-  if (!AllFinite(p)) return summary;
-  ceres::Problem problem;
-  BuildProblem(options, *bundle, &p, &problem);
-  ceres::Solver::Options solver;
-  solver.linear_solver_type = ceres::DENSE_SCHUR;
-  solver.max_num_iterations = options.max_iterations;
-  solver.num_threads = 1;  // same sums in the same order on every run
-  solver.logging_type = ceres::SILENT;
-  solver.function_tolerance = 1e-7;
-  StopCallback stop;
-  solver.callbacks.push_back(&stop);
-  ceres::Solver::Summary report;
-  ceres::Solve(solver, &problem, &report);
-  LeaveIfStopped();
-  if (!report.IsSolutionUsable() || !AllFinite(p)) return summary;
+  const PlaneModel model(options, *bundle);
+  PlaneState state = model.Start();
+  if (!AllFinite(state)) return summary;
+  BundleSolverOptions solver;
+  solver.max_iterations = options.max_iterations;
+  solver.function_tolerance = kFunctionTolerance;
+  const BundleReport report = MinimizeBundle<kMetricCamera>(model.layout(), solver, model, &state);
+  if (!report.usable || !AllFinite(state)) return summary;
   summary.usable = true;
-  summary.cost = report.final_cost;
-  if (options.covariance) FillFocalDeviations(options, report.final_cost, &problem, &p, bundle);
-  WriteParameters(p, bundle);
+  summary.cost = report.cost;
+  if (options.covariance) FillFocalDeviations(options, report.cost, model, state, bundle);
+  FixGauge(bundle->views[0].camera_from_world, &state);
+  for (std::size_t i = 0; i < bundle->views.size(); ++i) {
+    BundleView& view = bundle->views[i];
+    const auto& [camera, pose] = state.cameras[i];
+    view.focal_px = camera.focal_px;
+    view.k1 = camera.k1;
+    view.camera_from_world = {Eigen::Quaterniond(pose.R).normalized().toRotationMatrix(), pose.t};
+  }
+  for (std::size_t k = 0; k < bundle->points.size(); ++k)
+    bundle->points[k].point_in_world = state.points[k];
   return summary;
 }
 

@@ -26,7 +26,7 @@ constexpr double kMinRayAngle = 0.0175;          // 1 degree: below it depth is 
 constexpr double kGatesPx[] = {12.0, 5.0, 3.0};  // kept tracks, round by round
 constexpr int kMinObservations = 12;             // of a registered view
 constexpr double kMinParallaxPx = 4.0;           // of a point off the plane
-constexpr double kMinBaseline = 0.02;            // of the distance to the plane
+constexpr double kMinViewAngle = 0.02;           // between two views' rays; less may be noise
 constexpr double kTruncationPx = 3.0;            // of the cost that compares two solutions
 // The posterior deviation of log f knows nothing of wrong matches that survive. With the principal
 // points' share beside it, the factor makes rms(error / deviation) about 1 on parts-train.
@@ -243,17 +243,21 @@ std::vector<Solution> SolvePlane(const Component& component,
   return solutions;
 }
 
-// Widest distance of two centres over the smallest height above the plane.
-double BaselineRatio(const Bundle& bundle) {
-  double widest = 0.0, height = 1e300;
-  for (const BundleView& a : bundle.views) {
-    const Eigen::Vector3d ca = a.camera_from_world.Inverse().t;
-    height = std::min(height, std::abs(ca.z()));
-    for (const BundleView& b : bundle.views) {
-      widest = std::max(widest, (ca - b.camera_from_world.Inverse().t).norm());
-    }
+// Widest angle between the rays from two centres to the middle of the points. Moves along a ray do
+// not count: a focal length hides them but for noise.
+double WidestViewAngle(const Bundle& bundle) {
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const BundlePoint& p : bundle.points) middle += p.point_in_world;
+  middle /= static_cast<double>(std::max<std::size_t>(1, bundle.points.size()));
+  std::vector<Eigen::Vector3d> rays;
+  for (const BundleView& v : bundle.views)
+    rays.push_back((middle - v.camera_from_world.Inverse().t).normalized());
+  double widest = 0.0;
+  for (const Eigen::Vector3d& a : rays) {
+    for (const Eigen::Vector3d& b : rays)
+      widest = std::max(widest, std::atan2(a.cross(b).norm(), a.dot(b)));
   }
-  return widest / std::max(height, 1e-12);
+  return widest;
 }
 
 // A free point has parallax when no point of the plane explains its images.
@@ -413,15 +417,15 @@ absl::StatusOr<Reconstruction> ReconstructFromPlane(const MatchingResult& matchi
     result.refusal = "bundle adjustment did not converge";
     return result;
   }
-  const double baseline = BaselineRatio(best);
-  result.counts["baseline_ratio"] = baseline;
-  if (baseline < kMinBaseline) {
+  const double angle = WidestViewAngle(best);
+  result.counts["widest_view_angle"] = angle;
+  if (!(angle >= kMinViewAngle)) {
     char text[120];
     std::snprintf(text,
                   sizeof(text),
-                  "no parallax: camera centres within %.4f of their height, need %.2f",
-                  baseline,
-                  kMinBaseline);
+                  "no parallax: rays to the plane's middle within %.4f rad, need %.2f",
+                  angle,
+                  kMinViewAngle);
     result.refusal = text;
     return result;
   }
