@@ -5,7 +5,14 @@
 #include <tuple>
 #include <unordered_map>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
+namespace {
+
+constexpr int kSegmentsPerLook = 64;  // at the stop flag: some 0.1 ms
+
+}  // namespace
 
 FeatureKind FeatureGraph::KindOf(uint32_t node) const {
   int kind = 0;
@@ -47,6 +54,7 @@ class FeatureGraphBuilder {
       }
     }
     AddNeighbours();
+    LeaveIfStopped();
     return Compress();
   }
 
@@ -151,7 +159,9 @@ class FeatureGraphBuilder {
         visit(Eigen::Vector2d(s.start + (s.end - s.start) * (static_cast<double>(k) / steps)));
       }
     };
+    StopPacer pacer(kSegmentsPerLook);
     for (size_t i = 0; i < features_.segments.size(); ++i) {
+      pacer.Step();
       if (features_.segments[i].in_texture) continue;
       for_each_point(features_.segments[i], [&](const Eigen::Vector2d& p) {
         std::vector<int>& ids = cells[key(p, 0, 0)];
@@ -160,6 +170,7 @@ class FeatureGraphBuilder {
     }
     std::vector<int> near;
     for (size_t i = 0; i < features_.segments.size(); ++i) {
+      pacer.Step();
       if (features_.segments[i].in_texture) continue;
       near.clear();
       for_each_point(features_.segments[i], [&](const Eigen::Vector2d& p) {
@@ -236,6 +247,7 @@ class FeatureGraphBuilder {
     std::sort(pairs_.begin(), pairs_.end(), [&](const Pair& p, const Pair& q) {
       return order(p) < order(q);
     });
+    LeaveIfStopped();
     // One edge of a relation between two nodes; a segment may meet a junction at one place only.
     pairs_.erase(std::unique(pairs_.begin(),
                              pairs_.end(),

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/geometry/collineation.h"
 
 namespace horopter {
@@ -11,6 +12,7 @@ namespace {
 
 constexpr int kMajorityRounds = 20;  // of votes of points and views at most
 constexpr int kGilbertSteps = 3000;  // towards the nearest point of the hull; for time
+constexpr int kStepsPerLook = 16;    // at the stop flag: a millisecond with a thousand points
 
 struct Signs {
   std::vector<int> camera, point;  // +-1; 0 unknown
@@ -67,7 +69,9 @@ std::optional<Eigen::Vector4d> Separate(const std::vector<Eigen::Vector4d>& a, d
   for (const Eigen::Vector4d& x : a) w += x / static_cast<double>(a.size());
   *margin = -1.0;
   std::optional<Eigen::Vector4d> best;
+  StopPacer pacer(kStepsPerLook);
   for (int step = 0; step < kGilbertSteps; ++step) {
+    pacer.Step();
     const double norm = w.norm();
     if (!(norm > 1e-12)) break;
     const auto worst = std::min_element(

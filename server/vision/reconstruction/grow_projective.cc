@@ -7,6 +7,7 @@
 #include <random>
 
 #include "server/base/status_macros.h"
+#include "server/base/stop_scope.h"
 #include "server/vision/reconstruction/grow_steps.h"
 
 namespace horopter {
@@ -125,7 +126,9 @@ ProjectiveResult Conclude(const MultiviewTracks& tracks,
   ProjectiveResult result;
   BalanceGauge(&scene);
   result.inlier_share = InlierShare(c, scene);
+  LeaveIfStopped();
   const auto covariance = ProjectiveCovariance(c.tracks, scene);
+  LeaveIfStopped();
   result.scene = std::move(scene);
   CamerasToPixels(tracks.sizes, &result.scene);
   result.summary = Summarize(tracks, result.scene);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/reconstruction/intersection_resection.h"
 
 namespace horopter {
@@ -344,8 +345,10 @@ bool Finish(const GrowContext& c, ProjectiveScene* scene) {
       const ProjectiveBundleOptions& ba = round == 0 ? c.options.rough : c.options.bundle;
       if (!AdjustProjective(c.tracks, ba, scene).usable) return false;
     }
+    LeaveIfStopped();
     const std::vector<bool> points = scene->point_inlier, lines = scene->line_inlier;
     Reclassify(c, round == 0 ? kRoughGate : 1.0, scene);
+    LeaveIfStopped();
     bool dropped = false;
     for (size_t v = 0; v < scene->cameras.size(); ++v) {
       if (!scene->cameras[v]) continue;

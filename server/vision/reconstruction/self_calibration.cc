@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "server/base/status_macros.h"
+#include "server/base/stop_scope.h"
 #include "server/vision/reconstruction/calibration_starts.h"
 #include "server/vision/reconstruction/chirality.h"
 #include "server/vision/reconstruction/few_features.h"
@@ -254,7 +255,9 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
   result.scene.lines.resize(tracks.lines);
   result.mirrored.assign(tracks.sizes.size(), false);
   result.alternative_gap = std::numeric_limits<double>::infinity();
+  LeaveIfStopped();
   const auto frame = FindQuasiAffineFrame(tracks, projective);
+  LeaveIfStopped();
   if (!frame) {
     result.outcome = MetricOutcome::kNoQuasiAffine;
     result.reason = "no plane at infinity leaves points and cameras on one side";
