@@ -183,7 +183,13 @@ absl::Status RunRecognition(PipelineOptions options,
   } else if (trace.recognition.objects.empty()) {
     watch.Begin("matching");
     HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));
-    if (!aspects_first || trace.reconstruction.trusted) {
+    // No route would be asked any more.
+    const bool late = IsStopRequested(options.recognition.hurry);
+    if (late) {
+      unasked = {"recognition"};
+      trace.recognition.views.resize(request.images.size());
+    }
+    if (!late && (!aspects_first || trace.reconstruction.trusted)) {
       input->matching = &trace.matching;
       input->reconstruction = &trace.reconstruction;
       HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize([](const auto&... given) {
