@@ -233,8 +233,8 @@ bool AllFinite(const PlaneState& state) {
              state.points.begin(), state.points.end(), [](const auto& x) { return x.allFinite(); });
 }
 
-// The similarity of the plane that takes the first view's centre back to where it was, and turns
-// about the plane's normal as little as may be seen from there.
+// The similarity of the plane that takes the first view's centre back to where it was and undoes
+// its turn about the normal.
 void FixGauge(const Rigid3& first, PlaneState* state) {
   const Rigid3& moved = state->cameras[0].camera_from_scene;
   const Eigen::Vector3d was = first.Inverse().t, is = moved.Inverse().t;
