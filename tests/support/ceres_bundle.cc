@@ -232,10 +232,7 @@ void FillFocalDeviations(const BundleOptions& options,
     if (!(noise >= 0.0)) continue;
     double center = 0.0;
     for (Eigen::Index k = 0; k < 2 * views; ++k) {
-      const BundleView& shifted = bundle->views[k / 2];
-      const double sigma_px = shifted.prior.principal_point_px
-                                  ? shifted.prior.principal_point_sigma_px
-                                  : options.principal_point_sigma_widths * shifted.size.width;
+      const double sigma_px = bundle->views[k / 2].PrincipalPointSigmaPx(options);
       center += S(i, k) * S(i, k) * sigma_px * sigma_px;
     }
     view.focal_log_sigma = std::sqrt(noise);

@@ -124,12 +124,12 @@ class PlaneModel {
         const double curvature =
             bend == Bend::kCurvature ? RobustCurvature(RobustLoss::kCauchy, r, loss_px_) : 1.0;
         if (!center) l.J_camera.middleCols<2>(kCenter).setZero();
-        l.J_feature.rightCols(bundle_.points[f].on_plane ? 2 : 1).setZero();
+        l.J_feature.rightCols(kFeatureParameters - bundle_.points[f].Coordinates()).setZero();
         normal->Add(k, i, f, weight, curvature, l.r, l.J_camera, l.J_feature);
       }
       Eigen::Matrix4d& V = normal->V[f];
       const double stiff = V.trace();
-      for (int d = bundle_.points[f].on_plane ? 2 : 3; d < 4; ++d) V(d, d) = stiff;
+      for (int d = bundle_.points[f].Coordinates(); d < kFeatureParameters; ++d) V(d, d) = stiff;
     }
     for (std::size_t i = 0; i < priors_.size(); ++i) {
       const Eigen::Vector2d residual = priors_[i].Residual(state.cameras[i].camera);
@@ -149,8 +149,8 @@ class PlaneModel {
       next.cameras[i] = MoveCamera(state.cameras[i], moves);
     }
     for (std::size_t f = 0; f < next.points.size(); ++f)
-      next.points[f].head(bundle_.points[f].on_plane ? 2 : 3) +=
-          step.features[f].head(bundle_.points[f].on_plane ? 2 : 3);
+      next.points[f].head(bundle_.points[f].Coordinates()) +=
+          step.features[f].head(bundle_.points[f].Coordinates());
     return next;
   }
 
@@ -161,7 +161,7 @@ class PlaneModel {
     int redundancy =
         2 * static_cast<int>(observations_.size()) + (2 - kMoving) * layout_.cameras + kGauge;
     for (const BundlePoint& point : bundle_.points)
-      redundancy -= point.track.observations.empty() ? 0 : point.on_plane ? 2 : 3;
+      redundancy -= point.track.observations.empty() ? 0 : point.Coordinates();
     return redundancy;
   }
 
@@ -210,10 +210,7 @@ void FillFocalDeviations(const BundleOptions& options,
     if (!(noise >= 0.0)) continue;
     double center = 0.0;
     for (std::size_t k = 0; k < centers.size(); ++k) {
-      const BundleView& shifted = bundle->views[k / 2];
-      const double sigma_px = shifted.prior.principal_point_px
-                                  ? shifted.prior.principal_point_sigma_px
-                                  : options.principal_point_sigma_widths * shifted.size.width;
+      const double sigma_px = bundle->views[k / 2].PrincipalPointSigmaPx(options);
       center += S(i, k) * S(i, k) * sigma_px * sigma_px;
     }
     view.focal_log_sigma = std::sqrt(noise);

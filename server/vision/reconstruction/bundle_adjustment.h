@@ -29,12 +29,18 @@ struct BundleView {
     return prior.principal_point_px.value_or(
         Eigen::Vector2d(0.5 * (size.width - 1), 0.5 * (size.height - 1)));
   }
+  // Of each of its coordinates.
+  double PrincipalPointSigmaPx(const BundleOptions& options) const {
+    return prior.principal_point_px ? prior.principal_point_sigma_px
+                                    : options.principal_point_sigma_widths * size.width;
+  }
 };
 
 struct BundlePoint {
   Track track;  // observation.view indexes Bundle::views
   Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
-  bool on_plane = false;  // z is kept 0
+  bool on_plane = false;                                // z is kept 0
+  int Coordinates() const { return on_plane ? 2 : 3; }  // that an adjustment moves
 };
 
 struct Bundle {

@@ -1,6 +1,7 @@
 #include "server/vision/recognition/aspects/aspect_maps.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 #include <opencv2/imgproc.hpp>
@@ -39,6 +40,13 @@ void FillBin(int bin, double reach_rad, const std::vector<float>& directions, As
   cv::resize(full, half, half.size(), 0, 0, cv::INTER_AREA);
 }
 
+cv::Mat WindowMean(const cv::Mat& blocks, int level) {
+  const cv::Size window(AspectImage::kChanceWindows[level], AspectImage::kChanceWindows[level]);
+  cv::Mat mean;
+  cv::blur(blocks, mean, window, cv::Point(-1, -1), cv::BORDER_REPLICATE);
+  return mean;
+}
+
 // Sums of max(0, tau - d) over the blocks, both in steps; half: distances, half cells of the image.
 cv::Mat BlockSums(const AspectImage& image, const std::uint8_t* half, int tau) {
   cv::Mat sums(image.chance_height, image.chance_width, CV_32F);
@@ -60,8 +68,8 @@ cv::Mat BlockSums(const AspectImage& image, const std::uint8_t* half, int tau) {
   return sums;
 }
 
-// Half cells of each block.
-cv::Mat BlockCounts(const AspectImage& image) {
+// Mean half cells of a block over the window of each level.
+std::array<cv::Mat, AspectImage::kChanceLevels> MeanCounts(const AspectImage& image) {
   cv::Mat counts(image.chance_height, image.chance_width, CV_32F);
   for (int y = 0; y < counts.rows; ++y) {
     for (int x = 0; x < counts.cols; ++x) {
@@ -69,28 +77,29 @@ cv::Mat BlockCounts(const AspectImage& image) {
                                                   std::min(kSide, image.half_width - x * kSide));
     }
   }
-  return counts;
+  std::array<cv::Mat, AspectImage::kChanceLevels> means;
+  for (int level = 0; level < AspectImage::kChanceLevels; ++level)
+    means[level] = WindowMean(counts, level);
+  return means;
 }
 
 // Chance levels of one bin: block means of the support, then means over the window.
-void FillChance(int bin, AspectImage* image) {
+void FillChance(int bin,
+                const std::array<cv::Mat, AspectImage::kChanceLevels>& mean_counts,
+                AspectImage* image) {
   const std::size_t blocks = static_cast<std::size_t>(image->chance_width) * image->chance_height;
   const std::uint8_t* half = image->half_distance.data() +
                              static_cast<std::size_t>(bin) * image->half_width * image->half_height;
-  const cv::Mat counts = BlockCounts(*image);
   for (int level = 0; level < AspectImage::kChanceLevels; ++level) {
     const float tau = AspectImage::kChanceTausPx[level] * AspectImage::kDistanceScale;
-    cv::Mat sum = BlockSums(*image, half, static_cast<int>(tau)), count;
-    const cv::Size window(AspectImage::kChanceWindows[level], AspectImage::kChanceWindows[level]);
-    cv::blur(sum, sum, window, cv::Point(-1, -1), cv::BORDER_REPLICATE);
-    cv::blur(counts, count, window, cv::Point(-1, -1), cv::BORDER_REPLICATE);
-    cv::divide(sum, count, sum);
+    cv::Mat mean = WindowMean(BlockSums(*image, half, static_cast<int>(tau)), level);
+    cv::divide(mean, mean_counts[level], mean);
     cv::Mat out(
         image->chance_height,
         image->chance_width,
         CV_8U,
         image->chance.data() + static_cast<std::size_t>(level * kAspectBins + bin) * blocks);
-    sum.convertTo(out, CV_8U, 255.0 / tau);
+    mean.convertTo(out, CV_8U, 255.0 / tau);
   }
 }
 
@@ -126,9 +135,10 @@ void FillAspectMaps(const AspectImageOptions& options, AspectImage* image) {
     angle = angle < 0 ? angle + kPi : angle;
     directions.push_back(angle >= kPi ? angle - kPi : angle);
   }
+  const auto mean_counts = MeanCounts(*image);
   ParallelFor(kAspectBins, options.threads, [&](int bin) {
     FillBin(bin, options.bin_reach_rad, directions, image);
-    FillChance(bin, image);
+    FillChance(bin, mean_counts, image);
   });
   FillTexture(image);
 }

@@ -105,7 +105,9 @@ TEST(AdjustBundle, KeepsThePlaneAndTheFirstViewsPlace) {
   const Eigen::Matrix3d turn = was.R.transpose() * is.R;
   EXPECT_NEAR(turn(1, 0) - turn(0, 1), 0.0, 1e-9);
   for (const BundlePoint& p : bundle.points) {
-    if (p.on_plane) EXPECT_EQ(p.point_in_world.z(), 0.0);
+    if (p.on_plane) {
+      EXPECT_EQ(p.point_in_world.z(), 0.0);
+    }
   }
   // What the cameras see does not hang on where the first one is put.
   for (std::size_t k = 0; k < bundle.points.size(); ++k)
