@@ -98,6 +98,9 @@ absl::StatusOr<Reconstruction> ReconstructViews(const MatchingResult& matching,
     result.view_refusals[v].clear();
   }
   if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");
+  if (result.view_matches.empty()) {
+    result.view_matches = CountViewMatches(result.points, result.views, features, result.rms_px);
+  }
   return result;
 }
 

@@ -14,6 +14,7 @@
 #include "server/vision/reconstruction/calibrated_scene.h"
 #include "server/vision/reconstruction/image_size.h"
 #include "server/vision/reconstruction/reconstruction_options.h"
+#include "server/vision/reconstruction/view_matches.h"
 #include "server/vision/reconstruction/view_prior.h"
 
 namespace horopter {
@@ -37,6 +38,7 @@ struct Reconstruction {
       false;  // focal lengths and rotations are determined by the images, not by the prior
   std::string refusal;  // why not, in numbers, when nothing was reconstructed or it is not trusted
   std::vector<std::string> view_refusals;  // per view; empty: registered
+  std::vector<ViewMatches> view_matches;   // per view: what its camera rests on
   std::map<std::string, double> counts;
 };
 

@@ -95,6 +95,48 @@ TEST_P(NoiseTest, ErrorGrowsNoFasterThanNoise) {
 }
 INSTANTIATE_TEST_SUITE_P(Sweep, NoiseTest, testing::Values(0.02, 0.1, 0.3, 0.6));
 
+TEST(ReconstructViews, SaysHowManyMatchesEachCameraRestsOn) {
+  SyntheticSceneOptions options;
+  options.seed = 3;
+  const SyntheticScene scene = MakeSyntheticScene(options);
+  const Reconstruction r = Reconstruct(scene, MatchSyntheticScene(scene, {3, 0.3, 0.0}));
+  ASSERT_EQ(r.view_matches.size(), 5u);
+  for (int v = 0; v < 5; ++v) {
+    int seen = 0;
+    for (const ReconstructedPoint& p : r.points) {
+      for (const auto& [view, junction] : p.observations) seen += view == v ? 1 : 0;
+    }
+    EXPECT_EQ(r.view_matches[v].matches, seen);
+    EXPECT_GT(seen, 50);
+    EXPECT_EQ(r.view_matches[v].source, MatchSource::kTexture);  // most are of the plane
+    EXPECT_GT(r.view_matches[v].rms_px, 0.1);
+    EXPECT_LT(r.view_matches[v].rms_px, 0.7);
+  }
+}
+
+TEST(CountViewMatches, CountsCornersOfAViewAndTheirResiduals) {
+  std::vector<std::optional<CalibratedView>> views(2);
+  CalibratedView view;
+  view.camera = CenteredCamera(640, 480, 800.0);
+  view.camera_from_scene.t = {0.0, 0.0, 1.0};
+  views[0] = view;
+  std::vector<ImageFeatures> features(2);
+  const Eigen::Vector2d middle(319.5, 239.5);
+  features[0].junctions.resize(2);
+  features[0].junctions[0].point = middle + Eigen::Vector2d(3.0, 0.0);
+  features[0].junctions[1].point = middle + Eigen::Vector2d(0.0, 4.0);
+  features[1].junctions.resize(1);
+  std::vector<ReconstructedPoint> points(2);  // both at the origin
+  points[0].observations = {{0, 0}, {1, 0}};
+  points[1].observations = {{0, 1}};
+  const auto found = CountViewMatches(points, views, features, 9.0);
+  EXPECT_EQ(found[0].source, MatchSource::kFeatures);
+  EXPECT_EQ(found[0].matches, 2);
+  EXPECT_NEAR(found[0].rms_px, std::sqrt(0.5 * (9.0 + 16.0)), 1e-9);
+  EXPECT_EQ(found[1].source, MatchSource::kNone);  // without a camera nothing agrees
+  EXPECT_EQ(found[1].matches, 0);
+}
+
 TEST(ReconstructViews, FocalErrorsStayWithinTheirPredictedDeviations) {
   double squared = 0.0;
   int n = 0;
