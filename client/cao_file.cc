@@ -13,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/mesh_topology.h"
+#include "client/polygon.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {

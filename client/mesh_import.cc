@@ -1,18 +1,11 @@
 #include "client/mesh_import.h"
 
-#include <assimp/material.h>
-#include <assimp/scene.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <assimp/Importer.hpp>
 #include <cmath>
 #include <exception>
-#include <fstream>
 #include <map>
 #include <set>
-#include <sstream>
-#include <string_view>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -20,8 +13,8 @@
 #include "client/cad_findings.h"
 #include "client/cao_file.h"
 #include "client/edge_chains.h"
+#include "client/mesh_file.h"
 #include "client/mesh_topology.h"
-#include "client/ply_vertices.h"
 #include "client/reconstruction_file.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/mesh_decimation.h"
@@ -33,91 +26,6 @@ constexpr double kWeldShare = 1e-5;    // of the bounding box diagonal: float co
 constexpr double kCircleShare = 2e-4;  // rim points may lie this far off their circle
 constexpr double kCoplanarRad = 0.0175;                 // 1 degree
 constexpr double kSmoothTurnRad = 25.0 * M_PI / 180.0;  // joints of a free-form edge
-
-Rgba ToRgba(const aiColor4D& color) {
-  const auto byte = [](float x) {
-    return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(x, 0.0f, 1.0f)));
-  };
-  // Opacity 0 stands for no colour; a file that makes a face invisible still colours it.
-  return {byte(color.r), byte(color.g), byte(color.b), std::max<std::uint8_t>(byte(color.a), 1)};
-}
-
-// Of a face: the mean of its corners where the file colours vertices, else the diffuse colour of
-// the file's own material.
-Rgba ColorOf(const aiScene& scene, const aiMesh& mesh, const aiFace& face, bool has_materials) {
-  if (mesh.HasVertexColors(0) && face.mNumIndices > 0) {
-    aiColor4D sum(0, 0, 0, 0);
-    for (unsigned k = 0; k < face.mNumIndices; ++k) sum += mesh.mColors[0][face.mIndices[k]];
-    return ToRgba(sum / static_cast<float>(face.mNumIndices));
-  }
-  if (!has_materials || mesh.mMaterialIndex >= scene.mNumMaterials) return kNoColor;
-  const aiMaterial& material = *scene.mMaterials[mesh.mMaterialIndex];
-  aiColor4D diffuse(0, 0, 0, 1);
-  aiString name;
-  // What the importer makes up where the file names no material.
-  const bool made_up = material.Get(AI_MATKEY_NAME, name) == AI_SUCCESS &&
-                       std::string_view(name.C_Str()) == AI_DEFAULT_MATERIAL_NAME;
-  if (made_up || material.Get(AI_MATKEY_COLOR_DIFFUSE, diffuse) != AI_SUCCESS) return kNoColor;
-  float opacity = 1.0f;
-  if (material.Get(AI_MATKEY_OPACITY, opacity) == AI_SUCCESS) diffuse.a = opacity;
-  return ToRgba(diffuse);
-}
-
-absl::StatusOr<TriangleMesh> ReadTriangles(const std::string& path, double metres_per_unit) {
-  Assimp::Importer importer;
-  // No post-processing: it asserts on damaged files, and these formats have no node transforms.
-  const aiScene* scene = importer.ReadFile(path, 0);
-  if (scene == nullptr) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": cannot be read as a mesh: ", importer.GetErrorString()));
-  }
-  const bool has_materials = absl::EndsWithIgnoreCase(path, ".obj");
-  TriangleMesh soup;
-  for (unsigned m = 0; m < scene->mNumMeshes; ++m) {
-    const aiMesh& mesh = *scene->mMeshes[m];
-    const int offset = static_cast<int>(soup.vertices.size());
-    for (unsigned v = 0; v < mesh.mNumVertices; ++v) {
-      const aiVector3D& p = mesh.mVertices[v];
-      if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z)) {
-        return absl::InvalidArgumentError(
-            absl::StrCat(path, ": vertex ", v, " has a coordinate that is not finite"));
-      }
-      soup.vertices.push_back(metres_per_unit * Eigen::Vector3d(p.x, p.y, p.z));
-    }
-    for (unsigned f = 0; f < mesh.mNumFaces; ++f) {
-      const aiFace& face = mesh.mFaces[f];
-      std::vector<int> polygon;
-      for (unsigned k = 0; k < face.mNumIndices; ++k) {
-        if (face.mIndices[k] >= mesh.mNumVertices) {
-          return absl::InvalidArgumentError(absl::StrCat(
-              path, ": face ", f, " names vertex ", face.mIndices[k], " of ", mesh.mNumVertices));
-        }
-        polygon.push_back(offset + static_cast<int>(face.mIndices[k]));
-      }
-      const auto triangles = TriangulatePolygon(soup.vertices, polygon);
-      soup.triangles.insert(soup.triangles.end(), triangles.begin(), triangles.end());
-      soup.colors.resize(soup.triangles.size(), ColorOf(*scene, mesh, face, has_materials));
-    }
-  }
-  if (soup.triangles.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": holds no triangles"));
-  }
-  return soup;
-}
-
-// Whether a PLY file holds points only. Its header was read before.
-bool IsPointCloud(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::string line;
-  while (std::getline(file, line) && line.rfind("end_header", 0) != 0) {
-    std::istringstream words(line);
-    std::string element, name;
-    long long count = 0;
-    words >> element >> name >> count;
-    if (element == "element" && (name == "face" || name == "tristrips") && count > 0) return false;
-  }
-  return true;
-}
 
 // The faces between the wireframe's edges; what bounds no two of them is told.
 absl::StatusOr<TriangleMesh> Surface(const Wireframe& wireframe,
@@ -138,6 +46,11 @@ absl::StatusOr<TriangleMesh> Surface(const Wireframe& wireframe,
   }
   for (Eigen::Vector3d& v : surface.mesh.vertices) v *= metres_per_unit;
   return std::move(surface.mesh);
+}
+
+TriangleMesh InMetres(TriangleMesh mesh, double metres_per_unit) {
+  for (Eigen::Vector3d& v : mesh.vertices) v *= metres_per_unit;
+  return mesh;
 }
 
 absl::StatusOr<TriangleMesh> ReadRangeImage(const std::string& path,
@@ -401,26 +314,29 @@ absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOpt
     HOROPTER_ASSIGN_OR_RETURN(reconstruction, ReadReconstruction(path));
   }
   const bool cao = absl::EndsWithIgnoreCase(path, ".cao");
-  HOROPTER_RETURN_IF_ERROR(SetUnit(path, reconstruction.unit, options, cao, &import));
-  std::vector<Eigen::Vector3d> cloud;
-  if (absl::EndsWithIgnoreCase(path, ".ply")) {
-    // assimp never returns from a header without an end, and takes missing vertices for zeros.
-    HOROPTER_ASSIGN_OR_RETURN(cloud, ReadPlyVertices(path));
-    if (!IsPointCloud(path)) cloud.clear();
-  }
+  MeshFile file;
   try {
+    if (!wireframe && !cao) {
+      HOROPTER_ASSIGN_OR_RETURN(file, ReadMeshFile(path));
+    }
+    const std::string& unit = wireframe ? reconstruction.unit : file.unit;
+    HOROPTER_RETURN_IF_ERROR(SetUnit(path, unit, options, cao, &import));
+    import.warnings = file.notes;
+    const bool cloud = file.mesh.triangles.empty() && !file.mesh.vertices.empty();
     constexpr double kReconstructionTolerance = 3e-3;  // corners, as a share of the extent
     HOROPTER_ASSIGN_OR_RETURN(TriangleMesh soup,
-                              wireframe        ? Surface(reconstruction.wireframe,
+                              wireframe ? Surface(reconstruction.wireframe,
                                                   path,
                                                   import.metres_per_unit,
                                                   kReconstructionTolerance,
                                                   import)
-                              : cao            ? ReadCao(path, import.metres_per_unit)
-                              : !cloud.empty() ? ReadRangeImage(path, cloud, import)
-                                               : ReadTriangles(path, import.metres_per_unit));
+                              : cao     ? ReadCao(path, import.metres_per_unit)
+                              : cloud   ? ReadRangeImage(path, file.mesh.vertices, import)
+                                        : InMetres(std::move(file.mesh), import.metres_per_unit));
     Eigen::AlignedBox3d box;
-    for (const Eigen::Vector3d& v : soup.vertices) box.extend(v);
+    for (const Eigen::Vector3i& t : soup.triangles) {
+      for (const int k : t) box.extend(soup.vertices[k]);
+    }
     const double diagonal = box.diagonal().norm();
     if (static_cast<int>(soup.triangles.size()) > options.max_triangles) {
       soup = Simplified(soup, diagonal, options.max_triangles, &import);
@@ -430,10 +346,10 @@ absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOpt
       return absl::InvalidArgumentError(absl::StrCat(path, ": all triangles are degenerate"));
     }
     // Faces made here have no side of their own.
-    TellRepairs(clean, !wireframe && !cao && cloud.empty(), &import);
+    TellRepairs(clean, !wireframe && !cao && !cloud, &import);
     import.model.mesh = std::move(clean.mesh);
     BuildEdges(import.model, diagonal, options.sharp_angle_rad);
-  } catch (const std::exception& e) {  // assimp and the allocator throw on hostile files
+  } catch (const std::exception& e) {  // the allocator, on hostile files
     return absl::InvalidArgumentError(absl::StrCat(path, ": cannot be read: ", e.what()));
   }
   return import;

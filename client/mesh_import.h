@@ -1,5 +1,5 @@
-// PLY, STL and OBJ through assimp: welded mesh, sharp edges by dihedral angle, circles found again
-// in polygonal rims.
+// PLY, STL, OBJ, CAO, clouds and reconstructions: welded mesh, sharp edges by dihedral angle,
+// circles found again in polygonal rims.
 #pragma once
 
 #include <string>

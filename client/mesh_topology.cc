@@ -213,38 +213,6 @@ bool Orient(TriangleMesh& mesh, int* turned) {
 
 }  // namespace
 
-std::vector<Eigen::Vector3i> TriangulatePolygon(const std::vector<Eigen::Vector3d>& points,
-                                                std::vector<int> polygon) {
-  std::vector<Eigen::Vector3i> triangles;
-  Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // Newell's, over the whole polygon
-  for (size_t i = 0; i < polygon.size(); ++i) {
-    normal += points[polygon[i]].cross(points[polygon[(i + 1) % polygon.size()]]);
-  }
-  const auto area = [&](int a, int b, int c) {
-    return normal.dot((points[b] - points[a]).cross(points[c] - points[a]));
-  };
-  while (polygon.size() > 3) {
-    const int n = static_cast<int>(polygon.size());
-    int ear = 0;  // when none is found (a polygon that crosses itself) any corner is cut
-    for (int i = 0; i < n; ++i) {
-      const int a = polygon[(i + n - 1) % n], b = polygon[i], c = polygon[(i + 1) % n];
-      if (area(a, b, c) <= 0.0) continue;
-      const bool empty = std::none_of(polygon.begin(), polygon.end(), [&](int p) {
-        return p != a && p != b && p != c && area(a, b, p) >= 0.0 && area(b, c, p) >= 0.0 &&
-               area(c, a, p) >= 0.0;
-      });
-      if (empty) {
-        ear = i;
-        break;
-      }
-    }
-    triangles.emplace_back(polygon[(ear + n - 1) % n], polygon[ear], polygon[(ear + 1) % n]);
-    polygon.erase(polygon.begin() + ear);
-  }
-  if (polygon.size() == 3) triangles.emplace_back(polygon[0], polygon[1], polygon[2]);
-  return triangles;
-}
-
 CleanMesh CleanTriangleSoup(const TriangleMesh& soup, double weld_distance) {
   CleanMesh clean;
   const std::vector<int> representative = Weld(soup.vertices, weld_distance);

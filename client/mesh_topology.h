@@ -10,11 +10,6 @@
 
 namespace horopter {
 
-// Cuts a plane polygon, convex or not, into triangles by clipping ears; fewer than three corners
-// give nothing, a polygon that crosses itself gives some triangles.
-std::vector<Eigen::Vector3i> TriangulatePolygon(const std::vector<Eigen::Vector3d>& points,
-                                                std::vector<int> polygon);
-
 // Result of cleaning a triangle soup.
 struct CleanMesh {
   TriangleMesh mesh;

@@ -9,8 +9,8 @@
 
 namespace horopter {
 
-// Vertices of a PLY file (ASCII or binary, vertices before faces), in the file's unit, all finite.
-// Errors: NOT_FOUND, INVALID_ARGUMENT naming the file (no or broken header, truncated, not finite).
+// Vertices of a PLY file, in the file's unit, all finite. Errors: NOT_FOUND, INVALID_ARGUMENT
+// naming the file (client/ply_file.h; not finite).
 absl::StatusOr<std::vector<Eigen::Vector3d>> ReadPlyVertices(const std::string& path);
 
 }  // namespace horopter

@@ -6,7 +6,7 @@
 #include <map>
 #include <numeric>
 
-#include "client/mesh_topology.h"
+#include "client/polygon.h"
 
 namespace horopter {
 namespace {
