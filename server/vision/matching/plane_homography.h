@@ -2,25 +2,16 @@
 // texture.
 #pragma once
 
-#include <cstdint>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <vector>
 
+#include "server/vision/features/keypoints.h"
 #include "server/vision/matching/homography.h"
+#include "server/vision/matching/keypoint_matching.h"
 #include "server/vision/matching/matching.h"
 
 namespace horopter {
-
-// SIFT points of one image version with descriptors as integers, so that distances are exact on
-// every machine.
-struct KeypointSet {
-  std::vector<Eigen::Vector2d> points;    // pixels
-  std::vector<std::int16_t> descriptors;  // 128 per point
-  std::vector<std::int32_t> squared_norms;
-
-  int size() const { return static_cast<int>(points.size()); }
-};
 
 // Grey image with its local mean subtracted and its local deviation divided out (Gaussian sigma 12
 // and 20 px, deviation at least 1 grey level), slightly blurred; CV_8UC1 around 128. Makes texture
@@ -39,9 +30,6 @@ KeypointSet DetectKeypointsFromAbove(const cv::Mat& grey,
                                      double scale,
                                      double elevation_rad,
                                      const MatchingOptions& options);
-
-// Mutual nearest neighbours that pass the ratio test on one side, best ratio first.
-std::vector<PointPair> MatchKeypoints(const KeypointSet& a, const KeypointSet& b, double ratio);
 
 struct PlaneEstimate {
   Eigen::Matrix3d b_from_a = Eigen::Matrix3d::Identity();
