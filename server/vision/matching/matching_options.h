@@ -109,6 +109,29 @@ struct OnPlaneOptions {
       0.1745;  // 10 degrees: a segment along the epipolar line never leaves it
 };
 
+// Texture points over views (texture_matching.h).
+struct TextureOptions {
+  int max_keypoints = 2500;    // of an image; more: slower, quadratically
+  double contrast = 0.008;     // SIFT's threshold; lower: more, weaker points
+  double ratio = 0.85;         // Lowe's; higher: more, wronger matches
+  double inlier_px = 1.5;      // MAGSAC's threshold, of a VGA image; grows with the image
+  double homography_px = 3.0;  // likewise, of what one homography explains
+  // Matches that agree, at least, and their share beyond seven: what so many agree on by chance.
+  int min_inliers = 15;
+  double min_share = 0.06;
+  // Images are reduced to so many pixels, for time.
+  int max_pixels = 500'000;
+  // Matches that stand still between two images while others move (by more than this, of a VGA
+  // image) show what does not belong to what moves: a background behind a turntable, dirt on a
+  // lens. They are left out where so many others agree.
+  double still_px = 1.5;
+  // Keypoints by which the partners of a view are chosen among many (ViewGraphOptions), and the
+  // ratio of a vote.
+  int vote_keypoints = 300;
+  double vote_ratio = 0.8;
+  unsigned seed = 1;
+};
+
 struct MatchingOptions {
   double sift_contrast = 0.004;  // on the locally normalised image; lower: more, weaker points
   double ratio = 0.87;           // Lowe's ratio; higher: more, wronger matches
@@ -124,6 +147,7 @@ struct MatchingOptions {
   bool repeated_texture = false;
   FeatureGraphOptions graph;  // of each view (features/feature_graph.h)
   ViewGraphOptions views;
+  TextureOptions texture;
   FeatureMatchOptions features;
   AlignOptions alignment;  // start_is_aligned: where it is
   // The distance to epipolar lines and the seeds of these are the ones here. What a free F needs

@@ -55,6 +55,7 @@ bool EliminateFeatures(const BundleLayout& layout,
   for (int i = 0; i < n; ++i) {
     for (int j = i; j < n; ++j) out->S.template block<C, C>(C * i, C * j) = S[i * n + j];
   }
+  if (normal.coupling.size() > 0) out->S.template triangularView<Eigen::Upper>() += normal.coupling;
   return true;
 }
 

@@ -38,6 +38,9 @@ struct NormalEquations {
   std::vector<FeatureFactor> F;  // ... and J_feature
   std::vector<CameraVector> camera_gradient;
   std::vector<Eigen::Vector4d> feature_gradient;
+  // What ties cameras to each other (several images of one camera): J^T J of all their parameters,
+  // of which the upper triangle counts. Empty: nothing does.
+  Eigen::MatrixXd coupling;
 
   void SetZero(const BundleLayout& layout) {
     U.assign(layout.cameras, Eigen::Matrix<double, C, C>::Zero());
@@ -46,6 +49,7 @@ struct NormalEquations {
     F.assign(layout.camera.size(), FeatureFactor::Zero());
     camera_gradient.assign(layout.cameras, CameraVector::Zero());
     feature_gradient.assign(layout.Features(), Eigen::Vector4d::Zero());
+    coupling.resize(0, 0);
   }
 
   // One observation's residual and Jacobians. Its cost bends by `weight` across the residual and by

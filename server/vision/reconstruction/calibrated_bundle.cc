@@ -3,6 +3,8 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <utility>
 
 #include "server/vision/reconstruction/bundle_model.h"
 
@@ -13,12 +15,16 @@ constexpr double kFunctionTolerance = 1e-6;  // relative change of the cost; adj
 
 using State = BundleState<CalibratedCamera>;
 
+Eigen::Vector4d IntrinsicsOf(const PinholeCamera& c) {
+  return {std::log(c.focal_px), c.cx, c.cy, c.k1};
+}
+
 struct IntrinsicsPrior {
   Eigen::Vector4d mean, sigma;  // log f, cx, cy, k1
 
   // In sigmas.
   Eigen::Vector4d Residual(const PinholeCamera& c) const {
-    return (Eigen::Vector4d(std::log(c.focal_px), c.cx, c.cy, c.k1) - mean).cwiseQuotient(sigma);
+    return (IntrinsicsOf(c) - mean).cwiseQuotient(sigma);
   }
 };
 
@@ -47,13 +53,21 @@ IntrinsicsPrior PriorOf(const ImageSize& size,
   return prior;
 }
 
+// Views of the layout that one camera took.
+using OneCamera = std::vector<int>;
+
 struct Priors {
   std::vector<IntrinsicsPrior> intrinsics;  // per view of the layout
   std::vector<std::optional<PosePrior>> poses;
+  std::vector<OneCamera> cameras;                        // of two views and more
+  Eigen::Vector4d tied_sigma = Eigen::Vector4d::Ones();  // of the same parameters about their mean
   int Residuals() const {
-    return static_cast<int>(
-        4 * intrinsics.size() +
-        6 * std::count_if(poses.begin(), poses.end(), [](const auto& p) { return p.has_value(); }));
+    int tied = 0;
+    for (const OneCamera& views : cameras) tied += 4 * (static_cast<int>(views.size()) - 1);
+    return tied + static_cast<int>(4 * intrinsics.size() +
+                                   6 * std::count_if(poses.begin(), poses.end(), [](const auto& p) {
+                                     return p.has_value();
+                                   }));
   }
 };
 
@@ -70,7 +84,22 @@ Priors PriorsOf(const MultiviewTracks& tracks,
     out.poses.back() =
         PosePrior{*given.camera_from_world, given.rotation_sigma_rad, given.position_sigma_m};
   }
+  std::map<int, OneCamera> of_camera;
+  for (size_t i = 0; i < used.view.size() && !options.camera_of_view.empty(); ++i)
+    of_camera[options.camera_of_view[used.view[i]]].push_back(static_cast<int>(i));
+  for (auto& [camera, views] : of_camera) {
+    if (views.size() > 1) out.cameras.push_back(std::move(views));
+  }
+  out.tied_sigma << options.tied_focal_log_sigma, options.tied_principal_point_sigma_px,
+      options.tied_principal_point_sigma_px, options.tied_k1_sigma;
   return out;
+}
+
+// The mean lens of one camera's views.
+Eigen::Vector4d MeanOf(const State& state, const OneCamera& views) {
+  Eigen::Vector4d sum = Eigen::Vector4d::Zero();
+  for (const int i : views) sum += IntrinsicsOf(state.cameras[i].camera);
+  return sum / static_cast<double>(views.size());
 }
 
 class Model : public BundleModel<kMetricCamera, CalibratedCamera> {
@@ -90,6 +119,13 @@ class Model : public BundleModel<kMetricCamera, CalibratedCamera> {
       cost += 0.5 * priors_.intrinsics[i].Residual(camera).squaredNorm();
       if (priors_.poses[i]) cost += 0.5 * Residual(*priors_.poses[i], pose).squaredNorm();
     }
+    for (const OneCamera& views : priors_.cameras) {
+      const Eigen::Vector4d mean = MeanOf(state, views);
+      for (const int i : views)
+        cost += 0.5 * (IntrinsicsOf(state.cameras[i].camera) - mean)
+                          .cwiseQuotient(priors_.tied_sigma)
+                          .squaredNorm();
+    }
     return cost;
   }
 
@@ -108,10 +144,12 @@ class Model : public BundleModel<kMetricCamera, CalibratedCamera> {
         U.topLeftCorner<6, 6>() += J.transpose() * J;
         gradient.head<6>() += J.transpose() * Residual(*priors_.poses[i], pose);
       }
-      if (estimate_k1_) continue;
-      U.row(kRadial).setZero();
-      U.col(kRadial).setZero();
-      gradient(kRadial) = 0.0;
+    }
+    TieCameras(state, normal);
+    for (size_t i = 0; i < state.cameras.size() && !estimate_k1_; ++i) {
+      normal->U[i].row(kRadial).setZero();
+      normal->U[i].col(kRadial).setZero();
+      normal->camera_gradient[i](kRadial) = 0.0;
     }
     if (estimate_k1_) return;
     for (auto& K : normal->K) K.row(kRadial).setZero();
@@ -127,6 +165,29 @@ class Model : public BundleModel<kMetricCamera, CalibratedCamera> {
   }
 
  private:
+  // Deviations of the lenses of one camera's views from their mean.
+  void TieCameras(const State& state, NormalEquations<kMetricCamera>* normal) const {
+    if (priors_.cameras.empty()) return;
+    const int size = kMetricCamera * static_cast<int>(state.cameras.size());
+    normal->coupling = Eigen::MatrixXd::Zero(size, size);
+    const Eigen::Vector4d weight = priors_.tied_sigma.cwiseAbs2().cwiseInverse();
+    const int parameters = estimate_k1_ ? 4 : 3;  // k1 comes last
+    for (const OneCamera& views : priors_.cameras) {
+      const Eigen::Vector4d mean = MeanOf(state, views);
+      for (const int i : views) {
+        normal->camera_gradient[i].tail<4>() +=
+            weight.cwiseProduct(IntrinsicsOf(state.cameras[i].camera) - mean);
+        for (const int j : views) {
+          const double share = (i == j ? 1.0 : 0.0) - 1.0 / static_cast<double>(views.size());
+          for (int p = 0; p < parameters; ++p) {
+            normal->coupling(kMetricCamera * i + kLogFocal + p,
+                             kMetricCamera * j + kLogFocal + p) += share * weight[p];
+          }
+        }
+      }
+    }
+  }
+
   const Priors& priors_;
   bool estimate_k1_;
 };

@@ -1,6 +1,8 @@
 // What can be set about the reconstruction stage.
 #pragma once
 
+#include <vector>
+
 #include "server/vision/reconstruction/robust_loss.h"
 
 namespace horopter {
@@ -100,6 +102,12 @@ struct CalibratedBundleOptions {
   double loss_scale = 1.0;
   int max_iterations = 40;
   bool covariance = false;  // fill the deviations of the result
+  // Per view which camera took it; views of one camera share their lens. Empty: a camera each.
+  std::vector<int> camera_of_view = {};
+  // ... up to these deviations from their mean.
+  double tied_focal_log_sigma = 0.002;
+  double tied_principal_point_sigma_px = 1.0;
+  double tied_k1_sigma = 0.002;
 };
 
 // From a projective scene to a metric one (self_calibration.h).
@@ -132,6 +140,66 @@ struct ResectionOptions {
   unsigned seed = 1;
 };
 
+// Incremental reconstruction of points (incremental_scene.h).
+struct IncrementalOptions {
+  std::vector<double> focal_widths = {0.8, 1.3, 2.2};  // of the starts, image widths
+  int start_pairs = 3;  // tried while none explains the images; more: slower
+  // Share of what nothing would explain, up to which a scene explains the images.
+  double sure_share = 0.2;
+  // Of points, in pixels: of a start, and of what is left at the end.
+  double start_gate_px = 8.0;
+  double gate_px = 4.0;
+  double outlier_chi2 = 16.0;  // what an observation costs at most
+  int min_points = 10;         // of a start, and known ones of a view to be registered
+  CalibratedBundleOptions bundle{.focal_prior_widths = 1.2,
+                                 .focal_prior_log_sigma = 0.5,
+                                 .estimate_k1 = true,
+                                 .max_iterations = 25};
+  // Times the deviations of one camera's views from their mean while a scene grows: whether it is
+  // one camera is asked at the end.
+  double loose_tie = 30.0;
+  ResectionOptions resection{.min_support = 8, .max_focal_log_sigma = 1.0};
+};
+
+// Planes among reconstructed points (point_planes.h).
+struct PointPlaneOptions {
+  int max_planes = 3;
+  int min_points = 25;  // of a plane
+  int samples = 300;    // of three points each
+  // Of all points, that may lie beyond a plane that things stand on: wrong ones, and what is seen
+  // past its border.
+  double max_share_under = 0.15;
+  unsigned seed = 1;
+};
+
+// Cameras from texture points (texture_route.h).
+struct TextureRouteOptions {
+  IncrementalOptions growth{};
+  int growth_of_view = 300;  // observations of a view in it, for time
+  // Images are of one camera unless a lens for each explains them by so much better. Photographs of
+  // one camera gain .01 - .14 of the cost, renders with a focal length each .15 - .7.
+  double one_camera_gain = 0.2;
+  // What is given: cost as a share of what nothing would explain. Right ones .04 - .12 in real
+  // photographs, a wrong one of repeated marks .48.
+  double max_unexplained = 0.25;
+  double max_k1 = 0.15;  // three deviations of its prior; beyond it a lens takes up what is wrong
+  int min_points_of_view = 20;
+  double min_share_of_view = 0.5;  // of its observations that agree
+  // Scenes within this ratio of the best's cost explain the images as well, and what they say of
+  // the focal lengths is part of their deviation.
+  double equal_cost = 1.2;
+  // Deviations of focal lengths know nothing of matches that are wrong together, nor of lenses that
+  // the model leaves out.
+  double sigma_factor = 2.0;
+  double focal_log_sigma_floor = 0.02;
+  // Where images of different focal lengths see little beside a plane, texture points alone leave
+  // the focal lengths to the noise: share of a pair's points that one homography explains.
+  double plane_share = 0.85;
+  PointPlaneOptions planes{};
+  // Of the points of a plane, in units of the cameras' mean distance.
+  double plane_tolerance = 0.008;
+};
+
 // Views whose deviation of log f is beyond this are not trusted. Four views of a plane know the
 // focal lengths to 15 % when the principal points are not known; a search for parts works with
 // that.
@@ -148,6 +216,7 @@ struct ReconstructionOptions {
   GrowOptions tracks;                                // without a plane
   SelfCalibrationOptions calibration{.max_focal_log_sigma = kMaxTrustedFocalSigma};
   ResectionOptions registration;  // of views left over
+  TextureRouteOptions texture;
   unsigned seed = 1;
 };
 

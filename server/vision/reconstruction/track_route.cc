@@ -1,12 +1,12 @@
 #include "server/vision/reconstruction/track_route.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <string>
 #include <utility>
 
 #include "server/base/status_macros.h"
+#include "server/vision/reconstruction/scene_frame.h"
 #include "server/vision/reconstruction/self_calibration.h"
 
 namespace horopter {
@@ -41,52 +41,14 @@ std::string Refusal(const TracksResult& result) {
   return projective ? result.metric.reason : result.projective.reason;
 }
 
-// x_out = scale R (x_scene - centre).
-struct Similarity {
-  Eigen::Matrix3d R = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-  double scale = 1.0;
-
-  Eigen::Vector3d operator*(const Eigen::Vector3d& x) const { return scale * (R * (x - centre)); }
-};
-
-Similarity FacingTheCameras(const CalibratedScene& scene) {
-  Similarity out;
-  int points = 0, views = 0;
-  for (const auto& X : scene.points) {
-    if (!X) continue;
-    out.centre += *X;
-    ++points;
-  }
-  out.centre /= std::max(1, points);
-  Eigen::Vector3d towards = Eigen::Vector3d::Zero();
-  double distance = 0.0;
-  for (const auto& view : scene.views) {
-    if (!view) continue;
-    const Eigen::Vector3d d = view->camera_from_scene.Inverse().t - out.centre;
-    towards += d.normalized();
-    distance += d.norm();
-    ++views;
-  }
-  out.scale = views / std::max(distance, 1e-12);
-  out.R = Eigen::Quaterniond::FromTwoVectors(towards, Eigen::Vector3d::UnitZ()).toRotationMatrix();
-  return out;
-}
-
 void Export(const MatchedTracks& matched, const TracksResult& from, Reconstruction* result) {
   const CalibratedScene& scene = from.metric.scene;
-  const Similarity world_from_scene = FacingTheCameras(scene);
+  const SimilarityTransform world_from_scene = FacingTheCameras(scene);
   double sigma = 0.0;
   int registered = 0;
   for (size_t v = 0; v < scene.views.size(); ++v) {
     if (!scene.views[v]) continue;
-    CalibratedView view;
-    view.camera = scene.views[v]->camera;
-    view.focal_log_sigma = scene.views[v]->focal_log_sigma;
-    const Eigen::Vector3d centre = world_from_scene * scene.views[v]->camera_from_scene.Inverse().t;
-    view.camera_from_scene.R = scene.views[v]->camera_from_scene.R * world_from_scene.R.transpose();
-    view.camera_from_scene.t = -(view.camera_from_scene.R * centre);
-    result->views[v] = std::move(view);
+    result->views[v] = Moved(*scene.views[v], world_from_scene);
     sigma = std::max(sigma, scene.views[v]->focal_log_sigma);
     ++registered;
   }

@@ -1,0 +1,54 @@
+#include "server/pipeline/texture_stage.h"
+
+#include <utility>
+
+#include "server/base/status_macros.h"
+#include "server/pipeline/clocks.h"
+#include "server/pipeline/recognition_stage.h"
+#include "server/vision/matching/camera_matching.h"
+#include "server/vision/matching/texture_matching.h"
+#include "server/vision/reconstruction/texture_route.h"
+
+namespace horopter {
+
+absl::StatusOr<Reconstruction> ReconstructTexture(const SceneRequest& request,
+                                                  const PipelineOptions& options,
+                                                  const StopRequested& stop,
+                                                  std::vector<StageReport>* stages) {
+  StageClock matching_clock("matching", stages);
+  const TextureMatching texture = MatchTexture(request.images,
+                                               options.matching.texture,
+                                               options.matching.views,
+                                               options.matching.threads,
+                                               stop);
+  if (IsStopRequested(stop)) return absl::CancelledError("matching: cancelled");
+  matching_clock.Finish(texture.counts);
+
+  StageClock reconstruction_clock("reconstruction", stages);
+  std::vector<ImageSize> sizes;
+  for (const cv::Mat& image : request.images) sizes.push_back({image.cols, image.rows});
+  HOROPTER_ASSIGN_OR_RETURN(
+      Reconstruction reconstruction,
+      ReconstructFromTexture(
+          texture, sizes, PriorsOf(request), options.reconstruction.texture, stop));
+  reconstruction_clock.Finish(reconstruction.counts);
+  return reconstruction;
+}
+
+absl::StatusOr<MatchingResult> MatchUnderCameras(const SceneRequest& request,
+                                                 std::span<const ImageFeatures> features,
+                                                 const Reconstruction& reconstruction,
+                                                 const PipelineOptions& options,
+                                                 const StopRequested& stop,
+                                                 std::vector<StageReport>* stages) {
+  StageClock clock("matching", stages);
+  std::vector<std::optional<CalibratedCamera>> cameras(reconstruction.views.begin(),
+                                                       reconstruction.views.end());
+  HOROPTER_ASSIGN_OR_RETURN(
+      MatchingResult matching,
+      MatchViewsOfCameras(request.images, features, cameras, options.matching, stop));
+  clock.Finish(matching.counts);
+  return matching;
+}
+
+}  // namespace horopter

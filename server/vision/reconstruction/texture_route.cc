@@ -1,0 +1,467 @@
+#include "server/vision/reconstruction/texture_route.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "server/base/status_macros.h"
+#include "server/vision/reconstruction/incremental_scene.h"
+#include "server/vision/reconstruction/point_planes.h"
+#include "server/vision/reconstruction/scene_frame.h"
+#include "server/vision/reconstruction/structure.h"
+
+namespace horopter {
+namespace {
+
+constexpr double kWorthAdjusting = 2.0;  // scenes of up to so many times the least cost
+constexpr int kMinViewsOfLensEach = 4;   // three with a lens each explain what is wrong as well
+constexpr int kMinViews = 3;             // two leave the focal length open, unless it is given
+constexpr int kAdjustments = 2;          // of the whole scene
+constexpr int kMaxDropRounds = 4;        // views that do not belong are dropped one after the other
+constexpr double kSameFocal = 1.02;      // ratio of hints that are one
+
+template <typename... Arguments>
+std::string Text(const char* format, Arguments... arguments) {
+  char text[200];
+  std::snprintf(text, sizeof(text), format, arguments...);
+  return text;
+}
+
+MultiviewTracks TracksOf(const TextureMatching& texture, std::span<const ImageSize> sizes) {
+  MultiviewTracks tracks;
+  tracks.sizes.assign(sizes.begin(), sizes.end());
+  for (const FeatureTrack& track : texture.tracks) {
+    if (tracks.points == kMaxFeatures) break;
+    for (const FeatureTrack::Feature& f : track.features) {
+      tracks.point_observations.push_back({f.view,
+                                           tracks.points,
+                                           texture.keypoints[f.view].points[f.feature],
+                                           texture.sigma_px[f.view]});
+    }
+    ++tracks.points;
+  }
+  return tracks;
+}
+
+// The longest tracks, until each view has `of_view` observations or all it has.
+MultiviewTracks FewTracks(const MultiviewTracks& tracks, const TrackIndex& index, int of_view) {
+  std::vector<int> order(tracks.points);
+  for (int j = 0; j < tracks.points; ++j) order[j] = j;
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return index.of_point[a].size() > index.of_point[b].size();
+  });
+  std::vector<int> taken(tracks.sizes.size(), 0);
+  MultiviewTracks few;
+  few.sizes = tracks.sizes;
+  for (const int j : order) {
+    const bool wanted = std::any_of(index.of_point[j].begin(), index.of_point[j].end(), [&](int k) {
+      return taken[tracks.point_observations[k].view] < of_view;
+    });
+    if (!wanted) continue;
+    for (const int k : index.of_point[j]) {
+      PointObservation o = tracks.point_observations[k];
+      ++taken[o.view];
+      o.point = few.points;
+      few.point_observations.push_back(o);
+    }
+    ++few.points;
+  }
+  return few;
+}
+
+// One number for all where the images may be of one camera.
+std::vector<int> CamerasOf(std::span<const ImageSize> sizes, std::span<const ViewPrior> priors) {
+  std::vector<int> camera(sizes.size(), 0);
+  const auto same = [&](size_t a, size_t b) {
+    if (sizes[a].width != sizes[b].width || sizes[a].height != sizes[b].height) return false;
+    if (priors.empty()) return true;
+    const auto &f = priors[a].focal_px, &g = priors[b].focal_px;
+    return f.has_value() == g.has_value() && (!f || std::max(*f / *g, *g / *f) < kSameFocal);
+  };
+  int cameras = 0;
+  for (size_t v = 0; v < sizes.size(); ++v) {
+    camera[v] = -1;
+    for (size_t other = 0; other < v && camera[v] < 0; ++other) {
+      if (same(v, other)) camera[v] = camera[other];
+    }
+    if (camera[v] < 0) camera[v] = cameras++;
+  }
+  return camera;
+}
+
+// Cameras and points of all tracks, adjusted together.
+struct Adjusted {
+  CalibratedScene scene;
+  ProjectiveScene inliers;
+  CalibratedBundleSummary summary;
+};
+
+std::optional<Adjusted> AdjustAll(const MultiviewTracks& tracks,
+                                  const TrackIndex& index,
+                                  const std::vector<std::optional<CalibratedView>>& views,
+                                  std::span<const ViewPrior> priors,
+                                  const std::vector<int>& camera_of_view,
+                                  const TextureRouteOptions& options) {
+  Adjusted out;
+  out.inliers = EmptyScene(tracks);
+  out.scene.views = views;
+  out.scene.points.resize(tracks.points);
+  CalibratedBundleOptions bundle = options.growth.bundle;
+  bundle.camera_of_view = camera_of_view;
+  for (int round = 0; round < kAdjustments; ++round) {
+    Structure structure = TriangulateAll(tracks, index, out.scene.views, options.growth.gate_px);
+    out.scene.points = std::move(structure.points);
+    out.inliers.point_inlier = std::move(structure.point_agrees);
+    bundle.covariance = round + 1 == kAdjustments;
+    out.summary = AdjustCalibrated(tracks, out.inliers, priors, bundle, &out.scene);
+    if (!out.summary.usable) return std::nullopt;
+  }
+  return out;
+}
+
+// Observations of each view, and how many of them agree with the scene.
+struct ViewCount {
+  int seen = 0;
+  int agree = 0;
+  double squared_px = 0.0;
+};
+
+std::vector<ViewCount> CountViews(const MultiviewTracks& tracks, const Adjusted& adjusted) {
+  std::vector<ViewCount> counts(tracks.sizes.size());
+  for (size_t k = 0; k < tracks.point_observations.size(); ++k) {
+    const PointObservation& o = tracks.point_observations[k];
+    ViewCount& count = counts[o.view];
+    ++count.seen;
+    const auto& view = adjusted.scene.views[o.view];
+    const auto& X = adjusted.scene.points[o.point];
+    if (!view || !X || !adjusted.inliers.point_inlier[k]) continue;
+    ++count.agree;
+    count.squared_px +=
+        (Project(view->camera, view->camera_from_scene * *X) - o.pixel).squaredNorm();
+  }
+  return counts;
+}
+
+// The registered view that fits worst and does not belong, with the reason; -1: all do.
+std::pair<int, std::string> WorstView(const MultiviewTracks& tracks,
+                                      const Adjusted& adjusted,
+                                      const TextureRouteOptions& options) {
+  const std::vector<ViewCount> counts = CountViews(tracks, adjusted);
+  int worst = -1;
+  double least = 2.0;
+  for (size_t v = 0; v < counts.size(); ++v) {
+    if (!adjusted.scene.views[v]) continue;
+    const double share = static_cast<double>(counts[v].agree) / std::max(1, counts[v].seen);
+    const bool belongs =
+        counts[v].agree >= options.min_points_of_view && share >= options.min_share_of_view;
+    if (belongs || share >= least) continue;
+    least = share;
+    worst = static_cast<int>(v);
+  }
+  if (worst < 0) return {worst, ""};
+  return {worst,
+          Text("%d of %d matched texture points agree with the other views, need %d and %.0f %%",
+               counts[worst].agree,
+               counts[worst].seen,
+               options.min_points_of_view,
+               100.0 * options.min_share_of_view)};
+}
+
+int Registered(const CalibratedScene& scene) {
+  return static_cast<int>(std::count_if(
+      scene.views.begin(), scene.views.end(), [](const auto& view) { return view.has_value(); }));
+}
+
+// Cost of the registered views' observations, as a share of what nothing would explain.
+double UnexplainedShare(const MultiviewTracks& tracks,
+                        const CalibratedScene& scene,
+                        double outlier_chi2) {
+  MultiviewTracks of_registered = tracks;
+  std::erase_if(of_registered.point_observations,
+                [&](const PointObservation& o) { return !scene.views[o.view]; });
+  return UnexplainedCost(of_registered, scene, outlier_chi2) /
+         (outlier_chi2 * std::max<double>(1.0, std::ssize(of_registered.point_observations)));
+}
+
+// Largest difference of log focal lengths.
+double FocalDifference(const CalibratedScene& a, const CalibratedScene& b) {
+  double largest = 0.0;
+  for (size_t v = 0; v < a.views.size(); ++v) {
+    const auto &x = a.views[v], &y = b.views[v];
+    if (!x || !y) continue;
+    largest = std::max(largest, std::abs(std::log(x->camera.focal_px / y->camera.focal_px)));
+  }
+  return largest;
+}
+
+// Pairs of the registered views that see something beside one plane, in shares of 1.
+double ShareBesidePlane(const TextureMatching& texture,
+                        const CalibratedScene& scene,
+                        double plane_share) {
+  double beside = 0.0, all = 0.0;
+  for (const TexturePair& pair : texture.pairs) {
+    if (!scene.views[pair.view_a] || !scene.views[pair.view_b]) continue;
+    const double n = static_cast<double>(pair.matches.size());
+    all += 1.0;
+    beside += pair.on_homography <= plane_share * n ? 1.0 : 0.0;
+  }
+  return all > 0.0 ? beside / all : 0.0;
+}
+
+// The steps in order; what stops it is the refusal.
+class TextureRoute {
+ public:
+  TextureRoute(const TextureMatching& texture,
+               std::span<const ImageSize> sizes,
+               std::span<const ViewPrior> priors,
+               const TextureRouteOptions& options,
+               const StopRequested& stop)
+      : texture_(texture),
+        priors_(priors),
+        options_(options),
+        stop_(stop),
+        tracks_(TracksOf(texture, sizes)),
+        index_(IndexTracks(tracks_)) {
+    result_.views.resize(sizes.size());
+    result_.view_refusals.resize(sizes.size());
+    result_.view_matches.resize(sizes.size());
+    camera_of_view_ = CamerasOf(sizes, priors);
+  }
+
+  absl::StatusOr<Reconstruction> Run() {
+    HOROPTER_ASSIGN_OR_RETURN(const std::vector<IncrementalScene> scenes, Grow());
+    if (scenes.empty()) return Refused(NoScene());
+    if (!ChooseScene(scenes) || !AdjustWithLenses() || !DropStrangers())
+      return Refused("too few texture points agree");
+    if (IsStopRequested(stop_)) return absl::CancelledError("reconstruction: cancelled");
+    WidenDeviations();
+    result_.refusal = Doubt();
+    result_.trusted = result_.refusal.empty();
+    Export();
+    return std::move(result_);
+  }
+
+ private:
+  absl::StatusOr<std::vector<IncrementalScene>> Grow() {
+    std::vector<SharedPoints> pairs;
+    for (const TexturePair& pair : texture_.pairs) {
+      pairs.push_back(
+          {pair.view_a, pair.view_b, static_cast<int>(pair.matches.size()), pair.on_homography});
+    }
+    return ReconstructIncrementally(FewTracks(tracks_, index_, options_.growth_of_view),
+                                    pairs,
+                                    priors_,
+                                    camera_of_view_,
+                                    options_.growth,
+                                    stop_);
+  }
+
+  // The scene that explains all tracks best, and how far the focal lengths of others are that
+  // explain them as well.
+  bool ChooseScene(const std::vector<IncrementalScene>& scenes) {
+    std::vector<std::pair<double, Adjusted>> tried;
+    size_t best = 0;
+    for (const IncrementalScene& scene : scenes) {
+      if (scene.views < scenes[0].views || scene.cost > kWorthAdjusting * scenes[0].cost) continue;
+      auto adjusted =
+          AdjustAll(tracks_, index_, scene.scene.views, priors_, scene.camera_of_view, options_);
+      if (!adjusted) continue;
+      const double cost = UnexplainedCost(tracks_, adjusted->scene, options_.growth.outlier_chi2);
+      if (!tried.empty() && cost < tried[best].first) best = tried.size();
+      if (tried.empty() || best == tried.size()) camera_of_view_ = scene.camera_of_view;
+      tried.emplace_back(cost, *std::move(adjusted));
+    }
+    if (tried.empty()) return false;
+    for (const auto& [cost, other] : tried) {
+      if (cost <= options_.equal_cost * tried[best].first)
+        spread_ = std::max(spread_, FocalDifference(tried[best].second.scene, other.scene));
+    }
+    adjusted_ = std::move(tried[best].second);
+    return true;
+  }
+
+  // One lens for the images of a camera; one each where that explains them better.
+  bool AdjustWithLenses() {
+    std::vector<int> apart(camera_of_view_.size());
+    for (size_t v = 0; v < apart.size(); ++v) apart[v] = static_cast<int>(v);
+    one_camera_ = camera_of_view_ != apart;
+    if (!one_camera_ || Registered(adjusted_->scene) < kMinViewsOfLensEach) return true;
+    std::optional<Adjusted> each =
+        AdjustAll(tracks_, index_, adjusted_->scene.views, priors_, apart, options_);
+    if (!each) return true;
+    const double gain = 1.0 - each->summary.cost / std::max(1e-9, adjusted_->summary.cost);
+    result_.counts["lens_each_gain"] = gain;
+    if (gain <= options_.one_camera_gain) return true;
+    one_camera_ = false;
+    camera_of_view_ = std::move(apart);
+    adjusted_ = std::move(each);
+    return true;
+  }
+
+  // Views most of whose points the others contradict leave, and the rest is adjusted again.
+  bool DropStrangers() {
+    for (int round = 0; round < kMaxDropRounds; ++round) {
+      auto [view, why] = WorstView(tracks_, *adjusted_, options_);
+      if (view < 0) break;
+      result_.view_refusals[view] = std::move(why);
+      std::vector<std::optional<CalibratedView>> views = adjusted_->scene.views;
+      views[view].reset();
+      if (std::count_if(views.begin(), views.end(), [](const auto& v) { return v.has_value(); }) <
+          2) {
+        return false;
+      }
+      adjusted_ = AdjustAll(tracks_, index_, views, priors_, camera_of_view_, options_);
+      if (!adjusted_) return false;
+    }
+    return WorstView(tracks_, *adjusted_, options_).first < 0;
+  }
+
+  void WidenDeviations() {
+    for (auto& view : adjusted_->scene.views) {
+      if (!view) continue;
+      view->focal_log_sigma = std::max(spread_,
+                                       std::hypot(options_.sigma_factor * view->focal_log_sigma,
+                                                  options_.focal_log_sigma_floor));
+    }
+  }
+
+  // Why the cameras are not to be trusted; empty: they are.
+  std::string Doubt() {
+    const int views = Registered(adjusted_->scene);
+    const double unexplained =
+        UnexplainedShare(tracks_, adjusted_->scene, options_.growth.outlier_chi2);
+    const double beside = ShareBesidePlane(texture_, adjusted_->scene, options_.plane_share);
+    double sigma = 0.0, k1 = 0.0;
+    for (const auto& view : adjusted_->scene.views) {
+      if (!view) continue;
+      sigma = std::max(sigma, view->focal_log_sigma);
+      k1 = std::max(k1, std::abs(view->camera.k1));
+    }
+    result_.counts["texture_unexplained"] = unexplained;
+    result_.counts["texture_beside_plane"] = beside;
+    result_.counts["focal_log_sigma"] = sigma;
+    if (views < kMinViews) return Text("%d views share texture, need %d", views, kMinViews);
+    if (!adjusted_->summary.covariance) return "the covariance cannot be computed";
+    if (unexplained > options_.max_unexplained) {
+      return Text("the texture's matches contradict each other (%.0f %%)", 100.0 * unexplained);
+    }
+    if (k1 > options_.max_k1)
+      return Text("only a lens of k1 %.2f would explain the texture, at most %.2f is believed",
+                  k1,
+                  options_.max_k1);
+    if (!one_camera_ && priors_.empty() && beside < 0.5)
+      return "the texture is a plane and the images differ in focal length";
+    if (!(sigma <= kMaxTrustedFocalSigma)) {
+      return Text("focal length known to %.0f %%, need %.0f %%",
+                  100.0 * std::min(sigma, 10.0),
+                  100.0 * kMaxTrustedFocalSigma);
+    }
+    return "";
+  }
+
+  std::string NoScene() const {
+    if (texture_.pairs.empty()) return "no two views share texture";
+    bool plane = true;
+    for (const TexturePair& pair : texture_.pairs)
+      plane = plane && pair.on_homography > options_.plane_share * std::ssize(pair.matches);
+    return plane ? "no parallax: one homography explains the texture of every pair"
+                 : "no pair of views gives a start";
+  }
+
+  Reconstruction Refused(std::string why) {
+    for (std::string& of_view : result_.view_refusals)
+      if (of_view.empty()) of_view = why;
+    result_.refusal = std::move(why);
+    return std::move(result_);
+  }
+
+  // The world has z = 0 in the plane that things stand on, where there is one.
+  SimilarityTransform WorldFromScene() {
+    const CalibratedScene& scene = adjusted_->scene;
+    const SimilarityTransform facing = FacingTheCameras(scene);
+    std::vector<Eigen::Vector3d> points;
+    for (int j = 0; j < tracks_.points; ++j) {
+      if (scene.points[j]) points.push_back(*scene.points[j]);
+    }
+    const double tolerance = options_.plane_tolerance / facing.scale;
+    std::vector<PointPlane> planes = FindPointPlanes(points, tolerance, options_.planes);
+    const int support = SupportingPlaneOf(points, scene.views, tolerance, options_.planes, &planes);
+    result_.counts["texture_planes"] = static_cast<double>(planes.size());
+    if (support < 0) return facing;
+    result_.has_plane = true;
+    return OnPlane(scene, planes[support].normal, planes[support].offset);
+  }
+
+  void Export() {
+    const CalibratedScene& scene = adjusted_->scene;
+    const SimilarityTransform world_from_scene = WorldFromScene();
+    const std::vector<ViewCount> counts = CountViews(tracks_, *adjusted_);
+    for (size_t v = 0; v < scene.views.size(); ++v) {
+      if (!scene.views[v]) {
+        if (result_.view_refusals[v].empty())
+          result_.view_refusals[v] = "shares too little texture with the other views";
+        continue;
+      }
+      result_.views[v] = Moved(*scene.views[v], world_from_scene);
+      result_.view_refusals[v].clear();
+      result_.view_matches[v] = {MatchSource::kTexture,
+                                 counts[v].agree,
+                                 std::sqrt(counts[v].squared_px / std::max(1, counts[v].agree))};
+    }
+    std::vector<ReconstructedPoint> points(tracks_.points);
+    for (size_t k = 0; k < tracks_.point_observations.size(); ++k) {
+      const PointObservation& o = tracks_.point_observations[k];
+      if (adjusted_->inliers.point_inlier[k] && scene.views[o.view])
+        points[o.point].observations.emplace_back(o.view, -1);
+    }
+    for (int j = 0; j < tracks_.points; ++j) {
+      if (!scene.points[j] || points[j].observations.size() < 2) continue;
+      points[j].point_in_world = world_from_scene * *scene.points[j];
+      points[j].on_plane =
+          result_.has_plane && std::abs(points[j].point_in_world.z()) <= options_.plane_tolerance;
+      result_.points.push_back(std::move(points[j]));
+    }
+    result_.rms_px = adjusted_->summary.rms_px;
+    result_.counts["views"] = Registered(scene);
+    result_.counts["texture_one_camera"] = one_camera_;
+    result_.counts["texture_points_in_space"] = static_cast<double>(result_.points.size());
+  }
+
+  const TextureMatching& texture_;
+  std::span<const ViewPrior> priors_;
+  const TextureRouteOptions& options_;
+  const StopRequested& stop_;
+  const MultiviewTracks tracks_;
+  const TrackIndex index_;
+  std::vector<int> camera_of_view_;
+  bool one_camera_ = false;
+  double spread_ = 0.0;
+  std::optional<Adjusted> adjusted_;
+  Reconstruction result_;
+};
+
+}  // namespace
+
+absl::StatusOr<Reconstruction> ReconstructFromTexture(const TextureMatching& texture,
+                                                      std::span<const ImageSize> sizes,
+                                                      std::span<const ViewPrior> priors,
+                                                      const TextureRouteOptions& options,
+                                                      const StopRequested& stop) {
+  if (texture.keypoints.size() != sizes.size() || texture.sigma_px.size() != sizes.size()) {
+    return absl::InvalidArgumentError("reconstruction: " + std::to_string(sizes.size()) +
+                                      " sizes and texture of " +
+                                      std::to_string(texture.keypoints.size()) + " views");
+  }
+  HOROPTER_RETURN_IF_ERROR(Validate(priors, sizes.size()));
+  if (sizes.size() > kMaxViews) {
+    return absl::InvalidArgumentError("reconstruction: " + std::to_string(sizes.size()) +
+                                      " views, at most " + std::to_string(kMaxViews));
+  }
+  return TextureRoute(texture, sizes, priors, options, stop).Run();
+}
+
+}  // namespace horopter
