@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_scenes/prior_adjustment.h"
 #include "server/vision/recognition/aspect_search/pose_edges.h"
 
 namespace horopter {
@@ -36,22 +37,25 @@ Eigen::Matrix3d Rotation(const Eigen::Vector3d& w) {
   return Eigen::AngleAxisd(angle, w / angle).toRotationMatrix();
 }
 
-// Where each view's and object's parameters begin; -1: none.
+// Where each view's and object's parameters begin, and that of ln unit_m; -1: none.
 struct Layout {
   std::vector<int> view, object;
+  int unit = -1;
   int size = 0;
 };
 
-Layout LayOut(const AspectScene& scene) {
+Layout LayOut(const AspectScene& scene, const CamerasPrior* prior) {
   Layout layout;
   for (const auto& view : scene.views) {
     layout.view.push_back(view ? layout.size : -1);
     if (view) layout.size += kViewParameters;
   }
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
-    layout.object.push_back(i > 0 ? layout.size : -1);
-    if (i > 0) layout.size += kObjectParameters;
+    const bool free = i > 0 || prior != nullptr;
+    layout.object.push_back(free ? layout.size : -1);
+    if (free) layout.size += kObjectParameters;
   }
+  if (prior != nullptr && !prior->scale_known) layout.unit = layout.size++;
   return layout;
 }
 
@@ -108,9 +112,52 @@ void AddRow(const SceneRow& row,
   out->g.segment<kObjectParameters>(b) += w * r * jo.transpose();
 }
 
+// The vector whose rotation it is.
+Eigen::Vector3d RotationVector(const Eigen::Matrix3d& R) {
+  const Eigen::AngleAxisd turn(R);
+  return turn.angle() * turn.axis();
+}
+
+// A view's camera is where the prior has it: its turn, and its centre in its own frame.
+void AddPrior(const CamerasPrior& prior,
+              const AspectScene& scene,
+              const Layout& layout,
+              std::size_t v,
+              Equations* out) {
+  if (!prior.camera_from_world[v]) return;
+  const Rigid3& here = scene.views[v]->camera_from_scene;
+  const Rigid3& there = *prior.camera_from_world[v];
+  const int a = layout.view[v];
+  const double w = 1.0 / (prior.rotation_sigma_rad * prior.rotation_sigma_rad);
+  const Eigen::Vector3d turn = RotationVector(here.R * there.R.transpose());
+  out->H.block<3, 3>(a, a).diagonal().array() += w;
+  out->g.segment<3>(a) -= w * turn;
+  out->cost += w * turn.squaredNorm();
+  // e = t + unit R C, of the centre C = -R' t of the prior.
+  const Eigen::Vector3d center = here.R * (prior.unit_m * there.Inverse().t);
+  const Eigen::Vector3d e = here.t + center;
+  const double distance = (here * scene.objects.front().scene_from_object.t).norm();
+  const double sigma = prior.position_sigma * std::max(distance, kMinDepth);
+  Eigen::Matrix<double, 3, kViewParameters> j = Eigen::Matrix<double, 3, kViewParameters>::Zero();
+  j.leftCols<3>() = -Cross(center);
+  j.middleCols<3>(3).setIdentity();
+  const double q = 1.0 / (sigma * sigma);
+  out->H.block<kViewParameters, kViewParameters>(a, a) += q * j.transpose() * j;
+  out->g.segment<kViewParameters>(a) -= q * j.transpose() * e;
+  out->cost += q * e.squaredNorm();
+  if (layout.unit < 0) return;
+  const int u = layout.unit;
+  out->H(u, u) += q * center.squaredNorm();
+  out->g(u) -= q * center.dot(e);
+  const Eigen::Matrix<double, kViewParameters, 1> cross = q * j.transpose() * center;
+  out->H.block<kViewParameters, 1>(a, u) += cross;
+  out->H.block<1, kViewParameters>(u, a) += cross.transpose();
+}
+
 Equations Linearise(std::span<const SceneRow> rows,
                     double sigma_px,
                     const AspectScene& scene,
+                    const CamerasPrior* prior,
                     const Layout& layout) {
   Equations out;
   out.H.setZero(layout.size, layout.size);
@@ -138,6 +185,7 @@ Equations Linearise(std::span<const SceneRow> rows,
     out.H(at, at) += alike / (kAlikeSigma * kAlikeSigma);
     out.g(at) += alike * unlike / kAlikeSigma;
     out.cost += reach * std::log1p(unlike * unlike / reach);
+    if (prior != nullptr) AddPrior(*prior, scene, layout, v, &out);
   }
   return out;
 }
@@ -152,7 +200,8 @@ AspectScene Moved(const AspectScene& scene, const Layout& layout, const Eigen::V
     pose.t += d.segment<3>(3);
     out.views[v]->camera.focal_px *= std::exp(std::clamp(d(6), -0.3, 0.3));
   }
-  for (std::size_t i = 1; i < out.objects.size(); ++i) {
+  for (std::size_t i = 0; i < out.objects.size(); ++i) {
+    if (layout.object[i] < 0) continue;
     const auto d = step.segment<kObjectParameters>(layout.object[i]);
     Rigid3& pose = out.objects[i].scene_from_object;
     pose.R = Rotation(d.head<3>()) * pose.R;
@@ -187,9 +236,17 @@ double AdjustToRows(std::span<const SceneRow> rows,
                     int steps,
                     double sigma_px,
                     AspectScene* scene) {
+  return AdjustToRows(rows, steps, sigma_px, scene, nullptr);
+}
+
+double AdjustToRows(std::span<const SceneRow> rows,
+                    int steps,
+                    double sigma_px,
+                    AspectScene* scene,
+                    CamerasPrior* prior) {
   if (rows.empty() || scene->objects.empty()) return 0.0;
-  const Layout layout = LayOut(*scene);
-  Equations now = Linearise(rows, sigma_px, *scene, layout);
+  const Layout layout = LayOut(*scene, prior);
+  Equations now = Linearise(rows, sigma_px, *scene, prior, layout);
   double damping = 1e-4;
   for (int i = 0; i < steps; ++i) {
     bool better = false;
@@ -206,15 +263,22 @@ double AdjustToRows(std::span<const SceneRow> rows,
               1.0 / (kTranslationSigma * kTranslationSigma * depth * depth);
         }
       }
-      for (std::size_t o = 1; o < scene->objects.size(); ++o) {
+      for (std::size_t o = 0; o < scene->objects.size(); ++o) {
+        if (layout.object[o] < 0) continue;
         for (int k = 0; k < 6; ++k) H(layout.object[o] + k, layout.object[o] + k) += 1.0;
       }
       const Eigen::VectorXd step = H.ldlt().solve(now.g);
       if (!step.allFinite()) break;
       AspectScene moved = Moved(*scene, layout, step);
-      Equations then = Linearise(rows, sigma_px, moved, layout);
+      std::optional<CamerasPrior> rescaled;
+      if (layout.unit >= 0) {
+        rescaled = *prior;
+        rescaled->unit_m *= std::exp(std::clamp(step(layout.unit), -0.3, 0.3));
+      }
+      Equations then = Linearise(rows, sigma_px, moved, rescaled ? &*rescaled : prior, layout);
       if (then.cost < now.cost && then.weight >= 0.9 * now.weight) {
         *scene = std::move(moved);
+        if (rescaled) *prior = *std::move(rescaled);
         now = std::move(then);
         better = true;
         damping = std::max(1e-7, 0.2 * damping);
@@ -259,6 +323,15 @@ double AdjustToEdges(std::span<const AspectImage> images,
                      const AspectAdjustmentOptions& options,
                      int threads,
                      AspectScene* scene) {
+  return AdjustToEdges(images, meshes, options, threads, scene, nullptr);
+}
+
+double AdjustToEdges(std::span<const AspectImage> images,
+                     std::span<const RenderMesh* const> meshes,
+                     const AspectAdjustmentOptions& options,
+                     int threads,
+                     AspectScene* scene,
+                     CamerasPrior* prior) {
   const int views = static_cast<int>(scene->views.size());
   const int objects = static_cast<int>(scene->objects.size());
   double rms_px = 0.0;
@@ -294,7 +367,7 @@ double AdjustToEdges(std::span<const AspectImage> images,
           rows.push_back({v, o, m.point, m.matched, m.normal, m.weight});
         }
       }
-      rms_px = AdjustToRows(rows, 1, options.sigma_px, scene);
+      rms_px = AdjustToRows(rows, 1, options.sigma_px, scene, prior);
     }
   }
   return rms_px;

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <random>
 
+#include "server/vision/recognition/aspect_scenes/prior_adjustment.h"
+
 namespace horopter {
 namespace {
 
@@ -188,6 +190,71 @@ TEST(AdjustObjectToRows, MovesTheObjectOnly) {
     scene.objects[1].scene_from_object = pose;
     EXPECT_LT(LargestErrorPx(scene, truth), 1e-3) << "seed " << seed;
   }
+}
+
+// Cameras as something else knows them: in a unit, and turned a little.
+CamerasPrior PriorOf(const AspectScene& scene, double unit_m, double turn_rad) {
+  std::mt19937 random(5);
+  std::normal_distribution<double> n(0.0, 1.0);
+  CamerasPrior prior;
+  prior.rotation_sigma_rad = turn_rad;
+  prior.position_sigma = turn_rad;
+  prior.unit_m = unit_m;
+  for (const auto& view : scene.views) {
+    const double x = n(random), y = n(random), z = n(random);
+    Rigid3 pose = Pose(turn_rad * Eigen::Vector3d(x, y, z), Eigen::Vector3d::Zero()) *
+                  view->camera_from_scene;
+    pose.t /= unit_m;
+    prior.camera_from_world.emplace_back(pose);
+  }
+  return prior;
+}
+
+TEST(AspectAdjustment, UnderAPriorOfTheCamerasTheirUnitIsFound) {
+  std::mt19937 random(3);
+  const AspectScene truth = TrueScene();
+  const std::vector<SceneRow> rows = RowsOf(truth, 0.3, &random);
+  for (const double off : {0.8, 1.0, 1.25}) {
+    SCOPED_TRACE(testing::Message() << "unit off by " << off);
+    CamerasPrior prior = PriorOf(truth, 0.37, 0.004);
+    prior.unit_m *= off;
+    AspectScene scene = truth;
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      scene.views[v]->camera_from_scene = *prior.camera_from_world[v];
+      scene.views[v]->camera_from_scene.t *= prior.unit_m;
+    }
+    AdjustToRows(rows, 20, 1.0, &scene, &prior);
+    EXPECT_LT(LargestErrorPx(scene, truth), 1.0);
+    // Turns of the prior against a quarter of a radian between its cameras.
+    EXPECT_NEAR(prior.unit_m, 0.37, 0.004 / 0.25 * 0.37);
+  }
+}
+
+TEST(AspectAdjustment, UnderAPriorInMetresTheUnitStays) {
+  std::mt19937 random(3);
+  const AspectScene truth = TrueScene();
+  const std::vector<SceneRow> rows = RowsOf(truth, 0.3, &random);
+  CamerasPrior prior = PriorOf(truth, 1.0, 0.004);
+  prior.scale_known = true;
+  AspectScene scene = Disturbed(truth, &random);
+  AdjustToRows(rows, 20, 1.0, &scene, &prior);
+  EXPECT_LT(LargestErrorPx(scene, truth), 1.0);
+  EXPECT_EQ(prior.unit_m, 1.0);
+}
+
+TEST(AspectAdjustment, CamerasWithoutRowsStayWhereThePriorHasThem) {
+  std::mt19937 random(3);
+  const AspectScene truth = TrueScene();
+  std::vector<SceneRow> rows = RowsOf(truth, 0.3, &random);
+  std::erase_if(rows, [](const SceneRow& row) { return row.view == 2; });
+  CamerasPrior prior = PriorOf(truth, 1.0, 1e-3);
+  prior.scale_known = true;
+  AspectScene scene = truth;
+  scene.views[2]->camera_from_scene =
+      Pose({0.05, 0, 0}, Eigen::Vector3d::Zero()) * scene.views[2]->camera_from_scene;
+  AdjustToRows(rows, 20, 1.0, &scene, &prior);
+  EXPECT_LT((scene.views[2]->camera_from_scene.R - prior.camera_from_world[2]->R).norm(), 3e-3);
+  EXPECT_LT((scene.views[2]->camera_from_scene.t - prior.camera_from_world[2]->t).norm(), 3e-3);
 }
 
 }  // namespace

@@ -1,0 +1,79 @@
+// What single images show, transferred into the others through cameras that are known: along the
+// ray of its image a hypothesis has one unknown, its depth in their unit.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/contour_points.h"
+#include "server/vision/recognition/aspect_scenes/prior_adjustment.h"
+
+namespace horopter {
+
+// A part in known cameras: a scene of this object, and what the views' edges say for it.
+struct TransferredObject {
+  AspectScene scene;  // of this one object; cameras as the search has moved them
+  double unit_m = 1.0;
+  double support = 0.0;
+};
+
+// What is looked for along a ray.
+struct UnitRange {
+  double least_m = 0.0, most_m = 0.0;  // metres of the unit, both positive
+  // The unit is the cameras': what differs is taken for an error of the hypothesis's depth.
+  bool known = false;
+};
+
+struct TransferOptions {
+  double reach_px = 10.0;  // working px by which edges may be off at first
+  double shift_px = 10.0;  // working px by which a view may be off as a whole
+  double step_px = 5.0;    // between places along a ray, in the view that moves most
+  int most_places = 400;   // ... and at most so many
+  int rounds = 7;          // of the adjustment; the reach narrows
+  double last_reach_px = 3.0;
+  double sigma_px = 3.0;  // of a row of the adjustment: neighbouring rows err together
+};
+
+class Transfer {
+ public:
+  // cameras: in metres under the prior's unit, views empty where not known. What is pointed to
+  // outlives the object.
+  Transfer(const AspectLinkInput& input,
+           const std::vector<std::optional<AspectSceneView>>& cameras,
+           const CamerasPrior& prior,
+           const TransferOptions& options);
+
+  // Parts that will be asked for.
+  void Prepare(int object) { contours_.Prepare(object); }
+
+  // The units under which the other views show most of the hypothesis of a view, best first, at
+  // most `most` that differ; none where fewer than `least_views` others could show it.
+  std::vector<TransferredObject> Place(int view,
+                                       const AspectHypothesis& hypothesis,
+                                       const UnitRange& range,
+                                       int least_views,
+                                       int most) const;
+
+  // The same with views shifted as a whole to where they show most and then all adjusted: cameras
+  // under their prior, the object, and the unit. Sets what is found in the end, of all views.
+  void Adjust(TransferredObject* placed) const;
+
+  // Sum over the views of what they show of an object above what wrong places do; left_out: a view
+  // that is not asked, or -1.
+  double Support(const AspectScene& scene, double reach_px, int left_out = -1) const;
+
+ private:
+  TransferredObject At(int view, const Rigid3& camera_from_object, double unit_m, int object) const;
+  void ShiftViews(AspectScene* scene) const;
+
+  const AspectLinkInput& in_;
+  const std::vector<std::optional<AspectSceneView>>& cameras_;
+  const CamerasPrior& prior_;
+  const TransferOptions& options_;
+  ContourPoints contours_;
+};
+
+}  // namespace horopter
