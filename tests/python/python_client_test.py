@@ -7,10 +7,12 @@ import asyncio
 import doctest
 import importlib
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import time
+import traceback
 import unittest
 import xml.etree.ElementTree as ElementTree
 
@@ -52,6 +54,65 @@ class Values(unittest.TestCase):
         for bad in (np.eye(3), np.diag([1.0, 1, -1, 1]), 2 * np.eye(4), np.full((4, 4), np.nan)):
             with self.assertRaises(ValueError):
                 types.matrix_to_proto(bad)
+
+    def test_row_vectors_are_said(self):
+        rows = np.eye(4)
+        rows[3, :3] = 0.4, 0.1, 0.0
+        for make in (lambda m: horopter.CameraHint(base_from_camera=m).to_proto(),
+                     lambda m: horopter.GraspModel("g", m).to_proto(),
+                     lambda m: horopter.GraspModel("g", np.eye(4), object_from_pregrasp=m).to_proto(),
+                     types.matrix_to_proto):
+            with self.assertRaisesRegex(ValueError, "row vectors"):
+                make(rows)
+            almost = np.eye(4)
+            almost[3, 3] = 1.0 + 2e-6
+            sheared = np.eye(4)
+            sheared[0, 1] = 2e-3
+            for bad in (almost, sheared, np.zeros((4, 4)), np.diag([1.0, 1, -1, 1])):
+                with self.assertRaises(ValueError):
+                    make(bad)
+            make(np.eye(4) + 1e-7)
+
+    def test_a_camera_info_is_a_hint(self):
+        message = {"width": 1280, "height": 960, "k": [979.75, 0, 633.64, 0, 979.75, 477.58, 0, 0, 1], "d": [0.0] * 5,
+                   "distortion_model": "plumb_bob", "binning_x": 1, "binning_y": 1,
+                   "roi": {"x_offset": 320, "y_offset": 240, "height": 480, "width": 640}}
+        hint = horopter.hint_from_camera_info(message, (640, 480))
+        self.assertEqual(hint.focal_px, 979.75)
+        np.testing.assert_allclose(hint.principal_point_px, (313.64, 237.58))
+        # As camera_calibration and OpenCV name them.
+        file = {"image_width": 640, "image_height": 480, "distortion_model": "none",
+                "camera_matrix": {"data": [[979.75, 0, 313.64], [0, 979.75, 237.58], [0, 0, 1]]},
+                "distortion_coefficients": {"data": [[0.0] * 5]}}
+        self.assertEqual(horopter.hint_from_camera_info(file, (640, 480)).principal_point_px, (313.64, 237.58))
+        with self.assertWarnsRegex(UserWarning, "scaled by 0.5"):
+            self.assertEqual(horopter.hint_from_camera_info(file, (320, 240)).focal_px, 979.75 / 2)
+        with self.assertRaisesRegex(ValueError, "transposed"):
+            horopter.hint_from_camera_info({"K": np.array([[980, 0, 320], [0, 980, 240], [0, 0, 1.0]]).T})
+        self.assertIsNone(horopter.hint_from_camera_info({"k": [0.0] * 9}))
+        self.assertTrue(horopter.hint_from_camera_info(dict(file, distortion_model="equidistant"), (640, 480)).fisheye)
+
+    def test_what_stands_around_a_token_is_dropped_and_no_error_shows_it(self):
+        for text in ("secret", "secret\r\n", "\ufeff secret\n", "\tsecret\x0b", b"secret\r\n"):
+            self.assertEqual(horopter.Security(token=text).metadata(), (("authorization", "Bearer secret"),))
+        self.assertEqual(horopter.Security(token=" \n").metadata(), ())
+        self.assertNotIn("secret", repr(horopter.Security(token="secret")))
+        for text, column in (("sec\nret", 4), ("secret\x00", 7), ("s\u00e9cret", 2), ("sec\tret", 4)):
+            with self.assertRaisesRegex(ValueError, "column %d" % column) as caught:
+                horopter.Security(token=text)
+            for shown in ("sec", "ret"):
+                self.assertNotIn(shown, "".join(traceback.format_exception(caught.exception)).split("ValueError:")[-1])
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "token")
+            for content, token in ((b"secret\r\n", "secret"), (b"\xef\xbb\xbfsecret", "secret"), (b"\n first\nsecond\xff", "first")):
+                with open(path, "wb") as file:
+                    file.write(content)
+                self.assertEqual(horopter.Security(token_file=path).token, token)
+            for content in (b"", b" \n", b"\xff\xfes\0e\0", b"sec\0ret"):
+                with open(path, "wb") as file:
+                    file.write(content)
+                with self.assertRaisesRegex(ValueError, re.escape(path)):
+                    horopter.Security(token_file=path)
 
     def test_an_array_becomes_a_png_of_the_same_pixels(self):
         generator = np.random.default_rng(2)

@@ -3,6 +3,7 @@
 
     horopter_ros_test.py PACKAGE_FOLDER ROS_FOLDER
 """
+import array
 import os
 import sys
 import unittest
@@ -136,8 +137,9 @@ class Images(unittest.TestCase):
         info.roi.x_offset = 100
         self.assertEqual(conversions.camera_hint(info).focal_px, 300.0)
         self.assertEqual(conversions.camera_hint(info).principal_point_px, (109.75, 119.75))
-        info.distortion_model = "equidistant"
-        self.assertIsNone(conversions.camera_hint(info))  # four numbers, not five
+        info.distortion_model, info.d = "equidistant", [-0.1, 0, 0, 0, 0.1]
+        with self.assertRaisesRegex(ValueError, "four numbers"):
+            conversions.camera_hint(info)
         info.d = [0.1, 0.02, 0.003, 0.0]
         fisheye = conversions.camera_hint(info)
         self.assertEqual((fisheye.fisheye, fisheye.focal_px, fisheye.k1), ((0.1, 0.02, 0.003, 0.0), 300.0, None))
@@ -145,12 +147,50 @@ class Images(unittest.TestCase):
         lens = conversions.camera_hint(info).to_proto()
         self.assertEqual((lens.k1, lens.k2, lens.p1, lens.p2, lens.k3), (-0.1, 0.02, 0.001, -0.002, 0.003))
         info.distortion_model, info.d = "rational_polynomial", [-0.1, 0, 0, 0, 0, 0.5, 0, 0]
-        self.assertIsNone(conversions.camera_hint(info))
+        with self.assertRaisesRegex(ValueError, "rational"):
+            conversions.camera_hint(info)
+        info.d = [-0.1, 0, 0, 0, 0, 0, 0, 0]
+        self.assertEqual(conversions.camera_hint(info).k1, -0.1)
+        info.d = [0.1, 0, 0, 0]
+        info.distortion_model = "omni"
+        with self.assertRaisesRegex(ValueError, "omni"):
+            conversions.camera_hint(info)
         info.k = [0.0] * 9
         info.distortion_model = "plumb_bob"
         self.assertIsNone(conversions.camera_hint(info))
         self.assertIsNone(conversions.camera_hint(None))
         self.assertIsNone(conversions.camera_hint(None, np.eye(4)).focal_px)
+
+    def test_the_size_of_an_image_says_what_of_the_sensor_it_is(self):
+        # rclpy has arrays of numpy for K and P, and one of Python for D.
+        info = SimpleNamespace(width=2560, height=1920, k=np.array([1960.0, 0, 1268, 0, 1960, 956, 0, 0, 1]),
+                               d=array.array("d", [0.0] * 5), distortion_model="plumb_bob", binning_x=2, binning_y=2,
+                               roi=SimpleNamespace(x_offset=640, y_offset=480, width=1200, height=900, do_rectify=False))
+
+        def of(*size):
+            hint = conversions.camera_hint(info, image_size=size)
+            return hint.focal_px, hint.principal_point_px[0]
+        self.assertEqual(of(600, 450), (980.0, (1268 - 640 + 0.5) / 2 - 0.5))
+        self.assertEqual(of(1200, 900), (1960.0, 628.0))
+        self.assertEqual(of(1280, 960), (980.0, 1268.5 / 2 - 0.5))
+        self.assertEqual(of(2560, 1920), (1960.0, 1268.0))
+        with self.assertRaisesRegex(ValueError, "binning of 2 x 2"):
+            of(640, 480)
+        info.roi.width, info.roi.height = 1280, 960
+        with self.assertRaisesRegex(ValueError, "both"):
+            of(1280, 960)
+        info.roi.width = 2000
+        with self.assertRaisesRegex(ValueError, "not within"):
+            of(1000, 480)
+
+    def test_a_matrix_that_is_none_is_an_error(self):
+        for k, said in (([980, 0, 0, 0, 980, 0, 320, 240, 1], "transposed"), ([980, 0, 320, 0, 980, 240, 0, 0, 980], "0 0 1"),
+                        ([980, 0, 320, 0, 300, 240, 0, 0, 1], "0.5 to 2"), ([980, 0, 720, 0, 980, 240, 0, 0, 1], "outside"),
+                        ([980, 90, 320, 0, 980, 240, 0, 0, 1], "skew")):
+            info = SimpleNamespace(width=640, height=480, k=k, d=[], distortion_model="", binning_x=0, binning_y=0,
+                                   roi=SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0))
+            with self.assertRaisesRegex(ValueError, said):
+                conversions.camera_hint(info, image_size=(640, 480))
 
 
 class Frames(unittest.TestCase):

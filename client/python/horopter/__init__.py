@@ -11,6 +11,7 @@ Metres, radians, right-handed frames; `a_from_b` is a 4 x 4 array that maps poin
 pixel is (0, 0).
 """
 from .aio import AsyncClient
+from .cameras import hint_from_camera_info
 from .client import Client
 from .errors import (AlreadyExists, Busy, Cancelled, Conflict, DataLoss, DeadlineExceeded, HoropterError, InternalError,
                      InvalidRequest, NotFound, PermissionDenied, TooLarge, Unauthenticated, Unavailable)
@@ -25,6 +26,6 @@ __all__ = [
     "DataLoss", "DeadlineExceeded", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp",
     "FoundObject", "GraspModel", "Gripper", "HoropterError", "InternalError", "InvalidRequest", "LookAlike", "NotFound",
     "ObjectInImage", "PermissionDenied", "Reason", "Reference", "Scene", "Security", "StationFinding", "StationReport",
-    "TooLarge", "Unauthenticated", "Unavailable", "encode_image",
+    "TooLarge", "Unauthenticated", "Unavailable", "encode_image", "hint_from_camera_info",
 ]
 __version__ = "@PROJECT_VERSION@"

@@ -42,7 +42,7 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
         request.candidate_objects.append(resource_name(candidate))
     if reference is not None:
         request.reference.object = resource_name(reference.object_id)
-        request.reference.base_from_object.CopyFrom(matrix_to_proto(reference.base_from_object))
+        request.reference.base_from_object.CopyFrom(matrix_to_proto(reference.base_from_object, "base_from_object"))
     if overlay is not None:
         request.overlay.format = recognition_pb2.OverlayOptions.Format.Value("FORMAT_" + overlay.upper())
     if explain is not None:

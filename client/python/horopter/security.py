@@ -11,13 +11,45 @@ import grpc
 CHANNEL_OPTIONS = (("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1))
 
 
+_BLANK = " \t\r\n\v\f\ufeff"
+
+
+def clean_token(text: str, where: str = "token") -> str:
+    """White space, line breaks and a mark of byte order around a token are dropped. Raises ValueError, which never holds the
+    token: a character that is not printable ASCII, by its line and column."""
+    token = text.strip(_BLANK)
+    start = len(text) - len(text.lstrip(_BLANK))
+    for at, character in enumerate(token, start):
+        if not " " <= character <= "~":
+            line_start = text.rfind("\n", 0, at) + 1
+            raise ValueError("%s: line %d, column %d: a token is of printable ASCII characters"
+                             % (where, text.count("\n", 0, at) + 1, at - line_start + 1))
+    return token
+
+
+def read_token(path: str) -> str:
+    """The first line of a file that is not blank, cleaned. Raises OSError (the file), ValueError (holds no token, or other than
+    one)."""
+    with open(path, "rb") as file:
+        content = file.read(1 << 16)
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")  # refused below, by its column
+    token = clean_token((text.lstrip(_BLANK).split("\n", 1) or [""])[0], path)
+    if not token:
+        raise ValueError("%s: holds no token" % path)
+    return token
+
+
 @dataclasses.dataclass(frozen=True)
 class Security:
     """TLS, client certificate and token of a connection. Files in PEM.
 
     tls: encrypted, with the system's authorities where ca_file is None; ca_file: authorities that may vouch for the server,
     implies tls; cert_file, key_file: the client's certificate (mutual TLS); server_name: in the server's certificate, None:
-    the host of the address; token: sent with every call, without TLS only to this machine.
+    the host of the address; token: sent with every call, without TLS only to this machine; blanks around it are dropped
+    (ValueError: it is not of printable ASCII characters); token_file: instead, see read_token.
 
     >>> Security(token="secret").is_tls, Security(ca_file="ca.pem").is_tls
     (False, True)
@@ -29,6 +61,21 @@ class Security:
     key_file: Optional[str] = None
     server_name: Optional[str] = None
     token: Optional[str] = dataclasses.field(default=None, repr=False)
+    token_file: dataclasses.InitVar[Optional[str]] = None
+
+    def __post_init__(self, token_file: Optional[str]) -> None:
+        if token_file is not None and self.token is not None:
+            raise ValueError("token and token_file: give one of them")
+        token = self.token
+        if token_file is not None:
+            token = read_token(token_file)
+        elif token is not None:
+            if isinstance(token, bytes):
+                token = token.decode("latin-1")
+            if not isinstance(token, str):
+                raise TypeError("token is a string")
+            token = clean_token(token) or None
+        object.__setattr__(self, "token", token)
 
     @property
     def is_tls(self) -> bool:

@@ -41,15 +41,30 @@ def quaternion_of(rotation: np.ndarray) -> Tuple[float, float, float, float]:
     return tuple(sign * float(v) for v in q)  # type: ignore[return-value]
 
 
-def matrix_to_proto(matrix: np.ndarray) -> types_pb2.RigidTransform:
-    """Raises ValueError when the matrix is no rigid transform."""
-    m = np.asarray(matrix, dtype=float)
+def check_pose(matrix: np.ndarray, name: str = "a pose") -> np.ndarray:
+    """The 4 x 4 array of a rigid transform, its rotation the nearest orthonormal one. Raises ValueError: the last row is not
+    0 0 0 1 within 1e-6, the rotation is off orthonormal by more than 1e-3 or a mirror image."""
+    m = np.array(matrix, dtype=float)
     if m.shape != (4, 4) or not np.all(np.isfinite(m)):
-        raise ValueError("a pose is a finite 4 x 4 array")
+        raise ValueError("%s is a finite 4 x 4 array" % name)
+    if np.abs(m[3] - (0, 0, 0, 1)).max() > 1e-6:
+        rows = np.abs(m[:, 3] - (0, 0, 0, 1)).max() <= 1e-6
+        raise ValueError("%s: the last row is not 0 0 0 1%s" % (name, ": row vectors? transpose it" if rows else ""))
     rotation = m[:3, :3]
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0.0:
-        raise ValueError("a pose's upper left 3 x 3 block is a rotation")
-    w, x, y, z = quaternion_of(rotation)
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:
+        raise ValueError("%s: the upper left 3 x 3 block is no rotation: its rows are not orthonormal" % name)
+    if np.linalg.det(rotation) < 0.0:
+        raise ValueError("%s: the upper left 3 x 3 block is no rotation but a mirror image" % name)
+    u, _, v = np.linalg.svd(rotation)
+    m[:3, :3] = u @ v
+    m[3] = (0, 0, 0, 1)
+    return m
+
+
+def matrix_to_proto(matrix: np.ndarray, name: str = "a pose") -> types_pb2.RigidTransform:
+    """Raises ValueError when the matrix is no rigid transform (check_pose)."""
+    m = check_pose(matrix, name)
+    w, x, y, z = quaternion_of(m[:3, :3])
     return types_pb2.RigidTransform(rotation=types_pb2.Quaternion(w=w, x=x, y=y, z=z),
                                     translation_m=types_pb2.Vector3(x=m[0, 3], y=m[1, 3], z=m[2, 3]))
 
@@ -107,7 +122,7 @@ class CameraHint:
         if self.fisheye is not None:
             hint.fisheye.k1, hint.fisheye.k2, hint.fisheye.k3, hint.fisheye.k4 = map(float, self.fisheye)
         if self.base_from_camera is not None:
-            hint.camera_from_base.CopyFrom(matrix_to_proto(np.linalg.inv(self.base_from_camera)))
+            hint.camera_from_base.CopyFrom(matrix_to_proto(np.linalg.inv(check_pose(self.base_from_camera, "base_from_camera"))))
         return hint
 
 
@@ -235,7 +250,7 @@ class Finding:
     """What the scene leaves open or contradicts; kind e.g. "SCALE_CONFLICT", "UNKNOWN" of a later server's.
 
     values: what the kind has, by the field's name: axis_in_object and direction_in_object as arrays, the others as numbers
-    (sigma_rad, sigma_m, focal_log_sigma, size_ratio, equivalent_frames, distance_m).
+    (sigma_rad, sigma_m, focal_log_sigma, size_ratio, equivalent_frames, distance_m, focal_px).
     """
     kind: str
     object_id: Optional[str]
@@ -283,7 +298,7 @@ class Explanation:
 @dataclasses.dataclass
 class Reason:
     """Why an answer is less than it could be: NOTHING_FOUND, AMBIGUOUS, SCALE_CONFLICT, TOO_FEW_FEATURES, NO_PARALLAX,
-    REFERENCE_NOT_FOUND, REFERENCE_CONFLICT or EMPTY_CATALOG; "UNKNOWN" of a later server's."""
+    REFERENCE_NOT_FOUND, REFERENCE_CONFLICT, EMPTY_CATALOG or BELOW_MIN_SCORE; "UNKNOWN" of a later server's."""
     kind: str
     detail: str
 
@@ -446,14 +461,14 @@ class GraspModel:
     cup_radius_m: Optional[float] = None
 
     def to_proto(self) -> catalog_pb2.Grasp:
-        grasp = catalog_pb2.Grasp(name=self.name, object_from_gripper=matrix_to_proto(self.object_from_gripper),
+        grasp = catalog_pb2.Grasp(name=self.name, object_from_gripper=matrix_to_proto(self.object_from_gripper, "object_from_gripper"),
                                   quality=self.quality)
         if self.cup_radius_m is not None:
             grasp.suction.cup_radius_m = self.cup_radius_m
         else:
             grasp.parallel_jaw.jaw_opening_m, grasp.parallel_jaw.grip_width_m = self.jaw_opening_m, self.grip_width_m
         if self.object_from_pregrasp is not None:
-            grasp.object_from_pregrasp.CopyFrom(matrix_to_proto(self.object_from_pregrasp))
+            grasp.object_from_pregrasp.CopyFrom(matrix_to_proto(self.object_from_pregrasp, "object_from_pregrasp"))
         return grasp
 
     @classmethod

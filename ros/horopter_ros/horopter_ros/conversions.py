@@ -1,13 +1,9 @@
 """Between ROS messages and the `horopter` package. Messages are passed in or made by `messages`, an object whose attributes
 are the message classes, so that nothing of ROS is needed to test this."""
-import math
-
 import numpy as np
 
-from horopter import CameraHint
+from horopter import CameraHint, hint_from_camera_info
 from horopter.types import quaternion_of
-
-SQUARE = 1e-3  # pixels whose sides differ by less count as square
 
 # encoding of sensor_msgs/Image -> (numpy type, channels, order of red, green, blue or None for grey)
 ENCODINGS = {
@@ -44,43 +40,14 @@ def image_array(image):
     return pixels[:, :, 0] if order is None else np.ascontiguousarray(pixels[:, :, order])
 
 
-def camera_hint(info, base_from_camera=None, rectified=False):
-    """CameraHint of a sensor_msgs/CameraInfo, or of None.
-
-    Raw images are described by K and D (plumb_bob, its first five numbers of rational_polynomial, or equidistant); rectified
-    ones by P, without distortion. An uncalibrated camera (K all 0) gives no intrinsics; a rational_polynomial that needs its
-    further numbers, or another model, none either: its images should be rectified. base_from_camera: 4 x 4, of the optical
-    frame.
-    """
-    hint = CameraHint(base_from_camera=base_from_camera)
-    unknown = hint if base_from_camera is not None else None
-    if info is None:
-        return unknown
-    if rectified:
-        fx, cx, fy, cy, d = info.p[0], info.p[2], info.p[5], info.p[6], []
-    else:
-        fx, cx, fy, cy, d = info.k[0], info.k[2], info.k[4], info.k[5], list(info.d)
-    fisheye = not rectified and info.distortion_model == "equidistant"
-    if fx <= 0.0 or fy <= 0.0 or (fisheye and len(d) != 4):
-        return unknown
-    if not fisheye and not rectified:
-        if info.distortion_model not in ("", "plumb_bob", "rational_polynomial") or any(d[5:]):
-            return unknown
-    # K is of the full resolution; binning and region of interest of the driver change the image.
-    bin_x, bin_y = max(1, info.binning_x), max(1, info.binning_y)
-    fx, fy = fx / bin_x, fy / bin_y
-    hint.principal_point_px = ((cx - info.roi.x_offset + 0.5) / bin_x - 0.5, (cy - info.roi.y_offset + 0.5) / bin_y - 0.5)
-    if fisheye:
-        hint.focal_px, hint.focal_y_px, hint.fisheye = fx, fy, tuple(d)
+def camera_hint(info, base_from_camera=None, rectified=False, image_size=None):
+    """CameraHint of a sensor_msgs/CameraInfo, or of None: see horopter.hint_from_camera_info. An uncalibrated camera (K all 0)
+    gives no intrinsics. base_from_camera: 4 x 4, of the optical frame; image_size: width and height of the image."""
+    hint = None if info is None else hint_from_camera_info(info, image_size, rectified)
+    if base_from_camera is None:
         return hint
-    k1, k2, p1, p2, k3 = (d + [0.0] * 5)[:5]
-    hint.k1 = k1
-    # Square pixels and k1 alone are told without a rectification.
-    if abs(fx / fy - 1.0) < SQUARE and not any((k2, p1, p2, k3)):
-        hint.focal_px = math.sqrt(fx * fy)
-        return hint
-    hint.focal_px, hint.focal_y_px = fx, fy
-    hint.k2, hint.p1, hint.p2, hint.k3 = k2, p1, p2, k3
+    hint = hint or CameraHint()
+    hint.base_from_camera = base_from_camera
     return hint
 
 

@@ -61,12 +61,8 @@ class Recognizer(Node):
         return self.get_parameter(name).value
 
     def _security(self):
-        token = None
-        if self._value("token_file"):
-            with open(self._value("token_file"), encoding="utf-8") as file:
-                token = file.readline().strip()
         return Security(ca_file=self._value("tls_ca") or None, cert_file=self._value("tls_cert") or None,
-                        key_file=self._value("tls_key") or None, token=token)
+                        key_file=self._value("tls_key") or None, token_file=self._value("token_file") or None)
 
     def _keep(self, where, topic, message):
         with self._lock:
@@ -95,7 +91,8 @@ class Recognizer(Node):
             return response
         try:
             hints = [conversions.camera_hint(info, self._base_from_camera(image.header.frame_id, image.header.stamp),
-                                             self._value("rectified")) for image, info in zip(images, infos)]
+                                             self._value("rectified"), (image.width, image.height))
+                     for image, info in zip(images, infos)]
             scene = self._client.recognize([conversions.image_array(i) for i in images], hints,
                                            list(request.candidates) or None,
                                            deadline_s=request.deadline or self._value("deadline"))
