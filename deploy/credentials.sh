@@ -2,9 +2,11 @@
 # Makes what a private server and its clients need: an authority, certificates, tokens and the access file. For a cell of
 # its own, the demo and the tests; where there is an authority already, use that.
 #
-#   deploy/credentials.sh FOLDER [--host NAME]... [--days N]
+#   deploy/credentials.sh FOLDER [--host NAME]... [--days N] [--install FOLDER [--owner USER]]
 #     --host   name or address that clients know the server by (localhost, 127.0.0.1 and this machine's name are always in)
 #     --days   how long the certificates are good (default 825; the authority twice as long)
+#     --install   copies what the server needs to FOLDER/keys (server.pem, server.key, ca.pem) and FOLDER/access, e.g. /etc/horopter
+#     --owner     whom the copies belong to (default: who calls; a container's server is 10001)
 #
 #   ca.pem ca.key              the authority; ca.key can make any certificate: keep it off the server and the robots
 #   server.pem server.key      horopterd --tls-cert --tls-key
@@ -19,16 +21,20 @@ umask 077
 folder=
 hosts=()
 days=825
+install=
+owner=
 while [[ $# -gt 0 ]]; do
   case $1 in
     --host) hosts+=("${2:?--host needs a name}"); shift 2 ;;
     --days) days=${2:?--days needs a number}; shift 2 ;;
+    --install) install=$(realpath -m "${2:?--install needs a folder}"); shift 2 ;;
+    --owner) owner=${2:?--owner needs a user}; shift 2 ;;
     -*) folder=; break ;;
     *) folder=$1; shift ;;
   esac
 done
 if [[ -z $folder ]]; then
-  sed -n '2,8s/^# \{0,1\}//p' "$0" >&2
+  sed -n '2,10s/^# \{0,1\}//p' "$0" >&2
   exit 2
 fi
 mkdir -p "$folder"
@@ -71,4 +77,13 @@ if [[ ! -e access ]]; then
       printf '%s %s-certificate cert:%s\n' "$role" "$role" "$role"
     done
   } >access
+fi
+
+# The key is the server's alone. The access file holds hashes of long random tokens: anybody may read it, so that the server can,
+# whoever it is, and what is changed there is in force within a second.
+if [[ -n $install ]]; then
+  install -d -m 755 "$install"
+  install -d -m 700 ${owner:+-o "$owner"} "$install/keys"
+  install -m 600 ${owner:+-o "$owner"} server.pem server.key ca.pem "$install/keys"
+  install -m 644 access "$install/access"
 fi

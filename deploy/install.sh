@@ -1,9 +1,11 @@
 #!/usr/bin/env bash
 # Installs the Debian packages of deploy/packages.txt that are missing. Asks nothing, changes nothing when all are there.
 #
-#   deploy/install.sh [--dev] [--list]
-#     --dev   also the packages only developers need (clang-tidy)
-#     --list  only print what is missing
+#   deploy/install.sh [--test] [--package] [--dev] [--list]
+#     --test     also what only the tests need (Prometheus)
+#     --package  also what only deploy/package.sh and its check need (lintian)
+#     --dev      also the packages only developers need (clang-tidy), and all of the above
+#     --list     only print what is missing
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -11,9 +13,11 @@ groups=build
 list=false
 for arg in "$@"; do
   case $arg in
-    --dev) groups="build dev" ;;
+    --test) groups+=" test" ;;
+    --package) groups+=" package" ;;
+    --dev) groups="build test package dev" ;;
     --list) list=true ;;
-    *) sed -n '2,7s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
+    *) sed -n '2,9s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
   esac
 done
 
@@ -41,7 +45,7 @@ fi
 if [[ $(id -u) -eq 0 ]]; then
   as_root=(env)
 elif command -v sudo >/dev/null; then
-  as_root=(sudo env)
+  as_root=(sudo --preserve-env=http_proxy,https_proxy,no_proxy env)
 else
   fail "${#missing[@]} packages are missing and you are neither root nor is there sudo. As root, run:
   apt-get install --no-install-recommends ${missing[*]}"
@@ -49,6 +53,7 @@ fi
 
 echo "Installing ${#missing[@]} packages: ${missing[*]}"
 apt=("${as_root[@]}" DEBIAN_FRONTEND=noninteractive apt-get -q -o DPkg::Lock::Timeout=300)
-"${apt[@]}" update || fail "apt-get update failed: is there a network and a package mirror?"
+"${apt[@]}" update || fail "apt-get update failed: is there a network and a package mirror? Behind a proxy, apt takes it from
+  http_proxy in the environment or from Acquire::http::Proxy in /etc/apt/apt.conf.d."
 "${apt[@]}" install -y --no-install-recommends "${missing[@]}" ||
   fail "apt-get install failed. Horopter is built on Debian 12 (bookworm); other releases may lack packages."

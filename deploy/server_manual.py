@@ -16,6 +16,7 @@ horopterd \\- recognises known parts in images from uncalibrated cameras
 .SH DESCRIPTION
 Serves the catalog and recognition over gRPC until it gets SIGTERM or SIGINT; it then refuses new calls, lets those that run
 finish for a while (\\-\\-drain\\-seconds) and ends. A second signal ends it at once; what was acknowledged is on disk.
+SIGHUP opens logs, access file and certificates anew.
 .PP
 Options may stand in a file (\\-\\-config); \\-\\-print\\-config prints one with every option.
 .SH OPTIONS
@@ -27,6 +28,9 @@ Configuration of the systemd unit horopterd.service.
 .TP
 /var/lib/horopter
 Its state: the catalog, and recordings where they are kept.
+.TP
+/etc/horopter/keys
+Certificate and key, which the unit hands on (/run/credentials/horopterd.service/keys_NAME).
 .SH EXIT STATUS
 .TP
 0
@@ -37,6 +41,9 @@ it cannot start or go on; the reason is on standard error
 .TP
 2
 wrong usage
+.TP
+3
+it could not reach its own ports any more (\\-\\-self\\-check\\-seconds)
 .TP
 128 + signal
 ended at once by a second signal

@@ -6,5 +6,5 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 echo "== packages"
-deploy/install.sh
+deploy/install.sh --test --package
 exec deploy/check.sh --precompiled "$@"

@@ -161,6 +161,16 @@ std::shared_ptr<const AccessList> Access::Current() {
   return list_;
 }
 
+void Access::Reload() {
+  if (options_.file.empty()) return;
+  {
+    const std::lock_guard lock(mutex_);
+    looked_ = {};
+    stamp_ = {};
+  }
+  Current();
+}
+
 absl::StatusOr<Caller> Access::Authorize(std::string_view authorization,
                                          std::string_view common_name,
                                          Role needed,

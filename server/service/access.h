@@ -62,6 +62,9 @@ class Access {
   // Errors: FAILED_PRECONDITION (the file cannot be read), INVALID_ARGUMENT (its contents).
   static absl::StatusOr<std::unique_ptr<Access>> Open(const AccessOptions& options);
 
+  // Reads the file again now.
+  void Reload();
+
   // Who calls, when he may do what needs the role. A token in the metadata (`authorization: Bearer
   // TOKEN`) goes before the certificate. Errors: UNAUTHENTICATED (neither, unknown, expired),
   // PERMISSION_DENIED (another role; admin calls are switched off).

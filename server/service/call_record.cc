@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "server/base/status_macros.h"
+#include "server/service/log_limiter.h"
 #include "server/service/rpc_status.h"
 #include "server/service/trace_context.h"
 
@@ -28,6 +29,18 @@ std::string NextRequestId() {
 // "ipv4:10.0.0.7:41234" -> "ipv4:10.0.0.7": all connections of a machine are one peer.
 std::string HostOfPeer(const std::string& peer) {
   return peer.substr(0, peer.rfind(':'));
+}
+
+// Of calls that fail, the log has some of a kind in a while: a client can bring about thousands.
+bool IsTold(const char* method, const std::string& code, const std::string& host) {
+  constexpr int kLines = 50;
+  static LogLimiter& limiter = *new LogLimiter(kLines);
+  const LogLimiter::Verdict verdict =
+      limiter.Ask(absl::StrCat("method=", method, " peer=", host, " code=", code));
+  for (const auto& [what, lines] : verdict.left_out) {
+    spdlog::warn("{}: {} more such calls were left out of the log", what, lines);
+  }
+  return verdict.write;
 }
 
 }  // namespace
@@ -52,7 +65,9 @@ absl::Status CallRecord::Authorize() {
   if (gate_.access == nullptr) return absl::PermissionDeniedError("nobody may call");
   HOROPTER_ASSIGN_OR_RETURN(const Caller caller, gate_.access->Authorize(*context_, method_.needs));
   record_.caller = caller.name;
-  return absl::OkStatus();
+  if (!record_.admin_call || gate_.sink == nullptr) return absl::OkStatus();
+  record_.peer = context_->peer();
+  return gate_.sink->BeforeAdminCall(record_);
 }
 
 std::string CallRecord::TurnOf() const {
@@ -78,6 +93,8 @@ double CallRecord::SecondsSinceStart() const {
 }
 
 void CallRecord::Log(const absl::Status& status) const {
+  const std::string code = absl::StatusCodeToString(status.code());
+  if (!status.ok() && !IsTold(method_.name, code, HostOfPeer(context_->peer()))) return;
   const auto level = status.ok() ? spdlog::level::info : spdlog::level::warn;
   spdlog::log(level,
               "request={} method={} peer={} caller={} code={} ms={:.1f}{}",
@@ -85,7 +102,7 @@ void CallRecord::Log(const absl::Status& status) const {
               method_.name,
               context_->peer(),
               record_.caller.empty() ? "-" : record_.caller,
-              absl::StatusCodeToString(status.code()),
+              code,
               1e3 * SecondsSinceStart(),
               status.ok() ? "" : absl::StrCat(" error=", Quoted(std::string(status.message()))));
 }

@@ -4,7 +4,7 @@
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/impl/server_builder_option.h>
-#include <sys/stat.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <utility>
@@ -25,7 +25,21 @@ constexpr int kMaxMetadataBytes = 16 << 10;
 // Largest messages that gRPC itself may hold. Above it breaks calls off, those that are answered as
 // well, and it needs more than the two that come in to hold two.
 constexpr int kMessagesOnTheirWay = 4;
-constexpr mode_t kOwnerAlone = 0077;
+
+// Clients find out that a server is gone by pings, and so does the server. One that pings every 5 s
+// is welcome, in calls and between them (proto/README.md); faster ones are not cut off either: a
+// client that cannot choose would lose its calls, and what waits to be acknowledged is bounded.
+constexpr int kPingsEveryMs = 5'000;
+constexpr int kNeverTooManyPings = 0;
+constexpr int kAskSilentClientsMs = 60'000;
+constexpr int kAnswerWithinMs = 20'000;
+// From the first byte to the settings that a client begins with.
+constexpr int kHandshakeMs = 10'000;
+// A connection without calls, and any; clients of gRPC connect again by themselves. A backup may
+// take the grace of an old one.
+constexpr int kIdleMs = 3'600'000;
+constexpr int kAgeMs = 24 * 3'600'000;
+constexpr int kAgeGraceMs = 3'600'000;
 
 // The library with reflection adds it to every server that is built.
 class WithoutReflection final : public grpc::ServerBuilderOption {
@@ -58,14 +72,29 @@ void SetLimits(const ListenerOptions& options, grpc::ServerBuilder* builder) {
   builder->SetResourceQuota(quota);
   builder->AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kMaxStreamsPerConnection);
   builder->AddChannelArgument(GRPC_ARG_MAX_METADATA_SIZE, kMaxMetadataBytes);
-  // Otherwise a second server on the same port would silently take a share of the calls.
-  builder->AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
+}
+
+void SetPatience(grpc::ServerBuilder* builder) {
+  for (const auto& [argument, value] :
+       {std::pair(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kPingsEveryMs),
+        std::pair(GRPC_ARG_HTTP2_MAX_PING_STRIKES, kNeverTooManyPings),
+        std::pair(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1),
+        std::pair(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0),
+        std::pair(GRPC_ARG_KEEPALIVE_TIME_MS, kAskSilentClientsMs),
+        std::pair(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kAnswerWithinMs),
+        std::pair(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, kHandshakeMs),
+        std::pair(GRPC_ARG_MAX_CONNECTION_IDLE_MS, kIdleMs),
+        std::pair(GRPC_ARG_MAX_CONNECTION_AGE_MS, kAgeMs),
+        std::pair(GRPC_ARG_MAX_CONNECTION_AGE_GRACE_MS, kAgeGraceMs)}) {
+    builder->AddChannelArgument(argument, value);
+  }
 }
 
 }  // namespace
 
-Listener::Listener(std::unique_ptr<Access> access, const ServedParts& served)
+Listener::Listener(std::unique_ptr<Access> access, TlsOptions tls, const ServedParts& served)
     : access_(std::move(access)),
+      tls_(std::move(tls)),
       recognition_(served.store,
                    CallGate{&served.scenes, &served.memory, access_.get(), served.sink},
                    served.recognizer,
@@ -83,31 +112,40 @@ Listener::~Listener() = default;
 absl::StatusOr<std::unique_ptr<Listener>> Listener::Start(const ListenerOptions& options,
                                                           const ServedParts& served) {
   EnableHealthAndReflection();
-  const bool is_unix = IsUnixAddress(options.address);
+  const TlsOptions tls = IsUnixAddress(options.address) ? TlsOptions() : options.tls;
   HOROPTER_ASSIGN_OR_RETURN(std::unique_ptr<Access> access, Access::Open(options.access));
   HOROPTER_ASSIGN_OR_RETURN(const std::shared_ptr<grpc::ServerCredentials> credentials,
-                            MakeServerCredentials(is_unix ? TlsOptions() : options.tls));
-  std::unique_ptr<Listener> listener(new Listener(std::move(access), served));
+                            MakeServerCredentials(tls));
+  std::unique_ptr<Listener> listener(new Listener(std::move(access), tls, served));
+  if (!options.address.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(listener->acceptor_,
+                              Acceptor::Create(options.address, options.connections));
+    listener->address_ = listener->acceptor_->address();
+  }
   grpc::ServerBuilder builder;
   if (!options.reflection) builder.SetOption(std::make_unique<WithoutReflection>());
   SetLimits(options, &builder);
+  SetPatience(&builder);
   builder.RegisterService(&listener->recognition_);
   builder.RegisterService(&listener->catalog_);
   builder.RegisterService(&listener->stations_);
   builder.RegisterService(&listener->info_);
-  int port = 0;
-  if (!options.address.empty()) builder.AddListeningPort(options.address, credentials, &port);
-  // The socket's file is never open to others, not even between bind and chmod.
-  const mode_t mask = is_unix ? ::umask(kOwnerAlone) : 0;
+  using grpc::experimental::ExternalConnectionAcceptor;
+  using Experimental = grpc::ServerBuilder::experimental_type;
+  const std::shared_ptr<ExternalConnectionAcceptor> connections =
+      builder.experimental().AddExternalConnectionAcceptor(
+          Experimental::ExternalConnectionType::FROM_FD, credentials);
   listener->server_ = builder.BuildAndStart();
-  if (is_unix) ::umask(mask);
-  if (listener->server_ == nullptr || (!options.address.empty() && port == 0)) {
-    return absl::UnavailableError(absl::StrCat("cannot listen on ", options.address));
+  if (listener->server_ == nullptr) {
+    return absl::UnavailableError(absl::StrCat("cannot serve on ", options.address));
   }
-  listener->address_ = options.address;
-  if (!options.address.empty() && !is_unix) {
-    const std::string host = options.address.substr(0, options.address.rfind(':'));
-    listener->address_ = absl::StrCat(host, ":", port);
+  if (listener->acceptor_ != nullptr) {
+    listener->acceptor_->Start([connections](int listening, int connection) {
+      ExternalConnectionAcceptor::NewConnectionParameters parameters;
+      parameters.listener_fd = listening;
+      parameters.fd = connection;
+      connections->HandleNewConnection(&parameters);
+    });
   }
   listener->SetServing(true);
   return listener;
@@ -126,7 +164,20 @@ void Listener::SetServing(bool serving) {
   for (const char* name : kServiceNames) health->SetServingStatus(name, serving);
 }
 
+void Listener::Reload() {
+  access_->Reload();
+  const absl::StatusOr<absl::Time> until = CheckTlsFiles(tls_);
+  if (!until.ok()) {
+    spdlog::error("certificates: {}", std::string(until.status().message()));
+  } else if (has_tls()) {
+    spdlog::info("certificates are in force within {} s, until {}",
+                 tls_.reload_seconds,
+                 absl::FormatTime(*until, absl::UTCTimeZone()));
+  }
+}
+
 void Listener::Shutdown(std::chrono::system_clock::time_point until) {
+  if (acceptor_ != nullptr) acceptor_->Stop();
   server_->Shutdown(until);
   server_->Wait();
 }

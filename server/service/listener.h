@@ -6,6 +6,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "server/service/acceptor.h"
 #include "server/service/access.h"
 #include "server/service/catalog_service.h"
 #include "server/service/recognition_service.h"
@@ -26,6 +27,7 @@ struct ListenerOptions {
   AccessOptions access;
   bool reflection = true;
   int largest_message_mb = 256;
+  ConnectionLimits connections;
 };
 
 // What all listeners of a server share; must outlive them.
@@ -50,23 +52,29 @@ class Listener {
                                                          const ServedParts& served);
   ~Listener();
 
-  // With the port that was bound.
+  // With the port that was bound; empty: in-process only.
   const std::string& address() const { return address_; }
+  bool has_tls() const { return !tls_.certificate.empty(); }
   std::shared_ptr<grpc::Channel> InProcessChannel();
   // What health says of the server and of each service.
   void SetServing(bool serving);
+  // Looks at the access file and at the certificates now; what is wrong with them is logged, and
+  // what was known stays in force.
+  void Reload();
   // Lets running calls finish until then, cancels the rest and returns when the last is done.
   void Shutdown(std::chrono::system_clock::time_point until);
 
  private:
-  Listener(std::unique_ptr<Access> access, const ServedParts& served);
+  Listener(std::unique_ptr<Access> access, TlsOptions tls, const ServedParts& served);
 
   const std::unique_ptr<Access> access_;
+  const TlsOptions tls_;
   RecognitionService recognition_;
   CatalogService catalog_;
   StationService stations_;
   ServerInfoService info_;
   std::unique_ptr<grpc::Server> server_;
+  std::unique_ptr<Acceptor> acceptor_;  // null: in-process only
   std::string address_;
 };
 

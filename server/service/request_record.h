@@ -62,6 +62,8 @@ class RequestSink {
  public:
   virtual ~RequestSink() = default;
   virtual void OnRequest(const RequestRecord& record) = 0;
+  // Before a call that needs an admin does anything; an error refuses it.
+  virtual absl::Status BeforeAdminCall(const RequestRecord&) { return absl::OkStatus(); }
   // False: requests are freed as soon as they are no longer needed.
   virtual bool KeepsMessages() const { return false; }
 };

@@ -42,7 +42,15 @@ v1::ServerLimits LimitsToProto(const ServerOptions& options, const RecognitionLi
 // Images, parts and tokens do not travel in the clear unless that is said.
 absl::Status CheckPrivate(const std::string& address, const ServerOptions& options) {
   if (address.empty() || IsLocalAddress(address)) return absl::OkStatus();
-  if (!options.tls.certificate.empty() || options.insecure) return absl::OkStatus();
+  if (options.insecure) return absl::OkStatus();
+  if (!options.tls.certificate.empty()) {
+    if (!options.access_file.empty() || options.open_access) return absl::OkStatus();
+    return absl::InvalidArgumentError(
+        absl::StrCat("listen: ",
+                     address,
+                     " can be reached from other machines, and whoever connects may do everything: "
+                     "give access_file, or say open_access"));
+  }
   return absl::InvalidArgumentError(
       absl::StrCat("listen: ",
                    address,
@@ -57,6 +65,7 @@ ListenerOptions MainListener(const ServerOptions& options) {
   listener.access.file = options.access_file;
   listener.access.admin_calls = options.admin_calls && options.admin_listen.empty();
   listener.reflection = options.reflection && options.admin_listen.empty();
+  listener.connections = options.connections;
   listener.largest_message_mb = std::max(options.max_message_mb, options.max_object_mb);
   return listener;
 }
@@ -68,6 +77,23 @@ ListenerOptions AdminListener(const ServerOptions& options) {
   if (IsUnixAddress(options.admin_listen)) listener.access.file.clear();
   listener.reflection = options.reflection;
   return listener;
+}
+
+absl::Status ValidateAddresses(const ServerOptions& options) {
+  for (const auto& [option, address] :
+       {std::pair("listen", options.listen),
+        std::pair("admin_listen", options.admin_listen),
+        std::pair("metrics_listen", options.telemetry.metrics_listen)}) {
+    if (address.empty()) continue;
+    HOROPTER_RETURN_IF_ERROR(ParseListenAddress(option, address).status());
+  }
+  if (IsUnixAddress(options.telemetry.metrics_listen)) {
+    return absl::InvalidArgumentError("metrics_listen: Prometheus needs HOST:PORT");
+  }
+  for (const std::string& address : {options.listen, options.admin_listen}) {
+    HOROPTER_RETURN_IF_ERROR(CheckPrivate(address, options));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status InRange(const char* name, int value, int low, int high) {
@@ -102,6 +128,7 @@ struct HoropterServer::Parts {
   std::unique_ptr<WorkerPool> catalog_pool;
   std::unique_ptr<Listener> listener;
   std::unique_ptr<Listener> admin_listener;  // null: none
+  std::unique_ptr<PortWatch> watch;          // null: nobody looks
 
   std::vector<Listener*> listeners() const {
     if (admin_listener == nullptr) return {listener.get()};
@@ -110,8 +137,13 @@ struct HoropterServer::Parts {
 };
 
 absl::Status Validate(const ServerOptions& options) {
-  for (const std::string& address : {options.listen, options.admin_listen}) {
-    HOROPTER_RETURN_IF_ERROR(CheckPrivate(address, options));
+  HOROPTER_RETURN_IF_ERROR(ValidateAddresses(options));
+  HOROPTER_RETURN_IF_ERROR(
+      InRange("max_connections", options.connections.max_connections, 1, 1'000'000));
+  HOROPTER_RETURN_IF_ERROR(
+      InRange("max_connections_per_peer", options.connections.max_per_peer, 1, 1'000'000));
+  if (options.telemetry.audit_required && options.telemetry.audit_log.empty()) {
+    return absl::InvalidArgumentError("audit_required: needs audit_log");
   }
   HOROPTER_RETURN_IF_ERROR(InRange("tls_reload_seconds", options.tls.reload_seconds, 1, 86400));
   HOROPTER_RETURN_IF_ERROR(InRange("workers", options.workers, 1, 256));
@@ -218,8 +250,26 @@ std::shared_ptr<grpc::Channel> HoropterServer::InProcessChannel() {
   return parts_->listener->InProcessChannel();
 }
 
+void HoropterServer::Reload() {
+  const absl::Status reopened = parts_->telemetry->Reopen();
+  if (!reopened.ok()) spdlog::error("{}", std::string(reopened.message()));
+  for (Listener* listener : parts_->listeners()) listener->Reload();
+}
+
+void HoropterServer::WatchPorts(const PortWatchOptions& options,
+                                std::function<void()> reached,
+                                std::function<void(const std::string& why)> lost) {
+  std::vector<WatchedPort> ports;
+  for (Listener* listener : parts_->listeners()) {
+    if (!listener->address().empty()) ports.push_back({listener->address(), listener->has_tls()});
+  }
+  parts_->watch =
+      std::make_unique<PortWatch>(std::move(ports), options, std::move(reached), std::move(lost));
+}
+
 void HoropterServer::Stop(double drain_seconds) {
   if (parts_ == nullptr || parts_->listener == nullptr) return;
+  parts_->watch.reset();
   for (Listener* listener : parts_->listeners()) listener->SetServing(false);
   parts_->scene_pool->Close();
   parts_->catalog_pool->Close();

@@ -1,14 +1,17 @@
 // The whole server behind one object: catalog store, services, worker pools, health and reflection.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "server/service/acceptor.h"
 #include "server/service/access.h"
 #include "server/service/catalog_store.h"
 #include "server/service/image_decode.h"
+#include "server/service/port_watch.h"
 #include "server/service/recognition_service.h"
 #include "server/service/telemetry.h"
 #include "server/service/transport_security.h"
@@ -22,17 +25,19 @@ namespace horopter {
 struct ServerOptions {
   // HOST:PORT, port 0: any free one, or unix:PATH; empty: in-process only (tests).
   std::string listen;
-  TlsOptions tls;           // of all listeners but Unix sockets
-  bool insecure = false;    // listen where others can read along without TLS
-  std::string access_file;  // tokens and certificates with roles (access.h); empty: all may do all
+  TlsOptions tls;            // of all listeners but Unix sockets
+  bool insecure = false;     // listen where others can read along without TLS
+  std::string access_file;   // tokens and certificates with roles (access.h); empty: all may do all
+  bool open_access = false;  // without an access file where others can call, though with TLS
   // A second listener, HOST:PORT or unix:PATH, for calls that need an admin and for reflection,
   // which the first one then refuses. Who can open a Unix socket, made for its owner alone, is an
   // admin without a token. Empty: none.
   std::string admin_listen;
   bool admin_calls = true;  // false: the first listener refuses them
   bool reflection = true;
-  int workers = 1;  // scenes at once; more: more throughput, slower single answers
-  int queue = 8;    // scenes that may wait; more: longer waits before a refusal
+  ConnectionLimits connections;  // of each listener
+  int workers = 1;               // scenes at once; more: more throughput, slower single answers
+  int queue = 8;                 // scenes that may wait; more: longer waits before a refusal
   // How long a scene may have to wait by the mean time of a scene, as a share of it; raising it
   // refuses less under load and makes answers later. 0: as long as the queue is.
   double max_wait = 0.0;
@@ -79,6 +84,15 @@ class HoropterServer {
 
   // A client connected without the network.
   std::shared_ptr<grpc::Channel> InProcessChannel();
+
+  // The files of the logs are opened anew, access file and certificates looked at. What fails is
+  // logged and stays as it was.
+  void Reload();
+
+  // Looks at the listeners' ports from now until Stop; PortWatch says when it calls what.
+  void WatchPorts(const PortWatchOptions& options,
+                  std::function<void()> reached,
+                  std::function<void(const std::string& why)> lost);
 
   // Health becomes NOT_SERVING, new calls are refused with UNAVAILABLE, accepted ones may finish
   // for `drain_seconds`; then they are cancelled. Returns when the last one is done.

@@ -6,10 +6,12 @@
 #include <prometheus/gauge.h>
 #include <prometheus/histogram.h>
 #include <prometheus/registry.h>
+#include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstdio>
+#include <cstring>
 #include <ctime>
 #include <fstream>
 #include <mutex>
@@ -17,6 +19,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/service/log_limiter.h"
 #include "server/service/trace_context.h"
 
 namespace horopter {
@@ -78,16 +81,22 @@ class LiveFigures final : public prometheus::Collectable {
 class LineFile {
  public:
   absl::Status Open(const std::string& path) {
-    file_ = path == "-" ? stdout : std::fopen(path.c_str(), "ae");
-    if (file_ == nullptr) {
-      return absl::PermissionDeniedError(absl::StrCat(path, ": cannot be written"));
+    std::FILE* const file = path == "-" ? stdout : std::fopen(path.c_str(), "ae");
+    if (file == nullptr) {
+      return absl::PermissionDeniedError(
+          absl::StrCat(path, ": cannot be written: ", std::strerror(errno)));
     }
+    const std::lock_guard lock(mutex_);
+    Close();
+    file_ = file;
+    path_ = path;
     return absl::OkStatus();
   }
-  ~LineFile() {
-    if (file_ != nullptr && file_ != stdout) std::fclose(file_);
-  }
+  // The same path again; when that fails, the file as it was.
+  absl::Status Reopen() { return open() && path_ != "-" ? Open(path_) : absl::OkStatus(); }
+  ~LineFile() { Close(); }
   bool open() const { return file_ != nullptr; }
+  const std::string& path() const { return path_; }
 
   // False: the line is lost.
   bool Write(const std::string& line, bool to_disk = false) {
@@ -99,8 +108,13 @@ class LineFile {
   }
 
  private:
+  void Close() {
+    if (file_ != nullptr && file_ != stdout) std::fclose(file_);
+  }
+
   std::mutex mutex_;
-  std::FILE* file_ = nullptr;
+  std::FILE* file_ = nullptr;  // never null again once it was opened
+  std::string path_;           // of it
 };
 
 const char* RefusalOf(const RequestRecord& record) {
@@ -126,6 +140,29 @@ const char* RefusalOf(const RequestRecord& record) {
       return "other";
   }
 }
+
+// Of a call that begins nothing is known but who asks for what.
+std::string AuditLine(const RequestRecord& r, bool begins) {
+  const auto seconds = std::chrono::duration<double>(r.arrival.time_since_epoch()).count();
+  nlohmann::json line = {{"time", seconds},
+                         {"request_id", r.request_id},
+                         {"caller", r.caller},
+                         {"peer", r.peer},
+                         {"method", r.method},
+                         {"request_bytes", r.request_bytes}};
+  if (begins) {
+    line["begins"] = true;
+  } else {
+    line["resource"] = r.resource;
+    line["code"] = absl::StatusCodeToString(r.status.code());
+    if (!r.status.ok()) line["error"] = std::string(r.status.message());
+  }
+  return line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+// In 10 s, of each peer and kind.
+constexpr int kLinesOfStrangers = 100;
+constexpr int kLostLinesTold = 5;
 
 }  // namespace
 
@@ -185,6 +222,11 @@ struct Telemetry::Parts {
           .Help("Lines of request log, audit log or trace file that could not be written")
           .Register(*registry)
           .Add({});
+  Counter& left_out = prometheus::BuildCounter()
+                          .Name("horopter_log_lines_left_out_total")
+                          .Help("Calls of strangers and broken-off ones that logs only count")
+                          .Register(*registry)
+                          .Add({});
   Counter& recorded = prometheus::BuildCounter()
                           .Name("horopter_recordings_total")
                           .Help("Requests that were recorded")
@@ -197,8 +239,44 @@ struct Telemetry::Parts {
                                    .Add({});
   std::shared_ptr<LiveFigures> live;
   LineFile request_log, trace_file, audit_log;
+  bool audit_required = false;
+  LogLimiter strangers{kLinesOfStrangers};
+  LogLimiter lost_audits{kLostLinesTold};
   std::unique_ptr<Recorder> recorder;
   std::unique_ptr<prometheus::Exposer> exposer;
+
+  // False: the line is lost, which the log tells.
+  bool Audit(const std::string& line) {
+    if (audit_log.Write(line, /*to_disk=*/true)) return true;
+    const std::string why = std::strerror(errno);
+    lost.Increment();
+    const LogLimiter::Verdict verdict = lost_audits.Ask("audit");
+    for (const auto& [what, lines] : verdict.left_out) {
+      spdlog::error("{} more lines of the audit log are lost", lines);
+    }
+    if (verdict.write) {
+      spdlog::error("a line of the audit log is lost, {}: {}: {}", audit_log.path(), why, line);
+    }
+    return false;
+  }
+
+  // Whether the logs have a line of it. Anybody can bring about thousands of calls that are refused
+  // or broken off before they begin.
+  bool IsTold(const RequestRecord& r) {
+    const bool unknown = absl::IsUnauthenticated(r.status);
+    const bool broken_off = absl::IsCancelled(r.status) && r.queue_seconds >= r.total_seconds;
+    if (!unknown && !broken_off) return true;
+    const std::string host = r.peer.substr(0, r.peer.rfind(':'));
+    const LogLimiter::Verdict verdict =
+        strangers.Ask(absl::StrCat(absl::StatusCodeToString(r.status.code()), " ", host));
+    for (const auto& [what, lines] : verdict.left_out) {
+      left_out.Increment(static_cast<double>(lines));
+      const std::string line = nlohmann::json{{"left_out", lines}, {"calls", what}}.dump();
+      if (request_log.open()) request_log.Write(line);
+      if (audit_log.open()) audit_log.Write(line);
+    }
+    return verdict.write;
+  }
 
   void Count(const RequestRecord& r) {
     const prometheus::Labels method = {{"method", r.method}};
@@ -234,6 +312,7 @@ absl::StatusOr<std::unique_ptr<Telemetry>> Telemetry::Start(
   }
   if (!options.audit_log.empty()) {
     HOROPTER_RETURN_IF_ERROR(parts->audit_log.Open(options.audit_log));
+    parts->audit_required = options.audit_required;
   }
   if (!options.recorder.folder.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(parts->recorder,
@@ -263,13 +342,31 @@ absl::StatusOr<std::unique_ptr<Telemetry>> Telemetry::Start(
   return std::unique_ptr<Telemetry>(new Telemetry(std::move(parts)));
 }
 
+absl::Status Telemetry::BeforeAdminCall(const RequestRecord& record) {
+  if (!parts_->audit_required) return absl::OkStatus();
+  if (parts_->Audit(AuditLine(record, /*begins=*/true))) return absl::OkStatus();
+  return absl::FailedPreconditionError(
+      "the audit log cannot be written, so nothing is changed (audit_required)");
+}
+
+absl::Status Telemetry::Reopen() {
+  std::string failed;
+  for (LineFile* file : {&parts_->request_log, &parts_->trace_file, &parts_->audit_log}) {
+    const absl::Status opened = file->Reopen();
+    if (!opened.ok())
+      absl::StrAppend(&failed, failed.empty() ? "" : "; ", std::string(opened.message()));
+  }
+  if (failed.empty()) return absl::OkStatus();
+  return absl::PermissionDeniedError(failed + "; lines go on to where they went");
+}
+
 void Telemetry::OnRequest(const RequestRecord& record) {
   parts_->Count(record);
-  if (parts_->audit_log.open() && record.admin_call &&
-      !parts_->audit_log.Write(AuditLogLine(record), /*to_disk=*/true)) {
-    parts_->lost.Increment();
+  const bool told = parts_->IsTold(record);
+  if (parts_->audit_log.open() && record.admin_call && told) {
+    parts_->Audit(AuditLogLine(record));
   }
-  if (parts_->request_log.open() && !parts_->request_log.Write(RequestLogLine(record))) {
+  if (parts_->request_log.open() && told && !parts_->request_log.Write(RequestLogLine(record))) {
     parts_->lost.Increment();
   }
   if (parts_->trace_file.open() && record.trace.sampled &&
@@ -324,18 +421,8 @@ std::string RequestLogLine(const RequestRecord& r) {
   return line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-std::string AuditLogLine(const RequestRecord& r) {
-  const auto seconds = std::chrono::duration<double>(r.arrival.time_since_epoch()).count();
-  nlohmann::json line = {{"time", seconds},
-                         {"request_id", r.request_id},
-                         {"caller", r.caller},
-                         {"peer", r.peer},
-                         {"method", r.method},
-                         {"resource", r.resource},
-                         {"request_bytes", r.request_bytes},
-                         {"code", absl::StatusCodeToString(r.status.code())}};
-  if (!r.status.ok()) line["error"] = std::string(r.status.message());
-  return line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+std::string AuditLogLine(const RequestRecord& record) {
+  return AuditLine(record, /*begins=*/false);
 }
 
 }  // namespace horopter

@@ -18,6 +18,9 @@ struct TelemetryOptions {
   // File with one JSON line per call that needs an admin, refused ones too, on disk before the
   // caller gets the answer; empty: none.
   std::string audit_log;
+  // Calls that need an admin are refused when the audit log cannot be written: each then has a line
+  // when it begins, too.
+  bool audit_required = false;
   RecorderOptions recorder;  // nothing is recorded by default
   std::string version;       // of the server
   std::string settings;      // its options as JSON, for recordings
@@ -31,7 +34,10 @@ struct CatalogFigures {
 };
 
 // Files are appended to. One that cannot be written any more (a full disk) loses lines, which a
-// metric counts; serving goes on.
+// metric counts and, of the audit log, an error in the log tells; serving goes on unless the audit
+// is required. Of what was refused for want of a known caller, or was cancelled before it began,
+// the request log and the audit log have a hundred lines per peer in 10 s, and a line that counts
+// the others.
 class Telemetry final : public RequestSink {
  public:
   // Errors: UNAVAILABLE (the address cannot be bound), PERMISSION_DENIED (a file or folder cannot
@@ -41,7 +47,12 @@ class Telemetry final : public RequestSink {
   ~Telemetry() override;
 
   void OnRequest(const RequestRecord& record) override;
+  absl::Status BeforeAdminCall(const RequestRecord& record) override;
   bool KeepsMessages() const override;  // when it records
+
+  // Opens the files anew, for who has moved them away. Errors: PERMISSION_DENIED naming those that
+  // cannot be opened, which go on where they were.
+  absl::Status Reopen();
 
   // 0 without a listener.
   int metrics_port() const;

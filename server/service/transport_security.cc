@@ -2,44 +2,111 @@
 
 #include <grpcpp/security/server_credentials.h>
 #include <grpcpp/security/tls_credentials_options.h>
+#include <openssl/err.h>
+#include <openssl/pem.h>
+#include <openssl/x509.h>
+#include <spdlog/spdlog.h>
 
+#include <ctime>
 #include <fstream>
 #include <sstream>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
 namespace {
 
-absl::Status CheckPem(const std::string& path, const char* kind) {
+template <typename T, void (*Free)(T*)>
+struct Freed {
+  void operator()(T* t) const { Free(t); }
+};
+using Bio = std::unique_ptr<BIO, Freed<BIO, ::BIO_free_all>>;
+using Certificate = std::unique_ptr<X509, Freed<X509, ::X509_free>>;
+using PrivateKey = std::unique_ptr<EVP_PKEY, Freed<EVP_PKEY, ::EVP_PKEY_free>>;
+
+absl::Status BadFile(const std::string& path, const char* why) {
+  ::ERR_clear_error();
+  return absl::FailedPreconditionError(absl::StrCat(path, ": ", why));
+}
+
+absl::StatusOr<Bio> OpenFile(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   std::ostringstream text;
   text << file.rdbuf();
-  if (!file) return absl::FailedPreconditionError(absl::StrCat(path, ": cannot be read"));
-  if (absl::StrContains(text.str(), "-----BEGIN ") && absl::StrContains(text.str(), kind)) {
-    return absl::OkStatus();
+  if (!file) return BadFile(path, "cannot be read");
+  const std::string bytes = text.str();
+  Bio bio(::BIO_new(::BIO_s_mem()));
+  if (bio == nullptr || ::BIO_write(bio.get(), bytes.data(), static_cast<int>(bytes.size())) < 0) {
+    return absl::ResourceExhaustedError("out of memory");
   }
-  return absl::FailedPreconditionError(absl::StrCat(path, ": holds no ", kind, " in PEM"));
+  return bio;
+}
+
+// The first one of the file, which is the server's own.
+absl::StatusOr<Certificate> ReadCertificate(const std::string& path) {
+  HOROPTER_ASSIGN_OR_RETURN(const Bio bio, OpenFile(path));
+  Certificate certificate(::PEM_read_bio_X509(bio.get(), nullptr, nullptr, nullptr));
+  if (certificate == nullptr) return BadFile(path, "holds no CERTIFICATE in PEM");
+  return certificate;
+}
+
+// An encrypted key would wait for a word at a terminal.
+int NoPassword(char*, int, int, void* asked) {
+  *static_cast<bool*>(asked) = true;
+  return -1;
+}
+
+absl::StatusOr<PrivateKey> ReadKey(const std::string& path) {
+  HOROPTER_ASSIGN_OR_RETURN(const Bio bio, OpenFile(path));
+  bool encrypted = false;
+  PrivateKey key(::PEM_read_bio_PrivateKey(bio.get(), nullptr, &NoPassword, &encrypted));
+  if (key != nullptr) return key;
+  return BadFile(path,
+                 encrypted ? "is encrypted; a server needs its key without a password"
+                           : "holds no PRIVATE KEY in PEM");
+}
+
+absl::Time TimeOf(const ASN1_TIME* time) {
+  std::tm utc = {};
+  if (::ASN1_TIME_to_tm(time, &utc) != 1) return absl::InfiniteFuture();
+  return absl::FromTM(utc, absl::UTCTimeZone());
 }
 
 }  // namespace
 
-absl::StatusOr<std::shared_ptr<grpc::ServerCredentials>> MakeServerCredentials(
-    const TlsOptions& options) {
+absl::StatusOr<absl::Time> CheckTlsFiles(const TlsOptions& options) {
   if (options.certificate.empty() != options.key.empty()) {
     return absl::InvalidArgumentError("tls_cert, tls_key: one is of no use without the other");
   }
   if (options.certificate.empty()) {
-    if (options.client_ca.empty()) return grpc::InsecureServerCredentials();
+    if (options.client_ca.empty()) return absl::InfiniteFuture();
     return absl::InvalidArgumentError("tls_client_ca: needs tls_cert and tls_key");
   }
-  HOROPTER_RETURN_IF_ERROR(CheckPem(options.certificate, "CERTIFICATE"));
-  HOROPTER_RETURN_IF_ERROR(CheckPem(options.key, "PRIVATE KEY"));
-  if (!options.client_ca.empty()) {
-    HOROPTER_RETURN_IF_ERROR(CheckPem(options.client_ca, "CERTIFICATE"));
+  HOROPTER_ASSIGN_OR_RETURN(const Certificate certificate, ReadCertificate(options.certificate));
+  HOROPTER_ASSIGN_OR_RETURN(const PrivateKey key, ReadKey(options.key));
+  if (::X509_check_private_key(certificate.get(), key.get()) != 1) {
+    return BadFile(options.key,
+                   absl::StrCat("is not the key of the certificate ", options.certificate).c_str());
   }
+  if (!options.client_ca.empty()) {
+    HOROPTER_RETURN_IF_ERROR(ReadCertificate(options.client_ca).status());
+  }
+  const absl::Time begins = TimeOf(::X509_get0_notBefore(certificate.get()));
+  const absl::Time ends = TimeOf(::X509_get0_notAfter(certificate.get()));
+  if (ends < absl::Now() || begins > absl::Now()) {
+    spdlog::warn("{} is good from {} to {}: clients will not believe it now",
+                 options.certificate,
+                 absl::FormatTime(begins, absl::UTCTimeZone()),
+                 absl::FormatTime(ends, absl::UTCTimeZone()));
+  }
+  return ends;
+}
+
+absl::StatusOr<std::shared_ptr<grpc::ServerCredentials>> MakeServerCredentials(
+    const TlsOptions& options) {
+  HOROPTER_RETURN_IF_ERROR(CheckTlsFiles(options).status());
+  if (options.certificate.empty()) return grpc::InsecureServerCredentials();
   using grpc::experimental::FileWatcherCertificateProvider;
   const auto provider = std::make_shared<FileWatcherCertificateProvider>(
       options.key,
@@ -53,17 +120,6 @@ absl::StatusOr<std::shared_ptr<grpc::ServerCredentials>> MakeServerCredentials(
     tls.set_cert_request_type(GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY);
   }
   return grpc::experimental::TlsServerCredentials(tls);
-}
-
-bool IsUnixAddress(const std::string& address) {
-  return absl::StartsWith(address, "unix:") || absl::StartsWith(address, "unix-abstract:");
-}
-
-bool IsLocalAddress(const std::string& address) {
-  if (IsUnixAddress(address)) return true;
-  const std::string host = address.substr(0, address.rfind(':'));
-  if (host == "localhost" || host == "[::1]") return true;
-  return absl::StartsWith(host, "127.") && host.find_first_not_of("0123456789.") == host.npos;
 }
 
 }  // namespace horopter

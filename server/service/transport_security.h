@@ -5,6 +5,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 
 namespace grpc {
 class ServerCredentials;
@@ -22,12 +23,14 @@ struct TlsOptions {
 };
 
 // Credentials of a listener; without TLS insecure ones. Errors: INVALID_ARGUMENT (a certificate
-// without a key or the reverse), FAILED_PRECONDITION (a file that cannot be read or is not PEM).
+// without a key or the reverse), those of CheckTlsFiles.
 absl::StatusOr<std::shared_ptr<grpc::ServerCredentials>> MakeServerCredentials(
     const TlsOptions& options);
 
-// HOST:PORT of the loopback interface, or unix:PATH: nobody else can read along.
-bool IsLocalAddress(const std::string& address);
-bool IsUnixAddress(const std::string& address);
+// What the files say now: until when the server's certificate is good; infinite without TLS. Warns
+// in the log of one that is over or not yet begun, which clients will not believe. Errors: as
+// above, and FAILED_PRECONDITION when key and certificate do not belong together or the key is
+// encrypted.
+absl::StatusOr<absl::Time> CheckTlsFiles(const TlsOptions& options);
 
 }  // namespace horopter

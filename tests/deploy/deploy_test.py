@@ -140,7 +140,7 @@ class Scripts(unittest.TestCase):
         with open(os.path.join(DEPLOY, "packages.txt"), encoding="utf-8") as file:
             for line in file:
                 if line.strip() and not line.startswith("#"):
-                    self.assertRegex(line, r"^\S+ +(build|dev) +# \S")
+                    self.assertRegex(line, r"^\S+ +(build|test|package|dev) +# \S")
                     names.append(line.split()[0])
         self.assertEqual(len(names), len(set(names)))
         self.assertGreater(len(names), 10)

@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "server/pipeline/process_cores.h"
+#include "server/service/grpc_log.h"
 #include "server/service/log_format.h"
 #include "server/service/server.h"
 #include "tests/support/fake_objects.h"
@@ -95,7 +96,11 @@ int Main(int argc, char** argv) {
   app.add_option("--tls-reload-seconds", options.tls.reload_seconds);
   app.add_option("--access-file", options.access_file);
   app.add_option("--admin-listen", options.admin_listen);
+  app.add_flag("--open-access", options.open_access);
+  app.add_option("--max-connections", options.connections.max_connections);
+  app.add_option("--max-connections-per-peer", options.connections.max_per_peer);
   app.add_option("--audit-log", options.telemetry.audit_log);
+  app.add_flag("--audit-required", options.telemetry.audit_required);
   app.add_option("--metrics-listen", options.telemetry.metrics_listen);
   app.add_option("--request-log", options.telemetry.request_log);
   app.add_option("--trace-file", options.telemetry.trace_file);
@@ -105,6 +110,7 @@ int Main(int argc, char** argv) {
   app.add_option("--version-name", options.telemetry.version);
   CLI11_PARSE(app, argc, argv);
   KeepFreedMemory();
+  LogGrpcMessages();
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGTERM);

@@ -58,7 +58,7 @@ class Install(unittest.TestCase):
     def test_the_python_package_is_imported_from_where_it_is(self):
         said = run("/usr/bin/python3", "-B", "-c", "import horopter; print(horopter.__version__)",
                    env=dict(os.environ, PYTHONPATH=self.path("usr", "lib", "python3", "dist-packages")))
-        self.assertRegex(said.stdout, r"^\d+\.\d+\.\d+\n$", said.stderr)
+        self.assertRegex(said.stdout, r"^\d+\.\d+\.\d+(rc\d+)?\n$", said.stderr)
 
     def test_the_sample_configuration_has_every_option_and_starts_a_server(self):
         server = self.path("usr", "bin", "horopterd")

@@ -22,7 +22,7 @@ BELOW_ROOMS = ["server/base", "server/vision/geometry", "server/vision/invariant
                "server/vision/matching", "server/vision/reconstruction"]
 
 # Folder -> folders whose headers it may include, besides its own. In the order of the dependency: a folder may only name
-# folders above it. `server/main.cc` is the one file that is a layer of its own.
+# folders above it. `server/main.cc` and its flags are files that are layers of their own.
 FOLDERS = collections.OrderedDict([
     ("server/base", []),
     ("server/index", ["server/base"]),
@@ -72,7 +72,9 @@ FOLDERS = collections.OrderedDict([
     ("server/service",
      ["server/base", "db", "proto", "server/overlay", "server/vision/geometry", "server/vision/invariants",
       "server/pipeline"]),
-    ("server/main.cc", ["server/base", "db", "proto", "server/pipeline", "server/service"]),
+    ("server/flags.h", ["server/service"]),
+    ("server/flags.cc", ["server/service", "server/flags.h"]),
+    ("server/main.cc", ["server/base", "db", "proto", "server/pipeline", "server/service", "server/flags.h"]),
     # The client talks to the server over the wire; it shares value types and the status macros.
     ("client", ["server/base", "proto", "server/overlay", "server/vision/geometry"]),
 ])
@@ -105,7 +107,7 @@ LIBRARIES = collections.OrderedDict([
     ("OpenCASCADE", (r"[A-Za-z0-9]+_?[A-Za-z0-9_]*\.hxx$", ["client"])),
     ("assimp", (r"assimp/", ["client"])),
     ("yaml-cpp", (r"yaml-cpp/", ["client"])),
-    ("CLI11", (r"CLI/", ["server/main.cc", "client"])),
+    ("CLI11", (r"CLI/", ["server/flags.h", "server/flags.cc", "server/main.cc", "client"])),
     ("Prometheus", (r"prometheus/", ["server/service"])),
     ("spdlog", (r"spdlog/|fmt/", EDGE)),
     ("JSON", (r"nlohmann/", EDGE)),
@@ -116,11 +118,13 @@ LIBRARIES = collections.OrderedDict([
     # No stage reads a file or a clock, and none prints.
     ("files, clocks and streams of the standard library",
      (r"(fstream|filesystem|iostream|chrono|ctime|time\.h|sys/time\.h)$",
-      ["db", "server/pipeline", "server/service", "server/main.cc", "client"])),
+      ["db", "server/pipeline", "server/service", "server/flags.cc", "server/main.cc", "client"])),
     # Work is shared out by ParallelFor, within the budget of a request; only the service keeps threads of its own.
     ("threads", (r"(thread|future)$", ["server/base", "server/service", "server/main.cc", "client"])),
+    ("TLS", (r"openssl/", ["server/service"])),
+    ("systemd", (r"systemd/", ["server/main.cc"])),
     ("heap of the C library", (r"malloc\.h$", ["server/pipeline"])),  # beside what else is set for the whole process
-    ("operating system", (r"(unistd|fcntl|signal|dirent|poll|pthread|dlfcn)\.h$|csignal$|(sys|netinet|arpa|linux)/",
+    ("operating system", (r"(unistd|fcntl|signal|dirent|poll|pthread|dlfcn|netdb)\.h$|csignal$|(sys|netinet|arpa|linux)/",
                           ["db", "server/service", "server/main.cc", "client"])),
 ])
 ONLY_IN_SOURCES = ["Ceres"]  # too heavy for our headers

@@ -28,4 +28,4 @@ __all__ = [
     "ObjectInImage", "PermissionDenied", "Reason", "Reference", "Scene", "Security", "StationFinding", "StationReport",
     "TooLarge", "Unauthenticated", "Unavailable", "encode_image", "hint_from_camera_info",
 ]
-__version__ = "@PROJECT_VERSION@"
+__version__ = "@HOROPTER_PYTHON_VERSION@"

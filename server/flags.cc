@@ -1,0 +1,264 @@
+#include "server/flags.h"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cctype>
+#include <cstdlib>
+#include <iostream>
+#include <memory>
+#include <numeric>
+#include <set>
+#include <utility>
+#include <vector>
+
+namespace horopter {
+namespace {
+
+void AddTrustFlags(CLI::App& app, ServerOptions& server) {
+  app.add_option("--tls-cert", server.tls.certificate, "Certificate chain of the server, PEM");
+  app.add_option("--tls-key", server.tls.key, "Its private key, PEM");
+  app.add_option("--tls-client-ca",
+                 server.tls.client_ca,
+                 "Clients need a certificate of this authority, PEM (default: they need none)");
+  app.add_option("--tls-reload-seconds",
+                 server.tls.reload_seconds,
+                 "Time between two looks at these files for changes")
+      ->capture_default_str();
+  app.add_option(
+      "--access-file",
+      server.access_file,
+      "Hashed tokens and certificates with roles, one a line; read again when it changes "
+      "(default: all may do all)");
+  app.add_flag(
+      "--insecure",
+      server.insecure,
+      "Listen without TLS where other machines can read along, and without an access file");
+  app.add_flag("--open-access",
+               server.open_access,
+               "With TLS, but without an access file: whoever connects may do everything");
+  app.add_option("--admin-listen",
+                 server.admin_listen,
+                 "unix:PATH or HOST:PORT of a second listener that alone serves writes, "
+                 "verification, backups and reflection");
+  app.add_flag("--admin-calls,!--no-admin-calls",
+               server.admin_calls,
+               "Serve writes, verification and backups on --listen")
+      ->default_str("true");
+  app.add_flag("--reflection,!--no-reflection",
+               server.reflection,
+               "Serve gRPC's reflection, which tells the messages' fields to anybody")
+      ->default_str("true");
+}
+
+void AddConnectionFlags(CLI::App& app, Flags& flags) {
+  ConnectionLimits& connections = flags.server.connections;
+  app.add_option("--max-connections",
+                 connections.max_connections,
+                 "Connections of a listener at once; fewer where the process may have fewer files")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--max-connections-per-peer",
+                 connections.max_per_peer,
+                 "Connections of one address at once; of IPv6, of a /64")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option(
+         "--self-check-seconds",
+         flags.self_check_seconds,
+         "Time between two looks whether the listeners' own ports answer; three in vain end "
+         "the server (exit code 3); 0: nobody looks")
+      ->check(CLI::Range(0.0, 3600.0))
+      ->capture_default_str();
+}
+
+// What is kept in memory and what a message may hold.
+void AddLimitFlags(CLI::App& app, ServerOptions& server) {
+  app.add_option("--max-resident",
+                 server.max_resident,
+                 "Objects held in memory; of a larger catalog only the keys are")
+      ->capture_default_str();
+  app.add_option("--max-objects",
+                 server.max_objects,
+                 "Objects in the catalog; above 5000 requests have to name candidates")
+      ->check(CLI::Range(1, 10'000'000))
+      ->capture_default_str();
+  app.add_option("--max-message-mb", server.max_message_mb, "Largest request for recognition, MiB")
+      ->check(CLI::Range(1, 2047))
+      ->capture_default_str();
+  app.add_option("--max-object-mb", server.max_object_mb, "Largest object with its CAD file, MiB")
+      ->check(CLI::Range(1, 2047))
+      ->capture_default_str();
+  app.add_option(
+         "--memory-mb", server.memory_mb, "Requests, images and working memory of all calls, MiB")
+      ->check(CLI::Range(16, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--max-image-pixels", server.images.max_pixels, "Largest image")
+      ->capture_default_str();
+  app.add_flag("--tiff-and-pnm",
+               server.images.tiff_and_pnm,
+               "Also read TIFF and PNM images; only for clients that are trusted");
+}
+
+void AddServingFlags(CLI::App& app, Flags& flags) {
+  app.add_option("--db",
+                 flags.db,
+                 "Catalog file, created when it is not there (default: parts.db in "
+                 "$STATE_DIRECTORY, else in /var/lib/horopter)");
+  app.add_option("--listen", flags.server.listen, "HOST:PORT; port 0 takes a free one")
+      ->capture_default_str();
+  AddTrustFlags(app, flags.server);
+  AddConnectionFlags(app, flags);
+  app.add_option("--workers", flags.server.workers, "Scenes recognised at the same time")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str();
+  app.add_option("--cores",
+                 flags.cores,
+                 "Cores to use: one pool for all scenes and the start; 0: all, at most 64")
+      ->check(CLI::Range(0, 256))
+      ->capture_default_str();
+  app.add_option("--threads-per-request",
+                 flags.server.threads_per_request,
+                 "Cores that work on one scene, of --cores")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str();
+  app.add_option("--queue", flags.server.queue, "Scenes that may wait before new ones are refused")
+      ->check(CLI::Range(0, 10000))
+      ->capture_default_str();
+  app.add_option("--max-wait",
+                 flags.server.max_wait,
+                 "Refuse scenes that would wait longer than this share of a scene's mean time; 0: "
+                 "only the queue bounds it")
+      ->check(CLI::Range(0.0, 1e4))
+      ->capture_default_str();
+  AddLimitFlags(app, flags.server);
+  app.add_flag("--allow-variants",
+               flags.server.allow_variants,
+               "Requests may choose variants of the methods in metadata, horopter-variants; for "
+               "operators");
+  app.add_option("--drain-seconds", flags.drain_seconds, "Time for running requests after SIGTERM")
+      ->check(CLI::Range(0.0, 3600.0))
+      ->capture_default_str();
+  app.add_option("--log-level", flags.log_level, "debug, info, warning, error")
+      ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
+      ->capture_default_str();
+}
+
+void AddTelemetryFlags(CLI::App& app, TelemetryOptions& telemetry) {
+  app.add_option("--metrics-listen",
+                 telemetry.metrics_listen,
+                 "ADDRESS:PORT for Prometheus, e.g. 127.0.0.1:9464; /metrics (default: none)");
+  app.add_option("--request-log",
+                 telemetry.request_log,
+                 "File with one JSON line a request, - for stdout (default: none)");
+  app.add_option("--audit-log",
+                 telemetry.audit_log,
+                 "File with one JSON line per write, verification or backup, refused ones too "
+                 "(default: none)");
+  app.add_flag("--audit-required",
+               telemetry.audit_required,
+               "Refuse writes, verification and backups while the audit log cannot be written");
+  app.add_option("--trace-file",
+                 telemetry.trace_file,
+                 "File with spans in OTLP/JSON, one line a request (default: none)");
+  RecorderOptions& recorder = telemetry.recorder;
+  app.add_option("--record-dir",
+                 recorder.folder,
+                 "Folder that keeps requests with images and answers (default: nothing is kept)");
+  app.add_option(
+         "--record-failed", recorder.failed, "Keep those that failed or found nothing: true, false")
+      ->capture_default_str();
+  app.add_option("--record-sample", recorder.sample, "Share of the others that is kept; 1: all")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  app.add_option("--record-max-mb", recorder.max_mb, "Size of the folder; the oldest go first")
+      ->check(CLI::Range(1, 10'000'000))
+      ->capture_default_str();
+  app.add_option("--record-max-age-hours", recorder.max_age_hours, "Older ones go")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+}
+
+size_t EditDistance(const std::string& a, const std::string& b) {
+  std::vector<size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), size_t{0});
+  for (size_t i = 1; i <= a.size(); ++i) {
+    size_t diagonal = std::exchange(row[0], i);
+    for (size_t j = 1; j <= b.size(); ++j) {
+      const size_t replaced = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
+      diagonal = row[j];
+      row[j] = std::min({replaced, row[j] + 1, row[j - 1] + 1});
+    }
+  }
+  return row.back();
+}
+
+// A key that is left aside without a word would leave everybody an admin for `access_file`.
+class CheckedConfig final : public CLI::ConfigTOML {
+ public:
+  explicit CheckedConfig(const CLI::App& app) : app_(app) {}
+
+  std::vector<CLI::ConfigItem> from_config(std::istream& input) const override {
+    std::vector<CLI::ConfigItem> items = CLI::ConfigTOML::from_config(input);
+    std::set<std::string> seen;
+    for (const CLI::ConfigItem& item : items) {
+      if (!item.parents.empty()) {
+        Refuse("section [" + item.parents.front() + "]: the configuration has no sections");
+      }
+      const CLI::Option* const option = app_.get_option_no_throw("--" + item.name);
+      if (option == nullptr || !option->get_configurable()) Refuse(Unknown(item.name));
+      if (!seen.insert(item.name).second || item.inputs.size() > 1) {
+        Refuse("'" + item.name + "' has more than one value");
+      }
+    }
+    return items;
+  }
+
+ private:
+  [[noreturn]] static void Refuse(const std::string& why) {
+    throw CLI::ConfigError("configuration: " + why, CLI::ExitCodes::ConfigError);
+  }
+  std::string Unknown(const std::string& key) const {
+    std::string nearest;
+    size_t distance = std::max<size_t>(2, key.size() / 3) + 1;
+    for (const CLI::Option* option : app_.get_options()) {
+      if (!option->get_configurable() || option->get_lnames().empty()) continue;
+      const std::string& name = option->get_lnames().front();
+      const size_t d = EditDistance(key, name);
+      if (d < distance) {
+        distance = d;
+        nearest = name;
+      }
+    }
+    return "'" + key + "' is no option" +
+           (nearest.empty() ? std::string() : "; did you mean '" + nearest + "'?");
+  }
+
+  const CLI::App& app_;
+};
+
+}  // namespace
+
+void AddFlags(CLI::App& app, Flags& flags) {
+  app.config_formatter(std::make_shared<CheckedConfig>(app));
+  app.set_config("--config", "", "Read options from a TOML file; the command line wins");
+  AddServingFlags(app, flags);
+  AddTelemetryFlags(app, flags.server.telemetry);
+  app.add_flag_callback(
+         "--print-config",
+         [&app] {
+           std::cout << app.config_to_str(true, true);
+           throw CLI::Success();
+         },
+         "Print a configuration file with every option, its default and what it does")
+      ->configurable(false);
+}
+
+std::string DefaultCatalog() {
+  // Of several, separated by colons, the first is ours.
+  const char* const state = std::getenv("STATE_DIRECTORY");
+  const std::string folders = state == nullptr ? "" : state;
+  const std::string folder = folders.substr(0, folders.find(':'));
+  return (folder.empty() ? std::string("/var/lib/horopter") : folder) + "/parts.db";
+}
+
+}  // namespace horopter
