@@ -1,174 +1,123 @@
 #include "client/brep_file.h"
 
-#include <IGESControl_Reader.hxx>
-#include <IGESData_GlobalSection.hxx>
-#include <IGESData_IGESModel.hxx>
-#include <Interface_Static.hxx>
-#include <Quantity_Color.hxx>
-#include <STEPConstruct.hxx>
-#include <STEPConstruct_Styles.hxx>
-#include <STEPControl_Reader.hxx>
-#include <StepRepr_RepresentationItem.hxx>
-#include <StepVisual_Colour.hxx>
-#include <StepVisual_StyledItem.hxx>
-#include <TColStd_SequenceOfAsciiString.hxx>
-#include <TCollection_HAsciiString.hxx>
+#include <BRepBndLib.hxx>
+#include <BRepBuilderAPI_Sewing.hxx>
+#include <BRep_Builder.hxx>
+#include <BRep_Tool.hxx>
+#include <Bnd_Box.hxx>
+#include <TopExp.hxx>
 #include <TopExp_Explorer.hxx>
-#include <Transfer_TransientProcess.hxx>
-#include <XSControl_TransferReader.hxx>
-#include <XSControl_WorkSession.hxx>
+#include <TopTools_IndexedDataMapOfShapeListOfShape.hxx>
+#include <TopoDS.hxx>
+#include <TopoDS_Compound.hxx>
+#include <TopoDS_Iterator.hxx>
 #include <algorithm>
 #include <cmath>
-#include <fstream>
-#include <map>
-#include <sstream>
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/match.h"
-#include "absl/strings/str_cat.h"
 
 namespace horopter {
 namespace {
 
-// Short name of a unit as CAD systems write it ("MILLIMETRE" -> "mm"); the word itself when it is
-// unusual.
-std::string ShortUnit(const std::string& word) {
-  const double metres = MetresPerUnit(word);
-  for (const char* unit : {"mm", "cm", "m", "in", "ft", "um"}) {
-    if (metres > 0.0 && std::abs(MetresPerUnit(unit) / metres - 1.0) < 1e-9) return unit;
+// Whether some edge of the faces has one side only.
+bool HasBorders(const TopoDS_Shape& faces) {
+  TopTools_IndexedDataMapOfShapeListOfShape sides;
+  TopExp::MapShapesAndAncestors(faces, TopAbs_EDGE, TopAbs_FACE, sides);
+  for (int i = 1; i <= sides.Extent(); ++i) {
+    const TopoDS_Edge& edge = TopoDS::Edge(sides.FindKey(i));
+    if (BRep_Tool::Degenerated(edge) || sides(i).Extent() != 1) continue;
+    if (!BRep_Tool::IsClosed(edge, TopoDS::Face(sides(i).First()))) return true;
   }
-  return absl::AsciiStrToLower(word);
+  return false;
 }
 
-void SetUnit(CadImport& import, const std::string& word) {
-  import.unit_name = ShortUnit(word);
-  import.metres_per_unit = MetresPerUnit(word);
-  import.unit_from_file = true;
-}
-
-// What the file calls a solid; writers put their own program's words where no one named it.
-std::string NameOf(const STEPControl_Reader& reader, const TopoDS_Shape& solid) {
-  const Handle(Standard_Transient) entity =
-      reader.WS()->TransferReader()->EntityFromShapeResult(solid, 1);
-  const auto item = Handle(StepRepr_RepresentationItem)::DownCast(entity);
-  if (item.IsNull() || item->Name().IsNull()) return "";
-  const std::string name = item->Name()->ToCString();
-  // Long words and bytes that may be no UTF-8 would be refused as a display name.
-  constexpr size_t kLongest = 100;
-  const bool plain = name.size() <= kLongest && std::all_of(name.begin(), name.end(), [](char c) {
-                       return absl::ascii_isprint(static_cast<unsigned char>(c));
-                     });
-  return !plain || absl::StrContains(name, "Open CASCADE") || name == "NONE" ? "" : name;
-}
-
-// Surface colours as styled items give them; what nothing is styled is left out.
-std::map<const TopoDS_TShape*, Rgba> ColorsOf(const STEPControl_Reader& reader) {
-  std::map<const TopoDS_TShape*, Rgba> colors;
-  STEPConstruct_Styles styles(reader.WS());
-  if (!styles.LoadStyles()) return colors;
-  const auto process = reader.WS()->TransferReader()->TransientProcess();
-  for (int i = 1; i <= styles.NbStyles(); ++i) {
-    const Handle(StepVisual_StyledItem) style = styles.Style(i);
-    Handle(StepVisual_Colour) surface, border, curve, rendering;
-    double transparency = 0.0;
-    bool is_component = false;
-    if (style.IsNull() ||
-        !styles.GetColors(style, surface, border, curve, rendering, transparency, is_component)) {
-      continue;
-    }
-    if (surface.IsNull()) surface = rendering;
-    const auto item = Handle(StepRepr_RepresentationItem)::DownCast(style->ItemAP242().Value());
-    Quantity_Color color;
-    if (item.IsNull() || surface.IsNull() || !STEPConstruct_Styles::DecodeColor(surface, color)) {
-      continue;
-    }
-    const TopoDS_Shape shape = STEPConstruct::FindShape(process, item);
-    if (shape.IsNull()) continue;
-    double rgb[3];
-    color.Values(rgb[0], rgb[1], rgb[2], Quantity_TOC_sRGB);
-    Rgba& out = colors[shape.TShape().get()];
-    for (int k = 0; k < 3; ++k) {
-      out[k] = static_cast<std::uint8_t>(std::lround(255.0 * std::clamp(rgb[k], 0.0, 1.0)));
-    }
-    // Opacity 0 stands for no colour; what the file makes invisible still has one.
-    out[3] =
-        static_cast<std::uint8_t>(std::lround(255.0 - 254.0 * std::clamp(transparency, 0.0, 1.0)));
+// Of each face its own colour, else that of what it belongs to.
+void ColorsOfFaces(const TopoDS_Shape& shape,
+                   const std::map<const TopoDS_TShape*, Rgba>& colors,
+                   Rgba inherited,
+                   std::map<const TopoDS_TShape*, Rgba>* out) {
+  const auto own = colors.find(shape.TShape().get());
+  if (own != colors.end()) inherited = own->second;
+  if (shape.ShapeType() == TopAbs_FACE) {
+    if (inherited != kNoColor) (*out)[shape.TShape().get()] = inherited;
+    return;
   }
-  return colors;
+  for (TopoDS_Iterator it(shape); it.More(); it.Next()) {
+    if (it.Value().ShapeType() <= TopAbs_FACE) {
+      ColorsOfFaces(it.Value(), colors, inherited, out);
+    }
+  }
 }
 
 }  // namespace
 
-absl::Status CheckComplete(const std::string& path, bool iges) {
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream buffer;
-  buffer << file.rdbuf();
-  const std::string text = buffer.str();
-  if (iges) {
-    // The last record is the terminate section: letter T in column 73.
-    const size_t end = text.find_last_not_of(" \r\n\t");
-    const size_t line = end == std::string::npos ? end : text.rfind('\n', end);
-    const size_t start = line == std::string::npos ? 0 : line + 1;
-    if (end == std::string::npos || end < start + 72 || text[start + 72] != 'T') {
-      return absl::InvalidArgumentError(
-          absl::StrCat(path, ": not an IGES file, or cut short (no terminate section)"));
+void SetUnit(const std::string& word, double metres, CadImport* import) {
+  import->unit_name = absl::AsciiStrToLower(word);
+  import->metres_per_unit = metres;
+  import->unit_from_file = true;
+  constexpr double kSame = 1e-6;
+  for (const char* unit : {"mm", "cm", "m", "in", "ft", "um", "mil", "km"}) {
+    if (std::abs(MetresPerUnit(unit) / metres - 1.0) < kSame) {
+      import->unit_name = unit;
+      import->metres_per_unit = MetresPerUnit(unit);
     }
-    return absl::OkStatus();
   }
-  if (text.substr(0, 4096).find("ISO-10303-21") == std::string::npos) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": not a STEP file (no ISO-10303-21 header)"));
-  }
-  if (text.find("END-ISO-10303-21") == std::string::npos) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": cut short (no END-ISO-10303-21 at the end)"));
-  }
-  return absl::OkStatus();
 }
 
-absl::StatusOr<TopoDS_Shape> ReadStep(const std::string& path,
-                                      CadImport& import,
-                                      Annotations& annotations) {
-  STEPControl_Reader reader;
-  Interface_Static::SetCVal("xstep.cascade.unit", "MM");
-  if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": not a readable STEP file"));
+TopoDS_Shape WithoutBodies(const TopoDS_Shape& shape,
+                           const std::set<const TopoDS_TShape*>& bodies) {
+  if (shape.IsNull() || bodies.contains(shape.TShape().get())) return {};
+  if (shape.ShapeType() != TopAbs_COMPOUND) return shape;
+  TopoDS_Compound kept;
+  BRep_Builder builder;
+  builder.MakeCompound(kept);
+  bool changed = false;
+  // The children as they are in the compound; its own place is set afterwards.
+  for (TopoDS_Iterator it(shape, false, false); it.More(); it.Next()) {
+    const TopoDS_Shape child = WithoutBodies(it.Value(), bodies);
+    changed = changed || child.IsNull() || !child.IsSame(it.Value());
+    if (!child.IsNull()) builder.Add(kept, child);
   }
-  TColStd_SequenceOfAsciiString lengths, angles, solid_angles;
-  reader.FileUnits(lengths, angles, solid_angles);
-  if (lengths.IsEmpty()) {
-    import.warnings.push_back("the file names no length unit; mm assumed");
-    SetUnit(import, "mm");
-    import.unit_from_file = false;
-  } else {
-    SetUnit(import, lengths.First().ToCString());
-    for (int i = 2; i <= lengths.Length(); ++i) {
-      if (!(lengths.Value(i) == lengths.First())) {
-        import.warnings.push_back("the file mixes length units; each is converted by its own");
-        break;
-      }
-    }
-  }
-  reader.TransferRoots();
-  const TopoDS_Shape shape = reader.OneShape();
+  if (!changed) return shape;
+  kept.Location(shape.Location());
+  kept.Orientation(shape.Orientation());
+  return kept;
+}
+
+TopoDS_Shape Sewn(const TopoDS_Shape& shape, Annotations* annotations) {
   if (shape.IsNull()) return shape;
+  BRep_Builder builder;
+  TopoDS_Compound loose, sewn;
+  builder.MakeCompound(loose);
+  builder.MakeCompound(sewn);
+  bool any = false;
+  for (TopExp_Explorer it(shape, TopAbs_FACE, TopAbs_SOLID); it.More(); it.Next()) {
+    builder.Add(loose, it.Current());
+    any = true;
+  }
+  if (!any || !HasBorders(loose)) return shape;
+  Bnd_Box box;
+  BRepBndLib::Add(loose, box, false);
+  // Gaps between faces of one part; files of old systems hold five digits.
+  constexpr double kShare = 1e-4, kWidestMm = 0.02;
+  const double gap_mm = std::min(kWidestMm, kShare * std::sqrt(box.SquareExtent()));
+  BRepBuilderAPI_Sewing sewing(gap_mm);
+  for (TopExp_Explorer it(loose, TopAbs_FACE); it.More(); it.Next()) sewing.Add(it.Current());
+  sewing.Perform();
+  if (sewing.SewedShape().IsNull()) return shape;
   for (TopExp_Explorer it(shape, TopAbs_SOLID); it.More(); it.Next()) {
-    annotations.names.push_back(NameOf(reader, it.Current()));
+    builder.Add(sewn, it.Current());
   }
-  annotations.colors = ColorsOf(reader);
-  return shape;
-}
-
-absl::StatusOr<TopoDS_Shape> ReadIges(const std::string& path, CadImport& import) {
-  IGESControl_Reader reader;
-  Interface_Static::SetCVal("xstep.cascade.unit", "MM");
-  if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": not a readable IGES file"));
+  builder.Add(sewn, sewing.SewedShape());
+  std::map<const TopoDS_TShape*, Rgba> of_faces;
+  ColorsOfFaces(shape, annotations->colors, kNoColor, &of_faces);
+  for (TopExp_Explorer it(loose, TopAbs_FACE); it.More(); it.Next()) {
+    const auto color = of_faces.find(it.Current().TShape().get());
+    if (color == of_faces.end()) continue;
+    const TopoDS_Shape now = sewing.Modified(it.Current());
+    if (!now.IsNull()) annotations->colors[now.TShape().get()] = color->second;
   }
-  const auto name = reader.IGESModel()->GlobalSection().UnitName();
-  SetUnit(import, name.IsNull() ? "mm" : name->ToCString());
-  reader.TransferRoots();
-  return reader.OneShape();
+  return sewn;
 }
 
 }  // namespace horopter

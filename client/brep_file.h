@@ -4,8 +4,8 @@
 #include <TopoDS_Shape.hxx>
 #include <TopoDS_TShape.hxx>
 #include <map>
+#include <set>
 #include <string>
-#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -15,19 +15,29 @@ namespace horopter {
 
 // What a file says of its bodies beside their geometry.
 struct Annotations {
-  std::vector<std::string> names;               // of the solids in the order of TopExp_Explorer
+  std::map<const TopoDS_TShape*, std::string> names;  // of the products of solids
+  std::string root_name;                              // of the product that holds all others
   std::map<const TopoDS_TShape*, Rgba> colors;  // of faces, solids and assemblies, wherever placed
+  TriangleMesh tessellated;                     // metres; of a file that holds nothing exact
 };
 
-// INVALID_ARGUMENT for a file that is cut short: it is often read without complaint, as the part it
-// no longer is.
-absl::Status CheckComplete(const std::string& path, bool iges);
-
-// The shape, null where the file holds none; its unit and warnings go to `import`. What OpenCASCADE
-// throws is passed on. Errors: INVALID_ARGUMENT (cannot be read).
+// The shape, null where the file holds none that is exact; its unit and warnings go to `import`.
+// STEP may be packed with gzip. Faces that hang together with no others are sewn; hidden bodies are
+// left out and told. What OpenCASCADE throws is passed on. Errors: NOT_FOUND, INVALID_ARGUMENT
+// (cannot be read, cut short, a body that is lost, parts in other files; with entity and name).
 absl::StatusOr<TopoDS_Shape> ReadStep(const std::string& path,
                                       CadImport& import,
                                       Annotations& annotations);
 absl::StatusOr<TopoDS_Shape> ReadIges(const std::string& path, CadImport& import);
+
+// Of a unit by its factor: its short name, else the file's word.
+void SetUnit(const std::string& word, double metres, CadImport* import);
+
+// The shape without the bodies that are one of these, wherever they are placed.
+TopoDS_Shape WithoutBodies(const TopoDS_Shape& shape, const std::set<const TopoDS_TShape*>& bodies);
+
+// The shape with those faces sewn that belong to no solid, where their borders meet; colours follow
+// them.
+TopoDS_Shape Sewn(const TopoDS_Shape& shape, Annotations* annotations);
 
 }  // namespace horopter

@@ -117,15 +117,22 @@ absl::Status CheckRequest(const std::string& path, const CadImportOptions& optio
   return absl::OkStatus();
 }
 
-std::string ExtensionOf(const std::string& path) {
-  return absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
+// STEP, IGES or nothing.
+std::string BrepFormatOf(const std::string& extension) {
+  for (const char* step : {".step", ".stp", ".p21", ".stpz"}) {
+    if (extension == step) return "STEP";
+  }
+  return extension == ".iges" || extension == ".igs" ? "IGES" : "";
 }
 
-// STEP, IGES or nothing.
-std::string BrepFormat(const std::string& path) {
-  const std::string extension = ExtensionOf(path);
-  if (extension == ".step" || extension == ".stp") return "STEP";
-  return extension == ".iges" || extension == ".igs" ? "IGES" : "";
+// In small letters; of a packed STEP or IGES file that in front of .gz.
+std::string ExtensionOf(const std::string& path) {
+  std::string extension = absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
+  if (extension == ".gz") {
+    extension = absl::AsciiStrToLower(std::filesystem::path(path).stem().extension().string());
+    return BrepFormatOf(extension).empty() ? ".gz" : extension;  // others are not unpacked
+  }
+  return extension;
 }
 
 }  // namespace
@@ -145,21 +152,22 @@ double MetresPerUnit(const std::string& unit) {
 
 absl::StatusOr<CadImport> ImportCad(const std::string& path, const CadImportOptions& options) {
   HOROPTER_RETURN_IF_ERROR(CheckRequest(path, options));
-  const std::string extension = ExtensionOf(path), brep = BrepFormat(path);
+  const std::string extension = ExtensionOf(path), brep = BrepFormatOf(extension);
   CadImport import;
   if (!brep.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(import, ImportBrep(path, brep == "IGES", options));
     import.format = brep;
   } else if (extension == ".ply" || extension == ".stl" || extension == ".obj" ||
-             extension == ".cao" || extension == ".json") {
+             extension == ".glb" || extension == ".3mf" || extension == ".cao" ||
+             extension == ".json") {
     HOROPTER_ASSIGN_OR_RETURN(import, ImportMesh(path, options));
     import.format = absl::AsciiStrToUpper(extension.substr(1));
   } else {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path,
-                     ": unknown CAD format '",
-                     extension,
-                     "' (known: .step .stp .iges .igs .ply .stl .obj .cao .json)"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        path,
+        ": unknown CAD format '",
+        extension,
+        "' (known: .step .stp .stpz .step.gz .iges .igs .ply .stl .obj .glb .3mf .cao .json)"));
   }
   HOROPTER_RETURN_IF_ERROR(Finish(path, options, import));
   return import;
@@ -167,7 +175,7 @@ absl::StatusOr<CadImport> ImportCad(const std::string& path, const CadImportOpti
 
 absl::StatusOr<std::vector<CadImport>> ImportCadParts(const std::string& path,
                                                       const CadImportOptions& options) {
-  const std::string format = BrepFormat(path);
+  const std::string format = BrepFormatOf(ExtensionOf(path));
   if (format.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(CadImport import, ImportCad(path, options));
     return std::vector<CadImport>{std::move(import)};

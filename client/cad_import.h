@@ -12,9 +12,9 @@
 namespace horopter {
 
 struct CadImportOptions {
-  // Unit of a file that does not name one (PLY, STL, OBJ, CAO): mm, cm, m, in, ft or um. Empty: mm,
-  // CAO: m. STEP and IGES carry their unit; naming a different one here is an error, not an
-  // override.
+  // Unit of a file that does not name one (PLY, STL, OBJ, GLB, CAO): mm, cm, m, in, ft or um.
+  // Empty: mm, of GLB and CAO m. STEP, IGES and 3MF carry their unit; naming a different one here
+  // is an error, not an override.
   std::string unit;
   // An edge is sharp when the outward normals of its two faces differ by at least this angle (15
   // degrees). Raising it drops chamfer and draft edges; lowering it turns the facets of coarse
@@ -53,8 +53,8 @@ struct CadFinding {
 
 struct CadImport {
   ObjectModel model;           // id, display_name and grasps are left empty
-  std::string name;            // of the solid, as the file calls it; often empty
-  std::string format;          // STEP, IGES, PLY, STL, OBJ, CAO or JSON
+  std::string name;            // of the product, as the file calls it; often empty
+  std::string format;          // STEP, IGES, PLY, STL, OBJ, GLB, 3MF, CAO or JSON
   std::string unit_name;       // mm, cm, m, in, ft, um, or the file's own word for an unusual unit
   double metres_per_unit = 0;  // of unit_name
   bool unit_from_file = false;
@@ -69,9 +69,9 @@ struct CadImport {
 // word.
 double MetresPerUnit(const std::string& unit);
 
-// Reads a CAD file by its extension (.step .stp .iges .igs .ply .stl .obj .cao), a calibrated
-// reconstruction (.json, client/reconstruction_file.h) or a point cloud (.ply without faces: plane
-// faces only).
+// Reads a CAD file by its extension (.step .stp .stpz .step.gz .iges .igs .ply .stl .obj .glb .3mf
+// .cao), a calibrated reconstruction (.json, client/reconstruction_file.h) or a point cloud (.ply
+// without faces: plane faces only).
 // Circles come as one kCircle edge each (closed ones without vertices); seam vertices and the
 // vertices of tessellated rims are no part corners; collinear pieces are one edge. The mesh is
 // welded and oriented outward. Errors: NOT_FOUND (no such file), INVALID_ARGUMENT naming the file

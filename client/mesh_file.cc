@@ -6,9 +6,11 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "client/glb_file.h"
 #include "client/obj_file.h"
 #include "client/ply_file.h"
 #include "client/stl_file.h"
+#include "client/threemf_file.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -20,6 +22,8 @@ absl::StatusOr<MeshFile> Parse(const std::filesystem::path& path, const std::str
   const std::string extension = absl::AsciiStrToLower(path.extension().string());
   if (extension == ".ply") return ParsePly(bytes);
   if (extension == ".stl") return ParseStl(bytes);
+  if (extension == ".glb") return ParseGlb(bytes);
+  if (extension == ".3mf") return ParseThreeMf(bytes);
   return ParseObj(bytes, [&](const std::string& name) {
     const auto text = ReadBytes((path.parent_path() / name).string());
     return text.ok() ? *text : std::string();

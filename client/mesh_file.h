@@ -17,6 +17,7 @@ struct MeshFile {
   std::int64_t faces = 0;          // of the file, each of them in the mesh but for flat ones
   std::vector<std::string> notes;  // what is odd, and what was left out
   std::string unit;                // mm, m, in ...: the file's word; empty: it has none
+  std::string usual_unit = "mm";   // of its format, where the file has no word
 };
 
 // Reads an OBJ, STL, PLY, GLB or 3MF file by its extension. Every face of the file is in the mesh.

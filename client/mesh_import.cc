@@ -261,13 +261,13 @@ void BuildEdges(ObjectModel& model, double diagonal, double sharp_angle_rad) {
   DropUnusedVertices(model);
 }
 
-// What the file says of itself, else what the caller says; ViSP works in metres. Errors:
-// INVALID_ARGUMENT, both differ or the unit is unknown.
-absl::Status SetUnit(const std::string& path,
-                     const std::string& of_file,
-                     const CadImportOptions& options,
-                     bool cao,
-                     CadImport* import) {
+// What the file says of itself, else what the caller says, else what is usual for its format.
+// Errors: INVALID_ARGUMENT, both differ or the unit is unknown.
+absl::Status ChooseUnit(const std::string& path,
+                        const std::string& of_file,
+                        const CadImportOptions& options,
+                        const std::string& usual,
+                        CadImport* import) {
   import->unit_from_file = !of_file.empty();
   if (import->unit_from_file && !options.unit.empty() &&
       MetresPerUnit(options.unit) != MetresPerUnit(of_file)) {
@@ -276,8 +276,7 @@ absl::Status SetUnit(const std::string& path,
   }
   import->unit_name = import->unit_from_file  ? of_file
                       : !options.unit.empty() ? options.unit
-                      : cao                   ? "m"
-                                              : "mm";
+                                              : usual;
   import->metres_per_unit = MetresPerUnit(import->unit_name);
   if (import->metres_per_unit <= 0.0) {
     return absl::InvalidArgumentError(absl::StrCat(
@@ -306,6 +305,29 @@ void TellRepairs(const CleanMesh& clean, bool told_faces, CadImport* import) {
 
 }  // namespace
 
+absl::Status FillFromTriangles(const std::string& path,
+                               const TriangleMesh& triangles,
+                               bool told_faces,
+                               const CadImportOptions& options,
+                               CadImport* import) {
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3i& t : triangles.triangles) {
+    for (const int k : t) box.extend(triangles.vertices[k]);
+  }
+  const double diagonal = box.diagonal().norm();
+  const bool many = static_cast<int>(triangles.triangles.size()) > options.max_triangles;
+  CleanMesh clean = CleanTriangleSoup(
+      many ? Simplified(triangles, diagonal, options.max_triangles, import) : triangles,
+      kWeldShare * diagonal);
+  if (clean.mesh.triangles.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": all triangles are degenerate"));
+  }
+  TellRepairs(clean, told_faces, import);
+  import->model.mesh = std::move(clean.mesh);
+  BuildEdges(import->model, diagonal, options.sharp_angle_rad);
+  return absl::OkStatus();
+}
+
 absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOptions& options) {
   CadImport import;
   ReconstructionFile reconstruction;
@@ -320,7 +342,7 @@ absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOpt
       HOROPTER_ASSIGN_OR_RETURN(file, ReadMeshFile(path));
     }
     const std::string& unit = wireframe ? reconstruction.unit : file.unit;
-    HOROPTER_RETURN_IF_ERROR(SetUnit(path, unit, options, cao, &import));
+    HOROPTER_RETURN_IF_ERROR(ChooseUnit(path, unit, options, cao ? "m" : file.usual_unit, &import));
     import.warnings = file.notes;
     const bool cloud = file.mesh.triangles.empty() && !file.mesh.vertices.empty();
     constexpr double kReconstructionTolerance = 3e-3;  // corners, as a share of the extent
@@ -333,22 +355,9 @@ absl::StatusOr<CadImport> ImportMesh(const std::string& path, const CadImportOpt
                               : cao     ? ReadCao(path, import.metres_per_unit)
                               : cloud   ? ReadRangeImage(path, file.mesh.vertices, import)
                                         : InMetres(std::move(file.mesh), import.metres_per_unit));
-    Eigen::AlignedBox3d box;
-    for (const Eigen::Vector3i& t : soup.triangles) {
-      for (const int k : t) box.extend(soup.vertices[k]);
-    }
-    const double diagonal = box.diagonal().norm();
-    if (static_cast<int>(soup.triangles.size()) > options.max_triangles) {
-      soup = Simplified(soup, diagonal, options.max_triangles, &import);
-    }
-    CleanMesh clean = CleanTriangleSoup(soup, kWeldShare * diagonal);
-    if (clean.mesh.triangles.empty()) {
-      return absl::InvalidArgumentError(absl::StrCat(path, ": all triangles are degenerate"));
-    }
     // Faces made here have no side of their own.
-    TellRepairs(clean, !wireframe && !cao && !cloud, &import);
-    import.model.mesh = std::move(clean.mesh);
-    BuildEdges(import.model, diagonal, options.sharp_angle_rad);
+    const bool told_faces = !wireframe && !cao && !cloud;
+    HOROPTER_RETURN_IF_ERROR(FillFromTriangles(path, soup, told_faces, options, &import));
   } catch (const std::exception& e) {  // the allocator, on hostile files
     return absl::InvalidArgumentError(absl::StrCat(path, ": cannot be read: ", e.what()));
   }

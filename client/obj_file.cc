@@ -18,7 +18,7 @@
 namespace horopter {
 namespace {
 
-std::string Lower(std::string_view word) {
+std::string SmallLetters(std::string_view word) {
   return absl::AsciiStrToLower(absl::string_view(word.data(), word.size()));
 }
 
@@ -31,7 +31,7 @@ std::string Quoted(std::string_view word) {
   return absl::StrCat("'", text, "'");
 }
 
-std::uint8_t Byte(double share) {
+std::uint8_t ByteOfShare(double share) {
   return static_cast<std::uint8_t>(std::lround(255.0 * std::clamp(share, 0.0, 1.0)));
 }
 
@@ -60,7 +60,7 @@ void ReadMaterials(std::string_view text, std::map<std::string, Rgba>* colors) {
   while (const auto line = cursor.NextLine()) {
     const std::vector<std::string_view> words = WordsOf(*line);
     if (words.size() < 2) continue;
-    const std::string word = Lower(words[0]);
+    const std::string word = SmallLetters(words[0]);
     if (word == "newmtl") {
       const size_t at = static_cast<size_t>(words[1].data() - line->data());
       const absl::string_view name(line->data() + at, line->size() - at);
@@ -72,12 +72,12 @@ void ReadMaterials(std::string_view text, std::map<std::string, Rgba>* colors) {
     if (word == "kd" && words.size() >= 4) {
       for (size_t k = 0; k < 3; ++k) {
         const auto share = ParseNumber(words[k + 1]);
-        (*current)[k] = share && std::isfinite(*share) ? Byte(*share) : std::uint8_t{0};
+        (*current)[k] = share && std::isfinite(*share) ? ByteOfShare(*share) : std::uint8_t{0};
       }
       // Opacity 0 stands for no colour; what the file makes invisible still has one.
       if ((*current)[3] == 0) (*current)[3] = 255;
     } else if (word == "d" || word == "tr") {
-      (*current)[3] = std::max<std::uint8_t>(Byte(word == "d" ? *value : 1.0 - *value), 1);
+      (*current)[3] = std::max<std::uint8_t>(ByteOfShare(word == "d" ? *value : 1.0 - *value), 1);
     }
   }
 }
@@ -112,7 +112,7 @@ class ObjReader {
     line_ = cursor_.Line();
     std::string statement(*line);
     const std::vector<std::string_view> words = WordsOf(*line);
-    if (words.empty() || !TakesNumbers(Lower(words[0]))) return statement;
+    if (words.empty() || !TakesNumbers(SmallLetters(words[0]))) return statement;
     while (TakeOffContinuation(&statement)) {
       line = cursor_.NextLine();
       if (!line) break;
@@ -137,7 +137,7 @@ class ObjReader {
   absl::Status Take(const std::string& statement) {
     const std::vector<std::string_view> words = WordsOf(statement);
     if (words.empty() || words[0][0] == '#') return absl::OkStatus();
-    const std::string word = Lower(words[0]);
+    const std::string word = SmallLetters(words[0]);
     const std::vector<std::string_view> operands(words.begin() + 1, words.end());
     if (word == "v") return TakeVertex(operands);
     if (word == "f" || word == "fo") return TakeFace(operands);
@@ -232,7 +232,7 @@ class ObjReader {
       sum += color;
     }
     sum /= static_cast<double>(face.corners.size()) * (largest_color_ > 1.0 ? 255.0 : 1.0);
-    return {Byte(sum.x()), Byte(sum.y()), Byte(sum.z()), 255};
+    return {ByteOfShare(sum.x()), ByteOfShare(sum.y()), ByteOfShare(sum.z()), 255};
   }
 
   absl::StatusOr<MeshFile> Finish() {

@@ -12,7 +12,7 @@
 namespace horopter {
 namespace {
 
-std::string Lower(std::string_view word) {
+std::string LowerWord(std::string_view word) {
   return absl::AsciiStrToLower(absl::string_view(word.data(), word.size()));
 }
 
@@ -25,11 +25,11 @@ std::optional<PlyType> TypeOf(std::string_view word) {
       {"int64", PlyType::kInt64},   {"long", PlyType::kInt64},    {"uint64", PlyType::kUint64},
       {"ulong", PlyType::kUint64},  {"float", PlyType::kFloat},   {"float32", PlyType::kFloat},
       {"double", PlyType::kDouble}, {"float64", PlyType::kDouble}};
-  const auto known = kTypes.find(Lower(word));
+  const auto known = kTypes.find(LowerWord(word));
   return known == kTypes.end() ? std::nullopt : std::make_optional(known->second);
 }
 
-absl::Status Broken(const std::string& why) {
+absl::Status BadHeader(const std::string& why) {
   return absl::InvalidArgumentError(absl::StrCat("header: ", why));
 }
 
@@ -37,34 +37,35 @@ absl::Status TakeFormat(const std::string& format, PlyHeader* header) {
   header->text = format == "ascii";
   header->big_endian = format == "binary_big_endian";
   if (!header->text && !header->big_endian && format != "binary_little_endian") {
-    return Broken("unknown format");
+    return BadHeader("unknown format");
   }
   return absl::OkStatus();
 }
 
 absl::Status TakeElement(const std::vector<std::string_view>& words, PlyHeader* header) {
   PlyElement element;
-  if (words.size() < 3) return Broken("an element without name or count");
-  element.name = Lower(words[1]);
+  if (words.size() < 3) return BadHeader("an element without name or count");
+  element.name = LowerWord(words[1]);
   if (!absl::SimpleAtoi(absl::string_view(words[2].data(), words[2].size()), &element.count)) {
-    return Broken(absl::StrCat("the count of element ", header->elements.size() + 1, " is none"));
+    return BadHeader(
+        absl::StrCat("the count of element ", header->elements.size() + 1, " is none"));
   }
   header->elements.push_back(std::move(element));
   return absl::OkStatus();
 }
 
 absl::Status TakeProperty(const std::vector<std::string_view>& words, PlyHeader* header) {
-  if (header->elements.empty()) return Broken("a property before any element");
+  if (header->elements.empty()) return BadHeader("a property before any element");
   PlyProperty property;
-  property.list = words.size() >= 2 && Lower(words[1]) == "list";
+  property.list = words.size() >= 2 && LowerWord(words[1]) == "list";
   const size_t at = property.list ? 3 : 1;  // of the type
-  if (words.size() < at + 2) return Broken("a property without type or name");
+  if (words.size() < at + 2) return BadHeader("a property without type or name");
   const auto type = TypeOf(words[at]);
   const auto count_type = property.list ? TypeOf(words[2]) : PlyType::kUint8;
-  if (!type || !count_type) return Broken("unknown property type");
+  if (!type || !count_type) return BadHeader("unknown property type");
   property.type = *type;
   property.count_type = *count_type;
-  property.name = Lower(words[at + 1]);
+  property.name = LowerWord(words[at + 1]);
   header->elements.back().properties.push_back(std::move(property));
   return absl::OkStatus();
 }
@@ -101,7 +102,7 @@ absl::StatusOr<PlyHeader> ParsePlyHeader(std::string_view bytes) {
   const size_t skipped = bytes.size() - marked.size();
   TextCursor cursor(marked);
   auto line = cursor.NextLine();
-  if (!line || Lower(line->substr(0, 3)) != "ply" || WordsOf(*line).size() != 1) {
+  if (!line || LowerWord(line->substr(0, 3)) != "ply" || WordsOf(*line).size() != 1) {
     return absl::InvalidArgumentError("not a PLY file (no line ply at the start)");
   }
   // A CR alone ends the header's lines where the first one ends so: bytes begin right behind it,
@@ -111,9 +112,9 @@ absl::StatusOr<PlyHeader> ParsePlyHeader(std::string_view bytes) {
   bool has_format = false;
   while ((line = cursor.NextLine())) {
     const std::vector<std::string_view> words = WordsOf(*line);
-    const std::string word = words.empty() ? "" : Lower(words[0]);
+    const std::string word = words.empty() ? "" : LowerWord(words[0]);
     if (word == "end_header") {
-      if (!has_format) return Broken("no format");
+      if (!has_format) return BadHeader("no format");
       header.size = skipped + cursor.Offset();
       if (cr)
         header.size =
@@ -123,17 +124,17 @@ absl::StatusOr<PlyHeader> ParsePlyHeader(std::string_view bytes) {
       return header;
     }
     if (word == "format" && words.size() >= 2) {
-      HOROPTER_RETURN_IF_ERROR(TakeFormat(Lower(words[1]), &header));
+      HOROPTER_RETURN_IF_ERROR(TakeFormat(LowerWord(words[1]), &header));
       has_format = true;
     } else if (word == "element") {
       HOROPTER_RETURN_IF_ERROR(TakeElement(words, &header));
     } else if (word == "property") {
       HOROPTER_RETURN_IF_ERROR(TakeProperty(words, &header));
     } else if (!word.empty() && word != "comment" && word != "obj_info") {
-      return Broken(absl::StrCat("line ", cursor.Line(), " is none of PLY's"));
+      return BadHeader(absl::StrCat("line ", cursor.Line(), " is none of PLY's"));
     }
   }
-  return Broken("it has no end (end_header)");
+  return BadHeader("it has no end (end_header)");
 }
 
 }  // namespace horopter

@@ -1,6 +1,7 @@
 #include "client/step_import.h"
 
 #include <BRepBndLib.hxx>
+#include <BRepBuilderAPI_Transform.hxx>
 #include <BRepMesh_IncrementalMesh.hxx>
 #include <BRep_Tool.hxx>
 #include <Bnd_Box.hxx>
@@ -19,6 +20,7 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <gp_Trsf.hxx>
 #include <iterator>
 #include <map>
 
@@ -27,6 +29,7 @@
 #include "client/brep_file.h"
 #include "client/cad_findings.h"
 #include "client/edge_chains.h"
+#include "client/mesh_import.h"
 #include "client/mesh_topology.h"
 #include "server/base/status_macros.h"
 
@@ -84,6 +87,10 @@ absl::Status ImportShape(const std::string& path,
                          const Annotations& annotations,
                          const CadImportOptions& options,
                          CadImport& import) {
+  if (!annotations.tessellated.triangles.empty()) {
+    constexpr bool kToldFaces = true;  // their corners run round as seen from outside
+    return FillFromTriangles(path, annotations.tessellated, kToldFaces, options, &import);
+  }
   if (shape.IsNull() || !TopExp_Explorer(shape, TopAbs_FACE).More()) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": holds no faces"));
   }
@@ -117,23 +124,43 @@ absl::Status ImportShape(const std::string& path,
   return absl::OkStatus();
 }
 
+// Of the part, where there is one; else of the product that holds all.
+std::string NameOfWhole(const TopoDS_Shape& shape, const Annotations& annotations) {
+  if (shape.IsNull()) return annotations.root_name;
+  TopTools_IndexedMapOfShape solids;
+  TopExp::MapShapes(shape, TopAbs_SOLID, solids);
+  if (solids.Extent() == 1) {
+    const auto name = annotations.names.find(solids(1).TShape().get());
+    if (name != annotations.names.end()) return name->second;
+  }
+  return annotations.root_name;
+}
+
 // Reads the file and hands its shape to `use`; what OpenCASCADE throws becomes a status.
 template <typename Result, typename Use>
 absl::StatusOr<Result> WithShape(const std::string& path,
                                  bool iges,
                                  const CadImportOptions& options,
                                  const Use& use) {
-  HOROPTER_RETURN_IF_ERROR(CheckComplete(path, iges));
   Message::DefaultMessenger()->RemovePrinters(STANDARD_TYPE(Message_PrinterOStream));
   CadImport import;
   Annotations annotations;
   try {
-    HOROPTER_ASSIGN_OR_RETURN(const TopoDS_Shape shape,
+    HOROPTER_ASSIGN_OR_RETURN(TopoDS_Shape shape,
                               iges ? ReadIges(path, import) : ReadStep(path, import, annotations));
-    if (!options.unit.empty() &&
-        std::abs(MetresPerUnit(options.unit) - import.metres_per_unit) > 1e-12) {
+    const double told = MetresPerUnit(options.unit);  // 0: nothing
+    constexpr double kSameUnit = 1e-6;                // a share
+    const bool other = told > 0.0 && std::abs(told / import.metres_per_unit - 1.0) > kSameUnit;
+    if (other && import.unit_from_file) {
       return absl::InvalidArgumentError(absl::StrCat(
           "units: ", path, " is in ", import.unit_name, " by its own word, not in ", options.unit));
+    }
+    if (other && !shape.IsNull()) {  // read as mm, for want of a word
+      gp_Trsf scaling;
+      scaling.SetScale(gp_Pnt(), told / import.metres_per_unit);
+      shape = BRepBuilderAPI_Transform(shape, scaling).Shape();
+      SetUnit(options.unit, told, &import);
+      import.unit_from_file = false;
     }
     return use(shape, annotations, std::move(import));
   } catch (const Standard_Failure& failure) {
@@ -156,9 +183,7 @@ absl::StatusOr<CadImport> ImportBrep(const std::string& path,
       [&](const TopoDS_Shape& shape,
           const Annotations& annotations,
           CadImport import) -> absl::StatusOr<CadImport> {
-        if (annotations.names.size() == 1) {
-          import.name = annotations.names[0];
-        }
+        import.name = NameOfWhole(shape, annotations);
         HOROPTER_RETURN_IF_ERROR(ImportShape(path, shape, annotations, options, import));
         return import;
       });
@@ -179,8 +204,7 @@ absl::StatusOr<std::vector<CadImport>> ImportBrepSolids(const std::string& path,
         std::vector<int> copies;
         Imports imports;
         if (!shape.IsNull()) {
-          int number = 0;
-          for (TopExp_Explorer it(shape, TopAbs_SOLID); it.More(); it.Next(), ++number) {
+          for (TopExp_Explorer it(shape, TopAbs_SOLID); it.More(); it.Next()) {
             const auto known = std::find_if(solids.begin(), solids.end(), [&](const auto& solid) {
               return solid.IsPartner(it.Current());  // the same body, placed elsewhere
             });
@@ -191,12 +215,16 @@ absl::StatusOr<std::vector<CadImport>> ImportBrepSolids(const std::string& path,
             solids.push_back(it.Current());
             copies.push_back(1);
             imports.push_back(base);
-            if (number < std::ssize(annotations.names)) {
-              imports.back().name = annotations.names[number];
-            }
+            const auto name = annotations.names.find(it.Current().TShape().get());
+            if (name != annotations.names.end()) imports.back().name = name->second;
           }
         }
-        if (solids.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": no solids"));
+        if (solids.empty()) {  // surfaces, triangles: one part
+          CadImport whole = base;
+          whole.name = annotations.root_name;
+          HOROPTER_RETURN_IF_ERROR(ImportShape(path, shape, annotations, options, whole));
+          return Imports{std::move(whole)};
+        }
         for (size_t i = 0; i < solids.size(); ++i) {
           HOROPTER_RETURN_IF_ERROR(ImportShape(path, solids[i], annotations, options, imports[i]));
           if (copies[i] > 1) {

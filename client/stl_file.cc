@@ -20,30 +20,30 @@
 namespace horopter {
 namespace {
 
-constexpr size_t kHeader = 80, kStart = 84, kRecord = 50;
+constexpr size_t kStlHeader = 80, kStlStart = 84, kStlRecord = 50;
 
-bool Is(std::string_view word, const char* expected) {
+bool IsWord(std::string_view word, const char* expected) {
   return absl::EqualsIgnoreCase(absl::string_view(word.data(), word.size()), expected);
 }
 
 // Little-endian, wherever this runs.
-std::uint32_t Word(std::string_view bytes, size_t at) {
+std::uint32_t StlWord(std::string_view bytes, size_t at) {
   std::uint32_t word = 0;
   for (size_t k = 4; k-- > 0;) word = word << 8 | static_cast<unsigned char>(bytes[at + k]);
   return word;
 }
 
-struct Record {
+struct StlRecord {
   Eigen::Vector3f normal;
   std::array<Eigen::Vector3f, 3> corners;
   unsigned attribute = 0;
 };
 
-Record RecordAt(std::string_view bytes, size_t number) {
-  Record record;
-  const size_t at = kStart + number * kRecord;
+StlRecord RecordAt(std::string_view bytes, size_t number) {
+  StlRecord record;
+  const size_t at = kStlStart + number * kStlRecord;
   for (size_t k = 0; k < 12; ++k) {
-    const float value = std::bit_cast<float>(Word(bytes, at + 4 * k));
+    const float value = std::bit_cast<float>(StlWord(bytes, at + 4 * k));
     if (k < 3) {
       record.normal[static_cast<int>(k)] = value;
     } else {
@@ -56,7 +56,7 @@ Record RecordAt(std::string_view bytes, size_t number) {
 }
 
 // Corners finite and in reach of those before: words and other bytes taken for numbers are not.
-bool InReach(const Record& record, const std::array<Eigen::Vector3f, 2>& box) {
+bool InReach(const StlRecord& record, const std::array<Eigen::Vector3f, 2>& box) {
   constexpr double kReach = 1e6;
   const double size = (box[1] - box[0]).cast<double>().norm() +
                       box[0].cast<double>().cwiseAbs().maxCoeff() +
@@ -68,7 +68,7 @@ bool InReach(const Record& record, const std::array<Eigen::Vector3f, 2>& box) {
 
 // Whether bytes that no header counts are a facet: with an area, and a normal that is its own or
 // left empty.
-bool LooksLikeFacet(const Record& record) {
+bool LooksLikeFacet(const StlRecord& record) {
   const Eigen::Vector3d a = record.corners[0].cast<double>();
   const Eigen::Vector3d cross =
       (record.corners[1].cast<double>() - a).cross(record.corners[2].cast<double>() - a);
@@ -95,7 +95,7 @@ bool IsClosed(const TriangleMesh& mesh) {
   return std::all_of(edges.begin(), edges.end(), [](const auto& e) { return e.second % 2 == 0; });
 }
 
-void Append(const Record& record, MeshFile* file) {
+void Append(const StlRecord& record, MeshFile* file) {
   const int first = static_cast<int>(file->mesh.vertices.size());
   for (const Eigen::Vector3f& c : record.corners) {
     file->mesh.vertices.push_back(c.cast<double>());
@@ -130,13 +130,13 @@ class FacetColors {
 };
 
 absl::StatusOr<MeshFile> ParseBinary(std::string_view bytes) {
-  const std::uint32_t counted = Word(bytes, kHeader);
-  const size_t held = (bytes.size() - kStart) / kRecord;
+  const std::uint32_t counted = StlWord(bytes, kStlHeader);
+  const size_t held = (bytes.size() - kStlStart) / kStlRecord;
   const bool unknown = counted == 0 || counted == 0xFFFFFFFFu;
-  const FacetColors colors(bytes.substr(0, kHeader));
+  const FacetColors colors(bytes.substr(0, kStlHeader));
   MeshFile file;
   std::array<Eigen::Vector3f, 2> box = {Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero()};
-  const auto add = [&](const Record& record) {
+  const auto add = [&](const StlRecord& record) {
     if (file.mesh.triangles.empty()) box = {record.corners[0], record.corners[0]};
     for (const Eigen::Vector3f& c : record.corners) {
       if (!c.allFinite()) continue;
@@ -149,8 +149,8 @@ absl::StatusOr<MeshFile> ParseBinary(std::string_view bytes) {
   const size_t sure = unknown ? 0 : std::min<size_t>(counted, held);
   for (; read < sure; ++read) add(RecordAt(bytes, read));
   for (; read < held; ++read) {  // what the header does not count
-    const Record record = RecordAt(bytes, read);
-    const bool exact = unknown && (bytes.size() - kStart) % kRecord == 0;
+    const StlRecord record = RecordAt(bytes, read);
+    const bool exact = unknown && (bytes.size() - kStlStart) % kStlRecord == 0;
     if (read > 0 && !InReach(record, box)) break;
     if (!exact && !LooksLikeFacet(record)) break;
     add(record);
@@ -159,7 +159,7 @@ absl::StatusOr<MeshFile> ParseBinary(std::string_view bytes) {
   if (read == 0) return absl::InvalidArgumentError("holds no facets");
   if (!unknown && counted > held) {
     // A wrong count, or the end is missing.
-    if ((bytes.size() - kStart) % kRecord != 0 || !IsClosed(file.mesh)) {
+    if ((bytes.size() - kStlStart) % kStlRecord != 0 || !IsClosed(file.mesh)) {
       return absl::InvalidArgumentError(
           absl::StrCat("cut short: ", held, " of ", counted, " facets"));
     }
@@ -168,8 +168,8 @@ absl::StatusOr<MeshFile> ParseBinary(std::string_view bytes) {
     file.notes.push_back(
         absl::StrCat("the header counts ", counted, " facets; ", read, " are there"));
   }
-  const size_t behind = bytes.size() - kStart - read * kRecord;
-  if (behind > 0 && unknown && behind >= kRecord) {
+  const size_t behind = bytes.size() - kStlStart - read * kStlRecord;
+  if (behind > 0 && unknown && behind >= kStlRecord) {
     return absl::InvalidArgumentError(absl::StrCat(
         "the header counts ", counted, " facets, and what follows facet ", read, " is none"));
   }
@@ -185,17 +185,17 @@ class TextReader {
 
   absl::StatusOr<MeshFile> Read() {
     while (auto word = cursor_.NextWord()) {
-      if (Is(*word, "solid")) {
+      if (IsWord(*word, "solid")) {
         open_ = true;
         cursor_.SkipLine();  // a name of any words
-      } else if (Is(*word, "endsolid")) {
+      } else if (IsWord(*word, "endsolid")) {
         open_ = false;
         cursor_.SkipLine();
-      } else if (Is(*word, "end")) {
+      } else if (IsWord(*word, "end")) {
         word = cursor_.NextWord();
-        open_ = open_ && !(word && Is(*word, "solid"));
+        open_ = open_ && !(word && IsWord(*word, "solid"));
         cursor_.SkipLine();
-      } else if (Is(*word, "facet")) {
+      } else if (IsWord(*word, "facet")) {
         HOROPTER_RETURN_IF_ERROR(ReadFacet());
       } else {
         ++unknown_;
@@ -221,16 +221,16 @@ class TextReader {
     while (true) {
       const auto word = cursor_.NextWord();
       if (!word) return Broken("cut short within a facet");
-      if (Is(*word, "endfacet")) break;
-      if (Is(*word, "end")) {
+      if (IsWord(*word, "endfacet")) break;
+      if (IsWord(*word, "end")) {
         const auto what = cursor_.NextWord();
-        if (!what || Is(*what, "facet")) break;
+        if (!what || IsWord(*what, "facet")) break;
         continue;
       }
-      if (Is(*word, "facet") || Is(*word, "endsolid") || Is(*word, "solid")) {
+      if (IsWord(*word, "facet") || IsWord(*word, "endsolid") || IsWord(*word, "solid")) {
         return Broken(absl::StrCat("facet ", file_.faces + 1, " has no end"));
       }
-      if (!Is(*word, "vertex")) continue;
+      if (!IsWord(*word, "vertex")) continue;
       Eigen::Vector3d point;
       for (int k = 0; k < 3; ++k) {
         const auto number = cursor_.NextWord();
@@ -261,7 +261,7 @@ bool IsText(std::string_view bytes) {
   const std::string_view start = bytes.substr(0, 4096);
   if (start.find('\0') != std::string_view::npos) return false;
   const auto first = TextCursor(start).NextWord();
-  return (first && Is(*first, "solid")) ||
+  return (first && IsWord(*first, "solid")) ||
          absl::StrContains(absl::AsciiStrToLower(absl::string_view(start.data(), start.size())),
                            "facet");
 }
@@ -270,13 +270,14 @@ bool IsText(std::string_view bytes) {
 
 absl::StatusOr<MeshFile> ParseStl(std::string_view bytes) {
   if (IsUtf16(bytes)) return absl::InvalidArgumentError("written in UTF-16: save it as plain text");
-  const bool counted = bytes.size() > kStart &&
-                       bytes.size() == kStart + kRecord * std::uint64_t{Word(bytes, kHeader)};
+  const bool counted =
+      bytes.size() > kStlStart &&
+      bytes.size() == kStlStart + kStlRecord * std::uint64_t{StlWord(bytes, kStlHeader)};
   const std::string_view text = WithoutByteOrderMark(bytes);
   MeshFile file;
   if (!counted && IsText(text)) {
     HOROPTER_ASSIGN_OR_RETURN(file, TextReader(text).Read());
-  } else if (bytes.size() >= kStart + kRecord) {
+  } else if (bytes.size() >= kStlStart + kStlRecord) {
     HOROPTER_ASSIGN_OR_RETURN(file, ParseBinary(bytes));
   } else {
     return absl::InvalidArgumentError("neither STL text (solid ...) nor of a facet's size");

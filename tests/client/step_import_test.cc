@@ -1,8 +1,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <zlib.h>
 
 #include <BRepAlgoAPI_Cut.hxx>
 #include <BRepAlgoAPI_Fuse.hxx>
+#include <BRepBuilderAPI_Copy.hxx>
 #include <BRepFilletAPI_MakeFillet.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
@@ -255,6 +257,74 @@ TEST(StepImport, ContradictingUnitIsAnErrorNotAnOverride) {
   EXPECT_THAT(std::string(import.status().message()), HasSubstr("mm"));
   options.unit = "mm";
   EXPECT_TRUE(ImportCad(path, options).ok());
+}
+
+TEST(StepImport, AFileThatNamesNoUnitIsInTheOneThatIsTold) {
+  const TempFolder folder;
+  std::string text = ReadAll(WriteStep(folder, PlateWithHole()));
+  const size_t at = text.find("GLOBAL_UNIT_ASSIGNED_CONTEXT");
+  ASSERT_NE(at, std::string::npos);
+  const size_t list = text.find("((", at), end = text.find("))", list);
+  text.replace(list, end + 2 - list, "(())");
+  const std::string path = folder.Write("plain.step", text);
+  EXPECT_NEAR(MustImport(path).model.diameter_m, std::sqrt(29e-4), 1e-7);
+  EXPECT_THAT(MustImport(path).warnings, testing::Contains(HasSubstr("mm assumed")));
+  CadImportOptions options;
+  options.unit = "in";
+  const auto import = ImportCad(path, options);
+  ASSERT_TRUE(import.ok()) << import.status();
+  EXPECT_NEAR(import->model.diameter_m, 25.4 * std::sqrt(29e-4), 1e-6);
+  EXPECT_EQ(import->unit_name, "in");
+}
+
+// A unit of 7.5 mm, whatever it is called.
+TEST(StepImport, GeometryFollowsTheFactorOfAnOddUnit) {
+  const TempFolder folder;
+  std::string text = ReadAll(WriteStep(folder, PlateWithHole(), "INCH"));
+  const size_t at = text.find("LENGTH_MEASURE(25.4)");
+  const size_t bare = text.find("LENGTH_MEASURE_WITH_UNIT(");
+  ASSERT_NE(bare, std::string::npos);
+  const size_t number = text.find("25.4", at == std::string::npos ? bare : at);
+  text.replace(number, 4, "7.5");
+  const CadImport import = MustImport(folder.Write("odd.step", text));
+  EXPECT_NEAR(import.metres_per_unit, 7.5e-3, 1e-12);
+  EXPECT_NEAR(import.model.diameter_m, 7.5 / 25.4 * std::sqrt(29e-4), 1e-7);
+}
+
+TEST(StepImport, PackedFilesAreUnpacked) {
+  const TempFolder folder;
+  const std::string text = ReadAll(WriteStep(folder, PlateWithHole()));
+  for (const char* name : {"part.step.gz", "part.stpz", "part.STP.GZ"}) {
+    const std::string path = folder.path() + "/" + name;
+    const gzFile file = gzopen(path.c_str(), "wb");
+    ASSERT_EQ(gzwrite(file, text.data(), static_cast<unsigned>(text.size())),
+              static_cast<int>(text.size()));
+    gzclose(file);
+    const CadImport import = MustImport(path);
+    EXPECT_EQ(import.format, "STEP");
+    EXPECT_EQ(import.counts.at("lines"), 12);
+    const std::string bytes = ReadAll(path);
+    const auto cut = ImportCad(folder.Write("cut.step.gz", bytes.substr(0, bytes.size() / 2)));
+    EXPECT_THAT(std::string(cut.status().message()), HasSubstr("gzip"));
+  }
+  EXPECT_THAT(std::string(ImportCad(folder.Write("mesh.stl.gz", "x")).status().message()),
+              HasSubstr("unknown CAD format"));
+}
+
+// Faces by themselves, as systems of surfaces write them.
+TEST(StepImport, LooseFacesAreSewn) {
+  TopoDS_Compound faces;
+  BRep_Builder builder;
+  builder.MakeCompound(faces);
+  for (TopExp_Explorer it(PlateWithHole(), TopAbs_FACE); it.More(); it.Next()) {
+    builder.Add(faces, BRepBuilderAPI_Copy(it.Current()).Shape());
+  }
+  const TempFolder folder;
+  const CadImport import = MustImport(WriteStep(folder, faces));
+  EXPECT_EQ(import.counts.at("lines"), 12);
+  EXPECT_EQ(import.counts.at("circles"), 2);
+  EXPECT_EQ(import.counts.at("vertices"), 8);
+  for (const ModelEdge& e : import.model.edges) EXPECT_NEAR(e.dihedral_rad, M_PI / 2, 1e-6);
 }
 
 TEST(StepImport, AnAssemblyIsOnePartOrItsDifferentSolids) {

@@ -105,7 +105,7 @@ LIBRARIES = collections.OrderedDict([
     ("OpenCV", (r"opencv2/", ["server/vision/features", "server/vision/matching", "server/overlay", "client"])),
     ("Ceres", (r"ceres/", STAGES + ["server/vision/geometry"])),
     ("OpenCASCADE", (r"[A-Za-z0-9]+_?[A-Za-z0-9_]*\.hxx$", ["client"])),
-    ("assimp", (r"assimp/", ["client"])),
+    ("zlib", (r"zlib\.h$", ["client"])),
     ("yaml-cpp", (r"yaml-cpp/", ["client"])),
     ("CLI11", (r"CLI/", ["server/flags.h", "server/flags.cc", "server/main.cc", "client"])),
     ("Prometheus", (r"prometheus/", ["server/service"])),
