@@ -17,6 +17,7 @@
 #include "client/convert.h"
 #include "horopter/v1/errors.pb.h"
 #include "server/base/status_macros.h"
+#include "server/base/utf8.h"
 
 namespace horopter {
 namespace {
@@ -114,7 +115,7 @@ v1::Object ObjectMessage(const ObjectModel& model, const CadFile& file) {
   object.set_name(ResourceName(model.id));
   if (!file.content.empty()) {
     v1::CadSource* source = object.mutable_source();
-    source->set_file_name(file.file_name);
+    source->set_file_name(ToUtf8(file.file_name));
     source->set_format(file.format);
     source->set_unit(file.unit);
     source->set_content(file.content);
@@ -210,7 +211,7 @@ HoropterClient::~HoropterClient() = default;
 absl::StatusOr<v1::Object> HoropterClient::CreateObject(const ObjectModel& model,
                                                         const CadFile& file) {
   v1::CreateObjectRequest request;
-  request.set_object_id(model.id);
+  request.set_object_id(ToUtf8(model.id));
   *request.mutable_object() = ObjectMessage(model, file);
   v1::Object response;
   HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {

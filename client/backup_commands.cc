@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "absl/strings/str_cat.h"
+#include "client/bop_results.h"
 #include "client/commands.h"
 #include "client/interrupt.h"
 #include "client/output.h"
@@ -94,6 +95,7 @@ class UnfinishedBackup {
 absl::Status CatalogBackup(HoropterClient& client, const std::string& path) {
   std::error_code error;
   if (fs::exists(path, error)) return absl::AlreadyExistsError(absl::StrCat(path, ": is there"));
+  HOROPTER_RETURN_IF_ERROR(CheckCanBeWritten(path));
   UnfinishedBackup backup(path);
   Progress progress("MB", 0);
   absl::Status status;

@@ -1,5 +1,9 @@
 // Reads a dataset in BOP layout: models/ + models_info.json, cad/, grasps/, names.json, and the
-// scenes of a split. Files are in millimetres; everything here is in metres.
+// scenes of a split. Files are in millimetres; everything here is in metres. Numbers in names of
+// files and folders may have any number of digits.
+//
+// Meshes are looked for in models/, models_cad/, models_reconst/, models_eval/ and any other
+// models_*/, in this order: published datasets have some of them.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,7 +21,7 @@ struct BopObject {
   int obj_id = 0;
   std::string name;         // of names.json, may be empty
   std::string cad_path;     // cad/obj_NNNNNN.step (.stp), or empty
-  std::string mesh_path;    // models/obj_NNNNNN.ply, or empty
+  std::string mesh_path;    // models/obj_NNNNNN.ply (.obj, .stl), or empty
   std::string grasps_path;  // grasps/obj_NNNNNN.json, or empty
   double diameter_m = 0.0;  // 0 when models_info.json does not say
   bool in_models_info = false;
@@ -39,7 +43,8 @@ struct BopInstance {
 
 struct BopImage {
   int im_id = 0;
-  std::string path;  // empty when the dataset has no image file for the id
+  std::string sensor;  // "cam1" of rgb_cam1/ and scene_camera_cam1.json; empty: rgb/ or gray/
+  std::string path;    // empty when the dataset has no image file for the id
   // Ground truth, not an input of recognition. focal_px is fx, k1 of cam_dist; K keeps fx, fy and
   // skew as written. width and height come from the image's header, 0 when unknown.
   PinholeCamera camera;
@@ -55,7 +60,13 @@ struct BopScene {
   std::string folder;
   std::string tier = "all";       // scene_meta.json
   bool has_ground_truth = false;  // scene_gt.json
-  std::vector<BopImage> images;   // by im_id
+  std::vector<BopImage> images;   // by sensor, then by im_id
+};
+
+struct BopSceneOptions {
+  bool cameras = true;       // scene_camera.json
+  bool truth = true;         // scene_gt.json and scene_gt_info.json
+  bool all_sensors = false;  // else of several the first: results name no sensor
 };
 
 // Catalog id of a dataset's object: 1 -> "obj_000001".
@@ -68,11 +79,16 @@ absl::StatusOr<BopDataset> ReadBopDataset(const std::string& folder);
 // Ids of the scene folders of a split, ascending. Errors: NOT_FOUND.
 absl::StatusOr<std::vector<int>> ListBopScenes(const std::string& folder, const std::string& split);
 
-// Needs images or scene_camera.json; ground truth files are optional.
+// Whether a scene's folder has one with images: rgb/, gray/, rgb_SENSOR/ and the like.
+bool HasBopImages(const std::string& scene_folder);
+
+// Needs images or scene_camera.json; ground truth files are optional, and what `options` leave out
+// is not opened.
 // Errors: NOT_FOUND (no such scene, no images), INVALID_ARGUMENT (broken file, named).
 absl::StatusOr<BopScene> ReadBopScene(const std::string& folder,
                                       const std::string& split,
-                                      int scene_id);
+                                      int scene_id,
+                                      const BopSceneOptions& options = {});
 
 // Reads a grasp file: {"grasps": [{"name", "T_gripper_in_object" (16, row-major, mm),
 // "jaw_opening_mm", "grip_width_mm" (or "suction_cup_radius_mm"), optional "quality" and

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "absl/strings/str_cat.h"
 #include "client/commands.h"
 #include "client/convert.h"
 #include "server/base/status_macros.h"
@@ -20,11 +21,28 @@ std::optional<int> BopIdOf(const std::string& resource) {
   return std::stoi(digits);
 }
 
-// The images of a scene that are sent; `most` > 0 takes that many, spread evenly.
-std::vector<const BopImage*> ImagesToSend(const BopScene& scene, int most) {
+BopSceneOptions ReadForRecognition(DatasetHints hints) {
+  return {.cameras = hints != DatasetHints::kNone, .truth = false, .all_sensors = true};
+}
+
+absl::Status CheckSet(const BopScene& scene, const BopImageSet& set) {
+  for (const int id : set.im_ids) {
+    const bool there = std::any_of(scene.images.begin(), scene.images.end(), [&](const auto& i) {
+      return i.im_id == id && !i.path.empty();
+    });
+    if (!there) return absl::NotFoundError(absl::StrCat(scene.folder, ": no image ", id));
+  }
+  return absl::OkStatus();
+}
+
+std::vector<const BopImage*> ImagesToSend(const BopScene& scene, int most, const BopImageSet& set) {
+  const auto chosen = [](const auto& list, const auto& value) {
+    return list.empty() || std::find(list.begin(), list.end(), value) != list.end();
+  };
   std::vector<const BopImage*> images;
   for (const BopImage& image : scene.images) {
-    if (!image.path.empty()) images.push_back(&image);
+    if (image.path.empty() || !chosen(set.im_ids, image.im_id)) continue;
+    if (chosen(set.sensors, image.sensor)) images.push_back(&image);
   }
   const size_t n = images.size(), keep = static_cast<size_t>(std::max(0, most));
   if (keep == 0 || keep >= n) return images;
@@ -35,20 +53,29 @@ std::vector<const BopImage*> ImagesToSend(const BopScene& scene, int most) {
   return kept;
 }
 
+std::vector<int> ReportedIds(const std::vector<const BopImage*>& images) {
+  std::vector<int> ids;
+  for (const BopImage* image : images) {
+    ids.push_back(image->sensor == images[0]->sensor ? image->im_id : -1);
+  }
+  return ids;
+}
+
 void AddAnswer(int scene_id,
                const std::vector<int>& im_ids,
                const v1::RecognizeSceneResponse& response,
                double seconds,
                BopResults& results) {
   for (size_t i = 0; i < im_ids.size(); ++i) {
-    const int index = static_cast<int>(i);
+    const int index = static_cast<int>(i), im_id = im_ids[i];
+    if (im_id < 0) continue;
     if (index < response.cameras_size() && response.cameras(index).recovered()) {
       const v1::Camera& camera = response.cameras(index);
       Eigen::Matrix3d K;
       K << camera.focal_px(), 0, camera.principal_point_x_px(), 0, camera.focal_px(),
           camera.principal_point_y_px(), 0, 0, 1;
-      results.cameras[scene_id][im_ids[i]] = K;
-      results.distortions[scene_id][im_ids[i]] =
+      results.cameras[scene_id][im_id] = K;
+      results.distortions[scene_id][im_id] =
           std::vector<double>{camera.k1(), camera.k2(), camera.p1(), camera.p2()};
     }
     for (const v1::RecognizedObject& object : response.objects()) {
@@ -58,7 +85,7 @@ void AddAnswer(int scene_id,
         continue;
       }
       results.estimates.push_back({scene_id,
-                                   im_ids[i],
+                                   im_id,
                                    *obj_id,
                                    object.score(),
                                    FromProto(object.images(index).camera_from_object()),

@@ -98,6 +98,22 @@ std::string CamerasPathOf(const std::string& csv_path) {
   return std::filesystem::path(csv_path).replace_extension(".cameras.json").string();
 }
 
+absl::Status CheckCanBeWritten(const std::string& path) {
+  std::error_code error;
+  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+  if (!folder.empty() && !std::filesystem::is_directory(folder, error)) {
+    return absl::NotFoundError(absl::StrCat(path, ": there is no folder ", folder.string()));
+  }
+  if (path.empty() || std::filesystem::is_directory(path, error)) {
+    return absl::PermissionDeniedError(absl::StrCat(path, ": is a folder, not a file"));
+  }
+  const std::string temporary = absl::StrCat(path, ".tmp", ::getpid());
+  const bool written = std::ofstream(temporary, std::ios::binary | std::ios::app).is_open();
+  std::filesystem::remove(temporary, error);
+  return written ? absl::OkStatus()
+                 : absl::PermissionDeniedError(absl::StrCat(path, ": cannot be written"));
+}
+
 absl::Status WriteFileAtomically(const std::string& path, const std::string& content) {
   const std::string temporary = absl::StrCat(path, ".tmp", ::getpid());
   std::error_code error;

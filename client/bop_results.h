@@ -42,6 +42,10 @@ absl::Status WriteBopResults(const BopResults& results, const std::string& csv_p
 // Errors: NOT_FOUND, INVALID_ARGUMENT naming file and line.
 absl::StatusOr<BopResults> ReadBopResults(const std::string& csv_path);
 
+// Whether WriteFileAtomically could write there, before the work for it is done; nothing stays.
+// Errors: NOT_FOUND (no such folder), PERMISSION_DENIED.
+absl::Status CheckCanBeWritten(const std::string& path);
+
 // Writes a file through a temporary sibling and a rename. Errors: PERMISSION_DENIED.
 absl::Status WriteFileAtomically(const std::string& path, const std::string& content);
 

@@ -9,6 +9,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "client/address.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -63,6 +64,7 @@ bool IsOnThisMachine(const std::string& address) {
 
 absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& address,
                                                            const ChannelSecurity& security) {
+  HOROPTER_RETURN_IF_ERROR(CheckAddress(address));
   const bool tls = security.tls || !security.ca_file.empty() || !security.cert_file.empty();
   if (security.cert_file.empty() != security.key_file.empty()) {
     return absl::InvalidArgumentError("a client certificate needs its key and the reverse");
@@ -81,6 +83,7 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& ad
     credentials = grpc::SslCredentials(options);
     if (!security.server_name.empty()) arguments.SetSslTargetNameOverride(security.server_name);
   }
+  if (!security.proxy || !MayUseProxy(address)) arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   arguments.SetMaxReceiveMessageSize(-1);  // CAD files; the server bounds what it takes
   arguments.SetMaxSendMessageSize(-1);
   std::vector<std::unique_ptr<experimental::ClientInterceptorFactoryInterface>> interceptors;

@@ -20,10 +20,13 @@ struct ChannelSecurity {
   std::string key_file;
   std::string server_name;  // in the server's certificate; empty: the host of the address
   std::string token;        // sent with every call; without TLS only to this machine
+  // Other machines are reached through the proxy that the environment names (http_proxy,
+  // https_proxy, grpc_proxy), but for those of no_proxy or NO_PROXY; this machine never is.
+  bool proxy = true;
 };
 
 // Connects when the first call is made. Errors: FAILED_PRECONDITION (a file cannot be read, a token
-// would travel in the clear), INVALID_ARGUMENT (a certificate without its key).
+// would travel in the clear), INVALID_ARGUMENT (no address, a certificate without its key).
 absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& address,
                                                            const ChannelSecurity& security);
 

@@ -35,6 +35,11 @@ void AddDatasetRecognize(CLI::App& dataset, Command* command) {
   recognize->add_option("--out", a->out, "BOP results; intrinsics go to *.cameras.json beside it")
       ->required();
   recognize->add_option("--scenes", a->scenes, "e.g. 1,2 (default: all)")->delimiter(',');
+  recognize->add_option("--targets",
+                        a->targets,
+                        "BOP target file that says which images are taken together (default: "
+                        "SPLIT_targets_multiview_bop25.json of the dataset where it is there, else "
+                        "all of a scene; none: all of a scene)");
   recognize->add_option("--max-images", a->max_images, "per scene (default: all)")
       ->check(CLI::PositiveNumber);
   recognize
@@ -65,8 +70,8 @@ void AddDatasetEvaluate(CLI::App& dataset, Command* command) {
 void AddSceneOptions(CLI::App* command, RecognizeArguments& a) {
   command->add_option("--out",
                       a.overlay_path,
-                      "drawing over the images, made by the server: FILE.png is one picture of "
-                      "all, FILE.svg becomes "
+                      "drawing over the images, made by the server: FILE.png or FILE.jpg is one "
+                      "picture of all, FILE.svg becomes "
                       "FILE-1.svg and so on, to be laid over them");
   command->add_flag(
       "--unexplained", a.unexplained, "also draw the edges that belong to no recognised object");

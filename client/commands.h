@@ -70,6 +70,7 @@ struct DatasetRecognizeArguments {
   std::string split;
   std::string out;
   std::vector<int> scenes;  // empty: all
+  std::string targets;      // file; empty: the split's own for several views, "none": none
   int max_images = 0;       // per scene, spread evenly; 0: all
   DatasetHints hints = DatasetHints::kNone;
   bool cropped = false;  // the images are cut-outs

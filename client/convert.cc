@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
+#include "server/base/utf8.h"
 #include "server/vision/geometry/grasp_kind.h"
 
 namespace horopter {
@@ -74,7 +75,7 @@ Rigid3 FromProto(const v1::RigidTransform& transform) {
 
 v1::Grasp ToProto(const Grasp& grasp) {
   v1::Grasp out;
-  out.set_name(grasp.name);
+  out.set_name(ToUtf8(grasp.name));
   *out.mutable_object_from_gripper() = ToProto(grasp.object_from_gripper);
   if (IsSuction(grasp)) {
     out.mutable_suction()->set_cup_radius_m(CupRadius(grasp));
@@ -91,7 +92,7 @@ v1::Grasp ToProto(const Grasp& grasp) {
 
 v1::Object ToProto(const ObjectModel& model) {
   v1::Object out;
-  out.set_display_name(model.display_name);
+  out.set_display_name(ToUtf8(model.display_name));
   out.set_diameter_m(model.diameter_m);
   AppendPoints(model.vertices, out.mutable_vertices_m());
   for (const ModelEdge& e : model.edges) {
@@ -165,7 +166,8 @@ ObjectModel FromProto(const v1::Object& object) {
   return model;
 }
 
-std::string ResourceName(const std::string& id) {
+std::string ResourceName(const std::string& given) {
+  const std::string id = ToUtf8(given);
   return kPrefix + id;
 }
 

@@ -20,6 +20,8 @@
 namespace horopter {
 namespace {
 
+constexpr char kNoTargets[] = "none";
+
 std::string Summary(const v1::RecognizeSceneResponse& response) {
   std::string objects;
   for (const v1::RecognizedObject& o : response.objects()) {
@@ -36,6 +38,29 @@ std::string Summary(const v1::RecognizeSceneResponse& response) {
                       response.cameras_size(),
                       ",",
                       objects.empty() ? " no objects" : objects);
+}
+
+// The sets of images to ask for, in order: those of a target file, else the scenes.
+absl::StatusOr<std::vector<BopImageSet>> SetsOf(const DatasetRecognizeArguments& arguments) {
+  std::vector<BopImageSet> sets;
+  const std::string targets = arguments.targets.empty()
+                                  ? MultiviewTargetsOf(arguments.dataset, arguments.split)
+                                  : arguments.targets;
+  if (!targets.empty() && targets != kNoTargets) {
+    HOROPTER_ASSIGN_OR_RETURN(sets, ReadBopTargets(targets));
+    Say("%zu sets of images by %s\n", sets.size(), targets.c_str());
+  } else if (arguments.scenes.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(const std::vector<int> scenes,
+                              ListBopScenes(arguments.dataset, arguments.split));
+    for (const int id : scenes) sets.push_back({id, {}, {}});
+  } else {
+    for (const int id : arguments.scenes) sets.push_back({id, {}, {}});
+  }
+  std::erase_if(sets, [&](const BopImageSet& set) {
+    const std::vector<int>& wanted = arguments.scenes;
+    return !wanted.empty() && std::find(wanted.begin(), wanted.end(), set.scene_id) == wanted.end();
+  });
+  return sets;
 }
 
 nlohmann::json SceneJson(const BopScene& scene,
@@ -90,18 +115,19 @@ void PrintScores(const std::string& tier, const BopScores& s) {
 }  // namespace
 
 absl::Status DatasetRecognize(HoropterClient& client, const DatasetRecognizeArguments& arguments) {
-  std::vector<int> scenes = arguments.scenes;
-  if (scenes.empty()) {
-    HOROPTER_ASSIGN_OR_RETURN(scenes, ListBopScenes(arguments.dataset, arguments.split));
-  }
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<BopImageSet> sets, SetsOf(arguments));
   BopResults results;
   // An output that cannot be written should fail before the work, not after it.
   HOROPTER_RETURN_IF_ERROR(WriteBopResults(results, arguments.out));
   absl::Status first_error;
-  for (size_t k = 0; k < scenes.size(); ++k) {
+  for (size_t k = 0; k < sets.size(); ++k) {
     HOROPTER_ASSIGN_OR_RETURN(const BopScene scene,
-                              ReadBopScene(arguments.dataset, arguments.split, scenes[k]));
-    const auto images = ImagesToSend(scene, arguments.max_images);
+                              ReadBopScene(arguments.dataset,
+                                           arguments.split,
+                                           sets[k].scene_id,
+                                           ReadForRecognition(arguments.hints)));
+    HOROPTER_RETURN_IF_ERROR(CheckSet(scene, sets[k]));
+    const auto images = ImagesToSend(scene, arguments.max_images, sets[k]);
     HOROPTER_ASSIGN_OR_RETURN(v1::RecognizeSceneRequest request,
                               SceneRequestOf(images, arguments.hints));
     for (v1::SceneImage& image : *request.mutable_images()) image.set_cropped(arguments.cropped);
@@ -111,7 +137,7 @@ absl::Status DatasetRecognize(HoropterClient& client, const DatasetRecognizeArgu
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     Say("[%zu/%zu] scene %d (%s), %zu images, %.1f s: %s\n",
         k + 1,
-        scenes.size(),
+        sets.size(),
         scene.scene_id,
         scene.tier.c_str(),
         images.size(),
@@ -123,9 +149,7 @@ absl::Status DatasetRecognize(HoropterClient& client, const DatasetRecognizeArgu
       if (first_error.ok()) first_error = response.status();
       continue;
     }
-    std::vector<int> im_ids;
-    for (const BopImage* image : images) im_ids.push_back(image->im_id);
-    AddAnswer(scene.scene_id, im_ids, *response, seconds, results);
+    AddAnswer(scene.scene_id, ReportedIds(images), *response, seconds, results);
     HOROPTER_RETURN_IF_ERROR(
         WriteBopResults(results, arguments.out));  // an interrupted run keeps its scenes
   }

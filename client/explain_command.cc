@@ -95,6 +95,7 @@ absl::Status Explain(HoropterClient& client,
   HOROPTER_ASSIGN_OR_RETURN(v1::RecognizeSceneRequest request, BuildSceneRequest(arguments));
   request.set_explain_object(ResourceName(object));
   if (!arguments.overlay_path.empty()) {
+    HOROPTER_RETURN_IF_ERROR(CheckOverlayPath(arguments.overlay_path));
     request.mutable_overlay()->set_format(OverlayFormatOf(arguments.overlay_path));
     request.mutable_overlay()->set_unexplained_edges(arguments.unexplained);
   }

@@ -71,6 +71,11 @@ void AddSecurityOptions(CLI::App& app, ChannelSecurity& security, std::string& t
   app.add_option("--tls-server-name",
                  security.server_name,
                  "name in the server's certificate, where it is not the host of --server");
+  app.add_flag(
+      "!--no-proxy",
+      security.proxy,
+      "do not use the proxy that the environment names; this machine, and what no_proxy or "
+      "NO_PROXY names, is reached without it anyway");
   app.add_option("--token-file",
                  token_file,
                  "file with the token that says who asks; or HOROPTER_TOKEN is the token")

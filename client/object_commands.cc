@@ -171,13 +171,20 @@ absl::Status WritePreview(HoropterClient& client, const std::string& id, const s
                             client.GetObject(id, v1::OBJECT_VIEW_GEOMETRY));
   ObjectModel model = FromProto(object);
   model.id = id;
-  std::vector<uchar> png;
+  const std::string extension =
+      absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
+  const bool jpeg = extension == ".jpg" || extension == ".jpeg";
+  if (!jpeg && !extension.empty() && extension != ".png") {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": pictures are .png or .jpg, not ", extension));
+  }
+  std::vector<uchar> file;
   try {
-    cv::imencode(".png", RenderPreview(model), png);
+    cv::imencode(jpeg ? ".jpg" : ".png", RenderPreview(model), file);
   } catch (const std::exception& e) {
     return absl::InternalError(absl::StrCat("preview: ", e.what()));
   }
-  return WriteFileAtomically(path, std::string(png.begin(), png.end()));
+  return WriteFileAtomically(path, std::string(file.begin(), file.end()));
 }
 
 // Sends it, prints what it is and what it can be taken for.
@@ -212,6 +219,9 @@ absl::Status ObjectPreview(HoropterClient& client, const std::string& id, const 
 }
 
 absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& arguments) {
+  if (!arguments.preview_path.empty()) {
+    HOROPTER_RETURN_IF_ERROR(CheckCanBeWritten(arguments.preview_path));
+  }
   if (!arguments.split) {
     HOROPTER_ASSIGN_OR_RETURN(LoadedCad cad, LoadCad(arguments.cad_path, arguments.unit));
     cad.import.model.id = arguments.id;

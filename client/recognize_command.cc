@@ -158,6 +158,7 @@ void PrintTable(const v1::RecognizeSceneResponse& response,
 absl::Status Recognize(HoropterClient& client, const RecognizeArguments& arguments) {
   HOROPTER_ASSIGN_OR_RETURN(v1::RecognizeSceneRequest request, BuildSceneRequest(arguments));
   if (!arguments.overlay_path.empty()) {
+    HOROPTER_RETURN_IF_ERROR(CheckOverlayPath(arguments.overlay_path));
     request.mutable_overlay()->set_format(OverlayFormatOf(arguments.overlay_path));
     request.mutable_overlay()->set_unexplained_edges(arguments.unexplained);
   }

@@ -7,15 +7,18 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <filesystem>
 #include <opencv2/imgcodecs.hpp>
 #include <vector>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "client/bop_results.h"
 #include "client/camera_hints.h"
 #include "client/convert.h"
 #include "server/base/status_macros.h"
+#include "server/base/utf8.h"
 #include "server/overlay/paint.h"
 
 namespace horopter {
@@ -62,10 +65,10 @@ absl::Status NameStation(const RecognizeArguments& arguments, v1::RecognizeScene
   const std::vector<std::string>& cameras = arguments.station_cameras;
   if (!cameras.empty() && static_cast<int>(cameras.size()) != request->images_size())
     return absl::InvalidArgumentError("--station-cameras: one per image");
-  request->set_station(absl::StrCat("stations/", arguments.station));
+  request->set_station(ToUtf8(absl::StrCat("stations/", arguments.station)));
   for (int i = 0; i < request->images_size(); ++i) {
-    request->mutable_images(i)->set_camera_id(cameras.empty() ? absl::StrCat("camera", i + 1)
-                                                              : cameras[static_cast<size_t>(i)]);
+    request->mutable_images(i)->set_camera_id(
+        cameras.empty() ? absl::StrCat("camera", i + 1) : ToUtf8(cameras[static_cast<size_t>(i)]));
   }
   return absl::OkStatus();
 }
@@ -91,6 +94,16 @@ absl::StatusOr<v1::RecognizeSceneRequest> BuildSceneRequest(const RecognizeArgum
   }
   HOROPTER_RETURN_IF_ERROR(NameStation(arguments, &request));
   return request;
+}
+
+absl::Status CheckOverlayPath(const std::string& path) {
+  const std::string extension =
+      absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
+  for (const char* known : {"", ".png", ".jpg", ".jpeg", ".svg"}) {
+    if (extension == known) return CheckCanBeWritten(path);
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("--out ", path, ": drawings are .png, .jpg or .svg, not ", extension));
 }
 
 v1::OverlayOptions::Format OverlayFormatOf(const std::string& path) {
@@ -121,9 +134,11 @@ absl::StatusOr<std::vector<std::string>> WriteOverlays(const v1::RecognizeSceneR
           cv::imdecode(std::vector<uchar>(bytes.begin(), bytes.end()), cv::IMREAD_COLOR));
       if (tiles.back().empty()) return absl::InternalError("a drawing of the answer is no PNG");
     }
-    std::vector<uchar> png;
-    cv::imencode(".png", Tile(tiles, kTileWidth), png);
-    HOROPTER_RETURN_IF_ERROR(WriteFileAtomically(path, std::string(png.begin(), png.end())));
+    const bool jpeg =
+        absl::EndsWithIgnoreCase(path, ".jpg") || absl::EndsWithIgnoreCase(path, ".jpeg");
+    std::vector<uchar> file;
+    cv::imencode(jpeg ? ".jpg" : ".png", Tile(tiles, kTileWidth), file);
+    HOROPTER_RETURN_IF_ERROR(WriteFileAtomically(path, std::string(file.begin(), file.end())));
     return std::vector<std::string>{path};
   } catch (const std::exception& e) {
     return absl::InternalError(absl::StrCat("overlay: ", e.what()));

@@ -23,7 +23,7 @@ bool IsNumber(const std::string& name) {
 bool IsBopScene(const fs::path& folder) {
   std::error_code error;
   return IsNumber(folder.filename().string()) &&
-         (fs::is_directory(folder / "rgb", error) || fs::is_directory(folder / "gray", error) ||
+         (HasBopImages(folder.string()) ||
           fs::is_regular_file(folder / "scene_camera.json", error));
 }
 
@@ -38,9 +38,11 @@ std::vector<fs::path> SortedEntries(const fs::path& folder) {
 absl::StatusOr<LoadItem> SceneItem(const fs::path& folder, const LoadItemOptions& options) {
   const fs::path split = folder.parent_path();
   const std::string dataset = split.parent_path().empty() ? "." : split.parent_path().string();
-  HOROPTER_ASSIGN_OR_RETURN(
-      const BopScene scene,
-      ReadBopScene(dataset, split.filename().string(), std::stoi(folder.filename().string())));
+  HOROPTER_ASSIGN_OR_RETURN(const BopScene scene,
+                            ReadBopScene(dataset,
+                                         split.filename().string(),
+                                         std::stoi(folder.filename().string()),
+                                         ReadForRecognition(options.hints)));
   const auto images = ImagesToSend(scene, options.max_images);
   LoadItem item;
   item.name = folder.string();
@@ -49,7 +51,7 @@ absl::StatusOr<LoadItem> SceneItem(const fs::path& folder, const LoadItemOptions
     item.dataset = dataset;
     item.split = split.filename().string();
     item.scene_id = scene.scene_id;
-    for (const BopImage* image : images) item.im_ids.push_back(image->im_id);
+    item.im_ids = ReportedIds(images);
   }
   return item;
 }
@@ -70,7 +72,7 @@ absl::StatusOr<LoadItem> RecordedItem(const fs::path& path) {
 
 absl::StatusOr<LoadItem> FolderItem(const fs::path& folder, const LoadItemOptions& options) {
   constexpr const char* kExtensions[] = {
-      ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".webp"};
+      ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".webp", ".heic"};
   std::vector<fs::path> images;
   for (const fs::path& path : SortedEntries(folder)) {
     const std::string extension = absl::AsciiStrToLower(path.extension().string());

@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_format.h"
 #include "client/bop_results.h"
+#include "client/bop_targets.h"
 #include "tests/client/temp_folder.h"
 
 namespace horopter {
@@ -107,6 +108,180 @@ TEST(BopDataset, ASceneNeedsNothingButImages) {
   EXPECT_EQ(scene->images[0].camera.width, 0);
 }
 
+// As BOP publishes: of these folders each data set has some.
+TEST(BopDataset, ModelsMayBeInAnyOfTheirFolders) {
+  const std::string info = R"({"15": {"diameter": 100.0}})";
+  for (const std::string name :
+       {"models", "models_cad", "models_reconst", "models_eval", "models_fine"}) {
+    const TempFolder folder;
+    folder.Write(name + "/obj_15.ply", "ply");
+    folder.Write(name + "/models_info.json", info);
+    const auto dataset = ReadBopDataset(folder.path());
+    ASSERT_TRUE(dataset.ok()) << name << dataset.status();
+    ASSERT_EQ(dataset->objects.size(), 1u);
+    EXPECT_EQ(dataset->objects[0].obj_id, 15);
+    EXPECT_THAT(dataset->objects[0].mesh_path, HasSubstr(name + "/obj_15.ply"));
+    EXPECT_DOUBLE_EQ(dataset->objects[0].diameter_m, 0.1);
+  }
+}
+
+TEST(BopDataset, TheBestModelsWinAndWhatTheyLackComesFromTheOthers) {
+  const TempFolder folder;
+  folder.Write("models_eval/obj_000001.ply", "ply");
+  folder.Write("models_eval/obj_000002.ply", "ply");
+  folder.Write("models_eval/models_info.json", kInfo);
+  folder.Write("models_cad/obj_000001.ply", "ply");
+  folder.Write("cad/obj_1.STEP", "x");
+  folder.Write("grasps/obj_001.json", "{}");
+  const auto dataset = ReadBopDataset(folder.path());
+  ASSERT_TRUE(dataset.ok()) << dataset.status();
+  ASSERT_EQ(dataset->objects.size(), 2u);
+  EXPECT_THAT(dataset->objects[0].mesh_path, HasSubstr("models_cad/"));
+  EXPECT_THAT(dataset->objects[0].cad_path, HasSubstr("obj_1.STEP"));
+  EXPECT_THAT(dataset->objects[0].grasps_path, HasSubstr("obj_001.json"));
+  EXPECT_DOUBLE_EQ(dataset->objects[0].diameter_m, 0.1);
+  EXPECT_THAT(dataset->objects[1].mesh_path, HasSubstr("models_eval/"));
+}
+
+TEST(BopDataset, FoldersOfScenesMayHaveAnyNumberOfDigits) {
+  for (const std::string name : {"1", "01", "0001", "000001", "00000001"}) {
+    const TempFolder folder;
+    folder.Write("test/" + name + "/rgb/3.png", PngHeader());
+    EXPECT_EQ(*ListBopScenes(folder.path(), "test"), std::vector<int>{1}) << name;
+    const auto scene = ReadBopScene(folder.path(), "test", 1);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    EXPECT_EQ(scene->images[0].im_id, 3);
+  }
+}
+
+TEST(BopDataset, SensorsHaveFoldersAndFilesOfTheirOwn) {
+  const auto truth = [](int obj_id) {
+    return R"({"0": [{"cam_R_m2c": [1,0,0,0,1,0,0,0,1], "cam_t_m2c": [0,0,500], "obj_id": )" +
+           std::to_string(obj_id) + "}]}";
+  };
+  const TempFolder folder;
+  for (const std::string sensor : {"cam1", "cam2"}) {
+    folder.Write("test/000000/rgb_" + sensor + "/000000.png", PngHeader());
+    folder.Write("test/000000/depth_" + sensor + "/000000.png", PngHeader());
+    folder.Write("test/000000/scene_camera_" + sensor + ".json",
+                 sensor == "cam1" ? R"({"0": {"cam_K": [500,0,320,0,500,240,0,0,1]}})"
+                                  : R"({"0": {"cam_K": [700,0,320,0,700,240,0,0,1]}})");
+    folder.Write("test/000000/scene_gt_" + sensor + ".json", truth(sensor == "cam1" ? 1 : 2));
+    folder.Write("test/000000/scene_gt_info_" + sensor + ".json",
+                 R"({"0": [{"visib_fract": 0.5}]})");
+  }
+  folder.Write("test/000000/gray_photoneo/000000.png", PngHeader());
+  const auto first = ReadBopScene(folder.path(), "test", 0);
+  ASSERT_TRUE(first.ok()) << first.status();
+  ASSERT_EQ(first->images.size(), 1u);
+  EXPECT_TRUE(first->has_ground_truth);
+  EXPECT_EQ(first->images[0].sensor, "cam1");
+  EXPECT_DOUBLE_EQ(first->images[0].camera.focal_px, 500.0);
+  EXPECT_EQ(first->images[0].instances.at(0).obj_id, 1);
+  EXPECT_DOUBLE_EQ(first->images[0].instances.at(0).visib_fract, 0.5);
+  const auto all = ReadBopScene(folder.path(), "test", 0, {.all_sensors = true});
+  ASSERT_TRUE(all.ok()) << all.status();
+  ASSERT_EQ(all->images.size(), 3u);
+  EXPECT_DOUBLE_EQ(all->images[1].camera.focal_px, 700.0);
+  EXPECT_EQ(all->images[1].instances.at(0).obj_id, 2);
+  EXPECT_EQ(all->images[2].sensor, "photoneo");
+  EXPECT_TRUE(HasBopImages(folder.path() + "/test/000000"));
+  EXPECT_FALSE(HasBopImages(folder.path() + "/test"));
+}
+
+// Names of HOT3D: the folder itself is the sensor.
+TEST(BopDataset, FoldersOfNumberedSensorsAreFound) {
+  const TempFolder folder;
+  folder.Write("test/000001/gray1/000000.jpg", "x");
+  folder.Write("test/000001/gray2/000000.jpg", "x");
+  folder.Write("test/000001/scene_camera_gray2.json",
+               R"({"0": {"cam_K": [700,0,320,0,700,240,0,0,1]}})");
+  const auto all = ReadBopScene(folder.path(), "test", 1, {.all_sensors = true});
+  ASSERT_TRUE(all.ok()) << all.status();
+  ASSERT_EQ(all->images.size(), 2u);
+  EXPECT_DOUBLE_EQ(all->images[1].camera.focal_px, 700.0);
+}
+
+TEST(BopDataset, NotNumbersAndImagesWithoutVisibilityAreTruthAllTheSame) {
+  const Sample sample;
+  sample.folder.Write("val/000004/scene_gt_info.json", R"({"0": [{"visib_fract": NaN}], "7": []})");
+  auto scene = ReadBopScene(sample.folder.path(), "val", 4);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_DOUBLE_EQ(scene->images[0].instances[0].visib_fract, 0.0);
+  sample.folder.Write("val/000004/scene_gt_info.json", "{}");
+  scene = ReadBopScene(sample.folder.path(), "val", 4);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_DOUBLE_EQ(scene->images[0].instances[0].visib_fract, 1.0);
+  // A word in a name is no number, and not a number is no pose.
+  sample.folder.Write("models/names.json", R"({"12": "NaN \" Infinity"})");
+  EXPECT_EQ(ReadBopDataset(sample.folder.path())->Find(12)->name, "NaN \" Infinity");
+  sample.folder.Write("val/000004/scene_camera.json", R"({"0": {"cam_K": [NaN,0,1,0,1,1,0,0,1]}})");
+  EXPECT_EQ(ReadBopScene(sample.folder.path(), "val", 4).status().code(),
+            absl::StatusCode::kInvalidArgument);
+}
+
+TEST(BopDataset, TruthIsNotOpenedWhereNobodyWantsIt) {
+  const Sample sample;
+  sample.folder.Write("val/000004/scene_gt.json", "no JSON");
+  sample.folder.Write("val/000004/scene_gt_info.json", "no JSON");
+  sample.folder.Write("val/000004/scene_camera.json", "no JSON");
+  const auto scene =
+      ReadBopScene(sample.folder.path(), "val", 4, {.cameras = false, .truth = false});
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_EQ(scene->images.size(), 2u);
+}
+
+TEST(BopDataset, NamesInLatin1BecomeUtf8) {
+  const Sample sample;
+  sample.folder.Write("models/names.json", "{\"12\": \"Tr\xe4ger\"}");
+  EXPECT_EQ(ReadBopDataset(sample.folder.path())->Find(12)->name, "Tr\xc3\xa4ger");
+}
+
+TEST(BopTargets, OfSeveralViewsAreTakenTogetherAsTheyAreWritten) {
+  const TempFolder folder;
+  folder.Write("test_targets_multiview_bop25.json",
+               R"([{"scene_id": 3, "im_ids": [2, 0, 1], "obj_id": 8, "inst_count": 2},
+                   {"scene_id": 3, "im_ids": [0, 1, 2], "obj_id": 9, "inst_count": 1},
+                   {"scene_id": 3, "im_ids": [4, 5]},
+                   {"scene_id": "000004", "im_ids": ["000001", {"im_id": 2, "sensor": "cam1"}]}])");
+  const std::string path = MultiviewTargetsOf(folder.path(), "test");
+  EXPECT_EQ(path, MultiviewTargetsOf(folder.path(), "test_primesense"));
+  EXPECT_EQ(MultiviewTargetsOf(folder.path(), "val"), "");
+  const auto sets = ReadBopTargets(path);
+  ASSERT_TRUE(sets.ok()) << sets.status();
+  ASSERT_EQ(sets->size(), 3u);
+  EXPECT_EQ((*sets)[0].im_ids, (std::vector<int>{0, 1, 2}));
+  EXPECT_EQ((*sets)[1].im_ids, (std::vector<int>{4, 5}));
+  EXPECT_EQ((*sets)[2].scene_id, 4);
+  EXPECT_EQ((*sets)[2].sensors, std::vector<std::string>{"cam1"});
+}
+
+TEST(BopTargets, OfSingleImagesAreTheirSceneTogether) {
+  const TempFolder folder;
+  folder.Write("t.json",
+               R"([{"im_id": 9, "inst_count": 1, "obj_id": 2, "scene_id": 1},
+                   {"im_id": 3, "inst_count": 1, "obj_id": 2, "scene_id": 1},
+                   {"im_id": 9, "inst_count": 1, "obj_id": 5, "scene_id": 1},
+                   {"im_id": 0, "scene_id": 2}])");
+  const auto sets = ReadBopTargets(folder.path() + "/t.json");
+  ASSERT_TRUE(sets.ok()) << sets.status();
+  ASSERT_EQ(sets->size(), 2u);
+  EXPECT_EQ((*sets)[0].im_ids, (std::vector<int>{3, 9}));
+  for (const char* wrong : {"{}",
+                            R"([{"im_id": 1}])",
+                            R"([{"scene_id": 1}])",
+                            R"([{"scene_id": 1, "im_ids": []}])",
+                            R"([{"scene_id": 1, "im_ids": ["x"]}])",
+                            R"([{"scene_id": 1.5, "im_id": 1}])",
+                            "[1]"}) {
+    folder.Write("t.json", wrong);
+    EXPECT_EQ(ReadBopTargets(folder.path() + "/t.json").status().code(),
+              absl::StatusCode::kInvalidArgument)
+        << wrong;
+  }
+  EXPECT_EQ(ReadBopTargets(folder.path() + "/none").status().code(), absl::StatusCode::kNotFound);
+}
+
 TEST(BopDataset, BrokenFilesAreNamed) {
   const std::pair<const char*, const char*> files[] = {
       {"models/models_info.json", "{"},
@@ -119,7 +294,6 @@ TEST(BopDataset, BrokenFilesAreNamed) {
       {"val/000004/scene_camera.json", R"({"a": {"cam_K": [1,0,0,0,1,0,0,0,1]}})"},
       {"val/000004/scene_gt.json", R"({"0": [{"obj_id": 1}]})"},
       {"val/000004/scene_gt_info.json", R"({"0": [], "7": []})"},
-      {"val/000004/scene_gt_info.json", R"({})"},
       {"val/000004/scene_meta.json", ""},
       {"grasps/obj_000012.json", R"({"grasps": [{"name": "g", "T_gripper_in_object": [1]}]})"},
       {"grasps/obj_000012.json", "[]"},

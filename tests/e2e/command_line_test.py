@@ -425,6 +425,112 @@ class Pictures(Workplace):
             root = ElementTree.parse(os.path.join(self.folder, "over-%d.svg" % i)).getroot()
             self.assertGreater(len(list(root.iter("{http://www.w3.org/2000/svg}polyline"))), 5)
 
+    def test_a_drawing_is_what_its_name_says_and_has_a_place_before_anybody_searches(self):
+        for name, begin in (("over.jpg", b"\xff\xd8\xff"), ("over.JPEG", b"\xff\xd8\xff"), ("over.png", b"\x89PNG"),
+                            ("over", b"\x89PNG")):
+            done = self.run_horopter("recognize", "0.png", "1.png", "--out", name)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            with open(os.path.join(self.folder, name), "rb") as file:
+                self.assertTrue(file.read(4).startswith(begin), name)
+        self.assertEqual(self.run_horopter("object", "preview", "bracket", "--out", "p.jpg").returncode, 0)
+        with open(os.path.join(self.folder, "p.jpg"), "rb") as file:
+            self.assertEqual(file.read(3), b"\xff\xd8\xff")
+        # Of a server that is not there nobody could tell more.
+        for arguments in (("recognize", "0.png"), ("explain", "bracket", "0.png")):
+            for name, says in (("gone/over.png", "no folder gone"), ("over.gif", ".png, .jpg or .svg"), ("parts", "folder")):
+                done = self.run_horopter("--server", "127.0.0.1:1", *arguments, "--out", name)
+                self.assertEqual(done.returncode, 3, done.stderr)
+                self.assertIn(says, done.stderr)
+        done = self.run_horopter("object", "add", "bracket.step", "--id", "other", "--preview", "gone/p.png")
+        self.assertEqual(done.returncode, 3)
+        self.assertNotIn("other", self.run_horopter("object", "list").stdout)
+
+    def test_a_url_is_no_address(self):
+        done = self.run_horopter("--server", "http://" + self.mock.address, "object", "list")
+        self.assertEqual(done.returncode, 3)
+        self.assertIn("here '%s'" % self.mock.address, done.stderr)
+
+    def test_names_in_another_encoding_become_utf_8(self):
+        shutil.copy(os.path.join(self.folder, "bracket.step"), os.path.join(os.fsencode(self.folder), b"Tr\xe4ger.step"))
+        done = subprocess.run([os.fsencode(HOROPTER), b"object", b"add", b"Tr\xe4ger.step", b"--id", b"b2", b"--name", b"Tr\xe4ger"],
+                              cwd=self.folder, env=dict(os.environ, HOROPTER_SERVER=self.mock.address), capture_output=True,
+                              check=False)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        shown = self.run_horopter("object", "show", "b2").stdout
+        self.assertRegex(shown, "name +Tr\xe4ger")
+        self.assertIn("Tr\xe4ger.step", shown)
+        done = subprocess.run([os.fsencode(HOROPTER), b"object", b"show", b"Tr\xe4ger"], cwd=self.folder,
+                              env=dict(os.environ, HOROPTER_SERVER=self.mock.address), capture_output=True, check=False)
+        self.assertEqual(done.returncode, 3, done.stderr)  # refused by the server, which could read it
+
+    def bop(self, name, models="models", object_="obj_000015", scene="000001", rgb="rgb", suffix=""):
+        """One object and one scene of the samples in another layout; the folder of the scene."""
+        folder = os.path.join(self.folder, name)
+        os.makedirs(os.path.join(folder, models))
+        shutil.copy(os.path.join(DATASET, "models", "obj_000015.ply"), os.path.join(folder, models, object_ + ".ply"))
+        with open(os.path.join(DATASET, "models", "models_info.json"), encoding="utf-8") as file:
+            info = json.load(file)
+        with open(os.path.join(folder, models, "models_info.json"), "w", encoding="utf-8") as file:
+            json.dump({"15": info["15"]}, file)
+        to = os.path.join(folder, "test", scene)
+        shutil.copytree(os.path.join(DATASET, "val", "000001", "rgb"), os.path.join(to, rgb))
+        for kind in ("scene_camera", "scene_gt", "scene_gt_info"):
+            shutil.copy(os.path.join(DATASET, "val", "000001", kind + ".json"), os.path.join(to, kind + suffix + ".json"))
+        return to
+
+    def test_datasets_as_bop_publishes_them_are_enrolled_recognised_and_scored(self):
+        self.run_horopter("object", "rm", "bracket")
+        made = {name: self.bop(name, **layout) for name, layout in {
+            "cad": {"models": "models_cad"}, "eval": {"models": "models_eval"}, "reconst": {"models": "models_reconst"},
+            "scene": {"scene": "01"}, "object": {"object_": "obj_15"}, "sensor": {"rgb": "rgb_cam1", "suffix": "_cam1"},
+            "nan": {}, "partial": {}, "no_truth": {}, "broken_truth": {}}.items()}
+        path = os.path.join(made["nan"], "scene_gt_info.json")
+        with open(path, encoding="utf-8") as file:
+            text = file.read()
+        with open(path, "w", encoding="utf-8") as file:
+            file.write(re.sub(r'"visib_fract": [0-9.]+', '"visib_fract": NaN', text, count=1))
+        path = os.path.join(made["partial"], "scene_gt_info.json")
+        with open(path, encoding="utf-8") as file:
+            info = json.load(file)
+        info.pop("2")
+        with open(path, "w", encoding="utf-8") as file:
+            json.dump(info, file)
+        for kind in ("scene_gt", "scene_gt_info", "scene_camera"):
+            os.remove(os.path.join(made["no_truth"], kind + ".json"))
+            with open(os.path.join(made["broken_truth"], kind + ".json"), "w", encoding="utf-8") as file:
+                file.write("{")
+        for name in made:
+            with self.subTest(name):
+                done = self.run_horopter("dataset", "enroll", name)
+                self.assertEqual(done.returncode, 0, done.stderr + done.stdout)
+                done = self.run_horopter("dataset", "recognize", name, "test", "--out", "r.csv")
+                self.assertEqual(done.returncode, 0, done.stderr)
+                self.assertIn("3 images", done.stdout)
+                with open(os.path.join(self.folder, "r.csv"), encoding="utf-8") as file:
+                    self.assertEqual(len(file.readlines()), 4)
+                if "truth" not in name:
+                    done = self.run_horopter("dataset", "evaluate", name, "test", "r.csv")
+                    self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_target_files_say_which_images_are_taken_together(self):
+        self.run_horopter("object", "rm", "bracket")
+        self.bop("multi")
+        path = os.path.join(self.folder, "multi", "test_targets_multiview_bop25.json")
+        with open(path, "w", encoding="utf-8") as file:
+            json.dump([{"scene_id": 1, "im_ids": [0, 2], "obj_id": 15, "inst_count": 1}, {"scene_id": 1, "im_ids": [1]}], file)
+        self.run_horopter("dataset", "enroll", "multi")
+        done = self.run_horopter("dataset", "recognize", "multi", "test", "--out", "r.csv")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("2 images", done.stdout)
+        self.assertIn("1 images", done.stdout)
+        done = self.run_horopter("dataset", "recognize", "multi", "test", "--targets", "none", "--out", "r.csv")
+        self.assertIn("3 images", done.stdout)
+        with open(path, "w", encoding="utf-8") as file:
+            json.dump([{"scene_id": 1, "im_ids": [0, 7]}], file)
+        done = self.run_horopter("dataset", "recognize", "multi", "test", "--out", "r.csv")
+        self.assertEqual(done.returncode, 3)
+        self.assertIn("no image 7", done.stderr)
+
     def test_explain_tells_the_test_and_the_edges(self):
         done = self.run_horopter("explain", "bracket", "0.png", "1.png", "--out", "why.png")
         self.assertEqual(done.returncode, 0, done.stderr)
