@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstddef>
 
+#include "server/service/heif_brands.h"
+
 namespace horopter {
 namespace {
 
@@ -187,6 +189,17 @@ std::string_view FromChunks(const Reader& file, uint64_t at, std::string_view na
   return {};
 }
 
+// Of a HEIC file the block is one of its items, which all lie in one heap: found by its header,
+// which the standard puts before it. What looks like one elsewhere is read as little as any other.
+std::string_view FromHeic(std::string_view file) {
+  for (size_t at = file.find(kExifHeader); at != file.npos; at = file.find(kExifHeader, at + 1)) {
+    const std::string_view block = file.substr(at + kExifHeader.size());
+    // The table of items, too, holds the word.
+    if (block.substr(0, 2) == "II" || block.substr(0, 2) == "MM") return block;
+  }
+  return {};
+}
+
 }  // namespace
 
 Exif ReadExif(std::string_view file) {
@@ -196,6 +209,11 @@ Exif ReadExif(std::string_view file) {
     return ReadTiff(FromChunks({file}, kPng.size(), "eXIf", true));
   if (file.substr(0, 4) == "RIFF" && file.size() >= 12)
     return ReadTiff(FromChunks({file, true}, 12, "EXIF", false));
+  if (HeifKindOf(file) == HeifKind::kHeic) {
+    Exif exif = ReadTiff(FromHeic(file));
+    exif.orientation = 1;  // the image was turned when it was decoded
+    return exif;
+  }
   return ReadTiff(file);
 }
 

@@ -21,9 +21,9 @@ struct Exif {
   std::optional<double> digital_zoom;   // 1: none
 };
 
-// Of a JPEG, PNG, WebP or TIFF file; any bytes may be given. Nothing is followed twice, so that the
-// time is linear in the file's size. Without Exif, or where it is damaged: what can be read of it,
-// nothing at worst.
+// Of a JPEG, PNG, WebP, HEIC or TIFF file; any bytes may be given. Nothing is followed twice, so
+// that the time is linear in the file's size. Without Exif, or where it is damaged: what can be
+// read of it, nothing at worst.
 Exif ReadExif(std::string_view file);
 
 }  // namespace horopter

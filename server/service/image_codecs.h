@@ -19,8 +19,13 @@ struct ImageShape {
   int64_t height = 0;
   int channels = 3;
   int bits = 8;
+  int work_bytes_per_pixel = 0;  // that decoding takes beside the image
 
-  friend bool operator==(const ImageShape&, const ImageShape&) = default;
+  // Of what the image is, not of the way to it.
+  friend bool operator==(const ImageShape& a, const ImageShape& b) {
+    return a.width == b.width && a.height == b.height && a.channels == b.channels &&
+           a.bits == b.bits;
+  }
 };
 
 // One format. Any bytes may be given to all three functions; none throws for what they say.
@@ -33,15 +38,25 @@ struct ImageCodec {
   // read), RESOURCE_EXHAUSTED.
   absl::StatusOr<ImageShape> (*shape)(std::string_view bytes) = nullptr;
   // Fills `image`, which has the size and type of the shape. An alpha channel is dropped, an
-  // orientation tag is ignored. Errors: as above, also when the pixels are damaged or cut off;
-  // CANCELLED.
+  // orientation tag is ignored. An end mark that is missing behind the last row is no fault.
+  // Errors: as above, also when the pixels are damaged or cut off; CANCELLED.
   absl::Status (*decode)(std::string_view bytes,
                          const StopRequested& stop,
                          cv::Mat& image) = nullptr;
 };
 
-// Errors: INVALID_ARGUMENT (no known format).
+// Errors: INVALID_ARGUMENT (no format that is read; named where it is a known one).
 absl::StatusOr<const ImageCodec*> FindCodec(std::string_view bytes);
+
+// "JPEG, PNG, ..": what is read, with or without those on request.
+std::string ReadFormats(bool with_those_on_request);
+
+// Bits of 16 that the samples of an image use, told by its largest: cameras of 10, 12 and 14 bits
+// leave the upper ones empty. 8, 10, 12, 14 or 16. image: 16 bits a sample, any channels.
+int BitsInUse(const cv::Mat& image);
+
+// 8 bits a sample of 16 of which `bits` are in use; larger samples are saturated.
+cv::Mat ScaledTo8Bits(const cv::Mat& image, int bits);
 
 // A PNG file of an 8-bit BGR image, compressed fast rather than well. Errors: RESOURCE_EXHAUSTED.
 absl::StatusOr<std::string> EncodePng(const cv::Mat& image);
@@ -50,6 +65,7 @@ absl::StatusOr<std::string> EncodePng(const cv::Mat& image);
 ImageCodec JpegCodec();
 ImageCodec PngCodec();
 ImageCodec WebpCodec();
+ImageCodec HeicCodec();
 ImageCodec BmpCodec();
 ImageCodec PnmCodec();
 ImageCodec TiffCodec();

@@ -40,9 +40,18 @@ absl::StatusOr<const ImageCodec*> CodecOf(std::string_view bytes,
                                           const ImageLimits& limits) {
   if (bytes.empty()) return InvalidField(field, "empty");
   const absl::StatusOr<const ImageCodec*> codec = FindCodec(bytes);
-  if (!codec.ok()) return At(field, codec.status());
+  if (!codec.ok()) {
+    return InvalidField(field,
+                        absl::StrCat(std::string(codec.status().message()),
+                                     "; this server reads ",
+                                     ReadFormats(limits.tiff_and_pnm)));
+  }
   if ((*codec)->only_on_request && !limits.tiff_and_pnm) {
-    return InvalidField(field, absl::StrCat("this server does not read ", (*codec)->name));
+    return InvalidField(field,
+                        absl::StrCat("this server does not read ",
+                                     (*codec)->name,
+                                     " (--tiff-and-pnm), but ",
+                                     ReadFormats(false)));
   }
   return codec;
 }
@@ -101,12 +110,7 @@ absl::StatusOr<cv::Mat> DecodeImage(std::string_view bytes,
   if (const absl::Status decoded = codec->decode(bytes, stop, image); !decoded.ok()) {
     return At(field, decoded);
   }
-  if (shape.bits == 16) {
-    cv::Mat scaled;
-    image.convertTo(scaled, CV_8U, 1.0 / 257.0);  // 65535 -> 255
-    image = scaled;
-  }
-  return image;
+  return shape.bits == 16 ? ScaledTo8Bits(image, BitsInUse(image)) : image;
 }
 
 absl::StatusOr<std::vector<ImageShape>> ShapesOf(const v1::RecognizeSceneRequest& request,
@@ -148,6 +152,7 @@ int64_t DecodedBytes(const std::vector<ImageShape>& shapes) {
   for (const ImageShape& shape : shapes) {
     const int64_t samples = shape.width * shape.height * shape.channels;
     bytes += shape.bits == 16 ? 3 * samples : samples;
+    bytes += shape.work_bytes_per_pixel * shape.width * shape.height;
   }
   return bytes;
 }

@@ -22,7 +22,7 @@ inline constexpr int kMaxImages = 32;
 
 struct ImageLimits {
   int min_side_px = 16;
-  int64_t max_pixels = 50'000'000;         // of one image
+  int64_t max_pixels = 64 << 20;           // of one image; sensors of 64 million are common
   int64_t max_total_pixels = 100'000'000;  // of all images of a request
   // Also reads TIFF and PNM, whose readers are the largest or the least tried.
   bool tiff_and_pnm = false;
@@ -35,8 +35,9 @@ absl::StatusOr<ImageShape> EncodedShape(std::string_view bytes,
                                         const std::string& field,
                                         const ImageLimits& limits);
 
-// Gives CV_8UC1 or CV_8UC3 (BGR): 16 bits per channel are scaled to 8, alpha is dropped, an
-// orientation tag is ignored. Errors: as EncodedShape, RESOURCE_EXHAUSTED, CANCELLED.
+// Gives CV_8UC1 or CV_8UC3 (BGR): 16 bits per channel are scaled to 8 by those of them that are in
+// use, alpha is dropped, an orientation tag is ignored. Errors: as EncodedShape,
+// RESOURCE_EXHAUSTED, CANCELLED.
 absl::StatusOr<cv::Mat> DecodeImage(std::string_view bytes,
                                     const std::string& field,
                                     const ImageLimits& limits,

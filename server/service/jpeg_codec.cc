@@ -17,7 +17,7 @@ namespace {
 // A progressive file may ask for any number of passes over all pixels.
 constexpr int kMaxScans = 100;
 
-enum class Failure { kNone, kDamaged, kMemory, kStopped, kTooManyScans };
+enum class Failure { kNone, kDamaged, kMemory, kStopped, kTooManyScans, kNotRead };
 
 // All that one use of the library needs; its handlers find it by client_data.
 struct Jpeg {
@@ -27,6 +27,7 @@ struct Jpeg {
   std::jmp_buf failed;
   Failure failure = Failure::kNone;
   const StopRequested* stop = nullptr;
+  bool no_end_mark = false;   // the library ran out of bytes and went on as if there were one
   std::exception_ptr thrown;  // by `stop`; must not pass through the library
 };
 
@@ -40,16 +41,27 @@ Jpeg& Owner(j_common_ptr info) {
 }
 
 void OnError(j_common_ptr info) {
-  Leave(Owner(info),
-        info->err->msg_code == JERR_OUT_OF_MEMORY ? Failure::kMemory : Failure::kDamaged);
+  switch (info->err->msg_code) {
+    case JERR_OUT_OF_MEMORY:
+      Leave(Owner(info), Failure::kMemory);
+    case JERR_BAD_PRECISION:
+    case JERR_SOF_UNSUPPORTED:
+      Leave(Owner(info), Failure::kNotRead);
+    default:
+      Leave(Owner(info), Failure::kDamaged);
+  }
 }
 
 // Warnings after which pixels are made up: the data end early, or make no sense. Others, such as
-// bytes too many before a marker, come from many cameras and do no harm.
+// bytes too many before a marker, come from many cameras and do no harm. The end of all bytes is
+// none yet: where it comes too early for a pixel, another follows (see IsWhole for those that do
+// not say so).
 void OnMessage(j_common_ptr info, int level) {
   if (level >= 0) return;
   switch (info->err->msg_code) {
     case JWRN_JPEG_EOF:
+      Owner(info).no_end_mark = true;
+      return;
     case JWRN_HIT_MARKER:
     case JWRN_HUFF_BAD_CODE:
     case JWRN_BOGUS_PROGRESSION:
@@ -99,6 +111,9 @@ absl::Status StatusOf(Failure failure) {
       return absl::OkStatus();
     case Failure::kDamaged:
       return absl::InvalidArgumentError("damaged or cut-off JPEG image");
+    case Failure::kNotRead:
+      return absl::InvalidArgumentError(
+          "a JPEG image of more than 8 bits, lossless or JPEG-LS, which is not read");
     case Failure::kTooManyScans:
       return absl::InvalidArgumentError(
           absl::StrCat("JPEG image with more than ", kMaxScans, " scans"));
@@ -119,6 +134,22 @@ Failure Run(Jpeg& jpeg, const Steps& steps) {
   jpeg_destroy_decompress(&jpeg.info);
   if (jpeg.thrown != nullptr) std::rethrow_exception(jpeg.thrown);
   return jpeg.failure;
+}
+
+// Whether a file that ended before its last row was out had all that it was to have: scans that are
+// not there at all leave no warning, and arithmetic coding goes on for ever with what it takes for
+// zeros.
+bool IsWhole(const jpeg_decompress_struct& info) {
+  if (info.arith_code) return false;
+  for (int c = 0; c < info.num_components; ++c) {
+    if (info.comp_info[c].quant_table == nullptr) return false;  // no scan had this component
+    if (!info.progressive_mode) continue;
+    if (info.coef_bits == nullptr) return false;
+    for (int k = 0; k < DCTSIZE2; ++k) {
+      if (info.coef_bits[c][k] != 0) return false;  // not known, or not to the last bit
+    }
+  }
+  return true;
 }
 
 absl::StatusOr<ImageShape> Shape(std::string_view bytes) {
@@ -152,6 +183,7 @@ absl::Status Decode(std::string_view bytes, const StopRequested& stop, cv::Mat& 
       JSAMPROW row = image.ptr(static_cast<int>(j.info.output_scanline));
       jpeg_read_scanlines(&j.info, &row, 1);
     }
+    if (j.no_end_mark && !IsWhole(j.info)) Leave(j, Failure::kDamaged);
     jpeg_finish_decompress(&j.info);
   }));
 }

@@ -71,8 +71,11 @@ absl::StatusOr<Bmp> ReadBmp(std::string_view bytes) {
     bmp.grey = IsGrey(bmp.palette);
   }
   bmp.row_bytes = static_cast<size_t>((bmp.width * *bits + 31) / 32 * 4);
-  if (bmp.pixels_at > bytes.size() ||
-      (bytes.size() - bmp.pixels_at) / bmp.row_bytes < static_cast<size_t>(bmp.height)) {
+  // The padding of the last row may be left out.
+  const size_t last_row = static_cast<size_t>((bmp.width * *bits + 7) / 8);
+  if (bmp.pixels_at > bytes.size() || bytes.size() - bmp.pixels_at < last_row ||
+      (bytes.size() - bmp.pixels_at - last_row) / bmp.row_bytes <
+          static_cast<size_t>(bmp.height - 1)) {
     return Damaged("BMP");
   }
   return bmp;
@@ -104,9 +107,10 @@ absl::Status DecodeBmp(std::string_view bytes, const StopRequested& stop, cv::Ma
   return absl::OkStatus();
 }
 
-// Binary PGM and PPM with samples up to 255 or 65535.
+// Binary PGM and PPM.
 struct Pnm {
   ImageShape shape;
+  int64_t most = 255;  // a sample is
   size_t pixels_at = 0;
 };
 
@@ -138,11 +142,10 @@ absl::StatusOr<Pnm> ReadPnm(std::string_view bytes) {
   const auto height = NextNumber(bytes, at);
   const auto most = NextNumber(bytes, at);
   if (!width || !height || !most || *width < 1 || *height < 1) return Damaged("PNM");
-  if (*most != 255 && *most != 65535) {
-    return absl::InvalidArgumentError("a PNM image with samples not up to 255 or 65535");
-  }
+  if (*most < 1 || *most > 65535) return Damaged("PNM");
   Pnm pnm;
-  pnm.shape = {*width, *height, bytes[1] == '5' ? 1 : 3, *most == 255 ? 8 : 16};
+  pnm.most = *most;
+  pnm.shape = {*width, *height, bytes[1] == '5' ? 1 : 3, *most <= 255 ? 8 : 16};
   pnm.pixels_at = at + 1;  // one white space
   const int64_t row = *width * pnm.shape.channels * pnm.shape.bits / 8;
   if (pnm.pixels_at > bytes.size() ||
@@ -161,15 +164,21 @@ absl::Status DecodePnm(std::string_view bytes, const StopRequested& stop, cv::Ma
   HOROPTER_ASSIGN_OR_RETURN(const Pnm pnm, ReadPnm(bytes));
   const auto* in = reinterpret_cast<const unsigned char*>(bytes.data()) + pnm.pixels_at;
   const int channels = pnm.shape.channels;
+  const bool wide = pnm.shape.bits == 16;
+  // Samples up to another number than the whole range are stretched to it.
+  const int64_t full = wide ? 65535 : 255;
+  const auto stretched = [&](int64_t v) {
+    return pnm.most == full ? v : (std::min(v, pnm.most) * full + pnm.most / 2) / pnm.most;
+  };
   for (int y = 0; y < image.rows; ++y) {
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while decoding images");
     for (int x = 0; x < image.cols; ++x) {
       for (int c = 0; c < channels; ++c) {
         const int to = channels * x + channels - 1 - c;  // RGB to BGR
-        if (pnm.shape.bits == 8) {
-          image.ptr(y)[to] = *in++;
+        if (!wide) {
+          image.ptr(y)[to] = static_cast<unsigned char>(stretched(*in++));
         } else {
-          image.ptr<uint16_t>(y)[to] = static_cast<uint16_t>(in[0] << 8 | in[1]);
+          image.ptr<uint16_t>(y)[to] = static_cast<uint16_t>(stretched(in[0] << 8 | in[1]));
           in += 2;
         }
       }

@@ -18,7 +18,7 @@ namespace horopter {
 absl::StatusOr<ImageShape> RawFrameShape(const v1::RawFrame& frame, const std::string& field);
 
 // Fills `image`, which has the size and type of the frame's shape: Bayer mosaics are interpolated,
-// NV12 is taken as BT.601 with limited range.
+// YUV is taken as BT.601 with limited range, 16 bits are scaled by those in use.
 void ConvertRawFrame(const v1::RawFrame& frame, cv::Mat& image);
 
 }  // namespace horopter

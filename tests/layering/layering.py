@@ -101,7 +101,7 @@ LIBRARIES = collections.OrderedDict([
                      ["server/vision/features", "server/vision/matching", "server/pipeline", "server/service",
                       "server/overlay", "client"])),
     ("OpenCV image files", (r"opencv2/imgcodecs(\.hpp$|/)", ["client"])),
-    ("image formats", (r"(jpeglib|jerror|png|tiffio)\.h$|webp/", ["server/service"])),
+    ("image formats", (r"(jpeglib|jerror|png|tiffio)\.h$|webp/|libheif/", ["server/service"])),
     ("OpenCV", (r"opencv2/", ["server/vision/features", "server/vision/matching", "server/overlay", "client"])),
     ("Ceres", (r"ceres/", STAGES + ["server/vision/geometry"])),
     ("OpenCASCADE", (r"[A-Za-z0-9]+_?[A-Za-z0-9_]*\.hxx$", ["client"])),

@@ -4,12 +4,14 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
+#include <fstream>
 #include <functional>
 #include <new>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <random>
+#include <tuple>
 
 #include "horopter/v1/recognition.pb.h"
 #include "server/service/rpc_status.h"
@@ -216,7 +218,192 @@ TEST(DecodeImage, RefusesWhatIsNoImage) {
   ExpectRefused(Decode(""), "empty");
   ExpectRefused(Decode("hello"), "known format");
   ExpectRefused(Decode(std::string(1000, '\0')), "known format");
-  ExpectRefused(Decode("GIF89a" + std::string(100, 'x')), "known format");
+}
+
+// Files of our own making, described in tests/data/inputs/images/README.md.
+std::string InputFile(const std::string& name) {
+  std::ifstream file(HOROPTER_TEST_DATA "/inputs/images/" + name, std::ios::binary);
+  EXPECT_TRUE(file) << name;
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// The picture that the files stand for, grey.
+cv::Mat Picture(int i) {
+  return cv::imread(HOROPTER_TEST_DATA "/parts/val/000001/rgb/00000" + std::to_string(i) + ".png",
+                    cv::IMREAD_GRAYSCALE);
+}
+
+double MeanDifference(const cv::Mat& decoded, const cv::Mat& grey) {
+  cv::Mat as_grey = decoded;
+  if (decoded.channels() == 3) cv::cvtColor(decoded, as_grey, cv::COLOR_BGR2GRAY);
+  EXPECT_EQ(as_grey.size(), grey.size());
+  return as_grey.size() == grey.size() ? cv::norm(as_grey, grey, cv::NORM_L1) / grey.total()
+                                       : 255.0;
+}
+
+TEST(DecodeImage, TwelveBitsInWordsOfSixteenAreThePicture) {
+  for (int i = 0; i < 3; ++i) {
+    const auto decoded = Decode(InputFile("png16_12bit_" + std::to_string(i) + ".png"));
+    ASSERT_TRUE(decoded.ok()) << decoded.status();
+    EXPECT_LT(MeanDifference(*decoded, Picture(i)), 1.0);
+  }
+}
+
+TEST(DecodeImage, BitsInUseAreScaledInEveryFormatThatHasSixteen) {
+  const cv::Mat grey = RandomImage(40, 50, CV_8UC1, 3), colour = RandomImage(40, 50, CV_8UC3, 4);
+  for (const cv::Mat& image : {grey, colour}) {
+    for (const int bits : {8, 10, 12, 14, 16}) {
+      cv::Mat wide;
+      image.convertTo(wide, CV_16U, ((1 << bits) - 1) / 255.0);
+      for (const char* extension : {".png", ".tiff", image.channels() == 1 ? ".pgm" : ".ppm"}) {
+        const auto decoded = Decode(Encode(wide, extension));
+        ASSERT_TRUE(decoded.ok()) << extension << decoded.status();
+        EXPECT_LE(cv::norm(*decoded, image, cv::NORM_INF), 1.0) << extension << " " << bits;
+      }
+    }
+  }
+}
+
+// PGM says itself up to what its samples are.
+TEST(DecodeImage, PnmOfAnyLargestSampleIsStretched) {
+  const auto pgm = [](int most, const std::string& samples) {
+    return "P5 16 16 " + std::to_string(most) + "\n" + samples;
+  };
+  std::string narrow(256, '\x3f'), wide;
+  narrow[0] = 0;
+  for (int i = 0; i < 256; ++i) wide += i == 0 ? std::string(2, '\0') : std::string("\x03\xff", 2);
+  for (const std::string& file : {pgm(63, narrow), pgm(1023, wide)}) {
+    const auto decoded = Decode(file);
+    ASSERT_TRUE(decoded.ok()) << decoded.status();
+    EXPECT_EQ(decoded->at<uint8_t>(0, 0), 0);
+    EXPECT_EQ(decoded->at<uint8_t>(0, 1), 255);
+  }
+  ExpectRefused(Decode(pgm(0, narrow)), "damaged");
+  ExpectRefused(Decode(pgm(65536, wide)), "damaged");
+}
+
+TEST(DecodeImage, JpegsOfOurInputsWithoutEndMarkAreRead) {
+  for (int i = 0; i < 3; ++i) {
+    const auto decoded = Decode(InputFile("noeoi_" + std::to_string(i) + ".jpg"));
+    ASSERT_TRUE(decoded.ok()) << decoded.status();
+    EXPECT_LT(MeanDifference(*decoded, Picture(i)), 3.0);
+  }
+}
+
+std::string EncodeJpeg(const cv::Mat& image, const std::vector<int>& how) {
+  std::vector<unsigned char> bytes;
+  EXPECT_TRUE(cv::imencode(".jpg", image, bytes, how));
+  return {bytes.begin(), bytes.end()};
+}
+
+// Whatever is behind the last row does not matter; what is before it does.
+TEST(DecodeImage, JpegWithoutItsEndMarkIsReadAndOneWithoutItsLastBytesIsNot) {
+  cv::Mat image(120, 160, CV_8UC3);
+  for (int y = 0; y < image.rows; ++y) {
+    for (int x = 0; x < image.cols; ++x)
+      image.at<cv::Vec3b>(y, x) = {uchar(x), uchar(y), uchar(x ^ y)};
+  }
+  for (const std::vector<int>& how :
+       std::vector<std::vector<int>>{{},
+                                     {cv::IMWRITE_JPEG_PROGRESSIVE, 1},
+                                     {cv::IMWRITE_JPEG_RST_INTERVAL, 4},
+                                     {cv::IMWRITE_JPEG_OPTIMIZE, 1}}) {
+    const std::string whole = EncodeJpeg(image, how);
+    const cv::Mat expected = *Decode(whole);
+    for (const std::string& end : {std::string(), std::string("\xff"), std::string(100, '\0')}) {
+      const auto decoded = Decode(whole.substr(0, whole.size() - 2) + end);
+      ASSERT_TRUE(decoded.ok()) << decoded.status() << how.size();
+      EXPECT_TRUE(SamePixels(*decoded, expected));
+    }
+    for (const size_t cut : {8u, 20u, 100u, 400u}) {
+      EXPECT_FALSE(Decode(whole.substr(0, whole.size() - cut)).ok()) << cut;
+    }
+  }
+}
+
+// A progressive file that ends between two scans has every row, but not all of it.
+TEST(DecodeImage, AProgressiveJpegWithoutItsLastScansIsCutOff) {
+  const std::string whole =
+      EncodeJpeg(RandomImage(64, 64, CV_8UC3), {cv::IMWRITE_JPEG_PROGRESSIVE, 1});
+  int scans = 0;
+  for (size_t at = whole.find("\xff\xda"); at != whole.npos; at = whole.find("\xff\xda", at + 2)) {
+    if (++scans == 1) continue;
+    EXPECT_FALSE(Decode(whole.substr(0, at)).ok()) << scans;
+    EXPECT_FALSE(Decode(whole.substr(0, at) + "\xff").ok()) << scans;
+  }
+  EXPECT_GT(scans, 3);
+}
+
+TEST(DecodeImage, PngWithoutItsEndMarkIsReadAndOneWithoutItsLastRowIsNot) {
+  for (const int type : {CV_8UC1, CV_8UC3, CV_16UC1, CV_8UC4}) {
+    const std::string whole = Encode(RandomImage(50, 60, type));
+    const cv::Mat expected = *Decode(whole);
+    ASSERT_EQ(whole.substr(whole.size() - 8, 4), "IEND");
+    // Without IEND, with a part of it, and without the checksums of the pixels as well.
+    for (const size_t cut : {1u, 6u, 12u, 14u, 16u, 18u}) {
+      const auto decoded = Decode(whole.substr(0, whole.size() - cut));
+      ASSERT_TRUE(decoded.ok()) << decoded.status() << cut;
+      EXPECT_TRUE(SamePixels(*decoded, expected)) << cut;
+    }
+    const auto padded = Decode(whole.substr(0, whole.size() - 12) + std::string(50, '\0'));
+    ASSERT_TRUE(padded.ok()) << padded.status();
+    EXPECT_TRUE(SamePixels(*padded, expected));
+    EXPECT_FALSE(Decode(whole.substr(0, whole.size() - 60)).ok());
+    std::string damaged = whole;
+    damaged[whole.size() - 40] ^= 1;  // the checksum of the pixels tells
+    EXPECT_FALSE(Decode(damaged).ok());
+  }
+}
+
+TEST(DecodeImage, BmpWithoutThePaddingOfItsLastRowIsRead) {
+  const cv::Mat image = RandomImage(20, 21, CV_8UC3);  // 63 bytes a row, one of padding
+  const std::string whole = Encode(image, ".bmp");
+  const auto decoded = Decode(whole.substr(0, whole.size() - 1));
+  ASSERT_TRUE(decoded.ok()) << decoded.status();
+  EXPECT_TRUE(SamePixels(*decoded, image));
+  EXPECT_FALSE(Decode(whole.substr(0, whole.size() - 2)).ok());
+}
+
+TEST(DecodeImage, UnknownFormatsAreNamedWithThoseThatAreRead) {
+  using namespace std::string_literals;
+  const auto brand = [](const std::string& major, const std::string& others) {
+    return "\0\0\0\x20"s + "ftyp" + major + "\0\0\0\0"s + others + std::string(200, '\0');
+  };
+  std::string dng = "II*\0\x08\0\0\0\x01\0\x12\xc6\x01\0\x04\0\0\0\x01\x04\0\0\0\0\0\0"s;
+  const std::pair<std::string, const char*> files[] = {
+      {"GIF89a" + std::string(100, 'x'), "GIF"},
+      {"\0\0\0\x0cjP  \r\n\x87\n"s, "JPEG 2000"},
+      {"\xff\x4f\xff\x51\0\x29"s, "JPEG 2000"},
+      {"\0\0\0\x0cJXL \r\n\x87\n"s, "JPEG XL"},
+      {"\xff\x0a\xfa\x1f"s, "JPEG XL"},
+      {"II+\0\x08\0\0\0"s, "BigTIFF"},
+      {"MM\0+\0\x08\0\0"s, "BigTIFF"},
+      {dng, "DNG"},
+      {brand("avif", "avifmif1miaf"), "AVIF"},
+      {brand("mif1", "avifmif1miaf"), "AVIF"},
+      {brand("msf1", "msf1hevcmif1"), "sequence"},
+      {brand("crx ", "crx isom"), "CR3"},
+      {brand("isom", "isomavc1mp42"), "video"},
+      {"8BPS\0\1"s, "Photoshop"},
+      {"\x89PNG\n\x1a\n"s, "transferred as text"},
+      {"\xef\xbb\xbf<!DOCTYPE html><html>"s, "web page"},
+      {"<?xml version=\"1.0\"?>\n<svg xmlns"s, "SVG"},
+      {"\x93NUMPY\1\0"s, "numpy"},
+      {"P2 16 16 255\n0 0"s, "ASCII"},
+      {"/9j/4AAQSkZJRgABAQ"s, "base64"},
+  };
+  for (const auto& [bytes, name] : files) {
+    ExpectRefused(Decode(bytes), name);
+    ExpectRefused(Decode(bytes), "JPEG, PNG, WebP, BMP, HEIC, PNM, TIFF");
+    ExpectRefused(Decode(bytes, ImageLimits()), "reads JPEG, PNG, WebP, BMP, HEIC");
+  }
+  ExpectRefused(Decode("hello"), "reads JPEG, PNG");
+}
+
+TEST(DecodeImage, ImagesOfSixtyFourMillionPixelsAreWithinTheLimit) {
+  const std::string bytes = Encode(RandomImage(20, 20, CV_8UC1)).substr(0, 45);
+  EXPECT_TRUE(EncodedShape(WithPngSize(bytes, 9248, 6936), kField, ImageLimits()).ok());
+  EXPECT_FALSE(EncodedShape(WithPngSize(bytes, 9248, 7936), kField, ImageLimits()).ok());
 }
 
 TEST(DecodeImage, RefusesCutOffImages) {
@@ -286,6 +473,97 @@ TEST(RawFrames, OfEveryFormatBecomeThePixelsTheyStandFor) {
   EXPECT_EQ(white.at<cv::Vec3b>(10, 14), cv::Vec3b(255, 255, 255));
 }
 
+// The colour of one pixel of a mosaic: 0 red, 1 green, 2 blue.
+int MosaicColour(const std::string& order, int x, int y) {
+  return static_cast<int>(std::string("RGB").find(order[static_cast<size_t>(2 * (y % 2) + x % 2)]));
+}
+
+TEST(RawFrames, MosaicsOfAllOrdersAndDepthsGiveTheirColour) {
+  const std::tuple<std::string, v1::RawFrame::PixelFormat, v1::RawFrame::PixelFormat> mosaics[] = {
+      {"RGGB", v1::RawFrame::PIXEL_FORMAT_BAYER_RG8, v1::RawFrame::PIXEL_FORMAT_BAYER_RG16},
+      {"BGGR", v1::RawFrame::PIXEL_FORMAT_BAYER_BG8, v1::RawFrame::PIXEL_FORMAT_BAYER_BG16},
+      {"GBRG", v1::RawFrame::PIXEL_FORMAT_BAYER_GB8, v1::RawFrame::PIXEL_FORMAT_BAYER_GB16},
+      {"GRBG", v1::RawFrame::PIXEL_FORMAT_BAYER_GR8, v1::RawFrame::PIXEL_FORMAT_BAYER_GR16}};
+  const int colour[3] = {200, 90, 30};  // red, green, blue
+  for (const auto& [order, format8, format16] : mosaics) {
+    cv::Mat narrow(20, 30, CV_8UC1), wide(20, 30, CV_16UC1);
+    for (int y = 0; y < 20; ++y) {
+      for (int x = 0; x < 30; ++x) {
+        const int value = colour[MosaicColour(order, x, y)];
+        narrow.at<uchar>(y, x) = static_cast<uchar>(value);
+        wide.at<uint16_t>(y, x) = static_cast<uint16_t>(value * 4095 / 255);
+      }
+    }
+    v1::RawFrame twelve = Frame(format16, 30, 20, wide);
+    twelve.set_bits_in_use(12);
+    for (const v1::RawFrame& frame : {Frame(format8, 30, 20, narrow), twelve}) {
+      const auto decoded = DecodeRaw(frame);
+      ASSERT_TRUE(decoded.ok()) << decoded.status();
+      const cv::Vec3b pixel = (*decoded)[0].at<cv::Vec3b>(10, 14);
+      for (int c = 0; c < 3; ++c) EXPECT_NEAR(pixel[2 - c], colour[c], 1) << order << " " << c;
+    }
+  }
+}
+
+TEST(RawFrames, SixteenBitsAreScaledByThoseInUse) {
+  const cv::Mat grey = RandomImage(20, 31, CV_8UC1);
+  for (const int bits : {8, 10, 12, 14, 16}) {
+    cv::Mat wide;
+    grey.convertTo(wide, CV_16U, ((1 << bits) - 1) / 255.0);
+    v1::RawFrame frame = Frame(v1::RawFrame::PIXEL_FORMAT_GRAY16, 31, 20, wide);
+    for (const int told : {0, bits}) {
+      frame.set_bits_in_use(told);
+      const auto decoded = DecodeRaw(frame);
+      ASSERT_TRUE(decoded.ok()) << decoded.status();
+      EXPECT_EQ((*decoded)[0].type(), CV_8UC1);
+      EXPECT_LE(cv::norm((*decoded)[0], grey, cv::NORM_INF), 1.0) << bits;
+    }
+    // A row of an odd number of bytes.
+    frame.set_stride_bytes(63);
+    std::string padded;
+    for (int y = 0; y < 20; ++y)
+      padded += frame.data().substr(static_cast<size_t>(62 * y), 62) + "!";
+    frame.set_data(padded);
+    EXPECT_LE(cv::norm((*DecodeRaw(frame))[0], grey, cv::NORM_INF), 1.0) << bits;
+  }
+  // A dark image of a camera of 12 bits stays dark where its bits are told.
+  v1::RawFrame dark =
+      Frame(v1::RawFrame::PIXEL_FORMAT_GRAY16, 31, 20, cv::Mat(20, 31, CV_16UC1, cv::Scalar(160)));
+  dark.set_bits_in_use(12);
+  EXPECT_EQ((*DecodeRaw(dark))[0].at<uchar>(3, 3), 10);
+  dark.set_bits_in_use(8);  // more than is said: saturated
+  dark.mutable_data()->assign(dark.data().size(), '\xff');
+  EXPECT_EQ((*DecodeRaw(dark))[0].at<uchar>(3, 3), 255);
+}
+
+TEST(RawFrames, YuvOfEveryOrderBecomesItsColour) {
+  const int yuv[3] = {81, 90, 240};  // BT.601's red
+  const auto check = [&](v1::RawFrame::PixelFormat format, const cv::Mat& rows) {
+    const auto decoded = DecodeRaw(Frame(format, 30, 20, rows));
+    ASSERT_TRUE(decoded.ok()) << decoded.status();
+    ASSERT_EQ((*decoded)[0].size(), cv::Size(30, 20));
+    const cv::Vec3b pixel = (*decoded)[0].at<cv::Vec3b>(10, 15);
+    EXPECT_NEAR(pixel[0], 0, 3);
+    EXPECT_NEAR(pixel[1], 0, 3);
+    EXPECT_NEAR(pixel[2], 255, 3);
+  };
+  cv::Mat uyvy(20, 60, CV_8UC1), yuyv(20, 60, CV_8UC1), nv21(30, 30, CV_8UC1, cv::Scalar(yuv[0]));
+  for (int y = 0; y < 20; ++y) {
+    for (int x = 0; x < 60; ++x) {
+      const int colour = x % 4 < 2 ? yuv[1] : yuv[2];
+      uyvy.at<uchar>(y, x) = static_cast<uchar>(x % 2 == 1 ? yuv[0] : colour);
+      yuyv.at<uchar>(y, x) = static_cast<uchar>(x % 2 == 0 ? yuv[0] : colour);
+    }
+  }
+  for (int y = 20; y < 30; ++y) {
+    for (int x = 0; x < 30; ++x)
+      nv21.at<uchar>(y, x) = static_cast<uchar>(x % 2 == 0 ? yuv[2] : yuv[1]);
+  }
+  check(v1::RawFrame::PIXEL_FORMAT_UYVY, uyvy);
+  check(v1::RawFrame::PIXEL_FORMAT_YUYV, yuyv);
+  check(v1::RawFrame::PIXEL_FORMAT_NV21, nv21);
+}
+
 TEST(RawFrames, ThatContradictThemselvesAreRefusedByField) {
   const cv::Mat grey = RandomImage(20, 30, CV_8UC1);
   const v1::RawFrame good = Frame(v1::RawFrame::PIXEL_FORMAT_GRAY8, 30, 20, grey);
@@ -307,6 +585,22 @@ TEST(RawFrames, ThatContradictThemselvesAreRefusedByField) {
               f.set_height_px(13);
             }),
             "images[0].raw.format");
+  const auto with_format = [&](v1::RawFrame::PixelFormat format, int width) {
+    return field([&](auto& f) {
+      f.set_format(format);
+      f.set_width_px(width);
+    });
+  };
+  EXPECT_EQ(with_format(v1::RawFrame::PIXEL_FORMAT_UYVY, 15), "images[0].raw.format");
+  EXPECT_EQ(with_format(v1::RawFrame::PIXEL_FORMAT_BAYER_GB16, 15), "images[0].raw.format");
+  EXPECT_EQ(with_format(v1::RawFrame::PIXEL_FORMAT_GRAY16, 30), "images[0].raw.stride_bytes");
+  EXPECT_EQ(field([](auto& f) { f.set_bits_in_use(12); }), "images[0].raw.bits_in_use");
+  EXPECT_EQ(field([](auto& f) {
+              f.set_format(v1::RawFrame::PIXEL_FORMAT_GRAY16);
+              f.set_width_px(15);
+              f.set_bits_in_use(17);
+            }),
+            "images[0].raw.bits_in_use");
 }
 
 TEST(ShapesOf, CountsThePixelsOfAllImagesTogether) {
