@@ -7,7 +7,10 @@ import asyncio
 import doctest
 import importlib
 import os
+import pathlib
 import re
+import shutil
+import socket
 import subprocess
 import sys
 import tempfile
@@ -127,6 +130,71 @@ class Values(unittest.TestCase):
         with self.assertRaises(TypeError):
             horopter.encode_image(7)
 
+    def test_arrays_of_either_byte_order_are_the_same_image(self):
+        image = np.random.default_rng(3).integers(0, 65535, (16, 20), np.uint16)
+        for order in "<>=":
+            turned = image.astype(image.dtype.newbyteorder(order))
+            self.assertTrue(np.array_equal(decode_png(horopter.encode_image(turned)), image))
+        for bad in (np.uint32, np.int16, np.float32, bool):
+            with self.assertRaises(ValueError):
+                horopter.encode_image(np.zeros((4, 4), bad))
+        for buffer in (b"x", bytearray(b"x"), memoryview(b"x")):
+            self.assertEqual(horopter.encode_image(buffer), b"x")
+
+    def test_one_image_is_no_list_of_images(self):
+        from horopter import _requests
+        frame = horopter.RawFrame("GRAY8", 4, 4, bytes(16))
+        for bare in (np.zeros((16, 16), np.uint8), np.zeros((16, 16, 3), np.uint8), "a.png", b"x", bytearray(b"x"),
+                     memoryview(b"x"), pathlib.Path("a.png"), frame):
+            with self.assertRaisesRegex(TypeError, "list"):
+                _requests.recognize_request(bare, None, None, None)
+        stack = _requests.recognize_request(np.zeros((2, 16, 16, 3), np.uint8), None, None, None)
+        self.assertEqual(len(stack.images), 2)
+        with self.assertRaisesRegex(TypeError, "candidates"):
+            _requests.recognize_request(IMAGES, None, "bracket", None)
+        with self.assertRaisesRegex(TypeError, "station_cameras"):
+            _requests.recognize_request(IMAGES, None, None, None, station="s", station_cameras="left")
+
+    def test_raw_frames_go_as_they_are(self):
+        from horopter import _requests
+        deep = np.arange(16, dtype=">u2").reshape(4, 4)
+        request = _requests.recognize_request([horopter.RawFrame("BAYER_GB16", 4, 4, deep, bits_in_use=12)], None, None, None,
+                                              cropped=True)
+        raw = request.images[0].raw
+        self.assertEqual((raw.width_px, raw.bits_in_use, raw.data, request.images[0].cropped),
+                         (4, 12, deep.astype("<u2").tobytes(), True))
+        for bad in ("GRAY12", "UNSPECIFIED", ""):
+            with self.assertRaisesRegex(ValueError, "BAYER_RG16"):
+                horopter.RawFrame(bad, 4, 4, b"").to_proto()
+
+    def test_an_address_is_host_and_port(self):
+        from horopter.address import check_address
+        for good in ("localhost:50051", "10.0.0.7:1", "[::1]:50051", "unix:/run/h.sock", "unix:///run/h.sock", "dns:///host:50051",
+                     "ipv4:127.0.0.1:50051"):
+            check_address(good)
+        for bad, says in (("http://localhost:50051", "'localhost:50051'"), ("https://cell:50051/", "TLS"),
+                          ("grpc://cell:50051", "URL"), ("localhost", "HOST:PORT"), ("localhost:", "PORT"), ("", "PORT"),
+                          ("localhost:http", "PORT"), ("localhost:50051/", "PORT"), ("::1:50051", "PORT"), (":50051", "PORT"),
+                          ("host:70000", "PORT")):
+            with self.assertRaisesRegex(ValueError, says):
+                horopter.Client(bad)
+
+    def test_no_proxy_stands_before_this_machine_nor_before_what_no_proxy_names(self):
+        from horopter.address import may_use_proxy
+        for here in ("localhost:1", "LOCALHOST:1", "127.0.0.1:1", "127.8.9.10:1", "[::1]:1", "[::ffff:127.0.0.1]:1", "unix:/x",
+                     "0.0.0.0:1", "dns:///localhost:1", "ipv4:127.0.0.1:1", socket.gethostname() + ":1"):
+            self.assertFalse(may_use_proxy(here, {}), here)
+        self.assertTrue(may_use_proxy("robot.example:50051", {"no_proxy": "other.example"}))
+        for name in ("no_proxy", "NO_PROXY", "no_grpc_proxy"):
+            for entries in ("*", "example", ".example", "a, robot.example ", "robot.example:50051", "*.example", "ROBOT.Example"):
+                self.assertFalse(may_use_proxy("robot.example:50051", {name: entries}), entries)
+            for entries in ("", "ample", "robot.example:1", "bot.example", "10.0.0.0/8", ","):
+                self.assertTrue(may_use_proxy("robot.example:50051", {name: entries}), entries)
+            for entries in ("203.0.113.0/24", "203.0.113.7", "203.0.113.7:50051"):
+                self.assertFalse(may_use_proxy("203.0.113.7:50051", {name: entries}), entries)
+            self.assertTrue(may_use_proxy("203.0.113.7:50051", {name: "203.0.114.0/24,3.7"}))
+        self.assertIn("--no-proxy", horopter.Security(proxy=False).arguments())
+
     def test_projection_is_the_camera_matrix_with_distortion(self):
         camera = horopter.Camera(True, 640, 480, 600.0, (320.0, 240.0), 0.1, 0.01, np.eye(4))
         pixel = camera.project(np.array([[0.1, 0.2, 0.5], [0.0, 0.0, -1.0]]))
@@ -159,7 +227,7 @@ class Values(unittest.TestCase):
                          ("cell", "CAMERA_MOVED", ["left"]))
 
     def test_the_docstrings_are_right(self):
-        for name in ("horopter", "horopter.client", "horopter.aio", "horopter.types", "horopter.images"):
+        for name in ("horopter", "horopter.address", "horopter.client", "horopter.aio", "horopter.types", "horopter.images"):
             self.assertEqual(doctest.testmod(importlib.import_module(name)).failed, 0)
 
 
@@ -199,6 +267,49 @@ class WithServer(unittest.TestCase):
                                        grasps=os.path.join(DATASET, "grasps", "obj_000001.json"), program=HOROPTER)
 
 
+class BehindAProxy(WithServer):
+    """Of a proxy that does not answer."""
+
+    def test_this_machine_is_reached_all_the_same(self):
+        script = "import horopter, sys; print(len(horopter.Client(sys.argv[1], deadline_s=20).list_objects()))"
+        silent = socket.create_server(("127.0.0.1", 0))
+        proxy = "http://127.0.0.1:%d" % silent.getsockname()[1]
+        environment = dict(os.environ, PYTHONPATH=PACKAGE, http_proxy=proxy, https_proxy=proxy, grpc_proxy=proxy)
+        for name in ("no_proxy", "NO_PROXY"):
+            environment.pop(name, None)
+        with silent:
+            done = subprocess.run([sys.executable, "-B", "-c", script, self.mock.address], capture_output=True, text=True,
+                                  env=environment, check=False)
+            self.assertEqual(done.stdout.strip(), "0", done.stderr)
+            done = subprocess.run([HOROPTER, "--server", self.mock.address, "--timeout", "20", "object", "list"],
+                                  capture_output=True, text=True, env=environment, check=False)
+            self.assertEqual(done.returncode, 0, done.stderr)
+
+
+class KeptAlive(WithServer):
+    """A client that pings as often as gRPC can."""
+
+    ARGUMENTS = ("--delay-ms", "2500", "--workers", "1")
+    OPTIONS = (("grpc.keepalive_time_ms", 1000), ("grpc.keepalive_timeout_ms", 20000), ("grpc.http2.max_pings_without_data", 0),
+               ("grpc.keepalive_permit_without_calls", 1))
+
+    def test_pings_end_no_call_and_no_connection(self):
+        from horopter import _requests
+        from horopter.v1 import catalog_pb2, catalog_pb2_grpc, recognition_pb2_grpc
+        with grpc.insecure_channel(self.mock.address, options=self.OPTIONS) as channel:
+            recognition = recognition_pb2_grpc.RecognitionServiceStub(channel)
+            request = _requests.recognize_request(IMAGES[:1], None, None, None)
+            # One at work, one in the queue.
+            for call in [recognition.RecognizeScene.future(request, timeout=60) for _ in range(2)]:
+                call.result()
+            backup = catalog_pb2_grpc.CatalogServiceStub(channel).BackupCatalog(catalog_pb2.BackupCatalogRequest(), timeout=60)
+            self.assertGreater(sum(len(piece.chunk) for piece in backup), 0)
+            states = []
+            channel.subscribe(states.append)
+            time.sleep(5)  # idle, for more pings than gRPC allows by itself
+            self.assertEqual(set(states), {grpc.ChannelConnectivity.READY})
+
+
 class Catalog(WithServer):
 
     def test_enrol_list_change_and_delete(self):
@@ -232,6 +343,15 @@ class Catalog(WithServer):
         for i in range(205):
             self.client.create_object("o%03d" % i, raw)
         self.assertEqual(len(self.client.list_objects()), 206)
+
+    def test_a_name_in_another_encoding_is_no_obstacle(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(os.fsencode(folder), b"Tr\xe4ger.step")
+            shutil.copy(os.path.join(DATASET, "cad", "obj_000001.step"), path)
+            enrolled = self.client.enroll_file(os.fsdecode(path), "bracket", program=HOROPTER)
+            self.assertEqual(enrolled.raw.source.file_name, "Tr\xe4ger.step")
+            with self.assertRaises(horopter.HoropterError):  # the message names a file that is not there
+                self.client.enroll_file(os.fsdecode(path) + ".step", "gone", program=HOROPTER)
 
     def test_a_refused_file_says_why(self):
         with self.assertRaises(horopter.HoropterError) as caught:

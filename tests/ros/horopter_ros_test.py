@@ -18,6 +18,8 @@ import numpy as np  # noqa: E402
 import horopter  # noqa: E402
 from horopter_ros import conversions  # noqa: E402
 
+FORMATS = horopter.types.recognition_pb2.RawFrame.PixelFormat
+
 # Fields of the messages, as their packages define them (ROS 2 Humble). A field that is not here cannot be set.
 FIELDS = {
     "Header": {"stamp": None, "frame_id": ""},
@@ -123,8 +125,41 @@ class Images(unittest.TestCase):
         image.data = image.data[:-1]
         with self.assertRaises(ValueError):
             conversions.image_array(image)
-        with self.assertRaisesRegex(ValueError, "bayer_rggb8"):
-            conversions.image_array(self.image("bayer_rggb8", np.zeros((4, 4), np.uint8)))
+        for encoding in ("bayer_rggb8", "32FC1", ""):
+            with self.assertRaisesRegex(ValueError, repr(encoding)):
+                conversions.image_array(self.image(encoding, np.zeros((4, 4), np.uint8)))
+        with self.assertRaisesRegex(ValueError, "32FC1.*bayer_rggb8.*mono16"):
+            conversions.scene_image(self.image("32FC1", np.zeros((4, 4), np.uint8)))
+        image = self.image("bayer_rggb16", np.zeros((4, 4), np.uint16))
+        image.data = image.data[:-1]
+        with self.assertRaises(ValueError):
+            conversions.scene_image(image)
+
+    def test_what_a_camera_delivers_goes_to_the_server_as_it_is(self):
+        generator = np.random.default_rng(2)
+        narrow, deep = generator.integers(0, 255, (4, 6), np.uint8), generator.integers(0, 4095, (4, 6), np.uint16)
+        for ros, raw in (("rggb", "RG"), ("bggr", "BG"), ("gbrg", "GB"), ("grbg", "GR")):
+            for pad in (0, 3):
+                frame = conversions.scene_image(self.image("bayer_%s8" % ros, narrow, pad)).to_proto()
+                self.assertEqual((frame.format, frame.data), (FORMATS.Value("PIXEL_FORMAT_BAYER_%s8" % raw), narrow.tobytes()))
+                self.assertEqual((frame.width_px, frame.height_px, frame.stride_bytes, frame.bits_in_use), (6, 4, 0, 0))
+                for big in (False, True):
+                    frame = conversions.scene_image(self.image("bayer_%s16" % ros, deep, pad, big)).to_proto()
+                    self.assertEqual(frame.format, FORMATS.Value("PIXEL_FORMAT_BAYER_%s16" % raw))
+                    self.assertEqual(frame.data, deep.astype("<u2").tobytes())
+        for ros, raw in (("yuv422", "UYVY"), ("uyvy", "UYVY"), ("yuv422_yuy2", "YUYV"), ("yuyv", "YUYV")):
+            message = self.image(ros, generator.integers(0, 255, (4, 12), np.uint8), 5)
+            message.width = 6
+            frame = conversions.scene_image(message).to_proto()
+            self.assertEqual((frame.format, len(frame.data)), (FORMATS.Value("PIXEL_FORMAT_" + raw), 48))
+        message = self.image("nv21", generator.integers(0, 255, (6, 6), np.uint8))
+        message.height = 4
+        self.assertEqual(len(conversions.scene_image(message).to_proto().data), 36)
+        self.assertEqual(conversions.scene_image(self.image("mono16", deep, 2, True)).dtype, np.uint16)
+        for encoding in ("8UC4", "16UC3", "rgba16", "bgra16", "16UC4"):
+            channels = 3 if encoding == "16UC3" else 4
+            pixels = generator.integers(0, 255, (4, 6, channels)).astype(np.uint16 if "16" in encoding else np.uint8)
+            self.assertEqual(conversions.scene_image(self.image(encoding, pixels)).shape, (4, 6, 3))
 
     def test_camera_info_becomes_a_hint(self):
         info = SimpleNamespace(k=[600.0, 0, 320, 0, 600, 240, 0, 0, 1], d=[-0.1, 0, 0, 0, 0], distortion_model="plumb_bob",

@@ -15,7 +15,7 @@ from .cameras import hint_from_camera_info
 from .client import Client
 from .errors import (AlreadyExists, Busy, Cancelled, Conflict, DataLoss, DeadlineExceeded, HoropterError, InternalError,
                      InvalidRequest, NotFound, PermissionDenied, TooLarge, Unauthenticated, Unavailable)
-from .images import encode_image
+from .images import RawFrame, encode_image
 from .security import Security
 from .types import (Camera, CameraHint, CatalogObject, ExplainedEdge, ExplainedImage, Explanation, Finding, FoundGrasp,
                     FoundObject, GraspModel, Gripper, LookAlike, ObjectInImage, Reason, Reference, Scene, StationFinding,
@@ -25,7 +25,7 @@ __all__ = [
     "AlreadyExists", "AsyncClient", "Busy", "Camera", "CameraHint", "Cancelled", "CatalogObject", "Client", "Conflict",
     "DataLoss", "DeadlineExceeded", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp",
     "FoundObject", "GraspModel", "Gripper", "HoropterError", "InternalError", "InvalidRequest", "LookAlike", "NotFound",
-    "ObjectInImage", "PermissionDenied", "Reason", "Reference", "Scene", "Security", "StationFinding", "StationReport",
+    "ObjectInImage", "PermissionDenied", "RawFrame", "Reason", "Reference", "Scene", "Security", "StationFinding", "StationReport",
     "TooLarge", "Unauthenticated", "Unavailable", "encode_image", "hint_from_camera_info",
 ]
 __version__ = "@HOROPTER_PYTHON_VERSION@"

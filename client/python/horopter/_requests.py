@@ -8,7 +8,7 @@ from google.protobuf import field_mask_pb2
 
 from horopter.v1 import catalog_pb2, recognition_pb2
 
-from .images import ImageLike, encode_image
+from .images import ImageLike, RawFrame, check_images, encode_image
 from .types import CameraHint, GraspModel, Gripper, Reference, matrix_to_proto, resource_name
 
 Hints = Union[None, CameraHint, Sequence[Optional[CameraHint]]]
@@ -20,8 +20,10 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
                       explain: Optional[str] = None, station: Optional[str] = None,
                       station_cameras: Optional[Sequence[str]] = None, cropped: bool = False,
                       ignore_exif: bool = False) -> recognition_pb2.RecognizeSceneRequest:
-    if isinstance(images, (str, bytes)):
-        raise TypeError("images is a list, also of one image")
+    check_images(images)
+    for name, value in (("candidates", candidates), ("station_cameras", station_cameras)):
+        if isinstance(value, (str, bytes)):
+            raise TypeError("%s is a list, also of one: [%r]" % (name, value))
     if overlay not in (None, "png", "svg"):
         raise ValueError("overlay is None, 'png' or 'svg'")
     view = recognition_pb2.ANSWER_VIEW_FULL if full else recognition_pb2.ANSWER_VIEW_BASIC
@@ -29,7 +31,11 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
     if gripper is not None:
         request.gripper.CopyFrom(gripper.to_proto())
     for image in images:
-        request.images.add(content=encode_image(image), cropped=cropped)
+        out = request.images.add(cropped=cropped)
+        if isinstance(image, RawFrame):
+            out.raw.CopyFrom(image.to_proto())
+        else:
+            out.content = encode_image(image)
     if isinstance(hints, CameraHint):
         hints = [hints] * len(request.images)
     if hints is not None:

@@ -21,7 +21,7 @@ from .types import CatalogObject, GraspModel, Gripper, LookAlike, Reference, Sce
 class Client:
     """A connection to a server. Thread-safe.
 
-    address: "HOST:PORT"; deadline_s: for a whole call with its retries; retries: how often a busy server is asked again,
+    address: "HOST:PORT" or "unix:PATH"; deadline_s: for a whole call with its retries; retries: how often a busy server is asked again,
     after the time it asks for; security: TLS and token (default: neither). Calls raise the errors of `horopter.errors`.
 
     >>> with Client("localhost:50051") as client:                                   # doctest: +SKIP
@@ -70,7 +70,7 @@ class Client:
                   ignore_exif: bool = False) -> Scene:
         """Which parts are in the images of one static scene, where, and how to grip them.
 
-        images: 1 to 32 paths, encoded bytes or arrays (see encode_image); hints: one CameraHint for all images or a list
+        images: a list of 1 to 32 paths, encoded bytes, arrays (see encode_image) or RawFrames; hints: one CameraHint for all images or a list
         with one or None for each; candidates: ids to look for (default: the whole catalog); gripper: what the robot grips
         with; min_score: parts that score less are left out; full: with covariances, stages and poses per image; overlay:
         "png" (images with the answer drawn on them) or "svg" (drawings to lay over them), in `Scene.overlays`; explain:
@@ -131,7 +131,9 @@ class Client:
             command += ["--grasps", os.fspath(grasps)]
         if units is not None:
             command += ["--units", units]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, env=self.security.environment())
+        # Messages name files, whose names may be in any encoding.
+        done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", check=False,
+                              env=self.security.environment())
         if done.returncode != 0:
             raise HoropterError("INVALID_ARGUMENT" if done.returncode == 3 else "UNKNOWN", done.stderr.strip())
         return self.get_object(object_id)

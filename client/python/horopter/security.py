@@ -7,6 +7,8 @@ from typing import Any, Dict, List, Optional, Tuple
 
 import grpc
 
+from .address import check_address, may_use_proxy
+
 # Answers hold CAD files; the server bounds what it takes.
 CHANNEL_OPTIONS = (("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1))
 
@@ -49,7 +51,9 @@ class Security:
     tls: encrypted, with the system's authorities where ca_file is None; ca_file: authorities that may vouch for the server,
     implies tls; cert_file, key_file: the client's certificate (mutual TLS); server_name: in the server's certificate, None:
     the host of the address; token: sent with every call, without TLS only to this machine; blanks around it are dropped
-    (ValueError: it is not of printable ASCII characters); token_file: instead, see read_token.
+    (ValueError: it is not of printable ASCII characters); token_file: instead, see read_token; proxy: other
+    machines are reached through the proxy that the environment names (http_proxy, https_proxy, grpc_proxy), but for those of
+    no_proxy or NO_PROXY; this machine never is.
 
     >>> Security(token="secret").is_tls, Security(ca_file="ca.pem").is_tls
     (False, True)
@@ -62,6 +66,7 @@ class Security:
     server_name: Optional[str] = None
     token: Optional[str] = dataclasses.field(default=None, repr=False)
     token_file: dataclasses.InitVar[Optional[str]] = None
+    proxy: bool = True
 
     def __post_init__(self, token_file: Optional[str]) -> None:
         if token_file is not None and self.token is not None:
@@ -89,15 +94,20 @@ class Security:
         """The same for the `horopter` program, but for the token (see environment)."""
         named = (("--tls-ca", self.ca_file), ("--tls-cert", self.cert_file), ("--tls-key", self.key_file),
                  ("--tls-server-name", self.server_name))
-        return (["--tls"] if self.tls else []) + [word for name, value in named if value is not None for word in (name, value)]
+        switches = (["--tls"] if self.tls else []) + ([] if self.proxy else ["--no-proxy"])
+        return switches + [word for name, value in named if value is not None for word in (name, value)]
 
     def environment(self) -> Dict[str, str]:
         return dict(os.environ, **({} if self.token is None else {"HOROPTER_TOKEN": self.token}))
 
 
 def open_channel(module: Any, address: str, security: Security) -> Any:
-    """A channel of `grpc` or `grpc.aio`. Raises OSError (a file), ValueError (a token would travel in the clear)."""
+    """A channel of `grpc` or `grpc.aio`. Raises OSError (a file), ValueError (the address is none, a token would travel in the
+    clear)."""
+    check_address(address)
     options = list(CHANNEL_OPTIONS)
+    if not (security.proxy and may_use_proxy(address, os.environ)):
+        options.append(("grpc.enable_http_proxy", 0))
     if not security.is_tls:
         host = address.rsplit(":", 1)[0]
         local = address.startswith("unix:") or host in ("localhost", "[::1]") or host.startswith("127.")

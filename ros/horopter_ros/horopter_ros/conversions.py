@@ -2,7 +2,7 @@
 are the message classes, so that nothing of ROS is needed to test this."""
 import numpy as np
 
-from horopter import CameraHint, hint_from_camera_info
+from horopter import CameraHint, RawFrame, hint_from_camera_info
 from horopter.types import quaternion_of
 
 # encoding of sensor_msgs/Image -> (numpy type, channels, order of red, green, blue or None for grey)
@@ -16,28 +16,67 @@ ENCODINGS = {
     "8UC3": (np.uint8, 3, (2, 1, 0)),
     "rgba8": (np.uint8, 4, (0, 1, 2)),
     "bgra8": (np.uint8, 4, (2, 1, 0)),
+    "8UC4": (np.uint8, 4, (2, 1, 0)),
     "rgb16": (np.uint16, 3, (0, 1, 2)),
     "bgr16": (np.uint16, 3, (2, 1, 0)),
+    "16UC3": (np.uint16, 3, (2, 1, 0)),
+    "rgba16": (np.uint16, 4, (0, 1, 2)),
+    "bgra16": (np.uint16, 4, (2, 1, 0)),
+    "16UC4": (np.uint16, 4, (2, 1, 0)),
 }
+
+# Encodings that the server develops -> (format of RawFrame, numpy type, words in a row for two pixels, rows for two rows)
+RAW_ENCODINGS = {
+    "nv12": ("NV12", np.uint8, 2, 3),
+    "nv21": ("NV21", np.uint8, 2, 3),
+    "yuv422": ("UYVY", np.uint8, 4, 2),
+    "uyvy": ("UYVY", np.uint8, 4, 2),
+    "yuv422_yuy2": ("YUYV", np.uint8, 4, 2),
+    "yuyv": ("YUYV", np.uint8, 4, 2),
+}
+for _ros, _raw in (("rggb", "RG"), ("bggr", "BG"), ("gbrg", "GB"), ("grbg", "GR")):
+    RAW_ENCODINGS["bayer_%s8" % _ros] = ("BAYER_%s8" % _raw, np.uint8, 2, 2)
+    RAW_ENCODINGS["bayer_%s16" % _ros] = ("BAYER_%s16" % _raw, np.uint16, 2, 2)
+
+
+def _words(image, kind, per_row, rows):
+    """(rows, per_row) of the words of a sensor_msgs/Image in this machine's order; padding at the ends of rows is dropped."""
+    kind = np.dtype(kind).newbyteorder(">" if image.is_bigendian else "<")
+    row = per_row * kind.itemsize
+    data = np.frombuffer(bytes(image.data), np.uint8)
+    if image.step < row or data.size < image.step * rows:
+        raise ValueError("an image of %d x %d in %s needs more than %d bytes" % (image.width, image.height, image.encoding,
+                                                                                data.size))
+    bytes_ = np.ascontiguousarray(data[:image.step * rows].reshape(rows, image.step)[:, :row])
+    return bytes_.view(kind).astype(kind.newbyteorder("="))
 
 
 def image_array(image):
     """(h, w) or (h, w, 3) red, green, blue of a sensor_msgs/Image; padding at the ends of rows is dropped.
 
-    Raises ValueError: an encoding that is not known (Bayer images have to be developed first), too few bytes.
+    Raises ValueError: an encoding that holds no such pixels (see scene_image), too few bytes.
     """
     if image.encoding not in ENCODINGS:
         raise ValueError("image encoding %r is not one of %s" % (image.encoding, ", ".join(sorted(ENCODINGS))))
     kind, channels, order = ENCODINGS[image.encoding]
-    kind = np.dtype(kind).newbyteorder(">" if image.is_bigendian else "<")
-    row = image.width * channels * kind.itemsize
-    data = np.frombuffer(bytes(image.data), np.uint8)
-    if image.step < row or data.size < image.step * image.height:
-        raise ValueError("an image of %d x %d in %s needs more than %d bytes" % (image.width, image.height, image.encoding,
-                                                                                data.size))
-    rows = np.ascontiguousarray(data[:image.step * image.height].reshape(image.height, image.step)[:, :row])
-    pixels = rows.view(kind).astype(kind.newbyteorder("=")).reshape(image.height, image.width, channels)
+    words = _words(image, kind, image.width * channels, image.height)
+    pixels = words.reshape(image.height, image.width, channels)
     return pixels[:, :, 0] if order is None else np.ascontiguousarray(pixels[:, :, order])
+
+
+def scene_image(image):
+    """A sensor_msgs/Image as the client sends it: an array, or a RawFrame of mosaics and YUV, which the server develops.
+
+    Raises ValueError: an encoding that is not known, too few bytes.
+    """
+    if image.encoding in ENCODINGS:
+        return image_array(image)
+    if image.encoding not in RAW_ENCODINGS:
+        raise ValueError("image encoding %r is not one of %s" % (image.encoding,
+                                                                 ", ".join(sorted({**ENCODINGS, **RAW_ENCODINGS}))))
+    name, kind, words_for_two, rows_for_two = RAW_ENCODINGS[image.encoding]
+    words = _words(image, kind, image.width * words_for_two // 2, image.height * rows_for_two // 2)
+    return RawFrame(name, image.width, image.height, words)
 
 
 def camera_hint(info, base_from_camera=None, rectified=False, image_size=None):

@@ -93,7 +93,7 @@ class Recognizer(Node):
             hints = [conversions.camera_hint(info, self._base_from_camera(image.header.frame_id, image.header.stamp),
                                              self._value("rectified"), (image.width, image.height))
                      for image, info in zip(images, infos)]
-            scene = self._client.recognize([conversions.image_array(i) for i in images], hints,
+            scene = self._client.recognize([conversions.scene_image(i) for i in images], hints,
                                            list(request.candidates) or None,
                                            deadline_s=request.deadline or self._value("deadline"))
             boxes = {part.object_id: self._box(part.object_id) for part in scene.objects}
