@@ -16,6 +16,8 @@
 namespace horopter {
 namespace {
 
+constexpr char kInMemory[] = ":memory:";
+
 absl::Status NotFound(const std::string& id) {
   return absl::NotFoundError(absl::StrCat("object '", id, "' is not in the catalog"));
 }
@@ -150,15 +152,22 @@ absl::StatusOr<CadSource> WithHash(CadSource source) {
 
 Catalog::Catalog(std::string path, std::unique_ptr<Connection> connection)
     : path_(std::move(path)), connection_(std::move(connection)) {}
-Catalog::~Catalog() = default;
+Catalog::~Catalog() {
+  if (connection_->handle != nullptr && path_ != kInMemory) MarkClosed(connection_->handle.get());
+}
 
 absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
                                                        const CatalogOptions& options) {
-  HOROPTER_ASSIGN_OR_RETURN(SqliteHandle handle,
-                            OpenDatabase(path, options.busy_timeout_ms, CatalogMigrations()));
+  HOROPTER_ASSIGN_OR_RETURN(
+      SqliteHandle handle,
+      OpenDatabase(path, options.busy_timeout_ms, CatalogMigrations(), options.accept_unclosed));
   HOROPTER_RETURN_IF_ERROR(FillDigests(handle.get()));
   auto connection = std::make_unique<Connection>();
   connection->handle = std::move(handle);
+  if (path != kInMemory) {
+    HOROPTER_RETURN_IF_ERROR(MarkOpen(connection->handle.get()));
+    if (options.disk_reserve) connection->reserve = std::make_unique<DiskReserve>(path);
+  }
   return std::unique_ptr<Catalog>(new Catalog(path, std::move(connection)));
 }
 
@@ -280,7 +289,7 @@ absl::StatusOr<DerivedData> Catalog::GetDerived(const std::string& id) {
 absl::Status Catalog::DeleteObject(const std::string& id) {
   const std::lock_guard lock(mutex_);
   sqlite3* db = connection_->handle.get();
-  return RunInTransaction(db, [&]() -> absl::Status {
+  return connection_->RunFreeing([&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
     if (!exists) return NotFound(id);
     HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "object", id));

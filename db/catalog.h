@@ -21,6 +21,10 @@ namespace horopter {
 struct CatalogOptions {
   int busy_timeout_ms =
       1000;  // waits this long for a file another process has locked; larger: later refusal
+  // Takes a file that a server had open when it was copied without its log, with what is there.
+  bool accept_unclosed = false;
+  // Keeps room on the disk, PATH-reserve, so that objects can be removed when it is full.
+  bool disk_reserve = true;
 };
 
 // Which parts of a record UpdateObject writes; the others stay as they are.
@@ -63,7 +67,8 @@ class Catalog {
  public:
   // Creates the file when it is not there; ":memory:" for tests. Errors, each naming the file:
   // UNAVAILABLE (locked), PERMISSION_DENIED (read-only), FAILED_PRECONDITION (cannot be opened, not
-  // a database, not a catalog, from a newer version), DATA_LOSS (damaged).
+  // a database, not a catalog, from a newer version), DATA_LOSS (damaged, or a copy without the log
+  // of a file that was open).
   static absl::StatusOr<std::unique_ptr<Catalog>> Open(const std::string& path,
                                                        const CatalogOptions& options = {});
   ~Catalog();
@@ -102,7 +107,7 @@ class Catalog {
   // Empty data when there are none. Errors: NOT_FOUND.
   absl::StatusOr<DerivedData> GetDerived(const std::string& id);
 
-  // Errors: NOT_FOUND.
+  // Works on a full disk as well: room for it is kept beside the file. Errors: NOT_FOUND.
   absl::Status DeleteObject(const std::string& id);
 
   // source.content stays empty (see GetCadFile). Errors: NOT_FOUND.

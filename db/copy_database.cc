@@ -9,6 +9,7 @@
 #include <system_error>
 
 #include "absl/strings/str_cat.h"
+#include "db/file_state.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -99,6 +100,7 @@ absl::Status CopyToFile(sqlite3* from, const std::string& path, const StopReques
   HOROPTER_RETURN_IF_ERROR(CopyPages(from, raw, stop));
   // A copy is one file: without the log of the original.
   HOROPTER_RETURN_IF_ERROR(QueryText(raw, "PRAGMA journal_mode=DELETE").status());
+  MarkClosed(raw);
   {
     const Interruptible interruptible(raw, stop);
     const absl::StatusOr<std::string> check = QueryText(raw, "PRAGMA quick_check(1)");

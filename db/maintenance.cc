@@ -167,7 +167,8 @@ absl::StatusOr<std::vector<Catalog::Problem>> Catalog::Verify(const StopRequeste
 
 absl::Status Catalog::Restore(const std::string& path) {
   // Refuses what is no catalog, is newer or damaged, and brings it up to date.
-  HOROPTER_ASSIGN_OR_RETURN(const std::unique_ptr<Catalog> backup, Open(path));
+  HOROPTER_ASSIGN_OR_RETURN(const std::unique_ptr<Catalog> backup,
+                            Open(path, {.disk_reserve = false}));
   HOROPTER_ASSIGN_OR_RETURN(const Problems problems, backup->Verify());
   if (!problems.empty()) {
     return absl::DataLossError(absl::StrCat("the backup is damaged: ",
@@ -191,6 +192,7 @@ absl::Status Catalog::Restore(const std::string& path) {
     HOROPTER_RETURN_IF_ERROR(of_stations.Bind(station_writes).Run());
     HOROPTER_RETURN_IF_ERROR(
         Execute(db, "UPDATE station SET revision = (SELECT writes FROM station_writes)"));
+    HOROPTER_RETURN_IF_ERROR(Execute(db, "UPDATE file_state SET closed = 0"));
     return Execute(db, "UPDATE object SET revision = (SELECT generation FROM catalog_state)");
   });
 }

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "db/copy_database.h"
 #include "db/file_lock.h"
+#include "db/file_state.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -146,8 +147,10 @@ absl::StatusOr<SqliteHandle> OpenConnection(const std::string& path, int flags, 
 
 absl::StatusOr<SqliteHandle> OpenDatabase(const std::string& path,
                                           int busy_timeout_ms,
-                                          const std::vector<std::string>& migrations) {
+                                          const std::vector<std::string>& migrations,
+                                          bool accept_unclosed) {
   HOROPTER_RETURN_IF_ERROR(CheckWritable(path));
+  const bool log_was_there = LogIsThere(path);
   HOROPTER_ASSIGN_OR_RETURN(
       SqliteHandle handle,
       OpenConnection(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, busy_timeout_ms));
@@ -167,6 +170,9 @@ absl::StatusOr<SqliteHandle> OpenDatabase(const std::string& path,
     handle.get_deleter().held = *lock;
   }
   HOROPTER_RETURN_IF_ERROR(CheckIntegrity(raw, path));
+  if (path != ":memory:") {
+    HOROPTER_RETURN_IF_ERROR(CheckFileState(raw, path, log_was_there, accept_unclosed));
+  }
   for (const auto& step : {Configure, TryToWrite}) {
     if (const absl::Status status = step(raw); !status.ok()) return Explain(status, path);
   }

@@ -18,10 +18,12 @@ inline constexpr int kCatalogApplicationId = 0x484F524F;
 // one that writes to the file until the handle is closed. Nothing is written to a file that is
 // refused. Errors, each naming the file: UNAVAILABLE (locked), PERMISSION_DENIED
 // (read-only), FAILED_PRECONDITION (cannot be opened, not a database, not a catalog, from a newer
-// version), DATA_LOSS (fails its integrity check), INTERNAL (a migration failed; rolled back).
+// version), DATA_LOSS (fails its integrity check, or see CheckFileState), INTERNAL (a migration
+// failed; rolled back).
 absl::StatusOr<SqliteHandle> OpenDatabase(const std::string& path,
                                           int busy_timeout_ms,
-                                          const std::vector<std::string>& migrations);
+                                          const std::vector<std::string>& migrations,
+                                          bool accept_unclosed = false);
 
 // A second connection to a file that OpenDatabase has open, for reading. Errors: as OpenDatabase.
 absl::StatusOr<SqliteHandle> OpenReadOnly(const std::string& path);

@@ -189,7 +189,7 @@ absl::Status Catalog::DeleteStation(
     const std::string& id, const std::function<absl::Status(const StationRecord& current)>& check) {
   const std::lock_guard lock(mutex_);
   sqlite3* db = connection_->handle.get();
-  return RunInTransaction(db, [&]() -> absl::Status {
+  return connection_->RunFreeing([&]() -> absl::Status {
     const absl::StatusOr<std::vector<StationRecord>> found = ReadStations(db, id, true, 1);
     // What is damaged can be removed by whoever does not ask for a certain state of it.
     if (!found.ok() && (check || !absl::IsDataLoss(found.status()))) return found.status();

@@ -104,6 +104,11 @@ void AddServingFlags(CLI::App& app, Flags& flags) {
                  flags.db,
                  "Catalog file, created when it is not there (default: parts.db in "
                  "$STATE_DIRECTORY, else in /var/lib/horopter)");
+  app.add_flag(
+      "--accept-unclosed-db",
+      flags.accept_unclosed_db,
+      "Take a catalog file that was copied without its log (FILE-wal) while a server had it "
+      "open: what was written last may be missing");
   app.add_option("--listen", flags.server.listen, "HOST:PORT; port 0 takes a free one")
       ->capture_default_str();
   AddTrustFlags(app, flags.server);

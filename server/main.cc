@@ -130,7 +130,8 @@ void WatchPorts(HoropterServer& server, const Flags& flags, Signals& signals) {
 int Serve(const Flags& flags, Signals& signals) {
   if (const absl::Status valid = Validate(flags.server); !valid.ok()) return Fail(valid);
   spdlog::info("loading catalog {}", flags.db);
-  absl::StatusOr<std::unique_ptr<Catalog>> catalog = Catalog::Open(flags.db);
+  absl::StatusOr<std::unique_ptr<Catalog>> catalog =
+      Catalog::Open(flags.db, {.accept_unclosed = flags.accept_unclosed_db});
   if (!catalog.ok()) return Fail(catalog.status());
 
   PipelineOptions options;

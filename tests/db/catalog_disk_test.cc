@@ -1,6 +1,7 @@
 // A disk that fills up and pages that rot.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sqlite3.h>
 #include <sys/mount.h>
 
 #include <filesystem>
@@ -80,6 +81,126 @@ TEST(CatalogDiskTest, AFullDiskNeverLeavesHalfAnObject) {
     EXPECT_TRUE((*catalog)->Verify().value().empty());
   }
   umount2(folder.c_str(), MNT_DETACH);
+}
+
+// A whole disk of 2 MiB; skips where nobody may mount one.
+class SmallDisk {
+ public:
+  SmallDisk() : folder_(dir_.File("small")) {
+    std::filesystem::create_directory(folder_);
+    mounted_ = mount("tmpfs", folder_.c_str(), "tmpfs", 0, "size=2m") == 0;
+  }
+  ~SmallDisk() {
+    if (mounted_) umount2(folder_.c_str(), MNT_DETACH);
+  }
+  bool mounted() const { return mounted_; }
+  std::string File(const std::string& name) const { return folder_ + "/" + name; }
+
+  // What is left goes to another file, to the last byte.
+  void FillUp() const {
+    std::ofstream other(File("other"), std::ios::binary | std::ios::app);
+    while (other.put('x') && other.flush()) continue;
+  }
+
+ private:
+  const ScratchDir dir_;
+  const std::string folder_;
+  bool mounted_ = false;
+};
+
+TEST(CatalogDiskTest, AFullDiskLetsObjectsBeRemovedAndOthersTakeTheirPlace) {
+  const SmallDisk disk;
+  if (!disk.mounted()) GTEST_SKIP() << "needs the right to mount a small file system";
+  int written = 0;
+  {
+    auto catalog = Catalog::Open(disk.File("a.db")).value();
+    while (written < 1000 && catalog->CreateObject(BigRecord(written)).ok()) ++written;
+    ASSERT_GT(written, 4);
+    disk.FillUp();
+    for (int n = 0; n < 2; ++n) {
+      const absl::Status removed = catalog->DeleteObject(IdOf(n));
+      EXPECT_TRUE(removed.ok()) << n << ": " << removed;
+    }
+    EXPECT_EQ(catalog->CountObjects().value(), written - 2);
+  }
+  // The next server finds the disk full from its start.
+  disk.FillUp();
+  auto catalog = Catalog::Open(disk.File("a.db"));
+  ASSERT_TRUE(catalog.ok()) << catalog.status();
+  EXPECT_EQ((*catalog)->CountObjects().value(), written - 2);
+  EXPECT_TRUE((*catalog)->Verify().value().empty());
+  EXPECT_TRUE((*catalog)->DeleteObject(IdOf(3)).ok());
+}
+
+TEST(CatalogDiskTest, TheReserveLeavesNothingBehindWhereThereIsRoom) {
+  const ScratchDir dir;
+  {
+    auto catalog = Catalog::Open(dir.File("a.db")).value();
+    EXPECT_TRUE(std::filesystem::exists(dir.File("a.db-reserve")));
+  }
+  EXPECT_FALSE(std::filesystem::exists(dir.File("a.db-reserve")));
+}
+
+TEST(FileStateTest, ACopyWithoutItsLogIsNoticed) {
+  const ScratchDir dir;
+  const std::string path = dir.File("a.db"), copy = dir.File("copy.db");
+  auto catalog = Catalog::Open(path).value();
+  ASSERT_TRUE(catalog->CreateObject(BigRecord(1)).ok());
+  std::filesystem::copy_file(path, copy);
+  const absl::Status refused = Catalog::Open(copy).status();
+  EXPECT_EQ(refused.code(), absl::StatusCode::kDataLoss) << refused;
+  for (const char* says : {"copy.db-wal", "backup", "--accept-unclosed-db"}) {
+    EXPECT_THAT(std::string(refused.message()), HasSubstr(says));
+  }
+  EXPECT_EQ(Catalog::Open(copy).status().code(), absl::StatusCode::kDataLoss) << "asked again";
+  EXPECT_EQ(catalog->Restore(copy).code(), absl::StatusCode::kDataLoss);
+  // With its log it is whole.
+  const std::string both = dir.File("both.db");
+  for (const char* suffix : {"", "-wal"}) std::filesystem::copy_file(path + suffix, both + suffix);
+  EXPECT_EQ(Catalog::Open(both).value()->CountObjects().value(), 1);
+  // Once accepted it is a catalog like any other.
+  EXPECT_TRUE(Catalog::Open(copy, {.accept_unclosed = true}).ok());
+  EXPECT_TRUE(Catalog::Open(copy).ok());
+}
+
+TEST(FileStateTest, FilesThatWereClosedAndBackupsAreCopiedFreely) {
+  const ScratchDir dir;
+  const std::string path = dir.File("a.db");
+  {
+    auto catalog = Catalog::Open(path).value();
+    ASSERT_TRUE(catalog->CreateObject(BigRecord(1)).ok());
+    ASSERT_TRUE(catalog->Backup(dir.File("backup.db")).ok());
+    ASSERT_TRUE(catalog->Restore(dir.File("backup.db")).ok());
+    // After a restore the file is one that is open.
+    std::filesystem::copy_file(path, dir.File("restored.db"));
+    EXPECT_EQ(Catalog::Open(dir.File("restored.db")).status().code(), absl::StatusCode::kDataLoss);
+  }
+  std::filesystem::copy_file(path, dir.File("copy.db"));
+  for (const char* name : {"a.db", "copy.db", "backup.db"}) {
+    const auto catalog = Catalog::Open(dir.File(name));
+    ASSERT_TRUE(catalog.ok()) << catalog.status();
+    EXPECT_EQ((*catalog)->CountObjects().value(), 1);
+  }
+}
+
+TEST(FileStateTest, ObjectsThatAreGoneWithoutARemovalAreMissed) {
+  const ScratchDir dir;
+  const std::string path = dir.File("a.db");
+  {
+    auto catalog = Catalog::Open(path).value();
+    for (int n = 0; n < 3; ++n) ASSERT_TRUE(catalog->CreateObject(BigRecord(n)).ok());
+    ASSERT_TRUE(catalog->DeleteObject(IdOf(0)).ok());
+  }
+  EXPECT_TRUE(Catalog::Open(path).ok());
+  sqlite3* db = nullptr;
+  ASSERT_EQ(sqlite3_open(path.c_str(), &db), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(db, "UPDATE file_state SET object_count = 3", nullptr, nullptr, nullptr),
+            SQLITE_OK);
+  sqlite3_close(db);
+  const absl::Status refused = Catalog::Open(path).status();
+  EXPECT_EQ(refused.code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("holds 2 objects where 3 were written"));
+  EXPECT_TRUE(Catalog::Open(path, {.accept_unclosed = true}).ok());
 }
 
 TEST(CatalogDiskTest, RottenPagesAreFoundAtStartWithAdviceOrServeTheRest) {

@@ -177,6 +177,7 @@ TEST(DigestTest, ObjectsOfTheSchemaBeforeRevisionsKeepTheirDigestsAndGetRevision
     before = catalog->Generation().value();
   }
   Tamper(path,
+         "DROP TRIGGER object_added; DROP TRIGGER object_removed; DROP TABLE file_state; "
          "DROP TABLE station_event; DROP TABLE station_hand_eye; DROP TABLE station; "
          "DROP TABLE station_writes; DROP TABLE label; DROP TABLE create_request; "
          "ALTER TABLE object DROP COLUMN revision; ALTER TABLE grasp DROP COLUMN kind; "
@@ -206,6 +207,7 @@ TEST(DigestTest, ObjectsOfAnOlderSchemaGetTheirDigestsAndTheFileIsCopiedBefore) 
   Enrol(*Catalog::Open(path).value(), 0, 3);
   // As the schema before digests left it.
   Tamper(path,
+         "DROP TRIGGER object_added; DROP TRIGGER object_removed; DROP TABLE file_state; "
          "DROP TABLE station_event; DROP TABLE station_hand_eye; DROP TABLE station; "
          "DROP TABLE station_writes; DROP TABLE object_digest; DROP TABLE label; DROP TABLE "
          "create_request; "
