@@ -20,6 +20,11 @@ while [[ $# -gt 0 ]]; do
   esac
 done
 
+# A compiler cache in a home folder that cannot be written would end every compilation.
+cache=${CCACHE_DIR:-${XDG_CACHE_HOME:-${HOME:-/nonexistent}/.cache}/ccache}
+if [[ -z ${CCACHE_DIR:-} && -d ${HOME:-/nonexistent}/.ccache ]]; then cache=$HOME/.ccache; fi
+mkdir -p "$cache" 2>/dev/null && [[ -w $cache ]] || export CCACHE_DISABLE=1
+
 log=build/$preset-configure.log
 mkdir -p build
 if ! cmake --preset "$preset" "${options[@]}" >"$log" 2>&1; then

@@ -2,29 +2,37 @@
 # Shows the whole path on sample data: installs, builds, starts a server, enrols 20 CAD parts, recognises a scene from its
 # images alone, draws the result and checks it against the scene's ground truth. Not 0 when the check fails.
 #
-#   deploy/demo.sh [--installed] [SCENE]   a scene of tests/data/parts/val: 1 (default), 5, 11 or 13
+#   deploy/demo.sh [--installed] [--out FOLDER] [SCENE]   a scene of tests/data/parts/val: 1 (default), 5, 11 or 13
 #                                1 and 5 must come out right, 1 with a grasp; 11 and 13 are hard and are only shown and scored
 #     --installed                take the programs of the Debian packages; nothing is installed or built
+#     --out FOLDER               for overlay, results and server log (default: build/demo, else a new folder in /tmp)
+#   horopter-demo ...            the same of the package horopter-demo, always --installed
 #
-# Nothing is left behind but build/demo/ (overlay, results, server log). May be run as often as you like.
+# Needs no network with --installed. Nothing is left behind but the folder. May be run as often as you like.
 set -euo pipefail
-cd "$(dirname "$0")/.."
+began=$SECONDS
+called_in=$PWD
+cd "$(dirname "$(readlink -f "$0")")/.."
 
 installed=false
-if [[ ${1:-} == --installed ]]; then
-  installed=true
-  shift
-fi
-scene=${1:-1}
+[[ -e CMakeLists.txt ]] || installed=true
+scene=1
+out=
+while [[ $# -gt 0 ]]; do
+  case $1 in
+    --installed) installed=true; shift ;;
+    --out) out=$(cd "$called_in" && realpath -m "${2:?--out needs a folder}"); shift 2 ;;
+    *) scene=$1; shift ;;
+  esac
+done
 dataset=tests/data/parts
 folder=$(printf '%s/val/%06d' "$dataset" "$scene" 2>/dev/null) && [[ -d $folder ]] || {
-  sed -n '2,9s/^# \{0,1\}//p' "$0" >&2
+  sed -n '2,11s/^# \{0,1\}//p' "$0" >&2
   exit 2
 }
 tier=$(python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["tier"])' "$folder/scene_meta.json" 2>/dev/null ||
   grep -o 'T[0-9]' "$folder/scene_meta.json" | head -n 1)
 
-began=$SECONDS
 step() { printf '\n[%d/6] %s  (%d s)\n' "$1" "$2" $((SECONDS - began)); }
 
 if $installed; then
@@ -48,10 +56,13 @@ else
   horopter=$(find_program horopter)
 fi
 
-out=build/demo
+if [[ -z $out ]] && mkdir -p build/demo 2>/dev/null && [[ -w build/demo ]]; then out=$PWD/build/demo; fi
+[[ -n $out ]] || out=$(mktemp -d "${TMPDIR:-/tmp}/horopter-demo-XXXXXX")
 mkdir -p "$out"
-rm -f "$out"/*
+rm -f "$out"/overlay-scene-*.png "$out"/{answer.txt,results*,scores.json,server.log}
 temporary=$(mktemp -d)
+# Nothing of this leaves the machine, and no proxy knows its server.
+export no_proxy=localhost,127.0.0.1 NO_PROXY=localhost,127.0.0.1
 server=
 stop_server() {
   if [[ -n $server ]] && kill -TERM "$server" 2>/dev/null; then
@@ -115,7 +126,7 @@ if [[ $scene -eq 1 ]] && ! grep -q 'grasp_[0-9]* at (' "$out/answer.txt"; then
 fi
 
 echo
-echo "Overlay: $PWD/$out/overlay-scene-$scene.png"
+echo "Overlay: $out/overlay-scene-$scene.png"
 if [[ $verdict -ne 0 && $tier == T1 ]]; then
   echo "Demo FAILED: scene $scene was not recognised correctly."
   exit 1
