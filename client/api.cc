@@ -28,7 +28,6 @@ constexpr char kRetryAfterKey[] = "retry-after-ms";
 constexpr char kRetryAfterBreakMs[] = "1000";
 constexpr char kRequestIdKey[] = "horopter-request-id";
 constexpr char kReasonKey[] = "horopter-error-reason";  // of this client only
-constexpr int kPageSize = 200;
 
 std::string ValueOf(const std::multimap<grpc::string_ref, grpc::string_ref>& metadata,
                     const char* key) {

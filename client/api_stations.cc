@@ -6,9 +6,7 @@
 namespace horopter {
 namespace {
 
-constexpr int kPageSize = 200;
-
-std::string NameOf(const std::string& id) {
+std::string StationNameOf(const std::string& id) {
   return absl::StrCat("stations/", id);
 }
 
@@ -16,7 +14,7 @@ std::string NameOf(const std::string& id) {
 
 absl::StatusOr<v1::Station> HoropterClient::GetStation(const std::string& id) {
   v1::GetStationRequest request;
-  request.set_name(NameOf(id));
+  request.set_name(StationNameOf(id));
   v1::Station response;
   HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
     stubs_->stations->async()->GetStation(context, &request, &response, std::move(done));
@@ -49,7 +47,7 @@ absl::StatusOr<v1::Station> HoropterClient::UpdateStation(const v1::UpdateStatio
 
 absl::Status HoropterClient::DeleteStation(const std::string& id) {
   v1::DeleteStationRequest request;
-  request.set_name(NameOf(id));
+  request.set_name(StationNameOf(id));
   google::protobuf::Empty response;
   return Call([&](grpc::ClientContext* context, Done done) {
     stubs_->stations->async()->DeleteStation(context, &request, &response, std::move(done));

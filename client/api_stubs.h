@@ -14,6 +14,8 @@
 
 namespace horopter {
 
+inline constexpr int kPageSize = 200;  // of a List request
+
 struct HoropterClient::Stubs {
   absl::Status ready;
   std::shared_ptr<grpc::Channel> channel;

@@ -26,7 +26,6 @@ using Json = nlohmann::json;
 using bop::ExistingFile;
 using bop::Guarded;
 using bop::IdOf;
-using bop::kMetresPerMm;
 using bop::Numbers;
 using bop::ReadJson;
 

@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/ply_vertices.h"
+#include "client/units.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/lens_model.h"
 
@@ -18,7 +19,6 @@ namespace {
 
 constexpr double kMatchPx = 50.0;
 constexpr double kReferenceWidth = 640.0;
-constexpr double kMmPerMetre = 1e3;
 constexpr int kThresholds = 10;  // 0.05, 0.10 .. 0.50 of the diameter; 5, 10 .. 50 px
 
 struct EvaluatedObject {

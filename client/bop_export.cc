@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/isaac_grasp.h"
+#include "client/units.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/grasp_kind.h"
 
@@ -14,8 +15,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
-
-constexpr double kMmPerMetre = 1000.0;
 
 absl::Status Write(const fs::path& path, const std::string& bytes) {
   std::error_code error;

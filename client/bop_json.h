@@ -13,11 +13,10 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
+#include "client/units.h"
 #include "server/vision/geometry/rigid3.h"
 
 namespace horopter::bop {
-
-inline constexpr double kMetresPerMm = 1e-3;
 
 // NaN and Infinity, which Python writes and JSON does not have, become null. Errors: NOT_FOUND,
 // INVALID_ARGUMENT (not JSON), both naming the file.

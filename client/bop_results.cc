@@ -13,14 +13,13 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/units.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kMmPerMetre = 1e3;
-
-std::vector<std::string> Split(const std::string& line, char separator) {
+std::vector<std::string> SplitFields(const std::string& line, char separator) {
   std::vector<std::string> fields;
   std::istringstream stream(line);
   for (std::string field; std::getline(stream, field, separator);) fields.push_back(field);
@@ -28,7 +27,7 @@ std::vector<std::string> Split(const std::string& line, char separator) {
 }
 
 // All blank-separated numbers of a field; empty when one is not a finite number.
-std::vector<double> Numbers(const std::string& field) {
+std::vector<double> FieldNumbers(const std::string& field) {
   std::vector<double> numbers;
   std::istringstream stream(field);
   for (std::string word; stream >> word;) {
@@ -41,7 +40,7 @@ std::vector<double> Numbers(const std::string& field) {
 }
 
 absl::StatusOr<BopEstimate> ParseRow(const std::string& line, const std::string& where) {
-  const std::vector<std::string> fields = Split(line, ',');
+  const std::vector<std::string> fields = SplitFields(line, ',');
   if (fields.size() != 7) {
     return absl::InvalidArgumentError(
         absl::StrCat(where, ": expected 7 columns, got ", fields.size()));
@@ -49,7 +48,7 @@ absl::StatusOr<BopEstimate> ParseRow(const std::string& line, const std::string&
   constexpr size_t kCounts[7] = {1, 1, 1, 1, 9, 3, 1};
   std::vector<double> n[7];
   for (int k = 0; k < 7; ++k) {
-    n[k] = Numbers(fields[k]);
+    n[k] = FieldNumbers(fields[k]);
     if (n[k].size() != kCounts[k]) {
       return absl::InvalidArgumentError(absl::StrCat(
           where, ": column ", k + 1, " should hold ", kCounts[k], " finite number(s)"));
@@ -67,7 +66,7 @@ absl::StatusOr<BopEstimate> ParseRow(const std::string& line, const std::string&
   return e;
 }
 
-absl::Status ReadCameras(const std::string& path, BopResults* results) {
+absl::Status ReadResultCameras(const std::string& path, BopResults* results) {
   try {
     std::ifstream file(path);
     const nlohmann::json json = nlohmann::json::parse(file);
@@ -178,7 +177,7 @@ absl::StatusOr<BopResults> ReadBopResults(const std::string& csv_path) {
   const std::string cameras = CamerasPathOf(csv_path);
   std::error_code error;
   if (std::filesystem::exists(cameras, error)) {
-    HOROPTER_RETURN_IF_ERROR(ReadCameras(cameras, &results));
+    HOROPTER_RETURN_IF_ERROR(ReadResultCameras(cameras, &results));
   }
   return results;
 }

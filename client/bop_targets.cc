@@ -17,13 +17,13 @@ namespace {
 using Json = nlohmann::json;
 
 // Numbers may be written as text.
-int IdOf(const Json& value) {
+int TargetIdOf(const Json& value) {
   if (value.is_string()) return std::stoi(value.get<std::string>());
   if (!value.is_number_integer()) throw std::runtime_error("an id that is no whole number");
   return value.get<int>();
 }
 
-const Json* Member(const Json& object, std::initializer_list<const char*> names) {
+const Json* TargetMember(const Json& object, std::initializer_list<const char*> names) {
   for (const char* name : names) {
     if (object.is_object() && object.contains(name)) return &object[name];
   }
@@ -43,28 +43,29 @@ struct Target {
 
 // One image: an id, or an object with the id and the sensor.
 void AddView(const Json& view, Target* target) {
-  const Json* id = Member(view, {"im_id", "image_id", "id"});
-  target->im_ids.insert(IdOf(id == nullptr ? view : *id));
-  if (const Json* sensor = Member(view, {"sensor", "cam_id", "camera", "cam"}))
+  const Json* id = TargetMember(view, {"im_id", "image_id", "id"});
+  target->im_ids.insert(TargetIdOf(id == nullptr ? view : *id));
+  if (const Json* sensor = TargetMember(view, {"sensor", "cam_id", "camera", "cam"}))
     target->sensors.insert(TextOf(*sensor));
 }
 
 Target TargetOf(const Json& entry) {
   Target target;
-  const Json* scene = Member(entry, {"scene_id"});
+  const Json* scene = TargetMember(entry, {"scene_id"});
   if (scene == nullptr) throw std::runtime_error("without scene_id");
-  target.scene_id = IdOf(*scene);
-  if (const Json* views = Member(entry, {"im_ids", "image_ids", "view_ids", "views", "images"})) {
+  target.scene_id = TargetIdOf(*scene);
+  if (const Json* views =
+          TargetMember(entry, {"im_ids", "image_ids", "view_ids", "views", "images"})) {
     if (!views->is_array() || views->empty())
       throw std::runtime_error("its images are no list, or none");
     target.several = true;
     for (const Json& view : *views) AddView(view, &target);
-  } else if (const Json* view = Member(entry, {"im_id", "image_id"})) {
+  } else if (const Json* view = TargetMember(entry, {"im_id", "image_id"})) {
     AddView(*view, &target);
   } else {
     throw std::runtime_error("with neither im_ids nor im_id");
   }
-  if (const Json* sensor = Member(entry, {"sensor", "cam_id", "camera", "cam"}))
+  if (const Json* sensor = TargetMember(entry, {"sensor", "cam_id", "camera", "cam"}))
     target.sensors.insert(TextOf(*sensor));
   return target;
 }

@@ -20,16 +20,12 @@
 
 #include "client/cad_findings.h"
 #include "client/edge_chains.h"
+#include "client/units.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kMetresPerMm = 1e-3;               // OpenCASCADE hands everything out in mm
 constexpr double kCircleStepRad = 2.0 * M_PI / 32;  // at most; chord error 0.5 % of the radius
-
-Eigen::Vector3d Metres(const gp_Pnt& p) {
-  return kMetresPerMm * Eigen::Vector3d(p.X(), p.Y(), p.Z());
-}
 
 // Surfaces of faces, each made ready once: that takes a look at all edges around the face.
 class FaceNormals {
@@ -127,6 +123,10 @@ ModelEdge SampleEdge(const TopoDS_Edge& edge, double dihedral, double chord_erro
 }
 
 }  // namespace
+
+Eigen::Vector3d Metres(const gp_Pnt& p) {
+  return kMetresPerMm * Eigen::Vector3d(p.X(), p.Y(), p.Z());
+}
 
 void ExtractEdges(const TopoDS_Shape& shape,
                   const CadImportOptions& options,

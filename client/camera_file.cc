@@ -20,7 +20,7 @@ absl::Status Bad(const std::string& path, const std::string& what) {
 }
 
 // A plain list, or a matrix with `data`.
-std::optional<std::vector<double>> Numbers(const YAML::Node& node) {
+std::optional<std::vector<double>> NodeNumbers(const YAML::Node& node) {
   if (!node.IsDefined() || node.IsNull()) return std::nullopt;
   const YAML::Node list = node.IsMap() ? node["data"] : node;
   if (!list.IsDefined() || !list.IsSequence()) return std::nullopt;
@@ -32,7 +32,7 @@ std::optional<std::vector<double>> Numbers(const YAML::Node& node) {
 std::optional<std::vector<double>> FirstOf(const YAML::Node& root,
                                            std::initializer_list<const char*> names) {
   for (const char* name : names) {
-    if (auto numbers = Numbers(root[name])) return numbers;
+    if (auto numbers = NodeNumbers(root[name])) return numbers;
   }
   return std::nullopt;
 }

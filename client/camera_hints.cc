@@ -26,7 +26,7 @@ const T& EntryOf(const std::vector<T>& list, size_t image) {
   return list.size() == 1 ? list[0] : list[image];
 }
 
-absl::StatusOr<cv::Size> SizeOf(const std::string& bytes, size_t image) {
+absl::StatusOr<cv::Size> ContentSizeOf(const std::string& bytes, size_t image) {
   try {
     const cv::Mat decoded = cv::imdecode(std::vector<uchar>(bytes.begin(), bytes.end()),
                                          cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
@@ -98,7 +98,7 @@ absl::Status AddCameraHints(const CameraArguments& arguments,
       image.mutable_camera_hint()->set_focal_px(EntryOf(arguments.focal_px, i));
     }
     if (!cameras.empty()) {
-      HOROPTER_ASSIGN_OR_RETURN(const cv::Size size, SizeOf(image.content(), i));
+      HOROPTER_ASSIGN_OR_RETURN(const cv::Size size, ContentSizeOf(image.content(), i));
       HOROPTER_ASSIGN_OR_RETURN(const CameraFile camera,
                                 ScaledTo(EntryOf(cameras, i), size.width, size.height));
       SetCamera(camera, image.mutable_camera_hint());

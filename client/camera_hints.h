@@ -1,6 +1,7 @@
 // What is known about the cameras of a request, from the command line or a dataset.
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
@@ -29,6 +30,9 @@ absl::Status AddCameraHints(const CameraArguments& arguments,
 
 // Which of a dataset's true intrinsics a request may tell.
 enum class DatasetHints { kNone, kFocal, kTruth };
+inline const std::map<std::string, DatasetHints> kHints = {{"none", DatasetHints::kNone},
+                                                           {"focal", DatasetHints::kFocal},
+                                                           {"truth", DatasetHints::kTruth}};
 
 // kFocal: the focal length; kTruth: principal point and k1 as well. Nothing without a camera.
 void AddDatasetHints(DatasetHints hints, const BopImage& image, v1::SceneImage* out);

@@ -22,7 +22,6 @@ namespace {
 constexpr int kMaxItems = 1'000'000;
 constexpr int kMaxFaceCorners = 10'000;
 constexpr int kCylinderSides = 72;
-constexpr double kCoplanarRad = 0.0175;
 
 // Lines without comments; an item's options (name="..") stand behind its numbers and are ignored.
 class Reader {

@@ -2,15 +2,13 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 
+#include "client/camera_hints.h"
 #include "client/cli.h"
 #include "client/commands.h"
 
 namespace horopter {
 namespace {
 
-const std::map<std::string, DatasetHints> kHints = {{"none", DatasetHints::kNone},
-                                                    {"focal", DatasetHints::kFocal},
-                                                    {"truth", DatasetHints::kTruth}};
 constexpr const char* kCroppedHelp =
     "the images are cut-outs: the cameras' principal points may be far from their middles";
 

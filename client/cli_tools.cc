@@ -3,16 +3,13 @@
 #include <cstdio>
 #include <memory>
 
+#include "client/camera_hints.h"
 #include "client/cli.h"
 #include "client/commands.h"
 #include "client/load/load_command.h"
 
 namespace horopter {
 namespace {
-
-const std::map<std::string, DatasetHints> kHints = {{"none", DatasetHints::kNone},
-                                                    {"focal", DatasetHints::kFocal},
-                                                    {"truth", DatasetHints::kTruth}};
 
 void AddLoadLoops(CLI::App* load, LoadArguments& a) {
   load->add_option("--concurrency", a.load.concurrency, "closed loop: requests at a time")

@@ -9,7 +9,7 @@
 namespace horopter {
 namespace {
 
-constexpr char kPrefix[] = "objects/";
+constexpr char kNamePrefix[] = "objects/";
 
 template <typename Repeated>
 void AppendPoints(const std::vector<Eigen::Vector3d>& points, Repeated* out) {
@@ -20,7 +20,7 @@ void AppendPoints(const std::vector<Eigen::Vector3d>& points, Repeated* out) {
 }
 
 template <typename Repeated>
-std::vector<Eigen::Vector3d> Points(const Repeated& numbers) {
+std::vector<Eigen::Vector3d> PointsOf(const Repeated& numbers) {
   std::vector<Eigen::Vector3d> points;
   for (int i = 0; i + 2 < numbers.size(); i += 3) {
     points.emplace_back(numbers[i], numbers[i + 1], numbers[i + 2]);
@@ -124,17 +124,17 @@ ObjectModel FromProto(const v1::Object& object) {
   model.id = IdOfResource(object.name());
   model.display_name = object.display_name();
   model.diameter_m = object.diameter_m();
-  model.vertices = Points(object.vertices_m());
+  model.vertices = PointsOf(object.vertices_m());
   for (const v1::ModelEdge& e : object.edges()) {
     ModelEdge edge;
     edge.kind = KindFromProto(e.kind());
     edge.start_vertex = e.has_start_vertex() ? e.start_vertex() : -1;
     edge.end_vertex = e.has_end_vertex() ? e.end_vertex() : -1;
     edge.dihedral_rad = e.dihedral_rad();
-    edge.polyline = Points(e.polyline_m());
+    edge.polyline = PointsOf(e.polyline_m());
     if (edge.polyline.size() >= 2) model.edges.push_back(std::move(edge));
   }
-  model.mesh.vertices = Points(object.mesh().vertices_m());
+  model.mesh.vertices = PointsOf(object.mesh().vertices_m());
   const auto& indices = object.mesh().triangles();
   const int n = static_cast<int>(model.mesh.vertices.size());
   const std::string& colors = object.mesh().triangle_colors_rgba();
@@ -168,11 +168,11 @@ ObjectModel FromProto(const v1::Object& object) {
 
 std::string ResourceName(const std::string& given) {
   const std::string id = ToUtf8(given);
-  return kPrefix + id;
+  return kNamePrefix + id;
 }
 
 std::string IdOfResource(const std::string& name) {
-  return name.rfind(kPrefix, 0) == 0 ? name.substr(sizeof(kPrefix) - 1) : name;
+  return name.rfind(kNamePrefix, 0) == 0 ? name.substr(sizeof(kNamePrefix) - 1) : name;
 }
 
 }  // namespace horopter

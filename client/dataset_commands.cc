@@ -80,7 +80,7 @@ nlohmann::json SceneJson(const BopScene& scene,
   return json;
 }
 
-nlohmann::json ToJson(const BopScores& s) {
+nlohmann::json ScoresToJson(const BopScores& s) {
   return {{"scenes", s.scenes},
           {"targets", s.targets},
           {"AR", s.ar},
@@ -167,8 +167,8 @@ absl::Status DatasetEvaluate(const DatasetEvaluateArguments& arguments) {
                             EvaluateBopResults(dataset, arguments.split, results, options));
   if (JsonOutput()) {
     nlohmann::json json;
-    for (const auto& [tier, scores] : evaluation.tiers) json["tiers"][tier] = ToJson(scores);
-    json["tiers"]["ALL"] = ToJson(evaluation.all);
+    for (const auto& [tier, scores] : evaluation.tiers) json["tiers"][tier] = ScoresToJson(scores);
+    json["tiers"]["ALL"] = ScoresToJson(evaluation.all);
     for (const auto& [id, s] : evaluation.scenes) {
       json["scenes"][std::to_string(id)] = {
           {"tier", s.tier}, {"AR", s.ar}, {"R@10", s.recall_10px}, {"false", s.false_estimates}};

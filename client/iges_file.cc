@@ -37,7 +37,7 @@ absl::Status BadIges(const std::string& path, const std::string& why) {
 
 // The text up to its terminate section, without the mark of CP/M that old programs put behind it.
 // Errors: INVALID_ARGUMENT (the last record is no terminate section: letter T in column 73).
-absl::StatusOr<std::string> Complete(const std::string& path, std::string text) {
+absl::StatusOr<std::string> CompleteIges(const std::string& path, std::string text) {
   const size_t end = text.find_last_not_of(std::string_view(" \r\n\t\x1A\0", 6));
   const size_t line = end == std::string::npos ? end : text.find_last_of("\r\n", end);
   const size_t start = line == std::string::npos ? 0 : line + 1;
@@ -182,7 +182,7 @@ absl::StatusOr<TopoDS_Shape> ReadIges(const std::string& path, CadImport& import
     if (!unpacked.ok()) return BadIges(path, std::string(unpacked.status().message()));
     bytes = *std::move(unpacked);
   }
-  HOROPTER_ASSIGN_OR_RETURN(const std::string text, Complete(path, std::move(bytes)));
+  HOROPTER_ASSIGN_OR_RETURN(const std::string text, CompleteIges(path, std::move(bytes)));
   // OpenCASCADE reads IGES from files alone.
   const TemporaryFile file(text);
   if (file.path().empty()) {

@@ -22,9 +22,9 @@
 namespace horopter {
 namespace {
 
-constexpr double kWeldShare = 1e-5;    // of the bounding box diagonal: float coordinates of a part
+constexpr double kMeshWeldShare =
+    1e-5;                              // of the bounding box diagonal: float coordinates of a part
 constexpr double kCircleShare = 2e-4;  // rim points may lie this far off their circle
-constexpr double kCoplanarRad = 0.0175;                 // 1 degree
 constexpr double kSmoothTurnRad = 25.0 * M_PI / 180.0;  // joints of a free-form edge
 
 // The faces between the wireframe's edges; what bounds no two of them is told.
@@ -318,7 +318,7 @@ absl::Status FillFromTriangles(const std::string& path,
   const bool many = static_cast<int>(triangles.triangles.size()) > options.max_triangles;
   CleanMesh clean = CleanTriangleSoup(
       many ? Simplified(triangles, diagonal, options.max_triangles, import) : triangles,
-      kWeldShare * diagonal);
+      kMeshWeldShare * diagonal);
   if (clean.mesh.triangles.empty()) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": all triangles are degenerate"));
   }

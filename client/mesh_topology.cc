@@ -166,7 +166,7 @@ Shell Agree(const std::map<std::pair<int, int>, std::vector<int>>& adjacency,
   return shell;
 }
 
-void Turn(TriangleMesh* mesh, Shell* shell) {
+void TurnShell(TriangleMesh* mesh, Shell* shell) {
   for (const int t : shell->members) std::swap(mesh->triangles[t][1], mesh->triangles[t][2]);
   std::vector<int> members = shell->members, turned = shell->turned, others;
   std::sort(members.begin(), members.end());
@@ -194,7 +194,7 @@ bool Orient(TriangleMesh& mesh, int* turned) {
                           .dot((mesh.vertices[v[1]] - origin).cross(mesh.vertices[v[2]] - origin));
       for (const int k : v) shell.box.extend(mesh.vertices[k]);
     }
-    if (2 * shell.turned.size() > shell.members.size()) Turn(&mesh, &shell);
+    if (2 * shell.turned.size() > shell.members.size()) TurnShell(&mesh, &shell);
     shells.push_back(std::move(shell));
   }
   bool all_closed = true;
@@ -205,7 +205,7 @@ bool Orient(TriangleMesh& mesh, int* turned) {
       return &other != &shell && other.closed && other.box.contains(shell.box) &&
              std::abs(other.volume) > std::abs(shell.volume);
     });
-    if (shell.closed && !inside && shell.volume < 0.0) Turn(&mesh, &shell);
+    if (shell.closed && !inside && shell.volume < 0.0) TurnShell(&mesh, &shell);
     *turned += static_cast<int>(shell.turned.size());
   }
   return all_closed;

@@ -10,6 +10,9 @@
 
 namespace horopter {
 
+// 1 degree: two triangles whose planes differ by less are of one face.
+inline constexpr double kCoplanarRad = 0.0175;
+
 // Result of cleaning a triangle soup.
 struct CleanMesh {
   TriangleMesh mesh;

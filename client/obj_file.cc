@@ -22,7 +22,7 @@ std::string SmallLetters(std::string_view word) {
   return absl::AsciiStrToLower(absl::string_view(word.data(), word.size()));
 }
 
-std::string Quoted(std::string_view word) {
+std::string QuotedWord(std::string_view word) {
   constexpr size_t kLongest = 40;
   std::string text;
   for (const char c : word.substr(0, kLongest)) {
@@ -157,7 +157,7 @@ class ObjReader {
     if (word == "l" || word == "p") {
       ++left_out_[word == "l" ? "lines" : "points"];
     } else if (!kKnown.contains(word)) {
-      ++left_out_[absl::StrCat("statements ", Quoted(words[0]))];
+      ++left_out_[absl::StrCat("statements ", QuotedWord(words[0]))];
     }
     return absl::OkStatus();
   }
@@ -167,7 +167,7 @@ class ObjReader {
     std::vector<double> numbers;
     for (const std::string_view word : operands) {
       const auto number = ParseNumber(word);
-      if (!number) return Broken(absl::StrCat(Quoted(word), " is no number"));
+      if (!number) return Broken(absl::StrCat(QuotedWord(word), " is no number"));
       numbers.push_back(*number);
     }
     out_.mesh.vertices.emplace_back(numbers[0], numbers[1], numbers[2]);
@@ -191,7 +191,7 @@ class ObjReader {
       std::int64_t index = 0;
       if (!absl::SimpleAtoi(absl::string_view(number.data(), number.size()), &index) ||
           index == 0) {
-        return Broken(absl::StrCat("the corner ", Quoted(word), " names no vertex"));
+        return Broken(absl::StrCat("the corner ", QuotedWord(word), " names no vertex"));
       }
       const auto known = static_cast<std::int64_t>(out_.mesh.vertices.size());
       if (index < -known) {

@@ -16,13 +16,13 @@ std::string ProgressLine(const std::string& what,
                          const std::string& note) {
   const std::string tail = note.empty() ? "" : absl::StrCat("  ", note);
   if (total <= 0) return absl::StrCat(what, " ", done, tail);
-  constexpr int kWidth = 24;
+  constexpr int kBarWidth = 24;
   const double share = std::clamp(static_cast<double>(done) / static_cast<double>(total), 0.0, 1.0);
-  const auto filled = static_cast<size_t>(share * kWidth);
+  const auto filled = static_cast<size_t>(share * kBarWidth);
   return absl::StrFormat("%s [%s%s]  %d/%d  %.0f %%%s",
                          what,
                          std::string(filled, '#'),
-                         std::string(kWidth - filled, '.'),
+                         std::string(kBarWidth - filled, '.'),
                          done,
                          total,
                          share * 100.0,

@@ -28,7 +28,7 @@ constexpr double kNormalReach = 1.2;
 constexpr double kSupportReach = 2.0;
 constexpr double kSupportShare = 0.8;  // of an edge's length that both planes must have points at
 
-struct Plane {
+struct SurfacePlane {
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   double offset = 0.0;  // normal . x = offset
   double Distance(const Eigen::Vector3d& p) const { return std::abs(normal.dot(p) - offset); }
@@ -70,9 +70,9 @@ class Grid {
 };
 
 // Plane of least squares; `thickness` is the root mean square distance from it.
-Plane FitPlane(const std::vector<Eigen::Vector3d>& points,
-               const std::vector<int>& chosen,
-               double* thickness) {
+SurfacePlane FitPlane(const std::vector<Eigen::Vector3d>& points,
+                      const std::vector<int>& chosen,
+                      double* thickness) {
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   for (const int i : chosen) mean += points[i];
   mean /= static_cast<double>(chosen.size());
@@ -93,11 +93,11 @@ class PointModel {
     FindPlanes();
   }
 
-  const std::vector<Plane>& planes() const { return planes_; }
+  const std::vector<SurfacePlane>& planes() const { return planes_; }
   double explained() const {
     size_t on = 0;
     for (const Eigen::Vector3d& p : points_) {
-      on += std::any_of(planes_.begin(), planes_.end(), [&](const Plane& plane) {
+      on += std::any_of(planes_.begin(), planes_.end(), [&](const SurfacePlane& plane) {
         return plane.Distance(p) <= tolerance_;
       });
     }
@@ -170,7 +170,7 @@ class PointModel {
     }
   }
 
-  std::vector<int> Members(const Plane& plane) const {
+  std::vector<int> Members(const SurfacePlane& plane) const {
     std::vector<int> members;
     for (int i = 0; i < static_cast<int>(points_.size()); ++i) {
       if (owner_[i] < 0 && plane.Distance(points_[i]) <= tolerance_ &&
@@ -193,11 +193,11 @@ class PointModel {
         if (owner_[i] < 0 && !normals_[i].isZero()) free.push_back(i);
       }
       if (free.size() < least) return;
-      Plane best;
+      SurfacePlane best;
       std::vector<int> members;
       for (int s = 0; s < kSeeds; ++s) {
         const int seed = free[rng() % free.size()];
-        const Plane plane{normals_[seed], normals_[seed].dot(points_[seed])};
+        const SurfacePlane plane{normals_[seed], normals_[seed].dot(points_[seed])};
         std::vector<int> found = Members(plane);
         if (found.size() > members.size()) best = plane, members = std::move(found);
       }
@@ -291,7 +291,7 @@ class PointModel {
   double tolerance_ = 0.0;  // distance of a plane's points from it
   std::vector<Eigen::Vector3d> normals_;
   std::vector<int> owner_;  // plane, or -1
-  std::vector<Plane> planes_;
+  std::vector<SurfacePlane> planes_;
   std::vector<Corner> corners_;
 };
 

@@ -14,7 +14,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr double kWeldShare = 1e-3;
+constexpr double kSegmentWeldShare = 1e-3;
 // More are no wireframe of a part, and would take minutes to weld.
 constexpr size_t kMaxSegments = 20000;
 
@@ -25,10 +25,10 @@ Eigen::Vector3d PointOf(const Json& json) {
   return p;
 }
 
-Wireframe Weld(const std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>>& segments) {
+Wireframe WeldSegments(const std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>>& segments) {
   Eigen::AlignedBox3d box;
   for (const auto& [a, b] : segments) box.extend(a), box.extend(b);
-  const double distance = kWeldShare * box.diagonal().norm();
+  const double distance = kSegmentWeldShare * box.diagonal().norm();
   Wireframe wireframe;
   std::vector<int> counts;
   const auto corner = [&](const Eigen::Vector3d& p) {
@@ -84,7 +84,7 @@ absl::StatusOr<ReconstructionFile> ReadReconstruction(const std::string& path) {
     if (segments.empty() || segments.size() > kMaxSegments) {
       return bad(absl::StrCat(segments.size(), " segments, need 1 to ", kMaxSegments));
     }
-    result.wireframe = Weld(segments);
+    result.wireframe = WeldSegments(segments);
   } catch (const std::exception& e) {
     return bad(e.what());
   }

@@ -31,16 +31,11 @@
 #include "client/edge_chains.h"
 #include "client/mesh_import.h"
 #include "client/mesh_topology.h"
+#include "client/units.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
 namespace {
-
-constexpr double kMetresPerMm = 1e-3;  // OpenCASCADE hands everything out in mm
-
-Eigen::Vector3d Metres(const gp_Pnt& p) {
-  return kMetresPerMm * Eigen::Vector3d(p.X(), p.Y(), p.Z());
-}
 
 // Calls visit(face, colour) for every face: its own colour, else that of the body around it.
 template <typename Visit>

@@ -20,7 +20,7 @@ absl::Status BadEntity(const StepText& step, int id, const std::string& why) {
   return absl::InvalidArgumentError(absl::StrCat("#", id, " (", step.TypeOf(id), "): ", why));
 }
 
-std::vector<int> Numbers(std::string_view list) {
+std::vector<int> NumbersOf(std::string_view list) {
   std::vector<int> numbers;
   for (const std::string_view item : StepList(list)) {
     const auto value = ParseNumber(item);
@@ -32,7 +32,7 @@ std::vector<int> Numbers(std::string_view list) {
 // Of lists of corners, each a strip or a fan.
 void Unroll(std::string_view lists, bool fans, std::vector<Eigen::Vector3i>* triangles) {
   for (const std::string_view list : StepList(lists)) {
-    const std::vector<int> c = Numbers(list);
+    const std::vector<int> c = NumbersOf(list);
     for (size_t k = 0; k + 2 < c.size(); ++k) {
       if (fans) {
         triangles->emplace_back(c[0], c[k + 1], c[k + 2]);
@@ -87,14 +87,14 @@ class Tessellation {
     if (parameters.size() < at + (complex ? 3 : 2))
       return BadEntity(step_, id, "too few parameters");
     HOROPTER_ASSIGN_OR_RETURN(const auto list, Coordinates(StepReference(parameters[1])));
-    const std::vector<int> through = Numbers(parameters[at]);  // empty: the numbers themselves
+    const std::vector<int> through = NumbersOf(parameters[at]);  // empty: the numbers themselves
     std::vector<Eigen::Vector3i> triangles;
     if (complex) {
       Unroll(parameters[at + 1], false, &triangles);
       Unroll(parameters[at + 2], true, &triangles);
     } else {
       for (const std::string_view item : StepList(parameters[at + 1])) {
-        const std::vector<int> c = Numbers(item);
+        const std::vector<int> c = NumbersOf(item);
         if (c.size() != 3) return BadEntity(step_, id, "a triangle without three corners");
         triangles.emplace_back(c[0], c[1], c[2]);
       }

@@ -159,7 +159,7 @@ struct Model {
   std::string unit;
 };
 
-std::string PathOf(const Tag& tag, const std::string& here) {
+std::string PartPathOf(const Tag& tag, const std::string& here) {
   std::string path(tag.Get("path"));
   if (path.empty()) return here;
   if (path[0] == '/') path.erase(0, 1);
@@ -169,7 +169,7 @@ std::string PathOf(const Tag& tag, const std::string& here) {
 absl::StatusOr<Placed> PlacedOf(const Tag& tag, const std::string& here) {
   const auto place = TransformOf(tag.Get("transform"));
   if (!place) return BadModel("a transform that is not of twelve numbers");
-  return Placed{{PathOf(tag, here), std::string(tag.Get("objectid"))}, *place};
+  return Placed{{PartPathOf(tag, here), std::string(tag.Get("objectid"))}, *place};
 }
 
 absl::Status AddVertex(const Tag& tag, TriangleMesh* mesh) {

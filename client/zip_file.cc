@@ -17,7 +17,7 @@ namespace {
 
 constexpr size_t kLargestUnpacked = size_t{1} << 30;
 
-std::uint64_t Number(std::string_view bytes, size_t at, size_t size) {
+std::uint64_t LittleEndian(std::string_view bytes, size_t at, size_t size) {
   std::uint64_t number = 0;
   for (size_t k = size; k-- > 0;) number = number << 8 | static_cast<unsigned char>(bytes[at + k]);
   return number;
@@ -55,8 +55,8 @@ absl::StatusOr<std::string> Content(std::string_view bytes, const Entry& entry) 
   constexpr size_t kLocalHeader = 30;
   if ((entry.flags & 1u) != 0) return BadZip("encrypted");
   if (entry.local + kLocalHeader > bytes.size()) return BadZip("cut short");
-  const size_t start = entry.local + kLocalHeader + Number(bytes, entry.local + 26, 2) +
-                       Number(bytes, entry.local + 28, 2);
+  const size_t start = entry.local + kLocalHeader + LittleEndian(bytes, entry.local + 26, 2) +
+                       LittleEndian(bytes, entry.local + 28, 2);
   if (start > bytes.size() || entry.packed > bytes.size() - start) return BadZip("cut short");
   const std::string_view packed = bytes.substr(start, entry.packed);
   std::string content;
@@ -84,8 +84,8 @@ absl::StatusOr<std::map<std::string, std::string>> Unzip(std::string_view bytes,
     return BadZip("no archive, or cut short");
   }
   const size_t end = from + found;
-  std::uint64_t count = Number(bytes, end + 10, 2);
-  size_t at = Number(bytes, end + 16, 4);
+  std::uint64_t count = LittleEndian(bytes, end + 10, 2);
+  size_t at = LittleEndian(bytes, end + 16, 4);
   std::map<std::string, std::string> files;
   size_t total = 0;
   for (; count > 0; --count) {
@@ -93,16 +93,16 @@ absl::StatusOr<std::map<std::string, std::string>> Unzip(std::string_view bytes,
       return BadZip("its table of contents is damaged");
     }
     Entry entry{"",
-                Number(bytes, at + 8, 2),
-                Number(bytes, at + 10, 2),
-                Number(bytes, at + 16, 4),
-                Number(bytes, at + 20, 4),
-                Number(bytes, at + 24, 4),
-                Number(bytes, at + 42, 4)};
-    const size_t name = Number(bytes, at + 28, 2);
+                LittleEndian(bytes, at + 8, 2),
+                LittleEndian(bytes, at + 10, 2),
+                LittleEndian(bytes, at + 16, 4),
+                LittleEndian(bytes, at + 20, 4),
+                LittleEndian(bytes, at + 24, 4),
+                LittleEndian(bytes, at + 42, 4)};
+    const size_t name = LittleEndian(bytes, at + 28, 2);
     if (bytes.size() - at - kCentral < name) return BadZip("its table of contents is damaged");
     entry.name = std::string(bytes.substr(at + kCentral, name));
-    at += kCentral + name + Number(bytes, at + 30, 2) + Number(bytes, at + 32, 2);
+    at += kCentral + name + LittleEndian(bytes, at + 30, 2) + LittleEndian(bytes, at + 32, 2);
     const std::string lower = absl::AsciiStrToLower(entry.name);
     if (std::none_of(endings.begin(), endings.end(), [&](const std::string& ending) {
           return absl::EndsWith(lower, ending);

@@ -2,14 +2,14 @@
 
 #include <algorithm>
 #include <cstring>
-#include <limits>
 #include <new>
 #include <utility>
+
+#include "server/base/constants.h"
 
 namespace horopter::index_internal {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr std::align_val_t kCacheLine{64};
 
 size_t HeaderBytes() {

@@ -25,7 +25,7 @@ namespace {
 
 // Of the descriptors of the process, for the catalog, logs, metrics and gRPC itself.
 constexpr int kKeptDescriptors = 96;
-constexpr auto kLookAgain = std::chrono::seconds(1);  // for those that were closed
+constexpr auto kAcceptAgain = std::chrono::seconds(1);  // for those that were closed
 constexpr auto kPauseAfterAnError = std::chrono::milliseconds(50);
 
 uint64_t SocketOf(int fd) {
@@ -144,7 +144,7 @@ void Acceptor::Run() {
     try {
       if (now >= look_again_) {
         ForgetClosed();
-        look_again_ = now + kLookAgain;
+        look_again_ = now + kAcceptAgain;
       }
       const size_t first = 1 + sockets_.descriptors.size();
       events.clear();

@@ -7,21 +7,20 @@
 #include "server/base/status_macros.h"
 #include "server/service/catalog_convert.h"
 #include "server/service/convert.h"
+#include "server/service/page_sizes.h"
 #include "server/service/rpc_status.h"
 #include "server/service/unary_call.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kDefaultPageSize = 50;
-constexpr int kMaxPageSize = 1000;
 // A token is this prefix and the last id of its page.
-constexpr std::string_view kTokenPrefix = "v1.";
+constexpr std::string_view kObjectTokenPrefix = "v1.";
 
-absl::StatusOr<std::string> LastIdOf(const std::string& page_token) {
+absl::StatusOr<std::string> LastObjectOf(const std::string& page_token) {
   if (page_token.empty()) return std::string();
-  const std::string id = page_token.substr(std::min(kTokenPrefix.size(), page_token.size()));
-  if (page_token.substr(0, kTokenPrefix.size()) != kTokenPrefix || !IsObjectId(id)) {
+  const std::string id = page_token.substr(std::min(kObjectTokenPrefix.size(), page_token.size()));
+  if (page_token.substr(0, kObjectTokenPrefix.size()) != kObjectTokenPrefix || !IsObjectId(id)) {
     return InvalidField("page_token", "not a token of this method");
   }
   return id;
@@ -94,7 +93,7 @@ grpc::ServerUnaryReactor* CatalogService::ListObjects(grpc::CallbackServerContex
              request.view() != v1::OBJECT_VIEW_BASIC) {
            return InvalidField("view", "only OBJECT_VIEW_BASIC can be listed");
          }
-         HOROPTER_ASSIGN_OR_RETURN(const std::string after, LastIdOf(request.page_token()));
+         HOROPTER_ASSIGN_OR_RETURN(const std::string after, LastObjectOf(request.page_token()));
          const int page = request.page_size() == 0 ? kDefaultPageSize
                                                    : std::min(request.page_size(), kMaxPageSize);
          // One more than asked for tells whether a page follows.
@@ -111,7 +110,7 @@ grpc::ServerUnaryReactor* CatalogService::ListObjects(grpc::CallbackServerContex
          }
          if (more)
            response->set_next_page_token(
-               absl::StrCat(std::string(kTokenPrefix), found.back().record.model.id));
+               absl::StrCat(std::string(kObjectTokenPrefix), found.back().record.model.id));
          HOROPTER_ASSIGN_OR_RETURN(const int total, store_.catalog().CountObjects());
          response->set_total_size(total);
          return absl::OkStatus();

@@ -71,16 +71,16 @@ struct Directories {
 uint64_t ReadDirectory(const Reader& tiff, uint64_t at, Directories* out) {
   uint64_t exif_directory = 0;
   const uint64_t entries = std::min<uint64_t>(tiff.Number(at, 2), kMaxEntries);
-  constexpr double kMostPixels = 1e6;  // a side
+  constexpr double kMostSidePixels = 1e6;  // a side
   for (uint64_t i = 0; i < entries; ++i) {
     const uint64_t entry = at + 2 + 12 * i;
     const std::optional<double> value = ValueAt(tiff, entry);
     switch (tiff.Number(entry, 2)) {
       case kImageWidth:
-        Between(value, 1, kMostPixels, &out->image_width);
+        Between(value, 1, kMostSidePixels, &out->image_width);
         break;
       case kImageHeight:
-        Between(value, 1, kMostPixels, &out->image_height);
+        Between(value, 1, kMostSidePixels, &out->image_height);
         break;
       case kOrientation:
         Between(value, 1, 8, &out->orientation);
@@ -89,10 +89,10 @@ uint64_t ReadDirectory(const Reader& tiff, uint64_t at, Directories* out) {
         if (value && exif_directory == 0) exif_directory = static_cast<uint64_t>(*value);
         break;
       case kPixelXDimension:
-        Between(value, 1, kMostPixels, &out->pixel_width);
+        Between(value, 1, kMostSidePixels, &out->pixel_width);
         break;
       case kPixelYDimension:
-        Between(value, 1, kMostPixels, &out->pixel_height);
+        Between(value, 1, kMostSidePixels, &out->pixel_height);
         break;
       case kFocalLength:
         Between(value, 0.1, 10'000, &out->exif.focal_mm);

@@ -40,7 +40,7 @@ Jpeg& Owner(j_common_ptr info) {
   std::longjmp(jpeg.failed, 1);
 }
 
-void OnError(j_common_ptr info) {
+void OnJpegError(j_common_ptr info) {
   switch (info->err->msg_code) {
     case JERR_OUT_OF_MEMORY:
       Leave(Owner(info), Failure::kMemory);
@@ -56,7 +56,7 @@ void OnError(j_common_ptr info) {
 // bytes too many before a marker, come from many cameras and do no harm. The end of all bytes is
 // none yet: where it comes too early for a pixel, another follows (see IsWhole for those that do
 // not say so).
-void OnMessage(j_common_ptr info, int level) {
+void OnJpegMessage(j_common_ptr info, int level) {
   if (level >= 0) return;
   switch (info->err->msg_code) {
     case JWRN_JPEG_EOF:
@@ -87,7 +87,7 @@ void OnProgress(j_common_ptr info) {
 void NoOutput(j_common_ptr) {}
 
 // jpeg.failed must be set.
-void ReadHeader(Jpeg& jpeg, std::string_view bytes) {
+void ReadJpegHeader(Jpeg& jpeg, std::string_view bytes) {
   jpeg_create_decompress(&jpeg.info);
   jpeg_mem_src(&jpeg.info, reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size());
   jpeg_read_header(&jpeg.info, TRUE);
@@ -96,16 +96,16 @@ void ReadHeader(Jpeg& jpeg, std::string_view bytes) {
 void Prepare(Jpeg& jpeg) {
   jpeg.info.err = jpeg_std_error(&jpeg.errors);
   jpeg.info.client_data = &jpeg;
-  jpeg.errors.error_exit = OnError;
-  jpeg.errors.emit_message = OnMessage;
+  jpeg.errors.error_exit = OnJpegError;
+  jpeg.errors.emit_message = OnJpegMessage;
   jpeg.errors.output_message = NoOutput;
 }
 
-ImageShape ShapeOf(const Jpeg& jpeg) {
+ImageShape JpegShape(const Jpeg& jpeg) {
   return {jpeg.info.image_width, jpeg.info.image_height, jpeg.info.num_components, 8};
 }
 
-absl::Status StatusOf(Failure failure) {
+absl::Status JpegStatusOf(Failure failure) {
   switch (failure) {
     case Failure::kNone:
       return absl::OkStatus();
@@ -152,14 +152,14 @@ bool IsWhole(const jpeg_decompress_struct& info) {
   return true;
 }
 
-absl::StatusOr<ImageShape> Shape(std::string_view bytes) {
+absl::StatusOr<ImageShape> ReadJpegShape(std::string_view bytes) {
   Jpeg jpeg;
   ImageShape shape;
   const Failure failure = Run(jpeg, [&](Jpeg& j) {
-    ReadHeader(j, bytes);
-    shape = ShapeOf(j);
+    ReadJpegHeader(j, bytes);
+    shape = JpegShape(j);
   });
-  if (failure != Failure::kNone) return StatusOf(failure);
+  if (failure != Failure::kNone) return JpegStatusOf(failure);
   if (shape.channels != 1 && shape.channels != 3) {
     return absl::InvalidArgumentError(
         absl::StrCat(shape.channels, " channels, need grey or colour"));
@@ -167,12 +167,12 @@ absl::StatusOr<ImageShape> Shape(std::string_view bytes) {
   return shape;
 }
 
-absl::Status Decode(std::string_view bytes, const StopRequested& stop, cv::Mat& image) {
+absl::Status DecodeJpeg(std::string_view bytes, const StopRequested& stop, cv::Mat& image) {
   Jpeg jpeg;
   jpeg.stop = &stop;
-  return StatusOf(Run(jpeg, [&](Jpeg& j) {
-    ReadHeader(j, bytes);
-    if (!(ShapeOf(j) == ImageShape{image.cols, image.rows, image.channels(), 8})) {
+  return JpegStatusOf(Run(jpeg, [&](Jpeg& j) {
+    ReadJpegHeader(j, bytes);
+    if (!(JpegShape(j) == ImageShape{image.cols, image.rows, image.channels(), 8})) {
       Leave(j, Failure::kDamaged);
     }
     j.progress.progress_monitor = OnProgress;
@@ -194,8 +194,8 @@ ImageCodec JpegCodec() {
   return {"JPEG",
           false,
           [](std::string_view bytes) { return bytes.substr(0, 3) == "\xff\xd8\xff"; },
-          Shape,
-          Decode};
+          ReadJpegShape,
+          DecodeJpeg};
 }
 
 }  // namespace horopter

@@ -36,7 +36,7 @@ struct Png {
   ~Png() { png_destroy_read_struct(&reader, &info, nullptr); }
 };
 
-void OnError(png_structp reader, png_const_charp) {
+void OnPngError(png_structp reader, png_const_charp) {
   png_longjmp(reader, 1);
 }
 void OnWarning(png_structp, png_const_charp) {}
@@ -50,12 +50,12 @@ void OnRead(png_structp reader, png_bytep out, size_t size) {
 
 bool Create(Png& png, std::string_view bytes) {
   png.left = bytes;
-  png.reader = png_create_read_struct(PNG_LIBPNG_VER_STRING, nullptr, OnError, OnWarning);
+  png.reader = png_create_read_struct(PNG_LIBPNG_VER_STRING, nullptr, OnPngError, OnWarning);
   if (png.reader != nullptr) png.info = png_create_info_struct(png.reader);
   return png.info != nullptr;
 }
 
-void SetLimits(Png& png) {
+void SetPngLimits(Png& png) {
   png_set_user_limits(png.reader, kMaxSide, kMaxSide);
   png_set_chunk_malloc_max(png.reader, kMaxChunkBytes);
   png_set_chunk_cache_max(png.reader, kMaxChunks);
@@ -69,7 +69,7 @@ void SetTransformations(Png& png) {
   png_set_swap(png.reader);
 }
 
-ImageShape ShapeOf(const Png& png) {
+ImageShape PngShape(const Png& png) {
   const bool colour = (png_get_color_type(png.reader, png.info) & PNG_COLOR_MASK_COLOR) != 0;
   return {png_get_image_width(png.reader, png.info),
           png_get_image_height(png.reader, png.info),
@@ -77,19 +77,19 @@ ImageShape ShapeOf(const Png& png) {
           png_get_bit_depth(png.reader, png.info) == 16 ? 16 : 8};
 }
 
-absl::Status Damaged() {
+absl::Status DamagedPng() {
   return absl::InvalidArgumentError("damaged or cut-off PNG image");
 }
 
-absl::StatusOr<ImageShape> Shape(std::string_view bytes) {
+absl::StatusOr<ImageShape> ReadPngShape(std::string_view bytes) {
   Png png;
   if (!Create(png, bytes)) return absl::ResourceExhaustedError("out of memory");
-  if (setjmp(png_jmpbuf(png.reader)) != 0) return Damaged();
-  SetLimits(png);
+  if (setjmp(png_jmpbuf(png.reader)) != 0) return DamagedPng();
+  SetPngLimits(png);
   png_set_read_fn(png.reader, &png, OnRead);
   png_read_info(png.reader, png.info);
   SetTransformations(png);
-  return ShapeOf(png);
+  return PngShape(png);
 }
 
 // Bytes of the file up to the first chunk behind the pixels: what follows says nothing of them, and
@@ -113,7 +113,7 @@ std::string_view UpToLastPixels(std::string_view bytes) {
 void OnInfo(png_structp reader, png_infop) {
   Png& png = *static_cast<Png*>(png_get_progressive_ptr(reader));
   SetTransformations(png);
-  if (!(ShapeOf(png) == png.expected)) png_error(reader, "another shape");
+  if (!(PngShape(png) == png.expected)) png_error(reader, "another shape");
   png_set_interlace_handling(reader);
   png_read_update_info(reader, png.info);
   const auto row_bytes =
@@ -138,7 +138,7 @@ void OnRow(png_structp reader, png_bytep row, png_uint_32 y, int pass) {
 // False: the library left early, or not every row was there.
 bool ReadPixels(Png& png, std::string_view bytes) {
   if (setjmp(png_jmpbuf(png.reader)) != 0) return false;
-  SetLimits(png);
+  SetPngLimits(png);
   png_set_progressive_read_fn(png.reader, &png, OnInfo, OnRow, nullptr);
   // Only reads, but for the library's signature.
   auto* data = const_cast<png_bytep>(reinterpret_cast<png_const_bytep>(bytes.data()));
@@ -146,7 +146,7 @@ bool ReadPixels(Png& png, std::string_view bytes) {
   return png.whole;
 }
 
-absl::Status Decode(std::string_view bytes, const StopRequested& stop, cv::Mat& image) {
+absl::Status DecodePng(std::string_view bytes, const StopRequested& stop, cv::Mat& image) {
   Png png;
   png.stop = &stop;
   png.expected = {image.cols, image.rows, image.channels(), image.depth() == CV_16U ? 16 : 8};
@@ -154,7 +154,7 @@ absl::Status Decode(std::string_view bytes, const StopRequested& stop, cv::Mat& 
   if (!Create(png, bytes)) return absl::ResourceExhaustedError("out of memory");
   if (ReadPixels(png, UpToLastPixels(bytes))) return absl::OkStatus();
   if (png.thrown != nullptr) std::rethrow_exception(png.thrown);
-  return png.stopped ? absl::CancelledError("stopped while decoding images") : Damaged();
+  return png.stopped ? absl::CancelledError("stopped while decoding images") : DamagedPng();
 }
 
 }  // namespace
@@ -181,8 +181,8 @@ ImageCodec PngCodec() {
   return {"PNG",
           false,
           [](std::string_view bytes) { return bytes.substr(0, kSignature.size()) == kSignature; },
-          Shape,
-          Decode};
+          ReadPngShape,
+          DecodePng};
 }
 
 }  // namespace horopter

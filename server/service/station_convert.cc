@@ -18,7 +18,7 @@ namespace {
 constexpr int kMostPixels = 100'000;
 constexpr double kMostAspect = 1.01;  // of fx and fy
 constexpr double kMostDistortion = 10.0;
-constexpr double kMostFocalWidths = 1000.0;
+constexpr double kMostCameraFocalWidths = 1000.0;
 constexpr double kMostCenterWidths = 10.0;
 
 void TimeToProto(const std::string& time, google::protobuf::Timestamp* proto) {
@@ -58,7 +58,7 @@ absl::StatusOr<KnownLens> LensFromCalibration(const v1::CameraCalibration& proto
   }
   if (proto.k_size() != 9) return InvalidField(field + ".k", "9 numbers are needed");
   const double fx = proto.k(0), fy = proto.k(4);
-  if (!(fx > 0.0 && fx <= kMostFocalWidths * c.width) || !(fy > 0.0))
+  if (!(fx > 0.0 && fx <= kMostCameraFocalWidths * c.width) || !(fy > 0.0))
     return InvalidField(field + ".k", absl::StrCat(fx, " is no focal length of these images"));
   if (!(fx / fy < kMostAspect && fy / fx < kMostAspect))
     return InvalidField(field + ".k", "pixels are not square");

@@ -7,6 +7,7 @@
 #include "google/protobuf/empty.pb.h"
 #include "server/base/status_macros.h"
 #include "server/service/convert.h"
+#include "server/service/page_sizes.h"
 #include "server/service/rpc_status.h"
 #include "server/service/station_convert.h"
 #include "server/vision/geometry/station_blob.h"
@@ -14,22 +15,20 @@
 namespace horopter {
 namespace {
 
-constexpr int kDefaultPageSize = 50;
-constexpr int kMaxPageSize = 1000;
 constexpr std::size_t kMaxNameBytes = 200;
-constexpr std::string_view kTokenPrefix = "s1.";
+constexpr std::string_view kStationTokenPrefix = "s1.";
 
-absl::Status CheckEtag(const std::string& if_match, const StationRecord& record) {
+absl::Status CheckStationEtag(const std::string& if_match, const StationRecord& record) {
   if (if_match.empty() || if_match == EtagOf(record)) return absl::OkStatus();
   return FieldError(absl::StatusCode::kAborted,
                     "if_match",
                     absl::StrCat("the station has etag ", EtagOf(record)));
 }
 
-absl::StatusOr<std::string> LastIdOf(const std::string& token) {
+absl::StatusOr<std::string> LastStationOf(const std::string& token) {
   if (token.empty()) return std::string();
-  const std::string id = token.substr(std::min(kTokenPrefix.size(), token.size()));
-  if (token.substr(0, kTokenPrefix.size()) != kTokenPrefix || !IsStationId(id))
+  const std::string id = token.substr(std::min(kStationTokenPrefix.size(), token.size()));
+  if (token.substr(0, kStationTokenPrefix.size()) != kStationTokenPrefix || !IsStationId(id))
     return InvalidField("page_token", "not a token of this method");
   return id;
 }
@@ -125,7 +124,7 @@ absl::Status Update(Catalog& catalog,
                           std::vector<StationEventRecord>*) -> absl::StatusOr<StationRecord> {
     StationRecord next;
     if (current != nullptr) {
-      HOROPTER_RETURN_IF_ERROR(CheckEtag(request.if_match(), *current));
+      HOROPTER_RETURN_IF_ERROR(CheckStationEtag(request.if_match(), *current));
       next = *current;
     } else if (!request.allow_missing() || !request.if_match().empty()) {
       return NotThere(id);
@@ -158,7 +157,7 @@ absl::Status Reset(Catalog& catalog,
       [&](const StationRecord* current,
           std::vector<StationEventRecord>* events) -> absl::StatusOr<StationRecord> {
     if (current == nullptr) return NotThere(name.station);
-    HOROPTER_RETURN_IF_ERROR(CheckEtag(request.if_match(), *current));
+    HOROPTER_RETURN_IF_ERROR(CheckStationEtag(request.if_match(), *current));
     StationRecord next = *current;
     next.update_time = StationTime();
     events->push_back({v1::StationEvent::KIND_RESET, next.update_time, "", {}, "reset by hand"});
@@ -195,7 +194,7 @@ absl::Status Import(Catalog& catalog,
       [&](const StationRecord* current,
           std::vector<StationEventRecord>* events) -> absl::StatusOr<StationRecord> {
     if (current == nullptr) return NotThere(name.station);
-    HOROPTER_RETURN_IF_ERROR(CheckEtag(request.if_match(), *current));
+    HOROPTER_RETURN_IF_ERROR(CheckStationEtag(request.if_match(), *current));
     StationRecord next = *current;
     next.update_time = StationTime();
     HOROPTER_ASSIGN_OR_RETURN(const int c, CameraOf(name.camera, "name", &next.state));
@@ -232,7 +231,7 @@ absl::Status List(Catalog& catalog,
                   const v1::ListStationsRequest& request,
                   v1::ListStationsResponse* response) {
   if (request.page_size() < 0) return InvalidField("page_size", "negative");
-  HOROPTER_ASSIGN_OR_RETURN(const std::string after, LastIdOf(request.page_token()));
+  HOROPTER_ASSIGN_OR_RETURN(const std::string after, LastStationOf(request.page_token()));
   const int page =
       request.page_size() == 0 ? kDefaultPageSize : std::min(request.page_size(), kMaxPageSize);
   HOROPTER_ASSIGN_OR_RETURN(std::vector<StationRecord> found,
@@ -241,7 +240,7 @@ absl::Status List(Catalog& catalog,
   if (more) found.pop_back();
   for (const StationRecord& record : found) StationToProto(record, {}, response->add_stations());
   if (more) {
-    response->set_next_page_token(absl::StrCat(std::string(kTokenPrefix), found.back().id));
+    response->set_next_page_token(absl::StrCat(std::string(kStationTokenPrefix), found.back().id));
   }
   return absl::OkStatus();
 }
@@ -306,7 +305,7 @@ grpc::ServerUnaryReactor* StationService::DeleteStation(grpc::CallbackServerCont
          HOROPTER_ASSIGN_OR_RETURN(const std::string id, StationIdFromName(request.name(), "name"));
          if (request.if_match().empty()) return catalog_.DeleteStation(id);
          return catalog_.DeleteStation(id, [&](const StationRecord& current) {
-           return CheckEtag(request.if_match(), current);
+           return CheckStationEtag(request.if_match(), current);
          });
        }});
 }

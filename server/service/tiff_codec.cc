@@ -17,13 +17,13 @@ namespace {
 // Strips, tiles and tables of the library.
 constexpr tmsize_t kMaxAllocation = tmsize_t{256} << 20;
 
-struct Bytes {
+struct MemoryFile {
   std::string_view all;
   toff_t at = 0;
 };
 
 tmsize_t Read(thandle_t handle, void* out, tmsize_t size) {
-  Bytes& bytes = *static_cast<Bytes*>(handle);
+  MemoryFile& bytes = *static_cast<MemoryFile*>(handle);
   if (size < 0 || bytes.at >= bytes.all.size()) return 0;
   const size_t count = std::min(static_cast<size_t>(size), bytes.all.size() - bytes.at);
   std::memcpy(out, bytes.all.data() + bytes.at, count);
@@ -34,7 +34,7 @@ tmsize_t Write(thandle_t, void*, tmsize_t) {
   return 0;
 }
 toff_t Seek(thandle_t handle, toff_t offset, int whence) {
-  Bytes& bytes = *static_cast<Bytes*>(handle);
+  MemoryFile& bytes = *static_cast<MemoryFile*>(handle);
   const toff_t from = whence == SEEK_SET ? 0 : whence == SEEK_CUR ? bytes.at : bytes.all.size();
   return bytes.at = from + offset;
 }
@@ -42,20 +42,20 @@ int Close(thandle_t) {
   return 0;
 }
 toff_t Size(thandle_t handle) {
-  return static_cast<Bytes*>(handle)->all.size();
+  return static_cast<MemoryFile*>(handle)->all.size();
 }
-int OnMessage(TIFF*, void*, const char*, const char*, va_list) {
+int OnTiffMessage(TIFF*, void*, const char*, const char*, va_list) {
   return 1;  // told
 }
 
 using Tiff = std::unique_ptr<TIFF, decltype(&TIFFClose)>;
 
-Tiff Open(Bytes& bytes) {
+Tiff OpenTiff(MemoryFile& bytes) {
   const std::unique_ptr<TIFFOpenOptions, decltype(&TIFFOpenOptionsFree)> options(
       TIFFOpenOptionsAlloc(), TIFFOpenOptionsFree);
   TIFFOpenOptionsSetMaxSingleMemAlloc(options.get(), kMaxAllocation);
-  TIFFOpenOptionsSetErrorHandlerExtR(options.get(), OnMessage, nullptr);
-  TIFFOpenOptionsSetWarningHandlerExtR(options.get(), OnMessage, nullptr);
+  TIFFOpenOptionsSetErrorHandlerExtR(options.get(), OnTiffMessage, nullptr);
+  TIFFOpenOptionsSetWarningHandlerExtR(options.get(), OnTiffMessage, nullptr);
   return Tiff(TIFFClientOpenExt("image",
                                 "rm",  // m: no memory mapping
                                 &bytes,
@@ -70,7 +70,7 @@ Tiff Open(Bytes& bytes) {
               TIFFClose);
 }
 
-absl::Status Damaged() {
+absl::Status DamagedTiff() {
   return absl::InvalidArgumentError("damaged or cut-off TIFF image, or one that is not read");
 }
 
@@ -94,7 +94,7 @@ absl::StatusOr<Tags> TagsOf(TIFF* tiff) {
   if (TIFFGetField(tiff, TIFFTAG_IMAGEWIDTH, &tags.width) != 1 ||
       TIFFGetField(tiff, TIFFTAG_IMAGELENGTH, &tags.height) != 1 || tags.width < 1 ||
       tags.height < 1) {
-    return Damaged();
+    return DamagedTiff();
   }
   TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLESPERPIXEL, &tags.samples);
   TIFFGetFieldDefaulted(tiff, TIFFTAG_BITSPERSAMPLE, &tags.bits);
@@ -106,7 +106,7 @@ absl::StatusOr<Tags> TagsOf(TIFF* tiff) {
   return tags;
 }
 
-absl::StatusOr<ImageShape> ShapeOf(TIFF* tiff) {
+absl::StatusOr<ImageShape> TiffShape(TIFF* tiff) {
   HOROPTER_ASSIGN_OR_RETURN(const Tags tags, TagsOf(tiff));
   if (tags.wide()) return ImageShape{tags.width, tags.height, tags.channels(), 16};
   if (tags.format == SAMPLEFORMAT_IEEEFP)
@@ -118,7 +118,7 @@ absl::StatusOr<ImageShape> ShapeOf(TIFF* tiff) {
                                                    "are, also where fewer of 16 are in use"));
   }
   char message[1024];
-  if (TIFFRGBAImageOK(tiff, message) == 0) return Damaged();
+  if (TIFFRGBAImageOK(tiff, message) == 0) return DamagedTiff();
   const bool grey = tags.samples == 1 && tags.photometric <= PHOTOMETRIC_MINISBLACK;
   return ImageShape{tags.width, tags.height, grey ? 1 : 3, 8, sizeof(uint32_t)};
 }
@@ -211,39 +211,39 @@ bool ReadTiles(TIFF* tiff, const Tags& tags, cv::Mat& image) {
 absl::Status DecodeWide(TIFF* tiff, const Tags& tags, cv::Mat& image) {
   const bool read =
       TIFFIsTiled(tiff) != 0 ? ReadTiles(tiff, tags, image) : ReadRows(tiff, tags, image);
-  if (!read) return Damaged();
+  if (!read) return DamagedTiff();
   if (tags.channels() == 1 && tags.photometric == PHOTOMETRIC_MINISWHITE)
     image = cv::Scalar((1 << BitsInUse(image)) - 1) - image;
   return absl::OkStatus();
 }
 
-absl::StatusOr<ImageShape> Shape(std::string_view bytes) {
-  Bytes source{bytes};
-  const Tiff tiff = Open(source);
-  if (tiff == nullptr) return Damaged();
-  return ShapeOf(tiff.get());
+absl::StatusOr<ImageShape> ReadTiffShape(std::string_view bytes) {
+  MemoryFile source{bytes};
+  const Tiff tiff = OpenTiff(source);
+  if (tiff == nullptr) return DamagedTiff();
+  return TiffShape(tiff.get());
 }
 
-absl::Status Decode(std::string_view bytes, const StopRequested& stop, cv::Mat& image) {
+absl::Status DecodeTiff(std::string_view bytes, const StopRequested& stop, cv::Mat& image) {
   if (IsStopRequested(stop)) return absl::CancelledError("stopped while decoding images");
-  Bytes source{bytes};
-  const Tiff tiff = Open(source);
-  if (tiff == nullptr) return Damaged();
-  HOROPTER_ASSIGN_OR_RETURN(const ImageShape shape, ShapeOf(tiff.get()));
+  MemoryFile source{bytes};
+  const Tiff tiff = OpenTiff(source);
+  if (tiff == nullptr) return DamagedTiff();
+  HOROPTER_ASSIGN_OR_RETURN(const ImageShape shape, TiffShape(tiff.get()));
   const int bits = image.depth() == CV_16U ? 16 : 8;
-  if (!(shape == ImageShape{image.cols, image.rows, image.channels(), bits})) return Damaged();
+  if (!(shape == ImageShape{image.cols, image.rows, image.channels(), bits})) return DamagedTiff();
   if (bits == 16) {
     HOROPTER_ASSIGN_OR_RETURN(const Tags tags, TagsOf(tiff.get()));
     return DecodeWide(tiff.get(), tags, image);
   }
   TIFFRGBAImage reader;
   char message[1024];
-  if (TIFFRGBAImageBegin(&reader, tiff.get(), 1, message) == 0) return Damaged();
+  if (TIFFRGBAImageBegin(&reader, tiff.get(), 1, message) == 0) return DamagedTiff();
   reader.req_orientation = reader.orientation;  // rows as they are stored
   std::vector<uint32_t> pixels(image.total());
   const int read = TIFFRGBAImageGet(&reader, pixels.data(), reader.width, reader.height);
   TIFFRGBAImageEnd(&reader);
-  if (read == 0) return Damaged();
+  if (read == 0) return DamagedTiff();
   const uint32_t* in = pixels.data();
   for (int y = 0; y < image.rows; ++y) {
     unsigned char* out = image.ptr(y);
@@ -266,8 +266,8 @@ ImageCodec TiffCodec() {
             return bytes.substr(0, 4) == std::string_view("II*\0", 4) ||
                    bytes.substr(0, 4) == std::string_view("MM\0*", 4);
           },
-          Shape,
-          Decode};
+          ReadTiffShape,
+          DecodeTiff};
 }
 
 }  // namespace horopter

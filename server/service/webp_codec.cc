@@ -12,22 +12,23 @@ namespace {
 // Fed to the decoder between two looks at the stop flag.
 constexpr size_t kStep = 64 << 10;
 
-const uint8_t* Bytes(std::string_view bytes) {
+const uint8_t* Unsigned(std::string_view bytes) {
   return reinterpret_cast<const uint8_t*>(bytes.data());
 }
 
-absl::Status Damaged() {
+absl::Status DamagedWebp() {
   return absl::InvalidArgumentError("damaged or cut-off WebP image");
 }
 
-absl::StatusOr<ImageShape> Shape(std::string_view bytes) {
+absl::StatusOr<ImageShape> ReadWebpShape(std::string_view bytes) {
   WebPBitstreamFeatures features;
-  if (WebPGetFeatures(Bytes(bytes), bytes.size(), &features) != VP8_STATUS_OK) return Damaged();
+  if (WebPGetFeatures(Unsigned(bytes), bytes.size(), &features) != VP8_STATUS_OK)
+    return DamagedWebp();
   if (features.has_animation != 0) return absl::InvalidArgumentError("an animated WebP image");
   return ImageShape{features.width, features.height, 3, 8};
 }
 
-absl::Status Decode(std::string_view bytes, const StopRequested& stop, cv::Mat& image) {
+absl::Status DecodeWebp(std::string_view bytes, const StopRequested& stop, cv::Mat& image) {
   WebPDecoderConfig config;
   if (WebPInitDecoderConfig(&config) == 0) return absl::InternalError("another libwebp");
   config.output.colorspace = MODE_BGR;
@@ -42,14 +43,14 @@ absl::Status Decode(std::string_view bytes, const StopRequested& stop, cv::Mat& 
   for (size_t fed = 0; state == VP8_STATUS_SUSPENDED && fed < bytes.size();) {
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while decoding images");
     fed = std::min(bytes.size(), fed + kStep);
-    state = WebPIUpdate(decoder.get(), Bytes(bytes), fed);
+    state = WebPIUpdate(decoder.get(), Unsigned(bytes), fed);
   }
   if (state == VP8_STATUS_OUT_OF_MEMORY) return absl::ResourceExhaustedError("out of memory");
   int rows = 0, width = 0, height = 0, stride = 0;
   if (state != VP8_STATUS_OK ||
       WebPIDecGetRGB(decoder.get(), &rows, &width, &height, &stride) != image.data ||
       width != image.cols || height != image.rows || rows != image.rows) {
-    return Damaged();
+    return DamagedWebp();
   }
   return absl::OkStatus();
 }
@@ -63,8 +64,8 @@ ImageCodec WebpCodec() {
             return bytes.substr(0, 4) == "RIFF" && bytes.size() >= 16 &&
                    bytes.substr(8, 4) == "WEBP";
           },
-          Shape,
-          Decode};
+          ReadWebpShape,
+          DecodeWebp};
 }
 
 }  // namespace horopter

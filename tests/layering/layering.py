@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Checks every #include of the sources against the layers of the architecture, that no two files define a type of one
-name in one namespace, and that a file includes the modules of Eigen that it uses.
+name in one namespace, that a file includes the modules of Eigen that it uses, and that no two files of a target have a
+name of their own in common (single_names.py).
 
     layering.py [ROOT]        prints one line per violation; exit 0 none, 1 some, 2 nothing to check
 
@@ -12,6 +13,9 @@ import collections
 import os
 import re
 import sys
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import single_names  # noqa: E402
 
 # The rooms of recognition, in the order of the dependency.
 ROOMS = ["aspects", "aspect_search", "aspect_scenes", "object", "scoring", "scene", "candidates", "invariant_matching", "initialization", "interpretation"]
@@ -352,7 +356,7 @@ def check_tree(root):
     found = []
     for path in paths:
         found += check_file(root, path)
-    return found + check_types(root) + check_eigen(root), len(paths)
+    return found + check_types(root) + check_eigen(root) + single_names.check_names(root), len(paths)
 
 
 def main():

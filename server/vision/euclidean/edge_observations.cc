@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kMaxTurnRad = 0.35;  // between a sample's and its edge point's direction
 constexpr double kEndOn = 0.05;       // sine of the angle between edge and ray
-constexpr double kMinDepthM = 1e-3;   // nearer to the camera nothing is projected
+constexpr double kNearestM = 1e-3;    // nearer to the camera nothing is projected
 
 PinholeCamera WorkingCamera(const PinholeCamera& camera, const EdgeGrid& grid) {
   const double s = grid.working_from_image();
@@ -153,7 +153,7 @@ std::vector<VisibleSamples> FindVisibleSamples(std::span<const AdjustedView> vie
                     : std::vector<EdgeSample>();
       for (const EdgeSample& sample : by_aspect ? of_aspect : model.samples) {
         const Eigen::Vector3d p = pose * sample.point.cast<double>();
-        if (p.z() < kMinDepthM || !IsVisible(depth, Project(camera, p), p.z(), tolerance_m) ||
+        if (p.z() < kNearestM || !IsVisible(depth, Project(camera, p), p.z(), tolerance_m) ||
             !ImageTangent(p, pose.R * sample.tangent.cast<double>(), camera.k1)) {
           continue;
         }
@@ -181,7 +181,7 @@ std::vector<EdgeObservation> ObserveEdges(std::span<const AdjustedView> views,
     const Rigid3 pose = views[seen.view].camera_from_scene * objects[seen.object].scene_from_object;
     for (const EdgeSample& sample : seen.samples) {
       const Eigen::Vector3d p = pose * sample.point.cast<double>();
-      if (p.z() < kMinDepthM) continue;
+      if (p.z() < kNearestM) continue;
       const auto along = ImageTangent(p, pose.R * sample.tangent.cast<double>(), camera.k1);
       if (!along) continue;
       const Eigen::Vector2d u = Project(camera, p);

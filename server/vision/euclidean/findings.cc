@@ -6,13 +6,13 @@
 #include <map>
 
 #include "absl/strings/str_format.h"
+#include "server/vision/euclidean/robust_scatter.h"
 #include "server/vision/geometry/symmetric_eigen.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kNormalFromMad = 1.4826;  // median absolute deviation to that of normal noise
-constexpr double kUnknownLimits = 18.0;    // deviation of what nothing determines, in limits of it
+constexpr double kUnknownLimits = 18.0;  // deviation of what nothing determines, in limits of it
 
 // Covariance of the perturbation of a_from_object at the object's centre, a: camera `view`.
 Matrix6d InCamera(const SceneBundle& bundle, const SceneCovariance& c, int view, int object) {

@@ -45,7 +45,7 @@ std::vector<SweptBox> SweptCup(const SceneGrasp& grasp,
            Eigen::Vector3d(half, half, 0.5 * length)}};
 }
 
-double LowestAlong(const SweptBox& f, const Eigen::Vector3d& normal) {
+double LowestOfFinger(const SweptBox& f, const Eigen::Vector3d& normal) {
   return normal.dot(f.center) - (f.R.transpose() * normal).cwiseAbs().dot(f.half);
 }
 
@@ -198,7 +198,7 @@ std::vector<SceneGrasp> PlanGrasps(const GraspScene& scene,
       return std::any_of(boxes.begin(), boxes.end(), test);
     };
     if (scene.plane && any_box([&](const SweptBox& f) {
-          return LowestAlong(f, scene.plane->normal) < scene.plane->offset_m;
+          return LowestOfFinger(f, scene.plane->normal) < scene.plane->offset_m;
         })) {
       ++local.below_plane;
       continue;

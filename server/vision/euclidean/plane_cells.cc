@@ -5,13 +5,13 @@
 #include <cmath>
 #include <map>
 
+#include "server/vision/euclidean/robust_scatter.h"
 #include "server/vision/recognition/scene/plane_points.h"
 #include "server/vision/recognition/scoring/edge_maps.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kMedianOfChiSquare2 = 1.386;  // two degrees of freedom
 constexpr double kOutlierSigmas = 3.0;  // of the scatter; further ones are left out of a cell
 constexpr int kTrims = 2;               // of outliers
 constexpr double kLeastSigmaPx = 0.02;  // of one match

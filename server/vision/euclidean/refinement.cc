@@ -8,6 +8,7 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/euclidean/representative.h"
+#include "server/vision/euclidean/robust_scatter.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
@@ -223,7 +224,7 @@ double RobustRms(const std::vector<EdgeObservation>& observations) {
   std::vector<double> r;
   for (const EdgeObservation& o : observations) r.push_back(std::abs(o.residual_px));
   std::nth_element(r.begin(), r.begin() + static_cast<long>(r.size() / 2), r.end());
-  return 1.4826 * r[r.size() / 2];
+  return kNormalFromMad * r[r.size() / 2];
 }
 
 absl::Status ShareCameras(const RecognitionInput& input,

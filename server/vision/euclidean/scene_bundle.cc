@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/euclidean/robust_scatter.h"
 #include "server/vision/geometry/plucker_line.h"
 #include "server/vision/geometry/pose_perturbation.h"
 #include "server/vision/recognition/aspects/quantile.h"
@@ -18,7 +19,6 @@ constexpr double kCorrelationPx = 12.0;
 constexpr double kMinDepthM = 1e-4;
 constexpr double kBehindSigmas = 1e4;  // stands for the residual of a point behind its camera
 // Parameters that an edge point depends on.
-constexpr int kEdgeRow = kViewParameters + kObjectParameters;
 using EdgeMatrix = Eigen::Matrix<double, kEdgeRow, kEdgeRow>;
 using EdgeVector = Eigen::Matrix<double, kEdgeRow, 1>;
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
@@ -420,7 +420,6 @@ bool AdjustBundle(const SceneBundleOptions& options, SceneBundle* bundle) {
 }
 
 double PlaneDeviation(const SceneBundle& bundle) {
-  constexpr double kMedianOfChiSquare2 = 1.386;
   std::vector<double> squared;
   PlaneRow row;
   for (const PlaneCell& cell : bundle.plane.cells) {

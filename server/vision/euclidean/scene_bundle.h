@@ -17,6 +17,7 @@ namespace horopter {
 // of its scale about its centre where that is asked for. Of the plane: ObservedPlane::plane.
 inline constexpr int kViewParameters = 10;
 inline constexpr int kObjectParameters = 7;
+inline constexpr int kEdgeRow = kViewParameters + kObjectParameters;
 inline constexpr int kPlaneParameters = 3;
 
 // What is known of a camera beforehand; image pixels.
@@ -80,7 +81,7 @@ std::vector<bool> FixedMask(const SceneBundle& bundle,
 // (7) and by the sample's position in the object (3). Invalid (false) behind the camera.
 struct EdgeRow {
   double residual = 0.0;
-  Eigen::Matrix<double, kViewParameters + kObjectParameters, 1> J;
+  Eigen::Matrix<double, kEdgeRow, 1> J;
   Eigen::Vector3d by_point;
 };
 bool LinearizeEdge(const SceneBundle& bundle, const EdgeObservation& edge, EdgeRow* row);

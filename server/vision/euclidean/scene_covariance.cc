@@ -9,6 +9,7 @@
 #include <tuple>
 
 #include "server/vision/euclidean/representative.h"
+#include "server/vision/euclidean/robust_scatter.h"
 #include "server/vision/geometry/pose_perturbation.h"
 #include "server/vision/geometry/symmetric_eigen.h"
 
@@ -17,14 +18,12 @@ namespace {
 
 constexpr double kUnknownDiameters = 10.0;  // deviation of a place that nothing determines
 constexpr double kUnknownFarness = 1.0;     // of a camera, in distances from the scene's origin
-constexpr double kNormalFromMad = 1.4826;   // median absolute deviation to that of normal noise
 constexpr double kLeastCurvature = 0.25;    // of the robust loss, of its value without outliers
 constexpr double kMostDofFactor = 6.0;      // that few observations may widen what they say
 // Of the equilibrated normal matrix: below it a factorisation is not trusted, and directions are
 // as good as open.
 constexpr double kSmallestPivot = 1e-9;
 constexpr double kSmallestEigenvalue = 1e-12;
-constexpr int kEdgeRow = kViewParameters + kObjectParameters;
 
 double Mad(std::vector<double> values) {
   if (values.empty()) return 0.0;

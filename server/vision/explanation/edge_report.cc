@@ -16,7 +16,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kRenderPx = 260.0;      // a diameter
+constexpr double kEdgeRenderPx = 260.0;  // a diameter
 constexpr double kOnEdge = 0.012;        // share of the diameter: a point of an enrolled edge
 constexpr double kExplainedPx = 4.0;     // working pixels beside a visible edge
 constexpr double kWorkingWidth = 640.0;  // of the cells of what is explained
@@ -36,7 +36,7 @@ std::vector<VisibleEdgePoint> VisiblePoints(const ExplainedObject& placed,
   const RenderMesh* mesh = MeshOf(*placed.object, &made);
   if (mesh == nullptr) return {};
   VisibleEdgeOptions options;
-  options.render_px = kRenderPx;
+  options.render_px = kEdgeRenderPx;
   return FindVisibleEdges(*mesh, camera, placed.camera_from_object, options).points;
 }
 

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kNearPx = 1.5;  // chain points this near are the arc's, and it must fit them
 constexpr std::size_t kFewestPoints = 12;  // over twice the five of an ellipse
-constexpr int kChainsPerLook = 1024;       // at the stop flag
+constexpr int kSlopesPerLook = 1024;       // at the stop flag
 
 bool IsInSweep(const EllipseArc& arc, const EllipseFrame& frame, const Eigen::Vector2d& point) {
   const Eigen::Vector2d unit = frame.inverse * (point - frame.center);
@@ -25,7 +25,7 @@ bool IsInSweep(const EllipseArc& arc, const EllipseFrame& frame, const Eigen::Ve
 std::vector<Eigen::Vector2f> PointsOf(const EllipseArc& arc, const ImageFeatures& features) {
   const EllipseFrame frame(arc);
   std::vector<Eigen::Vector2f> points;
-  StopPacer pacer(kChainsPerLook);
+  StopPacer pacer(kSlopesPerLook);
   for (const EdgeChain& chain : features.chains) {
     pacer.Step();
     for (const Eigen::Vector2f& p : chain.points) {

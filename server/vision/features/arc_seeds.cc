@@ -8,11 +8,12 @@
 #include "server/vision/features/edge_cover.h"
 #include "server/vision/features/ellipse_fit.h"
 #include "server/vision/features/line_scatter.h"
+#include "server/vision/features/stop_paces.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kMinPoints = 12;              // over twice the five of an ellipse
+constexpr int kMinArcPoints = 12;           // over twice the five of an ellipse
 constexpr double kMaxTurn = 1.25;           // between neighbouring chords of one run
 constexpr double kMaxSemiMajorPx = 2000.0;  // larger ones are straight within an image
 constexpr double kMinRadiusPx = 1.2;        // smallest radius of curvature, b^2 / a
@@ -23,8 +24,6 @@ constexpr size_t kMaxRuns = 1500;           // longest first; for time
 constexpr int kMaxDropped = 4;              // chords, in all
 constexpr double kTurnShare = 0.6;  // of the least sweep: the chords at both ends miss some of it
 constexpr double kChordPx = 0.6;    // how closely chords follow a run
-constexpr int kChainsPerLook = 64;  // at the stop flag
-constexpr int kComparisonsPerLook = 1 << 14;  // at the stop flag
 
 using Points = std::vector<Eigen::Vector2f>;
 
@@ -93,7 +92,7 @@ void CollectRuns(const EdgeChain& chain,
   double side = 0.0;
   Eigen::Vector2f last = Eigen::Vector2f::Zero();
   const auto finish = [&] {
-    if (run.cuts.size() >= 3 && run.Size() >= kMinPoints) runs->push_back(run);
+    if (run.cuts.size() >= 3 && run.Size() >= kMinArcPoints) runs->push_back(run);
   };
   for (const ChainPiece& piece : pieces) {
     const Eigen::Vector2f chord = chain.points[piece.end - 1] - chain.points[piece.begin];
@@ -125,7 +124,7 @@ std::optional<EllipseArc> TryRange(const EdgeChain& chain,
                                    int last,
                                    const ArcSeedOptions& options) {
   const auto count = static_cast<size_t>(last - first + 1);
-  if (count < kMinPoints) {
+  if (count < kMinArcPoints) {
     return std::nullopt;
   }
   const Eigen::Vector2f* begin = chain.points.data() + first;
@@ -266,7 +265,7 @@ std::vector<EllipseArc> SeedsOfRuns(const std::vector<EdgeChain>& chains,
   StopPacer pacer(kChainsPerLook);
   for (size_t c = 0; c < chains.size(); ++c) {
     pacer.Step();
-    if (chains[c].points.size() >= static_cast<size_t>(kMinPoints)) {
+    if (chains[c].points.size() >= static_cast<size_t>(kMinArcPoints)) {
       CollectRuns(chains[c], chords[c], static_cast<int>(c), &runs);
     }
   }

@@ -30,7 +30,7 @@ absl::Status CheckFinite(std::span<const Eigen::Vector2f> points) {
 }
 
 // Points that a fit looks at: more do not change the comparison of two fits.
-constexpr int kMaxFitPoints = 200;
+constexpr int kMaxLinePoints = 200;
 // Blur rounds a corner off: points this near to a cut do not speak against the pieces beside it.
 constexpr int kCornerPoints = 3;
 // Deviations from a fit below this (rms) are the pixel grid's.
@@ -51,7 +51,7 @@ Residual LineResidual(std::span<const Eigen::Vector2f> points) {
 std::optional<Residual> FitResidual(std::span<const Eigen::Vector2f> points,
                                     double straight_sagitta_px) {
   std::vector<Eigen::Vector2f> thinned;
-  const size_t step = (points.size() + kMaxFitPoints - 1) / kMaxFitPoints;
+  const size_t step = (points.size() + kMaxLinePoints - 1) / kMaxLinePoints;
   for (size_t i = 0; i < points.size(); i += step) thinned.push_back(points[i]);
   if (!IsCurved(thinned, straight_sagitta_px)) {
     return LineResidual(thinned);

@@ -15,13 +15,13 @@ namespace {
 using Vector5 = Eigen::Matrix<double, 5, 1>;
 using Matrix5 = Eigen::Matrix<double, 5, 5>;
 
-constexpr size_t kMinPoints = 6;       // one over the five of an ellipse
+constexpr size_t kMinConicPoints = 6;  // one over the five of an ellipse
 constexpr double kConverged = 1e-10;   // relative step
 constexpr int kMaxCorrelatedLag = 20;  // points along the chain; blur reaches no further
 constexpr double kFloatPx = 1e-5;      // what float coordinates hide
 
 absl::Status CheckPoints(std::span<const Eigen::Vector2f> points) {
-  if (points.size() < kMinPoints) {
+  if (points.size() < kMinConicPoints) {
     return absl::InvalidArgumentError("points: need at least 6, got " +
                                       std::to_string(points.size()));
   }

@@ -30,8 +30,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinSidePx = 16;      // of an image; smaller ones hold no edge of the least length
-constexpr int kChainsPerLook = 16;  // at the stop flag
+constexpr int kMinSidePx = 16;  // of an image; smaller ones hold no edge of the least length
+constexpr int kSplitChainsPerLook = 16;  // at the stop flag
 // A piece of which other pieces cover more than this tells nothing new.
 constexpr double kMaxCoveredShare = 0.85;
 // The detector's gradient is a sum over 3x3 pixels (6 x the slope per pixel); a peak of the fit
@@ -73,7 +73,7 @@ absl::StatusOr<Pieces> DetectByLinking(const cv::Mat& image, const FeatureOption
   SortLongestFirst(&pieces.chains);
   // What another channel has already given is not fitted again.
   EdgeCover cover(image.cols, image.rows);
-  StopPacer pacer(kChainsPerLook);
+  StopPacer pacer(kSplitChainsPerLook);
   for (const EdgeChain& chain : pieces.chains) {
     pacer.Step();
     absl::StatusOr<std::vector<ChainPiece>> cut =

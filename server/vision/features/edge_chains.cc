@@ -4,14 +4,13 @@
 #include <cmath>
 #include <opencv2/core.hpp>
 
+#include "server/vision/features/edge_cover.h"
+
 namespace horopter {
 namespace {
 
-constexpr int kMinRun = 6;          // px of a chain between what is covered
-constexpr int kTangentReach = 3;    // points on each side
-constexpr uint8_t kFree = 255;      // no direction has this number
-constexpr int kDirections = 180;    // of the occupancy map, over half a turn
-constexpr int kSameDirection = 30;  // in the same units
+constexpr int kTangentReach = 3;  // points on each side
+constexpr int kDirections = 180;  // of the occupancy map, over half a turn
 
 struct ChainRef {
   int channel = 0;

@@ -4,16 +4,12 @@
 #include <cmath>
 
 #include "server/base/stop_scope.h"
+#include "server/vision/features/stop_paces.h"
 
 namespace horopter {
 namespace {
 
-constexpr uint8_t kFree = 255;                // no direction has this number
-constexpr int kHalfTurn = 180;                // steps of the coarse angle, about a degree each
-constexpr int kSameDirection = 30;            // of these
-constexpr int kMinRun = 6;                    // px of a chain between what is covered
-constexpr int kChainsPerLook = 64;            // at the stop flag
-constexpr int kComparisonsPerLook = 1 << 14;  // at the stop flag
+constexpr int kHalfTurn = 180;  // steps of the coarse angle, about a degree each
 
 }  // namespace
 

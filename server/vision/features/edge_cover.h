@@ -9,6 +9,12 @@
 
 namespace horopter {
 
+// Of maps of directions, about a degree a step: a pixel that no edge covers, and what two edges
+// of one direction differ by at most.
+inline constexpr std::uint8_t kFree = 255;
+inline constexpr int kSameDirection = 30;
+inline constexpr int kMinRun = 6;  // px of a chain between what is covered
+
 // Map of the edges taken so far; positions are pixels inside width x height.
 class EdgeCover {
  public:

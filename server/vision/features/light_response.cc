@@ -8,6 +8,7 @@
 
 #include "server/base/stop_scope.h"
 #include "server/vision/features/learnt_constants.h"
+#include "server/vision/features/stop_paces.h"
 
 namespace horopter {
 namespace {
@@ -19,8 +20,6 @@ constexpr double kMostBlurPx = 2.0;               // deviation that is corrected
 constexpr double kMostShiftPx = 0.6;              // a point is moved by at most
 constexpr int kTableStep = 8;                     // grey levels
 constexpr int kTableSize = 256 / kTableStep + 1;  // both ends included
-constexpr int kChainsPerLook = 64;                // at the stop flag
-constexpr int kComparisonsPerLook = 1 << 16;      // at the stop flag
 
 double Light(double grey) {
   const double v = grey / 255.0;

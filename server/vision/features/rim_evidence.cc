@@ -19,7 +19,7 @@ constexpr float kMaxAlong = 0.6f;        // slope along the curve over the slope
 constexpr int kMinSeen = 10;             // twice the five of an ellipse
 constexpr double kFullStrength = 1.5;    // thresholds; stronger is not surer
 constexpr double kHopelessShare = 0.35;  // of all places seen in the first round
-constexpr size_t kMaxFitPoints = 96;     // of an ellipse's fit; for time
+constexpr size_t kMaxRimPoints = 96;     // of an ellipse's fit; for time
 // The field's sum over 3x3 pixels is 6 x the slope.
 constexpr float kSumPerSlope = 6.0f / static_cast<float>(kSlopeUnits);
 
@@ -47,7 +47,7 @@ std::vector<Place> PlacesOn(const EllipseArc& arc) {
 }
 
 // Slopes across and along the curve, in thresholds.
-using Profile = std::array<Eigen::Vector2f, kOffsets>;
+using SlopeProfile = std::array<Eigen::Vector2f, kOffsets>;
 
 // Slopes of a field in thresholds of their channels.
 class SlopeField {
@@ -77,11 +77,11 @@ class SlopeField {
 };
 
 // Mean of each offset over the neighbouring places, across without sign.
-std::vector<Profile> Profiles(const std::vector<Place>& places,
-                              const SlopeField& field,
-                              int reach) {
+std::vector<SlopeProfile> Profiles(const std::vector<Place>& places,
+                                   const SlopeField& field,
+                                   int reach) {
   const int n = static_cast<int>(places.size());
-  std::vector<Profile> raw(n), mean(n);
+  std::vector<SlopeProfile> raw(n), mean(n);
   for (int k = 0; k < n; ++k) {
     for (int o = -reach; o <= reach; ++o) {
       raw[k][o + kMaxReach] =
@@ -109,9 +109,9 @@ std::vector<RimPoint> MeasureRim(const EllipseArc& ellipse,
   std::vector<RimPoint> rim(places.size());
   for (size_t k = 0; k < places.size(); ++k) rim[k].angle_rad = places[k].angle_rad;
   for (const GradientField& field : fields) {
-    const std::vector<Profile> profiles = Profiles(places, SlopeField(field), reach);
+    const std::vector<SlopeProfile> profiles = Profiles(places, SlopeField(field), reach);
     for (size_t k = 0; k < places.size(); ++k) {
-      const Profile& v = profiles[k];
+      const SlopeProfile& v = profiles[k];
       // An end of the reach is no peak: the slope may go on beyond.
       for (int o = kMaxReach - reach + 1; o < kMaxReach + reach; ++o) {
         const float before = v[o - 1].x(), here = v[o].x(), after = v[o + 1].x();
@@ -135,8 +135,8 @@ std::vector<RimPoint> MeasureRim(const EllipseArc& ellipse,
 
 namespace {
 
-std::vector<Eigen::Vector2f> Thin(const std::vector<Eigen::Vector2f>& points) {
-  const size_t step = (points.size() + kMaxFitPoints - 1) / kMaxFitPoints;
+std::vector<Eigen::Vector2f> ThinRim(const std::vector<Eigen::Vector2f>& points) {
+  const size_t step = (points.size() + kMaxRimPoints - 1) / kMaxRimPoints;
   if (step <= 1) return points;
   std::vector<Eigen::Vector2f> thinned;
   for (size_t i = 0; i < points.size(); i += step) thinned.push_back(points[i]);
@@ -145,7 +145,7 @@ std::vector<Eigen::Vector2f> Thin(const std::vector<Eigen::Vector2f>& points) {
 
 // Fit, then again without the points that lie off.
 std::optional<EllipseArc> FitRobustly(std::vector<Eigen::Vector2f> points, double max_offset_px) {
-  std::optional<EllipseArc> arc = FitWholeEllipse(Thin(points));
+  std::optional<EllipseArc> arc = FitWholeEllipse(ThinRim(points));
   if (arc) {
     const EllipseFrame frame(*arc);
     std::vector<Eigen::Vector2f> near;
@@ -153,7 +153,7 @@ std::optional<EllipseArc> FitRobustly(std::vector<Eigen::Vector2f> points, doubl
       if (frame.DistanceOf(p.cast<double>()) <= max_offset_px) near.push_back(p);
     }
     if (static_cast<int>(near.size()) < kMinSeen) return std::nullopt;
-    arc = FitWholeEllipse(Thin(near));
+    arc = FitWholeEllipse(ThinRim(near));
   }
   return arc;
 }

@@ -7,9 +7,9 @@
 namespace horopter {
 namespace {
 
-constexpr int kReachPx = 3;       // peaks are looked for this far across the line
-constexpr int kMaxSamples = 160;  // along one segment; longer ones are sampled more coarsely
-constexpr double kTukeyPx = 1.0;  // samples farther than this from the line do not count
+constexpr int kReachPx = 3;          // peaks are looked for this far across the line
+constexpr int kMaxFitSamples = 160;  // along one segment; longer ones are sampled more coarsely
+constexpr double kTukeyPx = 1.0;     // samples farther than this from the line do not count
 // Neighbouring points err alike: the detector's smoothing along the edge, sigma^2 = 1 + 2/3.
 constexpr double kCorrelationPx = 4.8;
 constexpr double kMinSigmaPx = 0.05;        // what pixel sampling leaves without noise
@@ -184,7 +184,7 @@ std::optional<FittedSegment> FitSegment(const RawLine& raw,
   }
   const Eigen::Vector2d direction = (raw.end - raw.start) / length;
   const Eigen::Vector2d right(-direction.y(), direction.x());
-  const int count = std::clamp(static_cast<int>(length) + 1, 2, kMaxSamples);
+  const int count = std::clamp(static_cast<int>(length) + 1, 2, kMaxFitSamples);
   std::vector<Profile> profiles(count);
   double polarity = 0.0;
   for (int i = 0; i < count; ++i) {

@@ -5,15 +5,15 @@
 #include <numeric>
 
 #include "server/base/stop_scope.h"
+#include "server/vision/features/stop_paces.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kCellPx = 32.0;              // of the grid that finds neighbours
-constexpr int kMaxRounds = 3;                 // what was merged may merge again
-constexpr int kPiecesPerLook = 32;            // at the stop flag
-constexpr int kComparisonsPerLook = 1 << 14;  // at the stop flag
-constexpr size_t kMaxJoinedSamples = 300;     // bounds the cost of long edges seen in all channels
+constexpr double kNeighbourCellPx = 32.0;  // of the grid that finds neighbours
+constexpr int kMaxRounds = 3;              // what was merged may merge again
+constexpr int kPiecesPerLook = 32;         // at the stop flag
+constexpr size_t kMaxJoinedSamples = 300;  // bounds the cost of long edges seen in all channels
 
 double Strength(const Segment& segment) {
   return segment.Length() * (segment.contrast + 1.0);
@@ -122,16 +122,16 @@ class SegmentGrid {
   static void ForEachCell(const Segment& segment, double margin, const Visit& visit) {
     const Eigen::Vector2d d = (segment.end - segment.start).normalized();
     const double length = segment.Length() + 2.0 * margin;
-    const int steps = static_cast<int>(length / (0.5 * kCellPx)) + 1;
+    const int steps = static_cast<int>(length / (0.5 * kNeighbourCellPx)) + 1;
     long last = -1;
     for (int i = 0; i <= steps; ++i) {
       const Eigen::Vector2d p = segment.start + d * (length * i / steps - margin);
       for (const Eigen::Vector2d& q :
            {p,
-            Eigen::Vector2d(p.x() + 0.25 * kCellPx, p.y() + 0.25 * kCellPx),
-            Eigen::Vector2d(p.x() - 0.25 * kCellPx, p.y() - 0.25 * kCellPx)}) {
-        const long key = static_cast<long>(std::floor(q.y() / kCellPx) + 64) * 65536 +
-                         static_cast<long>(std::floor(q.x() / kCellPx) + 64);
+            Eigen::Vector2d(p.x() + 0.25 * kNeighbourCellPx, p.y() + 0.25 * kNeighbourCellPx),
+            Eigen::Vector2d(p.x() - 0.25 * kNeighbourCellPx, p.y() - 0.25 * kNeighbourCellPx)}) {
+        const long key = static_cast<long>(std::floor(q.y() / kNeighbourCellPx) + 64) * 65536 +
+                         static_cast<long>(std::floor(q.x() / kNeighbourCellPx) + 64);
         if (key != last) {
           visit(key);
           last = key;

@@ -7,14 +7,14 @@
 namespace horopter {
 namespace {
 
-constexpr int kMaxSamples = 15;      // along the segment; for time
-constexpr double kDistancePx = 3.0;  // from the segment: beyond its blur
+constexpr int kMaxColourSamples = 15;  // along the segment; for time
+constexpr double kDistancePx = 3.0;    // from the segment: beyond its blur
 
 Eigen::Vector3f MedianBeside(const cv::Mat& image, const Segment& segment, double side) {
   const Eigen::Vector2d direction = (segment.end - segment.start).normalized();
   const Eigen::Vector2d right(-direction.y(), direction.x());
-  const int count = std::clamp(static_cast<int>(segment.Length() / 2.0), 3, kMaxSamples);
-  std::array<std::array<uint8_t, kMaxSamples>, 3> values{};
+  const int count = std::clamp(static_cast<int>(segment.Length() / 2.0), 3, kMaxColourSamples);
+  std::array<std::array<uint8_t, kMaxColourSamples>, 3> values{};
   const int channels = image.channels();
   for (int i = 0; i < count; ++i) {
     const double s = (i + 0.5) / count;

@@ -10,7 +10,7 @@ namespace horopter {
 namespace {
 
 // A second null vector of the linear system: the points determine no single F.
-constexpr double kDegenerate = 1e-10;
+constexpr double kDegenerateEpipolar = 1e-10;
 
 using Row9 = Eigen::Matrix<double, 1, 9>;  // F row by row
 
@@ -123,7 +123,7 @@ std::optional<Eigen::Matrix3d> EightPoint(std::span<const Eigen::Vector2d> a,
   const Eigen::Matrix<double, 9, 9> moment = A.transpose() * A;
   const SymmetricEigen<9> solver(moment);
   if (solver.info() != Eigen::Success ||
-      solver.eigenvalues()(1) < kDegenerate * solver.eigenvalues()(8)) {
+      solver.eigenvalues()(1) < kDegenerateEpipolar * solver.eigenvalues()(8)) {
     return std::nullopt;
   }
   const Eigen::Matrix3d F =

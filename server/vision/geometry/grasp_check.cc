@@ -12,7 +12,7 @@ namespace horopter {
 namespace {
 
 // A pre-grasp whose orientation or direction differs by more is none of a straight approach.
-constexpr double kSameTurn = 1e-2;
+constexpr double kSameOrientation = 1e-2;
 constexpr double kAside = 2e-2;
 
 std::string Millimetres(double metres) {
@@ -27,14 +27,14 @@ std::vector<double> Crossings(const TriangleMesh& mesh,
                               const Eigen::Vector3d& from,
                               const Eigen::Vector3d& direction,
                               double length) {
-  constexpr double kParallel = 1e-12;  // sine of ray and triangle: they do not meet
+  constexpr double kAlongFace = 1e-12;  // sine of ray and triangle: they do not meet
   std::vector<double> crossings;
   for (const Eigen::Vector3i& t : mesh.triangles) {
     const Eigen::Vector3d& a = mesh.vertices[t(0)];
     const Eigen::Vector3d e1 = mesh.vertices[t(1)] - a, e2 = mesh.vertices[t(2)] - a;
     const Eigen::Vector3d p = direction.cross(e2);
     const double det = e1.dot(p);
-    if (std::abs(det) < kParallel * e1.norm() * e2.norm()) continue;
+    if (std::abs(det) < kAlongFace * e1.norm() * e2.norm()) continue;
     const Eigen::Vector3d s = from - a, q = s.cross(e1);
     const double u = s.dot(p) / det, v = direction.dot(q) / det, at = e2.dot(q) / det;
     if (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && at >= 0.0 && at <= length) crossings.push_back(at);
@@ -68,7 +68,7 @@ using Report = std::function<void(const std::string& what)>;
 void CheckWay(const Rigid3& pose, const Rigid3& before, const Report& report) {
   const Eigen::Vector3d z = pose.R.col(2);
   const Eigen::Vector3d way = pose.t - before.t;
-  if (!before.R.isApprox(pose.R, kSameTurn)) report("the gripper turns after the pre-grasp");
+  if (!before.R.isApprox(pose.R, kSameOrientation)) report("the gripper turns after the pre-grasp");
   if (!(way.dot(z) > 0.0)) report("the pre-grasp is not before the part");
   if (way.cross(z).norm() > kAside * way.norm()) {
     report("the way from the pre-grasp is not along the approach axis");

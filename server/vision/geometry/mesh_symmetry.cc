@@ -8,6 +8,7 @@
 #include <numbers>
 #include <optional>
 
+#include "server/base/constants.h"
 #include "server/vision/geometry/surface_prober.h"
 
 namespace horopter {
@@ -15,7 +16,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kPi = std::numbers::pi;
 constexpr int kGlanceSamples = 60;          // for a first look
 constexpr int kFewFold = 12;                // orders that near symmetries are looked for in
 constexpr double kAnyTurns[] = {2.3, 1.0};  // rad; no rational parts of a turn

@@ -4,14 +4,13 @@
 #include <cmath>
 #include <numbers>
 
+#include "server/base/constants.h"
 #include "server/vision/geometry/mesh_symmetry.h"
 
 namespace horopter {
 namespace {
 
 using Eigen::Vector3d;
-
-constexpr double kPi = std::numbers::pi;
 
 bool Known(const std::vector<Eigen::Matrix3d>& list, const Eigen::Matrix3d& R) {
   // Frobenius, 2.4 degrees: measured axes are not exact; turns of order 120 differ by 3 degrees.

@@ -10,7 +10,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kDegenerate = 1e-11;  // of squared singular values
+constexpr double kDegenerateTensor = 1e-11;  // of squared singular values
 
 using Vector27 = Eigen::Matrix<double, 27, 1>;  // T[i](j, k) at 9 i + 3 j + k
 using Matrix27 = Eigen::MatrixXd;  // 27 x 27; of fixed size it takes a compiler twice as long
@@ -28,7 +28,7 @@ double Norm(const TrifocalTensor& T) {
 }
 
 // [x2]x (sum x1_i T_i) [x3]x = 0.
-void AddPoint(const Triplet& x, Matrix27* moment) {
+void AddTriplet(const Triplet& x, Matrix27* moment) {
   const Eigen::Matrix3d left = CrossMatrix(x[1]), right = CrossMatrix(x[2]);
   for (int r = 0; r < 3; ++r) {
     for (int s = 0; s < 3; ++s) {
@@ -44,7 +44,7 @@ void AddPoint(const Triplet& x, Matrix27* moment) {
 }
 
 // l1 x (l2^T T_i l3) = 0.
-void AddLine(const Triplet& l, Matrix27* moment) {
+void AddLineTriplet(const Triplet& l, Matrix27* moment) {
   const Eigen::Matrix3d cross = CrossMatrix(l[0]);
   for (int r = 0; r < 3; ++r) {
     Vector27 row;
@@ -178,17 +178,17 @@ std::optional<TrifocalTensor> EstimateTrifocal(std::span<const Triplet> points,
   for (const Triplet& p : points) {
     Triplet x;
     for (int v = 0; v < 3; ++v) x[v] = (N[v] * p[v]).normalized();
-    AddPoint(x, &moment);
+    AddTriplet(x, &moment);
   }
   for (const Triplet& p : lines) {
     Triplet l;
     for (int v = 0; v < 3; ++v) l[v] = (N[v].inverse().transpose() * p[v]).normalized();
-    AddLine(l, &moment);
+    AddLineTriplet(l, &moment);
   }
   if (!moment.allFinite()) return std::nullopt;
   const SymmetricEigen<Eigen::Dynamic> solver(moment);
   if (solver.info() != Eigen::Success ||
-      solver.eigenvalues()(1) < kDegenerate * solver.eigenvalues()(26)) {
+      solver.eigenvalues()(1) < kDegenerateTensor * solver.eigenvalues()(26)) {
     return std::nullopt;
   }
   const TrifocalTensor linear = FromVector(solver.eigenvectors().col(0));

@@ -14,7 +14,7 @@ using Vertices = std::vector<Eigen::Vector3d>;
 
 constexpr size_t kMinVertices = 5;  // one over the four that a start takes
 // A part with more corners is compared by the first chains found; its own chains are all tried.
-constexpr size_t kMaxVertices = 400;
+constexpr size_t kMaxComparedVertices = 400;
 constexpr size_t kMaxChains = 4000;
 
 double Volume(const Vertices& v, const FourVertices& f) {
@@ -204,7 +204,7 @@ std::optional<LookAlike> FindLookAlike(const ObjectModel& a,
                                        const LookAlikeOptions& options) {
   const size_t least = std::min(a.vertices.size(), b.vertices.size());
   const size_t most = std::max(a.vertices.size(), b.vertices.size());
-  if (least < kMinVertices || most > kMaxVertices || !(b.diameter_m > 0.0) ||
+  if (least < kMinVertices || most > kMaxComparedVertices || !(b.diameter_m > 0.0) ||
       static_cast<double>(least) < options.min_similar_share * static_cast<double>(most)) {
     return std::nullopt;
   }

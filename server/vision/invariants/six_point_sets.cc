@@ -9,8 +9,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kTablePoints = 64;  // up to here the determinants of all fours are tabulated
-constexpr double kFlat = 1e-9;    // smallest over largest second moment of points in a plane
+constexpr int kTablePoints = 64;    // up to here the determinants of all fours are tabulated
+constexpr double kCoplanar = 1e-9;  // smallest over largest second moment of points in a plane
 
 std::int64_t Choose(std::int64_t n, int k) {
   std::int64_t out = 1;
@@ -30,7 +30,7 @@ std::vector<Eigen::Vector3d> Whitened(std::span<const Eigen::Vector3d> points) {
   for (const auto& x : points) moment += (x - mean) * (x - mean).transpose() / n;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(moment);
   const Eigen::Vector3d values = eigen.eigenvalues();
-  if (!values.allFinite() || !(values(0) > kFlat * values(2))) return {};
+  if (!values.allFinite() || !(values(0) > kCoplanar * values(2))) return {};
   const Eigen::Matrix3d W =
       values.cwiseSqrt().cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose();
   std::vector<Eigen::Vector3d> out;

@@ -12,8 +12,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kLeastViews = 3;  // that say anything: two agree on much that is not there
-constexpr int kFarthest = 4;    // views apart in the given order that are compared
+constexpr int kLeastViews = 3;        // that say anything: two agree on much that is not there
+constexpr int kFarthestCompared = 4;  // views apart in the given order that are compared
 
 PlaneInViews Largest(const std::vector<int>& component,
                      const std::vector<Eigen::Matrix3d>& view_from_plane) {
@@ -50,7 +50,7 @@ PlaneInViews FindGround(std::span<const cv::Mat> images,
   const int views = static_cast<int>(images.size());
   std::vector<std::pair<int, int>> pairs;
   for (int a = 0; a < views; ++a) {
-    for (int b = a + 1; b < views && b <= a + kFarthest; ++b) pairs.emplace_back(a, b);
+    for (int b = a + 1; b < views && b <= a + kFarthestCompared; ++b) pairs.emplace_back(a, b);
   }
   const FoundPlanes found = FindPlanes(images, pairs, of_ground, stop);
   const PlaneChain chain = ChainPlanes(found.planes, views, options.loop_max_px);

@@ -262,7 +262,7 @@ class Linker {
   ByFeature by_feature_;
 };
 
-double Support(const MatchCandidateLink& link, bool has_plane, bool transformations) {
+double SupportOf(const MatchCandidateLink& link, bool has_plane, bool transformations) {
   const LogRatioTable& t = kLinkTables[has_plane ? 0 : 1][static_cast<int>(link.relation)];
   if (!transformations) return t.weight;
   return std::max(0.0, TableValue(t, link.disagreement));
@@ -334,7 +334,7 @@ std::vector<FeatureMatch> MatchFeatures(const PairComparison& pair,
   }
   std::vector<double> support;
   for (const MatchCandidateLink& l : graph.links)
-    support.push_back(Support(l, pair.has_plane(), options.transformations));
+    support.push_back(SupportOf(l, pair.has_plane(), options.transformations));
   const AssignmentProblem problem =
       MakeProblem(graph,
                   support,

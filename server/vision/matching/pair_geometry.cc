@@ -20,7 +20,7 @@ namespace {
 constexpr int kMinGuided = 13;          // inliers among the matches along its lines
 constexpr double kMinBeam = 0.4;        // mean overlap of the segments matched before F was known
 constexpr double kSureShare = 0.7;      // ... not asked when so many of
-constexpr int kSureInliers = 40;        // ... so many first matches agree
+constexpr int kSureMatches = 40;        // ... so many first matches agree
 constexpr double kMaxStrainCost = 0.1;  // per inlier: what plausible cameras add to the cost
 // Image widths; of plausible lenses.
 constexpr double kMinFocalWidths = 0.6, kMaxFocalWidths = 3.2, kMaxFocalRatio = 1.6;
@@ -174,7 +174,7 @@ std::optional<Eigen::Matrix3d> EstimateFree(const MatchingView& a,
   const PairComparison compare(a, b, b.patches, prior);
   const size_t inliers = estimate.inliers.size();
   const double beam = MeanBeam(compare, pair.segments);
-  const bool sure = inliers >= kSureInliers && inliers >= kSureShare * first.size();
+  const bool sure = inliers >= kSureMatches && inliers >= kSureShare * first.size();
   if (!sure && !(beam >= kMinBeam)) {
     *refusal = Format("segments contradict it: they share %.2f of their epipolar beams, need %.2f",
                       beam,

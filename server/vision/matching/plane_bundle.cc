@@ -12,11 +12,11 @@
 namespace horopter {
 namespace {
 
-constexpr double kPointSigmaPx = 0.4;  // a junction is not known better than this
-constexpr double kCauchyPx = 1.0;      // errors beyond count ever less: junctions err by half of it
-constexpr double kGaugeWeight = 1e6;   // 1 / squared working units: holds a coordinate
-constexpr int kIterations = 10;        // Gauss-Newton steps at most
-constexpr double kNowherePx = 1e9;     // the error of what cannot be projected
+constexpr double kPlanePointSigmaPx = 0.4;  // a junction is not known better than this
+constexpr double kCauchyPx = 1.0;     // errors beyond count ever less: junctions err by half of it
+constexpr double kGaugeWeight = 1e6;  // 1 / squared working units: holds a coordinate
+constexpr int kIterations = 10;       // Gauss-Newton steps at most
+constexpr double kNowherePx = 1e9;    // the error of what cannot be projected
 
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
 
@@ -237,7 +237,8 @@ void AdjustPlaneBundle(PlaneBundle* bundle) {
     }
   }
   const double rms = RmsPx(*bundle);
-  bundle->covariance = std::max(kPointSigmaPx * kPointSigmaPx, rms * rms) * system.S.inverse();
+  bundle->covariance =
+      std::max(kPlanePointSigmaPx * kPlanePointSigmaPx, rms * rms) * system.S.inverse();
 }
 
 Eigen::Matrix3d FundamentalOf(const ParallaxCamera& a, const ParallaxCamera& b) {

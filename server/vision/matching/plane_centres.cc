@@ -15,10 +15,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinToAdd = 4;  // points that must agree before a view joins; two always do
-constexpr int kRounds = 3;    // of refinement and new inliers
-// Of inlier_px, of a point that others have fixed: it errs as well.
-constexpr double kOthersSlack = 1.5;
+constexpr int kMinToAdd = 4;        // points that must agree before a view joins; two always do
+constexpr int kCentreRounds = 3;    // of refinement and new inliers
 constexpr double kPairScore = 0.5;  // of a point in two views only: always consistent
 
 PlaneEpipoleOptions EpipoleOptions(const PlaneCentresOptions& options) {
@@ -75,7 +73,7 @@ bool AddBestView(const PlaneCentresOptions& options, std::mt19937* rng, PlaneBun
 }
 
 // Observations of points seen in >= 3 known views count, and of the others a little.
-double Score(const PlaneBundle& bundle) {
+double BundleScore(const PlaneBundle& bundle) {
   double score = 0.0;
   for (const PlaneBundlePoint& point : bundle.points) {
     if (!point.valid) continue;
@@ -226,7 +224,7 @@ std::optional<PlaneBundle> Grow(const PlaneBundle& problem, const PlaneCentresOp
     if (!Start(a, b, options, &rng, &bundle)) continue;
     TriangulateAll(options.inlier_px, &bundle);
     while (AddBestView(options, &rng, &bundle)) TriangulateAll(options.inlier_px, &bundle);
-    const double score = Score(bundle);
+    const double score = BundleScore(bundle);
     if (score <= best_score) continue;
     best_score = score;
     best = std::move(bundle);
@@ -248,7 +246,7 @@ PlaneCentres EstimatePlaneCentres(std::span<const PlaneView> views,
   const std::vector<Eigen::Matrix3d>& T = problem->working_from_image;
   std::optional<PlaneBundle> best = Grow(problem->bundle, options);
   if (!best) return result;
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < kCentreRounds; ++round) {
     LeaveIfStopped();
     AdjustPlaneBundle(&*best);
     TriangulateAll(options.inlier_px, &*best);

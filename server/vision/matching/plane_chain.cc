@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kUnitPx =
     300.0;  // pixels per unit of the refinement's coordinates: entries of order 1
-constexpr double kCauchyPx = 1.0;      // residual at which a match has lost half its weight
+constexpr double kHalfWeightPx = 1.0;  // residual at which a match has lost half its weight
 constexpr int kMaxPairsPerLink = 400;  // matches of one link used by the refinement
 constexpr int kMaxIterations = 15;     // Gauss-Newton steps at most
 
@@ -149,11 +149,11 @@ class ChainRefinement {
   };
 
   static double Loss(double squared) {
-    const double c2 = kCauchyPx * kCauchyPx / (kUnitPx * kUnitPx);
+    const double c2 = kHalfWeightPx * kHalfWeightPx / (kUnitPx * kUnitPx);
     return c2 * std::log1p(squared / c2);
   }
   static double Weight(double squared) {
-    return 1.0 / (1.0 + squared * kUnitPx * kUnitPx / (kCauchyPx * kCauchyPx));
+    return 1.0 / (1.0 + squared * kUnitPx * kUnitPx / (kHalfWeightPx * kHalfWeightPx));
   }
 
   double Cost(const std::vector<Eigen::Matrix3d>& maps) const {

@@ -12,8 +12,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kOthersSlack = 1.5;  // of inlier_px: the points err as well
-constexpr int kRefinements = 3;       // fits to what the last one agrees with
+constexpr int kRefinements = 3;  // fits to what the last one agrees with
 
 size_t Draw(size_t n, std::mt19937* rng) {
   return static_cast<size_t>((*rng)()) % n;

@@ -10,6 +10,9 @@
 
 namespace horopter {
 
+// Of inlier_px, of a point that others have fixed: it errs as well.
+inline constexpr double kOthersSlack = 1.5;
+
 struct PlaneEpipoleOptions {
   double inlier_px = 2.0;
   int hypotheses = 300;  // samples of two points

@@ -102,9 +102,9 @@ std::vector<PointPair> DistinctPairs(std::vector<PointPair> pairs) {
   return distinct;
 }
 
-std::vector<PointPair> InliersOf(const Eigen::Matrix3d& H,
-                                 const std::vector<PointPair>& pairs,
-                                 double max_px) {
+std::vector<PointPair> InliersOfPlane(const Eigen::Matrix3d& H,
+                                      const std::vector<PointPair>& pairs,
+                                      double max_px) {
   const Eigen::Matrix3d H_inverse = H.inverse();
   std::vector<PointPair> inliers;
   for (const PointPair& p : pairs) {
@@ -197,7 +197,7 @@ std::optional<PlaneEstimate> EstimatePlane(const std::vector<PointPair>& pairs,
   }
   PlaneEstimate plane;
   for (int round = 0; round < 3; ++round) {
-    plane.inliers = DistinctPairs(InliersOf(H, pairs, options.ransac_px));
+    plane.inliers = DistinctPairs(InliersOfPlane(H, pairs, options.ransac_px));
     if (static_cast<int>(plane.inliers.size()) < options.min_plane_inliers) return std::nullopt;
     H = RefineHomography(H, plane.inliers);
   }

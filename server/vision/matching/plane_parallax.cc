@@ -15,7 +15,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kUnitPx =
+constexpr double kSphereUnitPx =
     300.0;  // pixels per unit of the epipole's sphere: a well spread parametrisation
 constexpr size_t kMaxScored = 800;           // candidates scored per hypothesis, likeliest first
 constexpr double kMinJunctionSigmaPx = 0.4;  // a junction is not known better than this
@@ -34,18 +34,18 @@ struct Vote {
 };
 
 Eigen::Vector3d Unit(const Eigen::Vector2d& x) {
-  return {x.x() / kUnitPx, x.y() / kUnitPx, 1.0};
+  return {x.x() / kSphereUnitPx, x.y() / kSphereUnitPx, 1.0};
 }
 
 // Signed distance (px) of b from the line through Ha and the epipole.
 double LineDistance(const Vote& v, const Eigen::Vector3d& e) {
   const Eigen::Vector3d l = e.cross(v.Ha);
   const double n = l.head<2>().norm();
-  return n > 1e-12 ? kUnitPx * l.dot(v.b) / n : 1e9;
+  return n > 1e-12 ? kSphereUnitPx * l.dot(v.b) / n : 1e9;
 }
 
 // Side of the plane: lambda b = Ha + rho e has rho of this sign (0: cannot say).
-int SideOf(const Vote& v, const Eigen::Vector3d& e) {
+int SideOfEpipole(const Vote& v, const Eigen::Vector3d& e) {
   const double s = -v.b.cross(v.Ha).dot(v.b.cross(e));
   return s > 0.0 ? 1 : (s < 0.0 ? -1 : 0);
 }
@@ -74,7 +74,7 @@ Support ScoreEpipole(const std::vector<Vote>& votes, const Eigen::Vector3d& e, d
     }
     const double r = LineDistance(v, e) / max_px;
     if (!(r * r < 1.0)) continue;
-    const int side = SideOf(v, e);
+    const int side = SideOfEpipole(v, e);
     if (side == 0) continue;
     double& slot = best[side > 0 ? 1 : 0];
     slot = std::max(slot, v.weight * (1.0 - r * r));
@@ -96,7 +96,7 @@ std::vector<Inlier> CollectInliers(const std::vector<Vote>& votes,
   std::vector<Inlier> consistent;
   for (const Vote& v : votes) {
     const double r = LineDistance(v, e);
-    if (std::abs(r) < max_px && SideOf(v, e) == side) consistent.push_back({v, r});
+    if (std::abs(r) < max_px && SideOfEpipole(v, e) == side) consistent.push_back({v, r});
   }
   std::stable_sort(consistent.begin(), consistent.end(), [](const Inlier& x, const Inlier& y) {
     return x.vote.weight > y.vote.weight;
@@ -334,8 +334,9 @@ ParallaxResult EstimatePlaneParallax(const Eigen::Matrix3d& b_from_a,
     result.refusal = text;
     return result;
   }
-  result.epipole_b = {
-      refined.epipole.x() * kUnitPx, refined.epipole.y() * kUnitPx, refined.epipole.z()};
+  result.epipole_b = {refined.epipole.x() * kSphereUnitPx,
+                      refined.epipole.y() * kSphereUnitPx,
+                      refined.epipole.z()};
   result.epipole_b.normalize();
   const Eigen::Matrix3d F = CrossMatrix(result.epipole_b) * frame.H;
   result.F = F / F.norm();

@@ -19,12 +19,12 @@
 namespace horopter {
 namespace {
 
-constexpr int kSide = 16;               // of a patch, pixels of its level
-constexpr int kPixels = kSide * kSide;  // of a patch
-constexpr int kLanes = 8;               // positions correlated at once along a row
-constexpr double kMinDeviation = 12.0;  // grey levels of the normalised image, of a patch
-constexpr int kPadding = 24;            // columns and rows a block may read beyond its windows
-constexpr double kMiddle = 128.0;       // of the normalised image
+constexpr int kPatchSide = 16;                    // of a patch, pixels of its level
+constexpr int kPixels = kPatchSide * kPatchSide;  // of a patch
+constexpr int kPatchLanes = 8;                    // positions correlated at once along a row
+constexpr double kMinPatchDeviation = 12.0;       // grey levels of the normalised image, of a patch
+constexpr int kPadding = 24;       // columns and rows a block may read beyond its windows
+constexpr double kMiddle = 128.0;  // of the normalised image
 // Between two views: a patch stretched more shows other texture.
 constexpr double kMaxAreaChange = 12.0;
 constexpr int kRefits = 3;              // of the homography in a round
@@ -55,10 +55,10 @@ struct PatchMatch {
 // Structure tensor over its larger eigenvalue: 1 across the patch's edges, less along them.
 Eigen::Matrix2d RelativeStructure(const float* value) {
   double xx = 0, xy = 0, yy = 0;
-  for (int v = 1; v + 1 < kSide; ++v) {
-    for (int u = 1; u + 1 < kSide; ++u) {
-      const float* at = value + v * kSide + u;
-      const double dx = at[1] - at[-1], dy = at[kSide] - at[-kSide];
+  for (int v = 1; v + 1 < kPatchSide; ++v) {
+    for (int u = 1; u + 1 < kPatchSide; ++u) {
+      const float* at = value + v * kPatchSide + u;
+      const double dx = at[1] - at[-1], dy = at[kPatchSide] - at[-kPatchSide];
       xx += dx * dx, xy += dx * dy, yy += dy * dy;
     }
   }
@@ -75,12 +75,12 @@ HOROPTER_TARGET_CLONES void SampleGrid(const float* origin,
                                        const Eigen::Vector2f& x_step,
                                        const Eigen::Vector2f& y_step,
                                        float* values) {
-  for (int v = 0; v < kSide; ++v, values += kSide) {
+  for (int v = 0; v < kPatchSide; ++v, values += kPatchSide) {
     const float row_x = first.x() + static_cast<float>(v) * y_step.x();
     const float row_y = first.y() + static_cast<float>(v) * y_step.y();
-    int offset[kSide];
-    float fx[kSide], fy[kSide];
-    for (int u = 0; u < kSide; ++u) {
+    int offset[kPatchSide];
+    float fx[kPatchSide], fy[kPatchSide];
+    for (int u = 0; u < kPatchSide; ++u) {
       const float px = row_x + static_cast<float>(u) * x_step.x();
       const float py = row_y + static_cast<float>(u) * x_step.y();
       const int x = static_cast<int>(px), y = static_cast<int>(py);
@@ -88,13 +88,13 @@ HOROPTER_TARGET_CLONES void SampleGrid(const float* origin,
       fy[u] = py - static_cast<float>(y);
       offset[u] = y * stride + x;
     }
-    float corner[4][kSide];
-    for (int u = 0; u < kSide; ++u) {
+    float corner[4][kPatchSide];
+    for (int u = 0; u < kPatchSide; ++u) {
       const float* at = origin + offset[u];
       corner[0][u] = at[0], corner[1][u] = at[1];
       corner[2][u] = at[stride], corner[3][u] = at[stride + 1];
     }
-    for (int u = 0; u < kSide; ++u) {
+    for (int u = 0; u < kPatchSide; ++u) {
       const float above = corner[0][u] + fx[u] * (corner[1][u] - corner[0][u]);
       const float below = corner[2][u] + fx[u] * (corner[3][u] - corner[2][u]);
       values[u] = above + fy[u] * (below - above);
@@ -104,17 +104,17 @@ HOROPTER_TARGET_CLONES void SampleGrid(const float* origin,
 
 // To zero mean and unit norm. Returns the squared norm before.
 HOROPTER_TARGET_CLONES float Normalize(float* values) {
-  float sums[kSide] = {}, squares[kSide] = {};
-  for (int v = 0; v < kSide; ++v) {
-    for (int u = 0; u < kSide; ++u) sums[u] += values[v * kSide + u];
+  float sums[kPatchSide] = {}, squares[kPatchSide] = {};
+  for (int v = 0; v < kPatchSide; ++v) {
+    for (int u = 0; u < kPatchSide; ++u) sums[u] += values[v * kPatchSide + u];
   }
   float sum = 0.0f, square = 0.0f;
   for (const float s : sums) sum += s;
   const float mean = sum / kPixels;
-  for (int v = 0; v < kSide; ++v) {
-    for (int u = 0; u < kSide; ++u) {
-      values[v * kSide + u] -= mean;
-      squares[u] += values[v * kSide + u] * values[v * kSide + u];
+  for (int v = 0; v < kPatchSide; ++v) {
+    for (int u = 0; u < kPatchSide; ++u) {
+      values[v * kPatchSide + u] -= mean;
+      squares[u] += values[v * kPatchSide + u] * values[v * kPatchSide + u];
     }
   }
   for (const float s : squares) square += s;
@@ -130,10 +130,10 @@ bool SampleTemplate(const PatchImage::Level& a,
                     const Eigen::Matrix2d& a_from_b,
                     Template* out) {
   const Eigen::Vector2d x_step = a_from_b.col(0), y_step = a_from_b.col(1);
-  const Eigen::Vector2d first = center - 0.5 * (kSide - 1) * (x_step + y_step);
+  const Eigen::Vector2d first = center - 0.5 * (kPatchSide - 1) * (x_step + y_step);
   const int cols = a.inverse_spread.cols, rows = a.inverse_spread.rows;
-  for (const double u : {0.0, kSide - 1.0}) {
-    for (const double v : {0.0, kSide - 1.0}) {
+  for (const double u : {0.0, kPatchSide - 1.0}) {
+    for (const double v : {0.0, kPatchSide - 1.0}) {
       const Eigen::Vector2d p = first + u * x_step + v * y_step;
       if (!(p.x() >= 0 && p.y() >= 0 && p.x() < cols - 1 && p.y() < rows - 1)) return false;
     }
@@ -144,22 +144,22 @@ bool SampleTemplate(const PatchImage::Level& a,
              x_step.cast<float>(),
              y_step.cast<float>(),
              out->value);
-  return Normalize(out->value) >= kPixels * kMinDeviation * kMinDeviation;
+  return Normalize(out->value) >= kPixels * kMinPatchDeviation * kMinPatchDeviation;
 }
 
-using Lanes = float __attribute__((vector_size(kLanes * sizeof(float))));
+using Lanes = float __attribute__((vector_size(kPatchLanes * sizeof(float))));
 
-// Inner products of the template with the kLanes windows that begin at `at`, one pixel apart, and
-// with those of the following rows: products[row][lane].
+// Inner products of the template with the kPatchLanes windows that begin at `at`, one pixel apart,
+// and with those of the following rows: products[row][lane].
 template <int kRows>
 inline __attribute__((always_inline)) void CorrelateRows(const float* value,
                                                          const float* at,
                                                          std::ptrdiff_t stride,
-                                                         float (*products)[kLanes]) {
+                                                         float (*products)[kPatchLanes]) {
   Lanes sums[kRows] = {};
-  for (int v = 0; v < kSide; ++v) {
-    for (int u = 0; u < kSide; ++u) {
-      const float weight = value[v * kSide + u];
+  for (int v = 0; v < kPatchSide; ++v) {
+    for (int u = 0; u < kPatchSide; ++u) {
+      const float weight = value[v * kPatchSide + u];
       for (int r = 0; r < kRows; ++r) {
         Lanes window;
         std::memcpy(&window, at + (v + r) * stride + u, sizeof(window));
@@ -175,12 +175,12 @@ constexpr int kBlockRows = 7;  // as many sums as registers hold
 HOROPTER_TARGET_CLONES void CorrelateBlock(const float* value,
                                            const float* at,
                                            std::ptrdiff_t stride,
-                                           float (*products)[kLanes]) {
+                                           float (*products)[kPatchLanes]) {
   CorrelateRows<kBlockRows>(value, at, stride, products);
 }
 
-constexpr int kMaxSearch = 2 * kBlockRows;  // positions along one axis, padded to whole blocks
-constexpr int kMapStride = 2 * kLanes;      // floats of a row of positions, in whole vectors
+constexpr int kMaxSearch = 2 * kBlockRows;   // positions along one axis, padded to whole blocks
+constexpr int kMapStride = 2 * kPatchLanes;  // floats of a row of positions, in whole vectors
 
 // Repeated texture: a patch is compared with its own image at a quarter of the size, up to
 // kSelfRadius away.
@@ -201,29 +201,29 @@ void CorrelationMap(const PatchImage::Level& b,
                     float (*map)[kStride]) {
   const std::ptrdiff_t stride = static_cast<std::ptrdiff_t>(b.value.step1());
   for (int y = 0; y < side; y += kBlockRows) {
-    for (int x = 0; x < side; x += kLanes) {
-      float products[kBlockRows][kLanes];
+    for (int x = 0; x < side; x += kPatchLanes) {
+      float products[kBlockRows][kPatchLanes];
       CorrelateBlock(t.value, b.value.ptr<float>(first_y + y) + first_x + x, stride, products);
       for (int r = 0; r < kBlockRows && y + r < side; ++r) {
         const float* inverse = b.inverse_spread.ptr<float>(first_y + y + r) + first_x + x;
-        for (int k = 0; k < kLanes; ++k) map[y + r][x + k] = products[r][k] * inverse[k];
+        for (int k = 0; k < kPatchLanes; ++k) map[y + r][x + k] = products[r][k] * inverse[k];
       }
     }
   }
 }
 
 // Where the template is found near `start` (first pixel of the window), with sub-pixel parabolas.
-bool Search(const PatchImage::Level& b,
-            const Template& t,
-            int start_x,
-            int start_y,
-            int radius,
-            const AlignOptions& options,
-            Eigen::Vector2d* shift) {
+bool SearchShift(const PatchImage::Level& b,
+                 const Template& t,
+                 int start_x,
+                 int start_y,
+                 int radius,
+                 const AlignOptions& options,
+                 Eigen::Vector2d* shift) {
   const int side = 2 * radius + 1;
   if (start_x - radius < 0 || start_y - radius < 0 ||
-      start_x + radius + kSide > b.inverse_spread.cols ||
-      start_y + radius + kSide > b.inverse_spread.rows) {
+      start_x + radius + kPatchSide > b.inverse_spread.cols ||
+      start_y + radius + kPatchSide > b.inverse_spread.rows) {
     return false;
   }
   float map[kMaxSearch][kMapStride];
@@ -271,9 +271,9 @@ std::vector<PatchMatch> MatchPatches(const PatchImage& a,
   // Large images have no more patches than small ones.
   const double area = static_cast<double>(rows_a) * cols_a;
   const int step = std::max(round.step, static_cast<int>(std::sqrt(area / kMaxPatches)));
-  for (int y = kSide / 2; y < rows_a - kSide / 2; y += step) {
+  for (int y = kPatchSide / 2; y < rows_a - kPatchSide / 2; y += step) {
     LeaveIfStopped();
-    for (int x = kSide / 2; x < cols_a - kSide / 2; x += step) {
+    for (int x = kPatchSide / 2; x < cols_a - kPatchSide / 2; x += step) {
       // The same points in all pairs of a view, so that they become tracks through many views.
       const Eigen::Vector2d center(x, y);
       const Eigen::Vector2d at = Transfer(H, center);
@@ -281,15 +281,16 @@ std::vector<PatchMatch> MatchPatches(const PatchImage& a,
         continue;
       }
       // The window's middle lies between pixels.
-      const int first_x = static_cast<int>(at.x()) - kSide / 2 + 1;
-      const int first_y = static_cast<int>(at.y()) - kSide / 2 + 1;
-      const Eigen::Vector2d middle(first_x + 0.5 * (kSide - 1), first_y + 0.5 * (kSide - 1));
+      const int first_x = static_cast<int>(at.x()) - kPatchSide / 2 + 1;
+      const int first_y = static_cast<int>(at.y()) - kPatchSide / 2 + 1;
+      const Eigen::Vector2d middle(first_x + 0.5 * (kPatchSide - 1),
+                                   first_y + 0.5 * (kPatchSide - 1));
       const Eigen::Matrix2d a_from_b = TransferJacobian(H, center).inverse();
       const double change = std::abs(a_from_b.determinant());
       if (!(change < kMaxAreaChange && change > 1.0 / kMaxAreaChange)) continue;
       if (!SampleTemplate(level_a, center, a_from_b, &t)) continue;
       Eigen::Vector2d shift;
-      if (!Search(level_b, t, first_x, first_y, round.radius, options, &shift)) continue;
+      if (!SearchShift(level_b, t, first_x, first_y, round.radius, options, &shift)) continue;
       matches.push_back({{FullPixel(center, round.level), FullPixel(middle + shift, round.level)},
                          RelativeStructure(t.value)});
     }
@@ -347,10 +348,10 @@ Eigen::Matrix3d Refit(const Eigen::Matrix3d& H, const std::vector<PatchMatch>& m
   return NormalizeDeterminant(G * T).value_or(H);
 }
 
-// Sums over kSide neighbours: out[x] = in[x] + ... + in[x + kSide - 1]; the last kSide - 1 of `in`
-// are lost.
+// Sums over kPatchSide neighbours: out[x] = in[x] + ... + in[x + kPatchSide - 1]; the last
+// kPatchSide - 1 of `in` are lost.
 void SumAlong(std::vector<std::int32_t>* in) {
-  for (int step = 1; step < kSide; step *= 2) {
+  for (int step = 1; step < kPatchSide; step *= 2) {
     const int n = static_cast<int>(in->size()) - step;
     std::int32_t* at = in->data();
     for (int x = 0; x < n; ++x) at[x] += at[x + step];
@@ -373,7 +374,7 @@ PatchImage::Level PrepareLevel(const cv::Mat& grey) {
   for (int y = 0; y < grey.rows; ++y) {
     LeaveIfStopped();
     const float* enter = level.value.ptr<float>(y);
-    const float* leave = y >= kSide ? level.value.ptr<float>(y - kSide) : nullptr;
+    const float* leave = y >= kPatchSide ? level.value.ptr<float>(y - kPatchSide) : nullptr;
     for (int x = 0; x < cols; ++x) {
       const std::int32_t in = static_cast<std::int32_t>(enter[x]);
       column[x] += in, column_squares[x] += in * in;
@@ -382,15 +383,15 @@ PatchImage::Level PrepareLevel(const cv::Mat& grey) {
       const std::int32_t out = static_cast<std::int32_t>(leave[x]);
       column[x] -= out, column_squares[x] -= out * out;
     }
-    if (y + 1 < kSide || cols < kSide) continue;
+    if (y + 1 < kPatchSide || cols < kPatchSide) continue;
     sums = column, squares = column_squares;
     SumAlong(&sums), SumAlong(&squares);
-    float* to = level.inverse_spread.ptr<float>(y + 1 - kSide);
-    for (int x = 0; x + kSide <= cols; ++x) {
+    float* to = level.inverse_spread.ptr<float>(y + 1 - kPatchSide);
+    for (int x = 0; x + kPatchSide <= cols; ++x) {
       const float mean = static_cast<float>(sums[x]) / kPixels;
       const float spread = static_cast<float>(squares[x]) - mean * static_cast<float>(sums[x]);
       // Sum of squares of a window of least deviation.
-      constexpr float kLeast = kPixels * kMinDeviation * kMinDeviation;
+      constexpr float kLeast = kPixels * kMinPatchDeviation * kMinPatchDeviation;
       to[x] = spread < kLeast ? 0.0f : 1.0f / std::sqrt(spread);
     }
   }
@@ -400,7 +401,7 @@ PatchImage::Level PrepareLevel(const cv::Mat& grey) {
 // Whether the template of the window at (x, y) is found again elsewhere about it: a maximum nearly
 // as high as its own. Opposite shifts find the same, so half of them are looked at.
 bool Repeats(const PatchImage::Level& level, const Template& t, int x, int y) {
-  float map[kSelfSide + kBlockRows][kSelfSide + kLanes];
+  float map[kSelfSide + kBlockRows][kSelfSide + kPatchLanes];
   CorrelationMap(level, t, x - kSelfRadius, y - kSelfRadius, kSelfSide, map);
   for (int v = kSelfRadius; v + 1 < kSelfSide; ++v) {
     for (int u = 1; u + 1 < kSelfSide; ++u) {
@@ -442,14 +443,16 @@ PatchImage PreparePatches(const cv::Mat& image) {
 double RepeatedShare(const PatchImage& image) {
   const PatchImage::Level level = PrepareLevel(image.normalized_quarter);
   const int cols = level.inverse_spread.cols, rows = level.inverse_spread.rows;
-  const int step = std::max(kSide - 2, cols / kSelfPatches);
+  const int step = std::max(kPatchSide - 2, cols / kSelfPatches);
   int asked = 0, repeated = 0;
   Template t;
-  for (int y = kSelfRadius; y + kSelfRadius + kSide <= rows; y += step) {
-    for (int x = kSelfRadius; x + kSelfRadius + kSide <= cols; x += step) {
+  for (int y = kSelfRadius; y + kSelfRadius + kPatchSide <= rows; y += step) {
+    for (int x = kSelfRadius; x + kSelfRadius + kPatchSide <= cols; x += step) {
       if (!(level.inverse_spread.at<float>(y, x) > 0.0f)) continue;
-      for (int v = 0; v < kSide; ++v)
-        std::memcpy(t.value + v * kSide, level.value.ptr<float>(y + v) + x, kSide * sizeof(float));
+      for (int v = 0; v < kPatchSide; ++v)
+        std::memcpy(t.value + v * kPatchSide,
+                    level.value.ptr<float>(y + v) + x,
+                    kPatchSide * sizeof(float));
       Normalize(t.value);
       ++asked;
       repeated += Repeats(level, t, x, y);

@@ -167,10 +167,10 @@ KeypointSet Strongest(const KeypointSet& set, int keep) {
 }
 
 // Few views: all pairs; more: by how many of the strongest keypoints match.
-std::vector<std::pair<int, int>> PairsToCompare(const std::vector<KeypointSet>& keypoints,
-                                                const TextureOptions& options,
-                                                const ViewGraphOptions& graph,
-                                                int threads) {
+std::vector<std::pair<int, int>> TexturePairsToCompare(const std::vector<KeypointSet>& keypoints,
+                                                       const TextureOptions& options,
+                                                       const ViewGraphOptions& graph,
+                                                       int threads) {
   const int views = static_cast<int>(keypoints.size());
   std::vector<ViewOverlap> overlaps;
   if (views > graph.all_up_to) {
@@ -232,7 +232,7 @@ TextureMatching MatchTexture(std::span<const cv::Mat> images,
   });
   if (IsStopRequested(stop)) return out;
   const std::vector<std::pair<int, int>> compared =
-      PairsToCompare(out.keypoints, options, graph, threads);
+      TexturePairsToCompare(out.keypoints, options, graph, threads);
   std::vector<std::optional<TexturePair>> pairs(compared.size());
   ParallelFor(static_cast<int>(compared.size()), threads, [&](int k) {
     const auto [a, b] = compared[k];

@@ -10,7 +10,7 @@
 namespace horopter {
 namespace {
 
-double LineDistance(const Eigen::Vector3d& line, const Eigen::Vector2d& x) {
+double EpipolarDistance(const Eigen::Vector3d& line, const Eigen::Vector2d& x) {
   return std::abs(line.dot(x.homogeneous())) / std::max(1e-12, line.head<2>().norm());
 }
 
@@ -60,8 +60,9 @@ class Triples {
       const Eigen::Vector2d& x = features_[from]->junctions[start].point;
       const Eigen::Vector2d& y = features_[to]->junctions[end->second].point;
       ++handed_on;
-      agree += std::max(LineDistance(F * x.homogeneous(), y),
-                        LineDistance(F.transpose() * y.homogeneous(), x)) < options_.transfer_px;
+      agree +=
+          std::max(EpipolarDistance(F * x.homogeneous(), y),
+                   EpipolarDistance(F.transpose() * y.homogeneous(), x)) < options_.transfer_px;
     }
     return handed_on < options_.min_handed_on || agree >= options_.min_share * handed_on;
   }

@@ -6,7 +6,7 @@
 namespace horopter {
 namespace {
 
-absl::Status Check(const PlacementAcceptance& o) {
+absl::Status CheckAcceptance(const PlacementAcceptance& o) {
   return CheckFields("acceptance.placements",
                      {{"min_score", o.min_score, FieldRange::kShare},
                       {"off_plane_score", o.off_plane_score, FieldRange::kShare},
@@ -24,7 +24,7 @@ absl::Status Check(const PlacementAcceptance& o) {
                       {"behind_factor", o.behind_factor, FieldRange::kPositive}});
 }
 
-absl::Status Check(const SceneAcceptance& o) {
+absl::Status CheckAcceptance(const SceneAcceptance& o) {
   return CheckFields(
       "acceptance.scene",
       {{"min_probability", o.min_probability, FieldRange::kShare},
@@ -36,7 +36,7 @@ absl::Status Check(const SceneAcceptance& o) {
        {"min_segments", static_cast<double>(o.min_segments), FieldRange::kPositive}});
 }
 
-absl::Status Check(const AlternativeAcceptance& o) {
+absl::Status CheckAcceptance(const AlternativeAcceptance& o) {
   return CheckFields(
       "acceptance.alternatives",
       {{"misfit_diameters", o.misfit_diameters, FieldRange::kPositive},
@@ -50,7 +50,7 @@ absl::Status Check(const AlternativeAcceptance& o) {
        {"sharpness_weight", o.sharpness_weight, FieldRange::kNotNegative}});
 }
 
-absl::Status Check(const AspectAcceptance& o) {
+absl::Status CheckAcceptance(const AspectAcceptance& o) {
   return CheckFields(
       "acceptance.aspects",
       {{"confirming_score", o.confirming_score, FieldRange::kShare},
@@ -99,7 +99,7 @@ absl::Status Check(const AspectAcceptance& o) {
        {"apart_share", o.apart_share, FieldRange::kShare}});
 }
 
-absl::Status Check(const PoseChoiceAcceptance& o) {
+absl::Status CheckAcceptance(const PoseChoiceAcceptance& o) {
   return CheckFields("acceptance.pose_choices",
                      {{"min_probability", o.min_probability, FieldRange::kShare},
                       {"found_contour", o.found_contour, FieldRange::kShare},
@@ -113,7 +113,7 @@ absl::Status Check(const PoseChoiceAcceptance& o) {
                       {"turns", static_cast<double>(o.turns), FieldRange::kPositive}});
 }
 
-absl::Status Check(const MisfitAcceptance& o) {
+absl::Status CheckAcceptance(const MisfitAcceptance& o) {
   return CheckFields("acceptance.misfits",
                      {{"least_px", o.least_px, FieldRange::kPositive},
                       {"factor", o.factor, FieldRange::kPositive},
@@ -126,12 +126,12 @@ absl::Status Check(const MisfitAcceptance& o) {
 }  // namespace
 
 absl::Status Validate(const AcceptanceOptions& options) {
-  HOROPTER_RETURN_IF_ERROR(Check(options.placements));
-  HOROPTER_RETURN_IF_ERROR(Check(options.scene));
-  HOROPTER_RETURN_IF_ERROR(Check(options.alternatives));
-  HOROPTER_RETURN_IF_ERROR(Check(options.aspects));
-  HOROPTER_RETURN_IF_ERROR(Check(options.pose_choices));
-  return Check(options.misfits);
+  HOROPTER_RETURN_IF_ERROR(CheckAcceptance(options.placements));
+  HOROPTER_RETURN_IF_ERROR(CheckAcceptance(options.scene));
+  HOROPTER_RETURN_IF_ERROR(CheckAcceptance(options.alternatives));
+  HOROPTER_RETURN_IF_ERROR(CheckAcceptance(options.aspects));
+  HOROPTER_RETURN_IF_ERROR(CheckAcceptance(options.pose_choices));
+  return CheckAcceptance(options.misfits);
 }
 
 }  // namespace horopter

@@ -11,7 +11,6 @@
 namespace horopter {
 namespace {
 
-constexpr double kFunctionTolerance = 1e-6;  // relative change of the cost
 // Parameters of a camera that the bundle does not move: the principal point, which MoveCamera has
 // between the focal length and k1.
 constexpr int kCenter = kLogFocal + 1;
@@ -22,7 +21,7 @@ struct PlaneState {
   std::vector<Eigen::Vector3d> points;
 };
 
-struct IntrinsicsPrior {
+struct LensPrior {
   Eigen::Vector2d mean, sigma;  // log f, k1
 
   // In sigmas.
@@ -31,10 +30,10 @@ struct IntrinsicsPrior {
   }
 };
 
-IntrinsicsPrior PriorOf(const BundleView& view, const BundleOptions& options) {
+LensPrior LensPriorOf(const BundleView& view, const BundleOptions& options) {
   const ViewPrior& given = view.prior;
-  IntrinsicsPrior out{{std::log(options.focal_prior_widths * view.size.width), 0.0},
-                      {options.focal_prior_log_sigma, options.k1_sigma}};
+  LensPrior out{{std::log(options.focal_prior_widths * view.size.width), 0.0},
+                {options.focal_prior_log_sigma, options.k1_sigma}};
   if (given.focal_px) {
     out.mean[0] = std::log(*given.focal_px);
     out.sigma[0] = given.focal_log_sigma;
@@ -70,7 +69,7 @@ class PlaneModel {
       }
       layout_.first.push_back(static_cast<int>(observations_.size()));
     }
-    for (const BundleView& view : bundle.views) priors_.push_back(PriorOf(view, options));
+    for (const BundleView& view : bundle.views) priors_.push_back(LensPriorOf(view, options));
   }
 
   const BundleLayout& layout() const { return layout_; }
@@ -170,7 +169,7 @@ class PlaneModel {
   double loss_px_;
   BundleLayout layout_;
   std::vector<PointObservation> observations_;
-  std::vector<IntrinsicsPrior> priors_;
+  std::vector<LensPrior> priors_;
 };
 
 // Every view's log f moves with the observations' noise and with the principal points, which are
@@ -218,7 +217,7 @@ void FillFocalDeviations(const BundleOptions& options,
   }
 }
 
-bool AllFinite(const PlaneState& state) {
+bool IsFinite(const PlaneState& state) {
   return std::all_of(state.cameras.begin(),
                      state.cameras.end(),
                      [](const CalibratedCamera& c) {
@@ -260,12 +259,11 @@ BundleSummary AdjustBundle(const BundleOptions& options, Bundle* bundle) {
   if (bundle->views.empty()) return summary;
   const PlaneModel model(options, *bundle);
   PlaneState state = model.Start();
-  if (!AllFinite(state)) return summary;
+  if (!IsFinite(state)) return summary;
   BundleSolverOptions solver;
   solver.max_iterations = options.max_iterations;
-  solver.function_tolerance = kFunctionTolerance;
   const BundleReport report = MinimizeBundle<kMetricCamera>(model.layout(), solver, model, &state);
-  if (!report.usable || !AllFinite(state)) return summary;
+  if (!report.usable || !IsFinite(state)) return summary;
   summary.usable = true;
   summary.cost = report.cost;
   if (options.covariance) FillFocalDeviations(options, report.cost, model, state, bundle);

@@ -11,9 +11,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kFunctionTolerance = 1e-6;  // relative change of the cost; adjusted again later
-
-using State = BundleState<CalibratedCamera>;
+using CalibratedState = BundleState<CalibratedCamera>;
 
 Eigen::Vector4d IntrinsicsOf(const PinholeCamera& c) {
   return {std::log(c.focal_px), c.cx, c.cy, c.k1};
@@ -96,23 +94,23 @@ Priors PriorsOf(const MultiviewTracks& tracks,
 }
 
 // The mean lens of one camera's views.
-Eigen::Vector4d MeanOf(const State& state, const OneCamera& views) {
+Eigen::Vector4d MeanOf(const CalibratedState& state, const OneCamera& views) {
   Eigen::Vector4d sum = Eigen::Vector4d::Zero();
   for (const int i : views) sum += IntrinsicsOf(state.cameras[i].camera);
   return sum / static_cast<double>(views.size());
 }
 
-class Model : public BundleModel<kMetricCamera, CalibratedCamera> {
+class CalibratedModel : public BundleModel<kMetricCamera, CalibratedCamera> {
  public:
-  Model(const MultiviewTracks& tracks,
-        const BundleObservations& used,
-        const Priors& priors,
-        bool estimate_k1,
-        RobustLoss loss,
-        double loss_scale)
+  CalibratedModel(const MultiviewTracks& tracks,
+                  const BundleObservations& used,
+                  const Priors& priors,
+                  bool estimate_k1,
+                  RobustLoss loss,
+                  double loss_scale)
       : BundleModel(tracks, used, loss, loss_scale), priors_(priors), estimate_k1_(estimate_k1) {}
 
-  double Cost(const State& state) const {
+  double Cost(const CalibratedState& state) const {
     double cost = BundleModel::Cost(state);
     for (size_t i = 0; i < state.cameras.size(); ++i) {
       const auto& [camera, pose] = state.cameras[i];
@@ -129,7 +127,9 @@ class Model : public BundleModel<kMetricCamera, CalibratedCamera> {
     return cost;
   }
 
-  void Linearize(const State& state, Bend bend, NormalEquations<kMetricCamera>* normal) const {
+  void Linearize(const CalibratedState& state,
+                 Bend bend,
+                 NormalEquations<kMetricCamera>* normal) const {
     BundleModel::Linearize(state, bend, normal);
     for (size_t i = 0; i < state.cameras.size(); ++i) {
       const auto& [camera, pose] = state.cameras[i];
@@ -155,8 +155,8 @@ class Model : public BundleModel<kMetricCamera, CalibratedCamera> {
     for (auto& K : normal->K) K.row(kRadial).setZero();
   }
 
-  State Moved(const State& state, const BundleStep<kMetricCamera>& step) const {
-    State next = state;
+  CalibratedState Moved(const CalibratedState& state, const BundleStep<kMetricCamera>& step) const {
+    CalibratedState next = state;
     for (size_t i = 0; i < next.cameras.size(); ++i) {
       next.cameras[i] = MoveCamera(state.cameras[i], step.cameras[i]);
     }
@@ -166,7 +166,7 @@ class Model : public BundleModel<kMetricCamera, CalibratedCamera> {
 
  private:
   // Deviations of the lenses of one camera's views from their mean.
-  void TieCameras(const State& state, NormalEquations<kMetricCamera>* normal) const {
+  void TieCameras(const CalibratedState& state, NormalEquations<kMetricCamera>* normal) const {
     if (priors_.cameras.empty()) return;
     const int size = kMetricCamera * static_cast<int>(state.cameras.size());
     normal->coupling = Eigen::MatrixXd::Zero(size, size);
@@ -192,8 +192,8 @@ class Model : public BundleModel<kMetricCamera, CalibratedCamera> {
   bool estimate_k1_;
 };
 
-State ReadScene(const CalibratedScene& scene, const BundleObservations& used) {
-  State state;
+CalibratedState ReadCalibrated(const CalibratedScene& scene, const BundleObservations& used) {
+  CalibratedState state;
   for (const int v : used.view) {
     state.cameras.push_back({scene.views[v]->camera, scene.views[v]->camera_from_scene});
   }
@@ -206,7 +206,9 @@ State ReadScene(const CalibratedScene& scene, const BundleObservations& used) {
 }
 
 // False when something is not finite.
-bool WriteScene(const State& state, const BundleObservations& used, CalibratedScene* scene) {
+bool WriteCalibrated(const CalibratedState& state,
+                     const BundleObservations& used,
+                     CalibratedScene* scene) {
   bool finite = true;
   for (size_t i = 0; i < used.view.size(); ++i) {
     CalibratedView& view = *scene->views[used.view[i]];
@@ -242,11 +244,11 @@ void FillCovariance(const MultiviewTracks& tracks,
                     const BundleObservations& used,
                     const Priors& priors,
                     bool estimate_k1,
-                    const State& state,
+                    const CalibratedState& state,
                     CalibratedScene* scene,
                     CalibratedBundleSummary* summary) {
   // Deviations of normal residuals: no loss.
-  const Model model(tracks, used, priors, estimate_k1, RobustLoss::kNone, 1.0);
+  const CalibratedModel model(tracks, used, priors, estimate_k1, RobustLoss::kNone, 1.0);
   const double cost = model.Cost(state);
   if (!std::isfinite(cost)) return;
   NormalEquations<kMetricCamera> normal;
@@ -285,15 +287,15 @@ CalibratedBundleSummary AdjustCalibrated(const MultiviewTracks& tracks,
       SelectObservations(tracks, inliers, Known(scene->views, scene->points, scene->lines));
   if (used.observation.empty()) return summary;
   const Priors of_views = PriorsOf(tracks, used, priors, options);
-  State state = ReadScene(*scene, used);
-  const Model model(tracks, used, of_views, options.estimate_k1, options.loss, options.loss_scale);
+  CalibratedState state = ReadCalibrated(*scene, used);
+  const CalibratedModel model(
+      tracks, used, of_views, options.estimate_k1, options.loss, options.loss_scale);
   BundleSolverOptions solver;
   solver.max_iterations = options.max_iterations;
-  solver.function_tolerance = kFunctionTolerance;
   const BundleReport report = MinimizeBundle<kMetricCamera>(used.layout, solver, model, &state);
   if (!report.usable) return summary;
   CalibratedScene next = *scene;
-  if (!WriteScene(state, used, &next)) return summary;
+  if (!WriteCalibrated(state, used, &next)) return summary;
   summary.usable = true;
   summary.cost = report.cost;
   double sigma2 = 0.0, px2 = 0.0;

@@ -5,11 +5,11 @@
 #include <array>
 #include <cmath>
 #include <complex>
-#include <cstdio>
 #include <optional>
 #include <random>
 #include <string>
 
+#include "absl/strings/str_format.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -23,13 +23,6 @@ constexpr double kMinSigmaPx = 0.3;  // of features; what fits better does so by
 constexpr double kFar = 1e6;         // px: the error of what cannot be projected
 // Chance that no sample was of right points only. Noisy triangles make poor poses: low.
 constexpr double kMissed = 1e-6;
-
-template <typename... Arguments>
-std::string Text(const char* format, Arguments... arguments) {
-  char text[200];
-  std::snprintf(text, sizeof(text), format, arguments...);
-  return text;
-}
 
 using Vector7d = Eigen::Matrix<double, kParameters, 1>;
 using Matrix7d = Eigen::Matrix<double, kParameters, kParameters>;
@@ -297,7 +290,7 @@ absl::StatusOr<ResectedCamera> ResectPinhole(std::span<const PointSight> points,
   const int n = static_cast<int>(points.size());
   if (n < std::max(3, options.min_points)) {
     return absl::FailedPreconditionError(
-        Text("%d known points matched, need %d", n, options.min_points));
+        absl::StrFormat("%d known points matched, need %d", n, options.min_points));
   }
   const Problem problem(points, lines, size, prior, options);
   HOROPTER_ASSIGN_OR_RETURN(std::optional<CalibratedCamera> best,
@@ -317,22 +310,23 @@ absl::StatusOr<ResectedCamera> ResectPinhole(std::span<const PointSight> points,
   }
   if (out.points < options.min_points ||
       out.points + kLineWeight * out.lines < options.min_support) {
-    return absl::FailedPreconditionError(
-        Text("%d of %d points and %d of %d lines agree, need %d points and a support of %d",
-             out.points,
-             n,
-             out.lines,
-             static_cast<int>(lines.size()),
-             options.min_points,
-             options.min_support));
+    return absl::FailedPreconditionError(absl::StrFormat(
+        "%d of %d points and %d of %d lines agree, need %d points and a support of %d",
+        out.points,
+        n,
+        out.lines,
+        static_cast<int>(lines.size()),
+        options.min_points,
+        options.min_support));
   }
   out.rms_px = std::sqrt(squared / (2.0 * out.points));
   out.focal_log_sigma = problem.FocalLogSigma(normal, std::max(out.rms_px, kMinSigmaPx));
   if (!(out.focal_log_sigma <= options.max_focal_log_sigma) ||
       !best->camera_from_scene.R.allFinite() || !best->camera_from_scene.t.allFinite()) {
-    return absl::FailedPreconditionError(Text("focal length known to %.0f %%, need %.0f %%",
-                                              100.0 * std::min(out.focal_log_sigma, 10.0),
-                                              100.0 * options.max_focal_log_sigma));
+    return absl::FailedPreconditionError(
+        absl::StrFormat("focal length known to %.0f %%, need %.0f %%",
+                        100.0 * std::min(out.focal_log_sigma, 10.0),
+                        100.0 * options.max_focal_log_sigma));
   }
   const Eigen::Quaterniond rotation(best->camera_from_scene.R);
   out.camera_from_scene.R = rotation.normalized().toRotationMatrix();

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <functional>
 #include <random>
 
+#include "absl/strings/str_format.h"
 #include "server/base/status_macros.h"
 #include "server/base/stop_scope.h"
 #include "server/vision/reconstruction/grow_steps.h"
@@ -16,13 +16,6 @@ namespace {
 // A solution that explains this share needs no alternative.
 constexpr double kSureShare = 0.75;
 
-template <typename... Arguments>
-std::string Text(const char* format, Arguments... arguments) {
-  char text[200];
-  std::snprintf(text, sizeof(text), format, arguments...);
-  return text;
-}
-
 ProjectiveResult Refuse(const MultiviewTracks& tracks, ProjectiveOutcome outcome, std::string why) {
   ProjectiveResult result;
   result.outcome = outcome;
@@ -31,12 +24,7 @@ ProjectiveResult Refuse(const MultiviewTracks& tracks, ProjectiveOutcome outcome
   return result;
 }
 
-int KnownCameras(const ProjectiveScene& scene) {
-  return static_cast<int>(std::count_if(
-      scene.cameras.begin(), scene.cameras.end(), [](const auto& P) { return P.has_value(); }));
-}
-
-int Inliers(const ProjectiveScene& scene) {
+int InlierCount(const ProjectiveScene& scene) {
   return static_cast<int>(std::count(scene.point_inlier.begin(), scene.point_inlier.end(), true) +
                           std::count(scene.line_inlier.begin(), scene.line_inlier.end(), true));
 }
@@ -107,16 +95,18 @@ ProjectiveResult ExplainNoStart(const MultiviewTracks& tracks, const std::vector
     return Refuse(
         tracks,
         ProjectiveOutcome::kNoParallax,
-        Text("no parallax: points move by at most %.1f sigma, the images are the same", motion));
+        absl::StrFormat("no parallax: points move by at most %.1f sigma, the images are the same",
+                        motion));
   }
-  return Refuse(tracks,
-                ProjectiveOutcome::kNoParallax,
-                Text("no parallax: one homography explains all but %d points in every one of %d "
-                     "pairs, need %d and %.0f %% (planar scene or one centre)",
-                     most,
-                     static_cast<int>(pairs.size()),
-                     kMinOffHomography,
-                     100.0 * kMinOffHomographyShare));
+  return Refuse(
+      tracks,
+      ProjectiveOutcome::kNoParallax,
+      absl::StrFormat("no parallax: one homography explains all but %d points in every one of %d "
+                      "pairs, need %d and %.0f %% (planar scene or one centre)",
+                      most,
+                      static_cast<int>(pairs.size()),
+                      kMinOffHomography,
+                      100.0 * kMinOffHomographyShare));
 }
 
 // Outcome, numbers and pixel cameras of the best scene.
@@ -142,9 +132,9 @@ ProjectiveResult Conclude(const MultiviewTracks& tracks,
       covariance->WeakestDeviation() * std::sqrt(std::max(1.0, covariance->variance_factor));
   if (!(result.weakest_deviation <= c.options.max_deviation)) {
     result.outcome = ProjectiveOutcome::kUndetermined;
-    result.reason = Text("cameras known to %.2g of their size, need %.2g",
-                         std::min(result.weakest_deviation, 1e6),
-                         c.options.max_deviation);
+    result.reason = absl::StrFormat("cameras known to %.2g of their size, need %.2g",
+                                    std::min(result.weakest_deviation, 1e6),
+                                    c.options.max_deviation);
     return result;
   }
   result.outcome = ProjectiveOutcome::kReconstructed;
@@ -178,7 +168,8 @@ absl::StatusOr<ProjectiveResult> ReconstructProjective(const MultiviewTracks& tr
     return Refuse(
         tracks,
         ProjectiveOutcome::kTooFewViews,
-        Text("%d views, need %d", static_cast<int>(tracks.sizes.size()), options.min_views));
+        absl::StrFormat(
+            "%d views, need %d", static_cast<int>(tracks.sizes.size()), options.min_views));
   }
   const MultiviewTracks normalized = NormalizeTracks(tracks);
   const TrackIndex index = IndexTracks(normalized);
@@ -201,19 +192,19 @@ absl::StatusOr<ProjectiveResult> ReconstructProjective(const MultiviewTracks& tr
     if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");
     if (!finished) continue;
     const bool complete = KnownCameras(*scene) == static_cast<int>(tracks.sizes.size());
-    if (!best || Inliers(*scene) > Inliers(*best)) best = std::move(scene);
+    if (!best || InlierCount(*scene) > InlierCount(*best)) best = std::move(scene);
     if (complete && InlierShare(context, *best) > kSureShare) break;
   }
   if (IsStopRequested(stop)) return absl::CancelledError("reconstruction: cancelled");
   if (tried == 0) return ExplainNoStart(tracks, pairs);
   if (!best || KnownCameras(*best) < options.min_views) {
-    ProjectiveResult refused =
-        Refuse(tracks,
-               ProjectiveOutcome::kInconsistent,
-               Text("of %d starts none explained %.0f %% of the observations of %d views",
-                    tried,
-                    100.0 * options.min_inlier_share,
-                    options.min_views));
+    ProjectiveResult refused = Refuse(
+        tracks,
+        ProjectiveOutcome::kInconsistent,
+        absl::StrFormat("of %d starts none explained %.0f %% of the observations of %d views",
+                        tried,
+                        100.0 * options.min_inlier_share,
+                        options.min_views));
     refused.starts = tried;
     return refused;
   }

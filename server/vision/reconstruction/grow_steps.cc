@@ -56,10 +56,10 @@ double Squared(const GrowContext& c,
 }
 
 template <typename Sightings>
-std::optional<CameraMatrix> Resect(const GrowContext& c,
-                                   const ProjectiveScene& scene,
-                                   const Sightings& sightings,
-                                   const std::optional<CameraMatrix>& previous) {
+std::optional<CameraMatrix> ResectView(const GrowContext& c,
+                                       const ProjectiveScene& scene,
+                                       const Sightings& sightings,
+                                       const std::optional<CameraMatrix>& previous) {
   std::vector<WeightedPoint> points;
   std::vector<WeightedLine> lines;
   for (const Sighting& s : sightings) {
@@ -103,15 +103,15 @@ std::optional<CameraMatrix> ResectRobustly(const GrowContext& c,
       best = P;
       best_fitting = std::move(fitting);
       if (refit == 3 || static_cast<int>(best_fitting.size()) < kMinRegistered) break;
-      P = Resect(c, scene, best_fitting, P);
+      P = ResectView(c, scene, best_fitting, P);
     }
     const double share = static_cast<double>(best_fitting.size()) / n;
     const double miss = std::log1p(-std::pow(share, kMinimalFeatures));
     if (miss < 0.0) needed = std::min<double>(kRegisterIterations, std::log(1e-3) / miss);
   };
   // All at once first: without outliers nothing is better.
-  std::optional<CameraMatrix> P = Resect(c, scene, all, std::nullopt);
-  for (int i = 0; i < 2 && P; ++i) P = Resect(c, scene, all, P);
+  std::optional<CameraMatrix> P = ResectView(c, scene, all, std::nullopt);
+  for (int i = 0; i < 2 && P; ++i) P = ResectView(c, scene, all, P);
   consider(P);
   std::array<Sighting, kMinimalFeatures> sample;
   for (int i = 0; i < needed; ++i) {
@@ -122,7 +122,7 @@ std::optional<CameraMatrix> ResectRobustly(const GrowContext& c,
       } while (std::find(chosen.begin(), chosen.begin() + k, chosen[k]) != chosen.begin() + k);
       sample[k] = all[chosen[k]];
     }
-    consider(Resect(c, scene, sample, std::nullopt));
+    consider(ResectView(c, scene, sample, std::nullopt));
   }
   if (static_cast<int>(best_fitting.size()) < kMinRegistered ||
       static_cast<double>(best_fitting.size()) < c.options.min_inlier_share * n) {
@@ -272,12 +272,12 @@ int Changes(const std::vector<bool>& before, const std::vector<bool>& after) {
   return changed;
 }
 
+}  // namespace
+
 int KnownCameras(const ProjectiveScene& scene) {
   return static_cast<int>(std::count_if(
       scene.cameras.begin(), scene.cameras.end(), [](const auto& P) { return P.has_value(); }));
 }
-
-}  // namespace
 
 void RegisterViews(const GrowContext& c, std::mt19937* rng, ProjectiveScene* scene) {
   const int views = static_cast<int>(c.tracks.sizes.size());

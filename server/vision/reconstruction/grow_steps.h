@@ -28,6 +28,8 @@ std::optional<ProjectiveScene> StartFromTriple(const GrowContext& context,
 // Triples with at least 26 equations, most first, at most `keep`.
 std::vector<std::array<int, 3>> RankTriples(const GrowContext& context, int keep);
 
+int KnownCameras(const ProjectiveScene& scene);
+
 // Registers every view that its known features determine, most features first; refines in between.
 void RegisterViews(const GrowContext& context, std::mt19937* rng, ProjectiveScene* scene);
 

@@ -15,10 +15,10 @@
 namespace horopter {
 namespace {
 
-constexpr double kDistinctLogFocal = 0.1;  // scenes nearer than that are one
-constexpr double kOnPlaneWeight = 0.8;     // of points that one homography explains, in a start
-constexpr double kStartGatePx = 2.5;       // of the five-point method
-constexpr int kAdjustments = 2;            // each time: outliers of the first mislead it
+constexpr double kDistinctSceneLogFocal = 0.1;  // scenes nearer than that are one
+constexpr double kOnPlaneWeight = 0.8;  // of points that one homography explains, in a start
+constexpr double kStartGatePx = 2.5;    // of the five-point method
+constexpr int kSceneAdjustments = 2;    // each time: outliers of the first mislead it
 // A focal length that others of the same camera have given is believed to this, in a view's
 // resection.
 constexpr double kSharedFocalLogSigma = 0.05;
@@ -89,7 +89,7 @@ class Growth {
       if (!view) continue;
       IncrementalScene before = state_;
       state_.scene.views[next] = view;
-      if (!Settle(options_.start_gate_px, kAdjustments)) {
+      if (!Settle(options_.start_gate_px, kSceneAdjustments)) {
         state_ = std::move(before);
         continue;
       }
@@ -99,7 +99,7 @@ class Growth {
 
   // Nothing where too little is left.
   std::optional<IncrementalScene> Finish() {
-    if (IsStopRequested(stop_) || !Settle(options_.gate_px, kAdjustments)) return std::nullopt;
+    if (IsStopRequested(stop_) || !Settle(options_.gate_px, kSceneAdjustments)) return std::nullopt;
     state_.cost = UnexplainedCost(tracks_, state_.scene, options_.outlier_chi2);
     state_.views = static_cast<int>(std::count_if(state_.scene.views.begin(),
                                                   state_.scene.views.end(),
@@ -202,7 +202,7 @@ bool SameFocalLengths(const IncrementalScene& a, const IncrementalScene& b) {
   for (size_t v = 0; v < a.scene.views.size(); ++v) {
     const auto &x = a.scene.views[v], &y = b.scene.views[v];
     if (!x || !y) continue;
-    if (std::abs(std::log(x->camera.focal_px / y->camera.focal_px)) > kDistinctLogFocal)
+    if (std::abs(std::log(x->camera.focal_px / y->camera.focal_px)) > kDistinctSceneLogFocal)
       return false;
   }
   return true;

@@ -17,10 +17,11 @@ constexpr int kAzimuthSteps = 36;  // 10 degrees apart
 constexpr double kAnisotropySigma =
     0.02;                                // error of a homography's relative axis lengths and angle
 constexpr double kDistinctAngle = 0.17;  // 10 degrees
-constexpr double kDistinctLogFocal = 0.2;  // log of the ratio; nearer starts lead to one solution
+constexpr double kDistinctStartLogFocal =
+    0.2;  // log of the ratio; nearer starts lead to one solution
 
 // Focal lengths to try, image widths: the given one or a geometric series.
-std::vector<double> FocalGrid(const ImageSize& size, const ViewPrior& prior) {
+std::vector<double> PlaneFocalGrid(const ImageSize& size, const ViewPrior& prior) {
   if (prior.focal_px) return {*prior.focal_px / size.width};
   std::vector<double> grid;
   for (int step = 0; step < kFocalSteps; ++step) {
@@ -67,7 +68,7 @@ Eigen::Matrix3d PlaneBasis(const Eigen::Vector3d& normal) {
   return B;
 }
 
-Eigen::Matrix3d CameraMatrix(double focal_widths) {
+Eigen::Matrix3d FocalMatrix(double focal_widths) {
   return Eigen::Vector3d(focal_widths, focal_widths, 1.0).asDiagonal();
 }
 
@@ -92,9 +93,9 @@ std::optional<CalibrationStart> MakeStart(const GridPoint& point,
                                           std::span<const ImageSize> sizes) {
   CalibrationStart start;
   start.cost = point.cost;
-  const Eigen::Matrix3d M0 = CameraMatrix(point.focal_widths) * PlaneBasis(point.normal);
+  const Eigen::Matrix3d M0 = FocalMatrix(point.focal_widths) * PlaneBasis(point.normal);
   for (size_t i = 0; i < maps.size(); ++i) {
-    const Eigen::Matrix3d columns = CameraMatrix(point.focals[i]).inverse() * maps[i] * M0;
+    const Eigen::Matrix3d columns = FocalMatrix(point.focals[i]).inverse() * maps[i] * M0;
     const std::optional<Rigid3> pose = PoseFromColumns(columns);
     if (!pose) return std::nullopt;
     start.focal_px.push_back(point.focals[i] * sizes[i].width);
@@ -134,7 +135,7 @@ std::vector<GridPoint> CostGrid(const std::vector<Eigen::Matrix3d>& maps,
         point.focal_widths = first_focal;
         point.normal = {std::sin(t) * std::cos(z), std::sin(t) * std::sin(z), -std::cos(t)};
         point.cost = prior(0, point.focal_widths);
-        const Eigen::Matrix3d M0 = CameraMatrix(point.focal_widths) * PlaneBasis(point.normal);
+        const Eigen::Matrix3d M0 = FocalMatrix(point.focal_widths) * PlaneBasis(point.normal);
         point.focals.push_back(point.focal_widths);
         for (size_t i = 1; i < maps.size(); ++i) {
           const Eigen::Vector3d a = maps[i] * M0.col(0), b = maps[i] * M0.col(1);
@@ -170,7 +171,7 @@ std::vector<CalibrationStart> CalibrateFromPlane(std::span<const Eigen::Matrix3d
                    CenteredFromPixels(sizes[0], priors[0]).inverse());
   }
   std::vector<std::vector<double>> focals;
-  for (size_t i = 0; i < sizes.size(); ++i) focals.push_back(FocalGrid(sizes[i], priors[i]));
+  for (size_t i = 0; i < sizes.size(); ++i) focals.push_back(PlaneFocalGrid(sizes[i], priors[i]));
   std::vector<GridPoint> grid = CostGrid(maps, focals, priors, options);
   std::stable_sort(grid.begin(), grid.end(), [](const GridPoint& x, const GridPoint& y) {
     return x.cost < y.cost;
@@ -181,7 +182,7 @@ std::vector<CalibrationStart> CalibrateFromPlane(std::span<const Eigen::Matrix3d
     if (static_cast<int>(starts.size()) >= keep) break;
     const bool known = std::any_of(kept.begin(), kept.end(), [&](const GridPoint* k) {
       return std::acos(std::clamp(k->normal.dot(point.normal), -1.0, 1.0)) < kDistinctAngle &&
-             std::abs(std::log(k->focal_widths / point.focal_widths)) < kDistinctLogFocal;
+             std::abs(std::log(k->focal_widths / point.focal_widths)) < kDistinctStartLogFocal;
     });
     if (known) continue;
     std::optional<CalibrationStart> start = MakeStart(point, maps, sizes);

@@ -9,6 +9,7 @@
 #include "server/vision/reconstruction/bundle_adjustment.h"
 #include "server/vision/reconstruction/plane_calibration.h"
 #include "server/vision/reconstruction/tracks.h"
+#include "server/vision/reconstruction/trust.h"
 
 namespace horopter {
 namespace {
@@ -22,15 +23,11 @@ constexpr std::size_t kRefinedStartsOfFew = 5;
 constexpr std::size_t kFewViews = 3;
 constexpr int kMaxPlaneTracks = 240;
 constexpr int kStartTracks = 80;                 // of them used to choose among the starts
-constexpr double kMinRayAngle = 0.0175;          // 1 degree: below it depth is noise
 constexpr double kGatesPx[] = {12.0, 5.0, 3.0};  // kept tracks, round by round
 constexpr int kMinObservations = 12;             // of a registered view
 constexpr double kMinParallaxPx = 4.0;           // of a point off the plane
 constexpr double kMinViewAngle = 0.02;           // between two views' rays; less may be noise
 constexpr double kTruncationPx = 3.0;            // of the cost that compares two solutions
-// The posterior deviation of log f knows nothing of wrong matches that survive. With the principal
-// points' share beside it, the factor makes rms(error / deviation) about 1 on parts-train.
-constexpr double kFocalInflation = 3.0;
 constexpr double kFocalFloor = 0.005;
 constexpr int kMinTrustedPoints = 8;  // off the plane
 
@@ -93,7 +90,7 @@ double TruncatedCost(const Bundle& bundle,
   return cost;
 }
 
-double PriorCost(const Bundle& bundle, const ReconstructionOptions& options) {
+double FocalPriorCost(const Bundle& bundle, const ReconstructionOptions& options) {
   double cost = 0.0;
   for (const BundleView& view : bundle.views) {
     const ViewPrior& given = view.prior;
@@ -270,7 +267,7 @@ bool HasParallax(const Bundle& bundle, const BundlePoint& point) {
   return WorstReprojection(bundle, flat) > kMinParallaxPx;
 }
 
-void Export(const Bundle& bundle, const Component& component, Reconstruction* result) {
+void ExportComponent(const Bundle& bundle, const Component& component, Reconstruction* result) {
   double squared = 0.0;
   int observations = 0, off_plane = 0;
   std::vector<int> per_view(bundle.views.size(), 0);
@@ -368,7 +365,7 @@ void RefineSolutions(const std::vector<Track>& plane,
   if (solutions->size() > refined) solutions->resize(refined);
   for (Solution& s : *solutions) {
     s.cost = Refine(plane, junctions, options, stop, &s.bundle)
-                 ? TruncatedCost(s.bundle, plane, junctions) + PriorCost(s.bundle, options)
+                 ? TruncatedCost(s.bundle, plane, junctions) + FocalPriorCost(s.bundle, options)
                  : 1e300;
   }
   std::stable_sort(solutions->begin(), solutions->end(), [](const Solution& x, const Solution& y) {
@@ -430,7 +427,7 @@ absl::StatusOr<Reconstruction> ReconstructFromPlane(const MatchingResult& matchi
     return result;
   }
   result.has_plane = true;
-  Export(best, component, &result);
+  ExportComponent(best, component, &result);
   DecideTrust(options, AlternativeRatio(solutions), &result);
   return result;
 }

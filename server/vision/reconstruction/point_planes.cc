@@ -25,7 +25,7 @@ std::vector<int> Near(std::span<const Eigen::Vector3d> points,
 }
 
 // Least squares; the points are more than three and not on a line.
-void Refit(std::span<const Eigen::Vector3d> points, PointPlane* plane) {
+void RefitPlane(std::span<const Eigen::Vector3d> points, PointPlane* plane) {
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   for (const int j : plane->points) mean += points[j];
   mean /= static_cast<double>(plane->points.size());
@@ -56,7 +56,7 @@ std::optional<PointPlane> LargestPlane(std::span<const Eigen::Vector3d> points,
     if (plane.points.size() > best.points.size()) best = std::move(plane);
   }
   for (int round = 0; round < kRefits && std::ssize(best.points) >= options.min_points; ++round) {
-    Refit(points, &best);
+    RefitPlane(points, &best);
     best.points = Near(points, among, best, tolerance);
   }
   if (std::ssize(best.points) < options.min_points) return std::nullopt;

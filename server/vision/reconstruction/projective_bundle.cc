@@ -10,7 +10,7 @@ namespace horopter {
 namespace {
 
 using CameraVector = Eigen::Matrix<double, kProjectiveCamera, 1>;
-using State = BundleState<CameraMatrix>;
+using ProjectiveState = BundleState<CameraMatrix>;
 
 CameraVector Stacked(const CameraMatrix& P) {
   CameraVector p;
@@ -18,11 +18,13 @@ CameraVector Stacked(const CameraMatrix& P) {
   return p;
 }
 
-class Model : public BundleModel<kProjectiveCamera, CameraMatrix> {
+class ProjectiveModel : public BundleModel<kProjectiveCamera, CameraMatrix> {
  public:
   using BundleModel::BundleModel;
 
-  void Linearize(const State& state, Bend bend, NormalEquations<kProjectiveCamera>* normal) const {
+  void Linearize(const ProjectiveState& state,
+                 Bend bend,
+                 NormalEquations<kProjectiveCamera>* normal) const {
     BundleModel::Linearize(state, bend, normal);
     // Scales of cameras, as those of points.
     for (size_t i = 0; i < normal->U.size(); ++i) {
@@ -31,8 +33,9 @@ class Model : public BundleModel<kProjectiveCamera, CameraMatrix> {
     }
   }
 
-  State Moved(const State& state, const BundleStep<kProjectiveCamera>& step) const {
-    State next = state;
+  ProjectiveState Moved(const ProjectiveState& state,
+                        const BundleStep<kProjectiveCamera>& step) const {
+    ProjectiveState next = state;
     for (size_t i = 0; i < next.cameras.size(); ++i) {
       for (int r = 0; r < 3; ++r) {
         next.cameras[i].row(r) += step.cameras[i].segment<4>(4 * r).transpose();
@@ -44,8 +47,8 @@ class Model : public BundleModel<kProjectiveCamera, CameraMatrix> {
   }
 };
 
-State ReadScene(const ProjectiveScene& scene, const BundleObservations& used) {
-  State state;
+ProjectiveState ReadProjective(const ProjectiveScene& scene, const BundleObservations& used) {
+  ProjectiveState state;
   for (const int v : used.view) {
     state.cameras.push_back(*scene.cameras[v] / scene.cameras[v]->norm());
   }
@@ -56,7 +59,9 @@ State ReadScene(const ProjectiveScene& scene, const BundleObservations& used) {
   return state;
 }
 
-void WriteScene(const State& state, const BundleObservations& used, ProjectiveScene* scene) {
+void WriteProjective(const ProjectiveState& state,
+                     const BundleObservations& used,
+                     ProjectiveScene* scene) {
   for (size_t i = 0; i < used.view.size(); ++i) scene->cameras[used.view[i]] = state.cameras[i];
   for (size_t j = 0; j < scene->points.size(); ++j) {
     if (scene->points[j]) scene->points[j] = state.points[j];
@@ -84,14 +89,14 @@ ProjectiveBundleSummary AdjustProjective(const MultiviewTracks& tracks,
   const BundleObservations used =
       SelectObservations(tracks, *scene, Known(scene->cameras, scene->points, scene->lines));
   if (used.observation.empty()) return summary;
-  State state = ReadScene(*scene, used);
-  const Model model(tracks, used, options.loss, options.loss_scale);
+  ProjectiveState state = ReadProjective(*scene, used);
+  const ProjectiveModel model(tracks, used, options.loss, options.loss_scale);
   BundleSolverOptions solver;
   solver.max_iterations = options.max_iterations;
   solver.function_tolerance = options.function_tolerance;
   const BundleReport report = MinimizeBundle<kProjectiveCamera>(used.layout, solver, model, &state);
   if (!report.usable) return summary;
-  WriteScene(state, used, scene);
+  WriteProjective(state, used, scene);
   summary.usable = true;
   summary.cost = report.cost;
   summary.iterations = report.iterations;
@@ -104,8 +109,8 @@ std::optional<BundleCovariance> ProjectiveCovariance(const MultiviewTracks& trac
   const BundleObservations used =
       SelectObservations(tracks, scene, Known(scene.cameras, scene.points, scene.lines));
   if (used.layout.cameras < 2) return std::nullopt;
-  const State state = ReadScene(scene, used);
-  const Model model(tracks, used, RobustLoss::kNone, 1.0);
+  const ProjectiveState state = ReadProjective(scene, used);
+  const ProjectiveModel model(tracks, used, RobustLoss::kNone, 1.0);
   const double cost = model.Cost(state);
   if (!std::isfinite(cost)) return std::nullopt;
   NormalEquations<kProjectiveCamera> normal;

@@ -3,9 +3,9 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 
+#include "absl/strings/str_format.h"
 #include "server/base/status_macros.h"
 #include "server/base/stop_scope.h"
 #include "server/vision/reconstruction/calibration_starts.h"
@@ -21,13 +21,6 @@ constexpr double kMinInFront = 0.9;        // share of points before the cameras
 // Observations of a view and sweeps that show which minimum a start ends in.
 constexpr int kFewOfView = 40;
 constexpr int kFewIterations = 12;
-
-template <typename... Arguments>
-std::string Text(const char* format, Arguments... arguments) {
-  char text[200];
-  std::snprintf(text, sizeof(text), format, arguments...);
-  return text;
-}
 
 struct Candidate {
   CalibratedScene scene;
@@ -105,26 +98,27 @@ void Decide(const MultiviewTracks& tracks,
     result->reason = "the covariance of the calibration cannot be computed";
   } else if (!(result->worst_focal_log_sigma <= options.max_focal_log_sigma)) {
     result->outcome = MetricOutcome::kCriticalMotion;
-    result->reason = Text("focal length known to %.0f %%, need %.0f %%",
-                          100.0 * std::min(result->worst_focal_log_sigma, 10.0),
-                          100.0 * options.max_focal_log_sigma);
+    result->reason = absl::StrFormat("focal length known to %.0f %%, need %.0f %%",
+                                     100.0 * std::min(result->worst_focal_log_sigma, 10.0),
+                                     100.0 * options.max_focal_log_sigma);
   } else if (!(result->rms_sigma <= limit)) {
     result->outcome = MetricOutcome::kCameraModel;
-    result->reason =
-        Text("rms %.2f sigma, the projective scene has %.2f", result->rms_sigma, projective_sigma);
+    result->reason = absl::StrFormat(
+        "rms %.2f sigma, the projective scene has %.2f", result->rms_sigma, projective_sigma);
   } else if (!bounded) {
     result->outcome = MetricOutcome::kCameraModel;
-    result->reason = Text("a focal length outside %.1f..%.1f image widths",
-                          options.min_focal_widths,
-                          options.max_focal_widths);
+    result->reason = absl::StrFormat("a focal length outside %.1f..%.1f image widths",
+                                     options.min_focal_widths,
+                                     options.max_focal_widths);
   } else if (InFront(tracks, projective, result->scene) < 0.99) {
     result->outcome = MetricOutcome::kCameraModel;
     result->reason = "points behind the cameras";
   } else if (result->alternative_gap < options.min_alternative_gap) {
     result->outcome = MetricOutcome::kAmbiguous;
-    result->reason = Text("a different calibration is worse by chi^2 %.1f only, need %.1f",
-                          result->alternative_gap,
-                          options.min_alternative_gap);
+    result->reason =
+        absl::StrFormat("a different calibration is worse by chi^2 %.1f only, need %.1f",
+                        result->alternative_gap,
+                        options.min_alternative_gap);
   } else {
     result->outcome = MetricOutcome::kMetric;
   }
@@ -281,7 +275,7 @@ absl::StatusOr<MetricResult> SelfCalibrate(const MultiviewTracks& tracks,
       PlausibleCalibrations(tracks, scene, priors, options, stop, std::move(minima)));
   if (found.empty()) {
     result.outcome = MetricOutcome::kCameraModel;
-    result.reason = Text("no plausible cameras fit %d views", cameras);
+    result.reason = absl::StrFormat("no plausible cameras fit %d views", cameras);
     return result;
   }
   result.alternative_gap = AlternativeGap(found);

@@ -5,11 +5,11 @@
 #include <cmath>
 
 #include "server/vision/geometry/projection.h"
+#include "server/vision/reconstruction/trust.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kMinRayAngle = 0.0175;   // 1 degree: below it depth is noise
 constexpr double kMinPlaneAngle = 0.035;  // of two back-projected planes that give a line
 
 // Observations of registered views, lens distortion undone, focal length 1; and their cameras.

@@ -41,7 +41,7 @@ std::string Refusal(const TracksResult& result) {
   return projective ? result.metric.reason : result.projective.reason;
 }
 
-void Export(const MatchedTracks& matched, const TracksResult& from, Reconstruction* result) {
+void ExportTracks(const MatchedTracks& matched, const TracksResult& from, Reconstruction* result) {
   const CalibratedScene& scene = from.metric.scene;
   const SimilarityTransform world_from_scene = FacingTheCameras(scene);
   double sigma = 0.0;
@@ -98,7 +98,7 @@ absl::StatusOr<Reconstruction> ReconstructFromTracks(const MatchingResult& match
     result.counts["junction_tracks"] = matched.tracks.points;
     result.counts["segment_tracks"] = matched.tracks.lines;
     result.refusal = Refusal(found);
-    Export(matched, found, &result);
+    ExportTracks(matched, found, &result);
     if (result.refusal.empty() && !(result.rms_px <= options.max_rms_px)) {
       result.refusal = "rms " + std::to_string(result.rms_px) + " px, need " +
                        std::to_string(options.max_rms_px) + " px";

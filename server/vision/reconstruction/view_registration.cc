@@ -10,12 +10,10 @@
 #include "server/vision/reconstruction/camera_resection.h"
 #include "server/vision/reconstruction/matched_tracks.h"
 #include "server/vision/reconstruction/structure.h"
+#include "server/vision/reconstruction/trust.h"
 
 namespace horopter {
 namespace {
-
-// As of the plane route: the posterior deviation knows nothing of wrong matches that survive.
-constexpr double kFocalInflation = 3.0;
 
 struct Sights {
   std::vector<PointSight> points;
@@ -38,7 +36,7 @@ Sights SightsOf(const MultiviewTracks& tracks,
   return out;
 }
 
-double WorstFocalSigma(const Reconstruction& r) {
+double WorstKnownFocalSigma(const Reconstruction& r) {
   double worst = 0.0;
   for (const auto& view : r.views) {
     if (view) worst = std::max(worst, view->focal_log_sigma);
@@ -69,7 +67,7 @@ int RegisterRemainingViews(const MatchingResult& matching,
   resection.seed = options.seed;
   resection.focal_prior_widths = options.focal_prior_widths;
   resection.focal_prior_log_sigma = options.focal_prior_log_sigma;
-  const double others = WorstFocalSigma(r);
+  const double others = WorstKnownFocalSigma(r);
   int added = 0;
   std::vector<bool> failed(views, false);
   while (!IsStopRequested(stop)) {

@@ -12,10 +12,10 @@
 namespace horopter {
 namespace {
 
-constexpr int kViewParameters = 7;    // rotation, translation, ln f
-constexpr int kObjectParameters = 6;  // rotation about the object's origin, translation
-constexpr double kMinDepth = 1e-4;    // metres
-constexpr double kStalePx = 2.0;      // poses that shifted by less keep their edges; chosen
+constexpr int kViewParameters = 7;     // rotation, translation, ln f
+constexpr int kObjectParameters = 6;   // rotation about the object's origin, translation
+constexpr double kMinDepth = 1e-4;     // metres
+constexpr double kStaleEdgesPx = 2.0;  // poses that shifted by less keep their edges; chosen
 // Weakly seen directions stay near where they were: radians, metres over the depth.
 constexpr double kRotationSigma = 0.5;
 constexpr double kTranslationSigma = 0.5;
@@ -346,7 +346,8 @@ double AdjustToEdges(std::span<const AspectImage> images,
       const int v = i / objects, o = i % objects;
       if (!scene->views[v]) return;
       const AspectSceneView& view = *scene->views[v];
-      if (!rendered[i]) rendered[i].emplace(*meshes[scene->objects[o].object], visible, kStalePx);
+      if (!rendered[i])
+        rendered[i].emplace(*meshes[scene->objects[o].object], visible, kStaleEdgesPx);
       points[i] = ThinnedEdgePoints(
           rendered[i]->At(view.camera,
                           view.camera_from_scene * scene->objects[o].scene_from_object),

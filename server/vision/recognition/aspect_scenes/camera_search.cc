@@ -18,17 +18,17 @@ namespace {
 
 // Places on the plane under the parts that are looked at closer, for parts that the searched images
 // do not show well; chosen, for time.
-constexpr int kStanding = 20;
-constexpr double kSettledScore = 0.3;  // of the best object: no further view need be searched
+constexpr int kStandingSearched = 20;
+constexpr double kSettledSearchScore = 0.3;  // of the best object: no further view need be searched
 // Cameras that know nothing of the parts leave chance little: the best wrong places of photographs
 // score .10 - .20 in the mean of their views, right ones of scanned parts .35.
-constexpr double kChanceScore = 0.2;
+constexpr double kChanceOfView = 0.2;
 constexpr double kLeastQuick = 0.22, kLeastJoint = 0.25;  // AspectLinkOptions::min_quick, min_joint
 // Depths of parts in the cameras' unit: of the points that they see, and of where their axes meet.
 constexpr double kPointsBeyond = 1.4, kAxesBeyond = 3.0;
 constexpr double kDepthError = 1.18;   // of a single image's hypothesis
 constexpr int kAttempts = 3;           // at a start
-constexpr int kPeaks = 2;              // units tried of a hypothesis
+constexpr int kSearchedPeaks = 2;      // units tried of a hypothesis
 constexpr std::size_t kAdjusted = 24;  // of a view's transferred hypotheses; chosen, for time
 constexpr std::size_t kStarts = 3;     // scenes that are completed
 // What a view should show, of what the middle one does; what shows less of all parts is no view.
@@ -52,7 +52,7 @@ double WorthOf(const LinkedScene& scene) {
   double worth = 0.0;
   for (const LinkedObject& o : scene.objects) {
     for (std::size_t v = 0; v < o.views.size(); ++v) {
-      if (o.shown[v]) worth += o.views[v].score - kChanceScore;
+      if (o.shown[v]) worth += o.views[v].score - kChanceOfView;
     }
   }
   return worth;
@@ -127,7 +127,7 @@ class CameraSearch {
   }
 
   static bool IsSettled(const LinkedScene& scene) {
-    return !scene.objects.empty() && scene.objects.front().score >= kSettledScore;
+    return !scene.objects.empty() && scene.objects.front().score >= kSettledSearchScore;
   }
 
   // Two deviations of the cameras' turns, in the middle one of the images.
@@ -187,7 +187,7 @@ class CameraSearch {
     std::vector<std::vector<TransferredObject>> of(list.size());
     ParallelFor(static_cast<int>(list.size()), options_.threads, [&](int i) {
       if (!IsStopRequested(stop_))
-        of[i] = transfer.Place(v, list[i], RangeOf(v, list[i]), LeastViews(), kPeaks);
+        of[i] = transfer.Place(v, list[i], RangeOf(v, list[i]), LeastViews(), kSearchedPeaks);
     });
     std::vector<TransferredObject> all;
     for (std::size_t i = 0; i < list.size(); ++i) {
@@ -365,7 +365,7 @@ class CameraSearch {
       int of_plane = 0;
       for (const StandingCandidate& c :
            FindStanding(in_.images, scene.views, in_.models, plane, scene.objects, search, stop_)) {
-        if (of_plane >= std::min(kStanding, options_.standing)) break;
+        if (of_plane >= std::min(kStandingSearched, options_.standing)) break;
         if (!objects_.IsFree(scene.views, scene.objects, c.placed)) continue;
         candidates.push_back(c.placed);
         ++of_plane;

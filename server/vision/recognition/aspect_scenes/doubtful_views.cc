@@ -2,12 +2,12 @@
 
 #include <algorithm>
 
+#include "server/vision/recognition/aspect_scenes/hypothesis_support.h"
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kLeastChance = 0.25;   // of a wrong pose's score in an image
 constexpr double kDoubtfulShare = 0.5;  // of what the middle view shows: looked at again
 constexpr double kBetterScore = 0.06;   // of another pose of an object in one view
 

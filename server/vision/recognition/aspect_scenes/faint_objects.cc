@@ -6,12 +6,12 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
+#include "server/vision/recognition/aspect_scenes/settled_scenes.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kLeastViews = 3;           // two agree on a wrong surface, too
-constexpr double kCredibleScore = 0.45;  // of the scene's best object
+constexpr int kLeastViews = 3;  // two agree on a wrong surface, too
 // Least score, correlation over the surface and ordered pairs of views it is of. Of what lies on a
 // plane beside sure parts in scenes of six sets, scored .26 - .60, 61 of 67 right parts had .5 and
 // more, and of wrong ones four turned poses of right parts. ADR 54.

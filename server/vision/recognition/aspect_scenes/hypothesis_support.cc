@@ -6,16 +6,15 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_search/aspect_score.h"
+#include "server/vision/recognition/aspect_search/near_plane.h"
 
 namespace horopter {
 namespace {
 
 constexpr double kLeastWeight = 0.003;  // of a hypothesis that is no better than chance
-constexpr double kLeastChance = 0.25;   // of a wrong pose's score in an image
 constexpr double kMostChance = 0.5;     // ... and at most; chosen, commit cffbdd4
 constexpr std::size_t kLongList = 12;   // hypotheses of which a fifth may be right
 constexpr double kTurnedAgrees = 0.9;  // of a round part that small features turn otherwise; chosen
-constexpr double kNearM = 1e-3;        // points nearer to the camera plane have no image
 constexpr double kCarriedReach = 0.06;             // of the size
 constexpr double kCarriedReachPx[] = {4.0, 12.0};  // working px, least and most; chosen
 constexpr std::size_t kCarriedHypotheses = 8;      // of a view, by their edges in the other one

@@ -9,6 +9,8 @@
 
 namespace horopter {
 
+inline constexpr double kLeastChance = 0.25;  // of a wrong pose's score in an image
+
 class HypothesisSupport {
  public:
   // What is referred to outlives the object.

@@ -14,11 +14,11 @@ constexpr int kLinkedObjects = 8;      // of a pair of views
 constexpr std::size_t kLinkTurns = 2;  // of one pair of hypotheses
 constexpr std::size_t kAlone = 4;      // hypotheses of an image alone
 // A part leads where it is listed best in half of the views, or nearly so, and well in each.
-constexpr double kNearlyBest = 0.9;       // of the view's best score
-constexpr double kLeadingScore = 0.45;    // of a view
-constexpr std::size_t kLeadingLinks = 3;  // of all pairs of views; chosen, for time
-constexpr double kSameLinkRad = 0.07;     // relative poses of two views nearer than this are one
-constexpr double kSameLinkShare = 0.12;   // ... and of their distance
+constexpr double kNearlyBestOfView = 0.9;   // of the view's best score
+constexpr double kLeadingViewScore = 0.45;  // of a view
+constexpr std::size_t kLeadingLinks = 3;    // of all pairs of views; chosen, for time
+constexpr double kSameLinkRad = 0.07;       // relative poses of two views nearer than this are one
+constexpr double kSameLinkShare = 0.12;     // ... and of their distance
 
 // Of a part seen in two views: as good as in the worse one, both count.
 double Support(double a, double b) {
@@ -89,8 +89,8 @@ class PairLinks {
       const std::vector<AspectHypothesis>& list = support_.Hypotheses(v);
       const auto best = std::find_if(
           list.begin(), list.end(), [&](const AspectHypothesis& h) { return h.object == object; });
-      const bool leads = best != list.end() && best->score >= kLeadingScore &&
-                         best->score >= kNearlyBest * list.front().score;
+      const bool leads = best != list.end() && best->score >= kLeadingViewScore &&
+                         best->score >= kNearlyBestOfView * list.front().score;
       out.push_back(leads ? static_cast<int>(best - list.begin()) : -1);
     }
     return out;

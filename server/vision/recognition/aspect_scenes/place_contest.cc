@@ -11,10 +11,10 @@
 namespace horopter {
 namespace {
 
-constexpr double kTurnedScore = 0.01;     // by which another turn must be better
-constexpr double kReplacingScore = 0.02;  // by which another pose or part must be better; chosen
-constexpr double kNearlyScore = 0.03;     // of a view by which it may be worse there; chosen
-constexpr std::size_t kSettled = 6;       // other poses and parts of a place; chosen, for time
+constexpr double kBetterTurnScore = 0.01;  // by which another turn must be better
+constexpr double kReplacingScore = 0.02;   // by which another pose or part must be better; chosen
+constexpr double kNearlyScore = 0.03;      // of a view by which it may be worse there; chosen
+constexpr std::size_t kSettled = 6;        // other poses and parts of a place; chosen, for time
 
 }  // namespace
 
@@ -51,7 +51,7 @@ bool PlaceContest::ChooseTurns(LinkedScene* scene) const {
           objects_.JudgeOne(scene->views, {o.object, o.scene_from_object * turns[t]}, hiding).score;
     });
     const auto best = std::max_element(scores.begin(), scores.end());
-    if (*best < scores.front() + kTurnedScore) continue;
+    if (*best < scores.front() + kBetterTurnScore) continue;
     o.scene_from_object = o.scene_from_object * turns[best - scores.begin()];
     turned = true;
   }

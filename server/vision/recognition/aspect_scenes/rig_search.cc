@@ -6,6 +6,7 @@
 
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/aspect_scenes/settled_scenes.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/aspect_scenes/standing_search.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
@@ -18,11 +19,10 @@ namespace {
 constexpr int kStanding = 20;
 // Least score of the best object. Cameras that no part has moved are not fitted by chance as those
 // are that a part gave (0.65 there); chosen.
-constexpr double kSettledScore = 0.5;
-constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface, as where views are linked
+constexpr double kSettledRigScore = 0.5;
 // What each view that shows the best object has of its score. A camera that was turned by half a
 // degree shows next to nothing of it; chosen.
-constexpr double kEvenShare = 0.7;
+constexpr double kEvenViews = 0.7;
 constexpr std::size_t kAgreeing = 2;  // least views that show a part where others do not
 // Reach of the rounds in which a moved camera is found again, working pixels; half a degree is 8 -
 // 15 of them.
@@ -84,7 +84,7 @@ class RigSearch {
 
   bool IsSettled(const LinkedScene& scene) const {
     if (scene.objects.empty() || scene.agreement.Contradicts(kSettledSurface)) return false;
-    return scene.objects.front().score >= kSettledScore && OddViews(scene).empty();
+    return scene.objects.front().score >= kSettledRigScore && OddViews(scene).empty();
   }
 
   // Views that show each object they should show worse than most do. Those that show none of the
@@ -99,7 +99,7 @@ class RigSearch {
       }
       if (scores.empty()) continue;
       std::sort(scores.begin(), scores.end());
-      const double least = kEvenShare * scores[scores.size() / 2];
+      const double least = kEvenViews * scores[scores.size() / 2];
       for (std::size_t v = 0; v < rig_.size(); ++v) {
         should[v] = should[v] || everywhere.shown[v];
         does[v] = does[v] || (everywhere.shown[v] && everywhere.views[v].score >= least);

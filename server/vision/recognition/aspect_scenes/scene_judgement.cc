@@ -36,10 +36,10 @@ Disc DiscOf(const AspectImage& image,
             const RenderMesh& mesh,
             const PinholeCamera& camera,
             const Rigid3& pose) {
-  constexpr double kAround = 0.6;  // of the diameter, with a margin
+  constexpr double kWithMargin = 0.6;  // of the diameter, with a margin
   const PinholeCamera working = WorkingCamera(image, camera);
   const Eigen::Vector3d center = pose * mesh.center.cast<double>();
-  return {Project(working, center), kAround * working.focal_px * mesh.diameter_m / center.z()};
+  return {Project(working, center), kWithMargin * working.focal_px * mesh.diameter_m / center.z()};
 }
 
 bool IsInside(const RenderMesh& mesh,

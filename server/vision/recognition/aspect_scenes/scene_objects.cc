@@ -5,6 +5,7 @@
 
 #include "server/base/parallel_for.h"
 #include "server/base/rounded.h"
+#include "server/vision/recognition/aspect_search/near_plane.h"
 #include "server/vision/recognition/aspect_search/object_layers.h"
 #include "server/vision/recognition/aspect_search/pose_rendering.h"
 
@@ -13,7 +14,6 @@ namespace {
 
 constexpr double kChanceScore = 0.4;  // what a wrong pose reaches in one image
 constexpr double kShownScore = 0.35;  // of the best object in a view whose camera is right
-constexpr double kNearM = 1e-3;       // points nearer to the camera plane have no image
 constexpr double kSettleSearchPx[] = {8.0, 5.0, 3.0};  // working pixels, rounds of a settlement
 constexpr int kSettleSteps = 3;                        // of each round
 constexpr int kSettlePoints = 120;                     // of a view

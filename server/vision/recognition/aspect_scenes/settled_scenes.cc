@@ -6,11 +6,10 @@ namespace {
 // Of the best object: others are looked for in its views, or are known well enough. Of the scenes
 // of cad-dev that have parts the right ones have 0.56 and more in two views, those without known
 // parts 0.46. Commit 474778a.
-constexpr double kCredibleScore = 0.45, kSettledScore = 0.5;
+constexpr double kSettledScore = 0.5;
 // ... where no other agrees, as the views may show several poses of one: a wrong link of a battery
 // holder had 0.57 in four views, the right one of it and two more parts 0.58. Commit 38de6ec.
 constexpr double kSettledAlone = 0.65;
-constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface of a settled scene
 // ViewAgreement::ground; of wrong scenes none has more than 0.27 (AspectAcceptance::ground_agrees).
 constexpr double kSettledGround = 0.35;
 constexpr int kGroundViews = 3;

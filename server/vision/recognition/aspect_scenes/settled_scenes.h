@@ -8,6 +8,9 @@
 
 namespace horopter {
 
+inline constexpr double kSettledSurface = 0.4;  // ViewAgreement::surface of a settled scene
+inline constexpr double kCredibleScore = 0.45;  // of the scene's best object
+
 // Two views and more are linked by an object that is worth looking for others beside.
 bool IsCredible(const LinkedScene& scene);
 

@@ -8,21 +8,21 @@
 #include "server/base/lanes.h"
 #include "server/base/rounded.h"
 #include "server/base/target_clones.h"
+#include "server/vision/recognition/aspect_search/near_plane.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kTiles = 3;             // of the plane, a side: each has its own aspects
-constexpr double kNearM = 1e-3;       // points nearer to the camera plane have no image
-constexpr float kFarPx = 8000.0f;     // no point lies farther from the image, for all that counts
-constexpr double kEdgeHalf = 0.35;    // of the size: half the square whose edges are counted ...
-constexpr double kEdgeLength = 0.4;   // ... and how long they must be
-constexpr double kMostGround = 0.8;   // of that square: where it is seen, no part is
-constexpr int kSectors = 3;           // of turns: each keeps its best at every place
-constexpr int kBlock = 4;             // places a side over which a part looks the same
-constexpr std::size_t kFirst = 8;     // points that refuse a place
-constexpr double kFirstSlack = 0.12;  // by which their support may be below what is needed
-constexpr double kViewSlack = 0.14;   // ... and that of the views asked so far, over their number
+constexpr int kTiles = 3;            // of the plane, a side: each has its own aspects
+constexpr float kFarPx = 8000.0f;    // no point lies farther from the image, for all that counts
+constexpr double kEdgeHalf = 0.35;   // of the size: half the square whose edges are counted ...
+constexpr double kEdgeLength = 0.4;  // ... and how long they must be
+constexpr double kMostGround = 0.8;  // of that square: where it is seen, no part is
+constexpr int kSectors = 3;          // of turns: each keeps its best at every place
+constexpr int kBlock = 4;            // places a side over which a part looks the same
+constexpr std::size_t kFirstPoints = 8;  // points that refuse a place
+constexpr double kFirstSlack = 0.12;     // by which their support may be below what is needed
+constexpr double kViewSlack = 0.14;  // ... and that of the views asked so far, over their number
 
 // Points of an aspect in the half map of a view's image.
 struct MapPoints {
@@ -36,7 +36,7 @@ struct MapPoints {
   bool may_be_hidden = false;  // in a place of the block
 };
 
-static_assert(kFirst % kLanes == 0 && kGridPoints % kLanes == 0);
+static_assert(kFirstPoints % kLanes == 0 && kGridPoints % kLanes == 0);
 
 struct HalfMaps {
   const std::uint8_t* distance;
@@ -274,7 +274,7 @@ class FaceSearch {
     }
     std::fill(
         out->left_out.begin() + static_cast<std::ptrdiff_t>(out->count), out->left_out.end(), -1);
-    return out->count >= kFirst;
+    return out->count >= kFirstPoints;
   }
 
   // Of the points that nothing hides; refused where the first find less than `least` in the mean.
@@ -301,9 +301,10 @@ class FaceSearch {
       }
       away += SumAway(maps, points, left_out.data(), du, dv, from, to);
     };
-    add(0, kFirst);
-    if (away > (1.0 - least) * static_cast<double>(shown) * points.reach) return {0.0, kFirst};
-    add(kFirst, kGridPoints);
+    add(0, kFirstPoints);
+    if (away > (1.0 - least) * static_cast<double>(shown) * points.reach)
+      return {0.0, kFirstPoints};
+    add(kFirstPoints, kGridPoints);
     if (shown < kShownPoints) return {};
     return {static_cast<double>(shown) - static_cast<double>(away) / points.reach, shown};
   }

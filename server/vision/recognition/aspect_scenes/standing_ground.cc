@@ -8,6 +8,7 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_search/aspect_score.h"
+#include "server/vision/recognition/aspect_search/near_plane.h"
 #include "server/vision/recognition/aspect_search/object_layers.h"
 #include "server/vision/recognition/aspects/aspect_maps.h"
 
@@ -15,7 +16,6 @@ namespace horopter {
 namespace {
 
 constexpr double kFarShare = 1.8;         // of the parts' depth: no farther is searched
-constexpr double kNearM = 1e-3;           // points nearer to the camera plane have no image
 constexpr double kLayerRenderPx = 110.0;  // of a part that hides others; chosen
 
 std::size_t Showing(const StandingGround& ground, const Eigen::Vector3d& x) {
@@ -50,7 +50,8 @@ void FindRegion(StandingGround* ground) {
 }
 
 // Which edge points lie on a like-directed edge of one of the parts.
-std::vector<bool> Explained(const AspectImage& image, const std::vector<ObjectLayer>& layers) {
+std::vector<bool> ExplainedPlaces(const AspectImage& image,
+                                  const std::vector<ObjectLayer>& layers) {
   std::vector<const ObjectLayer*> parts;
   for (const ObjectLayer& layer : layers) parts.push_back(&layer);
   std::vector<bool> out;
@@ -194,7 +195,7 @@ StandingGround MakeGround(std::span<const AspectImage> images,
                                        views[v]->camera_from_scene * o.scene_from_object,
                                        kLayerRenderPx));
     }
-    out.images[i] = WithoutEdges(images[v], Explained(images[v], layers));
+    out.images[i] = WithoutEdges(images[v], ExplainedPlaces(images[v], layers));
     out.unexplained[i] = SumEdges(out.images[i]);
     out.hiding[i] = MakeHiding(out.images[i], layers);
     const AspectImage& image = out.images[i];

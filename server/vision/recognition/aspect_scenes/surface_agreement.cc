@@ -27,7 +27,7 @@ constexpr double kGreyNoise = 3.0, kDetailNoise = 1.0;
 // Grey levels a surface must differ by (deviation) in one of two views; else it is plain.
 constexpr double kContrast = 6.0;
 
-class Sums {
+class CorrelationSums {
  public:
   void Add(double a, double b) {
     ++n_;
@@ -107,7 +107,7 @@ std::optional<double> CorrelateOneWay(const SeenObject& v,
     step = std::max(step, static_cast<int>(std::sqrt(area / kPlaces)));
   }
   const int least = kLeastPlaces * kStepPx * kStepPx / (step * step);
-  Sums sums;
+  CorrelationSums sums;
   int shown = 0;
   for (int y = y0; y < y1; y += step) {
     for (int x = x0; x < x1; x += step) {

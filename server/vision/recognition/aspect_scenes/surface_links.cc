@@ -11,11 +11,11 @@
 namespace horopter {
 namespace {
 
-constexpr std::size_t kObjects = 2;  // whose scenes are made; chosen, for time
-constexpr std::size_t kPoses = 3;    // of an object in a view; chosen, for time
-constexpr std::size_t kFirst = 2;    // of the view that shows it best, from which scenes start
-constexpr int kLeastViews = 3;       // two adapt to each other
-constexpr std::size_t kAsked = 3;    // nearest views in number that a view is held against
+constexpr std::size_t kObjects = 2;      // whose scenes are made; chosen, for time
+constexpr std::size_t kPoses = 3;        // of an object in a view; chosen, for time
+constexpr std::size_t kFirstStarts = 2;  // of the view that shows it best, from which scenes start
+constexpr int kLeastLinkedViews = 3;     // two adapt to each other
+constexpr std::size_t kAsked = 3;        // nearest views in number that a view is held against
 // Of a view with those it is held against: right ones of printed boxes have 0.8 and more.
 constexpr double kAgrees = 0.5;
 constexpr double kOdd = 0.15;  // less than the middle one with all others: a poor pose
@@ -117,7 +117,7 @@ class SurfaceLinker {
     const int from = static_cast<int>(first - shown_.begin());
     std::optional<AspectScene> best;
     double most = 0.0;
-    for (std::size_t i = 0; i < std::min(kFirst, first->size()); ++i) {
+    for (std::size_t i = 0; i < std::min(kFirstStarts, first->size()); ++i) {
       if (IsStopRequested(stop)) break;
       auto [scene, worth] = From(from, i);
       if (worth <= most) continue;
@@ -177,7 +177,7 @@ class SurfaceLinker {
       ++views;
     }
     scene.objects = {{object_, Rigid3{}}};
-    return {std::move(scene), views >= kLeastViews ? worth : 0.0};
+    return {std::move(scene), views >= kLeastLinkedViews ? worth : 0.0};
   }
 
   // A view that agrees less with the others than they do among themselves does without.
@@ -195,7 +195,7 @@ class SurfaceLinker {
       }
       if (told > 0) means.emplace_back(sum / told, v);
     }
-    if (means.size() <= static_cast<std::size_t>(kLeastViews)) return;
+    if (means.size() <= static_cast<std::size_t>(kLeastLinkedViews)) return;
     std::sort(means.begin(), means.end());
     const double middle = means[means.size() / 2].first;
     for (const auto& [mean, v] : means) {
@@ -226,7 +226,7 @@ std::vector<int> OutlinedObjects(const AspectLinkInput& input, const ViewLinks& 
   }
   std::vector<int> out;
   for (int o = 0; o < models; ++o) {
-    if (views[o] >= kLeastViews && 2 * views[o] >= static_cast<int>(input.images.size()) &&
+    if (views[o] >= kLeastLinkedViews && 2 * views[o] >= static_cast<int>(input.images.size()) &&
         input.models[o].round.empty())
       out.push_back(o);
   }

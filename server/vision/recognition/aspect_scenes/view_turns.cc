@@ -13,7 +13,7 @@ namespace {
 constexpr std::size_t kAllowed = 12;  // poses of a view; chosen, for time
 // What a view may lose in score by a turn. A box on stripes: 0.45 for the right turn's 0.59 in one
 // of five views, at most 0.02 the other way in the others. Commit 7ff717a, as all here.
-constexpr double kNearlyScore = 0.06;
+constexpr double kNearlyOwnScore = 0.06;
 // ... and what a hypothesis' score may be below that before it is adjusted to the view's camera.
 constexpr double kHopelessScore = 0.2;
 // Surface and ground together (at most 2) of views that are not turned. Wrong turns had 0.3 - 1.1,
@@ -89,7 +89,7 @@ std::vector<AllowedPose> ViewTurns::AllowedIn(const LinkedScene& scene, int view
   };
   add({stated, own});
   for (const AllowedPose& pose : OthersIn(scene, view, own)) {
-    if (out.size() >= kAllowed || pose.score < own - kNearlyScore) break;
+    if (out.size() >= kAllowed || pose.score < own - kNearlyOwnScore) break;
     add(pose);
   }
   return out;

@@ -8,6 +8,7 @@
 #include <numeric>
 #include <tuple>
 
+#include "server/base/constants.h"
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_search/vote_support.h"
 #include "server/vision/recognition/aspects/closed_outlines.h"
@@ -16,7 +17,6 @@
 namespace horopter {
 namespace {
 
-constexpr float kPi = std::numbers::pi_v<float>;
 constexpr int kFirstPoints = 6, kSecondPoints = kFirstVotePoints;  // looked at in two steps
 constexpr int kShares = 16;  // of the image's fragments, so that threads do not matter
 constexpr float kSeenShare =
@@ -133,7 +133,7 @@ class Share {
       ++counts_.ellipse_matches;
       for (int k = 0; k < turns; ++k) {
         const float turn = static_cast<float>(ellipse.angle_rad) - e.direction_rad +
-                           2.0f * kPi * static_cast<float>(k) / static_cast<float>(turns);
+                           2.0f * kPiF * static_cast<float>(k) / static_cast<float>(turns);
         Test(e.aspect, size, turn, {e.x, e.y}, center);
       }
     }
@@ -259,7 +259,7 @@ class Share {
     std::uint32_t hash = static_cast<std::uint32_t>(aspect);
     for (const std::uint32_t v :
          {step(std::log(s.size), 2 * kSeenShare),
-          step(s.turn - 2 * kPi * std::floor(s.turn / (2 * kPi)), 2 * kSeenShare),
+          step(s.turn - 2 * kPiF * std::floor(s.turn / (2 * kPiF)), 2 * kSeenShare),
           step(s.x, place),
           step(s.y, place)}) {
       hash = (hash ^ v) * 0x9E3779B1u;

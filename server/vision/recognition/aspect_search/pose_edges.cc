@@ -5,13 +5,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/vision/recognition/aspect_search/near_plane.h"
+
 namespace horopter {
 namespace {
 
 using Vector7d = Eigen::Matrix<double, 7, 1>;
 using Matrix7d = Eigen::Matrix<double, 7, 7>;
 
-constexpr double kNearM = 1e-3;                // points nearer to the camera plane have no image
 constexpr double kLeastSearchPx = 2.0;         // working px: a search narrows no further; chosen
 constexpr int kLeastMatches = 8;               // the seven unknowns and one more
 constexpr double kLastSteps[] = {1e-4, 0.02};  // rad, px: smaller steps end the iteration

@@ -4,10 +4,11 @@
 #include <algorithm>
 #include <limits>
 
+#include "server/vision/recognition/aspect_search/near_plane.h"
+
 namespace horopter {
 namespace {
 
-constexpr double kNearM = 1e-3;      // points nearer to the camera plane have no image
 constexpr double kCubeShare = 0.29;  // half the side of the cube, of the diameter
 
 Eigen::Vector2d WithoutLens(const PinholeCamera& camera, const Eigen::Vector3d& in_camera) {

@@ -18,9 +18,9 @@ namespace {
 using Eigen::Vector3f;
 using Eigen::Vector3i;
 
-constexpr std::string_view kMagic = "HASP";  // first bytes of the stored format
+constexpr std::string_view kAspectMagic = "HASP";  // first bytes of the stored format
 
-std::uint64_t Fingerprint(const ObjectModel& model, const ObjectAspectOptions& options) {
+std::uint64_t AspectFingerprint(const ObjectModel& model, const ObjectAspectOptions& options) {
   BlobHash hash;
   hash.Add(options.mesh.tolerance);
   hash.Add(options.mesh.max_triangles);
@@ -161,15 +161,15 @@ std::string EncodeObjectAspects(const ObjectAspects& object,
   std::string body;
   AppendMesh(object.mesh, options.mesh.smooth_angle_rad, body);
   AppendAspects(object.aspects, body);
-  return WithBlobHeader(kMagic, kAspectVersion, Fingerprint(model, options), body);
+  return WithBlobHeader(kAspectMagic, kAspectVersion, AspectFingerprint(model, options), body);
 }
 
 absl::StatusOr<ObjectAspects> DecodeObjectAspects(std::string_view blob,
                                                   const ObjectModel& model,
                                                   const ObjectAspectOptions& options) {
   HOROPTER_ASSIGN_OR_RETURN(const std::uint64_t fingerprint,
-                            TakeBlobHeader("aspects", kMagic, kAspectVersion, &blob));
-  if (fingerprint != Fingerprint(model, options)) {
+                            TakeBlobHeader("aspects", kAspectMagic, kAspectVersion, &blob));
+  if (fingerprint != AspectFingerprint(model, options)) {
     return absl::FailedPreconditionError(
         absl::StrCat("object ", model.id, ": aspects of another geometry or other options"));
   }

@@ -114,10 +114,10 @@ double WorkingScale(const cv::Size& size, const AspectImageOptions& options) {
 }
 
 void FillGrey(const cv::Mat& bgr, AspectImage* out) {
-  constexpr double kSmoothPx = 1.0, kSurroundingsPx = 8.0;  // working px: of noise; of shading
+  constexpr double kNoiseSigmaPx = 1.0, kSurroundingsPx = 8.0;  // working px: of noise; of shading
   cv::Mat grey, around, detail;
   cv::cvtColor(bgr, grey, cv::COLOR_BGR2GRAY);
-  cv::GaussianBlur(grey, grey, {}, kSmoothPx);
+  cv::GaussianBlur(grey, grey, {}, kNoiseSigmaPx);
   cv::GaussianBlur(grey, around, {}, kSurroundingsPx);
   cv::subtract(grey, around, detail, cv::noArray(), CV_16S);
   detail.convertTo(detail, CV_8U, 1.0, 128.0);

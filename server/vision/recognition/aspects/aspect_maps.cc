@@ -6,24 +6,24 @@
 #include <numeric>
 #include <opencv2/imgproc.hpp>
 
+#include "server/base/constants.h"
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspects/capped_distance.h"
 
 namespace horopter {
 namespace {
 
-static_assert(AspectImage::kDistanceScale == 8.0f);  // of FillCappedDistance
-constexpr float kPi = 3.14159265358979f;
+static_assert(AspectImage::kDistanceScale == 8.0f);     // of FillCappedDistance
 constexpr int kSide = AspectImage::kChanceBlockPx / 2;  // of a block, half cells
 
 // Both maps of one bin.
 void FillBin(int bin, double reach_rad, const std::vector<float>& directions, AspectImage* image) {
   const std::size_t cells = static_cast<std::size_t>(image->width) * image->height;
   std::vector<std::uint8_t> marked(cells, 0);
-  const float center = bin * kPi / kAspectBins;
+  const float center = bin * kPiF / kAspectBins;
   for (std::size_t i = 0; i < image->edges.size(); ++i) {
     float off = std::abs(directions[i] - center);
-    off = std::min(off, kPi - off);
+    off = std::min(off, kPiF - off);
     if (off > reach_rad) continue;
     const Eigen::Vector2f& p = image->edges[i].point;
     marked[image->Cell(static_cast<int>(std::lround(p.x())),
@@ -132,8 +132,8 @@ void FillAspectMaps(const AspectImageOptions& options, AspectImage* image) {
   directions.reserve(image->edges.size());
   for (const ImageEdgePoint& e : image->edges) {
     float angle = std::atan2(e.normal.x(), -e.normal.y());
-    angle = angle < 0 ? angle + kPi : angle;
-    directions.push_back(angle >= kPi ? angle - kPi : angle);
+    angle = angle < 0 ? angle + kPiF : angle;
+    directions.push_back(angle >= kPiF ? angle - kPiF : angle);
   }
   const auto mean_counts = MeanCounts(*image);
   ParallelFor(kAspectBins, options.threads, [&](int bin) {

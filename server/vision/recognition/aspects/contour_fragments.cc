@@ -4,15 +4,16 @@
 #include <cmath>
 #include <utility>
 
+#include "server/base/constants.h"
+
 namespace horopter {
 namespace {
 
-constexpr float kPi = 3.14159265358979f;
 constexpr long kMaxPacked = 8000;  // eight squared differences of such fit 31 bits
 
 float WrapPi(float a) {
-  while (a > kPi) a -= 2 * kPi;
-  while (a <= -kPi) a += 2 * kPi;
+  while (a > kPiF) a -= 2 * kPiF;
+  while (a <= -kPiF) a += 2 * kPiF;
   return a;
 }
 
@@ -206,7 +207,7 @@ std::optional<ContourFragment> MakeFragment(
       f.pivot = points[i];
     }
   }
-  const float turns = 2 * kPi * std::round(mean / (2 * kPi));
+  const float turns = 2 * kPiF * std::round(mean / (2 * kPiF));
   float squares = 0.0f;
   for (float& angle : f.key) {
     angle -= turns;
@@ -237,7 +238,7 @@ FragmentKey UnpackKey(const PackedFragmentKey& packed) {
 ContourFragment Reversed(const ContourFragment& fragment) {
   ContourFragment out = fragment;
   std::reverse(out.key.begin(), out.key.end());
-  out.chord_rad = WrapPi(fragment.chord_rad + kPi);
+  out.chord_rad = WrapPi(fragment.chord_rad + kPiF);
   return out;
 }
 

@@ -12,9 +12,9 @@ namespace {
 static_assert(sizeof(AspectFragment) == 26, "fragments are written as they lie in memory");
 static_assert(std::is_trivially_copyable_v<AspectFragment>);
 
-constexpr std::string_view kMagic = "HFRG";  // first bytes of the stored format
+constexpr std::string_view kFragmentMagic = "HFRG";  // first bytes of the stored format
 
-std::uint64_t Fingerprint(const AspectSet& set, const AspectFragmentOptions& o) {
+std::uint64_t FragmentFingerprint(const AspectSet& set, const AspectFragmentOptions& o) {
   BlobHash hash;
   for (const double v : {set.diameter_m,
                          set.distance_m,
@@ -50,15 +50,15 @@ std::string EncodeModelFragments(const ModelFragments& fragments,
   AppendNumber(body, static_cast<std::uint32_t>(fragments.pairs.size()));
   body.append(reinterpret_cast<const char*>(fragments.pairs.data()),
               fragments.pairs.size() * sizeof(AspectSegmentPair));
-  return WithBlobHeader(kMagic, kFragmentVersion, Fingerprint(set, options), body);
+  return WithBlobHeader(kFragmentMagic, kFragmentVersion, FragmentFingerprint(set, options), body);
 }
 
 absl::StatusOr<ModelFragments> DecodeModelFragments(std::string_view blob,
                                                     const AspectSet& set,
                                                     const AspectFragmentOptions& options) {
   HOROPTER_ASSIGN_OR_RETURN(const std::uint64_t fingerprint,
-                            TakeBlobHeader("fragments", kMagic, kFragmentVersion, &blob));
-  if (fingerprint != Fingerprint(set, options))
+                            TakeBlobHeader("fragments", kFragmentMagic, kFragmentVersion, &blob));
+  if (fingerprint != FragmentFingerprint(set, options))
     return absl::FailedPreconditionError("fragments: of other aspects or options");
   BlobReader reader(blob);
   ModelFragments out;

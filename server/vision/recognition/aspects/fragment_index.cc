@@ -8,6 +8,7 @@
 #include <numeric>
 #include <tuple>
 
+#include "server/base/constants.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
@@ -15,7 +16,6 @@
 namespace horopter {
 namespace {
 
-constexpr float kPi = 3.14159265358979f;
 constexpr int kMaxCells = 64;  // along an axis
 
 using KeyVector = Eigen::Matrix<float, kFragmentAngles, 1>;
@@ -109,8 +109,8 @@ void AddAspect(const AspectSet& set,
     // Derivative of the projection along the edge, up to scale.
     const double du = d.x() * x.z() - x.x() * d.z(), dv = d.y() * x.z() - x.y() * d.z();
     float angle = static_cast<float>(std::atan2(dv, du));
-    if (angle < 0) angle += kPi;
-    float bin = angle * (kAspectBins / kPi);
+    if (angle < 0) angle += kPiF;
+    float bin = angle * (kAspectBins / kPiF);
     if (bin >= kAspectBins) bin -= kAspectBins;
     piece->points.push_back({static_cast<float>(image.x() - camera.cx) * unit,
                              static_cast<float>(image.y() - camera.cy) * unit,
@@ -127,7 +127,7 @@ bool IsShown(const std::vector<Eigen::Vector2f>& points,
              const PinholeCamera& camera,
              float unit) {
   constexpr int kSamples = 12;
-  constexpr float kNear = 0.03f;  // diameters; points of an aspect are some 0.02 apart
+  constexpr float kSameNear = 0.03f;  // diameters; points of an aspect are some 0.02 apart
   const Eigen::Vector3d u = rim.axis.unitOrthogonal(), v = rim.axis.cross(u);
   int shown = 0;
   for (int k = 0; k < kSamples; ++k) {
@@ -136,7 +136,7 @@ bool IsShown(const std::vector<Eigen::Vector2f>& points,
     const Eigen::Vector2f at =
         unit * (Project(camera, pose * x) - Eigen::Vector2d(camera.cx, camera.cy)).cast<float>();
     shown += std::any_of(points.begin(), points.end(), [&](const Eigen::Vector2f& p) {
-      return (p - at).squaredNorm() < kNear * kNear;
+      return (p - at).squaredNorm() < kSameNear * kSameNear;
     });
   }
   return 3 * shown >= 2 * kSamples;
@@ -166,7 +166,7 @@ void AddOutline(const AspectSet& set,
     const Eigen::Vector3d normal = pose.R * rim.axis;
     const Eigen::Vector3d major = ray.cross(normal);
     float direction = static_cast<float>(std::atan2(major.y(), major.x()));
-    if (direction < 0) direction += kPi;
+    if (direction < 0) direction += kPiF;
     const Eigen::Vector2f at =
         unit * (Project(camera, center) - Eigen::Vector2d(camera.cx, camera.cy)).cast<float>();
     piece->ellipses.push_back(

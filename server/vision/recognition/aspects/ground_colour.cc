@@ -13,21 +13,22 @@
 namespace horopter {
 namespace {
 
-constexpr std::size_t kLeastPlaces = 200;  // that say what colour the ground has; chosen
-constexpr double kSmoothPx = 1.5;      // of the channels, px: noise of single pixels is coloured
-constexpr float kDarkLevels = 30.0f;   // added to the brightness: what is dark has no colour
-constexpr float kLeastStep = 0.04f;    // of the colour coordinates, which reach 1; and ...
-constexpr float kScatterStep = 4.0f;   // ... so many deviations of the ground's
-constexpr float kMostScatter = 0.04f;  // deviation: beyond, the ground has several colours
-constexpr float kFullStep = 0.30f;     // step that is as sharp as one from black to white
-constexpr float kAsidePx = 4.0f;       // from an outline to what lies beside it
+constexpr std::size_t kLeastGroundPlaces = 200;  // that say what colour the ground has; chosen
+constexpr double kChannelSmoothPx = 1.5;  // of the channels, px: noise of single pixels is coloured
+constexpr float kColourlessLevels = 30.0f;  // added to the brightness: what is dark has no colour
+constexpr float kLeastStep = 0.04f;         // of the colour coordinates, which reach 1; and ...
+constexpr float kScatterStep = 4.0f;        // ... so many deviations of the ground's
+constexpr float kMostScatter = 0.04f;       // deviation: beyond, the ground has several colours
+constexpr float kFullStep = 0.30f;          // step that is as sharp as one from black to white
+constexpr float kAsideOutlinePx = 4.0f;     // from an outline to what lies beside it
 
-// (R - G) / s and ((R + G) / 2 - B) / s of the brightness s = R + G + B + kDarkLevels: light and
-// shade leave them as they are.
+// (R - G) / s and ((R + G) / 2 - B) / s of the brightness s = R + G + B + kColourlessLevels: light
+// and shade leave them as they are.
 std::array<cv::Mat, 2> ColourCoordinates(const cv::Mat& bgr) {
   cv::Mat real;
   bgr.convertTo(real, CV_32F);
-  cv::GaussianBlur(real, real, cv::Size(), kSmoothPx, kSmoothPx, cv::BORDER_REPLICATE);
+  cv::GaussianBlur(
+      real, real, cv::Size(), kChannelSmoothPx, kChannelSmoothPx, cv::BORDER_REPLICATE);
   std::array<cv::Mat, 2> out{cv::Mat(bgr.size(), CV_32F), cv::Mat(bgr.size(), CV_32F)};
   for (int y = 0; y < bgr.rows; ++y) {
     const auto* in = real.ptr<cv::Vec3f>(y);
@@ -35,7 +36,7 @@ std::array<cv::Mat, 2> ColourCoordinates(const cv::Mat& bgr) {
     float* yellow_blue = out[1].ptr<float>(y);
     for (int x = 0; x < bgr.cols; ++x) {
       const float b = in[x][0], g = in[x][1], r = in[x][2];
-      const float brightness = r + g + b + kDarkLevels;
+      const float brightness = r + g + b + kColourlessLevels;
       red_green[x] = (r - g) / brightness;
       yellow_blue[x] = (0.5f * (r + g) - b) / brightness;
     }
@@ -70,7 +71,7 @@ ColourFigure FindColourFigure(const cv::Mat& bgr,
                               const std::vector<Eigen::Vector2f>& ground,
                               const AspectImageOptions& options) {
   ColourFigure out;
-  if (bgr.empty() || ground.size() < kLeastPlaces) return out;
+  if (bgr.empty() || ground.size() < kLeastGroundPlaces) return out;
   const std::array<cv::Mat, 2> colour = ColourCoordinates(bgr);
   const Spread first = SpreadAt(colour[0], ground), second = SpreadAt(colour[1], ground);
   if (std::max(first.deviation, second.deviation) > kMostScatter) return out;
@@ -96,7 +97,8 @@ ColourFigure FindColourFigure(const cv::Mat& bgr,
   cv::cvtColor(away, away, cv::COLOR_GRAY2BGR);
   out.outline = DetectEdgePoints(away, options);
   std::erase_if(out.outline, [&](const ImageEdgePoint& e) {
-    return out.Differs(e.point + kAsidePx * e.normal) == out.Differs(e.point - kAsidePx * e.normal);
+    return out.Differs(e.point + kAsideOutlinePx * e.normal) ==
+           out.Differs(e.point - kAsideOutlinePx * e.normal);
   });
   return out;
 }

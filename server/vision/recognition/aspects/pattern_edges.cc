@@ -22,14 +22,17 @@ constexpr float kMarkReachPx = 1.6f;   // of a piece: its own points
 constexpr float kMaxOpeningPx = 4.0f;  // between the ends of a chain that is closed
 constexpr float kShortShare = 0.4f;    // of the least length: pieces of a known family
 
-struct Piece {
+struct StraightPiece {
   Eigen::Vector2f from, to;
   float length = 0.0f;
 };
 
 // Straight pieces of a run of points (Ramer 1972, Douglas and Peucker 1973).
-void SplitStraight(
-    const Eigen::Vector2f* points, int from, int to, float max_bend, std::vector<Piece>* pieces) {
+void SplitAtBends(const Eigen::Vector2f* points,
+                  int from,
+                  int to,
+                  float max_bend,
+                  std::vector<StraightPiece>* pieces) {
   while (to - from >= 2) {
     const Eigen::Vector2f chord = points[to] - points[from];
     const float length = chord.norm();
@@ -46,17 +49,17 @@ void SplitStraight(
       pieces->push_back({points[from], points[to], length});
       return;
     }
-    SplitStraight(points, from, farthest, max_bend, pieces);
+    SplitAtBends(points, from, farthest, max_bend, pieces);
     from = farthest;
   }
 }
 
-Eigen::Vector3f LineOf(const Piece& p) {
+Eigen::Vector3f LineOf(const StraightPiece& p) {
   return p.from.homogeneous().cross(p.to.homogeneous());
 }
 
 // Whether the piece runs through the point, which may be at infinity.
-bool RunsThrough(const Piece& p, const Eigen::Vector3f& vanishing, float max_sine) {
+bool RunsThrough(const StraightPiece& p, const Eigen::Vector3f& vanishing, float max_sine) {
   const Eigen::Vector2f middle = 0.5f * (p.from + p.to);
   const Eigen::Vector2f there = vanishing.head<2>() - vanishing.z() * middle;
   const Eigen::Vector2f along = p.to - p.from;
@@ -75,8 +78,8 @@ class Coverage {
     ++points_[by * kBlocks + bx];
   }
 
-  void Add(const std::vector<Piece>& pieces) {
-    for (const Piece& p : pieces) {
+  void Add(const std::vector<StraightPiece>& pieces) {
+    for (const StraightPiece& p : pieces) {
       const int steps = std::max(1, static_cast<int>(p.length / 8));
       for (int i = 0; i <= steps; ++i)
         Add(p.from + (p.to - p.from) * (static_cast<float>(i) / steps));
@@ -105,7 +108,7 @@ class Coverage {
 };
 
 // Whether pieces run over enough of the image, with what was dropped as texture.
-bool RunsOverImage(const std::vector<Piece>& pieces,
+bool RunsOverImage(const std::vector<StraightPiece>& pieces,
                    const PointRaster& raster,
                    const std::vector<Eigen::Vector2f>& texture,
                    const PatternOptions& options) {
@@ -117,17 +120,17 @@ bool RunsOverImage(const std::vector<Piece>& pieces,
 }
 
 // The vanishing point through which the greatest length of pieces runs.
-Eigen::Vector3f BestVanishingPoint(const std::vector<Piece>& pieces, float max_sine) {
+Eigen::Vector3f BestVanishingPoint(const std::vector<StraightPiece>& pieces, float max_sine) {
   std::mt19937 random(1);
   Eigen::Vector3f best = Eigen::Vector3f::Zero();
   float most = 0.0f;
   for (int trial = 0; trial < kTrials; ++trial) {
-    const Piece& a = pieces[random() % pieces.size()];
-    const Piece& b = pieces[random() % pieces.size()];
+    const StraightPiece& a = pieces[random() % pieces.size()];
+    const StraightPiece& b = pieces[random() % pieces.size()];
     const Eigen::Vector3f point = LineOf(a).cross(LineOf(b));
     if (!(point.norm() > 0)) continue;
     float sum = 0.0f;
-    for (const Piece& p : pieces) {
+    for (const StraightPiece& p : pieces) {
       if (RunsThrough(p, point, max_sine)) sum += p.length;
     }
     if (sum > most) most = sum, best = point;
@@ -135,7 +138,9 @@ Eigen::Vector3f BestVanishingPoint(const std::vector<Piece>& pieces, float max_s
   return best;
 }
 
-void Mark(const PointRaster& raster, const Piece& piece, std::vector<std::uint8_t>* marked) {
+void Mark(const PointRaster& raster,
+          const StraightPiece& piece,
+          std::vector<std::uint8_t>* marked) {
   marked->resize(raster.points.size(), 0);
   if (!(piece.length > 0)) return;
   const Eigen::Vector2f along = (piece.to - piece.from) / piece.length;
@@ -162,15 +167,15 @@ void MarkStripes(const PointRaster& raster,
                  std::vector<std::uint8_t>* marked) {
   const float least = static_cast<float>(options.min_length_share * raster.width);
   const float max_sine = static_cast<float>(std::sin(options.max_angle_rad));
-  std::vector<Piece> pieces, all;
+  std::vector<StraightPiece> pieces, all;
   for (const ContourChain& c : contours.chains) {
-    SplitStraight(contours.points.data() + c.begin,
-                  0,
-                  c.size - 1,
-                  static_cast<float>(options.max_bend_px),
-                  &all);
+    SplitAtBends(contours.points.data() + c.begin,
+                 0,
+                 c.size - 1,
+                 static_cast<float>(options.max_bend_px),
+                 &all);
   }
-  std::copy_if(all.begin(), all.end(), std::back_inserter(pieces), [&](const Piece& p) {
+  std::copy_if(all.begin(), all.end(), std::back_inserter(pieces), [&](const StraightPiece& p) {
     return p.length >= least;
   });
   // The pieces of a grid's far cells are short: they tell how far a family runs, long ones that
@@ -179,23 +184,23 @@ void MarkStripes(const PointRaster& raster,
   for (int tried = 0; tried < kMostTried && families < options.max_families; ++tried) {
     if (static_cast<int>(pieces.size()) < options.min_pieces) break;
     const Eigen::Vector3f point = BestVanishingPoint(pieces, max_sine);
-    const auto through = [&](const Piece& p) { return RunsThrough(p, point, max_sine); };
+    const auto through = [&](const StraightPiece& p) { return RunsThrough(p, point, max_sine); };
     const auto count = std::count_if(pieces.begin(), pieces.end(), through);
     std::erase_if(pieces, through);
     if (count < options.min_pieces) continue;
-    std::vector<Piece> found;
-    std::copy_if(all.begin(), all.end(), std::back_inserter(found), [&](const Piece& p) {
+    std::vector<StraightPiece> found;
+    std::copy_if(all.begin(), all.end(), std::back_inserter(found), [&](const StraightPiece& p) {
       return p.length >= kShortShare * least && through(p);
     });
     if (!RunsOverImage(found, raster, texture, options)) continue;
-    for (const Piece& p : found) Mark(raster, p, marked);
+    for (const StraightPiece& p : found) Mark(raster, p, marked);
     ++families;
   }
 }
 
 // A closed curve.
 struct Rim {
-  std::vector<Piece> sides;
+  std::vector<StraightPiece> sides;
   float perimeter = 0.0f;
 };
 
@@ -292,7 +297,7 @@ bool CoverImage(const std::vector<Rim>& rims,
                 const std::vector<Eigen::Vector2f>& texture,
                 const PatternOptions& options) {
   if (static_cast<int>(rims.size()) < options.min_dots) return false;
-  std::vector<Piece> all;
+  std::vector<StraightPiece> all;
   for (const Rim& rim : rims) all.insert(all.end(), rim.sides.begin(), rim.sides.end());
   return RunsOverImage(all, raster, texture, options);
 }
@@ -326,7 +331,7 @@ bool MarkHoles(const PointRaster& raster, const Dots& dots, std::vector<std::uin
   std::vector<Dot> lattice;
   for (std::size_t i = 0; i < regular.size(); ++i) {
     if (!regular[i]) continue;
-    for (const Piece& side : dots.rims[i].sides) Mark(raster, side, marked);
+    for (const StraightPiece& side : dots.rims[i].sides) Mark(raster, side, marked);
     lattice.push_back(dots.boxes[i]);
   }
   MarkLattice(raster, lattice, marked);
@@ -347,12 +352,12 @@ void MarkDots(const PointRaster& raster,
   std::vector<std::vector<Eigen::Vector2f>> curves;
   for (const Rim& rim : dots.rims) {
     std::vector<Eigen::Vector2f>& curve = curves.emplace_back();
-    for (const Piece& side : rim.sides) curve.push_back(side.from);
+    for (const StraightPiece& side : rim.sides) curve.push_back(side.from);
   }
   const std::vector<char> strewn = AmongOthers(raster, texture, curves);
   for (std::size_t i = 0; i < strewn.size(); ++i) {
     if (!strewn[i]) continue;
-    for (const Piece& side : dots.rims[i].sides) Mark(raster, side, marked);
+    for (const StraightPiece& side : dots.rims[i].sides) Mark(raster, side, marked);
   }
 }
 

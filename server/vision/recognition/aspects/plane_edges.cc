@@ -93,7 +93,7 @@ std::vector<std::uint8_t> WithNeighbours(const AspectImage& here,
 }
 
 // Share of the blocks that have marked edges.
-double Coverage(const AspectImage& here, const std::vector<std::uint8_t>& marked) {
+double CoverageOf(const AspectImage& here, const std::vector<std::uint8_t>& marked) {
   std::vector<std::uint8_t> blocks(static_cast<std::size_t>(here.chance_width) * here.chance_height,
                                    0);
   for (std::size_t i = 0; i < marked.size(); ++i) {
@@ -160,9 +160,9 @@ DroppedEdges CountDropped(const AspectImage& all,
 }
 
 // Sums of what blocks have, over windows of them.
-class BlockSums {
+class MarkedSums {
  public:
-  BlockSums(const cv::Size& size, const std::vector<int>& counts) : size_(size) {
+  MarkedSums(const cv::Size& size, const std::vector<int>& counts) : size_(size) {
     cv::Mat wide(size, CV_32F);
     std::copy(counts.begin(), counts.end(), wide.begin<float>());
     cv::integral(wide, sums_, CV_64F);
@@ -189,7 +189,7 @@ std::vector<std::uint8_t> DroppedAround(const AspectImage& image,
   constexpr int kWindows[] = {3, 5, 9, 17, 33};  // blocks a side; else all
   const cv::Size size(image.chance_width, image.chance_height);
   const int all = 2 * std::max(size.width, size.height);
-  const BlockSums marked(size, edges.marked), dropped(size, edges.dropped);
+  const MarkedSums marked(size, edges.marked), dropped(size, edges.dropped);
   std::vector<std::uint8_t> out;
   for (int y = 0; y < size.height; ++y) {
     for (int x = 0; x < size.width; ++x) {
@@ -228,7 +228,7 @@ PlaneEdges FindPlaneEdges(const AspectImage& here,
   if (static_cast<int>(others.size()) < options.min_views) return out;
   const MovingEdges moving = MovesWithPlane(here, others, options);
   std::vector<std::uint8_t> marked = WithNeighbours(here, moving.marked);
-  if (Coverage(here, marked) < options.min_coverage) return out;
+  if (CoverageOf(here, marked) < options.min_coverage) return out;
   const std::vector<float> room = RoomBeside(here, marked);
   std::vector<float> of_marked;
   for (std::size_t i = 0; i < marked.size(); ++i) {

@@ -35,7 +35,7 @@ struct Box {
   Vector3d size() const { return high - low; }
 };
 
-absl::StatusOr<Box> BoxOf(const TriangleMesh& mesh) {
+absl::StatusOr<Box> MeshBox(const TriangleMesh& mesh) {
   const int count = static_cast<int>(mesh.vertices.size());
   Box box;
   for (const Vector3i& t : mesh.triangles) {
@@ -113,7 +113,7 @@ bool HasArea(const IndexedMesh& mesh) {
 }
 
 // Triangles connected through edges, by the smallest index of a triangle of theirs.
-std::vector<int> Components(const RenderMesh& mesh) {
+std::vector<int> MeshComponents(const RenderMesh& mesh) {
   std::vector<int> parent(mesh.triangles.size());
   std::iota(parent.begin(), parent.end(), 0);
   const auto root = [&](int t) {
@@ -181,7 +181,7 @@ struct Component {
 // Of a mesh without border: whether every component is outside out, or a cavity of one that is. If
 // all are inside out, they are turned.
 bool MakeOutward(RenderMesh* mesh) {
-  const std::vector<int> roots = Components(*mesh);
+  const std::vector<int> roots = MeshComponents(*mesh);
   std::map<int, Component> components;
   for (std::size_t t = 0; t < roots.size(); ++t) {
     const Vector3i& v = mesh->triangles[t];
@@ -291,7 +291,7 @@ void ConnectRenderMesh(double smooth_angle_rad, RenderMesh* mesh) {
 absl::StatusOr<RenderMesh> MakeRenderMesh(const TriangleMesh& mesh,
                                           double diameter_m,
                                           const RenderMeshOptions& options) {
-  const absl::StatusOr<Box> box = BoxOf(mesh);
+  const absl::StatusOr<Box> box = MeshBox(mesh);
   if (!box.ok()) return box.status();
   const double diameter = diameter_m > 0.0 ? diameter_m : box->size().norm();
   // A float, so that the mesh can say it exactly; a little more, so that rounding stays on the

@@ -5,10 +5,11 @@
 #include <numbers>
 #include <utility>
 
+#include "server/base/constants.h"
+
 namespace horopter {
 namespace {
 
-constexpr float kPi = std::numbers::pi_v<float>;
 constexpr std::size_t kMostPieces = 1200;  // the longest: pairs are sought among all of them
 constexpr float kShortestPiece = 0.4f;     // of an arm: pieces that may join in line
 constexpr float kInLineSine = 0.087f;      // 5 degrees
@@ -174,7 +175,7 @@ void AddPair(const Piece& a,
       if (std::min(pair.length_a, pair.length_b) < options.min_length) continue;
       pair.direction_rad = std::atan2(first.y(), first.x());
       float opening = std::atan2(second.y(), second.x()) - pair.direction_rad;
-      if (opening < 0) opening += 2 * kPi;
+      if (opening < 0) opening += 2 * kPiF;
       pair.opening_rad = opening;
       out->push_back(pair);
     }

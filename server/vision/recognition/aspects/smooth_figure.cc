@@ -19,13 +19,13 @@ constexpr double kLeastPlaces = 0.02;
 constexpr double kNoisePx = 0.8;  // Gaussian against the noise of pixels
 // Of the discs that close and open, px: the least between which the grains leave hardly a gap.
 constexpr int kReachesPx[] = {4, 6, 9};
-constexpr double kMostGaps = 0.01;    // of the image; chosen
-constexpr float kDarkLevels = 20.0f;  // added to the brightness: noise is no grain of the dark
-constexpr float kLeastGrain = 0.06f;  // log ratio: less is no texture
-constexpr float kSmoothShare = 0.5f;  // of the ground's grain
-constexpr double kLeastDiscs = 3.0;   // areas of a disc; smaller smooth places are gaps
-constexpr double kBorderPx = 1.5;     // Gaussian over the mask's border: half a grain
-constexpr double kMaskLevel = 64.0;   // grey levels between its two sides
+constexpr double kMostGaps = 0.01;     // of the image; chosen
+constexpr float kDarkLevels = 20.0f;   // added to the brightness: noise is no grain of the dark
+constexpr float kLeastGrain = 0.06f;   // log ratio: less is no texture
+constexpr float kSmoothShare = 0.5f;   // of the ground's grain
+constexpr double kLeastDiscs = 3.0;    // areas of a disc; smaller smooth places are gaps
+constexpr double kMaskBorderPx = 1.5;  // Gaussian over the mask's border: half a grain
+constexpr double kFigureLevel = 64.0;  // grey levels between its two sides
 
 // Log ratio of bright to dark around each cell.
 cv::Mat Grain(const cv::Mat& grey, int reach_px) {
@@ -51,14 +51,14 @@ cv::Mat Grain(const cv::Mat& grey, int reach_px) {
 // Components of one value that are too small take the other. Returns their area, px.
 int Flip(bool value, double least_area, cv::Mat* mask) {
   cv::Mat of_value, labels, stats, centers;
-  cv::compare(*mask, cv::Scalar(value ? kMaskLevel : 0.0), of_value, cv::CMP_EQ);
+  cv::compare(*mask, cv::Scalar(value ? kFigureLevel : 0.0), of_value, cv::CMP_EQ);
   cv::connectedComponentsWithStats(of_value, labels, stats, centers, 4);
   int flipped = 0;
   for (int y = 0; y < mask->rows; ++y) {
     for (int x = 0; x < mask->cols; ++x) {
       const int label = labels.at<int>(y, x);
       if (label == 0 || stats.at<int>(label, cv::CC_STAT_AREA) >= least_area) continue;
-      mask->at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(value ? 0.0 : kMaskLevel);
+      mask->at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(value ? 0.0 : kFigureLevel);
       ++flipped;
     }
   }
@@ -86,7 +86,7 @@ SmoothFigure FindSmoothFigure(const cv::Mat& bgr,
     std::vector<float> of_ground = ValuesAt(grain, ground);
     const float usual = Median(&of_ground);
     if (usual < kLeastGrain) return out;
-    cv::threshold(grain, mask, kSmoothShare * usual, kMaskLevel, cv::THRESH_BINARY_INV);
+    cv::threshold(grain, mask, kSmoothShare * usual, kFigureLevel, cv::THRESH_BINARY_INV);
     mask.convertTo(mask, CV_8U);
     const double least_area = kLeastDiscs * CV_PI * reach_px * reach_px;
     const int gaps = Flip(true, least_area, &mask);
@@ -101,7 +101,7 @@ SmoothFigure FindSmoothFigure(const cv::Mat& bgr,
   }
   cv::cvtColor(mask, mask, cv::COLOR_GRAY2BGR);
   AspectImageOptions tracing = options;
-  tracing.sigma_px = kBorderPx;
+  tracing.sigma_px = kMaskBorderPx;
   out.outline = DetectEdgePoints(mask, tracing);
   return out;
 }

@@ -10,7 +10,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kGapShare = 0.98;  // of the places between grains that no disc is to enter
+constexpr double kGrainGapShare = 0.98;  // of the places between grains that no disc is to enter
 constexpr double kMinRadiusPx = 4.0, kMaxRadiusPx = 9.0;  // of the discs
 constexpr double kSmoothPx = 2.0;                         // Gaussian over the border: half a grain
 constexpr double kMaskLevel = 64.0;                       // grey levels between the two sides
@@ -87,7 +87,8 @@ std::vector<ImageEdgePoint> TextureBorder(const AspectImage& image,
     }
   }
   if (gaps.empty()) return {};
-  const double radius = std::clamp(Quantile(kGapShare, &gaps) + 1.0, kMinRadiusPx, kMaxRadiusPx);
+  const double radius =
+      std::clamp(Quantile(kGrainGapShare, &gaps) + 1.0, kMinRadiusPx, kMaxRadiusPx);
   cv::Mat outside_core, reach, mask;
   cv::threshold(distance, outside_core, radius, 1.0, cv::THRESH_BINARY_INV);
   outside_core.convertTo(outside_core, CV_8U);

@@ -87,8 +87,8 @@ void AddBorder(const std::vector<ImageEdgePoint>& better,
 
 // Index of the image's edge that a point of a border stands for, -1: none.
 int EdgeOfBorder(const AspectImage& image, const ImageEdgePoint& border) {
-  constexpr float kAlikeCosine = 0.9f;  // of the normals
-  constexpr float kAlongPx = 1.0f;      // along the border; across it kNear
+  constexpr float kBorderCosine = 0.9f;  // of the normals
+  constexpr float kAlongPx = 1.0f;       // along the border; across it kNear
   const int cx = static_cast<int>(std::lround(border.point.x()));
   const int cy = static_cast<int>(std::lround(border.point.y()));
   int found = -1;
@@ -98,7 +98,7 @@ int EdgeOfBorder(const AspectImage& image, const ImageEdgePoint& border) {
       const std::int32_t at = image.edge_at[image.Cell(x, y)];
       if (at < 0) continue;
       const ImageEdgePoint& e = image.edges[at];
-      if (std::abs(e.normal.dot(border.normal)) < kAlikeCosine) continue;
+      if (std::abs(e.normal.dot(border.normal)) < kBorderCosine) continue;
       const Eigen::Vector2f off = e.point - border.point;
       const float across = std::abs(off.dot(border.normal));
       const float along = std::abs(off.x() * border.normal.y() - off.y() * border.normal.x());
@@ -171,12 +171,12 @@ class Dropper {
   // The border of smooth places takes the place of the edges beside it, where it is one of
   // `figure`.
   void AddSmoothPlaces(const SmoothFigure& figure, const AspectImageOptions& options) {
-    constexpr float kBesidePx = 5.0f;  // of the figure's border: discs roll on the grains
+    constexpr float kBesideFigurePx = 5.0f;  // of the figure's border: discs roll on the grains
     border_ = TextureBorder(image_, drop_, options);
     if (figure.width > 0) {
       std::erase_if(border_, [&](const ImageEdgePoint& e) {
-        return !figure.Inside(e.point) && !figure.Inside(e.point + kBesidePx * e.normal) &&
-               !figure.Inside(e.point - kBesidePx * e.normal);
+        return !figure.Inside(e.point) && !figure.Inside(e.point + kBesideFigurePx * e.normal) &&
+               !figure.Inside(e.point - kBesideFigurePx * e.normal);
       });
     }
     MarkNear(image_, border_, &drop_);

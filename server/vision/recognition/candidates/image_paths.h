@@ -12,6 +12,9 @@
 
 namespace horopter {
 
+// A path edge must be visible to this share in the pose's aspect.
+inline constexpr double kMinPathVisible = 0.45;
+
 // Image points a, b, c with edges a-b and b-c; b is a junction. Image pixels.
 struct ImagePath {
   Eigen::Vector2d a = Eigen::Vector2d::Zero();

@@ -25,7 +25,7 @@ struct ArcView {
   std::vector<SightedArc> arcs;
 };
 
-ArcView Sight(const FeatureView& view, const SpaceCircleOptions& options) {
+ArcView SightArcs(const FeatureView& view, const SpaceCircleOptions& options) {
   ArcView out;
   out.view = &view;
   out.eye = view.camera_from_scene.Inverse().t;
@@ -44,10 +44,10 @@ ArcView Sight(const FeatureView& view, const SpaceCircleOptions& options) {
   return out;
 }
 
-Eigen::Vector3d NearestToRays(const ArcView& a,
-                              const SightedArc& of_a,
-                              const ArcView& b,
-                              const SightedArc& of_b) {
+Eigen::Vector3d CenterNearestToRays(const ArcView& a,
+                                    const SightedArc& of_a,
+                                    const ArcView& b,
+                                    const SightedArc& of_b) {
   const double c = of_a.ray.dot(of_b.ray), det = 1.0 - c * c;
   const Eigen::Vector3d base = b.eye - a.eye;
   const double s = (of_a.ray.dot(base) - c * of_b.ray.dot(base)) / det;
@@ -73,7 +73,7 @@ double RadiusAt(const ArcView& view,
 std::vector<SpaceCircle> FindSpaceCircles(std::span<const FeatureView> views,
                                           const SpaceCircleOptions& options) {
   std::vector<ArcView> sighted;
-  for (const FeatureView& view : views) sighted.push_back(Sight(view, options));
+  for (const FeatureView& view : views) sighted.push_back(SightArcs(view, options));
   const int n = static_cast<int>(sighted.size());
   const double min_cos = std::cos(options.normal_rad);
   std::vector<SpaceCircle> found;
@@ -83,7 +83,7 @@ std::vector<SpaceCircle> FindSpaceCircles(std::span<const FeatureView> views,
         LeaveIfStopped();
         for (const SightedArc& of_b : sighted[b].arcs) {
           if (of_a.ray.cross(of_b.ray).norm() < options.min_parallax_rad) continue;
-          const Eigen::Vector3d center = NearestToRays(sighted[a], of_a, sighted[b], of_b);
+          const Eigen::Vector3d center = CenterNearestToRays(sighted[a], of_a, sighted[b], of_b);
           const double ra = RadiusAt(sighted[a], of_a, center, options.reach_px);
           const double rb = RadiusAt(sighted[b], of_b, center, options.reach_px);
           if (!(ra > 0 && rb > 0) || std::abs(std::log(ra / rb)) > options.radius_log) continue;

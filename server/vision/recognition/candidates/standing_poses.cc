@@ -5,14 +5,14 @@
 
 #include "absl/container/inlined_vector.h"
 #include "server/vision/geometry/rigid3.h"
+#include "server/vision/recognition/candidates/image_paths.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kMinPathVisible = 0.45;  // share of an edge that an aspect shows
-constexpr double kMinRadiusPx = 10.0;     // projected, working pixels
-constexpr double kMaxRadiusPx = 420.0;    // projected, working px; larger ones fill the image
-constexpr double kDistinctPx = 14.0;      // working pixels, all views
+constexpr double kMinRadiusPx = 10.0;   // projected, working pixels
+constexpr double kMaxRadiusPx = 420.0;  // projected, working px; larger ones fill the image
+constexpr double kDistinctPx = 14.0;    // working pixels, all views
 
 // Largest displacement in any view, over the symmetry that makes it smallest.
 double LargestShift(const PreparedObject& object,

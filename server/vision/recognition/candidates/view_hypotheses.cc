@@ -12,8 +12,6 @@
 namespace horopter {
 namespace {
 
-// A path edge must be visible to this share in the pose's aspect.
-constexpr double kMinPathVisible = 0.45;
 constexpr double kMinCircleVisible = 0.25;  // of a circle: arcs of this length are looked at
 constexpr double kSameVertex = 1e-3;        // diameters
 // Support that clutter gives a pose by chance.

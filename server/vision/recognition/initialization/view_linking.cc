@@ -12,8 +12,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kHypothesesPerView = 18;        // best first; for time
-constexpr double kMinHypothesisScore = 0.40;  // of one view; below it nothing is started from
+constexpr int kHypothesesPerView = 18;  // best first; for time
+constexpr double kMinViewScore = 0.40;  // of one view; below it nothing is started from
 // A stable pose needs the camera above its plane by this much (sine of the elevation).
 constexpr double kMinElevationSine = 0.10;
 // Footprint transfer error (working pixels) at which two views' hypotheses agree with the plane.
@@ -240,7 +240,7 @@ std::vector<ViewHypothesis> BestViewHypotheses(const HypothesisTable& hypotheses
     std::vector<ViewHypothesis> of_view;
     for (const ViewHypotheses& object : view) {
       for (std::size_t i = 0; i < object.best.size() && i < 3; ++i) {
-        if (object.best[i].score >= kMinHypothesisScore) of_view.push_back(object.best[i]);
+        if (object.best[i].score >= kMinViewScore) of_view.push_back(object.best[i]);
       }
     }
     std::stable_sort(of_view.begin(), of_view.end(), [](const auto& x, const auto& y) {

@@ -11,14 +11,14 @@
 namespace horopter {
 namespace {
 
-constexpr std::size_t kMinPoints = 5;  // one over the four corners of a key
+constexpr std::size_t kMinCorners = 5;  // one over the four corners of a key
 
 Eigen::Vector2d Undistorted(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
   return camera.focal_px * NormalizedPoint(camera, pixel) + Eigen::Vector2d(camera.cx, camera.cy);
 }
 
 // Centre to the origin, mean square coordinate one.
-Eigen::Matrix4d Balancing(std::span<const SpaceCorner> corners) {
+Eigen::Matrix4d CornerBalancing(std::span<const SpaceCorner> corners) {
   const auto n = static_cast<double>(corners.size());
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   for (const SpaceCorner& c : corners) centre += c.point / n;
@@ -93,11 +93,11 @@ void AddPoint(std::span<const FeatureView> views,
 }
 
 // The corners' edges as lines; what both ends of one see is one line.
-void AddLines(std::span<const FeatureView> views,
-              std::span<const SpaceCorner> corners,
-              const Eigen::Matrix4d& structure_from_scene,
-              const CornerStructureOptions& options,
-              SceneStructure* out) {
+void AddSegments(std::span<const FeatureView> views,
+                 std::span<const SpaceCorner> corners,
+                 const Eigen::Matrix4d& structure_from_scene,
+                 const CornerStructureOptions& options,
+                 SceneStructure* out) {
   std::set<std::pair<int, int>> used;
   for (const SpaceCorner& corner : corners) {
     for (const SpaceCorner::Edge& e : corner.edges) {
@@ -135,16 +135,16 @@ void AddLines(std::span<const FeatureView> views,
 absl::StatusOr<CornerStructure> StructureOfCorners(std::span<const FeatureView> views,
                                                    std::span<const SpaceCorner> corners,
                                                    const CornerStructureOptions& options) {
-  if (corners.size() < kMinPoints) {
+  if (corners.size() < kMinCorners) {
     return absl::FailedPreconditionError(
-        absl::StrCat(corners.size(), " corners in space, need ", kMinPoints));
+        absl::StrCat(corners.size(), " corners in space, need ", kMinCorners));
   }
   if (corners.size() > kMaxStructurePoints) {
     return absl::InvalidArgumentError(
         absl::StrCat(corners.size(), " corners, at most ", kMaxStructurePoints));
   }
   CornerStructure result;
-  result.structure_from_scene = Balancing(corners);
+  result.structure_from_scene = CornerBalancing(corners);
   SceneStructure& out = result.structure;
   out.metric = true;
   const Eigen::Matrix4d scene_from_structure = result.structure_from_scene.inverse();
@@ -169,7 +169,7 @@ absl::StatusOr<CornerStructure> StructureOfCorners(std::span<const FeatureView> 
       }
     }
   }
-  AddLines(views, corners, result.structure_from_scene, options, &out);
+  AddSegments(views, corners, result.structure_from_scene, options, &out);
   return result;
 }
 

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/constants.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/collineation.h"
 #include "server/vision/geometry/symmetric_eigen.h"
@@ -16,7 +17,6 @@ namespace {
 using Vector16 = Eigen::Matrix<double, 16, 1>;
 using Matrix16 = Eigen::Matrix<double, 16, 16>;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kCoplanar = 1e-9;    // determinant or relative eigenvalue of points in a plane
 constexpr int kMinForSimilarity = 3;  // points that determine one
 

@@ -5,12 +5,11 @@
 #include <cmath>
 #include <limits>
 
+#include "server/base/constants.h"
 #include "server/vision/invariants/line_sets.h"
 
 namespace horopter {
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // Vertices that determine a transformation, and one more that confirms it.
 int MinVertices(TransformGroup group) {

@@ -8,11 +8,11 @@
 namespace horopter {
 namespace {
 
-constexpr int kMatchesPerPair = 60;   // spread evenly; for time
-constexpr double kAgreePx = 12.0;     // in the other image; cameras are rough
-constexpr int kMinMatches = 12;       // of fewer there is no plane
-constexpr int kTrials = 300;          // draws of three points
-constexpr double kPlaneShare = 0.01;  // inlier distance, share of the distance from the anchor
+constexpr int kMatchesPerPair = 60;     // spread evenly; for time
+constexpr double kAgreePx = 12.0;       // in the other image; cameras are rough
+constexpr int kMinMatches = 12;         // of fewer there is no plane
+constexpr int kTrials = 300;            // draws of three points
+constexpr double kOnPlaneShare = 0.01;  // inlier distance, share of the distance from the anchor
 
 struct Candidate {
   PlanePoints::Match match;
@@ -89,7 +89,7 @@ PlanePoints FindPlanePoints(const MatchingResult& matching,
     const Eigen::Vector3d m = lu.solve(Eigen::Vector3d::Constant(-1.0));
     const int inliers = static_cast<int>(
         std::count_if(candidates.begin(), candidates.end(), [&](const Candidate& c) {
-          return std::abs(m.dot(c.point) + 1.0) < kPlaneShare;
+          return std::abs(m.dot(c.point) + 1.0) < kOnPlaneShare;
         }));
     if (inliers > most) {
       most = inliers;

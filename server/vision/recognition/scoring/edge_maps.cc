@@ -4,20 +4,20 @@
 #include <cmath>
 #include <cstddef>
 
+#include "server/base/constants.h"
 #include "server/base/parallel_for.h"
 
 namespace horopter {
 namespace {
 
-constexpr float kPi = 3.14159265358979f;
 // An edge point counts in every bin whose centre is within this of its direction.
 constexpr float kBinReach = 0.40f;  // 23 degrees
 // Direction of a chain point: from this many points before to as many after.
 constexpr int kTangentReach = 3;
 
 float ModPi(float a) {
-  a = std::fmod(a, kPi);
-  return a < 0 ? a + kPi : a;
+  a = std::fmod(a, kPiF);
+  return a < 0 ? a + kPiF : a;
 }
 
 void AddChains(const ImageFeatures& features, std::vector<EdgePoint>* out) {
@@ -145,11 +145,11 @@ void FillBin(const std::vector<Eigen::Vector2f>& points, int bin, EdgeMaps* maps
   std::int32_t* nearest = maps->nearest.data() + cells * bin;
   std::vector<float> distance(cells);
   NearestMap map(*maps, points, nearest, &distance);
-  const float center = bin * kPi / kOrientationBins;
+  const float center = bin * kPiF / kOrientationBins;
   for (std::size_t i = 0; i < points.size(); ++i) {
     // Both lie in [0, pi): no remainder is needed.
     float off = std::abs(maps->points[i].direction - center);
-    off = std::min(off, kPi - off);
+    off = std::min(off, kPiF - off);
     if (off > kBinReach) continue;
     const int x = static_cast<int>(std::lround(points[i].x()));
     const int y = static_cast<int>(std::lround(points[i].y()));

@@ -20,7 +20,7 @@ constexpr double kSharpPx = 0.35;
 // An image segment is explained by a visible model edge within this.
 constexpr int kExplainPx = 3;
 // A segment sample this close to the silhouette counts as inside.
-constexpr float kMinDepth = 1e-4f;
+constexpr float kMinDrawnDepth = 1e-4f;
 // Supported samples of 4 px at which the small-count factor is one half.
 constexpr double kSmallCount = 20.0;
 constexpr double kSampleLength = 4.0;
@@ -84,7 +84,7 @@ struct QuickSum {
         word &= word - 1;
         const float a = s.point.x(), b = s.point.y(), c = s.point.z();
         const float pz = r[2] * a + r[5] * b + r[8] * c + tz;
-        if (pz < kMinDepth) return false;
+        if (pz < kMinDrawnDepth) return false;
         const float px = r[0] * a + r[3] * b + r[6] * c + tx;
         const float py = r[1] * a + r[4] * b + r[7] * c + ty;
         const float focal_over_z = pose.f / pz;
@@ -127,7 +127,7 @@ bool FitScratch(const PreparedObject& object,
   double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
   for (const auto& v : object.model.mesh.vertices) {
     const Eigen::Vector3d p = pose * v;
-    if (p.z() < kMinDepth) return false;
+    if (p.z() < kMinDrawnDepth) return false;
     const Eigen::Vector2d u = Project(working, p);
     left = std::min(left, u.x()), right = std::max(right, u.x());
     top = std::min(top, u.y()), bottom = std::max(bottom, u.y());
@@ -355,7 +355,7 @@ double ProjectionDistance(const PreparedObject& object,
     const Eigen::Vector3d sign((corner & 1) ? 1 : -1, (corner & 2) ? 1 : -1, (corner & 4) ? 1 : -1);
     const Eigen::Vector3d x = object.center + sign.cwiseProduct(half);
     const Eigen::Vector3d pa = a * x, pb = b * x;
-    if (pa.z() < kMinDepth || pb.z() < kMinDepth) return 1e9;
+    if (pa.z() < kMinDrawnDepth || pb.z() < kMinDrawnDepth) return 1e9;
     largest = std::max(largest, (Project(camera_a, pa) - Project(camera_b, pb)).norm());
   }
   return largest * working_from_image;
