@@ -1,5 +1,5 @@
-# One precompiled header for what is shipped and one for the tests: a build without a compiler cache spends half of its
-# time on reading the same headers. Off by default, so that a header somebody forgot to include is seen.
+# One precompiled header for what is shipped and one for the tests, of targets whose files are compiled one by one: a build
+# without a compiler cache spends half of its time on reading the same headers. Off by default, so that a header somebody forgot to include is seen.
 add_library(precompiled OBJECT deploy/precompiled.cc)
 target_link_libraries(precompiled PRIVATE Eigen3::Eigen absl::status absl::statusor absl::strings absl::span Threads::Threads)
 target_precompile_headers(precompiled PRIVATE
@@ -28,8 +28,9 @@ function(use_precompiled_headers directory)
   foreach(target ${targets})
     get_target_property(type ${target} TYPE)
     get_target_property(libraries ${target} LINK_LIBRARIES)
-    # The generated code of the wire is compiled without warnings, the precompiled header with.
-    if(NOT type MATCHES "STATIC_LIBRARY|EXECUTABLE" OR target MATCHES "^precompiled" OR target STREQUAL "horopter_proto")
+    get_target_property(batches ${target} UNITY_BUILD)
+    # In a batch headers are read once anyway. The generated code of the wire is compiled without warnings, the precompiled header with.
+    if(NOT type MATCHES "STATIC_LIBRARY|EXECUTABLE" OR target MATCHES "^precompiled" OR target STREQUAL "horopter_proto" OR batches)
       continue()
     endif()
     # Some know nothing of Eigen.
