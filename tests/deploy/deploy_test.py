@@ -2,6 +2,7 @@
 """The scripts of deploy/ that decide whether a run was good: they must be able to say no."""
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -49,6 +50,49 @@ class Summary(unittest.TestCase):
         self.assertEqual(self.summarise([]).returncode, 1)
         self.assertEqual(self.summarise([self.SKIPPED]).returncode, 1)
         self.assertEqual(run("summary.py", "no such file").returncode, 1)
+
+
+class Build(unittest.TestCase):
+    """What deploy/build.sh decides from memory and cores, with stand-ins of cmake and nproc."""
+
+    def build(self, free_mb, cores, *arguments, folder="a tree"):
+        with tempfile.TemporaryDirectory() as root:
+            tree = os.path.join(root, folder)
+            os.makedirs(os.path.join(tree, "deploy"))
+            shutil.copy(os.path.join(DEPLOY, "build.sh"), os.path.join(tree, "deploy"))
+            tools = os.path.join(root, "tools")
+            os.makedirs(tools)
+            said = os.path.join(root, "said")
+            for name, text in (("cmake", 'printf "%%s|" "$@" >>"%s"; echo >>"%s"' % (said, said)), ("nproc", "echo %d" % cores)):
+                with open(os.path.join(tools, name), "w", encoding="utf-8") as tool:
+                    tool.write("#!/bin/sh\n%s\n" % text)
+                os.chmod(os.path.join(tools, name), 0o755)
+            meminfo = os.path.join(root, "meminfo")
+            with open(meminfo, "w", encoding="utf-8") as out:
+                out.write("MemTotal: 99999999 kB\nMemAvailable: %d kB\n" % (free_mb * 1024))
+            run = subprocess.run(["bash", os.path.join(tree, "deploy", "build.sh"), *arguments], capture_output=True, text=True,
+                                 env={**os.environ, "PATH": tools + ":" + os.environ["PATH"], "HOROPTER_MEMINFO": meminfo})
+            asked = ""
+            if os.path.exists(said):
+                with open(said, encoding="utf-8") as file:
+                    asked = file.read().splitlines()[-1]
+            return run, asked
+
+    def test_as_many_at_a_time_as_cores_and_memory_allow(self):
+        for free_mb, cores, jobs in ((16000, 2, 2), (3500, 1, 1), (3500, 8, 2), (3100, 2, 2), (2900, 2, 1), (700, 4, 1)):
+            run, asked = self.build(free_mb, cores)
+            self.assertEqual(run.returncode, 0, run.stderr)
+            self.assertIn("--parallel|%d|" % jobs, asked, (free_mb, cores))
+            self.assertIn("%d at a time" % jobs, run.stdout)
+            self.assertEqual("may be killed" in run.stderr, free_mb < 1500)
+
+    def test_jobs_and_targets_are_handed_on(self):
+        run, asked = self.build(700, 4, "--jobs", "3", "horopterd", "horopter")
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn("--parallel|3|--target|horopterd|horopter|", asked)
+        for wrong in ("0", "-1", "many", "1e3"):
+            run, asked = self.build(9000, 4, "--jobs", wrong)
+            self.assertEqual((run.returncode, asked), (2, ""), wrong)
 
 
 class DemoVerdict(unittest.TestCase):
