@@ -14,11 +14,11 @@
 #include "server/pipeline/exception_status.h"
 #include "server/pipeline/explain.h"
 #include "server/pipeline/followed_ground.h"
+#include "server/pipeline/given_cameras.h"
 #include "server/pipeline/large_images.h"
 #include "server/pipeline/presumed_focal.h"
 #include "server/pipeline/recognition_stage.h"
 #include "server/pipeline/select_objects.h"
-#include "server/pipeline/station_rig.h"
 #include "server/pipeline/variants.h"
 #include "server/vision/features/arc_refit.h"
 #include "server/vision/recognition/object/prepared_object.h"
@@ -26,7 +26,7 @@
 namespace horopter {
 namespace {
 
-constexpr std::span<const CalibratedCamera> kNoRig;
+const KnownCameras kNoCameras;
 
 absl::Status ValidateRequest(const SceneRequest& request) {
   if (request.images.empty()) return absl::InvalidArgumentError("images: at least one is needed");
@@ -192,7 +192,7 @@ absl::Status RunPresumed(const PipelineOptions& options,
                          RefusalLog* log,
                          RecognitionInput* input,
                          PipelineResult* result) {
-  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, kNoRig, stop, log, input, result));
+  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, kNoCameras, stop, log, input, result));
   HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, *input, stop, result));
   std::vector<int> contradicted;
   if (result->trace.metric) {
@@ -209,7 +209,7 @@ absl::Status RunPresumed(const PipelineOptions& options,
   }
   Forget(input, result);
   input->hints = stripped.hints;
-  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, stripped, kNoRig, stop, log, input, result));
+  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, stripped, kNoCameras, stop, log, input, result));
   HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, stripped, *input, stop, result));
   if (result->trace.metric) {
     // What fits the files' focal lengths was not found with them: they misled the search.
@@ -236,24 +236,22 @@ absl::Status RunStation(const PipelineOptions& options,
       lenses(hinted) > lenses(request) || hinted.camera_poses.size() > request.camera_poses.size();
   // What the caller says of a lens or a place goes before what is known of it.
   const bool asks_alone = request.hints.empty() && request.camera_poses.empty();
-  const std::vector<CalibratedCamera> rig =
-      asks_alone ? KnownRig(*request.station) : std::vector<CalibratedCamera>();
+  const KnownCameras rig = asks_alone ? CamerasOfStation(*request.station) : KnownCameras();
   result->station.emplace();
   for (const bool with_prior : {true, false}) {
     if (with_prior && !anything_known) continue;
     const SceneRequest& asked = with_prior ? hinted : request;
     Forget(input, result);
     input->hints = asked.hints;
-    const std::span<const CalibratedCamera> tried =
-        with_prior ? std::span<const CalibratedCamera>(rig) : kNoRig;
+    const KnownCameras& tried = with_prior ? rig : kNoCameras;
     HOROPTER_RETURN_IF_ERROR(RunRecognition(options, asked, tried, stop, log, input, result));
     input->hints = request.hints;
     HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, *input, stop, result));
     if (!result->trace.metric) continue;
     // Under the rig every camera that was moved has been found again by the images.
-    const auto in_rig = result->trace.recognition.counts.find("in_rig");
+    const auto with_cameras = result->trace.recognition.counts.find("with_cameras");
     if (result->station->prior_used || result->station->test.agrees ||
-        (in_rig != result->trace.recognition.counts.end() && in_rig->second > 0.0)) {
+        (with_cameras != result->trace.recognition.counts.end() && with_cameras->second > 0.0)) {
       return absl::OkStatus();
     }
   }
@@ -317,7 +315,8 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   } else if (HasPresumed(request.hints)) {
     HOROPTER_RETURN_IF_ERROR(RunPresumed(options, request, stripped, stop, kept, &input, &result));
   } else {
-    HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, kNoRig, stop, kept, &input, &result));
+    HOROPTER_RETURN_IF_ERROR(
+        RunRecognition(options, request, kNoCameras, stop, kept, &input, &result));
     HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, input, stop, &result));
   }
   if (!trace.metric) {

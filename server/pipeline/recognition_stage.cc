@@ -3,16 +3,18 @@
 #include <algorithm>
 #include <iterator>
 #include <map>
+#include <memory>
 #include <string_view>
 #include <utility>
 
 #include "server/base/status_macros.h"
 #include "server/pipeline/answer.h"
 #include "server/pipeline/clocks.h"
+#include "server/pipeline/given_cameras.h"
 #include "server/vision/matching/ground_motion.h"
+#include "server/vision/recognition/camera_recognition.h"
 #include "server/vision/recognition/explained_recognition.h"
 #include "server/vision/recognition/ground_question.h"
-#include "server/vision/recognition/rig_recognition.h"
 
 namespace horopter {
 
@@ -142,7 +144,7 @@ std::vector<ViewPrior> PriorsOf(const SceneRequest& request) {
 
 absl::Status RunRecognition(PipelineOptions options,
                             const SceneRequest& request,
-                            std::span<const CalibratedCamera> rig,
+                            const KnownCameras& cameras,
                             const StopRequested& stop,
                             RefusalLog* log,
                             RecognitionInput* input,
@@ -155,24 +157,29 @@ absl::Status RunRecognition(PipelineOptions options,
     return TimedRecognition(by, *input, options, stop, &watch, log, &answer.stages);
   };
   std::vector<std::string> unasked;
-  if (!rig.empty()) {
-    HOROPTER_ASSIGN_OR_RETURN(trace.recognition,
-                              recognize([&](const RecognitionInput& of, const auto&... given) {
-                                return RecognizeInRig(of, rig, given...);
-                              }));
-  }
-  const bool in_rig = !trace.recognition.objects.empty();
-  bool aspects_first = !in_rig && AspectsComeFirst(input->objects, options.recognition);
+  const std::shared_ptr<AspectWork> work = MakeAspectWork();
+  bool aspects_first = AspectsComeFirst(input->objects, options.recognition);
   PlaneInViews ground;
   if (aspects_first && GroundComesFirst(trace.features, options.recognition.aspects)) {
     watch.Begin("matching");
     ground = AskGround(request, options, stop, &answer.stages);
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while the ground was asked");
   }
+  // A station's, else a robot's.
+  const KnownCameras known = cameras.views.empty() ? CamerasOfRequest(request) : cameras;
+  if (!known.views.empty()) {
+    input->ground = ground;
+    HOROPTER_ASSIGN_OR_RETURN(trace.recognition,
+                              recognize([&](const RecognitionInput& of, const auto&... given) {
+                                return RecognizeWithCameras(of, known, given..., work.get());
+                              }));
+    input->ground = {};
+    aspects_first = aspects_first && trace.recognition.objects.empty();
+  }
   if (aspects_first) {
     input->ground = ground;
-    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize([](const auto&... given) {
-                                return RecognizeByAspectsAlone(given...);
+    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize([&](const auto&... given) {
+                                return RecognizeByAspectsAlone(given..., work.get());
                               }));
     // Of a large catalog the images may say that it need not have been.
     aspects_first = trace.recognition.counts.count("aspects_searched") > 0;

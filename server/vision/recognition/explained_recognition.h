@@ -7,12 +7,15 @@
 
 namespace horopter {
 
-// As the functions of recognition.h, with the same answers; log: may be null.
+struct AspectWork;  // interpretation/aspect_route.h
+
+// As the functions of recognition.h, with the same answers; log, work: may be null.
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
                                                           const RecognitionOptions& options,
                                                           const StopRequested& stop,
                                                           const StepListener& on_step,
-                                                          RefusalLog* log);
+                                                          RefusalLog* log,
+                                                          AspectWork* work);
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
                                                    const StopRequested& stop,

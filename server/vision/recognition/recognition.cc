@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/answer_by_routes.h"
+#include "server/vision/recognition/camera_recognition.h"
 #include "server/vision/recognition/explained_recognition.h"
 #include "server/vision/recognition/interpretation/aspect_images.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
@@ -17,7 +18,6 @@
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/interpretation/routes.h"
 #include "server/vision/recognition/interpretation/scale_alternatives.h"
-#include "server/vision/recognition/rig_recognition.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
@@ -58,12 +58,22 @@ std::vector<AspectImage> SearchedImages(const RecognitionInput& input,
                           context.options.threads);
 }
 
+// Images and what is searched for, unless they are there.
+absl::Status PrepareWork(const RecognitionInput& input,
+                         const JointContext& context,
+                         AspectWork* work) {
+  if (!work->images.empty()) return absl::OkStatus();
+  work->images = SearchedImages(input, context);
+  HOROPTER_ASSIGN_OR_RETURN(work->search,
+                            ChooseObjects(context, work->images, AspectOptionsOf(input).ranking));
+  return absl::OkStatus();
+}
+
 // The aspects' own answer, in cameras that are known as far as they can be trusted; known: an
 // answer of another route that is not contradicted, or null.
 absl::StatusOr<RecognitionResult> AspectsOf(const RecognitionInput& input,
                                             const JointContext& context,
-                                            std::span<const AspectImage> images,
-                                            const AspectSearch& search,
+                                            AspectWork* work,
                                             const RecognitionResult* known,
                                             RefusalLog* log) {
   // What no route found parts in may be no table: its cameras are not believed, but tried.
@@ -73,8 +83,7 @@ absl::StatusOr<RecognitionResult> AspectsOf(const RecognitionInput& input,
                   context.stop,
                   context.on_step);
   return RecognizeByAspects(unmatched,
-                            images,
-                            search,
+                            work,
                             {CamerasTrusted(input) ? &context : nullptr, known},
                             log,
                             AspectOptionsOf(input));
@@ -111,17 +120,17 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
     RefuseContradicted(judged, !rich, acceptance, log, &result);
     return result;
   }
-  const std::vector<AspectImage> plain = SearchedImages(input, context);
-  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
-                            ChooseObjects(context, plain, AspectOptionsOf(input).ranking));
+  AspectWork plain;
+  HOROPTER_RETURN_IF_ERROR(PrepareWork(input, context, &plain));
   if (enough) {
-    HOROPTER_RETURN_IF_ERROR(AddOthers(context, plain, search, &result, AspectOptionsOf(input)));
+    HOROPTER_RETURN_IF_ERROR(
+        AddOthers(context, plain.images, plain.search, &result, AspectOptionsOf(input)));
     return result;
   }
   const bool contradicted = judged.median < acceptance.contradicting_score;
   HOROPTER_ASSIGN_OR_RETURN(
       RecognitionResult aspects,
-      AspectsOf(input, context, plain, search, contradicted ? nullptr : &result, log));
+      AspectsOf(input, context, &plain, contradicted ? nullptr : &result, log));
   // An answer that leaves out views explains what is easy.
   const bool explains_more =
       !aspects.objects.empty() &&
@@ -180,6 +189,10 @@ void WeighTurns(const JointContext& context,
 
 }  // namespace
 
+std::shared_ptr<AspectWork> MakeAspectWork() {
+  return std::make_shared<AspectWork>();
+}
+
 bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> objects,
                       const RecognitionOptions& options) {
   return options.routes.aspects && HaveAspects(objects) && AreRich(objects, options.aspects);
@@ -189,7 +202,8 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
                                                           const RecognitionOptions& options,
                                                           const StopRequested& stop,
                                                           const StepListener& on_step,
-                                                          RefusalLog* log) {
+                                                          RefusalLog* log,
+                                                          AspectWork* work) {
   HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
   if (input.images.size() != input.features.size())
     return absl::InvalidArgumentError("images: one per list of features");
@@ -201,50 +215,52 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
                   options,
                   stop,
                   on_step);
-  const std::vector<AspectImage> images = SearchedImages(input, context);
-  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
-                            ChooseObjects(context, images, AspectOptionsOf(input).ranking));
-  if (!search.rich) {
+  AspectWork own;
+  if (work == nullptr) work = &own;
+  HOROPTER_RETURN_IF_ERROR(PrepareWork(input, context, work));
+  if (!work->search.rich) {
     RecognitionResult nothing;
-    nothing.views.resize(images.size());
+    nothing.views.resize(work->images.size());
     return nothing;
   }
   AspectStarts starts;
   starts.without_ground = IsLinked(input.ground);
-  HOROPTER_ASSIGN_OR_RETURN(
-      RecognitionResult aspects,
-      RecognizeByAspects(context, images, search, starts, log, AspectOptionsOf(input)));
-  WeighTurns(context, images, &aspects);
+  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult aspects,
+                            RecognizeByAspects(context, work, starts, log, AspectOptionsOf(input)));
+  WeighTurns(context, work->images, &aspects);
   if (!input.scale_known) SayScaleAlternatives(context, &aspects);
   return aspects;
 }
 
-absl::StatusOr<RecognitionResult> RecognizeInRig(const RecognitionInput& input,
-                                                 std::span<const CalibratedCamera> rig,
-                                                 const RecognitionOptions& options,
-                                                 const StopRequested& stop,
-                                                 const StepListener& on_step,
-                                                 RefusalLog* log) {
+absl::StatusOr<RecognitionResult> RecognizeWithCameras(const RecognitionInput& input,
+                                                       const KnownCameras& cameras,
+                                                       const RecognitionOptions& options,
+                                                       const StopRequested& stop,
+                                                       const StepListener& on_step,
+                                                       RefusalLog* log,
+                                                       AspectWork* work) {
   HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
-  if (rig.size() != input.images.size() || input.images.size() != input.features.size())
-    return absl::InvalidArgumentError("rig: one camera per image");
+  if (cameras.views.size() != input.images.size() || input.images.size() != input.features.size())
+    return absl::InvalidArgumentError("cameras: one entry per image");
   RecognitionResult nothing;
   nothing.views.resize(input.images.size());
   if (!options.routes.aspects || !HaveAspects(input.objects)) return nothing;
+  if (cameras.known() < 2) return nothing;
   if (TooFewFeatures(input, options.acceptance.scene, nullptr)) return nothing;
   const JointContext context =
       MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
                   options,
                   stop,
                   on_step);
-  const std::vector<AspectImage> images = SearchedImages(input, context);
-  HOROPTER_ASSIGN_OR_RETURN(const AspectSearch search,
-                            ChooseObjects(context, images, AspectOptionsOf(input).ranking));
+  AspectWork own;
+  if (work == nullptr) work = &own;
+  HOROPTER_RETURN_IF_ERROR(PrepareWork(input, context, work));
   HOROPTER_ASSIGN_OR_RETURN(
       RecognitionResult found,
-      RecognizeByAspectsInRig(context, images, search, rig, log, AspectOptionsOf(input)));
+      RecognizeByAspectsWithCameras(context, work, cameras, log, AspectOptionsOf(input)));
   if (found.objects.empty()) return nothing;
-  WeighTurns(context, images, &found);
+  WeighTurns(context, work->images, &found);
+  if (!cameras.scale_known) SayScaleAlternatives(context, &found);
   return found;
 }
 
@@ -289,7 +305,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput
                                                           const RecognitionOptions& options,
                                                           const StopRequested& stop,
                                                           const StepListener& on_step) {
-  return RecognizeByAspectsAlone(input, options, stop, on_step, nullptr);
+  return RecognizeByAspectsAlone(input, options, stop, on_step, nullptr, nullptr);
 }
 
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,

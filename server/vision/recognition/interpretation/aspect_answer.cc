@@ -153,13 +153,13 @@ RecognitionResult ToResult(const JointContext& context,
                            const LinkedScene& scene,
                            const RecognitionResult* known,
                            RefusalLog* log,
-                           bool in_rig) {
+                           bool with_cameras) {
   const AspectAcceptance& options = context.options.acceptance.aspects;
   const SceneAcceptance& of_scenes = context.options.acceptance.scene;
   const auto views = RecognizedViews(scene);
-  const double least = in_rig ? options.min_probability : NeededProbability(options);
+  const double least = with_cameras ? options.min_fitted_probability : NeededProbability(options);
   const auto probability = [&](const LinkedObject& o) {
-    if (in_rig) return ProbabilityInRig(o, scene, options);
+    if (with_cameras) return ProbabilityUnderCameras(o, scene);
     const int k =
         known == nullptr ? -1 : KnownInPlace(context, views, o.object, o.scene_from_object, *known);
     const double found = AspectProbability(o, scene, options);

@@ -21,11 +21,12 @@ void AddAnswer(const LinkedObject& o,
                RecognitionResult* result);
 
 // Objects by their numbers in the catalog. known: an answer of another route that is not
-// contradicted, or null. log: may be null. in_rig: cameras are a calibrated station's.
+// contradicted, or null. log: may be null. with_cameras:
+// cameras were known before any part.
 RecognitionResult ToResult(const JointContext& context,
                            const LinkedScene& scene,
                            const RecognitionResult* known,
                            RefusalLog* log,
-                           bool in_rig = false);
+                           bool with_cameras = false);
 
 }  // namespace horopter

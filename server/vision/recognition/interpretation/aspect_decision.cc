@@ -173,14 +173,8 @@ double EvenBeside(const LinkedObject& o, const AspectAcceptance& options) {
   return SurfaceTells(o, options) ? options.even_lying_surface : options.even_lying;
 }
 
-double ProbabilityInRig(const LinkedObject& o,
-                        const LinkedScene& scene,
-                        const AspectAcceptance& options) {
-  double even = EvenBeside(o, options);
-  if (scene.agreement.Contradicts(options.surface_disagrees) || GroundContradicts(scene, options))
-    even += options.disagreement_more;
-  if (LeansBeside(o, scene)) even = std::max(even, options.even_leaning);
-  return Logistic(options.score_weight * (o.score - even));
+double ProbabilityUnderCameras(const LinkedObject& o, const LinkedScene& scene) {
+  return Logistic(FittedLogOdds(CameraCuesOf(o, scene)));
 }
 
 double NeededProbability(const AspectAcceptance& options) {

@@ -24,10 +24,7 @@ double AspectProbability(const LinkedObject& o,
 // What AspectProbability must reach for an answer.
 double NeededProbability(const AspectAcceptance& options);
 
-// The same under cameras that were known before and that no part has moved: they take it for chance
-// no more than those do that other parts share.
-double ProbabilityInRig(const LinkedObject& o,
-                        const LinkedScene& scene,
-                        const AspectAcceptance& options);
+// The same under cameras that were known before: each view speaks for itself.
+double ProbabilityUnderCameras(const LinkedObject& o, const LinkedScene& scene);
 
 }  // namespace horopter

@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_format.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/aspect_scenes/rig_search.h"
+#include "server/vision/recognition/aspect_scenes/camera_search.h"
 #include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/interpretation/aspect_answer.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
@@ -18,8 +18,6 @@ namespace horopter {
 namespace {
 
 constexpr int kLeading = 12;  // of a shortlist: these decide whether aspects come first
-// Of cameras of a calibrated station: better than any part alone tells.
-constexpr double kRigFocalLogSigma = 0.01;
 // What few poses of a part miss other views list, or the search on planes finds: 24 and 25 parts
 // with 5 and 3 each instead of 10 and 6 are answered as well in 40 scenes, in a tenth less time
 // (ADR 60).
@@ -54,6 +52,35 @@ std::vector<AspectHypothesis> SearchImage(const JointContext& context,
   if (IsBrief(context.options)) find = Brief(find);
   find.threads = find.votes.threads = context.options.threads;
   return FindAspectHypotheses(image, *search.index, find, known, context.give_up).hypotheses;
+}
+
+// The same of one of the images, once.
+const std::vector<AspectHypothesis>& SearchOnce(const JointContext& context,
+                                                const AspectViewPrior& prior,
+                                                const FindAspectOptions& find,
+                                                int v,
+                                                AspectWork* work) {
+  std::optional<std::vector<AspectHypothesis>>& found = work->hypotheses[v];
+  if (!found) {
+    found = SearchImage(
+        context, work->images[v], work->search, IsKnown(prior) ? &prior.camera : nullptr, find);
+  }
+  return *found;
+}
+
+// What was searched, and of the object that is explained what was found.
+void ReportSearch(const AspectWork& work, RefusalLog* log, RecognitionResult* out) {
+  out->counts["aspects_searched"] = static_cast<double>(work.search.objects.size());
+  out->counts["aspect_views_searched"] = static_cast<double>(std::count_if(
+      work.hypotheses.begin(), work.hypotheses.end(), [](const auto& h) { return h.has_value(); }));
+  for (std::size_t v = 0; log != nullptr && v < work.hypotheses.size(); ++v) {
+    if (!work.hypotheses[v]) continue;
+    for (const AspectHypothesis& h : *work.hypotheses[v]) {
+      if (work.search.objects[h.object] != log->object) continue;
+      log->hypotheses.push_back(
+          {log->object, static_cast<int>(v), h.camera, h.camera_from_object, h.score});
+    }
+  }
 }
 
 // From numbers of the parts searched for to those of the catalog.
@@ -176,26 +203,18 @@ void RefuseContradicted(const AspectJudgement& judgement,
 }
 
 absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context,
-                                                     std::span<const AspectImage> images,
-                                                     const AspectSearch& search,
+                                                     AspectWork* work,
                                                      const AspectStarts& starts,
                                                      RefusalLog* log,
                                                      const AspectRecognitionOptions& options) {
   BeginStep(context, "aspect_search");
+  const std::span<const AspectImage> images = work->images;
+  const AspectSearch& search = work->search;
+  work->hypotheses.resize(images.size());
   const std::vector<AspectViewPrior> priors = ViewPriors(context, images);
   const std::vector<std::vector<AspectHypothesis>> none(images.size());
-  std::vector<std::vector<AspectHypothesis>> hypotheses(images.size());
-  std::vector<bool> searched(images.size(), false);
   const auto search_view = [&](int v) {
-    if (!searched[v]) {
-      hypotheses[v] = SearchImage(context,
-                                  images[v],
-                                  search,
-                                  IsKnown(priors[v]) ? &priors[v].camera : nullptr,
-                                  options.find);
-    }
-    searched[v] = true;
-    return hypotheses[v];
+    return SearchOnce(context, priors[v], options.find, v, work);
   };
   AspectLinkOptions link = options.link;
   link.threads = context.options.threads;
@@ -235,49 +254,40 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
     RecognitionResult more = ToResult(context, faint, starts.known, log);
     if (!more.objects.empty()) out = std::move(more);
   }
-  out.counts["aspects_searched"] = static_cast<double>(search.objects.size());
-  out.counts["aspect_views_searched"] =
-      static_cast<double>(std::count(searched.begin(), searched.end(), true));
-  for (std::size_t v = 0; log != nullptr && v < hypotheses.size(); ++v) {
-    for (const AspectHypothesis& h : hypotheses[v]) {
-      if (search.objects[h.object] != log->object) continue;
-      log->hypotheses.push_back(
-          {log->object, static_cast<int>(v), h.camera, h.camera_from_object, h.score});
-    }
-  }
+  ReportSearch(*work, log, &out);
   return out;
 }
 
-absl::StatusOr<RecognitionResult> RecognizeByAspectsInRig(const JointContext& context,
-                                                          std::span<const AspectImage> images,
-                                                          const AspectSearch& search,
-                                                          std::span<const CalibratedCamera> rig,
-                                                          RefusalLog* log,
-                                                          const AspectRecognitionOptions& options) {
-  BeginStep(context, "rig_search");
-  std::vector<AspectViewPrior> priors;
-  for (const CalibratedCamera& camera : rig) priors.push_back({camera.camera, kRigFocalLogSigma});
-  std::vector<std::optional<AspectSceneView>> views = SceneViews({rig.begin(), rig.end()});
-  for (auto& view : views) view->log_focal_sigma = kRigFocalLogSigma;
+absl::StatusOr<RecognitionResult> RecognizeByAspectsWithCameras(
+    const JointContext& context,
+    AspectWork* work,
+    const KnownCameras& cameras,
+    RefusalLog* log,
+    const AspectRecognitionOptions& options) {
+  BeginStep(context, "camera_search");
+  const std::span<const AspectImage> images = work->images;
+  work->hypotheses.resize(images.size());
+  const std::vector<AspectViewPrior> priors = ViewPriors(context, images);
   const std::vector<std::vector<AspectHypothesis>> none(images.size());
-  int searched = 0;
   const auto search_view = [&](int v) {
-    ++searched;
-    return SearchImage(context, images[v], search, &rig[v].camera, options.find);
+    return SearchOnce(context, priors[v], options.find, v, work);
   };
   AspectLinkOptions link = options.link;
   link.threads = context.options.threads;
-  LinkedScene scene = FindInRig({images, priors, none, search.index->models, nullptr, search_view},
-                                views,
-                                link,
-                                context.give_up);
+  LinkedScene scene =
+      FindInCameras({images, priors, none, work->search.index->models, nullptr, search_view},
+                    cameras,
+                    link,
+                    context.give_up);
   if (IsStopRequested(context.stop))
-    return absl::CancelledError("stopped while parts were looked for in the rig");
-  ToCatalog(search, &scene);
+    return absl::CancelledError("stopped while parts were looked for under known cameras");
+  ToCatalog(work->search, &scene);
   RecognitionResult out = ToResult(context, scene, nullptr, log, true);
-  out.counts["aspects_searched"] = static_cast<double>(search.objects.size());
-  out.counts["aspect_views_searched"] = searched;
-  out.counts["in_rig"] = out.objects.empty() ? 0.0 : 1.0;
+  // What is not answered may be searched on, and is reported then.
+  ReportSearch(*work, out.objects.empty() ? nullptr : log, &out);
+  // A camera that was left out is somewhere else.
+  const bool all_hold = scene.registered() == cameras.known();
+  out.counts["with_cameras"] = !out.objects.empty() && all_hold ? 1.0 : 0.0;
   return out;
 }
 

@@ -13,6 +13,7 @@
 #include "server/vision/recognition/object/aspect_search.h"
 #include "server/vision/recognition/refusals.h"
 #include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/reconstruction/known_cameras.h"
 
 namespace horopter {
 
@@ -35,6 +36,14 @@ struct AspectSearch {
 absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
                                            std::span<const AspectImage> images,
                                            const ObjectRankingOptions& ranking);
+
+// What has been derived of a request's images, for attempts that follow each other on the same
+// objects, ground and hints: nothing is searched twice.
+struct AspectWork {
+  std::vector<AspectImage> images;
+  AspectSearch search;
+  std::vector<std::optional<std::vector<AspectHypothesis>>> hypotheses;  // of each image searched
+};
 
 // What the images say of an answer's objects as their cameras should see them. Single objects may
 // be hidden, which scores do not know: the answer as a whole is judged.
@@ -68,20 +77,19 @@ struct AspectStarts {
 };
 
 // The scene that the aspects find of the objects searched for. log: may be null. Errors: CANCELLED.
+// work: images and the objects searched for; images are searched that have not been.
 absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context,
-                                                     std::span<const AspectImage> images,
-                                                     const AspectSearch& search,
+                                                     AspectWork* work,
                                                      const AspectStarts& starts,
                                                      RefusalLog* log,
                                                      const AspectRecognitionOptions& options = {});
 
-// The same under cameras that are known with their places, one per image (rig_search.h): nothing
+// The same under cameras that are known before, one entry per image (camera_search.h): nothing
 // where they leave a doubt. Errors: CANCELLED.
-absl::StatusOr<RecognitionResult> RecognizeByAspectsInRig(
+absl::StatusOr<RecognitionResult> RecognizeByAspectsWithCameras(
     const JointContext& context,
-    std::span<const AspectImage> images,
-    const AspectSearch& search,
-    std::span<const CalibratedCamera> rig,
+    AspectWork* work,
+    const KnownCameras& cameras,
     RefusalLog* log,
     const AspectRecognitionOptions& options = {});
 

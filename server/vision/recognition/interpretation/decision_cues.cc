@@ -78,4 +78,27 @@ double FittedLogOdds(const DecisionCues& cues) {
   return out;
 }
 
+CameraCues CameraCuesOf(const LinkedObject& o, const LinkedScene& scene) {
+  double least = 1.0, shown = 0.0;
+  for (std::size_t v = 0; v < o.views.size(); ++v) {
+    if (!o.shown[v]) continue;
+    least = std::min(least, o.views[v].precision);
+    shown += 1.0;
+  }
+  const double images = static_cast<double>(scene.views.size());
+  return {o.precision,
+          o.score,
+          shown > 0.0 ? least : 0.0,
+          std::log(MeanSupport(o) + kSupportOffsetPx),
+          std::log(std::max(1.0, shown)),
+          images > 0.0 ? 1.0 - scene.registered() / images : 0.0,
+          o.lies ? 1.0 : 0.0};
+}
+
+double FittedLogOdds(const CameraCues& cues) {
+  double out = kCameraCueConstant;
+  for (std::size_t i = 0; i < kCameraCues; ++i) out += kCameraCueWeights[i] * cues[i];
+  return out;
+}
+
 }  // namespace horopter

@@ -37,4 +37,19 @@ const std::array<std::string_view, kDecisionCues>& CueNames();
 // what is likely before the images are seen.
 double FittedLogOdds(const DecisionCues& cues);
 
+inline constexpr std::size_t kCameraCues = 7;
+
+// The same of an object under cameras that were known before, in the order of kCameraCueWeights:
+// they adapt to no part, so each view that shows it speaks for itself.
+//   precision        as above
+//   score            as above
+//   least_precision  of the view that shows least
+//   log_support      as above
+//   log_shown        logarithm of the number of views that show it
+//   missing          share of the images whose cameras are not known, or hold for nothing
+//   lies             as above
+using CameraCues = std::array<double, kCameraCues>;
+CameraCues CameraCuesOf(const LinkedObject& o, const LinkedScene& scene);
+double FittedLogOdds(const CameraCues& cues);
+
 }  // namespace horopter

@@ -221,7 +221,6 @@ TEST(AspectDecision, WhatLeansWhereOthersLieMustSayMore) {
   EXPECT_GT(Probability(scene, 3), 0.7);  // it is level: on something that is not known
   scene.objects[3].leans = true;
   EXPECT_LT(Probability(scene, 3), 0.5);
-  EXPECT_LT(ProbabilityInRig(scene.objects[3], scene, options), 0.5);
   EXPECT_GT(Probability(scene, 1), 0.9);
   scene.objects[3].score = options.even_leaning + 0.05;
   EXPECT_GT(Probability(scene, 3), 0.6);
@@ -318,6 +317,38 @@ TEST(AspectDecision, MoreScoreIsNeverLessSure) {
       before = now;
     }
   }
+}
+
+// A part under known cameras, found alike in so many of five views.
+LinkedScene UnderCameras(int shown, double precision, double score, double support_px) {
+  LinkedScene scene = Scene(5, 5, {score});
+  LinkedObject& o = scene.objects.front();
+  o.precision = precision;
+  for (int v = 0; v < 5; ++v) {
+    o.shown.push_back(v < shown);
+    o.views.emplace_back().precision = precision;
+    o.views.back().support_px = support_px;
+  }
+  return scene;
+}
+
+TEST(AspectDecision, UnderKnownCamerasViewsThatAgreeMakeLessScoreEnough) {
+  const auto probability = [](const LinkedScene& scene) {
+    return ProbabilityUnderCameras(scene.objects.front(), scene);
+  };
+  const LinkedScene scanned = UnderCameras(5, 0.57, 0.36, 900);  // of a photographed scanned part
+  EXPECT_GT(probability(scanned), 0.9);
+  AspectAcceptance options;
+  EXPECT_LT(AspectProbability(scanned.objects.front(), scanned, options), 0.1);
+  EXPECT_LT(probability(UnderCameras(2, 0.57, 0.36, 900)), probability(scanned));
+  EXPECT_LT(probability(UnderCameras(5, 0.45, 0.30, 390)), 0.5);  // where it is not
+  EXPECT_LT(probability(UnderCameras(5, 0.25, 0.12, 300)), 0.01);
+  LinkedScene doubtful = scanned;  // one view shows next to nothing of it
+  doubtful.objects.front().views[2].precision = 0.1;
+  EXPECT_LT(probability(doubtful), probability(scanned));
+  LinkedScene lost = scanned;
+  lost.views[4].reset();
+  EXPECT_LT(probability(lost), probability(scanned));
 }
 
 }  // namespace
