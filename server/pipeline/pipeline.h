@@ -74,6 +74,8 @@ struct PipelineOptions {
   StationOptions station;  // of requests that name one
   // The ground under parts that gave the cameras takes part in the joint adjustment (ADR 62).
   bool follow_ground = true;
+  // Cameras are sought in the images' texture before parts are (ADR 75).
+  bool cameras_from_texture = true;
   // Images are made smaller by a whole number while so much of their larger side stays, pixels (of
   // 12 megapixels a ninth is left); higher: finer edges, slower; 0: never. A request that names a
   // station is asked as it is. Commit of ADR 45.

@@ -11,6 +11,7 @@
 #include "server/pipeline/answer.h"
 #include "server/pipeline/clocks.h"
 #include "server/pipeline/given_cameras.h"
+#include "server/pipeline/texture_stage.h"
 #include "server/vision/matching/ground_motion.h"
 #include "server/vision/recognition/camera_recognition.h"
 #include "server/vision/recognition/explained_recognition.h"
@@ -61,12 +62,39 @@ PlaneInViews AskGround(const SceneRequest& request,
   return ground;
 }
 
-// Matching and reconstruction.
+// Cameras before any part: a station's, else a robot's, else what the images' texture tells, which
+// is left in `texture`.
+absl::StatusOr<KnownCameras> CamerasFirst(const PipelineOptions& options,
+                                          const SceneRequest& request,
+                                          const KnownCameras& of_station,
+                                          bool aspects_first,
+                                          const StopRequested& stop,
+                                          Reconstruction* texture,
+                                          std::vector<StageReport>* stages) {
+  if (!of_station.views.empty()) return of_station;
+  KnownCameras given = CamerasOfRequest(request);
+  if (!given.views.empty() || !aspects_first || !options.cameras_from_texture ||
+      request.images.size() < 2 || IsStopRequested(options.recognition.hurry)) {
+    return given;
+  }
+  HOROPTER_ASSIGN_OR_RETURN(*texture, ReconstructTexture(request, options, stop, stages));
+  return CamerasOfReconstruction(*texture);
+}
+
+// Matching and reconstruction; under cameras that the texture has given along their epipolar lines.
 absl::Status Reconstruct(const SceneRequest& request,
+                         Reconstruction texture,
                          const PipelineOptions& options,
                          const StopRequested& stop,
                          SceneTrace* trace,
                          std::vector<StageReport>* stages) {
+  if (texture.trusted) {
+    HOROPTER_ASSIGN_OR_RETURN(
+        trace->matching,
+        MatchUnderCameras(request, trace->features, texture, options, stop, stages));
+    trace->reconstruction = std::move(texture);
+    return absl::OkStatus();
+  }
   StageClock matching_clock("matching", stages);
   HOROPTER_ASSIGN_OR_RETURN(trace->matching,
                             MatchViews(request.images, trace->features, options.matching, stop));
@@ -165,8 +193,12 @@ absl::Status RunRecognition(PipelineOptions options,
     ground = AskGround(request, options, stop, &answer.stages);
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while the ground was asked");
   }
-  // A station's, else a robot's.
-  const KnownCameras known = cameras.views.empty() ? CamerasOfRequest(request) : cameras;
+  Reconstruction texture;
+  watch.Begin("matching");
+  HOROPTER_ASSIGN_OR_RETURN(
+      const KnownCameras known,
+      CamerasFirst(options, request, cameras, aspects_first, stop, &texture, &answer.stages));
+  if (texture.trusted) trace.reconstruction = texture;
   if (!known.views.empty()) {
     input->ground = ground;
     HOROPTER_ASSIGN_OR_RETURN(trace.recognition,
@@ -189,7 +221,8 @@ absl::Status RunRecognition(PipelineOptions options,
     unasked = {"matching", "reconstruction", "recognition"};
   } else if (trace.recognition.objects.empty()) {
     watch.Begin("matching");
-    HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));
+    HOROPTER_RETURN_IF_ERROR(
+        Reconstruct(request, std::move(texture), options, stop, &trace, &answer.stages));
     // No route would be asked any more.
     const bool late = IsStopRequested(options.recognition.hurry);
     if (late) {
