@@ -16,10 +16,6 @@ constexpr double kMostTurnRad = 0.008;
 constexpr double kMostShiftM = 0.004;
 constexpr int kLeastViews = 2;  // one view tells nothing that it did not give
 
-// Of what a request gives: twice what texture does.
-constexpr double kMostHintedLogFocal = 0.1;
-constexpr double kMostHintedTurnRad = 0.024;
-
 // Of cameras from texture in photographs: median deviations from the truth of 0.3 - 1.4 degrees.
 constexpr double kTextureTurnRad = 0.012;
 constexpr double kTexturePosition = 0.02;  // of the distance
@@ -61,29 +57,6 @@ KnownCameras CamerasOfStation(const StationRequest& station) {
     known.views.push_back(view);
     known.rotation_sigma_rad = std::max(known.rotation_sigma_rad, d.turn_rad);
     shift_m = std::max(shift_m, d.shift_m);
-  }
-  return WithPositionSigma(shift_m, std::move(known));
-}
-
-KnownCameras CamerasOfRequest(const SceneRequest& request) {
-  KnownCameras known;
-  if (request.hints.empty() || request.camera_poses.empty()) return known;
-  known.scale_known = true;
-  double shift_m = 0.0;
-  for (std::size_t v = 0; v < request.images.size(); ++v) {
-    const CameraHint& hint = request.hints[v];
-    const std::optional<CameraPoseHint>& pose = request.camera_poses[v];
-    known.views.emplace_back();
-    if (!hint.focal_px || hint.presumed || !pose || FocalLogSigma(hint) > kMostHintedLogFocal ||
-        pose->rotation_sigma_rad > kMostHintedTurnRad)
-      continue;
-    const cv::Mat& image = request.images[v];
-    CalibratedView& view = known.views.back().emplace();
-    view.camera = WithHint(CenteredCamera(image.cols, image.rows, *hint.focal_px), hint);
-    view.camera_from_scene = pose->camera_from_base;
-    view.focal_log_sigma = FocalLogSigma(hint);
-    known.rotation_sigma_rad = std::max(known.rotation_sigma_rad, pose->rotation_sigma_rad);
-    shift_m = std::max(shift_m, pose->position_sigma_m);
   }
   return WithPositionSigma(shift_m, std::move(known));
 }

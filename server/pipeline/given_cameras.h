@@ -12,10 +12,6 @@ namespace horopter {
 // known well enough to look for parts under them (fixed cameras, one image each); else no views.
 KnownCameras CamerasOfStation(const StationRequest& station);
 
-// Those whose poses and focal lengths a request gives (a robot's), in metres, where two and more
-// are given well enough; else no views.
-KnownCameras CamerasOfRequest(const SceneRequest& request);
-
 // Those of a reconstruction that is to be trusted, in its unit; else no views.
 KnownCameras CamerasOfReconstruction(const Reconstruction& reconstruction);
 

@@ -62,8 +62,8 @@ PlaneInViews AskGround(const SceneRequest& request,
   return ground;
 }
 
-// Cameras before any part: a station's, else a robot's, else what the images' texture tells, which
-// is left in `texture`.
+// Cameras before any part: a station's, else what the images' texture tells, which is left in
+// `texture`. Poses that a request gives are tested by the answer and not presumed.
 absl::StatusOr<KnownCameras> CamerasFirst(const PipelineOptions& options,
                                           const SceneRequest& request,
                                           const KnownCameras& of_station,
@@ -71,14 +71,18 @@ absl::StatusOr<KnownCameras> CamerasFirst(const PipelineOptions& options,
                                           const StopRequested& stop,
                                           Reconstruction* texture,
                                           std::vector<StageReport>* stages) {
-  if (!of_station.views.empty()) return of_station;
-  KnownCameras given = CamerasOfRequest(request);
-  if (!given.views.empty() || !aspects_first || !options.cameras_from_texture ||
+  if (!of_station.views.empty() || !aspects_first || !options.cameras_from_texture ||
       request.images.size() < 2 || IsStopRequested(options.recognition.hurry)) {
-    return given;
+    return of_station;
   }
   HOROPTER_ASSIGN_OR_RETURN(*texture, ReconstructTexture(request, options, stop, stages));
   return CamerasOfReconstruction(*texture);
+}
+
+int Registered(const RecognitionResult& recognition) {
+  return static_cast<int>(std::count_if(recognition.views.begin(),
+                                        recognition.views.end(),
+                                        [](const auto& view) { return view.has_value(); }));
 }
 
 // Matching and reconstruction; under cameras that the texture has given along their epipolar lines.
@@ -206,9 +210,13 @@ absl::Status RunRecognition(PipelineOptions options,
                                 return RecognizeWithCameras(of, known, given..., work.get());
                               }));
     input->ground = {};
-    aspects_first = aspects_first && trace.recognition.objects.empty();
+    // A station's cameras are asked of the images by whoever gave them.
+    const bool doubted =
+        cameras.views.empty() && Registered(trace.recognition) < std::ssize(request.images);
+    aspects_first = aspects_first && (trace.recognition.objects.empty() || doubted);
   }
   if (aspects_first) {
+    RecognitionResult in_cameras = std::move(trace.recognition);
     input->ground = ground;
     HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize([&](const auto&... given) {
                                 return RecognizeByAspectsAlone(given..., work.get());
@@ -216,6 +224,9 @@ absl::Status RunRecognition(PipelineOptions options,
     // Of a large catalog the images may say that it need not have been.
     aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
     input->ground = {};
+    // What leaves out views stands only where parts alone say nothing.
+    if (trace.recognition.objects.empty() && !in_cameras.objects.empty())
+      trace.recognition = std::move(in_cameras);
   }
   if (trace.recognition.objects.empty() && IsStopRequested(options.recognition.hurry)) {
     unasked = {"matching", "reconstruction", "recognition"};

@@ -27,10 +27,12 @@ absl::StatusOr<Reconstruction> ReconstructTexture(const SceneRequest& request,
   StageClock reconstruction_clock("reconstruction", stages);
   std::vector<ImageSize> sizes;
   for (const cv::Mat& image : request.images) sizes.push_back({image.cols, image.rows});
+  // Poses that are given are tested against what the images say: here they say it alone.
+  std::vector<ViewPrior> priors = PriorsOf(request);
+  for (ViewPrior& prior : priors) prior.camera_from_world.reset();
   HOROPTER_ASSIGN_OR_RETURN(
       Reconstruction reconstruction,
-      ReconstructFromTexture(
-          texture, sizes, PriorsOf(request), options.reconstruction.texture, stop));
+      ReconstructFromTexture(texture, sizes, priors, options.reconstruction.texture, stop));
   reconstruction_clock.Finish(reconstruction.counts);
   return reconstruction;
 }
