@@ -28,9 +28,9 @@ inline constexpr std::array<double, kDecisionCues> kCueWeights = {
     4.86,   // first_ground
 };
 
-// The same of CameraCues: set by hand on the placements that camera_search_report lists in benchvise
-// and tools of the photographs (right parts .6 - 5, a second place of one part -.4, wrong starts
-// less than -5), not fitted yet; fit_camera_decision.py fits them to more. ADR 74.
+// The same of CameraCues: set by hand on the placements that camera_search_report lists in
+// benchvise and tools of the photographs (right parts .6 - 5, a second place of one part -.4, wrong
+// starts less than -5), not fitted yet; fit_camera_decision.py fits them to more. ADR 74.
 inline constexpr double kCameraCueConstant = -24.0;
 inline constexpr std::array<double, kCameraCues> kCameraCueWeights = {
     6.0,   // precision
