@@ -253,7 +253,13 @@ TEST(ServerOptionsTest, OtherMachinesAreListenedToWithTlsOrWhenThatIsSaid) {
     options.insecure = true;
     EXPECT_TRUE(Validate(options).ok()) << open;
     options.insecure = false;
+    // With TLS everybody may still do everything, unless there is an access file or it is meant.
     options.tls.certificate = "server.pem";
+    EXPECT_EQ(Validate(options).code(), absl::StatusCode::kInvalidArgument) << open;
+    options.open_access = true;
+    EXPECT_TRUE(Validate(options).ok()) << open;
+    options.open_access = false;
+    options.access_file = "access";
     EXPECT_TRUE(Validate(options).ok()) << open;
     options = {};
     options.admin_listen = open;
