@@ -507,7 +507,7 @@ class Pictures(Workplace):
                 self.assertEqual(done.returncode, 0, done.stderr)
                 self.assertIn("5 images", done.stdout)
                 with open(os.path.join(self.folder, "r.csv"), encoding="utf-8") as file:
-                    self.assertEqual(len(file.readlines()), 4)
+                    self.assertEqual(len(file.readlines()), 6)
                 if "truth" not in name:
                     done = self.run_horopter("dataset", "evaluate", name, "test", "r.csv")
                     self.assertEqual(done.returncode, 0, done.stderr)
