@@ -62,21 +62,24 @@ PlaneInViews AskGround(const SceneRequest& request,
   return ground;
 }
 
-// Cameras before any part: a station's, else what the images' texture tells, which is left in
-// `texture`. Poses that a request gives are tested by the answer and not presumed.
+// Cameras before any part: a station's, else what the images' texture tells, which is left in the
+// trace where it is trusted. Poses that a request gives are tested by the answer and not presumed.
 absl::StatusOr<KnownCameras> CamerasFirst(const PipelineOptions& options,
                                           const SceneRequest& request,
                                           const KnownCameras& of_station,
                                           bool aspects_first,
                                           const StopRequested& stop,
-                                          Reconstruction* texture,
+                                          SceneTrace* trace,
                                           std::vector<StageReport>* stages) {
   if (!of_station.views.empty() || !aspects_first || !options.cameras_from_texture ||
       request.images.size() < 2 || IsStopRequested(options.recognition.hurry)) {
     return of_station;
   }
-  HOROPTER_ASSIGN_OR_RETURN(*texture, ReconstructTexture(request, options, stop, stages));
-  return CamerasOfReconstruction(*texture);
+  HOROPTER_ASSIGN_OR_RETURN(Reconstruction texture,
+                            ReconstructTexture(request, options, stop, stages));
+  KnownCameras known = CamerasOfReconstruction(texture);
+  if (texture.trusted) trace->reconstruction = std::move(texture);
+  return known;
 }
 
 int Registered(const RecognitionResult& recognition) {
@@ -87,16 +90,14 @@ int Registered(const RecognitionResult& recognition) {
 
 // Matching and reconstruction; under cameras that the texture has given along their epipolar lines.
 absl::Status Reconstruct(const SceneRequest& request,
-                         Reconstruction texture,
                          const PipelineOptions& options,
                          const StopRequested& stop,
                          SceneTrace* trace,
                          std::vector<StageReport>* stages) {
-  if (texture.trusted) {
+  if (trace->reconstruction.trusted) {
     HOROPTER_ASSIGN_OR_RETURN(
         trace->matching,
-        MatchUnderCameras(request, trace->features, texture, options, stop, stages));
-    trace->reconstruction = std::move(texture);
+        MatchUnderCameras(request, trace->features, trace->reconstruction, options, stop, stages));
     return absl::OkStatus();
   }
   StageClock matching_clock("matching", stages);
@@ -197,12 +198,10 @@ absl::Status RunRecognition(PipelineOptions options,
     ground = AskGround(request, options, stop, &answer.stages);
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while the ground was asked");
   }
-  Reconstruction texture;
   watch.Begin("matching");
   HOROPTER_ASSIGN_OR_RETURN(
       const KnownCameras known,
-      CamerasFirst(options, request, cameras, aspects_first, stop, &texture, &answer.stages));
-  if (texture.trusted) trace.reconstruction = texture;
+      CamerasFirst(options, request, cameras, aspects_first, stop, &trace, &answer.stages));
   if (!known.views.empty()) {
     input->ground = ground;
     HOROPTER_ASSIGN_OR_RETURN(trace.recognition,
@@ -232,8 +231,7 @@ absl::Status RunRecognition(PipelineOptions options,
     unasked = {"matching", "reconstruction", "recognition"};
   } else if (trace.recognition.objects.empty()) {
     watch.Begin("matching");
-    HOROPTER_RETURN_IF_ERROR(
-        Reconstruct(request, std::move(texture), options, stop, &trace, &answer.stages));
+    HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));
     // No route would be asked any more.
     const bool late = IsStopRequested(options.recognition.hurry);
     if (late) {

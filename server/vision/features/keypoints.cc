@@ -87,12 +87,10 @@ KeypointSet DetectKeypoints(const cv::Mat& grey,
       large ? SiftInTiles(grey, within, options) : Sift(grey, within, options);
   const int n = std::min<int>(descriptors.rows, options.max_keypoints);
   set.points.reserve(n);
-  set.sizes_px.reserve(n);
   set.descriptors.resize(static_cast<size_t>(n) * kDescriptorLength);
   set.squared_norms.resize(n);
   for (int i = 0; i < n; ++i) {
     set.points.emplace_back(keypoints[i].pt.x, keypoints[i].pt.y);
-    set.sizes_px.push_back(keypoints[i].size);
     const float* from = descriptors.ptr<float>(i);
     std::int16_t* to = &set.descriptors[static_cast<size_t>(i) * kDescriptorLength];
     const float sum = options.root ? std::accumulate(from, from + kDescriptorLength, 0.0f) : 0.0f;

@@ -17,7 +17,6 @@ inline constexpr int kDescriptorLength = 128;
 // integers, so that distances are exact on every machine.
 struct KeypointSet {
   std::vector<Eigen::Vector2d> points;    // pixels
-  std::vector<float> sizes_px;            // diameter of what a descriptor describes
   std::vector<std::int16_t> descriptors;  // kDescriptorLength per point
   std::vector<std::int32_t> squared_norms;
 

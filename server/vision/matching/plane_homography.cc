@@ -5,12 +5,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <set>
 #include <utility>
 
 #include "server/vision/features/image_strips.h"
+#include "server/vision/matching/usac.h"
 
 namespace horopter {
 namespace {
@@ -174,16 +174,7 @@ std::optional<PlaneEstimate> EstimatePlane(const std::vector<PointPair>& pairs,
     from.emplace_back(p.a.x(), p.a.y());
     to.emplace_back(p.b.x(), p.b.y());
   }
-  cv::UsacParams usac;
-  usac.confidence = 0.999;
-  usac.isParallel = false;
-  usac.maxIterations = 5000;
-  usac.randomGeneratorState = static_cast<int>(options.seed);
-  usac.sampler = cv::SAMPLING_UNIFORM;
-  usac.score = cv::SCORE_METHOD_MAGSAC;
-  usac.loMethod = cv::LOCAL_OPTIM_SIGMA;
-  usac.loIterations = 10;
-  usac.threshold = options.ransac_px;
+  const cv::UsacParams usac = Magsac(options.ransac_px, 0.999, 5000, options.seed);
   cv::Mat mask, estimate;
   try {
     estimate = cv::findHomography(from, to, mask, usac);

@@ -2,13 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/features/image_strips.h"
 #include "server/vision/matching/feature_tracks.h"
 #include "server/vision/matching/keypoint_matching.h"
+#include "server/vision/matching/usac.h"
 #include "server/vision/matching/view_graph.h"
 
 namespace horopter {
@@ -24,16 +25,9 @@ struct Correspondences {
   std::vector<cv::Point2d> a, b;
 };
 
-cv::Mat GreyOf(const cv::Mat& image) {
-  if (image.channels() == 1) return image;
-  cv::Mat grey;
-  cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
-  return grey;
-}
-
 // Keypoints in pixels of the full image; `scale`: of the image that was searched.
 KeypointSet DetectTexture(const cv::Mat& image, double scale, const TextureOptions& options) {
-  cv::Mat grey = GreyOf(image);
+  cv::Mat grey = image.channels() == 3 ? RecolourInStrips(image, cv::COLOR_BGR2GRAY, 1) : image;
   if (scale < 1.0) cv::resize(grey, grey, cv::Size(), scale, scale, cv::INTER_AREA);
   KeypointSet set = DetectKeypoints(
       grey,
@@ -42,22 +36,11 @@ KeypointSet DetectTexture(const cv::Mat& image, double scale, const TextureOptio
   const Eigen::Array2d factor(static_cast<double>(image.cols) / grey.cols,
                               static_cast<double>(image.rows) / grey.rows);
   for (Eigen::Vector2d& x : set.points) x = ((x.array() + 0.5) * factor - 0.5).matrix();
-  for (float& size : set.sizes_px) size *= static_cast<float>(factor.x());
   return set;
 }
 
-cv::UsacParams Usac(double threshold, unsigned seed) {
-  cv::UsacParams usac;
-  usac.confidence = 0.9999;
-  usac.isParallel = false;
-  usac.maxIterations = 10000;
-  usac.randomGeneratorState = static_cast<int>(seed);
-  usac.sampler = cv::SAMPLING_UNIFORM;
-  usac.score = cv::SCORE_METHOD_MAGSAC;
-  usac.loMethod = cv::LOCAL_OPTIM_SIGMA;
-  usac.loIterations = 10;
-  usac.threshold = threshold;
-  return usac;
+cv::UsacParams Usac(double threshold_px, unsigned seed) {
+  return Magsac(threshold_px, 0.9999, 10000, seed);
 }
 
 // One match of those whose keypoints lie at one place (a keypoint of two orientations).
@@ -118,9 +101,6 @@ std::optional<TexturePair> EstimatePair(const Correspondences& all,
     return std::nullopt;
   }
   TexturePair pair;
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) pair.F(r, c) = estimate.at<double>(r, c);
-  }
   std::vector<cv::Point2d> in_a, in_b;
   for (int k = 0; k < n; ++k) {
     if (mask.at<uchar>(k) == 0) continue;
@@ -160,7 +140,6 @@ KeypointSet Strongest(const KeypointSet& set, int keep) {
   KeypointSet few = set;
   if (set.size() <= keep) return few;
   few.points.resize(keep);
-  few.sizes_px.resize(keep);
   few.descriptors.resize(static_cast<size_t>(keep) * kDescriptorLength);
   few.squared_norms.resize(keep);
   return few;

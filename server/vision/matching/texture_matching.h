@@ -2,7 +2,6 @@
 // photographs of printed, scratched, wooden things have and plain tables lack.
 #pragma once
 
-#include <Eigen/Core>
 #include <map>
 #include <span>
 #include <string>
@@ -20,14 +19,13 @@ class Mat;
 
 namespace horopter {
 
-// Two views whose texture points agree on one epipolar geometry, x_b^T F x_a = 0.
+// Two views whose texture points agree on one epipolar geometry.
 struct TexturePair {
   int view_a = -1;
   int view_b = -1;
-  Eigen::Matrix3d F = Eigen::Matrix3d::Zero();
   std::vector<std::pair<int, int>> matches;  // keypoints in a and b that agree, likeliest first
   // Of these, how many one homography explains: all of them where the scene is a plane or the
-  // camera only turned, and then F is one of many.
+  // camera only turned.
   int on_homography = 0;
   int still = 0;  // matches that were left out because they stand still while the others move
 };

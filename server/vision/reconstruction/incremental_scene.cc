@@ -10,6 +10,7 @@
 #include "server/vision/matching/relative_pose.h"
 #include "server/vision/reconstruction/alternation.h"
 #include "server/vision/reconstruction/camera_resection.h"
+#include "server/vision/reconstruction/scene_views.h"
 #include "server/vision/reconstruction/structure.h"
 
 namespace horopter {
@@ -101,9 +102,7 @@ class Growth {
   std::optional<IncrementalScene> Finish() {
     if (IsStopRequested(stop_) || !Settle(options_.gate_px, kSceneAdjustments)) return std::nullopt;
     state_.cost = UnexplainedCost(tracks_, state_.scene, options_.outlier_chi2);
-    state_.views = static_cast<int>(std::count_if(state_.scene.views.begin(),
-                                                  state_.scene.views.end(),
-                                                  [](const auto& v) { return v.has_value(); }));
+    state_.views = RegisteredViews(state_.scene.views);
     state_.camera_of_view = camera_of_view_;
     return std::move(state_);
   }
@@ -198,16 +197,6 @@ class Growth {
   IncrementalScene state_;
 };
 
-bool SameFocalLengths(const IncrementalScene& a, const IncrementalScene& b) {
-  for (size_t v = 0; v < a.scene.views.size(); ++v) {
-    const auto &x = a.scene.views[v], &y = b.scene.views[v];
-    if (!x || !y) continue;
-    if (std::abs(std::log(x->camera.focal_px / y->camera.focal_px)) > kDistinctSceneLogFocal)
-      return false;
-  }
-  return true;
-}
-
 // Pairs that a start may begin with, the most promising first.
 std::vector<SharedPoints> RankStarts(std::span<const SharedPoints> pairs, int keep) {
   std::vector<SharedPoints> ranked(pairs.begin(), pairs.end());
@@ -272,7 +261,7 @@ absl::StatusOr<std::vector<IncrementalScene>> ReconstructIncrementally(
   std::vector<IncrementalScene> distinct;
   for (IncrementalScene& scene : found) {
     const bool seen = std::any_of(distinct.begin(), distinct.end(), [&](const auto& other) {
-      return SameFocalLengths(scene, other);
+      return LargestFocalDifference(scene.scene.views, other.scene.views) <= kDistinctSceneLogFocal;
     });
     if (!seen) distinct.push_back(std::move(scene));
   }

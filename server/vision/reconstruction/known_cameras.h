@@ -1,5 +1,4 @@
-// Cameras that are known before any part is: of a station, of poses that a request gives, or of a
-// reconstruction from texture.
+// Cameras that are known before any part is: of a station or of a reconstruction from texture.
 #pragma once
 
 #include <Eigen/Core>

@@ -12,6 +12,7 @@
 #include "server/vision/reconstruction/chirality.h"
 #include "server/vision/reconstruction/few_features.h"
 #include "server/vision/reconstruction/pose_alignment.h"
+#include "server/vision/reconstruction/scene_views.h"
 
 namespace horopter {
 namespace {
@@ -29,12 +30,7 @@ struct Candidate {
 };
 
 bool SameCalibration(const CalibratedScene& a, const CalibratedScene& b) {
-  for (size_t v = 0; v < a.views.size(); ++v) {
-    if (!a.views[v] || !b.views[v]) continue;
-    const double ratio = a.views[v]->camera.focal_px / b.views[v]->camera.focal_px;
-    if (std::abs(std::log(ratio)) > kDistinctLogFocal) return false;
-  }
-  return true;
+  return LargestFocalDifference(a.views, b.views) <= kDistinctLogFocal;
 }
 
 double WorstFocalSigma(const CalibratedScene& scene) {

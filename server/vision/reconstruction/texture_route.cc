@@ -3,95 +3,27 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <optional>
 #include <string>
 #include <utility>
 
+#include "absl/strings/str_format.h"
 #include "server/base/status_macros.h"
 #include "server/vision/reconstruction/incremental_scene.h"
 #include "server/vision/reconstruction/point_planes.h"
 #include "server/vision/reconstruction/scene_frame.h"
+#include "server/vision/reconstruction/scene_views.h"
 #include "server/vision/reconstruction/structure.h"
+#include "server/vision/reconstruction/texture_tracks.h"
 
 namespace horopter {
 namespace {
 
 constexpr double kWorthAdjusting = 2.0;  // scenes of up to so many times the least cost
 constexpr int kMinViewsOfLensEach = 4;   // three with a lens each explain what is wrong as well
-constexpr int kMinViews = 3;             // two leave the focal length open, unless it is given
+constexpr int kMinViews = 3;             // two leave the focal length open
 constexpr int kAdjustments = 2;          // of the whole scene
 constexpr int kMaxDropRounds = 4;        // views that do not belong are dropped one after the other
-constexpr double kSameFocal = 1.02;      // ratio of hints that are one
-
-template <typename... Arguments>
-std::string Text(const char* format, Arguments... arguments) {
-  char text[200];
-  std::snprintf(text, sizeof(text), format, arguments...);
-  return text;
-}
-
-MultiviewTracks TracksOf(const TextureMatching& texture, std::span<const ImageSize> sizes) {
-  MultiviewTracks tracks;
-  tracks.sizes.assign(sizes.begin(), sizes.end());
-  for (const FeatureTrack& track : texture.tracks) {
-    if (tracks.points == kMaxFeatures) break;
-    for (const FeatureTrack::Feature& f : track.features) {
-      tracks.point_observations.push_back({f.view,
-                                           tracks.points,
-                                           texture.keypoints[f.view].points[f.feature],
-                                           texture.sigma_px[f.view]});
-    }
-    ++tracks.points;
-  }
-  return tracks;
-}
-
-// The longest tracks, until each view has `of_view` observations or all it has.
-MultiviewTracks FewTracks(const MultiviewTracks& tracks, const TrackIndex& index, int of_view) {
-  std::vector<int> order(tracks.points);
-  for (int j = 0; j < tracks.points; ++j) order[j] = j;
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-    return index.of_point[a].size() > index.of_point[b].size();
-  });
-  std::vector<int> taken(tracks.sizes.size(), 0);
-  MultiviewTracks few;
-  few.sizes = tracks.sizes;
-  for (const int j : order) {
-    const bool wanted = std::any_of(index.of_point[j].begin(), index.of_point[j].end(), [&](int k) {
-      return taken[tracks.point_observations[k].view] < of_view;
-    });
-    if (!wanted) continue;
-    for (const int k : index.of_point[j]) {
-      PointObservation o = tracks.point_observations[k];
-      ++taken[o.view];
-      o.point = few.points;
-      few.point_observations.push_back(o);
-    }
-    ++few.points;
-  }
-  return few;
-}
-
-// One number for all where the images may be of one camera.
-std::vector<int> CamerasOf(std::span<const ImageSize> sizes, std::span<const ViewPrior> priors) {
-  std::vector<int> camera(sizes.size(), 0);
-  const auto same = [&](size_t a, size_t b) {
-    if (sizes[a].width != sizes[b].width || sizes[a].height != sizes[b].height) return false;
-    if (priors.empty()) return true;
-    const auto &f = priors[a].focal_px, &g = priors[b].focal_px;
-    return f.has_value() == g.has_value() && (!f || std::max(*f / *g, *g / *f) < kSameFocal);
-  };
-  int cameras = 0;
-  for (size_t v = 0; v < sizes.size(); ++v) {
-    camera[v] = -1;
-    for (size_t other = 0; other < v && camera[v] < 0; ++other) {
-      if (same(v, other)) camera[v] = camera[other];
-    }
-    if (camera[v] < 0) camera[v] = cameras++;
-  }
-  return camera;
-}
 
 // Cameras and points of all tracks, adjusted together.
 struct Adjusted {
@@ -164,38 +96,26 @@ std::pair<int, std::string> WorstView(const MultiviewTracks& tracks,
   }
   if (worst < 0) return {worst, ""};
   return {worst,
-          Text("%d of %d matched texture points agree with the other views, need %d and %.0f %%",
-               counts[worst].agree,
-               counts[worst].seen,
-               options.min_points_of_view,
-               100.0 * options.min_share_of_view)};
+          absl::StrFormat(
+              "%d of %d matched texture points agree with the other views, need %d and %.0f %%",
+              counts[worst].agree,
+              counts[worst].seen,
+              options.min_points_of_view,
+              100.0 * options.min_share_of_view)};
 }
 
-int Registered(const CalibratedScene& scene) {
-  return static_cast<int>(std::count_if(
-      scene.views.begin(), scene.views.end(), [](const auto& view) { return view.has_value(); }));
-}
-
-// Cost of the registered views' observations, as a share of what nothing would explain.
+// Cost of the registered views' observations, as a share of what nothing would explain. An
+// observation of another view costs just that.
 double UnexplainedShare(const MultiviewTracks& tracks,
                         const CalibratedScene& scene,
                         double outlier_chi2) {
-  MultiviewTracks of_registered = tracks;
-  std::erase_if(of_registered.point_observations,
-                [&](const PointObservation& o) { return !scene.views[o.view]; });
-  return UnexplainedCost(of_registered, scene, outlier_chi2) /
-         (outlier_chi2 * std::max<double>(1.0, std::ssize(of_registered.point_observations)));
-}
-
-// Largest difference of log focal lengths.
-double FocalDifference(const CalibratedScene& a, const CalibratedScene& b) {
-  double largest = 0.0;
-  for (size_t v = 0; v < a.views.size(); ++v) {
-    const auto &x = a.views[v], &y = b.views[v];
-    if (!x || !y) continue;
-    largest = std::max(largest, std::abs(std::log(x->camera.focal_px / y->camera.focal_px)));
-  }
-  return largest;
+  const auto all = static_cast<double>(tracks.point_observations.size());
+  const auto others = static_cast<double>(
+      std::count_if(tracks.point_observations.begin(),
+                    tracks.point_observations.end(),
+                    [&](const PointObservation& o) { return !scene.views[o.view]; }));
+  return (UnexplainedCost(tracks, scene, outlier_chi2) / outlier_chi2 - others) /
+         std::max(1.0, all - others);
 }
 
 // Pairs of the registered views that see something beside one plane, in shares of 1.
@@ -224,12 +144,12 @@ class TextureRoute {
         priors_(priors),
         options_(options),
         stop_(stop),
-        tracks_(TracksOf(texture, sizes)),
+        tracks_(TracksOfTexture(texture, sizes)),
         index_(IndexTracks(tracks_)) {
     result_.views.resize(sizes.size());
     result_.view_refusals.resize(sizes.size());
     result_.view_matches.resize(sizes.size());
-    camera_of_view_ = CamerasOf(sizes, priors);
+    camera_of_view_ = CamerasOfImages(sizes, priors);
   }
 
   absl::StatusOr<Reconstruction> Run() {
@@ -278,7 +198,8 @@ class TextureRoute {
     if (tried.empty()) return false;
     for (const auto& [cost, other] : tried) {
       if (cost <= options_.equal_cost * tried[best].first)
-        spread_ = std::max(spread_, FocalDifference(tried[best].second.scene, other.scene));
+        spread_ = std::max(
+            spread_, LargestFocalDifference(tried[best].second.scene.views, other.scene.views));
     }
     adjusted_ = std::move(tried[best].second);
     return true;
@@ -289,7 +210,7 @@ class TextureRoute {
     std::vector<int> apart(camera_of_view_.size());
     for (size_t v = 0; v < apart.size(); ++v) apart[v] = static_cast<int>(v);
     one_camera_ = camera_of_view_ != apart;
-    if (!one_camera_ || Registered(adjusted_->scene) < kMinViewsOfLensEach) return true;
+    if (!one_camera_ || RegisteredViews(adjusted_->scene.views) < kMinViewsOfLensEach) return true;
     std::optional<Adjusted> each =
         AdjustAll(tracks_, index_, adjusted_->scene.views, priors_, apart, options_);
     if (!each) return true;
@@ -310,10 +231,7 @@ class TextureRoute {
       result_.view_refusals[view] = std::move(why);
       std::vector<std::optional<CalibratedView>> views = adjusted_->scene.views;
       views[view].reset();
-      if (std::count_if(views.begin(), views.end(), [](const auto& v) { return v.has_value(); }) <
-          2) {
-        return false;
-      }
+      if (RegisteredViews(views) < 2) return false;
       adjusted_ = AdjustAll(tracks_, index_, views, priors_, camera_of_view_, options_);
       if (!adjusted_) return false;
     }
@@ -331,7 +249,7 @@ class TextureRoute {
 
   // Why the cameras are not to be trusted; empty: they are.
   std::string Doubt() {
-    const int views = Registered(adjusted_->scene);
+    const int views = RegisteredViews(adjusted_->scene.views);
     const double unexplained =
         UnexplainedShare(tracks_, adjusted_->scene, options_.growth.outlier_chi2);
     const double beside = ShareBesidePlane(texture_, adjusted_->scene, options_.plane_share);
@@ -344,21 +262,24 @@ class TextureRoute {
     result_.counts["texture_unexplained"] = unexplained;
     result_.counts["texture_beside_plane"] = beside;
     result_.counts["focal_log_sigma"] = sigma;
-    if (views < kMinViews) return Text("%d views share texture, need %d", views, kMinViews);
+    if (views < kMinViews)
+      return absl::StrFormat("%d views share texture, need %d", views, kMinViews);
     if (!adjusted_->summary.covariance) return "the covariance cannot be computed";
     if (unexplained > options_.max_unexplained) {
-      return Text("the texture's matches contradict each other (%.0f %%)", 100.0 * unexplained);
+      return absl::StrFormat("the texture's matches contradict each other (%.0f %%)",
+                             100.0 * unexplained);
     }
     if (k1 > options_.max_k1)
-      return Text("only a lens of k1 %.2f would explain the texture, at most %.2f is believed",
-                  k1,
-                  options_.max_k1);
+      return absl::StrFormat(
+          "only a lens of k1 %.2f would explain the texture, at most %.2f is believed",
+          k1,
+          options_.max_k1);
     if (!one_camera_ && priors_.empty() && beside < 0.5)
       return "the texture is a plane and the images differ in focal length";
     if (!(sigma <= kMaxTrustedFocalSigma)) {
-      return Text("focal length known to %.0f %%, need %.0f %%",
-                  100.0 * std::min(sigma, 10.0),
-                  100.0 * kMaxTrustedFocalSigma);
+      return absl::StrFormat("focal length known to %.0f %%, need %.0f %%",
+                             100.0 * std::min(sigma, 10.0),
+                             100.0 * kMaxTrustedFocalSigma);
     }
     return "";
   }
@@ -426,7 +347,7 @@ class TextureRoute {
       result_.points.push_back(std::move(points[j]));
     }
     result_.rms_px = adjusted_->summary.rms_px;
-    result_.counts["views"] = Registered(scene);
+    result_.counts["views"] = RegisteredViews(scene.views);
     result_.counts["texture_one_camera"] = one_camera_;
     result_.counts["texture_points_in_space"] = static_cast<double>(result_.points.size());
   }
