@@ -10,7 +10,7 @@ images alone, scores the answers and writes them to a file of tests/bench/runs (
 --evaluator  another horopter that scores (default: the same); scores depend on the answers alone
 --revision   of the programs (default: HEAD)
 --shared     other work runs on this machine: the tables then show no wall times
---keep       a folder for results.csv, cameras and the server's log
+--keep       a folder for results.csv, cameras and the server's log; a run that was broken off goes on there with the same command
 
 Every call has an hour, so that a busy machine makes no answer TIME_LIMITED. Not 0 when a call fails for want of a server.
 """
@@ -101,9 +101,13 @@ def sift_cpu_seconds(folder):
     return round(total, 4)
 
 
+def csv_of(folder, scene):
+    return os.path.join(folder, "%06d.csv" % scene)
+
+
 def ask(horopter, server, arguments, scene, folder):
-    """One scene: its row without scores, and the files of its answer."""
-    csv = os.path.join(folder, "%06d.csv" % scene)
+    """One scene: its row without scores; the files of its answer go to the folder."""
+    csv = csv_of(folder, scene)
     command = [horopter, "--server", server.address, "--timeout", str(CALL_SECONDS), "--json"]
     if arguments.variants:
         command += ["--variants", arguments.variants]
@@ -122,7 +126,7 @@ def ask(horopter, server, arguments, scene, folder):
                 row["error"] = answer["error"]
     if "seconds" not in row:
         sys.exit("record.py: scene %d: %s" % (scene, done.stderr.strip() or done.stdout.strip()))
-    return row, csv
+    return row
 
 
 def merge(csvs, out):
@@ -154,6 +158,32 @@ def scored(row, scores):
     return row
 
 
+class Rows:
+    """What has been asked so far, a line a scene; in a kept folder also what a run before this one asked."""
+
+    def __init__(self, folder, arguments):
+        self.path = os.path.join(folder, "rows.jsonl")
+        head = {"set": os.path.realpath(arguments.dataset), "split": arguments.split, "commit": run_files.commit_of(arguments.revision)["commit"],
+                "variants": arguments.variants, "cropped": arguments.cropped}
+        self.rows = {}
+        if os.path.exists(self.path):
+            with open(self.path, encoding="utf-8") as file:
+                first, *rest = [json.loads(line) for line in file]
+            if first != head:
+                sys.exit("record.py: %s is of another run: %s" % (folder, first))
+            self.rows = {row["scene"]: row for row in rest}
+        else:
+            self._append(head)
+
+    def add(self, row):
+        self.rows[row["scene"]] = row
+        self._append(row)
+
+    def _append(self, value):
+        with open(self.path, "a", encoding="utf-8") as file:
+            file.write(json.dumps(value) + "\n")
+
+
 def listed(arguments):
     root = os.path.join(arguments.dataset, arguments.split)
     try:
@@ -182,18 +212,20 @@ def run(arguments, folder, kept):
         enrol_cpu = server.cpu_seconds() - cpu
         listing = subprocess.run([horopter, "--server", server.address, "--json", "object", "list"], capture_output=True, text=True, check=True)
         objects = len(listing.stdout.splitlines())
-        rows, csvs = [], []
+        known = Rows(kept, arguments)
         for scene in scenes:
-            row, csv = ask(horopter, server, arguments, scene, folder)
+            if scene in known.rows:
+                continue
+            row = ask(horopter, server, arguments, scene, kept)
             scene_folder = os.path.join(arguments.dataset, arguments.split, "%06d" % scene)
             row["images"] = sum(len(files) for name, _, files in os.walk(scene_folder) if os.path.basename(name) in ("rgb", "gray"))
             row["sift_cpu_seconds"] = sift_cpu_seconds(scene_folder)
-            rows.append(row)
-            csvs.append(csv)
+            known.add(row)
             print("scene %d: %s, %.1f s, %.1f s of processor" % (scene, row["state"], row["seconds"], row["cpu_seconds"]), flush=True)
         memory = server.peak_memory_mb()
     results = os.path.join(kept, "results.csv")
-    merge(csvs, results)
+    rows = [known.rows[scene] for scene in scenes]
+    merge([csv_of(kept, scene) for scene in scenes], results)
     evaluated = subprocess.run([arguments.evaluator or horopter, "--json", "dataset", "evaluate", arguments.dataset, arguments.split, results,
                                 "--min-visib", str(arguments.min_visib), "--scenes", ",".join(map(str, scenes))],
                                capture_output=True, text=True, check=False)

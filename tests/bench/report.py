@@ -285,6 +285,9 @@ def readme_table(runs):
     if photographs:
         rows.append(readme_row("real-dev", "**photographs**: %d sets, each enrolled alone (seen)" % len(photographs),
                                "%d - %d" % (min(r["objects"] for r in photographs), max(r["objects"] for r in photographs)), joined(photographs)))
+    if not rows:
+        return ("No run is recorded yet ([CONTRIBUTING](CONTRIBUTING.md) says how one is made); figures noted by hand until this version are in\n"
+                "[docs/history/results.md](docs/history/results.md).")
     return "\n".join(table(["data set", "what it is", "parts", "recall", "precision", "mm", "degrees", "seconds"], rows, 2)).rstrip()
 
 
