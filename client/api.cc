@@ -22,6 +22,7 @@
 namespace horopter {
 namespace {
 
+constexpr char kVariantsKey[] = "horopter-variants";
 constexpr char kFieldKey[] = "horopter-error-field";
 constexpr char kRetryAfterKey[] = "retry-after-ms";
 // As long as large messages are on their way.
@@ -173,6 +174,7 @@ absl::Status HoropterClient::Call(const std::function<void(grpc::ClientContext*,
   for (int tries = 0;; ++tries) {
     grpc::ClientContext context;
     context.set_deadline(deadline);
+    if (!options_.variants.empty()) context.AddMetadata(kVariantsKey, options_.variants);
     std::mutex mutex;
     std::condition_variable finished;
     std::optional<grpc::Status> result;

@@ -46,6 +46,8 @@ struct ClientOptions {
   // Told before each wait; empty: nobody.
   std::function<void(int retry_after_ms)> on_retry;
   ChannelSecurity security = {};
+  // Variants of the methods for every call (horopterd --allow-variants); printable ASCII.
+  std::string variants = {};
 };
 
 // What the server says of a failed call beside code and message; of errors of this client only.

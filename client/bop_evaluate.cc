@@ -32,6 +32,7 @@ struct EvaluatedObject {
 struct Samples {
   std::vector<double> mspd, mssd, recall_10px, own_10px, precision, rel_mm, rel_deg, focal_error,
       seconds;
+  std::vector<BopScoredEstimate> estimates;
   int scenes = 0;
 
   void Append(const Samples& other) {
@@ -195,6 +196,8 @@ std::map<size_t, Match> MatchImage(const BopImage& image,
     }
     if (least < kMatchPx) matches[best_instance] = best;
     samples.precision.push_back(least < kMatchPx ? 1.0 : 0.0);
+    const double own_px = std::isfinite(least) ? best.own_px : least;
+    samples.estimates.push_back({image.im_id, e->obj_id, e->score, least < kMatchPx, own_px});
   }
   return matches;
 }
@@ -348,9 +351,12 @@ absl::StatusOr<BopEvaluation> EvaluateBopResults(const BopDataset& dataset,
     int wrong = 0;
     for (const double p : samples.precision) wrong += p == 0.0;
     evaluation.scenes[id] = {scene.tier,
-                             (Mean(samples.mspd) + Mean(samples.mssd)) / 2.0,
-                             Mean(samples.recall_10px),
-                             wrong};
+                             Summarize(samples),
+                             wrong,
+                             samples.estimates,
+                             samples.rel_mm,
+                             samples.rel_deg,
+                             samples.focal_error};
   }
   for (const auto& [tier, samples] : tiers) evaluation.tiers[tier] = Summarize(samples);
   evaluation.all = Summarize(all);

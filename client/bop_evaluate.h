@@ -38,11 +38,25 @@ struct BopScores {
   double seconds_per_set = 0.0;  // median
 };
 
+// One row of the results against the truth.
+struct BopScoredEstimate {
+  int im_id = 0;
+  int obj_id = 0;
+  double score = 0.0;
+  bool right = false;  // as precision counts it
+  // To the nearest unused instance, by the answer's own camera, at an image width of 640; infinite
+  // where there is none.
+  double own_px = 0.0;
+};
+
+// What intervals over scenes and stated against observed scores are made from.
 struct BopSceneScores {
   std::string tier;
-  double ar = 0.0;  // NaN without targets
-  double recall_10px = 0.0;
+  BopScores scores;  // of this scene alone
   int false_estimates = 0;
+  std::vector<BopScoredEstimate> estimates;  // image by image, best score first
+  // One value a pair of recognised objects in an image, and one an image with recovered intrinsics.
+  std::vector<double> rel_mm, rel_deg, focal_error;
 };
 
 struct BopEvaluation {

@@ -61,6 +61,12 @@ void AddDatasetEvaluate(CLI::App& dataset, Command* command) {
   evaluate->add_option("SPLIT", a->split)->required();
   evaluate->add_option("RESULTS", a->results, "CSV in BOP format")->required();
   evaluate->add_option("--scenes", a->scenes, "e.g. 1,2 (default: all)")->delimiter(',');
+  evaluate
+      ->add_option("--min-visib",
+                   a->min_visib,
+                   "an instance of which an image shows less is no target there")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
   evaluate->callback([=] { *command = [a](HoropterClient&) { return DatasetEvaluate(*a); }; });
 }
 

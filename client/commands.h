@@ -82,6 +82,7 @@ struct DatasetEvaluateArguments {
   std::string split;
   std::string results;
   std::vector<int> scenes;  // empty: all
+  double min_visib = 0.3;   // less visible instances are no targets
 };
 absl::Status DatasetEvaluate(const DatasetEvaluateArguments& arguments);  // needs no server
 

@@ -95,6 +95,26 @@ nlohmann::json ScoresToJson(const BopScores& s) {
           {"s_per_set", s.seconds_per_set}};
 }
 
+// The scene's own means, and the single values that intervals over scenes need.
+nlohmann::json SceneScoresToJson(const BopSceneScores& s) {
+  nlohmann::json json = ScoresToJson(s.scores);
+  json.update({{"tier", s.tier},
+               {"R@10", s.scores.recall_10px},
+               {"false", s.false_estimates},
+               {"estimates", nlohmann::json::array()},
+               {"rel_mm_values", s.rel_mm},
+               {"rel_deg_values", s.rel_deg},
+               {"f_err_values", s.focal_error}});
+  for (const BopScoredEstimate& e : s.estimates) {
+    json["estimates"].push_back({{"image", e.im_id},
+                                 {"object", e.obj_id},
+                                 {"score", e.score},
+                                 {"right", e.right},
+                                 {"own_px", e.own_px}});
+  }
+  return json;
+}
+
 void PrintScores(const std::string& tier, const BopScores& s) {
   Say("%5s %6d %7d %6.3f %6.3f %6.3f %6.3f %6.3f %6.3f %7.2f %7.2f %6.3f %7.2f\n",
       tier.c_str(),
@@ -163,6 +183,7 @@ absl::Status DatasetEvaluate(const DatasetEvaluateArguments& arguments) {
   HOROPTER_ASSIGN_OR_RETURN(const BopResults results, ReadBopResults(arguments.results));
   BopEvaluateOptions options;
   options.scenes = {arguments.scenes.begin(), arguments.scenes.end()};
+  options.min_visib = arguments.min_visib;
   HOROPTER_ASSIGN_OR_RETURN(const BopEvaluation evaluation,
                             EvaluateBopResults(dataset, arguments.split, results, options));
   if (JsonOutput()) {
@@ -170,8 +191,7 @@ absl::Status DatasetEvaluate(const DatasetEvaluateArguments& arguments) {
     for (const auto& [tier, scores] : evaluation.tiers) json["tiers"][tier] = ScoresToJson(scores);
     json["tiers"]["ALL"] = ScoresToJson(evaluation.all);
     for (const auto& [id, s] : evaluation.scenes) {
-      json["scenes"][std::to_string(id)] = {
-          {"tier", s.tier}, {"AR", s.ar}, {"R@10", s.recall_10px}, {"false", s.false_estimates}};
+      json["scenes"][std::to_string(id)] = SceneScoresToJson(s);
     }
     std::printf("%s\n", json.dump(1).c_str());
     return absl::OkStatus();

@@ -1,5 +1,6 @@
 // horopter: the operator's program. See `horopter --help`.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -96,6 +97,12 @@ absl::StatusOr<std::string> ReadToken(const std::string& path) {
   return token;
 }
 
+// gRPC ends the program where a call's metadata are anything else.
+std::string Printable(const std::string& text) {
+  const bool good = std::all_of(text.begin(), text.end(), [](char c) { return c > 32 && c < 127; });
+  return good ? "" : "holds characters other than printable ASCII";
+}
+
 int Main(int argc, char** argv) {
   CLI::App app{"Recognises known parts in images from uncalibrated cameras.", "horopter"};
   std::string server = "localhost:50051";
@@ -118,6 +125,11 @@ int Main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::NonNegativeNumber);
   AddSecurityOptions(app, options.security, token_file);
+  app.add_option("--variants",
+                 options.variants,
+                 "NAME=VALUE,..: variants of the methods, for measuring; the server names them and "
+                 "takes them with --allow-variants")
+      ->check(Printable);
   app.add_flag("--json", json, "print JSON, one value a line, errors too");
   app.footer(kExitCodes);
   AddRecognizeCommand(app, &command);

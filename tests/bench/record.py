@@ -111,7 +111,7 @@ def ask(horopter, server, arguments, scene, folder):
     command = [horopter, "--server", server.address, "--timeout", str(CALL_SECONDS), "--json"]
     if arguments.variants:
         command += ["--variants", arguments.variants]
-    command += ["dataset", "recognize", arguments.dataset, arguments.split, "--scenes", str(scene), "--out", csv]
+    command += ["dataset", "recognize", arguments.dataset, arguments.split, "--scenes", str(scene), "--targets", "none", "--out", csv]
     if arguments.cropped:
         command.append("--cropped")
     cpu = server.cpu_seconds()

@@ -137,6 +137,28 @@ TEST(BopEvaluate, WrongIdentityIsAFalseEstimate) {
   EXPECT_EQ(evaluation->scenes.at(1).false_estimates, 1);
 }
 
+// What intervals over scenes are made from: single values that give the figures of all again.
+TEST(BopEvaluate, ASceneHasItsOwnFiguresAndEveryEstimateItsVerdict) {
+  const Sample sample;
+  BopResults results = sample.Truth();
+  results.estimates[0].obj_id = 2;
+  results.estimates[0].score = 0.4;
+  const auto evaluation = EvaluateBopResults(sample.dataset, "val", results);
+  ASSERT_TRUE(evaluation.ok());
+  const BopSceneScores& scene = evaluation->scenes.at(1);
+  EXPECT_EQ(scene.scores.targets, evaluation->all.targets);
+  EXPECT_DOUBLE_EQ(scene.scores.ar, evaluation->all.ar);
+  EXPECT_DOUBLE_EQ(scene.scores.own_10px, evaluation->all.own_10px);
+  ASSERT_EQ(scene.estimates.size(), results.estimates.size());
+  for (const BopScoredEstimate& e : scene.estimates) {
+    EXPECT_EQ(e.right, e.score != 0.4);
+    EXPECT_EQ(e.own_px < 1e-6, e.right) << e.own_px;
+  }
+  EXPECT_EQ(scene.rel_mm.size(), 2u);  // both ways, of the one image that shows both rightly
+  EXPECT_EQ(scene.rel_deg.size(), 2u);
+  EXPECT_EQ(scene.focal_error.size(), 2u);
+}
+
 TEST(BopEvaluate, TheSecondOfTwoEqualAnswersIsFalse) {
   const Sample sample;
   BopResults results = sample.Truth();
