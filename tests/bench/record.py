@@ -211,7 +211,9 @@ def run(arguments, folder, kept):
             sys.exit("record.py: enrolment: " + enrolled.stderr.strip())
         enrol_cpu = server.cpu_seconds() - cpu
         listing = subprocess.run([horopter, "--server", server.address, "--json", "object", "list"], capture_output=True, text=True, check=True)
-        objects = len(listing.stdout.splitlines())
+        objects = len(json.loads(listing.stdout)["objects"])
+        if objects == 0:
+            sys.exit("record.py: nothing is enrolled: " + enrolled.stderr.strip())
         known = Rows(kept, arguments)
         for scene in scenes:
             if scene in known.rows:
@@ -220,11 +222,12 @@ def run(arguments, folder, kept):
             scene_folder = os.path.join(arguments.dataset, arguments.split, "%06d" % scene)
             row["images"] = sum(len(files) for name, _, files in os.walk(scene_folder) if os.path.basename(name) in ("rgb", "gray"))
             row["sift_cpu_seconds"] = sift_cpu_seconds(scene_folder)
+            row["peak_memory_mb"] = server.peak_memory_mb()
             known.add(row)
             print("scene %d: %s, %.1f s, %.1f s of processor" % (scene, row["state"], row["seconds"], row["cpu_seconds"]), flush=True)
-        memory = server.peak_memory_mb()
     results = os.path.join(kept, "results.csv")
     rows = [known.rows[scene] for scene in scenes]
+    memory = max(row.pop("peak_memory_mb") for row in rows)
     merge([csv_of(kept, scene) for scene in scenes], results)
     evaluated = subprocess.run([arguments.evaluator or horopter, "--json", "dataset", "evaluate", arguments.dataset, arguments.split, results,
                                 "--min-visib", str(arguments.min_visib), "--scenes", ",".join(map(str, scenes))],

@@ -191,7 +191,7 @@ CLIENT = """#!%s
 import json, sys
 a = sys.argv
 if "enroll" in a: sys.exit(0)
-if "list" in a: print("{}\\n{}"); sys.exit(0)
+if "list" in a: print('{"objects": [{}, {}]}'); sys.exit(0)
 if "recognize" in a:
     n = int(a[a.index("--scenes") + 1])
     open(a[a.index("--out") + 1], "w").write("scene_id,im_id,obj_id,score,R,t,time\\n%%d,0,1,0.9,1 0 0 0 1 0 0 0 1,0 0 1,2\\n" %% n)
@@ -246,6 +246,12 @@ class Recorder(Folder):
         self.assertEqual(self.record("--scenes", "2").returncode, 0)
         self.assertEqual(run_files.read(os.path.join(self.folder, "out.json"))["n"], 1)
         self.assertNotEqual(self.record("--scenes", "7").returncode, 0)
+
+    def test_a_set_of_which_nothing_is_enrolled_is_no_run(self):
+        self.write("horopter", CLIENT.replace("[{}, {}]", "[]"))
+        done = self.record()
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn("nothing is enrolled", done.stderr)
 
     def test_a_server_that_does_not_come_up_is_told(self):
         self.write("horopterd", "#!/bin/sh\necho no such thing >&2\nexit 1\n")
