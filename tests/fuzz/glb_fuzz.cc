@@ -1,0 +1,8 @@
+#include "client/glb_file.h"
+#include "tests/fuzz/check.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const unsigned char* data, size_t size) {
+  const std::string_view bytes(reinterpret_cast<const char*>(data), size);
+  horopter::CheckMesh(horopter::ParseGlb(bytes));
+  return 0;
+}
