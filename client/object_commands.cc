@@ -40,11 +40,15 @@ void WarnAboutGrasps(const ObjectModel& model) {
   }
 }
 
+std::string FileName(const std::string& path) {
+  return std::filesystem::path(path).filename().string();
+}
+
 absl::StatusOr<LoadedCad> WithFile(CadImport import, const std::string& path) {
   LoadedCad cad;
   cad.import = std::move(import);
   HOROPTER_ASSIGN_OR_RETURN(cad.file.content, ReadFileBytes(path));
-  cad.file.file_name = std::filesystem::path(path).filename().string();
+  cad.file.file_name = FileName(path);
   cad.file.format = absl::AsciiStrToLower(cad.import.format);
   cad.file.unit = cad.import.unit_name;
   for (const std::string& w : cad.import.warnings) {
@@ -61,7 +65,11 @@ absl::StatusOr<LoadedCad> WithFile(CadImport import, const std::string& path) {
 absl::StatusOr<LoadedCad> LoadCad(const std::string& path, const std::string& unit) {
   CadImportOptions options;
   options.unit = unit;
-  HOROPTER_ASSIGN_OR_RETURN(CadImport import, ImportCad(path, options));
+  CadImport import;
+  {
+    const Waiting waiting(absl::StrCat("reading ", FileName(path)));
+    HOROPTER_ASSIGN_OR_RETURN(import, ImportCad(path, options));
+  }
   return WithFile(std::move(import), path);
 }
 
@@ -195,7 +203,10 @@ absl::Status Add(HoropterClient& client, LoadedCad cad, const ObjectAddArguments
     HOROPTER_ASSIGN_OR_RETURN(model.grasps, ReadGrasps(arguments.grasps_path));
     WarnAboutGrasps(model);
   }
-  HOROPTER_RETURN_IF_ERROR(client.CreateObject(model, cad.file).status());
+  {
+    const Waiting waiting(absl::StrCat("enrolling ", model.id));
+    HOROPTER_RETURN_IF_ERROR(client.CreateObject(model, cad.file).status());
+  }
   Say("%s added: %s, %zu grasps\n",
       model.id.c_str(),
       Describe(cad.import).c_str(),
@@ -236,8 +247,11 @@ absl::Status ObjectAdd(HoropterClient& client, const ObjectAddArguments& argumen
   }
   CadImportOptions options;
   options.unit = arguments.unit;
-  HOROPTER_ASSIGN_OR_RETURN(std::vector<CadImport> imports,
-                            ImportCadParts(arguments.cad_path, options));
+  std::vector<CadImport> imports;
+  {
+    const Waiting waiting(absl::StrCat("reading ", FileName(arguments.cad_path)));
+    HOROPTER_ASSIGN_OR_RETURN(imports, ImportCadParts(arguments.cad_path, options));
+  }
   for (size_t i = 0; i < imports.size(); ++i) {
     HOROPTER_ASSIGN_OR_RETURN(LoadedCad cad, WithFile(std::move(imports[i]), arguments.cad_path));
     cad.import.model.id = absl::StrCat(arguments.id, "-", i + 1);

@@ -54,6 +54,29 @@ void Progress::Update(int64_t done, const std::string& note) {
   std::fflush(stderr);
 }
 
+Waiting::Waiting(std::string what) {
+  if (::isatty(STDERR_FILENO) != 1) return;
+  drawer_ = std::thread([this, what = std::move(what)] {
+    using namespace std::chrono_literals;
+    const auto start = std::chrono::steady_clock::now();
+    Progress line(what, 0);
+    std::unique_lock lock(mutex_);
+    while (!done_.wait_for(lock, 500ms, [this] { return is_done_; })) {
+      const auto passed = std::chrono::steady_clock::now() - start;
+      line.Update(std::chrono::duration_cast<std::chrono::seconds>(passed).count(), "seconds");
+    }
+  });
+}
+
+Waiting::~Waiting() {
+  {
+    const std::lock_guard lock(mutex_);
+    is_done_ = true;
+  }
+  done_.notify_all();
+  if (drawer_.joinable()) drawer_.join();
+}
+
 void Progress::Clear() {
   if (!drawn_) return;
   std::fprintf(stderr, "\r%79s\r", "");

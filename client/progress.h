@@ -2,8 +2,11 @@
 #pragma once
 
 #include <chrono>
+#include <condition_variable>
 #include <cstdint>
+#include <mutex>
 #include <string>
+#include <thread>
 
 namespace horopter {
 
@@ -30,6 +33,22 @@ class Progress {
   int64_t total_;
   bool terminal_, drawn_ = false;
   std::chrono::steady_clock::time_point start_, last_;
+};
+
+// A progress line with the seconds, for work that does not say how far it is: drawn by a thread of
+// its own until this goes.
+class Waiting {
+ public:
+  explicit Waiting(std::string what);
+  ~Waiting();
+  Waiting(const Waiting&) = delete;
+  Waiting& operator=(const Waiting&) = delete;
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable done_;
+  bool is_done_ = false;
+  std::thread drawer_;
 };
 
 // "scenes [######....]  12/20  60 %  note"; with total 0 only "scenes 12  note".
