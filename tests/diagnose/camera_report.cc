@@ -14,6 +14,7 @@ namespace {
 constexpr double kRecoveredPx = 2.0;
 constexpr double kMissPx = 1e3;  // stands for a point behind the camera
 constexpr int kMinObservations = 8;
+constexpr double kVisible = 0.1;
 
 using Views = std::vector<std::optional<EstimatedView>>;
 
@@ -114,7 +115,7 @@ std::optional<Eigen::Matrix4d> StartSimilarity(const Views& views,
   };
   for (size_t i = 0; i < views.size(); ++i) {
     for (size_t j = i + 1; j < views.size(); ++j) {
-      if (views[i] && views[j]) {
+      if (views[i] && views[j] && scene.images[i].has_pose && scene.images[j].has_pose) {
         const double truth =
             (centre(scene.images[i].camera_from_world) - centre(scene.images[j].camera_from_world))
                 .norm();
@@ -219,29 +220,31 @@ double Median(std::vector<double> values) {
 
 std::vector<WorldCorner> TrueWorldCorners(const BopScene& scene, const TrueModels& models) {
   std::vector<WorldCorner> corners;
-  if (scene.images.empty()) {
-    return corners;
-  }
-  for (size_t i = 0; i < scene.images[0].instances.size(); ++i) {
+  const size_t instances = scene.images.empty() ? 0 : scene.images[0].instances.size();
+  for (size_t i = 0; i < instances; ++i) {
+    const BopImage* clearest = nullptr;
+    for (const BopImage& image : scene.images) {
+      if (!image.has_pose || image.instances[i].visib_fract < kVisible) continue;
+      if (clearest != nullptr &&
+          clearest->instances[i].visib_fract >= image.instances[i].visib_fract) {
+        continue;
+      }
+      clearest = &image;
+    }
     const auto it = models.find(scene.images[0].instances[i].obj_id);
-    const bool visible =
-        std::any_of(scene.images.begin(), scene.images.end(), [i](const BopImage& image) {
-          return i < image.instances.size() && image.instances[i].visib_fract >= 0.1;
-        });
-    if (it == models.end() || !visible) {
+    if (it == models.end() || clearest == nullptr) {
       continue;
     }
     for (size_t k = 0; k < it->second.vertices.size(); ++k) {
       WorldCorner corner;
       corner.instance = static_cast<int>(i);
       corner.vertex = static_cast<int>(k);
-      const BopImage& first = scene.images[0];
-      corner.point_in_world = first.camera_from_world.Inverse() *
-                              (first.instances[i].camera_from_object * it->second.vertices[k]);
+      corner.point_in_world = clearest->camera_from_world.Inverse() *
+                              (clearest->instances[i].camera_from_object * it->second.vertices[k]);
       for (const BopImage& image : scene.images) {
         const Eigen::Vector3d p = image.camera_from_world * corner.point_in_world;
         const Eigen::Vector2d pixel = ProjectTrue(image, p);
-        const bool inside = p.z() > 0.0 && pixel.x() >= 0 && pixel.y() >= 0 &&
+        const bool inside = image.has_pose && p.z() > 0.0 && pixel.x() >= 0 && pixel.y() >= 0 &&
                             pixel.x() < image.camera.width && pixel.y() < image.camera.height;
         corner.seen.push_back(inside ? std::optional<Eigen::Vector2d>(pixel) : std::nullopt);
       }
@@ -251,11 +254,26 @@ std::vector<WorldCorner> TrueWorldCorners(const BopScene& scene, const TrueModel
   return corners;
 }
 
+// Two images with known poses in which enough corners are.
+bool Measurable(const BopScene& scene, const std::vector<WorldCorner>& corners) {
+  int images = 0;
+  size_t observations = 0;
+  for (size_t v = 0; v < scene.images.size(); ++v) {
+    const auto seen = std::count_if(corners.begin(), corners.end(), [v](const WorldCorner& c) {
+      return c.seen[v].has_value();
+    });
+    images += seen > 0 ? 1 : 0;
+    observations += static_cast<size_t>(seen);
+  }
+  return images >= 2 && observations >= static_cast<size_t>(kMinObservations);
+}
+
 CameraFinding CompareCameras(const Views& views,
                              const BopScene& scene,
                              const std::vector<WorldCorner>& corners,
                              Freedom freedom) {
   CameraFinding finding;
+  finding.measured = Measurable(scene, corners);
   for (const auto& view : views) {
     finding.registered += view ? 1 : 0;
   }
@@ -273,7 +291,7 @@ CameraFinding CompareCameras(const Views& views,
     }
   };
   for (size_t v = 0; v < views.size(); ++v) {
-    if (views[v]) {
+    if (views[v] && scene.images[v].has_pose) {
       if (const auto start = StartSimilarity(views, scene, v)) {
         consider(Refine(views, corners, *start, 7, UpdateSimilarity));
       }

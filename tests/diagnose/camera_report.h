@@ -5,7 +5,8 @@
 #include <optional>
 #include <vector>
 
-#include "server/pipeline/scene.h"
+#include "server/vision/geometry/pinhole_camera.h"
+#include "server/vision/geometry/rigid3.h"
 #include "tests/diagnose/ground_truth.h"
 
 namespace horopter {
@@ -25,12 +26,14 @@ struct WorldCorner {
   std::vector<std::optional<Eigen::Vector2d>> seen;
 };
 
-// All vertices of the instances that are visible to >= 0.1 in some view.
+// All vertices of the instances that are visible to >= 0.1 in some view whose pose is known
+// (CompleteTruth).
 std::vector<WorldCorner> TrueWorldCorners(const BopScene& scene, const TrueModels& models);
 
 enum class Freedom { kSimilarity, kCollineation };
 
 struct CameraFinding {
+  bool measured = false;  // the truth has corners in two images whose poses it knows
   int registered = 0;
   bool recovered = false;      // all views in, and every view's corners reprojected to <= 2 px rms
   double worst_view_px = 0.0;  // rms

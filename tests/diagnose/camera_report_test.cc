@@ -5,7 +5,9 @@
 #include <Eigen/Geometry>
 #include <random>
 
+#include "server/pipeline/pipeline.h"
 #include "tests/diagnose/object_report.h"
+#include "tests/diagnose/reduced_images.h"
 
 namespace horopter {
 namespace {
@@ -146,6 +148,11 @@ TEST(ProjectionError, HonoursSymmetriesAndImageWidth) {
   const double at_640 = ProjectionError(model, image.camera, off, image, pose);
   image.camera.width = 1280;
   EXPECT_NEAR(ProjectionError(model, image.camera, off, image, pose), 0.5 * at_640, 1e-9);
+}
+
+TEST(ReducedImages, HaveThePipelinesSizes) {
+  EXPECT_EQ(kLeastSidePx, PipelineOptions().least_side_px);
+  EXPECT_EQ(kSmallSidePx, PipelineOptions().small_side_px);
 }
 
 }  // namespace

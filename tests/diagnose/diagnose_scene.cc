@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
+#include <utility>
 
 #include "server/base/status_macros.h"
 #include "server/pipeline/pipeline.h"
@@ -17,12 +18,16 @@
 #include "tests/diagnose/match_report.h"
 #include "tests/diagnose/object_report.h"
 #include "tests/diagnose/overlay.h"
+#include "tests/diagnose/reduced_images.h"
+#include "tests/diagnose/true_world.h"
 
 namespace horopter {
 namespace {
 
+// Images as the stages get them, and the truth in their pixels.
 struct LoadedScene {
   std::vector<cv::Mat> images;
+  TrueWorld world;
   std::vector<TrueView> truth;
 };
 
@@ -31,12 +36,11 @@ absl::StatusOr<LoadedScene> Load(const BopScene& scene, const TrueModels& models
     return absl::InvalidArgumentError("scene " + std::to_string(scene.scene_id) +
                                       " has no ground truth");
   }
+  HOROPTER_ASSIGN_OR_RETURN(ReducedScene reduced, ReadReduced(scene));
   LoadedScene loaded;
-  for (const BopImage& image : scene.images) {
-    loaded.images.push_back(cv::imread(image.path, cv::IMREAD_COLOR));
-    if (loaded.images.back().empty()) {
-      return absl::InvalidArgumentError(image.path + ": not an image");
-    }
+  loaded.images = std::move(reduced.images);
+  loaded.world = CompleteTruth(reduced.scene, models);
+  for (const BopImage& image : loaded.world.scene.images) {
     loaded.truth.push_back(MakeTrueView(image, models));
   }
   return loaded;
@@ -149,7 +153,7 @@ void ReportCameras(const PipelineResult& result,
     }
   }
   const CameraFinding model_free = CompareCameras(before, scene, corners, Freedom::kCollineation);
-  report->figures["cameras_model_free"] = model_free.recovered;
+  if (model_free.measured) report->figures["cameras_model_free"] = model_free.recovered;
   report->figures["views_model_free"] =
       static_cast<double>(model_free.registered) / scene.images.size();
   if (model_free.aligned) {
@@ -164,7 +168,7 @@ void ReportCameras(const PipelineResult& result,
     report->figures["focal_error_model_free"] = *error;
   }
   const CameraFinding recovered = CompareCameras(after, scene, corners, Freedom::kSimilarity);
-  report->figures["cameras_recovered"] = recovered.recovered;
+  if (recovered.measured) report->figures["cameras_recovered"] = recovered.recovered;
   report->figures["views_recovered"] =
       static_cast<double>(recovered.registered) / scene.images.size();
   if (recovered.aligned) {
@@ -238,6 +242,8 @@ absl::StatusOr<PipelineResult> RunAll(const std::vector<cv::Mat>& images,
   PipelineOptions pipeline;
   pipeline.features = options.features;
   pipeline.threads = options.threads;
+  pipeline.least_side_px = 0;  // Load has done this, so that the trace has the truth's pixels
+  pipeline.small_side_px = 0;
   return RecognizeScene(request, catalog, pipeline);
 }
 
@@ -275,14 +281,17 @@ void WritePictures(const BopScene& scene,
 
 }  // namespace
 
-absl::StatusOr<SceneReport> DiagnoseScene(const BopScene& scene,
+absl::StatusOr<SceneReport> DiagnoseScene(const BopScene& as_read,
                                           const TrueModels& models,
                                           const CatalogSnapshot& catalog,
                                           const DiagnoseOptions& options) {
-  HOROPTER_ASSIGN_OR_RETURN(const LoadedScene loaded, Load(scene, models));
+  HOROPTER_ASSIGN_OR_RETURN(const LoadedScene loaded, Load(as_read, models));
+  const BopScene& scene = loaded.world.scene;
   SceneReport report;
   report.scene_id = scene.scene_id;
   report.tier = scene.tier;
+  report.notes = loaded.world.notes;
+  if (loaded.world.rms_px) report.figures["truth_px"] = *loaded.world.rms_px;
   const auto begin = std::chrono::steady_clock::now();
   HOROPTER_ASSIGN_OR_RETURN(const PipelineResult result,
                             options.features_only ? RunFeatures(loaded.images, options.features)
@@ -301,7 +310,9 @@ absl::StatusOr<SceneReport> DiagnoseScene(const BopScene& scene,
       ids.push_back(ModelOf(*prepared).id);
     }
     ReportMatches(
-        "match", CompareMatches(result.trace.matching, scene, features, loaded.truth), &report);
+        "match",
+        CompareMatches(result.trace.matching, loaded.world, models, features, loaded.truth),
+        &report);
     ReportCameras(result, scene, loaded, models, findings, &report);
     report.objects = FollowObjects(result, ids, scene, models, loaded.truth, findings);
     ReportWords(result, &report);

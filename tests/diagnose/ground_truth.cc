@@ -116,7 +116,8 @@ TrueView MakeTrueView(const BopImage& image, const TrueModels& models) {
   TrueView view;
   for (size_t i = 0; i < image.instances.size(); ++i) {
     const auto it = models.find(image.instances[i].obj_id);
-    if (it == models.end()) {
+    // What nothing is seen of hides behind something that may be no part.
+    if (it == models.end() || image.instances[i].visib_fract <= 0.0) {
       continue;
     }
     for (size_t e = 0; e < it->second.edges.size(); ++e) {

@@ -3,7 +3,6 @@
 
 #include <Eigen/Core>
 #include <map>
-#include <opencv2/core/mat.hpp>
 #include <string>
 #include <vector>
 

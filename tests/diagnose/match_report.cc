@@ -1,42 +1,15 @@
 #include "tests/diagnose/match_report.h"
 
-#include <Eigen/Geometry>
-#include <Eigen/LU>
 #include <algorithm>
-#include <cmath>
 #include <map>
 #include <set>
 #include <utility>
 
 #include "tests/diagnose/true_matches.h"
+#include "tests/diagnose/true_transfer.h"
 
 namespace horopter {
 namespace {
-
-constexpr double kEpipolarPx = 2.0;
-
-Eigen::Vector2d Undistort(const BopImage& image, const Eigen::Vector2d& pixel) {
-  const PinholeCamera& c = image.camera;
-  const Eigen::Vector2d distorted((pixel.x() - c.cx) / c.focal_px, (pixel.y() - c.cy) / c.focal_px);
-  Eigen::Vector2d n = distorted;
-  for (int round = 0; round < 10; ++round) {
-    n = distorted / (1.0 + c.k1 * n.squaredNorm());
-  }
-  return {c.focal_px * n.x() + c.cx, c.focal_px * n.y() + c.cy};
-}
-
-// x_b^T F x_a = 0 for undistorted pixels.
-Eigen::Matrix3d TrueF(const BopImage& a, const BopImage& b) {
-  const Rigid3 b_from_a = b.camera_from_world * a.camera_from_world.Inverse();
-  Eigen::Matrix3d cross;
-  cross << 0, -b_from_a.t.z(), b_from_a.t.y(), b_from_a.t.z(), 0, -b_from_a.t.x(), -b_from_a.t.y(),
-      b_from_a.t.x(), 0;
-  return b.camera.K().inverse().transpose() * cross * b_from_a.R * a.camera.K().inverse();
-}
-
-double LineDistance(const Eigen::Vector3d& line, const Eigen::Vector2d& p) {
-  return std::abs(line.dot(p.homogeneous())) / line.head<2>().norm();
-}
 
 // Labels found in both views, and those of the matches whose two features carry the same one.
 struct Shared {
@@ -92,26 +65,25 @@ void CountTracks(const MatchingResult& matching,
 }  // namespace
 
 MatchFinding CompareMatches(const MatchingResult& matching,
-                            const BopScene& scene,
+                            const TrueWorld& world,
+                            const TrueModels& models,
                             const std::vector<ImageFeatures>& features,
                             const std::vector<TrueView>& truth) {
   MatchFinding finding;
   std::vector<FeatureLabels> labels;
   for (size_t v = 0; v < truth.size(); ++v) labels.push_back(LabelFeatures(features[v], truth[v]));
+  const TrueTransfer transfer(world, models);
   for (const PairGeometry& pair : matching.pairs) {
     if (!pair.F) continue;
-    const BopImage& a = scene.images[pair.view_a];
-    const BopImage& b = scene.images[pair.view_b];
-    const Eigen::Matrix3d F = TrueF(a, b);
     for (const JunctionMatch& match : pair.matches) {
-      const Eigen::Vector2d xa =
-          Undistort(a, features[pair.view_a].junctions[match.junction_a].point);
-      const Eigen::Vector2d xb =
-          Undistort(b, features[pair.view_b].junctions[match.junction_b].point);
-      const double in_b = LineDistance(F * xa.homogeneous(), xb);
-      const double in_a = LineDistance(F.transpose() * xb.homogeneous(), xa);
+      const MatchTruth judged =
+          transfer.Judge(pair.view_a,
+                         features[pair.view_a].junctions[match.junction_a].point,
+                         pair.view_b,
+                         features[pair.view_b].junctions[match.junction_b].point);
+      if (judged == MatchTruth::kUnknown) continue;
       ++finding.matches;
-      finding.matches_right += std::max(in_a, in_b) <= kEpipolarPx ? 1 : 0;
+      finding.matches_right += judged == MatchTruth::kRight ? 1 : 0;
     }
   }
   for (size_t v = 0; v + 1 < truth.size(); ++v) {
@@ -130,7 +102,7 @@ MatchFinding CompareMatches(const MatchingResult& matching,
     finding.shared_edges += static_cast<int>(edges.found.size());
     finding.edges_matched += static_cast<int>(edges.matched.size());
   }
-  CountTracks(matching, labels, scene.images.front().instances.size(), &finding);
+  CountTracks(matching, labels, world.scene.images.front().instances.size(), &finding);
   return finding;
 }
 

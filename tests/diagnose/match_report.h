@@ -7,13 +7,14 @@
 #include "server/vision/matching/matching.h"
 #include "tests/diagnose/feature_report.h"
 #include "tests/diagnose/ground_truth.h"
+#include "tests/diagnose/true_world.h"
 
 namespace horopter {
 
-// Of the pairs with an F.
+// Of the pairs with an F; `matches` of which the truth is known.
 struct MatchFinding {
   int matches = 0;
-  int matches_right = 0;    // both points within 2 px of the true epipolar line of the other
+  int matches_right = 0;    // as TrueTransfer judges
   int shared_corners = 0;   // true corners found as junctions in two neighbouring views
   int corners_matched = 0;  // ... whose junctions were matched with each other
   int shared_edges = 0;     // true straight edges found as segments in two neighbouring views
@@ -22,8 +23,10 @@ struct MatchFinding {
   std::vector<int> tracked;
 };
 
+// truth: of the world's images.
 MatchFinding CompareMatches(const MatchingResult& matching,
-                            const BopScene& scene,
+                            const TrueWorld& world,
+                            const TrueModels& models,
                             const std::vector<ImageFeatures>& features,
                             const std::vector<TrueView>& truth);
 
