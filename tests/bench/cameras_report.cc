@@ -16,8 +16,8 @@
 
 #include "client/bop_dataset.h"
 #include "server/base/status_macros.h"
-#include "server/vision/matching/matching.h"
-#include "server/vision/reconstruction/reconstruction.h"
+#include "server/vision/matching/texture_matching.h"
+#include "server/vision/reconstruction/texture_route.h"
 #include "tests/diagnose/reduced_images.h"
 #include "tests/diagnose/relative_cameras.h"
 #include "tests/diagnose/true_world.h"
@@ -53,33 +53,49 @@ double ProcessorSeconds() {
   return seconds(usage.ru_utime) + seconds(usage.ru_stime);
 }
 
-// The stages as the pipeline calls them, without a word about the cameras.
+void Take(const Reconstruction& found, SceneCameras* out) {
+  for (const auto& view : found.views) {
+    out->views.emplace_back();
+    if (!view) continue;
+    out->views.back() =
+        EstimatedCamera{view->camera, view->camera_from_scene, view->focal_log_sigma};
+  }
+  out->trusted = found.trusted;
+  out->matches = found.view_matches;
+}
+
+// The stages as the pipeline calls them, without a word about the cameras: from texture, and where
+// that does not tell from corners and edges.
 absl::StatusOr<SceneCameras> OwnCameras(const std::vector<cv::Mat>& images, int threads) {
   SceneCameras out;
   MatchingOptions options;
   options.threads = threads;
   const double begin = ProcessorSeconds();
-  std::vector<ImageFeatures> features;
   std::vector<ImageSize> sizes;
+  for (const cv::Mat& image : images) sizes.push_back({image.cols, image.rows});
+  const TextureMatching texture =
+      MatchTexture(images, options.texture, options.views, options.threads);
+  HOROPTER_ASSIGN_OR_RETURN(
+      const Reconstruction from_texture,
+      ReconstructFromTexture(texture, sizes, {}, ReconstructionOptions().texture));
+  if (from_texture.trusted) {
+    out.seconds = ProcessorSeconds() - begin;
+    Take(from_texture, &out);
+    return out;
+  }
+  std::vector<ImageFeatures> features;
   for (const cv::Mat& image : images) {
     HOROPTER_ASSIGN_OR_RETURN(ImageFeatures one, DetectFeatures(image, FeatureOptions()));
     features.push_back(std::move(one));
-    sizes.push_back({image.cols, image.rows});
   }
   HOROPTER_ASSIGN_OR_RETURN(const MatchingResult matching, MatchViews(images, features, options));
   HOROPTER_ASSIGN_OR_RETURN(
       const Reconstruction found,
       ReconstructViews(matching, features, sizes, {}, ReconstructionOptions()));
   out.seconds = ProcessorSeconds() - begin;
-  for (const auto& view : found.views) {
-    out.views.emplace_back();
-    if (!view) continue;
-    out.views.back() =
-        EstimatedCamera{view->camera, view->camera_from_scene, view->focal_log_sigma};
-  }
-  out.trusted = found.trusted;
-  out.reason = found.refusal;
-  out.matches = found.view_matches;
+  Take(found, &out);
+  out.reason = "texture: " + from_texture.refusal;
+  if (!found.refusal.empty()) out.reason += "; features: " + found.refusal;
   return out;
 }
 

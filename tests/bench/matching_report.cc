@@ -6,7 +6,6 @@
 // z = 0 of a world that the files give, and is not measured in another.
 #include <Eigen/LU>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -21,8 +20,9 @@
 #include "client/bop_dataset.h"
 #include "server/base/status_macros.h"
 #include "server/vision/features/features.h"
-#include "server/vision/matching/matching.h"
-#include "server/vision/reconstruction/reconstruction.h"
+#include "server/vision/matching/camera_matching.h"
+#include "server/vision/matching/texture_matching.h"
+#include "server/vision/reconstruction/texture_route.h"
 #include "tests/bench/matching_truth.h"
 #include "tests/diagnose/match_report.h"
 #include "tests/diagnose/reduced_images.h"
@@ -47,6 +47,7 @@ struct Tally {
   std::vector<double> errors;
   int f_found = 0, f_right = 0, f_neighbours_found = 0, f_neighbours_right = 0;
   int matches = 0, matches_right = 0;  // of which the truth is known
+  int texture_right = 0, texture_wrong = 0;
   int shared = 0, shared_matched = 0;  // corners and edges of parts in neighbouring views
   std::vector<int> tracked;            // per part: of them in tracks of three views and more
   std::vector<double> rotations_deg;   // median of a scene
@@ -160,46 +161,66 @@ void ReportPairs(const Scene& scene,
   }
 }
 
+// Texture points, which come before corners and edges.
+void ReportTexture(const Scene& scene,
+                   const TrueModels& models,
+                   const TextureMatching& texture,
+                   std::map<std::string, Tally>* tallies) {
+  const TrueTransfer transfer(scene.world, models);
+  int right = 0, wrong = 0, in_three = 0;
+  for (const TexturePair& pair : texture.pairs) {
+    for (const auto& [a, b] : pair.matches) {
+      const MatchTruth judged = transfer.Judge(pair.view_a,
+                                               texture.keypoints[pair.view_a].points[a],
+                                               pair.view_b,
+                                               texture.keypoints[pair.view_b].points[b]);
+      right += judged == MatchTruth::kRight;
+      wrong += judged == MatchTruth::kWrong;
+    }
+  }
+  for (const FeatureTrack& track : texture.tracks) in_three += track.features.size() >= 3;
+  std::printf(
+      "  texture: %zu pairs, %d matches right and %d wrong, %zu tracks, %d of three views\n",
+      texture.pairs.size(),
+      right,
+      wrong,
+      texture.tracks.size(),
+      in_three);
+  for (Tally* tally : {&(*tallies)[scene.tier], &(*tallies)["ALL"]}) {
+    tally->texture_right += right;
+    tally->texture_wrong += wrong;
+  }
+}
+
 void ReportReconstruction(const Scene& scene,
                           const TrueModels& models,
-                          const std::vector<ImageFeatures>& features,
-                          const MatchingResult& matching,
+                          const Reconstruction& found,
                           std::map<std::string, Tally>* tallies) {
-  std::vector<ImageSize> sizes;
-  for (const cv::Mat& image : scene.images) sizes.push_back({image.cols, image.rows});
-  const auto begin = std::chrono::steady_clock::now();
-  const auto r = ReconstructViews(matching, features, sizes, {}, ReconstructionOptions());
-  const double seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  if (!r.ok()) {
-    std::printf("  reconstruction: %s\n", std::string(r.status().message()).c_str());
-    return;
-  }
   std::vector<double> errors, ratios;
   std::string list;
-  std::vector<std::optional<EstimatedCamera>> cameras(r->views.size());
-  for (size_t v = 0; v < r->views.size(); ++v) {
-    if (!r->views[v]) continue;
+  std::vector<std::optional<EstimatedCamera>> cameras(found.views.size());
+  for (size_t v = 0; v < found.views.size(); ++v) {
+    if (!found.views[v]) continue;
     const double e =
-        std::log(r->views[v]->camera.focal_px / scene.world.scene.images[v].camera.focal_px);
-    cameras[v] = EstimatedCamera{r->views[v]->camera, r->views[v]->camera_from_scene, 0.0};
+        std::log(found.views[v]->camera.focal_px / scene.world.scene.images[v].camera.focal_px);
+    cameras[v] = EstimatedCamera{found.views[v]->camera, found.views[v]->camera_from_scene, 0.0};
     errors.push_back(std::abs(e));
-    ratios.push_back(std::abs(e) / r->views[v]->focal_log_sigma);
+    ratios.push_back(std::abs(e) / found.views[v]->focal_log_sigma);
     char text[64];
-    std::snprintf(text, sizeof(text), " %+.0f(%.0f)", 100 * e, 100 * r->views[v]->focal_log_sigma);
+    std::snprintf(
+        text, sizeof(text), " %+.0f(%.0f)", 100 * e, 100 * found.views[v]->focal_log_sigma);
     list += text;
   }
-  const double p95 = errors.empty() ? -1.0 : VertexReprojection(models, scene.world.scene, *r);
+  const double p95 = errors.empty() ? -1.0 : VertexReprojection(models, scene.world.scene, found);
   const bool all_in = errors.size() == scene.images.size() && p95 >= 0 && p95 <= 2.0;
   const auto rotation = CompareRelative(cameras, scene.world.scene).MedianRotation();
   std::printf(
-      "  reconstruction %.2f s: %zu of %zu views, rms %.2f px, %s; vertices 95 %% < %.2f px; "
+      "  reconstruction: %zu of %zu views, rms %.2f px, %s; vertices 95 %% < %.2f px; "
       "rotations %.2f deg; f error (sigma) in %%:%s\n",
-      seconds,
       errors.size(),
       scene.images.size(),
-      r->rms_px,
-      r->trusted ? "trusted" : r->refusal.c_str(),
+      found.rms_px,
+      found.trusted ? "trusted" : found.refusal.c_str(),
       p95,
       rotation.value_or(-1.0),
       list.c_str());
@@ -208,55 +229,73 @@ void ReportReconstruction(const Scene& scene,
     ++tally->scenes;
     tally->scenes_all_in += all_in;
     tally->scenes_registered_right += p95 >= 0 && p95 <= 2.0;
-    tally->trusted += r->trusted;
+    tally->trusted += found.trusted;
     if (rotation) tally->rotations_deg.push_back(*rotation);
     if (!errors.empty()) tally->focal_errors.push_back(errors[errors.size() / 2]);
     if (errors.size() >= 5) tally->five_view_errors.push_back(errors[errors.size() / 2]);
-    if (!r->trusted) continue;
+    if (!found.trusted) continue;
     tally->trusted_focal_errors.push_back(errors.back());
     tally->focal_ratios.insert(tally->focal_ratios.end(), ratios.begin(), ratios.end());
   }
 }
 
-void ReportScene(const Scene& scene,
-                 const TrueModels& models,
-                 std::map<std::string, Tally>* tallies) {
-  using Clock = std::chrono::steady_clock;
+// 0 of a way of matching that does not count it.
+double CountOf(const MatchingResult& matching, const std::string& name) {
+  const auto at = matching.counts.find(name);
+  return at == matching.counts.end() ? 0.0 : at->second;
+}
+
+// As the pipeline goes about it: cameras from texture, and corners and edges along their epipolar
+// lines; where texture does not tell, cameras from corners and edges.
+absl::Status ReportScene(const Scene& scene,
+                         const TrueModels& models,
+                         std::map<std::string, Tally>* tallies) {
   std::vector<ImageFeatures> features;
+  std::vector<ImageSize> sizes;
   for (const cv::Mat& image : scene.images) {
-    auto detected = DetectFeatures(image, FeatureOptions());
-    if (!detected.ok()) {
-      std::printf("scene %d: %s\n", scene.id, std::string(detected.status().message()).c_str());
-      return;
-    }
-    features.push_back(*std::move(detected));
+    HOROPTER_ASSIGN_OR_RETURN(ImageFeatures one, DetectFeatures(image, FeatureOptions()));
+    features.push_back(std::move(one));
+    sizes.push_back({image.cols, image.rows});
   }
-  const auto begin = Clock::now();
-  const std::clock_t cpu_begin = std::clock();
+  const std::clock_t begin = std::clock();
   MatchingOptions options;
   options.threads = 2;
-  const auto matching = MatchViews(scene.images, features, options);
-  const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
-  const double cpu_seconds = static_cast<double>(std::clock() - cpu_begin) / CLOCKS_PER_SEC;
-  if (!matching.ok()) {
-    std::printf("scene %d: %s\n", scene.id, std::string(matching.status().message()).c_str());
-    return;
+  const TextureMatching texture =
+      MatchTexture(scene.images, options.texture, options.views, options.threads);
+  absl::StatusOr<Reconstruction> found =
+      ReconstructFromTexture(texture, sizes, {}, ReconstructionOptions().texture);
+  HOROPTER_RETURN_IF_ERROR(found.status());
+  const bool by_texture = found->trusted;
+  absl::StatusOr<MatchingResult> matching;
+  if (by_texture) {
+    const std::vector<std::optional<CalibratedCamera>> cameras(found->views.begin(),
+                                                               found->views.end());
+    matching = MatchViewsOfCameras(scene.images, features, cameras, options);
+  } else {
+    matching = MatchViews(scene.images, features, options);
   }
+  HOROPTER_RETURN_IF_ERROR(matching.status());
+  if (!by_texture)
+    found = ReconstructViews(*matching, features, sizes, {}, ReconstructionOptions());
+  HOROPTER_RETURN_IF_ERROR(found.status());
   std::printf(
-      "scene %2d %s: %zu views, matching %.2f s (CPU %.2f s), chain rms %.2f px, contradicted "
-      "%.0f, component",
+      "scene %2d %s: %zu views, %.2f s of the processor after the features, cameras by %s, chain "
+      "rms "
+      "%.2f px, contradicted %.0f, component",
       scene.id,
       scene.tier.c_str(),
       scene.images.size(),
-      seconds,
-      cpu_seconds,
-      matching->counts.at("plane_rms_px"),
-      matching->counts.at("planes_contradicted"));
+      static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC,
+      by_texture ? "texture" : "corners and edges",
+      CountOf(*matching, "plane_rms_px"),
+      CountOf(*matching, "planes_contradicted"));
   for (int c : matching->component) std::printf(" %d", c);
   std::printf("\n");
-  if (scene.table_known) ReportPlanes(scene, *matching, tallies);
+  ReportTexture(scene, models, texture, tallies);
+  if (scene.table_known && !by_texture) ReportPlanes(scene, *matching, tallies);
   ReportPairs(scene, models, features, *matching, tallies);
-  ReportReconstruction(scene, models, features, *matching, tallies);
+  ReportReconstruction(scene, models, *found, tallies);
+  return absl::OkStatus();
 }
 
 // With one decimal; "-" of nothing.
@@ -292,6 +331,9 @@ void PrintTally(const std::string& tier, const Tally& t) {
         t.pairs,
         MedianText(t.errors, 1.0).c_str());
   }
+  std::printf("%-4s texture: precision of matches %s\n",
+              name,
+              ShareText(t.texture_right, t.texture_right + t.texture_wrong).c_str());
   std::printf("%-4s F: neighbours right %d of %d found; all pairs right %d of %d found\n",
               name,
               t.f_neighbours_right,
@@ -359,7 +401,7 @@ absl::Status Report(const std::string& dataset, const std::string& split, std::v
   std::map<std::string, Tally> tallies;
   for (int id : ids) {
     HOROPTER_ASSIGN_OR_RETURN(const Scene scene, LoadScene(dataset, split, id, models));
-    ReportScene(scene, models, &tallies);
+    HOROPTER_RETURN_IF_ERROR(ReportScene(scene, models, &tallies));
   }
   for (const auto& [tier, tally] : tallies) PrintTally(tier, tally);
   return absl::OkStatus();
