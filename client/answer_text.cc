@@ -25,6 +25,20 @@ std::string FindingName(const v1::SceneFinding& finding) {
   return field == nullptr ? "UNKNOWN" : absl::AsciiStrToUpper(field->name());
 }
 
+std::string BasesText(const v1::Camera& camera) {
+  constexpr size_t kPrefix = sizeof("SOURCE_") - 1;
+  std::string text;
+  for (const v1::CameraBasis& basis : camera.bases()) {
+    const std::string& name = v1::CameraBasis::Source_Name(basis.source());
+    absl::StrAppend(&text,
+                    text.empty() ? "" : ", ",
+                    name.empty() ? "unknown" : absl::AsciiStrToLower(name.substr(kPrefix)));
+    if (basis.matches() > 0)
+      absl::StrAppendFormat(&text, " %d (%.1f px)", basis.matches(), basis.rms_px());
+  }
+  return text;
+}
+
 std::string GripperText(const v1::RecognizedGrasp& grasp) {
   constexpr double kMm = 1e3;
   return grasp.has_suction()

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "absl/strings/str_join.h"
+#include "client/answer_text.h"
 #include "client/commands.h"
 #include "client/convert.h"
 #include "client/output.h"
@@ -83,6 +84,12 @@ void SayExplanation(const v1::RecognizeSceneResponse& response,
         image.visible_px(),
         image.hidden_px(),
         image.camera().focal_px());
+  }
+  for (int i = 0; i < response.cameras_size(); ++i) {
+    const v1::Camera& camera = response.cameras(i);
+    const std::string bases = BasesText(camera);
+    if (!bases.empty()) Say("image %d: camera by %s\n", i + 1, bases.c_str());
+    if (camera.unrelated()) Say("image %d: shows nothing of what the other images show\n", i + 1);
   }
   SayEdges(explanation);
 }

@@ -82,6 +82,9 @@ void TellInOriginalPixels(const SceneRequest& original,
     if (factor == 1) continue;
     const cv::Mat& image = original.images[i];
     if (auto& camera = answer->cameras[i]) Enlarge(factor, image, &camera->camera);
+    if (i < answer->camera_bases.size()) {
+      for (CameraBasis& basis : answer->camera_bases[i]) basis.rms_px *= factor;
+    }
     if (!answer->unexplained_edges.empty()) {
       for (auto& line : answer->unexplained_edges[i]) {
         for (Eigen::Vector2d& point : line) point = Enlarged(point, factor);

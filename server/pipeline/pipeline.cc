@@ -333,6 +333,17 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   return result;
 }
 
+// The same, and what the answer's cameras rest on.
+absl::StatusOr<PipelineResult> RunTold(const SceneRequest& request,
+                                       const CatalogSnapshot& catalog,
+                                       const PipelineOptions& options,
+                                       const StopRequested& stop) {
+  HOROPTER_ASSIGN_OR_RETURN(PipelineResult result, RunStages(request, catalog, options, stop));
+  const bool with_station = result.station && result.station->prior_used;
+  TellCameraBases(request, result.trace, with_station, &result.answer);
+  return result;
+}
+
 // The same, with large images made smaller and small ones larger. A station knows its cameras in
 // their own pixels.
 absl::StatusOr<PipelineResult> RunReduced(const SceneRequest& request,
@@ -346,9 +357,9 @@ absl::StatusOr<PipelineResult> RunReduced(const SceneRequest& request,
     factors.push_back(ReductionOf(image.size(), options.least_side_px, options.small_side_px));
   if (request.station ||
       std::all_of(factors.begin(), factors.end(), [](double factor) { return factor == 1.0; }))
-    return RunStages(request, catalog, options, stop);
+    return RunTold(request, catalog, options, stop);
   HOROPTER_ASSIGN_OR_RETURN(PipelineResult result,
-                            RunStages(ReducedRequest(request, factors), catalog, options, stop));
+                            RunTold(ReducedRequest(request, factors), catalog, options, stop));
   TellInOriginalPixels(request, factors, &result.answer);
   return result;
 }

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "server/pipeline/base_frame.h"
+#include "server/pipeline/camera_basis.h"
 #include "server/pipeline/station.h"
 #include "server/vision/euclidean/euclidean.h"
 #include "server/vision/explanation/explanation.h"
@@ -59,6 +60,7 @@ enum class ReasonKind {
   kReferenceNotFound,  // objects recognised, the reference is not among them: no base frame
   kReferenceConflict,
   kEmptyCatalog,
+  kUnrelatedImages,  // show nothing of what the others show
 };
 struct AnswerReason {
   ReasonKind kind = ReasonKind::kNothingFound;
@@ -129,6 +131,8 @@ struct SceneAnswer {
   std::vector<AnswerReason> reasons;  // each kind at most once; see AddReason
   std::vector<UnsearchedStep> unsearched;
   std::vector<std::optional<PosedCamera>> cameras;  // one per image; empty: not recovered
+  std::vector<std::vector<CameraBasis>> camera_bases;  // one list per image, or none
+  std::vector<bool> unrelated_images;                  // one per image, or none
   // One per image, or none: whether a focal length that its file gives was believed.
   std::vector<bool> presumed_focal;
   std::vector<AnswerObject> objects;

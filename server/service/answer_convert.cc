@@ -31,6 +31,8 @@ v1::SceneReason::Kind ReasonToProto(ReasonKind kind) {
       return v1::SceneReason::KIND_REFERENCE_CONFLICT;
     case ReasonKind::kEmptyCatalog:
       return v1::SceneReason::KIND_EMPTY_CATALOG;
+    case ReasonKind::kUnrelatedImages:
+      return v1::SceneReason::KIND_UNRELATED_IMAGES;
   }
   return v1::SceneReason::KIND_UNSPECIFIED;
 }
@@ -62,6 +64,33 @@ void CameraToProto(const PosedCamera& posed, v1::Camera* proto) {
   proto->set_p2(posed.lens.p2);
   proto->set_focal_log_sigma(posed.focal_log_sigma);
   RigidToProto(posed.camera_from_scene, proto->mutable_camera_from_scene());
+}
+
+v1::CameraBasis::Source SourceToProto(BasisSource source) {
+  switch (source) {
+    case BasisSource::kTexture:
+      return v1::CameraBasis::SOURCE_TEXTURE;
+    case BasisSource::kFeatures:
+      return v1::CameraBasis::SOURCE_FEATURES;
+    case BasisSource::kParts:
+      return v1::CameraBasis::SOURCE_PARTS;
+    case BasisSource::kStation:
+      return v1::CameraBasis::SOURCE_STATION;
+    case BasisSource::kGiven:
+      return v1::CameraBasis::SOURCE_GIVEN;
+  }
+  return v1::CameraBasis::SOURCE_UNSPECIFIED;
+}
+
+void BasesToProto(const SceneAnswer& answer, size_t image, v1::Camera* proto) {
+  proto->set_unrelated(image < answer.unrelated_images.size() && answer.unrelated_images[image]);
+  if (image >= answer.camera_bases.size()) return;
+  for (const CameraBasis& basis : answer.camera_bases[image]) {
+    v1::CameraBasis* out = proto->add_bases();
+    out->set_source(SourceToProto(basis.source));
+    out->set_matches(basis.matches);
+    out->set_rms_px(basis.rms_px);
+  }
 }
 
 template <typename Matrix>
@@ -281,6 +310,7 @@ void SceneAnswerToProto(const SceneAnswer& answer,
     camera->set_image_width_px(request.images[i].cols);
     camera->set_image_height_px(request.images[i].rows);
     if (i < answer.cameras.size() && answer.cameras[i]) CameraToProto(*answer.cameras[i], camera);
+    BasesToProto(answer, i, camera);
     camera->set_focal_from_exif(i < answer.presumed_focal.size() && answer.presumed_focal[i]);
   }
   const std::vector<const AnswerObject*> objects = ToldObjects(answer, format.min_score);

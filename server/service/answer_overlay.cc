@@ -125,6 +125,44 @@ void AddExplanation(const AnswerExplanation& explanation, size_t image, Drawing*
                              height});
 }
 
+const char* NameOf(BasisSource source) {
+  switch (source) {
+    case BasisSource::kTexture:
+      return "texture";
+    case BasisSource::kFeatures:
+      return "features";
+    case BasisSource::kParts:
+      return "parts";
+    case BasisSource::kStation:
+      return "station";
+    case BasisSource::kGiven:
+      return "given";
+  }
+  return "";
+}
+
+std::string CaptionOf(const SceneAnswer& answer, size_t image) {
+  const int number = static_cast<int>(image) + 1;
+  if (image >= answer.cameras.size() || !answer.cameras[image]) {
+    const bool unrelated = image < answer.unrelated_images.size() && answer.unrelated_images[image];
+    return absl::StrFormat("image %d, camera not recovered%s",
+                           number,
+                           unrelated ? ": shows nothing of what the others show" : "");
+  }
+  const PosedCamera& posed = *answer.cameras[image];
+  std::string text = absl::StrFormat("image %d, f = %.0f px +- %.1f %%",
+                                     number,
+                                     posed.camera.focal_px,
+                                     100.0 * posed.focal_log_sigma);
+  if (image >= answer.camera_bases.size()) return text;
+  for (const CameraBasis& basis : answer.camera_bases[image]) {
+    absl::StrAppendFormat(&text, ", %s", NameOf(basis.source));
+    if (basis.matches > 0)
+      absl::StrAppendFormat(&text, " %d (%.1f px)", basis.matches, basis.rms_px);
+  }
+  return text;
+}
+
 }  // namespace
 
 std::vector<Drawing> DrawAnswer(const SceneAnswer& answer,
@@ -148,12 +186,7 @@ std::vector<Drawing> DrawAnswer(const SceneAnswer& answer,
       ShiftByLens(*answer.cameras[i], before, &drawing);
     }
     if (answer.explanation) AddExplanation(*answer.explanation, i, &drawing);
-    DrawCaption(recovered
-                    ? absl::StrFormat("image %d, f = %.0f px",
-                                      static_cast<int>(i) + 1,
-                                      answer.cameras[i]->camera.focal_px)
-                    : absl::StrFormat("image %d, camera not recovered", static_cast<int>(i) + 1),
-                &drawing);
+    DrawCaption(CaptionOf(answer, i), &drawing);
   }
   return drawings;
 }

@@ -17,12 +17,12 @@ from .errors import (AlreadyExists, Busy, Cancelled, Conflict, DataLoss, Deadlin
                      InvalidRequest, NotFound, PermissionDenied, TooLarge, Unauthenticated, Unavailable)
 from .images import RawFrame, encode_image
 from .security import Security
-from .types import (Camera, CameraHint, CatalogObject, ExplainedEdge, ExplainedImage, Explanation, Finding, FoundGrasp,
+from .types import (Camera, CameraBasis, CameraHint, CatalogObject, ExplainedEdge, ExplainedImage, Explanation, Finding, FoundGrasp,
                     FoundObject, GraspModel, Gripper, LookAlike, ObjectInImage, Reason, Reference, Scene, StationFinding,
                     StationReport)
 
 __all__ = [
-    "AlreadyExists", "AsyncClient", "Busy", "Camera", "CameraHint", "Cancelled", "CatalogObject", "Client", "Conflict",
+    "AlreadyExists", "AsyncClient", "Busy", "Camera", "CameraBasis", "CameraHint", "Cancelled", "CatalogObject", "Client", "Conflict",
     "DataLoss", "DeadlineExceeded", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp",
     "FoundObject", "GraspModel", "Gripper", "HoropterError", "InternalError", "InvalidRequest", "LookAlike", "NotFound",
     "ObjectInImage", "PermissionDenied", "RawFrame", "Reason", "Reference", "Scene", "Security", "StationFinding", "StationReport",

@@ -163,10 +163,20 @@ class Reference:
 
 
 @dataclasses.dataclass
+class CameraBasis:
+    """Something that a camera rests on. source: TEXTURE, FEATURES (corners and edges), PARTS, STATION or GIVEN; matches: points of the
+    image that agree, 0 of a station and of what was given; rms_px: of their residuals."""
+    source: str
+    matches: int
+    rms_px: float
+
+
+@dataclasses.dataclass
 class Camera:
     """A recovered camera: square pixels, no skew, Brown's lens (x_d = x (1 + k1 r^2 + k2 r^4) + 2 p1 x y + p2 (r^2 + 2 x^2)); k2, p1
     and p2 are 0 where the images do not prove them. rectified: of the image that the server has rectified by its hint, not of the
-    one that was sent; focal_from_exif: found with what the image's file says of the focal length."""
+    one that was sent; focal_from_exif: found with what the image's file says of the focal length; bases: what the camera
+    rests on; unrelated: the image shows nothing of what the others show."""
     recovered: bool
     width_px: int
     height_px: int
@@ -180,6 +190,8 @@ class Camera:
     k2: float = 0.0
     p1: float = 0.0
     p2: float = 0.0
+    bases: List[CameraBasis] = dataclasses.field(default_factory=list)
+    unrelated: bool = False
 
     @property
     def K(self) -> np.ndarray:
@@ -390,11 +402,17 @@ def _plane(answer: recognition_pb2.RecognizeSceneResponse) -> Optional[Tuple[np.
     return np.array([plane.normal.x, plane.normal.y, plane.normal.z]), plane.offset_m
 
 
+def _source_name(source: int) -> str:
+    names = recognition_pb2.CameraBasis.Source
+    return names.Name(source)[len("SOURCE_"):] if source in names.values() else "UNKNOWN"
+
+
 def _camera(c: recognition_pb2.Camera) -> Camera:
     return Camera(c.recovered, c.image_width_px, c.image_height_px, c.focal_px,
                   (c.principal_point_x_px, c.principal_point_y_px), c.k1, c.focal_log_sigma,
                   _optional(c, "camera_from_scene"), c.rectified, c.focal_from_exif,
-                  c.k2, c.p1, c.p2)
+                  c.k2, c.p1, c.p2,
+                  [CameraBasis(_source_name(b.source), b.matches, b.rms_px) for b in c.bases], c.unrelated)
 
 
 def _grasp(g: recognition_pb2.RecognizedGrasp) -> FoundGrasp:

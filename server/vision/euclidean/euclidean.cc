@@ -96,6 +96,18 @@ void AddFindings(const SceneBundle& bundle,
   }
 }
 
+std::vector<ViewFit> FitsOf(const SceneBundle& b) {
+  std::vector<ViewFit> fits(b.views.size());
+  for (const EdgeObservation& e : b.edges) {
+    ++fits[e.view].edge_points;
+    fits[e.view].rms_px += e.residual_px * e.residual_px;
+  }
+  for (ViewFit& fit : fits) {
+    if (fit.edge_points > 0) fit.rms_px = std::sqrt(fit.rms_px / fit.edge_points);
+  }
+  return fits;
+}
+
 // Cameras and objects as they are adjusted. kept: of recognition.objects, those in the bundle.
 void TakeAdjusted(const SceneBundle& b,
                   const std::vector<LensTerms>& lens,
@@ -104,6 +116,7 @@ void TakeAdjusted(const SceneBundle& b,
                   const NoiseOptions& noise,
                   MetricScene* out) {
   out->rms_px = RobustRms(b.edges);
+  out->view_fits = FitsOf(b);
   out->covariance = ComputeSceneCovariance(b, noise);
   const bool known = out->covariance.matrix.size() > 0;
   out->cameras.resize(b.views.size());

@@ -41,6 +41,12 @@ struct PosedObject {
   double rms_px = 0.0;
 };
 
+// How the edges of the parts fit one image.
+struct ViewFit {
+  int edge_points = 0;
+  double rms_px = 0.0;
+};
+
 struct MetricScene {
   std::vector<std::optional<PosedCamera>> cameras;
   std::vector<PosedObject> objects;
@@ -50,6 +56,7 @@ struct MetricScene {
   std::vector<Finding> findings;
   // Of the cameras, by the data alone; empty without EuclideanOptions::camera_evidence.
   CameraEvidence evidence;
+  std::vector<ViewFit> view_fits;  // per image
   double rms_px = 0.0;
   std::map<std::string, double> counts;
 };

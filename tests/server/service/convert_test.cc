@@ -267,6 +267,8 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   answer.cameras.resize(2);
   answer.cameras[1] = PosedCamera{
       {{50, 40, 77.5, 24.0, 19.5, -0.03}, RandomRigid(rng)}, 0.02, {0.1, 0.002, -0.003}};
+  answer.camera_bases = {{}, {{BasisSource::kTexture, 120, 0.8}, {BasisSource::kGiven, 0, 0.0}}};
+  answer.unrelated_images = {true, false};
   AnswerObject object;
   object.object_id = "box";
   object.instance = 1;
@@ -309,6 +311,13 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   EXPECT_EQ(proto.unsearched(0).cause(), v1::UnsearchedStep::CAUSE_TIME);
   EXPECT_EQ(proto.unsearched(0).step(), "projective");
   EXPECT_EQ(proto.unsearched(1).cause(), v1::UnsearchedStep::CAUSE_CATALOG_SIZE);
+  EXPECT_TRUE(proto.cameras(0).unrelated());
+  EXPECT_EQ(proto.cameras(0).bases_size(), 0);
+  ASSERT_EQ(proto.cameras(1).bases_size(), 2);
+  EXPECT_EQ(proto.cameras(1).bases(0).source(), v1::CameraBasis::SOURCE_TEXTURE);
+  EXPECT_EQ(proto.cameras(1).bases(0).matches(), 120);
+  EXPECT_DOUBLE_EQ(proto.cameras(1).bases(0).rms_px(), 0.8);
+  EXPECT_EQ(proto.cameras(1).bases(1).source(), v1::CameraBasis::SOURCE_GIVEN);
   ASSERT_EQ(proto.cameras_size(), 2);
   EXPECT_FALSE(proto.cameras(0).recovered());
   EXPECT_EQ(proto.cameras(0).image_width_px(), 30);
