@@ -10,6 +10,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "client/address.h"
+#include "client/token.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -69,7 +70,9 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& ad
   if (security.cert_file.empty() != security.key_file.empty()) {
     return absl::InvalidArgumentError("a client certificate needs its key and the reverse");
   }
-  if (!tls && !security.token.empty() && !IsOnThisMachine(address)) {
+  // Other bytes would end the process: gRPC asserts that metadata has none.
+  HOROPTER_ASSIGN_OR_RETURN(const std::string token, CleanToken(security.token, "token"));
+  if (!tls && !token.empty() && !IsOnThisMachine(address)) {
     return absl::FailedPreconditionError(
         absl::StrCat("a token is not sent to ", address, " without TLS"));
   }
@@ -87,8 +90,8 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& ad
   arguments.SetMaxReceiveMessageSize(-1);  // CAD files; the server bounds what it takes
   arguments.SetMaxSendMessageSize(-1);
   std::vector<std::unique_ptr<experimental::ClientInterceptorFactoryInterface>> interceptors;
-  if (!security.token.empty()) {
-    interceptors.push_back(std::make_unique<TokenInterceptorFactory>(security.token));
+  if (!token.empty()) {
+    interceptors.push_back(std::make_unique<TokenInterceptorFactory>(token));
   }
   return experimental::CreateCustomChannelWithInterceptors(
       address, credentials, arguments, std::move(interceptors));

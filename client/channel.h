@@ -26,7 +26,8 @@ struct ChannelSecurity {
 };
 
 // Connects when the first call is made. Errors: FAILED_PRECONDITION (a file cannot be read, a token
-// would travel in the clear), INVALID_ARGUMENT (no address, a certificate without its key).
+// would travel in the clear), INVALID_ARGUMENT (no address, a certificate without its key, a token
+// of other than printable ASCII characters; blanks around it are dropped).
 absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& address,
                                                            const ChannelSecurity& security);
 

@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
 
 #include "client/cli.h"
 #include "client/interrupt.h"
 #include "client/output.h"
+#include "client/token.h"
 
 namespace horopter {
 namespace {
@@ -83,18 +83,11 @@ void AddSecurityOptions(CLI::App& app, ChannelSecurity& security, std::string& t
       ->envname("HOROPTER_TOKEN_FILE");
 }
 
-// The first line of the file, or what the environment says; empty: none.
+// Of the file, or of the environment; empty: none.
 absl::StatusOr<std::string> ReadToken(const std::string& path) {
-  if (path.empty()) {
-    const char* const token = std::getenv("HOROPTER_TOKEN");
-    return std::string(token == nullptr ? "" : token);
-  }
-  std::ifstream file(path);
-  std::string token;
-  if (!std::getline(file, token) || token.empty()) {
-    return absl::FailedPreconditionError(path + ": holds no token");
-  }
-  return token;
+  if (!path.empty()) return ReadTokenFile(path);
+  const char* const token = std::getenv("HOROPTER_TOKEN");
+  return CleanToken(token == nullptr ? "" : token, "HOROPTER_TOKEN");
 }
 
 // gRPC ends the program where a call's metadata are anything else.
@@ -153,6 +146,7 @@ int Main(int argc, char** argv) {
   absl::StatusOr<std::string> token = ReadToken(token_file);
   absl::Status status = token.status();
   if (token.ok()) {
+    if (!token->empty()) KeepTokensOutOfCoreDumps();
     options.security.token = *std::move(token);
     HoropterClient client(server, options);
     status = command(client);
