@@ -29,21 +29,42 @@ using bop::IdOf;
 using bop::Numbers;
 using bop::ReadJson;
 
-// Of R R^T from the identity. Grasps are written by hand and by tools that round to few digits:
-// what is a rotation to two degrees is taken for the nearest one.
-constexpr double kRigid = 1e-3, kNearlyRigid = 0.05;
+constexpr double kRigid = 1e-3;    // of a number of R R^T from the identity's
+constexpr double kLastRow = 1e-6;  // of its numbers from 0 0 0 1
 
-Rigid3 Rigid4x4FromMm(const Json& value, const std::string& what, double tolerance = kRigid) {
+// Whether R is the nearest rotation, rounded to two or three digits behind the point: grasps are
+// written by hand and by tools that round. One number that is off by a digit is no rounding.
+bool IsRounded(const Eigen::Matrix3d& R, const Eigen::Matrix3d& nearest) {
+  constexpr double kMost = 0.495;  // of the last digit
+  for (const double unit : {0.01, 0.001}) {
+    const Eigen::Matrix3d whole = R / unit;
+    if ((whole - whole.array().round().matrix()).cwiseAbs().maxCoeff() > 1e-6) continue;
+    return (R - nearest).cwiseAbs().maxCoeff() <= kMost * unit;
+  }
+  return false;
+}
+
+Rigid3 Rigid4x4FromMm(const Json& value, const std::string& what) {
   const std::vector<double> n = Numbers(value, 16, what);
   const Eigen::Matrix4d m =
       Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(n.data());
-  const Eigen::Matrix3d R = m.topLeftCorner<3, 3>();
-  if ((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() > tolerance ||
-      R.determinant() < 0.0) {
-    throw std::runtime_error(absl::StrCat(what, " is not a rigid transform"));
+  const Eigen::Vector4d last(0.0, 0.0, 0.0, 1.0);
+  if ((m.row(3).transpose() - last).cwiseAbs().maxCoeff() > kLastRow) {
+    const bool rows = (m.col(3) - last).cwiseAbs().maxCoeff() <= kLastRow;
+    throw std::runtime_error(absl::StrCat(
+        what, ": the last row is not 0 0 0 1", rows ? ": row vectors? transpose it" : ""));
   }
+  const Eigen::Matrix3d R = m.topLeftCorner<3, 3>();
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(R, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  return {svd.matrixU() * svd.matrixV().transpose(), kMetresPerMm * m.topRightCorner<3, 1>()};
+  const Eigen::Matrix3d nearest = svd.matrixU() * svd.matrixV().transpose();
+  if (R.determinant() < 0.0)
+    throw std::runtime_error(absl::StrCat(what, " is not a rigid transform but a mirror image"));
+  const double off = (R * R.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (off > kRigid && !IsRounded(R, nearest)) {
+    throw std::runtime_error(
+        absl::StrCat(what, " is not a rigid transform: its rotation is off orthonormal by ", off));
+  }
+  return {nearest, kMetresPerMm * m.topRightCorner<3, 1>()};
 }
 
 // Discrete symmetries times discretised continuous ones, as BOP's evaluation does.
@@ -204,8 +225,8 @@ absl::StatusOr<std::vector<Grasp>> ReadGrasps(const std::string& path) {
     for (const Json& value : file.at("grasps")) {
       Grasp grasp;
       grasp.name = value.at("name").get<std::string>();
-      grasp.object_from_gripper = Rigid4x4FromMm(
-          value.at("T_gripper_in_object"), grasp.name + ".T_gripper_in_object", kNearlyRigid);
+      grasp.object_from_gripper =
+          Rigid4x4FromMm(value.at("T_gripper_in_object"), grasp.name + ".T_gripper_in_object");
       grasp.jaw_opening_m = kMetresPerMm * value.value("jaw_opening_mm", 0.0);
       grasp.grip_width_m = kMetresPerMm * value.value("grip_width_mm", 0.0);
       if (value.contains("suction_cup_radius_mm")) {
@@ -213,8 +234,8 @@ absl::StatusOr<std::vector<Grasp>> ReadGrasps(const std::string& path) {
       }
       grasp.quality = value.value("quality", 1.0);
       if (value.contains("T_pregrasp_in_object")) {
-        grasp.object_from_pregrasp = Rigid4x4FromMm(
-            value.at("T_pregrasp_in_object"), grasp.name + ".T_pregrasp_in_object", kNearlyRigid);
+        grasp.object_from_pregrasp =
+            Rigid4x4FromMm(value.at("T_pregrasp_in_object"), grasp.name + ".T_pregrasp_in_object");
       }
       grasps.push_back(std::move(grasp));
     }

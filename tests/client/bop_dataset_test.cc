@@ -3,7 +3,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "absl/strings/str_format.h"
 #include "client/bop_results.h"
 #include "client/bop_targets.h"
 #include "tests/client/temp_folder.h"
@@ -309,25 +308,54 @@ TEST(BopDataset, BrokenFilesAreNamed) {
   }
 }
 
-std::string GraspTurnedBy(double sine) {
-  return absl::StrFormat(
-      R"({"grasps": [{"name": "g", "T_gripper_in_object": [1,%.4f,0,5, 0,1,0,6, 0,0,1,7, 0,0,0,1]}]})",
-      sine);
+absl::StatusOr<std::vector<Grasp>> GraspOf(const Sample& sample, const std::string& numbers) {
+  const std::string file = "grasps/obj_000012.json";
+  sample.folder.Write(file,
+                      R"({"grasps": [{"name": "g", "T_gripper_in_object": [)" + numbers + "]}]}");
+  return ReadGrasps(sample.folder.path() + "/" + file);
 }
 
 TEST(BopDataset, AGraspOfFewDigitsIsTheNearestRigidOne) {
   const Sample sample;
-  const std::string file = "grasps/obj_000012.json";
-  sample.folder.Write(file, GraspTurnedBy(0.015));
-  const auto grasps = ReadGrasps(sample.folder.path() + "/" + file);
-  ASSERT_TRUE(grasps.ok()) << grasps.status();
-  const Eigen::Matrix3d& R = grasps->front().object_from_gripper.R;
-  EXPECT_LT((R * R.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-12);
-  EXPECT_NEAR(R(0, 1), 0.0075, 1e-4);
-  EXPECT_NEAR(R(1, 0), -0.0075, 1e-4);
-  sample.folder.Write(file, GraspTurnedBy(0.06));
-  EXPECT_EQ(ReadGrasps(sample.folder.path() + "/" + file).status().code(),
-            absl::StatusCode::kInvalidArgument);
+  for (const char* numbers : {"0.71,-0.71,0,5, 0.71,0.71,0,6, 0,0,1,7, 0,0,0,1",
+                              "0.866,-0.5,0,5, 0.5,0.866,0,6, 0,0,1,7, 0,0,0,1",
+                              "1,0.0004,0,5, 0,1,0,6, 0,0,1,7, 0,0,1e-7,1"}) {
+    const auto grasps = GraspOf(sample, numbers);
+    ASSERT_TRUE(grasps.ok()) << grasps.status();
+    const Eigen::Matrix3d& R = grasps->front().object_from_gripper.R;
+    EXPECT_LT((R * R.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-12);
+  }
+}
+
+TEST(BopDataset, WhatIsNoRigidTransformIsRefusedByItsName) {
+  const Sample sample;
+  for (const auto& [numbers, what] :
+       {std::pair{"1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,10,1", "row vectors?"},
+        {"1,0,0,5, 0,1,0,6, 0,0,1,7, 0,0,0,0", "last row"},
+        {"1,0,0,5, 0,1,0,6, 0,0,1,7, 0,0,0.001,1", "last row"},
+        {"1,0.015,0,5, 0,1,0,6, 0,0,1,7, 0,0,0,1", "orthonormal"},
+        {"1,0.01,0,5, 0,1,0,6, 0,0,1,7, 0,0,0,1", "orthonormal"},
+        {"1.01,0,0,5, 0,1.01,0,6, 0,0,1.01,7, 0,0,0,1", "orthonormal"},
+        {"1,0,0,5, 0,1,0,6, 0,0,-1,7, 0,0,0,1", "mirror"},
+        {"0,0,0,5, 0,0,0,6, 0,0,0,7, 0,0,0,1", "orthonormal"}}) {
+    const absl::Status status = GraspOf(sample, numbers).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << numbers;
+    EXPECT_THAT(std::string(status.message()),
+                testing::AllOf(HasSubstr(what), HasSubstr("T_gripper_in_object")));
+  }
+  EXPECT_THAT(
+      std::string(
+          ReadGrasps(HOROPTER_TEST_DATA "/inputs/grasps/transposed.json").status().message()),
+      HasSubstr("row vectors?"));
+}
+
+TEST(BopDataset, SymmetriesAreRigidTransforms) {
+  const Sample sample;
+  sample.folder.Write("models/models_info.json",
+                      R"({"12": {"diameter": 50, "symmetries_discrete":
+      [[-1,0,0,0, 0,-1,0,0, 0,0,1,0, 3,0,0,1]]}})");
+  EXPECT_THAT(std::string(ReadBopDataset(sample.folder.path()).status().message()),
+              testing::AllOf(HasSubstr("symmetries_discrete"), HasSubstr("row vectors?")));
 }
 
 TEST(BopDataset, MissingThingsAreNotFound) {
