@@ -1,139 +1,104 @@
 #include "client/camera_file.h"
 
-#include <yaml-cpp/yaml.h>
-
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <filesystem>
 #include <fstream>
-#include <optional>
-#include <sstream>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "client/calibration_camera.h"
+#include "client/calibration_document.h"
+#include "server/base/status_macros.h"
+#include "server/vision/geometry/intrinsics_check.h"
 
 namespace horopter {
 namespace {
 
-absl::Status Bad(const std::string& path, const std::string& what) {
-  return absl::InvalidArgumentError(absl::StrCat(path, ": ", what));
+constexpr size_t kMostBytes = 16 << 20;
+// Of the cameras of a file the one that is named, or the only one.
+absl::StatusOr<CameraNode> Chosen(const std::vector<CameraNode>& cameras, const std::string& name) {
+  if (cameras.empty())
+    return absl::InvalidArgumentError(
+        absl::StrCat("camera_matrix (or K, or fx, fy, cx and cy) is missing; ", kCalibrationForms));
+  std::vector<std::string> names;
+  for (const CameraNode& camera : cameras) {
+    if (!name.empty() && camera.name == name) return camera;
+    names.push_back(camera.name);
+  }
+  if (name.empty() && cameras.size() == 1) return cameras[0];
+  constexpr size_t kMostNames = 8;
+  const bool more = names.size() > kMostNames;
+  if (more) names.resize(kMostNames);
+  return absl::InvalidArgumentError(
+      absl::StrCat(name.empty() ? "holds several cameras" : absl::StrCat("holds no camera ", name),
+                   " (",
+                   absl::StrJoin(names, ", "),
+                   more ? ", .." : "",
+                   "); which one is asked for with FILE#",
+                   names[0]));
 }
 
-// A plain list, or a matrix with `data`.
-std::optional<std::vector<double>> NodeNumbers(const YAML::Node& node) {
-  if (!node.IsDefined() || node.IsNull()) return std::nullopt;
-  const YAML::Node list = node.IsMap() ? node["data"] : node;
-  if (!list.IsDefined() || !list.IsSequence()) return std::nullopt;
-  std::vector<double> numbers;
-  for (const YAML::Node& n : list) numbers.push_back(n.as<double>());
-  return numbers;
-}
-
-std::optional<std::vector<double>> FirstOf(const YAML::Node& root,
-                                           std::initializer_list<const char*> names) {
-  for (const char* name : names) {
-    if (auto numbers = NodeNumbers(root[name])) return numbers;
+// The camera of a part of the images: the offset comes first, then binning.
+CameraFile Within(CameraFile camera, const ImageRegion& region) {
+  const double bx = region.binning_x, by = region.binning_y;
+  if (!camera.lens && bx != by)
+    camera.lens = LensFile{camera.focal_px, camera.focal_px, false, {camera.k1}, {}};
+  if (camera.lens) {
+    camera.lens->fx /= bx;
+    camera.lens->fy /= by;
   }
-  return std::nullopt;
-}
-
-int IntegerOf(const YAML::Node& root, std::initializer_list<const char*> names) {
-  for (const char* name : names) {
-    if (root[name].IsDefined() && root[name].IsScalar()) return root[name].as<int>();
-  }
-  return 0;
-}
-
-// Largest shift, over the corners, by what one coefficient leaves out: k2, k3 and p1, p2.
-double IgnoredDistortionPx(const CameraFile& c, const std::vector<double>& d) {
-  const auto at = [&](size_t i) { return i < d.size() ? d[i] : 0.0; };
-  const double width = c.width > 0 ? c.width : 2.0 * c.cx;
-  const double height = c.height > 0 ? c.height : 2.0 * c.cy;
-  double worst = 0.0;
-  for (const double u : {0.0, width - 1.0}) {
-    for (const double v : {0.0, height - 1.0}) {
-      const double x = (u - c.cx) / c.focal_px, y = (v - c.cy) / c.focal_px;
-      const double r2 = x * x + y * y;
-      const double radial = at(1) * r2 * r2 + at(4) * r2 * r2 * r2;
-      const double dx = x * radial + 2.0 * at(2) * x * y + at(3) * (r2 + 2.0 * x * x);
-      const double dy = y * radial + at(2) * (r2 + 2.0 * y * y) + 2.0 * at(3) * x * y;
-      worst = std::max(worst, c.focal_px * std::hypot(dx, dy));
-    }
-  }
-  return worst;
-}
-
-absl::StatusOr<CameraFile> FromYaml(const YAML::Node& root, const std::string& path) {
-  if (!root.IsMap()) return Bad(path, "no camera_info and no OpenCV YAML file");
-  const auto K = FirstOf(root, {"camera_matrix", "K", "k", "Camera_Matrix", "cameraMatrix", "M1"});
-  if (!K || K->size() != 9) {
-    return Bad(path, "camera_matrix (or K) with 9 numbers is missing");
-  }
-  const std::vector<double> D =
-      FirstOf(root,
-              {"distortion_coefficients", "D", "d", "Distortion_Coefficients", "distCoeffs", "D1"})
-          .value_or(std::vector<double>{});
-  for (const std::vector<double>* list : {&*K, &D}) {
-    for (const double n : *list) {
-      if (!std::isfinite(n)) return Bad(path, "a number is not finite");
-    }
-  }
-  const std::string model =
-      root["distortion_model"].IsDefined() ? root["distortion_model"].as<std::string>() : "";
-  const bool fisheye = model == "equidistant" || model == "fisheye";
-  if (fisheye && D.size() != 4) {
-    return Bad(path, absl::StrCat("distortion_model ", model, " needs 4 coefficients"));
-  }
-  if (!model.empty() && model != "plumb_bob" && model != "rational_polynomial" && !fisheye) {
-    return Bad(path, absl::StrCat("distortion_model ", model, ": rectify the images first"));
-  }
-  if (model == "rational_polynomial" || D.size() > 5) {
-    for (size_t i = 5; i < D.size(); ++i) {
-      if (D[i] != 0.0) {
-        return Bad(path, "rational or thin-prism distortion: rectify the images first");
-      }
-    }
-  }
-  const double fx = (*K)[0], fy = (*K)[4];
-  if (!(fx > 0.0 && fy > 0.0)) return Bad(path, "camera_matrix: focal lengths must be positive");
-  CameraFile camera;
-  camera.focal_px = std::sqrt(fx * fy);
-  camera.cx = (*K)[2];
-  camera.cy = (*K)[5];
-  camera.k1 = D.empty() || fisheye ? 0.0 : D[0];
-  camera.width = IntegerOf(root, {"image_width", "width", "image_Width", "imageWidth"});
-  camera.height = IntegerOf(root, {"image_height", "height", "image_Height", "imageHeight"});
-  constexpr double kSquare = 0.005;  // |log(fx / fy)| below which pixels count as square
-  if (fisheye || std::abs(std::log(fx / fy)) > kSquare || IgnoredDistortionPx(camera, D) > 1.0) {
-    camera.lens = LensFile{fx, fy, fisheye, {}};
-    std::copy_n(D.begin(), std::min<size_t>(D.size(), 5), camera.lens->coefficients.begin());
-  }
-  if (std::abs((*K)[1]) > 1e-3 * fx) camera.warnings.push_back("the skew is not used");
+  camera.focal_px /= std::sqrt(bx * by);
+  // Pixel centres are integers: the image's edge lies at -0.5.
+  camera.cx = (camera.cx - region.x + 0.5) / bx - 0.5;
+  camera.cy = (camera.cy - region.y + 0.5) / by - 0.5;
+  camera.region.reset();
   return camera;
 }
 
-}  // namespace
-
-absl::StatusOr<CameraFile> ReadCameraFile(const std::string& path) {
-  std::ifstream file(path);
-  if (!file) return absl::NotFoundError(absl::StrCat(path, ": cannot be opened"));
-  std::ostringstream text;
-  for (std::string line; std::getline(file, line);) {
-    // OpenCV writes "%YAML:1.0", which is no YAML directive, and `ros2 topic echo` a closing line.
-    if (line.rfind("%YAML", 0) == 0 || line.rfind("---", 0) == 0) continue;
-    text << line << '\n';
-  }
-  try {
-    return FromYaml(YAML::Load(text.str()), path);
-  } catch (const std::exception& e) {
-    return Bad(path, e.what());
-  }
+// Whether binning makes `size` of `whole` pixels; those left over may be dropped or kept.
+bool IsBinned(int size, int whole, int binning) {
+  return size == whole / binning || size == (whole + binning - 1) / binning;
 }
 
-absl::StatusOr<CameraFile> ScaledTo(const CameraFile& camera, int width, int height) {
+absl::StatusOr<CameraFile> OfRegion(const CameraFile& camera, int width, int height) {
+  const ImageRegion& told = *camera.region;
+  const int all_x = camera.width, all_y = camera.height;
+  const int w = told.width > 0 ? told.width : all_x - told.x;
+  const int h = told.height > 0 ? told.height : all_y - told.y;
+  // Without any size the file is taken at its word.
+  if (w <= 0 || h <= 0) return Within(camera, told);
+  const auto fits = [&](int of_x, int of_y, int bx, int by) {
+    return of_x > 0 && of_y > 0 && IsBinned(width, of_x, bx) && IsBinned(height, of_y, by);
+  };
+  if (fits(w, h, told.binning_x, told.binning_y)) return Within(camera, told);
+  std::vector<ImageRegion> others;
+  if (fits(w, h, 1, 1)) others.push_back({told.x, told.y, w, h, 1, 1});
+  if (fits(all_x, all_y, told.binning_x, told.binning_y))
+    others.push_back({0, 0, all_x, all_y, told.binning_x, told.binning_y});
+  if (fits(all_x, all_y, 1, 1)) others.push_back({0, 0, all_x, all_y, 1, 1});
+  if (others.size() == 1) return Within(camera, others[0]);
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "the image has %d x %d, which is %s: the file is of %d x %d with a roi of %d x %d at %d, %d "
+      "and a binning of %d x %d",
+      width,
+      height,
+      others.empty() ? "neither all, nor the region, nor either of them binned"
+                     : "both the region and all of it binned",
+      all_x,
+      all_y,
+      w,
+      h,
+      told.x,
+      told.y,
+      told.binning_x,
+      told.binning_y));
+}
+
+absl::StatusOr<CameraFile> Scaled(const CameraFile& camera, int width, int height) {
   CameraFile scaled = camera;
-  scaled.width = width;
-  scaled.height = height;
   if (camera.width <= 0 || camera.height <= 0) return scaled;
   const double s = static_cast<double>(width) / camera.width;
   if (std::abs(static_cast<double>(height) / camera.height / s - 1.0) > 0.01) {
@@ -149,10 +114,100 @@ absl::StatusOr<CameraFile> ScaledTo(const CameraFile& camera, int width, int hei
     scaled.lens->fx *= s;
     scaled.lens->fy *= s;
   }
-  // Pixel centres are integers: the image's edge lies at -0.5.
   scaled.cx = (camera.cx + 0.5) * s - 0.5;
   scaled.cy = (camera.cy + 0.5) * s - 0.5;
+  if (width != camera.width || height != camera.height) {
+    scaled.warnings.push_back(
+        absl::StrFormat("calibrated with images of %d x %d; that of %d x %d is supposed to be "
+                        "scaled by %.4g and not cut",
+                        camera.width,
+                        camera.height,
+                        width,
+                        height,
+                        s));
+  }
   return scaled;
+}
+
+LensModel ModelOf(const CameraFile& camera) {
+  LensModel lens;
+  lens.fx = camera.lens ? camera.lens->fx : camera.focal_px;
+  lens.fy = camera.lens ? camera.lens->fy : camera.focal_px;
+  lens.cx = camera.cx;
+  lens.cy = camera.cy;
+  lens.coefficients[0] = camera.k1;
+  if (!camera.lens) return lens;
+  if (camera.lens->fisheye) lens.kind = LensModel::Kind::kEquidistant;
+  lens.coefficients = camera.lens->coefficients;
+  lens.denominator = camera.lens->denominator;
+  return lens;
+}
+
+absl::StatusOr<std::string> CalibrationText(const std::string& path) {
+  std::error_code error;
+  if (std::filesystem::is_directory(path, error))
+    return absl::NotFoundError(absl::StrCat(path, ": is a folder"));
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return absl::NotFoundError(absl::StrCat(path, ": cannot be opened"));
+  std::string text(kMostBytes + 1, '\0');
+  file.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<size_t>(file.gcount()));
+  if (text.size() > kMostBytes)
+    return absl::InvalidArgumentError(absl::StrCat(path, ": is too large for a calibration"));
+  return text;
+}
+
+}  // namespace
+
+absl::StatusOr<CameraFile> ReadCameraFile(const std::string& path) {
+  std::string name, file = path;
+  std::error_code error;
+  if (const size_t mark = path.rfind('#');
+      mark != std::string::npos && !std::filesystem::exists(path, error)) {
+    file = path.substr(0, mark);
+    name = path.substr(mark + 1);
+  }
+  HOROPTER_ASSIGN_OR_RETURN(const std::string text, CalibrationText(file));
+  const auto read = [&]() -> absl::StatusOr<CameraFile> {
+    HOROPTER_ASSIGN_OR_RETURN(const YAML::Node root, ParseCalibration(text));
+    HOROPTER_ASSIGN_OR_RETURN(const CameraNode camera, Chosen(CamerasIn(root), name));
+    return CameraOf(camera);
+  };
+  absl::StatusOr<CameraFile> camera;
+  try {
+    camera = read();
+  } catch (const std::exception& e) {
+    camera = absl::InvalidArgumentError(e.what());
+  }
+  if (camera.ok()) return camera;
+  return absl::Status(camera.status().code(),
+                      absl::StrCat(path, ": ", std::string(camera.status().message())));
+}
+
+absl::StatusOr<CameraFile> ForImages(const CameraFile& camera,
+                                     int width,
+                                     int height,
+                                     bool cropped) {
+  HOROPTER_ASSIGN_OR_RETURN(
+      CameraFile out,
+      camera.region ? OfRegion(camera, width, height) : Scaled(camera, width, height));
+  out.width = width;
+  out.height = height;
+  if (const auto fault = FaultOfLens(ModelOf(out), width, height, cropped)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        fault->detail, fault->part == LensPart::kCenter ? " (--cropped says so)" : ""));
+  }
+  return out;
+}
+
+absl::StatusOr<CameraFile> ForDescribedImages(const CameraFile& camera) {
+  if (camera.width <= 0 || camera.height <= 0)
+    return absl::InvalidArgumentError("the size of the images is missing");
+  if (!camera.region) return ForImages(camera, camera.width, camera.height);
+  const ImageRegion& r = *camera.region;
+  const int w = r.width > 0 ? r.width : camera.width - r.x;
+  const int h = r.height > 0 ? r.height : camera.height - r.y;
+  return ForImages(camera, w / r.binning_x, h / r.binning_y);
 }
 
 }  // namespace horopter

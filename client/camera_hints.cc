@@ -1,9 +1,12 @@
 #include "client/camera_hints.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <exception>
 #include <opencv2/imgcodecs.hpp>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "client/camera_file.h"
@@ -45,6 +48,13 @@ absl::StatusOr<Rigid3> PoseOf(const std::vector<double>& numbers, size_t first) 
   return Rigid3{q.normalized().toRotationMatrix(), {n[0], n[1], n[2]}};
 }
 
+// Once, whatever the number of images.
+void Warn(const std::string& path, const std::string& what, std::vector<std::string>* warnings) {
+  std::string warning = absl::StrCat(path, ": ", what);
+  if (std::find(warnings->begin(), warnings->end(), warning) == warnings->end())
+    warnings->push_back(std::move(warning));
+}
+
 void SetCamera(const CameraFile& camera, v1::CameraHint* hint) {
   hint->set_principal_point_x_px(camera.cx);
   hint->set_principal_point_y_px(camera.cy);
@@ -68,6 +78,11 @@ void SetCamera(const CameraFile& camera, v1::CameraHint* hint) {
   hint->set_p1(d[2]);
   hint->set_p2(d[3]);
   hint->set_k3(d[4]);
+  const auto& q = camera.lens->denominator;
+  if (q == std::array<double, 3>{}) return;
+  hint->set_k4(q[0]);
+  hint->set_k5(q[1]);
+  hint->set_k6(q[2]);
 }
 
 }  // namespace
@@ -89,7 +104,7 @@ absl::Status AddCameraHints(const CameraArguments& arguments,
   std::vector<CameraFile> cameras;
   for (const std::string& path : arguments.camera) {
     HOROPTER_ASSIGN_OR_RETURN(CameraFile camera, ReadCameraFile(path));
-    for (const std::string& w : camera.warnings) warnings->push_back(absl::StrCat(path, ": ", w));
+    for (const std::string& w : camera.warnings) Warn(path, w, warnings);
     cameras.push_back(std::move(camera));
   }
   for (size_t i = 0; i < images; ++i) {
@@ -99,9 +114,18 @@ absl::Status AddCameraHints(const CameraArguments& arguments,
     }
     if (!cameras.empty()) {
       HOROPTER_ASSIGN_OR_RETURN(const cv::Size size, ContentSizeOf(image.content(), i));
-      HOROPTER_ASSIGN_OR_RETURN(const CameraFile camera,
-                                ScaledTo(EntryOf(cameras, i), size.width, size.height));
-      SetCamera(camera, image.mutable_camera_hint());
+      const std::string& path = EntryOf(arguments.camera, i);
+      const CameraFile& file = EntryOf(cameras, i);
+      const absl::StatusOr<CameraFile> camera =
+          ForImages(file, size.width, size.height, image.cropped());
+      if (!camera.ok()) {
+        return absl::Status(
+            camera.status().code(),
+            absl::StrCat(path, ": image ", i + 1, ": ", std::string(camera.status().message())));
+      }
+      for (size_t w = file.warnings.size(); w < camera->warnings.size(); ++w)
+        Warn(path, camera->warnings[w], warnings);
+      SetCamera(*camera, image.mutable_camera_hint());
     }
     if (arguments.focal_sigma > 0.0 && image.camera_hint().has_focal_px()) {
       image.mutable_camera_hint()->set_focal_log_sigma(arguments.focal_sigma);

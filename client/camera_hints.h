@@ -15,15 +15,16 @@ namespace horopter {
 struct CameraArguments {
   std::vector<double> focal_px;
   double focal_sigma = 0.0;         // of the log of the focal length; 0: the server's default
-  std::vector<std::string> camera;  // files for ReadCameraFile
+  std::vector<std::string> camera;  // FILE or FILE#NAME for ReadCameraFile
   // Seven numbers per camera: x y z (metres) qw qx qy qz of base_from_camera.
   std::vector<double> camera_pose;
 };
 
 // Sets the hints of request->images(), whose contents must be there: a calibration of another size
-// is scaled. `warnings`: what of the files is not used.
+// is scaled, one with a region or binning is cut and binned. `warnings`: what of the files is not
+// used, and what is supposed.
 // Errors: INVALID_ARGUMENT (counts that do not fit, both a focal length and a file, a quaternion
-// whose norm is not 1, an image that cannot be read), those of ReadCameraFile and ScaledTo.
+// whose norm is not 1, an image that cannot be read), those of ReadCameraFile and ForImages.
 absl::Status AddCameraHints(const CameraArguments& arguments,
                             v1::RecognizeSceneRequest* request,
                             std::vector<std::string>* warnings);

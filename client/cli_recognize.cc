@@ -95,8 +95,10 @@ void AddSceneOptions(CLI::App* command, RecognizeArguments& a) {
       ->check(CLI::Range(1e-6, 2.0));
   command->add_option("--camera",
                       a.cameras.camera,
-                      "calibration, one for all images or one for each: camera_info YAML of ROS "
-                      "or YAML of OpenCV's calibration; scaled to the image's size");
+                      "calibration, one for all images or one for each, FILE or FILE#NAME of one "
+                      "camera of several: camera_info of ROS, OpenCV (YAML, XML, lists of Python), "
+                      "BOP camera.json, Kalibr camchain, COLMAP cameras.txt; roi and binning are "
+                      "applied, without them another size counts as scaled");
   command->add_flag("--cropped", a.cropped, kCroppedHelp);
   command->add_flag("--ignore-exif",
                     a.ignore_exif,

@@ -67,8 +67,7 @@ void AddStationCommands(CLI::App& app, Command* command) {
                                  "horopter station import cell1 left left.yaml");
   import_->add_option("ID", a->id)->required();
   import_->add_option("CAMERA", a->camera)->required();
-  import_->add_option("FILE", a->path, "camera_info YAML of ROS or YAML of OpenCV's calibration")
-      ->required();
+  import_->add_option("FILE", a->path, "calibration, as recognize --camera takes it")->required();
   import_->callback([=] {
     *command = [a](HoropterClient& c) { return StationImport(c, a->id, a->camera, a->path); };
   });

@@ -176,13 +176,17 @@ absl::Status StationImport(HoropterClient& client,
                            const std::string& id,
                            const std::string& camera,
                            const std::string& path) {
-  HOROPTER_ASSIGN_OR_RETURN(const CameraFile file, ReadCameraFile(path));
+  HOROPTER_ASSIGN_OR_RETURN(const CameraFile whole, ReadCameraFile(path));
+  const absl::StatusOr<CameraFile> described = ForDescribedImages(whole);
+  if (!described.ok()) {
+    return absl::Status(described.status().code(),
+                        absl::StrCat(path, ": ", std::string(described.status().message())));
+  }
+  const CameraFile& file = *described;
   if (file.lens) {
     return absl::InvalidArgumentError(absl::StrCat(
         path, ": a lens beyond k1 and square pixels is given with each image: recognize --camera"));
   }
-  if (file.width == 0 || file.height == 0)
-    return absl::InvalidArgumentError(absl::StrCat(path, ": the size of the images is missing"));
   for (const std::string& w : file.warnings) std::fprintf(stderr, "warning: %s\n", w.c_str());
   v1::CameraCalibration calibration;
   calibration.set_image_width_px(file.width);

@@ -174,8 +174,11 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
     any_hint = true;
     const v1::CameraHint& hint = proto.images(i).camera_hint();
     const std::string field = absl::StrCat("images[", i, "].camera_hint");
-    HOROPTER_ASSIGN_OR_RETURN(hints[i], HintFromProto(hint, field));
-    HOROPTER_ASSIGN_OR_RETURN(lenses[i], LensFromProto(hint, field));
+    const HintedImage image{static_cast<int>(shapes[i].width),
+                            static_cast<int>(shapes[i].height),
+                            proto.images(i).cropped()};
+    HOROPTER_ASSIGN_OR_RETURN(hints[i], HintFromProto(hint, image, field));
+    HOROPTER_ASSIGN_OR_RETURN(lenses[i], LensFromProto(hint, image, field));
     HOROPTER_ASSIGN_OR_RETURN(poses[i], PoseHintFromProto(hint, field));
     any_pose = any_pose || poses[i].has_value();
   }

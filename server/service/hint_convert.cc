@@ -9,28 +9,62 @@
 #include "server/base/status_macros.h"
 #include "server/service/convert.h"
 #include "server/service/rpc_status.h"
+#include "server/vision/geometry/intrinsics_check.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kMaxFocalPx = 1e7;
 constexpr double kMaxFocalLogSigma = 2.0;
 constexpr double kMaxDistortion = 10.0;
+constexpr double kMaxRationalDistortion = 100.0;  // numerator and denominator compensate
 constexpr double kMaxRotationSigmaRad = 1.0;
 constexpr double kMaxPositionSigmaM = 10.0;
-constexpr double kMaxAspect = 4.0;  // of fx and fy
 constexpr double kMaxGripperM = 1.0;
+
+bool IsRational(const v1::CameraHint& proto) {
+  return proto.has_k4() || proto.has_k5() || proto.has_k6();
+}
+
+const char* FieldOf(LensPart part) {
+  switch (part) {
+    case LensPart::kFocal:
+      return ".focal_px";
+    case LensPart::kAspect:
+      return ".focal_y_px";
+    case LensPart::kCenter:
+      return ".principal_point_x_px";
+    case LensPart::kCoefficients:
+      return ".k1";
+  }
+  return "";
+}
+
+absl::Status CheckLens(const LensModel& lens, const HintedImage& image, const std::string& field) {
+  const std::optional<LensFault> fault =
+      FaultOfLens(lens, image.width, image.height, image.cropped);
+  if (!fault) return absl::OkStatus();
+  const bool fisheye = lens.kind == LensModel::Kind::kEquidistant;
+  const char* const at =
+      fisheye && fault->part == LensPart::kCoefficients ? ".fisheye" : FieldOf(fault->part);
+  return InvalidField(field + at, fault->detail);
+}
 
 }  // namespace
 
-absl::StatusOr<CameraHint> HintFromProto(const v1::CameraHint& proto, const std::string& field) {
+absl::StatusOr<CameraHint> HintFromProto(const v1::CameraHint& proto,
+                                         const HintedImage& image,
+                                         const std::string& field) {
   CameraHint hint;
+  LensModel lens;  // as far as it is told
+  lens.fx = lens.fy = kNominalFocalShare * std::max(image.width, image.height);
+  lens.cx = 0.5 * (image.width - 1);
+  lens.cy = 0.5 * (image.height - 1);
   if (proto.has_focal_px()) {
-    if (!(proto.focal_px() > 0.0 && proto.focal_px() <= kMaxFocalPx)) {
+    if (!(proto.focal_px() > 0.0 && std::isfinite(proto.focal_px()))) {
       return InvalidField(field + ".focal_px",
                           absl::StrCat(proto.focal_px(), " is not a focal length in pixels"));
     }
-    hint.focal_px = proto.focal_px();
+    hint.focal_px = lens.fx = lens.fy = proto.focal_px();
   }
   if (proto.has_focal_y_px() && !proto.has_focal_px()) {
     return InvalidField(field + ".focal_y_px", "set without focal_px");
@@ -51,22 +85,29 @@ absl::StatusOr<CameraHint> HintFromProto(const v1::CameraHint& proto, const std:
     const Eigen::Vector2d point(proto.principal_point_x_px(), proto.principal_point_y_px());
     if (!point.allFinite()) return InvalidField(field + ".principal_point_x_px", "not finite");
     hint.principal_point = point;
+    lens.cx = point.x();
+    lens.cy = point.y();
   }
   if (proto.has_k1()) {
-    if (!(std::abs(proto.k1()) <= kMaxDistortion)) {
+    const double most = IsRational(proto) ? kMaxRationalDistortion : kMaxDistortion;
+    if (!(std::abs(proto.k1()) <= most)) {
       return InvalidField(field + ".k1", absl::StrCat(proto.k1(), " is out of range"));
     }
     hint.k1 = proto.k1();
+    lens.coefficients[0] = proto.k1();
   }
+  // Of a whole lens LensFromProto looks at all of it.
+  if (!HasLens(proto)) HOROPTER_RETURN_IF_ERROR(CheckLens(lens, image, field));
   return hint;
 }
 
 bool HasLens(const v1::CameraHint& proto) {
   return proto.has_focal_y_px() || proto.has_k2() || proto.has_p1() || proto.has_p2() ||
-         proto.has_k3() || proto.has_fisheye();
+         proto.has_k3() || IsRational(proto) || proto.has_fisheye();
 }
 
 absl::StatusOr<std::optional<LensModel>> LensFromProto(const v1::CameraHint& proto,
+                                                       const HintedImage& image,
                                                        const std::string& field) {
   if (!HasLens(proto)) return std::nullopt;
   for (const auto& [set, name] :
@@ -77,17 +118,14 @@ absl::StatusOr<std::optional<LensModel>> LensFromProto(const v1::CameraHint& pro
   LensModel lens;
   lens.fx = proto.focal_px();
   lens.fy = proto.has_focal_y_px() ? proto.focal_y_px() : lens.fx;
-  if (!(lens.fy >= lens.fx / kMaxAspect && lens.fy <= lens.fx * kMaxAspect)) {
-    return InvalidField(field + ".focal_y_px",
-                        absl::StrCat(lens.fy, " does not go with focal_px ", lens.fx));
-  }
   lens.cx = proto.principal_point_x_px();
   lens.cy = proto.principal_point_y_px();
   std::vector<std::pair<const char*, double>> named;
   if (proto.has_fisheye()) {
     lens.kind = LensModel::Kind::kEquidistant;
-    if (proto.has_k1() || proto.has_k2() || proto.has_p1() || proto.has_p2() || proto.has_k3()) {
-      return InvalidField(field + ".fisheye", "set together with k1, k2, p1, p2 or k3");
+    if (proto.has_k1() || proto.has_k2() || proto.has_p1() || proto.has_p2() || proto.has_k3() ||
+        IsRational(proto)) {
+      return InvalidField(field + ".fisheye", "set together with k1, k2, p1, p2, k3 .. k6");
     }
     const v1::FisheyeLens& f = proto.fisheye();
     named = {{".fisheye.k1", f.k1()},
@@ -99,15 +137,21 @@ absl::StatusOr<std::optional<LensModel>> LensFromProto(const v1::CameraHint& pro
              {".k2", proto.k2()},
              {".p1", proto.p1()},
              {".p2", proto.p2()},
-             {".k3", proto.k3()}};
+             {".k3", proto.k3()},
+             {".k4", proto.k4()},
+             {".k5", proto.k5()},
+             {".k6", proto.k6()}};
   }
   for (size_t i = 0; i < named.size(); ++i) {
-    if (!(std::abs(named[i].second) <= kMaxDistortion)) {
+    const bool radial = named[i].first[1] == 'k';
+    const double most = radial && IsRational(proto) ? kMaxRationalDistortion : kMaxDistortion;
+    if (!(std::abs(named[i].second) <= most)) {
       return InvalidField(field + named[i].first,
                           absl::StrCat(named[i].second, " is out of range"));
     }
-    lens.coefficients[i] = named[i].second;
+    (i < 5 ? lens.coefficients[i] : lens.denominator[i - 5]) = named[i].second;
   }
+  HOROPTER_RETURN_IF_ERROR(CheckLens(lens, image, field));
   return lens;
 }
 

@@ -17,11 +17,21 @@ namespace horopter {
 
 // All return INVALID_ARGUMENT naming the field; `field` is that of the hint.
 
-// Of the image as it is, or rectified when it has a lens (LensFromProto).
-absl::StatusOr<CameraHint> HintFromProto(const v1::CameraHint& proto, const std::string& field);
+// The image that a hint is about.
+struct HintedImage {
+  int width = 0, height = 0;
+  bool cropped = false;
+};
+
+// Of the image as it is, or rectified when it has a lens (LensFromProto). What is no camera of such
+// an image (intrinsics_check.h) is refused.
+absl::StatusOr<CameraHint> HintFromProto(const v1::CameraHint& proto,
+                                         const HintedImage& image,
+                                         const std::string& field);
 
 // Empty: a pinhole camera with square pixels and at most k1, which needs no rectification.
 absl::StatusOr<std::optional<LensModel>> LensFromProto(const v1::CameraHint& proto,
+                                                       const HintedImage& image,
                                                        const std::string& field);
 
 // Whether a valid hint has such a lens.

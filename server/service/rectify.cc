@@ -53,10 +53,13 @@ absl::StatusOr<cv::Mat> Rectified(const cv::Mat& image, const LensModel& lens) {
   return CatchExceptions([&]() -> absl::StatusOr<cv::Mat> {
     cv::Mat out(image.size(), image.type());
     const int channels = image.channels();
+    const double most = ReachOf(lens).ray;
     for (int v = 0; v < image.rows; ++v) {
       for (int u = 0; u < image.cols; ++u) {
-        const Eigen::Vector2d from =
-            DistortedPixel(lens, {(u - lens.cx) / lens.fx, (v - lens.cy) / lens.fx});
+        Eigen::Vector2d ray((u - lens.cx) / lens.fx, (v - lens.cy) / lens.fx);
+        // Beyond it the lens would show what is within once more.
+        if (const double r = ray.norm(); r > most) ray *= most / r;
+        const Eigen::Vector2d from = DistortedPixel(lens, ray);
         Sample(image,
                TapsAt(from.x(), image.cols),
                TapsAt(from.y(), image.rows),

@@ -3,6 +3,7 @@
 #include <google/protobuf/util/time_util.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "absl/strings/str_cat.h"
@@ -11,6 +12,7 @@
 #include "server/base/status_macros.h"
 #include "server/service/convert.h"
 #include "server/service/rpc_status.h"
+#include "server/vision/geometry/intrinsics_check.h"
 
 namespace horopter {
 namespace {
@@ -18,8 +20,6 @@ namespace {
 constexpr int kMostPixels = 100'000;
 constexpr double kMostAspect = 1.01;  // of fx and fy
 constexpr double kMostDistortion = 10.0;
-constexpr double kMostCameraFocalWidths = 1000.0;
-constexpr double kMostCenterWidths = 10.0;
 
 void TimeToProto(const std::string& time, google::protobuf::Timestamp* proto) {
   if (!time.empty()) google::protobuf::util::TimeUtil::FromString(time, proto);
@@ -57,21 +57,15 @@ absl::StatusOr<KnownLens> LensFromCalibration(const v1::CameraCalibration& proto
       return InvalidField(field + name, absl::StrCat(size, " is outside 1..", kMostPixels));
   }
   if (proto.k_size() != 9) return InvalidField(field + ".k", "9 numbers are needed");
-  const double fx = proto.k(0), fy = proto.k(4);
-  if (!(fx > 0.0 && fx <= kMostCameraFocalWidths * c.width) || !(fy > 0.0))
-    return InvalidField(field + ".k", absl::StrCat(fx, " is no focal length of these images"));
-  if (!(fx / fy < kMostAspect && fy / fx < kMostAspect))
+  std::array<double, 9> K;
+  std::copy(proto.k().begin(), proto.k().end(), K.begin());
+  if (const auto fault = FaultOfCameraMatrix(K)) return InvalidField(field + ".k", *fault);
+  if (K[1] != 0.0) return InvalidField(field + ".k", "skew: not fx 0 cx, 0 fy cy, 0 0 1");
+  if (!(K[0] / K[4] < kMostAspect && K[4] / K[0] < kMostAspect))
     return InvalidField(field + ".k", "pixels are not square");
-  for (const int i : {1, 3, 6, 7}) {
-    if (proto.k(i) != 0.0) return InvalidField(field + ".k", "not fx 0 cx 0 fy cy 0 0 1");
-  }
-  if (proto.k(8) != 1.0) return InvalidField(field + ".k", "not fx 0 cx 0 fy cy 0 0 1");
-  c.focal_px = std::sqrt(fx * fy);
-  c.cx = proto.k(2);
-  c.cy = proto.k(5);
-  if (!(std::abs(c.cx) <= kMostCenterWidths * c.width &&
-        std::abs(c.cy) <= kMostCenterWidths * c.height))
-    return InvalidField(field + ".k", "the principal point is not near the image");
+  c.focal_px = std::sqrt(K[0] * K[4]);
+  c.cx = K[2];
+  c.cy = K[5];
   for (int i = 0; i < proto.d_size(); ++i) {
     const std::string at = absl::StrCat(field, ".d[", i, "]");
     if (!(std::abs(proto.d(i)) <= kMostDistortion)) return InvalidField(at, "out of range");
@@ -79,6 +73,15 @@ absl::StatusOr<KnownLens> LensFromCalibration(const v1::CameraCalibration& proto
       return InvalidField(at, "a lens beyond k1 is given with each image (camera_hint)");
   }
   if (proto.d_size() > 0) c.k1 = proto.d(0);
+  LensModel model;
+  model.fx = model.fy = c.focal_px;
+  model.cx = c.cx;
+  model.cy = c.cy;
+  model.coefficients[0] = c.k1;
+  if (const auto fault = FaultOfLens(model, c.width, c.height, false)) {
+    return InvalidField(field + (fault->part == LensPart::kCoefficients ? ".d" : ".k"),
+                        fault->detail);
+  }
   HOROPTER_RETURN_IF_ERROR(CheckSigma(
       proto.has_focal_log_sigma(), proto.focal_log_sigma(), 2.0, field + ".focal_log_sigma"));
   HOROPTER_RETURN_IF_ERROR(CheckSigma(proto.has_principal_point_sigma_px(),

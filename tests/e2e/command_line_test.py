@@ -21,6 +21,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 from mock_server import Mock  # noqa: E402
 
 HOROPTER, MOCK, DATASET = map(os.path.abspath, sys.argv[1:4])
+INPUTS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data", "inputs")
 
 
 class Workplace(unittest.TestCase):
@@ -219,6 +220,58 @@ class Hints(Workplace):
         done = self.run_horopter("recognize", "0.png", "--camera", "square.yaml")
         self.assertEqual(done.returncode, 3)
         self.assertIn("500 x 500", done.stderr)
+
+    def test_calibrations_of_other_programs_arrive(self):
+        cameras = os.path.join(INPUTS, "cameras")
+        for name in ("nested.yaml", "opencv.xml", "bop_camera.json", "kalibr_camchain.yaml#cam1", "ros_rational.yaml",
+                     "ros_roi_same_aspect.yaml", "opencv_fisheye.yml", "colmap_cameras.txt"):
+            done = self.run_horopter("recognize", "0.png", "--camera", os.path.join(cameras, name))
+            self.assertEqual((name, done.returncode, done.stderr), (name, 0, ""))
+        done = self.run_horopter("recognize", "0.png", "1.png", "--camera", "left.yaml")
+        self.assertEqual((done.returncode, done.stderr.count("supposed to be scaled by 0.5")), (0, 1))
+        for name, said in (("colmajor.yaml", "transposed"), ("identityK.yaml", "focal length of 1 "),
+                           ("stereo.yml", "FILE#1")):
+            for command in (("recognize", "0.png", "--camera"), ("station", "import", "cell1", "left")):
+                done = self.run_horopter(*command, os.path.join(cameras, name))
+                self.assertEqual(done.returncode, 3, name)
+                self.assertIn(said, done.stderr)
+        for name in ("ros_roi_same_aspect.yaml", "ros_binned.yaml"):
+            self.run_horopter("station", "set", "cell1", "--fixed", "left")
+            done = self.run_horopter("station", "import", "cell1", "left", os.path.join(cameras, name))
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.run_horopter("station", "export", "cell1", "left", "out.yaml")
+            with open(os.path.join(self.folder, "out.yaml"), encoding="utf-8") as file:
+                said = file.read()
+            self.assertIn("image_width: 640", said)
+            self.assertIn("[979.75, 0, 313.64, 0, 979.75, 237.58, 0, 0, 1]", said)
+
+    def test_grasps_of_row_vectors_are_refused(self):
+        done = self.run_horopter("object", "add", "bracket.step", "--id", "other", "--grasps",
+                                 os.path.join(INPUTS, "grasps", "transposed.json"))
+        self.assertEqual(done.returncode, 3)
+        self.assertIn("row vectors?", done.stderr)
+
+    def test_no_token_ends_the_program(self):
+        def run(token, *arguments):
+            environment = dict(os.environb, HOROPTER_SERVER=self.mock.address.encode())
+            environment = {os.fsencode(k): v if isinstance(v, bytes) else v.encode() for k, v in environment.items()}
+            environment.pop(b"HOROPTER_TOKEN", None)
+            if token is not None:
+                environment[b"HOROPTER_TOKEN"] = token
+            return subprocess.run([HOROPTER, *arguments, "object", "list"], cwd=self.folder, env=environment, capture_output=True,
+                                  text=True, timeout=60, check=False)
+        for token in (b"0123456789abcdef\r\n", b" 0123456789abcdef", b"\xef\xbb\xbf0123456789abcdef", b"\n"):
+            done = run(token)
+            self.assertEqual((done.returncode, done.stderr), (0, ""))
+        self.assertEqual(run(None, "--token-file", os.path.join(INPUTS, "tokens", "crlf")).returncode, 0)
+        for token in (b"0123456789\nabcdef", b"0123456789\x80abcdef", b"0123456789\x1babcdef"):
+            with open(os.path.join(self.folder, "token"), "wb") as out:
+                out.write(b"\xff" + token)
+            for done, where in ((run(token), "HOROPTER_TOKEN: line 1, column 11"), (run(None, "--token-file", "token"), "column 1")):
+                self.assertEqual(done.returncode, 3, done.stderr)
+                self.assertIn(where, done.stderr)
+                self.assertNotIn("0123456789", done.stderr + done.stdout)
+                self.assertNotIn("abcdef", done.stderr + done.stdout)
 
 
 class Failures(Workplace):

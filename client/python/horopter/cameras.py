@@ -36,7 +36,7 @@ def hint_from_camera_info(info: Any, image_size: Optional[Size] = None, rectifie
                           cropped: bool = False) -> Optional[CameraHint]:
     """CameraHint of a sensor_msgs/CameraInfo (an object, or a mapping with its names); None of an uncalibrated camera (K all 0).
 
-    Raw images are described by K and D (plumb_bob, rational_polynomial of five numbers, equidistant; any model whose numbers are all 0),
+    Raw images are described by K and D (plumb_bob, rational_polynomial, equidistant; any model whose numbers are all 0),
     rectified ones by P, without distortion. image_size: width and height of the image. The region of interest is taken off
     first, then binning; an image that is all of the sensor, or one of both alone, is taken as such by its size. Without
     region and binning a K of another size and the same shape counts as scaled, with a warning. cropped: the image is a cut-out, whose centre may be
@@ -88,15 +88,15 @@ def _set_lens(hint: CameraHint, fx: float, fy: float, d: Sequence[float], model:
     thin = max(fx, fy) * r2 * (math.hypot(s1 + r2 * s2, s3 + r2 * s4) + abs(t1) + abs(t2))
     if thin > _LEFT_OUT_PX:
         raise ValueError("D: thin prism and tilt (numbers 9 to 14) move pixels by up to %.2g and are not read" % thin)
-    if any((k4, k5, k6)):
-        raise ValueError("D: the rational lens of eight numbers is not read; calibrate once more with five, or as a fisheye")
     hint.k1 = k1
     # Square pixels and k1 alone are told without a rectification.
-    if abs(fx / fy - 1.0) < _SQUARE and not any((k2, p1, p2, k3)):
+    if abs(fx / fy - 1.0) < _SQUARE and not any((k2, p1, p2, k3, k4, k5, k6)):
         hint.focal_px = math.sqrt(fx * fy)
         return
     hint.focal_y_px = fy
     hint.k2, hint.p1, hint.p2, hint.k3 = k2, p1, p2, k3
+    if any((k4, k5, k6)):
+        hint.k4, hint.k5, hint.k6 = k4, k5, k6
 
 
 def _region(info: Any) -> Optional[Tuple[int, int, int, int, int, int]]:

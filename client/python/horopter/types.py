@@ -92,8 +92,8 @@ class CameraHint:
     """What is known about a camera; every field may be None.
 
     focal_px: fx; focal_y_px: fy (None: the same); focal_log_sigma: standard deviation of log(focal_px);
-    principal_point_px: x, y; k1, k2, p1, p2, k3: as plumb_bob of ROS's CameraInfo; fisheye: its four numbers of
-    equidistant, instead; base_from_camera: 4 x 4, the camera in the robot's base, with its standard deviations. A lens
+    principal_point_px: x, y; k1, k2, p1, p2, k3: as plumb_bob of ROS's CameraInfo, k4, k5, k6: of rational_polynomial; fisheye: its
+    four numbers of equidistant, instead; base_from_camera: 4 x 4, the camera in the robot's base, with its standard deviations. A lens
     beyond k1 needs focal_px and principal_point_px: the server then rectifies the image (Camera.rectified).
     """
     focal_px: Optional[float] = None
@@ -109,11 +109,14 @@ class CameraHint:
     p2: Optional[float] = None
     k3: Optional[float] = None
     fisheye: Optional[Sequence[float]] = None
+    k4: Optional[float] = None
+    k5: Optional[float] = None
+    k6: Optional[float] = None
 
     def to_proto(self) -> recognition_pb2.CameraHint:
         hint = recognition_pb2.CameraHint()
-        for name in ("focal_px", "focal_y_px", "focal_log_sigma", "k1", "k2", "p1", "p2", "k3", "rotation_sigma_rad",
-                     "position_sigma_m"):
+        for name in ("focal_px", "focal_y_px", "focal_log_sigma", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6",
+                     "rotation_sigma_rad", "position_sigma_m"):
             value = getattr(self, name)
             if value is not None:
                 setattr(hint, name, float(value))

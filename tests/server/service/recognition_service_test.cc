@@ -164,6 +164,79 @@ TEST_F(RecognitionServiceTest, HintsArriveAsGivenAndBadOnesAreRefused) {
   ExpectRefused(request, "images[1].camera_hint.focal_log_sigma", "without focal_px");
 }
 
+TEST_F(RecognitionServiceTest, WhatIsNoCameraOfTheImageIsRefused) {
+  v1::RecognizeSceneRequest request = WithImages({Png(32, 64)});
+  v1::SceneImage* image = request.mutable_images(0);
+  v1::CameraHint* hint = image->mutable_camera_hint();
+  const std::string field = "images[0].camera_hint";
+  hint->set_principal_point_x_px(30.0);
+  hint->set_principal_point_y_px(15.0);
+  for (const double focal : {1.0, 12.0, 64.0 * 41.0}) {
+    hint->set_focal_px(focal);
+    ExpectRefused(request, field + ".focal_px", "64 x 32");
+  }
+  for (const double focal : {13.0, 64.0 * 40.0}) {
+    hint->set_focal_px(focal);
+    EXPECT_TRUE(Call(request).ok()) << focal;
+  }
+  hint->set_focal_px(80.0);
+  for (const auto& [x, y] : {std::pair{-1.0, 15.0}, {64.0, 15.0}, {30.0, 32.0}, {30.0, -5.0}}) {
+    hint->set_principal_point_x_px(x);
+    hint->set_principal_point_y_px(y);
+    image->set_cropped(false);
+    ExpectRefused(request, field + ".principal_point_x_px", "cropped");
+    image->set_cropped(true);
+    EXPECT_TRUE(Call(request).ok()) << x << " " << y;
+  }
+  image->set_cropped(false);
+  hint->set_principal_point_x_px(30.0);
+  hint->set_principal_point_y_px(15.0);
+  for (const double fy : {39.0, 161.0}) {
+    hint->set_focal_y_px(fy);
+    ExpectRefused(request, field + ".focal_y_px", "does not go with");
+  }
+  hint->clear_focal_y_px();
+  hint->set_k1(-3.0);
+  ExpectRefused(request, field + ".k1", "fold");
+  hint->set_k2(20.0);  // which takes the fold back
+  EXPECT_TRUE(Call(request).ok());
+  hint->set_k2(-1.0);
+  ExpectRefused(request, field + ".k1", "fold");
+  hint->clear_k1();
+  hint->clear_k2();
+  hint->mutable_fisheye()->set_k1(-3.0);
+  ExpectRefused(request, field + ".fisheye", "fold");
+}
+
+TEST_F(RecognitionServiceTest, ARationalLensIsRectified) {
+  v1::RecognizeSceneRequest request = WithImages({Png(32, 32), Png(32, 32)});
+  v1::CameraHint* hint = request.mutable_images(1)->mutable_camera_hint();
+  hint->set_k4(0.8);
+  ExpectRefused(request, "images[1].camera_hint.focal_px", "the lens needs it");
+  hint->set_focal_px(20.0);
+  hint->set_principal_point_x_px(15.0);
+  hint->set_principal_point_y_px(16.0);
+  hint->set_k1(0.1);
+  ASSERT_TRUE(Call(request).ok());
+  EXPECT_TRUE(answer_.cameras(1).rectified());
+  EXPECT_EQ(seen_.hints[1].k1, 0.0);
+  cv::Mat difference;
+  cv::absdiff(seen_.images[0], seen_.images[1], difference);
+  EXPECT_GT(cv::norm(difference), 0.0);
+  // Large ones that take each other back.
+  hint->set_k1(50.0);
+  hint->set_k4(50.2);
+  EXPECT_TRUE(Call(request).ok());
+  hint->set_k6(101.0);
+  ExpectRefused(request, "images[1].camera_hint.k6", "out of range");
+  hint->set_k6(0.0);
+  hint->set_p1(11.0);
+  ExpectRefused(request, "images[1].camera_hint.p1", "out of range");
+  hint->clear_p1();
+  hint->mutable_fisheye();
+  ExpectRefused(request, "images[1].camera_hint.fisheye", "together");
+}
+
 TEST_F(RecognitionServiceTest, ALensIsRectifiedAndWhatIsKnownOfTheImageComesBack) {
   v1::RecognizeSceneRequest request = WithImages({Png(32, 32), Png(32, 32)});
   v1::SceneImage* image = request.mutable_images(1);

@@ -50,7 +50,10 @@ TEST(Rectify, APinholeCameraSeesTheDotsWhereTheirRaysAre) {
   brown.coefficients = {-0.3, 0.1, 0.002, -0.003, 0.01};
   LensModel fisheye{LensModel::Kind::kEquidistant, 300.0, 300.0, 158.0, 121.0, {}};
   fisheye.coefficients = {0.05, -0.01, 0.002, 0.0, 0.0};
-  for (const LensModel& lens : {brown, fisheye}) {
+  LensModel rational{LensModel::Kind::kPlumbBob, 300.0, 300.0, 160.0, 120.0, {}};
+  rational.coefficients = {0.31, -0.15, 0.0002, 0.0001, 0.01};
+  rational.denominator = {0.63, -0.16, 0.012};
+  for (const LensModel& lens : {brown, fisheye, rational}) {
     const auto rectified = Rectified(DotsThrough(lens, 240, 320), lens);
     ASSERT_TRUE(rectified.ok()) << rectified.status();
     double worst = 0.0;
@@ -62,6 +65,19 @@ TEST(Rectify, APinholeCameraSeesTheDotsWhereTheirRaysAre) {
     }
     EXPECT_LT(worst, 0.2);  // pixels; the image that was sent has them up to 10 off
   }
+}
+
+// Beyond the radius where the lens turns back the image's rim is repeated, not its inside.
+TEST(Rectify, WhatTheLensDidNotSeeIsNotTheImageOnceMore) {
+  LensModel lens{LensModel::Kind::kPlumbBob, 100.0, 100.0, 99.5, 99.5, {}};
+  lens.coefficients = {0.4, -0.35, 0.0, 0.0, 0.0};
+  const LensReach reach = ReachOf(lens);
+  ASSERT_LT(reach.ray, 0.5 * 199 / lens.fx * std::sqrt(2.0));
+  cv::Mat image(200, 200, CV_8UC1, cv::Scalar(0));
+  cv::circle(image, {100, 100}, static_cast<int>(100.0 * reach.image) - 6, cv::Scalar(255), -1);
+  const auto out = Rectified(image, lens);
+  ASSERT_TRUE(out.ok());
+  for (const int k : {0, 2, 4}) EXPECT_EQ(out->at<unsigned char>(k, k), 0) << k;
 }
 
 TEST(Rectify, TypeAndSizeStayAndNoLensIsTooOdd) {

@@ -354,7 +354,7 @@ TEST_F(StationServiceTest, CalibrationsComeAndGo) {
   reset.set_name(import_.name());
   ASSERT_TRUE(stations_->ResetStation(&context, reset, &station_).ok());
   EXPECT_EQ(export_now(&out).error_code(), grpc::StatusCode::FAILED_PRECONDITION);
-  for (int what = 0; what < 7; ++what) {
+  for (int what = 0; what < 14; ++what) {
     const v1::CameraCalibration good = c;
     if (what == 0) c.set_image_width_px(0);
     if (what == 1) c.mutable_k()->RemoveLast();
@@ -363,6 +363,15 @@ TEST_F(StationServiceTest, CalibrationsComeAndGo) {
     if (what == 4) c.set_k(0, std::nan(""));
     if (what == 5) c.add_d(0.1);
     if (what == 6) c.set_focal_log_sigma(-1.0);
+    if (what == 7) c.set_k(8, 180.0);
+    if (what == 8) c.set_k(7, 0.01);
+    if (what == 9) {  // column by column
+      for (const auto& [a, b] : {std::pair{2, 6}, {5, 7}}) c.mutable_k()->SwapElements(a, b);
+    }
+    if (what == 10) c.set_k(2, 200.0);
+    if (what == 11) c.set_d(0, -5.0);
+    if (what == 12) c.set_k(0, 1.0), c.set_k(4, 1.0);
+    if (what == 13) c.set_k(0, 1e4), c.set_k(4, 1e4);
     EXPECT_EQ(import_now().error_code(), grpc::StatusCode::INVALID_ARGUMENT) << what;
     EXPECT_THAT(field_, testing::StartsWith("calibration.")) << what;
     c = good;
