@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "server/pipeline/hint_check.h"
 #include "server/pipeline/presumed_focal.h"
 #include "server/vision/features/image_strips.h"
 
@@ -76,6 +77,10 @@ void TellInOriginalPixels(const SceneRequest& original,
   for (AnswerFinding& f : answer->findings) {
     if (f.kind == FindingKind::kExifContradicted)
       f = ContradictedFocal(f.image, f.value * factors[f.image]);
+  }
+  for (ContradictedHint& hint : answer->contradicted_hints) {
+    const double factor = factors[hint.image];
+    hint = TellHint(hint.image, hint.focal_px * factor, Enlarged(hint.principal_point, factor));
   }
   for (std::size_t i = 0; i < factors.size(); ++i) {
     const double factor = factors[i];

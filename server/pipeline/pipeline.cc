@@ -13,10 +13,9 @@
 #include "server/pipeline/clocks.h"
 #include "server/pipeline/exception_status.h"
 #include "server/pipeline/explain.h"
-#include "server/pipeline/followed_ground.h"
-#include "server/pipeline/given_cameras.h"
+#include "server/pipeline/hint_check.h"
+#include "server/pipeline/hinted_runs.h"
 #include "server/pipeline/large_images.h"
-#include "server/pipeline/presumed_focal.h"
 #include "server/pipeline/recognition_stage.h"
 #include "server/pipeline/select_objects.h"
 #include "server/pipeline/variants.h"
@@ -25,8 +24,6 @@
 
 namespace horopter {
 namespace {
-
-const KnownCameras kNoCameras;
 
 absl::Status ValidateRequest(const SceneRequest& request) {
   if (request.images.empty()) return absl::InvalidArgumentError("images: at least one is needed");
@@ -104,162 +101,6 @@ absl::Status Explain(const RecognitionInput& input,
   return absl::OkStatus();
 }
 
-// Adjusts what was recognised. Of a station under what is known of it.
-absl::Status Adjust(const PipelineOptions& options,
-                    const SceneRequest& request,
-                    const RecognitionInput& input,
-                    const StopRequested& stop,
-                    PipelineResult* result) {
-  SceneTrace& trace = result->trace;
-  if (!request.station) {
-    HOROPTER_ASSIGN_OR_RETURN(trace.metric,
-                              RefineMetricScene(input, trace.recognition, options.euclidean, stop));
-    return absl::OkStatus();
-  }
-  HOROPTER_ASSIGN_OR_RETURN(StationScene scene,
-                            RefineUnderStation(input,
-                                               trace.recognition,
-                                               request.station->state,
-                                               request.station->views,
-                                               options.station,
-                                               options.euclidean,
-                                               stop));
-  trace.metric = std::move(scene.metric);
-  result->station = {std::move(scene.test), scene.prior_used, std::move(scene.evidence)};
-  return absl::OkStatus();
-}
-
-// The same with the ground that the parts stand on, where it can be followed and contradicts
-// nothing.
-absl::Status AdjustWithGround(const PipelineOptions& options,
-                              const SceneRequest& request,
-                              const RecognitionInput& input,
-                              const StopRequested& stop,
-                              PipelineResult* result) {
-  SceneTrace& trace = result->trace;
-  const MatchingResult ground = FollowGround(request, *trace.metric, options, stop);
-  if (ground.planes.empty()) return absl::OkStatus();
-  RecognitionInput on_ground = input;
-  on_ground.matching = &ground;
-  MetricScene without = *std::move(trace.metric);
-  std::optional<StationOutcome> station = result->station;
-  const absl::Status adjusted =
-      Adjust(WithFollowedGround(options), request, on_ground, stop, result);
-  if (absl::IsCancelled(adjusted)) return adjusted;
-  if (adjusted.ok() && KeepsAnswer(*trace.metric, without)) return absl::OkStatus();
-  trace.metric = std::move(without);
-  result->station = std::move(station);
-  return absl::OkStatus();
-}
-
-// Nothing to do without objects.
-absl::Status RunEuclidean(const PipelineOptions& options,
-                          const SceneRequest& request,
-                          const RecognitionInput& input,
-                          const StopRequested& stop,
-                          PipelineResult* result) {
-  SceneTrace& trace = result->trace;
-  trace.metric.reset();
-  if (trace.recognition.objects.empty()) return absl::OkStatus();
-  StageClock clock("euclidean", &result->answer.stages);
-  HOROPTER_RETURN_IF_ERROR(Adjust(options, request, input, stop, result));
-  // Parts alone gave the cameras.
-  if (options.follow_ground && input.matching == nullptr &&
-      !IsStopRequested(options.recognition.hurry))
-    HOROPTER_RETURN_IF_ERROR(AdjustWithGround(options, request, input, stop, result));
-  clock.Finish(trace.metric->counts);
-  return absl::OkStatus();
-}
-
-// What an attempt at recognition has answered.
-void Forget(RecognitionInput* input, PipelineResult* result) {
-  result->trace.recognition = {};
-  result->trace.matching = {};
-  result->trace.reconstruction = {};
-  result->trace.metric.reset();
-  result->answer.reasons.clear();
-  result->answer.unsearched.clear();
-  input->matching = nullptr;
-  input->reconstruction = nullptr;
-}
-
-// Recognition with the focal lengths that the images' files give, and again without them where that
-// finds nothing or the images contradict them.
-absl::Status RunPresumed(const PipelineOptions& options,
-                         const SceneRequest& request,
-                         const SceneRequest& stripped,
-                         const StopRequested& stop,
-                         RefusalLog* log,
-                         RecognitionInput* input,
-                         PipelineResult* result) {
-  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, kNoCameras, stop, log, input, result));
-  HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, *input, stop, result));
-  std::vector<int> contradicted;
-  if (result->trace.metric) {
-    input->hints = stripped.hints;
-    const absl::StatusOr<MetricScene> free =
-        RefineMetricScene(*input, result->trace.recognition, options.euclidean, stop);
-    input->hints = request.hints;
-    if (absl::IsCancelled(free.status())) return free.status();
-    if (free.ok()) contradicted = ContradictedFocals(request.hints, free->cameras);
-    if (contradicted.empty()) {
-      TellPresumed(request.hints, result->trace.metric->cameras, &result->answer);
-      return absl::OkStatus();
-    }
-  }
-  Forget(input, result);
-  input->hints = stripped.hints;
-  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, stripped, kNoCameras, stop, log, input, result));
-  HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, stripped, *input, stop, result));
-  if (result->trace.metric) {
-    // What fits the files' focal lengths was not found with them: they misled the search.
-    contradicted = ContradictedFocals(request.hints, result->trace.metric->cameras);
-  }
-  TellContradicted(request.hints, contradicted, &result->answer);
-  return absl::OkStatus();
-}
-
-// Recognition with what is known of the station, and again without it where it finds nothing or the
-// images contradict it. Both answer by the images alone what they say of the cameras.
-absl::Status RunStation(const PipelineOptions& options,
-                        const SceneRequest& request,
-                        const StopRequested& stop,
-                        RefusalLog* log,
-                        RecognitionInput* input,
-                        PipelineResult* result) {
-  const SceneRequest hinted = WithStationHints(request);
-  const auto lenses = [](const SceneRequest& r) {
-    return std::count_if(
-        r.hints.begin(), r.hints.end(), [](const CameraHint& h) { return h.focal_px.has_value(); });
-  };
-  const bool anything_known =
-      lenses(hinted) > lenses(request) || hinted.camera_poses.size() > request.camera_poses.size();
-  // What the caller says of a lens or a place goes before what is known of it.
-  const bool asks_alone = request.hints.empty() && request.camera_poses.empty();
-  const KnownCameras rig = asks_alone ? CamerasOfStation(*request.station) : KnownCameras();
-  result->station.emplace();
-  for (const bool with_prior : {true, false}) {
-    if (with_prior && !anything_known) continue;
-    const SceneRequest& asked = with_prior ? hinted : request;
-    Forget(input, result);
-    input->hints = asked.hints;
-    const KnownCameras& tried = with_prior ? rig : kNoCameras;
-    HOROPTER_RETURN_IF_ERROR(RunRecognition(options, asked, tried, stop, log, input, result));
-    input->hints = request.hints;
-    HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, *input, stop, result));
-    if (!result->trace.metric) continue;
-    // Under the rig every camera that was moved has been found again by the images.
-    const auto with_cameras = result->trace.recognition.counts.find("with_cameras");
-    if (result->station->prior_used || result->station->test.agrees ||
-        (with_cameras != result->trace.recognition.counts.end() && with_cameras->second > 0.0)) {
-      return absl::OkStatus();
-    }
-  }
-  // What was found under a prior that the images contradict teaches nothing.
-  if (!result->trace.metric) result->station->evidence = {};
-  return absl::OkStatus();
-}
-
 // Where a reference object says that the cameras are in the base frame, per image; else empty.
 std::vector<std::optional<Rigid3>> CamerasByReference(const SceneRequest& request,
                                                       const SceneAnswer& answer) {
@@ -306,20 +147,18 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   input.scale_known = std::count_if(request.camera_poses.begin(),
                                     request.camera_poses.end(),
                                     [](const auto& p) { return p.has_value(); }) > 1;
-  const SceneRequest stripped = WithoutPresumed(request);
+  const CameraKnowledge known = KnowledgeOf(request);
+  HintTest hint_test;
   RefusalLog log;
   log.object = IndexOf(request.explained, objects);
   RefusalLog* const kept = log.object < 0 ? nullptr : &log;
   if (request.station) {
     HOROPTER_RETURN_IF_ERROR(RunStation(options, request, stop, kept, &input, &result));
-  } else if (HasPresumed(request.hints)) {
-    HOROPTER_RETURN_IF_ERROR(RunPresumed(options, request, stripped, stop, kept, &input, &result));
   } else {
-    HOROPTER_RETURN_IF_ERROR(
-        RunRecognition(options, request, kNoCameras, stop, kept, &input, &result));
-    HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, input, stop, &result));
+    HOROPTER_RETURN_IF_ERROR(RunWithHints(options, known, stop, kept, &input, &result, &hint_test));
   }
   if (!trace.metric) {
+    if (!hint_test.agrees) TellContradictedHints(request.hints, hint_test, {}, &answer);
     HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
     return result;
   }
@@ -327,6 +166,8 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
       request.station ? WithStationBase(request, result.station->test) : request;
   HOROPTER_RETURN_IF_ERROR(
       FillAnswer(*trace.metric, objects, placed, options.euclidean.grasps, &answer));
+  if (!hint_test.agrees)
+    TellContradictedHints(request.hints, hint_test, trace.metric->cameras, &answer);
   if (request.station) result.station->base_from_camera = CamerasByReference(request, answer);
   if (answer.objects.empty()) AddReason(ReasonKind::kNothingFound, "no object is left", &answer);
   HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));

@@ -61,6 +61,7 @@ enum class ReasonKind {
   kReferenceConflict,
   kEmptyCatalog,
   kUnrelatedImages,  // show nothing of what the others show
+  kHintContradicted,  // what the caller says of a lens contradicts the images
 };
 struct AnswerReason {
   ReasonKind kind = ReasonKind::kNothingFound;
@@ -106,6 +107,14 @@ struct AnswerFinding {
   double value = 0.0;                                   // see Finding
   std::string detail;
 };
+// What the caller says of an image's lens does not fit the image; what the image shows without it,
+// pixels.
+struct ContradictedHint {
+  int image = -1;
+  double focal_px = 0.0;
+  Eigen::Vector2d principal_point = Eigen::Vector2d::Zero();
+  std::string detail;
+};
 struct AnswerScale {
   ScaleSourceKind kind = ScaleSourceKind::kObject;
   std::string object_id;
@@ -145,6 +154,7 @@ struct SceneAnswer {
   // One entry per image; empty unless asked for.
   std::vector<EdgeLines> unexplained_edges;
   std::vector<AnswerFinding> findings;
+  std::vector<ContradictedHint> contradicted_hints;
   std::vector<AnswerScale> scales;
   std::vector<StageReport> stages;
 };

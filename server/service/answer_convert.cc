@@ -33,6 +33,8 @@ v1::SceneReason::Kind ReasonToProto(ReasonKind kind) {
       return v1::SceneReason::KIND_EMPTY_CATALOG;
     case ReasonKind::kUnrelatedImages:
       return v1::SceneReason::KIND_UNRELATED_IMAGES;
+    case ReasonKind::kHintContradicted:
+      return v1::SceneReason::KIND_HINT_CONTRADICTED;
   }
   return v1::SceneReason::KIND_UNSPECIFIED;
 }
@@ -161,6 +163,14 @@ void FindingsToProto(const SceneAnswer& answer, v1::RecognizeSceneResponse* prot
     out->set_instance(finding.instance);
     if (finding.image >= 0) out->set_image(finding.image);
     out->set_detail(finding.detail);
+  }
+  for (const ContradictedHint& hint : answer.contradicted_hints) {
+    v1::SceneFinding* out = proto->add_findings();
+    out->mutable_hint_contradicted()->set_focal_px(hint.focal_px);
+    out->mutable_hint_contradicted()->set_principal_point_x_px(hint.principal_point.x());
+    out->mutable_hint_contradicted()->set_principal_point_y_px(hint.principal_point.y());
+    out->set_image(hint.image);
+    out->set_detail(hint.detail);
   }
 }
 
@@ -324,6 +334,9 @@ void SceneAnswerToProto(const SceneAnswer& answer,
       v1::SceneReason* reason = proto->add_reasons();
       reason->set_kind(v1::SceneReason::KIND_BELOW_MIN_SCORE);
       reason->set_detail(absl::StrCat(hidden, " objects score less than ", format.min_score));
+      std::sort(proto->mutable_reasons()->pointer_begin(),
+                proto->mutable_reasons()->pointer_end(),
+                [](const auto* a, const auto* b) { return a->kind() < b->kind(); });
     }
   }
   if (answer.base_from_scene)

@@ -265,7 +265,8 @@ class Finding:
     """What the scene leaves open or contradicts; kind e.g. "SCALE_CONFLICT", "UNKNOWN" of a later server's.
 
     values: what the kind has, by the field's name: axis_in_object and direction_in_object as arrays, the others as numbers
-    (sigma_rad, sigma_m, focal_log_sigma, size_ratio, equivalent_frames, distance_m, focal_px).
+    (sigma_rad, sigma_m, focal_log_sigma, size_ratio, equivalent_frames, distance_m, focal_px, principal_point_x_px,
+    principal_point_y_px).
     """
     kind: str
     object_id: Optional[str]
@@ -313,7 +314,7 @@ class Explanation:
 @dataclasses.dataclass
 class Reason:
     """Why an answer is less than it could be: NOTHING_FOUND, AMBIGUOUS, SCALE_CONFLICT, TOO_FEW_FEATURES, NO_PARALLAX,
-    REFERENCE_NOT_FOUND, REFERENCE_CONFLICT, EMPTY_CATALOG or BELOW_MIN_SCORE; "UNKNOWN" of a later server's."""
+    REFERENCE_NOT_FOUND, REFERENCE_CONFLICT, EMPTY_CATALOG, BELOW_MIN_SCORE or HINT_CONTRADICTED; "UNKNOWN" of a later server's."""
     kind: str
     detail: str
 

@@ -127,5 +127,48 @@ TEST(PresumedFocals, AreUsedWhereTheyFitAndSaidToBeWrongWhereTheyDoNot) {
   }
 }
 
+// What the caller says of all cameras, off by this factor.
+SceneRequest Claimed(const Sample& sample, double factor) {
+  SceneRequest request = sample.request;
+  request.camera_poses.clear();
+  for (CameraHint& hint : request.hints) {
+    *hint.focal_px *= factor;
+    hint.focal_log_sigma.reset();
+  }
+  return request;
+}
+
+// In the first camera, to the part's place.
+double ErrorM(const Sample& sample, const SceneAnswer& answer) {
+  const auto& seen = sample.scene.images[0].instances[0];
+  return (answer.cameras[0]->camera_from_scene * answer.objects[0].scene_from_object.t -
+          seen.camera_from_object.t)
+      .norm();
+}
+
+TEST(ClaimedLenses, AreUsedWhereTheyFitAndToldWhereTheImagesContradictThem) {
+  const absl::StatusOr<Sample> loaded = Load();
+  ASSERT_TRUE(loaded.ok()) << loaded.status();
+  const auto right = RecognizeScene(Claimed(*loaded, 1.0), loaded->catalog, {});
+  ASSERT_TRUE(right.ok()) << right.status();
+  ASSERT_FALSE(right->answer.objects.empty()) << ReasonsText(right->answer);
+  EXPECT_FALSE(HasReason(right->answer, ReasonKind::kHintContradicted));
+  EXPECT_TRUE(right->answer.contradicted_hints.empty());
+  EXPECT_GT(right->answer.objects[0].score, 0.9);
+  EXPECT_LT(ErrorM(*loaded, right->answer), 0.01);
+
+  const auto wrong = RecognizeScene(Claimed(*loaded, 2.0), loaded->catalog, {});
+  ASSERT_TRUE(wrong.ok()) << wrong.status();
+  EXPECT_TRUE(HasReason(wrong->answer, ReasonKind::kHintContradicted));
+  for (const AnswerObject& object : wrong->answer.objects) EXPECT_LE(object.score, 0.5);
+  // The images alone have answered.
+  ASSERT_FALSE(wrong->answer.objects.empty()) << ReasonsText(wrong->answer);
+  EXPECT_FALSE(wrong->answer.contradicted_hints.empty());
+  for (const ContradictedHint& hint : wrong->answer.contradicted_hints) {
+    const double truth = *loaded->request.hints[hint.image].focal_px;
+    EXPECT_LT(std::abs(std::log(hint.focal_px / truth)), 0.1);
+  }
+}
+
 }  // namespace
 }  // namespace horopter

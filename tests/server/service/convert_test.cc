@@ -193,17 +193,23 @@ TEST(ConvertAnswer, EveryKindOfFindingHasItsOwnTypedValue) {
     finding.value = 0.25;
     answer.findings.push_back(finding);
   }
+  answer.contradicted_hints = {{3, 0.25, {1.0, 2.0}, "why"}};
   v1::RecognizeSceneResponse proto;
   SceneAnswerToProto(answer, {}, {}, &proto);
   std::set<int> cases;
   for (const v1::SceneFinding& f : proto.findings()) cases.insert(f.finding_case());
-  EXPECT_EQ(cases.size(), answer.findings.size());
+  EXPECT_EQ(cases.size(), answer.findings.size() + 1);
   EXPECT_EQ(cases.count(v1::SceneFinding::FINDING_NOT_SET), 0u);
   EXPECT_EQ(proto.findings(3).shift_undetermined().sigma_m(), 0.25);
   EXPECT_EQ(proto.findings(4).focal_and_depth().focal_log_sigma(), 0.25);
   EXPECT_DOUBLE_EQ(proto.findings(5).scale_conflict().size_ratio(), std::exp(0.25));
   EXPECT_EQ(proto.findings(7).reference_conflict().distance_m(), 0.25);
   EXPECT_EQ(proto.findings(8).exif_contradicted().focal_px(), 0.25);
+  EXPECT_EQ(proto.findings(9).image(), 3);
+  EXPECT_EQ(proto.findings(9).detail(), "why");
+  EXPECT_EQ(proto.findings(9).hint_contradicted().focal_px(), 0.25);
+  EXPECT_EQ(proto.findings(9).hint_contradicted().principal_point_x_px(), 1.0);
+  EXPECT_EQ(proto.findings(9).hint_contradicted().principal_point_y_px(), 2.0);
 }
 
 TEST(ConvertAnswer, TheBasicViewHasNoCovariancesAndObjectsBelowTheScoreAreCounted) {

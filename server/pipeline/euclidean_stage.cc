@@ -1,0 +1,81 @@
+#include "server/pipeline/euclidean_stage.h"
+
+#include <optional>
+#include <utility>
+
+#include "server/base/status_macros.h"
+#include "server/pipeline/clocks.h"
+#include "server/pipeline/followed_ground.h"
+
+namespace horopter {
+namespace {
+
+// Adjusts what was recognised. Of a station under what is known of it.
+absl::Status Adjust(const PipelineOptions& options,
+                    const SceneRequest& request,
+                    const RecognitionInput& input,
+                    const StopRequested& stop,
+                    PipelineResult* result) {
+  SceneTrace& trace = result->trace;
+  if (!request.station) {
+    HOROPTER_ASSIGN_OR_RETURN(trace.metric,
+                              RefineMetricScene(input, trace.recognition, options.euclidean, stop));
+    return absl::OkStatus();
+  }
+  HOROPTER_ASSIGN_OR_RETURN(StationScene scene,
+                            RefineUnderStation(input,
+                                               trace.recognition,
+                                               request.station->state,
+                                               request.station->views,
+                                               options.station,
+                                               options.euclidean,
+                                               stop));
+  trace.metric = std::move(scene.metric);
+  result->station = {std::move(scene.test), scene.prior_used, std::move(scene.evidence)};
+  return absl::OkStatus();
+}
+
+// The same with the ground that the parts stand on, where it can be followed and contradicts
+// nothing.
+absl::Status AdjustWithGround(const PipelineOptions& options,
+                              const SceneRequest& request,
+                              const RecognitionInput& input,
+                              const StopRequested& stop,
+                              PipelineResult* result) {
+  SceneTrace& trace = result->trace;
+  const MatchingResult ground = FollowGround(request, *trace.metric, options, stop);
+  if (ground.planes.empty()) return absl::OkStatus();
+  RecognitionInput on_ground = input;
+  on_ground.matching = &ground;
+  MetricScene without = *std::move(trace.metric);
+  std::optional<StationOutcome> station = result->station;
+  const absl::Status adjusted =
+      Adjust(WithFollowedGround(options), request, on_ground, stop, result);
+  if (absl::IsCancelled(adjusted)) return adjusted;
+  if (adjusted.ok() && KeepsAnswer(*trace.metric, without)) return absl::OkStatus();
+  trace.metric = std::move(without);
+  result->station = std::move(station);
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status RunEuclidean(const PipelineOptions& options,
+                          const SceneRequest& request,
+                          const RecognitionInput& input,
+                          const StopRequested& stop,
+                          PipelineResult* result) {
+  SceneTrace& trace = result->trace;
+  trace.metric.reset();
+  if (trace.recognition.objects.empty()) return absl::OkStatus();
+  StageClock clock("euclidean", &result->answer.stages);
+  HOROPTER_RETURN_IF_ERROR(Adjust(options, request, input, stop, result));
+  // Parts alone gave the cameras.
+  if (options.follow_ground && input.matching == nullptr &&
+      !IsStopRequested(options.recognition.hurry))
+    HOROPTER_RETURN_IF_ERROR(AdjustWithGround(options, request, input, stop, result));
+  clock.Finish(trace.metric->counts);
+  return absl::OkStatus();
+}
+
+}  // namespace horopter
