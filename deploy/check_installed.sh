@@ -1,20 +1,34 @@
 #!/usr/bin/env bash
-# The part of check_packages.sh that runs inside the copy of the system, where systemd runs and the packages are in /check.
+# The part of check_packages.sh that runs inside the copy of the system, where systemd runs and the packages lie beside this script.
 set -euo pipefail
-export DEBIAN_FRONTEND=noninteractive LC_ALL=C.UTF-8 HOME=/root PYTHONDONTWRITEBYTECODE=1
-cd /check
+# Elsewhere it would replace what is installed.
+[[ $(cat /run/systemd/container 2>/dev/null) == check ]] || { echo "check_installed.sh: is run by check_packages.sh, in a copy of the system" >&2; exit 2; }
+here=$(cd "$(dirname "$0")" && pwd)
+keys=$here/keys
+mkdir -p "$here/home"
+export DEBIAN_FRONTEND=noninteractive LC_ALL=C.UTF-8 HOME=$here/home PYTHONDONTWRITEBYTECODE=1
+cd "$here"
 step() { printf '== %s\n' "$*"; }
 fail() { echo "FAILED: $*"; exit 1; }
-trap 'echo "check_installed.sh: line $LINENO failed"; systemctl status --no-pager --lines 0 horopterd 2>&1 | head -20; tail -n 40 /check/server.log 2>/dev/null' ERR
-quietly() { "$@" >/check/output 2>&1 || { cat /check/output; return 1; }; }
+trap 'echo "check_installed.sh: line $LINENO failed"; systemctl status --no-pager --lines 0 horopterd 2>&1 | head -20; tail -n 40 "$here/server.log" 2>/dev/null' ERR
+quietly() { "$@" >"$here/output" 2>&1 || { cat "$here/output"; return 1; }; }
+until_it_listens() {  # PID LOG
+  for _ in $(seq 600); do
+    ! grep -q 'listening on' "$2" || return 0
+    kill -0 "$1" 2>/dev/null || break
+    sleep 0.1
+  done
+  cat "$2"
+  return 1
+}
 # Journald is not running here.
 mkdir -p /etc/systemd/system/horopterd.service.d
-printf '[Service]\nStandardOutput=append:/check/server.log\nStandardError=append:/check/server.log\n' >/etc/systemd/system/horopterd.service.d/log.conf
+printf '[Service]\nStandardOutput=append:%s\nStandardError=append:%s\n' "$here/server.log" "$here/server.log" >/etc/systemd/system/horopterd.service.d/log.conf
 server_package=$(ls horopter-server_*.deb)
 
 step "apt takes the folder as a source"
 mkdir -p /etc/apt/check.d
-echo "deb [trusted=yes] file:/check ./" >/etc/apt/check.d/horopter.list
+echo "deb [trusted=yes] file:$here ./" >/etc/apt/check.d/horopter.list
 apt=(apt-get -y -o Dir::Etc::sourcelist=/dev/null -o Dir::Etc::sourceparts=/etc/apt/check.d -o APT::Sandbox::User=root
   -o Dpkg::Options::=--force-confold --no-install-recommends)
 quietly "${apt[@]}" update
@@ -89,7 +103,7 @@ example-build/pick localhost:50051 000000.png >/dev/null
 
 step "with TLS, keys of root, tokens and an audit log, on all addresses"
 systemctl stop horopterd
-/usr/share/horopter/deploy/credentials.sh /root/keys --install /etc/horopter 2>/dev/null
+/usr/share/horopter/deploy/credentials.sh "$keys" --install /etc/horopter 2>/dev/null
 [[ $(stat -c %a /etc/horopter/keys/server.key) == 600 ]]
 credentials=/run/credentials/horopterd.service
 sed -i -e 's|^listen=.*|listen="0.0.0.0:50051"|' -e "s|^tls-cert=.*|tls-cert=\"$credentials/keys_server.pem\"|" \
@@ -98,18 +112,18 @@ sed -i -e 's|^listen=.*|listen="0.0.0.0:50051"|' -e "s|^tls-cert=.*|tls-cert=\"$
   /etc/horopter/horopterd.toml
 systemctl start horopterd
 ! horopter --timeout 3 status >/dev/null 2>&1 || fail "it answers in the clear"
-export HOROPTER_TLS_CA=/root/keys/ca.pem
+export HOROPTER_TLS_CA=$keys/ca.pem
 ! horopter object list >/dev/null 2>&1 || fail "it answers without a token"
-! HOROPTER_TOKEN_FILE=/root/keys/robot.token horopter object delete bracket >/dev/null 2>&1 || fail "a robot may delete"
-HOROPTER_TOKEN_FILE=/root/keys/robot.token horopter recognize 000000.png >/dev/null
-HOROPTER_TOKEN_FILE=/root/keys/admin.token horopter object add obj_000001.step --id second >/dev/null
+! HOROPTER_TOKEN_FILE=$keys/robot.token horopter object delete bracket >/dev/null 2>&1 || fail "a robot may delete"
+HOROPTER_TOKEN_FILE=$keys/robot.token horopter recognize 000000.png >/dev/null
+HOROPTER_TOKEN_FILE=$keys/admin.token horopter object add obj_000001.step --id second >/dev/null
 grep -q '"caller":"admin"' /var/log/horopter/audit.jsonl
 sed -i '/sha256:/d' /etc/horopter/access
 systemctl reload horopterd
-! HOROPTER_TOKEN_FILE=/root/keys/admin.token horopter object list >/dev/null 2>&1 || fail "a token is good that was taken away"
+! HOROPTER_TOKEN_FILE=$keys/admin.token horopter object list >/dev/null 2>&1 || fail "a token is good that was taken away"
 if command -v logrotate >/dev/null; then
-  logrotate --force --state /check/logrotate /etc/logrotate.d/horopter-server
-  ! HOROPTER_TOKEN_FILE=/root/keys/robot.token horopter object delete bracket >/dev/null 2>&1
+  logrotate --force --state "$here/logrotate" /etc/logrotate.d/horopter-server
+  ! HOROPTER_TOKEN_FILE=$keys/robot.token horopter object delete bracket >/dev/null 2>&1
   [[ -s /var/log/horopter/audit.jsonl && -s /var/log/horopter/audit.jsonl.1 ]] || fail "the log is not opened anew"
 fi
 unset HOROPTER_TLS_CA
@@ -120,14 +134,14 @@ refused() {  # SED_EXPRESSION WORDS
   cp /etc/horopter/horopterd.toml kept.toml
   sed -i "$1" /etc/horopter/horopterd.toml
   : >server.log
-  ! timeout 60 /usr/bin/horopterd --config /etc/horopter/horopterd.toml --db /tmp/refused.db >refused.log 2>&1 || fail "it starts: $1"
+  ! timeout 60 /usr/bin/horopterd --config /etc/horopter/horopterd.toml --db refused.db >refused.log 2>&1 || fail "it starts: $1"
   grep -q -- "$2" refused.log || { cat refused.log; fail "no word of: $2"; }
   cp kept.toml /etc/horopter/horopterd.toml
 }
 refused 's|^access-file=|access_file=|' "did you mean 'access-file'"
 refused 's|^access-file=.*|access-file=""|' 'open_access'
 refused 's|^listen=.*|listen="localhost:70000"|' 'port'
-refused "s|^tls-key=.*|tls-key=\"/root/keys/admin.key\"|;s|$credentials/keys_server.pem|/root/keys/server.pem|" 'is not the key'
+refused "s|^tls-key=.*|tls-key=\"$keys/admin.key\"|;s|$credentials/keys_server.pem|$keys/server.pem|" 'is not the key'
 /usr/bin/python3 -c 'import socket, time; s = socket.create_server(("127.0.0.1", 50123)); time.sleep(600)' &
 holder=$!
 sleep 1
@@ -147,44 +161,36 @@ rm -rf /var/lib/horopter && install -d -o "$user" /var/lib/horopter && mv /etc/h
 as_user() { setpriv --reuid="$user" --regid="$user" --clear-groups "$@"; }
 as_user "${command[@]}" >container.log 2>&1 &
 server=$!
-for _ in $(seq 600); do
-  grep -q 'listening on' container.log && break
-  kill -0 "$server" 2>/dev/null || { cat container.log; exit 1; }
-  sleep 0.1
-done
+until_it_listens "$server" container.log
 as_user bash -c "$health"
 /usr/bin/python3 -c 'import urllib.request
 assert b"horopter_build_info" in urllib.request.urlopen("http://127.0.0.1:9464/metrics", timeout=60).read()'
 kill -TERM "$server"
 wait "$server"
 ! as_user bash -c "$health" || fail "a server that is not there is healthy"
-/usr/share/horopter/deploy/credentials.sh /root/keys --install /check/container --owner "$user"
-mv /check/container /etc/horopter
+/usr/share/horopter/deploy/credentials.sh "$keys" --install "$here/container" --owner "$user"
+mv "$here/container" /etc/horopter
 as_user /usr/bin/horopterd --listen 0.0.0.0:50051 --tls-cert /etc/horopter/keys/server.pem --tls-key /etc/horopter/keys/server.key \
   --access-file /etc/horopter/access >container.log 2>&1 &
 server=$!
-for _ in $(seq 600); do
-  grep -q 'listening on' container.log && break
-  kill -0 "$server" 2>/dev/null || { cat container.log; exit 1; }
-  sleep 0.1
-done
+until_it_listens "$server" container.log
 as_user bash -c "$health"
 kill -TERM "$server"
 wait "$server"
 rm -rf /etc/horopter && mv /etc/horopter.kept /etc/horopter
 
 step "the demonstration, with a home that cannot be written, a proxy that is not there and a blank in the path"
-mkdir "/check/a folder"
-(cd "/check/a folder" && HOME=/nonexistent http_proxy=http://127.0.0.1:9 https_proxy=http://127.0.0.1:9 \
-  setpriv --reuid=nobody --regid=nogroup --clear-groups horopter-demo >/check/demo.txt 2>&1) || { cat /check/demo.txt; exit 1; }
-grep -q 'grasp_[0-9]* at (' /check/demo.txt || fail "no grasp"
-[[ -s $(sed -n 's/^Overlay: //p' /check/demo.txt) ]] || fail "no picture"
-tail -n 1 /check/demo.txt
+mkdir "$here/a folder"
+(cd "$here/a folder" && HOME=/nonexistent http_proxy=http://127.0.0.1:9 https_proxy=http://127.0.0.1:9 \
+  setpriv --reuid=nobody --regid=nogroup --clear-groups horopter-demo >"$here/demo.txt" 2>&1) || { cat "$here/demo.txt"; exit 1; }
+grep -q 'grasp_[0-9]* at (' "$here/demo.txt" || fail "no grasp"
+[[ -s $(sed -n 's/^Overlay: //p' "$here/demo.txt") ]] || fail "no picture"
+tail -n 1 "$here/demo.txt"
 
 step "removed, nothing is left but the catalog and the keys"
 quietly "${apt[@]}" purge horopter-server horopter-client horopter-dev horopter-demo python3-horopter
-left=$(cd /upper && find . -name '*horopter*' \( -type f -o -type l \) -not -path './check/*' -not -path './var/lib/dpkg/*' -not -path './var/lib/apt/*' \
-  -not -path './var/cache/*' -not -path './var/log/*' -not -path './etc/apt/*' -not -path './etc/systemd/*' -not -path './root/*')
+left=$(cd /upper && find . -name '*horopter*' \( -type f -o -type l \) -not -path ".$here/*" -not -path './var/lib/dpkg/*' -not -path './var/lib/apt/*' \
+  -not -path './var/cache/*' -not -path './var/log/*' -not -path './etc/apt/*' -not -path './etc/systemd/*')
 [[ -z $left ]] || fail "left behind: $left"
 [[ -e /etc/horopter/keys/server.key && ! -e /etc/horopter/horopterd.toml && ! -e /var/log/horopter ]] || { ls -lR /etc/horopter /var/log/horopter; exit 1; }
 echo "The packages are good."
