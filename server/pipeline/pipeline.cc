@@ -152,11 +152,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   RefusalLog log;
   log.object = IndexOf(request.explained, objects);
   RefusalLog* const kept = log.object < 0 ? nullptr : &log;
-  if (request.station) {
-    HOROPTER_RETURN_IF_ERROR(RunStation(options, request, stop, kept, &input, &result));
-  } else {
-    HOROPTER_RETURN_IF_ERROR(RunWithHints(options, known, stop, kept, &input, &result, &hint_test));
-  }
+  HOROPTER_RETURN_IF_ERROR(RunWithHints(options, known, stop, kept, &input, &result, &hint_test));
   if (!trace.metric) {
     if (!hint_test.agrees) TellContradictedHints(request.hints, hint_test, {}, &answer);
     HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
