@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "absl/strings/str_format.h"
+#include "server/pipeline/contradicted_hint.h"
 #include "server/vision/station/station_filter.h"
 
 namespace horopter {
@@ -181,19 +181,6 @@ HintTest TestHints(std::span<const CameraHint> hints, const CameraEvidence& evid
   test(SquaredDistance(claims, said), static_cast<int>(claims.size()), -1);
   if (focals.size() > 1) test(CommonFocal(focals, said), 1, -1);
   return out;
-}
-
-ContradictedHint TellHint(int image, double focal_px, const Eigen::Vector2d& principal_point) {
-  return {image,
-          focal_px,
-          principal_point,
-          absl::StrFormat("what is said of the camera of image %d does not fit the image: by the "
-                          "image alone its focal length is %.0f pixels and its principal point "
-                          "%.0f, %.0f",
-                          image,
-                          focal_px,
-                          principal_point.x(),
-                          principal_point.y())};
 }
 
 void TellContradictedHints(std::span<const CameraHint> hints,

@@ -41,6 +41,4 @@ void TellContradictedHints(std::span<const CameraHint> hints,
                            std::span<const std::optional<PosedCamera>> cameras,
                            SceneAnswer* answer);
 
-ContradictedHint TellHint(int image, double focal_px, const Eigen::Vector2d& principal_point);
-
 }  // namespace horopter

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "server/pipeline/hint_check.h"
+#include "server/pipeline/contradicted_hint.h"
 #include "server/pipeline/presumed_focal.h"
 #include "server/vision/features/image_strips.h"
 
