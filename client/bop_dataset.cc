@@ -86,6 +86,8 @@ std::vector<Rigid3> Symmetries(const Json& info) {
         offset = kMetresPerMm * Eigen::Vector3d(o[0], o[1], o[2]);
       }
       const Eigen::Vector3d axis = Eigen::Vector3d(a[0], a[1], a[2]).normalized();
+      if (!(axis.norm() > 0.5))
+        throw std::runtime_error("symmetries_continuous.axis is no direction");
       for (int k = 0; k < kContinuousSteps; ++k) {
         const Eigen::Matrix3d R =
             Eigen::AngleAxisd(2.0 * M_PI * k / kContinuousSteps, axis).toRotationMatrix();

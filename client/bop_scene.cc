@@ -1,5 +1,6 @@
 // Scenes of a dataset in BOP layout: images of one or several sensors, their cameras and truth.
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <filesystem>
 #include <fstream>
@@ -14,6 +15,7 @@
 #include "client/bop_dataset.h"
 #include "client/bop_json.h"
 #include "server/base/status_macros.h"
+#include "server/vision/geometry/intrinsics_check.h"
 
 namespace horopter {
 namespace {
@@ -29,6 +31,14 @@ using bop::RigidFromMm;
 
 // What is read of one sensor of a scene, by image id.
 using Images = std::map<int, BopImage>;
+
+// Of a camera matrix; all of it 0 is a camera that nobody knows.
+std::optional<std::string> FaultOf(const Eigen::Matrix3d& K) {
+  if (K.isZero(0.0)) return std::nullopt;
+  std::array<double, 9> rows;
+  Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data()) = K;
+  return FaultOfCameraMatrix(rows);
+}
 
 // Width and height from the header of a PNG or JPEG file; zeros for another format.
 std::pair<int, int> ImageSizeOf(const std::string& path) {
@@ -109,6 +119,7 @@ absl::Status ReadCameras(const std::string& path, Images& images) {
     for (const auto& [key, value] : cameras.items()) {
       BopImage& image = images[std::stoi(key)];
       image.K = Matrix3(value.at("cam_K"), "cam_K");
+      if (const auto fault = FaultOf(image.K)) throw std::runtime_error("cam_K " + *fault);
       image.camera.focal_px = image.K(0, 0);
       image.camera.cx = image.K(0, 2);
       image.camera.cy = image.K(1, 2);

@@ -196,6 +196,9 @@ class GlbReader {
     if (!matrix || !t || !q || !s) return std::nullopt;
     Eigen::Affine3d out = Eigen::Affine3d::Identity();
     if (node.contains("matrix")) {
+      // Rows in the place of columns would lose the translation.
+      const auto& m = *matrix;
+      if (m[3] != 0.0 || m[7] != 0.0 || m[11] != 0.0 || m[15] != 1.0) return std::nullopt;
       out.matrix() = Eigen::Map<const Eigen::Matrix4d>(matrix->data());  // columns
       return out;
     }

@@ -91,6 +91,10 @@ TEST(GlbFile, NodesMoveTheirMeshes) {
   EXPECT_NEAR(Volume(moved->mesh), 24e-6 * (0.125 + 8.0), 1e-9);  // outward still
   EXPECT_NEAR(moved->mesh.vertices.back().z(), 5.04, 1e-6);
   EXPECT_NEAR(moved->mesh.vertices.back().x(), 1.0, 1e-6);
+  // Row by row: what looks like a last row that is not 0 0 0 1 is the translation.
+  EXPECT_FALSE(
+      ParseGlb(BoxGlb("[{\"mesh\":0,\"matrix\":[1,0,0,5, 0,1,0,0, 0,0,1,0, 0,0,0,1]}]", "[0]"))
+          .ok());
 }
 
 TEST(GlbFile, APartIsInMetresUnlessToldOtherwise) {
