@@ -4,13 +4,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <exception>
-#include <opencv2/imgcodecs.hpp>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "client/camera_file.h"
 #include "client/convert.h"
+#include "client/image_size.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -27,16 +26,6 @@ absl::Status CheckCount(const char* option, size_t given, size_t images) {
 template <typename T>
 const T& EntryOf(const std::vector<T>& list, size_t image) {
   return list.size() == 1 ? list[0] : list[image];
-}
-
-absl::StatusOr<cv::Size> ContentSizeOf(const std::string& bytes, size_t image) {
-  try {
-    const cv::Mat decoded = cv::imdecode(std::vector<uchar>(bytes.begin(), bytes.end()),
-                                         cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
-    if (!decoded.empty()) return decoded.size();
-  } catch (const std::exception&) {
-  }
-  return absl::InvalidArgumentError(absl::StrCat("image ", image + 1, " cannot be decoded"));
 }
 
 absl::StatusOr<Rigid3> PoseOf(const std::vector<double>& numbers, size_t first) {
@@ -113,11 +102,13 @@ absl::Status AddCameraHints(const CameraArguments& arguments,
       image.mutable_camera_hint()->set_focal_px(EntryOf(arguments.focal_px, i));
     }
     if (!cameras.empty()) {
-      HOROPTER_ASSIGN_OR_RETURN(const cv::Size size, ContentSizeOf(image.content(), i));
+      const absl::StatusOr<cv::Size> size = EncodedImageSize(image.content());
+      if (!size.ok())
+        return absl::InvalidArgumentError(absl::StrCat("image ", i + 1, " cannot be decoded"));
       const std::string& path = EntryOf(arguments.camera, i);
       const CameraFile& file = EntryOf(cameras, i);
       const absl::StatusOr<CameraFile> camera =
-          ForImages(file, size.width, size.height, image.cropped());
+          ForImages(file, size->width, size->height, image.cropped());
       if (!camera.ok()) {
         return absl::Status(
             camera.status().code(),

@@ -227,6 +227,9 @@ class Hints(Workplace):
                      "ros_roi_same_aspect.yaml", "opencv_fisheye.yml", "colmap_cameras.txt"):
             done = self.run_horopter("recognize", "0.png", "--camera", os.path.join(cameras, name))
             self.assertEqual((name, done.returncode, done.stderr), (name, 0, ""))
+        done = self.run_horopter("recognize", os.path.join(INPUTS, "images", "whole_0.heic"), "--camera",
+                                 os.path.join(cameras, "nested.yaml"))
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
         done = self.run_horopter("recognize", "0.png", "1.png", "--camera", "left.yaml")
         self.assertEqual((done.returncode, done.stderr.count("supposed to be scaled by 0.5")), (0, 1))
         for name, said in (("colmajor.yaml", "transposed"), ("identityK.yaml", "focal length of 1 "),
