@@ -6,6 +6,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/calibration_lens.h"
+#include "client/calibration_values.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/intrinsics_check.h"
 
@@ -14,6 +16,7 @@ namespace {
 
 constexpr double kSquare = 0.005;   // |log(fx / fy)| below which pixels count as square
 constexpr double kLeftOutPx = 1.0;  // what may be left out of a lens, or of a skew
+constexpr double kMostSide = 1e6;   // of an image, pixels
 // Of a distortion vector of OpenCV: the rational model, then thin prism and tilt.
 constexpr size_t kRational = 8, kThinPrism = 12, kTilted = 14;
 
@@ -26,56 +29,53 @@ struct Calibration {
   std::vector<std::string> warnings;
 };
 
-absl::Status Bad(const std::string& field, const std::string& what) {
-  return absl::InvalidArgumentError(absl::StrCat(field, ": ", what));
+// Of an image's side: 640, or 640.0 as Python writes it. 0: the node is not there.
+absl::StatusOr<int> SideOf(const YAML::Node& node, const std::string& field) {
+  HOROPTER_ASSIGN_OR_RETURN(const auto value, NodeValue<double>(node, field));
+  if (!value) return 0;
+  if (!(*value >= 0.0 && *value <= kMostSide) || *value != std::floor(*value))
+    return Bad(field, "is no number of pixels");
+  return static_cast<int>(*value);
 }
 
-// The node's value; nothing where it is not there. Errors: it is none, naming the field.
-template <typename T>
-absl::StatusOr<std::optional<T>> NodeValue(const YAML::Node& node, const std::string& field) {
-  if (!node.IsDefined() || node.IsNull()) return std::optional<T>();
-  try {
-    return std::optional<T>(node.as<T>());
-  } catch (const YAML::Exception&) {
-    return Bad(field, "is not what it should be");
-  }
-}
-
-absl::StatusOr<std::vector<double>> FiniteNumbers(const YAML::Node& node,
-                                                  const std::string& field) {
-  std::vector<double> numbers;
-  try {
-    numbers = NumbersOf(node);
-  } catch (const YAML::Exception&) {
-    return Bad(field, "holds something that is no number");
-  }
-  for (const double n : numbers) {
-    if (!std::isfinite(n)) return Bad(field, "a number is not finite");
-  }
-  return numbers;
-}
-
-absl::Status ReadSize(const CameraNode& camera, Calibration* out) {
-  const auto side = [&](const char* long_name, const char* short_name, int* to) -> absl::Status {
-    const YAML::Node node = FindAround(camera, {long_name, short_name});
-    HOROPTER_ASSIGN_OR_RETURN(const auto value, NodeValue<int>(node, long_name));
-    if (value && *value < 0) return Bad(long_name, "is negative");
-    *to = value.value_or(0);
+// Width and height in one: two numbers, a map, or a word as 640x480.
+absl::Status ReadBothSides(const YAML::Node& both, Calibration* out) {
+  if (!both.IsDefined() || both.IsNull()) return absl::OkStatus();
+  if (both.IsMap()) {
+    const CameraNode map{"", both, "", {}};
+    HOROPTER_ASSIGN_OR_RETURN(out->width, SideOf(Find(map, {"width", "w"}), "image_size.width"));
+    HOROPTER_ASSIGN_OR_RETURN(out->height, SideOf(Find(map, {"height", "h"}), "image_size.height"));
     return absl::OkStatus();
-  };
-  HOROPTER_RETURN_IF_ERROR(side("imagewidth", "width", &out->width));
-  HOROPTER_RETURN_IF_ERROR(side("imageheight", "height", &out->height));
-  if (out->width > 0 && out->height > 0) return absl::OkStatus();
-  const YAML::Node both =
-      FindAround(camera, {"imagesize", "resolution", "imgsize", "imageresolution", "size"});
-  if (!both.IsSequence()) return absl::OkStatus();
-  HOROPTER_ASSIGN_OR_RETURN(const auto numbers, FiniteNumbers(both, "image_size"));
+  }
+  std::vector<double> numbers;
+  if (both.IsScalar()) {
+    HOROPTER_ASSIGN_OR_RETURN(numbers, NumbersOfWord(both.Scalar(), "image_size"));
+  } else {
+    HOROPTER_ASSIGN_OR_RETURN(numbers, FiniteNumbers(both, "image_size"));
+  }
   if (numbers.size() != 2 ||
-      !(numbers[0] > 0 && numbers[0] < 1e6 && numbers[1] > 0 && numbers[1] < 1e6))
+      !(numbers[0] >= 1 && numbers[0] <= kMostSide && numbers[1] >= 1 && numbers[1] <= kMostSide))
     return Bad("image_size", "is not width and height");
   out->width = static_cast<int>(numbers[0]);
   out->height = static_cast<int>(numbers[1]);
   return absl::OkStatus();
+}
+
+absl::Status ReadSize(const CameraNode& camera, Calibration* out) {
+  HOROPTER_ASSIGN_OR_RETURN(
+      out->width, SideOf(FindAround(camera, {"imagewidth", "width", "imgwidth"}), "image_width"));
+  HOROPTER_ASSIGN_OR_RETURN(
+      out->height,
+      SideOf(FindAround(camera, {"imageheight", "height", "imgheight"}), "image_height"));
+  if (out->width > 0 && out->height > 0) return absl::OkStatus();
+  if (const YAML::Node w = Find(camera, {"w"}), h = Find(camera, {"h"});
+      w.IsDefined() && h.IsDefined() && w.IsScalar() && h.IsScalar()) {
+    HOROPTER_ASSIGN_OR_RETURN(out->width, SideOf(w, "w"));
+    HOROPTER_ASSIGN_OR_RETURN(out->height, SideOf(h, "h"));
+    return absl::OkStatus();
+  }
+  return ReadBothSides(
+      FindAround(camera, {"imagesize", "resolution", "imgsize", "imageresolution", "size"}), out);
 }
 
 absl::Status ReadMatrix(const CameraNode& camera, Calibration* out) {
@@ -106,59 +106,6 @@ absl::Status ReadMatrix(const CameraNode& camera, Calibration* out) {
   return absl::OkStatus();
 }
 
-// The vector of OpenCV, or its numbers by name; a fisheye's k1 .. k4.
-absl::StatusOr<std::vector<double>> ReadDistortion(const CameraNode& camera, bool fisheye) {
-  const YAML::Node node = FindAround(camera, DistortionNames());
-  if (node.IsDefined() && !node.IsScalar()) return FiniteNumbers(node, "distortion_coefficients");
-  std::vector<double> d;
-  const std::vector<std::string> names =
-      fisheye ? std::vector<std::string>{"k1", "k2", "k3", "k4"}
-              : std::vector<std::string>{"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"};
-  bool any = false;
-  for (const std::string& name : names) {
-    // K1 of a stereo file is a matrix.
-    const YAML::Node number = Find(camera, {name});
-    d.push_back(0.0);
-    if (!number.IsDefined() || !number.IsScalar()) continue;
-    HOROPTER_ASSIGN_OR_RETURN(const auto value, NodeValue<double>(number, name));
-    if (!std::isfinite(*value)) return Bad(name, "is not finite");
-    d.back() = *value;
-    any = true;
-  }
-  if (!any && !fisheye) d.clear();
-  return d;
-}
-
-absl::StatusOr<bool> IsFisheye(const CameraNode& camera, const std::string& model) {
-  static constexpr const char* kNames[] = {
-      "equidistant", "fisheye", "opencvfisheye", "kannalabrandt", "kannalabrandt4"};
-  const bool named = std::any_of(std::begin(kNames), std::end(kNames), [&](const char* name) {
-    return PlainWord(model) == name;
-  });
-  const YAML::Node flag = FindAround(camera, {"fisheyemodel", "fisheye"});
-  if (!flag.IsDefined() || !flag.IsScalar()) return named;
-  const std::string word = PlainWord(flag.Scalar());
-  if (word == "1" || word == "true") return true;
-  if (word == "0" || word == "false") return named;
-  return Bad("fisheye_model", "is neither 0 nor 1");
-}
-
-bool IsBrown(const std::string& model) {
-  static constexpr const char* kNames[] = {"",
-                                           "plumbbob",
-                                           "rationalpolynomial",
-                                           "radtan",
-                                           "brownconrady",
-                                           "opencv",
-                                           "none",
-                                           "pinhole",
-                                           "brown",
-                                           "radialtangential"};
-  return std::any_of(std::begin(kNames), std::end(kNames), [&](const char* name) {
-    return PlainWord(model) == name;
-  });
-}
-
 // What of OpenCV's thin prism and tilt moves pixels by so little that it can be left out.
 absl::Status LeaveOut(const std::vector<double>& d,
                       const Calibration& of,
@@ -186,19 +133,11 @@ absl::Status LeaveOut(const std::vector<double>& d,
 }
 
 absl::Status ReadLens(const CameraNode& camera, Calibration* out) {
-  const YAML::Node kind = FindAround(camera, {"cameramodel"});
-  HOROPTER_ASSIGN_OR_RETURN(const auto projection, NodeValue<std::string>(kind, "camera_model"));
-  if (projection && PlainWord(*projection) != "pinhole" && !IsBrown(*projection) &&
-      PlainWord(*projection) != "opencvfisheye")
-    return Bad("camera_model", absl::StrCat(*projection, " is not read; pinhole is"));
-  const YAML::Node named = FindAround(camera, {"distortionmodel", "distortiontype", "model"});
-  HOROPTER_ASSIGN_OR_RETURN(const auto told, NodeValue<std::string>(named, "distortion_model"));
-  const std::string model = told.value_or(projection.value_or(""));
-  HOROPTER_ASSIGN_OR_RETURN(const bool fisheye, IsFisheye(camera, model));
-  HOROPTER_ASSIGN_OR_RETURN(const std::vector<double> d, ReadDistortion(camera, fisheye));
+  HOROPTER_ASSIGN_OR_RETURN(const LensNumbers numbers, LensNumbersOf(camera));
+  const std::vector<double>& d = numbers.d;
   const bool zero = std::all_of(d.begin(), d.end(), [](double c) { return c == 0.0; });
   LensModel& lens = out->lens;
-  if (fisheye) {
+  if (numbers.fisheye) {
     lens.kind = LensModel::Kind::kEquidistant;
     if (d.size() < 4 || std::any_of(d.begin() + 4, d.end(), [](double c) { return c != 0.0; })) {
       return Bad(
@@ -209,9 +148,9 @@ absl::Status ReadLens(const CameraNode& camera, Calibration* out) {
     return absl::OkStatus();
   }
   if (zero) return absl::OkStatus();
-  if (!IsBrown(model)) {
+  if (!numbers.brown) {
     return Bad("distortion_model",
-               absl::StrCat(model,
+               absl::StrCat(numbers.model,
                             " is not read; plumb_bob, rational_polynomial and equidistant are, and "
                             "any where all coefficients are 0"));
   }
@@ -235,7 +174,10 @@ absl::Status ReadRegion(const CameraNode& camera, Calibration* out) {
   HOROPTER_RETURN_IF_ERROR(number(Find(camera, {"binningy"}), "binning_y", &region.binning_y));
   region.binning_x = std::max(1, region.binning_x);
   region.binning_y = std::max(1, region.binning_y);
-  if (const YAML::Node roi = Find(camera, {"roi"}); roi.IsMap()) {
+  const YAML::Node roi = Find(camera, {"roi"});
+  if (roi.IsDefined() && roi.IsSequence() && roi.size() > 0)
+    return Bad("roi", "is a list; x_offset, y_offset, width and height are read");
+  if (roi.IsDefined() && roi.IsMap()) {
     HOROPTER_RETURN_IF_ERROR(number(roi["x_offset"], "roi.x_offset", &region.x));
     HOROPTER_RETURN_IF_ERROR(number(roi["y_offset"], "roi.y_offset", &region.y));
     HOROPTER_RETURN_IF_ERROR(number(roi["width"], "roi.width", &region.width));

@@ -20,9 +20,16 @@ namespace {
 // Cameras deeper in a tree, and more of them, are no calibration's.
 constexpr int kMostDepth = 4;
 constexpr size_t kMostCameras = 1000;
+constexpr size_t kMostNodes = 100'000;  // that are looked at: aliases make many of few
+constexpr size_t kMostNumbers = 10'000;
+constexpr int kMostXmlDepth = 100;  // its parser calls itself for each
 
 // Of stereo calibrations; PlainWord of what stands beside the name.
 constexpr const char* kSides[] = {"1", "2", "0", "l", "r", "left", "right"};
+
+absl::Status NotRead(const std::string& why) {
+  return absl::InvalidArgumentError(absl::StrCat(why, "; ", kCalibrationForms));
+}
 
 YAML::Node FromFileNode(const cv::FileNode& from, int depth) {
   YAML::Node to;
@@ -45,10 +52,25 @@ int Silent(int, const char*, const char*, const char*, int, void*) {
   return 0;
 }
 
+// How deep elements stand in each other, at most; what is no element's tag does not count.
+int XmlDepth(const std::string& text) {
+  int depth = 0, most = 0;
+  for (size_t i = 0; i + 1 < text.size(); ++i) {
+    if (text[i] != '<') continue;
+    if (text[i + 1] == '/') {
+      --depth;
+    } else if (text[i + 1] != '!' && text[i + 1] != '?') {
+      most = std::max(most, ++depth);
+    }
+  }
+  return most;
+}
+
 absl::StatusOr<YAML::Node> FromXml(const std::string& text) {
+  if (XmlDepth(text) > kMostXmlDepth) return NotRead("is no XML of OpenCV");
   // Without it the library writes its errors to the terminal.
   const cv::ErrorCallback before = cv::redirectError(Silent);
-  absl::StatusOr<YAML::Node> out = absl::InvalidArgumentError("is no XML of OpenCV");
+  absl::StatusOr<YAML::Node> out = NotRead("is no XML of OpenCV");
   try {
     const cv::FileStorage file(
         text, cv::FileStorage::READ | cv::FileStorage::MEMORY | cv::FileStorage::FORMAT_XML);
@@ -168,12 +190,13 @@ std::vector<std::string> SidesOf(const YAML::Node& map) {
 void Collect(const YAML::Node& node,
              const std::string& name,
              std::vector<YAML::Node> around,
+             size_t* looked,
              std::vector<CameraNode>* out) {
-  if (around.size() > kMostDepth || out->size() >= kMostCameras) return;
+  if (around.size() > kMostDepth || out->size() >= kMostCameras || ++*looked > kMostNodes) return;
   if (node.IsSequence()) {
     around.push_back(node);
     for (size_t i = 0; i < node.size(); ++i) {
-      if (node[i].IsMap()) Collect(node[i], absl::StrCat(i), around, out);
+      if (node[i].IsMap()) Collect(node[i], absl::StrCat(i), around, looked, out);
     }
     return;
   }
@@ -184,13 +207,14 @@ void Collect(const YAML::Node& node,
   if (!sides.empty()) return;
   around.push_back(node);
   for (const auto& entry : node) {
-    if (entry.first.IsScalar()) Collect(entry.second, entry.first.Scalar(), around, out);
+    if (entry.first.IsScalar()) Collect(entry.second, entry.first.Scalar(), around, looked, out);
   }
 }
 
 void AddNumbers(const YAML::Node& node, int depth, std::vector<double>* out) {
   if (depth > kMostDepth) return;
   for (const YAML::Node& entry : node) {
+    if (out->size() >= kMostNumbers) return;
     if (entry.IsSequence()) {
       AddNumbers(entry, depth + 1, out);
     } else {
@@ -260,10 +284,36 @@ const std::vector<std::string>& DistortionNames() {
   return *names;
 }
 
+const std::vector<std::string>& RadialNames() {
+  static const auto* const names = new std::vector<std::string>{
+      "radialdistortion", "radialdistortioncoefficients", "radialdistortioncoeffs", "radial"};
+  return *names;
+}
+
+const std::vector<std::string>& TangentialNames() {
+  static const auto* const names = new std::vector<std::string>{"tangentialdistortion",
+                                                                "tangentialdistortioncoefficients",
+                                                                "tangentialdistortioncoeffs",
+                                                                "tangential"};
+  return *names;
+}
+
+bool IsLensName(const std::string& key) {
+  for (const auto* names : {&DistortionNames(), &RadialNames(), &TangentialNames()}) {
+    for (const std::string& name : *names) {
+      if (key == name) return true;
+      for (const char* side : kSides) {
+        if (key == name + side || key == side + name) return true;
+      }
+    }
+  }
+  return false;
+}
+
 absl::StatusOr<YAML::Node> ParseCalibration(const std::string& text) {
   const size_t first = text.find_first_not_of(" \t\r\n\xEF\xBB\xBF");
-  if (first == std::string::npos) return absl::InvalidArgumentError("is empty");
-  if (text.find('\0') != std::string::npos) return absl::InvalidArgumentError("is no text");
+  if (first == std::string::npos) return NotRead("is empty");
+  if (text.find('\0') != std::string::npos) return NotRead("is no text");
   if (text[first] == '<') return FromXml(text.substr(first));
   std::string yaml;
   YAML::Node colmap;
@@ -282,13 +332,14 @@ absl::StatusOr<YAML::Node> ParseCalibration(const std::string& text) {
   try {
     return YAML::Load(yaml);
   } catch (const std::exception& e) {
-    return absl::InvalidArgumentError(e.what());
+    return NotRead(e.what());
   }
 }
 
 std::vector<CameraNode> CamerasIn(const YAML::Node& root) {
   std::vector<CameraNode> cameras;
-  Collect(root, "", {}, &cameras);
+  size_t looked = 0;
+  Collect(root, "", {}, &looked, &cameras);
   return cameras;
 }
 

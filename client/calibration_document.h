@@ -44,6 +44,10 @@ std::vector<double> NumbersOf(const YAML::Node& node);
 // Names of a camera matrix and of distortion coefficients.
 const std::vector<std::string>& MatrixNames();
 const std::vector<std::string>& DistortionNames();
+const std::vector<std::string>& RadialNames();
+const std::vector<std::string>& TangentialNames();
+// Whether a key (PlainWord) is one of the last three, of whatever side.
+bool IsLensName(const std::string& key);
 
 // Lower-case, without _, - and spaces.
 std::string PlainWord(const std::string& word);

@@ -159,6 +159,19 @@ absl::StatusOr<std::string> CalibrationText(const std::string& path) {
 
 }  // namespace
 
+absl::StatusOr<CameraFile> ParseCameraFile(const std::string& text, const std::string& name) {
+  const auto parse = [&]() -> absl::StatusOr<CameraFile> {
+    HOROPTER_ASSIGN_OR_RETURN(const YAML::Node root, ParseCalibration(text));
+    HOROPTER_ASSIGN_OR_RETURN(const CameraNode camera, Chosen(CamerasIn(root), name));
+    return CameraOf(camera);
+  };
+  try {
+    return parse();
+  } catch (const std::exception& e) {
+    return absl::InvalidArgumentError(e.what());
+  }
+}
+
 absl::StatusOr<CameraFile> ReadCameraFile(const std::string& path) {
   std::string name, file = path;
   std::error_code error;
@@ -168,17 +181,7 @@ absl::StatusOr<CameraFile> ReadCameraFile(const std::string& path) {
     name = path.substr(mark + 1);
   }
   HOROPTER_ASSIGN_OR_RETURN(const std::string text, CalibrationText(file));
-  const auto read = [&]() -> absl::StatusOr<CameraFile> {
-    HOROPTER_ASSIGN_OR_RETURN(const YAML::Node root, ParseCalibration(text));
-    HOROPTER_ASSIGN_OR_RETURN(const CameraNode camera, Chosen(CamerasIn(root), name));
-    return CameraOf(camera);
-  };
-  absl::StatusOr<CameraFile> camera;
-  try {
-    camera = read();
-  } catch (const std::exception& e) {
-    camera = absl::InvalidArgumentError(e.what());
-  }
+  const absl::StatusOr<CameraFile> camera = ParseCameraFile(text, name);
   if (camera.ok()) return camera;
   return absl::Status(camera.status().code(),
                       absl::StrCat(path, ": ", std::string(camera.status().message())));

@@ -48,6 +48,9 @@ struct CameraFile {
 // that is not taken, several cameras and none named).
 absl::StatusOr<CameraFile> ReadCameraFile(const std::string& path);
 
+// The same of a file's text; name: "", or that of one of several cameras.
+absl::StatusOr<CameraFile> ParseCameraFile(const std::string& text, const std::string& name);
+
 // The camera of images of this size: all of the sensor, its region, binned or both, by the size;
 // without region and binning of another size and the same shape, which counts as scaled and is said
 // in the warnings. cropped: the images are cut-outs, whose centre may be outside.

@@ -94,6 +94,11 @@ class Values(unittest.TestCase):
             horopter.hint_from_camera_info({"K": np.array([[980, 0, 320], [0, 980, 240], [0, 0, 1.0]]).T})
         self.assertIsNone(horopter.hint_from_camera_info({"k": [0.0] * 9}))
         self.assertTrue(horopter.hint_from_camera_info(dict(file, distortion_model="equidistant"), (640, 480)).fisheye)
+        for lens in ({"k1": -0.3}, "0.1 0.2", b"0.1", {"data": "0.1"}):
+            with self.assertRaisesRegex(ValueError, "no list of numbers"):
+                horopter.hint_from_camera_info(dict(file, distortion_coefficients=lens), (640, 480))
+        array = dict(file, distortion_coefficients=np.array([[-0.1], [0.0], [0.0], [0.0]]))
+        self.assertEqual(horopter.hint_from_camera_info(array, (640, 480)).k1, -0.1)
 
     def test_what_stands_around_a_token_is_dropped_and_no_error_shows_it(self):
         for text in ("secret", "secret\r\n", "\ufeff secret\n", "\tsecret\x0b", b"secret\r\n"):

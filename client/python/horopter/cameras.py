@@ -9,8 +9,9 @@ from .types import CameraHint
 
 _SQUARE = 1e-3  # pixels whose sides differ by less count as square
 _LEFT_OUT_PX = 1.0  # what may be left out of a lens moves no pixel by more
-_BROWN = ("", "plumbbob", "rationalpolynomial", "radtan", "brownconrady", "opencv", "none", "pinhole")
-_FISHEYE = ("equidistant", "fisheye", "kannalabrandt", "kannalabrandt4")
+_BROWN = ("", "plumbbob", "rationalpolynomial", "rational", "radtan", "radialtangential", "brown", "brownconrady", "opencv",
+          "fullopencv", "none", "pinhole")
+_FISHEYE = ("equidistant", "fisheye", "opencvfisheye", "kannalabrandt", "kannalabrandt4", "kb4")
 
 Size = Tuple[int, int]
 
@@ -70,7 +71,7 @@ def hint_from_camera_info(info: Any, image_size: Optional[Size] = None, rectifie
 
 
 def _set_lens(hint: CameraHint, fx: float, fy: float, d: Sequence[float], model: str, reach: float) -> None:
-    plain = model.lower().replace("_", "").replace("-", "").replace(" ", "")
+    plain = model.rpartition(".")[2].lower().replace("_", "").replace("-", "").replace(" ", "")
     if not all(map(math.isfinite, d)):
         raise ValueError("D: a number is not finite")
     if plain in _FISHEYE:
@@ -154,12 +155,19 @@ def _get(of: Any, *names: str) -> Any:
 
 
 def _flat(numbers: Any) -> List[float]:
-    """Of a list, a list of lists, an array, or the `data` of a mapping; none of None."""
+    """Of a list, a list of lists, an array, or the `data` of a mapping; none of None. Raises ValueError for anything else: what
+    is not understood must not count as a lens without distortion."""
     if isinstance(numbers, dict):
+        if numbers and "data" not in numbers:
+            raise ValueError("%s is no list of numbers" % sorted(map(str, numbers)))
         numbers = numbers.get("data")
     if numbers is None:
         return []
+    if isinstance(numbers, (str, bytes)):
+        raise ValueError("%r is no list of numbers" % numbers[:40])
+    if not hasattr(numbers, "__iter__"):
+        numbers = [numbers]
     out: List[float] = []
     for n in numbers:
-        out += _flat(n) if hasattr(n, "__len__") else [float(n)]
+        out += _flat(n) if hasattr(n, "__len__") and getattr(n, "shape", None) != () else [float(n)]
     return out
