@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "server/vision/geometry/rigid3.h"
+#include "server/vision/geometry/camera_base.h"
 #include "server/vision/geometry/station_state.h"
 
 namespace horopter {
@@ -19,7 +19,7 @@ struct StationRecord {
   std::int64_t revision = 0;
   std::string agreed_request_id;  // the last request that agreed with what was known; empty: none
   std::string agreed_time;
-  std::map<std::string, Rigid3> base_from_camera;  // by camera id
+  std::map<std::string, CameraBase> bases;  // by camera id
   StationState state;
 };
 

@@ -20,15 +20,20 @@ absl::Status NoStation(const std::string& id) {
 
 absl::Status ReadHandEye(sqlite3* db, StationRecord* record) {
   Statement select(db,
-                   "SELECT camera_id, r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz "
+                   "SELECT camera_id, r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz, "
+                   "learnt, rotation_sigma_rad, position_sigma_m, requests "
                    "FROM station_hand_eye WHERE station_id = ?");
   select.Bind(std::string_view(record->id));
   while (true) {
     HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
     if (!row) return absl::OkStatus();
-    Rigid3& pose = record->base_from_camera[select.Text(0)];
-    for (int i = 0; i < 9; ++i) pose.R(i / 3, i % 3) = select.Double(1 + i);
-    for (int i = 0; i < 3; ++i) pose.t(i) = select.Double(10 + i);
+    CameraBase& base = record->bases[select.Text(0)];
+    for (int i = 0; i < 9; ++i) base.base_from_camera.R(i / 3, i % 3) = select.Double(1 + i);
+    for (int i = 0; i < 3; ++i) base.base_from_camera.t(i) = select.Double(10 + i);
+    base.learnt = select.Int(13) != 0;
+    base.rotation_sigma_rad = select.Double(14);
+    base.position_sigma_m = select.Double(15);
+    base.requests = select.Int(16);
   }
 }
 
@@ -77,11 +82,20 @@ absl::Status WriteHandEye(sqlite3* db, const StationRecord& record) {
   clear.Bind(std::string_view(record.id));
   HOROPTER_RETURN_IF_ERROR(clear.Run());
   Statement insert(
-      db, "INSERT INTO station_hand_eye VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
-  for (const auto& [camera, pose] : record.base_from_camera) {
+      db,
+      "INSERT INTO station_hand_eye (station_id, camera_id, r11, r12, r13, r21, r22, r23, r31, "
+      "r32, "
+      "r33, tx, ty, tz, learnt, rotation_sigma_rad, position_sigma_m, requests) VALUES "
+      "(?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+  for (const auto& [camera, base] : record.bases) {
+    const Rigid3& pose = base.base_from_camera;
     insert.Bind(std::string_view(record.id)).Bind(std::string_view(camera));
     for (int i = 0; i < 9; ++i) insert.Bind(pose.R(i / 3, i % 3));
     for (int i = 0; i < 3; ++i) insert.Bind(pose.t(i));
+    insert.Bind(static_cast<int64_t>(base.learnt))
+        .Bind(base.rotation_sigma_rad)
+        .Bind(base.position_sigma_m)
+        .Bind(static_cast<int64_t>(base.requests));
     HOROPTER_RETURN_IF_ERROR(insert.Run());
   }
   return absl::OkStatus();

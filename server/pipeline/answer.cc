@@ -1,42 +1,27 @@
 #include "server/pipeline/answer.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <map>
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/pipeline/reference_base.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
 namespace {
 
-// References contradict a scene when they miss it by more than its covariance allows
-// (0.1 % of chi square with six degrees of freedom) and by more than this.
-constexpr double kGapChiSquare = 22.46;
-constexpr double kGapRad = 0.0087;
-constexpr double kGapM = 0.002;
 // Distances of reference cameras contradict the objects' scale beyond this.
 constexpr double kScaleSigmas = 4.0;
 constexpr double kScaleLog = 0.01;
 
-// Everything the answer is drawn from. Objects of the answer are ordered by score: metric index of
-// answer object i is order[i].
-struct Drawing {
+// Everything the answer is drawn from.
+struct Drawing : AnswerFrames {
+  explicit Drawing(const MetricScene& scene) : metric(scene) {}
   const MetricScene& metric;
-  TransformGraph graph;
-  SceneFrames frames;
-  int base = -1;
-  std::vector<std::size_t> order;
 };
-
-// Of the perturbation of base_from_camera.
-Matrix6d HintCovariance(const CameraPoseHint& hint) {
-  Vector6d sigmas;
-  sigmas << Eigen::Vector3d::Constant(hint.rotation_sigma_rad),
-      Eigen::Vector3d::Constant(hint.position_sigma_m);
-  return sigmas.cwiseAbs2().asDiagonal();
-}
 
 std::size_t AnswerIndex(const Drawing& d, int metric_object) {
   return static_cast<std::size_t>(
@@ -103,86 +88,48 @@ absl::Status CompareBaselines(const SceneRequest& request, const Drawing& d, Sce
   return absl::OkStatus();
 }
 
-void AddReferenceConflict(const std::string& detail, double value, SceneAnswer* answer) {
-  AnswerFinding f;
-  f.kind = FindingKind::kReferenceConflict;
-  f.value = value;
-  f.detail = detail;
-  answer->findings.push_back(f);
-  AddReason(ReasonKind::kReferenceConflict, detail, answer);
-}
-
 // Ties the base to camera v with the uncertainty of its hint.
 absl::Status TieToCamera(const SceneRequest& request, int base, int v, Drawing* d) {
   const CameraPoseHint& hint = *request.camera_poses[v];
-  return d->graph.Connect(base,
-                          d->frames.cameras[v],
-                          hint.camera_from_base.Inverse(),
-                          d->graph.AddUncertainty(HintCovariance(hint)));
+  return d->graph.Connect(
+      base,
+      d->frames.cameras[v],
+      hint.camera_from_base.Inverse(),
+      d->graph.AddUncertainty(DiagonalCovariance(hint.rotation_sigma_rad, hint.position_sigma_m)));
 }
 
-// The base from the reference object; every camera in the base must agree with it.
-absl::Status BaseFromObject(const SceneRequest& request, Drawing* d, SceneAnswer* answer) {
-  int reference = -1;
-  for (std::size_t i = 0; i < answer->objects.size() && reference < 0; ++i) {
-    if (answer->objects[i].object_id == request.reference->object_id) {
-      reference = d->frames.objects[d->order[i]];
-    }
-  }
-  if (reference < 0) {
-    AddReason(
-        ReasonKind::kReferenceNotFound,
-        absl::StrCat(
-            "reference ", request.reference->object_id, " is not among the recognised objects"),
-        answer);
-    return absl::OkStatus();
-  }
-  const int base = d->graph.AddFrame("base");
-  HOROPTER_RETURN_IF_ERROR(d->graph.Connect(base, reference, request.reference->base_from_object));
+// The recovered camera whose pose in the base is known best; -1: none.
+int SurestCamera(const SceneRequest& request, const Drawing& d) {
+  int surest = -1;
   for (int v = 0; v < static_cast<int>(request.camera_poses.size()); ++v) {
-    if (!request.camera_poses[v] || d->frames.cameras[v] < 0) continue;
-    const int column = d->graph.AddUncertainty(HintCovariance(*request.camera_poses[v]));
-    HOROPTER_ASSIGN_OR_RETURN(const LoopGap gap,
-                              d->graph.Gap(base,
-                                           d->frames.cameras[v],
-                                           request.camera_poses[v]->camera_from_base.Inverse(),
-                                           column));
-    const double turn = gap.gap.head<3>().norm(), shift = gap.gap.tail<3>().norm();
-    if (gap.chi_square < kGapChiSquare || (turn < kGapRad && shift < kGapM)) continue;
-    AddReferenceConflict(absl::StrCat("reference ",
-                                      request.reference->object_id,
-                                      " and the camera of image ",
-                                      v,
-                                      " put the base ",
-                                      1e3 * shift,
-                                      " mm and ",
-                                      turn,
-                                      " rad apart"),
-                         shift,
-                         answer);
-    return absl::OkStatus();
+    const auto& hint = request.camera_poses[v];
+    if (!hint || d.frames.cameras[v] < 0) continue;
+    if (surest < 0 || hint->position_sigma_m < request.camera_poses[surest]->position_sigma_m)
+      surest = v;
   }
-  d->base = base;
-  HOROPTER_ASSIGN_OR_RETURN(const UncertainPose pose, d->graph.Between(base, d->frames.scene));
-  answer->base_from_scene = pose.pose;
-  return absl::OkStatus();
+  return surest;
 }
 
-// Ties the base to the scene, unless references contradict each other.
-absl::Status FindBase(const SceneRequest& request, Drawing* d, SceneAnswer* answer) {
-  if (request.reference) return BaseFromObject(request, d, answer);
+// Ties the base to the scene, unless references contradict each other or leave it open.
+absl::Status FindBase(const SceneRequest& request,
+                      std::span<const std::shared_ptr<const PreparedObject>> objects,
+                      Drawing* d,
+                      SceneAnswer* answer) {
+  if (request.reference) {
+    HOROPTER_ASSIGN_OR_RETURN(const ReferenceVerdict verdict,
+                              BaseFromReferences(request, objects, d, answer));
+    if (verdict != ReferenceVerdict::kOpen) return absl::OkStatus();
+  }
   const BaseFrame frame = BaseFromCameras(request.camera_poses, answer->cameras);
   if (!frame.conflict.empty()) AddReferenceConflict(frame.conflict, 0.0, answer);
   if (!frame.base_from_scene) return absl::OkStatus();
   answer->base_from_scene = frame.base_from_scene;
   // The mean of several cameras is at least as sure as one of them.
+  const int surest = SurestCamera(request, *d);
+  if (surest < 0) return absl::OkStatus();
   const int base = d->graph.AddFrame("base");
-  for (int v = 0; v < static_cast<int>(request.camera_poses.size()); ++v) {
-    if (!request.camera_poses[v] || d->frames.cameras[v] < 0) continue;
-    HOROPTER_RETURN_IF_ERROR(TieToCamera(request, base, v, d));
-    d->base = base;
-    break;
-  }
+  HOROPTER_RETURN_IF_ERROR(TieToCamera(request, base, surest, d));
+  d->base = base;
   return absl::OkStatus();
 }
 
@@ -231,12 +178,43 @@ GraspOptions WithTools(GraspOptions options, const std::optional<GripperTools>& 
   return options;
 }
 
+// Grasps that the images allow and the base does not.
+void TellUncertainBase(double least_success, std::size_t object, SceneAnswer* answer) {
+  const AnswerObject& o = answer->objects[object];
+  const auto missed = std::count_if(o.grasps.begin(), o.grasps.end(), [&](const SceneGrasp& g) {
+    return g.success < least_success;
+  });
+  if (missed == 0 || !o.base_from_object) return;
+  const auto widest = [&](const Eigen::Matrix3d& block) {
+    return std::sqrt(std::max(
+        0.0, Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(block).eigenvalues().maxCoeff()));
+  };
+  const Matrix6d& C = o.base_from_object->covariance;
+  AnswerFinding f;
+  f.kind = FindingKind::kBaseUncertain;
+  f.object_id = o.object_id;
+  f.instance = o.instance;
+  f.value = widest(C.bottomRightCorner<3, 3>());
+  f.turn_rad = widest(C.topLeftCorner<3, 3>());
+  f.detail = absl::StrCat("the robot's base is known to ",
+                          1e3 * f.value,
+                          " mm and ",
+                          f.turn_rad,
+                          " rad there: ",
+                          missed,
+                          " of ",
+                          o.grasps.size(),
+                          " grasps may miss");
+  answer->findings.push_back(std::move(f));
+}
+
 void FillGrasps(const Drawing& d,
                 std::span<const std::shared_ptr<const PreparedObject>> objects,
                 const GraspOptions& options,
                 SceneAnswer* answer) {
   GraspScene scene;
   scene.plane = d.metric.plane;
+  scene.joint_covariance = answer->joint_covariance;
   for (std::size_t i = 0; i < answer->objects.size(); ++i) {
     const AnswerObject& o = answer->objects[i];
     GraspScene::Object object{
@@ -244,13 +222,14 @@ void FillGrasps(const Drawing& d,
     if (o.base_from_object && answer->base_from_scene) {
       // About the scene's axes.
       const Matrix6d turn = SecondInProduct(answer->base_from_scene->Inverse());
-      object.covariance = turn * o.base_from_object->covariance * turn.transpose();
+      object.covariance_in_base = turn * o.base_from_object->covariance * turn.transpose();
     }
     scene.objects.push_back(object);
   }
   for (std::size_t i = 0; i < answer->objects.size(); ++i) {
     AnswerObject& o = answer->objects[i];
     o.grasps = PlanGrasps(scene, static_cast<int>(i), options, &o.grasp_counts);
+    TellUncertainBase(options.least_success, i, answer);
   }
 }
 
@@ -287,7 +266,7 @@ absl::Status FillAnswer(const MetricScene& metric,
                         const GraspOptions& grasps,
                         SceneAnswer* answer) {
   answer->cameras = metric.cameras;
-  Drawing d{metric, {}, {}, -1, {}};
+  Drawing d(metric);
   d.frames = AddSceneFrames(metric, &d.graph);
   for (std::size_t k = 0; k < metric.objects.size(); ++k) d.order.push_back(k);
   std::stable_sort(d.order.begin(), d.order.end(), [&](std::size_t a, std::size_t b) {
@@ -324,7 +303,7 @@ absl::Status FillAnswer(const MetricScene& metric,
   for (const Finding& f : metric.findings) AddFinding(f, d, objects, answer);
   HOROPTER_RETURN_IF_ERROR(CompareBaselines(request, d, answer));
   TellScaleConflicts(answer);
-  HOROPTER_RETURN_IF_ERROR(FindBase(request, &d, answer));
+  HOROPTER_RETURN_IF_ERROR(FindBase(request, objects, &d, answer));
   HOROPTER_RETURN_IF_ERROR(FillCovariances(d, answer));
   FillGrasps(d, objects, WithTools(grasps, request.gripper), answer);
   answer->plane = metric.plane;

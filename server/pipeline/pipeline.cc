@@ -12,6 +12,7 @@
 #include "server/pipeline/answer.h"
 #include "server/pipeline/clocks.h"
 #include "server/pipeline/exception_status.h"
+#include "server/pipeline/expected_stage.h"
 #include "server/pipeline/explain.h"
 #include "server/pipeline/hint_check.h"
 #include "server/pipeline/hinted_runs.h"
@@ -101,14 +102,13 @@ absl::Status Explain(const RecognitionInput& input,
   return absl::OkStatus();
 }
 
-// Where a reference object says that the cameras are in the base frame, per image; else empty.
-std::vector<std::optional<Rigid3>> CamerasByReference(const SceneRequest& request,
-                                                      const SceneAnswer& answer) {
-  std::vector<std::optional<Rigid3>> out;
-  if (!request.reference || !answer.base_from_scene) return out;
-  for (const auto& camera : answer.cameras) {
+// Where references say that the cameras are in the base frame, per image; else empty.
+std::vector<std::optional<CameraBase>> BasesSeen(const SceneAnswer& answer,
+                                                 const StationOptions& options) {
+  std::vector<std::optional<CameraBase>> out;
+  for (const auto& base_from_camera : answer.base_from_camera_by_reference) {
     out.emplace_back();
-    if (camera) out.back() = *answer.base_from_scene * camera->camera_from_scene.Inverse();
+    if (base_from_camera) out.back() = BaseSeen(*base_from_camera, options);
   }
   return out;
 }
@@ -164,7 +164,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
       FillAnswer(*trace.metric, objects, placed, options.euclidean.grasps, &answer));
   if (!hint_test.agrees)
     TellContradictedHints(request.hints, hint_test, trace.metric->cameras, &answer);
-  if (request.station) result.station->base_from_camera = CamerasByReference(request, answer);
+  if (request.station) result.station->bases_seen = BasesSeen(answer, options.station);
   if (answer.objects.empty()) AddReason(ReasonKind::kNothingFound, "no object is left", &answer);
   HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
   return result;
@@ -178,6 +178,7 @@ absl::StatusOr<PipelineResult> RunTold(const SceneRequest& request,
   HOROPTER_ASSIGN_OR_RETURN(PipelineResult result, RunStages(request, catalog, options, stop));
   const bool with_station = result.station && result.station->prior_used;
   TellCameraBases(request, result.trace, with_station, &result.answer);
+  HOROPTER_RETURN_IF_ERROR(TellExpected(request, catalog, &result.answer));
   return result;
 }
 

@@ -10,6 +10,7 @@
 
 #include "server/pipeline/base_frame.h"
 #include "server/pipeline/camera_basis.h"
+#include "server/pipeline/expected_parts.h"
 #include "server/pipeline/station.h"
 #include "server/vision/euclidean/euclidean.h"
 #include "server/vision/explanation/explanation.h"
@@ -23,6 +24,10 @@ namespace horopter {
 struct ReferenceObject {
   std::string object_id;
   Rigid3 base_from_object;
+  // Standard deviations of that pose: of the rotation about each axis, of each coordinate. 0:
+  // exact.
+  double rotation_sigma_rad = 0.0;
+  double position_sigma_m = 0.0;
 };
 
 // The robot's tools; see Gripper in recognition.proto.
@@ -40,13 +45,15 @@ struct SceneRequest {
   std::vector<std::optional<CameraPoseHint>> camera_poses;
   std::vector<std::string> candidates;  // empty: the whole catalog
   std::optional<ReferenceObject> reference;
-  std::optional<GripperTools> gripper;  // empty: the options' own
+  std::vector<ReferenceObject> further_references;  // only with `reference`
+  std::optional<GripperTools> gripper;              // empty: the options' own
   // Id of an object that is looked for too and of which the answer says why it is, or is not, in
   // it; empty: none.
   std::string explained;
   bool unexplained_edges = false;  // SceneAnswer::unexplained_edges is wanted
   std::string variants;            // of the methods, see variants.h; empty: the options as they are
   std::optional<StationRequest> station;  // whose cameras took the images
+  std::vector<ExpectedPart> expected_parts;
 };
 
 // Why an answer is less than objects with poses in every frame that was asked for; see SceneReason
@@ -60,8 +67,9 @@ enum class ReasonKind {
   kReferenceNotFound,  // objects recognised, the reference is not among them: no base frame
   kReferenceConflict,
   kEmptyCatalog,
-  kUnrelatedImages,  // show nothing of what the others show
-  kHintContradicted,  // what the caller says of a lens contradicts the images
+  kUnrelatedImages,     // show nothing of what the others show
+  kHintContradicted,    // what the caller says of a lens contradicts the images
+  kReferenceAmbiguous,  // references leave several poses of the base open: no base frame
 };
 struct AnswerReason {
   ReasonKind kind = ReasonKind::kNothingFound;
@@ -105,6 +113,7 @@ struct AnswerFinding {
   int image = -1;
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();  // object frame
   double value = 0.0;                                   // see Finding
+  double turn_rad = 0.0;                                // of kBaseUncertain, beside its metres
   std::string detail;
 };
 // What the caller says of an image's lens does not fit the image; what the image shows without it,
@@ -114,6 +123,14 @@ struct ContradictedHint {
   double focal_px = 0.0;
   Eigen::Vector2d principal_point = Eigen::Vector2d::Zero();
   std::string detail;
+};
+// A pose of the base that agrees with all that is said of it, by an instance of a reference and one
+// of its symmetries (0: identity, k: ObjectModel::symmetries[k-1]).
+struct AnswerBase {
+  Rigid3 base_from_scene;
+  std::string object_id;
+  int instance = 0;
+  int symmetry = 0;
 };
 struct AnswerScale {
   ScaleSourceKind kind = ScaleSourceKind::kObject;
@@ -132,6 +149,9 @@ struct AnswerExplanation {
   Explanation found;
 };
 
+// All that are given, in their order.
+std::vector<ReferenceObject> ReferencesOf(const SceneRequest& request);
+
 // Points of edges of one image, pixels.
 using EdgeLines = std::vector<std::vector<Eigen::Vector2d>>;
 
@@ -139,7 +159,7 @@ struct SceneAnswer {
   bool time_limited = false;          // it hurried or searched briefly: more time may give more
   std::vector<AnswerReason> reasons;  // each kind at most once; see AddReason
   std::vector<UnsearchedStep> unsearched;
-  std::vector<std::optional<PosedCamera>> cameras;  // one per image; empty: not recovered
+  std::vector<std::optional<PosedCamera>> cameras;     // one per image; empty: not recovered
   std::vector<std::vector<CameraBasis>> camera_bases;  // one list per image, or none
   std::vector<bool> unrelated_images;                  // one per image, or none
   // One per image, or none: whether a focal length that its file gives was believed.
@@ -149,7 +169,12 @@ struct SceneAnswer {
   Eigen::MatrixXd joint_covariance;
   // When a reference was given and found; without one, when posed cameras were recovered.
   std::optional<Rigid3> base_from_scene;
-  std::optional<SupportingPlane> plane;  // that the objects stand on, in the scene frame
+  std::vector<AnswerBase> base_alternatives;  // of kReferenceAmbiguous
+  // Where references say that the cameras are in the base, one per image; empty: they leave it
+  // open, or there are none. Also where that contradicts the camera poses of the request.
+  std::vector<std::optional<UncertainPose>> base_from_camera_by_reference;
+  std::optional<ExpectedReport> expected;  // of expected_parts; indices into `objects`
+  std::optional<SupportingPlane> plane;    // that the objects stand on, in the scene frame
   std::optional<AnswerExplanation> explanation;
   // One entry per image; empty unless asked for.
   std::vector<EdgeLines> unexplained_edges;

@@ -41,12 +41,30 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> ObjectAt(const CatalogSnap
   return catalog.stored[index]->Get();
 }
 
+absl::StatusOr<std::shared_ptr<const PreparedObject>> ObjectById(const CatalogSnapshot& catalog,
+                                                                 const std::string& id) {
+  const int index = FindObject(catalog, id);
+  if (index < 0) return absl::NotFoundError(absl::StrCat("object ", id, " is not enrolled"));
+  return ObjectAt(catalog, index);
+}
+
+std::vector<std::string> ExpectedIds(const SceneRequest& request) {
+  std::vector<std::string> out;
+  for (const ExpectedPart& part : request.expected_parts) {
+    out.push_back(part.object_id);
+    if (!part.frame_object.empty()) out.push_back(part.frame_object);
+  }
+  return out;
+}
+
 absl::StatusOr<Selection> SelectObjects(const SceneRequest& request,
                                         const CatalogSnapshot& catalog,
                                         int most) {
-  if (request.reference && FindObject(catalog, request.reference->object_id) < 0) {
+  const std::vector<ReferenceObject> references = ReferencesOf(request);
+  for (const ReferenceObject& reference : references) {
+    if (FindObject(catalog, reference.object_id) >= 0) continue;
     return absl::NotFoundError(
-        absl::StrCat("reference.object: ", request.reference->object_id, " is not enrolled"));
+        absl::StrCat("reference.object: ", reference.object_id, " is not enrolled"));
   }
   if (!request.explained.empty() && FindObject(catalog, request.explained) < 0) {
     return absl::NotFoundError(
@@ -58,7 +76,14 @@ absl::StatusOr<Selection> SelectObjects(const SceneRequest& request,
     std::iota(selected.begin(), selected.end(), 0);
   }
   std::vector<std::string> wanted = request.candidates;
-  if (!wanted.empty() && request.reference) wanted.push_back(request.reference->object_id);
+  for (const ReferenceObject& reference : references) {
+    if (!request.candidates.empty()) wanted.push_back(reference.object_id);
+  }
+  for (const std::string& id : ExpectedIds(request)) {
+    if (FindObject(catalog, id) < 0)
+      return absl::NotFoundError(absl::StrCat("expected_parts: ", id, " is not enrolled"));
+    if (!request.candidates.empty()) wanted.push_back(id);
+  }
   if (!wanted.empty() && !request.explained.empty()) wanted.push_back(request.explained);
   std::sort(wanted.begin(), wanted.end());
   wanted.erase(std::unique(wanted.begin(), wanted.end()), wanted.end());

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -14,7 +15,14 @@ struct Selection {
   std::vector<int> slots;  // of the objects in the catalog's keys; empty when it has none
 };
 
-// The candidates, the reference and the explained object, or all; in the catalog's order.
+// The object of this id. Errors: NOT_FOUND, those of the stored objects.
+absl::StatusOr<std::shared_ptr<const PreparedObject>> ObjectById(const CatalogSnapshot& catalog,
+                                                                 const std::string& id);
+
+// The objects that the request expects, and those in whose frames it expects them.
+std::vector<std::string> ExpectedIds(const SceneRequest& request);
+
+// The candidates, references, expected and explained objects, or all; in the catalog's order.
 // Errors: NOT_FOUND (one of them is not enrolled), INVALID_ARGUMENT (more than `most`), those of
 // the stored objects.
 absl::StatusOr<Selection> SelectObjects(const SceneRequest& request,

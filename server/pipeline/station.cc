@@ -1,6 +1,7 @@
 #include "server/pipeline/station.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "server/pipeline/scene.h"
 
@@ -33,6 +34,27 @@ bool HasPlace(const StationRequest& station, std::size_t view) {
   const int c = station.views[view];
   return c >= 0 && station.state.cameras[c].posed && !station.state.cameras[c].moving &&
          std::count(station.views.begin(), station.views.end(), c) == 1;
+}
+
+// A camera whose place in the base is known best: what people said goes before what was learnt.
+struct Surest {
+  int camera = -1;
+  CameraBase base;
+};
+std::optional<Surest> SurestBase(const StationRequest& station, const StationTest& test) {
+  std::optional<Surest> out;
+  const std::size_t cameras = std::min(station.state.cameras.size(), station.bases.size());
+  for (std::size_t c = 0; c < cameras; ++c) {
+    const StationCamera& camera = station.state.cameras[c];
+    if (!station.bases[c] || !camera.posed || camera.moving || HasMoved(test, static_cast<int>(c)))
+      continue;
+    const CameraBase& base = *station.bases[c];
+    if (out && std::pair(out->base.learnt, out->base.position_sigma_m) <=
+                   std::pair(base.learnt, base.position_sigma_m))
+      continue;
+    out = Surest{static_cast<int>(c), base};
+  }
+  return out;
 }
 
 }  // namespace
@@ -82,29 +104,44 @@ SceneRequest WithStationHints(const SceneRequest& request) {
 SceneRequest WithStationBase(const SceneRequest& request, const StationTest& test) {
   const StationRequest& station = *request.station;
   if (!request.camera_poses.empty() || IsSwapped(test)) return request;
-  const std::size_t cameras =
-      std::min(station.state.cameras.size(), station.base_from_camera.size());
-  std::optional<Rigid3> base_from_rig;
-  for (std::size_t c = 0; c < cameras && !base_from_rig; ++c) {
-    const StationCamera& camera = station.state.cameras[c];
-    if (station.base_from_camera[c] && camera.posed && !camera.moving)
-      base_from_rig = *station.base_from_camera[c] * camera.camera_from_rig;
-  }
+  const std::optional<Surest> surest = SurestBase(station, test);
   SceneRequest out = request;
   std::vector<std::optional<CameraPoseHint>> poses(request.images.size());
   bool any = false;
   for (std::size_t v = 0; v < poses.size(); ++v) {
     const int c = station.views[v];
-    if (c < 0 || c >= static_cast<int>(cameras) || station.state.cameras[c].moving) continue;
+    if (c < 0 || c >= static_cast<int>(station.bases.size()) || station.state.cameras[c].moving)
+      continue;
     if (HasMoved(test, c)) continue;
-    std::optional<Rigid3> base_from_camera = station.base_from_camera[c];
-    if (!base_from_camera && base_from_rig && HasPlace(station, v))
-      base_from_camera = *base_from_rig * station.state.cameras[c].camera_from_rig.Inverse();
-    if (!base_from_camera) continue;
-    poses[v] = CameraPoseHint{base_from_camera->Inverse()};
+    std::optional<CameraBase> base = station.bases[c];
+    if (!base && surest && HasPlace(station, v))
+      base = ThroughRig(station.state, surest->base, surest->camera, c);
+    if (!base) continue;
+    poses[v] = CameraPoseHint{base->base_from_camera.Inverse(),
+                              std::max(kLeastTurnRad, base->rotation_sigma_rad),
+                              std::max(kLeastShiftM, base->position_sigma_m)};
     any = true;
   }
   if (any) out.camera_poses = std::move(poses);
+  return out;
+}
+
+std::optional<BaseChange> BaseMoved(const StationRequest& station,
+                                    const StationOutcome& outcome,
+                                    const StationOptions& options) {
+  std::optional<BaseChange> out;
+  if (IsSwapped(outcome.test)) return out;
+  for (std::size_t v = 0; v < std::min(station.views.size(), outcome.bases_seen.size()); ++v) {
+    const int c = station.views[v];
+    if (c < 0 || c >= static_cast<int>(station.bases.size()) || !station.bases[c] ||
+        !outcome.bases_seen[v] || station.state.cameras[c].moving || HasMoved(outcome.test, c))
+      continue;
+    const BaseTest test = TestBase(*station.bases[c], *outcome.bases_seen[v], options);
+    if (test.agrees) continue;
+    if (!out) out = BaseChange{{}, test.turn_rad, test.shift_m, false};
+    out->cameras.push_back(c);
+    out->given = out->given || !station.bases[c]->learnt;
+  }
   return out;
 }
 

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "server/vision/geometry/rigid3.h"
+#include "server/vision/station/base_filter.h"
 #include "server/vision/station/station_adjustment.h"
 
 namespace horopter {
@@ -16,16 +16,16 @@ struct SceneRequest;
 struct StationRequest {
   StationState state;
   StationViews views;  // one per image
-  // Per camera of the state: where it is in the robot's base frame, when somebody said.
-  std::vector<std::optional<Rigid3>> base_from_camera;
+  // Per camera of the state: where it is in the robot's base frame, when that is known.
+  std::vector<std::optional<CameraBase>> bases;
 };
 
 struct StationOutcome {
   StationTest test;
   bool prior_used = false;
   CameraEvidence evidence;  // to learn from; empty: nothing was recognised
-  // By a reference object in the robot's base frame, one per image; empty: none was seen.
-  std::vector<std::optional<Rigid3>> base_from_camera = {};
+  // By references in the robot's base frame, one per image; empty: none was seen.
+  std::vector<std::optional<CameraBase>> bases_seen = {};
 };
 
 // Whether the test says that the images fit the cameras in another order.
@@ -42,5 +42,16 @@ SceneRequest WithStationHints(const SceneRequest& request);
 // them: by their hand-eye calibrations and, for the others, through the rig. Cameras that the test
 // says have moved are nowhere, and all are when it says that they are swapped.
 SceneRequest WithStationBase(const SceneRequest& request, const StationTest& test);
+
+// That references put the robot's base elsewhere than is known of the station's fixed cameras.
+struct BaseChange {
+  std::vector<int> cameras;  // of the state
+  double turn_rad = 0.0;     // how far, of the first
+  double shift_m = 0.0;
+  bool given = false;  // people said where one of them is
+};
+std::optional<BaseChange> BaseMoved(const StationRequest& station,
+                                    const StationOutcome& outcome,
+                                    const StationOptions& options);
 
 }  // namespace horopter

@@ -49,8 +49,9 @@ absl::Status AddEntry(const std::vector<std::string>& words, int line, AccessLis
   AccessList::Entry entry;
   entry.caller.name = words[1];
   if (words[0] == "robot") entry.caller.role = Role::kRobot;
+  if (words[0] == "teacher") entry.caller.role = Role::kTeacher;
   if (words[0] == "admin") entry.caller.role = Role::kAdmin;
-  if (entry.caller.role == Role::kNone) return BadLine(line, "the role is robot or admin");
+  if (entry.caller.role == Role::kNone) return BadLine(line, "the role is robot, teacher or admin");
   if (!IsName(entry.caller.name)) return BadLine(line, "the name is [A-Za-z0-9_.-]{1,63}");
   if (absl::StartsWith(words[2], "cert:") && words[2].size() > 5) {
     if (words.size() > 3) return BadLine(line, "a certificate says itself until when it is good");
@@ -182,7 +183,11 @@ absl::StatusOr<Caller> Access::Authorize(std::string_view authorization,
   HOROPTER_ASSIGN_OR_RETURN(Caller caller, FindCaller(*Current(), authorization, common_name, now));
   if (caller.role < needed) {
     return absl::PermissionDeniedError(
-        absl::StrCat("'", caller.name, "' has the role robot, the call needs admin"));
+        absl::StrCat("'",
+                     caller.name,
+                     "' has the role ",
+                     caller.role == Role::kTeacher ? "teacher" : "robot",
+                     ", the call needs admin"));
   }
   return caller;
 }

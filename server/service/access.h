@@ -22,8 +22,9 @@ namespace horopter {
 // What a caller may do; each may do what those before it may.
 enum class Role {
   kNone,
-  kRobot,  // recognise and read
-  kAdmin,  // change the catalog, verify it, back it up
+  kRobot,    // recognise and read
+  kTeacher,  // recognise in such a way that stations learn from it
+  kAdmin,    // change the catalog, verify it, back it up
 };
 
 // Who calls. The name is that of the access file; empty where nobody has to say who he is.
@@ -37,7 +38,7 @@ struct Caller {
 //   ROLE  NAME  sha256:HEX [until=YYYY-MM-DD]    a token, by the SHA-256 of its text
 //   ROLE  NAME  cert:COMMON_NAME                 a client certificate (mutual TLS)
 //
-// ROLE is robot or admin, NAME [A-Za-z0-9_.-]{1,63}. A token ends with its day, UTC.
+// ROLE is robot, teacher or admin, NAME [A-Za-z0-9_.-]{1,63}. A token ends with its day, UTC.
 struct AccessList {
   struct Entry {
     Caller caller;

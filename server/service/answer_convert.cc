@@ -7,6 +7,7 @@
 #include "horopter/v1/recognition.pb.h"
 #include "horopter/v1/types.pb.h"
 #include "server/service/convert.h"
+#include "server/service/expected_convert.h"
 #include "server/service/hint_convert.h"
 #include "server/service/rpc_status.h"
 
@@ -35,6 +36,8 @@ v1::SceneReason::Kind ReasonToProto(ReasonKind kind) {
       return v1::SceneReason::KIND_UNRELATED_IMAGES;
     case ReasonKind::kHintContradicted:
       return v1::SceneReason::KIND_HINT_CONTRADICTED;
+    case ReasonKind::kReferenceAmbiguous:
+      return v1::SceneReason::KIND_REFERENCE_AMBIGUOUS;
   }
   return v1::SceneReason::KIND_UNSPECIFIED;
 }
@@ -140,6 +143,14 @@ void FindingValueToProto(const AnswerFinding& finding, v1::SceneFinding* proto) 
     case FindingKind::kExifContradicted:
       proto->mutable_exif_contradicted()->set_focal_px(finding.value);
       return;
+    case FindingKind::kReferenceSymmetric:
+      proto->mutable_reference_symmetric()->set_equivalent_poses(
+          static_cast<int>(std::lround(finding.value)));
+      return;
+    case FindingKind::kBaseUncertain:
+      proto->mutable_base_uncertain()->set_position_sigma_m(finding.value);
+      proto->mutable_base_uncertain()->set_rotation_sigma_rad(finding.turn_rad);
+      return;
   }
 }
 
@@ -199,6 +210,7 @@ void GraspToProto(const SceneGrasp& grasp, const SceneAnswer& answer, v1::Recogn
                  proto->mutable_base_from_pregrasp());
   }
   proto->set_success(grasp.success);
+  proto->set_scene_success(grasp.scene_success);
   proto->set_quality(grasp.quality);
   if (grasp.suction) {
     proto->mutable_suction()->set_cup_radius_m(grasp.cup_radius_m);
@@ -341,8 +353,16 @@ void SceneAnswerToProto(const SceneAnswer& answer,
   }
   if (answer.base_from_scene)
     RigidToProto(*answer.base_from_scene, proto->mutable_base_from_scene());
+  for (const AnswerBase& base : answer.base_alternatives) {
+    v1::BaseAlternative* out = proto->add_base_alternatives();
+    RigidToProto(base.base_from_scene, out->mutable_base_from_scene());
+    out->set_object(ObjectName(base.object_id));
+    out->set_instance(base.instance);
+    out->set_symmetry_index(base.symmetry);
+  }
   PlanesToProto(answer, proto);
   FindingsToProto(answer, proto);
+  if (answer.expected) ExpectedToProto(answer, request.expected_parts, proto->mutable_expected());
   if (answer.explanation) ExplanationToProto(*answer.explanation, proto->mutable_explanation());
   if (!format.full) return;
   JointCovarianceToProto(answer, objects, proto);

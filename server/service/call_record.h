@@ -46,6 +46,7 @@ class CallRecord {
   grpc::Status End(const absl::Status& status) noexcept;
 
   RequestRecord& record() { return record_; }
+  Role role() const { return role_; }  // of the caller, once authorized
   std::chrono::steady_clock::time_point start() const { return start_; }
 
  private:
@@ -58,6 +59,7 @@ class CallRecord {
   grpc::CallbackServerContext* const context_;
   const std::chrono::steady_clock::time_point start_;
   RequestRecord record_;
+  Role role_ = Role::kNone;
   bool begun_ = false;
 };
 

@@ -11,8 +11,10 @@
 #include "horopter/v1/types.pb.h"
 #include "server/base/status_macros.h"
 #include "server/service/exif_camera.h"
+#include "server/service/expected_convert.h"
 #include "server/service/hint_convert.h"
 #include "server/service/rectify.h"
+#include "server/service/reference_convert.h"
 #include "server/service/rpc_status.h"
 
 namespace horopter {
@@ -154,15 +156,8 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
   HOROPTER_ASSIGN_OR_RETURN(const std::vector<ImageShape> shapes, ShapesOf(proto, limits));
   SceneRequest request;
   HOROPTER_ASSIGN_OR_RETURN(request.candidates, CandidatesFromProto(proto));
-  if (proto.has_reference()) {
-    ReferenceObject reference;
-    HOROPTER_ASSIGN_OR_RETURN(reference.object_id,
-                              ObjectIdFromName(proto.reference().object(), "reference.object"));
-    HOROPTER_ASSIGN_OR_RETURN(
-        reference.base_from_object,
-        RigidFromProto(proto.reference().base_from_object(), "reference.base_from_object"));
-    request.reference = std::move(reference);
-  }
+  HOROPTER_RETURN_IF_ERROR(AddReferences(proto, &request));
+  HOROPTER_ASSIGN_OR_RETURN(request.expected_parts, ExpectedPartsFromProto(proto));
   HOROPTER_RETURN_IF_ERROR(CheckLabels(proto));
   HOROPTER_ASSIGN_OR_RETURN(request.gripper, GripperFromProto(proto));
   bool any_hint = false, any_pose = false;

@@ -17,8 +17,6 @@ namespace {
 constexpr double kMaxFocalLogSigma = 2.0;
 constexpr double kMaxDistortion = 10.0;
 constexpr double kMaxRationalDistortion = 100.0;  // numerator and denominator compensate
-constexpr double kMaxRotationSigmaRad = 1.0;
-constexpr double kMaxPositionSigmaM = 10.0;
 constexpr double kMaxGripperM = 1.0;
 
 bool IsRational(const v1::CameraHint& proto) {

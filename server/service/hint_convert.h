@@ -15,6 +15,10 @@ class RecognizeSceneRequest;
 
 namespace horopter {
 
+// Highest standard deviations that are taken of a pose: of a rotation, of a coordinate.
+inline constexpr double kMaxRotationSigmaRad = 1.0;
+inline constexpr double kMaxPositionSigmaM = 10.0;
+
 // All return INVALID_ARGUMENT naming the field; `field` is that of the hint.
 
 // The image that a hint is about.

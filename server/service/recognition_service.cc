@@ -38,8 +38,19 @@ absl::Status CheckIds(const v1::RecognizeSceneRequest& proto,
                               ObjectIdFromName(proto.candidate_objects(i), field));
     if (!published.Contains(id)) return NotInCatalog(field, id);
   }
-  if (request.reference && !published.Contains(request.reference->object_id)) {
-    return NotInCatalog("reference.object", request.reference->object_id);
+  const std::vector<ReferenceObject> references = ReferencesOf(request);
+  for (size_t i = 0; i < references.size(); ++i) {
+    if (published.Contains(references[i].object_id)) continue;
+    return NotInCatalog(
+        i == 0 ? "reference.object" : absl::StrCat("further_references[", i - 1, "].object"),
+        references[i].object_id);
+  }
+  for (size_t i = 0; i < request.expected_parts.size(); ++i) {
+    const ExpectedPart& part = request.expected_parts[i];
+    const std::string field = absl::StrCat("expected_parts[", i, "]");
+    if (!published.Contains(part.object_id)) return NotInCatalog(field + ".object", part.object_id);
+    if (!part.frame_object.empty() && !published.Contains(part.frame_object))
+      return NotInCatalog(field + ".frame_object", part.frame_object);
   }
   if (!request.explained.empty() && !published.Contains(request.explained)) {
     return NotInCatalog("explain_object", request.explained);
@@ -58,18 +69,21 @@ absl::StatusOr<std::string> AllowedVariants(const std::string& named,
 // Of a request that names a station; its state goes into the record, for a replay.
 absl::StatusOr<std::optional<StationStart>> BeginStationOf(const v1::RecognizeSceneRequest& proto,
                                                            Catalog& catalog,
+                                                           bool may_teach,
                                                            SceneRequest* scene,
                                                            RequestRecord* record) {
   if (proto.station().empty()) {
     if (!proto.station_state().empty()) return InvalidField("station_state", "set without station");
+    if (proto.station_read_only()) return InvalidField("station_read_only", "set without station");
     return std::nullopt;
   }
   HOROPTER_ASSIGN_OR_RETURN(const std::string id, StationIdFromName(proto.station(), "station"));
-  std::vector<std::string> cameras;
-  for (const v1::SceneImage& image : proto.images()) cameras.push_back(image.camera_id());
-  HOROPTER_ASSIGN_OR_RETURN(
-      std::optional<StationStart> station,
-      BeginStation(catalog, id, proto.station_state(), cameras, scene->images));
+  StationUse use;
+  use.state = proto.station_state();
+  for (const v1::SceneImage& image : proto.images()) use.camera_ids.push_back(image.camera_id());
+  use.read_only = proto.station_read_only() || !may_teach;
+  HOROPTER_ASSIGN_OR_RETURN(std::optional<StationStart> station,
+                            BeginStation(catalog, id, use, scene->images));
   scene->station = station->request;
   if (proto.station_state().empty()) {
     v1::RecognizeSceneRequest supplement;
@@ -193,8 +207,9 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
       SceneRequestFromProto(request, limits_.images, limits_.decode_threads, call.limits.stop));
   HOROPTER_RETURN_IF_ERROR(CheckIds(request, scene, *published));
   HOROPTER_ASSIGN_OR_RETURN(scene.variants, AllowedVariants(call.variants, limits_));
-  HOROPTER_ASSIGN_OR_RETURN(const std::optional<StationStart> station,
-                            BeginStationOf(request, store_.catalog(), &scene, call.record));
+  HOROPTER_ASSIGN_OR_RETURN(
+      const std::optional<StationStart> station,
+      BeginStationOf(request, store_.catalog(), call.may_teach, &scene, call.record));
   StageReport decode = DecodeReport(start, scene);
 
   HOROPTER_ASSIGN_OR_RETURN(PipelineResult result,

@@ -11,6 +11,7 @@
 #include "horopter/v1/types.pb.h"
 #include "server/base/status_macros.h"
 #include "server/service/convert.h"
+#include "server/service/hint_convert.h"
 #include "server/service/rpc_status.h"
 #include "server/vision/geometry/intrinsics_check.h"
 
@@ -97,6 +98,37 @@ absl::StatusOr<KnownLens> LensFromCalibration(const v1::CameraCalibration& proto
   return lens;
 }
 
+namespace {
+
+void BaseToProto(const CameraBase& base, v1::StationCamera* proto) {
+  RigidToProto(base.base_from_camera, proto->mutable_base_from_camera());
+  proto->set_base_source(base.learnt ? v1::StationCamera::BASE_SOURCE_LEARNT
+                                     : v1::StationCamera::BASE_SOURCE_GIVEN);
+  proto->set_base_rotation_sigma_rad(base.rotation_sigma_rad);
+  proto->set_base_position_sigma_m(base.position_sigma_m);
+  proto->set_base_request_count(base.requests);
+}
+
+}  // namespace
+
+absl::StatusOr<CameraBase> BaseFromProto(const v1::StationCamera& proto, const std::string& field) {
+  CameraBase base;
+  HOROPTER_ASSIGN_OR_RETURN(base.base_from_camera,
+                            RigidFromProto(proto.base_from_camera(), field + ".base_from_camera"));
+  HOROPTER_RETURN_IF_ERROR(CheckSigma(proto.has_base_rotation_sigma_rad(),
+                                      proto.base_rotation_sigma_rad(),
+                                      kMaxRotationSigmaRad,
+                                      field + ".base_rotation_sigma_rad"));
+  HOROPTER_RETURN_IF_ERROR(CheckSigma(proto.has_base_position_sigma_m(),
+                                      proto.base_position_sigma_m(),
+                                      kMaxPositionSigmaM,
+                                      field + ".base_position_sigma_m"));
+  if (proto.has_base_rotation_sigma_rad())
+    base.rotation_sigma_rad = proto.base_rotation_sigma_rad();
+  if (proto.has_base_position_sigma_m()) base.position_sigma_m = proto.base_position_sigma_m();
+  return base;
+}
+
 void StationToProto(const StationRecord& record,
                     const std::vector<StationEventRecord>& events,
                     v1::Station* proto) {
@@ -111,9 +143,8 @@ void StationToProto(const StationRecord& record,
     out->set_motion(camera.moving    ? v1::StationCamera::MOTION_MOVING
                     : camera.zooming ? v1::StationCamera::MOTION_ZOOMING
                                      : v1::StationCamera::MOTION_FIXED);
-    if (const auto pose = record.base_from_camera.find(camera.id);
-        pose != record.base_from_camera.end())
-      RigidToProto(pose->second, out->mutable_base_from_camera());
+    if (const auto base = record.bases.find(camera.id); base != record.bases.end())
+      BaseToProto(base->second, out);
     out->set_request_count(camera.requests);
     if (camera.camera.width > 1) {
       CalibrationToProto(record.state, static_cast<int>(c), out->mutable_calibration());
@@ -144,6 +175,7 @@ void StationReportToProto(const StationStart& start,
   proto->set_station(StationName(start.id));
   proto->set_prior_used(outcome.prior_used);
   proto->set_learnt(learnt);
+  proto->set_read_only(!start.learns);
   if (std::isfinite(outcome.test.limit) && outcome.test.limit > 0.0) {
     proto->set_distance_squared(outcome.test.squared);
     proto->set_distance_limit(outcome.test.limit);
@@ -173,6 +205,14 @@ void StationReportToProto(const StationStart& start,
     finding->set_principal_point_y_shift_px(change.center_px.y());
     finding->set_k1_change(change.k1);
     finding->set_detail(DescribeChange(start.request.state, change));
+  }
+  if (const auto moved = BaseMoved(start.request, outcome, StationOptions())) {
+    v1::StationFinding* finding = add(v1::StationFinding::KIND_BASE_MOVED);
+    for (const int c : moved->cameras)
+      finding->add_cameras(StationCameraName(start.id, start.request.state.cameras[c].id));
+    finding->set_rotation_rad(moved->turn_rad);
+    finding->set_translation_m(moved->shift_m);
+    finding->set_detail(DescribeBaseChange(*moved));
   }
 }
 

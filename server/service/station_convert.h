@@ -10,6 +10,7 @@
 namespace horopter::v1 {
 class CameraCalibration;
 class Station;
+class StationCamera;
 class StationReport;
 }  // namespace horopter::v1
 
@@ -25,6 +26,9 @@ void CalibrationToProto(const StationState& state, int camera, v1::CameraCalibra
 // Errors: INVALID_ARGUMENT naming the field.
 absl::StatusOr<KnownLens> LensFromCalibration(const v1::CameraCalibration& proto,
                                               const std::string& field);
+
+// Where people say that the camera is in the base. Errors: INVALID_ARGUMENT naming the field.
+absl::StatusOr<CameraBase> BaseFromProto(const v1::StationCamera& proto, const std::string& field);
 
 void StationReportToProto(const StationStart& start,
                           const StationOutcome& outcome,

@@ -54,9 +54,12 @@ absl::StatusOr<int> CameraOf(const std::string& id, const std::string& field, St
   return AddStationCamera(id, kUnknownSide, kUnknownSide, {}, state);
 }
 
-void ForgetAll(int camera, StationState* state) {
-  ForgetLens(camera, {}, state);
-  ForgetPlace(camera, state);
+// What requests taught of a camera; where people say that it is in the robot's base stays.
+void ForgetLearnt(int camera, bool keep_base, StationRecord* record) {
+  ForgetLens(camera, {}, &record->state);
+  ForgetPlace(camera, &record->state);
+  const auto base = record->bases.find(record->state.cameras[camera].id);
+  if (!keep_base && base != record->bases.end() && base->second.learnt) record->bases.erase(base);
 }
 
 struct WrittenFields {
@@ -100,9 +103,12 @@ absl::Status WriteCamera(const v1::StationCamera& in,
     if (camera.moving) ForgetPlace(c, &record->state);
     if (camera.zooming) ForgetLens(c, {}, &record->state);
   }
-  if (!in.has_base_from_camera()) return absl::OkStatus();
-  HOROPTER_ASSIGN_OR_RETURN(record->base_from_camera[name.camera],
-                            RigidFromProto(in.base_from_camera(), field + ".base_from_camera"));
+  if (!in.has_base_from_camera()) {
+    if (in.has_base_rotation_sigma_rad() || in.has_base_position_sigma_m())
+      return InvalidField(field + ".base_from_camera", "missing; its deviations are set");
+    return absl::OkStatus();
+  }
+  HOROPTER_ASSIGN_OR_RETURN(record->bases[name.camera], BaseFromProto(in, field));
   return absl::OkStatus();
 }
 
@@ -164,7 +170,7 @@ absl::Status Reset(Catalog& catalog,
     if (!name.camera.empty()) {
       const int c = CameraIndex(next.state, name.camera);
       if (c < 0) return NotThere(name.station + "/cameras/" + name.camera);
-      ForgetAll(c, &next.state);
+      ForgetLearnt(c, request.keep_base(), &next);
       events->back().camera_ids.push_back(name.camera);
       return next;
     }
@@ -172,7 +178,7 @@ absl::Status Reset(Catalog& catalog,
     next.agreed_request_id.clear();
     next.agreed_time.clear();
     for (size_t c = 0; c < next.state.cameras.size(); ++c) {
-      ForgetAll(static_cast<int>(c), &next.state);
+      ForgetLearnt(static_cast<int>(c), request.keep_base(), &next);
       events->back().camera_ids.push_back(next.state.cameras[c].id);
     }
     return next;

@@ -48,6 +48,16 @@ absl::StatusOr<StationViews> CamerasOf(const std::vector<std::string>& ids,
     const int width = images[i].cols, height = images[i].rows;
     if (c < 0) c = AddStationCamera(ids[i], width, height, options, state);
     StationCamera& camera = state->cameras[c];
+    // One on the arm takes several; of one that stands still the second image is another's.
+    if (const auto first = std::find(views.begin(), views.end(), c);
+        first != views.end() && !camera.moving) {
+      return InvalidField(field,
+                          absl::StrCat("camera '",
+                                       ids[i],
+                                       "' took image ",
+                                       first - views.begin(),
+                                       " already; only one that is declared moving takes several"));
+    }
     if (camera.camera.width != width || camera.camera.height != height) {
       if (camera.requests > 0) resized->push_back(ids[i]);
       camera.camera.width = width;
@@ -139,14 +149,13 @@ std::string StationTime() {
 
 absl::StatusOr<StationStart> BeginStation(Catalog& catalog,
                                           const std::string& id,
-                                          const std::string& state,
-                                          const std::vector<std::string>& camera_ids,
+                                          const StationUse& use,
                                           const std::vector<cv::Mat>& images) {
   StationStart out;
   out.id = id;
-  out.learns = state.empty();
+  out.learns = use.state.empty() && !use.read_only;
   StationRecord record;
-  if (state.empty()) {
+  if (use.state.empty()) {
     absl::StatusOr<StationRecord> stored = catalog.GetStation(id);
     if (absl::IsNotFound(stored.status())) {
       return FieldError(absl::StatusCode::kNotFound,
@@ -156,7 +165,7 @@ absl::StatusOr<StationStart> BeginStation(Catalog& catalog,
     HOROPTER_RETURN_IF_ERROR(stored.status());
     record = *std::move(stored);
   } else {
-    absl::StatusOr<StationState> brought = DecodeStationState(state);
+    absl::StatusOr<StationState> brought = DecodeStationState(use.state);
     if (!brought.ok())
       return InvalidField("station_state", std::string(brought.status().message()));
     record.state = *std::move(brought);
@@ -166,11 +175,10 @@ absl::StatusOr<StationStart> BeginStation(Catalog& catalog,
   out.agreed_time = record.agreed_time;
   out.request.state = std::move(record.state);
   HOROPTER_ASSIGN_OR_RETURN(out.request.views,
-                            CamerasOf(camera_ids, images, &out.request.state, &out.resized));
-  out.request.base_from_camera.resize(out.request.state.cameras.size());
-  for (const auto& [camera, pose] : record.base_from_camera) {
-    if (const int c = IndexOfCamera(out.request.state, camera); c >= 0)
-      out.request.base_from_camera[c] = pose;
+                            CamerasOf(use.camera_ids, images, &out.request.state, &out.resized));
+  out.request.bases.resize(out.request.state.cameras.size());
+  for (const auto& [camera, base] : record.bases) {
+    if (const int c = IndexOfCamera(out.request.state, camera); c >= 0) out.request.bases[c] = base;
   }
   return out;
 }
@@ -210,6 +218,14 @@ std::string DescribeChange(const StationState& state, const StationChange& chang
   return cameras;
 }
 
+std::string DescribeBaseChange(const BaseChange& change) {
+  return absl::StrFormat(
+      "references put the robot's base %.2f degrees and %.1f mm from where it was known to be; %s",
+      kDegrees * change.turn_rad,
+      1000.0 * change.shift_m,
+      change.given ? "what was given of it stays" : "what was learnt of it is forgotten");
+}
+
 namespace {
 
 // Of cameras that moved the hand-eye calibration is void; the others take theirs over through the
@@ -218,33 +234,64 @@ void ForgetMovedBases(const StationTest& test, StationRecord* record) {
   const std::vector<StationCamera>& cameras = record->state.cameras;
   const auto fixed = [&](const StationCamera& c) { return c.posed && !c.moving; };
   for (size_t m = 0; m < cameras.size(); ++m) {
-    const auto known = record->base_from_camera.find(cameras[m].id);
-    if (!HasMoved(test, static_cast<int>(m)) || known == record->base_from_camera.end()) continue;
+    const auto known = record->bases.find(cameras[m].id);
+    if (!HasMoved(test, static_cast<int>(m)) || known == record->bases.end()) continue;
     if (fixed(cameras[m])) {
-      const Rigid3 base_from_rig = known->second * cameras[m].camera_from_rig;
       for (size_t c = 0; c < cameras.size(); ++c) {
         if (!fixed(cameras[c]) || HasMoved(test, static_cast<int>(c))) continue;
-        record->base_from_camera.try_emplace(cameras[c].id,
-                                             base_from_rig * cameras[c].camera_from_rig.Inverse());
+        record->bases.try_emplace(
+            cameras[c].id,
+            ThroughRig(record->state, known->second, static_cast<int>(m), static_cast<int>(c)));
       }
     }
-    record->base_from_camera.erase(cameras[m].id);
+    record->bases.erase(cameras[m].id);
   }
 }
 
-// What a reference object says of fixed cameras of which nobody said where they are. Returns their
-// ids.
-std::vector<std::string> LearnBases(const StationViews& views,
-                                    const std::vector<std::optional<Rigid3>>& base_from_camera,
-                                    StationRecord* record) {
-  std::vector<std::string> learnt;
-  for (size_t v = 0; v < std::min(views.size(), base_from_camera.size()); ++v) {
-    const StationCamera& camera = record->state.cameras[views[v]];
-    if (!base_from_camera[v] || camera.moving) continue;
-    if (record->base_from_camera.try_emplace(camera.id, *base_from_camera[v]).second)
-      learnt.push_back(camera.id);
+// What references say of the places of fixed cameras in the base joins what was learnt of them.
+// Where they contradict it, the base has moved: all that was learnt of it is forgotten, and the
+// next reference is believed. What people said stays.
+void LearnBases(const StationViews& views,
+                const StationOutcome& outcome,
+                const std::string& request_id,
+                const StationOptions& options,
+                StationRecord* record,
+                std::vector<StationEventRecord>* events) {
+  StationRequest now;
+  now.state = record->state;
+  now.views = views;
+  for (const StationCamera& camera : record->state.cameras) {
+    const auto known = record->bases.find(camera.id);
+    now.bases.push_back(known == record->bases.end() ? std::nullopt : std::optional(known->second));
   }
-  return learnt;
+  if (const std::optional<BaseChange> moved = BaseMoved(now, outcome, options)) {
+    StationEventRecord& event = events->emplace_back();
+    event.kind = v1::StationEvent::KIND_BASE_MOVED;
+    event.time = record->update_time;
+    event.request_id = request_id;
+    for (const int c : moved->cameras) event.camera_ids.push_back(now.state.cameras[c].id);
+    event.detail = DescribeBaseChange(*moved);
+    std::erase_if(record->bases, [](const auto& entry) { return entry.second.learnt; });
+    return;
+  }
+  std::vector<std::string> learnt;
+  for (size_t v = 0; v < std::min(views.size(), outcome.bases_seen.size()); ++v) {
+    const StationCamera& camera = record->state.cameras[views[v]];
+    if (!outcome.bases_seen[v] || camera.moving) continue;
+    const CameraBase& seen = *outcome.bases_seen[v];
+    const auto [known, is_new] = record->bases.try_emplace(camera.id, seen);
+    if (is_new) {
+      learnt.push_back(camera.id);
+    } else {
+      known->second = UpdateBase(known->second, seen, options);
+    }
+  }
+  if (learnt.empty()) return;
+  events->push_back({v1::StationEvent::KIND_BASE_LEARNT,
+                     record->update_time,
+                     request_id,
+                     learnt,
+                     "places in the robot's base frame by the reference object"});
 }
 
 }  // namespace
@@ -279,15 +326,7 @@ absl::StatusOr<bool> TeachStation(Catalog& catalog,
       next.agreed_time = next.update_time;
     }
     ForgetMovedBases(test, &next);
-    const std::vector<std::string> based =
-        learnt ? LearnBases(views, outcome.base_from_camera, &next) : std::vector<std::string>();
-    if (!based.empty()) {
-      events->push_back({v1::StationEvent::KIND_BASE_LEARNT,
-                         next.update_time,
-                         request_id,
-                         based,
-                         "places in the robot's base frame by the reference object"});
-    }
+    if (learnt) LearnBases(views, outcome, request_id, options, &next, events);
     next.state = UpdateStation(std::move(next.state), views, outcome.evidence, test, options);
     return next;
   };

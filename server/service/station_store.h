@@ -37,16 +37,24 @@ struct StationStart {
   std::string state;                 // as bytes, for a recording
   std::vector<std::string> resized;  // cameras whose images have another size than before
   std::string agreed_request_id, agreed_time;
-  bool learns = true;  // false: the request brought its state
+  bool learns = true;  // false: the request brought its state, or only uses what is known
 };
 
-// camera_ids and images: of each other. state: as the request brought it; empty: the stored one.
-// Errors: NOT_FOUND, INVALID_ARGUMENT (a camera id, more than 16 cameras, a state that is none),
-// each naming its field; those of Catalog::GetStation.
+// What a request of a station brings with it.
+struct StationUse {
+  std::string state;  // empty: the stored one
+  // One per image.
+  std::vector<std::string> camera_ids;
+  // Nothing is learnt: the request says so, or its caller may not teach.
+  bool read_only = false;
+};
+
+// Errors: NOT_FOUND, INVALID_ARGUMENT (a camera id, one of a camera that stands still for two
+// images, more than 16 cameras, a state that is none), each naming its field; those of
+// Catalog::GetStation.
 absl::StatusOr<StationStart> BeginStation(Catalog& catalog,
                                           const std::string& id,
-                                          const std::string& state,
-                                          const std::vector<std::string>& camera_ids,
+                                          const StationUse& use,
                                           const std::vector<cv::Mat>& images);
 
 // Adds what the request says to the state that is stored now: other requests may have taught it
@@ -60,6 +68,7 @@ absl::StatusOr<bool> TeachStation(Catalog& catalog,
 
 // Text of a change, for people.
 std::string DescribeChange(const StationState& state, const StationChange& change);
+std::string DescribeBaseChange(const BaseChange& change);
 // StationEvent.Kind and StationFinding.Kind of a change, which have the same numbers.
 int KindOf(const StationChange& change);
 

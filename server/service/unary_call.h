@@ -33,6 +33,7 @@ struct CallInfo {
   // stop: true once the client cancelled or its deadline passed; hurry: after
   // HurryAfterS, never without a deadline. Usable after the call as well.
   CallLimits limits;
+  bool may_teach = true;  // the caller's requests may change what stations know
   // The handler says here what it knows beyond the status; never null.
   RequestRecord* record = nullptr;
 };

@@ -77,6 +77,36 @@ TEST(OpenDatabase, EachMigrationFollowsItsPredecessorAndKeepsItsRows) {
   }
 }
 
+// Before version 8 a base had no deviations, and whether it was learnt only an event told.
+TEST(OpenDatabase, LearntBasesOfAnOlderSchemaAreKnownAsSuch) {
+  const std::vector<std::string> all = CatalogMigrations();
+  const ScratchDir dir;
+  const std::string path = dir.File("a.db");
+  {
+    const auto handle = OpenDatabase(path, 10, {all.begin(), all.begin() + 7});
+    ASSERT_TRUE(handle.ok()) << handle.status();
+    ASSERT_TRUE(
+        Execute(
+            handle->get(),
+            "INSERT INTO station VALUES ('cell', '', '', '', 1, '', '', x'00');"
+            "INSERT INTO station_hand_eye VALUES ('cell', 'left', 1,0,0, 0,1,0, 0,0,1, 1,2,3);"
+            "INSERT INTO station_hand_eye VALUES ('cell', 'lef', 1,0,0, 0,1,0, 0,0,1, 4,5,6);"
+            "INSERT INTO station_event (station_id, kind, time, request_id, camera_ids, detail) "
+            "VALUES ('cell', 7, '', '', 'top left', ''), ('cell', 3, '', '', 'lef', '')")
+            .ok());
+  }
+  const auto handle = OpenDatabase(path, 10, all);
+  ASSERT_TRUE(handle.ok()) << handle.status();
+  sqlite3* const db = handle->get();
+  EXPECT_EQ(*QueryInt(db, "SELECT learnt FROM station_hand_eye WHERE camera_id = 'left'"), 1);
+  EXPECT_EQ(*QueryInt(db, "SELECT requests FROM station_hand_eye WHERE camera_id = 'left'"), 1);
+  EXPECT_EQ(*QueryInt(db, "SELECT learnt FROM station_hand_eye WHERE camera_id = 'lef'"), 0);
+  EXPECT_EQ(*QueryInt(db,
+                      "SELECT count(*) FROM station_hand_eye WHERE rotation_sigma_rad = 0.01 AND "
+                      "position_sigma_m = 0.005"),
+            2);
+}
+
 TEST(OpenDatabase, AFailingMigrationLeavesTheFormerVersion) {
   const ScratchDir dir;
   const std::string path = dir.File("a.db");

@@ -16,7 +16,12 @@ StationRecord Sample(int requests = 0) {
   StationRecord record;
   record.display_name = "press 4";
   record.create_time = record.update_time = "2026-01-01T00:00:00.000Z";
-  record.base_from_camera["left"].t = {1, 2, 3};
+  CameraBase& base = record.bases["left"];
+  base.base_from_camera.t = {1, 2, 3};
+  base.rotation_sigma_rad = 0.002;
+  base.position_sigma_m = 0.003;
+  base.learnt = true;
+  base.requests = 7;
   StationCamera camera;
   camera.id = "left";
   camera.camera = {640, 480, 900.0, 320.0, 240.0, 0.01};
@@ -52,7 +57,12 @@ TEST(Stations, SurviveReopeningWithAllTheyHold) {
     EXPECT_EQ(read->display_name, "press 4");
     EXPECT_EQ(read->state.requests, 1);
     EXPECT_EQ(read->state.covariance, Eigen::MatrixXd::Identity(10, 10));
-    EXPECT_EQ(read->base_from_camera.at("left").t.y(), 2.0);
+    const CameraBase& base = read->bases.at("left");
+    EXPECT_EQ(base.base_from_camera.t.y(), 2.0);
+    EXPECT_EQ(base.rotation_sigma_rad, 0.002);
+    EXPECT_EQ(base.position_sigma_m, 0.003);
+    EXPECT_TRUE(base.learnt);
+    EXPECT_EQ(base.requests, 7);
     const auto events = catalog->StationEvents("cell").value();
     ASSERT_EQ(events.size(), 2u);
     EXPECT_EQ(events[0].request_id, "r1");  // the latest first

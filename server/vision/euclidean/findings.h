@@ -14,15 +14,17 @@
 namespace horopter {
 
 enum class FindingKind {
-  kSingleObject,       // scale, frame and cameras hang on one object
-  kFrameBySymmetry,    // every object is symmetric: the frame is one of several equivalent ones
-  kTurnUndetermined,   // rotation of an object about `direction`
-  kShiftUndetermined,  // translation of an object along `direction`
-  kFocalAndDepth,      // focal length and depth of a view compensate each other
-  kScaleConflict,      // an object's size disagrees with the others, or with a reference
-  kObjectRejected,     // an object's edges do not fit the cameras of the others; left out
-  kReferenceConflict,  // references put the robot base in different places
-  kExifContradicted,   // the focal length that a view's file gives does not fit the view
+  kSingleObject,        // scale, frame and cameras hang on one object
+  kFrameBySymmetry,     // every object is symmetric: the frame is one of several equivalent ones
+  kTurnUndetermined,    // rotation of an object about `direction`
+  kShiftUndetermined,   // translation of an object along `direction`
+  kFocalAndDepth,       // focal length and depth of a view compensate each other
+  kScaleConflict,       // an object's size disagrees with the others, or with a reference
+  kObjectRejected,      // an object's edges do not fit the cameras of the others; left out
+  kReferenceConflict,   // references put the robot base in different places
+  kExifContradicted,    // the focal length that a view's file gives does not fit the view
+  kReferenceSymmetric,  // `value` poses of the base are the same to this reference
+  kBaseUncertain,       // the robot's base is known worse than its grippers need
 };
 
 struct Finding {

@@ -1,5 +1,6 @@
 #include "server/vision/euclidean/grasps.h"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -75,14 +76,44 @@ double Within(double limit, double sigma) {
 struct GripperSigmas {
   Eigen::Vector3d place, turn;
 };
-GripperSigmas SigmasOf(const GraspScene::Object& object, const Rigid3& object_from_gripper) {
+GripperSigmas SigmasOf(const GraspScene::Object& object,
+                       const Matrix6d& covariance,
+                       const Rigid3& object_from_gripper) {
   const Matrix6d J = FirstInProduct(object.scene_from_object, object_from_gripper);
-  const Matrix6d C = J * object.covariance * J.transpose();
+  const Matrix6d C = J * covariance * J.transpose();
   const Eigen::Matrix3d R = object.scene_from_object.R * object_from_gripper.R;
   const auto sigmas = [&](const Eigen::Matrix3d& block) {
     return Eigen::Vector3d((R.transpose() * block * R).diagonal().cwiseMax(0.0).cwiseSqrt());
   };
   return {sigmas(C.bottomRightCorner<3, 3>()), sigmas(C.topLeftCorner<3, 3>())};
+}
+
+using PointJacobian = Eigen::Matrix<double, 3, 6>;
+
+// Of a point fixed to the object by the perturbation of its pose.
+PointJacobian MotionOfPoint(const GraspScene::Object& object, const Eigen::Vector3d& point) {
+  const Eigen::Vector3d r = point - object.scene_from_object.t;
+  PointJacobian J;
+  J << 0.0, r.z(), -r.y(), 1.0, 0.0, 0.0,  //
+      -r.z(), 0.0, r.x(), 0.0, 1.0, 0.0,   //
+      r.y(), -r.x(), 0.0, 0.0, 0.0, 1.0;
+  return J;
+}
+
+// Standard deviation, in the direction where it is largest, of a point fixed to object i against
+// object k.
+double RelativeSigma(const GraspScene& scene, int i, int k, const Eigen::Vector3d& point) {
+  const PointJacobian Ji = MotionOfPoint(scene.objects[i], point),
+                      Jk = MotionOfPoint(scene.objects[k], point);
+  Eigen::Matrix3d C = Ji * scene.objects[i].covariance * Ji.transpose() +
+                      Jk * scene.objects[k].covariance * Jk.transpose();
+  if (scene.joint_covariance.size() > 0) {
+    const Eigen::Matrix3d cross =
+        Ji * scene.joint_covariance.block<6, 6>(6 * i, 6 * k) * Jk.transpose();
+    C -= cross + cross.transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(C, Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
 }
 
 bool GripperCan(const SceneGrasp& grasp, const GraspOptions& options) {
@@ -109,6 +140,42 @@ double SuccessOf(const SceneGrasp& grasp,
          Within(options.tolerance_m, sigmas.place.z()) *
          Within(options.tolerance_rad, sigmas.turn.y()) *
          Within(options.tolerance_rad, sigmas.turn.z());
+}
+
+// The gripper on its way with free space beside it, `sigma_m` the part's uncertainty.
+std::vector<SweptBox> SweptGripper(const SceneGrasp& grasp,
+                                   double sigma_m,
+                                   const GraspOptions& options) {
+  const double margin = options.clearance_m + options.clearance_sigmas * sigma_m;
+  return grasp.suction ? SweptCup(grasp, *options.suction, options, margin)
+                       : SweptFingers(grasp, *options.parallel_jaw, options, margin);
+}
+
+bool MeetsPlane(const GraspScene& scene,
+                const SceneGrasp& grasp,
+                double sigma_m,
+                const GraspOptions& options) {
+  if (!scene.plane) return false;
+  const std::vector<SweptBox> boxes = SweptGripper(grasp, sigma_m, options);
+  return std::any_of(boxes.begin(), boxes.end(), [&](const SweptBox& f) {
+    return LowestOfFinger(f, scene.plane->normal) < scene.plane->offset_m;
+  });
+}
+
+bool MeetsOthers(const GraspScene& scene,
+                 int object,
+                 const SceneGrasp& grasp,
+                 const GraspOptions& options) {
+  for (int k = 0; k < static_cast<int>(scene.objects.size()); ++k) {
+    if (k == object) continue;
+    const double sigma = RelativeSigma(scene, object, k, grasp.scene_from_gripper.t);
+    const std::vector<SweptBox> boxes = SweptGripper(grasp, sigma, options);
+    if (std::any_of(boxes.begin(), boxes.end(), [&](const SweptBox& f) {
+          return MeetsMesh(f, scene.objects[k]);
+        }))
+      return true;
+  }
+  return false;
 }
 
 }  // namespace
@@ -188,35 +255,27 @@ std::vector<SceneGrasp> PlanGrasps(const GraspScene& scene,
       ++local.too_narrow;
       continue;
     }
-    const GripperSigmas sigmas =
-        SigmasOf(target, target.scene_from_object.Inverse() * grasp.scene_from_gripper);
-    const double margin = options.clearance_m + options.clearance_sigmas * sigmas.place.maxCoeff();
-    const std::vector<SweptBox> boxes =
-        grasp.suction ? SweptCup(grasp, *options.suction, options, margin)
-                      : SweptFingers(grasp, *options.parallel_jaw, options, margin);
-    const auto any_box = [&](const auto& test) {
-      return std::any_of(boxes.begin(), boxes.end(), test);
-    };
-    if (scene.plane && any_box([&](const SweptBox& f) {
-          return LowestOfFinger(f, scene.plane->normal) < scene.plane->offset_m;
-        })) {
+    const Rigid3 object_from_gripper =
+        target.scene_from_object.Inverse() * grasp.scene_from_gripper;
+    const GripperSigmas sigmas = SigmasOf(target, target.covariance, object_from_gripper);
+    if (MeetsPlane(scene, grasp, sigmas.place.maxCoeff(), options)) {
       ++local.below_plane;
       continue;
     }
-    if (any_box([&](const SweptBox& f) {
-          for (int k = 0; k < static_cast<int>(scene.objects.size()); ++k) {
-            if (k != object && MeetsMesh(f, scene.objects[k])) return true;
-          }
-          return false;
-        })) {
+    if (MeetsOthers(scene, object, grasp, options)) {
       ++local.blocked;
       continue;
     }
-    grasp.success = SuccessOf(grasp, sigmas, options);
-    if (grasp.success < options.least_success) {
+    grasp.scene_success = SuccessOf(grasp, sigmas, options);
+    if (grasp.scene_success < options.least_success) {
       ++local.unsure;
       continue;
     }
+    grasp.success =
+        target.covariance_in_base
+            ? SuccessOf(
+                  grasp, SigmasOf(target, *target.covariance_in_base, object_from_gripper), options)
+            : grasp.scene_success;
     out.push_back(std::move(grasp));
   }
   std::stable_sort(out.begin(), out.end(), [](const SceneGrasp& a, const SceneGrasp& b) {

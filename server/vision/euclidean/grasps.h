@@ -24,8 +24,10 @@ struct SceneGrasp {
   double quality = 0.0;        // as enrolled
   Rigid3 scene_from_pregrasp;  // as enrolled, or approach_m back along the approach axis
   // Probability that the open fingers pass beside the part and close within the tolerances, or that
-  // the cup meets its place within them, by the pose's covariance alone.
+  // the cup meets its place within them, by the pose's covariance alone: in the frame the robot
+  // works in, and in the scene.
   double success = 1.0;
+  double scene_success = 1.0;
   bool suction = false;  // a cup of this radius instead of two fingers
   double cup_radius_m = 0.0;
 };
@@ -50,26 +52,31 @@ struct GraspOptions {
   std::optional<GripperShape> parallel_jaw = GripperShape();
   std::optional<SuctionShape> suction = SuctionShape();
   double approach_m = 0.060;  // from the pre-grasp to the grasp, along z
-  // Free space wanted beside the way, towards plane and other objects; the pose's uncertainty comes
-  // on top with `clearance_sigmas`.
+  // Free space wanted beside the way, towards plane and other objects; the part's uncertainty
+  // against them comes on top with `clearance_sigmas`.
   double clearance_m = 0.0005;
   double clearance_sigmas = 1.0;
   // Tolerances of a closed grasp along the fingers' faces and about their axes; of a cup's place
   // and tilt.
   double tolerance_m = 0.002;
   double tolerance_rad = 0.035;
-  double least_success = 0.8;  // grasps less sure than this are not offered
+  double least_success = 0.8;  // grasps less sure than this in the scene are not offered
 };
 
-// An object of the scene; covariance of its pose in the frame the robot works in (perturbation of
-// scene_from_object, turned into scene axes).
+// Objects with the covariances of their poses in the scene (perturbation of scene_from_object). How
+// the robot's base lies in the scene is common to all of them and to the plane: it moves a grasp
+// off its part, and brings nothing nearer to anything else.
 struct GraspScene {
   struct Object {
     const ObjectModel* model = nullptr;
     Rigid3 scene_from_object;
     Matrix6d covariance = Matrix6d::Zero();
+    // In the frame the robot works in, turned into scene axes; empty: it works in the scene.
+    std::optional<Matrix6d> covariance_in_base = {};
   };
   std::vector<Object> objects;
+  // Of all objects, six rows each; empty: they are independent.
+  Eigen::MatrixXd joint_covariance = {};
   std::optional<SupportingPlane> plane;
 };
 

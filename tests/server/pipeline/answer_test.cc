@@ -123,6 +123,48 @@ TEST_F(FillAnswerTest, ReferencesThatContradictEachOtherGiveNoBase) {
   for (const AnswerObject& o : answer.objects) EXPECT_FALSE(o.base_from_object.has_value());
 }
 
+// Camera poses with their default deviations, 0.01 rad and 5 mm.
+TEST_F(FillAnswerTest, GraspsSurviveABaseThatIsKnownBadlyAndItIsTold) {
+  ObjectModel part = LBracket();
+  Grasp grasp;  // across the thin wall from above
+  grasp.name = "wall";
+  grasp.object_from_gripper.R.col(0) = Eigen::Vector3d::UnitY();
+  grasp.object_from_gripper.R.col(1) = Eigen::Vector3d::UnitX();
+  grasp.object_from_gripper.R.col(2) = -Eigen::Vector3d::UnitZ();
+  grasp.object_from_gripper.t = {0.06, 0.008, 0.03};
+  grasp.jaw_opening_m = 0.03;
+  grasp.grip_width_m = 0.016;
+  part.grasps = {grasp};
+  truth_.objects[0] = PrepareObject(part).value();
+  const auto offered = [&](const SceneAnswer& answer) -> const std::vector<SceneGrasp>& {
+    return answer.objects[answer.objects[0].object_id == part.id ? 0 : 1].grasps;
+  };
+  const SceneAnswer without = Answer();
+  ASSERT_EQ(offered(without).size(), 1u);
+  EXPECT_FALSE(Has(without, FindingKind::kBaseUncertain));
+  request_.camera_poses.resize(truth_.cameras.size());
+  request_.camera_poses[1] =
+      CameraPoseHint{truth_.camera_from_world[1] * base_from_world_.Inverse()};
+  const SceneAnswer with = Answer();
+  ASSERT_TRUE(with.base_from_scene.has_value());
+  ASSERT_EQ(offered(with).size(), 1u);
+  EXPECT_NEAR(offered(with)[0].scene_success, offered(without)[0].success, 1e-9);
+  EXPECT_LT(offered(with)[0].success, 0.5);
+  ASSERT_TRUE(Has(with, FindingKind::kBaseUncertain));
+  for (const AnswerFinding& f : with.findings) {
+    if (f.kind != FindingKind::kBaseUncertain) continue;
+    EXPECT_EQ(f.object_id, part.id);
+    EXPECT_GT(f.value, 0.005);
+    EXPECT_GE(f.turn_rad, 0.01);
+  }
+  // By the part itself it is known exactly: nothing is to be told.
+  request_.camera_poses.clear();
+  request_.reference = ReferenceObject{part.id, base_from_world_ * truth_.world_from_object[0]};
+  const SceneAnswer exact = Answer();
+  EXPECT_FALSE(Has(exact, FindingKind::kBaseUncertain));
+  EXPECT_GT(offered(exact)[0].success, 0.99);
+}
+
 TEST_F(FillAnswerTest, AMissingReferenceIsAReasonBesideTheOthers) {
   request_.reference = ReferenceObject{"nothing", {}};
   SceneAnswer answer;

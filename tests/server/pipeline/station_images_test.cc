@@ -82,7 +82,7 @@ class StationImages : public testing::Test {
       out.views.push_back(static_cast<int>(c));
     }
     out.state.requests = 10;
-    out.base_from_camera.resize(rig_.cameras.size());
+    out.bases.resize(rig_.cameras.size());
     return out;
   }
 

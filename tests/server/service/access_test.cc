@@ -34,8 +34,9 @@ void Write(const std::string& path, const std::string& text) {
 }
 
 TEST(AccessList, HoldsTokensAndCertificatesWithTheirRoles) {
-  const auto list = ParseAccessList("# cell\n" + kRobotLine + " until=2026-12-31 # temporary\n\n" +
-                                    kAdminLine + "\r\nrobot arm cert:arm.cell\n");
+  const auto list =
+      ParseAccessList("# cell\n" + kRobotLine + " until=2026-12-31 # temporary\n\n" + kAdminLine +
+                      "\r\nrobot arm cert:arm.cell\n" + "teacher line cert:line.cell\n");
   ASSERT_TRUE(list.ok()) << list.status();
   EXPECT_EQ(list->by_hash.size(), 2u);
   EXPECT_EQ(list->by_hash.at(Sha256Hex("robot-token")).caller.name, "cell-3");
@@ -43,6 +44,7 @@ TEST(AccessList, HoldsTokensAndCertificatesWithTheirRoles) {
             absl::FromCivil(absl::CivilDay(2027, 1, 1), absl::UTCTimeZone()));
   EXPECT_EQ(list->by_hash.at(Sha256Hex("admin-token")).caller.role, Role::kAdmin);
   EXPECT_EQ(list->by_certificate.at("arm.cell").caller.role, Role::kRobot);
+  EXPECT_EQ(list->by_certificate.at("line.cell").caller.role, Role::kTeacher);
 }
 
 TEST(AccessList, EachBadLineIsRefusedByItsNumber) {

@@ -284,7 +284,7 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   object.view_scores = {-1.0, 0.5};
   object.alternatives = {"bar"};
   object.grasps = {{"top", 2, RandomRigid(rng), 0.05, 0.04, 0.9, RandomRigid(rng), 0.75},
-                   {"cup", 0, {}, 0.0, 0.0, 1.0, {}, 1.0, true, 0.01}};
+                   {"cup", 0, {}, 0.0, 0.0, 1.0, {}, 1.0, 1.0, true, 0.01}};
   object.camera_covariances = {std::nullopt, Matrix6d::Constant(3.0)};
   object.base_from_object = UncertainPose{{}, Matrix6d::Constant(4.0)};
   AnswerObject first = object;

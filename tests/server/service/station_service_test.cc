@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "server/base/recording_file.h"
+#include "server/base/sha256.h"
 #include "server/service/rpc_status.h"
 #include "server/vision/geometry/station_blob.h"
 #include "tests/support/scratch_dir.h"
@@ -50,12 +51,16 @@ struct FakeScene {
   std::mutex mutex;
   int calls = 0;
   std::optional<StationRequest> seen;
-  std::vector<std::optional<Rigid3>> by_reference;  // base_from_camera, per image
+  std::vector<std::optional<CameraBase>> by_reference;  // per image
 
   // Under the lock, like Seen.
-  void RefersTo(std::vector<std::optional<Rigid3>> bases) {
+  void RefersTo(const std::vector<std::optional<Rigid3>>& bases, double sigma = 1e-3) {
     const std::lock_guard lock(mutex);
-    by_reference = std::move(bases);
+    by_reference.clear();
+    for (const std::optional<Rigid3>& base : bases) {
+      by_reference.emplace_back();
+      if (base) by_reference.back() = CameraBase{*base, sigma, sigma, true, 1};
+    }
   }
   void SetRig(const SyntheticRig& other) {
     const std::lock_guard lock(mutex);
@@ -88,7 +93,7 @@ struct FakeScene {
       result.station->test =
           TestStation(request.station->state, request.station->views, result.station->evidence, {});
       result.station->prior_used = result.station->test.agrees;
-      result.station->base_from_camera = by_reference;
+      result.station->bases_seen = by_reference;
       return absl::StatusOr<PipelineResult>(std::move(result));
     };
   }
@@ -218,11 +223,10 @@ TEST_F(StationServiceTest, AReferenceTeachesTheBaseAndAMovedCameraLosesIt) {
   EXPECT_FALSE(station.cameras(2).has_base_from_camera());
   EXPECT_EQ(station.events(0).kind(), v1::StationEvent::KIND_BASE_LEARNT);
   EXPECT_EQ(station.events(0).cameras_size(), 2);
-  // Once is enough: the first word stays.
-  const double x = station.cameras(0).base_from_camera().translation_m().x();
-  scene_.RefersTo({base_from(1), std::nullopt, std::nullopt});
-  ASSERT_TRUE(Recognize(request).ok());
-  EXPECT_EQ(Get("cell").cameras(0).base_from_camera().translation_m().x(), x);
+  EXPECT_EQ(station.cameras(0).base_source(), v1::StationCamera::BASE_SOURCE_LEARNT);
+  EXPECT_EQ(station.cameras(0).base_request_count(), 1);
+  EXPECT_EQ(station.cameras(2).base_source(), v1::StationCamera::BASE_SOURCE_UNSPECIFIED);
+  EXPECT_FALSE(station.cameras(2).has_base_position_sigma_m());
 
   scene_.RefersTo({});
   scene_.ShiftCamera(1, 0.05);
@@ -312,8 +316,10 @@ TEST_F(StationServiceTest, MotionAndHandEyeAreWrittenAndReachThePipeline) {
   EXPECT_FALSE(station_.cameras(0).has_calibration());
   ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
   EXPECT_TRUE(scene_.Seen()->state.cameras[0].moving);
-  ASSERT_TRUE(scene_.Seen()->base_from_camera[0].has_value());
-  EXPECT_EQ(scene_.Seen()->base_from_camera[0]->t.z(), 0.5);
+  ASSERT_TRUE(scene_.Seen()->bases[0].has_value());
+  EXPECT_EQ(scene_.Seen()->bases[0]->base_from_camera.t.z(), 0.5);
+  EXPECT_EQ(scene_.Seen()->bases[0]->position_sigma_m, 0.005);
+  EXPECT_EQ(station_.cameras(0).base_source(), v1::StationCamera::BASE_SOURCE_GIVEN);
   EXPECT_FALSE(Get("cell").cameras(0).has_camera_from_rig());
   camera->set_name("stations/other/cameras/left");
   EXPECT_EQ(Update(update).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
@@ -415,6 +421,202 @@ TEST_F(StationServiceTest, ConcurrentRequestsAllTeach) {
   }
   for (std::thread& t : threads) t.join();
   EXPECT_EQ(Get("cell").request_count(), 9);
+}
+
+// A station of two cameras whose places are known, and in the base by a reference.
+class BaseOfAStationTest : public StationServiceTest {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(Make("cell").ok());
+    for (int i = 0; i < 6; ++i) ASSERT_TRUE(Recognize(request_).ok());
+    scene_.RefersTo({BaseFrom(0), BaseFrom(1)}, 0.004);
+    ASSERT_TRUE(Recognize(request_).ok());
+    ASSERT_EQ(Get("cell").cameras(0).base_source(), v1::StationCamera::BASE_SOURCE_LEARNT);
+  }
+  Rigid3 BaseFrom(int camera, double x_m = 0.0) {
+    Rigid3 base = scene_.rig.poses[camera].Inverse();
+    base.t.x() += x_m;
+    return base;
+  }
+  grpc::Status Reset(const std::string& name, bool keep_base) {
+    grpc::ClientContext context;
+    v1::ResetStationRequest reset;
+    reset.set_name(name);
+    reset.set_keep_base(keep_base);
+    return stations_->ResetStation(&context, reset, &station_);
+  }
+  void Give(const std::string& camera, std::optional<double> sigma_m) {
+    v1::UpdateStationRequest update;
+    update.mutable_station()->set_name("stations/cell");
+    v1::StationCamera* out = update.mutable_station()->add_cameras();
+    out->set_name("stations/cell/cameras/" + camera);
+    out->mutable_base_from_camera()->mutable_rotation()->set_w(1.0);
+    if (sigma_m) out->set_base_position_sigma_m(*sigma_m);
+    given_ = Update(update);
+  }
+
+  const v1::RecognizeSceneRequest request_ = Request("cell", {"left", "right"});
+  grpc::Status given_;
+};
+
+TEST_F(BaseOfAStationTest, ResetForgetsTheLearntBaseUnlessItIsKept) {
+  ASSERT_TRUE(Reset("stations/cell", true).ok());
+  EXPECT_EQ(station_.request_count(), 0);
+  EXPECT_TRUE(station_.cameras(0).has_base_from_camera());
+  ASSERT_TRUE(Reset("stations/cell", false).ok());
+  EXPECT_FALSE(station_.cameras(0).has_base_from_camera());
+  EXPECT_FALSE(station_.cameras(1).has_base_from_camera());
+}
+
+TEST_F(BaseOfAStationTest, ResetOfOneCameraForgetsItsBaseAlone) {
+  ASSERT_TRUE(Reset("stations/cell/cameras/left", false).ok());
+  EXPECT_FALSE(station_.cameras(0).has_base_from_camera());
+  EXPECT_TRUE(station_.cameras(1).has_base_from_camera());
+}
+
+TEST_F(BaseOfAStationTest, ResetKeepsWhatWasGiven) {
+  Give("left", 0.001);
+  ASSERT_TRUE(given_.ok()) << given_.error_message();
+  EXPECT_EQ(station_.cameras(0).base_source(), v1::StationCamera::BASE_SOURCE_GIVEN);
+  EXPECT_EQ(station_.cameras(0).base_position_sigma_m(), 0.001);
+  EXPECT_EQ(station_.cameras(0).base_rotation_sigma_rad(), 0.01);
+  ASSERT_TRUE(Reset("stations/cell", false).ok());
+  EXPECT_TRUE(station_.cameras(0).has_base_from_camera());
+  EXPECT_FALSE(station_.cameras(1).has_base_from_camera());
+}
+
+TEST_F(BaseOfAStationTest, DeviationsThatAreNoneAreRefused) {
+  for (const double sigma : {0.0, -1.0, 10.5, std::nan("")}) {
+    Give("left", sigma);
+    EXPECT_EQ(given_.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << sigma;
+    EXPECT_EQ(field_, "station.cameras[0].base_position_sigma_m");
+  }
+  v1::UpdateStationRequest update;
+  update.mutable_station()->set_name("stations/cell");
+  v1::StationCamera* camera = update.mutable_station()->add_cameras();
+  camera->set_name("stations/cell/cameras/left");
+  camera->set_base_rotation_sigma_rad(0.1);
+  EXPECT_EQ(Update(update).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(field_, "station.cameras[0].base_from_camera");
+}
+
+TEST_F(BaseOfAStationTest, ABetterReferenceCorrectsIt) {
+  const auto before = Get("cell").cameras(0);
+  scene_.RefersTo({BaseFrom(0, 0.003), BaseFrom(1, 0.003)}, 0.0005);
+  ASSERT_TRUE(Recognize(request_).ok());
+  EXPECT_EQ(answer_.station().findings_size(), 0);
+  const auto after = Get("cell").cameras(0);
+  EXPECT_NEAR(
+      after.base_from_camera().translation_m().x() - before.base_from_camera().translation_m().x(),
+      0.003,
+      0.0003);
+  EXPECT_LT(after.base_position_sigma_m(), 0.15 * before.base_position_sigma_m());
+  EXPECT_EQ(after.base_request_count(), 2);
+}
+
+TEST_F(BaseOfAStationTest, ABaseThatMovedIsAFindingAndIsLearntAnew) {
+  scene_.RefersTo({BaseFrom(0, 0.15), BaseFrom(1, 0.15)}, 0.001);
+  ASSERT_TRUE(Recognize(request_).ok());
+  ASSERT_EQ(answer_.station().findings_size(), 1);
+  const v1::StationFinding& finding = answer_.station().findings(0);
+  EXPECT_EQ(finding.kind(), v1::StationFinding::KIND_BASE_MOVED);
+  EXPECT_EQ(finding.cameras_size(), 2);
+  EXPECT_NEAR(finding.translation_m(), 0.15, 1e-6);
+  v1::Station station = Get("cell");
+  EXPECT_EQ(station.events(0).kind(), v1::StationEvent::KIND_BASE_MOVED);
+  // Nobody is told a base that may be wrong.
+  EXPECT_FALSE(station.cameras(0).has_base_from_camera());
+  EXPECT_FALSE(station.cameras(1).has_base_from_camera());
+  ASSERT_TRUE(Recognize(request_).ok());
+  EXPECT_EQ(answer_.station().findings_size(), 0);
+  EXPECT_NEAR(
+      Get("cell").cameras(0).base_from_camera().translation_m().x(), BaseFrom(0, 0.15).t.x(), 1e-9);
+}
+
+TEST_F(BaseOfAStationTest, WhatWasGivenIsContradictedAndStays) {
+  Give("left", 0.001);
+  scene_.RefersTo({BaseFrom(0, 0.15), std::nullopt}, 0.001);
+  for (int i = 0; i < 2; ++i) {
+    ASSERT_TRUE(Recognize(request_).ok());
+    ASSERT_EQ(answer_.station().findings_size(), 1);
+    EXPECT_EQ(answer_.station().findings(0).kind(), v1::StationFinding::KIND_BASE_MOVED);
+    EXPECT_EQ(Get("cell").cameras(0).base_from_camera().translation_m().x(), 0.0);
+  }
+}
+
+TEST_F(StationServiceTest, RequestsThatOnlyUseTeachNothing) {
+  ASSERT_TRUE(Make("cell").ok());
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(Recognize(Request("cell", {"left", "right"})).ok());
+  const std::string etag = Get("cell").etag();
+  v1::RecognizeSceneRequest request = Request("cell", {"left", "right"});
+  request.set_station_read_only(true);
+  ASSERT_TRUE(Recognize(request).ok());
+  EXPECT_TRUE(answer_.station().read_only());
+  EXPECT_FALSE(answer_.station().learnt());
+  EXPECT_EQ(scene_.Seen()->state.requests, 3);  // it is used
+  EXPECT_EQ(Get("cell").etag(), etag);
+  request.clear_station();
+  EXPECT_EQ(Recognize(request).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(field_, "station_read_only");
+}
+
+TEST_F(StationServiceTest, ACameraThatStandsStillTakesOneImage) {
+  ASSERT_TRUE(Make("cell").ok());
+  EXPECT_EQ(Recognize(Request("cell", {"left", "right", "left"})).error_code(),
+            grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(field_, "images[2].camera_id");
+  EXPECT_EQ(Get("cell").cameras_size(), 0);
+  // One on the arm takes as many as it likes.
+  v1::UpdateStationRequest update;
+  update.mutable_station()->set_name("stations/cell");
+  v1::StationCamera* camera = update.mutable_station()->add_cameras();
+  camera->set_name("stations/cell/cameras/arm");
+  camera->set_motion(v1::StationCamera::MOTION_MOVING);
+  ASSERT_TRUE(Update(update).ok());
+  EXPECT_TRUE(Recognize(Request("cell", {"arm", "arm"})).ok()) << field_;
+}
+
+class TeachersOfAStationTest : public StationServiceTest {
+ protected:
+  TeachersOfAStationTest() : StationServiceTest(Options()) {}
+  static ServerOptions Options() {
+    static ScratchDir folder;
+    ServerOptions options;
+    options.access_file = folder.File("access");
+    std::ofstream file(options.access_file);
+    for (const char* role : {"robot", "teacher", "admin"})
+      file << role << " " << role << " sha256:" << Sha256Hex(role) << "\n";
+    return options;
+  }
+  // The role is the token as well.
+  v1::StationReport RecognizeAs(const std::string& role) {
+    grpc::ClientContext context;
+    context.AddMetadata("authorization", "Bearer " + role);
+    v1::RecognizeSceneResponse answer;
+    const grpc::Status status =
+        server_.recognition().RecognizeScene(&context, Request("cell", {"left", "right"}), &answer);
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    return answer.station();
+  }
+};
+
+TEST_F(TeachersOfAStationTest, ARobotsTokenUsesAndNeverTeaches) {
+  grpc::ClientContext context;
+  context.AddMetadata("authorization", "Bearer admin");
+  v1::UpdateStationRequest make;
+  make.mutable_station()->set_name("stations/cell");
+  make.set_allow_missing(true);
+  ASSERT_TRUE(stations_->UpdateStation(&context, make, &station_).ok());
+  for (const std::string role : {"robot", "teacher", "admin"}) {
+    const v1::StationReport report = RecognizeAs(role);
+    EXPECT_EQ(report.learnt(), role != "robot") << role;
+    EXPECT_EQ(report.read_only(), role == "robot") << role;
+  }
+  // A teacher is no admin.
+  grpc::ClientContext second;
+  second.AddMetadata("authorization", "Bearer teacher");
+  EXPECT_EQ(stations_->UpdateStation(&second, make, &station_).error_code(),
+            grpc::StatusCode::PERMISSION_DENIED);
 }
 
 class RecordedStationTest : public StationServiceTest {

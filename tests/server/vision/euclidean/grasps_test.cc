@@ -1,5 +1,6 @@
 #include "server/vision/euclidean/grasps.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -143,6 +144,56 @@ TEST(PlanGrasps, TheSurerGraspComesFirstAndTheUnsureNotAtAll) {
   EXPECT_TRUE(PlanGrasps(scene, 0, {}).empty());
   scene.objects[0].covariance = Matrix6d::Zero();
   for (const SceneGrasp& g : PlanGrasps(scene, 0, {})) EXPECT_EQ(g.success, 1.0);
+}
+
+// The robot's base moves part, plane and neighbours alike.
+TEST(PlanGrasps, AnUncertainBaseTakesNoGraspAwayAndLowersItsSuccess) {
+  const ObjectModel block = Block();
+  GraspScene scene;
+  scene.objects = {{&block, {}, Matrix6d::Zero()}};
+  scene.plane = SupportingPlane{};
+  const std::vector<std::string> sure = Names(PlanGrasps(scene, 0, {}));
+  ASSERT_EQ(sure.size(), 2u);
+  Matrix6d base = Matrix6d::Zero();
+  base.topLeftCorner<3, 3>().diagonal().setConstant(0.01 * 0.01);
+  base.bottomRightCorner<3, 3>().diagonal().setConstant(0.005 * 0.005);
+  scene.objects[0].covariance_in_base = base;
+  GraspCounts counts;
+  const auto grasps = PlanGrasps(scene, 0, {}, &counts);
+  EXPECT_THAT(Names(grasps), testing::UnorderedElementsAreArray(sure));
+  EXPECT_EQ(counts.unsure, 0);
+  for (const SceneGrasp& g : grasps) {
+    EXPECT_EQ(g.scene_success, 1.0) << g.name;
+    EXPECT_LT(g.success, 0.3) << g.name;
+    EXPECT_GT(g.success, 0.0) << g.name;
+  }
+}
+
+TEST(PlanGrasps, WhatTwoPartsErrByInCommonIsNoMarginBetweenThem) {
+  const ObjectModel block = Block();
+  GraspScene scene;
+  scene.objects = {{&block, {}, Matrix6d::Zero()}};
+  // 5 mm beside the fingers of "top", which close along y.
+  GraspScene::Object neighbour{&block, {}, Matrix6d::Zero()};
+  neighbour.scene_from_object.t = {0.0, 0.038, 0.0};
+  scene.objects.push_back(neighbour);
+  GraspOptions options;
+  options.least_success = 0.0;
+  const std::vector<std::string> sure = Names(PlanGrasps(scene, 0, options));
+  ASSERT_FALSE(sure.empty());
+  Matrix6d shift = Matrix6d::Zero();
+  shift.bottomRightCorner<3, 3>().diagonal().setConstant(0.02 * 0.02);
+  for (GraspScene::Object& o : scene.objects) o.covariance = shift;
+  scene.joint_covariance = Eigen::MatrixXd::Zero(12, 12);
+  scene.joint_covariance.topLeftCorner<6, 6>() = shift;
+  scene.joint_covariance.bottomRightCorner<6, 6>() = shift;
+  GraspCounts counts;
+  PlanGrasps(scene, 0, options, &counts);
+  EXPECT_EQ(counts.blocked, 3);  // each errs on its own
+  scene.joint_covariance.topRightCorner<6, 6>() = shift;
+  scene.joint_covariance.bottomLeftCorner<6, 6>() = shift;
+  EXPECT_EQ(Names(PlanGrasps(scene, 0, options, &counts)), sure);
+  EXPECT_EQ(counts.blocked, 0);
 }
 
 TEST(PlanGrasps, ThePregraspLiesStraightBeforeTheGrasp) {
