@@ -29,6 +29,14 @@ struct HintTest {
   std::vector<int> images;            // that contradict what is said of them
 };
 
+// What the images say of one factor common to all focal lengths that are claimed: the log of theirs
+// over those of the claims, with its deviation by the images alone. Empty: fewer than one claim.
+struct CommonFactor {
+  double log = 0.0, sigma = 0.0;
+};
+std::optional<CommonFactor> CommonFocalFactor(std::span<const CameraHint> hints,
+                                              const CameraEvidence& evidence);
+
 // Compares the claims with what the images say (MetricScene::evidence of a scene adjusted with
 // LoosenedClaims). Agrees where the images say nothing.
 HintTest TestHints(std::span<const CameraHint> hints, const CameraEvidence& evidence);

@@ -1,7 +1,7 @@
 // What wrong hints do: every scene of a split is recognised with hints that are right, and wrong by
 // steps, of all cameras.
 //
-//   hint_report DATASET SPLIT [--scenes 1,5] [--images N] [--kinds focal,whole,center] [--quick]
+//   hint_report DATASET SPLIT [--scenes 1,5] [--images N] [--kinds focal,whole] [--quick] [--test]
 //
 // Prints a line an answer: scene, hint, how far its objects are off (the true pose by the nearest
 // of the object's symmetries, in the camera's frame), score, whether a finding says that the images
@@ -20,6 +20,7 @@
 #include "absl/strings/str_split.h"
 #include "client/bop_dataset.h"
 #include "client/cad_import.h"
+#include "server/pipeline/hint_check.h"
 #include "server/pipeline/pipeline.h"
 
 namespace horopter {
@@ -39,7 +40,7 @@ struct Arguments {
   std::vector<int> scenes;
   size_t images = 0;
   std::vector<std::string> kinds = {"none", "focal", "whole"};
-  bool quick = false;
+  bool quick = false, test = false;
 };
 
 Arguments Parse(int argc, char** argv) {
@@ -55,6 +56,8 @@ Arguments Parse(int argc, char** argv) {
       a.kinds = list();
     } else if (word == "--quick") {
       a.quick = true;
+    } else if (word == "--test") {
+      a.test = true;
     } else if (a.dataset.empty()) {
       a.dataset = word;
     } else {
@@ -128,6 +131,38 @@ Error ErrorOf(const AnswerObject& object,
   return best;
 }
 
+// One recognition, and every hint against it.
+absl::Status ReportTest(const BopScene& scene, const CatalogSnapshot& catalog, const Arguments& a) {
+  PipelineOptions options;
+  options.euclidean.camera_evidence = true;
+  options.euclidean.lens.estimate = false;
+  const absl::StatusOr<PipelineResult> result =
+      RecognizeScene(RequestOf(scene, {"none"}), catalog, options);
+  if (!result.ok()) return result.status();
+  std::printf("%5d %d objects", scene.scene_id, static_cast<int>(result->answer.objects.size()));
+  if (result->trace.metric) {
+    const CameraEvidence& evidence = result->trace.metric->evidence;
+    for (const Lie& lie : LiesOf(a)) {
+      if (lie.kind == "none") continue;
+      const std::vector<CameraHint> hints = RequestOf(scene, lie).hints;
+      const HintTest test = TestHints(hints, evidence);
+      if (lie.kind == "focal" && lie.factor == 1.0) {
+        if (const auto factor = CommonFocalFactor(hints, evidence))
+          std::printf(" factor %+.4f +- %.4f |", factor->log, factor->sigma);
+      }
+      std::printf(" %s %.2f%+.0f: %.2f%s",
+                  lie.kind.c_str(),
+                  lie.factor,
+                  lie.shift_px,
+                  test.limit > 0.0 ? test.squared / test.limit : 0.0,
+                  test.agrees ? "" : "!");
+    }
+  }
+  std::printf("\n");
+  std::fflush(stdout);
+  return absl::OkStatus();
+}
+
 int Run(const Arguments& a) {
   const absl::StatusOr<BopDataset> dataset = ReadBopDataset(a.dataset);
   if (!dataset.ok()) return std::fprintf(stderr, "%s\n", dataset.status().ToString().c_str()), 1;
@@ -151,6 +186,11 @@ int Run(const Arguments& a) {
   for (const int id : scenes) {
     BopScene scene = ReadBopScene(a.dataset, a.split, id).value();
     if (a.images > 0 && scene.images.size() > a.images) scene.images.resize(a.images);
+    if (a.test) {
+      const absl::Status status = ReportTest(scene, catalog, a);
+      if (!status.ok()) return std::fprintf(stderr, "%s\n", status.ToString().c_str()), 1;
+      continue;
+    }
     for (const Lie& lie : LiesOf(a)) {
       const auto result = RecognizeScene(RequestOf(scene, lie), catalog, {});
       if (!result.ok()) return std::fprintf(stderr, "%s\n", result.status().ToString().c_str()), 1;

@@ -55,6 +55,7 @@ TEST(HintTest, RightHintsAgreeWhateverTheNoise) {
     std::vector<CameraHint> hints;
     for (PinholeCamera& camera : cameras) {
       CameraHint hint = Focal(camera.focal_px * std::exp(0.02 * normal(rng)));
+      hint.focal_log_sigma = 0.02;
       hint.principal_point = Eigen::Vector2d(camera.cx + normal(rng), camera.cy + normal(rng));
       hint.k1 = 0.002 * normal(rng);
       hints.push_back(hint);
@@ -96,6 +97,28 @@ TEST(HintTest, ManyImagesSayTogetherWhatNoneSaysAlone) {
       TestHints(std::vector<CameraHint>(6, Focal(1.2 * 980.0)), EvidenceOf(Cameras(6), images));
   EXPECT_FALSE(together.agrees);
   EXPECT_THAT(together.images, IsEmpty());
+}
+
+// A calibration that does not say how good it is should be within one per cent or so.
+TEST(HintTest, OneFileThatIsFivePerCentOffIsFoundWhereNothingElseIsStated) {
+  const Images images{0.012, 4.0, 0.01};
+  const CameraEvidence evidence = EvidenceOf(Cameras(4), images);
+  for (const double factor : {1.0, 1.01, 0.98}) {
+    const std::vector<CameraHint> hints(4, Focal(factor * 980.0));
+    EXPECT_TRUE(TestHints(hints, evidence).agrees) << factor;
+  }
+  for (const double factor : {1.05, 0.95}) {
+    std::vector<CameraHint> hints(4, Focal(factor * 980.0));
+    EXPECT_FALSE(TestHints(hints, evidence).agrees) << factor;
+    for (CameraHint& hint : hints) hint.focal_log_sigma = 0.03;
+    EXPECT_TRUE(TestHints(hints, evidence).agrees) << factor;
+    const auto common = CommonFocalFactor(hints, evidence);
+    ASSERT_TRUE(common);
+    EXPECT_NEAR(common->log, -std::log(factor), 1e-4);
+    EXPECT_NEAR(common->sigma, 0.012, 1e-3);  // 0.012 / sqrt(4), twice as unsure as it says
+  }
+  EXPECT_FALSE(CommonFocalFactor(std::vector<CameraHint>(4), evidence));
+  EXPECT_FALSE(CommonFocalFactor(std::vector<CameraHint>(4, Focal(980.0)), {}));
 }
 
 TEST(HintTest, WhereImagesSayNothingEveryHintAgrees) {
