@@ -41,7 +41,7 @@ struct Claim {
   int at = -1;          // in the group's parameters
   double offset = 0.0;  // of the camera of the group from what is said
   double sigma = 0.0;   // of what is said
-  bool focal = false;
+  enum class Kind { kFocal, kCenterX, kCenterY, kK1 } kind = Kind::kK1;
   bool stated = false;  // sigma is the caller's
 };
 
@@ -57,15 +57,18 @@ std::vector<Claim> ClaimsOf(std::span<const CameraHint> hints, const CameraGroup
                         lens,
                         std::log(camera.focal_px / *hint.focal_px),
                         FocalLogSigma(hint),
-                        true,
+                        Claim::Kind::kFocal,
                         hint.focal_log_sigma.has_value()});
     }
     if (hint.principal_point) {
       const Eigen::Vector2d& c = *hint.principal_point;
-      claims.push_back({v, lens + 1, camera.cx - c.x(), kClaimedCenterSigmaPx});
-      claims.push_back({v, lens + 2, camera.cy - c.y(), kClaimedCenterSigmaPx});
+      claims.push_back(
+          {v, lens + 1, camera.cx - c.x(), kClaimedCenterSigmaPx, Claim::Kind::kCenterX});
+      claims.push_back(
+          {v, lens + 2, camera.cy - c.y(), kClaimedCenterSigmaPx, Claim::Kind::kCenterY});
     }
-    if (hint.k1) claims.push_back({v, lens + 3, camera.k1 - *hint.k1, kClaimedK1Sigma});
+    if (hint.k1)
+      claims.push_back({v, lens + 3, camera.k1 - *hint.k1, kClaimedK1Sigma, Claim::Kind::kK1});
   }
   return claims;
 }
@@ -116,27 +119,39 @@ double LimitOf(const std::vector<Claim>& claims) {
   return ChiSquareLimit(static_cast<int>(claims.size()), kAlarmSigmas);
 }
 
-// All focal lengths being off by one factor: that of one file for all images.
-CommonFactor FactorOf(const std::vector<Claim>& focals, const LensEvidence& said) {
-  const int n = static_cast<int>(focals.size());
+struct CommonError {
+  double offset = 0.0, sigma = 0.0;
+};
+
+std::vector<Claim> OfKind(std::vector<Claim> claims, Claim::Kind kind) {
+  std::erase_if(claims, [&](const Claim& claim) { return claim.kind != kind; });
+  return claims;
+}
+
+// All claims of one kind being off by the same: one file for all images.
+CommonError CommonOffset(const std::vector<Claim>& claims, const LensEvidence& said) {
+  const int n = static_cast<int>(claims.size());
   Eigen::MatrixXd S(n, n);
   Eigen::VectorXd offset(n);
   for (int i = 0; i < n; ++i) {
-    offset(i) = focals[i].offset + said.mean(focals[i].at);
-    for (int j = 0; j < n; ++j) S(i, j) = said.covariance(focals[i].at, focals[j].at);
+    offset(i) = claims[i].offset + said.mean(claims[i].at);
+    for (int j = 0; j < n; ++j) S(i, j) = said.covariance(claims[i].at, claims[j].at);
   }
   const Eigen::VectorXd weights = S.ldlt().solve(Eigen::VectorXd::Ones(n));
   const double information = weights.sum();
   return {weights.dot(offset) / information, 1.0 / std::sqrt(information)};
 }
 
-double SquaredCommonDistance(const std::vector<Claim>& focals, const LensEvidence& said) {
-  const CommonFactor factor = FactorOf(focals, said);
-  double sigma = 0.0;  // one file, one error
-  for (const Claim& claim : focals)
-    sigma = std::max(sigma, claim.stated ? claim.sigma : kClaimedCommonFocalLog);
-  const double of_images = kCommonWidening / kEvidenceWidening * factor.sigma;
-  return factor.log * factor.log / (of_images * of_images + sigma * sigma);
+double SquaredCommonDistance(const std::vector<Claim>& claims, const LensEvidence& said) {
+  const CommonError common = CommonOffset(claims, said);
+  const bool focal = claims[0].kind == Claim::Kind::kFocal;
+  double sigma = 0.0;
+  for (const Claim& claim : claims)
+    sigma = std::max(sigma, focal && !claim.stated ? kClaimedCommonFocalLog : claim.sigma);
+  // A single image has nothing that its own errors average out with.
+  const double widening = focal && claims.size() > 1 ? kCommonWidening : kEvidenceWidening;
+  const double of_images = widening / kEvidenceWidening * common.sigma;
+  return common.offset * common.offset / (of_images * of_images + sigma * sigma);
 }
 
 }  // namespace
@@ -177,11 +192,11 @@ std::vector<CameraHint> LoosenedClaims(std::span<const CameraHint> hints,
 std::optional<CommonFactor> CommonFocalFactor(std::span<const CameraHint> hints,
                                               const CameraEvidence& evidence) {
   if (evidence.information.size() == 0) return std::nullopt;
-  std::vector<Claim> focals = ClaimsOf(hints, evidence.group);
-  std::erase_if(focals, [](const Claim& claim) { return !claim.focal; });
+  const std::vector<Claim> focals = OfKind(ClaimsOf(hints, evidence.group), Claim::Kind::kFocal);
   const LensEvidence said = WhatImagesSay(evidence);
   if (focals.empty() || !said.covariance.allFinite()) return std::nullopt;
-  return FactorOf(focals, said);
+  const CommonError common = CommonOffset(focals, said);
+  return CommonFactor{common.offset, common.sigma};
 }
 
 HintTest TestHints(std::span<const CameraHint> hints, const CameraEvidence& evidence) {
@@ -199,19 +214,20 @@ HintTest TestHints(std::span<const CameraHint> hints, const CameraEvidence& evid
     out.agrees = false;
     if (image >= 0) out.images.push_back(image);
   };
-  std::vector<Claim> focals;
   for (const int v : evidence.group.views) {
     std::vector<Claim> of_view;
     for (const Claim& claim : claims) {
       if (claim.image != v) continue;
       of_view.push_back(claim);
-      if (claim.focal) focals.push_back(claim);
     }
     if (!of_view.empty()) test(SquaredDistance(of_view, said), LimitOf(of_view), v);
   }
   test(SquaredDistance(claims, said), LimitOf(claims), -1);
-  if (focals.size() > 1)
-    test(SquaredCommonDistance(focals, said), ChiSquareLimit(1, kCommonAlarmSigmas), -1);
+  for (const auto kind : {Claim::Kind::kFocal, Claim::Kind::kCenterX, Claim::Kind::kCenterY}) {
+    const std::vector<Claim> alike = OfKind(claims, kind);
+    if (!alike.empty())
+      test(SquaredCommonDistance(alike, said), ChiSquareLimit(1, kCommonAlarmSigmas), -1);
+  }
   return out;
 }
 

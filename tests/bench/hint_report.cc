@@ -168,7 +168,10 @@ int Run(const Arguments& a) {
   if (!dataset.ok()) return std::fprintf(stderr, "%s\n", dataset.status().ToString().c_str()), 1;
   CatalogSnapshot catalog;
   for (const BopObject& object : dataset->objects) {
-    absl::StatusOr<CadImport> cad = ImportCad(object.cad_path);
+    const bool mesh = object.cad_path.empty();
+    CadImportOptions import;
+    import.unit = std::string(mesh ? "mm" : "");
+    absl::StatusOr<CadImport> cad = ImportCad(mesh ? object.mesh_path : object.cad_path, import);
     if (!cad.ok()) return std::fprintf(stderr, "%s\n", cad.status().ToString().c_str()), 1;
     cad->model.id = BopObjectName(object.obj_id);
     catalog.objects.push_back(PrepareCatalogObject(std::move(cad->model)).value());
