@@ -67,11 +67,11 @@ PlaneInViews AskGround(const SceneRequest& request,
 absl::StatusOr<KnownCameras> CamerasFirst(const PipelineOptions& options,
                                           const SceneRequest& request,
                                           const KnownCameras& of_station,
-                                          bool aspects_first,
+                                          bool have_aspects,
                                           const StopRequested& stop,
                                           SceneTrace* trace,
                                           std::vector<StageReport>* stages) {
-  if (!of_station.views.empty() || !aspects_first || !options.cameras_from_texture ||
+  if (!of_station.views.empty() || !have_aspects || !options.cameras_from_texture ||
       request.images.size() < 2 || IsStopRequested(options.recognition.hurry)) {
     return of_station;
   }
@@ -199,9 +199,15 @@ absl::Status RunRecognition(PipelineOptions options,
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while the ground was asked");
   }
   watch.Begin("matching");
+  const bool have_aspects =
+      options.recognition.routes.aspects &&
+      std::all_of(input->objects.begin(), input->objects.end(), [](const auto& o) {
+        return o->aspects != nullptr;
+      });
   HOROPTER_ASSIGN_OR_RETURN(
       const KnownCameras known,
-      CamerasFirst(options, request, cameras, aspects_first, stop, &trace, &answer.stages));
+      CamerasFirst(options, request, cameras, have_aspects, stop, &trace, &answer.stages));
+  RecognitionResult in_cameras;
   if (!known.views.empty()) {
     input->ground = ground;
     HOROPTER_ASSIGN_OR_RETURN(trace.recognition,
@@ -212,10 +218,10 @@ absl::Status RunRecognition(PipelineOptions options,
     // A station's cameras are asked of the images by whoever gave them.
     const bool doubted =
         cameras.views.empty() && Registered(trace.recognition) < std::ssize(request.images);
-    aspects_first = aspects_first && (trace.recognition.objects.empty() || doubted);
+    if (doubted) std::swap(trace.recognition, in_cameras);
+    aspects_first = aspects_first && trace.recognition.objects.empty();
   }
   if (aspects_first) {
-    RecognitionResult in_cameras = std::move(trace.recognition);
     input->ground = ground;
     HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize([&](const auto&... given) {
                                 return RecognizeByAspectsAlone(given..., work.get());
@@ -223,9 +229,6 @@ absl::Status RunRecognition(PipelineOptions options,
     // Of a large catalog the images may say that it need not have been.
     aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
     input->ground = {};
-    // What leaves out views stands only where parts alone say nothing.
-    if (trace.recognition.objects.empty() && !in_cameras.objects.empty())
-      trace.recognition = std::move(in_cameras);
   }
   if (trace.recognition.objects.empty() && IsStopRequested(options.recognition.hurry)) {
     unasked = {"matching", "reconstruction", "recognition"};
@@ -248,6 +251,9 @@ absl::Status RunRecognition(PipelineOptions options,
       if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
     }
   }
+  // What leaves out views stands only where parts alone say nothing.
+  if (trace.recognition.objects.empty() && !in_cameras.objects.empty())
+    trace.recognition = std::move(in_cameras);
   const bool brief =
       IsBrief(options.recognition) && trace.recognition.counts.count("aspects_searched") > 0;
   answer.time_limited = watch.heard() || brief;
