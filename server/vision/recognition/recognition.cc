@@ -18,6 +18,7 @@
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/interpretation/routes.h"
 #include "server/vision/recognition/interpretation/scale_alternatives.h"
+#include "server/vision/recognition/interpretation/shape_rivals.h"
 #include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
@@ -185,6 +186,7 @@ void WeighTurns(const JointContext& context,
   BeginStep(context, "pose_alternatives");
   const std::vector<RatedPoses> rated = TurnToLikeliest(context, images, result);
   SayPoseAlternatives(context, images, rated, result);
+  WeighShapes(context, images, result);
 }
 
 }  // namespace

@@ -229,14 +229,17 @@ double LogOddsBetween(std::span<const AspectImage> images,
                       const SeenPart& a,
                       const SeenPart& b,
                       std::span<const DepthBuffer> hidden,
-                      const PoseChoiceAcceptance& acceptance) {
-  double sum = 0.0;
+                      const PoseChoiceAcceptance& acceptance,
+                      double* differing_share = nullptr) {
+  double sum = 0.0, only_px = 0.0, length_px = 0.0;
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!views[v] || images[v].width == 0) continue;
     const PinholeCamera working = WorkingCamera(images[v], views[v]->camera);
     PinholeCamera straight = working;
     straight.k1 = 0.0;
     const EdgeDifference difference = CompareEdges(a.edges[v], b.edges[v], working);
+    only_px += difference.only_a_px + difference.only_b_px;
+    length_px += difference.length_a_px + difference.length_b_px;
     double of_view = 0.0;
     for (const DifferingPoint& d : difference.points) {
       if (v < hidden.size() && hidden[v].width > 0 &&
@@ -252,6 +255,7 @@ double LogOddsBetween(std::span<const AspectImage> images,
     }
     sum += of_view * acceptance.most_log_odds / (acceptance.most_log_odds + std::abs(of_view));
   }
+  if (differing_share != nullptr) *differing_share = only_px / std::max(1.0, length_px);
   return sum;
 }
 
@@ -341,13 +345,15 @@ double LogOddsOfPose(std::span<const AspectImage> images,
                      const RenderMesh& b,
                      const Rigid3& scene_from_b,
                      std::span<const DepthBuffer> hidden,
-                     const PoseChoiceAcceptance& acceptance) {
+                     const PoseChoiceAcceptance& acceptance,
+                     double* differing_share) {
   return LogOddsBetween(images,
                         views,
                         {a, scene_from_a, EdgesInViews(images, views, a, scene_from_a)},
                         {b, scene_from_b, EdgesInViews(images, views, b, scene_from_b)},
                         hidden,
-                        acceptance);
+                        acceptance,
+                        differing_share);
 }
 
 RatedPoses RatePoses(const JointContext& context,

@@ -15,7 +15,7 @@ namespace horopter {
 // Log odds that the images show the first and not the second placed object: over the edges that
 // only one of them has, what finding or missing them says (against what chance finds there).
 // `hidden` (may be empty): per view a depth buffer of what else stands in the scene, of the working
-// camera without its lens.
+// camera without its lens. differing_share (may be null): of both's visible edges.
 double LogOddsOfPose(std::span<const AspectImage> images,
                      const std::vector<std::optional<CalibratedCamera>>& views,
                      const RenderMesh& a,
@@ -23,7 +23,8 @@ double LogOddsOfPose(std::span<const AspectImage> images,
                      const RenderMesh& b,
                      const Rigid3& scene_from_b,
                      std::span<const DepthBuffer> hidden,
-                     const PoseChoiceAcceptance& acceptance = {});
+                     const PoseChoiceAcceptance& acceptance = {},
+                     double* differing_share = nullptr);
 
 // A place where an answer and an alternative to it look different.
 struct DecidingFeature {

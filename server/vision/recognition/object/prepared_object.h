@@ -13,6 +13,7 @@
 #include "server/vision/invariants/object_keys.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
 #include "server/vision/recognition/aspects/aspect_fragments.h"
+#include "server/vision/recognition/object/shape_alignment.h"
 
 namespace horopter {
 
@@ -96,6 +97,7 @@ struct PreparedObject {
   Occupancy occupancy;
   ObjectKeys keys;                              // for the catalog's index
   std::shared_ptr<const ModelAspects> aspects;  // null: not asked for
+  std::shared_ptr<const LazyMirrorTwin> twin = std::make_shared<LazyMirrorTwin>();
 
   const std::uint64_t* VisibleBits(int aspect) const {
     return visible.data() + static_cast<std::size_t>(aspect) * words;

@@ -1,0 +1,265 @@
+#include "server/vision/recognition/aspect_scenes/shape_strain.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+#include "server/vision/geometry/camera_prior.h"
+#include "server/vision/recognition/aspect_search/pose_edges.h"
+#include "server/vision/recognition/aspects/visible_edges.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kViewParameters = 7;  // rotation, translation, ln f
+constexpr int kStrains = 2;         // of three with mean 0
+constexpr int kLeastRows = 60;
+constexpr double kMinDepth = 1e-4;  // metres
+constexpr double kRenderPx = 140.0;
+// Reach of each round, working pixels: a part stretched by a tenth is off by so much at its ends.
+constexpr double kSearchPx[] = {6.0, 4.0, 3.0};
+constexpr double kLostPx = 2.5;  // farther is not met
+constexpr double kMatchSigmaPx = 0.6;
+constexpr int kSteps = 3;
+constexpr double kRowSigmaPx = 1.0;
+constexpr double kStrainSigma = 0.1;  // nothing is stretched by much more
+// Cameras stay near where they are: radians, of the distance, ln f.
+constexpr double kTurnSigma = 0.5, kShiftSigma = 0.5, kFocalSigma = 0.05;
+
+// Orthonormal, the columns' components sum to zero.
+Eigen::Matrix<double, 3, kStrains> Basis() {
+  Eigen::Matrix<double, 3, kStrains> out;
+  out.col(0) = Eigen::Vector3d(1, -1, 0).normalized();
+  out.col(1) = Eigen::Vector3d(1, 1, -2).normalized();
+  return out;
+}
+
+Eigen::Matrix3d Cross(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
+Eigen::Matrix3d Rotation(const Eigen::Vector3d& w) {
+  const double angle = w.norm();
+  if (angle < 1e-12) return Eigen::Matrix3d::Identity();
+  return Eigen::AngleAxisd(angle, w / angle).toRotationMatrix();
+}
+
+class StrainFit {
+ public:
+  StrainFit(std::span<const AspectImage> images,
+            const RenderMesh& mesh,
+            const std::vector<std::optional<CalibratedCamera>>& views,
+            const Rigid3& scene_from_object,
+            double strain_sigma)
+      : images_(images),
+        mesh_(mesh),
+        pose_(scene_from_object),
+        strain_sigma_(strain_sigma),
+        views_(views),
+        given_(views) {
+    for (const auto& view : views_) {
+      at_.push_back(view ? size_ : -1);
+      if (view) size_ += kViewParameters;
+    }
+    size_ += kStrains;
+  }
+
+  ShapeStrain Run() {
+    ShapeStrain out;
+    Render();
+    for (const double search : kSearchPx) {
+      for (int step = 0; step < kSteps; ++step) {
+        Match(search);
+        if (static_cast<int>(rows_.size()) < kLeastRows) return {};
+        if (!Step()) break;
+      }
+    }
+    Render();
+    Match(kLostPx);
+    if (static_cast<int>(rows_.size()) < kLeastRows) return {};
+    out.rows = static_cast<int>(rows_.size());
+    double total = 0.0;
+    for (const auto& p : points_) total += static_cast<double>(p.size());
+    const double most = 0.5 * kLostPx * kLostPx / (kMatchSigmaPx * kMatchSigmaPx);
+    double loss = most * (total - static_cast<double>(rows_.size()));
+    for (const Row& r : rows_) {
+      const double d = r.residual_px * r.working / kMatchSigmaPx;
+      loss += std::min(most, 0.5 * d * d);
+    }
+    out.loss = loss / std::max(1.0, total);
+    out.points = total;
+    out.strain = Basis() * strain_;
+    out.views = views_;
+    Eigen::MatrixXd H;
+    Eigen::VectorXd g;
+    Linearise(&H, &g);
+    const Eigen::MatrixXd inverse = H.ldlt().solve(Eigen::MatrixXd::Identity(size_, size_));
+    out.covariance =
+        Basis() * inverse.bottomRightCorner<kStrains, kStrains>() * Basis().transpose();
+    return out;
+  }
+
+ private:
+  struct Row {
+    int view = -1;
+    Eigen::Vector3d point;  // unstrained, object frame
+    Eigen::Vector2d normal;
+    double residual_px = 0.0, weight = 0.0, working = 1.0;
+  };
+
+  Eigen::Vector3d Center() const { return mesh_.center.cast<double>(); }
+  Eigen::Vector3d Scale() const {
+    return Eigen::Vector3d((Basis() * strain_).array().exp().matrix());
+  }
+
+  void Render() {
+    strained_ = Strained(mesh_, Basis() * strain_);
+    VisibleEdgeOptions options;
+    options.render_px = kRenderPx;
+    points_.assign(views_.size(), {});
+    for (std::size_t v = 0; v < views_.size(); ++v) {
+      if (!views_[v] || images_[v].width == 0) continue;
+      points_[v] = ThinnedEdgePoints(
+          FindVisibleEdges(
+              strained_, views_[v]->camera, views_[v]->camera_from_scene * pose_, options),
+          PoseEdgeOptions{}.max_points);
+      for (ModelEdgePoint& p : points_[v]) {  // to the part as it is
+        p.point =
+            (Center() + (p.point.cast<double>() - Center()).cwiseQuotient(Scale())).cast<float>();
+      }
+    }
+  }
+
+  void Match(double search_px) {
+    rows_.clear();
+    PoseEdgeOptions options;
+    options.search_px = search_px;
+    const Eigen::Vector3d center = Center(), scale = Scale();
+    for (std::size_t v = 0; v < views_.size(); ++v) {
+      if (points_[v].empty()) continue;
+      std::vector<ModelEdgePoint> here = points_[v];
+      for (ModelEdgePoint& p : here)
+        p.point = (center + (p.point.cast<double>() - center).cwiseProduct(scale)).cast<float>();
+      for (const PoseEdgeMatch& m : MatchPoseEdges(images_[v],
+                                                   here,
+                                                   views_[v]->camera,
+                                                   views_[v]->camera_from_scene * pose_,
+                                                   options)) {
+        rows_.push_back({static_cast<int>(v),
+                         center + (m.point - center).cwiseQuotient(scale),
+                         m.normal,
+                         m.residual_px,
+                         m.weight,
+                         images_[v].working_from_image});
+      }
+    }
+  }
+
+  void Linearise(Eigen::MatrixXd* H, Eigen::VectorXd* g) const {
+    H->setZero(size_, size_);
+    g->setZero(size_);
+    const int s = size_ - kStrains;
+    const Eigen::Vector3d center = Center(), scale = Scale();
+    for (const Row& row : rows_) {
+      const CalibratedCamera& view = *views_[row.view];
+      const Eigen::Vector3d stretched = (row.point - center).cwiseProduct(scale);
+      const Eigen::Vector3d x =
+          view.camera_from_scene * (pose_ * Eigen::Vector3d(center + stretched));
+      if (x.z() < kMinDepth) continue;
+      const double w = row.weight * row.working * row.working / (kRowSigmaPx * kRowSigmaPx);
+      const double f = view.camera.focal_px, q = f / x.z();
+      const double along = row.normal.x() * x.x() + row.normal.y() * x.y();
+      const Eigen::Matrix<double, 1, 3> dx(
+          q * row.normal.x(), q * row.normal.y(), -q / x.z() * along);
+      Eigen::Matrix<double, 1, kViewParameters + kStrains> j;
+      j.head<3>() = -dx * Cross(x - view.camera_from_scene.t);
+      j.segment<3>(3) = dx;
+      j(6) = q * along;
+      j.tail<kStrains>() =
+          dx * view.camera_from_scene.R * pose_.R * stretched.asDiagonal() * Basis();
+      const int a = at_[row.view];
+      const auto jv = j.head<kViewParameters>();
+      const auto js = j.tail<kStrains>();
+      H->block<kViewParameters, kViewParameters>(a, a) += w * jv.transpose() * jv;
+      H->block<kViewParameters, kStrains>(a, s) += w * jv.transpose() * js;
+      H->block<kStrains, kViewParameters>(s, a) += w * js.transpose() * jv;
+      H->block<kStrains, kStrains>(s, s) += w * js.transpose() * js;
+      g->segment<kViewParameters>(a) += w * row.residual_px * jv.transpose();
+      g->segment<kStrains>(s) += w * row.residual_px * js.transpose();
+    }
+    for (std::size_t v = 0; v < views_.size(); ++v) {
+      if (!views_[v]) continue;
+      const int a = at_[v];
+      const double distance = std::max((views_[v]->camera_from_scene * pose_.t).norm(), kMinDepth);
+      for (int k = 0; k < 3; ++k) {
+        (*H)(a + k, a + k) += 1.0 / (kTurnSigma * kTurnSigma);
+        (*H)(a + 3 + k, a + 3 + k) += 1.0 / (kShiftSigma * kShiftSigma * distance * distance);
+      }
+      const double wf = 1.0 / (kFocalSigma * kFocalSigma);
+      (*H)(a + 6, a + 6) += wf;
+      (*g)(a + 6) += wf * std::log(given_[v]->camera.focal_px / views_[v]->camera.focal_px);
+    }
+    const double ws = 1.0 / (strain_sigma_ * strain_sigma_);
+    H->bottomRightCorner<kStrains, kStrains>().diagonal().array() += ws;
+    g->tail<kStrains>() -= ws * strain_;
+  }
+
+  bool Step() {
+    Eigen::MatrixXd H;
+    Eigen::VectorXd g;
+    Linearise(&H, &g);
+    const Eigen::VectorXd step = H.ldlt().solve(g);
+    if (!step.allFinite()) return false;
+    for (std::size_t v = 0; v < views_.size(); ++v) {
+      if (!views_[v]) continue;
+      const auto d = step.segment<kViewParameters>(at_[v]);
+      Rigid3& pose = views_[v]->camera_from_scene;
+      pose.R = Rotation(d.head<3>()) * pose.R;
+      pose.t += d.segment<3>(3);
+      views_[v]->camera.focal_px *= std::exp(std::clamp(d(6), -0.3, 0.3));
+    }
+    strain_ += step.tail<kStrains>();
+    strain_ = strain_.cwiseMax(-0.3).cwiseMin(0.3);
+    return true;
+  }
+
+  std::span<const AspectImage> images_;
+  const RenderMesh& mesh_;
+  const Rigid3 pose_;
+  const double strain_sigma_;
+  std::vector<std::optional<CalibratedCamera>> views_;
+  const std::vector<std::optional<CalibratedCamera>> given_;
+  std::vector<int> at_;  // where a view's parameters begin; -1: none
+  int size_ = 0;
+  Eigen::Matrix<double, kStrains, 1> strain_ = Eigen::Matrix<double, kStrains, 1>::Zero();
+  RenderMesh strained_;
+  std::vector<std::vector<ModelEdgePoint>> points_;  // of views, on the part as it is
+  std::vector<Row> rows_;
+};
+
+}  // namespace
+
+ShapeStrain EstimateStrain(std::span<const AspectImage> images,
+                           const RenderMesh& mesh,
+                           const std::vector<std::optional<CalibratedCamera>>& views,
+                           const Rigid3& scene_from_object,
+                           bool stretch) {
+  return StrainFit(images, mesh, views, scene_from_object, stretch ? kStrainSigma : 1e-6).Run();
+}
+
+RenderMesh Strained(const RenderMesh& mesh, const Eigen::Vector3d& strain) {
+  RenderMesh out;
+  out.origin = mesh.origin;
+  out.step_m = mesh.step_m;
+  out.diameter_m = mesh.diameter_m;
+  const Eigen::Vector3f scale = strain.array().exp().matrix().cast<float>();
+  for (const Eigen::Vector3f& v : mesh.vertices)
+    out.vertices.push_back(mesh.center + (v - mesh.center).cwiseProduct(scale));
+  out.triangles = mesh.triangles;
+  ConnectRenderMesh(RenderMeshOptions{}.smooth_angle_rad, &out);
+  return out;
+}
+
+}  // namespace horopter

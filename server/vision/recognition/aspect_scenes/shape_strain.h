@@ -1,0 +1,42 @@
+// By how much a placed part would have to be stretched along its axes to fit the images best: a
+// part that is not the one enrolled, but nearly, betrays itself so, whatever its support is.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/vision/geometry/calibrated_camera.h"
+#include "server/vision/geometry/rigid3.h"
+#include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/recognition/aspects/render_mesh.h"
+
+namespace horopter {
+
+struct ShapeStrain {
+  // Along the object frame's axes, ln of the stretch; of mean 0: images have no scale.
+  Eigen::Vector3d strain = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  // Over all points of visible edges: half the squared distance to the edges met, at most that of
+  // kLostPx, in deviations of a good match; and how many points there are.
+  double loss = 0.0;
+  double points = 0.0;
+  int rows = 0;                                        // met in all views
+  std::vector<std::optional<CalibratedCamera>> views;  // cameras that go with the strained part
+};
+
+// Stretch and cameras (pose and focal length of each view, loosely where they are) adjusted
+// together to the edges met, rendered again at the stretch found. Zero where too few edges
+// (60 rows) are met. stretch: else only the cameras are adjusted, to compare with. views: cameras
+// of the original images, metres.
+ShapeStrain EstimateStrain(std::span<const AspectImage> images,
+                           const RenderMesh& mesh,
+                           const std::vector<std::optional<CalibratedCamera>>& views,
+                           const Rigid3& scene_from_object,
+                           bool stretch = true);
+
+// The part stretched by exp(strain) along its frame's axes about the centre of its bounding box.
+RenderMesh Strained(const RenderMesh& mesh, const Eigen::Vector3d& strain);
+
+}  // namespace horopter

@@ -1,0 +1,249 @@
+#include "server/vision/recognition/interpretation/shape_rivals.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/aspect_scenes/shape_strain.h"
+#include "server/vision/recognition/interpretation/pose_alternatives.h"
+#include "server/vision/recognition/object/prepared_object.h"
+#include "server/vision/recognition/object/shape_alignment.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kAlignments = 4;         // of a shape that are tried
+constexpr double kLookAlike = 0.03;    // diameters: mean distance of parts that look alike
+constexpr double kSameExtents = 1.15;  // ratio
+constexpr double kRenderPx = 110.0;
+// Of the visible edges of both that a shape must have for itself to be another; chosen.
+constexpr double kDifferingShare = 0.04;
+// Edges err together: log odds are believed by so much. Of mirror images and stretched copies that
+// are not enrolled, how likely one is before the images are looked at; chosen.
+constexpr double kBelief = 0.5, kMirrorPrior = 0.3, kStretchedPrior = 1.0;
+constexpr double kBetterScore = 0.01;  // of what the images show rather than the answer
+constexpr double kNoStranger = 3.0;    // log odds
+constexpr double kReplacing = 2.0;     // log odds with which a part of the catalog takes the place
+constexpr double kRefused = 0.1;       // probability
+// ln of the stretch, and deviations of it, that count. Right parts among clutter are fitted with up
+// to .15 and gain less than 250; those of real CAD stretched by a tenth gain 120 - 1,800
+// (decision_report).
+constexpr double kLeastStrain = 0.015, kStrainSigmas = 4.0;
+constexpr double kMostOfStrain = 5.0, kLeastOfStrain = -1.5, kLossOfOdds = 70.0;
+
+const RenderMesh& MeshOf(const JointContext& context, int object) {
+  return context.objects[object]->aspects->object.mesh;
+}
+
+std::vector<std::optional<AspectSceneView>> Fixed(
+    const std::vector<std::optional<CalibratedCamera>>& views) {
+  std::vector<std::optional<AspectSceneView>> fixed;
+  for (const auto& view : views) {
+    fixed.emplace_back();
+    if (view) fixed.back() = AspectSceneView{view->camera, view->camera_from_scene, 0.0, 1.0};
+  }
+  return fixed;
+}
+
+struct Shape {
+  int object = -1;
+  bool mirrored = false;
+  const RenderMesh* mesh = nullptr;
+  std::vector<ShapeAlignment> alignments;
+};
+
+const std::string& IdOf(const JointContext& context, int object) {
+  return context.objects[object]->model.id;
+}
+
+void Tell(const std::string& text, RecognitionResult* result) {
+  absl::StrAppend(&result->detail, result->detail.empty() ? "" : ". ", text);
+}
+
+// How much likelier than the answer a rival is before nothing but shapes is weighed.
+double WeightOf(const ShapeRival& r) {
+  return (r.mirrored ? kMirrorPrior : 1.0) * std::exp(-kBelief * r.log_odds);
+}
+
+// Log odds that the part is as it is enrolled against a stretched one, of what the stretch that
+// fits best explains better: 0 gained says nothing.
+double LogOddsOfStrain(const JointContext& context,
+                       std::span<const AspectImage> images,
+                       const RecognitionResult& result,
+                       int place) {
+  const SceneObject& answer = result.objects[place];
+  const RenderMesh& mesh = MeshOf(context, answer.object);
+  const auto fit = [&](bool stretch) {
+    return EstimateStrain(images, mesh, result.views, answer.scene_from_object, stretch);
+  };
+  const ShapeStrain strained = fit(true);
+  bool significant = false;
+  for (int i = 0; i < 3; ++i) {
+    const double size = std::abs(strained.strain[i]);
+    significant = significant || (size > kLeastStrain &&
+                                  size > kStrainSigmas * std::sqrt(strained.covariance(i, i)));
+  }
+  if (!significant) return kMostOfStrain;
+  const double gain = (fit(false).loss - strained.loss) * strained.points;
+  return std::clamp(kMostOfStrain - gain / kLossOfOdds, kLeastOfStrain, kMostOfStrain);
+}
+
+// What stays open goes into the answer.
+void Open(const JointContext& context,
+          std::span<const ShapeRival> rivals,
+          double stretched,
+          double probability,
+          SceneObject* answer,
+          RecognitionResult* result) {
+  answer->pose_probability *= probability;
+  if (1.0 - probability < context.options.acceptance.pose_choices.ambiguous_share) return;
+  if (result->state == RecognitionState::kRecognized) result->state = RecognitionState::kAmbiguous;
+  const auto open = [&](int object) {
+    if (std::find(answer->alternatives.begin(), answer->alternatives.end(), object) ==
+        answer->alternatives.end())
+      answer->alternatives.push_back(object);
+  };
+  const std::string& id = IdOf(context, answer->object);
+  for (const ShapeRival& r : rivals) {
+    const double share = WeightOf(r) * probability;
+    if (share < context.options.acceptance.pose_choices.min_probability) continue;
+    open(r.object);
+    Tell(r.mirrored ? absl::StrFormat("%s: %.2f that it is its mirror image", id, share)
+                    : absl::StrFormat("%s: %.2f that it is %s", id, share, IdOf(context, r.object)),
+         result);
+  }
+  const double share = kStretchedPrior * std::exp(-stretched) * probability;
+  if (share < context.options.acceptance.pose_choices.min_probability) return;
+  open(answer->object);
+  Tell(absl::StrFormat("%s: %.2f that it is like it, but stretched", id, share), result);
+}
+
+}  // namespace
+
+std::vector<ShapeRival> RateShapes(const JointContext& context,
+                                   std::span<const AspectImage> images,
+                                   const RecognitionResult& result,
+                                   int place) {
+  const SceneObject& answer = result.objects[place];
+  if (context.objects[answer.object]->aspects == nullptr) return {};
+  const RenderMesh& own = MeshOf(context, answer.object);
+  const PreparedObject& prepared = *context.objects[answer.object];
+  const MirrorTwin& twin = prepared.twin->Of(prepared.model.mesh, prepared.model.diameter_m, own);
+  std::vector<Shape> shapes(context.objects.size() + 1);
+  ParallelFor(static_cast<int>(shapes.size()), context.options.threads, [&](int i) {
+    Shape& s = shapes[i];
+    if (i == static_cast<int>(context.objects.size())) {
+      s = {answer.object, true, &twin.mesh, twin.alignments};
+      return;
+    }
+    if (i == answer.object || context.objects[i]->aspects == nullptr) return;
+    const RenderMesh& other = MeshOf(context, i);
+    const double ratio = own.diameter_m / other.diameter_m;
+    if (std::max(ratio, 1.0 / ratio) > kSameExtents) return;
+    s = {i, false, &other, AlignShapes(own, other, kAlignments, kSameExtents)};
+    std::erase_if(s.alignments, [](const auto& a) { return a.distance > kLookAlike; });
+  });
+  std::vector<std::pair<const Shape*, Rigid3>> tried;
+  for (const Shape& s : shapes) {
+    for (const ShapeAlignment& a : s.alignments) tried.emplace_back(&s, a.a_from_b);
+  }
+  const auto fixed = Fixed(result.views);
+  std::vector<ShapeRival> rated(tried.size());
+  ParallelFor(static_cast<int>(tried.size()), context.options.threads, [&](int i) {
+    const Shape& shape = *tried[i].first;
+    ShapeRival& out = rated[i];
+    out = {shape.object, shape.mirrored, answer.scene_from_object * tried[i].second};
+    const auto settled =
+        SettleInViews(images, *shape.mesh, fixed, {0, out.scene_from_object}, kRenderPx);
+    if (settled) out.scene_from_object = settled->placed.scene_from_object;
+    out.log_odds = LogOddsOfPose(images,
+                                 result.views,
+                                 own,
+                                 answer.scene_from_object,
+                                 *shape.mesh,
+                                 out.scene_from_object,
+                                 {},
+                                 context.options.acceptance.pose_choices,
+                                 &out.differing_share);
+  });
+  std::erase_if(rated, [](const auto& r) { return r.differing_share < kDifferingShare; });
+  std::stable_sort(rated.begin(), rated.end(), [](const auto& a, const auto& b) {
+    return a.log_odds < b.log_odds;
+  });
+  const auto score_of = [&](const RenderMesh& mesh, const Rigid3& pose) {
+    SceneJudgementOptions judging;
+    judging.threads = context.options.threads;
+    return JudgeInViews(images, mesh, fixed, {0, pose}, judging).score;
+  };
+  std::vector<ShapeRival> best;  // of each shape
+  for (const ShapeRival& r : rated) {
+    if (std::none_of(best.begin(), best.end(), [&](const ShapeRival& b) {
+          return b.object == r.object && b.mirrored == r.mirrored;
+        }))
+      best.push_back(r);
+  }
+  // Where the answer is off, anything that differs from it is likelier, and nothing fits.
+  std::optional<double> own_score;
+  for (ShapeRival& r : best) {
+    if (r.log_odds >= 0.0) continue;
+    if (!own_score) own_score = score_of(own, answer.scene_from_object);
+    const RenderMesh& mesh = r.mirrored ? twin.mesh : MeshOf(context, r.object);
+    if (score_of(mesh, r.scene_from_object) < *own_score + kBetterScore) r.log_odds = 0.0;
+  }
+  // A mirror image that is enrolled is no stranger.
+  const auto enrolled =
+      std::find_if(best.begin(), best.end(), [](const ShapeRival& r) { return !r.mirrored; });
+  if (enrolled != best.end()) {
+    const double least = enrolled->log_odds - kNoStranger;
+    std::erase_if(best, [&](const auto& r) { return r.mirrored && r.log_odds > least; });
+  }
+  std::stable_sort(best.begin(), best.end(), [](const auto& a, const auto& b) {
+    return a.log_odds < b.log_odds;
+  });
+  return best;
+}
+
+void WeighShapes(const JointContext& context,
+                 std::span<const AspectImage> images,
+                 RecognitionResult* result) {
+  BeginStep(context, "shapes");
+  std::vector<bool> refused(result->objects.size(), false);
+  for (std::size_t k = 0; k < result->objects.size(); ++k) {
+    if (context.objects[result->objects[k].object]->aspects == nullptr) continue;
+    if (IsStopRequested(context.give_up)) break;
+    std::vector<ShapeRival> rivals = RateShapes(context, images, *result, static_cast<int>(k));
+    SceneObject& answer = result->objects[k];
+    if (!rivals.empty() && !rivals.front().mirrored && rivals.front().log_odds < -kReplacing) {
+      Tell(absl::StrFormat("%s stands where %s fits less well",
+                           IdOf(context, rivals.front().object),
+                           IdOf(context, answer.object)),
+           result);
+      answer.object = rivals.front().object;
+      answer.scene_from_object = rivals.front().scene_from_object;
+      rivals = RateShapes(context, images, *result, static_cast<int>(k));
+    }
+    const double stretched = LogOddsOfStrain(context, images, *result, static_cast<int>(k));
+    double others = kStretchedPrior * std::exp(-stretched);
+    for (const ShapeRival& r : rivals) others += WeightOf(r);
+    const double probability = 1.0 / (1.0 + others);
+    refused[k] = probability < kRefused && !rivals.empty() && rivals.front().mirrored &&
+                 WeightOf(rivals.front()) > 0.5 * others;
+    if (refused[k]) {
+      Tell(absl::StrFormat("%s: its mirror image fits better", IdOf(context, answer.object)),
+           result);
+      continue;
+    }
+    Open(context, rivals, stretched, probability, &answer, result);
+  }
+  std::size_t k = 0;
+  std::erase_if(result->objects, [&](const SceneObject&) { return refused[k++]; });
+  if (result->objects.empty() && k > 0) result->state = RecognitionState::kNothingFound;
+}
+
+}  // namespace horopter
