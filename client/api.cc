@@ -14,6 +14,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "client/api_stubs.h"
+#include "client/connection_fault.h"
 #include "client/convert.h"
 #include "horopter/v1/errors.pb.h"
 #include "server/base/status_macros.h"
@@ -71,7 +72,11 @@ absl::Status ToAbsl(const grpc::Status& status,
     absl::StrAppend(&message, " (field ", field, ")");
   }
   if (status.error_code() == grpc::StatusCode::UNAVAILABLE) {
-    message = absl::StrCat("server ", address, " cannot be reached: ", message);
+    const std::string words = ConnectionFault(message);
+    message = absl::StrCat("server ",
+                           address,
+                           " cannot be reached: ",
+                           words.empty() ? message : absl::StrCat(words, " (", message, ")"));
   }
   if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
     absl::StrAppend(&message,

@@ -101,7 +101,8 @@ class HoropterClient {
   absl::StatusOr<std::vector<v1::Station>> ListStations();  // all pages, without events
   absl::StatusOr<v1::Station> UpdateStation(const v1::UpdateStationRequest& request);
   absl::Status DeleteStation(const std::string& id);
-  absl::StatusOr<v1::Station> ResetStation(const std::string& name);  // station or camera
+  // Of a station or a camera; keep_base: where the cameras are in the robot's base is kept.
+  absl::StatusOr<v1::Station> ResetStation(const std::string& name, bool keep_base = false);
   absl::StatusOr<v1::Station> ImportCalibration(const std::string& camera_name,
                                                 const v1::CameraCalibration& calibration);
   absl::StatusOr<v1::CameraCalibration> ExportCalibration(const std::string& camera_name);

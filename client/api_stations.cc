@@ -54,8 +54,9 @@ absl::Status HoropterClient::DeleteStation(const std::string& id) {
   });
 }
 
-absl::StatusOr<v1::Station> HoropterClient::ResetStation(const std::string& name) {
+absl::StatusOr<v1::Station> HoropterClient::ResetStation(const std::string& name, bool keep_base) {
   v1::ResetStationRequest request;
+  request.set_keep_base(keep_base);
   request.set_name(name);
   v1::Station response;
   HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {

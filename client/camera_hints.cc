@@ -88,6 +88,8 @@ absl::Status AddCameraHints(const CameraArguments& arguments,
     return absl::InvalidArgumentError(
         absl::StrCat("--camera-pose: takes x y z qw qx qy qz for each of the ", images, " images"));
   }
+  if (!arguments.camera_pose_sigma.empty() && poses == 0)
+    return absl::InvalidArgumentError("--camera-pose-sigma: only with --camera-pose");
   HOROPTER_RETURN_IF_ERROR(CheckCount("--focal", arguments.focal_px.size(), images));
   HOROPTER_RETURN_IF_ERROR(CheckCount("--camera", arguments.camera.size(), images));
   std::vector<CameraFile> cameras;
@@ -126,6 +128,10 @@ absl::Status AddCameraHints(const CameraArguments& arguments,
                                 PoseOf(arguments.camera_pose, i * kPoseNumbers));
       *image.mutable_camera_hint()->mutable_camera_from_base() =
           ToProto(base_from_camera.Inverse());
+      if (!arguments.camera_pose_sigma.empty()) {
+        image.mutable_camera_hint()->set_rotation_sigma_rad(arguments.camera_pose_sigma[0]);
+        image.mutable_camera_hint()->set_position_sigma_m(arguments.camera_pose_sigma[1]);
+      }
     }
   }
   return absl::OkStatus();

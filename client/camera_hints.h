@@ -18,6 +18,7 @@ struct CameraArguments {
   std::vector<std::string> camera;  // FILE or FILE#NAME for ReadCameraFile
   // Seven numbers per camera: x y z (metres) qw qx qy qz of base_from_camera.
   std::vector<double> camera_pose;
+  std::vector<double> camera_pose_sigma;  // of all: radians, metres; empty: the server's default
 };
 
 // Sets the hints of request->images(), whose contents must be there: a calibration of another size

@@ -84,8 +84,14 @@ void AddSceneOptions(CLI::App* command, RecognizeArguments& a) {
   command
       ->add_option("--reference",
                    a.reference,
-                   "ID [X Y Z QW QX QY QZ]: object whose pose in the robot base is known, metres")
-      ->expected(1, 8);
+                   "ID [X Y Z QW QX QY QZ]: object whose pose in the robot base is known, metres; "
+                   "several, each with its pose, decide what a symmetric one leaves open")
+      ->expected(1, 128);
+  command
+      ->add_option("--reference-sigma",
+                   a.reference_sigma,
+                   "RADIANS METRES: standard deviations of the references' poses (default: exact)")
+      ->expected(2);
   command->add_option(
       "--focal", a.cameras.focal_px, "focal length in pixels: one for all images, or one for each");
   command
@@ -115,6 +121,14 @@ void AddSceneOptions(CLI::App* command, RecognizeArguments& a) {
                       a.cameras.camera_pose,
                       "X Y Z QW QX QY QZ of each camera in the robot base, metres; the camera "
                       "looks along its z, x is right");
+  command
+      ->add_option(
+          "--camera-pose-sigma",
+          a.cameras.camera_pose_sigma,
+          "RADIANS METRES: standard deviations of these poses (default: the server's, 0.01 "
+          "and 0.005)")
+      ->expected(2);
+  command->add_flag("--read-only", a.read_only, "the station is used, and learns nothing");
 }
 
 }  // namespace
@@ -136,9 +150,16 @@ void AddRecognizeCommand(CLI::App& app, Command* command) {
                  "recognise parts in images of one static scene",
                  "horopter recognize 0.png 1.png 2.png --out overlay.png\n"
                  "  horopter recognize 0.png 1.png --focal 1000 --json\n"
-                 "  horopter recognize 0.png 1.png --camera left.yaml right.yaml");
+                 "  horopter recognize 0.png 1.png --camera left.yaml right.yaml\n"
+                 "  horopter recognize 0.png 1.png --expect bracket=1");
   recognize->add_option("IMAGE", a->images)->required();
   AddSceneOptions(recognize, *a);
+  recognize
+      ->add_option("--expect",
+                   a->expected,
+                   "what should lie there: ID, ID=COUNT or FILE.json with places and tolerances "
+                   "(ExpectedPart in recognition.proto); ends with exit code 5 where not all is")
+      ->delimiter(',');
   recognize->callback([=] { *command = [a](HoropterClient& c) { return Recognize(c, *a); }; });
 }
 

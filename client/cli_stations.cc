@@ -10,6 +10,7 @@ namespace {
 
 struct StationArguments {
   std::string id, camera, path;
+  bool keep_base = false;
 };
 
 void AddSet(CLI::App& station, Command* command) {
@@ -27,8 +28,13 @@ void AddSet(CLI::App& station, Command* command) {
       ->delimiter(',');
   set->add_option("--camera-pose",
                   a->camera_pose,
-                  "CAMERA X Y Z QW QX QY QZ: where a fixed camera is in the robot base, metres")
-      ->expected(8);
+                  "CAMERA X Y Z QW QX QY QZ: where a fixed camera is in the robot base, metres; "
+                  "for several cameras again")
+      ->expected(8, 128);
+  set->add_option("--camera-pose-sigma",
+                  a->camera_pose_sigma,
+                  "RADIANS METRES: standard deviations of these poses (default: 0.01 and 0.005)")
+      ->expected(2);
   set->callback([=] { *command = [a](HoropterClient& c) { return StationSet(c, *a); }; });
 }
 
@@ -59,8 +65,12 @@ void AddStationCommands(CLI::App& app, Command* command) {
                                "horopter station reset cell1 --camera left");
   reset->add_option("ID", a->id)->required();
   reset->add_option("--camera", a->camera, "this one alone (default: all)");
-  reset->callback(
-      [=] { *command = [a](HoropterClient& c) { return StationReset(c, a->id, a->camera); }; });
+  reset->add_flag("--keep-base",
+                  a->keep_base,
+                  "where the cameras are in the robot base is kept, though it was learnt");
+  reset->callback([=] {
+    *command = [a](HoropterClient& c) { return StationReset(c, a->id, a->camera, a->keep_base); };
+  });
   CLI::App* import_ = AddCommand(station,
                                  "import",
                                  "take a camera's calibration over",

@@ -91,15 +91,19 @@ struct RecognizeArguments {
   std::string overlay_path;             // empty: none; see WriteOverlays
   bool unexplained = false;             // the overlay shows edges of no object, too
   std::vector<std::string> candidates;  // empty: the whole catalog
-  // Object id, then optionally its pose in the robot base: x y z (metres) qw qx qy qz. Empty: no
-  // reference.
+  // Object id, then optionally its pose in the robot base: x y z (metres) qw qx qy qz; several one
+  // after the other, each with its pose. Empty: no reference.
   std::vector<std::string> reference;
+  std::vector<double> reference_sigma;  // of all of them: radians, metres; empty: exact
   CameraArguments cameras;
   bool cropped = false;                      // the images are cut-outs
   bool ignore_exif = false;                  // what their files say of the cameras is not used
   std::string station;                       // whose cameras took the images; empty: none
   std::vector<std::string> station_cameras;  // ids, one per image
+  bool read_only = false;                    // the station learns nothing
+  std::vector<std::string> expected;         // see AddExpectedParts
 };
+// Errors beside those of the call: OUT_OF_RANGE (of expected parts not all are present).
 absl::Status Recognize(HoropterClient& client, const RecognizeArguments& arguments);
 
 // Why an object is, or is not, among what is recognised.
@@ -115,14 +119,19 @@ struct StationSetArguments {
   std::string id;
   std::optional<std::string> display_name;
   std::vector<std::string> moving, zooming, fixed;  // cameras
-  // Camera, then its pose in the robot base: x y z (metres) qw qx qy qz.
+  // Camera, then its pose in the robot base: x y z (metres) qw qx qy qz; several one after the
+  // other.
   std::vector<std::string> camera_pose;
+  std::vector<double> camera_pose_sigma;  // of all of them: radians, metres; empty: the server's
 };
 // Makes the station where it is missing.
 absl::Status StationSet(HoropterClient& client, const StationSetArguments& arguments);
 absl::Status StationRemove(HoropterClient& client, const std::string& id);
-// Camera empty: the whole station.
-absl::Status StationReset(HoropterClient& client, const std::string& id, const std::string& camera);
+// Camera empty: the whole station. keep_base: what was learnt of the robot's base stays.
+absl::Status StationReset(HoropterClient& client,
+                          const std::string& id,
+                          const std::string& camera,
+                          bool keep_base);
 // path: see ReadCameraFile. Errors: INVALID_ARGUMENT (a lens beyond k1, no image size).
 absl::Status StationImport(HoropterClient& client,
                            const std::string& id,

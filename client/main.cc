@@ -9,6 +9,7 @@
 #include "client/cli.h"
 #include "client/interrupt.h"
 #include "client/output.h"
+#include "client/shown.h"
 #include "client/token.h"
 
 namespace horopter {
@@ -21,6 +22,7 @@ constexpr char kExitCodes[] =
     "  2    wrong usage\n"
     "  3    the input or the caller was refused\n"
     "  4    the server cannot be reached, is too busy or did not answer in time\n"
+    "  5    of the parts expected (recognize --expect) not all are present\n"
     "  130  interrupted";
 
 int ExitCode(const absl::Status& status) {
@@ -38,6 +40,8 @@ int ExitCode(const absl::Status& status) {
     case absl::StatusCode::kDeadlineExceeded:
     case absl::StatusCode::kResourceExhausted:
       return 4;
+    case absl::StatusCode::kOutOfRange:
+      return 5;
     case absl::StatusCode::kCancelled:
       return Interrupted() ? 130 : 1;
     default:
@@ -50,7 +54,7 @@ void ReportError(const absl::Status& status) {
   const std::string code = absl::StatusCodeToString(status.code());
   const std::string message(status.message());
   if (!JsonOutput()) {
-    std::fprintf(stderr, "horopter: %s: %s\n", code.c_str(), message.c_str());
+    std::fprintf(stderr, "horopter: %s: %s\n", code.c_str(), Shown(message).c_str());
     return;
   }
   nlohmann::json error = {{"code", code}, {"message", message}};

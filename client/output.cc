@@ -1,7 +1,12 @@
 #include "client/output.h"
 
 #include <cstdio>
+#include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+
+#include "client/shown.h"
 
 namespace horopter {
 namespace {
@@ -22,8 +27,14 @@ void Say(const char* format, ...) {
   if (json_output) return;
   va_list arguments;
   va_start(arguments, format);
-  std::vprintf(format, arguments);
+  char* text = nullptr;
+  const int length = ::vasprintf(&text, format, arguments);
   va_end(arguments);
+  if (length < 0) return;
+  // Names come from files and servers.
+  const std::string shown = Shown(std::string_view(text, static_cast<std::size_t>(length)));
+  std::free(text);
+  std::fwrite(shown.data(), 1, shown.size(), stdout);
   std::fflush(stdout);
 }
 

@@ -10,7 +10,7 @@ namespace horopter {
 void SetJsonOutput(bool json);
 bool JsonOutput();
 
-// printf to stdout; nothing with --json.
+// printf to stdout, without anything that a terminal would obey; nothing with --json.
 void Say(const char* format, ...) __attribute__((format(printf, 1, 2)));
 
 // A JSON value and a line end to stdout; nothing without --json.

@@ -10,6 +10,7 @@
 #include "client/answer_text.h"
 #include "client/commands.h"
 #include "client/convert.h"
+#include "client/expected_file.h"
 #include "client/output.h"
 #include "client/scene_request.h"
 #include "server/base/status_macros.h"
@@ -110,7 +111,9 @@ void PrintStation(const v1::StationReport& station) {
       station.station().c_str(),
       station.prior_used() ? "what is known of its cameras was used"
                            : "its cameras by the images alone",
-      station.learnt() ? "learnt from this request" : "learnt nothing");
+      station.learnt()      ? "learnt from this request"
+      : station.read_only() ? "learns nothing from this request"
+                            : "learnt nothing");
   for (const v1::StationFinding& f : station.findings()) {
     Say("%s: %s\n",
         v1::StationFinding::Kind_Name(f.kind()).substr(sizeof("KIND_") - 1).c_str(),
@@ -150,6 +153,15 @@ void PrintTable(const v1::RecognizeSceneResponse& response,
   for (const v1::SceneFinding& f : response.findings()) {
     Say("%s: %s\n", FindingName(f).c_str(), f.detail().c_str());
   }
+  for (const v1::BaseAlternative& b : response.base_alternatives()) {
+    const Rigid3 base_from_scene = FromProto(b.base_from_scene());
+    Say("the base could be, by %s (instance %d, symmetry %d): scene at %s mm, %s degrees\n",
+        IdOfResource(b.object()).c_str(),
+        b.instance(),
+        b.symmetry_index(),
+        Triple(base_from_scene.t * 1e3).c_str(),
+        Triple(RollPitchYawDeg(base_from_scene.R)).c_str());
+  }
   if (response.has_station()) PrintStation(response.station());
   double seconds = 0.0;
   for (const v1::StageReport& s : response.stages()) {
@@ -182,13 +194,16 @@ absl::Status Recognize(HoropterClient& client, const RecognizeArguments& argumen
   if (!arguments.overlay_path.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(drawn, WriteOverlays(response, arguments.overlay_path));
   }
+  const absl::Status expected = StatusOfExpected(response.expected());
   if (JsonOutput()) {
     response.clear_overlays();  // they are in their files
-    return SayMessage(response);
+    HOROPTER_RETURN_IF_ERROR(SayMessage(response));
+    return expected;
   }
   PrintTable(response, arguments.images, models);
+  if (response.has_expected()) Say("%s", ExpectedText(response.expected(), request).c_str());
   if (!drawn.empty()) Say("overlay in %s\n", absl::StrJoin(drawn, ", ").c_str());
-  return absl::OkStatus();
+  return expected;
 }
 
 }  // namespace horopter

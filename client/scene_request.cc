@@ -17,6 +17,7 @@
 #include "client/bop_results.h"
 #include "client/camera_hints.h"
 #include "client/convert.h"
+#include "client/expected_file.h"
 #include "server/base/status_macros.h"
 #include "server/base/utf8.h"
 #include "server/overlay/paint.h"
@@ -26,22 +27,19 @@ namespace {
 
 constexpr int kTileWidth = 800;
 
-// r: an object id, or an id and seven numbers.
-absl::StatusOr<v1::ReferenceObject> ReferenceOf(const std::vector<std::string>& r) {
-  if (r.size() != 1 && r.size() != 8) {
-    return absl::InvalidArgumentError(
-        "--reference takes an object id, or an id and its pose in the base: x y z qw qx qy qz");
-  }
+constexpr size_t kReferenceWords = 8;
+
+// r: an object id, or an id and seven numbers, at `first`.
+absl::StatusOr<v1::ReferenceObject> ReferenceOf(const std::vector<std::string>& r, size_t first) {
   Rigid3 base_from_object;
-  if (r.size() == 8) {
+  if (r.size() > 1) {
     double n[7];
-    for (int k = 0; k < 7; ++k) {
+    for (size_t k = 0; k < 7; ++k) {
+      const std::string& word = r[first + k + 1];
       char* end = nullptr;
-      n[k] = std::strtod(r[static_cast<size_t>(k) + 1].c_str(), &end);
-      if (*end != '\0' || end == r[static_cast<size_t>(k) + 1].c_str()) {
-        return absl::InvalidArgumentError(
-            absl::StrCat("--reference: not a number: ", r[static_cast<size_t>(k) + 1]));
-      }
+      n[k] = std::strtod(word.c_str(), &end);
+      if (*end != '\0' || end == word.c_str())
+        return absl::InvalidArgumentError(absl::StrCat("--reference: not a number: ", word));
     }
     base_from_object.t = {n[0], n[1], n[2]};
     const Eigen::Quaterniond q(n[3], n[4], n[5], n[6]);
@@ -51,12 +49,38 @@ absl::StatusOr<v1::ReferenceObject> ReferenceOf(const std::vector<std::string>& 
     base_from_object.R = q.normalized().toRotationMatrix();
   }
   v1::ReferenceObject reference;
-  reference.set_object(ResourceName(r[0]));
+  reference.set_object(ResourceName(r[first]));
   *reference.mutable_base_from_object() = ToProto(base_from_object);
   return reference;
 }
 
+absl::Status AddReferences(const RecognizeArguments& arguments,
+                           v1::RecognizeSceneRequest* request) {
+  const std::vector<std::string>& r = arguments.reference;
+  if (r.empty()) {
+    return arguments.reference_sigma.empty()
+               ? absl::OkStatus()
+               : absl::InvalidArgumentError("--reference-sigma: only with --reference");
+  }
+  if (r.size() != 1 && r.size() % kReferenceWords != 0) {
+    return absl::InvalidArgumentError(
+        "--reference takes an object id, or an id and its pose in the base: x y z qw qx qy qz");
+  }
+  for (size_t first = 0; first < r.size(); first += kReferenceWords) {
+    v1::ReferenceObject* reference =
+        first == 0 ? request->mutable_reference() : request->add_further_references();
+    HOROPTER_ASSIGN_OR_RETURN(*reference, ReferenceOf(r, first));
+    if (arguments.reference_sigma.empty()) continue;
+    reference->set_rotation_sigma_rad(arguments.reference_sigma[0]);
+    reference->set_position_sigma_m(arguments.reference_sigma[1]);
+  }
+  return absl::OkStatus();
+}
+
 absl::Status NameStation(const RecognizeArguments& arguments, v1::RecognizeSceneRequest* request) {
+  if (arguments.station.empty() && arguments.read_only)
+    return absl::InvalidArgumentError("--read-only: only with --station");
+  request->set_station_read_only(arguments.read_only);
   if (arguments.station.empty()) {
     return arguments.station_cameras.empty()
                ? absl::OkStatus()
@@ -89,9 +113,8 @@ absl::StatusOr<v1::RecognizeSceneRequest> BuildSceneRequest(const RecognizeArgum
   for (const std::string& id : arguments.candidates) {
     request.add_candidate_objects(ResourceName(id));
   }
-  if (!arguments.reference.empty()) {
-    HOROPTER_ASSIGN_OR_RETURN(*request.mutable_reference(), ReferenceOf(arguments.reference));
-  }
+  HOROPTER_RETURN_IF_ERROR(AddReferences(arguments, &request));
+  HOROPTER_RETURN_IF_ERROR(AddExpectedParts(arguments.expected, &request));
   HOROPTER_RETURN_IF_ERROR(NameStation(arguments, &request));
   return request;
 }

@@ -40,13 +40,26 @@ const char* MotionOf(const v1::StationCamera& camera) {
   }
 }
 
+std::string BaseText(const v1::StationCamera& camera) {
+  const v1::Vector3& t = camera.base_from_camera().translation_m();
+  const bool learnt = camera.base_source() == v1::StationCamera::BASE_SOURCE_LEARNT;
+  return absl::StrFormat(
+      "in the robot base, %s: %.4f %.4f %.4f m (%.2f mm, %.3f degrees)",
+      learnt ? absl::StrCat("learnt from ", camera.base_request_count(), " requests") : "given",
+      t.x(),
+      t.y(),
+      t.z(),
+      1000.0 * camera.base_position_sigma_m(),
+      180.0 / M_PI * camera.base_rotation_sigma_rad());
+}
+
 void SayCamera(const v1::StationCamera& camera) {
   constexpr double kDegrees = 180.0 / M_PI;
-  Say("camera %s: %s, %lld requests%s\n",
+  Say("camera %s: %s, %lld requests\n",
       LastPart(camera.name()).c_str(),
       MotionOf(camera),
-      static_cast<long long>(camera.request_count()),
-      camera.has_base_from_camera() ? ", hand-eye calibration given" : "");
+      static_cast<long long>(camera.request_count()));
+  if (camera.has_base_from_camera()) Say("  %s\n", BaseText(camera).c_str());
   if (!camera.has_calibration()) return Say("  nothing is known yet\n");
   const v1::CameraCalibration& c = camera.calibration();
   Say("  images %d x %d; focal length %.2f px (%.2f %%), principal point %.2f %.2f px (%.2f px), "
@@ -78,6 +91,36 @@ absl::Status AddCameras(const std::string& id,
     v1::StationCamera* out = station->add_cameras();
     out->set_name(CameraName(id, camera));
     out->set_motion(motion);
+  }
+  return absl::OkStatus();
+}
+
+constexpr size_t kPoseWords = 8;
+
+absl::Status AddCameraPoses(const StationSetArguments& a, v1::Station* station) {
+  if (a.camera_pose.size() % kPoseWords != 0) {
+    return absl::InvalidArgumentError(
+        "--camera-pose takes a camera and its pose in the base: x y z qw qx qy qz");
+  }
+  if (!a.camera_pose_sigma.empty() && a.camera_pose.empty())
+    return absl::InvalidArgumentError("--camera-pose-sigma: only with --camera-pose");
+  for (size_t first = 0; first < a.camera_pose.size(); first += kPoseWords) {
+    double n[7] = {};
+    for (size_t i = 0; i < 7; ++i) {
+      const std::string& word = a.camera_pose[first + i + 1];
+      if (!absl::SimpleAtod(word, &n[i]))
+        return absl::InvalidArgumentError(absl::StrCat("--camera-pose: not a number: ", word));
+    }
+    const Eigen::Quaterniond q(n[3], n[4], n[5], n[6]);
+    if (!(std::abs(q.norm() - 1.0) < 0.01))
+      return absl::InvalidArgumentError("--camera-pose: the quaternion's norm is not 1");
+    v1::StationCamera* camera = station->add_cameras();
+    camera->set_name(CameraName(a.id, a.camera_pose[first]));
+    *camera->mutable_base_from_camera() =
+        ToProto(Rigid3{q.normalized().toRotationMatrix(), {n[0], n[1], n[2]}});
+    if (a.camera_pose_sigma.empty()) continue;
+    camera->set_base_rotation_sigma_rad(a.camera_pose_sigma[0]);
+    camera->set_base_position_sigma_m(a.camera_pose_sigma[1]);
   }
   return absl::OkStatus();
 }
@@ -132,22 +175,7 @@ absl::Status StationSet(HoropterClient& client, const StationSetArguments& a) {
   HOROPTER_RETURN_IF_ERROR(
       AddCameras(a.id, a.zooming, v1::StationCamera::MOTION_ZOOMING, &station));
   HOROPTER_RETURN_IF_ERROR(AddCameras(a.id, a.fixed, v1::StationCamera::MOTION_FIXED, &station));
-  if (!a.camera_pose.empty()) {
-    double n[7] = {};
-    for (size_t i = 0; i < 7; ++i) {
-      if (a.camera_pose.size() != 8 || !absl::SimpleAtod(a.camera_pose[i + 1], &n[i])) {
-        return absl::InvalidArgumentError(
-            "--camera-pose takes a camera and its pose in the base: x y z qw qx qy qz");
-      }
-    }
-    const Eigen::Quaterniond q(n[3], n[4], n[5], n[6]);
-    if (!(std::abs(q.norm() - 1.0) < 0.01))
-      return absl::InvalidArgumentError("--camera-pose: the quaternion's norm is not 1");
-    v1::StationCamera* camera = station.add_cameras();
-    camera->set_name(CameraName(a.id, a.camera_pose[0]));
-    *camera->mutable_base_from_camera() =
-        ToProto(Rigid3{q.normalized().toRotationMatrix(), {n[0], n[1], n[2]}});
-  }
+  HOROPTER_RETURN_IF_ERROR(AddCameraPoses(a, &station));
   HOROPTER_ASSIGN_OR_RETURN(const v1::Station written, client.UpdateStation(request));
   Say("station %s has %d cameras\n", a.id.c_str(), written.cameras_size());
   return JsonOutput() ? SayMessage(written) : absl::OkStatus();
@@ -162,10 +190,11 @@ absl::Status StationRemove(HoropterClient& client, const std::string& id) {
 
 absl::Status StationReset(HoropterClient& client,
                           const std::string& id,
-                          const std::string& camera) {
+                          const std::string& camera,
+                          bool keep_base) {
   HOROPTER_ASSIGN_OR_RETURN(
       const v1::Station station,
-      client.ResetStation(camera.empty() ? "stations/" + id : CameraName(id, camera)));
+      client.ResetStation(camera.empty() ? "stations/" + id : CameraName(id, camera), keep_base));
   Say("%s of station %s is learnt from the next request on\n",
       camera.empty() ? "every camera" : ("camera " + camera).c_str(),
       id.c_str());

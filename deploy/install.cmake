@@ -30,7 +30,7 @@ install(DIRECTORY DESTINATION /etc/horopter/keys DIRECTORY_PERMISSIONS OWNER_REA
 install(FILES deploy/horopterd.service DESTINATION /lib/systemd/system COMPONENT server)
 install(FILES deploy/horopter-server.logrotate DESTINATION /etc/logrotate.d RENAME horopter-server COMPONENT server)
 install(PROGRAMS deploy/credentials.sh DESTINATION ${CMAKE_INSTALL_DATADIR}/horopter/deploy COMPONENT server)
-install(FILES README.md CHANGELOG.md docs/cell.md docs/operations.md deploy/grafana/horopter.json deploy/grafana/prometheus.yml
+install(FILES README.md CHANGELOG.md docs/cell.md docs/operations.md deploy/grafana/horopter.json deploy/grafana/alerts.yml deploy/grafana/prometheus.yml
   DESTINATION ${docs}/horopter-server COMPONENT server)
 install(FILES ${made}/horopterd.8.gz DESTINATION ${CMAKE_INSTALL_MANDIR}/man8 COMPONENT server)
 

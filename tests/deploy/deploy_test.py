@@ -2,6 +2,7 @@
 """The scripts of deploy/ that decide whether a run was good: they must be able to say no."""
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -188,6 +189,16 @@ class Scripts(unittest.TestCase):
                     names.append(line.split()[0])
         self.assertEqual(len(names), len(set(names)))
         self.assertGreater(len(names), 10)
+
+    def test_alerts_ask_for_figures_that_there_are(self):
+        with open(os.path.join(ROOT, "server", "service", "telemetry.cc"), encoding="utf-8") as file:
+            told = set(re.findall(r'"((?:horopter|process)_[a-z_]+)"', file.read()))
+        with open(os.path.join(DEPLOY, "grafana", "alerts.yml"), encoding="utf-8") as file:
+            expressions = re.findall(r"^ +expr: (.*)$", file.read(), re.M)
+        self.assertGreater(len(expressions), 8)
+        for expression in expressions:
+            for name in re.findall(r"\b(?:horopter|process)_[a-z_]+", expression):
+                self.assertIn(re.sub("_bucket$", "", name), told, expression)
 
 
 if __name__ == "__main__":

@@ -159,6 +159,45 @@ class Json(Workplace):
         self.assertEqual(load["steps"][0]["accuracy"]["AR"], 0.0)
         self.assertEqual(self.values("object", "rm", "bracket")[0], {"id": "bracket", "verb": "removed"})
 
+    def test_expected_parts_that_are_not_there_have_an_exit_code(self):
+        for name, x, label in (("kit", 0.3, "pocket 1"), ("at_home", 0.015, "pocket 2")):
+            with open(os.path.join(self.folder, name + ".json"), "w", encoding="utf-8") as out:
+                json.dump({"expected_parts": [{
+                    "object": "bracket", "label": label, "rotation_tolerance_rad": 3.0,
+                    "frame_from_object": {"rotation": {"w": 1}, "translation_m": {"x": x, "y": 0.02, "z": 0.5}}}]}, out)
+        for word, code, said in (("bracket", 0, "expected bracket: present (0.90)"),
+                                 ("bracket=2", 5, "expected bracket: missing (0.7"),
+                                 ("kit.json", 5, "expected bracket, pocket 1: displaced"),
+                                 ("at_home.json", 0, "expected bracket, pocket 2: present")):
+            # The stand-in's base is its scene.
+            done = self.run_horopter("recognize", "0.png", "--reference", "bracket", "--expect", word)
+            self.assertEqual(done.returncode, code, done.stdout + done.stderr)
+            self.assertIn(said, done.stdout)
+        done = self.run_horopter("recognize", "0.png", "--expect", "bracket=2", "--json")
+        self.assertEqual(done.returncode, 5)
+        self.assertEqual(json.loads(done.stdout)["expected"]["outcomes"][1]["state"], "STATE_MISSING")
+        for bad in ("bracket=none", "nobody", "no_such.json", "grasps.json"):
+            self.assertEqual(self.run_horopter("recognize", "0.png", "--expect", bad).returncode, 3, bad)
+
+    def test_a_station_tells_given_from_learnt_and_takes_several_poses_in_one_call(self):
+        pose = ["0.1", "0.2", "0.9", "0", "1", "0", "0"]
+        done = self.run_horopter("station", "set", "cell", "--camera-pose", "left", *pose, "--camera-pose", "right", *pose,
+                                 "--camera-pose-sigma", "0.002", "0.001")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("2 cameras", done.stdout)
+        shown = self.run_horopter("station", "show", "cell").stdout
+        self.assertEqual(shown.count("in the robot base, given: 0.1000 0.2000 0.9000 m (1.00 mm, 0.115 degrees)"), 2, shown)
+        self.assertEqual(self.run_horopter("station", "reset", "cell", "--keep-base").returncode, 0)
+        read_only = self.values("recognize", "0.png", "--station", "cell", "--station-cameras", "left", "--read-only")[0]
+        self.assertTrue(read_only["station"]["read_only"])
+        for wrong in (("station", "set", "cell", "--camera-pose", "left", *pose[:-1], "x"),
+                      ("station", "set", "cell", "--camera-pose", "left", *pose, "right"),
+                      ("recognize", "0.png", "--read-only"),
+                      ("recognize", "0.png", "1.png", "--station", "cell", "--station-cameras", "left,left"),
+                      ("recognize", "0.png", "--camera-pose-sigma", "0.01", "0.01"),
+                      ("recognize", "0.png", "--reference-sigma", "0.01", "0.01")):
+            self.assertEqual(self.run_horopter(*wrong).returncode, 3, wrong)
+
     def test_one_bad_object_of_a_dataset_keeps_no_other_out(self):
         some = os.path.join(self.folder, "some")
         for kind, ending in (("cad", "step"), ("grasps", "json")):
@@ -293,6 +332,20 @@ class Failures(Workplace):
         done = self.run_horopter("status", "--server", "127.0.0.1:1", "--timeout", "5")
         self.assertEqual(done.returncode, 4)
         self.assertIn("127.0.0.1:1", done.stderr)
+        self.assertIn("nothing listens there", done.stderr)
+        done = self.run_horopter("status", "--tls", "--timeout", "5")
+        self.assertEqual(done.returncode, 4)
+        self.assertIn("does not speak TLS", done.stderr)
+        self.assertEqual(self.run_horopter("catalog", "backup", "no/such/folder/b.db").returncode, 3)
+        self.assertEqual(self.run_horopter("catalog", "backup", "/proc/b.db").returncode, 3)
+        self.assertEqual(self.run_horopter("catalog", "backup", "").returncode, 3)
+
+    def test_no_name_reaches_the_terminal_as_a_command(self):
+        self.run_horopter("object", "update", "bracket", "--name", "\x1b[2Jgone")
+        for words in (("object", "list"), ("recognize", "0.png")):
+            said = self.run_horopter(*words).stdout
+            self.assertNotIn("\x1b", said)
+            self.assertIn("\\x1b[2Jgone", said)
 
     def test_an_image_set_with_a_missing_image_names_it(self):
         done = self.run_horopter("recognize", "0.png", "gone.png")

@@ -77,6 +77,18 @@ PipelineResult MockAnswer(const SceneRequest& request, const std::string& id) {
   return result;
 }
 
+// What is expected of such an answer.
+void JudgeMock(const SceneRequest& request, SceneAnswer* answer) {
+  if (request.expected_parts.empty()) return;
+  ExpectedScene scene;
+  scene.base_from_scene = answer->base_from_scene;
+  for (const AnswerObject& o : answer->objects)
+    scene.parts.push_back({o.object_id, o.score, o.scene_from_object, {}, false});
+  for (const auto& camera : answer->cameras)
+    scene.cameras.push_back({camera->camera, camera->camera_from_scene});
+  answer->expected = JudgeExpected(request.expected_parts, scene);
+}
+
 int Main(int argc, char** argv) {
   CLI::App app("mock_horopterd");
   double delay_ms = 0.0, spread_ms = 0.0;
@@ -138,7 +150,9 @@ int Main(int argc, char** argv) {
     } else if (!catalog.objects.empty()) {
       id = ModelOfFake(*catalog.objects[0]).id;
     }
-    return MockAnswer(request, id);
+    PipelineResult result = MockAnswer(request, id);
+    JudgeMock(request, &result.answer);
+    return result;
   };
   auto catalog = Catalog::Open(":memory:");
   if (!catalog.ok()) return 1;

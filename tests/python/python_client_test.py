@@ -231,6 +231,88 @@ class Values(unittest.TestCase):
         self.assertEqual((scene.station.station, scene.station.findings[0].kind, scene.station.findings[0].cameras),
                          ("cell", "CAMERA_MOVED", ["left"]))
 
+    def test_a_request_says_what_it_expects_and_all_references(self):
+        from horopter import _requests
+        pose = random_pose(np.random.default_rng(5))
+        request = _requests.recognize_request(
+            IMAGES, None, None, horopter.Reference("fixture", pose, position_sigma_m=0.001), station="cell", read_only=True,
+            further_references=[horopter.Reference("post", np.eye(4), rotation_sigma_rad=0.01)],
+            expected=[horopter.ExpectedPart("bolt", 3), horopter.ExpectedPart(
+                "nut", frame_from_object=pose, frame_object="tray", position_tolerance_m=0.01, label="pocket 4")])
+        self.assertTrue(request.station_read_only)
+        self.assertEqual(request.reference.position_sigma_m, 0.001)
+        self.assertFalse(request.reference.HasField("rotation_sigma_rad"))
+        self.assertEqual([(r.object, r.rotation_sigma_rad) for r in request.further_references], [("objects/post", 0.01)])
+        bolts, nut = request.expected_parts
+        self.assertEqual((bolts.object, bolts.count, bolts.HasField("frame_from_object")), ("objects/bolt", 3, False))
+        self.assertEqual((nut.frame_object, nut.position_tolerance_m, nut.label), ("objects/tray", 0.01, "pocket 4"))
+        self.assertFalse(nut.HasField("rotation_tolerance_rad"))
+        with self.assertRaises(ValueError):
+            _requests.recognize_request(IMAGES, None, None, None, read_only=True)
+
+    def test_an_answer_tells_alternatives_and_what_was_expected(self):
+        pb = types.recognition_pb2
+        message = pb.RecognizeSceneResponse()
+        message.reasons.add(kind=pb.SceneReason.KIND_REFERENCE_AMBIGUOUS)
+        message.base_alternatives.add(object="objects/block", instance=1, symmetry_index=2).base_from_scene.rotation.w = 1.0
+        message.findings.add(object="objects/block").reference_symmetric.equivalent_poses = 4
+        outcome = message.expected.outcomes.add(expected_index=1, label="pocket 4", state=3, displaced_probability=0.7,
+                                                present_probability=0.1, cannot_tell_probability=0.2, object="objects/nut",
+                                                distance_m=0.03)
+        message.expected.outcomes.add(state=99)
+        message.expected.unexpected.add(object="objects/bolt", instance=2)
+        message.station.findings.add(kind=77)
+        scene = horopter.Scene.from_proto(message)
+        self.assertTrue(scene.has_reason("REFERENCE_AMBIGUOUS"))
+        base = scene.base_alternatives[0]
+        self.assertEqual((base.object_id, base.instance, base.symmetry_index), ("block", 1, 2))
+        self.assertEqual(scene.findings[0].values, {"equivalent_poses": 4})
+        told = scene.expected.outcomes[0]
+        self.assertEqual((told.state, told.object_id, told.distance_m, told.rotation_rad), ("DISPLACED", "nut", outcome.distance_m, None))
+        self.assertAlmostEqual(sum(told.probabilities.values()), 1.0)
+        self.assertEqual(scene.expected.outcomes[1].state, "UNKNOWN")
+        self.assertEqual(scene.expected.unexpected, [("bolt", 2)])
+        self.assertFalse(scene.expected.all_present)
+        self.assertEqual(scene.station.findings[0].kind, "UNKNOWN")
+
+    def test_the_environment_says_who_calls(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "token")
+            with open(path, "w", encoding="utf-8") as out:
+                out.write("of the file\n")
+            kept = dict(os.environ)
+            try:
+                for name in [n for n in os.environ if n.startswith("HOROPTER_")]:
+                    del os.environ[name]
+                self.assertEqual(horopter.Security.from_environment(), horopter.Security())
+                os.environ.update(HOROPTER_TOKEN="of the environment", HOROPTER_TLS_CA="ca.pem")
+                self.assertEqual(horopter.Security.from_environment(),
+                                 horopter.Security(ca_file="ca.pem", token="of the environment"))
+                os.environ["HOROPTER_TOKEN_FILE"] = path
+                self.assertEqual(horopter.Security.from_environment().token, "of the file")
+                for name in ("HOROPTER_TOKEN", "HOROPTER_TLS_CA", "HOROPTER_TOKEN_FILE"):
+                    del os.environ[name]
+                os.environ["HOROPTER_SERVER"] = "localhost:7"
+                with horopter.Client() as client:
+                    self.assertEqual(client.address, "localhost:7")
+                with horopter.Client("localhost:8") as client:
+                    self.assertEqual(client.address, "localhost:8")
+            finally:
+                os.environ.clear()
+                os.environ.update(kept)
+
+    def test_both_clients_have_the_same_calls(self):
+        def calls(of):
+            return {n for n in dir(of) if not n.startswith("_")}
+        self.assertEqual(calls(horopter.Client) - calls(horopter.AsyncClient), {"enroll_file"})
+        self.assertEqual(calls(horopter.AsyncClient) - calls(horopter.Client), set())
+
+    def test_messages_have_stubs(self):
+        folder = os.path.join(PACKAGE, "horopter", "v1")
+        for name in ("catalog", "recognition", "station", "types", "server"):
+            with open(os.path.join(folder, name + "_pb2.pyi"), encoding="utf-8") as file:
+                compile(file.read(), name, "exec")
+
     def test_the_docstrings_are_right(self):
         for name in ("horopter", "horopter.address", "horopter.client", "horopter.aio", "horopter.types", "horopter.images"):
             self.assertEqual(doctest.testmod(importlib.import_module(name)).failed, 0)
@@ -362,6 +444,63 @@ class Catalog(WithServer):
         with self.assertRaises(horopter.HoropterError) as caught:
             self.client.enroll_file(IMAGES[0], "x", program=HOROPTER)
         self.assertIn(".png", str(caught.exception))
+
+
+class Stations(WithServer):
+
+    def test_a_station_is_made_taught_told_and_removed(self):
+        self.enrol()
+        pose = random_pose(np.random.default_rng(9))
+        made = self.client.set_station("cell", "press 4", [
+            horopter.CameraSetting("left", base_from_camera=pose, position_sigma_m=0.001), horopter.CameraSetting("arm", "MOVING")])
+        self.assertEqual((made.station_id, made.display_name, [c.camera_id for c in made.cameras]), ("cell", "press 4", ["left", "arm"]))
+        left, arm = made.cameras
+        self.assertEqual((left.motion, left.base_source, left.base_sigmas), ("FIXED", "GIVEN", (0.01, 0.001)))
+        np.testing.assert_allclose(left.base_from_camera, pose, atol=1e-12)
+        self.assertEqual((arm.motion, arm.base_source, arm.base_sigmas, arm.base_from_camera), ("MOVING", None, None, None))
+        self.assertEqual([s.station_id for s in self.client.list_stations()], ["cell"])
+        calibration = horopter.Calibration(640, 480, [[600.0, 0, 320], [0, 600.0, 240], [0, 0, 1]], [0.01], focal_log_sigma=0.01)
+        told = self.client.import_calibration("cell", "left", calibration)
+        self.assertEqual(told.events[0].kind, "CALIBRATION_IMPORTED")
+        self.assertEqual(self.client.export_calibration("cell", "left").K[0, 0], 600.0)
+        scene = self.client.recognize(IMAGES, station="cell", station_cameras=["left", "arm"], read_only=True,
+                                      expected=[horopter.ExpectedPart("bracket", 2)])
+        self.assertTrue(scene.station.read_only)
+        self.assertEqual([o.state for o in scene.expected.outcomes], ["PRESENT", "MISSING"])
+        self.assertFalse(scene.expected.all_present)
+        self.assertEqual(self.client.reset_station("cell", "left").events[0].kind, "RESET")
+        with self.assertRaises(horopter.Conflict):
+            self.client.delete_station("cell", if_match="another")
+        with self.assertRaises(horopter.NotFound):
+            self.client.set_station("elsewhere", create=False)
+        with self.assertRaises(ValueError):
+            self.client.set_station("cell", cameras=[horopter.CameraSetting("left", "STANDING")])
+
+        async def remove():
+            async with horopter.AsyncClient(self.mock.address) as client:
+                self.assertEqual((await client.get_station("cell")).cameras[0].camera_id, "left")
+                await client.delete_station("cell")
+                return await client.list_stations()
+        self.assertEqual(asyncio.run(remove()), [])
+
+
+class Retries(unittest.TestCase):
+
+    def test_a_server_that_is_not_there_yet_is_asked_again(self):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            address = "127.0.0.1:%d" % free.getsockname()[1]
+        with horopter.Client(address, retries=0) as client:
+            with self.assertRaises(horopter.Unavailable):
+                client.list_objects(deadline_s=20.0)
+        started = subprocess.Popen(["sh", "-c", "sleep 1; exec \"$@\"", "later", MOCK, "--listen", address],
+                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            with horopter.Client(address, retries=9) as client:
+                self.assertEqual(client.list_objects(deadline_s=120.0), [])
+        finally:
+            started.terminate()
+            started.wait()
 
 
 class Answers(unittest.TestCase):

@@ -4,10 +4,12 @@
     horopter_ros_test.py PACKAGE_FOLDER ROS_FOLDER
 """
 import array
+import asyncio
+import importlib
 import os
 import sys
 import unittest
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from xml.etree import ElementTree
 
 PACKAGE, ROS = map(os.path.abspath, sys.argv[1:3])
@@ -16,7 +18,7 @@ sys.path[:0] = [PACKAGE, os.path.join(ROS, "horopter_ros")]
 import numpy as np  # noqa: E402
 
 import horopter  # noqa: E402
-from horopter_ros import conversions  # noqa: E402
+from horopter_ros import conversions, settings  # noqa: E402
 
 FORMATS = horopter.types.recognition_pb2.RawFrame.PixelFormat
 
@@ -45,6 +47,10 @@ FIELDS = {
               "grasp_pose": "PoseStamped", "grasp_quality": 0.0, "pre_grasp_approach": "GripperTranslation",
               "post_grasp_retreat": "GripperTranslation", "post_place_retreat": "GripperTranslation",
               "max_contact_force": 0.0, "allowed_touch_objects": []},
+    "ExpectedOutcome": {"part": "", "label": "", "state": "", "present": 0.0, "missing": 0.0, "displaced": 0.0, "wrong_part": 0.0,
+                        "cannot_tell": 0.0, "found_part": "", "found_instance": 0, "distance": 0.0, "rotation": 0.0, "detail": ""},
+    "RecognizeResponse": {"success": False, "complete": False, "reasons": [], "message": "", "request_id": "",
+                          "detections": "Detection3DArray", "grasps": [], "all_present": False, "expected": []},
     "PartGrasp": {"part": "", "instance": 0, "name": "", "success": 0.0, "jaw_opening": 0.0, "grasp": "Grasp"},
 }
 
@@ -307,6 +313,202 @@ class Grasps(unittest.TestCase):
         self.assertEqual(out.grasp.id, "bracket_1/g")
 
 
+class Settings(unittest.TestCase):
+    """What the node's parameters say of a request."""
+
+    def arguments(self, asked=(), topics=("/left/image_raw", "/right/image_raw"), **values):
+        known = dict(settings.PARAMETERS, image_topics=["/left/image_raw", "/right/image_raw"], **values)
+        return settings.request_arguments(known.__getitem__, list(topics), asked)
+
+    def test_nothing_said_is_nothing_asked(self):
+        self.assertEqual(self.arguments(), {"min_score": 0.0, "gripper": None, "expected": []})
+
+    def test_references_are_poses_as_ros_writes_them(self):
+        out = self.arguments(references=["fixture 0.5 0 0.1 0 0 0.7071068 0.7071068", "post"], reference_position_sigma=0.001)
+        self.assertEqual(out["reference"].object_id, "fixture")
+        np.testing.assert_allclose(out["reference"].base_from_object, pose((0, 0, 1), np.pi / 2, (0.5, 0, 0.1)), atol=1e-6)
+        self.assertEqual((out["reference"].position_sigma_m, out["reference"].rotation_sigma_rad), (0.001, None))
+        self.assertEqual([r.object_id for r in out["further_references"]], ["post"])
+        for bad in ("fixture 1 2 3", "fixture 0 0 0 0 0 0 2", "fixture 0 0 0 0 0 0 x", "fixture nan 0 0 0 0 0 1"):
+            with self.assertRaises(ValueError):
+                self.arguments(references=[bad])
+
+    def test_a_station_knows_each_topic_s_camera_also_when_one_has_no_image(self):
+        out = self.arguments(station="cell", station_cameras=["l", "r"], topics=["/right/image_raw"], station_read_only=True)
+        self.assertEqual((out["station"], out["station_cameras"], out["read_only"]), ("cell", ["r"], True))
+        self.assertEqual(self.arguments(station="cell", topics=["/right/image_raw"])["station_cameras"], ["camera2"])
+        with self.assertRaises(ValueError):
+            self.arguments(station="cell", station_cameras=["l"])
+
+    def test_grippers_and_what_is_expected(self):
+        out = self.arguments(gripper_fingers=[0.06, 0.014, 0.008], gripper_max_opening=0.1, expected=["nut"])
+        self.assertEqual((out["gripper"].fingers_m, out["gripper"].max_opening_m, out["gripper"].cup_length_m),
+                         ((0.06, 0.014, 0.008), 0.1, None))
+        self.assertEqual([(e.object_id, e.count) for e in out["expected"]], [("nut", 1)])
+        out = self.arguments(["bolt=3", "nut"], expected=["other"])
+        self.assertEqual([(e.object_id, e.count) for e in out["expected"]], [("bolt", 3), ("nut", 1)])
+        for bad in (dict(gripper_fingers=[0.06, 0.0, 0.008]), dict(expected=["bolt="]), dict(expected=["bolt=-1"])):
+            with self.assertRaises(ValueError):
+                self.arguments(**bad)
+
+    def test_deviations_of_camera_poses_reach_the_hint(self):
+        hint = conversions.camera_hint(None, np.eye(4), rotation_sigma=0.002, position_sigma=0.001)
+        self.assertEqual((hint.rotation_sigma_rad, hint.position_sigma_m), (0.002, 0.001))
+        self.assertIsNone(conversions.camera_hint(None, np.eye(4)).position_sigma_m)
+
+    def test_outcomes_become_messages(self):
+        message = horopter.types.recognition_pb2.RecognizeSceneResponse()
+        message.expected.outcomes.add(expected_index=1, state=3, displaced_probability=0.75, cannot_tell_probability=0.25,
+                                      object="objects/nut", instance=2, distance_m=0.5, label="pocket")
+        message.expected.outcomes.add(state=2, missing_probability=1.0)
+        told = conversions.expected_messages(horopter.Scene.from_proto(message),
+                                             [horopter.ExpectedPart("bolt"), horopter.ExpectedPart("nut")], MESSAGES)
+        self.assertEqual((told[0].part, told[0].state, told[0].displaced, told[0].cannot_tell, told[0].found_part,
+                          told[0].found_instance, told[0].distance, told[0].label),
+                         ("nut", "DISPLACED", 0.75, 0.25, "nut", 2, 0.5, "pocket"))
+        self.assertTrue(np.isnan(told[0].rotation))
+        self.assertEqual((told[1].part, told[1].missing, told[1].found_part), ("bolt", 1.0, ""))
+
+
+class Anything:
+    """A stand-in for what of ROS only has to be there."""
+
+    def __init__(self, *_, **__):
+        pass
+
+    def __getattr__(self, _):
+        return Anything()
+
+    def __call__(self, *_, **__):
+        return Anything()
+
+
+class FakeNode:
+    """rclpy.node.Node: parameters as a launch file sets them, and no more."""
+    OVERRIDES = {}
+
+    def __init__(self, _):
+        self.parameters = {}
+
+    def declare_parameter(self, name, default):
+        self.parameters[name] = self.OVERRIDES.get(name, default)
+
+    def get_parameter(self, name):
+        return SimpleNamespace(value=self.parameters[name])
+
+    def create_publisher(self, *_):
+        return Anything()
+
+    create_subscription = create_service = lambda *_, **__: None
+
+
+def node_module():
+    """horopter_ros.node with stand-ins for the packages of ROS."""
+    def module(name, **contents):
+        made = ModuleType(name)
+        made.__dict__.update(contents)
+        sys.modules[name] = made
+    kinds = {kind: type(kind, (), {"__new__": lambda cls, kind=kind: Message(kind)}) for kind in FIELDS}
+    recognize = type("Recognize", (), {"Result": lambda: Message("RecognizeResponse"), "Feedback": lambda: SimpleNamespace()})
+    module("rclpy", init=None)
+    module("rclpy.action", ActionServer=Anything, CancelResponse=SimpleNamespace(ACCEPT=1))
+    module("rclpy.callback_groups", ReentrantCallbackGroup=Anything)
+    module("rclpy.executors", MultiThreadedExecutor=Anything)
+    module("rclpy.node", Node=FakeNode)
+    module("rclpy.qos", qos_profile_sensor_data=None)
+    module("tf2_ros", Buffer=Anything, TransformListener=Anything, TransformBroadcaster=Anything,
+           TransformException=type("TransformException", (Exception,), {}))
+    module("geometry_msgs")
+    module("geometry_msgs.msg", **kinds)
+    module("horopter_msgs")
+    module("horopter_msgs.action", Recognize=recognize)
+    module("horopter_msgs.msg", **kinds)
+    module("horopter_msgs.srv", Recognize=Anything)
+    module("sensor_msgs")
+    module("sensor_msgs.msg", CameraInfo=Anything, Image=Anything)
+    module("trajectory_msgs")
+    module("trajectory_msgs.msg", **kinds)
+    module("vision_msgs")
+    module("vision_msgs.msg", **kinds)
+    return importlib.import_module("horopter_ros.node")
+
+
+class TheNode(unittest.TestCase):
+
+    TOPICS = ["/left/image_raw", "/right/image_raw"]
+
+    def setUp(self):
+        self.node_module = node_module()
+        FakeNode.OVERRIDES = {"image_topics": self.TOPICS, "station": "cell", "station_cameras": ["l", "r"],
+                              "expected": ["bracket=2"], "camera_position_sigma": 0.001}
+        self.node = self.node_module.Recognizer()
+        self.node._base_from_camera = lambda frame, stamp: pose((1, 0, 0), np.pi, (0, 0, 0.5))
+        self.asked = []
+        self.request = SimpleNamespace(candidates=[], deadline=0.0, expected=[])
+        answer = horopter.types.recognition_pb2.RecognizeSceneResponse(request_id="17")
+        answer.expected.outcomes.add(state=1, present_probability=0.9)
+        answer.expected.outcomes.add(state=2, missing_probability=0.9)
+        self.scene = horopter.Scene.from_proto(answer)
+        self.scene.cameras.append(SimpleNamespace(recovered=True, camera_from_scene=np.eye(4)))
+
+    def keep(self, topic):
+        self.node._keep(self.node._newest, topic, SimpleNamespace(
+            encoding="mono8", width=4, height=2, step=4, is_bigendian=0, data=bytes(8),
+            header=SimpleNamespace(frame_id="optical", stamp=None)))
+
+    def test_a_service_call_asks_as_the_parameters_say(self):
+        def recognize(**arguments):
+            self.asked.append(arguments)
+            return self.scene
+        self.node._client = SimpleNamespace(recognize=recognize)
+        told = self.node._recognize(self.request, Message("RecognizeResponse"))
+        self.assertEqual(told.reasons, ["ERROR"])
+        self.assertEqual(self.asked, [])
+        self.keep(self.TOPICS[1])
+        told = self.node._recognize(self.request, Message("RecognizeResponse"))
+        self.assertEqual((told.request_id, told.all_present, [e.state for e in told.expected]),
+                         ("17", False, ["PRESENT", "MISSING"]))
+        asked = self.asked[0]
+        self.assertEqual((asked["station"], asked["station_cameras"], len(asked["images"])), ("cell", ["r"], 1))
+        self.assertEqual((asked["hints"][0].position_sigma_m, asked["hints"][0].rotation_sigma_rad), (0.001, None))
+        self.assertEqual([(e.object_id, e.count) for e in asked["expected"]], [("bracket", 2)])
+
+    def test_an_action_ends_with_its_call_and_can_be_cancelled(self):
+        test = self
+
+        class Client:
+            seconds = 0.0
+
+            def __init__(self, *_, **__):
+                pass
+
+            async def __aenter__(self):
+                return self
+
+            async def __aexit__(self, *_):
+                pass
+
+            async def recognize(self, **arguments):
+                test.asked.append(arguments)
+                await asyncio.sleep(self.seconds)
+                return test.scene
+
+        self.node_module.AsyncClient = Client
+        self.keep(self.TOPICS[0])
+        said = []
+        goal = SimpleNamespace(request=self.request, is_cancel_requested=True, publish_feedback=lambda f: said.append(f.elapsed),
+                               canceled=lambda: said.append("cancelled"), succeed=lambda: said.append("done"),
+                               abort=lambda: said.append("aborted"))
+        self.assertEqual(self.node._execute(goal).request_id, "17")
+        self.assertEqual(said, ["done"])
+        Client.seconds = 1e6
+        self.assertEqual(self.node._execute(goal).message, "cancelled")
+        self.assertEqual(said[-1], "cancelled")
+        self.request.expected = ["nonsense=x"]
+        self.assertEqual(self.node._execute(goal).reasons, ["ERROR"])
+        self.assertEqual(said[-1], "aborted")
+
+
 class Packages(unittest.TestCase):
 
     def test_definitions_and_manifests_name_what_they_use(self):
@@ -318,9 +520,15 @@ class Packages(unittest.TestCase):
         for kind in ("msg", "srv", "action"):
             for name in os.listdir(os.path.join(ROS, "horopter_msgs", kind)):
                 self.assertIn('"%s/%s"' % (kind, name), lists)
-        with open(os.path.join(ROS, "horopter_msgs", "msg", "PartGrasp.msg"), encoding="utf-8") as file:
-            fields = [line.split()[1] for line in file if line.strip() and not line.startswith("#")]
-        self.assertEqual(set(fields), set(FIELDS["PartGrasp"]))
+        def fields(*path):
+            with open(os.path.join(ROS, "horopter_msgs", *path), encoding="utf-8") as file:
+                parts = file.read().split("---\n")
+            return [{line.split()[1] for line in part.splitlines() if line.strip() and not line.startswith("#")} for part in parts]
+        self.assertEqual(fields("msg", "PartGrasp.msg"), [set(FIELDS["PartGrasp"])])
+        self.assertEqual(fields("msg", "ExpectedOutcome.msg"), [set(FIELDS["ExpectedOutcome"])])
+        asked, told = fields("srv", "Recognize.srv")
+        self.assertEqual(told, set(FIELDS["RecognizeResponse"]))
+        self.assertEqual(fields("action", "Recognize.action"), [asked, told, {"elapsed"}])
         node = os.path.join(ROS, "horopter_ros", "horopter_ros", "node.py")
         with open(node, encoding="utf-8") as file:
             compile(file.read(), node, "exec")

@@ -17,15 +17,18 @@ from .errors import (AlreadyExists, Busy, Cancelled, Conflict, DataLoss, Deadlin
                      InvalidRequest, NotFound, PermissionDenied, TooLarge, Unauthenticated, Unavailable)
 from .images import RawFrame, encode_image
 from .security import Security
-from .types import (Camera, CameraBasis, CameraHint, CatalogObject, ExplainedEdge, ExplainedImage, Explanation, Finding, FoundGrasp,
-                    FoundObject, GraspModel, Gripper, LookAlike, ObjectInImage, Reason, Reference, Scene, StationFinding,
-                    StationReport)
+from .stations import Calibration, CameraSetting, Station, StationCamera, StationEvent
+from .types import (BaseAlternative, Camera, CameraBasis, CameraHint, CatalogObject, ExpectedOutcome, ExpectedPart, ExpectedReport,
+                    ExplainedEdge, ExplainedImage, Explanation, Finding, FoundGrasp, FoundObject, GraspModel, Gripper, LookAlike,
+                    ObjectInImage, Reason, Reference, Scene, StationFinding, StationReport)
 
 __all__ = [
-    "AlreadyExists", "AsyncClient", "Busy", "Camera", "CameraBasis", "CameraHint", "Cancelled", "CatalogObject", "Client", "Conflict",
-    "DataLoss", "DeadlineExceeded", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp",
+    "AlreadyExists", "AsyncClient", "BaseAlternative", "Busy", "Calibration", "Camera", "CameraBasis", "CameraHint", "CameraSetting",
+    "Cancelled", "CatalogObject", "Client", "Conflict",
+    "DataLoss", "DeadlineExceeded", "ExpectedOutcome", "ExpectedPart", "ExpectedReport", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp",
     "FoundObject", "GraspModel", "Gripper", "HoropterError", "InternalError", "InvalidRequest", "LookAlike", "NotFound",
-    "ObjectInImage", "PermissionDenied", "RawFrame", "Reason", "Reference", "Scene", "Security", "StationFinding", "StationReport",
+    "ObjectInImage", "PermissionDenied", "RawFrame", "Reason", "Reference", "Scene", "Security", "Station",
+    "StationCamera", "StationEvent", "StationFinding", "StationReport",
     "TooLarge", "Unauthenticated", "Unavailable", "encode_image", "hint_from_camera_info",
 ]
 __version__ = "@HOROPTER_PYTHON_VERSION@"

@@ -9,7 +9,7 @@ from google.protobuf import field_mask_pb2
 from horopter.v1 import catalog_pb2, recognition_pb2
 
 from .images import ImageLike, RawFrame, check_images, encode_image
-from .types import CameraHint, GraspModel, Gripper, Reference, matrix_to_proto, resource_name
+from .types import CameraHint, ExpectedPart, GraspModel, Gripper, Reference, resource_name
 
 Hints = Union[None, CameraHint, Sequence[Optional[CameraHint]]]
 
@@ -19,7 +19,9 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
                       full: bool = True, overlay: Optional[str] = None,
                       explain: Optional[str] = None, station: Optional[str] = None,
                       station_cameras: Optional[Sequence[str]] = None, cropped: bool = False,
-                      ignore_exif: bool = False) -> recognition_pb2.RecognizeSceneRequest:
+                      ignore_exif: bool = False, further_references: Iterable[Reference] = (),
+                      expected: Iterable[ExpectedPart] = (),
+                      read_only: bool = False) -> recognition_pb2.RecognizeSceneRequest:
     check_images(images)
     for name, value in (("candidates", candidates), ("station_cameras", station_cameras)):
         if isinstance(value, (str, bytes)):
@@ -47,14 +49,18 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
     for candidate in candidates or ():
         request.candidate_objects.append(resource_name(candidate))
     if reference is not None:
-        request.reference.object = resource_name(reference.object_id)
-        request.reference.base_from_object.CopyFrom(matrix_to_proto(reference.base_from_object, "base_from_object"))
+        request.reference.CopyFrom(reference.to_proto())
+    request.further_references.extend(r.to_proto() for r in further_references)
+    request.expected_parts.extend(e.to_proto() for e in expected)
     if overlay is not None:
         request.overlay.format = recognition_pb2.OverlayOptions.Format.Value("FORMAT_" + overlay.upper())
     if explain is not None:
         request.explain_object = resource_name(explain)
     if station_cameras is not None and station is None:
         raise ValueError("station_cameras without a station")
+    if read_only and station is None:
+        raise ValueError("read_only without a station")
+    request.station_read_only = read_only
     if station is not None:
         cameras = list(station_cameras or ("camera%d" % (i + 1) for i in range(len(request.images))))
         if len(cameras) != len(request.images):

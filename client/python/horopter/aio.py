@@ -8,14 +8,16 @@ from typing import Any, Callable, Iterable, List, Optional, Sequence
 import grpc
 import grpc.aio
 
-from horopter.v1 import catalog_pb2, catalog_pb2_grpc, recognition_pb2_grpc
+from horopter.v1 import (catalog_pb2, catalog_pb2_grpc, recognition_pb2_grpc, server_pb2, server_pb2_grpc, station_pb2,
+                         station_pb2_grpc)
 
-from . import _requests
+from . import _requests, stations
 from ._requests import Hints
-from .errors import Busy, from_rpc
+from .errors import from_rpc, pause_before_retry
 from .images import ImageLike
-from .security import Security, open_channel
-from .types import CatalogObject, Gripper, LookAlike, Reference, Scene, resource_name
+from .security import Security, open_channel, server_address
+from .stations import Calibration, CameraSetting, Station
+from .types import CatalogObject, ExpectedPart, GraspModel, Gripper, LookAlike, Reference, Scene, resource_name
 
 
 class AsyncClient:
@@ -26,14 +28,18 @@ class AsyncClient:
     ...         return (await client.recognize(["0.png", "1.png"])).objects
     """
 
-    def __init__(self, address: str = "localhost:50051", deadline_s: float = 600.0, retries: int = 5,
-                 security: Security = Security()):
+    def __init__(self, address: Optional[str] = None, deadline_s: float = 600.0, retries: int = 5,
+                 security: Optional[Security] = None):
+        address = server_address(address)
+        security = Security.from_environment() if security is None else security
         self.deadline_s = deadline_s
         self.retries = retries
         self.security = security
         self._channel = open_channel(grpc.aio, address, security)
         self._catalog = catalog_pb2_grpc.CatalogServiceStub(self._channel)
         self._recognition = recognition_pb2_grpc.RecognitionServiceStub(self._channel)
+        self._server = server_pb2_grpc.ServerServiceStub(self._channel)
+        self._stations = station_pb2_grpc.StationServiceStub(self._channel)
 
     async def __aenter__(self) -> "AsyncClient":
         return self
@@ -51,11 +57,10 @@ class AsyncClient:
                 return await method(request, timeout=max(0.0, end - time.monotonic()), metadata=self.security.metadata())
             except grpc.aio.AioRpcError as rpc_error:
                 error = from_rpc(rpc_error)
-            if not isinstance(error, Busy) or attempt == self.retries or error.retry_after_s is None:
+            pause = pause_before_retry(error, attempt)
+            if pause is None or attempt == self.retries or time.monotonic() + pause >= end:
                 raise error
-            if time.monotonic() + error.retry_after_s >= end:
-                raise error
-            await asyncio.sleep(error.retry_after_s)
+            await asyncio.sleep(pause)
         raise AssertionError("unreachable")
 
     async def recognize(self, images: Iterable[ImageLike], hints: Hints = None,
@@ -63,10 +68,12 @@ class AsyncClient:
                         deadline_s: Optional[float] = None, gripper: Optional[Gripper] = None, min_score: float = 0.0,
                         full: bool = True, overlay: Optional[str] = None, explain: Optional[str] = None,
                         station: Optional[str] = None, station_cameras: Optional[Sequence[str]] = None,
-                        cropped: bool = False, ignore_exif: bool = False) -> Scene:
+                        cropped: bool = False, ignore_exif: bool = False, further_references: Iterable[Reference] = (),
+                        expected: Iterable[ExpectedPart] = (), read_only: bool = False) -> Scene:
         """As Client.recognize."""
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
-                                              explain, station, station_cameras, cropped, ignore_exif)
+                                              explain, station, station_cameras, cropped, ignore_exif, further_references,
+                                              expected, read_only)
         return Scene.from_proto(await self._call(self._recognition.RecognizeScene, request, deadline_s))
 
     async def list_objects(self, deadline_s: Optional[float] = None) -> List[CatalogObject]:
@@ -94,3 +101,59 @@ class AsyncClient:
         request = catalog_pb2.ListLookAlikesRequest(name=resource_name(object_id))
         answer = await self._call(self._catalog.ListLookAlikes, request, deadline_s)
         return [LookAlike.from_proto(a) for a in answer.look_alikes]
+
+    async def server_info(self, deadline_s: Optional[float] = None) -> server_pb2.ServerInfo:
+        """As Client.server_info."""
+        return await self._call(self._server.GetServerInfo, server_pb2.GetServerInfoRequest(), deadline_s)
+
+    async def list_stations(self, deadline_s: Optional[float] = None) -> List[Station]:
+        """As Client.list_stations."""
+        found: List[Station] = []
+        request = station_pb2.ListStationsRequest(page_size=200)
+        while True:
+            answer = await self._call(self._stations.ListStations, request, deadline_s)
+            found.extend(Station.from_proto(s) for s in answer.stations)
+            if not answer.next_page_token:
+                return found
+            request.page_token = answer.next_page_token
+
+    async def get_station(self, station: str, deadline_s: Optional[float] = None) -> Station:
+        """As Client.get_station."""
+        request = station_pb2.GetStationRequest(name=stations.station_name(station))
+        return Station.from_proto(await self._call(self._stations.GetStation, request, deadline_s))
+
+    async def set_station(self, station: str, display_name: Optional[str] = None, cameras: Iterable[CameraSetting] = (),
+                          create: bool = True, if_match: str = "", deadline_s: Optional[float] = None) -> Station:
+        """As Client.set_station."""
+        request = stations.set_request(station, display_name, cameras, create, if_match)
+        return Station.from_proto(await self._call(self._stations.UpdateStation, request, deadline_s))
+
+    async def reset_station(self, station: str, camera: Optional[str] = None, keep_base: bool = False, if_match: str = "",
+                            deadline_s: Optional[float] = None) -> Station:
+        """As Client.reset_station."""
+        request = stations.reset_request(station, camera, keep_base, if_match)
+        return Station.from_proto(await self._call(self._stations.ResetStation, request, deadline_s))
+
+    async def delete_station(self, station: str, if_match: str = "", deadline_s: Optional[float] = None) -> None:
+        request = station_pb2.DeleteStationRequest(name=stations.station_name(station), if_match=if_match)
+        await self._call(self._stations.DeleteStation, request, deadline_s)
+
+    async def import_calibration(self, station: str, camera: str, calibration: Calibration, if_match: str = "",
+                                 deadline_s: Optional[float] = None) -> Station:
+        """As Client.import_calibration."""
+        request = stations.import_request(station, camera, calibration, if_match)
+        return Station.from_proto(await self._call(self._stations.ImportCalibration, request, deadline_s))
+
+    async def export_calibration(self, station: str, camera: str, deadline_s: Optional[float] = None) -> Calibration:
+        request = station_pb2.ExportCalibrationRequest(name=stations.camera_name(station, camera))
+        return Calibration.from_proto(await self._call(self._stations.ExportCalibration, request, deadline_s))
+
+    async def create_object(self, object_id: str, message: catalog_pb2.Object, deadline_s: Optional[float] = None) -> CatalogObject:
+        """As Client.create_object."""
+        return CatalogObject.from_proto(
+            await self._call(self._catalog.CreateObject, _requests.create_request(object_id, message), deadline_s))
+
+    async def set_grasps(self, object_id: str, grasps: Iterable[GraspModel], deadline_s: Optional[float] = None,
+                         if_match: str = "") -> None:
+        """As Client.set_grasps."""
+        await self._call(self._catalog.UpdateObject, _requests.grasps_request(object_id, grasps, if_match), deadline_s)

@@ -8,28 +8,34 @@ from typing import Any, Callable, Iterable, List, Optional, Sequence
 
 import grpc
 
-from horopter.v1 import catalog_pb2, catalog_pb2_grpc, recognition_pb2_grpc, server_pb2, server_pb2_grpc
+from horopter.v1 import (catalog_pb2, catalog_pb2_grpc, recognition_pb2_grpc, server_pb2, server_pb2_grpc, station_pb2,
+                         station_pb2_grpc)
 
-from . import _requests
+from . import _requests, stations
 from ._requests import Hints
-from .errors import Busy, HoropterError, from_rpc
+from .errors import HoropterError, from_rpc, pause_before_retry
 from .images import ImageLike
-from .security import Security, open_channel
-from .types import CatalogObject, GraspModel, Gripper, LookAlike, Reference, Scene, resource_name
+from .security import Security, open_channel, server_address
+from .stations import Calibration, CameraSetting, Station
+from .types import CatalogObject, ExpectedPart, GraspModel, Gripper, LookAlike, Reference, Scene, resource_name
 
 
 class Client:
     """A connection to a server. Thread-safe.
 
-    address: "HOST:PORT" or "unix:PATH"; deadline_s: for a whole call with its retries; retries: how often a busy server is asked again,
-    after the time it asks for; security: TLS and token (default: neither). Calls raise the errors of `horopter.errors`.
+    address: "HOST:PORT" or "unix:PATH" (None: HOROPTER_SERVER of the environment, or localhost:50051); deadline_s: for a whole call
+    with its retries; retries: how often a busy server is asked again, after the time it asks for, and one that is not there, after
+    0.2 s and then twice as long each time; security: TLS and token (None: as the environment says, Security.from_environment).
+    Calls raise the errors of `horopter.errors`.
 
     >>> with Client("localhost:50051") as client:                                   # doctest: +SKIP
     ...     print([o.object_id for o in client.list_objects()])
     """
 
-    def __init__(self, address: str = "localhost:50051", deadline_s: float = 600.0, retries: int = 5,
-                 security: Security = Security()):
+    def __init__(self, address: Optional[str] = None, deadline_s: float = 600.0, retries: int = 5,
+                 security: Optional[Security] = None):
+        address = server_address(address)
+        security = Security.from_environment() if security is None else security
         self.address = address
         self.deadline_s = deadline_s
         self.retries = retries
@@ -38,6 +44,7 @@ class Client:
         self._catalog = catalog_pb2_grpc.CatalogServiceStub(self._channel)
         self._recognition = recognition_pb2_grpc.RecognitionServiceStub(self._channel)
         self._server = server_pb2_grpc.ServerServiceStub(self._channel)
+        self._stations = station_pb2_grpc.StationServiceStub(self._channel)
 
     def __enter__(self) -> "Client":
         return self
@@ -55,11 +62,10 @@ class Client:
                 return method(request, timeout=max(0.0, end - time.monotonic()), metadata=self.security.metadata())
             except grpc.RpcError as rpc_error:
                 error: HoropterError = from_rpc(rpc_error)
-            if not isinstance(error, Busy) or attempt == self.retries or error.retry_after_s is None:
+            pause = pause_before_retry(error, attempt)
+            if pause is None or attempt == self.retries or time.monotonic() + pause >= end:
                 raise error
-            if time.monotonic() + error.retry_after_s >= end:
-                raise error
-            time.sleep(error.retry_after_s)
+            time.sleep(pause)
         raise AssertionError("unreachable")
 
     def recognize(self, images: Iterable[ImageLike], hints: Hints = None, candidates: Optional[Iterable[str]] = None,
@@ -67,7 +73,8 @@ class Client:
                   gripper: Optional[Gripper] = None, min_score: float = 0.0, full: bool = True,
                   overlay: Optional[str] = None, explain: Optional[str] = None, station: Optional[str] = None,
                   station_cameras: Optional[Sequence[str]] = None, cropped: bool = False,
-                  ignore_exif: bool = False) -> Scene:
+                  ignore_exif: bool = False, further_references: Iterable[Reference] = (),
+                  expected: Iterable[ExpectedPart] = (), read_only: bool = False) -> Scene:
         """Which parts are in the images of one static scene, where, and how to grip them.
 
         images: a list of 1 to 32 paths, encoded bytes, arrays (see encode_image) or RawFrames; hints: one CameraHint for all images or a list
@@ -77,15 +84,62 @@ class Client:
         id of an object of which `Scene.explanation` says why it is, or is not, recognised; station: id of the station whose
         cameras took the images, station_cameras: its camera of each (default: camera1, camera2, ..): the server uses what
         it knows of them and learns; `Scene.station` says what came of it; cropped: the images are cut-outs; ignore_exif: the
-        focal lengths that image files give are not used (arrays have none).
+        focal lengths that image files give are not used (arrays have none); further_references: other objects whose poses in
+        the base are known: they decide what a symmetric reference, or two of its kind, leave open (else
+        `Scene.base_alternatives`); expected: what should lie there, `Scene.expected` says what does; read_only: the station is
+        used, and learns nothing.
         """
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
-                                              explain, station, station_cameras, cropped, ignore_exif)
+                                              explain, station, station_cameras, cropped, ignore_exif, further_references,
+                                              expected, read_only)
         return Scene.from_proto(self._call(self._recognition.RecognizeScene, request, deadline_s))
 
     def server_info(self, deadline_s: Optional[float] = None) -> server_pb2.ServerInfo:
         """Version, limits, load and catalog of the server, as the message."""
         return self._call(self._server.GetServerInfo, server_pb2.GetServerInfoRequest(), deadline_s)
+
+    def list_stations(self, deadline_s: Optional[float] = None) -> List[Station]:
+        """All stations, ordered by id, without events."""
+        found: List[Station] = []
+        request = station_pb2.ListStationsRequest(page_size=200)
+        while True:
+            answer = self._call(self._stations.ListStations, request, deadline_s)
+            found.extend(Station.from_proto(s) for s in answer.stations)
+            if not answer.next_page_token:
+                return found
+            request.page_token = answer.next_page_token
+
+    def get_station(self, station: str, deadline_s: Optional[float] = None) -> Station:
+        """A station with what is known of its cameras, and its events."""
+        request = station_pb2.GetStationRequest(name=stations.station_name(station))
+        return Station.from_proto(self._call(self._stations.GetStation, request, deadline_s))
+
+    def set_station(self, station: str, display_name: Optional[str] = None, cameras: Iterable[CameraSetting] = (),
+                    create: bool = True, if_match: str = "", deadline_s: Optional[float] = None) -> Station:
+        """Says something of a station and its cameras; makes it where it is missing (else, without create, NotFound)."""
+        request = stations.set_request(station, display_name, cameras, create, if_match)
+        return Station.from_proto(self._call(self._stations.UpdateStation, request, deadline_s))
+
+    def reset_station(self, station: str, camera: Optional[str] = None, keep_base: bool = False, if_match: str = "",
+                      deadline_s: Optional[float] = None) -> Station:
+        """Forgets what was learnt, of all cameras or of one; what was given stays. keep_base: where cameras are in the robot's
+        base stays, too, though it was learnt."""
+        request = stations.reset_request(station, camera, keep_base, if_match)
+        return Station.from_proto(self._call(self._stations.ResetStation, request, deadline_s))
+
+    def delete_station(self, station: str, if_match: str = "", deadline_s: Optional[float] = None) -> None:
+        request = station_pb2.DeleteStationRequest(name=stations.station_name(station), if_match=if_match)
+        self._call(self._stations.DeleteStation, request, deadline_s)
+
+    def import_calibration(self, station: str, camera: str, calibration: Calibration, if_match: str = "",
+                           deadline_s: Optional[float] = None) -> Station:
+        """Takes a calibration over as what is known of the camera's lens; not one beyond k1."""
+        request = stations.import_request(station, camera, calibration, if_match)
+        return Station.from_proto(self._call(self._stations.ImportCalibration, request, deadline_s))
+
+    def export_calibration(self, station: str, camera: str, deadline_s: Optional[float] = None) -> Calibration:
+        request = station_pb2.ExportCalibrationRequest(name=stations.camera_name(station, camera))
+        return Calibration.from_proto(self._call(self._stations.ExportCalibration, request, deadline_s))
 
     def list_objects(self, deadline_s: Optional[float] = None) -> List[CatalogObject]:
         """All objects, ordered by id, without geometry."""

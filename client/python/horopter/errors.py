@@ -116,6 +116,18 @@ def _reason(metadata) -> Optional[str]:
 _RETRY_AFTER_BREAK_MS = "1000"
 
 
+_FIRST_PAUSE_S = 0.2
+
+
+def pause_before_retry(error: HoropterError, attempt: int) -> Optional[float]:
+    """How long to wait before a call is made again that failed for the (attempt + 1)th time, seconds; None: it is not."""
+    if isinstance(error, Busy):
+        return error.retry_after_s
+    # The server was not reached, is stopping, or its answer was lost. Calls may be repeated: a creation has its request_id, other
+    # writes write the same again.
+    return _FIRST_PAUSE_S * 2 ** attempt if isinstance(error, Unavailable) else None
+
+
 def from_rpc(error: grpc.RpcError) -> HoropterError:
     """The typed error of a failed gRPC call (of grpc or grpc.aio)."""
     code = error.code().name

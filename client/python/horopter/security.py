@@ -82,6 +82,16 @@ class Security:
             token = clean_token(token) or None
         object.__setattr__(self, "token", token)
 
+    @classmethod
+    def from_environment(cls) -> "Security":
+        """As the `horopter` program takes it: HOROPTER_TLS_CA, HOROPTER_TLS_CERT, HOROPTER_TLS_KEY, and HOROPTER_TOKEN_FILE or
+        HOROPTER_TOKEN. Nothing set: neither TLS nor token. Raises OSError, ValueError (token)."""
+        def value(name: str) -> Optional[str]:
+            return os.environ.get(name) or None
+        file = value("HOROPTER_TOKEN_FILE")
+        return cls(ca_file=value("HOROPTER_TLS_CA"), cert_file=value("HOROPTER_TLS_CERT"), key_file=value("HOROPTER_TLS_KEY"),
+                   token_file=file, token=None if file else value("HOROPTER_TOKEN"))
+
     @property
     def is_tls(self) -> bool:
         return self.tls or self.ca_file is not None or self.cert_file is not None
@@ -99,6 +109,11 @@ class Security:
 
     def environment(self) -> Dict[str, str]:
         return dict(os.environ, **({} if self.token is None else {"HOROPTER_TOKEN": self.token}))
+
+
+def server_address(address: Optional[str]) -> str:
+    """The address, or that of HOROPTER_SERVER in the environment, or this machine's."""
+    return (os.environ.get("HOROPTER_SERVER") or "localhost:50051") if address is None else address
 
 
 def open_channel(module: Any, address: str, security: Security) -> Any:

@@ -78,6 +78,11 @@ def _covariance(numbers: Sequence[float]) -> Optional[np.ndarray]:
     return np.array(numbers, dtype=float).reshape(side, side) if numbers else None
 
 
+def enum_name(enum: Any, value: int, prefix: str) -> str:
+    """The name of a value without its prefix; "UNKNOWN" of one that a later server has."""
+    return enum.Name(value)[len(prefix):] if value in enum.values() else "UNKNOWN"
+
+
 def object_id(resource: str) -> str:
     """"bracket" of "objects/bracket"."""
     return resource[len("objects/"):] if resource.startswith("objects/") else resource
@@ -93,7 +98,8 @@ class CameraHint:
 
     focal_px: fx; focal_y_px: fy (None: the same); focal_log_sigma: standard deviation of log(focal_px);
     principal_point_px: x, y; k1, k2, p1, p2, k3: as plumb_bob of ROS's CameraInfo, k4, k5, k6: of rational_polynomial; fisheye: its
-    four numbers of equidistant, instead; base_from_camera: 4 x 4, the camera in the robot's base, with its standard deviations. A lens
+    four numbers of equidistant, instead; base_from_camera: 4 x 4, the camera in the robot's base, with its standard deviations
+    (None: the server's 0.01 rad about each axis and 0.005 m of each coordinate). A lens
     beyond k1 needs focal_px and principal_point_px: the server then rectifies the image (Camera.rectified).
     """
     focal_px: Optional[float] = None
@@ -160,9 +166,46 @@ class Gripper:
 
 @dataclasses.dataclass
 class Reference:
-    """An object (a fixture) whose pose in the robot's base is known."""
+    """An object (a fixture) whose pose in the robot's base is known, with the standard deviations of that (None: exact): of the
+    rotation about each axis, of each coordinate."""
     object_id: str
     base_from_object: np.ndarray
+    rotation_sigma_rad: Optional[float] = None
+    position_sigma_m: Optional[float] = None
+
+    def to_proto(self) -> recognition_pb2.ReferenceObject:
+        out = recognition_pb2.ReferenceObject(object=resource_name(self.object_id),
+                                              base_from_object=matrix_to_proto(self.base_from_object, "base_from_object"))
+        if self.rotation_sigma_rad is not None:
+            out.rotation_sigma_rad = self.rotation_sigma_rad
+        if self.position_sigma_m is not None:
+            out.position_sigma_m = self.position_sigma_m
+        return out
+
+
+@dataclasses.dataclass
+class ExpectedPart:
+    """A part, or `count` of a kind, that should be in the scene. frame_from_object: 4 x 4, where, in the robot's base or in the frame of
+    frame_object (id of a tray that is recognised); None: anywhere, and the only case of a count above 1. Tolerances: None: the
+    server's, 5 mm and 0.1 rad. label: given back."""
+    object_id: str
+    count: int = 1
+    frame_from_object: Optional[np.ndarray] = None
+    frame_object: Optional[str] = None
+    position_tolerance_m: Optional[float] = None
+    rotation_tolerance_rad: Optional[float] = None
+    label: str = ""
+
+    def to_proto(self) -> recognition_pb2.ExpectedPart:
+        out = recognition_pb2.ExpectedPart(object=resource_name(self.object_id), count=self.count, label=self.label)
+        if self.frame_from_object is not None:
+            out.frame_from_object.CopyFrom(matrix_to_proto(self.frame_from_object, "frame_from_object"))
+        if self.frame_object is not None:
+            out.frame_object = resource_name(self.frame_object)
+        for name in ("position_tolerance_m", "rotation_tolerance_rad"):
+            if getattr(self, name) is not None:
+                setattr(out, name, float(getattr(self, name)))
+        return out
 
 
 @dataclasses.dataclass
@@ -218,7 +261,8 @@ class Camera:
 @dataclasses.dataclass
 class FoundGrasp:
     """A grasp that can be reached. Gripper frame: origin between the finger tips, z approaches, x closes; of a suction grasp
-    (cup_radius_m is set, opening and width are 0) in the middle of the rim."""
+    (cup_radius_m is set, opening and width are 0) in the middle of the rim. success: that it closes where it should, in the robot's
+    base where that is known; scene_success: by what the images know of the part alone, at least 0.8."""
     name: str
     scene_from_gripper: np.ndarray
     scene_from_pregrasp: np.ndarray
@@ -230,6 +274,7 @@ class FoundGrasp:
     success: float
     symmetry_index: int
     cup_radius_m: Optional[float] = None
+    scene_success: float = 0.0
 
 
 @dataclasses.dataclass
@@ -265,8 +310,8 @@ class Finding:
     """What the scene leaves open or contradicts; kind e.g. "SCALE_CONFLICT", "UNKNOWN" of a later server's.
 
     values: what the kind has, by the field's name: axis_in_object and direction_in_object as arrays, the others as numbers
-    (sigma_rad, sigma_m, focal_log_sigma, size_ratio, equivalent_frames, distance_m, focal_px, principal_point_x_px,
-    principal_point_y_px).
+    (sigma_rad, sigma_m, focal_log_sigma, size_ratio, equivalent_frames, equivalent_poses, distance_m, focal_px,
+    principal_point_x_px, principal_point_y_px, rotation_sigma_rad, position_sigma_m).
     """
     kind: str
     object_id: Optional[str]
@@ -314,7 +359,7 @@ class Explanation:
 @dataclasses.dataclass
 class Reason:
     """Why an answer is less than it could be: NOTHING_FOUND, AMBIGUOUS, SCALE_CONFLICT, TOO_FEW_FEATURES, NO_PARALLAX,
-    REFERENCE_NOT_FOUND, REFERENCE_CONFLICT, EMPTY_CATALOG, BELOW_MIN_SCORE or HINT_CONTRADICTED; "UNKNOWN" of a later server's."""
+    REFERENCE_NOT_FOUND, REFERENCE_CONFLICT, REFERENCE_AMBIGUOUS, EMPTY_CATALOG, BELOW_MIN_SCORE or HINT_CONTRADICTED; "UNKNOWN" of a later server's."""
     kind: str
     detail: str
 
@@ -322,7 +367,7 @@ class Reason:
 @dataclasses.dataclass
 class StationFinding:
     """Images that contradict what was known of a station. kind: "CAMERA_MOVED", "LENS_CHANGED", "CAMERAS_SWAPPED",
-    "IMAGE_SIZE_CHANGED"; cameras: ids; more than one of a moved camera: one of them."""
+    "IMAGE_SIZE_CHANGED", "BASE_MOVED", "UNKNOWN" of a later server's; cameras: ids; more than one of a moved camera: one of them."""
     kind: str
     cameras: List[str]
     rotation_rad: float
@@ -334,11 +379,49 @@ class StationFinding:
 @dataclasses.dataclass
 class StationReport:
     """What a request of a station made of it. prior_used: what was known of the cameras agreed and was used; learnt: the
-    station learnt from the request."""
+    station learnt from the request; read_only: nothing was to be learnt, by the request or for want of the right to teach."""
     station: str
     prior_used: bool
     learnt: bool
     findings: List[StationFinding]
+    read_only: bool = False
+
+
+@dataclasses.dataclass
+class BaseAlternative:
+    """A pose that the robot's base may have, by an instance of a reference and one of its symmetries (0: as it was found)."""
+    base_from_scene: np.ndarray
+    object_id: str
+    instance: int
+    symmetry_index: int
+
+
+@dataclasses.dataclass
+class ExpectedOutcome:
+    """What became of an expected part. state: the most probable of PRESENT, MISSING, DISPLACED, WRONG_PART, CANNOT_TELL;
+    probabilities: of each, their sum is 1; object_id and instance: what was taken for it or is in its place; distance_m and
+    rotation_rad: how far that is from where it should be."""
+    expected_index: int
+    label: str
+    state: str
+    probabilities: Dict[str, float]
+    object_id: Optional[str]
+    instance: int
+    distance_m: Optional[float]
+    rotation_rad: Optional[float]
+    detail: str
+
+
+@dataclasses.dataclass
+class ExpectedReport:
+    """What became of the expected parts, one outcome each. unexpected: ids and instances of what nobody expects."""
+    outcomes: List[ExpectedOutcome]
+    all_present_probability: float
+    unexpected: List[Tuple[str, int]]
+
+    @property
+    def all_present(self) -> bool:
+        return all(o.state == "PRESENT" for o in self.outcomes)
 
 
 @dataclasses.dataclass
@@ -365,6 +448,8 @@ class Scene:
     overlays: List[bytes] = dataclasses.field(default_factory=list, repr=False)
     explanation: Optional[Explanation] = None
     station: Optional[StationReport] = None
+    base_alternatives: List[BaseAlternative] = dataclasses.field(default_factory=list)
+    expected: Optional[ExpectedReport] = None
 
     @classmethod
     def from_proto(cls, answer: recognition_pb2.RecognizeSceneResponse) -> "Scene":
@@ -379,7 +464,10 @@ class Scene:
                    supporting_plane=_plane(answer), objects_below_min_score=answer.objects_below_min_score,
                    overlays=[o.content for o in answer.overlays],
                    explanation=_explanation(answer.explanation) if answer.HasField("explanation") else None, raw=answer,
-                   station=_station(answer.station) if answer.HasField("station") else None)
+                   station=_station(answer.station) if answer.HasField("station") else None,
+                   base_alternatives=[BaseAlternative(matrix_from_proto(b.base_from_scene), object_id(b.object), b.instance,
+                                                      b.symmetry_index) for b in answer.base_alternatives],
+                   expected=_expected(answer.expected) if answer.HasField("expected") else None)
 
     @property
     def outcome(self) -> str:
@@ -394,9 +482,23 @@ class Scene:
 def _station(report: station_pb2.StationReport) -> StationReport:
     def last(name: str) -> str:
         return name.rsplit("/", 1)[-1]
-    findings = [StationFinding(station_pb2.StationFinding.Kind.Name(f.kind)[len("KIND_"):], [last(c) for c in f.cameras],
+    findings = [StationFinding(enum_name(station_pb2.StationFinding.Kind, f.kind, "KIND_"), [last(c) for c in f.cameras],
                                f.rotation_rad, f.translation_m, f.focal_log_ratio, f.detail) for f in report.findings]
-    return StationReport(last(report.station), report.prior_used, report.learnt, findings)
+    return StationReport(last(report.station), report.prior_used, report.learnt, findings, report.read_only)
+
+
+def _expected(report: recognition_pb2.ExpectedReport) -> ExpectedReport:
+    states = recognition_pb2.ExpectedOutcome.State
+    outcomes = []
+    for o in report.outcomes:
+        probabilities = {name: getattr(o, name.lower() + "_probability")
+                         for name in ("PRESENT", "MISSING", "DISPLACED", "WRONG_PART", "CANNOT_TELL")}
+        outcomes.append(ExpectedOutcome(o.expected_index, o.label, enum_name(states, o.state, "STATE_"), probabilities,
+                                        object_id(o.object) if o.object else None, o.instance,
+                                        o.distance_m if o.HasField("distance_m") else None,
+                                        o.rotation_rad if o.HasField("rotation_rad") else None, o.detail))
+    return ExpectedReport(outcomes, report.all_present_probability,
+                          [(object_id(u.object), u.instance) for u in report.unexpected])
 
 
 def _plane(answer: recognition_pb2.RecognizeSceneResponse) -> Optional[Tuple[np.ndarray, float]]:
@@ -423,7 +525,7 @@ def _grasp(g: recognition_pb2.RecognizedGrasp) -> FoundGrasp:
     return FoundGrasp(g.name, matrix_from_proto(g.scene_from_gripper), matrix_from_proto(g.scene_from_pregrasp),
                       _optional(g, "base_from_gripper"), _optional(g, "base_from_pregrasp"),
                       g.parallel_jaw.jaw_opening_m, g.parallel_jaw.grip_width_m, g.quality, g.success, g.symmetry_index,
-                      g.suction.cup_radius_m if g.HasField("suction") else None)
+                      g.suction.cup_radius_m if g.HasField("suction") else None, g.scene_success)
 
 
 def _found(o: recognition_pb2.RecognizedObject) -> FoundObject:

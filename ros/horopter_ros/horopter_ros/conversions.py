@@ -79,14 +79,16 @@ def scene_image(image):
     return RawFrame(name, image.width, image.height, words)
 
 
-def camera_hint(info, base_from_camera=None, rectified=False, image_size=None):
+def camera_hint(info, base_from_camera=None, rectified=False, image_size=None, rotation_sigma=None, position_sigma=None):
     """CameraHint of a sensor_msgs/CameraInfo, or of None: see horopter.hint_from_camera_info. An uncalibrated camera (K all 0)
-    gives no intrinsics. base_from_camera: 4 x 4, of the optical frame; image_size: width and height of the image."""
+    gives no intrinsics. base_from_camera: 4 x 4, of the optical frame, with its standard deviations (radians, metres; None: the
+    server's); image_size: width and height of the image."""
     hint = None if info is None else hint_from_camera_info(info, image_size, rectified)
     if base_from_camera is None:
         return hint
     hint = hint or CameraHint()
     hint.base_from_camera = base_from_camera
+    hint.rotation_sigma_rad, hint.position_sigma_m = rotation_sigma, position_sigma
     return hint
 
 
@@ -106,14 +108,18 @@ def pose_message(matrix, messages):
     return pose
 
 
+def matrix_of_quaternion(x, y, z, w):
+    """3 x 3 of a quaternion as ROS writes it."""
+    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                     [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+
+
 def matrix_of_transform(transform):
     """4 x 4 of a geometry_msgs/Transform."""
     q, t = transform.rotation, transform.translation
-    x, y, z, w = q.x, q.y, q.z, q.w
     out = np.eye(4)
-    out[:3, :3] = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                   [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                   [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
+    out[:3, :3] = matrix_of_quaternion(q.x, q.y, q.z, q.w)
     out[:3, 3] = [t.x, t.y, t.z]
     return out
 
@@ -237,6 +243,22 @@ def grasp_messages(scene, frame, stamp, messages, gripper_from_tool=None, finger
                     point.positions = [opening / 2] * len(joints)
                     posture.points.append(point)
             out.append(message)
+    return out
+
+
+def expected_messages(scene, expected, messages):
+    """horopter_msgs/ExpectedOutcome of every part that the request expected (ExpectedPart)."""
+    out = []
+    for told in scene.expected.outcomes if scene.expected is not None else ():
+        message = messages.ExpectedOutcome()
+        message.part = expected[told.expected_index].object_id
+        message.label, message.state, message.detail = told.label, told.state, told.detail
+        for name, probability in told.probabilities.items():
+            setattr(message, name.lower(), probability)
+        message.found_part, message.found_instance = told.object_id or "", told.instance
+        message.distance = float("nan") if told.distance_m is None else told.distance_m
+        message.rotation = float("nan") if told.rotation_rad is None else told.rotation_rad
+        out.append(message)
     return out
 
 

@@ -1,13 +1,17 @@
 """The node: newest images in, parts out. Parameters and topics are in the README of the packages."""
+import asyncio
 import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
 import rclpy
 import tf2_ros
 from geometry_msgs.msg import Pose, PoseWithCovarianceStamped, TransformStamped
-from horopter_msgs.msg import PartGrasp
+from horopter_msgs.action import Recognize as RecognizeAction
+from horopter_msgs.msg import ExpectedOutcome, PartGrasp
 from horopter_msgs.srv import Recognize
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
@@ -16,13 +20,13 @@ from sensor_msgs.msg import CameraInfo, Image
 from trajectory_msgs.msg import JointTrajectoryPoint
 from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithPose
 
-from horopter import Client, HoropterError, Security
+from horopter import AsyncClient, Client, HoropterError, Security
 
-from . import conversions
+from . import conversions, settings
 
 MESSAGES = SimpleNamespace(Pose=Pose, PoseWithCovarianceStamped=PoseWithCovarianceStamped,
                            TransformStamped=TransformStamped, PartGrasp=PartGrasp, JointTrajectoryPoint=JointTrajectoryPoint,
-                           Detection3D=Detection3D, Detection3DArray=Detection3DArray,
+                           Detection3D=Detection3D, Detection3DArray=Detection3DArray, ExpectedOutcome=ExpectedOutcome,
                            ObjectHypothesisWithPose=ObjectHypothesisWithPose)
 
 
@@ -39,6 +43,8 @@ class Recognizer(Node):
         self.declare_parameter("gripper_from_tool", [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         for name in ("tls_ca", "tls_cert", "tls_key", "token_file"):
             self.declare_parameter(name, "")
+        for name, default in settings.PARAMETERS.items():
+            self.declare_parameter(name, default)
         self._client = Client(self._value("server"), security=self._security())
         self._newest, self._infos, self._boxes = {}, {}, {}
         self._lock = threading.Lock()
@@ -56,6 +62,8 @@ class Recognizer(Node):
         self._detections = self.create_publisher(Detection3DArray, "~/detections", 1)
         self._poses = {}
         self.create_service(Recognize, "~/recognize", self._recognize, callback_group=group)
+        self._action = ActionServer(self, RecognizeAction, "~/recognize", self._execute, callback_group=group,
+                                    cancel_callback=lambda _: CancelResponse.ACCEPT)
 
     def _value(self, name):
         return self.get_parameter(name).value
@@ -82,27 +90,80 @@ class Recognizer(Node):
             self._boxes[object_id] = ((low + high) / 2, high - low)
         return self._boxes[object_id]
 
-    def _recognize(self, request, response):
+    def _question(self, request):
+        """The images, and the arguments of Client.recognize; no images: none has come in. Raises ValueError."""
         with self._lock:
-            images = [self._newest[t] for t in self._topics if t in self._newest]
-            infos = [self._infos.get(t) for t in self._topics if t in self._newest]
+            topics = [t for t in self._topics if t in self._newest]
+            images = [self._newest[t] for t in topics]
+            infos = [self._infos.get(t) for t in topics]
         if not images:
-            response.reasons, response.message = ["ERROR"], "no image has come in on %s" % ", ".join(self._topics)
-            return response
+            return [], {}
+        hints = [conversions.camera_hint(info, self._base_from_camera(image.header.frame_id, image.header.stamp),
+                                         self._value("rectified"), (image.width, image.height),
+                                         self._value("camera_rotation_sigma") or None,
+                                         self._value("camera_position_sigma") or None)
+                 for image, info in zip(images, infos)]
+        arguments = settings.request_arguments(self._value, topics, request.expected)
+        return images, dict(arguments, images=[conversions.scene_image(i) for i in images], hints=hints,
+                            candidates=list(request.candidates) or None,
+                            deadline_s=request.deadline or self._value("deadline"))
+
+    def _answer(self, request, response, ask):
+        """Fills a response, or the result of an action. ask: keyword arguments -> Scene, or None of a call that was cancelled."""
         try:
-            hints = [conversions.camera_hint(info, self._base_from_camera(image.header.frame_id, image.header.stamp),
-                                             self._value("rectified"), (image.width, image.height))
-                     for image, info in zip(images, infos)]
-            scene = self._client.recognize([conversions.scene_image(i) for i in images], hints,
-                                           list(request.candidates) or None,
-                                           deadline_s=request.deadline or self._value("deadline"))
+            images, arguments = self._question(request)
+            if not images:
+                response.reasons, response.message = ["ERROR"], "no image has come in on %s" % ", ".join(self._topics)
+                return response
+            scene = ask(arguments)
+            if scene is None:
+                response.reasons, response.message = ["ERROR"], "cancelled"
+                return response
             boxes = {part.object_id: self._box(part.object_id) for part in scene.objects}
         except (HoropterError, ValueError) as error:
             response.reasons, response.message = ["ERROR"], str(error)
             response.request_id = getattr(error, "request_id", None) or ""
             return response
         self._fill(response, scene, images, boxes)
+        response.expected = conversions.expected_messages(scene, arguments["expected"], MESSAGES)
+        response.all_present = scene.expected is None or scene.expected.all_present
         return response
+
+    def _recognize(self, request, response):
+        return self._answer(request, response, lambda arguments: self._client.recognize(**arguments))
+
+    def _execute(self, goal):
+        cancelled = []
+
+        def ask(arguments):
+            scene = asyncio.run(self._ask_until_cancelled(goal, arguments))
+            if scene is None:
+                cancelled.append(True)
+            return scene
+
+        result = self._answer(goal.request, RecognizeAction.Result(), ask)
+        if cancelled:
+            goal.canceled()
+        elif result.reasons[:1] == ["ERROR"]:
+            goal.abort()
+        else:
+            goal.succeed()
+        return result
+
+    async def _ask_until_cancelled(self, goal, arguments):
+        """The answer; None once the goal was cancelled, which ends the call, too."""
+        start = time.monotonic()
+        async with AsyncClient(self._value("server"), security=self._security()) as client:
+            call = asyncio.ensure_future(client.recognize(**arguments))
+            while not (await asyncio.wait([call], timeout=0.1))[0]:
+                feedback = RecognizeAction.Feedback()
+                feedback.elapsed = time.monotonic() - start
+                goal.publish_feedback(feedback)
+                if goal.is_cancel_requested:
+                    call.cancel()
+                    await asyncio.wait([call])
+                    return None
+            return call.result()
 
     def _fill(self, response, scene, images, boxes):
         frame = conversions.AnswerFrame(scene, self._value("base_frame"), [i.header.frame_id for i in images])
