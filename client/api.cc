@@ -250,7 +250,7 @@ absl::StatusOr<v1::Object> HoropterClient::UpdateObject(const ObjectModel& model
 absl::Status HoropterClient::PutObject(const v1::Object& object) {
   v1::UpdateObjectRequest request;
   *request.mutable_object() = object;
-  request.mutable_update_mask()->add_paths("*");
+  request.mutable_update_mask()->add_paths(std::string("*"));
   request.set_allow_missing(true);
   v1::Object response;
   return Call([&](grpc::ClientContext* context, Done done) {

@@ -203,9 +203,9 @@ class CheckedConfig final : public CLI::ConfigTOML {
   explicit CheckedConfig(const CLI::App& app) : app_(app) {}
 
   std::vector<CLI::ConfigItem> from_config(std::istream& input) const override {
-    std::vector<CLI::ConfigItem> items = CLI::ConfigTOML::from_config(input);
+    std::vector<CLI::ConfigItem> found = CLI::ConfigTOML::from_config(input);
     std::set<std::string> seen;
-    for (const CLI::ConfigItem& item : items) {
+    for (const CLI::ConfigItem& item : found) {
       if (!item.parents.empty()) {
         Refuse("section [" + item.parents.front() + "]: the configuration has no sections");
       }
@@ -215,7 +215,7 @@ class CheckedConfig final : public CLI::ConfigTOML {
         Refuse("'" + item.name + "' has more than one value");
       }
     }
-    return items;
+    return found;
   }
 
  private:

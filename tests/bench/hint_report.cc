@@ -17,6 +17,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "client/bop_dataset.h"
 #include "client/cad_import.h"
@@ -202,8 +203,7 @@ int Run(const Arguments& a) {
       std::string tests;
       for (const StageReport& stage : answer.stages) {
         if (stage.stage == "hints")
-          tests += " " + std::to_string(stage.counts.at("squared")) + "/" +
-                   std::to_string(stage.counts.at("limit"));
+          absl::StrAppend(&tests, " ", stage.counts.at("squared"), "/", stage.counts.at("limit"));
       }
       alarms += told && lie.factor == 1.0 && lie.shift_px == 0.0;
       if (answer.objects.empty())

@@ -5,6 +5,8 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "absl/strings/str_cat.h"
+
 namespace horopter {
 namespace {
 
@@ -157,7 +159,7 @@ void PrintTable(const std::vector<SceneReport>& scenes, std::ostream& out) {
       verified += fate.verified;
       final += fate.final;
       if (fate.lost_at != "none") {
-        lost += " " + std::to_string(fate.obj_id) + ":" + fate.lost_at;
+        absl::StrAppend(&lost, " ", fate.obj_id, ":", fate.lost_at);
       }
     }
     if (!scene.objects.empty()) {

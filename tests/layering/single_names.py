@@ -23,6 +23,7 @@ ALIAS = re.compile(r"^(?:using|namespace)\s+([\w:]+)\s*(?:=|$)")
 CONSTANT = re.compile(r"\b(k[A-Z]\w*)\s*(?:\[[^\]]*\]\s*)*(?:=|\{|$)")
 FUNCTION = re.compile(r"([A-Za-z_]\w*)\s*\($")
 LOCAL = re.compile(r"(?m)^[ \t]+(?:static )?constexpr\b[^\n]*?\b(k[A-Z]\w*)\s*(?:\[[^\]]*\]\s*)*[={]")
+INCLUDE = re.compile(r'(?m)^[ \t]*#[ \t]*include[ \t]+"([^"]+)"')
 VARIABLE = re.compile(r"[\w>&*\]]\s+[&*]*([A-Za-z_]\w*)\s*(?:\[[^\]]*\]\s*)*$")
 
 
@@ -79,7 +80,8 @@ def names(statement, body):
         if less == plain:
             break
         plain = less
-    constants = CONSTANT.findall(plain)
+    # Behind an equals sign a constant at the end is a value.
+    constants = [m.group(1) for m in CONSTANT.finditer(plain) if "=" not in plain[:m.start()] or not plain.endswith(m.group(0))]
     if constants:
         return constants, False
     if "=" in plain or body or "(" not in plain:
@@ -112,10 +114,40 @@ def scope_of(folder):
     return "client" if folder.startswith("client") else folder
 
 
+def included(paths, includes):
+    """All headers of the tree that these files include, also by others."""
+    seen, open_ends = set(), list(paths)
+    while open_ends:
+        for header in includes.get(open_ends.pop(), ()):
+            if header not in seen:
+                seen.add(header)
+                open_ends.append(header)
+    return seen
+
+
+def hidden_in_headers(names_of, includes):
+    """Violations: a name of a source's own that a header of another folder has, which a file of the source's folder includes."""
+    sources = collections.defaultdict(list)
+    for path in names_of:
+        if path.endswith(".cc"):
+            sources[scope_of(os.path.dirname(path))].append(path)
+    found = []
+    for folder, paths in sorted(sources.items()):
+        of_headers = {}
+        for header in sorted(included(paths, includes)):
+            if header in names_of and scope_of(os.path.dirname(header)) != folder:
+                for name, (line, _) in names_of[header].items():
+                    of_headers.setdefault(name, (header, line))
+        found += [(path, line, "%s: %s:%d has this name, and a file that may be compiled as one with this one includes it (deploy/unity.cmake)" %
+                   (name, *of_headers[name])) for path in paths for name, (line, _) in names_of[path].items() if name in of_headers]
+    return found
+
+
 def check_names(root, folders=FOLDERS):
     """Violations as (path, line, text)."""
     known = collections.defaultdict(lambda: collections.defaultdict(list))
     local = []  # (path, line, name) of constants in functions: they would hide one of the folder
+    names_of, includes = {}, {}
     for top in folders:
         for where, inner, files in os.walk(os.path.join(root, top)):
             inner.sort()
@@ -125,13 +157,15 @@ def check_names(root, folders=FOLDERS):
                     continue
                 with open(os.path.join(root, path), encoding="utf-8") as source:
                     text = source.read()
-                for own, (line, alias) in own_names(path, text).items():
+                names_of[path], includes[path] = own_names(path, text), INCLUDE.findall(text)
+                for own, (line, alias) in names_of[path].items():
                     known[scope_of(os.path.dirname(path))][own].append((path, line, alias))
                 if path.endswith(".cc"):
                     local += [(path, text.count("\n", 0, m.start(1)) + 1, m.group(1)) for m in LOCAL.finditer(text)]
     found = [(path, line, "%s: hides what %s:%d has under this name, and both may be compiled as one (deploy/unity.cmake)" %
               (own, *known[scope_of(os.path.dirname(path))][own][0][:2]))
              for path, line, own in local if own in known[scope_of(os.path.dirname(path))]]
+    found += hidden_in_headers(names_of, includes)
     for of_folder in known.values():
         for own, places in of_folder.items():
             first = places[0]

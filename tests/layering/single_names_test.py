@@ -33,6 +33,8 @@ class Names(unittest.TestCase):
                 ("constexpr int kA[] = {1, 2};", ["kA"]),
                 ("constexpr std::array<int, kN> kA{{1, 2}};", ["kA"]),
                 ("constexpr Pair kA = {kX, kY};", ["kA"]),
+                ("constexpr int kA = 1, kB = kX;", ["kA", "kB"]),
+                ("constexpr int kA{1};", ["kA"]),
                 ("const std::map<int, std::string> kA = {{1, \"kB = 1;\"}};", ["kA"]),
                 ("struct Point {\n  double kX = 0.0;\n  void F() {}\n};", ["Point"]),
                 ("enum class Mode : int { kA, kB };", ["Mode"]),
@@ -76,6 +78,14 @@ class Tree(unittest.TestCase):
     def test_a_constant_of_a_header_counts(self):
         header = "namespace horopter {\ninline constexpr int kA = 1;\n}\n"
         self.assertTrue(violations({"db/a.h": header, "db/b.cc": own("constexpr int kA = 1;")}))
+
+    def test_a_constant_of_a_header_that_another_file_of_the_folder_includes_counts(self):
+        tree = {"server/base/a.h": "namespace horopter {\ninline constexpr int kA = 1;\n}\n",
+                "server/base/b.h": '#include "server/base/a.h"\n',
+                "db/c.cc": '#include "server/base/b.h"\n', "db/d.cc": own("constexpr int kA = 1;")}
+        self.assertEqual([path for path, _, _ in violations(tree)], ["db/d.cc"])
+        self.assertFalse(violations({**tree, "db/c.cc": ""}))
+        self.assertFalse(violations({**tree, "db/d.cc": own("constexpr int kB = kA;")}))
 
     def test_a_constant_of_a_function_hides_none_of_the_folder(self):
         inside = own("int F() {\n  constexpr int kA = 1;\n  return kA;\n}")

@@ -5,11 +5,11 @@
 #include <cmath>
 
 #include "server/vision/recognition/aspect_search/aspect_score.h"
+#include "server/vision/recognition/aspect_search/near_plane.h"
 
 namespace horopter {
 namespace {
 
-constexpr double kNearM = 1e-3;          // points nearer to the camera plane have no image
 constexpr double kChanceSupport = 0.35;  // of edges in a wrong place
 constexpr double kPeakRatio = 1.06;      // units nearer than this to a better one are the same
 constexpr double kShiftStepPx = 3.0;     // of ShiftViews, working px

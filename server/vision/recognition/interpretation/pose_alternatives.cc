@@ -20,7 +20,7 @@ namespace horopter {
 namespace {
 
 // That something is found where nothing is expected, bounded.
-constexpr double kLeastChance = 0.03, kMostChance = 0.8;
+constexpr double kLeastEdgeChance = 0.03, kMostEdgeChance = 0.8;
 // A pose turned end for end or upside down: rendered so large (a diameter; for time), of whose
 // edges so many are met before it is settled, and which takes the answer's place with these log
 // odds.
@@ -52,8 +52,8 @@ double PointLogOdds(const AspectImage& image,
   const double support = std::clamp(1.5f * (1.0f - distance / kTolerancePx), 0.0f, 1.0f);
   const double chance =
       std::clamp(image.ChanceAt(x, y, bin, AspectImage::ChanceLevel(kTolerancePx)) / 255.0,
-                 kLeastChance,
-                 kMostChance);
+                 kLeastEdgeChance,
+                 kMostEdgeChance);
   const double found =
       p.kind == VisibleEdgeKind::kCrease ? acceptance.found_crease : acceptance.found_contour;
   return EdgeLogOdds(support, found, chance);
