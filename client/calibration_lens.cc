@@ -11,7 +11,7 @@
 namespace horopter {
 namespace {
 
-constexpr size_t kRational = 8;  // coefficients
+constexpr size_t kRationalTerms = 8;  // coefficients
 
 bool IsOneOf(const std::string& word, std::initializer_list<const char*> names) {
   // RealSense writes distortion.brown_conrady.
@@ -76,7 +76,7 @@ absl::StatusOr<std::vector<double>> RadialAndTangential(const CameraNode& camera
   if (radial.empty() && tangential.empty()) return std::vector<double>();
   if (radial.size() > 6) return Bad("radial_distortion", "more than 6 numbers");
   if (tangential.size() > 2) return Bad("tangential_distortion", "more than 2 numbers");
-  std::vector<double> d(kRational, 0.0);
+  std::vector<double> d(kRationalTerms, 0.0);
   for (size_t i = 0; i < radial.size(); ++i) d[i < 2 ? i : i + 2] = radial[i];
   for (size_t i = 0; i < tangential.size(); ++i) d[i + 2] = tangential[i];
   return d;

@@ -18,7 +18,7 @@ BELONGS = {
                         r"/usr/share/horopter/deploy/credentials\.sh",
                         r"/usr/share/doc/horopter-server/[A-Za-z]+\.(md|json|yml)(\.gz)?"),
     "horopter-client": (r"/usr/bin/horopter", r"/usr/share/man/man1/horopter\.1\.gz", r"/usr/share/bash-completion/completions/horopter"),
-    "horopter-dev": (r"/usr/lib/[^/]+/horopter/lib[a-z_]+\.a", r"/usr/lib/[^/]+/cmake/horopter_client/[A-Za-z_-]+\.cmake",
+    "horopter-dev": (r"/usr/lib/(?:[^/]+/)?horopter/lib[a-z_]+\.a", r"/usr/lib/(?:[^/]+/)?cmake/horopter_client/[A-Za-z_-]+\.cmake",
                      r"/usr/include/horopter_client/.*\.h", r"/usr/share/horopter/proto/horopter/v1/[a-z]+\.proto",
                      r"/usr/share/doc/horopter-dev/example/(CMakeLists\.txt|pick\.cc)"),
     "python3-horopter": (r"/usr/lib/python3/dist-packages/horopter/(v1/)?[a-z0-9_]+\.(py|pyi|typed)",

@@ -67,7 +67,9 @@ step "the configuration as it is installed"
 systemctl start horopterd  # returns when the server says that it is ready
 [[ $(stat -c %u "/proc/$(systemctl show -P MainPID horopterd)") -ne 0 && $(systemctl show -P NRestarts horopterd) == 0 ]]
 limit=$(sed -n 's/^Max open files *\([0-9]*\).*/\1/p' "/proc/$(systemctl show -P MainPID horopterd)/limits")
-[[ $limit -ge 65536 ]] || fail "$limit open files"
+allowed=$(ulimit -Hn)  # of who made the copy: a machine may not give more
+[[ $allowed != unlimited && $allowed -lt 65536 ]] || allowed=65536
+[[ $limit -ge $allowed ]] || fail "$limit open files"
 horopter object add obj_000001.step --id bracket >/dev/null
 horopter recognize 000000.png --out overlay.png >answer.txt
 [[ -s overlay.png ]]
@@ -159,7 +161,8 @@ for line in sys.stdin: print("\n".join(json.loads(line)))')
 health=$(sed -n '/^HEALTHCHECK/,/[^\\]$/p' Containerfile | tr -d '\\\n' | sed 's/.* CMD //')
 rm -rf /var/lib/horopter && install -d -o "$user" /var/lib/horopter && mv /etc/horopter /etc/horopter.kept
 as_user() { setpriv --reuid="$user" --regid="$user" --clear-groups "$@"; }
-as_user "${command[@]}" >container.log 2>&1 &
+become_user() { exec setpriv --reuid="$user" --regid="$user" --clear-groups "$@"; }  # in the background: signals reach it
+become_user "${command[@]}" >container.log 2>&1 &
 server=$!
 until_it_listens "$server" container.log
 as_user bash -c "$health"
@@ -170,7 +173,7 @@ wait "$server"
 ! as_user bash -c "$health" || fail "a server that is not there is healthy"
 /usr/share/horopter/deploy/credentials.sh "$keys" --install "$here/container" --owner "$user"
 mv "$here/container" /etc/horopter
-as_user /usr/bin/horopterd --listen 0.0.0.0:50051 --tls-cert /etc/horopter/keys/server.pem --tls-key /etc/horopter/keys/server.key \
+become_user /usr/bin/horopterd --listen 0.0.0.0:50051 --tls-cert /etc/horopter/keys/server.pem --tls-key /etc/horopter/keys/server.key \
   --access-file /etc/horopter/access >container.log 2>&1 &
 server=$!
 until_it_listens "$server" container.log

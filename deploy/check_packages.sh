@@ -57,6 +57,7 @@ for device in null zero full random urandom tty; do
 done
 mkdir "$copy/dev/shm" "$copy/dev/pts"
 ln -s /proc/self/fd "$copy/dev/fd"
+ln -s pts/ptmx "$copy/dev/ptmx"  # what PrivateDevices= makes a copy of
 mount --rbind "$copy/dev" "$root/dev"
 ip link set lo up
 : >"$root/etc/machine-id"
@@ -88,5 +89,7 @@ set +e
       unshare --pid --fork --mount-proc --propagation shared /lib/systemd/systemd --system --unit=check.target --log-target=null --show-status=no
 )
 status=$?
+# What it said last is to be read, too.
+sleep 2
 kill "$reader" 2>/dev/null
 exit "$status"

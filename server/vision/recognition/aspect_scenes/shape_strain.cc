@@ -11,17 +11,17 @@
 namespace horopter {
 namespace {
 
-constexpr int kViewParameters = 7;  // rotation, translation, ln f
-constexpr int kStrains = 2;         // of three with mean 0
+constexpr int kStrainViewParameters = 7;  // rotation, translation, ln f
+constexpr int kStrains = 2;               // of three with mean 0
 constexpr int kLeastRows = 60;
-constexpr double kMinDepth = 1e-4;  // metres
+constexpr double kStrainMinDepth = 1e-4;  // metres
 constexpr double kRenderPx = 140.0;
 // Reach of each round, working pixels: a part stretched by a tenth is off by so much at its ends.
 constexpr double kSearchPx[] = {6.0, 4.0, 3.0};
 constexpr double kLostPx = 2.5;  // farther is not met
 constexpr double kMatchSigmaPx = 0.6;
 constexpr int kSteps = 3;
-constexpr double kRowSigmaPx = 1.0;
+constexpr double kStrainRowSigmaPx = 1.0;
 constexpr double kStrainSigma = 0.1;  // nothing is stretched by much more
 // Cameras stay near where they are: radians, of the distance, ln f.
 constexpr double kTurnSigma = 0.5, kShiftSigma = 0.5, kFocalSigma = 0.05;
@@ -34,13 +34,13 @@ Eigen::Matrix<double, 3, kStrains> Basis() {
   return out;
 }
 
-Eigen::Matrix3d Cross(const Eigen::Vector3d& v) {
+Eigen::Matrix3d CrossMatrix(const Eigen::Vector3d& v) {
   Eigen::Matrix3d m;
   m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
   return m;
 }
 
-Eigen::Matrix3d Rotation(const Eigen::Vector3d& w) {
+Eigen::Matrix3d RotationOf(const Eigen::Vector3d& w) {
   const double angle = w.norm();
   if (angle < 1e-12) return Eigen::Matrix3d::Identity();
   return Eigen::AngleAxisd(angle, w / angle).toRotationMatrix();
@@ -61,7 +61,7 @@ class StrainFit {
         given_(views) {
     for (const auto& view : views_) {
       at_.push_back(view ? size_ : -1);
-      if (view) size_ += kViewParameters;
+      if (view) size_ += kStrainViewParameters;
     }
     size_ += kStrains;
   }
@@ -167,32 +167,34 @@ class StrainFit {
       const Eigen::Vector3d stretched = (row.point - center).cwiseProduct(scale);
       const Eigen::Vector3d x =
           view.camera_from_scene * (pose_ * Eigen::Vector3d(center + stretched));
-      if (x.z() < kMinDepth) continue;
-      const double w = row.weight * row.working * row.working / (kRowSigmaPx * kRowSigmaPx);
+      if (x.z() < kStrainMinDepth) continue;
+      const double w =
+          row.weight * row.working * row.working / (kStrainRowSigmaPx * kStrainRowSigmaPx);
       const double f = view.camera.focal_px, q = f / x.z();
       const double along = row.normal.x() * x.x() + row.normal.y() * x.y();
       const Eigen::Matrix<double, 1, 3> dx(
           q * row.normal.x(), q * row.normal.y(), -q / x.z() * along);
-      Eigen::Matrix<double, 1, kViewParameters + kStrains> j;
-      j.head<3>() = -dx * Cross(x - view.camera_from_scene.t);
+      Eigen::Matrix<double, 1, kStrainViewParameters + kStrains> j;
+      j.head<3>() = -dx * CrossMatrix(x - view.camera_from_scene.t);
       j.segment<3>(3) = dx;
       j(6) = q * along;
       j.tail<kStrains>() =
           dx * view.camera_from_scene.R * pose_.R * stretched.asDiagonal() * Basis();
       const int a = at_[row.view];
-      const auto jv = j.head<kViewParameters>();
+      const auto jv = j.head<kStrainViewParameters>();
       const auto js = j.tail<kStrains>();
-      H->block<kViewParameters, kViewParameters>(a, a) += w * jv.transpose() * jv;
-      H->block<kViewParameters, kStrains>(a, s) += w * jv.transpose() * js;
-      H->block<kStrains, kViewParameters>(s, a) += w * js.transpose() * jv;
+      H->block<kStrainViewParameters, kStrainViewParameters>(a, a) += w * jv.transpose() * jv;
+      H->block<kStrainViewParameters, kStrains>(a, s) += w * jv.transpose() * js;
+      H->block<kStrains, kStrainViewParameters>(s, a) += w * js.transpose() * jv;
       H->block<kStrains, kStrains>(s, s) += w * js.transpose() * js;
-      g->segment<kViewParameters>(a) += w * row.residual_px * jv.transpose();
+      g->segment<kStrainViewParameters>(a) += w * row.residual_px * jv.transpose();
       g->segment<kStrains>(s) += w * row.residual_px * js.transpose();
     }
     for (std::size_t v = 0; v < views_.size(); ++v) {
       if (!views_[v]) continue;
       const int a = at_[v];
-      const double distance = std::max((views_[v]->camera_from_scene * pose_.t).norm(), kMinDepth);
+      const double distance =
+          std::max((views_[v]->camera_from_scene * pose_.t).norm(), kStrainMinDepth);
       for (int k = 0; k < 3; ++k) {
         (*H)(a + k, a + k) += 1.0 / (kTurnSigma * kTurnSigma);
         (*H)(a + 3 + k, a + 3 + k) += 1.0 / (kShiftSigma * kShiftSigma * distance * distance);
@@ -214,9 +216,9 @@ class StrainFit {
     if (!step.allFinite()) return false;
     for (std::size_t v = 0; v < views_.size(); ++v) {
       if (!views_[v]) continue;
-      const auto d = step.segment<kViewParameters>(at_[v]);
+      const auto d = step.segment<kStrainViewParameters>(at_[v]);
       Rigid3& pose = views_[v]->camera_from_scene;
-      pose.R = Rotation(d.head<3>()) * pose.R;
+      pose.R = RotationOf(d.head<3>()) * pose.R;
       pose.t += d.segment<3>(3);
       views_[v]->camera.focal_px *= std::exp(std::clamp(d(6), -0.3, 0.3));
     }

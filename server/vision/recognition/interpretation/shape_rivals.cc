@@ -41,7 +41,7 @@ const RenderMesh& MeshOf(const JointContext& context, int object) {
   return context.objects[object]->aspects->object.mesh;
 }
 
-std::vector<std::optional<AspectSceneView>> Fixed(
+std::vector<std::optional<AspectSceneView>> FixedViews(
     const std::vector<std::optional<CalibratedCamera>>& views) {
   std::vector<std::optional<AspectSceneView>> fixed;
   for (const auto& view : views) {
@@ -153,7 +153,7 @@ std::vector<ShapeRival> RateShapes(const JointContext& context,
   for (const Shape& s : shapes) {
     for (const ShapeAlignment& a : s.alignments) tried.emplace_back(&s, a.a_from_b);
   }
-  const auto fixed = Fixed(result.views);
+  const auto fixed = FixedViews(result.views);
   std::vector<ShapeRival> rated(tried.size());
   ParallelFor(static_cast<int>(tried.size()), context.options.threads, [&](int i) {
     const Shape& shape = *tried[i].first;
