@@ -62,14 +62,14 @@ void ReportFeatures(const LoadedScene& scene,
     for (size_t e = 0; e < findings[v].edges.size(); ++e) {
       const EdgeFinding& edge = findings[v].edges[e];
       edges += 1;
-      if (edge.covered >= kFoundShare) {
+      if (edge.covered >= kFoundEdgeShare) {
         found += 1;
-        usable += edge.covered_usable >= kFoundShare ? 1 : 0;
+        usable += edge.covered_usable >= kFoundEdgeShare ? 1 : 0;
         pieces += edge.pieces;
       }
       if (scene.truth[v].edges[e].kind == CurveKind::kCircle) {
         arcs += 1;
-        arcs_found += edge.covered_by_arcs >= kFoundShare ? 1 : 0;
+        arcs_found += edge.covered_by_arcs >= kFoundEdgeShare ? 1 : 0;
       }
     }
     for (double error : findings[v].corner_error_px) {

@@ -25,7 +25,7 @@ struct FeatureFinding {
 };
 
 // An edge counts as found when at least this share of it is covered.
-constexpr double kFoundShare = 0.7;
+constexpr double kFoundEdgeShare = 0.7;
 // A corner counts as found when a junction lies this near.
 constexpr double kCornerPx = 3.0;
 

@@ -151,7 +151,7 @@ double EdgeRecallOf(int instance,
     for (size_t e = 0; e < truth[v].edges.size(); ++e) {
       if (truth[v].edges[e].instance == instance) {
         edges += 1;
-        found += findings[v].edges[e].covered >= kFoundShare ? 1 : 0;
+        found += findings[v].edges[e].covered >= kFoundEdgeShare ? 1 : 0;
       }
     }
     best = std::max(best, edges > 0 ? found / edges : 0.0);

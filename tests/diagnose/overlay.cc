@@ -169,7 +169,7 @@ cv::Mat DrawTruth(const cv::Mat& image,
          segment.in_texture ? cv::Scalar(70, 70, 70) : cv::Scalar(150, 150, 60));
   }
   for (size_t e = 0; e < truth.edges.size(); ++e) {
-    const bool found = finding.edges[e].covered >= kFoundShare;
+    const bool found = finding.edges[e].covered >= kFoundEdgeShare;
     const TrueEdge& edge = truth.edges[e];
     for (size_t k = 0; k < edge.points.size(); ++k) {
       cv::circle(canvas,
