@@ -242,6 +242,8 @@ struct Telemetry::Parts {
   bool audit_required = false;
   LogLimiter strangers{kLinesOfStrangers};
   LogLimiter lost_audits{kLostLinesTold};
+  LogLimiter lost_recordings{kLostLinesTold};
+  std::string recordings_folder;
   std::unique_ptr<Recorder> recorder;
   std::unique_ptr<prometheus::Exposer> exposer;
 
@@ -258,6 +260,19 @@ struct Telemetry::Parts {
       spdlog::error("a line of the audit log is lost, {}: {}: {}", audit_log.path(), why, line);
     }
     return false;
+  }
+
+  void TellLostRecording(const std::string& request_id) {
+    recordings_failed.Increment();
+    const LogLimiter::Verdict verdict = lost_recordings.Ask("recording");
+    for (const auto& [what, lines] : verdict.left_out) {
+      spdlog::error("{} more requests could not be recorded", lines);
+    }
+    if (verdict.write) {
+      spdlog::error("request={} could not be recorded in {}: is the disk full?",
+                    request_id,
+                    recordings_folder);
+    }
   }
 
   // Whether the logs have a line of it. Anybody can bring about thousands of calls that are refused
@@ -317,6 +332,7 @@ absl::StatusOr<std::unique_ptr<Telemetry>> Telemetry::Start(
   if (!options.recorder.folder.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(parts->recorder,
                               Recorder::Open(options.recorder, options.version, options.settings));
+    parts->recordings_folder = options.recorder.folder;
   }
   prometheus::BuildGauge()
       .Name("horopter_build_info")
@@ -379,7 +395,7 @@ void Telemetry::OnRequest(const RequestRecord& record) {
       parts_->recorded.Increment();
       break;
     case Recorder::Outcome::kFailed:
-      parts_->recordings_failed.Increment();
+      parts_->TellLostRecording(record.request_id);
       break;
     case Recorder::Outcome::kNotWanted:
       break;

@@ -209,6 +209,11 @@ class FullDisk(Served):
         for _ in range(3):
             self.assertEqual(self.run_horopter("recognize", IMAGE).returncode, 0)
         self.assertEqual(self.metric("horopter_recordings_failed_total"), 3)
+        lost = "could not be recorded in " + self.recordings
+        deadline = time.monotonic() + 30  # the log is read beside us
+        while not any(lost in line for line in self.mock.said) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        self.assertTrue(any(lost in line for line in self.mock.said))
         self.assertEqual(os.listdir(self.recordings), [])
 
 
