@@ -4,6 +4,7 @@ import fnmatch
 import gzip
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -142,6 +143,64 @@ class Terms(unittest.TestCase):
         if not os.path.exists(system):
             self.skipTest("no Debian")
         self.assertEqual(hashlib.sha256(read(os.path.join(ROOT, "LICENSE"))).digest(), hashlib.sha256(read(system)).digest())
+
+
+class Release(unittest.TestCase):
+    """release.sh in a repository of its own, with a stand-in of package.sh."""
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="with a blank ")
+        self.addCleanup(folder.cleanup)
+        self.tree = folder.name
+        os.makedirs(os.path.join(self.tree, "deploy"))
+        for name in ("release.sh", "debian_changelog.py"):
+            shutil.copy(os.path.join(DEPLOY, name), os.path.join(self.tree, "deploy"))
+        self.write("CMakeLists.txt", 'project(horopter VERSION 1.2.0 LANGUAGES CXX)\nset(HOROPTER_PRERELEASE "rc1")\n')
+        self.write("CHANGELOG.md", Changelog.TEXT)
+        self.write(".gitignore", "/build/\n")
+        self.package("echo $SOURCE_DATE_EPOCH >a.whl")
+        self.git("init", "-q")
+        self.commit()
+
+    def write(self, name, text):
+        with open(os.path.join(self.tree, name), "w", encoding="utf-8") as out:
+            out.write(text)
+
+    def package(self, makes):
+        self.write("deploy/package.sh", '#!/bin/bash\nset -e\ncd "$2"\n%s\nsha256sum a.whl >SHA256SUMS\n' % makes)
+        os.chmod(os.path.join(self.tree, "deploy", "package.sh"), 0o755)
+
+    def git(self, *arguments):
+        return subprocess.run(["git", "-C", self.tree, "-c", "user.name=a", "-c", "user.email=a@example.org", *arguments],
+                              capture_output=True, text=True, check=True).stdout
+
+    def commit(self):
+        self.git("add", "-A")
+        self.git("commit", "-q", "--allow-empty", "-m", "x")
+
+    def release(self, *arguments):
+        identity = {"GIT_%s_%s" % (who, what): "a@example.org" for who in ("AUTHOR", "COMMITTER") for what in ("NAME", "EMAIL")}
+        return subprocess.run(["bash", os.path.join(self.tree, "deploy", "release.sh"), *arguments], capture_output=True, text=True,
+                              check=False, env=dict(os.environ, **identity))
+
+    def test_a_commit_is_made_into_archive_notes_and_sums_twice_alike(self):
+        done = self.release("--check", "--tag")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("Twice the same bytes.", done.stdout)
+        out = os.path.join(self.tree, "build", "release-1.2.0-rc1")
+        self.assertEqual(sorted(os.listdir(out)), ["SHA256SUMS", "a.whl", "horopter-1.2.0-rc1.md", "horopter-1.2.0-rc1.tar.xz"])
+        self.assertEqual(read(os.path.join(out, "horopter-1.2.0-rc1.md")), b"- the candidate\n")
+        self.assertEqual(self.git("tag").split(), ["v1.2.0-rc1"])
+        self.commit()
+        self.assertIn("another commit", self.release("--tag").stderr)
+
+    def test_other_bytes_and_uncommitted_changes_are_refused(self):
+        self.package("date +%N >a.whl")
+        self.assertIn("not committed", self.release().stderr)
+        self.commit()
+        done = self.release("--check")
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("other bytes", done.stderr)
 
 
 class Scripts(unittest.TestCase):
