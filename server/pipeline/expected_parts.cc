@@ -216,7 +216,7 @@ bool IsHidden(const ExpectedScene& scene,
 int ImagesOf(const std::vector<ExpectedPart>& expected,
              const ExpectedScene& scene,
              const Item& item) {
-  if (!item.has_place) return std::max<int>(1, static_cast<int>(scene.cameras.size()));
+  if (!item.has_place) return static_cast<int>(scene.cameras.size());
   const Eigen::Vector3d middle =
       *item.scene_from_object * ShapeOf(scene, expected[item.expected].object_id).center;
   int out = 0;
@@ -248,7 +248,8 @@ void JudgeMissing(const std::vector<ExpectedPart>& expected,
   }
   const int images = ImagesOf(expected, scene, item);
   if (images == 0) {
-    out->detail = absl::StrCat("no image shows the place of ", id);
+    out->detail = item.has_place ? absl::StrCat("no image shows the place of ", id)
+                                 : absl::StrCat(id, " was not found, and no camera was recovered");
     return;
   }
   // There or not there was as likely before the images.

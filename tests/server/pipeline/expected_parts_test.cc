@@ -161,6 +161,13 @@ TEST_F(JudgeExpectedTest, WhatNoImageShowsCannotBeTold) {
   EXPECT_EQ(JudgeOne(in_tray).cannot_tell, 1.0);
 }
 
+// An answer without anything says nothing of what is not in it.
+TEST_F(JudgeExpectedTest, WithoutCamerasNothingIsMissing) {
+  EXPECT_EQ(JudgeOne(Want("bolt")).state, ExpectedState::kMissing);
+  scene_.cameras.clear();
+  EXPECT_EQ(JudgeOne(Want("bolt")).cannot_tell, 1.0);
+}
+
 TEST_F(JudgeExpectedTest, AnotherPartInThePlaceIsWrong) {
   scene_.parts = {Found("nut", At(0.1, 0.05))};
   const ExpectedReport report = Judge({Want("bolt", At(0.1, 0.05))});
