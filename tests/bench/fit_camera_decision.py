@@ -7,7 +7,7 @@
 
 Logistic regression on the "placed" lines, with a weak Gaussian prior on the weights in deviations of their cues: placements right
 within 10 px in all images against those of parts that are not in the scene or more than 30 px off. Prints what is answered of each
-source when the fit has not seen it, and the weights. Needs Debian's python3-numpy.
+source when the fit has not seen it, and the weights; `company` is not fitted. Needs Debian's python3-numpy.
 """
 import os
 import re
@@ -15,12 +15,13 @@ import sys
 
 import numpy as np
 
-NAMES = ["precision", "score", "least_precision", "log_support", "log_shown", "missing", "lies"]
-SIGNS = np.array([1, 1, 1, 1, 1, -1, 1])
+NAMES = ["precision", "score", "least_precision", "log_support", "log_shown", "missing", "lies", "ground"]
+SIGNS = np.array([1, 1, 1, 1, 1, -1, 1, 1])
 PRIOR_PRECISION = 1.0
 NEEDED = 0.7
 OFF_PX, FAR_PX = 10.0, 30.0
 SUPPORT_OFFSET_PX = 50.0
+CHANCE_GROUND, MOST_GROUND = 0.2, 0.4
 
 
 def read(path):
@@ -33,9 +34,9 @@ def read(path):
         if not line.startswith("  placed,"):
             continue
         c = line.strip().split(",")
-        score, precision, least, support, shown, registered, lies = (float(x) for x in c[5:12])
+        score, precision, least, support, shown, registered, lies, ground = (float(x) for x in c[5:13])
         worst = float(c[15])
-        cues = [precision, score, least, np.log(support + SUPPORT_OFFSET_PX), np.log(max(1.0, shown)), 1 - registered / max(1, views), lies]
+        cues = [precision, score, least, np.log(support + SUPPORT_OFFSET_PX), np.log(max(1.0, shown)), 1 - registered / max(1, views), lies, min(ground, MOST_GROUND) - CHANCE_GROUND]
         yield source, line, cues, worst
 
 

@@ -34,6 +34,36 @@ double BestOther(const LinkedObject& o, const LinkedScene& scene) {
   return best;
 }
 
+// What cameras that are wrong, or a part that is elsewhere, mostly leave of it.
+constexpr double kChanceGround = 0.2;
+constexpr double kTellingTexture = 7.0;  // AspectAcceptance::telling_texture
+constexpr double kSureLogOdds = 0.85;    // of a part that others rest on: probability .7
+
+double GroundAboveChance(const ViewAgreement& views) {
+  if (views.texture < kTellingTexture) return 0.0;
+  return std::min(views.ground, kMostGround) - kChanceGround;
+}
+
+// But for `company`.
+CameraCues CuesAlone(const LinkedObject& o, const LinkedScene& scene) {
+  double least = 1.0, shown = 0.0;
+  for (std::size_t v = 0; v < o.views.size(); ++v) {
+    if (!o.shown[v]) continue;
+    least = std::min(least, o.views[v].precision);
+    shown += 1.0;
+  }
+  const double images = static_cast<double>(scene.views.size());
+  return {o.precision,
+          o.score,
+          shown > 0.0 ? least : 0.0,
+          std::log(MeanSupport(o) + kSupportOffsetPx),
+          std::log(std::max(1.0, shown)),
+          images > 0.0 ? 1.0 - scene.registered() / images : 0.0,
+          o.lies ? 1.0 : 0.0,
+          GroundAboveChance(scene.agreement),
+          0.0};
+}
+
 }  // namespace
 
 DecisionCues CuesOf(const LinkedObject& o, const LinkedScene& scene) {
@@ -79,20 +109,11 @@ double FittedLogOdds(const DecisionCues& cues) {
 }
 
 CameraCues CameraCuesOf(const LinkedObject& o, const LinkedScene& scene) {
-  double least = 1.0, shown = 0.0;
-  for (std::size_t v = 0; v < o.views.size(); ++v) {
-    if (!o.shown[v]) continue;
-    least = std::min(least, o.views[v].precision);
-    shown += 1.0;
-  }
-  const double images = static_cast<double>(scene.views.size());
-  return {o.precision,
-          o.score,
-          shown > 0.0 ? least : 0.0,
-          std::log(MeanSupport(o) + kSupportOffsetPx),
-          std::log(std::max(1.0, shown)),
-          images > 0.0 ? 1.0 - scene.registered() / images : 0.0,
-          o.lies ? 1.0 : 0.0};
+  CameraCues cues = CuesAlone(o, scene);
+  const LinkedObject& best = scene.objects.front();
+  const bool other = o.score < best.score;
+  if (other && FittedLogOdds(CuesAlone(best, scene)) >= kSureLogOdds) cues.back() = 1.0;
+  return cues;
 }
 
 double FittedLogOdds(const CameraCues& cues) {

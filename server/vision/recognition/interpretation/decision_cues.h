@@ -37,7 +37,7 @@ const std::array<std::string_view, kDecisionCues>& CueNames();
 // what is likely before the images are seen.
 double FittedLogOdds(const DecisionCues& cues);
 
-inline constexpr std::size_t kCameraCues = 7;
+inline constexpr std::size_t kCameraCues = 9;
 
 // The same of an object under cameras that were known before, in the order of kCameraCueWeights:
 // they adapt to no part, so each view that shows it speaks for itself.
@@ -48,6 +48,9 @@ inline constexpr std::size_t kCameraCues = 7;
 //   log_shown        logarithm of the number of views that show it
 //   missing          share of the images whose cameras are not known, or hold for nothing
 //   lies             as above
+//   ground           ViewAgreement::ground above what chance gives where the ground has texture:
+//                    cameras that know nothing of the part agree on what it stands on; else 0
+//   company          1 where a better part of the scene is sure: both share cameras and their unit
 using CameraCues = std::array<double, kCameraCues>;
 CameraCues CameraCuesOf(const LinkedObject& o, const LinkedScene& scene);
 double FittedLogOdds(const CameraCues& cues);

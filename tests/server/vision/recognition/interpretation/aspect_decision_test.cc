@@ -332,12 +332,29 @@ LinkedScene UnderCameras(int shown, double precision, double score, double suppo
   return scene;
 }
 
+// A box among tools that are no boxes: alone it is chance, whatever the ground says; beside a part
+// that is sure it may be one.
+TEST(AspectDecision, UnderKnownCamerasASurePartSpeaksForOthers) {
+  LinkedScene alone = UnderCameras(5, 0.85, 0.36, 230);
+  alone.agreement.texture = 12.0;
+  alone.agreement.ground = 0.1;
+  EXPECT_LT(ProbabilityUnderCameras(alone.objects.front(), alone), 0.5);
+  LinkedScene beside = UnderCameras(5, 0.95, 0.5, 480);
+  beside.agreement = {{}, 0.25, 12.0};
+  ASSERT_GT(ProbabilityUnderCameras(beside.objects.front(), beside), 0.9);
+  beside.objects.push_back(alone.objects.front());
+  EXPECT_GT(ProbabilityUnderCameras(beside.objects.back(), beside), 0.7);
+}
+
 TEST(AspectDecision, UnderKnownCamerasViewsThatAgreeMakeLessScoreEnough) {
   const auto probability = [](const LinkedScene& scene) {
     return ProbabilityUnderCameras(scene.objects.front(), scene);
   };
-  const LinkedScene scanned = UnderCameras(5, 0.57, 0.36, 900);  // of a photographed scanned part
-  EXPECT_GT(probability(scanned), 0.9);
+  LinkedScene scanned = UnderCameras(5, 0.57, 0.36, 900);  // of a photographed scanned part
+  EXPECT_LT(probability(scanned), 0.7);
+  scanned.agreement.texture = 12.0;  // on a ground that the cameras agree on
+  scanned.agreement.ground = 0.43;
+  EXPECT_GT(probability(scanned), 0.8);
   AspectAcceptance options;
   EXPECT_LT(AspectProbability(scanned.objects.front(), scanned, options), 0.1);
   EXPECT_LT(probability(UnderCameras(2, 0.57, 0.36, 900)), probability(scanned));
