@@ -199,11 +199,10 @@ absl::Status RunRecognition(PipelineOptions options,
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while the ground was asked");
   }
   watch.Begin("matching");
-  const bool have_aspects =
-      options.recognition.routes.aspects &&
-      std::all_of(input->objects.begin(), input->objects.end(), [](const auto& o) {
-        return o->aspects != nullptr;
-      });
+  const bool have_aspects = options.recognition.routes.aspects &&
+                            std::all_of(input->objects.begin(),
+                                        input->objects.end(),
+                                        [](const auto& o) { return o->aspects != nullptr; });
   HOROPTER_ASSIGN_OR_RETURN(
       const KnownCameras known,
       CamerasFirst(options, request, cameras, have_aspects, stop, &trace, &answer.stages));

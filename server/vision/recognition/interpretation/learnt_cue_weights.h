@@ -29,9 +29,9 @@ inline constexpr std::array<double, kDecisionCues> kCueWeights = {
 };
 
 // The same of CameraCues: set by hand on what the photographs of prague, tools, benchvise and LM-O
-// give with their own parts and with each other's (decision_report, --others), not fitted: there are
-// 22 right ones and 6 impostors. Right ones have .7 and more but for a bolt and LM-O's (-5 - .5),
-// impostors .6 at most. ADR 74.
+// give with their own parts and with each other's (decision_report, --others), not fitted: there
+// are 22 right ones and 6 impostors. Right ones have .7 and more but for a bolt and LM-O's (-5 -
+// .5), impostors .6 at most. ADR 74.
 inline constexpr double kCameraCueConstant = -26.8;
 inline constexpr std::array<double, kCameraCues> kCameraCueWeights = {
     6.0,   // precision
