@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "server/vision/geometry/plucker_line.h"
 
 namespace horopter {
 namespace {
@@ -104,12 +105,6 @@ double Within(double mean, double sigma, double limit) {
   return below(limit) - below(-limit);
 }
 
-Eigen::Matrix3d Cross(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
-
 // Of a part's pose against the frame that its place is in, in the scene's axes.
 Matrix6d CovarianceInFrame(const ExpectedScene& scene, int part, int frame_part) {
   const auto block = [&](int i, int k) -> Matrix6d {
@@ -121,8 +116,8 @@ Matrix6d CovarianceInFrame(const ExpectedScene& scene, int part, int frame_part)
   }
   // What the frame's own error does to the pose of a part in it.
   Matrix6d J = Matrix6d::Identity();
-  J.bottomLeftCorner<3, 3>() =
-      -Cross(scene.parts[part].scene_from_object.t - scene.parts[frame_part].scene_from_object.t);
+  J.bottomLeftCorner<3, 3>() = -CrossMatrix(scene.parts[part].scene_from_object.t -
+                                            scene.parts[frame_part].scene_from_object.t);
   const Matrix6d cross = block(part, frame_part) * J.transpose();
   return block(part, part) + J * block(frame_part, frame_part) * J.transpose() - cross -
          cross.transpose();

@@ -100,16 +100,25 @@ LensEvidence WhatImagesSay(const CameraEvidence& evidence) {
   return out;
 }
 
+// How far what the images say is from the claims, and its covariance by the images alone.
+struct Offsets {
+  Eigen::VectorXd offset;
+  Eigen::MatrixXd covariance;
+};
+Offsets OffsetsOf(const std::vector<Claim>& claims, const LensEvidence& said) {
+  const int n = static_cast<int>(claims.size());
+  Offsets out{Eigen::VectorXd(n), Eigen::MatrixXd(n, n)};
+  for (int i = 0; i < n; ++i) {
+    out.offset(i) = claims[i].offset + said.mean(claims[i].at);
+    for (int j = 0; j < n; ++j) out.covariance(i, j) = said.covariance(claims[i].at, claims[j].at);
+  }
+  return out;
+}
+
 // Squared distances of these claims from what the images say, all together.
 double SquaredDistance(const std::vector<Claim>& claims, const LensEvidence& said) {
-  const int n = static_cast<int>(claims.size());
-  Eigen::MatrixXd S(n, n);
-  Eigen::VectorXd offset(n);
-  for (int i = 0; i < n; ++i) {
-    offset(i) = claims[i].offset + said.mean(claims[i].at);
-    for (int j = 0; j < n; ++j) S(i, j) = said.covariance(claims[i].at, claims[j].at);
-    S(i, i) += claims[i].sigma * claims[i].sigma;
-  }
+  auto [offset, S] = OffsetsOf(claims, said);
+  for (std::size_t i = 0; i < claims.size(); ++i) S(i, i) += claims[i].sigma * claims[i].sigma;
   const Eigen::VectorXd scale = S.diagonal().cwiseSqrt().cwiseInverse();
   const Eigen::LLT<Eigen::MatrixXd> factors(scale.asDiagonal() * S * scale.asDiagonal());
   return factors.matrixL().solve(Eigen::VectorXd(scale.cwiseProduct(offset))).squaredNorm();
@@ -130,14 +139,8 @@ std::vector<Claim> OfKind(std::vector<Claim> claims, Claim::Kind kind) {
 
 // All claims of one kind being off by the same: one file for all images.
 CommonError CommonOffset(const std::vector<Claim>& claims, const LensEvidence& said) {
-  const int n = static_cast<int>(claims.size());
-  Eigen::MatrixXd S(n, n);
-  Eigen::VectorXd offset(n);
-  for (int i = 0; i < n; ++i) {
-    offset(i) = claims[i].offset + said.mean(claims[i].at);
-    for (int j = 0; j < n; ++j) S(i, j) = said.covariance(claims[i].at, claims[j].at);
-  }
-  const Eigen::VectorXd weights = S.ldlt().solve(Eigen::VectorXd::Ones(n));
+  const auto [offset, S] = OffsetsOf(claims, said);
+  const Eigen::VectorXd weights = S.ldlt().solve(Eigen::VectorXd::Ones(offset.size()));
   const double information = weights.sum();
   return {weights.dot(offset) / information, 1.0 / std::sqrt(information)};
 }

@@ -31,6 +31,18 @@ void Forget(RecognitionInput* input, PipelineResult* result) {
   input->reconstruction = nullptr;
 }
 
+// By the images and what the request says of its cameras.
+absl::Status RecognizeAndAdjust(const PipelineOptions& options,
+                                const SceneRequest& request,
+                                const StopRequested& stop,
+                                RefusalLog* log,
+                                RecognitionInput* input,
+                                PipelineResult* result) {
+  input->hints = request.hints;
+  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, kNoCameras, stop, log, input, result));
+  return RunEuclidean(options, request, *input, stop, result);
+}
+
 // Recognition with the focal lengths that the images' files give, and again without them where that
 // finds nothing or the images contradict them.
 absl::Status RunPresumed(const PipelineOptions& options,
@@ -40,8 +52,7 @@ absl::Status RunPresumed(const PipelineOptions& options,
                          RefusalLog* log,
                          RecognitionInput* input,
                          PipelineResult* result) {
-  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, kNoCameras, stop, log, input, result));
-  HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, *input, stop, result));
+  HOROPTER_RETURN_IF_ERROR(RecognizeAndAdjust(options, request, stop, log, input, result));
   std::vector<int> contradicted;
   if (result->trace.metric) {
     input->hints = stripped.hints;
@@ -56,9 +67,7 @@ absl::Status RunPresumed(const PipelineOptions& options,
     }
   }
   Forget(input, result);
-  input->hints = stripped.hints;
-  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, stripped, kNoCameras, stop, log, input, result));
-  HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, stripped, *input, stop, result));
+  HOROPTER_RETURN_IF_ERROR(RecognizeAndAdjust(options, stripped, stop, log, input, result));
   if (result->trace.metric) {
     // What fits the files' focal lengths was not found with them: they misled the search.
     contradicted = ContradictedFocals(request.hints, result->trace.metric->cameras);
@@ -97,9 +106,8 @@ absl::Status RunStation(const PipelineOptions& options,
     HOROPTER_RETURN_IF_ERROR(RunEuclidean(options, request, *input, stop, result));
     if (!result->trace.metric) continue;
     // Under the rig every camera that was moved has been found again by the images.
-    const auto with_cameras = result->trace.recognition.counts.find("with_cameras");
     if (result->station->prior_used || result->station->test.agrees ||
-        (with_cameras != result->trace.recognition.counts.end() && with_cameras->second > 0.0)) {
+        FoundUnderCameras(result->trace.recognition)) {
       return absl::OkStatus();
     }
   }
@@ -118,11 +126,9 @@ absl::Status RunAlone(const PipelineOptions& options,
                       RecognitionInput* input,
                       PipelineResult* result) {
   if (request.station) return RunStation(options, request, stop, log, input, result);
-  input->hints = request.hints;
   if (HasPresumed(request.hints))
     return RunPresumed(options, request, stripped, stop, log, input, result);
-  HOROPTER_RETURN_IF_ERROR(RunRecognition(options, request, kNoCameras, stop, log, input, result));
-  return RunEuclidean(options, request, *input, stop, result);
+  return RecognizeAndAdjust(options, request, stop, log, input, result);
 }
 
 // What the images of a recognised scene say of their cameras against what the caller says.

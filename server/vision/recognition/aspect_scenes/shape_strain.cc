@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "server/vision/geometry/camera_prior.h"
+#include "server/vision/geometry/plucker_line.h"
 #include "server/vision/recognition/aspect_search/pose_edges.h"
 #include "server/vision/recognition/aspects/visible_edges.h"
 
@@ -32,12 +32,6 @@ Eigen::Matrix<double, 3, kStrains> Basis() {
   out.col(0) = Eigen::Vector3d(1, -1, 0).normalized();
   out.col(1) = Eigen::Vector3d(1, 1, -2).normalized();
   return out;
-}
-
-Eigen::Matrix3d CrossMatrix(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
 }
 
 Eigen::Matrix3d RotationOf(const Eigen::Vector3d& w) {
@@ -79,7 +73,6 @@ class StrainFit {
     Render();
     Match(kLostPx);
     if (static_cast<int>(rows_.size()) < kLeastRows) return {};
-    out.rows = static_cast<int>(rows_.size());
     double total = 0.0;
     for (const auto& p : points_) total += static_cast<double>(p.size());
     const double most = 0.5 * kLostPx * kLostPx / (kMatchSigmaPx * kMatchSigmaPx);
@@ -91,7 +84,6 @@ class StrainFit {
     out.loss = loss / std::max(1.0, total);
     out.points = total;
     out.strain = Basis() * strain_;
-    out.views = views_;
     Eigen::MatrixXd H;
     Eigen::VectorXd g;
     Linearise(&H, &g);

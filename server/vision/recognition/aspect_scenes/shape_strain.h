@@ -22,8 +22,6 @@ struct ShapeStrain {
   // kLostPx, in deviations of a good match; and how many points there are.
   double loss = 0.0;
   double points = 0.0;
-  int rows = 0;                                        // met in all views
-  std::vector<std::optional<CalibratedCamera>> views;  // cameras that go with the strained part
 };
 
 // Stretch and cameras (pose and focal length of each view, loosely where they are) adjusted

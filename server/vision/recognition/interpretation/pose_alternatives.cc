@@ -13,6 +13,7 @@
 #include "server/vision/geometry/depth_buffer.h"
 #include "server/vision/geometry/hidden_tolerance.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/interpretation/aspect_starts.h"
 #include "server/vision/recognition/object/prepared_object.h"
 #include "server/vision/recognition/object/same_pose.h"
 
@@ -259,21 +260,12 @@ double LogOddsBetween(std::span<const AspectImage> images,
   return sum;
 }
 
-std::vector<std::optional<AspectSceneView>> Fixed(const Views& views) {
-  std::vector<std::optional<AspectSceneView>> fixed;
-  for (const auto& view : views) {
-    fixed.emplace_back();
-    if (view) fixed.back() = AspectSceneView{view->camera, view->camera_from_scene, 0.0, 1.0};
-  }
-  return fixed;
-}
-
 // The pose adjusted to the edges of all views, which keep their cameras.
 Rigid3 Settled(std::span<const AspectImage> images,
                const RenderMesh& mesh,
                const Views& views,
                const Rigid3& scene_from_object) {
-  return SettleInViews(images, mesh, Fixed(views), {0, scene_from_object}, kFineRenderPx)
+  return SettleInViews(images, mesh, SceneViews(views), {0, scene_from_object}, kFineRenderPx)
       ->placed.scene_from_object;
 }
 
@@ -302,7 +294,7 @@ std::vector<OtherPose> FlippedPoses(const JointContext& context,
   if (answer.support >= kSureSupport || IsStopRequested(context.give_up)) return {};
   const PreparedObject& object = *context.objects[answer.object];
   const RenderMesh& mesh = object.aspects->object.mesh;
-  const auto fixed = Fixed(result.views);
+  const auto fixed = SceneViews(result.views);
   const std::vector<Rigid3> turns = HalfTurns(mesh);
   std::vector<std::optional<SettledObject>> settled(turns.size());
   ParallelFor(static_cast<int>(turns.size()), context.options.threads, [&](int i) {

@@ -14,6 +14,7 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/shape_strain.h"
+#include "server/vision/recognition/interpretation/aspect_starts.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/object/prepared_object.h"
 #include "server/vision/recognition/object/shape_alignment.h"
@@ -44,16 +45,6 @@ const RenderMesh& MeshOf(const JointContext& context, int object) {
   return context.objects[object]->aspects->object.mesh;
 }
 
-std::vector<std::optional<AspectSceneView>> FixedViews(
-    const std::vector<std::optional<CalibratedCamera>>& views) {
-  std::vector<std::optional<AspectSceneView>> fixed;
-  for (const auto& view : views) {
-    fixed.emplace_back();
-    if (view) fixed.back() = AspectSceneView{view->camera, view->camera_from_scene, 0.0, 1.0};
-  }
-  return fixed;
-}
-
 struct Shape {
   int object = -1;
   bool mirrored = false;
@@ -62,7 +53,7 @@ struct Shape {
 };
 
 // How parts lie over each other, of pairs asked for lately: requests over one catalog ask for the
-// same ones, and a pair takes 10 - 20 ms. Thread-safe. Weak pointers: no part's place is reused.
+// same ones. Thread-safe. Weak pointers: no part's place is reused.
 class KnownAlignments {
  public:
   std::vector<ShapeAlignment> Of(const std::shared_ptr<const PreparedObject>& a,
@@ -106,6 +97,112 @@ const std::string& IdOf(const JointContext& context, int object) {
 
 void Tell(const std::string& text, RecognitionResult* result) {
   absl::StrAppend(&result->detail, result->detail.empty() ? "" : ". ", text);
+}
+
+// What looks like a part: its mirror image, and parts of the catalog; without alignments what does
+// not.
+std::vector<Shape> ShapesLike(const JointContext& context, int object) {
+  const auto& own = context.objects[object];
+  const RenderMesh& mesh = MeshOf(context, object);
+  const MirrorTwin& twin = own->twin->Of(own->model.mesh, own->model.diameter_m, mesh);
+  std::vector<Shape> shapes(context.objects.size());
+  ParallelFor(static_cast<int>(shapes.size()), context.options.threads, [&](int i) {
+    if (i == object || context.objects[i]->aspects == nullptr) return;
+    const RenderMesh& other = MeshOf(context, i);
+    const double ratio = mesh.diameter_m / other.diameter_m;
+    if (std::max(ratio, 1.0 / ratio) > kSameExtents) return;
+    shapes[i] = {i, false, &other, Alignments().Of(own, context.objects[i])};
+  });
+  shapes.push_back({object, true, &twin.mesh, twin.alignments});
+  return shapes;
+}
+
+void SortByOdds(std::vector<ShapeRival>* rivals) {
+  std::stable_sort(rivals->begin(), rivals->end(), [](const auto& a, const auto& b) {
+    return a.log_odds < b.log_odds;
+  });
+}
+
+// Every alignment of every shape, adjusted to the images; none that looks like the answer there.
+std::vector<ShapeRival> RateAlignments(const JointContext& context,
+                                       std::span<const AspectImage> images,
+                                       const RecognitionResult& result,
+                                       int place,
+                                       std::span<const Shape> shapes) {
+  const SceneObject& answer = result.objects[place];
+  std::vector<std::pair<const Shape*, Rigid3>> tried;
+  for (const Shape& s : shapes) {
+    for (const ShapeAlignment& a : s.alignments) tried.emplace_back(&s, a.a_from_b);
+  }
+  const auto fixed = SceneViews(result.views);
+  std::vector<ShapeRival> rated(tried.size());
+  ParallelFor(static_cast<int>(tried.size()), context.options.threads, [&](int i) {
+    const Shape& shape = *tried[i].first;
+    ShapeRival& out = rated[i];
+    out = {shape.object, shape.mirrored, answer.scene_from_object * tried[i].second};
+    const auto settled =
+        SettleInViews(images, *shape.mesh, fixed, {0, out.scene_from_object}, kRenderPx);
+    if (settled) out.scene_from_object = settled->placed.scene_from_object;
+    out.log_odds = LogOddsOfPose(images,
+                                 result.views,
+                                 MeshOf(context, answer.object),
+                                 answer.scene_from_object,
+                                 *shape.mesh,
+                                 out.scene_from_object,
+                                 {},
+                                 context.options.acceptance.pose_choices,
+                                 &out.differing_share);
+  });
+  std::erase_if(rated, [](const auto& r) { return r.differing_share < kDifferingShare; });
+  return rated;
+}
+
+std::vector<ShapeRival> BestOfEach(std::vector<ShapeRival> rated) {
+  SortByOdds(&rated);
+  std::vector<ShapeRival> best;
+  for (const ShapeRival& r : rated) {
+    if (std::none_of(best.begin(), best.end(), [&](const ShapeRival& b) {
+          return b.object == r.object && b.mirrored == r.mirrored;
+        }))
+      best.push_back(r);
+  }
+  return best;
+}
+
+// Where the answer is off, anything that differs from it is likelier, and nothing fits: that says
+// nothing.
+void DropMisfits(const JointContext& context,
+                 std::span<const AspectImage> images,
+                 const RecognitionResult& result,
+                 int place,
+                 std::vector<ShapeRival>* rivals) {
+  const SceneObject& answer = result.objects[place];
+  const PreparedObject& own = *context.objects[answer.object];
+  const RenderMesh& mesh = MeshOf(context, answer.object);
+  const auto views = SceneViews(result.views);
+  SceneJudgementOptions judging;
+  judging.threads = context.options.threads;
+  const auto score_of = [&](const RenderMesh& of, const Rigid3& pose) {
+    return JudgeInViews(images, of, views, {0, pose}, judging).score;
+  };
+  std::optional<double> own_score;
+  for (ShapeRival& r : *rivals) {
+    if (r.log_odds >= 0.0) continue;
+    if (!own_score) own_score = score_of(mesh, answer.scene_from_object);
+    const RenderMesh& rival = r.mirrored
+                                  ? own.twin->Of(own.model.mesh, own.model.diameter_m, mesh).mesh
+                                  : MeshOf(context, r.object);
+    if (score_of(rival, r.scene_from_object) < *own_score + kBetterScore) r.log_odds = 0.0;
+  }
+}
+
+// A mirror image that is enrolled is no stranger. Rivals are best first as they were rated.
+void DropKnownStranger(std::vector<ShapeRival>* rivals) {
+  const auto enrolled =
+      std::find_if(rivals->begin(), rivals->end(), [](const auto& r) { return !r.mirrored; });
+  if (enrolled == rivals->end()) return;
+  const double least = enrolled->log_odds - kNoStranger;
+  std::erase_if(*rivals, [&](const auto& r) { return r.mirrored && r.log_odds > least; });
 }
 
 // How much likelier than the answer a rival is before nothing but shapes is weighed.
@@ -174,79 +271,11 @@ std::vector<ShapeRival> RateShapes(const JointContext& context,
                                    int place) {
   const SceneObject& answer = result.objects[place];
   if (context.objects[answer.object]->aspects == nullptr) return {};
-  const RenderMesh& own = MeshOf(context, answer.object);
-  const PreparedObject& prepared = *context.objects[answer.object];
-  const MirrorTwin& twin = prepared.twin->Of(prepared.model.mesh, prepared.model.diameter_m, own);
-  std::vector<Shape> shapes(context.objects.size() + 1);
-  ParallelFor(static_cast<int>(shapes.size()), context.options.threads, [&](int i) {
-    Shape& s = shapes[i];
-    if (i == static_cast<int>(context.objects.size())) {
-      s = {answer.object, true, &twin.mesh, twin.alignments};
-      return;
-    }
-    if (i == answer.object || context.objects[i]->aspects == nullptr) return;
-    const RenderMesh& other = MeshOf(context, i);
-    const double ratio = own.diameter_m / other.diameter_m;
-    if (std::max(ratio, 1.0 / ratio) > kSameExtents) return;
-    s = {i, false, &other, Alignments().Of(context.objects[answer.object], context.objects[i])};
-  });
-  std::vector<std::pair<const Shape*, Rigid3>> tried;
-  for (const Shape& s : shapes) {
-    for (const ShapeAlignment& a : s.alignments) tried.emplace_back(&s, a.a_from_b);
-  }
-  const auto fixed = FixedViews(result.views);
-  std::vector<ShapeRival> rated(tried.size());
-  ParallelFor(static_cast<int>(tried.size()), context.options.threads, [&](int i) {
-    const Shape& shape = *tried[i].first;
-    ShapeRival& out = rated[i];
-    out = {shape.object, shape.mirrored, answer.scene_from_object * tried[i].second};
-    const auto settled =
-        SettleInViews(images, *shape.mesh, fixed, {0, out.scene_from_object}, kRenderPx);
-    if (settled) out.scene_from_object = settled->placed.scene_from_object;
-    out.log_odds = LogOddsOfPose(images,
-                                 result.views,
-                                 own,
-                                 answer.scene_from_object,
-                                 *shape.mesh,
-                                 out.scene_from_object,
-                                 {},
-                                 context.options.acceptance.pose_choices,
-                                 &out.differing_share);
-  });
-  std::erase_if(rated, [](const auto& r) { return r.differing_share < kDifferingShare; });
-  std::stable_sort(rated.begin(), rated.end(), [](const auto& a, const auto& b) {
-    return a.log_odds < b.log_odds;
-  });
-  const auto score_of = [&](const RenderMesh& mesh, const Rigid3& pose) {
-    SceneJudgementOptions judging;
-    judging.threads = context.options.threads;
-    return JudgeInViews(images, mesh, fixed, {0, pose}, judging).score;
-  };
-  std::vector<ShapeRival> best;  // of each shape
-  for (const ShapeRival& r : rated) {
-    if (std::none_of(best.begin(), best.end(), [&](const ShapeRival& b) {
-          return b.object == r.object && b.mirrored == r.mirrored;
-        }))
-      best.push_back(r);
-  }
-  // Where the answer is off, anything that differs from it is likelier, and nothing fits.
-  std::optional<double> own_score;
-  for (ShapeRival& r : best) {
-    if (r.log_odds >= 0.0) continue;
-    if (!own_score) own_score = score_of(own, answer.scene_from_object);
-    const RenderMesh& mesh = r.mirrored ? twin.mesh : MeshOf(context, r.object);
-    if (score_of(mesh, r.scene_from_object) < *own_score + kBetterScore) r.log_odds = 0.0;
-  }
-  // A mirror image that is enrolled is no stranger.
-  const auto enrolled =
-      std::find_if(best.begin(), best.end(), [](const ShapeRival& r) { return !r.mirrored; });
-  if (enrolled != best.end()) {
-    const double least = enrolled->log_odds - kNoStranger;
-    std::erase_if(best, [&](const auto& r) { return r.mirrored && r.log_odds > least; });
-  }
-  std::stable_sort(best.begin(), best.end(), [](const auto& a, const auto& b) {
-    return a.log_odds < b.log_odds;
-  });
+  const std::vector<Shape> shapes = ShapesLike(context, answer.object);
+  std::vector<ShapeRival> best = BestOfEach(RateAlignments(context, images, result, place, shapes));
+  DropMisfits(context, images, result, place, &best);
+  DropKnownStranger(&best);
+  SortByOdds(&best);
   return best;
 }
 

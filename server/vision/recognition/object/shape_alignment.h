@@ -18,7 +18,7 @@ struct ShapeAlignment {
 // Rigid motions that lay b over a, best first, at most `most`, each a different turn: from the
 // turns that take one frame's axes to the other's and those of the principal axes, refined by
 // closest points (Besl and McKay 1992). Empty where the extents along the principal axes differ by
-// more than `max_extent_ratio`. Deterministic; some 20 ms.
+// more than `max_extent_ratio`. Deterministic.
 std::vector<ShapeAlignment> AlignShapes(const RenderMesh& a,
                                         const RenderMesh& b,
                                         int most,
@@ -34,7 +34,7 @@ struct MirrorTwin {
   std::vector<ShapeAlignment> alignments;  // of its mesh over the part's, of chiral parts
 };
 
-// `mesh` as `of_model` is drawn. 50 - 200 ms.
+// `mesh` as `of_model` is drawn.
 MirrorTwin MakeMirrorTwin(const TriangleMesh& of_model, double diameter_m, const RenderMesh& mesh);
 
 // The same, made when it is first asked for. Thread-safe.
