@@ -226,6 +226,10 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
     HOROPTER_ASSIGN_OR_RETURN(parts->admin_listener,
                               Listener::Start(AdminListener(options), served));
   }
+  parts->telemetry->AskForLoad([scenes = parts->scene_pool.get(), memory = parts->memory.get()] {
+    const WorkerPool::Load load = scenes->load();
+    return LoadFigures{load.running, load.waiting, memory->used(), memory->bytes()};
+  });
   return std::unique_ptr<HoropterServer>(new HoropterServer(std::move(parts)));
 }
 
@@ -277,6 +281,7 @@ void HoropterServer::Stop(double drain_seconds) {
       std::chrono::duration<double>(drain_seconds));
   const auto until = std::chrono::system_clock::now() + drain;
   for (Listener* listener : parts_->listeners()) listener->Shutdown(until);
+  parts_->telemetry->AskForLoad({});
   parts_->scene_pool.reset();
   parts_->catalog_pool.reset();
   parts_->admin_listener.reset();

@@ -1,6 +1,5 @@
 #include "server/service/telemetry.h"
 
-#include <prometheus/collectable.h>
 #include <prometheus/counter.h>
 #include <prometheus/exposer.h>
 #include <prometheus/gauge.h>
@@ -13,69 +12,21 @@
 #include <cstdio>
 #include <cstring>
 #include <ctime>
-#include <fstream>
 #include <mutex>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/service/live_figures.h"
 #include "server/service/log_limiter.h"
 #include "server/service/trace_context.h"
 
 namespace horopter {
 namespace {
 
-using prometheus::ClientMetric;
-using prometheus::MetricFamily;
-using prometheus::MetricType;
-
 // 1 ms to 2 min; recognition takes 0.5 to 40 s.
 const prometheus::Histogram::BucketBoundaries kSeconds = {
     0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 20, 40, 60, 120};
-
-MetricFamily GaugeFamily(const char* name, const char* help, double value, bool counter = false) {
-  ClientMetric metric;
-  (counter ? metric.counter.value : metric.gauge.value) = value;
-  return {name, help, counter ? MetricType::Counter : MetricType::Gauge, {metric}};
-}
-
-// Read when asked for: nothing has to be kept up to date.
-class LiveFigures final : public prometheus::Collectable {
- public:
-  explicit LiveFigures(std::function<CatalogFigures()> catalog)
-      : catalog_(std::move(catalog)), start_(std::time(nullptr)) {}
-
-  std::vector<MetricFamily> Collect() const override {
-    const CatalogFigures c = catalog_();
-    long pages = 0, resident = 0;
-    std::ifstream("/proc/self/statm") >> pages >> resident;
-    const auto page = static_cast<double>(::sysconf(_SC_PAGESIZE));
-    return {
-        GaugeFamily(
-            "horopter_catalog_objects", "Objects in the catalog", static_cast<double>(c.objects)),
-        GaugeFamily("horopter_catalog_unusable_objects",
-                    "Objects that recognition leaves out: damaged, or of no use to it",
-                    static_cast<double>(c.unusable)),
-        GaugeFamily("horopter_catalog_generation",
-                    "Number of the catalog's state; grows with every change",
-                    static_cast<double>(c.generation)),
-        GaugeFamily("process_resident_memory_bytes",
-                    "Memory of the process",
-                    page * static_cast<double>(resident)),
-        GaugeFamily("process_cpu_seconds_total",
-                    "Processor time of the process",
-                    static_cast<double>(std::clock()) / CLOCKS_PER_SEC,
-                    true),
-        GaugeFamily("process_start_time_seconds",
-                    "Start of the process, Unix time",
-                    static_cast<double>(start_)),
-    };
-  }
-
- private:
-  std::function<CatalogFigures()> catalog_;
-  std::time_t start_;
-};
 
 // Lines appended to a file; safe to call from all threads.
 class LineFile {
@@ -374,6 +325,10 @@ absl::Status Telemetry::Reopen() {
   }
   if (failed.empty()) return absl::OkStatus();
   return absl::PermissionDeniedError(failed + "; lines go on to where they went");
+}
+
+void Telemetry::AskForLoad(std::function<LoadFigures()> load) {
+  if (parts_->live != nullptr) parts_->live->AskForLoad(std::move(load));
 }
 
 void Telemetry::OnRequest(const RequestRecord& record) {

@@ -33,11 +33,18 @@ struct CatalogFigures {
   int64_t generation = 0;
 };
 
+struct LoadFigures {
+  int running = 0;  // scenes
+  int waiting = 0;
+  int64_t reserved_bytes = 0;  // by calls, and what they may have in all
+  int64_t limit_bytes = 0;
+};
+
 // Files are appended to. One that cannot be written any more (a full disk) loses lines, which a
-// metric counts and, of the audit log, an error in the log tells; serving goes on unless the audit
-// is required. Of what was refused for want of a known caller, or was cancelled before it began,
-// the request log and the audit log have a hundred lines per peer in 10 s, and a line that counts
-// the others.
+// metric counts and, of the audit log and of recordings, an error in the log tells; serving goes on
+// unless the audit is required. Of what was refused for want of a known caller, or was cancelled
+// before it began, the request log and the audit log have a hundred lines per peer in 10 s, and a
+// line that counts the others.
 class Telemetry final : public RequestSink {
  public:
   // Errors: UNAVAILABLE (the address cannot be bound), PERMISSION_DENIED (a file or folder cannot
@@ -45,6 +52,10 @@ class Telemetry final : public RequestSink {
   static absl::StatusOr<std::unique_ptr<Telemetry>> Start(const TelemetryOptions& options,
                                                           std::function<CatalogFigures()> catalog);
   ~Telemetry() override;
+
+  // Who says what load there is; empty: nobody, the figures are left out. Returns when the former
+  // is no longer asked.
+  void AskForLoad(std::function<LoadFigures()> load);
 
   void OnRequest(const RequestRecord& record) override;
   absl::Status BeforeAdminCall(const RequestRecord& record) override;

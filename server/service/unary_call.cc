@@ -160,6 +160,11 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
 
   absl::Status StopReason() const {
     if (state_->DeadlinePassed()) return absl::DeadlineExceededError("the deadline passed");
+    // Who waits through the end of a server seldom goes away just then.
+    if (pool_.IsClosed()) {
+      return absl::UnavailableError(
+          "the server stopped before the call was done: its time to drain ran out");
+    }
     return absl::CancelledError("the client cancelled");
   }
 

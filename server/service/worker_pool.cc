@@ -90,6 +90,11 @@ bool WorkerPool::Withdraw(uint64_t ticket) {
   return true;
 }
 
+bool WorkerPool::IsClosed() const {
+  const std::lock_guard lock(mutex_);
+  return closed_;
+}
+
 void WorkerPool::Close() {
   {
     const std::lock_guard lock(mutex_);

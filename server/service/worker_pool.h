@@ -62,6 +62,7 @@ class WorkerPool {
 
   // From now on nothing is accepted.
   void Close();
+  bool IsClosed() const;
 
   // Time after which a refused caller should try again: mean job time times the jobs ahead, 100 ms
   // to 30 s.

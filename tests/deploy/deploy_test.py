@@ -191,8 +191,10 @@ class Scripts(unittest.TestCase):
         self.assertGreater(len(names), 10)
 
     def test_alerts_ask_for_figures_that_there_are(self):
-        with open(os.path.join(ROOT, "server", "service", "telemetry.cc"), encoding="utf-8") as file:
-            told = set(re.findall(r'"((?:horopter|process)_[a-z_]+)"', file.read()))
+        told = set()
+        for name in ("telemetry.cc", "live_figures.cc"):
+            with open(os.path.join(ROOT, "server", "service", name), encoding="utf-8") as file:
+                told |= set(re.findall(r'"((?:horopter|process)_[a-z_]+)"', file.read()))
         with open(os.path.join(DEPLOY, "grafana", "alerts.yml"), encoding="utf-8") as file:
             expressions = re.findall(r"^ +expr: (.*)$", file.read(), re.M)
         self.assertGreater(len(expressions), 8)

@@ -88,6 +88,11 @@ class Metrics(Served):
         self.assertEqual(self.metric("horopter_catalog_objects"), 1)
         self.assertEqual(self.metric('horopter_build_info{version="mock"}'), 1)
         self.assertGreater(self.metric("process_resident_memory_bytes"), 1e6)
+        self.assertEqual((self.metric("horopter_scenes_running"), self.metric("horopter_scenes_waiting")), (0, 0))
+        self.assertEqual(self.metric("horopter_memory_reserved_bytes"), 0)
+        self.assertGreater(self.metric("horopter_memory_limit_bytes"), 1e6)
+        self.assertGreater(self.metric("process_open_fds"), 3)
+        self.assertGreater(self.metric("process_max_fds"), self.metric("process_open_fds"))
         self.assertEqual(self.metric('horopter_requests_total{code="OK",method="CreateObject"}'), 1)
         start = time.perf_counter()
         for _ in range(20):

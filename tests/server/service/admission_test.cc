@@ -7,7 +7,9 @@
 
 #include <atomic>
 #include <chrono>
+#include <fstream>
 #include <future>
+#include <iterator>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <thread>
@@ -412,6 +414,26 @@ TEST(Admission, AfterTheDrainTimeRunningCallsAreCancelled) {
   server.server().Stop(0.01);
   EXPECT_FALSE(running.get().ok());
   EXPECT_EQ(gate.stopped(), 1);
+}
+
+// Nobody cancelled: the log must not say so.
+TEST(Admission, ADrainThatRunsOutIsNotTheClientsDoing) {
+  const ScratchDir folder;
+  ServerOptions options;
+  options.telemetry.request_log = folder.File("requests.jsonl");
+  {
+    Gate gate;
+    TestServer server(gate.recognizer(), options);
+    grpc::ClientContext context;
+    auto running = std::async(std::launch::async, [&] { return Recognize(server, context); });
+    ASSERT_TRUE(gate.AwaitEntered(1));
+    server.server().Stop(0.01);
+    EXPECT_FALSE(running.get().ok());
+  }
+  std::ifstream log(options.telemetry.request_log);
+  const std::string lines((std::istreambuf_iterator<char>(log)), {});
+  EXPECT_NE(lines.find("\"UNAVAILABLE\""), std::string::npos) << lines;
+  EXPECT_EQ(lines.find("\"CANCELLED\""), std::string::npos) << lines;
 }
 
 // grpc.health.v1.Health/Check with an empty request; the answer is field 1, varint: 1 = SERVING.
