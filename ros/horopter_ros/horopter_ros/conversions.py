@@ -124,6 +124,25 @@ def matrix_of_transform(transform):
     return out
 
 
+def pose_with_deviations(message):
+    """4 x 4 and the standard deviations (radians, metres) of a geometry_msgs/PoseWithCovariance: of the direction that is known
+    least; None where the covariance says nothing (all 0). Raises ValueError: no quaternion, no covariance."""
+    q, p = message.pose.orientation, message.pose.position
+    numbers = np.array([q.x, q.y, q.z, q.w, p.x, p.y, p.z])
+    if not np.isfinite(numbers).all() or abs(np.linalg.norm(numbers[:4]) - 1.0) > 0.01:
+        raise ValueError("the pose's quaternion has not the norm 1")
+    pose = np.eye(4)
+    pose[:3, :3] = matrix_of_quaternion(*(numbers[:4] / np.linalg.norm(numbers[:4])))
+    pose[:3, 3] = numbers[4:]
+    covariance = np.array(message.covariance, dtype=float).reshape(6, 6)
+    if not covariance.any():
+        return pose, None, None
+    if not np.isfinite(covariance).all() or np.linalg.eigvalsh((covariance + covariance.T) / 2).min() < -1e-9:
+        raise ValueError("the pose's covariance is none")
+    position, rotation = (float(np.sqrt(max(0.0, np.linalg.eigvalsh(covariance[k:k + 3, k:k + 3]).max()))) for k in (0, 3))
+    return pose, rotation or None, position or None
+
+
 def part_name(part):
     return "%s_%d" % (part.object_id, part.instance)
 
@@ -177,6 +196,50 @@ def detections_message(scene, frame, stamp, boxes, messages):
             detection.bbox.center = pose_message(in_frame, messages)
             detection.bbox.size.x, detection.bbox.size.y, detection.bbox.size.z = (float(v) for v in size)
         out.detections.append(detection)
+    return out
+
+
+def collision_messages(scene, frame, stamp, meshes, before, messages, most_triangles=20000):
+    """moveit_msgs/CollisionObject of each part, to be put into a planning scene, and of each part of `before` (ids) that is not there
+    any more, to be taken out. meshes: id -> (vertices n x 3 in metres, triangles m x 3) of the part in its own frame; of more
+    triangles than most_triangles its bounding box stands for it."""
+    kind = messages.CollisionObject
+    out = []
+    for part in scene.objects:
+        pose, _ = frame.pose(part)
+        vertices, triangles = (np.asarray(m) for m in meshes[part.object_id])
+        message = kind()
+        message.header.stamp, message.header.frame_id = stamp, frame.frame_id
+        message.id, message.operation = part_name(part), kind.ADD
+        message.type.key = part.object_id
+        message.pose = pose_message(pose, messages)
+        if len(triangles) <= most_triangles:
+            mesh = messages.Mesh()
+            for row in triangles:
+                triangle = messages.MeshTriangle()
+                triangle.vertex_indices = [int(v) for v in row]
+                mesh.triangles.append(triangle)
+            for row in vertices:
+                point = messages.Point()
+                point.x, point.y, point.z = (float(v) for v in row)
+                mesh.vertices.append(point)
+            message.meshes.append(mesh)
+            message.mesh_poses.append(pose_message(np.eye(4), messages))
+        else:
+            low, high = vertices.min(axis=0), vertices.max(axis=0)
+            box = messages.SolidPrimitive()
+            box.type, box.dimensions = messages.SolidPrimitive.BOX, [float(v) for v in high - low]
+            middle = np.eye(4)
+            middle[:3, 3] = (low + high) / 2
+            message.primitives.append(box)
+            message.primitive_poses.append(pose_message(middle, messages))
+        out.append(message)
+    there = {message.id for message in out}
+    for name in sorted(set(before) - there):
+        message = kind()
+        message.header.stamp, message.header.frame_id = stamp, frame.frame_id
+        message.id, message.operation = name, kind.REMOVE
+        out.append(message)
     return out
 
 

@@ -23,6 +23,14 @@ PARAMETERS = {
     "suction_holder_radius": 0.0,
     "approach": 0.0,
     "min_score": 0.0,
+    "sync_slop": 0.0,
+    "max_image_age": 0.0,
+    "all_images": False,
+    "arm_topics": [""],
+    "pose_topics": [""],
+    "tf_timeout": 0.1,
+    "collision_objects": False,
+    "collision_max_triangles": 20000,
     "expected": [""],
 }
 
@@ -34,6 +42,25 @@ def _texts(values):
 def _or_none(number):
     """0 stands for what is not said: parameters of ROS have no other way."""
     return number if number else None
+
+
+def pose_topics(value):
+    """{image topic: topic of the pose of its camera}, of those that have one. Raises ValueError."""
+    said = list(value("pose_topics"))
+    if not _texts(said):
+        return {}
+    if len(said) != len(value("image_topics")):
+        raise ValueError("pose_topics: one for each of image_topics, empty where TF has the pose")
+    return {image: pose for image, pose in zip(value("image_topics"), said) if pose}
+
+
+def arm_topics(value):
+    """Topics of cameras that move, all of them among image_topics. Raises ValueError."""
+    said = _texts(value("arm_topics"))
+    for topic in said:
+        if topic not in value("image_topics"):
+            raise ValueError("arm_topics: %s is not one of image_topics" % topic)
+    return said
 
 
 def reference(text, rotation_sigma=None, position_sigma=None):
