@@ -34,6 +34,10 @@ absl::Status ServerStatus(HoropterClient& client) {
       Say("            %d objects left out; horopter catalog verify says why\n",
           info.unusable_object_count());
     }
+    if (info.pending_object_count() > 0) {
+      Say("            %d objects are being prepared, and left out until then\n",
+          info.pending_object_count());
+    }
     Say("load        %d of %d scenes running, %d of %d waiting, %.0f of %.0f MB reserved\n",
         load.running(),
         limits.workers(),
@@ -48,6 +52,7 @@ absl::Status ServerStatus(HoropterClient& client) {
     json["version"] = info.version();
     json["objects"] = info.object_count();
     json["unusable_objects"] = info.unusable_object_count();
+    json["pending_objects"] = info.pending_object_count();
     json["catalog_generation"] = info.catalog_generation();
     json["load"] = {{"running", load.running()},
                     {"waiting", load.waiting()},

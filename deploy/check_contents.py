@@ -13,7 +13,7 @@ import zipfile
 
 # Package -> patterns of all its files.
 BELONGS = {
-    "horopter-server": (r"/usr/bin/horopterd", r"/etc/horopter/horopterd\.toml", r"/etc/logrotate\.d/horopter-server",
+    "horopter-server": (r"/usr/bin/horopterd", r"/usr/libexec/horopter/horopter-cad-reader", r"/etc/horopter/horopterd\.toml", r"/etc/logrotate\.d/horopter-server",
                         r"/lib/systemd/system/horopterd\.service", r"/usr/share/man/man8/horopterd\.8\.gz",
                         r"/usr/share/horopter/deploy/credentials\.sh",
                         r"/usr/share/doc/horopter-server/[A-Za-z]+\.(md|json|yml)(\.gz)?"),

@@ -92,6 +92,14 @@ with horopter.Client("localhost:50051") as client:
     assert [o.object_id for o in client.list_objects()] == ["bracket"]
 PYTHON
 /usr/bin/python3 ask.py
+# A CAD file that the server reads, under the unit's restrictions.
+/usr/bin/python3 - <<'PYTHON'
+import horopter
+with horopter.Client("localhost:50051") as client:
+    made = client.import_object("by-python", "obj_000001.step")
+    assert made.object.ready and made.object.edge_count == client.get_object("bracket").edge_count, made
+    client.delete_object("by-python")
+PYTHON
 quietly /usr/bin/python3 -m venv --system-site-packages --without-pip venv
 quietly /usr/bin/python3 -m pip --python venv/bin/python3 install --no-index --no-deps --ignore-installed ./*.whl ||
   /usr/bin/python3 -m zipfile -e ./*.whl venv/lib/python3*/site-packages/

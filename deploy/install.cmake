@@ -24,6 +24,7 @@ add_custom_target(sample_config DEPENDS
 
 set(docs ${CMAKE_INSTALL_DATADIR}/doc)
 install(TARGETS horopterd RUNTIME COMPONENT server)
+install(TARGETS horopter_cad_reader RUNTIME DESTINATION ${CMAKE_INSTALL_LIBEXECDIR}/horopter COMPONENT server)
 install(FILES ${CMAKE_BINARY_DIR}/horopterd.toml DESTINATION /etc/horopter COMPONENT server)
 # Keys of the server, which the unit hands on to it (LoadCredential).
 install(DIRECTORY DESTINATION /etc/horopter/keys DIRECTORY_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE COMPONENT server)

@@ -29,7 +29,7 @@ export SOURCE_DATE_EPOCH
 build=$PWD/build/$preset
 # Dates of an earlier commit must not stay in what is only made when its input changes.
 rm -f "$build/debian/changelog.gz"
-deploy/build.sh --preset "$preset" horopterd horopter horopter_client horopter_python sample_config package_papers >/dev/null
+deploy/build.sh --preset "$preset" horopterd horopter horopter_cad_reader horopter_client horopter_python sample_config package_papers >/dev/null
 mkdir -p "$out"
 rm -f "$out"/*.deb "$out"/*.whl "$out"/*.spdx.json "$out"/{Packages,Packages.gz,Release,SHA256SUMS}
 (cd "$build" && cpack -G DEB -B "$out" >"$out/cpack.log") || { cat "$out/cpack.log" >&2; exit 1; }

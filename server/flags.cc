@@ -94,6 +94,18 @@ void AddLimitFlags(CLI::App& app, ServerOptions& server) {
       ->capture_default_str();
   app.add_option("--max-image-pixels", server.images.max_pixels, "Largest image")
       ->capture_default_str();
+  app.add_option("--cad-reader",
+                 server.cad.program,
+                 "Program that reads CAD files that clients send; auto: horopter-cad-reader beside "
+                 "this one or in ../libexec/horopter; none: such files are refused")
+      ->capture_default_str();
+  app.add_option("--cad-memory-mb", server.cad.memory_mb, "Memory for reading one of them, MiB")
+      ->check(CLI::Range(64, 1'000'000))
+      ->capture_default_str();
+  app.add_option(
+         "--cad-seconds", server.cad.seconds, "Processor time for reading one of them, seconds")
+      ->check(CLI::Range(1, 3600))
+      ->capture_default_str();
   app.add_flag("--tiff-and-pnm",
                server.images.tiff_and_pnm,
                "Also read TIFF and PNM images; only for clients that are trusted");
@@ -109,6 +121,10 @@ void AddServingFlags(CLI::App& app, Flags& flags) {
       flags.accept_unclosed_db,
       "Take a catalog file that was copied without its log (FILE-wal) while a server had it "
       "open: what was written last may be missing");
+  app.add_flag("--prepare-first",
+               flags.server.prepare_first,
+               "Prepare the objects of a catalog of another version before serving anything, not "
+               "beside it");
   app.add_option("--listen", flags.server.listen, "HOST:PORT; port 0 takes a free one")
       ->capture_default_str();
   AddTrustFlags(app, flags.server);

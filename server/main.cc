@@ -154,8 +154,13 @@ int Serve(const Flags& flags, Signals& signals) {
   }
   if (!server.ok()) return Fail(server.status());
 
-  spdlog::info(
-      "catalog {}: {} objects ready", flags.db, (*server)->store().Published()->ids.size());
+  const auto published = (*server)->store().Published();
+  spdlog::info("catalog {}: {} objects ready{}",
+               flags.db,
+               published->ids.size(),
+               published->pending.empty()
+                   ? std::string()
+                   : ", " + std::to_string(published->pending.size()) + " to be prepared");
   if (const int port = (*server)->metrics_port(); port != 0) {
     spdlog::info("metrics on port {}", port);
   }
@@ -188,6 +193,7 @@ int main(int argc, char** argv) {
 
   horopter::Flags flags;
   flags.server.listen = "localhost:50051";
+  flags.server.cad.program = "auto";
   CLI::App app("horopterd: recognises known parts in images from uncalibrated cameras");
   app.set_version_flag("--version", "horopterd " HOROPTER_VERSION);
   horopter::AddFlags(app, flags);
@@ -197,6 +203,9 @@ int main(int argc, char** argv) {
     return app.exit(e) == 0 ? 0 : 2;
   }
   if (flags.db.empty()) flags.db = horopter::DefaultCatalog();
+  std::string& cad_reader = flags.server.cad.program;
+  if (cad_reader == "auto") cad_reader = horopter::FindCadReader();
+  if (cad_reader == "none") cad_reader.clear();
   if (flags.cores == 0) {
     flags.cores = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 64u));
   }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/cord.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
@@ -22,6 +23,12 @@ namespace {
 constexpr auto kLookAgain = std::chrono::seconds(1);
 constexpr char kBearer[] = "bearer ";
 constexpr size_t kHashDigits = 64;
+constexpr char kCallerPayload[] = "horopter/caller";
+
+absl::Status RefusalOfCaller(absl::Status status, const std::string& caller) {
+  if (!caller.empty()) status.SetPayload(kCallerPayload, absl::Cord(caller));
+  return status;
+}
 
 absl::Status BadLine(int line, const char* what) {
   return absl::InvalidArgumentError(absl::StrCat("access file, line ", line, ": ", what));
@@ -101,7 +108,10 @@ absl::StatusOr<Caller> FindCaller(const AccessList& list,
     // Looked up by its hash: what the comparison takes says nothing of the token.
     const auto found = list.by_hash.find(Sha256Hex(TokenOf(authorization)));
     if (found == list.by_hash.end()) return absl::UnauthenticatedError("the token is not known");
-    if (now >= found->second.until) return absl::UnauthenticatedError("the token has expired");
+    if (now >= found->second.until) {
+      return RefusalOfCaller(absl::UnauthenticatedError("the token has expired"),
+                             found->second.caller.name);
+    }
     return found->second.caller;
   }
   const auto found = list.by_certificate.find(common_name);
@@ -123,6 +133,11 @@ absl::StatusOr<AccessList> ParseAccessList(std::string_view text) {
     if (!words.empty()) HOROPTER_RETURN_IF_ERROR(AddEntry(words, number, &list));
   }
   return list;
+}
+
+std::string CallerOf(const absl::Status& refusal) {
+  const auto name = refusal.GetPayload(kCallerPayload);
+  return name ? std::string(*name) : "";
 }
 
 absl::StatusOr<std::unique_ptr<Access>> Access::Open(const AccessOptions& options) {
@@ -177,17 +192,21 @@ absl::StatusOr<Caller> Access::Authorize(std::string_view authorization,
                                          Role needed,
                                          absl::Time now) {
   if (needed == Role::kAdmin && !options_.admin_calls) {
-    return absl::PermissionDeniedError("this listener does not serve calls that need an admin");
+    const absl::Status closed =
+        absl::PermissionDeniedError("this listener does not serve calls that need an admin");
+    if (options_.file.empty()) return closed;
+    const absl::StatusOr<Caller> who = FindCaller(*Current(), authorization, common_name, now);
+    return RefusalOfCaller(closed, who.ok() ? who->name : CallerOf(who.status()));
   }
   if (options_.file.empty()) return Caller{"", Role::kAdmin};
   HOROPTER_ASSIGN_OR_RETURN(Caller caller, FindCaller(*Current(), authorization, common_name, now));
   if (caller.role < needed) {
-    return absl::PermissionDeniedError(
-        absl::StrCat("'",
-                     caller.name,
-                     "' has the role ",
-                     caller.role == Role::kTeacher ? "teacher" : "robot",
-                     ", the call needs admin"));
+    const std::string why = absl::StrCat("'",
+                                         caller.name,
+                                         "' has the role ",
+                                         caller.role == Role::kTeacher ? "teacher" : "robot",
+                                         ", the call needs admin");
+    return RefusalOfCaller(absl::PermissionDeniedError(why), caller.name);
   }
   return caller;
 }

@@ -51,6 +51,9 @@ struct AccessList {
 // Errors: INVALID_ARGUMENT naming the line.
 absl::StatusOr<AccessList> ParseAccessList(std::string_view text);
 
+// Name of the caller whom an error of Access::Authorize refuses; empty: not known.
+std::string CallerOf(const absl::Status& refusal);
+
 struct AccessOptions {
   std::string file = {};    // access file; empty: every caller is an admin without a name
   bool admin_calls = true;  // false: calls that need an admin are refused, whoever asks
@@ -68,7 +71,8 @@ class Access {
 
   // Who calls, when he may do what needs the role. A token in the metadata (`authorization: Bearer
   // TOKEN`) goes before the certificate. Errors: UNAUTHENTICATED (neither, unknown, expired),
-  // PERMISSION_DENIED (another role; admin calls are switched off).
+  // PERMISSION_DENIED (another role; admin calls are switched off), with whose it is as far as that
+  // is known (CallerOf).
   absl::StatusOr<Caller> Authorize(const grpc::CallbackServerContext& context, Role needed);
 
   // The same with what the context holds; for tests.

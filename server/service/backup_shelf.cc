@@ -1,12 +1,14 @@
 #include "server/service/backup_shelf.h"
 
 #include <fcntl.h>
+#include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
 #include <filesystem>
 #include <random>
+#include <regex>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -100,6 +102,34 @@ std::string BesideCatalog(const Catalog& catalog, const std::string& what) {
                                  ? (std::filesystem::temp_directory_path() / "horopter").string()
                                  : catalog.path();
   return absl::StrCat(beside, ".", getpid(), ".", next++, ".", what);
+}
+
+void RemoveLeftovers(const Catalog& catalog) {
+  namespace fs = std::filesystem;
+  if (catalog.path() == ":memory:") return;
+  // Those of BesideCatalog, and copies that CopyToFile had not given their name yet.
+  static const std::regex leftover(
+      R"((\.\d+\.\d+\.(backup|restore|import)(\.\d+\.unfinished(-\w+)?)?)|)"
+      R"((\.(before-restore|schema-\d+)(-\d+)?\.bak\.\d+\.unfinished(-\w+)?))");
+  const fs::path path(catalog.path());
+  const std::string name = path.filename().string();
+  const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, error)) {
+    const std::string found = entry.path().filename().string();
+    if (found.compare(0, name.size(), name) != 0) continue;
+    if (!std::regex_match(found.substr(name.size()), leftover)) continue;
+    std::error_code failed;
+    fs::remove_all(entry.path(), failed);
+    if (failed) {
+      spdlog::warn("{} was left over when the server was killed, and cannot be removed: {}",
+                   entry.path().string(),
+                   failed.message());
+    } else {
+      spdlog::info("{} was left over when the server was killed, and is removed",
+                   entry.path().string());
+    }
+  }
 }
 
 }  // namespace horopter

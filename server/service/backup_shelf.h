@@ -56,7 +56,13 @@ class BackupShelf {
   std::deque<std::shared_ptr<const BackupCopy>> copies_;  // guarded by mutex_, oldest first
 };
 
-// A path for a file beside the catalog's, or for a catalog in memory among temporary files.
+// A path for a file beside the catalog's, or for a catalog in memory among temporary files. What:
+// one of those that RemoveLeftovers knows.
 std::string BesideCatalog(const Catalog& catalog, const std::string& what);
+
+// Removes what a server that was killed left beside its catalog: copies that were being made or
+// restored, CAD files that were being read. Only who has the catalog open may call it; each is told
+// in the log.
+void RemoveLeftovers(const Catalog& catalog);
 
 }  // namespace horopter

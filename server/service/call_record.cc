@@ -63,9 +63,10 @@ CallRecord::CallRecord(const CallMethod& method,
 
 absl::Status CallRecord::Authorize() {
   if (gate_.access == nullptr) return absl::PermissionDeniedError("nobody may call");
-  HOROPTER_ASSIGN_OR_RETURN(const Caller caller, gate_.access->Authorize(*context_, method_.needs));
-  record_.caller = caller.name;
-  role_ = caller.role;
+  const absl::StatusOr<Caller> caller = gate_.access->Authorize(*context_, method_.needs);
+  record_.caller = caller.ok() ? caller->name : CallerOf(caller.status());
+  if (!caller.ok()) return caller.status();
+  role_ = caller->role;
   if (!record_.admin_call || gate_.sink == nullptr) return absl::OkStatus();
   record_.peer = context_->peer();
   return gate_.sink->BeforeAdminCall(record_);

@@ -29,6 +29,7 @@ void CatalogDraft::EraseKeys(int at) {
 absl::Status CatalogDraft::Put(const std::string& id, const Prepared& prepared, Handle handle) {
   CatalogSnapshot& snapshot = next_->snapshot;
   next_->unusable.erase(id);
+  next_->pending.erase(id);
   const auto at = std::lower_bound(next_->ids.begin(), next_->ids.end(), id) - next_->ids.begin();
   if (at != std::ssize(next_->ids) && next_->ids[at] == id) {
     EraseKeys(static_cast<int>(at));
@@ -57,6 +58,7 @@ absl::Status CatalogDraft::Put(const std::string& id, const Prepared& prepared, 
 void CatalogDraft::Remove(const std::string& id) {
   CatalogSnapshot& snapshot = next_->snapshot;
   next_->unusable.erase(id);
+  next_->pending.erase(id);
   const auto at = std::lower_bound(next_->ids.begin(), next_->ids.end(), id) - next_->ids.begin();
   if (at == std::ssize(next_->ids) || next_->ids[at] != id) return;
   EraseKeys(static_cast<int>(at));
@@ -68,6 +70,11 @@ void CatalogDraft::Remove(const std::string& id) {
   }
   snapshot.slots.erase(snapshot.slots.begin() + at);
   next_->ids.erase(next_->ids.begin() + at);
+}
+
+void CatalogDraft::LeaveOut(const std::string& id, const std::string& why) {
+  next_->pending.erase(id);
+  next_->unusable[id] = why;
 }
 
 absl::StatusOr<WriterState> CatalogDraft::Finish(int64_t generation) && {

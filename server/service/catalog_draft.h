@@ -4,6 +4,7 @@
 
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,8 @@ struct PublishedCatalog {
   // Objects of the catalog that are left out, and why: damaged (their digest differs), or of a
   // geometry that cannot be prepared.
   std::map<std::string, std::string> unusable;
+  // Objects that are left out until they are prepared again.
+  std::set<std::string> pending;
 
   bool Contains(const std::string& id) const;
 };
@@ -43,6 +46,8 @@ class CatalogDraft {
   absl::Status Put(const std::string& id, const Prepared& prepared, Handle handle);
   // Nothing happens when there is none.
   void Remove(const std::string& id);
+  // Of one that was pending.
+  void LeaveOut(const std::string& id, const std::string& why);
 
   // The state to adopt. Errors: those of the index.
   absl::StatusOr<WriterState> Finish(int64_t generation) &&;

@@ -34,6 +34,8 @@ void StatusToProto(const PublishedCatalog& published, const std::string& id, v1:
   } else if (const auto found = published.unusable.find(id); found != published.unusable.end()) {
     status->set_state(v1::RecognitionStatus::STATE_FAILED);
     status->set_reason(found->second);
+  } else if (published.pending.count(id) > 0) {
+    status->set_state(v1::RecognitionStatus::STATE_PENDING);
   }
 }
 

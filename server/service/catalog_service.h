@@ -3,6 +3,7 @@
 
 #include "horopter/v1/catalog.grpc.pb.h"
 #include "server/service/backup_shelf.h"
+#include "server/service/cad_reader.h"
 #include "server/service/catalog_store.h"
 #include "server/service/unary_call.h"
 
@@ -20,7 +21,8 @@ using CatalogServiceBase = v1::CatalogService::WithRawCallbackMethod_RebuildObje
                                 v1::CatalogService::WithRawCallbackMethod_CreateObject<
                                     v1::CatalogService::WithCallbackMethod_BackupCatalog<
                                         v1::CatalogService::WithCallbackMethod_RestoreCatalog<
-                                            v1::CatalogService::Service>>>>>>>>>>>;
+                                            v1::CatalogService::WithRawCallbackMethod_ImportObject<
+                                                v1::CatalogService::Service>>>>>>>>>>>>;
 
 // Thread-safe. What the constructor is given must outlive the service's last call.
 class CatalogService final : public CatalogServiceBase {
@@ -28,11 +30,19 @@ class CatalogService final : public CatalogServiceBase {
   // `max_object_bytes`: of a request that holds an object.
   CatalogService(CatalogStore& store,
                  BackupShelf& shelf,
+                 CadReader& cad_reader,
                  const CallGate& gate,
                  int64_t max_object_bytes)
-      : store_(store), shelf_(shelf), gate_(gate), max_object_bytes_(max_object_bytes) {}
+      : store_(store),
+        shelf_(shelf),
+        cad_reader_(cad_reader),
+        gate_(gate),
+        max_object_bytes_(max_object_bytes) {}
 
   grpc::ServerUnaryReactor* CreateObject(grpc::CallbackServerContext* context,
+                                         const grpc::ByteBuffer* request,
+                                         grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* ImportObject(grpc::CallbackServerContext* context,
                                          const grpc::ByteBuffer* request,
                                          grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* BatchCreateObjects(grpc::CallbackServerContext* context,
@@ -74,6 +84,9 @@ class CatalogService final : public CatalogServiceBase {
   absl::Status CreateBatch(const v1::BatchCreateObjectsRequest& request,
                            const CallInfo& info,
                            v1::BatchCreateObjectsResponse* response);
+  absl::Status Import(const v1::ImportObjectRequest& request,
+                      const CallInfo& info,
+                      v1::ImportObjectResponse* response);
   absl::Status Update(const v1::UpdateObjectRequest& request,
                       const CallInfo& info,
                       v1::Object* response);
@@ -90,6 +103,7 @@ class CatalogService final : public CatalogServiceBase {
 
   CatalogStore& store_;
   BackupShelf& shelf_;
+  CadReader& cad_reader_;
   const CallGate gate_;
   const int64_t max_object_bytes_;
 };

@@ -31,36 +31,6 @@ constexpr char kObjectPayload[] = "horopter/object-index";
 
 const StopRequested kNeverStops;
 
-struct Loaded {
-  absl::StatusOr<Prepared> object = absl::UnknownError("not loaded");
-  bool made = false;  // to be stored; false: the stored data are right
-};
-
-Loaded LoadOne(Catalog& catalog, LoadedObject stored, const ObjectPreparer& preparer) {
-  Loaded result;
-  if (!stored.damage.ok()) {
-    result.object = stored.damage;
-    return result;
-  }
-  const std::string id = stored.model.id;
-  if (stored.derived.version == preparer.version && !stored.derived.data.empty()) {
-    result.object = preparer.restore(
-        std::move(stored.model),
-        PreparedBytes{std::move(stored.derived.data), std::move(stored.derived.keys)});
-    if (result.object.ok()) return result;
-    // Damaged data, which is rare: the model, which was given away, is read once more.
-    absl::StatusOr<CatalogRecord> record = catalog.GetObject(id);
-    if (!record.ok()) {
-      result.object = record.status();
-      return result;
-    }
-    stored.model = std::move(record->model);
-  }
-  result.object = preparer.prepare(std::move(stored.model));
-  result.made = result.object.ok();
-  return result;
-}
-
 std::string FailureOf(const std::string& id, const absl::Status& status) {
   return absl::StrCat("object ", id, ": ", std::string(status.message()));
 }
@@ -80,6 +50,33 @@ std::optional<int> CatalogStore::ObjectOf(const absl::Status& status) {
   return index;
 }
 
+CatalogStore::Loaded CatalogStore::LoadOne(LoadedObject stored, bool prepare) const {
+  Loaded result;
+  if (!stored.damage.ok()) {
+    result.object = stored.damage;
+    return result;
+  }
+  const std::string id = stored.model.id;
+  if (stored.derived.version == preparer_.version && !stored.derived.data.empty()) {
+    result.object = preparer_.restore(
+        std::move(stored.model),
+        PreparedBytes{std::move(stored.derived.data), std::move(stored.derived.keys)});
+    if (result.object.ok()) return result;
+    // Damaged data, which is rare: the model, which was given away, is read once more.
+    absl::StatusOr<CatalogRecord> record = catalog_->GetObject(id);
+    if (!record.ok()) {
+      result.object = record.status();
+      return result;
+    }
+    stored.model = std::move(record->model);
+  }
+  result.pending = !prepare;
+  if (!prepare) return result;
+  result.object = preparer_.prepare(std::move(stored.model));
+  result.made = result.object.ok();
+  return result;
+}
+
 CatalogStore::CatalogStore(std::unique_ptr<Catalog> catalog,
                            ObjectPreparer preparer,
                            const StoreOptions& options)
@@ -93,7 +90,18 @@ absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr
   HOROPTER_ASSIGN_OR_RETURN(WriterState state, store->LoadAll(options.stop));
   store->published_ = state.published;
   store->writer_ = std::move(state);
+  if (options.prepare_beside)
+    store->preparing_ = std::thread([s = store.get()] { s->PrepareBeside(); });
   return store;
+}
+
+CatalogStore::~CatalogStore() {
+  {
+    const std::lock_guard lock(write_mutex_);
+    closing_ = true;
+  }
+  has_pending_.notify_all();
+  if (preparing_.joinable()) preparing_.join();
 }
 
 absl::StatusOr<WriterState> CatalogStore::LoadAll(const StopRequested& stop) {
@@ -127,10 +135,15 @@ absl::Status CatalogStore::LoadResident(PublishedCatalog* published, KeyCollecti
     for (const LoadedObject& object : page) ids.push_back(object.model.id);
     std::vector<Loaded> loaded(page.size());
     ParallelFor(static_cast<int>(page.size()), options_.threads, [&](int i) {
-      loaded[i] = LoadOne(*catalog_, std::move(page[i]), preparer_);
+      loaded[i] = LoadOne(std::move(page[i]), !options_.prepare_beside);
     });
     std::vector<std::pair<std::string, DerivedData>> made;
     for (size_t i = 0; i < ids.size(); ++i) {
+      if (loaded[i].pending) {
+        ++load_report_.pending;
+        published->pending.insert(ids[i]);
+        continue;
+      }
       if (!loaded[i].object.ok()) {
         LeaveOut(ids[i], loaded[i].object.status(), published);
         continue;
@@ -165,6 +178,10 @@ absl::Status CatalogStore::LoadStored(PublishedCatalog* published, KeyCollection
       const std::string& id = page[i].id;
       if (decoded[i].ok()) {
         ++load_report_.restored;
+      } else if (options_.prepare_beside) {
+        ++load_report_.pending;
+        published->pending.insert(id);
+        continue;
       } else {
         decoded[i] = MakeKeys(id);
         if (!decoded[i].ok()) {
@@ -185,7 +202,7 @@ absl::Status CatalogStore::LoadStored(PublishedCatalog* published, KeyCollection
 
 absl::StatusOr<ObjectKeys> CatalogStore::MakeKeys(const std::string& id) {
   HOROPTER_ASSIGN_OR_RETURN(LoadedObject object, catalog_->LoadObject(id));
-  const Loaded loaded = LoadOne(*catalog_, std::move(object), preparer_);
+  const Loaded loaded = LoadOne(std::move(object), /*prepare=*/true);
   HOROPTER_RETURN_IF_ERROR(loaded.object.status());
   load_report_.stored.Update(catalog_->StoreDerived({{id, Derive(**loaded.object)}}));
   return preparer_.keys_of(**loaded.object);
@@ -199,7 +216,7 @@ std::shared_ptr<const StoredObject> CatalogStore::Handle(const std::string& id) 
 absl::StatusOr<Prepared> CatalogStore::LoadForHandle(const std::string& id) {
   HOROPTER_ASSIGN_OR_RETURN(LoadedObject object, catalog_->LoadObject(id));
   // What had to be prepared again is not stored here: a writer may be at work on the object.
-  absl::StatusOr<Prepared> prepared = LoadOne(*catalog_, std::move(object), preparer_).object;
+  absl::StatusOr<Prepared> prepared = LoadOne(std::move(object), /*prepare=*/true).object;
   if (!prepared.ok()) return prepared;
   const std::lock_guard lock(recent_mutex_);
   if (recent_.size() < static_cast<size_t>(options_.max_resident)) {
@@ -297,7 +314,8 @@ absl::Status CatalogStore::Update(const std::string& id,
   absl::StatusOr<Prepared> prepared = absl::NotFoundError("no derived data");
   if (!parts.geometry) {  // what was derived of it holds on
     const absl::StatusOr<DerivedData> stored = catalog_->GetDerived(id);
-    if (stored.ok()) prepared = preparer_.restore(changed.model, {stored->data, stored->keys});
+    if (stored.ok() && stored->version == preparer_.version)
+      prepared = preparer_.restore(changed.model, {stored->data, stored->keys});
   }
   if (!prepared.ok()) prepared = preparer_.prepare(changed.model);
   if (!prepared.ok()) return prepared.status();
@@ -350,6 +368,8 @@ absl::Status CatalogStore::Restore(const std::string& path) {
   HOROPTER_RETURN_IF_ERROR(catalog_->Restore(path));
   HOROPTER_ASSIGN_OR_RETURN(WriterState next, LoadAll(kNeverStops));
   Adopt(std::move(next));
+  ++restored_;
+  has_pending_.notify_all();
   return absl::OkStatus();
 }
 
@@ -371,6 +391,7 @@ absl::StatusOr<CatalogStore::Contents> CatalogStore::Compare(const StopRequested
     const auto snapshot = Published();
     contents.published = {snapshot->ids.begin(), snapshot->ids.end()};
     contents.unusable = snapshot->unusable;
+    contents.pending = snapshot->pending;
     if (contents.stored == contents.published) break;
   }
   return contents;

@@ -1,6 +1,8 @@
 // The catalog as the service uses it: SQLite behind, an immutable snapshot in front.
 #pragma once
 
+#include <atomic>
+#include <condition_variable>
 #include <functional>
 #include <map>
 #include <memory>
@@ -8,6 +10,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -24,6 +27,7 @@ struct LoadReport {
   bool resident = true;  // all objects are in memory; false: their keys are
   int restored = 0;      // objects whose derived data, or keys, were there
   int prepared = 0;      // objects that had to be prepared again: no data, another version, damaged
+  int pending = 0;       // objects that are left to be prepared beside what is served
   std::vector<std::string> failures;  // one message per object that cannot be prepared
   absl::Status stored;                // whether the new derived data could be written
 };
@@ -37,6 +41,10 @@ struct StoreOptions {
   int max_resident = 5000;
   // A catalog that holds as many takes no more; one that holds more already is served.
   int max_objects = 5000;
+  // Objects whose derived data are missing or of another version are left out at first (pending)
+  // and prepared on a thread beside what is served, some at a time; each lot is stored and joins at
+  // once, so that after a kill the next start goes on there. False: Load prepares them.
+  bool prepare_beside = false;
 };
 
 // A write makes the next published state first, then is committed to SQLite, the derived data with
@@ -51,6 +59,7 @@ class CatalogStore {
   static absl::StatusOr<std::unique_ptr<CatalogStore>> Load(std::unique_ptr<Catalog> catalog,
                                                             ObjectPreparer preparer,
                                                             const StoreOptions& options = {});
+  ~CatalogStore();
 
   std::shared_ptr<const PublishedCatalog> Published() const;
 
@@ -100,6 +109,7 @@ class CatalogStore {
   struct Contents {
     std::set<std::string> stored, published;
     std::map<std::string, std::string> unusable;
+    std::set<std::string> pending;
   };
   absl::StatusOr<Contents> Compare(const StopRequested& stop);
 
@@ -125,6 +135,11 @@ class CatalogStore {
 
  private:
   using Prepared = std::shared_ptr<const PreparedObject>;
+  struct Loaded {
+    absl::StatusOr<Prepared> object = absl::UnknownError("not loaded");
+    bool made = false;     // to be stored; false: the stored data are right
+    bool pending = false;  // has to be prepared, which was not asked for
+  };
 
   CatalogStore(std::unique_ptr<Catalog> catalog,
                ObjectPreparer preparer,
@@ -136,6 +151,8 @@ class CatalogStore {
   absl::Status LoadResident(PublishedCatalog* published, KeyCollection* keys);
   absl::Status LoadStored(PublishedCatalog* published, KeyCollection* keys);
   void LeaveOut(const std::string& id, const absl::Status& why, PublishedCatalog* published);
+  // Prepares an object whose derived data are not right only when it is asked to.
+  Loaded LoadOne(LoadedObject stored, bool prepare) const;
   // Of an object whose stored keys are out of date or damaged; stores them.
   absl::StatusOr<ObjectKeys> MakeKeys(const std::string& id);
   // Of an object that is not to stay in memory.
@@ -153,6 +170,13 @@ class CatalogStore {
   absl::Status CheckRoomFor(int more) const;
   // Number of the write that is under way. Needs write_mutex_.
   absl::StatusOr<int64_t> NextGeneration();
+
+  // What preparing_ does until it is told to stop (catalog_pending.cc).
+  void PrepareBeside();
+  // Reads and prepares them; one per id.
+  std::vector<Loaded> PrepareLot(const std::vector<std::string>& ids);
+  // Stores and publishes those that are still pending. Needs write_mutex_.
+  absl::Status PublishLot(const std::vector<std::string>& ids, const std::vector<Loaded>& loaded);
   // Null while all objects are in memory.
   std::shared_ptr<const StoredObject> HandleFor(const std::string& id);
 
@@ -172,8 +196,13 @@ class CatalogStore {
 
   std::mutex write_mutex_;             // one writer from commit to publication
   std::optional<WriterState> writer_;  // guarded by write_mutex_; set by Load
+  int restored_ = 0;                   // guarded by write_mutex_: how often all was replaced
   mutable std::mutex published_mutex_;
   std::shared_ptr<const PublishedCatalog> published_;  // guarded by published_mutex_
+
+  std::condition_variable has_pending_;  // with write_mutex_
+  std::atomic<bool> closing_ = false;
+  std::thread preparing_;  // none unless objects are prepared beside what is served
 };
 
 }  // namespace horopter

@@ -64,6 +64,7 @@ class VerifyReactor final : public StreamReactor<v1::VerifyCatalogResponse> {
         Report(id, absl::StrCat("recognition does not use it: ", failure->second));
         continue;
       }
+      if (contents.pending.count(id) > 0) continue;
       if (contents.published.count(id) == 0) Report(id, "stored, but recognition does not use it");
       const absl::Status derived = store_.CheckDerived(id, recompute_, stop());
       if (absl::IsCancelled(derived)) return derived;

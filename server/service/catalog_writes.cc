@@ -4,6 +4,7 @@
 #include <google/protobuf/util/time_util.h>
 
 #include <algorithm>
+#include <cstring>
 #include <optional>
 #include <set>
 #include <utility>
@@ -126,6 +127,49 @@ absl::Status CatalogService::Create(const v1::CreateObjectRequest& request,
   return CatalogStore::ObjectOf(status) ? OfObject(status) : status;
 }
 
+// Of fields that the request has itself the field is named, of all else the file is to blame.
+absl::Status OfFile(const absl::Status& status) {
+  const std::string field = ErrorField(status);
+  for (const char* own : {"object_id", "grasps", "labels", "display_name"}) {
+    if (field.compare(0, std::strlen(own), own) == 0) return status;
+  }
+  if (!absl::IsInvalidArgument(status)) return status;
+  return InvalidField("content", std::string(status.message()));
+}
+
+absl::Status CatalogService::Import(const v1::ImportObjectRequest& request,
+                                    const CallInfo& info,
+                                    v1::ImportObjectResponse* response) {
+  HOROPTER_ASSIGN_OR_RETURN(const RepeatableRequest repeatable,
+                            RepeatableFromProto(request.request_id(), request));
+  const std::string& id = request.object_id();
+  if (!IsObjectId(id)) return InvalidField("object_id", "is not [a-z0-9_-]{1,63}");
+  if (repeatable.id.empty() && store_.catalog().GetSummary(id).ok()) {
+    return absl::AlreadyExistsError(absl::StrCat("object '", id, "' is already in the catalog"));
+  }
+  HOROPTER_ASSIGN_OR_RETURN(
+      v1::ImportObjectResponse read,
+      cad_reader_.Read(request, BesideCatalog(store_.catalog(), "import"), info.limits.stop));
+  v1::Object& object = *read.mutable_object();
+  if (!request.display_name().empty()) object.set_display_name(request.display_name());
+  *object.mutable_grasps() = request.grasps();
+  *object.mutable_labels() = request.labels();
+  object.mutable_source()->set_file_name(request.file_name());
+  object.mutable_source()->set_content(request.content());
+  absl::StatusOr<CatalogRecord> record = RecordFromProto(id, object);
+  if (!record.ok()) return OfFile(record.status());
+  record->create_time = record->update_time = Now();
+  std::vector<CatalogRecord> records;
+  records.push_back(*std::move(record));
+  const absl::Status status = CreateOnce(std::move(records), repeatable, info, [&](int) {
+    response->mutable_object()->Clear();
+    return response->mutable_object();
+  });
+  if (!status.ok()) return CatalogStore::ObjectOf(status) ? OfFile(status) : status;
+  *response->mutable_warnings() = std::move(*read.mutable_warnings());
+  return absl::OkStatus();
+}
+
 absl::Status CatalogService::CreateBatch(const v1::BatchCreateObjectsRequest& request,
                                          const CallInfo& info,
                                          v1::BatchCreateObjectsResponse* response) {
@@ -217,6 +261,24 @@ grpc::ServerUnaryReactor* CatalogService::CreateObject(grpc::CallbackServerConte
       {{"CreateObject", max_object_bytes_},
        [this](const auto& request, const CallInfo& info, v1::Object* response) {
          return Create(request, info, response);
+       }});
+}
+
+grpc::ServerUnaryReactor* CatalogService::ImportObject(grpc::CallbackServerContext* context,
+                                                       const grpc::ByteBuffer* bytes,
+                                                       grpc::ByteBuffer* answer) {
+  return RunUnaryCall<v1::ImportObjectRequest, v1::ImportObjectResponse>(
+      gate_,
+      context,
+      bytes,
+      answer,
+      {{"ImportObject", max_object_bytes_},
+       [this](const auto& request, const CallInfo& info, v1::ImportObjectResponse* response) {
+         return Import(request, info, response);
+       },
+       // The file is stored beside the geometry that comes of it.
+       [](const auto& request) -> absl::StatusOr<CallDemand> {
+         return CallDemand{.bytes = 2 * static_cast<int64_t>(request.content().size())};
        }});
 }
 

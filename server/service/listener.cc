@@ -101,6 +101,7 @@ Listener::Listener(std::unique_ptr<Access> access, TlsOptions tls, const ServedP
                    served.recognition),
       catalog_(served.store,
                served.shelf,
+               served.cad_reader,
                CallGate{&served.catalog_calls, &served.memory, access_.get(), served.sink},
                served.max_object_bytes),
       stations_(served.store.catalog(),

@@ -34,6 +34,7 @@ struct ListenerOptions {
 struct ServedParts {
   CatalogStore& store;
   BackupShelf& shelf;
+  CadReader& cad_reader;
   WorkerPool& scenes;
   WorkerPool& catalog_calls;
   MemoryBudget& memory;

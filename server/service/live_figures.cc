@@ -9,6 +9,8 @@
 #include <system_error>
 #include <utility>
 
+#include "server/service/transport_security.h"
+
 namespace horopter {
 namespace {
 
@@ -34,6 +36,15 @@ void AddDescriptors(std::vector<MetricFamily>* out) {
       "process_max_fds", "Descriptors that there may be", static_cast<double>(limit.rlim_cur)));
 }
 
+void AddCertificate(const std::string& file, std::vector<MetricFamily>* out) {
+  if (file.empty()) return;
+  const absl::StatusOr<absl::Time> end = CertificateEnd(file);
+  // A file that cannot be read any more is as bad as one that is over.
+  out->push_back(GaugeFamily("horopter_tls_certificate_end_seconds",
+                             "End of the server's certificate file, Unix time; 0: cannot be read",
+                             end.ok() ? absl::ToDoubleSeconds(*end - absl::UnixEpoch()) : 0.0));
+}
+
 }  // namespace
 
 std::vector<MetricFamily> LiveFigures::Collect() const {
@@ -47,6 +58,9 @@ std::vector<MetricFamily> LiveFigures::Collect() const {
       GaugeFamily("horopter_catalog_unusable_objects",
                   "Objects that recognition leaves out: damaged, or of no use to it",
                   static_cast<double>(c.unusable)),
+      GaugeFamily("horopter_catalog_pending_objects",
+                  "Objects that are being prepared again, and left out of recognition until then",
+                  static_cast<double>(c.pending)),
       GaugeFamily("horopter_catalog_generation",
                   "Number of the catalog's state; grows with every change",
                   static_cast<double>(c.generation)),
@@ -62,6 +76,7 @@ std::vector<MetricFamily> LiveFigures::Collect() const {
                   static_cast<double>(start_)),
   };
   AddDescriptors(&out);
+  AddCertificate(certificate_, &out);
   AddLoad(&out);
   return out;
 }

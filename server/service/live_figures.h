@@ -8,6 +8,8 @@
 #include <ctime>
 #include <functional>
 #include <mutex>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "server/service/telemetry.h"
@@ -17,8 +19,11 @@ namespace horopter {
 // Thread-safe.
 class LiveFigures final : public prometheus::Collectable {
  public:
-  explicit LiveFigures(std::function<CatalogFigures()> catalog)
-      : catalog_(std::move(catalog)), start_(std::time(nullptr)) {}
+  // `certificate`: PEM file whose end is told; empty: none.
+  LiveFigures(std::function<CatalogFigures()> catalog, std::string certificate)
+      : catalog_(std::move(catalog)),
+        certificate_(std::move(certificate)),
+        start_(std::time(nullptr)) {}
 
   std::vector<prometheus::MetricFamily> Collect() const override;
 
@@ -29,6 +34,7 @@ class LiveFigures final : public prometheus::Collectable {
   void AddLoad(std::vector<prometheus::MetricFamily>* out) const;
 
   std::function<CatalogFigures()> catalog_;
+  std::string certificate_;
   std::time_t start_;
   mutable std::mutex mutex_;
   std::function<LoadFigures()> load_;  // guarded by mutex_

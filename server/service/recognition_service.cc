@@ -2,6 +2,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <chrono>
 #include <map>
 #include <memory>
@@ -22,7 +23,17 @@
 namespace horopter {
 namespace {
 
-absl::Status NotInCatalog(const std::string& field, const std::string& id) {
+// Clients ask again by themselves, a few times.
+constexpr int kAskAgainMs = 2000;
+
+absl::Status NotInCatalog(const PublishedCatalog& published,
+                          const std::string& field,
+                          const std::string& id) {
+  if (published.pending.count(id) > 0) {
+    return RetryLater(
+        absl::StrCat(field, ": '", ObjectName(id), "' is still being prepared after an upgrade"),
+        kAskAgainMs);
+  }
   return FieldError(absl::StatusCode::kNotFound,
                     field,
                     absl::StrCat("'", ObjectName(id), "' is not in the catalog"));
@@ -36,24 +47,26 @@ absl::Status CheckIds(const v1::RecognizeSceneRequest& proto,
     const std::string field = absl::StrCat("candidate_objects[", i, "]");
     HOROPTER_ASSIGN_OR_RETURN(const std::string id,
                               ObjectIdFromName(proto.candidate_objects(i), field));
-    if (!published.Contains(id)) return NotInCatalog(field, id);
+    if (!published.Contains(id)) return NotInCatalog(published, field, id);
   }
   const std::vector<ReferenceObject> references = ReferencesOf(request);
   for (size_t i = 0; i < references.size(); ++i) {
     if (published.Contains(references[i].object_id)) continue;
     return NotInCatalog(
+        published,
         i == 0 ? "reference.object" : absl::StrCat("further_references[", i - 1, "].object"),
         references[i].object_id);
   }
   for (size_t i = 0; i < request.expected_parts.size(); ++i) {
     const ExpectedPart& part = request.expected_parts[i];
     const std::string field = absl::StrCat("expected_parts[", i, "]");
-    if (!published.Contains(part.object_id)) return NotInCatalog(field + ".object", part.object_id);
+    if (!published.Contains(part.object_id))
+      return NotInCatalog(published, field + ".object", part.object_id);
     if (!part.frame_object.empty() && !published.Contains(part.frame_object))
-      return NotInCatalog(field + ".frame_object", part.frame_object);
+      return NotInCatalog(published, field + ".frame_object", part.frame_object);
   }
   if (!request.explained.empty() && !published.Contains(request.explained)) {
-    return NotInCatalog("explain_object", request.explained);
+    return NotInCatalog(published, "explain_object", request.explained);
   }
   return absl::OkStatus();
 }
@@ -134,6 +147,22 @@ absl::Status AddDrawings(const v1::RecognizeSceneRequest& request,
   report.stage = "overlay";
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return absl::OkStatus();
+}
+
+void DescribeStation(const std::string& id,
+                     const v1::StationReport& report,
+                     RequestRecord* record) {
+  constexpr size_t kPrefix = sizeof("KIND_") - 1;
+  record->station = id;
+  const auto* const kinds = v1::StationFinding::Kind_descriptor();
+  for (int i = 0; i < kinds->value_count(); ++i) {
+    const int kind = kinds->value(i)->number();
+    if (kind == v1::StationFinding::KIND_UNSPECIFIED) continue;
+    const bool found = std::any_of(report.findings().begin(),
+                                   report.findings().end(),
+                                   [&](const auto& finding) { return finding.kind() == kind; });
+    record->station_findings.emplace_back(kinds->value(i)->name().substr(kPrefix), found);
+  }
 }
 
 // Stages are not in every view of the answer.
@@ -235,6 +264,12 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
                          result.station.value_or(StationOutcome()),
                          learnt.ok() && *learnt,
                          response->mutable_station());
+    DescribeStation(station->id, response->station(), call.record);
+  }
+  if (scene.candidates.empty() && !published->pending.empty()) {
+    v1::UnsearchedStep* const step = response->add_unsearched();
+    step->set_cause(v1::UnsearchedStep::CAUSE_PREPARING);
+    step->set_step("catalog");
   }
   EchoImages(request, response);
   response->set_request_id(call.request_id);

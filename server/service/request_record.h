@@ -45,6 +45,9 @@ struct RequestRecord {
   std::string state;
   std::vector<std::string> reasons;  // all of them, e.g. AMBIGUOUS
   bool time_limited = false;
+  // Of a request that named a station: its id, and of each kind of finding whether it was there.
+  std::string station;
+  std::vector<std::pair<std::string, bool>> station_findings;
   int64_t catalog_generation = 0;
   std::vector<std::pair<std::string, double>> stages;  // seconds, in order of execution
 

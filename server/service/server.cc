@@ -110,6 +110,13 @@ void TellLoad(const LoadReport& loaded) {
     spdlog::info("{} objects prepared again: their derived data were missing or out of date",
                  loaded.prepared);
   }
+  if (loaded.pending > 0) {
+    spdlog::warn(
+        "{} objects are prepared again beside what is served, and recognition does without them "
+        "until "
+        "then: their derived data are missing or of another version",
+        loaded.pending);
+  }
   if (!loaded.stored.ok()) {
     spdlog::warn("derived data cannot be stored, the next start is slow again: {}",
                  std::string(loaded.stored.message()));
@@ -124,6 +131,7 @@ struct HoropterServer::Parts {
   std::unique_ptr<Telemetry> telemetry;
   std::unique_ptr<MemoryBudget> memory;
   BackupShelf shelf;
+  std::unique_ptr<CadReader> cad_reader;
   std::unique_ptr<WorkerPool> scene_pool;
   std::unique_ptr<WorkerPool> catalog_pool;
   std::unique_ptr<Listener> listener;
@@ -161,6 +169,8 @@ absl::Status Validate(const ServerOptions& options) {
     return absl::InvalidArgumentError(absl::StrCat(
         "memory_mb: ", options.memory_mb, " MiB hold no message of the largest size twice"));
   }
+  HOROPTER_RETURN_IF_ERROR(InRange("cad_memory_mb", options.cad.memory_mb, 64, 1'000'000));
+  HOROPTER_RETURN_IF_ERROR(InRange("cad_seconds", options.cad.seconds, 1, 3600));
   HOROPTER_RETURN_IF_ERROR(InRange("max_resident", options.max_resident, 1, 10'000'000));
   HOROPTER_RETURN_IF_ERROR(InRange("max_objects", options.max_objects, 1, 10'000'000));
   HOROPTER_RETURN_IF_ERROR(InRange("threads_per_request", options.threads_per_request, 1, 256));
@@ -187,23 +197,30 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
                               {.threads = options.load_threads,
                                .stop = stop,
                                .max_resident = options.max_resident,
-                               .max_objects = options.max_objects});
+                               .max_objects = options.max_objects,
+                               .prepare_beside = !options.prepare_first});
   };
   HOROPTER_ASSIGN_OR_RETURN(parts->store, CatchExceptions(load));
   TellLoad(parts->store->load_report());
+  RemoveLeftovers(parts->store->catalog());
   const auto figures = [store = parts->store.get()] {
     const auto published = store->Published();
     return CatalogFigures{static_cast<int64_t>(published->ids.size()),
                           static_cast<int64_t>(published->unusable.size()),
+                          static_cast<int64_t>(published->pending.size()),
                           published->snapshot.generation};
   };
-  HOROPTER_ASSIGN_OR_RETURN(parts->telemetry, Telemetry::Start(options.telemetry, figures));
+  TelemetryOptions telemetry = options.telemetry;
+  telemetry.certificate = options.tls.certificate;
+  HOROPTER_ASSIGN_OR_RETURN(parts->telemetry, Telemetry::Start(telemetry, figures));
   RequestSink* const sink = parts->telemetry.get();
   parts->scene_pool =
       std::make_unique<WorkerPool>(options.workers, options.queue, options.max_wait);
   parts->catalog_pool =
       std::make_unique<WorkerPool>(options.catalog_workers, options.catalog_queue);
   parts->memory = std::make_unique<MemoryBudget>(int64_t{options.memory_mb} << 20);
+  parts->cad_reader =
+      std::make_unique<CadReader>(options.cad, int64_t{options.max_object_mb} << 20);
   RecognitionLimits limits;
   limits.images = options.images;
   limits.max_request_bytes = int64_t{options.max_message_mb} << 20;
@@ -212,6 +229,7 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   const ServedParts served{
       .store = *parts->store,
       .shelf = parts->shelf,
+      .cad_reader = *parts->cad_reader,
       .scenes = *parts->scene_pool,
       .catalog_calls = *parts->catalog_pool,
       .memory = *parts->memory,

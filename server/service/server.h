@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "server/service/acceptor.h"
 #include "server/service/access.h"
+#include "server/service/cad_reader.h"
 #include "server/service/catalog_store.h"
 #include "server/service/image_decode.h"
 #include "server/service/port_watch.h"
@@ -51,12 +52,16 @@ struct ServerOptions {
   int memory_mb = 4096;
   int threads_per_request = 2;  // decode its images
   int load_threads = 2;         // prepare the catalog at start
-  int max_resident = 5000;      // objects held in memory (StoreOptions)
+  // Objects of a catalog of another version are prepared before anything is served; else beside it
+  // (StoreOptions).
+  bool prepare_first = false;
+  int max_resident = 5000;  // objects held in memory (StoreOptions)
   // A full catalog refuses further objects. Above max_searched_objects of the pipeline requests
   // have to name candidates.
   int max_objects = 5000;
   ImageLimits images;
   bool allow_variants = false;  // a request may choose variants of the methods (RecognitionLimits)
+  CadReaderOptions cad;         // of ImportObject
   TelemetryOptions telemetry;   // metrics, request log, traces, recordings; none by default
 };
 

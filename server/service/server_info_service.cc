@@ -33,6 +33,7 @@ grpc::ServerUnaryReactor* ServerInfoService::GetServerInfo(grpc::CallbackServerC
     response->set_catalog_generation(published->snapshot.generation);
     response->set_object_count(static_cast<int32_t>(published->ids.size()));
     response->set_unusable_object_count(static_cast<int32_t>(published->unusable.size()));
+    response->set_pending_object_count(static_cast<int32_t>(published->pending.size()));
     const WorkerPool::Load load = scenes_.load();
     response->mutable_load()->set_running(load.running);
     response->mutable_load()->set_waiting(load.waiting);

@@ -152,6 +152,11 @@ struct Telemetry::Parts {
                                  .Name("horopter_answer_reasons_total")
                                  .Help("Reasons why answers are less than they could be")
                                  .Register(*registry);
+  Family<prometheus::Gauge>& station_findings =
+      prometheus::BuildGauge()
+          .Name("horopter_station_finding")
+          .Help("1: the last request to the station found it, by kind; 0: it did not")
+          .Register(*registry);
   Counter& time_limited = prometheus::BuildCounter()
                               .Name("horopter_answers_time_limited_total")
                               .Help("Answers that were cut short by their deadline")
@@ -255,6 +260,9 @@ struct Telemetry::Parts {
     }
     if (!r.state.empty()) answers.Add({{"state", r.state}}).Increment();
     for (const std::string& reason : r.reasons) reasons.Add({{"reason", reason}}).Increment();
+    for (const auto& [kind, found] : r.station_findings) {
+      station_findings.Add({{"station", r.station}, {"kind", kind}}).Set(found ? 1.0 : 0.0);
+    }
     if (r.time_limited) time_limited.Increment();
     objects.Increment(r.objects);
     images.Increment(r.images);
@@ -296,7 +304,7 @@ absl::StatusOr<std::unique_ptr<Telemetry>> Telemetry::Start(
     parts->refusals.Add({{"method", "RecognizeScene"}, {"reason", reason}});
   }
   if (!options.metrics_listen.empty()) {
-    parts->live = std::make_shared<LiveFigures>(std::move(catalog));
+    parts->live = std::make_shared<LiveFigures>(std::move(catalog), options.certificate);
     try {
       parts->exposer = std::make_unique<prometheus::Exposer>(options.metrics_listen, 1);
     } catch (const std::exception& e) {

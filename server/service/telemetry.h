@@ -22,6 +22,7 @@ struct TelemetryOptions {
   // when it begins, too.
   bool audit_required = false;
   RecorderOptions recorder;  // nothing is recorded by default
+  std::string certificate;   // of the server, PEM, whose end the metrics tell; empty: no TLS
   std::string version;       // of the server
   std::string settings;      // its options as JSON, for recordings
 };
@@ -30,6 +31,7 @@ struct TelemetryOptions {
 struct CatalogFigures {
   int64_t objects = 0;
   int64_t unusable = 0;
+  int64_t pending = 0;
   int64_t generation = 0;
 };
 

@@ -103,6 +103,11 @@ absl::StatusOr<absl::Time> CheckTlsFiles(const TlsOptions& options) {
   return ends;
 }
 
+absl::StatusOr<absl::Time> CertificateEnd(const std::string& path) {
+  HOROPTER_ASSIGN_OR_RETURN(const Certificate certificate, ReadCertificate(path));
+  return TimeOf(::X509_get0_notAfter(certificate.get()));
+}
+
 absl::StatusOr<std::shared_ptr<grpc::ServerCredentials>> MakeServerCredentials(
     const TlsOptions& options) {
   HOROPTER_RETURN_IF_ERROR(CheckTlsFiles(options).status());

@@ -33,4 +33,7 @@ absl::StatusOr<std::shared_ptr<grpc::ServerCredentials>> MakeServerCredentials(
 // encrypted.
 absl::StatusOr<absl::Time> CheckTlsFiles(const TlsOptions& options);
 
+// Until when the first certificate of the file is good. Errors: FAILED_PRECONDITION.
+absl::StatusOr<absl::Time> CertificateEnd(const std::string& path);
+
 }  // namespace horopter

@@ -93,6 +93,7 @@ int Main(int argc, char** argv) {
   CLI::App app("mock_horopterd");
   double delay_ms = 0.0, spread_ms = 0.0;
   std::atomic<uint64_t> calls = 0;
+  std::string db = ":memory:";
   ServerOptions options;
   options.listen = "127.0.0.1:0";
   options.workers = 2;
@@ -107,6 +108,10 @@ int Main(int argc, char** argv) {
   app.add_option("--tls-client-ca", options.tls.client_ca);
   app.add_option("--tls-reload-seconds", options.tls.reload_seconds);
   app.add_option("--access-file", options.access_file);
+  app.add_option("--db", db);
+  app.add_option("--cad-reader", options.cad.program);
+  app.add_option("--cad-memory-mb", options.cad.memory_mb);
+  app.add_option("--cad-seconds", options.cad.seconds);
   app.add_option("--admin-listen", options.admin_listen);
   app.add_flag("--open-access", options.open_access);
   app.add_option("--max-connections", options.connections.max_connections);
@@ -154,7 +159,7 @@ int Main(int argc, char** argv) {
     JudgeMock(request, &result.answer);
     return result;
   };
-  auto catalog = Catalog::Open(":memory:");
+  auto catalog = Catalog::Open(db);
   if (!catalog.ok()) return 1;
   auto server = HoropterServer::Start(*std::move(catalog), FakePreparer(), recognizer, options);
   if (!server.ok()) {

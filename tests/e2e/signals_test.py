@@ -77,12 +77,13 @@ class Signals(unittest.TestCase):
         self.addCleanup(shutil.rmtree, self.folder)
         self.db = os.path.join(self.folder, "parts.db")
 
-    def start(self):
-        program = Program(HOROPTERD, "--db", self.db, "--listen", "127.0.0.1:0")
+    def start(self, *arguments):
+        program = Program(HOROPTERD, "--db", self.db, "--listen", "127.0.0.1:0", *arguments)
         self.addCleanup(program.kill)
         return program
 
-    def test_while_the_catalog_is_loaded(self):
+    def make_old_catalog(self):
+        """Two parts, as another version of the program left them: all are prepared again, which takes seconds."""
         server = self.start()
         address = server.await_line("listening on ").split("listening on ")[1].strip()
         for i in (1, 2):
@@ -91,15 +92,40 @@ class Signals(unittest.TestCase):
                            check=True, capture_output=True)
         server.signal(signal.SIGTERM)
         self.assertEqual(server.end(), 0)
-        with sqlite3.connect(self.db) as db:  # of another program: all are prepared again, which takes seconds
+        with sqlite3.connect(self.db) as db:
             db.execute("UPDATE derived SET version = 0")
         db.close()
+
+    def test_an_old_catalog_is_prepared_beside_what_is_served(self):
+        self.make_old_catalog()
+        server = self.start("--cores", "1")
+        server.await_line("0 objects ready, 2 to be prepared")
+        server.kill()  # at once, whatever it was at
+        server = self.start("--cores", "1")
+        address = server.await_line("listening on ").split("listening on ")[1].strip()
+        with horopter.Client(address, deadline_s=60, retries=0) as client:
+            info = client.server_info()
+            self.assertEqual(info.object_count + info.pending_object_count, 2)
+            waiting = [o for o in client.list_objects() if not o.ready]
+            if waiting:  # it may have been quick
+                self.assertEqual(waiting[-1].raw.recognition_status.state,
+                                 horopter.client.catalog_pb2.RecognitionStatus.STATE_PENDING)
+            server.await_line("all objects are prepared")
+            self.assertTrue(all(o.ready for o in client.list_objects()))
+            self.assertEqual(client.server_info().pending_object_count, 0)
+        server.signal(signal.SIGTERM)
+        self.assertEqual(server.end(), 0)
         server = self.start()
+        self.assertNotIn("to be prepared", server.await_line("2 objects ready"))
+
+    def test_while_the_catalog_is_loaded(self):
+        self.make_old_catalog()
+        server = self.start("--prepare-first")
         server.await_line("loading catalog")
         server.signal(signal.SIGTERM)
         self.assertEqual(server.end(), 0)
         self.assertIn("stopped while the catalog was loaded", "".join(server.said))
-        server = self.start()
+        server = self.start("--prepare-first")
         server.await_line("2 objects ready")
         server.signal(signal.SIGTERM)
         self.assertEqual(server.end(), 0)

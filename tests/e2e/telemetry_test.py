@@ -103,6 +103,27 @@ class Metrics(Served):
                                     check=False)
             self.assertEqual(judged.returncode, 0, judged.stdout + judged.stderr)
 
+    def test_what_a_station_finds_is_told_until_it_is_over(self):
+        def finding(kind):
+            return self.metric('horopter_station_finding{kind="%s",station="bench"}' % kind)
+
+        calibration = os.path.join(self.folder, "camera.yaml")
+        with open(calibration, "w", encoding="utf-8") as out:
+            out.write("image_width: 1280\nimage_height: 960\ncamera_matrix: {rows: 3, cols: 3, data: [1000, 0, 640, 0, 1000, 480, 0, 0, 1]}\n"
+                      "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n")
+        self.enrol()
+        for command in (("station", "set", "bench"), ("station", "import", "bench", "left", calibration)):
+            done = self.run_horopter(*command)
+            self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        self.assertIsNone(finding("IMAGE_SIZE_CHANGED"))
+        done = self.run_horopter("recognize", IMAGE, "--station", "bench", "--station-cameras", "left")
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        self.assertEqual((finding("IMAGE_SIZE_CHANGED"), finding("BASE_MOVED")), (1, 0))
+        self.assertEqual(self.run_horopter("station", "rm", "bench").returncode, 0)
+        self.assertEqual(self.run_horopter("station", "set", "bench").returncode, 0)
+        self.assertEqual(self.run_horopter("recognize", IMAGE, "--station", "bench", "--station-cameras", "left").returncode, 0)
+        self.assertEqual(finding("IMAGE_SIZE_CHANGED"), 0)
+
     def test_a_line_and_a_trace_a_request(self):
         self.enrol()
         self.run_horopter("recognize", IMAGE)

@@ -4,13 +4,16 @@ let in, who is refused and with which code, by the program and by the Python cli
 
     trust_test.py HOROPTER MOCK_HOROPTERD PACKAGE_FOLDER SOURCES
 """
+import calendar
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
 import unittest
+import urllib.request
 
 HOROPTER, MOCK, PACKAGE, SOURCES = map(os.path.abspath, sys.argv[1:5])
 sys.path.insert(0, PACKAGE)
@@ -52,6 +55,8 @@ class Served(unittest.TestCase):
         self.addCleanup(process.wait)
         self.addCleanup(process.kill)
         for line in process.stdout:
+            if "metrics on port " in line:
+                self.metrics_url = "http://127.0.0.1:%s/metrics" % line.split("metrics on port ")[1].strip()
             if "listening on " in line:
                 return line.split("listening on ")[1].strip()
         raise AssertionError("the server did not come up")
@@ -100,6 +105,43 @@ class Tls(Served):
         plain = subprocess.run([HOROPTER, "--server", address, "--timeout", "3", "object", "list"], capture_output=True,
                                timeout=60, check=False)
         self.assertEqual(plain.returncode, 4)
+
+    def message(self, address, security):
+        with horopter.Client(address, deadline_s=5.0, retries=0, security=security) as client:
+            with self.assertRaises(horopter.Unavailable) as caught:
+                client.list_objects()
+        return caught.exception.message
+
+    def test_python_says_in_its_own_words_what_is_wrong(self):
+        address = self.start(*self.server_files(self.good))
+        self.assertIn("it may want TLS", self.message(address, horopter.Security()))
+        self.assertIn("does not vouch for its certificate", self.message(address, self.security(authority=self.other)))
+        plain = self.start()
+        self.assertIn("it does not speak TLS", self.message(plain, self.security()))
+        self.assertIn("nothing listens there", self.message("localhost:1", horopter.Security()))
+
+    def test_metrics_tell_the_end_of_the_certificate(self):
+        live = os.path.join(self.top, "watched")
+        shutil.copytree(self.good, live)
+
+        def end():
+            with urllib.request.urlopen(self.metrics_url, timeout=10) as answer:
+                found = re.search(r"^horopter_tls_certificate_end_seconds (\S+)$", answer.read().decode(), re.M)
+            return float(found.group(1))
+
+        def not_after(folder):
+            line = subprocess.run(["openssl", "x509", "-noout", "-enddate", "-in", os.path.join(folder, "server.pem")], check=True,
+                                  capture_output=True, text=True, env={**os.environ, "LC_ALL": "C"}).stdout
+            return calendar.timegm(time.strptime(line.strip(), "notAfter=%b %d %H:%M:%S %Y GMT"))
+
+        self.start(*self.server_files(live), "--metrics-listen", "127.0.0.1:0")
+        self.assertEqual(end(), not_after(self.good))
+        self.assertGreater(end(), time.time())
+        shutil.copy(os.path.join(self.expired, "server.pem"), live)
+        self.assertEqual(end(), not_after(self.expired))
+        self.assertLess(end(), time.time())
+        os.remove(os.path.join(live, "server.pem"))
+        self.assertEqual(end(), 0)
 
     def test_an_expired_server_is_not_believed(self):
         address = self.start(*self.server_files(self.expired))
@@ -152,6 +194,8 @@ class Tokens(Served):
         with open(self.audit, encoding="utf-8") as file:
             lines = file.read().splitlines()
         self.assertEqual(len(lines), 3)
+        self.assertIn('"caller":"robot"', lines[1])
+        self.assertIn('"code":"PERMISSION_DENIED"', lines[1])
         self.assertIn('"caller":"admin"', lines[2])
         with horopter.Client(self.address, security=self.security(token=self.token("admin"))) as client:
             self.assertEqual(client.enroll_file(CAD, "second", program=HOROPTER).object_id, "second")

@@ -128,7 +128,7 @@ LIBRARIES = collections.OrderedDict([
     ("TLS", (r"openssl/", ["server/service"])),
     ("systemd", (r"systemd/", ["server/main.cc"])),
     ("heap of the C library", (r"malloc\.h$", ["server/pipeline"])),  # beside what else is set for the whole process
-    ("operating system", (r"(unistd|fcntl|signal|dirent|poll|pthread|dlfcn|netdb)\.h$|csignal$|(sys|netinet|arpa|linux)/",
+    ("operating system", (r"(unistd|fcntl|signal|dirent|poll|pthread|spawn|dlfcn|netdb)\.h$|csignal$|(sys|netinet|arpa|linux)/",
                           ["db", "server/service", "server/main.cc", "client"])),
 ])
 ONLY_IN_SOURCES = ["Ceres"]  # too heavy for our headers

@@ -1,8 +1,9 @@
 """Requests, as both clients send them."""
 from __future__ import annotations
 
+import os
 import uuid
-from typing import Iterable, Optional, Sequence, Union
+from typing import Iterable, Mapping, Optional, Sequence, Union
 
 from google.protobuf import field_mask_pb2
 
@@ -80,6 +81,22 @@ def grasps_request(object_id: str, grasps: Iterable[GraspModel], if_match: str) 
     wanted = catalog_pb2.Object(name=resource_name(object_id), grasps=[g.to_proto() for g in grasps])
     return catalog_pb2.UpdateObjectRequest(object=wanted, update_mask=field_mask_pb2.FieldMask(paths=["grasps"]),
                                            if_match=if_match)
+
+
+def import_request(object_id: str, file: "str | os.PathLike[str] | bytes", file_name: Optional[str], unit: Optional[str],
+                   display_name: str, grasps: Iterable[GraspModel],
+                   labels: Optional[Mapping[str, str]]) -> catalog_pb2.ImportObjectRequest:
+    if isinstance(file, (bytes, bytearray, memoryview)):
+        content = bytes(file)
+        if file_name is None:
+            raise ValueError("file_name: bytes have no name, whose extension says the format")
+    else:
+        with open(file, "rb") as opened:
+            content = opened.read()
+        file_name = file_name or os.path.basename(os.fspath(file))
+    return catalog_pb2.ImportObjectRequest(object_id=object_id, file_name=file_name, content=content, unit=unit or "",
+                                           display_name=display_name, grasps=[g.to_proto() for g in grasps],
+                                           labels=dict(labels or {}), request_id=uuid.uuid4().hex)
 
 
 def create_request(object_id: str, message: catalog_pb2.Object) -> catalog_pb2.CreateObjectRequest:

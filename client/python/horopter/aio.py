@@ -2,8 +2,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import time
-from typing import Any, Callable, Iterable, List, Optional, Sequence
+from typing import Any, Callable, Iterable, List, Mapping, Optional, Sequence
 
 import grpc
 import grpc.aio
@@ -17,7 +18,7 @@ from .errors import from_rpc, pause_before_retry
 from .images import ImageLike
 from .security import Security, open_channel, server_address
 from .stations import Calibration, CameraSetting, Station
-from .types import CatalogObject, ExpectedPart, GraspModel, Gripper, LookAlike, Reference, Scene, resource_name
+from .types import CatalogObject, ExpectedPart, GraspModel, Gripper, ImportedObject, LookAlike, Reference, Scene, resource_name
 
 
 class AsyncClient:
@@ -152,6 +153,13 @@ class AsyncClient:
         """As Client.create_object."""
         return CatalogObject.from_proto(
             await self._call(self._catalog.CreateObject, _requests.create_request(object_id, message), deadline_s))
+
+    async def import_object(self, object_id: str, file: "str | os.PathLike[str] | bytes", file_name: Optional[str] = None,
+                            unit: Optional[str] = None, display_name: str = "", grasps: Iterable[GraspModel] = (),
+                            labels: Optional[Mapping[str, str]] = None, deadline_s: Optional[float] = None) -> ImportedObject:
+        """As Client.import_object."""
+        request = _requests.import_request(object_id, file, file_name, unit, display_name, grasps, labels)
+        return ImportedObject.from_proto(await self._call(self._catalog.ImportObject, request, deadline_s))
 
     async def set_grasps(self, object_id: str, grasps: Iterable[GraspModel], deadline_s: Optional[float] = None,
                          if_match: str = "") -> None:

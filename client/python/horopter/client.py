@@ -4,7 +4,7 @@ from __future__ import annotations
 import os
 import subprocess
 import time
-from typing import Any, Callable, Iterable, List, Optional, Sequence
+from typing import Any, Callable, Iterable, List, Mapping, Optional, Sequence
 
 import grpc
 
@@ -17,7 +17,7 @@ from .errors import HoropterError, from_rpc, pause_before_retry
 from .images import ImageLike
 from .security import Security, open_channel, server_address
 from .stations import Calibration, CameraSetting, Station
-from .types import CatalogObject, ExpectedPart, GraspModel, Gripper, LookAlike, Reference, Scene, resource_name
+from .types import CatalogObject, ExpectedPart, GraspModel, Gripper, ImportedObject, LookAlike, Reference, Scene, resource_name
 
 
 class Client:
@@ -161,6 +161,18 @@ class Client:
         return CatalogObject.from_proto(
             self._call(self._catalog.CreateObject, _requests.create_request(object_id, message), deadline_s))
 
+    def import_object(self, object_id: str, file: "str | os.PathLike[str] | bytes", file_name: Optional[str] = None,
+                      unit: Optional[str] = None, display_name: str = "", grasps: Iterable[GraspModel] = (),
+                      labels: Optional[Mapping[str, str]] = None, deadline_s: Optional[float] = None) -> ImportedObject:
+        """Enrols a CAD file or mesh, which the server reads: STEP, IGES, STL, PLY, OBJ, GLB, 3MF, CAO.
+
+        file: a path, or the bytes with file_name, whose extension says the format; unit: of a file that names none: "mm", "cm",
+        "m", "in", "ft", "um" (None: mm, of GLB and CAO m); display_name: for people (empty: the product's name in the file). Raises
+        InvalidRequest that says what is wrong with the file; needs a token of the role admin where the server asks for tokens.
+        """
+        request = _requests.import_request(object_id, file, file_name, unit, display_name, grasps, labels)
+        return ImportedObject.from_proto(self._call(self._catalog.ImportObject, request, deadline_s))
+
     def set_grasps(self, object_id: str, grasps: Iterable[GraspModel], deadline_s: Optional[float] = None,
                    if_match: str = "") -> None:
         """Replaces the grasps of an object; with if_match only while it has this etag (else Conflict)."""
@@ -176,7 +188,7 @@ class Client:
 
     def enroll_file(self, path: "str | os.PathLike[str]", object_id: str, grasps: "str | os.PathLike[str] | None" = None,
                     units: Optional[str] = None, program: str = "horopter") -> CatalogObject:
-        """Enrols a CAD file (STEP, IGES, STL, PLY, OBJ, CAO) with the `horopter` program, which reads CAD.
+        """Enrols a CAD file (STEP, IGES, STL, PLY, OBJ, CAO) with the `horopter` program; `import_object` needs none.
 
         Raises FileNotFoundError when the program is not there, HoropterError with its message when it refuses.
         """

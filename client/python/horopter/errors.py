@@ -128,6 +128,38 @@ def pause_before_retry(error: HoropterError, attempt: int) -> Optional[float]:
     return _FIRST_PAUSE_S * 2 ** attempt if isinstance(error, Unavailable) else None
 
 
+# What gRPC says of a connection that fails, and our words for it; the first that is found counts.
+_FAULTS = (
+    ("wrong version number", "it does not speak TLS: call it without ca_file"),
+    ("packet length too long", "it does not speak TLS: call it without ca_file"),
+    ("certificate verify failed", "the authority that is given does not vouch for its certificate: ca_file"),
+    ("is not in peer certificate", "its certificate is for another name: server_name"),
+    ("hostname verification", "its certificate is for another name: server_name"),
+    ("certificate required", "it wants a client certificate: cert_file and key_file"),
+    ("bad certificate", "it does not take the client certificate: cert_file"),
+    ("unknown ca", "it does not know the authority of the client certificate: cert_file"),
+    ("connection refused", "nothing listens there"),
+    ("no such file", "there is no such socket"),
+    ("dns resolution failed", "the name of the host is not known"),
+    ("domain name not found", "the name of the host is not known"),
+    ("network is unreachable", "no network leads there"),
+    ("no route to host", "no network leads there"),
+    ("socket closed", "it closed the connection: it may want TLS (ca_file), be stopping, or be no horopterd"),
+    ("connection reset", "it closed the connection: it may want TLS (ca_file), be stopping, or be no horopterd"),
+    ("recvmsg", "it closed the connection: it may want TLS (ca_file), be stopping, or be no horopterd"),
+    ("timed out", "it does not answer"),
+)
+
+
+def _connection_fault(details: str) -> str:
+    """The details of UNAVAILABLE in words that say what to do, with gRPC's behind them."""
+    plain = details.lower().replace("_", " ")
+    for sign, words in _FAULTS:
+        if sign in plain:
+            return "the server cannot be reached: %s (%s)" % (words, details)
+    return details
+
+
 def from_rpc(error: grpc.RpcError) -> HoropterError:
     """The typed error of a failed gRPC call (of grpc or grpc.aio)."""
     code = error.code().name
@@ -140,5 +172,8 @@ def from_rpc(error: grpc.RpcError) -> HoropterError:
         kind = TooLarge if retry is None else Busy
     else:
         kind = _CLASSES.get(code, HoropterError)
-    return kind(code, error.details() or "", request_id, _value(trailing, "horopter-error-field"),
+    details = error.details() or ""
+    if code == "UNAVAILABLE" and request_id is None:
+        details = _connection_fault(details)
+    return kind(code, details, request_id, _value(trailing, "horopter-error-field"),
                 None if retry is None else float(retry) / 1e3, _reason(trailing))

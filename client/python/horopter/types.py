@@ -630,6 +630,17 @@ class CatalogObject:
 
 
 @dataclasses.dataclass
+class ImportedObject:
+    """What came of a CAD file: the enrolled part, without geometry, and what is odd about the file."""
+    object: CatalogObject
+    warnings: List[str]
+
+    @classmethod
+    def from_proto(cls, answer: catalog_pb2.ImportObjectResponse) -> "ImportedObject":
+        return cls(CatalogObject.from_proto(answer.object), list(answer.warnings))
+
+
+@dataclasses.dataclass
 class LookAlike:
     """An object that another can be taken for; kind: CONGRUENT, SIMILAR, MIRROR, AFFINE or PROJECTIVE."""
     object_id: str

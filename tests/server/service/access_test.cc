@@ -104,6 +104,23 @@ TEST_F(AccessTest, NoUnknownOrExpiredTokenIsUnauthenticated) {
   EXPECT_EQ(Try("Bearer admin-token", "", Role::kRobot), absl::StatusCode::kOk);
 }
 
+TEST_F(AccessTest, ARefusalKnowsWhomItRefusesAsFarAsThatIsKnown) {
+  const auto refused = [&](const std::string& authorization, const std::string& certificate) {
+    return CallerOf(access_->Authorize(authorization, certificate, Role::kAdmin, now_).status());
+  };
+  EXPECT_EQ(refused("Bearer robot-token", ""), "cell-3");
+  EXPECT_EQ(refused("", "arm"), "arm");
+  EXPECT_EQ(refused("Bearer guess", ""), "");
+  EXPECT_EQ(refused("", ""), "");
+  now_ = absl::FromCivil(absl::CivilDay(2027, 1, 1), absl::UTCTimeZone());
+  EXPECT_EQ(refused("Bearer robot-token", ""), "cell-3");  // expired
+  const auto reader = *Access::Open({.file = file_, .admin_calls = false});
+  const absl::Status closed =
+      reader->Authorize("Bearer admin-token", "", Role::kAdmin, now_).status();
+  EXPECT_TRUE(absl::IsPermissionDenied(closed));
+  EXPECT_EQ(CallerOf(closed), "workshop");
+}
+
 TEST_F(AccessTest, ACertificateIsAnIdentityAndATokenGoesBeforeIt) {
   EXPECT_EQ(Try("", "arm", Role::kRobot), absl::StatusCode::kOk);
   EXPECT_EQ(Try("", "arm", Role::kAdmin), absl::StatusCode::kPermissionDenied);
@@ -194,6 +211,13 @@ TEST_F(Roles, EachCallIsRefusedWithTheRightCode) {
   EXPECT_EQ((Call<v1::RebuildObjectRequest, v1::RebuildObjectResponse>(
                 &Stub::RebuildObject, rebuild, "robot-token")),
             grpc::StatusCode::PERMISSION_DENIED);
+  v1::ImportObjectRequest import;
+  EXPECT_EQ((Call<v1::ImportObjectRequest, v1::ImportObjectResponse>(
+                &Stub::ImportObject, import, "robot-token")),
+            grpc::StatusCode::PERMISSION_DENIED);
+  EXPECT_EQ((Call<v1::ImportObjectRequest, v1::ImportObjectResponse>(
+                &Stub::ImportObject, import, "admin-token")),
+            grpc::StatusCode::INVALID_ARGUMENT);
   grpc::ClientContext context;
   context.AddMetadata("authorization", "Bearer robot-token");
   v1::BackupCatalogResponse chunk;
@@ -222,6 +246,7 @@ TEST_F(Roles, WritesAreAuditedWithTheCallerAlsoWhenTheyAreRefusedAndReadsAreNot)
   for (std::string line; std::getline(file, line);) lines.push_back(line);
   ASSERT_EQ(lines.size(), 3u);
   EXPECT_THAT(lines[0], HasSubstr("\"code\":\"PERMISSION_DENIED\""));
+  EXPECT_THAT(lines[0], HasSubstr("\"caller\":\"cell-3\""));
   EXPECT_THAT(lines[1], HasSubstr("\"caller\":\"workshop\""));
   EXPECT_THAT(lines[1], HasSubstr("\"code\":\"OK\""));
   EXPECT_THAT(lines[1], HasSubstr("\"resource\":\"box\""));

@@ -4,7 +4,12 @@
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
+#include <atomic>
+#include <chrono>
+#include <thread>
+
 #include "absl/strings/str_cat.h"
+#include "server/base/stop_scope.h"
 #include "server/pipeline/exception_status.h"
 #include "tests/support/fake_objects.h"
 #include "tests/support/sample_record.h"
@@ -152,6 +157,126 @@ TEST_F(CatalogStoreTest, LoadingStopsWhenItIsAskedTo) {
   const int all = looks;
   ASSERT_GE(all, 5);  // at least one an object
   for (int at = 1; at <= 5; ++at) EXPECT_TRUE(absl::IsCancelled(load(at))) << at;
+}
+
+// A preparer whose preparations wait until they are let through, and stop when they are told to.
+struct Gate {
+  std::atomic<int> open{0};  // how many may pass
+  std::atomic<int> waiting{0};
+
+  ObjectPreparer Preparer(int version) {
+    ObjectPreparer preparer = FakePreparer(version);
+    preparer.prepare = [this](ObjectModel model) {
+      ++waiting;
+      while (open.fetch_sub(1) <= 0) {
+        open.fetch_add(1);
+        LeaveIfStopped();
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      }
+      return PrepareFake(std::move(model));
+    };
+    return preparer;
+  }
+};
+
+class PreparedBeside : public CatalogStoreTest {
+ protected:
+  void SetUp() override {
+    CatalogStoreTest::SetUp();
+    auto catalog = Catalog::Open(path_).value();
+    ASSERT_TRUE(
+        catalog->StoreDerived({{"obj_1", {0, "of another version", ""}}, {"obj_3", {}}}).ok());
+  }
+  std::unique_ptr<CatalogStore> Open(ObjectPreparer preparer, int max_resident = 5000) {
+    auto store = CatalogStore::Load(Catalog::Open(path_).value(),
+                                    std::move(preparer),
+                                    {.max_resident = max_resident, .prepare_beside = true});
+    EXPECT_TRUE(store.ok()) << store.status();
+    return *std::move(store);
+  }
+  static bool Await(const std::function<bool()>& condition) {
+    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    while (!condition() && std::chrono::steady_clock::now() < until)
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    return condition();
+  }
+  static size_t Pending(const CatalogStore& store) { return store.Published()->pending.size(); }
+};
+
+TEST_F(PreparedBeside, WhatIsReadyIsServedAndTheRestJoins) {
+  for (const int max_resident : {5000, 2}) {
+    Gate gate;
+    {
+      const auto store = Open(gate.Preparer(1), max_resident);
+      EXPECT_EQ(store->load_report().pending, 2);
+      const auto first = store->Published();
+      EXPECT_EQ(first->ids, (std::vector<std::string>{"obj_0", "obj_2", "obj_4"}));
+      EXPECT_EQ(first->pending, (std::set<std::string>{"obj_1", "obj_3"}));
+      EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+      gate.open = 2;
+      ASSERT_TRUE(Await([&] { return Pending(*store) == 0; }));
+      const auto last = store->Published();
+      EXPECT_EQ(last->ids.size(), 5u);
+      EXPECT_GT(last->snapshot.generation, first->snapshot.generation);
+      EXPECT_EQ(last->snapshot.generation, store->catalog().Generation().value());
+      EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+      EXPECT_EQ(store->Compare({})->pending.size(), 0u);
+    }
+    EXPECT_EQ(OpenCounted(path_).prepared, 0);  // all is stored
+    ASSERT_TRUE(Catalog::Open(path_).value()->StoreDerived({{"obj_1", {}}, {"obj_3", {}}}).ok());
+  }
+}
+
+TEST_F(PreparedBeside, TheNextStartGoesOnWhereThisOneWasStopped) {
+  Gate gate;
+  {
+    const auto store = Open(gate.Preparer(1));
+    gate.open = 1;
+    ASSERT_TRUE(Await([&] { return Pending(*store) == 1 && gate.waiting == 2; }));
+  }  // ends though one is being prepared
+  const Counted again = OpenCounted(path_);
+  EXPECT_EQ(again.prepared, 1);
+  EXPECT_EQ(again.store->Published()->ids.size(), 5u);
+}
+
+TEST_F(PreparedBeside, WritesMeanwhileWin) {
+  Gate gate;
+  const auto store = Open(gate.Preparer(1));
+  ASSERT_TRUE(Await([&] { return gate.waiting == 1; }));  // obj_1 is at work
+  ASSERT_TRUE(store->Delete("obj_1").ok());
+  gate.open = 1;
+  ASSERT_TRUE(
+      Await([&] { return gate.waiting == 2; }));  // obj_3, and what was made of obj_1 is dropped
+  EXPECT_FALSE(store->Published()->Contains("obj_1"));
+  gate.open = 2;  // obj_3 once for the thread and once for the write
+  ASSERT_TRUE(store
+                  ->Update("obj_3",
+                           {.display_name = true},
+                           [](CatalogRecord current) -> absl::StatusOr<CatalogRecord> {
+                             current.model.display_name = "renamed";
+                             return current;
+                           })
+                  .ok());
+  ASSERT_TRUE(Await([&] { return Pending(*store) == 0; }));
+  const auto published = store->Published();
+  EXPECT_EQ(published->ids.size(), 4u);
+  const auto at = std::find(published->ids.begin(), published->ids.end(), "obj_3");
+  ASSERT_NE(at, published->ids.end());
+  EXPECT_EQ(ModelOfFake(*published->snapshot.objects[at - published->ids.begin()]).display_name,
+            "renamed");
+  EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+}
+
+TEST_F(PreparedBeside, WhatCannotBePreparedIsLeftOutWithTheReason) {
+  ObjectPreparer preparer = FakePreparer(1);
+  preparer.prepare = [](ObjectModel model) -> absl::StatusOr<ObjectPreparer::Prepared> {
+    if (model.id == "obj_1") return absl::InvalidArgumentError("edges: no usable edge");
+    return PrepareFake(std::move(model));
+  };
+  const auto store = Open(std::move(preparer));
+  ASSERT_TRUE(Await([&] { return Pending(*store) == 0; }));
+  EXPECT_EQ(store->Published()->ids.size(), 4u);
+  EXPECT_NE(store->Published()->unusable.at("obj_1").find("no usable edge"), std::string::npos);
 }
 
 TEST_F(CatalogStoreTest, ARestoredCatalogIsPublishedWithNewKeys) {

@@ -4,12 +4,16 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <chrono>
 #include <functional>
 #include <mutex>
 #include <new>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <thread>
 
+#include "server/base/stop_scope.h"
 #include "server/service/rpc_status.h"
 #include "tests/support/fake_objects.h"
 #include "tests/support/png_size.h"
@@ -436,6 +440,52 @@ TEST(RecognitionServiceErrors, AThrowOnAThreadOfTheRequestIsItsStatusAndTheServe
   }
 }
 
+TEST(ServerStart, WhatIsNotPreparedYetIsSaidNotTakenForMissing) {
+  const ScratchDir dir;
+  const std::string db = dir.File("catalog.db");
+  {
+    TestServer server(nullptr, {}, db);
+    for (const char* id : {"nut", "box"}) ASSERT_TRUE(server.Enrol(id));
+  }
+  std::atomic<bool> may_prepare = false;
+  ObjectPreparer preparer = FakePreparer(2);  // another version
+  preparer.prepare = [&](ObjectModel model) {
+    while (!may_prepare) {
+      LeaveIfStopped();
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    return PrepareFake(std::move(model));
+  };
+  Seen seen;
+  auto server = HoropterServer::Start(Catalog::Open(db).value(), preparer, Recording(seen), {});
+  ASSERT_TRUE(server.ok()) << server.status();
+  const auto stub = v1::RecognitionService::NewStub((*server)->InProcessChannel());
+  const auto recognize = [&](const std::string& candidate, v1::RecognizeSceneResponse* answer) {
+    grpc::ClientContext context;
+    v1::RecognizeSceneRequest request;
+    request.add_images()->set_content(Png(32, 32));
+    if (!candidate.empty()) request.add_candidate_objects(candidate);
+    const grpc::Status status = stub->RecognizeScene(&context, request, answer);
+    EXPECT_EQ(Trailing(context, kRetryAfterKey).empty(),
+              status.error_code() != grpc::StatusCode::RESOURCE_EXHAUSTED);
+    return status.error_code();
+  };
+  v1::RecognizeSceneResponse answer;
+  EXPECT_EQ(recognize("objects/nut", &answer), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_EQ(recognize("objects/bolt", &answer), grpc::StatusCode::NOT_FOUND);
+  ASSERT_EQ(recognize("", &answer), grpc::StatusCode::OK);
+  ASSERT_EQ(answer.unsearched_size(), 1);
+  EXPECT_EQ(answer.unsearched(0).cause(), v1::UnsearchedStep::CAUSE_PREPARING);
+  may_prepare = true;
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (!(*server)->store().Published()->pending.empty() &&
+         std::chrono::steady_clock::now() < until)
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  answer.Clear();
+  EXPECT_EQ(recognize("objects/nut", &answer), grpc::StatusCode::OK);
+  EXPECT_EQ(answer.unsearched_size(), 0);
+}
+
 TEST(ServerStart, MemoryThatIsShortOnAThreadOfTheLoadIsAStatus) {
   const ScratchDir dir;
   const std::string db = dir.File("catalog.db");
@@ -449,6 +499,7 @@ TEST(ServerStart, MemoryThatIsShortOnAThreadOfTheLoadIsAStatus) {
   };
   ServerOptions options;
   options.load_threads = 2;
+  options.prepare_first = true;
   EXPECT_EQ(
       HoropterServer::Start(Catalog::Open(db).value(), preparer, nullptr, options).status().code(),
       absl::StatusCode::kResourceExhausted);
