@@ -5,6 +5,9 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <thread>
+
 #include "server/base/sha256.h"
 #include "server/service/rpc_status.h"
 #include "tests/support/sample_record.h"
@@ -207,8 +210,11 @@ TEST(CatalogServiceRestart, ObjectsAreThereAfterARestartAndAnUnpreparableOneDoes
   }
   TestServer server(NeverRecognise, {}, path);
   EXPECT_THAT(server.server().store().Published()->ids, testing::ElementsAre("box", "nut"));
-  EXPECT_THAT(server.server().store().load_report().failures,
-              testing::ElementsAre(testing::HasSubstr("odd")));
+  const CatalogStore& store = server.server().store();
+  while (!store.Published()->pending.empty())
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  EXPECT_THAT(store.Published()->unusable,
+              testing::ElementsAre(testing::Pair("odd", testing::HasSubstr("no usable edge"))));
 }
 
 }  // namespace
