@@ -84,6 +84,16 @@ TopoDS_Shape WithoutBodies(const TopoDS_Shape& shape,
   return kept;
 }
 
+int MostWires(const TopoDS_Shape& shape) {
+  int most = 0;
+  for (TopExp_Explorer face(shape, TopAbs_FACE); face.More(); face.Next()) {
+    int wires = 0;
+    for (TopExp_Explorer wire(face.Current(), TopAbs_WIRE); wire.More(); wire.Next()) ++wires;
+    most = std::max(most, wires);
+  }
+  return most;
+}
+
 TopoDS_Shape Sewn(const TopoDS_Shape& shape, Annotations* annotations) {
   if (shape.IsNull()) return shape;
   BRep_Builder builder;

@@ -40,4 +40,7 @@ TopoDS_Shape WithoutBodies(const TopoDS_Shape& shape, const std::set<const TopoD
 // them.
 TopoDS_Shape Sewn(const TopoDS_Shape& shape, Annotations* annotations);
 
+// The most closed borders that one of its faces has: its outer one and one of each hole.
+int MostWires(const TopoDS_Shape& shape);
+
 }  // namespace horopter

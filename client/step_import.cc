@@ -6,6 +6,7 @@
 #include <BRep_Tool.hxx>
 #include <Bnd_Box.hxx>
 #include <Eigen/Geometry>
+#include <IMeshTools_Parameters.hxx>
 #include <Message.hxx>
 #include <Message_Messenger.hxx>
 #include <Message_PrinterOStream.hxx>
@@ -54,8 +55,14 @@ void ForEachFace(const TopoDS_Shape& shape,
 TriangleMesh Triangulate(const TopoDS_Shape& shape,
                          const Annotations& annotations,
                          double chord_error_mm) {
-  constexpr double kAngularDeflection = 0.35;  // 20 degrees: 18 facets of a hole at least
-  BRepMesh_IncrementalMesh mesher(shape, chord_error_mm, false, kAngularDeflection, false);
+  IMeshTools_Parameters parameters;
+  parameters.Deflection = chord_error_mm;
+  parameters.Angle = 0.35;  // 20 degrees: 18 facets of a hole at least
+  // OpenCASCADE's own triangulation of a face takes the square of its holes: minutes for a
+  // thousand.
+  constexpr int kManyHoles = 100;  // a tenth of a second
+  if (MostWires(shape) > kManyHoles) parameters.MeshAlgo = IMeshTools_MeshAlgoType_Delabella;
+  BRepMesh_IncrementalMesh mesher(shape, parameters);
   TriangleMesh soup;
   ForEachFace(shape, annotations.colors, kNoColor, [&](const TopoDS_Face& face, const Rgba& color) {
     TopLoc_Location location;

@@ -5,9 +5,14 @@
 #include <BRepAlgoAPI_Cut.hxx>
 #include <BRepAlgoAPI_Fuse.hxx>
 #include <BRepBuilderAPI_Copy.hxx>
+#include <BRepBuilderAPI_MakeEdge.hxx>
+#include <BRepBuilderAPI_MakeFace.hxx>
+#include <BRepBuilderAPI_MakePolygon.hxx>
+#include <BRepBuilderAPI_MakeWire.hxx>
 #include <BRepFilletAPI_MakeFillet.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
+#include <BRepPrimAPI_MakePrism.hxx>
 #include <BRepPrimAPI_MakeSphere.hxx>
 #include <BRep_Builder.hxx>
 #include <Eigen/Geometry>
@@ -22,13 +27,18 @@
 #include <TopoDS.hxx>
 #include <TopoDS_Compound.hxx>
 #include <TopoDS_Edge.hxx>
+#include <TopoDS_Wire.hxx>
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <gp.hxx>
 #include <gp_Ax2.hxx>
+#include <gp_Circ.hxx>
 #include <gp_Trsf.hxx>
 #include <sstream>
+#include <utility>
 
+#include "client/brep_file.h"
 #include "client/cad_import.h"
 #include "tests/client/temp_folder.h"
 
@@ -119,6 +129,37 @@ TEST(StepImport, CirclesAreClosedOnTheirRadiusAndSeamsAreNoCorners) {
 }
 
 // The fillet is tangent to both faces: the sharp edge is gone, its ends become arcs.
+// Of a face with many holes another algorithm makes the triangles: as many as there must be between
+// the same borders, and none of them lies in a hole.
+TEST(StepImport, AFaceOfManyHolesIsTriangulatedAsOneOfFewIs) {
+  const TempFolder folder;
+  for (const int side : {3, 9, 12}) {  // 9, 81 and 144 holes
+    BRepBuilderAPI_MakePolygon border;
+    for (const auto& [x, y] : {std::pair{0, 0}, {1, 0}, {1, 1}, {0, 1}}) {
+      border.Add(gp_Pnt(10.0 * side * x, 10.0 * side * y, 0.0));
+    }
+    border.Close();
+    BRepBuilderAPI_MakeFace face(border.Wire());
+    for (int i = 0; i < side * side; ++i) {
+      const gp_Ax2 axis(gp_Pnt(10.0 * (i % side) + 5.0, 10.0 * (i / side) + 5.0, 0.0), gp::DZ());
+      TopoDS_Wire hole = BRepBuilderAPI_MakeWire(BRepBuilderAPI_MakeEdge(gp_Circ(axis, 3.0)));
+      hole.Reverse();
+      face.Add(hole);
+    }
+    const TopoDS_Shape plate = BRepPrimAPI_MakePrism(face.Face(), gp_Vec(0.0, 0.0, 4.0)).Shape();
+    EXPECT_EQ(MostWires(plate), side * side + 1);
+    const CadImport import = MustImport(WriteStep(folder, plate));
+    EXPECT_EQ(import.model.edges.size(), 12u + 2u * side * side);
+    const TriangleMesh& mesh = import.model.mesh;
+    const auto rim = static_cast<int>(mesh.vertices.size() - 8) / (2 * side * side);
+    EXPECT_EQ(static_cast<int>(mesh.vertices.size()), 8 + 2 * side * side * rim);
+    // Euler: 2 - 2 holes = vertices - triangles / 2.
+    EXPECT_EQ(mesh.triangles.size(), 2 * (mesh.vertices.size() - 2 + 2 * side * side));
+    const double hole = 0.5 * rim * 9.0 * std::sin(2.0 * M_PI / rim);
+    EXPECT_NEAR(SignedVolume(mesh) * 1e9, side * side * (100.0 - hole) * 4.0, 1e-3 * side * side);
+  }
+}
+
 TEST(StepImport, SmoothEdgesAreDropped) {
   const TopoDS_Shape box = BRepPrimAPI_MakeBox(40.0, 30.0, 20.0).Shape();
   BRepFilletAPI_MakeFillet fillet(box);

@@ -5,7 +5,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <initializer_list>
 #include <optional>
+#include <utility>
+
+#include "server/vision/geometry/box_tree.h"
 
 namespace horopter {
 namespace {
@@ -14,6 +18,11 @@ namespace {
 struct Anchor {
   Eigen::Vector3d p = Eigen::Vector3d::Zero();  // relative to the centroid
   double radius = 0.0;                          // of a closed circle about p, 0 for a vertex
+};
+
+// One chord of an edge.
+struct Chord {
+  Eigen::Vector3d a = Eigen::Vector3d::Zero(), b = Eigen::Vector3d::Zero();
 };
 
 struct Part {
@@ -25,6 +34,10 @@ struct Part {
   std::vector<Eigen::Vector3d> edge_samples;  // relative to the centroid, as all below
   std::vector<Eigen::Vector3d> mesh_samples;
   double tolerance_m = 0.0;
+  // A candidate asks for what lies near thousands of points, and a part with a pattern of holes has
+  // hundreds of candidates: of anchors, chords and triangles only those about a point are compared.
+  std::vector<Chord> chords;  // of all edges; not relative to the centroid, nor is the mesh
+  BoxTree near_anchors{{}}, near_chords{{}}, near_triangles{{}};
 };
 
 // Area centroid of the mesh: every rotation of the part fixes it, closed mesh or not.
@@ -65,41 +78,37 @@ double DistanceToTriangle(const Eigen::Vector3d& p,
 bool NearEdges(const Part& part, const Eigen::Vector3d& p) {
   const double limit = 2.0 * part.tolerance_m;
   const Eigen::Vector3d q = p + part.centroid;
-  for (const ModelEdge& e : part.model->edges) {
-    for (size_t i = 1; i < e.polyline.size(); ++i) {
-      if (DistanceToSegment(q, e.polyline[i - 1], e.polyline[i]) <= limit) return true;
-    }
-  }
-  return false;
+  return part.near_chords.AnyAt(
+      q, [&](int i) { return DistanceToSegment(q, part.chords[i].a, part.chords[i].b) <= limit; });
 }
 
 bool NearMesh(const Part& part, const Eigen::Vector3d& p) {
   const double limit = 2.0 * part.tolerance_m;
   const Eigen::Vector3d q = p + part.centroid;
   const TriangleMesh& mesh = part.model->mesh;
-  for (const Eigen::Vector3i& t : mesh.triangles) {
+  return part.near_triangles.AnyAt(q, [&](int i) {
+    const Eigen::Vector3i& t = mesh.triangles[i];
     const Eigen::Vector3d &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]],
                           &c = mesh.vertices[t[2]];
-    bool outside = false;
-    for (int k = 0; k < 3 && !outside; ++k) {
-      outside = q[k] < std::min({a[k], b[k], c[k]}) - limit ||
-                q[k] > std::max({a[k], b[k], c[k]}) + limit;
+    for (int k = 0; k < 3; ++k) {
+      if (q[k] < std::min({a[k], b[k], c[k]}) - limit ||
+          q[k] > std::max({a[k], b[k], c[k]}) + limit) {
+        return false;
+      }
     }
-    if (!outside && DistanceToTriangle(q, a, b, c) <= limit) return true;
-  }
-  return false;
+    return DistanceToTriangle(q, a, b, c) <= limit;
+  });
 }
 
 bool MapsAnchors(const Part& part, const Eigen::Matrix3d& R) {
-  for (const Anchor& a : part.anchors) {
+  return std::all_of(part.anchors.begin(), part.anchors.end(), [&](const Anchor& a) {
     const Eigen::Vector3d moved = R * a.p;
-    const bool found = std::any_of(part.anchors.begin(), part.anchors.end(), [&](const Anchor& b) {
+    return part.near_anchors.AnyAt(moved, [&](int i) {
+      const Anchor& b = part.anchors[i];
       return std::abs(a.radius - b.radius) <= part.tolerance_m &&
              (moved - b.p).norm() <= part.tolerance_m;
     });
-    if (!found) return false;
-  }
-  return true;
+  });
 }
 
 // But for single ones: where smooth surfaces meet, an edge may be told on one side only.
@@ -177,6 +186,41 @@ void CollectAnchors(Part& part) {
   std::stable_sort(part.orbits.begin(), part.orbits.end(), [](const auto& a, const auto& b) {
     return a.size() < b.size();
   });
+}
+
+// Boxes with room for `limit` around the points and for rounding: they may hold more than is near,
+// never less.
+Eigen::AlignedBox3d Around(const std::initializer_list<Eigen::Vector3d>& points, double limit) {
+  constexpr double kRounding = 1e-9;
+  Eigen::AlignedBox3d box;
+  double size = 0.0;
+  for (const Eigen::Vector3d& p : points) {
+    box.extend(p);
+    size = std::max(size, p.cwiseAbs().maxCoeff());
+  }
+  const Eigen::Vector3d margin = Eigen::Vector3d::Constant(limit + kRounding * (limit + size));
+  return {box.min() - margin, box.max() + margin};
+}
+
+void PlaceInSpace(Part& part) {
+  std::vector<Eigen::AlignedBox3d> boxes;
+  for (const Anchor& a : part.anchors) boxes.push_back(Around({a.p}, part.tolerance_m));
+  part.near_anchors = BoxTree(std::move(boxes));
+  boxes.clear();
+  for (const ModelEdge& e : part.model->edges) {
+    for (size_t i = 1; i < e.polyline.size(); ++i) {
+      part.chords.push_back({e.polyline[i - 1], e.polyline[i]});
+      boxes.push_back(Around({e.polyline[i - 1], e.polyline[i]}, 2.0 * part.tolerance_m));
+    }
+  }
+  part.near_chords = BoxTree(std::move(boxes));
+  boxes.clear();
+  const TriangleMesh& mesh = part.model->mesh;
+  for (const Eigen::Vector3i& t : mesh.triangles) {
+    boxes.push_back(Around({mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]},
+                           2.0 * part.tolerance_m));
+  }
+  part.near_triangles = BoxTree(std::move(boxes));
 }
 
 // Right-handed frame from two directions.
@@ -289,6 +333,7 @@ std::vector<Rigid3> DeriveSymmetries(const ObjectModel& model,
   part.centroid = Centroid(model.mesh);
   CollectAnchors(part);
   SampleSurface(part);
+  PlaceInSpace(part);
   const auto base = BasePair(part, model.diameter_m);
   const std::vector<Eigen::Matrix3d> rotations =
       base ? RotationsFromPairs(part, base->first, base->second, options.max_order)

@@ -134,6 +134,28 @@ TEST(Symmetry, ElementsMapThePartOntoItself) {
 }
 
 // A corner moved by more than the tolerance breaks the symmetry, by less it does not.
+// A disc with rings of holes: a pattern whose every turn must be compared with every edge.
+TEST(Symmetry, RingsOfHolesTurnByOneHole) {
+  constexpr int kHoles = 60, kRings = 8, kChords = 32;
+  ObjectModel disc = Prism(Regular(kHoles, 0.1), 0.01);
+  for (int i = 0; i < kHoles * kRings; ++i) {
+    // Rings are shifted against each other: turned over, the pattern is another.
+    const double angle = 2 * M_PI * (i + 0.2 * (i / kHoles)) / kHoles;
+    const double radius = 0.03 + 0.008 * (i / kHoles);
+    ModelEdge hole{CurveKind::kCircle, -1, -1, M_PI / 2, {}};
+    for (int k = 0; k <= kChords; ++k) {
+      const double turn = 2 * M_PI * k / kChords + angle;
+      hole.polyline.emplace_back(radius * std::cos(angle) + 1.2e-3 * std::cos(turn),
+                                 radius * std::sin(angle) + 1.2e-3 * std::sin(turn),
+                                 0.01);
+    }
+    disc.edges.push_back(hole);
+  }
+  EXPECT_EQ(DeriveSymmetries(disc).size(), kHoles - 1u);
+  disc.edges.resize(disc.edges.size() - 10);  // holes of the outer ring are not there
+  EXPECT_EQ(DeriveSymmetries(disc).size(), 0u);
+}
+
 TEST(Symmetry, ToleranceDecides) {
   const auto dented = [](double share) {
     ObjectModel model = Prism(Rectangle(0.04, 0.03), 0.02);
