@@ -175,8 +175,28 @@ std::string FindCadReader() {
   return "";
 }
 
+absl::Status Validate(const CadReaderOptions& options) {
+  if (options.memory_mb < 64 || options.memory_mb > 1'000'000) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("cad_memory_mb: ", options.memory_mb, " is outside 64..1000000"));
+  }
+  if (options.seconds < 1 || options.seconds > 3600) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("cad_seconds: ", options.seconds, " is outside 1..3600"));
+  }
+  if (options.program.empty() || access(options.program.c_str(), X_OK) == 0) {
+    return absl::OkStatus();
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("cad_reader: ", options.program, ": ", std::strerror(errno)));
+}
+
+// It is started in another folder than ours.
 CadReader::CadReader(CadReaderOptions options, int64_t most_bytes)
-    : options_(std::move(options)), most_bytes_(most_bytes) {}
+    : options_{.program = options.program.empty() ? "" : fs::absolute(options.program).string(),
+               .memory_mb = options.memory_mb,
+               .seconds = options.seconds},
+      most_bytes_(most_bytes) {}
 
 absl::StatusOr<v1::ImportObjectResponse> CadReader::Read(const v1::ImportObjectRequest& request,
                                                          const std::string& folder,

@@ -17,6 +17,9 @@ struct CadReaderOptions {
   int seconds = 120;     // of processor time; more: more intricate files
 };
 
+// Errors: INVALID_ARGUMENT naming the option, also of a program that cannot be run.
+absl::Status Validate(const CadReaderOptions& options);
+
 // The program of that name where it is installed or built: beside the running one, or in
 // ../libexec/horopter; empty: nowhere.
 std::string FindCadReader();

@@ -169,8 +169,7 @@ absl::Status Validate(const ServerOptions& options) {
     return absl::InvalidArgumentError(absl::StrCat(
         "memory_mb: ", options.memory_mb, " MiB hold no message of the largest size twice"));
   }
-  HOROPTER_RETURN_IF_ERROR(InRange("cad_memory_mb", options.cad.memory_mb, 64, 1'000'000));
-  HOROPTER_RETURN_IF_ERROR(InRange("cad_seconds", options.cad.seconds, 1, 3600));
+  HOROPTER_RETURN_IF_ERROR(Validate(options.cad));
   HOROPTER_RETURN_IF_ERROR(InRange("max_resident", options.max_resident, 1, 10'000'000));
   HOROPTER_RETURN_IF_ERROR(InRange("max_objects", options.max_objects, 1, 10'000'000));
   HOROPTER_RETURN_IF_ERROR(InRange("threads_per_request", options.threads_per_request, 1, 256));

@@ -122,6 +122,10 @@ class Files(Served):
         self.assertEqual(caught.exception.field, "content")
         self.assertEqual(client.list_objects(), [])
 
+    def test_the_reader_may_be_named_from_where_the_server_stands(self):
+        client = self.serve(reader=os.path.relpath(READER))
+        self.assertEqual(client.import_object("tet", TETRAHEDRON, "tet.stl").object.object_id, "tet")
+
     def test_a_server_without_a_reader_says_so(self):
         client = self.serve(reader="")
         with self.assertRaises(horopter.HoropterError) as caught:

@@ -91,6 +91,9 @@ class Configuration(Scratch):
         self.assertIn("'workers' has more than one value", self.refusal("workers=2\nqueue=3\nworkers=4\n"))
         self.assertIn("'workers' has more than one value", self.refusal("workers=[2, 3]\n"))
 
+    def test_a_program_that_is_not_there_is_refused(self):
+        self.assertIn("cad_reader: /nowhere/reader: ", self.refusal('cad-reader="/nowhere/reader"\n', code=1))
+
     def test_values_that_are_none_are_refused(self):
         for text in ("workers=many\n", "workers=0\n", "insecure=perhaps\n", "queue=\n"):
             self.refusal(text)
