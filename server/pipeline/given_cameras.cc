@@ -1,6 +1,7 @@
 #include "server/pipeline/given_cameras.h"
 
 #include <algorithm>
+#include <opencv2/core.hpp>
 #include <utility>
 
 #include "server/vision/station/station_filter.h"
@@ -12,12 +13,12 @@ namespace {
 // where they are searched (640 pixels, half a metre). Turn and principal point are mostly known
 // better together than each alone.
 constexpr double kMostLogFocal = 0.02;
-constexpr double kMostTurnRad = 0.008;
-constexpr double kMostShiftM = 0.004;
+constexpr double kMostTurnRad = 0.012;
+constexpr double kMostShiftM = 0.006;
 constexpr int kLeastViews = 2;  // one view tells nothing that it did not give
 
 // Of cameras from texture in photographs: median deviations from the truth of 0.3 - 1.4 degrees.
-constexpr double kTextureTurnRad = 0.012;
+constexpr double kTextureTurnRad = kMostTurnRad;
 constexpr double kTexturePosition = 0.02;  // of the distance
 
 // Nothing where two cameras are not known apart from each other. The frame's origin may be
@@ -57,6 +58,36 @@ KnownCameras CamerasOfStation(const StationRequest& station) {
     known.views.push_back(view);
     known.rotation_sigma_rad = std::max(known.rotation_sigma_rad, d.turn_rad);
     shift_m = std::max(shift_m, d.shift_m);
+  }
+  return WithPositionSigma(shift_m, std::move(known));
+}
+
+KnownCameras CamerasOfRequest(const SceneRequest& request) {
+  const std::size_t n = request.images.size();
+  if (request.camera_poses.size() != n || request.hints.size() != n) return {};
+  KnownCameras known;
+  known.scale_known = true;
+  double shift_m = 0.0;
+  for (std::size_t v = 0; v < n; ++v) {
+    const CameraHint& hint = request.hints[v];
+    const std::optional<CameraPoseHint>& pose = request.camera_poses[v];
+    if (!pose || !hint.focal_px || FocalLogSigma(hint) > kMostLogFocal ||
+        pose->rotation_sigma_rad > kMostTurnRad || pose->position_sigma_m > kMostShiftM) {
+      return {};
+    }
+    const cv::Mat& image = request.images[v];
+    CalibratedView view;
+    view.camera = CenteredCamera(image.cols, image.rows, *hint.focal_px);
+    if (hint.principal_point) {
+      view.camera.cx = hint.principal_point->x();
+      view.camera.cy = hint.principal_point->y();
+    }
+    view.camera.k1 = hint.k1.value_or(0.0);
+    view.camera_from_scene = pose->camera_from_base;
+    view.focal_log_sigma = FocalLogSigma(hint);
+    known.views.push_back(view);
+    known.rotation_sigma_rad = std::max(known.rotation_sigma_rad, pose->rotation_sigma_rad);
+    shift_m = std::max(shift_m, pose->position_sigma_m);
   }
   return WithPositionSigma(shift_m, std::move(known));
 }

@@ -62,18 +62,15 @@ PlaneInViews AskGround(const SceneRequest& request,
   return ground;
 }
 
-// Cameras before any part: a station's, else what the images' texture tells, which is left in the
-// trace where it is trusted. Poses that a request gives are tested by the answer and not presumed.
-absl::StatusOr<KnownCameras> CamerasFirst(const PipelineOptions& options,
-                                          const SceneRequest& request,
-                                          const KnownCameras& of_station,
-                                          bool have_aspects,
-                                          const StopRequested& stop,
-                                          SceneTrace* trace,
-                                          std::vector<StageReport>* stages) {
-  if (!of_station.views.empty() || !have_aspects || !options.cameras_from_texture ||
-      request.images.size() < 2 || IsStopRequested(options.recognition.hurry)) {
-    return of_station;
+// What the images' texture tells of their cameras, which is left in the trace where it is trusted.
+absl::StatusOr<KnownCameras> CamerasOfTexture(const PipelineOptions& options,
+                                              const SceneRequest& request,
+                                              const StopRequested& stop,
+                                              SceneTrace* trace,
+                                              std::vector<StageReport>* stages) {
+  if (!options.cameras_from_texture || request.images.size() < 2 ||
+      IsStopRequested(options.recognition.hurry)) {
+    return KnownCameras{};
   }
   HOROPTER_ASSIGN_OR_RETURN(Reconstruction texture,
                             ReconstructTexture(request, options, stop, stages));
@@ -86,6 +83,18 @@ int Registered(const RecognitionResult& recognition) {
   return static_cast<int>(std::count_if(recognition.views.begin(),
                                         recognition.views.end(),
                                         [](const auto& view) { return view.has_value(); }));
+}
+
+// Views that show one of the objects.
+int Showing(const RecognitionResult& recognition) {
+  int showing = 0;
+  for (std::size_t v = 0; v < recognition.views.size(); ++v) {
+    showing +=
+        std::any_of(recognition.objects.begin(), recognition.objects.end(), [&](const auto& o) {
+          return v < o.view_scores.size() && o.view_scores[v] >= 0.0;
+        });
+  }
+  return showing;
 }
 
 // Matching and reconstruction; under cameras that the texture has given along their epipolar lines.
@@ -198,16 +207,16 @@ absl::Status RunRecognition(PipelineOptions options,
     ground = AskGround(request, options, stop, &answer.stages);
     if (IsStopRequested(stop)) return absl::CancelledError("stopped while the ground was asked");
   }
-  watch.Begin("matching");
   const bool have_aspects = options.recognition.routes.aspects &&
                             std::all_of(input->objects.begin(),
                                         input->objects.end(),
                                         [](const auto& o) { return o->aspects != nullptr; });
-  HOROPTER_ASSIGN_OR_RETURN(
-      const KnownCameras known,
-      CamerasFirst(options, request, cameras, have_aspects, stop, &trace, &answer.stages));
+  // Cameras before any part: a station's, else those whose places the request gives, else what the
+  // images' texture tells. The answer tests them all.
   RecognitionResult in_cameras;
-  if (!known.views.empty()) {
+  const auto look_under = [&](const KnownCameras& known,
+                              int (*believed)(const RecognitionResult&)) {
+    if (known.views.empty()) return absl::OkStatus();
     input->ground = ground;
     HOROPTER_ASSIGN_OR_RETURN(trace.recognition,
                               recognize([&](const RecognitionInput& of, const auto&... given) {
@@ -216,10 +225,25 @@ absl::Status RunRecognition(PipelineOptions options,
     input->ground = {};
     // A station's cameras are asked of the images by whoever gave them.
     const bool doubted =
-        cameras.views.empty() && Registered(trace.recognition) < std::ssize(request.images);
-    if (doubted) std::swap(trace.recognition, in_cameras);
-    aspects_first = aspects_first && trace.recognition.objects.empty();
+        cameras.views.empty() && believed(trace.recognition) < std::ssize(request.images);
+    if (!doubted) return absl::OkStatus();
+    if (in_cameras.objects.empty()) in_cameras = std::move(trace.recognition);
+    trace.recognition = {};
+    return absl::OkStatus();
+  };
+  if (!cameras.views.empty()) {
+    HOROPTER_RETURN_IF_ERROR(look_under(cameras, Registered));
+  } else if (have_aspects) {
+    // A place that no part confirms may be wrong.
+    HOROPTER_RETURN_IF_ERROR(look_under(CamerasOfRequest(request), Showing));
+    if (trace.recognition.objects.empty()) {
+      watch.Begin("matching");
+      HOROPTER_ASSIGN_OR_RETURN(const KnownCameras known,
+                                CamerasOfTexture(options, request, stop, &trace, &answer.stages));
+      HOROPTER_RETURN_IF_ERROR(look_under(known, Registered));
+    }
   }
+  aspects_first = aspects_first && trace.recognition.objects.empty();
   if (aspects_first) {
     input->ground = ground;
     HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize([&](const auto&... given) {

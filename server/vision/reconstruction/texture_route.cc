@@ -274,7 +274,9 @@ class TextureRoute {
           "only a lens of k1 %.2f would explain the texture, at most %.2f is believed",
           k1,
           options_.max_k1);
-    if (!one_camera_ && priors_.empty() && beside < 0.5)
+    const bool lenses_open = std::none_of(
+        priors_.begin(), priors_.end(), [](const ViewPrior& p) { return p.focal_px.has_value(); });
+    if (!one_camera_ && lenses_open && beside < 0.5)
       return "the texture is a plane and the images differ in focal length";
     if (!(sigma <= kMaxTrustedFocalSigma)) {
       return absl::StrFormat("focal length known to %.0f %%, need %.0f %%",

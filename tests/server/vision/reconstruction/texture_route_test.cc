@@ -102,6 +102,17 @@ TEST(ReconstructFromTexture, AGivenFocalLengthIsKept) {
     EXPECT_NEAR(r.views[v]->camera.focal_px / scene.views[v].camera.focal_px, 1.0, 0.02);
 }
 
+// Priors that say nothing of focal lengths are none: a plane and a zoom leave them to the noise.
+TEST(ReconstructFromTexture, PriorsWithoutFocalLengthsLeaveAZoomedPlaneInDoubt) {
+  const TexturedScene scene = MakeTexturedScene({.seed = 23, .views = 4, .boxes = 0, .zoom = 1.4});
+  const std::vector<cv::Mat> images = RenderTextured(scene);
+  const Reconstruction without = Reconstruct(images);
+  const Reconstruction empty = Reconstruct(images, std::vector<ViewPrior>(4));
+  EXPECT_FALSE(without.trusted);
+  EXPECT_FALSE(empty.trusted);
+  EXPECT_EQ(empty.refusal, without.refusal);
+}
+
 TEST(ReconstructFromTexture, WhatMovesIsReconstructedAndNotTheBackground) {
   const TexturedScene scene = OnTurntable(15, 5);
   const Reconstruction r = Reconstruct(RenderTextured(scene));
