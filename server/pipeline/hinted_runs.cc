@@ -17,20 +17,6 @@ namespace {
 
 const KnownCameras kNoCameras;
 
-// What an attempt at recognition has answered.
-void Forget(RecognitionInput* input, PipelineResult* result) {
-  result->trace.recognition = {};
-  result->trace.matching = {};
-  result->trace.reconstruction = {};
-  result->trace.metric.reset();
-  result->answer.reasons.clear();
-  result->answer.unsearched.clear();
-  result->answer.findings.clear();
-  result->answer.presumed_focal.clear();
-  input->matching = nullptr;
-  input->reconstruction = nullptr;
-}
-
 // By the images and what the request says of its cameras.
 absl::Status RecognizeAndAdjust(const PipelineOptions& options,
                                 const SceneRequest& request,
@@ -66,7 +52,7 @@ absl::Status RunPresumed(const PipelineOptions& options,
       return absl::OkStatus();
     }
   }
-  Forget(input, result);
+  ForgetAttempt(input, result);
   HOROPTER_RETURN_IF_ERROR(RecognizeAndAdjust(options, stripped, stop, log, input, result));
   if (result->trace.metric) {
     // What fits the files' focal lengths was not found with them: they misled the search.
@@ -98,7 +84,7 @@ absl::Status RunStation(const PipelineOptions& options,
   for (const bool with_prior : {true, false}) {
     if (with_prior && !anything_known) continue;
     const SceneRequest& asked = with_prior ? hinted : request;
-    Forget(input, result);
+    ForgetAttempt(input, result);
     input->hints = asked.hints;
     const KnownCameras& tried = with_prior ? rig : kNoCameras;
     HOROPTER_RETURN_IF_ERROR(RunRecognition(options, asked, tried, stop, log, input, result));
@@ -167,7 +153,7 @@ absl::Status RunClaimed(const PipelineOptions& options,
     HOROPTER_ASSIGN_OR_RETURN(*test, AskImages(options, known.request, *input, stop, result));
     if (test->agrees) return absl::OkStatus();
   }
-  Forget(input, result);
+  ForgetAttempt(input, result);
   HOROPTER_RETURN_IF_ERROR(
       RunAlone(options, known.without_claims, known.without_both, stop, log, input, result));
   if (!result->trace.metric) return absl::OkStatus();
@@ -179,6 +165,19 @@ absl::Status RunClaimed(const PipelineOptions& options,
 }
 
 }  // namespace
+
+void ForgetAttempt(RecognitionInput* input, PipelineResult* result) {
+  result->trace.recognition = {};
+  result->trace.matching = {};
+  result->trace.reconstruction = {};
+  result->trace.metric.reset();
+  result->answer.reasons.clear();
+  result->answer.unsearched.clear();
+  result->answer.findings.clear();
+  result->answer.presumed_focal.clear();
+  input->matching = nullptr;
+  input->reconstruction = nullptr;
+}
 
 CameraKnowledge KnowledgeOf(const SceneRequest& request) {
   SceneRequest without_claims = WithoutClaims(request);

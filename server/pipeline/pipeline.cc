@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <map>
+#include <optional>
 #include <span>
 #include <utility>
 
@@ -20,6 +21,7 @@
 #include "server/pipeline/recognition_stage.h"
 #include "server/pipeline/select_objects.h"
 #include "server/pipeline/variants.h"
+#include "server/pipeline/wider_question.h"
 #include "server/vision/features/arc_refit.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
@@ -118,9 +120,10 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                                          const CatalogSnapshot& catalog,
                                          const PipelineOptions& options,
                                          const StopRequested& stop) {
-  HOROPTER_ASSIGN_OR_RETURN(const Selection selection,
+  HOROPTER_ASSIGN_OR_RETURN(Selection selection,
                             SelectObjects(request, catalog, options.max_searched_objects));
-  const auto& objects = selection.objects;
+  std::vector<std::shared_ptr<const PreparedObject>> asked;  // of a wider question's objects
+  std::span<const std::shared_ptr<const PreparedObject>> objects = selection.objects;
   PipelineResult result;
   SceneAnswer& answer = result.answer;
   SceneTrace& trace = result.trace;
@@ -152,7 +155,21 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   RefusalLog log;
   log.object = IndexOf(request.explained, objects);
   RefusalLog* const kept = log.object < 0 ? nullptr : &log;
-  HOROPTER_RETURN_IF_ERROR(RunWithHints(options, known, stop, kept, &input, &result, &hint_test));
+  const std::optional<SceneRequest> wider = WiderQuestion(request, catalog, options);
+  HOROPTER_RETURN_IF_ERROR(RunWithHints(
+      wider ? QuickOnly(options) : options, known, stop, kept, &input, &result, &hint_test));
+  if (wider && !(trace.metric && IsEnough(trace.recognition))) {
+    asked = std::move(selection.objects);
+    HOROPTER_ASSIGN_OR_RETURN(selection,
+                              SelectObjects(*wider, catalog, options.max_searched_objects));
+    objects = input.objects = selection.objects;
+    input.slots = selection.slots;
+    log = {};
+    log.object = IndexOf(request.explained, objects);
+    hint_test = {};
+    ForgetAttempt(&input, &result);
+    HOROPTER_RETURN_IF_ERROR(RunWithHints(options, known, stop, kept, &input, &result, &hint_test));
+  }
   if (!trace.metric) {
     if (!hint_test.agrees) TellContradictedHints(request.hints, hint_test, {}, &answer);
     HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
@@ -165,6 +182,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   if (!hint_test.agrees)
     TellContradictedHints(request.hints, hint_test, trace.metric->cameras, &answer);
   if (request.station) result.station->bases_seen = BasesSeen(answer, options.station);
+  if (!asked.empty()) LeaveAsked(asked, &answer);
   if (answer.objects.empty()) AddReason(ReasonKind::kNothingFound, "no object is left", &answer);
   HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
   return result;

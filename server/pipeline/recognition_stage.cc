@@ -128,6 +128,11 @@ absl::Status Reconstruct(const SceneRequest& request,
   return absl::OkStatus();
 }
 
+// Whether any route looks at what views have in common.
+bool AskMatches(const RecognitionRoutes& routes) {
+  return routes.metric || routes.supporting_plane || routes.view_led || routes.projective;
+}
+
 // One call of recognition, by(input, options, stop, listener, log), with the time of its steps.
 template <typename By>
 absl::StatusOr<RecognitionResult> TimedRecognition(const By& by,
@@ -255,7 +260,7 @@ absl::Status RunRecognition(PipelineOptions options,
   }
   if (trace.recognition.objects.empty() && IsStopRequested(options.recognition.hurry)) {
     unasked = {"matching", "reconstruction", "recognition"};
-  } else if (trace.recognition.objects.empty()) {
+  } else if (trace.recognition.objects.empty() && AskMatches(options.recognition.routes)) {
     watch.Begin("matching");
     HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));
     // No route would be asked any more.
