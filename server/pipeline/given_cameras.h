@@ -12,8 +12,8 @@ namespace horopter {
 // known well enough to look for parts under them (fixed cameras, one image each); else no views.
 KnownCameras CamerasOfStation(const StationRequest& station);
 
-// The cameras of a request that says where they are (SceneRequest::camera_poses, a robot's) and what
-// their lenses are, metres, where it knows both well enough for all images; else no views.
+// The cameras of a request that says where they are (SceneRequest::camera_poses, a robot's) and
+// what their lenses are, metres, where it knows both well enough for all images; else no views.
 KnownCameras CamerasOfRequest(const SceneRequest& request);
 
 // Those of a reconstruction that is to be trusted, in its unit; else no views.
