@@ -276,9 +276,11 @@ grpc::ServerUnaryReactor* CatalogService::ImportObject(grpc::CallbackServerConte
        [this](const auto& request, const CallInfo& info, v1::ImportObjectResponse* response) {
          return Import(request, info, response);
        },
-       // The file is stored beside the geometry that comes of it.
-       [](const auto& request) -> absl::StatusOr<CallDemand> {
-         return CallDemand{.bytes = 2 * static_cast<int64_t>(request.content().size())};
+       // The file is stored beside the geometry that comes of it, of which nothing is known yet but
+       // how large it may be.
+       [this](const auto& request) -> absl::StatusOr<CallDemand> {
+         return CallDemand{.bytes =
+                               max_object_bytes_ + static_cast<int64_t>(request.content().size())};
        }});
 }
 

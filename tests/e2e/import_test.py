@@ -218,12 +218,17 @@ class Bounds(Served):
         self.mock.stop()
         thread.join(120)
         self.assertEqual(len(self.leftovers()), 1)
-        kept = os.path.join(self.folder, "parts.db.before-restore.bak")
-        with open(kept, "w", encoding="utf-8"):
-            pass
+        gone = ["parts.db.12.3.backup", "parts.db.12.3.backup.12.unfinished", "parts.db.schema-7.bak.12.unfinished",
+                "parts.db.before-restore-2.bak.12.unfinished-journal"]
+        kept = ["parts.db.before-restore.bak", "parts.db.schema-7.bak", "parts.db.notes", "other.db.1.2.restore", "my.parts.db.1.2.restore"]
+        for name in gone + kept:
+            with open(os.path.join(self.folder, name), "w", encoding="utf-8"):
+                pass
         self.serve()
         self.assertEqual(self.leftovers(), [])
-        self.assertTrue(os.path.exists(kept))
+        there = os.listdir(self.folder)
+        self.assertEqual([n for n in gone if n in there], [])
+        self.assertEqual([n for n in kept if n not in there], [])
 
     @staticmethod
     def lives(pid):
