@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
 # Configures a preset and builds it.
 #
-#   deploy/build.sh [--preset NAME] [--precompiled] [--batches] [--jobs N] [TARGET...]
+#   deploy/build.sh [--preset NAME] [--batches | --single] [--precompiled] [--jobs N] [TARGET...]
 #     --preset NAME   a configure preset of CMakePresets.json (default: release)
-#     --precompiled   with precompiled headers where files are compiled one by one
-#     --batches       several files of a target are compiled as one (docs/building.md)
-#     --jobs N        compilations at a time (default: a core and 1.5 GB of free memory for each)
+#     --batches       several files of a target are compiled as one (docs/building.md): the soonest first build, and the default where
+#                     nothing has been configured yet
+#     --single        each file is compiled alone: the soonest second build
+#     --precompiled   with precompiled headers where files are compiled alone
+#     --jobs N        compilations at a time (default: a core and 2 GB of free memory for each)
 #     TARGET          what to build (default: everything)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -18,9 +20,10 @@ while [[ $# -gt 0 ]]; do
   case $1 in
     --preset) preset=${2:?--preset needs a name}; shift 2 ;;
     --batches) options+=(-DHOROPTER_UNITY=ON); shift ;;
+    --single) options+=(-DHOROPTER_UNITY=OFF); shift ;;
     --jobs) jobs=${2:?--jobs needs a number}; shift 2 ;;
     --precompiled) options+=(-DHOROPTER_PRECOMPILED_HEADERS=ON); shift ;;
-    -*) sed -n '2,10s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
+    -*) sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
     *) targets+=("$1"); shift ;;
   esac
 done
@@ -31,7 +34,7 @@ if [[ -z ${CCACHE_DIR:-} && -d ${HOME:-/nonexistent}/.ccache ]]; then cache=$HOM
 mkdir -p "$cache" 2>/dev/null && [[ -w $cache ]] || export CCACHE_DISABLE=1
 
 # With more compilations than memory allows the system kills one of them, or swaps.
-per_job_mb=1500
+per_job_mb=2000
 free_mb=$(awk '/^MemAvailable:/ { print int($2 / 1024) }' "${HOROPTER_MEMINFO:-/proc/meminfo}")
 for group in /sys/fs/cgroup/memory /sys/fs/cgroup; do  # of a container: what it may take and has taken
   limit=$(cat "$group/memory.max" "$group/memory.limit_in_bytes" 2>/dev/null | head -n 1 || true)
@@ -54,6 +57,8 @@ elif [[ ! $jobs =~ ^[1-9][0-9]{0,3}$ ]]; then
   exit 2
 fi
 
+# A folder that is there keeps what it was made with: somebody works in it. The sanitizers' presets are of who develops.
+if [[ ${#options[@]} -eq 0 && $preset == release && ! -e build/$preset/CMakeCache.txt ]]; then options=(-DHOROPTER_UNITY=ON); fi
 log=build/$preset-configure.log
 mkdir -p build
 if ! cmake --preset "$preset" "${options[@]}" >"$log" 2>&1; then

@@ -244,8 +244,8 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
                               Listener::Start(AdminListener(options), served));
   }
   parts->telemetry->AskForLoad([scenes = parts->scene_pool.get(), memory = parts->memory.get()] {
-    const WorkerPool::Load load = scenes->load();
-    return LoadFigures{load.running, load.waiting, memory->used(), memory->bytes()};
+    const WorkerPool::Load now = scenes->load();
+    return LoadFigures{now.running, now.waiting, memory->used(), memory->bytes()};
   });
   return std::unique_ptr<HoropterServer>(new HoropterServer(std::move(parts)));
 }

@@ -56,11 +56,14 @@ class Summary(unittest.TestCase):
 class Build(unittest.TestCase):
     """What deploy/build.sh decides from memory and cores, with stand-ins of cmake and nproc."""
 
-    def build(self, free_mb, cores, *arguments, folder="a tree"):
+    def build(self, free_mb, cores, *arguments, folder="a tree", configured=False):
         with tempfile.TemporaryDirectory() as root:
             tree = os.path.join(root, folder)
             os.makedirs(os.path.join(tree, "deploy"))
             shutil.copy(os.path.join(DEPLOY, "build.sh"), os.path.join(tree, "deploy"))
+            if configured:
+                os.makedirs(os.path.join(tree, "build", "release"))
+                open(os.path.join(tree, "build", "release", "CMakeCache.txt"), "w", encoding="utf-8").close()
             tools = os.path.join(root, "tools")
             os.makedirs(tools)
             said = os.path.join(root, "said")
@@ -76,16 +79,16 @@ class Build(unittest.TestCase):
             asked = ""
             if os.path.exists(said):
                 with open(said, encoding="utf-8") as file:
-                    asked = file.read().splitlines()[-1]
+                    self.configured_with, asked = file.read().splitlines()
             return run, asked
 
     def test_as_many_at_a_time_as_cores_and_memory_allow(self):
-        for free_mb, cores, jobs in ((16000, 2, 2), (3500, 1, 1), (3500, 8, 2), (3100, 2, 2), (2900, 2, 1), (700, 4, 1)):
+        for free_mb, cores, jobs in ((16000, 2, 2), (4500, 1, 1), (4500, 8, 2), (4100, 2, 2), (3900, 2, 1), (700, 4, 1)):
             run, asked = self.build(free_mb, cores)
             self.assertEqual(run.returncode, 0, run.stderr)
             self.assertIn("--parallel|%d|" % jobs, asked, (free_mb, cores))
             self.assertIn("%d at a time" % jobs, run.stdout)
-            self.assertEqual("may be killed" in run.stderr, free_mb < 1500)
+            self.assertEqual("may be killed" in run.stderr, free_mb < 2000)
 
     def test_jobs_and_targets_are_handed_on(self):
         run, asked = self.build(700, 4, "--jobs", "3", "horopterd", "horopter")
@@ -94,6 +97,17 @@ class Build(unittest.TestCase):
         for wrong in ("0", "-1", "many", "1e3"):
             run, asked = self.build(9000, 4, "--jobs", wrong)
             self.assertEqual((run.returncode, asked), (2, ""), wrong)
+
+    def test_a_first_build_is_in_batches_and_a_folder_keeps_what_it_was_made_with(self):
+        batches = "-DHOROPTER_UNITY=ON|"
+        for arguments, configured, options in (((), False, batches), ((), True, ""), (("--batches",), True, batches),
+                                               (("--single",), False, "-DHOROPTER_UNITY=OFF|"),
+                                               (("--single", "--precompiled"), False, "-DHOROPTER_UNITY=OFF|-DHOROPTER_PRECOMPILED_HEADERS=ON|"),
+                                               (("--preset", "dev"), False, "")):
+            run, _ = self.build(9000, 2, *arguments, configured=configured)
+            self.assertEqual(run.returncode, 0, run.stderr)
+            preset = "dev" if "dev" in arguments else "release"
+            self.assertEqual(self.configured_with, "--preset|%s|%s" % (preset, options), (arguments, configured))
 
 
 class DemoVerdict(unittest.TestCase):
