@@ -67,7 +67,7 @@ absl::Status AdjustWithGround(const PipelineOptions& options,
 // the parts were found: they alone leave focal length and depth open.
 std::vector<CameraHint> HintsWithTexture(const RecognitionInput& input, const SceneTrace& trace) {
   std::vector<CameraHint> hints(input.hints.begin(), input.hints.end());
-  if (!trace.reconstruction.trusted || !FoundUnderCameras(trace.recognition)) return hints;
+  if (!trace.reconstruction.trusted || !trace.recognition.under_known_cameras) return hints;
   hints.resize(input.images.size());
   for (std::size_t v = 0; v < std::min(hints.size(), trace.reconstruction.views.size()); ++v) {
     const auto& view = trace.reconstruction.views[v];
@@ -80,11 +80,6 @@ std::vector<CameraHint> HintsWithTexture(const RecognitionInput& input, const Sc
 }
 
 }  // namespace
-
-bool FoundUnderCameras(const RecognitionResult& recognition) {
-  const auto found = recognition.counts.find("with_cameras");
-  return found != recognition.counts.end() && found->second > 0.0;
-}
 
 absl::Status RunEuclidean(const PipelineOptions& options,
                           const SceneRequest& request,

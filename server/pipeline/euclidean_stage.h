@@ -9,9 +9,6 @@
 
 namespace horopter {
 
-// Whether the parts were found under cameras that were known before, all of which hold.
-bool FoundUnderCameras(const RecognitionResult& recognition);
-
 // Fills result->trace.metric and, of a station, result->station. Nothing to do without objects.
 // Errors: those of RefineMetricScene.
 absl::Status RunEuclidean(const PipelineOptions& options,

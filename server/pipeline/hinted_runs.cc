@@ -93,7 +93,7 @@ absl::Status RunStation(const PipelineOptions& options,
     if (!result->trace.metric) continue;
     // Under the rig every camera that was moved has been found again by the images.
     if (result->station->prior_used || result->station->test.agrees ||
-        FoundUnderCameras(result->trace.recognition)) {
+        result->trace.recognition.under_known_cameras) {
       return absl::OkStatus();
     }
   }

@@ -1,7 +1,6 @@
 #include "server/pipeline/recognition_stage.h"
 
 #include <algorithm>
-#include <iterator>
 #include <map>
 #include <memory>
 #include <string_view>
@@ -20,16 +19,6 @@
 namespace horopter {
 
 namespace {
-
-// Routes that were due but not asked for want of time: in the counts as "unasked_<route>".
-std::vector<std::string> UnaskedRoutes(const RecognitionResult& recognition) {
-  constexpr std::string_view kUnasked = "unasked_";
-  std::vector<std::string> routes;
-  for (const auto& [name, count] : recognition.counts) {
-    if (name.rfind(kUnasked, 0) == 0) routes.push_back(name.substr(kUnasked.size()));
-  }
-  return routes;
-}
 
 // What recognition says of the scene as a whole, in terms of the answer.
 void TellState(const RecognitionResult& recognition, SceneAnswer* answer) {
@@ -255,7 +244,7 @@ absl::Status RunRecognition(PipelineOptions options,
                                 return RecognizeByAspectsAlone(given..., work.get());
                               }));
     // Of a large catalog the images may say that it need not have been.
-    aspects_first = trace.recognition.counts.count("aspects_searched") > 0;
+    aspects_first = trace.recognition.searched_objects > 0;
     input->ground = {};
   }
   if (trace.recognition.objects.empty() && IsStopRequested(options.recognition.hurry)) {
@@ -275,15 +264,14 @@ absl::Status RunRecognition(PipelineOptions options,
       HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize([](const auto&... given) {
                                   return RecognizeObjects(given...);
                                 }));
-      unasked = UnaskedRoutes(found);
+      unasked = found.unasked;
       if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
     }
   }
   // What leaves out views stands only where parts alone say nothing.
   if (trace.recognition.objects.empty() && !in_cameras.objects.empty())
     trace.recognition = std::move(in_cameras);
-  const bool brief =
-      IsBrief(options.recognition) && trace.recognition.counts.count("aspects_searched") > 0;
+  const bool brief = IsBrief(options.recognition) && trace.recognition.searched_objects > 0;
   answer.time_limited = watch.heard() || brief;
   if (!watch.step().empty() || brief) {
     answer.unsearched.push_back(

@@ -182,22 +182,10 @@ RecognitionResult Conclude(const RecognitionInput& input,
   return result;
 }
 
-constexpr char kUnasked[] = "unasked_";
-
 }  // namespace
 
 bool CamerasTrusted(const RecognitionInput& input) {
   return input.reconstruction != nullptr && input.reconstruction->trusted;
-}
-
-void CountUnasked(const std::vector<std::string>& routes, RecognitionResult* result) {
-  for (const std::string& route : routes) result->counts[kUnasked + route] = 1.0;
-}
-
-void CopyUnasked(const RecognitionResult& from, RecognitionResult* to) {
-  for (const auto& [name, count] : from.counts) {
-    if (name.rfind(kUnasked, 0) == 0) to->counts[name] = count;
-  }
 }
 
 absl::StatusOr<RecognitionResult> AnswerByRoutes(const RecognitionInput& input,
@@ -207,7 +195,7 @@ absl::StatusOr<RecognitionResult> AnswerByRoutes(const RecognitionInput& input,
                                                  RefusalLog* log) {
   HOROPTER_ASSIGN_OR_RETURN(RouteAnswers answers, AskRoutes(input, routes, context, work));
   RecognitionResult result = Conclude(input, std::move(answers.best), context, *work, log);
-  CountUnasked(answers.unasked, &result);
+  result.unasked = std::move(answers.unasked);
   return result;
 }
 

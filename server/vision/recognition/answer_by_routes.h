@@ -16,16 +16,11 @@ bool CamerasTrusted(const RecognitionInput& input);
 
 // Asks the given routes by their cost, while time is left and nothing is found that chance does
 // not explain, and answers of the best scene what holds: symmetric views aligned, alternatives
-// heard, what chance explains left out. Routes that were due but not asked for want of time stand
-// in the counts. Errors: CANCELLED.
+// heard, what chance explains left out. Errors: CANCELLED.
 absl::StatusOr<RecognitionResult> AnswerByRoutes(const RecognitionInput& input,
                                                  const RecognitionRoutes& routes,
                                                  const JointContext& context,
                                                  RouteWork* work,
                                                  RefusalLog* log);
-
-// Notes by name what was due but not asked.
-void CountUnasked(const std::vector<std::string>& routes, RecognitionResult* result);
-void CopyUnasked(const RecognitionResult& from, RecognitionResult* to);
 
 }  // namespace horopter

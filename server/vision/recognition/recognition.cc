@@ -116,7 +116,7 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   const bool confirmed = judged.median >= acceptance.confirming_score;
   const bool enough = confirmed && Registered(result) == static_cast<int>(images.size());
   if (rich || IsStopRequested(context.give_up)) {
-    if (!rich && !enough) CountUnasked({"aspects", "view_led", "projective"}, &result);
+    if (!rich && !enough) result.unasked = {"aspects", "view_led", "projective"};
     // Rich objects have been asked for by their aspects, in vain.
     RefuseContradicted(judged, !rich, acceptance, log, &result);
     return result;
@@ -141,7 +141,7 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   if (explains_more && (!result.objects.empty() || IsSure(aspects, acceptance))) return aspects;
   if (result.objects.empty()) {
     HOROPTER_ASSIGN_OR_RETURN(result, AnswerByRoutes(input, dear, context, work, log));
-    if (result.objects.empty()) CopyUnasked(result, &aspects);
+    if (result.objects.empty()) aspects.unasked = result.unasked;
     judged = JudgeAnswer(context, images, result, AspectOptionsOf(input));
     LeaveOutPoorViews(judged, &result);
   }

@@ -73,6 +73,10 @@ struct RecognitionResult {
   // Whether routes that use the matched plane found some of it: else the plane may be a part's own
   // print, or a background that moves against the parts.
   bool plane_confirmed = true;
+  // Found under cameras that were known before, none of which was left out.
+  bool under_known_cameras = false;
+  int searched_objects = 0;                // by their contours
+  std::vector<std::string> unasked;        // routes that were due, for want of time
   std::vector<ViewHypothesis> hypotheses;  // kept per view, best first; for the stage report
   std::vector<SceneObject> verified;  // joint hypotheses before consolidation; for the stage report
   std::map<std::string, double> counts;

@@ -8,7 +8,6 @@
 
 #include "client/bop_dataset.h"
 #include "client/cad_import.h"
-#include "server/pipeline/euclidean_stage.h"
 #include "server/pipeline/pipeline.h"
 #include "tests/support/staged_scene.h"
 
@@ -167,7 +166,7 @@ TEST_F(StationImages, PlacesThatARequestGivesAreLookedUnder) {
   const auto result = RecognizeScene(WithPlaces(request_, rig_), catalog_, {});
   ASSERT_TRUE(result.ok()) << result.status();
   ExpectRight(*result, -1);
-  EXPECT_TRUE(FoundUnderCameras(result->trace.recognition));
+  EXPECT_TRUE(result->trace.recognition.under_known_cameras);
   EXPECT_FALSE(RanStage(*result, "matching"));
   for (const AnswerObject& o : result->answer.objects) EXPECT_TRUE(o.base_from_object);
 }

@@ -70,7 +70,8 @@ const std::vector<AspectHypothesis>& SearchOnce(const JointContext& context,
 
 // What was searched, and of the object that is explained what was found.
 void ReportSearch(const AspectWork& work, RefusalLog* log, RecognitionResult* out) {
-  out->counts["aspects_searched"] = static_cast<double>(work.search.objects.size());
+  out->searched_objects = static_cast<int>(work.search.objects.size());
+  out->counts["aspects_searched"] = out->searched_objects;
   out->counts["aspect_views_searched"] = static_cast<double>(std::count_if(
       work.hypotheses.begin(), work.hypotheses.end(), [](const auto& h) { return h.has_value(); }));
   for (std::size_t v = 0; log != nullptr && v < work.hypotheses.size(); ++v) {
@@ -287,7 +288,7 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsWithCameras(
   ReportSearch(*work, out.objects.empty() ? nullptr : log, &out);
   // A camera that was left out is somewhere else.
   const bool all_hold = scene.registered() == cameras.known();
-  out.counts["with_cameras"] = !out.objects.empty() && all_hold ? 1.0 : 0.0;
+  out.under_known_cameras = !out.objects.empty() && all_hold;
   return out;
 }
 
@@ -299,7 +300,8 @@ absl::Status AddOthers(const JointContext& context,
   const AspectAcceptance& acceptance = context.options.acceptance.aspects;
   const std::optional<AspectScene> known = KnownScene(*answer, search);
   if (!known || known->objects.empty()) return absl::OkStatus();
-  answer->counts["aspects_searched"] = static_cast<double>(search.objects.size());
+  answer->searched_objects = static_cast<int>(search.objects.size());
+  answer->counts["aspects_searched"] = answer->searched_objects;
   BeginStep(context, "aspect_others");
   AspectLinkOptions link = options.link;
   link.threads = context.options.threads;
