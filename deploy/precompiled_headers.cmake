@@ -17,6 +17,7 @@ precompiled_headers(precompiled_cold <grpcpp/grpcpp.h>)
 target_compile_options(precompiled_cold PRIVATE $<$<CONFIG:Release>:-O1>)
 if(HOROPTER_TESTS)
   precompiled_headers(precompiled_tests <gmock/gmock.h> <gtest/gtest.h>)
+  target_link_libraries(precompiled_tests PRIVATE GTest::gtest GTest::gmock)  # their definitions
   target_compile_options(precompiled_tests PRIVATE $<$<CONFIG:Release>:-O1>)
 endif()
 
