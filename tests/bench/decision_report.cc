@@ -1,13 +1,15 @@
 // What the decision says where the catalog holds the scene's parts, and where it holds others
-// instead: mirror images of them, copies stretched along one axis.
+// instead: mirror images of them, copies stretched along one axis, all but the scene's.
 //
 //   decision_report DATASET SPLIT [--scenes 1,5] [--images N] [--stretch 1.1] [--others DATASET]
-//                   [--catalog true|mirror|stretched]
-//     --others  the catalog is of another data set: all that is answered is wrong
+//                   [--catalog true|mirror|stretched|absent]
+//     --catalog  absent: of each scene the catalog without any of its parts
+//     --others   the catalog is of another data set: all that is answered is wrong
 //
-// Prints a line an answer: scene, catalog, object, score, how far the object frame's origin is from
-// that of the nearest instance of the object or of what it was made of (px, worst image), number of
-// alternatives; a line of seconds; and what is said.
+// Prints a line an answer: scene, catalog, object, score, how far its worst vertex is from that of
+// the nearest instance of the object or of what it was made of (px at 640 px width, worst image,
+// each under its own camera), number of alternatives; a line of seconds; and what is said.
+// record_decision.py makes a recorded run of it.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -20,6 +22,7 @@
 #include "client/bop_dataset.h"
 #include "client/cad_import.h"
 #include "server/pipeline/pipeline.h"
+#include "tests/bench/aspect_catalog.h"
 
 namespace horopter {
 namespace {
@@ -45,6 +48,46 @@ ObjectModel Scaled(const ObjectModel& model, const Eigen::Vector3d& scale) {
   for (const auto& v : out.mesh.vertices) low = low.cwiseMin(v), high = high.cwiseMax(v);
   out.diameter_m = model.diameter_m;
   return out;
+}
+
+constexpr double kReferenceWidth = 640.0;
+
+// The catalog without the parts that a scene shows.
+CatalogSnapshot WithoutPartsOf(const BopScene& scene, const CatalogSnapshot& all) {
+  CatalogSnapshot out;
+  for (const auto& object : all.objects) {
+    const bool shown =
+        std::any_of(scene.images.begin(), scene.images.end(), [&](const auto& image) {
+          return std::any_of(
+              image.instances.begin(), image.instances.end(), [&](const auto& instance) {
+                return BopObjectName(instance.obj_id) == object->model.id;
+              });
+        });
+    if (!shown) out.objects.push_back(object);
+  }
+  return out;
+}
+
+// See above; large where no image shows the object.
+double WorstPx(const SceneAnswer& answer,
+               const AnswerObject& o,
+               const BopScene& scene,
+               const ObjectModel& model) {
+  double worst = 0.0;
+  for (std::size_t v = 0; v < answer.cameras.size(); ++v) {
+    if (!answer.cameras[v]) continue;
+    const PinholeCamera& camera = answer.cameras[v]->camera;
+    const Rigid3 pose = answer.cameras[v]->camera_from_scene * o.scene_from_object;
+    double best = 1e9;
+    for (const BopInstance& truth : scene.images[v].instances) {
+      if (BopObjectName(truth.obj_id) != o.object_id) continue;
+      best = std::min(
+          best,
+          WorstVertexPx(model, camera, pose, scene.images[v].camera, truth.camera_from_object));
+    }
+    worst = std::max(worst, best * kReferenceWidth / std::max(camera.width, 1));
+  }
+  return worst;
 }
 
 int Run(const Arguments& a) {
@@ -78,24 +121,18 @@ int Run(const Arguments& a) {
     for (const BopImage& image : scene.images)
       request.images.push_back(cv::imread(image.path, cv::IMREAD_COLOR));
     std::cerr << "SCENE " << id << " " << a.catalog << std::endl;
-    const auto result = RecognizeScene(request, catalog, {});
+    const CatalogSnapshot searched =
+        a.catalog == "absent" ? WithoutPartsOf(scene, catalog) : catalog;
+    const auto result = RecognizeScene(request, searched, {});
     if (!result.ok()) return std::cerr << result.status() << "\n", 1;
     const SceneAnswer& answer = result->answer;
     for (const AnswerObject& o : answer.objects) {
-      double worst = 0.0;
-      for (std::size_t v = 0; v < answer.cameras.size(); ++v) {
-        if (!answer.cameras[v]) continue;
-        const Rigid3 pose = answer.cameras[v]->camera_from_scene * o.scene_from_object;
-        double best = 1e9;
-        for (const BopInstance& truth : scene.images[v].instances) {
-          if (BopObjectName(truth.obj_id) != o.object_id) continue;
-          const Eigen::Vector2d here = Project(answer.cameras[v]->camera, pose.t);
-          best = std::min(
-              best, (here - Project(scene.images[v].camera, truth.camera_from_object.t)).norm());
-        }
-        worst = std::max(worst, best);
-      }
-      std::cout << absl::StrFormat("%d %s %s %.4f origin %.1f px alternatives %d\n",
+      const auto object =
+          std::find_if(searched.objects.begin(), searched.objects.end(), [&](const auto& known) {
+            return known->model.id == o.object_id;
+          });
+      const double worst = WorstPx(answer, o, scene, (*object)->model);
+      std::cout << absl::StrFormat("%d %s %s %.4f worst %.1f px alternatives %d\n",
                                    id,
                                    a.catalog,
                                    o.object_id,
@@ -129,7 +166,8 @@ int main(int argc, char** argv) {
   app.add_option("split", a.split)->required();
   app.add_option("--scenes", a.scenes)->delimiter(',');
   app.add_option("--images", a.images);
-  app.add_option("--catalog", a.catalog)->check(CLI::IsMember({"true", "mirror", "stretched"}));
+  app.add_option("--catalog", a.catalog)
+      ->check(CLI::IsMember({"true", "mirror", "stretched", "absent"}));
   app.add_option("--others", a.others);
   app.add_option("--stretch", a.stretch);
   CLI11_PARSE(app, argc, argv);

@@ -17,6 +17,7 @@ from run_files import average_recall, difference, interval, median, pooled, prec
 
 BEGIN, END = "<!-- table: begin (tests/bench/report.py) -->", "<!-- table: end -->"
 HERE = os.path.dirname(os.path.abspath(__file__))
+SURE = 0.9
 STATED = ((0.0, 0.5), (0.5, 0.8), (0.8, 0.95), (0.95, 0.99), (0.99, 1.01))
 
 OWN = recall("own10")
@@ -162,6 +163,66 @@ def reliability(runs):
     return lines + (table(["images", "score", "answers", "mean stated", "right", "right to 10 px"], rows, 2) if rows else ["No run is recorded.", ""])
 
 
+def separation(answers):
+    """How likely a right answer states more than a wrong one (area under the ROC); None without both."""
+    right, wrong = [a[0] for a in answers if a[1]], [a[0] for a in answers if not a[1]]
+    if not right or not wrong:
+        return None
+    return sum((r > w) + 0.5 * (r == w) for r in right for w in wrong) / (len(right) * len(wrong))
+
+
+def decision(runs):
+    lines = ["## Against parts that are not there", "",
+             "The same images asked of several catalogs: the set's own parts; all but the scene's; mirror images and copies stretched by a tenth of its parts; the",
+             "parts of another set. Right is within 10 px by the answer's own cameras in every image; of all catalogs but the first nothing can be. *sure*: stated .9",
+             "and more without an alternative. *separation*: how likely a right answer of the set states more than a wrong one of any catalog.", ""]
+    rows = []
+    for run in runs.newest("decision"):
+        every = [a for s in run["scenes"] for a in s["answers"]]
+        catalogs = list(dict.fromkeys(s["catalog"] for s in run["scenes"]))
+        for catalog in catalogs:
+            scenes = [s for s in run["scenes"] if s["catalog"] == catalog]
+            answers = [a for s in scenes for a in s["answers"]]
+            sure = [a for a in answers if a[0] >= SURE and a[2] == 0]
+            first = catalog == catalogs[0]
+            rows.append([run["name"] if first else "", run["commit"] if first else "", catalog, len(scenes), len(answers), sum(a[1] for a in answers),
+                         len(sure), sum(1 for a in sure if not a[1]), number(separation(every), 3) if first else ""])
+    head = ["data set", "commit", "catalog", "scenes", "answers", "right", "sure", "sure and wrong", "separation"]
+    return lines + (table(head, rows, 3) + ["![Reliability and ROC](images/decision.svg)", ""] if rows else ["No run is recorded.", ""])
+
+
+def decision_curves(runs):
+    """Two drawings by source: what is stated and how often it is right; right answers kept against wrong ones let through."""
+    groups = collections.OrderedDict()
+    for run in runs.newest("decision"):
+        source = runs.datasets.get(run["name"], {}).get("source", "render") + "s"
+        groups.setdefault(source, []).extend(a for s in run["scenes"] for a in s["answers"])
+    size, gap, colours = 240, 60, ("#0072b2", "#d55e00", "#009e73")
+    def at(panel, x, y):
+        return "%.1f,%.1f" % (gap + panel * (size + gap) + size * x, 20 + size * (1 - y))
+    out = ['<svg xmlns="http://www.w3.org/2000/svg" width="%d" height="%d" font-family="sans-serif" font-size="12">' % (2 * size + 3 * gap, size + 80),
+           '<rect width="100%" height="100%" fill="white"/>']
+    for panel, (x, y) in enumerate((("stated", "right"), ("wrong answers let through", "right answers kept"))):
+        left = gap + panel * (size + gap)
+        out.append('<rect x="%d" y="20" width="%d" height="%d" fill="none" stroke="#888"/>' % (left, size, size))
+        out.append('<polyline points="%s %s" stroke="#ccc" fill="none"/>' % (at(panel, 0, 0), at(panel, 1, 1)))
+        out.append('<text x="%d" y="%d" text-anchor="middle">%s</text>' % (left + size / 2, size + 40, x))
+        out.append('<text x="%d" y="%d" text-anchor="middle" transform="rotate(-90 %d %d)">%s</text>' % (left - 12, 20 + size / 2, left - 12, 20 + size / 2, y))
+    for k, (source, answers) in enumerate(groups.items()):
+        colour = colours[k % len(colours)]
+        bins = [[a for a in answers if low <= a[0] < high] for low, high in STATED]
+        stated = [(sum(a[0] for a in b) / len(b), sum(a[1] for a in b) / len(b)) for b in bins if b]
+        lines = [(0, stated)]
+        right, wrong = sum(a[1] for a in answers), sum(1 - a[1] for a in answers)
+        if right and wrong:
+            ordered = sorted({a[0] for a in answers}, reverse=True)
+            lines.append((1, [(0, 0)] + [(sum(1 - a[1] for a in answers if a[0] >= t) / wrong, sum(a[1] for a in answers if a[0] >= t) / right) for t in ordered]))
+        for panel, points in lines:
+            out.append('<polyline points="%s" stroke="%s" stroke-width="2" fill="none"/>' % (" ".join(at(panel, x, y) for x, y in points), colour))
+        out.append('<text x="%d" y="%d" fill="%s">%s: %d answers</text>' % (gap + k * (size + gap), size + 64, colour, source, len(answers)))
+    return "\n".join(out + ["</svg>"]) + "\n"
+
+
 def ablation(runs):
     lines = ["## Ablation", "", "Variants of the methods against the defaults of the same commit and scenes: what is lost (-) or gained (+) without them.", ""]
     rows = []
@@ -260,7 +321,7 @@ def recorded(runs):
 def benchmarks(runs):
     lines = ["# Benchmarks", "", "Made by [tests/bench/report.py](../tests/bench/report.py) from [tests/bench/runs](../tests/bench/runs); not to be edited. How figures came",
              "about, what was tried and not kept: [history](history/README.md).", ""]
-    for part in (recognition, changes, reliability, ablation, peers, cameras, speed, programs, recorded):
+    for part in (recognition, changes, reliability, decision, ablation, peers, cameras, speed, programs, recorded):
         lines += part(runs)
     return "\n".join(lines).rstrip() + "\n"
 
@@ -310,6 +371,8 @@ def main():
         with open(readme, encoding="utf-8") as file:
             pages = {readme: with_table(file.read(), readme_table(runs))}
         pages[os.path.join(arguments.root, "docs", "benchmarks.md")] = benchmarks(runs)
+        if runs.of("decision"):
+            pages[os.path.join(arguments.root, "docs", "images", "decision.svg")] = decision_curves(runs)
     except run_files.BadRun as error:
         sys.exit("report.py: %s" % error)
     stale = []
@@ -323,6 +386,7 @@ def main():
         if arguments.check:
             stale.append(os.path.relpath(path, arguments.root))
         else:
+            os.makedirs(os.path.dirname(path), exist_ok=True)
             with open(path, "w", encoding="utf-8") as file:
                 file.write(text)
     if stale:

@@ -12,6 +12,7 @@ import unittest
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, HERE)
 import record  # noqa: E402
+import record_decision  # noqa: E402
 import record_program  # noqa: E402
 import report  # noqa: E402
 import run_files  # noqa: E402
@@ -106,6 +107,39 @@ class Files(Folder):
             self.assertEqual(done.returncode, 1, broken)
             self.assertIn("b.json", done.stderr)
             self.assertNotIn("Traceback", done.stderr)
+
+
+class Decision(Folder):
+    PRINTED = ("3 true obj_000004 0.9912 worst 2.5 px alternatives 0\n3 true obj_000007 0.9500 worst 31.0 px alternatives 1\n"
+               "3 shapes 0.12 of 2.50 s: features 0.10\n  something is said\n4 shapes 0.00 of 1.00 s: features 0.10\n4 true none\n")
+
+    def test_what_the_program_prints_is_read_by_scene(self):
+        scenes = record_decision.answers(self.PRINTED, "true")
+        self.assertEqual([(s["scene"], len(s["answers"])) for s in scenes], [(3, 2), (4, 0)])
+        self.assertEqual(scenes[0]["answers"], [[0.9912, 1, 0, "obj_000004"], [0.95, 0, 1, "obj_000007"]])
+        self.assertEqual(scenes[0]["seconds"], 2.5)
+
+    def test_nothing_is_right_under_another_catalog(self):
+        scenes = record_decision.answers(self.PRINTED.replace("true", "mirror"), "mirror")
+        self.assertEqual([a[1] for a in scenes[0]["answers"]], [0, 0])
+
+    def test_separation_is_the_share_of_pairs_in_order(self):
+        self.assertEqual(report.separation([[0.9, 1], [0.8, 1], [0.1, 0]]), 1.0)
+        self.assertEqual(report.separation([[0.5, 1], [0.5, 0]]), 0.5)
+        self.assertIsNone(report.separation([[0.5, 1]]))
+
+    def test_wrong_answers_that_are_sure_stand_in_the_table_and_curves_are_drawn(self):
+        of = {"true": [[0.99, 1, 0, "a"], [0.6, 1, 0, "b"]], "mirror": [[0.95, 0, 0, "a"], [0.95, 0, 1, "b"]]}
+        body = [{"scene": i, "catalog": c, "answers": a, "seconds": 1.0} for c, a in of.items() for i in range(2)]
+        self.write("runs/d.json", run(body, kind="decision"))
+        self.assertEqual(self.report().returncode, 0)
+        page = self.read("docs/benchmarks.md")
+        self.assertIn("| parts-dev | 0000001 | true | 2 | 4 | 4 | 2 | 0 | 0.500 |", page)
+        self.assertIn("|  |  | mirror | 2 | 4 | 0 | 2 | 2 |  |", page)
+        self.assertIn("renders: 8 answers", self.read("docs/images/decision.svg"))
+        self.assertEqual(self.report("--check").returncode, 0)
+        self.write("docs/images/decision.svg", "edited")
+        self.assertEqual(self.report("--check").returncode, 1)
 
 
 class Pages(Folder):

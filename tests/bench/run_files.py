@@ -7,7 +7,7 @@ import random
 import subprocess
 
 FORMAT = "horopter-run/1"
-KINDS = ("recognition", "peer", "cameras", "program")
+KINDS = ("recognition", "peer", "cameras", "program", "decision")
 HEAD = ("format", "kind", "name", "commit", "order", "command", "date", "machine", "n")
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 
@@ -75,7 +75,8 @@ def check(run, path):
     if not isinstance(rows, list):
         fail("has no list of scenes or figures")
     needed = {"recognition": ("scene", "tier", "targets", "mspd", "mssd", "r10", "own10", "estimates"), "peer": ("scene", "targets", "own10"),
-              "cameras": ("set", "scene", "images", "method", "registered"), "program": ("what", "value")}[run["kind"]]
+              "cameras": ("set", "scene", "images", "method", "registered"),
+              "decision": ("scene", "catalog", "answers"), "program": ("what", "value")}[run["kind"]]
     for row in rows:
         for key in needed:
             if key not in row:
