@@ -19,12 +19,11 @@
 #include "client/cad_import.h"
 #include "client/convert.h"
 #include "horopter/v1/catalog.pb.h"
+#include "server/base/cad_reader_exit.h"
 #include "server/base/utf8.h"
 
 namespace horopter {
 namespace {
-
-constexpr int kUsage = 2, kRefused = 3, kOutOfMemory = 4;
 
 void Limit(int resource, rlim_t value) {
   const rlimit limit = {value, value};
@@ -57,7 +56,7 @@ int Read(const std::string& path, const std::string& unit, int output) {
   const absl::StatusOr<CadImport> import = ImportCad(path, options);
   if (!import.ok()) {
     WriteAll(output, ToUtf8(std::string(import.status().message())));
-    return kRefused;
+    return kCadReaderRefused;
   }
   v1::ImportObjectResponse response;
   *response.mutable_object() = ToProto(import->model);
@@ -66,24 +65,24 @@ int Read(const std::string& path, const std::string& unit, int output) {
   source->set_format(absl::AsciiStrToLower(import->format));
   source->set_unit(ToUtf8(import->unit_name));
   for (const std::string& warning : import->warnings) response.add_warnings(ToUtf8(warning));
-  return WriteAll(output, response.SerializeAsString()) ? 0 : kUsage;
+  return WriteAll(output, response.SerializeAsString()) ? 0 : kCadReaderUsage;
 }
 
 int Main(int argc, char** argv) {
-  if (argc != 5) return kUsage;
+  if (argc != 5) return kCadReaderUsage;
   const long memory_mb = std::atol(argv[3]), seconds = std::atol(argv[4]);
-  if (memory_mb <= 0 || seconds <= 0) return kUsage;
+  if (memory_mb <= 0 || seconds <= 0) return kCadReaderUsage;
   Confine(static_cast<rlim_t>(memory_mb) << 20, static_cast<rlim_t>(seconds));
   // Libraries print what they think of a file; the pipe is for the answer alone.
   const int output = ::dup(1), nothing = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
-  if (output < 0 || nothing < 0 || ::dup2(nothing, 1) < 0) return kUsage;
+  if (output < 0 || nothing < 0 || ::dup2(nothing, 1) < 0) return kCadReaderUsage;
   try {
     return Read(argv[1], argv[2], output);
   } catch (const std::bad_alloc&) {
-    return kOutOfMemory;
+    return kCadReaderOutOfMemory;
   } catch (const std::exception& e) {
     WriteAll(output, e.what());
-    return kRefused;
+    return kCadReaderRefused;
   }
 }
 

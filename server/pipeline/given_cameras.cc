@@ -13,12 +13,15 @@ namespace {
 // where they are searched (640 pixels, half a metre). Turn and principal point are mostly known
 // better together than each alone.
 constexpr double kMostLogFocal = 0.02;
-constexpr double kMostTurnRad = 0.012;
-constexpr double kMostShiftM = 0.006;
+constexpr double kMostTurnRad = 0.008;
+constexpr double kMostShiftM = 0.004;
+// Of cameras that a request places: as texture's, and the defaults of CameraPoseHint are within.
+constexpr double kMostGivenTurnRad = 0.012;
+constexpr double kMostGivenShiftM = 0.006;
 constexpr int kLeastViews = 2;  // one view tells nothing that it did not give
 
 // Of cameras from texture in photographs: median deviations from the truth of 0.3 - 1.4 degrees.
-constexpr double kTextureTurnRad = kMostTurnRad;
+constexpr double kTextureTurnRad = 0.012;
 constexpr double kTexturePosition = 0.02;  // of the distance
 
 // Nothing where two cameras are not known apart from each other. The frame's origin may be
@@ -72,7 +75,7 @@ KnownCameras CamerasOfRequest(const SceneRequest& request) {
     const CameraHint& hint = request.hints[v];
     const std::optional<CameraPoseHint>& pose = request.camera_poses[v];
     if (!pose || !hint.focal_px || FocalLogSigma(hint) > kMostLogFocal ||
-        pose->rotation_sigma_rad > kMostTurnRad || pose->position_sigma_m > kMostShiftM) {
+        pose->rotation_sigma_rad > kMostGivenTurnRad || pose->position_sigma_m > kMostGivenShiftM) {
       return {};
     }
     const cv::Mat& image = request.images[v];

@@ -68,12 +68,6 @@ absl::StatusOr<KnownCameras> CamerasOfTexture(const PipelineOptions& options,
   return known;
 }
 
-int Registered(const RecognitionResult& recognition) {
-  return static_cast<int>(std::count_if(recognition.views.begin(),
-                                        recognition.views.end(),
-                                        [](const auto& view) { return view.has_value(); }));
-}
-
 // Views that show one of the objects.
 int Showing(const RecognitionResult& recognition) {
   int showing = 0;
@@ -150,6 +144,163 @@ absl::StatusOr<RecognitionResult> TimedRecognition(const By& by,
   return result;
 }
 
+// One attempt at recognition: ways to look for the parts, each while those before it find none.
+class Attempt {
+ public:
+  Attempt(PipelineOptions options,
+          const SceneRequest& request,
+          const StopRequested& stop,
+          RefusalLog* log,
+          RecognitionInput* input,
+          PipelineResult* result)
+      : options_(std::move(options)),
+        request_(request),
+        stop_(stop),
+        log_(log),
+        input_(*input),
+        trace_(result->trace),
+        answer_(result->answer),
+        watch_(options_.recognition.hurry),
+        aspects_first_(AspectsComeFirst(input->objects, options_.recognition)) {
+    options_.recognition.hurry = watch_.Token();
+  }
+
+  absl::Status Run(const KnownCameras& of_station) {
+    HOROPTER_RETURN_IF_ERROR(LookAtGround());
+    HOROPTER_RETURN_IF_ERROR(LookUnderCameras(of_station));
+    HOROPTER_RETURN_IF_ERROR(LookByAspectsAlone());
+    HOROPTER_RETURN_IF_ERROR(LookThroughMatches());
+    // What leaves out views stands only where parts alone say nothing.
+    if (trace_.recognition.objects.empty() && !doubted_.objects.empty())
+      trace_.recognition = std::move(doubted_);
+    TellUnsearched();
+    StateProbabilities(&trace_.recognition);
+    TellState(trace_.recognition, &answer_);
+    return absl::OkStatus();
+  }
+
+ private:
+  bool IsLate() const { return IsStopRequested(options_.recognition.hurry); }
+
+  template <typename By>
+  absl::StatusOr<RecognitionResult> Recognize(const By& by) {
+    return TimedRecognition(by, input_, options_, stop_, &watch_, log_, &answer_.stages);
+  }
+
+  absl::Status LookAtGround() {
+    if (!aspects_first_ || !GroundComesFirst(trace_.features, options_.recognition.aspects))
+      return absl::OkStatus();
+    watch_.Begin("matching");
+    ground_ = AskGround(request_, options_, stop_, &answer_.stages);
+    return IsStopRequested(stop_) ? absl::CancelledError("stopped while the ground was asked")
+                                  : absl::OkStatus();
+  }
+
+  // Cameras before any part: a station's, else those whose places the request gives, else what the
+  // images' texture tells. The answer tests them all.
+  absl::Status LookUnderCameras(const KnownCameras& of_station) {
+    // A station's cameras are asked of the images by whoever gave them.
+    if (!of_station.views.empty()) return LookUnder(of_station);
+    if (!MayAskAspects(input_.objects, options_.recognition)) return absl::OkStatus();
+    HOROPTER_RETURN_IF_ERROR(LookUnder(CamerasOfRequest(request_)));
+    // A place that no part confirms may be wrong.
+    DoubtUnless(Showing(trace_.recognition) == std::ssize(request_.images));
+    if (!trace_.recognition.objects.empty()) return absl::OkStatus();
+    watch_.Begin("matching");
+    HOROPTER_ASSIGN_OR_RETURN(
+        const KnownCameras known,
+        CamerasOfTexture(options_, request_, stop_, &trace_, &answer_.stages));
+    HOROPTER_RETURN_IF_ERROR(LookUnder(known));
+    DoubtUnless(trace_.recognition.registered() == std::ssize(request_.images));
+    return absl::OkStatus();
+  }
+
+  absl::Status LookUnder(const KnownCameras& known) {
+    if (known.views.empty()) return absl::OkStatus();
+    input_.ground = ground_;
+    HOROPTER_ASSIGN_OR_RETURN(trace_.recognition,
+                              Recognize([&](const RecognitionInput& of, const auto&... given) {
+                                return RecognizeWithCameras(of, known, given..., work_.get());
+                              }));
+    input_.ground = {};
+    return absl::OkStatus();
+  }
+
+  // What is doubted is kept for the end.
+  void DoubtUnless(bool believed) {
+    if (believed) return;
+    if (doubted_.objects.empty()) doubted_ = std::move(trace_.recognition);
+    trace_.recognition = {};
+  }
+
+  absl::Status LookByAspectsAlone() {
+    aspects_first_ = aspects_first_ && trace_.recognition.objects.empty();
+    if (!aspects_first_) return absl::OkStatus();
+    input_.ground = ground_;
+    HOROPTER_ASSIGN_OR_RETURN(trace_.recognition, Recognize([&](const auto&... given) {
+                                return RecognizeByAspectsAlone(given..., work_.get());
+                              }));
+    // Of a large catalog the images may say that it need not have been.
+    aspects_first_ = trace_.recognition.searched_objects > 0;
+    input_.ground = {};
+    return absl::OkStatus();
+  }
+
+  absl::Status LookThroughMatches() {
+    if (!trace_.recognition.objects.empty()) return absl::OkStatus();
+    if (IsLate()) {
+      unasked_ = {"matching", "reconstruction", "recognition"};
+      return absl::OkStatus();
+    }
+    // What was asked for by its aspects is not asked for so again.
+    if (aspects_first_ && !AskMatches(options_.recognition.routes)) return absl::OkStatus();
+    watch_.Begin("matching");
+    HOROPTER_RETURN_IF_ERROR(Reconstruct(request_, options_, stop_, &trace_, &answer_.stages));
+    if (IsLate()) {  // no route would be asked any more
+      unasked_ = {"recognition"};
+      trace_.recognition.views.resize(request_.images.size());
+      return absl::OkStatus();
+    }
+    if (aspects_first_ && !trace_.reconstruction.trusted) return absl::OkStatus();
+    input_.matching = &trace_.matching;
+    input_.reconstruction = &trace_.reconstruction;
+    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, Recognize([](const auto&... given) {
+                                return RecognizeObjects(given...);
+                              }));
+    unasked_ = found.unasked;
+    if (!aspects_first_ || !found.objects.empty()) trace_.recognition = std::move(found);
+    return absl::OkStatus();
+  }
+
+  void TellUnsearched() {
+    const RecognitionOptions& options = options_.recognition;
+    const bool brief = IsBrief(options) && trace_.recognition.searched_objects > 0;
+    answer_.time_limited = watch_.heard() || brief;
+    if (!watch_.step().empty() || brief) {
+      answer_.unsearched.push_back(
+          {UnsearchedCause::kTime, watch_.step().empty() ? "aspect_search" : watch_.step()});
+    }
+    for (const std::string& step : unasked_)
+      answer_.unsearched.push_back({UnsearchedCause::kTime, step});
+    if (options.routes.aspects && std::ssize(input_.objects) > options.aspects.max_objects)
+      answer_.unsearched.push_back({UnsearchedCause::kCatalogSize, "aspects"});
+  }
+
+  PipelineOptions options_;
+  const SceneRequest& request_;
+  const StopRequested& stop_;
+  RefusalLog* log_;
+  RecognitionInput& input_;
+  SceneTrace& trace_;
+  SceneAnswer& answer_;
+  HurryWatch watch_;
+  const std::shared_ptr<AspectWork> work_ = MakeAspectWork();
+  bool aspects_first_;         // are asked before matches, or have been
+  PlaneInViews ground_;        // how it moves, where that is known
+  RecognitionResult doubted_;  // found under cameras that it does not bear out
+  std::vector<std::string> unasked_;
+};
+
 }  // namespace
 
 std::vector<ViewPrior> PriorsOf(const SceneRequest& request) {
@@ -185,108 +336,7 @@ absl::Status RunRecognition(PipelineOptions options,
                             RefusalLog* log,
                             RecognitionInput* input,
                             PipelineResult* result) {
-  SceneTrace& trace = result->trace;
-  SceneAnswer& answer = result->answer;
-  HurryWatch watch(options.recognition.hurry);
-  options.recognition.hurry = watch.Token();
-  const auto recognize = [&](const auto& by) {
-    return TimedRecognition(by, *input, options, stop, &watch, log, &answer.stages);
-  };
-  std::vector<std::string> unasked;
-  const std::shared_ptr<AspectWork> work = MakeAspectWork();
-  bool aspects_first = AspectsComeFirst(input->objects, options.recognition);
-  PlaneInViews ground;
-  if (aspects_first && GroundComesFirst(trace.features, options.recognition.aspects)) {
-    watch.Begin("matching");
-    ground = AskGround(request, options, stop, &answer.stages);
-    if (IsStopRequested(stop)) return absl::CancelledError("stopped while the ground was asked");
-  }
-  const bool have_aspects = options.recognition.routes.aspects &&
-                            std::all_of(input->objects.begin(),
-                                        input->objects.end(),
-                                        [](const auto& o) { return o->aspects != nullptr; });
-  // Cameras before any part: a station's, else those whose places the request gives, else what the
-  // images' texture tells. The answer tests them all.
-  RecognitionResult in_cameras;
-  const auto look_under = [&](const KnownCameras& known,
-                              int (*believed)(const RecognitionResult&)) {
-    if (known.views.empty()) return absl::OkStatus();
-    input->ground = ground;
-    HOROPTER_ASSIGN_OR_RETURN(trace.recognition,
-                              recognize([&](const RecognitionInput& of, const auto&... given) {
-                                return RecognizeWithCameras(of, known, given..., work.get());
-                              }));
-    input->ground = {};
-    // A station's cameras are asked of the images by whoever gave them.
-    const bool doubted =
-        cameras.views.empty() && believed(trace.recognition) < std::ssize(request.images);
-    if (!doubted) return absl::OkStatus();
-    if (in_cameras.objects.empty()) in_cameras = std::move(trace.recognition);
-    trace.recognition = {};
-    return absl::OkStatus();
-  };
-  if (!cameras.views.empty()) {
-    HOROPTER_RETURN_IF_ERROR(look_under(cameras, Registered));
-  } else if (have_aspects) {
-    // A place that no part confirms may be wrong.
-    HOROPTER_RETURN_IF_ERROR(look_under(CamerasOfRequest(request), Showing));
-    if (trace.recognition.objects.empty()) {
-      watch.Begin("matching");
-      HOROPTER_ASSIGN_OR_RETURN(const KnownCameras known,
-                                CamerasOfTexture(options, request, stop, &trace, &answer.stages));
-      HOROPTER_RETURN_IF_ERROR(look_under(known, Registered));
-    }
-  }
-  aspects_first = aspects_first && trace.recognition.objects.empty();
-  if (aspects_first) {
-    input->ground = ground;
-    HOROPTER_ASSIGN_OR_RETURN(trace.recognition, recognize([&](const auto&... given) {
-                                return RecognizeByAspectsAlone(given..., work.get());
-                              }));
-    // Of a large catalog the images may say that it need not have been.
-    aspects_first = trace.recognition.searched_objects > 0;
-    input->ground = {};
-  }
-  if (trace.recognition.objects.empty() && IsStopRequested(options.recognition.hurry)) {
-    unasked = {"matching", "reconstruction", "recognition"};
-  } else if (trace.recognition.objects.empty() && AskMatches(options.recognition.routes)) {
-    watch.Begin("matching");
-    HOROPTER_RETURN_IF_ERROR(Reconstruct(request, options, stop, &trace, &answer.stages));
-    // No route would be asked any more.
-    const bool late = IsStopRequested(options.recognition.hurry);
-    if (late) {
-      unasked = {"recognition"};
-      trace.recognition.views.resize(request.images.size());
-    }
-    if (!late && (!aspects_first || trace.reconstruction.trusted)) {
-      input->matching = &trace.matching;
-      input->reconstruction = &trace.reconstruction;
-      HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, recognize([](const auto&... given) {
-                                  return RecognizeObjects(given...);
-                                }));
-      unasked = found.unasked;
-      if (!aspects_first || !found.objects.empty()) trace.recognition = std::move(found);
-    }
-  }
-  // What leaves out views stands only where parts alone say nothing.
-  if (trace.recognition.objects.empty() && !in_cameras.objects.empty())
-    trace.recognition = std::move(in_cameras);
-  const bool brief = IsBrief(options.recognition) && trace.recognition.searched_objects > 0;
-  answer.time_limited = watch.heard() || brief;
-  if (!watch.step().empty() || brief) {
-    answer.unsearched.push_back(
-        {UnsearchedCause::kTime, watch.step().empty() ? "aspect_search" : watch.step()});
-  }
-  for (std::string& step : unasked) {
-    answer.unsearched.push_back({UnsearchedCause::kTime, std::move(step)});
-  }
-  if (options.recognition.routes.aspects &&
-      std::ssize(input->objects) > options.recognition.aspects.max_objects) {
-    answer.unsearched.push_back({UnsearchedCause::kCatalogSize, "aspects"});
-  }
-  StateProbabilities(&trace.recognition);
-  TellState(trace.recognition, &answer);
-  return absl::OkStatus();
+  return Attempt(std::move(options), request, stop, log, input, result).Run(cameras);
 }
 
 }  // namespace horopter

@@ -30,9 +30,7 @@ PipelineOptions QuickOnly(PipelineOptions options) {
 
 bool IsEnough(const RecognitionResult& recognition) {
   return !recognition.objects.empty() &&
-         std::all_of(recognition.views.begin(), recognition.views.end(), [](const auto& view) {
-           return view.has_value();
-         });
+         recognition.registered() == static_cast<int>(recognition.views.size());
 }
 
 void LeaveAsked(std::span<const std::shared_ptr<const PreparedObject>> asked, SceneAnswer* answer) {

@@ -1,5 +1,5 @@
 // A request for some of the catalog's objects, asked among all of them: what else lies there tells
-// the cameras that the few leave open, and is not answered (ADR 82).
+// the cameras that the few leave open, and is not answered (ADR 81).
 #pragma once
 
 #include <memory>

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/cad_reader_exit.h"
 #include "server/base/status_macros.h"
 #include "server/service/rpc_status.h"
 
@@ -27,8 +28,6 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
 constexpr char kProgram[] = "horopter-cad-reader";
-constexpr int kRefused = 3;  // exit codes of the program
-constexpr int kOutOfMemory = 4;
 constexpr int kLookMs = 20;
 constexpr int kReadAgainMs = 2000;
 constexpr size_t kMostNameBytes = 255;
@@ -236,10 +235,10 @@ absl::StatusOr<v1::ImportObjectResponse> CadReader::Read(const v1::ImportObjectR
     v1::ImportObjectResponse read;
     if (read.ParseFromString(text)) return read;
   }
-  if (WIFEXITED(status) && WEXITSTATUS(status) == kRefused) {
+  if (WIFEXITED(status) && WEXITSTATUS(status) == kCadReaderRefused) {
     return InvalidField("content", text.substr(0, 1000));
   }
-  if (WIFEXITED(status) && WEXITSTATUS(status) == kOutOfMemory) {
+  if (WIFEXITED(status) && WEXITSTATUS(status) == kCadReaderOutOfMemory) {
     return InvalidField(
         "content",
         absl::StrCat("takes more than the ", options_.memory_mb, " MB of memory that files may"));

@@ -28,11 +28,6 @@ AspectRecognitionOptions AspectOptionsOf(const RecognitionInput& input) {
   return input.aspects != nullptr ? *input.aspects : AspectRecognitionOptions();
 }
 
-int Registered(const RecognitionResult& result) {
-  return static_cast<int>(std::count_if(
-      result.views.begin(), result.views.end(), [](const auto& v) { return v.has_value(); }));
-}
-
 bool IsSure(const RecognitionResult& result, const AspectAcceptance& options) {
   return std::any_of(result.objects.begin(), result.objects.end(), [&](const SceneObject& o) {
     return o.score >= options.sure_probability;
@@ -114,7 +109,7 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   AspectJudgement judged = JudgeAnswer(context, images, result, AspectOptionsOf(input));
   LeaveOutPoorViews(judged, &result);
   const bool confirmed = judged.median >= acceptance.confirming_score;
-  const bool enough = confirmed && Registered(result) == static_cast<int>(images.size());
+  const bool enough = confirmed && result.registered() == static_cast<int>(images.size());
   if (rich || IsStopRequested(context.give_up)) {
     if (!rich && !enough) result.unasked = {"aspects", "view_led", "projective"};
     // Rich objects have been asked for by their aspects, in vain.
@@ -136,7 +131,7 @@ absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
   const bool explains_more =
       !aspects.objects.empty() &&
       JudgeAnswer(context, images, aspects, AspectOptionsOf(input)).score > judged.score &&
-      Registered(aspects) >= Registered(result);
+      aspects.registered() >= result.registered();
   if (explains_more) aspects.plane_confirmed = !contradicted && !result.objects.empty();
   if (explains_more && (!result.objects.empty() || IsSure(aspects, acceptance))) return aspects;
   if (result.objects.empty()) {
@@ -195,9 +190,14 @@ std::shared_ptr<AspectWork> MakeAspectWork() {
   return std::make_shared<AspectWork>();
 }
 
+bool MayAskAspects(std::span<const std::shared_ptr<const PreparedObject>> objects,
+                   const RecognitionOptions& options) {
+  return options.routes.aspects && HaveAspects(objects);
+}
+
 bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> objects,
                       const RecognitionOptions& options) {
-  return options.routes.aspects && HaveAspects(objects) && AreRich(objects, options.aspects);
+  return MayAskAspects(objects, options) && AreRich(objects, options.aspects);
 }
 
 absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
@@ -246,7 +246,7 @@ absl::StatusOr<RecognitionResult> RecognizeWithCameras(const RecognitionInput& i
     return absl::InvalidArgumentError("cameras: one entry per image");
   RecognitionResult nothing;
   nothing.views.resize(input.images.size());
-  if (!options.routes.aspects || !HaveAspects(input.objects)) return nothing;
+  if (!MayAskAspects(input.objects, options)) return nothing;
   if (cameras.known() < 2) return nothing;
   if (TooFewFeatures(input, options.acceptance.scene, nullptr)) return nothing;
   const JointContext context =
@@ -281,8 +281,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
       on_step);
   RouteWork work;
   work.hypotheses.assign(input.features.size(), std::vector<ViewHypotheses>(input.objects.size()));
-  if (options.routes.aspects && HaveAspects(input.objects) &&
-      input.images.size() == input.features.size()) {
+  if (MayAskAspects(input.objects, options) && input.images.size() == input.features.size()) {
     BeginStep(context, "aspect_images");
     // Judged with all edges: stripes and a block's own edges can be parallel.
     const std::vector<AspectImage> images =

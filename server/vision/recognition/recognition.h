@@ -40,6 +40,10 @@ struct RecognitionInput {
   std::span<const std::optional<Eigen::Matrix3d>> ground = {};
 };
 
+// Whether the objects may be asked for by their aspects: the options say so, and all have them.
+bool MayAskAspects(std::span<const std::shared_ptr<const PreparedObject>> objects,
+                   const RecognitionOptions& options);
+
 // Whether the objects are asked for by their aspects before views are matched and reconstructed:
 // most of them have so many edges that the other routes cost more and say less.
 bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> objects,

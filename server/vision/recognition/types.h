@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <functional>
 #include <map>
 #include <optional>
@@ -80,6 +81,12 @@ struct RecognitionResult {
   std::vector<ViewHypothesis> hypotheses;  // kept per view, best first; for the stage report
   std::vector<SceneObject> verified;  // joint hypotheses before consolidation; for the stage report
   std::map<std::string, double> counts;
+
+  // Views whose camera is known.
+  int registered() const {
+    return static_cast<int>(
+        std::count_if(views.begin(), views.end(), [](const auto& v) { return v.has_value(); }));
+  }
 };
 
 // Told the name of each step of recognition as it begins, on the calling thread; may be empty. No

@@ -101,5 +101,18 @@ TEST_F(WiderQuestionTest, ANarrowQuestionFindsWhatTheWideOneDoes) {
   for (const auto& camera : narrow->answer.cameras) EXPECT_TRUE(camera);
 }
 
+// Parts of few edges are asked for by their aspects after matching, with no other route as well.
+TEST_F(WiderQuestionTest, AspectsAloneAreAskedForPlainPartsToo) {
+  SceneRequest request = request_;
+  request.variants = "routes=aspects";
+  const auto result = RecognizeScene(request, catalog_, {});
+  ASSERT_TRUE(result.ok()) << result.status();
+  const auto recognition =
+      std::find_if(result->answer.stages.begin(), result->answer.stages.end(), [](const auto& s) {
+        return s.stage == "recognition" && s.counts.count("aspects_searched") > 0;
+      });
+  EXPECT_NE(recognition, result->answer.stages.end());
+}
+
 }  // namespace
 }  // namespace horopter
