@@ -76,11 +76,17 @@ FOLDERS = collections.OrderedDict([
     ("server/service",
      ["server/base", "db", "proto", "server/overlay", "server/vision/geometry", "server/vision/invariants",
       "server/pipeline"]),
+    # Configuration files, of the server and of the console.
+    ("server/checked_config.h", []),
+    ("server/checked_config.cc", ["server/checked_config.h"]),
     ("server/flags.h", ["server/service"]),
-    ("server/flags.cc", ["server/service", "server/flags.h"]),
+    ("server/flags.cc", ["server/service", "server/flags.h", "server/checked_config.h"]),
     ("server/main.cc", ["server/base", "db", "proto", "server/pipeline", "server/service", "server/flags.h"]),
     # The client talks to the server over the wire; it shares value types and the status macros.
     ("client", ["server/base", "proto", "server/overlay", "server/vision/geometry"]),
+    # A process of its own that passes calls on; it knows no message.
+    ("console", ["server/base", "client", "server/checked_config.h"]),
+    ("console/main.cc", ["client", "console"]),
 ])
 
 # Rooms that ask the index.
@@ -92,7 +98,7 @@ STAGES = ["server/vision/features", "server/vision/matching", "server/vision/rec
           "server/vision/recognition", "server/vision/euclidean"]
 VISION = ["server/vision/geometry", "server/vision/invariants"] + STAGES
 EVERYWHERE = list(FOLDERS)
-EDGE = ["server/service", "server/main.cc", "client"]
+EDGE = ["server/service", "server/main.cc", "client", "console", "console/main.cc"]
 
 # Library -> (pattern of its headers, folders that may include them).
 LIBRARIES = collections.OrderedDict([
@@ -109,10 +115,12 @@ LIBRARIES = collections.OrderedDict([
     ("OpenCV", (r"opencv2/", ["server/vision/features", "server/vision/matching", "server/overlay", "client"])),
     ("Ceres", (r"ceres/", STAGES + ["server/vision/geometry"])),
     ("OpenCASCADE", (r"[A-Za-z0-9]+_?[A-Za-z0-9_]*\.hxx$", ["client"])),
-    ("zlib", (r"zlib\.h$", ["client"])),
+    ("zlib", (r"zlib\.h$", ["client", "console"])),
+    ("Boost", (r"boost/(asio|beast|system)[./]", ["console", "console/main.cc"])),
     ("yaml-cpp", (r"yaml-cpp/", ["client"])),
-    ("CLI11", (r"CLI/", ["server/flags.h", "server/flags.cc", "server/main.cc", "client"])),
-    ("Prometheus", (r"prometheus/", ["server/service"])),
+    ("CLI11", (r"CLI/", ["server/flags.h", "server/flags.cc", "server/checked_config.h", "server/checked_config.cc",
+                          "server/main.cc", "client", "console", "console/main.cc"])),
+    ("Prometheus", (r"prometheus/", ["server/service", "console"])),
     ("spdlog", (r"spdlog/|fmt/", EDGE)),
     ("JSON", (r"nlohmann/", EDGE)),
     ("glog", (r"glog/", ["server/main.cc"])),
@@ -122,14 +130,15 @@ LIBRARIES = collections.OrderedDict([
     # No stage reads a file or a clock, and none prints.
     ("files, clocks and streams of the standard library",
      (r"(fstream|filesystem|iostream|chrono|ctime|time\.h|sys/time\.h)$",
-      ["db", "server/pipeline", "server/service", "server/flags.cc", "server/main.cc", "client"])),
+      ["db", "server/pipeline", "server/service", "server/flags.cc", "server/checked_config.cc", "server/main.cc", "client",
+       "console", "console/main.cc"])),
     # Work is shared out by ParallelFor, within the budget of a request; only the service keeps threads of its own.
     ("threads", (r"(thread|future)$", ["server/base", "server/service", "server/main.cc", "client"])),
-    ("TLS", (r"openssl/", ["server/service"])),
-    ("systemd", (r"systemd/", ["server/main.cc"])),
+    ("TLS", (r"openssl/", ["server/service", "console"])),
+    ("systemd", (r"systemd/", ["server/main.cc", "console/main.cc"])),
     ("heap of the C library", (r"malloc\.h$", ["server/pipeline"])),  # beside what else is set for the whole process
     ("operating system", (r"(unistd|fcntl|signal|dirent|poll|pthread|spawn|dlfcn|netdb)\.h$|csignal$|(sys|netinet|arpa|linux)/",
-                          ["db", "server/service", "server/main.cc", "client"])),
+                          ["db", "server/service", "server/main.cc", "client", "console", "console/main.cc"])),
 ])
 ONLY_IN_SOURCES = ["Ceres"]  # too heavy for our headers
 
@@ -199,7 +208,7 @@ def check_include(root, path, folder, quote, header):
     generated = re.match(r"horopter/v\d+/\w+(\.grpc)?\.pb\.h$", header)
     if generated:
         target = "proto"
-    elif header.startswith(("server/", "db/", "client/", "proto/", "tests/")):
+    elif header.startswith(("server/", "db/", "client/", "console/", "proto/", "tests/")):
         if quote == "<":
             return "the project's own headers are included with quotes"
         if not os.path.exists(os.path.join(root, header)):
@@ -246,7 +255,7 @@ def check_file(root, path):
     return found
 
 
-def sources(root, tops=("server", "db", "client", "proto")):
+def sources(root, tops=("server", "db", "client", "console", "proto")):
     for top in tops:
         for where, folders, files in os.walk(os.path.join(root, top)):
             folders.sort()
@@ -299,7 +308,7 @@ def check_types(root):
     translation unit: the linker keeps one of each inline function and of each template made from the two."""
     first = {}
     found = []
-    for path in sources(root, ("server", "db", "client", "tests")):
+    for path in sources(root, ("server", "db", "client", "console", "tests")):
         with open(os.path.join(root, path), encoding="utf-8") as source:
             for name, line in types_of(source.read()):
                 known = first.setdefault(name, path)
@@ -325,7 +334,7 @@ def eigen_modules_of(root, path):
 def check_eigen(root):
     """A file that uses a module of Eigen includes it, or its own header does."""
     found = []
-    for path in sources(root, ("server", "db", "client", "tests")):
+    for path in sources(root, ("server", "db", "client", "console", "tests")):
         with open(os.path.join(root, path), encoding="utf-8") as source:
             text = source.read()
         plain = NOISE.sub(lambda match: re.sub(r"[^\n]", " ", match.group(0)), text)
