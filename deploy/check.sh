@@ -28,7 +28,7 @@ failed=()
 step() { echo; echo "== $*"; }
 
 step "format"
-mapfile -d '' sources < <(find server db client proto tests -name build -prune -o \
+mapfile -d '' sources < <(find server db client console proto tests -name build -prune -o \
   -type f \( -name '*.cc' -o -name '*.h' \) -print0 | sort -z)
 if clang-format --dry-run -Werror "${sources[@]}"; then
   echo "${#sources[@]} files, all formatted"

@@ -1,0 +1,171 @@
+// The operator's way, step by step, in a real browser. See test.sh.
+const assert = require("assert");
+const fs = require("fs");
+const path = require("path");
+const { chromium } = require("playwright-core");
+const axe = fs.readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
+
+const [url, browserPath, data, out, work] = process.argv.slice(2);
+const parts = path.join(data, "parts");
+const photographs = [0, 1, 2, 3].map((i) => path.join(parts, "val", "000011", "rgb", `00000${i}.png`));
+const step = path.join(parts, "cad", "obj_000001.step");
+const RECOGNITION_MS = 300_000;  // not timed: machines are loaded
+
+const errors = [];
+
+async function look(page, name) {
+  await page.screenshot({ path: path.join(out, `${name}.png`) });
+  // The page's policy lets no script in; the debugger's own world is not bound by it.
+  const found = await page.evaluate(`(() => { const module = undefined, exports = undefined, define = undefined; ${axe}; return axe.run(); })()`);
+  for (const v of found.violations) errors.push(`${name}: ${v.id}: ${v.help}: ${v.nodes.map((n) => n.html).join(" | ").slice(0, 500)}`);
+}
+
+async function walk() {
+  const browser = await chromium.launch({
+    executablePath: browserPath,
+    args: ["--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic", "--no-first-run",
+      "--disable-background-networking", "--disable-component-update", "--disable-sync"],
+  });
+  const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, acceptDownloads: true });
+  const page = await context.newPage();
+  page.on("pageerror", (error) => errors.push(`script: ${error}`));
+  page.on("console", (m) => { if (/Content Security Policy/.test(m.text())) errors.push(`policy: ${m.text()}`); });
+  const began = Date.now();
+
+  await page.goto(url);
+  await page.getByRole("heading", { name: "Sign in" }).waitFor();
+  await look(page, "sign-in");
+  await page.getByLabel("Token").fill("wrong");
+  await page.getByRole("button", { name: "Sign in" }).click();
+  await page.getByText("the token is not known").waitFor();
+  await page.getByLabel("Token").fill(process.env.HOROPTER_TEST_TOKEN);
+  await page.keyboard.press("Enter");
+
+  // The part.
+  await page.getByRole("link", { name: "Parts", exact: true }).click();
+  await page.getByText("No part is enrolled yet.").waitFor();
+  await page.setInputFiles("input#file", { name: "broken.step", mimeType: "", buffer: Buffer.from("ISO-10303-21;\nHEADER;\n") });
+  await page.getByRole("button", { name: "Enrol" }).click();
+  await page.getByText("The file was refused").waitFor({ timeout: RECOGNITION_MS });
+  await page.setInputFiles("input#file", step);
+  await page.getByLabel("Id").fill("block");
+  await page.getByRole("button", { name: "Enrol" }).click();
+  await page.getByText("block is enrolled.").waitFor({ timeout: RECOGNITION_MS });
+  for (const number of ["000002", "000003"]) {
+    await page.setInputFiles("input#file", path.join(parts, "cad", `obj_${number}.step`));
+    await page.getByRole("button", { name: "Enrol" }).click();
+    await page.getByText(`obj_${number} is enrolled.`).waitFor({ timeout: RECOGNITION_MS });
+  }
+  await page.getByLabel("Search").fill("blo");
+  await page.getByText("1 of 3 parts").waitFor();
+  await page.getByLabel("Search").fill("");
+  await look(page, "parts");
+  await page.getByRole("link", { name: "block" }).click();
+  await page.getByText("Drag to turn").waitFor();
+  await page.getByRole("heading", { name: "Look-alikes" }).waitFor({ timeout: RECOGNITION_MS });
+  await page.getByRole("group", { name: /block in three dimensions/ }).press("ArrowLeft");
+  await look(page, "part");
+  await conflict(context, page);
+
+  // The photographs.
+  await page.getByRole("link", { name: "Try", exact: true }).click();
+  await page.setInputFiles("input#photos", photographs);
+  await page.getByRole("button", { name: "Recognise" }).click();
+  const asked = Date.now();
+  await page.getByRole("heading", { name: /^Run 1: / }).waitFor({ timeout: RECOGNITION_MS });
+  const waited = Date.now() - asked;
+  const title = await page.getByRole("heading", { name: /^Run 1: / }).textContent();
+  assert.equal(await page.locator("img.drawing").count(), 4, "a drawing over each photograph");
+  const drawn = await page.locator("img.drawing").evaluateAll((all) => all.every((i) => i.complete && i.naturalWidth > 0));
+  assert.ok(drawn, "the drawings are shown");
+  await page.locator("horopter-answer").first().scrollIntoViewIfNeeded();
+  await look(page, "try");
+  console.log(`${title}; ${((Date.now() - began - waited) / 1000).toFixed(1)} s besides recognition`);
+
+  const saving = page.waitForEvent("download");
+  await page.getByRole("button", { name: "Save as recording" }).click();
+  const saved = await saving;
+  await saved.saveAs(path.join(work, saved.suggestedFilename()));
+
+  // Why not?
+  await page.getByLabel("Why is a part not there?").selectOption("obj_000002");
+  await page.getByRole("button", { name: "Explain" }).click();
+  await page.getByRole("heading", { name: /^Why it is not there: obj_000002/ }).waitFor({ timeout: RECOGNITION_MS });
+  await page.getByRole("heading", { name: /^Why it is not there: obj_000002/ }).scrollIntoViewIfNeeded();
+  await look(page, "why");
+
+  await page.getByRole("link", { name: "Health", exact: true }).click();
+  await page.getByRole("button", { name: "Check the catalog" }).click();
+  await page.getByText("all is well").waitFor({ timeout: RECOGNITION_MS });
+  const copying = page.waitForEvent("download");
+  await page.getByRole("button", { name: "Download a backup" }).click();
+  assert.match((await copying).suggestedFilename(), /^horopter-.*\.db$/);
+  await look(page, "health");
+
+  await back(page);
+  await browser.close();
+  await flat(url);
+}
+
+// Two admins change one part: the second is shown both, and decides.
+async function conflict(context, page) {
+  const other = await context.newPage();
+  await other.goto(page.url());
+  await other.getByLabel("Name").fill("theirs");
+  await other.getByRole("button", { name: "Save the name" }).click();
+  await other.getByText("Saved.").waitFor();
+  await other.close();
+  await page.getByLabel("Name").fill("<b>mine</b>");
+  await page.getByRole("button", { name: "Save the name" }).click();
+  await page.getByText("Somebody else has changed this part").waitFor();
+  await page.getByRole("cell", { name: "theirs" }).waitFor();
+  await page.getByRole("button", { name: "Save yours" }).click();
+  await page.getByText("Saved.").waitFor();
+  await page.getByRole("link", { name: "All parts" }).click();
+  await page.getByRole("cell", { name: "<b>mine</b>" }).waitFor();  // as text
+}
+
+// Back button, an id that is not there, dark, narrow, the session gone.
+async function back(page) {
+  await page.goBack();
+  await page.getByRole("heading", { name: "Try it on photographs" }).waitFor();
+  await page.evaluate(() => { location.hash = "#/parts/no-such-part"; });
+  await page.getByRole("alert").waitFor();
+  await page.emulateMedia({ colorScheme: "dark" });
+  await page.setViewportSize({ width: 820, height: 1180 });
+  await page.evaluate(() => { location.hash = "#/parts"; });
+  await page.getByRole("cell", { name: "<b>mine</b>" }).waitFor();
+  await look(page, "parts-dark");
+  await page.context().clearCookies();
+  await page.evaluate(() => { location.hash = "#/health"; });
+  await page.getByText("Your session is over.").waitFor();
+}
+
+// Without WebGL.
+async function flat(address) {
+  const browser = await chromium.launch({
+    executablePath: browserPath,
+    args: ["--no-sandbox", "--disable-gpu", "--disable-3d-apis", "--disable-quic", "--no-first-run", "--disable-background-networking",
+      "--disable-component-update", "--disable-sync"],
+  });
+  const page = await browser.newPage({ viewport: { width: 1280, height: 800 } });
+  await page.goto(address + "/#/parts/block");
+  await page.getByLabel("Token").fill(process.env.HOROPTER_TEST_TOKEN);
+  await page.keyboard.press("Enter");
+  await page.getByText("This browser shows no 3D").waitFor();
+  assert.ok((await page.locator("horopter-part-view line").count()) > 8, "edges are drawn");
+  await look(page, "part-flat");
+  await browser.close();
+}
+
+walk().then(
+  () => {
+    for (const error of errors) console.error(error);
+    process.exit(errors.length ? 1 : 0);
+  },
+  (error) => {
+    console.error(error);
+    for (const e of errors) console.error(e);
+    process.exit(1);
+  },
+);

@@ -1,0 +1,137 @@
+// One part: its geometry, grasps, look-alikes; its name is changed by etag.
+import { html, css, LitElement, nothing } from "lit";
+import { customElement, property, state } from "lit/decorators.js";
+import { catalog, Code, idOf, isCode, said } from "./api";
+import { ObjectView, type ListLookAlikesResponse, type Object$ as Part } from "./gen/horopter/v1/catalog_pb";
+import { shared } from "./style";
+import { text } from "./strings";
+import "./part_view";
+
+const t = text.parts;
+const mm = (m: number) => (1000 * m).toFixed(1);
+
+@customElement("horopter-part-page")
+export class PartPage extends LitElement {
+  static styles = [shared, css`.two { display: grid; grid-template-columns: minmax(20rem, 3fr) minmax(18rem, 2fr); gap: 0 2rem; } @media (max-width: 800px) { .two { grid-template-columns: 1fr; } }`];
+  @property() partId = "";
+  @state() private model?: Part;
+  @state() private alike?: ListLookAlikesResponse;
+  @state() private name = "";
+  @state() private theirs?: Part;
+  @state() private error = "";
+  @state() private done = "";
+  @state() private sure = false;
+
+  willUpdate(changed: Map<string, unknown>) {
+    if (changed.has("partId")) this.load();
+  }
+
+  private async load() {
+    this.model = this.alike = this.theirs = undefined;
+    this.error = this.done = "";
+    const name = `objects/${this.partId}`;
+    try {
+      this.model = await catalog.getObject({ name, view: ObjectView.GEOMETRY });
+      this.name = this.model.displayName;
+      this.alike = await catalog.listLookAlikes({ name });
+    } catch (error) {
+      this.error = said(error);
+    }
+  }
+
+  private async save(ifMatch: string) {
+    this.error = this.done = "";
+    const name = `objects/${this.partId}`;
+    try {
+      const saved = await catalog.updateObject({
+        object: { name, displayName: this.name },
+        updateMask: { paths: ["display_name"] },
+        ifMatch,
+      });
+      this.model!.etag = saved.etag;
+      this.model!.displayName = saved.displayName;
+      this.theirs = undefined;
+      this.done = t.saved;
+      this.dispatchEvent(new CustomEvent("changed"));
+    } catch (error) {
+      if (isCode(error, Code.Aborted)) this.theirs = await catalog.getObject({ name, view: ObjectView.BASIC });
+      else this.error = said(error);
+    }
+  }
+
+  private async erase() {
+    try {
+      await catalog.deleteObject({ name: `objects/${this.partId}`, ifMatch: this.model!.etag });
+      this.dispatchEvent(new CustomEvent("changed"));
+      location.hash = "#/parts";
+    } catch (error) {
+      this.sure = false;
+      this.error = isCode(error, Code.Aborted) ? t.conflict : said(error);
+    }
+  }
+
+  render() {
+    const part = this.model;
+    return html`
+      <p><a href="#/parts">← ${t.back}</a></p>
+      <h1>${this.partId}</h1>
+      ${this.error ? html`<p class="error" role="alert">${this.error}</p>` : nothing}
+      ${part
+        ? html`<div class="two"><section><horopter-part-view .model=${part}></horopter-part-view></section>
+            <section>${this.edit(part)}${this.details(part)}${this.grasps(part)}${this.lookAlikes()}${this.removal()}</section></div>`
+        : this.error ? nothing : html`<p>${t.loading}</p>`}
+    `;
+  }
+
+  private edit(part: Part) {
+    return html`
+      <div class="row">
+        <label>${t.name}<input maxlength="200" .value=${this.name} @input=${(e: Event) => (this.name = (e.target as HTMLInputElement).value)} /></label>
+        <button ?disabled=${this.name === part.displayName} @click=${() => this.save(part.etag)}>${t.save}</button>
+        <span role="status" class="quiet">${this.done}</span>
+      </div>
+      ${this.theirs
+        ? html`<div class="error" role="alert">${t.conflict}
+            <table><tbody><tr><th scope="row">${t.theirs}</th><td>${this.theirs.displayName}</td></tr><tr><th scope="row">${t.yours}</th><td>${this.name}</td></tr></tbody></table>
+            <div class="row"><button @click=${() => this.save(this.theirs!.etag)}>${t.keepYours}</button>
+              <button @click=${this.load}>${t.takeTheirs}</button></div></div>`
+        : nothing}
+    `;
+  }
+
+  private details(part: Part) {
+    const rows: [string, string | number][] = [
+      [t.size, mm(part.diameterM)],
+      [t.edges, part.edgeCount],
+      [t.triangles, part.triangleCount],
+      [t.symmetries, part.objectFromSymmetricObject.length],
+      [t.file, part.source?.fileName ? `${part.source.fileName} ${part.source.unit ? `(${part.source.unit})` : ""}` : "–"],
+      [t.state, t.states[part.recognitionStatus?.state ?? 0]],
+    ];
+    return html`<h2>${t.details}</h2><table><tbody>${rows.map(([name, value]) => html`<tr><th scope="row">${name}</th><td>${value}</td></tr>`)}</tbody></table>`;
+  }
+
+  private grasps(part: Part) {
+    if (part.grasps.length === 0) return html`<h2>${t.grasps}</h2><p class="quiet">${t.noGrasps}</p>`;
+    return html`<h2>${t.grasps}</h2><table>
+      <thead><tr><th scope="col">${t.name}</th><th scope="col">${t.grasps}</th><th scope="col" class="number">${t.quality}</th></tr></thead>
+      <tbody>${part.grasps.map((g) => html`<tr><td>${g.name}</td>
+        <td>${g.gripper.case === "suction" ? t.cup(mm(g.gripper.value.cupRadiusM)) : g.gripper.case === "parallelJaw" ? t.jaw(mm(g.gripper.value.jawOpeningM)) : "–"}</td>
+        <td class="number">${(g.quality ?? 1).toFixed(2)}</td></tr>`)}</tbody></table>`;
+  }
+
+  private lookAlikes() {
+    if (!this.alike) return nothing;
+    return html`<h2>${t.lookAlikes}</h2>${this.alike.lookAlikes.length === 0
+      ? html`<p class="quiet">${t.noLookAlikes}</p>`
+      : html`<ul>${this.alike.lookAlikes.map((a) => html`<li><a href="#/parts/${idOf(a.name)}">${idOf(a.name)}</a>: ${t.kinds[a.kind] ?? ""};
+          ${t.differ((a.onlyInNamedM.length + a.onlyInOtherM.length) / 3)}</li>`)}</ul>`}`;
+  }
+
+  private removal() {
+    return this.sure
+      ? html`<div class="error" role="alert">${t.sure(this.partId)}
+          <div class="row"><button @click=${this.erase}>${t.remove}</button><button @click=${() => (this.sure = false)}>${text.cancel}</button></div></div>`
+      : html`<p><button @click=${() => (this.sure = true)}>${t.remove}</button></p>`;
+  }
+}
