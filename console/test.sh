@@ -50,10 +50,11 @@ server=$(await "$work/server.log" "listening on")
 pids+=($!)
 console=$(await "$work/console.log" "serving browsers on")
 mkdir -p "$out"
-NODE_PATH=$modules HOROPTER_TEST_TOKEN=$token node console/walk.cjs "http://$console" "$chromium" "$PWD/tests/data" "$out" "$work"
+export HOROPTER_PROGRAM=$build/client/horopter HOROPTER_SERVER=$server HOROPTER_TOKEN=$token
+NODE_PATH=$modules node console/walk.cjs "http://$console" "$chromium" "$PWD/tests/data" "$out" "$work"
 # What the page saved is a recording.
 recording=$(ls "$work"/*.horec)
-"$build/client/horopter" --server "$server" --token-file <(printf '%s\n' "$token") replay "$recording" >"$work/replay.log" 2>&1 || {
+"$HOROPTER_PROGRAM" replay "$recording" >"$work/replay.log" 2>&1 || {
   cat "$work/replay.log"
   exit 1
 }

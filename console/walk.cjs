@@ -38,7 +38,7 @@ async function walk() {
   await page.getByLabel("Token").fill("wrong");
   await page.getByRole("button", { name: "Sign in" }).click();
   await page.getByText("the token is not known").waitFor();
-  await page.getByLabel("Token").fill(process.env.HOROPTER_TEST_TOKEN);
+  await page.getByLabel("Token").fill(process.env.HOROPTER_TOKEN);
   await page.keyboard.press("Enter");
 
   // The part.
@@ -67,6 +67,10 @@ async function walk() {
   await look(page, "part");
   await conflict(context, page);
 
+  const stationBegan = Date.now();
+  await station(page);
+  const besides = Date.now() - stationBegan;
+
   // The photographs.
   await page.getByRole("link", { name: "Try", exact: true }).click();
   await page.setInputFiles("input#photos", photographs);
@@ -80,7 +84,8 @@ async function walk() {
   assert.ok(drawn, "the drawings are shown");
   await page.locator("horopter-answer").first().scrollIntoViewIfNeeded();
   await look(page, "try");
-  console.log(`${title}; ${((Date.now() - began - waited) / 1000).toFixed(1)} s besides recognition`);
+  await page.screenshot({ path: path.join(out, "console.jpg"), type: "jpeg", quality: 75 });
+  console.log(`${title}; ${((Date.now() - began - waited - besides) / 1000).toFixed(1)} s besides recognition`);
 
   const saving = page.waitForEvent("download");
   await page.getByRole("button", { name: "Save as recording" }).click();
@@ -125,6 +130,38 @@ async function conflict(context, page) {
   await page.getByRole("cell", { name: "<b>mine</b>" }).waitFor();  // as text
 }
 
+// A station is made, gets a camera's calibration, gives it back and forgets it.
+async function station(page) {
+  await page.getByRole("link", { name: "Stations", exact: true }).click();
+  await page.getByText("There is no station yet.").waitFor();
+  await teach(page);
+  await page.getByText("What is still wanting").waitFor();
+  const saving = page.waitForEvent("download");
+  await page.getByRole("button", { name: "Save", exact: true }).first().click();
+  const file = path.join(work, "left.json");
+  await (await saving).saveAs(file);
+  const calibration = JSON.parse(fs.readFileSync(file, "utf8"));
+  assert.equal(calibration.imageWidthPx, 640);
+  const choosing = page.waitForEvent("filechooser");
+  await page.getByRole("button", { name: "Load" }).first().click();
+  await (await choosing).setFiles({ name: "c.json", mimeType: "application/json", buffer: Buffer.from(JSON.stringify({ ...calibration, focalLogSigma: 0.003 })) });
+  await page.getByText("The calibration is taken over.").waitFor();
+  await look(page, "station");
+  await page.getByRole("button", { name: "Forget what was learnt" }).click();
+  await page.getByRole("button", { name: "Forget what was learnt" }).click();
+  await page.getByText("What was learnt is forgotten.").waitFor();
+}
+
+// By the program, as a cell's own would.
+async function teach(page) {
+  await page.getByLabel("New station").fill("cell");
+  await page.getByRole("button", { name: "Make it" }).click();
+  await page.getByText("No camera is known yet").waitFor();
+  require("child_process").execFileSync(process.env.HOROPTER_PROGRAM,
+    ["recognize", ...photographs, "--station", "cell", "--station-cameras", "left,right,front,top"], { stdio: ["ignore", "ignore", "inherit"] });
+  await page.reload();
+}
+
 // Back button, an id that is not there, dark, narrow, the session gone.
 async function back(page) {
   await page.goBack();
@@ -150,7 +187,7 @@ async function flat(address) {
   });
   const page = await browser.newPage({ viewport: { width: 1280, height: 800 } });
   await page.goto(address + "/#/parts/block");
-  await page.getByLabel("Token").fill(process.env.HOROPTER_TEST_TOKEN);
+  await page.getByLabel("Token").fill(process.env.HOROPTER_TOKEN);
   await page.keyboard.press("Enter");
   await page.getByText("This browser shows no 3D").waitFor();
   assert.ok((await page.locator("horopter-part-view line").count()) > 8, "edges are drawn");

@@ -46,8 +46,8 @@ printf 'admin-calls=false\ncores=2\nlisten="localhost:50051"\ndb=""\n' >old/etc/
 quietly dpkg-deb --root-owner-group -b old old.pkg
 quietly dpkg -i old.pkg
 printf 'listen="localhost:50077"\ndb="/var/lib/horopter/mine.db"\n' >/etc/horopter/horopterd.toml
-quietly "${apt[@]}" install horopter-server horopter-client horopter-dev horopter-demo python3-horopter
-[[ $(dpkg -s horopter-server horopter-client horopter-dev horopter-demo python3-horopter | grep -c '^Status: install ok installed') -eq 5 ]]
+quietly "${apt[@]}" install horopter-server horopter-client horopter-dev horopter-demo horopter-console python3-horopter
+[[ $(dpkg -s horopter-server horopter-client horopter-dev horopter-demo horopter-console python3-horopter | grep -c '^Status: install ok installed') -eq 6 ]]
 grep -q mine.db /etc/horopter/horopterd.toml || fail "the user's configuration is gone"
 [[ -e /etc/horopter/horopterd.toml.dpkg-dist && ! -e /usr/share/doc/horopter/credentials.sh ]]
 systemctl start horopterd
@@ -84,6 +84,24 @@ quietly dpkg -i "$server_package"
 horopter status >/dev/null
 [[ $(systemctl show -P MainPID horopterd) != "$pid" ]] || fail "an upgrade does not start the server anew"
 horopter object list | grep -q bracket || fail "the catalog is gone"
+
+step "the operator's page"
+systemd-analyze verify /lib/systemd/system/horopter-console.service
+systemctl start horopter-console
+[[ $(stat -c %u "/proc/$(systemctl show -P MainPID horopter-console)") -ne 0 ]]
+/usr/bin/python3 - <<'PYTHON'
+import json
+import urllib.request
+def ask(path, body=None):
+    asked = urllib.request.Request("http://127.0.0.1:8080" + path, body, {"X-Horopter-Console": "1"})
+    with urllib.request.urlopen(asked, timeout=30) as answer:
+        return answer.read()
+assert b"<html" in ask("/")
+assert json.loads(ask("/healthz"))["serving"]
+assert json.loads(ask("/sign-in", b'{"token": ""}'))["signed_in"]
+PYTHON
+systemctl reload horopter-console
+systemctl stop horopter-console
 
 step "Python: the package, and the wheel in an environment of its own"
 cat >ask.py <<'PYTHON'
@@ -199,9 +217,9 @@ grep -q 'grasp_[0-9]* at (' "$here/demo.txt" || fail "no grasp"
 tail -n 1 "$here/demo.txt"
 
 step "removed, nothing is left but the catalog and the keys"
-quietly "${apt[@]}" purge horopter-server horopter-client horopter-dev horopter-demo python3-horopter
+quietly "${apt[@]}" purge horopter-server horopter-client horopter-dev horopter-demo horopter-console python3-horopter
 left=$(cd /upper && find . -name '*horopter*' \( -type f -o -type l \) -not -path ".$here/*" -not -path './var/lib/dpkg/*' -not -path './var/lib/apt/*' \
   -not -path './var/cache/*' -not -path './var/log/*' -not -path './etc/apt/*' -not -path './etc/systemd/*')
 [[ -z $left ]] || fail "left behind: $left"
-[[ -e /etc/horopter/keys/server.key && ! -e /etc/horopter/horopterd.toml && ! -e /var/log/horopter ]] || { ls -lR /etc/horopter /var/log/horopter; exit 1; }
+[[ -e /etc/horopter/keys/server.key && ! -e /etc/horopter/horopterd.toml && ! -e /etc/horopter/horopter-console.toml && ! -e /var/log/horopter ]] || { ls -lR /etc/horopter /var/log/horopter; exit 1; }
 echo "The packages are good."

@@ -1,4 +1,4 @@
-# What is installed, in five components: server, client, dev (C++: find_package(horopter_client)), python and demo; and the
+# What is installed, in components: server, client, dev (C++: find_package(horopter_client)), python, demo and console; and the
 # Debian packages that deploy/package.sh makes of them.
 include(GNUInstallDirs)
 set(CMAKE_SKIP_INSTALL_ALL_DEPENDENCY ON)  # tests and benchmarks need not be built for it
@@ -70,6 +70,21 @@ install(FILES tests/data/README.md DESTINATION ${CMAKE_INSTALL_DATADIR}/horopter
 install(CODE "file(MAKE_DIRECTORY \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/bin\")
   file(CREATE_LINK ../share/horopter/deploy/demo.sh \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/bin/horopter-demo\" SYMBOLIC)" COMPONENT demo)
 
+# The operator's page, where Boost was there to build its program; without node or npm the program says itself that the page is missing.
+if(TARGET horopter_console)
+  add_custom_command(OUTPUT ${CMAKE_BINARY_DIR}/horopter-console.toml
+    COMMAND horopter_console --print-config > ${CMAKE_BINARY_DIR}/horopter-console.toml
+    DEPENDS horopter_console VERBATIM)
+  add_custom_target(console_config DEPENDS ${CMAKE_BINARY_DIR}/horopter-console.toml)
+  add_dependencies(sample_config console_config horopter_page)
+  install(TARGETS horopter_console RUNTIME COMPONENT console)
+  install(FILES ${CMAKE_BINARY_DIR}/horopter-console.toml DESTINATION /etc/horopter COMPONENT console)
+  install(DIRECTORY DESTINATION /etc/horopter/keys DIRECTORY_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE COMPONENT console)
+  install(FILES deploy/horopter-console.service DESTINATION /lib/systemd/system COMPONENT console)
+  install(DIRECTORY ${CMAKE_BINARY_DIR}/console/page/ DESTINATION ${CMAKE_INSTALL_DATADIR}/horopter/console COMPONENT console)
+  install(FILES docs/console.md DESTINATION ${docs}/horopter-console COMPONENT console)
+endif()
+
 # Packages. Terms and changelog of each, as Debian wants them; the dates are of the sources (SOURCE_DATE_EPOCH, package.sh).
 set(changelog ${CMAKE_BINARY_DIR}/debian/changelog.gz)
 add_custom_command(OUTPUT ${changelog}
@@ -78,6 +93,9 @@ add_custom_command(OUTPUT ${changelog}
   DEPENDS ${CMAKE_SOURCE_DIR}/CHANGELOG.md ${CMAKE_SOURCE_DIR}/deploy/debian_changelog.py VERBATIM)
 add_custom_target(package_papers DEPENDS ${changelog})
 set(packages "server=horopter-server;client=horopter-client;dev=horopter-dev;python=python3-horopter;demo=horopter-demo")
+if(TARGET horopter_console)
+  list(APPEND packages console=horopter-console)
+endif()
 foreach(package ${packages})
   string(REGEX MATCH "(.*)=(.*)" _ ${package})
   install(FILES deploy/debian/copyright NOTICE ${changelog} DESTINATION ${docs}/${CMAKE_MATCH_2} COMPONENT ${CMAKE_MATCH_1})
@@ -92,6 +110,9 @@ set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
 set(CPACK_SET_DESTDIR OFF)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_COMPONENTS_ALL server client dev python demo)
+if(TARGET horopter_console)
+  list(APPEND CPACK_COMPONENTS_ALL console)
+endif()
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_ENABLE_COMPONENT_DEPENDS OFF)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
@@ -112,6 +133,18 @@ file(WRITE ${CMAKE_BINARY_DIR}/debian/conffiles "/etc/horopter/horopterd.toml\n/
 set(CPACK_DEBIAN_SERVER_PACKAGE_CONTROL_EXTRA "${CMAKE_BINARY_DIR}/debian/conffiles;${CMAKE_SOURCE_DIR}/deploy/debian/postinst;\
 ${CMAKE_SOURCE_DIR}/deploy/debian/prerm;${CMAKE_SOURCE_DIR}/deploy/debian/postrm")
 set(CPACK_DEBIAN_SERVER_PACKAGE_CONTROL_STRICT_PERMISSION ON)
+set(CPACK_DEBIAN_CONSOLE_DESCRIPTION "recognises known parts in images of uncalibrated cameras - page
+${what}
+.
+This package holds horopter-console, which serves the operator's page to
+browsers and is a client of a server, with its systemd unit.")
+set(CPACK_DEBIAN_CONSOLE_PACKAGE_SECTION science)
+set(CPACK_DEBIAN_CONSOLE_PACKAGE_SHLIBDEPS ON)
+file(WRITE ${CMAKE_BINARY_DIR}/debian/console/conffiles "/etc/horopter/horopter-console.toml\n")
+set(CPACK_DEBIAN_CONSOLE_PACKAGE_CONTROL_EXTRA "${CMAKE_BINARY_DIR}/debian/console/conffiles;\
+${CMAKE_SOURCE_DIR}/deploy/debian/console/postinst;${CMAKE_SOURCE_DIR}/deploy/debian/console/prerm;\
+${CMAKE_SOURCE_DIR}/deploy/debian/console/postrm")
+set(CPACK_DEBIAN_CONSOLE_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 set(CPACK_DEBIAN_CLIENT_DESCRIPTION "recognises known parts in images of uncalibrated cameras - program
 ${what}
 .

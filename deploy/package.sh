@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes packages of what is built: Debian packages (horopter-server, -client, -dev, -demo, python3-horopter), a Python wheel, a bill
+# Makes packages of what is built: Debian packages (horopter-server, -client, -dev, -demo, -console, python3-horopter), a Python wheel, a bill
 # of materials (SPDX) and checksums, in a folder that apt takes as a source. The same sources make the same bytes.
 #
 #   deploy/package.sh [--preset NAME] [--out FOLDER]
@@ -30,12 +30,13 @@ build=$PWD/build/$preset
 # Dates of an earlier commit must not stay in what is only made when its input changes.
 rm -f "$build/debian/changelog.gz"
 deploy/build.sh --preset "$preset" horopterd horopter horopter_cad_reader horopter_client horopter_python sample_config package_papers >/dev/null
+[[ -e $build/console/page/index.html ]] || echo "package.sh: horopter-console is packed WITHOUT its page, which was not built" >&2
 mkdir -p "$out"
 rm -f "$out"/*.deb "$out"/*.whl "$out"/*.spdx.json "$out"/{Packages,Packages.gz,Release,SHA256SUMS}
 (cd "$build" && cpack -G DEB -B "$out" >"$out/cpack.log") || { cat "$out/cpack.log" >&2; exit 1; }
 rm -rf "$out/_CPack_Packages" "$out/cpack.log"
 python3 -B deploy/wheel.py "$build/client/python" "$out"
-python3 -B deploy/sbom.py "$out"
+python3 -B deploy/sbom.py "$out" "$build/console/page/libraries.txt"
 
 cd "$out"
 dpkg-scanpackages --multiversion . >Packages 2>/dev/null

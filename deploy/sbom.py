@@ -2,7 +2,8 @@
 """Writes the bill of materials of a folder of packages (SPDX 2.3, JSON): each package with its checksum and its files, and the
 Debian packages that it was linked with or needs, in the versions of this machine.
 
-    sbom.py FOLDER      writes FOLDER/horopter-VERSION.spdx.json
+    sbom.py FOLDER [LIBRARIES]   writes FOLDER/horopter-VERSION.spdx.json
+      LIBRARIES: what the operator's page holds, one a line: NAME VERSION LICENCE
 """
 import datetime
 import glob
@@ -21,6 +22,14 @@ def run(*command):
 def sha256(path):
     with open(path, "rb") as file:
         return hashlib.sha256(file.read()).hexdigest()
+
+
+def read_lines(path):
+    """[] where there is no page."""
+    if not os.path.exists(path):
+        return []
+    with open(path, encoding="utf-8") as file:
+        return file.read().splitlines()
 
 
 def identifier(text):
@@ -75,9 +84,15 @@ def main():
     # Compiled in from headers.
     for header in ("libeigen3-dev", "libcli11-dev", "nlohmann-json3-dev"):
         others[header] = installed(header)
-        for name in ("horopter-server", "horopter-client"):
+        for name in ("horopter-server", "horopter-client", "horopter-console"):
             if name in ours:
                 relate(identifier(name), "CONTAINS" if header != "libeigen3-dev" else "STATIC_LINK", identifier(header))
+    for line in read_lines(sys.argv[2]) if len(sys.argv) > 2 else []:
+        name, of, licence = line.split(" ", 2)
+        packages.append(package("npm-" + name, of, licence, externalRefs=[{
+            "referenceCategory": "PACKAGE-MANAGER", "referenceType": "purl",
+            "referenceLocator": "pkg:npm/%s@%s" % (name.replace("@", "%40"), of)}]))
+        relate(identifier("horopter-console"), "CONTAINS", identifier("npm-" + name))
     for name, found in sorted(others.items()):
         told = {} if found is None else {"externalRefs": [{
             "referenceCategory": "PACKAGE-MANAGER", "referenceType": "purl",

@@ -4,6 +4,7 @@ import { createGrpcWebTransport } from "@connectrpc/connect-web";
 import { CatalogService } from "./gen/horopter/v1/catalog_pb";
 import { RecognitionService } from "./gen/horopter/v1/recognition_pb";
 import { ServerService } from "./gen/horopter/v1/server_pb";
+import { StationService } from "./gen/horopter/v1/station_pb";
 import { text } from "./strings";
 
 const MARK = { "x-horopter-console": "1" };
@@ -31,6 +32,7 @@ const marked: Interceptor = (next) => async (request) => {
 const transport = createGrpcWebTransport({ baseUrl: location.origin, interceptors: [marked] });
 export const catalog = createClient(CatalogService, transport);
 export const recognition = createClient(RecognitionService, transport);
+export const stations = createClient(StationService, transport);
 export const server = createClient(ServerService, transport);
 
 export async function readSession(): Promise<Session> {

@@ -6,9 +6,10 @@ import { shared } from "./style";
 import { text } from "./strings";
 import "./health";
 import "./parts";
+import "./stations";
 import "./try";
 
-const PAGES = ["try", "parts", "health"] as const;
+const PAGES = ["try", "parts", "stations", "health"] as const;
 type Page = (typeof PAGES)[number];
 
 @customElement("horopter-app")
@@ -105,6 +106,7 @@ export class App extends LitElement {
           ? html`
               <horopter-try ?hidden=${page !== "try"} .session=${this.session} .shown=${page === "try"}></horopter-try>
               ${page === "parts" ? html`<horopter-parts .session=${this.session} .path=${this.hash}></horopter-parts>` : nothing}
+              ${page === "stations" ? html`<horopter-stations .path=${this.hash}></horopter-stations>` : nothing}
               ${page === "health" ? html`<horopter-health></horopter-health>` : nothing}
             `
           : html`<p>${text.busy}</p>`}
