@@ -27,6 +27,12 @@ command -v node >/dev/null || skip "no node"
 modules=$build/console/web/node_modules
 [[ -e $modules/playwright-core ]] || skip "playwright-core is not installed"
 
+# What a browser fetches.
+bytes=0
+for file in "$build"/console/page/index.html "$build"/console/page/assets/*; do bytes=$((bytes + $(gzip -9c "$file" | wc -c))); done
+echo "the page has $bytes bytes, gzipped"
+[[ $bytes -le 400000 ]] || { echo "console/test.sh: that is more than 400 kB" >&2; exit 1; }
+
 work=$(mktemp -d "${TMPDIR:-/tmp}/horopter-console-XXXXXX")
 pids=()
 trap 'kill "${pids[@]}" 2>/dev/null || true; wait 2>/dev/null || true; rm -rf "$work"' EXIT

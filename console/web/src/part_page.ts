@@ -2,7 +2,8 @@
 import { html, css, LitElement, nothing } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { catalog, Code, idOf, isCode, said } from "./api";
-import { ObjectView, type ListLookAlikesResponse, type Object$ as Part } from "./gen/horopter/v1/catalog_pb";
+import { ObjectView, type ListLookAlikesResponse, type Grasp, type Object$ as Part } from "./gen/horopter/v1/catalog_pb";
+import { draftGrasp, type Kind, type Picked } from "./grasp_draft";
 import { shared } from "./style";
 import { text } from "./strings";
 import "./part_view";
@@ -21,13 +22,21 @@ export class PartPage extends LitElement {
   @state() private error = "";
   @state() private done = "";
   @state() private sure = false;
+  @state() private kind?: Kind;
+  @state() private picked?: Picked;
+  @state() private turned = 0;
+  @state() private blocked = false;
+  @state() private graspName = "";
+  @state() private radiusMm = 10;
+  private draft?: Grasp;
 
   willUpdate(changed: Map<string, unknown>) {
     if (changed.has("partId")) this.load();
+    if (["kind", "picked", "turned", "graspName", "radiusMm"].some((k) => changed.has(k))) this.draft = this.makeDraft();
   }
 
   private async load() {
-    this.model = this.alike = this.theirs = undefined;
+    this.model = this.alike = this.theirs = this.kind = this.picked = undefined;
     this.error = this.done = "";
     const name = `objects/${this.partId}`;
     try {
@@ -59,6 +68,27 @@ export class PartPage extends LitElement {
     }
   }
 
+  private makeDraft(): Grasp | undefined {
+    if (!this.kind || !this.picked) return undefined;
+    return draftGrasp(this.kind, this.picked, this.turned, this.graspName, this.radiusMm / 1000);
+  }
+
+  // All grasps of the part, while nobody else has changed it.
+  private async saveGrasps(grasps: Grasp[]) {
+    this.error = "";
+    try {
+      await catalog.updateObject({
+        object: { name: `objects/${this.partId}`, grasps },
+        updateMask: { paths: ["grasps"] },
+        ifMatch: this.model!.etag,
+      });
+      this.dispatchEvent(new CustomEvent("changed"));
+      await this.load();
+    } catch (error) {
+      this.error = isCode(error, Code.Aborted) ? `${t.conflict} ${t.again}` : said(error);
+    }
+  }
+
   private async erase() {
     try {
       await catalog.deleteObject({ name: `objects/${this.partId}`, ifMatch: this.model!.etag });
@@ -77,7 +107,9 @@ export class PartPage extends LitElement {
       <h1>${this.partId}</h1>
       ${this.error ? html`<p class="error" role="alert">${this.error}</p>` : nothing}
       ${part
-        ? html`<div class="two"><section><horopter-part-view .model=${part}></horopter-part-view></section>
+        ? html`<div class="two"><section><horopter-part-view .model=${part} .draft=${this.draft}
+            @picked=${(e: CustomEvent<Picked>) => { if (this.kind) this.picked = e.detail; }}
+            @blocked=${(e: CustomEvent<boolean>) => (this.blocked = e.detail)}></horopter-part-view>${this.placing(part)}</section>
             <section>${this.edit(part)}${this.details(part)}${this.grasps(part)}${this.lookAlikes()}${this.removal()}</section></div>`
         : this.error ? nothing : html`<p>${t.loading}</p>`}
     `;
@@ -111,13 +143,41 @@ export class PartPage extends LitElement {
     return html`<h2>${t.details}</h2><table><tbody>${rows.map(([name, value]) => html`<tr><th scope="row">${name}</th><td>${value}</td></tr>`)}</tbody></table>`;
   }
 
+  private placing(part: Part) {
+    const start = (kind: Kind) => {
+      this.kind = kind;
+      this.picked = undefined;
+      this.turned = 0;
+      this.graspName = `${kind}_${part.grasps.length + 1}`;
+    };
+    return html`<h2>${t.newGrasp}</h2>
+      <div class="row">
+        <button aria-pressed=${this.kind === "jaw"} @click=${() => start("jaw")}>${t.twoFingers}</button>
+        <button aria-pressed=${this.kind === "cup"} @click=${() => start("cup")}>${t.suctionCup}</button>
+        ${this.kind && !this.picked ? html`<span role="status">${t.clickFace}</span>` : nothing}
+      </div>
+      ${this.kind && this.picked
+        ? html`<div class="row">
+            <label>${t.graspName}<input maxlength="63" required .value=${this.graspName} @input=${(e: Event) => (this.graspName = (e.target as HTMLInputElement).value)} /></label>
+            ${this.kind === "cup"
+              ? html`<label>${t.cupRadius}<input type="number" min="1" max="500" .value=${String(this.radiusMm)} @input=${(e: Event) => (this.radiusMm = Number((e.target as HTMLInputElement).value) || 10)} /></label>`
+              : html`<span class="quiet">${t.between(mm(this.picked.thickness))}</span>`}
+            <button @click=${() => (this.turned += Math.PI / 12)}>${t.turnBy}</button>
+            <button class="main" ?disabled=${!this.graspName} @click=${() => this.saveGrasps([...part.grasps, this.draft!])}>${t.saveGrasp}</button>
+            <button @click=${() => { this.kind = this.picked = undefined; }}>${text.cancel}</button>
+          </div>
+          ${this.blocked ? html`<p class="error" role="alert">${t.blocked}</p>` : nothing}`
+        : nothing}`;
+  }
+
   private grasps(part: Part) {
     if (part.grasps.length === 0) return html`<h2>${t.grasps}</h2><p class="quiet">${t.noGrasps}</p>`;
     return html`<h2>${t.grasps}</h2><table>
-      <thead><tr><th scope="col">${t.name}</th><th scope="col">${t.grasps}</th><th scope="col" class="number">${t.quality}</th></tr></thead>
+      <thead><tr><th scope="col">${t.name}</th><th scope="col">${t.grasps}</th><th scope="col" class="number">${t.quality}</th><th scope="col">${t.remove_}</th></tr></thead>
       <tbody>${part.grasps.map((g) => html`<tr><td>${g.name}</td>
         <td>${g.gripper.case === "suction" ? t.cup(mm(g.gripper.value.cupRadiusM)) : g.gripper.case === "parallelJaw" ? t.jaw(mm(g.gripper.value.jawOpeningM)) : "–"}</td>
-        <td class="number">${(g.quality ?? 1).toFixed(2)}</td></tr>`)}</tbody></table>`;
+        <td class="number">${(g.quality ?? 1).toFixed(2)}</td>
+        <td><button aria-label=${t.removeGrasp(g.name)} @click=${() => this.saveGrasps(part.grasps.filter((o) => o !== g))}>×</button></td></tr>`)}</tbody></table>`;
   }
 
   private lookAlikes() {

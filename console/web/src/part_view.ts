@@ -3,7 +3,7 @@ import { html, css, LitElement, svg, nothing } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import {
   AmbientLight, BufferAttribute, BufferGeometry, DirectionalLight, DoubleSide, Group, LineBasicMaterial, LineSegments, Mesh,
-  MeshLambertMaterial, PerspectiveCamera, Quaternion, Scene, Vector3, WebGLRenderer,
+  MeshLambertMaterial, PerspectiveCamera, Quaternion, Raycaster, Scene, Vector2, Vector3, WebGLRenderer,
 } from "three";
 import type { Grasp, Object$ as Part } from "./gen/horopter/v1/catalog_pb";
 import { text } from "./strings";
@@ -28,7 +28,7 @@ function lines(ends: number[], color: string) {
 }
 
 // Fingers or the cup as lines in the gripper's frame, whose z points to the part.
-function gripper(grasp: Grasp, size: number): Group {
+function gripper(grasp: Grasp, size: number, color = "#d55e00"): Group {
   const group = new Group();
   const ends: number[] = [];
   const add = (a: number[], b: number[]) => ends.push(...a, ...b);
@@ -48,7 +48,10 @@ function gripper(grasp: Grasp, size: number): Group {
     add([-x, 0, back / 2], [x, 0, back / 2]);
     add([0, 0, back / 2], [0, 0, back]);
   }
-  group.add(lines(ends, "#d55e00"));
+  const drawn = lines(ends, color);
+  drawn.material.depthTest = false;  // seen through the part
+  drawn.renderOrder = 1;
+  group.add(drawn);
   const pose = grasp.objectFromGripper;
   if (pose?.rotation) group.quaternion.copy(new Quaternion(pose.rotation.x, pose.rotation.y, pose.rotation.z, pose.rotation.w));
   if (pose?.translationM) group.position.set(pose.translationM.x, pose.translationM.y, pose.translationM.z);
@@ -66,8 +69,13 @@ export class PartView extends LitElement {
     `,
   ];
   @property({ attribute: false }) model?: Part;
+  // A grasp that is not saved yet, drawn beside the others.
+  @property({ attribute: false }) draft?: Grasp;
   @state() private flat = false;
   private renderer?: WebGLRenderer;
+  private surface?: Mesh;
+  private drafted?: Group;
+  private pressed?: { x: number; y: number };
   private scene = new Scene();
   private camera = new PerspectiveCamera(35, 4 / 3, 0.001, 100);
   private center = new Vector3();
@@ -86,6 +94,7 @@ export class PartView extends LitElement {
 
   updated(changed: Map<string, unknown>) {
     if (changed.has("model") && this.model) this.build(this.model);
+    else if (changed.has("draft")) this.drawDraft();
   }
 
   private build(part: Part) {
@@ -107,12 +116,69 @@ export class PartView extends LitElement {
     faceted.boundingBox!.getCenter(this.center);
     this.size = faceted.boundingBox!.getSize(new Vector3()).length() || 1;
     const surface = new MeshLambertMaterial({ color: "#9fb4c7", side: DoubleSide, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
-    this.scene.add(new Mesh(faceted, surface), lines(edgeEnds(part), "#10222e"), new AmbientLight("#fff", 1.2));
+    this.surface = new Mesh(faceted, surface);
+    this.scene.add(this.surface, lines(edgeEnds(part), "#10222e"), new AmbientLight("#fff", 1.2));
     const light = new DirectionalLight("#fff", 2);
     light.position.set(1, 2, 3);
     this.scene.add(light, ...part.grasps.map((g) => gripper(g, this.size)));
     this.watcher.observe(canvas);
     this.draw();
+  }
+
+  private drawDraft() {
+    if (this.drafted) this.scene.remove(this.drafted);
+    this.drafted = this.draft && gripper(this.draft, this.size, "#cc79a7");
+    if (this.drafted) this.scene.add(this.drafted);
+    this.dispatchEvent(new CustomEvent("blocked", { detail: !!this.draft && this.isBlocked(this.draft) }));
+    this.draw();
+  }
+
+  // A click, not a drag: the point of the surface there, its outward normal and how thick the part is below it.
+  private pick(event: PointerEvent) {
+    const from = this.pressed;
+    this.pressed = undefined;
+    if (!this.surface || !from || Math.hypot(event.clientX - from.x, event.clientY - from.y) > 4) return;
+    const box = (event.currentTarget as Element).getBoundingClientRect();
+    const at = new Vector2((2 * (event.clientX - box.left)) / box.width - 1, 1 - (2 * (event.clientY - box.top)) / box.height);
+    const ray = new Raycaster();
+    this.camera.updateMatrixWorld();
+    ray.setFromCamera(at, this.camera);
+    const hit = ray.intersectObject(this.surface)[0];
+    if (!hit?.face) return;
+    const normal = hit.face.normal.clone();
+    if (normal.dot(ray.ray.direction) > 0) normal.negate();
+    const inside = new Raycaster(hit.point.clone().addScaledVector(normal, -1e-4 * this.size), normal.clone().negate());
+    const thickness = (inside.intersectObject(this.surface)[0]?.distance ?? 0) + 1e-4 * this.size;
+    const approach = this.shortestWayIn(hit.point.clone().addScaledVector(normal, -thickness / 2), normal);
+    this.dispatchEvent(new CustomEvent("picked", { detail: { point: hit.point, normal, thickness, approach } }));
+  }
+
+  // Across the normal, where the least of the part is in the way of a palm.
+  private shortestWayIn(origin: Vector3, normal: Vector3): Vector3 {
+    const first = Math.abs(normal.z) < 0.9 ? new Vector3(0, 0, -1) : new Vector3(1, 0, 0);
+    first.addScaledVector(normal, -first.dot(normal)).normalize();
+    let best = first;
+    let least = Infinity;
+    for (let i = 0; i < 24; ++i) {
+      const into = first.clone().applyAxisAngle(normal, (i * Math.PI) / 12);
+      const out = new Raycaster(origin, into.clone().negate()).intersectObject(this.surface!).pop()?.distance ?? 0;
+      if (out < least - 1e-6) [best, least] = [into, out];
+    }
+    return best;
+  }
+
+  // Whether a finger's tip or the cup meets the part on its straight way to the grasp.
+  private isBlocked(grasp: Grasp): boolean {
+    const pose = grasp.objectFromGripper;
+    if (!this.surface || !pose?.rotation || !pose.translationM) return false;
+    const turn = new Quaternion(pose.rotation.x, pose.rotation.y, pose.rotation.z, pose.rotation.w);
+    const back = new Vector3(0, 0, -1).applyQuaternion(turn);
+    const origin = new Vector3(pose.translationM.x, pose.translationM.y, pose.translationM.z);
+    const half = grasp.gripper.case === "parallelJaw" ? grasp.gripper.value.jawOpeningM / 2 : 0;
+    const starts = half
+      ? [-half, half].map((x) => origin.clone().add(new Vector3(x, 0, 0).applyQuaternion(turn)))
+      : [origin.clone().addScaledVector(back, 1e-4 * this.size)];
+    return starts.some((start) => new Raycaster(start, back).intersectObject(this.surface!).length > 0);
   }
 
   private draw() {
@@ -180,7 +246,8 @@ export class PartView extends LitElement {
     return html`
       ${this.flat ? html`<p class="quiet">${text.parts.noWebGl}</p>` : nothing}
       <div class="view" tabindex="0" role="group" aria-label=${text.parts.view(part.name)} @keydown=${this.onKey}
-        @pointerdown=${(e: PointerEvent) => (e.currentTarget as Element).setPointerCapture(e.pointerId)}
+        @pointerdown=${(e: PointerEvent) => { (e.currentTarget as Element).setPointerCapture(e.pointerId); this.pressed = { x: e.clientX, y: e.clientY }; }}
+        @pointerup=${this.pick}
         @pointermove=${(e: PointerEvent) => e.buttons && this.turn(-0.01 * e.movementX, 0.01 * e.movementY)}
         @wheel=${(e: WheelEvent) => { e.preventDefault(); this.turn(0, 0, e.deltaY > 0 ? 1.1 : 0.9); }}>
         ${this.flat ? this.drawing(part) : html`<canvas aria-hidden="true"></canvas>`}
