@@ -46,6 +46,7 @@ async function walk() {
   await page.keyboard.press("Enter");
 
   // The part.
+  await page.getByText("Step 2 is next.").waitFor();
   await page.getByRole("link", { name: "Parts", exact: true }).click();
   await page.getByText("No part is enrolled yet.").waitFor();
   await page.setInputFiles("input#file", { name: "broken.step", mimeType: "", buffer: Buffer.from("ISO-10303-21;\nHEADER;\n") });
@@ -103,6 +104,17 @@ async function walk() {
   await page.getByRole("heading", { name: /^Why it is not there: obj_000002/ }).waitFor({ timeout: RECOGNITION_MS });
   await page.getByRole("heading", { name: /^Why it is not there: obj_000002/ }).scrollIntoViewIfNeeded();
   await look(page, "why");
+
+  // What is still wanting, and a run with what the station knows beside the first.
+  await page.getByRole("link", { name: "First steps", exact: true }).click();
+  await page.getByText("Step 5 is next.").waitFor();
+  await look(page, "start");
+  await page.getByRole("link", { name: "Try", exact: true }).click();
+  await page.getByLabel("Cameras of").selectOption("stations/cell");
+  await page.getByRole("button", { name: "Recognise" }).click();
+  await page.getByRole("heading", { name: /^Run 3: / }).waitFor({ timeout: RECOGNITION_MS });
+  await page.getByLabel("Compare with").selectOption("1");
+  assert.equal(await page.locator("horopter-answer").count(), 2, "two runs side by side");
 
   await page.getByRole("link", { name: "Health", exact: true }).click();
   await page.getByRole("button", { name: "Check the catalog" }).click();

@@ -6,10 +6,12 @@ import { shared } from "./style";
 import { text } from "./strings";
 import "./health";
 import "./parts";
+import "./start";
 import "./stations";
 import "./try";
+import type { Run } from "./try";
 
-const PAGES = ["try", "parts", "stations", "health"] as const;
+const PAGES = ["start", "try", "parts", "stations", "health"] as const;
 type Page = (typeof PAGES)[number];
 
 @customElement("horopter-app")
@@ -32,6 +34,7 @@ export class App extends LitElement {
 
   @state() private hash = location.hash;
   @state() private session?: Session;
+  @state() private run?: Run;
   @state() private asking = false;
   @state() private busy = false;
   @state() private over = false;
@@ -49,7 +52,7 @@ export class App extends LitElement {
 
   private get page(): Page {
     const named = this.hash.replace(/^#\/?/, "").split("/")[0] as Page;
-    return PAGES.includes(named) ? named : "try";
+    return PAGES.includes(named) ? named : "start";
   }
 
   private async begin() {
@@ -104,7 +107,9 @@ export class App extends LitElement {
         ${this.error && !this.asking ? html`<p class="error" role="alert">${this.error}</p>` : nothing}
         ${this.session?.signed_in
           ? html`
-              <horopter-try ?hidden=${page !== "try"} .session=${this.session} .shown=${page === "try"}></horopter-try>
+              <horopter-try ?hidden=${page !== "try"} .session=${this.session} .shown=${page === "try"}
+                @ran=${(e: CustomEvent<Run>) => (this.run = e.detail)}></horopter-try>
+              ${page === "start" ? html`<horopter-start .run=${this.run}></horopter-start>` : nothing}
               ${page === "parts" ? html`<horopter-parts .session=${this.session} .path=${this.hash}></horopter-parts>` : nothing}
               ${page === "stations" ? html`<horopter-stations .path=${this.hash}></horopter-stations>` : nothing}
               ${page === "health" ? html`<horopter-health></horopter-health>` : nothing}

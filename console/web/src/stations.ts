@@ -15,7 +15,7 @@ const last = (name: string) => name.split("/").pop() ?? name;
 const degrees = (rad: number) => ((180 / Math.PI) * rad).toFixed(3);
 const ALARMS = [StationEvent_Kind.CAMERA_MOVED, StationEvent_Kind.LENS_CHANGED, StationEvent_Kind.CAMERAS_SWAPPED, StationEvent_Kind.BASE_MOVED];
 
-async function listStations(): Promise<Station[]> {
+export async function listStations(): Promise<Station[]> {
   const all: Station[] = [];
   let pageToken = "";
   do {

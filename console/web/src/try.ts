@@ -10,6 +10,8 @@ import {
   type RecognizeSceneResponse,
 } from "./gen/horopter/v1/recognition_pb";
 import { listParts } from "./parts";
+import type { Station } from "./gen/horopter/v1/station_pb";
+import { listStations } from "./stations";
 import { shared } from "./style";
 import { text } from "./strings";
 import "./answer";
@@ -48,6 +50,8 @@ export class Try extends LitElement {
   @state() private photos: Photo[] = [];
   @state() private parts?: Part[];
   @state() private candidates: string[] = [];
+  @state() private stations: Station[] = [];
+  @state() private station?: Station;
   @state() private began = 0;
   @state() private now = 0;
   @state() private error = "";
@@ -59,6 +63,7 @@ export class Try extends LitElement {
   private abort?: AbortController;
 
   updated(changed: Map<string, unknown>) {
+    if (changed.has("shown") && this.shown) listStations().then((all) => (this.stations = all), () => undefined);
     if (changed.has("shown") && this.shown) listParts().then((p) => (this.parts = p), (e) => (this.error = said(e)));
     const video = this.renderRoot.querySelector("video");
     if (video && video.srcObject !== this.stream) video.srcObject = this.stream ?? null;
@@ -112,14 +117,21 @@ export class Try extends LitElement {
   // Asks; with a part to explain also why it is, or is not, there.
   async ask(photos: Photo[], candidates: string[], explain = "") {
     this.error = "";
+    const cameras = this.station?.cameras.map((c) => c.name.split("/").pop()!) ?? [];
+    if (this.station && cameras.length < photos.length) {
+      this.error = t.tooFewCameras(cameras.length);
+      return;
+    }
     this.began = this.now = Date.now();
     const ticking = setInterval(() => (this.now = Date.now()), 500);
     this.abort = new AbortController();
     const request = create(RecognizeSceneRequestSchema, {
-      images: photos.map((p) => ({ source: { case: "content" as const, value: p.bytes } })),
+      images: photos.map((p, i) => ({ source: { case: "content" as const, value: p.bytes }, cameraId: cameras[i] ?? "" })),
       candidateObjects: candidates.map((id) => `objects/${id}`),
       priority: Priority.BATCH,
       overlay: { format: OverlayOptions_Format.SVG },
+      station: this.station?.name ?? "",
+      stationReadOnly: !!this.station,
       explainObject: explain ? `objects/${explain}` : "",
     });
     try {
@@ -128,6 +140,7 @@ export class Try extends LitElement {
       const run = { number: this.runs.length + 1, photos, request, response, seconds: (Date.now() - this.began) / 1000, drawings };
       this.runs = [...this.runs, run];
       this.left = run.number;
+      this.dispatchEvent(new CustomEvent("ran", { detail: run }));
     } catch (error) {
       if (!this.abort.signal.aborted) this.error = said(error);
     }
@@ -180,10 +193,18 @@ export class Try extends LitElement {
           <option value="" ?selected=${this.candidates.length === 0}>${t.allParts}</option>
           ${this.parts?.map((p) => html`<option value=${idOf(p.name)}>${idOf(p.name)}</option>`)}
         </select></label>
+      ${this.stations.length
+        ? html`<label>${t.station}
+            <select @change=${(e: Event) => (this.station = this.stations.find((s) => s.name === (e.target as HTMLSelectElement).value))}>
+              <option value="">${t.noStation}</option>
+              ${this.stations.map((s) => html`<option value=${s.name}>${s.name.split("/")[1]}</option>`)}
+            </select></label>`
+        : nothing}
       <button class="main" ?disabled=${this.photos.length === 0 || this.began > 0} @click=${() => this.ask(this.photos, this.candidates)}>${t.run}</button>
       ${this.began ? html`<button @click=${() => this.abort?.abort()}>${t.stop}</button>` : nothing}
       ${this.photos.length ? html`<button @click=${() => (this.photos = [])}>${t.clear}</button>` : nothing}
-    </div>`;
+    </div>
+    ${this.station ? html`<p class="quiet">${t.stationHint(this.station.cameras.map((c) => c.name.split("/").pop()).join(", "))}</p>` : nothing}`;
   }
 
   private answers() {
