@@ -163,7 +163,7 @@ export const text = {
     grasped: "The last answer has grasps in the robot's base.",
     noGrasp: "No grasp of what was found can be reached, or none is enrolled: click faces of the part on the page Parts.",
     noStation: "Make a station for the cell's cameras and send requests that name it: it learns them.",
-    noBase: "No camera's place in the robot's base is known: horopter station set CELL --camera-pose CAMERA=.., or a request that shows a reference part (--reference).",
+    noBase: "No camera's place in the robot's base is known: horopter station set CELL --camera-pose CAMERA X Y Z QW QX QY QZ, or a request that shows a reference part (--reference).",
     nameStation: "Choose the station on the page Try: its cameras know the base.",
   },
   stations: {
