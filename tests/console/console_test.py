@@ -59,14 +59,11 @@ class Bridge(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.mock = Mock(MOCK, "--delay-ms", "20", "--workers", "4", "--cad-reader", CAD_READER)
+        cls.addClassCleanup(cls.mock.stop)
         cls.console = Console(CONSOLE, cls.mock.address, *MANY)
+        cls.addClassCleanup(cls.console.stop)
         with horopter.Client(cls.mock.address) as client:
             client.import_object("block", STEP)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.console.stop()
-        cls.mock.stop()
 
     def setUp(self):
         self.browser = Browser(self.console.address)
