@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string_view>
 #include <utility>
 
 #include "server/base/status_macros.h"
 #include "server/pipeline/answer.h"
 #include "server/pipeline/clocks.h"
+#include "server/pipeline/finer_images.h"
 #include "server/pipeline/given_cameras.h"
 #include "server/pipeline/texture_stage.h"
 #include "server/vision/matching/ground_motion.h"
@@ -169,6 +171,7 @@ class Attempt {
     HOROPTER_RETURN_IF_ERROR(LookAtGround());
     HOROPTER_RETURN_IF_ERROR(LookUnderCameras(of_station));
     HOROPTER_RETURN_IF_ERROR(LookByAspectsAlone());
+    HOROPTER_RETURN_IF_ERROR(LookFiner(of_station));
     HOROPTER_RETURN_IF_ERROR(LookThroughMatches());
     // What leaves out views stands only where parts alone say nothing.
     if (trace_.recognition.objects.empty() && !doubted_.objects.empty())
@@ -207,10 +210,11 @@ class Attempt {
     DoubtUnless(Showing(trace_.recognition) == std::ssize(request_.images));
     if (!trace_.recognition.objects.empty()) return absl::OkStatus();
     watch_.Begin("matching");
-    HOROPTER_ASSIGN_OR_RETURN(
-        const KnownCameras known,
-        CamerasOfTexture(options_, request_, stop_, &trace_, &answer_.stages));
-    HOROPTER_RETURN_IF_ERROR(LookUnder(known));
+    if (!of_texture_) {
+      HOROPTER_ASSIGN_OR_RETURN(
+          of_texture_, CamerasOfTexture(options_, request_, stop_, &trace_, &answer_.stages));
+    }
+    HOROPTER_RETURN_IF_ERROR(LookUnder(*of_texture_));
     DoubtUnless(trace_.recognition.registered() == std::ssize(request_.images));
     return absl::OkStatus();
   }
@@ -243,6 +247,23 @@ class Attempt {
     // Of a large catalog the images may say that it need not have been.
     aspects_first_ = trace_.recognition.searched_objects > 0;
     input_.ground = {};
+    return absl::OkStatus();
+  }
+
+  // Parts that are small in large images need more pixels than others are searched in. Their answer
+  // is taken where more of its objects can be expected to be right.
+  absl::Status LookFiner(const KnownCameras& of_station) {
+    if (IsLate() || !MayAskAspects(input_.objects, options_.recognition) ||
+        !MayShowMore(request_.images, input_.objects, trace_.recognition))
+      return absl::OkStatus();
+    RecognitionResult before = std::move(trace_.recognition);
+    trace_.recognition = {};
+    input_.aspects = &finer_;
+    work_ = MakeAspectWork();
+    HOROPTER_RETURN_IF_ERROR(LookUnderCameras(of_station));
+    HOROPTER_RETURN_IF_ERROR(LookByAspectsAlone());
+    input_.aspects = nullptr;
+    if (!ShowMore(trace_.recognition, before)) trace_.recognition = std::move(before);
     return absl::OkStatus();
   }
 
@@ -294,7 +315,9 @@ class Attempt {
   SceneTrace& trace_;
   SceneAnswer& answer_;
   HurryWatch watch_;
-  const std::shared_ptr<AspectWork> work_ = MakeAspectWork();
+  std::shared_ptr<AspectWork> work_ = MakeAspectWork();
+  std::optional<KnownCameras> of_texture_;  // once they have been asked for
+  const AspectRecognitionOptions finer_ = FinerOptions();
   bool aspects_first_;         // are asked before matches, or have been
   PlaneInViews ground_;        // how it moves, where that is known
   RecognitionResult doubted_;  // found under cameras that it does not bear out

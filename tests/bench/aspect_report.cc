@@ -35,6 +35,7 @@ namespace horopter {
 namespace {
 
 constexpr double kRightPx = 8.0;          // worst vertex, at 640 px image width
+constexpr double kRightShare = 0.2;       // ... and of the part's size in the image
 constexpr double kRightVoteShare = 0.15;  // of the size: worst vertex of a vote
 constexpr double kVisible = 0.5;
 constexpr double kAccept = 0.60;
@@ -75,6 +76,10 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"outline_radius", &o.find.votes.outline_radius},
       {"ellipse_ratio", &o.find.votes.ellipse_ratio},
       {"tau_share", &o.find.votes.tau_share},
+      {"min_tau_px", &o.find.votes.min_tau_px},
+      {"min_size_px", &o.find.votes.min_size_px},
+      {"max_size_share", &o.find.votes.max_size_share},
+      {"min_fragment_px", &o.find.votes.min_fragment_px},
       {"min_support_6", &o.find.votes.min_support_6},
       {"min_support_16", &o.find.votes.min_support_16},
       {"min_support", &o.find.votes.min_support},
@@ -85,6 +90,7 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"fine_render_px", &o.find.fine_render_px},
       {"fine_share", &o.find.fine_share}};
   const std::map<std::string, int*> integers = {
+      {"max_width_px", &o.image.max_width_px},
       {"pool", &o.find.votes.pool},
       {"max_matches", &o.find.votes.max_matches},
       {"max_repeats", &o.find.votes.max_repeats},
@@ -317,10 +323,10 @@ class Report {
              const AspectImage& image,
              const AspectFindings& found,
              Sums* sums) {
-    const double right_px = kRightPx * photo_scale(view);
     int targets = 0;
     for (const BopInstance& truth : view.instances) {
       if (truth.visib_fract < kVisible || part_of_.count(truth.obj_id) == 0) continue;
+      const double right_px = RightPx(view, truth);
       ++targets;
       ++sums->instances;
       const auto [own, before] = VoteRanks(image, found.votes, view, truth);
@@ -360,16 +366,10 @@ class Report {
         sums->first_3 += place >= 0 && place < 3;
       }
     }
-    Accept(view, found, right_px, sums);
+    Accept(view, found, sums);
     const int shown = arguments_.list ? 10 : 3;
     for (int h = 0; h < std::min<int>(shown, static_cast<int>(found.hypotheses.size())); ++h) {
       const AspectHypothesis& x = found.hypotheses[h];
-      double error = std::numeric_limits<double>::infinity();
-      for (const BopInstance& truth : view.instances) {
-        if (part_of_.count(truth.obj_id) > 0 && part_of_.at(truth.obj_id) == x.object) {
-          error = std::min(error, Error(x, view, truth));
-        }
-      }
       std::cout << absl::StrFormat("    %d: part %d F %.3f P %.2f R %.2f n %.0f f %.0f%s\n",
                                    h,
                                    catalog_.obj_ids[x.object],
@@ -378,19 +378,27 @@ class Report {
                                    x.recall,
                                    x.support_px,
                                    x.camera.focal_px,
-                                   error < right_px ? " right" : "");
+                                   Right(x, view) ? " right" : "");
     }
   }
 
-  static double photo_scale(const BopImage& view) {
-    return view.camera.width > 0 ? view.camera.width / 640.0 : 1.0;
+  // Small parts are not right anywhere near.
+  double RightPx(const BopImage& view, const BopInstance& truth) const {
+    const double scale = view.camera.width > 0 ? view.camera.width / 640.0 : 1.0;
+    const double size =
+        SizePx(catalog_.parts[part_of_.at(truth.obj_id)], view.camera, truth.camera_from_object);
+    return std::min(kRightPx * scale, kRightShare * size);
+  }
+
+  bool Right(const AspectHypothesis& h, const BopImage& view) const {
+    return std::any_of(view.instances.begin(), view.instances.end(), [&](const BopInstance& truth) {
+      return part_of_.count(truth.obj_id) > 0 && part_of_.at(truth.obj_id) == h.object &&
+             Error(h, view, truth) < RightPx(view, truth);
+    });
   }
 
   // Best first, those above the bar whose place is not taken.
-  void Accept(const BopImage& view,
-              const AspectFindings& found,
-              double right_px,
-              Sums* sums) const {
+  void Accept(const BopImage& view, const AspectFindings& found, Sums* sums) const {
     struct Place {
       Eigen::Vector2d center;
       double size;
@@ -406,13 +414,7 @@ class Report {
       });
       if (!free) continue;
       taken.push_back(place);
-      bool right = false;
-      for (const BopInstance& truth : view.instances) {
-        right =
-            right || (part_of_.count(truth.obj_id) > 0 && part_of_.at(truth.obj_id) == h.object &&
-                      Error(h, view, truth) < right_px);
-      }
-      ++(right ? sums->accepted_right : sums->accepted_false);
+      ++(Right(h, view) ? sums->accepted_right : sums->accepted_false);
     }
   }
 

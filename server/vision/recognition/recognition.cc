@@ -298,6 +298,12 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   return result;
 }
 
+double ExpectedRight(const RecognitionResult& result) {
+  double sum = 0.0;
+  for (const SceneObject& o : result.objects) sum += StatedProbability(o.score, o.pose_probability);
+  return sum;
+}
+
 void StateProbabilities(RecognitionResult* result) {
   for (SceneObject& o : result->objects) o.score = StatedProbability(o.score, o.pose_probability);
 }

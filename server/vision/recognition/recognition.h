@@ -61,6 +61,9 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
                                                    const StopRequested& stop = {},
                                                    const StepListener& on_step = {});
 
+// How many of an answer's objects are right, as its probabilities say.
+double ExpectedRight(const RecognitionResult& result);
+
 // From the probabilities that objects are answered for to those that are told of them
 // (SceneObject::score): that object and pose are right.
 void StateProbabilities(RecognitionResult* result);

@@ -130,13 +130,14 @@ FindAspectOptions ViewSearch::Options(int per_object,
     return find;
   }
   find.votes.max_matches = find.votes.max_pair_matches = kQuickMatches;
-  double low = find.votes.max_size_share, high = find.votes.min_size_share;
+  const double width = in_.images[v].width;
+  double low = find.votes.max_size_share * width, high = find.votes.min_size_px;
   for (const AspectExpectation& e : expected) {
-    low = std::min(low, static_cast<double>(e.min_size_px) / in_.images[v].width);
-    high = std::max(high, static_cast<double>(e.max_size_px) / in_.images[v].width);
+    low = std::min(low, static_cast<double>(e.min_size_px));
+    high = std::max(high, static_cast<double>(e.max_size_px));
   }
-  find.votes.min_size_share = std::max(low, find.votes.min_size_share);
-  find.votes.max_size_share = std::min(high, find.votes.max_size_share);
+  find.votes.min_size_px = std::max(low, find.votes.min_size_px);
+  find.votes.max_size_share = std::min(high / width, find.votes.max_size_share);
   return find;
 }
 

@@ -18,6 +18,7 @@ namespace horopter {
 namespace {
 
 constexpr int kFirstPoints = 6, kSecondPoints = kFirstVotePoints;  // looked at in two steps
+constexpr double kLongest = 1.5;  // of a part's diameter: contours turn back; chosen
 constexpr int kShares = 16;  // of the image's fragments, so that threads do not matter
 constexpr float kSeenShare =
     0.03f;  // similarities this near, as a share of the size, are tested once
@@ -208,7 +209,7 @@ class Share {
 
   bool IsSoughtSize(float size) const {
     const float width = static_cast<float>(image_.width);
-    return size >= options_.min_size_share * width && size <= options_.max_size_share * width;
+    return size >= options_.min_size_px && size <= options_.max_size_share * width;
   }
 
   void Test(std::int32_t number, Similarity s, const Eigen::Vector2f& pivot) {
@@ -367,6 +368,17 @@ bool SamePose(const Chosen& a, const Chosen& b, std::span<const Rigid3> symmetri
   });
 }
 
+int Times(int limit, double more) {
+  return static_cast<int>(limit * more + 0.5);
+}
+
+AspectVoteOptions WithMore(AspectVoteOptions options, double more) {
+  options.pool = Times(options.pool, more);
+  options.max_per_object = Times(options.max_per_object, more);
+  options.max_pairs = Times(options.max_pairs, more);
+  return options;
+}
+
 }  // namespace
 
 std::vector<AspectVote> ChooseDistinct(std::vector<AspectVote> pool,
@@ -401,15 +413,18 @@ std::vector<AspectVote> ChooseDistinct(std::vector<AspectVote> pool,
 
 AspectVotes VoteForAspects(const AspectImage& image,
                            const FragmentIndex& index,
-                           const AspectVoteOptions& options,
+                           const AspectVoteOptions& of_small,
                            const StopRequested& stop,
                            std::span<const std::uint8_t> wanted) {
   AspectVotes out;
   out.of_model.resize(index.model_count);
   if (image.width == 0 || index.fragments.empty()) return out;
+  const double more = std::max(1.0, image.width * image.height / kLimitsPx);
+  const AspectVoteOptions options = WithMore(of_small, more);
   FragmentOptions pieces;
   pieces.min_length = options.min_fragment_px;
-  pieces.max_length = options.max_fragment_share * image.width;
+  pieces.max_length =
+      std::min(options.max_fragment_share, kLongest * options.max_size_share) * image.width;
   pieces.length_factor = options.fragment_factor;
   pieces.start_share = options.start_share;
   pieces.min_step = options.min_step;
@@ -423,12 +438,18 @@ AspectVotes VoteForAspects(const AspectImage& image,
   if (!index.pairs.empty()) pairs = CollectSegmentPairs(image.contours, corners);
   std::vector<OutlineShape> outlines;
   if (!index.outlines.empty()) {
-    for (const std::vector<Eigen::Vector2f>& points : FindClosedOutlines(image)) {
+    ClosedOutlineOptions closed;
+    closed.most = Times(closed.most, more);
+    for (const std::vector<Eigen::Vector2f>& points : FindClosedOutlines(image, closed)) {
       if (const auto shape = ShapeOf(points)) outlines.push_back(*shape);
     }
   }
   std::vector<EllipseArc> ellipses;
-  if (!index.ellipses.empty()) ellipses = FindContourEllipses(image.contours);
+  if (!index.ellipses.empty()) {
+    ContourEllipseOptions round;
+    round.most = Times(round.most, more);
+    ellipses = FindContourEllipses(image.contours, round);
+  }
   // Each share keeps its own pool, so the result does not depend on the number of threads.
   const CoarseMaps maps(image);
   std::vector<Share> shares(kShares, Share(image, maps, index, options, wanted));

@@ -13,6 +13,10 @@
 
 namespace horopter {
 
+// Limits of numbers are those of an image of kLimitsPx working pixels; larger ones, which show as
+// much more beside the parts, have as many more.
+inline constexpr double kLimitsPx = 640.0 * 480.0;
+
 struct AspectVoteOptions {
   double min_fragment_px = 22.0;
   double max_fragment_share = 0.9;  // of the image's width
@@ -39,9 +43,9 @@ struct AspectVoteOptions {
   int max_outline_matches = 300;   // of one outline that are tested, those that fit best
   double ellipse_ratio = 0.1;      // views are 10 degrees apart
   int max_ellipse_matches = 2000;  // of one ellipse that are tested, spread over all
-  double min_size_share = 0.06;    // of the image's width: diameter of the smallest part sought
-  double max_size_share = 1.6;
-  double tau_share = 0.045;  // of the diameter: an edge farther away supports nothing
+  double min_size_px = 32.0;       // diameter of the smallest part sought
+  double max_size_share = 1.6;     // of the image's width: ... of the largest
+  double tau_share = 0.045;        // of the diameter: an edge farther away supports nothing
   double min_tau_px = 1.5;
   // Least support (0..1) on 6 and 16 points as matched, and on all points after the climb. Raising
   // them is faster and loses parts that are hidden or faint.

@@ -107,10 +107,12 @@ bool DropPattern(const AspectImageOptions& options,
 // looked at as large as others are.
 double WorkingScale(const cv::Size& size, const AspectImageOptions& options) {
   constexpr double kMostEnlarged = 1.6;  // beyond, an edge is wider than the tolerances
-  constexpr double kSmall = 0.7;         // of max_width_px
+  constexpr double kEnlargedPx = 640.0;  // at most to this
+  constexpr double kSmall = 0.7;         // of that
   const double width = options.max_width_px, side = std::max(size.width, size.height);
   if (size.width > width) return width / size.width;
-  return side < kSmall * width ? std::min(kMostEnlarged, width / side) : 1.0;
+  const double enlarged = std::min(width, kEnlargedPx);
+  return side < kSmall * enlarged ? std::min(kMostEnlarged, enlarged / side) : 1.0;
 }
 
 void FillGrey(const cv::Mat& bgr, AspectImage* out) {

@@ -31,8 +31,8 @@ inline constexpr int kAspectBins = 12;
 inline constexpr double kFreeChance = 0.10;
 
 struct AspectImageOptions {
-  // Larger images are scaled down to this, those of less than 0.7 of it enlarged; larger: finer,
-  // slower.
+  // Larger images are scaled down to this, those of less than 0.7 of it, or of 640, enlarged;
+  // larger: finer, slower.
   int max_width_px = 640;
   double sigma_px = 1.0;        // of the smoothing; larger: fewer weak edges, rounder corners
   double low_threshold = 1.8;   // grey levels per px an edge must have

@@ -42,7 +42,7 @@ std::vector<std::vector<Eigen::Vector2f>> FindClosedOutlines(const AspectImage& 
   std::vector<std::pair<double, std::vector<Eigen::Vector2f>>> found;
   for (const std::vector<cv::Point>& border : borders) {
     const cv::Rect box = cv::boundingRect(border);
-    if (std::min(box.width, box.height) < options.min_size_share * image.width ||
+    if (std::min(box.width, box.height) < options.min_size_px ||
         std::max(box.width, box.height) > options.max_size_share * image.width)
       continue;
     std::vector<cv::Point> hull;

@@ -10,10 +10,10 @@
 namespace horopter {
 
 struct ClosedOutlineOptions {
-  int gap_px = 2;                // edges this near are closed; larger: broken outlines, fewer apart
-  double min_size_share = 0.05;  // of the image's width: shorter side of the bounding box
-  double max_size_share = 0.9;   // ... longer side
-  int most = 12;                 // largest first
+  int gap_px = 2;               // edges this near are closed; larger: broken outlines, fewer apart
+  double min_size_px = 20.0;    // shorter side of the bounding box
+  double max_size_share = 0.9;  // of the image's width: ... longer side
+  int most = 12;                // largest first
 };
 
 // Hulls of the regions that cannot be reached from the image's border without crossing an edge,

@@ -1,0 +1,62 @@
+#include "server/pipeline/finer_images.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "server/vision/recognition/object/prepared_object.h"
+
+namespace horopter {
+namespace {
+
+constexpr int kFinerWidthPx = 1280;
+constexpr double kFinerSizeShare = 0.25;
+constexpr double kMostFiner = 1.4;  // images larger by less show no smaller parts; chosen
+// Working px of the first look: of parts of 55 - 70 px its single images list 13 of 36 (small-dev),
+// of larger ones 145 of 194 (ADR 61).
+constexpr double kSmallPx = 100.0;
+// Objects. Large parts are found less well in more pixels: of the photographs of prague one of two
+// parts is lost where all that is more is taken.
+constexpr double kMoreRight = 0.5;
+
+// Size (working px of the first look) of the smallest object where the answer's stand.
+double SmallestPx(std::span<const std::shared_ptr<const PreparedObject>> objects,
+                  const RecognitionResult& answer,
+                  int width_px) {
+  double smallest_m = std::numeric_limits<double>::infinity(), farthest = 0.0;
+  for (const auto& o : objects)
+    smallest_m = std::min<double>(smallest_m, o->aspects->object.mesh.diameter_m);
+  for (const auto& view : answer.views) {
+    for (const SceneObject& o : answer.objects) {
+      if (!view) continue;
+      const double depth = (view->camera_from_scene * o.scene_from_object.t).z();
+      farthest = std::max(farthest, depth * view->camera.width / view->camera.focal_px);
+    }
+  }
+  return width_px * smallest_m / farthest;
+}
+
+}  // namespace
+
+AspectRecognitionOptions FinerOptions() {
+  AspectRecognitionOptions options;
+  options.images.max_width_px = kFinerWidthPx;
+  options.find.votes.max_size_share = kFinerSizeShare;
+  return options;
+}
+
+bool MayShowMore(std::span<const cv::Mat> images,
+                 std::span<const std::shared_ptr<const PreparedObject>> objects,
+                 const RecognitionResult& answer) {
+  const int width_px = AspectImageOptions().max_width_px;
+  const bool larger = std::any_of(images.begin(), images.end(), [&](const cv::Mat& image) {
+    return image.cols > kMostFiner * width_px;
+  });
+  const bool complete = !answer.objects.empty() && answer.registered() == std::ssize(images);
+  return larger && !(complete && SmallestPx(objects, answer, width_px) >= kSmallPx);
+}
+
+bool ShowMore(const RecognitionResult& finer, const RecognitionResult& answer) {
+  return ExpectedRight(finer) >= ExpectedRight(answer) + kMoreRight;
+}
+
+}  // namespace horopter

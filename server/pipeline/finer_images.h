@@ -1,0 +1,27 @@
+// Small parts in large images: looked for a second time, in more of the images' pixels. ADR 85.
+#pragma once
+
+#include <memory>
+#include <opencv2/core.hpp>
+#include <span>
+
+#include "server/vision/recognition/object/aspect_options.h"
+#include "server/vision/recognition/recognition.h"
+
+namespace horopter {
+
+// For parts of up to a quarter of an image's width, in images of up to 1280 px.
+AspectRecognitionOptions FinerOptions();
+
+// Whether the second look may show parts that the first did not: the images are larger than those
+// it searched, and it found nothing, not all cameras, or an object of the list would be small where
+// its answer's objects are. objects: with aspects.
+bool MayShowMore(std::span<const cv::Mat> images,
+                 std::span<const std::shared_ptr<const PreparedObject>> objects,
+                 const RecognitionResult& answer);
+
+// Whether more objects of the second look's answer than of the first's are right, as their
+// probabilities say.
+bool ShowMore(const RecognitionResult& finer, const RecognitionResult& answer);
+
+}  // namespace horopter
