@@ -19,7 +19,7 @@ namespace {
 
 constexpr int kFirstPoints = 6, kSecondPoints = kFirstVotePoints;  // looked at in two steps
 constexpr double kLongest = 1.5;  // of a part's diameter: contours turn back; chosen
-constexpr int kShares = 16;  // of the image's fragments, so that threads do not matter
+constexpr int kShares = 16;       // of the image's fragments, so that threads do not matter
 constexpr float kSeenShare =
     0.03f;  // similarities this near, as a share of the size, are tested once
 constexpr std::uint32_t kSeenSlots = 1u << 15;  // of hashes; for memory
