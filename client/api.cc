@@ -171,14 +171,17 @@ std::shared_ptr<grpc::Channel> HoropterClient::channel() const {
 
 absl::Status HoropterClient::Call(const std::function<void(grpc::ClientContext*, Done)>& start) {
   HOROPTER_RETURN_IF_ERROR(stubs_->ready);
-  using Clock = std::chrono::system_clock;
+  // Setting the machine's time neither ends nor prolongs the tries.
+  using Clock = std::chrono::steady_clock;
   constexpr auto kSlice = std::chrono::milliseconds(50);
   const auto deadline =
       Clock::now() + std::chrono::milliseconds(static_cast<int64_t>(options_.timeout_s * 1e3));
   const auto interrupted = [&] { return options_.interrupted && options_.interrupted(); };
   for (int tries = 0;; ++tries) {
     grpc::ClientContext context;
-    context.set_deadline(deadline);
+    context.set_deadline(
+        std::chrono::system_clock::now() +
+        std::chrono::duration_cast<std::chrono::system_clock::duration>(deadline - Clock::now()));
     if (!options_.variants.empty()) context.AddMetadata(kVariantsKey, options_.variants);
     std::mutex mutex;
     std::condition_variable finished;

@@ -10,9 +10,10 @@
 #
 #   ca.pem ca.key              the authority; ca.key can make any certificate: keep it off the server and the robots
 #   server.pem server.key      horopterd --tls-cert --tls-key
-#   robot.pem .key, teacher.pem .key, admin.pem .key   client certificates (common names robot, teacher, admin), with horopterd
+#   robot.pem .key, and alike for teacher, observer and admin   client certificates (common names as the files), with horopterd
 #                              --tls-client-ca ca.pem
-#   robot.token teacher.token admin.token    horopter --token-file; a robot recognises, a teacher's requests teach stations as well
+#   robot.token teacher.token observer.token admin.token    horopter --token-file; a robot recognises, a teacher's requests teach
+#                              stations as well, an observer sees what others are answered
 #   access                     horopterd --access-file: the tokens' hashes and the certificates, with their roles
 #
 # Never replaces a file: run again in the same folder with the authority there, it makes what is missing.
@@ -64,17 +65,17 @@ for host in "${hosts[@]}"; do
   [[ $host =~ ^[0-9.]+$|: ]] && names+=,IP:$host || names+=,DNS:$host
 done
 certificate server serverAuth "subjectAltName=$names"
-for role in robot teacher admin; do
+for role in robot teacher observer admin; do
   certificate $role clientAuth
 done
 
-for role in robot teacher admin; do
+for role in robot teacher observer admin; do
   [[ -e $role.token ]] || openssl rand -hex 32 >"$role.token"
 done
 if [[ ! -e access ]]; then
   {
     echo "# ROLE  NAME  sha256:HEX [until=YYYY-MM-DD]  or  cert:COMMON_NAME"
-    for role in robot teacher admin; do
+    for role in robot teacher observer admin; do
       printf '%s %s sha256:%s\n' "$role" "$role" "$(head -c -1 "$role.token" | sha256sum | cut -d' ' -f1)"
       printf '%s %s-certificate cert:%s\n' "$role" "$role" "$role"
     done

@@ -88,6 +88,19 @@ void AddLimitFlags(CLI::App& app, ServerOptions& server) {
       ->capture_default_str();
   app.add_option("--max-image-pixels", server.images.max_pixels, "Largest image")
       ->capture_default_str();
+  app.add_option(
+         "--max-watchers",
+         server.watch.max_watchers,
+         "Observers and admins who watch answers as they come; 0: none, and no answer is held")
+      ->check(CLI::Range(0, 10'000))
+      ->capture_default_str();
+  app.add_option(
+         "--watch-memory-mb",
+         server.watch.memory_mb,
+         "Beside --memory-mb: the last answers with their images, and those on their way to "
+         "watchers, MiB")
+      ->check(CLI::Range(1, 100'000))
+      ->capture_default_str();
   app.add_option("--cad-reader",
                  server.cad.program,
                  "Program that reads CAD files that clients send; auto: horopter-cad-reader beside "

@@ -57,8 +57,11 @@ absl::Status AddEntry(const std::vector<std::string>& words, int line, AccessLis
   entry.caller.name = words[1];
   if (words[0] == "robot") entry.caller.role = Role::kRobot;
   if (words[0] == "teacher") entry.caller.role = Role::kTeacher;
+  if (words[0] == "observer") entry.caller.role = Role::kObserver;
   if (words[0] == "admin") entry.caller.role = Role::kAdmin;
-  if (entry.caller.role == Role::kNone) return BadLine(line, "the role is robot, teacher or admin");
+  if (entry.caller.role == Role::kNone) {
+    return BadLine(line, "the role is robot, teacher, observer or admin");
+  }
   if (!IsName(entry.caller.name)) return BadLine(line, "the name is [A-Za-z0-9_.-]{1,63}");
   if (absl::StartsWith(words[2], "cert:") && words[2].size() > 5) {
     if (words.size() > 3) return BadLine(line, "a certificate says itself until when it is good");
@@ -119,7 +122,28 @@ absl::StatusOr<Caller> FindCaller(const AccessList& list,
   return absl::UnauthenticatedError("a bearer token is required");
 }
 
+const char* NameOfRole(Role role) {
+  switch (role) {
+    case Role::kNone:
+      return "none";
+    case Role::kRobot:
+      return "robot";
+    case Role::kTeacher:
+      return "teacher";
+    case Role::kObserver:
+      return "observer";
+    case Role::kAdmin:
+      return "admin";
+  }
+  return "";
+}
+
 }  // namespace
+
+bool Covers(Role has, Role needed) {
+  if (has == Role::kAdmin || has == needed || needed == Role::kNone) return true;
+  return needed == Role::kRobot && has != Role::kNone;
+}
 
 absl::StatusOr<AccessList> ParseAccessList(std::string_view text) {
   AccessList list;
@@ -200,12 +224,14 @@ absl::StatusOr<Caller> Access::Authorize(std::string_view authorization,
   }
   if (options_.file.empty()) return Caller{"", Role::kAdmin};
   HOROPTER_ASSIGN_OR_RETURN(Caller caller, FindCaller(*Current(), authorization, common_name, now));
-  if (caller.role < needed) {
+  if (!Covers(caller.role, needed)) {
     const std::string why = absl::StrCat("'",
                                          caller.name,
                                          "' has the role ",
-                                         caller.role == Role::kTeacher ? "teacher" : "robot",
-                                         ", the call needs admin");
+                                         NameOfRole(caller.role),
+                                         ", the call needs ",
+                                         needed == Role::kObserver ? "observer or " : "",
+                                         "admin");
     return RefusalOfCaller(absl::PermissionDeniedError(why), caller.name);
   }
   return caller;

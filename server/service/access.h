@@ -19,13 +19,17 @@ class CallbackServerContext;
 
 namespace horopter {
 
-// What a caller may do; each may do what those before it may.
+// What a caller may do. Teacher and observer may do what a robot may, an admin what all may.
 enum class Role {
   kNone,
-  kRobot,    // recognise and read
-  kTeacher,  // recognise in such a way that stations learn from it
-  kAdmin,    // change the catalog, verify it, back it up
+  kRobot,     // recognise and read
+  kTeacher,   // recognise in such a way that stations learn from it
+  kObserver,  // see what others asked and were answered, with their images
+  kAdmin,     // change the catalog, verify it, back it up
 };
+
+// Whether a caller of this role may do what needs that one.
+bool Covers(Role has, Role needed);
 
 // Who calls. The name is that of the access file; empty where nobody has to say who he is.
 struct Caller {
@@ -38,7 +42,8 @@ struct Caller {
 //   ROLE  NAME  sha256:HEX [until=YYYY-MM-DD]    a token, by the SHA-256 of its text
 //   ROLE  NAME  cert:COMMON_NAME                 a client certificate (mutual TLS)
 //
-// ROLE is robot, teacher or admin, NAME [A-Za-z0-9_.-]{1,63}. A token ends with its day, UTC.
+// ROLE is robot, teacher, observer or admin, NAME [A-Za-z0-9_.-]{1,63}. A token ends with its day,
+// UTC.
 struct AccessList {
   struct Entry {
     Caller caller;

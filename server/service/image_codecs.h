@@ -61,6 +61,9 @@ cv::Mat ScaledTo8Bits(const cv::Mat& image, int bits);
 // A PNG file of an 8-bit BGR image, compressed fast rather than well. Errors: RESOURCE_EXHAUSTED.
 absl::StatusOr<std::string> EncodePng(const cv::Mat& image);
 
+// A JPEG file for people to look at, of an 8-bit grey or BGR image. Errors: RESOURCE_EXHAUSTED.
+absl::StatusOr<std::string> EncodeJpeg(const cv::Mat& image);
+
 // The formats, one file each.
 ImageCodec JpegCodec();
 ImageCodec PngCodec();

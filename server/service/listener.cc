@@ -19,6 +19,7 @@ namespace {
 constexpr const char* kServiceNames[] = {"horopter.v1.RecognitionService",
                                          "horopter.v1.CatalogService",
                                          "horopter.v1.StationService",
+                                         "horopter.v1.AnswerService",
                                          "horopter.v1.ServerService"};
 constexpr int kMaxStreamsPerConnection = 100;
 constexpr int kMaxMetadataBytes = 16 << 10;
@@ -106,6 +107,9 @@ Listener::Listener(std::unique_ptr<Access> access, TlsOptions tls, const ServedP
                served.max_object_bytes),
       stations_(served.store.catalog(),
                 CallGate{&served.catalog_calls, &served.memory, access_.get(), served.sink}),
+      answers_(served.board,
+               served.recordings,
+               CallGate{&served.catalog_calls, &served.memory, access_.get(), served.sink}),
       info_(served.store, served.scenes, served.memory, *access_, served.limits) {}
 
 Listener::~Listener() = default;
@@ -130,6 +134,7 @@ absl::StatusOr<std::unique_ptr<Listener>> Listener::Start(const ListenerOptions&
   builder.RegisterService(&listener->recognition_);
   builder.RegisterService(&listener->catalog_);
   builder.RegisterService(&listener->stations_);
+  builder.RegisterService(&listener->answers_);
   builder.RegisterService(&listener->info_);
   using grpc::experimental::ExternalConnectionAcceptor;
   using Experimental = grpc::ServerBuilder::experimental_type;

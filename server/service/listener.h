@@ -8,6 +8,7 @@
 #include "absl/status/statusor.h"
 #include "server/service/acceptor.h"
 #include "server/service/access.h"
+#include "server/service/answer_service.h"
 #include "server/service/catalog_service.h"
 #include "server/service/recognition_service.h"
 #include "server/service/server_info_service.h"
@@ -35,6 +36,8 @@ struct ServedParts {
   CatalogStore& store;
   BackupShelf& shelf;
   CadReader& cad_reader;
+  AnswerBoard& board;
+  std::string recordings;  // their folder; empty: none
   WorkerPool& scenes;
   WorkerPool& catalog_calls;
   MemoryBudget& memory;
@@ -73,6 +76,7 @@ class Listener {
   RecognitionService recognition_;
   CatalogService catalog_;
   StationService stations_;
+  AnswerService answers_;
   ServerInfoService info_;
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<Acceptor> acceptor_;  // null: in-process only

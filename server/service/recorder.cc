@@ -20,12 +20,17 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// A file that is younger by more than that was written before the clock was set back.
+constexpr auto kClocksDiffer = std::chrono::minutes(1);
+
 struct Kept {
   fs::path path;
   fs::file_time_type time;
   int64_t bytes = 0;
 };
 
+// Those of the future come before all others: the clock was set back since, and they would drive
+// out what is newer.
 std::vector<Kept> OldestFirst(const fs::path& folder) {
   std::vector<Kept> kept;
   std::error_code error;
@@ -36,8 +41,10 @@ std::vector<Kept> OldestFirst(const fs::path& folder) {
     const auto bytes = static_cast<int64_t>(it->file_size(gone));
     if (!gone) kept.push_back({it->path(), time, bytes});
   }
-  std::sort(kept.begin(), kept.end(), [](const Kept& a, const Kept& b) {
-    return std::tie(a.time, a.path) < std::tie(b.time, b.path);
+  const auto future = fs::file_time_type::clock::now() + kClocksDiffer;
+  std::sort(kept.begin(), kept.end(), [&](const Kept& a, const Kept& b) {
+    const bool a_is_past = a.time <= future, b_is_past = b.time <= future;
+    return std::tie(a_is_past, a.time, a.path) < std::tie(b_is_past, b.time, b.path);
   });
   return kept;
 }
@@ -63,6 +70,8 @@ Recorder::Recorder(const RecorderOptions& options, std::string version, std::str
     : options_(options),
       version_(std::move(version)),
       settings_(std::move(settings)),
+      opened_(fs::file_time_type::clock::now()),
+      opened_steady_(std::chrono::steady_clock::now()),
       random_(std::random_device{}()) {}
 
 absl::StatusOr<std::unique_ptr<Recorder>> Recorder::Open(const RecorderOptions& options,
@@ -96,11 +105,13 @@ void Recorder::MakeRoom(int64_t room) {
   const std::vector<Kept> kept = OldestFirst(options_.folder);
   int64_t bytes = room;
   for (const Kept& k : kept) bytes += k.bytes;
-  const auto oldest = fs::file_time_type::clock::now() -
+  const auto by_steady_clock = opened_ + std::chrono::duration_cast<fs::file_time_type::duration>(
+                                             std::chrono::steady_clock::now() - opened_steady_);
+  const auto oldest = std::min(fs::file_time_type::clock::now(), by_steady_clock) -
                       std::chrono::duration_cast<fs::file_time_type::duration>(
                           std::chrono::duration<double, std::ratio<3600>>(options_.max_age_hours));
   for (const Kept& k : kept) {
-    if (bytes <= options_.max_mb * 1'000'000 && k.time >= oldest) break;
+    if (bytes <= options_.max_mb * 1'000'000 && k.time >= oldest) continue;
     std::error_code error;
     fs::remove(k.path, error);
     bytes -= k.bytes;

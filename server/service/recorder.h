@@ -1,6 +1,7 @@
 // Keeps requests with their answers as files, bounded by size and age.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -36,11 +37,15 @@ class Recorder {
  private:
   Recorder(const RecorderOptions& options, std::string version, std::string settings);
   bool Wanted(const RequestRecord& record);
-  // Removes what is too old, and the oldest until `room` more bytes fit.
+  // Removes what is too old (a clock that is set makes nothing older), and the oldest until `room`
+  // more bytes fit.
   void MakeRoom(int64_t room);
 
   const RecorderOptions options_;
   const std::string version_, settings_;
+  // When it was opened, by both clocks.
+  const std::chrono::file_clock::time_point opened_;
+  const std::chrono::steady_clock::time_point opened_steady_;
   std::mutex mutex_;
   std::mt19937_64 random_;  // guarded by mutex_
 };

@@ -129,6 +129,8 @@ void TellLoad(const LoadReport& loaded) {
 struct HoropterServer::Parts {
   std::unique_ptr<CatalogStore> store;
   std::unique_ptr<Telemetry> telemetry;
+  std::unique_ptr<AnswerBoard> board;
+  std::unique_ptr<PostingSink> sink;
   std::unique_ptr<MemoryBudget> memory;
   BackupShelf shelf;
   std::unique_ptr<CadReader> cad_reader;
@@ -169,6 +171,8 @@ absl::Status Validate(const ServerOptions& options) {
     return absl::InvalidArgumentError(absl::StrCat(
         "memory_mb: ", options.memory_mb, " MiB hold no message of the largest size twice"));
   }
+  HOROPTER_RETURN_IF_ERROR(InRange("max_watchers", options.watch.max_watchers, 0, 10'000));
+  HOROPTER_RETURN_IF_ERROR(InRange("watch_memory_mb", options.watch.memory_mb, 1, 100'000));
   HOROPTER_RETURN_IF_ERROR(Validate(options.cad));
   HOROPTER_RETURN_IF_ERROR(InRange("max_resident", options.max_resident, 1, 10'000'000));
   HOROPTER_RETURN_IF_ERROR(InRange("max_objects", options.max_objects, 1, 10'000'000));
@@ -212,7 +216,10 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   TelemetryOptions telemetry = options.telemetry;
   telemetry.certificate = options.tls.certificate;
   HOROPTER_ASSIGN_OR_RETURN(parts->telemetry, Telemetry::Start(telemetry, figures));
-  RequestSink* const sink = parts->telemetry.get();
+  AnswerBoardOptions watch = options.watch;
+  watch.images = options.images;
+  parts->board = std::make_unique<AnswerBoard>(watch);
+  parts->sink = std::make_unique<PostingSink>(*parts->telemetry, *parts->board);
   parts->scene_pool =
       std::make_unique<WorkerPool>(options.workers, options.queue, options.max_wait);
   parts->catalog_pool =
@@ -229,10 +236,12 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
       .store = *parts->store,
       .shelf = parts->shelf,
       .cad_reader = *parts->cad_reader,
+      .board = *parts->board,
+      .recordings = options.telemetry.recorder.folder,
       .scenes = *parts->scene_pool,
       .catalog_calls = *parts->catalog_pool,
       .memory = *parts->memory,
-      .sink = sink,
+      .sink = parts->sink.get(),
       .recognizer = std::move(recognizer),
       .recognition = limits,
       .max_object_bytes = int64_t{options.max_object_mb} << 20,
@@ -292,6 +301,7 @@ void HoropterServer::Stop(double drain_seconds) {
   if (parts_ == nullptr || parts_->listener == nullptr) return;
   parts_->watch.reset();
   for (Listener* listener : parts_->listeners()) listener->SetServing(false);
+  parts_->board->Close();  // who watches would hold the end up
   parts_->scene_pool->Close();
   parts_->catalog_pool->Close();
   const auto drain = std::chrono::duration_cast<std::chrono::system_clock::duration>(

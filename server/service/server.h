@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "server/service/acceptor.h"
 #include "server/service/access.h"
+#include "server/service/answer_board.h"
 #include "server/service/cad_reader.h"
 #include "server/service/catalog_store.h"
 #include "server/service/image_decode.h"
@@ -61,6 +62,7 @@ struct ServerOptions {
   int max_objects = 5000;
   ImageLimits images;
   bool allow_variants = false;  // a request may choose variants of the methods (RecognitionLimits)
+  AnswerBoardOptions watch;     // who may see what was answered, and how much of it is held
   CadReaderOptions cad;         // of ImportObject
   TelemetryOptions telemetry;   // metrics, request log, traces, recordings; none by default
 };

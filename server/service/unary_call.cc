@@ -84,7 +84,7 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     call_.record().request_bytes = request_bytes;
     if (request_bytes < 0) return absl::CancelledError("the call broke off on its way");
     HOROPTER_RETURN_IF_ERROR(call_.Authorize());
-    info_.may_teach = call_.role() >= Role::kTeacher;
+    info_.may_teach = Covers(call_.role(), Role::kTeacher);
     if (request_bytes > method_.max_request_bytes) {
       return absl::ResourceExhaustedError(absl::StrCat("the request has ",
                                                        request_bytes,

@@ -146,6 +146,7 @@ ONLY_IN_SOURCES = ["Ceres"]  # too heavy for our headers
 EXCEPTIONS = [
     ("client/image_size.cc", "image formats", "the size of a HEIC image, which OpenCV does not read"),
     ("server/service/raw_frame.cc", "OpenCV", "mosaics and colour spaces of raw frames"),
+    ("server/service/image_preview.cc", "OpenCV", "small pictures for people are averages of pixels"),
     ("server/vision/recognition/interpretation", "OpenCV core", "the aspects' route reads the request's images"),
     ("server/vision/recognition/scene", "OpenCV core", "texture on faces is read from the request's images"),
     ("server/vision/recognition/scene", "OpenCV", "texture on faces is compared in rectified patches"),

@@ -129,6 +129,32 @@ TEST_F(RecorderTest, WhatIsTooOldGoes) {
   EXPECT_THAT(Files()[0].string(), testing::HasSubstr("id-2"));
 }
 
+TEST_F(RecorderTest, AClockThatWasSetBackDrivesOutNoNewRecording) {
+  options_.sample = 1.0;
+  options_.max_mb = 1;
+  const auto recorder = Open();
+  for (int i = 0; i < 2; ++i) Record(*recorder);
+  const auto now = fs::file_time_type::clock::now();
+  for (const fs::path& file : Files())
+    fs::last_write_time(file, now + std::chrono::hours(24 * 365));
+  for (int i = 0; i < 4; ++i) Record(*recorder);
+  ASSERT_EQ(Files().size(), 3u);
+  for (const char* id : {"id-4.", "id-5.", "id-6."}) {
+    const auto files = Files();
+    EXPECT_TRUE(std::any_of(files.begin(), files.end(), [&](const fs::path& file) {
+      return file.string().find(id) != std::string::npos;
+    })) << id;
+  }
+  // What is left of the future hides nothing from age.
+  options_.max_age_hours = 1.0;
+  fs::last_write_time(Files()[0], now + std::chrono::hours(24));
+  fs::last_write_time(Files()[1], now - std::chrono::hours(2));
+  const fs::path old = Files()[1];
+  record_.request = &response_;  // small
+  Record(*Open());
+  EXPECT_FALSE(fs::exists(old));
+}
+
 TEST_F(RecorderTest, AFullDiskLosesTheRecordingAndLeavesNoPart) {
   options_.sample = 1.0;
   const auto recorder = Open();
