@@ -31,7 +31,9 @@ std::optional<Normalised> Normalise(const Points& points) {
     const Eigen::Matrix4d moment = result.points * result.points.transpose();
     const SymmetricEigen<4> eigen(moment);
     if (!(eigen.eigenvalues()(0) > 1e-12 * eigen.eigenvalues()(3))) return std::nullopt;
-    const Eigen::Matrix4d whiten = eigen.operatorInverseSqrt();
+    const Eigen::Matrix4d whiten = eigen.eigenvectors() *
+                                   eigen.eigenvalues().cwiseInverse().cwiseSqrt().asDiagonal() *
+                                   eigen.eigenvectors().adjoint();
     result.points = whiten * result.points;
     result.map = whiten * result.map;
   }

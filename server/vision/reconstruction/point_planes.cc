@@ -6,8 +6,6 @@
 #include <cmath>
 #include <random>
 
-#include "server/vision/geometry/symmetric_eigen.h"
-
 namespace horopter {
 namespace {
 
@@ -31,7 +29,7 @@ void RefitPlane(std::span<const Eigen::Vector3d> points, PointPlane* plane) {
   mean /= static_cast<double>(plane->points.size());
   Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
   for (const int j : plane->points) scatter += (points[j] - mean) * (points[j] - mean).transpose();
-  const SymmetricEigen<3> eigen(scatter);
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(scatter);
   plane->normal = eigen.eigenvectors().col(0).normalized();
   plane->offset = plane->normal.dot(mean);
 }
