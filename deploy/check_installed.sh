@@ -167,7 +167,7 @@ refused() {  # SED_EXPRESSION WORDS
   cp kept.toml /etc/horopter/horopterd.toml
 }
 refused 's|^access-file=|access_file=|' "did you mean 'access-file'"
-refused 's|^access-file=.*|access-file=""|' 'open_access'
+refused 's|^access-file=.*|access-file=""|' 'open-access'
 refused 's|^listen=.*|listen="localhost:70000"|' 'port'
 refused "s|^tls-key=.*|tls-key=\"$keys/admin.key\"|;s|$credentials/keys_server.pem|$keys/server.pem|" 'is not the key'
 /usr/bin/python3 -c 'import socket, time; s = socket.create_server(("127.0.0.1", 50123)); time.sleep(600)' &

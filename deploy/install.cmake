@@ -31,8 +31,21 @@ install(DIRECTORY DESTINATION /etc/horopter/keys DIRECTORY_PERMISSIONS OWNER_REA
 install(FILES deploy/horopterd.service DESTINATION /lib/systemd/system COMPONENT server)
 install(FILES deploy/horopter-server.logrotate DESTINATION /etc/logrotate.d RENAME horopter-server COMPONENT server)
 install(PROGRAMS deploy/credentials.sh DESTINATION ${CMAKE_INSTALL_DATADIR}/horopter/deploy COMPONENT server)
-install(FILES README.md CHANGELOG.md docs/cell.md docs/operations.md deploy/grafana/horopter.json deploy/grafana/alerts.yml deploy/grafana/prometheus.yml
+install(FILES CHANGELOG.md deploy/grafana/horopter.json deploy/grafana/alerts.yml deploy/grafana/prometheus.yml
   DESTINATION ${docs}/horopter-server COMPONENT server)
+# package_page(SOURCE NAME COMPONENT): a page with the links that lead somewhere where packages are installed.
+set(pages)
+function(package_page source name component)
+  set(page ${CMAKE_BINARY_DIR}/pages/${name})
+  add_custom_command(OUTPUT ${page} COMMAND ${Python3_EXECUTABLE} -B ${CMAKE_SOURCE_DIR}/deploy/package_page.py ${source} ${page}
+    DEPENDS ${CMAKE_SOURCE_DIR}/${source} ${CMAKE_SOURCE_DIR}/deploy/package_page.py VERBATIM)
+  install(FILES ${page} DESTINATION ${docs}/horopter-${component} COMPONENT ${component})
+  set(pages ${pages} ${page} PARENT_SCOPE)
+endfunction()
+package_page(README.md README.md server)
+package_page(docs/cell.md cell.md server)
+package_page(docs/operations.md operations.md server)
+package_page(proto/README.md api.md server)
 install(FILES ${made}/horopterd.8.gz DESTINATION ${CMAKE_INSTALL_MANDIR}/man8 COMPONENT server)
 
 install(TARGETS horopter RUNTIME COMPONENT client)
@@ -82,7 +95,7 @@ if(TARGET horopter_console)
   install(DIRECTORY DESTINATION /etc/horopter/keys DIRECTORY_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE COMPONENT console)
   install(FILES deploy/horopter-console.service DESTINATION /lib/systemd/system COMPONENT console)
   install(DIRECTORY ${CMAKE_BINARY_DIR}/console/page/ DESTINATION ${CMAKE_INSTALL_DATADIR}/horopter/console COMPONENT console)
-  install(FILES docs/console.md DESTINATION ${docs}/horopter-console COMPONENT console)
+  package_page(docs/console.md console.md console)
 endif()
 
 # Packages. Terms and changelog of each, as Debian wants them; the dates are of the sources (SOURCE_DATE_EPOCH, package.sh).
@@ -91,7 +104,7 @@ add_custom_command(OUTPUT ${changelog}
   COMMAND ${Python3_EXECUTABLE} -B ${CMAKE_SOURCE_DIR}/deploy/debian_changelog.py ${CMAKE_SOURCE_DIR}/CHANGELOG.md
     ${HOROPTER_VERSION} ${HOROPTER_DEBIAN_VERSION} "${HOROPTER_MAINTAINER}" ${changelog}
   DEPENDS ${CMAKE_SOURCE_DIR}/CHANGELOG.md ${CMAKE_SOURCE_DIR}/deploy/debian_changelog.py VERBATIM)
-add_custom_target(package_papers DEPENDS ${changelog})
+add_custom_target(package_papers DEPENDS ${changelog} ${pages})
 set(packages "server=horopter-server;client=horopter-client;dev=horopter-dev;python=python3-horopter;demo=horopter-demo")
 if(TARGET horopter_console)
   list(APPEND packages console=horopter-console)

@@ -177,17 +177,17 @@ std::string FindCadReader() {
 absl::Status Validate(const CadReaderOptions& options) {
   if (options.memory_mb < 64 || options.memory_mb > 1'000'000) {
     return absl::InvalidArgumentError(
-        absl::StrCat("cad_memory_mb: ", options.memory_mb, " is outside 64..1000000"));
+        absl::StrCat("cad-memory-mb: ", options.memory_mb, " is outside 64..1000000"));
   }
   if (options.seconds < 1 || options.seconds > 3600) {
     return absl::InvalidArgumentError(
-        absl::StrCat("cad_seconds: ", options.seconds, " is outside 1..3600"));
+        absl::StrCat("cad-seconds: ", options.seconds, " is outside 1..3600"));
   }
   if (options.program.empty() || access(options.program.c_str(), X_OK) == 0) {
     return absl::OkStatus();
   }
   return absl::InvalidArgumentError(
-      absl::StrCat("cad_reader: ", options.program, ": ", std::strerror(errno)));
+      absl::StrCat("cad-reader: ", options.program, ": ", std::strerror(errno)));
 }
 
 // It is started in another folder than ours.
@@ -201,7 +201,7 @@ absl::StatusOr<v1::ImportObjectResponse> CadReader::Read(const v1::ImportObjectR
                                                          const std::string& folder,
                                                          const StopRequested& stop) {
   if (options_.program.empty()) {
-    return absl::UnimplementedError("this server reads no CAD files (cad_reader)");
+    return absl::UnimplementedError("this server reads no CAD files (cad-reader)");
   }
   HOROPTER_RETURN_IF_ERROR(CheckName(request.file_name()));
   if (request.content().empty()) return InvalidField("content", "missing");

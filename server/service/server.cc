@@ -49,12 +49,12 @@ absl::Status CheckPrivate(const std::string& address, const ServerOptions& optio
         absl::StrCat("listen: ",
                      address,
                      " can be reached from other machines, and whoever connects may do everything: "
-                     "give access_file, or say open_access"));
+                     "give access-file, or say open-access"));
   }
   return absl::InvalidArgumentError(
       absl::StrCat("listen: ",
                    address,
-                   " can be reached from other machines: give tls_cert and tls_key, or say "
+                   " can be reached from other machines: give tls-cert and tls-key, or say "
                    "insecure where the network is private"));
 }
 
@@ -82,13 +82,13 @@ ListenerOptions AdminListener(const ServerOptions& options) {
 absl::Status ValidateAddresses(const ServerOptions& options) {
   for (const auto& [option, address] :
        {std::pair("listen", options.listen),
-        std::pair("admin_listen", options.admin_listen),
-        std::pair("metrics_listen", options.telemetry.metrics_listen)}) {
+        std::pair("admin-listen", options.admin_listen),
+        std::pair("metrics-listen", options.telemetry.metrics_listen)}) {
     if (address.empty()) continue;
     HOROPTER_RETURN_IF_ERROR(ParseListenAddress(option, address).status());
   }
   if (IsUnixAddress(options.telemetry.metrics_listen)) {
-    return absl::InvalidArgumentError("metrics_listen: Prometheus needs HOST:PORT");
+    return absl::InvalidArgumentError("metrics-listen: Prometheus needs HOST:PORT");
   }
   for (const std::string& address : {options.listen, options.admin_listen}) {
     HOROPTER_RETURN_IF_ERROR(CheckPrivate(address, options));
@@ -149,35 +149,35 @@ struct HoropterServer::Parts {
 absl::Status Validate(const ServerOptions& options) {
   HOROPTER_RETURN_IF_ERROR(ValidateAddresses(options));
   HOROPTER_RETURN_IF_ERROR(
-      InRange("max_connections", options.connections.max_connections, 1, 1'000'000));
+      InRange("max-connections", options.connections.max_connections, 1, 1'000'000));
   HOROPTER_RETURN_IF_ERROR(
-      InRange("max_connections_per_peer", options.connections.max_per_peer, 1, 1'000'000));
+      InRange("max-connections-per-peer", options.connections.max_per_peer, 1, 1'000'000));
   if (options.telemetry.audit_required && options.telemetry.audit_log.empty()) {
-    return absl::InvalidArgumentError("audit_required: needs audit_log");
+    return absl::InvalidArgumentError("audit-required: needs audit-log");
   }
-  HOROPTER_RETURN_IF_ERROR(InRange("tls_reload_seconds", options.tls.reload_seconds, 1, 86400));
+  HOROPTER_RETURN_IF_ERROR(InRange("tls-reload-seconds", options.tls.reload_seconds, 1, 86400));
   HOROPTER_RETURN_IF_ERROR(InRange("workers", options.workers, 1, 256));
   HOROPTER_RETURN_IF_ERROR(InRange("queue", options.queue, 0, 10000));
   if (!(options.max_wait >= 0.0 && options.max_wait <= 1e4)) {
     return absl::InvalidArgumentError(
-        absl::StrCat("max_wait: ", options.max_wait, " is not between 0 and 10000"));
+        absl::StrCat("max-wait: ", options.max_wait, " is not between 0 and 10000"));
   }
-  HOROPTER_RETURN_IF_ERROR(InRange("catalog_workers", options.catalog_workers, 1, 256));
-  HOROPTER_RETURN_IF_ERROR(InRange("catalog_queue", options.catalog_queue, 0, 10000));
-  HOROPTER_RETURN_IF_ERROR(InRange("max_message_mb", options.max_message_mb, 1, 2047));
-  HOROPTER_RETURN_IF_ERROR(InRange("max_object_mb", options.max_object_mb, 1, 2047));
-  HOROPTER_RETURN_IF_ERROR(InRange("memory_mb", options.memory_mb, 16, 1'000'000));
+  HOROPTER_RETURN_IF_ERROR(InRange("catalog-workers", options.catalog_workers, 1, 256));
+  HOROPTER_RETURN_IF_ERROR(InRange("catalog-queue", options.catalog_queue, 0, 10000));
+  HOROPTER_RETURN_IF_ERROR(InRange("max-message-mb", options.max_message_mb, 1, 2047));
+  HOROPTER_RETURN_IF_ERROR(InRange("max-object-mb", options.max_object_mb, 1, 2047));
+  HOROPTER_RETURN_IF_ERROR(InRange("memory-mb", options.memory_mb, 16, 1'000'000));
   if (options.memory_mb < 2 * std::max(options.max_message_mb, options.max_object_mb)) {
     return absl::InvalidArgumentError(absl::StrCat(
-        "memory_mb: ", options.memory_mb, " MiB hold no message of the largest size twice"));
+        "memory-mb: ", options.memory_mb, " MiB hold no message of the largest size twice"));
   }
   HOROPTER_RETURN_IF_ERROR(InRange("max_watchers", options.watch.max_watchers, 0, 10'000));
   HOROPTER_RETURN_IF_ERROR(InRange("watch_memory_mb", options.watch.memory_mb, 1, 100'000));
   HOROPTER_RETURN_IF_ERROR(Validate(options.cad));
-  HOROPTER_RETURN_IF_ERROR(InRange("max_resident", options.max_resident, 1, 10'000'000));
-  HOROPTER_RETURN_IF_ERROR(InRange("max_objects", options.max_objects, 1, 10'000'000));
-  HOROPTER_RETURN_IF_ERROR(InRange("threads_per_request", options.threads_per_request, 1, 256));
-  return InRange("load_threads", options.load_threads, 1, 256);
+  HOROPTER_RETURN_IF_ERROR(InRange("max-resident", options.max_resident, 1, 10'000'000));
+  HOROPTER_RETURN_IF_ERROR(InRange("max-objects", options.max_objects, 1, 10'000'000));
+  HOROPTER_RETURN_IF_ERROR(InRange("threads-per-request", options.threads_per_request, 1, 256));
+  return InRange("load-threads", options.load_threads, 1, 256);
 }
 
 HoropterServer::HoropterServer(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}

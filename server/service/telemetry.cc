@@ -321,7 +321,7 @@ absl::Status Telemetry::BeforeAdminCall(const RequestRecord& record) {
   if (!parts_->audit_required) return absl::OkStatus();
   if (parts_->Audit(AuditLine(record, /*begins=*/true))) return absl::OkStatus();
   return absl::FailedPreconditionError(
-      "the audit log cannot be written, so nothing is changed (audit_required)");
+      "the audit log cannot be written, so nothing is changed (audit-required)");
 }
 
 absl::Status Telemetry::Reopen() {

@@ -77,11 +77,11 @@ absl::Time TimeOf(const ASN1_TIME* time) {
 
 absl::StatusOr<absl::Time> CheckTlsFiles(const TlsOptions& options) {
   if (options.certificate.empty() != options.key.empty()) {
-    return absl::InvalidArgumentError("tls_cert, tls_key: one is of no use without the other");
+    return absl::InvalidArgumentError("tls-cert, tls-key: one is of no use without the other");
   }
   if (options.certificate.empty()) {
     if (options.client_ca.empty()) return absl::InfiniteFuture();
-    return absl::InvalidArgumentError("tls_client_ca: needs tls_cert and tls_key");
+    return absl::InvalidArgumentError("tls-client-ca: needs tls-cert and tls-key");
   }
   HOROPTER_ASSIGN_OR_RETURN(const Certificate certificate, ReadCertificate(options.certificate));
   HOROPTER_ASSIGN_OR_RETURN(const PrivateKey key, ReadKey(options.key));

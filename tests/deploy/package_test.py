@@ -4,6 +4,7 @@ import fnmatch
 import gzip
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -24,6 +25,31 @@ def run(script, *arguments, **environment):
 def read(path, mode="rb"):
     with open(path, mode) as file:
         return file.read()
+
+
+class Pages(unittest.TestCase):
+    """Of the packages: what they link to is installed (the list of package_page.py is compared with what installs it)."""
+
+    def test_links_lead_to_what_is_installed_and_words_stay(self):
+        sys.path.insert(0, DEPLOY)
+        import package_page  # pylint: disable=import-outside-toplevel,import-error
+        made = package_page.page("docs/cell.md", "![p](images/x.png)\n\n*Left ([how](x.md)).*\n\nSee [how](operations.md#tls), [here](#a), [why](../server/adr), "
+                                 "[there](https://example.org) and [the terms](../LICENSE).\n")
+        self.assertEqual(made, "\n\nSee [how](../horopter-server/operations.md#tls), [here](#a), why, [there](https://example.org) and "
+                         "[the terms](/usr/share/common-licenses/Apache-2.0).\n")
+        cmake = read(os.path.join(DEPLOY, "install.cmake"), "r")
+        for source, installed in package_page.INSTALLED.items():
+            self.assertTrue(os.path.exists(os.path.join(ROOT, source)), source)
+            if installed.endswith(".md"):
+                self.assertIn(source, cmake)
+        for source in re.findall(r"package_page\((\S+\.md) ", cmake):
+            for target in re.findall(r"\]\(([^)#\s]+)", package_page.page(source, read(os.path.join(ROOT, source), "r"))):
+                self.assertTrue(target in package_page.INSTALLED.values() or "://" in target, (source, target))
+
+    def test_a_page_that_is_not_there_makes_none(self):
+        with tempfile.TemporaryDirectory() as folder:
+            self.assertNotEqual(run("package_page.py", "no.md", os.path.join(folder, "out.md")).returncode, 0)
+            self.assertEqual(os.listdir(folder), [])
 
 
 class Wheel(unittest.TestCase):

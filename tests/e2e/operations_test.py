@@ -92,7 +92,11 @@ class Configuration(Scratch):
         self.assertIn("'workers' has more than one value", self.refusal("workers=[2, 3]\n"))
 
     def test_a_program_that_is_not_there_is_refused(self):
-        self.assertIn("cad_reader: /nowhere/reader: ", self.refusal('cad-reader="/nowhere/reader"\n', code=1))
+        self.assertIn("cad-reader: /nowhere/reader: ", self.refusal('cad-reader="/nowhere/reader"\n', code=1))
+
+    def test_a_refusal_names_the_option_as_it_is_written(self):
+        for key, value in (("memory-mb", "16"), ("audit-required", "true"), ("tls-client-ca", '"ca.pem"')):
+            self.assertIn(key + ": ", self.refusal("%s=%s\n" % (key, value), code=1))
 
     def test_values_that_are_none_are_refused(self):
         for text in ("workers=many\n", "workers=0\n", "insecure=perhaps\n", "queue=\n"):
@@ -101,7 +105,7 @@ class Configuration(Scratch):
     def test_ports_are_checked(self):
         for key in ("listen", "admin-listen", "metrics-listen"):
             for address in ("localhost:70000", "localhost", "localhost:http", "::1:5"):
-                self.assertIn(key.replace("-", "_") + ": '%s'" % address, self.refusal('%s="%s"\n' % (key, address), code=1))
+                self.assertIn(key + ": '%s'" % address, self.refusal('%s="%s"\n' % (key, address), code=1))
 
     def test_the_catalog_is_in_the_state_directory(self):
         mock = Mock(HOROPTERD, command=["env", "STATE_DIRECTORY=%s" % self.folder, HOROPTERD, "--listen", "127.0.0.1:0"])
@@ -126,7 +130,7 @@ class Trust(Scratch):
         return "--tls-cert", os.path.join(self.keys, certificate), "--tls-key", os.path.join(self.keys, key)
 
     def test_tls_without_an_access_file_needs_a_word_where_others_can_call(self):
-        self.assertIn("open_access", self.refusal("--listen", "0.0.0.0:0", *self.tls()))
+        self.assertIn("open-access", self.refusal("--listen", "0.0.0.0:0", *self.tls()))
         for word in (("--open-access",), ("--access-file", self.path("installed/access"))):
             mock = Mock(HOROPTERD, command=[HOROPTERD, "--db", self.path("parts.db"), "--listen", "0.0.0.0:0", *self.tls(), *word])
             mock.stop()
@@ -288,7 +292,7 @@ class Audit(Scratch):
     def test_it_cannot_be_required_without_a_file(self):
         done = run("--db", self.path("no.db"), "--audit-required")
         self.assertEqual(done.returncode, 1)
-        self.assertIn("audit_required", done.stderr)
+        self.assertIn("audit-required", done.stderr)
 
 
 if __name__ == "__main__":
