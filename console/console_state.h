@@ -36,6 +36,7 @@ struct ConsoleOptions {
   int max_body_mb = 256;              // of a request; the server's own bounds are tested there
   int memory_mb = 512;                // bodies of all requests on their way to the server
   int max_calls = 128;                // of the server, at once
+  int max_watches = 64;               // pages that watch answers, beside these
   double head_seconds = 15.0;         // for the head of a request
   double body_seconds = 300.0;        // for its body
   double idle_seconds = 120.0;        // between two requests of a connection
@@ -91,6 +92,7 @@ struct ConsoleState {
   ConsoleMetrics metrics;
   int64_t body_bytes = 0;  // reserved for bodies on their way
   int calls = 0;           // of the server, running
+  int watches = 0;         // of answers, beside these
 };
 
 }  // namespace horopter

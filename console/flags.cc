@@ -57,6 +57,9 @@ void AddBounds(CLI::App& app, ConsoleOptions& console) {
   app.add_option("--max-calls", console.max_calls, "Calls of the server at once")
       ->check(CLI::Range(1, 100'000))
       ->capture_default_str();
+  app.add_option("--max-watches", console.max_watches, "Pages at once that watch answers (Live)")
+      ->check(CLI::Range(1, 10'000))
+      ->capture_default_str();
   app.add_option("--max-body-mb", console.max_body_mb, "Largest request, MiB")
       ->check(CLI::Range(1, 2047))
       ->capture_default_str();

@@ -1,10 +1,10 @@
-"""A running horopter-console and a browser that speaks to it byte by byte, for tests in Python."""
+"""A running horopter-console and a browser that speaks to it byte by byte, for tests in Python: `sys.path` needs tests/support."""
 import http.client
 import json
 import struct
-import subprocess
-import threading
 import urllib.parse
+
+from mock_server import Served
 
 MARK = {"X-Horopter-Console": "1"}
 WEB = "application/grpc-web+proto"
@@ -29,43 +29,11 @@ def frames(body):
     return messages, trailers
 
 
-class Console:
+class Console(Served):
     """address: HOST:PORT; said: its log so far."""
 
     def __init__(self, program, server, *arguments):
-        self.process = subprocess.Popen([program, "--listen", "127.0.0.1:0", "--server", server, *arguments],
-                                        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        self.address, self.said, self._up = None, [], threading.Event()
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-        self._up.wait(timeout=60)
-        if not self.address:
-            self.stop()
-            raise AssertionError("the console did not come up: " + "".join(self.said))
-
-    def _read(self):
-        for line in self.process.stdout:
-            self.said.append(line)
-            if "serving browsers on " in line:
-                self.address = line.split("serving browsers on ")[1].split(",")[0].strip()
-                self._up.set()
-        self.process.stdout.close()
-        self._up.set()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.stop()
-
-    def stop(self):
-        self.process.kill()
-        self.process.wait()
-        self._reader.join()
-
-    @property
-    def running(self):
-        return self.process.poll() is None
+        super().__init__([program, "--listen", "127.0.0.1:0", "--server", server, *arguments], "serving browsers on ")
 
 
 class Browser:

@@ -25,7 +25,7 @@ sys.path[:0] = [PACKAGE, os.path.join(HERE, "..", "support"), HERE]
 
 import horopter  # noqa: E402
 from console_calls import MARK, WEB, Browser, Console, frame, frames, message_of  # noqa: E402
-from horopter.v1 import catalog_pb2, recognition_pb2, server_pb2  # noqa: E402
+from horopter.v1 import answers_pb2, catalog_pb2, recognition_pb2, server_pb2  # noqa: E402
 from mock_server import Mock  # noqa: E402
 
 PARTS = os.path.join(REPOSITORY, "tests", "data", "parts")
@@ -106,6 +106,38 @@ class Bridge(unittest.TestCase):
         whole = b"".join(chunk.chunk for chunk in chunks)
         self.assertEqual(hashlib.sha256(whole).hexdigest(), chunks[0].sha256)
         self.assertEqual(trailers["grpc-status"], "0")
+
+    def test_answers_are_watched_by_so_many_at_once(self):
+        def watch(console):
+            browser = Browser(console.address)
+            self.addCleanup(browser.http.close)
+            browser.sign_in()
+            browser.http.request("POST", "/horopter.v1.AnswerService/WatchAnswers", frame(b""), {"Content-Type": WEB, "Cookie": browser.cookie, **MARK})
+            return browser, browser.http.getresponse()
+
+        def message(answer):
+            size = int.from_bytes(answer.read(5)[1:], "big")
+            return parsed(answers_pb2.WatchedAnswer, answer.read(size) if size else b"")
+
+        request = recognition_pb2.RecognizeSceneRequest()
+        with open(IMAGES[0], "rb") as file:
+            request.images.add(content=file.read())
+        with Console(CONSOLE, self.mock.address, "--max-watches", "2", "--max-calls", "1", *MANY) as console:
+            (first, one), (_, two) = watch(console), watch(console)
+            self.assertEqual([message(one).number, message(two).number], [0, 0])
+            self.assertEqual(watch(console)[1].status, 503)
+            # They take no place from other calls, and are told.
+            self.browser.call("RecognitionService/RecognizeScene", request.SerializeToString())
+            told = [message(one), message(two)]
+            self.assertEqual(told[0].request_id, told[1].request_id)
+            self.assertEqual(told[0].response.objects[0].object, "objects/block")
+            self.assertEqual(told[0].request.images[0].content, b"")
+            first.http.close()
+            one.close()
+            deadline = time.monotonic() + 60
+            while watch(console)[1].status != 200:
+                self.assertLess(time.monotonic(), deadline)
+                time.sleep(0.05)
 
     def test_a_deadline_of_the_browser_is_kept(self):
         request = recognition_pb2.RecognizeSceneRequest()
